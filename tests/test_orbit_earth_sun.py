@@ -1,0 +1,156 @@
+"""Earth orientation, the ellipsoid and the Sun against astropy, skyfield, ERFA and almanac formulae."""
+
+from __future__ import annotations
+
+import erfa
+import numpy as np
+import pytest
+from astropy.coordinates import (
+    GCRS,
+    CartesianRepresentation,
+    EarthLocation,
+    get_body_barycentric_posvel,
+    solar_system_ephemeris,
+)
+from astropy.time import Time, TimeDelta
+from astropy.utils import iers
+from skyfield.api import load, wgs84
+
+from warpsim.errors import InputError
+from warpsim.orbit.earth import (
+    geodetic_altitude_m,
+    geodetic_to_gcrs_m,
+    geodetic_to_itrs_m,
+    itrs_to_gcrs,
+    pole_of_date,
+)
+from warpsim.orbit.epoch import tdb_jd, utc_time
+from warpsim.orbit.sun import earth_velocity_m_s, sun_position_m
+
+EPOCH = "2025-03-20T12:00:00"
+POLAR_MOTION_M = 30.0  # polar motion (0.3 arcsec, 10 m) and the built-in delta T (tens of ms, 20 m)
+SKYFIELD_M = 1e-3  # same tables: rounding of time only
+EPV_M, EPV_M_S = 2.0e4, 0.02  # the analytical ephemeris against itself in another frame or time argument
+ALMANAC_RAD = np.radians(0.02)  # error of the Astronomical Almanac's low-precision Sun
+
+
+@pytest.fixture(autouse=True)
+def no_downloads():
+    with iers.conf.set_temp("auto_download", False), iers.conf.set_temp("iers_degraded_accuracy", "ignore"):
+        yield
+
+
+@pytest.mark.parametrize("date", [EPOCH, "2024-01-01T00:00:00", "2000-01-01T12:00:00"])
+@pytest.mark.parametrize("place", [(129.67, 40.86, 121920.0), (-118.40, 34.10, 0.0), (10.0, -90.0, 5e5)])
+def test_geodetic_to_gcrs_against_astropy(date, place):
+    epoch, time_s = utc_time(date), np.array([-600.0, 0.0, 1614.0])
+    got = geodetic_to_gcrs_m(*place, epoch, time_s)
+    for t, p in zip(time_s, got, strict=True):
+        when = epoch + TimeDelta(t, format="sec")
+        expected = EarthLocation.from_geodetic(*place).get_gcrs_posvel(when)[0].xyz.to_value("m")
+        assert np.linalg.norm(p - expected) < POLAR_MOTION_M
+
+
+def test_geodetic_to_gcrs_against_skyfield():
+    epoch, time_s = utc_time(EPOCH), np.array([0.0, 1614.0])
+    ts = load.timescale(builtin=True)
+    got = geodetic_to_gcrs_m([129.67, -118.4], [40.86, 34.1], 121920.0, epoch, time_s)
+    for k, (lon, lat) in enumerate([(129.67, 40.86), (-118.4, 34.1)]):
+        t = ts.utc(2025, 3, 20, 12, 0, time_s[k])
+        expected = wgs84.latlon(lat, lon, 121920.0).at(t).position.m
+        assert np.linalg.norm(got[k] - expected) < SKYFIELD_M
+
+
+def test_rotations_are_rotations_for_any_shape():
+    rotation = itrs_to_gcrs(utc_time(EPOCH), np.linspace(0.0, 86400.0, 2500).reshape(50, 50))
+    assert rotation.shape == (50, 50, 3, 3)
+    np.testing.assert_allclose(np.swapaxes(rotation, -1, -2) @ rotation, np.broadcast_to(np.eye(3), rotation.shape),
+                               atol=1e-14)  # fmt: skip
+    assert itrs_to_gcrs(utc_time(EPOCH), 0.0).shape == (3, 3)
+
+
+def test_pole_against_erfa():
+    epoch = utc_time(EPOCH)
+    expected = erfa.pnm06a(epoch.tt.jd1, epoch.tt.jd2)[2]
+    # Skyfield and ERFA differ in their IAU 2000A/2006 adjustments by a few milliarcsec.
+    assert np.degrees(np.linalg.norm(pole_of_date(epoch) - expected)) * 3600 < 0.01
+    assert 0.1 < np.degrees(np.arccos(pole_of_date(epoch)[2])) < 0.2  # a quarter century of precession
+
+
+def test_geodetic_altitude_against_erfa():
+    rng = np.random.default_rng(3)
+    lon, lat = rng.uniform(-180, 180, 4000), np.degrees(np.arcsin(rng.uniform(-1, 1, 4000)))
+    lat[:5] = [90.0, -90.0, 0.0, 89.9999999, 1e-9]
+    altitude = rng.choice([-1e5, -4e2, 0.0, 1.2e5, 8e5, 1.6e6, 3.6e7, 4e8], 4000)
+    position = erfa.gd2gc(1, np.radians(lon), np.radians(lat), altitude)
+    np.testing.assert_allclose(geodetic_to_itrs_m(lon, lat, altitude), position, rtol=0, atol=1e-6)
+    got = geodetic_altitude_m(position, [0.0, 0.0, 1.0])
+    assert np.abs(got - altitude)[altitude < 1e7].max() < 1e-7  # Bowring's second round, and rounding
+    assert np.abs(got - altitude).max() < 1e-6  # rounding of 4e8 m
+
+
+def test_geodetic_altitude_turns_with_the_pole_and_is_negative_at_the_centre():
+    pole = pole_of_date(utc_time(EPOCH))
+    assert geodetic_altitude_m(7e6 * pole, pole) == pytest.approx(7e6 - 6356752.314245, abs=1e-6)
+    inside = geodetic_altitude_m(np.array([[0, 0, 0], [1e3, 0, 1e3], [0, 0, 1e4], [4e4, 0, 0]], float), pole)
+    assert np.all(inside < -6e6)
+
+
+def test_bad_latitude_and_epoch_are_named():
+    with pytest.raises(InputError, match=r"lat_deg: must be in \[-90, 90\], got 91"):
+        geodetic_to_gcrs_m(0.0, 91.0, 0.0, utc_time(EPOCH), 0.0)
+    for text in ("yesterday", "", "2025-13-01"):
+        with pytest.raises(InputError, match="epoch_utc"):
+            utc_time(text)
+    assert utc_time("2025-03-20T12:00:00Z") == Time(EPOCH, scale="utc")
+
+
+@pytest.mark.parametrize("date", [EPOCH, "2024-07-04T03:00:00", "2016-12-31T23:59:50"])  # the last: a leap second
+def test_sun_and_earth_against_astropy(date):
+    epoch, time_s = utc_time(date), np.array([-86400.0, 0.0, 20.0, 1614.0])
+    when = epoch.tai + TimeDelta(time_s, format="sec")
+    with solar_system_ephemeris.set("builtin"):
+        sun, _ = get_body_barycentric_posvel("sun", when)
+        earth, velocity = get_body_barycentric_posvel("earth", when)
+    expected = (sun - earth).xyz.to_value("m").T
+    assert np.abs(sun_position_m(epoch, time_s) - expected).max() < EPV_M
+    assert np.abs(earth_velocity_m_s(epoch, time_s) - velocity.xyz.to_value("m/s").T).max() < EPV_M_S
+
+
+def test_sun_against_the_almanac():
+    epoch = utc_time(EPOCH)
+    direction = sun_position_m(epoch, 0.0)
+    distance_m = np.linalg.norm(direction)
+    n = epoch.tt.jd - 2451545.0  # Astronomical Almanac, page C5: low-precision formulae, equinox of date
+    anomaly = np.radians(357.528 + 0.9856003 * n)
+    longitude = np.radians(280.460 + 0.9856474 * n + 1.915 * np.sin(anomaly) + 0.020 * np.sin(2 * anomaly))
+    longitude -= np.radians(1.3969713 * n / 36525.0)  # precession back to J2000
+    longitude += np.radians(20.5 / 3600)  # aberration is in the formula, not in ours
+    tilt = np.radians(23.4393)
+    expected = [np.cos(longitude), np.sin(longitude) * np.cos(tilt), np.sin(longitude) * np.sin(tilt)]
+    assert np.linalg.norm(direction / distance_m - expected) < ALMANAC_RAD
+    assert distance_m == pytest.approx(1.49597870700e11 * (1.00014 - 0.01671 * np.cos(anomaly)), rel=2e-4)
+
+
+def test_earth_velocity_is_the_derivative_of_its_place():
+    epoch = utc_time(EPOCH)
+    rate = -(sun_position_m(epoch, 50.0) - sun_position_m(epoch, -50.0)) / 100.0
+    # The Sun itself moves about the barycentre by up to 16 m/s.
+    assert np.linalg.norm(rate - earth_velocity_m_s(epoch, 0.0)) < 20.0
+
+
+def test_tdb_against_astropy():
+    epoch = utc_time(EPOCH)
+    whole, fraction = tdb_jd(epoch, np.array([0.0, 1e6]))
+    expected = (epoch.tai + TimeDelta([0.0, 1e6], format="sec")).tdb
+    # Their UT1 stand-in moves the observer terms by 2 microseconds at most.
+    assert np.abs((whole - expected.jd1) + (fraction - expected.jd2)).max() * 86400 < 3e-6
+
+
+def test_gcrs_axes_are_astropys():
+    """A distant fixed point has the same direction in our axes and in astropy's GCRS (no transposed matrices)."""
+    epoch = utc_time(EPOCH)
+    fixed = EarthLocation.from_geodetic(0.0, 0.0, 0.0)
+    itrs = fixed.get_itrs(epoch)
+    gcrs = itrs.transform_to(GCRS(obstime=epoch)).represent_as(CartesianRepresentation).xyz.to_value("m")
+    assert np.linalg.norm(itrs_to_gcrs(epoch, 0.0)[:, 0] * 6378137.0 - gcrs) < POLAR_MOTION_M

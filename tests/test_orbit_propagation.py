@@ -1,0 +1,217 @@
+"""Two-body and J2 propagation, and tracks, against scipy's DOP853, mpmath and closed forms."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from warpsim.errors import InputError
+from warpsim.orbit.gravity import propagate
+from warpsim.orbit.kepler import stumpff
+from warpsim.orbit.track import Track, choose_step_s, node_grid, sample_tracks
+
+MU, RADIUS, J2 = 3.986004418e14, 6378137.0, 1.0826266835e-3
+POLE = np.array([0.0024, -0.00003, 1.0]) / np.linalg.norm([0.0024, -0.00003, 1.0])  # not the z axis, on purpose
+
+J2_FLIGHT_M = 1e-3  # Runge-Kutta truncation over 1614 s; the pass line is 1 m
+J2_DAY_M = 1.0  # the same over a day, growing with the square of time
+KEPLER_M = 1e-5  # rounding of the closed form and DOP853's own error over a flight
+HERMITE_M = 1e-3  # interpolation bound asked for
+OFF_MIDDLE = 1.02  # worst error between nodes over the error at midpoints, which is measured
+
+
+def j2_force(t, y, mu=MU):
+    """Gradient of the potential in pole axes, written out in Cartesian components."""
+    east = np.cross([0.0, 1.0, 0.0], POLE)
+    east /= np.linalg.norm(east)
+    frame = np.stack([east, np.cross(POLE, east), POLE])
+    x, yy, z = frame @ y[:3]
+    r = np.sqrt(x * x + yy * yy + z * z)
+    k = 1.5 * J2 * mu * RADIUS**2 / r**5
+    a = np.array(
+        [
+            -mu * x / r**3 - k * x * (1 - 5 * z * z / r**2),
+            -mu * yy / r**3 - k * yy * (1 - 5 * z * z / r**2),
+            -mu * z / r**3 - k * z * (3 - 5 * z * z / r**2),
+        ]
+    )
+    return np.concatenate([y[3:], frame.T @ a])
+
+
+def two_body_force(t, y):
+    return np.concatenate([y[3:], -MU * y[:3] / np.linalg.norm(y[:3]) ** 3])
+
+
+def integrate(force, r, v, time_s):
+    run = solve_ivp(force, (0.0, time_s[-1]), np.concatenate([r, v]), "DOP853", t_eval=time_s, rtol=3e-14, atol=1e-9)
+    return run.y[:3].T, run.y[3:].T
+
+
+def circular(radius_m, inclination=1.36):
+    speed = np.sqrt(MU / radius_m)
+    return np.array([radius_m, 0.0, 0.0]), speed * np.array([0.0, np.cos(inclination), np.sin(inclination)])
+
+
+STATES = {
+    "walker-1598-km": circular(RADIUS + 1.598e6),
+    "low-orbit": circular(RADIUS + 3.0e5),
+    "arc": (np.array([-3.2e6, 3.6e6, 4.3e6]), np.array([-3200.0, 3000.0, 5600.0])),
+    "eccentric": (np.array([7.0e6, 0.0, 1.0e6]), np.array([500.0, 8500.0, 3000.0])),
+}
+
+
+@pytest.mark.parametrize("name", STATES)
+@pytest.mark.parametrize("sign", [1.0, -1.0], ids=["after", "before"])
+def test_j2_matches_dop853_over_a_flight(name, sign):
+    r, v = STATES[name]
+    v = sign * v if name == "arc" else v  # back in time, the arc would fall to the Earth's centre
+    time_s = sign * np.array([0.0, 3.7, 400.0, 401.3, 1614.0])
+    position, velocity = propagate(r[None], v[None], time_s, "j2", POLE)
+    expected_r, expected_v = integrate(j2_force, r, v, time_s)
+    assert np.abs(position[:, 0] - expected_r).max() < J2_FLIGHT_M
+    assert np.abs(velocity[:, 0] - expected_v).max() < 1e-2 * J2_FLIGHT_M
+
+
+def test_j2_matches_dop853_over_a_day():
+    r, v = STATES["walker-1598-km"]
+    position, _ = propagate(r[None], v[None], np.array([86400.0]), "j2", POLE)
+    assert np.linalg.norm(position[0, 0] - integrate(j2_force, r, v, np.array([86400.0]))[0][0]) < J2_DAY_M
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_two_body_matches_dop853(name):
+    r, v = STATES[name]
+    time_s = np.array([0.0, 100.0, 1614.0])
+    position, velocity = propagate(r[None], v[None], time_s, "two_body", POLE)
+    expected_r, expected_v = integrate(two_body_force, r, v, time_s)
+    assert np.abs(position[:, 0] - expected_r).max() < KEPLER_M
+    assert np.abs(velocity[:, 0] - expected_v).max() < 1e-2 * KEPLER_M
+
+
+def test_circular_orbit_thirty_years_away_is_still_a_turn_of_a_circle():
+    r, v = circular(8.0e6)
+    time_s = np.array([-30.0, 30.0]) * 365.25 * 86400.0
+    position, _ = propagate(r[None], v[None], time_s, "two_body", POLE)
+    for t, p in zip(time_s, position[:, 0], strict=True):
+        with mpmath.workdps(40):
+            angle = mpmath.sqrt(mpmath.mpf(MU) / mpmath.mpf(8.0e6) ** 3) * mpmath.mpf(t)
+            expected = float(mpmath.cos(angle)) * r + float(mpmath.sin(angle)) * v * np.sqrt(8.0e6**3 / MU)
+        # 0.8 million radians in float64: the rounding of the mean motion alone is 1e-16 * 8e5 * 8e6 m.
+        assert np.linalg.norm(p - expected) < 0.05
+
+
+@pytest.mark.parametrize("speed", [1.5, np.sqrt(2.0), 1.41421, 0.8], ids=["hyperbola", "parabola", "near", "ellipse"])
+def test_two_body_conserves_energy_and_momentum_and_comes_back(speed):
+    r = np.array([8.0e6, 1.0e6, -2.0e6])
+    u = np.cross(r, [0.1, 0.3, 1.0])
+    v = speed * np.sqrt(MU / np.linalg.norm(r)) * u / np.linalg.norm(u)
+    position, velocity = (x[0] for x in propagate(r[None], v[None], np.array([1500.0]), "two_body", POLE))
+    np.testing.assert_allclose(np.cross(position[0], velocity[0]), np.cross(r, v), rtol=1e-11, atol=1e-2)
+    energy = velocity[0] @ velocity[0] / 2 - MU / np.linalg.norm(position[0])
+    assert energy == pytest.approx(v @ v / 2 - MU / np.linalg.norm(r), abs=1e-12 * MU / 8e6 * 100)
+    back, _ = propagate(position, velocity, np.array([-1500.0]), "two_body", POLE)
+    assert np.linalg.norm(back[0, 0] - r) < KEPLER_M
+
+
+def test_j2_and_two_body_differ_by_kilometres_after_the_flight():
+    r, v = STATES["walker-1598-km"]
+    ends = [propagate(r[None], v[None], np.array([1614.0]), g, POLE)[0][0, 0] for g in ("two_body", "j2")]
+    assert 1e3 < np.linalg.norm(ends[0] - ends[1]) < 1e4
+
+
+def test_output_times_do_not_change_the_path():
+    r, v = STATES["low-orbit"]
+    dense = np.linspace(-100.0, 1614.0, 3001)
+    position, _ = propagate(r[None], v[None], dense, "j2", POLE)
+    shuffled = np.random.default_rng(1).permutation(len(dense))
+    again, _ = propagate(r[None], v[None], dense[shuffled], "j2", POLE)
+    assert np.array_equal(again, position[shuffled])
+    alone, _ = propagate(r[None], v[None], dense[2000:2001], "j2", POLE)
+    assert np.linalg.norm(alone[0] - position[2000]) < J2_FLIGHT_M
+
+
+@pytest.mark.parametrize("z", [-400.0, -1.5, -1.0, -1e-3, 0.0, 1e-8, 0.999, 1.0, 1.001, 9.0, 39.4])
+def test_stumpff_against_mpmath(z):
+    with mpmath.workdps(40):
+        m = mpmath.mpf(z)
+        c = mpmath.nsum(lambda k: (-m) ** k / mpmath.factorial(2 * k + 2), [0, 120], method="direct")
+        s = mpmath.nsum(lambda k: (-m) ** k / mpmath.factorial(2 * k + 3), [0, 120], method="direct")
+    got = stumpff(z)
+    assert float(got[0]) == pytest.approx(float(c), rel=1e-13, abs=1e-17)
+    assert float(got[1]) == pytest.approx(float(s), rel=1e-13)
+
+
+def test_bad_input_is_named():
+    r, v = (x[None] for x in STATES["arc"])
+    for args, word in [
+        ((r[0], v, [0.0], "j2", POLE), "position_m"),
+        ((r * np.nan, v, [0.0], "j2", POLE), "position_m: must be finite"),
+        ((r, v, [np.inf], "j2", POLE), "time_s"),
+        ((r / 1e3, v, [0.0], "j2", POLE), "metres"),
+        ((r, v, [0.0], "moon", POLE), "gravity"),
+        ((r, 0 * v, [900.0], "j2", POLE), "falls"),
+    ]:
+        with pytest.raises(InputError, match=word):
+            propagate(*args)
+
+
+def two_orbits(time_s):
+    r, v = (np.stack(x) for x in zip(STATES["walker-1598-km"], STATES["eccentric"], strict=True))
+    return propagate(r, v, time_s, "two_body", POLE)
+
+
+def test_tracks_stay_within_the_bound_and_know_their_error():
+    step_s = choose_step_s(two_orbits, 1614.0, HERMITE_M)
+    assert 5.0 < step_s < 30.0
+    start_s, n_node = node_grid(1614.0, step_s)
+    tracks = sample_tracks(["a", "b"], two_orbits, start_s, step_s, n_node)
+    time_s = np.random.default_rng(0).uniform(-step_s, 1614.0 + step_s, 4000)
+    position, velocity = two_orbits(time_s)
+    for i, track in enumerate(tracks):
+        got_r, got_v = track.state(time_s)
+        worst = np.linalg.norm(got_r - position[:, i], axis=1).max()
+        assert worst <= OFF_MIDDLE * track.error_m + 1e-8
+        assert track.error_m < HERMITE_M
+        assert np.abs(got_v - velocity[:, i]).max() < 10.0 * HERMITE_M / step_s
+    assert max(t.error_m for t in tracks) > 0.3 * HERMITE_M  # no finer than needed
+
+
+def test_track_reproduces_a_cubic_exactly():
+    time_s = -2.0 + 0.5 * np.arange(9)
+    coefficients = np.array([[1.0, -2.0, 3.0], [0.5, 4.0, 1.0], [2.0, 0.1, -3.0], [0.3, -0.2, 0.7]])
+    nodes = np.stack([time_s**k for k in range(4)], 1)
+    rates = np.stack([k * time_s ** max(k - 1, 0) for k in range(4)], 1)
+    track = Track("cubic", -2.0, 0.5, nodes @ coefficients, rates @ coefficients)
+    t = np.array([[-2.0, -1.9], [0.0, 2.0]])
+    position, velocity = track.state(t)
+    np.testing.assert_allclose(position, sum(t[..., None] ** k * coefficients[k] for k in range(4)), atol=1e-13)
+    np.testing.assert_allclose(
+        velocity, sum(k * t[..., None] ** max(k - 1, 0) * coefficients[k] for k in range(1, 4)), atol=1e-13
+    )
+    assert np.array_equal(track.position_at_m(-2.0), track.position_m[0])
+
+
+@pytest.mark.parametrize("bad", [-2.1, 2.0001, np.nan, [0.0, 3.0]])
+def test_track_refuses_times_outside_its_span(bad):
+    track = Track("sat11", -2.0, 0.5, np.ones((9, 3)), np.zeros((9, 3)))
+    with pytest.raises(InputError, match=r"sat11: time_s must be in the track's span \[-2, 2\] s, got"):
+        track.state(bad)
+
+
+def test_track_and_grid_check_their_arguments():
+    with pytest.raises(InputError, match="node 1 must be finite"):
+        Track("x", 0.0, 1.0, np.array([[0.0] * 3, [np.nan] * 3]), np.zeros((2, 3)))
+    with pytest.raises(InputError, match="shape"):
+        Track("x", 0.0, 1.0, np.zeros((1, 3)), np.zeros((1, 3)))
+    with pytest.raises(InputError, match="step_s"):
+        node_grid(10.0, 0.0)
+
+
+@pytest.mark.parametrize(("duration_s", "step_s"), [(1614.0, 16.0), (1614.0, 0.1), (0.0, 5.0), (10.0, 10.0)])
+def test_node_grid_covers_a_step_on_either_side(duration_s, step_s):
+    start_s, n_node = node_grid(duration_s, step_s)
+    assert start_s == -step_s
+    end_s = start_s + (n_node - 1) * step_s
+    assert duration_s + step_s <= end_s + 1e-6 < duration_s + 2 * step_s + 1e-5

@@ -1,0 +1,83 @@
+"""warpsim: what space-based infrared sensors see, rendered by GPU kernels.
+
+Names appear here in the order a user meets them. They are imported on first use, so that `import warpsim` stays fast.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from warpsim import paper as paper
+    from warpsim.detector.nei import NeiDetector as NeiDetector
+    from warpsim.errors import InputError as InputError
+    from warpsim.optics.camera import Camera as Camera
+    from warpsim.optics.psf import Optics as Optics
+    from warpsim.optics.psf import PsfAiry as PsfAiry
+    from warpsim.optics.psf import PsfGaussian as PsfGaussian
+    from warpsim.orbit.access import AccessConstraints as AccessConstraints
+    from warpsim.orbit.arc import BallisticArc as BallisticArc
+    from warpsim.orbit.walker import Walker as Walker
+    from warpsim.output.run import render_to_folder as render_to_folder
+    from warpsim.render.deposit import deposit as deposit
+    from warpsim.render.frameset import FrameSet as FrameSet
+    from warpsim.render.renderer import Renderer as Renderer
+    from warpsim.scene.files import presets as presets
+    from warpsim.scene.scene import Scene as Scene
+    from warpsim.sky.apparent import apparent_direction as apparent_direction
+    from warpsim.sky.band_index import BandIndex as BandIndex
+    from warpsim.sky.bands import BANDS as BANDS
+    from warpsim.sky.bands import Band as Band
+    from warpsim.sky.bands import band_radiance_w_m2_sr as band_radiance_w_m2_sr
+    from warpsim.sky.catalog import StarCatalog as StarCatalog
+    from warpsim.target.motion import Attitude as Attitude
+    from warpsim.target.shapes import Cone as Cone
+    from warpsim.target.shapes import Cylinder as Cylinder
+    from warpsim.target.shapes import Sphere as Sphere
+
+_HOME = {
+    "Scene": "warpsim.scene.scene",
+    "presets": "warpsim.scene.files",
+    "Renderer": "warpsim.render.renderer",
+    "FrameSet": "warpsim.render.frameset",
+    "render_to_folder": "warpsim.output.run",
+    "StarCatalog": "warpsim.sky.catalog",
+    "BandIndex": "warpsim.sky.band_index",
+    "apparent_direction": "warpsim.sky.apparent",
+    "Band": "warpsim.sky.bands",
+    "BANDS": "warpsim.sky.bands",
+    "band_radiance_w_m2_sr": "warpsim.sky.bands",
+    "Camera": "warpsim.optics.camera",
+    "Optics": "warpsim.optics.psf",
+    "PsfGaussian": "warpsim.optics.psf",
+    "PsfAiry": "warpsim.optics.psf",
+    "deposit": "warpsim.render.deposit",
+    "Sphere": "warpsim.target.shapes",
+    "Cylinder": "warpsim.target.shapes",
+    "Cone": "warpsim.target.shapes",
+    "Attitude": "warpsim.target.motion",
+    "Walker": "warpsim.orbit.walker",
+    "BallisticArc": "warpsim.orbit.arc",
+    "AccessConstraints": "warpsim.orbit.access",
+    "NeiDetector": "warpsim.detector.nei",
+    "InputError": "warpsim.errors",
+}
+
+__all__ = ["__version__", "paper", *_HOME]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "paper":
+        return importlib.import_module("warpsim.paper")
+    if name not in _HOME:
+        raise AttributeError(f"module 'warpsim' has no attribute {name!r}")
+    value = getattr(importlib.import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

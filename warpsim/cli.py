@@ -1,0 +1,148 @@
+"""Command line: warpsim render | access | check | bench."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+
+from warpsim.errors import InputError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; exit code 0, 2 for bad input, 130 when interrupted."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    try:
+        _quiet_warp()
+        command: Callable[[argparse.Namespace], int] = options.command
+        return command(options)
+    except InputError as error:
+        print(f"warpsim: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("warpsim: interrupted; the same command goes on where it stopped", file=sys.stderr)
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    import warpsim
+
+    parser = argparse.ArgumentParser(prog="warpsim", description="Render what space-based infrared sensors see.")
+    parser.add_argument("--version", action="version", version=f"warpsim {warpsim.__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    render = commands.add_parser("render", help="render a scene into a folder")
+    _add_scene(render)
+    render.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to write to")
+    render.add_argument("--frames", metavar="A:B[:STEP]", help="frame numbers, like a Python slice")
+    render.add_argument("--sensors", metavar="NAMES", help="comma-separated sensor names")
+    render.add_argument("--bands", metavar="NAMES", help="comma-separated band names")
+    render.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
+    render.add_argument("--overwrite", action="store_true", help="replace a different run in the folder")
+    render.add_argument("--quiet", action="store_true", help="no progress bar, no report")
+    render.set_defaults(command=_render)
+
+    access = commands.add_parser("access", help="list when each sensor can observe the main target")
+    _add_scene(access)
+    access.set_defaults(command=_access)
+
+    check = commands.add_parser("check", help="validate a scene and say what it would give")
+    _add_scene(check)
+    check.set_defaults(command=_check)
+
+    bench = commands.add_parser("bench", help="frames per second against resolution on this machine")
+    bench.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
+    bench.set_defaults(command=_bench)
+    return parser
+
+
+def _add_scene(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", metavar="SCENE", help="preset name (stss), or path of a .toml or .json file")
+
+
+def _quiet_warp() -> None:
+    """Keep Warp's start-up and compile messages out of the output."""
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR
+
+
+def _render(options: argparse.Namespace) -> int:
+    from warpsim.output.run import render_to_folder
+    from warpsim.scene.scene import Scene
+
+    scene = Scene.load(options.scene)
+    report = render_to_folder(
+        scene,
+        options.output,
+        frames=_frame_numbers(options.frames, scene.frames.count),
+        sensors=_names(options.sensors),
+        bands=_names(options.bands),
+        device=options.device,
+        overwrite=options.overwrite,
+        progress=not options.quiet,
+    )
+    if not options.quiet:
+        print(report.text())
+    return 0
+
+
+def _access(options: argparse.Namespace) -> int:
+    from warpsim.scene.scene import Scene
+
+    scene = Scene.load(options.scene)
+    table = scene.access()
+    print(f"{scene.name}: access to {scene.target_names[0]}, seconds after {scene.epoch_utc} UTC")
+    if len(table):
+        print("\n".join(table.pformat(max_lines=-1, max_width=-1, show_unit=True)))
+    print(f"{len(set(table['sensor']))} of {len(scene.sensor_names)} sensors have access")
+    return 0
+
+
+def _check(options: argparse.Namespace) -> int:
+    from warpsim.output.check import scene_report
+    from warpsim.scene.scene import Scene
+
+    print(scene_report(Scene.load(options.scene)))
+    return 0
+
+
+def _bench(options: argparse.Namespace) -> int:
+    from warpsim.render.speed import PAPER_FPS, measure_fps
+
+    print("One sensor, one band of stss, fresh noise, result in host memory (median of 7)")
+    print(f"{'pixels':>10} {'frames/s':>10} {'paper':>7} {'ratio':>7}")
+    for n_pixel, paper in PAPER_FPS.items():
+        fps = measure_fps(n_pixel, device=options.device)
+        print(f"{n_pixel:>5}^2    {fps:>10,.0f} {paper:>7} {fps / paper:>7.1f}", flush=True)
+    return 0
+
+
+def _names(text: str | None) -> list[str] | None:
+    return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _frame_numbers(text: str | None, count: int) -> list[int] | None:
+    """Frame numbers of A:B, A:B:STEP or a single number."""
+    if text is None:
+        return None
+    try:
+        numbers = [int(item) if item.strip() else None for item in text.split(":")]
+        if len(numbers) == 1 and numbers[0] is not None:
+            return [numbers[0]]
+        if len(numbers) not in (2, 3) or any(number is not None and number < 0 for number in numbers):
+            raise ValueError
+        first, end, step = numbers[0] or 0, numbers[1], (numbers[2] if len(numbers) == 3 else None) or 1
+        return list(range(first, count if end is None else end, step))
+    except ValueError:
+        raise InputError(f"--frames: must be A:B, A:B:STEP or one number, all >= 0, got {text!r}") from None
+
+
+def run() -> None:
+    """Entry point of the `warpsim` command."""
+    sys.exit(main())
+
+
+if __name__ == "__main__":
+    run()

@@ -1,0 +1,189 @@
+"""Descriptions: the immutable, validated parts that scenes are made of.
+
+`@part` turns a class body of annotated fields into a frozen dataclass that checks every value on construction. The
+field types below carry the rules. Numbers may be given as astropy Quantity: the unit to convert to is read from the
+end of the field's name (`altitude_km`, `fov_deg`, `nei_w_cm2`), once, at this boundary.
+
+A bad value raises `InputError`, whose text is one line: where, rule, value.
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import math
+from collections.abc import Callable
+from typing import Annotated, Any, TypeVar, dataclass_transform
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
+from pydantic.dataclasses import dataclass as pydantic_dataclass
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from warpsim.errors import InputError
+
+T = TypeVar("T")
+
+# Longest suffix first, so that `_m_s` is not read as `_s`.
+_UNIT_OF_SUFFIX = {
+    "_w_cm2": "W / cm2",
+    "_w_m2": "W / m2",
+    "_rev_s": "1 / s",
+    "_m_s": "m / s",
+    "_deg": "deg",
+    "_rad": "rad",
+    "_km": "km",
+    "_um": "um",
+    "_hz": "Hz",
+    "_jy": "Jy",
+    "_px": "pix",
+    "_m": "m",
+    "_s": "s",
+    "_k": "K",
+}
+
+
+def _plain_number(value: Any, info: ValidationInfo) -> float:
+    """Return value as a Python float, converting a Quantity to the unit its field is named after."""
+    if hasattr(value, "unit") and hasattr(value, "to_value"):
+        name = info.field_name or ""
+        suffix = next((s for s in _UNIT_OF_SUFFIX if name.endswith(s)), None)
+        unit = _UNIT_OF_SUFFIX[suffix] if suffix else ""
+        try:
+            value = value.to_value(unit)
+        except Exception:
+            raise PydanticCustomError("unit", f"must be convertible to {unit or 'a plain number'}") from None
+    if (isinstance(value, np.ndarray) and value.ndim == 0) or isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise PydanticCustomError("number", "must be a number")
+    if not math.isfinite(value):
+        raise PydanticCustomError("finite", "must be finite")
+    return float(value)
+
+
+def _in_interval(low: float, high: float, open_low: bool, open_high: bool) -> Callable[[float], float]:
+    if math.isinf(high):
+        rule = f"must be {'>' if open_low else '>='} {low:g}"
+    else:
+        rule = f"must be in {'(' if open_low else '['}{low:g}, {high:g}{')' if open_high else ']'}"
+
+    def check(value: float) -> float:
+        above = value > low if open_low else value >= low
+        below = value < high if open_high else value <= high
+        if not (above and below):
+            raise PydanticCustomError("interval", rule)
+        return value
+
+    return check
+
+
+def _whole_number(value: Any) -> Any:
+    if isinstance(value, np.integer):
+        return int(value)
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise PydanticCustomError("integer", "must be a whole number")
+    return value
+
+
+def open_interval(low: float, high: float) -> AfterValidator:
+    """Rule: low < value < high."""
+    return AfterValidator(_in_interval(low, high, True, True))
+
+
+def closed_interval(low: float, high: float) -> AfterValidator:
+    """Rule: low <= value <= high."""
+    return AfterValidator(_in_interval(low, high, False, False))
+
+
+Number = Annotated[float, BeforeValidator(_plain_number)]
+"""Any finite number."""
+Positive = Annotated[Number, AfterValidator(_in_interval(0, math.inf, True, True))]
+NonNegative = Annotated[Number, AfterValidator(_in_interval(0, math.inf, False, True))]
+Fraction = Annotated[Number, closed_interval(0, 1)]
+Integer = Annotated[int, BeforeValidator(_whole_number)]
+Count = Annotated[Integer, AfterValidator(_in_interval(1, math.inf, False, True))]
+"""A whole number of at least 1."""
+Vector = tuple[Number, Number, Number]
+
+CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+
+
+def rule_error(rule: str) -> PydanticCustomError:
+    """The error to raise from a field's validator: its text is the rule; place and value are added."""
+    return PydanticCustomError("rule", "{rule}", {"rule": rule})
+
+
+def part_error(rule: str) -> PydanticCustomError:
+    """The error to raise from a validator over several fields: its text names them and is shown as it is."""
+    return PydanticCustomError("whole", "{rule}", {"rule": rule})
+
+
+def _place(location: tuple[int | str, ...], positional: list[str]) -> str:
+    """`targets[2].shape.radius_m`; the tag that a union puts into the path is left out."""
+    text = ""
+    if location and isinstance(location[0], int) and location[0] < len(positional):
+        location = (positional[location[0]], *location[1:])
+    for item in location:
+        if isinstance(item, int):
+            text += f"[{item}]"
+        elif item not in _KINDS:
+            text += f".{item}" if text else item
+    return text
+
+
+def _sentence(error: ErrorDetails, positional: list[str]) -> str:
+    """One error of pydantic's report as `field: rule, got value`."""
+    place, kind, context = _place(error["loc"], positional), error["type"], error.get("ctx", {})
+    rule, value = error["msg"].removeprefix("Value error, "), error["input"]
+    if kind in ("missing", "missing_argument"):
+        return f"{place}: is required"
+    if kind == "union_tag_not_found":
+        return f"{place}.kind: is required"
+    if kind in ("unexpected_keyword_argument", "extra_forbidden"):
+        close = difflib.get_close_matches(str(error["loc"][-1]), _FIELD_NAMES, n=1)
+        return f"{place}: is not a known field" + (f" (did you mean {close[0]}?)" if close else "")
+    if kind == "union_tag_invalid":
+        place, rule, value = f"{place}.kind", f"must be one of {context.get('expected_tags')}", context.get("tag")
+    if kind == "literal_error":
+        rule = f"must be {context.get('expected')}"
+    head = f"{place}: " if place else ""
+    if kind == "whole":
+        return head + rule
+    shown = repr(value)
+    return f"{head}{rule}, got {shown if len(shown) <= 60 else shown[:57] + '...'}"
+
+
+def input_error(error: ValidationError, where: str, positional: list[str] | None = None) -> InputError:
+    """Turn pydantic's report into one line: `where: field: rule, got value`, several joined by semicolons."""
+    details = error.errors(include_url=False)
+    sentences = [_sentence(e, positional or []) for e in details[:4]]
+    more = f" (and {len(details) - 4} more)" if len(details) > 4 else ""
+    return InputError(f"{where}: " + "; ".join(sentences) + more)
+
+
+# Names seen by @part: tags to leave out of paths, and fields to suggest for a misspelt one.
+_KINDS: set[str] = set()
+_FIELD_NAMES: set[str] = set()
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(Field,))
+def part(cls: type[T]) -> type[T]:
+    """Make cls a frozen dataclass that validates its fields and raises InputError with one clear line."""
+    decorated: Any = pydantic_dataclass(frozen=True, config=CONFIG)(cls)
+    validated_init = decorated.__init__
+    names = list(decorated.__dataclass_fields__)
+    _FIELD_NAMES.update(names)
+    kind = getattr(cls, "kind", None)
+    if isinstance(kind, str):
+        _KINDS.add(kind)
+
+    @functools.wraps(validated_init)
+    def __init__(self: Any, *args: Any, **kwargs: Any) -> None:
+        try:
+            validated_init(self, *args, **kwargs)
+        except ValidationError as error:
+            raise input_error(error, cls.__name__, names) from None
+
+    decorated.__init__ = __init__
+    return decorated  # type: ignore[no-any-return]

@@ -1,0 +1,129 @@
+"""Point spread functions on a device: one per band, with the launches that use them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import warp as wp
+from warpsim_kernels import deposit as kernels
+from warpsim_kernels.psf import TablePsf
+
+from warpsim.errors import InputError
+from warpsim.optics.airy import build_airy_table
+from warpsim.optics.psf import Psf, PsfAiry, PsfGaussian
+
+
+class PsfBank(Protocol):
+    """The point spread functions of all bands, all of one family."""
+
+    def deposit(self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array) -> None:
+        """Overwrite signal, shape (n_view, n_band, n_row, n_col), with the light of all sources.
+
+        Args:
+            sources: n_source (n_view,), xy_px (n_view, n_slot), irradiance_w_cm2 (n_view, n_band, n_slot).
+            rule: StampRule.
+            n_row_per_block: Rows that one thread owns.
+            signal_w_cm2: Written.
+        """
+
+    def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
+        """Half-width of the stamp of each source; both arrays (n_band, n_source)."""
+
+    def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array]) -> None:
+        """Shares of a source's light in its own pixel and in its whole stamp, for the first sources of each view.
+
+        Args:
+            sources: xy_px (n_view, n_slot), irradiance_w_cm2 (n_view, n_band, n_slot).
+            rule: StampRule.
+            outputs: peak_share, stamp_share, each (n_view, n_band, n_source).
+        """
+
+
+class GaussianBank:
+    """Gaussians."""
+
+    def __init__(self, psfs: Sequence[PsfGaussian], device: Any) -> None:
+        self._sigma_px = wp.array([psf.sigma_px for psf in psfs], dtype=wp.float32, device=device)
+        # Stamps wide enough for a share of 1e-11 of the flux, in a few sizes so that few kernels are compiled.
+        widest = 2 * int(np.ceil(7.0 * max(psf.sigma_px for psf in psfs))) + 1
+        self._kernel = kernels.make_deposit_gaussian_kernel(max(16, 1 << (widest - 1).bit_length()))
+
+    def deposit(self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array) -> None:
+        """See PsfBank."""
+        _launch_deposit(self._kernel, [*sources, self._sigma_px], rule, n_row_per_block, signal_w_cm2)
+
+    def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
+        """See PsfBank."""
+        inputs = [irradiance_w_cm2, self._sigma_px, rule]
+        kernel = kernels.size_gaussian_stamps_kernel
+        wp.launch(kernel, half_width_px.shape, inputs, [half_width_px], device=half_width_px.device)
+
+    def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array]) -> None:
+        """See PsfBank."""
+        inputs = [*sources, self._sigma_px, rule]
+        wp.launch(kernels.gaussian_stamp_kernel, outputs[0].shape, inputs, outputs, device=outputs[0].device)
+
+
+class AiryBank:
+    """Airy patterns, as tables of pixel shares."""
+
+    def __init__(self, psfs: Sequence[PsfAiry], device: Any) -> None:
+        tables = [build_airy_table(psf.radius_px, psf.obscuration) for psf in psfs]
+        self._table = wp.array(np.concatenate([t.share.ravel() for t in tables]), dtype=wp.float32, device=device)
+        structs, start = [], 0
+        for table in tables:
+            struct: Any = TablePsf()
+            struct.start = start
+            struct.n_node = len(table.share)
+            struct.nodes_per_px = table.nodes_per_px
+            struct.reach_px = table.reach_px
+            struct.wing_px3 = table.wing_px3
+            struct.tail_px3 = table.tail_bound_px3
+            structs.append(struct)
+            start += table.share.size
+        self._psf = wp.array(structs, dtype=TablePsf, device=device)
+
+    def deposit(self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array) -> None:
+        """See PsfBank."""
+        inputs = [*sources, self._psf, self._table]
+        _launch_deposit(kernels.deposit_table_kernel, inputs, rule, n_row_per_block, signal_w_cm2)
+
+    def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
+        """See PsfBank."""
+        inputs = [irradiance_w_cm2, self._psf, rule]
+        kernel = kernels.size_table_stamps_kernel
+        wp.launch(kernel, half_width_px.shape, inputs, [half_width_px], device=half_width_px.device)
+
+    def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array]) -> None:
+        """See PsfBank."""
+        inputs = [*sources, self._psf, self._table, rule]
+        wp.launch(kernels.table_stamp_kernel, outputs[0].shape, inputs, outputs, device=outputs[0].device)
+
+
+def psf_bank(psfs: Sequence[Psf], device: Any) -> PsfBank:
+    """Upload the point spread functions of all bands.
+
+    Raises:
+        InputError: The bands mix families.
+    """
+    if all(isinstance(psf, PsfGaussian) for psf in psfs):
+        return GaussianBank([psf for psf in psfs if isinstance(psf, PsfGaussian)], device)
+    if all(isinstance(psf, PsfAiry) for psf in psfs):
+        return AiryBank([psf for psf in psfs if isinstance(psf, PsfAiry)], device)
+    raise InputError(f"psf: must be of one family in all bands, got {', '.join(psf.kind for psf in psfs)}")
+
+
+def stamp_rule(cut_w_cm2: float, cut_share: float) -> Any:
+    """The kernels' StampRule: what a source may leave out per pixel, absolute and relative."""
+    rule: Any = kernels.StampRule()
+    rule.cut_w_cm2 = cut_w_cm2
+    rule.cut_share = cut_share
+    return rule
+
+
+def _launch_deposit(kernel: wp.Kernel, inputs: list[Any], rule: Any, n_row_per_block: int, signal: wp.array) -> None:
+    n_view, n_band, n_row, _ = signal.shape
+    n_block = -(-n_row // n_row_per_block)
+    wp.launch(kernel, (n_view, n_band, n_block), [*inputs, rule, n_row_per_block], [signal], device=signal.device)

@@ -1,0 +1,185 @@
+"""Ballistic arcs: free flight between two places on the Earth in a given time.
+
+The end points are WGS84 geodetic at their own times, so the end place has turned with the Earth during the flight. The
+arc takes the short way about the Earth's centre. Two-body arcs are Lambert's solution; J2 arcs correct its start
+velocity by Newton's method (shooting) until they hit the end point, about the pole of date at the epoch.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BeforeValidator, model_validator
+from pydantic_core import PydanticCustomError
+
+from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
+from warpsim.describe import Number, Positive, closed_interval, part, rule_error
+from warpsim.errors import InputError
+from warpsim.orbit.earth import geodetic_altitude_m, geodetic_to_gcrs_m, geodetic_to_itrs_m, pole_of_date
+from warpsim.orbit.epoch import utc_time
+from warpsim.orbit.gravity import Gravity, propagate
+from warpsim.orbit.lambert import lambert
+
+F64 = NDArray[np.float64]
+
+# Newton stops here; the result misses the end point by the rounding of the propagation, some 1e-8 m.
+_MISS_M = 1e-6
+_WORST_MISS_M = 1e-4  # taken where rounding keeps Newton from _MISS_M (long or nearly 180-degree arcs)
+_NUDGE_M_S = 1e-2  # difference step of the shooting; its error only slows Newton down
+_SAMPLE_S = 10.0
+_GROUND_SLACK_KM = 5.0  # the effect of J2 on a long arc
+
+
+def _pair(value: Any) -> Any:
+    """Arrays and Quantity arrays become tuples, so that their entries are checked one by one."""
+    return tuple(value) if isinstance(value, np.ndarray) and value.ndim == 1 else value
+
+
+def _utc_text(value: Any) -> Any:
+    if hasattr(value, "utc") and hasattr(value, "isot"):
+        return str(value.utc.isot)
+    if not isinstance(value, str):
+        raise rule_error("must be an ISO 8601 UTC instant")
+    try:
+        utc_time(value)
+    except InputError:
+        raise rule_error("must be an ISO 8601 UTC instant like 2025-03-20T12:00:00") from None
+    return value
+
+
+Longitude = Annotated[Number, closed_interval(-360, 360)]
+Latitude = Annotated[Number, closed_interval(-90, 90)]
+LonLat = Annotated[tuple[Longitude, Latitude], BeforeValidator(_pair)]
+UtcText = Annotated[str, BeforeValidator(_utc_text)]
+
+
+@part
+class BallisticArc:
+    """Free flight between two geodetic places; solved once, on first use.
+
+    Times count from the epoch, at which the flight starts; states outside [0, duration_s] continue the free flight.
+    """
+
+    start_lon_lat_deg: LonLat
+    """East longitude and WGS84 geodetic latitude at time 0."""
+    end_lon_lat_deg: LonLat
+    """East longitude and WGS84 geodetic latitude at time duration_s."""
+    duration_s: Positive
+    endpoint_altitude_km: Number
+    """Height of both ends above the WGS84 ellipsoid."""
+    gravity: Gravity = "j2"
+    epoch_utc: UtcText = "2000-01-01T12:00:00"
+    """The instant of time 0; it sets the Earth's orientation."""
+    kind: Literal["ballistic_arc"] = "ballistic_arc"
+
+    @model_validator(mode="after")
+    def _ends_differ(self) -> BallisticArc:
+        start, end = (geodetic_to_itrs_m(*place, 0.0) for place in (self.start_lon_lat_deg, self.end_lon_lat_deg))
+        if np.linalg.norm(start - end) < 1.0:
+            raise PydanticCustomError("whole", "end_lon_lat_deg: must differ from start_lon_lat_deg")
+        if not self.endpoint_altitude_km > -100.0:
+            raise PydanticCustomError("whole", "endpoint_altitude_km: must be > -100 (heights are above WGS84)")
+        return self
+
+    @cached_property
+    def end_points_m(self) -> tuple[F64, F64]:
+        """Start and end points [m], GCRS axes, each (3,), Earth rotation included."""
+        lon, lat = np.transpose([self.start_lon_lat_deg, self.end_lon_lat_deg])
+        times_s = np.array([0.0, self.duration_s])
+        ends = geodetic_to_gcrs_m(lon, lat, 1e3 * self.endpoint_altitude_km, utc_time(self.epoch_utc), times_s)
+        return ends[0], ends[1]
+
+    @cached_property
+    def pole_icrs(self) -> F64:
+        """Unit vector of the pole that J2 acts about, shape (3,)."""
+        return pole_of_date(utc_time(self.epoch_utc))
+
+    @cached_property
+    def start_velocity_m_s(self) -> F64:
+        """Velocity at time 0 [m/s], GCRS axes, shape (3,).
+
+        Raises:
+            InputError: When the ends are 180 degrees apart, the flight would pass through the Earth (duration too
+                short or too long for free flight), or the J2 shooting does not converge.
+        """
+        start, end = self.end_points_m
+        try:
+            velocity, _ = lambert(start, end, self.duration_s)
+        except InputError as error:
+            raise InputError(f"BallisticArc: no arc between the end points in {self.duration_s:g} s: {error}") from None
+        self._check_above_ground(start, velocity)
+        return velocity if self.gravity == "two_body" else self._shoot(start, end, velocity)
+
+    def _check_above_ground(self, start: F64, velocity: F64) -> None:
+        """Refuse conics through the Earth; the two-body one decides, as J2 moves it by kilometres at most."""
+        times_s = np.linspace(0.0, self.duration_s, max(65, math.ceil(self.duration_s / _SAMPLE_S) + 1))
+        path = propagate(start[None], velocity[None], times_s, "two_body", self.pole_icrs)[0][:, 0]
+        lowest_km = float(geodetic_altitude_m(path, self.pole_icrs).min()) / 1e3
+        if lowest_km < min(self.endpoint_altitude_km, 0.0) - _GROUND_SLACK_KM:
+            raise InputError(
+                f"BallisticArc: duration_s: {self.duration_s:g} s gives a flight {-lowest_km:.0f} km below the ground"
+            )
+
+    def _shoot(self, start: F64, end: F64, velocity: F64) -> F64:
+        """Newton on the start velocity; the derivative comes from three nudged paths flown beside the nominal one."""
+        nudges = np.vstack([np.zeros(3), _NUDGE_M_S * np.eye(3)])
+        miss_m = math.inf
+        for _ in range(12):
+            ends = propagate(
+                np.tile(start, (4, 1)), velocity + nudges, np.array([self.duration_s]), "j2", self.pole_icrs
+            )[0][0]
+            miss = end - ends[0]
+            miss_m = float(np.linalg.norm(miss))
+            if miss_m < _MISS_M:
+                return velocity
+            velocity = velocity + np.linalg.solve((ends[1:] - ends[0]).T / _NUDGE_M_S, miss)
+        if miss_m < _WORST_MISS_M:
+            return velocity
+        raise InputError(f"BallisticArc: the J2 arc does not converge on its end point, last miss {miss_m:.3g} m")
+
+    def state(self, time_s: ArrayLike) -> tuple[F64, F64]:
+        """Return position [m] and velocity [m/s], GCRS axes, each of the shape of time_s plus (3,).
+
+        Args:
+            time_s: Times [s since the epoch], any shape and order, also before 0 and after duration_s.
+        """
+        time = np.asarray(time_s, np.float64)
+        start, velocity = self.end_points_m[0], self.start_velocity_m_s
+        states = propagate(start[None], velocity[None], time.ravel(), self.gravity, self.pole_icrs)
+        return states[0].reshape(*time.shape, 3), states[1].reshape(*time.shape, 3)
+
+    def position_m(self, time_s: ArrayLike) -> F64:
+        """Return positions [m], GCRS axes, of the shape of time_s plus (3,)."""
+        return self.state(time_s)[0]
+
+    @cached_property
+    def apogee_altitude_km(self) -> float:
+        """Largest height of the flight above the equatorial radius, 6378.137 km (the paper: 825.45)."""
+        times_s = np.linspace(0.0, self.duration_s, max(3, math.ceil(self.duration_s / _SAMPLE_S) + 1))
+        position, velocity = self.state(times_s)
+        radius = np.linalg.norm(position, axis=1)
+        top = int(np.argmax(radius))
+        if 0 < top < len(times_s) - 1:
+            # Newton on r.v = 0 along the free flight from the highest sample.
+            near_r, near_v, dt = position[top : top + 1], velocity[top : top + 1], 0.0
+            for _ in range(6):
+                r, v = (x[0, 0] for x in propagate(near_r, near_v, np.array([dt]), self.gravity, self.pole_icrs))
+                d = float(np.linalg.norm(r))
+                dt -= float(r @ v) / (float(v @ v) - EARTH_GM_M3_S2 / d)
+            radius[top] = d
+        return float(radius.max() - EARTH_EQUATORIAL_RADIUS_M) / 1e3
+
+    @property
+    def start_speed_m_s(self) -> float:
+        """Speed at time 0 [m/s], inertial."""
+        return float(np.linalg.norm(self.start_velocity_m_s))
+
+    @property
+    def range_angle_deg(self) -> float:
+        """Angle at the Earth's centre between the inertial end points [deg]."""
+        start, end = self.end_points_m
+        return math.degrees(math.atan2(float(np.linalg.norm(np.cross(start, end))), float(start @ end)))

@@ -1,0 +1,132 @@
+"""Earth orientation and the WGS84 ellipsoid.
+
+Orientation comes from skyfield with its built-in tables: IAU 2006 precession, IAU 2000A nutation, sidereal time with
+the built-in delta T. Polar motion (0.3 arcsec, up to 10 m on the ground) is left out, and for dates past the tables
+the predicted delta T may be off by tenths of a second (0.1 s turns the ground by 46 m at the equator). Nothing is
+downloaded.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
+from warpsim.errors import InputError
+from warpsim.orbit.epoch import tt_jd
+
+if TYPE_CHECKING:
+    from astropy.time import Time
+
+F64 = NDArray[np.float64]
+
+EARTH_POLAR_RADIUS_M = EARTH_EQUATORIAL_RADIUS_M * (1.0 - EARTH_FLATTENING)
+_ECCENTRICITY_SQUARED = EARTH_FLATTENING * (2.0 - EARTH_FLATTENING)
+
+# The nutation series holds 1,365 terms per time in memory.
+_TIMES_PER_CHUNK = 2048
+
+
+@functools.cache
+def _timescale() -> Any:
+    from skyfield.api import load
+
+    return load.timescale(builtin=True)
+
+
+def itrs_to_gcrs(epoch: Time, time_s: ArrayLike) -> F64:
+    """Return rotations from Earth-fixed (ITRS) to GCRS axes, of the shape of time_s plus (3, 3).
+
+    Args:
+        epoch: The scene's epoch.
+        time_s: Times [s since epoch], any shape.
+    """
+    from skyfield.framelib import itrs
+
+    whole, fraction = tt_jd(epoch, time_s)
+    flat = fraction.ravel()
+    rotation = np.empty((flat.size, 3, 3))
+    for start in range(0, flat.size, _TIMES_PER_CHUNK):
+        part = flat[start : start + _TIMES_PER_CHUNK]
+        to_itrs = itrs.rotation_at(_timescale().tt_jd(np.full_like(part, whole), part))  # (3, 3, n)
+        rotation[start : start + len(part)] = np.transpose(to_itrs, (2, 1, 0))
+    return rotation.reshape(*fraction.shape, 3, 3)
+
+
+def pole_of_date(epoch: Time) -> F64:
+    """Return the unit vector of the true celestial pole at the epoch in GCRS axes, shape (3,)."""
+    whole, fraction = tt_jd(epoch, 0.0)
+    return np.array(_timescale().tt_jd(whole, float(fraction)).M[2], np.float64)
+
+
+def geodetic_to_itrs_m(lon_deg: ArrayLike, lat_deg: ArrayLike, altitude_m: ArrayLike) -> F64:
+    """Return Earth-fixed positions [m] of WGS84 geodetic coordinates, broadcast shape plus (3,)."""
+    lon, lat, altitude = np.broadcast_arrays(np.radians(lon_deg), np.radians(lat_deg), np.asarray(altitude_m, float))
+    normal = EARTH_EQUATORIAL_RADIUS_M / np.sqrt(1.0 - _ECCENTRICITY_SQUARED * np.sin(lat) ** 2)
+    across = (normal + altitude) * np.cos(lat)
+    along = (normal * (1.0 - _ECCENTRICITY_SQUARED) + altitude) * np.sin(lat)
+    return np.stack([across * np.cos(lon), across * np.sin(lon), along], axis=-1)
+
+
+def geodetic_to_gcrs_m(
+    lon_deg: ArrayLike, lat_deg: ArrayLike, altitude_m: ArrayLike, epoch: Time, time_s: ArrayLike
+) -> F64:
+    """Return GCRS positions [m] of points that turn with the Earth.
+
+    Args:
+        lon_deg: East longitude [deg].
+        lat_deg: WGS84 geodetic latitude [deg], -90 to 90.
+        altitude_m: Height above the WGS84 ellipsoid [m].
+        epoch: The scene's epoch.
+        time_s: Times [s since epoch]; broadcasts with the coordinates, the result adds (3,).
+
+    Raises:
+        InputError: On a latitude outside [-90, 90] or NaN.
+    """
+    lat = np.asarray(lat_deg, np.float64)
+    if not np.all(np.abs(lat) <= 90.0):
+        raise InputError(f"lat_deg: must be in [-90, 90], got {lat[~(np.abs(lat) <= 90.0)].flat[0]:g}")
+    fixed = geodetic_to_itrs_m(lon_deg, lat, altitude_m)
+    position: F64 = np.einsum("...ij,...j->...i", itrs_to_gcrs(epoch, time_s), fixed)
+    return position
+
+
+def geodetic_altitude_m(position_m: ArrayLike, pole_icrs: ArrayLike) -> F64:
+    """Return heights above the WGS84 ellipsoid about a pole [m]; negative inside, exact to 1e-7 m from -100 km up.
+
+    Args:
+        position_m: Geocentric positions [m], shape (..., 3).
+        pole_icrs: Unit vector of the ellipsoid's axis, shape (3,).
+    """
+    position, pole = np.asarray(position_m, np.float64), np.asarray(pole_icrs, np.float64)
+    along = position @ pole
+    across = np.linalg.norm(position - along[..., None] * pole, axis=-1)
+    return meridian_altitude_m(across, along)[0]
+
+
+def meridian_altitude_m(across_m: F64, along_m: F64) -> tuple[F64, F64, F64]:
+    """Return height [m] and the cosine and sine of geodetic latitude of points in a meridian plane.
+
+    Two rounds of Bowring's formula in the reduced latitude (B. R. Bowring, Survey Review 23, 1976), from the surface to
+    any height. Far inside the Earth the height stays negative and finite, but is no longer the distance.
+
+    Args:
+        across_m: Distance from the axis [m], >= 0.
+        along_m: Distance from the equator plane, north positive [m].
+    """
+    a, b = EARTH_EQUATORIAL_RADIUS_M, EARTH_POLAR_RADIUS_M
+    outer, inner = (a * a - b * b) / b, (a * a - b * b) / a
+    sine, cosine = a * along_m, b * across_m
+    for _ in range(2):
+        scale = 1.0 / np.maximum(np.hypot(sine, cosine), 1e-300)
+        sine, cosine = sine * scale, cosine * scale  # of the reduced latitude
+        up = along_m + outer * (sine * sine * sine)
+        out = np.maximum(across_m - inner * (cosine * cosine * cosine), 0.0)
+        sine, cosine = b * up, a * out  # reduced latitude of the improved geodetic one
+    scale = 1.0 / np.maximum(np.hypot(up, out), 1e-300)
+    sine, cosine = up * scale, out * scale
+    height = across_m * cosine + along_m * sine - a * np.sqrt(1.0 - _ECCENTRICITY_SQUARED * (sine * sine))
+    return height, cosine, sine

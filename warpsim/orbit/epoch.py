@@ -1,0 +1,59 @@
+"""Epochs and time scales: scene time is SI seconds since an epoch given as a UTC instant.
+
+SI seconds advance TAI and TT alike, so `TT = epoch.tt + time_s`, also across a leap second. Nothing here needs UT1 or
+any table from the network.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from warpsim.constants import DAY_S
+from warpsim.errors import InputError
+
+if TYPE_CHECKING:
+    from astropy.time import Time
+
+
+def utc_time(text: str) -> Time:
+    """Parse an ISO 8601 UTC instant (`2025-03-20T12:00:00`, a trailing `Z` is allowed).
+
+    Raises:
+        InputError: When text is not such an instant.
+    """
+    from astropy.time import Time
+
+    try:
+        epoch = Time(str(text).strip().removesuffix("Z"), scale="utc")
+        good = epoch.isscalar and math.isfinite(epoch.tt.jd1 + epoch.tt.jd2)
+    except Exception:
+        good = False
+    if not good:
+        raise InputError(f"epoch_utc: must be an ISO 8601 UTC instant like 2025-03-20T12:00:00, got {text!r}")
+    return epoch
+
+
+def tt_jd(epoch: Time, time_s: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+    """Return Terrestrial Time as a two-part Julian date (whole part, fraction of the shape of time_s) [d].
+
+    The fraction stays below the scene's length, so its rounding is about 1e-11 s per day of scene time.
+    """
+    tt = epoch.tt
+    return float(tt.jd1), float(tt.jd2) + np.asarray(time_s, np.float64) / DAY_S
+
+
+def tdb_jd(epoch: Time, time_s: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+    """Return Barycentric Dynamical Time at the geocentre as a two-part Julian date [d].
+
+    TDB - TT is the Fairhead and Bretagnon series (`erfa.dtdb`), up to 1.7 ms: 50 m of the Earth's motion. Its
+    observer terms (2 microseconds) vanish at the geocentre, so no UT1 is needed.
+    """
+    import erfa
+
+    whole, fraction = tt_jd(epoch, time_s)
+    tdb_minus_tt_s: Any = erfa.dtdb(whole, fraction, 0.0, 0.0, 0.0, 0.0)
+    return whole, fraction + tdb_minus_tt_s / DAY_S

@@ -1,0 +1,104 @@
+"""Two-body motion in closed form: universal variables, any conic, any time.
+
+Source: Bate, Mueller and White, Fundamentals of Astrodynamics, sections 4.3-4.5; Conway (1986) for the root finder.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from warpsim.constants import EARTH_GM_M3_S2
+from warpsim.errors import InputError
+
+F64 = NDArray[np.float64]
+
+_SERIES_BELOW = 1.0
+_PAIRS_PER_CHUNK = 50_000  # (time, object) pairs solved at once: they stay in the processor's cache
+_N_SERIES = 12  # the first term left out is below 1e-25 for |z| < 1
+
+
+def stumpff(z: ArrayLike) -> tuple[F64, F64]:
+    """Return the Stumpff functions C(z) = (1 - cos sqrt z) / z and S(z) = (sqrt z - sin sqrt z) / sqrt z^3.
+
+    Both continue analytically through z = 0 to hyperbolic motion (z < 0). Relative error below 1e-14.
+    """
+    z = np.asarray(z, np.float64)
+    c, s = np.zeros_like(z), np.zeros_like(z)
+    for k in reversed(range(_N_SERIES)):  # Horner form of sum (-z)^k / (2k+2)! and / (2k+3)!
+        c = (1.0 - z * c) / ((2 * k + 1) * (2 * k + 2))
+        s = (1.0 - z * s) / ((2 * k + 2) * (2 * k + 3))
+    root = np.sqrt(np.maximum(np.abs(z), _SERIES_BELOW))
+    elliptic, hyperbolic = z > _SERIES_BELOW, z < -_SERIES_BELOW
+    c = np.where(elliptic, 2.0 * (np.sin(0.5 * root) / root) ** 2, c)
+    s = np.where(elliptic, (root - np.sin(root)) / root**3, s)
+    if hyperbolic.any():
+        grow = np.where(hyperbolic, root, 0.0)
+        c = np.where(hyperbolic, 2.0 * (np.sinh(0.5 * grow) / root) ** 2, c)
+        s = np.where(hyperbolic, (np.sinh(grow) - root) / root**3, s)
+    return c, s
+
+
+def propagate_two_body(position_m: ArrayLike, velocity_m_s: ArrayLike, time_s: ArrayLike) -> tuple[F64, F64]:
+    """Move states along their conics from time 0 to each time.
+
+    Args:
+        position_m: Geocentric positions at time 0 [m], shape (n, 3).
+        velocity_m_s: Velocities at time 0 [m/s], shape (n, 3).
+        time_s: Times, of either sign [s], shape (m,).
+
+    Returns:
+        Positions [m] and velocities [m/s], each (m, n, 3). Closed orbits take whole periods off the time first, so
+        the error does not grow beyond the rounding of the period times the number of revolutions.
+    """
+    r0, v0 = np.asarray(position_m, np.float64), np.asarray(velocity_m_s, np.float64)
+    times = np.asarray(time_s, np.float64)
+    position, velocity = np.empty((len(times), *r0.shape)), np.empty((len(times), *r0.shape))
+    rows = max(1, _PAIRS_PER_CHUNK // max(1, len(r0)))
+    for start in range(0, len(times), rows):
+        part = slice(start, start + rows)
+        position[part], velocity[part] = _two_body_block(r0, v0, times[part])
+    return position, velocity
+
+
+def _two_body_block(r0: F64, v0: F64, times: F64) -> tuple[F64, F64]:
+    mu = EARTH_GM_M3_S2
+    radius = np.asarray(np.linalg.norm(r0, axis=-1))
+    alpha = 2.0 / radius - np.sum(v0 * v0, axis=-1) / mu  # 1 / semi-major axis
+    sigma = np.sum(r0 * v0, axis=-1) / np.sqrt(mu)
+    t = np.broadcast_to(times[:, None], (len(times), len(radius)))
+    closed = alpha > 1e-6 / radius  # periods of near-parabolas are too long to take off
+    period = 2.0 * np.pi / np.sqrt(mu * np.where(closed, alpha, 1.0) ** 3)
+    t = np.where(closed, t - period * np.round(t / period), t)
+
+    chi = _universal_anomaly(t, radius, alpha, sigma)
+    c, s = stumpff(alpha * chi * chi)
+    f = 1.0 - chi * chi * c / radius
+    g = t - chi * chi * chi * s / np.sqrt(mu)
+    position = f[..., None] * r0 + g[..., None] * v0
+    new_radius = np.linalg.norm(position, axis=-1)
+    f_dot = np.sqrt(mu) / (new_radius * radius) * chi * (alpha * chi * chi * s - 1.0)
+    g_dot = 1.0 - chi * chi * c / new_radius
+    return position, f_dot[..., None] * r0 + g_dot[..., None] * v0
+
+
+def _universal_anomaly(t: F64, radius: F64, alpha: F64, sigma: F64) -> F64:
+    """Solve Kepler's equation in chi [m^0.5] by Laguerre's method of order 5, which converges from any start here."""
+    root_mu = np.sqrt(EARTH_GM_M3_S2)
+    # Start on the circular rate for closed orbits, on the local rate for open ones, capped where t would overflow.
+    chi: F64 = np.where(alpha > 0, root_mu * t * alpha, root_mu * t / radius)
+    open_cap = 5.0 / np.sqrt(np.maximum(-alpha, 1e-300))
+    chi = np.where(alpha < 0, np.clip(chi, -open_cap, open_cap), chi)
+    for _ in range(60):
+        z = alpha * chi * chi
+        c, s = stumpff(z)
+        value = sigma * chi * chi * c + (1.0 - alpha * radius) * chi * chi * chi * s + radius * chi - root_mu * t
+        slope = sigma * chi * (1.0 - z * s) + (1.0 - alpha * radius) * chi * chi * c + radius
+        curve = sigma * (1.0 - z * c) + (1.0 - alpha * radius) * chi * (1.0 - z * s)
+        root = np.sqrt(np.abs(16.0 * slope**2 - 20.0 * value * curve))
+        step = 5.0 * value / (slope + np.copysign(root, slope))
+        chi = chi - step
+        # One step after 1e-9 is far below rounding, as the convergence is cubic.
+        if np.all(np.abs(step) <= 1e-9 * (np.abs(chi) + 1.0)):
+            return chi
+    raise InputError("time_s: the two-body equation did not converge; positions, velocities and times must be finite")

@@ -1,0 +1,49 @@
+"""The Sun and the Earth's motion from ERFA's analytical ephemeris: no files, good to 11 km and 5 mm/s (1900-2100).
+
+Positions are geometric (no light time, no aberration): the Sun's place 8 minutes ago differs by less than 0.01 arcsec
+of barycentric motion, while annual aberration belongs to the camera stage.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from warpsim.constants import ASTRONOMICAL_UNIT_M, DAY_S
+from warpsim.orbit.epoch import tdb_jd
+
+if TYPE_CHECKING:
+    from astropy.time import Time
+
+F64 = NDArray[np.float64]
+
+
+def sun_state(epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+    """Return the Sun's geocentric position [m] and velocity [m/s], GCRS axes, each of the shape of time_s plus (3,)."""
+    import erfa
+
+    heliocentric: Any = erfa.epv00(*tdb_jd(epoch, time_s))[0]
+    return -heliocentric["p"] * ASTRONOMICAL_UNIT_M, -heliocentric["v"] * (ASTRONOMICAL_UNIT_M / DAY_S)
+
+
+def sun_position_m(epoch: Time, time_s: ArrayLike) -> F64:
+    """Return the Sun's geometric geocentric position [m], GCRS axes, of the shape of time_s plus (3,).
+
+    Args:
+        epoch: The scene's epoch.
+        time_s: Times [s since epoch], any shape.
+    """
+    return sun_state(epoch, time_s)[0]
+
+
+def earth_velocity_m_s(epoch: Time, time_s: ArrayLike) -> F64:
+    """Return the Earth's barycentric velocity [m/s], ICRS axes, of the shape of time_s plus (3,).
+
+    With a satellite's geocentric velocity added, it is the observer's velocity for stellar aberration.
+    """
+    import erfa
+
+    barycentric: Any = erfa.epv00(*tdb_jd(epoch, time_s))[1]
+    return np.asarray(barycentric["v"] * (ASTRONOMICAL_UNIT_M / DAY_S))

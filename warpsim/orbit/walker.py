@@ -1,0 +1,127 @@
+"""Walker constellations: circular orbits of one altitude and inclination, evenly spread.
+
+The pattern T/P/F has T satellites in P planes of S = T/P and phasing F (J. G. Walker, 1977). Elements are referred to
+the GCRS equator and its x axis (not to the equator of date, 0.14 degrees away in 2025); the seed satellite is the
+first of the first plane.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationInfo, field_validator
+
+from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
+from warpsim.describe import Count, Integer, Number, Positive, part, rule_error
+
+F64 = NDArray[np.float64]
+
+Pattern = Literal["delta", "star"]
+Definition = Literal["standard", "paper"]
+
+
+@part
+class Walker:
+    """A Walker constellation; arrays run plane by plane, slot by slot."""
+
+    n_satellite: Count
+    """T, all satellites."""
+    n_plane: Count
+    """P, orbital planes; divides n_satellite."""
+    phasing: Integer
+    """F, in 0..P-1: a satellite is ahead of its neighbour one plane to the west by F * 360/T degrees."""
+    altitude_km: Positive
+    """Above the equatorial radius, 6378.137 km."""
+    inclination_deg: Number
+    """To the GCRS equator, 0 to 180."""
+    pattern: Pattern = "delta"
+    """Nodes spread over 360 degrees ("delta") or 180 degrees ("star")."""
+    raan0_deg: Number = 0.0
+    """Right ascension of the ascending node of the first plane."""
+    mean_anomaly0_deg: Number = 0.0
+    """Mean anomaly of the first satellite, counted from the ascending node (the orbits are circular)."""
+    definition: Definition = "standard"
+    """"standard", or "paper": its Eq. 10 leaves F out, so that planes are phased as if F were 1."""
+    kind: Literal["walker"] = "walker"
+
+    @field_validator("n_plane")
+    @classmethod
+    def _divides(cls, value: int, info: ValidationInfo) -> int:
+        total = info.data.get("n_satellite")
+        if total is not None and total % value:
+            raise rule_error(f"must divide n_satellite ({total})")
+        return value
+
+    @field_validator("phasing")
+    @classmethod
+    def _below_planes(cls, value: int, info: ValidationInfo) -> int:
+        planes = info.data.get("n_plane")
+        if value < 0 or (planes is not None and value >= planes):
+            raise rule_error(f"must be in 0..{(planes or 1) - 1} (below n_plane)" if planes else "must be >= 0")
+        return value
+
+    @field_validator("inclination_deg")
+    @classmethod
+    def _half_turn(cls, value: float) -> float:
+        if not 0.0 <= value <= 180.0:
+            raise rule_error("must be in [0, 180]")
+        return value
+
+    @property
+    def n_slot(self) -> int:
+        """S, satellites per plane."""
+        return self.n_satellite // self.n_plane
+
+    @property
+    def names(self) -> list[str]:
+        """`sat{plane}{slot}`, counted from 1 ("sat11".."sat47"); `sat{plane:02d}-{slot:02d}` when one passes 9."""
+        short = self.n_plane < 10 and self.n_slot < 10
+        pairs = ((i, j) for i in range(1, self.n_plane + 1) for j in range(1, self.n_slot + 1))
+        return [f"sat{i}{j}" if short else f"sat{i:02d}-{j:02d}" for i, j in pairs]
+
+    @property
+    def raan_deg(self) -> F64:
+        """Right ascensions of the ascending nodes [deg], 0 to 360, shape (n_satellite,).
+
+        Paper Eq. 9: 360 (i-1) / P; star patterns: 180 (i-1) / P.
+        """
+        plane = np.repeat(np.arange(self.n_plane), self.n_slot)
+        spread_deg = 360.0 if self.pattern == "delta" else 180.0
+        return np.mod(self.raan0_deg + spread_deg * plane / self.n_plane, 360.0)
+
+    @property
+    def mean_anomaly_deg(self) -> F64:
+        """Mean anomalies at the epoch [deg], 0 to 360, shape (n_satellite,).
+
+        Paper Eq. 10 with the phasing restored: 360 (j-1) / S + 360 F (i-1) / T.
+        """
+        plane = np.repeat(np.arange(self.n_plane), self.n_slot)
+        slot = np.tile(np.arange(self.n_slot), self.n_plane)
+        phasing = self.phasing if self.definition == "standard" else 1
+        # In units of 360/T, whole numbers: a full turn comes out as exactly 0.
+        turns = (slot * self.n_plane + phasing * plane) % self.n_satellite
+        return np.mod(self.mean_anomaly0_deg + 360.0 * turns / self.n_satellite, 360.0)
+
+    @property
+    def period_s(self) -> float:
+        """Two-body period [s]."""
+        radius_m = EARTH_EQUATORIAL_RADIUS_M + 1e3 * self.altitude_km
+        return 2.0 * math.pi * math.sqrt(radius_m**3 / EARTH_GM_M3_S2)
+
+    def state(self) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s] at the epoch, GCRS axes, each (n_satellite, 3).
+
+        The velocity is the two-body circular one; under J2 the orbit is then near-circular (by about 10 km).
+        """
+        radius_m = EARTH_EQUATORIAL_RADIUS_M + 1e3 * self.altitude_km
+        speed_m_s = math.sqrt(EARTH_GM_M3_S2 / radius_m)
+        node, along = np.radians(self.raan_deg), np.radians(self.mean_anomaly_deg)
+        tilt = math.radians(self.inclination_deg)
+        zero = np.zeros_like(node)
+        to_node = np.stack([np.cos(node), np.sin(node), zero], axis=1)
+        to_top = np.stack([-np.sin(node) * math.cos(tilt), np.cos(node) * math.cos(tilt), zero + math.sin(tilt)], 1)
+        cosine, sine = np.cos(along)[:, None], np.sin(along)[:, None]
+        return radius_m * (cosine * to_node + sine * to_top), speed_m_s * (cosine * to_top - sine * to_node)

@@ -1,0 +1,1 @@
+"""Files: FITS cubes, tables, pictures, manifests."""

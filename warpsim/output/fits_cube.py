@@ -1,0 +1,144 @@
+"""FITS cubes: one per sensor and band, with a table of each frame's time and WCS.
+
+Primary HDU: counts, axes (frame, row, column) in NumPy order, row 0 the top row of the image. Extension FRAMES: one
+row per plane with FRAME (number), TIME_S (after the epoch), DATE_OBS (UTC) and the TAN keywords CRVAL1 ... CD2_2 of
+the plane's apparent sky; `read_cube(path).wcs(plane)` makes an astropy WCS of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.errors import InputError
+from warpsim.output.wcs import tan_keywords, wcs_from_keywords
+from warpsim.render.frameset import FrameSet
+from warpsim.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+    from astropy.wcs import WCS
+
+_WCS_KEYS = ("CRVAL1", "CRVAL2", "CRPIX1", "CRPIX2", "CD1_1", "CD1_2", "CD2_1", "CD2_2")
+
+
+@dataclass(frozen=True)
+class Cube:
+    """A cube as read back."""
+
+    counts: npt.NDArray[np.uint16]
+    """Shape (n_frame, n_row, n_col)."""
+    frames: Table
+    """One row per plane."""
+    header: Any
+    """Primary header."""
+
+    def wcs(self, plane: int) -> WCS:
+        """TAN WCS of one plane, for zero-based pixel coordinates with astropy's pixel functions."""
+        row = self.frames[plane]
+        return wcs_from_keywords({key: float(row[key]) for key in _WCS_KEYS})
+
+
+class CubeWriter:
+    """Writes the planes of one sensor and band as they are rendered.
+
+    Args:
+        path: Name to write to (a temporary one; see files.whole_file).
+        scene: The scene.
+        sensor: Sensor name.
+        band: Band name.
+        n_frame: Planes that will come.
+    """
+
+    def __init__(self, path: Path, scene: Scene, sensor: str, band: str, n_frame: int) -> None:
+        from astropy.io import fits
+
+        self._path = path
+        self._scene = scene
+        self._rows: list[dict[str, Any]] = []
+        path.unlink(missing_ok=True)  # StreamingHDU appends to what is there
+        self._stream = fits.StreamingHDU(str(path), _header(scene, sensor, band, n_frame))
+
+    def add(self, frames: FrameSet, sensor: int, band: int) -> None:
+        """Append all frames of a render call, for one index along the sensor and band axes."""
+        counts = frames.counts.numpy()[:, sensor, band]
+        self._stream.write((counts.astype(np.int32) - 32768).astype(np.int16))
+        for number, time_s, axes in zip(frames.frames, frames.time_s, frames.axes_icrs[:, sensor], strict=True):
+            keywords = tan_keywords(axes, self._scene.camera)
+            self._rows.append({"FRAME": number, "TIME_S": float(time_s), **keywords})
+
+    def close(self) -> None:
+        """Finish the file with the table of frames."""
+        from astropy.io import fits
+        from astropy.table import Table
+        from astropy.time import TimeDelta
+
+        self._stream.close()
+        table = Table(rows=self._rows)
+        # TAI seconds: UTC days may hold a leap second.
+        times = (self._scene.epoch.tai + TimeDelta(np.asarray(table["TIME_S"]), format="sec")).utc
+        times.precision = 6
+        table.add_column(np.asarray(times.isot), index=2, name="DATE_OBS")
+        extension = fits.table_to_hdu(table)
+        extension.name = "FRAMES"
+        extension.header["RADESYS"] = "ICRS"
+        extension.header["CTYPE1"], extension.header["CTYPE2"] = "RA---TAN", "DEC--TAN"
+        extension.header["TIMESYS"] = "UTC"
+        with fits.open(self._path, mode="append", memmap=False) as file:
+            file.append(extension)
+
+    def abandon(self) -> None:
+        """Close the stream of a file that will not be finished."""
+        self._stream.close()
+
+
+def read_cube(path: str | Path) -> Cube:
+    """Read a cube written by warpsim.
+
+    Raises:
+        InputError: The file is missing or is not such a cube.
+    """
+    from astropy.io import fits
+    from astropy.table import Table
+
+    try:
+        with fits.open(path, memmap=False) as file:
+            counts = np.asarray(file[0].data, dtype=np.uint16)
+            return Cube(counts, Table.read(file["FRAMES"]), file[0].header)
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: is not a warpsim FITS cube: {error}") from None
+
+
+def _header(scene: Scene, sensor: str, band: str, n_frame: int) -> Any:
+    from astropy.io import fits
+
+    import warpsim
+
+    camera, detector = scene.camera, scene.detector
+    cards = [
+        ("SIMPLE", True, "conforms to FITS"),
+        ("BITPIX", 16, "16-bit integers"),
+        ("NAXIS", 3, ""),
+        ("NAXIS1", camera.n_col, "columns"),
+        ("NAXIS2", camera.n_row, "rows, first row on top"),
+        ("NAXIS3", n_frame, "frames"),
+        ("EXTEND", True, ""),
+        ("BSCALE", 1, ""),
+        ("BZERO", 32768, "unsigned 16-bit"),
+        ("BUNIT", "adu", "counts"),
+        ("SCENE", scene.name, ""),
+        ("SENSOR", sensor, ""),
+        ("FILTER", band, "spectral band"),
+        ("EPOCH-0", scene.epoch_utc, "UTC instant of TIME_S = 0"),
+        ("NEI", detector.nei_w_cm2, "[W/cm2] noise equivalent irradiance"),
+        ("SEI", detector.sei_w_cm2, "[W/cm2] saturation equivalent irradiance"),
+        ("OFFSET", detector.offset_counts, "[adu] blank sky"),
+        ("CNTNEI", detector.counts_per_nei, "[adu] per NEI"),
+        ("SEED", scene.seed, "of the noise"),
+        ("CREATOR", f"warpsim {warpsim.__version__}", ""),
+    ]
+    return fits.Header([fits.Card(*card) for card in cards])

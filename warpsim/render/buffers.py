@@ -1,0 +1,125 @@
+"""Arrays that the stages write, allocated once and used again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import warp as wp
+
+from warpsim.render.world import World
+
+SIGNAL_BYTES_PER_CHUNK = 8 * 2**20
+"""Signal that one worker holds at a time; small enough to stay in the cache between deposit and read-out."""
+
+
+@dataclass(frozen=True)
+class Views:
+    """Inputs and geometry of the views of one render call; each array's first axis is (n_view,)."""
+
+    time_s: wp.array
+    frame: wp.array
+    sensor: wp.array
+    axes: wp.array
+    position_m: wp.array
+    velocity_m_s: wp.array
+    n_wanted: wp.array
+    """Source slots each view needs; compared with the slots there are after rendering."""
+
+
+@dataclass(frozen=True)
+class Observations:
+    """What is known of each target in each view; shape (n_view, n_target), irradiance (n_view, n_band, n_target)."""
+
+    xy_px: wp.array
+    range_m: wp.array
+    aspect_rad: wp.array
+    area_m2: wp.array
+    temperature_k: wp.array
+    flags: wp.array
+    irradiance_w_cm2: wp.array
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Point sources on the focal plane, stars and targets alike (structure of arrays)."""
+
+    n_source: wp.array
+    """Filled slots, shape (n_view,)."""
+    xy_px: wp.array
+    """Position; float64, so that the distance to a pixel's edge keeps its digits; shape (n_view, n_slot)."""
+    irradiance_w_cm2: wp.array
+    """In-band irradiance at the pupil, shape (n_view, n_band, n_slot)."""
+    star: wp.array
+    """Star in cell order, -1 for a target, shape (n_view, n_slot)."""
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """The arrays of some consecutive views: what one pass through the stages reads and writes."""
+
+    views: Views
+    observations: Observations
+    sources: Sources
+    signal_w_cm2: wp.array
+    """Shape (n_view, n_band, n_row, n_col)."""
+    counts: wp.array
+    """Shape (n_view, n_band, n_row, n_col)."""
+
+    @property
+    def n_view(self) -> int:
+        """Views in the chunk."""
+        return int(self.counts.shape[0])
+
+
+def new_observations(world: World, n_view: int) -> Observations:
+    """Uninitialised observations of n_view views."""
+    shape, device = (n_view, world.n_target), world.device
+
+    def scalar() -> wp.array:
+        return wp.empty(shape, dtype=wp.float64, device=device)
+
+    return Observations(
+        wp.empty(shape, dtype=wp.vec2d, device=device),
+        scalar(),
+        scalar(),
+        scalar(),
+        scalar(),
+        wp.empty(shape, dtype=wp.int32, device=device),
+        wp.empty((n_view, world.n_band, world.n_target), dtype=wp.float32, device=device),
+    )
+
+
+def new_sources(world: World, n_view: int, n_slot: int) -> Sources:
+    """Uninitialised source lists of n_view views."""
+    device = world.device
+    return Sources(
+        wp.empty(n_view, dtype=wp.int32, device=device),
+        wp.empty((n_view, n_slot), dtype=wp.vec2d, device=device),
+        wp.empty((n_view, world.n_band, n_slot), dtype=wp.float32, device=device),
+        wp.empty((n_view, n_slot), dtype=wp.int32, device=device),
+    )
+
+
+def new_views(world: World, time_s: Any, frame: Any, sensor: Any) -> Views:
+    """Views of given times, frame numbers and sensor rows, each of shape (n_view,); geometry still to be aimed."""
+    n_view, device = len(time_s), world.device
+    return Views(
+        wp.array(time_s, dtype=wp.float64, device=device),
+        wp.array(frame, dtype=wp.uint32, device=device),
+        wp.array(sensor, dtype=wp.uint32, device=device),
+        wp.empty(n_view, dtype=wp.mat33d, device=device),
+        wp.empty(n_view, dtype=wp.vec3d, device=device),
+        wp.empty(n_view, dtype=wp.vec3d, device=device),
+        wp.empty(n_view, dtype=wp.int32, device=device),
+    )
+
+
+def part_of(arrays: Any, first: int, end: int) -> Any:
+    """The same dataclass of arrays, cut along the first axis."""
+    return type(arrays)(*(getattr(arrays, field.name)[first:end] for field in fields(arrays)))
+
+
+def views_per_chunk(n_band: int, n_pixel: int) -> int:
+    """Views whose signal fits the chunk's share of memory; at least one."""
+    return max(1, SIGNAL_BYTES_PER_CHUNK // (4 * n_band * n_pixel))

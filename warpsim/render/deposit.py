@@ -1,0 +1,70 @@
+"""Point sources onto one image, without a scene."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from warpsim.errors import InputError
+from warpsim.optics.psf import Psf
+from warpsim.optics.psf_bank import psf_bank, stamp_rule
+from warpsim.render.device import default_device, rows_per_block
+
+
+def deposit(
+    xy_px: npt.ArrayLike,
+    flux: npt.ArrayLike,
+    psf: Psf,
+    shape: tuple[int, int],
+    device: Any = None,
+    flux_error: float = 1e-6,
+) -> npt.NDArray[np.float32]:
+    """Draw point sources, integrated over each pixel.
+
+    Args:
+        xy_px: Positions (x = column, y = row; pixel centres on integers) [px], shape (n, 2). Sources outside the image
+            add what their stamps spill into it.
+        flux: Flux of each source in any unit, shape (n,).
+        psf: PsfGaussian or PsfAiry.
+        shape: (n_row, n_col).
+        device: Warp device; CUDA where present when left out.
+        flux_error: No pixel is off by more than this fraction of a source's flux, truncation included (float32
+            rounding adds up to 2e-7). What falls outside the frame is absent; nothing is renormalised.
+
+    Returns:
+        Image in the unit of flux, shape (n_row, n_col), float32.
+
+    Raises:
+        InputError: Wrong shapes, values that are not finite, an impossible shape or error bound.
+    """
+    xy = np.asarray(xy_px, dtype=np.float64).reshape(-1, 2) if np.size(xy_px) == 0 else np.asarray(xy_px, np.float64)
+    strength = np.asarray(flux, dtype=np.float64)
+    if xy.ndim != 2 or xy.shape[1] != 2:
+        raise InputError(f"xy_px: must have shape (n, 2), got {np.shape(xy_px)}")
+    if strength.shape != (len(xy),):
+        raise InputError(f"flux: must have shape ({len(xy)},) like xy_px, got {np.shape(flux)}")
+    for name, values in (("xy_px", xy), ("flux", strength)):
+        if not np.isfinite(values).all():
+            raise InputError(f"{name}: must be finite, got {np.count_nonzero(~np.isfinite(values))} bad values")
+    if len(shape) != 2 or min(shape) < 1:
+        raise InputError(f"shape: must be (n_row, n_col) of at least 1, got {shape}")
+    if not 1e-9 <= flux_error < 1:
+        raise InputError(f"flux_error: must be in [1e-9, 1), got {flux_error}")
+    # Far away sources cannot touch the image; bringing them near keeps pixel numbers within 32 bits.
+    xy = np.clip(xy, -1e6, 1e6 + max(shape))
+    # The unit may be anything: scaled to a largest value of 1, float32 neither overflows nor loses faint sources.
+    scale = float(np.abs(strength).max(initial=0.0)) or 1.0
+    where = default_device(device)
+    signal = wp.empty((1, 1, *shape), dtype=wp.float32, device=where)
+    sources = [
+        wp.array([len(xy)], dtype=wp.int32, device=where),
+        wp.array(xy[None], dtype=wp.vec2d, device=where),
+        wp.array((strength / scale).astype(np.float32)[None, None], dtype=wp.float32, device=where),
+    ]
+    rule = stamp_rule(0.0, flux_error)
+    psf_bank([psf], where).deposit(sources, rule, rows_per_block(where, shape[0]), signal)
+    image = signal.numpy()[0, 0]
+    return np.asarray(image if scale == 1.0 else (image * np.float64(scale)).astype(np.float32))

@@ -1,0 +1,31 @@
+"""Which device, and how work is cut for it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from warpsim.errors import InputError
+
+ROWS_PER_BLOCK_CUDA = 4
+
+
+def default_device(device: Any = None) -> wp.Device:
+    """The device asked for; CUDA where present, else the CPU, when None.
+
+    Raises:
+        InputError: No such device.
+    """
+    if device is None:
+        device = "cuda:0" if wp.is_cuda_available() else "cpu"
+    try:
+        return wp.get_device(device)
+    except Exception:
+        known = ", ".join(str(item) for item in wp.get_devices())
+        raise InputError(f"device: must be one of {known}, got {device!r}") from None
+
+
+def rows_per_block(device: wp.Device, n_row: int) -> int:
+    """Image rows that one deposit thread owns: all on the CPU, where a launch is one thread; few on CUDA."""
+    return ROWS_PER_BLOCK_CUDA if device.is_cuda else n_row

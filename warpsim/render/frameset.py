@@ -1,0 +1,100 @@
+"""What a render call returns: images, and the truth beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from warpsim_kernels.targets import IN_FOV, OCCULTED
+
+from warpsim.errors import InputError
+from warpsim.render.buffers import Observations, Views
+from warpsim.render.image_stack import ImageStack
+from warpsim.render.world import World
+from warpsim.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+    from astropy.wcs import WCS
+
+
+@dataclass(frozen=True)
+class FrameSet:
+    """Rendered frames. Image axes: (frame, sensor, band, row, column)."""
+
+    scene: Scene
+    frames: list[int]
+    """Frame numbers along the first axis, in the order asked for."""
+    sensors: list[str]
+    """Sensor names along the second axis."""
+    bands: list[str]
+    """Band names along the third axis."""
+    counts: ImageStack
+    """Counts, uint16, shape (frame, sensor, band, row, column)."""
+    signal_w_cm2: ImageStack | None
+    """Noiseless irradiance per pixel [W/cm2], float32, same shape; None unless keep_signal."""
+    _world: World
+    _views: Views
+    _observations: Observations
+    _star_lists: list[tuple[npt.NDArray[Any], ...]] | None
+
+    @property
+    def time_s(self) -> npt.NDArray[np.float64]:
+        """Times of the frames after the epoch [s], shape (n_frame,)."""
+        return self.scene.frame_time_s(self.frames)
+
+    @property
+    def axes_icrs(self) -> npt.NDArray[np.float64]:
+        """Camera axes as rows x, y, z, shape (frame, sensor, 3, 3)."""
+        return np.asarray(self._views.axes.numpy()).reshape(len(self.frames), len(self.sensors), 3, 3)
+
+    @property
+    def velocity_m_s(self) -> npt.NDArray[np.float64]:
+        """Barycentric velocity of the sensors, ICRS axes [m/s], shape (frame, sensor, 3)."""
+        return np.asarray(self._views.velocity_m_s.numpy()).reshape(len(self.frames), len(self.sensors), 3)
+
+    def wcs(self, frame: int, sensor: str) -> WCS:
+        """TAN WCS of one image (astropy): apparent ICRS directions against zero-based pixel coordinates.
+
+        Raises:
+            InputError: The frame or the sensor was not rendered.
+        """
+        from warpsim.output.wcs import tan_wcs
+
+        if frame not in self.frames or sensor not in self.sensors:
+            raise InputError(f"wcs: frame {frame} of {sensor!r} was not rendered")
+        axes = self.axes_icrs[self.frames.index(frame), self.sensors.index(sensor)]
+        return tan_wcs(axes, self.scene.camera)
+
+    @cached_property
+    def truth(self) -> Table:
+        """One row per frame x sensor x band x target (astropy Table); see the documentation of its columns.
+
+        x_px and y_px are the very numbers that the light was drawn at. snr is irradiance / NEI; snr_peak counts only
+        the light in the target's own pixel. left_out_w_cm2 is the light beyond the target's stamp.
+        """
+        from warpsim.render.truth import truth_table
+
+        return truth_table(self, self._world, self._observations)
+
+    @cached_property
+    def stars(self) -> Table:
+        """One row per frame x sensor x star whose light reaches the image (astropy Table).
+
+        Raises:
+            InputError: The frames were rendered without keep_stars.
+        """
+        from warpsim.render.truth import star_table
+
+        if self._star_lists is None:
+            raise InputError("stars: render with keep_stars=True to have them")
+        return star_table(self, self._world, self._star_lists)
+
+    def flags(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+        """Whether each target is in the field of view, and hidden by the Earth; each (frame, sensor, target)."""
+        shape = (len(self.frames), len(self.sensors), -1)
+        word = np.asarray(self._observations.flags.numpy()).reshape(shape)
+        return (word & int(IN_FOV)) != 0, (word & int(OCCULTED)) != 0

@@ -1,0 +1,143 @@
+"""The stages of a frame: each one launches, and does nothing else.
+
+aim -> observe_targets -> gather_stars -> deposit -> read_out. A stage reads the world, reads and writes a chunk,
+allocates nothing and never waits.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+from warpsim_kernels.aim import aim_kernel
+from warpsim_kernels.read_out import TILE_WIDTH, make_read_out_tile_kernel, read_out_rest_kernel
+from warpsim_kernels.stars import gather_stars_kernel
+from warpsim_kernels.targets import emit_kernel, observe_targets_kernel
+
+from warpsim.render.buffers import Chunk
+from warpsim.render.device import rows_per_block
+from warpsim.render.world import World
+
+TILE_THREADS_CUDA = 128
+
+
+def aim(world: World, chunk: Chunk) -> None:
+    """Views: camera axes, position and velocity from the tracks."""
+    views, motion = chunk.views, world.motion
+    wp.launch(
+        aim_kernel,
+        dim=chunk.n_view,
+        inputs=[
+            views.time_s,
+            views.sensor,
+            motion.position_m,
+            motion.velocity_m_s,
+            motion.earth_velocity_m_s,
+            motion.grid,
+            world.first_target,
+            world.n_tracked,
+            world.up_rule,
+        ],
+        outputs=[views.axes, views.position_m, views.velocity_m_s],
+        device=world.device,
+    )
+
+
+def observe_targets(world: World, chunk: Chunk) -> None:
+    """Observations and the first source slots: geometry and emission of every target."""
+    views, seen, motion, sources = chunk.views, chunk.observations, world.motion, chunk.sources
+    wp.launch(
+        observe_targets_kernel,
+        dim=(chunk.n_view, world.n_target),
+        inputs=[
+            views.time_s,
+            views.axes,
+            views.position_m,
+            views.velocity_m_s,
+            motion.position_m,
+            motion.velocity_m_s,
+            motion.earth_velocity_m_s,
+            motion.grid,
+            world.first_target,
+            world.targets,
+            world.camera,
+            world.earth,
+        ],
+        outputs=[seen.xy_px, seen.range_m, seen.aspect_rad, seen.area_m2, seen.temperature_k, seen.flags],
+        device=world.device,
+    )
+    wp.launch(
+        emit_kernel,
+        dim=(chunk.n_view, world.n_band, world.n_target),
+        inputs=[
+            world.emissivity,
+            world.ln_radiance,
+            world.ln_radiance_slope,
+            world.radiance_table,
+            seen.xy_px,
+            seen.range_m,
+            seen.area_m2,
+            seen.temperature_k,
+            seen.flags,
+        ],
+        outputs=[seen.irradiance_w_cm2, sources.xy_px, sources.irradiance_w_cm2],
+        device=world.device,
+    )
+
+
+def gather_stars(world: World, chunk: Chunk) -> None:
+    """The source slots behind the targets: every star whose stamp touches the frame."""
+    views, sources, stars = chunk.views, chunk.sources, world.stars
+    wp.launch(
+        gather_stars_kernel,
+        dim=chunk.n_view,
+        inputs=[
+            views.axes,
+            views.velocity_m_s,
+            stars.index.cell_start_array,
+            stars.index.direction_array,
+            stars.irradiance_w_cm2,
+            stars.half_width_px,
+            world.camera,
+            stars.cone,
+            world.n_target,
+        ],
+        outputs=[sources.xy_px, sources.irradiance_w_cm2, sources.star, sources.n_source, views.n_wanted],
+        device=world.device,
+    )
+
+
+def deposit(world: World, chunk: Chunk) -> None:
+    """Signal: the light of all sources, integrated over pixels."""
+    sources, signal = chunk.sources, chunk.signal_w_cm2
+    lists = [sources.n_source, sources.xy_px, sources.irradiance_w_cm2]
+    world.psf.deposit(lists, world.stamp_rule, rows_per_block(world.device, signal.shape[2]), signal)
+
+
+def read_out(world: World, chunk: Chunk) -> None:
+    """Counts: fresh noise, saturation, gain, offset and bits."""
+    n_view, n_band, n_row, n_col = chunk.counts.shape
+    n_pixel = n_row * n_col
+    n_tile = n_pixel // (2 * TILE_WIDTH)
+    n_done = n_tile * 2 * TILE_WIDTH
+    signal, counts = chunk.signal_w_cm2.flatten(), chunk.counts.flatten()
+    images = [signal, chunk.views.frame, chunk.views.sensor, world.band_id, n_pixel]
+    if n_tile:
+        wp.launch_tiled(
+            make_read_out_tile_kernel(TILE_WIDTH),
+            dim=[n_view, n_band, n_tile],
+            inputs=[*images, world.read_out],
+            outputs=[counts],
+            block_dim=TILE_THREADS_CUDA if world.device.is_cuda else 1,
+            device=world.device,
+        )
+    if n_done < n_pixel:
+        wp.launch(
+            read_out_rest_kernel,
+            dim=(n_view, n_band, n_pixel - n_done),
+            inputs=[*images, n_done, world.read_out],
+            outputs=[counts],
+            device=world.device,
+        )
+
+
+STAGES = (aim, observe_targets, gather_stars, deposit, read_out)
+"""A frame, in order."""

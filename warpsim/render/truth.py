@@ -1,0 +1,113 @@
+"""Truth tables: the numbers that the images were drawn from."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from warpsim.render.buffers import Observations
+from warpsim.render.world import World
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+
+    from warpsim.render.frameset import FrameSet
+
+
+def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
+    """One row per frame x sensor x band x target.
+
+    Columns: frame, time_s, sensor, band, target; access (the sensor may observe the main target), in_fov, occulted;
+    x_px, y_px (NaN behind the camera), range_km, aspect_deg, projected_area_m2, temperature_k; irradiance_w_cm2 at the
+    pupil (0 when occulted), snr = irradiance / NEI, snr_peak (of the target's own pixel), left_out_w_cm2 (light beyond
+    the stamp).
+    """
+    from astropy.table import Table
+
+    shape = (len(frames.frames), len(frames.sensors), world.n_band, world.n_target)
+    peak_share, stamp_share = _stamp_shares(world, seen)
+    in_fov, occulted = frames.flags()
+    access = np.stack([frames.scene.has_access(name, frames.time_s) for name in frames.sensors], axis=1)
+
+    def spread(values: Any, *axes: int) -> npt.NDArray[Any]:
+        """Values with the given axes of (frame, sensor, band, target), repeated along the others."""
+        array = np.asarray(values)
+        full = [shape[axis] if axis in axes else 1 for axis in range(4)]
+        return np.broadcast_to(array.reshape(full), shape).ravel()
+
+    xy_px = np.asarray(seen.xy_px.numpy())
+    xy_px = np.where(xy_px < -1e8, np.nan, xy_px)
+    irradiance = np.asarray(seen.irradiance_w_cm2.numpy(), dtype=np.float64)
+    snr = irradiance / frames.scene.detector.nei_w_cm2
+    table = Table(
+        {
+            "frame": spread(np.asarray(frames.frames, dtype=np.int64), 0),
+            "time_s": spread(frames.time_s, 0),
+            "sensor": spread(frames.sensors, 1),
+            "band": spread(frames.bands, 2),
+            "target": spread(frames.scene.target_names, 3),
+            "access": spread(access, 0, 1),
+            "in_fov": spread(in_fov, 0, 1, 3),
+            "occulted": spread(occulted, 0, 1, 3),
+            "x_px": spread(xy_px[..., 0], 0, 1, 3),
+            "y_px": spread(xy_px[..., 1], 0, 1, 3),
+            "range_km": spread(seen.range_m.numpy() / 1e3, 0, 1, 3),
+            "aspect_deg": spread(np.degrees(seen.aspect_rad.numpy()), 0, 1, 3),
+            "projected_area_m2": spread(seen.area_m2.numpy(), 0, 1, 3),
+            "temperature_k": spread(seen.temperature_k.numpy(), 0, 1, 3),
+            "irradiance_w_cm2": spread(irradiance, 0, 1, 2, 3),
+            "snr": spread(snr, 0, 1, 2, 3),
+            "snr_peak": spread(snr * peak_share, 0, 1, 2, 3),
+            "left_out_w_cm2": spread(irradiance * np.maximum(1 - stamp_share, 0), 0, 1, 2, 3),
+        }
+    )
+    units = {"time_s": "s", "x_px": "pix", "y_px": "pix", "range_km": "km", "aspect_deg": "deg"}
+    units |= {"projected_area_m2": "m2", "temperature_k": "K"}
+    units |= {"irradiance_w_cm2": "W / cm2", "left_out_w_cm2": "W / cm2"}
+    for name, unit in units.items():
+        table[name].unit = unit
+    return table
+
+
+def _stamp_shares(world: World, seen: Observations) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Share of each target's light in its own pixel and in its stamp, each (n_view, n_band, n_target)."""
+    shape = seen.irradiance_w_cm2.shape
+    shares = [wp.empty(shape, dtype=wp.float32, device=world.device) for _ in range(2)]
+    if shares[0].size:
+        world.psf.measure_stamps([seen.xy_px, seen.irradiance_w_cm2], world.stamp_rule, shares)
+    peak, stamp = (np.asarray(array.numpy(), dtype=np.float64) for array in shares)
+    return peak, stamp
+
+
+def star_table(frames: FrameSet, world: World, star_lists: list[tuple[npt.NDArray[Any], ...]]) -> Table:
+    """One row per frame x sensor x star whose stamp touches the image.
+
+    Columns: frame, sensor, x_px, y_px, catalog_row, in_fov, and irradiance_w_cm2 and snr with one value per band.
+    """
+    from astropy.table import Table
+
+    n_sensor = len(frames.sensors)
+    view = np.concatenate([np.full(len(xy), number) for number, (xy, _, _) in enumerate(star_lists)]).astype(np.int64)
+    xy_px = np.concatenate([xy for xy, _, _ in star_lists]).reshape(-1, 2)
+    light = np.concatenate([light for _, light, _ in star_lists]).reshape(-1, world.n_band).astype(np.float64)
+    star = np.concatenate([star for _, _, star in star_lists]).astype(np.int64)
+    camera = frames.scene.camera
+    in_fov = np.all((xy_px >= -0.5) & (xy_px < np.array([camera.n_col, camera.n_row]) - 0.5), axis=1)
+    table = Table(
+        {
+            "frame": np.asarray(frames.frames, dtype=np.int64)[view // n_sensor],
+            "sensor": np.asarray(frames.sensors)[view % n_sensor],
+            "x_px": xy_px[:, 0],
+            "y_px": xy_px[:, 1],
+            "catalog_row": world.stars.index.star_row[star],
+            "in_fov": in_fov,
+            "irradiance_w_cm2": light,
+            "snr": light / frames.scene.detector.nei_w_cm2,
+        }
+    )
+    table["x_px"].unit = table["y_px"].unit = "pix"
+    table["irradiance_w_cm2"].unit = "W / cm2"
+    return table

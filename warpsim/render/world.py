@@ -1,0 +1,197 @@
+"""A scene on a device: everything that stays the same from frame to frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from warpsim_kernels.aim import UP_NORTH, UP_ORBIT_NORMAL, UP_ZENITH
+from warpsim_kernels.camera import Camera as CameraStruct
+from warpsim_kernels.motion import Attitude as AttitudeStruct
+from warpsim_kernels.motion import NodeGrid
+from warpsim_kernels.stars import StarCone
+from warpsim_kernels.targets import Earth, RadianceTable, Target
+
+from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, JULIAN_YEAR_DAYS
+from warpsim.detector.nei import read_out_struct
+from warpsim.optics.psf_bank import PsfBank, psf_bank, stamp_rule
+from warpsim.scene.scene import Scene
+from warpsim.sky.band_index import BandIndex
+from warpsim.sky.bands import BANDS, band_radiance_w_m2_sr
+from warpsim.sky.catalog import StarCatalog
+from warpsim.target.motion import attitude_frame
+from warpsim.target.shapes import body_struct
+
+LN_TEMPERATURE_STEP = 0.005
+"""Node spacing of the radiance table in ln(T): the cubic Hermite error is below 1e-9 at 300 K and above."""
+
+LARGEST_ABERRATION_RAD = 1.6e-4
+"""33 arcsec: the Earth's motion (20.5) and a low orbit (5.2), with room."""
+
+SMALLEST_STAMP_CUT = 1e-11
+"""Stamps never grow beyond where a pixel holds this fraction of a source's light."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Tracks on the device."""
+
+    position_m: wp.array
+    velocity_m_s: wp.array
+    earth_velocity_m_s: wp.array
+    grid: Any
+
+
+@dataclass(frozen=True)
+class Stars:
+    """The star catalog on the device, in cell order."""
+
+    index: BandIndex
+    irradiance_w_cm2: wp.array
+    half_width_px: wp.array
+    cone: Any
+
+
+class World:
+    """What the stages of a scene read: tracks, targets, stars, optics, detector, for some of its bands.
+
+    Args:
+        scene: The description.
+        bands: Names of the bands, in the order of the images.
+        device: Where everything is put.
+        index: Star index of the scene's catalog at its epoch.
+    """
+
+    def __init__(self, scene: Scene, bands: Sequence[str], device: wp.Device, index: BandIndex) -> None:
+        self.device = device
+        self.n_band = len(bands)
+        self.n_target = len(scene.target_names)
+        self.first_target = len(scene.sensor_names)
+        self.n_tracked = 1 if scene.pointing.track == "main" else self.n_target
+        self.up_rule = {"zenith": UP_ZENITH, "north": UP_NORTH, "orbit_normal": UP_ORBIT_NORMAL}[scene.pointing.up]
+        self.band_id = wp.array([scene.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
+        self.motion = _motion(scene, device)
+        self.targets = wp.array(_target_structs(scene), dtype=Target, device=device)
+        emissivity = np.array([[spec.surface.emissivity_value for spec in scene.target_specs]] * self.n_band)
+        self.emissivity = wp.array(emissivity, dtype=wp.float64, device=device)
+        self.ln_radiance, self.ln_radiance_slope, self.radiance_table = _radiance(scene, bands, device)
+        self.earth = _earth(scene)
+        self.camera = _camera(scene)
+        self.read_out = read_out_struct(scene.detector, scene.seed)
+        self.stamp_rule = stamp_rule(scene.optics.stamp_cut_nei * scene.detector.nei_w_cm2, SMALLEST_STAMP_CUT)
+        psfs = [scene.optics.psf_at(BANDS[name].isophotal_um, scene.camera) for name in bands]
+        self.psf: PsfBank = psf_bank(psfs, device)
+        self.stars = self._stars(scene, bands, index)
+
+    def _stars(self, scene: Scene, bands: Sequence[str], index: BandIndex) -> Stars:
+        rows = index.star_row
+        irradiance = np.stack([index.catalog.irradiance_w_cm2(name)[rows] for name in bands]).astype(np.float32)
+        light = wp.array(irradiance, dtype=wp.float32, device=self.device)
+        half_width = self._half_width_px(light)
+        margin_px = float(half_width.max(initial=0)) + 1.0
+        cone: Any = StarCone()
+        cone.with_aberration = int(scene.sky.aberration)
+        cone.radius_rad = scene.camera.half_diagonal_rad(margin_px) + LARGEST_ABERRATION_RAD
+        cone.cosine = float(np.cos(cone.radius_rad))
+        return Stars(index, light, wp.array(half_width, dtype=wp.int32, device=self.device), cone)
+
+    def _half_width_px(self, irradiance: wp.array) -> np.ndarray[Any, Any]:
+        """Widest stamp of each star over the bands, by the rule that deposit follows; shape (n_star,)."""
+        if irradiance.size == 0:
+            return np.zeros(irradiance.shape[1], dtype=np.int32)
+        half_width = wp.empty(irradiance.shape, dtype=wp.int32, device=self.device)
+        self.psf.size_stamps(irradiance, self.stamp_rule, half_width)
+        return np.asarray(half_width.numpy().max(axis=0))
+
+
+def star_index(scene: Scene, device: wp.Device) -> BandIndex:
+    """Index of the scene's catalog, its stars moved to the scene's epoch."""
+    name = scene.sky.catalog
+    if name == "none":
+        catalog = StarCatalog.from_arrays([], [], {})
+    else:
+        catalog = StarCatalog.default() if name == "default" else StarCatalog.read(name)
+    return BandIndex(catalog.at_epoch(2000.0 + (scene.epoch.tt.jd - 2451545.0) / JULIAN_YEAR_DAYS), device)
+
+
+def _motion(scene: Scene, device: wp.Device) -> Motion:
+    tracks = scene.tracks
+    bodies = [*tracks.sensors, *tracks.targets]
+    grid: Any = NodeGrid()
+    grid.start_s, grid.step_s, grid.n_node = tracks.start_s, tracks.step_s, tracks.n_node
+
+    def upload(values: Any) -> wp.array:
+        return wp.array(values, dtype=wp.vec3d, device=device)
+
+    return Motion(
+        upload(np.stack([track.position_m for track in bodies])),
+        upload(np.stack([track.velocity_m_s for track in bodies])),
+        upload(tracks.earth_velocity_m_s),
+        grid,
+    )
+
+
+def _target_structs(scene: Scene) -> list[Any]:
+    structs = []
+    for number, (spec, track) in enumerate(zip(scene.target_specs, scene.tracks.targets, strict=True)):
+        velocity = track.state(np.zeros(1))[1][0]
+        axes, precession_phase, rolling_phase = attitude_frame(spec.attitude, velocity, scene.seed, number)
+        turning: Any = AttitudeStruct()
+        turning.reference, turning.first, turning.second = (wp.vec3d(*axis) for axis in axes)
+        turning.tilt_rad = float(np.radians(spec.attitude.precession_angle_deg))
+        turning.precession_rev_s = spec.attitude.precession_rev_s
+        turning.precession_phase_rev = precession_phase
+        turning.rolling_rev_s = spec.attitude.rolling_rev_s
+        turning.rolling_phase_rev = rolling_phase
+        target: Any = Target()
+        target.body = body_struct(spec.shape)
+        target.attitude = turning
+        target.start_temperature_k = spec.temperature.start_k
+        target.end_temperature_k = spec.temperature.end_k or spec.temperature.start_k
+        target.cooling_start_s = 0.0
+        target.cooling_duration_s = scene.duration_s
+        structs.append(target)
+    return structs
+
+
+def _radiance(scene: Scene, bands: Sequence[str], device: wp.Device) -> tuple[wp.array, wp.array, Any]:
+    """ln(radiance) and its scaled slope at nodes of ln(T) that span the scene's temperatures."""
+    all_k = [
+        t for spec in scene.targets for t in (spec.temperature.start_k, spec.temperature.end_k) if t is not None
+    ]
+    start = float(np.log(min(all_k))) - LN_TEMPERATURE_STEP
+    n_node = int(np.ceil((np.log(max(all_k)) - start) / LN_TEMPERATURE_STEP)) + 2
+    ln_temperature = start + LN_TEMPERATURE_STEP * np.arange(n_node)
+
+    def ln_radiance(shift: float) -> Any:
+        kelvin = np.exp(ln_temperature + shift)
+        return np.stack([np.log(band_radiance_w_m2_sr(kelvin, BANDS[name])) for name in bands])
+
+    h = 1e-3  # fourth-order difference: its error stays below the table's own
+    slope = (8 * (ln_radiance(h) - ln_radiance(-h)) - (ln_radiance(2 * h) - ln_radiance(-2 * h))) / (12 * h)
+    table: Any = RadianceTable()
+    table.ln_temperature_start, table.ln_temperature_step, table.n_node = start, LN_TEMPERATURE_STEP, n_node
+
+    def upload(values: Any) -> wp.array:
+        return wp.array(values, dtype=wp.float64, device=device)
+
+    return upload(ln_radiance(0.0)), upload(slope * LN_TEMPERATURE_STEP), table
+
+
+def _earth(scene: Scene) -> Any:
+    earth: Any = Earth()
+    earth.pole = wp.vec3d(*scene.tracks.pole_icrs)
+    earth.equatorial_radius_m = EARTH_EQUATORIAL_RADIUS_M
+    earth.polar_radius_m = EARTH_EQUATORIAL_RADIUS_M * (1 - EARTH_FLATTENING)
+    return earth
+
+
+def _camera(scene: Scene) -> Any:
+    camera: Any = CameraStruct()
+    camera.n_row, camera.n_col = scene.camera.n_row, scene.camera.n_col
+    camera.focal_px = scene.camera.focal_px
+    camera.centre_x_px, camera.centre_y_px = scene.camera.centre_px
+    return camera

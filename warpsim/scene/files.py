@@ -1,0 +1,108 @@
+"""Scene files: TOML and JSON, and the shipped presets."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from warpsim.errors import InputError
+
+
+def presets() -> list[str]:
+    """Names of the shipped scenes."""
+    folder = resources.files("warpsim.scene") / "presets"
+    return sorted(Path(item.name).stem for item in folder.iterdir() if item.name.endswith(".toml"))
+
+
+def read_scene_data(source: str | os.PathLike[str]) -> dict[str, Any]:
+    """The nested dicts of a preset or a scene file.
+
+    Raises:
+        InputError: No such preset or file, or its text is not TOML or JSON.
+    """
+    text = os.fspath(source)
+    if text in presets():
+        return tomllib.loads((resources.files("warpsim.scene") / "presets" / f"{text}.toml").read_text("utf-8"))
+    path = Path(text)
+    if path.suffix not in (".toml", ".json"):
+        raise InputError(f"{text}: must be a preset ({', '.join(presets())}) or a .toml or .json file")
+    try:
+        content = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
+        raise InputError(f"{text}: cannot be read: {reason}") from None
+    try:
+        data = tomllib.loads(content) if path.suffix == ".toml" else json.loads(content)
+    except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
+        raise InputError(f"{text}: is not valid {path.suffix[1:].upper()}: {error}") from None
+    if not isinstance(data, dict):
+        raise InputError(f"{text}: must hold a table of fields, got {type(data).__name__}")
+    return {key: _with_plain_times(value) for key, value in data.items()}
+
+
+def write_scene_data(data: dict[str, Any], path: str | os.PathLike[str]) -> None:
+    """Write a scene's nested dicts; the file appears whole or not at all.
+
+    Raises:
+        InputError: The path cannot be written or has another ending.
+    """
+    target = Path(path)
+    if target.suffix not in (".toml", ".json"):
+        raise InputError(f"{target}: must end in .toml or .json")
+    text = to_toml(data) if target.suffix == ".toml" else json.dumps(data, indent=2) + "\n"
+    try:
+        with tempfile.NamedTemporaryFile("w", dir=target.parent, delete=False, encoding="utf-8") as file:
+            file.write(text)
+        Path(file.name).replace(target)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written: {error.strerror}") from None
+
+
+def to_toml(data: dict[str, Any]) -> str:
+    """TOML text of nested dicts, lists, strings, numbers and booleans.
+
+    Tables inside lists of tables are written inline, so that each target stays together.
+    """
+    lines = [f"{key} = {_toml_value(value)}" for key, value in data.items() if not _is_table(value)]
+    for key, value in data.items():
+        if isinstance(value, dict):
+            lines += ["", f"[{key}]", *(f"{name} = {_toml_value(item)}" for name, item in value.items())]
+        elif _is_table(value):
+            for table in value:
+                lines += ["", f"[[{key}]]", *(f"{name} = {_toml_value(item)}" for name, item in table.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_toml_value(item)}" for key, item in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml_value(item) for item in value) + "]"
+    if isinstance(value, str):
+        # JSON strings are TOML basic strings, except that TOML forbids a bare DEL.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return repr(value)  # repr is the shortest text that reads back to the same float
+    return str(value)
+
+
+def _with_plain_times(value: Any) -> Any:
+    """TOML date-times as ISO text: an epoch may be written with or without quotes."""
+    if isinstance(value, dict):
+        return {key: _with_plain_times(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_with_plain_times(item) for item in value]
+    if hasattr(value, "isoformat"):
+        return str(value.isoformat()).replace("+00:00", "")
+    return value

@@ -1,0 +1,108 @@
+"""The parts of a scene that belong to no other room: frames, pointing, sky, group."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, StringConstraints, model_validator
+
+from warpsim.describe import Count, NonNegative, Positive, part, part_error
+from warpsim.target.motion import Attitude, Graybody, Temperature
+from warpsim.target.shapes import Shape
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+"""A name that can also be a file name."""
+
+
+def _as_tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+Speeds = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(_as_tuple)]
+
+
+@part
+class Frames:
+    """When frames are taken. Frame k is at start_s + k * interval_s, its mid-exposure.
+
+    Args:
+        count: Frames of the whole sequence.
+        interval_s: Time between frames [s].
+        start_s: Time of frame 0 after the scene's epoch [s].
+    """
+
+    count: Count
+    interval_s: Positive
+    start_s: NonNegative = 0.0
+
+
+@part
+class Pointing:
+    """Where cameras look.
+
+    Args:
+        track: "main" follows the main target, "group" the mean direction of all targets.
+        up: Which way is up in the image: "zenith", "north" (ICRS) or "orbit_normal".
+    """
+
+    track: Literal["main", "group"] = "main"
+    up: Literal["zenith", "north", "orbit_normal"] = "zenith"
+
+
+@part
+class Sky:
+    """The star background.
+
+    Args:
+        catalog: "default" (embedded), "none", or the path of a catalog file.
+        aberration: Whether apparent places include the aberration of the sensor's motion.
+    """
+
+    catalog: str = "default"
+    aberration: bool = True
+
+
+@part
+class Release:
+    """How secondary targets leave the main one, at the scene's epoch.
+
+    Args:
+        speed_m_s: Smallest and largest speed relative to the main target [m/s]; directions are isotropic.
+    """
+
+    speed_m_s: Speeds = (2.0, 5.0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Release:
+        if self.speed_m_s[0] > self.speed_m_s[1]:
+            raise part_error(f"speed_m_s: must be (lowest, highest), got {self.speed_m_s}")
+        return self
+
+
+@part
+class TargetSpec:
+    """A target, or several of one kind.
+
+    Args:
+        name: Name; with count > 1 the targets are called name01, name02, ...
+        shape: Sphere, Cylinder or Cone.
+        surface: Reflectance or emissivity.
+        temperature: Over the scene.
+        attitude: Motion of the body axis.
+        count: How many.
+    """
+
+    name: Name
+    shape: Shape
+    surface: Graybody
+    temperature: Temperature
+    attitude: Attitude = Field(default_factory=Attitude)
+    count: Count = 1
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the single targets."""
+        if self.count == 1:
+            return [self.name]
+        digits = max(2, len(str(self.count)))
+        return [f"{self.name}{i + 1:0{digits}d}" for i in range(self.count)]

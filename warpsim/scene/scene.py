@@ -1,0 +1,309 @@
+"""The scene: an immutable, validated description of what is there and who looks at it.
+
+A scene knows nothing about devices. Everything derived from it (tracks, access) is computed on the host in float64, on
+first use, and kept.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError, model_validator
+from pydantic_core import ArgsKwargs
+
+from warpsim.describe import Integer, Positive, closed_interval, input_error, part, part_error, rule_error
+from warpsim.detector.nei import NeiDetector
+from warpsim.errors import InputError
+from warpsim.optics.camera import Camera
+from warpsim.optics.psf import Optics
+from warpsim.orbit.access import AccessConstraints, access_intervals, margins
+from warpsim.orbit.arc import BallisticArc, UtcText
+from warpsim.orbit.epoch import utc_time
+from warpsim.orbit.walker import Walker
+from warpsim.scene.parts import Frames, Pointing, Release, Sky, TargetSpec
+from warpsim.sky.bands import BANDS
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+    from astropy.time import Time
+
+    from warpsim.scene.tracks import Tracks
+
+
+def _as_tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _known_band(name: str) -> str:
+    if name not in BANDS:
+        raise rule_error(f"must be one of {', '.join(BANDS)}")
+    return name
+
+
+_ARC_EPOCH = BallisticArc.__dataclass_fields__["epoch_utc"].default
+
+BandName = Annotated[str, AfterValidator(_known_band)]
+
+
+@part
+class Scene:
+    """What is simulated.
+
+    Args:
+        epoch_utc: UTC instant that all times count from.
+        duration_s: Length of the scene [s].
+        frames: When frames are taken.
+        constellation: The satellites; each carries one sensor.
+        camera: The sensors' geometry.
+        optics: The sensors' telescope.
+        detector: The sensors' detector.
+        bands: Names of the spectral bands each sensor records.
+        trajectory: Path of the main target.
+        targets: Targets; the first one is the main target, the others are released from it.
+        release: How the secondary targets leave the main one.
+        pointing: Where the cameras look.
+        access: When a sensor can observe the main target.
+        sky: The star background.
+        seed: Seed of all randomness, 0 to 2**63 - 1 (the largest integer of TOML).
+        name: Short name.
+        description: One line about the scene.
+
+    Raises:
+        InputError: One line: field, rule, value.
+    """
+
+    epoch_utc: UtcText
+    duration_s: Positive
+    frames: Frames
+    constellation: Walker
+    camera: Camera
+    optics: Optics
+    detector: NeiDetector
+    bands: Annotated[tuple[BandName, ...], BeforeValidator(_as_tuple)]
+    trajectory: BallisticArc
+    targets: Annotated[tuple[TargetSpec, ...], BeforeValidator(_as_tuple)]
+    release: Release = Field(default_factory=Release)
+    pointing: Pointing = Field(default_factory=Pointing)
+    access_rules: AccessConstraints = Field(default_factory=AccessConstraints)
+    sky: Sky = Field(default_factory=Sky)
+    seed: Annotated[Integer, closed_interval(0, 2**63 - 1)] = 0
+    name: str = "scene"
+    description: str = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_epoch(cls, data: Any) -> Any:
+        """Give the trajectory the scene's epoch, so that a scene file states it once."""
+        values = data if isinstance(data, dict) else (data.kwargs or {})
+        path, epoch_utc = values.get("trajectory"), values.get("epoch_utc")
+        if epoch_utc is not None and isinstance(path, dict):
+            path = {"epoch_utc": epoch_utc, **path}
+        elif epoch_utc is not None and isinstance(path, BallisticArc) and path.epoch_utc == _ARC_EPOCH:
+            path = dataclasses.replace(path, epoch_utc=epoch_utc)
+        if path is None:
+            return data
+        values = {**values, "trajectory": path}
+        return values if isinstance(data, dict) else ArgsKwargs(data.args, values)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Scene:
+        if not self.bands:
+            raise part_error("bands: must name at least one band")
+        if len(set(self.bands)) != len(self.bands):
+            raise part_error(f"bands: must not repeat, got {', '.join(self.bands)}")
+        if not self.targets:
+            raise part_error("targets: must hold at least the main target, which the trajectory belongs to")
+        if self.targets[0].count != 1:
+            raise part_error(f"targets[0].count: must be 1 for the main target, got {self.targets[0].count}")
+        names = [*self.sensor_names, *self.target_names, "sun"]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise part_error(f"targets: names must be unique among sensors and targets, got {twice[0]} twice")
+        last_s = self.frame_time_s([self.frames.count - 1])[0]
+        if last_s > self.duration_s:
+            raise part_error(
+                f"frames: the last frame must be within duration_s ({self.duration_s:g}), got {last_s:g} s"
+            )
+        if utc_time(self.trajectory.epoch_utc) != utc_time(self.epoch_utc):
+            raise part_error(
+                f"trajectory.epoch_utc: must equal the scene's epoch_utc ({self.epoch_utc}), "
+                f"got {self.trajectory.epoch_utc}"
+            )
+        for name in self.bands:
+            try:
+                self.optics.psf_at(BANDS[name].isophotal_um, self.camera)
+            except InputError as error:
+                raise part_error(f"optics: in band {name}: {error}") from None
+        return self
+
+    @classmethod
+    def load(cls, source: str) -> Scene:
+        """Load a preset by name, or a scene file (.toml or .json).
+
+        Raises:
+            InputError: No such preset or file, or one of its values breaks a rule; the text begins with the source.
+        """
+        from warpsim.scene.files import read_scene_data
+
+        return cls.from_dict(read_scene_data(source), where=str(source))
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any], where: str = "Scene") -> Scene:
+        """Build a scene from nested dicts and lists (the structure of a scene file); `where` begins error texts."""
+        try:
+            return _adapter().validate_python(data)
+        except ValidationError as error:
+            raise input_error(error, where) from None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Nested dicts and lists of plain values, without what is None; `from_dict` gives back an equal scene."""
+        return _without_none(_adapter().dump_python(self, mode="json"))  # type: ignore[no-any-return]
+
+    def save(self, path: str) -> None:
+        """Write a scene file (.toml or .json) that loads back equal.
+
+        Raises:
+            InputError: The path cannot be written, or ends in something else.
+        """
+        from warpsim.scene.files import write_scene_data
+
+        write_scene_data(self.to_dict(), path)
+
+    def replace(self, **changes: Any) -> Scene:
+        """A new scene with some fields changed.
+
+        Fields of parts are reached by double underscores: `scene.replace(camera__n_row=256, camera__n_col=256)`.
+
+        Raises:
+            InputError: A field is unknown or the new scene breaks a rule.
+        """
+        data = self.to_dict()
+        data["trajectory"].pop("epoch_utc", None)
+        for name, value in changes.items():
+            *parents, leaf = name.split("__")
+            place = data
+            for parent in parents:
+                if not isinstance(place.get(parent), dict):
+                    raise InputError(f"Scene: {name.replace('__', '.')}: is not a known field")
+                place = place[parent]
+            place[leaf] = str(value.utc.isot) if leaf == "epoch_utc" and hasattr(value, "utc") else value
+        return Scene.from_dict(data)
+
+    @property
+    def epoch(self) -> Time:
+        """The instant that all times count from (astropy Time, UTC)."""
+        return utc_time(self.epoch_utc)
+
+    @property
+    def sensor_names(self) -> list[str]:
+        """Names of the sensors, plane by plane."""
+        return list(self.constellation.names)
+
+    @property
+    def target_names(self) -> list[str]:
+        """Names of the single targets, the main target first."""
+        return [name for spec in self.targets for name in spec.names]
+
+    @property
+    def target_specs(self) -> list[TargetSpec]:
+        """The description behind each single target, in the order of target_names."""
+        return [spec for spec in self.targets for _ in range(spec.count)]
+
+    def frame_time_s(self, frames: Sequence[int] | npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+        """Times of frames after the epoch [s], shape (n,)."""
+        return self.frames.start_s + np.asarray(frames, dtype=np.float64) * self.frames.interval_s
+
+    @cached_property
+    def tracks(self) -> Tracks:
+        """States of all sensors and targets at the nodes of one time grid."""
+        from warpsim.scene.tracks import build_tracks
+
+        return build_tracks(self)
+
+    def position_m(self, name: str, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Geocentric position of a sensor, a target or "sun" in GCRS axes.
+
+        Args:
+            name: One of sensor_names, target_names, or "sun".
+            time_s: Times after the epoch [s], shape (n,).
+
+        Returns:
+            Positions [m], shape (n, 3).
+
+        Raises:
+            InputError: The name is unknown or a time lies outside the scene.
+        """
+        from warpsim.orbit.sun import sun_position_m
+
+        times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+        if name == "sun":
+            return sun_position_m(self.epoch, times)
+        return self.tracks.of(name).position_at_m(times)
+
+    def access(self) -> Table:
+        """When each sensor can observe the main target: all rules of `access_rules` at once.
+
+        Returns:
+            astropy Table with one row per interval: sensor, start_s, end_s (after the epoch), ends good to 1 ms.
+        """
+        from astropy.table import Table
+
+        rows = [
+            (self.sensor_names[interval.sensor], interval.start_s, interval.end_s) for interval in self._intervals
+        ]
+        table = Table(rows=rows, names=("sensor", "start_s", "end_s"), dtype=(str, float, float))
+        table["start_s"].info.format = table["end_s"].info.format = ".3f"
+        table["start_s"].unit = table["end_s"].unit = "s"
+        return table
+
+    def access_margins(self, time_s: npt.ArrayLike) -> dict[str, npt.NDArray[np.float64]]:
+        """Signed margin of every access rule, >= 0 where it holds; each of shape (n_sensor, n_time)."""
+        times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+        sensors = np.stack([self.position_m(name, times) for name in self.sensor_names])
+        target, sun = self.position_m(self.target_names[0], times), self.position_m("sun", times)
+        return margins(sensors, target, sun, self.access_rules, self.tracks.pole_icrs)
+
+    def has_access(self, sensor: str, time_s: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """Whether a sensor can observe the main target at given times, shape (n,)."""
+        times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+        seen = np.zeros(times.shape, dtype=bool)
+        number = self.sensor_names.index(sensor)
+        for interval in self._intervals:
+            if interval.sensor == number:
+                seen |= (times >= interval.start_s) & (times <= interval.end_s)
+        return seen
+
+    @cached_property
+    def _intervals(self) -> list[Any]:
+        tracks = self.tracks
+        return access_intervals(
+            [tracks.of(name).position_at_m for name in self.sensor_names],
+            tracks.of(self.target_names[0]).position_at_m,
+            tracks.sun.position_at_m,
+            self.access_rules,
+            tracks.pole_icrs,
+            self.duration_s,
+        )
+
+
+def _adapter() -> TypeAdapter[Scene]:
+    global _ADAPTER
+    if _ADAPTER is None:
+        _ADAPTER = TypeAdapter(Scene)
+    return _ADAPTER
+
+
+_ADAPTER: TypeAdapter[Scene] | None = None
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list | tuple):
+        return [_without_none(item) for item in value]
+    return value

@@ -1,0 +1,1 @@
+"""Stars, bands and apparent places."""

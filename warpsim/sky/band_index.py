@@ -1,0 +1,123 @@
+"""Star index: cells and latitude bands (the paper's 360 x 180 table), built on the host, queried on the device.
+
+Below 60 degrees latitude the sky is cut into cells of one degree by one degree; above, each one-degree latitude band
+is a single cell. Stars are stored sorted by cell, so that a cone on the sky is a handful of runs of stars.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+from warpsim_kernels.band_index import N_BAND, N_COLUMN, POLAR_LATITUDE_DEG, query_cone_kernel
+
+from warpsim.errors import InputError
+from warpsim.sky.catalog import StarCatalog
+
+
+class BandIndex:
+    """Index over the directions of a star catalog.
+
+    Args:
+        catalog: The stars; directions at the catalog's epoch are indexed.
+        device: Where queries run; the CPU when left out.
+
+    Attributes:
+        catalog: The catalog.
+        cell_start: First star of each cell in cell order, shape (180 * 360 + 1,), int32.
+        star_row: Catalog row of each star in cell order, shape (n_star,), int64.
+        direction_icrs: Directions in cell order, shape (n_star, 3).
+    """
+
+    def __init__(self, catalog: StarCatalog, device: Any = None) -> None:
+        self.catalog = catalog
+        direction = np.asarray(catalog.direction_icrs, dtype=np.float64).reshape(-1, 3)
+        cell = cell_of(direction)
+        self.star_row = np.argsort(cell, kind="stable").astype(np.int64)
+        self.direction_icrs = direction[self.star_row]
+        counts = np.bincount(cell, minlength=N_BAND * N_COLUMN)
+        self.cell_start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        self.device = wp.get_device("cpu" if device is None else device)
+        self.cell_start_array = wp.array(self.cell_start, dtype=wp.int32, device=self.device)
+        self.direction_array = wp.array(self.direction_icrs, dtype=wp.vec3d, device=self.device)
+
+    def __len__(self) -> int:
+        return len(self.star_row)
+
+    def query(self, direction_icrs: npt.ArrayLike, radius_rad: float) -> npt.NDArray[np.int64]:
+        """Rows of the catalog whose direction lies within a cone, exactly.
+
+        Args:
+            direction_icrs: Axis of the cone, shape (3,); need not be of unit length.
+            radius_rad: Half-angle [rad], 0 to pi; stars on the border belong to the cone.
+
+        Returns:
+            Sorted row numbers.
+
+        Raises:
+            InputError: A zero or non-finite direction, or a radius outside 0 to pi.
+        """
+        start, rows = self.query_many(np.reshape(direction_icrs, (1, -1)), np.reshape(radius_rad, (1,)))
+        return np.asarray(rows[start[0] : start[1]])
+
+    def query_many(
+        self, direction_icrs: npt.ArrayLike, radius_rad: npt.ArrayLike
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Query many cones at once.
+
+        Args:
+            direction_icrs: Axes of the cones, shape (n, 3).
+            radius_rad: Half-angles [rad], shape (n,).
+
+        Returns:
+            start, shape (n + 1,), and rows: those of cone i are rows[start[i]:start[i + 1]], sorted.
+        """
+        axis, radius = _checked_cones(direction_icrs, radius_rad)
+        n = len(axis)
+        cones = wp.array(axis, dtype=wp.vec3d, device=self.device)
+        radii = wp.array(radius, dtype=wp.float64, device=self.device)
+        n_found = wp.zeros(n, dtype=wp.int32, device=self.device)
+        start = np.zeros(n + 1, dtype=np.int64)
+        found = wp.empty(0, dtype=wp.int32, device=self.device)
+        # First pass counts, second pass writes each list to its place: the order never depends on the device.
+        for _ in range(2):
+            begin = wp.array(start[:-1], dtype=wp.int64, device=self.device)
+            inputs = [self.cell_start_array, self.direction_array, cones, radii, begin]
+            wp.launch(query_cone_kernel, dim=n, inputs=inputs, outputs=[n_found, found], device=self.device)
+            start[1:] = np.cumsum(n_found.numpy())
+            if start[-1] == 0:
+                break
+            if found.shape[0] == 0:
+                found = wp.empty(int(start[-1]), dtype=wp.int32, device=self.device)
+        rows = self.star_row[found.numpy()]
+        cone_of_row = np.repeat(np.arange(n), np.diff(start))
+        return start, np.asarray(rows[np.lexsort((rows, cone_of_row))])
+
+
+def cell_of(direction: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
+    """Cell number of unit vectors, shape (n,): 360 * latitude band + column; polar bands use column 0."""
+    latitude_deg = np.degrees(np.arcsin(np.clip(direction[:, 2], -1, 1)))
+    longitude_deg = np.degrees(np.arctan2(direction[:, 1], direction[:, 0]))
+    band = np.clip(np.floor(latitude_deg + 90), 0, N_BAND - 1).astype(np.int64)
+    column = np.floor(longitude_deg).astype(np.int64) % N_COLUMN
+    polar = (band < 90 - POLAR_LATITUDE_DEG) | (band >= 90 + POLAR_LATITUDE_DEG)
+    return np.asarray(band * N_COLUMN + np.where(polar, 0, column), dtype=np.int64)
+
+
+def _checked_cones(
+    direction_icrs: npt.ArrayLike, radius_rad: npt.ArrayLike
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    axis = np.asarray(direction_icrs, dtype=np.float64)
+    radius = np.asarray(radius_rad, dtype=np.float64)
+    if axis.ndim != 2 or axis.shape[1] != 3:
+        raise InputError(f"direction_icrs: must have shape (3,) or (n, 3), got {np.shape(direction_icrs)}")
+    if radius.shape != (len(axis),):
+        raise InputError(f"radius_rad: must have shape ({len(axis)},), got {radius.shape}")
+    length = np.linalg.norm(axis, axis=1, keepdims=True)
+    if not (np.isfinite(length).all() and (length > 0).all()):
+        raise InputError("direction_icrs: must be finite and not zero")
+    if not ((radius >= 0) & (radius <= np.pi)).all():
+        raise InputError(f"radius_rad: must be in [0, pi], got {radius[~((radius >= 0) & (radius <= np.pi))][0]}")
+    return axis / length, radius

@@ -1,0 +1,250 @@
+"""Spectral bands: the six of the MSX satellite's SPIRIT III radiometer, bands of the user, and Planck radiance in them.
+
+Zero points follow the MSX absolute calibration (Egan et al. 2003, MSX6 Explanatory Guide). The responses
+(`msx_responses.csv`) are piecewise-linear nodes of the published relative spectral responses, energy based and with
+peak 1; in-band integrals of blackbodies of 200-5800 K agree with the full curves to 0.3 %.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.resources import files
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from warpsim.constants import BOLTZMANN_J_K, PLANCK_J_S, SPEED_OF_LIGHT_M_S
+from warpsim.errors import InputError
+
+Array = NDArray[np.float64]
+
+RADIATION_1_W_M2_SR = 2.0 * PLANCK_J_S * SPEED_OF_LIGHT_M_S**2
+"""2 h c^2 [W m2 / sr]: L = RADIATION_1 / lambda^5 / (exp(RADIATION_2 / (lambda T)) - 1)."""
+
+RADIATION_2_M_K = PLANCK_J_S * SPEED_OF_LIGHT_M_S / BOLTZMANN_J_K
+
+# 12 nodes on pieces no wider than 2 % of their wavelength: exact to rounding above 50 K, 1e-8 at 3 K and 4 um, where
+# the exponential falls by 10 decades within one piece.
+_NODES_PER_PIECE = 12
+_MAX_PIECE_LOG_WIDTH = 0.02
+_CHUNK_ELEMENTS = 2_000_000
+"""Temperatures times nodes evaluated at once, to bound memory (16 MB per temporary)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """A spectral band: relative response against wavelength, linear between its nodes and zero outside.
+
+    `Band(name, wavelength_um, response)` is enough; the wavelengths and the half-power points then follow from the
+    response, and the zero points are NaN (not known). The response is scaled to peak 1. Two bands are
+    equal when all their numbers are.
+
+    Raises:
+        InputError: Fewer than two nodes, shapes that differ, wavelengths not positive and increasing, values that are
+            not finite, negative response, or no response at all.
+    """
+
+    name: str
+
+    wavelength_um: Array
+    """Nodes [um], shape (n,), increasing."""
+
+    response: Array
+    """Energy response relative to the peak, shape (n,)."""
+
+    isophotal_um: float = math.nan
+    """Isophotal wavelength [um]; if not given, the mean wavelength weighted by the response."""
+
+    half_power_um: tuple[float, float] = (math.nan, math.nan)
+    """Lower and upper half-power wavelength [um]; if not given, the outermost crossings of half the peak."""
+
+    zero_mag_jy: float = math.nan
+    """Flux density of a star of magnitude 0 [Jy]."""
+
+    zero_mag_w_cm2: float = math.nan
+    """In-band irradiance of a star of magnitude 0 [W/cm2]."""
+
+    w_cm2_per_jy: float = math.nan
+    """In-band irradiance per flux density, for a stellar spectrum [W/cm2 per Jy]."""
+
+    _quadrature_um: tuple[Array, Array] = field(init=False, repr=False)
+    """Quadrature nodes [um] and weights [um] (response included), shape (m,) each."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise InputError(f"band: name must be a text that is not empty, got {self.name!r}")
+        wavelength_um = _nodes(self.wavelength_um, f"band {self.name}: wavelength_um")
+        response = _nodes(self.response, f"band {self.name}: response")
+        if wavelength_um.shape != response.shape:
+            raise InputError(
+                f"band {self.name}: response must be as long as wavelength_um, "
+                f"got {len(response)} and {len(wavelength_um)} nodes"
+            )
+        if wavelength_um[0] <= 0.0:
+            raise InputError(f"band {self.name}: wavelength_um must be > 0, got {wavelength_um[0]:g}")
+        falls = np.flatnonzero(np.diff(wavelength_um) <= 0.0)
+        if falls.size:
+            k = int(falls[0])
+            raise InputError(
+                f"band {self.name}: wavelength_um must increase, got {wavelength_um[k]:g} then {wavelength_um[k + 1]:g}"
+            )
+        if response.min() < 0.0:
+            raise InputError(f"band {self.name}: response must be >= 0, got {response.min():g}")
+        if response.max() == 0.0:
+            raise InputError(f"band {self.name}: response must be > 0 somewhere, got 0 everywhere")
+        response /= response.max()
+        wavelength_um.setflags(write=False)
+        response.setflags(write=False)
+
+        def put(attribute: str, value: Any) -> None:
+            object.__setattr__(self, attribute, value)  # the dataclass is frozen for everybody else
+
+        put("wavelength_um", wavelength_um)
+        put("response", response)
+        put("_quadrature_um", _quadrature(wavelength_um, response))
+        if math.isnan(self.isophotal_um):
+            node_um, weight_um = self._quadrature_um
+            put("isophotal_um", float(np.sum(weight_um * node_um) / np.sum(weight_um)))
+        if math.isnan(self.half_power_um[0]):
+            put("half_power_um", _half_power(wavelength_um, response))
+
+    def _key(self) -> tuple[object, ...]:
+        numbers = (self.isophotal_um, *self.half_power_um, self.zero_mag_jy, self.zero_mag_w_cm2, self.w_cm2_per_jy)
+        return self.name, self.wavelength_um.tobytes(), self.response.tobytes(), np.array(numbers).tobytes()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Band) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+
+def _nodes(values: ArrayLike, where: str) -> Array:
+    """Copy to a float64 vector of at least two finite values."""
+    try:
+        vector = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{where} must be numbers, got {type(values).__name__}") from None
+    if vector.ndim != 1 or vector.size < 2:
+        raise InputError(f"{where} must be a vector of at least 2 nodes, got shape {vector.shape}")
+    if not np.isfinite(vector).all():
+        node = int(np.flatnonzero(~np.isfinite(vector))[0])
+        raise InputError(f"{where} must be finite, got {vector[node]} at node {node}")
+    return vector
+
+
+def _half_power(wavelength_um: Array, response: Array) -> tuple[float, float]:
+    """Return the outermost wavelengths at which the response is half its peak, or the ends if it stays above."""
+    above = np.flatnonzero(response >= 0.5)
+    low, high = int(above[0]), int(above[-1])
+    low_um, high_um = float(wavelength_um[low]), float(wavelength_um[high])
+    if low > 0:
+        low_um = float(np.interp(0.5, response[low - 1 : low + 1], wavelength_um[low - 1 : low + 1]))
+    if high < len(response) - 1:
+        falling = slice(high + 1, high - 1 if high else None, -1)
+        high_um = float(np.interp(0.5, response[falling], wavelength_um[falling]))
+    return low_um, high_um
+
+
+def _quadrature(wavelength_um: Array, response: Array) -> tuple[Array, Array]:
+    """Gauss-Legendre nodes [um] and weights times response [um] over every linear segment, shape (m,) each."""
+    edges = [wavelength_um[:1]]
+    for left_um, right_um, peak in zip(
+        wavelength_um[:-1], wavelength_um[1:], np.maximum(response[:-1], response[1:]), strict=True
+    ):
+        n_piece = math.ceil(math.log(right_um / left_um) / _MAX_PIECE_LOG_WIDTH) if peak > 0.0 else 1
+        edges.append(np.linspace(left_um, right_um, max(n_piece, 1) + 1)[1:])
+    edge_um = np.concatenate(edges)
+    abscissa, weight = np.polynomial.legendre.leggauss(_NODES_PER_PIECE)
+    half_width_um = np.diff(edge_um)[:, None] / 2.0
+    node_um = (edge_um[:-1, None] + half_width_um * (1.0 + abscissa)).ravel()
+    weight_um = (half_width_um * weight).ravel() * np.interp(node_um, wavelength_um, response)
+    used = weight_um > 0.0
+    node_um, weight_um = node_um[used], weight_um[used]
+    node_um.setflags(write=False)
+    weight_um.setflags(write=False)
+    return node_um, weight_um
+
+
+_MSX_ZERO_POINTS = {
+    # isophotal um, half power um, zero magnitude Jy, zero magnitude W/cm2, W/cm2 per Jy
+    "B1": (4.29, (4.22, 4.36), 194.6, 3.30e-16, 1.70e-18),
+    "B2": (4.35, (4.24, 4.45), 188.8, 5.4e-16, 2.87e-18),
+    "A": (8.28, (6.8, 10.8), 58.49, 8.196e-16, 1.401e-17),
+    "C": (12.13, (11.1, 13.2), 26.51, 9.26e-17, 3.493e-18),
+    "D": (14.65, (13.5, 15.9), 18.29, 5.69e-17, 3.109e-18),
+    "E": (21.34, (18.2, 25.1), 8.80, 3.55e-17, 4.04e-18),
+}
+
+
+def _msx_bands() -> dict[str, Band]:
+    """Join the shipped responses and the zero points."""
+    nodes: dict[str, list[tuple[float, float]]] = {}
+    text = files("warpsim.sky").joinpath("msx_responses.csv").read_text(encoding="ascii")
+    for row in csv.DictReader(text.splitlines()):
+        nodes.setdefault(row["band"], []).append((float(row["wavelength_um"]), float(row["response"])))
+    bands = {}
+    for name, zero_points in _MSX_ZERO_POINTS.items():
+        wavelength_um, response = np.array(nodes[name]).T
+        bands[name] = Band(name, wavelength_um, response, *zero_points)
+    return bands
+
+
+BANDS: Mapping[str, Band] = MappingProxyType(_msx_bands())
+"""The MSX bands B1, B2, A, C, D, E by name."""
+
+
+def as_band(band: Band | str) -> Band:
+    """Return a band as it is, or the MSX band of that name.
+
+    Raises:
+        InputError: There is no band of that name.
+    """
+    if isinstance(band, Band):
+        return band
+    if not isinstance(band, str) or band not in BANDS:
+        raise InputError(f"band: must be one of {', '.join(BANDS)} or a Band, got {band!r}")
+    return BANDS[band]
+
+
+def band_radiance_w_m2_sr(temperature_k: ArrayLike, band: Band | str) -> Any:
+    """Radiance of a blackbody in a band: the integral of response times Planck's law over wavelength.
+
+    Relative error below 1e-12 from 50 to 6000 K in the MSX bands. Values below the smallest double (a few K at short
+    wavelengths) are 0.
+
+    Args:
+        temperature_k: Temperature [K], any shape, > 0 and finite.
+        band: A Band, or the name of one in BANDS.
+
+    Returns:
+        Radiance [W/m2/sr], float64, shape of temperature_k (a float for a single number).
+
+    Raises:
+        InputError: A temperature that is not finite and > 0, or an unknown band.
+    """
+    node_um, weight_um = as_band(band)._quadrature_um
+    try:
+        temperature = np.asarray(temperature_k, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"temperature_k must be numbers, got {type(temperature_k).__name__}") from None
+    bad = ~(np.isfinite(temperature) & (temperature > 0.0))
+    if bad.any():
+        raise InputError(f"temperature_k must be finite and > 0, got {temperature[bad][0]:g}")
+    node_m = node_um * 1e-6
+    scale = weight_um * 1e-6 * RADIATION_1_W_M2_SR / node_m**5
+    exponent_k = RADIATION_2_M_K / node_m
+    flat = temperature.ravel()
+    radiance = np.empty_like(flat)
+    step = max(1, _CHUNK_ELEMENTS // len(node_m))
+    for start in range(0, len(flat), step):
+        # exp(-x) / (1 - exp(-x)) rather than 1 / (exp(x) - 1): it underflows to 0 where the other overflows.
+        x = exponent_k / flat[start : start + step, None]
+        with np.errstate(under="ignore"):
+            radiance[start : start + step] = (np.exp(-x) / -np.expm1(-x)) @ scale
+    return radiance.reshape(temperature.shape) if temperature.ndim else float(radiance[0])

@@ -1,0 +1,73 @@
+"""The catalog that ships with warpsim, unpacked from `hip_gaia_ir_v1.npz`.
+
+The file holds an [A] magnitude, a colour class and flags for every star, and astrometry for those of Hipparcos;
+catalogs/README.md describes its columns and how it was made.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+from warpsim_catalogs import path
+
+from warpsim.sky.bands import BANDS
+from warpsim.sky.catalog import J2000_JYEAR, StarCatalog, make_catalog
+
+# Magnitude of each band relative to A by colour class (rows; edges in BP-RP: 1.0, 1.4, 2.0, 2.6, 5.0). Medians of
+# measured colours of bright stars; B1 and B2 rest on few (the CO band), +/- 0.15 mag.
+_MAG_MINUS_A_OF_CLASS = {
+    "A": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    "B1": (0.0, 0.10, 0.25, 0.30, 0.35, 0.35),
+    "B2": (0.0, 0.10, 0.25, 0.30, 0.35, 0.35),
+    "C": (0.02, 0.0, -0.01, -0.02, -0.03, -0.05),
+    "D": (0.01, 0.0, 0.0, -0.03, -0.10, -0.40),
+    "E": (0.0, 0.0, 0.0, -0.05, -0.19, -0.85),
+}
+
+_UNCERTAIN, _FAIR = 1, 2  # values of StarCatalog.quality
+
+_NAME = "hip-gaia-ir v1"
+_PROVENANCE = (
+    "hip-gaia-ir v1: 8.3 um magnitudes predicted from Gaia DR3 (G, BP-RP) and Hipparcos-2 (Hp, V-I), other bands from "
+    "the colour class. Gaia-derived data: CC BY-SA 3.0 IGO, ESA/Gaia/DPAC; Hipparcos: ESA 1997, van Leeuwen 2007."
+)
+
+
+@functools.cache
+def load_default_catalog() -> StarCatalog:
+    """Return the shipped catalog; made once."""
+    with path("hip_gaia_ir_v1.npz").open("rb") as stream, np.load(stream, allow_pickle=False) as columns:
+        packed = {key: columns[key] for key in columns.files}
+    flags = packed["flags"].astype(np.int64)
+    colour_class, source = flags & 7, (flags >> 3) & 3
+    uncertain = (flags >> 6) != 0  # colour outside the relation, or a disputed match
+    has_hip = source != 2
+    mag_a = packed["mag_a_mmag"] * 1e-3
+
+    def from_hip_rows(key: str, fill: float, scale: float) -> NDArray[np.float64]:
+        """Spread a column of the Hipparcos stars over all rows."""
+        values = np.full(len(flags), fill)
+        values[has_hip] = packed[key] * scale
+        return values
+
+    hip = from_hip_rows("hip", 0.0, 1.0).astype(np.int64)
+    flux_a_jy = BANDS["A"].zero_mag_jy * 10.0 ** (-0.4 * mag_a)
+    flux_jy = {}
+    for band, offsets_mag in _MAG_MINUS_A_OF_CLASS.items():
+        flux_ratio = BANDS[band].zero_mag_jy / BANDS["A"].zero_mag_jy * 10.0 ** (-0.4 * np.array(offsets_mag))
+        flux_jy[band] = flux_a_jy * flux_ratio[colour_class]
+    return make_catalog(
+        ra_deg=packed["ra_mas"] / 3.6e6,
+        dec_deg=packed["dec_mas"] / 3.6e6,
+        pm_ra_mas_yr=from_hip_rows("hip_pm_ra_mas_yr", 0.0, 1.0),
+        pm_dec_mas_yr=from_hip_rows("hip_pm_dec_mas_yr", 0.0, 1.0),
+        parallax_mas=from_hip_rows("hip_parallax_tenth_mas", np.nan, 0.1),
+        quality=np.where(uncertain, _UNCERTAIN, _FAIR),
+        epoch_jyear=J2000_JYEAR,
+        name=_NAME,
+        provenance=_PROVENANCE,
+        flux_jy=flux_jy,
+        id=hip,
+    )

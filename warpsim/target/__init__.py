@@ -1,0 +1,1 @@
+"""Shapes, motion and surfaces of targets."""
