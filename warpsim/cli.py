@@ -10,7 +10,7 @@ from warpsim.errors import InputError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; exit code 0, 2 for bad input, 130 when interrupted."""
+    """Run a command; exit code 0, 1 when a file could not be written, 2 for bad input, 130 when interrupted."""
     parser = _parser()
     options = parser.parse_args(arguments)
     try:
@@ -20,6 +20,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         print(f"warpsim: {error}", file=sys.stderr)
         return 2
+    except OSError as error:  # a full disk, say
+        print(f"warpsim: {error}", file=sys.stderr)
+        return 1
     except KeyboardInterrupt:
         print("warpsim: interrupted; the same command goes on where it stopped", file=sys.stderr)
         return 130

@@ -12,6 +12,7 @@ from __future__ import annotations
 import difflib
 import functools
 import math
+import re
 from collections.abc import Callable
 from typing import Annotated, Any, TypeVar, dataclass_transform
 
@@ -148,8 +149,8 @@ def _sentence(error: ErrorDetails, positional: list[str]) -> str:
     if kind == "literal_error":
         rule = f"must be {context.get('expected')}"
     head = f"{place}: " if place else ""
-    if kind == "whole":
-        return head + rule
+    if kind == "whole":  # the rule may begin with the field it is about
+        return f"{place}.{rule}" if place and re.match(r"[a-z_0-9]+: ", rule) else head + rule
     shown = repr(value)
     return f"{head}{rule}, got {shown if len(shown) <= 60 else shown[:57] + '...'}"
 

@@ -47,8 +47,10 @@ def light_path(
 ) -> LightPath:
     """Where a body is seen at time_s.
 
-    The light time is iterated to convergence. Direction and aberration are barycentric: the frame of the tracks moves
-    with the Earth, so the body's barycentric place at emission lies earth_velocity * light time further back.
+    In the geocentric frame of the tracks the light time is exactly range / c; it is iterated to convergence. The
+    direction is then taken to the barycentric frame (which moves at -earth_velocity), where star catalogs live, and
+    from there to the observer like a star's, so that targets and stars are seen by the same rule to second order in
+    v / c.
     """
     path = LightPath()
     path.emission_time_s = time_s
@@ -57,7 +59,6 @@ def light_path(
         path.vector_m = place - observer_m
         path.range_m = wp.length(path.vector_m)
         path.emission_time_s = time_s - path.range_m / SPEED_OF_LIGHT_M_S
-    light_time_s = time_s - path.emission_time_s
-    barycentric_m = path.vector_m - earth_velocity_m_s * light_time_s
-    path.apparent = aberrated(wp.normalize(barycentric_m), observer_velocity_m_s)
+    barycentric = aberrated(wp.normalize(path.vector_m), -earth_velocity_m_s)
+    path.apparent = aberrated(barycentric, observer_velocity_m_s)
     return path

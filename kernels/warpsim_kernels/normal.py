@@ -20,12 +20,14 @@ def normal_radius(word: wp.uint64) -> float:
     """sqrt(-2 ln u) with u in (0, 1) from the upper 32 bits.
 
     u = 2**e * m with m in [sqrt(1/2), sqrt(2)), found by shifting the float's bits; ln m = 2 artanh((m - 1)/(m + 1)).
+    Where e = 0, m - 1 is taken from the complement 1 - u, which keeps the digits that float32 loses next to 1.
     """
-    u = (float(wp.uint32(word >> wp.uint64(32))) + 0.5) * _UNIT_32
+    upper = wp.uint32(word >> wp.uint64(32))
+    u = (float(upper) + 0.5) * _UNIT_32
     bits = wp.cast(u, wp.uint32) + _ONE_MINUS_SQRT_HALF_BITS
     e = float(wp.int32(bits >> wp.uint32(23)) - 127)
     m = wp.cast((bits & _MANTISSA_BITS) + _SQRT_HALF_BITS, wp.float32)
-    s = (m - 1.0) / (m + 1.0)
+    s = wp.where(e == 0.0, (float(~upper) + 0.5) * -_UNIT_32, m - 1.0) / (m + 1.0)
     s2 = s * s
     ln_u = e * _LN2 + s * (2.0 + s2 * (0.66666816 + s2 * (0.39974788 + s2 * 0.29925896)))
     return wp.sqrt(wp.max(-2.0 * ln_u, 0.0))

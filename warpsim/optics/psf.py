@@ -37,11 +37,11 @@ class PsfAiry:
     """The diffraction pattern of a round pupil, of unit total flux.
 
     Args:
-        radius_px: Radius of the first dark ring of the unobscured pupil, 1.22 lambda F / pitch [px], 0.03 to 10.
+        radius_px: Radius of the first dark ring of the unobscured pupil, 1.22 lambda F / pitch [px], 0.02 to 50.
         obscuration: Diameter of the central obscuration over that of the pupil.
     """
 
-    radius_px: Annotated[Number, closed_interval(0.03, 10)]
+    radius_px: Annotated[Number, closed_interval(0.02, 50)]
     obscuration: Annotated[Number, closed_interval(0, 0.6)] = 0.0
     kind: Literal["airy"] = Field(default="airy", kw_only=True)
 

@@ -128,6 +128,8 @@ def render_to_folder(
         )
     _clear_other_run(plan, manifest, overwrite)
     (target / _PARTS).mkdir(exist_ok=True)
+    planned = {plan.cube_path(sensor, band).name: None for sensor in plan.frames_of for band in plan.bands}
+    write_json({"key": plan.key, "files": planned}, target / _PARTS / "run.json")
 
     n_image, n_done, render_s = 0, 0, 0.0
     with _progress_bar(plan, progress) as advance:
@@ -193,7 +195,7 @@ def _has_receipt(plan: _Plan, sensor: str) -> bool:
 
 
 def _clear_other_run(plan: _Plan, manifest: Any, overwrite: bool) -> None:
-    """Remove what another run left, if that is wanted; a broken or unfinished run of the same kind stays."""
+    """Remove what another run left, if that is wanted; an unfinished run of the same kind stays."""
     receipts = [read_json(path) for path in (plan.folder / _PARTS).glob("*.json")]
     keys = {item.get("key") for item in [manifest, *receipts] if isinstance(item, dict)}
     if keys <= {plan.key}:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import warp as wp
@@ -24,6 +25,13 @@ def default_device(device: Any = None) -> wp.Device:
     except Exception:
         known = ", ".join(str(item) for item in wp.get_devices())
         raise InputError(f"device: must be one of {known}, got {device!r}") from None
+
+
+def n_usable_cpu() -> int:
+    """Processor cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def rows_per_block(device: wp.Device, n_row: int) -> int:

@@ -95,6 +95,6 @@ class FrameSet:
 
     def flags(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
         """Whether each target is in the field of view, and hidden by the Earth; each (frame, sensor, target)."""
-        shape = (len(self.frames), len(self.sensors), -1)
+        shape = (len(self.frames), len(self.sensors), self._world.n_target)
         word = np.asarray(self._observations.flags.numpy()).reshape(shape)
         return (word & int(IN_FOV)) != 0, (word & int(OCCULTED)) != 0

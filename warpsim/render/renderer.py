@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import queue
+import threading
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from warpsim.render.buffers import (
     part_of,
     views_per_chunk,
 )
-from warpsim.render.device import default_device
+from warpsim.render.device import default_device, n_usable_cpu
 from warpsim.render.frameset import FrameSet
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.stages import STAGES
@@ -71,10 +71,11 @@ class Renderer:
             raise InputError(f"n_thread: must be >= 1, got {n_thread}")
         self.scene = scene
         self.device = default_device(device)
-        self.n_thread = 1 if self.device.is_cuda else n_thread or len(os.sched_getaffinity(0))
+        self.n_thread = 1 if self.device.is_cuda else n_thread or n_usable_cpu()
         self._index = star_index(scene, self.device)
         self._worlds: dict[tuple[str, ...], World] = {}
-        self._workers: dict[tuple[str, ...], queue.SimpleQueue[_Worker]] = {}
+        self._workers: dict[tuple[str, ...], list[_Worker]] = {}
+        self._lock = threading.Lock()  # buffers serve one call at a time
         self._compiled: set[tuple[str, ...]] = set()
         self._n_slot = 0
 
@@ -122,7 +123,8 @@ class Renderer:
                 )
         world = self._world(tuple(band_list))
         job = self._new_job(world, frame_list, sensor_list, keep_signal, keep_stars)
-        self._run(world, tuple(band_list), job)
+        with self._lock:
+            self._run(world, tuple(band_list), job)
         n_frame, n_sensor = len(frame_list), len(sensor_list)
         return FrameSet(
             self.scene,
@@ -231,13 +233,18 @@ class Renderer:
             wp.synchronize_device(self.device)
 
     def _buffers(self, world: World, bands: tuple[str, ...], size: int, n_worker: int) -> list[_Worker]:
+        """Buffers for chunks of up to size views: those of earlier calls where they fit, else new ones."""
         shape = (size, world.n_band, self.scene.camera.n_row, self.scene.camera.n_col)
-        return [
-            _Worker(
-                new_sources(world, size, self._n_slot), wp.empty(shape, dtype=wp.float32, device=self.device)
-            )
-            for _ in range(n_worker)
+        kept = [
+            worker
+            for worker in self._workers.get(bands, [])
+            if worker.signal_w_cm2.shape[0] >= size and worker.sources.xy_px.shape[1] == self._n_slot
         ]
+        while len(kept) < n_worker:
+            sources = new_sources(world, size, self._n_slot)
+            kept.append(_Worker(sources, wp.empty(shape, dtype=wp.float32, device=self.device)))
+        self._workers[bands] = kept
+        return kept[:n_worker]
 
     def _render_chunk(self, world: World, job: _Job, worker: _Worker, first: int, end: int) -> None:
         n_view = end - first

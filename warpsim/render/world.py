@@ -168,7 +168,9 @@ def _radiance(scene: Scene, bands: Sequence[str], device: wp.Device) -> tuple[wp
 
     def ln_radiance(shift: float) -> Any:
         kelvin = np.exp(ln_temperature + shift)
-        return np.stack([np.log(band_radiance_w_m2_sr(kelvin, BANDS[name])) for name in bands])
+        # A body of some kelvin has no light in a short band: far below any NEI, but its logarithm must stay finite.
+        radiance = [np.maximum(band_radiance_w_m2_sr(kelvin, BANDS[name]), 1e-300) for name in bands]
+        return np.log(np.stack(radiance))
 
     h = 1e-3  # fourth-order difference: its error stays below the table's own
     slope = (8 * (ln_radiance(h) - ln_radiance(-h)) - (ln_radiance(2 * h) - ln_radiance(-2 * h))) / (12 * h)

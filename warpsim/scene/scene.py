@@ -138,7 +138,8 @@ class Scene:
             try:
                 self.optics.psf_at(BANDS[name].isophotal_um, self.camera)
             except InputError as error:
-                raise part_error(f"optics: in band {name}: {error}") from None
+                hint = "; psf = 'gaussian' has no such limit" if self.optics.psf == "airy" else ""
+                raise part_error(f"optics: in band {name}: {error}{hint}") from None
         return self
 
     @classmethod

@@ -1,0 +1,291 @@
+"""Point sources on pixels: every share against error functions or direct quadrature in float64."""
+
+import functools
+
+import numpy as np
+import pytest
+import warp as wp
+from scipy import special
+
+import warpsim as ws
+from warpsim.optics.psf_bank import psf_bank, stamp_rule
+
+SEED = 314159
+N_PHASE = 12_500  # per sigma; 1e5 over the eight
+
+GAUSSIAN_ATOL = 2e-7  # float32 offsets, error functions and products, per unit flux
+DEFAULT_ATOL = 1e-6  # truncation included: what flux_error's default promises
+AIRY_ATOL = 1e-6  # table interpolation and wing, per unit flux
+ORACLE_ATOL = 1e-9  # the Airy quadrature's own error, checked by doubling its order
+WIDE_RTOL = 2e-6  # shares of wide Gaussians against the peak: differences of error functions of close arguments
+CLOSURE_ATOL = 1e-6  # a stamp and what the oracle says lies outside it
+SUM_RTOL = 2e-5  # a million float32 additions, a hundred thousand per pixel
+
+SIGMAS_PX = [0.01, 0.03, 0.064, 0.35, 0.7, 2.0, 5.0, 50.0]
+AIRY_RADII_PX = [0.03, 0.185, 0.478, 1.5, 4.0, 10.0]
+SHAPE = (24, 32)
+HARD_POINTS = {
+    "centre": (16.0, 12.0),
+    "edge": (16.5, 12.0),
+    "corner": (16.5, 12.5),
+    "just-left-of-an-edge": (np.nextafter(16.5, 0), 12.0),
+    "frame-corner-half-out": (-0.5, -0.5),
+    "far-corner-half-out": (31.5, 23.5),
+    "one-pixel-out": (-1.3, 10.2),
+    "three-out-above": (7.9, 26.5),
+}
+
+
+def axis_shares(position_px, n_pixel, sigma_px):
+    """Shares of n_pixel columns (or rows) of a unit Gaussian at each position, shape (n, n_pixel)."""
+    edge = (np.arange(n_pixel + 1) - 0.5 - np.asarray(position_px)[:, None]) / sigma_px
+    left, right = edge[:, :-1], edge[:, 1:]
+    # Differences of the smaller tail keep their leading digits.
+    return np.where(left > 0, special.ndtr(-left) - special.ndtr(-right), special.ndtr(right) - special.ndtr(left))
+
+
+def gaussian_image(xy_px, flux, sigma_px, shape):
+    """All sources at once: sum over sources of flux * rows * columns."""
+    xy = np.atleast_2d(xy_px)
+    rows = axis_shares(xy[:, 1], shape[0], sigma_px) * np.asarray(flux, dtype=np.float64)[:, None]
+    return rows.T @ axis_shares(xy[:, 0], shape[1], sigma_px)
+
+
+@functools.cache
+def panels(lamf_px, order):
+    """Gauss-Legendre nodes and weights on (-1/2, 1/2), in panels no wider than half a ring period lambda F."""
+    n_panel = max(1, int(np.ceil(2 / lamf_px)))
+    node, weight = np.polynomial.legendre.leggauss(order)
+    starts = np.arange(n_panel) / n_panel - 0.5
+    return (starts[:, None] + (node + 1) / (2 * n_panel)).ravel(), np.tile(weight / (2 * n_panel), n_panel)
+
+
+def airy_share(dx_px, dy_px, radius_px, obscuration, order=8):
+    """Integral of the annular pupil's pattern over the pixel at (dx, dy) from the source."""
+    lamf_px = radius_px * np.pi / special.jn_zeros(1, 1)[0]
+    node, weight = panels(lamf_px, order)
+    v = np.pi / lamf_px * np.hypot(dx_px + node, (dy_px + node)[:, None])
+    v = np.maximum(v, 1e-9)
+    amplitude = 2 * special.j1(v) / v
+    if obscuration > 0:
+        amplitude -= 2 * obscuration * special.j1(obscuration * v) / v
+    return np.pi / 4 / (1 - obscuration**2) / lamf_px**2 * (weight @ amplitude**2 @ weight)
+
+
+def one_source_images(xy_px, psf, shape, device, cut_share):
+    """One image for each position, unit flux: the kernels' own interface, many views in one launch."""
+    n = len(xy_px)
+    sources = [
+        wp.array(np.ones(n), dtype=wp.int32, device=device),
+        wp.array(np.asarray(xy_px)[:, None, :], dtype=wp.vec2d, device=device),
+        wp.array(np.ones((n, 1, 1)), dtype=wp.float32, device=device),
+    ]
+    signal = wp.empty((n, 1, *shape), dtype=wp.float32, device=device)
+    psf_bank([psf], wp.get_device(device)).deposit(sources, stamp_rule(0.0, cut_share), shape[0], signal)
+    return signal.numpy()[:, 0].astype(np.float64)
+
+
+@pytest.mark.parametrize("sigma_px", SIGMAS_PX)
+def test_gaussian_at_random_phases(device, sigma_px):
+    shape = (14, 18)
+    rng = np.random.default_rng(SEED)
+    xy = rng.uniform(-2, [19, 15], (N_PHASE, 2))
+    xy[: N_PHASE // 10] = np.round(2 * xy[: N_PHASE // 10]) / 2  # a tenth exactly on centres, edges and corners
+    rows, columns = axis_shares(xy[:, 1], shape[0], sigma_px), axis_shares(xy[:, 0], shape[1], sigma_px)
+    expected = rows[:, :, None] * columns[:, None, :]
+    fine = one_source_images(xy, ws.PsfGaussian(sigma_px), shape, device, 1e-9)
+    np.testing.assert_allclose(fine, expected, rtol=0, atol=GAUSSIAN_ATOL)
+    coarse = one_source_images(xy, ws.PsfGaussian(sigma_px), shape, device, 1e-6)
+    np.testing.assert_allclose(coarse, expected, rtol=0, atol=DEFAULT_ATOL)
+
+
+@pytest.mark.parametrize("xy_px", HARD_POINTS.values(), ids=HARD_POINTS)
+@pytest.mark.parametrize("sigma_px", SIGMAS_PX)
+def test_gaussian_at_hard_points(device, sigma_px, xy_px):
+    expected = gaussian_image(xy_px, [1.0], sigma_px, SHAPE)
+    psf = ws.PsfGaussian(sigma_px)
+    fine = ws.deposit([xy_px], [1.0], psf, SHAPE, device=device, flux_error=1e-9)
+    np.testing.assert_allclose(fine, expected, rtol=0, atol=GAUSSIAN_ATOL)
+    np.testing.assert_allclose(ws.deposit([xy_px], [1.0], psf, SHAPE, device=device), expected, rtol=0, atol=1e-6)
+
+
+def test_wide_gaussian_is_right_against_its_own_peak(device):
+    xy = [[70.3, 61.7]]
+    image = ws.deposit(xy, [1.0], ws.PsfGaussian(50.0), (128, 140), device=device, flux_error=1e-9)
+    expected = gaussian_image(xy, [1.0], 50.0, (128, 140))
+    np.testing.assert_allclose(image, expected, rtol=0, atol=WIDE_RTOL * expected.max())
+
+
+def airy_offsets(rng):
+    """Source places, and for each the pixels to look at: near ones and some far out."""
+    for x, y in [*HARD_POINTS.values(), *rng.uniform(4, 20, (4, 2))]:
+        near = [(round(y) + j, round(x) + i) for j in range(-1, 2) for i in range(-1, 2)]
+        far = zip(rng.integers(0, SHAPE[0], 8), rng.integers(0, SHAPE[1], 8), strict=True)
+        inside = [(r, c) for r, c in [*near, *far] if 0 <= r < SHAPE[0] and 0 <= c < SHAPE[1]]
+        yield (x, y), np.array(inside)
+
+
+@pytest.mark.parametrize("obscuration", [0.0, 0.3])
+@pytest.mark.parametrize("radius_px", AIRY_RADII_PX)
+def test_airy_at_hard_and_random_points(device, radius_px, obscuration):
+    psf = ws.PsfAiry(radius_px, obscuration)
+    for (x, y), pixels in airy_offsets(np.random.default_rng(SEED)):
+        expected = [airy_share(c - x, r - y, radius_px, obscuration) for r, c in pixels]
+        for flux_error in (1e-6, 1e-9):
+            image = ws.deposit([(x, y)], [1.0], psf, SHAPE, device=device, flux_error=flux_error)
+            np.testing.assert_allclose(image[tuple(pixels.T)], expected, rtol=0, atol=AIRY_ATOL)
+
+
+@pytest.mark.parametrize("radius_px", AIRY_RADII_PX)
+def test_airy_oracle_is_converged(radius_px):
+    for dx, dy in [(0.0, 0.0), (0.31, -0.48), (0.5, 0.5), (7.2, 3.3)]:
+        coarse, fine = (airy_share(dx, dy, radius_px, 0.3, order) for order in (8, 16))
+        assert coarse == pytest.approx(fine, rel=0, abs=ORACLE_ATOL)
+
+
+@pytest.mark.parametrize("sigma_px", SIGMAS_PX[:-1])
+def test_flux_closes_gaussian(device, sigma_px):
+    shape = (80, 90)
+    xy = np.random.default_rng(SEED).uniform(-3, [92, 82], (50, 2))
+    images = one_source_images(xy, ws.PsfGaussian(sigma_px), shape, device, 1e-10)
+    inside = axis_shares(xy[:, 1], 80, sigma_px).sum(1) * axis_shares(xy[:, 0], 90, sigma_px).sum(1)
+    np.testing.assert_allclose(images.sum((1, 2)), inside, rtol=0, atol=CLOSURE_ATOL)
+
+
+@pytest.mark.parametrize(
+    "psf", [ws.PsfGaussian(0.35), ws.PsfGaussian(5.0), ws.PsfAiry(0.478, 0.3), ws.PsfAiry(4.0)], ids=str
+)
+def test_reported_shares_are_those_of_the_image(device, psf):
+    shape, rule, n = (401, 401), stamp_rule(0.0, 3e-7), 6
+    xy = 200 + np.random.default_rng(SEED).uniform(-0.5, 0.5, (n, 2))
+    images = one_source_images(xy, psf, shape, device, 3e-7)
+    peak, stamp = (wp.empty((n, 1, 1), dtype=wp.float32, device=device) for _ in range(2))
+    lists = [
+        wp.array(xy[:, None, :], dtype=wp.vec2d, device=device),
+        wp.array(np.ones((n, 1, 1)), dtype=wp.float32, device=device),
+    ]
+    psf_bank([psf], wp.get_device(device)).measure_stamps(lists, rule, [peak, stamp])
+    np.testing.assert_allclose(stamp.numpy().ravel(), images.sum((1, 2)), rtol=0, atol=CLOSURE_ATOL)
+    np.testing.assert_allclose(peak.numpy().ravel(), images[:, 200, 200], rtol=0, atol=GAUSSIAN_ATOL)
+
+
+PSFS = [ws.PsfGaussian(0.064), ws.PsfGaussian(0.7), ws.PsfAiry(0.478), ws.PsfAiry(1.5, 0.3)]
+every_psf = pytest.mark.parametrize("psf", PSFS, ids=["gauss-sharp", "gauss", "airy-sharp", "airy-annular"])
+
+
+def field(n=60, span=(32, 24)):
+    """Random sources, on a grid of 2**-20 px, so that whole-pixel shifts are exact."""
+    rng = np.random.default_rng(SEED)
+    xy = np.round(rng.uniform(-2, np.add(span, 2), (n, 2)) * 2**20) / 2**20
+    return xy, rng.uniform(0.1, 5.0, n).astype(np.float32).astype(np.float64)
+
+
+@every_psf
+def test_whole_pixel_shift_moves_the_image_bit_by_bit(device, psf):
+    xy, flux = field()
+    image = ws.deposit(xy, flux, psf, (60, 70), device=device)
+    moved = ws.deposit(xy + [9.0, 14.0], flux, psf, (60, 70), device=device)
+    np.testing.assert_array_equal(moved[14:, 9:], image[:-14, :-9])
+
+
+@every_psf
+def test_mirror_and_transpose(device, psf):
+    xy, flux = field()
+    image = ws.deposit(xy, flux, psf, SHAPE, device=device, flux_error=1e-8)
+    mirrored = ws.deposit(xy * [-1, 1] + [31, 0], flux, psf, SHAPE, device=device, flux_error=1e-8)
+    turned = ws.deposit(xy[:, ::-1], flux, psf, SHAPE[::-1], device=device, flux_error=1e-8)
+    atol = GAUSSIAN_ATOL * flux.sum()
+    np.testing.assert_allclose(mirrored[:, ::-1], image, rtol=0, atol=atol)
+    np.testing.assert_allclose(turned.T, image, rtol=0, atol=atol)
+
+
+@every_psf
+def test_linear_in_flux_and_independent_of_order(device, psf):
+    xy, flux = field()
+    whole = ws.deposit(xy, flux, psf, SHAPE, device=device)
+    halves = [ws.deposit(xy[part], flux[part], psf, SHAPE, device=device) for part in (slice(25), slice(25, None))]
+    atol = GAUSSIAN_ATOL * flux.sum()
+    np.testing.assert_allclose(halves[0] + halves[1], whole, rtol=0, atol=atol)
+    np.testing.assert_allclose(ws.deposit(xy[::-1], flux[::-1], psf, SHAPE, device=device), whole, rtol=0, atol=atol)
+    np.testing.assert_array_equal(ws.deposit(xy, flux * -(2.0**40), psf, SHAPE, device=device), whole * -(2.0**40))
+
+
+@every_psf
+@pytest.mark.parametrize("n_row_per_block", [1, 3, 4, 23])
+def test_row_blocks_do_not_change_a_bit(device, psf, n_row_per_block):
+    xy, flux = field()
+    sources = [
+        wp.array([len(xy)], dtype=wp.int32, device=device),
+        wp.array(xy[None], dtype=wp.vec2d, device=device),
+        wp.array(flux[None, None], dtype=wp.float32, device=device),
+    ]
+    images = []
+    for n_row in (SHAPE[0], n_row_per_block):
+        signal = wp.full((1, 1, *SHAPE), 7.0, dtype=wp.float32, device=device)  # must be overwritten
+        psf_bank([psf], wp.get_device(device)).deposit(sources, stamp_rule(0.0, 1e-6), n_row, signal)
+        images.append(signal.numpy())
+    np.testing.assert_array_equal(images[1], images[0])
+
+
+@every_psf
+def test_far_sources_and_none_leave_the_image_dark(device, psf):
+    far = [[1e300, 0.0], [-1e9, 5.0], [5.0, 2.0**31], [-2.0**40, -2.0**40], [3000.0, 3000.0]]
+    assert not ws.deposit(far, np.ones(5), psf, SHAPE, device=device).any()
+    assert not ws.deposit(np.empty((0, 2)), [], psf, SHAPE, device=device).any()
+    assert not ws.deposit([[3.0, 4.0]], [0.0], psf, SHAPE, device=device).any()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 50), (37, 2)], ids=str)
+def test_thin_images(device, shape):
+    xy, flux = field(40, shape[::-1])
+    image = ws.deposit(xy, flux, ws.PsfGaussian(0.7), shape, device=device, flux_error=1e-9)
+    assert image.shape == shape and image.dtype == np.float32
+    expected = gaussian_image(xy, flux, 0.7, shape)
+    np.testing.assert_allclose(image, expected, rtol=0, atol=GAUSSIAN_ATOL * flux.sum())
+
+
+def test_fluxes_over_fifteen_decades_in_one_frame(device):
+    flux = np.append(np.logspace(-25, -10, 16), -1e-14)  # a negative one too
+    xy = np.array([[10.3 + 20 * i, 8.6] for i in range(17)])
+    image = ws.deposit(xy, flux, ws.PsfGaussian(0.5), (18, 350), device=device)
+    for (x, y), strength in zip(xy, flux, strict=True):
+        first = int(x) - 9
+        expected = gaussian_image([[x - first, y]], [1.0], 0.5, (18, 19))
+        np.testing.assert_allclose(image[:, first : first + 19] / strength, expected, rtol=0, atol=DEFAULT_ATOL)
+
+
+def test_a_million_sources_in_one_frame(device):
+    rng = np.random.default_rng(SEED)
+    xy, flux = rng.uniform(-2, [34, 26], (1_000_000, 2)), rng.uniform(0, 1, 1_000_000)
+    expected = sum(
+        gaussian_image(xy[k : k + 100_000], flux[k : k + 100_000], 0.7, SHAPE) for k in range(0, 10**6, 100_000)
+    )
+    image = ws.deposit(xy, flux, ws.PsfGaussian(0.7), SHAPE, device=device)
+    np.testing.assert_allclose(image, expected, rtol=SUM_RTOL, atol=0)
+
+
+BAD = {
+    "flat-xy": (([1.0, 2.0], [1.0], SHAPE, 1e-6), r"^xy_px: must have shape \(n, 2\), got \(2,\)$"),
+    "three-columns": (([[1.0, 2.0, 3.0]], [1.0], SHAPE, 1e-6), r"^xy_px: must have shape"),
+    "flux-length": (([[1.0, 2.0]], [1.0, 2.0], SHAPE, 1e-6), r"^flux: must have shape \(1,\) like xy_px, got \(2,\)$"),
+    "nan-xy": (([[np.nan, 2.0]], [1.0], SHAPE, 1e-6), "^xy_px: must be finite"),
+    "inf-flux": (([[1.0, 2.0]], [np.inf], SHAPE, 1e-6), "^flux: must be finite"),
+    "no-rows": (([[1.0, 2.0]], [1.0], (0, 5), 1e-6), r"^shape: must be \(n_row, n_col\)"),
+    "shape-1d": (([[1.0, 2.0]], [1.0], (5,), 1e-6), "^shape: must be"),
+    "flux-error-zero": (([[1.0, 2.0]], [1.0], SHAPE, 0.0), r"^flux_error: must be in \[1e-9, 1\), got 0.0$"),
+    "flux-error-one": (([[1.0, 2.0]], [1.0], SHAPE, 1.0), "^flux_error: must be in"),
+    "flux-error-nan": (([[1.0, 2.0]], [1.0], SHAPE, np.nan), "^flux_error: must be in"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "message"), BAD.values(), ids=BAD)
+def test_bad_input_is_named_in_one_line(arguments, message):
+    xy, flux, shape, flux_error = arguments
+    with pytest.raises(ws.InputError, match=message) as caught:
+        ws.deposit(xy, flux, ws.PsfGaussian(0.5), shape, device="cpu", flux_error=flux_error)
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_device_is_named():
+    with pytest.raises(ws.InputError, match="^device: must be one of cpu"):
+        ws.deposit([[1.0, 2.0]], [1.0], ws.PsfGaussian(0.5), SHAPE, device="tpu")

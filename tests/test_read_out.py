@@ -1,0 +1,257 @@
+"""Read-out: statistics of the noise, its independence, and the counts model against a float64 twin."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import warp as wp
+from scipy import special, stats
+from warpsim_kernels.read_out import read_out_rest_kernel
+
+from warpsim.detector.nei import NeiDetector, read_out_struct
+from warpsim.render import stages
+
+SEED = 0x0123456789ABCDEF
+N_SIGMA = 5.0
+N_SIGMA_TAIL = stats.norm.sf(N_SIGMA)  # one-sided probability behind the gates that are not Gaussian
+KS_GATE = np.sqrt(-0.5 * np.log(N_SIGMA_TAIL))  # sqrt(n) * D exceeds it with probability 2 * N_SIGMA_TAIL
+
+# A gain so fine that the deviates can be read back: half a count is 1.1e-4 sigma, and nothing clips below 7.2 sigma.
+FINE_GAIN, FINE_OFFSET = 4500.0, 32768.0
+FINE = NeiDetector(nei_w_cm2=1e-18, sei_w_cm2=3e-15, bits=16, offset_counts=FINE_OFFSET, counts_per_nei=FINE_GAIN)
+
+COUNTS_RTOL = 4e-7  # six float32 roundings of 6e-8 from signal to counts: where a rounding edge may be missed
+DEVIATE_ATOL = 2e-6  # of the float32 deviates, see normal.py
+TILE_ATOL = 1e-7  # mean difference of a deviate between the two kernels: fused multiply-add contracts them differently
+
+
+def read_out(detector, signal, device, *, frames=None, sensors=None, bands=None, seed=SEED, tiles=True):
+    """Counts of signal (n_view, n_band, n_row, n_col), by the renderer's stage or by the scalar kernel alone."""
+    n_view, n_band, n_row, n_col = signal.shape
+
+    def numbers(values, n):
+        return wp.array(np.arange(n) if values is None else np.asarray(values), dtype=wp.uint32, device=device)
+
+    views = SimpleNamespace(frame=numbers(frames, n_view), sensor=numbers(sensors or [0] * n_view, n_view))
+    world = SimpleNamespace(
+        band_id=numbers(bands, n_band), read_out=read_out_struct(detector, seed), device=wp.get_device(device)
+    )
+    counts = wp.zeros(signal.shape, dtype=wp.uint16, device=device)
+    light = wp.array(signal, dtype=wp.float32, device=device)
+    if tiles:
+        stages.read_out(world, SimpleNamespace(counts=counts, signal_w_cm2=light, views=views))
+    else:
+        inputs = [light.flatten(), views.frame, views.sensor, world.band_id, n_row * n_col, 0, world.read_out]
+        dim = (n_view, n_band, n_row * n_col)
+        wp.launch(read_out_rest_kernel, dim=dim, inputs=inputs, outputs=[counts.flatten()], device=device)
+    return counts.numpy()
+
+
+def deviates(device, shape=(1, 1, 512, 512), **numbers):
+    """Noise in units of its standard deviation."""
+    return (read_out(FINE, np.zeros(shape), device, **numbers).astype(np.float64) - FINE_OFFSET) / FINE_GAIN
+
+
+def twin_words(frame, sensor, band, seed, n_pixel):
+    """64 bits of each pixel, and whether it takes the sine: Philox in NumPy's 64-bit integers."""
+    low = np.uint64(0xFFFFFFFF)
+    c = [np.uint64(x) for x in (frame, sensor, band, 1)]
+    k = [np.uint64(seed) & low, np.uint64(seed) >> np.uint64(32)]
+    for _ in range(10):
+        a, b = np.uint64(0xD2511F53) * c[0], np.uint64(0xCD9E8D57) * c[2]
+        c = [(b >> np.uint64(32)) ^ c[1] ^ k[0], b & low, (a >> np.uint64(32)) ^ c[3] ^ k[1], a & low]
+        k = [(k[0] + np.uint64(0x9E3779B9)) & low, (k[1] + np.uint64(0xBB67AE85)) & low]
+    pixel = np.arange(n_pixel)
+    x, y, key = (pixel // 256 * 128 + pixel % 128).astype(np.uint64), np.full(n_pixel, c[1]), c[0]
+    for _ in range(10):
+        product = np.uint64(0xD256D193) * x
+        x, y = (product >> np.uint64(32)) ^ key ^ y, product & low
+        key = (key + np.uint64(0x9E3779B9)) & low
+    return x, y, pixel % 256 >= 128
+
+
+def twin_deviates(frame, sensor, band, seed, n_pixel):
+    """The same deviates in float64: Box and Muller."""
+    upper, lower, takes_sine = twin_words(frame, sensor, band, seed, n_pixel)
+    turns = ((lower % 2**31) + 0.5) / 2**32 - 0.25 + 0.5 * (lower >> np.uint64(31))
+    angle = 2 * np.pi * turns
+    return np.sqrt(-2 * np.log((upper + 0.5) / 2**32)) * np.where(takes_sine, np.sin(angle), np.cos(angle))
+
+
+def check_gaussian(histogram):
+    """5-sigma gates on a histogram of fine counts."""
+    n = int(histogram.sum())
+    z = (np.arange(65536) - FINE_OFFSET) / FINE_GAIN
+    share = histogram / n
+    mean = share @ z
+    variance, skew, kurtosis = (share @ (z - mean) ** k for k in (2, 3, 4))
+    assert abs(mean) < N_SIGMA / np.sqrt(n)
+    assert abs(variance - 1 - 1 / (12 * FINE_GAIN**2)) < N_SIGMA * np.sqrt(2 / n)
+    assert abs(skew / variance**1.5) < N_SIGMA * np.sqrt(6 / n)
+    assert abs(kurtosis / variance**2 - 3) < N_SIGMA * np.sqrt(24 / n)
+    edge = z + 0.5 / FINE_GAIN
+    distance = np.abs(np.cumsum(share) - special.ndtr(edge)).max()
+    assert distance * np.sqrt(n) < KS_GATE
+    for n_sigma in (4, 5):
+        step = n_sigma * int(FINE_GAIN)
+        for tail in (histogram[: 32768 - step], histogram[32768 + step + 1 :]):  # beyond n_sigma plus half a count
+            expected = n * stats.norm.sf(n_sigma + 0.5 / FINE_GAIN)
+            low, high = stats.poisson.ppf([N_SIGMA_TAIL, 1 - N_SIGMA_TAIL], expected)
+            assert low <= tail.sum() <= high, f"{tail.sum()} draws beyond {n_sigma} sigma, expected {expected:.1f}"
+
+
+def histogram_of(device, n_frame):
+    """Histogram of n_frame frames of 1e6 pixels, 10 at a time."""
+    total = np.zeros(65536, dtype=np.int64)
+    for first in range(0, n_frame, 10):
+        counts = read_out(FINE, np.zeros((10, 1, 1000, 1000)), device, frames=np.arange(first, first + 10))
+        total += np.bincount(counts.ravel(), minlength=65536)
+    return total
+
+
+def test_noise_is_gaussian_over_1e8_draws(device):
+    check_gaussian(histogram_of(device, 100))
+
+
+@pytest.mark.slow
+def test_noise_is_gaussian_over_1e9_draws(device):
+    check_gaussian(histogram_of(device, 1000))
+
+
+def test_each_half_of_a_tile_is_gaussian(device):
+    tiles = read_out(FINE, np.zeros((40, 1, 512, 512)), device).reshape(-1, 2, 128)
+    for half in range(2):
+        check_gaussian(np.bincount(tiles[:, half].ravel(), minlength=65536))
+
+
+WITHIN_ONE_IMAGE = {
+    "columns": lambda z: (z[:, :-1], z[:, 1:]),
+    "rows": lambda z: (z[:-1], z[1:]),
+    "diagonal": lambda z: (z[:-1, :-1], z[1:, 1:]),
+    "pair-halves": lambda z: (z.reshape(-1, 2, 128)[:, 0], z.reshape(-1, 2, 128)[:, 1]),
+    "neighbouring-tiles": lambda z: (z.reshape(-1, 256)[:-1], z.reshape(-1, 256)[1:]),
+    "halves-of-the-image": lambda z: (z[: len(z) // 2], z[len(z) // 2 :]),
+}
+
+
+def assert_uncorrelated(a, b):
+    """Neither the deviates nor their squares (a shared radius would show there) nor their signs are correlated."""
+    a, b = np.ravel(a), np.ravel(b)
+    gate = N_SIGMA / np.sqrt(len(a))
+    assert abs(np.corrcoef(a, b)[0, 1]) < gate
+    assert abs(np.corrcoef(a * a, b * b)[0, 1]) < gate
+    assert abs(np.corrcoef(a * a, b)[0, 1]) < gate
+
+
+@pytest.mark.parametrize("pairs", WITHIN_ONE_IMAGE.values(), ids=WITHIN_ONE_IMAGE)
+def test_pixels_of_one_image_are_independent(device, pairs):
+    assert_uncorrelated(*pairs(deviates(device, (1, 1, 1024, 1024))[0, 0]))
+
+
+OTHER_IMAGE = {
+    "next-frame": {"frames": [8]},
+    "far-frame": {"frames": [7 + 2**31]},
+    "sensor": {"sensors": [1]},
+    "band": {"bands": [1]},
+    "frame-and-sensor-swapped": {"frames": [0], "sensors": [7]},
+    "seed-low-word": {"seed": SEED + 1},
+    "seed-high-word": {"seed": SEED + 2**32},
+    "seed-words-swapped": {"seed": 0x89ABCDEF01234567},
+}
+
+
+@pytest.mark.parametrize("other", OTHER_IMAGE.values(), ids=OTHER_IMAGE)
+def test_images_are_independent(device, other):
+    first = deviates(device, (1, 1, 1024, 1024), frames=[7])
+    assert_uncorrelated(first, deviates(device, (1, 1, 1024, 1024), **{"frames": [7], **other}))
+
+
+def test_an_image_does_not_depend_on_its_batch(device):
+    batch = read_out(FINE, np.zeros((3, 2, 40, 60)), device, frames=[4, 2, 9], sensors=[1, 0, 5], bands=[3, 1])
+    alone = read_out(FINE, np.zeros((1, 1, 40, 60)), device, frames=[2], sensors=[0], bands=[1])
+    np.testing.assert_array_equal(batch[1, 1], alone[0, 0])
+
+
+SHAPES = [(1, 1), (3, 5), (127, 129), (128, 128), (16, 16), (1, 257), (300, 70)]
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda s: f"{s[0]}x{s[1]}")
+def test_tiles_and_single_pixels_give_the_same_noise(device, shape):
+    signal = np.random.default_rng(5).uniform(-2e-18, 6e-18, (2, 3, *shape))
+    whole = read_out(FINE, signal, device, bands=[4, 0, 2]).astype(np.int64).reshape(6, -1)
+    single = read_out(FINE, signal, device, bands=[4, 0, 2], tiles=False).astype(np.int64).reshape(6, -1)
+    n_tiled = whole.shape[1] // 256 * 256
+    np.testing.assert_array_equal(whole[:, n_tiled:], single[:, n_tiled:])
+    difference = np.abs(whole - single)[:, :n_tiled]
+    assert difference.max(initial=0) <= 1
+    # A deviate that moves by d crosses a rounding edge with probability FINE_GAIN * d.
+    expected = difference.size * FINE_GAIN * TILE_ATOL
+    assert difference.sum() <= expected + N_SIGMA * np.sqrt(expected)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda s: f"{s[0]}x{s[1]}")
+def test_deviates_are_those_of_the_float64_twin(device, shape):
+    z = deviates(device, (1, 1, *shape), frames=[3], sensors=[11], bands=[5]).ravel()
+    expected = twin_deviates(3, 11, 5, SEED, z.size)
+    rounding = (0.5 + COUNTS_RTOL * 65535) / FINE_GAIN
+    np.testing.assert_allclose(z, expected, rtol=0, atol=rounding + DEVIATE_ATOL)
+
+
+def check_counts(detector, signal, device):
+    """Counts equal the float64 model, save one count where the model lies on a rounding edge."""
+    counts = read_out(detector, signal, device, frames=[6], sensors=[2], bands=[1])[0, 0].ravel().astype(np.int64)
+    z = twin_deviates(6, 2, 1, SEED, counts.size)
+    light = signal.astype(np.float32).astype(np.float64).ravel()
+    nei, sei, gain = detector.nei_w_cm2, detector.sei_w_cm2, detector.counts_per_nei
+    level = np.minimum(light / nei + z, sei / nei)
+    free = level * gain + detector.offset_counts + 0.5
+    real = np.clip(free, 0, 2**detector.bits - 1)
+    unsure = COUNTS_RTOL * (np.abs(level) * gain + detector.offset_counts) + DEVIATE_ATOL * gain
+    near = (np.abs(free - np.round(free)) < unsure) & (free > 0.5) & (free < 2**detector.bits - 0.5)
+    np.testing.assert_array_equal(counts[~near], np.floor(real[~near]))
+    assert np.abs(counts - np.floor(real)).max() <= 1
+    return counts, near
+
+
+@pytest.mark.parametrize("bits", range(1, 17))
+def test_counts_at_every_depth(device, bits):
+    top = 2**bits
+    detector = NeiDetector(1e-18, 3e-15, bits=bits, offset_counts=top / 4, counts_per_nei=top / 16)
+    signal = np.random.default_rng(bits).uniform(0, 14e-18, (1, 1, 64, 100))
+    counts, near = check_counts(detector, signal, device)
+    assert counts.max() == top - 1 and counts.min() >= 0
+    assert near.mean() < 0.08  # the exact comparison covers nearly all
+
+
+def test_counts_clip_at_the_saturation_irradiance(device):
+    detector = NeiDetector(1e-18, 3e-17, bits=14, offset_counts=100.0, counts_per_nei=5.0)
+    signal = np.full((1, 1, 40, 40), 1e6 * 3e-17)
+    counts, _ = check_counts(detector, signal, device)
+    assert (counts == 250).all()  # 100 + 5 * 30: saturated pixels show no noise
+
+
+def test_full_well_above_the_converter_reads_its_top(device):
+    detector = NeiDetector(1e-18, 3e-15, bits=12, offset_counts=100.0, counts_per_nei=5.0)
+    counts = read_out(detector, np.full((1, 1, 40, 40), 1e6 * 3e-15), device)
+    assert (counts == 4095).all()
+
+
+def test_counts_over_fifteen_decades_never_wrap(device):
+    detector = NeiDetector(1e-18, 3e-15, bits=16, offset_counts=100.0, counts_per_nei=20.0)
+    signal = np.logspace(-25, -10, 128 * 64).reshape(1, 1, 64, 128)
+    counts, _ = check_counts(detector, signal, device)
+    assert (counts[signal.ravel() > 3.1e-15] == 60100).all()  # 100 + 20 * 3000
+    assert (np.abs(counts[signal.ravel() < 1e-21] - 100) < 20 * 6.77).all()
+
+
+def test_blank_sky_without_offset_clips_at_zero(device):
+    detector = NeiDetector(1e-18, 3e-15, bits=14, offset_counts=0.0, counts_per_nei=5.0)
+    counts, _ = check_counts(detector, np.zeros((1, 1, 64, 64)), device)
+    assert 0.4 < np.mean(counts == 0) < 0.7
+    assert counts.max() < 40
+
+
+def test_infinite_signal_saturates(device):
+    detector = NeiDetector(1e-18, 3e-17, bits=14, offset_counts=100.0, counts_per_nei=5.0)
+    counts = read_out(detector, np.full((1, 1, 1, 3), 3e38), device)  # signal / NEI overflows to infinity
+    assert (counts == 250).all()

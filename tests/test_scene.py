@@ -1,0 +1,233 @@
+"""Scenes: validation, files, derived tracks."""
+
+import json
+
+import astropy.units as u
+import numpy as np
+import pytest
+from astropy.time import Time
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import warpsim as ws
+from warpsim.scene.files import to_toml
+
+TRACK_M = 1e-3
+"""Interpolation between nodes."""
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return ws.Scene.load("stss")
+
+
+def test_presets():
+    assert ws.presets() == ["stss"]
+
+
+def test_stss_is_the_papers_scene(scene):
+    """Tables 3 to 6."""
+    walker = scene.constellation
+    assert (walker.n_satellite, walker.n_plane, walker.phasing) == (28, 4, 2)
+    assert (walker.altitude_km, walker.inclination_deg) == (1598.0, 78.0)
+    assert (scene.camera.n_row, scene.camera.n_col, scene.camera.fov_deg) == (128, 128, 1.0)
+    assert scene.optics.aperture_m == 0.4
+    assert (scene.detector.nei_w_cm2, scene.detector.sei_w_cm2) == (1e-18, 3e-15)
+    assert scene.detector.dynamic_range == pytest.approx(3000)
+    rules = scene.access_rules
+    assert (rules.max_range_km, rules.min_elevation_deg) == (6000.0, -32.0)
+    assert (rules.min_grazing_altitude_km, rules.min_solar_exclusion_deg) == (250.0, 60.0)
+    assert len(scene.target_names) == 30
+    assert scene.target_names[0] == "center"
+    assert scene.duration_s == scene.trajectory.duration_s == 1614.0
+    main, sphere, cylinder, cone = scene.targets
+    assert main.shape == cone.shape == ws.Cone(0.25, 1.0)
+    assert sphere.shape == ws.Sphere(0.5)
+    assert cylinder.shape == ws.Cylinder(0.25, 1.0)
+    assert [spec.surface.reflectance for spec in scene.targets] == [0.9, 0.95, 0.9, 0.85]
+    assert main.attitude.precession_rev_s == 1.0
+    assert (cone.attitude.precession_rev_s, cone.attitude.precession_angle_deg) == (5.0, 10.0)
+    assert {(t.temperature.start_k, t.temperature.end_k) for t in scene.targets} == {(350.0, 328.0)}
+    # Blank sky at least five sigma above count 0; 3,000 NEI within 14 bits.
+    assert scene.detector.offset_counts >= 5 * scene.detector.counts_per_nei
+    assert scene.detector.offset_counts + 3000 * scene.detector.counts_per_nei < 2**14
+
+
+@pytest.mark.parametrize("ending", ["toml", "json"])
+def test_saved_scenes_load_back_equal(scene, tmp_path, ending):
+    path = tmp_path / f"scene.{ending}"
+    changed = scene.replace(seed=2**63 - 1, detector__nei_w_cm2=1.1e-18, description='quotes " and \\ and ü')
+    changed.save(path)
+    assert ws.Scene.load(path) == changed
+    assert sorted(tmp_path.iterdir()) == [path]
+
+
+def test_epoch_may_be_a_toml_date_time(scene, tmp_path):
+    path = tmp_path / "scene.toml"
+    scene.save(path)
+    text = path.read_text()
+    for bare in ("2025-01-01T14:00:00Z", "2025-01-01T14:00:00"):
+        path.write_text(text.replace('"2025-01-01T14:00:00"', bare))
+        assert ws.Scene.load(path).epoch == scene.epoch
+
+
+plain = st.recursive(
+    st.one_of(
+        st.booleans(),
+        st.integers(-(2**63), 2**63 - 1),
+        st.floats(allow_nan=False),
+        st.text(st.characters(blacklist_categories=["Cs"])),
+    ),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=3), st.dictionaries(st.from_regex(r"\A[a-z_]{1,6}\Z"), inner, max_size=3)
+    ),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.dictionaries(st.from_regex(r"\A[a-z_]{1,6}\Z"), plain, max_size=4))
+def test_toml_text_reads_back_equal(data):
+    import tomllib
+
+    assert tomllib.loads(to_toml(data)) == data
+
+
+def test_scenes_do_not_change(scene):
+    with pytest.raises(AttributeError):
+        scene.seed = 3
+    with pytest.raises(AttributeError):
+        scene.camera.n_row = 3
+    other = scene.replace(camera__n_row=64)
+    assert (scene.camera.n_row, other.camera.n_row) == (128, 64)
+    assert json.dumps(scene.to_dict())
+
+
+def test_quantities_are_converted_once(scene):
+    assert ws.Camera(128, 128, fov_deg=60 * u.arcmin) == scene.camera
+    assert ws.Sphere(50 * u.cm) == ws.Sphere(0.5)
+    assert ws.Walker(28, 4, 2, 1.598e6 * u.m, 78 * u.deg).altitude_km == pytest.approx(1598)
+    with pytest.raises(ws.InputError, match=r"Sphere: radius_m: must be convertible to m, got <Quantity 1. s>"):
+        ws.Sphere(1 * u.s)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ws.Camera(128, 128), "Camera: give either fov_deg, or focal_length_m and pixel_pitch_m"),
+        (lambda: ws.Camera(128, 128, fov_deg=1, pixel_pitch_m=1e-5), "Camera: give either"),
+        (lambda: ws.Camera(2**16, 2**16, fov_deg=1), r"n_row \* n_col: must be below 2\*\*31"),
+        (lambda: ws.Camera(0, 128, fov_deg=1), "Camera: n_row: must be >= 1, got 0"),
+        (lambda: ws.PsfGaussian(0.0), "PsfGaussian: sigma_px: must be in"),
+        (lambda: ws.NeiDetector(1e-18, 3e-15, bits=20), "NeiDetector: bits: must be in"),
+        (lambda: ws.NeiDetector(1e-18), "NeiDetector: sei_w_cm2: is required"),
+        (lambda: ws.Cone(1.0), "Cone: height_m: is required"),
+        (lambda: ws.Cone(1.0, 2.0, colour=3), "Cone: colour: is not a known field"),
+    ],
+)
+def test_parts_say_what_is_wrong(make, message):
+    with pytest.raises(ws.InputError, match=message) as caught:
+        make()
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"frames__count": 163}, "frames: the last frame must be within duration_s"),
+        ({"bands": ["A", "A"]}, "bands: must not repeat"),
+        ({"bands": []}, "bands: must name at least one"),
+        ({"targets": []}, "targets: must hold at least the main target"),
+        ({"seed": -1}, r"seed: must be in"),
+        ({"camera__n_colour": 3}, "camera.n_colour: is not a known field"),
+        ({"nothing__at_all": 3}, "nothing.at_all: is not a known field"),
+        ({"optics__aperture_m": 100.0}, "optics: in band A: PsfAiry: radius_px"),
+        ({"release__speed_m_s": [5, 2]}, "release.speed_m_s: must be"),
+        ({"trajectory__epoch_utc": "2000-01-01T00:00:00"}, "trajectory.epoch_utc: must equal"),
+    ],
+)
+def test_scenes_say_what_is_wrong(scene, changes, message):
+    with pytest.raises(ws.InputError, match=message) as caught:
+        scene.replace(**changes)
+    assert "\n" not in str(caught.value)
+
+
+def test_emissivity_and_reflectance_must_agree(scene):
+    data = scene.to_dict()
+    data["targets"][0]["surface"] = {"reflectance": 0.9, "emissivity": 0.2}
+    with pytest.raises(ws.InputError, match=r"targets\[0\]\.surface: emissivity \+ reflectance: must be 1"):
+        ws.Scene.from_dict(data)
+    data["targets"][0]["surface"] = {"emissivity": 0.1}
+    assert ws.Scene.from_dict(data).targets[0].surface.emissivity_value == pytest.approx(0.1)
+
+
+def test_epoch_and_positions(scene):
+    assert scene.epoch == Time("2025-01-01T14:00:00", scale="utc")
+    times = np.array([0.0, 3.7, 800.0, 1614.0])
+    np.testing.assert_allclose(
+        scene.position_m("center", times), scene.trajectory.position_m(times), rtol=0, atol=TRACK_M
+    )
+    radius = np.linalg.norm(scene.position_m("sat11", times), axis=1)
+    # Circular at the epoch; J2 then moves the radius by some kilometres.
+    assert radius[0] == pytest.approx(6378137 + 1598e3, abs=TRACK_M)
+    assert np.all(np.abs(radius - radius[0]) < 10e3)
+    assert np.linalg.norm(scene.position_m("sun", [0.0])[0]) == pytest.approx(1.471e11, rel=1e-3)  # January
+    with pytest.raises(ws.InputError, match="must be a sensor, a target or 'sun'"):
+        scene.position_m("moon", [0.0])
+    with pytest.raises(ws.InputError, match="sat11: time_s"):
+        scene.position_m("sat11", [1e5])
+
+
+def test_the_group_leaves_at_2_to_5_m_s(scene):
+    first, later = (np.stack([scene.position_m(name, [t])[0] for name in scene.target_names]) for t in (0.0, 10.0))
+    assert np.abs(first - first[0]).max() < TRACK_M
+    speed = np.linalg.norm((later - later[0])[1:], axis=1) / 10
+    assert speed.min() > 1.99
+    assert speed.max() < 5.01
+    assert speed.std() > 0.3
+
+
+def test_tracks_are_interpolated_to_a_millimetre(scene):
+    assert scene.tracks.error_m < TRACK_M
+    assert scene.tracks.step_s > 5
+
+
+def test_access_table(scene):
+    table = scene.access()
+    assert table.colnames == ["sensor", "start_s", "end_s"]
+    assert len(set(table["sensor"])) == 10
+    for row in table:
+        middle = (row["start_s"] + row["end_s"]) / 2
+        assert scene.has_access(row["sensor"], [middle])[0]
+        number = scene.sensor_names.index(row["sensor"])
+        for edge, outward in ((row["start_s"], -1), (row["end_s"], 1)):
+            inside = [margin[number, 0] for margin in scene.access_margins([edge]).values()]
+            outside = [margin[number, 0] for margin in scene.access_margins([edge + outward * 2e-3]).values()]
+            assert min(inside) > -1e-6
+            assert min(outside) < 0
+
+
+def test_import_is_light():
+    """`import warpsim` loads NumPy and Warp at the most; the rest comes with first use."""
+    import subprocess
+    import sys
+
+    heavy = "pydantic", "astropy.coordinates", "OpenImageIO", "matplotlib", "skyfield", "scipy"
+    code = f"import sys, warpsim; print([m for m in {heavy!r} if m in sys.modules])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=_environment())
+    assert out.stdout.strip() == "[]"
+
+
+def _environment():
+    import os
+    from pathlib import Path
+
+    root = Path(__file__).parents[1]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(str(root / p) for p in (".", "kernels", "catalogs"))}
+
+
+def test_every_public_name_exists():
+    for name in ws.__all__:
+        assert getattr(ws, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        ws.nonsense  # noqa: B018
