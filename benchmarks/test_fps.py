@@ -3,8 +3,8 @@
     python -m pytest benchmarks/test_fps.py --benchmark-json=benchmarks/results/fps.json
     python benchmarks/report.py benchmarks/results/fps.json
 
-Each round renders other frames of `stss`, 10 ms apart: aim, star query, 30 targets, deposit, fresh noise, 14-bit uint16.
-Kernels are compiled and buffers warm before the clock starts. Beside its time each case carries the error of its point
+Each round renders other frames of `stss`, 10 ms apart: aim, star query, 30 targets, deposit, fresh noise, 14-bit
+uint16. Kernels are compiled and buffers warm before the clock starts. Beside its time each case carries the error of its point
 spread function: the worst pixel of a unit source against float64 quadrature.
 """
 

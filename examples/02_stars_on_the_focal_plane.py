@@ -52,7 +52,8 @@ def main(output: Path, quick: bool = False) -> None:
     axes.scatter(targets["x_px"].mean(), targets["y_px"].mean(), s=900, marker="s", facecolors="none", edgecolors="C0")
     axes.coords.grid(color="grey", alpha=0.4, linestyle=":")
     axes.set(xlabel="right ascension (apparent, ICRS axes)", ylabel="declination")
-    axes.set_title(f"{SENSOR}, {frames.time_s[0]:g} s, band {BAND}: stars above {FAINTEST_NEI:g} NEI (red), targets (blue)")
+    when = f"{SENSOR}, {frames.time_s[0]:g} s, band {BAND}"
+    axes.set_title(f"{when}: stars above {FAINTEST_NEI:g} NEI (red), targets (blue)")
     figure.colorbar(image, shrink=0.8, label="signal [NEI]")
     figure.savefig(output, dpi=150)
 

@@ -52,10 +52,11 @@ def main(output: Path, quick: bool = False) -> None:
         left.plot(*long[name], ".", markersize=2.5, label=label)
         right.plot(*short[name], label=label)
         print(f"{name:10s} SNR {min(long[name][1]):6.2f} to {max(long[name][1]):6.2f}")
-    left.set(xlabel="time after the epoch [s]", ylabel=f"SNR, band {BAND}", title=f"{SENSOR}: whole access, every {long_step_s:g} s")
-    right.set(xlabel="time after the epoch [s]", title=f"{SENSOR}: micromotion, every {short_step_s:g} s")
+    left.set(ylabel=f"SNR, band {BAND}", title=f"{SENSOR}: whole access, every {long_step_s:g} s")
+    right.set(title=f"{SENSOR}: micromotion, every {short_step_s:g} s")
     left.legend(markerscale=4)
     for axes in (left, right):
+        axes.set_xlabel("time after the epoch [s]")
         axes.set_ylim(bottom=0)
         axes.grid(alpha=0.3)
     figure.savefig(output, dpi=150)

@@ -17,9 +17,10 @@ GAUSSIAN_ATOL = 2e-7  # float32 offsets, error functions and products, per unit 
 DEFAULT_ATOL = 1e-6  # truncation included: what flux_error's default promises
 AIRY_ATOL = 1e-6  # table interpolation and wing, per unit flux
 ORACLE_ATOL = 1e-9  # the Airy quadrature's own error, checked by doubling its order
-WIDE_RTOL = 2e-6  # shares of wide Gaussians against the peak: differences of error functions of close arguments
+WIDE_RTOL = 1e-5  # against the peak: per axis, two float32 error functions rounded to 3e-8 leave a share of 8e-3
 CLOSURE_ATOL = 1e-6  # a stamp and what the oracle says lies outside it
-SUM_RTOL = 2e-5  # a million float32 additions, a hundred thousand per pixel
+
+UNDERFLOW = 1e-37  # float32 holds fewer digits below
 
 SIGMAS_PX = [0.01, 0.03, 0.064, 0.35, 0.7, 2.0, 5.0, 50.0]
 AIRY_RADII_PX = [0.03, 0.185, 0.478, 1.5, 4.0, 10.0]
@@ -184,7 +185,7 @@ def field(n=60, span=(32, 24)):
 def test_whole_pixel_shift_moves_the_image_bit_by_bit(device, psf):
     xy, flux = field()
     image = ws.deposit(xy, flux, psf, (60, 70), device=device)
-    moved = ws.deposit(xy + [9.0, 14.0], flux, psf, (60, 70), device=device)
+    moved = ws.deposit(np.add(xy, [9.0, 14.0]), flux, psf, (60, 70), device=device)
     np.testing.assert_array_equal(moved[14:, 9:], image[:-14, :-9])
 
 
@@ -207,7 +208,8 @@ def test_linear_in_flux_and_independent_of_order(device, psf):
     atol = GAUSSIAN_ATOL * flux.sum()
     np.testing.assert_allclose(halves[0] + halves[1], whole, rtol=0, atol=atol)
     np.testing.assert_allclose(ws.deposit(xy[::-1], flux[::-1], psf, SHAPE, device=device), whole, rtol=0, atol=atol)
-    np.testing.assert_array_equal(ws.deposit(xy, flux * -(2.0**40), psf, SHAPE, device=device), whole * -(2.0**40))
+    scaled = ws.deposit(xy, flux * -(2.0**40), psf, SHAPE, device=device) / -(2.0**40)
+    np.testing.assert_allclose(scaled, whole, rtol=2.0**-23, atol=UNDERFLOW)
 
 
 @every_psf
@@ -254,14 +256,26 @@ def test_fluxes_over_fifteen_decades_in_one_frame(device):
         np.testing.assert_allclose(image[:, first : first + 19] / strength, expected, rtol=0, atol=DEFAULT_ATOL)
 
 
-def test_a_million_sources_in_one_frame(device):
-    rng = np.random.default_rng(SEED)
-    xy, flux = rng.uniform(-2, [34, 26], (1_000_000, 2)), rng.uniform(0, 1, 1_000_000)
-    expected = sum(
-        gaussian_image(xy[k : k + 100_000], flux[k : k + 100_000], 0.7, SHAPE) for k in range(0, 10**6, 100_000)
+def light_in_reach(xy_px, flux, half_width_px, shape):
+    """Flux of all sources whose stamp may hold each pixel."""
+    rows, columns = (
+        np.abs(np.arange(n) - np.floor(xy_px[:, axis, None] + 0.5)) <= half_width_px
+        for n, axis in ((shape[0], 1), (shape[1], 0))
     )
-    image = ws.deposit(xy, flux, ws.PsfGaussian(0.7), SHAPE, device=device)
-    np.testing.assert_allclose(image, expected, rtol=SUM_RTOL, atol=0)
+    return (rows * flux[:, None]).T @ columns
+
+
+def test_a_million_sources_in_one_frame(device):
+    """A thousand a pixel: the float32 sum still errs by less than each source may by itself."""
+    rng = np.random.default_rng(SEED)
+    expected, allowed, lists = np.zeros(SHAPE), np.zeros(SHAPE), []
+    for _ in range(10):
+        xy, flux = rng.uniform(-2, [34, 26], (100_000, 2)), rng.uniform(0, 1, 100_000)
+        expected += gaussian_image(xy, flux, 0.7, SHAPE)
+        allowed += DEFAULT_ATOL * light_in_reach(xy, flux, 4, SHAPE)
+        lists.append((xy, flux))
+    image = ws.deposit(*map(np.concatenate, zip(*lists, strict=True)), ws.PsfGaussian(0.7), SHAPE, device=device)
+    assert (np.abs(image - expected) / allowed).max() <= 1
 
 
 BAD = {
@@ -287,5 +301,5 @@ def test_bad_input_is_named_in_one_line(arguments, message):
 
 
 def test_unknown_device_is_named():
-    with pytest.raises(ws.InputError, match="^device: must be one of cpu"):
+    with pytest.raises(ws.InputError, match=r"^device: must be one of cpu"):
         ws.deposit([[1.0, 2.0]], [1.0], ws.PsfGaussian(0.5), SHAPE, device="tpu")

@@ -21,10 +21,12 @@ if TYPE_CHECKING:
     from warpsim.orbit.access import AccessConstraints as AccessConstraints
     from warpsim.orbit.arc import BallisticArc as BallisticArc
     from warpsim.orbit.walker import Walker as Walker
+    from warpsim.output.fits_cube import read_cube as read_cube
     from warpsim.output.run import render_to_folder as render_to_folder
     from warpsim.render.deposit import deposit as deposit
     from warpsim.render.frameset import FrameSet as FrameSet
     from warpsim.render.renderer import Renderer as Renderer
+    from warpsim.render.speed import measure_fps as measure_fps
     from warpsim.scene.files import presets as presets
     from warpsim.scene.scene import Scene as Scene
     from warpsim.sky.apparent import apparent_direction as apparent_direction
@@ -44,6 +46,8 @@ _HOME = {
     "Renderer": "warpsim.render.renderer",
     "FrameSet": "warpsim.render.frameset",
     "render_to_folder": "warpsim.output.run",
+    "read_cube": "warpsim.output.fits_cube",
+    "measure_fps": "warpsim.render.speed",
     "StarCatalog": "warpsim.sky.catalog",
     "BandIndex": "warpsim.sky.band_index",
     "apparent_direction": "warpsim.sky.apparent",

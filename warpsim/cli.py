@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import ctypes.util
+import os
 import sys
 from collections.abc import Callable, Sequence
 
@@ -14,12 +16,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser()
     options = parser.parse_args(arguments)
     try:
-        _quiet_warp()
         command: Callable[[argparse.Namespace], int] = options.command
         return command(options)
     except InputError as error:
         print(f"warpsim: {error}", file=sys.stderr)
         return 2
+    except BrokenPipeError:  # the reader of a pipe has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except OSError as error:  # a full disk, say
         print(f"warpsim: {error}", file=sys.stderr)
         return 1
@@ -64,11 +68,27 @@ def _add_scene(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE", help="preset name (stss), or path of a .toml or .json file")
 
 
-def _quiet_warp() -> None:
-    """Keep Warp's start-up and compile messages out of the output."""
+def _start_warp() -> None:
+    """Start Warp without its messages: the report is for a person.
+
+    On a machine without an NVIDIA driver Warp's native part warns on the error stream at every start; that such a
+    machine has no CUDA is known, so the stream is closed to it for that moment.
+    """
     import warp as wp
 
     wp.config.log_level = wp.LOG_ERROR
+    if ctypes.util.find_library("cuda") is not None:
+        wp.init()
+        return
+    sys.stderr.flush()
+    kept = os.dup(2)
+    try:
+        with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
+            os.dup2(nowhere.fileno(), 2)
+            wp.init()
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def _render(options: argparse.Namespace) -> int:
@@ -76,6 +96,7 @@ def _render(options: argparse.Namespace) -> int:
     from warpsim.scene.scene import Scene
 
     scene = Scene.load(options.scene)
+    _start_warp()
     report = render_to_folder(
         scene,
         options.output,
@@ -114,6 +135,7 @@ def _check(options: argparse.Namespace) -> int:
 def _bench(options: argparse.Namespace) -> int:
     from warpsim.render.speed import PAPER_FPS, measure_fps
 
+    _start_warp()
     print("One sensor, one band of stss, fresh noise, result in host memory (median of 7)")
     print(f"{'pixels':>10} {'frames/s':>10} {'paper':>7} {'ratio':>7}")
     for n_pixel, paper in PAPER_FPS.items():

@@ -30,8 +30,9 @@ def cone_area_m2(radius_m: wp.float64, height_m: wp.float64, cosine: wp.float64,
     tall = height_m * sine
     if tall <= flat:
         return _PI * radius_m * flat  # the apex lies inside the base's outline
-    cut = flat / tall
-    return radius_m * (flat * (_PI - wp.acos(cut)) + wp.sqrt((tall - flat) * (tall + flat)))
+    # atan2 of the same root, not acos(flat / tall): next to the half-angle the two terms must cancel.
+    root = wp.sqrt((tall - flat) * (tall + flat))
+    return radius_m * (flat * (_PI - wp.atan2(root, flat)) + root)
 
 
 @wp.func

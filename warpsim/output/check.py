@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from warpsim.render.world import load_catalog
 from warpsim.scene.scene import Scene
 
 
 def scene_report(scene: Scene) -> str:
-    """A few lines about a valid scene: size, orbits, access, and why frames would be empty."""
+    """A few lines about a valid scene: size, orbits, access, and why frames would be empty.
+
+    Raises:
+        InputError: The star catalog cannot be read.
+    """
     camera, detector = scene.camera, scene.detector
+    n_star = len(load_catalog(scene))
     n_target, n_sensor = len(scene.target_names), len(scene.sensor_names)
     lines = [
         f"{scene.name}: valid. {n_sensor} sensors, {n_target} targets, bands {' '.join(scene.bands)}",
@@ -18,6 +24,7 @@ def scene_report(scene: Scene) -> str:
         f"  camera     {camera.n_row} x {camera.n_col} pixels, "
         f"{np.degrees(1 / camera.focal_px) * 3600:.2f} arcsec per pixel",
         f"  detector   NEI {detector.nei_w_cm2:g}, SEI {detector.sei_w_cm2:g} W/cm2, {detector.bits} bits",
+        f"  sky        {n_star:,} stars, catalog {scene.sky.catalog}",
         f"  orbits     nodes every {scene.tracks.step_s:g} s, interpolation error {scene.tracks.error_m * 1e3:.2g} mm",
     ]
     if detector.offset_counts < 5 * detector.counts_per_nei:

@@ -83,6 +83,11 @@ class CubeWriter:
         times = (self._scene.epoch.tai + TimeDelta(np.asarray(table["TIME_S"]), format="sec")).utc
         times.precision = 6
         table.add_column(np.asarray(times.isot), index=2, name="DATE_OBS")
+        table["TIME_S"].unit = "s"
+        for name in _WCS_KEYS[:2]:
+            table[name].unit = "deg"
+        for name in _WCS_KEYS[4:]:
+            table[name].unit = "deg / pix"
         extension = fits.table_to_hdu(table)
         extension.name = "FRAMES"
         extension.header["RADESYS"] = "ICRS"
@@ -131,9 +136,11 @@ def _header(scene: Scene, sensor: str, band: str, n_frame: int) -> Any:
         ("BZERO", 32768, "unsigned 16-bit"),
         ("BUNIT", "adu", "counts"),
         ("SCENE", scene.name, ""),
+        ("TELESCOP", sensor, "satellite"),
         ("SENSOR", sensor, ""),
         ("FILTER", band, "spectral band"),
-        ("EPOCH-0", scene.epoch_utc, "UTC instant of TIME_S = 0"),
+        ("TIMESYS", "UTC", ""),
+        ("DATEREF", scene.epoch_utc, "instant of TIME_S = 0"),
         ("NEI", detector.nei_w_cm2, "[W/cm2] noise equivalent irradiance"),
         ("SEI", detector.sei_w_cm2, "[W/cm2] saturation equivalent irradiance"),
         ("OFFSET", detector.offset_counts, "[adu] blank sky"),

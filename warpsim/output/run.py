@@ -47,7 +47,7 @@ class RunReport:
     n_image_rendered: int
     """Less than n_image when an earlier run had done some."""
     render_s: float
-    """Time spent rendering, without files."""
+    """Time spent rendering, without files and without compiling kernels."""
     total_s: float
     bands: list[str]
 
@@ -130,6 +130,10 @@ def render_to_folder(
     (target / _PARTS).mkdir(exist_ok=True)
     planned = {plan.cube_path(sensor, band).name: None for sensor in plan.frames_of for band in plan.bands}
     write_json({"key": plan.key, "files": planned}, target / _PARTS / "run.json")
+
+    # A first frame, thrown away, compiles the kernels: the speed told at the end is that of rendering.
+    sensor, numbers = next(iter(plan.frames_of.items()))
+    renderer.render(numbers[:1], sensors=[sensor], bands=plan.bands)
 
     n_image, n_done, render_s = 0, 0, 0.0
     with _progress_bar(plan, progress) as advance:

@@ -10,7 +10,10 @@ import warp as wp
 from warpsim.render.world import World
 
 SIGNAL_BYTES_PER_CHUNK = 8 * 2**20
-"""Signal that one worker holds at a time; small enough to stay in the cache between deposit and read-out."""
+"""Signal that one CPU worker holds at a time; small enough to stay in the cache between deposit and read-out."""
+
+SIGNAL_BYTES_PER_CHUNK_CUDA = 512 * 2**20
+"""The same on CUDA, where a launch should be large."""
 
 
 @dataclass(frozen=True)
@@ -120,6 +123,7 @@ def part_of(arrays: Any, first: int, end: int) -> Any:
     return type(arrays)(*(getattr(arrays, field.name)[first:end] for field in fields(arrays)))
 
 
-def views_per_chunk(n_band: int, n_pixel: int) -> int:
+def views_per_chunk(world: World, n_pixel: int) -> int:
     """Views whose signal fits the chunk's share of memory; at least one."""
-    return max(1, SIGNAL_BYTES_PER_CHUNK // (4 * n_band * n_pixel))
+    share = SIGNAL_BYTES_PER_CHUNK_CUDA if world.device.is_cuda else SIGNAL_BYTES_PER_CHUNK
+    return max(1, share // (4 * world.n_band * n_pixel))

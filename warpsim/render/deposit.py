@@ -31,8 +31,9 @@ def deposit(
         psf: PsfGaussian or PsfAiry.
         shape: (n_row, n_col).
         device: Warp device; CUDA where present when left out.
-        flux_error: No pixel is off by more than this fraction of a source's flux, truncation included (float32
-            rounding adds up to 2e-7). What falls outside the frame is absent; nothing is renormalised.
+        flux_error: No pixel is off by more than this fraction of a source's flux, truncation included; below 2e-7
+            float32 rounding decides, and below 1e-6 the table of an Airy pattern. What falls outside the frame is
+            absent; nothing is renormalised.
 
     Returns:
         Image in the unit of flux, shape (n_row, n_col), float32.

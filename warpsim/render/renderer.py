@@ -141,6 +141,8 @@ class Renderer:
 
     def checked_frames(self, frames: Iterable[int]) -> list[int]:
         """Frame numbers as a list of int; InputError when one is no frame of the scene."""
+        if isinstance(frames, int | np.integer):
+            raise InputError(f"frames: must be a list or range of frame numbers, got {frames!r}")
         numbers = list(frames)
         for number in numbers:
             if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < 2**32:
@@ -195,7 +197,7 @@ class Renderer:
         n_view = int(job.counts.shape[0])
         if n_view == 0:
             return
-        size = views_per_chunk(world.n_band, job.counts.shape[2] * job.counts.shape[3])
+        size = views_per_chunk(world, job.counts.shape[2] * job.counts.shape[3])
         # Every thread should have work, and no chunk more views than the buffers hold.
         size = min(size, -(-n_view // self.n_thread))
         self._n_slot = max(self._n_slot, world.n_target + 64)

@@ -107,13 +107,21 @@ class World:
         return np.asarray(half_width.numpy().max(axis=0))
 
 
-def star_index(scene: Scene, device: wp.Device) -> BandIndex:
-    """Index of the scene's catalog, its stars moved to the scene's epoch."""
+def load_catalog(scene: Scene) -> StarCatalog:
+    """The scene's star catalog.
+
+    Raises:
+        InputError: It cannot be read.
+    """
     name = scene.sky.catalog
     if name == "none":
-        catalog = StarCatalog.from_arrays([], [], {})
-    else:
-        catalog = StarCatalog.default() if name == "default" else StarCatalog.read(name)
+        return StarCatalog.from_arrays([], [], {})
+    return StarCatalog.default() if name == "default" else StarCatalog.read(name)
+
+
+def star_index(scene: Scene, device: wp.Device) -> BandIndex:
+    """Index of the scene's catalog, its stars moved to the scene's epoch."""
+    catalog = load_catalog(scene)
     return BandIndex(catalog.at_epoch(2000.0 + (scene.epoch.tt.jd - 2451545.0) / JULIAN_YEAR_DAYS), device)
 
 

@@ -7,6 +7,7 @@ first use, and kept.
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any
@@ -67,7 +68,7 @@ class Scene:
         targets: Targets; the first one is the main target, the others are released from it.
         release: How the secondary targets leave the main one.
         pointing: Where the cameras look.
-        access: When a sensor can observe the main target.
+        access_rules: When a sensor can observe the main target.
         sky: The star background.
         seed: Seed of all randomness, 0 to 2**63 - 1 (the largest integer of TOML).
         name: Short name.
@@ -143,7 +144,7 @@ class Scene:
         return self
 
     @classmethod
-    def load(cls, source: str) -> Scene:
+    def load(cls, source: str | os.PathLike[str]) -> Scene:
         """Load a preset by name, or a scene file (.toml or .json).
 
         Raises:
@@ -151,7 +152,7 @@ class Scene:
         """
         from warpsim.scene.files import read_scene_data
 
-        return cls.from_dict(read_scene_data(source), where=str(source))
+        return cls.from_dict(read_scene_data(source), where=os.fspath(source))
 
     @classmethod
     def from_dict(cls, data: dict[str, Any], where: str = "Scene") -> Scene:
@@ -165,7 +166,7 @@ class Scene:
         """Nested dicts and lists of plain values, without what is None; `from_dict` gives back an equal scene."""
         return _without_none(_adapter().dump_python(self, mode="json"))  # type: ignore[no-any-return]
 
-    def save(self, path: str) -> None:
+    def save(self, path: str | os.PathLike[str]) -> None:
         """Write a scene file (.toml or .json) that loads back equal.
 
         Raises:
@@ -178,7 +179,8 @@ class Scene:
     def replace(self, **changes: Any) -> Scene:
         """A new scene with some fields changed.
 
-        Fields of parts are reached by double underscores: `scene.replace(camera__n_row=256, camera__n_col=256)`.
+        Fields of parts are reached by double underscores, items of lists by their number:
+        `scene.replace(camera__n_row=256, targets__1__count=5)`. None takes an optional value away.
 
         Raises:
             InputError: A field is unknown or the new scene breaks a rule.
@@ -187,12 +189,15 @@ class Scene:
         data["trajectory"].pop("epoch_utc", None)
         for name, value in changes.items():
             *parents, leaf = name.split("__")
-            place = data
+            place: Any = data
             for parent in parents:
-                if not isinstance(place.get(parent), dict):
-                    raise InputError(f"Scene: {name.replace('__', '.')}: is not a known field")
-                place = place[parent]
-            place[leaf] = str(value.utc.isot) if leaf == "epoch_utc" and hasattr(value, "utc") else value
+                if _is_index(place, parent):
+                    place = place[int(parent)]
+                else:
+                    place = place.get(parent) if isinstance(place, dict) else None
+                if not isinstance(place, dict | list):
+                    raise InputError(f"Scene: {name.replace('__', '.')}: is not a field of a part")
+            place[leaf] = value
         return Scene.from_dict(data)
 
     @property
@@ -237,7 +242,7 @@ class Scene:
             Positions [m], shape (n, 3).
 
         Raises:
-            InputError: The name is unknown or a time lies outside the scene.
+            InputError: The name is unknown, or a time lies outside the scene (by more than a track's node step).
         """
         from warpsim.orbit.sun import sun_position_m
 
@@ -270,7 +275,13 @@ class Scene:
         return margins(sensors, target, sun, self.access_rules, self.tracks.pole_icrs)
 
     def has_access(self, sensor: str, time_s: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-        """Whether a sensor can observe the main target at given times, shape (n,)."""
+        """Whether a sensor can observe the main target at given times, shape (n,).
+
+        Raises:
+            InputError: No such sensor.
+        """
+        if sensor not in self.sensor_names:
+            raise InputError(f"sensor: must be a sensor of the scene, got {sensor!r}")
         times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
         seen = np.zeros(times.shape, dtype=bool)
         number = self.sensor_names.index(sensor)
@@ -300,6 +311,10 @@ def _adapter() -> TypeAdapter[Scene]:
 
 
 _ADAPTER: TypeAdapter[Scene] | None = None
+
+
+def _is_index(place: Any, name: str) -> bool:
+    return isinstance(place, list) and name.isdigit() and int(name) < len(place)
 
 
 def _without_none(value: Any) -> Any:

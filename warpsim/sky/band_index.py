@@ -59,7 +59,7 @@ class BandIndex:
         Raises:
             InputError: A zero or non-finite direction, or a radius outside 0 to pi.
         """
-        start, rows = self.query_many(np.reshape(direction_icrs, (1, -1)), np.reshape(radius_rad, (1,)))
+        start, rows = self.query_many(np.reshape(direction_icrs, (1, -1)), np.ravel(radius_rad))
         return np.asarray(rows[start[0] : start[1]])
 
     def query_many(
@@ -120,4 +120,6 @@ def _checked_cones(
         raise InputError("direction_icrs: must be finite and not zero")
     if not ((radius >= 0) & (radius <= np.pi)).all():
         raise InputError(f"radius_rad: must be in [0, pi], got {radius[~((radius >= 0) & (radius <= np.pi))][0]}")
+    # A unit vector stays as it is: dividing by a length of 1 - 1e-16 would move it off a star in the same direction.
+    length[np.abs(length - 1) < 1e-15] = 1
     return axis / length, radius

@@ -33,7 +33,6 @@ class _Body:
         aspect = np.asarray(aspect_rad, dtype=np.float64)
         if not np.isfinite(aspect).all():
             raise InputError(f"aspect_rad: must be finite, got {aspect[~np.isfinite(aspect)].flat[0]}")
-        # Whole turns off first: the device's cosine then sees a small argument.
         inputs = wp.array(np.ravel(aspect), dtype=wp.float64, device="cpu")
         area = wp.empty_like(inputs)
         body = body_struct(cast("Shape", self))

@@ -1,0 +1,186 @@
+"""Cone queries of the star index against brute force over all stars."""
+
+import functools
+
+import numpy as np
+import pytest
+
+import warpsim as ws
+
+SEED = 271828
+UNSURE = 1e-9  # cosines this close to the radius's are decided by the accurate angle instead
+
+BORDER_RAD = 1e-9  # "exactly on the border" cases are asked for this much to either side
+
+
+def unit(ra_deg, dec_deg):
+    ra, dec = np.radians(ra_deg), np.radians(dec_deg)
+    return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
+
+
+def brute_force(stars, axis, radius_rad):
+    """Rows of (cone, star) pairs, sorted; angle by atan2 of |a - b| and |a + b| where the cosine cannot tell."""
+    cosine, limit = axis @ stars.T, np.cos(radius_rad)[:, None]
+    inside = cosine > limit
+    cone, star = np.nonzero(np.abs(cosine - limit) < UNSURE)
+    difference, total = (np.linalg.norm(axis[cone] + sign * stars[star], axis=1) for sign in (-1, 1))
+    inside[cone, star] = 2 * np.arctan2(difference, total) <= radius_rad[cone]
+    return np.nonzero(inside)
+
+
+@functools.cache
+def hard_catalog():
+    """Every 36th star of the embedded catalog, and stars at the borders of cells, at the poles, and twice."""
+    sky = ws.StarCatalog.default()
+    border_ra, border_dec = np.meshgrid([0.0, 1.0, 90.0, 180.0, 270.0, 359.0], [-89.0, -60, -59, 0, 59, 60, 61, 89])
+    ra = np.concatenate([sky.ra_deg[::36], border_ra.ravel(), [0.0, 0.0, 77.0, 123.4, 123.4, 123.4]])
+    dec = np.concatenate([sky.dec_deg[::36], border_dec.ravel(), [90.0, -90.0, 90.0, 5.0, 5.0, 5.0]])
+    return ws.StarCatalog.from_arrays(ra, dec, {"A": np.ones(len(ra))})
+
+
+@functools.cache
+def hard_index(device):
+    return ws.BandIndex(hard_catalog(), device=device)
+
+
+def assert_queries_equal(index, direction, radius_rad):
+    cone, star = brute_force(index.catalog.direction_icrs, direction, radius_rad)
+    start, rows = index.query_many(direction, radius_rad)
+    np.testing.assert_array_equal(np.diff(start), np.bincount(cone, minlength=len(direction)))
+    np.testing.assert_array_equal(rows, star)
+
+
+def random_cones(n, rng):
+    """Directions all over the sky, a fifth close to a pole; radii of 1e-9 rad to 20 deg, one in 50 up to pi."""
+    direction = rng.normal(size=(n, 3))
+    direction[: n // 5, :2] *= 10.0 ** rng.uniform(-6, 0, (n // 5, 1))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    radius = 10.0 ** rng.uniform(-9, np.log10(0.35), n)
+    radius[::50] = rng.uniform(0, np.pi, len(radius[::50]))
+    return direction, radius
+
+
+def test_random_cones(device):
+    rng = np.random.default_rng(SEED)
+    for _ in range(10):
+        assert_queries_equal(hard_index(device), *random_cones(2000, rng))
+
+
+@pytest.mark.slow
+def test_a_million_random_cones(device):
+    rng = np.random.default_rng(SEED + 1)
+    for _ in range(250):
+        assert_queries_equal(hard_index(device), *random_cones(4000, rng))
+
+
+HARD_DEC_DEG = [-90.0, -89.9, -60.5, -60.0, -59.5, 0.0, 59.5, 60.0, 60.5, 89.9, 90.0]
+HARD_RADII_RAD = [0.0, 1e-9, 0.001, np.radians(0.5), np.radians(1.0), 0.3, 1.2, np.pi / 2, 3.0, np.pi]
+
+
+@pytest.mark.parametrize("dec_deg", HARD_DEC_DEG)
+@pytest.mark.parametrize("ra_deg", [0.0, 1e-7, 0.5, 180.0, 359.5, 360.0])
+def test_hard_directions_at_every_radius(device, ra_deg, dec_deg):
+    direction = np.tile(unit(ra_deg, dec_deg), (len(HARD_RADII_RAD), 1))
+    assert_queries_equal(hard_index(device), direction, np.array(HARD_RADII_RAD))
+
+
+@pytest.mark.parametrize("radius_deg", [29.9, 30.0, 30.1, 90.0, 150.0])
+def test_cones_that_touch_a_pole(device, radius_deg):
+    """The cone's rim passes just short of, through, and just over the pole."""
+    direction = unit(np.array([10.0, 200.0, 355.0] * 2), np.array([60.0] * 3 + [-60.0] * 3))
+    for shift in (-1e-6, -1e-10, 0.0, 1e-10, 1e-6):
+        assert_queries_equal(hard_index(device), direction, np.full(6, np.radians(radius_deg) + shift))
+
+
+def test_radius_zero_finds_the_star_itself_and_its_doubles(device):
+    index = hard_index(device)
+    direction = index.catalog.direction_icrs
+    missed = [row for row in range(0, len(direction), 7) if row not in index.query(direction[row], 0.0)]
+    assert missed == []
+    twins = np.flatnonzero((index.catalog.ra_deg == 123.4) & (index.catalog.dec_deg == 5.0))
+    assert len(twins) == 3
+    np.testing.assert_array_equal(index.query(direction[twins[1]], 0.0), twins)
+
+
+def test_radius_pi_finds_every_star(device):
+    index = hard_index(device)
+    for direction in (unit(12.0, 34.0), [0, 0, 1], index.catalog.direction_icrs[5]):
+        np.testing.assert_array_equal(index.query(direction, np.pi), np.arange(len(index)))
+
+
+def test_stars_near_the_rim_fall_on_the_right_side(device):
+    """Cones around a star's neighbourhood whose rim passes the star at a billionth of a radian."""
+    index = hard_index(device)
+    rng = np.random.default_rng(SEED)
+    rows = rng.integers(0, len(index), 1000)
+    star = index.catalog.direction_icrs[rows]
+    direction = rng.normal(size=(1000, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    angle = 2 * np.arctan2(np.linalg.norm(direction - star, axis=1), np.linalg.norm(direction + star, axis=1))
+    for side, expected in ((BORDER_RAD, True), (-BORDER_RAD, False)):
+        start, found = index.query_many(direction, angle + side)
+        hits = [bool((found[start[k] : start[k + 1]] == rows[k]).any()) for k in range(1000)]
+        assert hits == [expected] * 1000
+
+
+def test_query_many_is_query_one_by_one(device):
+    index = hard_index(device)
+    direction, radius = random_cones(60, np.random.default_rng(SEED + 2))
+    start, rows = index.query_many(direction, radius)
+    assert start[0] == 0 and start[-1] == len(rows) and rows.dtype == np.int64
+    for k in range(60):
+        alone = index.query(direction[k], radius[k])
+        assert alone.dtype == np.int64
+        np.testing.assert_array_equal(alone, rows[start[k] : start[k + 1]])
+        np.testing.assert_array_equal(index.query(1e-3 * direction[k], radius[k]), alone)  # any length will do
+
+
+def test_no_cones(device):
+    start, rows = hard_index(device).query_many(np.empty((0, 3)), [])
+    np.testing.assert_array_equal(start, [0])
+    assert len(rows) == 0
+
+
+@pytest.mark.parametrize("n_star", [0, 1])
+def test_smallest_catalogs(device, n_star):
+    catalog = ws.StarCatalog.from_arrays([10.0] * n_star, [-60.0] * n_star, {"A": [1.0] * n_star})
+    index = ws.BandIndex(catalog, device=device)
+    assert len(index) == n_star
+    for radius, expected in ((np.pi, n_star), (0.1, n_star), (0.0, n_star)):
+        assert len(index.query(unit(10.0, -60.0), radius)) == expected
+    assert len(index.query(unit(10.0, 60.0), 1.0)) == 0
+
+
+@pytest.mark.parametrize(("ra_deg", "dec_deg"), [(0.0, 90.0), (0.0, -90.0), (360.0, 0.0), (-180.0, 59.999)])
+def test_a_star_on_a_cell_corner_is_found_from_all_around(device, ra_deg, dec_deg):
+    index = ws.BandIndex(ws.StarCatalog.from_arrays([ra_deg], [dec_deg], {"A": [1.0]}), device=device)
+    star = index.catalog.direction_icrs[0]
+    aside = np.random.default_rng(SEED).normal(size=(200, 3))
+    aside -= (aside @ star)[:, None] * star
+    aside /= np.linalg.norm(aside, axis=1, keepdims=True)
+    for angle in (1e-8, 1e-4, 0.02, 1.0):
+        around = np.cos(angle) * star + np.sin(angle) * aside
+        start, _ = index.query_many(around, np.full(200, angle + BORDER_RAD))
+        assert (np.diff(start) == 1).all()
+        start, _ = index.query_many(around, np.full(200, angle - BORDER_RAD))
+        assert (np.diff(start) == 0).all()
+
+
+BAD = {
+    "zero-direction": ([0.0, 0.0, 0.0], 0.1, "^direction_icrs: must be finite and not zero$"),
+    "nan-direction": ([np.nan, 0.0, 1.0], 0.1, "^direction_icrs: must be finite and not zero$"),
+    "infinite-direction": ([np.inf, 0.0, 1.0], 0.1, "^direction_icrs: must be finite"),
+    "two-numbers": ([1.0, 0.0], 0.1, r"^direction_icrs: must have shape \(3,\) or \(n, 3\)"),
+    "negative-radius": ([1.0, 0.0, 0.0], -1e-9, r"^radius_rad: must be in \[0, pi\], got -1e-09$"),
+    "radius-above-pi": ([1.0, 0.0, 0.0], 3.15, r"^radius_rad: must be in \[0, pi\], got 3.15$"),
+    "nan-radius": ([1.0, 0.0, 0.0], np.nan, r"^radius_rad: must be in \[0, pi\], got nan$"),
+    "two-radii": ([[1.0, 0.0, 0.0]], [0.1, 0.2], r"^radius_rad: must have shape \(1,\), got \(2,\)$"),
+}
+
+
+@pytest.mark.parametrize(("direction", "radius_rad", "message"), BAD.values(), ids=BAD)
+def test_bad_input_is_named_in_one_line(direction, radius_rad, message):
+    index = ws.BandIndex(ws.StarCatalog.from_arrays([1.0], [2.0], {"A": [1.0]}))
+    with pytest.raises(ws.InputError, match=message) as caught:
+        index.query(direction, radius_rad)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,82 @@
+"""Every kernel builds for CUDA, with or without a GPU in the machine: Warp's NVRTC compiles it to PTX."""
+
+import importlib
+import inspect
+import pkgutil
+
+import pytest
+import warp as wp
+import warpsim_kernels
+from warpsim_kernels.read_out import TILE_WIDTH
+
+ARCH = 75  # Turing: the oldest that Warp's CUDA 13 supports; PTX runs on everything newer
+
+FACTORY_ARGUMENTS = {
+    "make_deposit_gaussian_kernel": [(16,), (1024,)],
+    "make_read_out_tile_kernel": [(TILE_WIDTH,)],
+}
+
+MODULES = [
+    importlib.import_module(f"warpsim_kernels.{item.name}") for item in pkgutil.iter_modules(warpsim_kernels.__path__)
+]
+
+
+def plain_kernels(module):
+    return [item for item in vars(module).values() if isinstance(item, wp.Kernel) and item.func.__module__ == module.__name__]
+
+
+def factories(module):
+    """Functions of the module that make kernels."""
+    return {
+        name: item
+        for name, item in vars(module).items()
+        if name.startswith("make_") and callable(item) and inspect.unwrap(item).__module__ == module.__name__
+    }
+
+
+PLAIN = [module for module in MODULES if plain_kernels(module)]
+MADE = [
+    (factory, arguments)
+    for module in MODULES
+    for name, factory in factories(module).items()
+    for arguments in FACTORY_ARGUMENTS.get(name, [])
+]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _needs_nvrtc():
+    if not wp.is_cuda_enabled():
+        pytest.skip("this build of Warp has no CUDA compiler")
+
+
+def compiled_text(warp_module, folder):
+    """PTX of a Warp module."""
+    paths = wp.compile_aot_module(warp_module, arch=ARCH, module_dir=folder, use_ptx=True)
+    (ptx,) = [path for path in paths if path.suffix == ".ptx"]
+    return ptx.read_text()
+
+
+@pytest.mark.parametrize("module", PLAIN, ids=lambda module: module.__name__.rpartition(".")[2])
+def test_kernels_of_a_module_build(module, tmp_path):
+    text = compiled_text(plain_kernels(module)[0].module, tmp_path)
+    assert f".target sm_{ARCH}" in text
+    for kernel in plain_kernels(module):
+        assert f".entry {kernel.key}_" in text
+
+
+@pytest.mark.parametrize(
+    ("factory", "arguments"), MADE, ids=[f"{factory.__name__}{arguments}" for factory, arguments in MADE]
+)
+def test_made_kernels_build(factory, arguments, tmp_path):
+    kernel = factory(*arguments)
+    text = compiled_text(kernel.module, tmp_path)
+    assert f".target sm_{ARCH}" in text
+    assert f".entry {kernel.key}_" in text
+
+
+def test_no_kernel_is_forgotten():
+    """Each factory has arguments here, and the modules are those of the stages."""
+    made = {name for module in MODULES for name in factories(module)}
+    assert made == set(FACTORY_ARGUMENTS)
+    names = {module.__name__.rpartition(".")[2] for module in PLAIN}
+    assert names >= {"aim", "targets", "stars", "deposit", "read_out", "band_index", "shapes"}

@@ -1,0 +1,144 @@
+"""The words agree with the code: snippets run, fields, columns and options are all there, links lead somewhere."""
+
+import re
+import tomllib
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+import warpsim as ws
+from warpsim.cli import main
+from warpsim.scene import parts
+from warpsim.scene.scene import Scene
+from warpsim.target import motion
+
+TOP = Path(__file__).parents[1]
+PAGES = [TOP / "README.md", *sorted((TOP / "docs").glob("*.md"))]
+MORE_PAGES = [TOP / "CONTRIBUTING.md", TOP / "CHANGELOG.md"]
+
+SECTIONS = {
+    "Top level": [Scene],
+    "`[frames]`": [parts.Frames],
+    "`[constellation]`": [ws.Walker],
+    "`[camera]`": [ws.Camera],
+    "`[optics]`": [ws.Optics],
+    "`[detector]`": [ws.NeiDetector],
+    "`[trajectory]`": [ws.BallisticArc],
+    "`[[targets]]`": [parts.TargetSpec],
+    "`shape`": [ws.Sphere, ws.Cylinder, ws.Cone],
+    "`surface`": [motion.Graybody],
+    "`temperature`": [motion.Temperature],
+    "`attitude`": [ws.Attitude],
+    "`[release]`": [parts.Release],
+    "`[pointing]`": [parts.Pointing],
+    "`[access_rules]`": [ws.AccessConstraints],
+    "`[sky]`": [parts.Sky],
+}
+"""Headings of docs/scene.md and the parts whose fields they list."""
+
+
+def blocks(page, language):
+    """Fenced code blocks of one language."""
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
+
+
+def sections(page):
+    """Text under each heading, by heading."""
+    pieces = re.split(r"^#+ (.*)\n", page.read_text(), flags=re.MULTILINE)
+    return dict(zip(pieces[1::2], pieces[2::2], strict=True))
+
+
+def first_column(text):
+    """What stands in backquotes in the first column of the tables of a text."""
+    cells = re.findall(r"^\|([^|]*)\|", text, re.MULTILINE)
+    return [name for cell in cells for name in re.findall(r"`([^`]+)`", cell)]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.name)
+def test_python_blocks_run(page, tmp_path, monkeypatch):
+    """Top to bottom, in one namespace, as a reader would."""
+    monkeypatch.chdir(tmp_path)
+    names = {"__name__": page.stem}
+    for block in blocks(page, "python"):
+        exec(compile(block, str(page), "exec"), names)
+
+
+def test_toml_blocks_are_scenes():
+    texts = [text for page in PAGES for text in blocks(page, "toml")]
+    assert texts
+    for text in texts:
+        assert Scene.from_dict(tomllib.loads(text)).target_names
+
+
+@pytest.mark.parametrize("heading", SECTIONS)
+def test_scene_page_lists_every_field_and_no_other(heading):
+    listed = first_column(sections(TOP / "docs" / "scene.md")[heading])
+    known = {field.name for cls in SECTIONS[heading] for field in fields(cls)}
+    assert sorted(listed) == sorted(known)
+
+
+def test_every_part_of_a_scene_has_a_section():
+    tables = {name for name, value in Scene.load("stss").to_dict().items() if isinstance(value, dict)}
+    assert {f"`[{name}]`" for name in tables} <= set(SECTIONS)
+
+
+@pytest.mark.parametrize("kind", ["truth", "stars"])
+def test_output_page_lists_every_column(kind):
+    frames = ws.Renderer(Scene.load("stss"), device="cpu").render([60], ["sat11"], ["A"], keep_stars=True)
+    listed = first_column(sections(TOP / "docs" / "output.md")["Truth"])
+    columns = [*frames.truth.colnames, *frames.stars.colnames]
+    assert set(listed) == set(columns)
+    assert [name for name in listed if name in getattr(frames, kind).colnames]
+
+
+def test_output_page_lists_every_column_of_frames_and_every_key(tmp_path):
+    import json
+
+    from astropy.io import fits
+
+    ws.render_to_folder(Scene.load("stss"), tmp_path, frames=[60], sensors=["sat11"], bands=["A"], device="cpu")
+    text = sections(TOP / "docs" / "output.md")
+    with fits.open(tmp_path / "sat11_A.fits") as file:
+        assert set(file["FRAMES"].columns.names) <= set(first_column(text["FITS cubes"]))
+        own = set(file[0].header) - {"SIMPLE", "BITPIX", "NAXIS", "NAXIS1", "NAXIS2", "NAXIS3", "EXTEND"}
+        assert own - {"BSCALE", "BZERO", "BUNIT"} <= set(first_column(text["FITS cubes"]))
+    for key in json.loads((tmp_path / "manifest.json").read_text()):
+        assert f"`{key}`" in text["Manifest"] or key in ("warpsim", "python", "packages")
+
+
+def test_command_line_table_is_complete(capsys):
+    """Commands and options of the README are those of the program."""
+    text = sections(TOP / "README.md")["Command line"]
+    commands = re.findall(r"^\| `warpsim (\w+)", text, re.MULTILINE)
+    rows = re.findall(r"^\| (`-[^|]*) \| ([^|]*) \|", text, re.MULTILINE)
+    documented = {
+        (command.strip(), option) for options, of in rows for command in of.split(",")
+        for option in re.findall(r"`(-[-\w]+)`", options)
+    }  # fmt: skip
+    known = set()
+    for command in commands:
+        with pytest.raises(SystemExit):
+            main([command, "--help"])
+        shown = re.findall(r"^  (-.*)", capsys.readouterr().out, re.MULTILINE)
+        options = [option for line in shown for option in re.findall(r"(?<!\S)(-[-\w]+)", line.split("  ")[0])]
+        known |= {(command, option) for option in options}
+    assert documented == {(command, option) for command, option in known if option not in ("-h", "--help")}
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    assert commands == re.findall(r"^    (\w+)  ", capsys.readouterr().out, re.MULTILINE)
+
+
+def test_first_screen_has_the_two_commands():
+    first = blocks(TOP / "README.md", "console")[0]
+    assert first.splitlines() == [
+        "python -m pip install . && warpsim render stss -o out",
+        "python -m pip install '.[test]' && python -m pytest",
+    ]
+
+
+@pytest.mark.parametrize("page", [*PAGES, *MORE_PAGES], ids=lambda page: page.name)
+def test_links_lead_to_files(page):
+    links = re.findall(r"\]\(([^)#]+)\)", page.read_text())
+    missing = [link for link in links if "://" not in link and not (page.parent / link).exists()]
+    assert missing == []

@@ -1,0 +1,461 @@
+"""Targets: outlines, attitude, tracks between nodes, radiance table, occultation, light time."""
+
+from fractions import Fraction
+from itertools import pairwise
+from types import SimpleNamespace
+
+import erfa
+import mpmath
+import numpy as np
+import pytest
+import warp as wp
+from scipy.spatial import ConvexHull
+from warpsim_kernels import apparent, motion, targets
+
+import warpsim as ws
+from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, SPEED_OF_LIGHT_M_S
+from warpsim.orbit.track import Track
+from warpsim.render.world import _radiance
+from warpsim.target.motion import attitude_frame
+
+SEED = 577215
+
+AREA_RTOL = 1e-12  # float64 rounding
+MESH_RTOL = 1e-4  # the mesh's own polygons: (2 pi / 2000)^2 / 6 is 2e-6
+MEAN_RTOL = 1e-10  # quadrature over the aspect
+ANGLE_ATOL_RAD = 1e-9  # after 1e6 s
+TRACK_ATOL_M = 1e-6  # the same cubic in another order of operations, float64 at 1e7 m
+RADIANCE_RTOL = 1e-8  # cubic Hermite in ln(T)
+RANGE_ATOL_M = 1e-6
+DIRECTION_ATOL_RAD = 1e-12
+SECOND_ORDER_RAD = 5e-9  # v / c of the Earth times that of the orbit, 1e-4 * 2.6e-5, and its like
+RADIANCE_FLOOR_W_M2_SR = 2e-300  # the table keeps this instead of 0, to have a logarithm
+
+SHAPES = {
+    "sphere": ws.Sphere(0.7),
+    "cylinder": ws.Cylinder(0.4, 1.9),
+    "cone": ws.Cone(0.5, 1.7),
+    "flat-cone": ws.Cone(1.5, 0.4),
+    "needle-cylinder": ws.Cylinder(1e-2, 1e2),
+    "needle-cone": ws.Cone(1e-2, 1e2),
+    "disc-cylinder": ws.Cylinder(10.0, 1e-3),
+    "disc-cone": ws.Cone(10.0, 1e-3),
+}
+every_shape = pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
+
+
+def half_flux_area(shape, aspect_rad):
+    """Projected area of a convex body as half the integral of |n . v| over its surface, in 30 digits."""
+    with mpmath.workdps(30):
+        r, theta = mpmath.mpf(shape.radius_m), mpmath.mpf(aspect_rad)
+        c, s = mpmath.cos(theta), abs(mpmath.sin(theta))
+        if shape.kind == "sphere":
+            return mpmath.pi * r * r
+        h = mpmath.mpf(shape.height_m)
+        if shape.kind == "cylinder":
+            return mpmath.pi * r * r * abs(c) + 2 * r * h * s
+        slant = mpmath.sqrt(r * r + h * h)
+        # Side normal (h cos p, h sin p, r) / slant; the integrand a + b cos p changes sign at +-p0.
+        a, b = r * c / slant, h * s / slant
+        p0 = mpmath.acos(-a / b) if b > abs(a) else mpmath.pi
+        lit = a * p0 + b * mpmath.sin(p0)
+        dark = a * (mpmath.pi - p0) - b * mpmath.sin(p0)
+        side = r * slant / 2 * 2 * (abs(lit) + abs(dark))
+        return (mpmath.pi * r * r * abs(c) + side) / 2
+
+
+def hard_aspects(shape):
+    """0, 90, 180 deg, the half-angle exactly and next to it, and random ones."""
+    half = np.arctan2(shape.radius_m, getattr(shape, "height_m", 1.0))
+    near = [half, np.nextafter(half, 0), np.nextafter(half, 4), half - 1e-9, half + 1e-9, np.pi - half]
+    ends = [0.0, 1e-12, np.pi / 2, np.nextafter(np.pi / 2, 4), np.pi, np.pi - 1e-9]
+    return np.concatenate([near, ends, np.random.default_rng(SEED).uniform(0, np.pi, 300)])
+
+
+def hull_area(shape, aspect_rad):
+    """Area of the convex hull of the body's projected rims (and apex)."""
+    phi = np.arange(2000) * 2 * np.pi / 2000
+    base = np.column_stack([shape.radius_m * np.cos(phi), shape.radius_m * np.sin(phi), 0 * phi])
+    top = np.add(base, [0, 0, shape.height_m]) if shape.kind == "cylinder" else np.array([[0, 0, shape.height_m]])
+    points = np.vstack([base, top])
+    across = points[:, 0] * np.cos(aspect_rad) - points[:, 2] * np.sin(aspect_rad)  # view from (sin, 0, cos)
+    return ConvexHull(np.column_stack([across, points[:, 1]])).volume
+
+
+@every_shape
+def test_area_is_half_the_surface_integral(shape):
+    aspect = hard_aspects(shape)
+    expected = np.array([float(half_flux_area(shape, x)) for x in aspect])
+    np.testing.assert_allclose(shape.projected_area_m2(aspect), expected, rtol=AREA_RTOL, atol=0)
+
+
+@pytest.mark.parametrize("name", [name for name in SHAPES if name != "sphere"])
+def test_area_matches_the_outline_of_a_mesh(name):
+    shape = SHAPES[name]
+    aspect = np.concatenate([np.linspace(0.01, np.pi - 0.01, 40), hard_aspects(shape)[:2]])
+    expected = [hull_area(shape, x) for x in aspect]
+    np.testing.assert_allclose(shape.projected_area_m2(aspect), expected, rtol=MESH_RTOL, atol=0)
+
+
+@every_shape
+def test_mean_area_is_a_quarter_of_the_surface(shape):
+    """Cauchy's theorem, by quadrature in pieces that end where the outline changes."""
+    half = np.arctan2(shape.radius_m, getattr(shape, "height_m", 1.0))
+    edges = np.unique([0.0, half, np.pi / 2, np.pi - half, np.pi])
+    x, weight = np.polynomial.legendre.leggauss(120)
+    total = 0.0
+    for low, high in pairwise(edges):
+        # The square root where the apex leaves the outline is smooth in a variable that is flat at both ends.
+        t = (x + 1) / 2
+        aspect = low + (high - low) * t**3 * (10 - 15 * t + 6 * t * t)
+        slope = (high - low) * 30 * (t * (1 - t)) ** 2 / 2
+        total += np.sum(weight * slope * shape.projected_area_m2(aspect) * np.sin(aspect))
+    assert total / 2 == pytest.approx(shape.surface_m2 / 4, rel=MEAN_RTOL)
+
+
+def test_area_of_angles_beyond_half_a_turn():
+    cone = SHAPES["cone"]
+    angle = np.array([[0.3, 1.2], [2.5, 3.0]])
+    np.testing.assert_allclose(cone.projected_area_m2(-angle), cone.projected_area_m2(angle), rtol=AREA_RTOL)
+    far = angle + 2e5 * np.pi
+    expected = [[float(half_flux_area(cone, x)) for x in row] for row in far]
+    np.testing.assert_allclose(cone.projected_area_m2(far), expected, rtol=AREA_RTOL)
+    with pytest.raises(ws.InputError, match="aspect_rad: must be finite, got nan"):
+        cone.projected_area_m2([0.1, np.nan])
+
+
+@wp.kernel(enable_backward=False)
+def attitude_kernel(
+    attitude: motion.Attitude, time_s: wp.array[wp.float64], turn: wp.array[wp.float64], axis: wp.array[wp.vec3d]
+):
+    i = wp.tid()
+    turn[i] = motion.turns(attitude.precession_rev_s, time_s[i])
+    axis[i] = motion.symmetry_axis(attitude, time_s[i])
+
+
+def attitude_struct(frame, tilt_rad, precession=(0.0, 0.0), rolling=(0.0, 0.0)):
+    """The kernels' struct; motions as (rev/s, phase in rev)."""
+    struct = motion.Attitude()
+    struct.reference, struct.first, struct.second = (wp.vec3d(*row) for row in frame)
+    struct.tilt_rad = tilt_rad
+    struct.precession_rev_s, struct.precession_phase_rev = precession
+    struct.rolling_rev_s, struct.rolling_phase_rev = rolling
+    return struct
+
+
+def device_attitude(struct, time_s, device):
+    turn = wp.empty(len(time_s), dtype=wp.float64, device=device)
+    axis = wp.empty(len(time_s), dtype=wp.vec3d, device=device)
+    inputs = [struct, wp.array(time_s, dtype=wp.float64, device=device)]
+    wp.launch(attitude_kernel, len(time_s), inputs=inputs, outputs=[turn, axis], device=device)
+    return turn.numpy(), axis.numpy()
+
+
+def some_frame(seed=SEED):
+    """Reference, first, second: a random right-handed frame."""
+    q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    return q * np.linalg.det(q)
+
+
+def turn_fraction(rate_rev_s, time_s):
+    """Fraction of a turn, in exact rational arithmetic."""
+    return (Fraction(rate_rev_s) * Fraction(time_s)) % 1
+
+
+LONG_TIMES_S = np.concatenate([[0.0, 0.5, 1e6, 1e6 + 0.3, 999_999.9999], np.linspace(0, 1.1e6, 60)])
+
+
+@pytest.mark.parametrize("rate_rev_s", [5.0, 4.9, -4.9, 1 / 3, 0.1, 1e-3, 0.0])
+def test_phase_is_kept_over_a_million_seconds(device, rate_rev_s):
+    turn, _ = device_attitude(attitude_struct(some_frame(), 0.1, (rate_rev_s, 0.0)), LONG_TIMES_S, device)
+    exact = np.array([float(turn_fraction(rate_rev_s, t)) for t in LONG_TIMES_S])
+    error = np.abs((turn - exact + 0.5) % 1 - 0.5)
+    assert error.max() * 2 * np.pi < ANGLE_ATOL_RAD
+    assert ((turn >= 0) & (turn <= 1)).all()
+
+
+@pytest.mark.parametrize(
+    ("precession", "rolling"),
+    [((5.0, 0.2), (0.0, 0.0)), ((4.9, 0.7), (0.0, 0.0)), ((0.0, 0.1), (4.9, 0.3)), ((4.9, 0.1), (5.0, 0.6))],
+    ids=["precession-5", "precession-4.9", "rolling-4.9", "both"],
+)
+def test_axis_matches_mpmath_after_a_million_seconds(device, precession, rolling):
+    frame, tilt = some_frame(), 0.35
+    _, axis = device_attitude(attitude_struct(frame, tilt, precession, rolling), LONG_TIMES_S, device)
+    with mpmath.workdps(30):
+        for seen, t in zip(axis, LONG_TIMES_S, strict=True):
+            phases = [turn_fraction(rate, t) + Fraction(phase) for rate, phase in (precession, rolling)]
+            azimuth, roll = (2 * mpmath.pi * mpmath.mpf(f.numerator) / f.denominator for f in phases)
+            polar = mpmath.mpf(tilt) + roll
+            c, s = mpmath.cos(polar), mpmath.sin(polar)
+            parts = [float(c), float(s * mpmath.cos(azimuth)), float(s * mpmath.sin(azimuth))]
+            assert np.linalg.norm(np.cross(seen, parts @ frame)) < ANGLE_ATOL_RAD
+            assert seen @ (parts @ frame) > 0
+
+
+def test_precession_keeps_the_cone_angle_and_visits_the_whole_cone(device):
+    frame, tilt = some_frame(), np.radians(20.0)
+    _, axis = device_attitude(attitude_struct(frame, tilt, (4.9, 0.3)), np.linspace(0, 1e6, 5000), device)
+    np.testing.assert_allclose(axis @ frame[0], np.cos(tilt), rtol=0, atol=1e-14)
+    azimuth = np.arctan2(axis @ frame[2], axis @ frame[1])
+    assert np.histogram(azimuth, 12, (-np.pi, np.pi))[0].min() > 0
+
+
+def test_precession_turns_right_handed_about_the_reference(device):
+    frame = some_frame()
+    _, axis = device_attitude(attitude_struct(frame, 0.5, (0.01, 0.0)), np.array([0.0, 1.0]), device)
+    assert np.cross(axis[0], axis[1]) @ frame[0] > 0
+
+
+def test_rolling_runs_along_a_great_circle(device):
+    frame = some_frame()
+    _, axis = device_attitude(attitude_struct(frame, 0.0, rolling=(0.25, 0.1)), np.linspace(0, 100, 1000), device)
+    np.testing.assert_allclose(axis @ frame[2], 0, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(np.linalg.norm(axis, axis=1), 1, rtol=0, atol=1e-14)
+    polar = np.unwrap(np.arctan2(axis @ frame[1], axis @ frame[0]))
+    np.testing.assert_allclose(np.diff(polar), 2 * np.pi * 0.25 * 100 / 999, rtol=1e-9)
+
+
+@pytest.mark.parametrize("axis", ["velocity", "random", (0.0, 0.0, -3.0)], ids=str)
+def test_attitude_frame_is_right_handed_and_seeded(axis):
+    attitude = ws.Attitude(precession_rev_s=1.0, precession_angle_deg=5.0, rolling_rev_s=0.1, axis=axis)
+    velocity = np.array([1000.0, -7000.0, 30.0])
+    frame, precession, rolling = attitude_frame(attitude, velocity, 7, 3)
+    np.testing.assert_allclose(frame @ frame.T, np.eye(3), rtol=0, atol=1e-15 * 4)
+    np.testing.assert_allclose(np.cross(frame[0], frame[1]), frame[2], rtol=0, atol=1e-15 * 4)
+    if axis != "random":
+        wanted = velocity if axis == "velocity" else np.array(axis)
+        np.testing.assert_allclose(frame[0], wanted / np.linalg.norm(wanted), rtol=0, atol=1e-15)
+    assert 0 <= precession < 1 and 0 <= rolling < 1
+    again, other = attitude_frame(attitude, velocity, 7, 3), attitude_frame(attitude, velocity, 7, 4)
+    np.testing.assert_array_equal(again[0], frame)
+    assert not np.allclose(other[0][1], frame[1])
+
+
+def orbit_tracks(n_node=40, step_s=12.0, start_s=-12.0):
+    """Two crossing circular orbits, at 7000 km and at 8000 km."""
+    time = start_s + step_s * np.arange(n_node)
+    tracks = []
+    for radius, tilt in ((7.0e6, 0.4), (8.0e6, 1.3)):
+        rate = np.sqrt(3.986004418e14 / radius**3)
+        across = np.array([0.0, np.cos(tilt), np.sin(tilt)])
+        c, s = np.cos(rate * time)[:, None], np.sin(rate * time)[:, None]
+        position = radius * (c * [1.0, 0, 0] + s * across)
+        velocity = radius * rate * (c * across - s * [1.0, 0, 0])
+        tracks.append(Track(f"at {radius:g} m", start_s, step_s, position, velocity))
+    return tracks
+
+
+def upload_tracks(tracks, device):
+    """Position and velocity arrays and the node grid, as the renderer keeps them."""
+    grid = motion.NodeGrid()
+    grid.start_s, grid.step_s, grid.n_node = tracks[0].start_s, tracks[0].step_s, tracks[0].n_node
+    position, velocity = (
+        wp.array(np.stack([getattr(track, name) for track in tracks]), dtype=wp.vec3d, device=device)
+        for name in ("position_m", "velocity_m_s")
+    )
+    return position, velocity, grid
+
+
+@wp.kernel(enable_backward=False)
+def hermite_kernel(
+    position_m: wp.array2d[wp.vec3d],
+    velocity_m_s: wp.array2d[wp.vec3d],
+    grid: motion.NodeGrid,
+    time_s: wp.array[wp.float64],
+    place: wp.array2d[wp.vec3d],
+    speed: wp.array2d[wp.vec3d],
+    linear: wp.array2d[wp.vec3d],
+):
+    body, i = wp.tid()
+    place[body, i] = motion.hermite_position_m(position_m, velocity_m_s, body, time_s[i], grid)
+    speed[body, i] = motion.hermite_velocity_m_s(position_m, velocity_m_s, body, time_s[i], grid)
+    linear[body, i] = motion.linear_vector(position_m[body], time_s[i], grid)
+
+
+def test_tracks_between_nodes_are_the_hosts(device):
+    tracks = orbit_tracks()
+    time = np.concatenate([np.random.default_rng(SEED).uniform(-12, 456, 2000), [-12.0, 0.0, 12.0, 456.0, 455.9999]])
+    outputs = [wp.empty((2, len(time)), dtype=wp.vec3d, device=device) for _ in range(3)]
+    inputs = [*upload_tracks(tracks, device), wp.array(time, dtype=wp.float64, device=device)]
+    wp.launch(hermite_kernel, (2, len(time)), inputs=inputs, outputs=outputs, device=device)
+    place, speed, linear = (x.numpy() for x in outputs)
+    nodes_s = -12 + 12 * np.arange(40)
+    for body, track in enumerate(tracks):
+        position, velocity = track.state(time)
+        np.testing.assert_allclose(place[body], position, rtol=0, atol=TRACK_ATOL_M)
+        np.testing.assert_allclose(speed[body], velocity, rtol=0, atol=TRACK_ATOL_M)
+        straight = np.stack([np.interp(time, nodes_s, track.position_m[:, k]) for k in range(3)], axis=1)
+        np.testing.assert_allclose(linear[body], straight, rtol=0, atol=TRACK_ATOL_M)
+
+
+@wp.kernel(enable_backward=False)
+def light_path_kernel(
+    position_m: wp.array2d[wp.vec3d],
+    velocity_m_s: wp.array2d[wp.vec3d],
+    grid: motion.NodeGrid,
+    time_s: wp.array[wp.float64],
+    observer_m: wp.array[wp.vec3d],
+    earth_velocity_m_s: wp.vec3d,
+    observer_velocity_m_s: wp.array[wp.vec3d],
+    range_m: wp.array[wp.float64],
+    emission_s: wp.array[wp.float64],
+    apparent_dir: wp.array[wp.vec3d],
+):
+    i = wp.tid()
+    path = apparent.light_path(
+        position_m, velocity_m_s, 1, time_s[i], grid, observer_m[i], earth_velocity_m_s, observer_velocity_m_s[i]
+    )
+    range_m[i] = path.range_m
+    emission_s[i] = path.emission_time_s
+    apparent_dir[i] = path.apparent
+
+
+def launch_light_path(tracks, time, observer, earth_m_s, observer_m_s, device):
+    n = len(time)
+    outputs = [wp.empty(n, dtype=kind, device=device) for kind in (wp.float64, wp.float64, wp.vec3d)]
+    inputs = [
+        *upload_tracks(tracks, device),
+        wp.array(time, dtype=wp.float64, device=device),
+        wp.array(observer, dtype=wp.vec3d, device=device),
+        wp.vec3d(*earth_m_s),
+        wp.array(observer_m_s, dtype=wp.vec3d, device=device),
+    ]
+    wp.launch(light_path_kernel, n, inputs=inputs, outputs=outputs, device=device)
+    return [x.numpy() for x in outputs]
+
+
+EARTH_M_S = np.array([-8_123.0, 26_700.0, 11_570.0])
+
+
+def test_light_path_matches_an_independent_iteration(device):
+    tracks = orbit_tracks()
+    time = np.random.default_rng(SEED).uniform(0, 440, 300)
+    observer, orbital = tracks[0].state(time)
+    range_m, emission_s, seen = launch_light_path(tracks, time, observer, EARTH_M_S, EARTH_M_S + orbital, device)
+    emitted = time.copy()
+    for _ in range(20):
+        distance = np.linalg.norm(tracks[1].state(emitted)[0] - observer, axis=1)
+        emitted = time - distance / SPEED_OF_LIGHT_M_S
+    np.testing.assert_allclose(range_m, distance, rtol=0, atol=RANGE_ATOL_M)
+    np.testing.assert_allclose(time - emission_s, distance / SPEED_OF_LIGHT_M_S, rtol=0, atol=1e-13)
+    # Out of the geocentric frame, which moves with the Earth, then into the observer's.
+    expected = (tracks[1].state(emitted)[0] - observer) / distance[:, None]
+    for velocity in (np.tile(-EARTH_M_S, (300, 1)), EARTH_M_S + orbital):
+        beta = velocity / SPEED_OF_LIGHT_M_S
+        expected = erfa.ab(expected, beta, 1e12, np.sqrt(1 - np.sum(beta**2, axis=1)))
+    np.testing.assert_allclose(seen, expected, rtol=0, atol=DIRECTION_ATOL_RAD)
+    # In the geocentric frame alone: what remains is second order in v / c.
+    direct = (tracks[1].state(emitted)[0] - observer) / distance[:, None]
+    direct = erfa.ab(direct, orbital / SPEED_OF_LIGHT_M_S, 1e12, 1.0)
+    np.testing.assert_allclose(seen, direct, rtol=0, atol=SECOND_ORDER_RAD)
+
+
+def test_target_at_the_sensor_stays_finite(device):
+    tracks = orbit_tracks()
+    place, speed = tracks[1].state(np.array([100.0]))
+    range_m, _, seen = launch_light_path(tracks, np.array([100.0]), place, EARTH_M_S, EARTH_M_S + speed, device)
+    assert range_m[0] < 1e-3
+    assert np.isfinite(seen).all()
+
+
+@wp.kernel(enable_backward=False)
+def radiance_kernel(
+    ln_radiance: wp.array2d[wp.float64],
+    slope: wp.array2d[wp.float64],
+    table: targets.RadianceTable,
+    temperature_k: wp.array[wp.float64],
+    radiance: wp.array2d[wp.float64],
+):
+    band, i = wp.tid()
+    radiance[band, i] = targets.band_radiance_w_m2_sr(ln_radiance, slope, band, temperature_k[i], table)
+
+
+@pytest.mark.parametrize(
+    ("start_k", "end_k"), [(300.0, 300.0), (200.0, 500.0), (50.0, 6000.0), (1e4, 1e4), (3.0, 30.0)], ids=str
+)
+def test_radiance_table_matches_the_integral(device, start_k, end_k):
+    bands = list(ws.BANDS)
+    temperature = SimpleNamespace(start_k=start_k, end_k=end_k)
+    ln_radiance, slope, table = _radiance(
+        SimpleNamespace(targets=[SimpleNamespace(temperature=temperature)]), bands, wp.get_device(device)
+    )
+    kelvin = np.append(np.geomspace(start_k, end_k, 1001), [start_k, end_k])
+    out = wp.empty((len(bands), len(kelvin)), dtype=wp.float64, device=device)
+    inputs = [ln_radiance, slope, table, wp.array(kelvin, dtype=wp.float64, device=device)]
+    wp.launch(radiance_kernel, out.shape, inputs=inputs, outputs=[out], device=device)
+    for name, seen in zip(bands, out.numpy(), strict=True):
+        expected = ws.band_radiance_w_m2_sr(kelvin, ws.BANDS[name])
+        np.testing.assert_allclose(seen, expected, rtol=RADIANCE_RTOL, atol=RADIANCE_FLOOR_W_M2_SR)
+
+
+@wp.kernel(enable_backward=False)
+def temperature_kernel(target: targets.Target, time_s: wp.array[wp.float64], kelvin: wp.array[wp.float64]):
+    i = wp.tid()
+    kelvin[i] = targets.temperature_k(target, time_s[i])
+
+
+def test_temperature_is_linear_between_its_ends(device):
+    target = targets.Target()
+    target.start_temperature_k, target.end_temperature_k = 320.0, 270.0
+    target.cooling_start_s, target.cooling_duration_s = 10.0, 400.0
+    time = np.array([-5.0, 10.0, 110.0, 410.0, 1e6])
+    out = wp.empty(5, dtype=wp.float64, device=device)
+    wp.launch(temperature_kernel, 5, inputs=[target, wp.array(time, device=device)], outputs=[out], device=device)
+    np.testing.assert_allclose(out.numpy(), np.interp(time, [10, 410], [320, 270]), rtol=1e-15)
+
+
+@wp.kernel(enable_backward=False)
+def occulted_kernel(
+    observer_m: wp.array[wp.vec3d], vector_m: wp.array[wp.vec3d], earth: targets.Earth, hidden: wp.array[wp.int32]
+):
+    i = wp.tid()
+    hidden[i] = 0
+    if targets.is_occulted(observer_m[i], vector_m[i], earth):
+        hidden[i] = 1
+
+
+def device_occulted(observer, vector, pole, device):
+    earth = targets.Earth()
+    earth.pole = wp.vec3d(*pole)
+    earth.equatorial_radius_m = EARTH_EQUATORIAL_RADIUS_M
+    earth.polar_radius_m = EARTH_EQUATORIAL_RADIUS_M * (1 - EARTH_FLATTENING)
+    out = wp.empty(len(observer), dtype=wp.int32, device=device)
+    arrays = [wp.array(x, dtype=wp.vec3d, device=device) for x in (observer, vector)]
+    wp.launch(occulted_kernel, len(observer), inputs=[*arrays, earth], outputs=[out], device=device)
+    return out.numpy().astype(bool)
+
+
+def test_occultation_matches_sampling_of_the_segment(device):
+    rng = np.random.default_rng(SEED)
+    pole = np.array([0.02, -0.01, 1.0]) / np.linalg.norm([0.02, -0.01, 1.0])
+    ends = rng.normal(size=(2, 4000, 3))
+    ends *= (rng.uniform(6.6e6, 1.2e7, (2, 4000)) / np.linalg.norm(ends, axis=2))[..., None]
+    ends[1, :200] = ends[0, :200] + rng.normal(size=(200, 3)) * 1e5  # near ones; some segments end before the Earth
+    lowest = np.full(4000, np.inf)  # smallest (equatorial / a)^2 + (polar / b)^2 - 1 along the segment
+    for part in np.linspace(0, 1, 4001):
+        place = ends[0] + (ends[1] - ends[0]) * part
+        along = place @ pole
+        across2 = np.sum(place * place, axis=1) - along**2
+        a, b = EARTH_EQUATORIAL_RADIUS_M, EARTH_EQUATORIAL_RADIUS_M * (1 - EARTH_FLATTENING)
+        lowest = np.minimum(lowest, across2 / a**2 + along**2 / b**2 - 1)
+    hidden = device_occulted(ends[0], ends[1] - ends[0], pole, device)
+    clear = np.abs(lowest) > 1e-6  # 3 m of height; samples lie 5 km apart and miss the lowest point by less
+    assert clear.mean() > 0.99
+    np.testing.assert_array_equal(hidden[clear], lowest[clear] < 0)
+    assert 500 < hidden.sum() < 3500
+
+
+@pytest.mark.parametrize("toward_pole", [False, True], ids=["equator", "pole"])
+def test_grazing_rays_feel_the_flattening_to_a_millimetre(device, toward_pole):
+    """A ray along y that passes the ellipsoid's equator (or pole) just above and just below its surface."""
+    radius = EARTH_EQUATORIAL_RADIUS_M * (1 - EARTH_FLATTENING if toward_pole else 1)
+    height = np.array([1e-3, -1e-3])
+    observer = np.zeros((2, 3))
+    observer[:, 2 if toward_pole else 0] = radius + height
+    observer[:, 1] = -3e6
+    hidden = device_occulted(observer, np.tile([0.0, 6e6, 0.0], (2, 1)), [0.0, 0.0, 1.0], device)
+    np.testing.assert_array_equal(hidden, [False, True])
+    short = device_occulted(observer, np.tile([0.0, 2.9e6, 0.0], (2, 1)), [0.0, 0.0, 1.0], device)
+    away = device_occulted(observer, np.tile([0.0, -6e6, 0.0], (2, 1)), [0.0, 0.0, 1.0], device)
+    assert not short.any() and not away.any()
