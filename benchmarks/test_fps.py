@@ -4,8 +4,8 @@
     python benchmarks/report.py benchmarks/results/fps.json
 
 Each round renders other frames of `stss`, 10 ms apart: aim, star query, 30 targets, deposit, fresh noise, 14-bit
-uint16. Kernels are compiled and buffers warm before the clock starts. Beside its time each case carries the error of its point
-spread function: the worst pixel of a unit source against float64 quadrature.
+uint16. Kernels are compiled and buffers warm before the clock starts. Beside its time each case carries the error of
+its point spread function: the worst pixel of a unit source against float64 quadrature.
 """
 
 from __future__ import annotations

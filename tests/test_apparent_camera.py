@@ -10,7 +10,7 @@ from warpsim_kernels import camera as camera_kernels
 
 import warpsim as ws
 from warpsim.constants import SPEED_OF_LIGHT_M_S
-from warpsim.output.wcs import tan_wcs
+from warpsim.optics.wcs import tan_wcs
 
 SEED = 161803
 ARCSEC_RAD = np.pi / 180 / 3600

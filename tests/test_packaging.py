@@ -59,8 +59,7 @@ def test_imports_run_one_way():
             words = line.split()
             if len(words) > 1 and words[0] in ("from", "import") and words[1].startswith("warpsim."):
                 there = words[1].split(".")[1]
-                lazy_wcs = (here, words[1]) == ("render", "warpsim.output.wcs")
-                assert rank.get(there, 0) <= rank[here] or lazy_wcs, f"{path}: {line}"
+                assert rank.get(there, 0) <= rank[here], f"{path}: {line}"
     for path in (ROOT / "kernels" / "warpsim_kernels").glob("*.py"):
         for line in path.read_text().splitlines():
             words = line.split()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 from warpsim_kernels.normal import normal_cosine, normal_radius, normal_sine
-from warpsim_kernels.philox import philox2x32_word, philox4x32
+from warpsim_kernels.philox import lower_word, philox2x32_word, philox4x32, upper_word
 
 N_WORD = 1_000_000
 SEED = 20260101
@@ -68,9 +68,9 @@ def normal_kernel(
     word: wp.array[wp.uint64], radius: wp.array[float], cosine: wp.array[float], sine: wp.array[float]
 ):
     i = wp.tid()
-    radius[i] = normal_radius(word[i])
-    cosine[i] = normal_cosine(word[i])
-    sine[i] = normal_sine(word[i])
+    radius[i] = normal_radius(upper_word(word[i]))
+    cosine[i] = normal_cosine(lower_word(word[i]))
+    sine[i] = normal_sine(lower_word(word[i]))
 
 
 def device_words(kernel, counter, key, device):

@@ -62,12 +62,12 @@ def twin_words(frame, sensor, band, seed, n_pixel):
         c = [(b >> np.uint64(32)) ^ c[1] ^ k[0], b & low, (a >> np.uint64(32)) ^ c[3] ^ k[1], a & low]
         k = [(k[0] + np.uint64(0x9E3779B9)) & low, (k[1] + np.uint64(0xBB67AE85)) & low]
     pixel = np.arange(n_pixel)
-    x, y, key = (pixel // 256 * 128 + pixel % 128).astype(np.uint64), np.full(n_pixel, c[1]), c[0]
+    x, y, key = (pixel // 128 * 64 + pixel % 64).astype(np.uint64), np.full(n_pixel, c[1]), c[0]
     for _ in range(10):
         product = np.uint64(0xD256D193) * x
         x, y = (product >> np.uint64(32)) ^ key ^ y, product & low
         key = (key + np.uint64(0x9E3779B9)) & low
-    return x, y, pixel % 256 >= 128
+    return x, y, pixel % 128 >= 64
 
 
 def twin_deviates(frame, sensor, band, seed, n_pixel):

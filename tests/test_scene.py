@@ -140,7 +140,7 @@ def test_parts_say_what_is_wrong(make, message):
         ({"targets": []}, "targets: must hold at least the main target"),
         ({"seed": -1}, r"seed: must be in"),
         ({"camera__n_colour": 3}, "camera.n_colour: is not a known field"),
-        ({"nothing__at_all": 3}, "nothing.at_all: is not a known field"),
+        ({"nothing__at_all": 3}, "nothing.at_all: is not a field of a part"),
         ({"optics__aperture_m": 100.0}, "optics: in band A: PsfAiry: radius_px"),
         ({"release__speed_m_s": [5, 2]}, "release.speed_m_s: must be"),
         ({"trajectory__epoch_utc": "2000-01-01T00:00:00"}, "trajectory.epoch_utc: must equal"),

@@ -61,16 +61,13 @@ def make_deposit_gaussian_kernel(max_width_px: int) -> wp.Kernel:
         sigma_px: wp.array[float],  # (n_band,)
         rule: StampRule,
         n_row_per_block: int,
-        # out
+        # out (accumulated)
         signal_w_cm2: wp.array4d[float],  # (n_view, n_band, n_row, n_col)
     ):
         view, band, block = wp.tid()
         n_col = signal_w_cm2.shape[3]
         first_row = block * n_row_per_block
         end_row = wp.min(first_row + n_row_per_block, signal_w_cm2.shape[2])
-        for row in range(first_row, end_row):
-            for column in range(n_col):
-                signal_w_cm2[view, band, row, column] = 0.0
         column_share = columns_type()
         for source in range(n_source[view]):
             irradiance = source_irradiance_w_cm2[view, band, source]
@@ -103,7 +100,7 @@ def deposit_table_kernel(
     table: wp.array[float],  # pixel shares of all bands, flat
     rule: StampRule,
     n_row_per_block: int,
-    # out
+    # out (accumulated)
     signal_w_cm2: wp.array4d[float],  # (n_view, n_band, n_row, n_col)
 ):
     """Stamps of a tabulated point spread function (Airy)."""
@@ -111,9 +108,6 @@ def deposit_table_kernel(
     n_col = signal_w_cm2.shape[3]
     first_row = block * n_row_per_block
     end_row = wp.min(first_row + n_row_per_block, signal_w_cm2.shape[2])
-    for row in range(first_row, end_row):
-        for column in range(n_col):
-            signal_w_cm2[view, band, row, column] = 0.0
     shape = psf[band]
     for source in range(n_source[view]):
         irradiance = source_irradiance_w_cm2[view, band, source]

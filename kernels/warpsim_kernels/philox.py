@@ -31,6 +31,18 @@ def philox2x32_word(counter_low: wp.uint32, counter_high: wp.uint32, key: wp.uin
 
 
 @wp.func
+def upper_word(word: wp.uint64) -> wp.uint32:
+    """The first output word of philox2x32_word."""
+    return wp.uint32(word >> wp.uint64(32))
+
+
+@wp.func
+def lower_word(word: wp.uint64) -> wp.uint32:
+    """The second output word of philox2x32_word."""
+    return wp.uint32(word)
+
+
+@wp.func
 def philox4x32(counter: wp.vec4ui, key_low: wp.uint32, key_high: wp.uint32) -> wp.vec4ui:
     """Philox4x32-10: four random words for a 128-bit counter and a 64-bit key."""
     x = counter[0]

@@ -126,4 +126,5 @@ def stamp_rule(cut_w_cm2: float, cut_share: float) -> Any:
 def _launch_deposit(kernel: wp.Kernel, inputs: list[Any], rule: Any, n_row_per_block: int, signal: wp.array) -> None:
     n_view, n_band, n_row, _ = signal.shape
     n_block = -(-n_row // n_row_per_block)
+    signal.zero_()
     wp.launch(kernel, (n_view, n_band, n_block), [*inputs, rule, n_row_per_block], [signal], device=signal.device)

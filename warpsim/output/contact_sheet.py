@@ -17,9 +17,9 @@ GAP_PX = 6
 LEFT_PX = 76
 TOP_PX = 58
 N_COLUMN = 10
-CEILING_NEI = 100.0
+CEILING_NEI = 60.0
 """Drawn white."""
-SOFTENING_NEI = 3.0
+SOFTENING_NEI = 2.0
 """The grey scale is linear below, logarithmic above: asinh(x / softening)."""
 
 _PAPER = 24
@@ -50,6 +50,7 @@ def draw_contact_sheet(
     canvas = np.full((height, width, 3), _PAPER, dtype=np.uint8)
     labels: list[tuple[int, int, str, int, tuple[float, float, float]]] = [
         (8, 20, f"{scene.name}   band {band}   {scene.epoch_utc} UTC", 15, _INK),
+        (8 + 440, 20, f"white: {CEILING_NEI:g} NEI, asinh scale, times after the epoch", 13, _FAINT),
         (8, TOP_PX - 6, "t [s]", 13, _INK),
     ]
     labels += [

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.errors import InputError
-from warpsim.output.wcs import tan_keywords, wcs_from_keywords
+from warpsim.optics.wcs import tan_keywords, wcs_from_keywords
 from warpsim.render.frameset import FrameSet
 from warpsim.scene.scene import Scene
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from astropy.table import Table
     from astropy.wcs import WCS
 
-_WCS_KEYS = ("CRVAL1", "CRVAL2", "CRPIX1", "CRPIX2", "CD1_1", "CD1_2", "CD2_1", "CD2_2")
+_WCS_KEYS = ("CRVAL1", "CRVAL2", "CRPIX1", "CRPIX2", "CD1_1", "CD1_2", "CD2_1", "CD2_2", "LONPOLE")
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class CubeWriter:
         table["TIME_S"].unit = "s"
         for name in _WCS_KEYS[:2]:
             table[name].unit = "deg"
-        for name in _WCS_KEYS[4:]:
+        for name in _WCS_KEYS[4:8]:
             table[name].unit = "deg / pix"
         extension = fits.table_to_hdu(table)
         extension.name = "FRAMES"

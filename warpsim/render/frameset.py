@@ -62,7 +62,7 @@ class FrameSet:
         Raises:
             InputError: The frame or the sensor was not rendered.
         """
-        from warpsim.output.wcs import tan_wcs
+        from warpsim.optics.wcs import tan_wcs
 
         if frame not in self.frames or sensor not in self.sensors:
             raise InputError(f"wcs: frame {frame} of {sensor!r} was not rendered")

@@ -16,7 +16,7 @@ from warpsim.render.buffers import Chunk
 from warpsim.render.device import rows_per_block
 from warpsim.render.world import World
 
-TILE_THREADS_CUDA = 128
+TILE_THREADS_CUDA = TILE_WIDTH
 
 
 def aim(world: World, chunk: Chunk) -> None:
@@ -123,8 +123,8 @@ def read_out(world: World, chunk: Chunk) -> None:
     if n_tile:
         wp.launch_tiled(
             make_read_out_tile_kernel(TILE_WIDTH),
-            dim=[n_view, n_band, n_tile],
-            inputs=[*images, world.read_out],
+            dim=[n_view * n_band * n_tile],
+            inputs=[*images, n_tile, world.read_out],
             outputs=[counts],
             block_dim=TILE_THREADS_CUDA if world.device.is_cuda else 1,
             device=world.device,

@@ -34,11 +34,13 @@ def tan_keywords(axes_icrs: npt.NDArray[np.float64], camera: Camera) -> dict[str
         "CD1_2": float(scale * (east @ y)),
         "CD2_1": float(scale * (north @ x)),
         "CD2_2": float(scale * (north @ y)),
+        # Said aloud, because its default is 0 instead for a boresight exactly at the north pole.
+        "LONPOLE": 180.0,
     }
 
 
 def wcs_from_keywords(keywords: dict[str, float]) -> WCS:
-    """Astropy WCS from the eight numbers of tan_keywords."""
+    """Astropy WCS from the numbers of tan_keywords."""
     from astropy.wcs import WCS
 
     wcs = WCS(naxis=2)
@@ -48,6 +50,7 @@ def wcs_from_keywords(keywords: dict[str, float]) -> WCS:
     wcs.wcs.crval = [keywords["CRVAL1"], keywords["CRVAL2"]]
     wcs.wcs.crpix = [keywords["CRPIX1"], keywords["CRPIX2"]]
     wcs.wcs.cd = [[keywords["CD1_1"], keywords["CD1_2"]], [keywords["CD2_1"], keywords["CD2_2"]]]
+    wcs.wcs.lonpole = keywords["LONPOLE"]
     wcs.wcs.set()
     return wcs
 
