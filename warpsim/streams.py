@@ -1,7 +1,7 @@
 """Random numbers of scenes on the host: one stream per purpose and item, the same on every machine.
 
-The raw bits of NumPy's Philox are guaranteed never to change, unlike its float distributions, so the conversion to
-uniforms is done here.
+The raw bits of NumPy's Philox are guaranteed never to change (NEP 19), unlike the methods of `Generator`, so the
+conversion to uniforms is done here.
 """
 
 from __future__ import annotations

@@ -44,6 +44,29 @@ def nearest_pixel(position_px: wp.float64) -> int:
     return int(wp.floor(position_px + wp.float64(0.5)))
 
 
+@wp.struct
+class Stamp:
+    """Pixels of a stamp that lie on the image, within the rows that a thread owns; the ends are one past the last."""
+
+    first_column: int
+    end_column: int
+    first_row: int
+    end_row: int
+
+
+@wp.func
+def stamp_on_image(xy_px: wp.vec2d, half_width_px: int, n_col: int, first_row: int, end_row: int) -> Stamp:
+    """The stamp around a source, cut to the image and to the rows first_row ... end_row - 1."""
+    stamp = Stamp()
+    column = nearest_pixel(xy_px[0])
+    row = nearest_pixel(xy_px[1])
+    stamp.first_column = wp.max(column - half_width_px, 0)
+    stamp.end_column = wp.min(column + half_width_px + 1, n_col)
+    stamp.first_row = wp.max(row - half_width_px, first_row)
+    stamp.end_row = wp.min(row + half_width_px + 1, end_row)
+    return stamp
+
+
 @functools.cache
 def make_deposit_gaussian_kernel(max_width_px: int) -> wp.Kernel:
     """Kernel for Gaussian stamps of at most max_width_px columns.
@@ -73,19 +96,16 @@ def make_deposit_gaussian_kernel(max_width_px: int) -> wp.Kernel:
             irradiance = source_irradiance_w_cm2[view, band, source]
             half = gaussian_half_width_px(sigma_px[band], stamp_cut(irradiance, rule))
             half = wp.min(half, wp.static(max_width_px // 2))
-            x = source_xy_px[view, source][0]
-            y = source_xy_px[view, source][1]
-            first = wp.max(nearest_pixel(x) - half, 0)
-            end = wp.min(nearest_pixel(x) + half + 1, n_col)
-            top = wp.max(nearest_pixel(y) - half, first_row)
-            bottom = wp.min(nearest_pixel(y) + half + 1, end_row)
-            if irradiance != 0.0 and top < bottom and first < end:
-                for column in range(first, end):
-                    column_share[column - first] = gaussian_pixel_share(wp.float64(column) - x, sigma_px[band])
-                for row in range(top, bottom):
-                    strength = irradiance * gaussian_pixel_share(wp.float64(row) - y, sigma_px[band])
-                    for column in range(first, end):
-                        signal_w_cm2[view, band, row, column] += strength * column_share[column - first]
+            xy_px = source_xy_px[view, source]
+            stamp = stamp_on_image(xy_px, half, n_col, first_row, end_row)
+            if irradiance != 0.0 and stamp.first_row < stamp.end_row:
+                for column in range(stamp.first_column, stamp.end_column):
+                    share = gaussian_pixel_share(wp.float64(column) - xy_px[0], sigma_px[band])
+                    column_share[column - stamp.first_column] = share
+                for row in range(stamp.first_row, stamp.end_row):
+                    strength = irradiance * gaussian_pixel_share(wp.float64(row) - xy_px[1], sigma_px[band])
+                    for column in range(stamp.first_column, stamp.end_column):
+                        signal_w_cm2[view, band, row, column] += strength * column_share[column - stamp.first_column]
 
     return deposit_gaussian_kernel
 
@@ -112,17 +132,14 @@ def deposit_table_kernel(
     for source in range(n_source[view]):
         irradiance = source_irradiance_w_cm2[view, band, source]
         half = table_half_width_px(shape, stamp_cut(irradiance, rule))
-        x = source_xy_px[view, source][0]
-        y = source_xy_px[view, source][1]
-        first = wp.max(nearest_pixel(x) - half, 0)
-        end = wp.min(nearest_pixel(x) + half + 1, n_col)
-        top = wp.max(nearest_pixel(y) - half, first_row)
-        bottom = wp.min(nearest_pixel(y) + half + 1, end_row)
+        xy_px = source_xy_px[view, source]
+        stamp = stamp_on_image(xy_px, half, n_col, first_row, end_row)
         if irradiance != 0.0:
-            for row in range(top, bottom):
-                row_axis = table_axis(wp.float64(row) - y, shape)
-                for column in range(first, end):
-                    share = table_pixel_share(table, shape, row_axis, table_axis(wp.float64(column) - x, shape))
+            for row in range(stamp.first_row, stamp.end_row):
+                row_axis = table_axis(wp.float64(row) - xy_px[1], shape)
+                for column in range(stamp.first_column, stamp.end_column):
+                    column_axis = table_axis(wp.float64(column) - xy_px[0], shape)
+                    share = table_pixel_share(table, shape, row_axis, column_axis)
                     signal_w_cm2[view, band, row, column] += irradiance * share
 
 

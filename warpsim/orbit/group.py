@@ -8,20 +8,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
+from warpsim.streams import uniforms
 
 F64 = NDArray[np.float64]
-
-# A word of its own in the 128-bit key keeps these draws apart from any other use of the same seed.
-_STREAM = 0x47524F5550  # "GROUP"
 
 
 def release_velocities(main_velocity_m_s: ArrayLike, n: int, speed_m_s: tuple[float, float], seed: int) -> F64:
     """Return inertial velocities of released targets [m/s], shape (n, 3).
 
-    Directions relative to the main target are isotropic, speeds uniform. The bits are the raw words of NumPy's
-    Philox, whose stream is frozen (NEP 19 promises that for bit generators; the methods of `Generator`, such as
-    `uniform`, may change between releases), turned into uniforms here. Target i uses words 3i to 3i + 2, so a larger
-    group begins with the smaller one.
+    Directions relative to the main target are isotropic, speeds uniform. Target i uses numbers 3i to 3i + 2 of the
+    seed's stream for releases, so a larger group begins with the smaller one.
 
     Args:
         main_velocity_m_s: Velocity of the main target at release [m/s], shape (3,).
@@ -40,8 +36,7 @@ def release_velocities(main_velocity_m_s: ArrayLike, n: int, speed_m_s: tuple[fl
     if not (math.isfinite(high) and 0.0 <= low <= high):
         raise InputError(f"speed_m_s: must be two numbers with 0 <= low <= high, got {speed_m_s!r}")
 
-    words = np.random.Philox(key=int(seed) | (_STREAM << 64)).random_raw(3 * int(n)).reshape(int(n), 3)
-    uniform = (words >> np.uint64(11)).astype(np.float64) * 2.0**-53  # the top 53 bits: [0, 1)
+    uniform = uniforms(int(seed), "group release", 0, 3 * int(n)).reshape(int(n), 3)
     z = 2.0 * uniform[:, 0] - 1.0  # equal areas in z: isotropic
     azimuth = 2.0 * math.pi * uniform[:, 1]
     speed = low + (high - low) * uniform[:, 2]
