@@ -1,4 +1,4 @@
-"""Prints a Markdown table of a benchmark result: python benchmarks/report.py benchmarks/results/fps.json."""
+"""Prints a Markdown table of a benchmark result: python benchmarks/report.py [RESULT.json]."""
 
 from __future__ import annotations
 
@@ -28,4 +28,4 @@ def table(path: str) -> str:
 
 
 if __name__ == "__main__":
-    print(table(sys.argv[1]))
+    print(table(sys.argv[1] if len(sys.argv) > 1 else str(Path(__file__).parent / "results" / "fps.json")))

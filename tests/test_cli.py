@@ -23,7 +23,7 @@ def test_check_reports_a_valid_scene(capsys):
     code, out, _ = run(capsys, "check", "stss")
     assert code == 0
     assert "stss: valid. 28 sensors, 30 targets, bands A C E" in out
-    assert "10 of 28 sensors" in out
+    assert "10 of 28 sensors, 587 views" in out
 
 
 def test_check_explains_an_empty_run(capsys, tmp_path):
@@ -32,13 +32,43 @@ def test_check_explains_an_empty_run(capsys, tmp_path):
     code, out, _ = run(capsys, "check", path)
     assert code == 0
     assert "nothing would be rendered" in out
-    assert "range_km 100%" in out
+    assert "too far 100%" in out
+
+
+def test_check_doubts_an_impossible_flight(capsys, tmp_path):
+    path = tmp_path / "fast.toml"
+    ws.Scene.load("stss").replace(
+        frames={"count": 2, "interval_s": 1.0},
+        duration_s=150.0,
+        trajectory__duration_s=150.0,
+        trajectory__end_lon_lat_deg=[150.0, 42.0],
+    ).save(path)
+    code, out, _ = run(capsys, "check", path)
+    assert code == 0
+    assert "faster than escape speed" in out
+    assert "dips below its end points" in out
+
+
+def test_a_catalog_path_counts_from_the_scene_file(capsys, tmp_path, monkeypatch):
+    path = tmp_path / "deep" / "mine.toml"
+    path.parent.mkdir()
+    ws.Scene.load("stss").save(path)
+    path.write_text(path.read_text().replace('catalog = "default"', 'catalog = "stars.csv"'))
+    (path.parent / "stars.csv").write_text("ra_deg,dec_deg,flux_A_jy\n10.0,20.0,5.0\n11.0,20.0,\n")
+    monkeypatch.chdir("/")
+    code, out, _ = run(capsys, "check", path)
+    assert code == 0
+    assert "2 stars, with light in band A 1, C 0, E 0" in out
+    (path.parent / "stars.csv").unlink()
+    code, _, err = run(capsys, "check", path)
+    assert (code, err.count("\n")) == (2, 1)
+    assert f"sky.catalog: {path.parent / 'stars.csv'}: " in err
 
 
 def test_render_reports_what_where_and_how_fast(capsys, tmp_path):
     code, out, _ = run(capsys, "render", "stss", "-o", tmp_path / "o", "--frames", "60:62", "--sensors", "sat11")
     assert code == 0
-    assert "6 images (1 sensors, bands A C E)" in out
+    assert "6 images (1 sensor, bands A C E)" in out
     assert "frames per second" in out
 
 
@@ -66,6 +96,10 @@ BAD_SCENES = {
     "SEI below NEI": ("sei_w_cm2 = 3e-15", "sei_w_cm2 = 3e-19", "detector.sei_w_cm2: must be above nei_w_cm2"),
     "half a pixel": ("n_row = 128", "n_row = 128.5", "camera.n_row: must be a whole number, got 128.5"),
     "bad epoch": ('epoch_utc = "2025-01-01T14:00:00"', 'epoch_utc = "yesterday"', "epoch_utc: must be an ISO 8601"),
+    "too long": ("duration_s = 1614.0\nbands", "duration_s = 2e9\nbands", "duration_s: must be at most trajectory.dur"),
+    "flight shorter than the scene": (
+        "duration_s = 1614.0\nendpoint", "duration_s = 1000.0\nendpoint", "duration_s: must be at most traj",
+    ),
     "bad phasing": ("phasing = 2", "phasing = 4", "constellation.phasing"),
     "not TOML": ("duration_s = 1614.0", "duration_s = = 1", "is not valid TOML"),
 }
@@ -116,8 +150,9 @@ def test_output_that_cannot_be_written(capsys, tmp_path):
     ("arguments", "message"),
     [
         (["--frames", "5:x"], "--frames: must be A:B"),
-        (["--frames=-3:5"], "--frames: must be A:B"),
-        (["--frames", "0:9999"], "frames: frame 162 is at 1620 s"),
+        (["--frames", "1:2:3:4"], "--frames: must be A:B"),
+        (["--frames", "9999"], "frames: frame 9999 is at 99990 s"),
+        (["--frames", "170:9999"], "frames: must name at least one"),
         (["--frames", "5:5"], "frames: must name at least one"),
         (["--frames", "0:3"], "no sensor has access"),
         (["--sensors", "sat99"], "sensors: must be among"),

@@ -107,6 +107,11 @@ def test_output_page_lists_every_column_of_frames_and_every_key(tmp_path):
         assert f"`{key}`" in text["Manifest"] or key in ("warpsim", "python", "packages")
 
 
+def test_api_page_names_everything_public():
+    text = (TOP / "docs" / "api.md").read_text()
+    assert [name for name in ws.__all__ if not re.search(rf"\b{name}\b", text)] == []
+
+
 def test_command_line_table_is_complete(capsys):
     """Commands and options of the README are those of the program."""
     text = sections(TOP / "README.md")["Command line"]

@@ -116,6 +116,20 @@ def test_a_damaged_file_is_made_again(scene, tmp_path):
     assert cube.read_bytes() == good
 
 
+def test_only_the_sensor_of_a_damaged_file_is_made_again(scene, folder, tmp_path):
+    arguments = (range(60, 66), ["sat11", "sat47"], ["A", "E"])
+    ws.render_to_folder(scene, tmp_path, *arguments, device="cpu")
+    (tmp_path / "sat47_E.fits").unlink()
+    untouched = (tmp_path / "sat11_A.fits").stat().st_mtime_ns
+    report = ws.render_to_folder(scene, tmp_path, *arguments, device="cpu")
+    assert report.n_image_rendered == 12
+    assert "12 images kept from before" in report.text()
+    assert (tmp_path / "sat11_A.fits").stat().st_mtime_ns == untouched
+    assert listing(tmp_path) == listing(folder)
+    for name in listing(folder):
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes(), name
+
+
 def test_a_different_run_is_refused_unless_told(scene, tmp_path):
     ws.render_to_folder(scene, tmp_path, [60], ["sat11"], ["A"], device="cpu")
     before = {name: (tmp_path / name).read_bytes() for name in listing(tmp_path)}

@@ -138,6 +138,8 @@ def test_parts_say_what_is_wrong(make, message):
         ({"bands": ["A", "A"]}, "bands: must not repeat"),
         ({"bands": []}, "bands: must name at least one"),
         ({"targets": []}, "targets: must hold at least the main target"),
+        ({"duration_s": 1e9, "trajectory__duration_s": 1e9}, "duration_s: 1e\\+09 s are too long for 58 sensors"),
+        ({"bands": 3}, "bands: must be a list, got 3"),
         ({"seed": -1}, r"seed: must be in"),
         ({"camera__n_colour": 3}, "camera.n_colour: is not a known field"),
         ({"nothing__at_all": 3}, "nothing.at_all: is not a field of a part"),
@@ -185,6 +187,13 @@ def test_the_group_leaves_at_2_to_5_m_s(scene):
     assert speed.min() > 1.99
     assert speed.max() < 5.01
     assert speed.std() > 0.3
+
+
+def test_a_flight_below_ground_is_said_with_the_files_name(scene, tmp_path):
+    path = tmp_path / "low.toml"
+    scene.replace(frames__count=2, duration_s=900.0, trajectory__duration_s=900.0).save(path)
+    with pytest.raises(ws.InputError, match=r"low.toml: trajectory.duration_s: 900 s gives a flight .* below"):
+        ws.Scene.load(path)
 
 
 def test_tracks_are_interpolated_to_a_millimetre(scene):

@@ -11,6 +11,7 @@ import pytest
 import warp as wp
 from scipy.spatial import ConvexHull
 from warpsim_kernels import apparent, motion, targets
+from warpsim_kernels.earth import Earth, is_occulted
 
 import warpsim as ws
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, SPEED_OF_LIGHT_M_S
@@ -407,16 +408,16 @@ def test_temperature_is_linear_between_its_ends(device):
 
 @wp.kernel(enable_backward=False)
 def occulted_kernel(
-    observer_m: wp.array[wp.vec3d], vector_m: wp.array[wp.vec3d], earth: targets.Earth, hidden: wp.array[wp.int32]
+    observer_m: wp.array[wp.vec3d], vector_m: wp.array[wp.vec3d], earth: Earth, hidden: wp.array[wp.int32]
 ):
     i = wp.tid()
     hidden[i] = 0
-    if targets.is_occulted(observer_m[i], vector_m[i], earth):
+    if is_occulted(observer_m[i], vector_m[i], earth):
         hidden[i] = 1
 
 
 def device_occulted(observer, vector, pole, device):
-    earth = targets.Earth()
+    earth = Earth()
     earth.pole = wp.vec3d(*pole)
     earth.equatorial_radius_m = EARTH_EQUATORIAL_RADIUS_M
     earth.polar_radius_m = EARTH_EQUATORIAL_RADIUS_M * (1 - EARTH_FLATTENING)

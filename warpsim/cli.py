@@ -133,9 +133,11 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _bench(options: argparse.Namespace) -> int:
+    from warpsim.render.device import default_device
     from warpsim.render.speed import PAPER_FPS, measure_fps
 
     _start_warp()
+    default_device(options.device)
     print("One sensor, one band of stss, fresh noise, result in host memory (median of 7)")
     print(f"{'pixels':>10} {'frames/s':>10} {'paper':>7} {'ratio':>7}")
     for n_pixel, paper in PAPER_FPS.items():
@@ -149,19 +151,18 @@ def _names(text: str | None) -> list[str] | None:
 
 
 def _frame_numbers(text: str | None, count: int) -> list[int] | None:
-    """Frame numbers of A:B, A:B:STEP or a single number."""
+    """Frame numbers of A:B, A:B:STEP (a slice of the scene's frames) or a single number."""
     if text is None:
         return None
     try:
         numbers = [int(item) if item.strip() else None for item in text.split(":")]
         if len(numbers) == 1 and numbers[0] is not None:
             return [numbers[0]]
-        if len(numbers) not in (2, 3) or any(number is not None and number < 0 for number in numbers):
+        if len(numbers) not in (2, 3):
             raise ValueError
-        first, end, step = numbers[0] or 0, numbers[1], (numbers[2] if len(numbers) == 3 else None) or 1
-        return list(range(first, count if end is None else end, step))
+        return list(range(count)[slice(*numbers)])
     except ValueError:
-        raise InputError(f"--frames: must be A:B, A:B:STEP or one number, all >= 0, got {text!r}") from None
+        raise InputError(f"--frames: must be A:B, A:B:STEP or one number, got {text!r}") from None
 
 
 def run() -> None:

@@ -5,6 +5,7 @@ import warp as wp
 from warpsim_kernels.apparent import aberrated
 from warpsim_kernels.band_index import cone_cover, run_begin, run_end
 from warpsim_kernels.camera import Camera, depth, projected_px, within_frame
+from warpsim_kernels.earth import Earth, is_star_occulted
 
 
 @wp.struct
@@ -20,6 +21,7 @@ class StarCone:
 def gather_stars_kernel(
     # in
     view_axes: wp.array[wp.mat33d],  # (n_view,)
+    view_position_m: wp.array[wp.vec3d],  # (n_view,) geocentric
     view_velocity_m_s: wp.array[wp.vec3d],  # (n_view,) barycentric
     cell_start: wp.array[wp.int32],  # (180 * 360 + 1,)
     star_direction: wp.array[wp.vec3d],  # (n_star,) ICRS, in cell order
@@ -27,6 +29,7 @@ def gather_stars_kernel(
     star_half_width_px: wp.array[wp.int32],  # (n_star,) widest stamp over the bands
     camera: Camera,
     cone: StarCone,
+    earth: Earth,
     n_target: int,  # slots already taken by targets
     # out
     source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
@@ -35,7 +38,7 @@ def gather_stars_kernel(
     n_source: wp.array[wp.int32],  # (n_view,) filled slots
     n_wanted: wp.array[wp.int32],  # (n_view,) slots needed; above n_slot when the list is full
 ):
-    """Append every star whose stamp touches the frame, in cell order; one thread per view."""
+    """Append every star in front of the Earth whose stamp touches the frame, in cell order; one thread per view."""
     view = wp.tid()
     axes = view_axes[view]
     boresight = wp.vec3d(axes[2, 0], axes[2, 1], axes[2, 2])
@@ -48,18 +51,20 @@ def gather_stars_kernel(
     for band in range(cover.first_band, cover.last_band + 1):
         for part in range(2):
             for star in range(run_begin(cell_start, band, cover, part), run_end(cell_start, band, cover, part)):
-                direction = star_direction[star]
-                if wp.dot(direction, boresight) >= cone.cosine:
+                catalog_direction = star_direction[star]
+                inside = wp.dot(catalog_direction, boresight) >= cone.cosine
+                if inside and not is_star_occulted(view_position_m[view], catalog_direction, earth):
+                    direction = catalog_direction
                     if cone.with_aberration != 0:
                         direction = aberrated(direction, view_velocity_m_s[view])
-                    if depth(axes, direction) > wp.float64(0.0):
-                        xy_px = projected_px(camera, axes, direction)
-                        if within_frame(camera, xy_px, wp.float64(star_half_width_px[star])):
-                            if n < n_slot:
-                                source_xy_px[view, n] = xy_px
-                                source_star[view, n] = star
-                                for channel in range(n_band):
-                                    source_irradiance_w_cm2[view, channel, n] = star_irradiance_w_cm2[channel, star]
-                            n += 1
+                    xy_px = projected_px(camera, axes, direction)
+                    in_front = depth(axes, direction) > wp.float64(0.0)
+                    if in_front and within_frame(camera, xy_px, wp.float64(star_half_width_px[star])):
+                        if n < n_slot:
+                            source_xy_px[view, n] = xy_px
+                            source_star[view, n] = star
+                            for channel in range(n_band):
+                                source_irradiance_w_cm2[view, channel, n] = star_irradiance_w_cm2[channel, star]
+                        n += 1
     n_wanted[view] = n
     n_source[view] = wp.min(n, n_slot)

@@ -4,6 +4,7 @@ import warp as wp
 
 from warpsim_kernels.apparent import light_path
 from warpsim_kernels.camera import Camera, depth, projected_px, within_frame
+from warpsim_kernels.earth import Earth, is_occulted
 from warpsim_kernels.motion import Attitude, NodeGrid, linear_vector, symmetry_axis
 from warpsim_kernels.shapes import Body, projected_area_m2
 
@@ -35,15 +36,6 @@ class RadianceTable:
     n_node: int
 
 
-@wp.struct
-class Earth:
-    """The opaque Earth: the WGS84 ellipsoid."""
-
-    pole: wp.vec3d  # unit, ICRS axes
-    equatorial_radius_m: wp.float64
-    polar_radius_m: wp.float64
-
-
 @wp.func
 def temperature_k(target: Target, time_s: wp.float64) -> wp.float64:
     """Temperature, linear in time between its two ends and constant outside."""
@@ -68,20 +60,6 @@ def band_radiance_w_m2_sr(
     b = ln_radiance[band, node + 1]
     bend = slope[band, node] * (u * w * w) - slope[band, node + 1] * (u * u * w)
     return wp.exp(a + (b - a) * (u * u * (wp.float64(3.0) - wp.float64(2.0) * u)) + bend)
-
-
-@wp.func
-def is_occulted(observer_m: wp.vec3d, vector_m: wp.vec3d, earth: Earth) -> bool:
-    """True when the segment from the observer along vector_m meets the ellipsoid.
-
-    The polar axis is stretched until the ellipsoid becomes a sphere.
-    """
-    stretch = earth.equatorial_radius_m / earth.polar_radius_m - wp.float64(1.0)
-    start = observer_m + earth.pole * (wp.dot(observer_m, earth.pole) * stretch)
-    way = vector_m + earth.pole * (wp.dot(vector_m, earth.pole) * stretch)
-    length2 = wp.max(wp.dot(way, way), wp.float64(1.0e-30))
-    nearest = wp.clamp(-wp.dot(start, way) / length2, wp.float64(0.0), wp.float64(1.0))
-    return wp.length(start + way * nearest) < earth.equatorial_radius_m
 
 
 @wp.kernel(enable_backward=False)

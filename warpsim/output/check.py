@@ -4,48 +4,92 @@ from __future__ import annotations
 
 import numpy as np
 
+from warpsim.orbit.earth import geodetic_altitude_m
 from warpsim.render.world import load_catalog
 from warpsim.scene.scene import Scene
+
+ESCAPE_SPEED_M_S = 11_180.0
+"""From the Earth's surface: no ballistic flight between two places starts faster."""
+
+_RULE_NAMES = {
+    "earth_km": "behind the Earth",
+    "range_km": "too far",
+    "elevation_deg": "too low",
+    "grazing_altitude_km": "grazing too low",
+    "solar_exclusion_deg": "near the Sun",
+}
 
 
 def scene_report(scene: Scene) -> str:
     """A few lines about a valid scene: size, orbits, access, and why frames would be empty.
 
     Raises:
-        InputError: The star catalog cannot be read.
+        InputError: The star catalog cannot be read, or a path cannot be propagated.
     """
     camera, detector = scene.camera, scene.detector
-    n_star = len(load_catalog(scene))
-    n_target, n_sensor = len(scene.target_names), len(scene.sensor_names)
+    things = f"{_count(len(scene.sensor_names), 'sensor')}, {_count(len(scene.target_names), 'target')}"
     lines = [
-        f"{scene.name}: valid. {n_sensor} sensors, {n_target} targets, bands {' '.join(scene.bands)}",
+        f"{scene.name}: valid. {things}, bands {' '.join(scene.bands)}",
         f"  frames     {scene.frames.count} every {scene.frames.interval_s:g} s from {scene.frames.start_s:g} s "
-        f"after {scene.epoch_utc} UTC",
+        f"after {scene.epoch.isot} UTC",
         f"  camera     {camera.n_row} x {camera.n_col} pixels, "
         f"{np.degrees(1 / camera.focal_px) * 3600:.2f} arcsec per pixel",
-        f"  detector   NEI {detector.nei_w_cm2:g}, SEI {detector.sei_w_cm2:g} W/cm2, {detector.bits} bits",
-        f"  sky        {n_star:,} stars, catalog {scene.sky.catalog}",
+        f"  detector   NEI {detector.nei_w_cm2:g}, SEI {detector.sei_w_cm2:g} W/cm2, {_count(detector.bits, 'bit')}",
+        _sky_line(scene),
         f"  orbits     nodes every {scene.tracks.step_s:g} s, interpolation error {scene.tracks.error_m * 1e3:.2g} mm",
     ]
     if detector.offset_counts < 5 * detector.counts_per_nei:
         lines.append("  warning    offset_counts is below 5 sigma: the noise of blank sky is clipped at 0")
-    return "\n".join(lines + _access_lines(scene))
+    return "\n".join(lines + _flight_lines(scene) + _access_lines(scene))
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n:,} {noun}{'' if n == 1 else 's'}"
+
+
+def _sky_line(scene: Scene) -> str:
+    """Stars with light in each band."""
+    catalog = load_catalog(scene)
+    lit = {name: int(np.count_nonzero(catalog.irradiance_w_cm2(name))) for name in scene.bands}
+    bands = ", ".join(f"{name} {n:,}" for name, n in lit.items())
+    return f"  sky        catalog {scene.sky.catalog}: {_count(len(catalog), 'star')}, with light in band {bands}"
+
+
+def _flight_lines(scene: Scene) -> list[str]:
+    """The main target's flight, with a word where it cannot be meant."""
+    arc, tracks = scene.trajectory, scene.tracks
+    times = np.linspace(0, scene.duration_s, 400)
+    altitude_km = geodetic_altitude_m(tracks.targets[0].position_at_m(times), tracks.pole_icrs) / 1e3
+    speed = arc.start_speed_m_s
+    lines = [
+        f"  flight     {altitude_km.min():.1f} to {altitude_km.max():.1f} km above WGS84, "
+        f"start {speed:.0f} m/s, {arc.range_angle_deg:.2f} deg about the Earth's centre"
+    ]
+    if speed > ESCAPE_SPEED_M_S:
+        lines.append(f"  warning    the flight starts faster than escape speed ({ESCAPE_SPEED_M_S:.0f} m/s)")
+    if altitude_km.min() < arc.endpoint_altitude_km - 0.1:
+        lines.append(f"  warning    the flight dips below its end points ({arc.endpoint_altitude_km:g} km)")
+    return lines
 
 
 def _access_lines(scene: Scene) -> list[str]:
-    """Access per sensor over the frames; for a sensor without any, the rule that is broken most of the time."""
+    """Access per sensor over the frames; for sensors without any, the rules that are broken most of the time."""
     times = scene.frame_time_s(np.arange(scene.frames.count))
-    margins = scene.access_margins(times)
     counts = {name: int(scene.has_access(name, times).sum()) for name in scene.sensor_names}
     seen = {name: count for name, count in counts.items() if count}
-    lines = [f"  access     {len(seen)} of {len(counts)} sensors, {sum(seen.values())} of their frames"]
+    n_view = sum(seen.values())
+    n_image = n_view * len(scene.bands)
+    size_mb = n_image * 2 * scene.camera.n_row * scene.camera.n_col / 1e6
+    lines = [f"  access     {len(seen)} of {_count(len(counts), 'sensor')}, {_count(n_view, 'view')}"]
     if seen:
         lines.append("             " + ", ".join(f"{name} {count}" for name, count in seen.items()))
+        lines.append(f"  output     {_count(n_image, 'image')}, {size_mb:,.0f} MB of FITS cubes")
     blind = [number for number, name in enumerate(scene.sensor_names) if not counts[name]]
     if blind:
-        broken = {rule: np.mean(margin[blind] < 0) for rule, margin in margins.items()}
+        margins = scene.access_margins(times)
+        broken = {_RULE_NAMES[rule]: np.mean(margin[blind] < 0) for rule, margin in margins.items()}
         rules = ", ".join(f"{rule} {share:.0%}" for rule, share in sorted(broken.items(), key=lambda kv: -kv[1]))
-        lines.append(f"  no access  {len(blind)} sensors; share of time that each rule is broken: {rules}")
+        lines.append(f"  no access  {_count(len(blind), 'sensor')}; share of their frames: {rules}")
     if not seen:
         lines.append("  warning    nothing would be rendered: no sensor has access in any frame")
     return lines

@@ -105,11 +105,11 @@ def _column_frames(frames_of: dict[str, list[int]]) -> list[int]:
 def _nearest_frames(frames: list[int], columns: list[int]) -> dict[int, int]:
     """For each column, the sensor's frame nearest to it, where one lies within half the way to the next column."""
     available = np.asarray(frames)
-    reach = (columns[1] - columns[0]) / 2 if len(columns) > 1 else 0.5
+    gaps = np.diff(columns) / 2 if len(columns) > 1 else np.array([0.5])
     shown = {}
-    for column in columns:
+    for i, column in enumerate(columns):
         nearest = int(available[np.argmin(np.abs(available - column))])
-        if abs(nearest - column) <= reach:
+        if abs(nearest - column) <= gaps[min(i, len(gaps) - 1) if nearest >= column else max(i - 1, 0)]:
             shown[column] = nearest
     return shown
 

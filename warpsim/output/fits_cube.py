@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _WCS_KEYS = ("CRVAL1", "CRVAL2", "CRPIX1", "CRPIX2", "CD1_1", "CD1_2", "CD2_1", "CD2_2", "LONPOLE")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Cube:
     """A cube as read back."""
 
@@ -36,6 +36,11 @@ class Cube:
     """One row per plane."""
     header: Any
     """Primary header."""
+
+    def __repr__(self) -> str:
+        n_frame, n_row, n_col = self.counts.shape
+        size = f"{n_frame} frames, {n_row} x {n_col} pixels"
+        return f"Cube({self.header['SENSOR']}, band {self.header['FILTER']}: {size})"
 
     def wcs(self, plane: int) -> WCS:
         """TAN WCS of one plane, for zero-based pixel coordinates with astropy's pixel functions."""

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from astropy.wcs import WCS
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FrameSet:
     """Rendered frames. Image axes: (frame, sensor, band, row, column)."""
 
@@ -40,6 +40,10 @@ class FrameSet:
     _views: Views
     _observations: Observations
     _star_lists: list[tuple[npt.NDArray[Any], ...]] | None
+
+    def __repr__(self) -> str:
+        names = f"{len(self.frames)} frames, {len(self.sensors)} sensors, bands {' '.join(self.bands)}"
+        return f"FrameSet({self.scene.name}: {names}, {self.counts.shape[3]} x {self.counts.shape[4]} pixels)"
 
     @property
     def time_s(self) -> npt.NDArray[np.float64]:

@@ -91,6 +91,7 @@ def gather_stars(world: World, chunk: Chunk) -> None:
         dim=chunk.n_view,
         inputs=[
             views.axes,
+            views.position_m,
             views.velocity_m_s,
             stars.index.cell_start_array,
             stars.index.direction_array,
@@ -98,6 +99,7 @@ def gather_stars(world: World, chunk: Chunk) -> None:
             stars.half_width_px,
             world.camera,
             stars.cone,
+            world.earth,
             world.n_target,
         ],
         outputs=[sources.xy_px, sources.irradiance_w_cm2, sources.star, sources.n_source, views.n_wanted],

@@ -10,13 +10,15 @@ import numpy as np
 import warp as wp
 from warpsim_kernels.aim import UP_NORTH, UP_ORBIT_NORMAL, UP_ZENITH
 from warpsim_kernels.camera import Camera as CameraStruct
+from warpsim_kernels.earth import Earth
 from warpsim_kernels.motion import Attitude as AttitudeStruct
 from warpsim_kernels.motion import NodeGrid
 from warpsim_kernels.stars import StarCone
-from warpsim_kernels.targets import Earth, RadianceTable, Target
+from warpsim_kernels.targets import RadianceTable, Target
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, JULIAN_YEAR_DAYS
 from warpsim.detector.nei import read_out_struct
+from warpsim.errors import InputError
 from warpsim.optics.psf_bank import PsfBank, psf_bank, stamp_rule
 from warpsim.scene.scene import Scene
 from warpsim.sky.band_index import BandIndex
@@ -116,7 +118,12 @@ def load_catalog(scene: Scene) -> StarCatalog:
     name = scene.sky.catalog
     if name == "none":
         return StarCatalog.from_arrays([], [], {})
-    return StarCatalog.default() if name == "default" else StarCatalog.read(name)
+    if name == "default":
+        return StarCatalog.default()
+    try:
+        return StarCatalog.read(name)
+    except InputError as error:
+        raise InputError(f"sky.catalog: {error}") from None
 
 
 def star_index(scene: Scene, device: wp.Device) -> BandIndex:

@@ -10,6 +10,7 @@ import dataclasses
 import os
 from collections.abc import Sequence
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -37,7 +38,12 @@ if TYPE_CHECKING:
 
 
 def _as_tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
+    """Lists of scene files become tuples; a single name is a list of one."""
+    if isinstance(value, str):
+        return (value,)
+    if not isinstance(value, list | tuple):
+        raise rule_error("must be a list")
+    return tuple(value)
 
 
 def _known_band(name: str) -> str:
@@ -47,6 +53,9 @@ def _known_band(name: str) -> str:
 
 
 _ARC_EPOCH = BallisticArc.__dataclass_fields__["epoch_utc"].default
+
+LONGEST_TRACKS_S = 2e8
+"""Longest scene times number of moving things: some 2 GB of orbit nodes."""
 
 BandName = Annotated[str, AfterValidator(_known_band)]
 
@@ -102,9 +111,11 @@ class Scene:
         """Give the trajectory the scene's epoch, so that a scene file states it once."""
         values = data if isinstance(data, dict) else (data.kwargs or {})
         path, epoch_utc = values.get("trajectory"), values.get("epoch_utc")
-        if epoch_utc is not None and isinstance(path, dict):
+        if epoch_utc is None or not _is_utc(epoch_utc):
+            return data  # one complaint about the epoch is enough
+        if isinstance(path, dict):
             path = {"epoch_utc": epoch_utc, **path}
-        elif epoch_utc is not None and isinstance(path, BallisticArc) and path.epoch_utc == _ARC_EPOCH:
+        elif isinstance(path, BallisticArc) and path.epoch_utc == _ARC_EPOCH:
             path = dataclasses.replace(path, epoch_utc=epoch_utc)
         if path is None:
             return data
@@ -125,6 +136,17 @@ class Scene:
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise part_error(f"targets: names must be unique among sensors and targets, got {twice[0]} twice")
+        if self.duration_s > self.trajectory.duration_s:
+            raise part_error(
+                f"duration_s: must be at most trajectory.duration_s ({self.trajectory.duration_s:g}), where the flight "
+                f"ends, got {self.duration_s:g}"
+            )
+        n_body = len(names) - 1
+        if n_body * self.duration_s > LONGEST_TRACKS_S:
+            raise part_error(
+                f"duration_s: {self.duration_s:g} s are too long for {n_body} sensors and targets: their product must "
+                f"be at most {LONGEST_TRACKS_S:g} s"
+            )
         last_s = self.frame_time_s([self.frames.count - 1])[0]
         if last_s > self.duration_s:
             raise part_error(
@@ -148,11 +170,18 @@ class Scene:
         """Load a preset by name, or a scene file (.toml or .json).
 
         Raises:
-            InputError: No such preset or file, or one of its values breaks a rule; the text begins with the source.
+            InputError: No such preset or file, one of its values breaks a rule, or its trajectory cannot be flown; the
+                text begins with the source.
         """
         from warpsim.scene.files import read_scene_data
 
-        return cls.from_dict(read_scene_data(source), where=os.fspath(source))
+        where = os.fspath(source)
+        scene = cls.from_dict(_with_catalog_path(read_scene_data(source), source), where)
+        try:
+            scene.trajectory.start_velocity_m_s  # noqa: B018  # solved here, where the file's name is known
+        except InputError as error:
+            raise InputError(f"{where}: trajectory.{str(error).removeprefix('BallisticArc: ')}") from None
+        return scene
 
     @classmethod
     def from_dict(cls, data: dict[str, Any], where: str = "Scene") -> Scene:
@@ -311,6 +340,23 @@ def _adapter() -> TypeAdapter[Scene]:
 
 
 _ADAPTER: TypeAdapter[Scene] | None = None
+
+
+def _is_utc(value: Any) -> bool:
+    try:
+        utc_time(value if isinstance(value, str) else value.utc.isot)
+    except (InputError, AttributeError):
+        return False
+    return True
+
+
+def _with_catalog_path(data: dict[str, Any], source: str | os.PathLike[str]) -> dict[str, Any]:
+    """Take a relative catalog path from the scene file's folder, whatever the current one is."""
+    sky = data.get("sky")
+    if isinstance(sky, dict) and isinstance(sky.get("catalog"), str) and sky["catalog"] not in ("default", "none"):
+        path = Path(source).parent.absolute() / sky["catalog"]
+        return {**data, "sky": {**sky, "catalog": str(path)}}
+    return data
 
 
 def _is_index(place: Any, name: str) -> bool:

@@ -71,6 +71,9 @@ def build_tracks(scene: Scene) -> Tracks:
 
     Satellites and the main target's arc use the arc's gravity model, J2 unless told otherwise; released targets start
     from the main target's state at the epoch.
+
+    Raises:
+        InputError: A path cannot be propagated, because it falls to the Earth's centre, say.
     """
     arc, epoch = scene.trajectory, scene.epoch
     pole = pole_of_date(epoch)
@@ -85,7 +88,10 @@ def build_tracks(scene: Scene) -> Tracks:
     def state(time_s: F64) -> tuple[F64, F64]:
         return propagate(*start, time_s, arc.gravity, pole)
 
-    step_s = choose_step_s(state, scene.duration_s)
+    try:
+        step_s = choose_step_s(state, scene.duration_s)
+    except InputError as error:
+        raise InputError(f"trajectory, constellation: no motion over {scene.duration_s:g} s: {error}") from None
     start_s, n_node = node_grid(scene.duration_s, step_s)
     names = [*scene.sensor_names, *scene.target_names]
     tracks = sample_tracks(names, state, start_s, step_s, n_node)

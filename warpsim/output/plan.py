@@ -1,0 +1,190 @@
+"""What a run will write, and what of it is already there.
+
+The unit of work is a sensor. Its receipt holds the checksums of its files, and is written when they have their final
+names. All receipts and the manifest carry the key of the run: a hash of everything that the files depend on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warpsim.errors import InputError
+from warpsim.output.files import read_json, sha256_of, write_json
+from warpsim.render.renderer import Renderer
+from warpsim.scene.scene import Scene
+
+_PARTS = ".warpsim-parts"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run will write."""
+
+    scene: Scene
+    folder: Path
+    bands: list[str]
+    frames_of: dict[str, list[int]]
+    """Frames of each sensor: those asked for in which it has access."""
+    key: str
+    """Hash of all that the files depend on."""
+
+    @property
+    def n_image(self) -> int:
+        """Images of the whole run."""
+        return sum(len(numbers) for numbers in self.frames_of.values()) * len(self.bands)
+
+    @property
+    def parts(self) -> Path:
+        """Folder of what a run needs while it is unfinished."""
+        return self.folder / _PARTS
+
+    @property
+    def manifest_path(self) -> Path:
+        """Written last: its presence means that the run is complete."""
+        return self.folder / "manifest.json"
+
+    @property
+    def truth_path(self) -> Path:
+        """Truth of all sensors."""
+        return self.folder / "truth.fits"
+
+    @property
+    def sheet_path(self) -> Path:
+        """The contact sheet."""
+        return self.folder / "contact_sheet.png"
+
+    def cube_paths(self, sensor: str) -> list[Path]:
+        """The cubes of a sensor, by band."""
+        return [self.folder / f"{sensor}_{band}.fits" for band in self.bands]
+
+    def truth_part_path(self, sensor: str) -> Path:
+        """Truth of one sensor, until all are there."""
+        return self.parts / f"{sensor}_truth.fits"
+
+    def receipt_path(self, sensor: str) -> Path:
+        """The receipt of a sensor."""
+        return self.parts / f"{sensor}.json"
+
+
+def make_plan(
+    renderer: Renderer,
+    folder: Path,
+    frames: Sequence[int] | None,
+    sensors: Sequence[str] | None,
+    bands: Sequence[str] | None,
+) -> Plan:
+    """Decide what a run writes; None means all of the scene.
+
+    Raises:
+        InputError: A bad name or number, or no access at all.
+    """
+    import warpsim
+
+    scene = renderer.scene
+    numbers = renderer.checked_frames(range(scene.frames.count) if frames is None else frames)
+    if not numbers:
+        raise InputError("frames: must name at least one")
+    sensor_list = renderer.checked_names("sensors", sensors, scene.sensor_names)
+    band_list = renderer.checked_names("bands", bands, list(scene.bands))
+    times = scene.frame_time_s(numbers)
+    seen = {sensor: scene.has_access(sensor, times) for sensor in sensor_list}
+    frames_of = {
+        sensor: [number for number, ok in zip(numbers, has_access, strict=True) if ok]
+        for sensor, has_access in seen.items()
+        if has_access.any()
+    }
+    if not frames_of:
+        raise InputError(
+            "frames: no sensor has access to the main target in any of them; `warpsim access` lists when, "
+            "`warpsim check` says why not"
+        )
+    device = "cuda" if renderer.device.is_cuda else "cpu"
+    facts = [scene.to_dict(), frames_of, band_list, device, warpsim.__version__]
+    key = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+    return Plan(scene, folder, band_list, frames_of, key)
+
+
+def is_complete(plan: Plan) -> bool:
+    """True when the folder holds this very run, whole and undamaged."""
+    manifest = read_json(plan.manifest_path)
+    return _has_key(plan, manifest) and _files_match(plan.folder, manifest["files"])
+
+
+def start(plan: Plan, overwrite: bool) -> None:
+    """Make the folder ready for the plan, keeping what an earlier, unfinished or damaged, run of it left.
+
+    Raises:
+        InputError: The folder holds a different run, and overwrite is not set.
+    """
+    _clear_other_run(plan, overwrite)
+    plan.parts.mkdir(exist_ok=True)
+    names = {path.name: None for sensor in plan.frames_of for path in plan.cube_paths(sensor)}
+    write_json({"key": plan.key, "files": names}, plan.parts / "run.json")
+    _restore_receipts(plan)
+
+
+def has_receipt(plan: Plan, sensor: str) -> bool:
+    """True when the sensor's files are there and undamaged."""
+    receipt = read_json(plan.receipt_path(sensor))
+    return _has_key(plan, receipt) and _files_match(plan.folder, receipt["files"])
+
+
+def write_receipt(plan: Plan, sensor: str) -> None:
+    """Say that the sensor's files are complete."""
+    written = [*plan.cube_paths(sensor), plan.truth_part_path(sensor)]
+    checksums = {str(path.relative_to(plan.folder)): sha256_of(path) for path in written}
+    write_json({"key": plan.key, "files": checksums}, plan.receipt_path(sensor))
+
+
+def _has_key(plan: Plan, item: Any) -> bool:
+    return isinstance(item, dict) and item.get("key") == plan.key and isinstance(item.get("files"), dict)
+
+
+def _files_match(folder: Path, checksums: dict[str, str]) -> bool:
+    paths = {folder / name: checksum for name, checksum in checksums.items()}
+    return all(path.is_file() and sha256_of(path) == checksum for path, checksum in paths.items())
+
+
+def _clear_other_run(plan: Plan, overwrite: bool) -> None:
+    """Remove what a different run left, if that is wanted."""
+    items = [read_json(path) for path in (plan.manifest_path, *plan.parts.glob("*.json"))]
+    others = [item for item in items if isinstance(item, dict) and item.get("key") != plan.key]
+    if not others:
+        return
+    if not overwrite:
+        raise InputError(
+            f"{plan.folder}: holds a different run (other scene, frames, bands, device or version); "
+            "choose another folder or pass --overwrite"
+        )
+    for item in others:
+        for name in item.get("files", {}):
+            (plan.folder / name).unlink(missing_ok=True)
+    plan.manifest_path.unlink(missing_ok=True)
+    shutil.rmtree(plan.parts, ignore_errors=True)
+
+
+def _restore_receipts(plan: Plan) -> None:
+    """Of a complete run with a damaged or missing file, keep the sensors that are whole."""
+    from astropy.table import Table
+
+    manifest = read_json(plan.manifest_path)
+    if not _has_key(plan, manifest):
+        return
+    checksums = manifest["files"]
+    if _files_match(plan.folder, {plan.truth_path.name: checksums.get(plan.truth_path.name, "")}):
+        truth = Table.read(plan.truth_path)
+        for sensor in plan.frames_of:
+            names = [path.name for path in plan.cube_paths(sensor)]
+            if _files_match(plan.folder, {name: checksums.get(name, "") for name in names}):
+                rows = np.asarray(truth["sensor"]).astype(str) == sensor
+                truth[rows].write(plan.truth_part_path(sensor), format="fits", overwrite=True)
+                write_receipt(plan, sensor)
+    plan.manifest_path.unlink()
