@@ -67,7 +67,7 @@ def _in_interval(low: float, high: float, open_low: bool, open_high: bool) -> Ca
     if math.isinf(high):
         rule = f"must be {'>' if open_low else '>='} {low:g}"
     else:
-        rule = f"must be in {'(' if open_low else '['}{low:g}, {high:g}{')' if open_high else ']'}"
+        rule = f"must be in {'(' if open_low else '['}{_plain(low)}, {_plain(high)}{')' if open_high else ']'}"
 
     def check(value: float) -> float:
         above = value > low if open_low else value >= low
@@ -77,6 +77,10 @@ def _in_interval(low: float, high: float, open_low: bool, open_high: bool) -> Ca
         return value
 
     return check
+
+
+def _plain(value: float) -> str:
+    return str(value) if isinstance(value, int) else f"{value:g}"
 
 
 def _whole_number(value: Any) -> Any:
@@ -101,11 +105,22 @@ Number = Annotated[float, BeforeValidator(_plain_number)]
 """Any finite number."""
 Positive = Annotated[Number, AfterValidator(_in_interval(0, math.inf, True, True))]
 NonNegative = Annotated[Number, AfterValidator(_in_interval(0, math.inf, False, True))]
-Fraction = Annotated[Number, closed_interval(0, 1)]
+Length = Annotated[Positive, closed_interval(0, 1e5)]
+"""A body's dimension [m]; far larger ones would overflow float32 irradiances."""
 Integer = Annotated[int, BeforeValidator(_whole_number)]
-Count = Annotated[Integer, AfterValidator(_in_interval(1, math.inf, False, True))]
-"""A whole number of at least 1."""
+Count = Annotated[Integer, AfterValidator(_in_interval(1, math.inf, False, True)), closed_interval(1, 10**9)]
+Group = Annotated[Count, closed_interval(1, 100_000)]
+"""A number of satellites or targets."""
 Vector = tuple[Number, Number, Number]
+
+def as_tuple(value: Any) -> Any:
+    """Lists of scene files become tuples; a single name is a list of one."""
+    if isinstance(value, str):
+        return (value,)
+    if not isinstance(value, list | tuple):
+        raise rule_error("must be a list")
+    return tuple(value)
+
 
 CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 

@@ -95,7 +95,7 @@ def make_deposit_gaussian_kernel(max_width_px: int) -> wp.Kernel:
         for source in range(n_source[view]):
             irradiance = source_irradiance_w_cm2[view, band, source]
             half = gaussian_half_width_px(sigma_px[band], stamp_cut(irradiance, rule))
-            half = wp.min(half, wp.static(max_width_px // 2))
+            half = wp.min(half, wp.static((max_width_px - 1) // 2))
             xy_px = source_xy_px[view, source]
             stamp = stamp_on_image(xy_px, half, n_col, first_row, end_row)
             if irradiance != 0.0 and stamp.first_row < stamp.end_row:

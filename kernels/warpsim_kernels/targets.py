@@ -10,6 +10,7 @@ from warpsim_kernels.shapes import Body, projected_area_m2
 
 IN_FOV = wp.constant(1)
 OCCULTED = wp.constant(2)
+BEHIND = wp.constant(4)
 """Bits of the flag word of an observation."""
 
 _W_CM2_PER_W_M2 = wp.constant(wp.float64(1.0e-4))
@@ -78,12 +79,12 @@ def observe_targets_kernel(
     camera: Camera,
     earth: Earth,
     # out
-    xy_px: wp.array2d[wp.vec2d],  # (n_view, n_target); far outside the frame when behind the camera
+    source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot) first slots; far outside the frame when behind the camera
     range_m: wp.array2d[wp.float64],  # (n_view, n_target)
     aspect_rad: wp.array2d[wp.float64],  # (n_view, n_target)
     area_m2: wp.array2d[wp.float64],  # (n_view, n_target)
     temperature: wp.array2d[wp.float64],  # (n_view, n_target) [K]
-    flags: wp.array2d[wp.int32],  # (n_view, n_target) IN_FOV | OCCULTED
+    flags: wp.array2d[wp.int32],  # (n_view, n_target) IN_FOV | OCCULTED | BEHIND
 ):
     """Geometry of every (view, target)."""
     view, target_id = wp.tid()
@@ -101,6 +102,8 @@ def observe_targets_kernel(
         place_px = projected_px(camera, axes, path.apparent)
         if within_frame(camera, place_px, wp.float64(0.0)):
             flag = IN_FOV
+    else:
+        flag = BEHIND
     if is_occulted(observer, path.vector_m, earth):
         flag = flag | OCCULTED
 
@@ -109,7 +112,7 @@ def observe_targets_kernel(
     towards_sensor = path.vector_m / wp.max(path.range_m, wp.float64(1.0e-3)) * wp.float64(-1.0)
     cosine = wp.dot(axis, towards_sensor)
     sine = wp.length(wp.cross(axis, towards_sensor))
-    xy_px[view, target_id] = place_px
+    source_xy_px[view, target_id] = place_px
     range_m[view, target_id] = path.range_m
     aspect_rad[view, target_id] = wp.atan2(sine, cosine)
     area_m2[view, target_id] = projected_area_m2(target.body, cosine, sine)
@@ -124,17 +127,14 @@ def emit_kernel(
     ln_radiance: wp.array2d[wp.float64],  # (n_band, n_node)
     ln_radiance_slope: wp.array2d[wp.float64],  # (n_band, n_node)
     table: RadianceTable,
-    xy_px: wp.array2d[wp.vec2d],  # (n_view, n_target)
     range_m: wp.array2d[wp.float64],  # (n_view, n_target)
     area_m2: wp.array2d[wp.float64],  # (n_view, n_target)
     temperature: wp.array2d[wp.float64],  # (n_view, n_target) [K]
     flags: wp.array2d[wp.int32],  # (n_view, n_target)
     # out
-    irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_target); zero when occulted
-    source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot) targets take the first slots
-    source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
+    source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot) targets take the first slots
 ):
-    """Graybody emission: irradiance = emissivity * radiance(T) * projected area / range squared."""
+    """Graybody emission: irradiance = emissivity * radiance(T) * projected area / range squared; 0 when occulted."""
     view, band, target = wp.tid()
     irradiance = float(0.0)
     if (flags[view, target] & OCCULTED) == 0:
@@ -142,7 +142,20 @@ def emit_kernel(
         intensity_w_sr = emissivity[band, target] * radiance * area_m2[view, target]
         distance_m = wp.max(range_m[view, target], wp.float64(1.0))
         irradiance = float(intensity_w_sr / (distance_m * distance_m) * _W_CM2_PER_W_M2)
-    irradiance_w_cm2[view, band, target] = irradiance
     source_irradiance_w_cm2[view, band, target] = irradiance
+
+
+@wp.kernel(enable_backward=False)
+def record_targets_kernel(
+    # in
+    source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
+    source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
+    # out
+    xy_px: wp.array2d[wp.vec2d],  # (n_view, n_target)
+    irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_target)
+):
+    """Keep, for the truth, the very numbers that the deposit draws: label and light cannot differ."""
+    view, band, target = wp.tid()
+    irradiance_w_cm2[view, band, target] = source_irradiance_w_cm2[view, band, target]
     if band == 0:
-        source_xy_px[view, target] = xy_px[view, target]
+        xy_px[view, target] = source_xy_px[view, target]

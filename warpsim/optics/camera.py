@@ -11,9 +11,9 @@ from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import model_validator
+from pydantic import field_validator, model_validator
 
-from warpsim.describe import Count, Number, Positive, open_interval, part, part_error
+from warpsim.describe import Count, Number, Positive, open_interval, part, part_error, rule_error
 from warpsim.errors import InputError
 
 
@@ -40,14 +40,21 @@ class Camera:
     focal_length_m: Positive | None = None
     pixel_pitch_m: Positive | None = None
 
+    @field_validator("fov_deg")
+    @classmethod
+    def _not_a_point(cls, value: float | None) -> float | None:
+        if value is not None and value < 1e-6:
+            raise rule_error("must be at least 1e-6")
+        return value
+
     @model_validator(mode="after")
     def _one_way(self) -> Camera:
         by_lens = self.focal_length_m is not None and self.pixel_pitch_m is not None
         lens_given = self.focal_length_m is not None or self.pixel_pitch_m is not None
         if (self.fov_deg is None) == (not lens_given) or (lens_given and not by_lens):
             raise part_error("give either fov_deg, or focal_length_m and pixel_pitch_m")
-        if self.n_row * self.n_col >= 2**31:
-            raise part_error(f"n_row * n_col: must be below 2**31, got {self.n_row * self.n_col}")
+        if self.n_row * self.n_col >= 2**29:
+            raise part_error(f"n_row * n_col: must be below 2**29, got {self.n_row * self.n_col}")
         return self
 
     @property

@@ -14,6 +14,9 @@ from warpsim.errors import InputError
 from warpsim.optics.airy import build_airy_table
 from warpsim.optics.psf import Psf, PsfAiry, PsfGaussian
 
+SMALLEST_STAMP_CUT = 1e-11
+"""Stamps never grow beyond where a pixel holds this fraction of a source's light."""
+
 
 class PsfBank(Protocol):
     """The point spread functions of all bands, all of one family."""
@@ -46,8 +49,10 @@ class GaussianBank:
 
     def __init__(self, psfs: Sequence[PsfGaussian], device: Any) -> None:
         self._sigma_px = wp.array([psf.sigma_px for psf in psfs], dtype=wp.float32, device=device)
-        # Stamps wide enough for a share of 1e-11 of the flux, in a few sizes so that few kernels are compiled.
-        widest = 2 * int(np.ceil(7.0 * max(psf.sigma_px for psf in psfs))) + 1
+        # The kernel's own rule for the half-width, at the smallest cut there is (a hair wider, for float32); in a few
+        # sizes, so that few kernels are compiled.
+        reach = np.sqrt(-2 * np.log(2 * SMALLEST_STAMP_CUT)) * 1.001
+        widest = 2 * int(np.ceil(reach * max(psf.sigma_px for psf in psfs))) + 1
         self._kernel = kernels.make_deposit_gaussian_kernel(max(16, 1 << (widest - 1).bit_length()))
 
     def deposit(self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array) -> None:
@@ -119,7 +124,7 @@ def stamp_rule(cut_w_cm2: float, cut_share: float) -> Any:
     """The kernels' StampRule: what a source may leave out per pixel, absolute and relative."""
     rule: Any = kernels.StampRule()
     rule.cut_w_cm2 = cut_w_cm2
-    rule.cut_share = cut_share
+    rule.cut_share = max(cut_share, SMALLEST_STAMP_CUT)
     return rule
 
 

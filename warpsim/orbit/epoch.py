@@ -19,21 +19,27 @@ if TYPE_CHECKING:
     from astropy.time import Time
 
 
+FIRST_YEAR, LAST_YEAR = 1960, 2100
+"""UTC begins with 1960; the ephemeris of Earth and Sun ends with 2100."""
+
+
 def utc_time(text: str) -> Time:
     """Parse an ISO 8601 UTC instant (`2025-03-20T12:00:00`, a trailing `Z` is allowed).
 
     Raises:
-        InputError: When text is not such an instant.
+        InputError: When text is not such an instant, or lies outside the years 1960 to 2099.
     """
     from astropy.time import Time
 
     try:
         epoch = Time(str(text).strip().removesuffix("Z"), scale="utc")
-        good = epoch.isscalar and math.isfinite(epoch.tt.jd1 + epoch.tt.jd2)
+        good = epoch.isscalar and str(text)[:4].isdigit() and math.isfinite(epoch.jd1 + epoch.jd2)
     except Exception:
         good = False
     if not good:
         raise InputError(f"epoch_utc: must be an ISO 8601 UTC instant like 2025-03-20T12:00:00, got {text!r}")
+    if not FIRST_YEAR <= epoch.jyear < LAST_YEAR:
+        raise InputError(f"epoch_utc: must be in the years {FIRST_YEAR} to {LAST_YEAR - 1}, got {text!r}")
     return epoch
 
 

@@ -8,14 +8,14 @@ first of the first plane.
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationInfo, field_validator
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
-from warpsim.describe import Count, Integer, Number, Positive, part, rule_error
+from warpsim.describe import Group, Integer, Number, Positive, closed_interval, part, rule_error
 
 F64 = NDArray[np.float64]
 
@@ -27,13 +27,13 @@ Definition = Literal["standard", "paper"]
 class Walker:
     """A Walker constellation; arrays run plane by plane, slot by slot."""
 
-    n_satellite: Count
+    n_satellite: Group
     """T, all satellites."""
-    n_plane: Count
+    n_plane: Group
     """P, orbital planes; divides n_satellite."""
     phasing: Integer
     """F, in 0..P-1: a satellite is ahead of its neighbour one plane to the west by F * 360/T degrees."""
-    altitude_km: Positive
+    altitude_km: Annotated[Positive, closed_interval(0, 1e6)]
     """Above the equatorial radius, 6378.137 km."""
     inclination_deg: Number
     """To the GCRS equator, 0 to 180."""

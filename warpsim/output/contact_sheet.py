@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.errors import InputError
 from warpsim.scene.scene import Scene
 
 TILE_PX = 128
@@ -125,4 +124,4 @@ def _write_png(canvas: npt.NDArray[np.uint8], labels: list[Any], path: Path) -> 
         oiio.ImageBufAlgo.render_text(image, x, y, text, size, "", colour)
     image.geterror()
     if not image.write(str(path), "uint8", "png"):
-        raise InputError(f"{path}: cannot be written: {image.geterror()}")
+        raise OSError(f"{path}: cannot be written: {image.geterror()}")

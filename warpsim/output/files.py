@@ -14,10 +14,15 @@ from warpsim.errors import InputError
 PARTIAL_SUFFIX = ".partial"
 
 
+def partial_path(path: Path) -> Path:
+    """The name that a file has until it is whole."""
+    return path.with_name(f".{path.name}{PARTIAL_SUFFIX}")
+
+
 @contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """A temporary name beside path to write to; renamed to path at the end, removed on an error."""
-    partial = path.with_name(f".{path.name}{PARTIAL_SUFFIX}")
+    partial = partial_path(path)
     try:
         yield partial
         partial.replace(path)
@@ -62,5 +67,3 @@ def prepare_folder(folder: Path) -> None:
             if parent.exists():
                 parent.rmdir()
         raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
-    for stale in folder.glob(f".*{PARTIAL_SUFFIX}"):
-        stale.unlink(missing_ok=True)

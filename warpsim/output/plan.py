@@ -6,10 +6,13 @@ names. All receipts and the manifest carry the key of the run: a hash of everyth
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import hashlib
 import json
+import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from warpsim.errors import InputError
-from warpsim.output.files import read_json, sha256_of, write_json
+from warpsim.output.files import partial_path, read_json, sha256_of, write_json
 from warpsim.render.renderer import Renderer
 from warpsim.scene.scene import Scene
 
@@ -57,6 +60,12 @@ class Plan:
         return self.folder / "truth.fits"
 
     @property
+    def names(self) -> list[str]:
+        """Names of all files of the finished run."""
+        cubes = [path.name for sensor in self.frames_of for path in self.cube_paths(sensor)]
+        return [*cubes, self.truth_path.name, self.sheet_path.name, self.manifest_path.name]
+
+    @property
     def sheet_path(self) -> Path:
         """The contact sheet."""
         return self.folder / "contact_sheet.png"
@@ -92,8 +101,10 @@ def make_plan(
     numbers = renderer.checked_frames(range(scene.frames.count) if frames is None else frames)
     if not numbers:
         raise InputError("frames: must name at least one")
-    sensor_list = renderer.checked_names("sensors", sensors, scene.sensor_names)
-    band_list = renderer.checked_names("bands", bands, list(scene.bands))
+    # Frames of a cube and files of a run are written once each, however often they are named.
+    numbers = list(dict.fromkeys(numbers))
+    sensor_list = list(dict.fromkeys(renderer.checked_names("sensors", sensors, scene.sensor_names)))
+    band_list = list(dict.fromkeys(renderer.checked_names("bands", bands, list(scene.bands))))
     times = scene.frame_time_s(numbers)
     seen = {sensor: scene.has_access(sensor, times) for sensor in sensor_list}
     frames_of = {
@@ -107,7 +118,9 @@ def make_plan(
             "`warpsim check` says why not"
         )
     device = "cuda" if renderer.device.is_cuda else "cpu"
-    facts = [scene.to_dict(), frames_of, band_list, device, warpsim.__version__]
+    own_catalog = scene.sky.catalog not in ("default", "none")
+    catalog = sha256_of(Path(scene.sky.catalog)) if own_catalog else None
+    facts = [scene.to_dict(), catalog, frames_of, band_list, device, warpsim.__version__]
     key = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
     return Plan(scene, folder, band_list, frames_of, key)
 
@@ -118,17 +131,30 @@ def is_complete(plan: Plan) -> bool:
     return _has_key(plan, manifest) and _files_match(plan.folder, manifest["files"])
 
 
-def start(plan: Plan, overwrite: bool) -> None:
-    """Make the folder ready for the plan, keeping what an earlier, unfinished or damaged, run of it left.
+@contextlib.contextmanager
+def working_on(plan: Plan, overwrite: bool) -> Iterator[None]:
+    """Make the folder ready for the plan, keeping what an unfinished or damaged run of it left, and lock it.
 
     Raises:
-        InputError: The folder holds a different run, and overwrite is not set.
+        InputError: The folder holds a different run and overwrite is not set, or files that warpsim did not write, or
+            another run is writing to it.
     """
-    _clear_other_run(plan, overwrite)
     plan.parts.mkdir(exist_ok=True)
-    names = {path.name: None for sensor in plan.frames_of for path in plan.cube_paths(sensor)}
-    write_json({"key": plan.key, "files": names}, plan.parts / "run.json")
-    _restore_receipts(plan)
+    with (plan.parts / "lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(f"{plan.folder}: another run is writing to it") from None
+        try:
+            _make_room(plan, overwrite)
+        except InputError:
+            if [path.name for path in plan.parts.iterdir()] == ["lock"]:
+                shutil.rmtree(plan.parts)
+            raise
+        write_json({"key": plan.key, "files": dict.fromkeys(plan.names)}, plan.parts / "run.json")
+        _restore_receipts(plan)
+        yield
+        shutil.rmtree(plan.parts)
 
 
 def has_receipt(plan: Plan, sensor: str) -> bool:
@@ -145,6 +171,7 @@ def write_receipt(plan: Plan, sensor: str) -> None:
 
 
 def _has_key(plan: Plan, item: Any) -> bool:
+    """True for a manifest or receipt of this plan."""
     return isinstance(item, dict) and item.get("key") == plan.key and isinstance(item.get("files"), dict)
 
 
@@ -153,30 +180,48 @@ def _files_match(folder: Path, checksums: dict[str, str]) -> bool:
     return all(path.is_file() and sha256_of(path) == checksum for path, checksum in paths.items())
 
 
-def _clear_other_run(plan: Plan, overwrite: bool) -> None:
-    """Remove what a different run left, if that is wanted."""
-    items = [read_json(path) for path in (plan.manifest_path, *plan.parts.glob("*.json"))]
-    others = [item for item in items if isinstance(item, dict) and item.get("key") != plan.key]
-    if not others:
-        return
-    if not overwrite:
+def _make_room(plan: Plan, overwrite: bool) -> None:
+    """See that the plan's files are ours to write: remove a different run, if that is wanted, never foreign files."""
+    records = [_record(path) for path in (plan.manifest_path, *plan.parts.glob("*.json"))]
+    runs = [record for record in records if record is not None]
+    if any(run["key"] != plan.key for run in runs) and not overwrite:
         raise InputError(
-            f"{plan.folder}: holds a different run (other scene, frames, bands, device or version); "
+            f"{plan.folder}: holds a different run (other scene, catalog, frames, bands, device or version); "
             "choose another folder or pass --overwrite"
         )
-    for item in others:
-        for name in item.get("files", {}):
-            (plan.folder / name).unlink(missing_ok=True)
-    plan.manifest_path.unlink(missing_ok=True)
-    shutil.rmtree(plan.parts, ignore_errors=True)
+    ours = {name for run in runs for name in run["files"]} | ({plan.manifest_path.name} if runs else set())
+    for name in plan.names:
+        if (plan.folder / name).exists() and name not in ours:
+            raise InputError(f"{plan.folder / name}: is there already, and warpsim did not write it")
+    stale = {name for run in runs if run["key"] != plan.key for name in run["files"]}
+    for name in stale:
+        (plan.folder / name).unlink(missing_ok=True)
+    if stale:
+        plan.manifest_path.unlink(missing_ok=True)
+        for path in plan.parts.iterdir():
+            if path.name != "lock":
+                path.unlink()
+    for name in plan.names:
+        partial_path(plan.folder / name).unlink(missing_ok=True)
+
+
+def _record(path: Path) -> Any:
+    """What a manifest or receipt says, None unless warpsim wrote it: a key, and plain names of files of a run."""
+    record = read_json(path)
+    if not isinstance(record, dict) or not isinstance(record.get("files"), dict):
+        return None
+    if not re.fullmatch("[0-9a-f]{64}", str(record.get("key"))):
+        return None
+    plain = re.compile(rf"({re.escape(_PARTS)}/)?[A-Za-z0-9_.-]+\.(fits|png|json)")
+    return record if all(plain.fullmatch(name) for name in record["files"]) else None
 
 
 def _restore_receipts(plan: Plan) -> None:
     """Of a complete run with a damaged or missing file, keep the sensors that are whole."""
     from astropy.table import Table
 
-    manifest = read_json(plan.manifest_path)
-    if not _has_key(plan, manifest):
+    manifest = _record(plan.manifest_path)
+    if manifest is None:
         return
     checksums = manifest["files"]
     if _files_match(plan.folder, {plan.truth_path.name: checksums.get(plan.truth_path.name, "")}):

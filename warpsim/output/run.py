@@ -6,7 +6,6 @@ Running the same command again renders what has no valid receipt (see plan.py). 
 from __future__ import annotations
 
 import contextlib
-import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -20,7 +19,7 @@ import numpy.typing as npt
 from warpsim.output.contact_sheet import draw_contact_sheet
 from warpsim.output.files import prepare_folder, sha256_of, whole_file, write_json
 from warpsim.output.fits_cube import CubeWriter, read_cube
-from warpsim.output.plan import Plan, has_receipt, is_complete, make_plan, start, write_receipt
+from warpsim.output.plan import Plan, has_receipt, is_complete, make_plan, working_on, write_receipt
 from warpsim.render.renderer import Renderer
 from warpsim.scene.scene import Scene
 
@@ -88,7 +87,9 @@ def render_to_folder(
         What was done.
 
     Raises:
-        InputError: A bad name or number, no access at all, a folder that cannot be written or holds another run.
+        InputError: A bad name or number, no access at all, a folder that cannot be written, is in use, or holds another
+            run or files of these names that are not of warpsim.
+        OSError: Writing failed on the way (a full disk).
     """
     begin = time.perf_counter()
     renderer = Renderer(scene, device)
@@ -96,9 +97,12 @@ def render_to_folder(
     prepare_folder(plan.folder)
     n_done, render_s = 0, 0.0
     if not is_complete(plan):
-        start(plan, overwrite)
-        n_done, render_s = _render_missing(plan, renderer, progress)
-        _finish(plan, renderer)
+        try:
+            with working_on(plan, overwrite):
+                n_done, render_s = _render_missing(plan, renderer, progress)
+                _finish(plan, renderer)
+        except OSError as error:
+            raise OSError(f"{plan.folder}: writing failed, the same command goes on from here: {error}") from error
     total_s = time.perf_counter() - begin
     return RunReport(plan.folder, len(plan.frames_of), plan.n_image, n_done, render_s, total_s, plan.bands)
 
@@ -152,7 +156,7 @@ def _render_sensor(plan: Plan, renderer: Renderer, sensor: str, advance: Any) ->
 
 
 def _finish(plan: Plan, renderer: Renderer) -> None:
-    """Truth of all sensors, contact sheet, manifest; then the receipts are no longer needed."""
+    """Truth of all sensors, contact sheet, manifest."""
     from astropy.table import Table, vstack
 
     truth = vstack([Table.read(plan.truth_part_path(sensor)) for sensor in plan.frames_of], metadata_conflicts="silent")
@@ -171,7 +175,6 @@ def _finish(plan: Plan, renderer: Renderer) -> None:
         draw_contact_sheet(plan.scene, plan.bands[shown], plan.frames_of, planes, partial)
     cubes = [path for sensor in plan.frames_of for path in plan.cube_paths(sensor)]
     write_json(_manifest(plan, renderer, [*cubes, plan.truth_path, plan.sheet_path]), plan.manifest_path)
-    shutil.rmtree(plan.parts, ignore_errors=True)
 
 
 def _manifest(plan: Plan, renderer: Renderer, files: list[Path]) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """The stages of a frame: each one launches, and does nothing else.
 
-aim -> observe_targets -> gather_stars -> deposit -> read_out. A stage reads the world, reads and writes a chunk,
-allocates nothing and never waits.
+aim -> observe_targets -> gather_stars -> deposit -> record_targets -> read_out. A stage reads the world, reads and
+writes a chunk, allocates nothing and never waits.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import warp as wp
 from warpsim_kernels.aim import aim_kernel
 from warpsim_kernels.read_out import TILE_WIDTH, make_read_out_tile_kernel, read_out_rest_kernel
 from warpsim_kernels.stars import gather_stars_kernel
-from warpsim_kernels.targets import emit_kernel, observe_targets_kernel
+from warpsim_kernels.targets import emit_kernel, observe_targets_kernel, record_targets_kernel
 
 from warpsim.render.buffers import Chunk
 from warpsim.render.device import rows_per_block
@@ -42,7 +42,7 @@ def aim(world: World, chunk: Chunk) -> None:
 
 
 def observe_targets(world: World, chunk: Chunk) -> None:
-    """Observations and the first source slots: geometry and emission of every target."""
+    """Geometry of targets, and the first source slots: place and emission of every target."""
     views, seen, motion, sources = chunk.views, chunk.observations, world.motion, chunk.sources
     wp.launch(
         observe_targets_kernel,
@@ -61,7 +61,7 @@ def observe_targets(world: World, chunk: Chunk) -> None:
             world.camera,
             world.earth,
         ],
-        outputs=[seen.xy_px, seen.range_m, seen.aspect_rad, seen.area_m2, seen.temperature_k, seen.flags],
+        outputs=[sources.xy_px, seen.range_m, seen.aspect_rad, seen.area_m2, seen.temperature_k, seen.flags],
         device=world.device,
     )
     wp.launch(
@@ -72,13 +72,12 @@ def observe_targets(world: World, chunk: Chunk) -> None:
             world.ln_radiance,
             world.ln_radiance_slope,
             world.radiance_table,
-            seen.xy_px,
             seen.range_m,
             seen.area_m2,
             seen.temperature_k,
             seen.flags,
         ],
-        outputs=[seen.irradiance_w_cm2, sources.xy_px, sources.irradiance_w_cm2],
+        outputs=[sources.irradiance_w_cm2],
         device=world.device,
     )
 
@@ -114,6 +113,18 @@ def deposit(world: World, chunk: Chunk) -> None:
     world.psf.deposit(lists, world.stamp_rule, rows_per_block(world.device, signal.shape[2]), signal)
 
 
+def record_targets(world: World, chunk: Chunk) -> None:
+    """Observations: what of the source list belongs to targets."""
+    sources, seen = chunk.sources, chunk.observations
+    wp.launch(
+        record_targets_kernel,
+        dim=(chunk.n_view, world.n_band, world.n_target),
+        inputs=[sources.xy_px, sources.irradiance_w_cm2],
+        outputs=[seen.xy_px, seen.irradiance_w_cm2],
+        device=world.device,
+    )
+
+
 def read_out(world: World, chunk: Chunk) -> None:
     """Counts: fresh noise, saturation, gain, offset and bits."""
     n_view, n_band, n_row, n_col = chunk.counts.shape
@@ -141,5 +152,5 @@ def read_out(world: World, chunk: Chunk) -> None:
         )
 
 
-STAGES = (aim, observe_targets, gather_stars, deposit, read_out)
+STAGES = (aim, observe_targets, gather_stars, deposit, record_targets, read_out)
 """A frame, in order."""

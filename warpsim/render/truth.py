@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
+from warpsim_kernels.targets import BEHIND
 
 from warpsim.render.buffers import Observations
 from warpsim.render.world import World
@@ -38,8 +39,8 @@ def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
         full = [shape[axis] if axis in axes else 1 for axis in range(4)]
         return np.broadcast_to(array.reshape(full), shape).ravel()
 
-    xy_px = np.asarray(seen.xy_px.numpy())
-    xy_px = np.where(xy_px < -1e8, np.nan, xy_px)
+    behind = (np.asarray(seen.flags.numpy()) & int(BEHIND)) != 0
+    xy_px = np.where(behind[..., None], np.nan, np.asarray(seen.xy_px.numpy()))
     irradiance = np.asarray(seen.irradiance_w_cm2.numpy(), dtype=np.float64)
     snr = irradiance / frames.scene.detector.nei_w_cm2
     table = Table(
@@ -90,6 +91,8 @@ def star_table(frames: FrameSet, world: World, star_lists: list[tuple[npt.NDArra
     from astropy.table import Table
 
     n_sensor = len(frames.sensors)
+    if not star_lists:
+        star_lists = [(np.zeros((0, 2)), np.zeros((0, world.n_band)), np.zeros(0))]
     view = np.concatenate([np.full(len(xy), number) for number, (xy, _, _) in enumerate(star_lists)]).astype(np.int64)
     xy_px = np.concatenate([xy for xy, _, _ in star_lists]).reshape(-1, 2)
     light = np.concatenate([light for _, light, _ in star_lists]).reshape(-1, world.n_band).astype(np.float64)

@@ -33,9 +33,6 @@ LN_TEMPERATURE_STEP = 0.005
 LARGEST_ABERRATION_RAD = 1.6e-4
 """33 arcsec: the Earth's motion (20.5) and a low orbit (5.2), with room."""
 
-SMALLEST_STAMP_CUT = 1e-11
-"""Stamps never grow beyond where a pixel holds this fraction of a source's light."""
-
 
 @dataclass(frozen=True)
 class Motion:
@@ -83,7 +80,7 @@ class World:
         self.earth = _earth(scene)
         self.camera = _camera(scene)
         self.read_out = read_out_struct(scene.detector, scene.seed)
-        self.stamp_rule = stamp_rule(scene.optics.stamp_cut_nei * scene.detector.nei_w_cm2, SMALLEST_STAMP_CUT)
+        self.stamp_rule = stamp_rule(scene.optics.stamp_cut_nei * scene.detector.nei_w_cm2, 0.0)
         psfs = [scene.optics.psf_at(BANDS[name].isophotal_um, scene.camera) for name in bands]
         self.psf: PsfBank = psf_bank(psfs, device)
         self.stars = self._stars(scene, bands, index)

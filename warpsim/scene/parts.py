@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+import re
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, StringConstraints, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from warpsim.describe import Count, NonNegative, Positive, part, part_error
+from warpsim.describe import Count, Group, NonNegative, Positive, as_tuple, part, part_error, rule_error
 from warpsim.target.motion import Attitude, Graybody, Temperature
 from warpsim.target.shapes import Shape
 
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+
+def _matching(pattern: str, rule: str) -> AfterValidator:
+    def check(value: str) -> str:
+        if not re.fullmatch(pattern, value):
+            raise rule_error(rule)
+        return value
+
+    return AfterValidator(check)
+
+
+Name = Annotated[str, _matching(r"[A-Za-z0-9][A-Za-z0-9_.-]*", "must be letters, digits, '_', '.' or '-'")]
 """A name that can also be a file name."""
-
-
-def _as_tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
-
-
-Speeds = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(_as_tuple)]
+Text = Annotated[str, _matching(r"[ -~]*", "must be printable ASCII text")]
+"""Text that fits a FITS header."""
+Speeds = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(as_tuple)]
 
 
 @part
@@ -97,7 +104,7 @@ class TargetSpec:
     surface: Graybody
     temperature: Temperature
     attitude: Attitude = Field(default_factory=Attitude)
-    count: Count = 1
+    count: Group = 1
 
     @property
     def names(self) -> list[str]:

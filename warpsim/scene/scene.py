@@ -18,7 +18,7 @@ import numpy.typing as npt
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError, model_validator
 from pydantic_core import ArgsKwargs
 
-from warpsim.describe import Integer, Positive, closed_interval, input_error, part, part_error, rule_error
+from warpsim.describe import Integer, Positive, as_tuple, closed_interval, input_error, part, part_error, rule_error
 from warpsim.detector.nei import NeiDetector
 from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
@@ -27,7 +27,7 @@ from warpsim.orbit.access import AccessConstraints, access_intervals, margins
 from warpsim.orbit.arc import BallisticArc, UtcText
 from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.walker import Walker
-from warpsim.scene.parts import Frames, Pointing, Release, Sky, TargetSpec
+from warpsim.scene.parts import Frames, Pointing, Release, Sky, TargetSpec, Text
 from warpsim.sky.bands import BANDS
 
 if TYPE_CHECKING:
@@ -35,15 +35,6 @@ if TYPE_CHECKING:
     from astropy.time import Time
 
     from warpsim.scene.tracks import Tracks
-
-
-def _as_tuple(value: Any) -> Any:
-    """Lists of scene files become tuples; a single name is a list of one."""
-    if isinstance(value, str):
-        return (value,)
-    if not isinstance(value, list | tuple):
-        raise rule_error("must be a list")
-    return tuple(value)
 
 
 def _known_band(name: str) -> str:
@@ -56,6 +47,9 @@ _ARC_EPOCH = BallisticArc.__dataclass_fields__["epoch_utc"].default
 
 LONGEST_TRACKS_S = 2e8
 """Longest scene times number of moving things: some 2 GB of orbit nodes."""
+
+LARGEST_VIEW = 2**29
+"""Pixels of one sensor's image in all bands: array strides are 32-bit numbers of bytes."""
 
 BandName = Annotated[str, AfterValidator(_known_band)]
 
@@ -94,15 +88,15 @@ class Scene:
     camera: Camera
     optics: Optics
     detector: NeiDetector
-    bands: Annotated[tuple[BandName, ...], BeforeValidator(_as_tuple)]
+    bands: Annotated[tuple[BandName, ...], BeforeValidator(as_tuple)]
     trajectory: BallisticArc
-    targets: Annotated[tuple[TargetSpec, ...], BeforeValidator(_as_tuple)]
+    targets: Annotated[tuple[TargetSpec, ...], BeforeValidator(as_tuple)]
     release: Release = Field(default_factory=Release)
     pointing: Pointing = Field(default_factory=Pointing)
     access_rules: AccessConstraints = Field(default_factory=AccessConstraints)
     sky: Sky = Field(default_factory=Sky)
     seed: Annotated[Integer, closed_interval(0, 2**63 - 1)] = 0
-    name: str = "scene"
+    name: Text = "scene"
     description: str = ""
 
     @model_validator(mode="before")
@@ -128,6 +122,9 @@ class Scene:
             raise part_error("bands: must name at least one band")
         if len(set(self.bands)) != len(self.bands):
             raise part_error(f"bands: must not repeat, got {', '.join(self.bands)}")
+        n_value = self.camera.n_row * self.camera.n_col * len(self.bands)
+        if n_value >= LARGEST_VIEW:
+            raise part_error(f"camera: n_row * n_col * number of bands must be below 2**29, got {n_value}")
         if not self.targets:
             raise part_error("targets: must hold at least the main target, which the trajectory belongs to")
         if self.targets[0].count != 1:

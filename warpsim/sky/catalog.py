@@ -25,6 +25,10 @@ BAND_NAMES = tuple(BANDS)
 J2000_JYEAR = 2000.0
 _MAS_RAD = math.pi / 180.0 / 3.6e6
 
+LARGEST_FLUX_JY = 1e15
+"""A million times the Sun's at 10 um; more would overflow float32 images."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class StarCatalog:
     """Stars with place, motion and flux in the MSX bands; immutable, all arrays float64 and read-only.
@@ -157,7 +161,7 @@ class StarCatalog:
             _check_range(columns[key], -1e9, 1e9, key, rows)
         _check_range(columns["parallax_mas"], -1e9, 1e9, "parallax_mas", rows)
         for band in BAND_NAMES:
-            _check_range(columns[f"flux_{band}_jy"], 0.0, np.finfo(float).max, f"flux_{band}_jy", rows)
+            _check_range(columns[f"flux_{band}_jy"], 0.0, LARGEST_FLUX_JY, f"flux_{band}_jy", rows)
         return make_catalog(
             ra_deg=columns["ra_deg"] % 360.0,
             dec_deg=columns["dec_deg"],

@@ -32,9 +32,12 @@ class Attitude:
 
     @model_validator(mode="after")
     def _has_direction(self) -> Attitude:
-        if not isinstance(self.axis, str) and np.linalg.norm(self.axis) == 0:
+        if not isinstance(self.axis, str) and not any(self.axis):
             raise part_error("axis: must not be the zero vector")
         return self
+
+
+Kelvin = Annotated[Positive, closed_interval(0, 1e5)]
 
 
 @part
@@ -46,8 +49,8 @@ class Temperature:
         end_k: At the scene's end [K]; the same as at the start when left out.
     """
 
-    start_k: Positive
-    end_k: Positive | None = None
+    start_k: Kelvin
+    end_k: Kelvin | None = None
 
 
 @part
@@ -105,6 +108,7 @@ def attitude_frame(
         reference = np.array([ring * np.cos(2 * np.pi * u[1]), ring * np.sin(2 * np.pi * u[1]), z])
     else:
         reference = np.asarray(attitude.axis, dtype=np.float64)
+    reference = reference / np.abs(reference).max()  # first, so that the squares neither overflow nor vanish
     reference = reference / np.linalg.norm(reference)
     # Any direction well away from the reference gives a stable perpendicular; the seeded angle then turns it.
     spare = np.eye(3)[np.argmin(np.abs(reference))]

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from warpsim.describe import Positive, part
+from warpsim.describe import Length, part
 from warpsim.errors import InputError
 
 
@@ -44,7 +44,7 @@ class _Body:
 class Sphere(_Body):
     """A sphere of radius_m [m]."""
 
-    radius_m: Positive
+    radius_m: Length
     kind: Literal["sphere"] = Field(default="sphere", kw_only=True)
 
     @property
@@ -57,8 +57,8 @@ class Sphere(_Body):
 class Cylinder(_Body):
     """A closed cylinder of radius_m and height_m [m]."""
 
-    radius_m: Positive
-    height_m: Positive
+    radius_m: Length
+    height_m: Length
     kind: Literal["cylinder"] = Field(default="cylinder", kw_only=True)
 
     @property
@@ -71,8 +71,8 @@ class Cylinder(_Body):
 class Cone(_Body):
     """A closed cone of base radius_m and height_m [m]."""
 
-    radius_m: Positive
-    height_m: Positive
+    radius_m: Length
+    height_m: Length
     kind: Literal["cone"] = Field(default="cone", kw_only=True)
 
     @property
