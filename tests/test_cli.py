@@ -69,7 +69,7 @@ def test_render_reports_what_where_and_how_fast(capsys, tmp_path):
     code, out, _ = run(capsys, "render", "stss", "-o", tmp_path / "o", "--frames", "60:62", "--sensors", "sat11")
     assert code == 0
     assert "6 images (1 sensor, bands A C E)" in out
-    assert "frames per second" in out
+    assert "images per second" in out
 
 
 def bad_scene(tmp_path, old, new):

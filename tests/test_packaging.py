@@ -40,7 +40,7 @@ def test_data_travels(wheel, name):
 def test_metadata(wheel):
     name = next(name for name in wheel.namelist() if name.endswith("dist-info/METADATA"))
     metadata = wheel.read(name).decode()
-    assert "License-Expression: Apache-2.0" in metadata
+    assert "License-Expression: Apache-2.0 AND CC-BY-SA-3.0-IGO" in metadata
     assert "Requires-Python: >=3.11" in metadata
     core = [line for line in metadata.splitlines() if line.startswith("Requires-Dist:") and "extra ==" not in line]
     packages = {line.split()[1].split(">")[0].lower() for line in core}

@@ -305,7 +305,7 @@ def test_group_pointing_and_up_rules(scene):
         (lambda r: r.render([0]).stars, "keep_stars"),
         (lambda r: r.render([0]).wcs(1, "sat11"), "was not rendered"),
         (lambda r: ws.Renderer(r.scene, device="cuda:9"), "device: must be one of"),
-        (lambda r: ws.Renderer(r.scene, n_thread=0), "n_thread: must be >= 1"),
+        (lambda r: ws.Renderer(r.scene, n_thread=0), "n_thread: must be a whole number >= 1"),
     ],
 )
 def test_bad_requests_say_what_is_wrong(renderer, call, text):
@@ -320,10 +320,34 @@ def test_no_sensor_with_access_is_said(scene):
         ws.Renderer(blind, device="cpu").render([0])
 
 
+def test_hostile_but_legal_scenes_stay_finite(scene):
+    data = scene.to_dict()
+    data["targets"] = data["targets"][:1]
+    data["targets"][0]["attitude"]["axis"] = [1e200, 1e200, 1e-200]
+    data["targets"][0]["temperature"] = {"start_k": 3.0, "end_k": 1e4}
+    data["detector"] |= {"bits": 1, "offset_counts": 0.0}
+    frames = ws.Renderer(ws.Scene.from_dict(data), device="cpu").render([60, 100], keep_signal=True)
+    assert np.isfinite(frames.signal_w_cm2.numpy()).all()
+    assert frames.counts.numpy().max() == 1
+    for name in ("x_px", "aspect_deg", "irradiance_w_cm2", "snr_peak"):
+        assert np.isfinite(frames.truth[name]).all()
+
+
+def test_widest_gaussian_stamps_stay_within_their_buffer(scene):
+    """Sigma where the half-width meets the buffer's size, and a cut far below any noise."""
+    for sigma_px in (0.9973, 1.0, 2.14):
+        optics = {"aperture_m": 0.4, "psf": "gaussian", "sigma_px": sigma_px, "stamp_cut_nei": 1e-12}
+        renderer = ws.Renderer(scene.replace(optics=optics), device="cpu")
+        frames = renderer.render([60], ["sat11"], ["A"], keep_signal=True)
+        assert np.isfinite(frames.signal_w_cm2.numpy()).all()
+        assert np.abs(frames.truth["left_out_w_cm2"] / frames.truth["irradiance_w_cm2"]).max() < 1e-6
+
+
 def test_no_frames_is_an_empty_result(renderer):
     frames = renderer.render([])
     assert frames.counts.shape[0] == 0
     assert len(frames.truth) == 0
+    assert len(renderer.render([], keep_stars=True).stars) == 0
 
 
 @pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")

@@ -35,7 +35,7 @@ def folder(scene, tmp_path_factory):
     report = ws.render_to_folder(scene, path, range(60, 66), ["sat11", "sat47"], ["A", "E"], device="cpu")
     assert report.n_image == report.n_image_rendered == 24
     assert str(path) in report.text()
-    assert "frames per second" in report.text()
+    assert "images per second" in report.text()
     return path
 
 
@@ -138,6 +138,55 @@ def test_a_different_run_is_refused_unless_told(scene, tmp_path):
     assert {name: (tmp_path / name).read_bytes() for name in listing(tmp_path)} == before
     ws.render_to_folder(scene, tmp_path, [60], ["sat47"], ["A"], device="cpu", overwrite=True)
     assert listing(tmp_path) == ["contact_sheet.png", "manifest.json", "sat47_A.fits", "truth.fits"]
+
+
+SMALL_RUN = ([60], ["sat11"], ["A"])
+
+
+@pytest.mark.parametrize("name", ["sat11_A.fits", "truth.fits", "contact_sheet.png", "manifest.json"])
+def test_files_of_others_are_never_touched(scene, tmp_path, name):
+    (tmp_path / name).write_text('{"key": "no", "files": {"precious.txt": 1, "../other.fits": 2}}')
+    (tmp_path / "precious.txt").write_text("mine")
+    (tmp_path / ".download.partial").write_text("mine")
+    before = {item: (tmp_path / item).read_bytes() for item in listing(tmp_path)}
+    for overwrite in (False, True):
+        with pytest.raises(ws.InputError, match=f"{name}: is there already, and warpsim did not write it"):
+            ws.render_to_folder(scene, tmp_path, *SMALL_RUN, device="cpu", overwrite=overwrite)
+    assert {item: (tmp_path / item).read_bytes() for item in listing(tmp_path)} == before
+
+
+def test_overwrite_removes_only_the_old_runs_files(scene, tmp_path):
+    ws.render_to_folder(scene, tmp_path, *SMALL_RUN, device="cpu")
+    (tmp_path / "notes.txt").write_text("mine")
+    ws.render_to_folder(scene.replace(seed=5), tmp_path, [60], ["sat47"], ["A"], device="cpu", overwrite=True)
+    assert listing(tmp_path) == ["contact_sheet.png", "manifest.json", "notes.txt", "sat47_A.fits", "truth.fits"]
+
+
+def test_a_changed_catalog_is_a_different_run(scene, tmp_path):
+    stars = tmp_path / "stars.csv"
+    own = scene.replace(sky__catalog=str(stars))
+    stars.write_text("ra_deg,dec_deg,flux_A_jy\n10.0,20.0,5.0\n")
+    ws.render_to_folder(own, tmp_path / "out", *SMALL_RUN, device="cpu")
+    stars.write_text("ra_deg,dec_deg,flux_A_jy\n10.0,20.0,50.0\n")
+    with pytest.raises(ws.InputError, match="holds a different run"):
+        ws.render_to_folder(own, tmp_path / "out", *SMALL_RUN, device="cpu")
+
+
+def test_names_given_twice_are_written_once(scene, tmp_path):
+    ws.render_to_folder(scene, tmp_path, [60, 60], ["sat11", "sat11"], ["A", "A"], device="cpu")
+    assert len(read_cube(tmp_path / "sat11_A.fits").frames) == 1
+
+
+def test_two_runs_do_not_share_a_folder(scene, tmp_path):
+    import fcntl
+
+    (tmp_path / ".warpsim-parts").mkdir()
+    with (tmp_path / ".warpsim-parts" / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(ws.InputError, match="another run is writing to it"):
+            ws.render_to_folder(scene, tmp_path, *SMALL_RUN, device="cpu")
+    ws.render_to_folder(scene, tmp_path, *SMALL_RUN, device="cpu")
+    assert not (tmp_path / ".warpsim-parts").exists()
 
 
 def test_frames_without_access_are_left_out(scene, tmp_path):

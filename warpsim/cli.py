@@ -6,6 +6,7 @@ import argparse
 import ctypes.util
 import os
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 
 from warpsim.errors import InputError
@@ -13,6 +14,8 @@ from warpsim.errors import InputError
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; exit code 0, 1 when a file could not be written, 2 for bad input, 130 when interrupted."""
+    # UTC has no leap seconds announced beyond the next half year; later epochs count without further ones.
+    warnings.filterwarnings("ignore", message='.*"dubious year')
     parser = _parser()
     options = parser.parse_args(arguments)
     try:

@@ -11,7 +11,6 @@ N_BAND = 180
 N_COLUMN = 360
 POLAR_LATITUDE_DEG = 60
 
-_PI = wp.constant(wp.float64(3.141592653589793))
 _HALF_PI = wp.constant(wp.float64(1.5707963267948966))
 _DEGREE = wp.constant(wp.float64(0.017453292519943295))
 _SLACK = wp.constant(wp.float64(1.0e-9))  # rad; covers rounding of angles at cell borders

@@ -11,10 +11,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from warpsim.describe import Number, Positive, closed_interval, part
+from warpsim.optics.airy import FIRST_DARK_RING, MAX_OBSCURATION, RADIUS_RANGE_PX
 from warpsim.optics.camera import Camera
-
-AIRY_FIRST_ZERO = 1.2196698912665045
-"""First zero of J1, divided by pi: radius of the first dark ring in units of lambda * F."""
 
 GAUSSIAN_PER_LAMBDA_F = 0.42
 """Sigma of the Gaussian that resembles an Airy pattern's core, in units of lambda * F."""
@@ -41,8 +39,8 @@ class PsfAiry:
         obscuration: Diameter of the central obscuration over that of the pupil.
     """
 
-    radius_px: Annotated[Number, closed_interval(0.02, 50)]
-    obscuration: Annotated[Number, closed_interval(0, 0.6)] = 0.0
+    radius_px: Annotated[Number, closed_interval(*RADIUS_RANGE_PX)]
+    obscuration: Annotated[Number, closed_interval(0, MAX_OBSCURATION)] = 0.0
     kind: Literal["airy"] = Field(default="airy", kw_only=True)
 
 
@@ -62,7 +60,7 @@ class Optics:
     """
 
     aperture_m: Positive
-    obscuration: Annotated[Number, closed_interval(0, 0.6)] = 0.0
+    obscuration: Annotated[Number, closed_interval(0, MAX_OBSCURATION)] = 0.0
     psf: Literal["airy", "gaussian"] = "airy"
     sigma_px: Positive | None = None
     stamp_cut_nei: Positive = 0.1
@@ -71,5 +69,5 @@ class Optics:
         """The point spread function at one wavelength, in pixels of the camera."""
         lambda_f_px = wavelength_um * 1e-6 / self.aperture_m * camera.focal_px
         if self.psf == "airy":
-            return PsfAiry(AIRY_FIRST_ZERO * lambda_f_px, self.obscuration)
+            return PsfAiry(FIRST_DARK_RING * lambda_f_px, self.obscuration)
         return PsfGaussian(GAUSSIAN_PER_LAMBDA_F * lambda_f_px if self.sigma_px is None else self.sigma_px)

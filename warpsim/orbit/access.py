@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
+from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
 from warpsim.describe import Number, Positive, closed_interval, part
 from warpsim.errors import InputError
 from warpsim.orbit.earth import meridian_altitude_m
@@ -68,7 +68,7 @@ def grazing_altitude_m(start_m: ArrayLike, end_m: ArrayLike, pole_icrs: ArrayLik
     path_square = np.einsum("...i,...i->...", path, path)
     path_out_square = path_square - path_up**2
     mixed = np.einsum("...i,...i->...", a, path) - a_up * path_up
-    stretch = 1.0067395  # (equatorial / polar radius)^2
+    stretch = (1.0 - EARTH_FLATTENING) ** -2
     s = -(mixed + stretch * a_up * path_up) / np.maximum(path_out_square + stretch * path_up**2, 1e-30)
     s = np.clip(s, 0.0, 1.0)
     lowest: F64 | float = np.inf

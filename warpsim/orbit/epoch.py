@@ -7,6 +7,7 @@ any table from the network.
 from __future__ import annotations
 
 import math
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,15 +32,17 @@ def utc_time(text: str) -> Time:
     """
     from astropy.time import Time
 
+    rule = "must be an ISO 8601 UTC instant like 2025-03-20T12:00:00"
+    year = re.match(r"\s*(\d{4})-", str(text))
+    if year and not FIRST_YEAR <= int(year[1]) < LAST_YEAR:
+        raise InputError(f"epoch_utc: must be in the years {FIRST_YEAR} to {LAST_YEAR - 1}, got {text!r}")
     try:
         epoch = Time(str(text).strip().removesuffix("Z"), scale="utc")
-        good = epoch.isscalar and str(text)[:4].isdigit() and math.isfinite(epoch.jd1 + epoch.jd2)
+        good = year is not None and epoch.isscalar and math.isfinite(epoch.jd1 + epoch.jd2)
     except Exception:
         good = False
     if not good:
-        raise InputError(f"epoch_utc: must be an ISO 8601 UTC instant like 2025-03-20T12:00:00, got {text!r}")
-    if not FIRST_YEAR <= epoch.jyear < LAST_YEAR:
-        raise InputError(f"epoch_utc: must be in the years {FIRST_YEAR} to {LAST_YEAR - 1}, got {text!r}")
+        raise InputError(f"epoch_utc: {rule}, got {text!r}")
     return epoch
 
 

@@ -55,7 +55,7 @@ class RunReport:
             return f"{line}; all were there already"
         speed = self.n_image_rendered / max(self.render_s, 1e-9)
         kept = self.n_image - self.n_image_rendered
-        line += f"; rendering took {self.render_s:.2f} s of it, {speed:,.0f} frames per second"
+        line += f"; rendering took {self.render_s:.2f} s of it, {speed:,.0f} images per second"
         return line + (f", {kept} images kept from before" if kept else "")
 
 

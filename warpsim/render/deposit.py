@@ -50,7 +50,7 @@ def deposit(
     for name, values in (("xy_px", xy), ("flux", strength)):
         if not np.isfinite(values).all():
             raise InputError(f"{name}: must be finite, got {np.count_nonzero(~np.isfinite(values))} bad values")
-    if len(shape) != 2 or min(shape) < 1:
+    if len(shape) != 2 or any(not isinstance(n, int | np.integer) or n < 1 for n in shape):
         raise InputError(f"shape: must be (n_row, n_col) of at least 1, got {shape}")
     if not 1e-9 <= flux_error < 1:
         raise InputError(f"flux_error: must be in [1e-9, 1), got {flux_error}")

@@ -67,8 +67,8 @@ class Renderer:
     """
 
     def __init__(self, scene: Scene, device: Any = None, n_thread: int | None = None) -> None:
-        if n_thread is not None and n_thread < 1:
-            raise InputError(f"n_thread: must be >= 1, got {n_thread}")
+        if n_thread is not None and (not isinstance(n_thread, int) or n_thread < 1):
+            raise InputError(f"n_thread: must be a whole number >= 1, got {n_thread}")
         self.scene = scene
         self.device = default_device(device)
         self.n_thread = 1 if self.device.is_cuda else n_thread or n_usable_cpu()

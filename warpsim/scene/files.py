@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
-import tempfile
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -55,12 +55,15 @@ def write_scene_data(data: dict[str, Any], path: str | os.PathLike[str]) -> None
     if target.suffix not in (".toml", ".json"):
         raise InputError(f"{target}: must end in .toml or .json")
     text = to_toml(data) if target.suffix == ".toml" else json.dumps(data, indent=2) + "\n"
+    partial = target.with_name(f".{target.name}.partial")
     try:
-        with tempfile.NamedTemporaryFile("w", dir=target.parent, delete=False, encoding="utf-8") as file:
-            file.write(text)
-        Path(file.name).replace(target)
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(target)
     except OSError as error:
         raise InputError(f"{target}: cannot be written: {error.strerror}") from None
+    finally:
+        with contextlib.suppress(OSError):
+            partial.unlink()
 
 
 def to_toml(data: dict[str, Any]) -> str:

@@ -1,0 +1,137 @@
+"""From the scene's words to the image: each property of the description must be seen in what is rendered."""
+
+import numpy as np
+import pytest
+from scipy.special import erf
+
+import warpsim as ws
+from warpsim.output.contact_sheet import GAP_PX, LEFT_PX, TILE_PX, TOP_PX, draw_contact_sheet, grey_tile
+from warpsim.target.motion import attitude_frame
+
+C_M_S = 299_792_458.0
+SIGNAL_REL = 1e-6
+"""float32 sums of some tens of sources, relative to the brightest pixel, and the stamps' cut of 1e-6 NEI."""
+ASPECT_RAD = 1e-7
+"""Sensor and target positions from the host's tracks; the axis itself is good to 1e-9 rad."""
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return ws.Scene.load("stss")
+
+
+def test_every_pixel_is_the_sum_of_the_labelled_sources(scene):
+    """Noiseless signal against error-function sums over truth and star rows: x and y, light and label, all bands."""
+    soft = scene.replace(optics={"aperture_m": 0.4, "psf": "gaussian", "sigma_px": 0.9, "stamp_cut_nei": 1e-6})
+    frames = ws.Renderer(soft, device="cpu").render([77], ["sat27", "sat12"], keep_signal=True, keep_stars=True)
+    edges = np.arange(129) - 0.5
+    for i, sensor in enumerate(frames.sensors):
+        stars = frames.stars[frames.stars["sensor"] == sensor]
+        for j, band in enumerate(frames.bands):
+            rows = frames.truth[(frames.truth["sensor"] == sensor) & (frames.truth["band"] == band)]
+            x = np.concatenate([rows["x_px"], stars["x_px"]])
+            y = np.concatenate([rows["y_px"], stars["y_px"]])
+            light = np.concatenate([rows["irradiance_w_cm2"], stars["irradiance_w_cm2"][:, j]])
+            across, down = (
+                np.diff(erf((edges[None, :] - centre[:, None]) / (0.9 * np.sqrt(2))), axis=1) / 2 for centre in (x, y)
+            )
+            expected = np.einsum("s,sr,sc->rc", light, down, across)
+            signal = frames.signal_w_cm2.numpy()[0, i, j]
+            np.testing.assert_allclose(signal, expected, rtol=0, atol=SIGNAL_REL * expected.max() + 1e-6 * 1e-18 * 60)
+            # The group is neither on the diagonal nor symmetric: a swap of x and y would show.
+            assert np.abs(signal - signal.T).max() > 0.5 * signal.max()
+
+
+def test_targets_behind_the_earth_give_no_light(scene):
+    dark = scene.replace(sky__catalog="none")
+    frames = ws.Renderer(dark, device="cpu").render([5], dark.sensor_names, ["A"], keep_signal=True)
+    truth = frames.truth
+    assert 0 < np.count_nonzero(truth["occulted"]) < len(truth)
+    assert np.all(truth["irradiance_w_cm2"][truth["occulted"]] == 0)
+    assert np.all(truth["irradiance_w_cm2"][~truth["occulted"]] > 0)
+    for i, sensor in enumerate(frames.sensors):
+        rows = truth[truth["sensor"] == sensor]
+        light = frames.signal_w_cm2.numpy()[0, i].max()
+        assert (light == 0) == bool(np.all(rows["occulted"]))
+
+
+@pytest.mark.parametrize("target", ["center", "sphere02", "cylinder04", "cone03"])
+def test_aspect_follows_the_described_motion(scene, target):
+    """Spin, precession and rolling rates and angles of the scene, by complex rotation of the axis at emission time."""
+    quick = scene.replace(frames={"count": 60, "interval_s": 0.037, "start_s": 700.0})
+    frames = ws.Renderer(quick, device="cpu").render(range(60), ["sat11"], ["A"])
+    rows = frames.truth[frames.truth["target"] == target]
+    number = scene.target_names.index(target)
+    motion = scene.target_specs[number].attitude
+    velocity = scene.tracks.targets[number].state(np.zeros(1))[1][0]
+    (reference, first, second), precession, rolling = attitude_frame(motion, velocity, scene.seed, number)
+    aspect = []
+    for row in rows:
+        sensor = scene.position_m("sat11", [row["time_s"]])[0]
+        emitted_s = row["time_s"] - row["range_km"] * 1e3 / C_M_S
+        sight = sensor - scene.position_m(target, [emitted_s])[0]
+        azimuth = np.exp(2j * np.pi * (motion.precession_rev_s * emitted_s + precession))
+        tumbled = 2j * np.pi * (motion.rolling_rev_s * emitted_s + rolling)
+        polar = np.exp(1j * np.radians(motion.precession_angle_deg) + tumbled)
+        axis = polar.real * reference + polar.imag * (azimuth.real * first + azimuth.imag * second)
+        aspect.append(np.arctan2(np.linalg.norm(np.cross(axis, sight)), axis @ sight))
+    np.testing.assert_allclose(np.radians(rows["aspect_deg"]), aspect, rtol=0, atol=ASPECT_RAD)
+    swing = np.ptp(np.degrees(aspect))
+    if motion.rolling_rev_s:
+        assert swing > 90
+    else:  # twice the precession angle, seen from the side
+        assert motion.precession_angle_deg < swing <= 2 * motion.precession_angle_deg + 0.1
+
+
+def test_noise_differs_between_bands_sensors_and_frames(scene):
+    frames = ws.Renderer(scene.replace(sky__catalog="none"), device="cpu").render(range(60, 64), ["sat11", "sat12"])
+    counts = frames.counts.numpy().astype(np.float64)
+    noise = (counts - counts.mean(axis=(3, 4), keepdims=True))[..., :40, :].reshape(24, -1)  # off the targets
+    correlation = np.corrcoef(noise) - np.eye(24)
+    assert np.abs(correlation).max() < 5 / np.sqrt(noise.shape[1])
+
+
+def test_truth_says_when_there_is_access(scene):
+    frames = ws.Renderer(scene, device="cpu").render([0, 30, 80, 150], bands=["A"])
+    margins = scene.access_margins(frames.time_s)
+    allowed = np.minimum.reduce(list(margins.values())) >= 0
+    assert allowed.any() and not allowed.all()
+    for row in frames.truth[frames.truth["target"] == "center"]:
+        sensor, frame = scene.sensor_names.index(row["sensor"]), frames.frames.index(row["frame"])
+        assert row["access"] == allowed[sensor, frame]
+
+
+@pytest.mark.parametrize(("n_row", "n_col"), [(128, 128), (40, 100), (300, 260)])
+def test_tiles_keep_the_orientation_and_every_point(scene, n_row, n_col):
+    counts = np.full((n_row, n_col), 100, dtype=np.uint16)
+    counts[n_row // 10, n_col - 2] = 8000  # near the top, far right
+    tile = grey_tile(counts, scene)
+    row, column = np.unravel_index(tile.argmax(), tile.shape)
+    assert max(tile.shape) <= TILE_PX
+    assert row / tile.shape[0] == pytest.approx(0.1, abs=0.05)
+    assert column / tile.shape[1] > 0.95
+    assert tile.max() == 255
+
+
+def test_contact_sheet_shows_the_frames_it_says(scene, tmp_path):
+    """Each stand-in image is flat, its level telling sensor and frame: read them back from the picture."""
+    import OpenImageIO as oiio
+
+    frames_of = {"sat11": list(range(40, 50)), "sat47": [44, 45]}
+    base = {"sat11": 110, "sat47": 200}
+
+    def planes(sensor, frames):
+        return np.stack([np.full((128, 128), base[sensor] + 2 * frame, dtype=np.uint16) for frame in frames])
+
+    path = tmp_path / "sheet.png"
+    draw_contact_sheet(scene, "A", frames_of, planes, path)
+    pixels = oiio.ImageBuf(str(path)).get_pixels(oiio.UINT8)
+    for row, sensor in enumerate(frames_of):
+        for column in range(10):
+            top, left = TOP_PX + row * (TILE_PX + GAP_PX), LEFT_PX + column * (TILE_PX + GAP_PX)
+            seen = pixels[top + 100, left + 10, 0]
+            if 40 + column in frames_of[sensor]:
+                expected = grey_tile(planes(sensor, [40 + column])[0], scene)[0, 0]
+                assert seen == expected, (sensor, column)
+            else:
+                assert seen == 40, (sensor, column)  # "no access"
