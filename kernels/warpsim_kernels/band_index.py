@@ -7,9 +7,9 @@ between two columns are one run of stars.
 
 import warp as wp
 
-N_BAND = 180
-N_COLUMN = 360
-POLAR_LATITUDE_DEG = 60
+N_BAND = wp.constant(180)
+N_COLUMN = wp.constant(360)
+POLAR_LATITUDE_DEG = wp.constant(60)
 
 _HALF_PI = wp.constant(wp.float64(1.5707963267948966))
 _DEGREE = wp.constant(wp.float64(0.017453292519943295))
@@ -34,10 +34,10 @@ def cone_cover(direction: wp.vec3d, radius_rad: wp.float64) -> ConeCover:
     south = wp.float64(90.0) + (latitude - radius) / _DEGREE
     north = wp.float64(90.0) + (latitude + radius) / _DEGREE
     cover = ConeCover()
-    cover.first_band = wp.clamp(int(wp.floor(south)), 0, 179)
-    cover.last_band = wp.clamp(int(wp.floor(north)), 0, 179)
+    cover.first_band = wp.clamp(int(wp.floor(south)), 0, N_BAND - 1)
+    cover.last_band = wp.clamp(int(wp.floor(north)), 0, N_BAND - 1)
     cover.first_column = 0
-    cover.n_column = 360
+    cover.n_column = N_COLUMN
     if wp.abs(latitude) + radius < _HALF_PI:
         # No pole inside: the cone's widest half-width in right ascension.
         half_width = wp.asin(wp.min(wp.sin(radius) / wp.cos(latitude), wp.float64(1.0))) + _SLACK
@@ -45,23 +45,23 @@ def cone_cover(direction: wp.vec3d, radius_rad: wp.float64) -> ConeCover:
         west = (longitude - half_width) / _DEGREE
         east = (longitude + half_width) / _DEGREE
         first = int(wp.floor(west))
-        cover.n_column = wp.min(int(wp.floor(east)) - first + 1, 360)
-        cover.first_column = ((first % 360) + 360) % 360
+        cover.n_column = wp.min(int(wp.floor(east)) - first + 1, N_COLUMN)
+        cover.first_column = ((first % N_COLUMN) + N_COLUMN) % N_COLUMN
     return cover
 
 
 @wp.func
 def is_polar(band: int) -> bool:
     """True for bands above 60 degrees latitude, which are one cell."""
-    return band < 30 or band >= 150
+    return band < 90 - POLAR_LATITUDE_DEG or band >= 90 + POLAR_LATITUDE_DEG
 
 
 @wp.func
 def run_begin(cell_start: wp.array[wp.int32], band: int, cover: ConeCover, part: int) -> int:
     """First star of a band's run; part 0 is the run up to column 359, part 1 what wraps to column 0."""
     if is_polar(band) or part == 1:
-        return cell_start[band * 360]
-    return cell_start[band * 360 + cover.first_column]
+        return cell_start[band * N_COLUMN]
+    return cell_start[band * N_COLUMN + cover.first_column]
 
 
 @wp.func
@@ -70,11 +70,11 @@ def run_end(cell_start: wp.array[wp.int32], band: int, cover: ConeCover, part: i
     beyond = cover.first_column + cover.n_column
     if is_polar(band):
         if part == 1:
-            return cell_start[band * 360]
-        return cell_start[(band + 1) * 360]
+            return cell_start[band * N_COLUMN]
+        return cell_start[(band + 1) * N_COLUMN]
     if part == 0:
-        return cell_start[band * 360 + wp.min(beyond, 360)]
-    return cell_start[band * 360 + wp.max(beyond - 360, 0)]
+        return cell_start[band * N_COLUMN + wp.min(beyond, N_COLUMN)]
+    return cell_start[band * N_COLUMN + wp.max(beyond - N_COLUMN, 0)]
 
 
 @wp.func

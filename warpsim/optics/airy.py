@@ -119,7 +119,10 @@ def build_airy_table(radius_px: float, obscuration: float = 0.0) -> AiryTable:
 
 
 def share(table: AiryTable, dx_px: ArrayLike, dy_px: ArrayLike) -> Floats:
-    """Return the flux share of pixels by the formula that the device kernel uses, in the precision of the offsets.
+    """Return the flux share of pixels: the readable twin of the device kernel, in the precision of the offsets.
+
+    The kernel counts nodes from offset zero in float64; here they count from the pixel's edge, which is as good in
+    float32. Six-point interpolation inside the table and the wing outside are the same.
 
     Args:
         table: The pattern.
