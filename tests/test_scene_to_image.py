@@ -114,14 +114,16 @@ def test_tiles_keep_the_orientation_and_every_point(scene, n_row, n_col):
 
 
 def test_contact_sheet_shows_the_frames_it_says(scene, tmp_path):
-    """Each stand-in image is flat, its level telling sensor and frame: read them back from the picture."""
+    """Stand-in images whose level tells sensor and frame, with a bright point near the top right: read both back."""
     import OpenImageIO as oiio
 
     frames_of = {"sat11": list(range(40, 50)), "sat47": [44, 45]}
     base = {"sat11": 110, "sat47": 200}
 
     def planes(sensor, frames):
-        return np.stack([np.full((128, 128), base[sensor] + 2 * frame, dtype=np.uint16) for frame in frames])
+        images = np.stack([np.full((128, 128), base[sensor] + 2 * frame, dtype=np.uint16) for frame in frames])
+        images[:, 30, 120] = 8000
+        return images
 
     path = tmp_path / "sheet.png"
     draw_contact_sheet(scene, "A", frames_of, planes, path)
@@ -133,5 +135,7 @@ def test_contact_sheet_shows_the_frames_it_says(scene, tmp_path):
             if 40 + column in frames_of[sensor]:
                 expected = grey_tile(planes(sensor, [40 + column])[0], scene)[0, 0]
                 assert seen == expected, (sensor, column)
+                assert pixels[top + 30, left + 120, 0] == 255
+                assert np.count_nonzero(pixels[top + 20 : top + 128, left : left + 128, 0] == 255) == 1
             else:
                 assert seen == 40, (sensor, column)  # "no access"

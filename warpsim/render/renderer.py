@@ -71,7 +71,9 @@ class Renderer:
             raise InputError(f"n_thread: must be a whole number >= 1, got {n_thread}")
         self.scene = scene
         self.device = default_device(device)
-        self.n_thread = 1 if self.device.is_cuda else n_thread or n_usable_cpu()
+        # One launch queue on CUDA; and two CPU launches at once crash Warp's debug mode, so that runs on one thread.
+        single = self.device.is_cuda or wp.config.mode == "debug"
+        self.n_thread = 1 if single else n_thread or n_usable_cpu()
         self._index = star_index(scene, self.device)
         self._worlds: dict[tuple[str, ...], World] = {}
         self._workers: dict[tuple[str, ...], list[_Worker]] = {}
