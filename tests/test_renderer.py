@@ -21,11 +21,6 @@ IRRADIANCE_REL = 1e-6
 
 
 @pytest.fixture(scope="module")
-def scene():
-    return ws.Scene.load("stss")
-
-
-@pytest.fixture(scope="module")
 def renderer(scene):
     return ws.Renderer(scene, device="cpu")
 

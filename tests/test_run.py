@@ -1,12 +1,10 @@
 """The main job: what a run leaves in its folder, and what is left when it is killed."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,14 +17,6 @@ from warpsim.output.files import sha256_of, whole_file
 from warpsim.output.fits_cube import read_cube
 
 COMMAND = [sys.executable, "-m", "warpsim.cli", "render"]
-SMALL = ["--frames", "60:66", "--sensors", "sat11,sat47", "--bands", "A,E"]
-ROOT = Path(__file__).parents[1]
-ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(str(ROOT / p) for p in (".", "kernels", "catalogs"))}
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return ws.Scene.load("stss")
 
 
 @pytest.fixture(scope="module")
@@ -202,14 +192,14 @@ def test_files_do_not_depend_on_the_batch(scene, folder, tmp_path, monkeypatch):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes(), name
 
 
-def test_killed_halfway_then_completed(tmp_path):
+def test_killed_halfway_then_completed(tmp_path, checkout_environment):
     """SIGKILL after the first sensor: no half file under a final name; the same command then gives the same bytes."""
     command = [*COMMAND, "stss", "--bands", "A", "--sensors", "sat11,sat12,sat27,sat47", "--quiet", "-o"]
     whole, killed = tmp_path / "whole", tmp_path / "killed"
-    subprocess.run([*command, str(whole)], env=ENVIRONMENT, check=True, capture_output=True)
+    subprocess.run([*command, str(whole)], env=checkout_environment, check=True, capture_output=True)
     n_final = 0
     for wanted in (1, 2):  # kill twice, each time later
-        process = subprocess.Popen([*command, str(killed)], env=ENVIRONMENT, stderr=subprocess.DEVNULL)
+        process = subprocess.Popen([*command, str(killed)], env=checkout_environment, stderr=subprocess.DEVNULL)
         deadline = time.monotonic() + 120
         while len(list(killed.glob("*.fits"))) < wanted and process.poll() is None and time.monotonic() < deadline:
             time.sleep(0.002)
@@ -220,7 +210,7 @@ def test_killed_halfway_then_completed(tmp_path):
             assert path.read_bytes() == (whole / path.name).read_bytes(), f"half a file: {path.name}"
         n_final = len(finals)
     assert n_final >= 2
-    subprocess.run([*command, str(killed)], env=ENVIRONMENT, check=True, capture_output=True)
+    subprocess.run([*command, str(killed)], env=checkout_environment, check=True, capture_output=True)
     assert listing(killed) == listing(whole)
     for name in listing(whole):
         assert (killed / name).read_bytes() == (whole / name).read_bytes(), name

@@ -16,11 +16,6 @@ TRACK_M = 1e-3
 """Interpolation between nodes."""
 
 
-@pytest.fixture(scope="module")
-def scene():
-    return ws.Scene.load("stss")
-
-
 def test_presets():
     assert ws.presets() == ["stss"]
 
@@ -227,23 +222,16 @@ def test_access_table(scene):
             assert min(outside) < 0
 
 
-def test_import_is_light():
+def test_import_is_light(checkout_environment):
     """`import warpsim` loads NumPy and Warp at the most; the rest comes with first use."""
     import subprocess
     import sys
 
     heavy = "pydantic", "astropy.coordinates", "OpenImageIO", "matplotlib", "skyfield", "scipy"
     code = f"import sys, warpsim; print([m for m in {heavy!r} if m in sys.modules])"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=_environment())
+    command = [sys.executable, "-c", code]
+    out = subprocess.run(command, capture_output=True, text=True, check=True, env=checkout_environment)
     assert out.stdout.strip() == "[]"
-
-
-def _environment():
-    import os
-    from pathlib import Path
-
-    root = Path(__file__).parents[1]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(str(root / p) for p in (".", "kernels", "catalogs"))}
 
 
 def test_every_public_name_exists():

@@ -15,11 +15,6 @@ ASPECT_RAD = 1e-7
 """Sensor and target positions from the host's tracks; the axis itself is good to 1e-9 rad."""
 
 
-@pytest.fixture(scope="module")
-def scene():
-    return ws.Scene.load("stss")
-
-
 def test_every_pixel_is_the_sum_of_the_labelled_sources(scene):
     """Noiseless signal against error-function sums over truth and star rows: x and y, light and label, all bands."""
     soft = scene.replace(optics={"aperture_m": 0.4, "psf": "gaussian", "sigma_px": 0.9, "stamp_cut_nei": 1e-6})
