@@ -1,31 +1,143 @@
-"""Prints a Markdown table of a benchmark result: python benchmarks/report.py [RESULT.json]."""
+"""Prints a benchmark result as Markdown tables: python benchmarks/report.py [RESULT.json] [--plot PICTURE.png]."""
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 from pathlib import Path
+from typing import Any
+
+Case = dict[str, Any]
 
 
-def table(path: str) -> str:
-    """Frames per second against resolution, with the paper's figure and the error of the point spread function."""
-    data = json.loads(Path(path).read_text("utf-8"))
+def report(path: Path) -> str:
+    """Machine and date, then the tables of a result of one of the benchmarks here."""
+    data = json.loads(path.read_text("utf-8"))
     machine = data["machine_info"]
-    cases = sorted((b["extra_info"] for b in data["benchmarks"]), key=lambda c: (c["device"], c["psf"], c["n_pixel"]))
+    cases = cases_of(data)
+    threads = f"{cases[0]['n_thread']} threads, " if "n_thread" in cases[0] else ""
     lines = [
-        f"{machine['cpu'].get('brand_raw', machine['processor'])}, {cases[0]['n_thread']} threads, "
+        f"{machine['cpu'].get('brand_raw', machine['processor'])}, {threads}"
         f"Python {machine['python_version']}, {data['datetime'][:10]}",
         "",
+    ]
+    tables = fps_table if "psf" in cases[0] else places_table if "switches" in cases[0] else star_tables
+    return "\n".join(lines + tables(cases))
+
+
+def cases_of(data: dict[str, Any]) -> list[Case]:
+    """What each benchmark says of itself."""
+    return [benchmark["extra_info"] for benchmark in data["benchmarks"]]
+
+
+def fps_table(cases: list[Case]) -> list[str]:
+    """Frames per second against resolution, with the paper's figure and the error of the point spread function."""
+    cases = sorted(cases, key=lambda c: (c["device"], c["psf"], c["n_pixel"]))
+    return [
         "| pixels | PSF | device | frames/s | paper | ratio | worst PSF error per pixel |",
         "|---|---|---|---|---|---|---|",
+        *(
+            f"| {c['n_pixel']}^2 | {c['psf']} | {c['device']} | {c['fps']:,.0f} | {c['paper_fps']} "
+            f"| {c['fps'] / c['paper_fps']:.1f} | {c['psf_error']:.1e} |"
+            for c in cases
+        ),
     ]
+
+
+def places_table(cases: list[Case]) -> list[str]:
+    """Apparent places: time against error."""
+    return [
+        "| steps on | us per view | error [arcsec] | bytes per star |",
+        "|---|---|---|---|",
+        *(
+            f"| {c['switches']} | {c['us_per_view']:.2f} | {c['error_arcsec']:.1e} | {c['bytes_per_star']:.1f} |"
+            for c in sorted(cases, key=lambda c: -c["error_arcsec"])
+        ),
+    ]
+
+
+def star_tables(cases: list[Case]) -> list[str]:
+    """Star look-up: time, errors and memory against the number of stars; then time at a fixed density."""
+    build_s = {key_of(c): c["build_s"] for c in cases if c["kind"] == "build"}
+    queries = sorted((c for c in cases if c["kind"] == "query"), key=lambda c: (c["n_star"], c["method"], c["device"]))
+    lines = []
+    if queries:
+        lines += [
+            "| stars | method | device | us per cone | stars found per cone | lost + extra | displaced [arcsec] "
+            "| tested per found | bytes per star | on the device [MB] | build [s] |",
+            "|---|---|---|---|---|---|---|---|---|---|---|",
+        ]
+    for c in queries:
+        cells = [
+            f"{c['n_star']:,}",
+            c["method"],
+            c["device"],
+            f"{c['us_per_cone']:,.3g}" if c["us_per_cone"] < 100 else f"{c['us_per_cone']:,.0f}",
+            f"{c['n_found'] / c['n_cone']:.1f}",
+            f"{c['lost']} + {c['extra']} of {c['n_right']:,}",
+            shown(c.get("displaced_arcsec"), ".2g"),
+            shown(c.get("tested_per_found"), ".1f"),
+            shown(c.get("bytes_per_star"), ".1f"),
+            shown(c.get("device_mb"), ",.1f"),
+            shown(build_s.get(key_of(c)), ".3g"),
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
+    zones = sorted(
+        (c for c in cases if c["kind"] == "fixed density"), key=lambda c: (c["device"], c["method"], c["n_star"])
+    )
+    if zones:
+        lines += ["", "The same views of equally dense catalogs:", ""]
+        lines += [
+            "| stars in the catalog | method | device | us per cone | stars found per cone |",
+            "|---|---|---|---|---|",
+        ]
     lines += [
-        f"| {c['n_pixel']}^2 | {c['psf']} | {c['device']} | {c['fps']:,.0f} | {c['paper_fps']} "
-        f"| {c['fps'] / c['paper_fps']:.1f} | {c['psf_error']:.1e} |"
-        for c in cases
+        f"| {c['n_star']:,} | {c['method']} | {c['device']} | {c['us_per_cone']:.1f} "
+        f"| {c['n_found'] / c['n_cone']:.1f} |"
+        for c in zones
     ]
-    return "\n".join(lines)
+    return lines
+
+
+def plot_star_query(cases: list[Case], path: Path) -> None:
+    """Draw time per cone against the number of stars in the catalog."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 5), layout="constrained")
+    axes = figure.add_subplot()
+    lines: dict[str, list[tuple[int, float]]] = {}
+    for c in cases:
+        if c["kind"] != "build":
+            where = "" if c["device"] == "host" else f", {c['device']}"
+            note = ", same views at fixed density" if c["kind"] == "fixed density" else ""
+            lines.setdefault(f"{c['method']}{where}{note}", []).append((c["n_star"], c["us_per_cone"]))
+    for label, points in sorted(lines.items()):
+        style = "s--" if "fixed" in label else "o-"
+        axes.loglog(*zip(*sorted(points), strict=True), style, label=label)
+    axes.set(xlabel="stars in the catalog", ylabel="time per cone of 0.72 deg [us]")
+    axes.grid(alpha=0.3)
+    figure.legend(loc="outside upper center", ncols=2, fontsize=8)
+    figure.savefig(path, dpi=150)
+
+
+def key_of(case: Case) -> tuple[int, str, str]:
+    """What a query and the building of its index have in common."""
+    return case["n_star"], case["method"], case["device"]
+
+
+def shown(value: float | None, form: str) -> str:
+    """A number, or a dash where there is none."""
+    return "-" if value is None else format(value, form)
 
 
 if __name__ == "__main__":
-    print(table(sys.argv[1] if len(sys.argv) > 1 else str(Path(__file__).parent / "results" / "fps.json")))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("result", type=Path, nargs="?", default=Path(__file__).parent / "results" / "fps.json")
+    parser.add_argument("--plot", type=Path, metavar="PNG", help="also draw a result of test_star_query.py")
+    options = parser.parse_args()
+    print(report(options.result))
+    if options.plot:
+        cases = cases_of(json.loads(options.result.read_text("utf-8")))
+        if "kind" not in cases[0]:
+            parser.error("--plot: is for results of test_star_query.py")
+        plot_star_query(cases, options.plot)

@@ -4,6 +4,8 @@ import functools
 
 import numpy as np
 import pytest
+import warp as wp
+from warpsim_kernels.band_index import cone_cover, run_of_stars
 
 import warpsim as ws
 
@@ -60,10 +62,10 @@ def random_cones(n, rng):
     return direction, radius
 
 
-def test_random_cones(device):
+def test_a_hundred_thousand_random_cones(device):
     rng = np.random.default_rng(SEED)
-    for _ in range(10):
-        assert_queries_equal(hard_index(device), *random_cones(2000, rng))
+    for _ in range(25):
+        assert_queries_equal(hard_index(device), *random_cones(4000, rng))
 
 
 @pytest.mark.slow
@@ -135,6 +137,82 @@ def test_query_many_is_query_one_by_one(device):
         np.testing.assert_array_equal(index.query(1e-3 * direction[k], radius[k]), alone)  # any length will do
 
 
+@functools.cache
+def dense_catalog():
+    """Long runs, which are bisected: clusters across right ascension 0, at a pole, on borders, and on one meridian."""
+    rng = np.random.default_rng(SEED + 3)
+    centres = [(0.0, 0.0), (0.0, 59.9), (180.0, 60.1), (359.99, -75.0), (77.0, 89.8), (123.4, -89.9), (90.0, 30.0)]
+    ra, dec = [], []
+    for centre_ra, centre_dec in centres:
+        axis = unit(centre_ra, centre_dec)
+        star = axis + rng.normal(size=(3000, 3)) * np.radians(1.2)
+        star /= np.linalg.norm(star, axis=1, keepdims=True)
+        ra.append(np.degrees(np.arctan2(star[:, 1], star[:, 0])) % 360 % 360)
+        dec.append(np.degrees(np.arcsin(star[:, 2])))
+    ra += [np.zeros(400), np.full(400, 180.0), np.full(100, 359.9999999999)]
+    dec += [rng.uniform(-90, 90, 400), rng.uniform(60, 90, 400), rng.uniform(-1, 1, 100)]
+    return ws.StarCatalog.from_arrays(np.concatenate(ra), np.concatenate(dec), {"A": np.ones(21_900)})
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_dense_fields(device, dtype):
+    """Cones centred on and beside stars of clusters; float32 directions are exact for themselves."""
+    index = ws.BandIndex(dense_catalog(), device=device, dtype=dtype)
+    assert index.direction_array.dtype is (wp.vec3d if dtype is np.float64 else wp.vec3f)
+    rng = np.random.default_rng(SEED + 4)
+    stars = np.empty((len(index), 3))
+    stars[index.star_row] = index.direction_icrs
+    stars /= np.linalg.norm(stars, axis=1, keepdims=True)
+    direction = dense_catalog().direction_icrs[rng.integers(0, len(index), 1500)]
+    direction += rng.normal(size=direction.shape) * 10.0 ** rng.uniform(-9, -1.5, (1500, 1))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    radius = 10.0 ** rng.uniform(-5, -0.5, 1500)
+    cone, star = brute_force(stars, direction, radius)
+    start, rows = index.query_many(direction, radius)
+    np.testing.assert_array_equal(np.diff(start), np.bincount(cone, minlength=1500))
+    np.testing.assert_array_equal(rows, star)
+    assert start[-1] > 100_000
+
+
+def test_index_reads_few_stars_besides_those_it_finds(device):
+    """The point of bands and bisection: candidates per view stay near the area searched, at any latitude."""
+    rng = np.random.default_rng(SEED + 5)
+    star = rng.normal(size=(200_000, 3))
+    star /= np.linalg.norm(star, axis=1, keepdims=True)
+    ra, dec = np.degrees(np.arctan2(star[:, 1], star[:, 0])) % 360, np.degrees(np.arcsin(star[:, 2]))
+    index = ws.BandIndex(ws.StarCatalog.from_arrays(ra, dec, {"A": np.ones(len(ra))}), device=device)
+    per_deg2 = len(ra) / 41_253
+    for latitude in (0.0, 45.0, 59.9, 60.1, 75.0, 85.0, 88.9):
+        direction = unit(rng.uniform(0, 360, 50), np.full(50, latitude))
+        n_read = candidates(index, direction, np.radians(0.72))
+        # Three bands of one degree, each as wide as the cone or as a whole cell more.
+        assert n_read.mean() < 16 * per_deg2
+
+
+def candidates(index, direction, radius_rad):
+    """Stars that a query reads, (n,): the kernel's own runs, summed."""
+    n_read = wp.zeros(len(direction), dtype=wp.int32, device=index.device)
+    inputs = [index.cell_start_array, index.direction_array, wp.array(direction, dtype=wp.vec3d, device=index.device)]
+    wp.launch(count_kernel, len(direction), inputs=[*inputs, float(radius_rad)], outputs=[n_read], device=index.device)
+    return n_read.numpy()
+
+
+@wp.kernel(enable_backward=False)
+def count_kernel(
+    cell_start: wp.array[wp.int32],
+    star_direction: wp.array[wp.vec3d],
+    direction: wp.array[wp.vec3d],
+    radius_rad: wp.float64,
+    n_read: wp.array[wp.int32],
+):
+    cone = wp.tid()
+    cover = cone_cover(direction[cone], radius_rad)
+    for band in range(cover.first_band, cover.last_band + 1):
+        for part in range(2):
+            run = run_of_stars(cell_start, star_direction, band, cover, part)
+            n_read[cone] = n_read[cone] + run[1] - run[0]
+
+
 def test_no_cones(device):
     start, rows = hard_index(device).query_many(np.empty((0, 3)), [])
     np.testing.assert_array_equal(start, [0])
@@ -184,3 +262,8 @@ def test_bad_input_is_named_in_one_line(direction, radius_rad, message):
     with pytest.raises(ws.InputError, match=message) as caught:
         index.query(direction, radius_rad)
     assert "\n" not in str(caught.value)
+
+
+def test_directions_are_double_or_single():
+    with pytest.raises(ws.InputError, match=r"^dtype: must be float64 or float32, got int64$"):
+        ws.BandIndex(ws.StarCatalog.from_arrays([1.0], [2.0], {"A": [1.0]}), dtype=np.int64)

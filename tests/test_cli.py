@@ -1,9 +1,11 @@
 """The command line: help, reports, and one clear line with exit code 2 for every kind of bad input."""
 
+import numpy as np
 import pytest
 
 import warpsim as ws
 from warpsim.cli import main
+from warpsim.output.catalog_report import catalog_report
 
 
 def run(capsys, *arguments):
@@ -58,7 +60,7 @@ def test_a_catalog_path_counts_from_the_scene_file(capsys, tmp_path, monkeypatch
     monkeypatch.chdir("/")
     code, out, _ = run(capsys, "check", path)
     assert code == 0
-    assert "2 stars, with light in band A 1, C 0, E 0" in out
+    assert "2 stars, with light in band A 1, C 1, E 1" in out  # C and E are filled from A
     (path.parent / "stars.csv").unlink()
     code, _, err = run(capsys, "check", path)
     assert (code, err.count("\n")) == (2, 1)
@@ -98,7 +100,9 @@ BAD_SCENES = {
     "bad epoch": ('epoch_utc = "2025-01-01T14:00:00"', 'epoch_utc = "yesterday"', "epoch_utc: must be an ISO 8601"),
     "too long": ("duration_s = 1614.0\nbands", "duration_s = 2e9\nbands", "duration_s: must be at most trajectory.dur"),
     "flight shorter than the scene": (
-        "duration_s = 1614.0\nendpoint", "duration_s = 1000.0\nendpoint", "duration_s: must be at most traj",
+        "duration_s = 1614.0\nendpoint",
+        "duration_s = 1000.0\nendpoint",
+        "duration_s: must be at most traj",
     ),
     "bad phasing": ("phasing = 2", "phasing = 4", "constellation.phasing"),
     "not TOML": ("duration_s = 1614.0", "duration_s = = 1", "is not valid TOML"),
@@ -165,6 +169,257 @@ def test_bad_options(capsys, tmp_path, arguments, message):
     assert (code, err.count("\n")) == (2, 1)
     assert message in err
     assert not (tmp_path / "out").exists()
+
+
+def test_render_writes_the_stars_when_asked(capsys, tmp_path):
+    from astropy.table import Table
+
+    for flags, expected in (([], False), (["--stars"], True)):
+        out = tmp_path / f"with{expected}"
+        code, _, err = run(capsys, "render", "stss", "-o", out, "--frames", "60", "--sensors", "sat11", *flags)
+        assert (code, (out / "stars.fits").exists()) == (0, expected), err
+    assert "catalog_row" in Table.read(tmp_path / "withTrue" / "stars.fits").colnames
+
+
+# --- warpsim catalog ---
+
+STARS_CSV = """ra_deg,dec_deg,flux_A_jy,flux_E_jy,pm_ra_mas_yr,pm_dec_mas_yr,parallax_mas,quality,id
+10.0,20.0,58.49,0.1,3000,-4000,250,4,Runner
+11.0,20.0,5.849,,0,0,,2,Stander
+11.0,21.0,,0.0,0,0,,,Dark
+,21.0,1.0,,0,0,,,Nowhere
+"""
+
+
+@pytest.fixture
+def stars_csv(tmp_path):
+    path = tmp_path / "stars.csv"
+    path.write_text(STARS_CSV)
+    return path
+
+
+def words(line):
+    return line.replace(",", "").split()
+
+
+def rows_after(out, first_word):
+    """The table under the line that begins with a word: rows as lists of words, by their first."""
+    lines = out.splitlines()
+    start = next(i for i, line in enumerate(lines) if line.split()[:1] == [first_word])
+    rows = []
+    for line in lines[start + 1 :]:
+        if not line.strip():
+            break
+        rows.append(words(line))
+    return words(lines[start]), rows
+
+
+def test_catalog_tells_what_the_default_holds(capsys):
+    code, out, err = run(capsys, "catalog", "default")
+    assert (code, err) == (0, "")
+    sky = ws.StarCatalog.default()
+    assert out.startswith("hip-gaia-ir v1: 177,860 stars, places at J2000.0\n")
+    assert "CC BY-SA 3.0 IGO" in " ".join(out.split())
+    assert "4.31 per deg2 over the whole sky" in out
+    assert "the fastest HIP 87937, 10.3" in out  # Barnard's star
+    _, bands = rows_after(out, "band")
+    assert [row[0] for row in bands] == list(ws.BANDS)
+    for row in bands:
+        flux = sky.flux_jy(row[0])
+        assert row[2:5] == ["0", "177860", "0"]
+        assert [float(row[5]), float(row[7])] == pytest.approx([flux.min(), flux.max()], rel=5e-4)
+    header, magnitudes = rows_after(out, "magnitude")
+    assert header[1:] == list(ws.BANDS)
+    counts = {int(row[0]): [int(word) for word in row[3:]] for row in magnitudes}
+    expected = np.histogram(np.round(sky.magnitude("A"), 6), np.arange(-10, 11))[0]
+    assert [counts.get(m, [0] * 6)[header.index("A") - 1] for m in range(-10, 10)] == expected.tolist()
+
+
+def test_catalog_tells_densities_by_galactic_latitude(capsys):
+    """Counted by astropy's galactic coordinates."""
+    from astropy import units as u
+    from astropy.coordinates import SkyCoord
+
+    _, out, _ = run(capsys, "catalog", "default")
+    text = " ".join(out.split())
+    sky = ws.StarCatalog.default()
+    latitude = np.abs(SkyCoord(sky.ra_deg * u.deg, sky.dec_deg * u.deg).galactic.b.deg)
+    for low, high in ((0, 2), (2, 6), (6, 15), (15, 30), (30, 60), (60, 90)):
+        area = 4 * np.pi * np.degrees(1) ** 2 * (np.sin(np.radians(high)) - np.sin(np.radians(low)))
+        shown = float(text.split(f" {low}-{high}: ")[1].split()[0].rstrip(","))
+        inside = np.count_nonzero((latitude >= low) & (latitude < high))
+        assert shown == pytest.approx(inside / area, rel=6e-3)  # three digits
+
+
+def test_catalog_of_a_file(capsys, stars_csv):
+    code, out, err = run(capsys, "catalog", stars_csv, "--no-fill")
+    assert (code, err) == (0, "")
+    assert "3 stars, places at J2000.0" in out
+    assert "left out 1 of 4 stars without a finite place (lines 5)" in " ".join(out.split())
+    assert "1 star with proper motion, the fastest Runner, 5.000 arcsec/yr; 1 with parallax" in " ".join(out.split())
+    assert "0 (unknown) 1, 2 (fair) 1, 4 (excellent) 1" in out
+    _, bands = rows_after(out, "band")
+    by_band = {row[0]: row[2:] for row in bands}
+    assert by_band["A"] == ["2", "0", "1", "5.849", "to", "58.49", "0.00", "to", "2.50"]
+    assert by_band["C"] == ["0", "0", "3"]
+    assert by_band["E"][:3] == ["2", "0", "1"] and by_band["E"][-4:] == ["1", "of", "flux", "0"]
+    header, magnitudes = rows_after(out, "magnitude")
+    assert header == ["magnitude", "A", "E"]
+    assert magnitudes == [["0", "to", "1", "1", "0"], ["2", "to", "3", "1", "0"], ["4", "to", "5", "0", "1"]]
+
+
+def test_catalog_fills_bands_unless_told_not_to(capsys, stars_csv):
+    for flags, expected in (([], ["0", "3", "0"]), (["--no-fill"], ["0", "0", "3"])):
+        _, out, _ = run(capsys, "catalog", stars_csv, *flags)
+        assert next(row[2:5] for row in rows_after(out, "band")[1] if row[0] == "C") == expected
+
+
+def test_catalog_of_a_small_field_gives_the_field(capsys, tmp_path):
+    """Stars on a circle of half a degree: 100 of them in pi / 4 deg2."""
+    turn = np.linspace(0, 2 * np.pi, 100, endpoint=False)
+    path = tmp_path / "field.csv"
+    lines = [f"{150 + 0.5 * np.cos(t):.9f},{0.5 * np.sin(t):.9f},1.0" for t in turn]
+    path.write_text("\n".join(["ra_deg,dec_deg,flux_A_jy", *lines, ""]))
+    _, out, _ = run(capsys, "catalog", path)
+    assert "all within 0.5 deg of (150.000, " in out
+    assert ": 127 per deg2" in out
+
+
+def test_catalog_takes_columns_by_other_names(capsys, tmp_path):
+    path = tmp_path / "own.csv"
+    path.write_text("RAJ2000,DEJ2000,F8\n10.0,20.0,5.849\n")
+    code, out, err = run(capsys, "catalog", path, "--columns", "ra_deg=RAJ2000, dec_deg=DEJ2000,flux_A_jy=F8")
+    assert code == 0, err
+    assert next(row for row in rows_after(out, "band")[1] if row[0] == "A")[2] == "1"
+
+
+@pytest.mark.parametrize("suffix", [".fits", ".ecsv", ".vot", ".csv"])
+def test_catalog_converts(capsys, tmp_path, stars_csv, suffix):
+    out_path = tmp_path / f"out{suffix}"
+    code, out, _ = run(capsys, "catalog", stars_csv, "-o", out_path)
+    assert code == 0
+    assert out.endswith(f"3 stars at J2000.0 written to {out_path}\n")
+    with pytest.warns(UserWarning, match="left out 1 of 4"):
+        before = ws.StarCatalog.read(stars_csv)
+    after = ws.StarCatalog.read(out_path)
+    for key in ("ra_deg", "dec_deg", "pm_ra_mas_yr", "pm_dec_mas_yr", "parallax_mas", "quality", "temperature_k"):
+        np.testing.assert_array_equal(getattr(after, key), getattr(before, key), err_msg=key)
+    for band in ws.BANDS:
+        np.testing.assert_array_equal(after.flux_jy(band), before.flux_jy(band))
+        np.testing.assert_array_equal(after.flux_flag(band), before.flux_flag(band))
+    assert after.id.tolist() == ["Runner", "Stander", "Dark"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["stars.csv", out_path.name])
+
+
+@pytest.mark.parametrize(
+    ("suffix", "epoch_jyear"), [(".fits", 2016.0), (".ecsv", 2016.0), (".vot", 2000.0), (".csv", 2000.0)]
+)
+def test_files_without_an_epoch_are_written_at_j2000(tmp_path, suffix, epoch_jyear):
+    from warpsim.output.catalog_file import write_catalog
+
+    catalog = ws.StarCatalog.from_arrays(
+        [10.0], [20.0], {"A": [1.0]}, pm_ra_mas_yr=[5000.0], pm_dec_mas_yr=[0.0], epoch_jyear=2016.0
+    )
+    written = write_catalog(catalog, tmp_path / f"out{suffix}")
+    again = ws.StarCatalog.read(tmp_path / f"out{suffix}")
+    assert written.epoch_jyear == again.epoch_jyear == epoch_jyear
+    assert again.ra_deg[0] == written.ra_deg[0]
+    shift_arcsec = (10.0 - again.ra_deg[0]) * np.cos(np.radians(20.0)) * 3600
+    assert shift_arcsec == pytest.approx(5.0 * (2016.0 - epoch_jyear), abs=1e-3)
+
+
+def test_catalog_does_not_replace_files_unless_told(capsys, tmp_path, stars_csv):
+    for option, name in (("-o", "out.ecsv"), ("--plot", "out.png")):
+        path = tmp_path / name
+        path.write_text("precious")
+        code, out, err = run(capsys, "catalog", stars_csv, option, path)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert f"{path}: is there already" in err
+        assert path.read_text() == "precious"
+        assert run(capsys, "catalog", stars_csv, option, path, "--overwrite")[0] == 0
+        assert path.read_bytes() != b"precious"
+
+
+def test_catalog_draws(capsys, tmp_path, stars_csv):
+    image = pytest.importorskip("matplotlib.image")
+    code, out, _ = run(capsys, "catalog", stars_csv, "--plot", tmp_path / "counts.png")
+    assert code == 0
+    assert "counts.png" in out
+    picture = image.imread(tmp_path / "counts.png")
+    assert min(picture.shape[:2]) > 400 and len(np.unique(picture[..., 0])) > 20
+
+
+def test_catalog_makes_synthetic_stars(capsys):
+    code, out, _ = run(capsys, "catalog", "synthetic", "--n-star", 5000)
+    assert code == 0
+    assert ": 5,000 stars" in out
+    assert run(capsys, "catalog", "synthetic", "--n-star", 5000, "--seed", 0)[1] == out
+    assert run(capsys, "catalog", "synthetic", "--n-star", 5000, "--seed", 1)[1] != out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["none.fits"], "none.fits: cannot be read"),
+        (["."], "warpsim: .: "),
+        (["broken.fits"], "broken.fits: "),
+        (["stars.csv", "--format", "frob"], "stars.csv: "),
+        (["stars.csv", "--columns", "ra_deg"], "--columns: must be NAME=COLUMN,NAME=COLUMN,..., got 'ra_deg'"),
+        (["stars.csv", "--columns", ""], "--columns: must be NAME=COLUMN"),
+        (["stars.csv", "--columns", "ra_deg=RAX"], "stars.csv: columns: ra_deg: must be a column of the file"),
+        (["stars.csv", "--readme", "nowhere"], "nowhere"),
+        (["bad.csv"], "bad.csv: flux_A_jy must be finite and >= 0, got -5 in line 3"),
+        (["words.csv"], "words.csv: dec_deg must be"),
+        (["default", "--no-fill"], "--no-fill: is for files only, got default"),
+        (["union", "--format", "fits"], "--format: is for files only, got union"),
+        (["stars.csv", "--n-star", "5"], "--n-star: is for synthetic only, got stars.csv"),
+        (["default", "--seed", "5"], "--seed: is for synthetic only, got default"),
+        (["synthetic"], "--n-star: is needed for synthetic"),
+        (["synthetic", "--n-star", "many"], "--n-star: must be a whole number, got 'many'"),
+        (["synthetic", "--n-star", "-5"], "n_star must be a whole number from 1"),
+        (["synthetic", "--n-star", "5", "--seed", "x"], "--seed: must be a whole number, got 'x'"),
+        (["default", "-o", "out.txt"], "out.txt: must end in one of .fits, "),
+        (["default", "-o", "nowhere/out.fits"], "nowhere/out.fits: cannot be written: nowhere is not a folder"),
+        (["default", "-o", "folder.fits"], "folder.fits: cannot be written: is a folder"),
+        (["default", "--plot", "out.jpg"], "out.jpg: must end in one of .png"),
+    ],
+)
+def test_bad_catalog_commands(capsys, tmp_path, monkeypatch, stars_csv, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.fits").mkdir()
+    (tmp_path / "broken.fits").write_bytes(b"SIMPLE  =                    T" + b"?" * 5000)
+    (tmp_path / "bad.csv").write_text("ra_deg,dec_deg,flux_A_jy\n1,2,3\n1,2,-5\n")
+    (tmp_path / "words.csv").write_text("ra_deg,dec_deg,flux_A_jy\n1,north,3\n")
+    before = sorted(tmp_path.rglob("*"))
+    code, out, err = run(capsys, "catalog", *arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1), err
+    assert message in err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_plot_without_matplotlib_says_what_to_install(capsys, tmp_path, monkeypatch):
+    import importlib.util
+
+    find_spec = importlib.util.find_spec
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "matplotlib" else find_spec(name))
+    code, out, err = run(capsys, "catalog", "default", "--plot", tmp_path / "a.png")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "pip install 'warpsim[plot]'" in err
+
+
+@pytest.mark.parametrize("n_star", [0, 1])
+def test_reports_of_the_smallest_catalogs(n_star):
+    catalog = ws.StarCatalog.from_arrays([10.0] * n_star, [20.0] * n_star, {"A": [np.nan] * n_star}, name="tiny")
+    text = catalog_report(catalog, ["twice", "twice", "two\nlines"])
+    assert text.startswith(f"tiny: {n_star} star{'' if n_star else 's'}, places at J2000.0\n")
+    assert text.count("twice") == 1 and "two lines" in text
+    assert ("no star has a flux" in text) == (n_star == 1)
+    assert not {"nan", "inf", "-inf"} & set(text.split())
+
+
+def test_reports_show_a_few_of_many_warnings():
+    text = catalog_report(ws.StarCatalog.from_arrays([], [], {}), [f"warning {n}" for n in range(30)])
+    assert "warning 7" in text and "warning 8" not in text and "22 more" in text
 
 
 def test_unknown_command_and_version(capsys):

@@ -34,6 +34,7 @@ SECTIONS = {
     "`[pointing]`": [parts.Pointing],
     "`[access_rules]`": [ws.AccessConstraints],
     "`[sky]`": [parts.Sky],
+    "`synthetic`": [parts.SyntheticStars],
 }
 """Headings of docs/scene.md and the parts whose fields they list."""
 

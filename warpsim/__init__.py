@@ -12,6 +12,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from warpsim import paper as paper
+    from warpsim import plot as plot
     from warpsim.detector.nei import NeiDetector as NeiDetector
     from warpsim.errors import InputError as InputError
     from warpsim.optics.camera import Camera as Camera
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from warpsim.sky.bands import Band as Band
     from warpsim.sky.bands import band_radiance_w_m2_sr as band_radiance_w_m2_sr
     from warpsim.sky.catalog import StarCatalog as StarCatalog
+    from warpsim.sky.radiometry import PHYSICS as PHYSICS
     from warpsim.target.motion import Attitude as Attitude
     from warpsim.target.shapes import Cone as Cone
     from warpsim.target.shapes import Cylinder as Cylinder
@@ -51,6 +53,7 @@ _HOME = {
     "StarCatalog": "warpsim.sky.catalog",
     "BandIndex": "warpsim.sky.band_index",
     "apparent_direction": "warpsim.sky.apparent",
+    "PHYSICS": "warpsim.sky.radiometry",
     "Band": "warpsim.sky.bands",
     "BANDS": "warpsim.sky.bands",
     "band_radiance_w_m2_sr": "warpsim.sky.bands",
@@ -70,12 +73,14 @@ _HOME = {
     "InputError": "warpsim.errors",
 }
 
-__all__ = ["__version__", "paper", *_HOME]
+_MODULES = ("paper", "plot")
+
+__all__ = ["__version__", *_MODULES, *_HOME]
 
 
 def __getattr__(name: str) -> Any:
-    if name == "paper":
-        return importlib.import_module("warpsim.paper")
+    if name in _MODULES:
+        return importlib.import_module(f"warpsim.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'warpsim' has no attribute {name!r}")
     value = getattr(importlib.import_module(_HOME[name]), name)

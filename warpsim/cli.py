@@ -1,15 +1,21 @@
-"""Command line: warpsim render | access | check | bench."""
+"""Command line: warpsim render | access | check | catalog | bench."""
 
 from __future__ import annotations
 
 import argparse
 import ctypes.util
+import importlib.util
 import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from warpsim.errors import InputError
+
+if TYPE_CHECKING:
+    from warpsim.sky.catalog import StarCatalog
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -49,6 +55,7 @@ def _parser() -> argparse.ArgumentParser:
     render.add_argument("--sensors", metavar="NAMES", help="comma-separated sensor names")
     render.add_argument("--bands", metavar="NAMES", help="comma-separated band names")
     render.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
+    render.add_argument("--stars", action="store_true", help="also list the stars in every image, in stars.fits")
     render.add_argument("--overwrite", action="store_true", help="replace a different run in the folder")
     render.add_argument("--quiet", action="store_true", help="no progress bar, no report")
     render.set_defaults(command=_render)
@@ -61,6 +68,10 @@ def _parser() -> argparse.ArgumentParser:
     _add_scene(check)
     check.set_defaults(command=_check)
 
+    catalog = commands.add_parser("catalog", help="say what a star catalog holds, and convert it")
+    _add_catalog(catalog)
+    catalog.set_defaults(command=_catalog)
+
     bench = commands.add_parser("bench", help="frames per second against resolution on this machine")
     bench.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
     bench.set_defaults(command=_bench)
@@ -69,6 +80,19 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_scene(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE", help="preset name (stss), or path of a .toml or .json file")
+
+
+def _add_catalog(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("catalog", metavar="FILE", help="a catalog file, or default, union or synthetic")
+    parser.add_argument("--format", metavar="NAME", help="survey or file format; guessed if left out")
+    parser.add_argument("--readme", metavar="PATH", help="ReadMe that describes a CDS file")
+    parser.add_argument("--columns", metavar="PAIRS", help="what is in which column: ra_deg=RAJ2000,flux_A_jy=F8")
+    parser.add_argument("--no-fill", action="store_true", help="leave bands without a flux unknown")
+    parser.add_argument("--n-star", metavar="N", help="number of stars of the synthetic catalog")
+    parser.add_argument("--seed", metavar="N", help="seed of the synthetic catalog, 0 if left out")
+    parser.add_argument("-o", "--output", metavar="OUT", help="also write the catalog: .fits, .ecsv, .vot or .csv")
+    parser.add_argument("--plot", metavar="PNG", help="also draw the number of stars by band and magnitude")
+    parser.add_argument("--overwrite", action="store_true", help="replace existing files")
 
 
 def _start_warp() -> None:
@@ -108,6 +132,7 @@ def _render(options: argparse.Namespace) -> int:
         bands=_names(options.bands),
         device=options.device,
         overwrite=options.overwrite,
+        stars=options.stars,
         progress=not options.quiet,
     )
     if not options.quiet:
@@ -133,6 +158,82 @@ def _check(options: argparse.Namespace) -> int:
 
     print(scene_report(Scene.load(options.scene)))
     return 0
+
+
+def _catalog(options: argparse.Namespace) -> int:
+    from warpsim.output.catalog_file import FORMAT_OF_SUFFIX, check_new_file, write_catalog
+    from warpsim.output.catalog_report import catalog_report
+
+    output, picture = (Path(name) if name else None for name in (options.output, options.plot))
+    if output:
+        check_new_file(output, tuple(FORMAT_OF_SUFFIX), options.overwrite)
+    if picture:
+        check_new_file(picture, (".png", ".pdf", ".svg"), options.overwrite)
+        if importlib.util.find_spec("matplotlib") is None:
+            raise InputError("--plot: needs matplotlib, which the extra `plot` brings: pip install 'warpsim[plot]'")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        catalog = _load_catalog(options)
+    print(catalog_report(catalog, [str(warning.message) for warning in caught]))
+    if output:
+        written = write_catalog(catalog, output, options.overwrite)
+        print(f"\n{len(written):,} stars at J{written.epoch_jyear} written to {output}")
+    if picture:
+        _draw_counts(catalog, picture)
+        print(f"picture in {picture}")
+    return 0
+
+
+def _load_catalog(options: argparse.Namespace) -> StarCatalog:
+    """The catalog named on the command line."""
+    from warpsim.sky.catalog import StarCatalog
+
+    name = options.catalog
+    if name != "synthetic" and (given := [option for option in ("n_star", "seed") if getattr(options, option)]):
+        raise InputError(f"--{given[0].replace('_', '-')}: is for synthetic only, got {name}")
+    if name in ("default", "union", "synthetic"):
+        for option in ("format", "readme", "columns", "no_fill"):
+            if getattr(options, option):
+                raise InputError(f"--{option.replace('_', '-')}: is for files only, got {name}")
+    if name == "default":
+        return StarCatalog.default()
+    if name == "union":
+        return StarCatalog.union()
+    if name == "synthetic":
+        if options.n_star is None:
+            raise InputError("--n-star: is needed for synthetic")
+        seed = 0 if options.seed is None else _whole_number("--seed", options.seed)
+        return StarCatalog.synthetic(_whole_number("--n-star", options.n_star), seed=seed)
+    columns = None if options.columns is None else _column_names(options.columns)
+    return StarCatalog.read(name, options.format, columns=columns, readme=options.readme, fill=not options.no_fill)
+
+
+def _draw_counts(catalog: StarCatalog, path: Path) -> None:
+    """Draw star counts to a file without pyplot, which would ask for a display."""
+    from matplotlib.figure import Figure
+
+    from warpsim.output.files import whole_file
+    from warpsim.plot.sky import plot_star_counts
+
+    figure = Figure(figsize=(8.5, 4.8), layout="constrained")
+    plot_star_counts(catalog, ax=figure.add_subplot())
+    with whole_file(path) as partial:
+        figure.savefig(partial, dpi=150, format=path.suffix[1:].lower())
+
+
+def _column_names(text: str) -> dict[str, str]:
+    """Names in a file by warpsim's names of columns, from ra_deg=RAJ2000,flux_A_jy=F8."""
+    pairs = [[part.strip() for part in item.split("=", 1)] for item in text.split(",") if item.strip()]
+    if not pairs or any(len(pair) != 2 or not all(pair) for pair in pairs):
+        raise InputError(f"--columns: must be NAME=COLUMN,NAME=COLUMN,..., got {text!r}")
+    return {pair[0]: pair[1] for pair in pairs}
+
+
+def _whole_number(where: str, text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise InputError(f"{where}: must be a whole number, got {text!r}") from None
 
 
 def _bench(options: argparse.Namespace) -> int:

@@ -1,13 +1,36 @@
-"""Apparent directions: light time and special-relativistic aberration, float64.
-
-Light deflection by the Sun is left out (below 0.01 arcsec beyond 60 degrees from it).
-"""
+"""Apparent directions: parallax, deflection by the Sun, light time and special-relativistic aberration, float64."""
 
 import warp as wp
 
 from warpsim_kernels.motion import NodeGrid, hermite_position_m
 
 SPEED_OF_LIGHT_M_S = wp.constant(wp.float64(299792458.0))
+
+
+ASTRONOMICAL_UNIT_M = wp.constant(wp.float64(149597870700.0))
+_SUN_SCHWARZSCHILD_AU = wp.constant(wp.float64(1.97412574336e-8))
+
+
+@wp.func
+def seen_from(direction: wp.vec3d, parallax_rad: wp.float64, observer_m: wp.vec3d) -> wp.vec3d:
+    """Direction of a star from an observer off the barycentre (annual parallax); direction is barycentric."""
+    return wp.normalize(direction - observer_m * (parallax_rad / ASTRONOMICAL_UNIT_M))
+
+
+@wp.func
+def deflected(direction: wp.vec3d, from_sun_m: wp.vec3d) -> wp.vec3d:
+    """Direction of a star after the Sun has bent its light; from_sun_m is the observer's heliocentric position.
+
+    Klioner (2003), Eq. 70 for a source at infinity; as ERFA's ldsun, the bending fades within 5 arcmin of the Sun's
+    centre, where the Sun hides the star.
+    """
+    one = wp.float64(1.0)
+    distance_au = wp.length(from_sun_m) / ASTRONOMICAL_UNIT_M
+    away = wp.normalize(from_sun_m)
+    nearest = wp.float64(1.0e-6) / wp.max(distance_au * distance_au, one)
+    bend = _SUN_SCHWARZSCHILD_AU / (distance_au * wp.max(one + wp.dot(direction, away), nearest))
+    # The part of `away` across the line of sight: the star is seen farther from the Sun.
+    return wp.normalize(direction + (away - direction * wp.dot(direction, away)) * bend)
 
 
 @wp.func

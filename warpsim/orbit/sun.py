@@ -47,3 +47,14 @@ def earth_velocity_m_s(epoch: Time, time_s: ArrayLike) -> F64:
 
     barycentric: Any = erfa.epv00(*tdb_jd(epoch, time_s))[1]
     return np.asarray(barycentric["v"] * (ASTRONOMICAL_UNIT_M / DAY_S))
+
+
+def earth_position_m(epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+    """Return the Earth's barycentric and heliocentric position [m], ICRS axes, each of the shape of time_s plus (3,).
+
+    The first gives an observer's parallax, the second where the Sun bends starlight.
+    """
+    import erfa
+
+    heliocentric, barycentric = erfa.epv00(*tdb_jd(epoch, time_s))
+    return np.asarray(barycentric["p"]) * ASTRONOMICAL_UNIT_M, np.asarray(heliocentric["p"]) * ASTRONOMICAL_UNIT_M

@@ -5,11 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from warpsim.orbit.earth import geodetic_altitude_m
-from warpsim.render.world import load_catalog
+from warpsim.render.star_field import load_catalog
 from warpsim.scene.scene import Scene
 
 ESCAPE_SPEED_M_S = 11_180.0
 """From the Earth's surface: no ballistic flight between two places starts faster."""
+
+LARGEST_ABERRATION_ARCSEC = 26.0
+"""The Earth's motion and a low orbit's."""
+RIGHT_ANGLE_DEFLECTION_ARCSEC = 4.07e-3
+"""Bending of light 90 degrees from the Sun, seen from the Earth; elsewhere divided by tan(angle / 2)."""
+LIMB_DEFLECTION_ARCSEC = 1.75
 
 _RULE_NAMES = {
     "earth_km": "behind the Earth",
@@ -35,7 +41,7 @@ def scene_report(scene: Scene) -> str:
         f"  camera     {camera.n_row} x {camera.n_col} pixels, "
         f"{np.degrees(1 / camera.focal_px) * 3600:.2f} arcsec per pixel",
         f"  detector   NEI {detector.nei_w_cm2:g}, SEI {detector.sei_w_cm2:g} W/cm2, {_count(detector.bits, 'bit')}",
-        _sky_line(scene),
+        *_sky_lines(scene),
         f"  orbits     nodes every {scene.tracks.step_s:g} s, interpolation error {scene.tracks.error_m * 1e3:.2g} mm",
     ]
     if detector.offset_counts < 5 * detector.counts_per_nei:
@@ -47,12 +53,35 @@ def _count(n: int, noun: str) -> str:
     return f"{n:,} {noun}{'' if n == 1 else 's'}"
 
 
-def _sky_line(scene: Scene) -> str:
-    """Stars with light in each band."""
-    catalog = load_catalog(scene)
-    lit = {name: int(np.count_nonzero(catalog.irradiance_w_cm2(name))) for name in scene.bands}
+def _sky_lines(scene: Scene) -> list[str]:
+    """Stars with light in each band; what their places include, and how much is missed by what is off."""
+    catalog, sky = load_catalog(scene), scene.sky
+    lit = {name: int(np.count_nonzero(catalog.irradiance_w_cm2(name, sky.physics))) for name in scene.bands}
     bands = ", ".join(f"{name} {n:,}" for name, n in lit.items())
-    return f"  sky        catalog {scene.sky.catalog}: {_count(len(catalog), 'star')}, with light in band {bands}"
+    lines = [f"  sky        catalog {sky.catalog}: {_count(len(catalog), 'star')}, with light in band {bands}"]
+    parallax_arcsec = float(np.nan_to_num(catalog.parallax_mas).max(initial=0.0)) / 1e3
+    from_sun_deg = scene.access_rules.min_solar_exclusion_deg
+    deflection_arcsec, where = LIMB_DEFLECTION_ARCSEC, "at the Sun's limb"
+    if from_sun_deg:
+        deflection_arcsec = RIGHT_ANGLE_DEFLECTION_ARCSEC / float(np.tan(np.radians(from_sun_deg / 2)))
+        where = f"{from_sun_deg:g} deg from the Sun"
+    effects = {
+        "aberration": (sky.aberration, LARGEST_ABERRATION_ARCSEC, ""),
+        "parallax": (sky.parallax, parallax_arcsec, " for the nearest star"),
+        "light deflection": (sky.light_deflection, deflection_arcsec, f" {where}"),
+    }
+    px_per_arcsec = scene.camera.focal_px * np.radians(1 / 3600)
+    included = [name for name, (on, _, _) in effects.items() if on]
+    left_out = [
+        f"{name} ({arcsec:.2g} arcsec, {arcsec * px_per_arcsec:.1g} px{note})"
+        for name, (on, arcsec, note) in effects.items()
+        if not on and arcsec > 0
+    ]
+    if len(catalog):
+        lines.append(
+            f"  places     {', '.join(['proper motion', *included])}; left out: {', '.join(left_out) or 'nothing'}"
+        )
+    return lines
 
 
 def _flight_lines(scene: Scene) -> list[str]:

@@ -38,6 +38,8 @@ class Plan:
     """Frames of each sensor: those asked for in which it has access."""
     key: str
     """Hash of all that the files depend on."""
+    tables: tuple[str, ...] = ("truth",)
+    """Tables beside the images: "truth" (targets), and "stars" when wanted."""
 
     @property
     def n_image(self) -> int:
@@ -54,16 +56,16 @@ class Plan:
         """Written last: its presence means that the run is complete."""
         return self.folder / "manifest.json"
 
-    @property
-    def truth_path(self) -> Path:
-        """Truth of all sensors."""
-        return self.folder / "truth.fits"
+    def table_path(self, table: str) -> Path:
+        """A table of all sensors."""
+        return self.folder / f"{table}.fits"
 
     @property
     def names(self) -> list[str]:
         """Names of all files of the finished run."""
         cubes = [path.name for sensor in self.frames_of for path in self.cube_paths(sensor)]
-        return [*cubes, self.truth_path.name, self.sheet_path.name, self.manifest_path.name]
+        tables = [self.table_path(table).name for table in self.tables]
+        return [*cubes, *tables, self.sheet_path.name, self.manifest_path.name]
 
     @property
     def sheet_path(self) -> Path:
@@ -74,9 +76,9 @@ class Plan:
         """The cubes of a sensor, by band."""
         return [self.folder / f"{sensor}_{band}.fits" for band in self.bands]
 
-    def truth_part_path(self, sensor: str) -> Path:
-        """Truth of one sensor, until all are there."""
-        return self.parts / f"{sensor}_truth.fits"
+    def part_paths(self, sensor: str) -> list[Path]:
+        """The tables of one sensor, until all are there."""
+        return [self.parts / f"{sensor}_{table}.fits" for table in self.tables]
 
     def receipt_path(self, sensor: str) -> Path:
         """The receipt of a sensor."""
@@ -89,6 +91,7 @@ def make_plan(
     frames: Sequence[int] | None,
     sensors: Sequence[str] | None,
     bands: Sequence[str] | None,
+    stars: bool,
 ) -> Plan:
     """Decide what a run writes; None means all of the scene.
 
@@ -118,11 +121,11 @@ def make_plan(
             "`warpsim check` says why not"
         )
     device = "cuda" if renderer.device.is_cuda else "cpu"
-    own_catalog = scene.sky.catalog not in ("default", "none")
-    catalog = sha256_of(Path(scene.sky.catalog)) if own_catalog else None
-    facts = [scene.to_dict(), catalog, frames_of, band_list, device, warpsim.__version__]
+    catalog = sha256_of(Path(scene.sky.catalog_file)) if scene.sky.catalog_file else None
+    tables = ("truth", "stars") if stars else ("truth",)
+    facts = [scene.to_dict(), catalog, frames_of, band_list, device, tables, warpsim.__version__]
     key = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
-    return Plan(scene, folder, band_list, frames_of, key)
+    return Plan(scene, folder, band_list, frames_of, key, tables)
 
 
 def is_complete(plan: Plan) -> bool:
@@ -165,7 +168,7 @@ def has_receipt(plan: Plan, sensor: str) -> bool:
 
 def write_receipt(plan: Plan, sensor: str) -> None:
     """Say that the sensor's files are complete."""
-    written = [*plan.cube_paths(sensor), plan.truth_part_path(sensor)]
+    written = [*plan.cube_paths(sensor), *plan.part_paths(sensor)]
     checksums = {str(path.relative_to(plan.folder)): sha256_of(path) for path in written}
     write_json({"key": plan.key, "files": checksums}, plan.receipt_path(sensor))
 
@@ -224,12 +227,17 @@ def _restore_receipts(plan: Plan) -> None:
     if manifest is None:
         return
     checksums = manifest["files"]
-    if _files_match(plan.folder, {plan.truth_path.name: checksums.get(plan.truth_path.name, "")}):
-        truth = Table.read(plan.truth_path)
+
+    def whole(paths: list[Path]) -> bool:
+        return _files_match(plan.folder, {path.name: checksums.get(path.name, "") for path in paths})
+
+    paths = [plan.table_path(table) for table in plan.tables]
+    if whole(paths):
+        tables = [Table.read(path) for path in paths]
         for sensor in plan.frames_of:
-            names = [path.name for path in plan.cube_paths(sensor)]
-            if _files_match(plan.folder, {name: checksums.get(name, "") for name in names}):
-                rows = np.asarray(truth["sensor"]).astype(str) == sensor
-                truth[rows].write(plan.truth_part_path(sensor), format="fits", overwrite=True)
+            if whole(plan.cube_paths(sensor)):
+                for table, part in zip(tables, plan.part_paths(sensor), strict=True):
+                    rows = np.asarray(table["sensor"]).astype(str) == sensor
+                    table[rows].write(part, format="fits", overwrite=True)
                 write_receipt(plan, sensor)
     plan.manifest_path.unlink()

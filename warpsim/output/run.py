@@ -68,6 +68,7 @@ def render_to_folder(
     device: Any = None,
     overwrite: bool = False,
     progress: bool = False,
+    stars: bool = False,
 ) -> RunReport:
     """Render a scene into a folder: FITS cubes, truth table, contact sheet, manifest.
 
@@ -82,6 +83,7 @@ def render_to_folder(
         device: Warp device.
         overwrite: Replace a different run that the folder holds.
         progress: Draw a progress bar on standard error.
+        stars: Also write `stars.fits`, the stars of every image.
 
     Returns:
         What was done.
@@ -93,7 +95,7 @@ def render_to_folder(
     """
     begin = time.perf_counter()
     renderer = Renderer(scene, device)
-    plan = make_plan(renderer, Path(folder), frames, sensors, bands)
+    plan = make_plan(renderer, Path(folder), frames, sensors, bands, stars)
     prepare_folder(plan.folder)
     n_done, render_s = 0, 0.0
     if not is_complete(plan):
@@ -123,45 +125,51 @@ def _render_missing(plan: Plan, renderer: Renderer, progress: bool) -> tuple[int
 
 
 def _render_sensor(plan: Plan, renderer: Renderer, sensor: str, advance: Any) -> float:
-    """Render all frames of a sensor, write its cubes and truth, then the receipt; seconds spent rendering."""
+    """Render all frames of a sensor, write its cubes and tables, then the receipt; seconds spent rendering."""
     from astropy.table import vstack
 
     scene, numbers = plan.scene, plan.frames_of[sensor]
     bytes_per_frame = 2 * len(plan.bands) * scene.camera.n_row * scene.camera.n_col
     batch = max(1, COUNTS_BYTES_PER_CALL // bytes_per_frame)
     render_s = 0.0
-    truth: list[Table] = []
+    with_stars = "stars" in plan.tables
+    batches: list[list[Table]] = []
     with contextlib.ExitStack() as files:
-        paths = [*plan.cube_paths(sensor), plan.truth_part_path(sensor)]
-        partials = [files.enter_context(whole_file(path)) for path in paths]
+        cube_files = [files.enter_context(whole_file(path)) for path in plan.cube_paths(sensor)]
+        table_files = [files.enter_context(whole_file(path)) for path in plan.part_paths(sensor)]
         writers = [
             CubeWriter(partial, scene, sensor, band, len(numbers))
-            for partial, band in zip(partials, plan.bands, strict=False)
+            for partial, band in zip(cube_files, plan.bands, strict=True)
         ]
         for writer in writers:
             files.callback(writer.abandon)
         for first in range(0, len(numbers), batch):
             begin = time.perf_counter()
-            frames = renderer.render(numbers[first : first + batch], sensors=[sensor], bands=plan.bands)
+            wanted = numbers[first : first + batch]
+            frames = renderer.render(wanted, sensors=[sensor], bands=plan.bands, keep_stars=with_stars)
             render_s += time.perf_counter() - begin
             for band, writer in enumerate(writers):
                 writer.add(frames, 0, band)
-            truth.append(frames.truth)
+            batches.append([frames.truth, frames.stars] if with_stars else [frames.truth])
             advance(len(frames.frames))
         for writer in writers:
             writer.close()
-        vstack(truth, metadata_conflicts="silent").write(partials[-1], format="fits", overwrite=True)
+        for tables, partial in zip(zip(*batches, strict=True), table_files, strict=True):
+            vstack(list(tables), metadata_conflicts="silent").write(partial, format="fits", overwrite=True)
     write_receipt(plan, sensor)
     return render_s
 
 
 def _finish(plan: Plan, renderer: Renderer) -> None:
-    """Truth of all sensors, contact sheet, manifest."""
+    """Tables of all sensors, contact sheet, manifest."""
     from astropy.table import Table, vstack
 
-    truth = vstack([Table.read(plan.truth_part_path(sensor)) for sensor in plan.frames_of], metadata_conflicts="silent")
-    with whole_file(plan.truth_path) as partial:
-        truth.write(partial, format="fits", overwrite=True)
+    parts = zip(*(plan.part_paths(sensor) for sensor in plan.frames_of), strict=True)
+    joined = [vstack([Table.read(path) for path in paths], metadata_conflicts="silent") for paths in parts]
+    for name, table in zip(plan.tables, joined, strict=True):
+        with whole_file(plan.table_path(name)) as partial:
+            table.write(partial, format="fits", overwrite=True)
+    truth = joined[0]
     # The band in which the targets stand out most is the one to show.
     names = np.asarray(truth["band"]).astype(str)
     shown = max(range(len(plan.bands)), key=lambda i: np.max(truth["snr"][names == plan.bands[i]]))
@@ -174,7 +182,8 @@ def _finish(plan: Plan, renderer: Renderer) -> None:
     with whole_file(plan.sheet_path) as partial:
         draw_contact_sheet(plan.scene, plan.bands[shown], plan.frames_of, planes, partial)
     cubes = [path for sensor in plan.frames_of for path in plan.cube_paths(sensor)]
-    write_json(_manifest(plan, renderer, [*cubes, plan.truth_path, plan.sheet_path]), plan.manifest_path)
+    tables = [plan.table_path(table) for table in plan.tables]
+    write_json(_manifest(plan, renderer, [*cubes, *tables, plan.sheet_path]), plan.manifest_path)
 
 
 def _manifest(plan: Plan, renderer: Renderer, files: list[Path]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from warpsim_kernels.targets import IN_FOV, OCCULTED
 
 from warpsim.errors import InputError
+from warpsim.orbit.sun import earth_position_m
 from warpsim.render.buffers import Observations, Views
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.world import World
@@ -59,6 +60,20 @@ class FrameSet:
     def velocity_m_s(self) -> npt.NDArray[np.float64]:
         """Barycentric velocity of the sensors, ICRS axes [m/s], shape (frame, sensor, 3)."""
         return np.asarray(self._views.velocity_m_s.numpy()).reshape(len(self.frames), len(self.sensors), 3)
+
+    @property
+    def barycentric_m(self) -> npt.NDArray[np.float64]:
+        """Barycentric position of the sensors, ICRS axes [m], shape (frame, sensor, 3)."""
+        return self._from_earth(earth_position_m(self.scene.epoch, self.time_s)[0])
+
+    @property
+    def heliocentric_m(self) -> npt.NDArray[np.float64]:
+        """Heliocentric position of the sensors, ICRS axes [m], shape (frame, sensor, 3)."""
+        return self._from_earth(earth_position_m(self.scene.epoch, self.time_s)[1])
+
+    def _from_earth(self, earth_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        geocentric = np.asarray(self._views.position_m.numpy()).reshape(len(self.frames), len(self.sensors), 3)
+        return np.asarray(earth_m[:, None] + geocentric)
 
     def wcs(self, frame: int, sensor: str) -> WCS:
         """TAN WCS of one image (astropy): apparent ICRS directions against zero-based pixel coordinates.

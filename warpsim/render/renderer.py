@@ -29,8 +29,10 @@ from warpsim.render.device import default_device, n_usable_cpu
 from warpsim.render.frameset import FrameSet
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.stages import STAGES
-from warpsim.render.world import World, star_index
+from warpsim.render.star_field import load_catalog, star_index
+from warpsim.render.world import World
 from warpsim.scene.scene import Scene
+from warpsim.sky.catalog import StarCatalog
 
 StarList = tuple[npt.NDArray[Any], ...]
 
@@ -61,12 +63,15 @@ class Renderer:
         scene: The description.
         device: Warp device; "cuda:0" where present, else "cpu", when left out.
         n_thread: CPU threads; all cores when left out. Results do not depend on it.
+        catalog: Stars to use instead of those that the scene's sky names.
 
     Raises:
         InputError: No such device, a bad thread count, or a star catalog that cannot be read.
     """
 
-    def __init__(self, scene: Scene, device: Any = None, n_thread: int | None = None) -> None:
+    def __init__(
+        self, scene: Scene, device: Any = None, n_thread: int | None = None, catalog: StarCatalog | None = None
+    ) -> None:
         if n_thread is not None and (not isinstance(n_thread, int) or n_thread < 1):
             raise InputError(f"n_thread: must be a whole number >= 1, got {n_thread}")
         self.scene = scene
@@ -74,7 +79,7 @@ class Renderer:
         # One launch queue on CUDA; and two CPU launches at once crash Warp's debug mode, so that runs on one thread.
         single = self.device.is_cuda or wp.config.mode == "debug"
         self.n_thread = 1 if single else n_thread or n_usable_cpu()
-        self._index = star_index(scene, self.device)
+        self._index = star_index(scene, load_catalog(scene) if catalog is None else catalog, self.device)
         self._worlds: dict[tuple[str, ...], World] = {}
         self._workers: dict[tuple[str, ...], list[_Worker]] = {}
         self._lock = threading.Lock()  # buffers serve one call at a time

@@ -9,7 +9,6 @@ from __future__ import annotations
 import warp as wp
 from warpsim_kernels.aim import aim_kernel
 from warpsim_kernels.read_out import TILE_WIDTH, make_read_out_tile_kernel, read_out_rest_kernel
-from warpsim_kernels.stars import gather_stars_kernel
 from warpsim_kernels.targets import emit_kernel, observe_targets_kernel, record_targets_kernel
 
 from warpsim.render.buffers import Chunk
@@ -84,20 +83,18 @@ def observe_targets(world: World, chunk: Chunk) -> None:
 
 def gather_stars(world: World, chunk: Chunk) -> None:
     """The source slots behind the targets: every star whose stamp touches the frame."""
-    views, sources, stars = chunk.views, chunk.sources, world.stars
+    views, sources = chunk.views, chunk.sources
     wp.launch(
-        gather_stars_kernel,
+        world.stars.kernel,
         dim=chunk.n_view,
         inputs=[
+            views.time_s,
             views.axes,
             views.position_m,
             views.velocity_m_s,
-            stars.index.cell_start_array,
-            stars.index.direction_array,
-            stars.irradiance_w_cm2,
-            stars.half_width_px,
+            world.stars.field,
+            world.stars.orbit,
             world.camera,
-            stars.cone,
             world.earth,
             world.n_target,
         ],

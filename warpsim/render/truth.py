@@ -86,7 +86,8 @@ def _stamp_shares(world: World, seen: Observations) -> tuple[npt.NDArray[np.floa
 def star_table(frames: FrameSet, world: World, star_lists: list[tuple[npt.NDArray[Any], ...]]) -> Table:
     """One row per frame x sensor x star whose stamp touches the image.
 
-    Columns: frame, sensor, x_px, y_px, catalog_row, in_fov, and irradiance_w_cm2 and snr with one value per band.
+    Columns: frame, time_s, sensor, x_px, y_px, catalog_row, id, in_fov, and irradiance_w_cm2 and snr with one value per
+    band.
     """
     from astropy.table import Table
 
@@ -98,19 +99,23 @@ def star_table(frames: FrameSet, world: World, star_lists: list[tuple[npt.NDArra
     light = np.concatenate([light for _, light, _ in star_lists]).reshape(-1, world.n_band).astype(np.float64)
     star = np.concatenate([star for _, _, star in star_lists]).astype(np.int64)
     camera = frames.scene.camera
+    rows = world.stars.index.star_row[star]
     in_fov = np.all((xy_px >= -0.5) & (xy_px < np.array([camera.n_col, camera.n_row]) - 0.5), axis=1)
     table = Table(
         {
             "frame": np.asarray(frames.frames, dtype=np.int64)[view // n_sensor],
+            "time_s": frames.time_s[view // n_sensor],
             "sensor": np.asarray(frames.sensors)[view % n_sensor],
             "x_px": xy_px[:, 0],
             "y_px": xy_px[:, 1],
-            "catalog_row": world.stars.index.star_row[star],
+            "catalog_row": rows,
+            "id": world.stars.index.catalog.id_of(rows),
             "in_fov": in_fov,
             "irradiance_w_cm2": light,
             "snr": light / frames.scene.detector.nei_w_cm2,
         }
     )
+    table["time_s"].unit = "s"
     table["x_px"].unit = table["y_px"].unit = "pix"
     table["irradiance_w_cm2"].unit = "W / cm2"
     return table

@@ -13,25 +13,20 @@ from warpsim_kernels.camera import Camera as CameraStruct
 from warpsim_kernels.earth import Earth
 from warpsim_kernels.motion import Attitude as AttitudeStruct
 from warpsim_kernels.motion import NodeGrid
-from warpsim_kernels.stars import StarCone
 from warpsim_kernels.targets import RadianceTable, Target
 
-from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, JULIAN_YEAR_DAYS
+from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
 from warpsim.detector.nei import read_out_struct
-from warpsim.errors import InputError
 from warpsim.optics.psf_bank import PsfBank, psf_bank, stamp_rule
+from warpsim.render.star_field import Stars, make_stars
 from warpsim.scene.scene import Scene
 from warpsim.sky.band_index import BandIndex
 from warpsim.sky.bands import BANDS, band_radiance_w_m2_sr
-from warpsim.sky.catalog import StarCatalog
 from warpsim.target.motion import attitude_frame
 from warpsim.target.shapes import body_struct
 
 LN_TEMPERATURE_STEP = 0.005
 """Node spacing of the radiance table in ln(T): the cubic Hermite error is below 1e-9 at 300 K and above."""
-
-LARGEST_ABERRATION_RAD = 1.6e-4
-"""33 arcsec: the Earth's motion (20.5) and a low orbit (5.2), with room."""
 
 
 @dataclass(frozen=True)
@@ -42,16 +37,6 @@ class Motion:
     velocity_m_s: wp.array
     earth_velocity_m_s: wp.array
     grid: Any
-
-
-@dataclass(frozen=True)
-class Stars:
-    """The star catalog on the device, in cell order."""
-
-    index: BandIndex
-    irradiance_w_cm2: wp.array
-    half_width_px: wp.array
-    cone: Any
 
 
 class World:
@@ -83,50 +68,7 @@ class World:
         self.stamp_rule = stamp_rule(scene.optics.stamp_cut_nei * scene.detector.nei_w_cm2, 0.0)
         psfs = [scene.optics.psf_at(BANDS[name].isophotal_um, scene.camera) for name in bands]
         self.psf: PsfBank = psf_bank(psfs, device)
-        self.stars = self._stars(scene, bands, index)
-
-    def _stars(self, scene: Scene, bands: Sequence[str], index: BandIndex) -> Stars:
-        rows = index.star_row
-        irradiance = np.stack([index.catalog.irradiance_w_cm2(name)[rows] for name in bands]).astype(np.float32)
-        light = wp.array(irradiance, dtype=wp.float32, device=self.device)
-        half_width = self._half_width_px(light)
-        margin_px = float(half_width.max(initial=0)) + 1.0
-        cone: Any = StarCone()
-        cone.with_aberration = int(scene.sky.aberration)
-        cone.radius_rad = scene.camera.half_diagonal_rad(margin_px) + LARGEST_ABERRATION_RAD
-        cone.cosine = float(np.cos(cone.radius_rad))
-        return Stars(index, light, wp.array(half_width, dtype=wp.int32, device=self.device), cone)
-
-    def _half_width_px(self, irradiance: wp.array) -> np.ndarray[Any, Any]:
-        """Widest stamp of each star over the bands, by the rule that deposit follows; shape (n_star,)."""
-        if irradiance.size == 0:
-            return np.zeros(irradiance.shape[1], dtype=np.int32)
-        half_width = wp.empty(irradiance.shape, dtype=wp.int32, device=self.device)
-        self.psf.size_stamps(irradiance, self.stamp_rule, half_width)
-        return np.asarray(half_width.numpy().max(axis=0))
-
-
-def load_catalog(scene: Scene) -> StarCatalog:
-    """The scene's star catalog.
-
-    Raises:
-        InputError: It cannot be read.
-    """
-    name = scene.sky.catalog
-    if name == "none":
-        return StarCatalog.from_arrays([], [], {})
-    if name == "default":
-        return StarCatalog.default()
-    try:
-        return StarCatalog.read(name)
-    except InputError as error:
-        raise InputError(f"sky.catalog: {error}") from None
-
-
-def star_index(scene: Scene, device: wp.Device) -> BandIndex:
-    """Index of the scene's catalog, its stars moved to the scene's epoch."""
-    catalog = load_catalog(scene)
-    return BandIndex(catalog.at_epoch(2000.0 + (scene.epoch.tt.jd - 2451545.0) / JULIAN_YEAR_DAYS), device)
+        self.stars: Stars = make_stars(scene, bands, index, self.psf, self.stamp_rule, self.motion.grid)
 
 
 def _motion(scene: Scene, device: wp.Device) -> Motion:
@@ -171,9 +113,7 @@ def _target_structs(scene: Scene) -> list[Any]:
 
 def _radiance(scene: Scene, bands: Sequence[str], device: wp.Device) -> tuple[wp.array, wp.array, Any]:
     """ln(radiance) and its scaled slope at nodes of ln(T) that span the scene's temperatures."""
-    all_k = [
-        t for spec in scene.targets for t in (spec.temperature.start_k, spec.temperature.end_k) if t is not None
-    ]
+    all_k = [t for spec in scene.targets for t in (spec.temperature.start_k, spec.temperature.end_k) if t is not None]
     start = float(np.log(min(all_k))) - LN_TEMPERATURE_STEP
     n_node = int(np.ceil((np.log(max(all_k)) - start) / LN_TEMPERATURE_STEP)) + 2
     ln_temperature = start + LN_TEMPERATURE_STEP * np.arange(n_node)

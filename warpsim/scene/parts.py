@@ -7,7 +7,18 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from warpsim.describe import Count, Group, NonNegative, Positive, as_tuple, part, part_error, rule_error
+from warpsim.describe import (
+    Count,
+    Group,
+    Integer,
+    NonNegative,
+    Positive,
+    as_tuple,
+    closed_interval,
+    part,
+    part_error,
+    rule_error,
+)
 from warpsim.target.motion import Attitude, Graybody, Temperature
 from warpsim.target.shapes import Shape
 
@@ -56,17 +67,64 @@ class Pointing:
     up: Literal["zenith", "north", "orbit_normal"] = "zenith"
 
 
+BUILT_IN_CATALOGS = ("default", "union", "synthetic", "none")
+"""Words for `Sky.catalog` that name no file."""
+
+
+@part
+class SyntheticStars:
+    """Made-up stars over the whole sky; give n_star or limit_jy.
+
+    Args:
+        n_star: How many.
+        limit_jy: Flux density of the faintest in band A [Jy].
+        sky: "astrometric", as dense as a catalog selected in visible light, or "infrared", as dense as the true sky.
+        seed: Of their random numbers; the scene's seed plays no part.
+    """
+
+    n_star: Annotated[Count, closed_interval(1, 10**8)] | None = None
+    limit_jy: Positive | None = None
+    sky: Literal["astrometric", "infrared"] = "astrometric"
+    seed: Integer = 0
+
+    @model_validator(mode="after")
+    def _one_size(self) -> SyntheticStars:
+        if (self.n_star is None) == (self.limit_jy is None):
+            raise part_error("n_star, limit_jy: exactly one must be given")
+        return self
+
+
 @part
 class Sky:
     """The star background.
 
     Args:
-        catalog: "default" (embedded), "none", or the path of a catalog file.
+        catalog: "default" (embedded), "union" (all of its sources, needs the extra `catalogs`), "synthetic", "none", or
+            the path of a catalog file.
+        synthetic: What to make, for catalog = "synthetic".
+        physics: "physical", or "paper": motion by its Eq. 5 and irradiance by its zero points.
         aberration: Whether apparent places include the aberration of the sensor's motion.
+        parallax: Whether they include the parallax of nearby stars.
+        light_deflection: Whether they include the bending of light by the Sun.
     """
 
     catalog: str = "default"
+    synthetic: SyntheticStars | None = None
+    physics: Literal["physical", "paper"] = "physical"
     aberration: bool = True
+    parallax: bool = False
+    light_deflection: bool = False
+
+    @model_validator(mode="after")
+    def _synthetic_is_described(self) -> Sky:
+        if (self.catalog == "synthetic") != (self.synthetic is not None):
+            raise part_error('synthetic: must be given with catalog = "synthetic", and only then')
+        return self
+
+    @property
+    def catalog_file(self) -> str | None:
+        """Path of the catalog file, None where the catalog is none of the user's own."""
+        return None if self.catalog in BUILT_IN_CATALOGS else self.catalog
 
 
 @part

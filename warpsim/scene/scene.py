@@ -27,7 +27,7 @@ from warpsim.orbit.access import AccessConstraints, access_intervals, margins
 from warpsim.orbit.arc import BallisticArc, UtcText
 from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.walker import Walker
-from warpsim.scene.parts import Frames, Pointing, Release, Sky, TargetSpec, Text
+from warpsim.scene.parts import BUILT_IN_CATALOGS, Frames, Pointing, Release, Sky, TargetSpec, Text
 from warpsim.sky.bands import BANDS
 
 if TYPE_CHECKING:
@@ -285,9 +285,7 @@ class Scene:
         """
         from astropy.table import Table
 
-        rows = [
-            (self.sensor_names[interval.sensor], interval.start_s, interval.end_s) for interval in self._intervals
-        ]
+        rows = [(self.sensor_names[interval.sensor], interval.start_s, interval.end_s) for interval in self._intervals]
         table = Table(rows=rows, names=("sensor", "start_s", "end_s"), dtype=(str, float, float))
         table["start_s"].info.format = table["end_s"].info.format = ".3f"
         table["start_s"].unit = table["end_s"].unit = "s"
@@ -350,7 +348,7 @@ def _is_utc(value: Any) -> bool:
 def _with_catalog_path(data: dict[str, Any], source: str | os.PathLike[str]) -> dict[str, Any]:
     """Take a relative catalog path from the scene file's folder, whatever the current one is."""
     sky = data.get("sky")
-    if isinstance(sky, dict) and isinstance(sky.get("catalog"), str) and sky["catalog"] not in ("default", "none"):
+    if isinstance(sky, dict) and isinstance(sky.get("catalog"), str) and sky["catalog"] not in BUILT_IN_CATALOGS:
         path = Path(source).parent.absolute() / sky["catalog"]
         return {**data, "sky": {**sky, "catalog": str(path)}}
     return data

@@ -12,7 +12,7 @@ from warpsim.errors import InputError
 from warpsim.orbit.earth import pole_of_date
 from warpsim.orbit.gravity import propagate
 from warpsim.orbit.group import release_velocities
-from warpsim.orbit.sun import earth_velocity_m_s, sun_position_m
+from warpsim.orbit.sun import earth_position_m, earth_velocity_m_s, sun_position_m
 from warpsim.orbit.track import Track, choose_step_s, node_grid, sample_tracks
 
 if TYPE_CHECKING:
@@ -30,6 +30,10 @@ class Tracks:
     sun: Track
     earth_velocity_m_s: F64
     """Barycentric velocity of the Earth at the nodes [m/s], shape (n_node, 3)."""
+    earth_barycentric_m: F64
+    """Barycentric position of the Earth at the nodes [m], shape (n_node, 3)."""
+    earth_heliocentric_m: F64
+    """Heliocentric position of the Earth at the nodes [m], shape (n_node, 3)."""
     pole_icrs: F64
     """The pole of date at the epoch: axis of J2 and of the ellipsoid, shape (3,)."""
 
@@ -99,4 +103,5 @@ def build_tracks(scene: Scene) -> Tracks:
     sun_m = sun_position_m(epoch, nodes_s)
     sun = Track("sun", start_s, step_s, sun_m, np.gradient(sun_m, step_s, axis=0))
     n_sensor = len(scene.sensor_names)
-    return Tracks(tracks[:n_sensor], tracks[n_sensor:], sun, earth_velocity_m_s(epoch, nodes_s), pole)
+    earth = earth_velocity_m_s(epoch, nodes_s), *earth_position_m(epoch, nodes_s)
+    return Tracks(tracks[:n_sensor], tracks[n_sensor:], sun, *earth, pole)

@@ -1,7 +1,8 @@
 """Star index: cells and latitude bands (the paper's 360 x 180 table), built on the host, queried on the device.
 
 Below 60 degrees latitude the sky is cut into cells of one degree by one degree; above, each one-degree latitude band
-is a single cell. Stars are stored sorted by cell, so that a cone on the sky is a handful of runs of stars.
+is a single cell. Stars are stored sorted by cell, and by right ascension within a band, so that a cone on the sky is a
+handful of runs of stars.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.band_index import N_BAND, N_COLUMN, POLAR_LATITUDE_DEG, query_cone_kernel
+from warpsim_kernels.band_index import N_BAND, N_COLUMN, POLAR_LATITUDE_DEG, make_query_cone_kernel
 
 from warpsim.errors import InputError
 from warpsim.sky.catalog import StarCatalog
@@ -23,25 +24,35 @@ class BandIndex:
     Args:
         catalog: The stars; directions at the catalog's epoch are indexed.
         device: Where queries run; the CPU when left out.
+        dtype: float64, or float32 to halve the memory: directions are then rounded by up to 0.01 arcsec, and queries
+            are exact for the rounded ones.
 
     Attributes:
         catalog: The catalog.
         cell_start: First star of each cell in cell order, shape (180 * 360 + 1,), int32.
         star_row: Catalog row of each star in cell order, shape (n_star,), int64.
-        direction_icrs: Directions in cell order, shape (n_star, 3).
+        direction_icrs: Directions in cell order, shape (n_star, 3), of that dtype.
+
+    Raises:
+        InputError: dtype is neither.
     """
 
-    def __init__(self, catalog: StarCatalog, device: Any = None) -> None:
+    def __init__(self, catalog: StarCatalog, device: Any = None, dtype: npt.DTypeLike = np.float64) -> None:
+        if np.dtype(dtype) not in (np.float64, np.float32):
+            raise InputError(f"dtype: must be float64 or float32, got {np.dtype(dtype)}")
         self.catalog = catalog
-        direction = np.asarray(catalog.direction_icrs, dtype=np.float64).reshape(-1, 3)
+        stored = np.asarray(catalog.direction_icrs).reshape(-1, 3).astype(dtype)
+        direction = stored.astype(np.float64)
         cell = cell_of(direction)
-        self.star_row = np.argsort(cell, kind="stable").astype(np.int64)
-        self.direction_icrs = direction[self.star_row]
+        self.star_row = np.lexsort((compass(direction), cell)).astype(np.int64)
+        self.direction_icrs = stored[self.star_row]
         counts = np.bincount(cell, minlength=N_BAND * N_COLUMN)
         self.cell_start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
         self.device = wp.get_device("cpu" if device is None else device)
         self.cell_start_array = wp.array(self.cell_start, dtype=wp.int32, device=self.device)
-        self.direction_array = wp.array(self.direction_icrs, dtype=wp.vec3d, device=self.device)
+        vector = wp.vec3d if stored.dtype == np.float64 else wp.vec3f
+        self.direction_array = wp.array(self.direction_icrs, dtype=vector, device=self.device)
+        self._query_kernel = make_query_cone_kernel(vector)
 
     def __len__(self) -> int:
         return len(self.star_row)
@@ -85,15 +96,17 @@ class BandIndex:
         for _ in range(2):
             begin = wp.array(start[:-1], dtype=wp.int64, device=self.device)
             inputs = [self.cell_start_array, self.direction_array, cones, radii, begin]
-            wp.launch(query_cone_kernel, dim=n, inputs=inputs, outputs=[n_found, found], device=self.device)
+            wp.launch(self._query_kernel, dim=n, inputs=inputs, outputs=[n_found, found], device=self.device)
             start[1:] = np.cumsum(n_found.numpy())
             if start[-1] == 0:
                 break
             if found.shape[0] == 0:
                 found = wp.empty(int(start[-1]), dtype=wp.int32, device=self.device)
         rows = self.star_row[found.numpy()]
-        cone_of_row = np.repeat(np.arange(n), np.diff(start))
-        return start, np.asarray(rows[np.lexsort((rows, cone_of_row))])
+        # One sort of cone and row in one number: three times as fast as sorting by two keys.
+        list_start = np.repeat(np.arange(n, dtype=np.int64) * len(self), np.diff(start))
+        key = np.sort(list_start + rows)
+        return start, key - list_start
 
 
 def cell_of(direction: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
@@ -104,6 +117,16 @@ def cell_of(direction: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
     column = np.floor(longitude_deg).astype(np.int64) % N_COLUMN
     polar = (band < 90 - POLAR_LATITUDE_DEG) | (band >= 90 + POLAR_LATITUDE_DEG)
     return np.asarray(band * N_COLUMN + np.where(polar, 0, column), dtype=np.int64)
+
+
+def compass(direction: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """A number in [0, 4] that grows with right ascension, shape (n,); the kernels' `compass`, bit for bit."""
+    x, y = direction[:, 0], direction[:, 1]
+    total = np.abs(x) + np.abs(y)
+    total[total == 0] = 1.0
+    return np.select(
+        [(y >= 0) & (x >= 0), y >= 0, x < 0], [y / total, 1.0 - x / total, 2.0 - y / total], 3.0 + x / total
+    )
 
 
 def _checked_cones(

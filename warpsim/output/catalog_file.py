@@ -1,0 +1,68 @@
+"""Star catalogs written to files, in warpsim's own columns."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+from warpsim.errors import InputError
+from warpsim.output.files import whole_file
+from warpsim.sky.catalog import StarCatalog
+from warpsim.sky.catalog_columns import J2000_JYEAR
+
+FORMAT_OF_SUFFIX = {
+    ".fits": "fits",
+    ".fit": "fits",
+    ".ecsv": "ascii.ecsv",
+    ".vot": "votable",
+    ".xml": "votable",
+    ".csv": "ascii.csv",
+}
+"""astropy's names of the formats."""
+
+_WITHOUT_META = ("votable", "ascii.csv")
+
+
+def check_new_file(path: Path, suffixes: tuple[str, ...], overwrite: bool) -> None:
+    """See that a file may be written, before the work is done.
+
+    Raises:
+        InputError: The suffix is not one of these, the folder is missing, or the file is there and overwrite not set.
+    """
+    if path.suffix.lower() not in suffixes:
+        raise InputError(f"{path}: must end in one of {', '.join(suffixes)}")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: cannot be written: {path.parent} is not a folder")
+    if path.is_dir():
+        raise InputError(f"{path}: cannot be written: is a folder")
+    if path.exists() and not overwrite:
+        raise InputError(f"{path}: is there already; choose another name or pass --overwrite")
+
+
+def write_catalog(catalog: StarCatalog, path: Path, overwrite: bool = False) -> StarCatalog:
+    """Write a catalog as a table that StarCatalog.read() takes as it is; whole or not at all.
+
+    CSV and VOTable keep no epoch: there the stars are moved to J2000.0, which readers assume.
+
+    Args:
+        catalog: The stars.
+        path: File whose suffix (FORMAT_OF_SUFFIX) says the format.
+        overwrite: Whether an existing file is replaced.
+
+    Returns:
+        The catalog as written.
+
+    Raises:
+        InputError: See check_new_file().
+    """
+    check_new_file(path, tuple(FORMAT_OF_SUFFIX), overwrite)
+    format = FORMAT_OF_SUFFIX[path.suffix.lower()]
+    if format in _WITHOUT_META:
+        catalog = catalog.at_epoch(J2000_JYEAR)
+    table = catalog.to_table()
+    with warnings.catch_warnings(), whole_file(path) as partial:
+        warnings.simplefilter("ignore")  # FITS keywords longer than 8 letters are written as HIERARCH
+        # Binary VOTables are a third of the size of those of text.
+        options = {"tabledata_format": "binary2"} if format == "votable" else {}
+        table.write(partial, format=format, overwrite=True, **options)
+    return catalog

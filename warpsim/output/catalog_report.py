@@ -1,0 +1,148 @@
+"""What a star catalog holds, in words: `warpsim catalog`."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.plot.sky import magnitude_counts
+from warpsim.sky.bands import BANDS
+from warpsim.sky.catalog import StarCatalog
+from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_MEASURED, FLUX_NONE, FLUX_PREDICTED
+from warpsim.sky.synthetic import GALACTIC_OF_ICRS
+
+WHOLE_SKY_DEG2 = 4 * np.pi * np.degrees(1) ** 2
+GALACTIC_ZONES_DEG = (0, 2, 6, 15, 30, 60, 90)
+SMALL_FIELD_DEG = 60.0
+"""Catalogs within a smaller circle than this are described by the circle, others by zones of galactic latitude."""
+MOST_WARNINGS = 8
+
+_QUALITY_WORDS = ("unknown", "uncertain", "fair", "good", "excellent")
+_LABEL, _WIDTH = 13, 100
+
+
+def catalog_report(catalog: StarCatalog, warnings: Sequence[str] = ()) -> str:
+    """A page about a catalog: origin, stars left out, density, motions, fluxes by band, counts by magnitude.
+
+    Args:
+        catalog: The stars; may be empty.
+        warnings: What was said while it was read.
+    """
+    lines = [f"{catalog.name}: {_count(len(catalog), 'star')}, places at J{catalog.epoch_jyear}"]
+    lines += _paragraph("provenance", catalog.provenance or "not stated")
+    lines += [line for text in _one_each(warnings) for line in _paragraph("warning", text)]
+    if len(catalog):
+        lines += [*_density_lines(catalog), *_motion_lines(catalog)]
+        lines += _paragraph("quality", _quality_text(catalog.quality))
+        lines += ["", *_band_lines(catalog), "", *_magnitude_lines(catalog)]
+    return "\n".join(lines)
+
+
+def _density_lines(catalog: StarCatalog) -> list[str]:
+    """Stars per square degree: over the sky and by galactic latitude, or within the field that holds all of them."""
+    middle = catalog.direction_icrs.mean(axis=0)
+    length = float(np.linalg.norm(middle))
+    axis = middle / length if length > 0 else np.array([0.0, 0.0, 1.0])
+    away = np.linalg.norm(catalog.direction_icrs - axis, axis=1)
+    radius_deg = float(np.degrees(2 * np.arcsin(min(1.0, away.max() / 2))))
+    if radius_deg < SMALL_FIELD_DEG:
+        ra_deg, dec_deg = np.degrees(np.arctan2(axis[1], axis[0])) % 360, np.degrees(np.arcsin(axis[2]))
+        text = f"all within {radius_deg:.3g} deg of ({ra_deg:.3f}, {dec_deg:+.3f}) deg"
+        area_deg2 = WHOLE_SKY_DEG2 * np.sin(np.radians(radius_deg) / 2) ** 2
+        if area_deg2 > 0 and len(catalog) > 1:
+            text += f": {_density(len(catalog) / area_deg2)} per deg2"
+        return _paragraph("density", text)
+    edges = np.array(GALACTIC_ZONES_DEG, dtype=np.float64)
+    sin_edges = np.sin(np.radians(edges))
+    sin_latitude = np.abs(catalog.direction_icrs @ GALACTIC_OF_ICRS[2])
+    counts, _ = np.histogram(np.minimum(sin_latitude, 1.0), sin_edges)
+    per_deg2 = counts / (WHOLE_SKY_DEG2 * np.diff(sin_edges))
+    zones = ", ".join(
+        f"{low:g}-{high:g}: {_density(n)}" for low, high, n in zip(edges, edges[1:], per_deg2, strict=False)
+    )
+    mean = _density(len(catalog) / WHOLE_SKY_DEG2)
+    text = f"{mean} per deg2 over the whole sky; by galactic latitude [deg] {zones}"
+    return _paragraph("density", text)
+
+
+def _motion_lines(catalog: StarCatalog) -> list[str]:
+    """How many stars move, and which is the fastest; how many have a parallax."""
+    speed_mas_yr = np.hypot(catalog.pm_ra_mas_yr, catalog.pm_dec_mas_yr)
+    n_moving, n_parallax = np.count_nonzero(speed_mas_yr), np.count_nonzero(np.isfinite(catalog.parallax_mas))
+    text = f"{_count(n_moving, 'star')} with proper motion"
+    if n_moving:
+        fastest = int(np.argmax(speed_mas_yr))
+        text += f", the fastest {catalog.id[fastest]}, {speed_mas_yr[fastest] / 1e3:.3f} arcsec/yr"
+    return _paragraph("motion", f"{text}; {n_parallax:,} with parallax")
+
+
+def _quality_text(quality: NDArray[np.int64]) -> str:
+    values, counts = np.unique(quality, return_counts=True)
+    known = range(len(_QUALITY_WORDS))
+    words = [_QUALITY_WORDS[value] if value in known else "not a known value" for value in values]
+    return ", ".join(f"{value} ({word}) {n:,}" for value, word, n in zip(values, words, counts, strict=True))
+
+
+def _band_lines(catalog: StarCatalog) -> list[str]:
+    """A table: for each band, where its fluxes are from, and their range."""
+    lines = [
+        f"  {'band':4} {'um':>6} {'measured':>10} {'predicted':>10} {'unknown':>10} {'flux [Jy]':>24} {'magnitude':>16}"
+    ]
+    for band in BAND_NAMES:
+        flag, flux_jy = catalog.flux_flag(band), catalog.flux_jy(band)
+        counts = [np.count_nonzero(flag == kind) for kind in (FLUX_MEASURED, FLUX_PREDICTED, FLUX_NONE)]
+        line = f"  {band:4} {BANDS[band].isophotal_um:6.2f} " + " ".join(f"{n:10,}" for n in counts)
+        lit = flux_jy > 0
+        if lit.any():
+            magnitude = catalog.magnitude(band)[lit] + 0.0  # -0 becomes 0
+            flux_range = f"{flux_jy[lit].min():.4g} to {flux_jy[lit].max():.4g}"
+            line += f" {flux_range:>24} {f'{magnitude.min():.2f} to {magnitude.max():.2f}':>16}"
+        n_dark = np.count_nonzero(flux_jy == 0)
+        lines.append(line + (f"   {n_dark:,} of flux 0" if n_dark else ""))
+    return lines
+
+
+def _magnitude_lines(catalog: StarCatalog) -> list[str]:
+    """A table: stars by band and whole magnitude, magnitudes without any left out."""
+    counts: dict[str, dict[int, int]] = {}
+    for band in BAND_NAMES:
+        magnitudes, n_star = magnitude_counts(catalog, band)
+        if len(magnitudes):
+            counts[band] = dict(zip(magnitudes.tolist(), n_star.tolist(), strict=True))
+    if not counts:
+        return ["  no star has a flux"]
+    lines = [f"  {'magnitude':12}" + "".join(f"{band:>9}" for band in counts)]
+    for magnitude in sorted(set().union(*counts.values())):
+        row = [of_band.get(magnitude, 0) for of_band in counts.values()]
+        if any(row):
+            lines.append(f"  {f'{magnitude} to {magnitude + 1}':12}" + "".join(f"{n:9,}" for n in row))
+    return lines
+
+
+def _one_each(warnings: Sequence[str]) -> list[str]:
+    """Warnings without repetition, each on one line; of many, the first few."""
+    texts = list(dict.fromkeys(" ".join(text.split()) for text in warnings))
+    more = len(texts) - MOST_WARNINGS
+    return texts if more <= 0 else [*texts[:MOST_WARNINGS], f"{more} more"]
+
+
+def _paragraph(label: str, text: str) -> list[str]:
+    indent = " " * _LABEL
+    return textwrap.wrap(
+        f"  {label:{_LABEL - 2}}{text}",
+        _WIDTH,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def _density(per_deg2: float) -> str:
+    return f"{per_deg2:,.0f}" if per_deg2 >= 100 else f"{per_deg2:.3g}"
+
+
+def _count(n: int | np.integer, noun: str) -> str:
+    return f"{n:,} {noun}{'' if n == 1 else 's'}"

@@ -1,0 +1,125 @@
+"""The stars of a scene on a device: catalog, index, and the kernel that reads what the scene's sky has switched on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+from warpsim_kernels.motion import NodeGrid
+from warpsim_kernels.stars import EarthOrbit, StarField, make_gather_stars_kernel
+
+from warpsim.constants import JULIAN_YEAR_DAYS
+from warpsim.errors import InputError
+from warpsim.optics.psf_bank import PsfBank
+from warpsim.scene.scene import Scene
+from warpsim.sky.band_index import BandIndex
+from warpsim.sky.catalog import StarCatalog
+
+LARGEST_SHIFT_RAD = 2.0e-4
+"""41 arcsec, how far apparent places lie from those of the index: 28.5 of aberration (the Earth's 30.3 km/s and an
+orbit at escape speed) and, close to the Sun, 6 of deflection. Parallaxes are added from the catalog."""
+
+_MAS_RAD = np.pi / 180 / 3.6e6
+
+
+@dataclass(frozen=True)
+class Stars:
+    """The star catalog on the device, in cell order, and the kernel that gathers it."""
+
+    index: BandIndex
+    field: Any
+    orbit: Any
+    kernel: wp.Kernel
+
+    @property
+    def device_bytes(self) -> int:
+        """Memory that the stars take on the device [bytes]."""
+        field = self.field
+        arrays = (field.cell_start, field.direction, field.irradiance_w_cm2, field.half_width_px, field.parallax_rad)
+        return sum(int(array.capacity) for array in arrays)
+
+
+def load_catalog(scene: Scene) -> StarCatalog:
+    """The scene's star catalog.
+
+    Raises:
+        InputError: It cannot be read, or needs packages that are not installed.
+    """
+    sky = scene.sky
+    try:
+        if sky.catalog == "none":
+            return StarCatalog.from_arrays([], [], {})
+        if sky.catalog == "default":
+            return StarCatalog.default()
+        if sky.catalog == "union":
+            return StarCatalog.union()
+        if sky.synthetic is not None:
+            wanted = sky.synthetic
+            return StarCatalog.synthetic(wanted.n_star, limit_jy=wanted.limit_jy, sky=wanted.sky, seed=wanted.seed)
+        return StarCatalog.read(sky.catalog)
+    except InputError as error:
+        raise InputError(f"sky.catalog: {error}") from None
+
+
+def star_index(scene: Scene, catalog: StarCatalog, device: wp.Device) -> BandIndex:
+    """Index of a catalog, its stars moved to the scene's epoch."""
+    jyear = 2000.0 + (scene.epoch.tt.jd - 2451545.0) / JULIAN_YEAR_DAYS
+    return BandIndex(catalog.at_epoch(jyear, scene.sky.physics), device)
+
+
+def make_stars(
+    scene: Scene, bands: Sequence[str], index: BandIndex, psf: PsfBank, stamp_rule: Any, grid: NodeGrid
+) -> Stars:
+    """Put what the star stage reads on the index's device.
+
+    Args:
+        scene: The scene.
+        bands: Names of the bands, in the order of the images.
+        index: Index of the scene's catalog at its epoch.
+        psf: Point spread functions of the bands; with stamp_rule they say how far a star's light reaches.
+        stamp_rule: When light is left out.
+        grid: Nodes of the scene's tracks.
+    """
+    sky, rows, device = scene.sky, index.star_row, index.device
+    irradiance = np.stack([index.catalog.irradiance_w_cm2(name, sky.physics)[rows] for name in bands])
+    light = wp.array(irradiance.astype(np.float32), dtype=wp.float32, device=device)
+    half_width = _half_width_px(light, psf, stamp_rule)
+    parallax_rad = np.zeros(0)
+    if sky.parallax:
+        # A negative parallax is a measuring error of one near 0.
+        parallax_rad = np.fmax(np.nan_to_num(index.catalog.parallax_mas[rows]), 0.0) * _MAS_RAD
+    margin_px = float(half_width.max(initial=0)) + 1.0
+    field: Any = StarField()
+    field.cell_start = index.cell_start_array
+    field.direction = index.direction_array
+    field.irradiance_w_cm2 = light
+    field.half_width_px = wp.array(half_width, dtype=wp.int32, device=device)
+    field.parallax_rad = wp.array(parallax_rad, dtype=wp.float32, device=device)
+    # The distance to the Sun varies by 2 %: an observer may see a little more than the parallax.
+    field.radius_rad = (
+        scene.camera.half_diagonal_rad(margin_px) + LARGEST_SHIFT_RAD + 1.1 * parallax_rad.max(initial=0.0)
+    )
+    field.cosine = float(np.cos(min(field.radius_rad, np.pi)))
+    kernel = make_gather_stars_kernel(sky.parallax, sky.light_deflection, sky.aberration)
+    return Stars(index, field, _earth_orbit(scene, grid, device), kernel)
+
+
+def _earth_orbit(scene: Scene, grid: NodeGrid, device: wp.Device) -> Any:
+    orbit: Any = EarthOrbit()
+    orbit.barycentric_m = wp.array(scene.tracks.earth_barycentric_m, dtype=wp.vec3d, device=device)
+    orbit.heliocentric_m = wp.array(scene.tracks.earth_heliocentric_m, dtype=wp.vec3d, device=device)
+    orbit.grid = grid
+    return orbit
+
+
+def _half_width_px(irradiance: wp.array, psf: PsfBank, stamp_rule: Any) -> npt.NDArray[np.int32]:
+    """Widest stamp of each star over the bands, by the rule that deposit follows; shape (n_star,)."""
+    if irradiance.size == 0:
+        return np.zeros(irradiance.shape[1], dtype=np.int32)
+    half_width = wp.empty(irradiance.shape, dtype=wp.int32, device=irradiance.device)
+    psf.size_stamps(irradiance, stamp_rule, half_width)
+    return np.asarray(half_width.numpy().max(axis=0))

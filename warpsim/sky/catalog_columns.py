@@ -1,0 +1,235 @@
+"""Columns of a star catalog: from what a user has, arrays or a table, to checked numbers, and back to a table."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from warpsim.errors import InputError
+from warpsim.sky.bands import BANDS
+from warpsim.sky.space_motion import wrapped_deg
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+
+    from warpsim.sky.catalog import StarCatalog
+
+Array = NDArray[np.float64]
+
+BAND_NAMES = tuple(BANDS)
+J2000_JYEAR = 2000.0
+
+LARGEST_FLUX_JY = 1e15
+"""A million times the Sun's at 10 um; more would overflow float32 images."""
+
+FLUX_NONE, FLUX_MEASURED, FLUX_PREDICTED = 0, 1, 2
+"""What a star's flux in a band is: unknown (NaN), as given by the catalog, or filled in by a colour relation."""
+
+NUMBER_UNITS = {
+    "ra_deg": "deg",
+    "dec_deg": "deg",
+    "pm_ra_mas_yr": "mas / yr",
+    "pm_dec_mas_yr": "mas / yr",
+    "parallax_mas": "mas",
+    "temperature_k": "K",
+    "quality": "",
+}
+"""Columns of numbers other than fluxes, with their units, as to_table() names them."""
+
+
+def flux_column(band: str) -> str:
+    """Name of the flux column of a band in a table."""
+    return f"flux_{band}_jy"
+
+
+def flag_column(band: str) -> str:
+    """Name of the column that says what the flux of a band is (FLUX_NONE, FLUX_MEASURED, FLUX_PREDICTED)."""
+    return f"flux_{band}_flag"
+
+
+def checked_columns(
+    numbers: Mapping[str, ArrayLike | None],
+    flux_jy: Mapping[str, ArrayLike],
+    flux_flag: Mapping[str, ArrayLike] | None,
+    id: ArrayLike | None,
+    name: str,
+) -> dict[str, Any]:
+    """Columns that break no rule, of stars that have a place, named as make_catalog() takes them.
+
+    Args:
+        numbers: Columns of NUMBER_UNITS, each (n,); ra_deg and dec_deg must be there, None stands for unknown.
+        flux_jy: Flux density [Jy] by band.
+        flux_flag: What the fluxes are, by band; measured where left out.
+        id: Names; "1", "2", ... if left out.
+        name: Name of the catalog, for the warning about stars without a place.
+
+    Raises:
+        InputError: Shapes that differ, values that are not numbers or out of range, or an unknown band.
+    """
+    ra = _vector(numbers["ra_deg"], "ra_deg")
+    n_star = len(ra)
+    columns = {"ra_deg": ra}
+    for key in NUMBER_UNITS:
+        values = numbers.get(key)
+        if key != "ra_deg":
+            unknown = np.nan if key in ("parallax_mas", "temperature_k") else 0.0
+            columns[key] = np.full(n_star, unknown) if values is None else _vector(values, key)
+    for what, bands in (("flux_jy", flux_jy), ("flux_flag", flux_flag or {})):
+        for band in bands:
+            if band not in BANDS:
+                raise InputError(f"{what}: band must be one of {', '.join(BAND_NAMES)}, got {band!r}")
+    for band in BAND_NAMES:
+        key = flux_column(band)
+        columns[key] = _vector(flux_jy[band], key) if band in flux_jy else np.full(n_star, np.nan)
+        if flux_flag and band in flux_flag:
+            columns[flag_column(band)] = _vector(flux_flag[band], flag_column(band))
+    names = np.arange(1, n_star + 1).astype(np.str_) if id is None else np.array(id).astype(np.str_)
+    for key, values in {**columns, "id": names}.items():
+        if values.shape != (n_star,):
+            raise InputError(f"{key} must have shape ({n_star},) like ra_deg, got {values.shape}")
+
+    placed = np.isfinite(ra) & np.isfinite(columns["dec_deg"])
+    rows = np.flatnonzero(placed)
+    if len(rows) < n_star:
+        warn_left_out(name, n_star, "rows", np.flatnonzero(~placed).tolist())
+        columns = {key: values[placed] for key, values in columns.items()}
+        names = names[placed]
+    _check_range(columns["dec_deg"], -90.0, 90.0, "dec_deg", rows)
+    _check_range(columns["ra_deg"], -180.0, 360.0, "ra_deg", rows)
+    for key in ("pm_ra_mas_yr", "pm_dec_mas_yr", "quality"):
+        columns[key] = np.where(np.isnan(columns[key]), 0.0, columns[key])
+        _check_range(columns[key], -1e9, 1e9, key, rows)
+    _check_range(columns["parallax_mas"], -1e9, 1e9, "parallax_mas", rows)
+    _check_range(columns["temperature_k"], 1.0, 1e9, "temperature_k", rows)
+    for band in BAND_NAMES:
+        _check_range(columns[flux_column(band)], 0.0, LARGEST_FLUX_JY, flux_column(band), rows)
+    flags = {}
+    for band in BAND_NAMES:
+        known = np.isfinite(columns[flux_column(band)])
+        given = columns.get(flag_column(band), np.full(len(rows), float(FLUX_MEASURED)))
+        _check_range(given, FLUX_NONE, FLUX_PREDICTED, flag_column(band), rows)
+        flags[band] = np.where(known, np.where(np.isnan(given), FLUX_MEASURED, given), FLUX_NONE).astype(np.uint8)
+    return {
+        "ra_deg": wrapped_deg(columns["ra_deg"]),
+        "dec_deg": columns["dec_deg"],
+        "pm_ra_mas_yr": columns["pm_ra_mas_yr"],
+        "pm_dec_mas_yr": columns["pm_dec_mas_yr"],
+        "parallax_mas": columns["parallax_mas"],
+        "temperature_k": columns["temperature_k"],
+        "quality": columns["quality"].astype(np.int64),
+        "flux_jy": {band: columns[flux_column(band)] for band in BAND_NAMES},
+        "flux_flag": flags,
+        "id": names,
+    }
+
+
+def warn_left_out(name: str, n_star: int, unit: str, places: list[int]) -> None:
+    """Warn about stars without a finite place: how many, and where they stand (`unit` is rows or lines)."""
+    shown = ", ".join(str(place) for place in places[:5]) + (", ..." if len(places) > 5 else "")
+    text = f"{name}: left out {len(places)} of {n_star} stars without a finite place ({unit} {shown})"
+    warnings.warn(text, stacklevel=2)
+
+
+def columns_of_table(table: Table) -> dict[str, Any]:
+    """Arguments of StarCatalog.from_arrays held by an astropy Table; units are converted, masked values are NaN.
+
+    Raises:
+        InputError: A column is missing, or has another kind of unit.
+    """
+    known = set(table.colnames)
+    fluxes = [flux_column(band) for band in BAND_NAMES]
+    missing = [key for key in ("ra_deg", "dec_deg") if key not in known]
+    if not known.intersection(fluxes):
+        missing.append("one of " + ", ".join(fluxes))
+    if missing:
+        found = ", ".join(table.colnames) or "no columns"
+        raise InputError(f"table: must have the column {' and '.join(missing)}, got {found}")
+    meta = {str(key).lower(): value for key, value in table.meta.items()}  # FITS turns keys to capitals
+    columns: dict[str, Any] = {
+        key: number_column(table, key, unit) for key, unit in NUMBER_UNITS.items() if key in known
+    }
+    flags = {band: flag_column(band) for band in BAND_NAMES if flag_column(band) in known}
+    return columns | {
+        "flux_jy": {band: number_column(table, flux_column(band), "Jy") for band in BAND_NAMES
+                    if flux_column(band) in known},
+        "flux_flag": {band: number_column(table, key, "") for band, key in flags.items()} or None,
+        "id": np.asarray(table["id"]).astype(np.str_) if "id" in known else None,
+        "epoch_jyear": meta.get("epoch_jyear", J2000_JYEAR),
+        "provenance": str(meta.get("provenance", "")),
+    }  # fmt: skip
+
+
+def table_of(catalog: StarCatalog) -> Table:
+    """Return the catalog as an astropy Table that columns_of_table() reads back."""
+    from astropy.table import Table
+
+    table = Table(meta={"name": catalog.name, "epoch_jyear": catalog.epoch_jyear, "provenance": catalog.provenance})
+    for key, unit in NUMBER_UNITS.items():
+        if key not in ("quality", "temperature_k"):
+            table[key] = getattr(catalog, key)
+            table[key].unit = unit
+    for band in BAND_NAMES:
+        table[flux_column(band)] = catalog.flux_jy(band)
+        table[flux_column(band)].unit = "Jy"
+    table["quality"] = catalog.quality
+    table["id"] = catalog.id
+    table["temperature_k"] = catalog.temperature_k
+    table["temperature_k"].unit = "K"
+    for band in BAND_NAMES:
+        table[flag_column(band)] = catalog.flux_flag(band)
+    return table
+
+
+def number_column(table: Table, key: str, unit: str) -> Array:
+    """Return a numeric column in a unit, NaN where masked.
+
+    Raises:
+        InputError: It holds no numbers, or is in a unit that does not convert.
+    """
+    column: Any = table[key]
+    try:
+        values = np.array(getattr(column, "unmasked", column), dtype=np.float64)
+        if column.unit is not None and unit:
+            from astropy.units import Unit
+
+            values = values * Unit(column.unit).to(unit)
+    except (TypeError, ValueError):  # UnitConversionError is a TypeError
+        text = f"numbers in {unit}" if unit else "numbers"
+        raise InputError(f"{key} must be {text}, got {column.dtype} in {column.unit or 'no unit'}") from None
+    mask = getattr(column, "mask", None)
+    return values if mask is None else np.where(np.asarray(mask), np.nan, values)
+
+
+def checked_epoch(epoch_jyear: Any) -> float:
+    """A finite Julian year; InputError otherwise."""
+    try:
+        epoch = float(epoch_jyear)
+    except (TypeError, ValueError):
+        epoch = math.nan
+    if not math.isfinite(epoch):
+        raise InputError(f"epoch_jyear must be a finite number, got {epoch_jyear!r}")
+    return epoch
+
+
+def _vector(values: Any, where: str) -> Array:
+    """Copy to a float64 vector."""
+    try:
+        vector = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{where} must be numbers, got {type(values).__name__}") from None
+    if vector.ndim != 1:
+        raise InputError(f"{where} must be a vector, got shape {vector.shape}")
+    return vector
+
+
+def _check_range(values: Array, low: float, high: float, where: str, rows: NDArray[np.int64]) -> None:
+    """Raise for the first value outside [low, high]; NaN passes. `rows` are the user's row numbers."""
+    bad = np.flatnonzero((values < low) | (values > high))
+    if bad.size:
+        rule = "finite and >= 0" if (low, high) == (0.0, LARGEST_FLUX_JY) else f"in [{low:g}, {high:g}]"
+        raise InputError(f"{where} must be {rule}, got {values[bad[0]]:g} in row {rows[bad[0]]} ({bad.size} such rows)")

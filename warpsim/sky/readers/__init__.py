@@ -1,0 +1,1 @@
+"""Readers of star catalogs: files to tables, tables of known surveys to catalogs."""

@@ -1,0 +1,155 @@
+"""Places in tables of surveys: degrees, sexagesimal text, or hours, minutes and seconds in columns of their own."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.errors import InputError
+from warpsim.sky.catalog_columns import J2000_JYEAR
+from warpsim.sky.readers.survey import SurveyTable, plain_name
+
+Array = NDArray[np.float64]
+Pair = tuple[str, str]
+
+PLACES: tuple[Pair, ...] = (
+    ("RAJ2000", "DEJ2000"),
+    ("RA_ICRS", "DE_ICRS"),
+    ("RAdeg", "DEdeg"),
+    ("ra", "dec"),
+    ("RA", "DE"),
+)
+"""Usual names of right ascension and declination, J2000 or ICRS, in the order of preference."""
+
+PARTS = "parts"
+"""What place_deg() calls a place in columns RAh, RAm, RAs, DE-, DEd, DEm, DEs."""
+
+_MISSING = frozenset({"", "--", "---", "null", "nan", "n/a"})
+_NUMBER = re.compile(r"\d+(\.\d*)?|\.\d+")
+
+
+def place_deg(table: SurveyTable, *pairs: Pair, radians: bool = False) -> tuple[Array, Array, str]:
+    """Right ascension and declination of the first pair of columns that the table has.
+
+    Args:
+        table: The survey's table.
+        pairs: Names of right ascension and declination, in the order of preference; PLACES if left out. After them
+            come the parts of the CDS: RAh, RAm, RAs (or RAds, tenths of a second), DE-, DEd, DEm, DEs.
+        radians: Whether numbers whose column states no unit are radians, not degrees.
+
+    Returns:
+        Right ascension and declination [deg], NaN where missing, shape (n,) each, and the table's own name of the
+        right ascension, or PARTS.
+
+    Raises:
+        InputError: There are no such columns, or a value is no angle.
+    """
+    pairs = pairs or PLACES
+    for right_ascension, declination in pairs:
+        ra_name, dec_name = table.find(right_ascension), table.find(declination)
+        if ra_name is not None and dec_name is not None:
+            ra_deg = angle_deg(table, ra_name, hours=True, radians=radians)
+            return ra_deg, angle_deg(table, dec_name, radians=radians), ra_name
+    if table.find("RAh") and table.find("DEd", "decd"):
+        return *_parts_deg(table), PARTS
+    names = ", ".join(f"{ra} and {dec}" for ra, dec in pairs)
+    found = ", ".join(table.table.colnames)
+    raise InputError(f"must have the columns of a place ({names}, or RAh, RAm, RAs, DE-, DEd, DEm, DEs), got {found}")
+
+
+def epoch_of_place(ra_name: str, survey_epoch_jyear: float) -> float:
+    """Julian year of a place: VizieR's own _RAJ2000, _RA.icrs and RAJ2000 are at 2000.0, proper motion applied."""
+    computed = ra_name.startswith("_") or plain_name(ra_name) == "raj2000"
+    return J2000_JYEAR if computed else survey_epoch_jyear
+
+
+def angle_deg(table: SurveyTable, name: str, *, hours: bool = False, radians: bool = False) -> Array:
+    """A column of angles [deg], shape (n,), NaN where missing.
+
+    Args:
+        table: The survey's table.
+        name: The column: numbers, or text that sexagesimal_deg() reads.
+        hours: Whether sexagesimal text counts hours.
+        radians: Whether numbers whose column states no unit are radians, not degrees.
+
+    Raises:
+        InputError: A value is no angle.
+    """
+    own_name = table.find(name)
+    if own_name is None:
+        return np.full(len(table), np.nan)
+    column = table.table[own_name]
+    if column.dtype.kind in "USO":
+        return sexagesimal_deg(table.text(own_name), own_name, hours)
+    if radians and column.unit is None:
+        return np.degrees(table.number(own_name))
+    return table.number(own_name, unit="deg")
+
+
+def sexagesimal_deg(texts: NDArray[np.str_], where: str, hours: bool) -> Array:
+    """Angles [deg] of texts such as "14 13 22.8", "-00:12:30", "14h13m22.8s", "+19d26m31s" or "213.345", shape (n,).
+
+    One number alone is in degrees. Blank texts are NaN.
+
+    Args:
+        texts: The angles, shape (n,).
+        where: What an error calls them.
+        hours: Whether the first of two or three numbers counts hours, where no letter h or d says so.
+
+    Raises:
+        InputError: A text is no angle.
+    """
+    angles = np.full(len(texts), np.nan)
+    for row, text in enumerate(texts.tolist()):
+        if text.lower() not in _MISSING:
+            angle = _angle(text, hours)
+            if angle is None:
+                raise InputError(f"{where} must be an angle such as 12 34 56.7 or 188.73, got {text!r} in row {row}")
+            angles[row] = angle
+    return angles
+
+
+def _angle(text: str, hours: bool) -> float | None:
+    """Angle [deg] of one text; None if it is none."""
+    body = text.lower()
+    sign = -1.0 if body.startswith("-") else 1.0  # of the text, not of a number: -00 12 30 is negative
+    fields = re.sub(r"[hdms:°'\"]", " ", body.lstrip("+-")).split()
+    if not 1 <= len(fields) <= 3 or len(body) - len(body.lstrip("+-")) > 1:
+        return None
+    if not all(_NUMBER.fullmatch(field) for field in fields) or any("." in field for field in fields[:-1]):
+        return None
+    numbers = [float(field) for field in fields]
+    if any(number > 60.0 for number in numbers[1:]):  # 60 comes from rounding
+        return None
+    in_hours = "h" in body or (hours and len(fields) > 1 and "d" not in body and "°" not in body)
+    angle = sum(number / 60.0**place for place, number in enumerate(numbers))
+    return sign * angle * (15.0 if in_hours else 1.0)
+
+
+def _parts_deg(table: SurveyTable) -> tuple[Array, Array]:
+    """Right ascension and declination [deg] of the columns that the CDS splits places into, shape (n,) each.
+
+    The names say the units, so stated ones are ignored: FITS has no name for tenths of a second.
+    """
+    seconds = _part(table, 60.0, "RAs") if table.find("RAs") else _part(table, 600.0, "RAds") / 10.0
+    ra_hours = _part(table, 24.0, "RAh") + _part(table, 60.0, "RAm") / 60.0 + seconds / 3600.0
+    degrees_text = table.text("DEd", "decd")
+    degrees = np.abs(_part(table, 90.0, "DEd", "decd"))
+    dec = degrees + _part(table, 60.0, "DEm", "decm") / 60.0 + _part(table, 60.0, "DEs", "decs") / 3600.0
+    # The sign stands in a column of its own, because a number cannot say -0 degrees; some tables leave it in DEd.
+    south = (table.text("DE-", "decsign") == "-") | np.char.startswith(degrees_text, "-")
+    return 15.0 * ra_hours, np.where(south, -dec, dec)
+
+
+def _part(table: SurveyTable, largest: float, *names: str) -> Array:
+    """A column of parts, shape (n,): zeros where the table has none (then the part before it has decimals)."""
+    name = table.find(*names)
+    if name is None:
+        return np.zeros(len(table))
+    values = table.number(name)
+    bad = np.flatnonzero(np.abs(values) > largest)
+    if bad.size:
+        raise InputError(f"{name} must be at most {largest:g}, got {values[bad[0]]:g} in row {bad[0]}")
+    return values

@@ -1,0 +1,133 @@
+"""Text tables whose first line names the columns: CSV and its kin, and the tab-separated text of VizieR."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.errors import InputError
+from warpsim.sky.readers.file_table import cds_unit, is_number, quietly
+from warpsim.sky.readers.fixed_width import Lines, lines_of
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+
+_DELIMITERS = ("\t", ",", ";", "|")
+_BLANKS_AT_TAB = re.compile(r" *\t *")
+_DASHES = re.compile(r"^[\s-]*-[\s-]*$")
+
+
+def read_delimited(data: bytes, delimiter: str | None = None) -> tuple[Table, NDArray[np.int64]]:
+    """Table of delimited text; lines that begin with # are comments, a line of units and one of dashes may follow.
+
+    Args:
+        data: The file's content.
+        delimiter: What parts the columns; None tells by the header.
+
+    Returns:
+        The table, and the line of each row, counted from 1.
+
+    Raises:
+        InputError: The first line names no columns, or a line has more or fewer cells than it.
+    """
+    lines = lines_of(data.removeprefix(b"\xef\xbb\xbf"), skip=(b"#",))
+    header = decoded(lines.text[0]) if len(lines) else ""
+    parted_by = delimiter or _delimiter_of(header)
+    if not len(lines) or parted_by is None or not names_columns(header, parted_by):
+        shown = header.strip()[:40]
+        raise InputError(f"cannot be read as a table: no line names its columns, the first is {shown!r}")
+    first = 1
+    units: tuple[str, ...] = ()
+    for number in (1, 2):
+        if number < len(lines) and _DASHES.match(decoded(lines.text[number]).replace(parted_by, " ")):
+            units = tuple(cells_of(decoded(lines.text[1]), parted_by)) if number == 2 else ()
+            first = number + 1
+            break
+    names = cells_of(header, parted_by)
+    rows = [decoded(line) for line in lines.text[first:]]
+    line_of_row = lines.number[first:]
+    check_cells(rows, line_of_row, parted_by, len(names))
+    table = _table_of(header, rows, parted_by)
+    for name, unit in zip(table.colnames, units, strict=False):
+        if table[name].dtype.kind in "iuf" and unit.strip():
+            table[name].unit = cds_unit(unit)
+    return table, line_of_row
+
+
+def names_columns(line: str, delimiter: str | None = None) -> bool:
+    """Whether a line looks like the names of two columns or more: cells that are neither blank nor numbers."""
+    parted_by = delimiter or _delimiter_of(line)
+    cells = [cell.strip() for cell in cells_of(line, parted_by)] if parted_by else []
+    return len(cells) >= 2 and all(cell and not is_number(cell) for cell in cells)
+
+
+def open_end(lines: Lines) -> str | None:
+    """What to say when no line break closes the last line: a number cut short would read as another number."""
+    if not len(lines) or lines.ends_with_break:
+        return None
+    shown = decoded(lines.text[-1]).strip()[-30:]
+    return f"line {lines.number[-1]}: must end with a line break, or the file may be cut off, got {shown!r}"
+
+
+def check_last_line(lines: Lines) -> None:
+    """Raise unless the last line is closed by a line break."""
+    text = open_end(lines)
+    if text is not None:
+        raise InputError(text)
+
+
+def check_cells(rows: Sequence[str], line_of_row: NDArray[np.int64], delimiter: str, n_cell: int) -> None:
+    """Raise for the first row that has more or fewer cells than n_cell, or that begins a second table."""
+    for row, line in enumerate(rows):
+        n_found = len(cells_of(line, delimiter)) if '"' in line or delimiter == " " else line.count(delimiter) + 1
+        if n_found != n_cell:
+            raise InputError(f"line {line_of_row[row]}: must have {n_cell} columns, got {n_found}")
+        if line.startswith("-") and _DASHES.match(line.replace(delimiter, " ")):
+            raise InputError(f"line {line_of_row[row]}: must be a row, got a line of dashes (a second table?)")
+
+
+def cells_of(line: str, delimiter: str) -> list[str]:
+    """Cells of a line; quoted cells may hold the delimiter."""
+    if '"' not in line:
+        return line.split() if delimiter == " " else line.split(delimiter)
+    text = line.strip() if delimiter == " " else line
+    try:
+        return next(csv.reader([text], delimiter=delimiter, skipinitialspace=delimiter != "\t"))
+    except (csv.Error, StopIteration):  # control characters: no row of a table
+        return [text]
+
+
+def decoded(line: bytes) -> str:
+    """Text of a line: UTF-8, or Latin-1 in older files."""
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError:
+        return line.decode("latin-1")
+
+
+def _delimiter_of(header: str) -> str | None:
+    """What parts the cells of a header: the most frequent delimiter, blanks if there is none."""
+    counts = [header.count(delimiter) for delimiter in _DELIMITERS]
+    if any(counts):
+        return _DELIMITERS[int(np.argmax(counts))]
+    return " " if len(header.split()) > 1 else None
+
+
+def _table_of(header: str, rows: Sequence[str], delimiter: str) -> Table:
+    from astropy.io import ascii
+
+    names = [cell.strip() for cell in cells_of(header, delimiter)]
+    doubled = {name for name in names if names.count(name) > 1}
+    if doubled:
+        raise InputError(f"must have columns of different names, got {', '.join(sorted(doubled))} twice")
+    if delimiter == "\t":
+        # To astropy's reader of CSV a tab is a blank: it passes over a cell of blanks, and the next cells move up.
+        lines = [line if '"' in line else _BLANKS_AT_TAB.sub("\t", line.strip(" ")) for line in (header, *rows)]
+        return quietly(lambda: ascii.read(lines, format="tab", guess=False), "text")
+    style = "basic" if delimiter == " " else "csv"
+    return quietly(lambda: ascii.read([header, *rows], format=style, delimiter=delimiter, guess=False), "text")

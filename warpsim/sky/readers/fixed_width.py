@@ -1,0 +1,228 @@
+"""Tables whose columns are bytes of a line: layouts, which layout a file follows, and fast parsing.
+
+A layout says what stands in which bytes, counted from 1 as the CDS does. Layouts of catalogs that come without a
+description are in `layouts`; those of other files are read from their ReadMe (`cds_readme`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.errors import InputError
+from warpsim.sky.readers.file_table import cds_unit, is_number
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+
+_BLANK = 32
+_NUMBER_BYTES = np.zeros(256, dtype=bool)
+_NUMBER_BYTES[list(b" 0123456789+-.eE")] = True
+"""Bytes a number may hold; float() alone also takes "nan", "inf" and "1_0"."""
+
+N_SAMPLE = 50
+"""Lines looked at to recognise a layout."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """One column: its bytes and what they hold."""
+
+    name: str
+    first_byte: int
+    """First byte, counted from 1."""
+
+    last_byte: int
+    """Last byte, included."""
+
+    kind: Literal["number", "whole", "text", "sign"] = "number"
+    """"whole" is a whole number, "sign" is +, - or blank."""
+
+    unit: str = ""
+    null: float | None = None
+    """A number that stands for a missing one; a blank always does."""
+
+    largest: float = np.inf
+    """No number is larger in size."""
+
+    @property
+    def bytes(self) -> str:
+        """Where it stands, for messages: "bytes 26-31"."""
+        if self.first_byte == self.last_byte:
+            return f"byte {self.first_byte}"
+        return f"bytes {self.first_byte}-{self.last_byte}"
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What stands in which bytes of a line."""
+
+    fields: tuple[Field, ...]
+
+    shortest: int
+    """Bytes that every line has."""
+
+    length: int
+    """Bytes of a complete line: a last line without a line break must have them."""
+
+    longest: int = 10**6
+    marks: tuple[tuple[int, str], ...] = ()
+    """Bytes that must hold a given character; they tell the layout from others."""
+
+    survey: str | None = None
+    """The survey it belongs to."""
+
+    def parts_cut_at(self, n_byte: int) -> Field | None:
+        """The number that a line of so many bytes cuts through."""
+        cut = (field for field in self.fields if field.first_byte <= n_byte < field.last_byte)
+        return next((field for field in cut if field.kind in ("number", "whole")), None)
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Lines of a text that hold data, without their line breaks."""
+
+    text: Sequence[bytes]
+    number: NDArray[np.int64]
+    """Where each stands in the file, counted from 1, shape (n,)."""
+
+    ends_with_break: bool
+    """Whether the last of them is closed by a line break."""
+
+    def __len__(self) -> int:
+        return len(self.text)
+
+
+def lines_of(data: bytes, skip: tuple[bytes, ...] = ()) -> Lines:
+    """Lines of a file that are neither blank nor begin with one of `skip`."""
+    rows = data.split(b"\n")
+    kept, numbers = [], []
+    for number, row in enumerate(rows, start=1):
+        line = row.removesuffix(b"\r")
+        if line.strip() and not line.startswith(skip):
+            kept.append(line)
+            numbers.append(number)
+    ends_with_break = not numbers or numbers[-1] < len(rows)
+    return Lines(kept, np.array(numbers, dtype=np.int64), ends_with_break)
+
+
+def recognised(lines: Lines, layouts: Sequence[Layout]) -> Layout | None:
+    """The layout that most of the first lines follow, at least half of them; None if there is none."""
+    sample = lines.text[:N_SAMPLE]
+    best, most = None, 0.0
+    for layout in layouts:
+        share = sum(_follows(line, layout) for line in sample) / max(len(sample), 1)
+        if share >= 0.5 and share > most:
+            best, most = layout, share
+    return best
+
+
+def read_fixed_width(lines: Lines, layout: Layout) -> Table:
+    """Table of the layout's columns, with their units; blanks and nulls are NaN or masked.
+
+    Raises:
+        InputError: A line is too short, or a value is no number or out of range; line, column and bytes are named.
+    """
+    from astropy.table import MaskedColumn, Table
+
+    _check_lengths(lines, layout)
+    chars = _characters(lines, layout)
+    table = Table()
+    for field in layout.fields:
+        values = _values(chars, field, lines)
+        if field.kind == "whole":
+            missing = np.isnan(values)
+            whole = np.where(missing, 0.0, values).astype(np.int64)
+            table[field.name] = MaskedColumn(whole, mask=missing) if missing.any() else whole
+        else:
+            table[field.name] = values
+        if field.unit:
+            table[field.name].unit = cds_unit(field.unit)
+    return table
+
+
+def _follows(line: bytes, layout: Layout) -> bool:
+    """Whether a line has the layout's length, marks and numbers, a number in at least half of its columns."""
+    if not layout.shortest <= len(line) <= layout.longest:
+        return False
+    if any(chr(line[byte - 1]) != mark for byte, mark in layout.marks):
+        return False
+    one = Lines([line], np.ones(1, dtype=np.int64), True)
+    chars = _characters(one, layout)
+    try:
+        columns = [_values(chars, field, one) for field in layout.fields if field.kind != "text"]
+    except InputError:
+        return False
+    numbers = [values for values in columns if values.dtype.kind == "f"]
+    return 2 * sum(bool(np.isfinite(values[0])) for values in numbers) >= len(numbers)
+
+
+def _check_lengths(lines: Lines, layout: Layout) -> None:
+    """Raise for the first line that is too short."""
+    length = np.array([len(line) for line in lines.text], dtype=np.int64)
+    short = np.flatnonzero(length < layout.shortest)
+    if short.size:
+        row = int(short[0])
+        raise InputError(f"line {lines.number[row]}: must have {layout.shortest} bytes, got {length[row]}")
+    for n_byte in np.unique(length[length < layout.length]).tolist():
+        cut = layout.parts_cut_at(n_byte)
+        if cut is not None:
+            line = lines.number[int(np.flatnonzero(length == n_byte)[0])]
+            raise InputError(f"line {line}: column {cut.name} ({cut.bytes}): must be complete, got {n_byte} bytes")
+    if len(lines) and not lines.ends_with_break:
+        # Without a line break the file may have been cut anywhere; other lines may tell how long one is.
+        complete = min([layout.length, *length[:-1].tolist()])
+        if length[-1] < complete:
+            text = f"the file ends in the middle of a line, at {length[-1]} of {complete} bytes"
+            raise InputError(f"line {lines.number[-1]}: {text}")
+
+
+def _characters(lines: Lines, layout: Layout) -> NDArray[np.uint8]:
+    """Bytes of the lines, shape (n, width), padded with blanks to the layout's width."""
+    width = max(field.last_byte for field in layout.fields)
+    packed = np.array([line[:width] for line in lines.text] or [b""], dtype=f"S{width}")[: len(lines)]
+    chars = packed.view(np.uint8).reshape(len(lines), width)
+    return np.where(chars == 0, _BLANK, chars).astype(np.uint8)  # numpy pads with zeros
+
+
+def _values(chars: NDArray[np.uint8], field: Field, lines: Lines) -> NDArray[Any]:
+    """One column, shape (n,): float64 with NaN for missing, or text without blanks at the ends."""
+    block = np.ascontiguousarray(chars[:, field.first_byte - 1 : field.last_byte])
+    text = block.view(f"S{block.shape[1]}")[:, 0]
+    if field.kind == "text":
+        return np.char.strip(np.char.decode(text, "latin-1"))
+    if field.kind == "sign":
+        known = np.isin(text, (b"+", b"-", b" ", b""))
+        if not known.all():
+            raise _bad(field, lines, text, int(np.argmin(known)), "be + or -")
+        return np.char.decode(text, "latin-1")
+    values = np.full(len(text), np.nan)
+    given = ~(block == _BLANK).all(axis=1)
+    plain = _NUMBER_BYTES[block].all(axis=1)
+    if not plain.all():
+        raise _bad(field, lines, text, int(np.argmin(plain)), "be a number")
+    try:
+        values[given] = text[given].astype(np.float64)
+    except ValueError:
+        row = next(row for row in np.flatnonzero(given).tolist() if not is_number(text[row]))
+        raise _bad(field, lines, text, row, "be a number") from None
+    if field.null is not None:
+        values[values == field.null] = np.nan
+    large = np.abs(values) > field.largest
+    if large.any():
+        raise _bad(field, lines, text, int(np.argmax(large)), f"be at most {field.largest:g}")
+    if field.kind == "whole":
+        broken = values != np.where(np.isnan(values), values, np.round(values))
+        broken &= ~np.isnan(values)
+        if broken.any():
+            raise _bad(field, lines, text, int(np.argmax(broken)), "be a whole number")
+    return values
+
+
+def _bad(field: Field, lines: Lines, text: NDArray[np.bytes_], row: int, rule: str) -> InputError:
+    shown = text[row].decode("latin-1").strip()
+    return InputError(f"line {lines.number[row]}: column {field.name} ({field.bytes}): must {rule}, got {shown!r}")

@@ -1,0 +1,77 @@
+"""Gaia DR2 and DR3, as the Gaia archive and VizieR (I/345, I/355) name their columns: band A from G and BP-RP."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.errors import InputError
+from warpsim.sky.catalog_columns import FLUX_PREDICTED
+from warpsim.sky.colours import colour_temperature_k
+from warpsim.sky.readers.angles import Pair, epoch_of_place, place_deg
+from warpsim.sky.readers.photometry import FAIR, UNCERTAIN, count_note, predicted_flux_a_jy, star_names
+from warpsim.sky.readers.survey import Survey, SurveyStars, SurveyTable
+
+Array = NDArray[np.float64]
+
+EPOCH_JYEAR = 2016.0
+"""Of DR3 and EDR3."""
+
+DR2_EPOCH_JYEAR = 2015.5
+
+SATURATED_G_MAG = 3.5
+"""Gaia's magnitudes of brighter stars are saturated."""
+
+_G, _BP, _RP = ("phot_g_mean_mag", "Gmag"), ("phot_bp_mean_mag", "BPmag"), ("phot_rp_mean_mag", "RPmag")
+_BP_RP = ("bp_rp", "BP-RP")
+_PLACES: tuple[Pair, ...] = (("ra", "dec"), ("RA_ICRS", "DE_ICRS"), ("RAJ2000", "DEJ2000"))
+
+
+def _convert(table: SurveyTable) -> SurveyStars:
+    ra_deg, dec_deg, ra_name = place_deg(table, *_PLACES)
+    g_mag = table.needed(*_G, unit="mag")
+    colour = table.number(*_BP_RP, unit="mag")
+    colour = np.where(np.isnan(colour), table.number(*_BP, unit="mag") - table.number(*_RP, unit="mag"), colour)
+    flux_jy, quality = predicted_flux_a_jy("G", g_mag, colour)
+    saturated = (g_mag <= SATURATED_G_MAG) & (quality == FAIR)
+    return SurveyStars(
+        ra_deg=ra_deg,
+        dec_deg=dec_deg,
+        flux_jy={"A": flux_jy},
+        flux_flag={"A": np.full(len(table), FLUX_PREDICTED)},
+        pm_ra_mas_yr=table.number("pmra", unit="mas / yr"),
+        pm_dec_mas_yr=table.number("pmdec", "pmDE", unit="mas / yr"),
+        parallax_mas=table.number("parallax", "Plx", unit="mas"),
+        temperature_k=colour_temperature_k(colour, "BP-RP"),
+        quality=np.where(saturated, UNCERTAIN, quality),
+        id=star_names(table, "Gaia ", "designation", "DR3Name", "DR2Name", "source_id", "Source"),
+        epoch_jyear=epoch_of_place(ra_name, _epoch_jyear(table)),
+        notes=("A from G and BP-RP", *count_note(np.isnan(flux_jy), "have no G, BP or RP, so no flux")),
+    )
+
+
+def _epoch_jyear(table: SurveyTable) -> float:
+    """Reference epoch: the table's own, else that of the release it says it is from, else that of DR3."""
+    name = table.find("ref_epoch", "Epoch")
+    if name is not None:
+        epochs = np.unique(table.number(name))
+        epochs = epochs[~np.isnan(epochs)]
+        if len(epochs) > 1:
+            raise InputError(f"{name} must be the same in all rows, got {epochs[0]:g} and {epochs[-1]:g}")
+        if len(epochs) == 1:
+            return float(epochs[0])
+    names = table.text("designation", "DR2Name")
+    described = " ".join(str(value) for value in table.table.meta.values())
+    from_dr2 = (len(names) > 0 and names[0].startswith("Gaia DR2")) or "I/345" in described or "I_345" in described
+    return DR2_EPOCH_JYEAR if from_dr2 else EPOCH_JYEAR
+
+
+SURVEYS = (
+    Survey(
+        name="gaia",
+        title="Gaia",
+        reference="Gaia Collaboration: DR2 I/345, DR3 I/355 (2023, A&A 674, A1)",
+        needs=(_G, (*_BP_RP, *_BP)),
+        convert=_convert,
+    ),
+)

@@ -1,0 +1,108 @@
+"""A table of one's own: which of its columns holds what, in which unit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from warpsim.errors import InputError
+from warpsim.sky.bands import BANDS
+from warpsim.sky.catalog_columns import BAND_NAMES, J2000_JYEAR, NUMBER_UNITS, flag_column, flux_column
+from warpsim.sky.readers.angles import angle_deg
+from warpsim.sky.readers.file_table import FileTable
+
+_ANGLES = ("ra_deg", "dec_deg")
+
+
+def magnitude_column(band: str) -> str:
+    """Name of a column of magnitudes in a band, against its zero_mag_jy."""
+    return f"mag_{band}"
+
+
+_BRIGHTNESSES = tuple(name(band) for name in (flux_column, magnitude_column) for band in BAND_NAMES)
+COLUMNS = (*NUMBER_UNITS, *_BRIGHTNESSES, *map(flag_column, BAND_NAMES), "id", "epoch_jyear")
+"""Names that the argument `columns` knows; a table that uses them needs no such argument."""
+
+
+def own_columns(table: FileTable) -> dict[str, str]:
+    """The table's columns that go by warpsim's names, whatever their case."""
+    names = {name.lower(): name for name in reversed(table.table.colnames)}
+    return {column: names[column.lower()] for column in COLUMNS if column.lower() in names}
+
+
+def is_own(columns: Mapping[str, str]) -> bool:
+    """Whether columns hold places and a brightness."""
+    return all(name in columns for name in _ANGLES) and any(name in columns for name in _BRIGHTNESSES)
+
+
+def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
+    """The argument `columns`, with the table's own spelling of its columns.
+
+    Raises:
+        InputError: It is no mapping, knows no such name, names a column that the file has not, or leaves out places
+            or every brightness.
+    """
+    if not isinstance(columns, Mapping):
+        raise InputError(f"columns: must be a mapping such as {{'ra_deg': 'RAJ2000'}}, got {type(columns).__name__}")
+    found = ", ".join(table.table.colnames)
+    checked: dict[str, str] = {}
+    for name, column in columns.items():
+        if name not in COLUMNS:
+            raise InputError(f"columns: must be of {', '.join(COLUMNS)}, got {name!r}")
+        own_name = column if column in table.table.colnames else table.find(str(column))
+        if own_name is None:
+            raise InputError(f"columns: {name}: must be a column of the file ({found}), got {column!r}")
+        checked[name] = own_name
+    if not is_own(checked):
+        raise InputError(f"columns: must name ra_deg, dec_deg and a flux or magnitude, got {', '.join(checked)}")
+    for band in BAND_NAMES:
+        if flux_column(band) in checked and magnitude_column(band) in checked:
+            raise InputError(f"columns: must be one of {flux_column(band)} and {magnitude_column(band)}, got both")
+    return checked
+
+
+def arrays_of_columns(table: FileTable, columns: Mapping[str, str]) -> dict[str, Any]:
+    """Arguments of StarCatalog.from_arrays from a table's columns.
+
+    Units of columns are converted; a column without one is in the unit of warpsim's name for it. Right ascension and
+    declination may be sexagesimal text. A flux goes before a magnitude of the same band.
+
+    Args:
+        table: The file's table; its meta may hold epoch_jyear, name and provenance.
+        columns: Name of the table's column by warpsim's name.
+
+    Raises:
+        InputError: A column holds no numbers, or is in a unit that does not convert.
+    """
+    meta = {str(key).lower(): value for key, value in table.table.meta.items()}  # FITS turns keys to capitals
+    arrays: dict[str, Any] = {"flux_jy": {}, "flux_flag": {}}
+    for name, column in columns.items():
+        if name in _ANGLES:
+            arrays[name] = angle_deg(table, column, hours=name == "ra_deg")
+        elif name in NUMBER_UNITS:
+            arrays[name] = table.number(column, unit=NUMBER_UNITS[name])
+    for band in BAND_NAMES:
+        if flux_column(band) in columns:
+            arrays["flux_jy"][band] = table.number(columns[flux_column(band)], unit="Jy")
+        elif magnitude_column(band) in columns:
+            magnitudes = table.number(columns[magnitude_column(band)], unit="mag")
+            arrays["flux_jy"][band] = BANDS[band].zero_mag_jy * 10.0 ** (-0.4 * magnitudes)
+        if flag_column(band) in columns:
+            arrays["flux_flag"][band] = table.number(columns[flag_column(band)])
+    if "id" in columns:
+        arrays["id"] = table.text(columns["id"])
+    epoch = meta.get("epoch_jyear", J2000_JYEAR)
+    return arrays | {
+        "epoch_jyear": _epoch_jyear(table, columns["epoch_jyear"]) if "epoch_jyear" in columns else epoch,
+        "provenance": str(meta.get("provenance", "")),
+    }
+
+
+def _epoch_jyear(table: FileTable, column: str) -> float:
+    """The one epoch of a column."""
+    epochs = np.unique(table.number(column))
+    if len(epochs) > 1 or np.isnan(epochs).any():
+        raise InputError(f"{column}: must be the same year in all rows, got {epochs[0]:g} and {epochs[-1]:g}")
+    return float(epochs[0]) if len(epochs) else J2000_JYEAR

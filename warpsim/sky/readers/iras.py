@@ -1,0 +1,125 @@
+"""IRAS: the Point Source Catalog (II/125) and the Faint Source Catalog (II/156), 12 and 25 um to bands C and E.
+
+IRAS quotes flux densities for a spectrum that falls as 1 / frequency. Those of a star follow by division with a colour
+correction; magnitudes follow from the zero points, and equal magnitudes stand for the neighbouring MSX band.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.errors import InputError
+from warpsim.sky.catalog_columns import FLUX_PREDICTED
+from warpsim.sky.colours import colour_class, magnitude_minus_a
+from warpsim.sky.readers.angles import PARTS, Pair, place_deg
+from warpsim.sky.readers.photometry import (
+    GOOD,
+    UNKNOWN,
+    band_flux_jy,
+    magnitude,
+    measured_quality,
+    positive,
+    star_names,
+)
+from warpsim.sky.readers.survey import Survey, SurveyStars, SurveyTable
+
+Array = NDArray[np.float64]
+
+EPOCH_JYEAR = 1983.5
+
+COLOUR_CORRECTION = {12: 1.43, 25: 1.40}
+"""Flux quoted over flux of a star of 5000 K, by wavelength [um]: IRAS Explanatory Supplement (1988), table VI.C.6.
+Those of stars of 3000 to 10,000 K lie within 2 % of it."""
+
+ZERO_MAG_JY = {12: 28.3, 25: 6.73}
+"""Flux density of magnitude 0, colour corrected (same, VI.C.2)."""
+
+_BAND_UM = {"C": 12, "E": 25}
+_LIMIT, _MODERATE, _HIGH = 1.0, 2.0, 3.0  # q_Fnu
+
+_J2000_PLACES: tuple[Pair, ...] = (
+    ("RAJ2000", "DEJ2000"),
+    ("RA_ICRS", "DE_ICRS"),
+    ("ra", "dec"),
+    ("RA", "DE"),
+)
+_B1950_PLACES: tuple[Pair, ...] = (
+    ("RA1950", "DE1950"),
+    ("ra1950", "dec1950"),
+    ("RAB1950", "DEB1950"),
+    ("RAdeg", "DEdeg"),  # of II/156 and II/275: B1950, unlike elsewhere
+)
+
+
+def _convert(table: SurveyTable) -> SurveyStars:
+    ra_deg, dec_deg, ra_name = place_deg(table, *_J2000_PLACES, *_B1950_PLACES)
+    notes: list[str] = []
+    if ra_name == PARTS or any(table.find(ra) == ra_name for ra, _ in _B1950_PLACES):
+        ra_deg, dec_deg = icrs_of_b1950_deg(ra_deg, dec_deg)
+        notes.append(f"places carried from FK4 B1950, epoch {EPOCH_JYEAR}, to ICRS")
+
+    star_mag, limit_mag, quality = {}, {}, {}
+    for band, um in _BAND_UM.items():
+        quoted_mag = magnitude(table.number(f"Fnu_{um}", unit="Jy") / COLOUR_CORRECTION[um], ZERO_MAG_JY[um])
+        flag_names = (f"q_Fnu_{um}", f"fqual_{um}")
+        # Without its flag a flux may be an upper limit: a table with the flux must have the flag.
+        flag = table.needed(*flag_names) if table.find(f"Fnu_{um}") else table.number(*flag_names)
+        star_mag[band] = np.where(flag >= _MODERATE, quoted_mag, np.nan)
+        limit_mag[band] = np.where(flag == _LIMIT, quoted_mag, np.nan)
+        error_percent = positive(table.number(f"e_Fnu_{um}", f"relunc_{um}", unit="%"))
+        quality[band] = np.where(flag == _HIGH, measured_quality(error_percent / 100.0), GOOD)
+
+    classes = colour_class(np.full(len(table), np.nan))  # IRAS has no colour that tells a star's temperature
+    star_mag["A"] = star_mag["C"] - magnitude_minus_a("C", classes)
+    corrections = ", ".join(f"F{um} divided by {factor:.2f}" for um, factor in COLOUR_CORRECTION.items())
+    notes.append(f"{corrections} (a star of 5000 K; IRAS Explanatory Supplement, table VI.C.6)")
+    quality_e = np.where(np.isnan(star_mag["E"]), UNKNOWN, quality["E"])
+    return SurveyStars(
+        ra_deg=ra_deg,
+        dec_deg=dec_deg,
+        flux_jy={band: band_flux_jy(band, values) for band, values in star_mag.items()},
+        limit_jy={band: band_flux_jy(band, values) for band, values in limit_mag.items()},
+        flux_flag={"A": np.full(len(table), FLUX_PREDICTED)},
+        quality=np.where(np.isnan(star_mag["C"]), quality_e, quality["C"]),
+        id=star_names(table, "IRAS ", "IRAS", "pscname", "fscname"),
+        epoch_jyear=EPOCH_JYEAR,
+        notes=tuple(notes),
+    )
+
+
+def icrs_of_b1950_deg(ra_deg: Array, dec_deg: Array, epoch_jyear: float = EPOCH_JYEAR) -> tuple[Array, Array]:
+    """Carry places from FK4, equinox B1950, as observed at an epoch, to ICRS; no proper motion is applied.
+
+    Args:
+        ra_deg: Right ascension [deg], shape (n,); NaN passes.
+        dec_deg: Declination [deg].
+        epoch_jyear: Year of observation: FK4 turns slowly against ICRS.
+
+    Returns:
+        Right ascension and declination [deg], ICRS, at the same epoch, shape (n,) each.
+
+    Raises:
+        InputError: A declination beyond the poles.
+    """
+    from astropy import units as u
+    from astropy.coordinates import FK4, SkyCoord
+    from astropy.time import Time
+
+    bad = np.flatnonzero(np.abs(dec_deg) > 90.0)
+    if bad.size:
+        raise InputError(f"declination must be in [-90, 90], got {dec_deg[bad[0]]:g} in row {bad[0]}")
+    frame = FK4(equinox=Time("B1950"), obstime=Time(epoch_jyear, format="jyear"))
+    place = SkyCoord(ra_deg * u.deg, dec_deg * u.deg, frame=frame).icrs
+    return np.asarray(place.ra.deg), np.asarray(place.dec.deg)
+
+
+SURVEYS = (
+    Survey(
+        name="iras-psc",
+        title="IRAS Point Source Catalog, or Faint Source Catalog",
+        reference="II/125 (1988, NASA RP-1190), II/156A (Moshir et al. 1990)",
+        needs=(("Fnu_12",), ("q_Fnu_12", "fqual_12")),
+        convert=_convert,
+    ),
+)

@@ -1,0 +1,160 @@
+"""Byte layouts of catalog files that people have without their ReadMe, by the column names of the CDS."""
+
+from __future__ import annotations
+
+from warpsim.sky.readers.fixed_width import Field, Layout
+
+PSC_BANDS = ("B1", "B2", "A", "C", "D", "E")
+"""Bands of the MSX point source catalogs, in the order of VizieR, which is that of wavelength but for A."""
+
+
+def _right_ascension(first_byte: int, seconds: Field) -> tuple[Field, ...]:
+    return (
+        Field("RAh", first_byte, first_byte + 1, "whole", "h", largest=23),
+        Field("RAm", first_byte + 2, first_byte + 3, "whole", "min", largest=59),
+        seconds,
+    )
+
+
+def _declination(first_byte: int, seconds: Field) -> tuple[Field, ...]:
+    # The sign has a column of its own: a number cannot say -0 degrees.
+    return (
+        Field("DE-", first_byte, first_byte, "sign"),
+        Field("DEd", first_byte + 1, first_byte + 2, "whole", "deg", largest=90),
+        Field("DEm", first_byte + 3, first_byte + 4, "whole", "arcmin", largest=59),
+        seconds,
+    )
+
+
+def _msx_irac() -> Layout:
+    """V/98 `msx.dat`, version 4.2.1. Bytes 1-21 and 93-132 hold names and other surveys' data, and are not read."""
+    fluxes = tuple(
+        Field(f"FSIII{band}", 133 + 9 * place, 141 + 9 * place, unit="Jy")
+        for place, band in enumerate(("A", "B1", "B2", "C", "D", "E"))
+    )
+    fields = (
+        *_right_ascension(22, Field("RAs", 26, 31, unit="s", largest=60)),
+        *_declination(32, Field("DEs", 37, 41, unit="arcsec", largest=60)),
+        Field("pmRA", 53, 61),  # seconds of time per century, which no unit name says
+        Field("pmDE", 62, 70),  # arcsec per century
+        Field("SpType", 83, 85, "text"),
+        Field("Vmag", 88, 92, unit="mag"),
+        *fluxes,
+    )
+    return Layout(fields, shortest=186, length=186, longest=400, survey="msx-irac")
+
+
+def _msx_psc_v1() -> Layout:
+    """V/107, version 1.2: a23, 2 f9.4, 2 f4.1, f5.1, i3, then 45 bytes a band, then 3 x 6 flags."""
+    fields = [Field("MSX5C", 1, 23, "text"), Field("RAdeg", 25, 33, unit="deg"), Field("DEdeg", 35, 43, unit="deg")]
+    marks = [(24, " "), (34, " "), (44, " "), (49, " "), (54, " "), (60, " ")]
+    for place, band in enumerate(PSC_BANDS):
+        start = 64 + 45 * place  # of the blank before the flux
+        fields.append(Field(band, start + 1, start + 12, unit="Jy"))
+        fields.append(Field(f"q_{band}", start + 14, start + 14, "whole", largest=4))
+        marks += [(start, " "), (start + 13, " "), (start + 15, " ")]
+    return Layout(tuple(fields), shortest=333, length=354, longest=360, marks=tuple(marks), survey="msx-psc-v1")
+
+
+def _iras_psc() -> Layout:
+    """II/125 `main.dat`, version 2.0; places of B1950."""
+    bands = ("12", "25", "60", "100")
+    fields = (
+        Field("IRAS", 1, 11, "text"),
+        *_right_ascension(12, Field("RAds", 16, 18, "whole", largest=600)),  # tenths of a second
+        *_declination(19, Field("DEs", 24, 25, "whole", "arcsec", largest=60)),
+        *(Field(f"Fnu_{band}", 37 + 9 * place, 45 + 9 * place, unit="Jy") for place, band in enumerate(bands)),
+        *(Field(f"q_Fnu_{band}", 73 + place, 73 + place, "whole", largest=3) for place, band in enumerate(bands)),
+        *(
+            Field(f"e_Fnu_{band}", 81 + 3 * place, 83 + 3 * place, "whole", unit="%")
+            for place, band in enumerate(bands)
+        ),
+        Field("Var", 117, 118, "whole", unit="%"),
+        Field("Confuse", 120, 120, "text"),
+    )
+    return Layout(fields, shortest=139, length=157, longest=170, survey="iras-psc")
+
+
+def _hipparcos() -> Layout:
+    """I/239 `hip_main.dat`; columns stand in fixed bytes between bars."""
+    fields = (
+        Field("HIP", 9, 14, "whole"),
+        Field("Vmag", 42, 46, unit="mag"),
+        Field("RAdeg", 52, 63, unit="deg"),
+        Field("DEdeg", 65, 76, unit="deg", largest=90),
+        Field("Plx", 80, 86, unit="mas"),
+        Field("pmRA", 88, 95, unit="mas/yr"),
+        Field("pmDE", 97, 104, unit="mas/yr"),
+        Field("B-V", 246, 251, unit="mag"),
+        Field("V-I", 261, 264, unit="mag"),
+        Field("Hpmag", 275, 281, unit="mag"),
+        Field("HD", 391, 396, "whole"),
+        Field("SpType", 436, 447, "text"),
+    )
+    bars = (2, 15, 17, 29, 41, 47, 49, 51, 64, 77, 79, 87, 96, 105, 252, 265, 274, 282)
+    marks = tuple((byte, "|") for byte in bars)
+    return Layout(fields, shortest=390, length=449, longest=470, marks=marks, survey="hipparcos")
+
+
+def _hipparcos_2() -> Layout:
+    """I/311 `hip2.dat`; places in radians."""
+    fields = (
+        Field("HIP", 1, 6, "whole"),
+        Field("RArad", 16, 28, unit="rad", largest=6.2832),
+        Field("DErad", 30, 42, unit="rad", largest=1.5708),
+        Field("Plx", 44, 50, unit="mas"),
+        Field("pmRA", 52, 59, unit="mas/yr"),
+        Field("pmDE", 61, 68, unit="mas/yr"),
+        Field("Hpmag", 130, 136, unit="mag"),
+        Field("B-V", 153, 158, unit="mag"),
+        Field("V-I", 166, 171, unit="mag"),
+    )
+    blanks = (7, 11, 13, 15, 29, 43, 51, 60, 69, 76, 83, 90, 97, 104, 129, 137, 152, 159, 165)
+    marks = tuple((byte, " ") for byte in blanks)
+    return Layout(fields, shortest=171, length=276, longest=290, marks=marks, survey="hipparcos-2")
+
+
+def _akari_irc() -> Layout:
+    """II/297 `irc.dat`, version 1."""
+    fields = (
+        Field("objID", 2, 10, "whole"),
+        Field("objName", 12, 25, "text"),
+        Field("RAdeg", 27, 35, unit="deg", largest=360),
+        Field("DEdeg", 37, 45, unit="deg", largest=90),
+        Field("S09", 70, 80, unit="Jy", null=-999.9),
+        Field("S18", 81, 91, unit="Jy", null=-999.9),
+        Field("e_S09", 92, 101, unit="Jy", null=-1000),
+        Field("e_S18", 102, 111, unit="Jy", null=-1000),
+        Field("q_S09", 113, 113, "whole", largest=3),
+        Field("q_S18", 115, 115, "whole", largest=3),
+        Field("f09", 120, 120, "text"),
+        Field("f18", 125, 125, "text"),
+        Field("X09", 161, 162, "whole", null=-1),
+        Field("X18", 164, 165, "whole", null=-1),
+    )
+    blanks = (11, 26, 36, 112, 114, 116, 121, 126)
+    marks = tuple((byte, " ") for byte in blanks)
+    return Layout(fields, shortest=165, length=196, longest=210, marks=marks, survey="akari-irc")
+
+
+LAYOUTS: tuple[Layout, ...] = (
+    _msx_irac(),
+    _msx_psc_v1(),
+    _iras_psc(),
+    _hipparcos(),
+    _hipparcos_2(),
+    _akari_irc(),
+)
+
+FILE_NAMES = {
+    "msx.dat": "msx-irac",
+    "hip_main.dat": "hipparcos",
+    "hip2.dat": "hipparcos-2",
+    "irc.dat": "akari-irc",
+}
+"""Surveys by their archive's file name: what a file is taken for whose lines follow no layout, to say what is wrong."""
+
+
+def layout_of(survey: str) -> Layout | None:
+    """The layout of a survey's own file."""
+    return next((layout for layout in LAYOUTS if layout.survey == survey), None)

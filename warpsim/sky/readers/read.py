@@ -1,0 +1,165 @@
+"""Files to catalogs: which survey a table is from, and what is done to its stars."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warpsim.errors import InputError
+from warpsim.sky.catalog import StarCatalog
+from warpsim.sky.catalog_columns import J2000_JYEAR, flag_column, warn_left_out
+from warpsim.sky.readers import akari, allwise, gaia, hipparcos, iras, msx, twomass
+from warpsim.sky.readers.file_table import FileTable
+from warpsim.sky.readers.files import read_file
+from warpsim.sky.readers.generic import arrays_of_columns, check_columns, is_own, own_columns
+from warpsim.sky.readers.survey import Survey, SurveyStars
+
+SURVEYS: Mapping[str, Survey] = {
+    survey.name: survey for module in (msx, iras, akari, allwise, hipparcos, gaia, twomass) for survey in module.SURVEYS
+}
+"""Surveys known, by the name that the argument `format` takes."""
+
+_LONGEST_MESSAGE = 500
+
+
+def read_catalog(
+    path: str | PathLike[str],
+    format: str | None = None,
+    *,
+    columns: Mapping[str, str] | None = None,
+    readme: str | PathLike[str] | None = None,
+    fill: bool = True,
+) -> StarCatalog:
+    """Read a catalog file; see StarCatalog.read().
+
+    Args:
+        path: File name.
+        format: Name of a survey, or of a kind of file; None tells both by the content.
+        columns: For a table of one's own: its column by warpsim's name for it.
+        readme: ReadMe of a CDS file.
+        fill: Whether bands without a flux are filled by colour relations, in a table without flags of its own.
+
+    Returns:
+        The stars; those of a survey at J2000, those of a table of one's own at its epoch.
+
+    Raises:
+        InputError: One line, beginning with the file's name.
+    """
+    try:
+        where = fspath(path)
+    except TypeError:
+        raise InputError(f"path: must be a file name, got {type(path).__name__}") from None
+    survey = SURVEYS.get(format) if format is not None else None
+    try:
+        if survey is not None and columns is not None:
+            raise InputError(f"columns: must be left out where format names a survey, got format {format!r}")
+        readme_path = None if readme is None else Path(readme)
+        table = read_file(Path(where), None if survey else format, readme_path, survey.name if survey else None)
+        own = own_columns(table) if columns is None else check_columns(columns, table)
+        if columns is not None or (survey is None and is_own(own)):
+            return _own_catalog(table, own, where, fill)
+        return _survey_catalog(table, survey or _survey_of(table), where, fill)
+    except InputError as error:
+        raise InputError(f"{where}: {_shown(str(error))}") from None
+
+
+def _shown(text: str) -> str:
+    """A message cut to one readable line: it may quote a long list of columns, or bytes of a broken file."""
+    plain = "".join(letter if letter.isprintable() else "?" for letter in text)
+    return plain if len(plain) <= _LONGEST_MESSAGE else plain[:_LONGEST_MESSAGE] + " ..."
+
+
+def _survey_of(table: FileTable) -> Survey:
+    """The survey whose columns a table has; of several, the one that asks for most."""
+    if table.survey is not None:
+        return SURVEYS[table.survey]
+    fitting = [survey for survey in SURVEYS.values() if survey.fits(table)]
+    if not fitting:
+        known = ", ".join(SURVEYS)
+        found = ", ".join(table.table.colnames)
+        rule = f"the columns ra_deg, dec_deg and flux_A_jy or the like (argument columns), or those of {known}"
+        raise InputError(f"must have {rule}, got {found}")
+    return max(fitting, key=lambda survey: len(survey.needs))
+
+
+def _own_catalog(table: FileTable, columns: Mapping[str, str], where: str, fill: bool) -> StarCatalog:
+    """Catalog of a table of one's own, at the table's epoch."""
+    if table.open_end is not None:  # people write such files, archives do not
+        warnings.warn(f"{where}: {table.open_end}", stacklevel=4)
+    meta = {str(key).lower(): value for key, value in table.table.meta.items()}
+    arrays = _rows_read(table, lambda: arrays_of_columns(table, columns))
+    catalog = _catalog(table, arrays, where, str(meta.get("name", Path(where).name)))[0]
+    flagged = any(name in columns for name in map(flag_column, arrays["flux_jy"]))
+    return catalog.filled() if fill and not flagged else catalog
+
+
+def _survey_catalog(table: FileTable, survey: Survey, where: str, fill: bool) -> StarCatalog:
+    """Catalog of a survey's table, at J2000."""
+    if table.open_end is not None:
+        raise InputError(table.open_end)
+    for names in survey.needs:
+        if table.find(*names) is None:
+            found = ", ".join(table.table.colnames)
+            raise InputError(f"must have the column {' or '.join(names)} of {survey.name}, got {found}")
+    stars: SurveyStars = _rows_read(table, lambda: survey.convert(table))
+    notes = list(stars.notes)
+    if stars.epoch_jyear != J2000_JYEAR:
+        moves = stars.pm_ra_mas_yr is not None and stars.pm_dec_mas_yr is not None
+        moved = "carried to J2000" if moves else "taken for those of J2000: there are no proper motions"
+        notes.append(f"places of {stars.epoch_jyear:g} {moved}")
+    arrays = {
+        "ra_deg": stars.ra_deg,
+        "dec_deg": stars.dec_deg,
+        "flux_jy": stars.flux_jy,
+        "flux_flag": stars.flux_flag,
+        "pm_ra_mas_yr": stars.pm_ra_mas_yr,
+        "pm_dec_mas_yr": stars.pm_dec_mas_yr,
+        "parallax_mas": stars.parallax_mas,
+        "temperature_k": stars.temperature_k,
+        "quality": stars.quality,
+        "id": stars.id,
+        "epoch_jyear": stars.epoch_jyear,
+        "provenance": "; ".join([f"{survey.title}, {survey.reference}", *notes]),
+    }
+    catalog, rows = _catalog(table, arrays, where, f"{survey.name} ({Path(where).name})")
+    if fill:
+        catalog = catalog.filled({band: limit_jy[rows] for band, limit_jy in stars.limit_jy.items()})
+    return catalog.at_epoch(J2000_JYEAR)
+
+
+def _catalog(table: FileTable, arrays: dict[str, Any], where: str, name: str) -> tuple[StarCatalog, Any]:
+    """Catalog of the rows that have a place, and these rows; a warning tells where the others stand."""
+    placed = np.isfinite(arrays["ra_deg"]) & np.isfinite(arrays["dec_deg"])
+    rows = np.flatnonzero(placed)
+    if len(rows) < len(placed):
+        lost = np.flatnonzero(~placed)
+        lines = table.line_of_row
+        unit, places = ("rows", lost) if lines is None else ("lines", lines[lost])
+        warn_left_out(where, len(placed), unit, places.tolist())
+
+    if arrays.get("id") is None:
+        arrays["id"] = np.arange(1, len(placed) + 1)  # of the file's rows, whichever of them stay
+
+    def kept(values: Any) -> Any:
+        if isinstance(values, dict):
+            return {band: kept(band_values) for band, band_values in values.items()}
+        return values[rows] if isinstance(values, np.ndarray) else values
+
+    try:
+        catalog = StarCatalog.from_arrays(**{key: kept(values) for key, values in arrays.items()}, name=name)
+    except InputError as error:
+        raise InputError(table.with_lines(str(error), rows)) from None
+    return catalog, rows
+
+
+def _rows_read(table: FileTable, read: Any) -> Any:
+    """What `read` returns; rows named by its error are turned into lines."""
+    try:
+        return read()
+    except InputError as error:
+        raise InputError(table.with_lines(str(error))) from None

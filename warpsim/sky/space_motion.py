@@ -1,0 +1,100 @@
+"""Where stars are at another epoch: rigorous space motion, and the paper's linear one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_MAS_RAD = math.pi / 180.0 / 3.6e6
+
+
+def unit_vectors(ra_deg: Array, dec_deg: Array) -> Array:
+    """Unit vectors of right ascension and declination [deg], ICRS axes, shape (n, 3)."""
+    ra_rad, dec_rad = np.radians(ra_deg), np.radians(dec_deg)
+    cos_dec = np.cos(dec_rad)
+    return np.stack([cos_dec * np.cos(ra_rad), cos_dec * np.sin(ra_rad), np.sin(dec_rad)], axis=-1)
+
+
+def place_of(direction: Array) -> tuple[Array, Array]:
+    """Right ascension in [0, 360) and declination [deg] of vectors of any length, shape (n,) each."""
+    x, y, z = direction.T
+    return wrapped_deg(np.degrees(np.arctan2(y, x))), np.degrees(np.arctan2(z, np.hypot(x, y)))
+
+
+def wrapped_deg(angle_deg: Array) -> Array:
+    """Angles in [0, 360) [deg]; a tiny negative one, whose remainder rounds to 360, is 0."""
+    wrapped = angle_deg % 360.0
+    return np.where(wrapped == 360.0, 0.0, wrapped)
+
+
+def rigorous_motion(
+    ra_deg: Array, dec_deg: Array, pm_ra_mas_yr: Array, pm_dec_mas_yr: Array, years: float
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Move stars at constant velocity in space, without radial part.
+
+    u(t) = normalize(u0 + t (mu_ra p + mu_dec q)), p east and q north (ESA 1997, SP-1200 vol. 1, eq. 1.2.16 without
+    parallax and light time). Radial velocities are left out: perspective moves Barnard's star, the worst, by 0.6 mas
+    times the square of the years.
+
+    Args:
+        ra_deg: Right ascension [deg], shape (n,).
+        dec_deg: Declination [deg].
+        pm_ra_mas_yr: Proper motion in right ascension, cos(dec) included [mas/yr].
+        pm_dec_mas_yr: Proper motion in declination [mas/yr].
+        years: Julian years to move by.
+
+    Returns:
+        Right ascension and declination [deg], their proper motions [mas/yr] at the new epoch, and the distance there
+        relative to the one before, shape (n,) each.
+    """
+    east, north = _tangent(ra_deg, dec_deg)
+    rate = _MAS_RAD * (pm_ra_mas_yr[:, None] * east + pm_dec_mas_yr[:, None] * north)
+    place = unit_vectors(ra_deg, dec_deg) + years * rate
+    distance = np.linalg.norm(place, axis=1)
+    ra_deg, dec_deg = place_of(place)
+    east, north = _tangent(ra_deg, dec_deg)
+    pm_ra = np.sum(rate * east, axis=1) / distance / _MAS_RAD
+    pm_dec = np.sum(rate * north, axis=1) / distance / _MAS_RAD
+    return ra_deg, dec_deg, pm_ra, pm_dec, distance
+
+
+def paper_motion(
+    ra_deg: Array, dec_deg: Array, pm_ra_mas_yr: Array, pm_dec_mas_yr: Array, years: float
+) -> tuple[Array, Array]:
+    """Move right ascension and declination linearly in time: Eq. 5 of the paper.
+
+    alpha = alpha0 + mu_alpha t, delta = delta0 + mu_delta t, with mu_alpha the rate of the angle itself: the proper
+    motion without cos(dec). A fast star close to a pole goes astray: Eq. 5 winds it round the pole on a spiral. A
+    declination beyond 90 degrees is read as a way over the pole.
+
+    Args:
+        ra_deg: Right ascension [deg], shape (n,).
+        dec_deg: Declination [deg].
+        pm_ra_mas_yr: Proper motion in right ascension, cos(dec) included [mas/yr].
+        pm_dec_mas_yr: Proper motion in declination [mas/yr].
+        years: Julian years to move by.
+
+    Returns:
+        Right ascension and declination [deg], shape (n,) each.
+    """
+    rate = np.divide(pm_ra_mas_yr, np.cos(np.radians(dec_deg)), out=np.zeros_like(ra_deg), where=np.abs(dec_deg) < 90.0)
+    ra_deg = ra_deg + rate * years / 3.6e6
+    dec_deg = dec_deg + pm_dec_mas_yr * years / 3.6e6
+    over = np.abs(dec_deg) > 90.0
+    ra_over, dec_over = place_of(unit_vectors(ra_deg[over], dec_deg[over]))
+    ra_deg = wrapped_deg(ra_deg)
+    ra_deg[over], dec_deg[over] = ra_over, dec_over
+    return ra_deg, dec_deg
+
+
+def _tangent(ra_deg: Array, dec_deg: Array) -> tuple[Array, Array]:
+    """Unit vectors to the east and north of each star, shape (n, 3); at a pole they follow the right ascension."""
+    ra_rad, dec_rad = np.radians(ra_deg), np.radians(dec_deg)
+    sin_ra, cos_ra, sin_dec, cos_dec = np.sin(ra_rad), np.cos(ra_rad), np.sin(dec_rad), np.cos(dec_rad)
+    east = np.stack([-sin_ra, cos_ra, np.zeros_like(ra_rad)], axis=-1)
+    north = np.stack([-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec], axis=-1)
+    return east, north
