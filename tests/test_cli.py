@@ -298,7 +298,7 @@ def test_catalog_converts(capsys, tmp_path, stars_csv, suffix):
     out_path = tmp_path / f"out{suffix}"
     code, out, _ = run(capsys, "catalog", stars_csv, "-o", out_path)
     assert code == 0
-    assert out.endswith(f"3 stars at J2000.0 written to {out_path}\n")
+    assert out.endswith(f"3 stars at J2000.0 in {out_path}\n")
     with pytest.warns(UserWarning, match="left out 1 of 4"):
         before = ws.StarCatalog.read(stars_csv)
     after = ws.StarCatalog.read(out_path)
@@ -374,7 +374,7 @@ def test_catalog_makes_synthetic_stars(capsys):
         (["union", "--format", "fits"], "--format: is for files only, got union"),
         (["stars.csv", "--n-star", "5"], "--n-star: is for synthetic only, got stars.csv"),
         (["default", "--seed", "5"], "--seed: is for synthetic only, got default"),
-        (["synthetic"], "--n-star: is needed for synthetic"),
+        (["synthetic"], "--n-star, --limit-jy: exactly one must be given with synthetic"),
         (["synthetic", "--n-star", "many"], "--n-star: must be a whole number, got 'many'"),
         (["synthetic", "--n-star", "-5"], "n_star must be a whole number from 1"),
         (["synthetic", "--n-star", "5", "--seed", "x"], "--seed: must be a whole number, got 'x'"),

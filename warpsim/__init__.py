@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from warpsim.orbit.access import AccessConstraints as AccessConstraints
     from warpsim.orbit.arc import BallisticArc as BallisticArc
     from warpsim.orbit.walker import Walker as Walker
+    from warpsim.output.catalog_file import write_catalog as write_catalog
     from warpsim.output.fits_cube import read_cube as read_cube
     from warpsim.output.run import render_to_folder as render_to_folder
     from warpsim.render.deposit import deposit as deposit
@@ -51,6 +52,7 @@ _HOME = {
     "read_cube": "warpsim.output.fits_cube",
     "measure_fps": "warpsim.render.speed",
     "StarCatalog": "warpsim.sky.catalog",
+    "write_catalog": "warpsim.output.catalog_file",
     "BandIndex": "warpsim.sky.band_index",
     "apparent_direction": "warpsim.sky.apparent",
     "PHYSICS": "warpsim.sky.radiometry",

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import ctypes.util
-import importlib.util
+import math
 import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from warpsim.errors import InputError
 
@@ -39,6 +39,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("warpsim: interrupted; the same command goes on where it stopped", file=sys.stderr)
         return 130
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    """One line, without the place in the code."""
+    print(f"warpsim: warning: {' '.join(str(message).split())}", file=sys.stderr)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -89,6 +94,8 @@ def _add_catalog(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--columns", metavar="PAIRS", help="what is in which column: ra_deg=RAJ2000,flux_A_jy=F8")
     parser.add_argument("--no-fill", action="store_true", help="leave bands without a flux unknown")
     parser.add_argument("--n-star", metavar="N", help="number of stars of the synthetic catalog")
+    parser.add_argument("--limit-jy", metavar="JY", help="instead: flux density of its faintest star in band A")
+    parser.add_argument("--sky", metavar="NAME", help="its density: astrometric (the default) or infrared")
     parser.add_argument("--seed", metavar="N", help="seed of the synthetic catalog, 0 if left out")
     parser.add_argument("-o", "--output", metavar="OUT", help="also write the catalog: .fits, .ecsv, .vot or .csv")
     parser.add_argument("--plot", metavar="PNG", help="also draw the number of stars by band and magnitude")
@@ -163,23 +170,25 @@ def _check(options: argparse.Namespace) -> int:
 def _catalog(options: argparse.Namespace) -> int:
     from warpsim.output.catalog_file import FORMAT_OF_SUFFIX, check_new_file, write_catalog
     from warpsim.output.catalog_report import catalog_report
+    from warpsim.plot.sky import need_matplotlib
 
     output, picture = (Path(name) if name else None for name in (options.output, options.plot))
     if output:
         check_new_file(output, tuple(FORMAT_OF_SUFFIX), options.overwrite)
     if picture:
         check_new_file(picture, (".png", ".pdf", ".svg"), options.overwrite)
-        if importlib.util.find_spec("matplotlib") is None:
-            raise InputError("--plot: needs matplotlib, which the extra `plot` brings: pip install 'warpsim[plot]'")
+        need_matplotlib("--plot")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         catalog = _load_catalog(options)
-    print(catalog_report(catalog, [str(warning.message) for warning in caught]))
-    if output:
-        written = write_catalog(catalog, output, options.overwrite)
-        print(f"\n{len(written):,} stars at J{written.epoch_jyear} written to {output}")
+    # Files before words: a reader that closes the pipe early (head) must not cost a file.
+    written = write_catalog(catalog, output, options.overwrite) if output else None
     if picture:
         _draw_counts(catalog, picture)
+    print(catalog_report(catalog, [str(warning.message) for warning in caught]))
+    if written is not None:
+        print(f"\n{len(written):,} {'star' if len(written) == 1 else 'stars'} at J{written.epoch_jyear} in {output}")
+    if picture:
         print(f"picture in {picture}")
     return 0
 
@@ -189,7 +198,8 @@ def _load_catalog(options: argparse.Namespace) -> StarCatalog:
     from warpsim.sky.catalog import StarCatalog
 
     name = options.catalog
-    if name != "synthetic" and (given := [option for option in ("n_star", "seed") if getattr(options, option)]):
+    made_up = ("n_star", "limit_jy", "sky", "seed")
+    if name != "synthetic" and (given := [option for option in made_up if getattr(options, option)]):
         raise InputError(f"--{given[0].replace('_', '-')}: is for synthetic only, got {name}")
     if name in ("default", "union", "synthetic"):
         for option in ("format", "readme", "columns", "no_fill"):
@@ -200,10 +210,14 @@ def _load_catalog(options: argparse.Namespace) -> StarCatalog:
     if name == "union":
         return StarCatalog.union()
     if name == "synthetic":
-        if options.n_star is None:
-            raise InputError("--n-star: is needed for synthetic")
-        seed = 0 if options.seed is None else _whole_number("--seed", options.seed)
-        return StarCatalog.synthetic(_whole_number("--n-star", options.n_star), seed=seed)
+        if (options.n_star is None) == (options.limit_jy is None):
+            raise InputError("--n-star, --limit-jy: exactly one must be given with synthetic, such as --n-star 1000000")
+        return StarCatalog.synthetic(
+            None if options.n_star is None else _whole_number("--n-star", options.n_star),
+            limit_jy=None if options.limit_jy is None else _number("--limit-jy", options.limit_jy),
+            sky=options.sky or "astrometric",
+            seed=0 if options.seed is None else _whole_number("--seed", options.seed),
+        )
     columns = None if options.columns is None else _column_names(options.columns)
     return StarCatalog.read(name, options.format, columns=columns, readme=options.readme, fill=not options.no_fill)
 
@@ -230,10 +244,21 @@ def _column_names(text: str) -> dict[str, str]:
 
 
 def _whole_number(where: str, text: str) -> int:
+    """A whole number such as 1000000 or 1e6."""
     try:
-        return int(text)
+        number = float(text)
     except ValueError:
-        raise InputError(f"{where}: must be a whole number, got {text!r}") from None
+        number = math.nan
+    if not number.is_integer():
+        raise InputError(f"{where}: must be a whole number, got {text!r}")
+    return int(number)
+
+
+def _number(where: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{where}: must be a number, got {text!r}") from None
 
 
 def _bench(options: argparse.Namespace) -> int:
@@ -271,6 +296,7 @@ def _frame_numbers(text: str | None, count: int) -> list[int] | None:
 
 def run() -> None:
     """Entry point of the `warpsim` command."""
+    warnings.showwarning = _show_warning
     sys.exit(main())
 
 

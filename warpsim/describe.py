@@ -91,6 +91,12 @@ def _whole_number(value: Any) -> Any:
     return value
 
 
+def _true_or_false(value: Any) -> Any:
+    if not isinstance(value, bool | np.bool_):
+        raise PydanticCustomError("switch", "must be true or false")
+    return bool(value)
+
+
 def open_interval(low: float, high: float) -> AfterValidator:
     """Rule: low < value < high."""
     return AfterValidator(_in_interval(low, high, True, True))
@@ -111,6 +117,7 @@ Integer = Annotated[int, BeforeValidator(_whole_number)]
 Count = Annotated[Integer, AfterValidator(_in_interval(1, math.inf, False, True)), closed_interval(1, 10**9)]
 Group = Annotated[Count, closed_interval(1, 100_000)]
 """A number of satellites or targets."""
+Switch = Annotated[bool, BeforeValidator(_true_or_false)]
 Vector = tuple[Number, Number, Number]
 
 def as_tuple(value: Any) -> Any:

@@ -36,10 +36,10 @@ def check_new_file(path: Path, suffixes: tuple[str, ...], overwrite: bool) -> No
     if path.is_dir():
         raise InputError(f"{path}: cannot be written: is a folder")
     if path.exists() and not overwrite:
-        raise InputError(f"{path}: is there already; choose another name or pass --overwrite")
+        raise InputError(f"{path}: is there already; choose another name, or pass --overwrite (overwrite=True)")
 
 
-def write_catalog(catalog: StarCatalog, path: Path, overwrite: bool = False) -> StarCatalog:
+def write_catalog(catalog: StarCatalog, path: str | Path, overwrite: bool = False) -> StarCatalog:
     """Write a catalog as a table that StarCatalog.read() takes as it is; whole or not at all.
 
     CSV and VOTable keep no epoch: there the stars are moved to J2000.0, which readers assume.
@@ -55,6 +55,7 @@ def write_catalog(catalog: StarCatalog, path: Path, overwrite: bool = False) -> 
     Raises:
         InputError: See check_new_file().
     """
+    path = Path(path)
     check_new_file(path, tuple(FORMAT_OF_SUFFIX), overwrite)
     format = FORMAT_OF_SUFFIX[path.suffix.lower()]
     if format in _WITHOUT_META:

@@ -58,7 +58,10 @@ def _sky_lines(scene: Scene) -> list[str]:
     catalog, sky = load_catalog(scene), scene.sky
     lit = {name: int(np.count_nonzero(catalog.irradiance_w_cm2(name, sky.physics))) for name in scene.bands}
     bands = ", ".join(f"{name} {n:,}" for name, n in lit.items())
-    lines = [f"  sky        catalog {sky.catalog}: {_count(len(catalog), 'star')}, with light in band {bands}"]
+    papers = ", the paper's physics" if sky.physics == "paper" else ""
+    lines = [f"  sky        catalog {sky.catalog}: {_count(len(catalog), 'star')}, with light in band {bands}{papers}"]
+    if sky.catalog != "none" and not any(lit.values()):
+        lines.append("  warning    no star of the catalog gives light in these bands")
     parallax_arcsec = float(np.nan_to_num(catalog.parallax_mas).max(initial=0.0)) / 1e3
     from_sun_deg = scene.access_rules.min_solar_exclusion_deg
     deflection_arcsec, where = LIMB_DEFLECTION_ARCSEC, "at the Sun's limb"

@@ -5,6 +5,7 @@ Every function draws on axes that are given to it, or else on a new pyplot figur
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -27,6 +28,10 @@ STARS_PER_PIXEL = 30
 """Of a density map, on average: scatter 18 %."""
 PIXEL_DEG_RANGE = (1.0, 10.0)
 
+FEW_STARS = 300
+"""Drawn as points in a density map, where a count per square would not show them."""
+
+_BY_WAVELENGTH = ("B1", "B2", "A", "C", "D", "E")
 _SCHEME_DEG = 10  # cells of the drawn partitions; those of one degree would be too small to see
 _SCHEME_VIEWS = ((-60.0, 10.0), (-60.0, 48.0), (-60.0, 72.0))  # longitude and latitude [deg] of the views drawn
 _GLOBE_LATITUDE_DEG = 35.0  # from where the drawn spheres are seen
@@ -35,7 +40,7 @@ _FAINT = "0.6"
 
 
 def plot_star_counts(
-    catalog: StarCatalog, bands: Sequence[str] = ("A", "B1", "B2", "C", "D", "E"), ax: Axes | None = None
+    catalog: StarCatalog, bands: Sequence[str] = ("B1", "B2", "A", "C", "D", "E"), ax: Axes | None = None
 ) -> Axes:
     """Draw the number of stars by band and whole magnitude (the paper's Fig. 5); m counts from m to below m + 1.
 
@@ -51,19 +56,21 @@ def plot_star_counts(
         raise InputError("bands: must name at least one")
     counts = {band: magnitude_counts(catalog, band) for band in bands}
     ax = ax or _new_axes(8.5, 4.8)
-    wavelengths_um = sorted(BANDS[band].isophotal_um for band in counts)
     width = 0.86 / len(counts)
     for number, (band, (magnitudes, n_star)) in enumerate(counts.items()):
-        wavelength_um = BANDS[band].isophotal_um
-        shade = wavelengths_um.index(wavelength_um) / max(1, len(counts) - 1)
         left = magnitudes + 0.07 + number * width
-        label = f"{band}, {wavelength_um:.2f} um" + ("" if len(n_star) else ": no fluxes")
-        ax.bar(left, n_star, width, align="edge", color=_colour_map("plasma")(0.05 + 0.85 * shade), label=label)
+        label = f"{band}, {BANDS[band].isophotal_um:.2f} um" + ("" if len(n_star) else ": no fluxes")
+        # A band has its colour whatever it is drawn with; short wavelengths are dark.
+        colour = _colour_map("plasma")(0.05 + 0.85 * _BY_WAVELENGTH.index(band) / (len(_BY_WAVELENGTH) - 1))
+        ax.bar(left, n_star, width, align="edge", color=colour, label=label)
     drawn = [magnitudes for magnitudes, _ in counts.values() if len(magnitudes)]
     if drawn:
         first, last = min(m[0] for m in drawn), max(m[-1] for m in drawn) + 1
         step = max(1, -(-(last - first) // 25))
         ax.set(xlim=(first, last), xticks=range(first, last + 1, step), yscale="log", ylim=(0.7, None))
+    else:
+        ax.text(0.5, 0.5, "no star has a flux", ha="center", transform=ax.transAxes)
+        ax.set(xticks=[], yticks=[])
     ax.set(xlabel="magnitude in the band (one group of bars per whole magnitude)", ylabel="number of stars")
     ax.set_title(f"{catalog.name}: {len(catalog):,} stars")
     ax.grid(axis="y", alpha=0.3)
@@ -95,7 +102,8 @@ def plot_sky_density(
     """Draw the number of stars per square degree over the whole sky.
 
     Mollweide's projection keeps areas: stars are counted in equal squares of the drawn plane, large enough to hold
-    about 30 on average. Longitude grows to the left, as the sky is seen from inside.
+    about 30 on average; up to 300 stars are drawn as points as well. Longitude grows to the left, as the sky is seen
+    from inside.
 
     Args:
         catalog: The stars.
@@ -125,6 +133,8 @@ def plot_sky_density(
         interpolation="nearest",
     )  # fmt: skip
     image.set_clip_path(Ellipse((0, 0), 4 * np.sqrt(2), 2 * np.sqrt(2), transform=ax.transData))
+    if len(catalog) <= FEW_STARS:
+        ax.plot(*mollweide(*_longitude_latitude_deg(catalog, frame)), ".", color="white", markersize=4)
     _draw_graticule(ax)
     name = {"galactic": ("l", "b"), "equatorial": ("RA", "dec")}[frame]
     ax.set(xlim=(-2.95, 2.95), ylim=(-1.6, 1.5), aspect="equal")
@@ -318,6 +328,16 @@ def _paler(colour: str) -> tuple[float, ...]:
     return tuple(0.35 * part + 0.65 for part in to_rgb(colour))
 
 
+def need_matplotlib(where: str) -> None:
+    """Say in one line what is missing, before a picture is begun.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
+    if importlib.util.find_spec("matplotlib") is None:
+        raise InputError(f"{where}: needs matplotlib, which the extra `plot` brings: pip install 'warpsim[plot]'")
+
+
 def _colour_map(name: str) -> Any:
     from matplotlib import colormaps
 
@@ -326,6 +346,7 @@ def _colour_map(name: str) -> Any:
 
 def _new_axes(width: float, height: float) -> Axes:
     """Axes of a new pyplot figure [inch]."""
+    need_matplotlib("plot")
     from matplotlib import pyplot as plt
 
     _, ax = plt.subplots(figsize=(width, height), layout="constrained")

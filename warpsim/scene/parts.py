@@ -13,6 +13,7 @@ from warpsim.describe import (
     Integer,
     NonNegative,
     Positive,
+    Switch,
     as_tuple,
     closed_interval,
     part,
@@ -111,9 +112,9 @@ class Sky:
     catalog: str = "default"
     synthetic: SyntheticStars | None = None
     physics: Literal["physical", "paper"] = "physical"
-    aberration: bool = True
-    parallax: bool = False
-    light_deflection: bool = False
+    aberration: Switch = True
+    parallax: Switch = False
+    light_deflection: Switch = False
 
     @model_validator(mode="after")
     def _synthetic_is_described(self) -> Sky:

@@ -260,7 +260,7 @@ class StarCatalog:
         return len(self.ra_deg)
 
     def __repr__(self) -> str:
-        return f"StarCatalog({self.name!r}, {len(self)} stars, epoch {self.epoch_jyear})"
+        return f"StarCatalog({self.name!r}, {len(self)} star{'' if len(self) == 1 else 's'}, epoch {self.epoch_jyear})"
 
     @functools.cached_property
     def id(self) -> NDArray[np.str_]:
