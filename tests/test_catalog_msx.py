@@ -222,7 +222,7 @@ def broken(line, first, last, text):
         (32, 32, "*", "line 3: column DE- (byte 32): must be + or -, got '*'"),
         (33, 34, "91", "line 3: column DEd (bytes 33-34): must be at most 90, got '91'"),
         (133, 141, "1.5e", "line 3: column FSIIIA (bytes 133-141): must be a number, got '1.5e'"),
-        (178, 186, "-1.25", "flux_E_jy must be finite and >= 0, got -1.25 in line 3 (1 such rows)"),
+        (178, 186, "-1.25", "flux_E_jy must be in [0, 1e+15], got -1.25 in line 3 (1 such row)"),
         (34, 41, "00000.00", None),
     ],
 )

@@ -231,5 +231,6 @@ def _check_range(values: Array, low: float, high: float, where: str, rows: NDArr
     """Raise for the first value outside [low, high]; NaN passes. `rows` are the user's row numbers."""
     bad = np.flatnonzero((values < low) | (values > high))
     if bad.size:
-        rule = "finite and >= 0" if (low, high) == (0.0, LARGEST_FLUX_JY) else f"in [{low:g}, {high:g}]"
-        raise InputError(f"{where} must be {rule}, got {values[bad[0]]:g} in row {rows[bad[0]]} ({bad.size} such rows)")
+        such = "1 such row" if bad.size == 1 else f"{bad.size} such rows"
+        got = f"got {values[bad[0]]:g} in row {rows[bad[0]]} ({such})"
+        raise InputError(f"{where} must be in [{low:g}, {high:g}], {got}")

@@ -52,11 +52,16 @@ def place_deg(table: SurveyTable, *pairs: Pair, radians: bool = False) -> tuple[
         if ra_name is not None and dec_name is not None:
             ra_deg = angle_deg(table, ra_name, hours=True, radians=radians)
             return ra_deg, angle_deg(table, dec_name, radians=radians), ra_name
-    if table.find("RAh") and table.find("DEd", "decd"):
+    if has_parts(table):
         return *_parts_deg(table), PARTS
     names = ", ".join(f"{ra} and {dec}" for ra, dec in pairs)
     found = ", ".join(table.table.colnames)
     raise InputError(f"must have the columns of a place ({names}, or RAh, RAm, RAs, DE-, DEd, DEm, DEs), got {found}")
+
+
+def has_parts(table: SurveyTable) -> bool:
+    """Whether the table has places in the parts of the CDS."""
+    return bool(table.find("RAh") and table.find("DEd", "decd"))
 
 
 def epoch_of_place(ra_name: str, survey_epoch_jyear: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,8 +11,9 @@ import numpy as np
 from warpsim.errors import InputError
 from warpsim.sky.bands import BANDS
 from warpsim.sky.catalog_columns import BAND_NAMES, J2000_JYEAR, NUMBER_UNITS, flag_column, flux_column
-from warpsim.sky.readers.angles import angle_deg
+from warpsim.sky.readers.angles import angle_deg, has_parts, place_deg
 from warpsim.sky.readers.file_table import FileTable
+from warpsim.sky.readers.survey import plain_name
 
 _ANGLES = ("ra_deg", "dec_deg")
 
@@ -32,17 +34,21 @@ def own_columns(table: FileTable) -> dict[str, str]:
     return {column: names[column.lower()] for column in COLUMNS if column.lower() in names}
 
 
-def is_own(columns: Mapping[str, str]) -> bool:
-    """Whether columns hold places and a brightness."""
-    return all(name in columns for name in _ANGLES) and any(name in columns for name in _BRIGHTNESSES)
+def is_own(columns: Mapping[str, str], table: FileTable) -> bool:
+    """Whether columns hold places (in one column each, or in the CDS's parts) and a brightness."""
+    in_parts = has_parts(table) and not columns.keys() & set(_ANGLES)
+    has_place = in_parts or all(name in columns for name in _ANGLES)
+    return has_place and any(name in columns for name in _BRIGHTNESSES)
 
 
 def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
-    """The argument `columns`, with the table's own spelling of its columns.
+    """The argument `columns`, with the table's own spelling of its columns, and what goes by warpsim's names already.
+
+    A column may be followed by its unit, "F8 [mJy]", where the file does not state one.
 
     Raises:
-        InputError: It is no mapping, knows no such name, names a column that the file has not, or leaves out places
-            or every brightness.
+        InputError: It is no mapping, knows no such name, names a column that the file has not or another unit than the
+            file, or leaves out places or every brightness.
     """
     if not isinstance(columns, Mapping):
         raise InputError(f"columns: must be a mapping such as {{'ra_deg': 'RAJ2000'}}, got {type(columns).__name__}")
@@ -51,16 +57,53 @@ def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
     for name, column in columns.items():
         if name not in COLUMNS:
             raise InputError(f"columns: must be of {', '.join(COLUMNS)}, got {name!r}")
-        own_name = column if column in table.table.colnames else table.find(str(column))
+        own_name = _own_name(table, str(column))
         if own_name is None:
             raise InputError(f"columns: {name}: must be a column of the file ({found}), got {column!r}")
+        if name in _ANGLES and plain_name(own_name) in ("rah", "ded", "decd") and has_parts(table):
+            raise InputError(
+                f"columns: {name}: {own_name} is one of RAh, RAm, RAs, DE-, DEd, DEm, DEs; leave ra_deg and dec_deg "
+                "out, and places are made of all of them"
+            )
         checked[name] = own_name
-    if not is_own(checked):
-        raise InputError(f"columns: must name ra_deg, dec_deg and a flux or magnitude, got {', '.join(checked)}")
     for band in BAND_NAMES:
         if flux_column(band) in checked and magnitude_column(band) in checked:
             raise InputError(f"columns: must be one of {flux_column(band)} and {magnitude_column(band)}, got both")
+    # What the argument does not speak of, and the table names as warpsim does.
+    spoken_of = {name for band in BAND_NAMES for name in _names_of(band) if checked.keys() & _names_of(band)}
+    checked |= {
+        name: column
+        for name, column in own_columns(table).items()
+        if name not in checked and name not in spoken_of and column not in checked.values()
+    }
+    if not is_own(checked, table):
+        raise InputError(f"columns: must name ra_deg, dec_deg and a flux or magnitude, got {', '.join(checked)}")
     return checked
+
+
+def _names_of(band: str) -> set[str]:
+    return {flux_column(band), magnitude_column(band)}
+
+
+def _own_name(table: FileTable, column: str) -> str | None:
+    """The table's spelling of a column, given as "F8" or with a unit as "F8 [mJy]"; None if it has no such column."""
+    own_name = column if column in table.table.colnames else table.find(column)
+    with_unit = re.fullmatch(r"(.*\S)\s*\[(.+)\]", column)
+    if own_name is not None and (with_unit is None or column in table.table.colnames):
+        return own_name
+    own_name = None if with_unit is None else _own_name(table, with_unit[1])
+    if own_name is not None and with_unit is not None:
+        from astropy.units import Unit
+
+        try:
+            unit = Unit(with_unit[2])
+        except ValueError:
+            raise InputError(f"columns: {column}: must be in a unit known, got {with_unit[2]!r}") from None
+        stated = table.table[own_name].unit
+        if stated is not None and stated != unit:
+            raise InputError(f"columns: {column}: must be in the unit that the file states, {stated}")
+        table.table[own_name].unit = unit
+    return own_name
 
 
 def arrays_of_columns(table: FileTable, columns: Mapping[str, str]) -> dict[str, Any]:
@@ -78,6 +121,8 @@ def arrays_of_columns(table: FileTable, columns: Mapping[str, str]) -> dict[str,
     """
     meta = {str(key).lower(): value for key, value in table.table.meta.items()}  # FITS turns keys to capitals
     arrays: dict[str, Any] = {"flux_jy": {}, "flux_flag": {}}
+    if not any(name in columns for name in _ANGLES):
+        arrays["ra_deg"], arrays["dec_deg"], _ = place_deg(table)
     for name, column in columns.items():
         if name in _ANGLES:
             arrays[name] = angle_deg(table, column, hours=name == "ra_deg")

@@ -61,7 +61,7 @@ def read_catalog(
         readme_path = None if readme is None else Path(readme)
         table = read_file(Path(where), None if survey else format, readme_path, survey.name if survey else None)
         own = own_columns(table) if columns is None else check_columns(columns, table)
-        if columns is not None or (survey is None and is_own(own)):
+        if columns is not None or (survey is None and is_own(own, table)):
             return _own_catalog(table, own, where, fill)
         return _survey_catalog(table, survey or _survey_of(table), where, fill)
     except InputError as error:
@@ -82,6 +82,13 @@ def _survey_of(table: FileTable) -> Survey:
     if not fitting:
         known = ", ".join(SURVEYS)
         found = ", ".join(table.table.colnames)
+        for survey in SURVEYS.values():
+            missing = [names for names in survey.needs if table.find(*names) is None]
+            # One letter alone ("A" of the MSX catalogs) does not tell a survey.
+            telling = len(table.find(*survey.needs[0]) or "") > 2
+            if telling and 2 * len(missing) <= len(survey.needs):
+                needed = ", ".join(" or ".join(names) for names in missing)
+                raise InputError(f"looks like {survey.name}, which must have the column {needed}, got {found}")
         rule = f"the columns ra_deg, dec_deg and flux_A_jy or the like (argument columns), or those of {known}"
         raise InputError(f"must have {rule}, got {found}")
     return max(fitting, key=lambda survey: len(survey.needs))
