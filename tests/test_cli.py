@@ -368,7 +368,7 @@ def test_catalog_makes_synthetic_stars(capsys):
         (["stars.csv", "--columns", ""], "--columns: must be NAME=COLUMN"),
         (["stars.csv", "--columns", "ra_deg=RAX"], "stars.csv: columns: ra_deg: must be a column of the file"),
         (["stars.csv", "--readme", "nowhere"], "nowhere"),
-        (["bad.csv"], "bad.csv: flux_A_jy must be finite and >= 0, got -5 in line 3"),
+        (["bad.csv"], "bad.csv: flux_A_jy must be in [0, 1e+15], got -5 in line 3"),
         (["words.csv"], "words.csv: dec_deg must be"),
         (["default", "--no-fill"], "--no-fill: is for files only, got default"),
         (["union", "--format", "fits"], "--format: is for files only, got union"),

@@ -75,26 +75,25 @@ def make_gather_stars_kernel(with_parallax: bool, with_deflection: bool, with_ab
             for part in range(2):
                 run = run_of_stars(stars.cell_start, stars.direction, band, cover, part)
                 for star in range(run[0], run[1]):
-                    place = stars.direction[star]
-                    inside = wp.dot(place, boresight) >= stars.cosine
-                    if inside and not is_star_occulted(view_position_m[view], place, earth):
-                        seen = place
-                        if wp.static(with_parallax):
-                            seen = seen_from(seen, wp.float64(stars.parallax_rad[star]), observer_m)
-                        if wp.static(with_deflection):
-                            seen = deflected(seen, from_sun_m)
-                        if wp.static(with_aberration):
-                            seen = aberrated(seen, view_velocity_m_s[view])
-                        xy_px = projected_px(camera, axes, seen)
-                        in_front = depth(axes, seen) > wp.float64(0.0)
-                        if in_front and within_frame(camera, xy_px, wp.float64(stars.half_width_px[star])):
-                            if n < n_slot:
-                                source_xy_px[view, n] = xy_px
-                                source_star[view, n] = star
-                                for channel in range(source_irradiance_w_cm2.shape[1]):
-                                    light = stars.irradiance_w_cm2[channel, star]
-                                    source_irradiance_w_cm2[view, channel, n] = light
-                            n += 1
+                    seen = stars.direction[star]
+                    if wp.dot(seen, boresight) < stars.cosine or is_star_occulted(view_position_m[view], seen, earth):
+                        continue
+                    if wp.static(with_parallax):
+                        seen = seen_from(seen, wp.float64(stars.parallax_rad[star]), observer_m)
+                    if wp.static(with_deflection):
+                        seen = deflected(seen, from_sun_m)
+                    if wp.static(with_aberration):
+                        seen = aberrated(seen, view_velocity_m_s[view])
+                    xy_px = projected_px(camera, axes, seen)
+                    margin_px = wp.float64(stars.half_width_px[star])
+                    if depth(axes, seen) <= wp.float64(0.0) or not within_frame(camera, xy_px, margin_px):
+                        continue
+                    if n < n_slot:
+                        source_xy_px[view, n] = xy_px
+                        source_star[view, n] = star
+                        for channel in range(source_irradiance_w_cm2.shape[1]):
+                            source_irradiance_w_cm2[view, channel, n] = stars.irradiance_w_cm2[channel, star]
+                    n += 1
         n_wanted[view] = n
         n_source[view] = wp.min(n, n_slot)
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 from warpsim.errors import InputError
-from warpsim.output.files import whole_file
+from warpsim.output.files import whole_file, write_fits_table
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.catalog_columns import J2000_JYEAR
 
@@ -61,8 +60,10 @@ def write_catalog(catalog: StarCatalog, path: str | Path, overwrite: bool = Fals
     if format in _WITHOUT_META:
         catalog = catalog.at_epoch(J2000_JYEAR)
     table = catalog.to_table()
-    with warnings.catch_warnings(), whole_file(path) as partial:
-        warnings.simplefilter("ignore")  # FITS keywords longer than 8 letters are written as HIERARCH
+    with whole_file(path) as partial:
+        if format == "fits":
+            write_fits_table(table, partial)
+            return catalog
         # Binary VOTables are a third of the size of those of text.
         options = {"tabledata_format": "binary2"} if format == "votable" else {}
         table.write(partial, format=format, overwrite=True, **options)

@@ -76,7 +76,7 @@ def _sky_lines(scene: Scene) -> list[str]:
     px_per_arcsec = scene.camera.focal_px * np.radians(1 / 3600)
     included = [name for name, (on, _, _) in effects.items() if on]
     left_out = [
-        f"{name} ({arcsec:.2g} arcsec, {arcsec * px_per_arcsec:.1g} px{note})"
+        f"{name} ({_short(arcsec)} arcsec, {_short(arcsec * px_per_arcsec)} px{note})"
         for name, (on, arcsec, note) in effects.items()
         if not on and arcsec > 0
     ]
@@ -85,6 +85,11 @@ def _sky_lines(scene: Scene) -> list[str]:
             f"  places     {', '.join(['proper motion', *included])}; left out: {', '.join(left_out) or 'nothing'}"
         )
     return lines
+
+
+def _short(value: float) -> str:
+    """Two digits, without an exponent where they are before the point."""
+    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
 
 
 def _flight_lines(scene: Scene) -> list[str]:

@@ -5,11 +5,17 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from warpsim.errors import InputError
+
+if TYPE_CHECKING:
+    from astropy.table import Table
 
 PARTIAL_SUFFIX = ".partial"
 
@@ -28,6 +34,21 @@ def whole_file(path: Path) -> Iterator[Path]:
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def write_fits_table(table: Table, path: Path) -> None:
+    """Write a table as FITS, whose texts are ASCII: other letters become Python's escapes, a backslash and a number."""
+    table = table.copy(copy_data=False)
+    for name in table.colnames:
+        if table[name].dtype.kind == "U":
+            plain = np.char.decode(np.char.encode(np.asarray(table[name]), "ascii", "backslashreplace"), "ascii")
+            table.replace_column(name, plain)
+    for key, value in table.meta.items():
+        if isinstance(value, str):
+            table.meta[key] = value.encode("ascii", "backslashreplace").decode("ascii")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # keywords longer than 8 letters are written as HIERARCH
+        table.write(path, format="fits", overwrite=True)
 
 
 def sha256_of(path: Path) -> str:

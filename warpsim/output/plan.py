@@ -121,9 +121,8 @@ def make_plan(
             "`warpsim check` says why not"
         )
     device = "cuda" if renderer.device.is_cuda else "cpu"
-    catalog = sha256_of(Path(scene.sky.catalog_file)) if scene.sky.catalog_file else None
     tables = ("truth", "stars") if stars else ("truth",)
-    facts = [scene.to_dict(), catalog, frames_of, band_list, device, tables, warpsim.__version__]
+    facts = [scene.to_dict(), renderer.catalog.checksum, frames_of, band_list, device, tables, warpsim.__version__]
     key = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
     return Plan(scene, folder, band_list, frames_of, key, tables)
 
@@ -189,7 +188,7 @@ def _make_room(plan: Plan, overwrite: bool) -> None:
     runs = [record for record in records if record is not None]
     if any(run["key"] != plan.key for run in runs) and not overwrite:
         raise InputError(
-            f"{plan.folder}: holds a different run (other scene, catalog, frames, bands, device or version); "
+            f"{plan.folder}: holds a different run (other scene, catalog, frames, bands, tables, device or version); "
             "choose another folder or pass --overwrite"
         )
     ours = {name for run in runs for name in run["files"]} | ({plan.manifest_path.name} if runs else set())

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.output.contact_sheet import draw_contact_sheet
-from warpsim.output.files import prepare_folder, sha256_of, whole_file, write_json
+from warpsim.output.files import prepare_folder, sha256_of, whole_file, write_fits_table, write_json
 from warpsim.output.fits_cube import CubeWriter, read_cube
 from warpsim.output.plan import Plan, has_receipt, is_complete, make_plan, working_on, write_receipt
 from warpsim.render.renderer import Renderer
@@ -155,7 +155,7 @@ def _render_sensor(plan: Plan, renderer: Renderer, sensor: str, advance: Any) ->
         for writer in writers:
             writer.close()
         for tables, partial in zip(zip(*batches, strict=True), table_files, strict=True):
-            vstack(list(tables), metadata_conflicts="silent").write(partial, format="fits", overwrite=True)
+            write_fits_table(vstack(list(tables), metadata_conflicts="silent"), partial)
     write_receipt(plan, sensor)
     return render_s
 
@@ -168,7 +168,7 @@ def _finish(plan: Plan, renderer: Renderer) -> None:
     joined = [vstack([Table.read(path) for path in paths], metadata_conflicts="silent") for paths in parts]
     for name, table in zip(plan.tables, joined, strict=True):
         with whole_file(plan.table_path(name)) as partial:
-            table.write(partial, format="fits", overwrite=True)
+            write_fits_table(table, partial)
     truth = joined[0]
     # The band in which the targets stand out most is the one to show.
     names = np.asarray(truth["band"]).astype(str)

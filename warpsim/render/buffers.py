@@ -123,7 +123,9 @@ def part_of(arrays: Any, first: int, end: int) -> Any:
     return type(arrays)(*(getattr(arrays, field.name)[first:end] for field in fields(arrays)))
 
 
-def views_per_chunk(world: World, n_pixel: int) -> int:
-    """Views whose signal fits the chunk's share of memory; at least one."""
+def views_per_chunk(world: World, n_pixel: int, n_slot: int) -> int:
+    """Views whose signal and source lists fit the chunk's share of memory; at least one."""
     share = SIGNAL_BYTES_PER_CHUNK_CUDA if world.device.is_cuda else SIGNAL_BYTES_PER_CHUNK
-    return max(1, share // (4 * world.n_band * n_pixel))
+    signal_bytes = 4 * world.n_band * n_pixel
+    slot_bytes = 16 + 4 * world.n_band + 4  # position, irradiance, star
+    return max(1, share // (signal_bytes + slot_bytes * n_slot))

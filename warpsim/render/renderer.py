@@ -74,6 +74,8 @@ class Renderer:
     ) -> None:
         if n_thread is not None and (not isinstance(n_thread, int) or n_thread < 1):
             raise InputError(f"n_thread: must be a whole number >= 1, got {n_thread}")
+        if catalog is not None and not isinstance(catalog, StarCatalog):
+            raise InputError(f"catalog: must be a StarCatalog, got {type(catalog).__name__}; files are for sky.catalog")
         self.scene = scene
         self.device = default_device(device)
         # One launch queue on CUDA; and two CPU launches at once crash Warp's debug mode, so that runs on one thread.
@@ -85,6 +87,11 @@ class Renderer:
         self._lock = threading.Lock()  # buffers serve one call at a time
         self._compiled: set[tuple[str, ...]] = set()
         self._n_slot = 0
+
+    @property
+    def catalog(self) -> StarCatalog:
+        """The stars, at the scene's epoch."""
+        return self._index.catalog
 
     @property
     def sensors_with_access(self) -> list[str]:
@@ -204,29 +211,34 @@ class Renderer:
         n_view = int(job.counts.shape[0])
         if n_view == 0:
             return
-        size = views_per_chunk(world, job.counts.shape[2] * job.counts.shape[3])
-        # Every thread should have work, and no chunk more views than the buffers hold.
-        size = min(size, -(-n_view // self.n_thread))
+        n_pixel = job.counts.shape[2] * job.counts.shape[3]
         self._n_slot = max(self._n_slot, world.n_target + 64)
         while True:
-            self._render_chunks(world, bands, job, size)
-            wanted = int(job.views.n_wanted.numpy().max())
+            # Every thread should have work, and no chunk more views than the buffers hold.
+            size = min(views_per_chunk(world, n_pixel, self._n_slot), -(-n_view // self.n_thread))
+            wanted = self._render_chunks(world, bands, job, size)
             if wanted <= self._n_slot:
                 return
             self._n_slot = wanted + wanted // 4
 
-    def _render_chunks(self, world: World, bands: tuple[str, ...], job: _Job, size: int) -> None:
+    def _render_chunks(self, world: World, bands: tuple[str, ...], job: _Job, size: int) -> int:
+        """Render the views chunk by chunk; the longest source list wanted, stopping early where one is too long."""
         spans = [(first, min(first + size, int(job.counts.shape[0]))) for first in range(0, job.counts.shape[0], size)]
         workers: queue.SimpleQueue[_Worker] = queue.SimpleQueue()
         for worker in self._buffers(world, bands, size, min(self.n_thread, len(spans))):
             workers.put(worker)
+        longest = [0]  # of each chunk done; appending is safe between threads
 
         def one(span: tuple[int, int]) -> None:
+            if longest[-1] > self._n_slot:
+                return
             worker = workers.get()
             try:
                 self._render_chunk(world, job, worker, *span)
             finally:
                 workers.put(worker)
+            if not self.device.is_cuda:  # where reading it would wait for the GPU; there all is looked at in the end
+                longest.append(int(job.views.n_wanted.numpy()[span[0] : span[1]].max()))
 
         if bands not in self._compiled:  # kernels are compiled by one thread
             one(spans[0])
@@ -238,8 +250,7 @@ class Renderer:
         else:
             with ThreadPoolExecutor(self.n_thread) as pool:
                 list(pool.map(one, spans))
-        if self.device.is_cuda:
-            wp.synchronize_device(self.device)
+        return int(job.views.n_wanted.numpy().max()) if self.device.is_cuda else max(longest)
 
     def _buffers(self, world: World, bands: tuple[str, ...], size: int, n_worker: int) -> list[_Worker]:
         """Buffers for chunks of up to size views: those of earlier calls where they fit, else new ones."""

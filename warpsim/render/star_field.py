@@ -91,7 +91,7 @@ def make_stars(
     parallax_rad = np.zeros(0)
     if sky.parallax:
         # A negative parallax is a measuring error of one near 0.
-        parallax_rad = np.fmax(np.nan_to_num(index.catalog.parallax_mas[rows]), 0.0) * _MAS_RAD
+        parallax_rad = np.fmax(index.catalog.parallax_mas[rows], 0.0) * _MAS_RAD
     margin_px = float(half_width.max(initial=0)) + 1.0
     field: Any = StarField()
     field.cell_start = index.cell_start_array

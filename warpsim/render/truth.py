@@ -115,7 +115,7 @@ def star_table(frames: FrameSet, world: World, star_lists: list[tuple[npt.NDArra
             "snr": light / frames.scene.detector.nei_w_cm2,
         }
     )
-    name = world.stars.index.catalog.name.encode("ascii", "replace").decode()  # FITS headers hold no other letters
+    name = world.stars.index.catalog.name
     table.meta |= {"SCENE": frames.scene.name, "CATALOG": name, "BANDS": ",".join(frames.bands)}
     table["time_s"].unit = "s"
     table["x_px"].unit = table["y_px"].unit = "pix"

@@ -84,9 +84,9 @@ class SyntheticStars:
     """
 
     n_star: Annotated[Count, closed_interval(1, 10**8)] | None = None
-    limit_jy: Positive | None = None
+    limit_jy: Annotated[Positive, closed_interval(1e-6, 1e6)] | None = None
     sky: Literal["astrometric", "infrared"] = "astrometric"
-    seed: Integer = 0
+    seed: Annotated[Integer, closed_interval(0, 2**63 - 1)] = 0
 
     @model_validator(mode="after")
     def _one_size(self) -> SyntheticStars:
@@ -121,11 +121,6 @@ class Sky:
         if (self.catalog == "synthetic") != (self.synthetic is not None):
             raise part_error('synthetic: must be given with catalog = "synthetic", and only then')
         return self
-
-    @property
-    def catalog_file(self) -> str | None:
-        """Path of the catalog file, None where the catalog is none of the user's own."""
-        return None if self.catalog in BUILT_IN_CATALOGS else self.catalog
 
 
 @part

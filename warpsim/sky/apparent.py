@@ -46,6 +46,8 @@ def apparent_direction(
         InputError: A value is not finite, the speed reaches that of light, or parallaxes come without a position.
     """
     direction = _vectors(direction_icrs, "direction_icrs")
+    if not np.any(direction, axis=-1).all():
+        raise InputError("direction_icrs: must not be 0")
     velocity = _vectors(velocity_m_s, "velocity_m_s")
     beta = velocity / SPEED_OF_LIGHT_M_S
     speed2 = np.sum(beta * beta, axis=-1, keepdims=True)
@@ -54,11 +56,19 @@ def apparent_direction(
     if parallax_mas is not None:
         if barycentric_m is None:
             raise InputError("parallax_mas: needs barycentric_m, the observer's position")
-        parallax_rad = np.fmax(np.nan_to_num(np.asarray(parallax_mas, dtype=np.float64)), 0.0) * _MAS_RAD
+        parallax = np.asarray(parallax_mas, dtype=np.float64)
+        if parallax.shape not in ((), direction.shape[:-1]):
+            raise InputError(f"parallax_mas: must have shape {direction.shape[:-1]}, got {parallax.shape}")
+        if np.isinf(parallax).any():
+            raise InputError("parallax_mas: must not be infinite")
+        parallax_rad = np.fmax(parallax, 0.0) * _MAS_RAD
         shift_au = _vectors(barycentric_m, "barycentric_m") / ASTRONOMICAL_UNIT_M
         direction = _unit(direction - parallax_rad[..., None] * shift_au)
     if heliocentric_m is not None:
-        direction = _deflected(direction, _vectors(heliocentric_m, "heliocentric_m") / ASTRONOMICAL_UNIT_M)
+        from_sun_au = _vectors(heliocentric_m, "heliocentric_m") / ASTRONOMICAL_UNIT_M
+        if not np.any(from_sun_au, axis=-1).all():
+            raise InputError("heliocentric_m: must not be 0")
+        direction = _deflected(direction, from_sun_au)
     inverse_gamma = np.sqrt(1 - speed2)
     along = np.sum(direction * beta, axis=-1, keepdims=True)
     return _unit(direction * inverse_gamma + beta * (1 + along / (1 + inverse_gamma)))

@@ -43,6 +43,8 @@ class BandIndex:
         self.catalog = catalog
         stored = np.asarray(catalog.direction_icrs).reshape(-1, 3).astype(dtype)
         direction = stored.astype(np.float64)
+        if stored.dtype == np.float32:  # no longer of unit length; queries make it so, and cells must agree with them
+            direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         cell = cell_of(direction)
         self.star_row = np.lexsort((compass(direction), cell)).astype(np.int64)
         self.direction_icrs = stored[self.star_row]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -19,6 +20,7 @@ from warpsim.sky.catalog_columns import (
     J2000_JYEAR,
     checked_columns,
     checked_epoch,
+    checked_limits,
     columns_of_table,
     table_of,
 )
@@ -29,6 +31,9 @@ if TYPE_CHECKING:
     from astropy.table import Table
 
 Array = NDArray[np.float64]
+
+LONGEST_MOTION_YR = 1e5
+"""Beyond, a straight line is no model of a star's way, even in jest."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -237,17 +242,20 @@ class StarCatalog:
 
         Args:
             limit_jy: Upper limits by band [Jy], NaN for none, shape (n,): a filled flux is no larger.
+
+        Raises:
+            InputError: Limits of an unknown band, of another shape, negative or no numbers.
         """
         from warpsim.sky.colours import fill_missing_bands
 
-        origin = self._origin or self
-        flux_jy, flux_flag = fill_missing_bands(origin._flux_jy, origin._flux_flag, origin.temperature_k, limit_jy)
-        full = replace(
-            origin,
-            _flux_jy={band: _frozen(values) for band, values in flux_jy.items()},
-            _flux_flag={band: _frozen(values) for band, values in flux_flag.items()},
-        )
-        return full.at_epoch(self.epoch_jyear)
+        limits = checked_limits(limit_jy or {}, len(self))
+        flux_jy, flux_flag = fill_missing_bands(self._flux_jy, self._flux_flag, self.temperature_k, limits)
+        fluxes: dict[str, Any] = {
+            "_flux_jy": {band: _frozen(values) for band, values in flux_jy.items()},
+            "_flux_flag": {band: _frozen(values) for band, values in flux_flag.items()},
+        }
+        origin = None if self._origin is None else replace(self._origin, **fluxes)
+        return replace(self, **fluxes, _origin=origin)
 
     def to_table(self) -> Table:
         """Return an astropy Table that from_table() reads back: places at epoch_jyear, which is in its meta.
@@ -274,6 +282,23 @@ class StarCatalog:
         named, unnamed = self._spell_id
         pairs = zip(rows.tolist(), self._id[rows].tolist(), strict=True)
         return np.array([f"{named}{number}" if number else f"{unnamed}{row}" for row, number in pairs], dtype=np.str_)
+
+    @functools.cached_property
+    def checksum(self) -> str:
+        """SHA-256 of the stars as the catalog was made (places, motions, fluxes, names), in hexadecimal."""
+        origin = self._origin or self
+        digest = hashlib.sha256(f"{origin.epoch_jyear} {origin._spell_id}".encode())
+        for values in (
+            origin.ra_deg,
+            origin.dec_deg,
+            origin.pm_ra_mas_yr,
+            origin.pm_dec_mas_yr,
+            origin.parallax_mas,
+            *origin._flux_jy.values(),
+            origin._id,
+        ):
+            digest.update(np.ascontiguousarray(values).tobytes())
+        return digest.hexdigest()
 
     def flux_jy(self, band: Band | str) -> Array:
         """Flux density [Jy], shape (n,); NaN where the catalog has none.
@@ -369,6 +394,8 @@ class StarCatalog:
             raise InputError(f"jyear must be a number, got {jyear!r}") from None
         if not math.isfinite(epoch_jyear):
             raise InputError(f"jyear must be finite, got {epoch_jyear}")
+        if abs(epoch_jyear - J2000_JYEAR) > LONGEST_MOTION_YR:
+            raise InputError(f"jyear must be within {LONGEST_MOTION_YR:,.0f} years of 2000, got {epoch_jyear:g}")
         if physics not in ("physical", "paper"):
             raise InputError(f'physics: must be "physical" or "paper", got {physics!r}')
         origin = self._origin or self

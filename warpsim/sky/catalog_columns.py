@@ -27,6 +27,9 @@ J2000_JYEAR = 2000.0
 LARGEST_FLUX_JY = 1e15
 """A million times the Sun's at 10 um; more would overflow float32 images."""
 
+LARGEST_PARALLAX_MAS = 1e5
+"""A hundred times the nearest star's; every view would have to look that far beyond its field."""
+
 FLUX_NONE, FLUX_MEASURED, FLUX_PREDICTED = 0, 1, 2
 """What a star's flux in a band is: unknown (NaN), as given by the catalog, or filled in by a colour relation."""
 
@@ -104,7 +107,7 @@ def checked_columns(
     for key in ("pm_ra_mas_yr", "pm_dec_mas_yr", "quality"):
         columns[key] = np.where(np.isnan(columns[key]), 0.0, columns[key])
         _check_range(columns[key], -1e9, 1e9, key, rows)
-    _check_range(columns["parallax_mas"], -1e9, 1e9, "parallax_mas", rows)
+    _check_range(columns["parallax_mas"], -LARGEST_PARALLAX_MAS, LARGEST_PARALLAX_MAS, "parallax_mas", rows)
     _check_range(columns["temperature_k"], 1.0, 1e9, "temperature_k", rows)
     for band in BAND_NAMES:
         _check_range(columns[flux_column(band)], 0.0, LARGEST_FLUX_JY, flux_column(band), rows)
@@ -113,7 +116,11 @@ def checked_columns(
         known = np.isfinite(columns[flux_column(band)])
         given = columns.get(flag_column(band), np.full(len(rows), float(FLUX_MEASURED)))
         _check_range(given, FLUX_NONE, FLUX_PREDICTED, flag_column(band), rows)
-        flags[band] = np.where(known, np.where(np.isnan(given), FLUX_MEASURED, given), FLUX_NONE).astype(np.uint8)
+        _check_whole(given, flag_column(band), rows)
+        # A flux that is there is measured, unless it is said to be predicted.
+        kind = np.where(given == FLUX_PREDICTED, FLUX_PREDICTED, FLUX_MEASURED)
+        flags[band] = np.where(known, kind, FLUX_NONE).astype(np.uint8)
+    _check_whole(columns["quality"], "quality", rows)
     return {
         "ra_deg": wrapped_deg(columns["ra_deg"]),
         "dec_deg": columns["dec_deg"],
@@ -126,6 +133,23 @@ def checked_columns(
         "flux_flag": flags,
         "id": names,
     }
+
+
+def checked_limits(limit_jy: Mapping[str, ArrayLike], n_star: int) -> dict[str, Array]:
+    """Upper limits by band [Jy], checked; NaN for none.
+
+    Raises:
+        InputError: An unknown band, another shape than (n_star,), a negative or infinite limit, or no numbers.
+    """
+    limits = {}
+    for band, values in limit_jy.items():
+        if band not in BANDS:
+            raise InputError(f"limit_jy: band must be one of {', '.join(BAND_NAMES)}, got {band!r}")
+        limits[band] = _vector(values, f"limit_jy: {band}")
+        if limits[band].shape != (n_star,):
+            raise InputError(f"limit_jy: {band} must have shape ({n_star},), got {limits[band].shape}")
+        _check_range(limits[band], 0.0, LARGEST_FLUX_JY, f"limit_jy: {band}", np.arange(n_star))
+    return limits
 
 
 def warn_left_out(name: str, n_star: int, unit: str, places: list[int]) -> None:
@@ -220,11 +244,21 @@ def _vector(values: Any, where: str) -> Array:
     """Copy to a float64 vector."""
     try:
         vector = np.array(values, dtype=np.float64)
+        masked = np.ma.getmaskarray(values) if isinstance(values, np.ma.MaskedArray) else None
     except (TypeError, ValueError):
         raise InputError(f"{where} must be numbers, got {type(values).__name__}") from None
+    if masked is not None:
+        vector[masked] = np.nan
     if vector.ndim != 1:
         raise InputError(f"{where} must be a vector, got shape {vector.shape}")
     return vector
+
+
+def _check_whole(values: Array, where: str, rows: NDArray[np.int64]) -> None:
+    """Raise for the first value that is no whole number; NaN passes."""
+    bad = np.flatnonzero(np.isfinite(values) & (values != np.floor(values)))
+    if bad.size:
+        raise InputError(f"{where} must be whole numbers, got {values[bad[0]]:g} in row {rows[bad[0]]}")
 
 
 def _check_range(values: Array, low: float, high: float, where: str, rows: NDArray[np.int64]) -> None:
