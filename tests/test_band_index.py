@@ -13,6 +13,7 @@ SEED = 271828
 UNSURE = 1e-9  # cosines this close to the radius's are decided by the accurate angle instead
 
 BORDER_RAD = 1e-9  # "exactly on the border" cases are asked for this much to either side
+TOUCH_RAD = 1e-13  # the accurate angle is good to some 1e-16 rad
 
 
 def unit(ra_deg, dec_deg):
@@ -154,15 +155,59 @@ def dense_catalog():
     return ws.StarCatalog.from_arrays(np.concatenate(ra), np.concatenate(dec), {"A": np.ones(21_900)})
 
 
+def stored_directions(index):
+    """Unit vectors of an index's stars by catalog row, as they were rounded."""
+    stars = np.empty((len(index), 3))
+    stars[index.star_row] = index.direction_icrs
+    return stars / np.linalg.norm(stars, axis=1, keepdims=True)
+
+
+def border_places(rng, n):
+    """Stars within 1e-6 deg of borders of cells: bands at all latitudes, columns, both at once, and about the poles."""
+    nearly = rng.normal(size=(6, n)) * 1e-6
+    anywhere = rng.uniform(0, 360, n), np.degrees(np.arcsin(rng.uniform(-0.86, 0.86, n)))
+    whole_ra, whole_dec = rng.integers(0, 360, n), rng.integers(-89, 90, n)
+    near_pole = rng.choice([-1, 1], n) * (90 - 10.0 ** rng.uniform(-12, 0, n))
+    ra = np.concatenate([anywhere[0], whole_ra + nearly[0], whole_ra + nearly[1], anywhere[0], anywhere[0]])
+    last = rng.choice([-1, 1], n) * (rng.choice([89, 60], n) + nearly[4])
+    dec = np.concatenate([whole_dec + nearly[2], anywhere[1], whole_dec + nearly[3], near_pole, last])
+    return ra, dec
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("side", ["north", "east", "south", "west"])
+def test_a_rim_that_just_touches_a_star_on_a_border_finds_it(device, dtype, side):
+    """Cones to one side of a star; the rim passes it on the near or the far side by TOUCH_RAD."""
+    rng = np.random.default_rng(SEED + 6)
+    ra, dec = border_places(rng, 1500)
+    n = len(ra)
+    index = ws.BandIndex(ws.StarCatalog.from_arrays(ra, dec, {"A": np.ones(n)}), device=device, dtype=dtype)
+    star = stored_directions(index)
+    east = np.cross([0.0, 0.0, 1.0], star)
+    east /= np.linalg.norm(east, axis=1, keepdims=True)
+    north = np.cross(star, east)
+    aside = {"north": north, "east": east, "south": -north, "west": -east}[side]
+    away = 10.0 ** rng.uniform(-6, -2, (n, 1))
+    axis = np.cos(away) * star + np.sin(away) * aside
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    angle = 2 * np.arctan2(np.linalg.norm(star - axis, axis=1), np.linalg.norm(star + axis, axis=1))
+    row = np.arange(n)
+    for radius, expected in ((angle + TOUCH_RAD, True), (angle - TOUCH_RAD, False)):
+        start, found = index.query_many(axis, radius)
+        cone = np.repeat(row, np.diff(start))
+        hit = np.zeros(n, dtype=bool)
+        hit[cone[found == cone]] = True
+        wrong = np.flatnonzero(hit != expected)
+        assert wrong.size == 0, f"{wrong.size} of {n}, the first at {ra[wrong[0]]!r}, {dec[wrong[0]]!r}"
+
+
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_dense_fields(device, dtype):
     """Cones centred on and beside stars of clusters; float32 directions are exact for themselves."""
     index = ws.BandIndex(dense_catalog(), device=device, dtype=dtype)
     assert index.direction_array.dtype is (wp.vec3d if dtype is np.float64 else wp.vec3f)
     rng = np.random.default_rng(SEED + 4)
-    stars = np.empty((len(index), 3))
-    stars[index.star_row] = index.direction_icrs
-    stars /= np.linalg.norm(stars, axis=1, keepdims=True)
+    stars = stored_directions(index)
     direction = dense_catalog().direction_icrs[rng.integers(0, len(index), 1500)]
     direction += rng.normal(size=direction.shape) * 10.0 ** rng.uniform(-9, -1.5, (1500, 1))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)

@@ -26,6 +26,7 @@ HIPPARCOS_ONLY, GAIA_ONLY, BOTH = 820, 122_982, 54_058
 DUPLICATE_ARCSEC = 2.0
 
 SEPARATION_ATOL_ARCSEC = 1e-6
+PARALLAX_RTOL = 1e-8  # ERFA's light time; parallaxes of the fast stars change by 1e-6 to 1e-5
 ROUND_TRIP_RTOL = 1e-14  # unit conversions by 1.0 and decimal text of 17 digits
 
 
@@ -235,7 +236,7 @@ def test_catalog_is_immutable():
 
 
 def erfa_place(ra_deg, dec_deg, pm_ra_mas_yr, pm_dec_mas_yr, epoch_from, epoch_to):
-    """Unit vectors, proper motions by ERFA's pmsafe.
+    """Unit vectors, proper motions [mas/yr] and parallaxes, relative to those before, by ERFA's pmsafe.
 
     The parallax is set to 100 arcsec: velocities then stay below 1e-5 c and distances below a light day, so that the
     relativistic and light-time terms of ERFA (which this model leaves out) stay below 1e-7 arcsec.
@@ -244,7 +245,7 @@ def erfa_place(ra_deg, dec_deg, pm_ra_mas_yr, pm_dec_mas_yr, epoch_from, epoch_t
     ra_rad, dec_rad = np.radians(ra_deg), np.radians(dec_deg)
     mas_rad = np.pi / 180 / 3.6e6
     with np.errstate(all="ignore"):
-        ra, dec, pm_ra, pm_dec, _, _ = erfa.pmsafe(
+        ra, dec, pm_ra, pm_dec, parallax, _ = erfa.pmsafe(
             ra_rad,
             dec_rad,
             np.asarray(pm_ra_mas_yr) * mas_rad / np.cos(dec_rad),
@@ -257,7 +258,7 @@ def erfa_place(ra_deg, dec_deg, pm_ra_mas_yr, pm_dec_mas_yr, epoch_from, epoch_t
             (epoch_to - 2000.0) * 365.25,
         )
     direction = np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
-    return direction, pm_ra * np.cos(dec) / mas_rad, pm_dec / mas_rad
+    return direction, pm_ra * np.cos(dec) / mas_rad, pm_dec / mas_rad, parallax / 100.0
 
 
 def separation_arcsec(left, right):
@@ -279,9 +280,12 @@ FAST_STARS = {
 @pytest.mark.parametrize("star", FAST_STARS.values(), ids=list(FAST_STARS))
 def test_at_epoch_matches_erfa(star, epoch_jyear):
     ra_deg, dec_deg, pm_ra, pm_dec = ([value] for value in star)
-    catalog = StarCatalog.from_arrays(ra_deg, dec_deg, {"A": [1.0]}, pm_ra_mas_yr=pm_ra, pm_dec_mas_yr=pm_dec)
+    catalog = StarCatalog.from_arrays(
+        ra_deg, dec_deg, {"A": [1.0]}, pm_ra_mas_yr=pm_ra, pm_dec_mas_yr=pm_dec, parallax_mas=[547.0]
+    )
     moved = catalog.at_epoch(epoch_jyear)
-    expected, expected_pm_ra, expected_pm_dec = erfa_place(ra_deg, dec_deg, pm_ra, pm_dec, 2000.0, epoch_jyear)
+    expected, expected_pm_ra, expected_pm_dec, farther = erfa_place(ra_deg, dec_deg, pm_ra, pm_dec, 2000.0, epoch_jyear)
+    np.testing.assert_allclose(moved.parallax_mas, 547.0 * farther, rtol=PARALLAX_RTOL, atol=0)
     assert separation_arcsec(moved.direction_icrs, expected).max() < SEPARATION_ATOL_ARCSEC
     # Where the direction is right to 1e-7 arcsec, 1 arcsec from a pole, its east turns by 1e-7 rad: 1e-3 mas/yr.
     np.testing.assert_allclose(moved.pm_ra_mas_yr, expected_pm_ra, rtol=0, atol=2e-3)
@@ -290,7 +294,7 @@ def test_at_epoch_matches_erfa(star, epoch_jyear):
 
 def test_at_epoch_matches_erfa_for_the_whole_default(default):
     moved = default.at_epoch(2030.5)
-    expected, _, _ = erfa_place(
+    expected, *_ = erfa_place(
         default.ra_deg, default.dec_deg, default.pm_ra_mas_yr, default.pm_dec_mas_yr, 2000.0, 2030.5
     )
     assert separation_arcsec(moved.direction_icrs, expected).max() < SEPARATION_ATOL_ARCSEC
@@ -326,13 +330,84 @@ def test_a_star_on_the_pole_moves_along_its_meridian():
 
 def test_at_epoch_takes_an_astropy_time():
     time = pytest.importorskip("astropy.time").Time("2030-01-01", scale="tt")
-    assert small_catalog().at_epoch(time).epoch_jyear == pytest.approx(time.jyear)
+    assert small_catalog().at_epoch(time).epoch_jyear == pytest.approx(time.jyear, abs=1e-9)
 
 
 @pytest.mark.parametrize("jyear", [math.nan, math.inf, "soon", None])
 def test_at_epoch_needs_a_finite_year(jyear):
     with pytest.raises(InputError, match="jyear must be"):
         small_catalog().at_epoch(jyear)
+
+
+def test_eq_5_takes_a_star_over_the_pole():
+    """One degree north in a year from declination 89.5: 90.5 by the formula, which is 89.5 on the other side."""
+    catalog = StarCatalog.from_arrays(
+        [10.0, 200.0, 300.0],
+        [89.5, -89.5, 80.0],
+        {"A": [1.0] * 3},
+        pm_dec_mas_yr=[3.6e6, -3.6e6, 3.6e6],
+        pm_ra_mas_yr=[0.0, 0.0, 3.6e6 * math.cos(math.radians(80.0))],
+    )
+    moved = catalog.at_epoch(2001.0, "paper")
+    np.testing.assert_allclose(moved.ra_deg, [190.0, 20.0, 301.0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(moved.dec_deg, [89.5, -89.5, 81.0], rtol=0, atol=1e-12)
+    for year in (2000.4, 2000.51, 2001.2, 2003.0):
+        assert np.abs(catalog.at_epoch(year, "paper").dec_deg).max() <= 90.0
+    np.testing.assert_array_equal(moved.pm_dec_mas_yr, catalog.pm_dec_mas_yr)
+    np.testing.assert_array_equal(moved.parallax_mas, catalog.parallax_mas)
+
+
+@pytest.mark.parametrize("physics", ["paper", "physical"])
+def test_filling_leaves_places_and_epoch(physics):
+    catalog = small_catalog()
+    moved = catalog.at_epoch(2030.0, physics)
+    assert np.abs(moved.direction_icrs - catalog.direction_icrs).max() > 1e-4
+    full = moved.filled()
+    assert full.epoch_jyear == 2030.0
+    for key in (
+        "ra_deg",
+        "dec_deg",
+        "direction_icrs",
+        "pm_ra_mas_yr",
+        "pm_dec_mas_yr",
+        "parallax_mas",
+        "temperature_k",
+        "quality",
+        "id",
+    ):
+        np.testing.assert_array_equal(getattr(full, key), getattr(moved, key), err_msg=key)
+    assert np.isfinite(full.flux_jy("C")).all() and np.isnan(moved.flux_jy("C")).all()
+    # The stars it was made from are filled too: other epochs have the same fluxes, at the places they had.
+    assert_same_stars(full.at_epoch(2000.0), catalog.filled())
+    np.testing.assert_array_equal(full.at_epoch(1990.0, physics).ra_deg, catalog.at_epoch(1990.0, physics).ra_deg)
+
+
+def test_filled_fluxes_keep_to_their_limits():
+    limit_jy = [1e-3, np.nan, 1e15]
+    full, free = small_catalog().filled({"C": limit_jy, "A": [1e-3] * 3}), small_catalog().filled()
+    np.testing.assert_array_equal(full.flux_jy("C"), [1e-3, *free.flux_jy("C")[1:]])
+    assert full.flux_flag("C").tolist() == [2, 2, 2]
+    # What is measured is no limit's business; the flux filled in is.
+    np.testing.assert_array_equal(full.flux_jy("A")[[0, 2]], [1.0, 3.0])
+    assert full.flux_jy("A")[1] == min(free.flux_jy("A")[1], 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("limit_jy", "text"),
+    [
+        ({"A": [-1.0, 1.0, 1.0]}, "limit_jy: A must be in [0, 1e+15], got -1 in row 0 (1 such row)"),
+        ({"E": [1.0, np.inf, -2.0]}, "limit_jy: E must be in [0, 1e+15], got inf in row 1 (2 such rows)"),
+        ({"A": [1.0, 1.0]}, "limit_jy: A must have shape (3,), got (2,)"),
+        ({"A": [[1.0, 1.0, 1.0]]}, "limit_jy: A must be a vector, got shape (1, 3)"),
+        ({"A": 1.0}, "limit_jy: A must be a vector, got shape ()"),
+        ({"A": "little"}, "limit_jy: A must be numbers, got str"),
+        ({"Z": [1.0] * 3}, "limit_jy: band must be one of B1, B2, A, C, D, E, got 'Z'"),
+    ],
+)
+def test_bad_limits_are_errors_of_one_line(limit_jy, text):
+    with pytest.raises(InputError) as error:
+        small_catalog().filled(limit_jy)
+    assert str(error.value) == text
 
 
 # --- tables and files ---
@@ -416,6 +491,22 @@ def test_rows_without_a_place_are_left_out_with_a_warning():
     assert catalog.flux_jy("E").tolist() == [0.0]
 
 
+def test_a_masked_place_is_no_place():
+    ra_deg = np.ma.masked_array([10.0, 5.0, 6.0], mask=[False, True, False])
+    with pytest.warns(UserWarning, match=r"small: left out 1 of 3 stars without a finite place \(rows 1\)"):
+        catalog = small_catalog(ra_deg=ra_deg)
+    assert catalog.id.tolist() == ["a", "ccc"]
+    flux = np.ma.masked_array([1.0, 2.0, 3.0], mask=[False, False, True])
+    np.testing.assert_array_equal(small_catalog(flux_jy={"A": flux}).flux_jy("A"), [1.0, 2.0, np.nan])
+
+
+def test_a_flux_that_is_there_is_measured_unless_said_to_be_predicted():
+    catalog = small_catalog(flux_flag={"A": [0, 1, 2], "E": [np.nan, 2, 1]})
+    assert catalog.flux_flag("A").tolist() == [1, 0, 2]  # the second has no flux in A
+    assert catalog.flux_flag("E").tolist() == [1, 2, 1]
+    assert catalog.flux_flag("C").tolist() == [0, 0, 0]
+
+
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
@@ -426,6 +517,10 @@ def test_rows_without_a_place_are_left_out_with_a_warning():
         ({"flux_jy": {"F": [1.0] * 3}}, "flux_jy: band must be one of B1, B2, A, C, D, E, got 'F'"),
         ({"flux_jy": {"A": [1.0]}}, "flux_A_jy must have shape (3,) like ra_deg, got (1,)"),
         ({"pm_ra_mas_yr": [0, 0, np.inf]}, "pm_ra_mas_yr must be in [-1e+09, 1e+09], got inf in row 2 (1 such row)"),
+        ({"flux_flag": {"A": [1, 1, 1.5]}}, "flux_A_flag must be whole numbers, got 1.5 in row 2"),
+        ({"flux_flag": {"A": [1, 3, 1]}}, "flux_A_flag must be in [0, 2], got 3 in row 1 (1 such row)"),
+        ({"flux_flag": {"Z": [1, 1, 1]}}, "flux_flag: band must be one of B1, B2, A, C, D, E, got 'Z'"),
+        ({"quality": [1.5, 0, 0]}, "quality must be whole numbers, got 1.5 in row 0"),
         ({"ra_deg": "here"}, "ra_deg must be numbers, got str"),
         ({"ra_deg": 1.0}, "ra_deg must be a vector, got shape ()"),
         ({"epoch_jyear": math.nan}, "epoch_jyear must be a finite number, got nan"),

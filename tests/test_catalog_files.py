@@ -690,7 +690,7 @@ def test_error_lines_count_rows_that_were_left_out(tmp_path):
          "columns: flux_A_jy: must be a column of the file (a, b, c), got 'z'"),
         ({"ra_deg": "a", "flux_A_jy": "c"}, "columns: must name ra_deg, dec_deg and a flux or magnitude, got "),
         ({"ra_deg": "a", "dec_deg": "b", "flux_A_jy": "c", "mag_A": "c"},
-         "columns: must be one of flux_A_jy and mag_A, got both"),
+         "columns: mag_A: must be a column of its own, got 'c' a second time"),
         (["a", "b"], "columns: must be a mapping such as {'ra_deg': 'RAJ2000'}, got list"),
     ],
 )  # fmt: skip

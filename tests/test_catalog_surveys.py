@@ -132,7 +132,7 @@ def test_parts_without_a_sign_column_take_it_from_the_degrees():
 def test_parts_out_of_range_are_an_error(part, value):
     table = Table({"RAh": [1], "RAm": [2], "RAs": [3], "DE-": ["+"], "DEd": [4], "DEm": [5], "DEs": [6]})
     table[part][0] = value
-    with pytest.raises(InputError, match=rf"^{part} must be at most \d+, got {value} in row 0$"):
+    with pytest.raises(InputError, match=rf"^{part} must be in \[-?\d+, \d+\], got {value} in row 0$"):
         place_deg(SurveyTable(table))
 
 
@@ -343,6 +343,12 @@ def test_akari_filters_become_bands():
     catalog = catalog_of(stars)
     assert catalog.flux_flag("A").tolist() == [1, 0, 1, 0]
     assert catalog.flux_flag("D").tolist() == [2, 0, 0, 0]
+
+
+def test_akari_fluxes_of_low_quality_are_counted():
+    stars = convert("akari-irc", akari_table(q_S09=[3, 1, 2, 0], q_S18=[3, 1, 0, 2]))
+    assert np.isfinite(stars.flux_jy["A"]).tolist() == np.isfinite(stars.flux_jy["E"]).tolist() == [True] + [False] * 3
+    assert stars.notes[-1] == "3 of 4 stars have no flux of quality 3, so no flux"
 
 
 def test_akari_errors_and_units():

@@ -2,12 +2,17 @@
 
 import json
 
+import erfa
 import numpy as np
 import pytest
 from astropy.table import Table
 
 import warpsim as ws
 from warpsim.output.files import sha256_of
+
+MOTION_PX = 1e-6
+"""3e-5 arcsec: the epoch's days in one number, and rounding."""
+FRAME_FAR_SOUTH = (155, "sat11")
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +100,44 @@ def test_the_papers_sky(scene):
     stars = ws.Renderer(paper, device="cpu").render([60], ["sat11", "sat47"], ["A"], keep_stars=True).stars
     magnitude = ws.StarCatalog.default().magnitude("A")[stars["catalog_row"]]
     np.testing.assert_allclose(stars["snr"][:, 0], 510.651 * 2.512**-magnitude, rtol=2e-6)
+
+
+@pytest.mark.parametrize("physics", ["paper", "physical"])
+def test_a_fast_star_moves_as_the_physics_says(scene, physics):
+    """Far south, the paper's Eq. 5 (right ascension and declination linear in time) is no straight line."""
+    frame, sensor = FRAME_FAR_SOUTH
+    axes = ws.Renderer(scene, device="cpu").render([frame], [sensor], ["A"]).axes_icrs[0, 0]
+    # Stars that come from all sides to within 0.3 degrees of the boresight, 10 arcsec a year fast.
+    boresight_ra_deg, boresight_dec_deg = np.degrees([np.arctan2(axes[2, 1], axes[2, 0]), np.arcsin(axes[2, 2])])
+    assert boresight_dec_deg < -55
+    turn = np.radians(np.arange(0, 360, 20))
+    dec_deg = boresight_dec_deg + 0.3 * np.cos(turn)
+    ra_deg = (boresight_ra_deg + 0.3 * np.sin(turn) / np.cos(np.radians(dec_deg))) % 360
+    pm_ra_mas_yr, pm_dec_mas_yr = 1e4 * np.sin(3 * turn), 1e4 * np.cos(3 * turn)
+    catalog = ws.StarCatalog.from_arrays(
+        ra_deg, dec_deg, {"A": np.ones(18)}, pm_ra_mas_yr=pm_ra_mas_yr, pm_dec_mas_yr=pm_dec_mas_yr
+    )
+    moving = scene.replace(sky={"physics": physics})
+    frames = ws.Renderer(moving, device="cpu", catalog=catalog).render([frame], [sensor], ["A"], keep_stars=True)
+    rows = np.asarray(frames.stars["catalog_row"])
+    assert len(rows) == 18
+
+    years = (scene.epoch.tt.jd - 2451545.0) / 365.25
+    ra_rad, dec_rad = np.radians(ra_deg), np.radians(dec_deg)
+    east, north = (rate * years * np.pi / 180 / 3.6e6 for rate in (pm_ra_mas_yr, pm_dec_mas_yr))
+    linear = erfa.s2c(ra_rad + east / np.cos(dec_rad), dec_rad + north)
+    time = scene.epoch.tt
+    straight = erfa.pmsafe(
+        ra_rad, dec_rad, east / years / np.cos(dec_rad), north / years, 100.0, 0.0, 2451545.0, 0.0, time.jd1, time.jd2
+    )
+    places = {"paper": linear, "physical": erfa.s2c(straight[0], straight[1])}
+    xy = {
+        name: frames.scene.camera.project(ws.apparent_direction(place, frames.velocity_m_s[0, 0]), axes)[0][rows]
+        for name, place in places.items()
+    }
+    seen = np.column_stack([frames.stars["x_px"], frames.stars["y_px"]])
+    np.testing.assert_allclose(seen, xy[physics], rtol=0, atol=MOTION_PX)
+    assert np.abs(xy["paper"] - xy["physical"]).max() > 1e3 * MOTION_PX
 
 
 @pytest.mark.parametrize(

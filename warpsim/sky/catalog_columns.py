@@ -216,6 +216,9 @@ def number_column(table: Table, key: str, unit: str) -> Array:
         InputError: It holds no numbers, or is in a unit that does not convert.
     """
     column: Any = table[key]
+    if column.ndim != 1 or column.dtype.kind == "c":
+        what = "complex numbers" if column.dtype.kind == "c" else f"shape {column.shape}"
+        raise InputError(f"{key} must hold one real number a row, got {what}")
     try:
         values = np.array(getattr(column, "unmasked", column), dtype=np.float64)
         if column.unit is not None and unit:
@@ -224,7 +227,7 @@ def number_column(table: Table, key: str, unit: str) -> Array:
             values = values * Unit(column.unit).to(unit)
     except (TypeError, ValueError):  # UnitConversionError is a TypeError
         text = f"numbers in {unit}" if unit else "numbers"
-        raise InputError(f"{key} must be {text}, got {column.dtype} in {column.unit or 'no unit'}") from None
+        raise InputError(f"{key} must be {text}, got {column.dtype.name} in {column.unit or 'no unit'}") from None
     mask = getattr(column, "mask", None)
     return values if mask is None else np.where(np.asarray(mask), np.nan, values)
 

@@ -12,6 +12,7 @@ from warpsim.sky.readers.photometry import (
     UNKNOWN,
     Quality,
     band_flux_jy,
+    count_note,
     magnitude,
     measured_quality,
     positive,
@@ -41,6 +42,7 @@ def _convert(table: SurveyTable) -> SurveyStars:
     mag_9, quality_9 = _filter(table, "09")
     mag_18, quality_18 = _filter(table, "18")
     mag_18 = mag_18 + OFFSET_18_MAG
+    doubtful = count_note(np.isnan(mag_9) & np.isnan(mag_18), "have no flux of quality 3, so no flux")
     return SurveyStars(
         ra_deg=ra_deg,
         dec_deg=dec_deg,
@@ -55,7 +57,11 @@ def _convert(table: SurveyTable) -> SurveyStars:
         quality=np.where(quality_9 == UNKNOWN, quality_18, quality_9),
         id=star_names(table, "AKARI-IRC-V1 J", "objName"),
         epoch_jyear=EPOCH_JYEAR,
-        notes=(f"{OFFSET_18_MAG} mag added to [18]: calibration offset", "D half way from S9W to L18W in magnitude"),
+        notes=(
+            f"{OFFSET_18_MAG} mag added to [18]: calibration offset",
+            "D half way from S9W to L18W in magnitude",
+            *doubtful,
+        ),
     )
 
 
@@ -68,7 +74,7 @@ def _filter(table: SurveyTable, um: str) -> tuple[Array, Quality]:
     star_mag = np.where(valid == _VALID, magnitude(flux_jy, ZERO_MAG_JY[um]), np.nan)
     error_jy = table.number(f"e_S{um}", f"ferr{um}", unit="Jy")
     quality = measured_quality(positive(error_jy) / positive(flux_jy))
-    quality = np.where(np.isin(np.char.lower(table.text(f"f{um}")), _EDGE_LETTERS), UNCERTAIN, quality)
+    quality = np.where(np.isin(np.char.lower(table.text(f"f{um}", f"flags{um}")), _EDGE_LETTERS), UNCERTAIN, quality)
     return star_mag, np.where(np.isnan(star_mag), UNKNOWN, quality)
 
 

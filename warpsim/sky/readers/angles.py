@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import J2000_JYEAR
-from warpsim.sky.readers.survey import SurveyTable, plain_name
+from warpsim.sky.readers.survey import MISSING, SurveyTable, is_number, plain_name
 
 Array = NDArray[np.float64]
 Pair = tuple[str, str]
@@ -26,7 +26,6 @@ PLACES: tuple[Pair, ...] = (
 PARTS = "parts"
 """What place_deg() calls a place in columns RAh, RAm, RAs, DE-, DEd, DEm, DEs."""
 
-_MISSING = frozenset({"", "--", "---", "null", "nan", "n/a"})
 _NUMBER = re.compile(r"\d+(\.\d*)?|\.\d+")
 
 
@@ -87,7 +86,20 @@ def angle_deg(table: SurveyTable, name: str, *, hours: bool = False, radians: bo
         return np.full(len(table), np.nan)
     column = table.table[own_name]
     if column.dtype.kind in "USO":
-        return sexagesimal_deg(table.text(own_name), own_name, hours)
+        texts = table.text(own_name)
+        given = [text for text in texts.tolist() if text.lower() not in MISSING]
+        if not all(is_number(text) for text in given):
+            return sexagesimal_deg(texts, own_name, hours)
+        # Numbers that came as text because some are missing: the column's unit counts.
+        numbers = np.array([np.nan if text.lower() in MISSING else float(text) for text in texts.tolist()])
+        if column.unit is not None:
+            from astropy.units import Unit
+
+            try:
+                return np.asarray(numbers * Unit(column.unit).to("deg"))
+            except (TypeError, ValueError):
+                raise InputError(f"{own_name} must be an angle, got numbers in {column.unit}") from None
+        return np.degrees(numbers) if radians else numbers
     if radians and column.unit is None:
         return np.degrees(table.number(own_name))
     return table.number(own_name, unit="deg")
@@ -108,7 +120,7 @@ def sexagesimal_deg(texts: NDArray[np.str_], where: str, hours: bool) -> Array:
     """
     angles = np.full(len(texts), np.nan)
     for row, text in enumerate(texts.tolist()):
-        if text.lower() not in _MISSING:
+        if text.lower() not in MISSING:
             angle = _angle(text, hours)
             if angle is None:
                 raise InputError(f"{where} must be an angle such as 12 34 56.7 or 188.73, got {text!r} in row {row}")
@@ -154,7 +166,8 @@ def _part(table: SurveyTable, largest: float, *names: str) -> Array:
     if name is None:
         return np.zeros(len(table))
     values = table.number(name)
-    bad = np.flatnonzero(np.abs(values) > largest)
+    low = -largest if name == table.find("DEd", "decd") else 0.0  # which may carry the sign
+    bad = np.flatnonzero((values > largest) | (values < low))
     if bad.size:
-        raise InputError(f"{name} must be at most {largest:g}, got {values[bad[0]]:g} in row {bad[0]}")
+        raise InputError(f"{name} must be in [{low:g}, {largest:g}], got {values[bad[0]]:g} in row {bad[0]}")
     return values

@@ -14,18 +14,22 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.sky.readers.delimited import cells_of, check_cells, check_last_line, decoded
-from warpsim.sky.readers.file_table import MISSING, is_number, one_line, quietly
+from warpsim.sky.readers.file_table import one_line, quietly
 from warpsim.sky.readers.fixed_width import lines_of
+from warpsim.sky.readers.survey import MISSING, is_number
 
 if TYPE_CHECKING:
     from astropy.table import Table
 
 _NUMBER_TYPES = ("int", "float", "double", "real", "long", "uint", "i", "f", "d", "r", "l")
+_NULLS = [(text, "0") for text in ("null", "NULL", "")]
+"""What stands for a missing value in ECSV: "null" in Gaia's bulk files."""
+
 _ECSV_COLUMN = re.compile(rb"^#\s*-\s*\{name:\s*(?P<name>.+?),.*?datatype:\s*(?P<type>\w+)")
 
 
 def read_fits(data: bytes) -> Table:
-    """First table of a FITS file."""
+    """The table of a FITS file; of several, the first, with a warning."""
     from astropy.table import Table
 
     with warnings.catch_warnings(record=True) as caught:
@@ -38,6 +42,9 @@ def read_fits(data: bytes) -> Table:
     # Where data are missing astropy warns, and may go on.
     if any(word in str(warning.message) for warning in caught for word in ("truncated", "Error validating header")):
         raise InputError("ends early: the FITS data are cut off")
+    several = next((str(warning.message) for warning in caught if "multiple tables" in str(warning.message)), None)
+    if several is not None:
+        warn_of_several(_n_fits_tables(data), "FITS file")
     if table is None:
         if said == "No table found":
             raise InputError("must hold a table, got FITS without one (it may be cut off)")
@@ -59,10 +66,26 @@ def read_votable(data: bytes) -> Table:
     if status is not None and status[0] == "OVERFLOW":
         warnings.warn("the VOTable holds a part only: the archive stopped at its row limit", stacklevel=2)
 
+    n_table = len(re.findall(rb"<(?:\w+:)?TABLE[\s>]", data))
+    if n_table > 1:
+        warn_of_several(n_table, "VOTable")
+
     def parse() -> Table:
         return parse_single_table(io.BytesIO(data), verify="ignore").to_table(use_names_over_ids=True)
 
     return quietly(parse, "VOTable")
+
+
+def warn_of_several(n_table: int, what: str) -> None:
+    """Say that only one of several tables is read."""
+    warnings.warn(f"the {what} holds {n_table} tables, and only the first is read; save the others apart", stacklevel=2)
+
+
+def _n_fits_tables(data: bytes) -> int:
+    from astropy.io import fits
+
+    with fits.open(io.BytesIO(data)) as hdus:
+        return sum(isinstance(hdu, fits.BinTableHDU | fits.TableHDU) for hdu in hdus)
 
 
 def read_parquet(data: bytes) -> Table:
@@ -129,7 +152,9 @@ def read_ecsv(data: bytes) -> tuple[Table, NDArray[np.int64]]:
                 _check_numbers(name, cells, lines.number[1:])
 
     text = data.decode("utf-8", errors="replace")
-    return quietly(lambda: Table.read(text.splitlines(), format="ascii.ecsv"), "ECSV", locate), lines.number[1:]
+    return quietly(
+        lambda: Table.read(text.split("\n"), format="ascii.ecsv", fill_values=_NULLS), "ECSV", locate
+    ), lines.number[1:]
 
 
 def read_ipac(data: bytes) -> tuple[Table, NDArray[np.int64]]:
@@ -157,7 +182,7 @@ def read_ipac(data: bytes) -> tuple[Table, NDArray[np.int64]]:
                 _check_numbers(name, cells, body.number)
 
     text = data.decode("utf-8", errors="replace")
-    return quietly(lambda: Table.read(text.splitlines(), format="ascii.ipac"), "IPAC table", locate), body.number
+    return quietly(lambda: Table.read(text.split("\n"), format="ascii.ipac"), "IPAC table", locate), body.number
 
 
 def _check_numbers(name: str, cells: list[str], line_of_row: NDArray[np.int64]) -> None:

@@ -17,6 +17,8 @@ _ROW = re.compile(
 _NULL = re.compile(r"^\*?\s*(?:[\[\]]\S*[\[\]])?\s*\?(?:=(?P<null>\S+))?")
 _RULE = re.compile(r"^[-=]{20,}\s*$")
 
+_LONGEST_LINE = 100_000
+
 # The names of these say the unit, and astropy knows no name for a tenth of a second.
 _PARTS = {"RAh", "RAm", "RAs", "RAds", "DE-", "DEd", "DEm", "DEs"}
 
@@ -57,7 +59,7 @@ def layout_from_readme(text: str, file_name: str) -> Layout:
 
 def split_self_described(text: str) -> int | None:
     """Number of lines before the data of a table that holds its own description; None if it holds none."""
-    lines = text.splitlines()
+    lines = text.split("\n")
     if not any(_TITLE.match(line) for line in lines[:2000]):
         return None
     rules = [number for number, line in enumerate(lines, start=1) if _RULE.match(line)]
@@ -86,4 +88,7 @@ def _field(row: re.Match[str]) -> Field:
     except ValueError:  # dashes or a text
         null_value = None
     last = int(row["last"])
-    return Field(row["name"], int(row["first"] or last), last, kind, unit, null_value)
+    first = int(row["first"] or last)
+    if not 1 <= first <= last <= _LONGEST_LINE:
+        raise InputError(f"column {row['name']}: bytes must grow from 1 to at most {_LONGEST_LINE}, got {first}-{last}")
+    return Field(row["name"], first, last, kind, unit, null_value)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -11,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.readers.file_table import cds_unit, is_number, quietly
+from warpsim.sky.readers.file_table import cds_unit, quietly
 from warpsim.sky.readers.fixed_width import Lines, lines_of
+from warpsim.sky.readers.survey import is_number
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -53,8 +55,12 @@ def read_delimited(data: bytes, delimiter: str | None = None) -> tuple[Table, ND
     line_of_row = lines.number[first:]
     check_cells(rows, line_of_row, parted_by, len(names))
     table = _table_of(header, rows, parted_by)
+    comments = [decoded(line) for line in data.split(b"\n", 200)[:200] if line.startswith(b"#")]
+    if comments:
+        table.meta["comments"] = comments
+    _check_hidden_rows(data, lines, parted_by, len(names))
     for name, unit in zip(table.colnames, units, strict=False):
-        if table[name].dtype.kind in "iuf" and unit.strip():
+        if unit.strip():
             table[name].unit = cds_unit(unit)
     return table, line_of_row
 
@@ -64,6 +70,20 @@ def names_columns(line: str, delimiter: str | None = None) -> bool:
     parted_by = delimiter or _delimiter_of(line)
     cells = [cell.strip() for cell in cells_of(line, parted_by)] if parted_by else []
     return len(cells) >= 2 and all(cell and not is_number(cell) for cell in cells)
+
+
+def _check_hidden_rows(data: bytes, lines: Lines, delimiter: str, n_cell: int) -> None:
+    """Warn about lines behind the header that begin with # and have a row's cells: comments, or rows by mistake."""
+    found = [
+        number
+        for number, line in enumerate(data.split(b"\n"), start=1)
+        if line.startswith(b"#") and number > lines.number[0] and len(cells_of(decoded(line), delimiter)) == n_cell
+    ]
+    if found and n_cell > 1:
+        shown = ", ".join(map(str, found[:5])) + (", ..." if len(found) > 5 else "")
+        warnings.warn(
+            f"{len(found)} lines that look like rows begin with # and are left out (lines {shown})", stacklevel=2
+        )
 
 
 def open_end(lines: Lines) -> str | None:

@@ -11,15 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.readers.survey import SurveyTable
+from warpsim.sky.readers.survey import MISSING, SurveyTable, is_number
 
 if TYPE_CHECKING:
     from astropy.table import Table
 
 Array = NDArray[np.float64]
-
-MISSING = ("", "nan", "null", "none", "--", "~", "n/a")
-"""Texts, in small letters, that stand for a missing number."""
 
 _ROW = re.compile(r"\bin row (\d+)")
 
@@ -81,15 +78,6 @@ class FileTable(SurveyTable):
             text = f"column {name}: must be a number, got {str(texts[row])!r}"
             raise InputError(f"{self.where(row)}: {text}") from None
         return values
-
-
-def is_number(text: str | bytes) -> bool:
-    """Whether a text is a number."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def one_line(error: BaseException) -> str:

@@ -100,7 +100,9 @@ def read_file(path: Path, format: str | None, readme: Path | None, survey: str |
     if b"\x00" in data[:_N_HEAD]:
         raise InputError("cannot be read as a table: it is binary, of no kind known")
     if kind in _TEXT_KINDS:
-        return FileTable(*_TEXT_KINDS[kind](data))
+        text_table = FileTable(*_TEXT_KINDS[kind](data))
+        text_table.open_end = open_end(lines_of(data, skip=(b"#",)))
+        return text_table
     return _read_bytes_of_lines(data, path, kind, readme, survey)
 
 
@@ -121,7 +123,7 @@ def _bytes_of(path: Path) -> bytes:
             raise InputError(f"cannot be unpacked ({error})") from None
     if not data.strip():
         raise InputError("must hold a table, got an empty file")
-    return data
+    return data.removeprefix(b"\xef\xbb\xbf")
 
 
 def _check_foreign(data: bytes) -> None:
@@ -166,7 +168,7 @@ def _read_bytes_of_lines(data: bytes, path: Path, kind: str, readme: Path | None
     n_description = split_self_described(data.decode("latin-1")) if _DESCRIPTION in data[:_N_DESCRIPTION] else None
     if n_description is not None:
         lines = _after(lines_of(data), n_description)
-        described = layout_from_readme(data.decode("latin-1"), file_name)
+        described = layout_from_readme("\n".join(data.decode("latin-1").split("\n")[:n_description]), file_name)
         return FileTable(read_fixed_width(lines, described), lines.number)
     beside = next((path.parent / name for name in _README_NAMES if (path.parent / name).is_file()), None)
     if kind == "cds":
@@ -176,7 +178,7 @@ def _read_bytes_of_lines(data: bytes, path: Path, kind: str, readme: Path | None
 
     lines = lines_of(data, skip=(b"#",))
     layout = recognised(lines, LAYOUTS)
-    if layout is None and beside is not None and file_name.lower().endswith(".dat"):
+    if layout is None and beside is not None and file_name.lower().endswith(".dat") and _describes(beside):
         return _read_by_readme(data, file_name, beside)
     if layout is None and not names_columns(decoded(lines.text[0]) if len(lines) else ""):
         # The lines follow no layout: take that of the survey named, or of the file's name, to say what is wrong.
@@ -186,6 +188,14 @@ def _read_bytes_of_lines(data: bytes, path: Path, kind: str, readme: Path | None
     table = FileTable(*read_delimited(data))
     table.open_end = open_end(lines)
     return table
+
+
+def _describes(readme: Path) -> bool:
+    """Whether a file beside the data is a ReadMe of the CDS, not just any README."""
+    try:
+        return "description of file:" in readme.read_text("latin-1").lower()
+    except OSError:
+        return False
 
 
 def _read_by_readme(data: bytes, file_name: str, readme: Path) -> FileTable:

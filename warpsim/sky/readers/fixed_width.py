@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.readers.file_table import cds_unit, is_number
+from warpsim.sky.readers.file_table import cds_unit
+from warpsim.sky.readers.survey import is_number
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -23,6 +24,9 @@ _BLANK = 32
 _NUMBER_BYTES = np.zeros(256, dtype=bool)
 _NUMBER_BYTES[list(b" 0123456789+-.eE")] = True
 """Bytes a number may hold; float() alone also takes "nan", "inf" and "1_0"."""
+
+_UNSIGNED = frozenset({"RAh", "RAm", "RAs", "RAds", "DEd", "DEm", "DEs"})
+"""Parts of an angle, whose sign stands in a byte of its own."""
 
 N_SAMPLE = 50
 """Lines looked at to recognise a layout."""
@@ -47,7 +51,7 @@ class Field:
     """A number that stands for a missing one; a blank always does."""
 
     largest: float = np.inf
-    """No number is larger in size."""
+    """No number is larger in size; parts of an angle (_UNSIGNED) are not negative either."""
 
     @property
     def bytes(self) -> str:
@@ -212,9 +216,10 @@ def _values(chars: NDArray[np.uint8], field: Field, lines: Lines) -> NDArray[Any
         raise _bad(field, lines, text, row, "be a number") from None
     if field.null is not None:
         values[values == field.null] = np.nan
-    large = np.abs(values) > field.largest
-    if large.any():
-        raise _bad(field, lines, text, int(np.argmax(large)), f"be at most {field.largest:g}")
+    smallest = 0.0 if field.name in _UNSIGNED else -field.largest
+    outside = (values > field.largest) | (values < smallest)
+    if outside.any():
+        raise _bad(field, lines, text, int(np.argmax(outside)), f"be in [{smallest:g}, {field.largest:g}]")
     if field.kind == "whole":
         broken = values != np.where(np.isnan(values), values, np.round(values))
         broken &= ~np.isnan(values)

@@ -46,7 +46,11 @@ def _convert(table: SurveyTable) -> SurveyStars:
         quality=np.where(saturated, UNCERTAIN, quality),
         id=star_names(table, "Gaia ", "designation", "DR3Name", "DR2Name", "source_id", "Source"),
         epoch_jyear=epoch_of_place(ra_name, _epoch_jyear(table)),
-        notes=("A from G and BP-RP", *count_note(np.isnan(flux_jy), "have no G, BP or RP, so no flux")),
+        notes=(
+            "A from G and BP-RP",
+            *_assumed_epoch(table),
+            *count_note(np.isnan(flux_jy), "have no G, BP or RP, so no flux"),
+        ),
     )
 
 
@@ -64,6 +68,12 @@ def _epoch_jyear(table: SurveyTable) -> float:
     described = " ".join(str(value) for value in table.table.meta.values())
     from_dr2 = (len(names) > 0 and names[0].startswith("Gaia DR2")) or "I/345" in described or "I_345" in described
     return DR2_EPOCH_JYEAR if from_dr2 else EPOCH_JYEAR
+
+
+def _assumed_epoch(table: SurveyTable) -> tuple[str, ...]:
+    """A note where nothing but the newest release's habit says the epoch."""
+    stated = table.find("ref_epoch", "Epoch", "designation", "DR3Name", "DR2Name") or table.table.meta
+    return () if stated else (f"reference epoch {EPOCH_JYEAR:g} assumed, that of DR3",)
 
 
 SURVEYS = (

@@ -13,6 +13,7 @@ from warpsim.sky.bands import BANDS
 from warpsim.sky.catalog_columns import BAND_NAMES, J2000_JYEAR, NUMBER_UNITS, flag_column, flux_column
 from warpsim.sky.readers.angles import angle_deg, has_parts, place_deg
 from warpsim.sky.readers.file_table import FileTable
+from warpsim.sky.readers.photometry import real_magnitudes
 from warpsim.sky.readers.survey import plain_name
 
 _ANGLES = ("ra_deg", "dec_deg")
@@ -31,7 +32,9 @@ COLUMNS = (*NUMBER_UNITS, *_BRIGHTNESSES, *map(flag_column, BAND_NAMES), "id", "
 def own_columns(table: FileTable) -> dict[str, str]:
     """The table's columns that go by warpsim's names, whatever their case."""
     names = {name.lower(): name for name in reversed(table.table.colnames)}
-    return {column: names[column.lower()] for column in COLUMNS if column.lower() in names}
+    names |= {name: name for name in table.table.colnames}  # spelled just so
+    spelled = {column: column if column in names else column.lower() for column in COLUMNS}
+    return {column: names[name] for column, name in spelled.items() if name in names}
 
 
 def is_own(columns: Mapping[str, str], table: FileTable) -> bool:
@@ -65,6 +68,8 @@ def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
                 f"columns: {name}: {own_name} is one of RAh, RAm, RAs, DE-, DEd, DEm, DEs; leave ra_deg and dec_deg "
                 "out, and places are made of all of them"
             )
+        if own_name in checked.values():
+            raise InputError(f"columns: {name}: must be a column of its own, got {own_name!r} a second time")
         checked[name] = own_name
     for band in BAND_NAMES:
         if flux_column(band) in checked and magnitude_column(band) in checked:
@@ -82,7 +87,7 @@ def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
 
 
 def _names_of(band: str) -> set[str]:
-    return {flux_column(band), magnitude_column(band)}
+    return {flux_column(band), magnitude_column(band), flag_column(band)}
 
 
 def _own_name(table: FileTable, column: str) -> str | None:
@@ -132,7 +137,7 @@ def arrays_of_columns(table: FileTable, columns: Mapping[str, str]) -> dict[str,
         if flux_column(band) in columns:
             arrays["flux_jy"][band] = table.number(columns[flux_column(band)], unit="Jy")
         elif magnitude_column(band) in columns:
-            magnitudes = table.number(columns[magnitude_column(band)], unit="mag")
+            magnitudes = real_magnitudes(table.number(columns[magnitude_column(band)], unit="mag"))
             arrays["flux_jy"][band] = BANDS[band].zero_mag_jy * 10.0 ** (-0.4 * magnitudes)
         if flag_column(band) in columns:
             arrays["flux_flag"][band] = table.number(columns[flag_column(band)])

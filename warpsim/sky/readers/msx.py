@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_PREDICTED
 from warpsim.sky.readers.angles import Pair, place_deg
-from warpsim.sky.readers.survey import Survey, SurveyStars, SurveyTable
+from warpsim.sky.readers.survey import Survey, SurveyStars, SurveyTable, plain_name
 
 Array = NDArray[np.float64]
 
@@ -83,8 +83,15 @@ def _rate(table: SurveyTable, name: str, unit: str) -> Array:
     from astropy.units import UnrecognizedUnit
 
     stated = table.table[own_name].unit
-    return table.number(name, unit="" if isinstance(stated, UnrecognizedUnit) else unit)
+    if isinstance(stated, UnrecognizedUnit):
+        if plain_name(str(stated)) not in _PER_CENTURY:
+            raise InputError(f"{own_name} must be in {unit} or the like, got {stated}")
+        unit = ""
+    return table.number(name, unit=unit)
 
+
+_PER_CENTURY = ("sha", "arcsecha", "s100yr", "arcsec100yr", "scy", "arcseccy", "scentury", "arcseccentury")
+"""Units of the catalog as archives spell them, without case and punctuation; ha is the CDS's hundred years."""
 
 _PSC_NAMES = ("MSX6C", "MSX5C", "MSX6C_ID", "MSX5C_ID", "name")
 

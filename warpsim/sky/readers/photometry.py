@@ -19,6 +19,10 @@ UNKNOWN, UNCERTAIN, FAIR, GOOD, EXCELLENT = range(5)
 EXCELLENT_ERROR = 0.10
 """Relative error of a flux up to which a measurement is excellent."""
 
+LARGEST_MAG = 40.0
+LARGEST_STRAY_MAG = 2.0
+"""A colour farther than this beyond a relation's range is no colour, but a code for a missing one."""
+
 SATURATED_K_MAG = 4.0
 """2MASS saturates above this brightness: magnitudes are from the wings of the image, and good to 0.2-0.4 mag."""
 
@@ -30,7 +34,7 @@ def magnitude(flux_jy: Array, zero_mag_jy: float) -> Array:
 
 def band_flux_jy(band: str, magnitudes: Array) -> Array:
     """Flux density in an MSX band [Jy] of a star of the given magnitude in it; NaN in, NaN out."""
-    return BANDS[band].zero_mag_jy * 10.0 ** (-0.4 * magnitudes)
+    return BANDS[band].zero_mag_jy * 10.0 ** (-0.4 * real_magnitudes(magnitudes))
 
 
 def positive(values: Array) -> Array:
@@ -38,12 +42,19 @@ def positive(values: Array) -> Array:
     return np.where(values > 0.0, values, np.nan)
 
 
+def real_magnitudes(values: Array) -> Array:
+    """Magnitudes that a star can have, NaN elsewhere: archives write 99.999 or -99 for a missing one."""
+    return np.where(np.abs(values) < LARGEST_MAG, values, np.nan)
+
+
 def predicted_flux_a_jy(relation: str, magnitudes: Array, colour: Array) -> tuple[Array, Quality]:
     """Flux density in A [Jy] by one of RELATIONS, and its quality, shape (n,) each.
 
     The quality is FAIR, UNCERTAIN where the colour was clipped, UNKNOWN (with a flux of NaN) where one is missing.
     """
-    magnitude_a, clipped = RELATIONS[relation].magnitude_a(magnitudes, colour)
+    low, high = RELATIONS[relation].colour_range
+    colour = np.where((colour > low - LARGEST_STRAY_MAG) & (colour < high + LARGEST_STRAY_MAG), colour, np.nan)
+    magnitude_a, clipped = RELATIONS[relation].magnitude_a(real_magnitudes(magnitudes), colour)
     quality = np.where(clipped, UNCERTAIN, FAIR)
     return band_flux_jy("A", magnitude_a), np.where(np.isnan(magnitude_a), UNKNOWN, quality)
 
@@ -68,7 +79,7 @@ def star_names(table: SurveyTable, prefix: str, *names: str) -> NDArray[np.str_]
     """Names of the stars with the survey's prefix, "IRAS 06429-1639"; None without such a column."""
     if table.find(*names) is None:
         return None
-    texts = [text if text.startswith(prefix) else f"{prefix}{text}" for text in table.text(*names).tolist()]
+    texts = [text if not text or text.startswith(prefix) else f"{prefix}{text}" for text in table.text(*names).tolist()]
     return np.array(texts, dtype=np.str_)
 
 

@@ -53,7 +53,13 @@ def read_catalog(
     try:
         where = fspath(path)
     except TypeError:
-        raise InputError(f"path: must be a file name, got {type(path).__name__}") from None
+        where = None
+    if not isinstance(where, str) or "\0" in where:
+        raise InputError(f"path: must be a file name, got {type(path).__name__}")
+    if not isinstance(format, str | None):
+        raise InputError(f"format: must be a name, got {format!r}")
+    if not isinstance(readme, str | PathLike | None):
+        raise InputError(f"readme: must be a file name, got {readme!r}")
     survey = SURVEYS.get(format) if format is not None else None
     try:
         if survey is not None and columns is not None:

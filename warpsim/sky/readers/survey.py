@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+MISSING = ("", "nan", "null", "none", "-", "--", "---", "~", "n/a")
+"""Texts, in small letters, that stand for a missing number."""
+
+
 @dataclass(frozen=True)
 class Survey:
     """A published catalog, known by the names of its columns."""
@@ -82,8 +86,13 @@ class SurveyTable:
         return len(self.table)
 
     def find(self, *names: str) -> str | None:
-        """The table's own name of the first of these columns that it has."""
-        return next((self._names[plain_name(name)] for name in names if plain_name(name) in self._names), None)
+        """The table's own name of the first of these columns that it has; one spelled just so goes first."""
+        for name in names:
+            if name in self.table.colnames:
+                return name
+            if plain_name(name) in self._names:
+                return self._names[plain_name(name)]
+        return None
 
     def number(self, *names: str, unit: str = "", null: tuple[float, ...] = ()) -> Array:
         """A column of numbers in a unit, shape (n,); NaN where masked, one of `null`, or where there is no such column.
@@ -111,12 +120,22 @@ class SurveyTable:
         if name is None:
             return np.full(len(self), "")
         column: Any = self.table[name]
-        filled = (
-            column.filled("") if getattr(column, "mask", None) is not None and column.dtype.kind in "USO" else column
-        )
-        return np.char.strip(np.asarray(filled).astype(np.str_))
+        if column.ndim != 1:
+            raise InputError(f"{name} must hold one value a row, got shape {column.shape}")
+        texts = np.char.strip(np.asarray(getattr(column, "unmasked", column)).astype(np.str_))
+        mask = getattr(column, "mask", None)
+        return texts if mask is None else np.where(np.asarray(mask), "", texts)
 
 
 def plain_name(name: str) -> str:
-    """A column name without case and punctuation."""
-    return re.sub(r"[^a-z0-9]", "", name.lower())
+    """A column name without case and punctuation; the name itself where nothing else is in it."""
+    return re.sub(r"[\W_]", "", name.casefold()) or name
+
+
+def is_number(text: str | bytes) -> bool:
+    """Whether a text is a number; Python's 1_0 is none."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return ("_" if isinstance(text, str) else b"_") not in text  # type: ignore[operator]

@@ -1,0 +1,131 @@
+"""What `warpsim check` says of the sky: stars with light, what their places include, and what is left out."""
+
+import math
+import re
+
+import pytest
+
+from warpsim.output.check import scene_report
+
+TWO_DIGITS = 0.051
+"""Numbers are printed with two digits."""
+SIZE = r"\((?P<arcsec>[-+.\de]+) arcsec, (?P<px>[-+.\de]+) px(?P<note>[^)]*)\)"
+
+CAMERAS = {
+    # changes, and arcsec per pixel by hand: at the centre, across columns; 64 px / tan(0.5 deg) = 7333.6 px
+    "paper": ({}, 28.126),
+    "lens": ({"camera": {"n_row": 50, "n_col": 100, "focal_length_m": 2.0, "pixel_pitch_m": 2e-5}}, 2.0626),
+}
+NEAR_STARS = "ra_deg,dec_deg,parallax_mas,flux_A_jy\n10,20,3.5,1\n30,-40,412.0,2\n50,60,-900.0,3\n70,80,,4\n"
+
+
+@pytest.fixture
+def near_stars(tmp_path):
+    path = tmp_path / "near.csv"
+    path.write_text(NEAR_STARS)
+    return str(path)
+
+
+def line(report, name):
+    """What follows a word at the start of a line of a report; None where there is no such line."""
+    found = re.findall(rf"^  {name} +(.*)$", report, flags=re.MULTILINE)
+    assert len(found) < 2
+    return found[0] if found else None
+
+
+def left_out(report):
+    """Sizes of the effects left out: arcsec, px, and the words after them."""
+    text = line(report, "places").split("; left out: ")[1]
+    sizes = re.finditer(rf"(?P<effect>[a-z ]+) {SIZE}", text)
+    return {
+        match["effect"].strip(): (float(match["arcsec"]), float(match["px"]), match["note"].strip()) for match in sizes
+    }
+
+
+@pytest.mark.parametrize(("changes", "arcsec_per_px"), CAMERAS.values(), ids=CAMERAS)
+@pytest.mark.parametrize("exclusion_deg", [0.0, 20.0, 60.0, 90.0])
+def test_sizes_of_what_is_left_out(scene, near_stars, changes, arcsec_per_px, exclusion_deg):
+    described = scene.replace(
+        **changes,
+        access_rules__min_solar_exclusion_deg=exclusion_deg,
+        sky={"catalog": near_stars, "aberration": False},
+    )
+    report = scene_report(described)
+    assert f"{arcsec_per_px:.2f} arcsec per pixel" in line(report, "camera")
+    # At the limb, 1.75 arcsec; elsewhere 4.07 mas / tan(angle / 2).
+    deflection = 4.07e-3 / math.tan(math.radians(exclusion_deg) / 2) if exclusion_deg else 1.75
+    where = f"{exclusion_deg:g} deg from the Sun" if exclusion_deg else "at the Sun's limb"
+    expected = {
+        "aberration": (26.0, ""),
+        "parallax": (0.412, "for the nearest star"),
+        "light deflection": (deflection, where),
+    }
+    sizes = left_out(report)
+    assert list(sizes) == list(expected)
+    for effect, (arcsec, note) in expected.items():
+        assert sizes[effect][0] == pytest.approx(arcsec, rel=TWO_DIGITS), effect
+        assert sizes[effect][1] == pytest.approx(arcsec / arcsec_per_px, rel=TWO_DIGITS), effect
+        assert sizes[effect][2] == note
+
+
+def test_deflection_at_the_papers_exclusion(scene):
+    """7.05 mas at 60 degrees, by hand, and the nearest star of the embedded catalog: Rigil Kentaurus, 0.75 to 0.8."""
+    sizes = left_out(scene_report(scene))
+    assert list(sizes) == ["parallax", "light deflection"]
+    assert sizes["light deflection"][0] == pytest.approx(0.00705, rel=TWO_DIGITS)
+    assert 0.7 < sizes["parallax"][0] < 0.85
+
+
+EFFECTS = ["aberration", "parallax", "light deflection"]
+
+
+@pytest.mark.parametrize(
+    "on", [[], ["parallax"], ["aberration", "light deflection"], ["aberration", "parallax", "light deflection"]]
+)
+def test_every_effect_is_included_or_left_out(scene, near_stars, on):
+    switches = {effect.replace(" ", "_"): effect in on for effect in EFFECTS}
+    report = scene_report(scene.replace(sky={"catalog": near_stars, **switches}))
+    places = line(report, "places")
+    included, rest = places.split("; left out: ")
+    assert included.split(", ") == ["proper motion", *on]
+    if len(on) == 3:
+        assert rest == "nothing"
+    else:
+        assert list(left_out(report)) == [effect for effect in EFFECTS if effect not in on]
+
+
+def test_without_parallaxes_none_is_left_out(scene):
+    made_up = scene.replace(sky={"catalog": "synthetic", "synthetic": {"n_star": 10}})
+    assert list(left_out(scene_report(made_up))) == ["light deflection"]
+
+
+def test_the_papers_physics_is_named(scene):
+    assert "the paper's physics" not in scene_report(scene)
+    assert line(scene_report(scene.replace(sky__physics="paper")), "sky").endswith(", the paper's physics")
+
+
+NO_LIGHT = "no star of the catalog gives light in these bands"
+
+
+@pytest.mark.parametrize("flux", ["0", ""], ids=["dark", "unknown"])
+def test_a_catalog_without_light_is_warned_of(scene, tmp_path, flux):
+    path = tmp_path / "dark.csv"
+    path.write_text(f"ra_deg,dec_deg,flux_A_jy\n10,20,{flux}\n30,40,{flux}\n")
+    report = scene_report(scene.replace(sky__catalog=str(path)))
+    assert "2 stars, with light in band A 0, C 0, E 0" in line(report, "sky")
+    assert line(report, "warning") == NO_LIGHT
+
+
+def test_light_in_one_band_is_enough(scene, tmp_path):
+    path = tmp_path / "red.csv"
+    path.write_text("ra_deg,dec_deg,flux_A_jy,flux_C_jy,flux_E_jy\n10,20,0,0,1\n30,40,0,0,0\n50,60,0,2,3\n")
+    report = scene_report(scene.replace(sky__catalog=str(path)))
+    assert "3 stars, with light in band A 0, C 1, E 2" in line(report, "sky")
+    assert NO_LIGHT not in report
+
+
+def test_a_sky_without_stars_is_no_fault(scene):
+    report = scene_report(scene.replace(sky__catalog="none"))
+    assert "0 stars" in line(report, "sky")
+    assert line(report, "places") is None
+    assert NO_LIGHT not in report
