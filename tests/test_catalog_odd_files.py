@@ -78,12 +78,12 @@ def test_units_hold_where_a_cell_is_missing(read):
 
 def test_v98_motions_in_another_unit(read):
     text = (
-        "RAJ2000\tDEJ2000\tpmRA\tpmDE\tFSIIIA\ndeg\tdeg\t{0}\t{0}\tJy\n---\t---\t---\t---\t---\n180\t0\t100\t50\t1.5\n"
+        "RAJ2000\tDEJ2000\tpmRA\tpmDE\tFSIIIA\ndeg\tdeg\t{0}\t{1}\tJy\n---\t---\t---\t---\t---\n180\t0\t100\t50\t1.5\n"
     )
-    seconds = read(text.format("s/ha"), "x.tsv")  # the CDS's hundred years
+    seconds = read(text.format("s/ha", "arcsec/ha"), "x.tsv")  # the CDS's hundred years
     assert (seconds.pm_ra_mas_yr[0], seconds.pm_dec_mas_yr[0]) == pytest.approx((15_000.0, 500.0), rel=1e-12)
     for unit in ("mas/yr", "mas/year", "parsnip/yr"):  # with or without cos(dec)? nobody knows
-        assert refused(read, text.format(unit), "x.tsv").startswith("pmRA must be ")
+        assert refused(read, text.format(unit, unit), "x.tsv").startswith("pmRA must be ")
 
 
 @pytest.mark.parametrize("kind", ["fits", "votable"])
@@ -227,3 +227,9 @@ def test_arguments_of_other_types_are_named(arguments, text):
     with pytest.raises(ws.InputError) as caught:
         ws.StarCatalog.read(**arguments)
     assert str(caught.value) == text
+
+
+def test_errors_name_the_files_column(read):
+    text = refused(read, "a,b,c\n1,2,3\n1,95,3\n", columns=PLACE)
+    assert text == "column b: dec_deg must be in [-90, 90], got 95 in line 3 (1 such row)"
+    assert refused(read, "ra_deg,dec_deg,flux_A_jy\n1,95,3\n").startswith("dec_deg must be")

@@ -86,15 +86,17 @@ def hand_made_views(scene, world, axes, n_slot):
     return chunk
 
 
-def stars_on_the_rim(camera, axes, velocities_m_s, n_star, light, seed, shift_arcsec=60.0, parallax_mas=NEARBY_MAS):
+def stars_on_the_rim(
+    camera, axes, velocities_m_s, observers_au, n_star, light, seed, shift_arcsec=60.0, parallax_mas=NEARBY_MAS
+):
     """Stars about the border of each frame, half of them at its corners, one in nine without a parallax.
 
     Distances from the border: a third within 1 px, a third within shift_arcsec, a third within REACH_PX, of apparent
-    places; the inverse Lorentz transformation carries them back.
+    places; the inverse Lorentz transformation and the parallax carry them back. Half the parallaxes are the largest.
     """
     rng = np.random.default_rng(seed)
-    places = []
-    for view_axes, velocity in zip(axes, velocities_m_s, strict=True):
+    places, parallaxes = [], []
+    for view_axes, velocity, observer_au in zip(axes, velocities_m_s, observers_au, strict=True):
         size = np.array([camera.n_col, camera.n_row])
         xy = rng.uniform(-0.5, size - 0.5, (n_star, 2))
         side = rng.integers(0, 2, (n_star, 2))  # before or after the array, along each axis
@@ -107,15 +109,18 @@ def stars_on_the_rim(camera, axes, velocities_m_s, n_star, light, seed, shift_ar
         pinhole = np.column_stack([(xy - camera.centre_px) / camera.focal_px, np.ones(n_star)])
         seen = pinhole @ view_axes
         seen /= np.linalg.norm(seen, axis=1, keepdims=True)
-        places.append(ws.apparent_direction(seen, -velocity))
+        parallax = np.where(rng.random(n_star) < 0.5, parallax_mas, rng.uniform(0, parallax_mas, n_star))
+        parallax[::9] = np.nan
+        unmoved = ws.apparent_direction(seen, -velocity)
+        places.append(unmoved + np.nan_to_num(parallax)[:, None] * ARCSEC_RAD / 1e3 * observer_au)
+        parallaxes.append(parallax)
     place = np.concatenate(places)
-    parallax = rng.uniform(0, parallax_mas, len(place))
-    parallax[::9] = np.nan
+    place /= np.linalg.norm(place, axis=1, keepdims=True)
     return ws.StarCatalog.from_arrays(
         np.degrees(np.arctan2(place[:, 1], place[:, 0])),
         np.degrees(np.arcsin(np.clip(place[:, 2], -1, 1))),
         light(rng, len(place)),
-        parallax_mas=parallax,
+        parallax_mas=np.concatenate(parallaxes),
     )
 
 
@@ -248,8 +253,11 @@ def test_with_switches_off(scene, device, on):
 @pytest.mark.parametrize("n_pixel", [128, 6000])
 def test_parallaxes_as_large_as_a_catalog_may_hold(scene, device, n_pixel):
     described = sky_scene(scene, n_pixel, n_pixel, 1.0)
+    sun = -unit(earth_state(described, START_S)[0]["p"])
+    aside = unit(np.cross(sun, [0.2, 0.1, 1.0]))  # where parallaxes are largest, along a diagonal
+    axes = np.concatenate([borders_of_the_sky(), [axes_with_corner_towards(aside, sun)]])
     far_off = {"shift_arcsec": 1.3e-3 * NEAREST_MAS, "parallax_mas": NEAREST_MAS}
-    assert_stage_is_complete(described, device, borders_of_the_sky(), 3000, alike, **far_off)
+    assert_stage_is_complete(described, device, axes, 3000, alike, **far_off)
 
 
 def assert_stage_is_complete(scene, device, axes, n_star, light, **far_off):
@@ -258,7 +266,8 @@ def assert_stage_is_complete(scene, device, axes, n_star, light, **far_off):
     time_s = scene.frame_time_s(np.arange(len(axes)))
     earth_m_s = np.stack([earth_velocity_m_s(scene, time) for time in time_s])
     carried = (earth_m_s + scene.tracks.sensors[0].state(time_s)[1]) * scene.sky.aberration
-    catalog = stars_on_the_rim(scene.camera, axes, carried, n_star, light, n_star, **far_off)
+    barycentric_au = np.stack([earth_state(scene, time)[1]["p"] for time in time_s]) * scene.sky.parallax
+    catalog = stars_on_the_rim(scene.camera, axes, carried, barycentric_au, n_star, light, n_star, **far_off)
     world = World(scene, scene.bands, on, star_index(scene, catalog, on))
     chunk = hand_made_views(scene, world, axes, world.n_target + len(catalog))
     stages.gather_stars(world, chunk)
@@ -283,7 +292,7 @@ def test_the_renderers_list_is_complete(scene, device, n_pixel, bands):
     dark = ws.Renderer(scene, device=device).render(frames, sensors, ["A"])
     n_view = len(frames) * len(sensors)
     axes, velocities = dark.axes_icrs.reshape(n_view, 3, 3), dark.velocity_m_s.reshape(n_view, 3)
-    catalog = stars_on_the_rim(described.camera, axes, velocities, 1000, mixed, seed=4)
+    catalog = stars_on_the_rim(described.camera, axes, velocities, np.zeros((n_view, 3)), 1000, mixed, seed=4)
     seen = ws.Renderer(described, device=device, catalog=catalog).render(frames, sensors, bands, keep_stars=True)
     np.testing.assert_array_equal(seen.axes_icrs, dark.axes_icrs)
     stars, views = seen.stars, []

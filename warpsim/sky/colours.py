@@ -39,7 +39,7 @@ class Relation:
         term = np.zeros_like(clipped)
         for coefficient in reversed(self.coefficients):
             term = term * clipped + coefficient
-        return magnitude - term, clipped != colour
+        return magnitude - term, (clipped != colour) & ~np.isnan(colour)
 
 
 RELATIONS: Mapping[str, Relation] = {

@@ -106,7 +106,12 @@ def _own_catalog(table: FileTable, columns: Mapping[str, str], where: str, fill:
         warnings.warn(f"{where}: {table.open_end}", stacklevel=4)
     meta = {str(key).lower(): value for key, value in table.table.meta.items()}
     arrays = _rows_read(table, lambda: arrays_of_columns(table, columns))
-    catalog = _catalog(table, arrays, where, str(meta.get("name", Path(where).name)))[0]
+    try:
+        catalog = _catalog(table, arrays, where, str(meta.get("name", Path(where).name)))[0]
+    except InputError as error:
+        name = str(error).split()[0]
+        own_name = columns.get(name, name)
+        raise InputError(str(error) if own_name == name else f"column {own_name}: {error}") from None
     flagged = any(name in columns for name in map(flag_column, arrays["flux_jy"]))
     return catalog.filled() if fill and not flagged else catalog
 
