@@ -10,7 +10,8 @@ import warp as wp
 from warpsim.render.world import World
 
 SIGNAL_BYTES_PER_CHUNK = 8 * 2**20
-"""Signal that one CPU worker holds at a time; small enough to stay in the cache between deposit and read-out."""
+"""Signal that one CPU worker holds at a time, small enough to stay in the cache between deposit and read-out; and the
+same for its source lists."""
 
 SIGNAL_BYTES_PER_CHUNK_CUDA = 512 * 2**20
 """The same on CUDA, where a launch should be large."""
@@ -124,8 +125,8 @@ def part_of(arrays: Any, first: int, end: int) -> Any:
 
 
 def views_per_chunk(world: World, n_pixel: int, n_slot: int) -> int:
-    """Views whose signal and source lists fit the chunk's share of memory; at least one."""
+    """Views whose signal, and whose source lists, each fit the chunk's share of memory; at least one."""
     share = SIGNAL_BYTES_PER_CHUNK_CUDA if world.device.is_cuda else SIGNAL_BYTES_PER_CHUNK
     signal_bytes = 4 * world.n_band * n_pixel
     slot_bytes = 16 + 4 * world.n_band + 4  # position, irradiance, star
-    return max(1, share // (signal_bytes + slot_bytes * n_slot))
+    return max(1, min(share // signal_bytes, share // (slot_bytes * n_slot)))
