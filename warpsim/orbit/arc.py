@@ -1,8 +1,8 @@
 """Ballistic arcs: free flight between two places on the Earth in a given time.
 
 The end points are WGS84 geodetic at their own times, so the end place has turned with the Earth during the flight. The
-arc takes the short way about the Earth's centre. Two-body arcs are Lambert's solution; J2 arcs correct its start
-velocity by Newton's method (shooting) until they hit the end point, about the pole of date at the epoch.
+arc takes the short way about the Earth's centre. Two-body arcs are Lambert's solution; with J2 (or J2 to J4)
+Newton's method corrects its start velocity until the flight hits the end point (shooting).
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class BallisticArc:
 
         Raises:
             InputError: When the ends are 180 degrees apart, the flight would pass through the Earth (duration too
-                short or too long for free flight), or the J2 shooting does not converge.
+                short or too long for free flight), or the shooting does not converge.
         """
         start, end = self.end_points_m
         try:
@@ -130,7 +130,7 @@ class BallisticArc:
         miss_m = math.inf
         for _ in range(12):
             ends = propagate(
-                np.tile(start, (4, 1)), velocity + nudges, np.array([self.duration_s]), "j2", self.pole_icrs
+                np.tile(start, (4, 1)), velocity + nudges, np.array([self.duration_s]), self.gravity, self.pole_icrs
             )[0][0]
             miss = end - ends[0]
             miss_m = float(np.linalg.norm(miss))
@@ -139,7 +139,7 @@ class BallisticArc:
             velocity = velocity + np.linalg.solve((ends[1:] - ends[0]).T / _NUDGE_M_S, miss)
         if miss_m < _WORST_MISS_M:
             return velocity
-        raise InputError(f"BallisticArc: the J2 arc does not converge on its end point, last miss {miss_m:.3g} m")
+        raise InputError(f"BallisticArc: the arc does not converge on its end point, last miss {miss_m:.3g} m")
 
     def state(self, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return position [m] and velocity [m/s], GCRS axes, each of the shape of time_s plus (3,).
