@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,9 @@ from warpsim.orbit.earth import geodetic_altitude_m, geodetic_to_gcrs_m, geodeti
 from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.lambert import lambert
+
+if TYPE_CHECKING:
+    from astropy.time import Time
 
 F64 = NDArray[np.float64]
 
@@ -151,6 +154,17 @@ class BallisticArc:
         start, velocity = self.end_points_m[0], self.start_velocity_m_s
         states = propagate(start[None], velocity[None], time.ravel(), self.gravity, self.pole_icrs)
         return states[0].reshape(*time.shape, 3), states[1].reshape(*time.shape, 3)
+
+    def states(self, epoch: Time, time_s: F64) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s] at times after the epoch, GCRS axes, each (n_time, 1, 3).
+
+        Raises:
+            InputError: When epoch is not the arc's own.
+        """
+        if abs((utc_time(self.epoch_utc) - epoch).sec) > 1e-6:
+            raise InputError(f"epoch_utc: must equal the scene's epoch ({epoch.isot}), got {self.epoch_utc}")
+        position, velocity = self.state(time_s)
+        return position[:, None], velocity[:, None]
 
     def position_m(self, time_s: ArrayLike) -> F64:
         """Return positions [m], GCRS axes, of the shape of time_s plus (3,)."""

@@ -12,6 +12,7 @@ from warpsim.describe import (
     Group,
     Integer,
     NonNegative,
+    Number,
     Positive,
     Switch,
     as_tuple,
@@ -20,6 +21,7 @@ from warpsim.describe import (
     part_error,
     rule_error,
 )
+from warpsim.orbit.arc import BallisticArc
 from warpsim.target.motion import Attitude, Graybody, Temperature
 from warpsim.target.shapes import Shape
 
@@ -37,6 +39,7 @@ Name = Annotated[str, _matching(r"[A-Za-z0-9][A-Za-z0-9_.-]*", "must be letters,
 """A name that can also be a file name."""
 Text = Annotated[str, _matching(r"[ -~]*", "must be printable ASCII text")]
 """Text that fits a FITS header."""
+Trajectory = BallisticArc
 Speeds = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(as_tuple)]
 
 
@@ -125,13 +128,16 @@ class Sky:
 
 @part
 class Release:
-    """How secondary targets leave the main one, at the scene's epoch.
+    """How targets leave the main target of their group.
 
     Args:
         speed_m_s: Smallest and largest speed relative to the main target [m/s]; directions are isotropic.
+        time_s: When, after the scene's epoch [s]; negative for a group that is on its way already. Until then a target
+            is stowed: it goes with the main one, and gives no light of its own.
     """
 
     speed_m_s: Speeds = (2.0, 5.0)
+    time_s: Annotated[Number, closed_interval(-1e6, 1e9)] = 0.0
 
     @model_validator(mode="after")
     def _ordered(self) -> Release:
@@ -151,6 +157,7 @@ class TargetSpec:
         temperature: Over the scene.
         attitude: Motion of the body axis.
         count: How many.
+        release: How these leave the main target; as the group's others when left out.
     """
 
     name: Name
@@ -159,6 +166,7 @@ class TargetSpec:
     temperature: Temperature
     attitude: Attitude = Field(default_factory=Attitude)
     count: Group = 1
+    release: Release | None = None
 
     @property
     def names(self) -> list[str]:
@@ -167,3 +175,43 @@ class TargetSpec:
             return [self.name]
         digits = max(2, len(str(self.count)))
         return [f"{self.name}{i + 1:0{digits}d}" for i in range(self.count)]
+
+
+@part
+class TargetGroup:
+    """A main target on a trajectory, and what leaves it.
+
+    Args:
+        name: Name of the group.
+        trajectory: Path of its main target.
+        targets: The first one is the group's main target, with count 1.
+        release: How the others leave it.
+    """
+
+    name: Name
+    trajectory: Trajectory
+    targets: Annotated[tuple[TargetSpec, ...], BeforeValidator(as_tuple)]
+    release: Release = Field(default_factory=Release)
+
+    @model_validator(mode="after")
+    def _has_main(self) -> TargetGroup:
+        if not self.targets:
+            raise part_error("targets: must hold at least the main target, which the trajectory belongs to")
+        if self.targets[0].count != 1:
+            raise part_error(f"targets[0].count: must be 1 for the main target, got {self.targets[0].count}")
+        return self
+
+    @property
+    def specs(self) -> list[TargetSpec]:
+        """The description behind each single target."""
+        return [spec for spec in self.targets for _ in range(spec.count)]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the single targets, the main one first."""
+        return [name for spec in self.targets for name in spec.names]
+
+    @property
+    def releases(self) -> list[Release | None]:
+        """How each single target leaves the main one, None for the main one itself."""
+        return [None, *(spec.release or self.release for spec in self.specs[1:])]
