@@ -122,7 +122,8 @@ def make_plan(
         )
     device = "cuda" if renderer.device.is_cuda else "cpu"
     tables = ("truth", "stars") if stars else ("truth",)
-    facts = [scene.to_dict(), renderer.catalog.checksum, frames_of, band_list, device, tables, warpsim.__version__]
+    files = [renderer.catalog.checksum, None if scene.sights is None else scene.sights.checksum]
+    facts = [scene.to_dict(), files, frames_of, band_list, device, tables, warpsim.__version__]
     key = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
     return Plan(scene, folder, band_list, frames_of, key, tables)
 

@@ -27,13 +27,15 @@ from warpsim.orbit.access import AccessConstraints, access_intervals, margins
 from warpsim.orbit.arc import BallisticArc, UtcText
 from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.walker import Walker
-from warpsim.scene.parts import BUILT_IN_CATALOGS, Frames, Pointing, Release, Sky, TargetSpec, Text
+from warpsim.scene.parts import BUILT_IN_CATALOGS, Frames, Release, Sky, TargetSpec, Text
+from warpsim.scene.pointing import Pointing, TablePointing, TrackPointing
 from warpsim.sky.bands import BANDS
 
 if TYPE_CHECKING:
     from astropy.table import Table
     from astropy.time import Time
 
+    from warpsim.scene.sights import Sights
     from warpsim.scene.tracks import Tracks
 
 
@@ -92,7 +94,7 @@ class Scene:
     trajectory: BallisticArc
     targets: Annotated[tuple[TargetSpec, ...], BeforeValidator(as_tuple)]
     release: Release = Field(default_factory=Release)
-    pointing: Pointing = Field(default_factory=Pointing)
+    pointing: Pointing = Field(default_factory=TrackPointing)
     access_rules: AccessConstraints = Field(default_factory=AccessConstraints)
     sky: Sky = Field(default_factory=Sky)
     seed: Annotated[Integer, closed_interval(0, 2**63 - 1)] = 0
@@ -160,7 +162,19 @@ class Scene:
             except InputError as error:
                 hint = "; psf = 'gaussian' has no such limit" if self.optics.psf == "airy" else ""
                 raise part_error(f"optics: in band {name}: {error}{hint}") from None
+        self._check_pointing()
         return self
+
+    def _check_pointing(self) -> None:
+        """See that what cameras follow is there, and that a table of directions covers the frames."""
+        from warpsim.scene.view_axes import tracked_targets
+
+        try:
+            tracked_targets(self)
+            if self.sights is not None:
+                self.sights.check_times(self.sensor_names, self.frame_time_s([0, self.frames.count - 1]))
+        except InputError as error:
+            raise part_error(str(error)) from None
 
     @classmethod
     def load(cls, source: str | os.PathLike[str]) -> Scene:
@@ -276,6 +290,35 @@ class Scene:
         if name == "sun":
             return sun_position_m(self.epoch, times)
         return self.tracks.of(name).position_at_m(times)
+
+    @cached_property
+    def sights(self) -> Sights | None:
+        """The rows of a table of directions, read from its file; None for the other kinds of pointing."""
+        from warpsim.scene.sights import make_sights
+
+        if not isinstance(self.pointing, TablePointing):
+            return None
+        try:
+            return make_sights(self.pointing, self.sensor_names)
+        except InputError as error:
+            raise InputError(f"pointing: {error}") from None
+
+    def view_axes(self, sensor: str, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Camera axes that a sensor is told to take: those of its images, without their jitter.
+
+        Args:
+            sensor: One of sensor_names.
+            time_s: Times after the epoch [s], shape (n,).
+
+        Returns:
+            Rows x (right), y (down) and z (boresight), ICRS axes, shape (n, 3, 3).
+
+        Raises:
+            InputError: No such sensor, or a time outside the scene or its table of directions.
+        """
+        from warpsim.scene.view_axes import commanded_axes
+
+        return commanded_axes(self, sensor, time_s).axes
 
     def access(self) -> Table:
         """When each sensor can observe the main target: all rules of `access_rules` at once.
