@@ -30,6 +30,11 @@ if TYPE_CHECKING:
     from warpsim.render.renderer import Renderer as Renderer
     from warpsim.render.speed import measure_fps as measure_fps
     from warpsim.scene.files import presets as presets
+    from warpsim.scene.pointing import FixedPointing as FixedPointing
+    from warpsim.scene.pointing import Jitter as Jitter
+    from warpsim.scene.pointing import PointingRow as PointingRow
+    from warpsim.scene.pointing import TablePointing as TablePointing
+    from warpsim.scene.pointing import TrackPointing as TrackPointing
     from warpsim.scene.scene import Scene as Scene
     from warpsim.sky.apparent import apparent_direction as apparent_direction
     from warpsim.sky.band_index import BandIndex as BandIndex
@@ -71,6 +76,11 @@ _HOME = {
     "Walker": "warpsim.orbit.walker",
     "BallisticArc": "warpsim.orbit.arc",
     "AccessConstraints": "warpsim.orbit.access",
+    "TrackPointing": "warpsim.scene.pointing",
+    "FixedPointing": "warpsim.scene.pointing",
+    "TablePointing": "warpsim.scene.pointing",
+    "PointingRow": "warpsim.scene.pointing",
+    "Jitter": "warpsim.scene.pointing",
     "NeiDetector": "warpsim.detector.nei",
     "InputError": "warpsim.errors",
 }

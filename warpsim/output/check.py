@@ -9,6 +9,7 @@ from warpsim.orbit.earth import geodetic_altitude_m
 from warpsim.orbit.track import TRACK_ERROR_M
 from warpsim.render.star_field import load_catalog
 from warpsim.scene.scene import Scene
+from warpsim.scene.view_axes import commanded_axes
 
 ESCAPE_SPEED_M_S = 11_180.0
 """From the Earth's surface: no ballistic flight between two places starts faster."""
@@ -51,7 +52,27 @@ def scene_report(scene: Scene) -> str:
         lines.append(f"  warning    {rough.name} moves unevenly: interpolation is {rough.error_m * 1e3:.2g} mm off")
     if detector.offset_counts < 5 * detector.counts_per_nei:
         lines.append("  warning    offset_counts is below 5 sigma: the noise of blank sky is clipped at 0")
-    return "\n".join(lines + _flight_lines(scene) + _access_lines(scene))
+    times = scene.frame_time_s(np.arange(scene.frames.count))
+    seen = {name: np.flatnonzero(scene.has_access(name, times)).tolist() for name in scene.sensor_names}
+    warning = pointing_warning(scene, seen)
+    warned = [] if warning is None else [f"  warning    {warning}"]
+    return "\n".join(lines + _flight_lines(scene) + _access_lines(scene) + warned)
+
+
+def pointing_warning(scene: Scene, frames_of: dict[str, list[int]]) -> str | None:
+    """What had to be replaced in the cameras' axes, counted over the frames of each sensor; None for nothing."""
+    n_up = n_boresight = n_view = 0
+    for sensor, frames in frames_of.items():
+        told = commanded_axes(scene, sensor, scene.frame_time_s(frames))
+        n_up += int(told.up_replaced.sum())
+        n_boresight += int(told.boresight_replaced.sum())
+        n_view += len(frames)
+    said = []
+    if n_up:
+        said.append(f"{_count(n_up, 'view')} of {n_view:,} with pointing.up along the line of sight, its spare is up")
+    if n_boresight:
+        said.append(f"{_count(n_boresight, 'view')} of {n_view:,} with no direction to track, the motion's is taken")
+    return "; ".join(said) or None
 
 
 def _count(n: int, noun: str) -> str:

@@ -7,7 +7,6 @@ writes a chunk, allocates nothing and never waits.
 from __future__ import annotations
 
 import warp as wp
-from warpsim_kernels.aim import aim_kernel
 from warpsim_kernels.read_out import TILE_WIDTH, make_read_out_tile_kernel, read_out_rest_kernel
 from warpsim_kernels.targets import emit_kernel, observe_targets_kernel, record_targets_kernel
 
@@ -19,10 +18,10 @@ TILE_THREADS_CUDA = TILE_WIDTH
 
 
 def aim(world: World, chunk: Chunk) -> None:
-    """Views: camera axes, position and velocity from the tracks."""
-    views, motion = chunk.views, world.motion
+    """Views: camera axes, position and velocity from the tracks and the pointing."""
+    views, motion, aiming = chunk.views, world.motion, world.aiming
     wp.launch(
-        aim_kernel,
+        aiming.kernel,
         dim=chunk.n_view,
         inputs=[
             views.time_s,
@@ -31,11 +30,11 @@ def aim(world: World, chunk: Chunk) -> None:
             motion.velocity_m_s,
             motion.earth_velocity_m_s,
             motion.grid,
-            world.first_target,
-            world.n_tracked,
-            world.up_rule,
+            aiming.aim,
+            aiming.table,
+            aiming.jitter,
         ],
-        outputs=[views.axes, views.position_m, views.velocity_m_s],
+        outputs=[views.axes, views.position_m, views.velocity_m_s, views.flags],
         device=world.device,
     )
 

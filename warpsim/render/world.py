@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from warpsim_kernels.aim import UP_NORTH, UP_ORBIT_NORMAL, UP_ZENITH
 from warpsim_kernels.camera import Camera as CameraStruct
 from warpsim_kernels.earth import Earth
 from warpsim_kernels.motion import Attitude as AttitudeStruct
@@ -18,6 +17,7 @@ from warpsim_kernels.targets import RadianceTable, Target
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
 from warpsim.detector.nei import read_out_struct
 from warpsim.optics.psf_bank import PsfBank, psf_bank, stamp_rule
+from warpsim.render.aiming import Aiming, make_aiming
 from warpsim.render.star_field import Stars, make_stars
 from warpsim.scene.scene import Scene
 from warpsim.sky.band_index import BandIndex
@@ -54,8 +54,7 @@ class World:
         self.n_band = len(bands)
         self.n_target = len(scene.target_names)
         self.first_target = len(scene.sensor_names)
-        self.n_tracked = 1 if scene.pointing.track == "main" else self.n_target
-        self.up_rule = {"zenith": UP_ZENITH, "north": UP_NORTH, "orbit_normal": UP_ORBIT_NORMAL}[scene.pointing.up]
+        self.aiming: Aiming = make_aiming(scene, device)
         self.band_id = wp.array([scene.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
         self.motion = _motion(scene, device)
         self.targets = wp.array(_target_structs(scene), dtype=Target, device=device)

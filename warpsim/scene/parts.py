@@ -1,4 +1,4 @@
-"""The parts of a scene that belong to no other room: frames, pointing, sky, group."""
+"""The parts of a scene that belong to no other room: frames, sky, group."""
 
 from __future__ import annotations
 
@@ -56,19 +56,6 @@ class Frames:
     count: Count
     interval_s: Positive
     start_s: NonNegative = 0.0
-
-
-@part
-class Pointing:
-    """Where cameras look.
-
-    Args:
-        track: "main" follows the main target, "group" the mean direction of all targets.
-        up: Which way is up in the image: "zenith", "north" (ICRS) or "orbit_normal".
-    """
-
-    track: Literal["main", "group"] = "main"
-    up: Literal["zenith", "north", "orbit_normal"] = "zenith"
 
 
 BUILT_IN_CATALOGS = ("default", "union", "synthetic", "none")

@@ -10,6 +10,7 @@ from warpsim.describe import part_error
 from warpsim.errors import InputError
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.epoch import utc_time
+from warpsim.scene.view_axes import tracked_targets
 from warpsim.sky.bands import BANDS
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ def check_scene(scene: Scene) -> None:
     _check_names(scene)
     _check_times(scene)
     _check_optics(scene)
+    _check_pointing(scene)
 
 
 def _check_images(scene: Scene) -> None:
@@ -114,3 +116,13 @@ def _check_optics(scene: Scene) -> None:
         except InputError as error:
             hint = "; psf = 'gaussian' has no such limit" if scene.optics.psf == "airy" else ""
             raise part_error(f"optics: in band {name}: {error}{hint}") from None
+
+
+def _check_pointing(scene: Scene) -> None:
+    """What cameras follow must be there, and a table of directions must cover the frames."""
+    try:
+        tracked_targets(scene)
+        if scene.sights is not None:
+            scene.sights.check_times(scene.sensor_names, scene.frame_time_s([0, scene.frames.count - 1]))
+    except InputError as error:
+        raise part_error(str(error)) from None

@@ -27,7 +27,8 @@ from warpsim.orbit.access import AccessConstraints, access_intervals, margins
 from warpsim.orbit.arc import BallisticArc, UtcText
 from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.walker import Walker
-from warpsim.scene.parts import Frames, Pointing, Release, Sky, TargetGroup, TargetSpec, Text
+from warpsim.scene.parts import Frames, Release, Sky, TargetGroup, TargetSpec, Text
+from warpsim.scene.pointing import Pointing, TablePointing, TrackPointing
 from warpsim.scene.rules import check_scene
 from warpsim.sky.bands import BANDS
 
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from astropy.table import Table
     from astropy.time import Time
 
+    from warpsim.scene.sights import Sights
     from warpsim.scene.tracks import Tracks
 
 
@@ -89,7 +91,7 @@ class Scene:
     targets: Annotated[tuple[TargetSpec, ...], BeforeValidator(as_tuple)]
     release: Release = Field(default_factory=Release)
     groups: Annotated[tuple[TargetGroup, ...], BeforeValidator(as_tuple)] = ()
-    pointing: Pointing = Field(default_factory=Pointing)
+    pointing: Pointing = Field(default_factory=TrackPointing)
     access_rules: AccessConstraints = Field(default_factory=AccessConstraints)
     sky: Sky = Field(default_factory=Sky)
     seed: Annotated[Integer, closed_interval(0, 2**63 - 1)] = 0
@@ -243,6 +245,35 @@ class Scene:
         if name == "sun":
             return sun_position_m(self.epoch, times)
         return self.tracks.state(name, times)[0]
+
+    @cached_property
+    def sights(self) -> Sights | None:
+        """The rows of a table of directions, read from its file; None for the other kinds of pointing."""
+        from warpsim.scene.sights import make_sights
+
+        if not isinstance(self.pointing, TablePointing):
+            return None
+        try:
+            return make_sights(self.pointing, self.sensor_names)
+        except InputError as error:
+            raise InputError(f"pointing: {error}") from None
+
+    def view_axes(self, sensor: str, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Camera axes that a sensor is told to take: those of its images, without their jitter.
+
+        Args:
+            sensor: One of sensor_names.
+            time_s: Times after the epoch [s], shape (n,).
+
+        Returns:
+            Rows x (right), y (down) and z (boresight), ICRS axes, shape (n, 3, 3).
+
+        Raises:
+            InputError: No such sensor, or a time outside the scene or its table of directions.
+        """
+        from warpsim.scene.view_axes import commanded_axes
+
+        return commanded_axes(self, sensor, time_s).axes
 
     def access(self) -> Table:
         """When each sensor can observe the main target: all rules of `access_rules` at once.
