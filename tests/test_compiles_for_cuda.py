@@ -12,6 +12,7 @@ from warpsim_kernels.read_out import TILE_WIDTH
 ARCH = 75  # Turing: the oldest that Warp's CUDA 13 supports; PTX runs on everything newer
 
 FACTORY_ARGUMENTS = {
+    "make_observe_targets_kernel": [(False,), (True,)],
     "make_gather_stars_kernel": [(False, False, True), (True, True, True)],
     "make_query_cone_kernel": [(wp.vec3d,), (wp.vec3f,)],
     "make_deposit_gaussian_kernel": [(16,), (1024,)],

@@ -27,14 +27,18 @@ from warpsim.orbit.access import AccessConstraints, access_intervals, margins
 from warpsim.orbit.arc import BallisticArc, UtcText
 from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.walker import Walker
+from warpsim.scene.attitudes import table_rows, target_attitudes
 from warpsim.scene.parts import BUILT_IN_CATALOGS, Frames, Pointing, Release, Sky, TargetSpec, Text
 from warpsim.sky.bands import BANDS
+from warpsim.target.quaternion import rotated
 
 if TYPE_CHECKING:
     from astropy.table import Table
     from astropy.time import Time
 
     from warpsim.scene.tracks import Tracks
+    from warpsim.target.attitude import BodyMotion
+    from warpsim.target.attitude_table import AttitudeRows
 
 
 def _known_band(name: str) -> str:
@@ -154,6 +158,10 @@ class Scene:
                 f"trajectory.epoch_utc: must equal the scene's epoch_utc ({self.epoch_utc}), "
                 f"got {self.trajectory.epoch_utc}"
             )
+        try:
+            table_rows(self, with_files=False)
+        except InputError as error:
+            raise part_error(str(error)) from None
         for name in self.bands:
             try:
                 self.optics.psf_at(BANDS[name].isophotal_um, self.camera)
@@ -178,6 +186,10 @@ class Scene:
             scene.trajectory.start_velocity_m_s  # noqa: B018  # solved here, where the file's name is known
         except InputError as error:
             raise InputError(f"{where}: trajectory.{str(error).removeprefix('BallisticArc: ')}") from None
+        try:
+            table_rows(scene)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
         return scene
 
     @classmethod
@@ -276,6 +288,36 @@ class Scene:
         if name == "sun":
             return sun_position_m(self.epoch, times)
         return self.tracks.of(name).position_at_m(times)
+
+    @cached_property
+    def attitudes(self) -> list[BodyMotion | AttitudeRows]:
+        """What turns each single target, in the order of target_names; `.at(time_s)` gives the rotation."""
+        return target_attitudes(self)
+
+    def attitude_quaternion(self, name: str, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Rotation of a target from its body's axes to GCRS axes, at the times asked (no light time).
+
+        Args:
+            name: One of target_names.
+            time_s: Times after the epoch [s], shape (n,).
+
+        Returns:
+            Unit quaternions (x, y, z, w), scalar last, Hamilton's, shape (n, 4); the sign is continuous in time.
+
+        Raises:
+            InputError: No such target, or a time lies more than a second outside its attitude table.
+        """
+        names = self.target_names
+        if name not in names:
+            raise InputError(f"name: must be a target ({', '.join(names[:3])}, ...), got {name!r}")
+        try:
+            return self.attitudes[names.index(name)].at(time_s)
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from None
+
+    def body_axis(self, name: str, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Direction of a target's body axis, base to apex, in GCRS axes, shape (n, 3); as attitude_quaternion."""
+        return rotated(self.attitude_quaternion(name, time_s), np.array([0.0, 0.0, 1.0]))
 
     def access(self) -> Table:
         """When each sensor can observe the main target: all rules of `access_rules` at once.
