@@ -97,7 +97,7 @@ def test_rotation_matches_mpmath_after_a_million_seconds(fields):
 
 @every_motion
 def test_rotation_is_scipys_intrinsic_zyz(fields):
-    """The order that the conventions page states: F, then azimuth about z, polar about the new y, spin about the new z."""
+    """The order that the conventions page states: azimuth about z of F, polar about the new y, spin about the new z."""
     body = body_motion(fields)
     attitude, frame = body.attitude, body.frame
     times = np.linspace(0.0, 7.3, 50)
@@ -223,7 +223,8 @@ def test_quaternions_follow_scipy():
     same = Rotation.from_quat(quaternion.product(qa, qb)) * (a * b).inv()
     assert same.magnitude().max() < ROTATION_ATOL_RAD
     np.testing.assert_allclose(quaternion.rotated(qa, vectors), a.apply(vectors), rtol=0, atol=1e-14)
-    np.testing.assert_allclose(quaternion.rotated(quaternion.conjugate(qa), vectors), a.inv().apply(vectors), rtol=0, atol=1e-14)  # fmt: skip
+    back = quaternion.rotated(quaternion.conjugate(qa), vectors)
+    np.testing.assert_allclose(back, a.inv().apply(vectors), rtol=0, atol=1e-14)
     np.testing.assert_allclose(quaternion.rotation_between_rad(qa, -qb), (a.inv() * b).magnitude(), rtol=0, atol=2e-15)
     tiny = Rotation.from_rotvec([0.0, 3e-12, 0.0])
     assert quaternion.rotation_between_rad(qa[0], (tiny * a[0]).as_quat()) == pytest.approx(3e-12, rel=1e-3)

@@ -177,8 +177,9 @@ class AttitudeTable:
         """
         if self.file is None:
             return self._inline_rows
+        segments = self._segments
         try:
-            return checked_rows(*_joined([_in_gcrs(segment, epoch) for segment in self._segments]))
+            return checked_rows(*_joined([_in_gcrs(segment, epoch) for segment in segments]))
         except InputError as error:
             raise InputError(f"{self.file}: {error}") from None
 
@@ -203,7 +204,8 @@ def checked_rows(time_s: F64, quaternion: F64) -> AttitudeRows:
     if len(back):
         row = back[0]
         raise InputError(f"time_s: must ascend, got {time_s[row + 1]:.17g} after {time_s[row]:.17g} in row {row + 1}")
-    norm = np.sqrt(np.sum(quaternion**2, axis=1))
+    with np.errstate(over="ignore"):  # infinity is no norm of 1 either
+        norm = np.sqrt(np.sum(quaternion**2, axis=1))
     (wrong,) = np.nonzero(~(np.abs(norm - 1) <= NORM_TOLERANCE))
     if len(wrong):
         row = wrong[0]
