@@ -14,6 +14,7 @@ ARCH = 75  # Turing: the oldest that Warp's CUDA 13 supports; PTX runs on everyt
 
 FACTORY_ARGUMENTS = {
     "make_aim_kernel": [(AIM_TRACK, False), (AIM_FIXED, False), (AIM_TABLE, True)],
+    "make_observe_targets_kernel": [(False,), (True,)],
     "make_gather_stars_kernel": [(False, False, True), (True, True, True)],
     "make_query_cone_kernel": [(wp.vec3d,), (wp.vec3f,)],
     "make_deposit_gaussian_kernel": [(16,), (1024,)],

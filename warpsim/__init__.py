@@ -43,7 +43,8 @@ if TYPE_CHECKING:
     from warpsim.sky.bands import band_radiance_w_m2_sr as band_radiance_w_m2_sr
     from warpsim.sky.catalog import StarCatalog as StarCatalog
     from warpsim.sky.radiometry import PHYSICS as PHYSICS
-    from warpsim.target.motion import Attitude as Attitude
+    from warpsim.target.attitude import Attitude as Attitude
+    from warpsim.target.attitude_table import AttitudeTable as AttitudeTable
     from warpsim.target.shapes import Cone as Cone
     from warpsim.target.shapes import Cylinder as Cylinder
     from warpsim.target.shapes import Sphere as Sphere
@@ -72,7 +73,8 @@ _HOME = {
     "Sphere": "warpsim.target.shapes",
     "Cylinder": "warpsim.target.shapes",
     "Cone": "warpsim.target.shapes",
-    "Attitude": "warpsim.target.motion",
+    "Attitude": "warpsim.target.attitude",
+    "AttitudeTable": "warpsim.target.attitude_table",
     "Walker": "warpsim.orbit.walker",
     "BallisticArc": "warpsim.orbit.arc",
     "AccessConstraints": "warpsim.orbit.access",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warp as wp
 from warpsim_kernels.read_out import TILE_WIDTH, make_read_out_tile_kernel, read_out_rest_kernel
-from warpsim_kernels.targets import emit_kernel, observe_targets_kernel, record_targets_kernel
+from warpsim_kernels.targets import emit_kernel, record_targets_kernel
 
 from warpsim.render.buffers import Chunk
 from warpsim.render.device import rows_per_block
@@ -43,7 +43,7 @@ def observe_targets(world: World, chunk: Chunk) -> None:
     """Geometry of targets, and the first source slots: place and emission of every target."""
     views, seen, motion, sources = chunk.views, chunk.observations, world.motion, chunk.sources
     wp.launch(
-        observe_targets_kernel,
+        world.turning.observe_targets_kernel,
         dim=(chunk.n_view, world.n_target),
         inputs=[
             views.time_s,
@@ -56,6 +56,7 @@ def observe_targets(world: World, chunk: Chunk) -> None:
             motion.grid,
             world.first_target,
             world.targets,
+            world.turning.tables,
             world.camera,
             world.earth,
         ],

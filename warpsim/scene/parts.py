@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from warpsim.describe import (
     Count,
@@ -22,7 +22,9 @@ from warpsim.describe import (
     rule_error,
 )
 from warpsim.orbit.arc import BallisticArc
-from warpsim.target.motion import Attitude, Graybody, Temperature
+from warpsim.target.attitude import Attitude
+from warpsim.target.attitude_table import AttitudeTable
+from warpsim.target.motion import Graybody, Temperature
 from warpsim.target.shapes import Shape
 
 
@@ -133,6 +135,16 @@ class Release:
         return self
 
 
+def _attitude_kind(value: Any) -> Any:
+    """A table of a scene file that names no kind is a motion."""
+    return value.get("kind", "motion") if isinstance(value, dict) else getattr(value, "kind", "motion")
+
+
+AnyAttitude = Annotated[
+    Annotated[Attitude, Tag("motion")] | Annotated[AttitudeTable, Tag("table")], Discriminator(_attitude_kind)
+]
+
+
 @part
 class TargetSpec:
     """A target, or several of one kind.
@@ -142,7 +154,7 @@ class TargetSpec:
         shape: Sphere, Cylinder or Cone.
         surface: Reflectance or emissivity.
         temperature: Over the scene.
-        attitude: Motion of the body axis.
+        attitude: How it turns: Attitude, or AttitudeTable.
         count: How many.
         release: How these leave the main target; as the group's others when left out.
     """
@@ -151,7 +163,7 @@ class TargetSpec:
     shape: Shape
     surface: Graybody
     temperature: Temperature
-    attitude: Attitude = Field(default_factory=Attitude)
+    attitude: AnyAttitude = Field(default_factory=Attitude)
     count: Group = 1
     release: Release | None = None
 

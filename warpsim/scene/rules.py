@@ -10,6 +10,7 @@ from warpsim.describe import part_error
 from warpsim.errors import InputError
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.epoch import utc_time
+from warpsim.scene.attitudes import table_rows
 from warpsim.scene.view_axes import tracked_targets
 from warpsim.sky.bands import BANDS
 
@@ -31,6 +32,7 @@ def check_scene(scene: Scene) -> None:
     _check_times(scene)
     _check_optics(scene)
     _check_pointing(scene)
+    _check_attitudes(scene)
 
 
 def _check_images(scene: Scene) -> None:
@@ -124,5 +126,13 @@ def _check_pointing(scene: Scene) -> None:
         tracked_targets(scene)
         if scene.sights is not None:
             scene.sights.check_times(scene.sensor_names, scene.frame_time_s([0, scene.frames.count - 1]))
+    except InputError as error:
+        raise part_error(str(error)) from None
+
+
+def _check_attitudes(scene: Scene) -> None:
+    """Tables of attitudes must cover the scene; those in files are read when the scene is loaded or rendered."""
+    try:
+        table_rows(scene, with_files=False)
     except InputError as error:
         raise part_error(str(error)) from None

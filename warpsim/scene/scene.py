@@ -27,10 +27,12 @@ from warpsim.orbit.access import AccessConstraints, access_intervals, margins
 from warpsim.orbit.arc import BallisticArc, UtcText
 from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.walker import Walker
+from warpsim.scene.attitudes import table_rows, target_attitudes
 from warpsim.scene.parts import Frames, Release, Sky, TargetGroup, TargetSpec, Text
 from warpsim.scene.pointing import Pointing, TablePointing, TrackPointing
 from warpsim.scene.rules import check_scene
 from warpsim.sky.bands import BANDS
+from warpsim.target.quaternion import rotated
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -38,6 +40,8 @@ if TYPE_CHECKING:
 
     from warpsim.scene.sights import Sights
     from warpsim.scene.tracks import Tracks
+    from warpsim.target.attitude import BodyMotion
+    from warpsim.target.attitude_table import AttitudeRows
 
 
 def _known_band(name: str) -> str:
@@ -136,6 +140,10 @@ class Scene:
                     group.trajectory.start_velocity_m_s  # noqa: B018
                 except InputError as error:
                     raise InputError(f"{where}: {place}.{str(error).removeprefix('BallisticArc: ')}") from None
+        try:
+            table_rows(scene)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
         return scene
 
     @classmethod
@@ -274,6 +282,36 @@ class Scene:
         from warpsim.scene.view_axes import commanded_axes
 
         return commanded_axes(self, sensor, time_s).axes
+
+    @cached_property
+    def attitudes(self) -> list[BodyMotion | AttitudeRows]:
+        """What turns each single target, in the order of target_names; `.at(time_s)` gives the rotation."""
+        return target_attitudes(self)
+
+    def attitude_quaternion(self, name: str, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Rotation of a target from its body's axes to GCRS axes, at the times asked (no light time).
+
+        Args:
+            name: One of target_names.
+            time_s: Times after the epoch [s], shape (n,).
+
+        Returns:
+            Unit quaternions (x, y, z, w), scalar last, Hamilton's, shape (n, 4); the sign is continuous in time.
+
+        Raises:
+            InputError: No such target, or a time lies more than a second outside its attitude table.
+        """
+        names = self.target_names
+        if name not in names:
+            raise InputError(f"name: must be a target ({', '.join(names[:3])}, ...), got {name!r}")
+        try:
+            return self.attitudes[names.index(name)].at(time_s)
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from None
+
+    def body_axis(self, name: str, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Direction of a target's body axis, base to apex, in GCRS axes, shape (n, 3); as attitude_quaternion."""
+        return rotated(self.attitude_quaternion(name, time_s), np.array([0.0, 0.0, 1.0]))
 
     def access(self) -> Table:
         """When each sensor can observe the main target: all rules of `access_rules` at once.
