@@ -126,3 +126,47 @@ def test_paths_of_a_scene_file_are_taken_from_its_folder(tmp_path):
     assert named_files(found) == [str(tmp_path / name) for name in ("a.tle", "b.oem")] + [
         "/c.e", str(tmp_path / "scan.csv")
     ]  # fmt: skip
+
+
+def test_stowed_targets_go_with_the_main_one_and_are_dark(scene, device):
+    """Frames at 690, 700 and 710 s; the light of the frame at 700 s left before the release."""
+    late = scene.replace(targets__1__release={"time_s": 700.0}, sky__catalog="none")
+    shown = ws.Renderer(late, device=device).render([69, 70, 71], sensors=["sat11"], bands=["A"], keep_signal=True)
+    truth = shown.truth
+    spheres = np.char.startswith(np.asarray(truth["target"]), "sphere")
+    stowed = np.asarray(truth["stowed"])
+    assert np.array_equal(stowed, spheres & (np.asarray(truth["frame"]) < 71))
+    assert (truth["irradiance_w_cm2"][stowed] == 0).all()
+    assert (truth["irradiance_w_cm2"][~stowed] > 0).all()
+    for frame in (69, 70):
+        rows = truth[np.asarray(truth["frame"]) == frame]
+        main = rows[rows["target"] == "center"][0]
+        for row in rows[np.char.startswith(np.asarray(rows["target"]), "sphere")]:
+            assert (row["x_px"], row["y_px"], row["range_km"]) == (main["x_px"], main["y_px"], main["range_km"])
+    # The image holds the light of the others only.
+    early = ws.Renderer(scene.replace(sky__catalog="none"), device=device)
+    before = early.render([69], sensors=["sat11"], bands=["A"], keep_signal=True)
+    rows = before.truth
+    gone = rows["irradiance_w_cm2"][np.char.startswith(np.asarray(rows["target"]), "sphere")].sum()
+    left_out = [float(frames.truth["left_out_w_cm2"][:30].sum()) for frames in (before, shown)]
+    difference = float(before.signal_w_cm2.numpy().sum() - shown.signal_w_cm2.numpy()[0].sum())
+    assert difference == pytest.approx(gone - left_out[0] + left_out[1], rel=1e-5, abs=0)
+
+
+def test_cameras_follow_a_group_that_is_stowed(scene):
+    late = scene.replace(release__time_s=700.0, pointing={"track": "group"}, sky__catalog="none")
+    shown = ws.Renderer(late).render([40, 90], sensors=["sat11"], bands=["A"])
+    assert np.abs(shown.axes_icrs[:, 0] - late.view_axes("sat11", shown.time_s)).max() < 1e-12
+    alone = ws.Renderer(late.replace(pointing={"track": "main"})).render([40], sensors=["sat11"], bands=["A"])
+    assert np.abs(alone.axes_icrs[0] - shown.axes_icrs[0]).max() < 1e-12
+
+
+def test_cameras_follow_a_group_by_name(scene):
+    both = scene.replace(groups=[SECOND], pointing={"track": "second"}, sky__catalog="none")
+    shown = ws.Renderer(both).render([60], sensors=["sat11"], bands=["A"])
+    assert np.abs(shown.axes_icrs[:, 0] - both.view_axes("sat11", shown.time_s)).max() < 1e-12
+    rows = shown.truth
+    centre = np.mean([rows["x_px"][-4:], rows["y_px"][-4:]], axis=1)
+    assert np.abs(centre - 63.5).max() < 1e-3  # the mean of directions is that of places while they are close
+    with pytest.raises(ws.InputError, match=r"pointing.track: must be 'main', 'group', 'second' or a target's name"):
+        both.replace(pointing={"track": "third"})

@@ -4,7 +4,7 @@ import functools
 
 import warp as wp
 
-from warpsim_kernels.apparent import light_path
+from warpsim_kernels.apparent import Releases, path_from_target
 from warpsim_kernels.camera import camera_axes, up_is_lost
 from warpsim_kernels.jitter import Jitter, jitter_rad, turned_axes
 from warpsim_kernels.motion import NodeGrid, hermite_position_m, hermite_velocity_m_s, linear_vector
@@ -83,6 +83,7 @@ def local_frame(position_m: wp.vec3d, velocity_m_s: wp.vec3d) -> LocalFrame:
 def tracked_direction(
     position_m: wp.array2d[wp.vec3d],
     velocity_m_s: wp.array2d[wp.vec3d],
+    releases: Releases,
     aim: Aim,
     time_s: wp.float64,
     grid: NodeGrid,
@@ -93,8 +94,9 @@ def tracked_direction(
     """Mean apparent direction of the tracked bodies; 0 where they are at the observer, or all around."""
     towards = wp.vec3d()
     for body in range(aim.first_tracked, aim.first_tracked + aim.n_tracked):
-        path = light_path(
-            position_m, velocity_m_s, body, time_s, grid, observer_m, earth_velocity_m_s, observer_velocity_m_s
+        path = path_from_target(
+            position_m, velocity_m_s, releases, body, time_s, grid, observer_m, earth_velocity_m_s,
+            observer_velocity_m_s,
         )
         if path.range_m > _NEAREST_M:
             towards += path.apparent
@@ -165,6 +167,7 @@ def make_aim_kernel(kind: int, with_jitter: bool) -> wp.Kernel:
         position_m: wp.array2d[wp.vec3d],  # (n_body, n_node) sensors first, then targets
         velocity_m_s: wp.array2d[wp.vec3d],  # (n_body, n_node)
         earth_velocity_m_s: wp.array[wp.vec3d],  # (n_node,) barycentric
+        releases: Releases,
         grid: NodeGrid,
         aim: Aim,
         table: AimTable,
@@ -189,7 +192,7 @@ def make_aim_kernel(kind: int, with_jitter: bool) -> wp.Kernel:
         roll_rad = wp.float64(0.0)
         if wp.static(kind == AIM_TRACK):
             boresight = tracked_direction(
-                position_m, velocity_m_s, aim, time_s, grid, place, earth_velocity, velocity
+                position_m, velocity_m_s, releases, aim, time_s, grid, place, earth_velocity, velocity
             )
         if wp.static(kind == AIM_TABLE):
             sight = table_sight(table, sensor, time_s)

@@ -4,7 +4,7 @@ import functools
 
 import warp as wp
 
-from warpsim_kernels.apparent import light_path
+from warpsim_kernels.apparent import Releases, path_from_target
 from warpsim_kernels.attitude_table import AttitudeTables, body_axis, table_quaternion
 from warpsim_kernels.camera import Camera, depth, projected_px, within_frame
 from warpsim_kernels.earth import Earth, is_occulted
@@ -14,6 +14,8 @@ from warpsim_kernels.shapes import Body, projected_area_m2
 IN_FOV = wp.constant(1)
 OCCULTED = wp.constant(2)
 BEHIND = wp.constant(4)
+STOWED = wp.constant(8)
+_DARK = wp.constant(10)  # OCCULTED | STOWED
 """Bits of the flag word of an observation."""
 
 _W_CM2_PER_W_M2 = wp.constant(wp.float64(1.0e-4))
@@ -82,6 +84,7 @@ def make_observe_targets_kernel(with_tables: bool) -> wp.Kernel:
         position_m: wp.array2d[wp.vec3d],  # (n_body, n_node)
         velocity_m_s: wp.array2d[wp.vec3d],  # (n_body, n_node)
         earth_velocity_m_s: wp.array[wp.vec3d],  # (n_node,)
+        releases: Releases,
         grid: NodeGrid,
         first_target: int,  # row of the first target in the tracks
         targets: wp.array[Target],  # (n_target,)
@@ -94,15 +97,15 @@ def make_observe_targets_kernel(with_tables: bool) -> wp.Kernel:
         aspect_rad: wp.array2d[wp.float64],  # (n_view, n_target)
         area_m2: wp.array2d[wp.float64],  # (n_view, n_target)
         temperature: wp.array2d[wp.float64],  # (n_view, n_target) [K]
-        flags: wp.array2d[wp.int32],  # (n_view, n_target) IN_FOV | OCCULTED | BEHIND
+        flags: wp.array2d[wp.int32],  # (n_view, n_target) IN_FOV | OCCULTED | BEHIND | STOWED
     ):
         """Geometry of every (view, target)."""
         view, target_id = wp.tid()
         time_s = view_time_s[view]
         observer = view_position_m[view]
         earth_velocity = linear_vector(earth_velocity_m_s, time_s, grid)
-        path = light_path(
-            position_m, velocity_m_s, first_target + target_id, time_s, grid, observer, earth_velocity,
+        path = path_from_target(
+            position_m, velocity_m_s, releases, first_target + target_id, time_s, grid, observer, earth_velocity,
             view_velocity_m_s[view],
         )
         flag = int(0)
@@ -116,6 +119,8 @@ def make_observe_targets_kernel(with_tables: bool) -> wp.Kernel:
             flag = BEHIND
         if is_occulted(observer, path.vector_m, earth):
             flag = flag | OCCULTED
+        if path.stowed != 0:
+            flag = flag | STOWED
 
         target = targets[target_id]
         axis = symmetry_axis(target.attitude, path.emission_time_s)
@@ -151,10 +156,10 @@ def emit_kernel(
     # out
     source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot) targets take the first slots
 ):
-    """Graybody emission: irradiance = emissivity * radiance(T) * projected area / range squared; 0 when occulted."""
+    """Graybody emission: emissivity * radiance(T) * projected area / range squared; 0 when occulted or stowed."""
     view, band, target = wp.tid()
     irradiance = float(0.0)
-    if (flags[view, target] & OCCULTED) == 0:
+    if (flags[view, target] & _DARK) == 0:
         radiance = band_radiance_w_m2_sr(ln_radiance, ln_radiance_slope, band, temperature[view, target], table)
         intensity_w_sr = emissivity[band, target] * radiance * area_m2[view, target]
         distance_m = wp.max(range_m[view, target], wp.float64(1.0))

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 from warpsim_kernels.aim import BORESIGHT_REPLACED, UP_REPLACED
-from warpsim_kernels.targets import IN_FOV, OCCULTED
 
 from warpsim.errors import InputError
 from warpsim.orbit.sun import earth_position_m
@@ -127,8 +126,8 @@ class FrameSet:
             raise InputError("stars: render with keep_stars=True to have them")
         return star_table(self, self._world, self._star_lists)
 
-    def flags(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-        """Whether each target is in the field of view, and hidden by the Earth; each (frame, sensor, target)."""
+    def flag(self, bit: Any) -> npt.NDArray[np.bool_]:
+        """A flag of warpsim_kernels.targets (IN_FOV, OCCULTED, ...) of each target, shape (frame, sensor, target)."""
         shape = (len(self.frames), len(self.sensors), self._world.n_target)
         word = np.asarray(self._observations.flags.numpy()).reshape(shape)
-        return (word & int(IN_FOV)) != 0, (word & int(OCCULTED)) != 0
+        return np.asarray((word & int(bit)) != 0)

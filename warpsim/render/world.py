@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from warpsim_kernels.apparent import Releases
 from warpsim_kernels.camera import Camera as CameraStruct
 from warpsim_kernels.earth import Earth
 from warpsim_kernels.motion import NodeGrid
@@ -35,6 +36,7 @@ class Motion:
     position_m: wp.array
     velocity_m_s: wp.array
     earth_velocity_m_s: wp.array
+    releases: Any
     grid: Any
 
 
@@ -79,10 +81,14 @@ def _motion(scene: Scene, device: wp.Device) -> Motion:
     def upload(values: Any) -> wp.array:
         return wp.array(values, dtype=wp.vec3d, device=device)
 
+    releases: Any = Releases()
+    releases.release_s = wp.array(np.maximum(tracks.release_s, -1e300), dtype=wp.float64, device=device)
+    releases.carrier = wp.array(tracks.carrier, dtype=wp.int32, device=device)
     return Motion(
         upload(np.stack([track.position_m for track in bodies])),
         upload(np.stack([track.velocity_m_s for track in bodies])),
         upload(tracks.earth_velocity_m_s),
+        releases,
         grid,
     )
 

@@ -16,7 +16,6 @@ from warpsim.scene.sights import unit_vectors
 from warpsim.sky.apparent import apparent_direction
 
 if TYPE_CHECKING:
-    from warpsim.orbit.track import Track
     from warpsim.scene.scene import Scene
     from warpsim.scene.tracks import Tracks
 
@@ -107,7 +106,8 @@ def commanded_axes(scene: Scene, sensor: str, time_s: npt.ArrayLike) -> Commande
     if isinstance(pointing, TrackPointing):
         first, count = tracked_targets(scene)
         earth_velocity = _earth_velocity(tracks, times)
-        boresight = _tracked(tracks.targets[first : first + count], times, place, earth_velocity, velocity)
+        names = scene.target_names[first : first + count]
+        boresight = _tracked(tracks, names, times, place, earth_velocity, velocity)
     elif isinstance(pointing, FixedPointing):
         boresight = np.broadcast_to(fixed_direction(pointing), (len(times), 3))
         local = pointing.ra_dec_deg is None
@@ -135,13 +135,13 @@ def commanded_axes(scene: Scene, sensor: str, time_s: npt.ArrayLike) -> Commande
     return CommandedAxes(np.asarray(image_turn(scene) @ rolled), up_lost, no_sight)
 
 
-def _tracked(targets: list[Track], times: F64, place: F64, earth_velocity: F64, velocity: F64) -> F64:
+def _tracked(tracks: Tracks, names: list[str], times: F64, place: F64, earth_velocity: F64, velocity: F64) -> F64:
     """Mean apparent direction of targets, 0 where there is none, shape (n, 3)."""
     towards = np.zeros_like(place)
-    for target in targets:
+    for name in names:
         emitted = times
         for _ in range(3):
-            vector = target.position_at_m(emitted) - place
+            vector = tracks.state(name, emitted)[0] - place
             distance = np.linalg.norm(vector, axis=-1)
             emitted = times - distance / SPEED_OF_LIGHT_M_S
         here = distance <= NEAREST_M
