@@ -221,7 +221,7 @@ def test_a_day_of_random_satellites_matches_a_scan():
         ({"min_elevation_deg": -91}, r"min_elevation_deg: must be in \[-90, 90\], got -91"),
         ({"min_solar_exclusion_deg": 200}, "min_solar_exclusion_deg"),
         ({"min_grazing_altitude_km": np.nan}, "min_grazing_altitude_km: must be finite"),
-        ({"max_elevation_deg": 1}, "is not a known field"),
+        ({"max_azimuth_deg": 1}, "is not a known field"),
     ],
 )
 def test_constraint_errors_are_one_clear_line(changes, message):

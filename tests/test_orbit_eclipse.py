@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from skyfield.geometry import intersect_line_and_sphere
 
-import warpsim as ws
 from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M, SUN_RADIUS_M
 from warpsim.errors import InputError
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M

@@ -91,7 +91,8 @@ def covered_fraction(sun_radius_rad: ArrayLike, earth_radius_rad: ArrayLike, apa
     part = common / (2.0 * np.pi * sun_square)
     whole = np.minimum(earth_square / sun_square, 1.0)  # one within the other
     nested = apart <= np.abs(earth - sun)
-    return np.clip(np.where(nested, whole, np.where(less_apart > 0.0, part, 0.0 * part)), 0.0, 1.0)
+    share = np.where(nested, whole, np.where(less_apart > 0.0, part, 0.0 * part))
+    return np.asarray(np.clip(share, 0.0, 1.0))
 
 
 def _discs(position_m: ArrayLike, sun_m: ArrayLike, pole_icrs: ArrayLike | None) -> tuple[F64, F64, F64]:
