@@ -19,8 +19,9 @@ if TYPE_CHECKING:
     from warpsim.optics.psf import Optics as Optics
     from warpsim.optics.psf import PsfAiry as PsfAiry
     from warpsim.optics.psf import PsfGaussian as PsfGaussian
-    from warpsim.orbit.access import AccessConstraints as AccessConstraints
     from warpsim.orbit.arc import BallisticArc as BallisticArc
+    from warpsim.orbit.rules import AccessConstraints as AccessConstraints
+    from warpsim.orbit.rules import AccessGeometry as AccessGeometry
     from warpsim.orbit.walker import Walker as Walker
     from warpsim.output.catalog_file import write_catalog as write_catalog
     from warpsim.output.fits_cube import read_cube as read_cube
@@ -77,7 +78,8 @@ _HOME = {
     "AttitudeTable": "warpsim.target.attitude_table",
     "Walker": "warpsim.orbit.walker",
     "BallisticArc": "warpsim.orbit.arc",
-    "AccessConstraints": "warpsim.orbit.access",
+    "AccessConstraints": "warpsim.orbit.rules",
+    "AccessGeometry": "warpsim.orbit.rules",
     "TrackPointing": "warpsim.scene.pointing",
     "FixedPointing": "warpsim.scene.pointing",
     "TablePointing": "warpsim.scene.pointing",

@@ -22,6 +22,9 @@ F64 = NDArray[np.float64]
 StateFunction = Callable[[F64], tuple[F64, F64]]
 """time_s (n_time,) -> position_m, velocity_m_s, both (n_time, 3) or (n_time, n_object, 3)."""
 
+PositionFunction = Callable[[F64], F64]
+"""time_s (n_time,) -> geocentric position, GCRS axes [m], (n_time, 3). `Track.position_at_m` is one."""
+
 TRACK_ERROR_M = 1e-3
 """Default bound of the interpolation error [m]."""
 
@@ -110,6 +113,43 @@ class Track:
         phase = (time - self.start_s) / self.step_s
         interval = np.clip(np.floor(phase).astype(np.int64), 0, self.n_node - 2)
         return interval, phase - interval
+
+
+class TrackStack:
+    """Several tracks of one node grid, evaluated side by side."""
+
+    def __init__(self, tracks: Sequence[Track]) -> None:
+        """Stack the nodes; they are copied.
+
+        Raises:
+            InputError: The tracks do not share their nodes' times.
+        """
+        grids = {(track.start_s, track.step_s, track.n_node) for track in tracks}
+        if len(grids) != 1:
+            raise InputError(f"tracks: must share one node grid, got {len(grids)}")
+        self._first = tracks[0]
+        self._position_m = np.stack([track.position_m for track in tracks])
+        self._velocity_m_s = np.stack([track.velocity_m_s for track in tracks])
+
+    def position_m(self, track: NDArray[np.int64], time_s: F64) -> F64:
+        """Return the positions of pairs of track and time, both (n,): those of Track.position_at_m [m], (n, 3)."""
+        interval, s = self._first._locate(time_s)
+        p0, p1 = self._position_m[track, interval], self._position_m[track, interval + 1]
+        m0, m1 = self._velocity_m_s[track, interval], self._velocity_m_s[track, interval + 1]
+        return _hermite_m(p0, p1, m0 * self._first.step_s, m1 * self._first.step_s, s[:, None])
+
+    def positions_m(self, time_s: F64) -> F64:
+        """Return the positions of all tracks at times (n,) [m], (n_track, n, 3)."""
+        interval, s = self._first._locate(time_s)
+        p0, p1 = self._position_m[:, interval], self._position_m[:, interval + 1]
+        m0, m1 = self._velocity_m_s[:, interval], self._velocity_m_s[:, interval + 1]
+        return _hermite_m(p0, p1, m0 * self._first.step_s, m1 * self._first.step_s, s[:, None])
+
+
+def _hermite_m(p0: F64, p1: F64, m0: F64, m1: F64, s: F64) -> F64:
+    """Positions between nodes p0 and p1 with slopes m0 and m1, as Track.state has them."""
+    rise = p1 - p0
+    return p0 + s * (m0 + s * (3.0 * rise - 2.0 * m0 - m1 + s * (m0 + m1 - 2.0 * rise)))
 
 
 def node_grid(duration_s: float, step_s: float) -> tuple[float, int]:

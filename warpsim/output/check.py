@@ -26,6 +26,11 @@ _RULE_NAMES = {
     "elevation_deg": "too low",
     "grazing_altitude_km": "grazing too low",
     "solar_exclusion_deg": "near the Sun",
+    "min_range_km": "too near",
+    "max_elevation_deg": "too high",
+    "background_altitude_km": "against the Earth or too low over it",
+    "target_sunlit": "in the Earth's shadow",
+    "fov_deg": "outside the field of view",
 }
 
 

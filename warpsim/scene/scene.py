@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,9 +23,9 @@ from warpsim.detector.nei import NeiDetector
 from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf import Optics
-from warpsim.orbit.access import AccessConstraints, access_intervals, margins
 from warpsim.orbit.arc import BallisticArc, UtcText
 from warpsim.orbit.epoch import utc_time
+from warpsim.orbit.rules import AccessConstraints
 from warpsim.orbit.walker import Walker
 from warpsim.scene.attitudes import table_rows, target_attitudes
 from warpsim.scene.parts import Frames, Release, Sky, TargetGroup, TargetSpec, Text
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from astropy.table import Table
     from astropy.time import Time
 
+    from warpsim.orbit.access import AccessInterval
+    from warpsim.orbit.rules import MarginFunction
     from warpsim.scene.sights import Sights
     from warpsim.scene.tracks import Tracks
     from warpsim.target.attitude import BodyMotion
@@ -51,6 +53,9 @@ def _known_band(name: str) -> str:
 
 
 _ARC_EPOCH = BallisticArc.__dataclass_fields__["epoch_utc"].default
+
+ACCESS_STEP_S = 10.0
+"""Step of the scan for access [s]."""
 
 BandName = Annotated[str, AfterValidator(_known_band)]
 
@@ -313,26 +318,90 @@ class Scene:
         """Direction of a target's body axis, base to apex, in GCRS axes, shape (n, 3); as attitude_quaternion."""
         return rotated(self.attitude_quaternion(name, time_s), np.array([0.0, 0.0, 1.0]))
 
-    def access(self) -> Table:
-        """When each sensor can observe the main target: all rules of `access_rules` at once.
+    def access(
+        self,
+        target: str | None = None,
+        sensors: Sequence[str] | None = None,
+        rules: AccessConstraints | None = None,
+        custom: Mapping[str, MarginFunction] | None = None,
+        step_s: float = ACCESS_STEP_S,
+    ) -> Table:
+        """When each sensor can observe a target: all rules at once.
+
+        Args:
+            target: Name of the target; the main target if left out.
+            sensors: Names of sensors; all if left out.
+            rules: Instead of the scene's `access_rules`.
+            custom: Further rules by name: functions of an `AccessGeometry` that return a signed margin, >= 0 where the
+                rule holds (any unit: only the sign counts), or booleans, which show no window shorter than step_s.
+            step_s: Step of the scan for changes [s].
 
         Returns:
-            astropy Table with one row per interval: sensor, start_s, end_s (after the epoch), ends good to 1 ms.
+            astropy Table with one row per interval: sensor, start_s, end_s (after the epoch), duration_s, ends good to
+            1 ms; its meta says target, epoch and rules.
+
+        Raises:
+            InputError: An unknown name, or a rule of the user's that gives another shape, or NaN.
         """
-        from astropy.table import Table
+        from warpsim.scene import access
 
-        rows = [(self.sensor_names[interval.sensor], interval.start_s, interval.end_s) for interval in self._intervals]
-        table = Table(rows=rows, names=("sensor", "start_s", "end_s"), dtype=(str, float, float))
-        table["start_s"].info.format = table["end_s"].info.format = ".3f"
-        table["start_s"].unit = table["end_s"].unit = "s"
-        return table
+        target, sensors = access.chosen_target(self, target), access.chosen_sensors(self, sensors)
+        rules = access.chosen_rules(self, rules)
+        main = target == self.target_names[0] and sensors == self.sensor_names
+        if main and rules == self.access_rules and not custom and step_s == ACCESS_STEP_S:
+            intervals = self._intervals
+        else:
+            intervals = access.intervals_of(self, target, sensors, rules, custom, step_s)
+        return access.access_table(self, intervals, target, sensors, rules, custom)
 
-    def access_margins(self, time_s: npt.ArrayLike) -> dict[str, npt.NDArray[np.float64]]:
-        """Signed margin of every access rule, >= 0 where it holds; each of shape (n_sensor, n_time)."""
+    def access_margins(
+        self,
+        time_s: npt.ArrayLike,
+        target: str | None = None,
+        sensors: Sequence[str] | None = None,
+        rules: AccessConstraints | None = None,
+        custom: Mapping[str, MarginFunction] | None = None,
+    ) -> dict[str, npt.NDArray[np.float64]]:
+        """Signed margin of every access rule, >= 0 where it holds; each of shape (n_sensor, n_time).
+
+        Args:
+            time_s: Times after the epoch [s], shape (n_time,).
+            target: As for `access`, like the others.
+            sensors: Their order is that of the rows.
+            rules: Instead of the scene's.
+            custom: Further rules by name.
+        """
+        from warpsim.scene import access
+
         times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
-        sensors = np.stack([self.position_m(name, times) for name in self.sensor_names])
-        target, sun = self.position_m(self.target_names[0], times), self.position_m("sun", times)
-        return margins(sensors, target, sun, self.access_rules, self.tracks.pole_icrs)
+        target, sensors = access.chosen_target(self, target), access.chosen_sensors(self, sensors)
+        return access.margins_of(self, times, target, sensors, access.chosen_rules(self, rules), custom)
+
+    def sunlit_fraction(self, name: str, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Share of the Sun's disc that a sensor or target sees past the Earth, 0 to 1, shape (n,).
+
+        The Earth is the WGS84 ellipsoid without air, the Sun's disc uniform.
+
+        Raises:
+            InputError: The name is unknown, or a time lies outside the scene.
+        """
+        from warpsim.scene.access import sunlit_fraction_of
+
+        return sunlit_fraction_of(self, name, time_s)
+
+    def eclipses(self, name: str, step_s: float = ACCESS_STEP_S) -> Table:
+        """When a sensor or target is in the Earth's shadow.
+
+        Returns:
+            astropy Table with one row per passage: start_s and end_s of the penumbra, umbra_start_s and umbra_end_s
+            (NaN without umbra), all after the epoch, good to 1 ms and within the scene, and duration_s.
+
+        Raises:
+            InputError: The name is unknown.
+        """
+        from warpsim.scene.access import eclipse_table
+
+        return eclipse_table(self, name, step_s)
 
     def has_access(self, sensor: str, time_s: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Whether a sensor can observe the main target at given times, shape (n,).
@@ -351,16 +420,11 @@ class Scene:
         return seen
 
     @cached_property
-    def _intervals(self) -> list[Any]:
-        tracks = self.tracks
-        return access_intervals(
-            [tracks.of(name).position_at_m for name in self.sensor_names],
-            tracks.of(self.target_names[0]).position_at_m,
-            tracks.sun.position_at_m,
-            self.access_rules,
-            tracks.pole_icrs,
-            self.duration_s,
-        )
+    def _intervals(self) -> list[AccessInterval]:
+        from warpsim.scene.access import intervals_of
+
+        target, sensors = self.target_names[0], self.sensor_names
+        return intervals_of(self, target, sensors, self.access_rules, None, ACCESS_STEP_S)
 
 
 def _adapter() -> TypeAdapter[Scene]:

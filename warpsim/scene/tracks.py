@@ -11,7 +11,7 @@ import numpy.typing as npt
 from warpsim.errors import InputError
 from warpsim.orbit.earth import pole_of_date
 from warpsim.orbit.sun import earth_position_m, earth_velocity_m_s, sun_position_m
-from warpsim.orbit.track import Track, make_tracks
+from warpsim.orbit.track import PositionFunction, Track, make_tracks
 from warpsim.scene.bodies import STOWED_STEP_S, bodies_of
 
 if TYPE_CHECKING:
@@ -87,6 +87,12 @@ class Tracks:
                 for with_it, alone in zip(carried, (position, velocity), strict=True)
             )
         return position, velocity
+
+    def position_function(self, name: str) -> PositionFunction:
+        """Geocentric positions of a sensor or target [m] as a function of time, (n,) -> (n, 3)."""
+        if self.carrier[self._row(name)] == self._row(name):
+            return self.of(name).position_at_m
+        return lambda time_s: self.state(name, time_s)[0]
 
     @property
     def _bodies(self) -> list[Track]:

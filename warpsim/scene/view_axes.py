@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -105,9 +106,7 @@ def commanded_axes(scene: Scene, sensor: str, time_s: npt.ArrayLike) -> Commande
     local = False
     if isinstance(pointing, TrackPointing):
         first, count = tracked_targets(scene)
-        earth_velocity = _earth_velocity(tracks, times)
-        names = scene.target_names[first : first + count]
-        boresight = _tracked(tracks, names, times, place, earth_velocity, velocity)
+        boresight = apparent_mean(tracks, scene.target_names[first : first + count], times, place, velocity)
     elif isinstance(pointing, FixedPointing):
         boresight = np.broadcast_to(fixed_direction(pointing), (len(times), 3))
         local = pointing.ra_dec_deg is None
@@ -135,8 +134,17 @@ def commanded_axes(scene: Scene, sensor: str, time_s: npt.ArrayLike) -> Commande
     return CommandedAxes(np.asarray(image_turn(scene) @ rolled), up_lost, no_sight)
 
 
-def _tracked(tracks: Tracks, names: list[str], times: F64, place: F64, earth_velocity: F64, velocity: F64) -> F64:
-    """Mean apparent direction of targets, 0 where there is none, shape (n, 3)."""
+def apparent_mean(tracks: Tracks, names: Sequence[str], times: F64, place: F64, velocity: F64) -> F64:
+    """Mean apparent direction of targets, light time and aberration included; 0 where there is none.
+
+    Args:
+        tracks: Of the scene.
+        names: Names of the targets.
+        times: Times after the epoch [s], shape (n,).
+        place: Geocentric position of the observer [m], shape (n, 3).
+        velocity: Its geocentric velocity [m/s], shape (n, 3).
+    """
+    earth_velocity = _earth_velocity(tracks, times)
     towards = np.zeros_like(place)
     for name in names:
         emitted = times
