@@ -15,11 +15,21 @@ if TYPE_CHECKING:
     from warpsim import plot as plot
     from warpsim.detector.nei import NeiDetector as NeiDetector
     from warpsim.errors import InputError as InputError
+    from warpsim.exchange.read import read_attitude as read_attitude
+    from warpsim.exchange.read import read_ephemeris as read_ephemeris
+    from warpsim.exchange.records import AttitudeSegment as AttitudeSegment
+    from warpsim.exchange.records import EphemerisSegment as EphemerisSegment
+    from warpsim.exchange.write import write_aem as write_aem
+    from warpsim.exchange.write import write_oem as write_oem
+    from warpsim.exchange.write import write_stk_attitude as write_stk_attitude
+    from warpsim.exchange.write import write_stk_ephemeris as write_stk_ephemeris
     from warpsim.optics.camera import Camera as Camera
     from warpsim.optics.psf import Optics as Optics
     from warpsim.optics.psf import PsfAiry as PsfAiry
     from warpsim.optics.psf import PsfGaussian as PsfGaussian
     from warpsim.orbit.arc import BallisticArc as BallisticArc
+    from warpsim.orbit.ephemeris import EphemerisOrbit as EphemerisOrbit
+    from warpsim.orbit.ephemeris import EphemerisSatellites as EphemerisSatellites
     from warpsim.orbit.rules import AccessConstraints as AccessConstraints
     from warpsim.orbit.rules import AccessGeometry as AccessGeometry
     from warpsim.orbit.walker import Walker as Walker
@@ -85,6 +95,16 @@ _HOME = {
     "TablePointing": "warpsim.scene.pointing",
     "PointingRow": "warpsim.scene.pointing",
     "Jitter": "warpsim.scene.pointing",
+    "EphemerisOrbit": "warpsim.orbit.ephemeris",
+    "EphemerisSatellites": "warpsim.orbit.ephemeris",
+    "read_ephemeris": "warpsim.exchange.read",
+    "read_attitude": "warpsim.exchange.read",
+    "EphemerisSegment": "warpsim.exchange.records",
+    "AttitudeSegment": "warpsim.exchange.records",
+    "write_oem": "warpsim.exchange.write",
+    "write_stk_ephemeris": "warpsim.exchange.write",
+    "write_aem": "warpsim.exchange.write",
+    "write_stk_attitude": "warpsim.exchange.write",
     "NeiDetector": "warpsim.detector.nei",
     "InputError": "warpsim.errors",
 }
