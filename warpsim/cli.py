@@ -170,13 +170,13 @@ def _check(options: argparse.Namespace) -> int:
 def _catalog(options: argparse.Namespace) -> int:
     from warpsim.output.catalog_file import FORMAT_OF_SUFFIX, check_new_file, write_catalog
     from warpsim.output.catalog_report import catalog_report
-    from warpsim.plot.sky import need_matplotlib
+    from warpsim.plot.figure import PICTURE_SUFFIXES, need_matplotlib
 
     output, picture = (Path(name) if name else None for name in (options.output, options.plot))
     if output:
         check_new_file(output, tuple(FORMAT_OF_SUFFIX), options.overwrite)
     if picture:
-        check_new_file(picture, (".png", ".pdf", ".svg"), options.overwrite)
+        check_new_file(picture, PICTURE_SUFFIXES, options.overwrite)
         need_matplotlib("--plot")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -226,13 +226,12 @@ def _draw_counts(catalog: StarCatalog, path: Path) -> None:
     """Draw star counts to a file without pyplot, which would ask for a display."""
     from matplotlib.figure import Figure
 
-    from warpsim.output.files import whole_file
+    from warpsim.plot.figure import save_figure
     from warpsim.plot.sky import plot_star_counts
 
     figure = Figure(figsize=(8.5, 4.8), layout="constrained")
     plot_star_counts(catalog, ax=figure.add_subplot())
-    with whole_file(path) as partial:
-        figure.savefig(partial, dpi=150, format=path.suffix[1:].lower())
+    save_figure(figure, path)
 
 
 def _column_names(text: str) -> dict[str, str]:
