@@ -1,4 +1,4 @@
-"""Command line: warpsim render | access | check | catalog | bench."""
+"""Command line: warpsim render | access | check | plot | czml | catalog | bench."""
 
 from __future__ import annotations
 
@@ -67,11 +67,27 @@ def _parser() -> argparse.ArgumentParser:
 
     access = commands.add_parser("access", help="list when each sensor can observe the main target")
     _add_scene(access)
+    access.add_argument("--plot", metavar="FILE", help="also draw the intervals and the ranges: .png, .pdf or .svg")
+    access.add_argument("--overwrite", action="store_true", help="replace an existing picture")
     access.set_defaults(command=_access)
 
     check = commands.add_parser("check", help="validate a scene and say what it would give")
     _add_scene(check)
     check.set_defaults(command=_check)
+
+    plot = commands.add_parser("plot", help="draw a scene: Earth and orbits, tracks, group, attitudes, access, views")
+    _add_scene(plot)
+    plot.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to write to")
+    plot.add_argument("--time", metavar="S", help="seconds after the epoch; the middle of the scene if left out")
+    plot.add_argument("--overwrite", action="store_true", help="replace existing files")
+    plot.set_defaults(command=_plot)
+
+    czml = commands.add_parser("czml", help="write a scene for Cesium: paths, names, lines of sight during access")
+    _add_scene(czml)
+    czml.add_argument("-o", "--output", required=True, metavar="FILE", help="file to write: .czml")
+    czml.add_argument("--step", metavar="S", help="time between positions [s]; chosen by their error if left out")
+    czml.add_argument("--overwrite", action="store_true", help="replace an existing file")
+    czml.set_defaults(command=_czml)
 
     catalog = commands.add_parser("catalog", help="say what a star catalog holds, and convert it")
     _add_catalog(catalog)
@@ -150,12 +166,21 @@ def _render(options: argparse.Namespace) -> int:
 def _access(options: argparse.Namespace) -> int:
     from warpsim.scene.scene import Scene
 
+    picture = Path(options.plot) if options.plot else None
+    if picture:
+        from warpsim.plot.pictures import check_picture, draw_access
+
+        check_picture(picture, options.overwrite, "--plot")
     scene = Scene.load(options.scene)
     table = scene.access()
+    if picture:  # files before words, as with catalogs
+        draw_access(scene, picture)
     print(f"{scene.name}: access to {scene.target_names[0]}, seconds after {scene.epoch_utc} UTC")
     if len(table):
         print("\n".join(table.pformat(max_lines=-1, max_width=-1, show_unit=True)))
     print(f"{len(set(table['sensor']))} of {len(scene.sensor_names)} sensors have access")
+    if picture:
+        print(f"picture in {picture}")
     return 0
 
 
@@ -164,6 +189,31 @@ def _check(options: argparse.Namespace) -> int:
     from warpsim.scene.scene import Scene
 
     print(scene_report(Scene.load(options.scene)))
+    return 0
+
+
+def _plot(options: argparse.Namespace) -> int:
+    from warpsim.plot.pictures import draw_scenario
+    from warpsim.scene.scene import Scene
+
+    time_s = None if options.time is None else _number("--time", options.time)
+    scene = Scene.load(options.scene)
+    _start_warp()
+    written = draw_scenario(scene, Path(options.output), time_s, options.overwrite)
+    print(f"{len(written)} pictures of {scene.name} in {options.output}: {', '.join(path.name for path in written)}")
+    return 0
+
+
+def _czml(options: argparse.Namespace) -> int:
+    from warpsim.output.czml import write_czml
+    from warpsim.scene.scene import Scene
+
+    path = Path(options.output)
+    step_s = None if options.step is None else _number("--step", options.step)
+    scene = Scene.load(options.scene)
+    error_m = write_czml(scene, path, step_s, overwrite=options.overwrite)
+    n_body = len(scene.sensor_names) + len(scene.target_names)
+    print(f"{n_body} bodies in {path} ({path.stat().st_size / 1e6:.2f} MB), positions within {error_m:.2g} m")
     return 0
 
 

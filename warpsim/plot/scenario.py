@@ -258,41 +258,39 @@ def plot_group(scene: Scene, time_s: float, axes: Sequence[Axes] | None = None) 
     Args:
         scene: The scene.
         time_s: The instant [s after the epoch].
-        axes: Where to draw: along-track and radial, cross-track and radial, along-track and cross-track; in metres
-            or, for groups wider than 2 km, kilometres.
+        axes: Where to draw: along-track and radial, cross-track and radial, along-track and cross-track, in metres or,
+            for groups wider than 2 km, kilometres; and, as a fourth, the legend.
 
     Returns:
-        The three axes.
+        The axes.
 
     Raises:
-        InputError: Not three axes, or the instant is outside the scene.
+        InputError: Not three or four axes, or the instant is outside the scene.
     """
     time = checked_time_s(scene, time_s)
-    if axes is not None and len(axes) != 3:
-        raise InputError(f"axes: must be 3, got {len(axes)}")
-    offset_m = group_offsets_m(scene, time)
-    unit, per_m = ("km", 1e-3) if np.abs(offset_m).max() > 2000 else ("m", 1.0)
-    legend_beside = axes is None
     if axes is None:
         need_matplotlib("plot")
         from matplotlib import pyplot as plt
 
-        _, grid = plt.subplots(2, 2, figsize=(8.2, 8), layout="constrained")
-        axes = [grid[0, 0], grid[0, 1], grid[1, 0]]
-        grid[1, 1].set_axis_off()
+        axes = list(plt.subplots(2, 2, figsize=(8.2, 8), layout="constrained")[1].flat)
+    if len(axes) not in (3, 4):
+        raise InputError(f"axes: must be 3 or 4, got {len(axes)}")
+    offset_m = group_offsets_m(scene, time)
+    unit, per_m = ("km", 1e-3) if np.abs(offset_m).max() > 2000 else ("m", 1.0)
     half = 1.12 * max(per_m * np.abs(offset_m).max(), 1e-3)
     words = ("radial", "along-track", "cross-track")
-    for ax, (across, up) in zip(axes, ((1, 0), (2, 0), (1, 2)), strict=True):
-        for (label, rows), style in zip(kinds_of_targets(scene), kind_styles(), strict=False):
-            ax.plot(*(per_m * offset_m[rows][:, [across, up]]).T, label=label, **style)
+    for ax, (across, up) in zip(axes[:3], ((1, 0), (2, 0), (1, 2)), strict=True):
+        for number, (label, rows) in enumerate(kinds_of_targets(scene)):
+            ax.plot(*(per_m * offset_m[rows][:, [across, up]]).T, label=label, **kind_style(number))
         ax.axhline(0, color=FAINT, linewidth=0.6, zorder=0)
         ax.axvline(0, color=FAINT, linewidth=0.6, zorder=0)
         ax.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
         ax.set(xlabel=f"{words[across]} [{unit}]", ylabel=f"{words[up]} [{unit}]")
     axes[0].set_title(f"group about {scene.target_names[0]} at {time:g} s", fontsize=10)
-    if legend_beside:
-        handles, labels = axes[0].get_legend_handles_labels()
-        axes[2].figure.axes[3].legend(handles, labels, loc="center", title="targets")
+    handles, labels = axes[0].get_legend_handles_labels()
+    if len(axes) == 4:
+        axes[3].set_axis_off()
+        axes[3].legend(handles, labels, loc="center", title="targets")
     else:
         axes[0].legend(fontsize=7)
     return axes
@@ -326,16 +324,15 @@ def kinds_of_targets(scene: Scene) -> list[tuple[str, list[int]]]:
     return kinds
 
 
-def kind_styles() -> list[dict[str, Any]]:
-    """Mark and colour of each kind; the main target's star first."""
-    main = {"linestyle": "none", "marker": "*", "color": VERMILION, "markersize": 13}
-    main |= {"markeredgecolor": INK, "zorder": 5}
+def kind_style(number: int) -> dict[str, Any]:
+    """Mark and colour of a kind of target; the main target, number 0, is a star."""
+    if number == 0:
+        return {"linestyle": "none", "marker": "*", "color": VERMILION, "markersize": 13, "markeredgecolor": INK,
+                "zorder": 5}  # fmt: skip
     others = [colour for colour in SERIES if colour != VERMILION]
-    return [main] + [
-        {"linestyle": "none", "marker": MARKERS[i % len(MARKERS)], "color": others[i % len(others)], "markersize": 5.5,
-         "markeredgecolor": "white", "markeredgewidth": 0.4, "zorder": 3}
-        for i in range(40)
-    ]  # fmt: skip
+    mark, colour = MARKERS[(number - 1) % len(MARKERS)], others[(number - 1) % len(others)]
+    return {"linestyle": "none", "marker": mark, "color": colour, "markersize": 5.5, "markeredgecolor": "white",
+            "markeredgewidth": 0.4, "zorder": 3}  # fmt: skip
 
 
 def checked_time_s(scene: Scene, time_s: float) -> float:

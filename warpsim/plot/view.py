@@ -15,7 +15,7 @@ from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.errors import InputError
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M
 from warpsim.plot.figure import BLUE, GREEN, GREY, INK, PURPLE, SKY_BLUE, new_axes, pair, place_labels
-from warpsim.plot.scenario import MOST_LABELS, checked_time_s, kind_styles, kinds_of_targets
+from warpsim.plot.scenario import MOST_LABELS, checked_time_s, kind_style, kinds_of_targets
 from warpsim.scene.scene import Scene
 from warpsim.sky.apparent import apparent_direction
 
@@ -146,10 +146,10 @@ def _in_frame(scene: Scene, xy_px: F64) -> NDArray[np.bool_]:
 def _draw_targets(ax: Axes, scene: Scene, view: CameraView, with_labels: bool) -> None:
     """Marks of the targets by kind; those behind the Earth are crosses."""
     shown = ~view.occulted & np.isfinite(view.target_xy_px[:, 0])
-    for (label, rows), style in zip(kinds_of_targets(scene), kind_styles(), strict=False):
+    for number, (label, rows) in enumerate(kinds_of_targets(scene)):
         chosen = np.array(rows)[shown[rows]]
         if len(chosen):
-            ax.plot(*view.target_xy_px[chosen].T, label=label if with_labels else None, **style)
+            ax.plot(*view.target_xy_px[chosen].T, label=label if with_labels else None, **kind_style(number))
     hidden = view.occulted & np.isfinite(view.target_xy_px[:, 0])
     if hidden.any():
         ax.plot(*view.target_xy_px[hidden].T, "x", color=GREY, markersize=5,
