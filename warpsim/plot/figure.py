@@ -67,7 +67,10 @@ def place_labels(ax: Axes, xy: ArrayLike, texts: Sequence[str], size: float = 8.
         size: Of the letters [pt].
         style: Further arguments of `Axes.annotate`.
     """
+    from matplotlib.patheffects import withStroke
+
     points = np.asarray(xy, np.float64).reshape(-1, 2)
+    halo = [withStroke(linewidth=2, foreground="white", alpha=0.8)]
     ax.apply_aspect()
     per_px = 72 / ax.get_figure(root=True).dpi  # type: ignore[union-attr]
     places = ax.transData.transform(points) * per_px
@@ -84,7 +87,7 @@ def place_labels(ax: Axes, xy: ArrayLike, texts: Sequence[str], size: float = 8.
         written.append(
             ax.annotate(
                 text, (point[0], point[1]), xytext=offset, textcoords="offset points", fontsize=size, va="center",
-                ha="center", annotation_clip=True, arrowprops=line, **style,
+                ha="center", annotation_clip=True, arrowprops=line, path_effects=halo, **style,
             )
         )  # fmt: skip
     return written

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 F64 = NDArray[np.float64]
 
 _N_GRID = 129  # places across the field at which the Earth is looked for
-_INSET_BELOW = 0.3  # of the field: a smaller group is drawn a second time, enlarged
+_INSET_BELOW = 0.2  # of the field: a smaller group is drawn a second time, enlarged
 
 
 @dataclass(frozen=True)
@@ -167,8 +167,8 @@ def _draw_inset(ax: Axes, scene: Scene, view: CameraView, in_field: F64, extent_
     """The group enlarged, in the corner that it leaves free."""
     middle = in_field.min(axis=0) / 2 + in_field.max(axis=0) / 2
     half = 0.72 * extent_px
-    corner_y = 0.06 if middle[1] < (scene.camera.n_row - 1) / 2 else 0.53
-    inset: Any = ax.inset_axes((0.53, corner_y, 0.45, 0.45))
+    corner_y = 0.05 if middle[1] < (scene.camera.n_row - 1) / 2 else 0.58
+    inset: Any = ax.inset_axes((0.58, corner_y, 0.4, 0.4))
     inset.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] + half, middle[1] - half), aspect="equal")
     inset.tick_params(labelsize=7)
     _draw_targets(inset, scene, view, with_labels=False)
