@@ -473,3 +473,100 @@ def test_unknown_command_and_version(capsys):
         main(["--version"])
     assert caught.value.code == 0
     assert ws.__version__ in capsys.readouterr().out
+
+
+# --- pictures and CZML of scenes ---
+
+
+def test_access_draws_beside_the_table(capsys, tmp_path):
+    image = pytest.importorskip("matplotlib.image")
+    _, table, _ = run(capsys, "access", "stss")
+    for name in ("chart.png", "chart.pdf", "chart.svg"):
+        code, out, _ = run(capsys, "access", "stss", "--plot", tmp_path / name)
+        assert code == 0
+        assert out == f"{table}picture in {tmp_path / name}\n"
+    assert min(image.imread(tmp_path / "chart.png").shape[:2]) > 800
+    assert (tmp_path / "chart.pdf").read_bytes()[:4] == b"%PDF"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["chart.pdf", "chart.png", "chart.svg"]
+
+
+def test_plot_draws_every_picture(capsys, tmp_path):
+    image = pytest.importorskip("matplotlib.image")
+    folder = tmp_path / "new" / "pictures"
+    code, out, _ = run(capsys, "plot", "stss", "-o", folder, "--time", "1300")
+    assert code == 0
+    assert out.startswith(f"8 pictures of stss in {folder}: scene.png, ground_tracks.png, group.png")
+    names = {"scene", "ground_tracks", "group", "attitudes", "access", "view_sat11", "view_sat12", "view_sat27"}
+    assert {path.name for path in folder.iterdir()} == {f"{name}.png" for name in names}
+    for path in folder.iterdir():
+        assert len(np.unique(image.imread(path)[..., :3])) > 20
+    code, _, err = run(capsys, "plot", "stss", "-o", folder)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "scene.png: is there already" in err
+
+
+def test_plot_without_access_has_no_views(capsys, tmp_path):
+    pytest.importorskip("matplotlib")
+    path = tmp_path / "blind.toml"
+    ws.Scene.load("stss").replace(access_rules__max_range_km=10.0).save(path)
+    code, out, _ = run(capsys, "plot", path, "-o", tmp_path / "o")
+    assert code == 0
+    assert "5 pictures" in out
+
+
+def test_czml_reports_what_it_wrote(capsys, tmp_path):
+    pytest.importorskip("czml3")
+    path = tmp_path / "stss.czml"
+    code, out, _ = run(capsys, "czml", "stss", "-o", path)
+    assert code == 0
+    assert out.startswith(f"58 bodies in {path} (0.") and "positions within 0.0" in out
+    code, out, _ = run(capsys, "czml", "stss", "-o", path, "--step", "10", "--overwrite")
+    assert code == 0
+    assert out.startswith(f"58 bodies in {path} (0.")
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["access", "stss", "--plot", "a.jpg"], "a.jpg: must end in one of .png, .pdf, .svg"),
+        (["access", "stss", "--plot", "missing/a.png"], "missing is not a folder"),
+        (["access", "stss", "--plot", "old.png"], "old.png: is there already"),
+        (["plot", "stss", "-o", "out", "--time", "noon"], "--time: must be a number, got 'noon'"),
+        (["plot", "stss", "-o", "out", "--time", "2000"], "time_s: must be in the scene, 0 to 1614 s, got 2000"),
+        (["plot", "stss", "-o", "old.png"], "old.png: cannot be written"),
+        (["czml", "stss", "-o", "a.json"], "a.json: must end in one of .czml"),
+        (["czml", "stss", "-o", "a.czml", "--step", "-1"], "step_s: must be > 0, got -1"),
+        (["czml", "stss", "-o", "a.czml", "--step", "x"], "--step: must be a number, got 'x'"),
+        (["czml", "nowhere", "-o", "a.czml"], "nowhere"),
+    ],
+)
+def test_bad_input_of_pictures_and_czml(capsys, tmp_path, monkeypatch, arguments, message):
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("czml3")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "old.png").write_text("mine")
+    code, out, err = run(capsys, *arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1), err
+    assert message in err
+    assert [path.name for path in tmp_path.iterdir()] == ["old.png"]
+    assert (tmp_path / "old.png").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("module", "arguments"),
+    [
+        ("matplotlib", ["access", "stss", "--plot", "a.png"]),
+        ("matplotlib", ["plot", "stss", "-o", "out"]),
+        ("czml3", ["czml", "stss", "-o", "a.czml"]),
+    ],
+)
+def test_missing_packages_are_named_with_their_extra(capsys, tmp_path, monkeypatch, module, arguments):
+    from importlib.util import find_spec
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == module else find_spec(name))
+    code, out, err = run(capsys, *arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert f"pip install 'warpsim[{'czml' if module == 'czml3' else 'plot'}]'" in err
+    assert list(tmp_path.iterdir()) == []

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from warpsim.orbit.rules import AccessGeometry as AccessGeometry
     from warpsim.orbit.walker import Walker as Walker
     from warpsim.output.catalog_file import write_catalog as write_catalog
+    from warpsim.output.czml import write_czml as write_czml
     from warpsim.output.fits_cube import read_cube as read_cube
     from warpsim.output.run import render_to_folder as render_to_folder
     from warpsim.render.deposit import deposit as deposit
@@ -66,6 +67,7 @@ _HOME = {
     "Renderer": "warpsim.render.renderer",
     "FrameSet": "warpsim.render.frameset",
     "render_to_folder": "warpsim.output.run",
+    "write_czml": "warpsim.output.czml",
     "read_cube": "warpsim.output.fits_cube",
     "measure_fps": "warpsim.render.speed",
     "StarCatalog": "warpsim.sky.catalog",

@@ -1,4 +1,4 @@
-"""Command line: warpsim render | access | check | catalog | bench."""
+"""Command line: warpsim render | access | check | plot | czml | catalog | bench."""
 
 from __future__ import annotations
 
@@ -71,11 +71,27 @@ def _parser() -> argparse.ArgumentParser:
     access.add_argument("--sensors", metavar="NAMES", help="comma-separated sensor names")
     access.add_argument("--format", default="table", metavar="NAME", help="table (the default), csv or ecsv")
     access.add_argument("--step", metavar="S", help="step of the scan for changes [s], 10 if left out")
+    access.add_argument("--plot", metavar="FILE", help="also draw the intervals and the ranges: .png, .pdf or .svg")
+    access.add_argument("--overwrite", action="store_true", help="replace an existing picture")
     access.set_defaults(command=_access)
 
     check = commands.add_parser("check", help="validate a scene and say what it would give")
     _add_scene(check)
     check.set_defaults(command=_check)
+
+    plot = commands.add_parser("plot", help="draw a scene: Earth and orbits, tracks, group, attitudes, access, views")
+    _add_scene(plot)
+    plot.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to write to")
+    plot.add_argument("--time", metavar="S", help="seconds after the epoch; the middle of the scene if left out")
+    plot.add_argument("--overwrite", action="store_true", help="replace existing files")
+    plot.set_defaults(command=_plot)
+
+    czml = commands.add_parser("czml", help="write a scene for Cesium: paths, names, lines of sight during access")
+    _add_scene(czml)
+    czml.add_argument("-o", "--output", required=True, metavar="FILE", help="file to write: .czml")
+    czml.add_argument("--step", metavar="S", help="time between positions [s]; chosen by their error if left out")
+    czml.add_argument("--overwrite", action="store_true", help="replace an existing file")
+    czml.set_defaults(command=_czml)
 
     catalog = commands.add_parser("catalog", help="say what a star catalog holds, and convert it")
     _add_catalog(catalog)
@@ -159,9 +175,16 @@ def _access(options: argparse.Namespace) -> int:
     step_s = ACCESS_STEP_S if options.step is None else _number("--step", options.step)
     if not (math.isfinite(step_s) and step_s > 0):
         raise InputError(f"--step: must be > 0, got {options.step}")
+    picture = Path(options.plot) if options.plot else None
+    if picture:
+        from warpsim.plot.pictures import check_picture, draw_access
+
+        check_picture(picture, options.overwrite, "--plot")
     scene = Scene.load(options.scene)
     sensors = _names(options.sensors)
     table = scene.access(options.target, sensors, step_s=step_s)
+    if picture:  # files before words, as with catalogs
+        draw_access(scene, picture)
     if options.format != "table":
         table.write(sys.stdout, format=f"ascii.{options.format}")
         return 0
@@ -171,6 +194,8 @@ def _access(options: argparse.Namespace) -> int:
     n_sensor = len(scene.sensor_names if sensors is None else sensors)
     seen, total_s = len(set(table["sensor"])), float(sum(table["duration_s"]))
     print(f"{seen} of {n_sensor} sensors have access, {total_s:.1f} s in all")
+    if picture:
+        print(f"picture in {picture}")
     return 0
 
 
@@ -182,16 +207,41 @@ def _check(options: argparse.Namespace) -> int:
     return 0
 
 
+def _plot(options: argparse.Namespace) -> int:
+    from warpsim.plot.pictures import draw_scenario
+    from warpsim.scene.scene import Scene
+
+    time_s = None if options.time is None else _number("--time", options.time)
+    scene = Scene.load(options.scene)
+    _start_warp()
+    written = draw_scenario(scene, Path(options.output), time_s, options.overwrite)
+    print(f"{len(written)} pictures of {scene.name} in {options.output}: {', '.join(path.name for path in written)}")
+    return 0
+
+
+def _czml(options: argparse.Namespace) -> int:
+    from warpsim.output.czml import write_czml
+    from warpsim.scene.scene import Scene
+
+    path = Path(options.output)
+    step_s = None if options.step is None else _number("--step", options.step)
+    scene = Scene.load(options.scene)
+    error_m = write_czml(scene, path, step_s, overwrite=options.overwrite)
+    n_body = len(scene.sensor_names) + len(scene.target_names)
+    print(f"{n_body} bodies in {path} ({path.stat().st_size / 1e6:.2f} MB), positions within {error_m:.2g} m")
+    return 0
+
+
 def _catalog(options: argparse.Namespace) -> int:
     from warpsim.output.catalog_file import FORMAT_OF_SUFFIX, check_new_file, write_catalog
     from warpsim.output.catalog_report import catalog_report
-    from warpsim.plot.sky import need_matplotlib
+    from warpsim.plot.figure import PICTURE_SUFFIXES, need_matplotlib
 
     output, picture = (Path(name) if name else None for name in (options.output, options.plot))
     if output:
         check_new_file(output, tuple(FORMAT_OF_SUFFIX), options.overwrite)
     if picture:
-        check_new_file(picture, (".png", ".pdf", ".svg"), options.overwrite)
+        check_new_file(picture, PICTURE_SUFFIXES, options.overwrite)
         need_matplotlib("--plot")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -241,13 +291,12 @@ def _draw_counts(catalog: StarCatalog, path: Path) -> None:
     """Draw star counts to a file without pyplot, which would ask for a display."""
     from matplotlib.figure import Figure
 
-    from warpsim.output.files import whole_file
+    from warpsim.plot.figure import save_figure
     from warpsim.plot.sky import plot_star_counts
 
     figure = Figure(figsize=(8.5, 4.8), layout="constrained")
     plot_star_counts(catalog, ax=figure.add_subplot())
-    with whole_file(path) as partial:
-        figure.savefig(partial, dpi=150, format=path.suffix[1:].lower())
+    save_figure(figure, path)
 
 
 def _column_names(text: str) -> dict[str, str]:

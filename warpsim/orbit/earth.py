@@ -94,6 +94,21 @@ def geodetic_to_gcrs_m(
     return position
 
 
+def gcrs_to_geodetic(position_m: ArrayLike, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64, F64]:
+    """Return east longitude [deg] (-180 to 180), WGS84 latitude [deg] and height [m] of GCRS positions, shape (...).
+
+    Args:
+        position_m: Geocentric positions, GCRS axes [m], shape (..., 3).
+        epoch: The scene's epoch.
+        time_s: Times [s since epoch], shape (...).
+    """
+    position = np.asarray(position_m, np.float64)
+    fixed = np.einsum("...ji,...j->...i", itrs_to_gcrs(epoch, time_s), position)
+    height, cosine, sine = meridian_altitude_m(np.hypot(fixed[..., 0], fixed[..., 1]), fixed[..., 2])
+    longitude = np.degrees(np.arctan2(fixed[..., 1], fixed[..., 0]))
+    return longitude, np.degrees(np.arctan2(sine, cosine)), height
+
+
 def geodetic_altitude_m(position_m: ArrayLike, pole_icrs: ArrayLike) -> F64:
     """Return heights above the WGS84 ellipsoid about a pole [m]; negative inside, exact to 1e-7 m from -100 km up.
 

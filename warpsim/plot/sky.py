@@ -5,7 +5,6 @@ Every function draws on axes that are given to it, or else on a new pyplot figur
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
+from warpsim.plot.figure import new_axes
 from warpsim.plot.partition import PARTITIONS, SORTED, Partition, costs_by_latitude, cover_of, is_split
 from warpsim.sky.bands import BANDS
 from warpsim.sky.catalog import StarCatalog
@@ -55,7 +55,7 @@ def plot_star_counts(
     if not bands:
         raise InputError("bands: must name at least one")
     counts = {band: magnitude_counts(catalog, band) for band in bands}
-    ax = ax or _new_axes(8.5, 4.8)
+    ax = ax or new_axes(8.5, 4.8)
     width = 0.86 / len(counts)
     for number, (band, (magnitudes, n_star)) in enumerate(counts.items()):
         left = magnitudes + 0.07 + number * width
@@ -122,7 +122,7 @@ def plot_sky_density(
     from matplotlib.patches import Ellipse
 
     density, extent = density_map(catalog, frame)
-    ax = ax or _new_axes(8.5, 4.6)
+    ax = ax or new_axes(8.5, 4.6)
     seen = density[density > 0]
     if range_per_deg2 is None:
         low, high = np.percentile(seen, [1, 99.8]) if len(seen) else (0.1, 1.0)
@@ -328,26 +328,7 @@ def _paler(colour: str) -> tuple[float, ...]:
     return tuple(0.35 * part + 0.65 for part in to_rgb(colour))
 
 
-def need_matplotlib(where: str) -> None:
-    """Say in one line what is missing, before a picture is begun.
-
-    Raises:
-        InputError: matplotlib is not installed.
-    """
-    if importlib.util.find_spec("matplotlib") is None:
-        raise InputError(f"{where}: needs matplotlib, which the extra `plot` brings: pip install 'warpsim[plot]'")
-
-
 def _colour_map(name: str) -> Any:
     from matplotlib import colormaps
 
     return colormaps[name]
-
-
-def _new_axes(width: float, height: float) -> Axes:
-    """Axes of a new pyplot figure [inch]."""
-    need_matplotlib("plot")
-    from matplotlib import pyplot as plt
-
-    _, ax = plt.subplots(figsize=(width, height), layout="constrained")
-    return ax

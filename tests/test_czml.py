@@ -1,0 +1,202 @@
+"""CZML: read back as JSON and interpolated as Cesium does, it is the scene."""
+
+import json
+
+import numpy as np
+import pytest
+from astropy.time import Time
+
+import warpsim as ws
+from warpsim.output import czml
+from warpsim.output.czml import interpolated, sampled_track
+
+czml3 = pytest.importorskip("czml3")
+
+POSITION_ATOL_M = 0.1  # what the samples are chosen for; their rounding is 1 mm
+TIME_ATOL_S = 1e-6  # digits of the dates
+STSS_BYTES = 5_000_000
+
+
+@pytest.fixture(scope="module")
+def written(scene, tmp_path_factory):
+    path = tmp_path_factory.mktemp("czml") / "stss.czml"
+    return path, ws.write_czml(scene, path)
+
+
+@pytest.fixture(scope="module")
+def packets(written):
+    return {packet["id"]: packet for packet in json.loads(written[0].read_text("utf-8"))}
+
+
+def cesium_value(times, values, degree, time):
+    """What Cesium's SampledProperty.getValue gives, after its source (1.120): sample numbers, then Lagrange."""
+    index = 0
+    while index < len(times) and times[index] < time:
+        index += 1
+    if index < len(times) and times[index] == time:
+        return values[index]
+    first, last = 0, len(times) - 1
+    if last - first + 1 >= degree + 1:
+        computed_first = max(index - degree // 2 - 1, first)
+        computed_last = computed_first + degree
+        if computed_last > last:
+            computed_last = last
+            computed_first = max(computed_last - degree, first)
+        first, last = computed_first, computed_last
+    x = [t - times[last] for t in times[first : last + 1]]
+    at = time - times[last]
+    result = np.zeros(3)
+    for i, xi in enumerate(x):
+        coefficient = 1.0
+        for j, xj in enumerate(x):
+            if j != i:
+                coefficient *= (at - xj) / (xi - xj)
+        result += coefficient * np.asarray(values[first + i])
+    return result
+
+
+def seconds(scene, text):
+    """Seconds after the epoch of an ISO 8601 UTC instant."""
+    assert text.endswith("Z")
+    return (Time(text[:-1], scale="utc") - scene.epoch).sec
+
+
+def interval(scene, text):
+    return tuple(seconds(scene, part) for part in text.split("/"))
+
+
+def test_positions_are_the_scenes_where_cesium_interpolates(scene, packets, written):
+    times = np.concatenate([np.arange(0.0, scene.duration_s, 7.3), [1e-3, scene.duration_s - 1e-3, scene.duration_s]])
+    worst_m = 0.0
+    for name in [*scene.sensor_names, *scene.target_names]:
+        position = packets[name]["position"]
+        assert position["referenceFrame"] == "INERTIAL"
+        assert (position["interpolationAlgorithm"], position["interpolationDegree"]) == ("LAGRANGE", 5)
+        assert seconds(scene, position["epoch"]) == 0
+        samples = np.array(position["cartesian"]).reshape(-1, 4)
+        assert samples[0, 0] == 0 and samples[-1, 0] == scene.duration_s
+        shown = [cesium_value(samples[:, 0], samples[:, 1:], 5, time) for time in times]
+        worst_m = max(worst_m, np.linalg.norm(shown - scene.position_m(name, times), axis=1).max())
+    assert worst_m < POSITION_ATOL_M
+    assert worst_m == pytest.approx(written[1], rel=0.2)  # what is reported is what is
+
+
+def test_interpolation_is_cesiums():
+    rng = np.random.default_rng(5)
+    times, values = np.cumsum(rng.uniform(1, 3, 14)), rng.normal(size=(14, 3))
+    between = np.concatenate([rng.uniform(times[0], times[-1], 200), times])
+    expected = [cesium_value(list(times), values, 5, time) for time in between]
+    np.testing.assert_allclose(interpolated(times, values, between), expected, rtol=0, atol=1e-9)
+    quintic = np.polynomial.Polynomial([1, -2, 0.3, 0.1, -0.02, 0.004])
+    np.testing.assert_allclose(interpolated(times, quintic(times)[:, None], between)[:, 0], quintic(between), rtol=1e-9)
+
+
+def test_document_has_the_clock(scene, packets):
+    document = next(iter(packets.values()))
+    assert (document["id"], document["name"], document["version"]) == ("document", "stss", "1.0")
+    assert interval(scene, document["clock"]["interval"]) == pytest.approx((0, 1614), abs=TIME_ATOL_S)
+    assert document["clock"]["currentTime"] == "2025-01-01T14:00:00.000000Z"
+
+
+def test_every_body_is_a_packet(scene, packets):
+    lines = [name for name in packets if name.startswith("access/")]
+    assert set(packets) == {"document", *scene.sensor_names, *scene.target_names, *lines}
+    for name in [*scene.sensor_names, *scene.target_names]:
+        packet = packets[name]
+        assert packet["label"]["text"] == packet["name"] == name
+        assert interval(scene, packet["availability"]) == pytest.approx((0, 1614), abs=TIME_ATOL_S)
+        assert packet["path"]["leadTime"] == scene.duration_s and packet["point"]["pixelSize"] > 0
+    assert packets["sat11"]["label"]["show"] and packets["center"]["path"]["show"]
+    assert not packets["sphere01"]["label"]["show"]
+    assert packets["cone01"]["description"] == "target, cone"
+
+
+def test_lines_of_sight_show_during_access(scene, packets):
+    table = scene.access()
+    assert {name.split("/")[1] for name in packets if name.startswith("access/")} == set(table["sensor"])
+    for sensor in set(table["sensor"]):
+        line = packets[f"access/{sensor}/center"]["polyline"]
+        assert line["positions"]["references"] == [f"{sensor}#position", "center#position"]
+        assert line["arcType"] == "NONE"
+        never, *shown = line["show"]
+        assert never["boolean"] is False and interval(scene, never["interval"]) == pytest.approx((0, 1614), abs=1e-6)
+        assert all(item["boolean"] is True for item in shown)
+        rows = [(row["start_s"], row["end_s"]) for row in table if row["sensor"] == sensor]
+        np.testing.assert_allclose(
+            [interval(scene, item["interval"]) for item in shown], rows, rtol=0, atol=TIME_ATOL_S
+        )
+
+
+def test_czml3_takes_it_back(written):
+    path, _ = written
+    document = czml3.Document.load(path)
+    assert len(document.packets) == 1 + 58 + 10
+    assert path.stat().st_size < STSS_BYTES
+
+
+def test_a_step_of_ones_own(scene, tmp_path):
+    coarse = ws.write_czml(scene, tmp_path / "coarse.czml", step_s=270.0)
+    fine = ws.write_czml(scene, tmp_path / "fine.czml", step_s=30.0)
+    assert fine < 0.01 < 1.0 < coarse  # m
+    time_s, position_m, _ = sampled_track(scene, "sat11", 270.0)
+    assert len(time_s) == 7
+    np.testing.assert_allclose(position_m, scene.position_m("sat11", time_s), rtol=0, atol=0.6e-3)
+
+
+def test_dates_count_leap_seconds(tmp_path):
+    before = {"epoch_utc": "2016-12-31T23:50:00", "access_rules": {}}
+    leap = ws.Scene.load("stss").replace(**before)
+    ws.write_czml(leap, tmp_path / "leap.czml")
+    packets = {packet["id"]: packet for packet in json.loads((tmp_path / "leap.czml").read_text())}
+    assert packets["document"]["clock"]["interval"] == "2016-12-31T23:50:00.000000Z/2017-01-01T00:16:53.000000Z"
+    assert czml._utc(leap, [599.5, 600.25, 601.0]) == [
+        "2016-12-31T23:59:59.500000Z", "2017-01-01T00:00:00.000000Z", "2017-01-01T00:00:00.000000Z",
+    ]  # fmt: skip
+
+
+def test_a_file_that_cannot_be_finished_is_not_there(scene, tmp_path, monkeypatch):
+    def fail(document, path, **_):
+        path.write_text("[")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(czml3.Document, "save", fail)
+    with pytest.raises(OSError, match="No space"):
+        ws.write_czml(scene, tmp_path / "a.czml")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("path", "step_s", "message"),
+    [
+        ("a.json", None, r"must end in one of \.czml$"),
+        ("missing/a.czml", None, "missing is not a folder$"),
+        ("a.czml", 0.0, "^step_s: must be > 0, got 0$"),
+        ("a.czml", float("nan"), "^step_s: must be > 0, got nan$"),
+        ("a.czml", 1e-3, "^step_s: 0.001 s give more than 2000000 positions for 58 bodies over 1614 s$"),
+    ],
+)
+def test_bad_input_is_named_in_one_line(scene, tmp_path, path, step_s, message):
+    with pytest.raises(ws.InputError, match=message) as caught:
+        ws.write_czml(scene, tmp_path / path, step_s)
+    assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_existing_files_are_kept(scene, tmp_path):
+    path = tmp_path / "a.czml"
+    path.write_text("mine")
+    with pytest.raises(ws.InputError, match="is there already"):
+        ws.write_czml(scene, path)
+    assert path.read_text() == "mine"
+
+
+def test_a_body_too_rough_to_interpolate_is_named(scene, monkeypatch, tmp_path):
+    monkeypatch.setattr(czml, "ERROR_M", 1e-9)  # below the rounding of the samples
+    with pytest.raises(ws.InputError, match=r"^sat11: positions every .* s are .* m off between them") as caught:
+        ws.write_czml(scene, tmp_path / "a.czml")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_target_named_document_is_refused(scene, tmp_path):
+    with pytest.raises(ws.InputError, match=r"^document: is the name of the first packet"):
+        ws.write_czml(scene.replace(targets__0__name="document"), tmp_path / "a.czml")

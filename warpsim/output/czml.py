@@ -1,0 +1,248 @@
+"""Scenes as CZML, the format of Cesium: bodies with their paths and names, and lines of sight during access.
+
+Positions are in the frame that CZML calls INERTIAL, the ICRF: its axes are those of GCRS, so the scene's numbers go in
+as they are. Cesium turns them to the ground by its own Earth orientation. It interpolates with Lagrange polynomials of
+degree 5; the time between samples is chosen for each body so that the polynomials stay within ERROR_M of its track.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.errors import InputError
+from warpsim.output.catalog_file import check_new_file
+from warpsim.output.files import whole_file
+
+if TYPE_CHECKING:
+    from warpsim.scene.scene import Scene
+
+F64 = NDArray[np.float64]
+
+DEGREE = 5
+"""Of the interpolating polynomials, through six samples."""
+ERROR_M = 0.1
+"""What the interpolation may be off where the time between samples is chosen."""
+LONGEST_STEP_S = 300.0
+SHORTEST_STEP_S = 1.0
+MOST_SAMPLES = 2_000_000
+"""Of all bodies together: some 100 MB of text."""
+
+_CHECKS_PER_STEP = 4
+_DECIMALS = 3  # of a position [m]
+_SATELLITE, _TARGET, _MAIN, _SIGHT = [86, 180, 233, 255], [230, 159, 0, 255], [213, 94, 0, 255], [0, 158, 115, 220]
+_DOCUMENT = "document"
+_LABEL_OFFSET_PX = [8.0, -8.0]
+
+
+def write_czml(
+    scene: Scene, path: str | os.PathLike[str], step_s: float | None = None, overwrite: bool = False
+) -> float:
+    """Write a scene as CZML, whole or not at all.
+
+    Every satellite and target is a packet with sampled positions, a point, a name and a path, available during the
+    scene; every satellite that ever has access is joined to the main target by a line that shows while it has.
+
+    Args:
+        scene: The scene.
+        path: File to write, .czml.
+        step_s: Time between samples [s]; if left out, the longest of 300, 150, ... s that keeps each body within 0.1 m.
+        overwrite: Whether an existing file is replaced.
+
+    Returns:
+        How far the positions, interpolated as Cesium does, are from the scene's at most [m], measured four times
+        between samples.
+
+    Raises:
+        InputError: The path cannot be written, the step is bad, no step above 1 s keeps a body within 0.1 m, or the
+            package czml3 (the extra `czml`) is not installed.
+    """
+    path = Path(path)
+    check_new_file(path, (".czml",), overwrite)
+    if importlib.util.find_spec("czml3") is None:
+        raise InputError("czml: needs czml3, which the extra `czml` brings: pip install 'warpsim[czml]'")
+    if step_s is not None and not (math.isfinite(step_s) and step_s > 0):
+        raise InputError(f"step_s: must be > 0, got {step_s:g}")
+    names = [*scene.sensor_names, *scene.target_names]
+    if _DOCUMENT in names:
+        raise InputError(f"{_DOCUMENT}: is the name of the first packet of a CZML file, so no body may have it")
+    if step_s is not None and len(names) * scene.duration_s / step_s > MOST_SAMPLES:
+        raise InputError(
+            f"step_s: {step_s:g} s give more than {MOST_SAMPLES} positions for {len(names)} bodies over "
+            f"{scene.duration_s:g} s"
+        )
+    samples = {name: sampled_track(scene, name, step_s) for name in names}
+    document = _document(scene, {name: (time_s, position_m) for name, (time_s, position_m, _) in samples.items()})
+    with whole_file(path) as partial:
+        document.save(partial, indent=None)
+    return max(error_m for _, _, error_m in samples.values())
+
+
+def sampled_track(scene: Scene, name: str, step_s: float | None = None) -> tuple[F64, F64, float]:
+    """Sample times [s], shape (n,), positions [m], shape (n, 3), and the error of interpolating between them [m].
+
+    The samples are evenly spread over the scene, its ends included.
+
+    Raises:
+        InputError: No step above 1 s keeps the body within 0.1 m.
+    """
+    wanted_s = LONGEST_STEP_S if step_s is None else step_s
+    while True:
+        n = max(DEGREE + 1, math.ceil(scene.duration_s / wanted_s - 1e-9) + 1)
+        time_s = np.linspace(0.0, scene.duration_s, n)
+        position_m = np.round(scene.position_m(name, time_s), _DECIMALS)
+        between = np.linspace(0.0, scene.duration_s, (n - 1) * _CHECKS_PER_STEP + 1)
+        error_m = interpolated(time_s, position_m, between) - scene.position_m(name, between)
+        worst_m = float(np.linalg.norm(error_m, axis=1).max())
+        if step_s is not None or worst_m <= ERROR_M:
+            return time_s, position_m, worst_m
+        if wanted_s / 2 < SHORTEST_STEP_S:
+            raise InputError(
+                f"{name}: positions every {wanted_s:.3g} s are {worst_m:.3g} m off between them, more than "
+                f"{ERROR_M:g}; give step_s to write them all the same"
+            )
+        wanted_s /= 2
+
+
+def interpolated(sample_s: F64, values: F64, time_s: F64) -> F64:
+    """Values at times as Cesium's SampledProperty gives them, shape (m, k).
+
+    Lagrange's polynomial through six samples, three on either side of the time where there are as many, else the six
+    at the end.
+
+    Args:
+        sample_s: Times of the samples, ascending, shape (n,), n >= 6.
+        values: Samples, shape (n, k).
+        time_s: Times within them, shape (m,).
+    """
+    after = np.searchsorted(sample_s, time_s, side="right")
+    first = np.clip(after - DEGREE // 2 - 1, 0, len(sample_s) - DEGREE - 1)
+    rows = first[:, None] + np.arange(DEGREE + 1)
+    nodes = sample_s[rows] - time_s[:, None]
+    result = np.zeros((len(time_s), values.shape[1]))
+    for j in range(DEGREE + 1):
+        others = np.delete(nodes, j, axis=1)
+        weight = np.prod(others / (others - nodes[:, j : j + 1]), axis=1)
+        result += weight[:, None] * values[rows[:, j]]
+    return result
+
+
+def _document(scene: Scene, samples: dict[str, tuple[F64, F64]]) -> Any:
+    """The document: clock, satellites, targets, lines of sight."""
+    from czml3 import CZML_VERSION, Document, Packet
+    from czml3.enums import ClockRanges, ClockSteps
+    from czml3.properties import Clock
+    from czml3.types import IntervalValue
+
+    start, end = _utc(scene, [0.0, scene.duration_s])
+    clock = Clock(
+        currentTime=start, multiplier=10, range=ClockRanges.LOOP_STOP, step=ClockSteps.SYSTEM_CLOCK_MULTIPLIER
+    )
+    text = scene.description or "A scene of warpsim."
+    packets = [
+        Packet(id=_DOCUMENT, name=scene.name, version=CZML_VERSION, description=text,
+               clock=IntervalValue(start=start, end=end, value=clock))
+    ]  # fmt: skip
+    main = scene.target_names[0]
+    for name, track in samples.items():
+        is_sensor = name in scene.sensor_names
+        colour = _SATELLITE if is_sensor else _MAIN if name == main else _TARGET
+        label = is_sensor or name == main  # thirty names on one spot hide one another
+        packets.append(_body(scene, name, track, colour, label, (start, end)))
+    return Document(packets=[*packets, *_sights(scene, (start, end))])
+
+
+def _body(
+    scene: Scene, name: str, track: tuple[F64, F64], colour: list[int], label: bool, span: tuple[str, str]
+) -> Any:
+    from czml3 import Packet
+    from czml3.enums import HorizontalOrigins, InterpolationAlgorithms, ReferenceFrames
+    from czml3.properties import Color, Label, Path, Point, Position
+    from czml3.types import Cartesian2Value, TimeInterval
+
+    time_s, position_m = track
+    spec = dict(zip(scene.target_names, scene.target_specs, strict=True)).get(name)
+    is_thick = spec is None or name == scene.target_names[0]
+    return Packet(
+        id=name,
+        name=name,
+        description="satellite" if spec is None else f"target, {spec.shape.kind}",
+        availability=TimeInterval(start=span[0], end=span[1]),
+        position=Position(
+            epoch=span[0],
+            cartesian=np.column_stack([time_s, position_m]).ravel().tolist(),
+            referenceFrame=ReferenceFrames.INERTIAL,
+            interpolationAlgorithm=InterpolationAlgorithms.LAGRANGE,
+            interpolationDegree=DEGREE,
+        ),
+        point=Point(color=Color(rgba=colour), pixelSize=8 if is_thick else 4, outlineWidth=0),
+        label=Label(
+            text=name, font="12px sans-serif", fillColor=Color(rgba=colour), horizontalOrigin=HorizontalOrigins.LEFT,
+            pixelOffset=Cartesian2Value(values=_LABEL_OFFSET_PX), show=label,
+        ),
+        path=Path(
+            material=_solid([*colour[:3], 140]), width=1 if spec is None else 2, show=is_thick,
+            leadTime=scene.duration_s, trailTime=scene.duration_s, resolution=60,
+        ),
+    )  # fmt: skip
+
+
+def _sights(scene: Scene, span: tuple[str, str]) -> list[Any]:
+    """A line from each satellite with access to the main target, shown while it has access."""
+    from czml3 import Packet
+    from czml3.enums import ArcTypes
+    from czml3.properties import Polyline, PositionList
+    from czml3.types import IntervalValue, TimeIntervalCollection
+
+    main, table = scene.target_names[0], scene.access()
+    packets = []
+    for name in scene.sensor_names:
+        rows = table[table["sensor"] == name]
+        if not len(rows):
+            continue
+        shown = [IntervalValue(start=span[0], end=span[1], value=False)]  # later intervals take precedence
+        for row in rows:
+            first, last = _utc(scene, [float(row["start_s"]), float(row["end_s"])])
+            shown.append(IntervalValue(start=first, end=last, value=True))
+        packets.append(
+            Packet(
+                id=f"access/{name}/{main}",
+                name=f"{name} sees {main}",
+                polyline=Polyline(
+                    show=TimeIntervalCollection(values=shown),
+                    positions=PositionList(references=[f"{name}#position", f"{main}#position"]),
+                    arcType=ArcTypes.NONE,
+                    width=1.5,
+                    material=_solid(_SIGHT),
+                ),
+            )
+        )
+    return packets
+
+
+def _solid(colour: list[int]) -> Any:
+    from czml3.properties import Color, PolylineMaterial, SolidColorMaterial
+
+    return PolylineMaterial(solidColor=SolidColorMaterial(color=Color(rgba=colour)))
+
+
+def _utc(scene: Scene, time_s: Sequence[float]) -> list[str]:
+    """Instants as ISO 8601 UTC, to the microsecond; those within a leap second become the second after it."""
+    from astropy import units as u
+    from astropy.time import Time
+
+    instants = (scene.epoch.tai + np.asarray(time_s) * u.s).utc
+    instants.precision = 6
+    texts = []
+    for text, instant in zip(instants.isot, instants, strict=True):
+        if ":60" in text:
+            text = Time(math.floor(instant.jd1 + instant.jd2 + 0.5) + 0.5, format="jd", scale="utc", precision=6).isot
+        texts.append(f"{text}Z")
+    return texts

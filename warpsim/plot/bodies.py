@@ -1,0 +1,180 @@
+"""Targets as bodies in space: the solid of each kind, turned as it is at a few instants."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from warpsim.errors import InputError
+from warpsim.plot.figure import INK, SERIES, VERMILION, new_axes, pair
+from warpsim.plot.scenario import checked_time_s, local_frame
+from warpsim.scene.scene import Scene
+from warpsim.target.motion import attitude_frame
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+F64 = NDArray[np.float64]
+
+N_INSTANT = 6
+"""Drawn where one instant is given, spread over a turn of the slowest motion."""
+
+_N_SECTOR = 24  # facets around a body; a quarter of them is dark, so that spin shows
+_LIGHT = np.array([-0.4, 0.6, 0.7])  # of the drawing, from the viewer's upper left: no light of the scene
+_CELL = 2.7  # distance of drawn bodies; their half extent is 1
+
+
+def plot_attitudes(scene: Scene, time_s: float | Sequence[float], ax: Axes | None = None) -> Axes:
+    """Draw one target of each kind as a solid, turned as it is at some instants; arrows are the body axes.
+
+    Seen along the cross-track axis of the main target at the first instant: along-track to the right, radial (away
+    from the Earth) upwards. Bodies are drawn equally large; a dark quarter of each shows its spin. No light time.
+
+    Args:
+        scene: The scene.
+        time_s: Instants [s after the epoch]; a single one is the first of six that spread over one turn of the
+            slowest motion.
+        ax: Where to draw.
+
+    Raises:
+        InputError: No instant, or one outside the scene.
+    """
+    times = _instants(scene, time_s)
+    names = [spec.names[0] for spec in scene.targets]
+    ax = ax or new_axes(1.6 + 1.25 * len(times), 1.3 + 1.25 * len(names))
+    radial, along, cross = local_frame(scene, times[0])
+    to_picture = np.stack([along, radial, -cross])  # right, up, towards the viewer
+    for row, (name, spec) in enumerate(zip(names, scene.targets, strict=True)):
+        colour = VERMILION if row == 0 else [c for c in SERIES if c != VERMILION][(row - 1) % (len(SERIES) - 1)]
+        turned = to_picture @ body_to_gcrs(scene, name, times)
+        for column, rotation in enumerate(turned):
+            _draw_body(ax, spec.shape, rotation, np.array([column, -row]) * _CELL, colour)
+        words = f"{name}\n{_dimensions(spec.shape)}" + (f"\none of {spec.count}" if spec.count > 1 else "")
+        ax.text(-0.62 * _CELL, -row * _CELL, words, ha="right", va="center", fontsize=8)
+    steps = [f"{times[0]:g} s", *(f"+{time - times[0]:.4g} s" for time in times[1:])]
+    for column, step in enumerate(steps):
+        ax.text(column * _CELL, -(len(names) - 0.42) * _CELL, step, ha="center", va="top", fontsize=8)
+    ax.set(xlim=(-1.75 * _CELL, (len(times) - 0.45) * _CELL), ylim=(-(len(names) - 0.2) * _CELL, 0.6 * _CELL))
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+    ax.set_title(f"{scene.name}: attitudes, along-track to the right, radial upwards", fontsize=10)
+    return ax
+
+
+def _instants(scene: Scene, time_s: float | Sequence[float]) -> list[float]:
+    if not np.ndim(time_s):
+        first = checked_time_s(scene, time_s)  # type: ignore[arg-type]
+        rates = [
+            abs(getattr(spec.attitude, rate, 0.0))
+            for spec in scene.targets
+            for rate in ("spin_rev_s", "precession_rev_s", "rolling_rev_s")
+        ]
+        slowest = min((rate for rate in rates if rate > 0), default=0.0)
+        span_s = min(1 / slowest if slowest > 0 else np.inf, scene.duration_s - first)
+        return [first + span_s * k / N_INSTANT for k in range(N_INSTANT if span_s > 0 else 1)]
+    times = [checked_time_s(scene, float(time)) for time in np.ravel(time_s)]
+    if not times:
+        raise InputError("time_s: must hold at least one instant")
+    return times
+
+
+def body_to_gcrs(scene: Scene, name: str, time_s: ArrayLike) -> F64:
+    """Rotations from a target's body axes to GCRS axes, shape (n, 3, 3); columns are the body's x, y and z."""
+    time = np.atleast_1d(np.asarray(time_s, np.float64))
+    quaternion: Any = getattr(scene, "attitude_quaternion", None)
+    if quaternion is not None:
+        return matrix_of(quaternion(name, time))
+    # To be deleted as soon as every scene has attitude_quaternion.
+    number = scene.target_names.index(name)
+    attitude = scene.target_specs[number].attitude
+    velocity = scene.tracks.of(name).state(np.zeros(1))[1][0]
+    (reference, first, second), precession_phase, rolling_phase = attitude_frame(attitude, velocity, scene.seed, number)
+    azimuth = 2 * np.pi * (attitude.precession_rev_s * time + precession_phase)
+    polar = np.radians(attitude.precession_angle_deg) + 2 * np.pi * (attitude.rolling_rev_s * time + rolling_phase)
+    spin = 2 * np.pi * attitude.spin_rev_s * time
+    turned = _about(2, azimuth) @ _about(1, polar) @ _about(2, spin)
+    return np.asarray(np.stack([first, second, reference], axis=1) @ turned)
+
+
+def _about(axis: int, angle_rad: F64) -> F64:
+    """Right-handed rotations about one of the axes, shape (n, 3, 3)."""
+    matrix = np.zeros((len(angle_rad), 3, 3))
+    one, two = (axis + 1) % 3, (axis + 2) % 3
+    matrix[:, axis, axis] = 1
+    matrix[:, one, one] = matrix[:, two, two] = np.cos(angle_rad)
+    matrix[:, two, one], matrix[:, one, two] = np.sin(angle_rad), -np.sin(angle_rad)
+    return matrix
+
+
+def matrix_of(quaternion: F64) -> F64:
+    """Rotation matrices of unit quaternions, scalar last (Hamilton), shape (n, 4) to (n, 3, 3)."""
+    vector, scalar = quaternion[:, :3], quaternion[:, 3]
+    cross = np.zeros((len(vector), 3, 3))
+    cross[:, [2, 0, 1], [1, 2, 0]] = vector
+    cross[:, [1, 2, 0], [2, 0, 1]] = -vector
+    return np.asarray(
+        (scalar**2 - np.sum(vector**2, axis=1))[:, None, None] * np.eye(3)
+        + 2 * vector[:, :, None] * vector[:, None, :]
+        + 2 * scalar[:, None, None] * cross
+    )
+
+
+def facets_of(shape: Any) -> tuple[F64, NDArray[np.int64]]:
+    """A body's surface as quadrangles about its middle, their half extent 1 at most, and the sector of each.
+
+    Returns:
+        Corners in body axes, shape (n, 4, 3), seen from outside counter-clockwise; sectors 0 to 23 about the body
+        axis, shape (n,).
+    """
+    radius, half = shape.radius_m, getattr(shape, "height_m", 0.0) / 2
+    if shape.kind == "sphere":
+        angle = np.linspace(-np.pi / 2, np.pi / 2, 13)
+        profile = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    else:
+        profile = np.array([[0, -half], [radius, -half], [radius if shape.kind == "cylinder" else 0, half], [0, half]])
+    profile = profile / np.linalg.norm(profile, axis=1).max()
+    turn = 2 * np.pi * np.arange(_N_SECTOR + 1) / _N_SECTOR
+    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    facets, sectors = [], []
+    for (r0, z0), (r1, z1) in pairwise(profile):
+        if r0 < 1e-12 and r1 < 1e-12:
+            continue  # the cone has no upper lid
+        for sector in range(_N_SECTOR):
+            here, there = ring[sector], ring[sector + 1]
+            facets.append([[*(r0 * here), z0], [*(r0 * there), z0], [*(r1 * there), z1], [*(r1 * here), z1]])
+            sectors.append(sector)
+    return np.array(facets), np.array(sectors)
+
+
+def _draw_body(ax: Axes, shape: Any, rotation: F64, place: F64, colour: str) -> None:
+    """The facets that face the viewer (enough for a convex body), shaded, and the body axis."""
+    from matplotlib.collections import PolyCollection
+    from matplotlib.colors import to_rgb
+
+    corners, sector = facets_of(shape)
+    turned = corners @ rotation.T
+    normal = np.cross(turned[:, 2] - turned[:, 0], turned[:, 3] - turned[:, 1])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    front = normal[:, 2] > 1e-9
+    light = 0.55 + 0.45 * np.clip(normal @ (_LIGHT / np.linalg.norm(_LIGHT)), 0, 1)
+    light *= np.where(sector < _N_SECTOR // 4, 0.55, 1.0)
+    paint = light[:, None] * (0.35 + 0.65 * np.array(to_rgb(colour)))
+    faces = PolyCollection(list(turned[front][:, :, :2] + place), facecolors=paint[front], zorder=2)
+    faces.set(edgecolors=paint[front], linewidths=0.4)
+    ax.add_collection(faces)
+    axis = rotation[:, 2]
+    if shape.kind == "sphere":
+        begin, end = axis * 1.0, axis * 1.38
+    else:
+        begin, end = axis * np.abs(corners[..., 2]).max(), axis * 1.38
+    arrow = {"arrowstyle": "->", "color": INK, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0}
+    ax.annotate("", pair(end[:2] + place), pair(begin[:2] + place), arrowprops=arrow, zorder=3 if axis[2] > 0 else 1)
+
+
+def _dimensions(shape: Any) -> str:
+    height_m = getattr(shape, "height_m", None)
+    return f"{shape.kind}, r {shape.radius_m:g} m" + (f", h {height_m:g} m" if height_m else "")
