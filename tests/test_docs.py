@@ -30,6 +30,7 @@ SECTIONS = {
     "`surface`": [motion.Graybody],
     "`temperature`": [motion.Temperature],
     "`attitude`": [ws.Attitude],
+    "`attitude` from a table": [ws.AttitudeTable],
     "`[release]`": [parts.Release],
     "`[pointing]`": [parts.Pointing],
     "`[access_rules]`": [ws.AccessConstraints],

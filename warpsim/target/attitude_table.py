@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from warpsim.describe import Number, part, part_error, rule_error
 from warpsim.errors import InputError
-from warpsim.target.quaternion import from_matrix, in_one_hemisphere, product, rotation_between_rad, slerp, unit
+from warpsim.target.quaternion import in_one_hemisphere, rotation_between_rad, slerp, unit
 
 if TYPE_CHECKING:
     from astropy.time import Time
@@ -26,6 +27,10 @@ LARGEST_STEP_DEG = 170.0
 """Between neighbouring rows; nearer to half a turn, the way round is not known."""
 END_SLACK_S = 1.0
 """The table's end rows hold this much longer: light that is seen at the start of a scene left its target before."""
+DATE_ROUNDING_S = 1e-6
+"""Ends of a table may miss those of the scene by this much: files give dates with some digits only."""
+SAME_ROTATION_RAD = 1e-6
+"""How far the last row of a segment and the first of the next may differ."""
 
 
 def _as_rows(value: Any) -> Any:
@@ -44,33 +49,6 @@ def _as_rows(value: Any) -> Any:
 
 Times = Annotated[tuple[Number, ...], BeforeValidator(_as_rows)]
 Quaternions = Annotated[tuple[tuple[Number, Number, Number, Number], ...], BeforeValidator(_as_rows)]
-
-
-class Instants(Protocol):
-    """Instants of a file."""
-
-    def since(self, epoch: Time) -> F64:
-        """SI seconds since an epoch, shape (n,)."""
-
-
-class AttitudeSegment(Protocol):
-    """What the reader of attitude files gives: one run of attitudes of one object."""
-
-    @property
-    def object_name(self) -> str:
-        """Name in the file."""
-
-    @property
-    def frame(self) -> str:
-        """Name of the reference axes."""
-
-    @property
-    def instants(self) -> Instants:
-        """Ascending instants."""
-
-    @property
-    def quaternion(self) -> F64:
-        """Unit quaternions body -> reference axes, scalar last, shape (n, 4)."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +74,7 @@ class AttitudeRows:
             InputError: It does not.
         """
         first_s, last_s = self.span_s
-        if first_s > start_s or last_s < end_s:
+        if first_s > start_s + DATE_ROUNDING_S or last_s < end_s - DATE_ROUNDING_S:
             raise InputError(
                 f"time_s: must cover the scene, {start_s:.9g} to {end_s:.9g} s, got {first_s:.9g} to {last_s:.9g} s"
             )
@@ -164,10 +142,19 @@ class AttitudeTable:
         return checked_rows(np.array(self.time_s), np.array(self.quaternion).reshape(-1, 4))
 
     @cached_property
-    def _segments(self) -> Sequence[AttitudeSegment]:
-        from warpsim.exchange import read_attitude  # type: ignore[import-not-found]
+    def _source(self) -> Any:
+        from warpsim.exchange.source import read_source  # type: ignore[import-not-found]
 
-        return _of_object(read_attitude(self.file), str(self.file), self.object)
+        return read_source(self.file)
+
+    @property
+    def checksum(self) -> str | None:
+        """SHA-256 of the file, in hexadecimal; None for rows of one's own.
+
+        Raises:
+            InputError: The file cannot be read.
+        """
+        return None if self.file is None else hashlib.sha256(self._source.data).hexdigest()
 
     def rows(self, epoch: Time) -> AttitudeRows:
         """The checked table for a scene's epoch.
@@ -177,9 +164,13 @@ class AttitudeTable:
         """
         if self.file is None:
             return self._inline_rows
-        segments = self._segments
+        from warpsim.exchange.read import attitude_of  # type: ignore[import-not-found]
+        from warpsim.orbit.frames import attitude_in_gcrs  # type: ignore[import-not-found]
+
+        segments = attitude_of(self._source)
         try:
-            return checked_rows(*_joined([_in_gcrs(segment, epoch) for segment in segments]))
+            chosen = _of_object(segments, self.object)
+            return checked_rows(*_joined([attitude_in_gcrs(segment, epoch) for segment in chosen]))
         except InputError as error:
             raise InputError(f"{self.file}: {error}") from None
 
@@ -221,27 +212,14 @@ def checked_rows(time_s: F64, quaternion: F64) -> AttitudeRows:
     return AttitudeRows(np.asarray(time_s, dtype=np.float64), rows)
 
 
-def _of_object(segments: Sequence[AttitudeSegment], file: str, name: str | None) -> Sequence[AttitudeSegment]:
-    """Segments of one object, in order of time as the file has them."""
+def _of_object(segments: Sequence[Any], name: str | None) -> list[Any]:
+    """Segments of one object, in the order of the file."""
     names = sorted({segment.object_name for segment in segments})
     if name is None and len(names) > 1:
-        raise InputError(f"{file}: object: must be one of {', '.join(names)}, since the file holds several")
+        raise InputError(f"object: must be given, the file holds {', '.join(names)}")
     if name is not None and name not in names:
-        raise InputError(f"{file}: object: must be one of {', '.join(names)}, got {name!r}")
+        raise InputError(f"object: must be one of {', '.join(names)}, got {name!r}")
     return [segment for segment in segments if name in (None, segment.object_name)]
-
-
-def _in_gcrs(segment: AttitudeSegment, epoch: Time) -> tuple[F64, F64]:
-    """Times after epoch [s] and quaternions body -> GCRS of a segment."""
-    time_s = segment.instants.since(epoch)
-    if segment.frame == "GCRF":
-        return time_s, segment.quaternion
-    if segment.frame == "EME2000":
-        import erfa
-
-        bias = erfa.bp06(erfa.DJ00, 0.0)[0]  # multiplies components in GCRS axes, gives those at the equator of J2000
-        return time_s, product(from_matrix(bias.T), segment.quaternion)
-    raise InputError(f"reference axes: must be GCRF or EME2000, got {segment.frame}")
 
 
 def _joined(segments: Sequence[tuple[F64, F64]]) -> tuple[F64, F64]:
@@ -253,7 +231,7 @@ def _joined(segments: Sequence[tuple[F64, F64]]) -> tuple[F64, F64]:
     time, quaternion = segments[0]
     for next_time, next_quaternion in segments[1:]:
         jump_rad = rotation_between_rad(unit(quaternion[-1]), unit(next_quaternion[0]))
-        if abs(next_time[0] - time[-1]) > 1e-6 or jump_rad > 1e-6:
+        if abs(next_time[0] - time[-1]) > DATE_ROUNDING_S or jump_rad > SAME_ROTATION_RAD:
             raise InputError(
                 f"segments of one object must join without a gap or a jump, got one that ends at {time[-1]:.9g} s and "
                 f"one that begins at {next_time[0]:.9g} s"
