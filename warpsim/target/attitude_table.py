@@ -143,9 +143,9 @@ class AttitudeTable:
 
     @cached_property
     def _source(self) -> Any:
-        from warpsim.exchange.source import read_source  # type: ignore[import-not-found]
+        from warpsim.exchange.source import read_source
 
-        return read_source(self.file)
+        return read_source(str(self.file))
 
     @property
     def checksum(self) -> str | None:
@@ -164,8 +164,8 @@ class AttitudeTable:
         """
         if self.file is None:
             return self._inline_rows
-        from warpsim.exchange.read import attitude_of  # type: ignore[import-not-found]
-        from warpsim.orbit.frames import attitude_in_gcrs  # type: ignore[import-not-found]
+        from warpsim.exchange.read import attitude_of
+        from warpsim.orbit.frames import attitude_in_gcrs
 
         segments = attitude_of(self._source)
         try:
