@@ -20,7 +20,7 @@ from pydantic import BeforeValidator, model_validator
 
 from warpsim.describe import as_tuple, part, part_error
 from warpsim.errors import InputError
-from warpsim.exchange.instants import instants_of_time, later
+from warpsim.exchange.instants import Instants, instants_of_time, later
 from warpsim.exchange.read import ephemeris_of, plain_name, unique_names
 from warpsim.exchange.records import DEFAULT_DEGREE, EphemerisSegment, Frame, Interpolation
 from warpsim.exchange.source import Source, read_source
@@ -154,9 +154,13 @@ class _Path:
         if len({segment.instants.relative for segment in segments}) > 1:
             raise self.error("times: must all be dates, or all seconds since the scene's epoch")
         first = segments[0].instants[0]
-        self.segments = sorted(segments, key=lambda s: _useable_s(s, first.since_instant)[0])
+
+        def since_first(instants: Instants) -> F64:
+            return instants.since_instant(first)
+
+        self.segments = sorted(segments, key=lambda s: _useable_s(s, since_first)[0])
         for one, other in pairwise(self.segments):
-            end_s, start_s = (_useable_s(s, first.since_instant) for s in (one, other))
+            end_s, start_s = (_useable_s(s, since_first) for s in (one, other))
             if start_s[0] < end_s[1] - _TOUCH_S:
                 raise InputError(
                     f"{other.file}: line {other.line}: {self.name}: segments must not overlap, "
@@ -196,7 +200,7 @@ class _Path:
         return index
 
 
-def _useable_s(segment: EphemerisSegment, since: Callable[..., F64]) -> tuple[float, float]:
+def _useable_s(segment: EphemerisSegment, since: Callable[[Instants], F64]) -> tuple[float, float]:
     """First and last useable time of a segment, as `since` counts."""
     instants = segment.useable if segment.useable is not None else segment.instants[[0, -1]]
     time_s = since(instants)
