@@ -59,7 +59,8 @@ def places_table(cases: list[Case]) -> list[str]:
 def access_table(cases: list[Case]) -> list[str]:
     """Access: time against the number of satellites and the rules, with what a fine scan says of the intervals."""
     return [
-        "| satellites | rules | step [s] | intervals | seconds | us per satellite and step | lost + extra | worst end [ms] |",
+        "| satellites | rules | step [s] | intervals | seconds | us per satellite and step | lost + extra "
+        "| worst end [ms] |",
         "|---|---|---|---|---|---|---|---|",
         *(
             f"| {c['n_satellite']:,} | {c['rules']} | {c['step_s']:g} | {c['n_interval']:,} | {c['access_s']:.2f} "

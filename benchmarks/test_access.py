@@ -1,4 +1,4 @@
-"""How long access takes: many satellites over a day, one target in low orbit, and what a fine scan says of the intervals.
+"""How long access takes, many satellites over a day and one target in low orbit; what a fine scan says of its result.
 
     python -m pytest benchmarks/test_access.py --benchmark-json=benchmarks/results/access.json
     python benchmarks/report.py benchmarks/results/access.json
