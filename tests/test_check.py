@@ -1,4 +1,4 @@
-"""What `warpsim check` says of the sky (stars with light, what their places include, what is left out) and of access."""
+"""What `warpsim check` says: stars with light, what their places include and what is left out, rules of access."""
 
 import math
 import re
