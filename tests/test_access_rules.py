@@ -245,6 +245,22 @@ def test_a_scene_asks_its_cameras(scene, monkeypatch):
         assert not seen[3] or end_s == wide.duration_s
 
 
+@pytest.mark.skipif(not hasattr(ws.Scene, "view_axes"), reason="scenes do not say how their cameras stand")
+def test_in_fov_agrees_with_the_truth_of_images(scene):
+    """A frame so narrow that targets of the group leave it."""
+    scene = scene.replace(camera__fov_deg=0.05, optics={"aperture_m": 0.4, "psf": "gaussian", "sigma_px": 0.8})
+    sensors, rules = ["sat11", "sat27"], AccessConstraints(in_fov=True)
+    frames = ws.Renderer(scene, device="cpu").render(range(10, 162, 10), sensors, ["A"])
+    n_inside = 0
+    for target in scene.target_names:
+        margin = scene.access_margins(frames.time_s, target=target, sensors=sensors, rules=rules)["fov_deg"]
+        rows = frames.truth[frames.truth["target"] == target]
+        truth = np.stack([np.array(rows["in_fov"][rows["sensor"] == sensor]) for sensor in sensors])
+        assert np.array_equal(margin >= 0, truth)
+        n_inside += truth.sum()
+    assert 100 < n_inside < 800
+
+
 # --- light on the target ---
 
 

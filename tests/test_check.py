@@ -1,4 +1,4 @@
-"""What `warpsim check` says of the sky: stars with light, what their places include, and what is left out."""
+"""What `warpsim check` says: stars with light, what their places include and what is left out, rules of access."""
 
 import math
 import re
@@ -6,7 +6,7 @@ import re
 import pytest
 
 from warpsim.orbit.rules import MARGIN_NAMES
-from warpsim.output.check import _RULE_NAMES, scene_report
+from warpsim.output.check import RULE_NAMES, scene_report
 
 TWO_DIGITS = 0.051
 """Numbers are printed with two digits."""
@@ -142,4 +142,4 @@ def test_the_rule_that_is_broken_is_named(scene):
     for field, (limit, name) in words.items():
         report = scene_report(scene.replace(access_rules={field: limit}))
         assert f"{name} 100%" in line(report, "no access")
-    assert set(MARGIN_NAMES) == set(_RULE_NAMES)
+    assert set(MARGIN_NAMES) == set(RULE_NAMES)

@@ -20,7 +20,7 @@ RIGHT_ANGLE_DEFLECTION_ARCSEC = 4.07e-3
 """Bending of light 90 degrees from the Sun, seen from the Earth; elsewhere divided by tan(angle / 2)."""
 LIMB_DEFLECTION_ARCSEC = 1.75
 
-_RULE_NAMES = {
+RULE_NAMES = {
     "earth_km": "behind the Earth",
     "range_km": "too far",
     "elevation_deg": "too low",
@@ -161,7 +161,7 @@ def _access_lines(scene: Scene) -> list[str]:
     blind = [number for number, name in enumerate(scene.sensor_names) if not counts[name]]
     if blind:
         margins = scene.access_margins(times)
-        broken = {_RULE_NAMES[rule]: np.mean(margin[blind] < 0) for rule, margin in margins.items()}
+        broken = {RULE_NAMES[rule]: np.mean(margin[blind] < 0) for rule, margin in margins.items()}
         rules = ", ".join(f"{rule} {share:.0%}" for rule, share in sorted(broken.items(), key=lambda kv: -kv[1]))
         lines.append(f"  no access  {_count(len(blind), 'sensor')}; share of their frames: {rules}")
     if not seen:
