@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -194,10 +194,11 @@ def _rows_of_file(file: str) -> _Rows:
     if suffix not in (".csv", ".ecsv"):
         raise InputError(f"{file}: must end in .csv or .ecsv")
     try:
-        return _rows_of_table(read_file(Path(file), suffix[1:], None, None))
+        rows = _rows_of_table(read_file(Path(file), suffix[1:], None, None))
     except InputError as error:
         text = str(error).replace("a table of stars", "a table of directions")
         raise InputError(f"{file}: {text}") from None
+    return replace(rows, places=[f"{file}: {place}" for place in rows.places])
 
 
 def _rows_of_table(table: FileTable) -> _Rows:
