@@ -31,7 +31,8 @@ _TIMES_PER_CHUNK = 2048
 
 
 @functools.cache
-def _timescale() -> Any:
+def timescale() -> Any:
+    """Return skyfield's time scales with its built-in tables."""
     from skyfield.api import load
 
     return load.timescale(builtin=True)
@@ -51,7 +52,7 @@ def itrs_to_gcrs(epoch: Time, time_s: ArrayLike) -> F64:
     rotation = np.empty((flat.size, 3, 3))
     for start in range(0, flat.size, _TIMES_PER_CHUNK):
         part = flat[start : start + _TIMES_PER_CHUNK]
-        to_itrs = itrs.rotation_at(_timescale().tt_jd(np.full_like(part, whole), part))  # (3, 3, n)
+        to_itrs = itrs.rotation_at(timescale().tt_jd(np.full_like(part, whole), part))  # (3, 3, n)
         rotation[start : start + len(part)] = np.transpose(to_itrs, (2, 1, 0))
     return rotation.reshape(*fraction.shape, 3, 3)
 
@@ -59,7 +60,7 @@ def itrs_to_gcrs(epoch: Time, time_s: ArrayLike) -> F64:
 def pole_of_date(epoch: Time) -> F64:
     """Return the unit vector of the true celestial pole at the epoch in GCRS axes, shape (3,)."""
     whole, fraction = tt_jd(epoch, 0.0)
-    return np.array(_timescale().tt_jd(whole, float(fraction)).M[2], np.float64)
+    return np.array(timescale().tt_jd(whole, float(fraction)).M[2], np.float64)
 
 
 def geodetic_to_itrs_m(lon_deg: ArrayLike, lat_deg: ArrayLike, altitude_m: ArrayLike) -> F64:

@@ -1,0 +1,1 @@
+"""Files of other programs: element sets, ephemerides, attitudes."""
