@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,12 @@ from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.lambert import lambert
 
+if TYPE_CHECKING:
+    from astropy.time import Time
+
 F64 = NDArray[np.float64]
+
+_SAME_EPOCH_S = 1e-6
 
 # Newton stops here; the result misses the end point by the rounding of the propagation, some 1e-8 m.
 _MISS_M = 1e-6
@@ -151,6 +156,19 @@ class BallisticArc:
         start, velocity = self.end_points_m[0], self.start_velocity_m_s
         states = propagate(start[None], velocity[None], time.ravel(), self.gravity, self.pole_icrs)
         return states[0].reshape(*time.shape, 3), states[1].reshape(*time.shape, 3)
+
+    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3): `state` as other paths give it.
+
+        Raises:
+            InputError: The epoch is not the arc's own, or as `start_velocity_m_s`.
+        """
+        if abs((utc_time(self.epoch_utc) - epoch).to_value("s")) > _SAME_EPOCH_S:
+            raise InputError(
+                f"BallisticArc: epoch_utc: must be the scene's epoch ({epoch.utc.isot}), got {self.epoch_utc}"
+            )
+        position, velocity = self.state(np.asarray(time_s, np.float64))
+        return position[:, None], velocity[:, None]
 
     def position_m(self, time_s: ArrayLike) -> F64:
         """Return positions [m], GCRS axes, of the shape of time_s plus (3,)."""
