@@ -21,6 +21,13 @@ if TYPE_CHECKING:
     from warpsim.optics.psf import PsfGaussian as PsfGaussian
     from warpsim.orbit.access import AccessConstraints as AccessConstraints
     from warpsim.orbit.arc import BallisticArc as BallisticArc
+    from warpsim.orbit.constellations import ListedSatellites as ListedSatellites
+    from warpsim.orbit.constellations import MixedConstellation as MixedConstellation
+    from warpsim.orbit.constellations import SeedPattern as SeedPattern
+    from warpsim.orbit.elements import KeplerOrbit as KeplerOrbit
+    from warpsim.orbit.elements import StateVector as StateVector
+    from warpsim.orbit.tle import TleOrbit as TleOrbit
+    from warpsim.orbit.tle import TleSatellites as TleSatellites
     from warpsim.orbit.walker import Walker as Walker
     from warpsim.output.catalog_file import write_catalog as write_catalog
     from warpsim.output.fits_cube import read_cube as read_cube
@@ -69,6 +76,13 @@ _HOME = {
     "Cone": "warpsim.target.shapes",
     "Attitude": "warpsim.target.motion",
     "Walker": "warpsim.orbit.walker",
+    "SeedPattern": "warpsim.orbit.constellations",
+    "ListedSatellites": "warpsim.orbit.constellations",
+    "MixedConstellation": "warpsim.orbit.constellations",
+    "TleSatellites": "warpsim.orbit.tle",
+    "TleOrbit": "warpsim.orbit.tle",
+    "KeplerOrbit": "warpsim.orbit.elements",
+    "StateVector": "warpsim.orbit.elements",
     "BallisticArc": "warpsim.orbit.arc",
     "AccessConstraints": "warpsim.orbit.access",
     "NeiDetector": "warpsim.detector.nei",
