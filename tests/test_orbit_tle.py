@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import warnings
 from pathlib import Path
@@ -12,6 +13,8 @@ import sgp4
 from astropy import units as u
 from astropy.coordinates import GCRS, TEME, CartesianRepresentation
 from astropy.time import Time, TimeDelta
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from warpsim.errors import InputError
 from warpsim.orbit.earth import timescale
@@ -283,3 +286,29 @@ def test_times_must_be_a_finite_row(time_s):
 
 def test_no_times_give_no_states():
     assert TleOrbit(lines=ISS).states(Time("2019-12-10"), [])[0].shape == (0, 1, 3)
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    mean_motion=st.floats(1e-9, 18.0),
+    eccentricity=st.floats(0.0, 1.0, exclude_max=True),
+    inclination=st.floats(0.0, 180.0),
+    bstar=st.floats(-1e3, 1e3) | st.floats(-1e-3, 1e-3),
+    anomaly=st.floats(0.0, 360.0),
+    days=st.floats(-4e4, 4e4),
+)
+def test_any_elements_in_range_give_finite_states_or_one_clear_line(
+    mean_motion, eccentricity, inclination, bstar, anomaly, days
+):
+    fields = {
+        "OBJECT_NAME": "X", "EPOCH": "2025-06-01T00:00:00", "MEAN_MOTION": mean_motion, "ECCENTRICITY": eccentricity,
+        "INCLINATION": inclination, "RA_OF_ASC_NODE": 10.0, "ARG_OF_PERICENTER": 20.0, "MEAN_ANOMALY": anomaly,
+        "BSTAR": bstar,
+    }  # fmt: skip
+    complaint, states = "SGP4", (0.0, 0.0)
+    try:
+        states = TleOrbit(lines=json.dumps(fields)).states(utc_time("2025-06-01"), [0.0, 86400.0 * days])
+    except InputError as error:
+        complaint = str(error)
+    assert "SGP4" in complaint and len(complaint.splitlines()) == 1
+    assert np.isfinite(states[0]).all() and np.isfinite(states[1]).all()
