@@ -332,3 +332,16 @@ def test_random_text_is_an_error_of_one_line(text):
     with pytest.raises(InputError) as caught:
         parse_element_sets(text, "f")
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_omm_fields_are_taken_as_the_sgp4_package_takes_them():
+    from sgp4 import omm
+    from sgp4.api import Satrec
+
+    fields = {**ISS_FIELDS, "MEAN_MOTION_DDOT": ".12345E-6", "BSTAR": "-.5E-3"}
+    theirs = Satrec()
+    omm.initialize(theirs, fields)
+    mine = parse_element_sets(kvn(fields), "f")[0].satrec
+    for name in ("ecco", "inclo", "nodeo", "argpo", "mo", "no_kozai", "bstar", "ndot", "nddot", "jdsatepoch"):
+        assert getattr(mine, name) == pytest.approx(getattr(theirs, name), abs=0, rel=1e-15)
+    assert mine.jdsatepochF == pytest.approx(theirs.jdsatepochF, abs=4e-12, rel=0)
