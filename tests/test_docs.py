@@ -42,6 +42,7 @@ SECTIONS = {
     "`attitude`": [ws.Attitude],
     "`attitude` from a table": [ws.AttitudeTable],
     "`[release]`": [parts.Release],
+    "`[[groups]]`": [parts.TargetGroup],
     "`[pointing]`": [ws.TrackPointing, ws.FixedPointing, ws.TablePointing],
     "`rows`": [ws.PointingRow],
     "`jitter`": [ws.Jitter],

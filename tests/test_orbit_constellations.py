@@ -27,6 +27,7 @@ ISS = (
 
 ANGLE_DEG = 1e-9  # of nodes and anomalies found from states; measured 3e-13
 COPY_M = 1e-6  # two ways to one state at 8,000 km; measured 2e-8
+TOGETHER_M = 1e-6  # paths followed in company and alone; measured 1e-8
 CONIC = 1e-12  # relative, of semi-major axis and eccentricity of copies; measured 4e-15
 
 PATTERNS = [
@@ -193,7 +194,9 @@ def test_a_list_holds_orbits_of_any_kind():
     position, velocity = listed.states(EPOCH, time_s)
     for k, orbit in enumerate(orbits.values()):
         alone = orbit.states(EPOCH, time_s)
-        assert np.array_equal(position[:, k], alone[0][:, 0]) and np.array_equal(velocity[:, k], alone[1][:, 0])
+        # Those that fly together share the segments of their polynomials, so the last bits differ.
+        assert np.abs(position[:, k] - alone[0][:, 0]).max() < TOGETHER_M
+        assert np.abs(velocity[:, k] - alone[1][:, 0]).max() < 1e-3 * TOGETHER_M
 
 
 def test_errors_in_a_list_name_the_satellite():
@@ -313,4 +316,4 @@ def test_a_seed_turns_by_whole_periods_only():
     seed = StateVector((7e6, 0, 0), (0, 6e3, 5e3))
     alone = SeedPattern(seed, 1, 1).state(EPOCH)
     assert np.linalg.norm(alone[0][0] - seed.position_m) == pytest.approx(0, abs=1e-9)
-    assert math.dist(alone[1][0], seed.velocity_m_s) == pytest.approx(0, abs=1e-12)
+    assert math.dist(alone[1][0], seed.velocity_m_s) == pytest.approx(0, abs=1e-11)  # 8 km/s, rounded
