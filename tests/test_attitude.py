@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation, Slerp
 from warpsim_kernels import motion
 
 import warpsim as ws
+from warpsim import quaternion
 from warpsim.render.turning import motion_struct
 from warpsim.streams import uniforms
-from warpsim.target import quaternion
 from warpsim.target.attitude import BodyMotion, attitude_frame, attitude_quaternion, turns
 
 SEED = 161803

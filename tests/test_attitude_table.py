@@ -11,8 +11,8 @@ from warpsim_kernels import attitude_table
 from warpsim_kernels.targets import make_observe_targets_kernel
 
 import warpsim as ws
+from warpsim import quaternion
 from warpsim.render.turning import make_turning
-from warpsim.target import quaternion
 from warpsim.target.attitude import BodyMotion, attitude_frame
 from warpsim.target.attitude_table import checked_rows
 

@@ -20,7 +20,6 @@ from warpsim.orbit.frames import (
     attitude_in_gcrs,
     eme2000_to_gcrs,
     frame_to_gcrs,
-    quaternions_of,
     spin_rad_s,
     states_to_gcrs,
 )
@@ -120,15 +119,6 @@ def test_states_of_several_objects_turn_alike():
 def test_unknown_frame():
     with pytest.raises(ws.InputError, match=r"frame: must be one of GCRF, .* got 'RTN'"):
         frame_to_gcrs("RTN", utc_time(DATES[0]), [0.0])
-
-
-def test_quaternions_of_rotations_against_scipy():
-    """Random turns, and half turns, where the scalar part is 0."""
-    rotations = Rotation.concatenate(
-        [Rotation.random(200, rng=1), Rotation.from_rotvec(np.pi * np.eye(3)), Rotation.identity(1)]
-    )
-    got = Rotation.from_quat(quaternions_of(rotations.as_matrix()))
-    assert (got * rotations.inv()).magnitude().max() < 1e-15
 
 
 def test_attitude_in_gcrs(tmp_path):

@@ -1,4 +1,4 @@
-"""Quaternions (x, y, z, scalar), Hamilton's: what formats need of them."""
+"""Rotations as formats write them: by three angles."""
 
 from __future__ import annotations
 
@@ -6,25 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
+from warpsim.quaternion import product
 
 F64 = NDArray[np.float64]
 
 _AXES = {"X": 0, "Y": 1, "Z": 2, "1": 0, "2": 1, "3": 2}
-
-
-def conjugate(quaternion: F64) -> F64:
-    """The inverse rotations, (n, 4)."""
-    inverse: F64 = quaternion * np.array([-1.0, -1.0, -1.0, 1.0])
-    return inverse
-
-
-def product(first: F64, second: F64) -> F64:
-    """Hamilton products, (n, 4): as rotations, second and then first."""
-    u, a = first[..., :3], first[..., 3:]
-    v, b = second[..., :3], second[..., 3:]
-    vector = a * v + b * u + np.cross(u, v)
-    scalar = a * b - np.sum(u * v, axis=-1, keepdims=True)
-    return np.concatenate([vector, scalar], axis=-1)
 
 
 def euler_quaternion(sequence: str, angle_deg: F64) -> F64:

@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
 from warpsim.exchange.records import FRAMES, AttitudeSegment
-from warpsim.exchange.rotations import product
 from warpsim.orbit.earth import itrs_to_gcrs, skyfield_to_gcrs
 from warpsim.orbit.teme import teme_to_gcrs
+from warpsim.quaternion import from_matrix, product
 
 if TYPE_CHECKING:
     from astropy.time import Time
@@ -107,32 +107,7 @@ def attitude_in_gcrs(segment: AttitudeSegment, epoch: Time) -> tuple[F64, F64]:
     time_s = segment.instants.since(epoch)
     quaternion = segment.quaternion
     if segment.frame != "GCRF":
-        quaternion = product(quaternions_of(frame_to_gcrs(segment.frame, epoch, time_s)), quaternion)
+        quaternion = product(from_matrix(frame_to_gcrs(segment.frame, epoch, time_s)), quaternion)
     flips = np.einsum("ij,ij->i", quaternion[1:], quaternion[:-1]) < 0.0
     sign = np.where(np.concatenate([[False], np.logical_xor.accumulate(flips)]), -1.0, 1.0)
     return time_s, quaternion * sign[:, None] / np.linalg.norm(quaternion, axis=1, keepdims=True)
-
-
-def quaternions_of(rotation: F64) -> F64:
-    """Return quaternions (x, y, z, scalar) of rotation matrices, (n, 4).
-
-    Of the four ways to take them from the matrix, the one with the largest divisor (S. W. Shepperd, 1978).
-    """
-    m = np.asarray(rotation, np.float64)
-    xx, yy, zz = m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]
-    trace = xx + yy + zz
-    a, b, c = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]
-    xy, xz, yz = m[:, 0, 1] + m[:, 1, 0], m[:, 0, 2] + m[:, 2, 0], m[:, 1, 2] + m[:, 2, 1]
-    choices = np.stack(
-        [
-            np.stack([1.0 + 2.0 * xx - trace, xy, xz, a], axis=1),
-            np.stack([xy, 1.0 + 2.0 * yy - trace, yz, b], axis=1),
-            np.stack([xz, yz, 1.0 + 2.0 * zz - trace, c], axis=1),
-            np.stack([a, b, c, 1.0 + trace], axis=1),
-        ],
-        axis=1,
-    )
-    best = np.argmax(np.stack([xx, yy, zz, trace], axis=1), axis=1)
-    chosen = choices[np.arange(len(m)), best]
-    quaternion: F64 = chosen / np.linalg.norm(chosen, axis=1, keepdims=True)
-    return quaternion

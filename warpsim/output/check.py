@@ -52,6 +52,10 @@ def scene_report(scene: Scene) -> str:
         *_sky_lines(scene),
         f"  orbits     nodes every {scene.tracks.step_s:g} s, interpolation error {scene.tracks.error_m * 1e3:.2g} mm",
     ]
+    movers = [scene.constellation, *(group.trajectory for group in scene.groups_of_targets)]
+    for mover in movers:
+        notes = getattr(mover, "notes", None)
+        lines += [f"  note       {note}" for note in (notes(scene.epoch, scene.duration_s) if notes else [])]
     if scene.tracks.error_m > TRACK_ERROR_M:
         rough = max((*scene.tracks.sensors, *scene.tracks.targets), key=lambda track: track.error_m)
         lines.append(f"  warning    {rough.name} moves unevenly: interpolation is {rough.error_m * 1e3:.2g} mm off")

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim.errors import InputError
 from warpsim.plot.figure import INK, SERIES, VERMILION, new_axes, pair
 from warpsim.plot.scenario import checked_time_s, local_frame
+from warpsim.quaternion import rotated
 from warpsim.scene.scene import Scene
-from warpsim.target.quaternion import rotated
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

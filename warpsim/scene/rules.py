@@ -63,6 +63,8 @@ def _check_times(scene: Scene) -> None:
     """Scene, frames, paths and releases must agree on time."""
     for number, group in enumerate(scene.groups_of_targets):
         where = "" if number == 0 else f"groups[{number - 1}]."
+        if group.targets[0].release is not None:
+            raise part_error(f"{where}targets[0].release: must not be given, the main target is not released")
         _check_path(scene, f"{where}trajectory", group.trajectory)
         for release in group.releases:
             if release is None:
@@ -102,9 +104,15 @@ def _check_path(scene: Scene, where: str, path: Trajectory) -> None:
     _check_span(scene, where, path)
 
 
+def _is_limited(orbit: Any) -> bool:
+    """Whether motion, or part of it, is known for some time only."""
+    members = [*getattr(orbit, "parts", ()), *(item.orbit for item in getattr(orbit, "satellites", ()))]
+    return hasattr(orbit, "span_s") or any(_is_limited(member) for member in members)
+
+
 def _check_span(scene: Scene, where: str, orbit: Any) -> None:
     """Motion that is known for a limited time only must cover the scene."""
-    if hasattr(orbit, "span_s"):
+    if _is_limited(orbit):
         try:
             orbit.states(scene.epoch, np.array([0.0, scene.duration_s]))
         except InputError as error:

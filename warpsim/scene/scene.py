@@ -26,12 +26,12 @@ from warpsim.optics.psf import Optics
 from warpsim.orbit.arc import BallisticArc, UtcText
 from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.rules import AccessConstraints
+from warpsim.quaternion import rotated
 from warpsim.scene.attitudes import table_rows, target_attitudes
 from warpsim.scene.parts import AnyConstellation, Frames, Release, Sky, TargetGroup, TargetSpec, Text, Trajectory
 from warpsim.scene.pointing import Pointing, TablePointing, TrackPointing
 from warpsim.scene.rules import check_scene
 from warpsim.sky.bands import BANDS
-from warpsim.target.quaternion import rotated
 
 if TYPE_CHECKING:
     from astropy.table import Table

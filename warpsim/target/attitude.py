@@ -15,8 +15,8 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from warpsim.describe import Number, Vector, closed_interval, part, part_error
+from warpsim.quaternion import from_matrix, product
 from warpsim.streams import uniforms
-from warpsim.target.quaternion import from_matrix, product
 
 F64 = npt.NDArray[np.float64]
 

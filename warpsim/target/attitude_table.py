@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from warpsim.describe import Number, part, part_error, rule_error
 from warpsim.errors import InputError
-from warpsim.target.quaternion import in_one_hemisphere, rotation_between_rad, slerp, unit
+from warpsim.quaternion import in_one_hemisphere, rotation_between_rad, slerp, unit
 
 if TYPE_CHECKING:
     from astropy.time import Time
