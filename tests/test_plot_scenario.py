@@ -181,6 +181,18 @@ def test_scene_picture_leaves_out_what_the_earth_hides(scene):
     assert not by_label(ax, "center now")
 
 
+def test_scene_is_seen_aside_of_its_flight_on_the_side_of_the_sun(scene):
+    ax = ws.plot.plot_scene(scene)
+    (flight,) = by_label(ax, "flight of")
+    assert not np.isnan(flight.get_xydata()).any()
+    ra, dec = np.radians([300.0, 78.0])  # as the title says
+    assert "seen from RA 300, dec 78 deg" in ax.get_title() and "at 807.0 s" in ax.get_title()
+    towards = np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])
+    start, middle, end = unit(scene.position_m("center", [0.0, scene.duration_s / 2, scene.duration_s]))
+    normal = unit(np.cross(start, end)) * np.sign(np.cross(start, end) @ scene.position_m("sun", 0.0)[0])
+    assert np.degrees(np.arccos([towards @ middle, towards @ normal])) == pytest.approx([45.0, 45.0], abs=1.0)
+
+
 def test_sun_arrow_points_to_the_sun_and_the_day_is_there(scene):
     ax = ws.plot.plot_scene(scene, TIME_S, view_ra_dec_deg=(281.0, 60.0))  # the Sun is at RA 281, dec -23
     (word,) = (text for text in ax.texts if text.get_text() == "Sun")
@@ -264,6 +276,12 @@ def test_view_is_the_renderers(scene, renderer, time_s):
     if time_s == 600.0:
         truth = renderer.render([60], ["sat11"], ["C"]).truth
         np.testing.assert_array_equal(view.target_xy_px, np.stack([truth["x_px"], truth["y_px"]], axis=1))
+
+
+def test_view_before_the_first_frame(scene):
+    late = scene.replace(frames={"count": 10, "interval_s": 10.0, "start_s": 100.0}, sky__catalog="none")
+    view, plain = (camera_view(one, "sat11", 50.0) for one in (late, scene.replace(sky__catalog="none")))
+    np.testing.assert_array_equal(view.target_xy_px, plain.target_xy_px)
 
 
 def test_stars_in_the_view_are_those_of_the_catalog(scene, renderer):
@@ -392,6 +410,12 @@ def test_bodies_are_turned_by_rotations(scene):
     np.testing.assert_allclose(matrix_of(quaternion.as_quat()), quaternion.as_matrix(), rtol=0, atol=1e-12)
 
 
+def test_spin_turns_a_body_about_its_axis(scene):
+    spinning = scene.replace(targets__0__attitude={"spin_rev_s": 2.0})
+    first, second = body_to_gcrs(spinning, "center", [10.0, 10.05])
+    np.testing.assert_allclose(first.T @ second, Rotation.from_euler("z", 36, degrees=True).as_matrix(), atol=1e-9)
+
+
 @pytest.mark.parametrize("shape", [ws.Sphere(0.5), ws.Cylinder(0.25, 1.0), ws.Cone(0.25, 1.0)], ids=lambda s: s.kind)
 def test_drawn_outline_has_the_projected_area(shape):
     corners, _ = facets_of(shape)
@@ -476,6 +500,25 @@ def test_names_of_points_on_one_spot_do_not_cover_one_another():
     ax.figure.canvas.draw()
     boxes = [label.get_window_extent() for label in labels[:4]]
     assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+
+
+def test_a_single_target_and_many_satellites(scene, recwarn):
+    """The smallest group, more names than can be written, and no access rules."""
+    data = scene.to_dict()
+    many = ws.Scene.from_dict({
+        **data, "targets": data["targets"][:1], "access_rules": {}, "sky": {"catalog": "none"},
+        "constellation": {**data["constellation"], "n_satellite": 220, "n_plane": 20},
+    })  # fmt: skip
+    axes = [
+        ws.plot.plot_scene(many, TIME_S), ws.plot.plot_ground_tracks(many), ws.plot.plot_group(many, TIME_S)[0],
+        ws.plot.plot_attitudes(many, TIME_S), ws.plot.plot_access(many), ws.plot.plot_range(many),
+        ws.plot.plot_satellite_view(many, many.access()["sensor"][0], TIME_S),
+    ]  # fmt: skip
+    assert {text.get_text() for text in axes[0].texts} == {"", "Sun"}
+    assert not axes[1].texts and axes[5].get_legend() is None
+    for ax in axes:
+        ax.figure.canvas.draw()
+    assert [str(warning.message) for warning in recwarn] == []
 
 
 def test_functions_draw_on_given_axes(scene):

@@ -43,8 +43,9 @@ def plot_access(scene: Scene, ax: Axes | None = None, only_with_access: bool = F
         spans = sorted((float(r["start_s"]), float(r["end_s"])) for r in table if r["sensor"] == name)
         for number, (start_s, end_s) in enumerate(spans):
             ax.barh(row, end_s - start_s, left=start_s, height=0.68, color=BLUE)
-            next_s = spans[number + 1][0] if number + 1 < len(spans) else duration_s
-            _label_bar(ax, row, start_s, end_s, room_s, next_s)
+            before_s = start_s - (spans[number - 1][1] if number else 0.0)
+            after_s = (spans[number + 1][0] if number + 1 < len(spans) else duration_s) - end_s
+            _label_bar(ax, row, (start_s, end_s), room_s, (before_s, after_s))
         total_min = sum(end_s - start_s for start_s, end_s in spans) / 60
         ax.text(1.01, row, f"{total_min:.1f} min" if spans else "no access", transform=ax.get_yaxis_transform(),
                 va="center", fontsize=8, color="black" if spans else _PALE)  # fmt: skip
@@ -61,15 +62,25 @@ def plot_access(scene: Scene, ax: Axes | None = None, only_with_access: bool = F
     return ax
 
 
-def _label_bar(ax: Axes, row: int, start_s: float, end_s: float, room_s: float, next_s: float) -> None:
-    """Start and end of a bar: inside where they fit, else together behind it where nothing else is, else nowhere."""
-    first, last = f"{start_s:.1f}", f"{end_s:.1f}"
+def _label_bar(ax: Axes, row: int, span_s: tuple[float, float], room_s: float, free_s: tuple[float, float]) -> None:
+    """Start and end of a bar: inside where they fit, else together behind or before it where it is free, else nowhere.
+
+    Args:
+        ax: Where to write.
+        row: Of the bar.
+        span_s: Its start and end.
+        room_s: Width of one number.
+        free_s: Gaps before and behind the bar.
+    """
+    first, last = (f"{value:.1f}" for value in span_s)
     inset_s = 0.12 * room_s
-    if end_s - start_s > 2.4 * room_s:
-        ax.text(start_s + inset_s, row, first, va="center", ha="left", color="white", fontsize=8)
-        ax.text(end_s - inset_s, row, last, va="center", ha="right", color="white", fontsize=8)
-    elif next_s - end_s > 2.4 * room_s:
-        ax.text(end_s + inset_s, row, f"{first} to {last}", va="center", ha="left", color=GREY, fontsize=8)
+    if span_s[1] - span_s[0] > 2.4 * room_s:
+        ax.text(span_s[0] + inset_s, row, first, va="center", ha="left", color="white", fontsize=8)
+        ax.text(span_s[1] - inset_s, row, last, va="center", ha="right", color="white", fontsize=8)
+    elif free_s[1] > 2.8 * room_s:
+        ax.text(span_s[1] + inset_s, row, f"{first} to {last}", va="center", ha="left", color=GREY, fontsize=8)
+    elif free_s[0] > 2.8 * room_s:
+        ax.text(span_s[0] - inset_s, row, f"{first} to {last}", va="center", ha="right", color=GREY, fontsize=8)
 
 
 def plot_range(scene: Scene, sensors: Sequence[str] | None = None, ax: Axes | None = None) -> Axes:

@@ -77,7 +77,7 @@ def draw_scenario(scene: Scene, folder: Path, time_s: float | None = None, overw
     for path in paths.values():
         check_new_file(path, PICTURE_SUFFIXES, overwrite)
 
-    figure = _figure(8.2, 8.0)
+    figure = _figure(8.2, 8.8)
     plot_scene(scene, time, figure.add_subplot())
     save_figure(figure, paths["scene"])
     figure = _figure(11.0, 5.8)

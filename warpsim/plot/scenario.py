@@ -69,7 +69,7 @@ def plot_scene(
         InputError: The instant is outside the scene, or the viewer's direction is none.
     """
     time = checked_time_s(scene, 0.5 * scene.duration_s if time_s is None else time_s)
-    ax = ax or new_axes(8.2, 8.0)
+    ax = ax or new_axes(8.2, 8.8)
     at = np.array([time])
     main = scene.target_names[0]
     sun_m = scene.position_m("sun", at)[0]
@@ -100,7 +100,7 @@ def plot_scene(
     shown = np.flatnonzero(has_access & ~globe.is_hidden(sensors_m))
     if len(shown) <= MOST_LABELS:
         names = [scene.sensor_names[number] for number in shown]
-        place_labels(ax, globe.project(sensors_m[shown]), names, color=GREEN, fontweight="bold", zorder=8)
+        place_labels(ax, globe.project(sensors_m[shown]), names, color=GREEN, fontweight="bold", zorder=5.5)
     return ax
 
 
@@ -174,7 +174,7 @@ def _finish_scene(ax: Axes, globe: Globe, scene: Scene, sun_m: F64, view: tuple[
     ax.set(xlim=(-half, half), ylim=(-half, half), aspect="equal", xlabel="[1000 km]", ylabel="[1000 km]")
     viewer = f"seen from RA {view[0] % 360:.0f}, dec {view[1]:.0f} deg"
     ax.set_title(f"{scene.name} at {utc_text(scene, time_s)}\n{viewer}", fontsize=10)
-    ax.legend(loc="lower left", fontsize=8, framealpha=0.9)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=3, fontsize=8, frameon=False)
 
 
 def plot_ground_tracks(scene: Scene, ax: Axes | None = None) -> Axes:
