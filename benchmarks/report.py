@@ -21,7 +21,7 @@ def report(path: Path) -> str:
         f"Python {machine['python_version']}, {data['datetime'][:10]}",
         "",
     ]
-    tables = fps_table if "psf" in cases[0] else places_table if "switches" in cases[0] else star_tables
+    tables = next((table for key, table in TABLES.items() if key in cases[0]), star_tables)
     return "\n".join(lines + tables(cases))
 
 
@@ -54,6 +54,24 @@ def places_table(cases: list[Case]) -> list[str]:
             for c in sorted(cases, key=lambda c: -c["error_arcsec"])
         ),
     ]
+
+
+def access_table(cases: list[Case]) -> list[str]:
+    """Access: time against the number of satellites and the rules, with what a fine scan says of the intervals."""
+    return [
+        "| satellites | rules | step [s] | intervals | seconds | us per satellite and step | lost + extra "
+        "| worst end [ms] |",
+        "|---|---|---|---|---|---|---|---|",
+        *(
+            f"| {c['n_satellite']:,} | {c['rules']} | {c['step_s']:g} | {c['n_interval']:,} | {c['access_s']:.2f} "
+            f"| {c['us_per_pair']:.2f} | {c['lost']} + {c['extra']} of {c['n_right']} | {c['end_error_ms']:.2f} |"
+            for c in sorted(cases, key=lambda c: (c["n_satellite"], c["access_s"]))
+        ),
+    ]
+
+
+TABLES = {"psf": fps_table, "switches": places_table, "rules": access_table}
+"""What a case says only in one benchmark, and how it is shown."""
 
 
 def star_tables(cases: list[Case]) -> list[str]:

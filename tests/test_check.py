@@ -1,11 +1,12 @@
-"""What `warpsim check` says of the sky: stars with light, what their places include, and what is left out."""
+"""What `warpsim check` says: stars with light, what their places include and what is left out, rules of access."""
 
 import math
 import re
 
 import pytest
 
-from warpsim.output.check import scene_report
+from warpsim.orbit.rules import MARGIN_NAMES
+from warpsim.output.check import RULE_NAMES, scene_report
 
 TWO_DIGITS = 0.051
 """Numbers are printed with two digits."""
@@ -129,3 +130,16 @@ def test_a_sky_without_stars_is_no_fault(scene):
     assert "0 stars" in line(report, "sky")
     assert line(report, "places") is None
     assert NO_LIGHT not in report
+
+
+def test_the_rule_that_is_broken_is_named(scene):
+    """Each rule has words of its own, and a rule that nothing keeps is broken in every frame."""
+    words = {
+        "min_range_km": (50_000.0, "too near"),
+        "max_elevation_deg": (-89.0, "too high"),
+        "min_background_altitude_km": (5_000.0, "against the Earth or too low over it"),
+    }
+    for field, (limit, name) in words.items():
+        report = scene_report(scene.replace(access_rules={field: limit}))
+        assert f"{name} 100%" in line(report, "no access")
+    assert set(MARGIN_NAMES) == set(RULE_NAMES)

@@ -1,5 +1,7 @@
 """The command line: help, reports, and one clear line with exit code 2 for every kind of bad input."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -17,8 +19,49 @@ def run(capsys, *arguments):
 def test_access_prints_the_intervals(capsys):
     code, out, _ = run(capsys, "access", "stss")
     assert code == 0
-    assert "10 of 28 sensors have access" in out
-    assert "sat11  243.303 1421.856" in out
+    assert "10 of 28 sensors have access, " in out
+    assert re.search(r"^ *sat11 +243\.303 +1421\.856 +1178\.55[234]$", out, re.MULTILINE)
+    total_s = sum(float(row.split()[3]) for row in out.splitlines()[3:-1] if row.split()[0].startswith("sat"))
+    assert float(out.splitlines()[-1].split()[-4]) == pytest.approx(total_s, abs=0.06)
+
+
+def test_access_of_some_sensors_to_another_target(capsys):
+    other = ws.Scene.load("stss").target_names[3]
+    code, out, _ = run(capsys, "access", "stss", "--target", other, "--sensors", "sat11,sat12", "--step", "30")
+    assert code == 0
+    assert out.startswith(f"stss: access to {other}, ")
+    assert " of 2 sensors have access" in out
+    assert set(re.findall(r"^ *(sat\d+) ", out, re.MULTILINE)) <= {"sat11", "sat12"}
+
+
+@pytest.mark.parametrize("form", ["csv", "ecsv"])
+def test_access_as_a_file_to_read(capsys, form):
+    from astropy.table import Table
+
+    code, out, _ = run(capsys, "access", "stss", "--format", form)
+    assert code == 0
+    table, expected = Table.read(out, format=f"ascii.{form}"), ws.Scene.load("stss").access()
+    assert table.colnames == expected.colnames and list(table["sensor"]) == list(expected["sensor"])
+    assert max(abs(table["end_s"] - expected["end_s"])) < 0.00051
+    if form == "ecsv":
+        assert table["start_s"].unit == "s"
+        assert table.meta["rules"] == expected.meta["rules"] and table.meta["target"] == "center"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--target", "sat11"], "target: must be a target of the scene, got 'sat11'"),
+        (["--sensors", "sat99"], "sensors: must be sensors of the scene, got 'sat99'"),
+        (["--format", "pdf"], "--format: must be table, csv or ecsv, got 'pdf'"),
+        (["--step", "0"], "--step: must be > 0, got 0"),
+        (["--step", "often"], "--step: must be a number, got 'often'"),
+    ],
+)
+def test_bad_options_of_access(capsys, arguments, message):
+    code, out, err = run(capsys, "access", "stss", *arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert message in err
 
 
 def test_check_reports_a_valid_scene(capsys):

@@ -7,11 +7,14 @@ import pkgutil
 import pytest
 import warp as wp
 import warpsim_kernels
+from warpsim_kernels.aim import AIM_FIXED, AIM_TABLE, AIM_TRACK
 from warpsim_kernels.read_out import TILE_WIDTH
 
 ARCH = 75  # Turing: the oldest that Warp's CUDA 13 supports; PTX runs on everything newer
 
 FACTORY_ARGUMENTS = {
+    "make_aim_kernel": [(AIM_TRACK, False), (AIM_FIXED, False), (AIM_TABLE, True)],
+    "make_observe_targets_kernel": [(False,), (True,)],
     "make_gather_stars_kernel": [(False, False, True), (True, True, True)],
     "make_query_cone_kernel": [(wp.vec3d,), (wp.vec3f,)],
     "make_deposit_gaussian_kernel": [(16,), (1024,)],
@@ -84,4 +87,4 @@ def test_no_kernel_is_forgotten():
     made = {name for module in MODULES for name in factories(module)}
     assert made == set(FACTORY_ARGUMENTS)
     names = {module.__name__.rpartition(".")[2] for module in PLAIN}
-    assert names >= {"aim", "targets", "deposit", "read_out", "shapes"}
+    assert names >= {"targets", "deposit", "read_out", "shapes"}

@@ -12,7 +12,7 @@ from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.gravity import propagate
 from warpsim.orbit.sun import sun_state
-from warpsim.orbit.track import node_grid, sample_tracks
+from warpsim.orbit.track import TrackStack, node_grid, sample_tracks
 from warpsim.orbit.walker import Walker
 
 MU = 3.986004418e14
@@ -173,6 +173,76 @@ def test_windows_shorter_than_a_step_are_found(at_s, half_s):
     assert got[0].end_s == pytest.approx(min(at_s + half_s, 1000.0), abs=EDGE_S)
 
 
+def test_short_windows_at_the_ends_are_found_beside_other_sensors():
+    always = lambda t: np.broadcast_to([9.01e6, 0.0, 0.0], (*np.shape(t), 3))  # noqa: E731
+    closest_km = np.sqrt(1000.0**2 - 7.0**2)
+    sensors = [always, passing(closest_km, 2.5), passing(closest_km, 997.5), always, passing(closest_km, 2.5)]
+    got = access_intervals(sensors, fixed, far, AccessConstraints(max_range_km=1000), Z, 1000.0, 10.0)
+    assert [g.sensor for g in got] == [0, 1, 2, 3, 4]
+    for g, middle_s in ((got[1], 2.5), (got[2], 997.5), (got[4], 2.5)):
+        assert g[1:] == (pytest.approx(middle_s - 1, abs=EDGE_S), pytest.approx(middle_s + 1, abs=EDGE_S))
+
+
+def test_a_window_between_two_rules_may_be_shorter_than_a_step():
+    """One rule begins to hold 30 ms before another ends: no scan sees it, and the smallest margin has a sharp peak."""
+    speed_m_s = 7000.0
+    place = lambda t: np.stack([9e6 + 0 * t, speed_m_s * (t - 503.3), 0 * t], axis=-1)  # noqa: E731
+    got = access_intervals(
+        [place], fixed, far, AccessConstraints(), Z, 1000.0, 60.0,
+        custom={"after": lambda view: view.time_s - 533.31, "before": lambda view: 3e5 + 210.0 - view.range_m},
+    )  # fmt: skip
+    end_s = 503.3 + (3e5 + 210.0) / speed_m_s
+    assert len(got) == 1 and end_s > 533.31
+    assert got[0][1:] == (pytest.approx(533.31, abs=EDGE_S), pytest.approx(end_s, abs=EDGE_S))
+
+
+def test_tracks_and_functions_give_the_same(scenario):
+    sensors, target, sun, pole = scenario
+    args = target.position_at_m, sun.position_at_m, PAPER, pole, 1614.0
+    assert access_intervals(sensors, *args) == access_intervals([s.position_at_m for s in sensors], *args)
+    t = np.random.default_rng(0).uniform(0, 1614, 500)
+    rows = np.random.default_rng(1).integers(0, len(sensors), 500)
+    stack = TrackStack(sensors)
+    expected = np.stack([sensors[i].position_at_m(s) for i, s in zip(rows, t, strict=True)])
+    assert np.array_equal(stack.position_m(rows, t), expected)
+    assert np.array_equal(stack.positions_m(t)[3], sensors[3].position_at_m(t))
+    with pytest.raises(InputError, match="time_s must be in the track's span"):
+        stack.position_m(np.array([0]), np.array([1e5]))
+    with pytest.raises(InputError, match="must share one node grid"):
+        TrackStack([sensors[0], sample_tracks(["x"], lambda t: sensors[0].state(t), 0.0, 30.0, 10)[0]])
+
+
+ALL_RULES = {
+    "max_range_km": 5500.0, "min_range_km": 900.0, "min_elevation_deg": -30.0, "max_elevation_deg": 40.0,
+    "min_solar_exclusion_deg": 40.0, "min_grazing_altitude_km": 100.0, "min_background_altitude_km": 60.0,
+    "min_target_sunlit": 0.5,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_looking_only_where_other_rules_hold_changes_nothing(seed):
+    """Every rule alone over the whole time, and its intervals cut with the others', against all of them at once."""
+    rng = np.random.default_rng(seed)
+    start, n_node = node_grid(20000.0, 14.0)
+    sample = lambda walker: sample_tracks(  # noqa: E731
+        walker.names, lambda t: propagate(*walker.state(), t, "two_body", Z), start, 14.0, n_node
+    )
+    sensors = sample(Walker(24, 4, 1, float(rng.uniform(700, 1700)), float(rng.uniform(40, 98))))
+    target = sample(Walker(1, 1, 0, float(rng.uniform(300, 900)), 50, raan0_deg=float(rng.uniform(0, 360))))[0]
+    sun = lambda t: np.broadcast_to([1.3e11, 0.4e11, 0.5e11], (*np.shape(t), 3))  # noqa: E731
+    args = sensors, target.position_at_m, sun
+    got = access_intervals(*args, AccessConstraints(**ALL_RULES), Z, 20000.0, 30.0)
+    expected = [(k, 0.0, 20000.0) for k in range(len(sensors))]
+    for name, limit in ALL_RULES.items():
+        alone = access_intervals(*args, AccessConstraints(**{name: limit}), Z, 20000.0, 30.0)
+        expected = [
+            (k, max(a, c), min(b, d)) for k, a, b in expected for m, c, d in alone
+            if k == m and max(a, c) < min(b, d)
+        ]  # fmt: skip
+    assert len(got) == len(expected) > 10
+    np.testing.assert_allclose(got, sorted(expected), rtol=0, atol=EDGE_S)
+
+
 def test_a_near_miss_is_not_a_window():
     got = access_intervals([passing(1000.001, 503.3)], fixed, far, AccessConstraints(max_range_km=1000), Z, 1000.0)
     assert got == []
@@ -221,7 +291,7 @@ def test_a_day_of_random_satellites_matches_a_scan():
         ({"min_elevation_deg": -91}, r"min_elevation_deg: must be in \[-90, 90\], got -91"),
         ({"min_solar_exclusion_deg": 200}, "min_solar_exclusion_deg"),
         ({"min_grazing_altitude_km": np.nan}, "min_grazing_altitude_km: must be finite"),
-        ({"max_elevation_deg": 1}, "is not a known field"),
+        ({"max_azimuth_deg": 1}, "is not a known field"),
     ],
 )
 def test_constraint_errors_are_one_clear_line(changes, message):

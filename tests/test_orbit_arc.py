@@ -132,7 +132,7 @@ def test_paper_flight_in_two_body_gravity():
     assert arc.start_speed_m_s == pytest.approx(7181.0, abs=0.5)
 
 
-@pytest.mark.parametrize("gravity", ["two_body", "j2"])
+@pytest.mark.parametrize("gravity", ["two_body", "j2", "j4"])
 @pytest.mark.parametrize("epoch", ["2000-01-01T12:00:00", "2025-03-20T12:00:00"])
 def test_arc_passes_through_both_end_points(gravity, epoch):
     arc = paper_arc(gravity=gravity, epoch_utc=epoch)
@@ -202,7 +202,7 @@ def test_inputs_may_be_lists_quantities_and_times():
         ({"duration_s": 0}, "duration_s: must be > 0, got 0"),
         ({"duration_s": -5.0}, "duration_s: must be > 0"),
         ({"end_lon_lat_deg": (START[0] - 360, START[1])}, "end_lon_lat_deg: must differ from start_lon_lat_deg"),
-        ({"gravity": "moon"}, "gravity: must be 'two_body' or 'j2', got 'moon'"),
+        ({"gravity": "moon"}, "gravity: must be 'two_body', 'j2' or 'j4', got 'moon'"),
         ({"epoch_utc": "noon"}, "epoch_utc: must be an ISO 8601 UTC instant"),
         ({"endpoint_altitude_km": 5 * u.s}, "endpoint_altitude_km: must be convertible to km"),
         ({"apogee_km": 5}, "apogee_km: is not a known field"),

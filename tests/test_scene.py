@@ -209,7 +209,7 @@ def test_tracks_are_interpolated_to_a_millimetre(scene):
 
 def test_access_table(scene):
     table = scene.access()
-    assert table.colnames == ["sensor", "start_s", "end_s"]
+    assert table.colnames == ["sensor", "start_s", "end_s", "duration_s"]
     assert len(set(table["sensor"])) == 10
     for row in table:
         middle = (row["start_s"] + row["end_s"]) / 2

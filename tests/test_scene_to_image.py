@@ -6,7 +6,7 @@ from scipy.special import erf
 
 import warpsim as ws
 from warpsim.output.contact_sheet import GAP_PX, LEFT_PX, TILE_PX, TOP_PX, draw_contact_sheet, grey_tile
-from warpsim.target.motion import attitude_frame
+from warpsim.target.attitude import attitude_frame
 
 C_M_S = 299_792_458.0
 SIGNAL_REL = 1e-6
@@ -59,7 +59,8 @@ def test_aspect_follows_the_described_motion(scene, target):
     number = scene.target_names.index(target)
     motion = scene.target_specs[number].attitude
     velocity = scene.tracks.targets[number].state(np.zeros(1))[1][0]
-    (reference, first, second), precession, rolling = attitude_frame(motion, velocity, scene.seed, number)
+    frame = attitude_frame(motion, velocity, scene.seed, number)
+    (reference, first, second), precession, rolling = frame.axes, frame.precession_phase_rev, frame.rolling_phase_rev
     aspect = []
     for row in rows:
         sensor = scene.position_m("sat11", [row["time_s"]])[0]

@@ -15,12 +15,23 @@ if TYPE_CHECKING:
     from warpsim import plot as plot
     from warpsim.detector.nei import NeiDetector as NeiDetector
     from warpsim.errors import InputError as InputError
+    from warpsim.exchange.read import read_attitude as read_attitude
+    from warpsim.exchange.read import read_ephemeris as read_ephemeris
+    from warpsim.exchange.records import AttitudeSegment as AttitudeSegment
+    from warpsim.exchange.records import EphemerisSegment as EphemerisSegment
+    from warpsim.exchange.write import write_aem as write_aem
+    from warpsim.exchange.write import write_oem as write_oem
+    from warpsim.exchange.write import write_stk_attitude as write_stk_attitude
+    from warpsim.exchange.write import write_stk_ephemeris as write_stk_ephemeris
     from warpsim.optics.camera import Camera as Camera
     from warpsim.optics.psf import Optics as Optics
     from warpsim.optics.psf import PsfAiry as PsfAiry
     from warpsim.optics.psf import PsfGaussian as PsfGaussian
-    from warpsim.orbit.access import AccessConstraints as AccessConstraints
     from warpsim.orbit.arc import BallisticArc as BallisticArc
+    from warpsim.orbit.ephemeris import EphemerisOrbit as EphemerisOrbit
+    from warpsim.orbit.ephemeris import EphemerisSatellites as EphemerisSatellites
+    from warpsim.orbit.rules import AccessConstraints as AccessConstraints
+    from warpsim.orbit.rules import AccessGeometry as AccessGeometry
     from warpsim.orbit.walker import Walker as Walker
     from warpsim.output.catalog_file import write_catalog as write_catalog
     from warpsim.output.czml import write_czml as write_czml
@@ -31,6 +42,11 @@ if TYPE_CHECKING:
     from warpsim.render.renderer import Renderer as Renderer
     from warpsim.render.speed import measure_fps as measure_fps
     from warpsim.scene.files import presets as presets
+    from warpsim.scene.pointing import FixedPointing as FixedPointing
+    from warpsim.scene.pointing import Jitter as Jitter
+    from warpsim.scene.pointing import PointingRow as PointingRow
+    from warpsim.scene.pointing import TablePointing as TablePointing
+    from warpsim.scene.pointing import TrackPointing as TrackPointing
     from warpsim.scene.scene import Scene as Scene
     from warpsim.sky.apparent import apparent_direction as apparent_direction
     from warpsim.sky.band_index import BandIndex as BandIndex
@@ -39,7 +55,8 @@ if TYPE_CHECKING:
     from warpsim.sky.bands import band_radiance_w_m2_sr as band_radiance_w_m2_sr
     from warpsim.sky.catalog import StarCatalog as StarCatalog
     from warpsim.sky.radiometry import PHYSICS as PHYSICS
-    from warpsim.target.motion import Attitude as Attitude
+    from warpsim.target.attitude import Attitude as Attitude
+    from warpsim.target.attitude_table import AttitudeTable as AttitudeTable
     from warpsim.target.shapes import Cone as Cone
     from warpsim.target.shapes import Cylinder as Cylinder
     from warpsim.target.shapes import Sphere as Sphere
@@ -69,10 +86,27 @@ _HOME = {
     "Sphere": "warpsim.target.shapes",
     "Cylinder": "warpsim.target.shapes",
     "Cone": "warpsim.target.shapes",
-    "Attitude": "warpsim.target.motion",
+    "Attitude": "warpsim.target.attitude",
+    "AttitudeTable": "warpsim.target.attitude_table",
     "Walker": "warpsim.orbit.walker",
     "BallisticArc": "warpsim.orbit.arc",
-    "AccessConstraints": "warpsim.orbit.access",
+    "AccessConstraints": "warpsim.orbit.rules",
+    "AccessGeometry": "warpsim.orbit.rules",
+    "TrackPointing": "warpsim.scene.pointing",
+    "FixedPointing": "warpsim.scene.pointing",
+    "TablePointing": "warpsim.scene.pointing",
+    "PointingRow": "warpsim.scene.pointing",
+    "Jitter": "warpsim.scene.pointing",
+    "EphemerisOrbit": "warpsim.orbit.ephemeris",
+    "EphemerisSatellites": "warpsim.orbit.ephemeris",
+    "read_ephemeris": "warpsim.exchange.read",
+    "read_attitude": "warpsim.exchange.read",
+    "EphemerisSegment": "warpsim.exchange.records",
+    "AttitudeSegment": "warpsim.exchange.records",
+    "write_oem": "warpsim.exchange.write",
+    "write_stk_ephemeris": "warpsim.exchange.write",
+    "write_aem": "warpsim.exchange.write",
+    "write_stk_attitude": "warpsim.exchange.write",
     "NeiDetector": "warpsim.detector.nei",
     "InputError": "warpsim.errors",
 }

@@ -65,8 +65,12 @@ def _parser() -> argparse.ArgumentParser:
     render.add_argument("--quiet", action="store_true", help="no progress bar, no report")
     render.set_defaults(command=_render)
 
-    access = commands.add_parser("access", help="list when each sensor can observe the main target")
+    access = commands.add_parser("access", help="list when each sensor can observe a target")
     _add_scene(access)
+    access.add_argument("--target", metavar="NAME", help="the main target if left out")
+    access.add_argument("--sensors", metavar="NAMES", help="comma-separated sensor names")
+    access.add_argument("--format", default="table", metavar="NAME", help="table (the default), csv or ecsv")
+    access.add_argument("--step", metavar="S", help="step of the scan for changes [s], 10 if left out")
     access.add_argument("--plot", metavar="FILE", help="also draw the intervals and the ranges: .png, .pdf or .svg")
     access.add_argument("--overwrite", action="store_true", help="replace an existing picture")
     access.set_defaults(command=_access)
@@ -164,21 +168,32 @@ def _render(options: argparse.Namespace) -> int:
 
 
 def _access(options: argparse.Namespace) -> int:
-    from warpsim.scene.scene import Scene
+    from warpsim.scene.scene import ACCESS_STEP_S, Scene
 
+    if options.format not in ("table", "csv", "ecsv"):
+        raise InputError(f"--format: must be table, csv or ecsv, got {options.format!r}")
+    step_s = ACCESS_STEP_S if options.step is None else _number("--step", options.step)
+    if not (math.isfinite(step_s) and step_s > 0):
+        raise InputError(f"--step: must be > 0, got {options.step}")
     picture = Path(options.plot) if options.plot else None
     if picture:
         from warpsim.plot.pictures import check_picture, draw_access
 
         check_picture(picture, options.overwrite, "--plot")
     scene = Scene.load(options.scene)
-    table = scene.access()
+    sensors = _names(options.sensors)
+    table = scene.access(options.target, sensors, step_s=step_s)
     if picture:  # files before words, as with catalogs
         draw_access(scene, picture)
-    print(f"{scene.name}: access to {scene.target_names[0]}, seconds after {scene.epoch_utc} UTC")
+    if options.format != "table":
+        table.write(sys.stdout, format=f"ascii.{options.format}")
+        return 0
+    print(f"{scene.name}: access to {table.meta['target']}, seconds after {scene.epoch_utc} UTC")
     if len(table):
         print("\n".join(table.pformat(max_lines=-1, max_width=-1, show_unit=True)))
-    print(f"{len(set(table['sensor']))} of {len(scene.sensor_names)} sensors have access")
+    n_sensor = len(scene.sensor_names if sensors is None else sensors)
+    seen, total_s = len(set(table["sensor"])), float(sum(table["duration_s"]))
+    print(f"{seen} of {n_sensor} sensors have access, {total_s:.1f} s in all")
     if picture:
         print(f"picture in {picture}")
     return 0

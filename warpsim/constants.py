@@ -1,17 +1,20 @@
 """Physical constants in SI units, with the source of each.
 
-Exact values: SI (2019) and IAU 2012/2015 resolutions. Earth: WGS84 (2014 edition) with J2 of EGM96.
+Exact values: SI (2019) and IAU 2012/2015 resolutions. Earth: WGS84 (2014 edition) with the zonal harmonics of EGM96.
 """
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0
 PLANCK_J_S = 6.626_070_15e-34
 BOLTZMANN_J_K = 1.380_649e-23
 ASTRONOMICAL_UNIT_M = 149_597_870_700.0
+SUN_RADIUS_M = 695_700_000.0  # nominal, IAU 2015 resolution B3
 
 EARTH_GM_M3_S2 = 3.986_004_418e14
 EARTH_EQUATORIAL_RADIUS_M = 6_378_137.0
 EARTH_FLATTENING = 1.0 / 298.257_223_563
 EARTH_J2 = 1.082_626_683_5e-3
+EARTH_J3 = -2.532_656_485_3e-6
+EARTH_J4 = -1.619_621_591_4e-6
 
 DAY_S = 86_400.0
 JULIAN_YEAR_DAYS = 365.25

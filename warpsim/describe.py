@@ -33,6 +33,7 @@ _UNIT_OF_SUFFIX = {
     "_m_s": "m / s",
     "_deg": "deg",
     "_rad": "rad",
+    "_urad": "urad",
     "_km": "km",
     "_um": "um",
     "_hz": "Hz",
@@ -147,10 +148,12 @@ def _place(location: tuple[int | str, ...], positional: list[str]) -> str:
     text = ""
     if location and isinstance(location[0], int) and location[0] < len(positional):
         location = (positional[location[0]], *location[1:])
+    after_tag = True  # a tag follows the union's own place, and is followed by a field, which may be spelled like one
     for item in location:
+        after_tag = not after_tag and item in _KINDS
         if isinstance(item, int):
             text += f"[{item}]"
-        elif item not in _KINDS:
+        elif not after_tag:
             text += f".{item}" if text else item
     return text
 
@@ -172,7 +175,7 @@ def _sentence(error: ErrorDetails, positional: list[str]) -> str:
         rule = f"must be {context.get('expected')}"
     head = f"{place}: " if place else ""
     if kind == "whole":  # the rule may begin with the field it is about
-        return f"{place}.{rule}" if place and re.match(r"[a-z_0-9]+: ", rule) else head + rule
+        return f"{place}.{rule}" if place and re.match(r"[a-z_0-9.\[\]]+: ", rule) else head + rule
     shown = repr(value)
     return f"{head}{rule}, got {shown if len(shown) <= 60 else shown[:57] + '...'}"
 

@@ -55,6 +55,7 @@ class LightPath:
     range_m: wp.float64
     emission_time_s: wp.float64
     apparent: wp.vec3d  # unit direction the observer sees, aberration included
+    stowed: int  # not 0: the body had not left its carrier
 
 
 @wp.func
@@ -84,4 +85,37 @@ def light_path(
         path.emission_time_s = time_s - path.range_m / SPEED_OF_LIGHT_M_S
     barycentric = aberrated(wp.normalize(path.vector_m), -earth_velocity_m_s)
     path.apparent = aberrated(barycentric, observer_velocity_m_s)
+    return path
+
+
+@wp.struct
+class Releases:
+    """When bodies leave what carries them."""
+
+    release_s: wp.array[wp.float64]  # (n_body,) far in the past where nothing carries the body
+    carrier: wp.array[wp.int32]  # (n_body,) row in the tracks
+
+
+@wp.func
+def path_from_target(
+    position_m: wp.array2d[wp.vec3d],
+    velocity_m_s: wp.array2d[wp.vec3d],
+    releases: Releases,
+    body: int,
+    time_s: wp.float64,
+    grid: NodeGrid,
+    observer_m: wp.vec3d,
+    earth_velocity_m_s: wp.vec3d,
+    observer_velocity_m_s: wp.vec3d,  # barycentric
+) -> LightPath:
+    """As light_path, with a target at the place of its carrier until its release."""
+    path = light_path(
+        position_m, velocity_m_s, body, time_s, grid, observer_m, earth_velocity_m_s, observer_velocity_m_s
+    )
+    if path.emission_time_s < releases.release_s[body]:
+        carrier = releases.carrier[body]
+        path = light_path(
+            position_m, velocity_m_s, carrier, time_s, grid, observer_m, earth_velocity_m_s, observer_velocity_m_s
+        )
+        path.stowed = 1
     return path

@@ -41,11 +41,25 @@ def within_frame(camera: Camera, xy_px: wp.vec2d, margin_px: wp.float64) -> bool
 
 
 @wp.func
-def camera_axes(boresight: wp.vec3d, up: wp.vec3d, spare_up: wp.vec3d) -> wp.mat33d:
-    """Rows x (right), y (down), z (boresight), with y away from `up`; spare_up serves where up lies along z."""
+def up_is_lost(boresight: wp.vec3d, up: wp.vec3d) -> bool:
+    """True where `up` lies along the boresight, to 1e-9 rad: float64 rounding would choose the roll."""
     across = up - boresight * wp.dot(up, boresight)
-    if wp.length(across) < wp.float64(1.0e-9) * wp.length(up):
-        across = spare_up - boresight * wp.dot(spare_up, boresight)
-    y = -wp.normalize(across)
+    return wp.length(across) <= wp.float64(1.0e-9) * wp.length(up)
+
+
+@wp.func
+def camera_axes(boresight: wp.vec3d, up: wp.vec3d, spare_up: wp.vec3d) -> wp.mat33d:
+    """Rows x (right), y (down), z (boresight), with y away from `up`; spare_up serves where up lies along z.
+
+    Should that fail too, because it is 0, the ICRS axis farthest from the boresight serves.
+    """
+    best = up
+    if up_is_lost(boresight, best):
+        best = spare_up
+        if up_is_lost(boresight, best):
+            best = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
+            if wp.abs(boresight[0]) > wp.float64(0.7):
+                best = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(1.0))
+    y = -wp.normalize(best - boresight * wp.dot(best, boresight))
     x = wp.cross(y, boresight)
     return wp.matrix_from_rows(x, y, boresight)

@@ -1,8 +1,11 @@
 """Stage observe_targets: where each target is seen, and how bright."""
 
+import functools
+
 import warp as wp
 
-from warpsim_kernels.apparent import light_path
+from warpsim_kernels.apparent import Releases, path_from_target
+from warpsim_kernels.attitude_table import AttitudeTables, body_axis, table_quaternion
 from warpsim_kernels.camera import Camera, depth, projected_px, within_frame
 from warpsim_kernels.earth import Earth, is_occulted
 from warpsim_kernels.motion import Attitude, NodeGrid, linear_vector, symmetry_axis
@@ -11,6 +14,8 @@ from warpsim_kernels.shapes import Body, projected_area_m2
 IN_FOV = wp.constant(1)
 OCCULTED = wp.constant(2)
 BEHIND = wp.constant(4)
+STOWED = wp.constant(8)
+_DARK = wp.constant(10)  # OCCULTED | STOWED
 """Bits of the flag word of an observation."""
 
 _W_CM2_PER_W_M2 = wp.constant(wp.float64(1.0e-4))
@@ -22,6 +27,8 @@ class Target:
 
     body: Body
     attitude: Attitude
+    table_first: int  # row of the attitude tables where this target's begins
+    table_count: int  # its rows; 0: `attitude` says how it turns
     start_temperature_k: wp.float64
     end_temperature_k: wp.float64
     cooling_start_s: wp.float64
@@ -63,61 +70,76 @@ def band_radiance_w_m2_sr(
     return wp.exp(a + (b - a) * (u * u * (wp.float64(3.0) - wp.float64(2.0) * u)) + bend)
 
 
-@wp.kernel(enable_backward=False)
-def observe_targets_kernel(
-    # in
-    view_time_s: wp.array[wp.float64],  # (n_view,)
-    view_axes: wp.array[wp.mat33d],  # (n_view,)
-    view_position_m: wp.array[wp.vec3d],  # (n_view,)
-    view_velocity_m_s: wp.array[wp.vec3d],  # (n_view,) barycentric
-    position_m: wp.array2d[wp.vec3d],  # (n_body, n_node)
-    velocity_m_s: wp.array2d[wp.vec3d],  # (n_body, n_node)
-    earth_velocity_m_s: wp.array[wp.vec3d],  # (n_node,)
-    grid: NodeGrid,
-    first_target: int,  # row of the first target in the tracks
-    targets: wp.array[Target],  # (n_target,)
-    camera: Camera,
-    earth: Earth,
-    # out
-    source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot) first slots; far outside the frame when behind the camera
-    range_m: wp.array2d[wp.float64],  # (n_view, n_target)
-    aspect_rad: wp.array2d[wp.float64],  # (n_view, n_target)
-    area_m2: wp.array2d[wp.float64],  # (n_view, n_target)
-    temperature: wp.array2d[wp.float64],  # (n_view, n_target) [K]
-    flags: wp.array2d[wp.int32],  # (n_view, n_target) IN_FOV | OCCULTED | BEHIND
-):
-    """Geometry of every (view, target)."""
-    view, target_id = wp.tid()
-    time_s = view_time_s[view]
-    observer = view_position_m[view]
-    earth_velocity = linear_vector(earth_velocity_m_s, time_s, grid)
-    path = light_path(
-        position_m, velocity_m_s, first_target + target_id, time_s, grid, observer, earth_velocity,
-        view_velocity_m_s[view],
-    )
-    flag = int(0)
-    place_px = wp.vec2d(wp.float64(-1.0e9), wp.float64(-1.0e9))
-    axes = view_axes[view]
-    if depth(axes, path.apparent) > wp.float64(0.0):
-        place_px = projected_px(camera, axes, path.apparent)
-        if within_frame(camera, place_px, wp.float64(0.0)):
-            flag = IN_FOV
-    else:
-        flag = BEHIND
-    if is_occulted(observer, path.vector_m, earth):
-        flag = flag | OCCULTED
+@functools.cache
+def make_observe_targets_kernel(with_tables: bool) -> wp.Kernel:
+    """Kernel of the stage; without a target that turns by a table, tables are not in its code."""
 
-    target = targets[target_id]
-    axis = symmetry_axis(target.attitude, path.emission_time_s)
-    towards_sensor = path.vector_m / wp.max(path.range_m, wp.float64(1.0e-3)) * wp.float64(-1.0)
-    cosine = wp.dot(axis, towards_sensor)
-    sine = wp.length(wp.cross(axis, towards_sensor))
-    source_xy_px[view, target_id] = place_px
-    range_m[view, target_id] = path.range_m
-    aspect_rad[view, target_id] = wp.atan2(sine, cosine)
-    area_m2[view, target_id] = projected_area_m2(target.body, cosine, sine)
-    temperature[view, target_id] = temperature_k(target, path.emission_time_s)
-    flags[view, target_id] = flag
+    @wp.kernel(module="unique", enable_backward=False)
+    def observe_targets_kernel(
+        # in
+        view_time_s: wp.array[wp.float64],  # (n_view,)
+        view_axes: wp.array[wp.mat33d],  # (n_view,)
+        view_position_m: wp.array[wp.vec3d],  # (n_view,)
+        view_velocity_m_s: wp.array[wp.vec3d],  # (n_view,) barycentric
+        position_m: wp.array2d[wp.vec3d],  # (n_body, n_node)
+        velocity_m_s: wp.array2d[wp.vec3d],  # (n_body, n_node)
+        earth_velocity_m_s: wp.array[wp.vec3d],  # (n_node,)
+        releases: Releases,
+        grid: NodeGrid,
+        first_target: int,  # row of the first target in the tracks
+        targets: wp.array[Target],  # (n_target,)
+        attitude_tables: AttitudeTables,
+        camera: Camera,
+        earth: Earth,
+        # out
+        source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot) first slots; far outside the frame if behind the camera
+        range_m: wp.array2d[wp.float64],  # (n_view, n_target)
+        aspect_rad: wp.array2d[wp.float64],  # (n_view, n_target)
+        area_m2: wp.array2d[wp.float64],  # (n_view, n_target)
+        temperature: wp.array2d[wp.float64],  # (n_view, n_target) [K]
+        flags: wp.array2d[wp.int32],  # (n_view, n_target) IN_FOV | OCCULTED | BEHIND | STOWED
+    ):
+        """Geometry of every (view, target)."""
+        view, target_id = wp.tid()
+        time_s = view_time_s[view]
+        observer = view_position_m[view]
+        earth_velocity = linear_vector(earth_velocity_m_s, time_s, grid)
+        path = path_from_target(
+            position_m, velocity_m_s, releases, first_target + target_id, time_s, grid, observer, earth_velocity,
+            view_velocity_m_s[view],
+        )
+        flag = int(0)
+        place_px = wp.vec2d(wp.float64(-1.0e9), wp.float64(-1.0e9))
+        axes = view_axes[view]
+        if depth(axes, path.apparent) > wp.float64(0.0):
+            place_px = projected_px(camera, axes, path.apparent)
+            if within_frame(camera, place_px, wp.float64(0.0)):
+                flag = IN_FOV
+        else:
+            flag = BEHIND
+        if is_occulted(observer, path.vector_m, earth):
+            flag = flag | OCCULTED
+        if path.stowed != 0:
+            flag = flag | STOWED
+
+        target = targets[target_id]
+        axis = symmetry_axis(target.attitude, path.emission_time_s)
+        if wp.static(with_tables):
+            if target.table_count > 0:
+                axis = body_axis(
+                    table_quaternion(attitude_tables, target.table_first, target.table_count, path.emission_time_s)
+                )
+        towards_sensor = path.vector_m / wp.max(path.range_m, wp.float64(1.0e-3)) * wp.float64(-1.0)
+        cosine = wp.dot(axis, towards_sensor)
+        sine = wp.length(wp.cross(axis, towards_sensor))
+        source_xy_px[view, target_id] = place_px
+        range_m[view, target_id] = path.range_m
+        aspect_rad[view, target_id] = wp.atan2(sine, cosine)
+        area_m2[view, target_id] = projected_area_m2(target.body, cosine, sine)
+        temperature[view, target_id] = temperature_k(target, path.emission_time_s)
+        flags[view, target_id] = flag
+
+    return observe_targets_kernel
 
 
 @wp.kernel(enable_backward=False)
@@ -134,10 +156,10 @@ def emit_kernel(
     # out
     source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot) targets take the first slots
 ):
-    """Graybody emission: irradiance = emissivity * radiance(T) * projected area / range squared; 0 when occulted."""
+    """Graybody emission: emissivity * radiance(T) * projected area / range squared; 0 when occulted or stowed."""
     view, band, target = wp.tid()
     irradiance = float(0.0)
-    if (flags[view, target] & OCCULTED) == 0:
+    if (flags[view, target] & _DARK) == 0:
         radiance = band_radiance_w_m2_sr(ln_radiance, ln_radiance_slope, band, temperature[view, target], table)
         intensity_w_sr = emissivity[band, target] * radiance * area_m2[view, target]
         distance_m = wp.max(range_m[view, target], wp.float64(1.0))

@@ -75,6 +75,24 @@ class Camera:
         corner_px = math.hypot(self.n_col / 2 + margin_px, self.n_row / 2 + margin_px)
         return math.atan2(corner_px, self.focal_px)
 
+    def frame_margin_deg(self, direction: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """How far directions are within the frame: angle from the nearest edge [deg], negative outside.
+
+        The edges lie on great circles, and the frame is where a direction is on the inner side of all four: outside,
+        the margin is that of the circle farthest away, and it is negative behind the camera too.
+
+        Args:
+            direction: Vectors in camera axes (x right, y down, z boresight), not 0, shape (..., 3).
+        """
+        x, y, z = np.moveaxis(np.asarray(direction, dtype=np.float64), -1, 0)
+        length = np.maximum(np.sqrt(x * x + y * y + z * z), 1e-300)
+        sines = []
+        for across, n_pixel in ((x, self.n_col), (y, self.n_row)):
+            half = math.atan2(n_pixel / 2, self.focal_px)
+            sines.append((z * math.sin(half) - np.abs(across) * math.cos(half)) / length)
+        margin_deg: npt.NDArray[np.float64] = np.degrees(np.arcsin(np.clip(np.minimum(*sines), -1.0, 1.0)))
+        return margin_deg
+
     def project(
         self, direction_icrs: npt.ArrayLike, axes_icrs: npt.ArrayLike
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:

@@ -1,47 +1,34 @@
 """Access: when a sensor may look at a target, as signed margins (>= 0 where a rule holds) and as time intervals.
 
-The Earth never may be in the way; the other rules are those of AccessConstraints. All geometry is instantaneous (light
-time shifts a target by at most 0.15 km at 6,000 km). The field of view plays no part, since a camera can be aimed.
+The Earth never may be in the way; the other rules are those of AccessConstraints and the user's own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Annotated, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
-from warpsim.describe import Number, Positive, closed_interval, part
-from warpsim.errors import InputError
-from warpsim.orbit.earth import meridian_altitude_m
+from warpsim.orbit.grazing import grazing_altitude_m as grazing_altitude_m
+from warpsim.orbit.intervals import Intervals, find_intervals, scan_times_s
+from warpsim.orbit.rules import AccessConstraints as AccessConstraints
+from warpsim.orbit.rules import (
+    AccessGeometry,
+    FieldOfView,
+    MarginFunction,
+    Rule,
+    earth_margin_km,
+    rules_in_force,
+)
+from warpsim.orbit.track import PositionFunction, Track, TrackStack
 
 F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
 
-PositionFunction = Callable[[F64], F64]
-"""time_s (n_time,) -> geocentric position, GCRS axes [m], (n_time, 3). `Track.position_at_m` is one."""
-
-Elevation = Annotated[Number, closed_interval(-90, 90)]
-HalfTurn = Annotated[Number, closed_interval(0, 180)]
-
-_RESOLUTION_S = 1e-3
+_CHEAPER_THAN_THE_EARTH = ("range_km", "min_range_km", "elevation_deg", "max_elevation_deg")
 _PAIRS_PER_CHUNK = 200_000  # (sensor, time) pairs held at once: about 100 MB of temporaries
-_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
-
-
-@part
-class AccessConstraints:
-    """Rules for looking at a target; None leaves a rule out. The paper's Table 4: 6000, -32, 250 and 60."""
-
-    max_range_km: Positive | None = None
-    """Longest distance sensor to target."""
-    min_elevation_deg: Elevation | None = None
-    """Lowest elevation of the line of sight above the plane perpendicular to the sensor's geocentric position."""
-    min_grazing_altitude_km: Number | None = None
-    """Lowest WGS84 altitude on the segment between sensor and target, its ends included."""
-    min_solar_exclusion_deg: HalfTurn | None = None
-    """Smallest angle at the sensor between target and Sun."""
 
 
 class AccessInterval(NamedTuple):
@@ -53,38 +40,16 @@ class AccessInterval(NamedTuple):
     end_s: float
 
 
-def grazing_altitude_m(start_m: ArrayLike, end_m: ArrayLike, pole_icrs: ArrayLike) -> F64:
-    """Return the lowest WGS84 altitude on segments [m], broadcast shape of (..., 3) without the last axis.
-
-    Height above an ellipsoid is convex along a straight line, so it has one minimum: found by Newton's method on its
-    slope (geodetic normal times direction) from the point nearest the centre in stretched axes, where the ellipsoid is
-    a sphere. Error below 1e-6 m for lines above the surface. For lines that pass through the Earth the sign is right.
-    """
-    a, b, pole = (np.asarray(x, np.float64) for x in (start_m, end_m, pole_icrs))
-    path = b - a
-    # All that matters is the meridian half-plane: distance from the axis squared is a quadratic along the segment.
-    a_up, path_up = a @ pole, path @ pole
-    a_square = np.einsum("...i,...i->...", a, a) - a_up**2
-    path_square = np.einsum("...i,...i->...", path, path)
-    path_out_square = path_square - path_up**2
-    mixed = np.einsum("...i,...i->...", a, path) - a_up * path_up
-    stretch = (1.0 - EARTH_FLATTENING) ** -2
-    s = -(mixed + stretch * a_up * path_up) / np.maximum(path_out_square + stretch * path_up**2, 1e-30)
-    s = np.clip(s, 0.0, 1.0)
-    lowest: F64 | float = np.inf
-    for _ in range(4):
-        across = np.sqrt(np.maximum(a_square + s * (2.0 * mixed + s * path_out_square), 1.0))
-        height, cosine, sine = meridian_altitude_m(across, a_up + s * path_up)
-        lowest = np.minimum(lowest, height)
-        slope = cosine * (mixed + s * path_out_square) / across + sine * path_up
-        # A shell of radius rho + h bends the height; rho within 0.7 %, so each round gains two digits or more.
-        bend = (path_square - slope**2) / np.maximum(EARTH_EQUATORIAL_RADIUS_M + height, 1e6)
-        s = np.clip(s - slope / np.maximum(bend, 1e-30 + 1e-9 * path_square / EARTH_EQUATORIAL_RADIUS_M), 0.0, 1.0)
-    return np.asarray(lowest)
-
-
 def margins(
-    sensor_m: ArrayLike, target_m: ArrayLike, sun_m: ArrayLike, constraints: AccessConstraints, pole_icrs: ArrayLike
+    sensor_m: ArrayLike,
+    target_m: ArrayLike,
+    sun_m: ArrayLike,
+    constraints: AccessConstraints,
+    pole_icrs: ArrayLike,
+    *,
+    time_s: ArrayLike = np.nan,
+    custom: Mapping[str, MarginFunction] | None = None,
+    fov: FieldOfView | None = None,
 ) -> dict[str, F64]:
     """Return the signed margin of each rule in force, >= 0 where it holds.
 
@@ -94,158 +59,126 @@ def margins(
         sun_m: Sun positions [m], (n_time, 3) or broadcastable.
         constraints: The rules.
         pole_icrs: Unit vector of the ellipsoid's axis, the pole of date, (3,).
+        time_s: Times [s], (n_time,), for the user's rules and the field of view.
+        custom: The user's rules: functions of an AccessGeometry by name.
+        fov: Camera and axes, for the rule in_fov.
 
     Returns:
         Arrays of the broadcast shape, (n_sensor, n_time): "earth_km" (lowest altitude on the segment) always, and
-        those asked for of "range_km", "elevation_deg", "grazing_altitude_km", "solar_exclusion_deg".
+        those asked for of "range_km", "min_range_km", "elevation_deg", "max_elevation_deg", "solar_exclusion_deg",
+        "grazing_altitude_km", "background_altitude_km", "target_sunlit", "fov_deg" and the user's.
+
+    Raises:
+        InputError: A user's rule gives another shape, or NaN; in_fov without fov.
     """
     sensor, target, sun = (np.asarray(x, np.float64) for x in (sensor_m, target_m, sun_m))
-    sight = target - sensor
-    distance = np.sqrt(np.einsum("...i,...i->...", sight, sight))
-    safe = np.maximum(distance, 1e-9)  # a target in the sensor has range 0 and no direction: angles of 0 and 90
-    grazing_km = 1e-3 * grazing_altitude_m(sensor, target, pole_icrs)
-    result = {"earth_km": grazing_km}
-    if constraints.max_range_km is not None:
-        result["range_km"] = constraints.max_range_km - 1e-3 * distance
-    if constraints.min_elevation_deg is not None:
-        sine = np.einsum("...i,...i->...", sight, sensor) / (safe * np.linalg.norm(sensor, axis=-1))
-        result["elevation_deg"] = np.degrees(np.arcsin(np.clip(sine, -1.0, 1.0))) - constraints.min_elevation_deg
-    if constraints.min_grazing_altitude_km is not None:
-        result["grazing_altitude_km"] = grazing_km - constraints.min_grazing_altitude_km
-    if constraints.min_solar_exclusion_deg is not None:
-        to_sun = sun - sensor
-        along = np.einsum("...i,...i->...", sight, to_sun)
-        across = np.linalg.norm(np.cross(sight, to_sun), axis=-1)  # atan2: exact near 0 and 180 degrees as well
-        result["solar_exclusion_deg"] = np.degrees(np.arctan2(across, along)) - constraints.min_solar_exclusion_deg
-    return result
+    number = np.arange(sensor.shape[0] if sensor.ndim == 3 else 1)[:, None]
+    pole, times = np.asarray(pole_icrs, np.float64), np.asarray(time_s, np.float64)
+    view = AccessGeometry(sensor, target, sun, pole, times, number, fov)
+    found = {rule.name: rule.margin(view) for rule in rules_in_force(constraints, custom)}
+    return {"earth_km": 1e-3 * view.grazing_altitude_m} | {
+        name: np.array(np.broadcast_to(margin, view.shape)) for name, margin in found.items()
+    }
 
 
 def access_intervals(
-    sensor_position_m: Sequence[PositionFunction],
+    sensors: Sequence[Track] | Sequence[PositionFunction],
     target_position_m: PositionFunction,
     sun_position_m: PositionFunction,
     constraints: AccessConstraints,
     pole_icrs: ArrayLike,
     duration_s: float,
     step_s: float = 10.0,
+    *,
+    custom: Mapping[str, MarginFunction] | None = None,
+    fov: FieldOfView | None = None,
 ) -> list[AccessInterval]:
     """Return all intervals within [0, duration_s] in which every rule holds, by sensor, then time.
 
-    A scan at step_s finds the changes; local extrema of the smallest margin that could cross zero between scan points
-    are searched out, so windows (and gaps) shorter than a step are found as well. Ends are bisected to 1 ms and clipped
-    to the scenario.
+    Rule by rule, cheap ones first: the intervals of one are where the next is looked at. A scan at step_s finds the
+    changes; local extrema of a margin that could cross zero between scan points are searched out, so windows (and gaps)
+    shorter than a step are found as well. Ends are bisected to 1 ms and clipped to the scenario.
 
     Args:
-        sensor_position_m: One function per sensor; `Track.position_at_m` is the fast choice.
+        sensors: Tracks of one node grid (the fast choice), or one function of position per sensor.
         target_position_m: The target's positions.
         sun_position_m: The Sun's positions; a track costs less than the ephemeris itself.
         constraints: The rules.
         pole_icrs: Pole of date, (3,).
         duration_s: Length of the scenario [s], > 0.
         step_s: Scan step [s], > 0; a twentieth of the fastest orbit or less.
+        custom: The user's rules: functions of an AccessGeometry by name.
+        fov: Camera and axes, for the rule in_fov.
+
+    Raises:
+        InputError: A length is not > 0; a user's rule gives another shape, or NaN; in_fov without fov.
     """
-    if not (np.isfinite(duration_s) and duration_s > 0):
-        raise InputError(f"duration_s: must be > 0, got {duration_s}")
-    if not (np.isfinite(step_s) and step_s > 0):
-        raise InputError(f"step_s: must be > 0, got {step_s}")
-    time_s = np.linspace(0.0, duration_s, max(3, int(np.ceil(duration_s / step_s)) + 1))
+    time_s = scan_times_s(duration_s, step_s)
+    rules = [Rule("earth_km", earth_margin_km), *rules_in_force(constraints, custom)]
+    rules.sort(key=lambda rule: rule.name not in _CHEAPER_THAN_THE_EARTH)
+    pole = np.asarray(pole_icrs, np.float64)
     target_m, sun_m = target_position_m(time_s), sun_position_m(time_s)
     intervals: list[AccessInterval] = []
     chunk = max(1, _PAIRS_PER_CHUNK // len(time_s))
-    for first in range(0, len(sensor_position_m), chunk):
-        sensors = sensor_position_m[first : first + chunk]
+    for first in range(0, len(sensors), chunk):
+        places = _Places(sensors[first : first + chunk], time_s)
 
-        def smallest_at(sensor: NDArray[np.int64], t: F64, sensors: Sequence[PositionFunction] = sensors) -> F64:
-            """Smallest margin of (sensor, time) pairs; sensors in ascending order."""
-            position = np.empty((len(t), 3))
-            edge = np.searchsorted(sensor, np.arange(len(sensors) + 1))
-            for i in np.unique(sensor):
-                position[edge[i] : edge[i + 1]] = sensors[i](t[edge[i] : edge[i + 1]])
-            return _smallest(margins(position, target_position_m(t), sun_position_m(t), constraints, pole_icrs))
+        def at(row: I64, t: F64, first: int = first, places: _Places = places) -> AccessGeometry:
+            sensor, target, sun = places.at(row, t), target_position_m(t), sun_position_m(t)
+            return _pairs(sensor, target, sun, pole, t, first + row, fov)
 
-        position_m = np.stack([position(time_s) for position in sensors])
-        margin = _smallest(margins(position_m, target_m, sun_m, constraints, pole_icrs))
-        intervals += [
-            AccessInterval(first + i, start, end) for i, start, end in _intervals(margin, time_s, smallest_at)
-        ]
+        def at_node(row: I64, node: I64, first: int = first, places: _Places = places) -> AccessGeometry:
+            sensor, target, sun = places.scanned_m[row, node], target_m[node], sun_m[node]
+            return _pairs(sensor, target, sun, pole, time_s[node], first + row, fov)
+
+        found = Intervals.whole(len(places), 0.0, float(time_s[-1]))
+        for rule in rules:
+            found = find_intervals(_margin_of(rule, at), _margin_of(rule, at_node), time_s, found)
+        rows = zip(found.row.tolist(), found.start_s.tolist(), found.end_s.tolist(), strict=True)
+        intervals += [AccessInterval(first + row, start, end) for row, start, end in rows]
     return intervals
 
 
-def _smallest(by_name: dict[str, F64]) -> F64:
-    """The smallest margin, 100 km counted like one degree; only its sign and its course near zero matter."""
-    smallest: F64 = np.minimum.reduce(
-        [value * (0.01 if name.endswith("_km") else 1.0) for name, value in by_name.items()]
+def _pairs(
+    sensor_m: F64, target_m: F64, sun_m: F64, pole: F64, time_s: F64, number: I64, fov: FieldOfView | None
+) -> AccessGeometry:
+    """Geometry of single (sensor, time) pairs, as rows of one time each."""
+    return AccessGeometry(
+        sensor_m[:, None], target_m[:, None], sun_m[:, None], pole, time_s[:, None], number[:, None], fov
     )
-    return smallest
 
 
-PairFunction = Callable[[NDArray[np.int64], F64], F64]
+def _margin_of(rule: Rule, view: Callable[[I64, Any], AccessGeometry]) -> Callable[[I64, Any], F64]:
+    """The rule's margin at pairs of sensor and time, or of sensor and number of the scan time."""
+    return lambda row, when: np.broadcast_to(rule.margin(view(row, when)), (len(row), 1))[:, 0]
 
 
-def _intervals(margin: F64, time_s: F64, smallest_at: PairFunction) -> list[tuple[int, float, float]]:
-    """Turn scanned margins (n_sensor, n_time) into intervals."""
-    n_sensor, n_time = margin.shape
-    sensor = np.repeat(np.arange(n_sensor), n_time)
-    extra_sensor, extra_s, extra_margin = _extrema(margin, time_s, smallest_at)
-    sensor = np.concatenate([sensor, extra_sensor])
-    t = np.concatenate([np.tile(time_s, n_sensor), extra_s])
-    inside = np.concatenate([margin.ravel(), extra_margin]) >= 0.0
-    order = np.lexsort((t, sensor))
-    sensor, t, inside = sensor[order], t[order], inside[order]
+class _Places:
+    """Positions of some sensors: at the times of the scan, and at any."""
 
-    change = np.flatnonzero((inside[1:] != inside[:-1]) & (sensor[1:] == sensor[:-1]))
-    low, high, rises = t[change], t[change + 1], inside[change + 1]
-    while len(low) and np.max(high - low) > _RESOLUTION_S:
-        middle = 0.5 * (low + high)
-        upper = (smallest_at(sensor[change], middle) >= 0.0) == rises  # the change lies below the middle
-        low, high = np.where(upper, low, middle), np.where(upper, middle, high)
-    # The end point is the side inside: every instant reported keeps all the rules.
-    edge_sensor, edge_s = sensor[change], np.where(rises, high, low)
+    def __init__(self, sensors: Sequence[Track] | Sequence[PositionFunction], time_s: F64) -> None:
+        self._stack: TrackStack | None = None
+        self._functions: list[PositionFunction] = []
+        tracks = [sensor for sensor in sensors if isinstance(sensor, Track)]
+        self._n = len(sensors)
+        if len(tracks) == len(sensors):
+            self._stack = TrackStack(tracks)
+            self.scanned_m = self._stack.positions_m(time_s)
+        else:
+            self._functions = [s.position_at_m if isinstance(s, Track) else s for s in sensors]
+            self.scanned_m = np.stack([position(time_s) for position in self._functions])
 
-    first, last = time_s[0], time_s[-1]
-    begins = np.flatnonzero(margin[:, 0] >= 0.0)
-    ends = np.flatnonzero(margin[:, -1] >= 0.0)
-    start_sensor = np.concatenate([begins, edge_sensor[rises]])
-    start_s = np.concatenate([np.full(len(begins), first), edge_s[rises]])
-    end_sensor = np.concatenate([ends, edge_sensor[~rises]])
-    end_s = np.concatenate([np.full(len(ends), last), edge_s[~rises]])
-    starts, stops = np.lexsort((start_s, start_sensor)), np.lexsort((end_s, end_sensor))
-    return [
-        (int(i), float(a), float(b))
-        for i, a, b in zip(start_sensor[starts], start_s[starts], end_s[stops], strict=True)
-    ]
+    def __len__(self) -> int:
+        return self._n
 
-
-def _extrema(margin: F64, time_s: F64, smallest_at: PairFunction) -> tuple[NDArray[np.int64], F64, F64]:
-    """Search out the extrema that may cross zero between scan points: sensor, time and margin of each.
-
-    Maxima below zero and minima above it are candidates when the margin, changing twice as fast as around them, could
-    reach zero within a step.
-    """
-    n_time = margin.shape[1]
-    before = np.concatenate([margin[:, 1:2], margin[:, :-1]], axis=1)  # ends: mirrored
-    after = np.concatenate([margin[:, 1:], margin[:, -2:-1]], axis=1)
-    sign = np.where(margin < 0.0, 1.0, -1.0)  # +1: looking for a maximum
-    peak = (sign * margin >= sign * before) & (sign * margin >= sign * after)
-    reach = 2.0 * np.maximum(np.abs(margin - before), np.abs(margin - after))
-    sensor, column = np.nonzero(peak & (np.abs(margin) <= reach))
-    sign = sign[sensor, column]
-    low, high = time_s[np.maximum(column - 1, 0)], time_s[np.minimum(column + 1, n_time - 1)]
-    best_s, best = time_s[column], margin[sensor, column]
-    if len(sensor) == 0:
-        return sensor, best_s, best
-    # Golden section, all candidates side by side.
-    left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    at_left, at_right = sign * smallest_at(sensor, left), sign * smallest_at(sensor, right)
-    while np.max(high - low) > 0.1 * _RESOLUTION_S:
-        go_left = at_left >= at_right
-        low, high = np.where(go_left, low, left), np.where(go_left, right, high)
-        probe = np.where(go_left, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
-        value = sign * smallest_at(sensor, probe)
-        left, right = np.where(go_left, probe, right), np.where(go_left, left, probe)
-        at_left, at_right = np.where(go_left, value, at_right), np.where(go_left, at_left, value)
-        for t, v in ((left, at_left), (right, at_right)):
-            better = v > sign * best
-            best_s, best = np.where(better, t, best_s), np.where(better, sign * v, best)
-    keep = np.where(sign > 0.0, best >= 0.0, best < 0.0)  # crossed zero; the others change nothing
-    return sensor[keep], best_s[keep], best[keep]
+    def at(self, row: I64, time_s: F64) -> F64:
+        """Positions of pairs of sensor and time (n,) [m], (n, 3)."""
+        if self._stack is not None:
+            return self._stack.position_m(row, time_s)
+        place = np.empty((len(row), 3))
+        order = np.argsort(row, kind="stable")
+        edge = np.searchsorted(row[order], np.arange(self._n + 1))
+        for number in np.unique(row):
+            rows = order[edge[number] : edge[number + 1]]
+            place[rows] = self._functions[number](time_s[rows])
+        return place

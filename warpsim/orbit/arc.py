@@ -1,15 +1,15 @@
 """Ballistic arcs: free flight between two places on the Earth in a given time.
 
 The end points are WGS84 geodetic at their own times, so the end place has turned with the Earth during the flight. The
-arc takes the short way about the Earth's centre. Two-body arcs are Lambert's solution; J2 arcs correct its start
-velocity by Newton's method (shooting) until they hit the end point, about the pole of date at the epoch.
+arc takes the short way about the Earth's centre. Two-body arcs are Lambert's solution; with J2 (or J2 to J4)
+Newton's method corrects its start velocity until the flight hits the end point (shooting).
 """
 
 from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,9 @@ from warpsim.orbit.earth import geodetic_altitude_m, geodetic_to_gcrs_m, geodeti
 from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.lambert import lambert
+
+if TYPE_CHECKING:
+    from astropy.time import Time
 
 F64 = NDArray[np.float64]
 
@@ -104,7 +107,7 @@ class BallisticArc:
 
         Raises:
             InputError: When the ends are 180 degrees apart, the flight would pass through the Earth (duration too
-                short or too long for free flight), or the J2 shooting does not converge.
+                short or too long for free flight), or the shooting does not converge.
         """
         start, end = self.end_points_m
         try:
@@ -130,7 +133,7 @@ class BallisticArc:
         miss_m = math.inf
         for _ in range(12):
             ends = propagate(
-                np.tile(start, (4, 1)), velocity + nudges, np.array([self.duration_s]), "j2", self.pole_icrs
+                np.tile(start, (4, 1)), velocity + nudges, np.array([self.duration_s]), self.gravity, self.pole_icrs
             )[0][0]
             miss = end - ends[0]
             miss_m = float(np.linalg.norm(miss))
@@ -139,7 +142,7 @@ class BallisticArc:
             velocity = velocity + np.linalg.solve((ends[1:] - ends[0]).T / _NUDGE_M_S, miss)
         if miss_m < _WORST_MISS_M:
             return velocity
-        raise InputError(f"BallisticArc: the J2 arc does not converge on its end point, last miss {miss_m:.3g} m")
+        raise InputError(f"BallisticArc: the arc does not converge on its end point, last miss {miss_m:.3g} m")
 
     def state(self, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return position [m] and velocity [m/s], GCRS axes, each of the shape of time_s plus (3,).
@@ -151,6 +154,17 @@ class BallisticArc:
         start, velocity = self.end_points_m[0], self.start_velocity_m_s
         states = propagate(start[None], velocity[None], time.ravel(), self.gravity, self.pole_icrs)
         return states[0].reshape(*time.shape, 3), states[1].reshape(*time.shape, 3)
+
+    def states(self, epoch: Time, time_s: F64) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s] at times after the epoch, GCRS axes, each (n_time, 1, 3).
+
+        Raises:
+            InputError: When epoch is not the arc's own.
+        """
+        if abs((utc_time(self.epoch_utc) - epoch).sec) > 1e-6:
+            raise InputError(f"epoch_utc: must equal the scene's epoch ({epoch.isot}), got {self.epoch_utc}")
+        position, velocity = self.state(time_s)
+        return position[:, None], velocity[:, None]
 
     def position_m(self, time_s: ArrayLike) -> F64:
         """Return positions [m], GCRS axes, of the shape of time_s plus (3,)."""

@@ -13,7 +13,9 @@ from warpsim.streams import uniforms
 F64 = NDArray[np.float64]
 
 
-def release_velocities(main_velocity_m_s: ArrayLike, n: int, speed_m_s: tuple[float, float], seed: int) -> F64:
+def release_velocities(
+    main_velocity_m_s: ArrayLike, n: int, speed_m_s: tuple[float, float], seed: int, group: int = 0
+) -> F64:
     """Return inertial velocities of released targets [m/s], shape (n, 3).
 
     Directions relative to the main target are isotropic, speeds uniform. Target i uses numbers 3i to 3i + 2 of the
@@ -24,6 +26,7 @@ def release_velocities(main_velocity_m_s: ArrayLike, n: int, speed_m_s: tuple[fl
         n: Number of released targets, >= 0.
         speed_m_s: Lowest and highest relative speed [m/s], 0 <= low <= high (the paper's group: 2 to 5).
         seed: Whole number, 0 <= seed < 2^64.
+        group: Number of the group; each has a stream of its own.
     """
     main = np.asarray(main_velocity_m_s, np.float64)
     if main.shape != (3,) or not np.isfinite(main).all():
@@ -36,7 +39,7 @@ def release_velocities(main_velocity_m_s: ArrayLike, n: int, speed_m_s: tuple[fl
     if not (math.isfinite(high) and 0.0 <= low <= high):
         raise InputError(f"speed_m_s: must be two numbers with 0 <= low <= high, got {speed_m_s!r}")
 
-    uniform = uniforms(int(seed), "group release", 0, 3 * int(n)).reshape(int(n), 3)
+    uniform = uniforms(int(seed), "group release", group, 3 * int(n)).reshape(int(n), 3)
     z = 2.0 * uniform[:, 0] - 1.0  # equal areas in z: isotropic
     azimuth = 2.0 * math.pi * uniform[:, 1]
     speed = low + (high - low) * uniform[:, 2]

@@ -22,8 +22,20 @@ F64 = NDArray[np.float64]
 StateFunction = Callable[[F64], tuple[F64, F64]]
 """time_s (n_time,) -> position_m, velocity_m_s, both (n_time, 3) or (n_time, n_object, 3)."""
 
+PositionFunction = Callable[[F64], F64]
+"""time_s (n_time,) -> geocentric position, GCRS axes [m], (n_time, 3). `Track.position_at_m` is one."""
+
 TRACK_ERROR_M = 1e-3
 """Default bound of the interpolation error [m]."""
+
+WORST_TRACK_ERROR_M = 1.0
+"""What is taken of motion that is not smooth."""
+
+SHORTEST_STEP_S = 0.1
+"""Shortest node step [s]."""
+
+_N_TRIAL = 96
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 # Nodes may be asked for at a span's very end after a round trip through decimal text.
 _SPAN_SLACK_S = 1e-9
@@ -103,6 +115,43 @@ class Track:
         return interval, phase - interval
 
 
+class TrackStack:
+    """Several tracks of one node grid, evaluated side by side."""
+
+    def __init__(self, tracks: Sequence[Track]) -> None:
+        """Stack the nodes; they are copied.
+
+        Raises:
+            InputError: The tracks do not share their nodes' times.
+        """
+        grids = {(track.start_s, track.step_s, track.n_node) for track in tracks}
+        if len(grids) != 1:
+            raise InputError(f"tracks: must share one node grid, got {len(grids)}")
+        self._first = tracks[0]
+        self._position_m = np.stack([track.position_m for track in tracks])
+        self._velocity_m_s = np.stack([track.velocity_m_s for track in tracks])
+
+    def position_m(self, track: NDArray[np.int64], time_s: F64) -> F64:
+        """Return the positions of pairs of track and time, both (n,): those of Track.position_at_m [m], (n, 3)."""
+        interval, s = self._first._locate(time_s)
+        p0, p1 = self._position_m[track, interval], self._position_m[track, interval + 1]
+        m0, m1 = self._velocity_m_s[track, interval], self._velocity_m_s[track, interval + 1]
+        return _hermite_m(p0, p1, m0 * self._first.step_s, m1 * self._first.step_s, s[:, None])
+
+    def positions_m(self, time_s: F64) -> F64:
+        """Return the positions of all tracks at times (n,) [m], (n_track, n, 3)."""
+        interval, s = self._first._locate(time_s)
+        p0, p1 = self._position_m[:, interval], self._position_m[:, interval + 1]
+        m0, m1 = self._velocity_m_s[:, interval], self._velocity_m_s[:, interval + 1]
+        return _hermite_m(p0, p1, m0 * self._first.step_s, m1 * self._first.step_s, s[:, None])
+
+
+def _hermite_m(p0: F64, p1: F64, m0: F64, m1: F64, s: F64) -> F64:
+    """Positions between nodes p0 and p1 with slopes m0 and m1, as Track.state has them."""
+    rise = p1 - p0
+    return p0 + s * (m0 + s * (3.0 * rise - 2.0 * m0 - m1 + s * (m0 + m1 - 2.0 * rise)))
+
+
 def node_grid(duration_s: float, step_s: float) -> tuple[float, int]:
     """Return start_s and n_node of the grid shared by all tracks of a scene.
 
@@ -117,7 +166,12 @@ def node_grid(duration_s: float, step_s: float) -> tuple[float, int]:
 
 
 def sample_tracks(
-    names: Sequence[str], state: StateFunction, start_s: float, step_s: float, n_node: int
+    names: Sequence[str],
+    state: StateFunction,
+    start_s: float,
+    step_s: float,
+    n_node: int,
+    first_s: ArrayLike = -math.inf,
 ) -> list[Track]:
     """Sample the objects of one propagator on a node grid and measure each one's interpolation error.
 
@@ -127,44 +181,126 @@ def sample_tracks(
         start_s: Time of the first node [s].
         step_s: Node spacing [s].
         n_node: Number of nodes, at least 2.
+        first_s: From when on each object's track matters, one for all or one each [s]; the error of intervals that end
+            before is not counted.
     """
     time_s: F64 = start_s + 0.5 * step_s * np.arange(2 * n_node - 1, dtype=np.float64)
     position_m, velocity_m_s = (np.asarray(x, np.float64).reshape(len(time_s), -1, 3) for x in state(time_s))
     if position_m.shape[1] != len(names):
         raise InputError(f"names: must be {position_m.shape[1]}, one per object, got {len(names)}")
     p, v = position_m[::2], velocity_m_s[::2]
-    middle_m = 0.5 * (p[:-1] + p[1:]) + 0.125 * step_s * (v[:-1] - v[1:])
-    error_m = np.linalg.norm(middle_m - position_m[1::2], axis=-1).max(axis=0)
+    error_m = np.zeros(len(names))
+    for i, first in enumerate(np.broadcast_to(first_s, error_m.shape)):  # object by object: temporaries stay small
+        counts = time_s[2::2] > first
+        missed = _middle_m(p[:-1, i], p[1:, i], v[:-1, i], v[1:, i], step_s) - position_m[1::2, i]
+        error_m[i] = np.linalg.norm(missed[counts], axis=-1).max(initial=0.0)
     return [
         Track(name, start_s, step_s, np.ascontiguousarray(p[:, i]), np.ascontiguousarray(v[:, i]), float(error_m[i]))
         for i, name in enumerate(names)
     ]
 
 
-def choose_step_s(state: StateFunction, duration_s: float, error_m: float = TRACK_ERROR_M) -> float:
+def _middle_m(p0: F64, p1: F64, v0: F64, v1: F64, step_s: float) -> F64:
+    """The interpolant half-way between nodes."""
+    return 0.5 * (p0 + p1) + 0.125 * step_s * (v0 - v1)
+
+
+def choose_step_s(
+    state: StateFunction,
+    duration_s: float,
+    error_m: float = TRACK_ERROR_M,
+    first_s: ArrayLike = -math.inf,
+    longest_s: float = 3600.0,
+) -> float:
     """Return a node step [s] whose measured interpolation error over [0, duration_s] stays below error_m.
 
-    The error scales with the fourth power of the step; one trial gives the step, further ones confirm it. The result
-    has two significant digits (rounded down), at most 3,600 s, and aims at 80 % of the bound to leave room for the
-    one step outside the span at either end. Meant for satellites and targets: the Sun's distance in float64 is itself
-    rounded to 0.03 mm, so its track takes the step of the others.
+    The error of smooth motion scales with the fourth power of the step; trials at places spread over the scene give the
+    step. It has two significant digits (rounded down), and aims at 80 % of the bound to leave room for what lies
+    between the places. Motion that is not smooth, as that of a table with few digits, may never come below error_m:
+    then the step is taken from where shorter ones stop to help. Meant for satellites and targets: the Sun's distance in
+    float64 is itself rounded to 0.03 mm, so its track takes the step of the others.
+
+    Args:
+        state: Propagator.
+        duration_s: Length of the scene [s].
+        error_m: Bound [m].
+        first_s: As for sample_tracks.
+        longest_s: Longest step [s].
+    """
+    step_s = min(30.0, longest_s)
+    before = math.inf, step_s  # error and step of the last shorter trial
+    for _ in range(24):
+        worst_m = _trial_error_m(state, duration_s, step_s, first_s)
+        ratio = (0.8 * error_m / max(worst_m, 1e-300)) ** 0.25
+        if 1.0 <= ratio < 1.3 or (ratio >= 1.0 and step_s >= longest_s):
+            return step_s
+        if ratio < 1.0 and step_s < before[1]:
+            gain = math.log(before[0] / worst_m) / math.log(before[1] / step_s) if before[0] < math.inf else 4.0
+            if gain < 1.0 or step_s <= SHORTEST_STEP_S:
+                return step_s
+            before = worst_m, step_s
+        step_s = _round_down(min(step_s * min(max(ratio * 0.999, 0.1), 8.0), longest_s))
+        step_s = max(step_s, SHORTEST_STEP_S)
+    return step_s
+
+
+def _trial_error_m(state: StateFunction, duration_s: float, step_s: float, first_s: ArrayLike) -> float:
+    """Largest error at the middles of intervals: all of a short scene, or at places spread evenly over a long one."""
+    n_interval = math.ceil(duration_s / step_s)
+    if n_interval <= _N_TRIAL:
+        begin = step_s * np.arange(-1.0, n_interval + 1.0)
+    else:
+        begin = (duration_s - step_s) * np.mod(_GOLDEN * np.arange(_N_TRIAL), 1.0)
+    n = len(begin)
+    time_s = np.concatenate([begin, begin + 0.5 * step_s, begin + step_s])
+    p, v = (np.asarray(x, np.float64).reshape(3 * n, -1, 3) for x in state(time_s))
+    missed = _middle_m(p[:n], p[2 * n :], v[:n], v[2 * n :], step_s) - p[n : 2 * n]
+    counts = (begin + step_s)[:, None] > np.broadcast_to(first_s, missed.shape[1:2])
+    return float(np.linalg.norm(missed, axis=-1)[counts].max(initial=0.0))
+
+
+def make_tracks(
+    names: Sequence[str],
+    state: StateFunction,
+    duration_s: float,
+    error_m: float = TRACK_ERROR_M,
+    first_s: ArrayLike = -math.inf,
+    longest_s: float = 3600.0,
+) -> list[Track]:
+    """Sample objects with one node step for all, chosen so that the measured error stays below error_m.
+
+    Args:
+        names: One name per object.
+        state: Propagator of all of them.
+        duration_s: Length of the scene [s].
+        error_m: Bound [m]; smooth motion keeps it, other motion is told by `Track.error_m`.
+        first_s: As for sample_tracks.
+        longest_s: Longest step [s].
 
     Raises:
-        InputError: When the motion is too rough for cubic interpolation (no step down to 1 ms will do).
+        InputError: When the motion is so rough that no step keeps the error below 1 m.
     """
-    step_s = 30.0
-    for _ in range(20):
-        start_s, n_node = node_grid(duration_s, step_s)
-        position_m = np.asarray(state(np.zeros(1))[0])
-        names = [str(i) for i in range(position_m.size // 3)]
-        worst_m = max(track.error_m for track in sample_tracks(names, state, start_s, step_s, n_node))
-        ratio = (0.8 * error_m / max(worst_m, 1e-300)) ** 0.25
-        if 1.0 <= ratio < 1.3 or (ratio >= 1.0 and step_s >= 3600.0):
-            return step_s
-        step_s = _round_down(min(step_s * min(ratio * 0.999, 8.0), 3600.0))
-        if step_s < 1e-3:
+    step_s = choose_step_s(state, duration_s, error_m, first_s, longest_s)
+    for _ in range(8):
+        tracks = sample_tracks(names, state, *_grid(duration_s, step_s), first_s)
+        worst_m = max(track.error_m for track in tracks)
+        if worst_m <= error_m or _trial_error_m(state, duration_s, step_s, first_s) > error_m:
             break
-    raise InputError(f"error_m: no node step keeps the interpolation below {error_m:g} m, last tried {step_s:g} s")
+        # The worst place lay between the trials: a perigee, say.
+        step_s = _round_down(step_s * max(0.5, (0.9 * error_m / worst_m) ** 0.25))
+    if worst_m > WORST_TRACK_ERROR_M:
+        rough = max(tracks, key=lambda track: track.error_m)
+        raise InputError(
+            f"{rough.name}: the motion must be smooth, but is {rough.error_m:.3g} m off between nodes {step_s:g} s "
+            "apart"
+        )
+    return tracks
+
+
+def _grid(duration_s: float, step_s: float) -> tuple[float, float, int]:
+    """Start, step and number of nodes."""
+    start_s, n_node = node_grid(duration_s, step_s)
+    return start_s, step_s, n_node
 
 
 def _round_down(value: float) -> float:

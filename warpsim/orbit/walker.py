@@ -8,7 +8,7 @@ first of the first plane.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,11 @@ from pydantic import ValidationInfo, field_validator
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
 from warpsim.describe import Group, Integer, Number, Positive, closed_interval, part, rule_error
+from warpsim.orbit.earth import pole_of_date
+from warpsim.orbit.gravity import Gravity, propagate
+
+if TYPE_CHECKING:
+    from astropy.time import Time
 
 F64 = NDArray[np.float64]
 
@@ -45,6 +50,8 @@ class Walker:
     """Mean anomaly of the first satellite, counted from the ascending node (the orbits are circular)."""
     definition: Definition = "standard"
     """"standard", or "paper": its Eq. 10 leaves F out, so that planes are phased as if F were 1."""
+    gravity: Gravity = "j2"
+    """What the satellites move under."""
     kind: Literal["walker"] = "walker"
 
     @field_validator("n_plane")
@@ -125,3 +132,12 @@ class Walker:
         to_top = np.stack([-np.sin(node) * math.cos(tilt), np.cos(node) * math.cos(tilt), zero + math.sin(tilt)], 1)
         cosine, sine = np.cos(along)[:, None], np.sin(along)[:, None]
         return radius_m * (cosine * to_node + sine * to_top), speed_m_s * (cosine * to_top - sine * to_node)
+
+    def states(self, epoch: Time, time_s: F64) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s] at times after the epoch, GCRS axes, each (n_time, n_satellite, 3).
+
+        Args:
+            epoch: Instant at which the satellites stand as the pattern says.
+            time_s: Times [s], of either sign, shape (n_time,).
+        """
+        return propagate(*self.state(), time_s, self.gravity, pole_of_date(epoch))

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import geodetic_altitude_m
+from warpsim.orbit.track import TRACK_ERROR_M
 from warpsim.render.star_field import load_catalog
 from warpsim.scene.scene import Scene
+from warpsim.scene.view_axes import commanded_axes
 
 ESCAPE_SPEED_M_S = 11_180.0
 """From the Earth's surface: no ballistic flight between two places starts faster."""
@@ -17,12 +20,17 @@ RIGHT_ANGLE_DEFLECTION_ARCSEC = 4.07e-3
 """Bending of light 90 degrees from the Sun, seen from the Earth; elsewhere divided by tan(angle / 2)."""
 LIMB_DEFLECTION_ARCSEC = 1.75
 
-_RULE_NAMES = {
+RULE_NAMES = {
     "earth_km": "behind the Earth",
     "range_km": "too far",
     "elevation_deg": "too low",
     "grazing_altitude_km": "grazing too low",
     "solar_exclusion_deg": "near the Sun",
+    "min_range_km": "too near",
+    "max_elevation_deg": "too high",
+    "background_altitude_km": "against the Earth or too low over it",
+    "target_sunlit": "in the Earth's shadow",
+    "fov_deg": "outside the field of view",
 }
 
 
@@ -44,9 +52,32 @@ def scene_report(scene: Scene) -> str:
         *_sky_lines(scene),
         f"  orbits     nodes every {scene.tracks.step_s:g} s, interpolation error {scene.tracks.error_m * 1e3:.2g} mm",
     ]
+    if scene.tracks.error_m > TRACK_ERROR_M:
+        rough = max((*scene.tracks.sensors, *scene.tracks.targets), key=lambda track: track.error_m)
+        lines.append(f"  warning    {rough.name} moves unevenly: interpolation is {rough.error_m * 1e3:.2g} mm off")
     if detector.offset_counts < 5 * detector.counts_per_nei:
         lines.append("  warning    offset_counts is below 5 sigma: the noise of blank sky is clipped at 0")
-    return "\n".join(lines + _flight_lines(scene) + _access_lines(scene))
+    times = scene.frame_time_s(np.arange(scene.frames.count))
+    seen = {name: np.flatnonzero(scene.has_access(name, times)).tolist() for name in scene.sensor_names}
+    warning = pointing_warning(scene, seen)
+    warned = [] if warning is None else [f"  warning    {warning}"]
+    return "\n".join(lines + _flight_lines(scene) + _access_lines(scene) + warned)
+
+
+def pointing_warning(scene: Scene, frames_of: dict[str, list[int]]) -> str | None:
+    """What had to be replaced in the cameras' axes, counted over the frames of each sensor; None for nothing."""
+    n_up = n_boresight = n_view = 0
+    for sensor, frames in frames_of.items():
+        told = commanded_axes(scene, sensor, scene.frame_time_s(frames))
+        n_up += int(told.up_replaced.sum())
+        n_boresight += int(told.boresight_replaced.sum())
+        n_view += len(frames)
+    said = []
+    if n_up:
+        said.append(f"{_count(n_up, 'view')} of {n_view:,} with pointing.up along the line of sight, its spare is up")
+    if n_boresight:
+        said.append(f"{_count(n_boresight, 'view')} of {n_view:,} with no direction to track, the motion's is taken")
+    return "; ".join(said) or None
 
 
 def _count(n: int, noun: str) -> str:
@@ -93,19 +124,25 @@ def _short(value: float) -> str:
 
 
 def _flight_lines(scene: Scene) -> list[str]:
-    """The main target's flight, with a word where it cannot be meant."""
-    arc, tracks = scene.trajectory, scene.tracks
+    """The main targets' paths, with a word where they cannot be meant."""
+    tracks, lines = scene.tracks, []
     times = np.linspace(0, scene.duration_s, 400)
-    altitude_km = geodetic_altitude_m(tracks.targets[0].position_at_m(times), tracks.pole_icrs) / 1e3
-    speed = arc.start_speed_m_s
-    lines = [
-        f"  flight     {altitude_km.min():.1f} to {altitude_km.max():.1f} km above WGS84, "
-        f"start {speed:.0f} m/s, {arc.range_angle_deg:.2f} deg about the Earth's centre"
-    ]
-    if speed > ESCAPE_SPEED_M_S:
-        lines.append(f"  warning    the flight starts faster than escape speed ({ESCAPE_SPEED_M_S:.0f} m/s)")
-    if altitude_km.min() < arc.endpoint_altitude_km - 0.1:
-        lines.append(f"  warning    the flight dips below its end points ({arc.endpoint_altitude_km:g} km)")
+    for number, group in enumerate(scene.groups_of_targets):
+        path = group.trajectory
+        position_m, velocity_m_s = tracks.state(group.names[0], times)
+        altitude_km = geodetic_altitude_m(position_m, tracks.pole_icrs) / 1e3
+        # A flight's own start velocity: that of the track is a derivative of its interpolant.
+        arc = path if isinstance(path, BallisticArc) else None
+        speed = arc.start_speed_m_s if arc else float(np.linalg.norm(velocity_m_s[0]))
+        where = f"{altitude_km.min():.1f} to {altitude_km.max():.1f} km above WGS84, start {speed:.0f} m/s"
+        far = f", {arc.range_angle_deg:.2f} deg about the Earth's centre" if arc else f", {path.kind.replace('_', ' ')}"
+        lines.append(f"  {'flight' if number == 0 else group.name:<10} {where}{far}")
+        if arc and speed > ESCAPE_SPEED_M_S:
+            lines.append(f"  warning    the flight starts faster than escape speed ({ESCAPE_SPEED_M_S:.0f} m/s)")
+        if arc and altitude_km.min() < arc.endpoint_altitude_km - 0.1:
+            lines.append(f"  warning    the flight dips below its end points ({arc.endpoint_altitude_km:g} km)")
+        if not arc and altitude_km.min() < 0:
+            lines.append(f"  warning    the path goes {-altitude_km.min():.0f} km below the ground")
     return lines
 
 
@@ -124,7 +161,7 @@ def _access_lines(scene: Scene) -> list[str]:
     blind = [number for number, name in enumerate(scene.sensor_names) if not counts[name]]
     if blind:
         margins = scene.access_margins(times)
-        broken = {_RULE_NAMES[rule]: np.mean(margin[blind] < 0) for rule, margin in margins.items()}
+        broken = {RULE_NAMES[rule]: np.mean(margin[blind] < 0) for rule, margin in margins.items()}
         rules = ", ".join(f"{rule} {share:.0%}" for rule, share in sorted(broken.items(), key=lambda kv: -kv[1]))
         lines.append(f"  no access  {_count(len(blind), 'sensor')}; share of their frames: {rules}")
     if not seen:

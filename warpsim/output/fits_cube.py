@@ -1,8 +1,8 @@
 """FITS cubes: one per sensor and band, with a table of each frame's time and WCS.
 
 Primary HDU: counts, axes (frame, row, column) in NumPy order, row 0 the top row of the image. Extension FRAMES: one
-row per plane with FRAME (number), TIME_S (after the epoch), DATE_OBS (UTC) and the TAN keywords CRVAL1 ... CD2_2 of
-the plane's apparent sky; `read_cube(path).wcs(plane)` makes an astropy WCS of them.
+row per plane with FRAME (number), TIME_S (after the epoch), DATE_OBS (UTC), the TAN keywords CRVAL1 ... CD2_2 of
+the plane's apparent sky, UP_REPLACED and BORESIGHT_REPLACED; `read_cube(path).wcs(plane)` makes an astropy WCS of them.
 """
 
 from __future__ import annotations
@@ -72,9 +72,12 @@ class CubeWriter:
         """Append all frames of a render call, for one index along the sensor and band axes."""
         counts = frames.counts.numpy()[:, sensor, band]
         self._stream.write((counts.astype(np.int32) - 32768).astype(np.int16))
-        for number, time_s, axes in zip(frames.frames, frames.time_s, frames.axes_icrs[:, sensor], strict=True):
+        up, boresight = frames.up_replaced[:, sensor], frames.boresight_replaced[:, sensor]
+        columns = zip(frames.frames, frames.time_s, frames.axes_icrs[:, sensor], up, boresight, strict=True)
+        for number, time_s, axes, no_up, no_boresight in columns:
             keywords = tan_keywords(axes, self._scene.camera)
-            self._rows.append({"FRAME": number, "TIME_S": float(time_s), **keywords})
+            row = {"FRAME": number, "TIME_S": float(time_s), **keywords}
+            self._rows.append(row | {"UP_REPLACED": bool(no_up), "BORESIGHT_REPLACED": bool(no_boresight)})
 
     def close(self) -> None:
         """Finish the file with the table of frames."""

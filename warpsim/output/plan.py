@@ -122,7 +122,9 @@ def make_plan(
         )
     device = "cuda" if renderer.device.is_cuda else "cpu"
     tables = ("truth", "stars") if stars else ("truth",)
-    facts = [scene.to_dict(), renderer.catalog.checksum, frames_of, band_list, device, tables, warpsim.__version__]
+    contents = {path: sha256_of(Path(path)) for path in scene.files}
+    facts = [scene.to_dict(), contents, renderer.catalog.checksum, frames_of, band_list, device, tables]
+    facts.append(warpsim.__version__)
     key = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
     return Plan(scene, folder, band_list, frames_of, key, tables)
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.output.check import pointing_warning
 from warpsim.output.contact_sheet import draw_contact_sheet
 from warpsim.output.files import prepare_folder, sha256_of, whole_file, write_fits_table, write_json
 from warpsim.output.fits_cube import CubeWriter, read_cube
@@ -43,9 +44,14 @@ class RunReport:
     """Time spent rendering, without files and without compiling kernels."""
     total_s: float
     bands: list[str]
+    warning: str | None = None
+    """What had to be replaced in the cameras' axes."""
 
     def text(self) -> str:
-        """One or two lines for a person."""
+        """One to three lines for a person."""
+        return self._summary() + (f"\nwarning: {self.warning}" if self.warning else "")
+
+    def _summary(self) -> str:
         sensors = "1 sensor" if self.n_sensor == 1 else f"{self.n_sensor} sensors"
         line = (
             f"{self.n_image} images ({sensors}, bands {' '.join(self.bands)}) in {self.folder}"
@@ -106,7 +112,8 @@ def render_to_folder(
         except OSError as error:
             raise OSError(f"{plan.folder}: writing failed, the same command goes on from here: {error}") from error
     total_s = time.perf_counter() - begin
-    return RunReport(plan.folder, len(plan.frames_of), plan.n_image, n_done, render_s, total_s, plan.bands)
+    warning = pointing_warning(scene, plan.frames_of)
+    return RunReport(plan.folder, len(plan.frames_of), plan.n_image, n_done, render_s, total_s, plan.bands, warning)
 
 
 def _render_missing(plan: Plan, renderer: Renderer, progress: bool) -> tuple[int, float]:

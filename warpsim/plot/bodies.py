@@ -13,7 +13,7 @@ from warpsim.errors import InputError
 from warpsim.plot.figure import INK, SERIES, VERMILION, new_axes, pair
 from warpsim.plot.scenario import checked_time_s, local_frame
 from warpsim.scene.scene import Scene
-from warpsim.target.motion import attitude_frame
+from warpsim.target.quaternion import rotated
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -84,43 +84,8 @@ def _instants(scene: Scene, time_s: float | Sequence[float]) -> list[float]:
 
 def body_to_gcrs(scene: Scene, name: str, time_s: ArrayLike) -> F64:
     """Rotations from a target's body axes to GCRS axes, shape (n, 3, 3); columns are the body's x, y and z."""
-    time = np.atleast_1d(np.asarray(time_s, np.float64))
-    quaternion: Any = getattr(scene, "attitude_quaternion", None)
-    if quaternion is not None:
-        return matrix_of(quaternion(name, time))
-    # To be deleted as soon as every scene has attitude_quaternion.
-    number = scene.target_names.index(name)
-    attitude = scene.target_specs[number].attitude
-    velocity = scene.tracks.of(name).state(np.zeros(1))[1][0]
-    (reference, first, second), precession_phase, rolling_phase = attitude_frame(attitude, velocity, scene.seed, number)
-    azimuth = 2 * np.pi * (attitude.precession_rev_s * time + precession_phase)
-    polar = np.radians(attitude.precession_angle_deg) + 2 * np.pi * (attitude.rolling_rev_s * time + rolling_phase)
-    spin = 2 * np.pi * attitude.spin_rev_s * time
-    turned = _about(2, azimuth) @ _about(1, polar) @ _about(2, spin)
-    return np.asarray(np.stack([first, second, reference], axis=1) @ turned)
-
-
-def _about(axis: int, angle_rad: F64) -> F64:
-    """Right-handed rotations about one of the axes, shape (n, 3, 3)."""
-    matrix = np.zeros((len(angle_rad), 3, 3))
-    one, two = (axis + 1) % 3, (axis + 2) % 3
-    matrix[:, axis, axis] = 1
-    matrix[:, one, one] = matrix[:, two, two] = np.cos(angle_rad)
-    matrix[:, two, one], matrix[:, one, two] = np.sin(angle_rad), -np.sin(angle_rad)
-    return matrix
-
-
-def matrix_of(quaternion: F64) -> F64:
-    """Rotation matrices of unit quaternions, scalar last (Hamilton), shape (n, 4) to (n, 3, 3)."""
-    vector, scalar = quaternion[:, :3], quaternion[:, 3]
-    cross = np.zeros((len(vector), 3, 3))
-    cross[:, [2, 0, 1], [1, 2, 0]] = vector
-    cross[:, [1, 2, 0], [2, 0, 1]] = -vector
-    return np.asarray(
-        (scalar**2 - np.sum(vector**2, axis=1))[:, None, None] * np.eye(3)
-        + 2 * vector[:, :, None] * vector[:, None, :]
-        + 2 * scalar[:, None, None] * cross
-    )
+    quaternion = scene.attitude_quaternion(name, np.atleast_1d(np.asarray(time_s, np.float64)))
+    return np.stack([rotated(quaternion, axis) for axis in np.eye(3)], axis=-1)
 
 
 def facets_of(shape: Any) -> tuple[F64, NDArray[np.int64]]:

@@ -27,6 +27,8 @@ class Views:
     axes: wp.array
     position_m: wp.array
     velocity_m_s: wp.array
+    flags: wp.array
+    """What had to be replaced in the axes: bits of warpsim_kernels.aim."""
     n_wanted: wp.array
     """Source slots each view needs; compared with the slots there are after rendering."""
 
@@ -115,6 +117,7 @@ def new_views(world: World, time_s: Any, frame: Any, sensor: Any) -> Views:
         wp.empty(n_view, dtype=wp.mat33d, device=device),
         wp.empty(n_view, dtype=wp.vec3d, device=device),
         wp.empty(n_view, dtype=wp.vec3d, device=device),
+        wp.empty(n_view, dtype=wp.int32, device=device),
         wp.empty(n_view, dtype=wp.int32, device=device),
     )
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from warpsim_kernels.targets import IN_FOV, OCCULTED
+from warpsim_kernels.aim import BORESIGHT_REPLACED, UP_REPLACED
 
 from warpsim.errors import InputError
 from warpsim.orbit.sun import earth_position_m
@@ -53,8 +53,22 @@ class FrameSet:
 
     @property
     def axes_icrs(self) -> npt.NDArray[np.float64]:
-        """Camera axes as rows x, y, z, shape (frame, sensor, 3, 3)."""
+        """Camera axes as rows x, y, z, jitter included, shape (frame, sensor, 3, 3)."""
         return np.asarray(self._views.axes.numpy()).reshape(len(self.frames), len(self.sensors), 3, 3)
+
+    @property
+    def up_replaced(self) -> npt.NDArray[np.bool_]:
+        """Whether `pointing.up` lay along the line of sight, so that its spare was taken, shape (frame, sensor)."""
+        return self._view_flag(int(UP_REPLACED))
+
+    @property
+    def boresight_replaced(self) -> npt.NDArray[np.bool_]:
+        """Whether what is tracked had no direction, so that the camera looks along its motion, (frame, sensor)."""
+        return self._view_flag(int(BORESIGHT_REPLACED))
+
+    def _view_flag(self, bit: int) -> npt.NDArray[np.bool_]:
+        word = np.asarray(self._views.flags.numpy()).reshape(len(self.frames), len(self.sensors))
+        return np.asarray((word & bit) != 0)
 
     @property
     def velocity_m_s(self) -> npt.NDArray[np.float64]:
@@ -112,8 +126,8 @@ class FrameSet:
             raise InputError("stars: render with keep_stars=True to have them")
         return star_table(self, self._world, self._star_lists)
 
-    def flags(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-        """Whether each target is in the field of view, and hidden by the Earth; each (frame, sensor, target)."""
+    def flag(self, bit: Any) -> npt.NDArray[np.bool_]:
+        """A flag of warpsim_kernels.targets (IN_FOV, OCCULTED, ...) of each target, shape (frame, sensor, target)."""
         shape = (len(self.frames), len(self.sensors), self._world.n_target)
         word = np.asarray(self._observations.flags.numpy()).reshape(shape)
-        return (word & int(IN_FOV)) != 0, (word & int(OCCULTED)) != 0
+        return np.asarray((word & int(bit)) != 0)

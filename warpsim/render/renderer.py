@@ -168,6 +168,8 @@ class Renderer:
                 f"frames: frame {numbers[late[0]]} is at {times[late[0]]:g} s, "
                 f"after the scene's end (duration_s = {self.scene.duration_s:g})"
             )
+        if self.scene.sights is not None:
+            self.scene.sights.check_times(self.scene.sensor_names, times)
         return [int(number) for number in numbers]
 
     def checked_names(self, what: str, names: Sequence[str] | None, known: list[str]) -> list[str]:

@@ -7,9 +7,8 @@ writes a chunk, allocates nothing and never waits.
 from __future__ import annotations
 
 import warp as wp
-from warpsim_kernels.aim import aim_kernel
 from warpsim_kernels.read_out import TILE_WIDTH, make_read_out_tile_kernel, read_out_rest_kernel
-from warpsim_kernels.targets import emit_kernel, observe_targets_kernel, record_targets_kernel
+from warpsim_kernels.targets import emit_kernel, record_targets_kernel
 
 from warpsim.render.buffers import Chunk
 from warpsim.render.device import rows_per_block
@@ -19,10 +18,10 @@ TILE_THREADS_CUDA = TILE_WIDTH
 
 
 def aim(world: World, chunk: Chunk) -> None:
-    """Views: camera axes, position and velocity from the tracks."""
-    views, motion = chunk.views, world.motion
+    """Views: camera axes, position and velocity from the tracks and the pointing."""
+    views, motion, aiming = chunk.views, world.motion, world.aiming
     wp.launch(
-        aim_kernel,
+        aiming.kernel,
         dim=chunk.n_view,
         inputs=[
             views.time_s,
@@ -30,12 +29,13 @@ def aim(world: World, chunk: Chunk) -> None:
             motion.position_m,
             motion.velocity_m_s,
             motion.earth_velocity_m_s,
+            motion.releases,
             motion.grid,
-            world.first_target,
-            world.n_tracked,
-            world.up_rule,
+            aiming.aim,
+            aiming.table,
+            aiming.jitter,
         ],
-        outputs=[views.axes, views.position_m, views.velocity_m_s],
+        outputs=[views.axes, views.position_m, views.velocity_m_s, views.flags],
         device=world.device,
     )
 
@@ -44,7 +44,7 @@ def observe_targets(world: World, chunk: Chunk) -> None:
     """Geometry of targets, and the first source slots: place and emission of every target."""
     views, seen, motion, sources = chunk.views, chunk.observations, world.motion, chunk.sources
     wp.launch(
-        observe_targets_kernel,
+        world.turning.observe_targets_kernel,
         dim=(chunk.n_view, world.n_target),
         inputs=[
             views.time_s,
@@ -54,9 +54,11 @@ def observe_targets(world: World, chunk: Chunk) -> None:
             motion.position_m,
             motion.velocity_m_s,
             motion.earth_velocity_m_s,
+            motion.releases,
             motion.grid,
             world.first_target,
             world.targets,
+            world.turning.tables,
             world.camera,
             world.earth,
         ],

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.targets import BEHIND
+from warpsim_kernels.targets import BEHIND, IN_FOV, OCCULTED, STOWED
 
 from warpsim.render.buffers import Observations
 from warpsim.render.world import World
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
 def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
     """One row per frame x sensor x band x target.
 
-    Columns: frame, time_s, sensor, band, target; access (the sensor may observe the main target), in_fov, occulted;
-    x_px, y_px (NaN behind the camera), range_km, aspect_deg, projected_area_m2, temperature_k; irradiance_w_cm2 at the
-    pupil (0 when occulted), snr = irradiance / NEI, snr_peak (of the target's own pixel), left_out_w_cm2 (light beyond
-    the stamp).
+    Columns: frame, time_s, sensor, band, target; access (the sensor may observe the main target), in_fov, occulted,
+    stowed; x_px, y_px (NaN behind the camera), range_km, aspect_deg, projected_area_m2, temperature_k;
+    irradiance_w_cm2 at the pupil (0 when occulted or stowed), snr = irradiance / NEI, snr_peak (of the target's own
+    pixel), left_out_w_cm2 (light beyond the stamp).
     """
     from astropy.table import Table
 
     shape = (len(frames.frames), len(frames.sensors), world.n_band, world.n_target)
     peak_share, stamp_share = _stamp_shares(world, seen)
-    in_fov, occulted = frames.flags()
+    in_fov, occulted, stowed = (frames.flag(bit) for bit in (IN_FOV, OCCULTED, STOWED))
     access = np.stack([frames.scene.has_access(name, frames.time_s) for name in frames.sensors], axis=1)
 
     def spread(values: Any, *axes: int) -> npt.NDArray[Any]:
@@ -53,6 +53,7 @@ def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
             "access": spread(access, 0, 1),
             "in_fov": spread(in_fov, 0, 1, 3),
             "occulted": spread(occulted, 0, 1, 3),
+            "stowed": spread(stowed, 0, 1, 3),
             "x_px": spread(xy_px[..., 0], 0, 1, 3),
             "y_px": spread(xy_px[..., 1], 0, 1, 3),
             "range_km": spread(seen.range_m.numpy() / 1e3, 0, 1, 3),

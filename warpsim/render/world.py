@@ -8,21 +8,21 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from warpsim_kernels.aim import UP_NORTH, UP_ORBIT_NORMAL, UP_ZENITH
+from warpsim_kernels.apparent import Releases
 from warpsim_kernels.camera import Camera as CameraStruct
 from warpsim_kernels.earth import Earth
-from warpsim_kernels.motion import Attitude as AttitudeStruct
 from warpsim_kernels.motion import NodeGrid
 from warpsim_kernels.targets import RadianceTable, Target
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
 from warpsim.detector.nei import read_out_struct
 from warpsim.optics.psf_bank import PsfBank, psf_bank, stamp_rule
+from warpsim.render.aiming import Aiming, make_aiming
 from warpsim.render.star_field import Stars, make_stars
+from warpsim.render.turning import Turning, make_turning, motion_struct
 from warpsim.scene.scene import Scene
 from warpsim.sky.band_index import BandIndex
 from warpsim.sky.bands import BANDS, band_radiance_w_m2_sr
-from warpsim.target.motion import attitude_frame
 from warpsim.target.shapes import body_struct
 
 LN_TEMPERATURE_STEP = 0.005
@@ -36,6 +36,7 @@ class Motion:
     position_m: wp.array
     velocity_m_s: wp.array
     earth_velocity_m_s: wp.array
+    releases: Any
     grid: Any
 
 
@@ -54,11 +55,11 @@ class World:
         self.n_band = len(bands)
         self.n_target = len(scene.target_names)
         self.first_target = len(scene.sensor_names)
-        self.n_tracked = 1 if scene.pointing.track == "main" else self.n_target
-        self.up_rule = {"zenith": UP_ZENITH, "north": UP_NORTH, "orbit_normal": UP_ORBIT_NORMAL}[scene.pointing.up]
+        self.aiming: Aiming = make_aiming(scene, device)
         self.band_id = wp.array([scene.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
         self.motion = _motion(scene, device)
-        self.targets = wp.array(_target_structs(scene), dtype=Target, device=device)
+        self.turning: Turning = make_turning(scene.attitudes, device)
+        self.targets = wp.array(_target_structs(scene, self.turning), dtype=Target, device=device)
         emissivity = np.array([[spec.surface.emissivity_value for spec in scene.target_specs]] * self.n_band)
         self.emissivity = wp.array(emissivity, dtype=wp.float64, device=device)
         self.ln_radiance, self.ln_radiance_slope, self.radiance_table = _radiance(scene, bands, device)
@@ -80,29 +81,25 @@ def _motion(scene: Scene, device: wp.Device) -> Motion:
     def upload(values: Any) -> wp.array:
         return wp.array(values, dtype=wp.vec3d, device=device)
 
+    releases: Any = Releases()
+    releases.release_s = wp.array(np.maximum(tracks.release_s, -1e300), dtype=wp.float64, device=device)
+    releases.carrier = wp.array(tracks.carrier, dtype=wp.int32, device=device)
     return Motion(
         upload(np.stack([track.position_m for track in bodies])),
         upload(np.stack([track.velocity_m_s for track in bodies])),
         upload(tracks.earth_velocity_m_s),
+        releases,
         grid,
     )
 
 
-def _target_structs(scene: Scene) -> list[Any]:
+def _target_structs(scene: Scene, turning: Turning) -> list[Any]:
     structs = []
-    for number, (spec, track) in enumerate(zip(scene.target_specs, scene.tracks.targets, strict=True)):
-        velocity = track.state(np.zeros(1))[1][0]
-        axes, precession_phase, rolling_phase = attitude_frame(spec.attitude, velocity, scene.seed, number)
-        turning: Any = AttitudeStruct()
-        turning.reference, turning.first, turning.second = (wp.vec3d(*axis) for axis in axes)
-        turning.tilt_rad = float(np.radians(spec.attitude.precession_angle_deg))
-        turning.precession_rev_s = spec.attitude.precession_rev_s
-        turning.precession_phase_rev = precession_phase
-        turning.rolling_rev_s = spec.attitude.rolling_rev_s
-        turning.rolling_phase_rev = rolling_phase
+    for number, (spec, attitude) in enumerate(zip(scene.target_specs, scene.attitudes, strict=True)):
         target: Any = Target()
         target.body = body_struct(spec.shape)
-        target.attitude = turning
+        target.attitude = motion_struct(attitude)
+        target.table_first, target.table_count = turning.table_first[number], turning.table_count[number]
         target.start_temperature_k = spec.temperature.start_k
         target.end_temperature_k = spec.temperature.end_k or spec.temperature.start_k
         target.cooling_start_s = 0.0

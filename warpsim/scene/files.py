@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from warpsim.errors import InputError
+from warpsim.scene.parts import BUILT_IN_CATALOGS
 
 
 def presets() -> list[str]:
@@ -64,6 +65,49 @@ def write_scene_data(data: dict[str, Any], path: str | os.PathLike[str]) -> None
     finally:
         with contextlib.suppress(OSError):
             partial.unlink()
+
+
+def with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Nested dicts in which relative paths are taken from a folder, whatever the current one is.
+
+    Paths are the values of `file` and `files` anywhere, and `sky.catalog` where it is none of the built-in ones.
+    """
+
+    def absolute(path: Any) -> Any:
+        return str(folder.absolute() / path) if isinstance(path, str) else path
+
+    def walk(value: Any) -> Any:
+        if isinstance(value, list):
+            return [walk(item) for item in value]
+        if not isinstance(value, dict):
+            return value
+        result = {name: walk(item) for name, item in value.items()}
+        if "file" in value:
+            result["file"] = absolute(value["file"])
+        if isinstance(value.get("files"), list):
+            result["files"] = [absolute(path) for path in value["files"]]
+        elif "files" in value:
+            result["files"] = absolute(value["files"])
+        return result
+
+    data = walk(data)
+    sky = data.get("sky")
+    if isinstance(sky, dict) and sky.get("catalog", "default") not in BUILT_IN_CATALOGS:
+        data = {**data, "sky": {**sky, "catalog": absolute(sky["catalog"])}}
+    return data
+
+
+def named_files(value: Any) -> list[str]:
+    """All paths under `file` and `files` in nested dicts, once each, in order."""
+    if isinstance(value, list):
+        paths = [path for item in value for path in named_files(item)]
+    elif isinstance(value, dict):
+        own = [value["file"]] if isinstance(value.get("file"), str) else []
+        own += [path for path in value.get("files", ()) if isinstance(path, str)]
+        paths = [*own, *(path for item in value.values() for path in named_files(item))]
+    else:
+        paths = []
+    return list(dict.fromkeys(paths))
 
 
 def to_toml(data: dict[str, Any]) -> str:

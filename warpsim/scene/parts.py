@@ -1,17 +1,18 @@
-"""The parts of a scene that belong to no other room: frames, pointing, sky, group."""
+"""The parts of a scene that belong to no other room: frames, sky, group."""
 
 from __future__ import annotations
 
 import re
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from warpsim.describe import (
     Count,
     Group,
     Integer,
     NonNegative,
+    Number,
     Positive,
     Switch,
     as_tuple,
@@ -20,7 +21,10 @@ from warpsim.describe import (
     part_error,
     rule_error,
 )
-from warpsim.target.motion import Attitude, Graybody, Temperature
+from warpsim.orbit.arc import BallisticArc
+from warpsim.target.attitude import Attitude
+from warpsim.target.attitude_table import AttitudeTable
+from warpsim.target.motion import Graybody, Temperature
 from warpsim.target.shapes import Shape
 
 
@@ -37,6 +41,7 @@ Name = Annotated[str, _matching(r"[A-Za-z0-9][A-Za-z0-9_.-]*", "must be letters,
 """A name that can also be a file name."""
 Text = Annotated[str, _matching(r"[ -~]*", "must be printable ASCII text")]
 """Text that fits a FITS header."""
+Trajectory = BallisticArc
 Speeds = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(as_tuple)]
 
 
@@ -53,19 +58,6 @@ class Frames:
     count: Count
     interval_s: Positive
     start_s: NonNegative = 0.0
-
-
-@part
-class Pointing:
-    """Where cameras look.
-
-    Args:
-        track: "main" follows the main target, "group" the mean direction of all targets.
-        up: Which way is up in the image: "zenith", "north" (ICRS) or "orbit_normal".
-    """
-
-    track: Literal["main", "group"] = "main"
-    up: Literal["zenith", "north", "orbit_normal"] = "zenith"
 
 
 BUILT_IN_CATALOGS = ("default", "union", "synthetic", "none")
@@ -125,19 +117,32 @@ class Sky:
 
 @part
 class Release:
-    """How secondary targets leave the main one, at the scene's epoch.
+    """How targets leave the main target of their group.
 
     Args:
         speed_m_s: Smallest and largest speed relative to the main target [m/s]; directions are isotropic.
+        time_s: When, after the scene's epoch [s]; negative for a group that is on its way already. Until then a target
+            is stowed: it goes with the main one, and gives no light of its own.
     """
 
     speed_m_s: Speeds = (2.0, 5.0)
+    time_s: Annotated[Number, closed_interval(-1e6, 1e9)] = 0.0
 
     @model_validator(mode="after")
     def _ordered(self) -> Release:
         if self.speed_m_s[0] > self.speed_m_s[1]:
             raise part_error(f"speed_m_s: must be (lowest, highest), got {self.speed_m_s}")
         return self
+
+
+def _attitude_kind(value: Any) -> Any:
+    """A table of a scene file that names no kind is a motion."""
+    return value.get("kind", "motion") if isinstance(value, dict) else getattr(value, "kind", "motion")
+
+
+AnyAttitude = Annotated[
+    Annotated[Attitude, Tag("motion")] | Annotated[AttitudeTable, Tag("table")], Discriminator(_attitude_kind)
+]
 
 
 @part
@@ -149,16 +154,18 @@ class TargetSpec:
         shape: Sphere, Cylinder or Cone.
         surface: Reflectance or emissivity.
         temperature: Over the scene.
-        attitude: Motion of the body axis.
+        attitude: How it turns: Attitude, or AttitudeTable.
         count: How many.
+        release: How these leave the main target; as the group's others when left out.
     """
 
     name: Name
     shape: Shape
     surface: Graybody
     temperature: Temperature
-    attitude: Attitude = Field(default_factory=Attitude)
+    attitude: AnyAttitude = Field(default_factory=Attitude)
     count: Group = 1
+    release: Release | None = None
 
     @property
     def names(self) -> list[str]:
@@ -167,3 +174,43 @@ class TargetSpec:
             return [self.name]
         digits = max(2, len(str(self.count)))
         return [f"{self.name}{i + 1:0{digits}d}" for i in range(self.count)]
+
+
+@part
+class TargetGroup:
+    """A main target on a trajectory, and what leaves it.
+
+    Args:
+        name: Name of the group.
+        trajectory: Path of its main target.
+        targets: The first one is the group's main target, with count 1.
+        release: How the others leave it.
+    """
+
+    name: Name
+    trajectory: Trajectory
+    targets: Annotated[tuple[TargetSpec, ...], BeforeValidator(as_tuple)]
+    release: Release = Field(default_factory=Release)
+
+    @model_validator(mode="after")
+    def _has_main(self) -> TargetGroup:
+        if not self.targets:
+            raise part_error("targets: must hold at least the main target, which the trajectory belongs to")
+        if self.targets[0].count != 1:
+            raise part_error(f"targets[0].count: must be 1 for the main target, got {self.targets[0].count}")
+        return self
+
+    @property
+    def specs(self) -> list[TargetSpec]:
+        """The description behind each single target."""
+        return [spec for spec in self.targets for _ in range(spec.count)]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the single targets, the main one first."""
+        return [name for spec in self.targets for name in spec.names]
+
+    @property
+    def releases(self) -> list[Release | None]:
+        """How each single target leaves the main one, None for the main one itself."""
+        return [None, *(spec.release or self.release for spec in self.specs[1:])]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,23 +18,32 @@ import numpy.typing as npt
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError, model_validator
 from pydantic_core import ArgsKwargs
 
-from warpsim.describe import Integer, Positive, as_tuple, closed_interval, input_error, part, part_error, rule_error
+from warpsim.describe import Integer, Positive, as_tuple, closed_interval, input_error, part, rule_error
 from warpsim.detector.nei import NeiDetector
 from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf import Optics
-from warpsim.orbit.access import AccessConstraints, access_intervals, margins
 from warpsim.orbit.arc import BallisticArc, UtcText
 from warpsim.orbit.epoch import utc_time
+from warpsim.orbit.rules import AccessConstraints
 from warpsim.orbit.walker import Walker
-from warpsim.scene.parts import BUILT_IN_CATALOGS, Frames, Pointing, Release, Sky, TargetSpec, Text
+from warpsim.scene.attitudes import table_rows, target_attitudes
+from warpsim.scene.parts import Frames, Release, Sky, TargetGroup, TargetSpec, Text
+from warpsim.scene.pointing import Pointing, TablePointing, TrackPointing
+from warpsim.scene.rules import check_scene
 from warpsim.sky.bands import BANDS
+from warpsim.target.quaternion import rotated
 
 if TYPE_CHECKING:
     from astropy.table import Table
     from astropy.time import Time
 
+    from warpsim.orbit.access import AccessInterval
+    from warpsim.orbit.rules import MarginFunction
+    from warpsim.scene.sights import Sights
     from warpsim.scene.tracks import Tracks
+    from warpsim.target.attitude import BodyMotion
+    from warpsim.target.attitude_table import AttitudeRows
 
 
 def _known_band(name: str) -> str:
@@ -45,11 +54,8 @@ def _known_band(name: str) -> str:
 
 _ARC_EPOCH = BallisticArc.__dataclass_fields__["epoch_utc"].default
 
-LONGEST_TRACKS_S = 2e8
-"""Longest scene times number of moving things: some 2 GB of orbit nodes."""
-
-LARGEST_VIEW = 2**29
-"""Pixels of one sensor's image in all bands: array strides are 32-bit numbers of bytes."""
+ACCESS_STEP_S = 10.0
+"""Step of the scan for access [s]."""
 
 BandName = Annotated[str, AfterValidator(_known_band)]
 
@@ -70,6 +76,7 @@ class Scene:
         trajectory: Path of the main target.
         targets: Targets; the first one is the main target, the others are released from it.
         release: How the secondary targets leave the main one.
+        groups: Further groups of targets, each with a trajectory of its own.
         pointing: Where the cameras look.
         access_rules: When a sensor can observe the main target.
         sky: The star background.
@@ -92,7 +99,8 @@ class Scene:
     trajectory: BallisticArc
     targets: Annotated[tuple[TargetSpec, ...], BeforeValidator(as_tuple)]
     release: Release = Field(default_factory=Release)
-    pointing: Pointing = Field(default_factory=Pointing)
+    groups: Annotated[tuple[TargetGroup, ...], BeforeValidator(as_tuple)] = ()
+    pointing: Pointing = Field(default_factory=TrackPointing)
     access_rules: AccessConstraints = Field(default_factory=AccessConstraints)
     sky: Sky = Field(default_factory=Sky)
     seed: Annotated[Integer, closed_interval(0, 2**63 - 1)] = 0
@@ -102,64 +110,20 @@ class Scene:
     @model_validator(mode="before")
     @classmethod
     def _one_epoch(cls, data: Any) -> Any:
-        """Give the trajectory the scene's epoch, so that a scene file states it once."""
+        """Give flights the scene's epoch, so that a scene file states it once."""
         values = data if isinstance(data, dict) else (data.kwargs or {})
-        path, epoch_utc = values.get("trajectory"), values.get("epoch_utc")
+        epoch_utc = values.get("epoch_utc")
         if epoch_utc is None or not _is_utc(epoch_utc):
             return data  # one complaint about the epoch is enough
-        if isinstance(path, dict):
-            path = {"epoch_utc": epoch_utc, **path}
-        elif isinstance(path, BallisticArc) and path.epoch_utc == _ARC_EPOCH:
-            path = dataclasses.replace(path, epoch_utc=epoch_utc)
-        if path is None:
-            return data
-        values = {**values, "trajectory": path}
+        values = {
+            name: _with_epoch(value, epoch_utc) if name in ("trajectory", "groups", "constellation") else value
+            for name, value in values.items()
+        }
         return values if isinstance(data, dict) else ArgsKwargs(data.args, values)
 
     @model_validator(mode="after")
     def _consistent(self) -> Scene:
-        if not self.bands:
-            raise part_error("bands: must name at least one band")
-        if len(set(self.bands)) != len(self.bands):
-            raise part_error(f"bands: must not repeat, got {', '.join(self.bands)}")
-        n_value = self.camera.n_row * self.camera.n_col * len(self.bands)
-        if n_value >= LARGEST_VIEW:
-            raise part_error(f"camera: n_row * n_col * number of bands must be below 2**29, got {n_value}")
-        if not self.targets:
-            raise part_error("targets: must hold at least the main target, which the trajectory belongs to")
-        if self.targets[0].count != 1:
-            raise part_error(f"targets[0].count: must be 1 for the main target, got {self.targets[0].count}")
-        names = [*self.sensor_names, *self.target_names, "sun"]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise part_error(f"targets: names must be unique among sensors and targets, got {twice[0]} twice")
-        if self.duration_s > self.trajectory.duration_s:
-            raise part_error(
-                f"duration_s: must be at most trajectory.duration_s ({self.trajectory.duration_s:g}), where the flight "
-                f"ends, got {self.duration_s:g}"
-            )
-        n_body = len(names) - 1
-        if n_body * self.duration_s > LONGEST_TRACKS_S:
-            raise part_error(
-                f"duration_s: {self.duration_s:g} s are too long for {n_body} sensors and targets: their product must "
-                f"be at most {LONGEST_TRACKS_S:g} s"
-            )
-        last_s = self.frame_time_s([self.frames.count - 1])[0]
-        if last_s > self.duration_s:
-            raise part_error(
-                f"frames: the last frame must be within duration_s ({self.duration_s:g}), got {last_s:g} s"
-            )
-        if utc_time(self.trajectory.epoch_utc) != utc_time(self.epoch_utc):
-            raise part_error(
-                f"trajectory.epoch_utc: must equal the scene's epoch_utc ({self.epoch_utc}), "
-                f"got {self.trajectory.epoch_utc}"
-            )
-        for name in self.bands:
-            try:
-                self.optics.psf_at(BANDS[name].isophotal_um, self.camera)
-            except InputError as error:
-                hint = "; psf = 'gaussian' has no such limit" if self.optics.psf == "airy" else ""
-                raise part_error(f"optics: in band {name}: {error}{hint}") from None
+        check_scene(self)
         return self
 
     @classmethod
@@ -170,14 +134,21 @@ class Scene:
             InputError: No such preset or file, one of its values breaks a rule, or its trajectory cannot be flown; the
                 text begins with the source.
         """
-        from warpsim.scene.files import read_scene_data
+        from warpsim.scene.files import read_scene_data, with_absolute_paths
 
         where = os.fspath(source)
-        scene = cls.from_dict(_with_catalog_path(read_scene_data(source), source), where)
+        scene = cls.from_dict(with_absolute_paths(read_scene_data(source), Path(source).parent), where)
+        for number, group in enumerate(scene.groups_of_targets):
+            place = "trajectory" if number == 0 else f"groups[{number - 1}].trajectory"
+            if isinstance(group.trajectory, BallisticArc):  # solved here, where the file's name is known
+                try:
+                    group.trajectory.start_velocity_m_s  # noqa: B018
+                except InputError as error:
+                    raise InputError(f"{where}: {place}.{str(error).removeprefix('BallisticArc: ')}") from None
         try:
-            scene.trajectory.start_velocity_m_s  # noqa: B018  # solved here, where the file's name is known
+            table_rows(scene)
         except InputError as error:
-            raise InputError(f"{where}: trajectory.{str(error).removeprefix('BallisticArc: ')}") from None
+            raise InputError(f"{where}: {error}") from None
         return scene
 
     @classmethod
@@ -191,6 +162,13 @@ class Scene:
     def to_dict(self) -> dict[str, Any]:
         """Nested dicts and lists of plain values, without what is None; `from_dict` gives back an equal scene."""
         return _without_none(_adapter().dump_python(self, mode="json"))  # type: ignore[no-any-return]
+
+    @property
+    def files(self) -> list[str]:
+        """Paths of the files that the description names, but for the star catalog."""
+        from warpsim.scene.files import named_files
+
+        return named_files(self.to_dict())
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a scene file (.toml or .json) that loads back equal.
@@ -211,8 +189,7 @@ class Scene:
         Raises:
             InputError: A field is unknown or the new scene breaks a rule.
         """
-        data = self.to_dict()
-        data["trajectory"].pop("epoch_utc", None)
+        data = _without_flight_epochs(self.to_dict())
         for name, value in changes.items():
             *parents, leaf = name.split("__")
             place: Any = data
@@ -239,12 +216,17 @@ class Scene:
     @property
     def target_names(self) -> list[str]:
         """Names of the single targets, the main target first."""
-        return [name for spec in self.targets for name in spec.names]
+        return [name for group in self.groups_of_targets for name in group.names]
 
     @property
     def target_specs(self) -> list[TargetSpec]:
         """The description behind each single target, in the order of target_names."""
-        return [spec for spec in self.targets for _ in range(spec.count)]
+        return [spec for group in self.groups_of_targets for spec in group.specs]
+
+    @cached_property
+    def groups_of_targets(self) -> tuple[TargetGroup, ...]:
+        """All groups: first the one of `trajectory`, `targets` and `release`, then those of `groups`."""
+        return TargetGroup("main", self.trajectory, self.targets, self.release), *self.groups
 
     def frame_time_s(self, frames: Sequence[int] | npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
         """Times of frames after the epoch [s], shape (n,)."""
@@ -275,28 +257,151 @@ class Scene:
         times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
         if name == "sun":
             return sun_position_m(self.epoch, times)
-        return self.tracks.of(name).position_at_m(times)
+        return self.tracks.state(name, times)[0]
 
-    def access(self) -> Table:
-        """When each sensor can observe the main target: all rules of `access_rules` at once.
+    @cached_property
+    def sights(self) -> Sights | None:
+        """The rows of a table of directions, read from its file; None for the other kinds of pointing."""
+        from warpsim.scene.sights import make_sights
+
+        if not isinstance(self.pointing, TablePointing):
+            return None
+        try:
+            return make_sights(self.pointing, self.sensor_names)
+        except InputError as error:
+            raise InputError(f"pointing: {error}") from None
+
+    def view_axes(self, sensor: str, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Camera axes that a sensor is told to take: those of its images, without their jitter.
+
+        Args:
+            sensor: One of sensor_names.
+            time_s: Times after the epoch [s], shape (n,).
 
         Returns:
-            astropy Table with one row per interval: sensor, start_s, end_s (after the epoch), ends good to 1 ms.
+            Rows x (right), y (down) and z (boresight), ICRS axes, shape (n, 3, 3).
+
+        Raises:
+            InputError: No such sensor, or a time outside the scene or its table of directions.
         """
-        from astropy.table import Table
+        from warpsim.scene.view_axes import commanded_axes
 
-        rows = [(self.sensor_names[interval.sensor], interval.start_s, interval.end_s) for interval in self._intervals]
-        table = Table(rows=rows, names=("sensor", "start_s", "end_s"), dtype=(str, float, float))
-        table["start_s"].info.format = table["end_s"].info.format = ".3f"
-        table["start_s"].unit = table["end_s"].unit = "s"
-        return table
+        return commanded_axes(self, sensor, time_s).axes
 
-    def access_margins(self, time_s: npt.ArrayLike) -> dict[str, npt.NDArray[np.float64]]:
-        """Signed margin of every access rule, >= 0 where it holds; each of shape (n_sensor, n_time)."""
+    @cached_property
+    def attitudes(self) -> list[BodyMotion | AttitudeRows]:
+        """What turns each single target, in the order of target_names; `.at(time_s)` gives the rotation."""
+        return target_attitudes(self)
+
+    def attitude_quaternion(self, name: str, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Rotation of a target from its body's axes to GCRS axes, at the times asked (no light time).
+
+        Args:
+            name: One of target_names.
+            time_s: Times after the epoch [s], shape (n,).
+
+        Returns:
+            Unit quaternions (x, y, z, w), scalar last, Hamilton's, shape (n, 4); the sign is continuous in time.
+
+        Raises:
+            InputError: No such target, or a time lies more than a second outside its attitude table.
+        """
+        names = self.target_names
+        if name not in names:
+            raise InputError(f"name: must be a target ({', '.join(names[:3])}, ...), got {name!r}")
+        try:
+            return self.attitudes[names.index(name)].at(time_s)
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from None
+
+    def body_axis(self, name: str, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Direction of a target's body axis, base to apex, in GCRS axes, shape (n, 3); as attitude_quaternion."""
+        return rotated(self.attitude_quaternion(name, time_s), np.array([0.0, 0.0, 1.0]))
+
+    def access(
+        self,
+        target: str | None = None,
+        sensors: Sequence[str] | None = None,
+        rules: AccessConstraints | None = None,
+        custom: Mapping[str, MarginFunction] | None = None,
+        step_s: float = ACCESS_STEP_S,
+    ) -> Table:
+        """When each sensor can observe a target: all rules at once.
+
+        Args:
+            target: Name of the target; the main target if left out.
+            sensors: Names of sensors; all if left out.
+            rules: Instead of the scene's `access_rules`.
+            custom: Further rules by name: functions of an `AccessGeometry` that return a signed margin, >= 0 where the
+                rule holds (any unit: only the sign counts), or booleans, which show no window shorter than step_s.
+            step_s: Step of the scan for changes [s].
+
+        Returns:
+            astropy Table with one row per interval: sensor, start_s, end_s (after the epoch), duration_s, ends good to
+            1 ms; its meta says target, epoch and rules.
+
+        Raises:
+            InputError: An unknown name, or a rule of the user's that gives another shape, or NaN.
+        """
+        from warpsim.scene import access
+
+        target, sensors = access.chosen_target(self, target), access.chosen_sensors(self, sensors)
+        rules = access.chosen_rules(self, rules)
+        main = target == self.target_names[0] and sensors == self.sensor_names
+        if main and rules == self.access_rules and not custom and step_s == ACCESS_STEP_S:
+            intervals = self._intervals
+        else:
+            intervals = access.intervals_of(self, target, sensors, rules, custom, step_s)
+        return access.access_table(self, intervals, target, sensors, rules, custom)
+
+    def access_margins(
+        self,
+        time_s: npt.ArrayLike,
+        target: str | None = None,
+        sensors: Sequence[str] | None = None,
+        rules: AccessConstraints | None = None,
+        custom: Mapping[str, MarginFunction] | None = None,
+    ) -> dict[str, npt.NDArray[np.float64]]:
+        """Signed margin of every access rule, >= 0 where it holds; each of shape (n_sensor, n_time).
+
+        Args:
+            time_s: Times after the epoch [s], shape (n_time,).
+            target: As for `access`, like the others.
+            sensors: Their order is that of the rows.
+            rules: Instead of the scene's.
+            custom: Further rules by name.
+        """
+        from warpsim.scene import access
+
         times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
-        sensors = np.stack([self.position_m(name, times) for name in self.sensor_names])
-        target, sun = self.position_m(self.target_names[0], times), self.position_m("sun", times)
-        return margins(sensors, target, sun, self.access_rules, self.tracks.pole_icrs)
+        target, sensors = access.chosen_target(self, target), access.chosen_sensors(self, sensors)
+        return access.margins_of(self, times, target, sensors, access.chosen_rules(self, rules), custom)
+
+    def sunlit_fraction(self, name: str, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Share of the Sun's disc that a sensor or target sees past the Earth, 0 to 1, shape (n,).
+
+        The Earth is the WGS84 ellipsoid without air, the Sun's disc uniform.
+
+        Raises:
+            InputError: The name is unknown, or a time lies outside the scene.
+        """
+        from warpsim.scene.access import sunlit_fraction_of
+
+        return sunlit_fraction_of(self, name, time_s)
+
+    def eclipses(self, name: str, step_s: float = ACCESS_STEP_S) -> Table:
+        """When a sensor or target is in the Earth's shadow.
+
+        Returns:
+            astropy Table with one row per passage: start_s and end_s of the penumbra, umbra_start_s and umbra_end_s
+            (NaN without umbra), all after the epoch, good to 1 ms and within the scene, and duration_s.
+
+        Raises:
+            InputError: The name is unknown.
+        """
+        from warpsim.scene.access import eclipse_table
+
+        return eclipse_table(self, name, step_s)
 
     def has_access(self, sensor: str, time_s: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Whether a sensor can observe the main target at given times, shape (n,).
@@ -315,16 +420,11 @@ class Scene:
         return seen
 
     @cached_property
-    def _intervals(self) -> list[Any]:
-        tracks = self.tracks
-        return access_intervals(
-            [tracks.of(name).position_at_m for name in self.sensor_names],
-            tracks.of(self.target_names[0]).position_at_m,
-            tracks.sun.position_at_m,
-            self.access_rules,
-            tracks.pole_icrs,
-            self.duration_s,
-        )
+    def _intervals(self) -> list[AccessInterval]:
+        from warpsim.scene.access import intervals_of
+
+        target, sensors = self.target_names[0], self.sensor_names
+        return intervals_of(self, target, sensors, self.access_rules, None, ACCESS_STEP_S)
 
 
 def _adapter() -> TypeAdapter[Scene]:
@@ -345,13 +445,29 @@ def _is_utc(value: Any) -> bool:
     return True
 
 
-def _with_catalog_path(data: dict[str, Any], source: str | os.PathLike[str]) -> dict[str, Any]:
-    """Take a relative catalog path from the scene file's folder, whatever the current one is."""
-    sky = data.get("sky")
-    if isinstance(sky, dict) and isinstance(sky.get("catalog"), str) and sky["catalog"] not in BUILT_IN_CATALOGS:
-        path = Path(source).parent.absolute() / sky["catalog"]
-        return {**data, "sky": {**sky, "catalog": str(path)}}
-    return data
+def _with_epoch(value: Any, epoch_utc: Any) -> Any:
+    """Flights anywhere in a value, with the epoch where they have none of their own."""
+    if isinstance(value, BallisticArc):
+        return dataclasses.replace(value, epoch_utc=epoch_utc) if value.epoch_utc == _ARC_EPOCH else value
+    if isinstance(value, TargetGroup):
+        return dataclasses.replace(value, trajectory=_with_epoch(value.trajectory, epoch_utc))
+    if isinstance(value, list | tuple):
+        return [_with_epoch(item, epoch_utc) for item in value]
+    if isinstance(value, dict):
+        value = {name: _with_epoch(item, epoch_utc) for name, item in value.items()}
+        if "start_lon_lat_deg" in value or value.get("kind") == "ballistic_arc":
+            return {"epoch_utc": epoch_utc, **value}
+    return value
+
+
+def _without_flight_epochs(value: Any) -> Any:
+    """Nested dicts in which flights take the epoch of the scene they are put into."""
+    if isinstance(value, list):
+        return [_without_flight_epochs(item) for item in value]
+    if isinstance(value, dict):
+        is_flight = value.get("kind") == "ballistic_arc"
+        return {k: _without_flight_epochs(v) for k, v in value.items() if not (is_flight and k == "epoch_utc")}
+    return value
 
 
 def _is_index(place: Any, name: str) -> bool:

@@ -10,10 +10,9 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.orbit.earth import pole_of_date
-from warpsim.orbit.gravity import propagate
-from warpsim.orbit.group import release_velocities
 from warpsim.orbit.sun import earth_position_m, earth_velocity_m_s, sun_position_m
-from warpsim.orbit.track import Track, choose_step_s, node_grid, sample_tracks
+from warpsim.orbit.track import PositionFunction, Track, make_tracks
+from warpsim.scene.bodies import STOWED_STEP_S, bodies_of
 
 if TYPE_CHECKING:
     from warpsim.scene.scene import Scene
@@ -36,6 +35,10 @@ class Tracks:
     """Heliocentric position of the Earth at the nodes [m], shape (n_node, 3)."""
     pole_icrs: F64
     """The pole of date at the epoch: axis of J2 and of the ellipsoid, shape (3,)."""
+    carrier: npt.NDArray[np.int64]
+    """Row among sensors and targets that each body goes with until its release, its own where there is none."""
+    release_s: F64
+    """Time of each body's release [s], -inf where there is none."""
 
     @property
     def start_s(self) -> float:
@@ -58,50 +61,73 @@ class Tracks:
         return max(track.error_m for track in (*self.sensors, *self.targets))
 
     def of(self, name: str) -> Track:
-        """The track of a sensor or target.
+        """The track of a sensor or target; before its release that is not where the target is.
 
         Raises:
             InputError: No such name.
         """
-        for track in (*self.sensors, *self.targets):
+        return self._bodies[self._row(name)]
+
+    def state(self, name: str, time_s: npt.ArrayLike) -> tuple[F64, F64]:
+        """Position [m] and velocity [m/s] of a sensor or target, each of the shape of time_s plus (3,).
+
+        Before its release a target is where its main target is.
+
+        Raises:
+            InputError: No such name, or a time outside the tracks.
+        """
+        row = self._row(name)
+        time = np.asarray(time_s, dtype=np.float64)
+        position, velocity = self._bodies[row].state(time)
+        stowed = time < self.release_s[row]
+        if stowed.any():
+            carried = self._bodies[self.carrier[row]].state(time)
+            position, velocity = (
+                np.where(stowed[..., None], with_it, alone)
+                for with_it, alone in zip(carried, (position, velocity), strict=True)
+            )
+        return position, velocity
+
+    def position_function(self, name: str) -> PositionFunction:
+        """Geocentric positions of a sensor or target [m] as a function of time, (n,) -> (n, 3)."""
+        if self.carrier[self._row(name)] == self._row(name):
+            return self.of(name).position_at_m
+        return lambda time_s: self.state(name, time_s)[0]
+
+    @property
+    def _bodies(self) -> list[Track]:
+        return [*self.sensors, *self.targets]
+
+    def _row(self, name: str) -> int:
+        for row, track in enumerate(self._bodies):
             if track.name == name:
-                return track
+                return row
         known = ", ".join(track.name for track in (self.targets[0], *self.sensors[:3]))
         raise InputError(f"name: must be a sensor, a target or 'sun' ({known}, ...), got {name!r}")
 
 
 def build_tracks(scene: Scene) -> Tracks:
-    """Propagate satellites and targets of a scene and sample them on one node grid.
-
-    Satellites and the main target's arc use the arc's gravity model, J2 unless told otherwise; released targets start
-    from the main target's state at the epoch.
+    """Sample all bodies of a scene on one node grid, with the Sun and the Earth's own motion.
 
     Raises:
-        InputError: A path cannot be propagated, because it falls to the Earth's centre, say.
+        InputError: A path cannot be followed, because it falls to the Earth's centre or its file ends, say.
     """
-    arc, epoch = scene.trajectory, scene.epoch
-    pole = pole_of_date(epoch)
-    satellites = scene.constellation.state()
-    main_position, main_velocity = (part[0] for part in arc.state(np.zeros(1)))
-    velocities = release_velocities(main_velocity, len(scene.target_names) - 1, scene.release.speed_m_s, scene.seed)
-    # The main target's own start state is the arc's: one propagation serves the whole group.
-    target_velocity = np.concatenate([main_velocity[None], velocities])
-    target_position = np.broadcast_to(main_position, target_velocity.shape)
-    start = np.concatenate([satellites[0], target_position]), np.concatenate([satellites[1], target_velocity])
-
-    def state(time_s: F64) -> tuple[F64, F64]:
-        return propagate(*start, time_s, arc.gravity, pole)
-
-    try:
-        step_s = choose_step_s(state, scene.duration_s)
-    except InputError as error:
-        raise InputError(f"trajectory, constellation: no motion over {scene.duration_s:g} s: {error}") from None
-    start_s, n_node = node_grid(scene.duration_s, step_s)
-    names = [*scene.sensor_names, *scene.target_names]
-    tracks = sample_tracks(names, state, start_s, step_s, n_node)
+    bodies, epoch = bodies_of(scene), scene.epoch
+    later = max(bodies.release_s) > 0
+    longest_s = STOWED_STEP_S if later else 3600.0
+    tracks = make_tracks(bodies.names, bodies.states, scene.duration_s, first_s=bodies.release_s, longest_s=longest_s)
+    start_s, step_s, n_node = tracks[0].start_s, tracks[0].step_s, tracks[0].n_node
     nodes_s = start_s + step_s * np.arange(n_node)
     sun_m = sun_position_m(epoch, nodes_s)
     sun = Track("sun", start_s, step_s, sun_m, np.gradient(sun_m, step_s, axis=0))
     n_sensor = len(scene.sensor_names)
     earth = earth_velocity_m_s(epoch, nodes_s), *earth_position_m(epoch, nodes_s)
-    return Tracks(tracks[:n_sensor], tracks[n_sensor:], sun, *earth, pole)
+    return Tracks(
+        tracks[:n_sensor],
+        tracks[n_sensor:],
+        sun,
+        *earth,
+        pole_of_date(epoch),
+        np.array(bodies.carrier),
+        np.array(bodies.release_s),
+    )

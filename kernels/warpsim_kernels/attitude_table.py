@@ -1,0 +1,68 @@
+"""How a target is turned by a table of quaternions, in float64."""
+
+import warp as wp
+
+_SMALL_ANGLE_RAD = wp.constant(wp.float64(1.0e-4))
+
+
+@wp.struct
+class AttitudeTables:
+    """The tables of all targets, one behind the other."""
+
+    time_s: wp.array[wp.float64]  # (n_row,) ascending within a table
+    quaternion: wp.array[wp.quatd]  # (n_row,) body -> ICRS axes, scalar last, unit; neighbours in one hemisphere
+
+
+@wp.func
+def row_before(time_s: wp.array[wp.float64], first: int, count: int, time: wp.float64) -> int:
+    """Row that begins the interval holding a time, among rows first to first + count - 1 (clamped to the table)."""
+    low = first
+    high = first + count - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if time_s[middle] <= time:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@wp.func
+def sine_ratio(angle_rad: wp.float64) -> wp.float64:
+    """sin(x) / x."""
+    ratio = wp.float64(1.0) - angle_rad * angle_rad / wp.float64(6.0)
+    if angle_rad > _SMALL_ANGLE_RAD:
+        ratio = wp.sin(angle_rad) / angle_rad
+    return ratio
+
+
+@wp.func
+def slerp(a: wp.quatd, b: wp.quatd, part: wp.float64) -> wp.quatd:
+    """From a (part = 0) to b (part = 1) at a constant rate; their scalar product must be >= 0 (Shoemake 1985)."""
+    arc = wp.float64(2.0) * wp.atan2(wp.length(b - a), wp.length(b + a))
+    rest = wp.float64(1.0) - part
+    between = a * (rest * sine_ratio(rest * arc)) + b * (part * sine_ratio(part * arc))
+    return wp.normalize(between)
+
+
+@wp.func
+def table_quaternion(tables: AttitudeTables, first: int, count: int, time: wp.float64) -> wp.quatd:
+    """Rotation body -> ICRS axes at a time; the end rows hold beyond the table."""
+    row = row_before(tables.time_s, first, count, time)
+    turned = tables.quaternion[row]
+    if count > 1:
+        start = tables.time_s[row]
+        part = (time - start) / (tables.time_s[row + 1] - start)
+        turned = slerp(turned, tables.quaternion[row + 1], wp.clamp(part, wp.float64(0.0), wp.float64(1.0)))
+    return turned
+
+
+@wp.func
+def body_axis(turned: wp.quatd) -> wp.vec3d:
+    """The body's +z, base to apex, in ICRS axes."""
+    x = turned[0]
+    y = turned[1]
+    z = turned[2]
+    w = turned[3]
+    two = wp.float64(2.0)
+    return wp.normalize(wp.vec3d(two * (x * z + w * y), two * (y * z - w * x), w * w + z * z - x * x - y * y))

@@ -1,0 +1,386 @@
+"""Orbit and attitude files: what is read, what is refused, and what damage does to them."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from astropy.time import Time
+from exchange_samples import (
+    AEM,
+    AEM_XML,
+    ATTITUDES,
+    CSV,
+    CSV_ATTITUDE,
+    ECSV,
+    EPHEMERIDES,
+    OEM,
+    OEM_XML,
+    STK_A,
+    STK_E,
+    damaged,
+)
+from scipy.spatial.transform import Rotation
+
+import warpsim as ws
+from warpsim.exchange.instants import parse_dates
+from warpsim.exchange.read import plain_name, unique_names
+
+EPOCH = Time("2025-03-20T12:00:00", scale="utc")
+CLOCK_S = 2e-11  # rounding of seconds of a day
+N_WOUND = 400
+
+
+@pytest.fixture
+def orbits(tmp_path):
+    """Read a text as an orbit file."""
+
+    def do(text, name="x.txt", **options):
+        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
+        return ws.read_ephemeris(tmp_path / name, **options)
+
+    return do
+
+
+@pytest.fixture
+def attitudes(tmp_path):
+    """Read a text as an attitude file."""
+
+    def do(text, name="x.txt"):
+        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
+        return ws.read_attitude(tmp_path / name)
+
+    return do
+
+
+def refused(read, text, name="x.txt"):
+    """The error of a file, without its path."""
+    with pytest.raises(ws.InputError) as caught:
+        read(text, name)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert name in message
+    return message.split(f"{name}: ", 1)[1]
+
+
+def test_oem(orbits):
+    one, two = orbits(OEM)
+    assert (one.object_name, one.object_id, one.frame, one.time_system) == ("SAT ONE", "2025-001A", "EME2000", "UTC")
+    assert (one.interpolation, one.degree) == ("hermite", 5)
+    np.testing.assert_allclose(one.instants.since(EPOCH), [0, 60, 120, 180], rtol=0, atol=CLOCK_S)
+    np.testing.assert_allclose(one.useable.since(EPOCH), [60, 120], rtol=0, atol=CLOCK_S)
+    np.testing.assert_allclose(one.position_m[3], [6866e3, 1341e3, 178.8e3], rtol=1e-15)
+    np.testing.assert_allclose(one.velocity_m_s[1], [-500, 7480, 990], rtol=1e-15)
+    assert (one.line, one.lines.tolist()) == (6, [22, 23, 24, 25])
+    assert (two.object_name, two.frame, two.interpolation, two.useable) == ("SAT/TWO", "ITRF", None, None)
+    np.testing.assert_allclose(two.instants.since(EPOCH), [0, 60], rtol=0, atol=CLOCK_S)  # TAI is 37 s ahead
+    np.testing.assert_allclose(two.velocity_m_s[0], [1e3, 2e3, 3e3], rtol=1e-15)
+
+
+def test_oem_in_xml_is_the_same(orbits):
+    (segment,) = orbits(OEM_XML)
+    assert (segment.frame, segment.interpolation, segment.degree) == ("GCRF", "lagrange", 1)
+    np.testing.assert_allclose(segment.instants.since(EPOCH), [0, 60], rtol=0, atol=CLOCK_S)  # GPS is 18 s ahead
+    np.testing.assert_allclose(segment.position_m[1], [6985e3, 449e3, 60e3], rtol=1e-15)
+    assert segment.lines.tolist() == [13, 18]
+    wrapped = OEM_XML.replace("<oem ", "<ndm><oem ").replace("</oem>", "</oem></ndm>")
+    assert len(orbits(wrapped)[0].instants) == 2
+
+
+def test_object_is_chosen_by_name_number_or_plain_name(orbits):
+    for name in ("SAT/TWO", "2025-001B", "SAT_TWO"):
+        assert [s.object_name for s in orbits(OEM, object=name)] == ["SAT/TWO"]
+    with pytest.raises(ws.InputError, match="object: must be one of SAT ONE, SAT/TWO, got 'three'"):
+        orbits(OEM, object="three")
+
+
+def test_stk_ephemeris(orbits):
+    one, two = orbits(STK_E, "flyer.e")
+    assert (one.object_name, one.frame, one.interpolation, one.degree) == ("flyer", "EME2000", "lagrange", 3)
+    np.testing.assert_allclose(one.instants.since(EPOCH), [0, 60, 120], rtol=0, atol=CLOCK_S)
+    np.testing.assert_allclose(two.instants.since(EPOCH), [120, 180], rtol=0, atol=CLOCK_S)
+    assert (one.velocity_m_s[2, 1], two.velocity_m_s[0, 1]) == (7450.0, 7460.0)
+    metres = STK_E.replace("DistanceUnit Kilometers", "").replace("Lagrange", "HERMITE")
+    one, _ = orbits(metres, "flyer.e")
+    assert (one.position_m[0, 0], one.interpolation, one.degree) == (7000.0, "hermite", 7)
+
+
+def test_stk_without_velocities_or_with_accelerations(orbits):
+    body = "stk.v.4.3\nBEGIN Ephemeris\nScenarioEpoch 20 Mar 2025 12:00:00\nCoordinateSystem Fixed\n{}\nEND Ephemeris\n"
+    (segment,) = orbits(body.format("EphemerisTimePos\n0 7e6 0 0\n60 7e6 1 0"))
+    assert (segment.velocity_m_s, segment.frame, segment.degree) == (None, "ITRF", 5)
+    (segment,) = orbits(body.format("EphemerisTimePosVelAcc\n0 7e6 0 0 1 2 3 4 5 6\n60 7e6 1 0 1 2 3 4 5 6"))
+    assert segment.velocity_m_s.shape == (2, 3)
+    covered = "EphemerisTimePos\n0 7e6 0 0\n60 7e6 1 0\nCovarianceTimePosVel\n0 1 2 3"
+    assert len(orbits(body.format(covered))[0].instants) == 2
+
+
+def test_a_single_row_at_a_boundary_begins_a_segment(orbits):
+    rows = STK_E.splitlines(keepends=True)
+    text = "".join(row for i, row in enumerate(rows) if i != 23).replace("Points 5", "Points 4")
+    one, two = orbits(text)
+    assert [len(one.instants), len(two.instants)] == [2, 2]
+
+
+def test_csv(orbits):
+    one, two = orbits(CSV)
+    assert (one.object_name, two.object_name, one.frame) == ("one", "two", "TEME")
+    np.testing.assert_allclose(one.instants.since(EPOCH), [0, 60.5], rtol=0, atol=CLOCK_S)
+    np.testing.assert_allclose(two.velocity_m_s[1], [-7480, -500, 990], rtol=1e-15)
+    assert two.lines.tolist() == [4, 6]
+
+
+def test_ecsv_has_units_and_a_frame(orbits):
+    (segment,) = orbits(ECSV, "path.ecsv")
+    assert (segment.object_name, segment.frame, segment.velocity_m_s) == ("path", "ITRF", None)
+    assert segment.instants.relative
+    np.testing.assert_allclose(segment.instants.since(EPOCH), [0, 60, 120], rtol=1e-15)
+    np.testing.assert_allclose(segment.position_m[1], [6985e3, 449e3, 59.9e3], rtol=1e-15)
+
+
+QUARTER = Rotation.from_euler("z", 90, degrees=True)
+
+
+def test_aem_leads_from_reference_to_body(attitudes):
+    """A frame B that stands a quarter turn about z ahead of A: the body's x axis is A's y axis."""
+    (segment,) = attitudes(AEM)
+    assert (segment.frame, segment.body_frame, segment.interpolation) == ("EME2000", "SC_BODY_1", "linear")
+    body_x = Rotation.from_quat(segment.quaternion[0]).apply([1, 0, 0])
+    np.testing.assert_allclose(body_x, [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(segment.instants.since(EPOCH), [0, 60], rtol=0, atol=CLOCK_S)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("A2B", "B2A"),
+        ("REF_FRAME_A = EME2000\nREF_FRAME_B = SC_BODY_1", "REF_FRAME_A = SC_BODY_1\nREF_FRAME_B = EME2000"),
+    ],
+)
+def test_aem_the_other_way_round_is_the_inverse(attitudes, old, new):
+    (forth,), (back,) = attitudes(AEM), attitudes(AEM.replace(old, new))
+    np.testing.assert_allclose(back.quaternion * [-1, -1, -1, 1], forth.quaternion, atol=1e-15)
+    assert back.frame == "EME2000"
+
+
+def test_aem_orders_and_rates(attitudes):
+    first = AEM.replace("LAST", "FIRST").replace(
+        "0.0 0.0 0.7071067811865476 0.7071067811865476", "0.7071067811865476 0.0 0.0 0.7071067811865476"
+    ).replace("0.0 0.0 0.0 1.0", "1.0 0.0 0.0 0.0")  # fmt: skip
+    np.testing.assert_array_equal(attitudes(first)[0].quaternion, attitudes(AEM)[0].quaternion)
+    rates = AEM.replace("= QUATERNION\n", "= QUATERNION/RATE\n").replace("865476\n", "865476 1 2 3\n")
+    rates = rates.replace("0 1.0\n", "0 1.0 4 5 6\n")
+    np.testing.assert_array_equal(attitudes(rates)[0].quaternion, attitudes(AEM)[0].quaternion)
+
+
+@pytest.mark.parametrize(("sequence", "upper"), [("ZXZ", "ZXZ"), ("321", "ZYX"), ("XYZ", "XYZ")])
+def test_euler_angles_against_scipy(attitudes, sequence, upper):
+    """scipy's capital letters turn about the axes as turned so far: body to reference."""
+    text = AEM.replace("= QUATERNION\n", f"= EULER_ANGLE\nEULER_ROT_SEQ = {sequence}\n")
+    text = text.replace("0.0 0.0 0.7071067811865476 0.7071067811865476", "10 -20 30")
+    (segment,) = attitudes(text.replace("0.0 0.0 0.0 1.0", "200 40 -60"))
+    expected = Rotation.from_euler(upper, [[10, -20, 30], [200, 40, -60]], degrees=True)
+    angle = (Rotation.from_quat(segment.quaternion) * expected.inv()).magnitude()
+    np.testing.assert_allclose(angle, 0, atol=1e-15)
+
+
+def test_aem_in_xml(attitudes):
+    (segment,) = attitudes(AEM_XML)
+    assert (segment.frame, segment.body_frame) == ("GCRF", "SC_BODY_1")
+    np.testing.assert_allclose(segment.quaternion, [[0, 0, -0.6, 0.8], [0, 0, 0, 1]], atol=1e-16)
+
+
+def test_stk_and_csv_attitudes(attitudes):
+    (segment,) = attitudes(STK_A, "turn.a")
+    assert (segment.object_name, segment.frame) == ("turn", "GCRF")
+    np.testing.assert_allclose(segment.quaternion, [[0, 0, 0.6, 0.8], [0, 0, 0, 1]], atol=1e-16)
+    first = STK_A.replace("QuatAngVels", "QuatScalarFirst").replace(" 0.1 0.2 0.3", "")
+    np.testing.assert_allclose(attitudes(first)[0].quaternion[0], [0, 0.6, 0.8, 0], atol=1e-16)
+    (table,) = attitudes(CSV_ATTITUDE)
+    np.testing.assert_array_equal(table.quaternion, segment.quaternion)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("CCSDS_OEM_VERS = 2.0", "CCSDS_OEM_VERS = 9.0", "line 1: CCSDS_OEM_VERS: must be 1.0 to 3.0, got '9.0'"),
+        ("ORIGINATOR = TEST", "ORIGIN = TEST", "line 4: must be a keyword of the header or META_START"),
+        ("CENTER_NAME = EARTH", "CENTER_NAME = MARS", "line 10: CENTER_NAME: must be EARTH, got 'MARS'"),
+        ("CENTER_NAME = EARTH\n", "", "line 6: metadata: must have CENTER_NAME"),
+        ("REF_FRAME = EME2000", "REF_FRAME = RTN", "line 11: REF_FRAME: must be one of GCRF, EME2000, ITRF, TEME"),
+        ("REF_FRAME = EME2000", "REF_FRAMES = EME2000", "line 11: REF_FRAMES: is not a known keyword of the metadata"),
+        ("TIME_SYSTEM = UTC", "TIME_SYSTEM = UT1", "line 12: TIME_SYSTEM: must be one of UTC, TAI, TT, TDB, GPS, got"),
+        ("TIME_SYSTEM = UTC", "TIME_SYSTEM =", "line 12: TIME_SYSTEM: must have a value"),
+        ("STOP_TIME = 2025-03-20T12:03:00.000", "STOP_TIME = 2025-03-20T12:13:00",
+         "line 16: STOP_TIME: must be the time of the last row, which is 600 s before it (a file cut off?)"),
+        ("INTERPOLATION = HERMITE", "INTERPOLATION = SPLINE", "line 17: INTERPOLATION: must be one of LINEAR, LAGR"),
+        ("DEGREE = 5", "DEGREE = five", "line 18: INTERPOLATION_DEGREE: must be a whole number, got 'five'"),
+        ("DEGREE = 5", "DEGREE = 50", "line 6: interpolation degree: must be 1 to 27, got 50"),
+        ("12:02:00.000Z", "12:02:61.000Z", "line 24: must be a time of the day, got '2025-079T12:02:61.000Z'"),
+        ("2025-079T12:02", "2025-379T12:02", "line 24: must be a day of the calendar"),
+        ("2025-079T12:02", "2025-079T12:05", "line 25: time: must come after the time before it, got 120 s earlier"),
+        ("2025-079T12:02", "2025-079T12:01", "line 24: time: must come after the time before it, got the same"),
+        ("897.0", "nan", "line 24: must be a finite number, got 'nan'"),
+        ("897.0", "8_97.0", "line 24: must be a finite number, got '8_97.0'"),
+        ("449.0 59.9", "449.0", "line 23: must have 7 values (a date, position, velocity, and acceleration or none)"),
+        ("6985.0", "6.985e12", "line 6: position: must be below 1e+12 m, got 6.985e+15 m"),
+        ("COVARIANCE_STOP\n", "", "line 33: must come after COVARIANCE_STOP, got META_START"),
+        ("USEABLE_STOP_TIME = 2025-03-20T12:02", "USEABLE_STOP_TIME = 2025-03-20T12:04", "line 6: useable span: must "),
+        ("USEABLE_STOP_TIME = 2025-03-20T12:02", "USEABLE_STOP_TIME = 2025-03-20T12:00", "line 6: useable span: must "),
+        ("0.97\n", "0.97\n2025-03-20T12:04:00.000 1 2 3\n", "line 26: must have 7 values"),
+        ("TIME_SYSTEM = TAI\n", "TIME_SYSTEM = TAI\nREF_FRAME_EPOCH = 2000-01-01T12:00:00\n",
+         "line 40: REF_FRAME_EPOCH: must not be given, ITRF is read as of date"),
+        ("0.001 0.002 0.003\n2025-03-20T12:01:37.000 1.1e3 2.1e3 -7.1e3 1 2 3 0.001 0.002 0.003\n",
+         "0.001 0.002 0.003\n2025-03-20T12:01:37.000 1.1e3 2.1e3 -7.1e3 1 2 3 0.001 0.002 0.0",
+         "line 44: must end with a line break, or the file may be cut off"),
+    ],
+)  # fmt: skip
+def test_malformed_oem(orbits, old, new, message):
+    assert old in OEM
+    assert refused(orbits, OEM.replace(old, new, 1)).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (OEM[: OEM.index("META_STOP")], "line 6: ends early: META_STOP must close what begins here"),
+        (OEM[: OEM.index("COVARIANCE_STOP")], "line 27: ends early: COVARIANCE_STOP must close what begins here"),
+        (OEM[: OEM.index("META_START")], "ends early: an OEM must have a segment"),
+        (OEM[: OEM.index("\nCOMMENT states")], "line 6: segment: must hold data, got none"),
+        (AEM, "line 1: must be an OEM, got an AEM"),
+        (OEM_XML[: OEM_XML.index("</data>")], "line 23: XML: "),
+        (OEM_XML.replace("<oem", "<omm").replace("</oem", "</omm"), "line 2: XML: must be an OEM, got <omm>"),
+        (OEM_XML.replace('<X units="km">', '<X units="m">'), "line 15: X: must be in km or km/s or km/s**2, got 'm'"),
+        (OEM_XML.replace("<Y>449.0</Y>", ""), "line 18: XML: must have <Y>"),
+        (OEM_XML.replace("449.0", "449.0.0"), "line 18: must be a finite number, got '449.0.0'"),
+        (OEM_XML.replace("<oem", "<!DOCTYPE oem [<!ENTITY a 'b'>]><oem"), "line 2: XML: must have no document type"),
+        (STK_E.replace("Points 5", "Points 6"), "line 6: NumberOfEphemerisPoints: must be the number of rows, 5, got "),
+        (STK_E.replace("END Ephemeris\n", ""), "line 4: ends early: END Ephemeris must close what begins here"),
+        (STK_E.replace("Lagrange", "GreatArc"), "line 8: InterpolationMethod: must be Lagrange or Hermite, got 'G"),
+        (STK_E.replace("J2000", "MeanOfEpoch"), "line 12: CoordinateSystem: must be one of ICRF, J2000, Fixed, TEMEOf"),
+        (STK_E.replace("Earth\n", "Earth\nCoordinateSystemEpoch 1 Jan 2025 00:00:00\n"), "line 12: CoordinateSystemEp"),
+        (STK_E.replace("Earth", "Moon"), "line 11: CentralBody: must be Earth, got 'Moon'"),
+        (STK_E.replace("Kilometers", "Feet"), "line 10: DistanceUnit: must be Meters or Kilometers, got 'Feet'"),
+        (STK_E.replace("20 Mar", "20 Foo"), "line 7: ScenarioEpoch: must have a month like Jan"),
+        (STK_E.replace("Method ", "Methods "), "line 8: InterpolationMethods: is not a known keyword"),
+        (STK_E.replace("TimePosVel", "LLATimePos"), "line 19: EphemerisLLATimePos: must be one of EphemerisTimePos, "),
+        (STK_E.replace("449.0 59.9", "449.0"), "line 22: must have 7 values (EphemerisTimePosVel) as the line before"),
+        (STK_E.replace("    120.0\n", ""), "line 23: time: must come after the time before it, got the same"),
+        (STK_E.replace("SamplesM1   3", "SamplesM1   0"), "line 9: InterpolationSamplesM1: must be 1 to 27, got 0"),
+        (STK_E.replace("END Ephemeris", "END Ephemeris\n1 2 3"), "line 28: must not follow END Ephemeris, got '1 2 3'"),
+        (STK_A, "must have the line BEGIN Ephemeris, got none"),
+        (CSV.replace("y_km", "why_km", 1), "must have all of x_m, y_m, z_m or all of x_km, y_km, z_km, got x_km, z_km"),
+        (CSV.replace("time_utc", "when"), "must have one of the columns time_s (since the scene's epoch) and time_utc"),
+        (CSV.replace("12:01:00.5", "25:01:00.5"), "line 5: time_utc: must be a time of the day"),
+        (CSV.replace("449.0", "", 1), "line 5: position_m: must be finite, got [6985000.0, nan, 59900.0]"),
+        (CSV.replace("TEME", "LUNAR"), "frame: must be one of GCRF, "),
+        (CSV.replace("one,", ",", 1), "line 3: name: must not be empty"),
+        (CSV[:-1], "line 6: must end with a line break"),
+        (CSV_ATTITUDE, "must have columns of position (x_m, y_m, z_m or x_km, y_km, z_km), got time_s, qx"),
+        ("time_s,x_m,y_m,z_m\n", "must hold at least one row, got none"),
+        ("hello world\n", "must hold at least one row, got none"),
+        (" \n", "must hold data, got an empty file"),
+        (b"\x89PNG\r\n\x1a\n\x00", "line 3: must end with a line break"),
+    ],
+)  # fmt: skip
+def test_malformed_orbit_files(orbits, text, message):
+    got = refused(orbits, text)
+    assert got.startswith(message), got
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (AEM.replace("DATA_STOP\n", ""), "line 19: ends early: DATA_STOP must close what begins here"),
+        (AEM.replace("DATA_START\n", ""), "line 20: must be DATA_START, got '2025"),
+        (AEM.replace("ATTITUDE_DIR = A2B\n", ""), "line 4: metadata: must have ATTITUDE_DIR"),
+        (AEM.replace("A2B", "AB"), "line 10: ATTITUDE_DIR: must be A2B or B2A, got 'AB'"),
+        (AEM.replace("QUATERNION_TYPE = LAST\n", ""), "line 4: metadata: must have QUATERNION_TYPE"),
+        (AEM.replace("= LAST", "= MIDDLE"), "line 15: QUATERNION_TYPE: must be FIRST or LAST, got 'MIDDLE'"),
+        (AEM.replace("= QUATERNION\n", "= SPIN\n"), "line 14: ATTITUDE_TYPE: must be one of QUATERNION, QUATERNION/DE"),
+        (AEM.replace("= EME2000", "= SUN"), "line 8: REF_FRAME_A, REF_FRAME_B: must be a frame of the Earth or the sk"),
+        (AEM.replace("= SC_BODY_1", "= LVLH"), "line 9: REF_FRAME: must not be an orbit's frame, got 'LVLH'"),
+        (AEM.replace("0.0 0.0 0.0 1.0", "0.0 0.0 0.0 1.1"), "line 22: quaternion: must have norm 1, got 1.1"),
+        (AEM.replace("0.0 0.0 0.0 1.0", "0.0 0.0 1.0"), "line 22: must have 5 values"),
+        (AEM.replace("= QUATERNION\n", "= EULER_ANGLE\n"), "line 4: metadata: must have EULER_ROT_SEQ"),
+        (OEM, "line 1: must be an AEM, got an OEM"),
+        (AEM_XML.replace("<Q2>0.0</Q2>", "", 1), "line 10: XML: must have <Q2>"),
+        (STK_A.replace("Points 2", "Points 3"), "line 3: NumberOfAttitudePoints: must be the number of rows, 2, got 3"),
+        (STK_A.replace("ICRF", "VVLH"), "line 8: CoordinateAxes: must be one of ICRF, J2000, Fixed"),
+        (STK_A.replace("QuatAngVels", "EulerAngles"), "line 9: AttitudeTimeEulerAngles: must be one of AttitudeTimeQu"),
+        (CSV_ATTITUDE.replace("qw", "q4"), "must have the column qw, got time_s, qx, qy, qz, q4"),
+        (CSV_ATTITUDE.replace("0.8", "0.9"), "line 2: quaternion: must have norm 1, got 1.08167"),
+        (CSV, "must have columns of attitude (qx, qy, qz, qw), got name, time_utc"),
+    ],
+)  # fmt: skip
+def test_malformed_attitude_files(attitudes, text, message):
+    got = refused(attitudes, text)
+    assert got.startswith(message), got
+
+
+@pytest.mark.parametrize("name", EPHEMERIDES)
+@pytest.mark.filterwarnings("ignore")
+def test_damaged_orbit_files_are_read_or_refused_in_one_line(orbits, name):
+    check_damage(orbits, EPHEMERIDES[name], name)
+
+
+@pytest.mark.parametrize("name", ATTITUDES)
+@pytest.mark.filterwarnings("ignore")
+def test_damaged_attitude_files_are_read_or_refused_in_one_line(attitudes, name):
+    check_damage(attitudes, ATTITUDES[name], name)
+
+
+def check_damage(read, text, name):
+    messages = []
+    for seed in range(N_WOUND):
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                segments = read(damaged(text, seed), "x." + name)
+        except ws.InputError as error:
+            messages.append(str(error))
+            continue
+        for segment in segments:
+            value = segment.position_m if hasattr(segment, "position_m") else segment.quaternion
+            assert np.isfinite(value).all()
+            assert (segment.instants.steps_s() > 0).all()
+    assert N_WOUND // 4 < len(messages) < N_WOUND
+    assert not [message for message in messages if "\n" in message or f"x.{name}: " not in message]
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    with pytest.raises(ws.InputError, match="must be a file, got a folder"):
+        ws.read_ephemeris(tmp_path)
+    with pytest.raises(ws.InputError, match="cannot be read: No such file"):
+        ws.read_attitude(tmp_path / "no.aem")
+
+
+@pytest.mark.parametrize("system", ["utc", "tai", "tt", "tdb"])
+def test_dates_against_astropy(system):
+    texts = ["2016-12-31T23:59:59.123456789", "2025-03-20T12:00:00.000000001", "1999-07-04T06:07:08.25"]
+    got = parse_dates(texts, system.upper())
+    for row, text in enumerate(texts):
+        expected = Time(text, scale=system, format="isot")
+        assert abs(got[row].since(expected)[0]) < 1e-9 / 20
+    assert got.dates(system.upper()) == [f"{text:0<29}" for text in texts]
+
+
+def test_leap_second_and_day_of_year():
+    before, leap, after = (
+        parse_dates([text], "UTC")
+        for text in ("2016-12-31T23:59:59.5", "2016-366T23:59:60.5Z", "2017-01-01T00:00:00.5")
+    )
+    assert leap.since_instant(before)[0] == pytest.approx(1.0, abs=CLOCK_S, rel=0)
+    assert after.since_instant(leap)[0] == pytest.approx(1.0, abs=CLOCK_S, rel=0)
+    assert leap.dates("UTC") == ["2016-12-31T23:59:60.500000000"]
+    gps = parse_dates(["1980-01-06T00:00:00"], "GPS")
+    assert gps.dates("UTC") == ["1980-01-06T00:00:00.000000000"]
+    assert gps.dates("GPS") == ["1980-01-06T00:00:00.000000000"]
+
+
+def test_names():
+    assert [plain_name(n) for n in ("SAT/TWO", "(a b)", "été", "///", "x-1.2_3")] == [
+        "SAT_TWO", "a_b_", "t_", "object", "x-1.2_3"
+    ]  # fmt: skip
+    assert unique_names(["a b", "a/b", "a_b", "c"]) == ["a_b", "a_b_2", "a_b_3", "c"]

@@ -1,0 +1,234 @@
+"""CCSDS OEM (orbits) and AEM (attitudes) as segments: 502.0-B-2/3 and 504.0-B-1/2."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.errors import InputError
+from warpsim.exchange.ccsds_message import Field, Message, MessageSegment, read_message
+from warpsim.exchange.frame_names import ccsds_frame, known_ccsds_frame
+from warpsim.exchange.instants import Instants, check_time_system
+from warpsim.exchange.records import AttitudeSegment, EphemerisSegment, Frame, Interpolation
+from warpsim.exchange.rotations import conjugate, euler_quaternion
+from warpsim.exchange.source import Source, check_cells, dates_of, numbers_of, whole_number_of
+
+F64 = NDArray[np.float64]
+
+_COMMON = {
+    "OBJECT_NAME": True,
+    "OBJECT_ID": True,
+    "TIME_SYSTEM": True,
+    "START_TIME": True,
+    "USEABLE_START_TIME": False,
+    "USEABLE_STOP_TIME": False,
+    "STOP_TIME": True,
+    "INTERPOLATION_DEGREE": False,
+}
+_OEM = {**_COMMON, "CENTER_NAME": True, "REF_FRAME": True, "REF_FRAME_EPOCH": False, "INTERPOLATION": False}
+_AEM = {
+    **_COMMON,
+    "CENTER_NAME": False,
+    "REF_FRAME_A": True,
+    "REF_FRAME_B": True,
+    "ATTITUDE_DIR": False,
+    "ATTITUDE_TYPE": True,
+    "QUATERNION_TYPE": False,
+    "EULER_ROT_SEQ": False,
+    "RATE_FRAME": False,
+    "ANGVEL_FRAME": False,
+    "INTERPOLATION_METHOD": False,
+}
+_METHODS: dict[str, Interpolation] = {"LINEAR": "linear", "LAGRANGE": "lagrange", "HERMITE": "hermite"}
+_N_QUATERNION_CELLS = {"QUATERNION": 5, "QUATERNION/DERIVATIVE": 9, "QUATERNION/RATE": 8, "QUATERNION/ANGVEL": 8}
+_SPAN_SLACK_S = 1.0
+"""How far the data may miss START_TIME and STOP_TIME, which some programs round."""
+
+
+def read_oem(source: Source) -> list[EphemerisSegment]:
+    """Segments of an OEM.
+
+    Raises:
+        InputError: File, line, rule, value.
+    """
+    message = read_message(source, "OEM", _OEM)
+    return [_ephemeris(source, segment) for segment in message.segments]
+
+
+def read_aem(source: Source) -> list[AttitudeSegment]:
+    """Segments of an AEM.
+
+    Raises:
+        InputError: File, line, rule, value.
+    """
+    message = read_message(source, "AEM", _AEM)
+    return [_attitude(source, segment, message) for segment in message.segments]
+
+
+def _ephemeris(source: Source, segment: MessageSegment) -> EphemerisSegment:
+    meta, rows = segment.meta, segment.rows
+    _check_center(source, meta["CENTER_NAME"])
+    with source.at(meta["REF_FRAME"].line, "REF_FRAME"):
+        frame = known_ccsds_frame(meta["REF_FRAME"].text)
+    if "REF_FRAME_EPOCH" in meta and frame not in ("GCRF", "EME2000"):
+        line = meta["REF_FRAME_EPOCH"].line
+        raise source.error(line, f"REF_FRAME_EPOCH: must not be given, {frame} is read as of date")
+    check_cells(source, rows, (7, 10), "a date, position, velocity, and acceleration or none")
+    system, instants, useable = _times(source, segment)
+    values = 1e3 * numbers_of(source, rows, 1, len(rows.cells[0]) - 1)
+    return EphemerisSegment(
+        object_name=meta["OBJECT_NAME"].text,
+        object_id=meta["OBJECT_ID"].text,
+        frame=frame,
+        instants=instants,
+        position_m=values[:, :3],
+        velocity_m_s=values[:, 3:6],
+        interpolation=_method(source, meta.get("INTERPOLATION")),
+        degree=_degree(source, meta.get("INTERPOLATION_DEGREE")),
+        useable=useable,
+        time_system=system,
+        file=source.file,
+        line=segment.line,
+        lines=np.array(rows.lines, np.int64),
+    )
+
+
+def _attitude(source: Source, segment: MessageSegment, message: Message) -> AttitudeSegment:
+    meta, rows = segment.meta, segment.rows
+    if "CENTER_NAME" in meta:
+        _check_center(source, meta["CENTER_NAME"])
+    frame, body_frame, a_is_body = _attitude_frames(source, meta)
+    system, instants, useable = _times(source, segment)
+    kind = meta["ATTITUDE_TYPE"].text.upper().replace(" ", "_").replace("EULER_ANGLES", "EULER_ANGLE")
+    if kind in _N_QUATERNION_CELLS:
+        quaternion = _quaternions(source, segment, kind, message.version)
+    elif kind == "EULER_ANGLE":
+        quaternion = _from_euler_angles(source, segment)
+    else:
+        known = ", ".join((*_N_QUATERNION_CELLS, "EULER_ANGLE"))
+        raise source.error(meta["ATTITUDE_TYPE"].line, f"ATTITUDE_TYPE: must be one of {known}, got {kind!r}")
+    # A quaternion of A to B turns components in B into those in A (it is the turn that carries A's axes to B's).
+    if a_is_body != _goes_backwards(source, meta, segment, message.version):
+        quaternion = conjugate(quaternion)
+    return AttitudeSegment(
+        object_name=meta["OBJECT_NAME"].text,
+        object_id=meta["OBJECT_ID"].text,
+        frame=frame,
+        body_frame=body_frame,
+        instants=instants,
+        quaternion=quaternion,
+        interpolation=_method(source, meta.get("INTERPOLATION_METHOD")),
+        degree=_degree(source, meta.get("INTERPOLATION_DEGREE")),
+        useable=useable,
+        time_system=system,
+        file=source.file,
+        line=segment.line,
+        lines=np.array(rows.lines, np.int64),
+    )
+
+
+def _check_center(source: Source, center: Field) -> None:
+    if center.text.upper() != "EARTH":
+        raise source.error(center.line, f"CENTER_NAME: must be EARTH, got {center.text!r}")
+
+
+def _times(source: Source, segment: MessageSegment) -> tuple[str, Instants, Instants | None]:
+    """Time system, times of the rows, and the useable span; the rows must fill START_TIME to STOP_TIME."""
+    meta, rows = segment.meta, segment.rows
+    with source.at(meta["TIME_SYSTEM"].line, "TIME_SYSTEM"):
+        system = check_time_system(meta["TIME_SYSTEM"].text)
+    instants = dates_of(source, [row[0] if row else "" for row in rows.cells], rows.lines, system)
+    for keyword, end in (("START_TIME", 0), ("STOP_TIME", -1)):
+        stated = _date(source, keyword, meta[keyword], system)
+        off_s = float(instants[end].since_instant(stated)[0])
+        if abs(off_s) > _SPAN_SLACK_S:
+            place, side = ("first" if end == 0 else "last"), ("after" if off_s > 0 else "before")
+            text = f"must be the time of the {place} row, which is {abs(off_s):g} s {side} it (a file cut off?)"
+            raise source.error(meta[keyword].line, f"{keyword}: {text}")
+    given = [keyword for keyword in ("USEABLE_START_TIME", "USEABLE_STOP_TIME") if keyword in meta]
+    if not given:
+        return system, instants, None
+    ends = [
+        _date(source, keyword, meta[keyword], system) if keyword in meta else instants[end]
+        for keyword, end in (("USEABLE_START_TIME", 0), ("USEABLE_STOP_TIME", -1))
+    ]
+    day, second = (np.concatenate([getattr(end, part) for end in ends]) for part in ("day", "second"))
+    useable = Instants(day, second)
+    return system, instants, useable
+
+
+def _date(source: Source, keyword: str, value: Field, system: str) -> Instants:
+    return dates_of(source, [value.text], [value.line], system, keyword)
+
+
+def _method(source: Source, value: Field | None) -> Interpolation | None:
+    if value is None:
+        return None
+    if value.text.upper() not in _METHODS:
+        raise source.error(value.line, f"INTERPOLATION: must be one of {', '.join(_METHODS)}, got {value.text!r}")
+    return _METHODS[value.text.upper()]
+
+
+def _degree(source: Source, value: Field | None) -> int | None:
+    return None if value is None else whole_number_of(source, value.line, value.text, "INTERPOLATION_DEGREE")
+
+
+def _attitude_frames(source: Source, meta: dict[str, Field]) -> tuple[Frame, str, bool]:
+    """Reference frame, the body's name for its own, and whether the body is frame A."""
+    a, b = meta["REF_FRAME_A"], meta["REF_FRAME_B"]
+    known = ccsds_frame(a.text), ccsds_frame(b.text)
+    if (known[0] is None) == (known[1] is None):
+        text = f"must be a frame of the Earth or the sky and one of the body, got {a.text!r} and {b.text!r}"
+        raise source.error(a.line, f"REF_FRAME_A, REF_FRAME_B: {text}")
+    for name in (a, b):
+        if name.text.upper().startswith(("LVLH", "RSW", "RTN", "TNW", "QSW", "NTW", "VNC", "PQW", "VVLH")):
+            raise source.error(name.line, f"REF_FRAME: must not be an orbit's frame, got {name.text!r}")
+    if known[0] is not None:
+        return known[0], b.text, False
+    assert known[1] is not None
+    return known[1], a.text, True
+
+
+def _goes_backwards(source: Source, meta: dict[str, Field], segment: MessageSegment, version: float) -> bool:
+    """Whether the data lead from frame B to frame A."""
+    direction = meta.get("ATTITUDE_DIR")
+    if direction is None:
+        if version < 2.0:
+            raise source.error(segment.line, "metadata: must have ATTITUDE_DIR")
+        return False
+    if direction.text.upper() not in ("A2B", "B2A"):
+        raise source.error(direction.line, f"ATTITUDE_DIR: must be A2B or B2A, got {direction.text!r}")
+    return direction.text.upper() == "B2A"
+
+
+def _quaternions(source: Source, segment: MessageSegment, kind: str, version: float) -> F64:
+    """Quaternions of the rows, scalar last; rates beside them are checked and left out."""
+    rows, order = segment.rows, segment.meta.get("QUATERNION_TYPE")
+    n_cell = (5,) if segment.rows.cells and _is_xml(source) else (_N_QUATERNION_CELLS[kind],)
+    check_cells(source, rows, n_cell, "a date, a quaternion, and its rate where ATTITUDE_TYPE says so")
+    values = numbers_of(source, rows, 1, n_cell[0] - 1)
+    if order is None:
+        if version < 2.0 and not _is_xml(source):
+            raise source.error(segment.line, "metadata: must have QUATERNION_TYPE")
+        return values[:, :4]
+    if order.text.upper() not in ("FIRST", "LAST"):
+        raise source.error(order.line, f"QUATERNION_TYPE: must be FIRST or LAST, got {order.text!r}")
+    # In XML the components have names, so their order says nothing.
+    first = order.text.upper() == "FIRST" and not _is_xml(source)
+    return values[:, [1, 2, 3, 0]] if first else values[:, :4]
+
+
+def _is_xml(source: Source) -> bool:
+    return source.data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
+
+
+def _from_euler_angles(source: Source, segment: MessageSegment) -> F64:
+    sequence = segment.meta.get("EULER_ROT_SEQ")
+    if sequence is None:
+        raise source.error(segment.line, "metadata: must have EULER_ROT_SEQ")
+    check_cells(source, segment.rows, (4,), "a date and three angles")
+    angle_deg = numbers_of(source, segment.rows, 1, 3)
+    try:
+        return euler_quaternion(sequence.text, angle_deg)
+    except InputError as error:
+        raise source.error(sequence.line, f"EULER_ROT_SEQ: {error}") from None

@@ -1,0 +1,243 @@
+"""What files say: segments of orbits and of attitudes, checked, in SI units.
+
+A segment is one uninterrupted run of states in one frame; an object may have several. Names of frames are warpsim's
+(`FRAMES`); what other programs call them is in `frame_names`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from warpsim.errors import InputError
+from warpsim.exchange.instants import TIME_SYSTEMS, Instants, instants_of_time, later, parse_dates
+
+if TYPE_CHECKING:
+    from astropy.time import Time
+
+F64 = NDArray[np.float64]
+
+Frame = Literal["GCRF", "EME2000", "ITRF", "TEME", "TOD", "MOD"]
+"""Earth-centred axes: those of GCRS (and ICRS), the mean equator of J2000, the rotating Earth, SGP4's, and the true
+and mean equator of date."""
+
+FRAMES: tuple[str, ...] = get_args(Frame)
+
+Interpolation = Literal["linear", "lagrange", "hermite"]
+
+DEFAULT_DEGREE = 7
+"""Degree of the polynomials where a file names none: Hermite's with velocities, Lagrange's without."""
+
+LARGEST_DEGREE = 27
+"""Highest degree of an interpolating polynomial."""
+
+_LARGEST_M = 1e12
+"""Farther positions are taken for mistakes of unit."""
+
+_NORM_SLACK = 1e-3
+"""How far the norm of a quaternion may be from 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class EphemerisSegment:
+    """One run of states of one object.
+
+    Raises:
+        InputError: Shapes differ, a value is not finite, times do not ascend, or frame or time system is unknown.
+    """
+
+    object_name: str
+    object_id: str
+    """International designator or another number of the object; "" where the file has none."""
+
+    frame: Frame
+    """Axes of position and velocity."""
+
+    instants: Instants
+    position_m: F64
+    """Geocentric positions [m], shape (n, 3)."""
+
+    velocity_m_s: F64 | None = None
+    """Velocities in the frame [m/s], shape (n, 3); relative to the turning axes in ITRF."""
+
+    interpolation: Interpolation | None = None
+    """Method that the file asks for."""
+
+    degree: int | None = None
+    """Degree of the polynomials that the file asks for."""
+
+    useable: Instants | None = None
+    """First and last useable instant; None: all of it."""
+
+    time_system: str = "UTC"
+    """Of the file's dates; writers use it again."""
+
+    file: str = ""
+    line: int = 0
+    """Where the segment begins in the file, counted from 1; 0 where it has no lines."""
+
+    lines: NDArray[np.int64] | None = None
+    """Line of each state, for messages."""
+
+    def __post_init__(self) -> None:
+        n = len(self.instants)
+        where = _where(self.file, self.line)
+        _check_name("frame", self.frame, FRAMES, where)
+        _check_name("time_system", self.time_system, TIME_SYSTEMS, where)
+        _check_array("position_m", self.position_m, (n, 3), self)
+        if self.velocity_m_s is not None:
+            _check_array("velocity_m_s", self.velocity_m_s, (n, 3), self)
+        _check_times(self)
+        _check_useable(self)
+        if self.interpolation == "hermite" and self.velocity_m_s is None:
+            raise InputError(f"{where}interpolation: must not be Hermite for states without velocities")
+        if self.degree is not None and not 1 <= self.degree <= LARGEST_DEGREE:
+            raise InputError(f"{where}interpolation degree: must be 1 to {LARGEST_DEGREE}, got {self.degree}")
+        far = np.abs(self.position_m).max() if n else 0.0
+        if far > _LARGEST_M:
+            raise InputError(f"{where}position: must be below {_LARGEST_M:g} m, got {far:g} m")
+
+    @classmethod
+    def of_states(
+        cls,
+        object_name: str,
+        epoch: Time | str,
+        time_s: ArrayLike,
+        position_m: ArrayLike,
+        velocity_m_s: ArrayLike | None = None,
+        *,
+        frame: Frame = "GCRF",
+        object_id: str = "",
+        interpolation: Interpolation | None = None,
+        degree: int | None = None,
+        time_system: str = "UTC",
+    ) -> EphemerisSegment:
+        """Segment of states at SI seconds since an epoch (a Time, or an ISO 8601 UTC text).
+
+        Args:
+            object_name: Name of the object.
+            epoch: What the times count from.
+            time_s: Times [s since epoch], shape (n,).
+            position_m: Positions [m], shape (n, 3).
+            velocity_m_s: Velocities [m/s], shape (n, 3).
+            frame: Their axes.
+            object_id: International designator.
+            interpolation: Method to ask readers for.
+            degree: Degree to ask them for.
+            time_system: Of the dates when written.
+        """
+        start = parse_dates([epoch], "UTC") if isinstance(epoch, str) else instants_of_time(epoch)
+        times = np.atleast_1d(np.asarray(time_s, np.float64))
+        return cls(
+            object_name=object_name,
+            object_id=object_id,
+            frame=frame,
+            instants=later(start, times),
+            position_m=np.asarray(position_m, np.float64),
+            velocity_m_s=None if velocity_m_s is None else np.asarray(velocity_m_s, np.float64),
+            interpolation=interpolation,
+            degree=degree,
+            time_system=time_system,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class AttitudeSegment:
+    """One run of attitudes of one object.
+
+    Raises:
+        InputError: Shapes differ, a value is not finite, a norm is not 1, times do not ascend, or the frame is unknown.
+    """
+
+    object_name: str
+    object_id: str
+    frame: Frame
+    """The reference axes."""
+
+    body_frame: str
+    """What the file calls the body's axes."""
+
+    instants: Instants
+    quaternion: F64
+    """Unit quaternions (x, y, z, scalar), Hamilton's, shape (n, 4): they turn a vector's components in body axes into
+    those in the reference axes, as scipy's Rotation.from_quat(q).apply does."""
+
+    interpolation: Interpolation | None = None
+    degree: int | None = None
+    useable: Instants | None = None
+    time_system: str = "UTC"
+    file: str = ""
+    line: int = 0
+    lines: NDArray[np.int64] | None = None
+
+    def __post_init__(self) -> None:
+        where = _where(self.file, self.line)
+        _check_name("frame", self.frame, FRAMES, where)
+        _check_name("time_system", self.time_system, TIME_SYSTEMS, where)
+        _check_array("quaternion", self.quaternion, (len(self.instants), 4), self)
+        _check_times(self)
+        _check_useable(self)
+        norm = np.linalg.norm(self.quaternion, axis=1)
+        bad = np.abs(norm - 1.0) > _NORM_SLACK
+        if bad.any():
+            row = int(np.argmax(bad))
+            raise InputError(f"{_row_place(self, row)}quaternion: must have norm 1, got {norm[row]:.6g}")
+        object.__setattr__(self, "quaternion", self.quaternion / norm[:, None])
+
+
+Segment = EphemerisSegment | AttitudeSegment
+
+
+def _where(file: str, line: int) -> str:
+    """What goes before a rule: `file: line 3: `, or what is known of it."""
+    return (f"{file}: " if file else "") + (f"line {line}: " if line else "")
+
+
+def _row_place(segment: Segment, row: int) -> str:
+    line = segment.line if segment.lines is None else int(segment.lines[row])
+    return _where(segment.file, line) or f"row {row}: "
+
+
+def _check_name(what: str, name: str, known: tuple[str, ...], where: str) -> None:
+    if name not in known:
+        raise InputError(f"{where}{what}: must be one of {', '.join(known)}, got {name!r}")
+
+
+def _check_array(name: str, value: F64, shape: tuple[int, int], segment: Segment) -> None:
+    where = _where(segment.file, segment.line)
+    if shape[0] == 0:
+        raise InputError(f"{where}{name}: must hold at least one row, got none")
+    if np.shape(value) != shape:
+        raise InputError(f"{where}{name}: must have shape {shape}, got {np.shape(value)}")
+    bad = ~np.isfinite(value).all(axis=1)
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise InputError(f"{_row_place(segment, row)}{name}: must be finite, got {value[row].tolist()}")
+
+
+def _check_times(segment: Segment) -> None:
+    finite = np.isfinite(segment.instants.second) & np.isfinite(segment.instants.day)
+    if not finite.all():
+        raise InputError(f"{_row_place(segment, int(np.argmin(finite)))}time: must be finite")
+    step_s = segment.instants.steps_s()
+    bad = ~(step_s > 0.0)
+    if bad.any():
+        row = int(np.argmax(bad))
+        text = "must come after the time before it, got the same" if step_s[row] == 0 else (
+            f"must come after the time before it, got {-step_s[row]:g} s earlier")  # fmt: skip
+        raise InputError(f"{_row_place(segment, row + 1)}time: {text}")
+
+
+def _check_useable(segment: Segment) -> None:
+    if segment.useable is None:
+        return
+    where = _where(segment.file, segment.line)
+    first_s, last_s = segment.useable.since_instant(segment.instants[0])
+    end_s = float(segment.instants[-1:].since_instant(segment.instants[0])[0])
+    if not (len(segment.useable) == 2 and first_s <= last_s):
+        raise InputError(f"{where}useable span: must not end before it begins")
+    if first_s < -1e-6 or last_s > end_s + 1e-6:
+        raise InputError(f"{where}useable span: must lie within the times of the data")

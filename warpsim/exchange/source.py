@@ -1,0 +1,161 @@
+"""A text file on the way in: its bytes, its lines with their numbers, and errors that name file and line."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.errors import InputError
+from warpsim.exchange.instants import BadDateError, Instants, parse_dates
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file's name and content."""
+
+    file: str
+    data: bytes
+
+    @property
+    def text(self) -> str:
+        """Content as text: UTF-8, or Latin-1 in older files."""
+        data = self.data.removeprefix(b"\xef\xbb\xbf")
+        try:
+            return data.decode("utf-8")
+        except UnicodeDecodeError:
+            return data.decode("latin-1")
+
+    def lines(self) -> list[tuple[int, str]]:
+        """Lines that are not blank, stripped, each with its number counted from 1.
+
+        Raises:
+            InputError: No line break closes the last line: a number cut short would read as another number.
+        """
+        text = self.text
+        found = [(number, line.strip()) for number, line in enumerate(text.split("\n"), start=1) if line.strip()]
+        if found and not text.rstrip(" \t\r").endswith("\n"):
+            number, line = found[-1]
+            raise self.error(number, f"must end with a line break, or the file may be cut off, got {line[-30:]!r}")
+        return found
+
+    def error(self, line: int, text: str) -> InputError:
+        """The error to raise about a line; line 0 means the file as a whole."""
+        return InputError(f"{self.file}: line {line}: {text}" if line else f"{self.file}: {text}")
+
+    @contextlib.contextmanager
+    def at(self, line: int, what: str = "") -> Iterator[None]:
+        """Put file, line and a field's name before the errors raised inside."""
+        try:
+            yield
+        except InputError as error:
+            raise self.error(line, f"{what}: {error}" if what else str(error)) from None
+
+
+def read_source(path: str | os.PathLike[str]) -> Source:
+    """Read a file.
+
+    Raises:
+        InputError: It cannot be read, or is empty.
+    """
+    file = os.fspath(path)
+    try:
+        data = Path(file).read_bytes()
+    except IsADirectoryError:
+        raise InputError(f"{file}: must be a file, got a folder") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "is no name of a file"
+        raise InputError(f"{file}: cannot be read: {reason}") from None
+    if not data.strip():
+        raise InputError(f"{file}: must hold data, got an empty file")
+    return Source(file, data)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of a table of numbers: what stands in each, and where."""
+
+    cells: list[list[str]]
+    lines: list[int]
+
+
+def numbers_of(source: Source, rows: Rows, first: int, count: int) -> F64:
+    """Numbers in columns first to first + count of each row, (n, count).
+
+    Raises:
+        InputError: A cell is no finite number; file and line are named.
+    """
+    try:
+        values = np.array([[float(cell) for cell in row[first : first + count]] for row in rows.cells], np.float64)
+        good = np.isfinite(values).all() and not any("_" in cell for row in rows.cells for cell in row[first:])
+    except ValueError:
+        good = False
+    if good:
+        return values.reshape(len(rows.cells), count)
+    for row, line in zip(rows.cells, rows.lines, strict=True):
+        for cell in row[first : first + count]:
+            number_of(source, line, cell)
+    raise source.error(rows.lines[0] if rows.lines else 0, "must hold numbers")
+
+
+def number_of(source: Source, line: int, text: str, what: str = "") -> float:
+    """One finite number.
+
+    Raises:
+        InputError: It is none.
+    """
+    head = f"{what}: " if what else ""
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value) or "_" in text:
+        raise source.error(line, f"{head}must be a finite number, got {text[:40]!r}")
+    return value
+
+
+def whole_number_of(source: Source, line: int, text: str, what: str) -> int:
+    """One whole number.
+
+    Raises:
+        InputError: It is none.
+    """
+    if not (text.isascii() and text.isdigit() and len(text) < 12):
+        raise source.error(line, f"{what}: must be a whole number, got {text[:40]!r}")
+    return int(text)
+
+
+def dates_of(source: Source, texts: Sequence[str], lines: Sequence[int], system: str, what: str = "") -> Instants:
+    """Instants of dates that stand on these lines.
+
+    Raises:
+        InputError: One is no date; file and line are named.
+    """
+    try:
+        return parse_dates(texts, system)
+    except BadDateError as error:
+        head = f"{what}: " if what else ""
+        raise source.error(lines[error.row], f"{head}{error}") from None
+
+
+def check_cells(source: Source, rows: Rows, counts: tuple[int, ...], what: str) -> int:
+    """The number of cells that every row has, one of counts.
+
+    Raises:
+        InputError: A row has another number of cells.
+    """
+    count = len(rows.cells[0])
+    if count not in counts:
+        allowed = " or ".join(map(str, counts))
+        raise source.error(rows.lines[0], f"must have {allowed} values ({what}), got {count}")
+    for row, line in zip(rows.cells, rows.lines, strict=True):
+        if len(row) != count:
+            raise source.error(line, f"must have {count} values ({what}) as the line before, got {len(row)}")
+    return count

@@ -1,0 +1,271 @@
+"""STK files: ephemerides (.e) and attitudes (.a) of versions 4 to 12, as segments."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.exchange.frame_names import known_stk_frame
+from warpsim.exchange.instants import Instants, later
+from warpsim.exchange.records import AttitudeSegment, EphemerisSegment, Frame, Interpolation
+from warpsim.exchange.source import (
+    Rows,
+    Source,
+    check_cells,
+    dates_of,
+    number_of,
+    numbers_of,
+    whole_number_of,
+)
+
+F64 = NDArray[np.float64]
+
+_VERSION = re.compile(r"stk\.v\.(\d+)(\.\d+)*", re.ASCII | re.IGNORECASE)
+_UNITS = {"meters": 1.0, "meter": 1.0, "m": 1.0, "kilometers": 1e3, "kilometer": 1e3, "km": 1e3}
+_METHODS: dict[str, Interpolation] = {"lagrange": "lagrange", "hermite": "hermite"}
+_DEFAULT_SAMPLES_M1 = 5
+"""STK's own, for files that name none."""
+
+_COMMON = ("ScenarioEpoch", "CentralBody", "InterpolationMethod", "InterpolationOrder", "InterpolationSamplesM1",
+           "BlockingFactor", "TimeFormat", "MessageLevel")  # fmt: skip
+_EPHEMERIS_KEYWORDS = (*_COMMON, "NumberOfEphemerisPoints", "CoordinateSystem", "CoordinateSystemEpoch",
+                       "DistanceUnit", "EphemerisName", "NumberOfCovariancePoints", "CovarianceFormat")  # fmt: skip
+_ATTITUDE_KEYWORDS = (*_COMMON, "NumberOfAttitudePoints", "CoordinateAxes", "CoordinateAxesEpoch")
+_EPHEMERIS_DATA = {"EphemerisTimePos": 4, "EphemerisTimePosVel": 7, "EphemerisTimePosVelAcc": 10}
+_ATTITUDE_DATA = {"AttitudeTimeQuaternions": 5, "AttitudeTimeQuatScalarFirst": 5, "AttitudeTimeQuatAngVels": 8}
+
+_SAME_S = 1e-6
+"""Times closer than this are the same where a boundary is looked for."""
+
+
+@dataclass
+class _Block:
+    """What stands between BEGIN and END."""
+
+    line: int
+    keywords: dict[str, tuple[str, int]] = field(default_factory=dict)
+    """Value and line by keyword, in small letters."""
+
+    boundary_s: list[float] = field(default_factory=list)
+    data: str = ""
+    """Keyword that began the data."""
+
+    rows: Rows = field(default_factory=lambda: Rows([], []))
+
+
+def is_stk(source: Source) -> bool:
+    """Whether a file looks like one of STK's."""
+    return re.match(rb"(\s*#[^\n]*\n)*\s*stk\.v\.", source.data[:4096], re.IGNORECASE) is not None
+
+
+def read_stk_ephemeris(source: Source) -> list[EphemerisSegment]:
+    """Segments of an ephemeris file, cut at its segment boundaries. The object is called as the file is.
+
+    Raises:
+        InputError: File, line, rule, value.
+    """
+    block = _read_block(source, "Ephemeris", _EPHEMERIS_KEYWORDS, _EPHEMERIS_DATA)
+    frame, epoch = _frame_and_epoch(source, block, "CoordinateSystem", "CoordinateSystemEpoch")
+    unit_m = _unit_m(source, block)
+    count = _EPHEMERIS_DATA[block.data]
+    check_cells(source, block.rows, (count,), block.data)
+    _check_count(source, block, "NumberOfEphemerisPoints")
+    values = numbers_of(source, block.rows, 0, count)
+    method, degree = _interpolation(source, block)
+    segments = []
+    for rows in _pieces(values[:, 0], block.boundary_s):
+        segments.append(
+            EphemerisSegment(
+                object_name=Path(source.file).stem,
+                object_id="",
+                frame=frame,
+                instants=later(epoch, values[rows, 0]),
+                position_m=unit_m * values[rows, 1:4],
+                velocity_m_s=unit_m * values[rows, 4:7] if count >= 7 else None,
+                interpolation=method,
+                degree=degree,
+                file=source.file,
+                line=block.rows.lines[rows.start],
+                lines=np.array(block.rows.lines[rows], np.int64),
+            )
+        )
+    return segments
+
+
+def read_stk_attitude(source: Source) -> list[AttitudeSegment]:
+    """The segment of an attitude file. Rates are left out.
+
+    Raises:
+        InputError: File, line, rule, value.
+    """
+    block = _read_block(source, "Attitude", _ATTITUDE_KEYWORDS, _ATTITUDE_DATA)
+    frame, epoch = _frame_and_epoch(source, block, "CoordinateAxes", "CoordinateAxesEpoch")
+    count = _ATTITUDE_DATA[block.data]
+    check_cells(source, block.rows, (count,), block.data)
+    _check_count(source, block, "NumberOfAttitudePoints")
+    values = numbers_of(source, block.rows, 0, count)
+    order = [2, 3, 4, 1] if block.data == "AttitudeTimeQuatScalarFirst" else [1, 2, 3, 4]
+    return [
+        AttitudeSegment(
+            object_name=Path(source.file).stem,
+            object_id="",
+            frame=frame,
+            body_frame="body",
+            instants=later(epoch, values[:, 0]),
+            # STK's quaternion of the reference axes to the body's is the turn that carries the former to the latter.
+            quaternion=values[:, order],
+            file=source.file,
+            line=block.line,
+            lines=np.array(block.rows.lines, np.int64),
+        )
+    ]
+
+
+def _read_block(source: Source, name: str, keywords: tuple[str, ...], data: dict[str, int]) -> _Block:
+    """Keywords and rows of the block BEGIN name ... END name."""
+    lines = [(number, line) for number, line in source.lines() if not line.startswith("#")]
+    if not lines or not _VERSION.fullmatch(lines[0][1]):
+        raise source.error(lines[0][0] if lines else 0, "must begin with stk.v. and a version")
+    begin = next((i for i, (_, line) in enumerate(lines) if _words(line) == ["begin", name.lower()]), None)
+    if begin is None:
+        raise source.error(0, f"must have the line BEGIN {name}, got none")
+    block = _Block(lines[begin][0])
+    known = {word.lower(): word for word in (*keywords, *data)}
+    inside, closed = "", False
+    for number, line in lines[begin + 1 :]:
+        words = line.split()
+        if closed:
+            raise source.error(number, f"must not follow END {name}, got {line[:40]!r}")
+        if inside:
+            inside = _read_inside(source, block, inside, number, line)
+        elif _words(line) == ["end", name.lower()]:
+            closed = True
+        elif words[0].lower() == "begin":
+            if _words(line) != ["begin", "segmentboundarytimes"]:
+                raise source.error(number, f"must be a block that is read, got {line[:40]!r}")
+            inside = "boundary"
+        elif words[0].lower().startswith("covariancetime"):
+            inside = "covariance"
+            closed = False
+        elif block.data and _looks_like_number(words[0]):
+            block.rows.cells.append(words)
+            block.rows.lines.append(number)
+        else:
+            _read_keyword(source, block, known, data, number, line)
+        if inside == "covariance" and _words(line) == ["end", name.lower()]:
+            inside, closed = "", True
+    if not closed:
+        raise source.error(block.line, f"ends early: END {name} must close what begins here")
+    if not block.data:
+        raise source.error(block.line, f"must hold data: one of {', '.join(data)}")
+    if not block.rows.cells:
+        raise source.error(block.line, f"must hold data, got none after {block.data}")
+    return block
+
+
+def _read_inside(source: Source, block: _Block, inside: str, number: int, line: str) -> str:
+    """One line of the boundary times, or of covariances, which are passed over."""
+    if inside == "covariance":
+        return inside
+    if _words(line) == ["end", "segmentboundarytimes"]:
+        return ""
+    block.boundary_s += [number_of(source, number, word, "SegmentBoundaryTimes") for word in line.split()]
+    return inside
+
+
+def _read_keyword(
+    source: Source, block: _Block, known: dict[str, str], data: dict[str, int], number: int, line: str
+) -> None:
+    word, _, value = line.partition(" ") if "\t" not in line else line.replace("\t", " ").partition(" ")
+    keyword = known.get(word.lower())
+    if keyword is None:
+        kind = "data" if re.match(r"(Ephemeris|Attitude)\w*Time", word, re.IGNORECASE) else "keyword"
+        text = f"must be one of {', '.join(data)}" if kind == "data" else "is not a known keyword"
+        raise source.error(number, f"{word[:40]}: {text}")
+    if block.data:
+        raise source.error(number, f"{keyword}: must come before the data")
+    if keyword in data:
+        block.data = keyword
+    elif keyword.lower() in block.keywords:
+        raise source.error(number, f"{keyword}: must stand once, got it a second time")
+    elif not value.strip():
+        raise source.error(number, f"{keyword}: must have a value")
+    else:
+        block.keywords[keyword.lower()] = value.strip(), number
+
+
+def _words(line: str) -> list[str]:
+    return line.lower().split()
+
+
+def _looks_like_number(word: str) -> bool:
+    return word[0] in "+-.0123456789"
+
+
+def _frame_and_epoch(source: Source, block: _Block, name: str, epoch_name: str) -> tuple[Frame, Instants]:
+    """Frame and scenario epoch, after a look at the keywords that only one value is read of."""
+    for keyword, allowed in (("CentralBody", "Earth"), ("TimeFormat", "EpSec")):
+        value, line = block.keywords.get(keyword.lower(), (allowed, 0))
+        if value.lower() != allowed.lower():
+            raise source.error(line, f"{keyword}: must be {allowed}, got {value!r}")
+    if epoch_name.lower() in block.keywords:
+        line = block.keywords[epoch_name.lower()][1]
+        raise source.error(line, f"{epoch_name}: must not be given, axes of an epoch are not read")
+    for keyword in (name, "ScenarioEpoch"):
+        if keyword.lower() not in block.keywords:
+            raise source.error(block.line, f"must have {keyword}")
+    text, line = block.keywords[name.lower()]
+    with source.at(line, name):
+        frame = known_stk_frame(text)
+    text, line = block.keywords["scenarioepoch"]
+    return frame, dates_of(source, [text], [line], "UTC", "ScenarioEpoch")
+
+
+def _unit_m(source: Source, block: _Block) -> float:
+    text, line = block.keywords.get("distanceunit", ("meters", 0))
+    if text.lower() not in _UNITS:
+        raise source.error(line, f"DistanceUnit: must be Meters or Kilometers, got {text!r}")
+    return _UNITS[text.lower()]
+
+
+def _check_count(source: Source, block: _Block, keyword: str) -> None:
+    if keyword.lower() not in block.keywords:
+        return
+    text, line = block.keywords[keyword.lower()]
+    stated, found = whole_number_of(source, line, text, keyword), len(block.rows.cells)
+    if stated != found:
+        raise source.error(line, f"{keyword}: must be the number of rows, {found}, got {stated}")
+
+
+def _interpolation(source: Source, block: _Block) -> tuple[Interpolation, int]:
+    """Method and degree; STK counts samples less one, under two names."""
+    text, line = block.keywords.get("interpolationmethod", ("Lagrange", 0))
+    if text.lower() not in _METHODS:
+        raise source.error(line, f"InterpolationMethod: must be Lagrange or Hermite, got {text!r}")
+    method = _METHODS[text.lower()]
+    samples_m1 = _DEFAULT_SAMPLES_M1
+    for keyword in ("InterpolationOrder", "InterpolationSamplesM1"):
+        if keyword.lower() in block.keywords:
+            value, line = block.keywords[keyword.lower()]
+            samples_m1 = whole_number_of(source, line, value, keyword)
+            if not 1 <= samples_m1 <= (13 if method == "hermite" else 27):
+                raise source.error(line, f"{keyword}: must be 1 to {13 if method == 'hermite' else 27}, got {value}")
+    return method, 2 * samples_m1 + 1 if method == "hermite" else samples_m1
+
+
+def _pieces(time_s: F64, boundary_s: list[float]) -> list[slice]:
+    """Rows of each segment: of two rows at a boundary each side has one, a single row begins the next segment."""
+    cuts = {0, len(time_s)}
+    for boundary in boundary_s:
+        at = np.flatnonzero(np.abs(time_s - boundary) <= _SAME_S)
+        cuts.add(int(at[-1]) if len(at) else int(np.sum(time_s < boundary)))
+    # Files list the end of the last segment as well; its row is no segment of its own.
+    if len(time_s) > 1 and len(time_s) - 1 in cuts and time_s[-1] - time_s[-2] > _SAME_S:
+        cuts.remove(len(time_s) - 1)
+    edges = sorted(cuts)
+    return [slice(a, b) for a, b in pairwise(edges)]

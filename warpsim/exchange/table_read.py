@@ -1,0 +1,164 @@
+"""Tables of states or attitudes, one row a time: CSV and its kin, and ECSV."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.errors import InputError
+from warpsim.exchange.frame_names import known_ccsds_frame
+from warpsim.exchange.instants import BadDateError, Instants, parse_dates
+from warpsim.exchange.records import AttitudeSegment, EphemerisSegment, Frame
+from warpsim.exchange.source import Source
+from warpsim.sky.readers.by_astropy import read_ecsv
+from warpsim.sky.readers.delimited import read_delimited
+from warpsim.sky.readers.file_table import FileTable, one_line
+
+F64 = NDArray[np.float64]
+
+_FRAME_NOTE = re.compile(r"#\s*frame\s*[:=]\s*(\S+)\s*", re.IGNORECASE)
+_AXES = ("x", "y", "z")
+
+
+def read_ephemeris_table(source: Source) -> list[EphemerisSegment]:
+    """One segment for each object of a table.
+
+    Columns: `time_s` (since the scene's epoch) or `time_utc`; `x_m`, `y_m`, `z_m` or `x_km`, ...; if there are
+    velocities `vx_m_s`, ... or `vx_km_s`, ...; if there are several objects `name`. The frame is GCRF, or that of a
+    comment `# frame = ITRF`, or of `frame` in the metadata of an ECSV file.
+
+    Raises:
+        InputError: File, line, rule, value.
+    """
+    table = _read(source)
+    with source.at(0):
+        _check_columns(table, "position", "x_m, y_m, z_m or x_km, y_km, z_km", ("x_m", "x_km"))
+        instants, frame = _instants(source, table), _frame(table)
+        position_m = _vector(table, [f"{axis}_m" for axis in _AXES], [f"{axis}_km" for axis in _AXES], "m")
+        has_velocity = table.find("vx_m_s", "vx_km_s") is not None
+        velocity_m_s = _vector(table, [f"v{a}_m_s" for a in _AXES], [f"v{a}_km_s" for a in _AXES], "m/s")
+        names = table.text("name")
+    assert position_m is not None
+    lines = _lines(table)
+    segments = []
+    for name in dict.fromkeys(names.tolist()):
+        rows = np.flatnonzero(names == name)
+        if not name and table.find("name") is not None:
+            raise source.error(int(lines[rows[0]]), "name: must not be empty")
+        segments.append(
+            EphemerisSegment(
+                object_name=name or Path(source.file).stem,
+                object_id="",
+                frame=frame,
+                instants=instants[rows],
+                position_m=position_m[rows],
+                velocity_m_s=velocity_m_s[rows] if has_velocity and velocity_m_s is not None else None,
+                file=source.file,
+                line=int(lines[rows[0]]),
+                lines=lines[rows],
+            )
+        )
+    return segments
+
+
+def read_attitude_table(source: Source) -> list[AttitudeSegment]:
+    """The segment of a table with `time_s` or `time_utc` and `qx`, `qy`, `qz`, `qw` (body to the frame's axes).
+
+    Raises:
+        InputError: File, line, rule, value.
+    """
+    table = _read(source)
+    with source.at(0):
+        _check_columns(table, "attitude", "qx, qy, qz, qw", ("qx",))
+        instants, frame = _instants(source, table), _frame(table)
+        quaternion = np.stack([table.needed(name) for name in ("qx", "qy", "qz", "qw")], axis=1)
+    lines = _lines(table)
+    return [
+        AttitudeSegment(
+            object_name=Path(source.file).stem,
+            object_id="",
+            frame=frame,
+            body_frame="body",
+            instants=instants,
+            quaternion=quaternion,
+            file=source.file,
+            line=int(lines[0]),
+            lines=lines,
+        )
+    ]
+
+
+def _read(source: Source) -> FileTable:
+    """The table of a file, whose last line must be closed."""
+    source.lines()
+    with source.at(0):
+        if b"\x00" in source.data:
+            raise InputError("must be an OEM, AEM, STK or table of text, got binary data")
+        if re.match(rb"\s*#\s*%ECSV", source.data.removeprefix(b"\xef\xbb\xbf")):
+            table = FileTable(*read_ecsv(source.data))
+            if any(not hasattr(table.table[name], "dtype") for name in table.table.colnames):
+                raise InputError("must have plain columns, got some of ECSV's own kinds (Time, SkyCoord, ...)")
+        else:
+            table = FileTable(*read_delimited(source.data))
+        if len(table) == 0:
+            raise InputError("must hold at least one row, got none")
+    return table
+
+
+def _check_columns(table: FileTable, what: str, needed: str, one_of: tuple[str, ...]) -> None:
+    if table.find(*one_of) is None:
+        raise InputError(f"must have columns of {what} ({needed}), got {', '.join(table.table.colnames)}")
+
+
+def _instants(source: Source, table: FileTable) -> Instants:
+    """Times of the rows: seconds since the scene's epoch, or dates."""
+    has_s, has_utc = table.find("time_s") is not None, table.find("time_utc") is not None
+    if has_s == has_utc:
+        got = "both" if has_s else ", ".join(table.table.colnames)
+        raise InputError(f"must have one of the columns time_s (since the scene's epoch) and time_utc, got {got}")
+    if has_s:
+        time_s = table.number("time_s", unit="s")
+        return Instants(np.zeros(len(time_s)), time_s, relative=True)
+    texts = [text.replace(" ", "T") for text in table.text("time_utc").tolist()]
+    try:
+        return parse_dates(texts, "UTC")
+    except BadDateError as error:
+        raise InputError(f"{table.where(error.row)}: time_utc: {error}") from None
+
+
+def _lines(table: FileTable) -> NDArray[np.int64]:
+    return np.zeros(len(table), np.int64) if table.line_of_row is None else np.asarray(table.line_of_row, np.int64)
+
+
+def _frame(table: FileTable) -> Frame:
+    meta: dict[str, Any] = dict(table.table.meta)
+    stated = [match[1] for line in meta.get("comments", []) if (match := _FRAME_NOTE.fullmatch(str(line).strip()))]
+    if "frame" in meta:
+        stated.append(str(meta["frame"]))
+    if len(set(stated)) > 1:
+        raise InputError(f"frame: must be stated once, got {', '.join(stated)}")
+    try:
+        return known_ccsds_frame(stated[0]) if stated else "GCRF"
+    except InputError as error:
+        raise InputError(f"frame: {error}") from None
+
+
+def _vector(table: FileTable, names: list[str], names_km: list[str], unit: str) -> F64 | None:
+    """Three columns in metres (per second), given so or in kilometres; None where there are none."""
+    plain, kilo = ([table.find(name) for name in group] for group in (names, names_km))
+    found = [name for name in (*plain, *kilo) if name is not None]
+    if not found:
+        return None
+    if len(found) != 3 or (None in plain and None in kilo):
+        raise InputError(f"must have all of {', '.join(names)} or all of {', '.join(names_km)}, got {', '.join(found)}")
+    scale, kilo_unit = (1.0, unit) if None not in plain else (1e3, f"k{unit}")
+    try:
+        return scale * np.stack([table.number(name, unit=kilo_unit) for name in found], axis=1)
+    except InputError:
+        raise
+    except Exception as error:  # columns of odd kinds of ECSV
+        raise InputError(f"{found[0]}: must hold numbers: {one_line(error)}") from None

@@ -1,0 +1,284 @@
+"""Motion along files of states: OEM, STK ephemerides and tables (`warpsim.exchange`).
+
+Each segment is interpolated on its own, in the frame of its file and with the method that the file asks for (Hermite of
+degree 7 where it asks for none and has velocities, Lagrange of degree 7 without), and then turned into GCRS axes. The
+velocity is the derivative of the position's interpolant, so both tell of one motion. Up to 60 s beyond the ends of the
+file's span the motion goes on as free flight with J2: room for light time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, model_validator
+
+from warpsim.describe import as_tuple, part, part_error
+from warpsim.errors import InputError
+from warpsim.exchange.instants import Instants, instants_of_time, later
+from warpsim.exchange.read import ephemeris_of, plain_name, unique_names
+from warpsim.exchange.records import DEFAULT_DEGREE, EphemerisSegment, Frame, Interpolation
+from warpsim.exchange.source import Source, read_source
+from warpsim.orbit.earth import pole_of_date
+from warpsim.orbit.frames import states_to_gcrs
+from warpsim.orbit.gravity import propagate
+from warpsim.orbit.interpolate import interpolate
+
+if TYPE_CHECKING:
+    from astropy.time import Time
+
+F64 = NDArray[np.float64]
+
+FREE_FLIGHT_S = 60.0
+"""How far beyond the ends of its span a motion goes on."""
+
+_TOUCH_S = 1e-6
+"""Segments whose ends are this close touch: rounding of dates."""
+
+
+@part
+class EphemerisOrbit:
+    """Path of one object of a file of states.
+
+    Args:
+        file: OEM (text or XML), STK .e, or a table of states (CSV, ECSV).
+        object: Name or number of the object; may be left out where the file has one only.
+        frame: Axes of the file's states, instead of those that it states itself.
+    """
+
+    file: str
+    object: str | None = None
+    frame: Frame | None = None
+    kind: Literal["ephemeris"] = "ephemeris"
+
+    @cached_property
+    def _source(self) -> Source:
+        return read_source(self.file)
+
+    @cached_property
+    def checksum(self) -> str:
+        """SHA-256 of the file, in hexadecimal."""
+        return hashlib.sha256(self._source.data).hexdigest()
+
+    @cached_property
+    def _path(self) -> _Path:
+        segments = ephemeris_of(self._source, self.object)
+        paths = _paths(segments)
+        if len(paths) > 1:
+            known = ", ".join(path.name for path in paths)
+            raise InputError(f"{self.file}: object: must be given, the file holds {known}")
+        return paths[0]
+
+    @property
+    def names(self) -> list[str]:
+        """Name of the object, one."""
+        return [self._path.name]
+
+    def span_s(self, epoch: Time) -> tuple[float, float]:
+        """First and last time of the file [s since epoch]."""
+        return self._path.span_s(epoch)
+
+    def states(self, epoch: Time, time_s: F64) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3).
+
+        Raises:
+            InputError: A time is farther than 60 s from the file's span, or in a gap between segments.
+        """
+        return _states([self._path], epoch, time_s, self.frame)
+
+
+@part
+class EphemerisSatellites:
+    """All objects of files of states. Segments of one object, by name and number, may come in several files.
+
+    Args:
+        files: Paths; see EphemerisOrbit.
+        frame: Axes of the files' states, instead of those that they state themselves.
+    """
+
+    files: Annotated[tuple[str, ...], BeforeValidator(as_tuple)]
+    frame: Frame | None = None
+    kind: Literal["ephemeris_files"] = "ephemeris_files"
+
+    @model_validator(mode="after")
+    def _some(self) -> EphemerisSatellites:
+        if not self.files:
+            raise part_error("files: must name at least one file")
+        if len(set(self.files)) != len(self.files):
+            raise part_error("files: must not repeat")
+        return self
+
+    @cached_property
+    def _sources(self) -> list[Source]:
+        return [read_source(file) for file in self.files]
+
+    @cached_property
+    def checksum(self) -> str:
+        """SHA-256 of the files' bytes, one file after the other, in hexadecimal."""
+        return hashlib.sha256(b"".join(source.data for source in self._sources)).hexdigest()
+
+    @cached_property
+    def _all(self) -> list[_Path]:
+        return _paths([segment for source in self._sources for segment in ephemeris_of(source)])
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Names of the objects, in the order of the files: letters, digits, `_ . -`, unique."""
+        return unique_names(path.name for path in self._all)
+
+    def span_s(self, epoch: Time) -> tuple[float, float]:
+        """First and last time that all objects have in common [s since epoch]."""
+        spans = [path.span_s(epoch) for path in self._all]
+        return max(first for first, _ in spans), min(last for _, last in spans)
+
+    def states(self, epoch: Time, time_s: F64) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_object, 3).
+
+        Raises:
+            InputError: A time is farther than 60 s from an object's span, or in a gap between its segments.
+        """
+        return _states(self._all, epoch, time_s, self.frame)
+
+
+class _Path:
+    """Segments of one object, in time order."""
+
+    def __init__(self, segments: Sequence[EphemerisSegment]) -> None:
+        self.name = segments[0].object_name
+        self.file = segments[0].file
+        if len({segment.instants.relative for segment in segments}) > 1:
+            raise self.error("times: must all be dates, or all seconds since the scene's epoch")
+        first = segments[0].instants[0]
+
+        def since_first(instants: Instants) -> F64:
+            return instants.since_instant(first)
+
+        self.segments = sorted(segments, key=lambda s: _useable_s(s, since_first)[0])
+        for one, other in pairwise(self.segments):
+            end_s, start_s = (_useable_s(s, since_first) for s in (one, other))
+            if start_s[0] < end_s[1] - _TOUCH_S:
+                raise InputError(
+                    f"{other.file}: line {other.line}: {self.name}: segments must not overlap, "
+                    f"this one begins {end_s[1] - start_s[0]:g} s before the one before ends"
+                )
+        lonely = next((s for s in segments if len(s.instants) < 2 and s.velocity_m_s is None), None)
+        if lonely is not None:
+            raise self.error("must have two positions or more in a segment without velocities")
+
+    def error(self, text: str) -> InputError:
+        """The error to raise about this object."""
+        return InputError(f"{self.file}: {self.name}: {text}")
+
+    def ends_s(self, epoch: Time) -> list[tuple[float, float]]:
+        """Useable span of each segment [s since epoch]."""
+        return [_useable_s(segment, lambda instants: instants.since(epoch)) for segment in self.segments]
+
+    def span_s(self, epoch: Time) -> tuple[float, float]:
+        """First and last useable time [s since epoch]."""
+        ends = self.ends_s(epoch)
+        return ends[0][0], ends[-1][1]
+
+    def segment_of(self, epoch: Time, time_s: F64) -> NDArray[np.int64]:
+        """Which segment holds each time; the later one where two touch."""
+        ends = np.array(self.ends_s(epoch))
+        first_s, last_s = ends[0, 0], ends[-1, 1]
+        outside = ~((time_s >= first_s - FREE_FLIGHT_S) & (time_s <= last_s + FREE_FLIGHT_S))  # NaN too
+        if outside.any():
+            bad = float(time_s[np.argmax(outside)])
+            raise self.error(f"time {_shown(epoch, bad)} must be in the file's span, {_span(epoch, first_s, last_s)}")
+        index = np.clip(np.searchsorted(ends[:, 0], time_s, side="right") - 1, 0, None)
+        gap = (time_s > ends[index, 1] + _TOUCH_S) & (index < len(ends) - 1)
+        if gap.any():
+            at = int(np.argmax(gap))
+            span = _span(epoch, ends[index[at], 1], ends[index[at] + 1, 0])
+            raise self.error(f"time {_shown(epoch, float(time_s[at]))} must not be in a gap between segments, {span}")
+        return index
+
+
+def _useable_s(segment: EphemerisSegment, since: Callable[[Instants], F64]) -> tuple[float, float]:
+    """First and last useable time of a segment, as `since` counts."""
+    instants = segment.useable if segment.useable is not None else segment.instants[[0, -1]]
+    time_s = since(instants)
+    return float(time_s[0]), float(time_s[1])
+
+
+def _shown(epoch: Time, time_s: float) -> str:
+    """A time for messages: seconds and UTC."""
+    if not np.isfinite(time_s):
+        return f"{time_s} s"
+    utc = later(instants_of_time(epoch), np.array([time_s])).dates("UTC", 3)[0]
+    return f"{time_s:.6f}".rstrip("0").rstrip(".") + f" s ({utc})"
+
+
+def _span(epoch: Time, first_s: float, last_s: float) -> str:
+    return f"{_shown(epoch, first_s)} to {_shown(epoch, last_s)}"
+
+
+def _paths(segments: Sequence[EphemerisSegment]) -> list[_Path]:
+    """Segments by object: name and number, or name and file where the file gives no number."""
+    groups: dict[tuple[str, str, str], list[EphemerisSegment]] = {}
+    for segment in segments:
+        own = "" if segment.object_id else segment.file
+        groups.setdefault((segment.object_name, segment.object_id, own), []).append(segment)
+    paths = [_Path(group) for group in groups.values()]
+    for path in paths:
+        path.name = plain_name(path.name)
+    return paths
+
+
+def _states(paths: Sequence[_Path], epoch: Time, time_s: F64, frame: Frame | None) -> tuple[F64, F64]:
+    """States of objects in GCRS axes, (n_time, n_object, 3) each."""
+    times = np.atleast_1d(np.asarray(time_s, np.float64))
+    position, velocity = (np.empty((len(times), len(paths), 3)) for _ in range(2))
+    by_frame: dict[str, list[int]] = {}
+    for column, path in enumerate(paths):
+        frames = {frame or segment.frame for segment in path.segments}
+        if len(frames) > 1:
+            raise path.error(f"frame: must be the same in all segments, got {', '.join(sorted(frames))}")
+        by_frame.setdefault(frames.pop(), []).append(column)
+        position[:, column], velocity[:, column] = _along(path, epoch, times)
+    for name, columns in by_frame.items():  # one rotation serves all objects of a frame
+        turned = states_to_gcrs(name, epoch, times, position[:, columns], velocity[:, columns])
+        position[:, columns], velocity[:, columns] = turned
+        for column in columns:
+            _fly_on(paths[column], name, epoch, times, position[:, column], velocity[:, column])
+    return position, velocity
+
+
+def _along(path: _Path, epoch: Time, times: F64) -> tuple[F64, F64]:
+    """States in the file's own axes, (n_time, 3) each; beyond the span those of its ends."""
+    which = path.segment_of(epoch, times)
+    position, velocity = np.empty((len(times), 3)), np.empty((len(times), 3))
+    ends = path.ends_s(epoch)
+    for index in np.unique(which).tolist():
+        rows, segment = which == index, path.segments[index]
+        usual: Interpolation = "lagrange" if segment.velocity_m_s is None else "hermite"
+        position[rows], velocity[rows] = interpolate(
+            segment.instants.since(epoch),
+            segment.position_m,
+            segment.velocity_m_s,
+            segment.interpolation or usual,
+            segment.degree or DEFAULT_DEGREE,
+            np.clip(times[rows], *ends[index]),
+        )
+    return position, velocity
+
+
+def _fly_on(path: _Path, frame: str, epoch: Time, times: F64, position: F64, velocity: F64) -> None:
+    """Put free flight from the end states, GCRS axes, where the times lie beyond the span."""
+    first_s, last_s = path.span_s(epoch)
+    for end_s, beyond in ((first_s, times < first_s), (last_s, times > last_s)):
+        if not beyond.any():
+            continue
+        end = np.array([end_s])
+        state = states_to_gcrs(frame, epoch, end, *_along(path, epoch, end))
+        try:
+            flown = propagate(*state, times[beyond] - end_s, "j2", pole_of_date(epoch))
+        except InputError as error:
+            raise path.error(f"no free flight beyond {_shown(epoch, end_s)}: {error}") from None
+        position[beyond], velocity[beyond] = flown[0][:, 0], flown[1][:, 0]

@@ -1,0 +1,138 @@
+"""Rules that span several parts of a scene; each breach is one line that names the fields."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from warpsim.describe import part_error
+from warpsim.errors import InputError
+from warpsim.orbit.arc import BallisticArc
+from warpsim.orbit.epoch import utc_time
+from warpsim.scene.attitudes import table_rows
+from warpsim.scene.view_axes import tracked_targets
+from warpsim.sky.bands import BANDS
+
+if TYPE_CHECKING:
+    from warpsim.scene.parts import Trajectory
+    from warpsim.scene.scene import Scene
+
+LONGEST_TRACKS_S = 2e8
+"""Longest scene times number of moving things: some 2 GB of orbit nodes."""
+
+LARGEST_VIEW = 2**29
+"""Pixels of one sensor's image in all bands: array strides are 32-bit numbers of bytes."""
+
+
+def check_scene(scene: Scene) -> None:
+    """Raise pydantic's error at the first rule that a scene breaks."""
+    _check_images(scene)
+    _check_names(scene)
+    _check_times(scene)
+    _check_optics(scene)
+    _check_pointing(scene)
+    _check_attitudes(scene)
+
+
+def _check_images(scene: Scene) -> None:
+    if not scene.bands:
+        raise part_error("bands: must name at least one band")
+    if len(set(scene.bands)) != len(scene.bands):
+        raise part_error(f"bands: must not repeat, got {', '.join(scene.bands)}")
+    n_value = scene.camera.n_row * scene.camera.n_col * len(scene.bands)
+    if n_value >= LARGEST_VIEW:
+        raise part_error(f"camera: n_row * n_col * number of bands must be below 2**29, got {n_value}")
+
+
+def _check_names(scene: Scene) -> None:
+    if not scene.targets:
+        raise part_error("targets: must hold at least the main target, which the trajectory belongs to")
+    if scene.targets[0].count != 1:
+        raise part_error(f"targets[0].count: must be 1 for the main target, got {scene.targets[0].count}")
+    try:
+        names = [*scene.sensor_names, *scene.target_names, "sun"]
+    except InputError as error:  # from a file
+        raise part_error(f"constellation: {error}") from None
+    twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
+    if twice:
+        raise part_error(f"targets: names must be unique among sensors and targets, got {twice[0]} twice")
+
+
+def _check_times(scene: Scene) -> None:
+    """Scene, frames, paths and releases must agree on time."""
+    for number, group in enumerate(scene.groups_of_targets):
+        where = "" if number == 0 else f"groups[{number - 1}]."
+        _check_path(scene, f"{where}trajectory", group.trajectory)
+        for release in group.releases:
+            if release is None:
+                continue
+            if release.time_s > scene.duration_s:
+                raise part_error(
+                    f"{where}release.time_s: must be within duration_s ({scene.duration_s:g}), got {release.time_s:g}"
+                )
+            if release.time_s < 0 and isinstance(group.trajectory, BallisticArc):
+                raise part_error(
+                    f"{where}release.time_s: must be >= 0, as the flight starts at the epoch, got {release.time_s:g}"
+                )
+    n_body = len(scene.sensor_names) + len(scene.target_names)
+    if n_body * scene.duration_s > LONGEST_TRACKS_S:
+        raise part_error(
+            f"duration_s: {scene.duration_s:g} s are too long for {n_body} sensors and targets: their product must "
+            f"be at most {LONGEST_TRACKS_S:g} s"
+        )
+    last_s = scene.frame_time_s([scene.frames.count - 1])[0]
+    if last_s > scene.duration_s:
+        raise part_error(f"frames: the last frame must be within duration_s ({scene.duration_s:g}), got {last_s:g} s")
+    _check_span(scene, "constellation", scene.constellation)
+
+
+def _check_path(scene: Scene, where: str, path: Trajectory) -> None:
+    """A flight ends where it ends, and starts at the scene's epoch."""
+    if isinstance(path, BallisticArc):
+        if scene.duration_s > path.duration_s:
+            raise part_error(
+                f"duration_s: must be at most {where}.duration_s ({path.duration_s:g}), where the flight "
+                f"ends, got {scene.duration_s:g}"
+            )
+        if utc_time(path.epoch_utc) != scene.epoch:
+            raise part_error(
+                f"{where}.epoch_utc: must equal the scene's epoch_utc ({scene.epoch_utc}), got {path.epoch_utc}"
+            )
+    _check_span(scene, where, path)
+
+
+def _check_span(scene: Scene, where: str, orbit: Any) -> None:
+    """Motion that is known for a limited time only must cover the scene."""
+    if hasattr(orbit, "span_s"):
+        try:
+            orbit.states(scene.epoch, np.array([0.0, scene.duration_s]))
+        except InputError as error:
+            raise part_error(f"{where}: {error}") from None
+
+
+def _check_optics(scene: Scene) -> None:
+    for name in scene.bands:
+        try:
+            scene.optics.psf_at(BANDS[name].isophotal_um, scene.camera)
+        except InputError as error:
+            hint = "; psf = 'gaussian' has no such limit" if scene.optics.psf == "airy" else ""
+            raise part_error(f"optics: in band {name}: {error}{hint}") from None
+
+
+def _check_pointing(scene: Scene) -> None:
+    """What cameras follow must be there, and a table of directions must cover the frames."""
+    try:
+        tracked_targets(scene)
+        if scene.sights is not None:
+            scene.sights.check_times(scene.sensor_names, scene.frame_time_s([0, scene.frames.count - 1]))
+    except InputError as error:
+        raise part_error(str(error)) from None
+
+
+def _check_attitudes(scene: Scene) -> None:
+    """Tables of attitudes must cover the scene; those in files are read when the scene is loaded or rendered."""
+    try:
+        table_rows(scene, with_files=False)
+    except InputError as error:
+        raise part_error(str(error)) from None

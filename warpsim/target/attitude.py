@@ -1,0 +1,186 @@
+"""How a target turns: spin, precession and rolling in closed form.
+
+The rotation body -> GCRS is F Rz(azimuth) Ry(polar) Rz(spin). F has the columns (first, second, reference): fixed axes,
+the last of them the direction that the body precesses about. Azimuth is the precession's angle, polar the precession
+angle plus rolling. So +z of the body, its symmetry axis, is what the kernel's `symmetry_axis` gives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, model_validator
+
+from warpsim.describe import Number, Vector, closed_interval, part, part_error
+from warpsim.streams import uniforms
+from warpsim.target.quaternion import from_matrix, product
+
+F64 = npt.NDArray[np.float64]
+
+SPLITTER = 2.0**27 + 1
+"""Cuts a float64 into two halves of 26 bits, whose products are exact (Veltkamp)."""
+
+NEAR_POLE_RAD = 1e-6
+"""A fixed direction nearer than this to GCRS +z or -z counts precession from +x instead of +z."""
+
+
+@part
+class Attitude:
+    """Motion of a body about a fixed direction: precession, rolling and spin, alone or together.
+
+    Args:
+        spin_rev_s: Spin about the body axis [rev/s]. It does not change how a body of revolution looks.
+        precession_rev_s: Turning of the body axis about the fixed direction [rev/s].
+        precession_angle_deg: Angle between body axis and fixed direction [deg].
+        rolling_rev_s: Tumbling of the body axis about a transverse axis [rev/s].
+        axis: The fixed direction: "velocity" at release, "random" (seeded), or a vector in GCRS axes.
+        spin_phase_rev: Spin angle at the epoch [rev]; seeded when left out.
+        precession_phase_rev: Precession angle at the epoch [rev]; 0 leans the body axis towards GCRS +z (+x where the
+            fixed direction is within 1e-6 rad of a pole). Seeded when left out.
+        rolling_phase_rev: Rolling angle at the epoch [rev]; when left out seeded, or 0 without rolling.
+    """
+
+    spin_rev_s: Number = 0.0
+    precession_rev_s: Number = 0.0
+    precession_angle_deg: Annotated[Number, closed_interval(0, 180)] = 0.0
+    rolling_rev_s: Number = 0.0
+    axis: Literal["velocity", "random"] | Vector = "velocity"
+    spin_phase_rev: Number | None = None
+    precession_phase_rev: Number | None = None
+    rolling_phase_rev: Number | None = None
+    kind: Literal["motion"] = Field(default="motion", kw_only=True)
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> Attitude:
+        if not isinstance(self.axis, str) and not any(self.axis):
+            raise part_error("axis: must not be the zero vector")
+        return self
+
+
+@dataclass(frozen=True)
+class AttitudeFrame:
+    """What the seed and the release settle of one target's motion."""
+
+    axes: F64
+    """Rows reference, first, second: right-handed, unit, GCRS axes; shape (3, 3)."""
+    spin_phase_rev: float
+    precession_phase_rev: float
+    rolling_phase_rev: float
+
+
+def attitude_frame(attitude: Attitude, velocity_m_s: F64, seed: int, target: int) -> AttitudeFrame:
+    """Fixed axes and phases of one target's motion.
+
+    Args:
+        attitude: The description.
+        velocity_m_s: Velocity at release, GCRS axes, shape (3,).
+        seed: The scene's seed.
+        target: Number of the target in the scene; each has random numbers of its own.
+    """
+    u = uniforms(seed, "attitude", target, 6)
+    reference = _reference(attitude, velocity_m_s, u)
+    if attitude.precession_phase_rev is None:
+        # Any direction well away from the reference gives a stable perpendicular; the seeded angle then turns it.
+        first = np.cross(reference, np.eye(3)[np.argmin(np.abs(reference))])
+        first /= np.linalg.norm(first)
+        second = np.cross(reference, first)
+        turn = 2 * np.pi * u[2]
+        first, second = np.cos(turn) * first + np.sin(turn) * second, np.cos(turn) * second - np.sin(turn) * first
+    else:
+        second = np.cross(reference, np.eye(3)[2 if np.hypot(*reference[:2]) > NEAR_POLE_RAD else 0])
+        second /= np.linalg.norm(second)
+        first = np.cross(second, reference)
+    return AttitudeFrame(
+        np.stack([reference, first, second]),
+        _phase_rev(attitude.spin_phase_rev, u[5]),
+        _phase_rev(attitude.precession_phase_rev, u[3]),
+        _phase_rev(attitude.rolling_phase_rev, u[4] if attitude.rolling_rev_s != 0 else 0.0),
+    )
+
+
+def _phase_rev(given_rev: float | None, seeded_rev: float) -> float:
+    return float(seeded_rev) if given_rev is None else given_rev % 1.0
+
+
+def _reference(attitude: Attitude, velocity_m_s: F64, u: F64) -> F64:
+    """The fixed direction as a unit vector."""
+    if attitude.axis == "velocity":
+        reference = np.asarray(velocity_m_s, dtype=np.float64)
+    elif attitude.axis == "random":
+        z = 2 * u[0] - 1
+        ring = np.sqrt(1 - z * z)
+        reference = np.array([ring * np.cos(2 * np.pi * u[1]), ring * np.sin(2 * np.pi * u[1]), z])
+    else:
+        reference = np.asarray(attitude.axis, dtype=np.float64)
+    reference = reference / np.abs(reference).max()  # first, so that the squares neither overflow nor vanish
+    return np.asarray(reference / np.linalg.norm(reference))
+
+
+def attitude_quaternion(attitude: Attitude, frame: AttitudeFrame, time_s: npt.ArrayLike) -> F64:
+    """Rotation body -> GCRS of a motion, scalar last, unit, shape (n, 4).
+
+    The sign depends on the time alone and is continuous in it: quaternions of neighbouring times lie in one hemisphere
+    if the body turns by less than half a turn between them.
+
+    Args:
+        attitude: The description.
+        frame: What `attitude_frame` gave.
+        time_s: Times after the epoch [s], shape (n,).
+    """
+    time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+
+    def half_angle_rad(rate_rev_s: float, phase_rev: float) -> F64:
+        # Turns of the half-angle, at half the rate: its sine and cosine are continuous over whole turns of the body.
+        return np.asarray(2 * np.pi * (turns(rate_rev_s / 2, time) + phase_rev / 2))
+
+    azimuth = half_angle_rad(attitude.precession_rev_s, frame.precession_phase_rev)
+    polar = half_angle_rad(attitude.rolling_rev_s, frame.rolling_phase_rev)
+    polar += np.radians(attitude.precession_angle_deg) / 2
+    spin = half_angle_rad(attitude.spin_rev_s, frame.spin_phase_rev)
+    c, s = np.cos(polar), np.sin(polar)
+    turned = np.stack(  # about z by azimuth, y by polar, z by spin, multiplied out
+        [
+            -s * np.sin(azimuth - spin),
+            s * np.cos(azimuth - spin),
+            c * np.sin(azimuth + spin),
+            c * np.cos(azimuth + spin),
+        ],
+        axis=-1,
+    )
+    reference, first, second = frame.axes
+    return product(from_matrix(np.column_stack([first, second, reference])), turned)
+
+
+@dataclass(frozen=True)
+class BodyMotion:
+    """A motion with its fixed axes and phases."""
+
+    attitude: Attitude
+    frame: AttitudeFrame
+
+    def at(self, time_s: npt.ArrayLike) -> F64:
+        """Rotation body -> GCRS at times after the epoch [s]; scalar last, unit, shape (n, 4)."""
+        return attitude_quaternion(self.attitude, self.frame, time_s)
+
+
+def turns(rate_rev_s: float, time_s: F64) -> F64:
+    """Fraction of a turn after time_s at a constant rate, from 0 to 1, of the shape of time_s.
+
+    Rounded only at the end: the product's own rounding error is recovered (Dekker 1971), and whole turns are taken off
+    the rest, so no phase is lost however long the time.
+    """
+    product_rev = np.asarray(rate_rev_s * time_s)
+    rate_high, rate_low = _halves(np.asarray(rate_rev_s))
+    time_high, time_low = _halves(time_s)
+    lost = rate_high * time_high - product_rev + rate_high * time_low + rate_low * time_high + rate_low * time_low
+    phase = (product_rev - np.floor(product_rev)) + lost
+    return np.asarray(phase - np.floor(phase))
+
+
+def _halves(value: F64) -> tuple[F64, F64]:
+    shifted = SPLITTER * value
+    high = shifted - (shifted - value)
+    return high, value - high

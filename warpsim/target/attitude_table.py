@@ -1,0 +1,241 @@
+"""Attitude from a table of quaternions: inline, or from a file."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BeforeValidator, Field, model_validator
+
+from warpsim.describe import Number, part, part_error, rule_error
+from warpsim.errors import InputError
+from warpsim.target.quaternion import in_one_hemisphere, rotation_between_rad, slerp, unit
+
+if TYPE_CHECKING:
+    from astropy.time import Time
+
+F64 = npt.NDArray[np.float64]
+
+NORM_TOLERANCE = 1e-3
+"""How far from 1 the norm of a given quaternion may be: three printed digits."""
+LARGEST_STEP_DEG = 170.0
+"""Between neighbouring rows; nearer to half a turn, the way round is not known."""
+END_SLACK_S = 1.0
+"""The table's end rows hold this much longer: light that is seen at the start of a scene left its target before."""
+DATE_ROUNDING_S = 1e-6
+"""Ends of a table may miss those of the scene by this much: files give dates with some digits only."""
+SAME_ROTATION_RAD = 1e-6
+"""How far the last row of a segment and the first of the next may differ."""
+
+
+def _as_rows(value: Any) -> Any:
+    """Arrays become lists, quantities of time seconds."""
+    if hasattr(value, "unit") and hasattr(value, "to_value"):
+        try:
+            value = value.to_value("s")
+        except Exception:
+            raise rule_error("must be convertible to s") from None
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if not isinstance(value, list | tuple):
+        raise rule_error("must be a list")
+    return tuple(value)
+
+
+Times = Annotated[tuple[Number, ...], BeforeValidator(_as_rows)]
+Quaternions = Annotated[tuple[tuple[Number, Number, Number, Number], ...], BeforeValidator(_as_rows)]
+
+
+@dataclass(frozen=True)
+class AttitudeRows:
+    """A checked table: unit quaternions body -> GCRS, scalar last, all in one hemisphere with their neighbours."""
+
+    time_s: F64
+    """After the epoch, ascending [s], shape (n,)."""
+    quaternion: F64
+    """Shape (n, 4)."""
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last time after the epoch [s]; a single row holds for all times."""
+        if len(self.time_s) == 1:
+            return -np.inf, np.inf
+        return float(self.time_s[0]), float(self.time_s[-1])
+
+    def check_span(self, start_s: float, end_s: float) -> None:
+        """Make sure that the table covers a span of time after the epoch [s].
+
+        Raises:
+            InputError: It does not.
+        """
+        first_s, last_s = self.span_s
+        if first_s > start_s + DATE_ROUNDING_S or last_s < end_s - DATE_ROUNDING_S:
+            raise InputError(
+                f"time_s: must cover the scene, {start_s:.9g} to {end_s:.9g} s, got {first_s:.9g} to {last_s:.9g} s"
+            )
+
+    def at(self, time_s: npt.ArrayLike) -> F64:
+        """Rotation body -> GCRS at times after the epoch [s]; scalar last, unit, shape (n, 4).
+
+        Raises:
+            InputError: A time lies more than a second outside the table.
+        """
+        time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+        first_s, last_s = self.span_s
+        outside = ~((time >= first_s - END_SLACK_S) & (time <= last_s + END_SLACK_S))
+        if outside.any():
+            raise InputError(
+                f"time_s: must be within the attitude table, {first_s:g} to {last_s:g} s, got {time[outside][0]:g}"
+            )
+        if len(self.time_s) == 1:
+            return np.tile(self.quaternion, (len(time), 1))
+        row = np.clip(np.searchsorted(self.time_s, time, side="right") - 1, 0, len(self.time_s) - 2)
+        start, end = self.time_s[row], self.time_s[row + 1]
+        part = (np.clip(time, self.time_s[0], self.time_s[-1]) - start) / (end - start)
+        return slerp(self.quaternion[row], self.quaternion[row + 1], part)
+
+
+@part
+class AttitudeTable:
+    """Rotation of a body from a table; give file, or time_s and quaternion.
+
+    Between rows the body turns at a constant rate about one axis (slerp). A single row holds for all times; more must
+    cover the scene.
+
+    Args:
+        file: An attitude file.
+        object: Which object of the file, where it holds several.
+        time_s: Times after the scene's epoch, strictly ascending [s].
+        quaternion: A row (x, y, z, w) for each time: body -> GCRS, scalar last, of norm 1 within 1e-3 (then scaled to
+            1). Signs are free. Neighbours may differ by 170 degrees of rotation at most.
+    """
+
+    file: str | None = None
+    object: str | None = None
+    time_s: Times | None = None
+    quaternion: Quaternions | None = None
+    kind: Literal["table"] = Field(default="table", kw_only=True)
+
+    @model_validator(mode="after")
+    def _one_source(self) -> AttitudeTable:
+        inline = self.time_s is not None or self.quaternion is not None
+        if inline == (self.file is not None):
+            raise part_error("file, time_s: exactly one of a file, or time_s with quaternion, must be given")
+        if inline and (self.time_s is None or self.quaternion is None):
+            raise part_error("time_s, quaternion: both must be given")
+        if self.object is not None and self.file is None:
+            raise part_error(f"object: names an object of a file, which is not given, got {self.object!r}")
+        if inline:
+            try:
+                self._inline_rows  # noqa: B018  # checked here, where the scene's file is known
+            except InputError as error:
+                raise part_error(str(error)) from None
+        return self
+
+    @cached_property
+    def _inline_rows(self) -> AttitudeRows:
+        return checked_rows(np.array(self.time_s), np.array(self.quaternion).reshape(-1, 4))
+
+    @cached_property
+    def _source(self) -> Any:
+        from warpsim.exchange.source import read_source
+
+        return read_source(str(self.file))
+
+    @property
+    def checksum(self) -> str | None:
+        """SHA-256 of the file, in hexadecimal; None for rows of one's own.
+
+        Raises:
+            InputError: The file cannot be read.
+        """
+        return None if self.file is None else hashlib.sha256(self._source.data).hexdigest()
+
+    def rows(self, epoch: Time) -> AttitudeRows:
+        """The checked table for a scene's epoch.
+
+        Raises:
+            InputError: The file cannot be read, or its rows break a rule of `quaternion` or `time_s`.
+        """
+        if self.file is None:
+            return self._inline_rows
+        from warpsim.exchange.read import attitude_of
+        from warpsim.orbit.frames import attitude_in_gcrs
+
+        segments = attitude_of(self._source)
+        try:
+            chosen = _of_object(segments, self.object)
+            return checked_rows(*_joined([attitude_in_gcrs(segment, epoch) for segment in chosen]))
+        except InputError as error:
+            raise InputError(f"{self.file}: {error}") from None
+
+    def span_s(self, epoch: Time) -> tuple[float, float]:
+        """First and last time of the table after epoch [s]; minus and plus infinity for a single row."""
+        return self.rows(epoch).span_s
+
+
+def checked_rows(time_s: F64, quaternion: F64) -> AttitudeRows:
+    """A table as given, checked, with norms of 1 and neighbours in one hemisphere.
+
+    Raises:
+        InputError: Lengths differ, times do not ascend, a norm is not 1, or neighbours differ by more than 170 degrees.
+    """
+    if len(time_s) != len(quaternion):
+        raise InputError(f"quaternion: must have a row for each of {len(time_s)} times, got {len(quaternion)}")
+    if len(time_s) == 0:
+        raise InputError("time_s: must hold at least one time")
+    if not (np.isfinite(time_s).all() and np.isfinite(quaternion).all()):
+        raise InputError("time_s, quaternion: must be finite")
+    (back,) = np.nonzero(np.diff(time_s) <= 0)
+    if len(back):
+        row = back[0]
+        raise InputError(f"time_s: must ascend, got {time_s[row + 1]:.17g} after {time_s[row]:.17g} in row {row + 1}")
+    with np.errstate(over="ignore"):  # infinity is no norm of 1 either
+        norm = np.sqrt(np.sum(quaternion**2, axis=1))
+    (wrong,) = np.nonzero(~(np.abs(norm - 1) <= NORM_TOLERANCE))
+    if len(wrong):
+        row = wrong[0]
+        raise InputError(f"quaternion: norm must be 1 within {NORM_TOLERANCE:g}, got {norm[row]:.6g} in row {row}")
+    rows = in_one_hemisphere(unit(quaternion))
+    step_deg = np.degrees(rotation_between_rad(rows[:-1], rows[1:]))
+    (far,) = np.nonzero(step_deg > LARGEST_STEP_DEG)
+    if len(far):
+        raise InputError(
+            f"quaternion: neighbours must differ by at most {LARGEST_STEP_DEG:g} deg of rotation (or the way round is "
+            f"not known), got {step_deg[far[0]]:.4g} deg from row {far[0]} to {far[0] + 1}"
+        )
+    return AttitudeRows(np.asarray(time_s, dtype=np.float64), rows)
+
+
+def _of_object(segments: Sequence[Any], name: str | None) -> list[Any]:
+    """Segments of one object, in the order of the file."""
+    names = sorted({segment.object_name for segment in segments})
+    if name is None and len(names) > 1:
+        raise InputError(f"object: must be given, the file holds {', '.join(names)}")
+    if name is not None and name not in names:
+        raise InputError(f"object: must be one of {', '.join(names)}, got {name!r}")
+    return [segment for segment in segments if name in (None, segment.object_name)]
+
+
+def _joined(segments: Sequence[tuple[F64, F64]]) -> tuple[F64, F64]:
+    """Segments that begin where the one before ends, as one table.
+
+    Raises:
+        InputError: There is a gap, an overlap or a jump between two of them.
+    """
+    time, quaternion = segments[0]
+    for next_time, next_quaternion in segments[1:]:
+        jump_rad = rotation_between_rad(unit(quaternion[-1]), unit(next_quaternion[0]))
+        if abs(next_time[0] - time[-1]) > DATE_ROUNDING_S or jump_rad > SAME_ROTATION_RAD:
+            raise InputError(
+                f"segments of one object must join without a gap or a jump, got one that ends at {time[-1]:.9g} s and "
+                f"one that begins at {next_time[0]:.9g} s"
+            )
+        time = np.concatenate([time, next_time[1:]])
+        quaternion = np.concatenate([quaternion, next_quaternion[1:]])
+    return time, quaternion
