@@ -226,6 +226,14 @@ def test_a_bend_is_between_intervals(scene, monkeypatch, tmp_path):
     assert len(czml3.Document.load(tmp_path / "bent.czml").packets) == 69
 
 
+def test_a_late_release_is_a_bend(scene, tmp_path):
+    late = scene.replace(release__time_s=500.0)
+    assert ws.write_czml(late, tmp_path / "late.czml") < POSITION_ATOL_M
+    assert (tmp_path / "late.czml").stat().st_size < STSS_BYTES
+    packets = {packet["id"]: packet for packet in json.loads((tmp_path / "late.czml").read_text())}
+    assert isinstance(packets["center"]["position"], dict) and isinstance(packets["cone03"]["position"], list)
+
+
 def test_a_jump_is_named(scene, monkeypatch, tmp_path):
     bent(monkeypatch, jump_m=50.0)
     with pytest.raises(ws.InputError, match=r"^sphere01: jumps at 700\.[23]\d* s: samples are .* m off") as caught:

@@ -484,6 +484,53 @@ def test_range_is_the_distance_and_thick_during_access(scene):
     assert max(line.get_ydata()[0] for line in ax.get_lines() if len(set(line.get_ydata())) == 1) == 6000.0
 
 
+# --- several groups ---
+
+
+@pytest.fixture(scope="module")
+def two_groups(scene):
+    """A second group beside the paper's, whose others leave late."""
+    ball = {
+        "shape": {"kind": "sphere", "radius_m": 0.3},
+        "surface": {"reflectance": 0.5},
+        "temperature": {"start_k": 300},
+    }
+    path = {"kind": "ballistic_arc", "start_lon_lat_deg": [100.0, 50.0], "end_lon_lat_deg": [-150.0, 40.0]}
+    second = {
+        "name": "second",
+        "trajectory": {**path, "duration_s": 1700.0, "endpoint_altitude_km": 100.0},
+        "targets": [{"name": "bus", **ball}, {"name": "ball", "count": 3, **ball}],
+        "release": {"time_s": 400.0, "speed_m_s": [1.0, 1.0]},
+    }
+    return scene.replace(groups=[second], sky__catalog="none")
+
+
+def test_each_group_is_drawn_about_its_own_main_target(two_groups):
+    offset_m = group_offsets_m(two_groups, 410.0, "second")
+    np.testing.assert_allclose(np.linalg.norm(offset_m, axis=1), [0, 10, 10, 10], rtol=0, atol=0.01)  # 1 m/s for 10 s
+    assert np.abs(group_offsets_m(two_groups, 390.0, "second")).max() == 0  # stowed
+    axes = ws.plot.plot_group(two_groups, 410.0, group="second")
+    assert axes[0].get_title() == "group about bus at 410 s"
+    drawn = np.concatenate([by_label(axes[0], label)[0].get_xydata() for label in ("bus", "ball (3)")])
+    np.testing.assert_allclose(drawn, offset_m[:, [1, 0]], rtol=0, atol=1e-9)
+    assert len(by_label(ws.plot.plot_group(two_groups, 410.0)[0], "center")) == 1
+    with pytest.raises(ws.InputError, match=r"^group: must be one of main, second, got 'third'$"):
+        ws.plot.plot_group(two_groups, 0.0, group="third")
+
+
+def test_pictures_show_all_groups(two_groups):
+    ax = ws.plot.plot_scene(two_groups, TIME_S)
+    assert by_label(ax, "flight of center") and by_label(ax, "flight of bus")
+    ax = ws.plot.plot_ground_tracks(two_groups)
+    assert "bus" in [text.get_text() for text in ax.get_legend().get_texts()]
+    paths = [line.get_xydata() for line in ax.get_lines() if line.get_linewidth() == 1.8]
+    np.testing.assert_allclose(paths[0][0], [100.0, 50.0], rtol=0, atol=1e-4)
+    names = [text.get_text().split("\n")[0] for text in ws.plot.plot_attitudes(two_groups, 0.0).texts]
+    assert [name for name in names if name in two_groups.target_names][-2:] == ["bus", "ball01"]
+    ax = ws.plot.plot_satellite_view(two_groups, "sat11", TIME_S)
+    np.testing.assert_array_equal(by_label(ax, "center")[0].get_xydata()[0].round(6), [63.5, 63.5])
+
+
 # --- labels, axes of one's own, bad input ---
 
 

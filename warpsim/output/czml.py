@@ -177,12 +177,12 @@ def _document(scene: Scene, samples: dict[str, list[Piece]]) -> Any:
         Packet(id=_DOCUMENT, name=scene.name, version=CZML_VERSION, description=text,
                clock=IntervalValue(start=start, end=end, value=clock))
     ]  # fmt: skip
-    main = scene.target_names[0]
+    mains = {group.names[0] for group in scene.groups_of_targets}
     for name, pieces in samples.items():
         is_sensor = name in scene.sensor_names
-        colour = _SATELLITE if is_sensor else _MAIN if name == main else _TARGET
-        label = is_sensor or name == main  # thirty names on one spot hide one another
-        packets.append(_body(scene, name, pieces, colour, label, (start, end)))
+        colour = _SATELLITE if is_sensor else _MAIN if name in mains else _TARGET
+        is_named = is_sensor or name in mains  # thirty names on one spot hide one another
+        packets.append(_body(scene, name, pieces, colour, is_named, (start, end)))
     return Document(packets=[*packets, *_sights(scene, (start, end))])
 
 
@@ -209,27 +209,28 @@ def _position(scene: Scene, pieces: list[Piece], epoch: str) -> Any:
     return TimeIntervalCollection(values=[IntervalValue(start=a, end=b, value=value) for a, b, value in spans])
 
 
-def _body(scene: Scene, name: str, pieces: list[Piece], colour: list[int], label: bool, span: tuple[str, str]) -> Any:
+def _body(
+    scene: Scene, name: str, pieces: list[Piece], colour: list[int], is_named: bool, span: tuple[str, str]
+) -> Any:
     from czml3 import Packet
     from czml3.enums import HorizontalOrigins
     from czml3.properties import Color, Label, Path, Point
     from czml3.types import Cartesian2Value, TimeInterval
 
     spec = dict(zip(scene.target_names, scene.target_specs, strict=True)).get(name)
-    is_thick = spec is None or name == scene.target_names[0]
     return Packet(
         id=name,
         name=name,
         description="satellite" if spec is None else f"target, {spec.shape.kind}",
         availability=TimeInterval(start=span[0], end=span[1]),
         position=_position(scene, pieces, span[0]),
-        point=Point(color=Color(rgba=colour), pixelSize=8 if is_thick else 4, outlineWidth=0),
+        point=Point(color=Color(rgba=colour), pixelSize=8 if is_named else 4, outlineWidth=0),
         label=Label(
             text=name, font="12px sans-serif", fillColor=Color(rgba=colour), horizontalOrigin=HorizontalOrigins.LEFT,
-            pixelOffset=Cartesian2Value(values=_LABEL_OFFSET_PX), show=label,
+            pixelOffset=Cartesian2Value(values=_LABEL_OFFSET_PX), show=is_named,
         ),
         path=Path(
-            material=_solid([*colour[:3], 140]), width=1 if spec is None else 2, show=is_thick,
+            material=_solid([*colour[:3], 140]), width=1 if spec is None else 2, show=is_named,
             leadTime=scene.duration_s, trailTime=scene.duration_s, resolution=60,
         ),
     )  # fmt: skip

@@ -12,7 +12,7 @@ from warpsim.output.files import prepare_folder
 from warpsim.plot.access import plot_access, plot_range
 from warpsim.plot.bodies import plot_attitudes
 from warpsim.plot.figure import PICTURE_SUFFIXES, need_matplotlib, save_figure
-from warpsim.plot.scenario import checked_time_s, plot_ground_tracks, plot_group, plot_scene
+from warpsim.plot.scenario import checked_time_s, kinds_of_targets, plot_ground_tracks, plot_group, plot_scene
 from warpsim.plot.view import plot_satellite_view
 from warpsim.scene.scene import Scene
 
@@ -86,7 +86,7 @@ def draw_scenario(scene: Scene, folder: Path, time_s: float | None = None, overw
     figure = _figure(8.2, 8.0)
     plot_group(scene, time, list(figure.subplots(2, 2).flat))
     save_figure(figure, paths["group"])
-    figure = _figure(9.2, 1.3 + 1.25 * len(scene.targets))
+    figure = _figure(9.2, 1.3 + 1.25 * len(kinds_of_targets(scene)))
     plot_attitudes(scene, time, figure.add_subplot())
     save_figure(figure, paths["attitudes"])
     draw_access(scene, paths["access"])

@@ -147,10 +147,10 @@ def _in_frame(scene: Scene, xy_px: F64) -> NDArray[np.bool_]:
 def _draw_targets(ax: Axes, scene: Scene, view: CameraView, with_labels: bool) -> None:
     """Marks of the targets by kind; those behind the Earth are crosses."""
     shown = ~view.occulted & np.isfinite(view.target_xy_px[:, 0])
-    for number, (label, rows) in enumerate(kinds_of_targets(scene)):
-        chosen = np.array(rows)[shown[rows]]
+    for kind in kinds_of_targets(scene):
+        chosen = np.array(kind.rows)[shown[kind.rows]]
         if len(chosen):
-            ax.plot(*view.target_xy_px[chosen].T, label=label if with_labels else None, **kind_style(number))
+            ax.plot(*view.target_xy_px[chosen].T, label=kind.label if with_labels else None, **kind_style(kind))
     hidden = view.occulted & np.isfinite(view.target_xy_px[:, 0])
     if hidden.any():
         ax.plot(*view.target_xy_px[hidden].T, "x", color=GREY, markersize=5,
