@@ -484,6 +484,22 @@ def test_range_is_the_distance_and_thick_during_access(scene):
     assert max(line.get_ydata()[0] for line in ax.get_lines() if len(set(line.get_ydata())) == 1) == 6000.0
 
 
+def test_access_of_ones_own_is_what_is_drawn(scene):
+    sensors = ["sat11", "sat13", "sat27"]
+    access = scene.access("cone03", sensors, ws.AccessConstraints(max_range_km=5000.0))
+    ax = ws.plot.plot_access(scene, access=access, sensors=sensors)
+    assert [label.get_text() for label in ax.get_yticklabels()] == sensors
+    bars = sorted(bar.get_x() for container in ax.containers for bar in container)
+    np.testing.assert_array_equal(bars, sorted(access["start_s"]))
+    assert ax.get_title() == "stss: access to cone03, 2 of 3 sensors"
+    ax = ws.plot.plot_range(scene, ["sat27"], access=access)
+    line = ax.get_lines()[0]
+    gap_m = scene.position_m("cone03", line.get_xdata()) - scene.position_m("sat27", line.get_xdata())
+    np.testing.assert_allclose(line.get_ydata(), np.linalg.norm(gap_m, axis=1) / 1e3, rtol=1e-12)
+    assert ax.get_ylabel() == "range to cone03 [km]"
+    assert max(line.get_ydata()[0] for line in ax.get_lines() if len(set(line.get_ydata())) == 1) == 5000.0
+
+
 # --- several groups ---
 
 

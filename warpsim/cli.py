@@ -184,7 +184,7 @@ def _access(options: argparse.Namespace) -> int:
     sensors = _names(options.sensors)
     table = scene.access(options.target, sensors, step_s=step_s)
     if picture:  # files before words, as with catalogs
-        draw_access(scene, picture)
+        draw_access(scene, picture, table, sensors)
     if options.format != "table":
         table.write(sys.stdout, format=f"ascii.{options.format}")
         return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ from warpsim.plot.view import plot_satellite_view
 from warpsim.scene.scene import Scene
 
 if TYPE_CHECKING:
+    from astropy.table import Table
     from matplotlib.figure import Figure
 
 N_VIEW = 3
@@ -35,15 +37,23 @@ def check_picture(path: Path, overwrite: bool, where: str) -> None:
     need_matplotlib(where)
 
 
-def draw_access(scene: Scene, path: Path) -> None:
-    """Draw the intervals of the sensors with access, and below them their ranges against time, to a file."""
-    n_row = max(3, len(set(scene.access()["sensor"])))
+def draw_access(scene: Scene, path: Path, access: Table | None = None, sensors: Sequence[str] | None = None) -> None:
+    """Draw the intervals of the sensors with access, and below them their ranges against time, to a file.
+
+    Args:
+        scene: The scene.
+        path: File to write.
+        access: What `scene.access` gave; the scene's own if left out.
+        sensors: Names of the sensors that it is about; all if left out.
+    """
+    access = scene.access() if access is None else access
+    n_row = max(3, len(set(access["sensor"])))
     chart_inch = min(1.4 + 0.27 * n_row, _TALLEST_INCH)
     figure = _figure(9.6, chart_inch + 4.6)
     chart, ranges = figure.subplots(2, 1, sharex=True, height_ratios=[chart_inch, 4.6])
-    plot_access(scene, chart, only_with_access=True)
+    plot_access(scene, chart, only_with_access=True, access=access, sensors=sensors)
     chart.set_xlabel("")
-    plot_range(scene, ax=ranges)
+    plot_range(scene, ax=ranges, access=access)
     save_figure(figure, path)
 
 
