@@ -6,9 +6,12 @@ from dataclasses import fields
 from pathlib import Path
 
 import pytest
+from pydantic import TypeAdapter
 
 import warpsim as ws
 from warpsim.cli import main
+from warpsim.orbit.constellations import Constellation, NamedOrbit
+from warpsim.orbit.paths import Orbit
 from warpsim.scene import parts
 from warpsim.scene.scene import Scene
 from warpsim.target import motion
@@ -21,10 +24,17 @@ SECTIONS = {
     "Top level": [Scene],
     "`[frames]`": [parts.Frames],
     "`[constellation]`": [ws.Walker],
+    "Satellites by element sets": [ws.TleSatellites],
+    "Satellites by a list": [ws.ListedSatellites, NamedOrbit],
+    "Copies of an orbit": [ws.SeedPattern],
+    "Several constellations": [ws.MixedConstellation],
     "`[camera]`": [ws.Camera],
     "`[optics]`": [ws.Optics],
     "`[detector]`": [ws.NeiDetector],
     "`[trajectory]`": [ws.BallisticArc],
+    "Orbit by elements": [ws.KeplerOrbit],
+    "Flight from a state": [ws.StateVector],
+    "Orbit by an element set": [ws.TleOrbit],
     "`[[targets]]`": [parts.TargetSpec],
     "`shape`": [ws.Sphere, ws.Cylinder, ws.Cone],
     "`surface`": [motion.Graybody],
@@ -32,6 +42,7 @@ SECTIONS = {
     "`attitude`": [ws.Attitude],
     "`attitude` from a table": [ws.AttitudeTable],
     "`[release]`": [parts.Release],
+    "`[[groups]]`": [parts.TargetGroup],
     "`[pointing]`": [ws.TrackPointing, ws.FixedPointing, ws.TablePointing],
     "`rows`": [ws.PointingRow],
     "`jitter`": [ws.Jitter],
@@ -73,6 +84,32 @@ def test_toml_blocks_are_scenes():
     assert texts
     for text in texts:
         assert Scene.from_dict(tomllib.loads(text)).target_names
+
+
+STATIONS = """\
+ISS (ZARYA)
+1 25544U 98067A   25152.00000000  .00001764  00000-0  38792-4 0  9996
+2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482
+COSMOS 1
+1 25545U 98067A   25152.00000000  .00001764  00000-0  38792-4 0  9997
+2 25545  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202483
+TIANHE
+1 48274U 98067A   25152.00000000  .00001764  00000-0  38792-4 0  9991
+2 48274  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202487
+"""
+
+
+def test_toml_parts_are_parts_of_scenes(tmp_path, monkeypatch):
+    """Blocks marked "toml part" hold one table of a scene; their files are beside them."""
+    monkeypatch.chdir(tmp_path)
+    Path("stations.tle").write_text(STATIONS)
+    known = {"constellation": TypeAdapter(Constellation), "trajectory": TypeAdapter(Orbit)}
+    texts = [text for page in PAGES for text in blocks(page, "toml part")]
+    assert len(texts) >= 7
+    for text in texts:
+        ((name, data),) = tomllib.loads(text).items()
+        states = known[name].validate_python(data).states(Scene.load("stss").epoch, [0.0])
+        assert states[0].shape[::2] == (1, 3)
 
 
 @pytest.mark.parametrize("heading", SECTIONS)

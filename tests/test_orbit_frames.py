@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import warpsim as ws
 from warpsim.exchange.records import FRAMES
-from warpsim.orbit.earth import _timescale
+from warpsim.orbit.earth import timescale
 from warpsim.orbit.epoch import tt_jd, utc_time
 from warpsim.orbit.frames import (
     attitude_in_gcrs,
@@ -70,7 +70,7 @@ def test_itrf_against_erfa_with_the_same_ut1(date):
     got = frame_to_gcrs("ITRF", epoch, TIMES_S) @ PLACE_M
     whole, fraction = tt_jd(epoch, TIMES_S)
     for row, part in enumerate(fraction):
-        ut1 = _timescale().tt_jd(whole, part)
+        ut1 = timescale().tt_jd(whole, part)
         matrix = erfa.c2t06a(whole, part, ut1.whole, ut1.ut1_fraction, 0.0, 0.0)
         assert np.linalg.norm(got[row] - matrix.T @ PLACE_M) < TURN_M
 

@@ -28,10 +28,17 @@ if TYPE_CHECKING:
     from warpsim.optics.psf import PsfAiry as PsfAiry
     from warpsim.optics.psf import PsfGaussian as PsfGaussian
     from warpsim.orbit.arc import BallisticArc as BallisticArc
+    from warpsim.orbit.constellations import ListedSatellites as ListedSatellites
+    from warpsim.orbit.constellations import MixedConstellation as MixedConstellation
+    from warpsim.orbit.constellations import SeedPattern as SeedPattern
+    from warpsim.orbit.elements import KeplerOrbit as KeplerOrbit
+    from warpsim.orbit.elements import StateVector as StateVector
     from warpsim.orbit.ephemeris import EphemerisOrbit as EphemerisOrbit
     from warpsim.orbit.ephemeris import EphemerisSatellites as EphemerisSatellites
     from warpsim.orbit.rules import AccessConstraints as AccessConstraints
     from warpsim.orbit.rules import AccessGeometry as AccessGeometry
+    from warpsim.orbit.tle import TleOrbit as TleOrbit
+    from warpsim.orbit.tle import TleSatellites as TleSatellites
     from warpsim.orbit.walker import Walker as Walker
     from warpsim.output.catalog_file import write_catalog as write_catalog
     from warpsim.output.czml import write_czml as write_czml
@@ -89,6 +96,13 @@ _HOME = {
     "Attitude": "warpsim.target.attitude",
     "AttitudeTable": "warpsim.target.attitude_table",
     "Walker": "warpsim.orbit.walker",
+    "SeedPattern": "warpsim.orbit.constellations",
+    "ListedSatellites": "warpsim.orbit.constellations",
+    "MixedConstellation": "warpsim.orbit.constellations",
+    "TleSatellites": "warpsim.orbit.tle",
+    "TleOrbit": "warpsim.orbit.tle",
+    "KeplerOrbit": "warpsim.orbit.elements",
+    "StateVector": "warpsim.orbit.elements",
     "BallisticArc": "warpsim.orbit.arc",
     "AccessConstraints": "warpsim.orbit.rules",
     "AccessGeometry": "warpsim.orbit.rules",

@@ -19,6 +19,7 @@ from typing import Annotated, Any, TypeVar, dataclass_transform
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
 from pydantic.dataclasses import dataclass as pydantic_dataclass
+from pydantic.dataclasses import rebuild_dataclass
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from warpsim.errors import InputError
@@ -121,6 +122,17 @@ Group = Annotated[Count, closed_interval(1, 100_000)]
 Switch = Annotated[bool, BeforeValidator(_true_or_false)]
 Vector = tuple[Number, Number, Number]
 
+
+def _file_name(value: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", value):
+        raise PydanticCustomError("name", "must be letters, digits, '_', '.' or '-'")
+    return value
+
+
+Name = Annotated[str, AfterValidator(_file_name)]
+"""A name that can also be a file name."""
+
+
 def as_tuple(value: Any) -> Any:
     """Lists of scene files become tuples; a single name is a list of one."""
     if isinstance(value, str):
@@ -197,19 +209,30 @@ _FIELD_NAMES: set[str] = set()
 def part(cls: type[T]) -> type[T]:
     """Make cls a frozen dataclass that validates its fields and raises InputError with one clear line."""
     decorated: Any = pydantic_dataclass(frozen=True, config=CONFIG)(cls)
-    validated_init = decorated.__init__
     names = list(decorated.__dataclass_fields__)
     _FIELD_NAMES.update(names)
     kind = getattr(cls, "kind", None)
     if isinstance(kind, str):
         _KINDS.add(kind)
+    _raise_input_errors(decorated, names)
+    return decorated  # type: ignore[no-any-return]
+
+
+def complete(cls: type[Any], **later: Any) -> None:
+    """Make a part usable whose annotations name types defined after it; `later` holds them by name."""
+    rebuild_dataclass(cls, force=True, raise_errors=True, _types_namespace=later)
+    _raise_input_errors(cls, list(cls.__dataclass_fields__))
+
+
+def _raise_input_errors(decorated: Any, names: list[str]) -> None:
+    """Let the constructor raise InputError where pydantic's raises ValidationError."""
+    validated_init = decorated.__init__
 
     @functools.wraps(validated_init)
     def __init__(self: Any, *args: Any, **kwargs: Any) -> None:
         try:
             validated_init(self, *args, **kwargs)
         except ValidationError as error:
-            raise input_error(error, cls.__name__, names) from None
+            raise input_error(error, decorated.__name__, names) from None
 
     decorated.__init__ = __init__
-    return decorated  # type: ignore[no-any-return]

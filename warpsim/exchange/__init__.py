@@ -1,1 +1,1 @@
-"""Files of other programs: orbits and attitudes, read into records and written from them."""
+"""Files of other programs: element sets, orbits and attitudes, read into records and written from them."""

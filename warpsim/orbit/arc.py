@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 F64 = NDArray[np.float64]
 
+_SAME_EPOCH_S = 1e-6
+
 # Newton stops here; the result misses the end point by the rounding of the propagation, some 1e-8 m.
 _MISS_M = 1e-6
 _WORST_MISS_M = 1e-4  # taken where rounding keeps Newton from _MISS_M (long or nearly 180-degree arcs)
@@ -155,15 +157,17 @@ class BallisticArc:
         states = propagate(start[None], velocity[None], time.ravel(), self.gravity, self.pole_icrs)
         return states[0].reshape(*time.shape, 3), states[1].reshape(*time.shape, 3)
 
-    def states(self, epoch: Time, time_s: F64) -> tuple[F64, F64]:
-        """Return positions [m] and velocities [m/s] at times after the epoch, GCRS axes, each (n_time, 1, 3).
+    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3): `state` as other paths give it.
 
         Raises:
-            InputError: When epoch is not the arc's own.
+            InputError: The epoch is not the arc's own, or as `start_velocity_m_s`.
         """
-        if abs((utc_time(self.epoch_utc) - epoch).sec) > 1e-6:
-            raise InputError(f"epoch_utc: must equal the scene's epoch ({epoch.isot}), got {self.epoch_utc}")
-        position, velocity = self.state(time_s)
+        if abs((utc_time(self.epoch_utc) - epoch).to_value("s")) > _SAME_EPOCH_S:
+            raise InputError(
+                f"BallisticArc: epoch_utc: must be the scene's epoch ({epoch.utc.isot}), got {self.epoch_utc}"
+            )
+        position, velocity = self.state(np.asarray(time_s, np.float64))
         return position[:, None], velocity[:, None]
 
     def position_m(self, time_s: ArrayLike) -> F64:

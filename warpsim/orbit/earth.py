@@ -9,6 +9,7 @@ downloaded.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,7 +32,8 @@ _TIMES_PER_CHUNK = 2048
 
 
 @functools.cache
-def _timescale() -> Any:
+def timescale() -> Any:
+    """Return skyfield's time scales with its built-in tables."""
     from skyfield.api import load
 
     return load.timescale(builtin=True)
@@ -46,20 +48,31 @@ def itrs_to_gcrs(epoch: Time, time_s: ArrayLike) -> F64:
     """
     from skyfield.framelib import itrs
 
+    return skyfield_to_gcrs(itrs.rotation_at, epoch, time_s)
+
+
+def skyfield_to_gcrs(rotation_at: Callable[[Any], Any], epoch: Time, time_s: ArrayLike) -> F64:
+    """Return rotations from one of skyfield's frames to GCRS axes, of the shape of time_s plus (3, 3).
+
+    Args:
+        rotation_at: From skyfield's Time, an array of n, to rotations from GCRS to the frame, (3, 3, n).
+        epoch: The scene's epoch.
+        time_s: Times [s since epoch], any shape.
+    """
     whole, fraction = tt_jd(epoch, time_s)
     flat = fraction.ravel()
     rotation = np.empty((flat.size, 3, 3))
     for start in range(0, flat.size, _TIMES_PER_CHUNK):
         part = flat[start : start + _TIMES_PER_CHUNK]
-        to_itrs = itrs.rotation_at(_timescale().tt_jd(np.full_like(part, whole), part))  # (3, 3, n)
-        rotation[start : start + len(part)] = np.transpose(to_itrs, (2, 1, 0))
+        matrix = rotation_at(timescale().tt_jd(np.full_like(part, whole), part))
+        rotation[start : start + len(part)] = np.transpose(matrix, (2, 1, 0))
     return rotation.reshape(*fraction.shape, 3, 3)
 
 
 def pole_of_date(epoch: Time) -> F64:
     """Return the unit vector of the true celestial pole at the epoch in GCRS axes, shape (3,)."""
     whole, fraction = tt_jd(epoch, 0.0)
-    return np.array(_timescale().tt_jd(whole, float(fraction)).M[2], np.float64)
+    return np.array(timescale().tt_jd(whole, float(fraction)).M[2], np.float64)
 
 
 def geodetic_to_itrs_m(lon_deg: ArrayLike, lat_deg: ArrayLike, altitude_m: ArrayLike) -> F64:

@@ -15,7 +15,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
 
 from warpsim.describe import as_tuple, part, part_error
@@ -83,13 +83,13 @@ class EphemerisOrbit:
         """First and last time of the file [s since epoch]."""
         return self._path.span_s(epoch)
 
-    def states(self, epoch: Time, time_s: F64) -> tuple[F64, F64]:
+    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3).
 
         Raises:
             InputError: A time is farther than 60 s from the file's span, or in a gap between segments.
         """
-        return _states([self._path], epoch, time_s, self.frame)
+        return _states([self._path], epoch, np.asarray(time_s, np.float64), self.frame)
 
 
 @part
@@ -136,13 +136,13 @@ class EphemerisSatellites:
         spans = [path.span_s(epoch) for path in self._all]
         return max(first for first, _ in spans), min(last for _, last in spans)
 
-    def states(self, epoch: Time, time_s: F64) -> tuple[F64, F64]:
+    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_object, 3).
 
         Raises:
             InputError: A time is farther than 60 s from an object's span, or in a gap between its segments.
         """
-        return _states(self._all, epoch, time_s, self.frame)
+        return _states(self._all, epoch, np.asarray(time_s, np.float64), self.frame)
 
 
 class _Path:

@@ -9,7 +9,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim.errors import InputError
 from warpsim.exchange.records import FRAMES, AttitudeSegment
 from warpsim.exchange.rotations import product
-from warpsim.orbit.earth import _TIMES_PER_CHUNK, _timescale, itrs_to_gcrs
-from warpsim.orbit.epoch import tt_jd
+from warpsim.orbit.earth import itrs_to_gcrs, skyfield_to_gcrs
+from warpsim.orbit.teme import teme_to_gcrs
 
 if TYPE_CHECKING:
     from astropy.time import Time
@@ -48,9 +47,9 @@ def frame_to_gcrs(frame: str, epoch: Time, time_s: ArrayLike) -> F64:
     if frame == "TEME":
         return teme_to_gcrs(epoch, times)
     if frame == "TOD":
-        return _by_skyfield(lambda t: t.M, epoch, times)
+        return skyfield_to_gcrs(lambda t: t.M, epoch, times)
     if frame == "MOD":
-        return _by_skyfield(_mean_of_date, epoch, times)
+        return skyfield_to_gcrs(_mean_of_date, epoch, times)
     raise InputError(f"frame: must be one of {', '.join(FRAMES)}, got {frame!r}")
 
 
@@ -93,29 +92,11 @@ def eme2000_to_gcrs() -> F64:
     return np.asarray(bias, np.float64).T
 
 
-def teme_to_gcrs(epoch: Time, time_s: ArrayLike) -> F64:
-    """Return rotations from SGP4's axes (true equator, mean equinox of date) to GCRS axes, (n_time, 3, 3)."""
-    from skyfield.sgp4lib import TEME
-
-    return _by_skyfield(TEME.rotation_at, epoch, np.asarray(time_s, np.float64))
-
-
 def _mean_of_date(t: Any) -> Any:
     """Precession and frame bias without nutation: GCRS to mean equator and equinox of date, (3, 3, n)."""
     from skyfield.framelib import mean_equator_and_equinox_of_date
 
     return mean_equator_and_equinox_of_date.rotation_at(t)
-
-
-def _by_skyfield(to_frame: Callable[[Any], Any], epoch: Time, time_s: F64) -> F64:
-    """Transposes of skyfield's rotations from GCRS, computed some thousand times at once: nutation takes memory."""
-    whole, fraction = tt_jd(epoch, time_s)
-    rotation = np.empty((len(time_s), 3, 3))
-    for start in range(0, len(time_s), _TIMES_PER_CHUNK):
-        part = fraction[start : start + _TIMES_PER_CHUNK]
-        matrix = to_frame(_timescale().tt_jd(np.full_like(part, whole), part))  # (3, 3, n)
-        rotation[start : start + len(part)] = np.transpose(matrix, (2, 1, 0))
-    return rotation
 
 
 def attitude_in_gcrs(segment: AttitudeSegment, epoch: Time) -> tuple[F64, F64]:

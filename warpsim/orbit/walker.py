@@ -11,11 +11,11 @@ import math
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import ValidationInfo, field_validator
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
-from warpsim.describe import Group, Integer, Number, Positive, closed_interval, part, rule_error
+from warpsim.describe import Group, Integer, Name, Number, Positive, closed_interval, part, rule_error
 from warpsim.orbit.earth import pole_of_date
 from warpsim.orbit.gravity import Gravity, propagate
 
@@ -26,6 +26,24 @@ F64 = NDArray[np.float64]
 
 Pattern = Literal["delta", "star"]
 Definition = Literal["standard", "paper"]
+
+
+def satellite_names(n_plane: int, n_slot: int, prefix: str) -> list[str]:
+    """`sat{plane}{slot}`, counted from 1 ("sat11".."sat47"); `sat{plane:02d}-{slot:02d}` when one passes 9."""
+    short = n_plane < 10 and n_slot < 10
+    pairs = ((i, j) for i in range(1, n_plane + 1) for j in range(1, n_slot + 1))
+    return [f"{prefix}{i}{j}" if short else f"{prefix}{i:02d}-{j:02d}" for i, j in pairs]
+
+
+def pattern_turns(n_plane: int, n_slot: int, phasing: int) -> F64:
+    """Return each satellite's place along its orbit, in turns ahead of the first one's, 0 <= turns < 1, (n,).
+
+    Slot j of plane i: (j - 1) / S + F (i - 1) / T. Counted in units of 1/T, whole numbers, so that a full turn comes
+    out as exactly 0.
+    """
+    plane, slot = np.divmod(np.arange(n_plane * n_slot), n_slot)
+    total = n_plane * n_slot
+    return np.asarray((slot * n_plane + phasing * plane) % total / total, np.float64)
 
 
 @part
@@ -51,7 +69,9 @@ class Walker:
     definition: Definition = "standard"
     """"standard", or "paper": its Eq. 10 leaves F out, so that planes are phased as if F were 1."""
     gravity: Gravity = "j2"
-    """What the satellites move under."""
+    """What moves the satellites."""
+    prefix: Name = "sat"
+    """What their names begin with."""
     kind: Literal["walker"] = "walker"
 
     @field_validator("n_plane")
@@ -85,9 +105,7 @@ class Walker:
     @property
     def names(self) -> list[str]:
         """`sat{plane}{slot}`, counted from 1 ("sat11".."sat47"); `sat{plane:02d}-{slot:02d}` when one passes 9."""
-        short = self.n_plane < 10 and self.n_slot < 10
-        pairs = ((i, j) for i in range(1, self.n_plane + 1) for j in range(1, self.n_slot + 1))
-        return [f"sat{i}{j}" if short else f"sat{i:02d}-{j:02d}" for i, j in pairs]
+        return satellite_names(self.n_plane, self.n_slot, self.prefix)
 
     @property
     def raan_deg(self) -> F64:
@@ -105,12 +123,8 @@ class Walker:
 
         Paper Eq. 10 with the phasing restored: 360 (j-1) / S + 360 F (i-1) / T.
         """
-        plane = np.repeat(np.arange(self.n_plane), self.n_slot)
-        slot = np.tile(np.arange(self.n_slot), self.n_plane)
         phasing = self.phasing if self.definition == "standard" else 1
-        # In units of 360/T, whole numbers: a full turn comes out as exactly 0.
-        turns = (slot * self.n_plane + phasing * plane) % self.n_satellite
-        return np.mod(self.mean_anomaly0_deg + 360.0 * turns / self.n_satellite, 360.0)
+        return np.mod(self.mean_anomaly0_deg + 360.0 * pattern_turns(self.n_plane, self.n_slot, phasing), 360.0)
 
     @property
     def period_s(self) -> float:
@@ -133,11 +147,11 @@ class Walker:
         cosine, sine = np.cos(along)[:, None], np.sin(along)[:, None]
         return radius_m * (cosine * to_node + sine * to_top), speed_m_s * (cosine * to_top - sine * to_node)
 
-    def states(self, epoch: Time, time_s: F64) -> tuple[F64, F64]:
-        """Return positions [m] and velocities [m/s] at times after the epoch, GCRS axes, each (n_time, n_satellite, 3).
+    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_satellite, 3).
 
         Args:
-            epoch: Instant at which the satellites stand as the pattern says.
-            time_s: Times [s], of either sign, shape (n_time,).
+            epoch: The scene's epoch, at which the angles hold; it sets the pole that J2 acts about.
+            time_s: Times [s since epoch], shape (n_time,).
         """
-        return propagate(*self.state(), time_s, self.gravity, pole_of_date(epoch))
+        return propagate(*self.state(), np.asarray(time_s, np.float64), self.gravity, pole_of_date(epoch))

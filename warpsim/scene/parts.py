@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
@@ -11,6 +12,7 @@ from warpsim.describe import (
     Count,
     Group,
     Integer,
+    Name,
     NonNegative,
     Number,
     Positive,
@@ -21,27 +23,35 @@ from warpsim.describe import (
     part_error,
     rule_error,
 )
-from warpsim.orbit.arc import BallisticArc
+from warpsim.orbit.constellations import Constellation
+from warpsim.orbit.paths import Orbit
 from warpsim.target.attitude import Attitude
 from warpsim.target.attitude_table import AttitudeTable
 from warpsim.target.motion import Graybody, Temperature
 from warpsim.target.shapes import Shape
 
 
-def _matching(pattern: str, rule: str) -> AfterValidator:
-    def check(value: str) -> str:
-        if not re.fullmatch(pattern, value):
-            raise rule_error(rule)
-        return value
+def _of_kind(kind: str) -> Callable[[Any], Any]:
+    """Tables of a scene file that do not say their kind are of this one."""
 
-    return AfterValidator(check)
+    def name_kind(value: Any) -> Any:
+        return {"kind": kind, **value} if isinstance(value, dict) else value
+
+    return name_kind
 
 
-Name = Annotated[str, _matching(r"[A-Za-z0-9][A-Za-z0-9_.-]*", "must be letters, digits, '_', '.' or '-'")]
-"""A name that can also be a file name."""
-Text = Annotated[str, _matching(r"[ -~]*", "must be printable ASCII text")]
+def _printable(value: str) -> str:
+    if not re.fullmatch(r"[ -~]*", value):
+        raise rule_error("must be printable ASCII text")
+    return value
+
+
+Text = Annotated[str, AfterValidator(_printable)]
 """Text that fits a FITS header."""
-Trajectory = BallisticArc
+Trajectory = Annotated[Orbit, BeforeValidator(_of_kind("ballistic_arc"))]
+"""Path of a main target; what names no kind is a ballistic arc."""
+AnyConstellation = Annotated[Constellation, BeforeValidator(_of_kind("walker"))]
+"""What names no kind is a Walker pattern."""
 Speeds = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(as_tuple)]
 
 

@@ -26,9 +26,8 @@ from warpsim.optics.psf import Optics
 from warpsim.orbit.arc import BallisticArc, UtcText
 from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.rules import AccessConstraints
-from warpsim.orbit.walker import Walker
 from warpsim.scene.attitudes import table_rows, target_attitudes
-from warpsim.scene.parts import Frames, Release, Sky, TargetGroup, TargetSpec, Text
+from warpsim.scene.parts import AnyConstellation, Frames, Release, Sky, TargetGroup, TargetSpec, Text, Trajectory
 from warpsim.scene.pointing import Pointing, TablePointing, TrackPointing
 from warpsim.scene.rules import check_scene
 from warpsim.sky.bands import BANDS
@@ -91,12 +90,12 @@ class Scene:
     epoch_utc: UtcText
     duration_s: Positive
     frames: Frames
-    constellation: Walker
+    constellation: AnyConstellation
     camera: Camera
     optics: Optics
     detector: NeiDetector
     bands: Annotated[tuple[BandName, ...], BeforeValidator(as_tuple)]
-    trajectory: BallisticArc
+    trajectory: Trajectory
     targets: Annotated[tuple[TargetSpec, ...], BeforeValidator(as_tuple)]
     release: Release = Field(default_factory=Release)
     groups: Annotated[tuple[TargetGroup, ...], BeforeValidator(as_tuple)] = ()

@@ -1,0 +1,154 @@
+"""The four layouts of Orbit Mean-Elements Messages: KVN, XML, JSON and CSV, as CelesTrak and Space-Track give them.
+
+Each reader turns a text into (keywords and texts, place) per satellite; `omm.py` checks what they say. Units written
+behind values are compared with those of the standard.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+
+from warpsim.errors import InputError
+from warpsim.exchange.element_set import shown, tidy_name
+
+Message = tuple[dict[str, str], str]
+"""Keyword to text, and the place of the message."""
+
+_UNITS = {
+    "MEAN_MOTION": ("rev/day",),
+    "INCLINATION": ("deg",),
+    "RA_OF_ASC_NODE": ("deg",),
+    "ARG_OF_PERICENTER": ("deg",),
+    "MEAN_ANOMALY": ("deg",),
+    "BSTAR": ("1/er",),
+    "MEAN_MOTION_DOT": ("rev/day**2", "rev/day^2"),
+    "MEAN_MOTION_DDOT": ("rev/day**3", "rev/day^3"),
+}
+
+
+def layout_of(text: str) -> str | None:
+    """Which of "kvn", "xml", "json", "csv" a text is in, by its beginning; None for none of them."""
+    start = text.lstrip()
+    if start.startswith("<"):
+        return "xml"
+    if start.startswith(("[", "{")):
+        return "json"
+    first = start.split("\n", 1)[0]
+    if re.search(r"^\s*CCSDS_OMM_VERS\s*=", text, re.MULTILINE):
+        return "kvn"
+    if "," in first and "MEAN_MOTION" in first.upper():
+        return "csv"
+    return None
+
+
+def read_kvn(text: str, where: str) -> Iterator[Message]:
+    """Messages one behind the other, each begun by CCSDS_OMM_VERS (or by OBJECT_NAME, where that is not repeated)."""
+    fields: dict[str, str] = {}
+    first = 1
+    for number, line in enumerate(text.split("\n"), 1):
+        line = line.strip()
+        if not line or line.startswith(("COMMENT", "USER_DEFINED")) or line in ("META_START", "META_STOP"):
+            continue
+        keyword, equals, value = (part.strip() for part in line.partition("="))
+        if not equals:
+            raise InputError(f"{where}: line {number}: must be KEYWORD = value, got {shown(line)}")
+        if keyword == "CCSDS_OMM_VERS" or (keyword == "OBJECT_NAME" and keyword in fields):
+            if "EPOCH" in fields or "OBJECT_NAME" in fields:
+                yield fields, f"{where}: line {first}"
+            fields, first = {}, number
+        if keyword in fields:
+            raise InputError(f"{where}: line {number}: {tidy_name(keyword)} is given twice")
+        unit = re.search(r"\s*\[([^\]]*)\]$", value)
+        if unit:
+            value = value[: unit.start()]
+            _check_unit(keyword, unit[1], f"{where}: line {number}")
+        fields[keyword] = value
+    yield fields, f"{where}: line {first}"
+
+
+def read_xml(text: str, where: str) -> Iterator[Message]:
+    """`<omm>` elements, alone or in an `<ndm>`, with or without a namespace."""
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise InputError(f"{where}: must be plain XML without DOCTYPE or ENTITY")
+    try:
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        line, column = error.position
+        raise InputError(f"{where}: line {line}: is not valid XML at column {column + 1}") from None
+    except ValueError as error:
+        raise InputError(f"{where}: is not valid XML: {error}") from None
+    messages = [element for element in root.iter() if _tag(element) == "omm"]
+    if not messages:
+        raise InputError(f"{where}: must hold <omm> elements, got <{_tag(root)}>")
+    for record, message in enumerate(messages, 1):
+        place = f"{where}: record {record}"
+        fields: dict[str, str] = {}
+        for element in message.iter():
+            keyword = _tag(element)
+            if len(element) or keyword in ("COMMENT", "USER_DEFINED"):
+                continue
+            if keyword in fields:
+                raise InputError(f"{place}: {keyword} is given twice")
+            _check_unit(keyword, element.get("units", ""), place)
+            fields[keyword] = (element.text or "").strip()
+        yield fields, place
+
+
+def read_json(text: str, where: str) -> Iterator[Message]:
+    """A list of objects, or one object; numbers may be numbers or texts."""
+    try:
+        data = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError(f"{where}: line {error.lineno}: is not valid JSON: {error.msg}") from None
+    except (RecursionError, ValueError):
+        raise InputError(f"{where}: is not valid JSON: nested too deep, or a number too long") from None
+    for record, item in enumerate(data if isinstance(data, list) else [data], 1):
+        place = f"{where}: record {record}"
+        if not isinstance(item, dict):
+            raise InputError(f"{place}: must be an object of keywords, got {shown(item)}")
+        for keyword, value in item.items():
+            if isinstance(value, bool | list | dict):
+                raise InputError(f"{place}: {shown(keyword)} must be a number or a text, got {shown(value)}")
+        yield {key: _json_text(value) for key, value in item.items()}, place
+
+
+def read_csv(text: str, where: str) -> Iterator[Message]:
+    """A header of keywords, then a line per satellite."""
+    rows = csv.reader(text.split("\n"), strict=True)
+    header: list[str] = []
+    try:
+        for row in rows:
+            place = f"{where}: line {rows.line_num}"
+            if not any(cell.strip() for cell in row):
+                continue
+            if not header:
+                header = [cell.strip().upper() for cell in row]
+                if len(set(header)) != len(header):
+                    raise InputError(f"{place}: column names must be different")
+                continue
+            if len(row) != len(header):
+                raise InputError(f"{place}: must have {len(header)} values, as the header has, got {len(row)}")
+            yield dict(zip(header, row, strict=True)), place
+    except csv.Error as error:
+        raise InputError(f"{where}: line {rows.line_num}: is not valid CSV: {error}") from None
+
+
+READERS = {"kvn": read_kvn, "xml": read_xml, "json": read_json, "csv": read_csv}
+
+
+def _tag(element: ElementTree.Element) -> str:
+    return str(element.tag).rpartition("}")[2]
+
+
+def _json_text(value: object) -> str:
+    return "" if value is None else value if isinstance(value, str) else repr(value)
+
+
+def _check_unit(keyword: str, unit: str, place: str) -> None:
+    known = _UNITS.get(keyword)
+    if unit and known and unit.strip().lower() not in known:
+        raise InputError(f"{place}: {keyword} must be in {known[0]}, got {shown(unit)}")

@@ -1,0 +1,251 @@
+"""Constellations made of other parts: a list of orbits, copies of one orbit in a pattern, several constellations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+
+from warpsim.constants import EARTH_GM_M3_S2
+from warpsim.describe import Group, Integer, Name, as_tuple, complete, part, part_error, rule_error
+from warpsim.errors import InputError
+from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, pole_of_date
+from warpsim.orbit.elements import KeplerOrbit, StateVector, state_to_elements
+from warpsim.orbit.gravity import Gravity, propagate
+from warpsim.orbit.kepler import propagate_two_body
+from warpsim.orbit.paths import Moving, Orbit, SimpleConstellation
+from warpsim.orbit.walker import Pattern, pattern_turns, satellite_names
+
+if TYPE_CHECKING:
+    from astropy.time import Time
+
+F64 = NDArray[np.float64]
+
+
+@part
+class NamedOrbit:
+    """One satellite of a list."""
+
+    name: Name
+    orbit: Orbit
+
+
+@part
+class ListedSatellites:
+    """Satellites with orbits of their own, of any kind."""
+
+    satellites: Annotated[tuple[NamedOrbit, ...], BeforeValidator(as_tuple)]
+    kind: Literal["listed"] = "listed"
+
+    @model_validator(mode="after")
+    def _named_apart(self) -> ListedSatellites:
+        _check_names("satellites", self.names)
+        return self
+
+    @property
+    def names(self) -> list[str]:
+        """Names in the order of the list."""
+        return [item.name for item in self.satellites]
+
+    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_satellite, 3).
+
+        Raises:
+            InputError: A satellite has no state at some time; the text begins with its name.
+        """
+        try:
+            return self._states(epoch, np.asarray(time_s, np.float64))
+        except InputError:
+            # One by one: the same error, with a name.
+            return _side_by_side([(item.name, item.orbit) for item in self.satellites], epoch, time_s)
+
+    def _states(self, epoch: Time, times: F64) -> tuple[F64, F64]:
+        """Orbits that one propagation can serve fly together, the others alone."""
+        position, velocity = (np.empty((len(times), len(self.satellites), 3)) for _ in range(2))
+        together: dict[Gravity, tuple[list[int], list[tuple[F64, F64]]]] = {}
+        for k, item in enumerate(self.satellites):
+            orbit = item.orbit
+            if isinstance(orbit, KeplerOrbit) or (isinstance(orbit, StateVector) and orbit.time_s == 0.0):
+                members, starts = together.setdefault(orbit.gravity, ([], []))
+                members.append(k)
+                starts.append(orbit.state())
+            else:
+                position[:, k : k + 1], velocity[:, k : k + 1] = orbit.states(epoch, times)
+        for gravity, (members, starts) in together.items():
+            start_m, start_m_s = (np.concatenate([start[i] for start in starts]) for i in range(2))
+            moved = propagate(start_m, start_m_s, times, gravity, pole_of_date(epoch))
+            position[:, members], velocity[:, members] = moved
+        return position, velocity
+
+    def notes(self, epoch: Time, duration_s: float) -> list[str]:
+        """Return what a user should know of the single orbits, each line with the satellite's name."""
+        return [f"{item.name}: {note}" for item in self.satellites for note in _notes_of(item.orbit, epoch, duration_s)]
+
+
+@part
+class SeedPattern:
+    """Copies of one orbit, evenly spread over planes and slots.
+
+    The seed's state at the epoch gives its Kepler conic. Slot j of plane i is the seed moved along that conic by
+    (j - 1) / S + F (i - 1) / T of its period, then turned about the GCRS z axis by the plane's share of 360 degrees
+    ("delta") or 180 degrees ("star"). All copies, the first included, then fly freely under `gravity`.
+    """
+
+    seed: Orbit
+    """The first satellite of the first plane; its orbit must be closed."""
+    n_plane: Group
+    """P, orbital planes."""
+    n_per_plane: Group
+    """S, satellites per plane; T = P S."""
+    phasing: Integer = 0
+    """F, in 0..P-1: a satellite is ahead of its neighbour one plane to the west by F / T of the period."""
+    pattern: Pattern = "delta"
+    """Nodes spread over 360 degrees ("delta") or 180 degrees ("star")."""
+    gravity: Gravity | None = None
+    """Of the copies; the seed's own if left out, "j2" where it has none."""
+    prefix: Name = "sat"
+    """What their names begin with."""
+    kind: Literal["seed_pattern"] = "seed_pattern"
+
+    @field_validator("n_per_plane")
+    @classmethod
+    def _not_too_many(cls, value: int, info: ValidationInfo) -> int:
+        planes = info.data.get("n_plane")
+        if planes is not None and planes * value > 100_000:
+            raise rule_error(f"must give at most 100000 satellites in {planes} planes")
+        return value
+
+    @field_validator("phasing")
+    @classmethod
+    def _below_planes(cls, value: int, info: ValidationInfo) -> int:
+        planes = info.data.get("n_plane")
+        if value < 0 or (planes is not None and value >= planes):
+            raise rule_error(f"must be in 0..{(planes or 1) - 1} (below n_plane)" if planes else "must be >= 0")
+        return value
+
+    @property
+    def names(self) -> list[str]:
+        """`sat{plane}{slot}`, counted from 1, as those of `Walker`."""
+        return satellite_names(self.n_plane, self.n_per_plane, self.prefix)
+
+    @property
+    def copies_gravity(self) -> Gravity:
+        """The gravity model that the copies fly under."""
+        own: Gravity = getattr(self.seed, "gravity", "j2")
+        return own if self.gravity is None else self.gravity
+
+    def state(self, epoch: Time) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s] at the epoch, GCRS axes, each (n_satellite, 3).
+
+        Raises:
+            InputError: The seed has no state at the epoch, or its orbit is not closed.
+        """
+        try:
+            seed_m, seed_m_s = (x[0] for x in self.seed.states(epoch, np.zeros(1)))  # (1, 3)
+        except InputError as error:
+            raise InputError(f"seed: {error}") from None
+        try:
+            conic = state_to_elements(seed_m[0], seed_m_s[0])
+        except InputError:
+            raise InputError("seed: must be on a closed orbit, along which it can be copied") from None
+        perigee_m = float(conic.semi_major_axis_m * (1.0 - conic.eccentricity))
+        if perigee_m < EARTH_POLAR_RADIUS_M:
+            raise InputError(
+                "seed: its whole orbit must be above the Earth's surface, as copies are spread along it, "
+                f"got a perigee {(EARTH_POLAR_RADIUS_M - perigee_m) / 1e3:.0f} km below"
+            )
+        period_s = 2.0 * np.pi * np.sqrt(float(conic.semi_major_axis_m) ** 3 / EARTH_GM_M3_S2)
+        plane = np.repeat(np.arange(self.n_plane), self.n_per_plane)
+        turns = pattern_turns(self.n_plane, self.n_per_plane, self.phasing)
+        along_m, along_m_s = (x[:, 0] for x in propagate_two_body(seed_m, seed_m_s, period_s * turns))
+        angle = (2.0 * np.pi if self.pattern == "delta" else np.pi) * plane / self.n_plane
+        return _turned_about_z(along_m, angle), _turned_about_z(along_m_s, angle)
+
+    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_satellite, 3).
+
+        Raises:
+            InputError: As `state`, or a path falls through half the Earth's radius.
+        """
+        return propagate(*self.state(epoch), np.asarray(time_s, np.float64), self.copies_gravity, pole_of_date(epoch))
+
+    def notes(self, epoch: Time, duration_s: float) -> list[str]:
+        """Return what a user should know of the seed at the epoch, the only time that counts of it."""
+        return [f"seed: {note}" for note in _notes_of(self.seed, epoch, 0.0)]
+
+
+@part
+class MixedConstellation:
+    """Several constellations together; names must be unique among them."""
+
+    parts: Annotated[tuple[Constellation, ...], BeforeValidator(as_tuple)]
+    kind: Literal["mixed"] = "mixed"
+
+    @model_validator(mode="after")
+    def _named_apart(self) -> MixedConstellation:
+        _check_names("parts", self.names)
+        return self
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Names of all satellites, part by part."""
+        return [name for item in self.parts for name in item.names]
+
+    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_satellite, 3).
+
+        Raises:
+            InputError: A part has no states at some time.
+        """
+        return _side_by_side([("", item) for item in self.parts], epoch, time_s)
+
+    def notes(self, epoch: Time, duration_s: float) -> list[str]:
+        """Return what a user should know of the parts."""
+        return [note for item in self.parts for note in _notes_of(item, epoch, duration_s)]
+
+
+Constellation = Annotated[
+    SimpleConstellation | ListedSatellites | SeedPattern | MixedConstellation,
+    Field(discriminator="kind"),
+]
+"""Any kind of constellation."""
+
+complete(MixedConstellation, Constellation=Constellation)
+
+
+def _check_names(field: str, names: Sequence[str]) -> None:
+    if not names:
+        raise part_error(f"{field}: must hold at least one satellite")
+    if len(set(names)) != len(names):
+        seen: set[str] = set()
+        twice = next(name for name in names if name in seen or seen.add(name))  # type: ignore[func-returns-value]
+        raise part_error(f"{field}: names must be unique, got {twice} twice (patterns take a prefix)")
+
+
+def _side_by_side(members: Sequence[tuple[str, Moving]], epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+    """States of several movers along the axis of objects."""
+    positions, velocities = [], []
+    for name, mover in members:
+        try:
+            position, velocity = mover.states(epoch, time_s)
+        except InputError as error:
+            raise InputError(f"{name}: {error}" if name else str(error)) from None
+        positions.append(position)
+        velocities.append(velocity)
+    return np.concatenate(positions, axis=1), np.concatenate(velocities, axis=1)
+
+
+def _turned_about_z(vectors: F64, angle_rad: F64) -> F64:
+    """Vectors (n, 3), each turned by its own angle (n,)."""
+    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
+    x, y, z = vectors.T
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y, z], axis=-1)
+
+
+def _notes_of(item: Any, epoch: Time, duration_s: float) -> list[str]:
+    notes = getattr(item, "notes", None)
+    return [] if notes is None else list(notes(epoch, duration_s))

@@ -1,0 +1,41 @@
+"""Every kind of path: the one list of what a scene's `[trajectory]` and the orbits within constellations may be.
+
+Parts of a kind are told apart by their field `kind`. Each has `states(epoch, time_s)`, which gives positions [m] and
+velocities [m/s] in GCRS axes, (n_time, n_object, 3), with one object here. Constellations have `names` as well.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
+
+from warpsim.orbit.arc import BallisticArc
+from warpsim.orbit.elements import KeplerOrbit, StateVector
+from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
+from warpsim.orbit.tle import TleOrbit, TleSatellites
+from warpsim.orbit.walker import Walker
+
+if TYPE_CHECKING:
+    from astropy.time import Time
+
+F64 = NDArray[np.float64]
+
+Orbit = Annotated[
+    BallisticArc | StateVector | KeplerOrbit | TleOrbit | EphemerisOrbit,
+    Field(discriminator="kind"),
+]
+"""The path of one object."""
+
+SimpleConstellation = Walker | TleSatellites | EphemerisSatellites
+"""Constellations that hold no other parts; `constellations.Constellation` adds those that do."""
+
+
+class Moving(Protocol):
+    """What has states."""
+
+    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_object, 3)."""
+        ...

@@ -1,0 +1,312 @@
+"""Satellites by their element sets (TLE, OMM), moved by SGP4.
+
+SGP4 gives states in TEME of date; they are turned into GCRS axes, without which they would be some 45 km off in 2025.
+Element sets date themselves in UTC. The time that SGP4 runs on is the elapsed one, in SI seconds: across a leap second
+it goes on evenly, where a difference of UTC dates, which other programs take, would be a second short (7 km along the
+path, for sets from before a leap second and scenes behind it; the last one was at the end of 2016).
+"""
+
+from __future__ import annotations
+
+import difflib
+import fnmatch
+import os
+import re
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BeforeValidator, model_validator
+
+from warpsim.constants import DAY_S
+from warpsim.describe import as_tuple, part, part_error, rule_error
+from warpsim.errors import InputError
+from warpsim.exchange.element_set import ElementSet
+from warpsim.exchange.elements_files import parse_element_sets, read_element_sets
+from warpsim.orbit.epoch import tt_jd
+from warpsim.orbit.teme import teme_to_gcrs
+
+if TYPE_CHECKING:
+    from astropy.time import Time
+
+F64 = NDArray[np.float64]
+
+OLD_DAYS = 30.0
+"""Element sets farther than this from the scene are worth a note: SGP4 loses kilometres a day."""
+
+_TT_MINUS_TAI_S = 32.184
+_PAIRS_PER_CHUNK = 500_000  # (time, satellite) pairs of SGP4 held at once: some 30 MB
+
+
+def _path_text(value: Any) -> Any:
+    return os.fspath(value) if isinstance(value, os.PathLike) else value
+
+
+def _selector(value: Any) -> Any:
+    """A catalog number may be given as a number."""
+    if isinstance(value, bool) or not isinstance(value, str | int | np.integer):
+        raise rule_error("must be a name or a catalog number")
+    return str(value)
+
+
+def _selectors(value: Any) -> Any:
+    return as_tuple(str(value) if isinstance(value, int | np.integer) and not isinstance(value, bool) else value)
+
+
+FileName = Annotated[str, BeforeValidator(_path_text)]
+Lines = Annotated[tuple[str, ...], BeforeValidator(as_tuple)]
+Selector = Annotated[str, BeforeValidator(_selector)]
+Selectors = Annotated[tuple[Selector, ...], BeforeValidator(_selectors)]
+
+
+class Satellite(NamedTuple):
+    """One object with all the element sets that there are of it."""
+
+    name: str
+    """Unique in its source; letters, digits, `_ . -`."""
+    sets: tuple[ElementSet, ...]
+
+    def set_for(self, epoch_jd_utc: float) -> ElementSet:
+        """The element set nearest to an instant."""
+        return min(self.sets, key=lambda item: abs(sum(item.epoch_jd_utc) - epoch_jd_utc))
+
+
+@part
+class TleSatellites:
+    """A constellation of satellites given by element sets; give `file` or `lines`.
+
+    Of several sets of one object, the one nearest to the scene's epoch is taken.
+    """
+
+    file: FileName | None = None
+    """TLE, 3LE, or OMM as KVN, XML, JSON or CSV."""
+    lines: Lines | None = None
+    """The same as text, line by line."""
+    only: Selectors | None = None
+    """Names or catalog numbers of the satellites to take, with `*` and `?` as wild cards; all if left out."""
+    kind: Literal["tle"] = "tle"
+
+    @model_validator(mode="after")
+    def _readable(self) -> TleSatellites:
+        _validate(self, lambda: self.satellites)
+        return self
+
+    @cached_property
+    def satellites(self) -> tuple[Satellite, ...]:
+        """The satellites, in the order of the source."""
+        found = _satellites(self.file, self.lines)
+        if self.only is None:
+            return found
+        if not self.only:
+            raise InputError("only: must choose at least one satellite, or be left out")
+        chosen = [_matches(found, pattern, "only") for pattern in self.only]
+        return tuple(item for item in found if any(item in some for some in chosen))
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the satellites; without one in the source, `norad` and the catalog number."""
+        return [item.name for item in self.satellites]
+
+    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_satellite, 3).
+
+        Args:
+            epoch: The scene's epoch.
+            time_s: Times [s since epoch], shape (n_time,).
+
+        Raises:
+            InputError: SGP4 has no state for some satellite and time, because it has decayed, say.
+        """
+        return _sgp4_states(self.satellites, epoch, time_s)
+
+    def age_days(self, epoch: Time) -> F64:
+        """Return the ages of the element sets at an epoch [d], negative before theirs, shape (n_satellite,)."""
+        return _age_days(self.satellites, epoch)
+
+    def notes(self, epoch: Time, duration_s: float) -> list[str]:
+        """Return what a user should know: element sets more than 30 days away from some time of the scene."""
+        return _notes(self.satellites, epoch, duration_s)
+
+
+@part
+class TleOrbit:
+    """The path of one object given by element sets; give `file` or `lines`."""
+
+    file: FileName | None = None
+    """TLE, 3LE, or OMM as KVN, XML, JSON or CSV."""
+    lines: Lines | None = None
+    """The same as text, line by line."""
+    object: Selector | None = None
+    """Its name or catalog number; may be left out where the source has one object only."""
+    kind: Literal["tle_orbit"] = "tle_orbit"
+
+    @model_validator(mode="after")
+    def _readable(self) -> TleOrbit:
+        _validate(self, lambda: self.satellite)
+        return self
+
+    @cached_property
+    def satellite(self) -> Satellite:
+        """The object."""
+        found = _satellites(self.file, self.lines)
+        chosen = found if self.object is None else _matches(found, self.object, "object")
+        if len(chosen) > 1:
+            names = ", ".join(item.name for item in chosen[:3]) + (", ..." if len(chosen) > 3 else "")
+            raise InputError(f"object: must choose one of {len(chosen)} objects ({names}), got {self.object!r}")
+        return chosen[0]
+
+    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3); as `TleSatellites.states`."""
+        return _sgp4_states([self.satellite], epoch, time_s)
+
+    def age_days(self, epoch: Time) -> F64:
+        """Return the age of the element set at an epoch [d], negative before its own, shape (1,)."""
+        return _age_days([self.satellite], epoch)
+
+    def notes(self, epoch: Time, duration_s: float) -> list[str]:
+        """Return what a user should know: an element set more than 30 days away from some time of the scene."""
+        return _notes([self.satellite], epoch, duration_s)
+
+
+def _validate(source: TleSatellites | TleOrbit, read: Any) -> None:
+    """Read the source once, so that its errors come up with the field they belong to."""
+    if (source.file is None) == (source.lines is None):
+        raise part_error("file, lines: exactly one must be given")
+    try:
+        read()
+    except InputError as error:
+        raise part_error(str(error)) from None
+
+
+def _satellites(file: str | None, lines: Sequence[str] | None) -> tuple[Satellite, ...]:
+    """Objects of a source, with names made unique."""
+    sets = read_element_sets(file) if file is not None else parse_element_sets("\n".join(lines or ()), "lines")
+    grouped: dict[Any, list[ElementSet]] = {}
+    for item in sets:
+        key = item.norad_id if item.norad_id is not None else (item.name, item.international_designator)
+        grouped.setdefault(key, []).append(item)
+    groups = list(grouped.values())
+    plain = [_plain_name(group[0]) for group in groups]
+    twice = {name for name, count in Counter(plain).items() if count > 1}
+    names = [
+        f"{name}-{_identifier(group[0])}" if name in twice else name for name, group in zip(plain, groups, strict=True)
+    ]
+    for name, count in Counter(names).items():
+        if count > 1:
+            group = groups[len(names) - 1 - names[::-1].index(name)]
+            raise InputError(f"{group[0].place}: {group[0].label}: name must be unique, got {name} twice")
+    return tuple(Satellite(name, tuple(group)) for name, group in zip(names, groups, strict=True))
+
+
+def _plain_name(item: ElementSet) -> str:
+    """A name that can be a file's: `ISS (ZARYA)` becomes `ISS_ZARYA`."""
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", item.name).strip("_.-")
+    return name or (f"norad{item.norad_id:05d}" if item.norad_id is not None else "satellite")
+
+
+def _identifier(item: ElementSet) -> str:
+    """What tells objects of one name apart."""
+    known = item.international_designator if item.norad_id is None else f"{item.norad_id:05d}"
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", known)
+
+
+def _matches(found: Sequence[Satellite], pattern: str, field: str) -> list[Satellite]:
+    """Objects whose name (as in the file or cleaned) or catalog number is the pattern."""
+    wanted = pattern.strip().upper()
+    number = int(wanted) if re.fullmatch(r"\d{1,9}", wanted, re.ASCII) else None
+
+    def fits(item: Satellite) -> bool:
+        first = item.sets[0]
+        texts = (first.name.upper(), item.name.upper(), f"{first.norad_id}")
+        # A name may hold brackets, which are no wild cards here.
+        glob = re.sub(r"\[", "[[]", wanted)
+        return number == first.norad_id is not None or any(fnmatch.fnmatchcase(text, glob) for text in texts)
+
+    chosen = [item for item in found if fits(item)]
+    if not chosen:
+        close = difflib.get_close_matches(wanted, [item.name.upper() for item in found], n=1)
+        hint = next((f" (did you mean {item.name}?)" for item in found if [item.name.upper()] == close), "")
+        raise InputError(f"{field}: no object of that name or catalog number, got {pattern!r}{hint}")
+    return chosen
+
+
+def _chosen_sets(satellites: Iterable[Satellite], epoch: Time) -> list[ElementSet]:
+    jd_utc = float(epoch.utc.jd)
+    return [item.set_for(jd_utc) for item in satellites]
+
+
+def _tai_minus_utc_s(sets: Sequence[ElementSet]) -> F64:
+    """TAI - UTC at the sets' epochs [s]; UTC days have 86,400 s in element sets."""
+    import erfa
+
+    jd = np.array([item.epoch_jd_utc for item in sets])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", erfa.ErfaWarning)  # future leap seconds are not known
+        return np.asarray(erfa.dat(*erfa.jd2cal(jd[:, 0], jd[:, 1])), np.float64)
+
+
+def _age_days(satellites: Sequence[Satellite], epoch: Time) -> F64:
+    sets = _chosen_sets(satellites, epoch)
+    whole, fraction = tt_jd(epoch, 0.0)
+    jd = np.array([item.epoch_jd_utc for item in sets])
+    offset_s = _TT_MINUS_TAI_S + _tai_minus_utc_s(sets)
+    return np.asarray((whole - jd[:, 0]) + (fraction - jd[:, 1] - offset_s / DAY_S), np.float64)
+
+
+def _notes(satellites: Sequence[Satellite], epoch: Time, duration_s: float) -> list[str]:
+    first = _age_days(satellites, epoch)
+    farthest = np.maximum(np.abs(first), np.abs(first + duration_s / DAY_S))
+    worst = int(np.argmax(farthest))
+    if not farthest[worst] > OLD_DAYS:
+        return []
+    n_old = int(np.sum(farthest > OLD_DAYS))
+    which = satellites[worst].name if n_old == 1 else f"{n_old} satellites, {satellites[worst].name} most"
+    return [
+        f"element sets more than {OLD_DAYS:g} days from the scene: {which} ({farthest[worst]:.0f} days); "
+        "SGP4 loses kilometres a day"
+    ]
+
+
+def _sgp4_states(satellites: Sequence[Satellite], epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+    """States in GCRS axes, (n_time, n_satellite, 3)."""
+    times = np.asarray(time_s, np.float64)
+    if times.ndim != 1 or not np.isfinite(times).all():
+        raise InputError(f"time_s: must be finite and of shape (n,), got shape {times.shape}")
+    sets = _chosen_sets(satellites, epoch)
+    position, velocity = np.empty((len(times), len(sets), 3)), np.empty((len(times), len(sets), 3))
+    # SGP4 takes one time for many satellites; sets from before a leap second have another.
+    offset_s = _TT_MINUS_TAI_S + _tai_minus_utc_s(sets)
+    rows = max(1, _PAIRS_PER_CHUNK // len(sets))
+    for start in range(0, len(times), rows):
+        block = slice(start, start + rows)
+        turn = np.swapaxes(teme_to_gcrs(epoch, times[block]), 1, 2)
+        for value_s in np.unique(offset_s):
+            members = np.flatnonzero(offset_s == value_s)
+            some = [(satellites[i].name, sets[i]) for i in members.tolist()]
+            r, v = _sgp4_block(some, epoch, times[block], value_s)
+            position[block, members] = 1e3 * (r @ turn)
+            velocity[block, members] = 1e3 * (v @ turn)
+    return position, velocity
+
+
+def _sgp4_block(members: Sequence[tuple[str, ElementSet]], epoch: Time, times: F64, offset_s: float) -> tuple[F64, F64]:
+    """SGP4 for sets of one TT - UTC: TEME [km], [km/s], each (n_time, n_satellite, 3)."""
+    from astropy.time import TimeDelta
+    from sgp4.api import SGP4_ERRORS, SatrecArray
+
+    whole, fraction = tt_jd(epoch, times)
+    code, r, v = SatrecArray([item.satrec for _, item in members]).sgp4(
+        np.full_like(times, whole), np.ascontiguousarray(fraction - offset_s / DAY_S)
+    )
+    bad = (code != 0) | ~(np.isfinite(r).all(axis=-1) & np.isfinite(v).all(axis=-1))
+    if bad.any():
+        row = int(np.argmax(bad.any(axis=1)))
+        column = int(np.argmax(bad[row]))
+        utc = (epoch + TimeDelta(times[column], format="sec")).utc.isot
+        reason = SGP4_ERRORS.get(int(code[row, column]), "the state is not finite")
+        raise InputError(f"{members[row][0]}: no state at {utc} UTC ({times[column]:g} s): SGP4: {reason}")
+    return np.swapaxes(r, 0, 1), np.swapaxes(v, 0, 1)
