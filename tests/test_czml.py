@@ -138,7 +138,7 @@ def test_a_step_of_ones_own(scene, tmp_path):
     coarse = ws.write_czml(scene, tmp_path / "coarse.czml", step_s=270.0)
     fine = ws.write_czml(scene, tmp_path / "fine.czml", step_s=30.0)
     assert fine < 0.01 < 1.0 < coarse  # m
-    time_s, position_m, _ = sampled_track(scene, "sat11", 270.0)
+    ((time_s, position_m),), _ = sampled_track(scene, "sat11", 270.0)
     assert len(time_s) == 7
     np.testing.assert_allclose(position_m, scene.position_m("sat11", time_s), rtol=0, atol=0.6e-3)
 
@@ -190,11 +190,57 @@ def test_existing_files_are_kept(scene, tmp_path):
     assert path.read_text() == "mine"
 
 
-def test_a_body_too_rough_to_interpolate_is_named(scene, monkeypatch, tmp_path):
-    monkeypatch.setattr(czml, "ERROR_M", 1e-9)  # below the rounding of the samples
-    with pytest.raises(ws.InputError, match=r"^sat11: positions every .* s are .* m off between them") as caught:
+BEND_S, BEND_M_S = 700.3, np.array([3.0, -4.0, 1.0])
+
+
+def bent(monkeypatch, jump_m=0.0):
+    """Scenes whose sphere01 gets a push at 700.3 s, as by a release."""
+    straight = ws.Scene.position_m
+
+    def position_m(self, name, time_s):
+        later_s = np.maximum(np.atleast_1d(time_s) - BEND_S, 0)[:, None]
+        return straight(self, name, time_s) + (name == "sphere01") * (later_s * BEND_M_S + jump_m * (later_s > 0))
+
+    monkeypatch.setattr(ws.Scene, "position_m", position_m)
+
+
+def test_a_bend_is_between_intervals(scene, monkeypatch, tmp_path):
+    bent(monkeypatch)
+    error_m = ws.write_czml(scene, tmp_path / "bent.czml")
+    assert error_m < POSITION_ATOL_M
+    text = (tmp_path / "bent.czml").read_text()
+    assert len(text) < STSS_BYTES
+    packets = {packet["id"]: packet for packet in json.loads(text)}
+    assert isinstance(packets["sphere02"]["position"], dict)
+    pieces = packets["sphere01"]["position"]
+    spans = [interval(scene, piece["interval"]) for piece in pieces]
+    assert spans[0][0] == 0 and spans[-1][1] == pytest.approx(scene.duration_s, abs=TIME_ATOL_S)
+    assert [end for _, end in spans[:-1]] == [start for start, _ in spans[1:]]
+    times = np.concatenate([np.arange(0.0, scene.duration_s, 3.1), BEND_S + np.linspace(-2, 2, 401)])
+    for time, place_m in zip(times, scene.position_m("sphere01", times), strict=True):
+        number = max(k for k, (start, _) in enumerate(spans) if start <= time)
+        samples = np.array(pieces[number]["cartesian"]).reshape(-1, 4)
+        assert pieces[number]["interpolationDegree"] == 5 and len(samples) >= 6
+        shown = cesium_value(samples[:, 0], samples[:, 1:], 5, time)
+        assert np.linalg.norm(shown - place_m) < POSITION_ATOL_M
+    assert len(czml3.Document.load(tmp_path / "bent.czml").packets) == 69
+
+
+def test_a_late_release_is_a_bend(scene, tmp_path):
+    late = scene.replace(release__time_s=500.0)
+    assert ws.write_czml(late, tmp_path / "late.czml") < POSITION_ATOL_M
+    assert (tmp_path / "late.czml").stat().st_size < STSS_BYTES
+    packets = {packet["id"]: packet for packet in json.loads((tmp_path / "late.czml").read_text())}
+    assert isinstance(packets["center"]["position"], dict) and isinstance(packets["cone03"]["position"], list)
+
+
+def test_a_jump_is_named(scene, monkeypatch, tmp_path):
+    bent(monkeypatch, jump_m=50.0)
+    with pytest.raises(ws.InputError, match=r"^sphere01: jumps at 700\.[23]\d* s: samples are .* m off") as caught:
         ws.write_czml(scene, tmp_path / "a.czml")
     assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+    assert ws.write_czml(scene, tmp_path / "a.czml", step_s=20.0) > 10  # all the same
 
 
 def test_a_target_named_document_is_refused(scene, tmp_path):

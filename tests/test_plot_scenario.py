@@ -181,6 +181,18 @@ def test_scene_picture_leaves_out_what_the_earth_hides(scene):
     assert not by_label(ax, "center now")
 
 
+def test_scene_is_seen_aside_of_its_flight_on_the_side_of_the_sun(scene):
+    ax = ws.plot.plot_scene(scene)
+    (flight,) = by_label(ax, "flight of")
+    assert not np.isnan(flight.get_xydata()).any()
+    ra, dec = np.radians([300.0, 78.0])  # as the title says
+    assert "seen from RA 300, dec 78 deg" in ax.get_title() and "at 807.0 s" in ax.get_title()
+    towards = np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])
+    start, middle, end = unit(scene.position_m("center", [0.0, scene.duration_s / 2, scene.duration_s]))
+    normal = unit(np.cross(start, end)) * np.sign(np.cross(start, end) @ scene.position_m("sun", 0.0)[0])
+    assert np.degrees(np.arccos([towards @ middle, towards @ normal])) == pytest.approx([45.0, 45.0], abs=1.0)
+
+
 def test_sun_arrow_points_to_the_sun_and_the_day_is_there(scene):
     ax = ws.plot.plot_scene(scene, TIME_S, view_ra_dec_deg=(281.0, 60.0))  # the Sun is at RA 281, dec -23
     (word,) = (text for text in ax.texts if text.get_text() == "Sun")
@@ -264,6 +276,12 @@ def test_view_is_the_renderers(scene, renderer, time_s):
     if time_s == 600.0:
         truth = renderer.render([60], ["sat11"], ["C"]).truth
         np.testing.assert_array_equal(view.target_xy_px, np.stack([truth["x_px"], truth["y_px"]], axis=1))
+
+
+def test_view_before_the_first_frame(scene):
+    late = scene.replace(frames={"count": 10, "interval_s": 10.0, "start_s": 100.0}, sky__catalog="none")
+    view, plain = (camera_view(one, "sat11", 50.0) for one in (late, scene.replace(sky__catalog="none")))
+    np.testing.assert_array_equal(view.target_xy_px, plain.target_xy_px)
 
 
 def test_stars_in_the_view_are_those_of_the_catalog(scene, renderer):
@@ -390,6 +408,12 @@ def test_bodies_are_turned_by_rotations(scene):
     np.testing.assert_allclose(np.linalg.det(rotation), 1, rtol=0, atol=1e-12)
 
 
+def test_spin_turns_a_body_about_its_axis(scene):
+    spinning = scene.replace(targets__0__attitude={"spin_rev_s": 2.0})
+    first, second = body_to_gcrs(spinning, "center", [10.0, 10.05])
+    np.testing.assert_allclose(first.T @ second, Rotation.from_euler("z", 36, degrees=True).as_matrix(), atol=1e-9)
+
+
 @pytest.mark.parametrize("shape", [ws.Sphere(0.5), ws.Cylinder(0.25, 1.0), ws.Cone(0.25, 1.0)], ids=lambda s: s.kind)
 def test_drawn_outline_has_the_projected_area(shape):
     corners, _ = facets_of(shape)
@@ -460,6 +484,69 @@ def test_range_is_the_distance_and_thick_during_access(scene):
     assert max(line.get_ydata()[0] for line in ax.get_lines() if len(set(line.get_ydata())) == 1) == 6000.0
 
 
+def test_access_of_ones_own_is_what_is_drawn(scene):
+    sensors = ["sat11", "sat13", "sat27"]
+    access = scene.access("cone03", sensors, ws.AccessConstraints(max_range_km=5000.0))
+    ax = ws.plot.plot_access(scene, access=access, sensors=sensors)
+    assert [label.get_text() for label in ax.get_yticklabels()] == sensors
+    bars = sorted(bar.get_x() for container in ax.containers for bar in container)
+    np.testing.assert_array_equal(bars, sorted(access["start_s"]))
+    assert ax.get_title() == "stss: access to cone03, 2 of 3 sensors"
+    ax = ws.plot.plot_range(scene, ["sat27"], access=access)
+    line = ax.get_lines()[0]
+    gap_m = scene.position_m("cone03", line.get_xdata()) - scene.position_m("sat27", line.get_xdata())
+    np.testing.assert_allclose(line.get_ydata(), np.linalg.norm(gap_m, axis=1) / 1e3, rtol=1e-12)
+    assert ax.get_ylabel() == "range to cone03 [km]"
+    assert max(line.get_ydata()[0] for line in ax.get_lines() if len(set(line.get_ydata())) == 1) == 5000.0
+
+
+# --- several groups ---
+
+
+@pytest.fixture(scope="module")
+def two_groups(scene):
+    """A second group beside the paper's, whose others leave late."""
+    ball = {
+        "shape": {"kind": "sphere", "radius_m": 0.3},
+        "surface": {"reflectance": 0.5},
+        "temperature": {"start_k": 300},
+    }
+    path = {"kind": "ballistic_arc", "start_lon_lat_deg": [100.0, 50.0], "end_lon_lat_deg": [-150.0, 40.0]}
+    second = {
+        "name": "second",
+        "trajectory": {**path, "duration_s": 1700.0, "endpoint_altitude_km": 100.0},
+        "targets": [{"name": "bus", **ball}, {"name": "ball", "count": 3, **ball}],
+        "release": {"time_s": 400.0, "speed_m_s": [1.0, 1.0]},
+    }
+    return scene.replace(groups=[second], sky__catalog="none")
+
+
+def test_each_group_is_drawn_about_its_own_main_target(two_groups):
+    offset_m = group_offsets_m(two_groups, 410.0, "second")
+    np.testing.assert_allclose(np.linalg.norm(offset_m, axis=1), [0, 10, 10, 10], rtol=0, atol=0.01)  # 1 m/s for 10 s
+    assert np.abs(group_offsets_m(two_groups, 390.0, "second")).max() == 0  # stowed
+    axes = ws.plot.plot_group(two_groups, 410.0, group="second")
+    assert axes[0].get_title() == "group about bus at 410 s"
+    drawn = np.concatenate([by_label(axes[0], label)[0].get_xydata() for label in ("bus", "ball (3)")])
+    np.testing.assert_allclose(drawn, offset_m[:, [1, 0]], rtol=0, atol=1e-9)
+    assert len(by_label(ws.plot.plot_group(two_groups, 410.0)[0], "center")) == 1
+    with pytest.raises(ws.InputError, match=r"^group: must be one of main, second, got 'third'$"):
+        ws.plot.plot_group(two_groups, 0.0, group="third")
+
+
+def test_pictures_show_all_groups(two_groups):
+    ax = ws.plot.plot_scene(two_groups, TIME_S)
+    assert by_label(ax, "flight of center") and by_label(ax, "flight of bus")
+    ax = ws.plot.plot_ground_tracks(two_groups)
+    assert "bus" in [text.get_text() for text in ax.get_legend().get_texts()]
+    paths = [line.get_xydata() for line in ax.get_lines() if line.get_linewidth() == 1.8]
+    np.testing.assert_allclose(paths[0][0], [100.0, 50.0], rtol=0, atol=1e-4)
+    names = [text.get_text().split("\n")[0] for text in ws.plot.plot_attitudes(two_groups, 0.0).texts]
+    assert [name for name in names if name in two_groups.target_names][-2:] == ["bus", "ball01"]
+    ax = ws.plot.plot_satellite_view(two_groups, "sat11", TIME_S)
+    np.testing.assert_array_equal(by_label(ax, "center")[0].get_xydata()[0].round(6), [63.5, 63.5])
+
+
 # --- labels, axes of one's own, bad input ---
 
 
@@ -474,6 +561,25 @@ def test_names_of_points_on_one_spot_do_not_cover_one_another():
     ax.figure.canvas.draw()
     boxes = [label.get_window_extent() for label in labels[:4]]
     assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+
+
+def test_a_single_target_and_many_satellites(scene, recwarn):
+    """The smallest group, more names than can be written, and no access rules."""
+    data = scene.to_dict()
+    many = ws.Scene.from_dict({
+        **data, "targets": data["targets"][:1], "access_rules": {}, "sky": {"catalog": "none"},
+        "constellation": {**data["constellation"], "n_satellite": 220, "n_plane": 20},
+    })  # fmt: skip
+    axes = [
+        ws.plot.plot_scene(many, TIME_S), ws.plot.plot_ground_tracks(many), ws.plot.plot_group(many, TIME_S)[0],
+        ws.plot.plot_attitudes(many, TIME_S), ws.plot.plot_access(many), ws.plot.plot_range(many),
+        ws.plot.plot_satellite_view(many, many.access()["sensor"][0], TIME_S),
+    ]  # fmt: skip
+    assert {text.get_text() for text in axes[0].texts} == {"", "Sun"}
+    assert not axes[1].texts and axes[5].get_legend() is None
+    for ax in axes:
+        ax.figure.canvas.draw()
+    assert [str(warning.message) for warning in recwarn] == []
 
 
 def test_functions_draw_on_given_axes(scene):

@@ -3,6 +3,7 @@
 Positions are in the frame that CZML calls INERTIAL, the ICRF: its axes are those of GCRS, so the scene's numbers go in
 as they are. Cesium turns them to the ground by its own Earth orientation. It interpolates with Lagrange polynomials of
 degree 5; the time between samples is chosen for each body so that the polynomials stay within ERROR_M of its track.
+A track with a bend (a release, a manoeuvre) is cut into intervals around it, which Cesium interpolates one by one.
 """
 
 from __future__ import annotations
@@ -26,12 +27,17 @@ if TYPE_CHECKING:
 
 F64 = NDArray[np.float64]
 
+Piece = tuple[F64, F64]
+"""Times [s after the epoch], shape (n,), n >= 6, and positions [m], shape (n, 3)."""
+
 DEGREE = 5
 """Of the interpolating polynomials, through six samples."""
 ERROR_M = 0.1
 """What the interpolation may be off where the time between samples is chosen."""
 LONGEST_STEP_S = 300.0
-SHORTEST_STEP_S = 1.0
+SHORTEST_STEP_S = 15.0
+"""Of smooth motion; where it does not do, the track is cut in half there."""
+SHORTEST_PIECE_S = 0.02
 MOST_SAMPLES = 2_000_000
 """Of all bodies together: some 100 MB of text."""
 
@@ -61,8 +67,8 @@ def write_czml(
         between samples.
 
     Raises:
-        InputError: The path cannot be written, the step is bad, no step above 1 s keeps a body within 0.1 m, or the
-            package czml3 (the extra `czml`) is not installed.
+        InputError: The path cannot be written, the step is bad, a body jumps, or the package czml3 (the extra `czml`)
+            is not installed.
     """
     path = Path(path)
     check_new_file(path, (".czml",), overwrite)
@@ -79,36 +85,57 @@ def write_czml(
             f"{scene.duration_s:g} s"
         )
     samples = {name: sampled_track(scene, name, step_s) for name in names}
-    document = _document(scene, {name: (time_s, position_m) for name, (time_s, position_m, _) in samples.items()})
+    document = _document(scene, {name: pieces for name, (pieces, _) in samples.items()})
     with whole_file(path) as partial:
         document.save(partial, indent=None)
-    return max(error_m for _, _, error_m in samples.values())
+    return max(error_m for _, error_m in samples.values())
 
 
-def sampled_track(scene: Scene, name: str, step_s: float | None = None) -> tuple[F64, F64, float]:
-    """Sample times [s], shape (n,), positions [m], shape (n, 3), and the error of interpolating between them [m].
+def sampled_track(scene: Scene, name: str, step_s: float | None = None) -> tuple[list[Piece], float]:
+    """Samples of a body's track from the epoch to the scene's end, and the error of interpolating between them [m].
 
-    The samples are evenly spread over the scene, its ends included.
+    Returns:
+        Pieces that follow one another, evenly sampled, their ends included; one where the track is smooth or step_s is
+        given; and the largest error.
 
     Raises:
-        InputError: No step above 1 s keeps the body within 0.1 m.
+        InputError: The body jumps: not even a piece of 0.02 s can be interpolated.
     """
-    wanted_s = LONGEST_STEP_S if step_s is None else step_s
-    while True:
-        n = max(DEGREE + 1, math.ceil(scene.duration_s / wanted_s - 1e-9) + 1)
-        time_s = np.linspace(0.0, scene.duration_s, n)
-        position_m = np.round(scene.position_m(name, time_s), _DECIMALS)
-        between = np.linspace(0.0, scene.duration_s, (n - 1) * _CHECKS_PER_STEP + 1)
-        error_m = interpolated(time_s, position_m, between) - scene.position_m(name, between)
-        worst_m = float(np.linalg.norm(error_m, axis=1).max())
-        if step_s is not None or worst_m <= ERROR_M:
-            return time_s, position_m, worst_m
-        if wanted_s / 2 < SHORTEST_STEP_S:
+    if step_s is not None:
+        piece, error_m = _sampled_piece(scene, name, 0.0, scene.duration_s, step_s)
+        return [piece], error_m
+    pieces: list[Piece] = []
+    largest_m = 0.0
+    spans = [(0.0, scene.duration_s)]
+    while spans:
+        first_s, last_s = spans.pop()
+        wanted_s = LONGEST_STEP_S
+        piece, error_m = _sampled_piece(scene, name, first_s, last_s, wanted_s)
+        while error_m > ERROR_M and min(wanted_s, last_s - first_s) / 2 >= SHORTEST_STEP_S:
+            wanted_s /= 2
+            piece, error_m = _sampled_piece(scene, name, first_s, last_s, wanted_s)
+        if error_m <= ERROR_M:
+            pieces.append(piece)
+            largest_m = max(largest_m, error_m)
+            continue
+        if last_s - first_s < SHORTEST_PIECE_S:
             raise InputError(
-                f"{name}: positions every {wanted_s:.3g} s are {worst_m:.3g} m off between them, more than "
+                f"{name}: jumps at {first_s:.3f} s: samples are {error_m:.3g} m off between them, more than "
                 f"{ERROR_M:g}; give step_s to write them all the same"
             )
-        wanted_s /= 2
+        middle_s = round(0.5 * (first_s + last_s), 6)  # as exact as a date
+        spans += [(middle_s, last_s), (first_s, middle_s)]  # the earlier half comes next
+    return pieces, largest_m
+
+
+def _sampled_piece(scene: Scene, name: str, first_s: float, last_s: float, step_s: float) -> tuple[Piece, float]:
+    """Even samples of a part of a track, step_s apart at most, and the error of interpolating between them [m]."""
+    n = max(DEGREE + 1, math.ceil((last_s - first_s) / step_s - 1e-9) + 1)
+    time_s = np.linspace(first_s, last_s, n)
+    position_m = np.round(scene.position_m(name, time_s), _DECIMALS)
+    between = np.linspace(first_s, last_s, (n - 1) * _CHECKS_PER_STEP + 1)
+    off_m = interpolated(time_s, position_m, between) - scene.position_m(name, between)
+    return (time_s, position_m), float(np.linalg.norm(off_m, axis=1).max())
 
 
 def interpolated(sample_s: F64, values: F64, time_s: F64) -> F64:
@@ -134,7 +161,7 @@ def interpolated(sample_s: F64, values: F64, time_s: F64) -> F64:
     return result
 
 
-def _document(scene: Scene, samples: dict[str, tuple[F64, F64]]) -> Any:
+def _document(scene: Scene, samples: dict[str, list[Piece]]) -> Any:
     """The document: clock, satellites, targets, lines of sight."""
     from czml3 import CZML_VERSION, Document, Packet
     from czml3.enums import ClockRanges, ClockSteps
@@ -150,45 +177,60 @@ def _document(scene: Scene, samples: dict[str, tuple[F64, F64]]) -> Any:
         Packet(id=_DOCUMENT, name=scene.name, version=CZML_VERSION, description=text,
                clock=IntervalValue(start=start, end=end, value=clock))
     ]  # fmt: skip
-    main = scene.target_names[0]
-    for name, track in samples.items():
+    mains = {group.names[0] for group in scene.groups_of_targets}
+    for name, pieces in samples.items():
         is_sensor = name in scene.sensor_names
-        colour = _SATELLITE if is_sensor else _MAIN if name == main else _TARGET
-        label = is_sensor or name == main  # thirty names on one spot hide one another
-        packets.append(_body(scene, name, track, colour, label, (start, end)))
+        colour = _SATELLITE if is_sensor else _MAIN if name in mains else _TARGET
+        is_named = is_sensor or name in mains  # thirty names on one spot hide one another
+        packets.append(_body(scene, name, pieces, colour, is_named, (start, end)))
     return Document(packets=[*packets, *_sights(scene, (start, end))])
 
 
+def _position(scene: Scene, pieces: list[Piece], epoch: str) -> Any:
+    """Sampled positions; by intervals where there is more than one piece."""
+    from czml3.enums import InterpolationAlgorithms, ReferenceFrames
+    from czml3.properties import Position
+    from czml3.types import IntervalValue, TimeIntervalCollection
+
+    positions = [
+        Position(
+            epoch=epoch,
+            cartesian=np.column_stack(piece).ravel().tolist(),
+            referenceFrame=ReferenceFrames.INERTIAL,
+            interpolationAlgorithm=InterpolationAlgorithms.LAGRANGE,
+            interpolationDegree=DEGREE,
+        )
+        for piece in pieces
+    ]
+    if len(positions) == 1:
+        return positions[0]
+    edges = _utc(scene, [pieces[0][0][0], *(time_s[-1] for time_s, _ in pieces)])
+    spans = zip(edges[:-1], edges[1:], positions, strict=True)
+    return TimeIntervalCollection(values=[IntervalValue(start=a, end=b, value=value) for a, b, value in spans])
+
+
 def _body(
-    scene: Scene, name: str, track: tuple[F64, F64], colour: list[int], label: bool, span: tuple[str, str]
+    scene: Scene, name: str, pieces: list[Piece], colour: list[int], is_named: bool, span: tuple[str, str]
 ) -> Any:
     from czml3 import Packet
-    from czml3.enums import HorizontalOrigins, InterpolationAlgorithms, ReferenceFrames
-    from czml3.properties import Color, Label, Path, Point, Position
+    from czml3.enums import HorizontalOrigins
+    from czml3.properties import Color, Label, Path, Point
     from czml3.types import Cartesian2Value, TimeInterval
 
-    time_s, position_m = track
     spec = dict(zip(scene.target_names, scene.target_specs, strict=True)).get(name)
-    is_thick = spec is None or name == scene.target_names[0]
     return Packet(
         id=name,
         name=name,
         description="satellite" if spec is None else f"target, {spec.shape.kind}",
         availability=TimeInterval(start=span[0], end=span[1]),
-        position=Position(
-            epoch=span[0],
-            cartesian=np.column_stack([time_s, position_m]).ravel().tolist(),
-            referenceFrame=ReferenceFrames.INERTIAL,
-            interpolationAlgorithm=InterpolationAlgorithms.LAGRANGE,
-            interpolationDegree=DEGREE,
-        ),
-        point=Point(color=Color(rgba=colour), pixelSize=8 if is_thick else 4, outlineWidth=0),
+        position=_position(scene, pieces, span[0]),
+        point=Point(color=Color(rgba=colour), pixelSize=8 if is_named else 4, outlineWidth=0),
         label=Label(
             text=name, font="12px sans-serif", fillColor=Color(rgba=colour), horizontalOrigin=HorizontalOrigins.LEFT,
-            pixelOffset=Cartesian2Value(values=_LABEL_OFFSET_PX), show=label,
+            pixelOffset=Cartesian2Value(values=_LABEL_OFFSET_PX), show=is_named,
         ),
         path=Path(
-            material=_solid([*colour[:3], 140]), width=1 if spec is None else 2, show=is_thick,
+            material=_solid([*colour[:3], 140]), width=1 if spec is None else 2, show=is_named,
             leadTime=scene.duration_s, trailTime=scene.duration_s, resolution=60,
         ),
     )  # fmt: skip

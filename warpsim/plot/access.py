@@ -39,16 +39,16 @@ def plot_access(
         scene: The scene.
         ax: Where to draw; a new figure grows with the number of sensors.
         only_with_access: Leave out sensors without access; otherwise their names are grey.
-        access: A table that `scene.access` made, of another target or by other rules, say.
-        sensors: Names of the sensors to draw; all if left out.
+        access: What `scene.access` gave for a target, sensors or rules of one's own; the scene's if left out.
+        sensors: Names of the sensors that it is about; all if left out.
 
     Raises:
         InputError: A name is no sensor.
     """
     table = scene.access() if access is None else access
-    every = _checked_sensors(scene, sensors)
-    seen = set(table["sensor"]) & set(every)
-    names = [name for name in every if name in seen or not only_with_access]
+    sensors = _checked_sensors(scene, scene.sensor_names if sensors is None else sensors)
+    seen = set(table["sensor"])
+    names = [name for name in sensors if name in seen or not only_with_access]
     ax = ax or new_axes(9.0, min(1.6 + 0.27 * max(3, len(names)), _TALLEST_INCH))
     duration_s = scene.duration_s
     room_s = _LABEL_SHARE * duration_s
@@ -56,8 +56,9 @@ def plot_access(
         spans = sorted((float(r["start_s"]), float(r["end_s"])) for r in table if r["sensor"] == name)
         for number, (start_s, end_s) in enumerate(spans):
             ax.barh(row, end_s - start_s, left=start_s, height=0.68, color=BLUE)
-            next_s = spans[number + 1][0] if number + 1 < len(spans) else duration_s
-            _label_bar(ax, row, start_s, end_s, room_s, next_s)
+            before_s = start_s - (spans[number - 1][1] if number else 0.0)
+            after_s = (spans[number + 1][0] if number + 1 < len(spans) else duration_s) - end_s
+            _label_bar(ax, row, (start_s, end_s), room_s, (before_s, after_s))
         total_min = sum(end_s - start_s for start_s, end_s in spans) / 60
         ax.text(1.01, row, f"{total_min:.1f} min" if spans else "no access", transform=ax.get_yaxis_transform(),
                 va="center", fontsize=8, color="black" if spans else _PALE)  # fmt: skip
@@ -67,40 +68,50 @@ def plot_access(
     for name, tick in zip(names, ax.get_yticklabels(), strict=True):
         tick.set_color("black" if name in seen else _PALE)
     ax.set(xlim=(0, duration_s), ylim=(max(len(names), 1) - 0.4, -0.6), xlabel="time after the epoch [s]")
-    share = f"{len(seen)} of {len(every)} sensors"
+    share = f"{len(seen)} of {len(sensors)} sensors"
     ax.set_title(f"{scene.name}: access to {table.meta['target']}, {share}", fontsize=10)
     ax.grid(axis="x", alpha=0.35)
     ax.set_axisbelow(True)
     return ax
 
 
-def _label_bar(ax: Axes, row: int, start_s: float, end_s: float, room_s: float, next_s: float) -> None:
-    """Start and end of a bar: inside where they fit, else together behind it where nothing else is, else nowhere."""
-    first, last = f"{start_s:.1f}", f"{end_s:.1f}"
+def _label_bar(ax: Axes, row: int, span_s: tuple[float, float], room_s: float, free_s: tuple[float, float]) -> None:
+    """Start and end of a bar: inside where they fit, else together behind or before it where it is free, else nowhere.
+
+    Args:
+        ax: Where to write.
+        row: Of the bar.
+        span_s: Its start and end.
+        room_s: Width of one number.
+        free_s: Gaps before and behind the bar.
+    """
+    first, last = (f"{value:.1f}" for value in span_s)
     inset_s = 0.12 * room_s
-    if end_s - start_s > 2.4 * room_s:
-        ax.text(start_s + inset_s, row, first, va="center", ha="left", color="white", fontsize=8)
-        ax.text(end_s - inset_s, row, last, va="center", ha="right", color="white", fontsize=8)
-    elif next_s - end_s > 2.4 * room_s:
-        ax.text(end_s + inset_s, row, f"{first} to {last}", va="center", ha="left", color=GREY, fontsize=8)
+    if span_s[1] - span_s[0] > 2.4 * room_s:
+        ax.text(span_s[0] + inset_s, row, first, va="center", ha="left", color="white", fontsize=8)
+        ax.text(span_s[1] - inset_s, row, last, va="center", ha="right", color="white", fontsize=8)
+    elif free_s[1] > 2.8 * room_s:
+        ax.text(span_s[1] + inset_s, row, f"{first} to {last}", va="center", ha="left", color=GREY, fontsize=8)
+    elif free_s[0] > 2.8 * room_s:
+        ax.text(span_s[0] - inset_s, row, f"{first} to {last}", va="center", ha="right", color=GREY, fontsize=8)
 
 
 def plot_range(
     scene: Scene, sensors: Sequence[str] | None = None, ax: Axes | None = None, access: Table | None = None
 ) -> Axes:
-    """Draw the distance from sensors to a target against time; thick where there is access (Fig. 8).
+    """Draw the distance from sensors to a target against time; thick where there is access (the paper's Fig. 8).
 
     Args:
         scene: The scene.
         sensors: Names of sensors; those with access at some time if left out.
         ax: Where to draw; seconds after the epoch, and km.
-        access: A table that `scene.access` made, of another target or by other rules, say.
+        access: What `scene.access` gave for a target, sensors or rules of one's own; the scene's if left out.
 
     Raises:
         InputError: A name is no sensor.
     """
     table = scene.access() if access is None else access
-    target = str(table.meta["target"])
+    target = table.meta["target"]
     if sensors is None:
         sensors = [name for name in scene.sensor_names if name in set(table["sensor"])]
     sensors = _checked_sensors(scene, sensors)
@@ -110,11 +121,11 @@ def plot_range(
         # After each round of colours the dashes change.
         style = ("-", "--", ":", "-.")[number // len(SERIES) % 4]
         colour = SERIES[number % len(SERIES)]
-        ax.plot(time_s, range_km(scene, name, time_s, target), style, color=colour, linewidth=0.8)
+        ax.plot(time_s, range_km(scene, name, target, time_s), style, color=colour, linewidth=0.8)
         spans = [row for row in table if row["sensor"] == name]
         for part, row in enumerate(spans):
             span_s = np.linspace(row["start_s"], row["end_s"], _N_TIME)
-            ax.plot(span_s, range_km(scene, name, span_s, target), style, color=colour, linewidth=3,
+            ax.plot(span_s, range_km(scene, name, target, span_s), style, color=colour, linewidth=3,
                     label=None if part else name)  # fmt: skip
         if not spans:
             ax.plot([], [], style, color=colour, linewidth=0.8, label=name)
@@ -132,15 +143,14 @@ def plot_range(
     return ax
 
 
-def _checked_sensors(scene: Scene, sensors: Sequence[str] | None) -> list[str]:
-    """Names of sensors of the scene, all for None."""
-    for name in sensors or ():
+def range_km(scene: Scene, sensor: str, target: str, time_s: F64) -> F64:
+    """Distance from a sensor to a target [km], shape (n,), without light time."""
+    sight_m = scene.position_m(target, time_s) - scene.position_m(sensor, time_s)
+    return np.asarray(np.linalg.norm(sight_m, axis=1) / 1e3)
+
+
+def _checked_sensors(scene: Scene, names: Sequence[str]) -> list[str]:
+    for name in names:
         if name not in scene.sensor_names:
             raise InputError(f"sensors: must be sensors of the scene, got {name!r}")
-    return scene.sensor_names if sensors is None else list(sensors)
-
-
-def range_km(scene: Scene, sensor: str, time_s: F64, target: str | None = None) -> F64:
-    """Distance from a sensor to a target, the main one if left out [km], shape (n,), without light time."""
-    sight_m = scene.position_m(target or scene.target_names[0], time_s) - scene.position_m(sensor, time_s)
-    return np.asarray(np.linalg.norm(sight_m, axis=1) / 1e3)
+    return list(names)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
-from warpsim.plot.figure import INK, SERIES, VERMILION, new_axes, pair
-from warpsim.plot.scenario import checked_time_s, local_frame
+from warpsim.plot.figure import INK, new_axes, pair
+from warpsim.plot.scenario import checked_time_s, kind_colour, kinds_of_targets, local_frame
 from warpsim.quaternion import rotated
 from warpsim.scene.scene import Scene
 
@@ -44,15 +44,16 @@ def plot_attitudes(scene: Scene, time_s: float | Sequence[float], ax: Axes | Non
         InputError: No instant, or one outside the scene.
     """
     times = _instants(scene, time_s)
-    names = [spec.names[0] for spec in scene.targets]
+    kinds = kinds_of_targets(scene)
+    names = [scene.target_names[kind.rows[0]] for kind in kinds]
     ax = ax or new_axes(1.6 + 1.25 * len(times), 1.3 + 1.25 * len(names))
     radial, along, cross = local_frame(scene, times[0])
     to_picture = np.stack([along, radial, -cross])  # right, up, towards the viewer
-    for row, (name, spec) in enumerate(zip(names, scene.targets, strict=True)):
-        colour = VERMILION if row == 0 else [c for c in SERIES if c != VERMILION][(row - 1) % (len(SERIES) - 1)]
+    for row, (name, kind) in enumerate(zip(names, kinds, strict=True)):
+        spec = kind.spec
         turned = to_picture @ body_to_gcrs(scene, name, times)
         for column, rotation in enumerate(turned):
-            _draw_body(ax, spec.shape, rotation, np.array([column, -row]) * _CELL, colour)
+            _draw_body(ax, spec.shape, rotation, np.array([column, -row]) * _CELL, kind_colour(kind))
         words = f"{name}\n{_dimensions(spec.shape)}" + (f"\none of {spec.count}" if spec.count > 1 else "")
         ax.text(-0.62 * _CELL, -row * _CELL, words, ha="right", va="center", fontsize=8)
     steps = [f"{times[0]:g} s", *(f"+{time - times[0]:.4g} s" for time in times[1:])]
@@ -70,7 +71,7 @@ def _instants(scene: Scene, time_s: float | Sequence[float]) -> list[float]:
         first = checked_time_s(scene, time_s)  # type: ignore[arg-type]
         rates = [
             abs(getattr(spec.attitude, rate, 0.0))
-            for spec in scene.targets
+            for spec in scene.target_specs
             for rate in ("spin_rev_s", "precession_rev_s", "rolling_rev_s")
         ]
         slowest = min((rate for rate in rates if rate > 0), default=0.0)

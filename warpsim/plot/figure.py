@@ -115,7 +115,9 @@ def _covered(
 ) -> float:
     """How much of other texts and points a box covers [pt2]; a point counts 40, an end outside the axes 1000."""
     left, bottom, right, top = box
-    hit = (points[:, 0] > left) & (points[:, 0] < right) & (points[:, 1] > bottom) & (points[:, 1] < top)
+    margin = 3.0  # half a mark
+    along, high = points.T
+    hit = (along > left - margin) & (along < right + margin) & (high > bottom - margin) & (high < top + margin)
     outside = left < frame[0] or bottom < frame[1] or right > frame[2] or top > frame[3]
     cost = 40.0 * float(np.count_nonzero(hit)) + 1000.0 * outside
     for other in boxes:

@@ -13,7 +13,7 @@ from warpsim.output.files import prepare_folder
 from warpsim.plot.access import plot_access, plot_range
 from warpsim.plot.bodies import plot_attitudes
 from warpsim.plot.figure import PICTURE_SUFFIXES, need_matplotlib, save_figure
-from warpsim.plot.scenario import checked_time_s, plot_ground_tracks, plot_group, plot_scene
+from warpsim.plot.scenario import checked_time_s, kinds_of_targets, plot_ground_tracks, plot_group, plot_scene
 from warpsim.plot.view import plot_satellite_view
 from warpsim.scene.scene import Scene
 
@@ -38,15 +38,22 @@ def check_picture(path: Path, overwrite: bool, where: str) -> None:
 
 
 def draw_access(scene: Scene, path: Path, access: Table | None = None, sensors: Sequence[str] | None = None) -> None:
-    """Draw the intervals of the sensors with access, and below them their ranges against time, to a file."""
-    table = scene.access() if access is None else access
-    n_row = max(3, len(set(table["sensor"])))
+    """Draw the intervals of the sensors with access, and below them their ranges against time, to a file.
+
+    Args:
+        scene: The scene.
+        path: File to write.
+        access: What `scene.access` gave; the scene's own if left out.
+        sensors: Names of the sensors that it is about; all if left out.
+    """
+    access = scene.access() if access is None else access
+    n_row = max(3, len(set(access["sensor"])))
     chart_inch = min(1.4 + 0.27 * n_row, _TALLEST_INCH)
     figure = _figure(9.6, chart_inch + 4.6)
     chart, ranges = figure.subplots(2, 1, sharex=True, height_ratios=[chart_inch, 4.6])
-    plot_access(scene, chart, only_with_access=True, access=table, sensors=sensors)
+    plot_access(scene, chart, only_with_access=True, access=access, sensors=sensors)
     chart.set_xlabel("")
-    plot_range(scene, sensors, ranges, access=table)
+    plot_range(scene, ax=ranges, access=access)
     save_figure(figure, path)
 
 
@@ -80,7 +87,7 @@ def draw_scenario(scene: Scene, folder: Path, time_s: float | None = None, overw
     for path in paths.values():
         check_new_file(path, PICTURE_SUFFIXES, overwrite)
 
-    figure = _figure(8.2, 8.0)
+    figure = _figure(8.2, 8.8)
     plot_scene(scene, time, figure.add_subplot())
     save_figure(figure, paths["scene"])
     figure = _figure(11.0, 5.8)
@@ -89,7 +96,7 @@ def draw_scenario(scene: Scene, folder: Path, time_s: float | None = None, overw
     figure = _figure(8.2, 8.0)
     plot_group(scene, time, list(figure.subplots(2, 2).flat))
     save_figure(figure, paths["group"])
-    figure = _figure(9.2, 1.3 + 1.25 * len(scene.targets))
+    figure = _figure(9.2, 1.3 + 1.25 * len(kinds_of_targets(scene)))
     plot_attitudes(scene, time, figure.add_subplot())
     save_figure(figure, paths["attitudes"])
     draw_access(scene, paths["access"])

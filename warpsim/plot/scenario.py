@@ -7,6 +7,7 @@ geometric, at one instant, without light time.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from warpsim.plot.figure import (
     INK,
     MARKERS,
     ORANGE,
+    PURPLE,
     SERIES,
     VERMILION,
     need_matplotlib,
@@ -32,6 +34,7 @@ from warpsim.plot.figure import (
     utc_text,
 )
 from warpsim.plot.globe import Globe, draw_earth, globe_from
+from warpsim.scene.parts import TargetSpec
 from warpsim.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -69,7 +72,7 @@ def plot_scene(
         InputError: The instant is outside the scene, or the viewer's direction is none.
     """
     time = checked_time_s(scene, 0.5 * scene.duration_s if time_s is None else time_s)
-    ax = ax or new_axes(8.2, 8.0)
+    ax = ax or new_axes(8.2, 8.8)
     at = np.array([time])
     main = scene.target_names[0]
     sun_m = scene.position_m("sun", at)[0]
@@ -87,6 +90,10 @@ def plot_scene(
         sight = sensor_m + np.linspace(0, 1, 101)[:, None] * (target_m - sensor_m)
         ax.plot(*globe.visible_line(sight).T, color=GREEN, linewidth=1.0, zorder=3)
     ax.plot(*globe.visible_line(flight_m).T, color=VERMILION, linewidth=2.2, zorder=4, label=f"flight of {main}")
+    for other in scene.groups_of_targets[1:]:
+        path_m = scene.position_m(other.names[0], np.linspace(0, scene.duration_s, _N_PATH))
+        ax.plot(*globe.visible_line(path_m).T, color=PURPLE, linewidth=1.8, zorder=3.5,
+                label=f"flight of {other.names[0]}")  # fmt: skip
     for number, (mark, name) in enumerate((("o", "start"), ("s", "end"))):
         end_m = flight_m[-number]
         if not globe.is_hidden(end_m):
@@ -100,7 +107,7 @@ def plot_scene(
     shown = np.flatnonzero(has_access & ~globe.is_hidden(sensors_m))
     if len(shown) <= MOST_LABELS:
         names = [scene.sensor_names[number] for number in shown]
-        place_labels(ax, globe.project(sensors_m[shown]), names, color=GREEN, fontweight="bold", zorder=8)
+        place_labels(ax, globe.project(sensors_m[shown]), names, color=GREEN, fontweight="bold", zorder=5.5)
     return ax
 
 
@@ -139,7 +146,7 @@ def _draw_orbits(ax: Axes, globe: Globe, scene: Scene, at: F64) -> None:
 
     lines = []
     for name in scene.sensor_names:
-        position, velocity = scene.tracks.of(name).state(at)
+        position, velocity = scene.tracks.state(name, at)
         lines.append(globe.visible_line(osculating_ellipse_m(position[0], velocity[0])))
     ax.add_collection(LineCollection(lines, colors=BLUE, linewidths=0.6, alpha=0.35, zorder=1, label="orbits"))
 
@@ -174,7 +181,7 @@ def _finish_scene(ax: Axes, globe: Globe, scene: Scene, sun_m: F64, view: tuple[
     ax.set(xlim=(-half, half), ylim=(-half, half), aspect="equal", xlabel="[1000 km]", ylabel="[1000 km]")
     viewer = f"seen from RA {view[0] % 360:.0f}, dec {view[1]:.0f} deg"
     ax.set_title(f"{scene.name} at {utc_text(scene, time_s)}\n{viewer}", fontsize=10)
-    ax.legend(loc="lower left", fontsize=8, framealpha=0.9)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=3, fontsize=8, frameon=False)
 
 
 def plot_ground_tracks(scene: Scene, ax: Axes | None = None) -> Axes:
@@ -203,9 +210,12 @@ def plot_ground_tracks(scene: Scene, ax: Axes | None = None) -> Axes:
         ax.plot(*ground_track_deg(scene, row["sensor"], span).T, color=GREEN, linewidth=3, zorder=4, alpha=0.75)
     flight = ground_track_deg(scene, main, time_s)
     ax.plot(*flight.T, color=VERMILION, linewidth=2.4, zorder=5)
+    for other in scene.groups_of_targets[1:]:
+        path = ground_track_deg(scene, other.names[0], time_s)
+        ax.plot(*path.T, color=PURPLE, linewidth=1.8, zorder=4.5)
     ax.plot(*flight[0], "o", color="white", markeredgecolor=VERMILION, zorder=6)
     ax.plot(*flight[-1], "s", color="white", markeredgecolor=VERMILION, zorder=6)
-    _draw_legend_of_tracks(ax, main)
+    _draw_legend_of_tracks(ax, scene)
     ax.set(xlim=(-180, 180), ylim=(-90, 90), xticks=range(-180, 181, 30), yticks=range(-90, 91, 30), aspect="equal")
     ax.set(xlabel="longitude, east [deg]", ylabel="latitude [deg]")
     ax.grid(color="0.85", linewidth=0.6)
@@ -216,15 +226,17 @@ def plot_ground_tracks(scene: Scene, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _draw_legend_of_tracks(ax: Axes, main: str) -> None:
+def _draw_legend_of_tracks(ax: Axes, scene: Scene) -> None:
+    others = [group.names[0] for group in scene.groups_of_targets[1:]]
     for words, style in (
-        (f"{main}, from o to square", {"color": VERMILION, "linewidth": 2.4}),
+        (f"{scene.target_names[0]}, from o to square", {"color": VERMILION, "linewidth": 2.4}),
+        *([(", ".join(others), {"color": PURPLE, "linewidth": 1.8})] if others else []),
         ("has access", {"color": GREEN, "linewidth": 3, "alpha": 0.75}),
         ("has access at another time", {"color": BLUE, "linewidth": 0.9}),
         ("never has access", {"color": FAINT, "linewidth": 0.9}),
     ):
         ax.plot([], [], label=words, **style)  # type: ignore[arg-type]
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=4, fontsize=8, frameon=False)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=5, fontsize=8, frameon=False)
 
 
 def ground_track_deg(scene: Scene, name: str, time_s: F64) -> F64:
@@ -249,8 +261,10 @@ def broken_at_date_line(lon_deg: F64, lat_deg: F64) -> F64:
     return np.insert(track, np.repeat(jumps + 1, 3), np.concatenate(inserted), axis=0)
 
 
-def plot_group(scene: Scene, time_s: float, axes: Sequence[Axes] | None = None) -> Sequence[Axes]:
-    """Draw where the targets are relative to the main one, in its local frame, from three sides.
+def plot_group(
+    scene: Scene, time_s: float, axes: Sequence[Axes] | None = None, group: str | None = None
+) -> Sequence[Axes]:
+    """Draw where the targets of a group are relative to its main one, in that one's local frame, from three sides.
 
     Radial is away from the Earth's centre, cross-track along position x velocity, along-track completes them
     (forwards).
@@ -260,12 +274,13 @@ def plot_group(scene: Scene, time_s: float, axes: Sequence[Axes] | None = None) 
         time_s: The instant [s after the epoch].
         axes: Where to draw: along-track and radial, cross-track and radial, along-track and cross-track, in metres or,
             for groups wider than 2 km, kilometres; and, as a fourth, the legend.
+        group: Name of the group; the scene's first, "main", if left out.
 
     Returns:
         The axes.
 
     Raises:
-        InputError: Not three or four axes, or the instant is outside the scene.
+        InputError: Not three or four axes, no such group, or the instant is outside the scene.
     """
     time = checked_time_s(scene, time_s)
     if axes is None:
@@ -275,18 +290,25 @@ def plot_group(scene: Scene, time_s: float, axes: Sequence[Axes] | None = None) 
         axes = list(plt.subplots(2, 2, figsize=(8.2, 8), layout="constrained")[1].flat)
     if len(axes) not in (3, 4):
         raise InputError(f"axes: must be 3 or 4, got {len(axes)}")
-    offset_m = group_offsets_m(scene, time)
+    groups = [one.name for one in scene.groups_of_targets]
+    group = groups[0] if group is None else group
+    if group not in groups:
+        raise InputError(f"group: must be one of {', '.join(groups)}, got {group!r}")
+    kinds = [kind for kind in kinds_of_targets(scene) if kind.group == group]
+    first = kinds[0].rows[0]
+    offset_m = group_offsets_m(scene, time, group)
     unit, per_m = ("km", 1e-3) if np.abs(offset_m).max() > 2000 else ("m", 1.0)
     half = 1.12 * max(per_m * np.abs(offset_m).max(), 1e-3)
     words = ("radial", "along-track", "cross-track")
     for ax, (across, up) in zip(axes[:3], ((1, 0), (2, 0), (1, 2)), strict=True):
-        for number, (label, rows) in enumerate(kinds_of_targets(scene)):
-            ax.plot(*(per_m * offset_m[rows][:, [across, up]]).T, label=label, **kind_style(number))
+        for kind in kinds:
+            places = per_m * offset_m[np.array(kind.rows) - first][:, [across, up]]
+            ax.plot(*places.T, label=kind.label, **kind_style(kind))
         ax.axhline(0, color=FAINT, linewidth=0.6, zorder=0)
         ax.axvline(0, color=FAINT, linewidth=0.6, zorder=0)
         ax.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
         ax.set(xlabel=f"{words[across]} [{unit}]", ylabel=f"{words[up]} [{unit}]")
-    axes[0].set_title(f"group about {scene.target_names[0]} at {time:g} s", fontsize=10)
+    axes[0].set_title(f"group about {kinds[0].label} at {time:g} s", fontsize=10)
     handles, labels = axes[0].get_legend_handles_labels()
     if len(axes) == 4:
         axes[3].set_axis_off()
@@ -296,16 +318,23 @@ def plot_group(scene: Scene, time_s: float, axes: Sequence[Axes] | None = None) 
     return axes
 
 
-def group_offsets_m(scene: Scene, time_s: float) -> F64:
-    """Positions of the targets relative to the main one: radial, along-track, cross-track [m], shape (n_target, 3)."""
-    at = np.array([time_s])
-    places = np.stack([scene.position_m(name, at)[0] for name in scene.target_names])
-    return np.asarray((places - places[0]) @ local_frame(scene, time_s).T)
+def group_offsets_m(scene: Scene, time_s: float, group: str | None = None) -> F64:
+    """Positions of a group's targets relative to its main one: radial, along-track, cross-track [m], shape (n, 3)."""
+    names = next(one.names for one in scene.groups_of_targets if group in (None, one.name))
+    places = np.stack([scene.position_m(name, np.array([time_s]))[0] for name in names])
+    return np.asarray((places - places[0]) @ local_frame(scene, time_s, names[0]).T)
 
 
-def local_frame(scene: Scene, time_s: float) -> F64:
-    """Radial, along-track and cross-track unit vectors of the main target as rows, GCRS axes, shape (3, 3)."""
-    position, velocity = (part[0] for part in scene.tracks.of(scene.target_names[0]).state(np.array([time_s])))
+def local_frame(scene: Scene, time_s: float, name: str | None = None) -> F64:
+    """Radial, along-track and cross-track unit vectors of a body as rows, GCRS axes, shape (3, 3).
+
+    Args:
+        scene: The scene.
+        time_s: The instant [s after the epoch].
+        name: Of the body; the main target if left out.
+    """
+    name = scene.target_names[0] if name is None else name
+    position, velocity = (part[0] for part in scene.tracks.state(name, np.array([time_s])))
     radial = position / np.linalg.norm(position)
     normal = np.cross(position, velocity)
     if np.linalg.norm(normal) < 1e-6 * np.linalg.norm(position):  # straight up or down: any cross-track will do
@@ -314,25 +343,48 @@ def local_frame(scene: Scene, time_s: float) -> F64:
     return np.stack([radial, np.cross(cross, radial), cross])
 
 
-def kinds_of_targets(scene: Scene) -> list[tuple[str, list[int]]]:
-    """Each kind of target with the numbers of its targets, the main one by itself."""
-    kinds, first = [], 0
-    for spec in scene.targets:
-        count = len(spec.names)
-        kinds.append((spec.name if count == 1 else f"{spec.name} ({count})", list(range(first, first + count))))
-        first += count
+@dataclass(frozen=True)
+class Kind:
+    """One kind of target, or a main target, which is a kind of its own."""
+
+    number: int
+    """Counts through all groups."""
+    label: str
+    spec: TargetSpec
+    rows: list[int]
+    """Its targets among target_names."""
+    group: str
+    is_main: bool
+
+
+def kinds_of_targets(scene: Scene) -> list[Kind]:
+    """The kinds of targets of all groups, in the order of target_names."""
+    kinds: list[Kind] = []
+    first = 0
+    for group in scene.groups_of_targets:
+        for place, spec in enumerate(group.targets):
+            label = spec.name if spec.count == 1 else f"{spec.name} ({spec.count})"
+            rows = list(range(first, first + spec.count))
+            kinds.append(Kind(len(kinds), label, spec, rows, group.name, place == 0))
+            first += spec.count
     return kinds
 
 
-def kind_style(number: int) -> dict[str, Any]:
-    """Mark and colour of a kind of target; the main target, number 0, is a star."""
-    if number == 0:
-        return {"linestyle": "none", "marker": "*", "color": VERMILION, "markersize": 13, "markeredgecolor": INK,
+def kind_style(kind: Kind) -> dict[str, Any]:
+    """Mark and colour of a kind of target; main targets are stars."""
+    if kind.is_main:
+        colour = kind_colour(kind)
+        return {"linestyle": "none", "marker": "*", "color": colour, "markersize": 13, "markeredgecolor": INK,
                 "zorder": 5}  # fmt: skip
+    mark = MARKERS[(kind.number - 1) % len(MARKERS)]
+    return {"linestyle": "none", "marker": mark, "color": kind_colour(kind), "markersize": 5.5,
+            "markeredgecolor": "white", "markeredgewidth": 0.4, "zorder": 3}  # fmt: skip
+
+
+def kind_colour(kind: Kind) -> str:
+    """The scene's main target is vermilion, which no other kind is."""
     others = [colour for colour in SERIES if colour != VERMILION]
-    mark, colour = MARKERS[(number - 1) % len(MARKERS)], others[(number - 1) % len(others)]
-    return {"linestyle": "none", "marker": mark, "color": colour, "markersize": 5.5, "markeredgecolor": "white",
-            "markeredgewidth": 0.4, "zorder": 3}  # fmt: skip
+    return VERMILION if kind.number == 0 else others[(kind.number - 1) % len(others)]
 
 
 def checked_time_s(scene: Scene, time_s: float) -> float:

@@ -68,11 +68,12 @@ def camera_view(scene: Scene, sensor: str, time_s: float, renderer: Renderer | N
     if sensor not in scene.sensor_names:
         raise InputError(f"sensor: must be a sensor of the scene, got {sensor!r}")
     number = round((time - scene.frames.start_s) / scene.frames.interval_s)
-    if number < 0 or scene.frame_time_s([number])[0] != time:
+    if not 0 <= number < 2**32 or scene.frame_time_s([number])[0] != time:
         # No frame is at this instant: one scene more, with its only frame there.
         number = 0
         frames = {"count": 1, "interval_s": scene.frames.interval_s, "start_s": time}
-        renderer = Renderer(scene.replace(frames=frames), catalog=renderer.catalog if renderer else None)
+        given = {"device": renderer.device, "catalog": renderer.catalog} if renderer else {}
+        renderer = Renderer(scene.replace(frames=frames), **given)
     elif renderer is None:
         renderer = Renderer(scene)
     shown = renderer.render([number], [sensor], [scene.bands[0]], keep_stars=True)
@@ -146,10 +147,10 @@ def _in_frame(scene: Scene, xy_px: F64) -> NDArray[np.bool_]:
 def _draw_targets(ax: Axes, scene: Scene, view: CameraView, with_labels: bool) -> None:
     """Marks of the targets by kind; those behind the Earth are crosses."""
     shown = ~view.occulted & np.isfinite(view.target_xy_px[:, 0])
-    for number, (label, rows) in enumerate(kinds_of_targets(scene)):
-        chosen = np.array(rows)[shown[rows]]
+    for kind in kinds_of_targets(scene):
+        chosen = np.array(kind.rows)[shown[kind.rows]]
         if len(chosen):
-            ax.plot(*view.target_xy_px[chosen].T, label=label if with_labels else None, **kind_style(number))
+            ax.plot(*view.target_xy_px[chosen].T, label=kind.label if with_labels else None, **kind_style(kind))
     hidden = view.occulted & np.isfinite(view.target_xy_px[:, 0])
     if hidden.any():
         ax.plot(*view.target_xy_px[hidden].T, "x", color=GREY, markersize=5,
@@ -160,13 +161,13 @@ def _name_targets(ax: Axes, scene: Scene, view: CameraView) -> None:
     shown = np.flatnonzero(~view.occulted & _in_frame(scene, view.target_xy_px))
     if len(shown) <= MOST_LABELS:
         names = [scene.target_names[number] for number in shown]
-        place_labels(ax, view.target_xy_px[shown], names, size=6.5, color=INK, zorder=6)
+        place_labels(ax, view.target_xy_px[shown], names, size=6.2, color=INK, zorder=2.5)
 
 
 def _draw_inset(ax: Axes, scene: Scene, view: CameraView, in_field: F64, extent_px: float) -> None:
     """The group enlarged, in the corner that it leaves free."""
     middle = in_field.min(axis=0) / 2 + in_field.max(axis=0) / 2
-    half = 0.72 * extent_px
+    half = 0.66 * extent_px
     corner_y = 0.05 if middle[1] < (scene.camera.n_row - 1) / 2 else 0.58
     inset: Any = ax.inset_axes((0.58, corner_y, 0.4, 0.4))
     inset.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] + half, middle[1] - half), aspect="equal")
