@@ -11,7 +11,7 @@ from warpsim.constants import EARTH_J2, EARTH_J3, EARTH_J4
 from warpsim.errors import InputError
 from warpsim.orbit.gravity import propagate
 from warpsim.orbit.kepler import stumpff
-from warpsim.orbit.track import Track, choose_step_s, node_grid, sample_tracks
+from warpsim.orbit.track import Track, choose_step_s, make_tracks, node_grid, sample_tracks
 
 MU, RADIUS, J2 = 3.986004418e14, 6378137.0, 1.0826266835e-3
 POLE = np.array([0.0024, -0.00003, 1.0]) / np.linalg.norm([0.0024, -0.00003, 1.0])  # not the z axis, on purpose
@@ -269,3 +269,40 @@ def test_node_grid_covers_a_step_on_either_side(duration_s, step_s):
     assert start_s == -step_s
     end_s = start_s + (n_node - 1) * step_s
     assert duration_s + step_s <= end_s + 1e-6 < duration_s + 2 * step_s + 1e-5
+
+
+def test_a_jump_of_velocity_shortens_the_step_until_it_hardly_shows():
+    """A manoeuvre of 2 m/s at 700.3 s: the one interval that holds it is off by some tenth of step times jump."""
+
+    def manoeuvre(time_s):
+        r, v = (x[:, :1].copy() for x in two_orbits(time_s))
+        after = np.maximum(time_s - 700.3, 0.0)
+        r[:, 0, 2] += 2.0 * after
+        v[:, 0, 2] += np.where(after > 0, 2.0, 0.0)
+        return r, v
+
+    (track,) = make_tracks(["ship"], manoeuvre, 1614.0)
+    assert track.error_m < 0.01  # the best that steps of 10 ms give
+    time_s = np.concatenate([np.linspace(0, 1614, 2001), np.linspace(700.0, 700.6, 2001)])
+    missed = np.linalg.norm(track.position_at_m(time_s) - manoeuvre(time_s)[0][:, 0], axis=1)
+    assert missed.max() < 1.2 * track.error_m + 1e-8
+    away = np.abs(time_s - 700.3) > track.step_s
+    assert missed[away].max() < HERMITE_M
+
+
+def test_motion_of_few_digits_is_taken_with_its_error_told():
+    """Positions rounded to 10 m, as in some tables: no step makes them smooth."""
+
+    def rounded(time_s):
+        r, v = (x[:, :1] for x in two_orbits(time_s))
+        return np.round(r, -1), v
+
+    with pytest.raises(InputError, match=r"ship: the motion must be smooth, but is \S+ m off between nodes"):
+        make_tracks(["ship"], rounded, 300.0)
+
+    def fine(time_s):
+        r, v = (x[:, :1] for x in two_orbits(time_s))
+        return np.round(r, 2), v
+
+    (track,) = make_tracks(["ship"], fine, 300.0)
+    assert HERMITE_M < track.error_m < 0.03 and track.step_s > 1.0

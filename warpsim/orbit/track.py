@@ -31,8 +31,14 @@ TRACK_ERROR_M = 1e-3
 WORST_TRACK_ERROR_M = 1.0
 """What is taken of motion that is not smooth."""
 
-SHORTEST_STEP_S = 0.1
+SHORTEST_STEP_S = 0.01
 """Shortest node step [s]."""
+
+MOST_NODES = 30_000_000
+"""Nodes of all objects together: 1.4 GB."""
+
+MOST_ROUGH_NODES = 5_000_000
+"""Nodes of all objects together to which steps are shortened for motion that is not smooth."""
 
 _N_TRIAL = 96
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -211,6 +217,7 @@ def choose_step_s(
     error_m: float = TRACK_ERROR_M,
     first_s: ArrayLike = -math.inf,
     longest_s: float = 3600.0,
+    shortest_s: float = SHORTEST_STEP_S,
 ) -> float:
     """Return a node step [s] whose measured interpolation error over [0, duration_s] stays below error_m.
 
@@ -226,8 +233,9 @@ def choose_step_s(
         error_m: Bound [m].
         first_s: As for sample_tracks.
         longest_s: Longest step [s].
+        shortest_s: Shortest step [s].
     """
-    step_s = min(30.0, longest_s)
+    step_s = max(min(30.0, longest_s), shortest_s)
     before = math.inf, step_s  # error and step of the last shorter trial
     for _ in range(24):
         worst_m = _trial_error_m(state, duration_s, step_s, first_s)
@@ -236,11 +244,11 @@ def choose_step_s(
             return step_s
         if ratio < 1.0 and step_s < before[1]:
             gain = math.log(before[0] / worst_m) / math.log(before[1] / step_s) if before[0] < math.inf else 4.0
-            if gain < 1.0 or step_s <= SHORTEST_STEP_S:
+            if gain < 0.5 or step_s <= shortest_s:
                 return step_s
             before = worst_m, step_s
         step_s = _round_down(min(step_s * min(max(ratio * 0.999, 0.1), 8.0), longest_s))
-        step_s = max(step_s, SHORTEST_STEP_S)
+        step_s = max(step_s, shortest_s)
     return step_s
 
 
@@ -280,14 +288,21 @@ def make_tracks(
     Raises:
         InputError: When the motion is so rough that no step keeps the error below 1 m.
     """
-    step_s = choose_step_s(state, duration_s, error_m, first_s, longest_s)
-    for _ in range(8):
+    shortest_s = max(SHORTEST_STEP_S, duration_s * len(names) / MOST_NODES)
+    step_s = choose_step_s(state, duration_s, error_m, first_s, longest_s, shortest_s)
+    shortest_s = max(shortest_s, min(0.5 * step_s, duration_s * len(names) / MOST_ROUGH_NODES))
+    first: tuple[float, float] | None = None  # error and step of the first sampling
+    while True:
         tracks = sample_tracks(names, state, *_grid(duration_s, step_s), first_s)
         worst_m = max(track.error_m for track in tracks)
-        if worst_m <= error_m or _trial_error_m(state, duration_s, step_s, first_s) > error_m:
+        if worst_m <= error_m or step_s <= shortest_s:
             break
-        # The worst place lay between the trials: a perigee, say.
-        step_s = _round_down(step_s * max(0.5, (0.9 * error_m / worst_m) ** 0.25))
+        order = 4.0 if first is None else math.log(first[0] / worst_m) / math.log(first[1] / step_s)
+        if order < 0.5:  # of the error in the step: shorter ones do not help
+            break
+        # The worst place lay between the trials: a perigee, or a manoeuvre, where the velocity jumps.
+        first = first or (worst_m, step_s)
+        step_s = max(shortest_s, _round_down(step_s * max(0.25, 0.95 * (error_m / worst_m) ** (1 / min(order, 4.0)))))
     if worst_m > WORST_TRACK_ERROR_M:
         rough = max(tracks, key=lambda track: track.error_m)
         raise InputError(
