@@ -140,6 +140,7 @@ def test_maneuver_at_a_shared_end(oem):
     """Each side is interpolated on its own; at the instant itself the later one counts."""
     before, after = segment(NODES_S[:31]), segment(NODES_S[30:], phase=1.0)
     orbit = EphemerisOrbit(oem(after, before))  # in any order
+    assert orbit.breaks_s(EPOCH) == pytest.approx([1800.0], abs=1e-9, rel=0)
     time_s = np.array([1790.0, 1799.999, 1800.0, 1810.0])
     r, _ = orbit.states(EPOCH, time_s)
     expected = np.concatenate([flight(time_s[:2])[0], flight(time_s[2:], phase=1.0)[0]])
@@ -180,6 +181,7 @@ def test_an_object_that_continues_in_another_file(oem):
     parts = oem(segment(NODES_S[:31]), name="a.oem"), oem(segment(NODES_S[30:]), name="b.oem")
     satellites = EphemerisSatellites(parts)
     assert satellites.names == ["sat"]
+    assert satellites.breaks_s(EPOCH) == pytest.approx([1800.0], abs=1e-9, rel=0)
     time_s = np.linspace(0.0, 3600.0, 97)
     assert errors(satellites, time_s, flight(time_s))[0] < ON_FILE_M
 

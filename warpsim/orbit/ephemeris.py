@@ -96,6 +96,10 @@ class EphemerisOrbit:
         """First and last time of the file [s since epoch]."""
         return self._path.span_s(epoch)
 
+    def breaks_s(self, epoch: Time) -> list[float]:
+        """Times at which segments begin, but for the first: the velocity may jump there [s since epoch]."""
+        return [start_s for start_s, _ in self._path.ends_s(epoch)[1:]]
+
     def states(self, epoch: Time, time_s: F64) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3).
 
@@ -148,6 +152,10 @@ class EphemerisSatellites:
         """First and last time that all objects have in common [s since epoch]."""
         spans = [path.span_s(epoch) for path in self._all]
         return max(first for first, _ in spans), min(last for _, last in spans)
+
+    def breaks_s(self, epoch: Time) -> list[float]:
+        """Times at which segments begin, but for each object's first: a velocity may jump there [s since epoch]."""
+        return sorted({start_s for path in self._all for start_s, _ in path.ends_s(epoch)[1:]})
 
     def states(self, epoch: Time, time_s: F64) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_object, 3).
