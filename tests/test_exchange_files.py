@@ -116,6 +116,14 @@ def test_stk_without_velocities_or_with_accelerations(orbits):
     assert len(orbits(body.format(covered))[0].instants) == 2
 
 
+def test_a_file_may_end_with_its_last_keyword(orbits, attitudes):
+    """No line break is needed where nothing can have been cut off."""
+    assert len(orbits(STK_E.rstrip("\n"))) == 2
+    assert len(attitudes(STK_A.rstrip("\n"))) == len(attitudes(AEM.rstrip("\n"))) == 1
+    assert len(orbits(OEM.replace("\n", "\r\n"))) == 2
+    assert refused(orbits, STK_E.rstrip("s\n")).startswith("line 27: must end with a line break")
+
+
 def test_a_single_row_at_a_boundary_begins_a_segment(orbits):
     rows = STK_E.splitlines(keepends=True)
     text = "".join(row for i, row in enumerate(rows) if i != 23).replace("Points 5", "Points 4")
@@ -224,7 +232,8 @@ def test_stk_and_csv_attitudes(attitudes):
         ("897.0", "nan", "line 24: must be a finite number, got 'nan'"),
         ("897.0", "8_97.0", "line 24: must be a finite number, got '8_97.0'"),
         ("449.0 59.9", "449.0", "line 23: must have 7 values (a date, position, velocity, and acceleration or none)"),
-        ("6985.0", "6.985e12", "line 6: position: must be below 1e+12 m, got 6.985e+15 m"),
+        ("6985.0", "6.985e12", "line 23: position: must be below 1e+12 m, got 6.985e+15"),
+        ("7.48 0.99", "7.48 1e300", "line 23: velocity: must be below 2.99792e+08 m/s, got 1e+303"),
         ("COVARIANCE_STOP\n", "", "line 33: must come after COVARIANCE_STOP, got META_START"),
         ("USEABLE_STOP_TIME = 2025-03-20T12:02", "USEABLE_STOP_TIME = 2025-03-20T12:04", "line 6: useable span: must "),
         ("USEABLE_STOP_TIME = 2025-03-20T12:02", "USEABLE_STOP_TIME = 2025-03-20T12:00", "line 6: useable span: must "),

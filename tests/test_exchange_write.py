@@ -169,7 +169,7 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path, segment):
         ws.write_oem(tmp_path / "x.oem", [])
     with pytest.raises(ws.InputError, match="segments: must follow each other in time"):
         ws.write_stk_ephemeris(tmp_path / "x.e", [segment, segment])
-    with pytest.raises(ws.InputError, match="originator: must be printable ASCII text"):
+    with pytest.raises(ws.InputError, match="names: must be printable ASCII text, got 'été'"):
         ws.write_oem(tmp_path / "x.oem", segment, originator="été")
     with pytest.raises(ws.InputError, match="cannot be written: No such file or directory"):
         ws.write_oem(tmp_path / "no" / "x.oem", segment)

@@ -7,7 +7,7 @@ import hashlib
 import numpy as np
 import pytest
 from astropy.time import TimeDelta
-from exchange_samples import CSV
+from exchange_samples import CSV, EPHEMERIDES, damaged
 
 import warpsim as ws
 from warpsim.constants import EARTH_GM_M3_S2
@@ -88,7 +88,7 @@ def test_stk_and_oem_are_the_same_motion(oem, tmp_path):
     ws.write_stk_ephemeris(tmp_path / "sat.e", segment(frame="ITRF"))
     time_s = np.linspace(0.0, 3600.0, 100)
     one = EphemerisOrbit(oem(segment(frame="ITRF"))).states(EPOCH, time_s)
-    two = EphemerisOrbit(str(tmp_path / "sat.e")).states(EPOCH, time_s)
+    two = EphemerisOrbit(tmp_path / "sat.e").states(EPOCH, time_s)
     assert np.abs(one[0] - two[0]).max() < 1e-8
     assert np.abs(one[1] - two[1]).max() < 1e-9
 
@@ -140,6 +140,7 @@ def test_maneuver_at_a_shared_end(oem):
     """Each side is interpolated on its own; at the instant itself the later one counts."""
     before, after = segment(NODES_S[:31]), segment(NODES_S[30:], phase=1.0)
     orbit = EphemerisOrbit(oem(after, before))  # in any order
+    assert orbit.breaks_s(EPOCH) == pytest.approx([1800.0], abs=1e-9, rel=0)
     time_s = np.array([1790.0, 1799.999, 1800.0, 1810.0])
     r, _ = orbit.states(EPOCH, time_s)
     expected = np.concatenate([flight(time_s[:2])[0], flight(time_s[2:], phase=1.0)[0]])
@@ -180,6 +181,7 @@ def test_an_object_that_continues_in_another_file(oem):
     parts = oem(segment(NODES_S[:31]), name="a.oem"), oem(segment(NODES_S[30:]), name="b.oem")
     satellites = EphemerisSatellites(parts)
     assert satellites.names == ["sat"]
+    assert satellites.breaks_s(EPOCH) == pytest.approx([1800.0], abs=1e-9, rel=0)
     time_s = np.linspace(0.0, 3600.0, 97)
     assert errors(satellites, time_s, flight(time_s))[0] < ON_FILE_M
 
@@ -193,7 +195,7 @@ def test_one_object_of_several(oem, tmp_path):
         assert orbit.names == ["b_c"]
         assert np.linalg.norm(orbit.states(EPOCH, np.zeros(1))[0][0, 0] - flight([0.0], 1.0)[0][0]) < ON_FILE_M
     (tmp_path / "x.csv").write_text(CSV)
-    assert EphemerisSatellites(str(tmp_path / "x.csv")).names == ["one", "two"]
+    assert EphemerisSatellites(tmp_path / "x.csv").names == ["one", "two"]
 
 
 def test_frame_override(oem):
@@ -221,3 +223,27 @@ def test_wrong_descriptions(tmp_path):
         EphemerisSatellites(("a", "a"))
     with pytest.raises(ws.InputError, match=r"no.oem: cannot be read: No such file"):
         EphemerisOrbit(str(tmp_path / "no.oem")).span_s(EPOCH)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", EPHEMERIDES)
+def test_damaged_files_move_or_are_refused_in_one_line(tmp_path, name):
+    n_refused = 0
+    for seed in range(60):
+        (tmp_path / name).write_bytes(damaged(EPHEMERIDES[name], 10_000 + seed))
+        satellites = EphemerisSatellites([tmp_path / name])
+        try:
+            first_s, last_s = satellites.span_s(EPOCH)
+            r, v = satellites.states(EPOCH, np.linspace(first_s - 10.0, last_s, 5))
+        except ws.InputError as error:
+            assert "\n" not in str(error)  # noqa: PT017
+            n_refused += 1
+            continue
+        assert np.isfinite(r).all()
+        assert np.isfinite(v).all()
+    assert 10 < n_refused < 60
+
+
+def test_no_times(oem):
+    r, v = EphemerisOrbit(oem(segment(frame="ITRF"))).states(EPOCH, np.array([]))
+    assert r.shape == v.shape == (0, 1, 3)

@@ -84,7 +84,7 @@ def _ephemeris(source: Source, segment: MessageSegment) -> EphemerisSegment:
         instants=instants,
         position_m=values[:, :3],
         velocity_m_s=values[:, 3:6],
-        interpolation=_method(source, meta.get("INTERPOLATION")),
+        interpolation=_method(source, meta, "INTERPOLATION"),
         degree=_degree(source, meta.get("INTERPOLATION_DEGREE")),
         useable=useable,
         time_system=system,
@@ -118,7 +118,7 @@ def _attitude(source: Source, segment: MessageSegment, message: Message) -> Atti
         body_frame=body_frame,
         instants=instants,
         quaternion=quaternion,
-        interpolation=_method(source, meta.get("INTERPOLATION_METHOD")),
+        interpolation=_method(source, meta, "INTERPOLATION_METHOD"),
         degree=_degree(source, meta.get("INTERPOLATION_DEGREE")),
         useable=useable,
         time_system=system,
@@ -162,11 +162,12 @@ def _date(source: Source, keyword: str, value: Field, system: str) -> Instants:
     return dates_of(source, [value.text], [value.line], system, keyword)
 
 
-def _method(source: Source, value: Field | None) -> Interpolation | None:
+def _method(source: Source, meta: dict[str, Field], keyword: str) -> Interpolation | None:
+    value = meta.get(keyword)
     if value is None:
         return None
     if value.text.upper() not in _METHODS:
-        raise source.error(value.line, f"INTERPOLATION: must be one of {', '.join(_METHODS)}, got {value.text!r}")
+        raise source.error(value.line, f"{keyword}: must be one of {', '.join(_METHODS)}, got {value.text!r}")
     return _METHODS[value.text.upper()]
 
 

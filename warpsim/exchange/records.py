@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
 from warpsim.exchange.instants import TIME_SYSTEMS, Instants, instants_of_time, later, parse_dates
 
@@ -96,9 +97,9 @@ class EphemerisSegment:
             raise InputError(f"{where}interpolation: must not be Hermite for states without velocities")
         if self.degree is not None and not 1 <= self.degree <= LARGEST_DEGREE:
             raise InputError(f"{where}interpolation degree: must be 1 to {LARGEST_DEGREE}, got {self.degree}")
-        far = np.abs(self.position_m).max() if n else 0.0
-        if far > _LARGEST_M:
-            raise InputError(f"{where}position: must be below {_LARGEST_M:g} m, got {far:g} m")
+        _check_size("position", self.position_m, _LARGEST_M, "m", self)
+        if self.velocity_m_s is not None:
+            _check_size("velocity", self.velocity_m_s, SPEED_OF_LIGHT_M_S, "m/s", self)
 
     @classmethod
     def of_states(
@@ -216,6 +217,13 @@ def _check_array(name: str, value: F64, shape: tuple[int, int], segment: Segment
     if bad.any():
         row = int(np.argmax(bad))
         raise InputError(f"{_row_place(segment, row)}{name}: must be finite, got {value[row].tolist()}")
+
+
+def _check_size(name: str, value: F64, largest: float, unit: str, segment: Segment) -> None:
+    size = np.abs(value).max(axis=1)
+    row = int(np.argmax(size))
+    if size[row] > largest:
+        raise InputError(f"{_row_place(segment, row)}{name}: must be below {largest:g} {unit}, got {size[row]:g}")
 
 
 def _check_times(segment: Segment) -> None:

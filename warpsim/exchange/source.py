@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,8 @@ from warpsim.errors import InputError
 from warpsim.exchange.instants import BadDateError, Instants, parse_dates
 
 F64 = NDArray[np.float64]
+
+_END_OF_BLOCK = re.compile(r"(?i:END\s+(Ephemeris|Attitude))|DATA_STOP|COVARIANCE_STOP")
 
 
 @dataclass(frozen=True)
@@ -37,11 +40,12 @@ class Source:
         """Lines that are not blank, stripped, each with its number counted from 1.
 
         Raises:
-            InputError: No line break closes the last line: a number cut short would read as another number.
+            InputError: The last line has no line break and closes no block: a number cut short reads as another.
         """
         text = self.text
         found = [(number, line.strip()) for number, line in enumerate(text.split("\n"), start=1) if line.strip()]
-        if found and not text.rstrip(" \t\r").endswith("\n"):
+        open_end = bool(found) and not text.rstrip(" \t\r").endswith("\n")
+        if open_end and not _END_OF_BLOCK.fullmatch(found[-1][1]):
             number, line = found[-1]
             raise self.error(number, f"must end with a line break, or the file may be cut off, got {line[-30:]!r}")
         return found

@@ -71,7 +71,7 @@ def write_aem(
     _check_some(path, runs)
     lines = _header("AEM", originator, creation_date)
     for segment in runs:
-        body = segment.body_frame if segment.body_frame.isupper() else "SC_BODY_1"
+        body = _plain(segment.body_frame) if segment.body_frame.isupper() else "SC_BODY_1"
         frames = {"REF_FRAME_A": CCSDS_NAME[segment.frame], "REF_FRAME_B": body}
         lines += _ccsds_meta(segment, {"CENTER_NAME": "EARTH", **frames}, "INTERPOLATION_METHOD")
         lines.append("DATA_START")
@@ -185,7 +185,7 @@ def _ccsds_meta(segment: Segment, more: dict[str, str], method_keyword: str) -> 
 def _plain(text: str) -> str:
     """Text that may stand in a message."""
     if not _PRINTABLE.fullmatch(text.strip()):
-        raise InputError(f"object_name, object_id, originator: must be printable ASCII text, got {text!r}")
+        raise InputError(f"names: must be printable ASCII text, got {text!r}")
     return text.strip()
 
 

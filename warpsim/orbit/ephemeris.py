@@ -9,10 +9,11 @@ file's span the motion goes on as free flight with J2: room for light time.
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +42,18 @@ _TOUCH_S = 1e-6
 """Segments whose ends are this close touch: rounding of dates."""
 
 
+def _plain_path(value: Any) -> Any:
+    """Paths as text, as scene files have them."""
+    return os.fspath(value) if isinstance(value, os.PathLike) else value
+
+
+def _some_files(value: Any) -> Any:
+    return as_tuple(_plain_path(value))
+
+
+FileName = Annotated[str, BeforeValidator(_plain_path)]
+
+
 @part
 class EphemerisOrbit:
     """Path of one object of a file of states.
@@ -51,7 +64,7 @@ class EphemerisOrbit:
         frame: Axes of the file's states, instead of those that it states itself.
     """
 
-    file: str
+    file: FileName
     object: str | None = None
     frame: Frame | None = None
     kind: Literal["ephemeris"] = "ephemeris"
@@ -83,6 +96,10 @@ class EphemerisOrbit:
         """First and last time of the file [s since epoch]."""
         return self._path.span_s(epoch)
 
+    def breaks_s(self, epoch: Time) -> list[float]:
+        """Times at which segments begin, but for the first: the velocity may jump there [s since epoch]."""
+        return [start_s for start_s, _ in self._path.ends_s(epoch)[1:]]
+
     def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3).
 
@@ -101,7 +118,7 @@ class EphemerisSatellites:
         frame: Axes of the files' states, instead of those that they state themselves.
     """
 
-    files: Annotated[tuple[str, ...], BeforeValidator(as_tuple)]
+    files: Annotated[tuple[FileName, ...], BeforeValidator(_some_files)]
     frame: Frame | None = None
     kind: Literal["ephemeris_files"] = "ephemeris_files"
 
@@ -135,6 +152,10 @@ class EphemerisSatellites:
         """First and last time that all objects have in common [s since epoch]."""
         spans = [path.span_s(epoch) for path in self._all]
         return max(first for first, _ in spans), min(last for _, last in spans)
+
+    def breaks_s(self, epoch: Time) -> list[float]:
+        """Times at which segments begin, but for each object's first: a velocity may jump there [s since epoch]."""
+        return sorted({start_s for path in self._all for start_s, _ in path.ends_s(epoch)[1:]})
 
     def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_object, 3).
