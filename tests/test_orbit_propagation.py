@@ -306,3 +306,30 @@ def test_motion_of_few_digits_is_taken_with_its_error_told():
 
     (track,) = make_tracks(["ship"], fine, 300.0)
     assert HERMITE_M < track.error_m < 0.03 and track.step_s > 1.0
+
+
+@pytest.mark.parametrize("n_node", [3, 4, 40])
+def test_velocities_that_are_not_derivatives_are_replaced(n_node):
+    """SGP4's are off by centimetres a second, which shows between nodes but not half-way."""
+
+    def skewed(time_s):
+        r, v = (x[:, :1] for x in two_orbits(time_s))
+        return r, v + 0.02
+
+    step_s = 10.0
+    (track,) = sample_tracks(["sat"], skewed, -step_s, step_s, n_node)
+    time_s = np.linspace(-step_s, (n_node - 2) * step_s, 1001)
+    missed = np.linalg.norm(track.position_at_m(time_s) - skewed(time_s)[0][:, 0], axis=1)
+    assert missed.max() < HERMITE_M
+
+
+def test_single_velocities_that_are_wrong_count_in_the_error():
+    def skewed(time_s):
+        r, v = (x[:, :1].copy() for x in two_orbits(time_s))
+        v[np.abs(time_s - 100.0) < 1.0] += 0.02
+        return r, v
+
+    (track,) = sample_tracks(["sat"], skewed, -10.0, 10.0, 40)
+    time_s = np.linspace(0, 300, 3001)
+    missed = np.linalg.norm(track.position_at_m(time_s) - skewed(time_s)[0][:, 0], axis=1)
+    assert 0.01 < missed.max() <= OFF_MIDDLE * track.error_m

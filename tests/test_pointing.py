@@ -431,7 +431,7 @@ def test_the_hosts_twin_of_a_meeting(scene):
 
     met = scene.replace(duration_s=1614.0)
     tracks = met.tracks
-    together = replace(tracks, targets=[tracks.sensors[0], *tracks.targets[1:]])
+    together = replace(tracks, targets=[replace(tracks.sensors[0], name="center"), *tracks.targets[1:]])
     met.__dict__["tracks"] = together
     told = commanded_axes(met, "sat11", [700.0, 710.0])
     assert told.boresight_replaced.all()

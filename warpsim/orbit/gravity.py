@@ -94,6 +94,8 @@ def propagate(
             states = _follow(axes @ r0[paths].T, axes @ v0[paths].T, times[order], _ZONAL[gravity])
             for result, state in zip((position, velocity), states, strict=True):
                 result[order, paths] = np.swapaxes(state, 1, 2) @ axes
+    now = times == 0.0  # to the last bit, which turning to the pole and back would lose
+    position[now], velocity[now] = r0, v0
     return position, velocity
 
 

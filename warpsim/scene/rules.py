@@ -9,6 +9,7 @@ import numpy as np
 from warpsim.describe import part_error
 from warpsim.errors import InputError
 from warpsim.orbit.arc import BallisticArc
+from warpsim.orbit.constellations import ListedSatellites, MixedConstellation
 from warpsim.orbit.epoch import utc_time
 from warpsim.scene.attitudes import table_rows
 from warpsim.scene.view_axes import tracked_targets
@@ -106,8 +107,11 @@ def _check_path(scene: Scene, where: str, path: Trajectory) -> None:
 
 def _is_limited(orbit: Any) -> bool:
     """Whether motion, or part of it, is known for some time only."""
-    members = [*getattr(orbit, "parts", ()), *(item.orbit for item in getattr(orbit, "satellites", ()))]
-    return hasattr(orbit, "span_s") or any(_is_limited(member) for member in members)
+    if isinstance(orbit, MixedConstellation):
+        return any(_is_limited(part) for part in orbit.parts)
+    if isinstance(orbit, ListedSatellites):
+        return any(_is_limited(item.orbit) for item in orbit.satellites)
+    return hasattr(orbit, "span_s")
 
 
 def _check_span(scene: Scene, where: str, orbit: Any) -> None:
