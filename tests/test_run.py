@@ -13,7 +13,7 @@ from astropy.table import Table
 from astropy.time import Time
 
 import warpsim as ws
-from warpsim.output.files import sha256_of, whole_file
+from warpsim.files import sha256_of, whole_file
 from warpsim.output.fits_cube import read_cube
 
 COMMAND = [sys.executable, "-m", "warpsim.cli", "render"]

@@ -8,7 +8,7 @@ import pytest
 from astropy.table import Table
 
 import warpsim as ws
-from warpsim.output.files import sha256_of
+from warpsim.files import sha256_of
 
 MOTION_PX = 1e-6
 """3e-5 arcsec: the epoch's days in one number, and rounding."""

@@ -16,7 +16,7 @@ from warpsim.errors import InputError
 from warpsim.exchange.frame_names import CCSDS_NAME, STK_NAME
 from warpsim.exchange.instants import Instants, parse_dates
 from warpsim.exchange.records import DEFAULT_DEGREE, AttitudeSegment, EphemerisSegment, Segment
-from warpsim.output.files import whole_file
+from warpsim.files import whole_file
 
 F64 = NDArray[np.float64]
 

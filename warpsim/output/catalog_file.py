@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from warpsim.errors import InputError
-from warpsim.output.files import whole_file, write_fits_table
+from warpsim.files import whole_file, write_fits_table
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.catalog_columns import J2000_JYEAR
 

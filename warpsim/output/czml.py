@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
+from warpsim.files import whole_file
 from warpsim.output.catalog_file import check_new_file
-from warpsim.output.files import whole_file
 
 if TYPE_CHECKING:
     from warpsim.scene.scene import Scene

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from warpsim.errors import InputError
-from warpsim.output.files import partial_path, read_json, sha256_of, write_json
+from warpsim.files import partial_path, read_json, sha256_of, write_json
 from warpsim.render.renderer import Renderer
 from warpsim.scene.scene import Scene
 

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.files import prepare_folder, sha256_of, whole_file, write_fits_table, write_json
 from warpsim.output.check import pointing_warning
 from warpsim.output.contact_sheet import draw_contact_sheet
-from warpsim.output.files import prepare_folder, sha256_of, whole_file, write_fits_table, write_json
 from warpsim.output.fits_cube import CubeWriter, read_cube
 from warpsim.output.plan import Plan, has_receipt, is_complete, make_plan, working_on, write_receipt
 from warpsim.render.renderer import Renderer

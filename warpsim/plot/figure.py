@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
-from warpsim.output.files import whole_file
+from warpsim.files import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

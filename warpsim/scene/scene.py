@@ -6,7 +6,6 @@ first use, and kept.
 
 from __future__ import annotations
 
-import dataclasses
 import os
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -28,6 +27,7 @@ from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.rules import AccessConstraints
 from warpsim.quaternion import rotated
 from warpsim.scene.attitudes import table_rows, target_attitudes
+from warpsim.scene.flight_epochs import is_utc, with_epoch, without_flight_epochs
 from warpsim.scene.parts import AnyConstellation, Frames, Release, Sky, TargetGroup, TargetSpec, Text, Trajectory
 from warpsim.scene.pointing import Pointing, TablePointing, TrackPointing
 from warpsim.scene.rules import check_scene
@@ -50,8 +50,6 @@ def _known_band(name: str) -> str:
         raise rule_error(f"must be one of {', '.join(BANDS)}")
     return name
 
-
-_ARC_EPOCH = BallisticArc.__dataclass_fields__["epoch_utc"].default
 
 ACCESS_STEP_S = 10.0
 """Step of the scan for access [s]."""
@@ -112,10 +110,10 @@ class Scene:
         """Give flights the scene's epoch, so that a scene file states it once."""
         values = data if isinstance(data, dict) else (data.kwargs or {})
         epoch_utc = values.get("epoch_utc")
-        if epoch_utc is None or not _is_utc(epoch_utc):
+        if epoch_utc is None or not is_utc(epoch_utc):
             return data  # one complaint about the epoch is enough
         values = {
-            name: _with_epoch(value, epoch_utc) if name in ("trajectory", "groups", "constellation") else value
+            name: with_epoch(value, epoch_utc) if name in ("trajectory", "groups", "constellation") else value
             for name, value in values.items()
         }
         return values if isinstance(data, dict) else ArgsKwargs(data.args, values)
@@ -188,7 +186,7 @@ class Scene:
         Raises:
             InputError: A field is unknown or the new scene breaks a rule.
         """
-        data = _without_flight_epochs(self.to_dict())
+        data = without_flight_epochs(self.to_dict())
         for name, value in changes.items():
             *parents, leaf = name.split("__")
             place: Any = data
@@ -434,39 +432,6 @@ def _adapter() -> TypeAdapter[Scene]:
 
 
 _ADAPTER: TypeAdapter[Scene] | None = None
-
-
-def _is_utc(value: Any) -> bool:
-    try:
-        utc_time(value if isinstance(value, str) else value.utc.isot)
-    except (InputError, AttributeError):
-        return False
-    return True
-
-
-def _with_epoch(value: Any, epoch_utc: Any) -> Any:
-    """Flights anywhere in a value, with the epoch where they have none of their own."""
-    if isinstance(value, BallisticArc):
-        return dataclasses.replace(value, epoch_utc=epoch_utc) if value.epoch_utc == _ARC_EPOCH else value
-    if isinstance(value, TargetGroup):
-        return dataclasses.replace(value, trajectory=_with_epoch(value.trajectory, epoch_utc))
-    if isinstance(value, list | tuple):
-        return [_with_epoch(item, epoch_utc) for item in value]
-    if isinstance(value, dict):
-        value = {name: _with_epoch(item, epoch_utc) for name, item in value.items()}
-        if "start_lon_lat_deg" in value or value.get("kind") == "ballistic_arc":
-            return {"epoch_utc": epoch_utc, **value}
-    return value
-
-
-def _without_flight_epochs(value: Any) -> Any:
-    """Nested dicts in which flights take the epoch of the scene they are put into."""
-    if isinstance(value, list):
-        return [_without_flight_epochs(item) for item in value]
-    if isinstance(value, dict):
-        is_flight = value.get("kind") == "ballistic_arc"
-        return {k: _without_flight_epochs(v) for k, v in value.items() if not (is_flight and k == "epoch_utc")}
-    return value
 
 
 def _is_index(place: Any, name: str) -> bool:
