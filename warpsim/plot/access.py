@@ -54,11 +54,11 @@ def plot_access(
     room_s = _LABEL_SHARE * duration_s
     for row, name in enumerate(names):
         spans = sorted((float(r["start_s"]), float(r["end_s"])) for r in table if r["sensor"] == name)
+        taken_s = 0.0  # up to here the row is full, of bars and words
         for number, (start_s, end_s) in enumerate(spans):
             ax.barh(row, end_s - start_s, left=start_s, height=0.68, color=BLUE)
-            before_s = start_s - (spans[number - 1][1] if number else 0.0)
-            after_s = (spans[number + 1][0] if number + 1 < len(spans) else duration_s) - end_s
-            _label_bar(ax, row, (start_s, end_s), room_s, (before_s, after_s))
+            next_s = spans[number + 1][0] if number + 1 < len(spans) else duration_s
+            taken_s = _label_bar(ax, row, (start_s, end_s), room_s, (start_s - taken_s, next_s - end_s))
         total_min = sum(end_s - start_s for start_s, end_s in spans) / 60
         ax.text(1.01, row, f"{total_min:.1f} min" if spans else "no access", transform=ax.get_yaxis_transform(),
                 va="center", fontsize=8, color="black" if spans else _PALE)  # fmt: skip
@@ -75,8 +75,10 @@ def plot_access(
     return ax
 
 
-def _label_bar(ax: Axes, row: int, span_s: tuple[float, float], room_s: float, free_s: tuple[float, float]) -> None:
+def _label_bar(ax: Axes, row: int, span_s: tuple[float, float], room_s: float, free_s: tuple[float, float]) -> float:
     """Start and end of a bar: inside where they fit, else together behind or before it where it is free, else nowhere.
+
+    Returns where the bar or its words end.
 
     Args:
         ax: Where to write.
@@ -92,8 +94,10 @@ def _label_bar(ax: Axes, row: int, span_s: tuple[float, float], room_s: float, f
         ax.text(span_s[1] - inset_s, row, last, va="center", ha="right", color="white", fontsize=8)
     elif free_s[1] > 2.8 * room_s:
         ax.text(span_s[1] + inset_s, row, f"{first} to {last}", va="center", ha="left", color=GREY, fontsize=8)
+        return span_s[1] + 2.8 * room_s
     elif free_s[0] > 2.8 * room_s:
         ax.text(span_s[0] - inset_s, row, f"{first} to {last}", va="center", ha="right", color=GREY, fontsize=8)
+    return span_s[1]
 
 
 def plot_range(
