@@ -70,7 +70,19 @@ def access_table(cases: list[Case]) -> list[str]:
     ]
 
 
-TABLES = {"psf": fps_table, "switches": places_table, "rules": access_table}
+def orbits_table(cases: list[Case]) -> list[str]:
+    """Orbits: time for a day in steps of 30 s against the error at its end."""
+    return [
+        "| method | satellites | seconds | error after a day [m] |",
+        "|---|---|---|---|",
+        *(
+            f"| {c['method']} | {c['n_satellite']:,} | {c['propagation_s']:.3f} | {c['error_m']:.1e} |"
+            for c in sorted(cases, key=lambda c: (c["method"], c["n_satellite"]))
+        ),
+    ]
+
+
+TABLES = {"psf": fps_table, "switches": places_table, "rules": access_table, "propagation_s": orbits_table}
 """What a case says only in one benchmark, and how it is shown."""
 
 

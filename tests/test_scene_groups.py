@@ -76,6 +76,19 @@ def test_releases_are_within_the_flight(scene):
         scene.replace(release__time_s=2000.0)
 
 
+def test_a_group_may_be_on_its_way_already(scene):
+    """Released 1000 s before the epoch at 2 to 5 m/s: kilometres away by then, along free flights."""
+    orbit = {"kind": "elements", "altitude_km": 500.0, "inclination_deg": 66.0, "gravity": "two_body"}
+    early = scene.replace(trajectory=orbit, release__time_s=-1000.0)
+    start = ws.KeplerOrbit(66.0, altitude_km=500.0, gravity="two_body").states(early.epoch, [-1000.0])
+    bodies = bodies_of(early)
+    assert np.linalg.norm(bodies.states(np.array([-1000.0]))[0][0, -29:] - start[0][0], axis=1).max() < FREE_FLIGHT_M
+    away_m = np.linalg.norm(early.position_m("sphere01", [0.0]) - early.position_m("center", [0.0]))
+    assert 500.0 < away_m < 20e3
+    truth = ws.Renderer(early.replace(sky__catalog="none")).render([0], sensors=["sat11"], bands=["A"]).truth
+    assert not truth["stowed"].any()
+
+
 def test_several_groups(scene, tmp_path):
     both = scene.replace(groups=[SECOND])
     assert both.target_names == [*scene.target_names, "bus", "ball01", "ball02", "ball03"]
