@@ -237,3 +237,16 @@ def test_contact_sheet_is_a_picture_with_content(folder):
     assert pixels.shape[0] > 2 * 128
     assert pixels.max() == 255
     assert pixels.std() > 5
+
+
+def test_every_frame_renders_without_access(tmp_path):
+    """sat13 never has access; a camera that stares at the sky is rendered all the same."""
+    scene = ws.Scene.load("stss").replace(pointing={"kind": "fixed", "ra_dec_deg": [83.8, -5.4], "up": "north"})
+    options = {"frames": range(2), "sensors": ["sat13"], "bands": ["A"]}
+    with pytest.raises(ws.InputError, match="--every-frame renders all the same"):
+        ws.render_to_folder(scene, tmp_path / "none", **options)
+    report = ws.render_to_folder(scene, tmp_path / "all", every_frame=True, **options)
+    assert report.n_image == 2
+    assert not Table.read(tmp_path / "all" / "truth.fits")["access"].any()
+    with pytest.raises(ws.InputError, match="no sensor has access"):
+        ws.render_to_folder(scene, tmp_path / "all", **options)

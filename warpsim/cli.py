@@ -60,6 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     render.add_argument("--sensors", metavar="NAMES", help="comma-separated sensor names")
     render.add_argument("--bands", metavar="NAMES", help="comma-separated band names")
     render.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
+    render.add_argument("--every-frame", action="store_true", help="also frames without access to the main target")
     render.add_argument("--stars", action="store_true", help="also list the stars in every image, in stars.fits")
     render.add_argument("--overwrite", action="store_true", help="replace a different run in the folder")
     render.add_argument("--quiet", action="store_true", help="no progress bar, no report")
@@ -160,6 +161,7 @@ def _render(options: argparse.Namespace) -> int:
         device=options.device,
         overwrite=options.overwrite,
         stars=options.stars,
+        every_frame=options.every_frame,
         progress=not options.quiet,
     )
     if not options.quiet:

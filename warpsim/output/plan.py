@@ -92,6 +92,7 @@ def make_plan(
     sensors: Sequence[str] | None,
     bands: Sequence[str] | None,
     stars: bool,
+    every_frame: bool = False,
 ) -> Plan:
     """Decide what a run writes; None means all of the scene.
 
@@ -109,7 +110,8 @@ def make_plan(
     sensor_list = list(dict.fromkeys(renderer.checked_names("sensors", sensors, scene.sensor_names)))
     band_list = list(dict.fromkeys(renderer.checked_names("bands", bands, list(scene.bands))))
     times = scene.frame_time_s(numbers)
-    seen = {sensor: scene.has_access(sensor, times) for sensor in sensor_list}
+    always = np.ones(len(times), dtype=bool)
+    seen = {sensor: always if every_frame else scene.has_access(sensor, times) for sensor in sensor_list}
     frames_of = {
         sensor: [number for number, ok in zip(numbers, has_access, strict=True) if ok]
         for sensor, has_access in seen.items()
@@ -118,7 +120,7 @@ def make_plan(
     if not frames_of:
         raise InputError(
             "frames: no sensor has access to the main target in any of them; `warpsim access` lists when, "
-            "`warpsim check` says why not"
+            "`warpsim check` says why not, --every-frame renders all the same"
         )
     device = "cuda" if renderer.device.is_cuda else "cpu"
     tables = ("truth", "stars") if stars else ("truth",)

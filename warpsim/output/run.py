@@ -75,10 +75,12 @@ def render_to_folder(
     overwrite: bool = False,
     progress: bool = False,
     stars: bool = False,
+    every_frame: bool = False,
 ) -> RunReport:
     """Render a scene into a folder: FITS cubes, truth table, contact sheet, manifest.
 
     Each sensor is rendered in the frames in which it has access to the main target; sensors without any are left out.
+    With every_frame access plays no part: cameras that stare or scan see stars before a target comes.
 
     Args:
         scene: The scene.
@@ -90,6 +92,7 @@ def render_to_folder(
         overwrite: Replace a different run that the folder holds.
         progress: Draw a progress bar on standard error.
         stars: Also write `stars.fits`, the stars of every image.
+        every_frame: Also render frames without access.
 
     Returns:
         What was done.
@@ -101,7 +104,7 @@ def render_to_folder(
     """
     begin = time.perf_counter()
     renderer = Renderer(scene, device)
-    plan = make_plan(renderer, Path(folder), frames, sensors, bands, stars)
+    plan = make_plan(renderer, Path(folder), frames, sensors, bands, stars, every_frame)
     prepare_folder(plan.folder)
     n_done, render_s = 0, 0.0
     if not is_complete(plan):
