@@ -408,7 +408,9 @@ def test_access_to_another_target_by_other_sensors_and_rules(scene):
         ({"sensors": []}, "sensors: must be one or more"),
         ({"sensors": ["sat11", "sat11"]}, "sensors: must be one or more without repeats"),
         ({"rules": {"max_range_km": 5}}, "rules: must be AccessConstraints, got dict"),
-        ({"step_s": 0.0}, "step_s: must be > 0"),
+        ({"step_s": 0.0}, "step_s: must be a number > 0, got 0.0"),
+        ({"step_s": "10"}, "step_s: must be a number > 0, got '10'"),
+        ({"step_s": 1e-9}, "step_s: must be >= 0.00032 for 1614 s, got 1e-09"),
     ],
 )
 def test_errors_of_scene_access(scene, arguments, message):

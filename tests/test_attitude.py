@@ -277,3 +277,13 @@ def test_scene_says_which_targets_turn(scene):
     assert scene.body_axis("cone03", np.zeros(3)).shape == (3, 3)
     with pytest.raises(ws.InputError, match=r"name: must be a target \(center, .*\), got 'sat11'"):
         scene.body_axis("sat11", 0.0)
+
+
+def test_axis_along_no_velocity_is_refused(scene):
+    still = {"kind": "state_vector", "position_m": [7e6, 0.0, 0.0], "velocity_m_s": [0.0, 0.0, 0.0]}
+    rule = r"^center: attitude\.axis: must be 'random' or a vector for a target at rest"
+    fallen = scene.replace(trajectory=still, duration_s=60.0, frames={"count": 3, "interval_s": 10.0})
+    with pytest.raises(ws.InputError, match=rule):
+        fallen.body_axis("center", [0.0])
+    with pytest.raises(ws.InputError, match=rule):
+        ws.Renderer(fallen).render([0], sensors=["sat11"])

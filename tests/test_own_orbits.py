@@ -9,6 +9,7 @@ from scipy.interpolate import KroghInterpolator
 from skyfield.api import EarthSatellite, load
 
 import warpsim as ws
+from warpsim.scene.inputs import input_checksums
 
 TRACK_M = 1.1e-3
 SKYFIELD_M = 5e-3  # with the interpolation between nodes
@@ -111,15 +112,29 @@ def test_the_image_shows_what_the_files_say(folder):
         assert 1e-3 < np.abs(off).max() < 5 * 20e-6 * scene.camera.focal_px
 
 
-def test_a_run_is_another_when_a_file_has_changed(folder):
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("tumble.csv", ("0.0998334", "0.0998335")),
+        ("ship.e", ("-4290150.370", "-4290150.371")),
+        ("stations.tle", ("85.6398", "85.6389")),
+    ],
+)
+def test_a_run_is_another_when_a_file_has_changed(folder, name, change):
     out = folder / "out"
     scene = ws.Scene.load(folder / "own.json").replace(sky__catalog="none")
     options = {"frames": range(2), "sensors": ["BIRD_1"], "bands": ["A"]}
     ws.render_to_folder(scene, out, **options)
-    ws.render_to_folder(scene, out, **options)  # complete: nothing to do
-    (folder / "tumble.csv").write_text((folder / "tumble.csv").read_text().replace("0.0,0.0,", "0.0,-0.0,"))
+    (folder / name).write_text((folder / name).read_text().replace(*change))
+    # The scene in hand is the one that was read: the run is complete, and tells of the old content.
+    ws.render_to_folder(scene, out, **options)
+    anew = ws.Scene.load(folder / "own.json").replace(sky__catalog="none")
     with pytest.raises(ws.InputError, match="holds a different run"):
-        ws.render_to_folder(ws.Scene.load(folder / "own.json").replace(sky__catalog="none"), out, **options)
+        ws.render_to_folder(anew, out, **options)
+    inputs = json.loads((out / "manifest.json").read_text())["inputs"]
+    assert inputs == input_checksums(scene)
+    assert set(inputs) == set(scene.files)
+    assert {path for path, text in input_checksums(anew).items() if text != inputs[path]} == {str(folder / name)}
 
 
 def test_oem_keeps_the_orbit_between_its_rows(folder):
@@ -174,8 +189,7 @@ def test_a_gap_in_a_file_is_named_before_rendering(folder):
     ]
     ws.write_oem(folder / "gap.oem", parts)
     gap = {"kind": "ephemeris", "file": str(folder / "gap.oem")}
-    scene = ws.Scene.load(folder / "own.json").replace(trajectory=gap)
     with pytest.raises(ws.InputError, match=r"trajectory.*gap.oem: ship: .*gap") as caught:
-        scene.access()
+        ws.Scene.load(folder / "own.json").replace(trajectory=gap)
     print(caught.value)
     assert "\n" not in str(caught.value)

@@ -95,6 +95,7 @@ def test_scenes_do_not_change(scene):
         scene.camera.n_row = 3
     other = scene.replace(camera__n_row=64)
     assert (scene.camera.n_row, other.camera.n_row) == (128, 64)
+    assert scene.replace(bands__1="D").bands == ("A", "D", "E")
     assert json.dumps(scene.to_dict())
 
 
@@ -126,6 +127,15 @@ def test_parts_say_what_is_wrong(make, message):
     assert "\n" not in str(caught.value)
 
 
+ARC = {
+    "kind": "ballistic_arc",
+    "start_lon_lat_deg": [129.67, 40.86],
+    "end_lon_lat_deg": [-118.4, 34.1],
+    "duration_s": 900.0,
+    "endpoint_altitude_km": 121.92,
+}
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -151,6 +161,11 @@ def test_parts_say_what_is_wrong(make, message):
         ({"nothing__at_all": 3}, "nothing.at_all: is not a field of a part"),
         ({"optics__aperture_m": 100.0}, "optics: in band A: PsfAiry: radius_px"),
         ({"release__speed_m_s": [5, 2]}, "release.speed_m_s: must be"),
+        ({"bands__5": "A"}, "bands.5: is not an item of a list of 3"),
+        (
+            {"constellation": {"kind": "listed", "satellites": [{"name": "rocket", "orbit": ARC}]}},
+            r"duration_s: must be at most constellation.satellites\[0\].orbit.duration_s \(900\)",
+        ),
         ({"trajectory__epoch_utc": "2000-01-01T00:00:00"}, "trajectory.epoch_utc: must equal"),
     ],
 )

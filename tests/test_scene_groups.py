@@ -116,6 +116,8 @@ def test_several_groups(scene, tmp_path):
         ({"name": "a b"}, r"groups\[0\].name: must be letters"),
         ({"trajectory": {**SECOND["trajectory"], "duration_s": 900.0}}, r"at most groups\[0\].trajectory.duration_s"),
         ({"targets": [{**SECOND["targets"][0], "name": "center"}]}, "names must be unique .* got center twice"),
+        ({"name": "main"}, r"groups\[0\].name: must be no other name of the scene, 'main' or 'group', got 'main'"),
+        ({"name": "cone03"}, r"groups\[0\].name: must be no other name of the scene, .* got 'cone03'"),
         ({"release": {"time_s": 1700.0}}, r"groups\[0\].release.time_s: must be within duration_s"),
     ],
 )

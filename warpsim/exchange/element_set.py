@@ -36,6 +36,13 @@ class ElementSet:
         return float(self.satrec.jdsatepoch), float(self.satrec.jdsatepochF)
 
     @property
+    def numbers(self) -> tuple[float, ...]:
+        """What SGP4 works with: epoch, drag and mean elements."""
+        sat = self.satrec
+        elements = sat.bstar, sat.ndot, sat.nddot, sat.ecco, sat.argpo, sat.inclo, sat.mo, sat.no_kozai, sat.nodeo
+        return *self.epoch_jd_utc, *elements
+
+    @property
     def epoch(self) -> Time:
         """Epoch (UTC)."""
         from astropy.time import Time

@@ -18,7 +18,7 @@ from warpsim.orbit.elements import KeplerOrbit, StateVector, state_to_elements
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.kepler import propagate_two_body
 from warpsim.orbit.paths import Moving, Orbit, SimpleConstellation
-from warpsim.orbit.walker import Pattern, pattern_turns, satellite_names
+from warpsim.orbit.walker import Pattern, below_planes, pattern_turns, satellite_names
 
 if TYPE_CHECKING:
     from astropy.time import Time
@@ -122,10 +122,7 @@ class SeedPattern:
     @field_validator("phasing")
     @classmethod
     def _below_planes(cls, value: int, info: ValidationInfo) -> int:
-        planes = info.data.get("n_plane")
-        if value < 0 or (planes is not None and value >= planes):
-            raise rule_error(f"must be in 0..{(planes or 1) - 1} (below n_plane)" if planes else "must be >= 0")
-        return value
+        return below_planes(value, info)
 
     @property
     def names(self) -> list[str]:

@@ -100,6 +100,10 @@ class EphemerisOrbit:
         """Times at which segments begin, but for the first: the velocity may jump there [s since epoch]."""
         return [start_s for start_s, _ in self._path.ends_s(epoch)[1:]]
 
+    def gaps_s(self, epoch: Time) -> list[float]:
+        """Times half-way between the end of a segment and the beginning of the next [s since epoch]."""
+        return self._path.middles_s(epoch)
+
     def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3).
 
@@ -157,6 +161,10 @@ class EphemerisSatellites:
         """Times at which segments begin, but for each object's first: a velocity may jump there [s since epoch]."""
         return sorted({start_s for path in self._all for start_s, _ in path.ends_s(epoch)[1:]})
 
+    def gaps_s(self, epoch: Time) -> list[float]:
+        """Times half-way between the end of an object's segment and the beginning of its next [s since epoch]."""
+        return sorted({time for path in self._all for time in path.middles_s(epoch)})
+
     def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_object, 3).
 
@@ -198,6 +206,10 @@ class _Path:
     def ends_s(self, epoch: Time) -> list[tuple[float, float]]:
         """Useable span of each segment [s since epoch]."""
         return [_useable_s(segment, lambda instants: instants.since(epoch)) for segment in self.segments]
+
+    def middles_s(self, epoch: Time) -> list[float]:
+        """Times half-way between segments [s since epoch]."""
+        return [0.5 * (one[1] + other[0]) for one, other in pairwise(self.ends_s(epoch))]
 
     def span_s(self, epoch: Time) -> tuple[float, float]:
         """First and last useable time [s since epoch]."""

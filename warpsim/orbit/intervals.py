@@ -6,8 +6,10 @@ could cross zero between scan points are searched out.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,9 @@ PairFunction = Callable[[I64, F64], F64]
 """object (n,), time_s (n,) -> margin (n,)."""
 NodeFunction = Callable[[I64, I64], F64]
 """object (n,), number of the scan time (n,) -> margin (n,)."""
+
+MOST_SCAN_TIMES = 5_000_000
+"""Times of a scan."""
 
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
@@ -60,11 +65,13 @@ def scan_times_s(duration_s: float, step_s: float) -> F64:
     """Return uniform times from 0 to duration_s [s], at least three, no farther apart than step_s.
 
     Raises:
-        InputError: A length is not a number > 0.
+        InputError: A length is not a number > 0, or there are more than MOST_SCAN_TIMES steps.
     """
     for name, value in (("duration_s", duration_s), ("step_s", step_s)):
-        if not (np.isfinite(value) and value > 0):
-            raise InputError(f"{name}: must be > 0, got {value}")
+        if not (isinstance(value, Real) and math.isfinite(value) and value > 0):
+            raise InputError(f"{name}: must be a number > 0, got {value!r}")
+    if duration_s / step_s > MOST_SCAN_TIMES:
+        raise InputError(f"step_s: must be >= {duration_s / MOST_SCAN_TIMES:.2g} for {duration_s:g} s, got {step_s:g}")
     return np.linspace(0.0, duration_s, max(3, int(np.ceil(duration_s / step_s)) + 1))
 
 

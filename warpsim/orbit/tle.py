@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import difflib
 import fnmatch
+import hashlib
 import os
 import re
 import warnings
@@ -111,6 +112,11 @@ class TleSatellites:
         """Names of the satellites; without one in the source, `norad` and the catalog number."""
         return [item.name for item in self.satellites]
 
+    @property
+    def checksum(self) -> str:
+        """SHA-256 of the element sets' numbers as they were read, in hexadecimal."""
+        return _checksum(self.satellites)
+
     def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_satellite, 3).
 
@@ -159,6 +165,11 @@ class TleOrbit:
             raise InputError(f"object: must choose one of {len(chosen)} objects ({names}), got {self.object!r}")
         return chosen[0]
 
+    @property
+    def checksum(self) -> str:
+        """SHA-256 of the element sets' numbers as they were read, in hexadecimal."""
+        return _checksum([self.satellite])
+
     def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3); as `TleSatellites.states`."""
         return _sgp4_states([self.satellite], epoch, time_s)
@@ -180,6 +191,11 @@ def _validate(source: TleSatellites | TleOrbit, read: Any) -> None:
         read()
     except InputError as error:
         raise part_error(str(error)) from None
+
+
+def _checksum(satellites: Iterable[Satellite]) -> str:
+    numbers = [(item.name, *(one.numbers for one in item.sets)) for item in satellites]
+    return hashlib.sha256(repr(numbers).encode()).hexdigest()
 
 
 def _satellites(file: str | None, lines: Sequence[str] | None) -> tuple[Satellite, ...]:

@@ -64,6 +64,8 @@ class Track:
     """Node velocities [m/s], shape (n_node, 3)."""
     error_m: float = math.nan
     """Largest measured interpolation error [m]; NaN when nobody measured."""
+    error_at_s: float = math.nan
+    """Middle of the interval in which that was found [s since the scene's epoch]."""
 
     def __post_init__(self) -> None:
         shape = np.shape(self.position_m)
@@ -217,8 +219,9 @@ def _one_track(name: str, start_s: float, step_s: float, dense_m: F64, velocity_
     p, v = np.ascontiguousarray(dense_m[::2]), np.ascontiguousarray(velocity_m_s)
     missed_m = np.linalg.norm(_middle_m(p[:-1], p[1:], v[:-1], v[1:], step_s) - dense_m[1::2], axis=-1)
     missed_m += _BEND * step_s * 0.5 * (differ_m_s[:-1] + differ_m_s[1:])
-    counts = start_s + step_s * np.arange(1, len(p)) > first_s
-    return Track(name, start_s, step_s, p, v, float(missed_m[counts].max(initial=0.0)))
+    missed_m[start_s + step_s * np.arange(1, len(p)) <= first_s] = 0.0
+    worst = int(np.argmax(missed_m))
+    return Track(name, start_s, step_s, p, v, float(missed_m[worst]), start_s + (worst + 0.5) * step_s)
 
 
 def _slopes(dense_m: F64, h: float) -> F64:
@@ -331,8 +334,8 @@ def make_tracks(
     if worst_m > WORST_TRACK_ERROR_M:
         rough = max(tracks, key=lambda track: track.error_m)
         raise InputError(
-            f"{rough.name}: the motion must be smooth, but is {rough.error_m:.3g} m off between nodes {step_s:g} s "
-            "apart"
+            f"{rough.name}: the motion must be smooth, but near {rough.error_at_s:.6g} s it is {rough.error_m:.3g} m "
+            f"off between nodes {step_s:g} s apart"
         )
     return tracks
 

@@ -28,6 +28,14 @@ Pattern = Literal["delta", "star"]
 Definition = Literal["standard", "paper"]
 
 
+def below_planes(value: int, info: ValidationInfo) -> int:
+    """A pattern's phasing, for a pydantic field after n_plane: it must be less than the number of planes."""
+    planes = info.data.get("n_plane")
+    if value < 0 or (planes is not None and value >= planes):
+        raise rule_error(f"must be in 0..{(planes or 1) - 1} (below n_plane)" if planes else "must be >= 0")
+    return value
+
+
 def satellite_names(n_plane: int, n_slot: int, prefix: str) -> list[str]:
     """`sat{plane}{slot}`, counted from 1 ("sat11".."sat47"); `sat{plane:02d}-{slot:02d}` when one passes 9."""
     short = n_plane < 10 and n_slot < 10
@@ -85,10 +93,7 @@ class Walker:
     @field_validator("phasing")
     @classmethod
     def _below_planes(cls, value: int, info: ValidationInfo) -> int:
-        planes = info.data.get("n_plane")
-        if value < 0 or (planes is not None and value >= planes):
-            raise rule_error(f"must be in 0..{(planes or 1) - 1} (below n_plane)" if planes else "must be >= 0")
-        return value
+        return below_planes(value, info)
 
     @field_validator("inclination_deg")
     @classmethod

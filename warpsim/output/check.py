@@ -58,7 +58,8 @@ def scene_report(scene: Scene) -> str:
         lines += [f"  note       {note}" for note in (notes(scene.epoch, scene.duration_s) if notes else [])]
     if scene.tracks.error_m > TRACK_ERROR_M:
         rough = max((*scene.tracks.sensors, *scene.tracks.targets), key=lambda track: track.error_m)
-        lines.append(f"  warning    {rough.name} moves unevenly: interpolation is {rough.error_m * 1e3:.2g} mm off")
+        missed = f"near {rough.error_at_s:.6g} s interpolation is {rough.error_m * 1e3:.2g} mm off"
+        lines.append(f"  warning    {rough.name} moves unevenly: {missed}")
     if detector.offset_counts < 5 * detector.counts_per_nei:
         lines.append("  warning    offset_counts is below 5 sigma: the noise of blank sky is clipped at 0")
     times = scene.frame_time_s(np.arange(scene.frames.count))

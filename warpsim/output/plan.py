@@ -22,6 +22,7 @@ import numpy as np
 from warpsim.errors import InputError
 from warpsim.files import partial_path, read_json, sha256_of, write_json
 from warpsim.render.renderer import Renderer
+from warpsim.scene.inputs import input_checksums
 from warpsim.scene.scene import Scene
 
 _PARTS = ".warpsim-parts"
@@ -124,8 +125,7 @@ def make_plan(
         )
     device = "cuda" if renderer.device.is_cuda else "cpu"
     tables = ("truth", "stars") if stars else ("truth",)
-    contents = {path: sha256_of(Path(path)) for path in scene.files}
-    facts = [scene.to_dict(), contents, renderer.catalog.checksum, frames_of, band_list, device, tables]
+    facts = [scene.to_dict(), input_checksums(scene), renderer.catalog.checksum, frames_of, band_list, device, tables]
     facts.append(warpsim.__version__)
     key = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
     return Plan(scene, folder, band_list, frames_of, key, tables)

@@ -22,6 +22,7 @@ from warpsim.output.contact_sheet import draw_contact_sheet
 from warpsim.output.fits_cube import CubeWriter, read_cube
 from warpsim.output.plan import Plan, has_receipt, is_complete, make_plan, working_on, write_receipt
 from warpsim.render.renderer import Renderer
+from warpsim.scene.inputs import input_checksums
 from warpsim.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -208,7 +209,7 @@ def _manifest(plan: Plan, renderer: Renderer, files: list[Path]) -> dict[str, An
         except PackageNotFoundError:
             return None
 
-    packages = ("numpy", "warp-lang", "astropy", "skyfield", "OpenImageIO", "pydantic")
+    packages = ("numpy", "warp-lang", "astropy", "skyfield", "sgp4", "OpenImageIO", "pydantic")
     tracks = plan.scene.tracks
     return {
         "key": plan.key,
@@ -221,6 +222,7 @@ def _manifest(plan: Plan, renderer: Renderer, files: list[Path]) -> dict[str, An
         "frames": plan.frames_of,
         "orbit_interpolation": {"node_step_s": tracks.step_s, "measured_error_m": tracks.error_m},
         "scene": plan.scene.to_dict(),
+        "inputs": input_checksums(plan.scene),
         "files": {path.name: sha256_of(path) for path in files},
     }
 

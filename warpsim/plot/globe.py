@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
+from warpsim.directions import normalised
 from warpsim.errors import InputError
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, geodetic_to_gcrs_m
 
@@ -52,7 +53,7 @@ class Globe:
 
     def is_hidden(self, position_m: ArrayLike, on_surface: bool = False) -> NDArray[np.bool_]:
         """Whether the Earth hides positions [m] of shape (..., 3); those on its surface are told by their side."""
-        point, ahead = self._stretched(position_m), _unit(self._stretched(self.towards))
+        point, ahead = self._stretched(position_m), normalised(self._stretched(self.towards))
         along = point @ ahead
         if on_surface:
             return np.asarray(along < 0)
@@ -82,8 +83,8 @@ class Globe:
 
     def limb(self, n: int = 361) -> F64:
         """Outline of the Earth on the picture [1000 km], shape (n, 2)."""
-        ahead = _unit(self._stretched(self.towards))
-        first = _unit(np.cross(ahead, np.eye(3)[np.argmin(np.abs(ahead))]))
+        ahead = normalised(self._stretched(self.towards))
+        first = normalised(np.cross(ahead, np.eye(3)[np.argmin(np.abs(ahead))]))
         turn = np.linspace(0, 2 * np.pi, n)[:, None]
         circle = EARTH_EQUATORIAL_RADIUS_M * (np.cos(turn) * first + np.sin(turn) * np.cross(ahead, first))
         return self.project(circle + (circle @ self.pole)[:, None] * self.pole * (1 / _STRETCH - 1))
@@ -96,7 +97,7 @@ class Globe:
         c = np.sum(point * point, axis=-1) - EARTH_EQUATORIAL_RADIUS_M**2
         root = np.sqrt(np.where(b * b >= a * c, b * b - a * c, np.nan))
         # The gradient of |stretched position|2 stretches the pole's part a second time.
-        return _unit(self._stretched(point + ((root - b) / a)[..., None] * ahead))
+        return normalised(self._stretched(point + ((root - b) / a)[..., None] * ahead))
 
     def _stretched(self, position_m: ArrayLike) -> F64:
         """Positions in axes stretched along the pole, where the ellipsoid is a sphere of its equatorial radius."""
@@ -118,7 +119,7 @@ def globe_from(ra_deg: float, dec_deg: float, pole: F64) -> Globe:
     if np.linalg.norm(up) < 1e-6:  # seen along the pole: what lies at the right ascension points downwards
         up = np.array([-np.cos(ra), -np.sin(ra), 0.0])
         up = up - (up @ towards) * towards
-    return Globe(towards, _unit(up), pole)
+    return Globe(towards, normalised(up), pole)
 
 
 def draw_earth(ax: Axes, globe: Globe, sun_m: F64, epoch: Time, time_s: float) -> None:
@@ -132,7 +133,7 @@ def draw_earth(ax: Axes, globe: Globe, sun_m: F64, epoch: Time, time_s: float) -
     # Places beside the disc take the colour of its edge, so that none shines through where it is cut out.
     beyond = np.linalg.norm(places, axis=-1, keepdims=True) / (0.999 * EARTH_POLAR_RADIUS_M / SCALE_M)
     places /= np.maximum(1, beyond)
-    sunlight = globe.normals(places) @ _unit(sun_m)
+    sunlight = globe.normals(places) @ normalised(sun_m)
     # A smooth step some 12 degrees wide about the terminator, where the Sun is low or twilight.
     share = np.clip(0.5 + 0.5 * sunlight / 0.1, 0, 1)[..., None]
     colours, extent = share * _DAY + (1 - share) * _NIGHT, (-half[0], half[0], -half[1], half[1])
@@ -149,8 +150,3 @@ def _graticule() -> list[tuple[F64, F64]]:
     along, up = np.linspace(-180, 180, 181), np.linspace(-90, 90, 91)
     parallels = [(along, np.full_like(along, latitude)) for latitude in range(-60, 61, 30)]
     return parallels + [(np.full_like(up, longitude), up) for longitude in range(-180, 180, 30)]
-
-
-def _unit(vector: ArrayLike) -> F64:
-    array = np.asarray(vector, np.float64)
-    return np.asarray(array / np.linalg.norm(array, axis=-1, keepdims=True))

@@ -27,7 +27,10 @@ def target_attitudes(scene: Scene) -> list[BodyMotion | AttitudeRows]:
         else:
             released_s = max(0.0, float(tracks.release_s[len(tracks.sensors) + number]))
             velocity_m_s = tracks.targets[number].state(released_s)[1]
-            frame = attitude_frame(spec.attitude, velocity_m_s, scene.seed, number)
+            try:
+                frame = attitude_frame(spec.attitude, velocity_m_s, scene.seed, number)
+            except InputError as error:
+                raise InputError(f"{scene.target_names[number]}: attitude.{error}") from None
             found.append(BodyMotion(spec.attitude, frame))
     return found
 

@@ -9,7 +9,8 @@ import numpy as np
 from warpsim.describe import part_error
 from warpsim.errors import InputError
 from warpsim.orbit.arc import BallisticArc
-from warpsim.orbit.constellations import ListedSatellites, MixedConstellation
+from warpsim.orbit.constellations import ListedSatellites, MixedConstellation, SeedPattern
+from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
 from warpsim.orbit.epoch import utc_time
 from warpsim.scene.attitudes import table_rows
 from warpsim.scene.view_axes import tracked_targets
@@ -58,6 +59,13 @@ def _check_names(scene: Scene) -> None:
     twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
     if twice:
         raise part_error(f"targets: names must be unique among sensors and targets, got {twice[0]} twice")
+    taken = {*names, "main", "group"}
+    for number, group in enumerate(scene.groups):
+        if group.name in taken:
+            raise part_error(
+                f"groups[{number}].name: must be no other name of the scene, 'main' or 'group', got {group.name!r}"
+            )
+        taken.add(group.name)
 
 
 def _check_times(scene: Scene) -> None:
@@ -105,22 +113,25 @@ def _check_path(scene: Scene, where: str, path: Trajectory) -> None:
     _check_span(scene, where, path)
 
 
-def _is_limited(orbit: Any) -> bool:
-    """Whether motion, or part of it, is known for some time only."""
-    if isinstance(orbit, MixedConstellation):
-        return any(_is_limited(part) for part in orbit.parts)
-    if isinstance(orbit, ListedSatellites):
-        return any(_is_limited(item.orbit) for item in orbit.satellites)
-    return hasattr(orbit, "span_s")
-
-
 def _check_span(scene: Scene, where: str, orbit: Any) -> None:
-    """Motion that is known for a limited time only must cover the scene."""
-    if _is_limited(orbit):
-        try:
-            orbit.states(scene.epoch, np.array([0.0, scene.duration_s]))
-        except InputError as error:
-            raise part_error(f"{where}: {error}") from None
+    """Motion that is known for a limited time only must cover the scene, without gaps."""
+    if isinstance(orbit, MixedConstellation):
+        for number, part in enumerate(orbit.parts):
+            _check_span(scene, f"{where}.parts[{number}]", part)
+    elif isinstance(orbit, ListedSatellites):
+        for number, item in enumerate(orbit.satellites):
+            _check_path(scene, f"{where}.satellites[{number}].orbit", item.orbit)
+    times = [0.0, scene.duration_s]
+    if isinstance(orbit, EphemerisOrbit | EphemerisSatellites):
+        times += [time for time in orbit.gaps_s(scene.epoch) if 0.0 < time < scene.duration_s]
+    elif isinstance(orbit, SeedPattern):
+        times = [0.0]
+    else:
+        return
+    try:
+        orbit.states(scene.epoch, np.array(times))
+    except InputError as error:
+        raise part_error(f"{where}: {error}") from None
 
 
 def _check_optics(scene: Scene) -> None:

@@ -197,7 +197,12 @@ class Scene:
                     place = place.get(parent) if isinstance(place, dict) else None
                 if not isinstance(place, dict | list):
                     raise InputError(f"Scene: {name.replace('__', '.')}: is not a field of a part")
-            place[leaf] = value
+            if isinstance(place, list):
+                if not _is_index(place, leaf):
+                    raise InputError(f"Scene: {name.replace('__', '.')}: is not an item of a list of {len(place)}")
+                place[int(leaf)] = value
+            else:
+                place[leaf] = value
         return Scene.from_dict(data)
 
     @property
@@ -306,8 +311,9 @@ class Scene:
         names = self.target_names
         if name not in names:
             raise InputError(f"name: must be a target ({', '.join(names[:3])}, ...), got {name!r}")
+        attitude = self.attitudes[names.index(name)]
         try:
-            return self.attitudes[names.index(name)].at(time_s)
+            return attitude.at(time_s)
         except InputError as error:
             raise InputError(f"{name}: {error}") from None
 

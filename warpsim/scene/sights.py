@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
 from warpsim.scene.pointing import TablePointing
 
@@ -113,12 +114,6 @@ def great_circle(start: F64, end: F64, part: F64) -> F64:
     weights = [np.where(near, share, np.sin(share * safe)) for share in (1 - part, part)]
     vectors = start * weights[0][..., None] + end * weights[1][..., None]
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
-
-
-def unit_vectors(lon_deg: npt.ArrayLike, lat_deg: npt.ArrayLike) -> F64:
-    """Unit vectors at longitude (from x towards y) and latitude [deg]."""
-    lon, lat = np.radians(lon_deg), np.radians(lat_deg)
-    return np.stack(np.broadcast_arrays(np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)), axis=-1)
 
 
 def make_sights(pointing: TablePointing, sensor_names: list[str]) -> Sights:

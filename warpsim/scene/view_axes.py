@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.constants import SPEED_OF_LIGHT_M_S
+from warpsim.directions import normalised, unit_vectors
 from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
 from warpsim.scene.pointing import FixedPointing, TrackPointing
-from warpsim.scene.sights import unit_vectors
 from warpsim.sky.apparent import apparent_direction
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def commanded_axes(scene: Scene, sensor: str, time_s: npt.ArrayLike) -> Commande
     times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
     number, pointing, tracks = scene.sensor_names.index(sensor), scene.pointing, scene.tracks
     place, velocity = tracks.sensors[number].state(times)
-    zenith, normal = _unit(place), _unit(np.cross(place, velocity))
+    zenith, normal = normalised(place), normalised(np.cross(place, velocity))
     forward = np.cross(normal, zenith)
 
     roll = np.zeros(len(times))
@@ -117,7 +117,7 @@ def commanded_axes(scene: Scene, sensor: str, time_s: npt.ArrayLike) -> Commande
         boresight, roll = sights.at(number, times)
         local = sights.local
     if local:
-        boresight = _unit(np.einsum("ni,nij->nj", boresight, np.stack([forward, -normal, zenith], axis=1)))
+        boresight = normalised(np.einsum("ni,nij->nj", boresight, np.stack([forward, -normal, zenith], axis=1)))
 
     no_sight = np.linalg.norm(boresight, axis=-1) < 0.5
     boresight = np.where(no_sight[:, None], forward, boresight)
@@ -154,11 +154,11 @@ def apparent_mean(tracks: Tracks, names: Sequence[str], times: F64, place: F64, 
             emitted = times - distance / SPEED_OF_LIGHT_M_S
         here = distance <= NEAREST_M
         vector[here] = [1.0, 0.0, 0.0]  # any direction: it is not used
-        barycentric = apparent_direction(_unit(vector), -earth_velocity)
+        barycentric = apparent_direction(normalised(vector), -earth_velocity)
         seen = apparent_direction(barycentric, earth_velocity + velocity)
         towards += np.where(here[:, None], 0.0, seen)
     towards[np.linalg.norm(towards, axis=-1) < 1e-9] = 0.0
-    return _unit(towards)
+    return normalised(towards)
 
 
 def _earth_velocity(tracks: Tracks, times: F64) -> F64:
@@ -181,11 +181,7 @@ def _camera_axes(boresight: F64, up: F64, spare: F64) -> tuple[F64, Mask]:
     second, spare_lost = across(spare)
     axis = np.where(np.abs(boresight[:, :1]) > 0.7, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
     second = np.where(spare_lost[:, None], across(axis)[0], second)
-    y = -_unit(np.where(up_lost[:, None], second, best))
+    y = -normalised(np.where(up_lost[:, None], second, best))
     return np.stack([np.cross(y, boresight), y, boresight], axis=1), up_lost
 
 
-def _unit(vectors: F64) -> F64:
-    """Unit vectors; 0 stays 0."""
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.asarray(vectors / np.where(length > 0, length, 1.0))

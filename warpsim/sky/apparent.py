@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.constants import ASTRONOMICAL_UNIT_M, SPEED_OF_LIGHT_M_S
+from warpsim.directions import normalised
 from warpsim.errors import InputError
 
 F64 = npt.NDArray[np.float64]
@@ -63,7 +64,7 @@ def apparent_direction(
             raise InputError("parallax_mas: must not be infinite")
         parallax_rad = np.fmax(parallax, 0.0) * _MAS_RAD
         shift_au = _vectors(barycentric_m, "barycentric_m") / ASTRONOMICAL_UNIT_M
-        direction = _unit(direction - parallax_rad[..., None] * shift_au)
+        direction = normalised(direction - parallax_rad[..., None] * shift_au)
     if heliocentric_m is not None:
         from_sun_au = _vectors(heliocentric_m, "heliocentric_m") / ASTRONOMICAL_UNIT_M
         if not np.any(from_sun_au, axis=-1).all():
@@ -71,7 +72,7 @@ def apparent_direction(
         direction = _deflected(direction, from_sun_au)
     inverse_gamma = np.sqrt(1 - speed2)
     along = np.sum(direction * beta, axis=-1, keepdims=True)
-    return _unit(direction * inverse_gamma + beta * (1 + along / (1 + inverse_gamma)))
+    return normalised(direction * inverse_gamma + beta * (1 + along / (1 + inverse_gamma)))
 
 
 def _deflected(direction: F64, from_sun_au: F64) -> F64:
@@ -80,11 +81,7 @@ def _deflected(direction: F64, from_sun_au: F64) -> F64:
     away = from_sun_au / distance_au
     cosine = np.sum(direction * away, axis=-1, keepdims=True)
     bend = SUN_SCHWARZSCHILD_AU / distance_au / np.maximum(1 + cosine, 1e-6 / np.maximum(distance_au**2, 1))
-    return _unit(direction + bend * (away - cosine * direction))
-
-
-def _unit(vectors: F64) -> F64:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+    return normalised(direction + bend * (away - cosine * direction))
 
 
 def _vectors(values: Any, where: str) -> F64:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
 from warpsim.sky.bands import BANDS, Band, as_band
 from warpsim.sky.catalog_columns import (
@@ -25,7 +26,7 @@ from warpsim.sky.catalog_columns import (
     table_of,
 )
 from warpsim.sky.radiometry import PHYSICS, Physics, as_radiometry
-from warpsim.sky.space_motion import paper_motion, rigorous_motion, unit_vectors
+from warpsim.sky.space_motion import paper_motion, rigorous_motion
 
 if TYPE_CHECKING:
     from astropy.table import Table

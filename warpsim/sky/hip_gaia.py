@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
-from warpsim.sky.space_motion import rigorous_motion, unit_vectors
+from warpsim.sky.space_motion import rigorous_motion
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]

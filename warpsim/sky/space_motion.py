@@ -7,16 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.directions import unit_vectors
+
 Array = NDArray[np.float64]
 
 _MAS_RAD = math.pi / 180.0 / 3.6e6
-
-
-def unit_vectors(ra_deg: Array, dec_deg: Array) -> Array:
-    """Unit vectors of right ascension and declination [deg], ICRS axes, shape (n, 3)."""
-    ra_rad, dec_rad = np.radians(ra_deg), np.radians(dec_deg)
-    cos_dec = np.cos(dec_rad)
-    return np.stack([cos_dec * np.cos(ra_rad), cos_dec * np.sin(ra_rad), np.sin(dec_rad)], axis=-1)
 
 
 def place_of(direction: Array) -> tuple[Array, Array]:

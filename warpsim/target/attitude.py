@@ -15,6 +15,7 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from warpsim.describe import Number, Vector, closed_interval, part, part_error
+from warpsim.errors import InputError
 from warpsim.quaternion import from_matrix, product
 from warpsim.streams import uniforms
 
@@ -109,6 +110,8 @@ def _reference(attitude: Attitude, velocity_m_s: F64, u: F64) -> F64:
     """The fixed direction as a unit vector."""
     if attitude.axis == "velocity":
         reference = np.asarray(velocity_m_s, dtype=np.float64)
+        if not reference.any():
+            raise InputError("axis: must be 'random' or a vector for a target at rest, which has no velocity")
     elif attitude.axis == "random":
         z = 2 * u[0] - 1
         ring = np.sqrt(1 - z * z)

@@ -1,0 +1,33 @@
+"""What of a scene came from files: checksums of what was read, which need not be what the files hold by now."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+from warpsim.scene.pointing import TablePointing
+
+if TYPE_CHECKING:
+    from warpsim.scene.scene import Scene
+
+
+def input_checksums(scene: Scene) -> dict[str, str]:
+    """SHA-256 of the content of each input file as the scene has read it, by path; but for the star catalog."""
+    found: dict[str, str] = {}
+
+    def walk(part: Any) -> None:
+        if isinstance(part, tuple):
+            for item in part:
+                walk(item)
+        if not dataclasses.is_dataclass(part):
+            return
+        paths = [path for path in (getattr(part, "file", None), *getattr(part, "files", ())) if path]
+        if paths:
+            content = scene.sights if isinstance(part, TablePointing) else part
+            found[", ".join(paths)] = content.checksum  # type: ignore[union-attr]
+        for field in dataclasses.fields(part):
+            walk(getattr(part, field.name))
+
+    for part in (scene.constellation, scene.groups_of_targets, scene.pointing):
+        walk(part)
+    return found
