@@ -1,49 +1,98 @@
-"""Projected areas of convex bodies of revolution, float64.
+"""Areas of opaque convex bodies, float64: as seen, and as lit from one side and seen from another.
 
-Aspect is the angle between the body axis (base to apex) and the direction to the observer. The bodies are opaque, so
-the projected area does not depend on spin. Derivation of the cone: the silhouette is the base ellipse and the two
-tangents from the projected apex.
+A body is a sphere, or one turned about its z axis: flat ends and a side whose normals all make one angle with the axis.
+Cylinder, cone, frustum and plate are such bodies. Over the azimuth of the side's normals, the share of a face towards a
+direction is a + b cos(azimuth); areas are integrals of its positive part, which have closed forms.
+
+The functions take directions in body axes. What a face does not see counts 0, so they hold for convex bodies only.
 """
 
 import warp as wp
 
-SPHERE = wp.constant(0)
-CYLINDER = wp.constant(1)
-CONE = wp.constant(2)
-
 _PI = wp.constant(wp.float64(3.141592653589793))
+_TWO_PI = wp.constant(wp.float64(6.283185307179586))
 
 
 @wp.struct
 class Body:
-    """A sphere, cylinder or cone; height_m is ignored for a sphere."""
+    """A sphere if radius_m > 0, else two ends and a side turned about z."""
 
-    kind: int
     radius_m: wp.float64
-    height_m: wp.float64
+    top_m2: wp.float64  # flat face towards +z
+    base_m2: wp.float64  # flat face towards -z
+    side_m2: wp.float64  # its normals are (across cos, across sin, along) of all azimuths
+    side_across: wp.float64
+    side_along: wp.float64
 
 
 @wp.func
-def cone_area_m2(radius_m: wp.float64, height_m: wp.float64, cosine: wp.float64, sine: wp.float64) -> wp.float64:
-    """Projected area of a closed cone; cosine may have either sign, sine >= 0."""
-    flat = radius_m * wp.abs(cosine)
-    tall = height_m * sine
-    if tall <= flat:
-        return _PI * radius_m * flat  # the apex lies inside the base's outline
-    # atan2 of the same root, not acos(flat / tall): next to the half-angle the two terms must cancel.
-    root = wp.sqrt((tall - flat) * (tall + flat))
-    return radius_m * (flat * (_PI - wp.atan2(root, flat)) + root)
+def lit_half_arc(a: wp.float64, b: wp.float64) -> wp.float64:
+    """Half the arc of azimuth on which a + b cos(azimuth) > 0, b >= 0 [rad]."""
+    if a >= b:
+        return _PI
+    if a <= -b:
+        return wp.float64(0.0)
+    # atan2 of the root, not acos(-a / b): next to either end the digits of b - a and b + a count.
+    return wp.atan2(wp.sqrt((b - a) * (b + a)), -a)
 
 
 @wp.func
 def projected_area_m2(body: Body, cosine: wp.float64, sine: wp.float64) -> wp.float64:
     """Area of the body's outline seen at the aspect whose cosine and (non-negative) sine are given [m2]."""
-    if body.kind == SPHERE:
+    zero = wp.float64(0.0)
+    if body.radius_m > zero:
         return _PI * body.radius_m * body.radius_m
-    if body.kind == CYLINDER:
-        end = _PI * body.radius_m * body.radius_m * wp.abs(cosine)
-        return end + wp.float64(2.0) * body.radius_m * body.height_m * sine
-    return cone_area_m2(body.radius_m, body.height_m, cosine, sine)
+    a = body.side_along * cosine
+    b = body.side_across * sine
+    half = lit_half_arc(a, b)
+    side = body.side_m2 / _PI * (a * half + b * wp.sin(half))
+    return body.top_m2 * wp.max(cosine, zero) + body.base_m2 * wp.max(-cosine, zero) + side
+
+
+@wp.func
+def _lit_and_seen(
+    a: wp.float64, b: wp.float64, c: wp.float64, d: wp.float64, apart: wp.float64, start: wp.float64, end: wp.float64
+) -> wp.float64:
+    """Integral of (a + b cos x) (c + d cos(x - apart)) from start to end, 0 if they are in the wrong order."""
+    if end <= start:
+        return wp.float64(0.0)
+    half = wp.float64(0.5)
+    width = end - start
+    middle = half * (start + end)
+    # Differences of sines as products: short arcs keep their digits.
+    once = wp.float64(2.0) * wp.sin(half * width)
+    twice = half * wp.sin(width) * wp.cos(wp.float64(2.0) * middle - apart)
+    return (
+        a * c * width
+        + once * (b * c * wp.cos(middle) + a * d * wp.cos(middle - apart))
+        + b * d * (half * width * wp.cos(apart) + twice)
+    )
+
+
+@wp.func
+def reflected_area_m2(body: Body, view: wp.vec3d, sun: wp.vec3d) -> wp.float64:
+    """Integral of max(0, n.view) max(0, n.sun) over the surface [m2]; unit vectors in body axes.
+
+    A Lambertian body of reflectance rho in the irradiance E sends rho / pi * E times this area towards view [W/sr].
+    """
+    zero = wp.float64(0.0)
+    if body.radius_m > zero:
+        phase = wp.atan2(wp.length(wp.cross(view, sun)), wp.dot(view, sun))
+        shape = wp.sin(phase) + (_PI - phase) * wp.cos(phase)
+        return body.radius_m * body.radius_m * shape * (wp.float64(2.0) / wp.float64(3.0))
+    ends = body.top_m2 * wp.max(view[2], zero) * wp.max(sun[2], zero)
+    ends += body.base_m2 * wp.max(-view[2], zero) * wp.max(-sun[2], zero)
+    a = body.side_along * view[2]
+    b = body.side_across * wp.sqrt(view[0] * view[0] + view[1] * view[1])
+    c = body.side_along * sun[2]
+    d = body.side_across * wp.sqrt(sun[0] * sun[0] + sun[1] * sun[1])
+    seen = lit_half_arc(a, b)
+    lit = lit_half_arc(c, d)
+    apart = wp.atan2(wp.abs(view[0] * sun[1] - view[1] * sun[0]), view[0] * sun[0] + view[1] * sun[1])
+    # Azimuth counts from the view's. Two arcs longer than half a turn may also overlap on the far side.
+    side = _lit_and_seen(a, b, c, d, apart, wp.max(-seen, apart - lit), wp.min(seen, apart + lit))
+    side += _lit_and_seen(a, b, c, d, apart, -seen, wp.min(seen, apart + lit - _TWO_PI))
+    return ends + body.side_m2 / _TWO_PI * side
 
 
 @wp.kernel(enable_backward=False)
@@ -57,3 +106,17 @@ def projected_area_kernel(
     """Projected area at each aspect."""
     i = wp.tid()
     area_m2[i] = projected_area_m2(body, wp.cos(aspect_rad[i]), wp.abs(wp.sin(aspect_rad[i])))
+
+
+@wp.kernel(enable_backward=False)
+def reflected_area_kernel(
+    # in
+    body: Body,
+    view: wp.array[wp.vec3d],  # (n,) unit, body axes
+    sun: wp.array[wp.vec3d],  # (n,) unit, body axes
+    # out
+    area_m2: wp.array[wp.float64],  # (n,)
+):
+    """Reflected area of each pair of directions."""
+    i = wp.tid()
+    area_m2[i] = reflected_area_m2(body, view[i], sun[i])

@@ -86,10 +86,16 @@ Shape = Annotated[Sphere | Cylinder | Cone, Field(discriminator="kind")]
 
 def body_struct(shape: Any) -> Any:
     """The shape as the kernels' struct."""
-    from warpsim_kernels import shapes
+    from warpsim_kernels.shapes import Body
 
-    body = shapes.Body()
-    body.kind = {"sphere": shapes.SPHERE, "cylinder": shapes.CYLINDER, "cone": shapes.CONE}[shape.kind]
-    body.radius_m = shape.radius_m
-    body.height_m = getattr(shape, "height_m", 0.0)
+    body = Body()
+    if shape.kind == "sphere":
+        body.radius_m = shape.radius_m
+        return body
+    radius_m, height_m = shape.radius_m, shape.height_m
+    top_m = radius_m if shape.kind == "cylinder" else 0.0
+    slant_m = float(np.hypot(height_m, radius_m - top_m))
+    body.top_m2, body.base_m2 = np.pi * top_m**2, np.pi * radius_m**2
+    body.side_m2 = np.pi * (radius_m + top_m) * slant_m
+    body.side_across, body.side_along = height_m / slant_m, (radius_m - top_m) / slant_m
     return body
