@@ -129,7 +129,7 @@ def test_sign_is_continuous_and_the_same_whatever_else_is_asked(fields):
 @wp.kernel(enable_backward=False)
 def axis_kernel(attitude: motion.Attitude, time_s: wp.array[wp.float64], axis: wp.array[wp.vec3d]):
     i = wp.tid()
-    axis[i] = motion.symmetry_axis(attitude, time_s[i])
+    axis[i] = motion.axes_before_spin(attitude, time_s[i])[2]
 
 
 @every_motion

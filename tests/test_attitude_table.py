@@ -8,10 +8,10 @@ import pytest
 import warp as wp
 from scipy.spatial.transform import Rotation, Slerp
 from warpsim_kernels import attitude_table
-from warpsim_kernels.targets import make_observe_targets_kernel
 
 import warpsim as ws
 from warpsim import quaternion
+from warpsim.render.target_field import make_target_field
 from warpsim.render.turning import make_turning
 from warpsim.target.attitude import BodyMotion, attitude_frame
 from warpsim.target.attitude_table import checked_rows
@@ -38,7 +38,7 @@ def table_kernel(
 ):
     i = wp.tid()
     turned[i] = attitude_table.table_quaternion(tables, first, count, time_s[i])
-    axis[i] = attitude_table.body_axis(turned[i])
+    axis[i] = attitude_table.turned_axes(turned[i])[2]
 
 
 def on_device(all_rows, number, time_s, device):
@@ -328,8 +328,9 @@ def test_targets_without_a_table_are_as_before(tabled, scene, device):
 
 
 def test_tables_are_in_the_kernel_only_where_a_target_has_one(scene, tabled):
-    kernels = [make_turning(s.attitudes, wp.get_device("cpu")).observe_targets_kernel for s in (scene, tabled)]
-    assert kernels == [make_observe_targets_kernel(False), make_observe_targets_kernel(True)]
+    fields = [make_target_field(s, ["A"], wp.get_device("cpu")) for s in (scene, tabled)]
+    assert [field.features.tables for field in fields] == [False, True]
+    assert fields[0].observe_kernel is not fields[1].observe_kernel
     shared = make_turning(tabled.attitudes, wp.get_device("cpu"))
     assert shared.tables.time_s.shape == (8000,)  # the targets of a kind share their table
 

@@ -9,12 +9,16 @@ import warp as wp
 import warpsim_kernels
 from warpsim_kernels.aim import AIM_FIXED, AIM_TABLE, AIM_TRACK
 from warpsim_kernels.read_out import TILE_WIDTH
+from warpsim_kernels.signature import Features
 
 ARCH = 75  # Turing: the oldest that Warp's CUDA 13 supports; PTX runs on everything newer
 
+EVERYTHING = Features(tables=True, sun=True)
 FACTORY_ARGUMENTS = {
     "make_aim_kernel": [(AIM_TRACK, False), (AIM_FIXED, False), (AIM_TABLE, True)],
-    "make_observe_targets_kernel": [(False,), (True,)],
+    "make_observe_targets_kernel": [(Features(),), (EVERYTHING,)],
+    "make_emit_kernel": [(Features(),), (EVERYTHING,)],
+    "make_split_kernel": [(EVERYTHING,)],
     "make_gather_stars_kernel": [(False, False, True), (True, True, True)],
     "make_query_cone_kernel": [(wp.vec3d,), (wp.vec3f,)],
     "make_deposit_gaussian_kernel": [(16,), (1024,)],

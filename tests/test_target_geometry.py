@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import warp as wp
 from scipy.spatial import ConvexHull
-from warpsim_kernels import apparent, motion, targets
+from warpsim_kernels import apparent, emission, motion, targets
 from warpsim_kernels.earth import Earth, is_occulted
 
 import warpsim as ws
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, SPEED_OF_LIGHT_M_S
 from warpsim.orbit.track import Track
-from warpsim.render.world import _radiance
+from warpsim.render.target_field import radiance_table
 from warpsim.target.attitude import attitude_frame
 
 SEED = 577215
@@ -131,7 +131,7 @@ def attitude_kernel(
 ):
     i = wp.tid()
     turn[i] = motion.turns(attitude.precession_rev_s, time_s[i])
-    axis[i] = motion.symmetry_axis(attitude, time_s[i])
+    axis[i] = motion.axes_before_spin(attitude, time_s[i])[2]
 
 
 def attitude_struct(frame, tilt_rad, precession=(0.0, 0.0), rolling=(0.0, 0.0)):
@@ -364,14 +364,12 @@ def test_target_at_the_sensor_stays_finite(device):
 
 @wp.kernel(enable_backward=False)
 def radiance_kernel(
-    ln_radiance: wp.array2d[wp.float64],
-    slope: wp.array2d[wp.float64],
-    table: targets.RadianceTable,
+    table: emission.RadianceTable,
     temperature_k: wp.array[wp.float64],
     radiance: wp.array2d[wp.float64],
 ):
     band, i = wp.tid()
-    radiance[band, i] = targets.band_radiance_w_m2_sr(ln_radiance, slope, band, temperature_k[i], table)
+    radiance[band, i] = emission.band_radiance_w_m2_sr(table, band, temperature_k[i])
 
 
 @pytest.mark.parametrize(
@@ -380,12 +378,11 @@ def radiance_kernel(
 def test_radiance_table_matches_the_integral(device, start_k, end_k):
     bands = list(ws.BANDS)
     temperature = SimpleNamespace(start_k=start_k, end_k=end_k)
-    ln_radiance, slope, table = _radiance(
-        SimpleNamespace(targets=[SimpleNamespace(temperature=temperature)]), bands, wp.get_device(device)
-    )
+    scene = SimpleNamespace(targets=[SimpleNamespace(temperature=temperature)])
+    table = radiance_table(scene, bands, wp.get_device(device))
     kelvin = np.append(np.geomspace(start_k, end_k, 1001), [start_k, end_k])
     out = wp.empty((len(bands), len(kelvin)), dtype=wp.float64, device=device)
-    inputs = [ln_radiance, slope, table, wp.array(kelvin, dtype=wp.float64, device=device)]
+    inputs = [table, wp.array(kelvin, dtype=wp.float64, device=device)]
     wp.launch(radiance_kernel, out.shape, inputs=inputs, outputs=[out], device=device)
     for name, seen in zip(bands, out.numpy(), strict=True):
         expected = ws.band_radiance_w_m2_sr(kelvin, ws.BANDS[name])

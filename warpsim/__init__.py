@@ -46,9 +46,12 @@ if TYPE_CHECKING:
     from warpsim.output.run import render_to_folder as render_to_folder
     from warpsim.render.deposit import deposit as deposit
     from warpsim.render.frameset import FrameSet as FrameSet
+    from warpsim.render.light_curves import LightCurves as LightCurves
+    from warpsim.render.light_curves import light_curves as light_curves
     from warpsim.render.renderer import Renderer as Renderer
     from warpsim.render.speed import measure_fps as measure_fps
     from warpsim.scene.files import presets as presets
+    from warpsim.scene.lighting import Lighting as Lighting
     from warpsim.scene.pointing import FixedPointing as FixedPointing
     from warpsim.scene.pointing import Jitter as Jitter
     from warpsim.scene.pointing import PointingRow as PointingRow
@@ -73,6 +76,8 @@ _HOME = {
     "presets": "warpsim.scene.files",
     "Renderer": "warpsim.render.renderer",
     "FrameSet": "warpsim.render.frameset",
+    "light_curves": "warpsim.render.light_curves",
+    "LightCurves": "warpsim.render.light_curves",
     "render_to_folder": "warpsim.output.run",
     "write_czml": "warpsim.output.czml",
     "read_cube": "warpsim.output.fits_cube",
@@ -104,6 +109,7 @@ _HOME = {
     "KeplerOrbit": "warpsim.orbit.elements",
     "StateVector": "warpsim.orbit.elements",
     "BallisticArc": "warpsim.orbit.arc",
+    "Lighting": "warpsim.scene.lighting",
     "AccessConstraints": "warpsim.orbit.rules",
     "AccessGeometry": "warpsim.orbit.rules",
     "TrackPointing": "warpsim.scene.pointing",

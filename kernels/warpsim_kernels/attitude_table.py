@@ -58,11 +58,6 @@ def table_quaternion(tables: AttitudeTables, first: int, count: int, time: wp.fl
 
 
 @wp.func
-def body_axis(turned: wp.quatd) -> wp.vec3d:
-    """The body's +z, base to apex, in ICRS axes."""
-    x = turned[0]
-    y = turned[1]
-    z = turned[2]
-    w = turned[3]
-    two = wp.float64(2.0)
-    return wp.normalize(wp.vec3d(two * (x * z + w * y), two * (y * z - w * x), w * w + z * z - x * x - y * y))
+def turned_axes(turned: wp.quatd) -> wp.mat33d:
+    """The body's axes x, y, z as rows, in ICRS axes."""
+    return wp.transpose(wp.quat_to_matrix(wp.normalize(turned)))

@@ -16,14 +16,17 @@ class Earth:
 
 
 @wp.func
-def is_occulted(observer_m: wp.vec3d, vector_m: wp.vec3d, earth: Earth) -> bool:
-    """True when the segment from the observer along vector_m meets the ellipsoid.
-
-    The polar axis is stretched until the ellipsoid becomes a sphere.
-    """
+def stretched(vector_m: wp.vec3d, earth: Earth) -> wp.vec3d:
+    """A vector in axes whose polar one is stretched until the ellipsoid is a sphere."""
     stretch = earth.equatorial_radius_m / earth.polar_radius_m - wp.float64(1.0)
-    start = observer_m + earth.pole * (wp.dot(observer_m, earth.pole) * stretch)
-    way = vector_m + earth.pole * (wp.dot(vector_m, earth.pole) * stretch)
+    return vector_m + earth.pole * (wp.dot(vector_m, earth.pole) * stretch)
+
+
+@wp.func
+def is_occulted(observer_m: wp.vec3d, vector_m: wp.vec3d, earth: Earth) -> bool:
+    """True when the segment from the observer along vector_m meets the ellipsoid."""
+    start = stretched(observer_m, earth)
+    way = stretched(vector_m, earth)
     length2 = wp.max(wp.dot(way, way), wp.float64(1.0e-30))
     nearest = wp.clamp(-wp.dot(start, way) / length2, wp.float64(0.0), wp.float64(1.0))
     return wp.length(start + way * nearest) < earth.equatorial_radius_m

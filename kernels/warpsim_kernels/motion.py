@@ -93,10 +93,10 @@ def turns(rate_rev_s: wp.float64, time_s: wp.float64) -> wp.float64:
 
 @wp.struct
 class Attitude:
-    """Motion of a body's symmetry axis about a fixed direction.
+    """Motion of a body about a fixed direction.
 
-    The axis stands at polar angle `tilt + rolling` from `reference` and turns about it by precession. Spin about the
-    symmetry axis does not move the axis and is not needed here.
+    The body's z axis stands at polar angle `tilt + rolling` from `reference` and turns about it by precession; the body
+    turns about its z axis by spin.
     """
 
     reference: wp.vec3d  # fixed direction, unit, ICRS axes
@@ -107,12 +107,30 @@ class Attitude:
     precession_phase_rev: wp.float64
     rolling_rev_s: wp.float64
     rolling_phase_rev: wp.float64
+    spin_rev_s: wp.float64
+    spin_phase_rev: wp.float64
 
 
 @wp.func
-def symmetry_axis(attitude: Attitude, time_s: wp.float64) -> wp.vec3d:
-    """Unit vector from base to apex at time_s, ICRS axes."""
+def axes_before_spin(attitude: Attitude, time_s: wp.float64) -> wp.mat33d:
+    """The body's axes x, y, z as rows, ICRS axes, as they would be without spin: F Rz(azimuth) Ry(polar)."""
     azimuth = TWO_PI * (turns(attitude.precession_rev_s, time_s) + attitude.precession_phase_rev)
     polar = attitude.tilt_rad + TWO_PI * (turns(attitude.rolling_rev_s, time_s) + attitude.rolling_phase_rev)
-    side = attitude.first * wp.cos(azimuth) + attitude.second * wp.sin(azimuth)
-    return attitude.reference * wp.cos(polar) + side * wp.sin(polar)
+    cosine = wp.cos(polar)
+    sine = wp.sin(polar)
+    out = attitude.first * wp.cos(azimuth) + attitude.second * wp.sin(azimuth)
+    y = wp.cross(attitude.reference, out)
+    x = out * cosine - attitude.reference * sine
+    z = attitude.reference * cosine + out * sine
+    return wp.matrix_from_rows(x, y, z)
+
+
+@wp.func
+def spun(axes: wp.mat33d, attitude: Attitude, time_s: wp.float64) -> wp.mat33d:
+    """Axes (rows) after the body's spin about its z axis."""
+    angle = TWO_PI * (turns(attitude.spin_rev_s, time_s) + attitude.spin_phase_rev)
+    cosine = wp.cos(angle)
+    sine = wp.sin(angle)
+    x = axes[0] * cosine + axes[1] * sine
+    y = axes[1] * cosine - axes[0] * sine
+    return wp.matrix_from_rows(x, y, axes[2])

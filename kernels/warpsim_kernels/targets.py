@@ -1,47 +1,22 @@
-"""Stage observe_targets: where each target is seen, and how bright."""
+"""Stage observe_targets, first half: where each target is seen, and what of it."""
 
 import functools
 
 import warp as wp
 
 from warpsim_kernels.apparent import Releases, path_from_target
-from warpsim_kernels.attitude_table import AttitudeTables, body_axis, table_quaternion
+from warpsim_kernels.attitude_table import AttitudeTables
 from warpsim_kernels.camera import Camera, depth, projected_px, within_frame
-from warpsim_kernels.earth import Earth, is_occulted
-from warpsim_kernels.motion import Attitude, NodeGrid, linear_vector, symmetry_axis
-from warpsim_kernels.shapes import Body, projected_area_m2
+from warpsim_kernels.earth import is_occulted
+from warpsim_kernels.motion import NodeGrid, linear_vector
+from warpsim_kernels.signature import Exposure, Features, Surroundings, Target, signature_of
 
 IN_FOV = wp.constant(1)
 OCCULTED = wp.constant(2)
 BEHIND = wp.constant(4)
 STOWED = wp.constant(8)
-_DARK = wp.constant(10)  # OCCULTED | STOWED
-"""Bits of the flag word of an observation."""
-
-_W_CM2_PER_W_M2 = wp.constant(wp.float64(1.0e-4))
-
-
-@wp.struct
-class Target:
-    """What a target is, apart from where it is."""
-
-    body: Body
-    attitude: Attitude
-    table_first: int  # row of the attitude tables where this target's begins
-    table_count: int  # its rows; 0: `attitude` says how it turns
-    start_temperature_k: wp.float64
-    end_temperature_k: wp.float64
-    cooling_start_s: wp.float64
-    cooling_duration_s: wp.float64
-
-
-@wp.struct
-class RadianceTable:
-    """Where ln(T) nodes of the radiance table lie."""
-
-    ln_temperature_start: wp.float64
-    ln_temperature_step: wp.float64
-    n_node: int
+DARK = wp.constant(10)
+"""Bits of the flag word of an observation; DARK is OCCULTED | STOWED."""
 
 
 @wp.func
@@ -51,28 +26,10 @@ def temperature_k(target: Target, time_s: wp.float64) -> wp.float64:
     return target.start_temperature_k + (target.end_temperature_k - target.start_temperature_k) * part
 
 
-@wp.func
-def band_radiance_w_m2_sr(
-    ln_radiance: wp.array2d[wp.float64],  # (n_band, n_node)
-    slope: wp.array2d[wp.float64],  # (n_band, n_node) d ln(radiance) / d ln(T) times the node step
-    band: int,
-    temperature: wp.float64,
-    table: RadianceTable,
-) -> wp.float64:
-    """In-band radiance of a blackbody from a cubic Hermite table of ln(radiance) against ln(T)."""
-    x = (wp.log(temperature) - table.ln_temperature_start) / table.ln_temperature_step
-    node = wp.clamp(int(wp.floor(x)), 0, table.n_node - 2)
-    u = x - wp.float64(node)
-    w = wp.float64(1.0) - u
-    a = ln_radiance[band, node]
-    b = ln_radiance[band, node + 1]
-    bend = slope[band, node] * (u * w * w) - slope[band, node + 1] * (u * u * w)
-    return wp.exp(a + (b - a) * (u * u * (wp.float64(3.0) - wp.float64(2.0) * u)) + bend)
-
-
 @functools.cache
-def make_observe_targets_kernel(with_tables: bool) -> wp.Kernel:
-    """Kernel of the stage; without a target that turns by a table, tables are not in its code."""
+def make_observe_targets_kernel(features: Features) -> wp.Kernel:
+    """Kernel of the stage; its code holds what the scene's targets need."""
+    signature = signature_of(features)
 
     @wp.kernel(module="unique", enable_backward=False)
     def observe_targets_kernel(
@@ -89,13 +46,16 @@ def make_observe_targets_kernel(with_tables: bool) -> wp.Kernel:
         first_target: int,  # row of the first target in the tracks
         targets: wp.array[Target],  # (n_target,)
         attitude_tables: AttitudeTables,
+        exposure: Exposure,
+        surroundings: Surroundings,
         camera: Camera,
-        earth: Earth,
         # out
         source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot) first slots; far outside the frame if behind the camera
         range_m: wp.array2d[wp.float64],  # (n_view, n_target)
         aspect_rad: wp.array2d[wp.float64],  # (n_view, n_target)
         area_m2: wp.array2d[wp.float64],  # (n_view, n_target)
+        sun_area_m2: wp.array2d[wp.float64],  # (n_view, n_target)
+        sunlit: wp.array2d[wp.float64],  # (n_view, n_target)
         temperature: wp.array2d[wp.float64],  # (n_view, n_target) [K]
         flags: wp.array2d[wp.int32],  # (n_view, n_target) IN_FOV | OCCULTED | BEHIND | STOWED
     ):
@@ -117,67 +77,25 @@ def make_observe_targets_kernel(with_tables: bool) -> wp.Kernel:
                 flag = IN_FOV
         else:
             flag = BEHIND
-        if is_occulted(observer, path.vector_m, earth):
+        if is_occulted(observer, path.vector_m, surroundings.earth):
             flag = flag | OCCULTED
         if path.stowed != 0:
             flag = flag | STOWED
 
         target = targets[target_id]
-        axis = symmetry_axis(target.attitude, path.emission_time_s)
-        if wp.static(with_tables):
-            if target.table_count > 0:
-                axis = body_axis(
-                    table_quaternion(attitude_tables, target.table_first, target.table_count, path.emission_time_s)
-                )
         towards_sensor = path.vector_m / wp.max(path.range_m, wp.float64(1.0e-3)) * wp.float64(-1.0)
-        cosine = wp.dot(axis, towards_sensor)
-        sine = wp.length(wp.cross(axis, towards_sensor))
+        seen = signature(
+            target, attitude_tables, exposure, surroundings, grid, observer + path.vector_m, towards_sensor,
+            path.emission_time_s,
+        )
         source_xy_px[view, target_id] = place_px
         range_m[view, target_id] = path.range_m
-        aspect_rad[view, target_id] = wp.atan2(sine, cosine)
-        area_m2[view, target_id] = projected_area_m2(target.body, cosine, sine)
+        aspect_rad[view, target_id] = seen.aspect_rad
+        area_m2[view, target_id] = seen.area_m2
+        if wp.static(features.sun):
+            sun_area_m2[view, target_id] = seen.sun_area_m2
+            sunlit[view, target_id] = seen.sunlit
         temperature[view, target_id] = temperature_k(target, path.emission_time_s)
         flags[view, target_id] = flag
 
     return observe_targets_kernel
-
-
-@wp.kernel(enable_backward=False)
-def emit_kernel(
-    # in
-    emissivity: wp.array2d[wp.float64],  # (n_band, n_target)
-    ln_radiance: wp.array2d[wp.float64],  # (n_band, n_node)
-    ln_radiance_slope: wp.array2d[wp.float64],  # (n_band, n_node)
-    table: RadianceTable,
-    range_m: wp.array2d[wp.float64],  # (n_view, n_target)
-    area_m2: wp.array2d[wp.float64],  # (n_view, n_target)
-    temperature: wp.array2d[wp.float64],  # (n_view, n_target) [K]
-    flags: wp.array2d[wp.int32],  # (n_view, n_target)
-    # out
-    source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot) targets take the first slots
-):
-    """Graybody emission: emissivity * radiance(T) * projected area / range squared; 0 when occulted or stowed."""
-    view, band, target = wp.tid()
-    irradiance = float(0.0)
-    if (flags[view, target] & _DARK) == 0:
-        radiance = band_radiance_w_m2_sr(ln_radiance, ln_radiance_slope, band, temperature[view, target], table)
-        intensity_w_sr = emissivity[band, target] * radiance * area_m2[view, target]
-        distance_m = wp.max(range_m[view, target], wp.float64(1.0))
-        irradiance = float(intensity_w_sr / (distance_m * distance_m) * _W_CM2_PER_W_M2)
-    source_irradiance_w_cm2[view, band, target] = irradiance
-
-
-@wp.kernel(enable_backward=False)
-def record_targets_kernel(
-    # in
-    source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
-    source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
-    # out
-    xy_px: wp.array2d[wp.vec2d],  # (n_view, n_target)
-    irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_target)
-):
-    """Keep, for the truth, the very numbers that the deposit draws: label and light cannot differ."""
-    view, band, target = wp.tid()
-    irradiance_w_cm2[view, band, target] = source_irradiance_w_cm2[view, band, target]
-    if band == 0:
-        xy_px[view, target] = source_xy_px[view, target]

@@ -19,6 +19,8 @@ class NeiDetector:
         bits: Bits of the analogue-to-digital converter.
         offset_counts: Counts of blank sky. At 5 * counts_per_nei or more, the noise of blank sky is not clipped.
         counts_per_nei: Gain [counts per NEI].
+        exposure_s: Length of the exposure about the frame's time [s], over which targets' brightness is averaged as
+            they turn; 0 is an instant. NEI and SEI are those of this exposure.
     """
 
     nei_w_cm2: Positive
@@ -26,6 +28,7 @@ class NeiDetector:
     bits: Annotated[Integer, closed_interval(1, 16)] = 14
     offset_counts: NonNegative = 100.0
     counts_per_nei: Positive = 5.0
+    exposure_s: Annotated[NonNegative, closed_interval(0, 100)] = 0.0
     kind: Literal["nei"] = Field(default="nei", kw_only=True)
 
     @model_validator(mode="after")

@@ -6,8 +6,9 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import warp as wp
+from warpsim_kernels.emission import Seen
 
-from warpsim.render.world import World
+from warpsim.render.world import TargetWorld, World
 
 SIGNAL_BYTES_PER_CHUNK = 8 * 2**20
 """Signal that one CPU worker holds at a time, small enough to stay in the cache between deposit and read-out; and the
@@ -41,6 +42,8 @@ class Observations:
     range_m: wp.array
     aspect_rad: wp.array
     area_m2: wp.array
+    sun_area_m2: wp.array
+    sunlit: wp.array
     temperature_k: wp.array
     flags: wp.array
     irradiance_w_cm2: wp.array
@@ -78,12 +81,12 @@ class Chunk:
         return int(self.counts.shape[0])
 
 
-def new_observations(world: World, n_view: int) -> Observations:
-    """Uninitialised observations of n_view views."""
+def new_observations(world: TargetWorld, n_view: int) -> Observations:
+    """Observations of n_view views, 0 where nothing writes."""
     shape, device = (n_view, world.n_target), world.device
 
     def scalar() -> wp.array:
-        return wp.empty(shape, dtype=wp.float64, device=device)
+        return wp.zeros(shape, dtype=wp.float64, device=device)
 
     return Observations(
         wp.empty(shape, dtype=wp.vec2d, device=device),
@@ -91,9 +94,19 @@ def new_observations(world: World, n_view: int) -> Observations:
         scalar(),
         scalar(),
         scalar(),
+        scalar(),
+        scalar(),
         wp.empty(shape, dtype=wp.int32, device=device),
         wp.empty((n_view, world.n_band, world.n_target), dtype=wp.float32, device=device),
     )
+
+
+def seen_struct(observations: Observations) -> Any:
+    """What brightness is made of, as the kernels' struct."""
+    seen: Any = Seen()
+    for name in ("range_m", "area_m2", "sun_area_m2", "temperature_k", "flags"):
+        setattr(seen, name, getattr(observations, name))
+    return seen
 
 
 def new_sources(world: World, n_view: int, n_slot: int) -> Sources:
@@ -107,7 +120,7 @@ def new_sources(world: World, n_view: int, n_slot: int) -> Sources:
     )
 
 
-def new_views(world: World, time_s: Any, frame: Any, sensor: Any) -> Views:
+def new_views(world: TargetWorld, time_s: Any, frame: Any, sensor: Any) -> Views:
     """Views of given times, frame numbers and sensor rows, each of shape (n_view,); geometry still to be aimed."""
     n_view, device = len(time_s), world.device
     return Views(

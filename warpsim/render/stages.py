@@ -7,22 +7,27 @@ writes a chunk, allocates nothing and never waits.
 from __future__ import annotations
 
 import warp as wp
+from warpsim_kernels.emission import record_targets_kernel
 from warpsim_kernels.read_out import TILE_WIDTH, make_read_out_tile_kernel, read_out_rest_kernel
-from warpsim_kernels.targets import emit_kernel, record_targets_kernel
 
-from warpsim.render.buffers import Chunk
+from warpsim.render.buffers import Chunk, Observations, Views, seen_struct
 from warpsim.render.device import rows_per_block
-from warpsim.render.world import World
+from warpsim.render.world import TargetWorld, World
 
 TILE_THREADS_CUDA = TILE_WIDTH
 
 
 def aim(world: World, chunk: Chunk) -> None:
     """Views: camera axes, position and velocity from the tracks and the pointing."""
-    views, motion, aiming = chunk.views, world.motion, world.aiming
+    aim_views(world, chunk.views)
+
+
+def aim_views(world: TargetWorld, views: Views) -> None:
+    """The launch of `aim`, which needs no images."""
+    motion, aiming = world.motion, world.aiming
     wp.launch(
         aiming.kernel,
-        dim=chunk.n_view,
+        dim=views.time_s.shape[0],
         inputs=[
             views.time_s,
             views.sensor,
@@ -41,11 +46,24 @@ def aim(world: World, chunk: Chunk) -> None:
 
 
 def observe_targets(world: World, chunk: Chunk) -> None:
-    """Geometry of targets, and the first source slots: place and emission of every target."""
-    views, seen, motion, sources = chunk.views, chunk.observations, world.motion, chunk.sources
+    """What is seen of each target, and the first source slots: its place and light."""
+    seen, sources = chunk.observations, chunk.sources
+    look_at_targets(world, chunk.views, seen, sources.xy_px)
     wp.launch(
-        world.turning.observe_targets_kernel,
-        dim=(chunk.n_view, world.n_target),
+        world.field.emit_kernel,
+        dim=(chunk.n_view, world.n_band, world.n_target),
+        inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen)],
+        outputs=[sources.irradiance_w_cm2],
+        device=world.device,
+    )
+
+
+def look_at_targets(world: TargetWorld, views: Views, seen: Observations, xy_px: wp.array) -> None:
+    """The first launch of `observe_targets`, which needs no images; places go to xy_px, (n_view, >= n_target)."""
+    motion, field = world.motion, world.field
+    wp.launch(
+        field.observe_kernel,
+        dim=(views.time_s.shape[0], world.n_target),
         inputs=[
             views.time_s,
             views.axes,
@@ -56,29 +74,34 @@ def observe_targets(world: World, chunk: Chunk) -> None:
             motion.earth_velocity_m_s,
             motion.releases,
             motion.grid,
-            world.first_target,
-            world.targets,
-            world.turning.tables,
+            field.first_row,
+            field.targets,
+            field.turning.tables,
+            field.exposure,
+            field.surroundings,
             world.camera,
-            world.earth,
         ],
-        outputs=[sources.xy_px, seen.range_m, seen.aspect_rad, seen.area_m2, seen.temperature_k, seen.flags],
-        device=world.device,
-    )
-    wp.launch(
-        emit_kernel,
-        dim=(chunk.n_view, world.n_band, world.n_target),
-        inputs=[
-            world.emissivity,
-            world.ln_radiance,
-            world.ln_radiance_slope,
-            world.radiance_table,
+        outputs=[
+            xy_px,
             seen.range_m,
+            seen.aspect_rad,
             seen.area_m2,
+            seen.sun_area_m2,
+            seen.sunlit,
             seen.temperature_k,
             seen.flags,
         ],
-        outputs=[sources.irradiance_w_cm2],
+        device=world.device,
+    )
+
+
+def split_light(world: TargetWorld, seen: Observations, irradiance_w_cm2: wp.array) -> None:
+    """Irradiance by each term into (N_TERM, n_view, n_band, n_target); for the truth, not part of a frame."""
+    wp.launch(
+        world.field.split_kernel,
+        dim=irradiance_w_cm2.shape[1:],
+        inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen)],
+        outputs=[irradiance_w_cm2],
         device=world.device,
     )
 
@@ -97,7 +120,7 @@ def gather_stars(world: World, chunk: Chunk) -> None:
             world.stars.field,
             world.stars.orbit,
             world.camera,
-            world.earth,
+            world.field.surroundings.earth,
             world.n_target,
         ],
         outputs=[sources.xy_px, sources.irradiance_w_cm2, sources.star, sources.n_source, views.n_wanted],

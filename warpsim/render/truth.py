@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
+from warpsim_kernels.emission import N_TERM
 from warpsim_kernels.targets import BEHIND, IN_FOV, OCCULTED, STOWED
 
 from warpsim.render.buffers import Observations
-from warpsim.render.world import World
+from warpsim.render.stages import split_light
+from warpsim.render.world import TargetWorld, World
+from warpsim.scene.light_terms import TERMS
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -22,9 +25,10 @@ def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
     """One row per frame x sensor x band x target.
 
     Columns: frame, time_s, sensor, band, target; access (the sensor may observe the main target), in_fov, occulted,
-    stowed; x_px, y_px (NaN behind the camera), range_km, aspect_deg, projected_area_m2, temperature_k;
-    irradiance_w_cm2 at the pupil (0 when occulted or stowed), snr = irradiance / NEI, snr_peak (of the target's own
-    pixel), left_out_w_cm2 (light beyond the stamp).
+    stowed; x_px, y_px (NaN behind the camera), range_km, aspect_deg, projected_area_m2 (mean over the exposure),
+    temperature_k, sunlit_fraction; irradiance_w_cm2 at the pupil (0 when occulted or stowed) and what it is the sum of,
+    emitted_w_cm2, sun_w_cm2, earth_w_cm2 and albedo_w_cm2 (0 where the scene leaves a term out); snr = irradiance /
+    NEI, snr_peak (of the target's own pixel), left_out_w_cm2 (light beyond the stamp).
     """
     from astropy.table import Table
 
@@ -42,6 +46,7 @@ def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
     behind = (np.asarray(seen.flags.numpy()) & int(BEHIND)) != 0
     xy_px = np.where(behind[..., None], np.nan, np.asarray(seen.xy_px.numpy()))
     irradiance = np.asarray(seen.irradiance_w_cm2.numpy(), dtype=np.float64)
+    split = split_irradiance_w_cm2(world, seen)
     snr = irradiance / frames.scene.detector.nei_w_cm2
     table = Table(
         {
@@ -60,7 +65,9 @@ def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
             "aspect_deg": spread(np.degrees(seen.aspect_rad.numpy()), 0, 1, 3),
             "projected_area_m2": spread(seen.area_m2.numpy(), 0, 1, 3),
             "temperature_k": spread(seen.temperature_k.numpy(), 0, 1, 3),
+            "sunlit_fraction": spread(seen.sunlit.numpy(), 0, 1, 3),
             "irradiance_w_cm2": spread(irradiance, 0, 1, 2, 3),
+            **{f"{name}_w_cm2": spread(values, 0, 1, 2, 3) for name, values in split.items()},
             "snr": spread(snr, 0, 1, 2, 3),
             "snr_peak": spread(snr * peak_share, 0, 1, 2, 3),
             "left_out_w_cm2": spread(irradiance * np.maximum(1 - stamp_share, 0), 0, 1, 2, 3),
@@ -68,10 +75,19 @@ def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
     )
     units = {"time_s": "s", "x_px": "pix", "y_px": "pix", "range_km": "km", "aspect_deg": "deg"}
     units |= {"projected_area_m2": "m2", "temperature_k": "K"}
-    units |= {"irradiance_w_cm2": "W / cm2", "left_out_w_cm2": "W / cm2"}
+    units |= {name: "W / cm2" for name in table.colnames if name.endswith("_w_cm2")}
     for name, unit in units.items():
         table[name].unit = unit
     return table
+
+
+def split_irradiance_w_cm2(world: TargetWorld, seen: Observations) -> dict[str, npt.NDArray[np.float64]]:
+    """Irradiance by each term (emitted, sun, earth, albedo), each (n_view, n_band, n_target)."""
+    shape = (N_TERM, *seen.irradiance_w_cm2.shape)
+    terms = wp.zeros(shape, dtype=wp.float64, device=world.device)
+    if terms.size:
+        split_light(world, seen, terms)
+    return dict(zip(("emitted", *TERMS), np.asarray(terms.numpy()), strict=True))
 
 
 def _stamp_shares(world: World, seen: Observations) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:

@@ -1,4 +1,4 @@
-"""How targets turn, on a device: motions, tables, and the kernel that reads what the scene's targets need."""
+"""How targets turn, on a device: motions and tables."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 import warp as wp
 from warpsim_kernels.attitude_table import AttitudeTables
 from warpsim_kernels.motion import Attitude as AttitudeStruct
-from warpsim_kernels.targets import make_observe_targets_kernel
 
 from warpsim.target.attitude import BodyMotion
 from warpsim.target.attitude_table import AttitudeRows
@@ -18,14 +17,13 @@ from warpsim.target.attitude_table import AttitudeRows
 
 @dataclass(frozen=True)
 class Turning:
-    """Attitude tables on the device, where each target's lies, and the kernel."""
+    """Attitude tables on the device, and where each target's lies."""
 
     tables: Any
     table_first: list[int]
     """First row of each target's table."""
     table_count: list[int]
     """Rows of each target's table; 0 for a target that moves by itself."""
-    observe_targets_kernel: wp.Kernel
 
 
 def make_turning(attitudes: Sequence[BodyMotion | AttitudeRows], device: wp.Device) -> Turning:
@@ -47,7 +45,6 @@ def make_turning(attitudes: Sequence[BodyMotion | AttitudeRows], device: wp.Devi
         tables,
         [place.get(id(attitude), 0) for attitude in attitudes],
         [len(attitude.time_s) if isinstance(attitude, AttitudeRows) else 0 for attitude in attitudes],
-        make_observe_targets_kernel(bool(distinct)),
     )
 
 
@@ -63,4 +60,6 @@ def motion_struct(attitude: BodyMotion | AttitudeRows) -> Any:
     struct.precession_phase_rev = frame.precession_phase_rev
     struct.rolling_rev_s = motion.rolling_rev_s
     struct.rolling_phase_rev = frame.rolling_phase_rev
+    struct.spin_rev_s = motion.spin_rev_s
+    struct.spin_phase_rev = frame.spin_phase_rev
     return struct

@@ -28,6 +28,8 @@ from warpsim.orbit.rules import AccessConstraints
 from warpsim.quaternion import rotated
 from warpsim.scene.attitudes import table_rows, target_attitudes
 from warpsim.scene.flight_epochs import is_utc, with_epoch, without_flight_epochs
+from warpsim.scene.light_terms import LightTerm, light_terms
+from warpsim.scene.lighting import Lighting
 from warpsim.scene.parts import AnyConstellation, Frames, Release, Sky, TargetGroup, TargetSpec, Text, Trajectory
 from warpsim.scene.pointing import Pointing, TablePointing, TrackPointing
 from warpsim.scene.rules import check_scene
@@ -77,6 +79,7 @@ class Scene:
         pointing: Where the cameras look.
         access_rules: When a sensor can observe the main target.
         sky: The star background.
+        lighting: Which light the targets reflect.
         seed: Seed of all randomness, 0 to 2**63 - 1 (the largest integer of TOML).
         name: Short name.
         description: One line about the scene.
@@ -100,6 +103,7 @@ class Scene:
     pointing: Pointing = Field(default_factory=TrackPointing)
     access_rules: AccessConstraints = Field(default_factory=AccessConstraints)
     sky: Sky = Field(default_factory=Sky)
+    lighting: Lighting = Field(default_factory=Lighting)
     seed: Annotated[Integer, closed_interval(0, 2**63 - 1)] = 0
     name: Text = "scene"
     description: str = ""
@@ -289,6 +293,11 @@ class Scene:
         from warpsim.scene.view_axes import commanded_axes
 
         return commanded_axes(self, sensor, time_s).axes
+
+    @cached_property
+    def light_terms(self) -> dict[str, LightTerm]:
+        """Whether the targets' reflected light has each term (sun, earth, albedo), by how much at most, and why."""
+        return light_terms(self)
 
     @cached_property
     def attitudes(self) -> list[BodyMotion | AttitudeRows]:

@@ -2,7 +2,7 @@
 
 The rotation body -> GCRS is F Rz(azimuth) Ry(polar) Rz(spin). F has the columns (first, second, reference): fixed axes,
 the last of them the direction that the body precesses about. Azimuth is the precession's angle, polar the precession
-angle plus rolling. So +z of the body, its symmetry axis, is what the kernel's `symmetry_axis` gives.
+angle plus rolling. So +z of the body, its symmetry axis, is the z axis of the kernel's `axes_before_spin`.
 """
 
 from __future__ import annotations

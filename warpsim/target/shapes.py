@@ -39,6 +39,16 @@ class _Body:
         wp.launch(projected_area_kernel, dim=aspect.size, inputs=[body, inputs], outputs=[area], device="cpu")
         return np.asarray(area.numpy()).reshape(aspect.shape)
 
+    def reflected_area_m2(self, view: npt.ArrayLike, sun: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Placeholder."""
+        import warp as wp
+        from warpsim_kernels.shapes import reflected_area_kernel
+
+        inputs = [wp.array(np.ascontiguousarray(x), dtype=wp.vec3d, device="cpu") for x in (view, sun)]
+        area = wp.empty(len(inputs[0]), dtype=wp.float64, device="cpu")
+        wp.launch(reflected_area_kernel, len(area), inputs=[body_struct(self), *inputs], outputs=[area], device="cpu")
+        return np.asarray(area.numpy())
+
 
 @part
 class Sphere(_Body):

@@ -1,0 +1,150 @@
+"""Stage observe_targets, second half: how bright each target is in each band."""
+
+import functools
+
+import warp as wp
+
+from warpsim_kernels.signature import Features
+from warpsim_kernels.targets import DARK
+
+_W_CM2_PER_W_M2 = wp.constant(wp.float64(1.0e-4))
+
+
+@wp.struct
+class RadianceTable:
+    """In-band radiance of blackbodies as a cubic Hermite table of ln(radiance) against ln(T)."""
+
+    ln_radiance: wp.array2d[wp.float64]  # (n_band, n_node)
+    slope: wp.array2d[wp.float64]  # (n_band, n_node) d ln(radiance) / d ln(T) times the node step
+    ln_temperature_start: wp.float64
+    ln_temperature_step: wp.float64
+
+
+@wp.func
+def band_radiance_w_m2_sr(table: RadianceTable, band: int, temperature_k: wp.float64) -> wp.float64:
+    """In-band radiance of a blackbody."""
+    x = (wp.log(temperature_k) - table.ln_temperature_start) / table.ln_temperature_step
+    node = wp.clamp(int(wp.floor(x)), 0, table.ln_radiance.shape[1] - 2)
+    u = x - wp.float64(node)
+    w = wp.float64(1.0) - u
+    a = table.ln_radiance[band, node]
+    b = table.ln_radiance[band, node + 1]
+    bend = table.slope[band, node] * (u * w * w) - table.slope[band, node + 1] * (u * u * w)
+    return wp.exp(a + (b - a) * (u * u * (wp.float64(3.0) - wp.float64(2.0) * u)) + bend)
+
+
+@wp.struct
+class Surfaces:
+    """What the targets' surfaces do with light, each (n_band, n_target)."""
+
+    emissivity: wp.array2d[wp.float64]
+    sun_w_m2_sr: wp.array2d[wp.float64]  # reflectance / pi times the Sun's irradiance at 1 au
+
+
+@wp.struct
+class Seen:
+    """What is seen of the targets, each (n_view, n_target)."""
+
+    range_m: wp.array2d[wp.float64]
+    area_m2: wp.array2d[wp.float64]
+    sun_area_m2: wp.array2d[wp.float64]
+    temperature_k: wp.array2d[wp.float64]
+    flags: wp.array2d[wp.int32]
+
+
+@wp.func
+def irradiance_per_intensity(seen: Seen, view: int, target: int) -> wp.float64:
+    """W/cm2 at the pupil for each W/sr; 0 when the target is occulted or stowed."""
+    if (seen.flags[view, target] & DARK) != 0:
+        return wp.float64(0.0)
+    distance_m = wp.max(seen.range_m[view, target], wp.float64(1.0))
+    return _W_CM2_PER_W_M2 / (distance_m * distance_m)
+
+
+@wp.func
+def emitted_w_sr(
+    surfaces: Surfaces, table: RadianceTable, seen: Seen, view: int, band: int, target: int
+) -> wp.float64:
+    """Intensity of the target's own light."""
+    radiance = band_radiance_w_m2_sr(table, band, seen.temperature_k[view, target])
+    return surfaces.emissivity[band, target] * radiance * seen.area_m2[view, target]
+
+
+@wp.func
+def sun_w_sr(surfaces: Surfaces, seen: Seen, view: int, band: int, target: int) -> wp.float64:
+    """Intensity of reflected sunlight."""
+    return surfaces.sun_w_m2_sr[band, target] * seen.sun_area_m2[view, target]
+
+
+@functools.cache
+def make_emit_kernel(features: Features) -> wp.Kernel:
+    """Kernel of the stage: intensity over range squared, summed over the terms that the scene keeps."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def emit_kernel(
+        # in
+        surfaces: Surfaces,
+        table: RadianceTable,
+        seen: Seen,
+        # out
+        source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot) targets take the first slots
+    ):
+        """In-band irradiance at the pupil."""
+        view, band, target = wp.tid()
+        intensity_w_sr = emitted_w_sr(surfaces, table, seen, view, band, target)
+        if wp.static(features.sun):
+            intensity_w_sr += sun_w_sr(surfaces, seen, view, band, target)
+        source_irradiance_w_cm2[view, band, target] = float(
+            intensity_w_sr * irradiance_per_intensity(seen, view, target)
+        )
+
+    return emit_kernel
+
+
+EMITTED = wp.constant(0)
+SUN = wp.constant(1)
+EARTH = wp.constant(2)
+ALBEDO = wp.constant(3)
+N_TERM = 4
+"""Places of the terms along the first axis of what split_kernel writes."""
+
+
+@functools.cache
+def make_split_kernel(features: Features) -> wp.Kernel:
+    """Kernel that gives the terms of the irradiance one by one, for the truth; those left out stay as they are."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def split_kernel(
+        # in
+        surfaces: Surfaces,
+        table: RadianceTable,
+        seen: Seen,
+        # out
+        irradiance_w_cm2: wp.array4d[wp.float64],  # (N_TERM, n_view, n_band, n_target)
+    ):
+        """Irradiance at the pupil by each term."""
+        view, band, target = wp.tid()
+        scale = irradiance_per_intensity(seen, view, target)
+        irradiance_w_cm2[EMITTED, view, band, target] = scale * emitted_w_sr(
+            surfaces, table, seen, view, band, target
+        )
+        if wp.static(features.sun):
+            irradiance_w_cm2[SUN, view, band, target] = scale * sun_w_sr(surfaces, seen, view, band, target)
+
+    return split_kernel
+
+
+@wp.kernel(enable_backward=False)
+def record_targets_kernel(
+    # in
+    source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
+    source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
+    # out
+    xy_px: wp.array2d[wp.vec2d],  # (n_view, n_target)
+    irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_target)
+):
+    """Keep, for the truth, the very numbers that the deposit draws: label and light cannot differ."""
+    view, band, target = wp.tid()
+    irradiance_w_cm2[view, band, target] = source_irradiance_w_cm2[view, band, target]
+    if band == 0:
+        xy_px[view, target] = source_xy_px[view, target]

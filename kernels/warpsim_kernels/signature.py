@@ -1,0 +1,113 @@
+"""What of a target a sensor sees, and what light falls on that: areas, float64.
+
+Each term of a target's intensity is a radiance times an area, and only the radiance depends on the band. So the areas
+are found once for all bands: the outline for the target's own light, the reflected areas for light from outside. They
+are means over the exposure, as a body that spins or tumbles changes its face during it.
+"""
+
+import functools
+from typing import NamedTuple
+
+import warp as wp
+
+from warpsim_kernels.apparent import ASTRONOMICAL_UNIT_M
+from warpsim_kernels.attitude_table import AttitudeTables, table_quaternion, turned_axes
+from warpsim_kernels.earth import Earth
+from warpsim_kernels.motion import Attitude, NodeGrid, axes_before_spin, linear_vector
+from warpsim_kernels.shadow import sunlit_fraction
+from warpsim_kernels.shapes import Body, projected_area_m2, reflected_area_m2
+
+
+class Features(NamedTuple):
+    """What the stage's code holds: a scene does not pay for what none of its targets needs."""
+
+    tables: bool = False  # a target turns by a table
+    sun: bool = False  # reflected sunlight
+
+
+@wp.struct
+class Target:
+    """What a target is, apart from where it is."""
+
+    body: Body
+    attitude: Attitude
+    table_first: int  # row of the attitude tables where this target's begins
+    table_count: int  # its rows; 0: `attitude` says how it turns
+    start_temperature_k: wp.float64
+    end_temperature_k: wp.float64
+    cooling_start_s: wp.float64
+    cooling_duration_s: wp.float64
+
+
+@wp.struct
+class Exposure:
+    """Quadrature over the exposure, about its middle: an odd number of nodes, the one in the middle at 0 s."""
+
+    offset_s: wp.array[wp.float64]  # (n_exposure,)
+    weight: wp.array[wp.float64]  # (n_exposure,) sum 1
+
+
+@wp.struct
+class Surroundings:
+    """What lights a target from outside."""
+
+    sun_m: wp.array[wp.vec3d]  # (n_node,) geocentric
+    earth: Earth
+
+
+@wp.struct
+class Signature:
+    """What is seen of a target."""
+
+    aspect_rad: wp.float64  # in the middle of the exposure
+    area_m2: wp.float64  # outline
+    sunlit: wp.float64  # share of the Sun's disc that the target sees
+    sun_area_m2: wp.float64  # reflects sunlight: times its irradiance at 1 au times reflectance / pi it is an intensity
+
+
+@functools.cache
+def signature_of(features: Features) -> wp.Function:
+    """The function that finds a target's signature."""
+
+    @wp.func
+    def body_axes(target: Target, tables: AttitudeTables, time_s: wp.float64) -> wp.mat33d:
+        """Axes of the body as rows, ICRS axes; without spin where the body is turned about its axis."""
+        if wp.static(features.tables):
+            if target.table_count > 0:
+                return turned_axes(table_quaternion(tables, target.table_first, target.table_count, time_s))
+        return axes_before_spin(target.attitude, time_s)
+
+    @wp.func
+    def signature(
+        target: Target,
+        tables: AttitudeTables,
+        exposure: Exposure,
+        surroundings: Surroundings,
+        grid: NodeGrid,
+        place_m: wp.vec3d,  # of the target, geocentric
+        towards_sensor: wp.vec3d,  # unit
+        time_s: wp.float64,  # when the light left in the middle of the exposure
+    ) -> Signature:
+        seen = Signature()
+        if wp.static(features.sun):
+            to_sun_m = linear_vector(surroundings.sun_m, time_s, grid) - place_m
+            distance_au = wp.length(to_sun_m) / ASTRONOMICAL_UNIT_M
+            towards_sun = wp.normalize(to_sun_m)
+            seen.sunlit = sunlit_fraction(place_m, to_sun_m, surroundings.earth)
+        n_exposure = exposure.offset_s.shape[0]
+        for k in range(n_exposure):
+            weight = exposure.weight[k]
+            axes = body_axes(target, tables, time_s + exposure.offset_s[k])
+            view = axes * towards_sensor
+            sine = wp.sqrt(view[0] * view[0] + view[1] * view[1])
+            seen.area_m2 += weight * projected_area_m2(target.body, view[2], sine)
+            if 2 * k + 1 == n_exposure:
+                seen.aspect_rad = wp.atan2(sine, view[2])
+            if wp.static(features.sun):
+                if seen.sunlit > wp.float64(0.0):
+                    seen.sun_area_m2 += weight * reflected_area_m2(target.body, view, axes * towards_sun)
+        if wp.static(features.sun):
+            seen.sun_area_m2 *= seen.sunlit / (distance_au * distance_au)
+        return seen
+
+    return signature

@@ -1,0 +1,230 @@
+"""Signatures of targets in a scene: axes, shadow, terms of light, exposure, light curves."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import warp as wp
+from scipy.spatial.transform import Rotation
+from warpsim_kernels import motion
+from warpsim_kernels.shadow import sunlit_fraction_kernel
+from warpsim_kernels.signature import Features
+
+import warpsim as ws
+from warpsim.orbit.eclipse import sunlit_fraction
+from warpsim.render.target_field import earth_struct, make_target_field
+from warpsim.render.turning import motion_struct
+from warpsim.scene.exposure import exposure_rule
+from warpsim.target.attitude import BodyMotion, attitude_frame
+
+SEED = 31415
+AXES_ATOL = 2e-14  # phases of both sides are rounded once
+SUNLIT_ATOL = 1e-12  # the same formulae in another order of operations
+FACET_RTOL = 2e-6  # 2000 x 500 facets against closed forms
+SPLIT_RTOL = 2e-7  # float32 of the sum
+EXPOSURE_SAFETY = 2.0  # the error is measured on samples
+
+
+@pytest.fixture(scope="module")
+def day(scene):
+    """The preset in sunlight: all targets lit, no emission left out, every sensor free to look."""
+    return scene.replace(epoch_utc="2025-03-20T06:00:00", sky__catalog="none", duration_s=1600.0, frames__count=100)
+
+
+@wp.kernel(enable_backward=False)
+def axes_kernel(attitude: motion.Attitude, time_s: wp.array[wp.float64], axes: wp.array2d[wp.mat33d]):
+    i = wp.tid()
+    before = motion.axes_before_spin(attitude, time_s[i])
+    axes[0, i] = before
+    axes[1, i] = motion.spun(before, attitude, time_s[i])
+
+
+def test_axes_of_the_kernel_are_the_hosts(device):
+    """Rows are the body's axes; spin, precession and rolling at once, to 1e6 s."""
+    attitude = ws.Attitude(
+        spin_rev_s=4.9, precession_rev_s=1 / 3, precession_angle_deg=20.0, rolling_rev_s=-0.7, axis=(0.2, -0.5, 0.4)
+    )
+    body = BodyMotion(attitude, attitude_frame(attitude, np.array([1.0, 2.0, 3.0]), SEED, 3))
+    time_s = np.concatenate([[0.0, 0.5], np.random.default_rng(SEED).uniform(0, 1e6, 200)])
+    out = wp.empty((2, len(time_s)), dtype=wp.mat33d, device=device)
+    inputs = [motion_struct(body), wp.array(time_s, dtype=wp.float64, device=device)]
+    wp.launch(axes_kernel, len(time_s), inputs=inputs, outputs=[out], device=device)
+    expected = np.swapaxes(Rotation.from_quat(body.at(time_s)).as_matrix(), 1, 2)
+    before, after = out.numpy()
+    np.testing.assert_allclose(after, expected, rtol=0, atol=AXES_ATOL * 2 * np.pi)
+    np.testing.assert_allclose(before[:, 2], expected[:, 2], rtol=0, atol=AXES_ATOL * 2 * np.pi)
+    np.testing.assert_allclose(before @ np.swapaxes(before, 1, 2), np.broadcast_to(np.eye(3), before.shape), atol=1e-15)
+
+
+def test_sunlit_fraction_of_the_kernel_is_the_hosts(scene, device):
+    """Places about the edge of the shadow, high and low, and everywhere else."""
+    rng = np.random.default_rng(SEED)
+    sun = np.array([0.3, -0.8, 0.35]) * 1.496e11
+    away = -sun / np.linalg.norm(sun)
+    across = rng.normal(size=(4000, 3))
+    across -= (across @ away)[:, None] * away
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    along_m = rng.uniform(0, 4e7, 4000)
+    half_width_m = 0.00465 * along_m  # of the penumbra
+    radius_m = 6.37e6 + rng.uniform(-3, 3, 4000) * np.maximum(half_width_m, 2e4)
+    place = along_m[:, None] * away + radius_m[:, None] * across
+    place = np.concatenate([place, rng.normal(size=(1000, 3)) * 1e7])
+    place = place[np.linalg.norm(place, axis=1) > 6.4e6]
+    expected = sunlit_fraction(place, sun, scene.tracks.pole_icrs)
+    assert 300 < np.sum((expected > 0) & (expected < 1)) < 4000
+    out = wp.empty(len(place), dtype=wp.float64, device=device)
+    inputs = [wp.array(x, dtype=wp.vec3d, device=device) for x in (place, np.broadcast_to(sun, place.shape).copy())]
+    earth = earth_struct(scene)
+    wp.launch(sunlit_fraction_kernel, len(place), inputs=[*inputs, earth], outputs=[out], device=device)
+    np.testing.assert_allclose(out.numpy(), expected, rtol=0, atol=SUNLIT_ATOL)
+
+
+def facets(shape):
+    """Normals (n, 3) and areas (n,) of a fine mesh of the body of revolution."""
+    n = 2000
+    phi = (np.arange(n) + 0.5) * 2 * np.pi / n
+    if shape.kind == "sphere":
+        z, weight = np.polynomial.legendre.leggauss(500)
+        ring = np.sqrt(1 - z * z)
+        x, y = np.outer(ring, np.cos(phi)), np.outer(ring, np.sin(phi))
+        normal = np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=-1).reshape(-1, 3)
+        return normal, np.repeat(weight, n) * 2 * np.pi / n * shape.radius_m**2
+    r, h = shape.radius_m, shape.height_m
+    top = r if shape.kind == "cylinder" else 0.0
+    slant = np.hypot(h, r - top)
+    side = np.stack([h * np.cos(phi), h * np.sin(phi), np.full(n, r - top)], axis=1) / slant
+    normal = np.concatenate([side, [[0, 0, 1.0], [0, 0, -1.0]]])
+    return normal, np.concatenate([np.full(n, np.pi * (r + top) * slant / n), [np.pi * top**2, np.pi * r**2]])
+
+
+@pytest.mark.parametrize("target", ["center", "sphere04", "cylinder02", "cone03"])
+def test_reflected_sunlight_is_that_of_a_mesh(day, device, target):
+    """Track, light time, attitude, Sun's distance and eclipse, radiance and facets, written out on their own."""
+    frames = ws.Renderer(day, device=device).render([1, 33, 99], ["sat11", "sat47"], ["A", "E"])
+    rows = frames.truth[frames.truth["target"] == target]
+    spec = day.target_specs[day.target_names.index(target)]
+    normal, area = facets(spec.shape)
+    assert np.all(rows["sunlit_fraction"] == 1)
+    for row in rows[~rows["occulted"]]:
+        emitted_s = row["time_s"] - row["range_km"] * 1e3 / 299792458.0
+        place = day.position_m(target, [emitted_s])[0]
+        view = day.position_m(row["sensor"], [row["time_s"]])[0] - place
+        sun = day.position_m("sun", [emitted_s])[0] - place
+        turned = Rotation.from_quat(day.attitude_quaternion(target, [emitted_s])[0]).apply(normal)
+        lit = np.maximum(turned @ view / np.linalg.norm(view), 0) * np.maximum(turned @ sun / np.linalg.norm(sun), 0)
+        sunlight = np.pi * ws.band_radiance_w_m2_sr(5772.0, row["band"]) * (6.957e8 / np.linalg.norm(sun)) ** 2
+        reflectance = 1 - spec.surface.emissivity_value
+        expected = reflectance / np.pi * sunlight * np.sum(lit * area) / np.sum(view**2) * 1e-4
+        assert row["sun_w_cm2"] == pytest.approx(expected, rel=FACET_RTOL, abs=1e-6 * row["emitted_w_cm2"])
+    assert (rows["sun_w_cm2"] > 1e-19).any()
+
+
+def test_terms_add_up_to_the_light(day, device):
+    truth = ws.Renderer(day, device=device).render([0, 60], ["sat11", "sat27", "sat47"]).truth
+    total = sum(truth[f"{name}_w_cm2"] for name in ("emitted", "sun", "earth", "albedo"))
+    np.testing.assert_allclose(truth["irradiance_w_cm2"], total, rtol=SPLIT_RTOL, atol=0)
+    for name in ("emitted", "sun"):
+        assert str(truth[f"{name}_w_cm2"].unit) == "W / cm2"
+        assert (truth[f"{name}_w_cm2"][~truth["occulted"]] > 0).any()
+
+
+def test_no_term_is_above_its_bound(day, scene):
+    for one in (day, scene, day.replace(epoch_utc="2025-03-20T18:00:00")):
+        curves = ws.light_curves(one, np.linspace(0, one.duration_s, 60), one.sensor_names)
+        for name, term in one.light_terms.items():
+            most_nei = curves.terms_w_cm2[name].max() / one.detector.nei_w_cm2
+            assert most_nei <= term.bound_nei
+            assert (most_nei > 0) <= term.kept
+
+
+def test_what_is_left_out_and_why(day, scene):
+    night = scene.replace(epoch_utc="2025-03-20T12:00:00")
+    assert not night.light_terms["sun"].kept
+    assert night.light_terms["sun"].reason == "left out: all targets are in the Earth's shadow throughout"
+    assert not night.light_terms["albedo"].kept
+    for name in ("sun", "earth", "albedo"):
+        off = day.replace(**{f"lighting__{name}": False}).light_terms[name]
+        assert (off.kept, off.reason) == (False, "off")
+    noisy = day.replace(detector__nei_w_cm2=1e-12, detector__sei_w_cm2=3e-9)
+    assert not any(term.kept for term in noisy.light_terms.values())
+    assert noisy.light_terms["sun"].reason.startswith("left out: at most ")
+    all_kept = noisy.replace(lighting__leave_out_nei=0.0)
+    assert all_kept.light_terms["sun"].kept
+
+
+def test_a_term_left_out_is_not_in_the_kernel(day):
+    cpu = wp.get_device("cpu")
+    bare = day.replace(lighting={"sun": False, "earth": False, "albedo": False})
+    fields = [make_target_field(s, ["A"], cpu) for s in (day, bare)]
+    assert fields[1].features == Features()
+    assert fields[0].features.sun
+    assert fields[0].observe_kernel is not fields[1].observe_kernel
+    again = make_target_field(bare.replace(seed=5), ["A"], cpu)
+    assert again.observe_kernel is fields[1].observe_kernel
+
+
+@pytest.mark.parametrize("exposure_s", [0.01, 0.13, 0.5])
+def test_brightness_is_averaged_over_the_exposure(day, exposure_s):
+    """Against the mean of 4001 instants: cone 03 precesses at 5 rev/s, cylinders roll at 1 rev/s."""
+    exposed = day.replace(detector__exposure_s=exposure_s)
+    rule = exposure_rule(exposed)
+    assert rule.error <= exposed.lighting.quadrature_error
+    names = ["center", "cylinder02", "cone03"]
+    where = {"sensors": ["sat11", "sat47"], "targets": names, "bands": ["A"]}
+    middle = np.array([300.0, 333.3, 1200.0])
+    seen = ws.light_curves(exposed, middle, **where)
+    offset = (np.arange(4001) + 0.5) / 4001 - 0.5
+    many = ws.light_curves(day, (middle[:, None] + exposure_s * offset).ravel(), **where)
+    for name in ("emitted", "sun"):
+        mean = many.terms_w_cm2[name].reshape(3, 4001, *many.terms_w_cm2[name].shape[1:]).mean(axis=1)
+        missed = np.abs(seen.terms_w_cm2[name] - mean).max(axis=(0, 1, 2))
+        assert (missed < EXPOSURE_SAFETY * exposed.lighting.quadrature_error * mean.max(axis=(0, 1, 2))).all()
+    instant = ws.light_curves(day, middle, **where)
+    np.testing.assert_array_equal(seen.aspect_deg, instant.aspect_deg)  # of the middle
+    assert exposure_rule(day).offset_s.tolist() == [0.0]
+
+
+def test_light_curves_are_the_truth_of_frames(day, device):
+    frames = ws.Renderer(day, device=device).render([3, 50], ["sat11", "sat27"])
+    curves = ws.light_curves(day, frames.time_s, ["sat11", "sat27"], device=device).table()
+    truth = frames.truth
+    for name in curves.colnames:
+        if name in ("irradiance_w_cm2", "snr"):
+            np.testing.assert_allclose(curves[name], truth[name], rtol=SPLIT_RTOL, atol=0)
+        else:
+            np.testing.assert_array_equal(curves[name], truth[name], err_msg=name)
+            assert curves[name].unit == truth[name].unit
+
+
+def test_light_curves_do_not_depend_on_threads_or_company(day):
+    times = np.linspace(0, 1600, 301)
+    whole = ws.light_curves(day, times, ["sat11", "sat27"], n_thread=1)
+    again = ws.light_curves(day, times, ["sat11", "sat27"], n_thread=3)
+    alone = ws.light_curves(day, times[17:18], ["sat27"], ["cone03"], ["C"])
+    np.testing.assert_array_equal(whole.irradiance_w_cm2, again.irradiance_w_cm2)
+    column = day.target_names.index("cone03")
+    assert alone.irradiance_w_cm2.item() == whole.irradiance_w_cm2[17, 1, 1, column]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"time_s": [1.0, 2000.0]}, "time_s: must be within the scene, 0 to 1600 s, got 2000"),
+        ({"time_s": [np.nan]}, "time_s: must be within the scene, .* got nan"),
+        ({"time_s": "noon"}, "time_s: must be numbers, got str"),
+        ({"targets": ["sat11"]}, "targets: must be among center, .* got 'sat11'"),
+        ({"sensors": []}, "sensors: must name at least one"),
+        ({"bands": ["B1"]}, "bands: must be among A, C, E, got 'B1'"),
+        ({"time_s": np.linspace(0, 1600, 10**6)}, "time_s: these curves would be .* numbers"),
+    ],
+)
+def test_errors_of_light_curves(day, arguments, message):
+    with pytest.raises(ws.InputError, match=message):
+        ws.light_curves(day, **arguments)
+
+
+def test_curves_say_what_they_are(day):
+    curves = ws.light_curves(day, [0.0], ["sat11"], ["center"])
+    assert repr(curves) == "LightCurves(stss: 1 times, 1 sensors, 1 targets, bands A C E)"
+    assert {field.name for field in dataclasses.fields(curves)} >= {"range_km", "aspect_deg", "terms_w_cm2"}
+    assert curves.snr.shape == (1, 1, 3, 1)

@@ -1,0 +1,218 @@
+"""Light curves: how bright targets are over time, without images."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+from warpsim_kernels.emission import N_TERM
+from warpsim_kernels.targets import IN_FOV, OCCULTED, STOWED
+
+from warpsim.errors import InputError
+from warpsim.render.buffers import new_observations, new_views, part_of
+from warpsim.render.device import default_device, n_usable_cpu
+from warpsim.render.stages import aim_views, look_at_targets, split_light
+from warpsim.render.world import TargetWorld
+from warpsim.scene.light_terms import TERMS
+from warpsim.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+
+F64 = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+MOST_NUMBERS = 500_000_000
+"""Numbers in one set of light curves (4 GB)."""
+
+_VIEWS_PER_LAUNCH = 4096  # of a single target and band: small enough to spread over threads
+
+
+@dataclass(frozen=True, repr=False)
+class LightCurves:
+    """Brightness of targets over time; axes (time, sensor, target), or (time, sensor, band, target)."""
+
+    scene: Scene
+    time_s: F64
+    """Times after the epoch [s], (n_time,)."""
+    sensors: list[str]
+    bands: list[str]
+    targets: list[str]
+    range_km: F64
+    aspect_deg: F64
+    projected_area_m2: F64
+    """Mean over the exposure."""
+    temperature_k: F64
+    sunlit_fraction: F64
+    """Share of the Sun's disc that the target sees; 0 where the scene leaves sunlight out."""
+    in_fov: Flags
+    occulted: Flags
+    stowed: Flags
+    terms_w_cm2: dict[str, F64]
+    """Irradiance at the pupil by term: emitted, sun, earth, albedo; each (n_time, n_sensor, n_band, n_target)."""
+
+    @property
+    def irradiance_w_cm2(self) -> F64:
+        """Irradiance at the pupil, all terms; 0 when occulted or stowed; (n_time, n_sensor, n_band, n_target)."""
+        return np.asarray(sum(self.terms_w_cm2.values()))
+
+    @property
+    def snr(self) -> F64:
+        """Irradiance over NEI, (n_time, n_sensor, n_band, n_target)."""
+        return self.irradiance_w_cm2 / self.scene.detector.nei_w_cm2
+
+    def table(self) -> Table:
+        """One row per time x sensor x band x target, with the columns of `FrameSet.truth` that need no image."""
+        from astropy.table import Table
+
+        names = (self.time_s, np.array(self.sensors), np.array(self.bands), np.array(self.targets))
+        grid = np.meshgrid(*(np.arange(len(axis)) for axis in names), indexing="ij")
+        columns: dict[str, Any] = {
+            name: axis[index.ravel()]
+            for name, axis, index in zip(("time_s", "sensor", "band", "target"), names, grid, strict=True)
+        }
+        shape = grid[0].shape
+        for name in ("in_fov", "occulted", "stowed", "range_km", "aspect_deg", "projected_area_m2", "temperature_k"):
+            columns[name] = np.broadcast_to(getattr(self, name)[:, :, None], shape).ravel()
+        columns["sunlit_fraction"] = np.broadcast_to(self.sunlit_fraction[:, :, None], shape).ravel()
+        columns["irradiance_w_cm2"] = self.irradiance_w_cm2.ravel()
+        columns |= {f"{name}_w_cm2": values.ravel() for name, values in self.terms_w_cm2.items()}
+        columns["snr"] = self.snr.ravel()
+        table = Table(columns, meta={"scene": self.scene.name, "epoch_utc": self.scene.epoch_utc})
+        units = {"time_s": "s", "range_km": "km", "aspect_deg": "deg", "projected_area_m2": "m2", "temperature_k": "K"}
+        units |= {name: "W / cm2" for name in table.colnames if name.endswith("_w_cm2")}
+        for name, unit in units.items():
+            table[name].unit = unit
+        return table
+
+    def __repr__(self) -> str:
+        sizes = f"{len(self.time_s)} times, {len(self.sensors)} sensors, {len(self.targets)} targets"
+        return f"LightCurves({self.scene.name}: {sizes}, bands {' '.join(self.bands)})"
+
+
+def light_curves(
+    scene: Scene,
+    time_s: npt.ArrayLike | None = None,
+    sensors: Sequence[str] | None = None,
+    targets: Sequence[str] | None = None,
+    bands: Sequence[str] | None = None,
+    device: Any = None,
+    n_thread: int | None = None,
+) -> LightCurves:
+    """Brightness of targets as sensors see them, at any times; what frames at those times would have in their truth.
+
+    Args:
+        scene: The description.
+        time_s: Times after the epoch [s], within the scene; those of its frames when left out.
+        sensors: Sensor names; those with access to the main target at some time of the scene when left out.
+        targets: Target names; all when left out.
+        bands: Band names; all of the scene when left out.
+        device: Warp device; "cuda:0" where present, else "cpu", when left out.
+        n_thread: CPU threads; all cores when left out. Results do not depend on it.
+
+    Raises:
+        InputError: An unknown name, a time outside the scene, no sensor with access, or too much at once.
+    """
+    times = _checked_times(scene, time_s)
+    sensor_list = _chosen("sensors", sensors, scene.sensor_names)
+    if sensors is None:
+        with_access = set(scene.access()["sensor"])
+        sensor_list = [name for name in scene.sensor_names if name in with_access]
+        if not sensor_list:
+            raise InputError("sensors: none has access to the main target under the scene's access_rules; name sensors")
+    target_list = _chosen("targets", targets, scene.target_names)
+    band_list = _chosen("bands", bands, list(scene.bands))
+    world = TargetWorld(scene, band_list, default_device(device))
+    n_view = len(times) * len(sensor_list)
+    n_number = n_view * world.n_target * (len(band_list) * N_TERM + 8)
+    if n_number > MOST_NUMBERS:
+        raise InputError(f"time_s: these curves would be {n_number:.2g} numbers, more than {MOST_NUMBERS:.2g}")
+    rows = [scene.sensor_names.index(name) for name in sensor_list]
+    views = new_views(
+        world,
+        np.repeat(times, len(rows)),
+        np.zeros(n_view, dtype=np.uint32),
+        np.tile(np.asarray(rows, dtype=np.uint32), len(times)),
+    )
+    seen = new_observations(world, n_view)
+    terms = wp.zeros((N_TERM, n_view, world.n_band, world.n_target), dtype=wp.float64, device=world.device)
+    _observe(world, views, seen, terms, n_thread)
+    columns = [scene.target_names.index(name) for name in target_list]
+
+    def shaped(array: wp.array) -> Any:
+        values = np.asarray(array.numpy())
+        return values.reshape(len(times), len(rows), *values.shape[1:])[..., columns]
+
+    flags = shaped(seen.flags)
+    split = np.asarray(terms.numpy()).reshape(N_TERM, len(times), len(rows), world.n_band, -1)[..., columns]
+    return LightCurves(
+        scene,
+        times,
+        sensor_list,
+        band_list,
+        target_list,
+        shaped(seen.range_m) / 1e3,
+        np.degrees(shaped(seen.aspect_rad)),
+        shaped(seen.area_m2),
+        shaped(seen.temperature_k),
+        shaped(seen.sunlit),
+        (flags & int(IN_FOV)) != 0,
+        (flags & int(OCCULTED)) != 0,
+        (flags & int(STOWED)) != 0,
+        dict(zip(("emitted", *TERMS), split, strict=True)),
+    )
+
+
+def _observe(world: TargetWorld, views: Any, seen: Any, terms: wp.array, n_thread: int | None) -> None:
+    """All views, in pieces that threads take in turn."""
+    n_view = int(views.time_s.shape[0])
+    if n_view == 0 or terms.size == 0:
+        return
+
+    def one(first: int) -> None:
+        end = min(first + size, n_view)
+        part, looked = part_of(views, first, end), part_of(seen, first, end)
+        aim_views(world, part)
+        look_at_targets(world, part, looked, looked.xy_px)
+        split_light(world, looked, terms[:, first:end])
+
+    single = world.device.is_cuda or wp.config.mode == "debug"
+    n_worker = 1 if single else n_thread or n_usable_cpu()
+    size = max(1, min(-(-n_view // n_worker), _VIEWS_PER_LAUNCH if n_worker > 1 else n_view))
+    one(0)  # kernels are compiled by one thread
+    with ThreadPoolExecutor(n_worker) as pool:
+        list(pool.map(one, range(size, n_view, size)))
+
+
+def _checked_times(scene: Scene, time_s: npt.ArrayLike | None) -> F64:
+    if time_s is None:
+        return scene.frame_time_s(np.arange(scene.frames.count))
+    try:
+        times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+    except (TypeError, ValueError):
+        raise InputError(f"time_s: must be numbers, got {type(time_s).__name__}") from None
+    if times.ndim != 1:
+        raise InputError(f"time_s: must have shape (n,), got {times.shape}")
+    bad = ~((times >= 0.0) & (times <= scene.duration_s))
+    if bad.any():
+        raise InputError(f"time_s: must be within the scene, 0 to {scene.duration_s:g} s, got {times[bad][0]:g}")
+    return times
+
+
+def _chosen(what: str, names: Sequence[str] | None, known: list[str]) -> list[str]:
+    """Names as a list, all known ones for None."""
+    if names is None:
+        return known
+    listed = [names] if isinstance(names, str) else list(names)
+    for name in listed:
+        if name not in known:
+            shown = ", ".join(known[:6]) + (", ..." if len(known) > 6 else "")
+            raise InputError(f"{what}: must be among {shown}, got {name!r}")
+    if not listed:
+        raise InputError(f"{what}: must name at least one")
+    return listed

@@ -1,0 +1,86 @@
+"""How finely brightness is followed through an exposure: quadrature in time, its error measured on the bodies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.directions import normalised
+from warpsim.quaternion import conjugate, rotated
+from warpsim.target.attitude import BodyMotion
+
+if TYPE_CHECKING:
+    from warpsim.scene.scene import Scene
+    from warpsim.target.attitude_table import AttitudeRows
+    from warpsim.target.shapes import Shape
+
+F64 = npt.NDArray[np.float64]
+
+NODE_COUNTS = (1, 3, 5, 9, 17, 33, 65, 129)
+"""Odd, so that one node lies in the middle."""
+
+_N_REFERENCE = 513
+_N_SAMPLE = 48
+
+
+@dataclass(frozen=True)
+class ExposureRule:
+    """Gauss-Legendre nodes over an exposure."""
+
+    offset_s: F64
+    """From the middle of the exposure [s], (n,)."""
+    weight: F64
+    """Sum 1, (n,)."""
+    error: float
+    """Largest error met, as a share of the largest area of the body concerned."""
+
+
+def exposure_rule(scene: Scene) -> ExposureRule:
+    """The fewest nodes that keep the mean over the exposure within lighting.quadrature_error, 129 at most.
+
+    Brightness changes as bodies turn; what their motion along the orbit and their cooling change over an exposure is
+    linear in time, which any of the rules gets exactly.
+    """
+    exposure_s = scene.detector.exposure_s
+    if exposure_s == 0.0:
+        return ExposureRule(np.zeros(1), np.ones(1), 0.0)
+    kinds = {spec: number for number, spec in reversed(list(enumerate(scene.target_specs)))}
+    bodies = [_Sampled(spec.shape, scene.attitudes[number], scene) for spec, number in kinds.items()]
+    for count in NODE_COUNTS:
+        offset_s, weight = _nodes(count, exposure_s)
+        error = max(body.error(offset_s, weight) for body in bodies)
+        if error <= scene.lighting.quadrature_error:
+            break
+    return ExposureRule(offset_s, weight, error)
+
+
+def _nodes(count: int, exposure_s: float) -> tuple[F64, F64]:
+    x, weight = np.polynomial.legendre.leggauss(count)
+    x[count // 2] = 0.0
+    return 0.5 * exposure_s * x, 0.5 * weight
+
+
+class _Sampled:
+    """A body seen and lit from directions, and at instants, spread over the scene; with its true mean areas."""
+
+    def __init__(self, shape: Shape, attitude: BodyMotion | AttitudeRows, scene: Scene) -> None:
+        self._shape, self._attitude = shape, attitude
+        self._middle_s = scene.duration_s * np.mod(0.618034 * np.arange(_N_SAMPLE), 1.0)
+        self._view, self._sun = normalised(np.random.default_rng(0).normal(size=(2, _N_SAMPLE, 3)))
+        self._exact = self._means(*_nodes(_N_REFERENCE, scene.detector.exposure_s))
+
+    def error(self, offset_s: F64, weight: F64) -> float:
+        """Largest error of a rule, as a share of the largest mean area of its kind."""
+        missed = np.abs(self._means(offset_s, weight) - self._exact)
+        return float((missed / self._exact.max(axis=1, keepdims=True)).max())
+
+    def _means(self, offset_s: F64, weight: F64) -> F64:
+        """Means over the exposure of outline and reflected area, (2, n_sample)."""
+        turned = conjugate(self._attitude.at((self._middle_s[:, None] + offset_s).ravel()))
+        seen, lit = (rotated(turned, np.repeat(vectors, len(offset_s), axis=0)) for vectors in (self._view, self._sun))
+        aspect = np.arctan2(np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2])
+        areas = np.stack([self._shape.projected_area_m2(aspect), self._shape.reflected_area_m2(seen, lit)])
+        return np.asarray(areas.reshape(2, _N_SAMPLE, -1) @ weight)

@@ -1,0 +1,126 @@
+"""Which terms of the targets' brightness a scene needs: bounds over all of it, against the sensor's noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M
+from warpsim.orbit.eclipse import sunlit_depth
+
+if TYPE_CHECKING:
+    from warpsim.scene.scene import Scene
+
+F64 = npt.NDArray[np.float64]
+
+TERMS = ("sun", "earth", "albedo")
+"""Terms of reflected light, besides the target's own."""
+
+_SURELY_DARK_SUNS = -3.0
+"""Depth in the Earth's shadow, in widths of the Sun, that no target near its main one is out of between nodes."""
+
+
+@dataclass(frozen=True)
+class LightTerm:
+    """Whether a term is part of the scene's light, and why."""
+
+    name: str
+    """sun, earth or albedo."""
+    kept: bool
+    bound_nei: float
+    """No target of the scene is brighter by this term in any band, view and frame [NEI]."""
+    reason: str
+    """One line for people."""
+
+
+def light_terms(scene: Scene) -> dict[str, LightTerm]:
+    """Decide for each term; the same for all frames, sensors and bands of a scene."""
+    lighting = scene.lighting
+    near_m = _nearest_m(scene)
+    bounds = {} if near_m <= 0.0 else _bounds_nei(scene, near_m)
+    terms = {}
+    for name in TERMS:
+        bound = bounds.get(name, np.inf)
+        dark = _is_dark(scene, name)
+        if not getattr(lighting, name):
+            kept, reason = False, "off"
+        elif dark:
+            kept, bound, reason = False, 0.0, dark
+        elif bound <= lighting.leave_out_nei:
+            kept, reason = False, f"left out: at most {bound:.2g} NEI"
+        else:
+            most = f"up to {bound:.2g} NEI" if np.isfinite(bound) else "targets may come as near as they like"
+            kept, reason = True, f"kept: {most}"
+        terms[name] = LightTerm(name, kept, float(bound), reason)
+    return terms
+
+
+def _nearest_m(scene: Scene) -> float:
+    """A distance that no target comes nearer to a sensor than, 0 if that cannot be said [m]."""
+    tracks = scene.tracks
+    nearest = np.inf
+    first = 0
+    for group in scene.groups_of_targets:
+        rows = tracks.targets[first : first + len(group.names)]
+        first += len(group.names)
+        place, velocity = rows[0].position_m, rows[0].velocity_m_s
+        # The distance changes between nodes by half a step's motion at most, accelerations included by the factor.
+        apart_m = max(float(np.linalg.norm(row.position_m - place, axis=1).max()) for row in rows)
+        for sensor in tracks.sensors:
+            distance_m = np.linalg.norm(sensor.position_m - place, axis=1)
+            speed_m_s = np.linalg.norm(sensor.velocity_m_s - velocity, axis=1)
+            margin_m = 0.5 * tracks.step_s * 1.1 * speed_m_s
+            nearest = min(nearest, float((distance_m - margin_m).min()) - apart_m)
+    return max(nearest, 0.0)
+
+
+def _bounds_nei(scene: Scene, near_m: float) -> dict[str, float]:
+    """Largest irradiance of each term [NEI]: what falls on a body times reflectance over the largest outline."""
+    from warpsim.target.sunlight import sun_irradiance_w_m2
+
+    lighting, tracks = scene.lighting, scene.tracks
+    sun_au = np.linalg.norm(tracks.sun.position_m, axis=1).min() / ASTRONOMICAL_UNIT_M - 1e-3
+    low_m = min(float(np.linalg.norm(track.position_m, axis=1).min()) for track in tracks.targets)
+    disc = min(EARTH_EQUATORIAL_RADIUS_M / low_m, 1.0) ** 2
+    most = dict.fromkeys(TERMS, 0.0)
+    for band in scene.bands:
+        sunlight = sun_irradiance_w_m2(band) / sun_au**2
+        falling = {"sun": sunlight, "earth": 0.0, "albedo": lighting.earth_albedo * sunlight * disc}
+        for spec in scene.target_specs:
+            across_m2 = (1.0 - spec.surface.emissivity_value) * spec.shape.surface_m2 / 2
+            for name in TERMS:
+                most[name] = max(most[name], falling[name] / np.pi * across_m2)
+    return {name: value / near_m**2 * 1e-4 / scene.detector.nei_w_cm2 for name, value in most.items()}
+
+
+def _is_dark(scene: Scene, name: str) -> str:
+    """Why there is no light for a term in the whole scene; empty if there may be some."""
+    if name == "earth":
+        return ""
+    tracks = scene.tracks
+    first = 0
+    lit = False
+    for group in scene.groups_of_targets:
+        place = tracks.targets[first].position_m
+        first += len(group.names)
+        if name == "sun":
+            depth = sunlit_depth(place, tracks.sun.position_m, tracks.pole_icrs)
+            lit |= bool((depth > _SURELY_DARK_SUNS).any())
+        else:
+            lit |= bool((_terminator_margin_rad(place, tracks.sun.position_m) > -_NEAR_TERMINATOR_RAD).any())
+    where = {"sun": "in the Earth's shadow", "albedo": "over the night side"}[name]
+    return "" if lit else f"left out: all targets are {where} throughout"
+
+
+_NEAR_TERMINATOR_RAD = 0.02
+
+
+def _terminator_margin_rad(place_m: F64, sun_m: F64) -> F64:
+    """How far sunlit ground reaches into the part of the Earth that is seen from a place [rad]."""
+    distance_m = np.linalg.norm(place_m, axis=-1)
+    horizon = np.arccos(np.minimum(EARTH_EQUATORIAL_RADIUS_M / distance_m, 1.0))
+    cosine = np.einsum("ni,ni->n", place_m, sun_m) / (distance_m * np.linalg.norm(sun_m, axis=-1))
+    return np.asarray(np.pi / 2 + horizon - np.arccos(np.clip(cosine, -1.0, 1.0)))
