@@ -91,4 +91,4 @@ def test_no_kernel_is_forgotten():
     made = {name for module in MODULES for name in factories(module)}
     assert made == set(FACTORY_ARGUMENTS)
     names = {module.__name__.rpartition(".")[2] for module in PLAIN}
-    assert names >= {"targets", "deposit", "read_out", "shapes"}
+    assert names >= {"emission", "deposit", "read_out", "shapes"}

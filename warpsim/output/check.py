@@ -8,6 +8,7 @@ from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import geodetic_altitude_m
 from warpsim.orbit.track import TRACK_ERROR_M
 from warpsim.render.star_field import load_catalog
+from warpsim.scene.exposure import exposure_rule
 from warpsim.scene.scene import Scene
 from warpsim.scene.view_axes import commanded_axes
 
@@ -50,6 +51,7 @@ def scene_report(scene: Scene) -> str:
         f"{np.degrees(1 / camera.focal_px) * 3600:.2f} arcsec per pixel",
         f"  detector   NEI {detector.nei_w_cm2:g}, SEI {detector.sei_w_cm2:g} W/cm2, {_count(detector.bits, 'bit')}",
         *_sky_lines(scene),
+        *_light_lines(scene),
         f"  orbits     nodes every {scene.tracks.step_s:g} s, interpolation error {scene.tracks.error_m * 1e3:.2g} mm",
     ]
     movers = [scene.constellation, *(group.trajectory for group in scene.groups_of_targets)]
@@ -148,6 +150,17 @@ def _flight_lines(scene: Scene) -> list[str]:
             lines.append(f"  warning    the flight dips below its end points ({arc.endpoint_altitude_km:g} km)")
         if not arc and altitude_km.min() < 0:
             lines.append(f"  warning    the path goes {-altitude_km.min():.0f} km below the ground")
+    return lines
+
+
+def _light_lines(scene: Scene) -> list[str]:
+    """Which terms the targets' light has, and how finely an exposure is followed."""
+    lines = [f"  light      {name}: {term.reason}" for name, term in scene.light_terms.items()]
+    if scene.detector.exposure_s > 0:
+        rule = exposure_rule(scene)
+        lines.append(f"  exposure   {scene.detector.exposure_s:g} s at {len(rule.weight)} instants, error {rule.error:.1g}")
+        if rule.error > scene.lighting.quadrature_error:
+            lines.append("  warning    targets turn too fast for the exposure: their mean brightness is that far off")
     return lines
 
 

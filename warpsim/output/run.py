@@ -221,6 +221,7 @@ def _manifest(plan: Plan, renderer: Renderer, files: list[Path]) -> dict[str, An
         "bands": plan.bands,
         "frames": plan.frames_of,
         "orbit_interpolation": {"node_step_s": tracks.step_s, "measured_error_m": tracks.error_m},
+        "light_terms": {name: term.reason for name, term in plan.scene.light_terms.items()},
         "scene": plan.scene.to_dict(),
         "inputs": input_checksums(plan.scene),
         "files": {path.name: sha256_of(path) for path in files},
