@@ -158,7 +158,8 @@ def _light_lines(scene: Scene) -> list[str]:
     lines = [f"  light      {name}: {term.reason}" for name, term in scene.light_terms.items()]
     if scene.detector.exposure_s > 0:
         rule = exposure_rule(scene)
-        lines.append(f"  exposure   {scene.detector.exposure_s:g} s at {len(rule.weight)} instants, error {rule.error:.1g}")
+        instants = _count(len(rule.weight), "instant")
+        lines.append(f"  exposure   {scene.detector.exposure_s:g} s at {instants}, error {rule.error:.0e}")
         if rule.error > scene.lighting.quadrature_error:
             lines.append("  warning    targets turn too fast for the exposure: their mean brightness is that far off")
     return lines
