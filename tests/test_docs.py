@@ -38,7 +38,7 @@ SECTIONS = {
     "Orbit by an element set": [ws.TleOrbit],
     "Orbit along a file": [ws.EphemerisOrbit],
     "`[[targets]]`": [parts.TargetSpec],
-    "`shape`": [ws.Sphere, ws.Cylinder, ws.Cone],
+    "`shape`": [ws.Sphere, ws.Cylinder, ws.Cone, ws.Frustum, ws.Plate, ws.Mesh],
     "`surface`": [motion.Graybody],
     "`temperature`": [motion.Temperature],
     "`attitude`": [ws.Attitude],

@@ -8,7 +8,7 @@ import warpsim as ws
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, EARTH_GM_M3_S2, SPEED_OF_LIGHT_M_S
 from warpsim.orbit.earth import gcrs_to_geodetic
 from warpsim.orbit.sun import earth_velocity_m_s
-from warpsim.plot.bodies import body_to_gcrs, facets_of
+from warpsim.plot.bodies import body_to_gcrs, drawn_facets
 from warpsim.plot.figure import place_labels
 from warpsim.plot.globe import globe_from
 from warpsim.plot.scenario import broken_at_date_line, group_offsets_m, osculating_ellipse_m
@@ -25,6 +25,7 @@ TRACK_ATOL_DEG = 1e-7  # skyfield against this: rounding of its iterated latitud
 ASPECT_ATOL_DEG = 1e-6
 FACET_RTOL = 0.02  # a polygon of 24 corners has 1.2 % less area than its circle
 TIME_S = 600.0
+TETRAHEDRON = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
 
 
 @pytest.fixture(autouse=True)
@@ -414,16 +415,37 @@ def test_spin_turns_a_body_about_its_axis(scene):
     np.testing.assert_allclose(first.T @ second, Rotation.from_euler("z", 36, degrees=True).as_matrix(), atol=1e-9)
 
 
-@pytest.mark.parametrize("shape", [ws.Sphere(0.5), ws.Cylinder(0.25, 1.0), ws.Cone(0.25, 1.0)], ids=lambda s: s.kind)
-def test_drawn_outline_has_the_projected_area(shape):
-    corners, _ = facets_of(shape)
-    scale = shape.radius_m if shape.kind == "sphere" else np.hypot(0.25, 0.5)
+DRAWN = {
+    "sphere": (ws.Sphere(0.5), 0.5),
+    "cylinder": (ws.Cylinder(0.25, 1.0), np.hypot(0.25, 0.5)),
+    "cone": (ws.Cone(0.25, 1.0), np.hypot(0.25, 0.5)),
+    "frustum": (ws.Frustum(0.1, 0.25, 1.0), np.hypot(0.25, 0.5)),
+    "plate": (ws.Plate(2.0, 0.6), np.hypot(1.0, 0.3)),
+    "mesh": (ws.Mesh(vertices_m=[[3, 0, 0], [5, 0, 0], [3, 2, 0], [3, 0, 2]], faces=TETRAHEDRON), np.sqrt(3)),
+}
+"""Shapes, and the half extent that they are drawn with 1 for."""
+
+
+@pytest.mark.parametrize(("shape", "scale"), DRAWN.values(), ids=DRAWN)
+def test_drawn_outline_has_the_projected_area(shape, scale):
+    corners, sector = drawn_facets(shape)
+    assert np.linalg.norm(corners, axis=-1).max() == pytest.approx(1, abs=1e-12)
+    assert len(corners) == len(sector)
     for aspect in np.radians([0.0, 10.0, 40.0, 90.0, 150.0]):
         turned = corners @ Rotation.from_euler("y", aspect).as_matrix().T
         area = 0.5 * np.cross(turned[:, 2] - turned[:, 0], turned[:, 3] - turned[:, 1])[:, 2]
-        expected = shape.projected_area_m2(aspect) / scale**2
-        assert area[area > 0].sum() == pytest.approx(expected, rel=FACET_RTOL)
+        expected = shape.projected_area_along_m2([-np.sin(aspect), 0.0, np.cos(aspect)]) / scale**2
+        assert area[area > 0].sum() == pytest.approx(expected, rel=FACET_RTOL, abs=1e-12)
         assert area.sum() == pytest.approx(0, abs=1e-12)  # closed
+
+
+def test_attitudes_of_every_kind_of_shape(scene):
+    first = scene.to_dict()["targets"][0]
+    targets = [{**first, "name": name, "shape": shape} for name, (shape, _) in DRAWN.items()]
+    ax = ws.plot.plot_attitudes(scene.replace(targets=targets), 0.0)
+    words = [text.get_text() for text in ax.texts]
+    for line in ("frustum, r 0.1 to 0.25 m, h 1 m", "plate, 2 x 0.6 m", "mesh, 2 x 2 x 2 m"):
+        assert any(line in word for word in words)
 
 
 def test_attitudes_show_one_of_each_kind_at_each_instant(scene):

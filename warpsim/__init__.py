@@ -67,8 +67,11 @@ if TYPE_CHECKING:
     from warpsim.sky.radiometry import PHYSICS as PHYSICS
     from warpsim.target.attitude import Attitude as Attitude
     from warpsim.target.attitude_table import AttitudeTable as AttitudeTable
+    from warpsim.target.mesh import Mesh as Mesh
     from warpsim.target.shapes import Cone as Cone
     from warpsim.target.shapes import Cylinder as Cylinder
+    from warpsim.target.shapes import Frustum as Frustum
+    from warpsim.target.shapes import Plate as Plate
     from warpsim.target.shapes import Sphere as Sphere
 
 _HOME = {
@@ -98,6 +101,9 @@ _HOME = {
     "Sphere": "warpsim.target.shapes",
     "Cylinder": "warpsim.target.shapes",
     "Cone": "warpsim.target.shapes",
+    "Frustum": "warpsim.target.shapes",
+    "Plate": "warpsim.target.shapes",
+    "Mesh": "warpsim.target.mesh",
     "Attitude": "warpsim.target.attitude",
     "AttitudeTable": "warpsim.target.attitude_table",
     "Walker": "warpsim.orbit.walker",

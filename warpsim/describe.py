@@ -188,7 +188,7 @@ def _sentence(error: ErrorDetails, positional: list[str]) -> str:
     head = f"{place}: " if place else ""
     if kind == "whole":  # the rule may begin with the field it is about
         return f"{place}.{rule}" if place and re.match(r"[a-z_0-9.\[\]]+: ", rule) else head + rule
-    shown = repr(value)
+    shown = " ".join(repr(value).split())  # arrays print over several lines
     return f"{head}{rule}, got {shown if len(shown) <= 60 else shown[:57] + '...'}"
 
 

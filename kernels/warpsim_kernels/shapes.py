@@ -1,8 +1,8 @@
 """Areas of opaque convex bodies, float64: as seen, and as lit from one side and seen from another.
 
 A body is a sphere, or one turned about its z axis: flat ends and a side whose normals all make one angle with the axis.
-Cylinder, cone, frustum and plate are such bodies. Over the azimuth of the side's normals, the share of a face towards a
-direction is a + b cos(azimuth); areas are integrals of its positive part, which have closed forms.
+Cylinder, cone and frustum are such bodies, and a plate is one without a side. Over the azimuth of the side's normals,
+the share of a face towards a direction is a + b cos(azimuth); areas are integrals of its positive part, in closed form.
 
 The functions take directions in body axes. What a face does not see counts 0, so they hold for convex bodies only.
 """
@@ -15,7 +15,7 @@ _TWO_PI = wp.constant(wp.float64(6.283185307179586))
 
 @wp.struct
 class Body:
-    """A sphere if radius_m > 0, else two ends and a side turned about z."""
+    """A sphere if radius_m > 0, a mesh if n_facet > 0 (see facets.py), else two ends and a side turned about z."""
 
     radius_m: wp.float64
     top_m2: wp.float64  # flat face towards +z
@@ -23,6 +23,8 @@ class Body:
     side_m2: wp.float64  # its normals are (across cos, across sin, along) of all azimuths
     side_across: wp.float64
     side_along: wp.float64
+    first_facet: int  # of a mesh, among the facets of all meshes
+    n_facet: int
 
 
 @wp.func
@@ -92,7 +94,7 @@ def reflected_area_m2(body: Body, view: wp.vec3d, sun: wp.vec3d) -> wp.float64:
     # Azimuth counts from the view's. Two arcs longer than half a turn may also overlap on the far side.
     side = _lit_and_seen(a, b, c, d, apart, wp.max(-seen, apart - lit), wp.min(seen, apart + lit))
     side += _lit_and_seen(a, b, c, d, apart, -seen, wp.min(seen, apart + lit - _TWO_PI))
-    return ends + body.side_m2 / _TWO_PI * side
+    return ends + body.side_m2 / _TWO_PI * wp.max(side, zero)  # rounding must not make light negative
 
 
 @wp.kernel(enable_backward=False)
@@ -106,17 +108,3 @@ def projected_area_kernel(
     """Projected area at each aspect."""
     i = wp.tid()
     area_m2[i] = projected_area_m2(body, wp.cos(aspect_rad[i]), wp.abs(wp.sin(aspect_rad[i])))
-
-
-@wp.kernel(enable_backward=False)
-def reflected_area_kernel(
-    # in
-    body: Body,
-    view: wp.array[wp.vec3d],  # (n,) unit, body axes
-    sun: wp.array[wp.vec3d],  # (n,) unit, body axes
-    # out
-    area_m2: wp.array[wp.float64],  # (n,)
-):
-    """Reflected area of each pair of directions."""
-    i = wp.tid()
-    area_m2[i] = reflected_area_m2(body, view[i], sun[i])

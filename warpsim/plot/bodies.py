@@ -14,6 +14,7 @@ from warpsim.plot.figure import INK, new_axes, pair
 from warpsim.plot.scenario import checked_time_s, kind_colour, kinds_of_targets, local_frame
 from warpsim.quaternion import rotated
 from warpsim.scene.scene import Scene
+from warpsim.target.areas import top_radius_m
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -89,19 +90,35 @@ def body_to_gcrs(scene: Scene, name: str, time_s: ArrayLike) -> F64:
     return np.stack([rotated(quaternion, axis) for axis in np.eye(3)], axis=-1)
 
 
-def facets_of(shape: Any) -> tuple[F64, NDArray[np.int64]]:
+def drawn_facets(shape: Any) -> tuple[F64, NDArray[np.int64]]:
     """A body's surface as quadrangles about its middle, their half extent 1 at most, and the sector of each.
 
     Returns:
-        Corners in body axes, shape (n, 4, 3), seen from outside counter-clockwise; sectors 0 to 23 about the body
-        axis, shape (n,).
+        Corners in body axes, shape (n, 4, 3), seen from outside counter-clockwise, a triangle's last one twice; sectors
+        0 to 23 about the body axis, shape (n,).
     """
+    if shape.kind == "mesh":
+        corners = shape.surface.vertices_m[shape.surface.faces][:, [0, 1, 2, 2]]
+        corners = corners - (corners.max(axis=(0, 1)) + corners.min(axis=(0, 1))) / 2
+    elif shape.kind == "plate":
+        return _plate_facets(shape.width_m / 2, shape.length_m / 2)
+    else:
+        return _turned_facets(_profile(shape))
+    corners = corners / np.linalg.norm(corners, axis=-1).max()
+    return corners, _sectors(corners)
+
+
+def _profile(shape: Any) -> F64:
+    """Radius and height of the corners of a body of revolution, base to top, about its middle."""
     radius, half = shape.radius_m, getattr(shape, "height_m", 0.0) / 2
     if shape.kind == "sphere":
         angle = np.linspace(-np.pi / 2, np.pi / 2, 13)
-        profile = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    else:
-        profile = np.array([[0, -half], [radius, -half], [radius if shape.kind == "cylinder" else 0, half], [0, half]])
+        return np.asarray(radius * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    return np.array([[0, -half], [radius, -half], [top_radius_m(shape), half], [0, half]])
+
+
+def _turned_facets(profile: F64) -> tuple[F64, NDArray[np.int64]]:
+    """Facets of a profile turned about z."""
     profile = profile / np.linalg.norm(profile, axis=1).max()
     turn = 2 * np.pi * np.arange(_N_SECTOR + 1) / _N_SECTOR
     ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
@@ -116,16 +133,37 @@ def facets_of(shape: Any) -> tuple[F64, NDArray[np.int64]]:
     return np.array(facets), np.array(sectors)
 
 
+def _plate_facets(half_width: float, half_length: float) -> tuple[F64, NDArray[np.int64]]:
+    """Both faces of a plate, each in quarters: one of them is dark, so that a turn shows."""
+    size = np.hypot(half_width, half_length)
+    x, y = half_width / size, half_length / size
+    facets = []
+    for x0, x1 in ((-x, 0), (0, x)):
+        for y0, y1 in ((-y, 0), (0, y)):
+            facet = [[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]]
+            facets += [facet, facet[::-1]]
+    corners = np.array(facets)
+    return corners, _sectors(corners)
+
+
+def _sectors(corners: F64) -> NDArray[np.int64]:
+    """Sector of the middle of each facet."""
+    middle = corners.mean(axis=1)
+    turn = np.arctan2(middle[:, 1], middle[:, 0]) / (2 * np.pi) % 1.0
+    return np.asarray(np.floor(turn * _N_SECTOR), dtype=np.int64) % _N_SECTOR
+
+
 def _draw_body(ax: Axes, shape: Any, rotation: F64, place: F64, colour: str) -> None:
-    """The facets that face the viewer (enough for a convex body), shaded, and the body axis."""
+    """The facets that face the viewer, the near ones over the far ones, shaded, and the body axis."""
     from matplotlib.collections import PolyCollection
     from matplotlib.colors import to_rgb
 
-    corners, sector = facets_of(shape)
+    corners, sector = drawn_facets(shape)
     turned = corners @ rotation.T
     normal = np.cross(turned[:, 2] - turned[:, 0], turned[:, 3] - turned[:, 1])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    front = normal[:, 2] > 1e-9
+    front = np.flatnonzero(normal[:, 2] > 1e-9)
+    front = front[np.argsort(turned[front, :, 2].mean(axis=1), kind="stable")]
     light = 0.55 + 0.45 * np.clip(normal @ (_LIGHT / np.linalg.norm(_LIGHT)), 0, 1)
     light *= np.where(sector < _N_SECTOR // 4, 0.55, 1.0)
     paint = light[:, None] * (0.35 + 0.65 * np.array(to_rgb(colour)))
@@ -142,5 +180,10 @@ def _draw_body(ax: Axes, shape: Any, rotation: F64, place: F64, colour: str) -> 
 
 
 def _dimensions(shape: Any) -> str:
+    if shape.kind == "mesh":
+        return "mesh, " + " x ".join(f"{size:.3g}" for size in np.ptp(shape.surface.vertices_m, axis=0)) + " m"
+    if shape.kind == "plate":
+        return f"plate, {shape.width_m:g} x {shape.length_m:g} m"
+    radius = f"{shape.radius_m:g}" + (f" to {shape.top_radius_m:g}" if shape.kind == "frustum" else "")
     height_m = getattr(shape, "height_m", None)
-    return f"{shape.kind}, r {shape.radius_m:g} m" + (f", h {height_m:g} m" if height_m else "")
+    return f"{shape.kind}, r {radius} m" + (f", h {height_m:g} m" if height_m else "")

@@ -161,7 +161,7 @@ class TargetSpec:
 
     Args:
         name: Name; with count > 1 the targets are called name01, name02, ...
-        shape: Sphere, Cylinder or Cone.
+        shape: Sphere, Cylinder, Cone, Frustum, Plate or Mesh.
         surface: Reflectance or emissivity.
         temperature: Over the scene.
         attitude: How it turns: Attitude, or AttitudeTable.

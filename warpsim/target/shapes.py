@@ -1,43 +1,16 @@
-"""Convex bodies of revolution. Symmetry axis +z; the cone's apex points towards +z."""
+"""Bodies of closed form, and all shapes together. Symmetry axis +z; the cone's apex points towards +z."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
-from warpsim.describe import Length, part
-from warpsim.errors import InputError
-
-
-class _Body:
-    """What all shapes share: areas, evaluated by the same device code that renders."""
-
-    def projected_area_m2(self, aspect_rad: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Area of the outline [m2].
-
-        Args:
-            aspect_rad: Angle between body axis (base to apex) and the direction to the observer [rad], any shape.
-
-        Returns:
-            Array of the same shape.
-
-        Raises:
-            InputError: An angle is NaN or infinite.
-        """
-        import warp as wp
-        from warpsim_kernels.shapes import projected_area_kernel
-
-        aspect = np.asarray(aspect_rad, dtype=np.float64)
-        if not np.isfinite(aspect).all():
-            raise InputError(f"aspect_rad: must be finite, got {aspect[~np.isfinite(aspect)].flat[0]}")
-        inputs = wp.array(np.ravel(aspect), dtype=wp.float64, device="cpu")
-        area = wp.empty_like(inputs)
-        body = body_struct(cast("Shape", self))
-        wp.launch(projected_area_kernel, dim=aspect.size, inputs=[body, inputs], outputs=[area], device="cpu")
-        return np.asarray(area.numpy()).reshape(aspect.shape)
+from warpsim.describe import Length, NonNegative, closed_interval, part
+from warpsim.target.areas import Areas
+from warpsim.target.areas import body_struct as body_struct
+from warpsim.target.mesh import Mesh
 
     def reflected_area_m2(self, view: npt.ArrayLike, sun: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Placeholder."""
@@ -51,7 +24,7 @@ class _Body:
 
 
 @part
-class Sphere(_Body):
+class Sphere(Areas):
     """A sphere of radius_m [m]."""
 
     radius_m: Length
@@ -64,7 +37,7 @@ class Sphere(_Body):
 
 
 @part
-class Cylinder(_Body):
+class Cylinder(Areas):
     """A closed cylinder of radius_m and height_m [m]."""
 
     radius_m: Length
@@ -78,7 +51,7 @@ class Cylinder(_Body):
 
 
 @part
-class Cone(_Body):
+class Cone(Areas):
     """A closed cone of base radius_m and height_m [m]."""
 
     radius_m: Length
@@ -91,21 +64,38 @@ class Cone(_Body):
         return float(np.pi * self.radius_m * (self.radius_m + np.hypot(self.radius_m, self.height_m)))
 
 
-Shape = Annotated[Sphere | Cylinder | Cone, Field(discriminator="kind")]
+@part
+class Frustum(Areas):
+    """A closed cone cut off parallel to its base: radius_m at its base, top_radius_m at its top, height_m [m].
+
+    The top, towards +z, may be the wider end; with top_radius_m = 0 it is the cone.
+    """
+
+    radius_m: Length
+    top_radius_m: Annotated[NonNegative, closed_interval(0, 1e5)]
+    height_m: Length
+    kind: Literal["frustum"] = Field(default="frustum", kw_only=True)
+
+    @property
+    def surface_m2(self) -> float:
+        """Whole surface [m2]."""
+        slant_m = np.hypot(self.radius_m - self.top_radius_m, self.height_m)
+        ends_m2 = np.pi * (self.radius_m**2 + self.top_radius_m**2)
+        return float(ends_m2 + np.pi * (self.radius_m + self.top_radius_m) * slant_m)
 
 
-def body_struct(shape: Any) -> Any:
-    """The shape as the kernels' struct."""
-    from warpsim_kernels.shapes import Body
+@part
+class Plate(Areas):
+    """A thin rectangle of width_m (along x) and length_m (along y) [m], its normal along z; both faces count."""
 
-    body = Body()
-    if shape.kind == "sphere":
-        body.radius_m = shape.radius_m
-        return body
-    radius_m, height_m = shape.radius_m, shape.height_m
-    top_m = radius_m if shape.kind == "cylinder" else 0.0
-    slant_m = float(np.hypot(height_m, radius_m - top_m))
-    body.top_m2, body.base_m2 = np.pi * top_m**2, np.pi * radius_m**2
-    body.side_m2 = np.pi * (radius_m + top_m) * slant_m
-    body.side_across, body.side_along = height_m / slant_m, (radius_m - top_m) / slant_m
-    return body
+    width_m: Length
+    length_m: Length
+    kind: Literal["plate"] = Field(default="plate", kw_only=True)
+
+    @property
+    def surface_m2(self) -> float:
+        """Surface of both faces [m2]."""
+        return 2 * self.width_m * self.length_m
+
+
+Shape = Annotated[Sphere | Cylinder | Cone | Frustum | Plate | Mesh, Field(discriminator="kind")]

@@ -1,0 +1,149 @@
+"""Areas of shapes, evaluated by the same device code that renders."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.errors import InputError
+
+F64 = npt.NDArray[np.float64]
+
+UNIT_TOLERANCE = 1e-6
+"""How far from 1 the length of a given direction may be; it is then scaled to 1."""
+
+
+class Areas:
+    """What all shapes share."""
+
+    def projected_area_m2(self, aspect_rad: npt.ArrayLike) -> F64:
+        """Area of the outline [m2].
+
+        Args:
+            aspect_rad: Angle between body axis (base to apex) and the direction to the observer [rad], any shape.
+
+        Returns:
+            Array of the same shape.
+
+        Raises:
+            InputError: An angle is NaN or infinite.
+        """
+        import warp as wp
+        from warpsim_kernels.shapes import projected_area_kernel
+
+        aspect = np.asarray(aspect_rad, dtype=np.float64)
+        if not np.isfinite(aspect).all():
+            raise InputError(f"aspect_rad: must be finite, got {aspect[~np.isfinite(aspect)].flat[0]}")
+        inputs = wp.array(np.ravel(aspect), dtype=wp.float64, device="cpu")
+        area = wp.empty_like(inputs)
+        body = body_struct(self)
+        wp.launch(projected_area_kernel, dim=aspect.size, inputs=[body, inputs], outputs=[area], device="cpu")
+        return np.asarray(area.numpy()).reshape(aspect.shape)
+
+    def projected_area_along_m2(self, view: npt.ArrayLike) -> F64:
+        """Area of the outline [m2] seen from given directions.
+
+        Args:
+            view: Unit vectors towards the observer, body axes, shape (3,) or (..., 3).
+
+        Returns:
+            Array of the shape of view without its last axis.
+
+        Raises:
+            InputError: A vector is not of length 1 within 1e-6, or the shape is another.
+        """
+        from warpsim_kernels.facets import projected_area_along_kernel
+
+        return self._areas(projected_area_along_kernel, _directions("view", view))
+
+    def reflected_area_m2(self, view: npt.ArrayLike, sun: npt.ArrayLike) -> F64:
+        """Integral of max(0, n.view) max(0, n.sun) over the surface [m2], n its outward normal.
+
+        A Lambertian body of reflectance rho in the irradiance E sends rho / pi * E times this area towards view [W/sr].
+
+        Args:
+            view: Unit vectors towards the observer, body axes, shape (3,) or (..., 3).
+            sun: Unit vectors towards the light, body axes, of a shape that broadcasts with view's.
+
+        Returns:
+            Array of the common shape without its last axis.
+
+        Raises:
+            InputError: A vector is not of length 1 within 1e-6, or the shapes are others.
+        """
+        from warpsim_kernels.facets import reflected_area_kernel
+
+        views, suns = _directions("view", view), _directions("sun", sun)
+        try:
+            views, suns = np.broadcast_arrays(views, suns)
+        except ValueError:
+            raise InputError(f"view, sun: shapes must broadcast, got {views.shape} and {suns.shape}") from None
+        return self._areas(reflected_area_kernel, views, suns)
+
+    def _areas(self, kernel: Any, *directions: F64) -> F64:
+        """Launch a kernel over directions of one shape."""
+        import warp as wp
+
+        from warpsim.target.facets import facets_of
+
+        table = facets_of([self], "cpu")
+        inputs = [wp.array(x.reshape(-1, 3), dtype=wp.vec3d, device="cpu") for x in directions]
+        area = wp.empty(len(inputs[0]), dtype=wp.float64, device="cpu")
+        body = body_struct(self, table.first[0])
+        wp.launch(kernel, dim=len(area), inputs=[body, table.facets, *inputs], outputs=[area], device="cpu")
+        return np.asarray(area.numpy()).reshape(directions[0].shape[:-1])
+
+
+def _directions(name: str, value: npt.ArrayLike) -> F64:
+    """Checked directions, scaled to length 1."""
+    try:
+        vectors = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: must be unit vectors, shape (3,) or (n, 3)") from None
+    if vectors.ndim == 0 or vectors.shape[-1] != 3:
+        raise InputError(f"{name}: must be unit vectors, shape (3,) or (n, 3), got shape {vectors.shape}")
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    wrong = ~(np.abs(length - 1) <= UNIT_TOLERANCE)
+    if wrong.any():
+        raise InputError(f"{name}: must be unit vectors, got one of length {length[wrong][0]:.9g}")
+    return np.asarray(vectors / length)
+
+
+def top_radius_m(shape: Any) -> float:
+    """Radius of the flat end towards +z of a cylinder, cone or frustum [m]."""
+    return float({"cylinder": shape.radius_m, "cone": 0.0}.get(shape.kind, getattr(shape, "top_radius_m", 0.0)))
+
+
+def body_struct(shape: Any, first_facet: int | None = None) -> Any:
+    """The shape as the kernels' struct.
+
+    Args:
+        shape: A shape.
+        first_facet: Where a mesh's facets begin among those of the scene (`facets_of`); other shapes need none.
+
+    Raises:
+        InputError: A mesh without first_facet.
+    """
+    from warpsim_kernels.shapes import Body
+
+    body: Any = Body()
+    if shape.kind == "sphere":
+        body.radius_m = shape.radius_m
+        return body
+    if shape.kind == "mesh":
+        if first_facet is None:
+            raise InputError("shape: a mesh can be used only with the facets of its scene")
+        body.first_facet, body.n_facet = first_facet, len(shape.surface.area_m2)
+        return body
+    if shape.kind == "plate":
+        body.top_m2 = body.base_m2 = shape.width_m * shape.length_m
+        return body
+    radius_m, height_m = shape.radius_m, shape.height_m
+    top_m = top_radius_m(shape)
+    slant_m = float(np.hypot(height_m, radius_m - top_m))
+    body.top_m2, body.base_m2 = np.pi * top_m**2, np.pi * radius_m**2
+    body.side_m2 = np.pi * (radius_m + top_m) * slant_m
+    body.side_across, body.side_along = height_m / slant_m, (radius_m - top_m) / slant_m
+    return body

@@ -1,0 +1,136 @@
+"""Bodies of any form: closed triangle meshes."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from functools import cached_property
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BeforeValidator, Field, model_validator
+
+from warpsim.describe import Positive, part, part_error, rule_error
+from warpsim.errors import InputError
+from warpsim.exchange.source import Source, read_source
+from warpsim.target.areas import Areas
+from warpsim.target.closed_surface import ClosedSurface, closed_surface
+from warpsim.target.mesh_file import read_mesh
+
+F64 = npt.NDArray[np.float64]
+
+
+def _plain_path(value: Any) -> Any:
+    """Paths as text, as scene files have them."""
+    return os.fspath(value) if isinstance(value, os.PathLike) else value
+
+
+def _rows_of_three(value: Any, kinds: str, what: str) -> tuple[tuple[Any, ...], ...]:
+    try:
+        rows = np.asarray(value)
+    except ValueError:  # rows of several lengths
+        raise rule_error(f"must be rows of three {what}") from None
+    if rows.ndim != 2 or rows.shape[1] != 3 or rows.dtype.kind not in kinds:
+        raise rule_error(f"must be rows of three {what}")
+    return tuple(map(tuple, rows.tolist()))
+
+
+def _places(value: Any) -> Any:
+    """Arrays become tuples, quantities of length metres."""
+    if hasattr(value, "unit") and hasattr(value, "to_value"):
+        try:
+            value = value.to_value("m")
+        except Exception:
+            raise rule_error("must be convertible to m") from None
+    return tuple((float(x), float(y), float(z)) for x, y, z in _rows_of_three(value, "fiu", "numbers"))
+
+
+def _triangles(value: Any) -> Any:
+    return _rows_of_three(value, "iu", "whole numbers")
+
+
+FileName = Annotated[str, BeforeValidator(_plain_path)]
+Places = Annotated[tuple[tuple[float, float, float], ...], BeforeValidator(_places)]
+Triangles = Annotated[tuple[tuple[int, int, int], ...], BeforeValidator(_triangles)]
+
+
+@part
+class Mesh(Areas):
+    """A closed triangle mesh; give `file`, or `vertices_m` and `faces`.
+
+    It must be watertight and wound in one sense; one that is all inside out is turned. Facets do not hide or shade each
+    other: for a mesh that is not convex (`convex`), areas are those without self-shadowing, which are too large.
+
+    Args:
+        file: OBJ, STL, or what else trimesh reads (PLY, OFF, GLB); read once, on construction. Needs the extra `mesh`.
+        scale_m: Metres per unit of the file. Body axes are the file's axes.
+        vertices_m: Places of the vertices, body axes, rows of three [m].
+        faces: Triangles as numbers of vertices, counted from 0, rows of three.
+    """
+
+    file: FileName | None = None
+    scale_m: Positive = 1.0
+    vertices_m: Places | None = None
+    faces: Triangles | None = None
+    kind: Literal["mesh"] = Field(default="mesh", kw_only=True)
+
+    @model_validator(mode="after")
+    def _sound(self) -> Mesh:
+        inline = self.vertices_m is not None or self.faces is not None
+        if inline == (self.file is not None):
+            raise part_error("file, vertices_m: exactly one of a file, or vertices_m with faces, must be given")
+        if inline and (self.vertices_m is None or self.faces is None):
+            raise part_error("vertices_m, faces: both must be given")
+        if inline and self.scale_m != 1.0:
+            raise part_error(f"scale_m: belongs to a file, which is not given, got {self.scale_m:g}")
+        try:
+            self.surface  # noqa: B018  # read and checked here
+        except InputError as error:
+            raise part_error(f"file: {error}" if self.file is not None else f"faces: {error}") from None
+        return self
+
+    @cached_property
+    def _source(self) -> Source:
+        return read_source(str(self.file))
+
+    @property
+    def checksum(self) -> str | None:
+        """SHA-256 of the file as it was read, in hexadecimal; None for a mesh of one's own."""
+        return None if self.file is None else hashlib.sha256(self._source.data).hexdigest()
+
+    @cached_property
+    def surface(self) -> ClosedSurface:
+        """The mesh as read and checked, with its facets."""
+        if self.file is None:
+            return closed_surface(np.array(self.vertices_m), np.array(self.faces, dtype=np.int64))
+        vertices, faces = read_mesh(self._source)
+        try:
+            return closed_surface(vertices * self.scale_m, faces)
+        except InputError as error:
+            raise InputError(f"{self.file}: {error}") from None
+
+    @property
+    def surface_m2(self) -> float:
+        """Whole surface [m2]."""
+        return float(self.surface.area_m2.sum())
+
+    @property
+    def convex(self) -> bool:
+        """Whether areas are exact: no part of the body hides another; to 1e-5 of its extent."""
+        return self.surface.convex
+
+    def notes(self) -> list[str]:
+        """What a user should know, a line each."""
+        if self.convex:
+            return []
+        name = self.file or f"mesh of {len(self.surface.faces)} faces"
+        return [f"{name} is not convex: parts of it that hide or shade each other are not modelled, it is too bright"]
+
+    def projected_area_m2(self, aspect_rad: npt.ArrayLike) -> F64:
+        """Tell that an aspect is not enough: a mesh looks different from all sides.
+
+        Raises:
+            InputError: Always.
+        """
+        raise InputError("aspect_rad: does not tell from where a mesh is seen; use projected_area_along_m2(view)")
