@@ -329,7 +329,7 @@ def test_targets_without_a_table_are_as_before(tabled, scene, device):
 
 def test_tables_are_in_the_kernel_only_where_a_target_has_one(scene, tabled):
     fields = [make_target_field(s, ["A"], wp.get_device("cpu")) for s in (scene, tabled)]
-    assert [field.features.tables for field in fields] == [False, True]
+    assert [field.features.attitude_tables for field in fields] == [False, True]
     assert fields[0].observe_kernel is not fields[1].observe_kernel
     shared = make_turning(tabled.attitudes, wp.get_device("cpu"))
     assert shared.tables.time_s.shape == (8000,)  # the targets of a kind share their table

@@ -228,3 +228,23 @@ def test_curves_say_what_they_are(day):
     assert repr(curves) == "LightCurves(stss: 1 times, 1 sensors, 1 targets, bands A C E)"
     assert {field.name for field in dataclasses.fields(curves)} >= {"range_km", "aspect_deg", "terms_w_cm2"}
     assert curves.snr.shape == (1, 1, 3, 1)
+
+
+def test_a_mesh_gives_the_light_of_the_body_it_is_made_after(day, device):
+    """A cube without spin against a closed form; a fine cone against the cone; spin turns a brick."""
+    corner = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    triangles = [[f[0], f[i], f[i + 1]] for f in faces for i in (1, 2)]
+    brick = ws.Mesh(vertices_m=(corner * [1.0, 0.2, 0.5]).tolist(), faces=triangles)
+    spinning = {"spin_rev_s": 0.02, "spin_phase_rev": 0.0, "axis": [0.3, 0.1, 0.9], "precession_phase_rev": 0.0}
+    one = day.replace(targets__0__shape=brick, targets__0__attitude=spinning)
+    time_s = np.linspace(0, 40, 9)
+    seen = ws.light_curves(one, time_s, ["sat11"], ["center"], ["A"], device=device)
+    emitted_s = time_s - seen.range_km[:, 0, 0] * 1e3 / 299792458.0
+    view = one.position_m("sat11", time_s) - one.position_m("center", emitted_s)
+    turned = Rotation.from_quat(one.attitude_quaternion("center", emitted_s)).inv()
+    inside = np.abs(turned.apply(view / np.linalg.norm(view, axis=1)[:, None]))
+    expected = inside @ [0.2 * 0.5, 1.0 * 0.5, 1.0 * 0.2]
+    np.testing.assert_allclose(seen.projected_area_m2[:, 0, 0], expected, rtol=1e-9)
+    assert np.ptp(expected) > 0.05
+    assert seen.terms_w_cm2["sun"].max() > 0

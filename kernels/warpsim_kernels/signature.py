@@ -13,7 +13,8 @@ import warp as wp
 from warpsim_kernels.apparent import ASTRONOMICAL_UNIT_M
 from warpsim_kernels.attitude_table import AttitudeTables, table_quaternion, turned_axes
 from warpsim_kernels.earth import Earth
-from warpsim_kernels.motion import Attitude, NodeGrid, axes_before_spin, linear_vector
+from warpsim_kernels.facets import Facets, body_projected_area_m2, body_reflected_area_m2
+from warpsim_kernels.motion import Attitude, NodeGrid, axes_before_spin, linear_vector, spun
 from warpsim_kernels.shadow import sunlit_fraction
 from warpsim_kernels.shapes import Body, projected_area_m2, reflected_area_m2
 
@@ -21,7 +22,8 @@ from warpsim_kernels.shapes import Body, projected_area_m2, reflected_area_m2
 class Features(NamedTuple):
     """What the stage's code holds: a scene does not pay for what none of its targets needs."""
 
-    tables: bool = False  # a target turns by a table
+    attitude_tables: bool = False  # a target turns by a table
+    meshes: bool = False  # a target is a mesh
     sun: bool = False  # reflected sunlight
 
 
@@ -37,6 +39,14 @@ class Target:
     end_temperature_k: wp.float64
     cooling_start_s: wp.float64
     cooling_duration_s: wp.float64
+
+
+@wp.struct
+class Tables:
+    """Rows that the targets share, one table behind the other."""
+
+    attitudes: AttitudeTables
+    facets: Facets
 
 
 @wp.struct
@@ -70,17 +80,35 @@ def signature_of(features: Features) -> wp.Function:
     """The function that finds a target's signature."""
 
     @wp.func
-    def body_axes(target: Target, tables: AttitudeTables, time_s: wp.float64) -> wp.mat33d:
-        """Axes of the body as rows, ICRS axes; without spin where the body is turned about its axis."""
-        if wp.static(features.tables):
+    def body_axes(target: Target, tables: Tables, time_s: wp.float64) -> wp.mat33d:
+        """Axes of the body as rows, ICRS axes; spin is left out where it changes nothing."""
+        if wp.static(features.attitude_tables):
             if target.table_count > 0:
-                return turned_axes(table_quaternion(tables, target.table_first, target.table_count, time_s))
-        return axes_before_spin(target.attitude, time_s)
+                return turned_axes(
+                    table_quaternion(tables.attitudes, target.table_first, target.table_count, time_s)
+                )
+        axes = axes_before_spin(target.attitude, time_s)
+        if wp.static(features.meshes):
+            if target.body.n_facet > 0:
+                axes = spun(axes, target.attitude, time_s)
+        return axes
+
+    @wp.func
+    def outline_m2(body: Body, tables: Tables, view: wp.vec3d) -> wp.float64:
+        if wp.static(features.meshes):
+            return body_projected_area_m2(body, tables.facets, view)
+        return projected_area_m2(body, view[2], wp.sqrt(view[0] * view[0] + view[1] * view[1]))
+
+    @wp.func
+    def lit_m2(body: Body, tables: Tables, view: wp.vec3d, sun: wp.vec3d) -> wp.float64:
+        if wp.static(features.meshes):
+            return body_reflected_area_m2(body, tables.facets, view, sun)
+        return reflected_area_m2(body, view, sun)
 
     @wp.func
     def signature(
         target: Target,
-        tables: AttitudeTables,
+        tables: Tables,
         exposure: Exposure,
         surroundings: Surroundings,
         grid: NodeGrid,
@@ -99,13 +127,12 @@ def signature_of(features: Features) -> wp.Function:
             weight = exposure.weight[k]
             axes = body_axes(target, tables, time_s + exposure.offset_s[k])
             view = axes * towards_sensor
-            sine = wp.sqrt(view[0] * view[0] + view[1] * view[1])
-            seen.area_m2 += weight * projected_area_m2(target.body, view[2], sine)
+            seen.area_m2 += weight * outline_m2(target.body, tables, view)
             if 2 * k + 1 == n_exposure:
-                seen.aspect_rad = wp.atan2(sine, view[2])
+                seen.aspect_rad = wp.atan2(wp.sqrt(view[0] * view[0] + view[1] * view[1]), view[2])
             if wp.static(features.sun):
                 if seen.sunlit > wp.float64(0.0):
-                    seen.sun_area_m2 += weight * reflected_area_m2(target.body, view, axes * towards_sun)
+                    seen.sun_area_m2 += weight * lit_m2(target.body, tables, view, axes * towards_sun)
         if wp.static(features.sun):
             seen.sun_area_m2 *= seen.sunlit / (distance_au * distance_au)
         return seen

@@ -5,11 +5,10 @@ import functools
 import warp as wp
 
 from warpsim_kernels.apparent import Releases, path_from_target
-from warpsim_kernels.attitude_table import AttitudeTables
 from warpsim_kernels.camera import Camera, depth, projected_px, within_frame
 from warpsim_kernels.earth import is_occulted
 from warpsim_kernels.motion import NodeGrid, linear_vector
-from warpsim_kernels.signature import Exposure, Features, Surroundings, Target, signature_of
+from warpsim_kernels.signature import Exposure, Features, Surroundings, Tables, Target, signature_of
 
 IN_FOV = wp.constant(1)
 OCCULTED = wp.constant(2)
@@ -45,7 +44,7 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
         grid: NodeGrid,
         first_target: int,  # row of the first target in the tracks
         targets: wp.array[Target],  # (n_target,)
-        attitude_tables: AttitudeTables,
+        tables: Tables,
         exposure: Exposure,
         surroundings: Surroundings,
         camera: Camera,
@@ -85,7 +84,7 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
         target = targets[target_id]
         towards_sensor = path.vector_m / wp.max(path.range_m, wp.float64(1.0e-3)) * wp.float64(-1.0)
         seen = signature(
-            target, attitude_tables, exposure, surroundings, grid, observer + path.vector_m, towards_sensor,
+            target, tables, exposure, surroundings, grid, observer + path.vector_m, towards_sensor,
             path.emission_time_s,
         )
         source_xy_px[view, target_id] = place_px

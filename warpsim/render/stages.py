@@ -76,7 +76,7 @@ def look_at_targets(world: TargetWorld, views: Views, seen: Observations, xy_px:
             motion.grid,
             field.first_row,
             field.targets,
-            field.turning.tables,
+            field.tables,
             field.exposure,
             field.surroundings,
             world.camera,

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 from warpsim_kernels.earth import Earth
 from warpsim_kernels.emission import RadianceTable, Surfaces, make_emit_kernel, make_split_kernel
-from warpsim_kernels.signature import Exposure, Features, Surroundings, Target
+from warpsim_kernels.signature import Exposure, Features, Surroundings, Tables, Target
 from warpsim_kernels.targets import make_observe_targets_kernel
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
@@ -18,7 +18,8 @@ from warpsim.render.turning import Turning, make_turning, motion_struct
 from warpsim.scene.exposure import exposure_rule
 from warpsim.scene.scene import Scene
 from warpsim.sky.bands import BANDS, band_radiance_w_m2_sr
-from warpsim.target.shapes import body_struct
+from warpsim.target.areas import body_struct
+from warpsim.target.facets import facets_of
 from warpsim.target.sunlight import sun_irradiance_w_m2
 
 LN_TEMPERATURE_STEP = 0.005
@@ -34,7 +35,7 @@ class TargetField:
     """Row of the first target in the tracks."""
     features: Features
     targets: wp.array
-    turning: Turning
+    tables: Any
     exposure: Any
     surroundings: Any
     surfaces: Any
@@ -47,14 +48,20 @@ class TargetField:
 def make_target_field(scene: Scene, bands: Sequence[str], device: wp.Device) -> TargetField:
     """Put the targets of a scene on a device."""
     turning = make_turning(scene.attitudes, device)
-    terms = scene.light_terms
-    features = Features(tables=any(turning.table_count), sun=terms["sun"].kept)
+    facets = facets_of([spec.shape for spec in scene.target_specs], device)
+    features = Features(
+        attitude_tables=any(turning.table_count),
+        meshes=any(facets.count),
+        sun=scene.light_terms["sun"].kept,
+    )
+    tables: Any = Tables()
+    tables.attitudes, tables.facets = turning.tables, facets.facets
     return TargetField(
         len(scene.target_names),
         len(scene.sensor_names),
         features,
-        wp.array(_target_structs(scene, turning), dtype=Target, device=device),
-        turning,
+        wp.array(_target_structs(scene, turning, facets.first), dtype=Target, device=device),
+        tables,
         _exposure(scene, device),
         _surroundings(scene, device),
         _surfaces(scene, bands, device),
@@ -69,11 +76,11 @@ def _doubles(values: Any, device: wp.Device) -> wp.array:
     return wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=device)
 
 
-def _target_structs(scene: Scene, turning: Turning) -> list[Any]:
+def _target_structs(scene: Scene, turning: Turning, first_facet: list[int]) -> list[Any]:
     structs = []
     for number, (spec, attitude) in enumerate(zip(scene.target_specs, scene.attitudes, strict=True)):
         target: Any = Target()
-        target.body = body_struct(spec.shape)
+        target.body = body_struct(spec.shape, first_facet[number])
         target.attitude = motion_struct(attitude)
         target.table_first, target.table_count = turning.table_first[number], turning.table_count[number]
         target.start_temperature_k = spec.temperature.start_k

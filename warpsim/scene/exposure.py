@@ -81,6 +81,5 @@ class _Sampled:
         """Means over the exposure of outline and reflected area, (2, n_sample)."""
         turned = conjugate(self._attitude.at((self._middle_s[:, None] + offset_s).ravel()))
         seen, lit = (rotated(turned, np.repeat(vectors, len(offset_s), axis=0)) for vectors in (self._view, self._sun))
-        aspect = np.arctan2(np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2])
-        areas = np.stack([self._shape.projected_area_m2(aspect), self._shape.reflected_area_m2(seen, lit)])
+        areas = np.stack([self._shape.projected_area_along_m2(seen), self._shape.reflected_area_m2(seen, lit)])
         return np.asarray(areas.reshape(2, _N_SAMPLE, -1) @ weight)

@@ -12,16 +12,6 @@ from warpsim.target.areas import Areas
 from warpsim.target.areas import body_struct as body_struct
 from warpsim.target.mesh import Mesh
 
-    def reflected_area_m2(self, view: npt.ArrayLike, sun: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Placeholder."""
-        import warp as wp
-        from warpsim_kernels.shapes import reflected_area_kernel
-
-        inputs = [wp.array(np.ascontiguousarray(x), dtype=wp.vec3d, device="cpu") for x in (view, sun)]
-        area = wp.empty(len(inputs[0]), dtype=wp.float64, device="cpu")
-        wp.launch(reflected_area_kernel, len(area), inputs=[body_struct(self), *inputs], outputs=[area], device="cpu")
-        return np.asarray(area.numpy())
-
 
 @part
 class Sphere(Areas):
