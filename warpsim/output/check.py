@@ -11,6 +11,7 @@ from warpsim.render.star_field import load_catalog
 from warpsim.scene.exposure import exposure_rule
 from warpsim.scene.scene import Scene
 from warpsim.scene.view_axes import commanded_axes
+from warpsim.target.mesh import Mesh
 
 ESCAPE_SPEED_M_S = 11_180.0
 """From the Earth's surface: no ballistic flight between two places starts faster."""
@@ -58,6 +59,9 @@ def scene_report(scene: Scene) -> str:
     for mover in movers:
         notes = getattr(mover, "notes", None)
         lines += [f"  note       {note}" for note in (notes(scene.epoch, scene.duration_s) if notes else [])]
+    shapes = {spec.name: spec.shape for group in scene.groups_of_targets for spec in group.targets}
+    for name, shape in shapes.items():
+        lines += [f"  note       {name}: {note}" for note in (shape.notes() if isinstance(shape, Mesh) else [])]
     if scene.tracks.error_m > TRACK_ERROR_M:
         rough = max((*scene.tracks.sensors, *scene.tracks.targets), key=lambda track: track.error_m)
         missed = f"near {rough.error_at_s:.6g} s interpolation is {rough.error_m * 1e3:.2g} mm off"

@@ -90,7 +90,9 @@ def _bounds_nei(scene: Scene, near_m: float) -> dict[str, float]:
         sunlight = sun_irradiance_w_m2(band) / sun_au**2
         falling = {"sun": sunlight, "earth": 0.0, "albedo": lighting.earth_albedo * sunlight * disc}
         for spec in scene.target_specs:
-            across_m2 = (1.0 - spec.surface.emissivity_value) * spec.shape.surface_m2 / 2
+            # No outline of a convex body is larger than half its surface; facets that hide others count in full.
+            largest = 0.5 if getattr(spec.shape, "convex", True) else 1.0
+            across_m2 = (1.0 - spec.surface.emissivity_value) * largest * spec.shape.surface_m2
             for name in TERMS:
                 most[name] = max(most[name], falling[name] / np.pi * across_m2)
     return {name: value / near_m**2 * 1e-4 / scene.detector.nei_w_cm2 for name, value in most.items()}
