@@ -50,6 +50,7 @@ SECTIONS = {
     "`jitter`": [ws.Jitter],
     "`[access_rules]`": [ws.AccessConstraints],
     "`[sky]`": [parts.Sky],
+    "`[lighting]`": [ws.Lighting],
     "`synthetic`": [parts.SyntheticStars],
 }
 """Headings of docs/scene.md and the parts whose fields they list."""
