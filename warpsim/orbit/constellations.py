@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from warpsim.constants import EARTH_GM_M3_S2
-from warpsim.describe import Group, Integer, Name, as_tuple, complete, part, part_error, rule_error
+from warpsim.describe import TOO_DEEP, Group, Integer, Name, as_tuple, complete, part, part_error, rule_error
 from warpsim.errors import InputError
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, pole_of_date
 from warpsim.orbit.elements import KeplerOrbit, StateVector, state_to_elements
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from astropy.time import Time
 
 F64 = NDArray[np.float64]
+
+DEEPEST_MIXTURE = 20
+"""Mixtures of constellations within each other."""
 
 
 @part
@@ -184,8 +187,15 @@ class MixedConstellation:
 
     @model_validator(mode="after")
     def _named_apart(self) -> MixedConstellation:
+        if self.depth > DEEPEST_MIXTURE:
+            raise part_error(f"parts: {TOO_DEEP}, at most {DEEPEST_MIXTURE} mixtures may lie within each other")
         _check_names("parts", self.names)
         return self
+
+    @cached_property
+    def depth(self) -> int:
+        """How many mixtures lie within each other here, this one included."""
+        return 1 + max((item.depth for item in self.parts if isinstance(item, MixedConstellation)), default=0)
 
     @cached_property
     def names(self) -> list[str]:

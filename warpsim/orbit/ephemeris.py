@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
 
-from warpsim.describe import as_tuple, part, part_error
+from warpsim.describe import FileName, as_tuple, part, part_error
 from warpsim.errors import InputError
 from warpsim.exchange.instants import Instants, instants_of_time, later
-from warpsim.exchange.read import ephemeris_of, plain_name, unique_names
+from warpsim.exchange.names import plain_name, unique_names
+from warpsim.exchange.read import ephemeris_of
 from warpsim.exchange.records import DEFAULT_DEGREE, EphemerisSegment, Frame, Interpolation
 from warpsim.exchange.source import Source, read_source
 from warpsim.orbit.earth import pole_of_date
@@ -42,16 +43,8 @@ _TOUCH_S = 1e-6
 """Segments whose ends are this close touch: rounding of dates."""
 
 
-def _plain_path(value: Any) -> Any:
-    """Paths as text, as scene files have them."""
-    return os.fspath(value) if isinstance(value, os.PathLike) else value
-
-
 def _some_files(value: Any) -> Any:
-    return as_tuple(_plain_path(value))
-
-
-FileName = Annotated[str, BeforeValidator(_plain_path)]
+    return (value,) if isinstance(value, os.PathLike) else as_tuple(value)
 
 
 @part

@@ -11,7 +11,6 @@ from __future__ import annotations
 import difflib
 import fnmatch
 import hashlib
-import os
 import re
 import warnings
 from collections import Counter
@@ -24,10 +23,11 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
 
 from warpsim.constants import DAY_S
-from warpsim.describe import as_tuple, part, part_error, rule_error
+from warpsim.describe import FileName, as_tuple, part, part_error, rule_error
 from warpsim.errors import InputError
 from warpsim.exchange.element_set import ElementSet
 from warpsim.exchange.elements_files import parse_element_sets, read_element_sets
+from warpsim.exchange.names import plain_name
 from warpsim.orbit.epoch import tt_jd
 from warpsim.orbit.teme import teme_to_gcrs
 
@@ -43,10 +43,6 @@ _TT_MINUS_TAI_S = 32.184
 _PAIRS_PER_CHUNK = 500_000  # (time, satellite) pairs of SGP4 held at once: some 30 MB
 
 
-def _path_text(value: Any) -> Any:
-    return os.fspath(value) if isinstance(value, os.PathLike) else value
-
-
 def _selector(value: Any) -> Any:
     """A catalog number may be given as a number."""
     if isinstance(value, bool) or not isinstance(value, str | int | np.integer):
@@ -58,7 +54,6 @@ def _selectors(value: Any) -> Any:
     return as_tuple(str(value) if isinstance(value, int | np.integer) and not isinstance(value, bool) else value)
 
 
-FileName = Annotated[str, BeforeValidator(_path_text)]
 Lines = Annotated[tuple[str, ...], BeforeValidator(as_tuple)]
 Selector = Annotated[str, BeforeValidator(_selector)]
 Selectors = Annotated[tuple[Selector, ...], BeforeValidator(_selectors)]
@@ -219,9 +214,8 @@ def _satellites(file: str | None, lines: Sequence[str] | None) -> tuple[Satellit
 
 
 def _plain_name(item: ElementSet) -> str:
-    """A name that can be a file's: `ISS (ZARYA)` becomes `ISS_ZARYA`."""
-    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", item.name).strip("_.-")
-    return name or (f"norad{item.norad_id:05d}" if item.norad_id is not None else "satellite")
+    """A name that can be a file's, of the catalog number where there is no other."""
+    return plain_name(item.name, f"norad{item.norad_id:05d}" if item.norad_id is not None else "satellite")
 
 
 def _identifier(item: ElementSet) -> str:
