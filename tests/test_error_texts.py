@@ -90,7 +90,9 @@ def test_mixtures_nested_too_deeply(scene, depth):
     mixture = ws.Walker(4, 2, 1, 1400.0, 65.0)
     for _ in range(20):
         mixture = ws.MixedConstellation([mixture])
-    with pytest.raises(ws.InputError, match="parts: is nested too deeply, at most 20 mixtures may lie within each other"):
+    with pytest.raises(
+        ws.InputError, match="parts: is nested too deeply, at most 20 mixtures may lie within each other"
+    ):
         ws.MixedConstellation([mixture])
 
 
