@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from warpsim.errors import InputError
-from warpsim.files import whole_file, write_fits_table
+from warpsim.files import partial_path, whole_file, write_fits_table
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.catalog_columns import J2000_JYEAR
 
@@ -26,16 +26,29 @@ def check_new_file(path: Path, suffixes: tuple[str, ...], overwrite: bool) -> No
     """See that a file may be written, before the work is done.
 
     Raises:
-        InputError: The suffix is not one of these, the folder is missing, or the file is there and overwrite not set.
+        InputError: The suffix is not one of these, the folder is missing or cannot be written, or the file is there and
+            overwrite not set.
     """
     if path.suffix.lower() not in suffixes:
         raise InputError(f"{path}: must end in one of {', '.join(suffixes)}")
     if not path.parent.is_dir():
         raise InputError(f"{path}: cannot be written: {path.parent} is not a folder")
+    _check_folder_takes(path)
     if path.is_dir():
         raise InputError(f"{path}: cannot be written: is a folder")
     if path.exists() and not overwrite:
         raise InputError(f"{path}: is there already; choose another name, or pass --overwrite (overwrite=True)")
+
+
+def _check_folder_takes(path: Path) -> None:
+    """See that the file that becomes path can be made; permissions alone do not tell (file systems of the kernel)."""
+    partial = partial_path(path)
+    try:
+        if not partial.exists():
+            partial.touch()
+            partial.unlink()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def write_catalog(catalog: StarCatalog, path: str | Path, overwrite: bool = False) -> StarCatalog:
