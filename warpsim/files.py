@@ -49,17 +49,29 @@ def check_new_file(path: Path, suffixes: tuple[str, ...] | None, overwrite: bool
     """See that a file may be written, before the work is done.
 
     Raises:
-        InputError: The suffix is not one of these (None: any), the folder is missing, or the file is there and
-            overwrite not set.
+        InputError: The suffix is not one of these (None: any), the folder is missing or cannot be written, or the file
+            is there and overwrite not set.
     """
     if suffixes is not None and path.suffix.lower() not in suffixes:
         raise InputError(f"{path}: must end in one of {', '.join(suffixes)}")
     if not path.parent.is_dir():
         raise InputError(f"{path}: cannot be written: {path.parent} is not a folder")
+    _check_folder_takes(path)
     if path.is_dir():
         raise InputError(f"{path}: cannot be written: is a folder")
     if path.exists() and not overwrite:
         raise InputError(f"{path}: is there already; choose another name, or pass --overwrite (overwrite=True)")
+
+
+def _check_folder_takes(path: Path) -> None:
+    """See that the file that becomes path can be made; permissions alone do not tell (file systems of the kernel)."""
+    partial = partial_path(path)
+    try:
+        if not partial.exists():
+            partial.touch()
+            partial.unlink()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def write_fits_table(table: Table, path: Path) -> None:

@@ -50,9 +50,13 @@ def new_axes(width: float, height: float) -> Axes:
 
 
 def save_figure(figure: Any, path: Path) -> None:
-    """Write a figure, whole or not at all; the suffix says the format."""
+    """Write a figure, whole or not at all; the suffix says the format.
+
+    The picture is as large as what is drawn, and so holds titles and legends for which the layout found no room (it
+    does not foresee axes that keep their proportions).
+    """
     with whole_file(path) as partial:
-        figure.savefig(partial, dpi=150, format=path.suffix[1:].lower())
+        figure.savefig(partial, dpi=150, format=path.suffix[1:].lower(), bbox_inches="tight", pad_inches=0.08)
 
 
 def place_labels(ax: Axes, xy: ArrayLike, texts: Sequence[str], size: float = 8.0, **style: Any) -> list[Any]:
@@ -130,6 +134,11 @@ def pair(place: ArrayLike) -> tuple[float, float]:
     """Two numbers as matplotlib's types want them."""
     x, y = np.asarray(place, np.float64)
     return float(x), float(y)
+
+
+def plain(value: float, n_digit: int = 6) -> str:
+    """A number with so many digits that count, without an exponent and without zeros at its end: 10800, 0.1667."""
+    return np.format_float_positional(value, n_digit, unique=False, fractional=False, trim="-")
 
 
 def utc_text(scene: Any, time_s: float) -> str:
