@@ -9,8 +9,11 @@ from scipy.integrate import solve_ivp
 
 from warpsim.constants import EARTH_J2, EARTH_J3, EARTH_J4
 from warpsim.errors import InputError
+from warpsim.orbit import picard
+from warpsim.orbit.elements import StateVector
 from warpsim.orbit.gravity import propagate
 from warpsim.orbit.kepler import stumpff
+from warpsim.orbit.picard import NoPathError
 from warpsim.orbit.track import Track, choose_step_s, make_tracks, node_grid, sample_tracks
 
 MU, RADIUS, J2 = 3.986004418e14, 6378137.0, 1.0826266835e-3
@@ -18,6 +21,7 @@ POLE = np.array([0.0024, -0.00003, 1.0]) / np.linalg.norm([0.0024, -0.00003, 1.0
 
 J2_FLIGHT_M = 2e-6  # rounding, ours and DOP853's, over 1614 s; the pass line is 1 m
 J2_DAY_M = 5e-3  # the same over a day; an eccentric orbit makes the most of it
+END_M = 2e-4  # rounding after a perigee; measured 4e-5
 KEPLER_M = 1e-5  # rounding of the closed form and DOP853's own error over a flight
 HERMITE_M = 1e-3  # interpolation bound asked for
 OFF_MIDDLE = 1.02  # worst error between nodes over the error at midpoints, which is measured
@@ -80,6 +84,41 @@ def test_j2_matches_dop853_over_a_day(name):
     r, v = STATES[name]
     position, _ = propagate(r[None], v[None], np.array([86400.0]), "j2", POLE)
     assert np.linalg.norm(position[0, 0] - integrate(j2_force, r, v, np.array([86400.0]))[0][0]) < J2_DAY_M
+
+
+def from_perigee(eccentricity, radius_m=7.0e6):
+    r, v = circular(radius_m, 1.1)
+    return r, v * np.sqrt(1.0 + eccentricity)
+
+
+END_TIMES = {  # state, length of the longest flight
+    "low-orbit": (STATES["low-orbit"], 6000.0),
+    "molniya": (from_perigee(0.74), 43000.0),
+    "e-0.9": (from_perigee(0.9), 60000.0),
+    "hyperbolic": (from_perigee(1.5), 40000.0),
+    "falling": ((np.array([1.0e5, 0.0, 9.2e6]), np.array([50.0, 20.0, -500.0])), 900.0),
+}
+
+
+@pytest.mark.parametrize("name", END_TIMES)
+@pytest.mark.parametrize("sign", [1.0, -1.0], ids=["after", "before"])
+def test_every_end_time_has_its_state(name, sign):
+    """Times asked for alone, one after the other: where segments end must not matter."""
+    (r, v), longest_s = END_TIMES[name]
+    if name == "falling":
+        v = sign * v
+    elif name != "low-orbit":  # the perigee in the middle
+        r, v = (x[0, 0] for x in propagate(r[None], v[None], [-0.5 * sign * longest_s], "two_body", POLE))
+    time_s = sign * np.unique(np.random.default_rng(5).uniform(0.01 * longest_s, longest_s, 250).round(1))
+    states = {
+        "oracle": np.stack(integrate(j2_force, r, v, time_s)),
+        "together": np.stack(propagate(r[None], v[None], time_s, "j2", POLE))[:, :, 0],
+        "alone": np.stack([propagate(r[None], v[None], [t], "j2", POLE) for t in time_s], axis=1)[:, :, 0, 0],
+    }
+    for name in ("oracle", "together"):
+        off_m, off_m_s = np.abs(states["alone"] - states[name]).max(axis=(1, 2))
+        assert off_m < END_M
+        assert off_m_s < END_M / 100.0
 
 
 def potential(position, zonal):
@@ -195,6 +234,38 @@ def test_stumpff_against_mpmath(z):
     got = stumpff(z)
     assert float(got[0]) == pytest.approx(float(c), rel=1e-13, abs=1e-17)
     assert float(got[1]) == pytest.approx(float(s), rel=1e-13)
+
+
+def test_picard_refuses_what_is_not_finite():
+    def pull(x):
+        return -MU * x / np.linalg.norm(x, axis=-2, keepdims=True) ** 3
+
+    def pull_with_a_hole(x):
+        return np.where(x[..., :1, :] < 6.6e6, np.nan, pull(x))
+
+    r, v = (x[:, None] for x in STATES["low-orbit"])
+    for bad in ((r + np.nan, v, 1e-3), (r, v + np.nan, 1e-3), (r, v, np.nan)):
+        with pytest.raises(NoPathError):
+            picard.integrate(pull, *bad[:2], np.array([50.0]), bad[2], 3e6)
+    with pytest.raises(NoPathError) as caught:
+        picard.integrate(pull_with_a_hole, r, v, np.array([5000.0]), 1e-3, 3e6)
+    assert 100.0 < caught.value.time_s < 150.0  # where x = 6600 km
+
+
+def test_falls_are_told_in_the_time_of_the_epoch():
+    from astropy.time import Time
+
+    epoch = Time("2025-03-20T12:00:00", scale="utc")
+    place = (0.0, 7.0e6, 0.0)
+    for time_s in (0.0, -100.0, 250.0):
+        vector = StateVector(position_m=place, velocity_m_s=(0.0, 0.0, 0.0), time_s=time_s)
+        with pytest.raises(InputError, match="must stay above half the Earth's radius, but falls through") as caught:
+            vector.states(epoch, [5000.0])
+        # From rest, the line of a radial fall: t = sqrt(r^3 / 2 mu) (acos(sqrt x) + sqrt(x (1 - x))).
+        x = 0.5 * RADIUS / 7.0e6
+        fall_s = np.sqrt(7.0e6**3 / (2 * MU)) * (np.arccos(np.sqrt(x)) + np.sqrt(x * (1 - x)))
+        told_s = float(str(caught.value).split()[-2])
+        assert abs(told_s - time_s - fall_s) < 0.1 * fall_s  # the next node of a segment
 
 
 def test_bad_input_is_named():

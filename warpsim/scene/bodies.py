@@ -86,7 +86,7 @@ def _group_states(group: TargetGroup, number: int, scene: Scene, time_s: F64) ->
         start = np.repeat(carrier_r[0], len(rows), axis=0), velocities[rows - 1]
         free = time_s >= release.time_s - STOWED_STEP_S
         try:
-            flown = propagate(*start, time_s[free] - release.time_s, gravity, pole)
+            flown = propagate(*start, time_s[free] - release.time_s, gravity, pole, release.time_s)
         except InputError as error:
             raise InputError(f"{where}: no flight after the release at {release.time_s:g} s: {error}") from None
         for states, own in zip((position, velocity), flown, strict=True):

@@ -110,7 +110,7 @@ def build_tracks(scene: Scene) -> Tracks:
     """Sample all bodies of a scene on one node grid, with the Sun and the Earth's own motion.
 
     Raises:
-        InputError: A path cannot be followed, because it falls to the Earth's centre or its file ends, say.
+        InputError: A path cannot be followed, because it falls through half the Earth's radius or its file ends, say.
     """
     bodies, epoch = bodies_of(scene), scene.epoch
     later = max(bodies.release_s) > 0
