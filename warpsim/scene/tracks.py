@@ -10,8 +10,9 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.orbit.earth import pole_of_date
+from warpsim.orbit.sampling import make_tracks
 from warpsim.orbit.sun import earth_position_m, earth_velocity_m_s, sun_position_m
-from warpsim.orbit.track import PositionFunction, Track, make_tracks
+from warpsim.orbit.track import PositionFunction, Track
 from warpsim.scene.bodies import STOWED_STEP_S, bodies_of
 
 if TYPE_CHECKING:
