@@ -98,6 +98,24 @@ def test_gaps_outside_the_scene_do_not_matter(along, duration_s, begin_s):
     assert scene.tracks.step_s > 10.0
 
 
+def test_files_in_lists_and_mixtures_go_on_as_well(along):
+    """Beside an orbit that goes on by itself."""
+    motion = lambda t: circle(t, 7.0e6)  # noqa: E731
+    scene = along(580.0, motion, motion, [(0.0, 600.0), (660.0, 1300.0)])
+    files = scene.constellation
+    orbit = {"kind": "ephemeris", "file": files.files[0]}
+    free = {"kind": "elements", "altitude_km": 900.0, "inclination_deg": 60.0}
+    listed = {"kind": "listed", "satellites": [{"name": "own", "orbit": orbit}, {"name": "free", "orbit": free}]}
+    mixed = scene.replace(constellation={"kind": "mixed", "parts": [listed, files]})
+    assert mixed.sensor_names == ["own", "free", "bird"]
+    check_tracks(mixed, dict.fromkeys(("own", "bird", "ship"), motion))
+    early_s = np.array([-1.5])
+    alone = ws.KeplerOrbit(60.0, altitude_km=900.0).states(mixed.epoch, early_s)[0][:, 0]
+    assert np.abs(mixed.position_m("free", early_s) - alone).max() < TRACK_M
+    with pytest.raises(ws.InputError, match=r"constellation.parts\[0\].* must not be in a gap"):
+        mixed.replace(duration_s=700.0, trajectory=free)
+
+
 def test_gaps_inside_the_scene_are_refused(along):
     motion = lambda t: circle(t, 7.0e6)  # noqa: E731
     for duration_s in (610.0, 700.0):
