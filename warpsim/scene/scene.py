@@ -257,7 +257,7 @@ class Scene:
             Positions [m], shape (n, 3).
 
         Raises:
-            InputError: The name is unknown, or a time lies outside the scene (by more than the node step of its tracks).
+            InputError: The name is unknown, or a time lies outside the scene (by more than a track's node step).
         """
         from warpsim.orbit.sun import sun_position_m
 
