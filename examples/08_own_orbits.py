@@ -34,7 +34,7 @@ def write_files(folder: Path, duration_s: float) -> None:
     bird = ws.KeplerOrbit(64.0, altitude_km=1400.0, raan_deg=150.0)
     position_m, velocity_m_s = (state[:, 0] for state in bird.states(Time(EPOCH, scale="utc"), times))
     path = ws.EphemerisSegment.of_states("BIRD 1", Time(EPOCH, scale="utc"), times, position_m, velocity_m_s)
-    ws.write_oem(folder / "bird.oem", path)
+    ws.write_oem(folder / "bird.oem", path, overwrite=True)
 
 
 def make_scene(folder: Path, duration_s: float) -> ws.Scene:

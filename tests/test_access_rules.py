@@ -291,7 +291,7 @@ def test_sunlit_rule_ends_in_the_penumbra():
 def day_of_walker(duration_s=20000.0):
     """Tracks of twelve satellites and a circling target."""
     from warpsim.orbit.gravity import propagate
-    from warpsim.orbit.track import node_grid, sample_tracks
+    from warpsim.orbit.sampling import node_grid, sample_tracks
 
     start, n_node = node_grid(duration_s, 14.0)
     sample = lambda walker: sample_tracks(  # noqa: E731
@@ -434,5 +434,5 @@ def test_eclipses_of_a_scene(scene):
         assert np.array_equal(dark, share < 1) and np.array_equal(umbra, share == 0)
     assert n_row > 3
     assert scene.eclipses("sat11").colnames == ["start_s", "umbra_start_s", "umbra_end_s", "end_s", "duration_s"]
-    with pytest.raises(InputError, match="name: must be a sensor, a target"):
+    with pytest.raises(InputError, match="name: must be a sensor or a target"):
         scene.eclipses("moon")

@@ -115,3 +115,17 @@ def test_axes_of_j2000_differ_by_the_frame_bias(tmp_path):
     expected = turned(times).apply([1, 0, 0]) @ bias
     np.testing.assert_allclose(seen.apply([1, 0, 0]), expected, rtol=0, atol=PRINTED_RAD)
     assert np.abs(expected - turned(times).apply([1, 0, 0])).max() > 1e-8
+
+
+def test_a_short_file_is_named_with_its_object_and_round_times(scene, tmp_path):
+    """Seconds since the epoch of dates are 1e-12 s off, which nobody wants to read."""
+    path = tmp_path / "short.aem"
+    head, rest = aem("A2B").split("DATA_START\n")
+    lines = [line for line in rest.splitlines(keepends=True) if date(0.0) <= line < date(1001.0)]
+    head = head.replace(date(-50.0), date(0.0)).replace(date(LAST_S), date(1000.0))
+    path.write_text(head + "DATA_START\n" + "".join(lines) + "DATA_STOP\n")
+    table = ws.AttitudeTable(file=path).rows(scene.epoch)
+    with pytest.raises(ws.InputError, match=rf"^{path}: MAIN: must cover the scene, 0 to 1614 s, got 0 to 1000 s$"):
+        table.check_span(0.0, scene.duration_s)
+    with pytest.raises(ws.InputError, match=r"MAIN: must be within the attitude table, 0 to 1000 s, got 1002"):
+        table.at([1002.0])

@@ -1,6 +1,7 @@
 """The command line: help, reports, and one clear line with exit code 2 for every kind of bad input."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import warpsim as ws
 from warpsim.cli import main
 from warpsim.output.catalog_report import catalog_report
 
+LONG = "x" * 300  # letters, more than a name may have
 
 def run(capsys, *arguments):
     code = main([str(argument) for argument in arguments])
@@ -424,6 +426,7 @@ def test_catalog_makes_synthetic_stars(capsys):
         (["default", "-o", "out.txt"], "out.txt: must end in one of .fits, "),
         (["default", "-o", "nowhere/out.fits"], "nowhere/out.fits: cannot be written: nowhere is not a folder"),
         (["default", "-o", "folder.fits"], "folder.fits: cannot be written: is a folder"),
+        (["default", "--plot", LONG + ".png"], ": cannot be written: File name too long"),
         (["default", "--plot", "out.jpg"], "out.jpg: must end in one of .png"),
     ],
 )
@@ -532,6 +535,8 @@ def test_czml_reports_what_it_wrote(capsys, tmp_path):
         (["access", "stss", "--plot", "a.jpg"], "a.jpg: must end in one of .png, .pdf, .svg"),
         (["access", "stss", "--plot", "missing/a.png"], "missing is not a folder"),
         (["access", "stss", "--plot", "old.png"], "old.png: is there already"),
+        (["access", "stss", "--plot", LONG + ".png"], ": cannot be written: File name too long"),
+        (["czml", "stss", "-o", LONG + ".czml"], ": cannot be written: File name too long"),
         (["plot", "stss", "-o", "out", "--time", "noon"], "--time: must be a number, got 'noon'"),
         (["plot", "stss", "-o", "out", "--time", "2000"], "time_s: must be in the scene, 0 to 1614 s, got 2000"),
         (["plot", "stss", "-o", "old.png"], "old.png: cannot be written"),
@@ -551,6 +556,17 @@ def test_bad_input_of_pictures_and_czml(capsys, tmp_path, monkeypatch, arguments
     assert message in err
     assert [path.name for path in tmp_path.iterdir()] == ["old.png"]
     assert (tmp_path / "old.png").read_text() == "mine"
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="a folder that takes no files, from root neither")
+@pytest.mark.parametrize(
+    "arguments", [["access", "stss", "--plot"], ["catalog", "default", "--plot"], ["plot", "stss", "-o"]]
+)
+def test_folders_that_take_no_files_are_found_before_the_work(capsys, arguments):
+    pytest.importorskip("matplotlib")
+    code, out, err = run(capsys, *arguments, "/proc/x.png")
+    assert (code, out, err.count("\n")) == (2, "", 1), err
+    assert "/proc/x.png: cannot be written: " in err
 
 
 @pytest.mark.parametrize(

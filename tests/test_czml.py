@@ -65,6 +65,23 @@ def interval(scene, text):
     return tuple(seconds(scene, part) for part in text.split("/"))
 
 
+def shown_off_m(scene, packet, times):
+    """How far a body is from the scene's place where Cesium shows it, (n,) [m]."""
+    position = packet["position"]
+    pieces = position if isinstance(position, list) else [position]
+    starts = [interval(scene, piece["interval"])[0] if len(pieces) > 1 else 0.0 for piece in pieces]
+    samples = [np.array(piece["cartesian"]).reshape(-1, 4) for piece in pieces]
+    for piece, rows in zip(pieces, samples, strict=True):
+        assert (piece["interpolationAlgorithm"], piece["interpolationDegree"]) == ("LAGRANGE", 5)
+        assert len(rows) >= 6
+    shown = []
+    for time in times:
+        rows = samples[np.searchsorted(starts, time, side="right") - 1]
+        near = slice(*np.clip(np.searchsorted(rows[:, 0], time) + np.array([-9, 9]), 0, len(rows)))
+        shown.append(cesium_value(rows[near, 0], rows[near, 1:], 5, time))
+    return np.linalg.norm(shown - scene.position_m(packet["id"], times), axis=1)
+
+
 def test_positions_are_the_scenes_where_cesium_interpolates(scene, packets, written):
     times = np.concatenate([np.arange(0.0, scene.duration_s, 7.3), [1e-3, scene.duration_s - 1e-3, scene.duration_s]])
     worst_m = 0.0
@@ -217,13 +234,40 @@ def test_a_bend_is_between_intervals(scene, monkeypatch, tmp_path):
     assert spans[0][0] == 0 and spans[-1][1] == pytest.approx(scene.duration_s, abs=TIME_ATOL_S)
     assert [end for _, end in spans[:-1]] == [start for start, _ in spans[1:]]
     times = np.concatenate([np.arange(0.0, scene.duration_s, 3.1), BEND_S + np.linspace(-2, 2, 401)])
-    for time, place_m in zip(times, scene.position_m("sphere01", times), strict=True):
-        number = max(k for k, (start, _) in enumerate(spans) if start <= time)
-        samples = np.array(pieces[number]["cartesian"]).reshape(-1, 4)
-        assert pieces[number]["interpolationDegree"] == 5 and len(samples) >= 6
-        shown = cesium_value(samples[:, 0], samples[:, 1:], 5, time)
-        assert np.linalg.norm(shown - place_m) < POSITION_ATOL_M
+    assert shown_off_m(scene, packets["sphere01"], times).max() < POSITION_ATOL_M
     assert len(czml3.Document.load(tmp_path / "bent.czml").packets) == 69
+
+
+def around(time_s, first_s, last_s):
+    """Times that come ever closer to one of them, on either side, and some all over the rest."""
+    step_s = np.concatenate([np.geomspace(1e-4, 1000.0, 400), np.linspace(0.05, 30.0, 300)])
+    times = np.concatenate([time_s - step_s, [time_s], time_s + step_s, np.linspace(first_s, last_s, 997)])
+    return np.sort(times[(times >= first_s) & (times <= last_s)])
+
+
+def test_what_is_returned_holds_at_a_release(tmp_path):
+    """Half a day of an orbit, and cubes that leave it at 900 s: long pieces, whose bend is between their samples."""
+    body = {"shape": ws.Sphere(0.8), "surface": {"emissivity": 0.9}, "temperature": {"start_k": 300.0}}
+    cubes = {"name": "cube", "count": 4, **body, "release": {"time_s": 900.0, "speed_m_s": [0.5, 1.0]}}
+    late = ws.Scene.load("stss").replace(
+        epoch_utc="2025-06-01T00:00:00", duration_s=43200.0, targets=[{"name": "bus", **body}, cubes], access_rules={},
+        trajectory=ws.KeplerOrbit(66.0, altitude_km=600.0, raan_deg=40.0),
+        constellation=ws.ListedSatellites([{"name": "eye", "orbit": ws.KeplerOrbit(64.0, altitude_km=1400.0)}]),
+    )  # fmt: skip
+    told_m = ws.write_czml(late, tmp_path / "late.czml")
+    packets = {packet["id"]: packet for packet in json.loads((tmp_path / "late.czml").read_text())}
+    times = around(900.0, 0.0, late.duration_s)
+    worst_m = max(shown_off_m(late, packets[name], times).max() for name in late.target_names)
+    assert worst_m < POSITION_ATOL_M
+    assert worst_m < told_m < POSITION_ATOL_M  # 0.047 and 0.052; with the bend within a piece 0.130
+    spans = [interval(late, piece["interval"]) for piece in packets["cube01"]["position"]]
+    np.testing.assert_allclose(spans, [(0.0, 900.0), (900.0, 43200.0)], rtol=0, atol=TIME_ATOL_S)
+    # So it is where the user says the step: cut at the release, and the error is the one that is told.
+    told_m = ws.write_czml(late, tmp_path / "own.czml", step_s=120.0)
+    packets = {packet["id"]: packet for packet in json.loads((tmp_path / "own.czml").read_text())}
+    worst_m = max(shown_off_m(late, packets[name], times).max() for name in late.target_names)
+    assert len(packets["cube02"]["position"]) == 2
+    assert worst_m == pytest.approx(told_m, rel=0.02)
 
 
 def test_a_late_release_is_a_bend(scene, tmp_path):

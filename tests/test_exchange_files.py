@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 
 import numpy as np
@@ -25,7 +26,7 @@ from scipy.spatial.transform import Rotation
 
 import warpsim as ws
 from warpsim.exchange.instants import parse_dates
-from warpsim.exchange.read import plain_name, unique_names
+from warpsim.exchange.names import plain_name, unique_names
 
 EPOCH = Time("2025-03-20T12:00:00", scale="utc")
 CLOCK_S = 2e-11  # rounding of seconds of a day
@@ -388,8 +389,51 @@ def test_leap_second_and_day_of_year():
     assert gps.dates("GPS") == ["1980-01-06T00:00:00.000000000"]
 
 
+TLE = """\
+ISS (ZARYA)
+1 25544U 98067A   25152.00000000  .00001764  00000-0  38792-4 0  9996
+2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482
+"""
+
+
+@pytest.mark.parametrize(
+    "text", [TLE, TLE.split("\n", 1)[1], TLE.replace("\n", "\r\n"), "EPOCH,MEAN_MOTION\n2025,15.5\n"]
+)
+def test_element_sets_are_told_from_states(orbits, attitudes, text):
+    assert refused(orbits, text) == "must hold states, got element sets, which TleOrbit and TleSatellites read"
+    assert refused(attitudes, text).startswith("must hold attitudes, got element sets")
+    with pytest.raises(ws.InputError, match="must have columns of position"):
+        orbits("a,b\n1,2\n")
+
+
+@pytest.mark.parametrize("big", ["1e308", "-1e308", "1e200"])
+def test_huge_numbers_are_refused_without_warnings(orbits, attitudes, recwarn, big):
+    for read, text, number in (
+        (orbits, OEM, "6940.0"),
+        (orbits, STK_E, "6.985e+003"),
+        (orbits, CSV, "7000.0"),
+        (orbits, ECSV, "6985.0"),
+        (attitudes, AEM, "0.7071067811865476"),
+    ):
+        assert number in text
+        assert re.search("must (be|have)", refused(read, text.replace(number, big, 1)))
+    assert not recwarn.list
+
+
+def test_times_that_files_cannot_tell_apart_are_one(orbits):
+    rows = "time_s,x_m,y_m,z_m\n0,7e6,0,0\n{},7e6,1,0\n60,7e6,2,0\n"
+    assert "line 3: time: must come after the time before it, got the same" in refused(orbits, rows.format("1e-310"))
+    assert len(orbits(rows.format("1e-9"))[0].instants) == 3
+
+
+def test_an_object_has_one_name_in_all_formats(orbits, tmp_path):
+    (tmp_path / "x.oem").write_text(OEM.replace("SAT ONE", "ISS (ZARYA)"))
+    satellites = ws.EphemerisSatellites(tmp_path / "x.oem")
+    assert satellites.names[0] == ws.TleSatellites(lines=TLE.splitlines()).names[0] == "ISS_ZARYA"
+
+
 def test_names():
     assert [plain_name(n) for n in ("SAT/TWO", "(a b)", "été", "///", "x-1.2_3")] == [
-        "SAT_TWO", "a_b_", "t_", "object", "x-1.2_3"
+        "SAT_TWO", "a_b", "t", "object", "x-1.2_3"
     ]  # fmt: skip
     assert unique_names(["a b", "a/b", "a_b", "c"]) == ["a_b", "a_b_2", "a_b_3", "c"]

@@ -171,9 +171,29 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path, segment):
         ws.write_stk_ephemeris(tmp_path / "x.e", [segment, segment])
     with pytest.raises(ws.InputError, match="names: must be printable ASCII text, got 'été'"):
         ws.write_oem(tmp_path / "x.oem", segment, originator="été")
-    with pytest.raises(ws.InputError, match="cannot be written: No such file or directory"):
+    with pytest.raises(ws.InputError, match=r"x.oem: cannot be written: .*no is not a folder"):
         ws.write_oem(tmp_path / "no" / "x.oem", segment)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["r.csv", "r.ecsv"]
+
+
+def test_existing_files_are_kept(tmp_path, segment):
+    (tmp_path / "a.aem").write_text(AEM)
+    attitude = ws.read_attitude(tmp_path / "a.aem")
+    path = tmp_path / "x.x"
+    for write, what in (
+        (ws.write_oem, [segment]),
+        (ws.write_aem, attitude),
+        (ws.write_stk_ephemeris, segment),
+        (ws.write_stk_attitude, attitude[0]),
+    ):
+        path.write_text("mine")
+        with pytest.raises(ws.InputError, match=r"x.x: is there already; choose another name, .* \(overwrite=True\)$"):
+            write(path, what)
+        assert path.read_text() == "mine"
+        write(path, what, overwrite=True)
+        assert len(path.read_text()) > 100
+        path.unlink()
+        write(path, what)
 
 
 @pytest.mark.parametrize(

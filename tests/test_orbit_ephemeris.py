@@ -53,7 +53,7 @@ def oem(tmp_path):
     """Write segments, and return the path."""
 
     def do(*segments, name="x.oem"):
-        ws.write_oem(tmp_path / name, segments)
+        ws.write_oem(tmp_path / name, segments, overwrite=True)
         return str(tmp_path / name)
 
     return do

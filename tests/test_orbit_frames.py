@@ -28,7 +28,7 @@ PLACE_M = np.array([5.0e6, -3.0e6, 4.0e6])  # 7,071 km from the centre
 FRAME_M = 1e-3  # measured: MOD 1e-5, TOD 1.6e-4, TEME 4.6e-4 m
 BIAS_M = 1e-8
 TURN_M = 1e-3  # Earth rotation with the same UT1, measured 6e-5 m
-POLAR_MOTION_M = 30.0  # polar motion (10 m) and the built-in delta T (tens of ms, 20 m)
+POLAR_MOTION_M = 20.0  # measured 16.6 m in 1996: polar motion, and UT1 within some ms
 TIMES_S = np.array([-600.0, 0.0, 86400.0])
 DATES = ["2000-01-01T12:00:00", "2016-12-31T23:59:50", "2025-03-20T12:00:00"]
 
@@ -60,6 +60,15 @@ def test_frames_against_astropy(date, frame, make, tolerance_m):
     for row, time_s in enumerate(TIMES_S):
         expected = by_astropy(make, epoch + TimeDelta(time_s, format="sec"))
         assert np.linalg.norm(got[row] - expected) < tolerance_m
+
+
+@pytest.mark.parametrize("year", range(1974, 2026))
+def test_itrf_of_years_with_measured_ut1(year):
+    """astropy has polar motion and UT1 of the IERS; later years are predicted."""
+    for month in (1, 4, 7, 10):
+        epoch = utc_time(f"{year}-{month:02d}-01T12:00:00")
+        got = frame_to_gcrs("ITRF", epoch, [0.0])[0] @ PLACE_M
+        assert np.linalg.norm(got - by_astropy(lambda c, t: ITRS(c, obstime=t), epoch)) < POLAR_MOTION_M
 
 
 @pytest.mark.parametrize("date", DATES)

@@ -9,8 +9,9 @@ from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, EARTH
 from warpsim.orbit.earth import gcrs_to_geodetic
 from warpsim.orbit.sun import earth_velocity_m_s
 from warpsim.plot.bodies import body_to_gcrs, drawn_facets
-from warpsim.plot.figure import place_labels
+from warpsim.plot.figure import place_labels, plain, save_figure
 from warpsim.plot.globe import globe_from
+from warpsim.plot.pictures import draw_access
 from warpsim.plot.scenario import broken_at_date_line, group_offsets_m, osculating_ellipse_m
 from warpsim.plot.view import camera_view, earth_clearance
 from warpsim.render.star_field import load_catalog, star_index
@@ -131,6 +132,25 @@ def test_osculating_ellipse_has_the_vis_viva_size(eccentricity):
 
 
 # --- the scene ---
+
+
+def test_title_and_legend_are_within_the_picture(scene, tmp_path):
+    """A flight far away, whose numbers at the axis are wide, so that the square takes all of the figure's height."""
+    image = pytest.importorskip("matplotlib.image")
+    far = scene.replace(
+        trajectory=ws.StateVector([7e6, 0.0, 0.0], [0.0, 20000.0, 0.0]), duration_s=50000.0, access_rules={}
+    )
+    ax = ws.plot.plot_scene(far)
+    ax.figure.canvas.draw()
+    figure = ax.figure.bbox
+    for part in (ax.title, ax.get_legend()):
+        box = part.get_window_extent()
+        assert figure.x0 <= box.x0 and figure.y0 <= box.y0 and box.x1 <= figure.x1 and box.y1 <= figure.y1
+    ax.figure.set_size_inches(8.2, 8.0)  # where the figure is too low, the file is not
+    save_figure(ax.figure, tmp_path / "far.png")
+    pixels = image.imread(tmp_path / "far.png")[..., :3]
+    assert pixels.shape[0] > 8.0 * 150
+    assert all((edge == 1).all() for edge in (pixels[:6], pixels[-6:], pixels[:, :6], pixels[:, -6:]))
 
 
 def by_label(ax, start):
@@ -361,6 +381,43 @@ def test_view_marks_what_is_behind_the_earth(scene):
     assert not by_label(ax, "center") and "no access" in ax.get_title()
 
 
+def test_stowed_targets_are_not_in_the_view(scene):
+    late = scene.replace(targets__3__release={"time_s": 700.0}, sky__catalog="none")
+    ax = ws.plot.plot_satellite_view(late, "sat11", TIME_S)
+    legend = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert legend == ["center", "sphere (10)", "cylinder (10)", "stowed, dark, not drawn (9)"]
+    assert not by_label(ax, "cone")
+    words = {text.get_text() for part in (ax, *ax.child_axes) for text in part.texts}
+    assert "sphere03" in words and not any(word.startswith("cone") for word in words)
+
+
+def test_legend_of_a_view_is_of_what_is_in_the_frame(scene):
+    """A camera that looks beside the group: some of it is outside."""
+    beside = scene.replace(pointing={"offset_px": [62.0, 0.0]}, sky__catalog="none")
+    view = camera_view(beside, "sat11", TIME_S)
+    inside = (np.abs(view.target_xy_px - 63.5) < 64).all(axis=1)
+    assert 0 < inside.sum() < 30
+    ax = ws.plot.plot_satellite_view(beside, "sat11", TIME_S)
+    for kind, first, last in (("center", 0, 1), ("sphere", 1, 11), ("cylinder", 11, 21), ("cone", 21, 30)):
+        count = np.count_nonzero(inside[first:last])
+        lines = by_label(ax, kind)
+        assert sum(len(line.get_xdata()) for line in lines) == count
+        if kind != "center" and 0 < count < 9:
+            assert lines[0].get_label().startswith(f"{kind} ({count} of ")
+
+
+@pytest.mark.parametrize("roll_deg", range(0, 360, 30))
+def test_words_of_the_compass_are_inside_the_frame(scene, roll_deg):
+    rolled = scene.replace(pointing={"roll_deg": float(roll_deg)}, sky__catalog="none")
+    ax = ws.plot.plot_satellite_view(rolled, "sat12", TIME_S)
+    ax.figure.canvas.draw()
+    words = [text for text in ax.texts if text.get_text() in ("zenith", "north")]
+    assert len(words) == 2
+    for word in words:
+        box = word.get_window_extent()
+        assert ax.bbox.x0 < box.x0 < box.x1 < ax.bbox.x1 and ax.bbox.y0 < box.y0 < box.y1 < ax.bbox.y1
+
+
 # --- the group ---
 
 
@@ -375,6 +432,13 @@ def test_group_offsets_are_turned_differences(scene):
     np.testing.assert_allclose(offset_m, (place_m - place_m[0]) @ frame.T, rtol=0, atol=1e-3)
     speed_m_s = np.linalg.norm(group_offsets_m(scene, 1.0)[1:], axis=1)
     assert speed_m_s.min() > 1.99 and speed_m_s.max() < 5.01  # the release, after one second
+
+
+@pytest.mark.parametrize(("late_s", "words"), [(1000.0, "\n29 still stowed in it"), (TIME_S, "")])
+def test_panels_of_targets_on_one_spot_are_two_metres_wide(scene, late_s, words):
+    axes = ws.plot.plot_group(scene.replace(release__time_s=late_s), TIME_S)
+    assert {ax.get_xlim() for ax in axes[:3]} == {(-1.0, 1.0)}
+    assert axes[0].get_title() == f"group about center at 600 s{words}"
 
 
 def test_group_panels_show_the_offsets(scene):
@@ -460,6 +524,19 @@ def test_attitudes_show_one_of_each_kind_at_each_instant(scene):
     assert len(ws.plot.plot_attitudes(still, 0.0).collections) == 6
 
 
+def test_times_are_written_plainly(scene):
+    assert [plain(value) for value in (0.0, 10800.0, 0.25, 1234567.0)] == ["0", "10800", "0.25", "1234570"]
+    assert plain(10833.4, 4) == "10830" and plain(1 / 6, 4) == "0.1667"
+    still = scene.replace(
+        duration_s=64800.0, targets=scene.to_dict()["targets"][:1], targets__0__attitude={"axis": [0.0, 0.0, 1.0]},
+        trajectory=ws.KeplerOrbit(66.0, altitude_km=600.0), access_rules={},
+    )  # fmt: skip
+    ax = ws.plot.plot_attitudes(still, 0.0)
+    words = {text.get_text() for text in ax.texts}
+    assert {"0 s", "+10800 s", "+21600 s", "+32400 s", "+43200 s", "+54000 s"} <= words
+    assert ax.get_title() == "stss: attitudes\naxes of center at 0 s: along-track to the right, radial upwards"
+
+
 # --- access and range ---
 
 
@@ -520,6 +597,22 @@ def test_access_of_ones_own_is_what_is_drawn(scene):
     np.testing.assert_allclose(line.get_ydata(), np.linalg.norm(gap_m, axis=1) / 1e3, rtol=1e-12)
     assert ax.get_ylabel() == "range to cone03 [km]"
     assert max(line.get_ydata()[0] for line in ax.get_lines() if len(set(line.get_ydata())) == 1) == 5000.0
+
+
+def test_named_sensors_are_drawn_without_access_too(scene, tmp_path, monkeypatch):
+    drawn = {}
+    monkeypatch.setattr("warpsim.plot.pictures.save_figure", lambda figure, path: drawn.setdefault(path, figure))
+    for path, names in (("named", ["sat13"]), ("all", None)):
+        draw_access(scene, path, scene.access(sensors=names), names)
+    chart, ranges = drawn["named"].axes
+    assert [label.get_text() for label in chart.get_yticklabels()] == ["sat13"]
+    assert "no access" in [text.get_text() for text in chart.texts]
+    line = ranges.get_lines()[0]
+    gap_m = scene.position_m("center", line.get_xdata()) - scene.position_m("sat13", line.get_xdata())
+    np.testing.assert_allclose(line.get_ydata(), np.linalg.norm(gap_m, axis=1) / 1e3, rtol=1e-12)
+    seen = sorted(set(scene.access()["sensor"]))
+    assert [label.get_text() for label in drawn["all"].axes[0].get_yticklabels()] == seen
+    assert [text.get_text() for text in drawn["all"].axes[1].get_legend().get_texts()] == seen
 
 
 # --- several groups ---

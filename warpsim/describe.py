@@ -12,17 +12,19 @@ from __future__ import annotations
 import difflib
 import functools
 import math
+import os
 import re
 from collections.abc import Callable
 from typing import Annotated, Any, TypeVar, dataclass_transform
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, Tag, ValidationError, ValidationInfo
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 from pydantic.dataclasses import rebuild_dataclass
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from warpsim.errors import InputError
+from warpsim.files import absolute_path
 
 T = TypeVar("T")
 
@@ -133,6 +135,31 @@ Name = Annotated[str, AfterValidator(_file_name)]
 """A name that can also be a file name."""
 
 
+def whole_path(value: Any, rule: str = "must be the path of a file") -> str:
+    """The path of a file, absolute from here on: the current directory may change before the file is read.
+
+    Raises:
+        PydanticCustomError: It is no path.
+    """
+    try:
+        path = os.fspath(value)
+        if isinstance(path, str) and path and b"\0" not in os.fsencode(path):
+            return absolute_path(path)
+    except (TypeError, ValueError, OSError):  # no path, no name of this system, or the current directory is gone
+        pass
+    raise rule_error(rule)
+
+
+FileName = Annotated[str, BeforeValidator(whole_path)]
+"""Path of a file, as text or os.PathLike; becomes absolute, counted from the current directory."""
+
+
+def choice(tag: str) -> Tag:
+    """The tag of a member of a union that has no kinds; places in messages leave it out."""
+    _KINDS.add(tag)
+    return Tag(tag)
+
+
 def as_tuple(value: Any) -> Any:
     """Lists of scene files become tuples; a single name is a list of one."""
     if isinstance(value, str):
@@ -141,6 +168,9 @@ def as_tuple(value: Any) -> Any:
         raise rule_error("must be a list")
     return tuple(value)
 
+
+TOO_DEEP = "is nested too deeply"
+"""The rule that parts within parts within parts break."""
 
 CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 
@@ -167,7 +197,30 @@ def _place(location: tuple[int | str, ...], positional: list[str]) -> str:
             text += f"[{item}]"
         elif not after_tag:
             text += f".{item}" if text else item
-    return text
+    return text if len(text) <= 120 else f"{text[:60]}...{text[-40:]}"
+
+
+def _is_place(text: str) -> bool:
+    """Whether text is a path of known fields, `targets[0].count`: a file's name looks much like one."""
+    names = [re.sub(r"(\[\d+\])*$", "", name) for name in text.split(".")]
+    return all(name in _FIELD_NAMES for name in names)
+
+
+def _unknown_field(name: str) -> str:
+    """The rule for a field that a part does not have."""
+    if name in _FIELD_NAMES:
+        return "is not a known field here (other parts have it)"
+    close = difflib.get_close_matches(name, _FIELD_NAMES, n=1)
+    return "is not a known field" + (f" (did you mean {close[0]}?)" if close else "")
+
+
+_RULES = {
+    "dataclass_type": "must be a table of fields",
+    "model_attributes_type": "must be a table of fields",
+    "string_type": "must be text",
+    "tuple_type": "must be a list",
+}
+"""What pydantic says in its own words, by its name of the error."""
 
 
 def _sentence(error: ErrorDetails, positional: list[str]) -> str:
@@ -179,22 +232,33 @@ def _sentence(error: ErrorDetails, positional: list[str]) -> str:
     if kind == "union_tag_not_found":
         return f"{place}.kind: is required"
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):
-        close = difflib.get_close_matches(str(error["loc"][-1]), _FIELD_NAMES, n=1)
-        return f"{place}: is not a known field" + (f" (did you mean {close[0]}?)" if close else "")
+        return f"{place}: {_unknown_field(str(error['loc'][-1]))}"
     if kind == "union_tag_invalid":
         place, rule, value = f"{place}.kind", f"must be one of {context.get('expected_tags')}", context.get("tag")
     if kind == "literal_error":
         rule = f"must be {context.get('expected')}"
+    if kind == "too_long":
+        rule = f"must hold at most {context.get('max_length')}"
+    rule = _RULES.get(kind, rule)
     head = f"{place}: " if place else ""
     if kind == "whole":  # the rule may begin with the field it is about
-        return f"{place}.{rule}" if place and re.match(r"[a-z_0-9.\[\]]+: ", rule) else head + rule
-    shown = " ".join(repr(value).split())  # arrays print over several lines
-    return f"{head}{rule}, got {shown if len(shown) <= 60 else shown[:57] + '...'}"
+        return f"{place}.{rule}" if place and _is_place(rule.partition(": ")[0]) else head + rule
+    return f"{head}{rule}, got {_shown(value)}"
+
+
+def _shown(value: Any) -> str:
+    try:
+        shown = " ".join(repr(value).split())  # arrays print over several lines
+    except RecursionError:
+        return f"a {type(value).__name__}"
+    return shown if len(shown) <= 60 else shown[:57] + "..."
 
 
 def input_error(error: ValidationError, where: str, positional: list[str] | None = None) -> InputError:
     """Turn pydantic's report into one line: `where: field: rule, got value`, several joined by semicolons."""
     details = error.errors(include_url=False)
+    if any(e["type"].startswith("recursion") for e in details):
+        return InputError(f"{where}: {TOO_DEEP}")
     sentences = [_sentence(e, positional or []) for e in details[:4]]
     more = f" (and {len(details) - 4} more)" if len(details) > 4 else ""
     return InputError(f"{where}: " + "; ".join(sentences) + more)
@@ -234,5 +298,7 @@ def _raise_input_errors(decorated: Any, names: list[str]) -> None:
             validated_init(self, *args, **kwargs)
         except ValidationError as error:
             raise input_error(error, decorated.__name__, names) from None
+        except RecursionError:
+            raise InputError(f"{decorated.__name__}: {TOO_DEEP}") from None
 
     decorated.__init__ = __init__

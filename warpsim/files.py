@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import os
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,6 +35,43 @@ def whole_file(path: Path) -> Iterator[Path]:
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def absolute_path(path: str) -> str:
+    """A path from the root, without `.` and `..`; but `..` stays where it leads out of a symbolic link."""
+    whole = Path(path).absolute()
+    plain = os.path.normpath(whole)
+    same = ".." not in whole.parts or os.path.realpath(plain) == os.path.realpath(whole)
+    return plain if same else str(whole)
+
+
+def check_new_file(path: Path, suffixes: tuple[str, ...] | None, overwrite: bool) -> None:
+    """See that a file may be written, before the work is done.
+
+    Raises:
+        InputError: The suffix is not one of these (None: any), the folder is missing or cannot be written, or the file
+            is there and overwrite not set.
+    """
+    if suffixes is not None and path.suffix.lower() not in suffixes:
+        raise InputError(f"{path}: must end in one of {', '.join(suffixes)}")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: cannot be written: {path.parent} is not a folder")
+    _check_folder_takes(path)
+    if path.is_dir():
+        raise InputError(f"{path}: cannot be written: is a folder")
+    if path.exists() and not overwrite:
+        raise InputError(f"{path}: is there already; choose another name, or pass --overwrite (overwrite=True)")
+
+
+def _check_folder_takes(path: Path) -> None:
+    """See that the file that becomes path can be made; permissions alone do not tell (file systems of the kernel)."""
+    partial = partial_path(path)
+    try:
+        if not partial.exists():
+            partial.touch()
+            partial.unlink()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def write_fits_table(table: Table, path: Path) -> None:

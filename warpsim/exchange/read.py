@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterator
+
+import numpy as np
 
 from warpsim.errors import InputError
 from warpsim.exchange.ccsds_message import is_ccsds
 from warpsim.exchange.ccsds_read import read_aem, read_oem
+from warpsim.exchange.names import plain_name
 from warpsim.exchange.records import AttitudeSegment, EphemerisSegment
 from warpsim.exchange.source import Source, read_source
 from warpsim.exchange.stk_read import is_stk, read_stk_attitude, read_stk_ephemeris
+
+_TLE = re.compile(r"^1 ([A-Z\d ][\d ]{4})[ A-Z] .{50,}\n2 \1 .{50,}$", re.MULTILINE)
 
 
 def read_ephemeris(path: str | os.PathLike[str], object: str | None = None) -> list[EphemerisSegment]:
@@ -29,14 +35,8 @@ def read_ephemeris(path: str | os.PathLike[str], object: str | None = None) -> l
 
 def ephemeris_of(source: Source, object: str | None = None) -> list[EphemerisSegment]:
     """Like read_ephemeris(), of a file that has been read."""
-    if is_ccsds(source):
-        segments = read_oem(source)
-    elif is_stk(source):
-        segments = read_stk_ephemeris(source)
-    else:
-        from warpsim.exchange.table_read import read_ephemeris_table
-
-        segments = read_ephemeris_table(source)
+    with np.errstate(over="ignore"):  # infinity is refused with its line
+        segments = _ephemeris_segments(source)
     if object is None:
         return segments
     chosen = [s for s in segments if object in (s.object_name, s.object_id, plain_name(s.object_name))]
@@ -44,6 +44,17 @@ def ephemeris_of(source: Source, object: str | None = None) -> list[EphemerisSeg
         known = ", ".join(dict.fromkeys(s.object_name for s in segments))
         raise InputError(f"{source.file}: object: must be one of {known}, got {object!r}")
     return chosen
+
+
+def _ephemeris_segments(source: Source) -> list[EphemerisSegment]:
+    if is_ccsds(source):
+        return read_oem(source)
+    if is_stk(source):
+        return read_stk_ephemeris(source)
+    from warpsim.exchange.table_read import read_ephemeris_table
+
+    with _hint_at_elements(source, "states"):
+        return read_ephemeris_table(source)
 
 
 def read_attitude(path: str | os.PathLike[str]) -> list[AttitudeSegment]:
@@ -57,28 +68,28 @@ def read_attitude(path: str | os.PathLike[str]) -> list[AttitudeSegment]:
 
 def attitude_of(source: Source) -> list[AttitudeSegment]:
     """Like read_attitude(), of a file that has been read."""
+    with np.errstate(over="ignore"):
+        return _attitude_segments(source)
+
+
+def _attitude_segments(source: Source) -> list[AttitudeSegment]:
     if is_ccsds(source):
         return read_aem(source)
     if is_stk(source):
         return read_stk_attitude(source)
     from warpsim.exchange.table_read import read_attitude_table
 
-    return read_attitude_table(source)
+    with _hint_at_elements(source, "attitudes"):
+        return read_attitude_table(source)
 
 
-def plain_name(name: str) -> str:
-    """A name that can be a sensor's and a file's: letters, digits, `_ . -`, others replaced by `_`."""
-    plain = re.sub(r"[^A-Za-z0-9_.-]", "_", name).lstrip("_.-")
-    return plain or "object"
-
-
-def unique_names(names: Iterable[str]) -> list[str]:
-    """Plain names; one that comes again gets `_2`, `_3`, ..."""
-    result: list[str] = []
-    for name in map(plain_name, names):
-        number, candidate = 1, name
-        while candidate in result:
-            number += 1
-            candidate = f"{name}_{number}"
-        result.append(candidate)
-    return result
+@contextlib.contextmanager
+def _hint_at_elements(source: Source, wanted: str) -> Iterator[None]:
+    """Say so where what is no table is element sets."""
+    try:
+        yield
+    except InputError:
+        if _TLE.search(source.text) or "MEAN_MOTION" in source.text:
+            text = f"must hold {wanted}, got element sets, which TleOrbit and TleSatellites read"
+            raise source.error(0, text) from None
+        raise

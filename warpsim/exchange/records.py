@@ -181,7 +181,8 @@ class AttitudeSegment:
         _check_array("quaternion", self.quaternion, (len(self.instants), 4), self)
         _check_times(self)
         _check_useable(self)
-        norm = np.linalg.norm(self.quaternion, axis=1)
+        with np.errstate(over="ignore", under="ignore"):  # infinity and 0 are no norm of 1 either
+            norm = np.linalg.norm(self.quaternion, axis=1)
         bad = np.abs(norm - 1.0) > _NORM_SLACK
         if bad.any():
             row = int(np.argmax(bad))
@@ -190,6 +191,9 @@ class AttitudeSegment:
 
 
 Segment = EphemerisSegment | AttitudeSegment
+
+_SAME_TIME_S = 0.5e-9
+"""Times this close are one: files are kept to 1e-9 s."""
 
 
 def _where(file: str, line: int) -> str:
@@ -231,11 +235,12 @@ def _check_times(segment: Segment) -> None:
     if not finite.all():
         raise InputError(f"{_row_place(segment, int(np.argmin(finite)))}time: must be finite")
     step_s = segment.instants.steps_s()
-    bad = ~(step_s > 0.0)
+    bad = ~(step_s > _SAME_TIME_S)
     if bad.any():
         row = int(np.argmax(bad))
-        text = "must come after the time before it, got the same" if step_s[row] == 0 else (
-            f"must come after the time before it, got {-step_s[row]:g} s earlier")  # fmt: skip
+        same = abs(step_s[row]) <= _SAME_TIME_S
+        got = "the same" if same else f"{-step_s[row]:g} s earlier"
+        text = f"must come after the time before it, got {got}"
         raise InputError(f"{_row_place(segment, row + 1)}time: {text}")
 
 

@@ -16,7 +16,7 @@ from warpsim.errors import InputError
 from warpsim.exchange.frame_names import CCSDS_NAME, STK_NAME
 from warpsim.exchange.instants import Instants, parse_dates
 from warpsim.exchange.records import DEFAULT_DEGREE, AttitudeSegment, EphemerisSegment, Segment
-from warpsim.files import whole_file
+from warpsim.files import check_new_file, whole_file
 
 F64 = NDArray[np.float64]
 
@@ -29,6 +29,7 @@ def write_oem(
     segments: EphemerisSegment | Sequence[EphemerisSegment],
     originator: str = "WARPSIM",
     creation_date: str | None = None,
+    overwrite: bool = False,
 ) -> None:
     """Write orbits as a CCSDS OEM 2.0.
 
@@ -37,12 +38,13 @@ def write_oem(
         segments: One or more, with velocities.
         originator: Who made it.
         creation_date: UTC; now, where left out.
+        overwrite: Whether an existing file is replaced.
 
     Raises:
-        InputError: A segment has no velocities, counts from a scene's epoch, or the file cannot be written.
+        InputError: A segment has no velocities, counts from a scene's epoch, or the file is there or cannot be written.
     """
     runs = [segments] if isinstance(segments, EphemerisSegment) else list(segments)
-    _check_some(path, runs)
+    _check_start(path, runs, overwrite)
     lines = _header("OEM", originator, creation_date)
     for segment in runs:
         if segment.velocity_m_s is None:
@@ -61,6 +63,7 @@ def write_aem(
     segments: AttitudeSegment | Sequence[AttitudeSegment],
     originator: str = "WARPSIM",
     creation_date: str | None = None,
+    overwrite: bool = False,
 ) -> None:
     """Write attitudes as a CCSDS AEM 2.0, from the reference axes (A) to the body's (B).
 
@@ -68,7 +71,7 @@ def write_aem(
         InputError: See write_oem().
     """
     runs = [segments] if isinstance(segments, AttitudeSegment) else list(segments)
-    _check_some(path, runs)
+    _check_start(path, runs, overwrite)
     lines = _header("AEM", originator, creation_date)
     for segment in runs:
         body = _plain(segment.body_frame) if segment.body_frame.isupper() else "SC_BODY_1"
@@ -82,18 +85,22 @@ def write_aem(
     _write(path, lines)
 
 
-def write_stk_ephemeris(path: str | os.PathLike[str], segments: EphemerisSegment | Sequence[EphemerisSegment]) -> None:
+def write_stk_ephemeris(
+    path: str | os.PathLike[str], segments: EphemerisSegment | Sequence[EphemerisSegment], overwrite: bool = False
+) -> None:
     """Write one object's orbit as an STK ephemeris (.e), in metres.
 
     Args:
         path: The file; it appears whole or not at all.
         segments: One, or several of one object in one frame, in time order: boundaries lie between them.
+        overwrite: Whether an existing file is replaced.
 
     Raises:
-        InputError: They differ in object or frame, overlap, count from a scene's epoch, or the file cannot be written.
+        InputError: They differ in object or frame, overlap, count from a scene's epoch, or the file is there or cannot
+            be written.
     """
     runs = [segments] if isinstance(segments, EphemerisSegment) else list(segments)
-    _check_some(path, runs)
+    _check_start(path, runs, overwrite)
     first = runs[0]
     for what, values in (
         ("object", {run.object_name for run in runs}),
@@ -121,12 +128,13 @@ def write_stk_ephemeris(path: str | os.PathLike[str], segments: EphemerisSegment
     _write(path, [*lines, "", "END Ephemeris"])
 
 
-def write_stk_attitude(path: str | os.PathLike[str], segment: AttitudeSegment) -> None:
+def write_stk_attitude(path: str | os.PathLike[str], segment: AttitudeSegment, overwrite: bool = False) -> None:
     """Write an attitude as an STK attitude file (.a), from the reference axes to the body's, scalar last.
 
     Raises:
-        InputError: It counts from a scene's epoch, or the file cannot be written.
+        InputError: It counts from a scene's epoch, or the file is there (and overwrite not set) or cannot be written.
     """
+    _check_start(path, [segment], overwrite)
     epoch_text, epoch = _stk_epoch(segment)
     lines = ["stk.v.11.0", "", "# WrittenBy    warpsim", "", "BEGIN Attitude", ""]
     lines += [f"NumberOfAttitudePoints  {len(segment.instants)}", f"ScenarioEpoch           {epoch_text}"]
@@ -189,7 +197,9 @@ def _plain(text: str) -> str:
     return text.strip()
 
 
-def _check_some(path: str | os.PathLike[str], runs: Sequence[Segment]) -> None:
+def _check_start(path: str | os.PathLike[str], runs: Sequence[Segment], overwrite: bool) -> None:
+    """See that there is something to write, and where to."""
+    check_new_file(Path(path), None, overwrite)
     if not runs:
         raise InputError(f"{os.fspath(path)}: segments: must be one at least, got none")
 

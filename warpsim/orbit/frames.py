@@ -1,7 +1,8 @@
 """Rotations from the frames of orbit and attitude files to GCRS axes.
 
 - GCRF is the same; EME2000 differs by the constant frame bias of IAU 2006 (`erfa.bp06`), 23 mas or 0.8 m in low orbit.
-- ITRF turns with the Earth as in `warpsim.orbit.earth`: no polar motion (up to 10 m), built-in delta T.
+- ITRF turns with the Earth as in `warpsim.orbit.earth`: no polar motion and built-in delta T, at most 17 m
+  from the IERS's (1974 to 2025), more for later dates.
 - TEME is SGP4's, true equator and mean equinox of date, as in AIAA 2006-6753.
 - TOD and MOD are the true and the mean equator and equinox of date by IAU 2006/2000A. Programs that use IAU 1976/1980
   differ by up to 0.09 arcsec, 3 m in low orbit (2000 to 2030).

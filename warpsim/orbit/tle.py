@@ -11,7 +11,6 @@ from __future__ import annotations
 import difflib
 import fnmatch
 import hashlib
-import os
 import re
 import warnings
 from collections import Counter
@@ -24,11 +23,12 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
 
 from warpsim.constants import DAY_S
-from warpsim.describe import as_tuple, part, part_error, rule_error
+from warpsim.describe import FileName, as_tuple, part, part_error, rule_error
 from warpsim.errors import InputError
 from warpsim.exchange.element_set import ElementSet
 from warpsim.exchange.elements_files import parse_element_sets, read_element_sets
-from warpsim.orbit.epoch import tt_jd
+from warpsim.exchange.names import plain_name
+from warpsim.orbit.epoch import tt_jd, years_ahead
 from warpsim.orbit.teme import teme_to_gcrs
 
 if TYPE_CHECKING:
@@ -39,12 +39,11 @@ F64 = NDArray[np.float64]
 OLD_DAYS = 30.0
 """Element sets farther than this from the scene are worth a note: SGP4 loses kilometres a day."""
 
+NEAREST_KM, FARTHEST_KM = 6000.0, 1e6
+"""Distances from the Earth's centre at which SGP4's states are believed: far from their epoch, sets give any."""
+
 _TT_MINUS_TAI_S = 32.184
 _PAIRS_PER_CHUNK = 500_000  # (time, satellite) pairs of SGP4 held at once: some 30 MB
-
-
-def _path_text(value: Any) -> Any:
-    return os.fspath(value) if isinstance(value, os.PathLike) else value
 
 
 def _selector(value: Any) -> Any:
@@ -58,7 +57,6 @@ def _selectors(value: Any) -> Any:
     return as_tuple(str(value) if isinstance(value, int | np.integer) and not isinstance(value, bool) else value)
 
 
-FileName = Annotated[str, BeforeValidator(_path_text)]
 Lines = Annotated[tuple[str, ...], BeforeValidator(as_tuple)]
 Selector = Annotated[str, BeforeValidator(_selector)]
 Selectors = Annotated[tuple[Selector, ...], BeforeValidator(_selectors)]
@@ -125,7 +123,8 @@ class TleSatellites:
             time_s: Times [s since epoch], shape (n_time,).
 
         Raises:
-            InputError: SGP4 has no state for some satellite and time, because it has decayed, say.
+            InputError: SGP4 has no state for some satellite and time, because it has decayed, say, or one that is
+                closer to the Earth's centre than 6,000 km or farther than 1e6 km.
         """
         return _sgp4_states(self.satellites, epoch, time_s)
 
@@ -219,9 +218,8 @@ def _satellites(file: str | None, lines: Sequence[str] | None) -> tuple[Satellit
 
 
 def _plain_name(item: ElementSet) -> str:
-    """A name that can be a file's: `ISS (ZARYA)` becomes `ISS_ZARYA`."""
-    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", item.name).strip("_.-")
-    return name or (f"norad{item.norad_id:05d}" if item.norad_id is not None else "satellite")
+    """A name that can be a file's, of the catalog number where there is no other."""
+    return plain_name(item.name, f"norad{item.norad_id:05d}" if item.norad_id is not None else "satellite")
 
 
 def _identifier(item: ElementSet) -> str:
@@ -318,11 +316,21 @@ def _sgp4_block(members: Sequence[tuple[str, ElementSet]], epoch: Time, times: F
     code, r, v = SatrecArray([item.satrec for _, item in members]).sgp4(
         np.full_like(times, whole), np.ascontiguousarray(fraction - offset_s / DAY_S)
     )
-    bad = (code != 0) | ~(np.isfinite(r).all(axis=-1) & np.isfinite(v).all(axis=-1))
+    radius_km = np.linalg.norm(r, axis=-1)
+    finite = np.isfinite(radius_km) & np.isfinite(v).all(axis=-1)
+    bad = (code != 0) | ~finite | (radius_km < NEAREST_KM) | (radius_km > FARTHEST_KM)
     if bad.any():
         row = int(np.argmax(bad.any(axis=1)))
         column = int(np.argmax(bad[row]))
-        utc = (epoch + TimeDelta(times[column], format="sec")).utc.isot
         reason = SGP4_ERRORS.get(int(code[row, column]), "the state is not finite")
+        if code[row, column] == 0 and finite[row, column]:
+            name, item = members[row]
+            days = _age_days([Satellite(name, (item,))], epoch)[0] + times[column] / DAY_S
+            reason = (
+                f"{radius_km[row, column]:.3g} km from the Earth's centre, not {NEAREST_KM:,.0f} to {FARTHEST_KM:,.0f} "
+                f"km, {abs(days):.0f} days {'after' if days >= 0 else 'before'} the element set's epoch"
+            )
+        with years_ahead():
+            utc = (epoch + TimeDelta(times[column], format="sec")).utc.isot
         raise InputError(f"{members[row][0]}: no state at {utc} UTC ({times[column]:g} s): SGP4: {reason}")
     return np.swapaxes(r, 0, 1), np.swapaxes(v, 0, 1)

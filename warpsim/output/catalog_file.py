@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from warpsim.errors import InputError
+from warpsim.files import check_new_file as check_new_file
 from warpsim.files import whole_file, write_fits_table
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.catalog_columns import J2000_JYEAR
@@ -20,22 +20,6 @@ FORMAT_OF_SUFFIX = {
 """astropy's names of the formats."""
 
 _WITHOUT_META = ("votable", "ascii.csv")
-
-
-def check_new_file(path: Path, suffixes: tuple[str, ...], overwrite: bool) -> None:
-    """See that a file may be written, before the work is done.
-
-    Raises:
-        InputError: The suffix is not one of these, the folder is missing, or the file is there and overwrite not set.
-    """
-    if path.suffix.lower() not in suffixes:
-        raise InputError(f"{path}: must end in one of {', '.join(suffixes)}")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: cannot be written: {path.parent} is not a folder")
-    if path.is_dir():
-        raise InputError(f"{path}: cannot be written: is a folder")
-    if path.exists() and not overwrite:
-        raise InputError(f"{path}: is there already; choose another name, or pass --overwrite (overwrite=True)")
 
 
 def write_catalog(catalog: StarCatalog, path: str | Path, overwrite: bool = False) -> StarCatalog:

@@ -3,7 +3,8 @@
 Positions are in the frame that CZML calls INERTIAL, the ICRF: its axes are those of GCRS, so the scene's numbers go in
 as they are. Cesium turns them to the ground by its own Earth orientation. It interpolates with Lagrange polynomials of
 degree 5; the time between samples is chosen for each body so that the polynomials stay within ERROR_M of its track.
-A track with a bend (a release, a manoeuvre) is cut into intervals around it, which Cesium interpolates one by one.
+A track with a bend (a release, a manoeuvre) is cut into intervals at it, which Cesium interpolates one by one; a bend
+that the scene does not tell of is found by its error, and fenced in by short intervals.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import importlib.util
 import math
 import os
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +22,9 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.files import whole_file
+from warpsim.orbit.epoch import years_ahead
 from warpsim.output.catalog_file import check_new_file
+from warpsim.scene.bends import bends_s
 
 if TYPE_CHECKING:
     from warpsim.scene.scene import Scene
@@ -34,6 +38,8 @@ DEGREE = 5
 """Of the interpolating polynomials, through six samples."""
 ERROR_M = 0.1
 """What the interpolation may be off where the time between samples is chosen."""
+AIM = 0.8
+"""Share of ERROR_M to which samples are chosen: room for what lies between the places where it is measured."""
 LONGEST_STEP_S = 300.0
 SHORTEST_STEP_S = 15.0
 """Of smooth motion; where it does not do, the track is cut in half there."""
@@ -41,7 +47,10 @@ SHORTEST_PIECE_S = 0.02
 MOST_SAMPLES = 2_000_000
 """Of all bodies together: some 100 MB of text."""
 
-_CHECKS_PER_STEP = 4
+_CHECKS_PER_STEP = 8
+_CHECKS_PER_PIECE = 128  # at least: bends that nobody tells of are in short pieces
+_FINER = 16  # so many times more densely, next to the worst place
+_DATE_S = 1e-6  # digits of the dates between which pieces count
 _DECIMALS = 3  # of a position [m]
 _SATELLITE, _TARGET, _MAIN, _SIGHT = [86, 180, 233, 255], [230, 159, 0, 255], [213, 94, 0, 255], [0, 158, 115, 220]
 _DOCUMENT = "document"
@@ -63,8 +72,8 @@ def write_czml(
         overwrite: Whether an existing file is replaced.
 
     Returns:
-        How far the positions, interpolated as Cesium does, are from the scene's at most [m], measured four times
-        between samples.
+        How far the positions, interpolated as Cesium does, are from the scene's at most [m], measured at eight places
+        or more from one sample to the next, before and after every bend, and densely about the worst place.
 
     Raises:
         InputError: The path cannot be written, the step is bad, a body jumps, or the package czml3 (the extra `czml`)
@@ -84,37 +93,49 @@ def write_czml(
             f"step_s: {step_s:g} s give more than {MOST_SAMPLES} positions for {len(names)} bodies over "
             f"{scene.duration_s:g} s"
         )
-    samples = {name: sampled_track(scene, name, step_s) for name in names}
+    bends = bends_s(scene)
+    samples = {name: sampled_track(scene, name, step_s, bends[name]) for name in names}
     document = _document(scene, {name: pieces for name, (pieces, _) in samples.items()})
     with whole_file(path) as partial:
         document.save(partial, indent=None)
     return max(error_m for _, error_m in samples.values())
 
 
-def sampled_track(scene: Scene, name: str, step_s: float | None = None) -> tuple[list[Piece], float]:
+def sampled_track(
+    scene: Scene, name: str, step_s: float | None = None, bends: Sequence[float] = ()
+) -> tuple[list[Piece], float]:
     """Samples of a body's track from the epoch to the scene's end, and the error of interpolating between them [m].
 
+    Args:
+        scene: The scene.
+        name: Of a sensor or target.
+        step_s: Time between samples [s]; chosen by their error if left out.
+        bends: Times at which the track bends [s after the epoch], ascending; it is cut there.
+
     Returns:
-        Pieces that follow one another, evenly sampled, their ends included; one where the track is smooth or step_s is
-        given; and the largest error.
+        Pieces that follow one another, evenly sampled, their ends included; one where the track is smooth; and the
+        largest error.
 
     Raises:
         InputError: The body jumps: not even a piece of 0.02 s can be interpolated.
     """
+    inner = {round(time, 6) for time in bends if 2 * _DATE_S < time < scene.duration_s - 2 * _DATE_S}
+    edges = [0.0, *sorted(inner), scene.duration_s]
+    spans = list(pairwise(edges))
     if step_s is not None:
-        piece, error_m = _sampled_piece(scene, name, 0.0, scene.duration_s, step_s)
-        return [piece], error_m
+        given = [_sampled_piece(scene, name, *span, step_s) for span in spans]
+        return [piece for piece, _ in given], max(error_m for _, error_m in given)
     pieces: list[Piece] = []
     largest_m = 0.0
-    spans = [(0.0, scene.duration_s)]
+    spans.reverse()  # the earliest is taken first
     while spans:
         first_s, last_s = spans.pop()
         wanted_s = LONGEST_STEP_S
         piece, error_m = _sampled_piece(scene, name, first_s, last_s, wanted_s)
-        while error_m > ERROR_M and min(wanted_s, last_s - first_s) / 2 >= SHORTEST_STEP_S:
+        while error_m > AIM * ERROR_M and min(wanted_s, last_s - first_s) / 2 >= SHORTEST_STEP_S:
             wanted_s /= 2
             piece, error_m = _sampled_piece(scene, name, first_s, last_s, wanted_s)
-        if error_m <= ERROR_M:
+        if error_m <= AIM * ERROR_M:
             pieces.append(piece)
             largest_m = max(largest_m, error_m)
             continue
@@ -133,9 +154,17 @@ def _sampled_piece(scene: Scene, name: str, first_s: float, last_s: float, step_
     n = max(DEGREE + 1, math.ceil((last_s - first_s) / step_s - 1e-9) + 1)
     time_s = np.linspace(first_s, last_s, n)
     position_m = np.round(scene.position_m(name, time_s), _DECIMALS)
-    between = np.linspace(first_s, last_s, (n - 1) * _CHECKS_PER_STEP + 1)
-    off_m = interpolated(time_s, position_m, between) - scene.position_m(name, between)
-    return (time_s, position_m), float(np.linalg.norm(off_m, axis=1).max())
+
+    def off_m(between_s: F64) -> F64:
+        missed_m = interpolated(time_s, position_m, between_s) - scene.position_m(name, between_s)
+        return np.asarray(np.linalg.norm(missed_m, axis=1))
+
+    checks_s = np.linspace(first_s, last_s, max((n - 1) * _CHECKS_PER_STEP, _CHECKS_PER_PIECE) + 1)
+    coarse_m = off_m(checks_s)
+    worst = int(np.argmax(coarse_m))
+    next_to = checks_s[max(worst - 1, 0)], checks_s[min(worst + 1, len(checks_s) - 1)]
+    fine_m = off_m(np.linspace(*next_to, 2 * _FINER + 1))
+    return (time_s, position_m), float(max(coarse_m.max(), fine_m.max()))
 
 
 def interpolated(sample_s: F64, values: F64, time_s: F64) -> F64:
@@ -280,11 +309,14 @@ def _utc(scene: Scene, time_s: Sequence[float]) -> list[str]:
     from astropy import units as u
     from astropy.time import Time
 
-    instants = (scene.epoch.tai + np.asarray(time_s) * u.s).utc
-    instants.precision = 6
     texts = []
-    for text, instant in zip(instants.isot, instants, strict=True):
-        if ":60" in text:
-            text = Time(math.floor(instant.jd1 + instant.jd2 + 0.5) + 0.5, format="jd", scale="utc", precision=6).isot
-        texts.append(f"{text}Z")
+    with years_ahead():
+        instants = (scene.epoch.tai + np.asarray(time_s) * u.s).utc
+        instants.precision = 6
+        for text, instant in zip(instants.isot, instants, strict=True):
+            if ":60" in text:
+                text = Time(
+                    math.floor(instant.jd1 + instant.jd2 + 0.5) + 0.5, format="jd", scale="utc", precision=6
+                ).isot
+            texts.append(f"{text}Z")
     return texts

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
-from warpsim.plot.figure import INK, new_axes, pair
+from warpsim.plot.figure import INK, new_axes, pair, plain
 from warpsim.plot.scenario import checked_time_s, kind_colour, kinds_of_targets, local_frame
 from warpsim.quaternion import rotated
 from warpsim.scene.scene import Scene
@@ -57,13 +57,15 @@ def plot_attitudes(scene: Scene, time_s: float | Sequence[float], ax: Axes | Non
             _draw_body(ax, spec.shape, rotation, np.array([column, -row]) * _CELL, kind_colour(kind))
         words = f"{name}\n{_dimensions(spec.shape)}" + (f"\none of {spec.count}" if spec.count > 1 else "")
         ax.text(-0.62 * _CELL, -row * _CELL, words, ha="right", va="center", fontsize=8)
-    steps = [f"{times[0]:g} s", *(f"+{time - times[0]:.4g} s" for time in times[1:])]
+    start = f"{plain(times[0])} s"
+    steps = [start, *(f"{'+' if time >= times[0] else '-'}{plain(abs(time - times[0]), 4)} s" for time in times[1:])]
     for column, step in enumerate(steps):
         ax.text(column * _CELL, -(len(names) - 0.42) * _CELL, step, ha="center", va="top", fontsize=8)
     ax.set(xlim=(-1.75 * _CELL, (len(times) - 0.45) * _CELL), ylim=(-(len(names) - 0.2) * _CELL, 0.6 * _CELL))
     ax.set_aspect("equal")
     ax.set_axis_off()
-    ax.set_title(f"{scene.name}: attitudes, along-track to the right, radial upwards", fontsize=10)
+    axes = f"axes of {scene.target_names[0]} at {start}: along-track to the right, radial upwards"
+    ax.set_title(f"{scene.name}: attitudes\n{axes}", fontsize=10)
     return ax
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
 from warpsim.files import whole_file
+from warpsim.orbit.epoch import years_ahead
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,9 +51,13 @@ def new_axes(width: float, height: float) -> Axes:
 
 
 def save_figure(figure: Any, path: Path) -> None:
-    """Write a figure, whole or not at all; the suffix says the format."""
+    """Write a figure, whole or not at all; the suffix says the format.
+
+    The picture is as large as what is drawn, and so holds titles and legends for which the layout found no room (it
+    does not foresee axes that keep their proportions).
+    """
     with whole_file(path) as partial:
-        figure.savefig(partial, dpi=150, format=path.suffix[1:].lower())
+        figure.savefig(partial, dpi=150, format=path.suffix[1:].lower(), bbox_inches="tight", pad_inches=0.08)
 
 
 def place_labels(ax: Axes, xy: ArrayLike, texts: Sequence[str], size: float = 8.0, **style: Any) -> list[Any]:
@@ -132,9 +137,15 @@ def pair(place: ArrayLike) -> tuple[float, float]:
     return float(x), float(y)
 
 
+def plain(value: float, n_digit: int = 6) -> str:
+    """A number with so many digits that count, without an exponent and without zeros at its end: 10800, 0.1667."""
+    return np.format_float_positional(value, n_digit, unique=False, fractional=False, trim="-")
+
+
 def utc_text(scene: Any, time_s: float) -> str:
     """An instant of a scene in words: 807.0 s (2025-01-01T14:13:27.000 UTC)."""
     from astropy import units as u
 
-    instant = (scene.epoch.tai + time_s * u.s).utc
-    return f"{time_s:.1f} s ({instant.isot} UTC)"
+    with years_ahead():
+        instant = (scene.epoch.tai + time_s * u.s).utc
+        return f"{time_s:.1f} s ({instant.isot} UTC)"

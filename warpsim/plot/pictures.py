@@ -13,8 +13,15 @@ from warpsim.output.catalog_file import check_new_file
 from warpsim.plot.access import plot_access, plot_range
 from warpsim.plot.bodies import plot_attitudes
 from warpsim.plot.figure import PICTURE_SUFFIXES, need_matplotlib, save_figure
-from warpsim.plot.scenario import checked_time_s, kinds_of_targets, plot_ground_tracks, plot_group, plot_scene
-from warpsim.plot.view import plot_satellite_view
+from warpsim.plot.scenario import (
+    SCENE_INCH,
+    checked_time_s,
+    kinds_of_targets,
+    plot_ground_tracks,
+    plot_group,
+    plot_scene,
+)
+from warpsim.plot.view import VIEW_INCH, plot_satellite_view
 from warpsim.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -38,22 +45,23 @@ def check_picture(path: Path, overwrite: bool, where: str) -> None:
 
 
 def draw_access(scene: Scene, path: Path, access: Table | None = None, sensors: Sequence[str] | None = None) -> None:
-    """Draw the intervals of the sensors with access, and below them their ranges against time, to a file.
+    """Draw the intervals of sensors, and below them their ranges against time, to a file.
 
     Args:
         scene: The scene.
         path: File to write.
         access: What `scene.access` gave; the scene's own if left out.
-        sensors: Names of the sensors that it is about; all if left out.
+        sensors: Names of the sensors that it is about, drawn with access or without; those with access if left out.
     """
     access = scene.access() if access is None else access
-    n_row = max(3, len(set(access["sensor"])))
+    named = None if sensors is None else list(dict.fromkeys(sensors))
+    n_row = max(3, len(set(access["sensor"])) if named is None else len(named))
     chart_inch = min(1.4 + 0.27 * n_row, _TALLEST_INCH)
     figure = _figure(9.6, chart_inch + 4.6)
     chart, ranges = figure.subplots(2, 1, sharex=True, height_ratios=[chart_inch, 4.6])
-    plot_access(scene, chart, only_with_access=True, access=access, sensors=sensors)
+    plot_access(scene, chart, only_with_access=named is None, access=access, sensors=named)
     chart.set_xlabel("")
-    plot_range(scene, ax=ranges, access=access)
+    plot_range(scene, named, ranges, access)
     save_figure(figure, path)
 
 
@@ -87,7 +95,7 @@ def draw_scenario(scene: Scene, folder: Path, time_s: float | None = None, overw
     for path in paths.values():
         check_new_file(path, PICTURE_SUFFIXES, overwrite)
 
-    figure = _figure(8.2, 8.8)
+    figure = _figure(*SCENE_INCH)
     plot_scene(scene, time, figure.add_subplot())
     save_figure(figure, paths["scene"])
     figure = _figure(11.0, 5.8)
@@ -102,7 +110,7 @@ def draw_scenario(scene: Scene, folder: Path, time_s: float | None = None, overw
     draw_access(scene, paths["access"])
     renderer = Renderer(scene) if seeing else None
     for name in seeing:
-        figure = _figure(7.4, 7.2)
+        figure = _figure(*VIEW_INCH)
         plot_satellite_view(scene, name, time, figure.add_subplot(), renderer)
         save_figure(figure, paths[f"view_{name}"])
     return list(paths.values())

@@ -31,6 +31,7 @@ from warpsim.plot.figure import (
     new_axes,
     pair,
     place_labels,
+    plain,
     utc_text,
 )
 from warpsim.plot.globe import Globe, draw_earth, globe_from
@@ -45,7 +46,11 @@ F64 = NDArray[np.float64]
 MOST_LABELS = 40
 """More names than these are not written into a picture."""
 
+SCENE_INCH = (8.2, 9.4)
+"""Of a figure for `plot_scene`: room for a legend of four rows below a square."""
+
 _N_PATH = 361  # points of a drawn path
+_SMALLEST_HALF_M = 1.0  # of the group's panels: below it its targets are on one spot
 _TILT_DEG = 45.0  # from the plane of the arc to the default viewer: the arc's height and length both show
 
 
@@ -72,7 +77,7 @@ def plot_scene(
         InputError: The instant is outside the scene, or the viewer's direction is none.
     """
     time = checked_time_s(scene, 0.5 * scene.duration_s if time_s is None else time_s)
-    ax = ax or new_axes(8.2, 8.8)
+    ax = ax or new_axes(*SCENE_INCH)
     at = np.array([time])
     main = scene.target_names[0]
     sun_m = scene.position_m("sun", at)[0]
@@ -98,7 +103,7 @@ def plot_scene(
         end_m = flight_m[-number]
         if not globe.is_hidden(end_m):
             ax.plot(*globe.project(end_m), mark, color="white", markeredgecolor=VERMILION, markersize=6, zorder=5,
-                    label=f"its {name}, {number * scene.duration_s:g} s")  # fmt: skip
+                    label=f"its {name}, {plain(number * scene.duration_s)} s")  # fmt: skip
     if not globe.is_hidden(target_m):
         ax.plot(*globe.project(target_m), "*", color=VERMILION, markeredgecolor=INK, markersize=13, zorder=7,
                 label=f"{main} now")  # fmt: skip
@@ -220,7 +225,8 @@ def plot_ground_tracks(scene: Scene, ax: Axes | None = None) -> Axes:
     ax.set(xlabel="longitude, east [deg]", ylabel="latitude [deg]")
     ax.grid(color="0.85", linewidth=0.6)
     ax.set_axisbelow(True)
-    ax.set_title(f"{scene.name}: ground tracks over {scene.duration_s:g} s from {scene.epoch_utc} UTC", fontsize=10)
+    words = f"{plain(scene.duration_s)} s from {scene.epoch_utc} UTC"
+    ax.set_title(f"{scene.name}: ground tracks over {words}", fontsize=10)
     if len(labels) <= MOST_LABELS:
         place_labels(ax, np.array([place for _, place in labels]), [name for name, _ in labels], color=BLUE, zorder=7)
     return ax
@@ -298,7 +304,9 @@ def plot_group(
     first = kinds[0].rows[0]
     offset_m = group_offsets_m(scene, time, group)
     unit, per_m = ("km", 1e-3) if np.abs(offset_m).max() > 2000 else ("m", 1.0)
-    half = 1.12 * max(per_m * np.abs(offset_m).max(), 1e-3)
+    half = max(1.12 * per_m * np.abs(offset_m).max(), _SMALLEST_HALF_M * per_m)
+    rows = [row for kind in kinds for row in kind.rows]
+    n_stowed = int(np.count_nonzero(stowed(scene, time)[rows]))
     words = ("radial", "along-track", "cross-track")
     for ax, (across, up) in zip(axes[:3], ((1, 0), (2, 0), (1, 2)), strict=True):
         for kind in kinds:
@@ -308,7 +316,8 @@ def plot_group(
         ax.axvline(0, color=FAINT, linewidth=0.6, zorder=0)
         ax.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
         ax.set(xlabel=f"{words[across]} [{unit}]", ylabel=f"{words[up]} [{unit}]")
-    axes[0].set_title(f"group about {kinds[0].label} at {time:g} s", fontsize=10)
+    title = f"group about {kinds[0].label} at {plain(time)} s"
+    axes[0].set_title(title + (f"\n{n_stowed} still stowed in it" if n_stowed else ""), fontsize=10)
     handles, labels = axes[0].get_legend_handles_labels()
     if len(axes) == 4:
         axes[3].set_axis_off()
@@ -316,6 +325,11 @@ def plot_group(
     else:
         axes[0].legend(fontsize=7)
     return axes
+
+
+def stowed(scene: Scene, time_s: float) -> NDArray[np.bool_]:
+    """Which targets have not left their main target yet, shape (n_target,); without light time."""
+    return np.asarray(time_s < scene.tracks.release_s[len(scene.sensor_names) :])
 
 
 def group_offsets_m(scene: Scene, time_s: float, group: str | None = None) -> F64:

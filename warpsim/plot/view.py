@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.errors import InputError
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M
-from warpsim.plot.figure import BLUE, GREEN, GREY, INK, PURPLE, SKY_BLUE, new_axes, pair, place_labels
+from warpsim.plot.figure import BLUE, GREEN, GREY, INK, PURPLE, SKY_BLUE, new_axes, pair, place_labels, plain
 from warpsim.plot.scenario import MOST_LABELS, checked_time_s, kind_style, kinds_of_targets
 from warpsim.scene.scene import Scene
 from warpsim.sky.apparent import apparent_direction
@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 
 F64 = NDArray[np.float64]
 
+VIEW_INCH = (7.4, 7.9)
+"""Of a figure for `plot_satellite_view`: room for a legend of three rows below a square."""
+
+_WORD_PT = 8.0  # letters of the compass
 _N_GRID = 129  # places across the field at which the Earth is looked for
 _INSET_BELOW = 0.2  # of the field: a smaller group is drawn a second time, enlarged
 
@@ -44,6 +48,8 @@ class CameraView:
     """Places of the targets, NaN behind the camera, shape (n_target, 2)."""
     occulted: NDArray[np.bool_]
     """Whether the Earth hides them, shape (n_target,)."""
+    stowed: NDArray[np.bool_]
+    """Whether they have not left their main target yet, and so give no light, shape (n_target,)."""
     star_xy_px: F64
     """Places of the stars whose light reaches the frame, shape (n_star, 2)."""
     star_snr: F64
@@ -85,6 +91,7 @@ def camera_view(scene: Scene, sensor: str, time_s: float, renderer: Renderer | N
         velocity_m_s=velocity_m_s[0],
         target_xy_px=np.stack([np.asarray(truth["x_px"]), np.asarray(truth["y_px"])], axis=1),
         occulted=np.asarray(truth["occulted"]),
+        stowed=np.asarray(truth["stowed"]),
         star_xy_px=np.stack([np.asarray(stars["x_px"]), np.asarray(stars["y_px"])], axis=1),
         star_snr=np.asarray(stars["snr"])[:, 0],
     )
@@ -96,7 +103,7 @@ def plot_satellite_view(
     """Draw what a sensor's camera sees as geometry: targets and stars at their pixels, the Earth, zenith and north.
 
     Places are apparent, with light time and aberration: those of the rendered frame. A group that is small in the
-    field is drawn a second time, enlarged and with names.
+    field is drawn a second time, enlarged and with names. Stowed targets are left out: they give no light.
 
     Args:
         scene: The scene.
@@ -109,7 +116,7 @@ def plot_satellite_view(
         InputError: No such sensor, or the instant is outside the scene.
     """
     view = camera_view(scene, sensor, time_s, renderer)
-    ax = ax or new_axes(7.4, 7.2)
+    ax = ax or new_axes(*VIEW_INCH)
     camera = scene.camera
     right, bottom = camera.n_col - 0.5, camera.n_row - 0.5
     ax.set(xlim=(-0.5, right), ylim=(bottom, -0.5), aspect="equal", xlabel="column [px]", ylabel="row [px]")
@@ -122,7 +129,7 @@ def plot_satellite_view(
                    label=f"stars ({np.count_nonzero(inside)}), by brightness", zorder=2)  # fmt: skip
     _draw_targets(ax, scene, view, with_labels=True)
     _draw_compass(ax, scene, view)
-    in_field = view.target_xy_px[~view.occulted & _in_frame(scene, view.target_xy_px)]
+    in_field = view.target_xy_px[_shown(scene, view)]
     extent_px = float(np.ptp(in_field, axis=0).max()) if len(in_field) > 1 else 0.0
     if 0 < extent_px < _INSET_BELOW * min(camera.n_col, camera.n_row):
         _draw_inset(ax, scene, view, in_field, extent_px)
@@ -131,7 +138,7 @@ def plot_satellite_view(
     seen = "access" if scene.has_access(sensor, [time_s])[0] else "no access"
     range_km = np.linalg.norm(scene.position_m(scene.target_names[0], [time_s])[0] - view.position_m) / 1e3
     ax.set_title(
-        f"{scene.name}: {sensor} at {time_s:g} s, {range_km:.0f} km from {scene.target_names[0]}, {seen}\n"
+        f"{scene.name}: {sensor} at {plain(time_s)} s, {range_km:.0f} km from {scene.target_names[0]}, {seen}\n"
         f"field of {np.degrees(2 * np.arctan(0.5 * camera.n_col / camera.focal_px)):.3g} deg across",
         fontsize=10,
     )
@@ -144,21 +151,30 @@ def _in_frame(scene: Scene, xy_px: F64) -> NDArray[np.bool_]:
     return np.asarray(((xy_px >= -0.5) & (xy_px < edge)).all(axis=1))  # NaN is not
 
 
+def _shown(scene: Scene, view: CameraView) -> NDArray[np.bool_]:
+    """Targets in the frame that can be seen: neither behind the Earth nor stowed, shape (n_target,)."""
+    return ~view.occulted & ~view.stowed & _in_frame(scene, view.target_xy_px)
+
+
 def _draw_targets(ax: Axes, scene: Scene, view: CameraView, with_labels: bool) -> None:
-    """Marks of the targets by kind; those behind the Earth are crosses."""
-    shown = ~view.occulted & np.isfinite(view.target_xy_px[:, 0])
+    """Marks of the targets in the frame by kind; those behind the Earth are crosses."""
+    shown, inside = _shown(scene, view), _in_frame(scene, view.target_xy_px)
     for kind in kinds_of_targets(scene):
         chosen = np.array(kind.rows)[shown[kind.rows]]
         if len(chosen):
-            ax.plot(*view.target_xy_px[chosen].T, label=kind.label if with_labels else None, **kind_style(kind))
-    hidden = view.occulted & np.isfinite(view.target_xy_px[:, 0])
+            part = len(chosen) < len(kind.rows)
+            label = f"{kind.spec.name} ({len(chosen)} of {len(kind.rows)})" if part else kind.label
+            ax.plot(*view.target_xy_px[chosen].T, label=label if with_labels else None, **kind_style(kind))
+    hidden = view.occulted & ~view.stowed & inside
     if hidden.any():
         ax.plot(*view.target_xy_px[hidden].T, "x", color=GREY, markersize=5,
                 label=f"behind the Earth ({np.count_nonzero(hidden)})" if with_labels else None)  # fmt: skip
+    if with_labels and view.stowed.any():
+        ax.plot([], [], " ", label=f"stowed, dark, not drawn ({np.count_nonzero(view.stowed)})")
 
 
 def _name_targets(ax: Axes, scene: Scene, view: CameraView) -> None:
-    shown = np.flatnonzero(~view.occulted & _in_frame(scene, view.target_xy_px))
+    shown = np.flatnonzero(_shown(scene, view))
     if len(shown) <= MOST_LABELS:
         names = [scene.target_names[number] for number in shown]
         place_labels(ax, view.target_xy_px[shown], names, size=6.2, color=INK, zorder=2.5)
@@ -215,7 +231,10 @@ def _draw_limb(ax: Axes, scene: Scene, view: CameraView) -> None:
 def _draw_compass(ax: Axes, scene: Scene, view: CameraView) -> None:
     """Arrows to the sensor's zenith and to celestial north, from a corner."""
     n = min(scene.camera.n_row, scene.camera.n_col)
-    corner = np.array([0.13 * n, 0.16 * n]) - 0.5
+    ax.apply_aspect()
+    pt_px = scene.camera.n_col * ax.get_figure(root=True).dpi / 72 / ax.bbox.width  # type: ignore[union-attr]
+    # A word to the left or above keeps inside the frame: half its width or height, and some room.
+    corner = 0.125 * n + np.array([2.4, 1.2]) * _WORD_PT * pt_px - 0.5
     zenith, north = (
         view.axes_icrs[:2] @ direction
         for direction in (view.position_m / np.linalg.norm(view.position_m), np.array([0.0, 0.0, 1.0]))
@@ -231,4 +250,4 @@ def _draw_compass(ax: Axes, scene: Scene, view: CameraView) -> None:
         tip, place = (corner + share * n * across / length for share in (0.09, word_at))
         arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.6}
         ax.annotate("", pair(tip), pair(corner), arrowprops=arrow, zorder=4)
-        ax.text(*pair(place), word, color=colour, fontsize=8, ha="center", va="center", zorder=4)
+        ax.text(*pair(place), word, color=colour, fontsize=_WORD_PT, ha="center", va="center", zorder=4)

@@ -86,6 +86,7 @@ def field_of_view(scene: Scene, target: str, sensors: Sequence[str]) -> FieldOfV
 
 def eclipse_table(scene: Scene, name: str, step_s: float) -> Table:
     """Passages of a sensor or target through the Earth's shadow."""
+    _check_body(scene, name)
     tracks = scene.tracks
     found = eclipses(
         tracks.position_function(name), tracks.sun.position_at_m, tracks.pole_icrs, scene.duration_s, step_s
@@ -97,9 +98,16 @@ def eclipse_table(scene: Scene, name: str, step_s: float) -> Table:
 
 def sunlit_fraction_of(scene: Scene, name: str, time_s: npt.ArrayLike) -> F64:
     """Share of the Sun's disc that a sensor or target sees."""
+    _check_body(scene, name)
     times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
     place = scene.tracks.of(name).position_at_m(times)
     return sunlit_fraction(place, scene.position_m("sun", times), scene.tracks.pole_icrs)
+
+
+def _check_body(scene: Scene, name: str) -> None:
+    if name not in scene.sensor_names and name not in scene.target_names:
+        known = ", ".join([scene.target_names[0], *scene.sensor_names[:3]])
+        raise InputError(f"name: must be a sensor or a target ({known}, ...), got {name!r}")
 
 
 def chosen_target(scene: Scene, name: str | None) -> str:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import tomllib
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from warpsim.describe import TOO_DEEP
 from warpsim.errors import InputError
+from warpsim.files import absolute_path, whole_file
 from warpsim.scene.parts import BUILT_IN_CATALOGS
+
+DEEPEST = 60
+"""Levels of lists and tables within each other in a scene; mixtures of mixtures may go down 20 levels."""
 
 
 def presets() -> list[str]:
@@ -41,9 +46,27 @@ def read_scene_data(source: str | os.PathLike[str]) -> dict[str, Any]:
         data = tomllib.loads(content) if path.suffix == ".toml" else json.loads(content)
     except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
         raise InputError(f"{text}: is not valid {path.suffix[1:].upper()}: {error}") from None
+    except RecursionError:
+        raise InputError(f"{text}: {TOO_DEEP}") from None
     if not isinstance(data, dict):
         raise InputError(f"{text}: must hold a table of fields, got {type(data).__name__}")
+    check_depth(data, text)
     return {key: _with_plain_times(value) for key, value in data.items()}
+
+
+def check_depth(data: Any, where: str) -> None:
+    """See that lists and dicts do not lie within each other deeper than any scene needs, level by level.
+
+    Raises:
+        InputError: They do; `where` begins the text.
+    """
+    level = [data] if isinstance(data, dict | list | tuple) else []
+    for _ in range(DEEPEST):
+        values = (value.values() if isinstance(value, dict) else value for value in level)
+        level = [item for items in values for item in items if isinstance(item, dict | list | tuple)]
+        if not level:
+            return
+    raise InputError(f"{where}: {TOO_DEEP}, more than {DEEPEST} lists and tables within each other")
 
 
 def write_scene_data(data: dict[str, Any], path: str | os.PathLike[str]) -> None:
@@ -56,15 +79,11 @@ def write_scene_data(data: dict[str, Any], path: str | os.PathLike[str]) -> None
     if target.suffix not in (".toml", ".json"):
         raise InputError(f"{target}: must end in .toml or .json")
     text = to_toml(data) if target.suffix == ".toml" else json.dumps(data, indent=2) + "\n"
-    partial = target.with_name(f".{target.name}.partial")
     try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(target)
+        with whole_file(target) as partial:
+            partial.write_text(text, encoding="utf-8")
     except OSError as error:
         raise InputError(f"{target}: cannot be written: {error.strerror}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            partial.unlink()
 
 
 def with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -74,7 +93,31 @@ def with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     """
 
     def absolute(path: Any) -> Any:
-        return str(folder.absolute() / path) if isinstance(path, str) else path
+        return str(folder.absolute() / path) if isinstance(path, str) and path else path
+
+    return _with_paths(data, absolute)
+
+
+def with_relative_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Nested dicts with absolute paths in which those that lie in a folder, or below it, count from there.
+
+    with_absolute_paths() undoes it.
+    """
+    home = absolute_path(str(folder))
+
+    def relative(path: str) -> str:
+        if not Path(path).is_relative_to(home):
+            return path
+        rest = str(Path(path).relative_to(home))
+        if ".." in Path(rest).parts:
+            return path
+        return f"./{rest}" if rest in BUILT_IN_CATALOGS else rest
+
+    return _with_paths(data, relative)
+
+
+def _with_paths(data: dict[str, Any], change: Callable[[Any], Any]) -> dict[str, Any]:
+    """Nested dicts with each path changed."""
 
     def walk(value: Any) -> Any:
         if isinstance(value, list):
@@ -83,17 +126,17 @@ def with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
             return value
         result = {name: walk(item) for name, item in value.items()}
         if "file" in value:
-            result["file"] = absolute(value["file"])
+            result["file"] = change(value["file"])
         if isinstance(value.get("files"), list):
-            result["files"] = [absolute(path) for path in value["files"]]
+            result["files"] = [change(path) for path in value["files"]]
         elif "files" in value:
-            result["files"] = absolute(value["files"])
+            result["files"] = change(value["files"])
         return result
 
     data = walk(data)
     sky = data.get("sky")
     if isinstance(sky, dict) and sky.get("catalog", "default") not in BUILT_IN_CATALOGS:
-        data = {**data, "sky": {**sky, "catalog": absolute(sky["catalog"])}}
+        data = {**data, "sky": {**sky, "catalog": change(sky["catalog"])}}
     return data
 
 

@@ -22,6 +22,7 @@ from warpsim.describe import (
     part,
     part_error,
     rule_error,
+    whole_path,
 )
 from warpsim.orbit.constellations import Constellation
 from warpsim.orbit.paths import Orbit
@@ -74,6 +75,11 @@ BUILT_IN_CATALOGS = ("default", "union", "synthetic", "none")
 """Words for `Sky.catalog` that name no file."""
 
 
+def _word_or_path(value: Any) -> str:
+    rule = f"must be one of {', '.join(BUILT_IN_CATALOGS)}, or the path of a file"
+    return value if isinstance(value, str) and value in BUILT_IN_CATALOGS else whole_path(value, rule)
+
+
 @part
 class SyntheticStars:
     """Made-up stars over the whole sky; give n_star or limit_jy.
@@ -111,7 +117,7 @@ class Sky:
         light_deflection: Whether they include the bending of light by the Sun.
     """
 
-    catalog: str = "default"
+    catalog: Annotated[str, BeforeValidator(_word_or_path)] = "default"
     synthetic: SyntheticStars | None = None
     physics: Literal["physical", "paper"] = "physical"
     aberration: Switch = True

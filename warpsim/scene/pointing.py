@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
-from warpsim.describe import NonNegative, Number, Positive, as_tuple, closed_interval, part, part_error
+from warpsim.describe import FileName, NonNegative, Number, Positive, as_tuple, closed_interval, part, part_error
 
 Up = Literal["zenith", "north", "orbit_normal"]
 Declination = Annotated[Number, closed_interval(-90, 90)]
@@ -131,7 +131,7 @@ class TablePointing:
 
     mode: Literal["stare", "scan"]
     rows: Annotated[tuple[PointingRow, ...], BeforeValidator(as_tuple)] | None = None
-    file: str | None = None
+    file: FileName | None = None
     up: Up = "zenith"
     roll_deg: Number = 0.0
     jitter: Jitter | None = None

@@ -155,6 +155,9 @@ class Scene:
     @classmethod
     def from_dict(cls, data: dict[str, Any], where: str = "Scene") -> Scene:
         """Build a scene from nested dicts and lists (the structure of a scene file); `where` begins error texts."""
+        from warpsim.scene.files import check_depth
+
+        check_depth(data, where)
         try:
             return _adapter().validate_python(data)
         except ValidationError as error:
@@ -174,12 +177,14 @@ class Scene:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a scene file (.toml or .json) that loads back equal.
 
+        Paths of files beside it or below are written relative to its folder, which can travel with them.
+
         Raises:
             InputError: The path cannot be written, or ends in something else.
         """
-        from warpsim.scene.files import write_scene_data
+        from warpsim.scene.files import with_relative_paths, write_scene_data
 
-        write_scene_data(self.to_dict(), path)
+        write_scene_data(with_relative_paths(self.to_dict(), Path(path).parent), path)
 
     def replace(self, **changes: Any) -> Scene:
         """A new scene with some fields changed.

@@ -8,13 +8,13 @@ angle plus rolling. So +z of the body, its symmetry axis, is the z axis of the k
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, model_validator
 
-from warpsim.describe import Number, Vector, closed_interval, part, part_error
+from warpsim.describe import Number, Vector, choice, closed_interval, part, part_error, rule_error
 from warpsim.errors import InputError
 from warpsim.quaternion import from_matrix, product
 from warpsim.streams import uniforms
@@ -26,6 +26,31 @@ SPLITTER = 2.0**27 + 1
 
 NEAR_POLE_RAD = 1e-6
 """A fixed direction nearer than this to GCRS +z or -z counts precession from +x instead of +z."""
+
+
+_AXIS_RULE = "must be 'velocity', 'random' or three numbers"
+
+
+def _axis_word(value: Any) -> Any:
+    if value not in ("velocity", "random"):
+        raise rule_error(_AXIS_RULE)
+    return value
+
+
+def _axis_vector(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise rule_error(_AXIS_RULE)
+    return value
+
+
+Axis = Annotated[
+    Annotated[Literal["velocity", "random"], BeforeValidator(_axis_word), choice("word")]
+    | Annotated[Vector, BeforeValidator(_axis_vector), choice("vector")],
+    Discriminator(lambda value: "word" if isinstance(value, str) else "vector"),
+]
+"""A fixed direction, by its name or in GCRS axes."""
 
 
 @part
@@ -48,7 +73,7 @@ class Attitude:
     precession_rev_s: Number = 0.0
     precession_angle_deg: Annotated[Number, closed_interval(0, 180)] = 0.0
     rolling_rev_s: Number = 0.0
-    axis: Literal["velocity", "random"] | Vector = "velocity"
+    axis: Axis = "velocity"
     spin_phase_rev: Number | None = None
     precession_phase_rev: Number | None = None
     rolling_phase_rev: Number | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BeforeValidator, Field, model_validator
 
-from warpsim.describe import Number, part, part_error, rule_error
+from warpsim.describe import FileName, Number, part, part_error, rule_error
 from warpsim.errors import InputError
 from warpsim.quaternion import in_one_hemisphere, rotation_between_rad, slerp, unit
 
@@ -59,6 +59,8 @@ class AttitudeRows:
     """After the epoch, ascending [s], shape (n,)."""
     quaternion: F64
     """Shape (n, 4)."""
+    source: str = ""
+    """File and object that messages name; nothing for rows of one's own."""
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -66,6 +68,10 @@ class AttitudeRows:
         if len(self.time_s) == 1:
             return -np.inf, np.inf
         return float(self.time_s[0]), float(self.time_s[-1])
+
+    @property
+    def _head(self) -> str:
+        return f"{self.source or 'time_s'}: "
 
     def check_span(self, start_s: float, end_s: float) -> None:
         """Make sure that the table covers a span of time after the epoch [s].
@@ -76,7 +82,7 @@ class AttitudeRows:
         first_s, last_s = self.span_s
         if first_s > start_s + DATE_ROUNDING_S or last_s < end_s - DATE_ROUNDING_S:
             raise InputError(
-                f"time_s: must cover the scene, {start_s:.9g} to {end_s:.9g} s, got {first_s:.9g} to {last_s:.9g} s"
+                f"{self._head}must cover the scene, {_span(start_s, end_s)}, got {_span(first_s, last_s)}"
             )
 
     def at(self, time_s: npt.ArrayLike) -> F64:
@@ -90,7 +96,7 @@ class AttitudeRows:
         outside = ~((time >= first_s - END_SLACK_S) & (time <= last_s + END_SLACK_S))
         if outside.any():
             raise InputError(
-                f"time_s: must be within the attitude table, {first_s:g} to {last_s:g} s, got {time[outside][0]:g}"
+                f"{self._head}must be within the attitude table, {_span(first_s, last_s)}, got {time[outside][0]:g}"
             )
         if len(self.time_s) == 1:
             return np.tile(self.quaternion, (len(time), 1))
@@ -98,6 +104,11 @@ class AttitudeRows:
         start, end = self.time_s[row], self.time_s[row + 1]
         part = (np.clip(time, self.time_s[0], self.time_s[-1]) - start) / (end - start)
         return slerp(self.quaternion[row], self.quaternion[row + 1], part)
+
+
+def _span(first_s: float, last_s: float) -> str:
+    """Times for messages, to the microsecond: dates of files carry the rounding of their digits."""
+    return " to ".join(f"{round(time_s, 6) + 0.0:.9g}" for time_s in (first_s, last_s)) + " s"
 
 
 @part
@@ -115,7 +126,7 @@ class AttitudeTable:
             1). Signs are free. Neighbours may differ by 170 degrees of rotation at most.
     """
 
-    file: str | None = None
+    file: FileName | None = None
     object: str | None = None
     time_s: Times | None = None
     quaternion: Quaternions | None = None
@@ -170,9 +181,10 @@ class AttitudeTable:
         segments = attitude_of(self._source)
         try:
             chosen = _of_object(segments, self.object)
-            return checked_rows(*_joined([attitude_in_gcrs(segment, epoch) for segment in chosen]))
+            rows = checked_rows(*_joined([attitude_in_gcrs(segment, epoch) for segment in chosen]))
         except InputError as error:
             raise InputError(f"{self.file}: {error}") from None
+        return replace(rows, source=f"{self.file}: {chosen[0].object_name}")
 
     def span_s(self, epoch: Time) -> tuple[float, float]:
         """First and last time of the table after epoch [s]; minus and plus infinity for a single row."""

@@ -1,0 +1,57 @@
+"""Times at which bodies change course at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import warpsim as ws
+from warpsim.scene.bends import bends_s
+
+TIME_ATOL_S = 1e-6  # dates of the files
+NODES_S = np.arange(-120.0, 3721.0, 60.0)
+ORBIT = ws.KeplerOrbit(64.0, altitude_km=1400.0)
+
+
+@pytest.fixture
+def manoeuvre(tmp_path, scene):
+    """A file of two objects; one climbs from 1200 s on by 20 m/s."""
+    position_m, velocity_m_s = (state[:, 0] for state in ORBIT.states(scene.epoch, NODES_S))
+    turn = int(np.flatnonzero(NODES_S == 1200.0)[0])
+    speed_m_s = np.linalg.norm(velocity_m_s[turn])
+    push = ws.StateVector(position_m[turn], velocity_m_s[turn] * (1 + 20.0 / speed_m_s), time_s=1200.0)
+    after = [state[:, 0] for state in push.states(scene.epoch, NODES_S[turn:])]
+    parts = [
+        ("climber", NODES_S[: turn + 1], position_m[: turn + 1], velocity_m_s[: turn + 1]),
+        ("climber", NODES_S[turn:], *after),
+    ]
+    segments = [ws.EphemerisSegment.of_states(name, scene.epoch, *rest, object_id="1") for name, *rest in parts]
+    ws.write_oem(tmp_path / "climber.oem", segments)
+    return str(tmp_path / "climber.oem")
+
+
+def test_nothing_bends_in_the_papers_scene(scene):
+    assert bends_s(scene) == {name: [] for name in [*scene.sensor_names, *scene.target_names]}
+
+
+def test_breaks_are_found_in_lists_and_mixtures(scene, manoeuvre):
+    listed = ws.ListedSatellites([
+        {"name": "own", "orbit": ws.EphemerisOrbit(manoeuvre)},
+        {"name": "plain", "orbit": ORBIT},
+    ])  # fmt: skip
+    mixed = ws.MixedConstellation([scene.constellation, listed, ws.EphemerisSatellites([manoeuvre])])
+    found = bends_s(scene.replace(constellation=mixed))
+    bent = {name: times for name, times in found.items() if times}
+    assert set(bent) == {"own", "climber"}
+    assert list(bent.values()) == [pytest.approx([1200.0], abs=TIME_ATOL_S, rel=0)] * 2
+
+
+@pytest.mark.parametrize(
+    ("release_s", "expected"), [(500.0, [500.0]), (1300.0, [1200.0, 1300.0]), (0.0, []), (-10.0, [])]
+)
+def test_stowed_targets_bend_with_the_main_one(scene, manoeuvre, release_s, expected):
+    late = scene.replace(trajectory=ws.EphemerisOrbit(manoeuvre), release__time_s=release_s)
+    found = bends_s(late)
+    assert found["center"] == pytest.approx([1200.0], abs=TIME_ATOL_S, rel=0)
+    assert found["cone03"] == pytest.approx(expected, abs=TIME_ATOL_S, rel=0)
+    assert found["sat11"] == []
