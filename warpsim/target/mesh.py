@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
@@ -11,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BeforeValidator, Field, model_validator
 
-from warpsim.describe import Positive, part, part_error, rule_error
+from warpsim.describe import FileName, Positive, part, part_error, rule_error
 from warpsim.errors import InputError
 from warpsim.exchange.source import Source, read_source
 from warpsim.target.areas import Areas
@@ -19,11 +18,6 @@ from warpsim.target.closed_surface import ClosedSurface, closed_surface
 from warpsim.target.mesh_file import read_mesh
 
 F64 = npt.NDArray[np.float64]
-
-
-def _plain_path(value: Any) -> Any:
-    """Paths as text, as scene files have them."""
-    return os.fspath(value) if isinstance(value, os.PathLike) else value
 
 
 def _rows_of_three(value: Any, kinds: str, what: str) -> tuple[tuple[Any, ...], ...]:
@@ -50,7 +44,6 @@ def _triangles(value: Any) -> Any:
     return _rows_of_three(value, "iu", "whole numbers")
 
 
-FileName = Annotated[str, BeforeValidator(_plain_path)]
 Places = Annotated[tuple[tuple[float, float, float], ...], BeforeValidator(_places)]
 Triangles = Annotated[tuple[tuple[int, int, int], ...], BeforeValidator(_triangles)]
 
