@@ -16,6 +16,15 @@ class Earth:
 
 
 @wp.func
+def geocentric_radius_m(position_m: wp.vec3d, earth: Earth) -> wp.float64:
+    """Distance from the Earth's centre to the ellipsoid along a position's direction [m]."""
+    sine = wp.dot(position_m, earth.pole) / wp.length(position_m)
+    squash = earth.equatorial_radius_m / earth.polar_radius_m
+    stretch = (squash - wp.float64(1.0)) * (squash + wp.float64(1.0))
+    return earth.equatorial_radius_m / wp.sqrt(wp.float64(1.0) + stretch * sine * sine)
+
+
+@wp.func
 def stretched(vector_m: wp.vec3d, earth: Earth) -> wp.vec3d:
     """A vector in axes whose polar one is stretched until the ellipsoid is a sphere."""
     stretch = earth.equatorial_radius_m / earth.polar_radius_m - wp.float64(1.0)

@@ -72,6 +72,37 @@ def _lit_and_seen(
 
 
 @wp.func
+def _over_arc(p: wp.float64, q: wp.float64, r: wp.float64, t: wp.float64, half: wp.float64) -> wp.float64:
+    """Integral of (p + q cos x) (r + t cos x) over the azimuths within half of 0."""
+    sine = wp.sin(half)
+    return wp.float64(2.0) * (p * r * half + (p * t + q * r) * sine) + q * t * (half + sine * wp.cos(half))
+
+
+@wp.func
+def product_over_arcs(
+    a: wp.float64, b: wp.float64, c: wp.float64, d: wp.float64, apart: wp.float64, seen: wp.float64, lit: wp.float64
+) -> wp.float64:
+    """Integral of (a + b cos x) (c + d cos(x - apart)) over azimuths within seen of 0 and within lit of apart.
+
+    All three angles are in [0, pi].
+    """
+    # One of them all round: what is odd about the other's middle drops out.
+    if seen >= _PI:
+        return _over_arc(c, d, a, b * wp.cos(apart), lit)
+    if lit >= _PI:
+        return _over_arc(a, b, c, d * wp.cos(apart), seen)
+    # Two arcs longer than half a turn may also overlap on the far side.
+    near = _lit_and_seen(a, b, c, d, apart, wp.max(-seen, apart - lit), wp.min(seen, apart + lit))
+    return near + _lit_and_seen(a, b, c, d, apart, -seen, wp.min(seen, apart + lit - _TWO_PI))
+
+
+@wp.func
+def both_positive(a: wp.float64, b: wp.float64, c: wp.float64, d: wp.float64, apart: wp.float64) -> wp.float64:
+    """Integral of max(0, a + b cos x) max(0, c + d cos(x - apart)) over a turn; b, d >= 0, apart in [0, pi]."""
+    return product_over_arcs(a, b, c, d, apart, lit_half_arc(a, b), lit_half_arc(c, d))
+
+
+@wp.func
 def reflected_area_m2(body: Body, view: wp.vec3d, sun: wp.vec3d) -> wp.float64:
     """Integral of max(0, n.view) max(0, n.sun) over the surface [m2]; unit vectors in body axes.
 
@@ -88,13 +119,9 @@ def reflected_area_m2(body: Body, view: wp.vec3d, sun: wp.vec3d) -> wp.float64:
     b = body.side_across * wp.sqrt(view[0] * view[0] + view[1] * view[1])
     c = body.side_along * sun[2]
     d = body.side_across * wp.sqrt(sun[0] * sun[0] + sun[1] * sun[1])
-    seen = lit_half_arc(a, b)
-    lit = lit_half_arc(c, d)
     apart = wp.atan2(wp.abs(view[0] * sun[1] - view[1] * sun[0]), view[0] * sun[0] + view[1] * sun[1])
-    # Azimuth counts from the view's. Two arcs longer than half a turn may also overlap on the far side.
-    side = _lit_and_seen(a, b, c, d, apart, wp.max(-seen, apart - lit), wp.min(seen, apart + lit))
-    side += _lit_and_seen(a, b, c, d, apart, -seen, wp.min(seen, apart + lit - _TWO_PI))
-    return ends + body.side_m2 / _TWO_PI * wp.max(side, zero)  # rounding must not make light negative
+    side = wp.max(both_positive(a, b, c, d, apart), zero)  # rounding must not make light negative
+    return ends + body.side_m2 / _TWO_PI * side
 
 
 @wp.kernel(enable_backward=False)

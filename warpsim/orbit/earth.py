@@ -122,6 +122,16 @@ def gcrs_to_geodetic(position_m: ArrayLike, epoch: Time, time_s: ArrayLike) -> t
     return longitude, np.degrees(np.arctan2(sine, cosine)), height
 
 
+def geocentric_radius_m(latitude_sine: ArrayLike) -> F64:
+    """Return the distance from the Earth's centre to the WGS84 ellipsoid [m], the shape of latitude_sine.
+
+    Args:
+        latitude_sine: Sine of the geocentric latitude, -1 to 1.
+    """
+    stretch = _ECCENTRICITY_SQUARED / (1.0 - _ECCENTRICITY_SQUARED)
+    return np.asarray(EARTH_EQUATORIAL_RADIUS_M / np.sqrt(1.0 + stretch * np.square(latitude_sine)))
+
+
 def geodetic_altitude_m(position_m: ArrayLike, pole_icrs: ArrayLike) -> F64:
     """Return heights above the WGS84 ellipsoid about a pole [m]; negative inside, exact to 1e-7 m from -100 km up.
 

@@ -18,9 +18,9 @@ from warpsim.render.turning import Turning, make_turning, motion_struct
 from warpsim.scene.exposure import exposure_rule
 from warpsim.scene.scene import Scene
 from warpsim.sky.bands import BANDS, band_radiance_w_m2_sr
+from warpsim.sky.sunlight import sun_irradiance_w_m2
 from warpsim.target.areas import body_struct
 from warpsim.target.facets import facets_of
-from warpsim.target.sunlight import sun_irradiance_w_m2
 
 LN_TEMPERATURE_STEP = 0.005
 """Node spacing of the radiance table in ln(T): the cubic Hermite error is below 1e-9 at 300 K and above."""

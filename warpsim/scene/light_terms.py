@@ -79,7 +79,7 @@ def _nearest_m(scene: Scene) -> float:
 
 def _bounds_nei(scene: Scene, near_m: float) -> dict[str, float]:
     """Largest irradiance of each term [NEI]: what falls on a body times reflectance over the largest outline."""
-    from warpsim.target.sunlight import sun_irradiance_w_m2
+    from warpsim.sky.sunlight import sun_irradiance_w_m2
 
     lighting, tracks = scene.lighting, scene.tracks
     sun_au = np.linalg.norm(tracks.sun.position_m, axis=1).min() / ASTRONOMICAL_UNIT_M - 1e-3

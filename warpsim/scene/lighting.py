@@ -29,4 +29,4 @@ class Lighting:
     albedo: Switch = True
     leave_out_nei: NonNegative = 0.01
     earth_albedo: Annotated[NonNegative, closed_interval(0, 1)] = 0.3
-    quadrature_error: Annotated[Number, closed_interval(1e-6, 0.1)] = 1e-3
+    quadrature_error: Annotated[Number, closed_interval(1e-5, 0.1)] = 1e-3

@@ -56,7 +56,7 @@ class Areas:
         """
         from warpsim_kernels.facets import projected_area_along_kernel
 
-        return self._areas(projected_area_along_kernel, _directions("view", view))
+        return self._areas(projected_area_along_kernel, directions("view", view))
 
     def reflected_area_m2(self, view: npt.ArrayLike, sun: npt.ArrayLike) -> F64:
         """Integral of max(0, n.view) max(0, n.sun) over the surface [m2], n its outward normal.
@@ -75,7 +75,7 @@ class Areas:
         """
         from warpsim_kernels.facets import reflected_area_kernel
 
-        views, suns = _directions("view", view), _directions("sun", sun)
+        views, suns = directions("view", view), directions("sun", sun)
         try:
             views, suns = np.broadcast_arrays(views, suns)
         except ValueError:
@@ -96,7 +96,7 @@ class Areas:
         return np.asarray(area.numpy()).reshape(directions[0].shape[:-1])
 
 
-def _directions(name: str, value: npt.ArrayLike) -> F64:
+def directions(name: str, value: npt.ArrayLike) -> F64:
     """Checked directions, scaled to length 1."""
     try:
         vectors = np.asarray(value, dtype=np.float64)
