@@ -67,6 +67,10 @@ if TYPE_CHECKING:
     from warpsim.target.shapes import Cone as Cone
     from warpsim.target.shapes import Cylinder as Cylinder
     from warpsim.target.shapes import Sphere as Sphere
+    from warpsim.target.surface import Graybody as Graybody
+    from warpsim.target.temperature import HeatBalance as HeatBalance
+    from warpsim.target.temperature import Temperature as Temperature
+    from warpsim.target.temperature import TemperatureTable as TemperatureTable
 
 _HOME = {
     "Scene": "warpsim.scene.scene",
@@ -93,6 +97,10 @@ _HOME = {
     "Sphere": "warpsim.target.shapes",
     "Cylinder": "warpsim.target.shapes",
     "Cone": "warpsim.target.shapes",
+    "Graybody": "warpsim.target.surface",
+    "Temperature": "warpsim.target.temperature",
+    "TemperatureTable": "warpsim.target.temperature",
+    "HeatBalance": "warpsim.target.temperature",
     "Attitude": "warpsim.target.attitude",
     "AttitudeTable": "warpsim.target.attitude_table",
     "Walker": "warpsim.orbit.walker",

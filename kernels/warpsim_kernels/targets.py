@@ -10,6 +10,7 @@ from warpsim_kernels.camera import Camera, depth, projected_px, within_frame
 from warpsim_kernels.earth import Earth, is_occulted
 from warpsim_kernels.motion import Attitude, NodeGrid, linear_vector, symmetry_axis
 from warpsim_kernels.shapes import Body, projected_area_m2
+from warpsim_kernels.temperature import TemperatureTables, temperature_k
 
 IN_FOV = wp.constant(1)
 OCCULTED = wp.constant(2)
@@ -29,10 +30,8 @@ class Target:
     attitude: Attitude
     table_first: int  # row of the attitude tables where this target's begins
     table_count: int  # its rows; 0: `attitude` says how it turns
-    start_temperature_k: wp.float64
-    end_temperature_k: wp.float64
-    cooling_start_s: wp.float64
-    cooling_duration_s: wp.float64
+    temperature_first: int  # row of the temperature tables where this target's begins
+    temperature_count: int  # its rows, at least 1
 
 
 @wp.struct
@@ -42,13 +41,6 @@ class RadianceTable:
     ln_temperature_start: wp.float64
     ln_temperature_step: wp.float64
     n_node: int
-
-
-@wp.func
-def temperature_k(target: Target, time_s: wp.float64) -> wp.float64:
-    """Temperature, linear in time between its two ends and constant outside."""
-    part = wp.clamp((time_s - target.cooling_start_s) / target.cooling_duration_s, wp.float64(0.0), wp.float64(1.0))
-    return target.start_temperature_k + (target.end_temperature_k - target.start_temperature_k) * part
 
 
 @wp.func
@@ -89,6 +81,7 @@ def make_observe_targets_kernel(with_tables: bool) -> wp.Kernel:
         first_target: int,  # row of the first target in the tracks
         targets: wp.array[Target],  # (n_target,)
         attitude_tables: AttitudeTables,
+        temperature_tables: TemperatureTables,
         camera: Camera,
         earth: Earth,
         # out
@@ -136,7 +129,9 @@ def make_observe_targets_kernel(with_tables: bool) -> wp.Kernel:
         range_m[view, target_id] = path.range_m
         aspect_rad[view, target_id] = wp.atan2(sine, cosine)
         area_m2[view, target_id] = projected_area_m2(target.body, cosine, sine)
-        temperature[view, target_id] = temperature_k(target, path.emission_time_s)
+        temperature[view, target_id] = temperature_k(
+            temperature_tables, target.temperature_first, target.temperature_count, path.emission_time_s
+        )
         flags[view, target_id] = flag
 
     return observe_targets_kernel

@@ -59,6 +59,7 @@ def observe_targets(world: World, chunk: Chunk) -> None:
             world.first_target,
             world.targets,
             world.turning.tables,
+            world.warmth.tables,
             world.camera,
             world.earth,
         ],

@@ -12,7 +12,7 @@ from warpsim_kernels.apparent import Releases
 from warpsim_kernels.camera import Camera as CameraStruct
 from warpsim_kernels.earth import Earth
 from warpsim_kernels.motion import NodeGrid
-from warpsim_kernels.targets import RadianceTable, Target
+from warpsim_kernels.targets import Target
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
 from warpsim.detector.nei import read_out_struct
@@ -20,13 +20,11 @@ from warpsim.optics.psf_bank import PsfBank, psf_bank, stamp_rule
 from warpsim.render.aiming import Aiming, make_aiming
 from warpsim.render.star_field import Stars, make_stars
 from warpsim.render.turning import Turning, make_turning, motion_struct
+from warpsim.render.warmth import Warmth, make_radiance, make_warmth
 from warpsim.scene.scene import Scene
 from warpsim.sky.band_index import BandIndex
-from warpsim.sky.bands import BANDS, band_radiance_w_m2_sr
+from warpsim.sky.bands import BANDS
 from warpsim.target.shapes import body_struct
-
-LN_TEMPERATURE_STEP = 0.005
-"""Node spacing of the radiance table in ln(T): the cubic Hermite error is below 1e-9 at 300 K and above."""
 
 
 @dataclass(frozen=True)
@@ -59,10 +57,11 @@ class World:
         self.band_id = wp.array([scene.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
         self.motion = _motion(scene, device)
         self.turning: Turning = make_turning(scene.attitudes, device)
-        self.targets = wp.array(_target_structs(scene, self.turning), dtype=Target, device=device)
-        emissivity = np.array([[spec.surface.emissivity_value for spec in scene.target_specs]] * self.n_band)
+        self.warmth: Warmth = make_warmth(scene.temperatures, device)
+        self.targets = wp.array(_target_structs(scene, self.turning, self.warmth), dtype=Target, device=device)
+        emissivity = np.array([[spec.surface.emissivity_in(name) for spec in scene.target_specs] for name in bands])
         self.emissivity = wp.array(emissivity, dtype=wp.float64, device=device)
-        self.ln_radiance, self.ln_radiance_slope, self.radiance_table = _radiance(scene, bands, device)
+        self.ln_radiance, self.ln_radiance_slope, self.radiance_table = make_radiance(bands, self.warmth.span_k, device)
         self.earth = _earth(scene)
         self.camera = _camera(scene)
         self.read_out = read_out_struct(scene.detector, scene.seed)
@@ -93,43 +92,16 @@ def _motion(scene: Scene, device: wp.Device) -> Motion:
     )
 
 
-def _target_structs(scene: Scene, turning: Turning) -> list[Any]:
+def _target_structs(scene: Scene, turning: Turning, warmth: Warmth) -> list[Any]:
     structs = []
     for number, (spec, attitude) in enumerate(zip(scene.target_specs, scene.attitudes, strict=True)):
         target: Any = Target()
         target.body = body_struct(spec.shape)
         target.attitude = motion_struct(attitude)
         target.table_first, target.table_count = turning.table_first[number], turning.table_count[number]
-        target.start_temperature_k = spec.temperature.start_k
-        target.end_temperature_k = spec.temperature.end_k or spec.temperature.start_k
-        target.cooling_start_s = 0.0
-        target.cooling_duration_s = scene.duration_s
+        target.temperature_first, target.temperature_count = warmth.first[number], warmth.count[number]
         structs.append(target)
     return structs
-
-
-def _radiance(scene: Scene, bands: Sequence[str], device: wp.Device) -> tuple[wp.array, wp.array, Any]:
-    """ln(radiance) and its scaled slope at nodes of ln(T) that span the scene's temperatures."""
-    all_k = [t for spec in scene.targets for t in (spec.temperature.start_k, spec.temperature.end_k) if t is not None]
-    start = float(np.log(min(all_k))) - LN_TEMPERATURE_STEP
-    n_node = int(np.ceil((np.log(max(all_k)) - start) / LN_TEMPERATURE_STEP)) + 2
-    ln_temperature = start + LN_TEMPERATURE_STEP * np.arange(n_node)
-
-    def ln_radiance(shift: float) -> Any:
-        kelvin = np.exp(ln_temperature + shift)
-        # A body of some kelvin has no light in a short band: far below any NEI, but its logarithm must stay finite.
-        radiance = [np.maximum(band_radiance_w_m2_sr(kelvin, BANDS[name]), 1e-300) for name in bands]
-        return np.log(np.stack(radiance))
-
-    h = 1e-3  # fourth-order difference: its error stays below the table's own
-    slope = (8 * (ln_radiance(h) - ln_radiance(-h)) - (ln_radiance(2 * h) - ln_radiance(-2 * h))) / (12 * h)
-    table: Any = RadianceTable()
-    table.ln_temperature_start, table.ln_temperature_step, table.n_node = start, LN_TEMPERATURE_STEP, n_node
-
-    def upload(values: Any) -> wp.array:
-        return wp.array(values, dtype=wp.float64, device=device)
-
-    return upload(ln_radiance(0.0)), upload(slope * LN_TEMPERATURE_STEP), table
 
 
 def _earth(scene: Scene) -> Any:
