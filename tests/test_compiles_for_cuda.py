@@ -13,7 +13,7 @@ from warpsim_kernels.signature import Features
 
 ARCH = 75  # Turing: the oldest that Warp's CUDA 13 supports; PTX runs on everything newer
 
-EVERYTHING = Features(attitude_tables=True, meshes=True, sun=True)
+EVERYTHING = Features(attitude_tables=True, meshes=True, sun=True, earth=True, albedo=True)
 FACTORY_ARGUMENTS = {
     "make_aim_kernel": [(AIM_TRACK, False), (AIM_FIXED, False), (AIM_TABLE, True)],
     "make_observe_targets_kernel": [(Features(),), (EVERYTHING,)],

@@ -14,7 +14,6 @@ from warpsim.orbit.constellations import Constellation, NamedOrbit
 from warpsim.orbit.paths import Orbit
 from warpsim.scene import parts
 from warpsim.scene.scene import Scene
-from warpsim.target import motion
 
 TOP = Path(__file__).parents[1]
 PAGES = [TOP / "README.md", *sorted((TOP / "docs").glob("*.md"))]
@@ -39,8 +38,10 @@ SECTIONS = {
     "Orbit along a file": [ws.EphemerisOrbit],
     "`[[targets]]`": [parts.TargetSpec],
     "`shape`": [ws.Sphere, ws.Cylinder, ws.Cone, ws.Frustum, ws.Plate, ws.Mesh],
-    "`surface`": [motion.Graybody],
-    "`temperature`": [motion.Temperature],
+    "`surface`": [ws.Graybody],
+    "`temperature`": [ws.Temperature],
+    "`temperature` from a table": [ws.TemperatureTable],
+    "`temperature` by heat balance": [ws.HeatBalance],
     "`attitude`": [ws.Attitude],
     "`attitude` from a table": [ws.AttitudeTable],
     "`[release]`": [parts.Release],
@@ -111,6 +112,9 @@ def test_toml_parts_are_parts_of_scenes(tmp_path, monkeypatch):
     assert len(texts) >= 7
     for text in texts:
         ((name, data),) = tomllib.loads(text).items()
+        if name == "targets":
+            assert [TypeAdapter(parts.TargetSpec).validate_python(item) for item in data]
+            continue
         states = known[name].validate_python(data).states(Scene.load("stss").epoch, [0.0])
         assert states[0].shape[::2] == (1, 3)
 

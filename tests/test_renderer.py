@@ -210,7 +210,7 @@ def test_irradiance_is_emissivity_times_radiance_times_area_over_range_squared(s
         emissivity = 0.1 if row["target"] == "center" else 0.05
         expected = emissivity * radiance(row["temperature_k"], row["band"]) * row["projected_area_m2"]
         expected /= (row["range_km"] * 1e3) ** 2 * 1e4
-        assert row["irradiance_w_cm2"] == pytest.approx(expected, rel=IRRADIANCE_REL, abs=0)
+        assert row["emitted_w_cm2"] == pytest.approx(expected, rel=IRRADIANCE_REL, abs=0)
         assert row["temperature_k"] == pytest.approx(350 - 22 * 900 / 1614, abs=1e-3)
         if row["target"] == "sphere03":
             assert row["projected_area_m2"] == pytest.approx(np.pi * 0.25, rel=1e-12)

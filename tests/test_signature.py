@@ -113,10 +113,98 @@ def test_reflected_sunlight_is_that_of_a_mesh(day, device, target):
         turned = Rotation.from_quat(day.attitude_quaternion(target, [emitted_s])[0]).apply(normal)
         lit = np.maximum(turned @ view / np.linalg.norm(view), 0) * np.maximum(turned @ sun / np.linalg.norm(sun), 0)
         sunlight = np.pi * ws.band_radiance_w_m2_sr(5772.0, row["band"]) * (6.957e8 / np.linalg.norm(sun)) ** 2
-        reflectance = 1 - spec.surface.emissivity_value
+        reflectance = spec.surface.reflectance_in(row["band"])
         expected = reflectance / np.pi * sunlight * np.sum(lit * area) / np.sum(view**2) * 1e-4
         assert row["sun_w_cm2"] == pytest.approx(expected, rel=FACET_RTOL, abs=1e-6 * row["emitted_w_cm2"])
     assert (rows["sun_w_cm2"] > 1e-19).any()
+
+
+def view_factors(cosine, height):
+    """Plane element to a sphere, height = distance over radius; Howell's catalog, as printed with arc sines."""
+    out = np.where(cosine > 0, cosine / height**2, 0.0)
+    root = np.sqrt(height**2 - 1)
+    rising = np.abs(cosine) < 1 / height
+    c = cosine[rising]
+    sine = np.sqrt(1 - c * c)
+    out[rising] = (
+        0.5
+        - np.arcsin(root / (height * sine)) / np.pi
+        + (c * np.arccos(-root * c / sine) - root * np.sqrt(1 - height**2 * c * c)) / (np.pi * height**2)
+    )
+    return out
+
+
+@pytest.mark.parametrize("target", ["center", "sphere04", "cylinder02", "cone03"])
+def test_reflected_heat_of_the_earth_is_that_of_a_mesh(day, device, target):
+    """Facets with the printed view factor, the Earth's radius below the target, default brightness temperatures."""
+    truth = ws.Renderer(day, device=device).render([1, 99], ["sat11", "sat47"], ["A", "E"]).truth
+    rows = truth[(truth["target"] == target) & ~truth["occulted"]]
+    spec = day.target_specs[day.target_names.index(target)]
+    normal, area = facets(spec.shape)
+    pole = day.tracks.pole_icrs
+    for row in rows:
+        emitted_s = row["time_s"] - row["range_km"] * 1e3 / 299792458.0
+        place = day.position_m(target, [emitted_s])[0]
+        view = day.position_m(row["sensor"], [row["time_s"]])[0] - place
+        distance = np.linalg.norm(place)
+        up = place / distance
+        a, b = 6378137.0, 6378137.0 * (1 - 1 / 298.257223563)
+        radius = 1 / np.sqrt((1 - (up @ pole) ** 2) / a**2 + (up @ pole) ** 2 / b**2)
+        turned = Rotation.from_quat(day.attitude_quaternion(target, [emitted_s])[0]).apply(normal)
+        factor = view_factors(-turned @ up, distance / radius)
+        kelvin = {"A": 275.0, "E": 260.0}[row["band"]]
+        seen = np.sum(np.maximum(turned @ view / np.linalg.norm(view), 0) * factor * area)
+        intensity = spec.surface.reflectance_in(row["band"]) * ws.band_radiance_w_m2_sr(kelvin, row["band"]) * seen
+        rule = day.lighting.quadrature_error * np.pi * 0.5**2 * spec.surface.reflectance_in(row["band"])
+        slack = rule * ws.band_radiance_w_m2_sr(kelvin, row["band"]) * 1e-4 / np.sum(view**2)
+        assert row["earth_w_cm2"] == pytest.approx(intensity / np.sum(view**2) * 1e-4, rel=FACET_RTOL, abs=slack)
+    assert (rows["earth_w_cm2"] > 1e-19).all()
+
+
+def test_earth_term_to_its_quadrature(day, device):
+    """The finest rule against the default: within what was asked."""
+    fine = day.replace(lighting__quadrature_error=1e-5)
+    times = np.linspace(0, 1600, 41)
+    both = [ws.light_curves(s, times, ["sat11", "sat47", "sat27"], device=device) for s in (day, fine)]
+    for name in ("earth", "albedo"):
+        default, exact = (curves.terms_w_cm2[name] for curves in both)
+        missed = np.abs(default - exact).max(axis=(0, 1))
+        assert (missed <= day.lighting.quadrature_error * 4 * exact.max(axis=(0, 1))).all()
+        assert missed.max() > 0
+
+
+def test_sunlight_by_way_of_the_earth_is_that_of_patches(day, device):
+    """A sphere: the Earth's disc in 400 x 400 patches, each a small sun."""
+    row = ws.light_curves(day, [200.0], ["sat11"], ["sphere04"], ["A"], device=device)
+    emitted_s = 200.0 - row.range_km.item() * 1e3 / 299792458.0
+    place = day.position_m("sphere04", [emitted_s])[0]
+    view = day.position_m("sat11", [200.0])[0] - place
+    sun = day.position_m("sun", [emitted_s])[0]
+    distance, au = np.linalg.norm(place), np.linalg.norm(sun - place) / 149597870700.0
+    pole = day.tracks.pole_icrs
+    up = place / distance
+    a, b = 6378137.0, 6378137.0 * (1 - 1 / 298.257223563)
+    radius = 1 / np.sqrt((1 - (up @ pole) ** 2) / a**2 + (up @ pole) ** 2 / b**2)
+    # Patches of ground on rings of equal area about the point below, as far as the horizon.
+    n = 400
+    cosine = 1 - (np.arange(n) + 0.5) / n * (1 - radius / distance)
+    turn = (np.arange(n) + 0.5) * 2 * np.pi / n
+    first = np.cross(up, [0.3, 0.4, 0.5])
+    first /= np.linalg.norm(first)
+    across = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * np.cross(up, first)
+    ground = cosine[:, None, None] * up + np.sqrt(1 - cosine**2)[:, None, None] * across
+    way = place - radius * ground  # to the target
+    far = np.linalg.norm(way, axis=-1)
+    shine = np.maximum(ground @ sun / np.linalg.norm(sun), 0) * np.einsum("ijk,ijk->ij", ground, way) / far
+    patch = 2 * np.pi * radius**2 * (1 - radius / distance) / n**2
+    cosine = np.clip(-way @ view / np.linalg.norm(view) / far, -1, 1)
+    phase = np.arccos(cosine)
+    reflected = 2 / 3 * 0.5**2 * (np.sin(phase) + (np.pi - phase) * cosine)
+    sunlight = np.pi * ws.band_radiance_w_m2_sr(5772.0, "A") * (6.957e8 / 149597870700.0 / au) ** 2
+    irradiance = np.sum(0.3 / np.pi * sunlight * shine * patch / far**2 * reflected) * 0.95 / np.pi
+    expected = irradiance / np.sum(view**2) * 1e-4
+    assert row.terms_w_cm2["albedo"].item() == pytest.approx(expected, rel=2e-3, abs=0)  # patches at the terminator
+    assert row.terms_w_cm2["albedo"].item() > 1e-20
 
 
 def test_terms_add_up_to_the_light(day, device):

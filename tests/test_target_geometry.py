@@ -2,7 +2,6 @@
 
 from fractions import Fraction
 from itertools import pairwise
-from types import SimpleNamespace
 
 import erfa
 import mpmath
@@ -10,13 +9,13 @@ import numpy as np
 import pytest
 import warp as wp
 from scipy.spatial import ConvexHull
-from warpsim_kernels import apparent, emission, motion, targets
+from warpsim_kernels import apparent, emission, motion
 from warpsim_kernels.earth import Earth, is_occulted
 
 import warpsim as ws
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, SPEED_OF_LIGHT_M_S
 from warpsim.orbit.track import Track
-from warpsim.render.target_field import radiance_table
+from warpsim.render.warmth import make_radiance
 from warpsim.target.attitude import attitude_frame
 
 SEED = 577215
@@ -27,6 +26,7 @@ MEAN_RTOL = 1e-10  # quadrature over the aspect
 ANGLE_ATOL_RAD = 1e-9  # after 1e6 s
 TRACK_ATOL_M = 1e-6  # the same cubic in another order of operations, float64 at 1e7 m
 RADIANCE_RTOL = 1e-8  # cubic Hermite in ln(T)
+WIDE_RADIANCE_RTOL = 1e-8  # measured 8e-10, largest at 3 K
 RANGE_ATOL_M = 1e-6
 DIRECTION_ATOL_RAD = 1e-12
 SECOND_ORDER_RAD = 5e-9  # v / c of the Earth times that of the orbit, 1e-4 * 2.6e-5, and its like
@@ -396,9 +396,7 @@ def radiance_kernel(
 )
 def test_radiance_table_matches_the_integral(device, start_k, end_k):
     bands = list(ws.BANDS)
-    temperature = SimpleNamespace(start_k=start_k, end_k=end_k)
-    scene = SimpleNamespace(targets=[SimpleNamespace(temperature=temperature)])
-    table = radiance_table(scene, bands, wp.get_device(device))
+    table = make_radiance(bands, (start_k, end_k), wp.get_device(device))
     kelvin = np.append(np.geomspace(start_k, end_k, 1001), [start_k, end_k])
     out = wp.empty((len(bands), len(kelvin)), dtype=wp.float64, device=device)
     inputs = [table, wp.array(kelvin, dtype=wp.float64, device=device)]
@@ -408,20 +406,40 @@ def test_radiance_table_matches_the_integral(device, start_k, end_k):
         np.testing.assert_allclose(seen, expected, rtol=RADIANCE_RTOL, atol=RADIANCE_FLOOR_W_M2_SR)
 
 
-@wp.kernel(enable_backward=False)
-def temperature_kernel(target: targets.Target, time_s: wp.array[wp.float64], kelvin: wp.array[wp.float64]):
-    i = wp.tid()
-    kelvin[i] = targets.temperature_k(target, time_s[i])
+NARROW = ws.Band("narrow", np.array([8.0, 8.005, 8.01]), np.array([0.0, 1.0, 0.0]))
+"""A band 0.01 um wide."""
 
 
-def test_temperature_is_linear_between_its_ends(device):
-    target = targets.Target()
-    target.start_temperature_k, target.end_temperature_k = 320.0, 270.0
-    target.cooling_start_s, target.cooling_duration_s = 10.0, 400.0
-    time = np.array([-5.0, 10.0, 110.0, 410.0, 1e6])
-    out = wp.empty(5, dtype=wp.float64, device=device)
-    wp.launch(temperature_kernel, 5, inputs=[target, wp.array(time, device=device)], outputs=[out], device=device)
-    np.testing.assert_allclose(out.numpy(), np.interp(time, [10, 410], [320, 270]), rtol=1e-15)
+def exact_radiance(kelvin, band):
+    """Response times Planck's law in 30 digits."""
+    with mpmath.workdps(30):
+        h, c, k = mpmath.mpf("6.62607015e-34"), mpmath.mpf(299792458), mpmath.mpf("1.380649e-23")
+
+        def planck(metres):
+            return 2 * h * c * c / metres**5 / mpmath.expm1(h * c / (metres * k * mpmath.mpf(float(kelvin))))
+
+        total = mpmath.mpf(0)
+        for (a, b), (left, right) in zip(pairwise(band.wavelength_um), pairwise(band.response), strict=True):
+            a, b, left, right = (mpmath.mpf(float(x)) for x in (a, b, left, right))
+            total += mpmath.quad(
+                lambda um, a=a, b=b, left=left, right=right: (left + (right - left) * (um - a) / (b - a))
+                * planck(um / 10**6) / 10**6,
+                mpmath.linspace(a, b, 2 + int((b - a) / a / 0.004)),  # at 3 K light falls by decades in each
+            )  # fmt: skip
+        return total
+
+
+@pytest.mark.parametrize("band", [NARROW, ws.BANDS["A"], ws.BANDS["E"]], ids=["narrow", "A", "E"])
+def test_radiance_table_from_3_to_10000_kelvin_is_planck(device, band):
+    """One table for all temperatures, against mpmath: between nodes, and where the band has next to no light."""
+    tables = make_radiance([band], (3.0, 1e4), wp.get_device(device))
+    kelvin = np.concatenate([np.geomspace(3.0, 1e4, 20), np.random.default_rng(SEED).uniform(3.0, 9.0, 5)])
+    out = wp.empty((1, len(kelvin)), dtype=wp.float64, device=device)
+    wp.launch(radiance_kernel, out.shape, inputs=[tables, wp.array(kelvin, dtype=wp.float64, device=device)],
+              outputs=[out], device=device)  # fmt: skip
+    for seen, temperature_k in zip(out.numpy()[0], kelvin, strict=True):
+        expected = float(exact_radiance(temperature_k, band))
+        assert seen == pytest.approx(expected, rel=WIDE_RADIANCE_RTOL, abs=RADIANCE_FLOOR_W_M2_SR)
 
 
 @wp.kernel(enable_backward=False)

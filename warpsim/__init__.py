@@ -73,6 +73,10 @@ if TYPE_CHECKING:
     from warpsim.target.shapes import Frustum as Frustum
     from warpsim.target.shapes import Plate as Plate
     from warpsim.target.shapes import Sphere as Sphere
+    from warpsim.target.surface import Graybody as Graybody
+    from warpsim.target.temperature import HeatBalance as HeatBalance
+    from warpsim.target.temperature import Temperature as Temperature
+    from warpsim.target.temperature import TemperatureTable as TemperatureTable
 
 _HOME = {
     "Scene": "warpsim.scene.scene",
@@ -104,6 +108,10 @@ _HOME = {
     "Frustum": "warpsim.target.shapes",
     "Plate": "warpsim.target.shapes",
     "Mesh": "warpsim.target.mesh",
+    "Graybody": "warpsim.target.surface",
+    "Temperature": "warpsim.target.temperature",
+    "TemperatureTable": "warpsim.target.temperature",
+    "HeatBalance": "warpsim.target.temperature",
     "Attitude": "warpsim.target.attitude",
     "AttitudeTable": "warpsim.target.attitude_table",
     "Walker": "warpsim.orbit.walker",

@@ -30,6 +30,7 @@ T = TypeVar("T")
 
 # Longest suffix first, so that `_m_s` is not read as `_s`.
 _UNIT_OF_SUFFIX = {
+    "_j_kg_k": "J / (kg K)",
     "_w_cm2": "W / cm2",
     "_w_m2": "W / m2",
     "_rev_s": "1 / s",
@@ -42,6 +43,7 @@ _UNIT_OF_SUFFIX = {
     "_hz": "Hz",
     "_jy": "Jy",
     "_px": "pix",
+    "_kg": "kg",
     "_m": "m",
     "_s": "s",
     "_k": "K",
@@ -85,6 +87,33 @@ def _in_interval(low: float, high: float, open_low: bool, open_high: bool) -> Ca
 
 def _plain(value: float) -> str:
     return str(value) if isinstance(value, int) else f"{value:g}"
+
+
+def number_within(value: Any, info: ValidationInfo, low: float, high: float, open_low: bool = False) -> float:
+    """A number from low to high, for validators that decide by hand; its unit by the field's name.
+
+    Raises:
+        PydanticCustomError: It is none.
+    """
+    return _in_interval(low, high, open_low, False)(_plain_number(value, info))
+
+
+def rows_in(unit: str) -> BeforeValidator:
+    """Rule: a list; arrays become lists, quantities numbers in a unit."""
+
+    def check(value: Any) -> Any:
+        if hasattr(value, "unit") and hasattr(value, "to_value"):
+            try:
+                value = value.to_value(unit)
+            except Exception:
+                raise rule_error(f"must be convertible to {unit or 'plain numbers'}") from None
+        if isinstance(value, np.ndarray):
+            value = value.tolist()
+        if not isinstance(value, list | tuple):
+            raise rule_error("must be a list")
+        return tuple(value)
+
+    return BeforeValidator(check)
 
 
 def _whole_number(value: Any) -> Any:

@@ -39,6 +39,8 @@ class Surfaces:
 
     emissivity: wp.array2d[wp.float64]
     sun_w_m2_sr: wp.array2d[wp.float64]  # reflectance / pi times the Sun's irradiance at 1 au
+    earth_w_m2_sr: wp.array2d[wp.float64]  # reflectance times the Earth's radiance
+    albedo_w_m2_sr2: wp.array2d[wp.float64]  # reflectance / pi times albedo / pi times the Sun's irradiance at 1 au
 
 
 @wp.struct
@@ -48,6 +50,8 @@ class Seen:
     range_m: wp.array2d[wp.float64]
     area_m2: wp.array2d[wp.float64]
     sun_area_m2: wp.array2d[wp.float64]
+    earth_area_m2: wp.array2d[wp.float64]
+    albedo_area_m2_sr: wp.array2d[wp.float64]
     temperature_k: wp.array2d[wp.float64]
     flags: wp.array2d[wp.int32]
 
@@ -76,6 +80,18 @@ def sun_w_sr(surfaces: Surfaces, seen: Seen, view: int, band: int, target: int) 
     return surfaces.sun_w_m2_sr[band, target] * seen.sun_area_m2[view, target]
 
 
+@wp.func
+def earth_w_sr(surfaces: Surfaces, seen: Seen, view: int, band: int, target: int) -> wp.float64:
+    """Intensity of the Earth's heat, reflected."""
+    return surfaces.earth_w_m2_sr[band, target] * seen.earth_area_m2[view, target]
+
+
+@wp.func
+def albedo_w_sr(surfaces: Surfaces, seen: Seen, view: int, band: int, target: int) -> wp.float64:
+    """Intensity of sunlight reflected by the Earth, then by the target."""
+    return surfaces.albedo_w_m2_sr2[band, target] * seen.albedo_area_m2_sr[view, target]
+
+
 @functools.cache
 def make_emit_kernel(features: Features) -> wp.Kernel:
     """Kernel of the stage: intensity over range squared, summed over the terms that the scene keeps."""
@@ -94,6 +110,10 @@ def make_emit_kernel(features: Features) -> wp.Kernel:
         intensity_w_sr = emitted_w_sr(surfaces, table, seen, view, band, target)
         if wp.static(features.sun):
             intensity_w_sr += sun_w_sr(surfaces, seen, view, band, target)
+        if wp.static(features.earth):
+            intensity_w_sr += earth_w_sr(surfaces, seen, view, band, target)
+        if wp.static(features.albedo):
+            intensity_w_sr += albedo_w_sr(surfaces, seen, view, band, target)
         source_irradiance_w_cm2[view, band, target] = float(
             intensity_w_sr * irradiance_per_intensity(seen, view, target)
         )
@@ -130,6 +150,10 @@ def make_split_kernel(features: Features) -> wp.Kernel:
         )
         if wp.static(features.sun):
             irradiance_w_cm2[SUN, view, band, target] = scale * sun_w_sr(surfaces, seen, view, band, target)
+        if wp.static(features.earth):
+            irradiance_w_cm2[EARTH, view, band, target] = scale * earth_w_sr(surfaces, seen, view, band, target)
+        if wp.static(features.albedo):
+            irradiance_w_cm2[ALBEDO, view, band, target] = scale * albedo_w_sr(surfaces, seen, view, band, target)
 
     return split_kernel
 

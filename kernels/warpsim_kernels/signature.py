@@ -10,13 +10,16 @@ from typing import NamedTuple
 
 import warp as wp
 
+from warpsim_kernels.albedo import body_albedo_area_m2
 from warpsim_kernels.apparent import ASTRONOMICAL_UNIT_M
 from warpsim_kernels.attitude_table import AttitudeTables, table_quaternion, turned_axes
-from warpsim_kernels.earth import Earth
+from warpsim_kernels.earth import Earth, geocentric_radius_m
+from warpsim_kernels.earthlight import Rule, body_earth_area_m2
 from warpsim_kernels.facets import Facets, body_projected_area_m2, body_reflected_area_m2
 from warpsim_kernels.motion import Attitude, NodeGrid, axes_before_spin, linear_vector, spun
 from warpsim_kernels.shadow import sunlit_fraction
 from warpsim_kernels.shapes import Body, projected_area_m2, reflected_area_m2
+from warpsim_kernels.temperature import TemperatureTables
 
 
 class Features(NamedTuple):
@@ -25,6 +28,8 @@ class Features(NamedTuple):
     attitude_tables: bool = False  # a target turns by a table
     meshes: bool = False  # a target is a mesh
     sun: bool = False  # reflected sunlight
+    earth: bool = False  # reflected heat of the Earth
+    albedo: bool = False  # reflected sunlight by way of the Earth
 
 
 @wp.struct
@@ -35,10 +40,8 @@ class Target:
     attitude: Attitude
     table_first: int  # row of the attitude tables where this target's begins
     table_count: int  # its rows; 0: `attitude` says how it turns
-    start_temperature_k: wp.float64
-    end_temperature_k: wp.float64
-    cooling_start_s: wp.float64
-    cooling_duration_s: wp.float64
+    temperature_first: int  # row of the temperature tables where this target's begins
+    temperature_count: int  # its rows, at least 1
 
 
 @wp.struct
@@ -47,6 +50,7 @@ class Tables:
 
     attitudes: AttitudeTables
     facets: Facets
+    temperatures: TemperatureTables
 
 
 @wp.struct
@@ -63,6 +67,8 @@ class Surroundings:
 
     sun_m: wp.array[wp.vec3d]  # (n_node,) geocentric
     earth: Earth
+    earth_rule: Rule  # quadrature of the Earth's heat
+    albedo_rule: Rule
 
 
 @wp.struct
@@ -72,7 +78,9 @@ class Signature:
     aspect_rad: wp.float64  # in the middle of the exposure
     area_m2: wp.float64  # outline
     sunlit: wp.float64  # share of the Sun's disc that the target sees
-    sun_area_m2: wp.float64  # reflects sunlight: times its irradiance at 1 au times reflectance / pi it is an intensity
+    sun_area_m2: wp.float64  # reflects sunlight, per irradiance at 1 au
+    earth_area_m2: wp.float64  # reflects the Earth's heat, per pi times radiance
+    albedo_area_m2_sr: wp.float64  # reflects the Earth's sunlight, per albedo / pi times irradiance at 1 au
 
 
 @functools.cache
@@ -117,11 +125,16 @@ def signature_of(features: Features) -> wp.Function:
         time_s: wp.float64,  # when the light left in the middle of the exposure
     ) -> Signature:
         seen = Signature()
-        if wp.static(features.sun):
+        if wp.static(features.sun or features.albedo):
             to_sun_m = linear_vector(surroundings.sun_m, time_s, grid) - place_m
             distance_au = wp.length(to_sun_m) / ASTRONOMICAL_UNIT_M
             towards_sun = wp.normalize(to_sun_m)
+        if wp.static(features.sun):
             seen.sunlit = sunlit_fraction(place_m, to_sun_m, surroundings.earth)
+        if wp.static(features.earth or features.albedo):
+            distance_m = wp.length(place_m)
+            nadir = -place_m / distance_m
+            limb_sine = wp.min(geocentric_radius_m(place_m, surroundings.earth) / distance_m, wp.float64(1.0))
         n_exposure = exposure.offset_s.shape[0]
         for k in range(n_exposure):
             weight = exposure.weight[k]
@@ -133,6 +146,17 @@ def signature_of(features: Features) -> wp.Function:
             if wp.static(features.sun):
                 if seen.sunlit > wp.float64(0.0):
                     seen.sun_area_m2 += weight * lit_m2(target.body, tables, view, axes * towards_sun)
+            if wp.static(features.earth):
+                seen.earth_area_m2 += weight * body_earth_area_m2(
+                    surroundings.earth_rule, target.body, tables.facets, view, axes * nadir, limb_sine
+                )
+            if wp.static(features.albedo):
+                seen.albedo_area_m2_sr += weight * body_albedo_area_m2(
+                    surroundings.albedo_rule, target.body, tables.facets, view, axes * nadir, limb_sine,
+                    axes * towards_sun,
+                )
+        if wp.static(features.albedo):
+            seen.albedo_area_m2_sr /= distance_au * distance_au
         if wp.static(features.sun):
             seen.sun_area_m2 *= seen.sunlit / (distance_au * distance_au)
         return seen

@@ -9,6 +9,7 @@ from warpsim_kernels.camera import Camera, depth, projected_px, within_frame
 from warpsim_kernels.earth import is_occulted
 from warpsim_kernels.motion import NodeGrid, linear_vector
 from warpsim_kernels.signature import Exposure, Features, Surroundings, Tables, Target, signature_of
+from warpsim_kernels.temperature import temperature_k
 
 IN_FOV = wp.constant(1)
 OCCULTED = wp.constant(2)
@@ -16,13 +17,6 @@ BEHIND = wp.constant(4)
 STOWED = wp.constant(8)
 DARK = wp.constant(10)
 """Bits of the flag word of an observation; DARK is OCCULTED | STOWED."""
-
-
-@wp.func
-def temperature_k(target: Target, time_s: wp.float64) -> wp.float64:
-    """Temperature, linear in time between its two ends and constant outside."""
-    part = wp.clamp((time_s - target.cooling_start_s) / target.cooling_duration_s, wp.float64(0.0), wp.float64(1.0))
-    return target.start_temperature_k + (target.end_temperature_k - target.start_temperature_k) * part
 
 
 @functools.cache
@@ -54,6 +48,8 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
         aspect_rad: wp.array2d[wp.float64],  # (n_view, n_target)
         area_m2: wp.array2d[wp.float64],  # (n_view, n_target)
         sun_area_m2: wp.array2d[wp.float64],  # (n_view, n_target)
+        earth_area_m2: wp.array2d[wp.float64],  # (n_view, n_target)
+        albedo_area_m2_sr: wp.array2d[wp.float64],  # (n_view, n_target)
         sunlit: wp.array2d[wp.float64],  # (n_view, n_target)
         temperature: wp.array2d[wp.float64],  # (n_view, n_target) [K]
         flags: wp.array2d[wp.int32],  # (n_view, n_target) IN_FOV | OCCULTED | BEHIND | STOWED
@@ -94,7 +90,13 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
         if wp.static(features.sun):
             sun_area_m2[view, target_id] = seen.sun_area_m2
             sunlit[view, target_id] = seen.sunlit
-        temperature[view, target_id] = temperature_k(target, path.emission_time_s)
+        if wp.static(features.earth):
+            earth_area_m2[view, target_id] = seen.earth_area_m2
+        if wp.static(features.albedo):
+            albedo_area_m2_sr[view, target_id] = seen.albedo_area_m2_sr
+        temperature[view, target_id] = temperature_k(
+            tables.temperatures, target.temperature_first, target.temperature_count, path.emission_time_s
+        )
         flags[view, target_id] = flag
 
     return observe_targets_kernel

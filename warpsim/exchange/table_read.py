@@ -1,4 +1,4 @@
-"""Tables of states or attitudes, one row a time: CSV and its kin, and ECSV."""
+"""Tables of states, attitudes or temperatures, one row a time: CSV and its kin, and ECSV."""
 
 from __future__ import annotations
 
@@ -90,6 +90,24 @@ def read_attitude_table(source: Source) -> list[AttitudeSegment]:
             lines=lines,
         )
     ]
+
+
+def read_temperature_table(source: Source) -> tuple[Instants, F64, list[str]]:
+    """Times, temperatures [K] and places ("line 3") of a table with `time_s` or `time_utc` and `temperature_k`.
+
+    Raises:
+        InputError: File, line, rule, value.
+    """
+    table = _read(source)
+    with source.at(0):
+        _check_columns(table, "temperature", "temperature_k", ("temperature_k",))
+        places = [table.where(row) for row in range(len(table))]
+        temperature_k = table.needed("temperature_k", unit="K")
+        gaps = np.flatnonzero(np.isnan(temperature_k))
+        if len(gaps):
+            raise InputError(f"{places[gaps[0]]}: temperature_k: must be given, a table must have no gap")
+        instants = _instants(source, table)
+    return instants, temperature_k, places
 
 
 def _read(source: Source) -> FileTable:

@@ -43,6 +43,8 @@ class Observations:
     aspect_rad: wp.array
     area_m2: wp.array
     sun_area_m2: wp.array
+    earth_area_m2: wp.array
+    albedo_area_m2_sr: wp.array
     sunlit: wp.array
     temperature_k: wp.array
     flags: wp.array
@@ -89,22 +91,28 @@ def new_observations(world: TargetWorld, n_view: int) -> Observations:
         return wp.zeros(shape, dtype=wp.float64, device=device)
 
     return Observations(
-        wp.empty(shape, dtype=wp.vec2d, device=device),
-        scalar(),
-        scalar(),
-        scalar(),
-        scalar(),
-        scalar(),
-        scalar(),
-        wp.empty(shape, dtype=wp.int32, device=device),
-        wp.empty((n_view, world.n_band, world.n_target), dtype=wp.float32, device=device),
+        xy_px=wp.empty(shape, dtype=wp.vec2d, device=device),
+        range_m=scalar(),
+        aspect_rad=scalar(),
+        area_m2=scalar(),
+        sun_area_m2=scalar(),
+        earth_area_m2=scalar(),
+        albedo_area_m2_sr=scalar(),
+        sunlit=scalar(),
+        temperature_k=scalar(),
+        flags=wp.empty(shape, dtype=wp.int32, device=device),
+        irradiance_w_cm2=wp.empty((n_view, world.n_band, world.n_target), dtype=wp.float32, device=device),
     )
+
+
+SEEN = ("range_m", "area_m2", "sun_area_m2", "earth_area_m2", "albedo_area_m2_sr", "temperature_k", "flags")
+"""Observations that brightness is made of."""
 
 
 def seen_struct(observations: Observations) -> Any:
     """What brightness is made of, as the kernels' struct."""
     seen: Any = Seen()
-    for name in ("range_m", "area_m2", "sun_area_m2", "temperature_k", "flags"):
+    for name in SEEN:
         setattr(seen, name, getattr(observations, name))
     return seen
 

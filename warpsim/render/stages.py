@@ -87,6 +87,8 @@ def look_at_targets(world: TargetWorld, views: Views, seen: Observations, xy_px:
             seen.aspect_rad,
             seen.area_m2,
             seen.sun_area_m2,
+            seen.earth_area_m2,
+            seen.albedo_area_m2_sr,
             seen.sunlit,
             seen.temperature_k,
             seen.flags,

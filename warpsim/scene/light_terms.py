@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M
 from warpsim.orbit.eclipse import sunlit_depth
+from warpsim.sky.bands import band_radiance_w_m2_sr
 
 if TYPE_CHECKING:
     from warpsim.scene.scene import Scene
@@ -79,20 +80,19 @@ def _nearest_m(scene: Scene) -> float:
 
 def _bounds_nei(scene: Scene, near_m: float) -> dict[str, float]:
     """Largest irradiance of each term [NEI]: what falls on a body times reflectance over the largest outline."""
-    from warpsim.sky.sunlight import sun_irradiance_w_m2
-
     lighting, tracks = scene.lighting, scene.tracks
     sun_au = np.linalg.norm(tracks.sun.position_m, axis=1).min() / ASTRONOMICAL_UNIT_M - 1e-3
     low_m = min(float(np.linalg.norm(track.position_m, axis=1).min()) for track in tracks.targets)
     disc = min(EARTH_EQUATORIAL_RADIUS_M / low_m, 1.0) ** 2
     most = dict.fromkeys(TERMS, 0.0)
     for band in scene.bands:
-        sunlight = sun_irradiance_w_m2(band) / sun_au**2
-        falling = {"sun": sunlight, "earth": 0.0, "albedo": lighting.earth_albedo * sunlight * disc}
+        sunlight = lighting.sun_w_m2_in(band) / sun_au**2
+        heat = np.pi * band_radiance_w_m2_sr(lighting.earth_k_in(band), band)
+        falling = {"sun": sunlight, "earth": heat * disc, "albedo": lighting.earth_albedo * sunlight * disc}
         for spec in scene.target_specs:
             # No outline of a convex body is larger than half its surface; facets that hide others count in full.
             largest = 0.5 if getattr(spec.shape, "convex", True) else 1.0
-            across_m2 = (1.0 - spec.surface.emissivity_value) * largest * spec.shape.surface_m2
+            across_m2 = (1.0 - spec.surface.emissivity_in(band)) * largest * spec.shape.surface_m2
             for name in TERMS:
                 most[name] = max(most[name], falling[name] / np.pi * across_m2)
     return {name: value / near_m**2 * 1e-4 / scene.detector.nei_w_cm2 for name, value in most.items()}

@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Annotated
 
+from warpsim.by_band import AS_DICT, ByBand, within
 from warpsim.describe import NonNegative, Number, Switch, closed_interval, part
+from warpsim.sky.sunlight import sun_irradiance_w_m2
+
+EARTH_K = MappingProxyType({"B1": 235.0, "B2": 235.0, "A": 275.0, "C": 275.0, "D": 225.0, "E": 260.0})
+"""Brightness temperature of the Earth seen from space [K], a mean over places and weather: B1 and B2 look at carbon
+dioxide high in the air, D at that of its 15 um band, A and C mostly at ground and clouds, E at water vapour."""
+
+_W_CM2_PER_W_M2 = 1e-4
 
 
 @part
@@ -20,6 +30,9 @@ class Lighting:
         albedo: Whether targets reflect the sunlight that the Earth reflects.
         leave_out_nei: Largest irradiance of a term that may be left out [NEI]; 0 leaves out what is exactly 0.
         earth_albedo: Share of sunlight that the Earth reflects, as a Lambertian surface.
+        earth_k: Brightness temperature of the Earth by band [K]; `EARTH_K` in bands that are not named.
+        sun_w_cm2: Irradiance of the Sun in a band at 1 au by band [W/cm2]; that of a blackbody of 5772 K in bands that
+            are not named.
         quadrature_error: Largest error of quadratures, as a share of the largest value of what is integrated: over a
             body's side and the Earth's disc, and over the exposure.
     """
@@ -29,4 +42,15 @@ class Lighting:
     albedo: Switch = True
     leave_out_nei: NonNegative = 0.01
     earth_albedo: Annotated[NonNegative, closed_interval(0, 1)] = 0.3
+    earth_k: Annotated[Mapping[str, float], within(2.7, 1000.0), AS_DICT] = ByBand({})
+    sun_w_cm2: Annotated[Mapping[str, float], within(0.0, 1.0), AS_DICT] = ByBand({})
     quadrature_error: Annotated[Number, closed_interval(1e-5, 0.1)] = 1e-3
+
+    def earth_k_in(self, band: str) -> float:
+        """Brightness temperature of the Earth in a band [K]."""
+        return self.earth_k.get(band, EARTH_K[band])
+
+    def sun_w_m2_in(self, band: str) -> float:
+        """Irradiance of the Sun in a band at 1 au [W/m2]."""
+        given = self.sun_w_cm2.get(band)
+        return sun_irradiance_w_m2(band) if given is None else given / _W_CM2_PER_W_M2

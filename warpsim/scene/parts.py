@@ -28,8 +28,9 @@ from warpsim.orbit.constellations import Constellation
 from warpsim.orbit.paths import Orbit
 from warpsim.target.attitude import Attitude
 from warpsim.target.attitude_table import AttitudeTable
-from warpsim.target.motion import Graybody, Temperature
 from warpsim.target.shapes import Shape
+from warpsim.target.surface import Graybody
+from warpsim.target.temperature import HeatBalance, Temperature, TemperatureTable
 
 
 def _of_kind(kind: str) -> Callable[[Any], Any]:
@@ -151,13 +152,21 @@ class Release:
         return self
 
 
-def _attitude_kind(value: Any) -> Any:
-    """A table of a scene file that names no kind is a motion."""
-    return value.get("kind", "motion") if isinstance(value, dict) else getattr(value, "kind", "motion")
+def _kind_or(kind: str) -> Discriminator:
+    """A table of a scene file that names no kind is of this one."""
+    return Discriminator(
+        lambda value: value.get("kind", kind) if isinstance(value, dict) else getattr(value, "kind", kind)
+    )
 
 
 AnyAttitude = Annotated[
-    Annotated[Attitude, Tag("motion")] | Annotated[AttitudeTable, Tag("table")], Discriminator(_attitude_kind)
+    Annotated[Attitude, Tag("motion")] | Annotated[AttitudeTable, Tag("table")], _kind_or("motion")
+]
+AnyTemperature = Annotated[
+    Annotated[Temperature, Tag("linear")]
+    | Annotated[TemperatureTable, Tag("table")]
+    | Annotated[HeatBalance, Tag("heat_balance")],
+    _kind_or("linear"),
 ]
 
 
@@ -168,8 +177,8 @@ class TargetSpec:
     Args:
         name: Name; with count > 1 the targets are called name01, name02, ...
         shape: Sphere, Cylinder, Cone, Frustum, Plate or Mesh.
-        surface: Reflectance or emissivity.
-        temperature: Over the scene.
+        surface: Reflectance or emissivity, by band or for all.
+        temperature: Over the scene: Temperature (linear), TemperatureTable or HeatBalance.
         attitude: How it turns: Attitude, or AttitudeTable.
         count: How many.
         release: How these leave the main target; as the group's others when left out.
@@ -178,7 +187,7 @@ class TargetSpec:
     name: Name
     shape: Shape
     surface: Graybody
-    temperature: Temperature
+    temperature: AnyTemperature
     attitude: AnyAttitude = Field(default_factory=Attitude)
     count: Group = 1
     release: Release | None = None

@@ -13,6 +13,7 @@ from warpsim.orbit.constellations import ListedSatellites, MixedConstellation, S
 from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
 from warpsim.orbit.epoch import utc_time
 from warpsim.scene.attitudes import table_rows
+from warpsim.scene.temperatures import temperature_tables
 from warpsim.scene.view_axes import tracked_targets
 from warpsim.sky.bands import BANDS
 
@@ -35,6 +36,8 @@ def check_scene(scene: Scene) -> None:
     _check_optics(scene)
     _check_pointing(scene)
     _check_attitudes(scene)
+    _check_surfaces(scene)
+    _check_temperatures(scene)
 
 
 def _check_images(scene: Scene) -> None:
@@ -157,5 +160,26 @@ def _check_attitudes(scene: Scene) -> None:
     """Tables of attitudes must cover the scene; those in files are read when the scene is loaded or rendered."""
     try:
         table_rows(scene, with_files=False)
+    except InputError as error:
+        raise part_error(str(error)) from None
+
+
+def _check_surfaces(scene: Scene) -> None:
+    """Every target must be described in every band."""
+    for number, group in enumerate(scene.groups_of_targets):
+        where = "" if number == 0 else f"groups[{number - 1}]."
+        for kind, spec in enumerate(group.targets):
+            for band in scene.bands:
+                if band not in spec.surface.bands:
+                    raise part_error(
+                        f"{where}targets[{kind}].surface: must give reflectance or emissivity of {spec.name} in every "
+                        f"band of the scene, got none in band {band}"
+                    )
+
+
+def _check_temperatures(scene: Scene) -> None:
+    """Tables of temperatures must cover the scene; those in files are read when the scene is loaded or rendered."""
+    try:
+        temperature_tables(scene, with_files=False)
     except InputError as error:
         raise part_error(str(error)) from None

@@ -33,6 +33,7 @@ from warpsim.scene.lighting import Lighting
 from warpsim.scene.parts import AnyConstellation, Frames, Release, Sky, TargetGroup, TargetSpec, Text, Trajectory
 from warpsim.scene.pointing import Pointing, TablePointing, TrackPointing
 from warpsim.scene.rules import check_scene
+from warpsim.scene.temperatures import target_temperatures, temperature_tables
 from warpsim.sky.bands import BANDS
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from warpsim.scene.tracks import Tracks
     from warpsim.target.attitude import BodyMotion
     from warpsim.target.attitude_table import AttitudeRows
+    from warpsim.target.temperature import TemperatureRows
 
 
 def _known_band(name: str) -> str:
@@ -148,6 +150,7 @@ class Scene:
                     raise InputError(f"{where}: {place}.{str(error).removeprefix('BallisticArc: ')}") from None
         try:
             table_rows(scene)
+            temperature_tables(scene)
         except InputError as error:
             raise InputError(f"{where}: {error}") from None
         return scene
@@ -334,6 +337,33 @@ class Scene:
     def body_axis(self, name: str, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Direction of a target's body axis, base to apex, in GCRS axes, shape (n, 3); as attitude_quaternion."""
         return rotated(self.attitude_quaternion(name, time_s), np.array([0.0, 0.0, 1.0]))
+
+    @cached_property
+    def temperatures(self) -> list[TemperatureRows]:
+        """Temperature of each single target, in the order of target_names; `.at(time_s)` gives it."""
+        return target_temperatures(self)
+
+    def temperature_k(self, name: str, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Temperature of a target at the times asked (no light time).
+
+        Args:
+            name: One of target_names.
+            time_s: Times after the epoch [s], shape (n,).
+
+        Returns:
+            Temperatures [K], shape (n,).
+
+        Raises:
+            InputError: No such target, a time lies more than a second outside the scene (or its table), or a heat
+                balance cannot be followed.
+        """
+        names = self.target_names
+        if name not in names:
+            raise InputError(f"name: must be a target ({', '.join(names[:3])}, ...), got {name!r}")
+        try:
+            return self.temperatures[names.index(name)].at(time_s)
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from None
 
     def access(
         self,

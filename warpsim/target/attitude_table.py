@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from warpsim.describe import FileName, Number, part, part_error, rule_error
+from warpsim.describe import FileName, Number, part, part_error, rows_in
 from warpsim.errors import InputError
 from warpsim.quaternion import in_one_hemisphere, rotation_between_rad, slerp, unit
 
@@ -33,22 +33,8 @@ SAME_ROTATION_RAD = 1e-6
 """How far the last row of a segment and the first of the next may differ."""
 
 
-def _as_rows(value: Any) -> Any:
-    """Arrays become lists, quantities of time seconds."""
-    if hasattr(value, "unit") and hasattr(value, "to_value"):
-        try:
-            value = value.to_value("s")
-        except Exception:
-            raise rule_error("must be convertible to s") from None
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
-    if not isinstance(value, list | tuple):
-        raise rule_error("must be a list")
-    return tuple(value)
-
-
-Times = Annotated[tuple[Number, ...], BeforeValidator(_as_rows)]
-Quaternions = Annotated[tuple[tuple[Number, Number, Number, Number], ...], BeforeValidator(_as_rows)]
+Times = Annotated[tuple[Number, ...], rows_in("s")]
+Quaternions = Annotated[tuple[tuple[Number, Number, Number, Number], ...], rows_in("")]
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,271 @@
+"""A target's temperature over a scene: linear, from a table, or by a heat balance."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, PlainValidator, ValidationInfo, model_validator
+
+from warpsim.describe import (
+    NonNegative,
+    Number,
+    Positive,
+    closed_interval,
+    number_within,
+    part,
+    part_error,
+    rows_in,
+    rule_error,
+)
+from warpsim.errors import InputError
+
+if TYPE_CHECKING:
+    from astropy.time import Time
+
+F64 = npt.NDArray[np.float64]
+
+HOTTEST_K = 1e5
+
+END_SLACK_S = 1.0
+"""The first and last temperature hold this much longer: light seen at the start of a scene left its target before."""
+DATE_ROUNDING_S = 1e-6
+"""Ends of a table may miss those of the scene by this much: files give dates with some digits only."""
+
+EQUILIBRIUM = "equilibrium"
+"""Word for the temperature at which a target emits as much as it absorbs."""
+
+Kelvin = Annotated[Positive, closed_interval(0, HOTTEST_K)]
+Share = Annotated[NonNegative, closed_interval(0, 1)]
+Times = Annotated[tuple[Number, ...], rows_in("s")]
+Kelvins = Annotated[tuple[Kelvin, ...], rows_in("K")]
+
+
+@dataclass(frozen=True, eq=False)
+class TemperatureRows:
+    """Temperatures at given times; linear in time between rows, the first and last hold beyond."""
+
+    time_s: F64
+    """After the epoch, ascending [s], shape (n,)."""
+    temperature_k: F64
+    """Shape (n,)."""
+    error_k: float = 0.0
+    """Largest measured error of a heat balance, interpolation included; 0 for what was given [K]."""
+    ripple_k: float = 0.0
+    """Swing of a heat balance within one turn of the body in sunlight, which the mean over turns leaves out [K]."""
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last time after the epoch [s]; a single row holds for all times."""
+        if len(self.time_s) == 1:
+            return -math.inf, math.inf
+        return float(self.time_s[0]), float(self.time_s[-1])
+
+    def check_span(self, start_s: float, end_s: float) -> None:
+        """Make sure that the rows cover a span of time after the epoch [s].
+
+        Raises:
+            InputError: They do not.
+        """
+        first_s, last_s = self.span_s
+        if first_s > start_s + DATE_ROUNDING_S or last_s < end_s - DATE_ROUNDING_S:
+            raise InputError(
+                f"time_s: must cover the scene, {start_s:.9g} to {end_s:.9g} s, got {first_s:.9g} to {last_s:.9g} s"
+            )
+
+    def at(self, time_s: npt.ArrayLike) -> F64:
+        """Temperature at times after the epoch [K], shape (n,).
+
+        Raises:
+            InputError: A time lies more than a second outside the rows.
+        """
+        time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+        first_s, last_s = self.span_s
+        outside = ~((time >= first_s - END_SLACK_S) & (time <= last_s + END_SLACK_S)) | np.isnan(time)
+        if outside.any():
+            raise InputError(
+                f"time_s: must be within the temperatures, {first_s:g} to {last_s:g} s, got {time[outside][0]:g}"
+            )
+        return interpolated(self.time_s, self.temperature_k, time)
+
+
+def interpolated(node_s: F64, value: F64, time_s: F64) -> F64:
+    """Values between nodes, linear in time and held beyond, as the kernels have them; the last axis is time."""
+    if len(node_s) == 1:
+        return np.repeat(value, len(time_s), axis=-1)
+    row = np.clip(np.searchsorted(node_s, time_s, side="right") - 1, 0, len(node_s) - 2)
+    share = np.clip((time_s - node_s[row]) / (node_s[row + 1] - node_s[row]), 0.0, 1.0)
+    start = value[..., row]
+    return np.asarray(start + (value[..., row + 1] - start) * share)
+
+
+@part
+class Temperature:
+    """A temperature that changes linearly from the scene's start to its end, or stays.
+
+    Args:
+        start_k: At the scene's epoch [K].
+        end_k: At the scene's end [K]; the same as at the start when left out.
+    """
+
+    start_k: Kelvin
+    end_k: Kelvin | None = None
+    kind: Literal["linear"] = Field(default="linear", kw_only=True)
+
+    def rows(self, duration_s: float) -> TemperatureRows:
+        """Its rows for a scene of that length [s]."""
+        if self.end_k is None or self.end_k == self.start_k:
+            return TemperatureRows(np.zeros(1), np.array([self.start_k]))
+        return TemperatureRows(np.array([0.0, duration_s]), np.array([self.start_k, self.end_k]))
+
+
+@part
+class TemperatureTable:
+    """Temperatures from a table, linear in time between its rows; give time_s and temperature_k, or file.
+
+    A single row holds for all times; more must cover the scene.
+
+    Args:
+        time_s: Times after the scene's epoch, strictly ascending [s].
+        temperature_k: A temperature for each time [K].
+        file: A CSV or ECSV file with the columns time_s (or time_utc) and temperature_k.
+        max_gap_s: Longest time between neighbouring rows that is no gap [s]; any if left out.
+    """
+
+    time_s: Times | None = None
+    temperature_k: Kelvins | None = None
+    file: str | None = None
+    max_gap_s: Positive | None = None
+    kind: Literal["table"] = Field(default="table", kw_only=True)
+
+    @model_validator(mode="after")
+    def _one_source(self) -> TemperatureTable:
+        inline = self.time_s is not None or self.temperature_k is not None
+        if inline == (self.file is not None):
+            raise part_error("file, time_s: exactly one of a file, or time_s with temperature_k, must be given")
+        if inline:
+            if self.time_s is None or self.temperature_k is None:
+                raise part_error("time_s, temperature_k: both must be given")
+            try:
+                self._inline_rows  # noqa: B018  # checked here, where the scene's file is known
+            except InputError as error:
+                raise part_error(str(error)) from None
+        return self
+
+    @cached_property
+    def _inline_rows(self) -> TemperatureRows:
+        return checked_rows(np.array(self.time_s), np.array(self.temperature_k), self.max_gap_s)
+
+    @cached_property
+    def _source(self) -> Any:
+        from warpsim.exchange.source import read_source
+
+        return read_source(str(self.file))
+
+    @property
+    def checksum(self) -> str | None:
+        """SHA-256 of the file, in hexadecimal; None for rows of one's own.
+
+        Raises:
+            InputError: The file cannot be read.
+        """
+        return None if self.file is None else hashlib.sha256(self._source.data).hexdigest()
+
+    def rows(self, epoch: Time) -> TemperatureRows:
+        """The checked table for a scene's epoch.
+
+        Raises:
+            InputError: The file cannot be read, a value is missing or no temperature, or times do not ascend.
+        """
+        if self.file is None:
+            return self._inline_rows
+        from warpsim.exchange.table_read import read_temperature_table
+
+        instants, temperature_k, places = read_temperature_table(self._source)
+        try:
+            return checked_rows(instants.since(epoch), temperature_k, self.max_gap_s, places.__getitem__)
+        except InputError as error:
+            raise InputError(f"{self.file}: {error}") from None
+
+
+def checked_rows(
+    time_s: F64, temperature_k: F64, max_gap_s: float | None = None, where: Callable[[int], str] = "row {}".format
+) -> TemperatureRows:
+    """A table as given, checked.
+
+    Args:
+        time_s: Times after the epoch [s].
+        temperature_k: Temperatures [K].
+        max_gap_s: Longest time between neighbours [s]; any if None.
+        where: What errors call a row, by its number.
+
+    Raises:
+        InputError: Lengths differ, a value is missing or no temperature, times do not ascend, or there is a gap.
+    """
+    if len(time_s) != len(temperature_k):
+        raise InputError(f"temperature_k: must have one for each of {len(time_s)} times, got {len(temperature_k)}")
+    if len(time_s) == 0:
+        raise InputError("time_s: must hold at least one time")
+    for name, values in (("time_s", time_s), ("temperature_k", temperature_k)):
+        (missing,) = np.nonzero(~np.isfinite(values))
+        if len(missing):
+            row = int(missing[0])
+            raise InputError(f"{where(row)}: {name}: must be finite, a table must have no gap, got {values[row]:g}")
+    (wrong,) = np.nonzero(~((temperature_k > 0) & (temperature_k <= HOTTEST_K)))
+    if len(wrong):
+        row = int(wrong[0])
+        raise InputError(f"{where(row)}: temperature_k: must be in (0, {HOTTEST_K:g}], got {temperature_k[row]:g}")
+    step_s = np.diff(time_s)
+    (back,) = np.nonzero(step_s <= 0)
+    if len(back):
+        row = int(back[0]) + 1
+        raise InputError(f"{where(row)}: time_s: must ascend, got {time_s[row]:.17g} after {time_s[row - 1]:.17g}")
+    (gap,) = np.nonzero(step_s > (math.inf if max_gap_s is None else max_gap_s))
+    if len(gap):
+        row = int(gap[0]) + 1
+        raise InputError(
+            f"{where(row)}: time_s: must be at most max_gap_s ({max_gap_s:g} s) after the row before, got a gap from "
+            f"{time_s[row - 1]:.9g} to {time_s[row]:.9g} s"
+        )
+    return TemperatureRows(np.asarray(time_s, dtype=np.float64), np.asarray(temperature_k, dtype=np.float64))
+
+
+def _start(value: Any, info: ValidationInfo) -> float | str:
+    """A temperature, or the word for equilibrium."""
+    if not isinstance(value, str):
+        return number_within(value, info, 0, HOTTEST_K, open_low=True)
+    if value != EQUILIBRIUM:
+        raise rule_error(f"must be a temperature or {EQUILIBRIUM!r}")
+    return value
+
+
+@part
+class HeatBalance:
+    """The temperature of a body of one temperature that the Sun and the Earth heat and that radiates from its surface.
+
+    Args:
+        start_k: At the scene's epoch, or at the release if that is later [K]; "equilibrium" for the temperature at
+            which the body emits as much as it then absorbs.
+        mass_kg: Mass that takes part [kg].
+        heat_capacity_j_kg_k: Its specific heat capacity [J/(kg K)].
+        solar_absorptance: Share of sunlight that is absorbed; if left out, the mean of the surface's 1 - reflectance
+            over the scene's bands.
+        infrared_emissivity: Emissivity over all thermal radiation; if left out, the same mean.
+        earth_w_m2: Thermal exitance of the Earth [W/m2].
+        albedo: Share of sunlight that the Earth reflects.
+    """
+
+    start_k: Annotated[float | Literal["equilibrium"], PlainValidator(_start)]
+    mass_kg: Positive
+    heat_capacity_j_kg_k: Positive
+    solar_absorptance: Share | None = None
+    infrared_emissivity: Share | None = None
+    earth_w_m2: NonNegative = 237.0
+    albedo: Share = 0.3
+    kind: Literal["heat_balance"] = Field(default="heat_balance", kw_only=True)

@@ -1,0 +1,210 @@
+"""Area that turning bodies show to a distant light: fast turns averaged, slow ones followed.
+
+A body warms over many of its fast turns, so that only the mean over them counts. A turn is fast if the body makes more
+than MOST_TURNS_FOLLOWED of it in the time looked at. The mean is taken over phases: those of independent turns on a
+lattice (rank 1), those of turns that keep step, as 3 and 1 rev/s do, along their common path. Turns that nearly keep
+step are taken for independent ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.quaternion import conjugate, rotated
+from warpsim.target.attitude import BodyMotion, turns
+from warpsim.target.attitude_table import AttitudeRows
+from warpsim.target.temperature import interpolated
+
+F64 = npt.NDArray[np.float64]
+
+MOST_TURNS_FOLLOWED = 100.0
+"""Turns of a motion that is followed."""
+
+N_ALONG = 4096
+"""Phases along one turn, or along the common path of turns that keep step."""
+LATTICES = {2: (17_711, (1, 10_946)), 3: (16_381, (1, 1780, 6867))}
+"""Points, and multiples of a point's number, of the lattice over 2 (Fibonacci's) or 3 phases (Korobov's)."""
+
+MOST_DENOMINATOR = 16
+"""Largest ratio's denominator of turns that keep step."""
+MOST_DRIFT_REV = 0.25
+"""How far turns that keep step may come apart in the time looked at."""
+
+_POINTS_AT_ONCE = 1_000_000
+_GRADIENT_STEP_RAD = 1e-3
+
+
+@dataclass(frozen=True)
+class TurningArea:
+    """Bodies of one shape that turn alike, but about axes and with phases of their own."""
+
+    shape: Any
+    attitudes: Sequence[BodyMotion] | AttitudeRows
+    """The motion of each body, all with the same rates; or the table that all turn by."""
+    span_s: float
+    """Length of the time looked at [s]."""
+
+    def towards(self, time_s: F64, direction: F64) -> F64:
+        """Area of each body's outline [m2], (n_body, n_time).
+
+        Args:
+            time_s: Times after the epoch [s], (n_time,).
+            direction: Unit vectors to the light, GCRS axes, (n_body, n_time, 3).
+        """
+        if self.shape.kind == "sphere":
+            return np.full(direction.shape[:-1], np.pi * self.shape.radius_m**2)
+        if isinstance(self.attitudes, AttitudeRows):
+            return outline_m2(self.shape, rotated(conjugate(self.attitudes.at(time_s)), direction))
+        area_m2 = np.empty(direction.shape[:-1])
+        step = max(1, _POINTS_AT_ONCE // self._phases.shape[1])
+        places = np.stack(np.unravel_index(np.arange(area_m2.size), area_m2.shape))
+        for start in range(0, area_m2.size, step):
+            body, node = places[:, start : start + step]
+            area_m2[body, node] = self._shown_m2(body, time_s[node], direction[body, node]).mean(axis=-1)
+        return area_m2
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether the area depends on the light's direction alone, as all motion is averaged."""
+        return bool(self._fast) and all(rate == 0 or name in self._fast for name, rate in self._rates.items())
+
+    def swing_m2_s(self, time_s: float, direction: F64) -> F64:
+        """How far the area's integral over time swings about that of its mean within the slowest fast turn [m2 s].
+
+        Half the range of the area over 2 pi times the rate: that of a sine, which others hardly pass.
+
+        Args:
+            time_s: A time after the epoch [s].
+            direction: Unit vectors to the light then, GCRS axes, (n_body, 3).
+        """
+        if not self._fast or self.shape.kind == "sphere":
+            return np.zeros(len(direction))
+        slowest_rev_s = min(abs(self._rates[name]) for name in self._fast)
+        range_m2 = [
+            np.ptp(self._shown_m2(np.array([body]), np.array([time_s]), direction[body][None]))
+            for body in range(len(direction))
+        ]
+        return np.asarray(range_m2) / 2 / (2 * np.pi * slowest_rev_s)
+
+    @cached_property
+    def _rates(self) -> dict[str, float]:
+        """Rates of turning that change the outline [rev/s]."""
+        if isinstance(self.attitudes, AttitudeRows):
+            return {}
+        motion = self.attitudes[0].attitude
+        rates = {"precession": motion.precession_rev_s, "rolling": motion.rolling_rev_s}
+        return rates | ({"spin": motion.spin_rev_s} if self.shape.kind == "mesh" else {})
+
+    @cached_property
+    def _fast(self) -> list[str]:
+        return [name for name, rate in self._rates.items() if abs(rate) * self.span_s > MOST_TURNS_FOLLOWED]
+
+    @cached_property
+    def _phases(self) -> F64:
+        """Phases of the fast turns to average over [rev], (n_fast, n_point)."""
+        rates = [self._rates[name] for name in self._fast]
+        if not rates:
+            return np.zeros((0, 1))
+        steps = turns_in_step(rates, self.span_s)
+        if steps is not None:
+            return np.outer(steps, np.arange(N_ALONG) / N_ALONG)
+        n_point, multiples = LATTICES[len(rates)]
+        return np.outer(multiples, np.arange(n_point)) % n_point / n_point
+
+    def _shown_m2(self, body: npt.NDArray[np.int64], time_s: F64, direction: F64) -> F64:
+        """Area of bodies at times towards directions, all (n,) and (n, 3), at every phase; (n, n_point)."""
+        assert not isinstance(self.attitudes, AttitudeRows)
+        frames = [attitude.frame for attitude in self.attitudes]
+        reference, first, second = np.moveaxis(np.stack([frame.axes for frame in frames])[body], 1, 0)
+        angles = {}
+        for name in ("precession", "rolling", "spin"):
+            turned = np.array([getattr(frame, f"{name}_phase_rev") for frame in frames])[body][:, None]
+            if name in self._fast:
+                turned = turned + self._phases[self._fast.index(name)]
+            elif name in self._rates:
+                turned = turned + turns(self._rates[name], time_s)[:, None]
+            angles[name] = 2 * np.pi * turned
+        polar = angles["rolling"] + np.radians(self.attitudes[0].attitude.precession_angle_deg)
+        # Into body axes: back by precession about the reference, by the polar angle, by spin (target/attitude.py).
+        x, y, z = (np.einsum("ni,ni->n", direction, axis)[:, None] for axis in (first, second, reference))
+        x, y = _turned_back(x, y, angles["precession"])
+        z, x = _turned_back(z, x, polar)
+        x, y = _turned_back(x, y, angles["spin"])
+        return outline_m2(self.shape, np.stack(np.broadcast_arrays(x, y, z), axis=-1))
+
+
+def _turned_back(a: F64, b: F64, angle: F64) -> tuple[F64, F64]:
+    """Components along axes a and b after these axes have turned by an angle from a towards b."""
+    c, s = np.cos(angle), np.sin(angle)
+    return a * c + b * s, b * c - a * s
+
+
+def outline_m2(shape: Any, direction: F64) -> F64:
+    """Projected area towards unit vectors in body axes [m2], (..., 3) to (...)."""
+    if shape.kind == "mesh":
+        return np.asarray(shape.projected_area_along_m2(direction))
+    aspect = np.arctan2(np.hypot(direction[..., 0], direction[..., 1]), direction[..., 2])
+    return np.asarray(shape.projected_area_m2(aspect))
+
+
+def turns_in_step(rates_rev_s: Sequence[float], span_s: float) -> list[int] | None:
+    """Whole turns of each motion after which all are back where they were; None if they do not keep step."""
+    ratios = [Fraction(rate / rates_rev_s[0]).limit_denominator(MOST_DENOMINATOR) for rate in rates_rev_s]
+    for rate, ratio in zip(rates_rev_s, ratios, strict=True):
+        if ratio == 0 or abs(rate - float(ratio) * rates_rev_s[0]) * span_s > MOST_DRIFT_REV:
+            return None
+    common = math.lcm(*(ratio.denominator for ratio in ratios))
+    return [int(ratio * common) for ratio in ratios]
+
+
+@dataclass(frozen=True)
+class SteadyArea:
+    """Means over fast turns for a light that moves slowly: tabulated along its path, with slopes."""
+
+    node_s: F64
+    """Times of nodes after the epoch [s], (n_node,)."""
+    direction: F64
+    """Where the light is seen from the Earth's centre, (n_node, 3)."""
+    area_m2: F64
+    """Shape (n_body, n_node)."""
+    slope_m2: F64
+    """Change of the area with the direction, (n_body, 3, n_node)."""
+
+    def towards(self, time_s: F64, direction: F64) -> F64:
+        """As TurningArea.towards, for directions near those of the nodes."""
+        there = interpolated(self.node_s, self.direction.T, time_s)
+        slope = interpolated(self.node_s, self.slope_m2, time_s)
+        apart = np.moveaxis(direction, -1, 1) - there
+        return np.asarray(interpolated(self.node_s, self.area_m2, time_s) + np.sum(slope * apart, axis=1))
+
+
+def steady_area(area: TurningArea, n_body: int, node_s: F64, direction: F64) -> SteadyArea:
+    """Tabulate the means of a TurningArea that is steady.
+
+    Args:
+        area: Shape and motion.
+        n_body: Number of bodies.
+        node_s: Times of nodes [s], (n_node,).
+        direction: Unit vectors from the Earth's centre to the light at the nodes, GCRS axes, (n_node, 3).
+    """
+
+    def shown_m2(towards: F64) -> F64:
+        unit = towards / np.linalg.norm(towards, axis=-1, keepdims=True)
+        return area.towards(node_s, np.broadcast_to(unit, (n_body, len(node_s), 3)))
+
+    across = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction[0]))])
+    across /= np.linalg.norm(across, axis=-1, keepdims=True)
+    slope = np.zeros((n_body, 3, len(node_s)))
+    for tangent in (across, np.cross(direction, across)):
+        step = math.tan(_GRADIENT_STEP_RAD) * tangent
+        rise = (shown_m2(direction + step) - shown_m2(direction - step)) / (2 * _GRADIENT_STEP_RAD)
+        slope += rise[:, None, :] * tangent.T
+    return SteadyArea(node_s, direction, shown_m2(direction), slope)
