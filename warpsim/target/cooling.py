@@ -72,7 +72,12 @@ class Course:
 
 
 def follow(
-    bodies: Bodies, start_k: F64, stops_s: Sequence[float], longest_s: float, error_k: float = ERROR_K
+    bodies: Bodies,
+    start_k: F64,
+    stops_s: Sequence[float],
+    longest_s: float,
+    error_k: float = ERROR_K,
+    most_steps: int = MOST_STEPS,
 ) -> Course:
     """Temperatures from the first stop to the last.
 
@@ -82,18 +87,21 @@ def follow(
         stops_s: Ascending times: first, last, and those between at which heating may have a kink [s].
         longest_s: Longest step: what heats for a shorter time may be missed [s].
         error_k: Bound of the measured error [K].
+        most_steps: Steps after which to give up.
 
     Raises:
         InputError: A temperature passes HOTTEST_K, or the error cannot be kept.
     """
     share, limits = 0.3, np.zeros((0, 3))
-    for _ in range(MOST_RUNS):
-        walk = _Walk(bodies, np.asarray(start_k, np.float64), float(stops_s[0]), limits)
+    errors_k: list[float] = []
+    while len(errors_k) < MOST_RUNS and not _stalls(errors_k):
+        walk = _Walk(bodies, np.asarray(start_k, np.float64), float(stops_s[0]), limits, most_steps)
         for stop_s in stops_s[1:]:
             walk.go_to(stop_s, longest_s, share * error_k, 0.5 * error_k)
         course, found = walk.course()
         if course.error_k <= error_k:
             return course
+        errors_k.append(course.error_k)
         # A kink of heating within a step can escape the estimate: where it did, steps are kept short.
         poor = found.within_k > 0.6 * error_k
         if found.carried_k > 0.4 * error_k:
@@ -103,9 +111,14 @@ def follow(
         if not poor.any():
             share *= 0.1
     raise InputError(
-        f"the temperature cannot be followed within {error_k:g} K, it is {course.error_k:.3g} K off: heating or "
+        f"the temperature cannot be followed within {error_k:g} K, it is {min(errors_k):.3g} K off: heating or "
         "attitude change too unevenly"
     )
+
+
+def _stalls(errors_k: Sequence[float]) -> bool:
+    """Whether the last two runs have brought nothing."""
+    return len(errors_k) > 2 and min(errors_k[-2:]) > 0.8 * min(errors_k[:-2])
 
 
 class _Walk:
@@ -116,10 +129,11 @@ class _Walk:
         kelvin: Temperatures at the start [K], (n_body,).
         start_s: Time of the start [s].
         limits: Begin, end and longest step of times in which steps must be short [s], (n, 3).
+        most_steps: Steps after which to give up.
     """
 
-    def __init__(self, bodies: Bodies, kelvin: F64, start_s: float, limits: F64) -> None:
-        self.bodies, self.limits = bodies, limits
+    def __init__(self, bodies: Bodies, kelvin: F64, start_s: float, limits: F64, most_steps: int) -> None:
+        self.bodies, self.limits, self.most_steps = bodies, limits, most_steps
         self.time_s, self.kelvin = start_s, kelvin
         self.step_s = math.inf
         self.begin_s: list[float] = []
@@ -135,8 +149,9 @@ class _Walk:
         way_s, done = stop_s - self.time_s, 0.0
         share = _dyadic(min(self.step_s, longest_s, self._first_step_s()) / way_s)
         start_s = self.time_s
+        self._ahead = {}
         while done < 1.0:
-            if len(self.begin_s) > MOST_STEPS or share * way_s < 1e-12 * max(1.0, abs(self.time_s)):
+            if len(self.begin_s) >= self.most_steps or share * way_s < 1e-12 * max(1.0, abs(self.time_s)):
                 raise InputError(f"the temperature cannot be followed near {self.time_s:.6g} s: it changes too fast")
             h = share * way_s
             if self._limit_s(h) < 0.99 * h:
