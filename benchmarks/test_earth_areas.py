@@ -1,11 +1,11 @@
-"""What the light of the Earth on a target costs, for each size of the rule, and how far off it is.
+"""What the light of the Earth on a target costs, for each method, and how far off it is.
 
     python -m pytest benchmarks/test_earth_areas.py --benchmark-json=benchmarks/results/earth_areas.json
     python benchmarks/report.py benchmarks/results/earth_areas.json
 
 One evaluation is one target in one view, one thread. Views, attitudes and Suns are random, 800 km above the ground;
 the Sun is above the horizon of the point below. The error is the largest over the views, as a share of the largest
-value that the body could have there.
+value that the body could have there. Methods are rules of some nodes, and for albedo series up to some degree.
 """
 
 from __future__ import annotations
@@ -16,23 +16,30 @@ import numpy as np
 import pytest
 import warp as wp
 from warpsim_kernels.albedo import albedo_area_kernel
+from warpsim_kernels.albedo_series import make_albedo_series_kernel
 from warpsim_kernels.earthlight import earth_area_kernel
 
 import warpsim as ws
-from warpsim.target.earthlight import NODE_ERRORS, rule_struct
-from warpsim.target.shapes import body_struct
+from warpsim.target.areas import body_struct
+from warpsim.target.earthlight import NODE_ERRORS, SERIES_ERRORS, SERIES_RINGS, rule_struct
+from warpsim.target.facets import facets_of
 
 SHAPES = {"sphere": ws.Sphere(0.5), "cylinder": ws.Cylinder(0.25, 1.0), "cone": ws.Cone(0.25, 1.0)}
 LIMB_SINE = 6378.0 / 7178.0
+METHODS = [
+    *(("thermal", 0, n_node) for n_node in NODE_ERRORS),
+    *(("albedo", 0, n_node) for n_node in NODE_ERRORS),
+    *(("albedo", degree, n_node) for degree, n_node in SERIES_RINGS.items()),
+]
+"""Light, degree of the series or 0, nodes of the rule."""
 
 
-@pytest.mark.parametrize("n_node", NODE_ERRORS)
+@pytest.mark.parametrize(("light", "degree", "n_node"), METHODS)
 @pytest.mark.parametrize("name", SHAPES)
-@pytest.mark.parametrize("light", ["thermal", "albedo"])
-def test_earthlight(benchmark, light, name, n_node):
+def test_earthlight(benchmark, name, light, degree, n_node):
     n_view = 5_000 if benchmark.enabled else 200
     geometry = random_geometry(n_view)
-    area = areas(light, name, n_node, geometry)
+    area = areas(light, name, degree, n_node, geometry)
     benchmark.pedantic(area, rounds=5, warmup_rounds=1)
     if benchmark.stats is None:
         return
@@ -41,10 +48,11 @@ def test_earthlight(benchmark, light, name, n_node):
     benchmark.extra_info.update(
         light=light,
         shape=name,
+        degree=degree,
         n_node=n_node,
         us_per_evaluation=benchmark.stats.stats.min / n_view * 1e6,
-        error=float(np.abs(area() - areas(light, name, 24, geometry)()).max() / largest),
-        error_bound=NODE_ERRORS[n_node][light],
+        error=float(np.abs(area() - areas(light, name, 0, 24, geometry)()).max() / largest),
+        error_bound=SERIES_ERRORS[degree][0] if degree else NODE_ERRORS[n_node][light],
     )
 
 
@@ -58,16 +66,16 @@ def random_geometry(n_view: int) -> dict[str, Any]:
     return {key: wp.array(value, dtype=wp.vec3d, device="cpu") for key, value in rows.items()}
 
 
-def areas(light: str, name: str, n_node: int, geometry: dict[str, Any]) -> Any:
+def areas(light: str, name: str, degree: int, n_node: int, geometry: dict[str, Any]) -> Any:
     """A call that computes the areas of all views."""
     view, nadir, sun = geometry["view"], geometry["nadir"], geometry["sun"]
     limb_sine = wp.array(np.full(len(view), LIMB_SINE), dtype=wp.float64, device="cpu")
-    no_normal, no_area = wp.zeros(1, dtype=wp.vec3d, device="cpu"), wp.zeros(1, dtype=wp.float64, device="cpu")
-    inputs = [rule_struct(n_node, "cpu"), body_struct(SHAPES[name]), no_normal, no_area, 0, view, nadir, limb_sine]
+    facets = facets_of([SHAPES[name]], "cpu").facets
+    inputs = [rule_struct(n_node, "cpu"), body_struct(SHAPES[name]), facets, view, nadir, limb_sine]
     area = wp.empty_like(limb_sine)
     kernel = earth_area_kernel
     if light == "albedo":
-        kernel = albedo_area_kernel
+        kernel = make_albedo_series_kernel(degree) if degree else albedo_area_kernel
         inputs.append(sun)
 
     def run() -> Any:

@@ -399,6 +399,18 @@ def test_light_fades_out_over_the_terminator(shape):
     assert light[-3] < 1e-12
 
 
+@pytest.mark.parametrize("shape", [SHAPES["cylinder"], SHAPES["cone"]], ids=["cylinder", "cone"])
+def test_signs_of_zero_do_not_matter(shape):
+    """Nadir along the axis, and in one plane with view and axis: its part beside the view is 0 or -0."""
+    sun = np.array([0.36, 0.48, 0.8])
+    for nadir in ([0.0, 0.0, -1.0], [-0.6, 0.0, -0.8], [0.6, 0.0, 0.8]):
+        flipped = np.where(np.array(nadir) == 0, -0.0, nadir)
+        for view in ([1.0, 0.0, 0.0], [-0.6, 0.0, 0.8]):
+            light = [albedo_area_m2(shape, view, n, 0.9, sun) for n in (nadir, flipped)]
+            near = albedo_area_m2(shape, view, np.array(nadir) + 1e-9 * np.array([0.0, 1.0, 0.0]), 0.9, sun)
+            np.testing.assert_allclose(light, near, rtol=1e-6, atol=1e-9)
+
+
 def hard_geometries(rng, n):
     """Random views, nadirs, distances and Suns, with axes, oppositions and terminators on the disc mixed in."""
     view, nadir, sun = directions(rng, n), directions(rng, n), directions(rng, n)

@@ -163,7 +163,8 @@ def test_reflected_heat_of_the_earth_is_that_of_a_mesh(day, device, target):
 
 def test_earth_term_to_its_quadrature(day, device):
     """The finest rule against the default: within what was asked."""
-    fine = day.replace(lighting__quadrature_error=1e-5)
+    day = day.replace(lighting__albedo_error=1e-3)
+    fine = day.replace(lighting__quadrature_error=1e-5, lighting__albedo_error=1e-5, lighting__leave_out_nei=0.0)
     times = np.linspace(0, 1600, 41)
     both = [ws.light_curves(s, times, ["sat11", "sat47", "sat27"], device=device) for s in (day, fine)]
     for name in ("earth", "albedo"):
@@ -175,7 +176,8 @@ def test_earth_term_to_its_quadrature(day, device):
 
 def test_sunlight_by_way_of_the_earth_is_that_of_patches(day, device):
     """A sphere: the Earth's disc in 400 x 400 patches, each a small sun."""
-    row = ws.light_curves(day, [200.0], ["sat11"], ["sphere04"], ["A"], device=device)
+    fine = day.replace(lighting__albedo_error=1e-3)
+    row, short = (ws.light_curves(s, [200.0], ["sat11"], ["sphere04"], ["A"], device=device) for s in (fine, day))
     emitted_s = 200.0 - row.range_km.item() * 1e3 / 299792458.0
     place = day.position_m("sphere04", [emitted_s])[0]
     view = day.position_m("sat11", [200.0])[0] - place
@@ -205,6 +207,37 @@ def test_sunlight_by_way_of_the_earth_is_that_of_patches(day, device):
     expected = irradiance / np.sum(view**2) * 1e-4
     assert row.terms_w_cm2["albedo"].item() == pytest.approx(expected, rel=2e-3, abs=0)  # patches at the terminator
     assert row.terms_w_cm2["albedo"].item() > 1e-20
+    assert short.terms_w_cm2["albedo"].item() == pytest.approx(expected, rel=day.lighting.albedo_error, abs=0)
+
+
+@pytest.mark.parametrize(("error", "degree"), [(1e-2, 4), (5e-3, 8), (2e-3, 12), (1e-3, 0)])
+def test_albedo_by_its_fast_series(day, device, error, degree):
+    """Each target, with and without exposure, against the finest rule; shares of the most the term can be there."""
+    asked = day.replace(lighting__albedo_error=error, detector__exposure_s=0.05)
+    assert make_target_field(asked, ["A"], wp.get_device("cpu")).features.albedo_degree == degree
+    fine = asked.replace(lighting__albedo_error=5e-5, lighting__leave_out_nei=0.0)
+    where = {"time_s": np.linspace(0, 1600, 17), "sensors": ["sat11", "sat47"], "bands": ["A"], "device": device}
+    found, right = (ws.light_curves(s, **where) for s in (asked, fine))
+    reflected = 0.3 / np.pi * day.lighting.sun_w_m2_in("A") * 1.04 * 1e-4 / (found.range_km * 1e3) ** 2
+    most = np.array([spec.surface.reflectance_in("A") * spec.shape.surface_m2 / 2 for spec in day.target_specs])
+    missed = np.abs(found.terms_w_cm2["albedo"] - right.terms_w_cm2["albedo"])[:, :, 0]
+    assert (missed <= error * reflected * most).all()
+    assert missed.max() > 0
+
+
+def test_albedo_may_be_rougher_where_it_is_faint_or_near(day):
+    """By the error asked for, by what may be left out, and by the distance from the Earth."""
+    cpu = wp.get_device("cpu")
+
+    def degree(scene):
+        return make_target_field(scene, ["A"], cpu).features.albedo_degree
+
+    fine = day.replace(lighting__albedo_error=1e-4)
+    bound_nei = day.light_terms["albedo"].bound_nei
+    assert degree(day) == 4
+    assert degree(fine) == 0
+    assert degree(fine.replace(lighting__leave_out_nei=bound_nei * 1.1e-2)) == 4
+    assert degree(fine.replace(lighting__leave_out_nei=bound_nei * 0.9e-2)) == 8
 
 
 def test_terms_add_up_to_the_light(day, device):

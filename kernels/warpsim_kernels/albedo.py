@@ -188,7 +188,7 @@ def _side_albedo_m2_sr(rule: Rule, cap: Cap, body: Body, view: wp.vec3d) -> wp.f
     if wp.dot(cap.nadir, beside) < zero:
         beside = -beside
     x = wp.dot(cap.nadir, ahead)
-    y = wp.dot(cap.nadir, beside)
+    y = wp.abs(wp.dot(cap.nadir, beside))  # -0.0 would turn the angle below round
     apart = wp.atan2(y, x)
     a = body.side_along * view[2]
     b = body.side_across * across

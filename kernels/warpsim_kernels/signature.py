@@ -11,6 +11,7 @@ from typing import NamedTuple
 import warp as wp
 
 from warpsim_kernels.albedo import body_albedo_area_m2
+from warpsim_kernels.albedo_series import albedo_series_of, is_dark
 from warpsim_kernels.apparent import ASTRONOMICAL_UNIT_M
 from warpsim_kernels.attitude_table import AttitudeTables, table_quaternion, turned_axes
 from warpsim_kernels.earth import Earth, geocentric_radius_m
@@ -30,6 +31,7 @@ class Features(NamedTuple):
     sun: bool = False  # reflected sunlight
     earth: bool = False  # reflected heat of the Earth
     albedo: bool = False  # reflected sunlight by way of the Earth
+    albedo_degree: int = 0  # that by harmonics up to this degree; 0: by quadrature
 
 
 @wp.struct
@@ -68,7 +70,7 @@ class Surroundings:
     sun_m: wp.array[wp.vec3d]  # (n_node,) geocentric
     earth: Earth
     earth_rule: Rule  # quadrature of the Earth's heat
-    albedo_rule: Rule
+    albedo_rule: Rule  # that of its reflected sunlight, or of the harmonics of it
 
 
 @wp.struct
@@ -86,6 +88,7 @@ class Signature:
 @functools.cache
 def signature_of(features: Features) -> wp.Function:
     """The function that finds a target's signature."""
+    Harmonics, series_harmonics, series_area_m2_sr = albedo_series_of(features.albedo_degree or 2)
 
     @wp.func
     def body_axes(target: Target, tables: Tables, time_s: wp.float64) -> wp.mat33d:
@@ -114,6 +117,21 @@ def signature_of(features: Features) -> wp.Function:
         return reflected_area_m2(body, view, sun)
 
     @wp.func
+    def earthshine_m2_sr(
+        body: Body,
+        tables: Tables,
+        rule: Rule,
+        light: Harmonics,
+        view: wp.vec3d,
+        nadir: wp.vec3d,
+        limb_sine: wp.float64,
+        sun: wp.vec3d,
+    ) -> wp.float64:
+        if wp.static(features.albedo_degree > 0):
+            return series_area_m2_sr(light, body, tables.facets, view, nadir, sun)
+        return body_albedo_area_m2(rule, body, tables.facets, view, nadir, limb_sine, sun)
+
+    @wp.func
     def signature(
         target: Target,
         tables: Tables,
@@ -135,6 +153,13 @@ def signature_of(features: Features) -> wp.Function:
             distance_m = wp.length(place_m)
             nadir = -place_m / distance_m
             limb_sine = wp.min(geocentric_radius_m(place_m, surroundings.earth) / distance_m, wp.float64(1.0))
+        if wp.static(features.albedo):
+            sun_up = -wp.dot(nadir, towards_sun)
+            sun_across = wp.length(wp.cross(nadir, towards_sun))
+            dark = is_dark(limb_sine, sun_up, sun_across)
+            light = Harmonics()
+            if wp.static(features.albedo_degree > 0):
+                light = series_harmonics(surroundings.albedo_rule, limb_sine, sun_up, sun_across)
         n_exposure = exposure.offset_s.shape[0]
         for k in range(n_exposure):
             weight = exposure.weight[k]
@@ -151,10 +176,11 @@ def signature_of(features: Features) -> wp.Function:
                     surroundings.earth_rule, target.body, tables.facets, view, axes * nadir, limb_sine
                 )
             if wp.static(features.albedo):
-                seen.albedo_area_m2_sr += weight * body_albedo_area_m2(
-                    surroundings.albedo_rule, target.body, tables.facets, view, axes * nadir, limb_sine,
-                    axes * towards_sun,
-                )
+                if not dark:
+                    seen.albedo_area_m2_sr += weight * earthshine_m2_sr(
+                        target.body, tables, surroundings.albedo_rule, light, view, axes * nadir, limb_sine,
+                        axes * towards_sun,
+                    )
         if wp.static(features.albedo):
             seen.albedo_area_m2_sr /= distance_au * distance_au
         if wp.static(features.sun):

@@ -14,13 +14,14 @@ from warpsim_kernels.signature import Exposure, Features, Surroundings, Tables, 
 from warpsim_kernels.targets import make_observe_targets_kernel
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
+from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M
 from warpsim.render.turning import Turning, make_turning, motion_struct
 from warpsim.render.warmth import Warmth, make_radiance, make_warmth
 from warpsim.scene.exposure import exposure_rule
 from warpsim.scene.scene import Scene
 from warpsim.sky.bands import band_radiance_w_m2_sr
 from warpsim.target.areas import body_struct
-from warpsim.target.earthlight import nodes_for, rule_struct
+from warpsim.target.earthlight import albedo_method, nodes_for, rule_struct
 from warpsim.target.facets import facets_of
 
 
@@ -48,9 +49,11 @@ def make_target_field(scene: Scene, bands: Sequence[str], device: wp.Device) -> 
     turning = make_turning(scene.attitudes, device)
     warmth = make_warmth(scene.temperatures, device)
     facets = facets_of([spec.shape for spec in scene.target_specs], device)
+    degree, n_albedo = albedo_method_of(scene)
     features = Features(
         attitude_tables=any(turning.table_count),
         meshes=any(facets.count),
+        albedo_degree=degree,
         **{name: term.kept for name, term in scene.light_terms.items()},
     )
     tables: Any = Tables()
@@ -62,13 +65,23 @@ def make_target_field(scene: Scene, bands: Sequence[str], device: wp.Device) -> 
         wp.array(_target_structs(scene, turning, warmth, facets.first), dtype=Target, device=device),
         tables,
         _exposure(scene, device),
-        _surroundings(scene, device),
+        _surroundings(scene, n_albedo, device),
         _surfaces(scene, bands, device),
         make_radiance(bands, warmth.span_k, device),
         make_observe_targets_kernel(features),
         make_emit_kernel(features),
         make_split_kernel(features),
     )
+
+
+def albedo_method_of(scene: Scene) -> tuple[int, int]:
+    """Degree of the series, and nodes, for the scene's sunlight by way of the Earth; the same for all its bands."""
+    lighting, term = scene.lighting, scene.light_terms["albedo"]
+    if not term.kept:
+        return 0, 1
+    error = max(lighting.albedo_error, lighting.leave_out_nei / term.bound_nei)  # bound > 0, as it is kept
+    far_m = max(float(np.linalg.norm(track.position_m, axis=1).max()) for track in scene.tracks.targets)
+    return albedo_method(error, EARTH_POLAR_RADIUS_M / far_m)
 
 
 def _doubles(values: Any, device: wp.Device) -> wp.array:
@@ -94,13 +107,12 @@ def _exposure(scene: Scene, device: wp.Device) -> Any:
     return exposure
 
 
-def _surroundings(scene: Scene, device: wp.Device) -> Any:
+def _surroundings(scene: Scene, n_albedo: int, device: wp.Device) -> Any:
     surroundings: Any = Surroundings()
     surroundings.sun_m = wp.array(scene.tracks.sun.position_m, dtype=wp.vec3d, device=device)
     surroundings.earth = earth_struct(scene)
-    error = scene.lighting.quadrature_error
-    surroundings.earth_rule = rule_struct(nodes_for("thermal", error), device)
-    surroundings.albedo_rule = rule_struct(nodes_for("albedo", error), device)
+    surroundings.earth_rule = rule_struct(nodes_for("thermal", scene.lighting.quadrature_error), device)
+    surroundings.albedo_rule = rule_struct(n_albedo, device)
     return surroundings
 
 

@@ -35,6 +35,8 @@ class Lighting:
             are not named.
         quadrature_error: Largest error of quadratures, as a share of the largest value of what is integrated: over a
             body's side and the Earth's disc, and over the exposure.
+        albedo_error: Largest error of sunlight by way of the Earth, as a share of the most that it can be at the
+            target's distance from the Earth; a larger one is taken where it surely stays within `leave_out_nei`.
     """
 
     sun: Switch = True
@@ -45,6 +47,7 @@ class Lighting:
     earth_k: Annotated[Mapping[str, float], within(2.7, 1000.0), AS_DICT] = ByBand({})
     sun_w_cm2: Annotated[Mapping[str, float], within(0.0, 1.0), AS_DICT] = ByBand({})
     quadrature_error: Annotated[Number, closed_interval(1e-5, 0.1)] = 1e-3
+    albedo_error: Annotated[Number, closed_interval(1e-5, 0.1)] = 1e-2
 
     def earth_k_in(self, band: str) -> float:
         """Brightness temperature of the Earth in a band [K]."""

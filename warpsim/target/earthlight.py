@@ -1,6 +1,6 @@
 """Light of the Earth on a target: view factors, areas that reflect or absorb it, and how many nodes an error needs.
 
-The areas come from the device code that renders; see kernels/warpsim_kernels/earthlight.py and albedo.py.
+The areas come from the device code that renders; see earthlight.py, albedo.py and albedo_series.py in kernels/.
 """
 
 from __future__ import annotations
@@ -36,6 +36,21 @@ any side. They are some twice the largest found among 30,000 geometries of nine 
 than 30 km, albedo may be off by 4e-4 with 6 nodes and 2e-4 with 8; on the ground itself the table holds again.
 """
 
+SERIES_ERRORS: MappingProxyType[int, tuple[float, float]] = MappingProxyType(
+    {4: (1e-2, 5e-2), 8: (4e-3, 3e-2), 12: (2e-3, 2e-2)}
+)
+"""Degree of albedo's series of harmonics, and its worst errors: near the Earth, and out to the Moon's distance.
+
+Shares as in `NODE_ERRORS`, but from the ground itself. Near is up to one Earth's radius above it (`NEAR_LIMB_SINE`).
+The worst are faces turned straight up or down under a Sun in the zenith, where all harmonics add up.
+"""
+
+NEAR_LIMB_SINE = 0.5
+"""Earth's radius over the largest distance from its centre at which the series' first errors hold."""
+
+SERIES_RINGS: MappingProxyType[int, int] = MappingProxyType({4: 4, 8: 6, 12: 8})
+"""Nodes of the rule over rings of the ground, by degree of the series: more do not lower its errors."""
+
 FINEST = 12
 """Nodes of the functions here unless asked otherwise."""
 
@@ -51,6 +66,26 @@ def nodes_for(light: Light, error: float) -> int:
             return n_node
     best = min(errors[light] for errors in NODE_ERRORS.values())
     raise InputError(f"error: must be at least {best:g} for {light} light of the Earth, got {error:g}")
+
+
+def albedo_method(error: float, limb_sine: float) -> tuple[int, int]:
+    """The fastest method for sunlight by way of the Earth whose worst error is at most `error`.
+
+    Args:
+        error: As a share of the largest value that the term has for a body, see `NODE_ERRORS`.
+        limb_sine: Smallest Earth's radius over distance from its centre.
+
+    Returns:
+        Degree of the series of harmonics, 0 if it is not good enough, and nodes of the rule: over rings of the ground,
+        and without a series over azimuth as well.
+
+    Raises:
+        InputError: No method is as good as that.
+    """
+    for degree, (near, anywhere) in SERIES_ERRORS.items():
+        if (near if limb_sine >= NEAR_LIMB_SINE else anywhere) <= error:
+            return degree, SERIES_RINGS[degree]
+    return 0, nodes_for("albedo", error)
 
 
 def rule_struct(n_node: int, device: Any = None) -> Any:
@@ -127,6 +162,7 @@ def albedo_area_m2(
     limb_sine: npt.ArrayLike,
     sun: npt.ArrayLike,
     n_node: int = FINEST,
+    degree: int = 0,
 ) -> F64:
     """Integral over the Earth's disc of max(0, cos of the solar zenith angle) times the reflected area [m2 sr].
 
@@ -139,6 +175,7 @@ def albedo_area_m2(
         limb_sine: Earth's radius over distance from its centre, > 0; broadcasts with vectors' leading axes.
         sun: Unit vectors towards the Sun, body axes.
         n_node: Of the quadrature over rings of the ground, and over azimuth.
+        degree: Even: by the series of harmonics up to this degree, not over azimuth; 0: without.
 
     Returns:
         Array of the common shape.
@@ -147,8 +184,10 @@ def albedo_area_m2(
         InputError: A vector is not of length 1 within 1e-6, limb_sine is not > 0, or shapes do not fit.
     """
     from warpsim_kernels.albedo import albedo_area_kernel
+    from warpsim_kernels.albedo_series import make_albedo_series_kernel
 
-    return _areas(albedo_area_kernel, shape, n_node, limb_sine, view=view, nadir=nadir, sun=sun)
+    kernel = make_albedo_series_kernel(degree) if degree else albedo_area_kernel
+    return _areas(kernel, shape, n_node, limb_sine, view=view, nadir=nadir, sun=sun)
 
 
 def _areas(kernel: Any, shape: Any, n_node: int, limb_sine: npt.ArrayLike, **vectors: npt.ArrayLike) -> F64:
