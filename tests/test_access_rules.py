@@ -434,5 +434,5 @@ def test_eclipses_of_a_scene(scene):
         assert np.array_equal(dark, share < 1) and np.array_equal(umbra, share == 0)
     assert n_row > 3
     assert scene.eclipses("sat11").colnames == ["start_s", "umbra_start_s", "umbra_end_s", "end_s", "duration_s"]
-    with pytest.raises(InputError, match="name: must be a sensor, a target"):
+    with pytest.raises(InputError, match="name: must be a sensor or a target"):
         scene.eclipses("moon")
