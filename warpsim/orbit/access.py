@@ -100,9 +100,10 @@ def access_intervals(
     """Return all intervals within [0, duration_s] in which every rule holds, by sensor, then time.
 
     Rule by rule, cheap ones first: the intervals of one are where the next is looked at. A scan at step_s, denser about
-    close passes and at breaks, finds the changes; local extrema of a margin that could cross zero between scan points
-    are searched out, so windows (and gaps) shorter than a step are found as well. Ends are bisected to 1 ms and clipped
-    to the scenario.
+    close passes and with both sides of breaks, finds the changes; local extrema of a margin that could cross zero
+    between scan points are searched out, so windows (and gaps) shorter than a step are found as well, down to
+    milliseconds. Jumps of a margin that breaks_s does not name can hide one. Ends are bisected to 1 ms and clipped to
+    the scenario.
 
     Args:
         sensors: Tracks of one node grid (the fast choice), or one function of position per sensor.

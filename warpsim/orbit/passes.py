@@ -2,9 +2,9 @@
 
 Two bodies that pass each other at 7 km/s and 1 km see each other's direction turn by half a circle within a second:
 between the points of a scan at 10 s a window opens and closes, and no margin shows it. Here steps are divided until the
-way between the bodies changes by little more than a fraction of their distance in each. Along a straight pass at a
-distance b that means points at s = b sinh(k REACH), s counted from the closest approach [m], k in steps of 1: about the
-approach the direction turns by REACH [rad] from one to the next, farther out they spread geometrically.
+way between the bodies is a fraction of their distance in each. Along a straight pass at a distance b that means points
+even in asinh(s / b), s counted from the closest approach [m], no more than REACH apart: about the approach the
+direction turns by REACH [rad] at most from one to the next, farther out the points spread geometrically.
 """
 
 from __future__ import annotations
