@@ -232,5 +232,5 @@ def test_shadow_against_skyfield():
 
 @pytest.mark.parametrize(("duration_s", "step_s"), [(0.0, 1.0), (10.0, np.nan)])
 def test_scan_arguments_are_checked(duration_s, step_s):
-    with pytest.raises(InputError, match="must be > 0"):
+    with pytest.raises(InputError, match="must be a number > 0"):
         eclipses(circling(7e6)[0], fixed_sun, None, duration_s, step_s)
