@@ -18,8 +18,9 @@ import warpsim as ws
 from warpsim.orbit.access import AccessInterval, access_intervals, margins
 from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.gravity import propagate
+from warpsim.orbit.sampling import node_grid, sample_tracks
 from warpsim.orbit.sun import sun_state
-from warpsim.orbit.track import Track, node_grid, sample_tracks
+from warpsim.orbit.track import Track
 
 NODE_STEP_S = 14.0
 STEP_S = 30.0

@@ -291,7 +291,7 @@ def test_sunlit_rule_ends_in_the_penumbra():
 def day_of_walker(duration_s=20000.0):
     """Tracks of twelve satellites and a circling target."""
     from warpsim.orbit.gravity import propagate
-    from warpsim.orbit.track import node_grid, sample_tracks
+    from warpsim.orbit.sampling import node_grid, sample_tracks
 
     start, n_node = node_grid(duration_s, 14.0)
     sample = lambda walker: sample_tracks(  # noqa: E731

@@ -11,8 +11,9 @@ from warpsim.orbit.access import AccessConstraints, access_intervals, grazing_al
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.gravity import propagate
+from warpsim.orbit.sampling import node_grid, sample_tracks
 from warpsim.orbit.sun import sun_state
-from warpsim.orbit.track import TrackStack, node_grid, sample_tracks
+from warpsim.orbit.track import TrackStack
 from warpsim.orbit.walker import Walker
 
 MU = 3.986004418e14

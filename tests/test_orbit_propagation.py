@@ -9,15 +9,20 @@ from scipy.integrate import solve_ivp
 
 from warpsim.constants import EARTH_J2, EARTH_J3, EARTH_J4
 from warpsim.errors import InputError
+from warpsim.orbit import picard, sampling
+from warpsim.orbit.elements import StateVector
 from warpsim.orbit.gravity import propagate
 from warpsim.orbit.kepler import stumpff
-from warpsim.orbit.track import Track, choose_step_s, make_tracks, node_grid, sample_tracks
+from warpsim.orbit.picard import NoPathError
+from warpsim.orbit.sampling import choose_step_s, make_tracks, node_grid, sample_tracks
+from warpsim.orbit.track import Track
 
 MU, RADIUS, J2 = 3.986004418e14, 6378137.0, 1.0826266835e-3
 POLE = np.array([0.0024, -0.00003, 1.0]) / np.linalg.norm([0.0024, -0.00003, 1.0])  # not the z axis, on purpose
 
 J2_FLIGHT_M = 2e-6  # rounding, ours and DOP853's, over 1614 s; the pass line is 1 m
 J2_DAY_M = 5e-3  # the same over a day; an eccentric orbit makes the most of it
+END_M = 2e-4  # rounding after a perigee; measured 4e-5
 KEPLER_M = 1e-5  # rounding of the closed form and DOP853's own error over a flight
 HERMITE_M = 1e-3  # interpolation bound asked for
 OFF_MIDDLE = 1.02  # worst error between nodes over the error at midpoints, which is measured
@@ -80,6 +85,41 @@ def test_j2_matches_dop853_over_a_day(name):
     r, v = STATES[name]
     position, _ = propagate(r[None], v[None], np.array([86400.0]), "j2", POLE)
     assert np.linalg.norm(position[0, 0] - integrate(j2_force, r, v, np.array([86400.0]))[0][0]) < J2_DAY_M
+
+
+def from_perigee(eccentricity, radius_m=7.0e6):
+    r, v = circular(radius_m, 1.1)
+    return r, v * np.sqrt(1.0 + eccentricity)
+
+
+END_TIMES = {  # state, length of the longest flight
+    "low-orbit": (STATES["low-orbit"], 6000.0),
+    "molniya": (from_perigee(0.74), 43000.0),
+    "e-0.9": (from_perigee(0.9), 60000.0),
+    "hyperbolic": (from_perigee(1.5), 40000.0),
+    "falling": ((np.array([1.0e5, 0.0, 9.2e6]), np.array([50.0, 20.0, -500.0])), 900.0),
+}
+
+
+@pytest.mark.parametrize("name", END_TIMES)
+@pytest.mark.parametrize("sign", [1.0, -1.0], ids=["after", "before"])
+def test_every_end_time_has_its_state(name, sign):
+    """Times asked for alone, one after the other: where segments end must not matter."""
+    (r, v), longest_s = END_TIMES[name]
+    if name == "falling":
+        v = sign * v
+    elif name != "low-orbit":  # the perigee in the middle
+        r, v = (x[0, 0] for x in propagate(r[None], v[None], [-0.5 * sign * longest_s], "two_body", POLE))
+    time_s = sign * np.unique(np.random.default_rng(5).uniform(0.01 * longest_s, longest_s, 250).round(1))
+    states = {
+        "oracle": np.stack(integrate(j2_force, r, v, time_s)),
+        "together": np.stack(propagate(r[None], v[None], time_s, "j2", POLE))[:, :, 0],
+        "alone": np.stack([propagate(r[None], v[None], [t], "j2", POLE) for t in time_s], axis=1)[:, :, 0, 0],
+    }
+    for name in ("oracle", "together"):
+        off_m, off_m_s = np.abs(states["alone"] - states[name]).max(axis=(1, 2))
+        assert off_m < END_M
+        assert off_m_s < END_M / 100.0
 
 
 def potential(position, zonal):
@@ -197,6 +237,38 @@ def test_stumpff_against_mpmath(z):
     assert float(got[1]) == pytest.approx(float(s), rel=1e-13)
 
 
+def test_picard_refuses_what_is_not_finite():
+    def pull(x):
+        return -MU * x / np.linalg.norm(x, axis=-2, keepdims=True) ** 3
+
+    def pull_with_a_hole(x):
+        return np.where(x[..., :1, :] < 6.6e6, np.nan, pull(x))
+
+    r, v = (x[:, None] for x in STATES["low-orbit"])
+    for bad in ((r + np.nan, v, 1e-3), (r, v + np.nan, 1e-3), (r, v, np.nan)):
+        with pytest.raises(NoPathError):
+            picard.integrate(pull, *bad[:2], np.array([50.0]), bad[2], 3e6)
+    with pytest.raises(NoPathError) as caught:
+        picard.integrate(pull_with_a_hole, r, v, np.array([5000.0]), 1e-3, 3e6)
+    assert 100.0 < caught.value.time_s < 150.0  # where x = 6600 km
+
+
+def test_falls_are_told_in_the_time_of_the_epoch():
+    from astropy.time import Time
+
+    epoch = Time("2025-03-20T12:00:00", scale="utc")
+    place = (0.0, 7.0e6, 0.0)
+    for time_s in (0.0, -100.0, 250.0):
+        vector = StateVector(position_m=place, velocity_m_s=(0.0, 0.0, 0.0), time_s=time_s)
+        with pytest.raises(InputError, match="must stay above half the Earth's radius, but falls through") as caught:
+            vector.states(epoch, [5000.0])
+        # From rest, the line of a radial fall: t = sqrt(r^3 / 2 mu) (acos(sqrt x) + sqrt(x (1 - x))).
+        x = 0.5 * RADIUS / 7.0e6
+        fall_s = np.sqrt(7.0e6**3 / (2 * MU)) * (np.arccos(np.sqrt(x)) + np.sqrt(x * (1 - x)))
+        told_s = float(str(caught.value).split()[-2])
+        assert abs(told_s - time_s - fall_s) < 0.1 * fall_s  # the next node of a segment
+
+
 def test_bad_input_is_named():
     r, v = (x[None] for x in STATES["arc"])
     for args, word in [
@@ -266,7 +338,9 @@ def test_track_and_grid_check_their_arguments():
 @pytest.mark.parametrize(("duration_s", "step_s"), [(1614.0, 16.0), (1614.0, 0.1), (0.0, 5.0), (10.0, 10.0)])
 def test_node_grid_covers_a_step_on_either_side(duration_s, step_s):
     start_s, n_node = node_grid(duration_s, step_s)
-    assert start_s == -step_s
+    n_before = round(-start_s / step_s)
+    assert start_s == -n_before * step_s  # so that time 0 is a node
+    assert max(step_s, 2.0) <= n_before * step_s + 1e-9 < max(step_s, 2.0) + step_s
     end_s = start_s + (n_node - 1) * step_s
     assert duration_s + step_s <= end_s + 1e-6 < duration_s + 2 * step_s + 1e-5
 
@@ -322,6 +396,80 @@ def test_velocities_that_are_not_derivatives_are_replaced(n_node):
     time_s = np.linspace(-step_s, (n_node - 2) * step_s, 1001)
     missed = np.linalg.norm(track.position_at_m(time_s) - skewed(time_s)[0][:, 0], axis=1)
     assert missed.max() < HERMITE_M
+
+
+def test_steps_are_chosen_with_the_velocities_that_the_track_takes(monkeypatch):
+    """Wrong by 2 cm/s, velocities are replaced; steps must be as long as those of right ones, in few trials."""
+    n_asked = []
+
+    def skewed(time_s):
+        n_asked.append(len(time_s))
+        r, v = (x[:, 1:] for x in two_orbits(time_s))
+        return r, v + 0.02 * np.sin(1e-3 * time_s)[:, None, None]
+
+    for duration_s in (400.0, 5000.0):  # all intervals are tried, or those at some places
+        right_s = choose_step_s(lambda t: tuple(x[:, 1:] for x in two_orbits(t)), duration_s)
+        n_asked.clear()
+        assert choose_step_s(skewed, duration_s) == pytest.approx(right_s, rel=0.1, abs=0)
+        (track,) = make_tracks(["sat"], skewed, duration_s)
+        assert 0.3 * HERMITE_M < track.error_m < HERMITE_M
+        assert sum(n_asked) < 40 * duration_s / right_s + 10_000
+        time_s = np.random.default_rng(2).uniform(0.0, duration_s, 3000)
+        missed = np.linalg.norm(track.position_at_m(time_s) - two_orbits(time_s)[0][:, 1], axis=1)
+        assert missed.max() < OFF_MIDDLE * track.error_m + 1e-8
+
+
+def test_states_that_are_not_finite_are_refused():
+    def holed(time_s):
+        r, v = (x.copy() for x in two_orbits(time_s))
+        r[(time_s > 690.0) & (time_s < 730.0), 1] = np.nan
+        return r, v
+
+    for make in (
+        lambda: choose_step_s(holed, 1614.0, names=["a", "b"]),
+        lambda: make_tracks(["a", "b"], holed, 1614.0),
+        lambda: sample_tracks(["a", "b"], holed, -10.0, 10.0, 164),
+    ):
+        with pytest.raises(InputError, match=r"^b: the state must be finite, but is not at (69|70|71|72)\d"):
+            make()
+    with pytest.raises(InputError, match=r"^object 1: the state must be finite"):
+        choose_step_s(holed, 1614.0)
+
+
+def test_trials_stay_within_the_scene():
+    """Where a propagator has no more to tell, as behind a re-entry, only the room of the grid is asked for."""
+    asked_s = []
+
+    def noted(time_s):
+        asked_s.append(time_s)
+        return two_orbits(time_s)
+
+    for duration_s in (3.0, 100.0, 1614.0, 20000.0):
+        asked_s.clear()
+        step_s = choose_step_s(noted, duration_s)
+        assert step_s <= duration_s
+        assert duration_s / step_s == pytest.approx(round(duration_s / step_s), rel=1e-12, abs=0)
+        times = np.concatenate(asked_s)
+        assert times.min() >= 0.0
+        assert times.max() <= duration_s * (1 + 1e-15)
+
+
+def test_tracks_made_in_pieces_are_the_same(monkeypatch):
+    whole = sample_tracks(["a", "b"], two_orbits, -10.0, 10.0, 40)
+    for n_pair in (1, 7, 60, 158, 1000):
+        monkeypatch.setattr(sampling, "_PAIRS_PER_PIECE", n_pair)
+        pieces = sample_tracks(["a", "b"], two_orbits, -10.0, 10.0, 40)
+        for one, other in zip(whole, pieces, strict=True):
+            assert np.abs(one.position_m - other.position_m).max() < 1e-7
+            assert np.abs(one.velocity_m_s - other.velocity_m_s).max() < 1e-10
+            assert one.error_m == pytest.approx(other.error_m, abs=1e-7, rel=0)
+
+
+def test_scenes_too_long_for_the_memory_are_told_so(monkeypatch):
+    """Smooth motion, but nodes 133 s apart at best."""
+    monkeypatch.setattr(sampling, "MOST_NODES", 300)
+    with pytest.raises(InputError, match=r"^b: the scene must be short enough for its orbit nodes to fit .* 133 s ap"):
+        make_tracks(["a", "b"], two_orbits, 20000.0)
 
 
 def test_single_velocities_that_are_wrong_count_in_the_error():

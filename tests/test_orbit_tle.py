@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from warpsim.errors import InputError
 from warpsim.orbit.earth import timescale
 from warpsim.orbit.epoch import utc_time
+from warpsim.orbit.sampling import make_tracks
 from warpsim.orbit.teme import teme_to_gcrs
 from warpsim.orbit.tle import TleOrbit, TleSatellites
 
@@ -206,6 +207,47 @@ def test_the_nearest_of_several_sets_is_taken():
         assert history.age_days(utc_time(start))[0] == pytest.approx(age, abs=1e-9, rel=0)
     alone = TleOrbit(lines=lines[2:4]).states(utc_time("2025-01-12"), [5.0])
     assert np.array_equal(history.states(utc_time("2025-01-12"), [5.0])[0], alone[0])
+
+
+def with_checksum(line):
+    return line[:68] + str(sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10)
+
+
+def test_states_beyond_all_reason_are_refused():
+    """With much drag, SGP4 puts a set of 2019 10^8 km away in 1990, and calls that no error."""
+    dragging = (with_checksum(ISS[0].replace("38792-4", "38792-3")), ISS[1])
+    assert np.isfinite(TleOrbit(lines=dragging).states(utc_time("2019-12-10"), [0.0])[0]).all()
+    message = (
+        r"^norad25544: no state at 1990-01-01T00:00:10.000 UTC \(10 s\): SGP4: \S+e\+\d+ km from the Earth's centre, "
+        r"not 6,000 to 1,000,000 km, 10935 days before the element set's epoch$"
+    )
+    for part in (TleOrbit(lines=dragging), TleSatellites(lines=dragging)):
+        with pytest.raises(InputError, match=message):
+            part.states(utc_time("1990-01-01"), [10.0])
+
+
+def test_tracks_of_molniya_take_long_steps():
+    """SGP4's velocities are off by more than 1 m/s there; those of the positions serve."""
+    lines = (
+        "1 40296U 14069A   25079.50000000  .00000100  00000-0  00000-0 0  999",
+        "2 40296  63.4000 100.0000 7400000 270.0000 180.0000  2.00600000    1",
+    )
+    satellites = TleSatellites(lines=[with_checksum(f"{line:<68}") for line in lines])
+    epoch, asked = utc_time("2025-03-20T12:00:00"), []
+
+    def states(time_s):
+        asked.append(len(time_s))
+        return satellites.states(epoch, time_s)
+
+    (track,) = make_tracks(satellites.names, states, 43200.0)
+    assert track.step_s > 8.0
+    assert sum(asked) < 30_000
+    time_s = np.random.default_rng(1).uniform(0.0, 43200.0, 20_000)
+    position, velocity = satellites.states(epoch, time_s)
+    off_m = np.linalg.norm(track.position_at_m(time_s) - position[:, 0], axis=1)
+    assert off_m.max() < 1.02 * track.error_m < 1.02e-3
+    wrong_m_s = np.linalg.norm(track.state(time_s)[1] - velocity[:, 0], axis=1)
+    assert 1.0 < wrong_m_s.max() < 3.0
 
 
 def test_files_and_lines_are_the_same(tmp_path):

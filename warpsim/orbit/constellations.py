@@ -17,7 +17,7 @@ from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, pole_of_date
 from warpsim.orbit.elements import KeplerOrbit, StateVector, state_to_elements
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.kepler import propagate_two_body
-from warpsim.orbit.paths import Moving, Orbit, SimpleConstellation
+from warpsim.orbit.paths import Moving, Orbit, SimpleConstellation, states_of
 from warpsim.orbit.walker import Pattern, below_planes, pattern_turns, satellite_names
 
 if TYPE_CHECKING:
@@ -60,13 +60,20 @@ class ListedSatellites:
         Raises:
             InputError: A satellite has no state at some time; the text begins with its name.
         """
+        return self._either(epoch, time_s, None)
+
+    def states_within(self, epoch: Time, time_s: ArrayLike, within_s: tuple[float, float]) -> tuple[F64, F64]:
+        """Return states as `states` does, of which only those within a span matter (`orbit.paths.states_of`)."""
+        return self._either(epoch, time_s, within_s)
+
+    def _either(self, epoch: Time, time_s: ArrayLike, within_s: tuple[float, float] | None) -> tuple[F64, F64]:
         try:
-            return self._states(epoch, np.asarray(time_s, np.float64))
+            return self._states(epoch, np.asarray(time_s, np.float64), within_s)
         except InputError:
             # One by one: the same error, with a name.
-            return _side_by_side([(item.name, item.orbit) for item in self.satellites], epoch, time_s)
+            return _side_by_side([(item.name, item.orbit) for item in self.satellites], epoch, time_s, within_s)
 
-    def _states(self, epoch: Time, times: F64) -> tuple[F64, F64]:
+    def _states(self, epoch: Time, times: F64, within_s: tuple[float, float] | None) -> tuple[F64, F64]:
         """Orbits that one propagation can serve fly together, the others alone."""
         position, velocity = (np.empty((len(times), len(self.satellites), 3)) for _ in range(2))
         together: dict[Gravity, tuple[list[int], list[tuple[F64, F64]]]] = {}
@@ -77,7 +84,7 @@ class ListedSatellites:
                 members.append(k)
                 starts.append(orbit.state())
             else:
-                position[:, k : k + 1], velocity[:, k : k + 1] = orbit.states(epoch, times)
+                position[:, k : k + 1], velocity[:, k : k + 1] = states_of(orbit, epoch, times, within_s)
         for gravity, (members, starts) in together.items():
             start_m, start_m_s = (np.concatenate([start[i] for start in starts]) for i in range(2))
             moved = propagate(start_m, start_m_s, times, gravity, pole_of_date(epoch))
@@ -210,6 +217,10 @@ class MixedConstellation:
         """
         return _side_by_side([("", item) for item in self.parts], epoch, time_s)
 
+    def states_within(self, epoch: Time, time_s: ArrayLike, within_s: tuple[float, float]) -> tuple[F64, F64]:
+        """Return states as `states` does, of which only those within a span matter (`orbit.paths.states_of`)."""
+        return _side_by_side([("", item) for item in self.parts], epoch, time_s, within_s)
+
     def notes(self, epoch: Time, duration_s: float) -> list[str]:
         """Return what a user should know of the parts."""
         return [note for item in self.parts for note in _notes_of(item, epoch, duration_s)]
@@ -233,12 +244,14 @@ def _check_names(field: str, names: Sequence[str]) -> None:
         raise part_error(f"{field}: names must be unique, got {twice} twice (patterns take a prefix)")
 
 
-def _side_by_side(members: Sequence[tuple[str, Moving]], epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+def _side_by_side(
+    members: Sequence[tuple[str, Moving]], epoch: Time, time_s: ArrayLike, within_s: tuple[float, float] | None = None
+) -> tuple[F64, F64]:
     """States of several movers along the axis of objects."""
     positions, velocities = [], []
     for name, mover in members:
         try:
-            position, velocity = mover.states(epoch, time_s)
+            position, velocity = states_of(mover, epoch, time_s, within_s)
         except InputError as error:
             raise InputError(f"{name}: {error}" if name else str(error)) from None
         positions.append(position)

@@ -213,7 +213,7 @@ class StateVector:
             InputError: The path falls through half the Earth's radius.
         """
         times = np.asarray(time_s, np.float64) - self.time_s
-        return propagate(*self.state(), times, self.gravity, pole_of_date(epoch))
+        return propagate(*self.state(), times, self.gravity, pole_of_date(epoch), self.time_s)
 
 
 @part

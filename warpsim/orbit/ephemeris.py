@@ -3,7 +3,8 @@
 Each segment is interpolated on its own, in the frame of its file and with the method that the file asks for (Hermite of
 degree 7 where it asks for none and has velocities, Lagrange of degree 7 without), and then turned into GCRS axes. The
 velocity is the derivative of the position's interpolant, so both tell of one motion. Up to 60 s beyond the ends of the
-file's span the motion goes on as free flight with J2: room for light time.
+file's span the motion goes on as free flight with J2. Where only the times of a scene matter (`states_within`), those
+outside it are room for its node grid, and the motion goes on from the segment at the scene's end, file or none.
 """
 
 from __future__ import annotations
@@ -35,6 +36,9 @@ if TYPE_CHECKING:
     from astropy.time import Time
 
 F64 = NDArray[np.float64]
+
+Span = tuple[float, float]
+"""First and last time [s since the epoch]."""
 
 FREE_FLIGHT_S = 60.0
 """How far beyond the ends of its span a motion goes on."""
@@ -105,6 +109,20 @@ class EphemerisOrbit:
         """
         return _states([self._path], epoch, np.asarray(time_s, np.float64), self.frame)
 
+    def states_within(self, epoch: Time, time_s: ArrayLike, within_s: Span) -> tuple[F64, F64]:
+        """Return states as `states` does; before and after `within_s` the motion goes on, in free flight if need be.
+
+        Args:
+            epoch: The scene's epoch.
+            time_s: Times [s since epoch], shape (n_time,).
+            within_s: The span that the file must cover, a scene's [s since epoch]. Before and after it the motion is
+                that of the segment there, and free flight beyond that segment.
+
+        Raises:
+            InputError: As `states`, for times within the span.
+        """
+        return _states([self._path], epoch, np.asarray(time_s, np.float64), self.frame, within_s)
+
 
 @part
 class EphemerisSatellites:
@@ -166,6 +184,10 @@ class EphemerisSatellites:
         """
         return _states(self._all, epoch, np.asarray(time_s, np.float64), self.frame)
 
+    def states_within(self, epoch: Time, time_s: ArrayLike, within_s: Span) -> tuple[F64, F64]:
+        """Return states as `states` does; before and after a span the motion goes on, as EphemerisOrbit's."""
+        return _states(self._all, epoch, np.asarray(time_s, np.float64), self.frame, within_s)
+
 
 class _Path:
     """Segments of one object, in time order."""
@@ -209,20 +231,26 @@ class _Path:
         ends = self.ends_s(epoch)
         return ends[0][0], ends[-1][1]
 
-    def segment_of(self, epoch: Time, time_s: F64) -> NDArray[np.int64]:
-        """Which segment holds each time; the later one where two touch."""
+    def segment_of(self, epoch: Time, time_s: F64, within_s: Span | None = None) -> NDArray[np.int64]:
+        """Which segment holds each time; the later one where two touch.
+
+        Times before and after the span `within_s` belong to the segment at its beginning or end: the one within it,
+        where two touch there.
+        """
+        now_s = time_s if within_s is None else np.clip(time_s, *within_s)
         ends = np.array(self.ends_s(epoch))
         first_s, last_s = ends[0, 0], ends[-1, 1]
-        outside = ~((time_s >= first_s - FREE_FLIGHT_S) & (time_s <= last_s + FREE_FLIGHT_S))  # NaN too
+        outside = ~((now_s >= first_s - FREE_FLIGHT_S) & (now_s <= last_s + FREE_FLIGHT_S))  # NaN too
         if outside.any():
-            bad = float(time_s[np.argmax(outside)])
+            bad = float(now_s[np.argmax(outside)])
             raise self.error(f"time {_shown(epoch, bad)} must be in the file's span, {_span(epoch, first_s, last_s)}")
-        index = np.clip(np.searchsorted(ends[:, 0], time_s, side="right") - 1, 0, None)
-        gap = (time_s > ends[index, 1] + _TOUCH_S) & (index < len(ends) - 1)
+        asked_s = now_s if within_s is None else np.clip(now_s, within_s[0] + _TOUCH_S, within_s[1] - _TOUCH_S)
+        index = np.clip(np.searchsorted(ends[:, 0], asked_s, side="right") - 1, 0, None)
+        gap = (now_s > ends[index, 1] + _TOUCH_S) & (index < len(ends) - 1)
         if gap.any():
             at = int(np.argmax(gap))
             span = _span(epoch, ends[index[at], 1], ends[index[at] + 1, 0])
-            raise self.error(f"time {_shown(epoch, float(time_s[at]))} must not be in a gap between segments, {span}")
+            raise self.error(f"time {_shown(epoch, float(now_s[at]))} must not be in a gap between segments, {span}")
         return index
 
 
@@ -257,28 +285,31 @@ def _paths(segments: Sequence[EphemerisSegment]) -> list[_Path]:
     return paths
 
 
-def _states(paths: Sequence[_Path], epoch: Time, time_s: F64, frame: Frame | None) -> tuple[F64, F64]:
+def _states(
+    paths: Sequence[_Path], epoch: Time, time_s: F64, frame: Frame | None, within_s: Span | None = None
+) -> tuple[F64, F64]:
     """States of objects in GCRS axes, (n_time, n_object, 3) each."""
     times = np.atleast_1d(np.asarray(time_s, np.float64))
     position, velocity = (np.empty((len(times), len(paths), 3)) for _ in range(2))
     by_frame: dict[str, list[int]] = {}
+    segments = [path.segment_of(epoch, times, within_s) for path in paths]
     for column, path in enumerate(paths):
         frames = {frame or segment.frame for segment in path.segments}
         if len(frames) > 1:
             raise path.error(f"frame: must be the same in all segments, got {', '.join(sorted(frames))}")
         by_frame.setdefault(frames.pop(), []).append(column)
-        position[:, column], velocity[:, column] = _along(path, epoch, times)
+        position[:, column], velocity[:, column] = _along(path, epoch, times, segments[column])
     for name, columns in by_frame.items():  # one rotation serves all objects of a frame
         turned = states_to_gcrs(name, epoch, times, position[:, columns], velocity[:, columns])
         position[:, columns], velocity[:, columns] = turned
         for column in columns:
-            _fly_on(paths[column], name, epoch, times, position[:, column], velocity[:, column])
+            states = position[:, column], velocity[:, column]
+            _fly_on(paths[column], name, epoch, times, segments[column], *states)
     return position, velocity
 
 
-def _along(path: _Path, epoch: Time, times: F64) -> tuple[F64, F64]:
-    """States in the file's own axes, (n_time, 3) each; beyond the span those of its ends."""
-    which = path.segment_of(epoch, times)
+def _along(path: _Path, epoch: Time, times: F64, which: NDArray[np.int64]) -> tuple[F64, F64]:
+    """States in the file's own axes, (n_time, 3) each; beyond the segments told those of their ends."""
     position, velocity = np.empty((len(times), 3)), np.empty((len(times), 3))
     ends = path.ends_s(epoch)
     for index in np.unique(which).tolist():
@@ -295,16 +326,19 @@ def _along(path: _Path, epoch: Time, times: F64) -> tuple[F64, F64]:
     return position, velocity
 
 
-def _fly_on(path: _Path, frame: str, epoch: Time, times: F64, position: F64, velocity: F64) -> None:
-    """Put free flight from the end states, GCRS axes, where the times lie beyond the span."""
-    first_s, last_s = path.span_s(epoch)
-    for end_s, beyond in ((first_s, times < first_s), (last_s, times > last_s)):
-        if not beyond.any():
-            continue
-        end = np.array([end_s])
-        state = states_to_gcrs(frame, epoch, end, *_along(path, epoch, end))
-        try:
-            flown = propagate(*state, times[beyond] - end_s, "j2", pole_of_date(epoch))
-        except InputError as error:
-            raise path.error(f"no free flight beyond {_shown(epoch, end_s)}: {error}") from None
-        position[beyond], velocity[beyond] = flown[0][:, 0], flown[1][:, 0]
+def _fly_on(
+    path: _Path, frame: str, epoch: Time, times: F64, which: NDArray[np.int64], position: F64, velocity: F64
+) -> None:
+    """Put free flight from the end states, GCRS axes, where the times lie beyond their segments."""
+    ends = np.array(path.ends_s(epoch))[which]
+    for side, outside in enumerate((times < ends[:, 0], times > ends[:, 1])):
+        for index in np.unique(which[outside]):
+            beyond = outside & (which == index)
+            end = ends[beyond][:1, side]
+            state = states_to_gcrs(frame, epoch, end, *_along(path, epoch, end, which[beyond][:1]))
+            pole = pole_of_date(epoch)
+            try:
+                flown = propagate(*state, times[beyond] - end[0], "j2", pole, float(end[0]))
+            except InputError as error:
+                raise path.error(f"no free flight beyond {_shown(epoch, float(end[0]))}: {error}") from None
+            position[beyond], velocity[beyond] = flown[0][:, 0], flown[1][:, 0]

@@ -1,13 +1,17 @@
 """Epochs and time scales: scene time is SI seconds since an epoch given as a UTC instant.
 
 SI seconds advance TAI and TT alike, so `TT = epoch.tt + time_s`, also across a leap second. Nothing here needs UT1 or
-any table from the network.
+any table from the network. Behind the last announced leap second none are counted: ERFA calls years some way ahead
+"dubious" for that, which warpsim says in its documentation and not at every call.
 """
 
 from __future__ import annotations
 
 import math
 import re
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +28,16 @@ FIRST_YEAR, LAST_YEAR = 1960, 2100
 """UTC begins with 1960; the ephemeris of Earth and Sun ends with 2100."""
 
 
+@contextmanager
+def years_ahead() -> Iterator[None]:
+    """Dates within may lie in years whose leap seconds nobody knows: ERFA does not warn of them."""
+    import erfa
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*dubious year", category=erfa.ErfaWarning)
+        yield
+
+
 def utc_time(text: str) -> Time:
     """Parse an ISO 8601 UTC instant (`2025-03-20T12:00:00`, a trailing `Z` is allowed).
 
@@ -37,7 +51,9 @@ def utc_time(text: str) -> Time:
     if year and not FIRST_YEAR <= int(year[1]) < LAST_YEAR:
         raise InputError(f"epoch_utc: must be in the years {FIRST_YEAR} to {LAST_YEAR - 1}, got {text!r}")
     try:
-        epoch = Time(str(text).strip().removesuffix("Z"), scale="utc")
+        with years_ahead():
+            epoch = Time(str(text).strip().removesuffix("Z"), scale="utc")
+            _ = epoch.tai, epoch.tt, epoch.isot  # kept by astropy, so that nobody is warned of the year later
         good = year is not None and epoch.isscalar and math.isfinite(epoch.jd1 + epoch.jd2)
     except Exception:
         good = False

@@ -59,7 +59,12 @@ def zonal_acceleration_m_s2(position_m: F64, zonal: tuple[float, ...]) -> F64:
 
 
 def propagate(
-    position_m: ArrayLike, velocity_m_s: ArrayLike, time_s: ArrayLike, gravity: Gravity, pole_icrs: ArrayLike
+    position_m: ArrayLike,
+    velocity_m_s: ArrayLike,
+    time_s: ArrayLike,
+    gravity: Gravity,
+    pole_icrs: ArrayLike,
+    state_time_s: float = 0.0,
 ) -> tuple[F64, F64]:
     """Propagate states from time 0 to each of the times.
 
@@ -69,6 +74,7 @@ def propagate(
         time_s: Times in any order, of either sign [s], shape (m,).
         gravity: "two_body" (closed form), "j2" or "j4" (J2, J3 and J4).
         pole_icrs: Unit vector of the pole that the harmonics count from, shape (3,); unused by "two_body".
+        state_time_s: When the states hold after the scene's epoch [s], for the times in error texts.
 
     Returns:
         Positions [m] and velocities [m/s], each of shape (m, n, 3).
@@ -80,7 +86,7 @@ def propagate(
     times, pole = np.asarray(time_s, np.float64), np.asarray(pole_icrs, np.float64)
     _check(r0, v0, times, pole)
     if gravity == "two_body":
-        return propagate_two_body(r0, v0, times)
+        return _finite(*propagate_two_body(r0, v0, times), times, state_time_s)
     if gravity not in _ZONAL:
         raise InputError(f"gravity: must be one of {', '.join(get_args(Gravity))}, got {gravity!r}")
     position, velocity = np.empty((len(times), *r0.shape)), np.empty((len(times), *r0.shape))
@@ -91,15 +97,15 @@ def propagate(
             continue
         for first in range(0, len(r0), _PATHS_PER_CHUNK):
             paths = slice(first, first + _PATHS_PER_CHUNK)
-            states = _follow(axes @ r0[paths].T, axes @ v0[paths].T, times[order], _ZONAL[gravity])
+            states = _follow(axes @ r0[paths].T, axes @ v0[paths].T, times[order], _ZONAL[gravity], state_time_s)
             for result, state in zip((position, velocity), states, strict=True):
                 result[order, paths] = np.swapaxes(state, 1, 2) @ axes
     now = times == 0.0  # to the last bit, which turning to the pole and back would lose
     position[now], velocity[now] = r0, v0
-    return position, velocity
+    return _finite(position, velocity, times, state_time_s)
 
 
-def _follow(r0: F64, v0: F64, times: F64, zonal: tuple[float, ...]) -> tuple[F64, F64]:
+def _follow(r0: F64, v0: F64, times: F64, zonal: tuple[float, ...], state_time_s: float) -> tuple[F64, F64]:
     """Paths in pole axes, (3, n) to (m, 3, n); times of one sign, ascending in magnitude."""
 
     def acceleration(position_m: F64) -> F64:
@@ -110,7 +116,20 @@ def _follow(r0: F64, v0: F64, times: F64, zonal: tuple[float, ...]) -> tuple[F64
     try:
         return integrate(acceleration, r0, v0, times, rate_rad_s, _LOWEST_RADIUS_M)
     except NoPathError as error:
-        raise InputError(f"position_m: the path falls to the Earth's centre at time {error.time_s:g} s") from None
+        raise InputError(
+            "position_m: the path must stay above half the Earth's radius, "
+            f"but falls through it at {state_time_s + error.time_s:g} s"
+        ) from None
+
+
+def _finite(position_m: F64, velocity_m_s: F64, times: F64, state_time_s: float) -> tuple[F64, F64]:
+    """The states, none of which may be NaN or infinite."""
+    for state in (position_m, velocity_m_s):
+        good = np.isfinite(state).all(axis=(1, 2))
+        if not good.all():
+            bad_s = state_time_s + times[int(np.argmin(good))]
+            raise InputError(f"position_m, velocity_m_s: must give finite states, but do not at {bad_s:g} s")
+    return position_m, velocity_m_s
 
 
 def _pole_axes(pole: F64) -> F64:

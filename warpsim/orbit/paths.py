@@ -39,3 +39,18 @@ class Moving(Protocol):
     def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_object, 3)."""
         ...
+
+
+def states_of(
+    mover: Moving, epoch: Time, time_s: ArrayLike, within_s: tuple[float, float] | None = None
+) -> tuple[F64, F64]:
+    """States of a mover, of which only those within a span matter, if one is given.
+
+    What knows its motion for a limited time only has `states_within(epoch, time_s, within_s)`: it must cover the span,
+    and before and after it the motion goes on freely.
+    """
+    limited = None if within_s is None else getattr(mover, "states_within", None)
+    if limited is None:
+        return mover.states(epoch, time_s)
+    position, velocity = limited(epoch, time_s, within_s)
+    return position, velocity

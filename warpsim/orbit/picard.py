@@ -83,7 +83,7 @@ def integrate(
         rounding.
 
     Raises:
-        NoPathError: A path comes closer to the centre, or so close that no segment is short enough.
+        NoPathError: A path comes closer to the centre, or so close that no segment is short enough, or is not finite.
     """
     positions, velocities = np.empty((len(time_s), *position_m.shape)), np.empty((len(time_s), *position_m.shape))
     end_s = float(time_s[-1])
@@ -91,23 +91,24 @@ def integrate(
     start_s, row = 0.0, int(np.searchsorted(np.abs(time_s), 0.0, side="right"))
     positions[:row], velocities[:row] = position_m, velocity_m_s
     while row < len(time_s):
-        last = abs(step_s) >= abs(end_s - start_s)
-        span_s = end_s - start_s if last else step_s
+        stop_s = end_s if abs(step_s) >= abs(end_s - start_s) else start_s + step_s
+        span_s = stop_s - start_s
         segment = _segment(acceleration, position_m, velocity_m_s, span_s)
         if segment is None:
             step_s = 0.5 * span_s
-            if abs(step_s) < _SHORTEST_S:
+            if not abs(step_s) >= _SHORTEST_S:  # NaN is too short too
                 raise NoPathError(start_s)
             continue
-        low = np.linalg.norm(segment.position_m, axis=1).min(axis=1) < lowest_m
+        low = ~(np.linalg.norm(segment.position_m, axis=1).min(axis=1) >= lowest_m)  # NaN is low too
         if low.any():
             raise NoPathError(start_s + span_s * float(np.argmax(low)) / DEGREE)
-        stop = len(time_s) if last else int(np.searchsorted(np.abs(time_s), abs(start_s + span_s)))
+        # A time at the segment's end is its own: where the sum above rounds to the last time, nothing is left over.
+        stop = int(np.searchsorted(np.abs(time_s), abs(stop_s), side="right"))
         if stop > row:
             place = np.clip(2.0 * (time_s[row:stop] - start_s) / span_s - 1.0, -1.0, 1.0)
             positions[row:stop], velocities[row:stop] = _values(segment, place)
         position_m, velocity_m_s = segment.position_m[-1], segment.velocity_m_s[-1]
-        start_s, row = start_s + span_s, stop
+        start_s, row = stop_s, stop
         if segment.tail < _GENEROUS * _TAIL:
             step_s *= _GROWTH
     return positions, velocities
@@ -155,7 +156,7 @@ def _segment(acceleration: AccelerationFunction, position_m: F64, velocity_m_s: 
             return None
         velocity = velocity_m_s + integrated(acceleration(position))
     tail = (np.abs(to_coefficients[-2:] @ position.reshape(n_node, -1)).reshape(2, *shape) / distance).max()
-    return _Segment(position, velocity, float(tail)) if tail <= _TAIL else None
+    return _Segment(position, velocity, float(tail)) if tail <= _TAIL and np.isfinite(velocity).all() else None
 
 
 def _values(segment: _Segment, place: F64) -> tuple[F64, F64]:

@@ -28,7 +28,7 @@ from warpsim.errors import InputError
 from warpsim.exchange.element_set import ElementSet
 from warpsim.exchange.elements_files import parse_element_sets, read_element_sets
 from warpsim.exchange.names import plain_name
-from warpsim.orbit.epoch import tt_jd
+from warpsim.orbit.epoch import tt_jd, years_ahead
 from warpsim.orbit.teme import teme_to_gcrs
 
 if TYPE_CHECKING:
@@ -38,6 +38,9 @@ F64 = NDArray[np.float64]
 
 OLD_DAYS = 30.0
 """Element sets farther than this from the scene are worth a note: SGP4 loses kilometres a day."""
+
+NEAREST_KM, FARTHEST_KM = 6000.0, 1e6
+"""Distances from the Earth's centre at which SGP4's states are believed: far from their epoch, sets give any."""
 
 _TT_MINUS_TAI_S = 32.184
 _PAIRS_PER_CHUNK = 500_000  # (time, satellite) pairs of SGP4 held at once: some 30 MB
@@ -120,7 +123,8 @@ class TleSatellites:
             time_s: Times [s since epoch], shape (n_time,).
 
         Raises:
-            InputError: SGP4 has no state for some satellite and time, because it has decayed, say.
+            InputError: SGP4 has no state for some satellite and time, because it has decayed, say, or one that is
+                closer to the Earth's centre than 6,000 km or farther than 1e6 km.
         """
         return _sgp4_states(self.satellites, epoch, time_s)
 
@@ -312,11 +316,21 @@ def _sgp4_block(members: Sequence[tuple[str, ElementSet]], epoch: Time, times: F
     code, r, v = SatrecArray([item.satrec for _, item in members]).sgp4(
         np.full_like(times, whole), np.ascontiguousarray(fraction - offset_s / DAY_S)
     )
-    bad = (code != 0) | ~(np.isfinite(r).all(axis=-1) & np.isfinite(v).all(axis=-1))
+    radius_km = np.linalg.norm(r, axis=-1)
+    finite = np.isfinite(radius_km) & np.isfinite(v).all(axis=-1)
+    bad = (code != 0) | ~finite | (radius_km < NEAREST_KM) | (radius_km > FARTHEST_KM)
     if bad.any():
         row = int(np.argmax(bad.any(axis=1)))
         column = int(np.argmax(bad[row]))
-        utc = (epoch + TimeDelta(times[column], format="sec")).utc.isot
         reason = SGP4_ERRORS.get(int(code[row, column]), "the state is not finite")
+        if code[row, column] == 0 and finite[row, column]:
+            name, item = members[row]
+            days = _age_days([Satellite(name, (item,))], epoch)[0] + times[column] / DAY_S
+            reason = (
+                f"{radius_km[row, column]:.3g} km from the Earth's centre, not {NEAREST_KM:,.0f} to {FARTHEST_KM:,.0f} "
+                f"km, {abs(days):.0f} days {'after' if days >= 0 else 'before'} the element set's epoch"
+            )
+        with years_ahead():
+            utc = (epoch + TimeDelta(times[column], format="sec")).utc.isot
         raise InputError(f"{members[row][0]}: no state at {utc} UTC ({times[column]:g} s): SGP4: {reason}")
     return np.swapaxes(r, 0, 1), np.swapaxes(v, 0, 1)

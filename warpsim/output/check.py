@@ -6,7 +6,7 @@ import numpy as np
 
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import geodetic_altitude_m
-from warpsim.orbit.track import TRACK_ERROR_M
+from warpsim.orbit.sampling import TRACK_ERROR_M
 from warpsim.render.star_field import load_catalog
 from warpsim.scene.scene import Scene
 from warpsim.scene.view_axes import commanded_axes

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.files import whole_file
+from warpsim.orbit.epoch import years_ahead
 from warpsim.output.catalog_file import check_new_file
 from warpsim.scene.bends import bends_s
 
@@ -308,11 +309,14 @@ def _utc(scene: Scene, time_s: Sequence[float]) -> list[str]:
     from astropy import units as u
     from astropy.time import Time
 
-    instants = (scene.epoch.tai + np.asarray(time_s) * u.s).utc
-    instants.precision = 6
     texts = []
-    for text, instant in zip(instants.isot, instants, strict=True):
-        if ":60" in text:
-            text = Time(math.floor(instant.jd1 + instant.jd2 + 0.5) + 0.5, format="jd", scale="utc", precision=6).isot
-        texts.append(f"{text}Z")
+    with years_ahead():
+        instants = (scene.epoch.tai + np.asarray(time_s) * u.s).utc
+        instants.precision = 6
+        for text, instant in zip(instants.isot, instants, strict=True):
+            if ":60" in text:
+                text = Time(
+                    math.floor(instant.jd1 + instant.jd2 + 0.5) + 0.5, format="jd", scale="utc", precision=6
+                ).isot
+            texts.append(f"{text}Z")
     return texts

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.optics.wcs import tan_keywords, wcs_from_keywords
+from warpsim.orbit.epoch import years_ahead
 from warpsim.render.frameset import FrameSet
 from warpsim.scene.scene import Scene
 
@@ -88,9 +89,10 @@ class CubeWriter:
         self._stream.close()
         table = Table(rows=self._rows)
         # TAI seconds: UTC days may hold a leap second.
-        times = (self._scene.epoch.tai + TimeDelta(np.asarray(table["TIME_S"]), format="sec")).utc
-        times.precision = 6
-        table.add_column(np.asarray(times.isot), index=2, name="DATE_OBS")
+        with years_ahead():
+            times = (self._scene.epoch.tai + TimeDelta(np.asarray(table["TIME_S"]), format="sec")).utc
+            times.precision = 6
+            table.add_column(np.asarray(times.isot), index=2, name="DATE_OBS")
         table["TIME_S"].unit = "s"
         for name in _WCS_KEYS[:2]:
             table[name].unit = "deg"

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
 from warpsim.files import whole_file
+from warpsim.orbit.epoch import years_ahead
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -145,5 +146,6 @@ def utc_text(scene: Any, time_s: float) -> str:
     """An instant of a scene in words: 807.0 s (2025-01-01T14:13:27.000 UTC)."""
     from astropy import units as u
 
-    instant = (scene.epoch.tai + time_s * u.s).utc
-    return f"{time_s:.1f} s ({instant.isot} UTC)"
+    with years_ahead():
+        instant = (scene.epoch.tai + time_s * u.s).utc
+        return f"{time_s:.1f} s ({instant.isot} UTC)"

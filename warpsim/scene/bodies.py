@@ -12,6 +12,7 @@ from warpsim.errors import InputError
 from warpsim.orbit.earth import pole_of_date
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.group import release_velocities
+from warpsim.orbit.paths import Moving, states_of
 from warpsim.scene.parts import TargetGroup
 
 if TYPE_CHECKING:
@@ -40,10 +41,11 @@ class Bodies:
         """Positions [m] and velocities [m/s] at times (n_time,), each (n_time, n_body, 3).
 
         A released target's path is its free flight; earlier than STOWED_STEP_S before the release, where nobody asks,
-        it is the main target's.
+        it is the main target's. Files of states need to cover the scene only: before and after it motion goes on.
         """
         scene = self.scene
-        parts = [_states_of("constellation", scene.constellation, scene.epoch, time_s)]
+        within_s = 0.0, scene.duration_s
+        parts = [_states_of("constellation", scene.constellation, scene.epoch, time_s, within_s)]
         parts += [_group_states(group, number, scene, time_s) for number, group in enumerate(scene.groups_of_targets)]
         position, velocity = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
         return position, velocity
@@ -61,10 +63,12 @@ def bodies_of(scene: Scene) -> Bodies:
     return Bodies(scene, [*scene.sensor_names, *scene.target_names], carrier, release_s)
 
 
-def _states_of(where: str, orbit: object, epoch: Time, time_s: F64) -> tuple[F64, F64]:
+def _states_of(
+    where: str, orbit: Moving, epoch: Time, time_s: F64, within_s: tuple[float, float] | None = None
+) -> tuple[F64, F64]:
     """States of a constellation or trajectory; its errors begin with the field that describes it."""
     try:
-        return orbit.states(epoch, time_s)  # type: ignore[attr-defined,no-any-return]
+        return states_of(orbit, epoch, time_s, within_s)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
 
@@ -73,7 +77,7 @@ def _group_states(group: TargetGroup, number: int, scene: Scene, time_s: F64) ->
     """States of a group's targets, the main one first; those released at one time are propagated together."""
     where = "trajectory" if number == 0 else f"groups[{number - 1}].trajectory"
     releases = group.releases
-    main_r, main_v = _states_of(where, group.trajectory, scene.epoch, time_s)
+    main_r, main_v = _states_of(where, group.trajectory, scene.epoch, time_s, (0.0, scene.duration_s))
     position, velocity = (np.repeat(state, len(releases), axis=1) for state in (main_r, main_v))
     gravity: Gravity = getattr(group.trajectory, "gravity", "j2")
     pole = pole_of_date(scene.epoch)
@@ -86,7 +90,7 @@ def _group_states(group: TargetGroup, number: int, scene: Scene, time_s: F64) ->
         start = np.repeat(carrier_r[0], len(rows), axis=0), velocities[rows - 1]
         free = time_s >= release.time_s - STOWED_STEP_S
         try:
-            flown = propagate(*start, time_s[free] - release.time_s, gravity, pole)
+            flown = propagate(*start, time_s[free] - release.time_s, gravity, pole, release.time_s)
         except InputError as error:
             raise InputError(f"{where}: no flight after the release at {release.time_s:g} s: {error}") from None
         for states, own in zip((position, velocity), flown, strict=True):

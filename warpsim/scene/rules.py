@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from warpsim.scene.scene import Scene
 
 LONGEST_TRACKS_S = 2e8
-"""Longest scene times number of moving things: some 2 GB of orbit nodes."""
+"""Longest scene times number of moving things: 1.4 GB of orbit nodes at most, 4 to 8 GB while they are made."""
 
 LARGEST_VIEW = 2**29
 """Pixels of one sensor's image in all bands: array strides are 32-bit numbers of bytes."""

@@ -10,8 +10,9 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.orbit.earth import pole_of_date
+from warpsim.orbit.sampling import make_tracks
 from warpsim.orbit.sun import earth_position_m, earth_velocity_m_s, sun_position_m
-from warpsim.orbit.track import PositionFunction, Track, make_tracks
+from warpsim.orbit.track import PositionFunction, Track
 from warpsim.scene.bodies import STOWED_STEP_S, bodies_of
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def build_tracks(scene: Scene) -> Tracks:
     """Sample all bodies of a scene on one node grid, with the Sun and the Earth's own motion.
 
     Raises:
-        InputError: A path cannot be followed, because it falls to the Earth's centre or its file ends, say.
+        InputError: A path cannot be followed, because it falls through half the Earth's radius or its file ends, say.
     """
     bodies, epoch = bodies_of(scene), scene.epoch
     later = max(bodies.release_s) > 0

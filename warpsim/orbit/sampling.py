@@ -1,0 +1,356 @@
+"""Sampling of tracks: the node grid of a scene, the step that keeps the interpolation error small, and that error.
+
+The interpolation error of a cubic Hermite interval is `step^4 / 384 * |d4r/dt4|`, largest at its middle, so comparing
+with the propagator at the midpoints measures the worst error. On a circular orbit it is `a (n step)^4 / 384`: for
+1 mm, about 14 s in low orbit and 17 s at 1,600 km.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from warpsim.errors import InputError
+from warpsim.orbit.track import Track
+
+F64 = NDArray[np.float64]
+
+StateFunction = Callable[[F64], tuple[F64, F64]]
+"""time_s (n_time,) -> position_m, velocity_m_s, both (n_time, 3) or (n_time, n_object, 3)."""
+
+TRACK_ERROR_M = 1e-3
+"""Default bound of the interpolation error [m]."""
+
+WORST_TRACK_ERROR_M = 1.0
+"""What is taken of motion that is not smooth."""
+
+SHORTEST_STEP_S = 0.01
+"""Shortest node step [s]."""
+
+ROOM_S = 2.0
+"""Room of the node grid before time 0, at least [s]: the light time of 600,000 km."""
+
+MOST_NODES = 30_000_000
+"""Nodes of all objects together: 1.4 GB, and 4 to 5 GB while they are made (8 GB where all are of one object)."""
+
+MOST_ROUGH_NODES = 5_000_000
+"""Nodes of all objects together to which steps are shortened for motion that is not smooth."""
+
+_N_TRIAL = 96
+_N_LOOK = 12
+_PAIRS_PER_PIECE = 8_000_000  # states asked for at once: J2's take 1.1 GB, SGP4's 1.8 GB
+_BEND = 3.0**0.5 / 18.0  # largest u (1 - u) (1 - 2 u)
+_INCONSISTENT_M_S = 1e-4
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+
+
+def node_grid(duration_s: float, step_s: float) -> tuple[float, int]:
+    """Return start_s and n_node of the grid shared by all tracks of a scene.
+
+    Time 0 is a node. Before it there is room for light time, ROOM_S or a step, whichever is longer; behind duration_s
+    there is a step.
+    """
+    if not (math.isfinite(duration_s) and duration_s >= 0):
+        raise InputError(f"duration_s: must be >= 0, got {duration_s}")
+    if not (math.isfinite(step_s) and step_s > 0):
+        raise InputError(f"step_s: must be > 0, got {step_s}")
+    n_before = max(1, math.ceil(round(ROOM_S / step_s, 9)))
+    return -n_before * step_s, n_before + _n_step(duration_s, step_s) + 2
+
+
+def _n_step(duration_s: float, step_s: float) -> int:
+    """Steps that cover a time."""
+    return math.ceil(round(duration_s / step_s, 9))  # rounded: 1614 / 0.1 is 16140 steps, not 16141
+
+
+def _even_step_s(duration_s: float, step_s: float) -> float:
+    """The longest step up to step_s that divides the scene evenly: its end is a node, as its beginning is.
+
+    So what the motion does outside the scene has no part in the tracks within.
+    """
+    return duration_s / max(1, _n_step(duration_s, step_s)) if duration_s > 0 else step_s
+
+
+def sample_tracks(
+    names: Sequence[str],
+    state: StateFunction,
+    start_s: float,
+    step_s: float,
+    n_node: int,
+    first_s: ArrayLike = -math.inf,
+    ends: tuple[int, int] | None = None,
+) -> list[Track]:
+    """Sample the objects of one propagator on a node grid and measure each one's interpolation error.
+
+    Args:
+        names: One name per object.
+        state: Propagator; called with nodes and interval midpoints together, once but for very many of them.
+        start_s: Time of the first node [s].
+        step_s: Node spacing [s].
+        n_node: Number of nodes, at least 2.
+        first_s: From when on each object's track matters, one for all or one each [s]; the error of intervals that end
+            before is not counted.
+        ends: Numbers of the nodes at which the scene begins and ends; the acceleration may jump there, as where a file
+            of states ends.
+
+    Raises:
+        InputError: A state is not finite, or there are more or fewer objects than names.
+    """
+    time_s: F64 = start_s + 0.5 * step_s * np.arange(2 * n_node - 1, dtype=np.float64)
+    position_m, velocity_m_s = np.empty((len(time_s), len(names), 3)), np.empty((n_node, len(names), 3))
+    rows = 2 * max(1, _PAIRS_PER_PIECE // (2 * max(1, len(names))))
+    for begin in range(0, len(time_s), rows):
+        piece = slice(begin, begin + rows)
+        some_m, some_m_s = _finite_states(names, state, time_s[piece])
+        if some_m.shape[1] != len(names):
+            raise InputError(f"names: must be {some_m.shape[1]}, one per object, got {len(names)}")
+        position_m[piece], velocity_m_s[begin // 2 : (begin + rows) // 2] = some_m, some_m_s[::2]
+    firsts = np.broadcast_to(first_s, len(names))
+    return [
+        _one_track(name, start_s, step_s, position_m[:, i], velocity_m_s[:, i], firsts[i], ends)
+        for i, name in enumerate(names)
+    ]
+
+
+def _finite_states(names: Sequence[str], state: StateFunction, time_s: F64) -> tuple[F64, F64]:
+    """Positions and velocities, each (n_time, n_object, 3), none of them NaN or infinite."""
+    position_m, velocity_m_s = (np.asarray(x, np.float64).reshape(len(time_s), -1, 3) for x in state(time_s))
+    good = np.isfinite(position_m).all(axis=-1) & np.isfinite(velocity_m_s).all(axis=-1)
+    if not good.all():
+        row, column = (int(index) for index in np.argwhere(~good)[0])
+        name = names[column] if column < len(names) else f"object {column}"
+        raise InputError(f"{name}: the state must be finite, but is not at {time_s[row]:.6g} s")
+    return position_m, velocity_m_s
+
+
+def _one_track(
+    name: str,
+    start_s: float,
+    step_s: float,
+    dense_m: F64,
+    velocity_m_s: F64,
+    first_s: float,
+    ends: tuple[int, int] | None,
+) -> Track:
+    """Track of positions at nodes and middles, (2 n - 1, 3), and velocities at nodes, (n, 3)."""
+    used_m_s, missed_m = _judged(dense_m, velocity_m_s, step_s, ends)
+    p, v = np.ascontiguousarray(dense_m[::2]), np.ascontiguousarray(used_m_s)
+    missed_m[start_s + step_s * np.arange(1, len(p)) <= first_s] = 0.0
+    worst = int(np.argmax(missed_m))
+    return Track(name, start_s, step_s, p, v, float(missed_m[worst]), start_s + (worst + 0.5) * step_s)
+
+
+def _judged(dense_m: F64, velocity_m_s: F64, step_s: float, ends: tuple[int, int] | None = None) -> tuple[F64, F64]:
+    """Velocities that the interpolant takes, and how far it is off in each interval.
+
+    A velocity that is not the derivative of the positions bends the interpolant by up to 0.096 step times the
+    difference, and not at the middles: it is counted apart, and where all velocities of an object are so, those of the
+    positions take their place. SGP4's are: by some cm/s on near-Earth orbits, by more than 1 m/s on Molniya's.
+
+    Args:
+        dense_m: Positions at nodes and middles [m], (2 n - 1, ..., 3).
+        velocity_m_s: Velocities at nodes [m/s], (n, ..., 3).
+        step_s: From node to node [s].
+        ends: As for sample_tracks; there, and outside, positions of both sides tell nothing of single velocities.
+
+    Returns:
+        Velocities [m/s], (n, ..., 3), and errors [m], (n - 1, ...).
+    """
+    differ_m_s = np.zeros(velocity_m_s.shape[:-1])
+    if len(velocity_m_s) > 2:
+        slope_m_s = _slopes(dense_m, 0.5 * step_s)
+        differ_m_s = np.linalg.norm(slope_m_s - velocity_m_s, axis=-1)
+        replaced = np.median(differ_m_s, axis=0) > _INCONSISTENT_M_S
+        velocity_m_s = np.where(replaced[..., None], slope_m_s, velocity_m_s)
+        differ_m_s = np.where(replaced, 0.0, differ_m_s)
+        if ends is not None:
+            differ_m_s[: ends[0] + 1], differ_m_s[ends[1] :] = 0.0, 0.0
+    middle_m = _middle_m(dense_m[:-1:2], dense_m[2::2], velocity_m_s[:-1], velocity_m_s[1:], step_s)
+    missed_m = np.linalg.norm(middle_m - dense_m[1::2], axis=-1)
+    missed_m += _BEND * step_s * 0.5 * (differ_m_s[:-1] + differ_m_s[1:])
+    return velocity_m_s, missed_m
+
+
+def _slopes(dense_m: F64, h: float) -> F64:
+    """Derivatives at every second of equidistant positions, h apart, to fourth order; (2 n - 1, ...) to (n, ...)."""
+    slope = np.empty(((len(dense_m) + 1) // 2, *dense_m.shape[1:]))
+    slope[1:-1] = _central(dense_m[:-4:2], dense_m[1:-3:2], dense_m[3:-1:2], dense_m[4::2], h)
+    one_sided = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / (12.0 * h)
+    slope[0], slope[-1] = np.tensordot(one_sided, dense_m[:5], 1), np.tensordot(-one_sided, dense_m[:-6:-1], 1)
+    return slope
+
+
+def _central(before2: F64, before1: F64, after1: F64, after2: F64, h: float) -> F64:
+    """Derivative from two neighbours on either side, to fourth order."""
+    return (8.0 * (after1 - before1) - (after2 - before2)) / (12.0 * h)
+
+
+def _middle_m(p0: F64, p1: F64, v0: F64, v1: F64, step_s: float) -> F64:
+    """The interpolant half-way between nodes."""
+    return 0.5 * (p0 + p1) + 0.125 * step_s * (v0 - v1)
+
+
+def choose_step_s(
+    state: StateFunction,
+    duration_s: float,
+    error_m: float = TRACK_ERROR_M,
+    first_s: ArrayLike = -math.inf,
+    longest_s: float = 3600.0,
+    shortest_s: float = SHORTEST_STEP_S,
+    names: Sequence[str] = (),
+) -> float:
+    """Return a node step [s] whose measured interpolation error over [0, duration_s] stays below error_m.
+
+    The error of smooth motion scales with the fourth power of the step; trials at places spread over the scene, and
+    never outside it, give the step. It divides the scene evenly, and aims at 80 % of the bound to leave room for what
+    lies between the places. Motion that is not smooth, as that of a table with few digits, may never come below
+    error_m: then the step is taken from where shorter ones stop to help. Meant for satellites and targets: the Sun's
+    distance in float64 is itself rounded to 0.03 mm, so its track takes the step of the others.
+
+    Args:
+        state: Propagator.
+        duration_s: Length of the scene [s].
+        error_m: Bound [m].
+        first_s: As for sample_tracks.
+        longest_s: Longest step [s].
+        shortest_s: Shortest step [s].
+        names: Of the objects, for error texts.
+
+    Raises:
+        InputError: A state is not finite.
+    """
+
+    def states(time_s: F64) -> tuple[F64, F64]:
+        return _finite_states(names, state, time_s)
+
+    step_s = _even_step_s(duration_s, max(min(30.0, longest_s), shortest_s))
+    before = math.inf, step_s  # error and step of the last shorter trial
+    too_long_s = math.inf
+    for _ in range(24):
+        worst_m = _trial_error_m(states, duration_s, step_s, first_s)
+        ratio = (0.8 * error_m / max(worst_m, 1e-300)) ** 0.25
+        if 1.0 <= ratio < 1.3:
+            return step_s
+        if ratio < 1.0:
+            too_long_s = min(too_long_s, step_s)
+            if step_s < before[1]:
+                gain = math.log(before[0] / worst_m) / math.log(before[1] / step_s) if before[0] < math.inf else 4.0
+                if gain < 0.5:
+                    return step_s
+                before = worst_m, step_s
+        wanted_s = max(min(step_s * min(max(ratio * 0.999, 0.1), 8.0), longest_s), shortest_s)
+        next_s = _even_step_s(duration_s, wanted_s)
+        if next_s == step_s or (ratio >= 1.0 and next_s >= too_long_s):
+            return step_s
+        step_s = next_s
+    return step_s
+
+
+def _trial_error_m(state: StateFunction, duration_s: float, step_s: float, first_s: ArrayLike) -> float:
+    """Largest error of intervals: all of a short scene, or those at places spread evenly over a long one."""
+    n_interval = _n_step(duration_s, step_s)
+    if n_interval <= _N_TRIAL:
+        dense_m, velocity_m_s = state(0.5 * step_s * np.arange(2 * max(1, n_interval) + 1, dtype=np.float64))
+        _, missed_m = _judged(dense_m, velocity_m_s[::2], step_s)
+        end_s = step_s * np.arange(1, len(missed_m) + 1)
+    else:
+        begin_s = step_s + (duration_s - 3.0 * step_s) * np.mod(_GOLDEN * np.arange(_N_TRIAL), 1.0)
+        missed_m, end_s = _missed_at(state, begin_s, step_s), begin_s + step_s
+    counts = end_s[:, None] > np.broadcast_to(first_s, missed_m.shape[1])
+    return float(missed_m[counts].max(initial=0.0))
+
+
+def _missed_at(state: StateFunction, begin_s: F64, step_s: float) -> F64:
+    """Errors at the middles of single intervals [m], (n_interval, n_object), with the velocities that a track has."""
+
+    def at(begin_s: F64, *steps: float) -> tuple[F64, F64]:
+        """States that many steps after the beginnings, each (n_steps, n_interval, n_object, 3)."""
+        time_s = np.concatenate([begin_s + step * step_s for step in steps])
+        p, v = (x.reshape(len(steps), len(begin_s), -1, 3) for x in state(time_s))
+        return p, v
+
+    def slopes(p: F64, outer: F64) -> F64:
+        """Of the positions, at beginning and end, (2, n_interval, n_object, 3)."""
+        first = _central(outer[0], outer[1], p[1], p[2], 0.5 * step_s)
+        return np.stack([first, _central(p[0], p[1], outer[2], outer[3], 0.5 * step_s)])
+
+    beyond = -1.0, -0.5, 1.5, 2.0
+    p, v = at(begin_s, 0.0, 0.5, 1.0)
+    v = v[::2]
+    some = slice(0, _N_LOOK)  # intervals enough to see whether velocities are those of the positions
+    outer = at(begin_s[some], *beyond)[0]
+    differ_m_s = np.linalg.norm(slopes(p[:, some], outer) - v[:, some], axis=-1)
+    replaced = np.median(differ_m_s, axis=(0, 1)) > _INCONSISTENT_M_S
+    if replaced.any():
+        outer = np.concatenate([outer, at(begin_s[_N_LOOK:], *beyond)[0]], axis=1)
+        v = np.where(replaced[:, None], slopes(p, outer), v)
+    missed_m: F64 = np.linalg.norm(_middle_m(p[0], p[2], v[0], v[1], step_s) - p[1], axis=-1)
+    return missed_m
+
+
+def make_tracks(
+    names: Sequence[str],
+    state: StateFunction,
+    duration_s: float,
+    error_m: float = TRACK_ERROR_M,
+    first_s: ArrayLike = -math.inf,
+    longest_s: float = 3600.0,
+) -> list[Track]:
+    """Sample objects with one node step for all, chosen so that the measured error stays below error_m.
+
+    Args:
+        names: One name per object.
+        state: Propagator of all of them.
+        duration_s: Length of the scene [s].
+        error_m: Bound [m]; smooth motion keeps it, other motion is told by `Track.error_m`.
+        first_s: As for sample_tracks.
+        longest_s: Longest step [s].
+
+    Raises:
+        InputError: A state is not finite, or no step keeps the error below 1 m: the motion is too rough, or the scene
+            so long that the nodes would not fit into memory.
+    """
+    shortest_s = max(SHORTEST_STEP_S, duration_s * len(names) / MOST_NODES)
+    step_s = choose_step_s(state, duration_s, error_m, first_s, longest_s, shortest_s, names)
+    shortest_s = max(shortest_s, min(0.5 * step_s, duration_s * len(names) / MOST_ROUGH_NODES))
+    first: tuple[float, float] | None = None  # error and step of the first sampling
+    while True:
+        tracks = _sampled(names, state, duration_s, step_s, first_s)
+        worst_m = max(track.error_m for track in tracks)
+        if worst_m <= error_m or step_s <= shortest_s:
+            break
+        order = 4.0 if first is None else math.log(first[0] / worst_m) / math.log(first[1] / step_s)
+        if order < 0.5:  # of the error in the step: shorter ones do not help
+            break
+        # The worst place lay between the trials: a perigee, or a manoeuvre, where the velocity jumps.
+        first = first or (worst_m, step_s)
+        wanted_s = step_s * max(0.25, 0.95 * (error_m / worst_m) ** (1 / min(order, 4.0)))
+        step_s = _even_step_s(duration_s, max(shortest_s, wanted_s))
+    if worst_m > WORST_TRACK_ERROR_M:
+        rough = max(tracks, key=lambda track: track.error_m)
+        if SHORTEST_STEP_S < step_s <= shortest_s:
+            longer_s = _even_step_s(duration_s, 2.0 * step_s)
+            longer_m = max(track.error_m for track in _sampled(names, state, duration_s, longer_s, first_s))
+            if longer_m > 2.0**0.5 * worst_m:
+                raise InputError(
+                    f"{rough.name}: the scene must be short enough for its orbit nodes to fit into memory, but even "
+                    f"{step_s:.3g} s apart, as many as can be of {len(names)} bodies over {duration_s:g} s, they are "
+                    f"{rough.error_m:.3g} m off near {rough.error_at_s:.6g} s"
+                )
+        raise InputError(
+            f"{rough.name}: the motion must be smooth, but near {rough.error_at_s:.6g} s it is {rough.error_m:.3g} m "
+            f"off between nodes {step_s:.3g} s apart"
+        )
+    return tracks
+
+
+def _sampled(
+    names: Sequence[str], state: StateFunction, duration_s: float, step_s: float, first_s: ArrayLike
+) -> list[Track]:
+    """Tracks over a scene that the step divides evenly; outside it the motion may go on as it likes."""
+    start_s, n_node = node_grid(duration_s, step_s)
+    epoch = round(-start_s / step_s)
+    return sample_tracks(names, state, start_s, step_s, n_node, first_s, (epoch, n_node - 2))
