@@ -12,8 +12,8 @@ import warpsim as ws
 from warpsim.orbit.access import access_intervals
 from warpsim.orbit.passes import REACH, pass_times_s
 from warpsim.orbit.rules import AccessConstraints, FieldOfView
+from warpsim.orbit.sampling import sample_tracks
 from warpsim.orbit.scan import Scan, break_times_s, scan_times_s
-from warpsim.orbit.track import sample_tracks
 
 MU = 3.986004418e14
 Z = np.array([0.0, 0.0, 1.0])
