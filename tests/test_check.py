@@ -143,3 +143,12 @@ def test_the_rule_that_is_broken_is_named(scene):
         report = scene_report(scene.replace(access_rules={field: limit}))
         assert f"{name} 100%" in line(report, "no access")
     assert set(MARGIN_NAMES) == set(RULE_NAMES)
+
+
+def test_pointing_is_told_with_the_views_that_have_the_target(scene):
+    assert "pointing   tracks main, zenith up; main target in the field of 587 of 587 views" in scene_report(scene)
+    jitter = {"rms_urad": 5.0, "correlation_s": 1.0}
+    away = scene.replace(pointing={"kind": "fixed", "ra_dec_deg": [10.0, 10.0], "jitter": jitter})
+    report = scene_report(away)
+    assert "pointing   fixed, zenith up, jitter 5 urad; main target in the field of 0 of 587 views" in report
+    assert "warning    no view has the main target in the field" in report

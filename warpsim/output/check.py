@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import geodetic_altitude_m
+from warpsim.orbit.rules import AccessConstraints
 from warpsim.orbit.sampling import TRACK_ERROR_M
 from warpsim.render.star_field import load_catalog
+from warpsim.scene.pointing import FixedPointing, TrackPointing
 from warpsim.scene.scene import Scene
 from warpsim.scene.view_axes import commanded_axes
 
 ESCAPE_SPEED_M_S = 11_180.0
 """From the Earth's surface: no ballistic flight between two places starts faster."""
+
+MOST_VIEWS_LOOKED_AT = 2000
+"""Views in which the main target is looked for."""
 
 LARGEST_ABERRATION_ARCSEC = 26.0
 """The Earth's motion and a low orbit's."""
@@ -64,9 +71,31 @@ def scene_report(scene: Scene) -> str:
         lines.append("  warning    offset_counts is below 5 sigma: the noise of blank sky is clipped at 0")
     times = scene.frame_time_s(np.arange(scene.frames.count))
     seen = {name: np.flatnonzero(scene.has_access(name, times)).tolist() for name in scene.sensor_names}
+    lines += _flight_lines(scene) + _access_lines(scene) + _pointing_lines(scene, seen)
     warning = pointing_warning(scene, seen)
-    warned = [] if warning is None else [f"  warning    {warning}"]
-    return "\n".join(lines + _flight_lines(scene) + _access_lines(scene) + warned)
+    return "\n".join(lines if warning is None else [*lines, f"  warning    {warning}"])
+
+
+def _pointing_lines(scene: Scene, frames_of: dict[str, list[int]]) -> list[str]:
+    """Where cameras look, and in how many of the views, or of some spread over them, the main target is."""
+    pointing = scene.pointing
+    if isinstance(pointing, TrackPointing):
+        what = f"tracks {pointing.track}"
+    else:
+        what = "fixed" if isinstance(pointing, FixedPointing) else f"table, {pointing.mode}"
+    jitter = f", jitter {pointing.jitter.rms_urad:g} urad" if pointing.jitter else ""
+    views = [(sensor, frame) for sensor, frames in frames_of.items() for frame in frames]
+    views = views[:: -(-len(views) // MOST_VIEWS_LOOKED_AT) or 1]
+    n_in = 0
+    for sensor, group in itertools.groupby(views, key=lambda view: view[0]):
+        times = scene.frame_time_s([frame for _, frame in group])
+        margin = scene.access_margins(times, sensors=[sensor], rules=AccessConstraints(in_fov=True))["fov_deg"]
+        n_in += int((margin >= 0).sum())
+    met = f"; main target in the field of {n_in:,} of {_count(len(views), 'view')}" if views else ""
+    lines = [f"  pointing   {what}, {pointing.up} up{jitter}{met}"]
+    if views and not n_in:
+        lines.append("  warning    no view has the main target in the field")
+    return lines
 
 
 def pointing_warning(scene: Scene, frames_of: dict[str, list[int]]) -> str | None:
