@@ -216,6 +216,22 @@ def test_terms_add_up_to_the_light(day, device):
         assert (truth[f"{name}_w_cm2"][~truth["occulted"]] > 0).any()
 
 
+def test_sun_and_earth_of_ones_own(day, device):
+    """Irradiance and brightness temperature by band; other bands keep theirs."""
+    own = day.replace(lighting={"sun_w_cm2": {"A": 1.75e-4}, "earth_k": {"E": 255.0}, "earth_albedo": 0.6})
+    both = [ws.light_curves(s, [300.0, 900.0], ["sat11"], ["sphere04"], device=device) for s in (own, day)]
+    ratio = {name: both[0].terms_w_cm2[name] / both[1].terms_w_cm2[name] for name in ("sun", "earth", "albedo")}
+    sunlight = [1.75 / (ws.Lighting().sun_w_m2_in("A")), 1.0, 1.0]
+    heat = [1.0, 1.0, ws.band_radiance_w_m2_sr(255.0, "E") / ws.band_radiance_w_m2_sr(260.0, "E")]
+    np.testing.assert_allclose(ratio["sun"][:, 0, :, 0], np.broadcast_to(sunlight, (2, 3)), rtol=1e-12)
+    np.testing.assert_allclose(ratio["earth"][:, 0, :, 0], np.broadcast_to(heat, (2, 3)), rtol=1e-12)
+    np.testing.assert_allclose(ratio["albedo"][:, 0, :, 0], 2 * np.broadcast_to(sunlight, (2, 3)), rtol=1e-12)
+    bad = [("earth_k", {"Z": 250.0}), ("earth_k", {"A": 1.0}), ("sun_w_cm2", 3.0), ("sun_w_cm2", {"A": -1.0})]
+    for field, value in bad:
+        with pytest.raises(ws.InputError, match=f"^Scene: lighting.{field}: "):
+            day.replace(**{f"lighting__{field}": value})
+
+
 def test_no_term_is_above_its_bound(day, scene):
     for one in (day, scene, day.replace(epoch_utc="2025-03-20T18:00:00")):
         curves = ws.light_curves(one, np.linspace(0, one.duration_s, 60), one.sensor_names)

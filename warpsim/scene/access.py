@@ -123,7 +123,7 @@ def chosen_target(scene: Scene, name: str | None) -> str:
     if name is None:
         return scene.target_names[0]
     if name not in scene.target_names:
-        raise InputError(f"target: must be a target of the scene, got {name!r}")
+        raise InputError(f"target: must be a target of the scene ({_some(scene.target_names)}), got {name!r}")
     return name
 
 
@@ -139,10 +139,15 @@ def chosen_sensors(scene: Scene, names: Sequence[str] | None) -> list[str]:
     known = set(scene.sensor_names)
     for name in chosen:
         if name not in known:
-            raise InputError(f"sensors: must be sensors of the scene, got {name!r}")
+            raise InputError(f"sensors: must be sensors of the scene ({_some(scene.sensor_names)}), got {name!r}")
     if not chosen or len(set(chosen)) < len(chosen):
         raise InputError(f"sensors: must be one or more without repeats, got {', '.join(chosen) or 'none'}")
     return chosen
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first names of a list, for messages."""
+    return ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
 
 
 def chosen_rules(scene: Scene, rules: AccessConstraints | None) -> AccessConstraints:
