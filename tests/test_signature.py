@@ -352,3 +352,27 @@ def test_a_mesh_gives_the_light_of_the_body_it_is_made_after(day, device):
     np.testing.assert_allclose(seen.projected_area_m2[:, 0, 0], expected, rtol=1e-9)
     assert np.ptp(expected) > 0.05
     assert seen.terms_w_cm2["sun"].max() > 0
+
+
+DARK = {"sun": False, "earth": False, "albedo": False}
+
+
+@pytest.mark.parametrize("lighting", [DARK, {}], ids=["emitted", "all light"])
+def test_micromotion_of_the_papers_targets(scene, lighting):
+    """Fig. 12 in words: the cylinder's light varies most, the sphere's least, cone 2's more than cone 1's and faster."""
+    time_s = 700.0 + np.arange(0.0, 3.0, 0.01)
+    names = ["center", "sphere01", "cylinder01", "cone01"]
+    curves = ws.light_curves(scene.replace(lighting=lighting), time_s, ["sat47"], names, ["A"])
+    light = curves.snr[:, 0, 0] * curves.range_km[:, 0] ** 2  # without the change of the distance
+    drift = np.array([np.polyval(np.polyfit(time_s - 701.5, column, 2), time_s - 701.5) for column in light.T]).T
+    swing = dict(zip(names, np.ptp(light - drift, axis=0) / light.mean(axis=0), strict=True))
+    assert swing["cylinder01"] > 0.3
+    assert swing["sphere01"] < 1e-4
+    assert swing["cylinder01"] > 3 * swing["cone01"]
+    assert swing["cone01"] > 2 * swing["center"]
+    assert swing["center"] > 10 * swing["sphere01"]
+    spectrum = np.abs(np.fft.rfft(light - drift, axis=0))
+    fastest = dict(zip(names, np.fft.rfftfreq(300, 0.01)[spectrum.argmax(axis=0)], strict=True))
+    assert fastest["cone01"] == pytest.approx(5.0, abs=0.34)  # its precession, within a bin
+    assert fastest["center"] == pytest.approx(1.0, abs=0.34)
+    assert fastest["cylinder01"] == pytest.approx(2.0, abs=0.34)  # twice its rolling: both ends are alike
