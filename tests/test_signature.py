@@ -359,7 +359,7 @@ DARK = {"sun": False, "earth": False, "albedo": False}
 
 @pytest.mark.parametrize("lighting", [DARK, {}], ids=["emitted", "all light"])
 def test_micromotion_of_the_papers_targets(scene, lighting):
-    """Fig. 12 in words: the cylinder's light varies most, the sphere's least, cone 2's more than cone 1's and faster."""
+    """Fig. 12 in words: the cylinder varies most, the sphere least, cone 2 more than cone 1, and faster."""
     time_s = 700.0 + np.arange(0.0, 3.0, 0.01)
     names = ["center", "sphere01", "cylinder01", "cone01"]
     curves = ws.light_curves(scene.replace(lighting=lighting), time_s, ["sat47"], names, ["A"])
