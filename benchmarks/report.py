@@ -99,7 +99,59 @@ def earthlight_table(cases: list[Case]) -> list[str]:
     ]
 
 
+def signatures_table(cases: list[Case]) -> list[str]:
+    """Signatures: observations a second by terms and threads; then time against the error of quadratures."""
+    terms = sorted((c for c in cases if c["kind"] == "terms"), key=lambda c: (-c["observations_per_s"], c["n_thread"]))
+    errors = sorted((c for c in cases if c["kind"] == "error"), key=lambda c: (c["exposure_s"], -c["asked"]))
+    return [
+        "| terms | threads | targets observed per second | us each |",
+        "|---|---|---|---|",
+        *(
+            f"| {c['terms']} | {c['n_thread']} | {c['observations_per_s']:,.0f} | {c['us_per_observation']:.2f} |"
+            for c in terms
+        ),
+        "",
+        "| exposure [s] | error asked | error of the light | us each |",
+        "|---|---|---|---|",
+        *(
+            f"| {c['exposure_s']:g} | {c['asked']:.0e} | {c['light_error']:.1e} | {c['us_per_observation']:.2f} |"
+            for c in errors
+        ),
+    ]
+
+
+def plot_signatures(cases: list[Case], path: Path) -> None:
+    """Draw time per observation against the error of the light, and the terms' cost beside it."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 4.5), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for exposure_s in sorted({c["exposure_s"] for c in cases if c["kind"] == "error"}):
+        points = sorted(
+            (c["us_per_observation"], c["light_error"], c["asked"])
+            for c in cases
+            if c["kind"] == "error" and c["exposure_s"] == exposure_s
+        )
+        times, found, asked = zip(*points, strict=True)
+        left.loglog(times, found, "o-", label=f"exposure {exposure_s:g} s" if exposure_s else "instant")
+        for time, error, rule in zip(times, found, asked, strict=True):
+            left.annotate(f"{rule:.0e}", (time, error), textcoords="offset points", xytext=(4, 4), fontsize=7)
+    left.set(xlabel="time per observation [us]", ylabel="largest error of the light", title="error asked beside points")
+    left.grid(alpha=0.3)
+    left.legend()
+    terms = [c for c in cases if c["kind"] == "terms"]
+    for n_thread in sorted({c["n_thread"] for c in terms}):
+        mine = [c for c in terms if c["n_thread"] == n_thread]
+        rates = [c["observations_per_s"] for c in mine]
+        right.plot([c["terms"] for c in mine], rates, "o-", label=f"{n_thread} thread(s)")
+    right.set(ylabel="targets observed per second", title="terms of the light", yscale="log")
+    right.grid(alpha=0.3)
+    right.legend()
+    figure.savefig(path, dpi=150)
+
+
 TABLES = {
+    "light_error": signatures_table,
     "psf": fps_table,
     "switches": places_table,
     "rules": access_table,
@@ -186,11 +238,16 @@ def shown(value: float | None, form: str) -> str:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("result", type=Path, nargs="?", default=Path(__file__).parent / "results" / "fps.json")
-    parser.add_argument("--plot", type=Path, metavar="PNG", help="also draw a result of test_star_query.py")
+    parser.add_argument(
+        "--plot", type=Path, metavar="PNG", help="also draw a result of test_star_query.py or test_signatures.py"
+    )
     options = parser.parse_args()
     print(report(options.result))
     if options.plot:
         cases = cases_of(json.loads(options.result.read_text("utf-8")))
-        if "kind" not in cases[0]:
-            parser.error("--plot: is for results of test_star_query.py")
-        plot_star_query(cases, options.plot)
+        if "light_error" in cases[0]:
+            plot_signatures(cases, options.plot)
+        elif "kind" in cases[0]:
+            plot_star_query(cases, options.plot)
+        else:
+            parser.error("--plot: is for results of test_star_query.py and test_signatures.py")

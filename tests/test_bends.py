@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import warpsim as ws
-from warpsim.scene.bends import bends_s
+from warpsim.scene.bends import access_breaks_s, bends_s
 
 TIME_ATOL_S = 1e-6  # dates of the files
 NODES_S = np.arange(-120.0, 3721.0, 60.0)
@@ -55,3 +55,32 @@ def test_stowed_targets_bend_with_the_main_one(scene, manoeuvre, release_s, expe
     assert found["center"] == pytest.approx([1200.0], abs=TIME_ATOL_S, rel=0)
     assert found["cone03"] == pytest.approx(expected, abs=TIME_ATOL_S, rel=0)
     assert found["sat11"] == []
+
+
+def test_access_breaks_are_those_of_both_bodies_and_of_the_camera(scene, manoeuvre):
+    bodies = ws.ListedSatellites([
+        {"name": "own", "orbit": ws.EphemerisOrbit(manoeuvre)},
+        {"name": "plain", "orbit": ORBIT},
+    ])  # fmt: skip
+    row = {"dec_deg": 0.0}
+    rows = [
+        {**row, "time_s": 0.0, "ra_deg": 0.0, "sensor": "own"},
+        {**row, "time_s": 300.0, "ra_deg": 57.0, "sensor": "own"},
+        {**row, "time_s": 2000.0, "ra_deg": 57.0, "sensor": "own"},
+        {**row, "time_s": 0.0, "ra_deg": 0.0, "sensor": "plain"},
+        {**row, "time_s": 2000.0, "ra_deg": 0.0, "sensor": "plain"},
+    ]
+    late = scene.replace(constellation=bodies, release__time_s=500.0)
+    swept = late.replace(pointing={"kind": "table", "mode": "scan", "rows": rows})
+    stared = late.replace(pointing={"kind": "table", "mode": "stare", "rows": rows})
+
+    def breaks_s(scene, target="cone03", with_cameras=True):
+        return [np.round(times, 6).tolist() for times in access_breaks_s(scene, target, ["plain", "own"], with_cameras)]
+
+    assert breaks_s(swept, with_cameras=False) == [[500.0], [500.0, 1200.0]]
+    assert breaks_s(swept, "center", with_cameras=False) == [[], [1200.0]]
+    assert breaks_s(stared) == [[0.0, 500.0, 2000.0], [0.0, 300.0, 500.0, 1200.0, 2000.0]]
+    turning_s = [0.0, 150.0, 300.0]  # 57 degrees, in steps of half a radian
+    assert breaks_s(swept) == [[0.0, 500.0, 2000.0], [*turning_s, 500.0, 1200.0, 2000.0]]
+    follows = late.replace(pointing={"track": "cone04"})
+    assert breaks_s(follows, "center") == [[500.0], [500.0, 1200.0]]

@@ -143,3 +143,28 @@ def test_the_rule_that_is_broken_is_named(scene):
         report = scene_report(scene.replace(access_rules={field: limit}))
         assert f"{name} 100%" in line(report, "no access")
     assert set(MARGIN_NAMES) == set(RULE_NAMES)
+
+
+def test_pointing_is_told_with_the_views_that_have_the_target(scene):
+    assert "pointing   tracks main, zenith up; main target in the field of 587 of 587 views" in scene_report(scene)
+    jitter = {"rms_urad": 5.0, "correlation_s": 1.0}
+    away = scene.replace(pointing={"kind": "fixed", "ra_dec_deg": [10.0, 10.0], "jitter": jitter})
+    report = scene_report(away)
+    assert "pointing   fixed, zenith up, jitter 5 urad; main target in the field of 0 of 587 views" in report
+    assert "warning    no view has the main target in the field" in report
+
+
+def test_light_and_heat_are_told(scene):
+    report = scene_report(scene)
+    assert re.search(r"light      sun: kept: up to \S+ NEI", report)
+    assert "exposure" not in report
+    balance = {"kind": "heat_balance", "start_k": 300.0, "mass_kg": 10.0, "heat_capacity_j_kg_k": 900.0}
+    heated = scene.replace(
+        targets__0__temperature=balance,
+        detector__exposure_s=0.02,
+        lighting__albedo=False,
+    )
+    report = scene_report(heated)
+    assert "light      albedo: off" in report
+    assert re.search(r"exposure   0.02 s at \d+ instants, error \de-0\d", report)
+    assert re.search(r"heat       center: [\d.]+ to [\d.]+ K, error \S+ K", report)

@@ -53,8 +53,8 @@ def test_access_as_a_file_to_read(capsys, form):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--target", "sat11"], "target: must be a target of the scene, got 'sat11'"),
-        (["--sensors", "sat99"], "sensors: must be sensors of the scene, got 'sat99'"),
+        (["--target", "sat11"], "target: must be a target of the scene (center, sphere01,"),
+        (["--sensors", "sat99"], "sensors: must be sensors of the scene (sat11, sat12,"),
         (["--format", "pdf"], "--format: must be table, csv or ecsv, got 'pdf'"),
         (["--step", "0"], "--step: must be > 0, got 0"),
         (["--step", "often"], "--step: must be a number, got 'often'"),
@@ -508,6 +508,22 @@ def test_plot_draws_every_picture(capsys, tmp_path):
     assert "scene.png: is there already" in err
 
 
+def test_plot_draws_named_sensors_and_every_group(capsys, tmp_path, scene):
+    pytest.importorskip("matplotlib")
+    second = scene.to_dict() | {"name": "second"}
+    group = {"name": "second", "trajectory": second["trajectory"], "targets": second["targets"][:2]}
+    group["targets"] = [{**target, "name": f"other_{target['name']}"} for target in group["targets"]]
+    scene.replace(groups=[group]).save(tmp_path / "two.toml")
+    code, _, _ = run(capsys, "plot", tmp_path / "two.toml", "-o", tmp_path / "o", "--sensors", "sat13,sat11")
+    assert code == 0
+    names = {path.stem for path in (tmp_path / "o").iterdir()}
+    assert names >= {"group", "group_second", "view_sat13", "view_sat11"}
+    assert len([name for name in names if name.startswith("view")]) == 2
+    code, _, err = run(capsys, "plot", "stss", "-o", tmp_path / "p", "--sensors", "sat99")
+    assert code == 2
+    assert "sensors: must be sensors of the scene (sat11" in err
+
+
 def test_plot_without_access_has_no_views(capsys, tmp_path):
     pytest.importorskip("matplotlib")
     path = tmp_path / "blind.toml"
@@ -540,7 +556,7 @@ def test_czml_reports_what_it_wrote(capsys, tmp_path):
         (["plot", "stss", "-o", "out", "--time", "noon"], "--time: must be a number, got 'noon'"),
         (["plot", "stss", "-o", "out", "--time", "2000"], "time_s: must be in the scene, 0 to 1614 s, got 2000"),
         (["plot", "stss", "-o", "old.png"], "old.png: cannot be written"),
-        (["czml", "stss", "-o", "a.json"], "a.json: must end in one of .czml"),
+        (["czml", "stss", "-o", "a.json"], "a.json: must end in .czml"),
         (["czml", "stss", "-o", "a.czml", "--step", "-1"], "step_s: must be > 0, got -1"),
         (["czml", "stss", "-o", "a.czml", "--step", "x"], "--step: must be a number, got 'x'"),
         (["czml", "nowhere", "-o", "a.czml"], "nowhere"),

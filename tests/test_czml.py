@@ -185,7 +185,7 @@ def test_a_file_that_cannot_be_finished_is_not_there(scene, tmp_path, monkeypatc
 @pytest.mark.parametrize(
     ("path", "step_s", "message"),
     [
-        ("a.json", None, r"must end in one of \.czml$"),
+        ("a.json", None, r"must end in \.czml$"),
         ("missing/a.czml", None, "missing is not a folder$"),
         ("a.czml", 0.0, "^step_s: must be > 0, got 0$"),
         ("a.czml", float("nan"), "^step_s: must be > 0, got nan$"),

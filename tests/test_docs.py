@@ -109,11 +109,14 @@ def test_toml_parts_are_parts_of_scenes(tmp_path, monkeypatch):
     Path("stations.tle").write_text(STATIONS)
     known = {"constellation": TypeAdapter(Constellation), "trajectory": TypeAdapter(Orbit)}
     texts = [text for page in PAGES for text in blocks(page, "toml part")]
-    assert len(texts) >= 7
+    assert len(texts) >= 10
     for text in texts:
         ((name, data),) = tomllib.loads(text).items()
         if name == "targets":
             assert [TypeAdapter(parts.TargetSpec).validate_python(item) for item in data]
+            continue
+        if name not in known:
+            assert Scene.load("stss").replace(**{name: data}).to_dict()[name]
             continue
         states = known[name].validate_python(data).states(Scene.load("stss").epoch, [0.0])
         assert states[0].shape[::2] == (1, 3)

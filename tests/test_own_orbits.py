@@ -1,6 +1,7 @@
 """Orbits, attitudes and directions from a user's files, in one scene: from the files to the image."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ BODY = {
     "temperature": {"start_k": 320.0},
 }
 DURATION_S = 300.0
+WALKER = {"n_satellite": 4, "n_plane": 2, "phasing": 1, "altitude_km": 1400.0, "inclination_deg": 65.0}
 
 
 @pytest.fixture
@@ -174,6 +176,35 @@ def test_errors_name_file_object_and_time(folder, change, message):
     (folder / "own.json").write_text(json.dumps(data))
     with pytest.raises(ws.InputError, match=message) as caught:
         ws.Scene.load(folder / "own.json")
+    print(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_rows_are_refused_or_told(folder):
+    """Rows taken out of a segment: 150 s are interpolated well, 900 s with an error that is told, 3000 s not at all."""
+    epoch = Time(EPOCH, scale="utc")
+    orbit = ws.KeplerOrbit(66.0, altitude_km=500.0)
+    times = np.arange(-600.0, 6001.0, 30.0)
+    scene = ws.Scene.load(folder / "own.json")
+
+    def flown(first_s, last_s):
+        rows = (times <= first_s) | (times >= last_s)
+        states = [part[:, 0] for part in orbit.states(epoch, times[rows])]
+        segment = ws.EphemerisSegment.of_states("ship", epoch, times[rows], *states)
+        ws.write_oem(folder / "holes.oem", segment, overwrite=True)
+        path = {"kind": "ephemeris", "file": str(folder / "holes.oem")}
+        return scene.replace(trajectory=path, duration_s=5000.0, constellation=WALKER, targets__0__attitude={})
+
+    assert flown(1200.0, 1350.0).trajectory.notes(epoch, 5000.0) == []
+    (note,) = flown(1200.0, 2100.0).trajectory.notes(epoch, 5000.0)
+    print(note)
+    told_m = float(re.search(r"some (\S+) m off between rows at 1200 s .* and 2100 s", note)[1])
+    middle = np.linspace(1200.0, 2100.0, 91)
+    off = flown(1200.0, 2100.0).trajectory.states(epoch, middle)[0] - orbit.states(epoch, middle)[0]
+    assert 0.3 < told_m / np.linalg.norm(off, axis=-1).max() < 3.0
+    rule = r"trajectory: .*holes.oem: ship: rows must be close enough .* 1200 s"
+    with pytest.raises(ws.InputError, match=rule) as caught:
+        flown(1200.0, 4200.0)
     print(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -249,6 +249,22 @@ def test_terms_add_up_to_the_light(day, device):
         assert (truth[f"{name}_w_cm2"][~truth["occulted"]] > 0).any()
 
 
+def test_sun_and_earth_of_ones_own(day, device):
+    """Irradiance and brightness temperature by band; other bands keep theirs."""
+    own = day.replace(lighting={"sun_w_cm2": {"A": 1.75e-4}, "earth_k": {"E": 255.0}, "earth_albedo": 0.6})
+    both = [ws.light_curves(s, [300.0, 900.0], ["sat11"], ["sphere04"], device=device) for s in (own, day)]
+    ratio = {name: both[0].terms_w_cm2[name] / both[1].terms_w_cm2[name] for name in ("sun", "earth", "albedo")}
+    sunlight = [1.75 / (ws.Lighting().sun_w_m2_in("A")), 1.0, 1.0]
+    heat = [1.0, 1.0, ws.band_radiance_w_m2_sr(255.0, "E") / ws.band_radiance_w_m2_sr(260.0, "E")]
+    np.testing.assert_allclose(ratio["sun"][:, 0, :, 0], np.broadcast_to(sunlight, (2, 3)), rtol=1e-12)
+    np.testing.assert_allclose(ratio["earth"][:, 0, :, 0], np.broadcast_to(heat, (2, 3)), rtol=1e-12)
+    np.testing.assert_allclose(ratio["albedo"][:, 0, :, 0], 2 * np.broadcast_to(sunlight, (2, 3)), rtol=1e-12)
+    bad = [("earth_k", {"Z": 250.0}), ("earth_k", {"A": 1.0}), ("sun_w_cm2", 3.0), ("sun_w_cm2", {"A": -1.0})]
+    for field, value in bad:
+        with pytest.raises(ws.InputError, match=f"^Scene: lighting.{field}: "):
+            day.replace(**{f"lighting__{field}": value})
+
+
 def test_no_term_is_above_its_bound(day, scene):
     for one in (day, scene, day.replace(epoch_utc="2025-03-20T18:00:00")):
         curves = ws.light_curves(one, np.linspace(0, one.duration_s, 60), one.sensor_names)
@@ -369,3 +385,27 @@ def test_a_mesh_gives_the_light_of_the_body_it_is_made_after(day, device):
     np.testing.assert_allclose(seen.projected_area_m2[:, 0, 0], expected, rtol=1e-9)
     assert np.ptp(expected) > 0.05
     assert seen.terms_w_cm2["sun"].max() > 0
+
+
+DARK = {"sun": False, "earth": False, "albedo": False}
+
+
+@pytest.mark.parametrize("lighting", [DARK, {}], ids=["emitted", "all light"])
+def test_micromotion_of_the_papers_targets(scene, lighting):
+    """Fig. 12 in words: the cylinder varies most, the sphere least, cone 2 more than cone 1, and faster."""
+    time_s = 700.0 + np.arange(0.0, 3.0, 0.01)
+    names = ["center", "sphere01", "cylinder01", "cone01"]
+    curves = ws.light_curves(scene.replace(lighting=lighting), time_s, ["sat47"], names, ["A"])
+    light = curves.snr[:, 0, 0] * curves.range_km[:, 0] ** 2  # without the change of the distance
+    drift = np.array([np.polyval(np.polyfit(time_s - 701.5, column, 2), time_s - 701.5) for column in light.T]).T
+    swing = dict(zip(names, np.ptp(light - drift, axis=0) / light.mean(axis=0), strict=True))
+    assert swing["cylinder01"] > 0.3
+    assert swing["sphere01"] < 1e-4
+    assert swing["cylinder01"] > 3 * swing["cone01"]
+    assert swing["cone01"] > 2 * swing["center"]
+    assert swing["center"] > 10 * swing["sphere01"]
+    spectrum = np.abs(np.fft.rfft(light - drift, axis=0))
+    fastest = dict(zip(names, np.fft.rfftfreq(300, 0.01)[spectrum.argmax(axis=0)], strict=True))
+    assert fastest["cone01"] == pytest.approx(5.0, abs=0.34)  # its precession, within a bin
+    assert fastest["center"] == pytest.approx(1.0, abs=0.34)
+    assert fastest["cylinder01"] == pytest.approx(2.0, abs=0.34)  # twice its rolling: both ends are alike

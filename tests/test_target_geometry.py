@@ -419,12 +419,13 @@ def exact_radiance(kelvin, band):
             return 2 * h * c * c / metres**5 / mpmath.expm1(h * c / (metres * k * mpmath.mpf(float(kelvin))))
 
         total = mpmath.mpf(0)
+        fine = min(0.1, 1.3e-3 * float(kelvin))  # at 3 K light falls by decades within some percent
         for (a, b), (left, right) in zip(pairwise(band.wavelength_um), pairwise(band.response), strict=True):
             a, b, left, right = (mpmath.mpf(float(x)) for x in (a, b, left, right))
             total += mpmath.quad(
                 lambda um, a=a, b=b, left=left, right=right: (left + (right - left) * (um - a) / (b - a))
                 * planck(um / 10**6) / 10**6,
-                mpmath.linspace(a, b, 2 + int((b - a) / a / 0.004)),  # at 3 K light falls by decades in each
+                mpmath.linspace(a, b, 2 + int((b - a) / a / fine)),
             )  # fmt: skip
         return total
 

@@ -84,6 +84,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_scene(plot)
     plot.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to write to")
     plot.add_argument("--time", metavar="S", help="seconds after the epoch; the middle of the scene if left out")
+    plot.add_argument("--sensors", metavar="NAMES", help="comma-separated: whose views; three with access if left out")
     plot.add_argument("--overwrite", action="store_true", help="replace existing files")
     plot.set_defaults(command=_plot)
 
@@ -216,7 +217,8 @@ def _plot(options: argparse.Namespace) -> int:
     time_s = None if options.time is None else _number("--time", options.time)
     scene = Scene.load(options.scene)
     _start_warp()
-    written = draw_scenario(scene, Path(options.output), time_s, options.overwrite)
+    sensors = _names(options.sensors)
+    written = draw_scenario(scene, Path(options.output), time_s, options.overwrite, sensors)
     print(f"{len(written)} pictures of {scene.name} in {options.output}: {', '.join(path.name for path in written)}")
     return 0
 

@@ -239,7 +239,8 @@ def _unknown_field(name: str) -> str:
     """The rule for a field that a part does not have."""
     if name in _FIELD_NAMES:
         return "is not a known field here (other parts have it)"
-    close = difflib.get_close_matches(name, _FIELD_NAMES, n=1)
+    whole = sorted(field for field in _FIELD_NAMES if field.startswith(f"{name}_"))
+    close = whole if len(whole) == 1 else [] if whole else difflib.get_close_matches(name, _FIELD_NAMES, n=1)
     return "is not a known field" + (f" (did you mean {close[0]}?)" if close else "")
 
 

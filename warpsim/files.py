@@ -53,7 +53,8 @@ def check_new_file(path: Path, suffixes: tuple[str, ...] | None, overwrite: bool
             is there and overwrite not set.
     """
     if suffixes is not None and path.suffix.lower() not in suffixes:
-        raise InputError(f"{path}: must end in one of {', '.join(suffixes)}")
+        one = "" if len(suffixes) == 1 else "one of "
+        raise InputError(f"{path}: must end in {one}{', '.join(suffixes)}")
     if not path.parent.is_dir():
         raise InputError(f"{path}: cannot be written: {path.parent} is not a folder")
     _check_folder_takes(path)
@@ -115,6 +116,8 @@ def prepare_folder(folder: Path) -> None:
     Raises:
         InputError: It cannot; nothing is left behind.
     """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: cannot be written: is not a folder")
     probe = folder / f".probe{PARTIAL_SUFFIX}"
     made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     try:

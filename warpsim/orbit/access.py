@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.orbit.grazing import grazing_altitude_m as grazing_altitude_m
-from warpsim.orbit.intervals import Intervals, find_intervals, scan_times_s
+from warpsim.orbit.intervals import Intervals, find_intervals
+from warpsim.orbit.passes import pass_times_s
 from warpsim.orbit.rules import AccessConstraints as AccessConstraints
 from warpsim.orbit.rules import (
     AccessGeometry,
@@ -22,6 +23,7 @@ from warpsim.orbit.rules import (
     earth_margin_km,
     rules_in_force,
 )
+from warpsim.orbit.scan import Scan, break_times_s, scan_times_s
 from warpsim.orbit.track import PositionFunction, Track, TrackStack
 
 F64 = NDArray[np.float64]
@@ -92,12 +94,16 @@ def access_intervals(
     *,
     custom: Mapping[str, MarginFunction] | None = None,
     fov: FieldOfView | None = None,
+    breaks_s: Sequence[Sequence[float]] | None = None,
+    followed_m: Sequence[PositionFunction] = (),
 ) -> list[AccessInterval]:
     """Return all intervals within [0, duration_s] in which every rule holds, by sensor, then time.
 
-    Rule by rule, cheap ones first: the intervals of one are where the next is looked at. A scan at step_s finds the
-    changes; local extrema of a margin that could cross zero between scan points are searched out, so windows (and gaps)
-    shorter than a step are found as well. Ends are bisected to 1 ms and clipped to the scenario.
+    Rule by rule, cheap ones first: the intervals of one are where the next is looked at. A scan at step_s, denser about
+    close passes and with both sides of breaks, finds the changes; local extrema of a margin that could cross zero
+    between scan points are searched out, so windows (and gaps) shorter than a step are found as well, down to
+    milliseconds. Jumps of a margin that breaks_s does not name can hide one. Ends are bisected to 1 ms and clipped to
+    the scenario.
 
     Args:
         sensors: Tracks of one node grid (the fast choice), or one function of position per sensor.
@@ -109,6 +115,9 @@ def access_intervals(
         step_s: Scan step [s], > 0; a twentieth of the fastest orbit or less.
         custom: The user's rules: functions of an AccessGeometry by name.
         fov: Camera and axes, for the rule in_fov.
+        breaks_s: For each sensor, times at which something about it, its camera or the target jumps or bends [s]: from
+            then on the new holds.
+        followed_m: Positions of what else cameras follow: they turn fast where it passes close to a sensor.
 
     Raises:
         InputError: A length is not > 0; a user's rule gives another shape, or NaN; in_fov without fov.
@@ -117,25 +126,28 @@ def access_intervals(
     rules = [Rule("earth_km", earth_margin_km), *rules_in_force(constraints, custom)]
     rules.sort(key=lambda rule: rule.name not in _CHEAPER_THAN_THE_EARTH)
     pole = np.asarray(pole_icrs, np.float64)
-    target_m, sun_m = target_position_m(time_s), sun_position_m(time_s)
+    breaks_s = breaks_s if breaks_s is not None else [()] * len(sensors)
     intervals: list[AccessInterval] = []
-    chunk = max(1, _PAIRS_PER_CHUNK // len(time_s))
+    chunk = max(1, _PAIRS_PER_CHUNK // (len(time_s) + 3 * max(map(len, breaks_s), default=0)))
     for first in range(0, len(sensors), chunk):
-        places = _Places(sensors[first : first + chunk], time_s)
+        rows = slice(first, first + chunk)
+        world = _World(sensors[rows], target_position_m, sun_position_m, time_s)
+        world.look_at_breaks(breaks_s[rows])
+        for passed in (target_position_m, *followed_m):
+            world.look_at_passes(passed)
 
-        def at(row: I64, t: F64, first: int = first, places: _Places = places) -> AccessGeometry:
-            sensor, target, sun = places.at(row, t), target_position_m(t), sun_position_m(t)
-            return _pairs(sensor, target, sun, pole, t, first + row, fov)
+        def at(row: I64, t: F64, first: int = first, world: _World = world) -> AccessGeometry:
+            return _pairs(*world.places_m(row, t), pole, t, first + row, fov)
 
-        def at_node(row: I64, node: I64, first: int = first, places: _Places = places) -> AccessGeometry:
-            sensor, target, sun = places.scanned_m[row, node], target_m[node], sun_m[node]
-            return _pairs(sensor, target, sun, pole, time_s[node], first + row, fov)
+        def at_point(point: I64, first: int = first, world: _World = world) -> AccessGeometry:
+            scan = world.scan
+            return _pairs(*world.scanned_m(point), pole, scan.time_s[point], first + scan.row[point], fov)
 
-        found = Intervals.whole(len(places), 0.0, float(time_s[-1]))
+        found = Intervals.whole(len(sensors[rows]), 0.0, float(time_s[-1]))
         for rule in rules:
-            found = find_intervals(_margin_of(rule, at), _margin_of(rule, at_node), time_s, found)
-        rows = zip(found.row.tolist(), found.start_s.tolist(), found.end_s.tolist(), strict=True)
-        intervals += [AccessInterval(first + row, start, end) for row, start, end in rows]
+            found = find_intervals(_margin_of(rule, at), _margin_of(rule, at_point), world.scan, found)
+        ends = zip(found.row.tolist(), found.start_s.tolist(), found.end_s.tolist(), strict=True)
+        intervals += [AccessInterval(first + row, start, end) for row, start, end in ends]
     return intervals
 
 
@@ -148,36 +160,91 @@ def _pairs(
     )
 
 
-def _margin_of(rule: Rule, view: Callable[[I64, Any], AccessGeometry]) -> Callable[[I64, Any], F64]:
-    """The rule's margin at pairs of sensor and time, or of sensor and number of the scan time."""
-    return lambda row, when: np.broadcast_to(rule.margin(view(row, when)), (len(row), 1))[:, 0]
+def _margin_of(rule: Rule, view: Callable[..., AccessGeometry]) -> Callable[..., F64]:
+    """The rule's margin at pairs of sensor and time, or at points of the scan."""
+
+    def margin(*pairs: Any) -> F64:
+        geometry = view(*pairs)
+        return np.broadcast_to(rule.margin(geometry), geometry.shape)[:, 0]
+
+    return margin
+
+
+class _World:
+    """Positions of some sensors, the target and the Sun: at the points of a scan made for them, and at any time."""
+
+    def __init__(
+        self,
+        sensors: Sequence[Track] | Sequence[PositionFunction],
+        target_m: PositionFunction,
+        sun_m: PositionFunction,
+        time_s: F64,
+    ) -> None:
+        self._sensors, self._target_m, self._sun_m = _Places(sensors), target_m, sun_m
+        self.scan = Scan.uniform(len(sensors), time_s)
+        n_grid = self.scan.grid.size
+        self._scanned_m = tuple(
+            np.broadcast_to(place, (len(sensors), len(time_s), 3)).reshape(n_grid, 3)
+            for place in (self._sensors.on_grid_m(time_s), target_m(time_s), sun_m(time_s))
+        )
+
+    def look_at_breaks(self, breaks_s: Sequence[Sequence[float]]) -> None:
+        """Take both sides of each sensor's breaks into the scan."""
+        if any(map(len, breaks_s)):
+            self._add(*break_times_s(self.scan, breaks_s))
+
+    def look_at_passes(self, passed_m: PositionFunction) -> None:
+        """Take times about close passes of the sensors and a body into the scan."""
+        scan = self.scan
+        sensor, target, _ = self.scanned_m(slice(None))
+        passed = target if passed_m is self._target_m else passed_m(scan.time_s)
+        self._add(*pass_times_s(
+            scan.row, scan.time_s, passed - sensor, lambda row, t: passed_m(t) - self._sensors.at_m(row, t)
+        ))  # fmt: skip
+
+    def scanned_m(self, point: I64 | slice) -> tuple[F64, F64, F64]:
+        """Positions of sensors, target and Sun at points of the scan [m], (n, 3) each."""
+        number = self.scan.number[point]
+        sensor, target, sun = (place[number] for place in self._scanned_m)
+        return sensor, target, sun
+
+    def places_m(self, row: I64, time_s: F64) -> tuple[F64, F64, F64]:
+        """The same at pairs of sensor and time (n,)."""
+        return self._sensors.at_m(row, time_s), self._target_m(time_s), self._sun_m(time_s)
+
+    def _add(self, after: I64, time_s: F64) -> None:
+        """Take further points into the scan."""
+        if len(after):
+            new = self.places_m(self.scan.row[after], time_s)
+            self._scanned_m = tuple(np.concatenate(pair) for pair in zip(self._scanned_m, new, strict=True))
+            self.scan = self.scan.inserted(after, time_s)
 
 
 class _Places:
-    """Positions of some sensors: at the times of the scan, and at any."""
+    """Positions of some sensors: at the times of a grid, and of pairs of sensor and time."""
 
-    def __init__(self, sensors: Sequence[Track] | Sequence[PositionFunction], time_s: F64) -> None:
+    def __init__(self, sensors: Sequence[Track] | Sequence[PositionFunction]) -> None:
         self._stack: TrackStack | None = None
         self._functions: list[PositionFunction] = []
         tracks = [sensor for sensor in sensors if isinstance(sensor, Track)]
-        self._n = len(sensors)
         if len(tracks) == len(sensors):
             self._stack = TrackStack(tracks)
-            self.scanned_m = self._stack.positions_m(time_s)
         else:
             self._functions = [s.position_at_m if isinstance(s, Track) else s for s in sensors]
-            self.scanned_m = np.stack([position(time_s) for position in self._functions])
 
-    def __len__(self) -> int:
-        return self._n
+    def on_grid_m(self, time_s: F64) -> F64:
+        """Positions of all at times (n,) [m], (n_sensor, n, 3)."""
+        if self._stack is not None:
+            return self._stack.positions_m(time_s)
+        return np.stack([position(time_s) for position in self._functions])
 
-    def at(self, row: I64, time_s: F64) -> F64:
+    def at_m(self, row: I64, time_s: F64) -> F64:
         """Positions of pairs of sensor and time (n,) [m], (n, 3)."""
         if self._stack is not None:
             return self._stack.position_m(row, time_s)
         place = np.empty((len(row), 3))
         order = np.argsort(row, kind="stable")
-        edge = np.searchsorted(row[order], np.arange(self._n + 1))
+        edge = np.searchsorted(row[order], np.arange(len(self._functions) + 1))
         for number in np.unique(row):
             rows = order[edge[number] : edge[number + 1]]
             place[rows] = self._functions[number](time_s[rows])

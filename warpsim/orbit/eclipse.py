@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, SUN_RADIUS_M
-from warpsim.orbit.intervals import Intervals, find_intervals, scan_times_s
+from warpsim.orbit.intervals import Intervals, find_intervals
+from warpsim.orbit.scan import Scan, scan_times_s
 from warpsim.orbit.track import PositionFunction
 
 F64 = NDArray[np.float64]
@@ -146,8 +147,9 @@ def eclipses(
 
     scanned = depth(time_s)
     whole = Intervals.whole(1, time_s[0], time_s[-1])
-    shade = find_intervals(lambda _, t: 1.0 - depth(t), lambda _, node: 1.0 - scanned[node], time_s, whole)
-    umbra = find_intervals(lambda _, t: -depth(t), lambda _, node: -scanned[node], time_s, shade)
+    scan = Scan.uniform(1, time_s)
+    shade = find_intervals(lambda _, t: 1.0 - depth(t), lambda point: 1.0 - scanned[point], scan, whole)
+    umbra = find_intervals(lambda _, t: -depth(t), lambda point: -scanned[point], scan, shade)
     found = []
     for start_s, end_s in zip(shade.start_s, shade.end_s, strict=True):
         dark = (umbra.start_s >= start_s) & (umbra.end_s <= end_s)

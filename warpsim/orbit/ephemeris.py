@@ -30,7 +30,7 @@ from warpsim.exchange.source import Source, read_source
 from warpsim.orbit.earth import pole_of_date
 from warpsim.orbit.frames import states_to_gcrs
 from warpsim.orbit.gravity import propagate
-from warpsim.orbit.interpolate import interpolate
+from warpsim.orbit.interpolate import interpolate, sampling_error
 
 if TYPE_CHECKING:
     from astropy.time import Time
@@ -42,6 +42,12 @@ Span = tuple[float, float]
 
 FREE_FLIGHT_S = 60.0
 """How far beyond the ends of its span a motion goes on."""
+
+MISSING_ROWS_M = 1e3
+"""Interpolation that is off by more than this is refused, ..."""
+
+SPARSE_ROWS_M = 1.0
+"""... and by more than this is worth a note."""
 
 _TOUCH_S = 1e-6
 """Segments whose ends are this close touch: rounding of dates."""
@@ -123,6 +129,14 @@ class EphemerisOrbit:
         """
         return _states([self._path], epoch, np.asarray(time_s, np.float64), self.frame, within_s)
 
+    def notes(self, epoch: Time, duration_s: float) -> list[str]:
+        """Return what a user should know: rows so far apart that positions between them are off by a metre or more.
+
+        Raises:
+            InputError: They are off by a kilometre or more.
+        """
+        return [note for note in [self._path.note(epoch, 0.0, duration_s)] if note]
+
 
 @part
 class EphemerisSatellites:
@@ -188,6 +202,10 @@ class EphemerisSatellites:
         """Return states as `states` does; before and after a span the motion goes on, as EphemerisOrbit's."""
         return _states(self._all, epoch, np.asarray(time_s, np.float64), self.frame, within_s)
 
+    def notes(self, epoch: Time, duration_s: float) -> list[str]:
+        """Return what a user should know, as EphemerisOrbit.notes; one line for each object concerned."""
+        return [note for note in (path.note(epoch, 0.0, duration_s) for path in self._all) if note]
+
 
 class _Path:
     """Segments of one object, in time order."""
@@ -230,6 +248,39 @@ class _Path:
         """First and last useable time [s since epoch]."""
         ends = self.ends_s(epoch)
         return ends[0][0], ends[-1][1]
+
+    def sparsest(self, epoch: Time, first_s: float, last_s: float) -> tuple[float, float, float]:
+        """The interval between rows, within a span, where interpolation is worst: its error [m], start and end [s]."""
+        worst = 0.0, first_s, last_s
+        for segment in self.segments:
+            row_s = segment.instants.since(epoch)
+            rows = np.flatnonzero((row_s[1:] > first_s) & (row_s[:-1] < last_s))
+            if not rows.size:
+                continue
+            usual: Interpolation = "lagrange" if segment.velocity_m_s is None else "hermite"
+            error_m = sampling_error(
+                row_s,
+                segment.position_m,
+                segment.velocity_m_s,
+                segment.interpolation or usual,
+                segment.degree or DEFAULT_DEGREE,
+                0.5 * (row_s[rows] + row_s[rows + 1]),
+            )
+            at = rows[int(np.argmax(error_m))]
+            worst = max(worst, (float(error_m.max()), float(row_s[at]), float(row_s[at + 1])))
+        return worst
+
+    def note(self, epoch: Time, first_s: float, last_s: float) -> str | None:
+        """One line if the rows within a span are so far apart that positions are off by a metre or more.
+
+        Raises:
+            InputError: They are off by a kilometre or more: rows are missing.
+        """
+        error_m, start_s, end_s = self.sparsest(epoch, first_s, last_s)
+        between = f"between rows at {_shown(epoch, start_s)} and {_shown(epoch, end_s)}"
+        if error_m >= MISSING_ROWS_M:
+            raise self.error(f"rows must be close enough to interpolate: {between} that is some {error_m:.1g} m off")
+        return f"{self.file}: {self.name}: some {error_m:.1g} m off {between}" if error_m >= SPARSE_ROWS_M else None
 
     def segment_of(self, epoch: Time, time_s: F64, within_s: Span | None = None) -> NDArray[np.int64]:
         """Which segment holds each time; the later one where two touch.

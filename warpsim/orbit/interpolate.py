@@ -67,6 +67,31 @@ def interpolate(
     return y[middle][which] + result, derivative / scale[which][:, None]
 
 
+def sampling_error(
+    node_s: ArrayLike, value: ArrayLike, rate: ArrayLike | None, method: Method, degree: int, time_s: ArrayLike
+) -> F64:
+    """Return how far off interpolate() may be by the table's sparseness, (n_time,) in the unit of value.
+
+    Windows of one and two nodes fewer differ from the full one by d1, and among each other by d2; were the differences
+    to go on falling so, the next would be d1^2 / d2. An estimate, not a bound: some times too large or too small.
+
+    Args are those of interpolate().
+    """
+    if method == "linear":
+        method, rate, sizes = "lagrange", None, (2, 4, 3)
+    else:
+        size = window_size(method, degree, len(np.asarray(node_s)))
+        sizes = (size, max(size - 1, 1), max(size - 2, 1))
+
+    def values(size: int) -> F64:
+        wanted = 2 * size - 1 if method == "hermite" else max(size - 1, 1)
+        return interpolate(node_s, value, rate, method, wanted, time_s)[0]
+
+    full, less, least = (values(size) for size in sizes)
+    d1, d2 = np.linalg.norm(full - less, axis=-1), np.linalg.norm(less - least, axis=-1)
+    return np.asarray(d1 if len(set(sizes)) < 3 else d1 * np.minimum(d1 / np.maximum(d2, 1e-300), 1.0))
+
+
 def _check(node: F64, y: F64, dy: F64 | None, method: str, degree: int) -> None:
     if node.ndim != 1 or len(node) == 0 or y.ndim != 2 or len(y) != len(node):
         raise InputError(f"node_s, value: must have shapes (n,) and (n, m), n >= 1, got {node.shape} and {y.shape}")

@@ -1,34 +1,28 @@
 """Intervals in which a signed margin is >= 0, for many objects at once: a scan, a search of extrema, bisection.
 
 Windows and gaps shorter than a step of the scan are found where the margin's course shows them: local extrema that
-could cross zero between scan points are searched out.
+could cross zero between scan points are searched out. What no scan point shows is for the scan to have points at:
+jumps (`scan.with_breaks`) and close passes (`passes.py`).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.errors import InputError
+from warpsim.orbit.scan import RESOLUTION_S, Scan
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
-
-RESOLUTION_S = 1e-3
-"""Ends are good to this, and lie inside."""
+Mask = NDArray[np.bool_]
 
 PairFunction = Callable[[I64, F64], F64]
 """object (n,), time_s (n,) -> margin (n,)."""
-NodeFunction = Callable[[I64, I64], F64]
-"""object (n,), number of the scan time (n,) -> margin (n,)."""
-
-MOST_SCAN_TIMES = 5_000_000
-"""Times of a scan."""
+PointFunction = Callable[[I64], F64]
+"""number of the scan point (n,) -> margin (n,)."""
 
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
@@ -61,72 +55,38 @@ class Intervals:
         return Intervals(row[begins], time_s[begins], time_s[ends])
 
 
-def scan_times_s(duration_s: float, step_s: float) -> F64:
-    """Return uniform times from 0 to duration_s [s], at least three, no farther apart than step_s.
-
-    Raises:
-        InputError: A length is not a number > 0, or there are more than MOST_SCAN_TIMES steps.
-    """
-    for name, value in (("duration_s", duration_s), ("step_s", step_s)):
-        if not (isinstance(value, Real) and math.isfinite(value) and value > 0):
-            raise InputError(f"{name}: must be a number > 0, got {value!r}")
-    if duration_s / step_s > MOST_SCAN_TIMES:
-        raise InputError(f"step_s: must be >= {duration_s / MOST_SCAN_TIMES:.2g} for {duration_s:g} s, got {step_s:g}")
-    return np.linspace(0.0, duration_s, max(3, int(np.ceil(duration_s / step_s)) + 1))
-
-
-def find_intervals(at: PairFunction, at_node: NodeFunction, time_s: F64, within: Intervals) -> Intervals:
+def find_intervals(at: PairFunction, at_point: PointFunction, scan: Scan, within: Intervals) -> Intervals:
     """Return where the margin is >= 0, as far as `within` reaches.
 
     Args:
         at: The margin; objects come in any order.
-        at_node: The same at scan times, of which much may be known beforehand.
-        time_s: Scan times, uniform and at least three, (n_time,).
-        within: Where to look, inside the scan times: nothing else is evaluated, but for two steps around.
+        at_point: The same at points of the scan, of which much may be known beforehand.
+        scan: Where to look.
+        within: Inside the scan: nothing else is evaluated, but for two grid steps around.
     """
-    row, node, first, last = _scan_points(time_s, within)
-    if len(row) == 0:
-        return Intervals(row, np.empty(0), np.empty(0))
-    margin = at_node(row, node)
+    point, first, last = scan.points_within(within.row, within.start_s, within.end_s)
+    if len(point) == 0:
+        return Intervals(point, np.empty(0), np.empty(0))
+    row, time_s, margin = scan.row[point], scan.time_s[point], at_point(point)
     inside = margin >= 0.0
     change = np.flatnonzero((inside[1:] != inside[:-1]) & ~last[:-1])
-    low, high, rises = time_s[node[change]], time_s[node[change + 1]], inside[change + 1]
-    point, extreme_s, up = _extrema(margin, time_s, row, node, first, last, at)
+    low, high, rises = time_s[change], time_s[change + 1], inside[change + 1]
+    before, extreme_s, up = _extrema(margin, row, time_s, first, last, at)
     # An extremum beyond zero parts its cell of the scan in two, each with a change.
-    left, right = time_s[node[point]], time_s[node[point + 1]]
-    bracket_row = np.concatenate([row[change], row[point], row[point]])
-    low, high = np.concatenate([low, left, extreme_s]), np.concatenate([high, extreme_s, right])
+    bracket_row = np.concatenate([row[change], row[before], row[before]])
+    low, high = np.concatenate([low, time_s[before], extreme_s]), np.concatenate([high, extreme_s, time_s[before + 1]])
     rises = np.concatenate([rises, up, ~up])
     edge_s = _bisected(bracket_row, low, high, rises, at)
     begins, ends = first & inside, last & inside
     start_row = np.concatenate([row[begins], bracket_row[rises]])
-    start_s = np.concatenate([time_s[node[begins]], edge_s[rises]])
+    start_s = np.concatenate([time_s[begins], edge_s[rises]])
     end_row = np.concatenate([row[ends], bracket_row[~rises]])
-    end_s = np.concatenate([time_s[node[ends]], edge_s[~rises]])
+    end_s = np.concatenate([time_s[ends], edge_s[~rises]])
     starts, stops = np.lexsort((start_s, start_row)), np.lexsort((end_s, end_row))
     return Intervals(start_row[starts], start_s[starts], end_s[stops]).shared(within)
 
 
-def _scan_points(time_s: F64, within: Intervals) -> tuple[I64, I64, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Objects and numbers of scan times within or two steps around; which are the first and last of an unbroken run."""
-    step_s, n_time = (time_s[-1] - time_s[0]) / (len(time_s) - 1), len(time_s)
-    low = np.clip(np.floor((within.start_s - time_s[0]) / step_s).astype(np.int64) - 2, 0, n_time - 1)
-    high = np.clip(np.ceil((within.end_s - time_s[0]) / step_s).astype(np.int64) + 2, 0, n_time - 1)
-    apart = (within.row[1:] != within.row[:-1]) | (low[1:] > high[:-1] + 1)
-    head = np.flatnonzero(np.concatenate([[True], apart])) if len(low) else np.empty(0, np.int64)
-    tail = np.flatnonzero(np.concatenate([apart, [True]])) if len(low) else head
-    low, high = low[head], high[tail]
-    length = high - low + 1
-    end = np.cumsum(length)
-    n_point = int(end[-1]) if len(end) else 0
-    row = np.repeat(within.row[head], length)
-    node = np.arange(n_point) - np.repeat(end - length - low, length)
-    first, last = np.zeros(n_point, bool), np.zeros(n_point, bool)
-    first[end - length], last[end - 1] = True, True
-    return row, node, first, last
-
-
-def _bisected(row: I64, low: F64, high: F64, rises: NDArray[np.bool_], at: PairFunction) -> F64:
+def _bisected(row: I64, low: F64, high: F64, rises: Mask, at: PairFunction) -> F64:
     """The times of the changes of sign, on the side inside: every instant reported keeps the rule."""
     while len(low) and np.max(high - low) > RESOLUTION_S:
         middle = 0.5 * (low + high)
@@ -136,33 +96,34 @@ def _bisected(row: I64, low: F64, high: F64, rises: NDArray[np.bool_], at: PairF
 
 
 def _extrema(
-    margin: F64,
-    time_s: F64,
-    row: I64,
-    node: I64,
-    first: NDArray[np.bool_],
-    last: NDArray[np.bool_],
-    at: PairFunction,
-) -> tuple[I64, F64, NDArray[np.bool_]]:
+    margin: F64, row: I64, time_s: F64, first: Mask, last: Mask, at: PairFunction
+) -> tuple[I64, F64, Mask]:
     """Search out extrema that cross zero between scan points: scan point before, time, and whether it is a maximum.
 
     Maxima below zero and minima above it are candidates when the margin, changing twice as fast as around them, could
-    reach zero within a step.
+    reach zero within a step. Runs of points end at jumps; at an end, the two steps before it are those around it.
     """
-    before = np.concatenate([margin[:1], margin[:-1]])
-    after = np.concatenate([margin[1:], margin[-1:]])
-    before[first], after[last] = after[first], before[last]  # ends are mirrored
+    step_s = np.diff(time_s)
+    jump = step_s <= RESOLUTION_S
+    first, last = first | np.append(False, jump), last | np.append(jump, False)
+    number = np.arange(len(margin))
+    left, right = number - ~first, number + ~last
     sign = np.where(margin < 0.0, 1.0, -1.0)  # +1: looking for a maximum
-    peak = (sign * margin >= sign * before) & (sign * margin >= sign * after)
-    reach = 2.0 * np.maximum(np.abs(margin - before), np.abs(margin - after))
-    point = np.flatnonzero(peak & (np.abs(margin) <= reach) & (reach > 0.0))
-    low, high = time_s[node[point] - ~first[point]], time_s[node[point] + ~last[point]]
-    crossed_s = _crossing(row[point], low, high, sign[point], at)
+    peak = (sign * (margin - margin[left]) >= 0.0) & (sign * (margin - margin[right]) >= 0.0)
+    point = np.flatnonzero(peak & ~(first & last))
+    slope = np.where(last[:-1], 0.0, np.abs(np.diff(margin)) / np.maximum(step_s, RESOLUTION_S))
+    slope = np.concatenate([[0.0], slope, [0.0, 0.0]])  # of the step before each point
+    before, after = slope[point + 2 * first[point]], slope[point + 1 - 2 * last[point]]
+    left, right, sign = left[point], right[point], sign[point]
+    reach = 2.0 * np.maximum(before, after) * np.maximum(time_s[point] - time_s[left], time_s[right] - time_s[point])
+    kept = (np.abs(margin[point]) <= reach) & (reach > 0.0)
+    point, left, right, sign = point[kept], left[kept], right[kept], sign[kept]
+    crossed_s = _crossing(row[point], time_s[left], time_s[right], sign, at)
     found = np.isfinite(crossed_s)
-    point, crossed_s = point[found], crossed_s[found]
-    point = point - (crossed_s < time_s[node[point]])
+    point, crossed_s, sign = point[found], crossed_s[found], sign[found]
+    point = point - (crossed_s < time_s[point])
     point, unique = np.unique(point, return_index=True)  # equal neighbours find the same extremum
-    return point, crossed_s[unique], sign[point] > 0.0
+    return point, crossed_s[unique], sign[unique] > 0.0
 
 
 def _crossing(row: I64, low: F64, high: F64, sign: F64, at: PairFunction) -> F64:
@@ -171,7 +132,7 @@ def _crossing(row: I64, low: F64, high: F64, sign: F64, at: PairFunction) -> F64
     if len(row) == 0:
         return crossed_s
 
-    def beyond(t: F64) -> tuple[F64, NDArray[np.bool_]]:
+    def beyond(t: F64) -> tuple[F64, Mask]:
         value = at(row, t)
         return sign * value, np.where(sign > 0.0, value >= 0.0, value < 0.0)
 

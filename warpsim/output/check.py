@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import geodetic_altitude_m
+from warpsim.orbit.rules import AccessConstraints
 from warpsim.orbit.sampling import TRACK_ERROR_M
 from warpsim.render.star_field import load_catalog
 from warpsim.scene.exposure import exposure_rule
+from warpsim.scene.pointing import FixedPointing, TrackPointing
 from warpsim.scene.scene import Scene
 from warpsim.scene.view_axes import commanded_axes
 from warpsim.target.mesh import Mesh
+from warpsim.target.temperature import HeatBalance, TemperatureRows
 
 ESCAPE_SPEED_M_S = 11_180.0
 """From the Earth's surface: no ballistic flight between two places starts faster."""
+
+MOST_VIEWS_LOOKED_AT = 2000
+"""Views in which the main target is looked for."""
 
 LARGEST_ABERRATION_ARCSEC = 26.0
 """The Earth's motion and a low orbit's."""
@@ -70,9 +78,31 @@ def scene_report(scene: Scene) -> str:
         lines.append("  warning    offset_counts is below 5 sigma: the noise of blank sky is clipped at 0")
     times = scene.frame_time_s(np.arange(scene.frames.count))
     seen = {name: np.flatnonzero(scene.has_access(name, times)).tolist() for name in scene.sensor_names}
+    lines += _flight_lines(scene) + _access_lines(scene) + _pointing_lines(scene, seen)
     warning = pointing_warning(scene, seen)
-    warned = [] if warning is None else [f"  warning    {warning}"]
-    return "\n".join(lines + _flight_lines(scene) + _access_lines(scene) + warned)
+    return "\n".join(lines if warning is None else [*lines, f"  warning    {warning}"])
+
+
+def _pointing_lines(scene: Scene, frames_of: dict[str, list[int]]) -> list[str]:
+    """Where cameras look, and in how many of the views, or of some spread over them, the main target is."""
+    pointing = scene.pointing
+    if isinstance(pointing, TrackPointing):
+        what = f"tracks {pointing.track}"
+    else:
+        what = "fixed" if isinstance(pointing, FixedPointing) else f"table, {pointing.mode}"
+    jitter = f", jitter {pointing.jitter.rms_urad:g} urad" if pointing.jitter else ""
+    views = [(sensor, frame) for sensor, frames in frames_of.items() for frame in frames]
+    views = views[:: -(-len(views) // MOST_VIEWS_LOOKED_AT) or 1]
+    n_in = 0
+    for sensor, group in itertools.groupby(views, key=lambda view: view[0]):
+        times = scene.frame_time_s([frame for _, frame in group])
+        margin = scene.access_margins(times, sensors=[sensor], rules=AccessConstraints(in_fov=True))["fov_deg"]
+        n_in += int((margin >= 0).sum())
+    met = f"; main target in the field of {n_in:,} of {_count(len(views), 'view')}" if views else ""
+    lines = [f"  pointing   {what}, {pointing.up} up{jitter}{met}"]
+    if views and not n_in:
+        lines.append("  warning    no view has the main target in the field")
+    return lines
 
 
 def pointing_warning(scene: Scene, frames_of: dict[str, list[int]]) -> str | None:
@@ -166,6 +196,21 @@ def _light_lines(scene: Scene) -> list[str]:
         lines.append(f"  exposure   {scene.detector.exposure_s:g} s at {instants}, error {rule.error:.0e}")
         if rule.error > scene.lighting.quadrature_error:
             lines.append("  warning    targets turn too fast for the exposure: their mean brightness is that far off")
+    return lines + _heat_lines(scene)
+
+
+def _heat_lines(scene: Scene) -> list[str]:
+    """Temperatures of the targets whose heat is balanced, by kind."""
+    by_kind: dict[str, list[TemperatureRows]] = {}
+    for spec, rows in zip(scene.target_specs, scene.temperatures, strict=True):
+        if isinstance(spec.temperature, HeatBalance):
+            by_kind.setdefault(spec.name, []).append(rows)
+    lines = []
+    for name, kind in by_kind.items():
+        low_k, high_k = min(r.temperature_k.min() for r in kind), max(r.temperature_k.max() for r in kind)
+        error_k, ripple_k = max(r.error_k for r in kind), max(r.ripple_k for r in kind)
+        swing = f", {ripple_k:.2g} K within a turn" if ripple_k > error_k else ""
+        lines.append(f"  heat       {name}: {low_k:.1f} to {high_k:.1f} K, error {error_k:.1g} K{swing}")
     return lines
 
 

@@ -54,8 +54,9 @@ class RunReport:
 
     def _summary(self) -> str:
         sensors = "1 sensor" if self.n_sensor == 1 else f"{self.n_sensor} sensors"
+        images = "1 image" if self.n_image == 1 else f"{self.n_image} images"
         line = (
-            f"{self.n_image} images ({sensors}, bands {' '.join(self.bands)}) in {self.folder}"
+            f"{images} ({sensors}, bands {' '.join(self.bands)}) in {self.folder}"
             f" after {self.total_s:.1f} s"
         )
         if self.n_image_rendered == 0:

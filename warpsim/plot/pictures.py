@@ -22,6 +22,7 @@ from warpsim.plot.scenario import (
     plot_scene,
 )
 from warpsim.plot.view import VIEW_INCH, plot_satellite_view
+from warpsim.scene.access import chosen_sensors
 from warpsim.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -65,32 +66,44 @@ def draw_access(scene: Scene, path: Path, access: Table | None = None, sensors: 
     save_figure(figure, path)
 
 
-def draw_scenario(scene: Scene, folder: Path, time_s: float | None = None, overwrite: bool = False) -> list[Path]:
+def draw_scenario(
+    scene: Scene,
+    folder: Path,
+    time_s: float | None = None,
+    overwrite: bool = False,
+    sensors: Sequence[str] | None = None,
+) -> list[Path]:
     """Draw all pictures of a scenario into a folder.
 
-    They are scene.png, ground_tracks.png, group.png, attitudes.png, access.png and, for up to three sensors that have
-    access at the instant, view_SENSOR.png.
+    They are scene.png, ground_tracks.png, group.png and group_NAME.png for further groups, attitudes.png, access.png
+    and view_SENSOR.png for some sensors.
 
     Args:
         scene: The scene.
         folder: Made where it is missing.
         time_s: The instant of all but the tracks and access [s after the epoch]; the middle of the scene if left out.
         overwrite: Whether existing pictures are replaced.
+        sensors: Whose views are drawn; up to three that have access at the instant if left out.
 
     Returns:
         The files.
 
     Raises:
-        InputError: The instant is outside the scene, the folder cannot be written, a picture is there already, or
-            matplotlib is not installed.
+        InputError: No such sensor, the instant is outside the scene, the folder cannot be written, a picture is there
+            already, or matplotlib is not installed.
     """
     from warpsim.render.renderer import Renderer
 
     need_matplotlib("plot")
     time = checked_time_s(scene, 0.5 * scene.duration_s if time_s is None else time_s)
     prepare_folder(folder)
-    seeing = [name for name in scene.sensor_names if bool(scene.has_access(name, np.array([time]))[0])][:N_VIEW]
-    names = ["scene", "ground_tracks", "group", "attitudes", "access", *(f"view_{name}" for name in seeing)]
+    if sensors is None:
+        at = np.array([time])
+        seeing = [name for name in scene.sensor_names if bool(scene.has_access(name, at)[0])][:N_VIEW]
+    else:
+        seeing = chosen_sensors(scene, sensors)
+    groups: dict[str, str | None] = {"group": None} | {f"group_{group.name}": group.name for group in scene.groups}
+    names = ["scene", "ground_tracks", *groups, "attitudes", "access", *(f"view_{name}" for name in seeing)]
     paths = {name: folder / f"{name}.png" for name in names}
     for path in paths.values():
         check_new_file(path, PICTURE_SUFFIXES, overwrite)
@@ -101,9 +114,10 @@ def draw_scenario(scene: Scene, folder: Path, time_s: float | None = None, overw
     figure = _figure(11.0, 5.8)
     plot_ground_tracks(scene, figure.add_subplot())
     save_figure(figure, paths["ground_tracks"])
-    figure = _figure(8.2, 8.0)
-    plot_group(scene, time, list(figure.subplots(2, 2).flat))
-    save_figure(figure, paths["group"])
+    for name, group in groups.items():
+        figure = _figure(8.2, 8.0)
+        plot_group(scene, time, list(figure.subplots(2, 2).flat), group)
+        save_figure(figure, paths[name])
     figure = _figure(9.2, 1.3 + 1.25 * len(kinds_of_targets(scene)))
     plot_attitudes(scene, time, figure.add_subplot())
     save_figure(figure, paths["attitudes"])

@@ -13,7 +13,8 @@ from warpsim.errors import InputError
 from warpsim.orbit.access import AccessInterval, access_intervals, margins
 from warpsim.orbit.eclipse import eclipses, sunlit_fraction
 from warpsim.orbit.rules import AccessConstraints, FieldOfView, MarginFunction
-from warpsim.scene.view_axes import apparent_mean
+from warpsim.scene.bends import access_breaks_s
+from warpsim.scene.view_axes import apparent_mean, tracked_targets
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -28,7 +29,9 @@ def intervals_of(
     scene: Scene, target: str, sensors: Sequence[str], rules: AccessConstraints, custom: Custom | None, step_s: float
 ) -> list[AccessInterval]:
     """Intervals in which sensors can observe a target; numbers of sensors count in the list given."""
-    tracks = scene.tracks
+    tracks, with_cameras = scene.tracks, rules.in_fov or bool(custom)
+    first, count = tracked_targets(scene) if with_cameras else (0, 0)
+    followed = [name for name in scene.target_names[first : first + count] if name != target]
     return access_intervals(
         [tracks.of(name) for name in sensors],
         tracks.position_function(target),
@@ -39,6 +42,8 @@ def intervals_of(
         step_s,
         custom=custom,
         fov=field_of_view(scene, target, sensors),
+        breaks_s=access_breaks_s(scene, target, sensors, with_cameras),
+        followed_m=[tracks.position_function(name) for name in followed],
     )
 
 
@@ -100,8 +105,7 @@ def sunlit_fraction_of(scene: Scene, name: str, time_s: npt.ArrayLike) -> F64:
     """Share of the Sun's disc that a sensor or target sees."""
     _check_body(scene, name)
     times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
-    place = scene.tracks.of(name).position_at_m(times)
-    return sunlit_fraction(place, scene.position_m("sun", times), scene.tracks.pole_icrs)
+    return sunlit_fraction(scene.position_m(name, times), scene.position_m("sun", times), scene.tracks.pole_icrs)
 
 
 def _check_body(scene: Scene, name: str) -> None:
@@ -119,7 +123,7 @@ def chosen_target(scene: Scene, name: str | None) -> str:
     if name is None:
         return scene.target_names[0]
     if name not in scene.target_names:
-        raise InputError(f"target: must be a target of the scene, got {name!r}")
+        raise InputError(f"target: must be a target of the scene ({_some(scene.target_names)}), got {name!r}")
     return name
 
 
@@ -135,10 +139,15 @@ def chosen_sensors(scene: Scene, names: Sequence[str] | None) -> list[str]:
     known = set(scene.sensor_names)
     for name in chosen:
         if name not in known:
-            raise InputError(f"sensors: must be sensors of the scene, got {name!r}")
+            raise InputError(f"sensors: must be sensors of the scene ({_some(scene.sensor_names)}), got {name!r}")
     if not chosen or len(set(chosen)) < len(chosen):
         raise InputError(f"sensors: must be one or more without repeats, got {', '.join(chosen) or 'none'}")
     return chosen
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first names of a list, for messages."""
+    return ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
 
 
 def chosen_rules(scene: Scene, rules: AccessConstraints | None) -> AccessConstraints:

@@ -1,13 +1,14 @@
-"""When bodies of a scene change course at once: releases, and where the segments of a file of states meet."""
+"""When bodies and cameras of a scene change course at once: releases, seams of files of states, rows of directions."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from warpsim.orbit.constellations import ListedSatellites, MixedConstellation
+from warpsim.scene.view_axes import tracked_targets
 
 if TYPE_CHECKING:
     from astropy.time import Time
@@ -28,6 +29,23 @@ def bends_s(scene: Scene) -> dict[str, list[float]]:
             free_s = np.inf if release is None else release.time_s
             found[name] = [time for time in carried if time < free_s] + [free_s]
     return {name: sorted({time for time in times if 0 < time < scene.duration_s}) for name, times in found.items()}
+
+
+def access_breaks_s(scene: Scene, target: str, sensors: Sequence[str], with_cameras: bool) -> list[list[float]]:
+    """For each of the sensors, times at which its access to a target may jump or bend [s after the epoch].
+
+    Args:
+        scene: The scene.
+        target: One of target_names.
+        sensors: Of sensor_names.
+        with_cameras: Whether it matters how the sensors' cameras stand.
+    """
+    bends, names, sights = bends_s(scene), scene.sensor_names, scene.sights if with_cameras else None
+    first, count = tracked_targets(scene) if with_cameras else (0, 0)
+    shared = [time for name in (target, *scene.target_names[first : first + count]) for time in bends[name]]
+    numbers = {name: number for number, name in enumerate(names)}
+    turns = {name: [] if sights is None else sights.breaks_s(numbers[name]) for name in sensors}
+    return [sorted({*shared, *bends[name], *turns[name]}) for name in sensors]
 
 
 def _breaks_s(mover: object, names: list[str], epoch: Time) -> Iterator[tuple[str, list[float]]]:

@@ -117,22 +117,20 @@ def _check_path(scene: Scene, where: str, path: Trajectory) -> None:
 
 
 def _check_span(scene: Scene, where: str, orbit: Any) -> None:
-    """Motion that is known for a limited time only must cover the scene, without gaps."""
+    """Motion that is known for a limited time only must cover the scene, without gaps and missing rows."""
     if isinstance(orbit, MixedConstellation):
         for number, part in enumerate(orbit.parts):
             _check_span(scene, f"{where}.parts[{number}]", part)
     elif isinstance(orbit, ListedSatellites):
         for number, item in enumerate(orbit.satellites):
             _check_path(scene, f"{where}.satellites[{number}].orbit", item.orbit)
-    times = [0.0, scene.duration_s]
-    if isinstance(orbit, EphemerisOrbit | EphemerisSatellites):
-        times += [time for time in orbit.gaps_s(scene.epoch) if 0.0 < time < scene.duration_s]
-    elif isinstance(orbit, SeedPattern):
-        times = [0.0]
-    else:
-        return
     try:
-        orbit.states(scene.epoch, np.array(times))
+        if isinstance(orbit, EphemerisOrbit | EphemerisSatellites):
+            gaps_s = [time for time in orbit.gaps_s(scene.epoch) if 0.0 < time < scene.duration_s]
+            orbit.states(scene.epoch, np.array([0.0, scene.duration_s, *gaps_s]))
+            orbit.notes(scene.epoch, scene.duration_s)
+        elif isinstance(orbit, SeedPattern):
+            orbit.states(scene.epoch, np.zeros(1))
     except InputError as error:
         raise part_error(f"{where}: {error}") from None
 

@@ -25,6 +25,8 @@ _PAIRS = (("ra_deg", "dec_deg"), ("azimuth_deg", "elevation_deg"))
 
 _OPPOSITE_RAD = 1e-6
 """Two directions that are this near to opposite have no great circle between them."""
+_MOST_TURN_RAD = 0.5
+"""Most that a camera turns between two breaks."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,17 @@ class Sights:
             span = f"[{start:g}, {end:g}] s" if self.scan else f"from {start:g} s on"
             outside = low if low < start else high
             raise InputError(f"pointing: the rows of {name} cover {span}, not the frame at {outside:g} s")
+
+    def breaks_s(self, sensor: int) -> list[float]:
+        """Times at which a sensor's camera jumps, or turns at another rate; and in a scan, half a radian apart."""
+        rows = slice(int(self.first[sensor]), int(self.first[sensor]) + int(self.count[sensor]))
+        times = self.time_s[rows]
+        if not self.scan:
+            return [float(time) for time in times]
+        turn = _angle(self.direction[rows][:-1], self.direction[rows][1:]) + np.abs(np.diff(self.roll_rad[rows]))
+        n_part = np.maximum(np.ceil(turn / _MOST_TURN_RAD), 1).astype(int)
+        legs = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(times[:-1], times[1:], n_part, strict=True)]
+        return [float(time) for time in np.concatenate([*legs, times[-1:]])]
 
     def at(self, sensor: int, time_s: F64) -> tuple[F64, F64]:
         """Direction, shape (n, 3), and roll [rad], shape (n,), of a sensor at times within its rows."""
