@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 from warpsim.describe import FileName, Number, part, part_error, rows_in
 from warpsim.errors import InputError
 from warpsim.quaternion import in_one_hemisphere, rotation_between_rad, slerp, unit
+from warpsim.target.timed_rows import DATE_ROUNDING_S, TimedRows
 
 if TYPE_CHECKING:
     from astropy.time import Time
@@ -25,10 +26,6 @@ NORM_TOLERANCE = 1e-3
 """How far from 1 the norm of a given quaternion may be: three printed digits."""
 LARGEST_STEP_DEG = 170.0
 """Between neighbouring rows; nearer to half a turn, the way round is not known."""
-END_SLACK_S = 1.0
-"""The table's end rows hold this much longer: light that is seen at the start of a scene left its target before."""
-DATE_ROUNDING_S = 1e-6
-"""Ends of a table may miss those of the scene by this much: files give dates with some digits only."""
 SAME_ROTATION_RAD = 1e-6
 """How far the last row of a segment and the first of the next may differ."""
 
@@ -38,7 +35,7 @@ Quaternions = Annotated[tuple[tuple[Number, Number, Number, Number], ...], rows_
 
 
 @dataclass(frozen=True)
-class AttitudeRows:
+class AttitudeRows(TimedRows):
     """A checked table: unit quaternions body -> GCRS, scalar last, all in one hemisphere with their neighbours."""
 
     time_s: F64
@@ -48,28 +45,7 @@ class AttitudeRows:
     source: str = ""
     """File and object that messages name; nothing for rows of one's own."""
 
-    @property
-    def span_s(self) -> tuple[float, float]:
-        """First and last time after the epoch [s]; a single row holds for all times."""
-        if len(self.time_s) == 1:
-            return -np.inf, np.inf
-        return float(self.time_s[0]), float(self.time_s[-1])
-
-    @property
-    def _head(self) -> str:
-        return f"{self.source or 'time_s'}: "
-
-    def check_span(self, start_s: float, end_s: float) -> None:
-        """Make sure that the table covers a span of time after the epoch [s].
-
-        Raises:
-            InputError: It does not.
-        """
-        first_s, last_s = self.span_s
-        if first_s > start_s + DATE_ROUNDING_S or last_s < end_s - DATE_ROUNDING_S:
-            raise InputError(
-                f"{self._head}must cover the scene, {_span(start_s, end_s)}, got {_span(first_s, last_s)}"
-            )
+    _of = "attitude table"
 
     def at(self, time_s: npt.ArrayLike) -> F64:
         """Rotation body -> GCRS at times after the epoch [s]; scalar last, unit, shape (n, 4).
@@ -77,24 +53,13 @@ class AttitudeRows:
         Raises:
             InputError: A time lies more than a second outside the table.
         """
-        time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
-        first_s, last_s = self.span_s
-        outside = ~((time >= first_s - END_SLACK_S) & (time <= last_s + END_SLACK_S))
-        if outside.any():
-            raise InputError(
-                f"{self._head}must be within the attitude table, {_span(first_s, last_s)}, got {time[outside][0]:g}"
-            )
+        time = self._times_within(time_s)
         if len(self.time_s) == 1:
             return np.tile(self.quaternion, (len(time), 1))
         row = np.clip(np.searchsorted(self.time_s, time, side="right") - 1, 0, len(self.time_s) - 2)
         start, end = self.time_s[row], self.time_s[row + 1]
         part = (np.clip(time, self.time_s[0], self.time_s[-1]) - start) / (end - start)
         return slerp(self.quaternion[row], self.quaternion[row + 1], part)
-
-
-def _span(first_s: float, last_s: float) -> str:
-    """Times for messages, to the microsecond: dates of files carry the rounding of their digits."""
-    return " to ".join(f"{round(time_s, 6) + 0.0:.9g}" for time_s in (first_s, last_s)) + " s"
 
 
 @part

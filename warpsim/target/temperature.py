@@ -25,6 +25,7 @@ from warpsim.describe import (
     rule_error,
 )
 from warpsim.errors import InputError
+from warpsim.target.timed_rows import TimedRows
 
 if TYPE_CHECKING:
     from astropy.time import Time
@@ -32,11 +33,6 @@ if TYPE_CHECKING:
 F64 = npt.NDArray[np.float64]
 
 HOTTEST_K = 1e5
-
-END_SLACK_S = 1.0
-"""The first and last temperature hold this much longer: light seen at the start of a scene left its target before."""
-DATE_ROUNDING_S = 1e-6
-"""Ends of a table may miss those of the scene by this much: files give dates with some digits only."""
 
 EQUILIBRIUM = "equilibrium"
 """Word for the temperature at which a target emits as much as it absorbs."""
@@ -48,7 +44,7 @@ Kelvins = Annotated[tuple[Kelvin, ...], rows_in("K")]
 
 
 @dataclass(frozen=True, eq=False)
-class TemperatureRows:
+class TemperatureRows(TimedRows):
     """Temperatures at given times; linear in time between rows, the first and last hold beyond."""
 
     time_s: F64
@@ -60,24 +56,7 @@ class TemperatureRows:
     ripple_k: float = 0.0
     """Swing of a heat balance within one turn of the body in sunlight, which the mean over turns leaves out [K]."""
 
-    @property
-    def span_s(self) -> tuple[float, float]:
-        """First and last time after the epoch [s]; a single row holds for all times."""
-        if len(self.time_s) == 1:
-            return -math.inf, math.inf
-        return float(self.time_s[0]), float(self.time_s[-1])
-
-    def check_span(self, start_s: float, end_s: float) -> None:
-        """Make sure that the rows cover a span of time after the epoch [s].
-
-        Raises:
-            InputError: They do not.
-        """
-        first_s, last_s = self.span_s
-        if first_s > start_s + DATE_ROUNDING_S or last_s < end_s - DATE_ROUNDING_S:
-            raise InputError(
-                f"time_s: must cover the scene, {start_s:.9g} to {end_s:.9g} s, got {first_s:.9g} to {last_s:.9g} s"
-            )
+    _of = "temperatures"
 
     def at(self, time_s: npt.ArrayLike) -> F64:
         """Temperature at times after the epoch [K], shape (n,).
@@ -85,14 +64,7 @@ class TemperatureRows:
         Raises:
             InputError: A time lies more than a second outside the rows.
         """
-        time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
-        first_s, last_s = self.span_s
-        outside = ~((time >= first_s - END_SLACK_S) & (time <= last_s + END_SLACK_S)) | np.isnan(time)
-        if outside.any():
-            raise InputError(
-                f"time_s: must be within the temperatures, {first_s:g} to {last_s:g} s, got {time[outside][0]:g}"
-            )
-        return interpolated(self.time_s, self.temperature_k, time)
+        return interpolated(self.time_s, self.temperature_k, self._times_within(time_s))
 
 
 def interpolated(node_s: F64, value: F64, time_s: F64) -> F64:

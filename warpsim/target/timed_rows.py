@@ -1,0 +1,63 @@
+"""Rows of a table in time: the span that they hold for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.errors import InputError
+
+F64 = npt.NDArray[np.float64]
+
+DATE_ROUNDING_S = 1e-6
+"""Ends of a table may miss those of the scene by this much: files give dates with some digits only."""
+END_SLACK_S = 1.0
+"""The end rows hold this much longer: light that is seen at the start of a scene left its target before."""
+
+
+class TimedRows:
+    """What tables of attitudes and of temperatures share; they add values to the times, and say what they are of."""
+
+    time_s: F64
+    """After the epoch, ascending [s], shape (n,)."""
+    source: str = ""
+    """File and object that messages name; nothing for rows of one's own."""
+    _of = "rows"
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last time after the epoch [s]; a single row holds for all times."""
+        if len(self.time_s) == 1:
+            return -math.inf, math.inf
+        return float(self.time_s[0]), float(self.time_s[-1])
+
+    @property
+    def _head(self) -> str:
+        return f"{self.source or 'time_s'}: "
+
+    def check_span(self, start_s: float, end_s: float) -> None:
+        """Make sure that the rows cover a span of time after the epoch [s].
+
+        Raises:
+            InputError: They do not.
+        """
+        first_s, last_s = self.span_s
+        if first_s > start_s + DATE_ROUNDING_S or last_s < end_s - DATE_ROUNDING_S:
+            raise InputError(f"{self._head}must cover the scene, {_span(start_s, end_s)}, got {_span(first_s, last_s)}")
+
+    def _times_within(self, time_s: npt.ArrayLike) -> F64:
+        """Times as an array, none of them more than a second outside the rows."""
+        time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+        first_s, last_s = self.span_s
+        outside = ~((time >= first_s - END_SLACK_S) & (time <= last_s + END_SLACK_S)) | np.isnan(time)
+        if outside.any():
+            span = _span(first_s, last_s)
+            raise InputError(f"{self._head}must be within the {self._of}, {span}, got {time[outside][0]:g}")
+        return time
+
+
+def _span(first_s: float, last_s: float) -> str:
+    """Times for messages, to the microsecond: dates of files carry the rounding of their digits."""
+    return " to ".join(f"{round(time_s, 6) + 0.0:.9g}" for time_s in (first_s, last_s)) + " s"
