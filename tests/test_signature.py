@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import warp as wp
+from astropy import units as u
 from scipy.spatial.transform import Rotation
 from warpsim_kernels import motion
 from warpsim_kernels.shadow import sunlit_fraction_kernel
@@ -409,3 +410,35 @@ def test_micromotion_of_the_papers_targets(scene, lighting):
     assert fastest["cone01"] == pytest.approx(5.0, abs=0.34)  # its precession, within a bin
     assert fastest["center"] == pytest.approx(1.0, abs=0.34)
     assert fastest["cylinder01"] == pytest.approx(2.0, abs=0.34)  # twice its rolling: both ends are alike
+
+
+def test_an_exposure_with_too_many_turns_is_refused(day):
+    mad = day.replace(detector__exposure_s=10.0, targets__3__attitude__precession_rev_s=300.0)
+    with pytest.raises(ws.InputError, match=r"detector.exposure_s: targets must turn less often .* 1025 instants"):
+        ws.light_curves(mad, [100.0], ["sat11"])
+
+
+def test_times_may_be_quantities(day):
+    """Converted once; what is no time is refused."""
+    curves = ws.light_curves(day, np.array([1.0, 2.0]) * u.min, ["sat11"], ["center"])
+    assert curves.time_s.tolist() == [60.0, 120.0]
+    np.testing.assert_array_equal(day.position_m("center", 2 * u.min), day.position_m("center", 120.0))
+    np.testing.assert_array_equal(day.temperature_k("center", [0.2] * u.h), day.temperature_k("center", [720.0]))
+    assert ws.Cone(0.3, 1.0).projected_area_m2(90 * u.deg) == pytest.approx(0.3, rel=1e-12)
+    for call in (
+        lambda: day.position_m("center", [1.0] * u.m),
+        lambda: day.temperature_k("center", ["noon"]),
+        lambda: day.temperature_k("center", [1e6]),
+        lambda: ws.light_curves("stss"),
+        lambda: ws.light_curves(day, [1.0], n_thread=0),
+    ):
+        with pytest.raises(ws.InputError):
+            call()
+    assert ws.light_curves(day, [], ["sat11"]).snr.shape == (0, 1, 3, 30)
+
+
+def test_sunlit_fraction_is_not_made_up(day, scene):
+    off = ws.light_curves(day.replace(lighting__sun=False), [100.0], ["sat11"])
+    assert np.isnan(off.sunlit_fraction).all()
+    night = ws.light_curves(scene.replace(epoch_utc="2025-03-20T12:00:00"), [100.0], ["sat11"])
+    assert (night.sunlit_fraction == 0).all()

@@ -28,7 +28,7 @@ class NeiDetector:
     bits: Annotated[Integer, closed_interval(1, 16)] = 14
     offset_counts: NonNegative = 100.0
     counts_per_nei: Positive = 5.0
-    exposure_s: Annotated[NonNegative, closed_interval(0, 100)] = 0.0
+    exposure_s: Annotated[NonNegative, closed_interval(0, 10)] = 0.0
     kind: Literal["nei"] = Field(default="nei", kw_only=True)
 
     @model_validator(mode="after")

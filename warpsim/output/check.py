@@ -194,8 +194,6 @@ def _light_lines(scene: Scene) -> list[str]:
         rule = exposure_rule(scene)
         instants = _count(len(rule.weight), "instant")
         lines.append(f"  exposure   {scene.detector.exposure_s:g} s at {instants}, error {rule.error:.0e}")
-        if rule.error > scene.lighting.quadrature_error:
-            lines.append("  warning    targets turn too fast for the exposure: their mean brightness is that far off")
     return lines + _heat_lines(scene)
 
 

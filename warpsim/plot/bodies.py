@@ -65,7 +65,7 @@ def plot_attitudes(scene: Scene, time_s: float | Sequence[float], ax: Axes | Non
     ax.set_aspect("equal")
     ax.set_axis_off()
     axes = f"axes of {scene.target_names[0]} at {start}: along-track to the right, radial upwards"
-    ax.set_title(f"{scene.name}: attitudes\n{axes}", fontsize=10)
+    ax.set_title(f"{scene.name}: attitudes, a dark quarter marks the turn\n{axes}", fontsize=10)
     return ax
 
 

@@ -13,10 +13,12 @@ import warp as wp
 from warpsim_kernels.emission import N_TERM
 from warpsim_kernels.targets import IN_FOV, OCCULTED, STOWED
 
+from warpsim.arguments import times_s
 from warpsim.errors import InputError
 from warpsim.render.buffers import new_observations, new_views, part_of
 from warpsim.render.device import default_device, n_usable_cpu
 from warpsim.render.stages import aim_views, look_at_targets, split_light
+from warpsim.render.truth import sunlit_fraction
 from warpsim.render.world import TargetWorld
 from warpsim.scene.light_terms import TERMS
 from warpsim.scene.scene import Scene
@@ -49,7 +51,7 @@ class LightCurves:
     """Mean over the exposure."""
     temperature_k: F64
     sunlit_fraction: F64
-    """Share of the Sun's disc that the target sees; 0 where the scene leaves sunlight out."""
+    """Share of the Sun's disc that the target sees; NaN where the scene leaves sunlight out."""
     in_fov: Flags
     occulted: Flags
     stowed: Flags
@@ -83,7 +85,7 @@ class LightCurves:
         columns["irradiance_w_cm2"] = self.irradiance_w_cm2.ravel()
         columns |= {f"{name}_w_cm2": values.ravel() for name, values in self.terms_w_cm2.items()}
         columns["snr"] = self.snr.ravel()
-        table = Table(columns, meta={"scene": self.scene.name, "epoch_utc": self.scene.epoch_utc})
+        table = Table(columns, meta={"SCENE": self.scene.name, "DATEREF": self.scene.epoch_utc, "TIMESYS": "UTC"})
         units = {"time_s": "s", "range_km": "km", "aspect_deg": "deg", "projected_area_m2": "m2", "temperature_k": "K"}
         units |= {name: "W / cm2" for name in table.colnames if name.endswith("_w_cm2")}
         for name, unit in units.items():
@@ -118,6 +120,10 @@ def light_curves(
     Raises:
         InputError: An unknown name, a time outside the scene, no sensor with access, or too much at once.
     """
+    if not isinstance(scene, Scene):
+        raise InputError(f"scene: must be a Scene, got {type(scene).__name__}; Scene.load reads presets and files")
+    if n_thread is not None and (not isinstance(n_thread, int) or n_thread < 1):
+        raise InputError(f"n_thread: must be a whole number >= 1, got {n_thread}")
     times = _checked_times(scene, time_s)
     sensor_list = _chosen("sensors", sensors, scene.sensor_names)
     if sensors is None:
@@ -146,10 +152,11 @@ def light_curves(
 
     def shaped(array: wp.array) -> Any:
         values = np.asarray(array.numpy())
-        return values.reshape(len(times), len(rows), *values.shape[1:])[..., columns]
+        return values.reshape(len(times), len(rows), *array.shape[1:])[..., columns]
 
     flags = shaped(seen.flags)
-    split = np.asarray(terms.numpy()).reshape(N_TERM, len(times), len(rows), world.n_band, -1)[..., columns]
+    shape = (N_TERM, len(times), len(rows), world.n_band, world.n_target)
+    split = np.asarray(terms.numpy()).reshape(shape)[..., columns]
     return LightCurves(
         scene,
         times,
@@ -160,7 +167,7 @@ def light_curves(
         np.degrees(shaped(seen.aspect_rad)),
         shaped(seen.area_m2),
         shaped(seen.temperature_k),
-        shaped(seen.sunlit),
+        sunlit_fraction(world, seen).reshape(len(times), len(rows), world.n_target)[..., columns],
         (flags & int(IN_FOV)) != 0,
         (flags & int(OCCULTED)) != 0,
         (flags & int(STOWED)) != 0,
@@ -192,10 +199,7 @@ def _observe(world: TargetWorld, views: Any, seen: Any, terms: wp.array, n_threa
 def _checked_times(scene: Scene, time_s: npt.ArrayLike | None) -> F64:
     if time_s is None:
         return scene.frame_time_s(np.arange(scene.frames.count))
-    try:
-        times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
-    except (TypeError, ValueError):
-        raise InputError(f"time_s: must be numbers, got {type(time_s).__name__}") from None
+    times = times_s(time_s)
     if times.ndim != 1:
         raise InputError(f"time_s: must have shape (n,), got {times.shape}")
     bad = ~((times >= 0.0) & (times <= scene.duration_s))

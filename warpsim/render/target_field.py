@@ -33,6 +33,8 @@ class TargetField:
     first_row: int
     """Row of the first target in the tracks."""
     features: Features
+    in_shadow: bool
+    """All targets are in the Earth's shadow throughout, so that the kernel does not ask."""
     targets: wp.array
     tables: Any
     exposure: Any
@@ -62,6 +64,7 @@ def make_target_field(scene: Scene, bands: Sequence[str], device: wp.Device) -> 
         len(scene.target_names),
         len(scene.sensor_names),
         features,
+        scene.lighting.sun and scene.light_terms["sun"].bound_nei == 0.0,
         wp.array(_target_structs(scene, turning, warmth, facets.first), dtype=Target, device=device),
         tables,
         _exposure(scene, device),

@@ -65,7 +65,7 @@ def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
             "aspect_deg": spread(np.degrees(seen.aspect_rad.numpy()), 0, 1, 3),
             "projected_area_m2": spread(seen.area_m2.numpy(), 0, 1, 3),
             "temperature_k": spread(seen.temperature_k.numpy(), 0, 1, 3),
-            "sunlit_fraction": spread(seen.sunlit.numpy(), 0, 1, 3),
+            "sunlit_fraction": spread(sunlit_fraction(world, seen), 0, 1, 3),
             "irradiance_w_cm2": spread(irradiance, 0, 1, 2, 3),
             **{f"{name}_w_cm2": spread(values, 0, 1, 2, 3) for name, values in split.items()},
             "snr": spread(snr, 0, 1, 2, 3),
@@ -79,6 +79,13 @@ def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
     for name, unit in units.items():
         table[name].unit = unit
     return table
+
+
+def sunlit_fraction(world: TargetWorld, seen: Observations) -> npt.NDArray[np.float64]:
+    """Share of the Sun's disc that targets see, (n_view, n_target); NaN with sunlight off, or left out as too faint."""
+    if world.field.features.sun:
+        return np.asarray(seen.sunlit.numpy())
+    return np.full(seen.sunlit.shape, 0.0 if world.field.in_shadow else np.nan)
 
 
 def split_irradiance_w_cm2(world: TargetWorld, seen: Observations) -> dict[str, npt.NDArray[np.float64]]:

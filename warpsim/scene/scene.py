@@ -17,6 +17,7 @@ import numpy.typing as npt
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError, model_validator
 from pydantic_core import ArgsKwargs
 
+from warpsim.arguments import times_s
 from warpsim.describe import Integer, Positive, as_tuple, closed_interval, input_error, part, rule_error
 from warpsim.detector.nei import NeiDetector
 from warpsim.errors import InputError
@@ -35,6 +36,7 @@ from warpsim.scene.pointing import Pointing, TablePointing, TrackPointing
 from warpsim.scene.rules import check_scene
 from warpsim.scene.temperatures import target_temperatures, temperature_tables
 from warpsim.sky.bands import BANDS
+from warpsim.target.timed_rows import END_SLACK_S
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -46,7 +48,8 @@ if TYPE_CHECKING:
     from warpsim.scene.tracks import Tracks
     from warpsim.target.attitude import BodyMotion
     from warpsim.target.attitude_table import AttitudeRows
-    from warpsim.target.temperature import TemperatureRows
+    from warpsim.target.timed_rows import END_SLACK_S
+from warpsim.target.temperature import TemperatureRows
 
 
 def _known_band(name: str) -> str:
@@ -268,7 +271,7 @@ class Scene:
         """
         from warpsim.orbit.sun import sun_position_m
 
-        times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+        times = times_s(time_s)
         if name == "sun":
             return sun_position_m(self.epoch, times)
         return self.tracks.state(name, times)[0]
@@ -300,7 +303,7 @@ class Scene:
         """
         from warpsim.scene.view_axes import commanded_axes
 
-        return commanded_axes(self, sensor, time_s).axes
+        return commanded_axes(self, sensor, times_s(time_s)).axes
 
     @cached_property
     def light_terms(self) -> dict[str, LightTerm]:
@@ -330,7 +333,7 @@ class Scene:
             raise InputError(f"name: must be a target ({', '.join(names[:3])}, ...), got {name!r}")
         attitude = self.attitudes[names.index(name)]
         try:
-            return attitude.at(time_s)
+            return attitude.at(times_s(time_s))
         except InputError as error:
             raise InputError(f"{name}: {error}") from None
 
@@ -360,8 +363,11 @@ class Scene:
         names = self.target_names
         if name not in names:
             raise InputError(f"name: must be a target ({', '.join(names[:3])}, ...), got {name!r}")
+        times = times_s(time_s)
+        if not ((times >= -END_SLACK_S) & (times <= self.duration_s + END_SLACK_S)).all():
+            raise InputError(f"{name}: time_s: must be within the scene, 0 to {self.duration_s:g} s")
         try:
-            return self.temperatures[names.index(name)].at(time_s)
+            return self.temperatures[names.index(name)].at(times)
         except InputError as error:
             raise InputError(f"{name}: {error}") from None
 
@@ -420,7 +426,7 @@ class Scene:
         """
         from warpsim.scene import access
 
-        times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+        times = times_s(time_s)
         target, sensors = access.chosen_target(self, target), access.chosen_sensors(self, sensors)
         return access.margins_of(self, times, target, sensors, access.chosen_rules(self, rules), custom)
 
@@ -434,7 +440,7 @@ class Scene:
         """
         from warpsim.scene.access import sunlit_fraction_of
 
-        return sunlit_fraction_of(self, name, time_s)
+        return sunlit_fraction_of(self, name, times_s(time_s))
 
     def eclipses(self, name: str, step_s: float = ACCESS_STEP_S) -> Table:
         """When a sensor or target is in the Earth's shadow.
@@ -458,7 +464,7 @@ class Scene:
         """
         if sensor not in self.sensor_names:
             raise InputError(f"sensor: must be a sensor of the scene, got {sensor!r}")
-        times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+        times = times_s(time_s)
         seen = np.zeros(times.shape, dtype=bool)
         number = self.sensor_names.index(sensor)
         for interval in self._intervals:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arguments import plain_array
 from warpsim.errors import InputError
 
 F64 = npt.NDArray[np.float64]
@@ -33,7 +34,7 @@ class Areas:
         import warp as wp
         from warpsim_kernels.shapes import projected_area_kernel
 
-        aspect = np.asarray(aspect_rad, dtype=np.float64)
+        aspect = plain_array(aspect_rad, "rad", "aspect_rad")
         if not np.isfinite(aspect).all():
             raise InputError(f"aspect_rad: must be finite, got {aspect[~np.isfinite(aspect)].flat[0]}")
         inputs = wp.array(np.ravel(aspect), dtype=wp.float64, device="cpu")
