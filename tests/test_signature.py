@@ -442,3 +442,43 @@ def test_sunlit_fraction_is_not_made_up(day, scene):
     assert np.isnan(off.sunlit_fraction).all()
     night = ws.light_curves(scene.replace(epoch_utc="2025-03-20T12:00:00"), [100.0], ["sat11"])
     assert (night.sunlit_fraction == 0).all()
+
+
+def test_a_spread_group_is_lit_where_its_main_target_is_not(scene):
+    """Released a day ago, 1,200 km wide: the main target is deep in the shadow, others are out of it."""
+    wide = scene.replace(
+        trajectory={"kind": "elements", "altitude_km": 500.0, "inclination_deg": 20.0, "mean_anomaly_deg": 120.0},
+        epoch_utc="2025-03-20T12:00:00",
+        duration_s=300.0,
+        frames__count=3,
+        release={"speed_m_s": [2.0, 5.0], "time_s": -86400.0},
+    )
+    assert wide.sunlit_fraction("center", [0.0, 150.0, 300.0]).max() == 0
+    assert wide.light_terms["sun"].kept
+    times = np.linspace(0, 300, 7)
+    curves = ws.light_curves(wide, times, ["sat11"])
+    told = np.stack([wide.sunlit_fraction(name, times) for name in wide.target_names], axis=1)
+    assert told.max() > 0.2
+    np.testing.assert_allclose(curves.sunlit_fraction[:, 0], told, rtol=0, atol=5e-3)  # light time: 40 ms of the 8 s of penumbra
+
+
+def test_attitude_tables_hold_their_ends_through_an_exposure(day):
+    table = {"kind": "table", "time_s": [0.0, 1600.0], "quaternion": [[0, 0, 0, 1], [0, 0.6, 0, 0.8]]}
+    tabled = day.replace(targets__0__attitude=table, detector__exposure_s=4.0)
+    assert np.isfinite(ws.light_curves(tabled, [0.0, 1600.0], ["sat11"], ["center"]).irradiance_w_cm2).all()
+
+
+def test_an_exposure_fits_between_frames(day):
+    with pytest.raises(ws.InputError, match=r"detector.exposure_s: must be at most frames.interval_s \(0.5\), got 1"):
+        day.replace(frames={"count": 5, "interval_s": 0.5}, detector__exposure_s=1.0)
+
+
+def test_sensor_at_the_target_gives_finite_light(day):
+    """Range 0: every shape has some light, and nothing is NaN."""
+    orbit = {"kind": "elements", "altitude_km": 600.0, "inclination_deg": 50.0}
+    both = day.replace(
+        trajectory=orbit, constellation={"kind": "listed", "satellites": [{"name": "eye", "orbit": orbit}]}
+    )
+    curves = ws.light_curves(both, [0.0, 100.0], ["eye"])
+    assert np.isfinite(curves.irradiance_w_cm2).all()
+    assert (curves.irradiance_w_cm2[:, :, :, 0] > 0).all()

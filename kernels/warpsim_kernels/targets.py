@@ -78,7 +78,9 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
             flag = flag | STOWED
 
         target = targets[target_id]
-        towards_sensor = path.vector_m / wp.max(path.range_m, wp.float64(1.0e-3)) * wp.float64(-1.0)
+        towards_sensor = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))  # of a sensor at the target
+        if path.range_m > wp.float64(0.0):
+            towards_sensor = -path.vector_m / path.range_m
         seen = signature(
             target, tables, exposure, surroundings, grid, observer + path.vector_m, towards_sensor,
             path.emission_time_s,

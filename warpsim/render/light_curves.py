@@ -212,6 +212,8 @@ def _chosen(what: str, names: Sequence[str] | None, known: list[str]) -> list[st
     """Names as a list, all known ones for None."""
     if names is None:
         return known
+    if not isinstance(names, str | list | tuple):
+        raise InputError(f"{what}: must be a list of names, got {names!r}")
     listed = [names] if isinstance(names, str) else list(names)
     for name in listed:
         if name not in known:

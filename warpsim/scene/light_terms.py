@@ -21,7 +21,7 @@ TERMS = ("sun", "earth", "albedo")
 """Terms of reflected light, besides the target's own."""
 
 _SURELY_DARK_SUNS = -3.0
-"""Depth in the Earth's shadow, in widths of the Sun, that no target near its main one is out of between nodes."""
+"""Depth in the Earth's shadow at nodes, in widths of the Sun, from which no target gets out of it between them."""
 
 
 @dataclass(frozen=True)
@@ -103,18 +103,16 @@ def _is_dark(scene: Scene, name: str) -> str:
     if name == "earth":
         return ""
     tracks = scene.tracks
-    first = 0
-    lit = False
-    for group in scene.groups_of_targets:
-        place = tracks.targets[first].position_m
-        first += len(group.names)
+    for track in tracks.targets:
         if name == "sun":
-            depth = sunlit_depth(place, tracks.sun.position_m, tracks.pole_icrs)
-            lit |= bool((depth > _SURELY_DARK_SUNS).any())
+            depth = sunlit_depth(track.position_m, tracks.sun.position_m, tracks.pole_icrs)
+            lit = (depth > _SURELY_DARK_SUNS).any()
         else:
-            lit |= bool((_terminator_margin_rad(place, tracks.sun.position_m) > -_NEAR_TERMINATOR_RAD).any())
+            lit = (_terminator_margin_rad(track.position_m, tracks.sun.position_m) > -_NEAR_TERMINATOR_RAD).any()
+        if lit:
+            return ""
     where = {"sun": "in the Earth's shadow", "albedo": "over the night side"}[name]
-    return "" if lit else f"left out: all targets are {where} throughout"
+    return f"left out: all targets are {where} throughout"
 
 
 _NEAR_TERMINATOR_RAD = 0.02

@@ -33,6 +33,7 @@ def check_scene(scene: Scene) -> None:
     _check_images(scene)
     _check_names(scene)
     _check_times(scene)
+    _check_exposure(scene)
     _check_optics(scene)
     _check_pointing(scene)
     _check_attitudes(scene)
@@ -69,6 +70,12 @@ def _check_names(scene: Scene) -> None:
                 f"groups[{number}].name: must be no other name of the scene, 'main' or 'group', got {group.name!r}"
             )
         taken.add(group.name)
+
+
+def _check_exposure(scene: Scene) -> None:
+    exposure_s, interval_s = scene.detector.exposure_s, scene.frames.interval_s
+    if scene.frames.count > 1 and exposure_s > interval_s:
+        raise part_error(f"detector.exposure_s: must be at most frames.interval_s ({interval_s:g}), got {exposure_s:g}")
 
 
 def _check_times(scene: Scene) -> None:

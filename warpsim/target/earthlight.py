@@ -33,7 +33,8 @@ NODE_ERRORS: MappingProxyType[int, dict[Light, float]] = MappingProxyType(
 
 Errors are shares of limb_sine^2 times the largest projected area (albedo: times pi as well), which no body exceeds from
 any side. They are some twice the largest found among 30,000 geometries of nine bodies; tests measure them anew. Lower
-than 30 km, albedo may be off by 4e-4 with 6 nodes and 2e-4 with 8; on the ground itself the table holds again.
+than 30 km, albedo may be off by 2e-3 with 6 nodes, 4e-4 with 8 and 1e-4 with 12; on the ground itself the table holds
+again.
 """
 
 SERIES_ERRORS: MappingProxyType[int, tuple[float, float]] = MappingProxyType(
