@@ -143,7 +143,7 @@ def plot_signatures(cases: list[Case], path: Path) -> None:
     for n_thread in sorted({c["n_thread"] for c in terms}):
         mine = [c for c in terms if c["n_thread"] == n_thread]
         rates = [c["observations_per_s"] for c in mine]
-        right.plot([c["terms"] for c in mine], rates, "o-", label=f"{n_thread} thread(s)")
+        right.plot([c["terms"] for c in mine], rates, "o-", label=f"{n_thread} thread{'' if n_thread == 1 else 's'}")
     right.set(ylabel="targets observed per second", title="terms of the light", yscale="log")
     right.grid(alpha=0.3)
     right.legend()

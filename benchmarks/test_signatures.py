@@ -55,7 +55,7 @@ def test_error(benchmark, error, exposure_s):
 
 def measure(benchmark, scene: ws.Scene, n_thread: int, **info: object) -> None:
     """Time light curves, and note how many observations a second that is."""
-    n_time = 100 if benchmark.enabled else 1
+    n_time = 500 if benchmark.enabled else 1
     times = np.linspace(0, scene.duration_s, n_time)
     sensors = ws.Renderer(scene, device="cpu").sensors_with_access
 

@@ -534,7 +534,9 @@ def test_times_are_written_plainly(scene):
     ax = ws.plot.plot_attitudes(still, 0.0)
     words = {text.get_text() for text in ax.texts}
     assert {"0 s", "+10800 s", "+21600 s", "+32400 s", "+43200 s", "+54000 s"} <= words
-    assert ax.get_title() == "stss: attitudes\naxes of center at 0 s: along-track to the right, radial upwards"
+    marks, axes = ax.get_title().split("\n")
+    assert marks == "stss: attitudes, a dark quarter marks the turn"
+    assert axes == "axes of center at 0 s: along-track to the right, radial upwards"
 
 
 # --- access and range ---

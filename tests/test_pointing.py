@@ -365,7 +365,7 @@ def world_with(scene, device, change):
     warp_device = wp.get_device(device)
     world = World(small, ["A"], warp_device, star_index(small, load_catalog(small), warp_device))
     arrays = [np.array(array.numpy()) for array in (world.motion.position_m, world.motion.velocity_m_s)]
-    change(*arrays, world.first_target)
+    change(*arrays, world.field.first_row)
     for array, values in zip((world.motion.position_m, world.motion.velocity_m_s), arrays, strict=True):
         array.assign(values)
     views = new_views(world, small.frame_time_s([FRAME, 71]), [FRAME, 71], [0, 0])

@@ -218,7 +218,7 @@ def test_temperature_of_a_target_by_name(scene):
     assert scene.temperature_k("cone02", 0.0).shape == (1,)
     with pytest.raises(ws.InputError, match="name: must be a target"):
         scene.temperature_k("sat11", 0.0)
-    with pytest.raises(ws.InputError, match="center: time_s: must be within the temperatures, 0 to 1614 s, got 1700"):
+    with pytest.raises(ws.InputError, match="center: time_s: must be within the scene, 0 to 1614 s, got 1700"):
         scene.temperature_k("center", 1700.0)
 
 

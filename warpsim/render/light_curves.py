@@ -32,7 +32,8 @@ Flags = npt.NDArray[np.bool_]
 MOST_NUMBERS = 500_000_000
 """Numbers in one set of light curves (4 GB)."""
 
-_VIEWS_PER_LAUNCH = 4096  # of a single target and band: small enough to spread over threads
+_VIEWS_PER_LAUNCH = 4096
+_PIECES_PER_THREAD = 16
 
 
 @dataclass(frozen=True, repr=False)
@@ -190,7 +191,8 @@ def _observe(world: TargetWorld, views: Any, seen: Any, terms: wp.array, n_threa
 
     single = world.device.is_cuda or wp.config.mode == "debug"
     n_worker = 1 if single else n_thread or n_usable_cpu()
-    size = max(1, min(-(-n_view // n_worker), _VIEWS_PER_LAUNCH if n_worker > 1 else n_view))
+    # Enough pieces that the first, which is done alone, costs the threads little.
+    size = n_view if n_worker == 1 else min(-(-n_view // (_PIECES_PER_THREAD * n_worker)), _VIEWS_PER_LAUNCH)
     one(0)  # kernels are compiled by one thread
     with ThreadPoolExecutor(n_worker) as pool:
         list(pool.map(one, range(size, n_view, size)))

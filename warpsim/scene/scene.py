@@ -364,8 +364,10 @@ class Scene:
         if name not in names:
             raise InputError(f"name: must be a target ({', '.join(names[:3])}, ...), got {name!r}")
         times = times_s(time_s)
-        if not ((times >= -END_SLACK_S) & (times <= self.duration_s + END_SLACK_S)).all():
-            raise InputError(f"{name}: time_s: must be within the scene, 0 to {self.duration_s:g} s")
+        outside = ~((times >= -END_SLACK_S) & (times <= self.duration_s + END_SLACK_S))
+        if outside.any():
+            span = f"0 to {self.duration_s:g} s"
+            raise InputError(f"{name}: time_s: must be within the scene, {span}, got {times[outside][0]:g}")
         try:
             return self.temperatures[names.index(name)].at(times)
         except InputError as error:

@@ -114,7 +114,11 @@ class Mesh(Areas):
         return self.surface.convex
 
     def notes(self) -> list[str]:
-        """What a user should know, a line each."""
+        """What a user should know, a line each.
+
+        Of a mesh that is not convex every face that turns to the sensor counts: also those behind others, those inside
+        a hollow body, and those of parts that are wound inside out while the whole is not.
+        """
         if self.convex:
             return []
         name = self.file or f"mesh of {len(self.surface.faces)} faces"
