@@ -24,7 +24,7 @@ F64 = npt.NDArray[np.float64]
 NODE_COUNTS = (1, 3, 5, 9, 17, 33, 65, 129, 257, 513, 1025, 2049)
 """Odd, so that one node lies in the middle."""
 
-_N_SAMPLE = 48
+_N_SAMPLE = 400
 
 
 @dataclass(frozen=True)
