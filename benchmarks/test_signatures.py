@@ -55,7 +55,7 @@ def test_error(benchmark, error, exposure_s):
 
 def measure(benchmark, scene: ws.Scene, n_thread: int, **info: object) -> None:
     """Time light curves, and note how many observations a second that is."""
-    n_time = 500 if benchmark.enabled else 1
+    n_time = 1500 if benchmark.enabled else 1
     times = np.linspace(0, scene.duration_s, n_time)
     sensors = ws.Renderer(scene, device="cpu").sensors_with_access
 
@@ -63,7 +63,7 @@ def measure(benchmark, scene: ws.Scene, n_thread: int, **info: object) -> None:
         return ws.light_curves(scene, times, sensors, device="cpu", n_thread=n_thread)
 
     run()  # compiled
-    curves = benchmark.pedantic(run, rounds=7 if benchmark.enabled else 1, warmup_rounds=0)
+    curves = benchmark.pedantic(run, rounds=5 if benchmark.enabled else 1, warmup_rounds=0)
     if benchmark.stats is None:
         return
     n_observation = curves.range_km.size
