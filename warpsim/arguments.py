@@ -1,7 +1,8 @@
-"""Arrays that users give to functions: plain numbers, or astropy quantities converted to the unit asked for."""
+"""What users give to functions: numbers, or astropy quantities converted to the unit asked for, and names."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -35,3 +36,23 @@ def plain_array(value: Any, unit: str, where: str) -> npt.NDArray[np.float64]:
 def times_s(value: Any) -> npt.NDArray[np.float64]:
     """Times after the epoch [s] as an array of one axis or more."""
     return np.atleast_1d(plain_array(value, "s", "time_s"))
+
+
+def chosen_names(what: str, names: Sequence[str] | None, known: list[str]) -> list[str]:
+    """Names as a list, in the order given; all known ones for None, a single name as a list of one.
+
+    Raises:
+        InputError: There are none, or one is unknown.
+    """
+    if names is None:
+        return known
+    if not isinstance(names, str | Sequence):
+        raise InputError(f"{what}: must be a list of names, got {names!r}")
+    listed = [names] if isinstance(names, str) else list(names)
+    if not listed:
+        raise InputError(f"{what}: must name at least one")
+    for name in listed:
+        if name not in known:
+            shown = ", ".join(known[:6]) + (", ..." if len(known) > 6 else "")
+            raise InputError(f"{what}: must be among {shown}, got {name!r}")
+    return listed

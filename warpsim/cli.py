@@ -237,7 +237,8 @@ def _czml(options: argparse.Namespace) -> int:
 
 
 def _catalog(options: argparse.Namespace) -> int:
-    from warpsim.output.catalog_file import FORMAT_OF_SUFFIX, check_new_file, write_catalog
+    from warpsim.files import check_new_file
+    from warpsim.output.catalog_file import FORMAT_OF_SUFFIX, write_catalog
     from warpsim.output.catalog_report import catalog_report
     from warpsim.plot.figure import PICTURE_SUFFIXES, need_matplotlib
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from warpsim.files import check_new_file as check_new_file
-from warpsim.files import whole_file, write_fits_table
+from warpsim.files import check_new_file, whole_file, write_fits_table
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.catalog_columns import J2000_JYEAR
 

@@ -21,9 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.files import whole_file
+from warpsim.files import check_new_file, whole_file
 from warpsim.orbit.epoch import years_ahead
-from warpsim.output.catalog_file import check_new_file
 from warpsim.scene.bends import bends_s
 
 if TYPE_CHECKING:

@@ -151,7 +151,7 @@ def _header(scene: Scene, sensor: str, band: str, n_frame: int) -> Any:
         ("FILTER", band, "spectral band"),
         ("TIMESYS", "UTC", ""),
         ("DATEREF", scene.epoch_utc, "instant of TIME_S = 0"),
-        ("NEI", detector.nei_w_cm2, "[W/cm2] noise equivalent irradiance"),
+        ("NEI", scene.nei_w_cm2(band), "[W/cm2] noise equivalent irradiance"),
         ("SEI", detector.sei_w_cm2, "[W/cm2] saturation equivalent irradiance"),
         ("OFFSET", detector.offset_counts, "[adu] blank sky"),
         ("CNTNEI", detector.counts_per_nei, "[adu] per NEI"),

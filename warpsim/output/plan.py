@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from warpsim.arguments import chosen_names
 from warpsim.errors import InputError
 from warpsim.files import partial_path, read_json, sha256_of, write_json
 from warpsim.render.renderer import Renderer
@@ -108,8 +109,8 @@ def make_plan(
         raise InputError("frames: must name at least one")
     # Frames of a cube and files of a run are written once each, however often they are named.
     numbers = list(dict.fromkeys(numbers))
-    sensor_list = list(dict.fromkeys(renderer.checked_names("sensors", sensors, scene.sensor_names)))
-    band_list = list(dict.fromkeys(renderer.checked_names("bands", bands, list(scene.bands))))
+    sensor_list = list(dict.fromkeys(chosen_names("sensors", sensors, scene.sensor_names)))
+    band_list = list(dict.fromkeys(chosen_names("bands", bands, list(scene.bands))))
     times = scene.frame_time_s(numbers)
     always = np.ones(len(times), dtype=bool)
     seen = {sensor: always if every_frame else scene.has_access(sensor, times) for sensor in sensor_list}

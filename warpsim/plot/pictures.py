@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from warpsim.files import prepare_folder
-from warpsim.output.catalog_file import check_new_file
+from warpsim.files import check_new_file, prepare_folder
 from warpsim.plot.access import plot_access, plot_range
 from warpsim.plot.bodies import plot_attitudes
 from warpsim.plot.figure import PICTURE_SUFFIXES, need_matplotlib, save_figure

@@ -34,6 +34,19 @@ def n_usable_cpu() -> int:
     return os.cpu_count() or 1
 
 
+def worker_count(device: wp.Device, n_thread: int | None) -> int:
+    """CPU threads that launch on a device: as many as asked for, all cores for None, one where only one can.
+
+    CUDA has one launch queue; and two CPU launches at once crash Warp's debug mode.
+
+    Raises:
+        InputError: Not a whole number >= 1.
+    """
+    if n_thread is not None and (not isinstance(n_thread, int) or n_thread < 1):
+        raise InputError(f"n_thread: must be a whole number >= 1, got {n_thread}")
+    return 1 if device.is_cuda or wp.config.mode == "debug" else n_thread or n_usable_cpu()
+
+
 def rows_per_block(device: wp.Device, n_row: int) -> int:
     """Image rows that one deposit thread owns: all on the CPU, where a launch is one thread; few on CUDA."""
     return ROWS_PER_BLOCK_CUDA if device.is_cuda else n_row

@@ -13,10 +13,10 @@ import warp as wp
 from warpsim_kernels.emission import N_TERM
 from warpsim_kernels.targets import IN_FOV, OCCULTED, STOWED
 
-from warpsim.arguments import times_s
+from warpsim.arguments import chosen_names, times_s
 from warpsim.errors import InputError
 from warpsim.render.buffers import new_observations, new_views, part_of
-from warpsim.render.device import default_device, n_usable_cpu
+from warpsim.render.device import default_device, worker_count
 from warpsim.render.stages import aim_views, look_at_targets, split_light
 from warpsim.render.truth import sunlit_fraction
 from warpsim.render.world import TargetWorld
@@ -67,7 +67,8 @@ class LightCurves:
     @property
     def snr(self) -> F64:
         """Irradiance over NEI, (n_time, n_sensor, n_band, n_target)."""
-        return self.irradiance_w_cm2 / self.scene.detector.nei_w_cm2
+        nei_w_cm2 = np.array([self.scene.nei_w_cm2(band) for band in self.bands])
+        return np.asarray(self.irradiance_w_cm2 / nei_w_cm2[:, None])
 
     def table(self) -> Table:
         """One row per time x sensor x band x target, with the columns of `FrameSet.truth` that need no image."""
@@ -123,18 +124,16 @@ def light_curves(
     """
     if not isinstance(scene, Scene):
         raise InputError(f"scene: must be a Scene, got {type(scene).__name__}; Scene.load reads presets and files")
-    if n_thread is not None and (not isinstance(n_thread, int) or n_thread < 1):
-        raise InputError(f"n_thread: must be a whole number >= 1, got {n_thread}")
     times = _checked_times(scene, time_s)
-    sensor_list = _chosen("sensors", sensors, scene.sensor_names)
+    sensor_list = chosen_names("sensors", sensors, scene.sensor_names)
     if sensors is None:
-        with_access = set(scene.access()["sensor"])
-        sensor_list = [name for name in scene.sensor_names if name in with_access]
+        sensor_list = scene.sensors_with_access
         if not sensor_list:
             raise InputError("sensors: none has access to the main target under the scene's access_rules; name sensors")
-    target_list = _chosen("targets", targets, scene.target_names)
-    band_list = _chosen("bands", bands, list(scene.bands))
+    target_list = chosen_names("targets", targets, scene.target_names)
+    band_list = chosen_names("bands", bands, list(scene.bands))
     world = TargetWorld(scene, band_list, default_device(device))
+    n_worker = worker_count(world.device, n_thread)
     n_view = len(times) * len(sensor_list)
     n_number = n_view * world.n_target * (len(band_list) * N_TERM + 8)
     if n_number > MOST_NUMBERS:
@@ -148,7 +147,7 @@ def light_curves(
     )
     seen = new_observations(world, n_view)
     terms = wp.zeros((N_TERM, n_view, world.n_band, world.n_target), dtype=wp.float64, device=world.device)
-    _observe(world, views, seen, terms, n_thread)
+    _observe(world, views, seen, terms, n_worker)
     columns = [scene.target_names.index(name) for name in target_list]
 
     def shaped(array: wp.array) -> Any:
@@ -176,7 +175,7 @@ def light_curves(
     )
 
 
-def _observe(world: TargetWorld, views: Any, seen: Any, terms: wp.array, n_thread: int | None) -> None:
+def _observe(world: TargetWorld, views: Any, seen: Any, terms: wp.array, n_worker: int) -> None:
     """All views, in pieces that threads take in turn."""
     n_view = int(views.time_s.shape[0])
     if n_view == 0 or terms.size == 0:
@@ -189,8 +188,6 @@ def _observe(world: TargetWorld, views: Any, seen: Any, terms: wp.array, n_threa
         look_at_targets(world, part, looked, looked.xy_px)
         split_light(world, looked, terms[:, first:end])
 
-    single = world.device.is_cuda or wp.config.mode == "debug"
-    n_worker = 1 if single else n_thread or n_usable_cpu()
     # Enough pieces that the first, which is done alone, costs the threads little.
     size = n_view if n_worker == 1 else min(-(-n_view // (_PIECES_PER_THREAD * n_worker)), _VIEWS_PER_LAUNCH)
     one(0)  # kernels are compiled by one thread
@@ -208,19 +205,3 @@ def _checked_times(scene: Scene, time_s: npt.ArrayLike | None) -> F64:
     if bad.any():
         raise InputError(f"time_s: must be within the scene, 0 to {scene.duration_s:g} s, got {times[bad][0]:g}")
     return times
-
-
-def _chosen(what: str, names: Sequence[str] | None, known: list[str]) -> list[str]:
-    """Names as a list, all known ones for None."""
-    if names is None:
-        return known
-    if not isinstance(names, str | list | tuple):
-        raise InputError(f"{what}: must be a list of names, got {names!r}")
-    listed = [names] if isinstance(names, str) else list(names)
-    for name in listed:
-        if name not in known:
-            shown = ", ".join(known[:6]) + (", ..." if len(known) > 6 else "")
-            raise InputError(f"{what}: must be among {shown}, got {name!r}")
-    if not listed:
-        raise InputError(f"{what}: must name at least one")
-    return listed

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from warpsim.arguments import chosen_names
 from warpsim.errors import InputError
 from warpsim.render.buffers import (
     Chunk,
@@ -25,7 +26,7 @@ from warpsim.render.buffers import (
     part_of,
     views_per_chunk,
 )
-from warpsim.render.device import default_device, n_usable_cpu
+from warpsim.render.device import default_device, worker_count
 from warpsim.render.frameset import FrameSet
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.stages import STAGES
@@ -72,15 +73,11 @@ class Renderer:
     def __init__(
         self, scene: Scene, device: Any = None, n_thread: int | None = None, catalog: StarCatalog | None = None
     ) -> None:
-        if n_thread is not None and (not isinstance(n_thread, int) or n_thread < 1):
-            raise InputError(f"n_thread: must be a whole number >= 1, got {n_thread}")
         if catalog is not None and not isinstance(catalog, StarCatalog):
             raise InputError(f"catalog: must be a StarCatalog, got {type(catalog).__name__}; files are for sky.catalog")
         self.scene = scene
         self.device = default_device(device)
-        # One launch queue on CUDA; and two CPU launches at once crash Warp's debug mode, so that runs on one thread.
-        single = self.device.is_cuda or wp.config.mode == "debug"
-        self.n_thread = 1 if single else n_thread or n_usable_cpu()
+        self.n_thread = worker_count(self.device, n_thread)
         self._index = star_index(scene, load_catalog(scene) if catalog is None else catalog, self.device)
         self._worlds: dict[tuple[str, ...], World] = {}
         self._workers: dict[tuple[str, ...], list[_Worker]] = {}
@@ -96,8 +93,7 @@ class Renderer:
     @property
     def sensors_with_access(self) -> list[str]:
         """Sensors that can observe the main target at some time of the scene."""
-        seen = set(self.scene.access()["sensor"])
-        return [name for name in self.scene.sensor_names if name in seen]
+        return self.scene.sensors_with_access
 
     def render(
         self,
@@ -126,8 +122,8 @@ class Renderer:
             InputError: An unknown name, a frame outside the scene, or no sensor with access.
         """
         frame_list = self.checked_frames(frames)
-        sensor_list = self.checked_names("sensors", sensors, self.scene.sensor_names)
-        band_list = self.checked_names("bands", bands, list(self.scene.bands))
+        sensor_list = chosen_names("sensors", sensors, self.scene.sensor_names)
+        band_list = chosen_names("bands", bands, list(self.scene.bands))
         if sensors is None:
             sensor_list = self.sensors_with_access
             if not sensor_list:
@@ -171,19 +167,6 @@ class Renderer:
         if self.scene.sights is not None:
             self.scene.sights.check_times(self.scene.sensor_names, times)
         return [int(number) for number in numbers]
-
-    def checked_names(self, what: str, names: Sequence[str] | None, known: list[str]) -> list[str]:
-        """Names as a list, all known ones for None; InputError when one is unknown."""
-        if names is None:
-            return known
-        listed = [names] if isinstance(names, str) else list(names)
-        if not listed:
-            raise InputError(f"{what}: must name at least one")
-        for name in listed:
-            if name not in known:
-                shown = ", ".join(known[:6]) + (", ..." if len(known) > 6 else "")
-                raise InputError(f"{what}: must be among {shown}, got {name!r}")
-        return listed
 
     def _world(self, bands: tuple[str, ...]) -> World:
         if bands not in self._worlds:

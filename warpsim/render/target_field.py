@@ -13,7 +13,7 @@ from warpsim_kernels.emission import Surfaces, make_emit_kernel, make_split_kern
 from warpsim_kernels.signature import Exposure, Features, Surroundings, Tables, Target
 from warpsim_kernels.targets import make_observe_targets_kernel
 
-from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
+from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M
 from warpsim.render.turning import Turning, make_turning, motion_struct
 from warpsim.render.warmth import Warmth, make_radiance, make_warmth
@@ -137,5 +137,5 @@ def earth_struct(scene: Scene) -> Any:
     earth: Any = Earth()
     earth.pole = wp.vec3d(*scene.tracks.pole_icrs)
     earth.equatorial_radius_m = EARTH_EQUATORIAL_RADIUS_M
-    earth.polar_radius_m = EARTH_EQUATORIAL_RADIUS_M * (1 - EARTH_FLATTENING)
+    earth.polar_radius_m = EARTH_POLAR_RADIUS_M
     return earth

@@ -47,7 +47,7 @@ def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
     xy_px = np.where(behind[..., None], np.nan, np.asarray(seen.xy_px.numpy()))
     irradiance = np.asarray(seen.irradiance_w_cm2.numpy(), dtype=np.float64)
     split = split_irradiance_w_cm2(world, seen)
-    snr = irradiance / frames.scene.detector.nei_w_cm2
+    snr = irradiance / np.array([frames.scene.nei_w_cm2(band) for band in frames.bands])[:, None]
     table = Table(
         {
             "frame": spread(np.asarray(frames.frames, dtype=np.int64), 0),
@@ -136,7 +136,7 @@ def star_table(frames: FrameSet, world: World, star_lists: list[tuple[npt.NDArra
             "id": world.stars.index.catalog.id_of(rows),
             "in_fov": in_fov,
             "irradiance_w_cm2": light,
-            "snr": light / frames.scene.detector.nei_w_cm2,
+            "snr": light / np.array([frames.scene.nei_w_cm2(band) for band in frames.bands]),
         }
     )
     name = world.stars.index.catalog.name

@@ -23,6 +23,12 @@ TERMS = ("sun", "earth", "albedo")
 _SURELY_DARK_SUNS = -3.0
 """Depth in the Earth's shadow at nodes, in widths of the Sun, from which no target gets out of it between them."""
 
+_NEAR_TERMINATOR_RAD = 0.02
+"""How far sunlit ground may be beyond the horizon at a node and come into view between nodes: 130 km."""
+
+_LIGHT_TIME = 1e-4
+"""Change of a distance during the light time, as a share of it, at most: v / c."""
+
 
 @dataclass(frozen=True)
 class LightTerm:
@@ -45,10 +51,9 @@ def light_terms(scene: Scene) -> dict[str, LightTerm]:
     terms = {}
     for name in TERMS:
         bound = bounds.get(name, np.inf)
-        dark = _is_dark(scene, name)
         if not getattr(lighting, name):
             kept, reason = False, "off"
-        elif dark:
+        elif dark := _why_dark(scene, name):
             kept, bound, reason = False, 0.0, dark
         elif bound <= lighting.leave_out_nei:
             kept, reason = False, f"left out: at most {bound:.2g} NEI"
@@ -75,7 +80,7 @@ def _nearest_m(scene: Scene) -> float:
             speed_m_s = np.linalg.norm(sensor.velocity_m_s - velocity, axis=1)
             margin_m = 0.5 * tracks.step_s * 1.1 * speed_m_s
             nearest = min(nearest, float((distance_m - margin_m).min()) - apart_m)
-    return max(nearest, 0.0)
+    return max(nearest * (1.0 - _LIGHT_TIME), 0.0)
 
 
 def _bounds_nei(scene: Scene, near_m: float) -> dict[str, float]:
@@ -94,11 +99,12 @@ def _bounds_nei(scene: Scene, near_m: float) -> dict[str, float]:
             largest = 0.5 if getattr(spec.shape, "convex", True) else 1.0
             across_m2 = (1.0 - spec.surface.emissivity_in(band)) * largest * spec.shape.surface_m2
             for name in TERMS:
-                most[name] = max(most[name], falling[name] / np.pi * across_m2)
-    return {name: value / near_m**2 * 1e-4 / scene.detector.nei_w_cm2 for name, value in most.items()}
+                irradiance_w_cm2 = falling[name] / np.pi * across_m2 / near_m**2 * 1e-4
+                most[name] = max(most[name], irradiance_w_cm2 / scene.nei_w_cm2(band))
+    return most
 
 
-def _is_dark(scene: Scene, name: str) -> str:
+def _why_dark(scene: Scene, name: str) -> str:
     """Why there is no light for a term in the whole scene; empty if there may be some."""
     if name == "earth":
         return ""
@@ -113,9 +119,6 @@ def _is_dark(scene: Scene, name: str) -> str:
             return ""
     where = {"sun": "in the Earth's shadow", "albedo": "over the night side"}[name]
     return f"left out: all targets are {where} throughout"
-
-
-_NEAR_TERMINATOR_RAD = 0.02
 
 
 def _terminator_margin_rad(place_m: F64, sun_m: F64) -> F64:

@@ -245,6 +245,10 @@ class Scene:
         """All groups: first the one of `trajectory`, `targets` and `release`, then those of `groups`."""
         return TargetGroup("main", self.trajectory, self.targets, self.release), *self.groups
 
+    def nei_w_cm2(self, band: str) -> float:
+        """Noise equivalent irradiance of a pixel in a band [W/cm2]."""
+        return self.detector.nei_w_cm2
+
     def frame_time_s(self, frames: Sequence[int] | npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
         """Times of frames after the epoch [s], shape (n,)."""
         return self.frames.start_s + np.asarray(frames, dtype=np.float64) * self.frames.interval_s
@@ -457,6 +461,12 @@ class Scene:
         from warpsim.scene.access import eclipse_table
 
         return eclipse_table(self, name, step_s)
+
+    @cached_property
+    def sensors_with_access(self) -> list[str]:
+        """Sensors that can observe the main target at some time, in the order of sensor_names."""
+        seen = set(self.access()["sensor"])
+        return [name for name in self.sensor_names if name in seen]
 
     def has_access(self, sensor: str, time_s: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Whether a sensor can observe the main target at given times, shape (n,).
