@@ -13,10 +13,14 @@ from warpsim_kernels.psf import (
     TablePsf,
     gaussian_half_width_px,
     gaussian_pixel_share,
-    table_axis,
+    table_functions,
     table_half_width_px,
-    table_pixel_share,
 )
+
+SIX_POINTS = table_functions(6)
+column_axis = SIX_POINTS.column_axis
+row_axis = SIX_POINTS.row_axis
+table_pixel_share = SIX_POINTS.share
 
 
 @wp.struct
@@ -131,15 +135,15 @@ def deposit_table_kernel(
     shape = psf[band]
     for source in range(n_source[view]):
         irradiance = source_irradiance_w_cm2[view, band, source]
-        half = table_half_width_px(shape, stamp_cut(irradiance, rule))
+        half = table_half_width_px(table, shape, stamp_cut(irradiance, rule))
         xy_px = source_xy_px[view, source]
         stamp = stamp_on_image(xy_px, half, n_col, first_row, end_row)
         if irradiance != 0.0:
             for row in range(stamp.first_row, stamp.end_row):
-                row_axis = table_axis(wp.float64(row) - xy_px[1], shape)
+                down = row_axis(wp.float64(row) - xy_px[1], shape)
                 for column in range(stamp.first_column, stamp.end_column):
-                    column_axis = table_axis(wp.float64(column) - xy_px[0], shape)
-                    share = table_pixel_share(table, shape, row_axis, column_axis)
+                    across = column_axis(wp.float64(column) - xy_px[0], shape)
+                    share = table_pixel_share(table, shape, down, across)
                     signal_w_cm2[view, band, row, column] += irradiance * share
 
 
@@ -163,6 +167,7 @@ def size_table_stamps_kernel(
     # in
     irradiance_w_cm2: wp.array2d[float],  # (n_band, n_source)
     psf: wp.array[TablePsf],  # (n_band,)
+    table: wp.array[float],  # pixel shares of all bands, flat
     rule: StampRule,
     # out
     half_width_px: wp.array2d[wp.int32],  # (n_band, n_source)
@@ -170,7 +175,7 @@ def size_table_stamps_kernel(
     """Half-widths of tabulated stamps."""
     band, source = wp.tid()
     cut = stamp_cut(irradiance_w_cm2[band, source], rule)
-    half_width_px[band, source] = table_half_width_px(psf[band], cut)
+    half_width_px[band, source] = table_half_width_px(table, psf[band], cut)
 
 
 @wp.kernel(enable_backward=False)
@@ -216,16 +221,16 @@ def table_stamp_kernel(
     """What the tabulated stamps of the first n_source sources hold."""
     view, band, source = wp.tid()
     shape = psf[band]
-    half = table_half_width_px(shape, stamp_cut(source_irradiance_w_cm2[view, band, source], rule))
+    half = table_half_width_px(table, shape, stamp_cut(source_irradiance_w_cm2[view, band, source], rule))
     x = source_xy_px[view, source][0]
     y = source_xy_px[view, source][1]
     dx = wp.float64(nearest_pixel(x)) - x
     dy = wp.float64(nearest_pixel(y)) - y
     total = wp.float64(0.0)
     for row in range(-half, half + 1):
-        row_axis = table_axis(wp.float64(row) + dy, shape)
+        down = row_axis(wp.float64(row) + dy, shape)
         for column in range(-half, half + 1):
-            column_axis = table_axis(wp.float64(column) + dx, shape)
-            total += wp.float64(table_pixel_share(table, shape, row_axis, column_axis))
-    peak_share[view, band, source] = table_pixel_share(table, shape, table_axis(dy, shape), table_axis(dx, shape))
+            across = column_axis(wp.float64(column) + dx, shape)
+            total += wp.float64(table_pixel_share(table, shape, down, across))
+    peak_share[view, band, source] = table_pixel_share(table, shape, row_axis(dy, shape), column_axis(dx, shape))
     stamp_share[view, band, source] = float(total)

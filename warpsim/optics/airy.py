@@ -67,6 +67,9 @@ class AiryTable:
     tail_bound_px3: float
     """Coefficient b [px3] with P(dx, dy) <= b / r^3 for every pixel at r >= 1 px."""
 
+    envelope: NDArray[np.float32]
+    """Largest share that a stamp of half-width 0, 1, 2 ... leaves out, up to the reach."""
+
     error: float
     """Largest absolute error of `share` found on sampled offsets against edge quadrature, per unit flux."""
 
@@ -111,6 +114,7 @@ def build_airy_table(radius_px: float, obscuration: float = 0.0) -> AiryTable:
         reach_px=reach_px,
         wing_px3=pattern.wing_px3,
         tail_bound_px3=_tail_bound_px3(pattern, share64, nodes_per_px),
+        envelope=_envelope(pattern, share64, nodes_per_px, reach_px),
         error=float("nan"),
         radius_px=radius_px,
         obscuration=obscuration,
@@ -366,6 +370,15 @@ def _tail_bound_px3(pattern: _Pattern, share64: Float64s, nodes_per_px: int) -> 
     near = float(np.max(np.where(r2 >= 1.0, inner * r2 * np.sqrt(r2), 0.0)))
     far = 1.1 * pattern.wing_px3 + sum(_ripples_px3(pattern, np.inf))
     return 1.02 * max(near, far)  # 2 %: what a maximum between the nodes may add
+
+
+def _envelope(pattern: _Pattern, share64: Float64s, nodes_per_px: int, reach_px: float) -> NDArray[np.float32]:
+    """Return the largest share beyond |dx| or |dy| = h + 1/2, for h = 0 ... reach - 1/2."""
+    half_px = np.arange(int(reach_px - 0.5) + 1)
+    first = N_MARGIN + nodes_per_px // 2 + nodes_per_px * half_px
+    row_max = np.maximum.accumulate(share64[:, N_MARGIN:].max(axis=1)[::-1])[::-1]  # of a row or those after it
+    far = (1.1 * pattern.wing_px3 + sum(_ripples_px3(pattern, np.inf))) / reach_px**3
+    return np.maximum(1.02 * row_max[first], far).astype(np.float32)
 
 
 def _measured_error(table: AiryTable, flow: _FlowProfile) -> float:

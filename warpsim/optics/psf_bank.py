@@ -11,7 +11,7 @@ from warpsim_kernels import deposit as kernels
 from warpsim_kernels.psf import TablePsf
 
 from warpsim.errors import InputError
-from warpsim.optics.airy import build_airy_table
+from warpsim.optics.airy import N_MARGIN, build_airy_table
 from warpsim.optics.psf import Psf, PsfAiry, PsfGaussian
 
 SMALLEST_STAMP_CUT = 1e-11
@@ -76,18 +76,25 @@ class AiryBank:
 
     def __init__(self, psfs: Sequence[PsfAiry], device: Any) -> None:
         tables = [build_airy_table(psf.radius_px, psf.obscuration) for psf in psfs]
-        self._table = wp.array(np.concatenate([t.share.ravel() for t in tables]), dtype=wp.float32, device=device)
+        flat = [part for t in tables for part in (t.share.ravel(), t.envelope)]
+        self._table = wp.array(np.concatenate(flat), dtype=wp.float32, device=device)
         structs, start = [], 0
         for table in tables:
             struct: Any = TablePsf()
             struct.start = start
-            struct.n_node = len(table.share)
-            struct.nodes_per_px = table.nodes_per_px
-            struct.reach_px = table.reach_px
+            struct.n_column = struct.n_row = len(table.share)
+            struct.column_per_px = struct.row_per_px = table.nodes_per_px
+            struct.zero_column = struct.zero_row = N_MARGIN
+            struct.mirrored = 1
+            struct.reach_column_px = struct.reach_row_px = table.reach_px
+            struct.pixel_aspect = 1.0
             struct.wing_px3 = table.wing_px3
+            struct.wing_next_px2 = 0.375
+            struct.envelope = start + table.share.size
+            struct.n_envelope = len(table.envelope)
             struct.tail_px3 = table.tail_bound_px3
             structs.append(struct)
-            start += table.share.size
+            start += table.share.size + len(table.envelope)
         self._psf = wp.array(structs, dtype=TablePsf, device=device)
 
     def deposit(self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array) -> None:
@@ -97,7 +104,7 @@ class AiryBank:
 
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
         """See PsfBank."""
-        inputs = [irradiance_w_cm2, self._psf, rule]
+        inputs = [irradiance_w_cm2, self._psf, self._table, rule]
         kernel = kernels.size_table_stamps_kernel
         wp.launch(kernel, half_width_px.shape, inputs, [half_width_px], device=half_width_px.device)
 
