@@ -67,21 +67,31 @@ class TablePsf:
     wing_px3: float  # beyond, share = wing / r^3 * (1 + (next + aspect * dx^2 / r^2) / r^2), r in pixel widths
     wing_next_px2: float
     wing_aspect_px2: float
-    envelope: int  # where the envelope begins: the largest share that a stamp of half-width 0, 1, 2 ... leaves out
+    envelope: int  # where the envelope begins: largest share of a pixel outside a disc of radius 0, 1/2, 1, 3/2 ...
     n_envelope: int
-    tail_px3: float  # beyond the envelope a stamp of half-width h leaves out at most tail / (h + 1/2)^3; 0: nothing
+    tail_px3: float  # farther out no pixel holds more than tail / r^3, r = distance of its centre; 0: nothing
+
+
+@wp.func
+def table_reach_px(table: wp.array[float], psf: TablePsf, cut: float) -> float:
+    """Radius of the disc about a source without which no pixel holds more than the fraction `cut` of the flux.
+
+    In pixel widths. A pixel belongs to the disc if any part of it does.
+    """
+    if table[psf.envelope + psf.n_envelope - 1] > cut:
+        beyond = wp.pow(psf.tail_px3 / cut, wp.static(1.0 / 3.0)) - 0.5 * wp.min(psf.pixel_aspect, 1.0)
+        return wp.max(beyond, 0.5 * float(psf.n_envelope))
+    k = int(0)
+    while table[psf.envelope + k] > cut:
+        k += 1
+    return 0.5 * float(k)
 
 
 @wp.func
 def table_half_width_px(table: wp.array[float], psf: TablePsf, cut: float) -> int:
     """Stamp half-width, in columns as in rows, beyond which no pixel holds more than the fraction `cut` of the flux."""
-    if table[psf.envelope + psf.n_envelope - 1] > cut:
-        half = int(wp.ceil(wp.min(wp.pow(psf.tail_px3 / cut, wp.static(1.0 / 3.0)) - 0.5, 1.0e6)))
-        return wp.clamp(half, psf.n_envelope, MAX_HALF_WIDTH_PX)
-    half = int(0)
-    while table[psf.envelope + half] > cut:
-        half += 1
-    return wp.min(half, MAX_HALF_WIDTH_PX)
+    reach_px = table_reach_px(table, psf, cut) / wp.min(psf.pixel_aspect, 1.0)
+    return int(wp.ceil(wp.min(reach_px, float(MAX_HALF_WIDTH_PX))))
 
 
 class TableFunctions(NamedTuple):
