@@ -33,8 +33,8 @@ def deposit(
         shape: (n_row, n_col).
         device: Warp device; CUDA where present when left out.
         flux_error: No pixel is off by more than this fraction of a source's flux, truncation included; below 2e-7
-            float32 rounding decides, and below 5e-7 the table of an Airy pattern or an image. What falls outside the frame is
-            absent; nothing is renormalised.
+            float32 rounding decides, and below 6e-7 the table of an Airy pattern or an image. What falls outside the
+            frame is absent; nothing is renormalised.
 
     Returns:
         Image in the unit of flux, shape (n_row, n_col), float32.
