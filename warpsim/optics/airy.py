@@ -41,6 +41,9 @@ WING_TOLERANCE = 3.0e-7
 """Root-sum-square of what the wing leaves out at the reach; ripples in phase may reach 1.5 times as much."""
 MIN_REACH_PX = 2.0
 
+ENVELOPE_STEP_PX = 0.25
+"""Step of the radius in AiryTable.envelope; the kernels' own."""
+
 RADIAL_STEP_LAMF = 0.01
 """Step of the radial table; cubic Hermite interpolation on it is good to 4e-9 of the peak."""
 
@@ -68,7 +71,7 @@ class AiryTable:
     """Coefficient b [px3] with P(dx, dy) <= b / r^3 for every pixel at r >= 1 px."""
 
     envelope: NDArray[np.float32]
-    """Largest share that a stamp of half-width 0, 1, 2 ... leaves out, up to the reach."""
+    """Largest share of a pixel that a disc of radius k ENVELOPE_STEP_PX about the source does not touch."""
 
     error: float
     """Largest absolute error of `share` found on sampled offsets against edge quadrature, per unit flux."""
@@ -373,12 +376,17 @@ def _tail_bound_px3(pattern: _Pattern, share64: Float64s, nodes_per_px: int) -> 
 
 
 def _envelope(pattern: _Pattern, share64: Float64s, nodes_per_px: int, reach_px: float) -> NDArray[np.float32]:
-    """Return the largest share beyond |dx| or |dy| = h + 1/2, for h = 0 ... reach - 1/2."""
-    half_px = np.arange(int(reach_px - 0.5) + 1)
-    first = N_MARGIN + nodes_per_px // 2 + nodes_per_px * half_px
-    row_max = np.maximum.accumulate(share64[:, N_MARGIN:].max(axis=1)[::-1])[::-1]  # of a row or those after it
+    """Return the largest share of a pixel that a disc of radius k ENVELOPE_STEP_PX about the source does not touch."""
+    # From the source to the pixel's nearest point; one cell more, for what lies between the nodes.
+    beyond_px = np.maximum(np.arange(share64.shape[0] - N_MARGIN) / nodes_per_px - 0.5, 0.0)
+    radius_px = np.hypot(beyond_px[:, None], beyond_px) + 1.0 / nodes_per_px
+    n_radius = int((reach_px - 0.5) / ENVELOPE_STEP_PX) + 1
+    largest = np.zeros(n_radius)
+    number = np.minimum((radius_px / ENVELOPE_STEP_PX).astype(np.int64), n_radius - 1)
+    np.maximum.at(largest, number.ravel(), share64[N_MARGIN:, N_MARGIN:].ravel())
+    outward = np.maximum.accumulate(largest[::-1])[::-1]
     far = (1.1 * pattern.wing_px3 + sum(_ripples_px3(pattern, np.inf))) / reach_px**3
-    return np.maximum(1.02 * row_max[first], far).astype(np.float32)
+    return np.maximum(1.02 * outward, far).astype(np.float32)
 
 
 def _measured_error(table: AiryTable, flow: _FlowProfile) -> float:

@@ -65,7 +65,7 @@ def deposit(
         wp.array(xy[None], dtype=wp.vec2d, device=where),
         wp.array((strength / scale).astype(np.float32)[None, None], dtype=wp.float32, device=where),
     ]
-    rule = stamp_rule(0.0, flux_error)
+    rule = stamp_rule([0.0], flux_error, where)
     psf_bank([psf], where).deposit(sources, rule, rows_per_block(where, shape[0]), signal)
     image = signal.numpy()[0, 0]
     return np.asarray(image if scale == 1.0 else (image * np.float64(scale)).astype(np.float32))
