@@ -8,9 +8,10 @@ from streak_oracles import airy_streak, even_times, fine_times, gaussian_streak,
 from warpsim_kernels.paths import Paths
 
 import warpsim as ws
+from warpsim.optics.pattern import annular_transfer
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
+from warpsim.optics.sharpness import sharpness
 from warpsim.optics.streak_rules import LONGEST_STREAK
-from warpsim.optics.transfer import airy_blur_lamf, annular_transfer
 
 SEED = 271828
 STREAK_ATOL = 1e-5  # per unit flux, of the 10,000 samples
@@ -192,8 +193,11 @@ def test_blur_bounds_the_transfer_function(obscuration):
         hankel = (pattern * special.j0(2 * frequency * v)).sum() / (2 * (1 - obscuration**2))
         assert annular_transfer(np.array([frequency]), obscuration)[0] == pytest.approx(hankel, rel=0, abs=3e-4)
     frequency = np.linspace(0.01, 0.999, 777)
-    bound = np.exp(-0.5 * (2 * np.pi * airy_blur_lamf(obscuration) * frequency) ** 2)
-    assert (annular_transfer(frequency, obscuration) <= bound * 1.0005).all()
+    sigma_px, limit_per_px = sharpness(ws.PsfAiry(1.2196698912665045, obscuration))
+    bound = np.exp(-0.5 * (2 * np.pi * sigma_px * frequency) ** 2)
+    assert limit_per_px == pytest.approx(1, rel=1e-12)
+    assert (annular_transfer(frequency, obscuration) <= bound).all()
+    assert sigma_px > 0.36  # lambda F; a Gaussian like the core has 0.42
 
 
 PSFS = [ws.PsfGaussian(0.064), ws.PsfGaussian(2.0), ws.PsfAiry(0.185), ws.PsfAiry(1.5, 0.3)]

@@ -8,6 +8,8 @@ from pydantic import Field, model_validator
 
 from warpsim.describe import Integer, NonNegative, Positive, closed_interval, part, part_error
 
+MAX_DIFFUSION_PX = 10.0
+
 
 @part
 class NeiDetector:
@@ -21,6 +23,8 @@ class NeiDetector:
         counts_per_nei: Gain [counts per NEI].
         exposure_s: Length of the exposure about the frame's time [s], over which targets' brightness is averaged as
             they turn; 0 is an instant. NEI and SEI are those of this exposure.
+        diffusion_px: Standard deviation, along rows as along columns, by which charge spreads before it is collected
+            [px, in widths of a pixel]; it widens the point spread function.
     """
 
     nei_w_cm2: Positive
@@ -29,6 +33,7 @@ class NeiDetector:
     offset_counts: NonNegative = 100.0
     counts_per_nei: Positive = 5.0
     exposure_s: Annotated[NonNegative, closed_interval(0, 10)] = 0.0
+    diffusion_px: Annotated[NonNegative, closed_interval(0, MAX_DIFFUSION_PX)] = 0.0
     kind: Literal["nei"] = Field(default="nei", kw_only=True)
 
     @model_validator(mode="after")

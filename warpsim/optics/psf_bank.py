@@ -5,28 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Protocol
 
-import numpy as np
 import warp as wp
 from warpsim_kernels.deposit_gaussian import make_deposit_gaussian_kernel
 from warpsim_kernels.deposit_table import make_deposit_table_kernel
 from warpsim_kernels.paths import Paths
-from warpsim_kernels.psf import TablePsf, table_functions
 from warpsim_kernels.stamp_light import make_gaussian_light_kernel, make_table_light_kernel
 from warpsim_kernels.stamp_sizes import size_gaussian_stamps_kernel, size_table_stamps_kernel
 from warpsim_kernels.stamps import StampRule
 from warpsim_kernels.streaks import Blur
 
-from warpsim.errors import InputError
-from warpsim.optics.airy import FIRST_DARK_RING, N_MARGIN, build_airy_table
-from warpsim.optics.psf import Psf, PsfAiry, PsfGaussian
+from warpsim.optics.psf import Psf, PsfGaussian, check_one_family
+from warpsim.optics.sharpness import sharpness
 from warpsim.optics.streak_rules import STREAK_ERROR, streak_rules
-from warpsim.optics.transfer import airy_blur_lamf
+from warpsim.optics.table_upload import lanes_of, upload_tables
+from warpsim.optics.tables import TableAccuracy, TabulatedPsf, cheapest_points, share_table
 
 SMALLEST_STAMP_CUT = 1e-15
 """Stamps never grow beyond where a pixel holds this fraction of a source's light."""
-
-N_POINT = 6
-"""Points per axis of the interpolation in tables."""
 
 
 class PsfBank(Protocol):
@@ -93,48 +88,25 @@ class GaussianBank:
         _launch(kernel, [*sources, self._sigma_px, rule, Paths() if paths is None else paths, self._rules], outputs)
 
 
-class AiryBank:
-    """Airy patterns, as tables of pixel shares."""
+class TableBank:
+    """Patterns as tables of pixel shares."""
 
-    def __init__(self, psfs: Sequence[PsfAiry], device: Any) -> None:
-        tables = [build_airy_table(psf.radius_px, psf.obscuration) for psf in psfs]
-        n_lane = table_functions(N_POINT).n_lane
-        flat = [part for t in tables for part in (t.share.ravel(), t.envelope)]
-        self._table = wp.array(np.concatenate([*flat, np.zeros(n_lane)]), dtype=wp.float32, device=device)
-        # The same memory once more, with a vector from every float on: six neighbours in one load.
-        self._lanes = wp.array(
-            ptr=self._table.ptr,
-            dtype=wp.types.vector(length=n_lane, dtype=wp.float32),
-            shape=(self._table.size - n_lane + 1,),
-            strides=(4,),
-            device=device,
-        )
-        structs, start = [], 0
-        for table in tables:
-            struct: Any = TablePsf()
-            struct.start = start
-            struct.n_column = struct.n_row = len(table.share)
-            struct.column_per_px = struct.row_per_px = table.nodes_per_px
-            struct.zero_column = struct.zero_row = N_MARGIN
-            struct.mirrored = 1
-            struct.reach_column_px = struct.reach_row_px = table.reach_px
-            struct.pixel_aspect = 1.0
-            struct.wing_px3 = table.wing_px3
-            struct.wing_next_px2 = 0.375
-            struct.envelope = start + table.share.size
-            struct.n_envelope = len(table.envelope)
-            struct.tail_px3 = table.tail_bound_px3
-            structs.append(struct)
-            start += table.share.size + len(table.envelope)
-        self._psf = wp.array(structs, dtype=TablePsf, device=device)
-        self._blur = wp.array([_blur(psf) for psf in psfs], dtype=Blur, device=device)
+    def __init__(
+        self, psfs: Sequence[TabulatedPsf], device: Any, pixel_aspect: float, accuracy: TableAccuracy
+    ) -> None:
+        n_point = accuracy.n_point or cheapest_points(psfs, pixel_aspect, accuracy.error)
+        tables = [share_table(psf, pixel_aspect, accuracy.error, n_point) for psf in psfs]
+        self._psf, self._table = upload_tables(tables, device)
+        self._lanes = lanes_of(self._table, n_point)
+        self._blur = wp.array([_blur(psf, pixel_aspect) for psf in psfs], dtype=Blur, device=device)
         self._rules = streak_rules(device)
+        self._n_point = n_point
 
     def deposit(
         self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array, paths: Any = None
     ) -> None:
         """See PsfBank."""
-        kernel = make_deposit_table_kernel(N_POINT, paths is not None)
+        kernel = make_deposit_table_kernel(self._n_point, paths is not None)
         _launch_deposit(kernel, self._inputs(sources, rule, paths), n_row_per_block, signal_w_cm2)
 
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
@@ -143,7 +115,7 @@ class AiryBank:
 
     def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array], paths: Any = None) -> None:
         """See PsfBank."""
-        kernel = make_table_light_kernel(N_POINT, paths is not None)
+        kernel = make_table_light_kernel(self._n_point, paths is not None)
         _launch(kernel, self._inputs(sources, rule, paths), outputs)
 
     def _inputs(self, sources: list[wp.array], rule: Any, paths: Any) -> list[Any]:
@@ -151,26 +123,33 @@ class AiryBank:
         return [*sources, *tables, rule, Paths() if paths is None else paths, self._rules]
 
 
-def _blur(psf: PsfAiry) -> Any:
-    lamf_px = psf.radius_px / FIRST_DARK_RING
+def _blur(psf: TabulatedPsf, pixel_aspect: float) -> Any:
     blur: Any = Blur()
-    blur.width_px = airy_blur_lamf(psf.obscuration) * lamf_px
-    blur.band_limit_per_px = 1.0 / lamf_px
-    blur.aspect = 1.0
+    blur.width_px, blur.band_limit_per_px = sharpness(psf)
+    blur.aspect = pixel_aspect
     return blur
 
 
-def psf_bank(psfs: Sequence[Psf], device: Any) -> PsfBank:
+def psf_bank(
+    psfs: Sequence[Psf], device: Any, pixel_aspect: float = 1.0, accuracy: TableAccuracy | None = None
+) -> PsfBank:
     """Upload the point spread functions of all bands.
 
+    Args:
+        psfs: One for each band.
+        device: Where they are used.
+        pixel_aspect: Height of a pixel over its width.
+        accuracy: Of tables.
+
     Raises:
-        InputError: The bands mix families.
+        InputError: Gaussians and others mix, or a table would be too large.
     """
-    if all(isinstance(psf, PsfGaussian) for psf in psfs):
-        return GaussianBank([psf for psf in psfs if isinstance(psf, PsfGaussian)], device)
-    if all(isinstance(psf, PsfAiry) for psf in psfs):
-        return AiryBank([psf for psf in psfs if isinstance(psf, PsfAiry)], device)
-    raise InputError(f"psf: must be of one family in all bands, got {', '.join(psf.kind for psf in psfs)}")
+    check_one_family(psfs)
+    gaussians = [psf for psf in psfs if isinstance(psf, PsfGaussian)]
+    if gaussians:
+        return GaussianBank(gaussians, device, pixel_aspect)
+    tabulated = [psf for psf in psfs if not isinstance(psf, PsfGaussian)]
+    return TableBank(tabulated, device, pixel_aspect, accuracy or TableAccuracy())
 
 
 def stamp_rule(

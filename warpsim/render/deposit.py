@@ -12,6 +12,7 @@ from warpsim_kernels.paths import Paths
 from warpsim.errors import InputError
 from warpsim.optics.psf import Psf
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
+from warpsim.optics.tables import ERROR_RANGE, TableAccuracy
 from warpsim.render.device import default_device, rows_per_block
 
 F64 = npt.NDArray[np.float64]
@@ -33,12 +34,12 @@ def deposit(
         xy_px: Positions (x = column, y = row; pixel centres on integers) [px], shape (n, 2). Sources outside the image
             add what their stamps spill into it.
         flux: Flux of each source in any unit, shape (n,).
-        psf: PsfGaussian or PsfAiry.
+        psf: PsfGaussian, PsfAiry or PsfTable.
         shape: (n_row, n_col).
         device: Warp device; CUDA where present when left out.
         flux_error: No pixel is off by more than this fraction of a source's flux, truncation included; below 2e-7
-            float32 rounding decides, and below 1e-6 the table of an Airy pattern. What falls outside the frame is
-            absent; nothing is renormalised.
+            float32 rounding decides, and below 5e-7 the table of an Airy pattern or an image. What falls outside the
+            frame is absent; nothing is renormalised.
         movement_px: How each source moves about its position during the exposure: coefficients of the Legendre
             polynomials P_0, P_1 ... in t, which runs from -1 to 1 [px], shape (n, n_coefficient, 2). A source that
             crosses d pixels evenly has the coefficients 0 and d / 2. Followed within flux_error.
@@ -81,8 +82,10 @@ def deposit(
         wp.array((strength / scale).astype(np.float32)[None, None], dtype=wp.float32, device=where),
     ]
     rule = stamp_rule([0.0], flux_error, where, flux_error)
+    low, high = ERROR_RANGE
+    bank = psf_bank([psf], where, accuracy=TableAccuracy(min(max(0.5 * flux_error, low), high)))
     paths = None if movement_px is None and brightness is None else _paths(moves, changes, where)
-    psf_bank([psf], where).deposit(sources, rule, rows_per_block(where, shape[0]), signal, paths)
+    bank.deposit(sources, rule, rows_per_block(where, shape[0]), signal, paths)
     image = signal.numpy()[0, 0]
     return np.asarray(image if scale == 1.0 else (image * np.float64(scale)).astype(np.float32))
 
