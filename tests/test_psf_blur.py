@@ -129,7 +129,8 @@ def test_device_and_twin_agree(device, n_point, aspect):
         wp.array(np.ones((n, 1, 1)), dtype=wp.float32, device=device),
     ]
     signal = wp.empty((n, 1, 30, 40), dtype=wp.float32, device=device)
-    psf_bank([psf], wp.get_device(device), aspect, accuracy).deposit(sources, stamp_rule(0.0, 1e-9), 30, signal)
+    bank = psf_bank([psf], wp.get_device(device), aspect, accuracy)
+    bank.deposit(sources, stamp_rule([0.0], 1e-9, device), 30, signal)
     dx = np.arange(40) - xy[:, 0, None, None]
     dy = np.arange(30)[:, None] - xy[:, 1, None, None]
     np.testing.assert_allclose(signal.numpy()[:, 0], share(table, dx, dy), rtol=0, atol=DEVICE_ATOL)
@@ -148,7 +149,7 @@ def test_stamps_leave_out_what_the_rule_allows(device):
     images = []
     for allowed in (cut, 1e-9):
         signal = wp.empty((1, 1, 101, 61), dtype=wp.float32, device=device)
-        bank.deposit(sources, stamp_rule(0.0, allowed), 101, signal)
+        bank.deposit(sources, stamp_rule([0.0], allowed, device), 101, signal)
         images.append(signal.numpy()[0, 0])
     left_out = images[0] == 0
     assert left_out.any() and images[1][left_out].max() <= cut

@@ -104,7 +104,7 @@ class AiryPattern:
         node, gauss = np.polynomial.legendre.leggauss(64 + int(2.2 * 2.0 * highest * r_px[-1]))
         frequency = 0.5 * highest * (1.0 + node)
         transfer = sum(
-            weight * _transfer(lamf * frequency, self.obscuration)
+            weight * annular_transfer(lamf * frequency, self.obscuration)
             for weight, lamf in zip(self.weight, self.lamf_px, strict=True)
         )
         blur = np.exp(-2.0 * (np.pi * self.smear_px * frequency) ** 2)
@@ -154,7 +154,7 @@ def irradiance_per_lamf2(r_lamf: F64, obscuration: float) -> F64:
     return np.pi / (4.0 * (1.0 - obscuration**2)) * amplitude**2
 
 
-def _transfer(frequency: F64, obscuration: float) -> F64:
+def annular_transfer(frequency: F64, obscuration: float) -> F64:
     """Return the modulation transfer function of the annular pupil; frequency in units of the cut-off 1 / lamF."""
     whole = _disk_overlap(frequency, 1.0)
     if obscuration == 0.0:

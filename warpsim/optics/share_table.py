@@ -26,6 +26,9 @@ POINTS = (2, 4, 6, 8)
 N_MARGIN = 4
 """Nodes stored before zero of a mirrored table and beyond the reach, for the ends of the widest interpolation."""
 
+ENVELOPE_PER_PX = 4
+"""Discs per pixel of radius in ShareTable.envelope; the kernels' own number."""
+
 LARGEST_N_NODE = 12_000_000
 """Nodes of the largest table (48 MB)."""
 
@@ -62,7 +65,7 @@ class ShareTable:
     """Whether the table is even in dx and in dy, and holds what is >= 0 only."""
 
     reach_px: tuple[float, float]
-    """Largest |dy| [pixel heights] and |dx| [px] that the table serves; multiples of 1/2, so exact in float32."""
+    """The |dy| [pixel heights] and |dx| [px] below which the table serves; multiples of 1/2, so exact in float32."""
 
     pixel_aspect: float
     """Height of a pixel over its width."""
@@ -71,7 +74,7 @@ class ShareTable:
     """What P follows beyond the reach."""
 
     envelope: NDArray[np.float32]
-    """Largest share of a pixel wholly outside a disc about the source of radius 0, 1/2, 1, 3/2 ... pixel widths."""
+    """Largest share of a pixel wholly outside a disc about the source of radius 0, 1/4, 1/2 ... pixel widths."""
 
     tail_px3: float
     """Beyond the envelope no pixel holds more than tail / r^3, r = distance of its centre [px3]."""
@@ -101,7 +104,7 @@ def share(table: ShareTable, dx_px: ArrayLike, dy_px: ArrayLike) -> Floats:
     x, y = np.asarray(dx_px), np.asarray(dy_px)
     real = np.float32 if x.dtype == y.dtype == np.float32 else np.float64
     x, y = np.broadcast_arrays(x.astype(np.float64), y.astype(np.float64))
-    inside = (np.abs(x) <= table.reach_px[1]) & (np.abs(y) <= table.reach_px[0])
+    inside = (np.abs(x) < table.reach_px[1]) & (np.abs(y) < table.reach_px[0])
     value = np.empty(x.shape, dtype=real)
     value[inside] = _interpolated(table, x[inside], y[inside], real)
     value[~inside] = _beyond(table, x[~inside], y[~inside])
@@ -179,12 +182,12 @@ def envelope(
     """
     offset = [np.abs(np.arange(n) - zero[axis]) / per_px[axis] - 0.5 for axis, n in enumerate(share64.shape)]
     rows, cols = pixel_aspect * np.maximum(offset[0], 0.0), np.maximum(offset[1], 0.0)
-    n_disc = int(2.0 * reach_px) + 1
+    n_disc = int(ENVELOPE_PER_PX * reach_px) + 1
     largest = np.full(n_disc + 1, far)
     # A node stands for its surroundings: it counts as half a cell farther out than it is.
     half_cell = 0.5 * math.hypot(pixel_aspect / per_px[0], 1.0 / per_px[1])
     for row, line in zip(rows, np.abs(share64), strict=True):
-        disc = np.minimum(2.0 * (np.hypot(row, cols) + half_cell), n_disc).astype(np.int64)
+        disc = np.minimum(ENVELOPE_PER_PX * (np.hypot(row, cols) + half_cell), n_disc).astype(np.int64)
         np.maximum.at(largest, disc, line)
     # The smallest disc touches the source's own pixel, whatever its place in it.
     outside = (offset[0] > -0.75 / per_px[0])[:, None] | (offset[1] > -0.75 / per_px[1])

@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from warpsim_kernels.psf import TablePsf
+from warpsim_kernels.psf import TablePsf, table_functions
 
 from warpsim.optics.share_table import ShareTable
+
+MOST_LANES = 8
 
 
 def upload_tables(tables: Sequence[ShareTable], device: Any) -> tuple[wp.array, wp.array]:
@@ -35,5 +37,18 @@ def upload_tables(tables: Sequence[ShareTable], device: Any) -> tuple[wp.array, 
         structs.append(struct)
         parts += [table.share.ravel(), table.envelope]
         start += table.share.size + len(table.envelope)
+    parts.append(np.zeros(MOST_LANES, dtype=np.float32))  # what a load at the end may reach
     flat = wp.array(np.concatenate(parts), dtype=wp.float32, device=device)
     return wp.array(structs, dtype=TablePsf, device=device), flat
+
+
+def lanes_of(flat: wp.array, n_point: int) -> wp.array:
+    """The same memory as an array of vectors, one from every float on: neighbours in a row come in one load."""
+    n_lane = table_functions(n_point).n_lane
+    return wp.array(
+        ptr=flat.ptr,
+        dtype=wp.types.vector(length=n_lane, dtype=wp.float32),
+        shape=(flat.size - n_lane + 1,),
+        strides=(4,),
+        device=flat.device,
+    )

@@ -66,7 +66,8 @@ class World(TargetWorld):
         super().__init__(scene, bands, device)
         self.band_id = wp.array([scene.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
         self.read_out = read_out_struct(scene.detector, scene.seed)
-        self.stamp_rule = stamp_rule(scene.optics.stamp_cut_nei * scene.nei_w_cm2(bands[0]), 0.0)
+        cut_w_cm2 = [scene.optics.stamp_cut_nei * scene.nei_w_cm2(band) for band in bands]
+        self.stamp_rule = stamp_rule(cut_w_cm2, 0.0, device)
         aspect = getattr(scene.camera, "pixel_aspect", 1.0)
         accuracy = TableAccuracy(scene.optics.psf_error, scene.optics.psf_points)
         self.psf: PsfBank = psf_bank([scene.psf(name) for name in bands], device, aspect, accuracy)
