@@ -276,7 +276,7 @@ def test_far_light_of_bright_streaks(device, psf, length_px):
     places = xy + legendre(movement, t)
     still = draw(places, weight * legendre(brightness, t), psf, shape, device, rule)
     np.testing.assert_allclose(image, still, rtol=0, atol=SUM_ATOL)
-    near = max(30.0, 1.0 + max(share_table(psf).reach_px))
+    near = max(30.0, 1.0 + np.hypot(*share_table(psf).reach_px))  # the corners of the table
     away = np.hypot(*np.meshgrid(np.arange(180) - xy[0], np.arange(160) - xy[1])) > near + length_px / 2
     # Few nodes do not average where single stamps end, and where the table passes into its wing.
     assert np.abs(image - still)[away].max() <= cut
