@@ -88,6 +88,8 @@ STREAKS = {
     "three-pulses": (straight(10.0, 2.2), [15.27, 11.6], pulses(3, 20)),
     "curved-pulses": (as_float32([[0, 0], [4, 1], [0, 1]]), [15.27, 11.6], pulses(2, 16)),
     "shorter-than-a-blur": (straight(0.03, 0.9), [15.49, 11.52], STEADY),
+    "short-and-bent": (as_float32([[0, 0], [0.05, 0.02], [0.02, -0.03], [0.02, 0.01]]), [15.48, 11.53], STEADY),
+    "shorter-and-bent": (as_float32([[0, 0], [5e-3, 1e-3], [1e-3, 1e-3], [1e-3, 2e-3]]), [15.494, 11.504], STEADY),
     "a-thousandth": (straight(0.001, 0.9), [15.5, 11.5], as_float32([1, 0.5])),
 }
 each_streak = pytest.mark.parametrize(("movement", "xy", "brightness"), STREAKS.values(), ids=STREAKS)
