@@ -53,6 +53,7 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
         sunlit: wp.array2d[wp.float64],  # (n_view, n_target)
         temperature: wp.array2d[wp.float64],  # (n_view, n_target) [K]
         flags: wp.array2d[wp.int32],  # (n_view, n_target) IN_FOV | OCCULTED | BEHIND | STOWED
+        area_series: wp.array4d[wp.float64],  # (n_view, n_target, N_TERM, n_exposure); empty unless profiles are kept
     ):
         """Geometry of every (view, target)."""
         view, target_id = wp.tid()
@@ -83,7 +84,7 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
             towards_sensor = -path.vector_m / path.range_m
         seen = signature(
             target, tables, exposure, surroundings, grid, observer + path.vector_m, towards_sensor,
-            path.emission_time_s,
+            path.emission_time_s, area_series[view, target_id],
         )
         source_xy_px[view, target_id] = place_px
         range_m[view, target_id] = path.range_m

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from warpsim.describe import Integer, NonNegative, Positive, closed_interval, part, part_error
+from warpsim.describe import Integer, NonNegative, Positive, Switch, closed_interval, part, part_error
 
 
 @part
@@ -21,6 +21,8 @@ class NeiDetector:
         counts_per_nei: Gain [counts per NEI].
         exposure_s: Length of the exposure about the frame's time [s], over which targets' brightness is averaged as
             they turn; 0 is an instant. NEI and SEI are those of this exposure.
+        streaks: Whether light moves over the image during the exposure, as cameras turn and targets pass; without,
+            places are those of its middle.
     """
 
     nei_w_cm2: Positive
@@ -29,6 +31,7 @@ class NeiDetector:
     offset_counts: NonNegative = 100.0
     counts_per_nei: Positive = 5.0
     exposure_s: Annotated[NonNegative, closed_interval(0, 10)] = 0.0
+    streaks: Switch = True
     kind: Literal["nei"] = Field(default="nei", kw_only=True)
 
     @model_validator(mode="after")

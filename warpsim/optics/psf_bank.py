@@ -21,7 +21,7 @@ SMALLEST_STAMP_CUT = 1e-11
 class PsfBank(Protocol):
     """The point spread functions of all bands, all of one family."""
 
-    def deposit(self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array) -> None:
+    def deposit(self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array, paths: Any = None) -> None:
         """Overwrite signal, shape (n_view, n_band, n_row, n_col), with the light of all sources.
 
         Args:
@@ -55,7 +55,7 @@ class GaussianBank:
         widest = 2 * int(np.ceil(reach * max(psf.sigma_px for psf in psfs))) + 1
         self._kernel = kernels.make_deposit_gaussian_kernel(max(16, 1 << (widest - 1).bit_length()))
 
-    def deposit(self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array) -> None:
+    def deposit(self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array, paths: Any = None) -> None:
         """See PsfBank."""
         _launch_deposit(self._kernel, [*sources, self._sigma_px], rule, n_row_per_block, signal_w_cm2)
 
@@ -90,7 +90,7 @@ class AiryBank:
             start += table.share.size
         self._psf = wp.array(structs, dtype=TablePsf, device=device)
 
-    def deposit(self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array) -> None:
+    def deposit(self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array, paths: Any = None) -> None:
         """See PsfBank."""
         inputs = [*sources, self._psf, self._table]
         _launch_deposit(kernels.deposit_table_kernel, inputs, rule, n_row_per_block, signal_w_cm2)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.emission import N_TERM
+from warpsim_kernels.signature import N_TERM
 from warpsim_kernels.targets import BEHIND, IN_FOV, OCCULTED, STOWED
 
 from warpsim.render.buffers import Observations

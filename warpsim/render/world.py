@@ -16,6 +16,8 @@ from warpsim.detector.nei import read_out_struct
 from warpsim.optics.psf_bank import PsfBank, psf_bank, stamp_rule
 from warpsim.render.aiming import Aiming, make_aiming
 from warpsim.render.star_field import Stars, make_stars
+from warpsim.render.streak_rule import choose_streaks
+from warpsim.render.streaks import Streaks, no_streaks
 from warpsim.render.target_field import TargetField, make_target_field
 from warpsim.scene.scene import Scene
 from warpsim.sky.band_index import BandIndex
@@ -40,16 +42,20 @@ class TargetWorld:
         scene: The description.
         bands: Names of the bands, in the order of the images.
         device: Where everything is put.
+        with_streaks: Whether movement during the exposure is followed, where the scene has it.
     """
 
-    def __init__(self, scene: Scene, bands: Sequence[str], device: wp.Device) -> None:
+    def __init__(
+        self, scene: Scene, bands: Sequence[str], device: wp.Device, with_streaks: bool = False
+    ) -> None:
         self.device = device
         self.n_band = len(bands)
         self.n_target = len(scene.target_names)
         self.aiming: Aiming = make_aiming(scene, device)
         self.motion = _motion(scene, device)
-        self.field: TargetField = make_target_field(scene, bands, device)
+        self.field: TargetField = make_target_field(scene, bands, device, with_streaks)
         self.camera = _camera(scene)
+        self.streaks: Streaks = choose_streaks(scene, self) if with_streaks and scene.streaks else no_streaks()
 
 
 class World(TargetWorld):
@@ -63,7 +69,7 @@ class World(TargetWorld):
     """
 
     def __init__(self, scene: Scene, bands: Sequence[str], device: wp.Device, index: BandIndex) -> None:
-        super().__init__(scene, bands, device)
+        super().__init__(scene, bands, device, with_streaks=True)
         self.band_id = wp.array([scene.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
         self.read_out = read_out_struct(scene.detector, scene.seed)
         self.stamp_rule = stamp_rule(scene.optics.stamp_cut_nei * scene.nei_w_cm2(bands[0]), 0.0)

@@ -245,6 +245,11 @@ class Scene:
         """All groups: first the one of `trajectory`, `targets` and `release`, then those of `groups`."""
         return TargetGroup("main", self.trajectory, self.targets, self.release), *self.groups
 
+    @property
+    def streaks(self) -> bool:
+        """Whether light moves over the image during the exposure."""
+        return self.detector.streaks and self.detector.exposure_s > 0.0
+
     def nei_w_cm2(self, band: str) -> float:
         """Noise equivalent irradiance of a pixel in a band [W/cm2]."""
         return self.detector.nei_w_cm2
