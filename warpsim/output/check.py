@@ -12,6 +12,7 @@ from warpsim.orbit.rules import AccessConstraints
 from warpsim.orbit.sampling import TRACK_ERROR_M
 from warpsim.render.star_field import load_catalog
 from warpsim.scene.exposure import exposure_rule
+from warpsim.scene.movement import longest_streaks_px
 from warpsim.scene.pointing import FixedPointing, TrackPointing
 from warpsim.scene.scene import Scene
 from warpsim.scene.view_axes import commanded_axes
@@ -194,6 +195,9 @@ def _light_lines(scene: Scene) -> list[str]:
         rule = exposure_rule(scene)
         instants = _count(len(rule.weight), "instant")
         lines.append(f"  exposure   {scene.detector.exposure_s:g} s at {instants}, error {rule.error:.0e}")
+    if scene.streaks:
+        stars_px, targets_px = longest_streaks_px(scene)
+        lines.append(f"  streaks    stars up to {stars_px:.2g} px, targets up to {targets_px:.2g} px, in access")
     return lines + _heat_lines(scene)
 
 

@@ -51,3 +51,11 @@ def paths_struct(offset_px: wp.array, brightness: wp.array, n_target: int) -> An
     paths: Any = Paths()
     paths.offset_px, paths.brightness, paths.n_target = offset_px, brightness, n_target
     return paths
+
+
+def moved(offset_px: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """From the start to the end of the exposure: of Legendre coefficients (..., n_path, 2) to (..., 2).
+
+    P_l(1) - P_l(-1) is 2 for odd l and 0 for even ones.
+    """
+    return np.asarray(2.0 * offset_px[..., 1::2, :].sum(axis=-2, dtype=np.float64))
