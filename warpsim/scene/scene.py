@@ -28,6 +28,7 @@ from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.rules import AccessConstraints
 from warpsim.quaternion import rotated
 from warpsim.scene.attitudes import table_rows, target_attitudes
+from warpsim.scene.changes import changed
 from warpsim.scene.flight_epochs import is_utc, with_epoch, without_flight_epochs
 from warpsim.scene.light_terms import LightTerm, light_terms
 from warpsim.scene.lighting import Lighting
@@ -36,6 +37,7 @@ from warpsim.scene.pointing import Pointing, TablePointing, TrackPointing
 from warpsim.scene.rules import check_scene
 from warpsim.scene.temperatures import target_temperatures, temperature_tables
 from warpsim.sky.bands import BANDS
+from warpsim.target.temperature import TemperatureRows
 from warpsim.target.timed_rows import END_SLACK_S
 
 if TYPE_CHECKING:
@@ -48,8 +50,6 @@ if TYPE_CHECKING:
     from warpsim.scene.tracks import Tracks
     from warpsim.target.attitude import BodyMotion
     from warpsim.target.attitude_table import AttitudeRows
-    from warpsim.target.timed_rows import END_SLACK_S
-from warpsim.target.temperature import TemperatureRows
 
 
 def _known_band(name: str) -> str:
@@ -201,24 +201,7 @@ class Scene:
         Raises:
             InputError: A field is unknown or the new scene breaks a rule.
         """
-        data = without_flight_epochs(self.to_dict())
-        for name, value in changes.items():
-            *parents, leaf = name.split("__")
-            place: Any = data
-            for parent in parents:
-                if _is_index(place, parent):
-                    place = place[int(parent)]
-                else:
-                    place = place.get(parent) if isinstance(place, dict) else None
-                if not isinstance(place, dict | list):
-                    raise InputError(f"Scene: {name.replace('__', '.')}: is not a field of a part")
-            if isinstance(place, list):
-                if not _is_index(place, leaf):
-                    raise InputError(f"Scene: {name.replace('__', '.')}: is not an item of a list of {len(place)}")
-                place[int(leaf)] = value
-            else:
-                place[leaf] = value
-        return Scene.from_dict(data)
+        return Scene.from_dict(changed(without_flight_epochs(self.to_dict()), changes))
 
     @property
     def epoch(self) -> Time:
@@ -505,10 +488,6 @@ def _adapter() -> TypeAdapter[Scene]:
 
 
 _ADAPTER: TypeAdapter[Scene] | None = None
-
-
-def _is_index(place: Any, name: str) -> bool:
-    return isinstance(place, list) and name.isdigit() and int(name) < len(place)
 
 
 def _without_none(value: Any) -> Any:
