@@ -32,6 +32,7 @@ class Features(NamedTuple):
     earth: bool = False  # reflected heat of the Earth
     albedo: bool = False  # reflected sunlight by way of the Earth
     albedo_degree: int = 0  # that by harmonics up to this degree; 0: by quadrature
+    distortion: bool = False  # the camera's lens distorts
 
 
 @wp.struct

@@ -56,6 +56,7 @@ def make_target_field(scene: Scene, bands: Sequence[str], device: wp.Device) -> 
         attitude_tables=any(turning.table_count),
         meshes=any(facets.count),
         albedo_degree=degree,
+        distortion=scene.camera.lens is not None,
         **{name: term.kept for name, term in scene.light_terms.items()},
     )
     tables: Any = Tables()
