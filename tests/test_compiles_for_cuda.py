@@ -13,7 +13,9 @@ from warpsim_kernels.signature import Features
 
 ARCH = 75  # Turing: the oldest that Warp's CUDA 13 supports; PTX runs on everything newer
 
-EVERYTHING = Features(attitude_tables=True, meshes=True, sun=True, earth=True, albedo=True)
+EVERYTHING = Features(
+    attitude_tables=True, meshes=True, sun=True, earth=True, albedo=True, profile=True, distortion=True
+)
 SERIES = EVERYTHING._replace(albedo_degree=12)
 FACTORY_ARGUMENTS = {
     "make_aim_kernel": [(AIM_TRACK, False), (AIM_FIXED, False), (AIM_TABLE, True)],
@@ -21,7 +23,11 @@ FACTORY_ARGUMENTS = {
     "make_albedo_series_kernel": [(4,), (12,)],
     "make_emit_kernel": [(Features(),), (EVERYTHING,)],
     "make_split_kernel": [(EVERYTHING,)],
-    "make_gather_stars_kernel": [(False, False, True), (True, True, True)],
+    "make_profile_kernel": [(Features(profile=True),), (EVERYTHING,)],
+    "make_reach_kernel": [(False,), (True,)],
+    "make_trace_targets_kernel": [(False,), (True,)],
+    "make_trace_stars_kernel": [(False,), (True,)],
+    "make_gather_stars_kernel": [(False, False, True), (True, True, True, True, True)],
     "make_query_cone_kernel": [(wp.vec3d,), (wp.vec3f,)],
     "make_deposit_gaussian_kernel": [(16,), (1024,)],
     "make_read_out_tile_kernel": [(TILE_WIDTH,)],

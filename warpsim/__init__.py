@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from warpsim.exchange.write import write_stk_attitude as write_stk_attitude
     from warpsim.exchange.write import write_stk_ephemeris as write_stk_ephemeris
     from warpsim.optics.camera import Camera as Camera
+    from warpsim.optics.distortion import Distortion as Distortion
     from warpsim.optics.psf import Optics as Optics
     from warpsim.optics.psf import PsfAiry as PsfAiry
     from warpsim.optics.psf import PsfGaussian as PsfGaussian
@@ -98,6 +99,7 @@ _HOME = {
     "BANDS": "warpsim.sky.bands",
     "band_radiance_w_m2_sr": "warpsim.sky.bands",
     "Camera": "warpsim.optics.camera",
+    "Distortion": "warpsim.optics.distortion",
     "Optics": "warpsim.optics.psf",
     "PsfGaussian": "warpsim.optics.psf",
     "PsfAiry": "warpsim.optics.psf",

@@ -33,6 +33,7 @@ class Features(NamedTuple):
     albedo: bool = False  # reflected sunlight by way of the Earth
     albedo_degree: int = 0  # that by harmonics up to this degree; 0: by quadrature
     profile: bool = False  # how areas change during the exposure, not their means alone
+    distortion: bool = False  # the camera's lens distorts
 
 
 @wp.struct

@@ -7,7 +7,7 @@ import warp as wp
 
 from warpsim_kernels.apparent import aberrated, deflected, seen_from
 from warpsim_kernels.band_index import cone_cover, run_of_stars
-from warpsim_kernels.camera import Camera, depth, projected_px, within_frame
+from warpsim_kernels.camera import Camera, depth, projection, within_frame
 from warpsim_kernels.earth import Earth, is_star_occulted
 from warpsim_kernels.motion import NodeGrid, linear_vector
 
@@ -36,9 +36,14 @@ class EarthOrbit:
 
 @functools.cache
 def make_gather_stars_kernel(
-    with_parallax: bool, with_deflection: bool, with_aberration: bool, with_streaks: bool
+    with_parallax: bool,
+    with_deflection: bool,
+    with_aberration: bool,
+    with_distortion: bool = False,
+    with_streaks: bool = False,
 ) -> wp.Kernel:
     """Kernel of the stage; what is off is not in its code."""
+    projected_px = projection(with_distortion)
 
     @wp.kernel(module="unique", enable_backward=False)
     def gather_stars_kernel(

@@ -5,7 +5,7 @@ import functools
 import warp as wp
 
 from warpsim_kernels.apparent import Releases, path_from_target
-from warpsim_kernels.camera import Camera, depth, projected_px, within_frame
+from warpsim_kernels.camera import Camera, depth, projection, within_frame
 from warpsim_kernels.earth import is_occulted
 from warpsim_kernels.motion import NodeGrid, linear_vector
 from warpsim_kernels.signature import Exposure, Features, Surroundings, Tables, Target, signature_of
@@ -23,6 +23,7 @@ DARK = wp.constant(10)
 def make_observe_targets_kernel(features: Features) -> wp.Kernel:
     """Kernel of the stage; its code holds what the scene's targets need."""
     signature = signature_of(features)
+    projected_px = projection(features.distortion)
 
     @wp.kernel(module="unique", enable_backward=False)
     def observe_targets_kernel(

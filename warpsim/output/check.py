@@ -6,6 +6,8 @@ import itertools
 
 import numpy as np
 
+from warpsim.optics.camera import Camera
+from warpsim.optics.sip import ERROR_PX, sip_polynomials
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import geodetic_altitude_m
 from warpsim.orbit.rules import AccessConstraints
@@ -58,7 +60,7 @@ def scene_report(scene: Scene) -> str:
         f"  frames     {scene.frames.count} every {scene.frames.interval_s:g} s from {scene.frames.start_s:g} s "
         f"after {scene.epoch.isot} UTC",
         f"  camera     {camera.n_row} x {camera.n_col} pixels, "
-        f"{np.degrees(1 / camera.focal_px) * 3600:.2f} arcsec per pixel",
+        f"{_pixel_size(camera)} arcsec per pixel{_distortion(camera)}",
         f"  detector   NEI {detector.nei_w_cm2:g}, SEI {detector.sei_w_cm2:g} W/cm2, {_count(detector.bits, 'bit')}",
         *_sky_lines(scene),
         *_light_lines(scene),
@@ -82,6 +84,21 @@ def scene_report(scene: Scene) -> str:
     lines += _flight_lines(scene) + _access_lines(scene) + _pointing_lines(scene, seen)
     warning = pointing_warning(scene, seen)
     return "\n".join(lines if warning is None else [*lines, f"  warning    {warning}"])
+
+
+def _pixel_size(camera: Camera) -> str:
+    width, height = (f"{np.degrees(1 / focal) * 3600:.2f}" for focal in (camera.focal_px, camera.focal_row_px))
+    return width if camera.pixel_aspect == 1 else f"{width} x {height}"
+
+
+def _distortion(camera: Camera) -> str:
+    """How far the lens moves places on the array, and whether FITS can say so."""
+    sip = sip_polynomials(camera)
+    if sip is None:
+        return ""
+    across, down = camera.field_deg
+    moved = f", distorted by up to {sip.moved_px:.3g} px, field {across:.4g} x {down:.4g} deg"
+    return moved + (f", WCS good to {sip.error_px:.1g} px" if sip.error_px > ERROR_PX else "")
 
 
 def _pointing_lines(scene: Scene, frames_of: dict[str, list[int]]) -> list[str]:
@@ -146,7 +163,7 @@ def _sky_lines(scene: Scene) -> list[str]:
         "parallax": (sky.parallax, parallax_arcsec, " for the nearest star"),
         "light deflection": (sky.light_deflection, deflection_arcsec, f" {where}"),
     }
-    px_per_arcsec = scene.camera.focal_px * np.radians(1 / 3600)
+    px_per_arcsec = max(scene.camera.focal_px, scene.camera.focal_row_px) * np.radians(1 / 3600)
     included = [name for name, (on, _, _) in effects.items() if on]
     left_out = [
         f"{name} ({_short(arcsec)} arcsec, {_short(arcsec * px_per_arcsec)} px{note})"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import warp as wp
 from warpsim_kernels.emission import record_targets_kernel
 from warpsim_kernels.read_out import TILE_WIDTH, make_read_out_tile_kernel, read_out_rest_kernel
-from warpsim_kernels.trace import reach_kernel, trace_stars_kernel, trace_targets_kernel
+from warpsim_kernels.trace import make_reach_kernel, make_trace_stars_kernel, make_trace_targets_kernel
 
 from warpsim.render.buffers import Chunk, Observations, PathViews, Sources, Views, seen_struct
 from warpsim.render.device import rows_per_block
@@ -29,8 +29,9 @@ def aim(world: World, chunk: Chunk) -> None:
     aim_views(world, views)
     if views.path is not None:
         aim_views(world, views.path)
-        inputs = [views.axes, views.path.axes, world.camera]
-        wp.launch(reach_kernel, dim=chunk.n_view, inputs=inputs, outputs=[views.reach], device=world.device)
+        inputs = [views.axes, views.path.axes, world.camera, world.landmarks]
+        kernel = make_reach_kernel(world.field.features.distortion)
+        wp.launch(kernel, dim=chunk.n_view, inputs=inputs, outputs=[views.reach], device=world.device)
 
 
 def aim_views(world: TargetWorld, views: Views | PathViews) -> None:
@@ -176,7 +177,7 @@ def trace_sources(world: TargetWorld, streaks: Streaks, path: PathViews, sources
     """The launches of `trace`."""
     motion, (n_view, n_slot) = world.motion, sources.xy_px.shape
     wp.launch(
-        trace_targets_kernel,
+        make_trace_targets_kernel(world.field.features.distortion),
         dim=(n_view, world.n_target),
         inputs=[
             path.time_s,
@@ -197,7 +198,7 @@ def trace_sources(world: TargetWorld, streaks: Streaks, path: PathViews, sources
         device=world.device,
     )
     wp.launch(
-        trace_stars_kernel,
+        make_trace_stars_kernel(world.field.features.distortion),
         dim=(n_view, n_slot - world.n_target),
         inputs=[
             path.axes,

@@ -63,7 +63,7 @@ def _sample(scene: Scene) -> tuple[F64, npt.NDArray[np.uint32]]:
 
 
 def _paths_px(camera: Camera, world: TargetWorld, rule: Streaks, time_s: F64, sensor: npt.NDArray[np.uint32]) -> F64:
-    """Paths of all targets, and of stars in the corners and the middle, (n_view, n_source, 2, n_instant)."""
+    """Paths of all targets, and of stars at the landmarks of the frame, (n_view, n_source, 2, n_instant)."""
     device, n_view = world.device, len(time_s)
     middle, path = (
         new_path_views(device, np.zeros(1), time_s, sensor),
@@ -71,9 +71,8 @@ def _paths_px(camera: Camera, world: TargetWorld, rule: Streaks, time_s: F64, se
     )
     aim_views(world, middle)
     aim_views(world, path)
-    corners = _corner_directions(camera)
-    stars = np.einsum("ci,vij->vcj", corners, middle.axes.numpy()[:, 0])
-    n_source = world.n_target + len(corners)
+    stars = np.einsum("ci,vij->vcj", camera.landmarks, middle.axes.numpy()[:, 0])
+    n_source = world.n_target + stars.shape[1]
     direction = np.concatenate([np.zeros((n_view, world.n_target, 3)), stars], axis=1)
     none = wp.empty((0, 0, 0, 0), dtype=wp.float64, device=device)
     sources = Sources(
@@ -88,13 +87,6 @@ def _paths_px(camera: Camera, world: TargetWorld, rule: Streaks, time_s: F64, se
     trace_sources(world, rule, path, sources)
     series = np.asarray(sources.offset_px.numpy(), dtype=np.float64)
     return series_at(np.moveaxis(series, -1, -2), _INSTANTS)
-
-
-def _corner_directions(camera: Camera) -> F64:
-    """Directions of the corners and of the middle of the frame in camera axes, (5, 3); distortion apart."""
-    across, down = 0.5 * camera.n_col, 0.5 * camera.n_row
-    corners = np.array([[x * across, y * down, camera.focal_px] for x in (-1, 1) for y in (-1, 1)] + [[0.0, 0.0, 1.0]])
-    return np.asarray(corners / np.linalg.norm(corners, axis=1, keepdims=True))
 
 
 def _largest_shift_px(camera: Camera, one: F64, other: F64) -> float:

@@ -63,6 +63,7 @@ def make_target_field(
         meshes=any(facets.count),
         albedo_degree=degree,
         profile=with_profiles and scene.streaks,
+        distortion=scene.camera.lens is not None,
         **{name: term.kept for name, term in scene.light_terms.items()},
     )
     exposure = _exposure(scene, device)

@@ -10,9 +10,11 @@ import numpy as np
 import warp as wp
 from warpsim_kernels.apparent import Releases
 from warpsim_kernels.camera import Camera as CameraStruct
+from warpsim_kernels.camera import Distortion as LensStruct
 from warpsim_kernels.motion import NodeGrid
 
 from warpsim.detector.nei import read_out_struct
+from warpsim.optics.camera import Camera
 from warpsim.optics.psf_bank import PsfBank, psf_bank, stamp_rule
 from warpsim.render.aiming import Aiming, make_aiming
 from warpsim.render.star_field import Stars, make_stars
@@ -54,7 +56,8 @@ class TargetWorld:
         self.aiming: Aiming = make_aiming(scene, device)
         self.motion = _motion(scene, device)
         self.field: TargetField = make_target_field(scene, bands, device, with_streaks)
-        self.camera = _camera(scene)
+        self.camera = camera_struct(scene.camera)
+        self.landmarks = wp.array(scene.camera.landmarks, dtype=wp.vec3d, device=device)
         self.streaks: Streaks = choose_streaks(scene, self) if with_streaks and scene.streaks else no_streaks()
 
 
@@ -99,9 +102,15 @@ def _motion(scene: Scene, device: wp.Device) -> Motion:
     )
 
 
-def _camera(scene: Scene) -> Any:
-    camera: Any = CameraStruct()
-    camera.n_row, camera.n_col = scene.camera.n_row, scene.camera.n_col
-    camera.focal_px = scene.camera.focal_px
-    camera.centre_x_px, camera.centre_y_px = scene.camera.centre_px
-    return camera
+def camera_struct(camera: Camera) -> Any:
+    """The camera as the kernels' struct."""
+    struct: Any = CameraStruct()
+    struct.n_row, struct.n_col = camera.n_row, camera.n_col
+    struct.focal_px, struct.focal_row_px = camera.focal_px, camera.focal_row_px
+    struct.centre_x_px, struct.centre_y_px = camera.centre_px
+    if camera.lens is not None:
+        lens: Any = LensStruct()
+        lens.k1, lens.k2, lens.k3 = camera.lens.k1, camera.lens.k2, camera.lens.k3
+        lens.p1, lens.p2, lens.limit = camera.lens.p1, camera.lens.p2, camera.distortion_radius
+        struct.distortion = lens
+    return struct

@@ -18,7 +18,7 @@ _MOST_FRAMES = 50
 
 
 def longest_streaks_px(scene: Scene) -> tuple[float, float]:
-    """Longest way of a star in the middle or a corner of the frame, and of a target in front of the camera [px].
+    """Longest way of a star (in the middle, on an edge, in a corner of the frame) and of a target in front of it [px].
 
     Of up to 50 frames in which a sensor has access to the main target, in straight lines, without jitter and light
     time; 0 where there are none.
@@ -39,8 +39,7 @@ def _streaks_of(scene: Scene, sensor: str, time_s: F64) -> F64:
     half_s = 0.5 * scene.detector.exposure_s
     ends_s = [np.clip(time_s + offset_s, 0.0, scene.duration_s) for offset_s in (-half_s, half_s)]
     axes = [scene.view_axes(sensor, end_s) for end_s in ends_s]
-    # A star that is in a corner (or the middle) at the start, at the end.
-    stars = np.einsum("ci,tij->tcj", _corners(scene), axes[0])
+    stars = np.einsum("ci,tij->tcj", scene.camera.landmarks, axes[0])
     star_px = _way_px(scene, stars, axes[0], stars, axes[1])
     target_px = np.zeros(1)
     for target in scene.target_names:
@@ -50,17 +49,10 @@ def _streaks_of(scene: Scene, sensor: str, time_s: F64) -> F64:
     return np.array([star_px.max(initial=0.0), target_px[0]])
 
 
-def _corners(scene: Scene) -> F64:
-    """Unit directions of the frame's corners and middle, in camera axes, (5, 3)."""
-    camera = scene.camera
-    across, down = 0.5 * camera.n_col, 0.5 * camera.n_row
-    places = [[x * across, y * down, camera.focal_px] for x in (-1, 1) for y in (-1, 1)] + [[0.0, 0.0, 1.0]]
-    return normalised(np.array(places))
-
-
 def _way_px(scene: Scene, start: F64, start_axes: F64, end: F64, end_axes: F64) -> F64:
-    """Distance on the image between directions, (t, n, 3), seen with axes (t, 3, 3); 0 behind the camera."""
-    seen = [np.einsum("tij,tnj->tni", axes, way) for axes, way in ((start_axes, start), (end_axes, end))]
-    ahead = (seen[0][..., 2] > 1e-3) & (seen[1][..., 2] > 1e-3)
-    places = [s[..., :2] / np.where(ahead, s[..., 2], 1.0)[..., None] for s in seen]
-    return np.asarray(np.where(ahead, scene.camera.focal_px * np.linalg.norm(places[1] - places[0], axis=-1), 0.0))
+    """Distances on the image between directions, (t, n, 3), seen with axes (t, 3, 3), flat; 0 behind the camera."""
+    places = []
+    for axes, way in ((start_axes, start), (end_axes, end)):
+        seen = np.einsum("tij,tnj->tni", axes, way)
+        places.append(scene.camera.project(seen.reshape(-1, 3), np.eye(3))[0])
+    return np.asarray(np.nan_to_num(np.linalg.norm(places[1] - places[0], axis=-1)))
