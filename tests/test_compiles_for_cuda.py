@@ -30,6 +30,8 @@ FACTORY_ARGUMENTS = {
     "make_gather_stars_kernel": [(False, False, True), (True, True, True, True, True)],
     "make_query_cone_kernel": [(wp.vec3d,), (wp.vec3f,)],
     "make_deposit_gaussian_kernel": [(16,), (1024,)],
+    "make_deposit_table_kernel": [(2,), (4,), (6,), (8,)],
+    "make_table_stamp_kernel": [(6,)],
     "make_read_out_tile_kernel": [(TILE_WIDTH,)],
 }
 

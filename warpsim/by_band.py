@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import PlainSerializer, PlainValidator, ValidationInfo
 from pydantic_core import PydanticCustomError
@@ -11,14 +11,16 @@ from pydantic_core import PydanticCustomError
 from warpsim.describe import number_within, part_error, rule_error
 from warpsim.sky.bands import BANDS
 
+V = TypeVar("V")
 
-class ByBand(Mapping[str, float]):
-    """Numbers by the name of a band, in the order given; does not change."""
 
-    def __init__(self, values: Mapping[str, float]) -> None:
+class ByBand(Mapping[str, V]):
+    """Numbers (or files) by the name of a band, in the order given; does not change."""
+
+    def __init__(self, values: Mapping[str, V]) -> None:
         self._values = dict(values)
 
-    def __getitem__(self, band: str) -> float:
+    def __getitem__(self, band: str) -> V:
         return self._values[band]
 
     def __iter__(self) -> Iterator[str]:
@@ -34,7 +36,7 @@ class ByBand(Mapping[str, float]):
         return repr(self._values)
 
 
-def band_table(value: Any, info: ValidationInfo, low: float, high: float) -> ByBand:
+def band_table(value: Any, info: ValidationInfo, low: float, high: float) -> ByBand[float]:
     """A table of numbers by band, each from low to high, as pydantic's validators give it."""
     if not isinstance(value, Mapping):
         raise rule_error("must be a table of numbers by band")
@@ -55,9 +57,9 @@ def within(low: float, high: float) -> PlainValidator:
     return PlainValidator(lambda value, info: band_table(value, info, low, high))
 
 
-def _plain(value: float | Mapping[str, float]) -> Any:
+def _plain(value: Any) -> Any:
     return dict(value) if isinstance(value, Mapping) else value
 
 
 AS_DICT = PlainSerializer(_plain)
-"""How such a field is written: a dict, or the number that stands for all bands."""
+"""How such a field is written: a dict, or the value that stands for all bands."""

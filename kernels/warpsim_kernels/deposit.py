@@ -13,9 +13,8 @@ from warpsim_kernels.psf import (
     TablePsf,
     gaussian_half_width_px,
     gaussian_pixel_share,
-    table_axis,
+    table_functions,
     table_half_width_px,
-    table_pixel_share,
 )
 
 
@@ -110,37 +109,45 @@ def make_deposit_gaussian_kernel(max_width_px: int) -> wp.Kernel:
     return deposit_gaussian_kernel
 
 
-@wp.kernel(enable_backward=False)
-def deposit_table_kernel(
-    # in
-    n_source: wp.array[wp.int32],  # (n_view,)
-    source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
-    source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
-    psf: wp.array[TablePsf],  # (n_band,)
-    table: wp.array[float],  # pixel shares of all bands, flat
-    rule: StampRule,
-    n_row_per_block: int,
-    # out (accumulated)
-    signal_w_cm2: wp.array4d[float],  # (n_view, n_band, n_row, n_col)
-):
-    """Stamps of a tabulated point spread function (Airy)."""
-    view, band, block = wp.tid()
-    n_col = signal_w_cm2.shape[3]
-    first_row = block * n_row_per_block
-    end_row = wp.min(first_row + n_row_per_block, signal_w_cm2.shape[2])
-    shape = psf[band]
-    for source in range(n_source[view]):
-        irradiance = source_irradiance_w_cm2[view, band, source]
-        half = table_half_width_px(shape, stamp_cut(irradiance, rule))
-        xy_px = source_xy_px[view, source]
-        stamp = stamp_on_image(xy_px, half, n_col, first_row, end_row)
-        if irradiance != 0.0:
-            for row in range(stamp.first_row, stamp.end_row):
-                row_axis = table_axis(wp.float64(row) - xy_px[1], shape)
-                for column in range(stamp.first_column, stamp.end_column):
-                    column_axis = table_axis(wp.float64(column) - xy_px[0], shape)
-                    share = table_pixel_share(table, shape, row_axis, column_axis)
-                    signal_w_cm2[view, band, row, column] += irradiance * share
+@functools.cache
+def make_deposit_table_kernel(n_point: int) -> wp.Kernel:
+    """Kernel for stamps of tabulated point spread functions, interpolated with n_point nodes per axis."""
+    column_axis = table_functions(n_point).column_axis
+    row_axis = table_functions(n_point).row_axis
+    table_pixel_share = table_functions(n_point).share
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def deposit_table_kernel(
+        # in
+        n_source: wp.array[wp.int32],  # (n_view,)
+        source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
+        source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
+        psf: wp.array[TablePsf],  # (n_band,)
+        table: wp.array[float],  # pixel shares of all bands, flat
+        rule: StampRule,
+        n_row_per_block: int,
+        # out (accumulated)
+        signal_w_cm2: wp.array4d[float],  # (n_view, n_band, n_row, n_col)
+    ):
+        view, band, block = wp.tid()
+        n_col = signal_w_cm2.shape[3]
+        first_row = block * n_row_per_block
+        end_row = wp.min(first_row + n_row_per_block, signal_w_cm2.shape[2])
+        shape = psf[band]
+        for source in range(n_source[view]):
+            irradiance = source_irradiance_w_cm2[view, band, source]
+            half = table_half_width_px(table, shape, stamp_cut(irradiance, rule))
+            xy_px = source_xy_px[view, source]
+            stamp = stamp_on_image(xy_px, half, n_col, first_row, end_row)
+            if irradiance != 0.0:
+                for row in range(stamp.first_row, stamp.end_row):
+                    down = row_axis(wp.float64(row) - xy_px[1], shape)
+                    for column in range(stamp.first_column, stamp.end_column):
+                        across = column_axis(wp.float64(column) - xy_px[0], shape)
+                        share = table_pixel_share(table, shape, down, across)
+                        signal_w_cm2[view, band, row, column] += irradiance * share
+
+    return deposit_table_kernel
 
 
 @wp.kernel(enable_backward=False)
@@ -163,6 +170,7 @@ def size_table_stamps_kernel(
     # in
     irradiance_w_cm2: wp.array2d[float],  # (n_band, n_source)
     psf: wp.array[TablePsf],  # (n_band,)
+    table: wp.array[float],  # pixel shares of all bands, flat
     rule: StampRule,
     # out
     half_width_px: wp.array2d[wp.int32],  # (n_band, n_source)
@@ -170,7 +178,7 @@ def size_table_stamps_kernel(
     """Half-widths of tabulated stamps."""
     band, source = wp.tid()
     cut = stamp_cut(irradiance_w_cm2[band, source], rule)
-    half_width_px[band, source] = table_half_width_px(psf[band], cut)
+    half_width_px[band, source] = table_half_width_px(table, psf[band], cut)
 
 
 @wp.kernel(enable_backward=False)
@@ -201,31 +209,39 @@ def gaussian_stamp_kernel(
     stamp_share[view, band, source] = across * down
 
 
-@wp.kernel(enable_backward=False)
-def table_stamp_kernel(
-    # in
-    source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
-    source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
-    psf: wp.array[TablePsf],  # (n_band,)
-    table: wp.array[float],  # pixel shares of all bands, flat
-    rule: StampRule,
-    # out
-    peak_share: wp.array3d[float],  # (n_view, n_band, n_source) share of the source's own pixel
-    stamp_share: wp.array3d[float],  # (n_view, n_band, n_source) share inside the whole stamp
-):
-    """What the tabulated stamps of the first n_source sources hold."""
-    view, band, source = wp.tid()
-    shape = psf[band]
-    half = table_half_width_px(shape, stamp_cut(source_irradiance_w_cm2[view, band, source], rule))
-    x = source_xy_px[view, source][0]
-    y = source_xy_px[view, source][1]
-    dx = wp.float64(nearest_pixel(x)) - x
-    dy = wp.float64(nearest_pixel(y)) - y
-    total = wp.float64(0.0)
-    for row in range(-half, half + 1):
-        row_axis = table_axis(wp.float64(row) + dy, shape)
-        for column in range(-half, half + 1):
-            column_axis = table_axis(wp.float64(column) + dx, shape)
-            total += wp.float64(table_pixel_share(table, shape, row_axis, column_axis))
-    peak_share[view, band, source] = table_pixel_share(table, shape, table_axis(dy, shape), table_axis(dx, shape))
-    stamp_share[view, band, source] = float(total)
+@functools.cache
+def make_table_stamp_kernel(n_point: int) -> wp.Kernel:
+    """Kernel for what the tabulated stamps of the first n_source sources hold."""
+    column_axis = table_functions(n_point).column_axis
+    row_axis = table_functions(n_point).row_axis
+    table_pixel_share = table_functions(n_point).share
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def table_stamp_kernel(
+        # in
+        source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
+        source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
+        psf: wp.array[TablePsf],  # (n_band,)
+        table: wp.array[float],  # pixel shares of all bands, flat
+        rule: StampRule,
+        # out
+        peak_share: wp.array3d[float],  # (n_view, n_band, n_source) share of the source's own pixel
+        stamp_share: wp.array3d[float],  # (n_view, n_band, n_source) share inside the whole stamp
+    ):
+        view, band, source = wp.tid()
+        shape = psf[band]
+        half = table_half_width_px(table, shape, stamp_cut(source_irradiance_w_cm2[view, band, source], rule))
+        x = source_xy_px[view, source][0]
+        y = source_xy_px[view, source][1]
+        dx = wp.float64(nearest_pixel(x)) - x
+        dy = wp.float64(nearest_pixel(y)) - y
+        total = wp.float64(0.0)
+        for row in range(-half, half + 1):
+            down = row_axis(wp.float64(row) + dy, shape)
+            for column in range(-half, half + 1):
+                across = column_axis(wp.float64(column) + dx, shape)
+                total += wp.float64(table_pixel_share(table, shape, down, across))
+        peak_share[view, band, source] = table_pixel_share(table, shape, row_axis(dy, shape), column_axis(dx, shape))
+        stamp_share[view, band, source] = float(total)
+
+    return table_stamp_kernel

@@ -8,11 +8,10 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 from warpsim_kernels import deposit as kernels
-from warpsim_kernels.psf import TablePsf
 
-from warpsim.errors import InputError
-from warpsim.optics.airy import build_airy_table
-from warpsim.optics.psf import Psf, PsfAiry, PsfGaussian
+from warpsim.optics.psf import Psf, PsfGaussian, check_one_family
+from warpsim.optics.table_upload import upload_tables
+from warpsim.optics.tables import TableAccuracy, TabulatedPsf, cheapest_points, share_table
 
 SMALLEST_STAMP_CUT = 1e-11
 """Stamps never grow beyond where a pixel holds this fraction of a source's light."""
@@ -71,53 +70,55 @@ class GaussianBank:
         wp.launch(kernels.gaussian_stamp_kernel, outputs[0].shape, inputs, outputs, device=outputs[0].device)
 
 
-class AiryBank:
-    """Airy patterns, as tables of pixel shares."""
+class TableBank:
+    """Patterns as tables of pixel shares."""
 
-    def __init__(self, psfs: Sequence[PsfAiry], device: Any) -> None:
-        tables = [build_airy_table(psf.radius_px, psf.obscuration) for psf in psfs]
-        self._table = wp.array(np.concatenate([t.share.ravel() for t in tables]), dtype=wp.float32, device=device)
-        structs, start = [], 0
-        for table in tables:
-            struct: Any = TablePsf()
-            struct.start = start
-            struct.n_node = len(table.share)
-            struct.nodes_per_px = table.nodes_per_px
-            struct.reach_px = table.reach_px
-            struct.wing_px3 = table.wing_px3
-            struct.tail_px3 = table.tail_bound_px3
-            structs.append(struct)
-            start += table.share.size
-        self._psf = wp.array(structs, dtype=TablePsf, device=device)
+    def __init__(
+        self, psfs: Sequence[TabulatedPsf], device: Any, pixel_aspect: float, accuracy: TableAccuracy
+    ) -> None:
+        n_point = accuracy.n_point or cheapest_points(psfs, pixel_aspect, accuracy.error)
+        tables = [share_table(psf, pixel_aspect, accuracy.error, n_point) for psf in psfs]
+        self._psf, self._table = upload_tables(tables, device)
+        self._n_point = n_point
 
     def deposit(self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array, paths: Any = None) -> None:
         """See PsfBank."""
         inputs = [*sources, self._psf, self._table]
-        _launch_deposit(kernels.deposit_table_kernel, inputs, rule, n_row_per_block, signal_w_cm2)
+        _launch_deposit(kernels.make_deposit_table_kernel(self._n_point), inputs, rule, n_row_per_block, signal_w_cm2)
 
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
         """See PsfBank."""
-        inputs = [irradiance_w_cm2, self._psf, rule]
+        inputs = [irradiance_w_cm2, self._psf, self._table, rule]
         kernel = kernels.size_table_stamps_kernel
         wp.launch(kernel, half_width_px.shape, inputs, [half_width_px], device=half_width_px.device)
 
     def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array]) -> None:
         """See PsfBank."""
         inputs = [*sources, self._psf, self._table, rule]
-        wp.launch(kernels.table_stamp_kernel, outputs[0].shape, inputs, outputs, device=outputs[0].device)
+        kernel = kernels.make_table_stamp_kernel(self._n_point)
+        wp.launch(kernel, outputs[0].shape, inputs, outputs, device=outputs[0].device)
 
 
-def psf_bank(psfs: Sequence[Psf], device: Any) -> PsfBank:
+def psf_bank(
+    psfs: Sequence[Psf], device: Any, pixel_aspect: float = 1.0, accuracy: TableAccuracy | None = None
+) -> PsfBank:
     """Upload the point spread functions of all bands.
 
+    Args:
+        psfs: One for each band.
+        device: Where they are used.
+        pixel_aspect: Height of a pixel over its width.
+        accuracy: Of tables.
+
     Raises:
-        InputError: The bands mix families.
+        InputError: Gaussians and others mix, or a table would be too large.
     """
-    if all(isinstance(psf, PsfGaussian) for psf in psfs):
-        return GaussianBank([psf for psf in psfs if isinstance(psf, PsfGaussian)], device)
-    if all(isinstance(psf, PsfAiry) for psf in psfs):
-        return AiryBank([psf for psf in psfs if isinstance(psf, PsfAiry)], device)
-    raise InputError(f"psf: must be of one family in all bands, got {', '.join(psf.kind for psf in psfs)}")
+    check_one_family(psfs)
+    gaussians = [psf for psf in psfs if isinstance(psf, PsfGaussian)]
+    if gaussians:
+        return GaussianBank(gaussians, device)
+    tabulated = [psf for psf in psfs if not isinstance(psf, PsfGaussian)]
+    return TableBank(tabulated, device, pixel_aspect, accuracy or TableAccuracy())
 
 
 def stamp_rule(cut_w_cm2: float, cut_share: float) -> Any:

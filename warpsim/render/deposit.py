@@ -11,6 +11,7 @@ import warp as wp
 from warpsim.errors import InputError
 from warpsim.optics.psf import Psf
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
+from warpsim.optics.tables import ERROR_RANGE, TableAccuracy
 from warpsim.render.device import default_device, rows_per_block
 
 
@@ -66,6 +67,8 @@ def deposit(
         wp.array((strength / scale).astype(np.float32)[None, None], dtype=wp.float32, device=where),
     ]
     rule = stamp_rule(0.0, flux_error)
-    psf_bank([psf], where).deposit(sources, rule, rows_per_block(where, shape[0]), signal)
+    low, high = ERROR_RANGE
+    accuracy = TableAccuracy(min(max(flux_error, low), high))
+    psf_bank([psf], where, accuracy=accuracy).deposit(sources, rule, rows_per_block(where, shape[0]), signal)
     image = signal.numpy()[0, 0]
     return np.asarray(image if scale == 1.0 else (image * np.float64(scale)).astype(np.float32))

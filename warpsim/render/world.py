@@ -16,6 +16,7 @@ from warpsim_kernels.motion import NodeGrid
 from warpsim.detector.nei import read_out_struct
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf_bank import PsfBank, psf_bank, stamp_rule
+from warpsim.optics.tables import TableAccuracy
 from warpsim.render.aiming import Aiming, make_aiming
 from warpsim.render.star_field import Stars, make_stars
 from warpsim.render.streak_rule import choose_streaks
@@ -23,7 +24,6 @@ from warpsim.render.streaks import Streaks, no_streaks
 from warpsim.render.target_field import TargetField, make_target_field
 from warpsim.scene.scene import Scene
 from warpsim.sky.band_index import BandIndex
-from warpsim.sky.bands import BANDS
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,9 @@ class World(TargetWorld):
         self.band_id = wp.array([scene.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
         self.read_out = read_out_struct(scene.detector, scene.seed)
         self.stamp_rule = stamp_rule(scene.optics.stamp_cut_nei * scene.nei_w_cm2(bands[0]), 0.0)
-        psfs = [scene.optics.psf_at(BANDS[name].isophotal_um, scene.camera) for name in bands]
-        self.psf: PsfBank = psf_bank(psfs, device)
+        aspect = getattr(scene.camera, "pixel_aspect", 1.0)
+        accuracy = TableAccuracy(scene.optics.psf_error, scene.optics.psf_points)
+        self.psf: PsfBank = psf_bank([scene.psf(name) for name in bands], device, aspect, accuracy)
         self.stars: Stars = make_stars(scene, bands, index, self.psf, self.stamp_rule, self.motion.grid)
 
 

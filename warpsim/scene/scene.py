@@ -22,7 +22,8 @@ from warpsim.describe import Integer, Positive, as_tuple, closed_interval, input
 from warpsim.detector.nei import NeiDetector
 from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
-from warpsim.optics.psf import Optics
+from warpsim.optics.psf import Psf
+from warpsim.optics.telescope import Optics
 from warpsim.orbit.arc import BallisticArc, UtcText
 from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.rules import AccessConstraints
@@ -154,6 +155,7 @@ class Scene:
         try:
             table_rows(scene)
             temperature_tables(scene)
+            scene.optics.file_checksums  # noqa: B018  # reads the files
         except InputError as error:
             raise InputError(f"{where}: {error}") from None
         return scene
@@ -236,6 +238,14 @@ class Scene:
     def nei_w_cm2(self, band: str) -> float:
         """Noise equivalent irradiance of a pixel in a band [W/cm2]."""
         return self.detector.nei_w_cm2
+
+    def psf(self, band: str) -> Psf:
+        """Point spread function in a band, in pixel widths: the telescope's, its jitter's and the detector's together.
+
+        Raises:
+            InputError: Its file cannot be read.
+        """
+        return self.optics.psf_for(band, self.camera, getattr(self.detector, "diffusion_px", 0.0))
 
     def frame_time_s(self, frames: Sequence[int] | npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
         """Times of frames after the epoch [s], shape (n,)."""
