@@ -29,9 +29,10 @@ FACTORY_ARGUMENTS = {
     "make_trace_stars_kernel": [(False,), (True,)],
     "make_gather_stars_kernel": [(False, False, True), (True, True, True, True, True)],
     "make_query_cone_kernel": [(wp.vec3d,), (wp.vec3f,)],
-    "make_deposit_gaussian_kernel": [(16,), (1024,)],
-    "make_deposit_table_kernel": [(2,), (4,), (6,), (8,)],
-    "make_table_stamp_kernel": [(6,)],
+    "make_deposit_gaussian_kernel": [(False,), (True,)],
+    "make_deposit_table_kernel": [(2, False), (4, False), (6, False), (8, False), (6, True)],
+    "make_gaussian_light_kernel": [(False,), (True,)],
+    "make_table_light_kernel": [(6, False), (6, True)],
     "make_read_out_tile_kernel": [(TILE_WIDTH,)],
 }
 
@@ -101,4 +102,4 @@ def test_no_kernel_is_forgotten():
     made = {name for module in MODULES for name in factories(module)}
     assert made == set(FACTORY_ARGUMENTS)
     names = {module.__name__.rpartition(".")[2] for module in PLAIN}
-    assert names >= {"emission", "deposit", "read_out", "shapes"}
+    assert names >= {"emission", "stamp_sizes", "read_out", "shapes"}

@@ -189,7 +189,8 @@ def signature_of(features: Features) -> wp.Function:
         n_exposure = exposure.offset_s.shape[0]
         if wp.static(features.profile):
             for term in range(wp.static(N_TERM)):
-                scale_series(series, term, wp.float64(0.0))
+                for l in range(n_exposure):
+                    series[term, l] = wp.float64(0.0)
         for k in range(n_exposure):
             weight = exposure.weight[k]
             axes = body_axes(target, tables, time_s + exposure.offset_s[k])

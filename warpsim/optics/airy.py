@@ -229,7 +229,7 @@ def _measured_errors(table: ShareTable, flow: FlowProfile) -> tuple[float, float
 
 
 def _inside(table: ShareTable, rng: np.random.Generator, reach: F64, scale: F64) -> F64:
-    """Return offsets within a table: where the source is near the pixel's edges and corners, near its centre, anywhere."""
+    """Return offsets within a table: the source near the pixel's edges and corners, near its centre, anywhere."""
     n = 500
     sharp = np.minimum(scale, 1.0)
     corner = 0.5 + 1.5 * sharp * rng.uniform(-1.0, 1.0, (2, 2 * n))

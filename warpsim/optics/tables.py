@@ -100,7 +100,8 @@ def cheapest_points(psfs: Sequence[TabulatedPsf], pixel_aspect: float = 1.0, err
         if all(1.1 * n_row * n_col <= LARGEST_N_NODE for n_row, n_col, _ in sizes):
             costs[n_point] = sum(_cost_ns(n_point, n_row * n_col, n_hot) for n_row, n_col, n_hot in sizes)
     if not costs:
-        raise InputError(f"psf tables: an error of {error:g} needs more than {LARGEST_N_NODE} nodes; allow a larger one")
+        most = LARGEST_N_NODE
+        raise InputError(f"psf tables: an error of {error:g} needs more than {most} nodes; allow a larger one")
     return min(costs, key=lambda n_point: costs[n_point])
 
 

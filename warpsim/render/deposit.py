@@ -66,7 +66,7 @@ def deposit(
         wp.array(xy[None], dtype=wp.vec2d, device=where),
         wp.array((strength / scale).astype(np.float32)[None, None], dtype=wp.float32, device=where),
     ]
-    rule = stamp_rule(0.0, flux_error)
+    rule = stamp_rule([0.0], flux_error, where)
     low, high = ERROR_RANGE
     accuracy = TableAccuracy(min(max(flux_error, low), high))
     psf_bank([psf], where, accuracy=accuracy).deposit(sources, rule, rows_per_block(where, shape[0]), signal)

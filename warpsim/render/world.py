@@ -75,10 +75,11 @@ class World(TargetWorld):
         super().__init__(scene, bands, device, with_streaks=True)
         self.band_id = wp.array([scene.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
         self.read_out = read_out_struct(scene.detector, scene.seed)
-        self.stamp_rule = stamp_rule(scene.optics.stamp_cut_nei * scene.nei_w_cm2(bands[0]), 0.0)
-        aspect = getattr(scene.camera, "pixel_aspect", 1.0)
+        cut_w_cm2 = [scene.optics.stamp_cut_nei * scene.nei_w_cm2(band) for band in bands]
+        self.stamp_rule = stamp_rule(cut_w_cm2, 0.0, device)
         accuracy = TableAccuracy(scene.optics.psf_error, scene.optics.psf_points)
-        self.psf: PsfBank = psf_bank([scene.psf(name) for name in bands], device, aspect, accuracy)
+        psfs = [scene.psf(name) for name in bands]
+        self.psf: PsfBank = psf_bank(psfs, device, scene.camera.pixel_aspect, accuracy)
         self.stars: Stars = make_stars(scene, bands, index, self.psf, self.stamp_rule, self.motion.grid)
 
 
