@@ -8,6 +8,8 @@ from pydantic import Field, model_validator
 
 from warpsim.describe import Integer, NonNegative, Positive, Switch, closed_interval, part, part_error
 
+MAX_DIFFUSION_PX = 10.0
+
 
 @part
 class NeiDetector:
@@ -23,6 +25,8 @@ class NeiDetector:
             they turn; 0 is an instant. NEI and SEI are those of this exposure.
         streaks: Whether light moves over the image during the exposure, as cameras turn and targets pass; without,
             places are those of its middle.
+        diffusion_px: Standard deviation, along rows as along columns, by which charge spreads before it is collected
+            [px, in widths of a pixel]; it widens the point spread function.
     """
 
     nei_w_cm2: Positive
@@ -32,6 +36,7 @@ class NeiDetector:
     counts_per_nei: Positive = 5.0
     exposure_s: Annotated[NonNegative, closed_interval(0, 10)] = 0.0
     streaks: Switch = True
+    diffusion_px: Annotated[NonNegative, closed_interval(0, MAX_DIFFUSION_PX)] = 0.0
     kind: Literal["nei"] = Field(default="nei", kw_only=True)
 
     @model_validator(mode="after")

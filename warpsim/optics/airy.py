@@ -35,8 +35,8 @@ WING_PART = 0.65
 """Part of the error that the wing may take at the reach, on sampled offsets."""
 SAMPLE_MARGIN = 1.25
 """Samples may miss the worst offset: the error stated is this much larger than the largest one found."""
-ROUNDING = 1.5e-7
-"""What float32 shares, weights and sums may add."""
+ROUNDING = 2.5e-8
+"""What float32 shares, weights and sums may add, per point of the interpolation."""
 N_REFINE = 6
 
 
@@ -136,7 +136,7 @@ def _measured_reach_px(
 def _step_px(flow: FlowProfile, pixel_aspect: float, error: float, n_point: int) -> float:
     """Return the distance of nodes at which interpolation keeps the error, judged along the axes [px]."""
     both = 2.0 if flow.scale_px > 0.3 else 1.0  # at a sharp pattern's edges one axis is smooth where the other is not
-    goal = max(0.75 * error / SAMPLE_MARGIN - ROUNDING, 0.15 * error) / both
+    goal = max(0.75 * error / SAMPLE_MARGIN - ROUNDING * n_point, 0.15 * error) / both
     step_px = flow.scale_px / (2.0 * n_point)
     longest_px = min(0.5 * max(1.0, pixel_aspect), 0.7 * flow.scale_px)
     for _ in range(8):
@@ -229,7 +229,7 @@ def _measured_errors(table: ShareTable, flow: FlowProfile) -> tuple[float, float
 
 
 def _inside(table: ShareTable, rng: np.random.Generator, reach: F64, scale: F64) -> F64:
-    """Return offsets within a table: the source near the pixel's edges and corners, near its centre, anywhere."""
+    """Return offsets within a table: with the source near the pixel's edges and corners, near its centre, anywhere."""
     n = 500
     sharp = np.minimum(scale, 1.0)
     corner = 0.5 + 1.5 * sharp * rng.uniform(-1.0, 1.0, (2, 2 * n))

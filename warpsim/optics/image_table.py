@@ -67,7 +67,7 @@ def _samples(pattern: SplineImage, n: int) -> F64:
 
 def _step_px(pattern: SplineImage, error: float, n_point: int) -> float:
     """Return the distance of nodes at which interpolation keeps the error on samples [px]."""
-    goal = max(0.75 * error / SAMPLE_MARGIN - ROUNDING, 0.15 * error)
+    goal = max(0.75 * error / SAMPLE_MARGIN - ROUNDING * n_point, 0.15 * error)
     step_px = 1.0 / pattern.oversample
     dx_px, dy_px = _samples(pattern, N_PROBE)
     exact = pattern.shares(dx_px, dy_px)

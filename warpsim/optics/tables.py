@@ -16,9 +16,9 @@ from warpsim.optics.psf import PsfAiry, PsfTable
 from warpsim.optics.share_table import LARGEST_N_NODE, POINTS, ShareTable
 from warpsim.optics.spline_image import SplineImage, spline_of
 
-DEFAULT_ERROR = 1e-6
 ERROR_RANGE = (5e-7, 1e-2)
-"""Fraction of the flux per pixel; float32 shares allow no less."""
+"""Fraction of the flux per pixel; float32 shares, weights and sums allow no less."""
+DEFAULT_ERROR = 5e-7
 
 STORE_BYTES = 128 * 2**20
 """Tables kept for the next renderer; the largest single one has 32 MB."""
@@ -100,8 +100,7 @@ def cheapest_points(psfs: Sequence[TabulatedPsf], pixel_aspect: float = 1.0, err
         if all(1.1 * n_row * n_col <= LARGEST_N_NODE for n_row, n_col, _ in sizes):
             costs[n_point] = sum(_cost_ns(n_point, n_row * n_col, n_hot) for n_row, n_col, n_hot in sizes)
     if not costs:
-        most = LARGEST_N_NODE
-        raise InputError(f"psf tables: an error of {error:g} needs more than {most} nodes; allow a larger one")
+        raise InputError(f"psf tables: an error of {error:g} needs more than {LARGEST_N_NODE} nodes; allow more")
     return min(costs, key=lambda n_point: costs[n_point])
 
 

@@ -29,11 +29,11 @@ def deposit(
         xy_px: Positions (x = column, y = row; pixel centres on integers) [px], shape (n, 2). Sources outside the image
             add what their stamps spill into it.
         flux: Flux of each source in any unit, shape (n,).
-        psf: PsfGaussian or PsfAiry.
+        psf: PsfGaussian, PsfAiry or PsfTable.
         shape: (n_row, n_col).
         device: Warp device; CUDA where present when left out.
         flux_error: No pixel is off by more than this fraction of a source's flux, truncation included; below 2e-7
-            float32 rounding decides, and below 1e-6 the table of an Airy pattern. What falls outside the frame is
+            float32 rounding decides, and below 5e-7 the table of an Airy pattern or an image. What falls outside the frame is
             absent; nothing is renormalised.
 
     Returns:
@@ -68,7 +68,7 @@ def deposit(
     ]
     rule = stamp_rule([0.0], flux_error, where)
     low, high = ERROR_RANGE
-    accuracy = TableAccuracy(min(max(flux_error, low), high))
+    accuracy = TableAccuracy(min(max(0.5 * flux_error, low), high))
     psf_bank([psf], where, accuracy=accuracy).deposit(sources, rule, rows_per_block(where, shape[0]), signal)
     image = signal.numpy()[0, 0]
     return np.asarray(image if scale == 1.0 else (image * np.float64(scale)).astype(np.float32))

@@ -245,7 +245,7 @@ class Scene:
         Raises:
             InputError: Its file cannot be read.
         """
-        return self.optics.psf_for(band, self.camera, getattr(self.detector, "diffusion_px", 0.0))
+        return self.optics.psf_for(band, self.camera, self.detector.diffusion_px)
 
     def frame_time_s(self, frames: Sequence[int] | npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
         """Times of frames after the epoch [s], shape (n,)."""
