@@ -75,7 +75,7 @@ class Streak:
     n_panel: int
     count: int
     first: int  # of the rule in StreakRules.node
-    extra: int  # nodes among them that serve the change of brightness
+    extra: int  # nodes among them that serve the bend of the path and the change of brightness
 
 
 @wp.struct
@@ -180,6 +180,26 @@ def streak_length_px(paths: Paths, source: Source, aspect: float) -> float:
 
 
 @wp.func
+def extra_nodes(paths: Paths, source: Source, length_px: float, error: float, blur: Blur) -> int:
+    """Nodes that a bent path and a changing brightness take more than a straight, steady streak.
+
+    A rule of n nodes is exact to degree 2 n - 1, and brightness has the degree of its series. A straight path makes a
+    power series of the image one of time; a path of degree k makes its n-th power one of degree k n.
+    """
+    extra = n_profile(paths, source) // 2
+    degree = paths.offset_px.shape[2] - 1
+    bend = wp.vec2()
+    for k in range(2, degree + 1):
+        term = paths.offset_px[source.view, source.slot, k]
+        bend += wp.vec2(wp.abs(term[0]), wp.abs(term[1]) * blur.aspect)
+    bend_px = wp.length(bend)
+    # The second term of the series in offset / width, of which the factor is at most 1/4, is the first to differ.
+    if 0.25 * bend_px * (0.5 * length_px + bend_px) > error * blur.width_px * blur.width_px:
+        extra += degree + 1
+    return extra
+
+
+@wp.func
 def rule_reaches(rules: StreakRules, error: float, rule: int, length_px: float, blur: Blur) -> bool:
     """Whether a rule serves a streak of this length."""
     step = int(wp.ceil(-wp.log10(wp.clamp(error, 1.0e-30, 1.0)) * STEPS_PER_DECADE))
@@ -208,8 +228,7 @@ def streak_of(
     """The fewest nodes that keep a source's pixels within `error` of its light.
 
     Where even the largest rule is too short, and where parts longer than longest_panel_px are not wanted, the exposure
-    is cut into panels, which share out the light and the error. A rule integrates the changing brightness too: it has
-    half the degree of that series in nodes more.
+    is cut into panels, which share out the light and the error.
     """
     streak = Streak()
     streak.n_panel = 1
@@ -218,7 +237,7 @@ def streak_of(
     length_px = streak_length_px(paths, source, blur.aspect)
     if rule_reaches(rules, allowed, 0, length_px, blur):
         return streak
-    streak.extra = n_profile(paths, source) // 2
+    streak.extra = extra_nodes(paths, source, length_px, allowed, blur)
     last = rules.count.shape[0] - 1
     largest = last
     while largest > 0 and rules.count[largest] + streak.extra > rules.count[last]:
