@@ -8,6 +8,7 @@ import pytest
 import warp as wp
 import warpsim_kernels
 from warpsim_kernels.aim import AIM_FIXED, AIM_TABLE, AIM_TRACK
+from warpsim_kernels.detector import ReadOutFeatures
 from warpsim_kernels.read_out import TILE_WIDTH
 from warpsim_kernels.signature import Features
 
@@ -15,6 +16,9 @@ ARCH = 75  # Turing: the oldest that Warp's CUDA 13 supports; PTX runs on everyt
 
 EVERYTHING = Features(attitude_tables=True, meshes=True, sun=True, earth=True, albedo=True)
 SERIES = EVERYTHING._replace(albedo_degree=12)
+NEI_TERMS = ReadOutFeatures(bad_pixels=True, prnu=True, dsnu=True, column_noise=True, nonlinearity=True)
+ELECTRON_TERMS = NEI_TERMS._replace(electrons=True, shot_noise=True, small_means=True, read_noise=True)
+READ_OUTS = [ReadOutFeatures(), NEI_TERMS._replace(template=True), ELECTRON_TERMS]
 FACTORY_ARGUMENTS = {
     "make_aim_kernel": [(AIM_TRACK, False), (AIM_FIXED, False), (AIM_TABLE, True)],
     "make_observe_targets_kernel": [(Features(),), (EVERYTHING,), (SERIES,)],
@@ -24,7 +28,9 @@ FACTORY_ARGUMENTS = {
     "make_gather_stars_kernel": [(False, False, True), (True, True, True)],
     "make_query_cone_kernel": [(wp.vec3d,), (wp.vec3f,)],
     "make_deposit_gaussian_kernel": [(16,), (1024,)],
-    "make_read_out_tile_kernel": [(TILE_WIDTH,)],
+    "make_half_read_out": [],  # a function of the kernels below
+    "make_read_out_tile_kernel": [(features, TILE_WIDTH) for features in READ_OUTS],
+    "make_read_out_rest_kernel": [(features,) for features in READ_OUTS],
 }
 
 MODULES = [

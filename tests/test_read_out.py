@@ -1,55 +1,23 @@
 """Read-out: statistics of the noise, its independence, and the counts model against a float64 twin."""
 
-from types import SimpleNamespace
+import ast
+import inspect
 
 import numpy as np
 import pytest
-import warp as wp
+import warpsim_kernels.read_out
+from read_outs import FINE, FINE_GAIN, FINE_OFFSET, SEED, deviates, read_out
 from scipy import special, stats
-from warpsim_kernels.read_out import read_out_rest_kernel
 
-from warpsim.detector.nei import NeiDetector, read_out_struct
-from warpsim.render import stages
+from warpsim.detector.nei import NeiDetector
 
-SEED = 0x0123456789ABCDEF
 N_SIGMA = 5.0
 N_SIGMA_TAIL = stats.norm.sf(N_SIGMA)  # one-sided probability behind the gates that are not Gaussian
 KS_GATE = np.sqrt(-0.5 * np.log(N_SIGMA_TAIL))  # sqrt(n) * D exceeds it with probability 2 * N_SIGMA_TAIL
 
-# A gain so fine that the deviates can be read back: half a count is 1.1e-4 sigma, and nothing clips below 7.2 sigma.
-FINE_GAIN, FINE_OFFSET = 4500.0, 32768.0
-FINE = NeiDetector(nei_w_cm2=1e-18, sei_w_cm2=3e-15, bits=16, offset_counts=FINE_OFFSET, counts_per_nei=FINE_GAIN)
-
 COUNTS_RTOL = 4e-7  # six float32 roundings of 6e-8 from signal to counts: where a rounding edge may be missed
 DEVIATE_ATOL = 2e-6  # of the float32 deviates, see normal.py
 TILE_ATOL = 1e-7  # mean difference of a deviate between the two kernels: fused multiply-add contracts them differently
-
-
-def read_out(detector, signal, device, *, frames=None, sensors=None, bands=None, seed=SEED, tiles=True):
-    """Counts of signal (n_view, n_band, n_row, n_col), by the renderer's stage or by the scalar kernel alone."""
-    n_view, n_band, n_row, n_col = signal.shape
-
-    def numbers(values, n):
-        return wp.array(np.arange(n) if values is None else np.asarray(values), dtype=wp.uint32, device=device)
-
-    views = SimpleNamespace(frame=numbers(frames, n_view), sensor=numbers(sensors or [0] * n_view, n_view))
-    world = SimpleNamespace(
-        band_id=numbers(bands, n_band), read_out=read_out_struct(detector, seed), device=wp.get_device(device)
-    )
-    counts = wp.zeros(signal.shape, dtype=wp.uint16, device=device)
-    light = wp.array(signal, dtype=wp.float32, device=device)
-    if tiles:
-        stages.read_out(world, SimpleNamespace(counts=counts, signal_w_cm2=light, views=views))
-    else:
-        inputs = [light.flatten(), views.frame, views.sensor, world.band_id, n_row * n_col, 0, world.read_out]
-        dim = (n_view, n_band, n_row * n_col)
-        wp.launch(read_out_rest_kernel, dim=dim, inputs=inputs, outputs=[counts.flatten()], device=device)
-    return counts.numpy()
-
-
-def deviates(device, shape=(1, 1, 512, 512), **numbers):
-    """Noise in units of its standard deviation."""
-    return (read_out(FINE, np.zeros(shape), device, **numbers).astype(np.float64) - FINE_OFFSET) / FINE_GAIN
 
 
 def twin_words(frame, sensor, band, seed, n_pixel):
@@ -255,3 +223,12 @@ def test_infinite_signal_saturates(device):
     detector = NeiDetector(1e-18, 3e-17, bits=14, offset_counts=100.0, counts_per_nei=5.0)
     counts = read_out(detector, np.full((1, 1, 1, 3), 3e38), device)  # signal / NEI overflows to infinity
     assert (counts == 250).all()
+
+
+def test_warps_cache_sees_every_function_of_a_tile_map():
+    """The hash of a kernel leaves out functions that are given to tile_map: a changed one would find an old binary."""
+    tree = ast.parse(inspect.getsource(warpsim_kernels.read_out))
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == "wp.tile_map"]
+    given = {ast.unparse(call.args[0]) for call in calls}
+    (named,) = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "mapped_functions"]
+    assert given == {node.id for node in ast.walk(named) if isinstance(node, ast.Name) and node.id[0] != "_"} - {"wp"}

@@ -12,9 +12,9 @@ from warpsim_kernels.apparent import Releases
 from warpsim_kernels.camera import Camera as CameraStruct
 from warpsim_kernels.motion import NodeGrid
 
-from warpsim.detector.nei import read_out_struct
 from warpsim.optics.psf_bank import PsfBank, psf_bank, stamp_rule
 from warpsim.render.aiming import Aiming, make_aiming
+from warpsim.render.read_out import ReadOut, make_read_out
 from warpsim.render.star_field import Stars, make_stars
 from warpsim.render.target_field import TargetField, make_target_field
 from warpsim.scene.scene import Scene
@@ -65,8 +65,11 @@ class World(TargetWorld):
     def __init__(self, scene: Scene, bands: Sequence[str], device: wp.Device, index: BandIndex) -> None:
         super().__init__(scene, bands, device)
         self.band_id = wp.array([scene.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
-        self.read_out = read_out_struct(scene.detector, scene.seed)
-        self.stamp_rule = stamp_rule(scene.optics.stamp_cut_nei * scene.nei_w_cm2(bands[0]), 0.0)
+        shape = (scene.camera.n_row, scene.camera.n_col)
+        self.read_out: ReadOut = make_read_out(scene.detector, scene.levels, bands, scene.seed, shape, device)
+        # One cut for all bands, and of all bands of the scene: a stamp must not depend on which of them are rendered.
+        nei_w_cm2 = min(scene.nei_w_cm2(band) for band in scene.bands)
+        self.stamp_rule = stamp_rule(scene.optics.stamp_cut_nei * nei_w_cm2, 0.0)
         psfs = [scene.optics.psf_at(BANDS[name].isophotal_um, scene.camera) for name in bands]
         self.psf: PsfBank = psf_bank(psfs, device)
         self.stars: Stars = make_stars(scene, bands, index, self.psf, self.stamp_rule, self.motion.grid)
