@@ -13,6 +13,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from warpsim import paper as paper
     from warpsim import plot as plot
+    from warpsim.detector.electron import ElectronDetector as ElectronDetector
     from warpsim.detector.nei import NeiDetector as NeiDetector
     from warpsim.errors import InputError as InputError
     from warpsim.exchange.read import read_attitude as read_attitude
@@ -146,6 +147,7 @@ _HOME = {
     "write_aem": "warpsim.exchange.write",
     "write_stk_attitude": "warpsim.exchange.write",
     "NeiDetector": "warpsim.detector.nei",
+    "ElectronDetector": "warpsim.detector.electron",
     "InputError": "warpsim.errors",
 }
 

@@ -6,6 +6,9 @@ import itertools
 
 import numpy as np
 
+from warpsim.detector.electron import ElectronDetector
+from warpsim.detector.levels import ElectronLevels
+from warpsim.detector.terms import detector_terms
 from warpsim.optics.camera import Camera
 from warpsim.optics.sip import ERROR_PX, sip_polynomials
 from warpsim.orbit.arc import BallisticArc
@@ -53,7 +56,7 @@ def scene_report(scene: Scene) -> str:
     Raises:
         InputError: The star catalog cannot be read, or a path cannot be propagated.
     """
-    camera, detector = scene.camera, scene.detector
+    camera = scene.camera
     things = f"{_count(len(scene.sensor_names), 'sensor')}, {_count(len(scene.target_names), 'target')}"
     lines = [
         f"{scene.name}: valid. {things}, bands {' '.join(scene.bands)}",
@@ -61,7 +64,7 @@ def scene_report(scene: Scene) -> str:
         f"after {scene.epoch.isot} UTC",
         f"  camera     {camera.n_row} x {camera.n_col} pixels, "
         f"{_pixel_size(camera)} arcsec per pixel{_distortion(camera)}",
-        f"  detector   NEI {detector.nei_w_cm2:g}, SEI {detector.sei_w_cm2:g} W/cm2, {_count(detector.bits, 'bit')}",
+        *_detector_lines(scene),
         *_sky_lines(scene),
         *_light_lines(scene),
         f"  orbits     nodes every {scene.tracks.step_s:g} s, interpolation error {scene.tracks.error_m * 1e3:.2g} mm",
@@ -77,8 +80,6 @@ def scene_report(scene: Scene) -> str:
         rough = max((*scene.tracks.sensors, *scene.tracks.targets), key=lambda track: track.error_m)
         missed = f"near {rough.error_at_s:.6g} s interpolation is {rough.error_m * 1e3:.2g} mm off"
         lines.append(f"  warning    {rough.name} moves unevenly: {missed}")
-    if detector.offset_counts < 5 * detector.counts_per_nei:
-        lines.append("  warning    offset_counts is below 5 sigma: the noise of blank sky is clipped at 0")
     times = scene.frame_time_s(np.arange(scene.frames.count))
     seen = {name: np.flatnonzero(scene.has_access(name, times)).tolist() for name in scene.sensor_names}
     lines += _flight_lines(scene) + _access_lines(scene) + _pointing_lines(scene, seen)
@@ -99,6 +100,31 @@ def _distortion(camera: Camera) -> str:
     across, down = camera.field_deg
     moved = f", distorted by up to {sip.moved_px:.3g} px, field {across:.4g} x {down:.4g} deg"
     return moved + (f", WCS good to {sip.error_px:.1g} px" if sip.error_px > ERROR_PX else "")
+
+
+def _detector_lines(scene: Scene) -> list[str]:
+    """Noise and saturation by band, what they come from, and the terms that are on."""
+    detector = scene.detector
+    bits = _count(detector.bits, "bit")
+    said = {band: f"NEI {item.nei_w_cm2:.4g}, SEI {item.sei_w_cm2:.4g} W/cm2" for band, item in scene.levels.items()}
+    if len(set(said.values())) == 1:
+        lines = [f"  detector   {said[scene.bands[0]]}, {bits}"]
+    else:
+        lines = [f"  detector   {bits}", *(f"             {band}: {words}" for band, words in said.items())]
+    for band, levels in scene.levels.items():
+        if isinstance(detector, ElectronDetector) and isinstance(levels, ElectronLevels):
+            lines.append(
+                f"  electrons  {band}: background {levels.background_e:.4g} e, dark {levels.dark_e:.4g} e, read noise "
+                f"{detector.read_noise_e:g} e; noise {levels.noise_e:.4g} e of {detector.full_well_e:g}"
+            )
+    terms = detector_terms(detector)
+    if terms:
+        lines.append(f"  pixels     {', '.join(terms.values())}")
+    clipped = [band for band, levels in scene.levels.items() if levels.blank_counts < 5 * levels.counts_per_nei]
+    if clipped:
+        where = "" if len(clipped) == len(scene.bands) else f" in band {' '.join(clipped)}"
+        lines.append(f"  warning    offset_counts is below 5 sigma: the noise of blank sky is clipped at 0{where}")
+    return lines
 
 
 def _pointing_lines(scene: Scene, frames_of: dict[str, list[int]]) -> list[str]:

@@ -15,6 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.detector.electron import ElectronDetector
+from warpsim.detector.levels import ElectronLevels, Levels
+from warpsim.detector.terms import detector_terms
 from warpsim.errors import InputError
 from warpsim.optics.wcs import lens_keywords, tan_keywords, wcs_from_keywords
 from warpsim.orbit.epoch import years_ahead
@@ -133,7 +136,7 @@ def _header(scene: Scene, sensor: str, band: str, n_frame: int) -> Any:
 
     import warpsim
 
-    camera, detector = scene.camera, scene.detector
+    camera, levels = scene.camera, scene.levels[band]
     cards = [
         ("SIMPLE", True, "conforms to FITS"),
         ("BITPIX", 16, "16-bit integers"),
@@ -151,11 +154,49 @@ def _header(scene: Scene, sensor: str, band: str, n_frame: int) -> Any:
         ("FILTER", band, "spectral band"),
         ("TIMESYS", "UTC", ""),
         ("DATEREF", scene.epoch_utc, "instant of TIME_S = 0"),
-        ("NEI", scene.nei_w_cm2(band), "[W/cm2] noise equivalent irradiance"),
-        ("SEI", detector.sei_w_cm2, "[W/cm2] saturation equivalent irradiance"),
-        ("OFFSET", detector.offset_counts, "[adu] blank sky"),
-        ("CNTNEI", detector.counts_per_nei, "[adu] per NEI"),
+        ("NEI", levels.nei_w_cm2, "[W/cm2] noise equivalent irradiance"),
+        ("SEI", levels.sei_w_cm2, "[W/cm2] saturation equivalent irradiance"),
+        ("OFFSET", levels.blank_counts, "[adu] blank sky"),
+        ("CNTNEI", levels.counts_per_nei, "[adu] per NEI"),
+        *_detector_cards(scene, levels),
         ("SEED", scene.seed, "of the noise"),
         ("CREATOR", f"warpsim {warpsim.__version__}", ""),
     ]
     return fits.Header([fits.Card(*card) for card in cards])
+
+
+def _detector_cards(scene: Scene, levels: Levels) -> list[tuple[str, Any, str]]:
+    """What is known of the detector besides: its chain in electrons, and the terms that are on."""
+    detector = scene.detector
+    cards: list[tuple[str, Any, str]] = [("DETECTOR", detector.kind, "kind of detector")]
+    if isinstance(detector, ElectronDetector) and isinstance(levels, ElectronLevels):
+        cards += [
+            ("EXPTIME", detector.exposure_s, "[s] exposure"),
+            ("GAIN", detector.gain_e_per_count, "[electron/adu]"),
+            ("FULLWELL", detector.full_well_e, "[electron] that a pixel holds"),
+            ("BACKGR", levels.background_e, "[electron] mean of the background"),
+            ("DARK", levels.dark_e, "[electron] mean of the dark current"),
+            ("RDNOISE", detector.read_noise_e, "[electron] rms of reading"),
+            ("EPERIRR", levels.e_per_w_cm2, "[electron cm2/W] per irradiance"),
+        ]
+    elif detector.exposure_s > 0:
+        cards.append(("EXPTIME", detector.exposure_s, "[s] exposure"))
+    for name, words in detector_terms(detector).items():
+        value = getattr(detector, name)
+        cards.append((_TERM_KEYWORDS[name], value, words))
+    return cards
+
+
+_TERM_KEYWORDS = {
+    "prnu": "PRNU",
+    "dsnu": "DSNU",
+    "dsnu_nei": "DSNU",
+    "column_noise_e": "COLNOISE",
+    "column_noise_nei": "COLNOISE",
+    "dead_fraction": "DEADFRAC",
+    "hot_fraction": "HOTFRAC",
+    "nonlinearity": "NONLIN",
+    "noise": "NOISE",
+    "shot_noise": "SHOT",
+}
+"""FITS keywords of detector terms; the unit stands in the comment."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import warp as wp
 from warpsim_kernels.emission import record_targets_kernel
-from warpsim_kernels.read_out import TILE_WIDTH, make_read_out_tile_kernel, read_out_rest_kernel
+from warpsim_kernels.read_out import TILE_WIDTH
 from warpsim_kernels.trace import make_reach_kernel, make_trace_stars_kernel, make_trace_targets_kernel
 
 from warpsim.render.buffers import Chunk, Observations, PathViews, Sources, Views, seen_struct
@@ -237,27 +237,27 @@ def record_targets(world: World, chunk: Chunk) -> None:
 
 
 def read_out(world: World, chunk: Chunk) -> None:
-    """Counts: fresh noise, saturation, gain, offset and bits."""
+    """Counts: what the detector makes of the signal."""
     n_view, n_band, n_row, n_col = chunk.counts.shape
     n_pixel = n_row * n_col
     n_tile = n_pixel // (2 * TILE_WIDTH)
     n_done = n_tile * 2 * TILE_WIDTH
     signal, counts = chunk.signal_w_cm2.flatten(), chunk.counts.flatten()
-    images = [signal, chunk.views.frame, chunk.views.sensor, world.band_id, n_pixel]
+    inputs = [signal, chunk.views.frame, chunk.views.sensor, world.band_id, world.read_out.detector]
     if n_tile:
         wp.launch_tiled(
-            make_read_out_tile_kernel(TILE_WIDTH),
+            world.read_out.tile_kernel,
             dim=[n_view * n_band * n_tile],
-            inputs=[*images, n_tile, world.read_out],
+            inputs=[*inputs, n_tile],
             outputs=[counts],
             block_dim=TILE_THREADS_CUDA if world.device.is_cuda else 1,
             device=world.device,
         )
     if n_done < n_pixel:
         wp.launch(
-            read_out_rest_kernel,
+            world.read_out.rest_kernel,
             dim=(n_view, n_band, n_pixel - n_done),
-            inputs=[*images, n_done, world.read_out],
+            inputs=[*inputs, n_done],
             outputs=[counts],
             device=world.device,
         )

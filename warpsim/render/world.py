@@ -13,11 +13,11 @@ from warpsim_kernels.camera import Camera as CameraStruct
 from warpsim_kernels.camera import Distortion as LensStruct
 from warpsim_kernels.motion import NodeGrid
 
-from warpsim.detector.nei import read_out_struct
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf_bank import PsfBank, psf_bank, stamp_rule
 from warpsim.optics.tables import TableAccuracy
 from warpsim.render.aiming import Aiming, make_aiming
+from warpsim.render.read_out import ReadOut, make_read_out
 from warpsim.render.star_field import Stars, make_stars
 from warpsim.render.streak_rule import choose_streaks
 from warpsim.render.streaks import Streaks, no_streaks
@@ -74,7 +74,8 @@ class World(TargetWorld):
     def __init__(self, scene: Scene, bands: Sequence[str], device: wp.Device, index: BandIndex) -> None:
         super().__init__(scene, bands, device, with_streaks=True)
         self.band_id = wp.array([scene.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
-        self.read_out = read_out_struct(scene.detector, scene.seed)
+        shape = (scene.camera.n_row, scene.camera.n_col)
+        self.read_out: ReadOut = make_read_out(scene.detector, scene.levels, bands, scene.seed, shape, device)
         cut_w_cm2 = [scene.optics.stamp_cut_nei * scene.nei_w_cm2(band) for band in bands]
         self.stamp_rule = stamp_rule(cut_w_cm2, 0.0, device)
         accuracy = TableAccuracy(scene.optics.psf_error, scene.optics.psf_points)

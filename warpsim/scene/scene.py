@@ -19,7 +19,8 @@ from pydantic_core import ArgsKwargs
 
 from warpsim.arguments import times_s
 from warpsim.describe import Integer, Positive, as_tuple, closed_interval, input_error, part, rule_error
-from warpsim.detector.nei import NeiDetector
+from warpsim.detector.kinds import Detector
+from warpsim.detector.levels import Levels, levels
 from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf import Psf
@@ -100,7 +101,7 @@ class Scene:
     constellation: AnyConstellation
     camera: Camera
     optics: Optics
-    detector: NeiDetector
+    detector: Detector
     bands: Annotated[tuple[BandName, ...], BeforeValidator(as_tuple)]
     trajectory: Trajectory
     targets: Annotated[tuple[TargetSpec, ...], BeforeValidator(as_tuple)]
@@ -235,9 +236,18 @@ class Scene:
         """Whether light moves over the image during the exposure."""
         return self.detector.streaks and self.detector.exposure_s > 0.0
 
+    @cached_property
+    def levels(self) -> dict[str, Levels]:
+        """What the detector's noise, saturation and gain are in each band, as irradiance and counts."""
+        return {band: levels(self.detector, self.optics, self.camera, band) for band in self.bands}
+
     def nei_w_cm2(self, band: str) -> float:
-        """Noise equivalent irradiance of a pixel in a band [W/cm2]."""
-        return self.detector.nei_w_cm2
+        """Noise equivalent irradiance of a pixel in a band of the scene [W/cm2]."""
+        return self.levels[band].nei_w_cm2
+
+    def sei_w_cm2(self, band: str) -> float:
+        """Saturation equivalent irradiance of a pixel in a band of the scene [W/cm2]."""
+        return self.levels[band].sei_w_cm2
 
     def psf(self, band: str) -> Psf:
         """Point spread function in a band, in pixel widths: the telescope's, its jitter's and the detector's together.
