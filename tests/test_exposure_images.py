@@ -35,6 +35,17 @@ DARK = {
 """A target that gives no light, so that only stars are compared."""
 
 
+BRIGHT = {
+    "lighting": {"sun": False, "earth": False, "albedo": False},
+    "targets": [{
+        "name": "center",
+        "shape": {"kind": "sphere", "radius_m": 3.0},
+        "surface": {"reflectance": 0.1},
+        "temperature": {"start_k": 400.0, "end_k": 400.0},
+    }],
+}
+
+
 def exposed(scene, **changes):
     """One frame of half a second; changes are those of Scene.replace."""
     return scene.replace(
@@ -177,3 +188,16 @@ def test_a_frame_with_streaks_is_the_same_in_any_batch(scene, device, field):
     together = ws.Renderer(moving, device).render(range(9), [SENSOR, "sat11"])
     alone = ws.Renderer(moving, device, n_thread=1).render([7], ["sat11"])
     np.testing.assert_array_equal(together.counts.numpy()[7, 1], alone.counts.numpy()[0, 0])
+
+
+def test_truth_counts_the_light_of_a_streak(scene, device):
+    """snr_peak is of the pixel of the middle, left_out_w_cm2 of all that the stamps hold."""
+    still = exposed(scene, pointing={"kind": "fixed", "ra_dec_deg": towards_main(scene)}, camera__n_row=96, **BRIGHT)
+    signal, one = image(still, device, NO_STARS)
+    main = one.truth[0]
+    nei = still.nei_w_cm2("A")
+    own = signal[round(float(main["y_px"])), round(float(main["x_px"]))]
+    assert main["snr_peak"] == pytest.approx(own / nei, rel=1e-5)
+    assert main["snr_peak"] < 0.2 * main["snr"]
+    held = main["irradiance_w_cm2"] - main["left_out_w_cm2"]
+    assert signal.sum() == pytest.approx(held, rel=2e-6)

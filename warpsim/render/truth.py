@@ -12,7 +12,7 @@ from warpsim_kernels.targets import BEHIND, IN_FOV, OCCULTED, STOWED
 
 from warpsim.render.buffers import Observations
 from warpsim.render.stages import split_light
-from warpsim.render.streaks import moved
+from warpsim.render.streaks import moved, paths_struct
 from warpsim.render.world import TargetWorld, World
 from warpsim.scene.light_terms import TERMS
 
@@ -108,7 +108,8 @@ def _stamp_shares(world: World, seen: Observations) -> tuple[npt.NDArray[np.floa
     shape = seen.irradiance_w_cm2.shape
     shares = [wp.empty(shape, dtype=wp.float32, device=world.device) for _ in range(2)]
     if shares[0].size:
-        world.psf.measure_stamps([seen.xy_px, seen.irradiance_w_cm2], world.stamp_rule, shares)
+        paths = paths_struct(seen.offset_px, seen.brightness, world.n_target) if world.streaks.wanted else None
+        world.psf.measure_stamps([seen.xy_px, seen.irradiance_w_cm2], world.stamp_rule, shares, paths)
     peak, stamp = (np.asarray(array.numpy(), dtype=np.float64) for array in shares)
     return peak, stamp
 
