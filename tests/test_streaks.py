@@ -9,8 +9,9 @@ from warpsim_kernels.paths import Paths
 
 import warpsim as ws
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
+from warpsim.optics.sharpness import airy_blur_lamf
 from warpsim.optics.streak_rules import LONGEST_STREAK
-from warpsim.optics.transfer import airy_blur_lamf, annular_transfer
+from warpsim.optics.transfer import annular_transfer
 
 SEED = 271828
 STREAK_ATOL = 1e-5  # per unit flux, of the 10,000 samples

@@ -1,0 +1,173 @@
+"""What drawing a point source costs, and how far off its pixels are: speed against error.
+
+    python -m pytest benchmarks/test_deposit.py --benchmark-json=benchmarks/results/deposit.json
+    python benchmarks/report.py benchmarks/results/deposit.json --plot deposit.png
+
+The deposit alone, one thread, thousands of sources at random places of one image. Ways to draw: error functions for a
+Gaussian, share tables of several orders and errors for Gaussian and Airy patterns; stamps that leave out more or less;
+streaks by more or fewer nodes. The error is that of the worst pixel of single sources of unit light at random places,
+against float64 quadrature written here.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from scipy.special import ndtr
+from test_fps import pixel_share
+
+import warpsim as ws
+from warpsim.optics.psf_bank import psf_bank, stamp_rule
+from warpsim.optics.tables import TableAccuracy
+from warpsim.render.streaks import paths_struct
+
+N_SOURCE = 4000
+N_PIXEL = 256
+N_CHECKED = 24
+MARGIN = 24
+
+SIGMA_PX = 0.7
+AIRY = ws.PsfAiry(0.478)
+"""Band E of the paper's sensor."""
+GAUSSIAN_IMAGE_STEP = 16
+ERRORS = (1e-3, 1e-4, 1e-5, 1e-6)
+STREAK_PX = 5.0
+
+
+def gaussian_image() -> ws.PsfTable:
+    """The Gaussian as samples of a user."""
+    place = np.arange(-6 * GAUSSIAN_IMAGE_STEP, 6 * GAUSSIAN_IMAGE_STEP + 1) / GAUSSIAN_IMAGE_STEP
+    profile = np.exp(-0.5 * (place / SIGMA_PX) ** 2)
+    return ws.PsfTable(np.outer(profile, profile), GAUSSIAN_IMAGE_STEP)
+
+
+WAYS: dict[str, tuple[Any, TableAccuracy | None]] = {"Gaussian, error functions": (ws.PsfGaussian(SIGMA_PX), None)}
+WAYS |= {
+    f"{name}, table, {n_point} points, {error:g}": (psf, TableAccuracy(error, n_point))
+    for name, psf in (("Gaussian", gaussian_image()), ("Airy", AIRY))
+    for n_point in (2, 4, 6, 8)
+    for error in ERRORS
+    if n_point > 2 or error > 1e-5  # tables of two points for less would not fit
+}
+
+
+class Drawing:
+    """Sources of unit light, ready to be drawn."""
+
+    def __init__(self, psf: Any, accuracy: TableAccuracy | None, xy_px: Any, rule: Any, path_px: Any = None) -> None:
+        n = len(xy_px)
+        self.bank = psf_bank([psf], "cpu", 1.0, accuracy)
+        self.rule = rule
+        self.sources = [
+            wp.array([n], dtype=wp.int32, device="cpu"),
+            wp.array(xy_px[None], dtype=wp.vec2d, device="cpu"),
+            wp.array(np.ones((1, 1, n)), dtype=wp.float32, device="cpu"),
+        ]
+        self.signal = wp.empty((1, 1, N_PIXEL, N_PIXEL), dtype=wp.float32, device="cpu")
+        self.paths = None
+        if path_px is not None:
+            series = np.broadcast_to(np.asarray(path_px, np.float32), (1, n, len(path_px), 2))
+            still = wp.zeros((1, 1, 0, 0), dtype=wp.float32, device="cpu")
+            self.paths = paths_struct(wp.array(series.copy(), dtype=wp.vec2, device="cpu"), still, 0)
+
+    def __call__(self) -> Any:
+        """Draw; the image, float64."""
+        self.bank.deposit(self.sources, self.rule, N_PIXEL, self.signal, self.paths)
+        return self.signal.numpy()[0, 0].astype(np.float64)
+
+
+def places(n: int) -> Any:
+    """Random places away from the image's edges."""
+    return np.random.default_rng(271).uniform(MARGIN, N_PIXEL - MARGIN, (n, 2))
+
+
+def worst_pixel(psf: Any, accuracy: TableAccuracy | None, rule: Any, path_px: Any = None, reach: int = 6) -> float:
+    """Largest error of a pixel, of single sources."""
+    worst = 0.0
+    for xy_px in places(N_CHECKED):
+        image = Drawing(psf, accuracy, xy_px[None], rule, path_px)()
+        column, row = np.round(xy_px).astype(int)
+        for dy in range(-reach, reach + 1):
+            for dx in range(-reach, reach + 1):
+                exact = exact_share(psf, column + dx - xy_px[0], row + dy - xy_px[1], path_px)
+                worst = max(worst, abs(image[row + dy, column + dx] - exact))
+    return worst
+
+
+def exact_share(psf: Any, dx: float, dy: float, path_px: Any = None) -> float:
+    """Share of the pixel at an offset from the source, or of a straight, even streak about it."""
+    if path_px is not None:
+        t = (np.arange(10_000) + 0.5) / 5000 - 1
+        x, y = dx - path_px[1][0] * t, dy - path_px[1][1] * t
+        return float((gaussian_axis(x) * gaussian_axis(y)).mean())
+    if isinstance(psf, ws.PsfAiry):
+        return pixel_share(psf, dx, dy)
+    return float(gaussian_axis(dx) * gaussian_axis(dy))
+
+
+def gaussian_axis(offset: Any) -> Any:
+    return ndtr((offset + 0.5) / SIGMA_PX) - ndtr((offset - 0.5) / SIGMA_PX)
+
+
+def timed(benchmark: Any, drawing: Drawing) -> bool:
+    """Time a drawing; whether there is a time."""
+    benchmark.pedantic(
+        lambda: drawing.bank.deposit(drawing.sources, drawing.rule, N_PIXEL, drawing.signal, drawing.paths),
+        rounds=9 if benchmark.enabled else 1,
+        warmup_rounds=1,
+    )
+    return benchmark.stats is not None
+
+
+def ns_per_source(benchmark: Any) -> float:
+    return float(benchmark.stats.stats.median / N_SOURCE * 1e9)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_ways(benchmark, way):
+    psf, accuracy = WAYS[way]
+    # The same stamps for all: 7 x 7 pixels hold what is above 1e-5 of a source's light, or nearly so.
+    rule = stamp_rule([0.0], 1e-5, "cpu")
+    if timed(benchmark, Drawing(psf, accuracy, places(N_SOURCE), rule)):
+        kind, _, how = way.partition(", ")
+        fine = stamp_rule([0.0], 1e-9, "cpu")
+        benchmark.extra_info.update(
+            group=f"{kind}, shares",
+            way=how,
+            ns_per_source=ns_per_source(benchmark),
+            deposit_error=worst_pixel(psf, accuracy, fine, reach=4),
+        )
+
+
+@pytest.mark.parametrize("cut", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
+@pytest.mark.parametrize("name", ["Gaussian", "Airy"])
+def test_stamp_rules(benchmark, name, cut):
+    psf = ws.PsfGaussian(SIGMA_PX) if name == "Gaussian" else AIRY
+    rule = stamp_rule([0.0], cut, "cpu")
+    drawing = Drawing(psf, None, places(N_SOURCE), rule)
+    if timed(benchmark, drawing):
+        shares = [wp.empty((1, 1, N_SOURCE), dtype=wp.float32, device="cpu") for _ in range(2)]
+        drawing.bank.measure_stamps(drawing.sources[1:], rule, shares)
+        benchmark.extra_info.update(
+            group=f"{name}, stamps",
+            way=f"cut at {cut:g} of the light per pixel",
+            ns_per_source=ns_per_source(benchmark),
+            deposit_error=worst_pixel(psf, None, rule),
+            left_out=float(1 - shares[1].numpy().mean()),
+        )
+
+
+@pytest.mark.parametrize("error", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
+def test_streaks(benchmark, error):
+    psf, path_px = ws.PsfGaussian(SIGMA_PX), [(0.0, 0.0), (0.4 * STREAK_PX, 0.3 * STREAK_PX)]
+    rule = stamp_rule([0.0], 1e-6, "cpu", error)
+    if timed(benchmark, Drawing(psf, None, places(N_SOURCE), rule, path_px)):
+        benchmark.extra_info.update(
+            group=f"Gaussian, streak of {STREAK_PX:g} px",
+            way=f"nodes for {error:g}",
+            ns_per_source=ns_per_source(benchmark),
+            deposit_error=worst_pixel(psf, None, stamp_rule([0.0], 1e-9, "cpu", error), path_px),
+        )
