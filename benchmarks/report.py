@@ -56,6 +56,15 @@ def places_table(cases: list[Case]) -> list[str]:
     ]
 
 
+def read_out_table(cases: list[Case]) -> list[str]:
+    """Read-out: time by the terms of the detector, with the error of its noise."""
+    rows = [
+        f"| {c['detector']} | {c['ns_per_pixel']:.2f} | {'-' if c['distance'] is None else format(c['distance'], '.1e')} |"
+        for c in cases
+    ]
+    return ["| detector | ns per pixel | distance from a Gaussian |", "|---|---|---|", *rows]
+
+
 def access_table(cases: list[Case]) -> list[str]:
     """Access: time against the number of satellites and the rules, with what a fine scan says of the intervals."""
     return [
@@ -152,6 +161,7 @@ def plot_signatures(cases: list[Case], path: Path) -> None:
 
 TABLES = {
     "light_error": signatures_table,
+    "ns_per_pixel": read_out_table,
     "psf": fps_table,
     "switches": places_table,
     "rules": access_table,

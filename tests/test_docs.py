@@ -31,6 +31,7 @@ SECTIONS = {
     "`[camera]`": [ws.Camera],
     "`[optics]`": [ws.Optics],
     "`[detector]`": [ws.NeiDetector],
+    "Detector in electrons": [ws.ElectronDetector],
     "`[trajectory]`": [ws.BallisticArc],
     "Orbit by elements": [ws.KeplerOrbit],
     "Flight from a state": [ws.StateVector],
