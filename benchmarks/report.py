@@ -58,10 +58,8 @@ def places_table(cases: list[Case]) -> list[str]:
 
 def read_out_table(cases: list[Case]) -> list[str]:
     """Read-out: time by the terms of the detector, with the error of its noise."""
-    rows = [
-        f"| {c['detector']} | {c['ns_per_pixel']:.2f} | {'-' if c['distance'] is None else format(c['distance'], '.1e')} |"
-        for c in cases
-    ]
+    errors = ["-" if c["distance"] is None else f"{c['distance']:.1e}" for c in cases]
+    rows = [f"| {c['detector']} | {c['ns_per_pixel']:.2f} | {e} |" for c, e in zip(cases, errors, strict=True)]
     return ["| detector | ns per pixel | distance from a Gaussian |", "|---|---|---|", *rows]
 
 
