@@ -19,7 +19,6 @@ from scipy.special import erf, j1
 
 import warpsim as ws
 from warpsim.render.speed import PAPER_FPS, frames_per_call, speed_scene
-from warpsim.sky.bands import BANDS
 
 DEVICES = ["cpu", *(["cuda:0"] if wp.is_cuda_available() else [])]
 
@@ -52,7 +51,7 @@ def test_fps(benchmark, n_pixel, psf, device):
         frames_per_call=n_frame,
         fps=fps,
         paper_fps=PAPER_FPS[n_pixel],
-        psf_error=psf_error(scene.optics.psf_at(BANDS["A"].isophotal_um, scene.camera)),
+        psf_error=psf_error(scene.psf("A")),
     )
 
 
@@ -69,13 +68,18 @@ def psf_error(psf: ws.PsfGaussian | ws.PsfAiry) -> float:
 
 def pixel_share(psf: ws.PsfGaussian | ws.PsfAiry, x: float, y: float) -> float:
     """Share of a unit source in the pixel at offset (x, y)."""
-    if isinstance(psf, ws.PsfGaussian):
-        a = np.array([x - 0.5, x + 0.5, y - 0.5, y + 0.5]) / (psf.sigma_px * np.sqrt(2))
-        return float((erf(a[1]) - erf(a[0])) * (erf(a[3]) - erf(a[2])) / 4)
+    if isinstance(psf, ws.PsfAiry):
+        return sum(part * airy_share(radius, x, y) for radius, part in zip(psf.radii_px, psf.parts, strict=True))
+    a = np.array([x - 0.5, x + 0.5, y - 0.5, y + 0.5]) / (psf.sigma_px * np.sqrt(2))
+    return float((erf(a[1]) - erf(a[0])) * (erf(a[3]) - erf(a[2])) / 4)
+
+
+def airy_share(radius_px: float, x: float, y: float) -> float:
+    """Share of a unit Airy pattern of one wavelength in the pixel at offset (x, y)."""
     node, weight = np.polynomial.legendre.leggauss(16)
     # Panels no longer than the core is wide, bounded at the source, where the pattern bends most.
     panels = [
-        np.unique(np.concatenate([np.linspace(c - 0.5, c + 0.5, 1 + int(np.ceil(4 / psf.radius_px))), _inside(c)]))
+        np.unique(np.concatenate([np.linspace(c - 0.5, c + 0.5, 1 + int(np.ceil(4 / radius_px))), _inside(c)]))
         for c in (x, y)
     ]
     axes = []
@@ -83,8 +87,8 @@ def pixel_share(psf: ws.PsfGaussian | ws.PsfAiry, x: float, y: float) -> float:
         half = np.diff(edges) / 2
         axes.append(((edges[:-1] + half)[:, None] + half[:, None] * node, half[:, None] * weight))
     (xs, wx), (ys, wy) = ((p.ravel(), w.ravel()) for p, w in axes)
-    v = np.maximum(np.hypot(xs[None, :], ys[:, None]) * np.pi * 1.2196698912665045 / psf.radius_px, 1e-12)
-    lambda_f = psf.radius_px / 1.2196698912665045
+    v = np.maximum(np.hypot(xs[None, :], ys[:, None]) * np.pi * 1.2196698912665045 / radius_px, 1e-12)
+    lambda_f = radius_px / 1.2196698912665045
     brightness = np.pi / 4 / lambda_f**2 * (2 * j1(v) / v) ** 2
     return float(wy @ brightness @ wx)
 

@@ -11,7 +11,7 @@ from scipy import special, stats
 from warpsim.detector.levels import electron_levels, levels
 from warpsim.detector.nei import NeiDetector
 from warpsim.optics.camera import Camera
-from warpsim.optics.psf import Optics
+from warpsim.optics.telescope import Optics
 from warpsim.render import stages
 from warpsim.render.read_out import make_read_out
 from warpsim.sky.bands import BANDS

@@ -1,4 +1,4 @@
-"""The Airy table against direct quadrature of the diffraction pattern over the pixel."""
+"""Airy tables against direct quadrature of the diffraction pattern over the pixel."""
 
 from __future__ import annotations
 
@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 from scipy import special
 
+import warpsim as ws
 from warpsim.errors import InputError
-from warpsim.optics.airy import FIRST_DARK_RING, build_airy_table, lagrange_weights, share
-from warpsim.optics.bessel import jinc
+from warpsim.optics import tables
+from warpsim.optics.bessel import jinc, scaled_i1_over_x
+from warpsim.optics.flow import pixel_shares
+from warpsim.optics.pattern import FIRST_DARK_RING, AiryPattern
+from warpsim.optics.share_table import POINTS, lagrange_weights, share
+from warpsim.optics.tables import cheapest_points, share_table
 
 SHARE_ATOL = 1e-6
-"""Per pixel and unit flux: interpolation 2.5e-7, float32 rounding 2e-7, ripples beyond the reach 5e-7."""
-ERROR_GOAL = 6e-7
-"""What the build measures on its own samples; below SHARE_ATOL, because samples can miss the worst offset."""
+"""Per pixel and unit flux; tables are built for 5e-7."""
 ORACLE_ATOL = 1e-11
 CLOSURE_ATOL = 2e-6
 """Interpolation errors of the few bright pixels, and the rings cut at the reach."""
@@ -26,7 +29,9 @@ WING_RTOL = 2e-3
 ROUNDING_ATOL = 1e-7
 """Two float32 roundings of a share up to 1."""
 
+I1_RTOL = 1e-13
 RADII_PX = [0.03, 0.185, 0.272, 0.478, 1.5, 4.0, 10.0]
+ERRORS = [5e-7, 1e-5, 1e-3]
 OBSCURATIONS = [0.0, 0.3]
 all_patterns = [
     pytest.mark.parametrize("radius_px", RADII_PX),
@@ -65,20 +70,25 @@ def converged_share(dx_px: float, dy_px: float, radius_px: float, obscuration: f
         coarse = fine
 
 
+def airy(radius_px: float, obscuration: float = 0.0, **accuracy):
+    return share_table(ws.PsfAiry(radius_px, obscuration), **accuracy)
+
+
 def reference(offsets_px: np.ndarray, radius_px: float, obscuration: float) -> np.ndarray:
     return np.array([converged_share(dx, dy, radius_px, obscuration) for dx, dy in offsets_px.astype(np.float64)])
 
 
 def assert_matches_reference(offsets_px: np.ndarray, radius_px: float, obscuration: float) -> None:
     """Compare at offsets that float32 holds exactly, in float32 as on the device and in float64."""
-    table = build_airy_table(radius_px, obscuration)
+    table = airy(radius_px, obscuration)
+    assert table.error <= SHARE_ATOL
     offsets_px = offsets_px.astype(np.float32)
     expected = reference(offsets_px, radius_px, obscuration)
     for real in (np.float32, np.float64):
         dx_px, dy_px = offsets_px.T.astype(real)
         got = share(table, dx_px, dy_px)
         assert got.dtype == real
-        np.testing.assert_allclose(got, expected, rtol=0, atol=SHARE_ATOL)
+        np.testing.assert_allclose(got, expected, rtol=0, atol=table.error)
 
 
 def test_jinc_matches_scipy():
@@ -87,11 +97,19 @@ def test_jinc_matches_scipy():
     assert jinc(0.0) == pytest.approx(1.0, abs=1e-15)
 
 
-def test_lagrange_weights_reproduce_quintics():
+def test_scaled_i1_matches_scipy():
+    x = np.geomspace(1e-6, 1e5, 5000)
+    np.testing.assert_allclose(scaled_i1_over_x(x) * x, special.i1e(x), rtol=I1_RTOL)
+    assert scaled_i1_over_x(0.0) == pytest.approx(0.5, rel=I1_RTOL)
+
+
+@pytest.mark.parametrize("n_point", POINTS)
+def test_lagrange_weights_reproduce_polynomials(n_point):
     t = np.linspace(0.0, 1.0, 11)
-    weights = np.array(lagrange_weights(t))
-    for power in range(6):
-        np.testing.assert_allclose(np.arange(-2.0, 4.0) ** power @ weights, t**power, atol=1e-13)
+    weights = np.array(lagrange_weights(t, n_point))
+    for power in range(n_point):
+        nodes = np.arange(1.0 - n_point // 2, 1.0 + n_point // 2)
+        np.testing.assert_allclose(nodes**power @ weights, t**power, atol=1e-11)
 
 
 @pytest.mark.parametrize(("dx_px", "dy_px", "obscuration"), [(0.3, 0.8, 0.0), (2.0, 0.4, 0.3)])
@@ -129,7 +147,7 @@ def test_source_on_and_beside_edges_and_corners(radius_px, obscuration):
 @every_pattern
 def test_far_pixels_on_axes_and_diagonals(radius_px, obscuration):
     rng = np.random.default_rng(3)
-    reach_px = build_airy_table(radius_px, obscuration).reach_px
+    reach_px = airy(radius_px, obscuration).reach_px[0]
     r_px = reach_px * rng.uniform(0.3, 1.3, 40)
     axis = np.stack([r_px, rng.uniform(-1.0, 1.0, 40)], axis=-1)
     diagonal = np.stack([r_px, -r_px], axis=-1)
@@ -140,7 +158,7 @@ def test_far_pixels_on_axes_and_diagonals(radius_px, obscuration):
 
 @every_pattern
 def test_both_sides_of_the_reach(radius_px, obscuration):
-    reach_px = np.float32(build_airy_table(radius_px, obscuration).reach_px)
+    reach_px = np.float32(airy(radius_px, obscuration).reach_px[0])
     above, below = np.nextafter(reach_px, np.float32(1e9)), np.nextafter(reach_px, np.float32(0.0))
     across = np.array([below, reach_px, above])
     offsets_px = [(a, b) for a in across for b in (0.0, 0.25, *across)]
@@ -148,15 +166,60 @@ def test_both_sides_of_the_reach(radius_px, obscuration):
     assert_matches_reference(np.array(offsets_px), radius_px, obscuration)
 
 
-@pytest.mark.parametrize("obscuration", [0.0, 0.02, 0.15, 0.3, 0.5])
+@pytest.mark.parametrize("obscuration", [0.0, 0.02, 0.15, 0.3, 0.6])
 @pytest.mark.parametrize("radius_px", [0.03, 0.1, 0.35, 0.7, 1.22, 2.5, 7.0])
-def test_measured_error_meets_the_goal_between_the_named_cases(radius_px, obscuration):
-    assert build_airy_table(radius_px, obscuration).error < ERROR_GOAL
+def test_stated_error_holds_on_random_phases(radius_px, obscuration):
+    """On many more offsets than those that the build measures it on, against its own quadrature of the edges."""
+    table = airy(radius_px, obscuration)
+    assert table.error <= SHARE_ATOL
+    assert worst_error(table, radius_px, obscuration) <= table.error
 
 
-@pytest.mark.parametrize("radius_px", [0.02, 50.0])
-def test_measured_error_meets_the_goal_at_the_ends_of_the_range(radius_px):
-    assert build_airy_table(radius_px, 0.0).error < ERROR_GOAL
+@pytest.mark.parametrize("n_point", POINTS)
+@pytest.mark.parametrize("error", ERRORS)
+@pytest.mark.parametrize("radius_px", [0.6, 1.5])
+def test_every_order_keeps_the_error_asked_for(radius_px, error, n_point):
+    if n_point == 2 and error < 1e-6:
+        with pytest.raises(InputError, match=r"needs a table of \d+ x \d+ nodes"):
+            airy(radius_px, error=error, n_point=n_point)
+        return
+    table = airy(radius_px, error=error, n_point=n_point)
+    assert table.n_point == n_point
+    assert worst_error(table, radius_px, 0.0) <= table.error <= error
+
+
+def worst_error(table, radius_px, obscuration):
+    """Of the float32 twin, near edges and corners, in the middle, anywhere, and beyond the table."""
+    pattern = AiryPattern((radius_px / FIRST_DARK_RING,), (1.0,), obscuration, 0.0)
+    flow = pattern.flow(2.0 * table.reach_px[0] + 3.0)
+    rng = np.random.default_rng(6)
+    n = 3000 if radius_px < 0.2 else 20_000  # edges of sharp patterns take many nodes
+    width = min(radius_px, 1.0)
+    edges = 0.5 + rng.normal(0.0, width, (2, n))
+    mixed = np.where(rng.random((2, n)) < 0.5, edges, rng.uniform(-0.7, 0.7, (2, n)))
+    wide = table.reach_px[0] * rng.uniform(-1.3, 1.3, (2, n))
+    near = rng.uniform(-2.5, 2.5, (2, n)) * max(1.0, radius_px)
+    offsets = np.clip(np.concatenate([edges, mixed, wide, near], axis=1), *1.3 * table.reach_px[0] * np.array([-1, 1]))
+    dx_px, dy_px = offsets.astype(np.float32)
+    exact = pixel_shares(flow, dx_px.astype(np.float64), dy_px.astype(np.float64), 1.0)
+    return np.abs(share(table, dx_px, dy_px) - exact).max()
+
+
+@pytest.mark.parametrize("obscuration", OBSCURATIONS)
+@pytest.mark.parametrize("radius_px", [0.01, 0.02, 50.0])
+def test_ends_of_the_range(radius_px, obscuration):
+    table = airy(radius_px, obscuration)
+    assert table.error <= SHARE_ATOL
+    assert table.n_byte < 32e6
+    rng = np.random.default_rng(8)
+    width = min(2.0 * radius_px, 0.5)
+    corner = 0.5 + width * rng.uniform(-1.0, 1.0, (12, 2))
+    edge = np.stack([0.5 + width * rng.uniform(-1.0, 1.0, 12), rng.uniform(-0.5, 0.5, 12)], axis=-1)
+    far = table.reach_px[0] * rng.uniform(-1.5, 1.5, (12, 2))
+    exact = np.array([[0.5, 0.0], [0.5, 0.5], [0.0, 0.0], [1.0, 0.5]])
+    offsets = np.concatenate([exact, corner, edge, far]).astype(np.float32)
+    expected = reference(offsets, radius_px, obscuration)
+    np.testing.assert_allclose(share(table, *offsets.T), expected, rtol=0, atol=table.error)
 
 
 @pytest.mark.parametrize("obscuration", [0.0, 0.1, 0.3, 0.5])
@@ -165,14 +228,14 @@ def test_wing_is_the_mean_over_rings(obscuration):
     v = np.pi * r_lamf
     amplitude = 2.0 * (special.j1(v) - obscuration * special.j1(obscuration * v)) / v
     irradiance = np.pi / (4.0 * (1.0 - obscuration**2)) * amplitude**2  # lamF = 1 px
-    wing_px3 = build_airy_table(FIRST_DARK_RING, obscuration).wing_px3
+    wing_px3 = airy(FIRST_DARK_RING, obscuration).wing[0]
     assert np.mean(irradiance * r_lamf**3) == pytest.approx(wing_px3, rel=WING_RTOL)
 
 
 @every_pattern
 def test_flux_of_a_stamp(radius_px, obscuration):
     """Errors of neighbouring pixels do not add up to more than one pixel's tolerance."""
-    table = build_airy_table(radius_px, obscuration)
+    table = airy(radius_px, obscuration)
     pixel = np.arange(-8, 9)
     dx_px, dy_px = np.meshgrid(pixel - 0.37, pixel + 0.21)
     expected = reference(np.stack([dx_px.ravel(), dy_px.ravel()], axis=-1), radius_px, obscuration).sum()
@@ -187,29 +250,41 @@ def test_flux_of_the_whole_plane(radius_px, obscuration):
     Wider rings stay in phase over many pixels, so that cutting them at the reach moves the sum by up to 2e-4 at 10 px
     although each pixel is within SHARE_ATOL; the stamp test above covers those radii.
     """
-    table = build_airy_table(radius_px, obscuration)
+    table = airy(radius_px, obscuration)
     n_side = 300
     pixel = np.arange(-n_side, n_side + 1)
     dx_px, dy_px = np.meshgrid(pixel - 0.37, pixel + 0.21)
     # The w / r^3 law outside a square of half side L: 8 int_0^{pi/4} w cos(a) / L da.
-    outside = table.wing_px3 * 4.0 * np.sqrt(2.0) / (n_side + 0.5)
+    outside = table.wing[0] * 4.0 * np.sqrt(2.0) / (n_side + 0.5)
     assert share(table, dx_px, dy_px).sum() + outside == pytest.approx(1.0, abs=CLOSURE_ATOL)
 
 
 @every_pattern
-def test_tail_bound_holds_and_is_not_wasteful(radius_px, obscuration):
+def test_what_lies_outside_a_disc(radius_px, obscuration):
+    """No pixel that a disc leaves out holds more than the envelope says, and the envelope is not wasteful."""
     rng = np.random.default_rng(4)
-    table = build_airy_table(radius_px, obscuration)
-    r_px = np.concatenate([[1.0], np.geomspace(1.0, 2.0 * table.reach_px, 119)])
-    angle = np.where(rng.random(120) < 0.5, 0.0, rng.uniform(0.0, np.pi / 4.0, 120))
-    offsets_px = r_px[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    assert np.all(reference(offsets_px, radius_px, obscuration) * r_px**3 <= table.tail_bound_px3)
-    assert table.tail_bound_px3 < 4.5 * table.wing_px3
+    table = airy(radius_px, obscuration)
+    radius = 0.5 * np.arange(len(table.envelope))
+    assert np.all(np.diff(table.envelope) <= 0.0)
+    angle = rng.choice([0.0, 0.3, np.pi / 4.0], len(radius))
+    # Pixels whose nearest point lies on the disc's rim or a little beyond.
+    beyond = radius + rng.choice([0.0, 0.02, 0.3], len(radius))
+    offsets = 0.5 + beyond[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    offsets[angle == 0.0, 1] = rng.uniform(0.0, 0.5, (angle == 0.0).sum())
+    pick = np.unique(np.concatenate([np.arange(min(8, len(radius))), rng.integers(0, len(radius), 12)]))
+    held = reference(offsets[pick], radius_px, obscuration)
+    assert np.all(held <= table.envelope[pick])
+    # Twice the largest share found on the rims is room for the places between the radii and the angles tried here.
+    rim = reference(np.stack([0.5 + radius[pick], np.zeros(len(pick))], axis=-1), radius_px, obscuration)
+    assert np.all(table.envelope[pick] <= np.maximum(2.0 * rim, 4.0 * table.wing[0] / (0.5 + radius[pick]) ** 3))
+    far = table.reach_px[0] * rng.uniform(1.0, 3.0, (30, 2))
+    assert np.all(reference(far, radius_px, obscuration) * np.hypot(*far.T) ** 3 <= table.tail_px3)
+    assert table.tail_px3 < 6.0 * table.wing[0]
 
 
 def test_symmetry():
-    table = build_airy_table(0.185, 0.3)
-    dx_px, dy_px = np.random.default_rng(5).uniform(0.0, 1.5 * table.reach_px, (2, 500))
+    table = airy(0.185, 0.3)
+    dx_px, dy_px = np.random.default_rng(5).uniform(0.0, 1.5 * table.reach_px[0], (2, 500))
     value = share(table, dx_px, dy_px)
     np.testing.assert_array_equal(share(table, -dx_px, dy_px), value)
     np.testing.assert_array_equal(share(table, dx_px, -dy_px), value)
@@ -218,34 +293,68 @@ def test_symmetry():
 
 
 def test_layout():
-    table = build_airy_table(0.478)
-    q, n = table.nodes_per_px, table.share.shape[0]
+    table = airy(0.478)
+    (q, per_col), (zero, zero_col), n = table.per_px, table.zero, table.share.shape[0]
+    assert table.mirrored and per_col == q and zero_col == zero
     assert table.share.shape == (n, n)
     assert table.share.dtype == np.float32
     assert q % 2 == 0
-    assert n == round(table.reach_px * q) + 7
-    assert (2.0 * table.reach_px).is_integer()
-    np.testing.assert_array_equal(table.share[:3], table.share[6:3:-1])
-    row, col = 3 + q // 2, 3 + 2 * q
+    assert (2.0 * table.reach_px[0]).is_integer()
+    assert n - zero > table.reach_px[0] * q + table.n_point // 2
+    np.testing.assert_array_equal(table.share[:zero], table.share[2 * zero : zero : -1])
+    row, col = zero + q // 2, zero + 2 * q
     assert table.share[row, col] == pytest.approx(converged_share(2.0, 0.5, 0.478, 0.0), abs=1e-7)
 
 
 def test_tables_are_shared_and_read_only():
-    table = build_airy_table(0.478, 0.3)
-    assert build_airy_table(0.478, 0.3) is table
+    table = airy(0.478, 0.3)
+    assert airy(0.478, 0.3) is table
     with pytest.raises(ValueError, match="read-only"):
         table.share[0, 0] = 1.0
     with pytest.raises(dataclasses.FrozenInstanceError):
-        table.reach_px = 1.0
+        table.tail_px3 = 1.0
 
 
-@pytest.mark.parametrize(("radius_px", "obscuration"), [(0.0, 0.0), (0.019, 0.0), (51.0, 0.0), (float("nan"), 0.0)])
-def test_radius_out_of_range(radius_px, obscuration):
+def test_the_store_of_tables_is_bounded(monkeypatch):
+    monkeypatch.setattr(tables, "_STORE", tables._Store())
+    monkeypatch.setattr(tables, "STORE_BYTES", 10**6)
+    for k in range(8):
+        airy(0.5 + 0.01 * k, n_point=8)  # 0.4 MB each
+    kept = sum(table.n_byte for table in tables._STORE._tables.values())
+    assert 5e5 < kept <= 1e6
+    assert airy(0.57, n_point=8) is airy(0.57, n_point=8)
+
+
+def test_cheapest_points():
+    """Sharp patterns need many points, wide ones few, loose errors fewer."""
+    assert cheapest_points([ws.PsfAiry(0.02)]) == 8
+    assert cheapest_points([ws.PsfAiry(0.185, 0.3)]) == 6
+    assert cheapest_points([ws.PsfAiry(50.0)]) == 2
+    assert cheapest_points([ws.PsfAiry(0.185, 0.3)], error=1e-3) == 2
+    assert cheapest_points([ws.PsfAiry(0.02), ws.PsfAiry(50.0)]) == 8  # one kernel for both
+
+
+@pytest.mark.parametrize("radius_px", [0.0, 0.009, 51.0, float("nan"), [], [0.1, 0.0], "wide"])
+def test_radius_out_of_range(radius_px):
     with pytest.raises(InputError, match="radius_px"):
-        build_airy_table(radius_px, obscuration)
+        ws.PsfAiry(radius_px)
 
 
 @pytest.mark.parametrize("obscuration", [-0.1, 0.61, 1.0, float("nan")])
 def test_obscuration_out_of_range(obscuration):
     with pytest.raises(InputError, match="obscuration"):
-        build_airy_table(1.0, obscuration)
+        ws.PsfAiry(1.0, obscuration)
+
+
+@pytest.mark.parametrize(
+    ("accuracy", "words"),
+    [
+        ({"error": 1e-8}, r"error: must be in \[5e-07, 0.01\]"),
+        ({"error": 0.1}, "error: must be in"),
+        ({"n_point": 3}, "n_point: must be one of 2, 4, 6, 8"),
+        ({"pixel_aspect": 0.0}, "pixel_aspect: must be in"),
+    ],
+)
+def test_accuracy_out_of_range(accuracy, words):
+    with pytest.raises(InputError, match=words):
+        airy(1.0, **accuracy)

@@ -82,7 +82,7 @@ def one_source_images(xy_px, psf, shape, device, cut_share):
         wp.array(np.ones((n, 1, 1)), dtype=wp.float32, device=device),
     ]
     signal = wp.empty((n, 1, *shape), dtype=wp.float32, device=device)
-    psf_bank([psf], wp.get_device(device)).deposit(sources, stamp_rule(0.0, cut_share), shape[0], signal)
+    psf_bank([psf], wp.get_device(device)).deposit(sources, stamp_rule([0.0], cut_share, device), shape[0], signal)
     return signal.numpy()[:, 0].astype(np.float64)
 
 
@@ -157,7 +157,7 @@ def test_flux_closes_gaussian(device, sigma_px):
     "psf", [ws.PsfGaussian(0.35), ws.PsfGaussian(5.0), ws.PsfAiry(0.478, 0.3), ws.PsfAiry(4.0)], ids=str
 )
 def test_reported_shares_are_those_of_the_image(device, psf):
-    shape, rule, n = (401, 401), stamp_rule(0.0, 3e-7), 6
+    shape, rule, n = (401, 401), stamp_rule([0.0], 3e-7, device), 6
     xy = 200 + np.random.default_rng(SEED).uniform(-0.5, 0.5, (n, 2))
     images = one_source_images(xy, psf, shape, device, 3e-7)
     peak, stamp = (wp.empty((n, 1, 1), dtype=wp.float32, device=device) for _ in range(2))
@@ -224,7 +224,7 @@ def test_row_blocks_do_not_change_a_bit(device, psf, n_row_per_block):
     images = []
     for n_row in (SHAPE[0], n_row_per_block):
         signal = wp.full((1, 1, *SHAPE), 7.0, dtype=wp.float32, device=device)  # must be overwritten
-        psf_bank([psf], wp.get_device(device)).deposit(sources, stamp_rule(0.0, 1e-6), n_row, signal)
+        psf_bank([psf], wp.get_device(device)).deposit(sources, stamp_rule([0.0], 1e-6, device), n_row, signal)
         images.append(signal.numpy())
     np.testing.assert_array_equal(images[1], images[0])
 

@@ -29,6 +29,7 @@ SECTIONS = {
     "Copies of an orbit": [ws.SeedPattern],
     "Several constellations": [ws.MixedConstellation],
     "`[camera]`": [ws.Camera],
+    "`distortion`": [ws.Distortion],
     "`[optics]`": [ws.Optics],
     "`[detector]`": [ws.NeiDetector],
     "Detector in electrons": [ws.ElectronDetector],

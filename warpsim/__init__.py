@@ -25,9 +25,11 @@ if TYPE_CHECKING:
     from warpsim.exchange.write import write_stk_attitude as write_stk_attitude
     from warpsim.exchange.write import write_stk_ephemeris as write_stk_ephemeris
     from warpsim.optics.camera import Camera as Camera
-    from warpsim.optics.psf import Optics as Optics
+    from warpsim.optics.distortion import Distortion as Distortion
     from warpsim.optics.psf import PsfAiry as PsfAiry
     from warpsim.optics.psf import PsfGaussian as PsfGaussian
+    from warpsim.optics.psf import PsfTable as PsfTable
+    from warpsim.optics.telescope import Optics as Optics
     from warpsim.orbit.arc import BallisticArc as BallisticArc
     from warpsim.orbit.constellations import ListedSatellites as ListedSatellites
     from warpsim.orbit.constellations import MixedConstellation as MixedConstellation
@@ -99,9 +101,11 @@ _HOME = {
     "BANDS": "warpsim.sky.bands",
     "band_radiance_w_m2_sr": "warpsim.sky.bands",
     "Camera": "warpsim.optics.camera",
-    "Optics": "warpsim.optics.psf",
+    "Distortion": "warpsim.optics.distortion",
+    "Optics": "warpsim.optics.telescope",
     "PsfGaussian": "warpsim.optics.psf",
     "PsfAiry": "warpsim.optics.psf",
+    "PsfTable": "warpsim.optics.psf",
     "deposit": "warpsim.render.deposit",
     "Sphere": "warpsim.target.shapes",
     "Cylinder": "warpsim.target.shapes",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from math import inf
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import PlainSerializer, PlainValidator, ValidationInfo
 from pydantic_core import PydanticCustomError
@@ -12,14 +12,16 @@ from pydantic_core import PydanticCustomError
 from warpsim.describe import number_within, part_error, rule_error
 from warpsim.sky.bands import BANDS
 
+V = TypeVar("V")
 
-class ByBand(Mapping[str, float]):
-    """Numbers by the name of a band, in the order given; does not change."""
 
-    def __init__(self, values: Mapping[str, float]) -> None:
+class ByBand(Mapping[str, V]):
+    """Numbers (or files) by the name of a band, in the order given; does not change."""
+
+    def __init__(self, values: Mapping[str, V]) -> None:
         self._values = dict(values)
 
-    def __getitem__(self, band: str) -> float:
+    def __getitem__(self, band: str) -> V:
         return self._values[band]
 
     def __iter__(self) -> Iterator[str]:
@@ -35,7 +37,9 @@ class ByBand(Mapping[str, float]):
         return repr(self._values)
 
 
-def band_table(value: Any, info: ValidationInfo, low: float, high: float, open_low: bool = False) -> ByBand:
+def band_table(
+    value: Any, info: ValidationInfo, low: float, high: float, open_low: bool = False
+) -> ByBand[float]:
     """A table of numbers by band, each from low to high, as pydantic's validators give it."""
     if not isinstance(value, Mapping):
         raise rule_error("must be a table of numbers by band")
@@ -56,18 +60,18 @@ def within(low: float, high: float) -> PlainValidator:
     return PlainValidator(lambda value, info: band_table(value, info, low, high))
 
 
-def _plain(value: float | Mapping[str, float]) -> Any:
+def _plain(value: Any) -> Any:
     return dict(value) if isinstance(value, Mapping) else value
 
 
 AS_DICT = PlainSerializer(_plain)
-"""How such a field is written: a dict, or the number that stands for all bands."""
+"""How such a field is written: a dict, or the value that stands for all bands."""
 
 
 def _number_or_table(low: float, high: float, open_low: bool = False) -> PlainValidator:
     """Rule of a field: one number for all bands from low to high, or a table of them that is not empty."""
 
-    def check(value: Any, info: ValidationInfo) -> float | ByBand:
+    def check(value: Any, info: ValidationInfo) -> float | ByBand[float]:
         if not isinstance(value, Mapping):
             return number_within(value, info, low, high, open_low)
         if not value:

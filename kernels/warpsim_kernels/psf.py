@@ -4,120 +4,246 @@ A pixel integrates the point spread function over its area; sampling at the pixe
 where the blur is smaller than a pixel.
 """
 
+import functools
+import math
+from typing import Any, NamedTuple
+
 import warp as wp
 
-MAX_HALF_WIDTH_PX = wp.constant(511)
-"""Widest stamp: 511 pixels to each side of the source's own pixel."""
+from warpsim_kernels.stamps import FAR_PX
 
-NODE_MARGIN = wp.constant(3)
-"""Table nodes before offset zero, so that six-point interpolation never leaves the table."""
+ENVELOPE_STEP_PX = wp.constant(0.25)
+"""Step of the radius in TablePsf.envelope, in pixel widths."""
+
+TABLE_POINTS = (2, 4, 6, 8)
+"""Points per axis that an interpolation in a table of shares may use."""
 
 _SQRT_HALF = wp.constant(0.7071067811865476)
 
-vec6 = wp.types.vector(length=6, dtype=wp.float32)
+
+@wp.func
+def gaussian_edge(offset_px: wp.float64, sigma_px: float) -> wp.vec2:
+    """Error function of a pixel edge offset_px from the source, as a whole number and a rest that keeps its digits.
+
+    Away from the source the rest is the complementary error function, so that tails do not cancel.
+    """
+    z = float(offset_px) * (_SQRT_HALF / sigma_px)
+    if wp.abs(z) <= 0.5:
+        return wp.vec2(0.0, wp.erf(z))
+    rest = wp.erfc(wp.abs(z))
+    if z > 0.0:
+        return wp.vec2(1.0, -rest)
+    return wp.vec2(-1.0, rest)
+
+
+@wp.func
+def share_between(left: wp.vec2, right: wp.vec2) -> float:
+    """Part of a unit one-dimensional Gaussian between two edges (the paper's Eq. 7, integrated over the pixel)."""
+    return 0.5 * ((right[0] - left[0]) + (right[1] - left[1]))
 
 
 @wp.func
 def gaussian_pixel_share(offset_px: wp.float64, sigma_px: float) -> float:
-    """Part of a unit one-dimensional Gaussian inside the pixel whose centre is offset_px from the source.
-
-    Both edges are measured from the source in float64 first; on the far side the complementary error function keeps
-    the tail's leading digits (the paper's Eq. 7, integrated over the pixel).
-    """
-    centre = wp.abs(offset_px)
-    scale = _SQRT_HALF / sigma_px
-    near = float(centre - wp.float64(0.5)) * scale
-    far = float(centre + wp.float64(0.5)) * scale
-    if near > 0.5:
-        return 0.5 * (wp.erfc(near) - wp.erfc(far))
-    return 0.5 * (wp.erf(far) - wp.erf(near))
+    """Part of a unit one-dimensional Gaussian inside the pixel whose centre is offset_px from the source."""
+    half = wp.float64(0.5)
+    return share_between(gaussian_edge(offset_px - half, sigma_px), gaussian_edge(offset_px + half, sigma_px))
 
 
 @wp.func
-def gaussian_half_width_px(sigma_px: float, cut: float) -> int:
-    """Stamp half-width beyond which no pixel holds more than the fraction `cut` of the flux.
+def gaussian_reach_px(sigma_px: float, cut: float) -> float:
+    """Radius of the disc about a source without which no pixel holds more than the fraction `cut` of the flux.
 
-    A pixel left out begins at least half_width from the source, so it holds less than exp(-half_width^2/2 sigma^2)/2.
+    A pixel that begins a columns and b rows away from the source holds less than exp(-(a^2 + b^2) / 2 sigma^2) / 2.
     """
     if cut >= 0.5:
-        return 0
-    return wp.min(int(wp.ceil(sigma_px * wp.sqrt(-2.0 * wp.log(2.0 * cut)))), MAX_HALF_WIDTH_PX)
+        return 0.0
+    return sigma_px * wp.sqrt(-2.0 * wp.log(2.0 * cut))
 
 
 @wp.struct
 class TablePsf:
-    """A radial point spread function as a table of pixel shares over (|dy|, |dx|), with a power law beyond it."""
+    """A point spread function as a table of pixel shares over the offset (dy, dx), and what lies beyond it.
 
-    start: int  # where the table begins in the flat array of all bands
-    n_node: int  # nodes per axis
-    nodes_per_px: int
-    reach_px: float  # offsets up to here lie inside the table
-    wing_px3: float  # share = wing / r^3 * (1 + 3 / (8 r^2)) beyond
-    tail_px3: float  # share <= tail / r^3 for r >= 1
+    The flat array of all bands holds, for each, its shares (rows of n_column nodes) and its envelope.
+    """
 
-
-@wp.func
-def table_half_width_px(psf: TablePsf, cut: float) -> int:
-    """Stamp half-width beyond which no pixel holds more than the fraction `cut` of the flux."""
-    if cut >= 1.0:
-        return 0
-    # The centre of a pixel left out is at least half_width + 1/2 from the source.
-    reach = wp.pow(psf.tail_px3 / cut, wp.static(1.0 / 3.0)) - 0.5
-    return wp.clamp(int(wp.ceil(wp.min(reach, 1.0e6))), 1, MAX_HALF_WIDTH_PX)
-
-
-@wp.func
-def six_point_weights(u: float) -> vec6:
-    """Lagrange weights of nodes -2 ... 3 at the point u in [0, 1]."""
-    a = u + 2.0
-    b = u + 1.0
-    d = u - 1.0
-    e = u - 2.0
-    g = u - 3.0
-    deg = d * e * g
-    abu = a * b * u
-    return vec6(
-        b * u * deg * wp.static(-1.0 / 120.0),
-        a * u * deg * wp.static(1.0 / 24.0),
-        a * b * deg * wp.static(-1.0 / 12.0),
-        abu * e * g * wp.static(1.0 / 12.0),
-        abu * d * g * wp.static(-1.0 / 24.0),
-        abu * d * e * wp.static(1.0 / 120.0),
-    )
-
-
-@wp.struct
-class TableAxis:
-    """Interpolation along one axis of the table."""
-
-    distance_px: wp.float64
-    first: int  # first of the six nodes
-    weights: vec6
+    start: int  # where the shares begin in the flat array
+    n_column: int  # nodes per row of the table
+    n_row: int
+    column_per_px: int  # nodes per pixel along columns
+    row_per_px: int
+    zero_column: int  # node of the offset 0
+    zero_row: int
+    mirrored: int  # 1: the table is even in both offsets and holds those >= 0 only
+    reach_column_px: float  # offsets up to here lie inside the table
+    reach_row_px: float  # in pixel heights
+    pixel_aspect: float  # height of a pixel over its width
+    wing_px3: float  # beyond, share = wing / r^3 * (1 + (next + aspect * dx^2 / r^2) / r^2), r in pixel widths
+    wing_next_px2: float
+    wing_aspect_px2: float
+    envelope: int  # where the envelope begins: largest share that a disc of radius k ENVELOPE_STEP_PX does not touch
+    n_envelope: int
+    tail_px3: float  # beyond the envelope a pixel holds at most tail / r^3; 0: nothing
 
 
 @wp.func
-def table_axis(offset_px: wp.float64, psf: TablePsf) -> TableAxis:
-    """Nodes and weights for a pixel offset along one axis."""
-    axis = TableAxis()
-    axis.distance_px = wp.abs(offset_px)
-    position = axis.distance_px * wp.float64(psf.nodes_per_px)
-    node = wp.min(int(position), psf.n_node - 2 * NODE_MARGIN - 1)
-    axis.first = node + NODE_MARGIN - 2
-    axis.weights = six_point_weights(float(position - wp.float64(node)))
-    return axis
+def table_reach_px(table: wp.array[float], psf: TablePsf, cut: float) -> float:
+    """Radius of the disc about a source without which no pixel holds more than the fraction `cut` of the flux."""
+    last = psf.n_envelope - 1
+    if table[psf.envelope + last] > cut:
+        # The centre of a pixel that the disc does not touch is half its shorter side farther away, at least.
+        reach = wp.pow(psf.tail_px3 / cut, wp.static(1.0 / 3.0)) - 0.5 * wp.min(psf.pixel_aspect, 1.0)
+        return wp.clamp(reach, float(last) * ENVELOPE_STEP_PX, FAR_PX)
+    low = int(-1)
+    high = last
+    while high - low > 1:
+        middle = (low + high) // 2
+        if table[psf.envelope + middle] > cut:
+            low = middle
+        else:
+            high = middle
+    return float(high) * ENVELOPE_STEP_PX
 
 
 @wp.func
-def table_pixel_share(table: wp.array[float], psf: TablePsf, row: TableAxis, column: TableAxis) -> float:
-    """Share of the pixel at the offsets that row and column were made for."""
-    if wp.max(row.distance_px, column.distance_px) > wp.float64(psf.reach_px):
-        inverse2 = 1.0 / float(row.distance_px * row.distance_px + column.distance_px * column.distance_px)
-        return psf.wing_px3 * inverse2 * wp.sqrt(inverse2) * (1.0 + 0.375 * inverse2)
-    share = float(0.0)
-    for j in range(6):
-        begin = psf.start + (row.first + j) * psf.n_node + column.first
-        line = float(0.0)
-        for i in range(6):
-            line += column.weights[i] * table[begin + i]
-        share += row.weights[j] * line
-    return share
+def table_wing(psf: TablePsf, x_px: float, y_px: float) -> float:
+    """Share of a pixel beyond the table, at a distance from the source in pixel widths along both axes."""
+    x2 = x_px * x_px
+    inverse2 = 1.0 / (x2 + y_px * y_px)
+    more = (psf.wing_next_px2 + psf.wing_aspect_px2 * x2 * inverse2) * inverse2
+    return psf.wing_px3 * inverse2 * wp.sqrt(inverse2) * (1.0 + more)
+
+
+class TableFunctions(NamedTuple):
+    """What a kernel needs to read tables by an interpolation of n_point x n_point nodes."""
+
+    n_lane: int
+    """Numbers that one load takes from a row of the table; n_point, or some that have the weight 0 besides.
+
+    The table comes as an array of vectors of n_lane floats that overlap: one begins at every float.
+    """
+
+    column_axis: Any
+    """(dx_px: float64, psf: TablePsf) -> axis; dx_px = centre of the source's own pixel minus the source, columns."""
+
+    row_axis: Any
+    """(dy_px: float64, psf: TablePsf) -> axis; the same along rows [pixel heights]."""
+
+    column_nodes: Any
+    """(axis, step: int, psf: TablePsf) -> nodes of the column that is step pixels from the source's own."""
+
+    row_nodes: Any
+    """(axis, step: int, psf: TablePsf) -> nodes of the row that is step pixels from the source's own."""
+
+    share: Any
+    """(table, psf: TablePsf, row: nodes, column: nodes) -> share of the pixel in that row and column."""
+
+
+@functools.cache
+def table_functions(n_point: int) -> TableFunctions:
+    """The functions that interpolate tables by Lagrange's polynomials through n_point nodes per axis.
+
+    All pixels of a stamp lie alike between the nodes, since there is a whole number of nodes per pixel: the weights are
+    those of the source's own pixel, or in a mirrored table, on its other side, the same in reverse.
+
+    Args:
+        n_point: 2, 4, 6 or 8, as the tables were built.
+    """
+    if n_point not in TABLE_POINTS:
+        raise ValueError(f"n_point: must be one of {TABLE_POINTS}, got {n_point}")
+    n_before = n_point // 2 - 1  # nodes before the cell that holds the point
+    n_lane = 8 if n_point == 6 else n_point  # a power of 2 loads as one vector
+    Lanes = wp.types.vector(length=n_lane, dtype=wp.float32)
+    places = range(-n_before, n_point - n_before)
+    scale = Lanes(*(1.0 / math.prod(k - j for j in places if j != k) for k in places), *[0.0] * (n_lane - n_point))
+
+    @wp.func
+    def lagrange_weights(u: float) -> Lanes:
+        """Weights of the nodes -n_before ... n_before + 1 at the point u in [0, 1]."""
+        weights = scale
+        below = float(1.0)
+        for k in range(wp.static(n_point)):
+            weights[k] = weights[k] * below
+            below = below * (u - float(k - wp.static(n_before)))
+        above = float(1.0)
+        for k in range(wp.static(n_point)):
+            weights[wp.static(n_point - 1) - k] = weights[wp.static(n_point - 1) - k] * above
+            above = above * (u - float(wp.static(n_point - 1 - n_before) - k))
+        return weights
+
+    class TableAxis:
+        offset_px: float  # of the source's own pixel [pixel widths]
+        node: int  # the one before that offset, counted from offset zero
+        weights: Lanes
+        reverse: Lanes
+
+    class TableNodes:
+        distance_px: float  # from the source, in pixel widths
+        first: int  # first of the nodes; -1 beyond the table
+        weights: Lanes
+
+    axis_type = wp.struct(TableAxis)
+    nodes_type = wp.struct(TableNodes)
+
+    @wp.func
+    def axis(offset_px: wp.float64, per_px: int) -> axis_type:
+        # In float64 up to the fraction of a cell: P is steep where the source crosses the pixel's edge.
+        position = offset_px * wp.float64(per_px)
+        node = wp.floor(position)
+        result = axis_type()
+        result.node = int(node)
+        result.weights = lagrange_weights(float(position - node))
+        for k in range(wp.static(n_point)):
+            result.reverse[k] = result.weights[wp.static(n_point - 1) - k]
+        return result
+
+    @wp.func
+    def column_axis(dx_px: wp.float64, psf: TablePsf) -> axis_type:
+        result = axis(dx_px, psf.column_per_px)
+        result.offset_px = float(dx_px)
+        return result
+
+    @wp.func
+    def row_axis(dy_px: wp.float64, psf: TablePsf) -> axis_type:
+        result = axis(dy_px, psf.row_per_px)
+        result.offset_px = float(dy_px) * psf.pixel_aspect
+        return result
+
+    @wp.func
+    def nodes(axis: axis_type, steps: int, mirrored: int, zero: int, n_reach: int) -> nodes_type:
+        result = nodes_type()
+        result.weights = axis.weights
+        node = axis.node + steps
+        if mirrored != 0 and node < 0:
+            node = -1 - node
+            result.weights = axis.reverse
+        result.first = node + zero - wp.static(n_before)
+        if node >= n_reach or node < -n_reach:
+            result.first = -1
+        return result
+
+    @wp.func
+    def column_nodes(axis: axis_type, step: int, psf: TablePsf) -> nodes_type:
+        n_reach = int(psf.reach_column_px * float(psf.column_per_px))
+        result = nodes(axis, step * psf.column_per_px, psf.mirrored, psf.zero_column, n_reach)
+        result.distance_px = axis.offset_px + float(step)
+        return result
+
+    @wp.func
+    def row_nodes(axis: axis_type, step: int, psf: TablePsf) -> nodes_type:
+        n_reach = int(psf.reach_row_px * float(psf.row_per_px))
+        result = nodes(axis, step * psf.row_per_px, psf.mirrored, psf.zero_row, n_reach)
+        result.distance_px = axis.offset_px + float(step) * psf.pixel_aspect
+        return result
+
+    @wp.func
+    def share(table: wp.array[Lanes], psf: TablePsf, row: nodes_type, column: nodes_type) -> float:
+        if wp.min(row.first, column.first) < 0:
+            return table_wing(psf, column.distance_px, row.distance_px)
+        begin = psf.start + row.first * psf.n_column + column.first
+        line = row.weights[0] * table[begin]
+        for j in range(1, wp.static(n_point)):
+            line += row.weights[j] * table[begin + j * psf.n_column]
+        return wp.dot(line, column.weights)
+
+    return TableFunctions(n_lane, column_axis, row_axis, column_nodes, row_nodes, share)

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from warpsim.by_band import NonNegativeByBand, ShareByBand
 from warpsim.describe import NonNegative, Positive, Switch, closed_interval, part, part_error
-from warpsim.detector.fields import BadShare, Bits, GainSpread, Nonlinearity, PositiveExposure
+from warpsim.detector.fields import BadShare, Bits, Diffusion, GainSpread, Nonlinearity, PositiveExposure
 
 
 @part
@@ -23,6 +23,10 @@ class ElectronDetector:
         gain_e_per_count: Electrons per count.
         bits: Bits of the analogue-to-digital converter.
         offset_counts: Counts of an empty pixel.
+        streaks: Whether light moves over the image during the exposure, as cameras turn and targets pass; without,
+            places are those of its middle.
+        diffusion_px: Standard deviation, along rows as along columns, by which charge spreads before it is collected
+            [px, in widths of a pixel]; it widens the point spread function.
         transmission: Of the optics, by band.
         quantum_efficiency: Electrons per photon at the band's isophotal wavelength, by band.
         background_w_cm2_sr: Radiance of the sky in the band, by band [W/cm2/sr].
@@ -40,7 +44,6 @@ class ElectronDetector:
         hot_fraction: Share of pixels whose well is always full.
         nonlinearity: Share of the charge that is lost in reading a full well: N electrons read
             N (1 - nonlinearity * N / full_well_e).
-        diffusion_px: Standard deviation, along each axis, of how far charge spreads in the detector [px].
     """
 
     exposure_s: PositiveExposure
@@ -48,6 +51,8 @@ class ElectronDetector:
     gain_e_per_count: Positive
     bits: Bits = 14
     offset_counts: NonNegative = 100.0
+    streaks: Switch = True
+    diffusion_px: Diffusion = 0.0
     transmission: ShareByBand = 1.0
     quantum_efficiency: ShareByBand = 1.0
     background_w_cm2_sr: NonNegativeByBand = 0.0
@@ -63,7 +68,6 @@ class ElectronDetector:
     dead_fraction: BadShare = 0.0
     hot_fraction: BadShare = 0.0
     nonlinearity: Nonlinearity = 0.0
-    diffusion_px: Annotated[NonNegative, closed_interval(0, 64)] = 0.0
     kind: Literal["electron"] = Field(default="electron", kw_only=True)
 
     @model_validator(mode="after")

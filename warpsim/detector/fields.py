@@ -18,3 +18,5 @@ Exposure = Annotated[NonNegative, closed_interval(0, 10)]
 """Length of an exposure that may be an instant [s]."""
 PositiveExposure = Annotated[Positive, closed_interval(0, 10)]
 """Length of an exposure [s]."""
+Diffusion = Annotated[NonNegative, closed_interval(0, 10)]
+"""Standard deviation of how far charge spreads, along rows as along columns [pixel widths]."""

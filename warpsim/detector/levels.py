@@ -18,7 +18,7 @@ from warpsim.sky.bands import BANDS, band_radiance_w_m2_sr
 
 if TYPE_CHECKING:
     from warpsim.optics.camera import Camera
-    from warpsim.optics.psf import Optics
+    from warpsim.optics.telescope import Optics
 
 _W_CM2_PER_W_M2 = 1e-4
 _JY_W_M2_HZ = 1e-26
@@ -80,7 +80,7 @@ def electron_levels(detector: ElectronDetector, optics: Optics, camera: Camera, 
     e_per_w_cm2 = area_cm2 * transmission * e_per_j * detector.exposure_s
     sky, own = _sky_w_cm2_sr(detector, band), _optics_w_cm2_sr(detector, band)
     # Lengths are in pixels: one of them is the solid angle 1 / (focal length in columns * focal length in rows).
-    pixel_sr = 1 / (camera.focal_px * getattr(camera, "focal_row_px", camera.focal_px))
+    pixel_sr = 1 / (camera.focal_px * camera.focal_row_px)
     background_e = (sky + own / transmission) * pixel_sr * e_per_w_cm2
     dark_e = detector.dark_e_s * detector.exposure_s
 

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from warpsim.by_band import PositiveByBand, in_band
-from warpsim.describe import Integer, NonNegative, Positive, closed_interval, part, part_error
-from warpsim.detector.fields import BadShare, Bits, Exposure, GainSpread, Nonlinearity
+from warpsim.describe import Integer, NonNegative, Positive, Switch, closed_interval, part, part_error
+from warpsim.detector.fields import BadShare, Bits, Diffusion, Exposure, GainSpread, Nonlinearity
 from warpsim.errors import InputError
 from warpsim.sky.bands import BANDS
 
@@ -26,6 +26,10 @@ class NeiDetector:
         counts_per_nei: Gain [counts per NEI].
         exposure_s: Length of the exposure about the frame's time [s], over which targets' brightness is averaged as
             they turn; 0 is an instant. NEI and SEI are those of this exposure.
+        streaks: Whether light moves over the image during the exposure, as cameras turn and targets pass; without,
+            places are those of its middle.
+        diffusion_px: Standard deviation, along rows as along columns, by which charge spreads before it is collected
+            [px, in widths of a pixel]; it widens the point spread function.
         prnu: Photo-response non-uniformity: standard deviation of the pixels' gains about 1, the same in every frame.
         dsnu_nei: Offset non-uniformity: standard deviation of the pixels' offsets [NEI], the same in every frame.
         column_noise_nei: Standard deviation of an offset that the pixels of a column share, new in every frame [NEI].
@@ -44,6 +48,8 @@ class NeiDetector:
     offset_counts: NonNegative = 100.0
     counts_per_nei: Positive = 5.0
     exposure_s: Exposure = 0.0
+    streaks: Switch = True
+    diffusion_px: Diffusion = 0.0
     prnu: GainSpread = 0.0
     dsnu_nei: NonNegative = 0.0
     column_noise_nei: NonNegative = 0.0

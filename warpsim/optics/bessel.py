@@ -53,3 +53,44 @@ def _jinc_by_hankel_expansion(v: NDArray[np.float64]) -> NDArray[np.float64]:
             in_phase += sign * term
     phase = v - 0.75 * np.pi
     return (2.0 / v) * np.sqrt(2.0 / (np.pi * v)) * (in_phase * np.cos(phase) - quadrature * np.sin(phase))
+
+
+N_I1_ANGLE = 28
+"""Nodes on a half turn: the rule's error is exp(-x) I_56(x), below 1e-16 for x < 30."""
+I1_ASYMPTOTIC_FROM = 30.0
+N_I1_TERM = 18
+
+
+def scaled_i1_over_x(x: ArrayLike) -> NDArray[np.float64]:
+    """Return exp(-x) I1(x) / x, of the modified Bessel function.
+
+    Args:
+        x: Arguments >= 0.
+
+    Returns:
+        Values with a relative error below 1e-13; 1 / 2 at x = 0.
+    """
+    x = np.asarray(x, dtype=np.float64)
+    near = x < I1_ASYMPTOTIC_FROM
+    value = np.empty_like(x)
+    value[near] = _i1_by_poisson_integral(x[near])
+    value[~near] = _i1_by_hankel_expansion(x[~near])
+    return value
+
+
+def _i1_by_poisson_integral(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Midpoint rule on I1(x)/x = (1/pi) int_0^pi exp(x cos a) sin^2 a da (DLMF 10.32.2); all terms are positive."""
+    angle = (np.arange(N_I1_ANGLE) + 0.5) * (np.pi / N_I1_ANGLE)
+    total = np.zeros_like(x)
+    for below, weight in zip(np.cos(angle) - 1.0, np.sin(angle) ** 2 / N_I1_ANGLE, strict=True):
+        total += weight * np.exp(x * below)
+    return total
+
+
+def _i1_by_hankel_expansion(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Hankel's expansion of I1 for a large argument (DLMF 10.40.1), times exp(-x) / x."""
+    total, term = np.ones_like(x), np.ones_like(x)
+    for k in range(1, N_I1_TERM):
+        term = term * (((2 * k - 1) ** 2 - 4.0) / (8 * k)) / x
+        total += term
+    return total / (x * np.sqrt(2.0 * np.pi * x))

@@ -1,21 +1,34 @@
-"""Point spread functions, and the optics that lead to them.
+"""Point spread functions. Every one is integrated over the pixel before it meets an image.
 
-Every function here is integrated over the pixel before it meets an image. The paper's Eq. 7 (Gaussian) and Eq. 8
-(Airy radius R = 1.22 lambda L / D) in pixels of the camera.
+The paper's Eq. 7 (Gaussian) and Eq. 8 (Airy radius R = 1.22 lambda L / D), in pixels of the camera: lengths count in
+pixel widths, those of columns.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, PlainSerializer, PlainValidator, ValidationInfo, model_validator
 
-from warpsim.describe import Number, Positive, closed_interval, part
-from warpsim.optics.airy import FIRST_DARK_RING, MAX_OBSCURATION, RADIUS_RANGE_PX
-from warpsim.optics.camera import Camera
+from warpsim.describe import Number, closed_interval, number_within, part, part_error, rule_error
+from warpsim.errors import InputError
+from warpsim.optics.pattern import FIRST_DARK_RING as FIRST_DARK_RING
 
-GAUSSIAN_PER_LAMBDA_F = 0.42
-"""Sigma of the Gaussian that resembles an Airy pattern's core, in units of lambda * F."""
+RADIUS_RANGE_PX = (0.01, 50.0)
+SIGMA_RANGE_PX = (1e-4, 64.0)
+MAX_OBSCURATION = 0.6
+MAX_SMEAR_PX = 50.0
+MAX_IMAGE_SIDE = 2048
+"""Samples along each side of a user's image."""
+MAX_OVERSAMPLE = 256.0
+MAX_N_WAVELENGTH = 32
+
+Smear = Annotated[Number, closed_interval(0, MAX_SMEAR_PX)]
 
 
 @part
@@ -26,48 +39,134 @@ class PsfGaussian:
         sigma_px: Standard deviation of each axis [px], up to 64.
     """
 
-    sigma_px: Annotated[Number, closed_interval(1e-4, 64)]
+    sigma_px: Annotated[Number, closed_interval(*SIGMA_RANGE_PX)]
     kind: Literal["gaussian"] = Field(default="gaussian", kw_only=True)
+
+
+def _radii(value: Any, info: ValidationInfo) -> float | tuple[float, ...]:
+    if isinstance(value, list | tuple | np.ndarray) and np.ndim(value) == 1:
+        if not 1 <= len(value) <= MAX_N_WAVELENGTH:
+            raise rule_error(f"must hold 1 to {MAX_N_WAVELENGTH} numbers")
+        return tuple(number_within(item, info, *RADIUS_RANGE_PX) for item in value)
+    return number_within(value, info, *RADIUS_RANGE_PX)
+
+
+def _weights(value: Any, info: ValidationInfo) -> tuple[float, ...] | None:
+    if value is None:
+        return None
+    if not isinstance(value, list | tuple | np.ndarray):
+        raise rule_error("must be a list")
+    return tuple(number_within(item, info, 0.0, math.inf, open_low=True) for item in value)
+
+
+AS_LIST = PlainSerializer(lambda value: list(value) if isinstance(value, tuple) else value)
 
 
 @part
 class PsfAiry:
-    """The diffraction pattern of a round pupil, of unit total flux.
+    """The diffraction pattern of a round pupil, of unit total flux: of one wavelength, or a sum over several.
 
     Args:
-        radius_px: Radius of the first dark ring of the unobscured pupil, 1.22 lambda F / pitch [px], 0.02 to 50.
+        radius_px: Radius of the first dark ring of the unobscured pupil, 1.22 lambda F / pitch [px], 0.01 to 50; a list
+            for light of several wavelengths.
         obscuration: Diameter of the central obscuration over that of the pupil.
+        smear_px: Standard deviation of each axis of a Gaussian blur on top [px].
+        weights: Parts of the light at each of the radii, of any sum; equal ones when left out.
     """
 
-    radius_px: Annotated[Number, closed_interval(*RADIUS_RANGE_PX)]
+    radius_px: Annotated[float | tuple[float, ...], PlainValidator(_radii), AS_LIST]
     obscuration: Annotated[Number, closed_interval(0, MAX_OBSCURATION)] = 0.0
+    smear_px: Smear = 0.0
+    weights: Annotated[tuple[float, ...] | None, PlainValidator(_weights), AS_LIST] = None
     kind: Literal["airy"] = Field(default="airy", kw_only=True)
 
+    @model_validator(mode="after")
+    def _as_many(self) -> PsfAiry:
+        if self.weights is not None and len(self.weights) != len(self.radii_px):
+            raise part_error(f"weights: must be as many as radius_px ({len(self.radii_px)}), got {len(self.weights)}")
+        return self
 
-Psf = PsfGaussian | PsfAiry
+    @property
+    def radii_px(self) -> tuple[float, ...]:
+        """Radius of each wavelength [px]."""
+        return self.radius_px if isinstance(self.radius_px, tuple) else (self.radius_px,)
+
+    @property
+    def parts(self) -> tuple[float, ...]:
+        """Part of the light at each radius; their sum is 1."""
+        weights = self.weights or (1.0,) * len(self.radii_px)
+        total = sum(weights)
+        return tuple(weight / total for weight in weights)
 
 
-@part
-class Optics:
-    """The telescope.
+@dataclass(frozen=True, eq=False)
+class PsfTable:
+    """A pattern given as an image, of any form; zero beyond the image.
+
+    The samples are values of the irradiance at points, not means over areas: oversample of them per pixel width, along
+    columns as along rows. The centre of the array, between its middle samples where their number is even, is where a
+    source's light belongs; the array's rows and columns run as those of the camera. Between the samples goes a cubic
+    spline, which is integrated exactly over each pixel.
 
     Args:
-        aperture_m: Pupil diameter [m].
-        obscuration: Diameter of the central obscuration over that of the pupil; an Airy pattern only.
-        psf: "airy", or "gaussian" with sigma = 0.42 lambda F.
-        sigma_px: Sigma of the Gaussian in all bands, instead of 0.42 lambda F [px].
-        stamp_cut_nei: Light left out of a source's stamp stays below this in every pixel [NEI].
+        image: Samples, of positive sum, shape (n_row, n_col), up to 2048 each; scaled to unit sum.
+        oversample: Samples per pixel width, 1 to 256, not necessarily whole.
+        smear_px: Standard deviation of each axis of a Gaussian blur on top [px].
+
+    Raises:
+        InputError: A value breaks its rule.
     """
 
-    aperture_m: Positive
-    obscuration: Annotated[Number, closed_interval(0, MAX_OBSCURATION)] = 0.0
-    psf: Literal["airy", "gaussian"] = "airy"
-    sigma_px: Positive | None = None
-    stamp_cut_nei: Positive = 0.1
+    image: npt.NDArray[np.float64]
+    oversample: float
+    smear_px: float = 0.0
+    kind: str = "table"
 
-    def psf_at(self, wavelength_um: float, camera: Camera) -> Psf:
-        """The point spread function at one wavelength, in pixels of the camera."""
-        lambda_f_px = wavelength_um * 1e-6 / self.aperture_m * camera.focal_px
-        if self.psf == "airy":
-            return PsfAiry(FIRST_DARK_RING * lambda_f_px, self.obscuration)
-        return PsfGaussian(GAUSSIAN_PER_LAMBDA_F * lambda_f_px if self.sigma_px is None else self.sigma_px)
+    def __post_init__(self) -> None:
+        if np.ndim(self.image) != 2 or np.asarray(self.image).dtype.kind not in "fiub":
+            raise InputError(
+                f"PsfTable: image: must be an array of numbers of two axes, got {_array_words(self.image)}"
+            )
+        image = np.array(self.image, dtype=np.float64)
+        if not 1 <= min(image.shape) <= max(image.shape) <= MAX_IMAGE_SIDE:
+            raise InputError(f"PsfTable: image: sides must be 1 to {MAX_IMAGE_SIDE}, got {image.shape}")
+        if not np.isfinite(image).all():
+            raise InputError(f"PsfTable: image: must be finite, got {np.count_nonzero(~np.isfinite(image))} bad values")
+        image /= np.abs(image).max() or 1.0  # sums of huge or tiny numbers
+        if not image.sum() > 0.0:
+            raise InputError("PsfTable: image: must have a positive sum")
+        for name, low, high in (("oversample", 1.0, MAX_OVERSAMPLE), ("smear_px", 0.0, MAX_SMEAR_PX)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not low <= value <= high:
+                raise InputError(f"PsfTable: {name}: must be in [{low:g}, {high:g}], got {value}")
+            object.__setattr__(self, name, float(value))
+        image /= image.sum()
+        image.setflags(write=False)
+        object.__setattr__(self, "image", image)  # the dataclass is frozen for everybody else
+
+    def _key(self) -> tuple[object, ...]:
+        return self.image.shape, self.image.tobytes(), self.oversample, self.smear_px
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, PsfTable) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+
+def _array_words(value: Any) -> str:
+    array = np.asarray(value)
+    return f"shape {array.shape} of {array.dtype}"
+
+
+Psf = PsfGaussian | PsfAiry | PsfTable
+
+
+def check_one_family(psfs: Sequence[Psf]) -> None:
+    """See that the point spread functions of all bands can share kernels.
+
+    Raises:
+        InputError: Gaussians and others mix.
+    """
+    if len({isinstance(psf, PsfGaussian) for psf in psfs}) > 1:
+        raise InputError(f"psf: must be of one family in all bands, got {', '.join(psf.kind for psf in psfs)}")

@@ -5,23 +5,31 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Protocol
 
-import numpy as np
 import warp as wp
-from warpsim_kernels import deposit as kernels
-from warpsim_kernels.psf import TablePsf
+from warpsim_kernels.deposit_gaussian import make_deposit_gaussian_kernel
+from warpsim_kernels.deposit_table import make_deposit_table_kernel
+from warpsim_kernels.paths import Paths
+from warpsim_kernels.stamp_light import make_gaussian_light_kernel, make_table_light_kernel
+from warpsim_kernels.stamp_sizes import size_gaussian_stamps_kernel, size_table_stamps_kernel
+from warpsim_kernels.stamps import StampRule
+from warpsim_kernels.streaks import NO_LIMIT, Blur
 
-from warpsim.errors import InputError
-from warpsim.optics.airy import build_airy_table
-from warpsim.optics.psf import Psf, PsfAiry, PsfGaussian
+from warpsim.optics.psf import Psf, PsfGaussian, check_one_family
+from warpsim.optics.sharpness import sharpness_of
+from warpsim.optics.streak_rules import STREAK_ERROR, streak_rules
+from warpsim.optics.table_upload import upload_tables
+from warpsim.optics.tables import TableAccuracy, TabulatedPsf, cheapest_points, share_table
 
-SMALLEST_STAMP_CUT = 1e-11
+SMALLEST_STAMP_CUT = 1e-15
 """Stamps never grow beyond where a pixel holds this fraction of a source's light."""
 
 
 class PsfBank(Protocol):
     """The point spread functions of all bands, all of one family."""
 
-    def deposit(self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array) -> None:
+    def deposit(
+        self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array, paths: Any = None
+    ) -> None:
         """Overwrite signal, shape (n_view, n_band, n_row, n_col), with the light of all sources.
 
         Args:
@@ -29,107 +37,153 @@ class PsfBank(Protocol):
             rule: StampRule.
             n_row_per_block: Rows that one thread owns.
             signal_w_cm2: Written.
+            paths: The kernels' Paths, how sources move and change during the exposure; None: they do not.
         """
 
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
         """Half-width of the stamp of each source; both arrays (n_band, n_source)."""
 
-    def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array]) -> None:
+    def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array], paths: Any = None) -> None:
         """Shares of a source's light in its own pixel and in its whole stamp, for the first sources of each view.
+
+        With paths, the own pixel is that of the middle of the exposure, and shares are means over the exposure.
 
         Args:
             sources: xy_px (n_view, n_slot), irradiance_w_cm2 (n_view, n_band, n_slot).
             rule: StampRule.
             outputs: peak_share, stamp_share, each (n_view, n_band, n_source).
+            paths: As in deposit.
         """
 
 
 class GaussianBank:
-    """Gaussians."""
+    """Gaussians.
 
-    def __init__(self, psfs: Sequence[PsfGaussian], device: Any) -> None:
-        self._sigma_px = wp.array([psf.sigma_px for psf in psfs], dtype=wp.float32, device=device)
-        # The kernel's own rule for the half-width, at the smallest cut there is (a hair wider, for float32); in a few
-        # sizes, so that few kernels are compiled.
-        reach = np.sqrt(-2 * np.log(2 * SMALLEST_STAMP_CUT)) * 1.001
-        widest = 2 * int(np.ceil(reach * max(psf.sigma_px for psf in psfs))) + 1
-        self._kernel = kernels.make_deposit_gaussian_kernel(max(16, 1 << (widest - 1).bit_length()))
+    Args:
+        psfs: One for each band.
+        device: Where they are put.
+        pixel_aspect: Height of a pixel over its width; sigma counts in widths.
+    """
 
-    def deposit(self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array) -> None:
+    def __init__(self, psfs: Sequence[PsfGaussian], device: Any, pixel_aspect: float = 1.0) -> None:
+        sigma_px = [(psf.sigma_px, psf.sigma_px / pixel_aspect) for psf in psfs]
+        self._sigma_px = wp.array(sigma_px, dtype=wp.vec2, device=device)
+        self._rules = streak_rules(device)
+
+    def deposit(
+        self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array, paths: Any = None
+    ) -> None:
         """See PsfBank."""
-        _launch_deposit(self._kernel, [*sources, self._sigma_px], rule, n_row_per_block, signal_w_cm2)
+        kernel = make_deposit_gaussian_kernel(paths is not None)
+        inputs = [*sources, self._sigma_px, rule, Paths() if paths is None else paths, self._rules]
+        _launch_deposit(kernel, inputs, n_row_per_block, signal_w_cm2)
 
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
         """See PsfBank."""
-        inputs = [irradiance_w_cm2, self._sigma_px, rule]
-        kernel = kernels.size_gaussian_stamps_kernel
-        wp.launch(kernel, half_width_px.shape, inputs, [half_width_px], device=half_width_px.device)
+        _launch(size_gaussian_stamps_kernel, [irradiance_w_cm2, self._sigma_px, rule], [half_width_px])
 
-    def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array]) -> None:
+    def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array], paths: Any = None) -> None:
         """See PsfBank."""
-        inputs = [*sources, self._sigma_px, rule]
-        wp.launch(kernels.gaussian_stamp_kernel, outputs[0].shape, inputs, outputs, device=outputs[0].device)
+        kernel = make_gaussian_light_kernel(paths is not None)
+        _launch(kernel, [*sources, self._sigma_px, rule, Paths() if paths is None else paths, self._rules], outputs)
 
 
-class AiryBank:
-    """Airy patterns, as tables of pixel shares."""
+class TableBank:
+    """Patterns as tables of pixel shares.
 
-    def __init__(self, psfs: Sequence[PsfAiry], device: Any) -> None:
-        tables = [build_airy_table(psf.radius_px, psf.obscuration) for psf in psfs]
-        self._table = wp.array(np.concatenate([t.share.ravel() for t in tables]), dtype=wp.float32, device=device)
-        structs, start = [], 0
-        for table in tables:
-            struct: Any = TablePsf()
-            struct.start = start
-            struct.n_node = len(table.share)
-            struct.nodes_per_px = table.nodes_per_px
-            struct.reach_px = table.reach_px
-            struct.wing_px3 = table.wing_px3
-            struct.tail_px3 = table.tail_bound_px3
-            structs.append(struct)
-            start += table.share.size
-        self._psf = wp.array(structs, dtype=TablePsf, device=device)
+    Args:
+        psfs: One for each band.
+        device: Where they are put.
+        pixel_aspect: Height of a pixel over its width.
+        accuracy: Of the tables.
+    """
 
-    def deposit(self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array) -> None:
+    def __init__(
+        self, psfs: Sequence[TabulatedPsf], device: Any, pixel_aspect: float, accuracy: TableAccuracy
+    ) -> None:
+        self._n_point = accuracy.n_point or cheapest_points(psfs, pixel_aspect, accuracy.error)
+        tables = [share_table(psf, pixel_aspect, accuracy.error, self._n_point) for psf in psfs]
+        self._psf, self._table, self._lanes = upload_tables(tables, self._n_point, device)
+        self._blur = wp.array([_blur(psf, pixel_aspect) for psf in psfs], dtype=Blur, device=device)
+        self._rules = streak_rules(device)
+
+    def deposit(
+        self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array, paths: Any = None
+    ) -> None:
         """See PsfBank."""
-        inputs = [*sources, self._psf, self._table]
-        _launch_deposit(kernels.deposit_table_kernel, inputs, rule, n_row_per_block, signal_w_cm2)
+        kernel = make_deposit_table_kernel(self._n_point, paths is not None)
+        _launch_deposit(kernel, self._inputs(sources, rule, paths), n_row_per_block, signal_w_cm2)
 
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
         """See PsfBank."""
-        inputs = [irradiance_w_cm2, self._psf, rule]
-        kernel = kernels.size_table_stamps_kernel
-        wp.launch(kernel, half_width_px.shape, inputs, [half_width_px], device=half_width_px.device)
+        _launch(size_table_stamps_kernel, [irradiance_w_cm2, self._psf, self._table, rule], [half_width_px])
 
-    def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array]) -> None:
+    def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array], paths: Any = None) -> None:
         """See PsfBank."""
-        inputs = [*sources, self._psf, self._table, rule]
-        wp.launch(kernels.table_stamp_kernel, outputs[0].shape, inputs, outputs, device=outputs[0].device)
+        kernel = make_table_light_kernel(self._n_point, paths is not None)
+        _launch(kernel, self._inputs(sources, rule, paths), outputs)
+
+    def _inputs(self, sources: list[wp.array], rule: Any, paths: Any) -> list[Any]:
+        tables = [self._psf, self._blur, self._table, self._lanes]
+        return [*sources, *tables, rule, Paths() if paths is None else paths, self._rules]
 
 
-def psf_bank(psfs: Sequence[Psf], device: Any) -> PsfBank:
+def _blur(psf: TabulatedPsf, pixel_aspect: float) -> Any:
+    sharpness = sharpness_of(psf)
+    blur: Any = Blur()
+    blur.width_px = sharpness.width_px
+    blur.band_limit_per_px = min(sharpness.band_limit_per_px, NO_LIMIT)
+    blur.aspect = pixel_aspect
+    return blur
+
+
+def psf_bank(
+    psfs: Sequence[Psf], device: Any, pixel_aspect: float = 1.0, accuracy: TableAccuracy | None = None
+) -> PsfBank:
     """Upload the point spread functions of all bands.
 
+    Args:
+        psfs: One for each band.
+        device: Where they are used.
+        pixel_aspect: Height of a pixel over its width.
+        accuracy: Of tables.
+
     Raises:
-        InputError: The bands mix families.
+        InputError: Gaussians and others mix, or a table would be too large.
     """
-    if all(isinstance(psf, PsfGaussian) for psf in psfs):
-        return GaussianBank([psf for psf in psfs if isinstance(psf, PsfGaussian)], device)
-    if all(isinstance(psf, PsfAiry) for psf in psfs):
-        return AiryBank([psf for psf in psfs if isinstance(psf, PsfAiry)], device)
-    raise InputError(f"psf: must be of one family in all bands, got {', '.join(psf.kind for psf in psfs)}")
+    check_one_family(psfs)
+    gaussians = [psf for psf in psfs if isinstance(psf, PsfGaussian)]
+    if gaussians:
+        return GaussianBank(gaussians, device, pixel_aspect)
+    tabulated = [psf for psf in psfs if not isinstance(psf, PsfGaussian)]
+    return TableBank(tabulated, device, pixel_aspect, accuracy or TableAccuracy())
 
 
-def stamp_rule(cut_w_cm2: float, cut_share: float) -> Any:
-    """The kernels' StampRule: what a source may leave out per pixel, absolute and relative."""
-    rule: Any = kernels.StampRule()
-    rule.cut_w_cm2 = cut_w_cm2
+def stamp_rule(
+    cut_w_cm2: Sequence[float], cut_share: float, device: Any, streak_error: float = STREAK_ERROR
+) -> Any:
+    """The kernels' StampRule on a device.
+
+    Args:
+        cut_w_cm2: What a source may leave out per pixel in each band [W/cm2].
+        cut_share: The same as a share of its light; the larger of the two holds.
+        device: Where the rule is put.
+        streak_error: Error of a streak's quadrature in time per pixel, as a share of a source's light; where the stamp
+            may leave out more, it may err by as much.
+    """
+    rule: Any = StampRule()
+    rule.cut_w_cm2 = wp.array(cut_w_cm2, dtype=wp.float32, device=device)
     rule.cut_share = max(cut_share, SMALLEST_STAMP_CUT)
+    rule.streak_error = streak_error
     return rule
 
 
-def _launch_deposit(kernel: wp.Kernel, inputs: list[Any], rule: Any, n_row_per_block: int, signal: wp.array) -> None:
+def _launch_deposit(kernel: wp.Kernel, inputs: list[Any], n_row_per_block: int, signal: wp.array) -> None:
     n_view, n_band, n_row, _ = signal.shape
     n_block = -(-n_row // n_row_per_block)
     signal.zero_()
-    wp.launch(kernel, (n_view, n_band, n_block), [*inputs, rule, n_row_per_block], [signal], device=signal.device)
+    wp.launch(kernel, (n_view, n_band, n_block), [*inputs, n_row_per_block], [signal], device=signal.device)
+
+
+def _launch(kernel: wp.Kernel, inputs: list[Any], outputs: list[wp.array]) -> None:
+    wp.launch(kernel, outputs[0].shape, inputs, outputs, device=outputs[0].device)

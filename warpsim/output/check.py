@@ -9,12 +9,15 @@ import numpy as np
 from warpsim.detector.electron import ElectronDetector
 from warpsim.detector.levels import ElectronLevels
 from warpsim.detector.terms import detector_terms
+from warpsim.optics.camera import Camera
+from warpsim.optics.sip import ERROR_PX, sip_polynomials
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import geodetic_altitude_m
 from warpsim.orbit.rules import AccessConstraints
 from warpsim.orbit.sampling import TRACK_ERROR_M
 from warpsim.render.star_field import load_catalog
 from warpsim.scene.exposure import exposure_rule
+from warpsim.scene.movement import longest_streaks_px
 from warpsim.scene.pointing import FixedPointing, TrackPointing
 from warpsim.scene.scene import Scene
 from warpsim.scene.view_axes import commanded_axes
@@ -60,7 +63,7 @@ def scene_report(scene: Scene) -> str:
         f"  frames     {scene.frames.count} every {scene.frames.interval_s:g} s from {scene.frames.start_s:g} s "
         f"after {scene.epoch.isot} UTC",
         f"  camera     {camera.n_row} x {camera.n_col} pixels, "
-        f"{np.degrees(1 / camera.focal_px) * 3600:.2f} arcsec per pixel",
+        f"{_pixel_size(camera)} arcsec per pixel{_distortion(camera)}",
         *_detector_lines(scene),
         *_sky_lines(scene),
         *_light_lines(scene),
@@ -82,6 +85,21 @@ def scene_report(scene: Scene) -> str:
     lines += _flight_lines(scene) + _access_lines(scene) + _pointing_lines(scene, seen)
     warning = pointing_warning(scene, seen)
     return "\n".join(lines if warning is None else [*lines, f"  warning    {warning}"])
+
+
+def _pixel_size(camera: Camera) -> str:
+    width, height = (f"{np.degrees(1 / focal) * 3600:.2f}" for focal in (camera.focal_px, camera.focal_row_px))
+    return width if camera.pixel_aspect == 1 else f"{width} x {height}"
+
+
+def _distortion(camera: Camera) -> str:
+    """How far the lens moves places on the array, and whether FITS can say so."""
+    sip = sip_polynomials(camera)
+    if sip is None:
+        return ""
+    across, down = camera.field_deg
+    moved = f", distorted by up to {sip.moved_px:.3g} px, field {across:.4g} x {down:.4g} deg"
+    return moved + (f", WCS good to {sip.error_px:.1g} px" if sip.error_px > ERROR_PX else "")
 
 
 def _detector_lines(scene: Scene) -> list[str]:
@@ -175,7 +193,7 @@ def _sky_lines(scene: Scene) -> list[str]:
         "parallax": (sky.parallax, parallax_arcsec, " for the nearest star"),
         "light deflection": (sky.light_deflection, deflection_arcsec, f" {where}"),
     }
-    px_per_arcsec = scene.camera.focal_px * np.radians(1 / 3600)
+    px_per_arcsec = max(scene.camera.focal_px, scene.camera.focal_row_px) * np.radians(1 / 3600)
     included = [name for name, (on, _, _) in effects.items() if on]
     left_out = [
         f"{name} ({_short(arcsec)} arcsec, {_short(arcsec * px_per_arcsec)} px{note})"
@@ -224,6 +242,9 @@ def _light_lines(scene: Scene) -> list[str]:
         rule = exposure_rule(scene)
         instants = _count(len(rule.weight), "instant")
         lines.append(f"  exposure   {scene.detector.exposure_s:g} s at {instants}, error {rule.error:.0e}")
+    if scene.streaks:
+        stars_px, targets_px = longest_streaks_px(scene)
+        lines.append(f"  streaks    stars up to {stars_px:.2g} px, targets up to {targets_px:.2g} px, in access")
     return lines + _heat_lines(scene)
 
 

@@ -2,7 +2,8 @@
 
 Primary HDU: counts, axes (frame, row, column) in NumPy order, row 0 the top row of the image. Extension FRAMES: one
 row per plane with FRAME (number), TIME_S (after the epoch), DATE_OBS (UTC), the TAN keywords CRVAL1 ... CD2_2 of
-the plane's apparent sky, UP_REPLACED and BORESIGHT_REPLACED; `read_cube(path).wcs(plane)` makes an astropy WCS of them.
+the plane's apparent sky, UP_REPLACED and BORESIGHT_REPLACED; its header has the axis types and the SIP polynomials of a
+distorted camera. `read_cube(path).wcs(plane)` makes an astropy WCS of them.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from warpsim.detector.electron import ElectronDetector
 from warpsim.detector.levels import ElectronLevels, Levels
 from warpsim.detector.terms import detector_terms
 from warpsim.errors import InputError
-from warpsim.optics.wcs import tan_keywords, wcs_from_keywords
+from warpsim.optics.wcs import lens_keywords, tan_keywords, wcs_from_keywords
 from warpsim.orbit.epoch import years_ahead
 from warpsim.render.frameset import FrameSet
 from warpsim.scene.scene import Scene
@@ -47,9 +48,9 @@ class Cube:
         return f"Cube({self.header['SENSOR']}, band {self.header['FILTER']}: {size})"
 
     def wcs(self, plane: int) -> WCS:
-        """TAN WCS of one plane, for zero-based pixel coordinates with astropy's pixel functions."""
+        """WCS of one plane, for zero-based pixel coordinates with astropy's pixel functions."""
         row = self.frames[plane]
-        return wcs_from_keywords({key: float(row[key]) for key in _WCS_KEYS})
+        return wcs_from_keywords({key: float(row[key]) for key in _WCS_KEYS}, self.frames.meta)
 
 
 class CubeWriter:
@@ -103,8 +104,7 @@ class CubeWriter:
             table[name].unit = "deg / pix"
         extension = fits.table_to_hdu(table)
         extension.name = "FRAMES"
-        extension.header["RADESYS"] = "ICRS"
-        extension.header["CTYPE1"], extension.header["CTYPE2"] = "RA---TAN", "DEC--TAN"
+        extension.header.update(lens_keywords(self._scene.camera))
         extension.header["TIMESYS"] = "UTC"
         with fits.open(self._path, mode="append", memmap=False) as file:
             file.append(extension)

@@ -7,11 +7,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
+from warpsim_kernels.paths import Paths
 
 from warpsim.errors import InputError
 from warpsim.optics.psf import Psf
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
+from warpsim.optics.tables import ERROR_RANGE, TableAccuracy
 from warpsim.render.device import default_device, rows_per_block
+
+F64 = npt.NDArray[np.float64]
 
 
 def deposit(
@@ -21,19 +25,26 @@ def deposit(
     shape: tuple[int, int],
     device: Any = None,
     flux_error: float = 1e-6,
+    movement_px: npt.ArrayLike | None = None,
+    brightness: npt.ArrayLike | None = None,
 ) -> npt.NDArray[np.float32]:
-    """Draw point sources, integrated over each pixel.
+    """Draw point sources, integrated over each pixel, and over the exposure where they move.
 
     Args:
         xy_px: Positions (x = column, y = row; pixel centres on integers) [px], shape (n, 2). Sources outside the image
             add what their stamps spill into it.
         flux: Flux of each source in any unit, shape (n,).
-        psf: PsfGaussian or PsfAiry.
+        psf: PsfGaussian, PsfAiry or PsfTable.
         shape: (n_row, n_col).
         device: Warp device; CUDA where present when left out.
         flux_error: No pixel is off by more than this fraction of a source's flux, truncation included; below 2e-7
-            float32 rounding decides, and below 1e-6 the table of an Airy pattern. What falls outside the frame is
-            absent; nothing is renormalised.
+            float32 rounding decides, and below 5e-7 the table of an Airy pattern or an image. What falls outside the
+            frame is absent; nothing is renormalised.
+        movement_px: How each source moves about its position during the exposure: coefficients of the Legendre
+            polynomials P_0, P_1 ... in t, which runs from -1 to 1 [px], shape (n, n_coefficient, 2). A source that
+            crosses d pixels evenly has the coefficients 0 and d / 2. Followed within flux_error.
+        brightness: Brightness during the exposure over its mean, coefficients of the same polynomials, shape
+            (n, n_coefficient); the first is 1.
 
     Returns:
         Image in the unit of flux, shape (n_row, n_col), float32.
@@ -47,15 +58,20 @@ def deposit(
         raise InputError(f"xy_px: must have shape (n, 2), got {np.shape(xy_px)}")
     if strength.shape != (len(xy),):
         raise InputError(f"flux: must have shape ({len(xy)},) like xy_px, got {np.shape(flux)}")
-    for name, values in (("xy_px", xy), ("flux", strength)):
+    moves = _coefficients("movement_px", movement_px, (len(xy), None, 2))
+    changes = _coefficients("brightness", brightness, (len(xy), None))
+    for name, values in (("xy_px", xy), ("flux", strength), ("movement_px", moves), ("brightness", changes)):
         if not np.isfinite(values).all():
             raise InputError(f"{name}: must be finite, got {np.count_nonzero(~np.isfinite(values))} bad values")
+    if changes.size and not (changes[:, 0] == 1.0).all():
+        raise InputError("brightness: the first coefficient, the mean, must be 1")
     if len(shape) != 2 or any(not isinstance(n, int | np.integer) or n < 1 for n in shape):
         raise InputError(f"shape: must be (n_row, n_col) of at least 1, got {shape}")
     if not 1e-9 <= flux_error < 1:
         raise InputError(f"flux_error: must be in [1e-9, 1), got {flux_error}")
     # Far away sources cannot touch the image; bringing them near keeps pixel numbers within 32 bits.
-    xy = np.clip(xy, -1e6, 1e6 + max(shape))
+    reach = np.abs(moves).sum(axis=(0, 1)).max(initial=0.0)
+    xy = np.clip(xy, -1e6 - reach, 1e6 + max(shape) + reach)
     # The unit may be anything: scaled to a largest value of 1, float32 neither overflows nor loses faint sources.
     scale = float(np.abs(strength).max(initial=0.0)) or 1.0
     where = default_device(device)
@@ -65,7 +81,29 @@ def deposit(
         wp.array(xy[None], dtype=wp.vec2d, device=where),
         wp.array((strength / scale).astype(np.float32)[None, None], dtype=wp.float32, device=where),
     ]
-    rule = stamp_rule(0.0, flux_error)
-    psf_bank([psf], where).deposit(sources, rule, rows_per_block(where, shape[0]), signal)
+    rule = stamp_rule([0.0], flux_error, where, 0.5 * flux_error)
+    paths = None if movement_px is None and brightness is None else _paths(moves, changes, where)
+    low, high = ERROR_RANGE
+    accuracy = TableAccuracy(min(max(0.5 * flux_error, low), high))
+    psf_bank([psf], where, accuracy=accuracy).deposit(sources, rule, rows_per_block(where, shape[0]), signal, paths)
     image = signal.numpy()[0, 0]
     return np.asarray(image if scale == 1.0 else (image * np.float64(scale)).astype(np.float32))
+
+
+def _coefficients(name: str, values: npt.ArrayLike | None, shape: tuple[int | None, ...]) -> F64:
+    """Coefficients as an array of the shape, none where values is None."""
+    if values is None:
+        return np.zeros([0 if n is None else n for n in shape])
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
+        wanted = ", ".join("n_coefficient" if n is None else str(n) for n in shape)
+        raise InputError(f"{name}: must have shape ({wanted}), got {array.shape}")
+    return array
+
+
+def _paths(movement_px: F64, brightness: F64, device: Any) -> Any:
+    paths: Any = Paths()
+    paths.offset_px = wp.array(movement_px[None], dtype=wp.vec2, device=device)
+    paths.brightness = wp.array(brightness[None, None], dtype=wp.float32, device=device)
+    paths.n_target = len(brightness)
+    return paths

@@ -89,7 +89,8 @@ def write_scene_data(data: dict[str, Any], path: str | os.PathLike[str]) -> None
 def with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Nested dicts in which relative paths are taken from a folder, whatever the current one is.
 
-    Paths are the values of `file` and `files` anywhere, and `sky.catalog` where it is none of the built-in ones.
+    Paths are the values of `file`, `files` and `psf_file` (one, or a table by band) anywhere, and `sky.catalog` where
+    it is none of the built-in ones.
     """
 
     def absolute(path: Any) -> Any:
@@ -127,6 +128,10 @@ def _with_paths(data: dict[str, Any], change: Callable[[Any], Any]) -> dict[str,
         result = {name: walk(item) for name, item in value.items()}
         if "file" in value:
             result["file"] = change(value["file"])
+        if isinstance(value.get("psf_file"), dict):
+            result["psf_file"] = {band: change(path) for band, path in value["psf_file"].items()}
+        elif "psf_file" in value:
+            result["psf_file"] = change(value["psf_file"])
         if isinstance(value.get("files"), list):
             result["files"] = [change(path) for path in value["files"]]
         elif "files" in value:
@@ -141,12 +146,14 @@ def _with_paths(data: dict[str, Any], change: Callable[[Any], Any]) -> dict[str,
 
 
 def named_files(value: Any) -> list[str]:
-    """All paths under `file` and `files` in nested dicts, once each, in order."""
+    """All paths under `file`, `files` and `psf_file` in nested dicts, once each, in order."""
     if isinstance(value, list):
         paths = [path for item in value for path in named_files(item)]
     elif isinstance(value, dict):
         own = [value["file"]] if isinstance(value.get("file"), str) else []
         own += [path for path in value.get("files", ()) if isinstance(path, str)]
+        psf = value.get("psf_file")
+        own += [path for path in (psf.values() if isinstance(psf, dict) else [psf]) if isinstance(path, str)]
         paths = [*own, *(path for item in value.values() for path in named_files(item))]
     else:
         paths = []

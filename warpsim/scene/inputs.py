@@ -30,4 +30,4 @@ def input_checksums(scene: Scene) -> dict[str, str]:
 
     for part in (scene.constellation, scene.groups_of_targets, scene.pointing):
         walk(part)
-    return found
+    return found | scene.optics.file_checksums

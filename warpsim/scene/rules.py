@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +16,6 @@ from warpsim.orbit.epoch import utc_time
 from warpsim.scene.attitudes import table_rows
 from warpsim.scene.temperatures import temperature_tables
 from warpsim.scene.view_axes import tracked_targets
-from warpsim.sky.bands import BANDS
 
 if TYPE_CHECKING:
     from warpsim.scene.parts import Trajectory
@@ -144,9 +144,15 @@ def _check_span(scene: Scene, where: str, orbit: Any) -> None:
 
 
 def _check_optics(scene: Scene) -> None:
+    """Every band must have a point spread function; images in files are read when the scene is loaded or rendered."""
+    files = scene.optics.psf_file
     for name in scene.bands:
+        if isinstance(files, Mapping) and name not in files:
+            raise part_error(f"optics.psf_file: must name a file for every band, got none for {name}")
+        if files is not None:
+            continue
         try:
-            scene.optics.psf_at(BANDS[name].isophotal_um, scene.camera)
+            scene.psf(name)
         except InputError as error:
             hint = "; psf = 'gaussian' has no such limit" if scene.optics.psf == "airy" else ""
             raise part_error(f"optics: in band {name}: {error}{hint}") from None

@@ -16,7 +16,7 @@ OPAQUE_TOLERANCE = 1e-9
 """How far from 1 the sum of a given emissivity and reflectance may be."""
 
 
-def _share(value: Any, info: ValidationInfo) -> float | ByBand:
+def _share(value: Any, info: ValidationInfo) -> float | ByBand[float]:
     """One number from 0 to 1 for all bands, or a table of them."""
     if not isinstance(value, Mapping):
         return number_within(value, info, 0, 1)

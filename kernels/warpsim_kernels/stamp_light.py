@@ -1,0 +1,236 @@
+"""How much of a source's light its stamp holds: what truth reports of left-out light."""
+
+import functools
+import math
+
+import warp as wp
+
+from warpsim_kernels.deposit_gaussian import gaussian_blur
+from warpsim_kernels.paths import Paths
+from warpsim_kernels.psf import (
+    TablePsf,
+    gaussian_edge,
+    gaussian_pixel_share,
+    gaussian_reach_px,
+    share_between,
+    table_functions,
+    table_reach_px,
+    table_wing,
+)
+from warpsim_kernels.stamps import (
+    Stamp,
+    StampRule,
+    Window,
+    columns_of_row,
+    nearest_pixel,
+    stamp_around,
+    stamp_cut,
+    whole_plane,
+)
+from warpsim_kernels.streaks import NO_LIMIT, Blur, StreakRules, moment_of, source_of, streak_of
+
+N_CORE = wp.constant(32)
+"""Pixels to each side of a source, at least, that are summed one by one; farther out light is smooth."""
+
+N_ROW = wp.constant(1024.0)
+"""Reach up to which a stamp is summed by rows; farther out it is as good as a disc [px]."""
+
+GAUSS_NODE = wp.constant(wp.vec4(0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970263))
+GAUSS_WEIGHT = wp.constant(wp.vec4(0.17392742256872693, 0.32607257743127307, 0.32607257743127307, 0.17392742256872693))
+"""Gauss-Legendre rule on [0, 1]."""
+
+
+@wp.func
+def gaussian_share(dx_px: wp.float64, dy_px: wp.float64, sigma_px: wp.vec2) -> wp.float64:
+    """Share of the pixel at an offset from the source."""
+    return wp.float64(gaussian_pixel_share(dx_px, sigma_px[0])) * wp.float64(gaussian_pixel_share(dy_px, sigma_px[1]))
+
+
+@wp.func
+def gaussian_stamp_share(xy_px: wp.vec2d, sigma_px: wp.vec2, reach_px: float) -> wp.float64:
+    """Share of a source's light in its stamp, row by row."""
+    half = wp.float64(0.5)
+    stamp = stamp_around(xy_px, reach_px, sigma_px[0] / sigma_px[1], whole_plane())
+    total = wp.float64(0.0)
+    for row in range(stamp.window.first_row, stamp.window.end_row):
+        columns = columns_of_row(stamp, row)
+        left = gaussian_edge(wp.float64(columns[0]) - half - xy_px[0], sigma_px[0])
+        right = gaussian_edge(wp.float64(columns[1]) - half - xy_px[0], sigma_px[0])
+        row_share = gaussian_pixel_share(wp.float64(row) - xy_px[1], sigma_px[1])
+        total += wp.float64(row_share) * wp.float64(share_between(left, right))
+    return total
+
+
+@functools.cache
+def make_gaussian_light_kernel(streaks: bool) -> wp.Kernel:
+    """Kernel for Gaussian images; without streaks it looks at no paths."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def gaussian_light_kernel(
+        # in
+        source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
+        source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
+        sigma_px: wp.array[wp.vec2],  # (n_band,)
+        rule: StampRule,
+        paths: Paths,
+        rules: StreakRules,
+        # out
+        peak_share: wp.array3d[float],  # (n_view, n_band, n_source) share of the pixel that xy_px lies in
+        stamp_share: wp.array3d[float],  # (n_view, n_band, n_source) share inside the whole stamp
+    ):
+        view, band, slot = wp.tid()
+        sigma = sigma_px[band]
+        xy_px = source_xy_px[view, slot]
+        cut = stamp_cut(source_irradiance_w_cm2[view, band, slot], band, rule)
+        reach_px = gaussian_reach_px(sigma[0], cut)
+        column = wp.float64(nearest_pixel(xy_px[0]))
+        row = wp.float64(nearest_pixel(xy_px[1]))
+        peak = wp.float64(0.0)
+        total = wp.float64(0.0)
+        if wp.static(streaks):
+            source = source_of(view, band, slot, xy_px, 1.0)
+            streak = streak_of(paths, source, wp.max(cut, rule.streak_error), NO_LIMIT, gaussian_blur(sigma), rules)
+            for panel in range(streak.n_panel):
+                for node in range(streak.count):
+                    moment = moment_of(paths, source, streak, panel, node, rules)
+                    weight = wp.float64(moment.irradiance_w_cm2)
+                    peak += weight * gaussian_share(column - moment.xy_px[0], row - moment.xy_px[1], sigma)
+                    total += weight * gaussian_stamp_share(moment.xy_px, sigma, reach_px)
+        else:
+            peak = gaussian_share(column - xy_px[0], row - xy_px[1], sigma)
+            total = gaussian_stamp_share(xy_px, sigma, reach_px)
+        peak_share[view, band, slot] = float(peak)
+        stamp_share[view, band, slot] = float(total)
+
+    return gaussian_light_kernel
+
+
+@wp.func
+def smooth_share(psf: TablePsf, near_px: float, far_px: float, down_px: float) -> wp.float64:
+    """Sum of the shares of a row's pixels from one distance along it to another, both edges of pixels on one side.
+
+    Beyond the table the sum is the integral, which is taken over stretches that grow with the distance.
+    """
+    total = float(0.0)
+    start = near_px
+    while start < far_px:
+        width = wp.min(wp.max(start, wp.abs(down_px)), far_px - start)
+        part = float(0.0)
+        for k in range(4):
+            part += GAUSS_WEIGHT[k] * table_wing(psf, start + width * GAUSS_NODE[k], down_px)
+        total += width * part
+        start += wp.max(width, 1.0e-3)
+    return wp.float64(total)
+
+
+@wp.func
+def core_of(psf: TablePsf, stamp: Stamp) -> Window:
+    """The pixels about a source that the table serves, and some more."""
+    n_column = wp.max(int(psf.reach_column_px) + 2, N_CORE)
+    n_row = wp.max(int(psf.reach_row_px) + 2, N_CORE)
+    core = Window()
+    core.first_column = stamp.column - n_column
+    core.end_column = stamp.column + n_column + 1
+    core.first_row = stamp.row - n_row
+    core.end_row = stamp.row + n_row + 1
+    return core
+
+
+@functools.cache
+def make_table_light_kernel(n_point: int, streaks: bool) -> wp.Kernel:
+    """Kernel for tabulated images; without streaks it looks at no paths."""
+    read = table_functions(n_point)
+    Lanes = wp.types.vector(length=read.n_lane, dtype=wp.float32)
+    column_axis, row_axis = read.column_axis, read.row_axis
+    column_nodes, row_nodes, pixel_share = read.column_nodes, read.row_nodes, read.share
+
+    @wp.func
+    def table_share(lanes: wp.array[Lanes], psf: TablePsf, xy_px: wp.vec2d, column: int, row: int) -> wp.float64:
+        """Share of a pixel of a source."""
+        source_column = nearest_pixel(xy_px[0])
+        source_row = nearest_pixel(xy_px[1])
+        across = column_axis(wp.float64(source_column) - xy_px[0], psf)
+        down = row_axis(wp.float64(source_row) - xy_px[1], psf)
+        in_row = row_nodes(down, row - source_row, psf)
+        return wp.float64(pixel_share(lanes, psf, in_row, column_nodes(across, column - source_column, psf)))
+
+    @wp.func
+    def core_share(lanes: wp.array[Lanes], psf: TablePsf, xy_px: wp.vec2d, stamp: Stamp, core: Window) -> wp.float64:
+        """Share of a source's light in the pixels of its stamp within a window, one by one."""
+        across = column_axis(wp.float64(stamp.column) - xy_px[0], psf)
+        down = row_axis(wp.float64(stamp.row) - xy_px[1], psf)
+        total = wp.float64(0.0)
+        for row in range(wp.max(stamp.window.first_row, core.first_row), wp.min(stamp.window.end_row, core.end_row)):
+            in_row = row_nodes(down, row - stamp.row, psf)
+            columns = columns_of_row(stamp, row)
+            for column in range(wp.max(columns[0], core.first_column), wp.min(columns[1], core.end_column)):
+                in_column = column_nodes(across, column - stamp.column, psf)
+                total += wp.float64(pixel_share(lanes, psf, in_row, in_column))
+        return total
+
+    @wp.func
+    def table_stamp_share(lanes: wp.array[Lanes], psf: TablePsf, xy_px: wp.vec2d, reach_px: float) -> wp.float64:
+        """Share of a source's light in its stamp: pixel by pixel within the table, then by rows, then as a ring."""
+        stamp = stamp_around(xy_px, wp.min(reach_px, N_ROW), psf.pixel_aspect, whole_plane())
+        core = core_of(psf, stamp)
+        total = core_share(lanes, psf, xy_px, stamp, core)
+        if psf.wing_px3 == 0.0 or stamp.reach_px < float(N_CORE):
+            return total
+        for row in range(stamp.window.first_row, stamp.window.end_row):
+            columns = columns_of_row(stamp, row)
+            left_px = float(xy_px[0] - wp.float64(columns[0])) + 0.5
+            right_px = float(wp.float64(columns[1]) - xy_px[0]) - 0.5
+            from_left_px = float(0.0)
+            from_right_px = float(0.0)
+            if row >= core.first_row and row < core.end_row:
+                from_left_px = float(xy_px[0] - wp.float64(core.first_column)) + 0.5
+                from_right_px = float(wp.float64(core.end_column) - xy_px[0]) - 0.5
+            down_px = float(wp.float64(row) - xy_px[1]) * psf.pixel_aspect
+            total += smooth_share(psf, from_left_px, left_px, down_px)
+            total += smooth_share(psf, from_right_px, right_px, down_px)
+        if reach_px > N_ROW:
+            ring = psf.wing_px3 / psf.pixel_aspect * wp.static(2.0 * math.pi) * (1.0 / N_ROW - 1.0 / reach_px)
+            total += wp.float64(ring)
+        return total
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def table_light_kernel(
+        # in
+        source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
+        source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
+        psfs: wp.array[TablePsf],  # (n_band,)
+        blurs: wp.array[Blur],  # (n_band,)
+        table: wp.array[float],  # pixel shares and envelopes of all bands, flat
+        lanes: wp.array[Lanes],  # the same, with a vector from every float on
+        rule: StampRule,
+        paths: Paths,
+        rules: StreakRules,
+        # out
+        peak_share: wp.array3d[float],  # (n_view, n_band, n_source) share of the pixel that xy_px lies in
+        stamp_share: wp.array3d[float],  # (n_view, n_band, n_source) share inside the whole stamp
+    ):
+        view, band, slot = wp.tid()
+        psf = psfs[band]
+        xy_px = source_xy_px[view, slot]
+        cut = stamp_cut(source_irradiance_w_cm2[view, band, slot], band, rule)
+        reach_px = table_reach_px(table, psf, cut)
+        column = nearest_pixel(xy_px[0])
+        row = nearest_pixel(xy_px[1])
+        peak = wp.float64(0.0)
+        total = wp.float64(0.0)
+        if wp.static(streaks):
+            source = source_of(view, band, slot, xy_px, 1.0)
+            streak = streak_of(paths, source, wp.max(cut, rule.streak_error), NO_LIMIT, blurs[band], rules)
+            for panel in range(streak.n_panel):
+                for node in range(streak.count):
+                    moment = moment_of(paths, source, streak, panel, node, rules)
+                    weight = wp.float64(moment.irradiance_w_cm2)
+                    peak += weight * table_share(lanes, psf, moment.xy_px, column, row)
+                    total += weight * table_stamp_share(lanes, psf, moment.xy_px, reach_px)
+        else:
+            peak = table_share(lanes, psf, xy_px, column, row)
+            total = table_stamp_share(lanes, psf, xy_px, reach_px)
+        peak_share[view, band, slot] = float(peak)
+        stamp_share[view, band, slot] = float(total)
+
+    return table_light_kernel

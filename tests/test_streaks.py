@@ -1,0 +1,313 @@
+"""Sources that move and change during the exposure: images against samples and transforms in float64."""
+
+import numpy as np
+import pytest
+import warp as wp
+from scipy import special
+from streak_oracles import airy_streak, even_times, fine_times, gaussian_streak, legendre
+from warpsim_kernels.paths import Paths
+
+import warpsim as ws
+from warpsim.optics.psf_bank import psf_bank, stamp_rule
+from warpsim.optics.streak_rules import LONGEST_STREAK
+from warpsim.optics.transfer import airy_blur_lamf, annular_transfer
+
+SEED = 271828
+STREAK_ATOL = 1e-5  # per unit flux, of the 10,000 samples
+FINE_ATOL = 1.5e-6  # what flux_error = 1e-6 promises, and half of it again for float32 sums
+CLOSURE_ATOL = 1e-6  # shares reported against the sum of the image
+SUM_ATOL = 2e-6  # float32 images that are summed in another order: one rounding of 6e-8 for each of 30 nodes at a pixel
+SHAPE = (24, 32)
+STILL = np.zeros((1, 2))
+STEADY = np.ones(1)
+
+
+def as_float32(values):
+    return np.asarray(values, dtype=np.float32).astype(np.float64)
+
+
+def straight(length_px, angle_rad, n=2):
+    """Coefficients of an even motion about the middle."""
+    movement = np.zeros((n, 2))
+    movement[1] = 0.5 * length_px * np.array([np.cos(angle_rad), np.sin(angle_rad)])
+    return as_float32(movement)
+
+
+def pulses(n_pulse, degree):
+    """Legendre coefficients of 2 cos^2, n_pulse times over the exposure, mean 1."""
+    t, weight = fine_times(40)
+    light = 1 + np.cos(2 * np.pi * n_pulse * t + 0.7)
+    terms = [(2 * k + 1) * np.sum(weight * light * special.eval_legendre(k, t)) for k in range(degree + 1)]
+    return as_float32(np.array(terms) / terms[0])
+
+
+def paths_of(movement_px, brightness, device, n_target=None):
+    """The kernels' Paths of one view and band."""
+    paths = Paths()
+    paths.offset_px = wp.array(np.asarray(movement_px)[None], dtype=wp.vec2, device=device)
+    paths.brightness = wp.array(np.asarray(brightness)[None, None], dtype=wp.float32, device=device)
+    paths.n_target = len(brightness) if n_target is None else n_target
+    return paths
+
+
+def sources_of(xy_px, flux, device):
+    return [
+        wp.array([len(xy_px)], dtype=wp.int32, device=device),
+        wp.array(np.asarray(xy_px)[None], dtype=wp.vec2d, device=device),
+        wp.array(np.asarray(flux, dtype=np.float64)[None, None], dtype=wp.float32, device=device),
+    ]
+
+
+def draw(xy_px, flux, psf, shape, device, rule, paths=None, n_row_per_block=None):
+    """The kernels' own interface: one image."""
+    signal = wp.empty((1, 1, *shape), dtype=wp.float32, device=device)
+    bank = psf_bank([psf], wp.get_device(device))
+    bank.deposit(sources_of(xy_px, flux, device), rule, n_row_per_block or shape[0], signal, paths)
+    return signal.numpy()[0, 0]
+
+
+def shares(xy_px, flux, psf, device, rule, paths=None):
+    """Peak and stamp shares."""
+    outputs = [wp.empty((1, 1, len(xy_px)), dtype=wp.float32, device=device) for _ in range(2)]
+    bank = psf_bank([psf], wp.get_device(device))
+    bank.measure_stamps(sources_of(xy_px, flux, device)[1:], rule, outputs, paths)
+    return [array.numpy().ravel() for array in outputs]
+
+
+STREAKS = {
+    "along-columns": (straight(9.0, 0.0), [15.27, 11.6], STEADY),
+    "along-a-pixel-edge": (straight(9.0, np.pi / 2), [15.5, 11.6], STEADY),
+    "slanted": (straight(12.0, 0.81), [14.9, 12.2], STEADY),
+    "through-a-corner": (straight(8.0, np.pi / 4), [15.5, 11.5], STEADY),
+    "across-the-frame-edge": (straight(14.0, 0.4), [-0.5, 20.3], STEADY),
+    "out-and-in-at-a-corner": (as_float32([[0, 0], [1, -4], [3, 3]]), [31.0, 0.5], STEADY),
+    "curved": (as_float32([[0.3, -0.2], [5, 1], [-1, 2], [0.4, 0.7]]), [15.1, 12.4], STEADY),
+    "there-and-back": (as_float32([[0, 0], [0, 0], [4, 2.5]]), [15.1, 12.4], STEADY),
+    "growing-brighter": (straight(9.0, 0.3), [15.27, 11.6], as_float32([1, 0.8])),
+    "three-pulses": (straight(10.0, 2.2), [15.27, 11.6], pulses(3, 20)),
+    "curved-pulses": (as_float32([[0, 0], [4, 1], [0, 1]]), [15.27, 11.6], pulses(2, 16)),
+    "shorter-than-a-blur": (straight(0.03, 0.9), [15.49, 11.52], STEADY),
+    "a-thousandth": (straight(0.001, 0.9), [15.5, 11.5], as_float32([1, 0.5])),
+}
+each_streak = pytest.mark.parametrize(("movement", "xy", "brightness"), STREAKS.values(), ids=STREAKS)
+
+
+@each_streak
+@pytest.mark.parametrize("sigma_px", [0.35, 0.7, 2.0])
+def test_gaussian_streak_against_ten_thousand_samples(device, sigma_px, movement, xy, brightness):
+    image = ws.deposit(
+        [xy], [1.0], ws.PsfGaussian(sigma_px), SHAPE, device=device, movement_px=[movement], brightness=[brightness]
+    )
+    samples = gaussian_streak(xy, movement, brightness, sigma_px, SHAPE, even_times())
+    np.testing.assert_allclose(image, samples, rtol=0, atol=STREAK_ATOL)
+    np.testing.assert_allclose(image, samples, rtol=0, atol=FINE_ATOL)
+
+
+@each_streak
+@pytest.mark.parametrize("sigma_px", [0.01, 0.064])
+def test_sharp_gaussian_streak_against_fine_panels(device, sigma_px, movement, xy, brightness):
+    """Ten thousand even samples would err by more than 1e-5 themselves: an edge is crossed within 1e-3 of the time."""
+    image = ws.deposit(
+        [xy], [1.0], ws.PsfGaussian(sigma_px), SHAPE, device=device, movement_px=[movement], brightness=[brightness]
+    )
+    expected = gaussian_streak(xy, movement, brightness, sigma_px, SHAPE, fine_times(4000))
+    np.testing.assert_allclose(image, expected, rtol=0, atol=FINE_ATOL)
+
+
+@each_streak
+@pytest.mark.parametrize(("radius_px", "obscuration"), [(0.185, 0.0), (0.478, 0.3), (1.5, 0.0)])
+def test_airy_streak_against_its_transform(device, radius_px, obscuration, movement, xy, brightness):
+    psf = ws.PsfAiry(radius_px, obscuration)
+    image = ws.deposit([xy], [1.0], psf, SHAPE, device=device, movement_px=[movement], brightness=[brightness])
+    period_px = 60.0 if radius_px < 0.2 else 150.0
+    expected = airy_streak(xy, movement, brightness, radius_px, obscuration, SHAPE, fine_times(300), period_px)
+    np.testing.assert_allclose(image, expected, rtol=0, atol=FINE_ATOL)
+
+
+def test_three_hundred_pixels(device):
+    """Panels: even the largest rule is too short."""
+    movement, xy, shape = straight(300.0, 0.02), [160.2, 8.3], (18, 322)
+    image = ws.deposit([xy], [1.0], ws.PsfGaussian(0.064), shape, device=device, movement_px=[movement])
+    expected = gaussian_streak(xy, movement, STEADY, 0.064, shape, fine_times(6000))
+    np.testing.assert_allclose(image, expected, rtol=0, atol=FINE_ATOL)
+    assert image.sum() == pytest.approx(1, rel=0, abs=CLOSURE_ATOL)
+
+
+@pytest.mark.parametrize("error", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5])
+def test_error_is_within_what_is_allowed(device, error):
+    """Random streaks; and coarse bounds are made use of: fewer nodes than the finest takes leave a larger error."""
+    rng, found = np.random.default_rng(SEED), []
+    for _ in range(50):
+        sigma_px = 10 ** rng.uniform(-2, 0.5)
+        movement = straight(10 ** rng.uniform(-2, 1.2), rng.choice([rng.uniform(0, 7), 0, np.pi / 2]), 4)
+        movement[2:] = as_float32(rng.normal(size=(2, 2)) * rng.choice([0, 0, 0.1]) * np.abs(movement[1]).max())
+        brightness = as_float32([1, *rng.uniform(-0.3, 0.3, rng.choice([0, 0, 3]))])
+        xy = [15.5, 11.5] + rng.uniform(-0.5, 0.5, 2) * rng.choice([0.01, 1])
+        paths = paths_of([movement], [brightness], device)
+        rule = stamp_rule([0.0], 1e-9, device, error)
+        image = draw([xy], [1.0], ws.PsfGaussian(sigma_px), SHAPE, device, rule, paths)
+        expected = gaussian_streak(xy, movement, brightness, sigma_px, SHAPE, fine_times(2500))
+        found.append(np.abs(image - expected).max())
+    assert max(found) <= error
+    assert max(found) >= 0.01 * error
+
+
+def test_faint_sources_may_err_by_what_their_stamps_leave_out(device):
+    psf, movement, xy = ws.PsfGaussian(0.064), straight(10.0, 0.3), [15.2, 11.7]
+    expected = gaussian_streak(xy, movement, STEADY, 0.064, SHAPE, fine_times(2000))
+    errors = []
+    for flux in (1e-18, 1e-16, 1e-14, 1e-12):  # cut at 1e-19: 0.1 to 1e-7 of the light
+        rule = stamp_rule([1e-19], 0.0, device)
+        image = draw([xy], [flux], psf, SHAPE, device, rule, paths_of([movement], [STEADY], device))
+        errors.append(np.abs(image / flux - expected).max())
+        assert errors[-1] <= max(1e-19 / flux, 1e-6)
+    assert errors[0] > 1e-4  # not wasted
+
+
+@pytest.mark.parametrize("count", [1, 2, 4, 8, 16, 32, 64, 128])
+def test_lengths_that_rules_serve(count):
+    """The table of LONGEST_STREAK anew: the light on one side of an edge, sampled at the nodes of each rule."""
+    node, weight = np.polynomial.legendre.leggauss(count)
+    for step, length in enumerate(LONGEST_STREAK[count], 1):
+        if not np.isfinite(length):
+            continue
+        edge = np.linspace(0, length / 2 + 5, 4000)
+        mean = special.ndtr(length / 2 * node + edge[:, None]) @ (weight / 2)
+        t, fine = fine_times(int(length) + 1)
+        exact = special.ndtr(length / 2 * t + edge[:, None]) @ fine
+        worst, allowed = np.abs(mean - exact).max(), 10 ** (-step / 2)
+        assert worst <= allowed * 1.001
+        assert worst >= allowed * 0.7  # lengths are rounded down to three digits
+
+
+@pytest.mark.parametrize("obscuration", [0.0, 0.2, 0.4, 0.6])
+def test_blur_bounds_the_transfer_function(obscuration):
+    """An Airy pattern's transfer function: closed form against the Hankel transform of the pattern; and its bound."""
+    v, step = np.linspace(1e-6, 6000, 3_000_001, retstep=True)
+    amplitude = 2 * special.j1(v) / v
+    if obscuration:
+        amplitude -= 2 * obscuration * special.j1(obscuration * v) / v
+    pattern = amplitude**2 * v * step
+    for frequency in (0.05, 0.31, 0.5, 0.77):
+        hankel = (pattern * special.j0(2 * frequency * v)).sum() / (2 * (1 - obscuration**2))
+        assert annular_transfer(np.array([frequency]), obscuration)[0] == pytest.approx(hankel, rel=0, abs=3e-4)
+    frequency = np.linspace(0.01, 0.999, 777)
+    bound = np.exp(-0.5 * (2 * np.pi * airy_blur_lamf(obscuration) * frequency) ** 2)
+    assert (annular_transfer(frequency, obscuration) <= bound * 1.0005).all()
+
+
+PSFS = [ws.PsfGaussian(0.064), ws.PsfGaussian(2.0), ws.PsfAiry(0.185), ws.PsfAiry(1.5, 0.3)]
+every_psf = pytest.mark.parametrize("psf", PSFS, ids=["gauss-sharp", "gauss", "airy-sharp", "airy-annular"])
+
+
+@every_psf
+@pytest.mark.parametrize("cut_share", [1e-3, 1e-9], ids=["small-stamps", "wide-stamps"])
+def test_no_movement_is_no_streak_bit_by_bit(device, psf, cut_share):
+    rng = np.random.default_rng(SEED)
+    xy, flux = rng.uniform(-2, [34, 26], (30, 2)), rng.uniform(0.1, 5, 30)
+    rule = stamp_rule([0.0], cut_share, device)
+    plain = draw(xy, flux, psf, SHAPE, device, rule)
+    for n_movement, n_brightness in ((1, 0), (0, 1), (3, 4)):
+        brightness = np.zeros((30, n_brightness))
+        brightness[:, :1] = 1
+        brightness[:, 1:] = 0.2
+        paths = paths_of(np.zeros((30, n_movement, 2)), brightness, device)
+        np.testing.assert_array_equal(draw(xy, flux, psf, SHAPE, device, rule, paths), plain)
+        for one, other in zip(
+            shares(xy, flux, psf, device, rule), shares(xy, flux, psf, device, rule, paths), strict=True
+        ):
+            np.testing.assert_array_equal(other, one)
+
+
+@every_psf
+@pytest.mark.parametrize("n_row_per_block", [1, 4, 23])
+@pytest.mark.parametrize("cut_share", [1e-6, 3e-9], ids=["near", "near-and-far"])
+def test_row_blocks_do_not_change_a_bit(device, psf, n_row_per_block, cut_share):
+    rng, n = np.random.default_rng(SEED), 6
+    xy, flux = rng.uniform(-2, [34, 26], (n, 2)), rng.uniform(0.1, 5, n)
+    paths = paths_of(rng.normal(size=(n, 3, 2)) * [[[0], [4], [1]]], [[1, 0.4, -0.2]] * n, device)
+    rule = stamp_rule([0.0], cut_share, device, 1e-4)
+    whole = draw(xy, flux, psf, SHAPE, device, rule, paths)
+    np.testing.assert_array_equal(draw(xy, flux, psf, SHAPE, device, rule, paths, n_row_per_block), whole)
+
+
+@every_psf
+def test_reported_shares_are_those_of_the_image(device, psf):
+    rng, shape = np.random.default_rng(SEED), (241, 241)
+    for cut_share in (1e-2, 1e-4, 1e-6):
+        xy = [[120 + rng.uniform(-0.5, 0.5), 120 + rng.uniform(-0.5, 0.5)]]
+        paths = paths_of([[[0, 0], [3, 1], [0.5, -1]]], [[1, 0.5, 0.1]], device)
+        rule = stamp_rule([0.0], cut_share, device)
+        image = draw(xy, [1.0], psf, shape, device, rule, paths).astype(np.float64)
+        peak, stamp = shares(xy, [1.0], psf, device, rule, paths)
+        assert stamp[0] == pytest.approx(image.sum(), rel=0, abs=CLOSURE_ATOL)
+        assert peak[0] == pytest.approx(image[120, 120], rel=0, abs=max(cut_share, CLOSURE_ATOL))
+
+
+@pytest.mark.parametrize("psf", [ws.PsfGaussian(0.3), ws.PsfGaussian(5.0)], ids=str)
+def test_flux_closes(device, psf):
+    """Streaks half outside the frame: what is drawn, and what falls outside."""
+    rng = np.random.default_rng(SEED)
+    for _ in range(10):
+        movement, xy = as_float32(rng.normal(size=(3, 2)) * [[0], [8], [2]]), rng.uniform(-3, [35, 27])
+        rule = stamp_rule([0.0], 1e-10, device)
+        paths = paths_of([movement], [[1, 0.4]], device)
+        image = draw([xy], [1.0], psf, SHAPE, device, rule, paths)
+        inside = gaussian_streak(xy, movement, [1, np.float32(0.4)], psf.sigma_px, SHAPE, fine_times(800)).sum()
+        assert image.sum(dtype=np.float64) == pytest.approx(inside, rel=0, abs=CLOSURE_ATOL)
+
+
+@pytest.mark.parametrize("length_px", [0.4, 5.0, 40.0])
+@pytest.mark.parametrize("psf", [ws.PsfAiry(0.185), ws.PsfAiry(1.5, 0.3)], ids=str)
+def test_far_light_of_bright_streaks(device, psf, length_px):
+    """Few nodes draw the wings; they are as good as many, pixel by pixel and beside a wing itself."""
+    shape, xy = (160, 180), [88.3, 79.6]
+    movement, brightness = straight(length_px, 0.6, 3), as_float32([1, 0.5])
+    movement[2, 1] = np.float32(length_px / 20)
+    rule = stamp_rule([0.0], 5e-9, device)  # reaches 120 px and more
+    image = draw([xy], [1.0], psf, shape, device, rule, paths_of([movement], [brightness], device))
+    t, weight = fine_times(max(4, int(6 * length_px / psf.radius_px)), 6)
+    places = xy + legendre(movement, t)
+    still = draw(places, weight * legendre(brightness, t), psf, shape, device, rule)
+    np.testing.assert_allclose(image, still, rtol=0, atol=SUM_ATOL)
+    away = np.hypot(*np.meshgrid(np.arange(180) - xy[0], np.arange(160) - xy[1])) > 30 + length_px / 2
+    near_the_rim = 2e-2  # stamps end between pixels elsewhere; elsewhere 1e-4
+    assert np.median(np.abs(image / still - 1)[away & (still > 0)]) < 1e-4
+    assert np.quantile(np.abs(image / still - 1)[away & (still > 2e-8)], 0.99) < near_the_rim
+
+
+@every_psf
+def test_star_and_target_of_the_same_path_are_the_same(device, psf):
+    """Slots from n_target on are stars, which keep their brightness."""
+    movement, rule = straight(4.0, 0.5), stamp_rule([0.0], 1e-6, device)
+    images = []
+    for n_target, brightness in ((1, [[1.0]]), (1, [[1.0, 0.0, 0.0]]), (0, [[1.0, 0.7, 0.1]])):
+        paths = paths_of([movement], brightness, device, n_target)
+        images.append(draw([[15.3, 11.9]], [2.0], psf, SHAPE, device, rule, paths))
+    np.testing.assert_array_equal(images[2], images[0])
+    np.testing.assert_allclose(images[1], images[0], rtol=0, atol=2 * SUM_ATOL)
+
+
+@every_psf
+def test_streaks_of_hard_lists(device, psf):
+    movement = [[[0, 0], [1e4, 3e3]], [[0, 0], [2, 2]], [[0, 0], [1e-30, 0]], [[0, 0], [5, 0]], [[0, 0], [1e6, 0]]]
+    xy, flux = [[5.0, 5.0], [1e300, 0.0], [16.5, 11.5], [-1e9, 3.0], [3e5, 10.0]], [1e-10, 1.0, 1e-25, 1.0, 1e-12]
+    image = ws.deposit(xy, flux, psf, SHAPE, device=device, movement_px=movement, flux_error=1e-2)
+    assert np.isfinite(image).all() and image.max() < 1
+    assert not ws.deposit(np.empty((0, 2)), [], psf, SHAPE, device=device, movement_px=np.empty((0, 2, 2))).any()
+    one = ws.deposit([[0.0, 0.0]], [1.0], psf, (1, 1), device=device, movement_px=[[[0, 0], [0.5, 0]]])
+    assert one.shape == (1, 1) and 0 < one[0, 0] <= 1
+
+
+BAD = {
+    "flat": ({"movement_px": [[1.0, 2.0]]}, r"^movement_px: must have shape \(1, n_coefficient, 2\), got \(1, 2\)$"),
+    "other-length": ({"brightness": [[1.0], [1.0]]}, r"^brightness: must have shape \(1, n_coefficient\)"),
+    "nan": ({"movement_px": [[[np.nan, 0.0]]]}, "^movement_px: must be finite, got 1 bad values$"),
+    "mean": ({"brightness": [[0.5, 0.1]]}, "^brightness: the first coefficient, the mean, must be 1$"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "message"), BAD.values(), ids=BAD)
+def test_bad_paths_are_named_in_one_line(arguments, message):
+    with pytest.raises(ws.InputError, match=message):
+        ws.deposit([[1.0, 2.0]], [1.0], ws.PsfGaussian(0.5), SHAPE, device="cpu", **arguments)

@@ -1,0 +1,205 @@
+"""Integrals of a radial pattern over rectangles, by the flow whose divergence it is.
+
+With E(r) the encircled energy of f(r), the vector g(r) (x, y), g(r) = E(r) / (2 pi r^2), has the divergence f. Gauss'
+theorem turns the integral of f over a rectangle into line integrals of g along its edges: one dimension instead of
+two, and nothing depends on how sharp f is compared to the rectangle. A blur of f by a Gaussian blurs the flow alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.optics.bessel import scaled_i1_over_x
+
+F64 = NDArray[np.float64]
+
+STEP = 0.01
+"""Step of a radial profile in units of its finest scale; cubic pieces on it are good to 4e-9 of the peak."""
+BLUR_REACH = 7.5
+"""Standard deviations beyond which a Gaussian (6e-13 of its peak) is left out."""
+CHUNK = 2_000_000
+"""Values at work at once, to bound memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlowProfile:
+    """g(r) of a pattern: cubic pieces on a uniform grid of r from 0."""
+
+    value: F64
+    """g [1/px2] on the grid, shape (n,)."""
+
+    rise: F64
+    """step * dg/dr on the grid, shape (n,)."""
+
+    step_px: float
+
+    scale_px: float
+    """Finest scale [px]: f holds nothing of more than 1 / scale_px periods per pixel width."""
+
+    @property
+    def max_radius_px(self) -> float:
+        """Largest radius that the profile serves [px]."""
+        return self.step_px * (len(self.value) - 2)
+
+    def __call__(self, r_px: F64) -> F64:
+        """Return g at radii up to max_radius_px."""
+        position = r_px * (1.0 / self.step_px)
+        cell = position.astype(np.int64)
+        t = position - cell
+        low, high = self.value[cell], self.value[cell + 1]
+        rise_low, rise_high = self.rise[cell], self.rise[cell + 1]
+        jump = high - low
+        bend = 3.0 * jump - 2.0 * rise_low - rise_high
+        return ((rise_low + rise_high - 2.0 * jump) * t + bend) * t * t + rise_low * t + low
+
+
+def profile_from_values(value: F64, step_px: float, scale_px: float) -> FlowProfile:
+    """Return the profile through g on a uniform grid; the slopes are seven-point differences, exact to degree 6.
+
+    The last three values are used up for the slopes; below r = 0, g is even.
+    """
+    n = len(value) - 3
+    even = np.concatenate([value[3:0:-1], value])
+    rise = np.zeros(n)
+    for k, weight in ((1, 0.75), (2, -0.15), (3, 1.0 / 60.0)):
+        rise += weight * (even[3 + k : 3 + k + n] - even[3 - k : 3 - k + n])
+    return FlowProfile(value[:n], rise, step_px, scale_px)
+
+
+def blurred(flow: FlowProfile, smear_px: float, max_radius_px: float) -> FlowProfile:
+    """Return the profile of the pattern convolved with a Gaussian of standard deviation smear_px on each axis.
+
+    The radial component of the flow's convolution is, with x = r q / s^2 and I1 the modified Bessel function,
+
+        r g_s(r) = int g(q) q * (q / s^2) exp(-(r^2 + q^2) / (2 s^2)) I1(x) dq.
+
+    Args:
+        flow: To be blurred; known up to max_radius_px + 7.5 smear_px and ten steps of the result.
+        smear_px: Standard deviation s [px].
+        max_radius_px: Largest radius that the result serves [px].
+    """
+    scale_px = max(flow.scale_px, 0.9 * smear_px)  # exp(-2 pi^2 0.9^-2) is 3e-11
+    step_px = STEP * scale_px
+    r_px = step_px * np.arange(int(max_radius_px / step_px) + 6)
+    # The window holds 15 s / scale periods at most, and a Gaussian; as in pixel_shares, with room to spare.
+    node, weight = np.polynomial.legendre.leggauss(48 + int(2.2 * 2.0 * BLUR_REACH * smear_px / flow.scale_px))
+    value = np.empty_like(r_px)
+    n_chunk = max(1, CHUNK // len(node))
+    for start in range(0, len(r_px), n_chunk):
+        r = r_px[start : start + n_chunk, None]
+        first = np.maximum(r - BLUR_REACH * smear_px, 0.0)
+        half = 0.5 * (r + BLUR_REACH * smear_px - first)
+        q = first + half * (1.0 + node)
+        kernel = np.exp(-0.5 * ((r - q) / smear_px) ** 2) * scaled_i1_over_x(r * q / smear_px**2)
+        value[start : start + n_chunk] = half[:, 0] * (
+            (flow(q) * q * (q / smear_px) ** 2 / smear_px**2 * kernel) @ weight
+        )
+    return profile_from_values(value, step_px, scale_px)
+
+
+def pixel_shares(flow: FlowProfile, dx_px: F64, dy_px: F64, pixel_aspect: float) -> F64:
+    """Return the integral of f over pixels at any offsets, by Gauss-Legendre quadrature along their four edges.
+
+    Args:
+        flow: Profile of f.
+        dx_px: Centres of the pixels along columns [px], shape (n,).
+        dy_px: Along rows [pixel heights], shape (n,).
+        pixel_aspect: Height of a pixel over its width.
+    """
+    height_px = pixel_aspect
+    total = np.zeros_like(dx_px)
+    for across, along, width, length in (
+        (dx_px, dy_px * height_px, 1.0, height_px),
+        (dy_px * height_px, dx_px, height_px, 1.0),
+    ):
+        # g oscillates length / scale times at most; Gauss-Legendre converges beyond pi / 2 nodes for each.
+        node, weight = np.polynomial.legendre.leggauss(20 + int(1.8 * length / flow.scale_px))
+        n_chunk = max(1, CHUNK // len(node))
+        for start in range(0, len(dx_px), n_chunk):
+            here = slice(start, start + n_chunk)
+            edge_px = along[here, None] + 0.5 * length * node
+            for side in (-0.5 * width, 0.5 * width):
+                normal_px = across[here] + side
+                flowing = flow(np.hypot(normal_px[:, None], edge_px)) @ (0.5 * length * weight)
+                total[here] += np.sign(side) * normal_px * flowing
+    return total
+
+
+def shares_on_grid(flow: FlowProfile, per_px: tuple[int, int], n_node: tuple[int, int], pixel_aspect: float) -> F64:
+    """Return the integrals of f over pixels centred on a grid of offsets >= 0.
+
+    Args:
+        flow: Profile of f.
+        per_px: Nodes per pixel along rows and columns, even: then the pixel's edges are on nodes.
+        n_node: Nodes along rows and columns; node k lies at the offset k / per_px.
+        pixel_aspect: Height of a pixel over its width.
+
+    Returns:
+        Shape n_node.
+    """
+    half = per_px[0] // 2, per_px[1] // 2
+    steps_px = pixel_aspect / per_px[0], 1.0 / per_px[1]
+    corner = _corner_flux(flow, steps_px, (n_node[0] + half[0], n_node[1] + half[1]))
+    strip = _window_sum(corner, n_node[0], half[0])
+    return _window_sum(strip.T, n_node[1], half[1]).T
+
+
+def _window_sum(primitive: F64, n_node: int, half: int) -> F64:
+    """Return primitive(k + half) - primitive(k - half) for k = 0 ... n_node - 1; the primitive is odd."""
+    node = np.arange(n_node)
+    sign = np.sign(node - half).astype(np.float64)
+    return np.asarray(primitive[half : half + n_node] - sign[:, None] * primitive[np.abs(node - half)])
+
+
+def _corner_flux(flow: FlowProfile, steps_px: tuple[float, float], n_node: tuple[int, int]) -> F64:
+    """Return the flux over [0, j step_y] x [0, i step_x], shape n_node.
+
+    By Gauss' theorem it is x int_0^y g dy' + y int_0^x g dx': the edges through the source carry no flow.
+    """
+    step_y, step_x = steps_px
+    g = _flow_on_grid(flow, steps_px, (n_node[0] + N_PAIR, n_node[1] + N_PAIR))
+    along_x = _primitive(g[: n_node[0]].T, n_node[1]).T
+    along_x *= (step_x * step_y * np.arange(n_node[0]))[:, None]
+    along_y = _primitive(g[:, : n_node[1]], n_node[0])
+    along_y *= step_x * step_y * np.arange(n_node[1])
+    return np.asarray(along_x + along_y)
+
+
+def _primitive(g: F64, n_node: int) -> F64:
+    """Return the integral of the even function g along axis 0 from 0 to nodes 0 ... n_node - 1, in units of a step."""
+    cell = np.zeros((n_node - 1, g.shape[1]))
+    # Cell j reads the nodes j + 1 - N_PAIR ... j + N_PAIR.
+    padded = np.concatenate([g[N_PAIR - 1 : 0 : -1], g])
+    for k, weight in enumerate(CELL_RULE):
+        left, right = N_PAIR - 1 - k, N_PAIR + k
+        cell += weight * (padded[left : left + n_node - 1] + padded[right : right + n_node - 1])
+    total = np.zeros((n_node, g.shape[1]))
+    np.cumsum(cell, axis=0, out=total[1:])
+    return total
+
+
+def _flow_on_grid(flow: FlowProfile, steps_px: tuple[float, float], n_node: tuple[int, int]) -> F64:
+    """Return g at (j step_y, i step_x), shape n_node."""
+    g = np.empty(n_node)
+    x2 = (steps_px[1] * np.arange(n_node[1])) ** 2
+    n_block = max(1, CHUNK // 8 // n_node[1])
+    for start in range(0, n_node[0], n_block):
+        y = steps_px[0] * np.arange(start, min(start + n_block, n_node[0]))
+        g[start : start + n_block] = flow(np.sqrt(y[:, None] ** 2 + x2))
+    return g
+
+
+def _cell_rule(n_pair: int) -> F64:
+    """Return the weights of the node pairs (-k, 1 + k) of the rule on [0, 1] exact to degree 2 n_pair - 1."""
+    offset = np.arange(n_pair) + 0.5  # distance of the nodes from the middle of the cell
+    power = 2 * np.arange(n_pair)
+    moments = 0.5**power / (power + 1.0)
+    return np.linalg.solve(2.0 * offset ** power[:, None], moments)
+
+
+N_PAIR = 7
+CELL_RULE = _cell_rule(N_PAIR)
+"""Fourteen nodes: the same samples of g serve every cell; its error stays below 1e-8 at 7 nodes per scale."""

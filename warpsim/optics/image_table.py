@@ -1,0 +1,120 @@
+"""Share tables of patterns that are given as images."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.errors import InputError
+from warpsim.optics.airy import N_REFINE, ROUNDING, SAMPLE_MARGIN
+from warpsim.optics.share_table import N_MARGIN, ShareTable, check_size, envelope, lagrange_weights, share
+from warpsim.optics.spline_image import SplineImage
+
+F64 = NDArray[np.float64]
+
+N_SAMPLE = 2000
+N_PROBE = 150
+
+
+def image_table(pattern: SplineImage, error: float, n_point: int) -> ShareTable:
+    """Build the table of an image.
+
+    Args:
+        pattern: The spline through the image.
+        error: Largest error per pixel and unit flux, against the spline.
+        n_point: Points per axis of the interpolation.
+
+    Raises:
+        InputError: The table would be too large, or the error is too small for float32.
+    """
+    step_px = _step_px(pattern, error, n_point)
+    for _ in range(N_REFINE):
+        table = _table(pattern, step_px, n_point)
+        dx_px, dy_px = _samples(pattern, N_SAMPLE).astype(np.float32)
+        exact = pattern.shares(dx_px.astype(np.float64), dy_px.astype(np.float64))
+        found = float(np.max(np.abs(share(table, dx_px, dy_px) - exact)))
+        if SAMPLE_MARGIN * found <= error:
+            return replace(table, error=SAMPLE_MARGIN * found)
+        step_px *= 0.95 * min(1.0, (0.75 * error / found) ** (1.0 / min(n_point, 5)))
+    raise InputError(f"psf table: error: {error:g} is too small for float32, reached {SAMPLE_MARGIN * found:.2g}")
+
+
+def image_table_shape(pattern: SplineImage, error: float, n_point: int) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return shape and nodes per pixel of the table of an order, without building it: a guess to choose by."""
+    per_px, _, shape = _layout(pattern, _step_px(pattern, error, n_point))
+    return shape, per_px
+
+
+def _samples(pattern: SplineImage, n: int) -> F64:
+    """Offsets dx, dy to try, shape (2, n): half of them near the brightest places."""
+    rng = np.random.default_rng(0)
+    half_y, half_x = pattern.half_size_px
+    wide = rng.uniform(-1.0, 1.0, (2, n)) * [[half_x], [half_y]]
+    row, col = np.unravel_index(
+        np.argsort(np.abs(pattern.coefficient), axis=None)[::-1][:16], pattern.coefficient.shape
+    )
+    n_row, n_col = pattern.coefficient.shape
+    pick = rng.integers(0, len(row), n // 2)
+    x_px = (col[pick] - 0.5 * (n_col - 1)) / pattern.oversample
+    y_px = (row[pick] - 0.5 * (n_row - 1)) / pattern.oversample / pattern.pixel_aspect
+    edge = rng.choice([-0.5, 0.0, 0.5], (2, n // 2)) + rng.normal(0.0, 1.0, (2, n // 2)) / pattern.oversample
+    wide[:, : n // 2] = np.clip(np.stack([x_px, y_px]) + edge, [[-half_x], [-half_y]], [[half_x], [half_y]])
+    return wide
+
+
+def _step_px(pattern: SplineImage, error: float, n_point: int) -> float:
+    """Return the distance of nodes at which interpolation keeps the error on samples [px]."""
+    goal = max(0.75 * error / SAMPLE_MARGIN - ROUNDING * n_point, 0.15 * error)
+    step_px = 1.0 / pattern.oversample
+    dx_px, dy_px = _samples(pattern, N_PROBE)
+    exact = pattern.shares(dx_px, dy_px)
+    u = np.array([0.5])
+    weight = np.array([w[0] for w in lagrange_weights(u, n_point)])
+    place = np.arange(n_point) - (0.5 * n_point - 0.5)
+    for _ in range(8):
+        x = (dx_px[:, None, None] + step_px * place + 0.0 * place[:, None]).ravel()
+        y = (dy_px[:, None, None] + step_px / pattern.pixel_aspect * place[:, None] + 0.0 * place).ravel()
+        nodes = pattern.shares(x, y).reshape(-1, n_point, n_point)
+        found = float(np.abs(nodes @ weight @ weight - exact).max())
+        factor = min(2.0, (goal / max(found, 1e-300)) ** (1.0 / min(n_point, 5)))
+        step_px = min(step_px * factor, 1.0)
+        if 0.95 < factor < 1.05:
+            break
+    return step_px
+
+
+def _layout(pattern: SplineImage, step_px: float) -> tuple[tuple[int, int], tuple[float, float], tuple[int, int]]:
+    """Return nodes per pixel, reach [px] and shape; rows, columns."""
+    per_px = 2 * math.ceil(0.5 * pattern.pixel_aspect / step_px), 2 * math.ceil(0.5 / step_px)
+    half_y, half_x = pattern.half_size_px
+    reach_px = 0.5 * math.ceil(2.0 * half_y), 0.5 * math.ceil(2.0 * half_x)
+    n_row, n_col = (2 * (round(reach * per) + N_MARGIN) + 1 for reach, per in zip(reach_px, per_px, strict=True))
+    return per_px, reach_px, (n_row, n_col)
+
+
+def _table(pattern: SplineImage, step_px: float, n_point: int) -> ShareTable:
+    """Fill a table; its error is yet to be measured."""
+    per_px, reach_px, shape = _layout(pattern, step_px)
+    check_size(*shape, "psf table")
+    zero = shape[0] // 2, shape[1] // 2
+    dy_px, dx_px = ((np.arange(shape[axis]) - zero[axis]) / per_px[axis] for axis in (0, 1))
+    share64 = pattern.shares_on_grid(dx_px, dy_px)
+    share32 = share64.astype(np.float32)
+    share32.flags.writeable = False
+    corner_px = math.hypot(reach_px[0] * pattern.pixel_aspect, reach_px[1])
+    return ShareTable(
+        share=share32,
+        n_point=n_point,
+        per_px=per_px,
+        zero=zero,
+        mirrored=False,
+        reach_px=reach_px,
+        pixel_aspect=pattern.pixel_aspect,
+        wing=(0.0, 0.0, 0.0),
+        envelope=envelope(share64, per_px, zero, pattern.pixel_aspect, corner_px + 2.0, 0.0),
+        tail_px3=0.0,
+        error=math.nan,
+    )

@@ -1,0 +1,62 @@
+"""Quadrature rules for streaks, and how long a streak each can serve."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+from warpsim_kernels.streaks import NO_LIMIT, StreakRules
+
+F64 = npt.NDArray[np.float64]
+INF = float("inf")
+
+STREAK_ERROR = 1e-6
+"""Error of a streak's quadrature in time, per pixel, as a share of the source's light."""
+
+# fmt: off
+LONGEST_STREAK = {
+    1: (12, 3.6, 1.8, 1, 0.56, 0.31, 0.17, 0.099, 0.055, 0.031, 0.017, 0.0099, 0.0055, 0.0031, 0.0017, 0.00099),
+    2: (INF, 9.1, 4.88, 3.29, 2.35, 1.72, 1.27, 0.949, 0.708, 0.53, 0.397, 0.297, 0.223, 0.167, 0.125, 0.094),
+    3: (INF, 16.1, 7.97, 5.58, 4.25, 3.35, 2.69, 2.18, 1.77, 1.45, 1.19, 0.984, 0.81, 0.668, 0.55, 0.454),
+    4: (INF, 30.6, 11.4, 7.9, 6.14, 4.99, 4.15, 3.49, 2.96, 2.53, 2.17, 1.86, 1.6, 1.38, 1.19, 1.03),
+    6: (INF, 136, 19.6, 12.7, 9.93, 8.24, 7.04, 6.13, 5.39, 4.78, 4.26, 3.81, 3.42, 3.08, 2.78, 2.51),
+    8: (INF, INF, 30.5, 18, 13.8, 11.5, 9.92, 8.74, 7.8, 7.03, 6.38, 5.81, 5.32, 4.88, 4.49, 4.13),
+    12: (INF, INF, 66, 30, 22, 18.1, 15.6, 13.9, 12.5, 11.4, 10.5, 9.77, 9.09, 8.48, 7.94, 7.45),
+    16: (INF, INF, 144, 44.3, 30.9, 25.1, 21.5, 19.1, 17.3, 15.8, 14.6, 13.6, 12.8, 12, 11.3, 10.7),
+    24: (INF, INF, INF, 81.7, 50.7, 39.8, 33.7, 29.8, 26.9, 24.7, 22.9, 21.4, 20.1, 19, 18, 17.2),
+    32: (INF, INF, INF, 136, 73, 55.5, 46.5, 40.7, 36.7, 33.6, 31.1, 29.1, 27.4, 26, 24.7, 23.6),
+    48: (INF, INF, INF, 357, 126, 89.7, 73.4, 63.5, 56.8, 51.8, 47.9, 44.8, 42.2, 39.9, 38, 36.3),
+    64: (INF, INF, INF, 1190, 192, 127, 101, 87.3, 77.6, 70.5, 65.1, 60.7, 57.1, 54, 51.4, 49.1),
+    96: (INF, INF, INF, INF, 381, 212, 163, 137, 120, 109, 100, 93.1, 87.4, 82.6, 78.5, 74.9),
+    128: (INF, INF, INF, INF, 701, 311, 229, 189, 165, 148, 136, 126, 118, 111, 105, 101),
+    192: (INF, INF, INF, INF, 2730, 556, 375, 301, 259, 230, 210, 194, 181, 170, 161, 154),
+    256: (INF, INF, INF, INF, INF, 883, 537, 420, 357, 315, 286, 263, 245, 230, 218, 207),
+}
+# fmt: on
+"""Nodes of a Gauss-Legendre rule: longest streak, in sigmas of a Gaussian image, that it serves within an error of
+10^-0.5, 10^-1 ... 10^-8. The mean over a straight streak of the light on one side of an edge is compared with the
+integral, wherever the edge lies; tests/test_streaks.py does it again."""
+
+
+def streak_rules(device: Any) -> Any:
+    """The kernels' StreakRules on a device."""
+    counts = list(LONGEST_STREAK)
+    node, weight = _all_nodes()
+    longest = np.minimum(np.array([(np.inf, *LONGEST_STREAK[count]) for count in counts]).T, NO_LIMIT)
+    rules: Any = StreakRules()
+    rules.count = wp.array(counts, dtype=wp.int32, device=device)
+    rules.first = wp.array(np.cumsum([0, *counts[:-1]]), dtype=wp.int32, device=device)
+    rules.node = wp.array(node, dtype=wp.float64, device=device)
+    rules.weight = wp.array(weight, dtype=wp.float64, device=device)
+    rules.longest = wp.array(longest, dtype=wp.float32, device=device)
+    return rules
+
+
+@cache
+def _all_nodes() -> tuple[F64, F64]:
+    """Nodes and weights of all rules, one after the other; the weights of a rule sum to 1."""
+    rules = [np.polynomial.legendre.leggauss(count) for count in LONGEST_STREAK]
+    return np.concatenate([node for node, _ in rules]), np.concatenate([0.5 * weight for _, weight in rules])

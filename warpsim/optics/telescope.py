@@ -1,0 +1,111 @@
+"""The telescope, and the point spread functions that follow from it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import model_validator
+
+from warpsim.describe import Count, NonNegative, Number, Positive, closed_interval, part, part_error
+from warpsim.errors import InputError
+from warpsim.optics.camera import Camera
+from warpsim.optics.pattern import FIRST_DARK_RING
+from warpsim.optics.psf import MAX_N_WAVELENGTH, MAX_OBSCURATION, MAX_OVERSAMPLE, Psf, PsfAiry, PsfGaussian, PsfTable
+from warpsim.optics.psf_file import FileByBand, read_psf_file
+from warpsim.optics.tables import DEFAULT_ERROR, ERROR_RANGE
+from warpsim.sky.bands import Band, as_band
+
+GAUSSIAN_PER_LAMBDA_F = 0.42
+"""Sigma of the Gaussian that resembles an Airy pattern's core, in units of lambda * F."""
+
+
+@part
+class Optics:
+    """The telescope.
+
+    Args:
+        aperture_m: Pupil diameter [m].
+        obscuration: Diameter of the central obscuration over that of the pupil; an Airy pattern only.
+        psf: "airy", "gaussian" with sigma = 0.42 lambda F, or "table" with an image of one's own.
+        sigma_px: Sigma of the Gaussian in all bands, instead of 0.42 lambda F [px].
+        psf_file: Image of the table (FITS or .npy), or a table of files by band; see PsfTable for its samples.
+        psf_oversample: Samples of the image per pixel width.
+        n_interval: Wavelengths over which an Airy pattern is averaged: the nodes of the band's spectral intervals,
+            weighted by its response, for a source whose spectrum is flat in W/um; 1 is the isophotal wavelength alone.
+        smear_urad: Standard deviation of each axis of the line of sight, moving faster than the exposure [urad].
+        stamp_cut_nei: Light left out of a source's stamp stays below this in every pixel [NEI].
+        psf_error: Largest error per pixel of the tables behind "airy" and "table", as a part of the source's light.
+        psf_points: Points per axis with which tables are interpolated (2, 4, 6, 8); the cheapest when left out.
+    """
+
+    aperture_m: Positive
+    obscuration: Annotated[Number, closed_interval(0, MAX_OBSCURATION)] = 0.0
+    psf: Literal["airy", "gaussian", "table"] = "airy"
+    sigma_px: Positive | None = None
+    psf_file: FileByBand | None = None
+    psf_oversample: Annotated[Number, closed_interval(1, MAX_OVERSAMPLE)] | None = None
+    n_interval: Annotated[Count, closed_interval(1, MAX_N_WAVELENGTH)] = 6
+    smear_urad: NonNegative = 0.0
+    stamp_cut_nei: Positive = 0.1
+    psf_error: Annotated[Number, closed_interval(*ERROR_RANGE)] = DEFAULT_ERROR
+    psf_points: Literal[2, 4, 6, 8] | None = None
+
+    @model_validator(mode="after")
+    def _file_of_a_table(self) -> Optics:
+        for name, value in (("psf_file", self.psf_file), ("psf_oversample", self.psf_oversample)):
+            if self.psf == "table" and value is None:
+                raise part_error(f"{name}: is required with psf = 'table'")
+            if self.psf != "table" and value is not None:
+                raise part_error(f"{name}: belongs to psf = 'table', got psf = {self.psf!r}")
+        return self
+
+    def psf_for(self, band: Band | str, camera: Camera, diffusion_px: float = 0.0) -> Psf:
+        """The point spread function in a band, in pixel widths of the camera.
+
+        Args:
+            band: A Band, or the name of one in BANDS.
+            camera: Gives the size of a pixel.
+            diffusion_px: Standard deviation of each axis of the charge's diffusion in the detector [px]; it adds to
+                smear_urad in quadrature.
+
+        Raises:
+            InputError: The pattern is outside the range that can be drawn, or its file cannot be read.
+        """
+        band = as_band(band)
+        smear_px = math.hypot(self.smear_urad * 1e-6 * camera.focal_px, diffusion_px)
+        if self.psf == "table":
+            return PsfTable(self._image_of(band.name), self.psf_oversample or 1.0, smear_px)
+        lambda_f_px = 1e-6 / self.aperture_m * camera.focal_px  # of 1 um
+        if self.psf == "gaussian":
+            sigma_px = GAUSSIAN_PER_LAMBDA_F * band.isophotal_um * lambda_f_px
+            return PsfGaussian(math.hypot(sigma_px if self.sigma_px is None else self.sigma_px, smear_px))
+        unit_px = FIRST_DARK_RING * lambda_f_px
+        if self.n_interval == 1:
+            return PsfAiry(unit_px * band.isophotal_um, self.obscuration, smear_px)
+        wavelength_um, weight_um = band.intervals(self.n_interval)
+        return PsfAiry(tuple(unit_px * wavelength_um), self.obscuration, smear_px, tuple(weight_um))
+
+    @property
+    def file_checksums(self) -> dict[str, str]:
+        """SHA-256 of the files behind "table", by path.
+
+        Raises:
+            InputError: A file cannot be read.
+        """
+        return {path: read_psf_file(path)[1] for path in self._files}
+
+    @property
+    def _files(self) -> list[str]:
+        paths = self.psf_file.values() if isinstance(self.psf_file, Mapping) else [self.psf_file]
+        return [path for path in dict.fromkeys(paths) if path is not None]
+
+    def _image_of(self, band: str) -> npt.NDArray[np.float64]:
+        if isinstance(self.psf_file, Mapping) and band not in self.psf_file:
+            raise InputError(f"psf_file: must name a file for every band, got none for {band}")
+        path = self.psf_file[band] if isinstance(self.psf_file, Mapping) else self.psf_file
+        assert path is not None  # by the validator
+        return read_psf_file(path)[0]
