@@ -56,6 +56,13 @@ def places_table(cases: list[Case]) -> list[str]:
     ]
 
 
+def read_out_table(cases: list[Case]) -> list[str]:
+    """Read-out: time by the terms of the detector, with the error of its noise."""
+    errors = ["-" if c["distance"] is None else f"{c['distance']:.1e}" for c in cases]
+    rows = [f"| {c['detector']} | {c['ns_per_pixel']:.2f} | {e} |" for c, e in zip(cases, errors, strict=True)]
+    return ["| detector | ns per pixel | distance from a Gaussian |", "|---|---|---|", *rows]
+
+
 def access_table(cases: list[Case]) -> list[str]:
     """Access: time against the number of satellites and the rules, with what a fine scan says of the intervals."""
     return [
@@ -152,6 +159,7 @@ def plot_signatures(cases: list[Case], path: Path) -> None:
 
 TABLES = {
     "light_error": signatures_table,
+    "ns_per_pixel": read_out_table,
     "psf": fps_table,
     "switches": places_table,
     "rules": access_table,

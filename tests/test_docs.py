@@ -32,6 +32,7 @@ SECTIONS = {
     "`distortion`": [ws.Distortion],
     "`[optics]`": [ws.Optics],
     "`[detector]`": [ws.NeiDetector],
+    "Detector in electrons": [ws.ElectronDetector],
     "`[trajectory]`": [ws.BallisticArc],
     "Orbit by elements": [ws.KeplerOrbit],
     "Flight from a state": [ws.StateVector],

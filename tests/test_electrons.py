@@ -292,9 +292,8 @@ def test_the_search_is_compiled_only_for_small_means():
 
 @pytest.fixture(scope="module")
 def warm_scene(scene):
-    values = WARM.__dict__ | {"background_w_cm2_sr": {"A": 1e-8, "C": 1.2e-8, "E": 8e-9}}
-    values = {name: value for name, value in values.items() if value is not None and not name.startswith("_")}
-    return scene.replace(detector=values, bands=["A", "C", "E"], camera__n_row=40, camera__n_col=61)
+    detector = dataclasses.replace(WARM, background_w_cm2_sr={"A": 1e-8, "C": 1.2e-8, "E": 8e-9})
+    return scene.replace(detector=detector, bands=["A", "C", "E"], camera__n_row=40, camera__n_col=61)
 
 
 def test_scene_with_electrons(warm_scene):
@@ -341,6 +340,8 @@ def test_reports_tell_the_chain(warm_scene):
     assert "pixels " not in report.split("  sky")[0].split("arcsec per pixel")[1]
     told = scene_report(warm_scene.replace(detector__prnu=0.01, detector__hot_fraction=0.002))
     assert "  pixels     0.01 rms of gains, 0.002 of the pixels hot" in told
+    coarse = scene_report(warm_scene.replace(detector__gain_e_per_count=3000.0, detector__offset_counts=0.5))
+    assert "warning    the noise of blank sky is below half a count: rounding shapes it in band A" in coarse
 
 
 def test_header_and_manifest_tell_the_chain(warm_scene, tmp_path):

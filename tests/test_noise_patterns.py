@@ -198,13 +198,23 @@ def test_template_frames_repeat_as_often_as_is_told(template_frames):
     assert abs(chance - by_rounding) < N_SIGMA * np.sqrt(n_pair / TEMPLATE_SIZE + by_rounding)
 
 
-def test_mean_of_template_frames_falls_as_that_of_fresh_noise(template_frames):
-    """The random sign sees to it; variance of the mean of K frames, over 1 / K, from 1,600 pixels that are not all
-    independent: frames are pieces of one row of deviates."""
-    for n_frame in (10, 100, 1000):
-        means = template_frames[: 2000 // n_frame * n_frame].reshape(-1, n_frame, 1600).mean(axis=1)
-        ratio = means.var() * n_frame
-        assert abs(ratio - 1) < N_SIGMA * np.sqrt(2 / 1600)
+def test_mean_of_template_frames_falls_as_that_of_fresh_noise(device):
+    """The random sign sees to it, also for more frames than the template has deviates: mean square times K is 1."""
+    n_frame = 16_000
+    small = dataclasses.replace(TEMPLATE, template_size=4096)
+    frames = deviates(device, (n_frame, 1, 16, 16), small).reshape(n_frame, -1)
+    for k in (100, 4000, 16_000):
+        means = frames.reshape(-1, k, frames.shape[1]).mean(axis=1)
+        # At least as sure as 256 independent means: pixels of a frame are pieces of one row of deviates.
+        assert abs((means**2).mean() * k - 1) < N_SIGMA * np.sqrt(2 / 256)
+    # Frames that begin at the same deviate: as many have its sign as the other one.
+    _, group = np.unique(np.abs(frames[:, :3]), axis=0, return_inverse=True)
+    first = np.full(group.max() + 1, n_frame)
+    np.minimum.at(first, group.ravel(), np.arange(n_frame))
+    later = np.flatnonzero(first[group.ravel()] < np.arange(n_frame))
+    alike = frames[later, 0] == frames[first[group.ravel()[later]], 0]
+    assert len(later) > 10_000
+    assert abs(alike.mean() - 0.5) < N_SIGMA * 0.5 / np.sqrt(len(later) / 4)  # those of a group share one frame
 
 
 def test_template_frames_are_shifted_copies(template_frames):

@@ -120,10 +120,14 @@ def _detector_lines(scene: Scene) -> list[str]:
     terms = detector_terms(detector)
     if terms:
         lines.append(f"  pixels     {', '.join(terms.values())}")
-    clipped = [band for band, levels in scene.levels.items() if levels.blank_counts < 5 * levels.counts_per_nei]
-    if clipped:
-        where = "" if len(clipped) == len(scene.bands) else f" in band {' '.join(clipped)}"
-        lines.append(f"  warning    offset_counts is below 5 sigma: the noise of blank sky is clipped at 0{where}")
+    clipped = [band for band, item in scene.levels.items() if item.blank_counts < 5 * item.counts_per_nei]
+    coarse = [band for band, item in scene.levels.items() if item.counts_per_nei < 0.5]
+    for bands, words in (
+        (clipped, "offset_counts is below 5 sigma: the noise of blank sky is clipped at 0"),
+        (coarse, "the noise of blank sky is below half a count: rounding shapes it"),
+    ):
+        where = "" if len(bands) == len(scene.bands) else f" in band {' '.join(bands)}"
+        lines += [f"  warning    {words}{where}"] if bands else []
     return lines
 
 
