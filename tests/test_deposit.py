@@ -1,11 +1,13 @@
 """Point sources on pixels: every share against error functions or direct quadrature in float64."""
 
 import functools
+import time
 
 import numpy as np
 import pytest
 import warp as wp
 from scipy import special
+from streak_oracles import airy_streak, axis_shares
 
 import warpsim as ws
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
@@ -35,14 +37,6 @@ HARD_POINTS = {
     "one-pixel-out": (-1.3, 10.2),
     "three-out-above": (7.9, 26.5),
 }
-
-
-def axis_shares(position_px, n_pixel, sigma_px):
-    """Shares of n_pixel columns (or rows) of a unit Gaussian at each position, shape (n, n_pixel)."""
-    edge = (np.arange(n_pixel + 1) - 0.5 - np.asarray(position_px)[:, None]) / sigma_px
-    left, right = edge[:, :-1], edge[:, 1:]
-    # Differences of the smaller tail keep their leading digits.
-    return np.where(left > 0, special.ndtr(-left) - special.ndtr(-right), special.ndtr(right) - special.ndtr(left))
 
 
 def gaussian_image(xy_px, flux, sigma_px, shape):
@@ -153,21 +147,169 @@ def test_flux_closes_gaussian(device, sigma_px):
     np.testing.assert_allclose(images.sum((1, 2)), inside, rtol=0, atol=CLOSURE_ATOL)
 
 
+def drawn(xy_px, irradiance_w_cm2, psf, shape, device, rule):
+    """Image of one view and band by the kernels' own interface."""
+    sources = [
+        wp.array([len(xy_px)], dtype=wp.int32, device=device),
+        wp.array(np.asarray(xy_px)[None], dtype=wp.vec2d, device=device),
+        wp.array(np.asarray(irradiance_w_cm2)[None, None], dtype=wp.float32, device=device),
+    ]
+    signal = wp.empty((1, 1, *shape), dtype=wp.float32, device=device)
+    psf_bank([psf], wp.get_device(device)).deposit(sources, rule, shape[0], signal)
+    return signal.numpy()[0, 0].astype(np.float64)
+
+
+def reported(xy_px, psf, device, rule):
+    """Peak and stamp shares of sources of unit irradiance."""
+    n = len(xy_px)
+    peak, stamp = (wp.empty((1, 1, n), dtype=wp.float32, device=device) for _ in range(2))
+    lists = [
+        wp.array(np.asarray(xy_px)[None], dtype=wp.vec2d, device=device),
+        wp.array(np.ones((1, 1, n)), dtype=wp.float32, device=device),
+    ]
+    psf_bank([psf], wp.get_device(device)).measure_stamps(lists, rule, [peak, stamp])
+    return peak.numpy().ravel(), stamp.numpy().ravel()
+
+
+CUTS = [0.3, 0.03, 1e-3, 1e-4, 1e-5, 1e-6]
+
+
+@pytest.mark.parametrize("sigma_px", SIGMAS_PX[:-1])
+def test_no_pixel_outside_a_gaussian_stamp_holds_more_than_the_cut(device, sigma_px):
+    shape, worst = (60, 64), []
+    xy = np.random.default_rng(SEED).uniform([31.5, 29.5], [32.5, 30.5], (150, 2))
+    xy[:50] = np.round(2 * xy[:50]) / 2
+    for cut in CUTS:
+        images = one_source_images(xy, ws.PsfGaussian(sigma_px), shape, device, cut)
+        rows, columns = axis_shares(xy[:, 1], 60, sigma_px), axis_shares(xy[:, 0], 64, sigma_px)
+        left_out = (rows[:, :, None] * columns[:, None, :])[images == 0].max()
+        assert left_out <= cut
+        worst.append(left_out / cut)
+    assert sigma_px < 0.3 or max(worst) > 0.3  # stamps are no larger than they must be
+
+
+@pytest.mark.parametrize("obscuration", [0.0, 0.3])
+@pytest.mark.parametrize("radius_px", AIRY_RADII_PX)
+def test_no_pixel_outside_an_airy_stamp_holds_more_than_the_cut(device, radius_px, obscuration):
+    worst, still, is_sharp = [], (np.zeros(1), np.ones(1)), radius_px < 0.1
+    shape, n = ((14, 16), 5) if is_sharp else ((60, 64), 12)
+    period_px = 20.0 if is_sharp else 150.0  # the series takes (2 period / lambda F)^2 terms
+    xy = np.random.default_rng(SEED).uniform(-0.5, 0.5, (n, 2))
+    xy[:3] = [[-0.5, -0.5], [0, 0], [-0.5, 0]]
+    xy += [shape[1] // 2, shape[0] // 2]
+    exact = np.array([airy_streak(p, [[0, 0]], [1], radius_px, obscuration, shape, still, period_px) for p in xy])
+    for cut in CUTS:
+        images = one_source_images(xy, ws.PsfAiry(radius_px, obscuration), shape, device, cut)
+        left_out = exact[images == 0].max(initial=0.0)
+        assert left_out <= cut + 5e-7  # the oracle's own error in a field that repeats
+        worst.append(left_out / cut)
+    assert max(worst) > 0.3
+
+
+@pytest.mark.parametrize("psf", [ws.PsfGaussian(2.0), ws.PsfAiry(0.478), ws.PsfAiry(1.5, 0.3)], ids=str)
+@pytest.mark.parametrize("cut", [1e-2, 1e-3, 1e-5, 1e-7])
+def test_stamps_are_alike_left_and_right_and_round(device, psf, cut):
+    for n in (80, 81):  # a source on a corner, and one on a centre
+        middle = (n - 1) / 2
+        (image,) = one_source_images([[middle, middle]], psf, (n, n), device, cut)
+        for other in (image[:, ::-1], image[::-1], image.T):
+            np.testing.assert_array_equal(other != 0, image != 0)
+            np.testing.assert_allclose(other, image, rtol=0, atol=GAUSSIAN_ATOL)
+        reach_px = np.abs(np.nonzero(image)[1] - middle).max()
+        if 6 < reach_px < 0.4 * n:
+            corner_px = np.hypot(*(np.array(np.nonzero(image)) - middle)).max()
+            assert corner_px < reach_px + 1
+            assert np.count_nonzero(image) == pytest.approx(np.pi * reach_px**2 + 4 * reach_px, rel=0.1)
+
+
+@pytest.mark.parametrize("psf", [ws.PsfAiry(0.478), ws.PsfAiry(4.0, 0.3)], ids=str)
+def test_a_very_bright_source_fills_a_wide_image(device, psf):
+    """1e8 NEI and more: the wings go on to the corners of a frame of 1500 pixels; rings are averaged over 20."""
+    shape, xy = (1500, 1400), [201.3, 333.8]
+    image = drawn([xy], [1.0], psf, shape, device, stamp_rule([1e-14], 0.0, device))
+    assert (image > 0).all()
+    for row, column in [(324, 900), (1480, 1380), (0, 1380), (700, 201)]:
+        rows, columns = np.arange(row, row + 20), np.arange(column, column + 20)
+        shares = [[airy_share(c - xy[0], r - xy[1], psf.radius_px, psf.obscuration) for c in columns] for r in rows]
+        found = image[row : row + 20, column : column + 20].mean()
+        assert found == pytest.approx(np.mean(shares), rel=0.05, abs=0)
+
+
+def test_a_wide_gaussian_fills_a_wide_image(device):
+    shape, xy = (900, 1100), [[20.2, 450.4]]
+    image = drawn(xy, [1.0], ws.PsfGaussian(50.0), shape, device, stamp_rule([1e-15], 0.0, device))
+    expected = gaussian_image(xy, [1.0], 50.0, shape)
+    np.testing.assert_allclose(image, expected, rtol=0, atol=WIDE_RTOL * expected.max())
+    assert image[450, 360] > 0 and image[450, 385] == 0
+
+
 @pytest.mark.parametrize(
     "psf", [ws.PsfGaussian(0.35), ws.PsfGaussian(5.0), ws.PsfAiry(0.478, 0.3), ws.PsfAiry(4.0)], ids=str
 )
-def test_reported_shares_are_those_of_the_image(device, psf):
-    shape, rule, n = (401, 401), stamp_rule([0.0], 3e-7, device), 6
-    xy = 200 + np.random.default_rng(SEED).uniform(-0.5, 0.5, (n, 2))
-    images = one_source_images(xy, psf, shape, device, 3e-7)
-    peak, stamp = (wp.empty((n, 1, 1), dtype=wp.float32, device=device) for _ in range(2))
-    lists = [
-        wp.array(xy[:, None, :], dtype=wp.vec2d, device=device),
-        wp.array(np.ones((n, 1, 1)), dtype=wp.float32, device=device),
+@pytest.mark.parametrize("cut", [1e-2, 1e-4, 3e-7, 1e-8])
+def test_reported_shares_are_those_of_the_image(device, psf, cut):
+    shape, rule = (901, 901), stamp_rule([0.0], cut, device)
+    xy = 450 + np.random.default_rng(SEED).uniform(-0.5, 0.5, (3, 2))
+    peak, stamp = reported(xy, psf, device, rule)
+    for number in range(3):
+        image = drawn(xy[number : number + 1], [1.0], psf, shape, device, rule)
+        assert stamp[number] == pytest.approx(image.sum(), rel=0, abs=CLOSURE_ATOL)
+        assert peak[number] == pytest.approx(image[450, 450], rel=0, abs=GAUSSIAN_ATOL)
+
+
+@pytest.mark.parametrize("psf", [ws.PsfAiry(0.185), ws.PsfAiry(0.478, 0.3)], ids=str)
+def test_reported_share_of_stamps_of_thousands_of_pixels(device, psf):
+    """Beyond a radius r lies 2 pi w / r of the light, w = lambda F / (pi^3 (1 - eps))."""
+    wing_px3 = psf.radius_px / 1.2196698912665045 / np.pi**3 / (1 - psf.obscuration)
+    for cut in (1e-11, 1e-13, 1e-15):
+        _, stamp = reported([[5.2, 5.4]], psf, device, stamp_rule([0.0], cut, device))
+        reach_px = np.cbrt(wing_px3 / cut)
+        assert 1 - stamp[0] == pytest.approx(2 * np.pi * wing_px3 / reach_px, rel=0, abs=5e-5)
+    xy = np.random.default_rng(SEED).uniform(0, 9, (200, 2))
+    start = time.perf_counter()
+    reported(xy, psf, device, stamp_rule([0.0], 1e-15, device))
+    assert time.perf_counter() - start < 4  # 20 ms each; by pixels it would be an hour
+
+
+def test_each_band_has_its_own_cut(device):
+    psf, xy = ws.PsfGaussian(1.0), [[20.1, 12.3]]
+    sources = [
+        wp.array([1], dtype=wp.int32, device=device),
+        wp.array(np.asarray(xy)[None], dtype=wp.vec2d, device=device),
+        wp.array(np.full((1, 2, 1), 1e-15), dtype=wp.float32, device=device),
     ]
-    psf_bank([psf], wp.get_device(device)).measure_stamps(lists, rule, [peak, stamp])
-    np.testing.assert_allclose(stamp.numpy().ravel(), images.sum((1, 2)), rtol=0, atol=CLOSURE_ATOL)
-    np.testing.assert_allclose(peak.numpy().ravel(), images[:, 200, 200], rtol=0, atol=GAUSSIAN_ATOL)
+    signal = wp.empty((1, 2, 24, 32), dtype=wp.float32, device=device)
+    cuts = [1e-18, 1e-21]
+    psf_bank([psf, psf], wp.get_device(device)).deposit(sources, stamp_rule(cuts, 0.0, device), 24, signal)
+    for image, cut in zip(signal.numpy()[0], cuts, strict=True):
+        (expected,) = one_source_images(xy, psf, (24, 32), device, cut / 1e-15)
+        np.testing.assert_allclose(image, 1e-15 * expected, rtol=1e-6, atol=0)
+
+
+@pytest.mark.parametrize("psf", [ws.PsfGaussian(0.5), ws.PsfAiry(0.478)], ids=str)
+def test_stamps_of_faint_and_bright_sources_in_one_frame(device, psf):
+    """Fifteen decades: what is left out stays below the cut everywhere."""
+    flux, cut, shape = np.logspace(-25, -10, 16), 1e-19, (120, 130)
+    xy = np.random.default_rng(SEED).uniform(10, 110, (16, 2))
+    image = drawn(xy, flux, psf, shape, device, stamp_rule([cut], 0.0, device))
+    if isinstance(psf, ws.PsfGaussian):
+        expected = gaussian_image(xy, flux, psf.sigma_px, shape)
+        np.testing.assert_array_less(np.abs(image - expected), 16 * cut + 1e-6 * expected + 1e-30)
+        return
+    still = np.zeros(1), np.ones(1)
+    expected = flux @ [airy_streak(p, [[0, 0]], [1], psf.radius_px, 0, shape, still, 260).ravel() for p in xy]
+    expected = expected.reshape(shape)
+    distance = np.hypot(*(np.indices(shape)[::-1, ..., None] - xy.T[:, None, None]))
+    table = 1e-6 * np.minimum(1, (18 / distance) ** 3) @ flux  # of the light, and of the wings what rings make of it
+    np.testing.assert_array_less(np.abs(image - expected), 16 * cut + table)
+
+
+def test_two_sources_within_a_thousandth_of_a_pixel(device):
+    for psf in PSFS:
+        near = ws.deposit([[10.4999, 7.5], [10.5003, 7.5001]], [1.0, 2.0], psf, SHAPE, device=device)
+        places = ([10.4999, 7.5], 1.0), ([10.5003, 7.5001], 2.0)
+        alone = [ws.deposit([place], [flux], psf, SHAPE, device=device) for place, flux in places]
+        np.testing.assert_allclose(near, alone[0] + alone[1], rtol=0, atol=3 * GAUSSIAN_ATOL)
 
 
 PSFS = [ws.PsfGaussian(0.064), ws.PsfGaussian(0.7), ws.PsfAiry(0.478), ws.PsfAiry(1.5, 0.3)]

@@ -95,7 +95,7 @@ def make_deposit_gaussian_kernel(streaks: bool) -> wp.Kernel:
                 continue
             xy_px = source_xy_px[view, slot]
             cut = stamp_cut(irradiance, band, rule)
-            reach_px = gaussian_reach_px(sigma[0], cut)
+            reach_px = gaussian_reach_px(sigma, cut)
             if wp.static(streaks):
                 source = source_of(view, band, slot, xy_px, irradiance)
                 if is_streak_near(paths, source, reach_px, aspect, window):

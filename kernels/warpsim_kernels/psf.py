@@ -50,14 +50,19 @@ def gaussian_pixel_share(offset_px: wp.float64, sigma_px: float) -> float:
 
 
 @wp.func
-def gaussian_reach_px(sigma_px: float, cut: float) -> float:
+def gaussian_reach_px(sigma_px: wp.vec2, cut: float) -> float:
     """Radius of the disc about a source without which no pixel holds more than the fraction `cut` of the flux.
 
-    A pixel that begins a columns and b rows away from the source holds less than exp(-(a^2 + b^2) / 2 sigma^2) / 2.
+    A pixel that begins at a distance d holds less than exp(-d^2 / 2 sigma^2) times 1/2, and times the peak.
+
+    Args:
+        sigma_px: Along columns [pixel widths] and along rows [pixel heights].
+        cut: Fraction of the flux.
     """
-    if cut >= 0.5:
+    highest = wp.min(0.5, wp.static(0.5 / math.pi) / (sigma_px[0] * sigma_px[1]))
+    if cut >= highest:
         return 0.0
-    return sigma_px * wp.sqrt(-2.0 * wp.log(2.0 * cut))
+    return sigma_px[0] * wp.sqrt(-2.0 * wp.log(cut / highest))
 
 
 @wp.struct
@@ -175,7 +180,8 @@ def table_functions(n_point: int) -> TableFunctions:
         offset_px: float  # of the source's own pixel [pixel widths]
         node: int  # the one before that offset, counted from offset zero
         weights: Lanes
-        reverse: Lanes
+        mirror: int  # the offset's mirror image comes after the node mirror - node
+        mirror_weights: Lanes
 
     class TableNodes:
         distance_px: float  # from the source, in pixel widths
@@ -193,8 +199,11 @@ def table_functions(n_point: int) -> TableFunctions:
         result = axis_type()
         result.node = int(node)
         result.weights = lagrange_weights(float(position - node))
-        for k in range(wp.static(n_point)):
-            result.reverse[k] = result.weights[wp.static(n_point - 1) - k]
+        result.mirror_weights = result.weights
+        if position > node:  # else on the node, as its mirror image is
+            result.mirror = -1
+            for k in range(wp.static(n_point)):
+                result.mirror_weights[k] = result.weights[wp.static(n_point - 1) - k]
         return result
 
     @wp.func
@@ -215,8 +224,8 @@ def table_functions(n_point: int) -> TableFunctions:
         result.weights = axis.weights
         node = axis.node + steps
         if mirrored != 0 and node < 0:
-            node = -1 - node
-            result.weights = axis.reverse
+            node = axis.mirror - node
+            result.weights = axis.mirror_weights
         result.first = node + zero - wp.static(n_before)
         if node >= n_reach or node < -n_reach:
             result.first = -1

@@ -82,7 +82,7 @@ def make_gaussian_light_kernel(streaks: bool) -> wp.Kernel:
         sigma = sigma_px[band]
         xy_px = source_xy_px[view, slot]
         cut = stamp_cut(source_irradiance_w_cm2[view, band, slot], band, rule)
-        reach_px = gaussian_reach_px(sigma[0], cut)
+        reach_px = gaussian_reach_px(sigma, cut)
         column = wp.float64(nearest_pixel(xy_px[0]))
         row = wp.float64(nearest_pixel(xy_px[1]))
         peak = wp.float64(0.0)

@@ -24,7 +24,7 @@ def size_gaussian_stamps_kernel(
     """Half-widths of Gaussian stamps."""
     band, source = wp.tid()
     sigma = sigma_px[band]
-    reach_px = gaussian_reach_px(sigma[0], stamp_cut(irradiance_w_cm2[band, source], band, rule))
+    reach_px = gaussian_reach_px(sigma, stamp_cut(irradiance_w_cm2[band, source], band, rule))
     half_width_px[band, source] = half_width_of(reach_px, sigma[0] / sigma[1])
 
 
