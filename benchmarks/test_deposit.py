@@ -5,8 +5,9 @@
 
 The deposit alone, one thread, thousands of sources at random places of one image. Ways to draw: error functions for a
 Gaussian, share tables of several orders and errors for Gaussian and Airy patterns; stamps that leave out more or less;
-streaks by more or fewer nodes. The error is that of the worst pixel of single sources of unit light at random places,
-against float64 quadrature written here.
+streaks by more or fewer nodes; sums in float32, float64 and fixed point. The error is that of the worst pixel of single
+sources of unit light at random places, against float64 quadrature written here; of sums, that of the brightest pixel's
+neighbourhood in a crowd, as a share of its light.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
+from deposit_variants import VARIANTS, Scatter
 from scipy.special import ndtr
 from test_fps import pixel_share
 
@@ -170,4 +172,42 @@ def test_streaks(benchmark, error):
             way=f"nodes for {error:g}",
             ns_per_source=ns_per_source(benchmark),
             deposit_error=worst_pixel(psf, None, stamp_rule([0.0], 1e-9, "cpu", error), path_px),
+        )
+
+
+def crowd() -> tuple[Any, Any]:
+    """Sources on few pixels, hundreds to each: places, and light from 1e-3 to 1."""
+    rng = np.random.default_rng(5)
+    return rng.uniform(100, 120, (N_SOURCE * 5, 2)), (10 ** rng.uniform(-3, 0, N_SOURCE * 5)).astype(np.float32)
+
+
+def crowd_sum(xy_px: Any, strength: Any) -> Any:
+    """The crowd's image in float64, stamps of 7 x 7 pixels."""
+    image = np.zeros((N_PIXEL, N_PIXEL))
+    steps = np.arange(-3, 4)
+    for (x, y), light in zip(xy_px, strength.astype(np.float64), strict=True):
+        columns, rows = int(np.floor(x + 0.5)) + steps, int(np.floor(y + 0.5)) + steps
+        image[np.ix_(rows, columns)] += light * np.outer(gaussian_axis(rows - y), gaussian_axis(columns - x))
+    return image
+
+
+@pytest.mark.parametrize("name", ["gathered, float32 in the order of the list", *VARIANTS])
+def test_sums(benchmark, name):
+    xy_px, strength = crowd()
+    if name in VARIANTS:
+        scatter = Scatter(name, xy_px, strength, SIGMA_PX, N_PIXEL, "cpu")
+        draw, image = scatter.draw, scatter.image_f64
+    else:
+        # The smallest share of a stamp of 7 x 7 pixels is far below the cut: stamps are as large, or a little larger.
+        drawing = Drawing(ws.PsfGaussian(SIGMA_PX), None, xy_px, stamp_rule([0.0], 2e-5, "cpu"))
+        drawing.sources[2] = wp.array(strength[None, None], dtype=wp.float32, device="cpu")
+        draw, image = drawing, drawing
+    benchmark.pedantic(draw, rounds=9 if benchmark.enabled else 1, warmup_rounds=1)
+    if benchmark.stats is not None:
+        exact = crowd_sum(xy_px, strength)
+        benchmark.extra_info.update(
+            group="sums",
+            way=name,
+            ns_per_source=benchmark.stats.stats.median / len(xy_px) * 1e9,
+            deposit_error=float(np.abs(image() - exact)[104:117, 104:117].max() / exact.max()),
         )

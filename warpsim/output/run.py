@@ -223,6 +223,7 @@ def _manifest(plan: Plan, renderer: Renderer, files: list[Path]) -> dict[str, An
         "bands": plan.bands,
         "frames": plan.frames_of,
         "orbit_interpolation": {"node_step_s": tracks.step_s, "measured_error_m": tracks.error_m},
+        **_movement(plan, renderer),
         "light_terms": {name: term.reason for name, term in plan.scene.light_terms.items()},
         "detector": {
             "terms": detector_terms(plan.scene.detector),
@@ -232,6 +233,14 @@ def _manifest(plan: Plan, renderer: Renderer, files: list[Path]) -> dict[str, An
         "inputs": input_checksums(plan.scene),
         "files": {path.name: sha256_of(path) for path in files},
     }
+
+
+def _movement(plan: Plan, renderer: Renderer) -> dict[str, Any]:
+    """How finely light is followed through the exposure, where it moves."""
+    if not plan.scene.streaks:
+        return {}
+    streaks = renderer.streaks(plan.bands)
+    return {"movement": {"path_nodes": streaks.n_path, "measured_error_px": streaks.error_px}}
 
 
 @contextlib.contextmanager

@@ -31,7 +31,7 @@ from warpsim.render.frameset import FrameSet
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.stages import STAGES
 from warpsim.render.star_field import load_catalog, star_index
-from warpsim.render.streaks import moved
+from warpsim.render.streaks import Streaks, moved
 from warpsim.render.world import World
 from warpsim.scene.scene import Scene
 from warpsim.sky.catalog import StarCatalog
@@ -168,6 +168,10 @@ class Renderer:
         if self.scene.sights is not None:
             self.scene.sights.check_times(self.scene.sensor_names, times)
         return [int(number) for number in numbers]
+
+    def streaks(self, bands: Sequence[str]) -> Streaks:
+        """How sources are followed through the exposure."""
+        return self._world(tuple(bands)).streaks
 
     def _world(self, bands: tuple[str, ...]) -> World:
         if bands not in self._worlds:
