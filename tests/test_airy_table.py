@@ -15,7 +15,7 @@ from warpsim.optics import tables
 from warpsim.optics.bessel import jinc, scaled_i1_over_x
 from warpsim.optics.flow import pixel_shares
 from warpsim.optics.pattern import FIRST_DARK_RING, AiryPattern
-from warpsim.optics.share_table import POINTS, lagrange_weights, share
+from warpsim.optics.share_table import ENVELOPE_PER_PX, POINTS, lagrange_weights, share
 from warpsim.optics.tables import cheapest_points, share_table
 
 SHARE_ATOL = 1e-6
@@ -264,7 +264,7 @@ def test_what_lies_outside_a_disc(radius_px, obscuration):
     """No pixel that a disc leaves out holds more than the envelope says, and the envelope is not wasteful."""
     rng = np.random.default_rng(4)
     table = airy(radius_px, obscuration)
-    radius = 0.5 * np.arange(len(table.envelope))
+    radius = np.arange(len(table.envelope)) / ENVELOPE_PER_PX
     assert np.all(np.diff(table.envelope) <= 0.0)
     angle = rng.choice([0.0, 0.3, np.pi / 4.0], len(radius))
     # Pixels whose nearest point lies on the disc's rim or a little beyond.

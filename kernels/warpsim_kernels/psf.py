@@ -86,14 +86,17 @@ class TablePsf:
     wing_px3: float  # beyond, share = wing / r^3 * (1 + (next + aspect * dx^2 / r^2) / r^2), r in pixel widths
     wing_next_px2: float
     wing_aspect_px2: float
-    envelope: int  # where the envelope begins: largest share that a disc of radius k ENVELOPE_STEP_PX does not touch
+    envelope: int  # where the envelope begins: largest share that a disc of radius 0, 1/4, 1/2 ... does not touch
     n_envelope: int
-    tail_px3: float  # beyond the envelope a pixel holds at most tail / r^3; 0: nothing
+    tail_px3: float  # farther out no pixel holds more than tail / r^3, r = distance of its centre; 0: nothing
 
 
 @wp.func
 def table_reach_px(table: wp.array[float], psf: TablePsf, cut: float) -> float:
-    """Radius of the disc about a source without which no pixel holds more than the fraction `cut` of the flux."""
+    """Radius of the disc about a source without which no pixel holds more than the fraction `cut` of the flux.
+
+    In pixel widths. A pixel belongs to the disc if any part of it does.
+    """
     last = psf.n_envelope - 1
     if table[psf.envelope + last] > cut:
         # The centre of a pixel that the disc does not touch is half its shorter side farther away, at least.

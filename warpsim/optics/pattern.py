@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from warpsim.optics.bessel import jinc
 from warpsim.optics.flow import BLUR_REACH, CHUNK, STEP, FlowProfile, blurred, profile_from_values
-from warpsim.optics.transfer import annular_transfer
 
 F64 = NDArray[np.float64]
 
@@ -158,3 +157,22 @@ def irradiance_per_lamf2(r_lamf: F64, obscuration: float) -> F64:
     v = np.pi * r_lamf
     amplitude = jinc(v) - obscuration**2 * jinc(obscuration * v) if obscuration > 0.0 else jinc(v)
     return np.pi / (4.0 * (1.0 - obscuration**2)) * amplitude**2
+
+
+def annular_transfer(frequency: F64, obscuration: float) -> F64:
+    """Return the modulation transfer function of the annular pupil; frequency in units of the cut-off 1 / lamF."""
+    whole = _disk_overlap(frequency, 1.0)
+    if obscuration == 0.0:
+        return whole
+    hole = _disk_overlap(frequency, obscuration, obscuration)
+    return (whole + hole - 2.0 * _disk_overlap(frequency, 1.0, obscuration)) / (1.0 - obscuration**2)
+
+
+def _disk_overlap(half_distance: F64, a: float, b: float | None = None) -> F64:
+    """Return the area over pi that disks of radii a >= b share at a distance."""
+    b = a if b is None else b
+    d = 2.0 * np.maximum(half_distance, 1e-300)
+    from_a = np.arccos(np.clip((d * d + a * a - b * b) / (2.0 * d * a), -1.0, 1.0))
+    from_b = np.arccos(np.clip((d * d + b * b - a * a) / (2.0 * d * b), -1.0, 1.0))
+    kite = np.maximum((a + b - d) * (d + a - b) * (d - a + b) * (d + a + b), 0.0)
+    return np.asarray((a * a * from_a + b * b * from_b - 0.5 * np.sqrt(kite)) / np.pi)

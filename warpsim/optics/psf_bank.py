@@ -12,12 +12,12 @@ from warpsim_kernels.paths import Paths
 from warpsim_kernels.stamp_light import make_gaussian_light_kernel, make_table_light_kernel
 from warpsim_kernels.stamp_sizes import size_gaussian_stamps_kernel, size_table_stamps_kernel
 from warpsim_kernels.stamps import StampRule
-from warpsim_kernels.streaks import NO_LIMIT, Blur
+from warpsim_kernels.streaks import Blur
 
 from warpsim.optics.psf import Psf, PsfGaussian, check_one_family
-from warpsim.optics.sharpness import sharpness_of
+from warpsim.optics.sharpness import sharpness
 from warpsim.optics.streak_rules import STREAK_ERROR, streak_rules
-from warpsim.optics.table_upload import upload_tables
+from warpsim.optics.table_upload import lanes_of, upload_tables
 from warpsim.optics.tables import TableAccuracy, TabulatedPsf, cheapest_points, share_table
 
 SMALLEST_STAMP_CUT = 1e-15
@@ -89,23 +89,18 @@ class GaussianBank:
 
 
 class TableBank:
-    """Patterns as tables of pixel shares.
-
-    Args:
-        psfs: One for each band.
-        device: Where they are put.
-        pixel_aspect: Height of a pixel over its width.
-        accuracy: Of the tables.
-    """
+    """Patterns as tables of pixel shares."""
 
     def __init__(
         self, psfs: Sequence[TabulatedPsf], device: Any, pixel_aspect: float, accuracy: TableAccuracy
     ) -> None:
-        self._n_point = accuracy.n_point or cheapest_points(psfs, pixel_aspect, accuracy.error)
-        tables = [share_table(psf, pixel_aspect, accuracy.error, self._n_point) for psf in psfs]
-        self._psf, self._table, self._lanes = upload_tables(tables, self._n_point, device)
+        n_point = accuracy.n_point or cheapest_points(psfs, pixel_aspect, accuracy.error)
+        tables = [share_table(psf, pixel_aspect, accuracy.error, n_point) for psf in psfs]
+        self._psf, self._table = upload_tables(tables, device)
+        self._lanes = lanes_of(self._table, n_point)
         self._blur = wp.array([_blur(psf, pixel_aspect) for psf in psfs], dtype=Blur, device=device)
         self._rules = streak_rules(device)
+        self._n_point = n_point
 
     def deposit(
         self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array, paths: Any = None
@@ -129,10 +124,8 @@ class TableBank:
 
 
 def _blur(psf: TabulatedPsf, pixel_aspect: float) -> Any:
-    sharpness = sharpness_of(psf)
     blur: Any = Blur()
-    blur.width_px = sharpness.width_px
-    blur.band_limit_per_px = min(sharpness.band_limit_per_px, NO_LIMIT)
+    blur.width_px, blur.band_limit_per_px = sharpness(psf)
     blur.aspect = pixel_aspect
     return blur
 

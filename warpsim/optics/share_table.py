@@ -22,11 +22,11 @@ Floats = NDArray[np.floating]
 POINTS = (2, 4, 6, 8)
 """Points per axis that an interpolation may use."""
 
-ENVELOPE_STEP_PX = 0.25
-"""Step of the radius in ShareTable.envelope; the kernels' own."""
-
 N_MARGIN = 4
 """Nodes stored before zero of a mirrored table and beyond the reach, for the ends of the widest interpolation."""
+
+ENVELOPE_PER_PX = 4
+"""Discs per pixel of radius in ShareTable.envelope; the kernels' own number."""
 
 LARGEST_N_NODE = 2**23
 """Nodes of the largest table (32 MB)."""
@@ -64,7 +64,7 @@ class ShareTable:
     """Beyond the reach P = wing[0] / r^3 * (1 + (wing[1] + wing[2] dx^2 / r^2) / r^2), r in pixel widths [px3, px2]."""
 
     envelope: NDArray[np.float32]
-    """Largest share of a pixel wholly outside a disc about the source of radius k ENVELOPE_STEP_PX pixel widths."""
+    """Largest share of a pixel wholly outside a disc about the source of radius 0, 1/2, 1, 3/2 ... pixel widths."""
 
     tail_px3: float
     """Beyond the envelope no pixel holds more than tail / r^3, r = distance of its centre [px3]."""
@@ -169,12 +169,12 @@ def envelope(
     """
     offset = [np.abs(np.arange(n) - zero[axis]) / per_px[axis] - 0.5 for axis, n in enumerate(share64.shape)]
     rows, cols = pixel_aspect * np.maximum(offset[0], 0.0), np.maximum(offset[1], 0.0)
-    n_disc = int(reach_px / ENVELOPE_STEP_PX) + 1
+    n_disc = int(ENVELOPE_PER_PX * reach_px) + 1
     largest = np.full(n_disc + 1, far)
     # A node stands for its surroundings: it counts as half a cell farther out than it is.
     half_cell = 0.5 * math.hypot(pixel_aspect / per_px[0], 1.0 / per_px[1])
     for row, line in zip(rows, np.abs(share64), strict=True):
-        disc = np.minimum((np.hypot(row, cols) + half_cell) / ENVELOPE_STEP_PX, n_disc).astype(np.int64)
+        disc = np.minimum(ENVELOPE_PER_PX * (np.hypot(row, cols) + half_cell), n_disc).astype(np.int64)
         np.maximum.at(largest, disc, line)
     # The smallest disc touches the source's own pixel, whatever its place in it.
     outside = (offset[0] > -0.75 / per_px[0])[:, None] | (offset[1] > -0.75 / per_px[1])

@@ -1,56 +1,59 @@
-"""How sharp a point's image is, for the count of nodes along a streak."""
+"""How sharp images of points are: what the count of nodes along a streak follows from."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
+import numpy.typing as npt
+from warpsim_kernels.streaks import NO_LIMIT
 
-from warpsim.optics.pattern import FIRST_DARK_RING
+from warpsim.optics.pattern import FIRST_DARK_RING, annular_transfer
 from warpsim.optics.psf import PsfAiry, PsfTable
-from warpsim.optics.transfer import annular_transfer
+from warpsim.optics.spline_image import spline_of
 
-_UNSEEN = 1e-7
-"""Parts of a transfer function below this do not count."""
+F64 = npt.NDArray[np.float64]
 
-
-@dataclass(frozen=True, slots=True)
-class Sharpness:
-    """Bounds of the transfer function of an image."""
-
-    width_px: float
-    """Sigma of a Gaussian whose transfer function is nowhere below the image's [px]."""
-    band_limit_per_px: float
-    """Highest spatial frequency of the image [1/px]; infinite where there is none."""
+LEAST_TRANSFER = 1e-7
+"""Frequencies that are weaker do not show in float32."""
+MARGIN = 0.98
+"""For what lies between the frequencies looked at."""
 
 
-def sharpness_of(psf: PsfAiry | PsfTable) -> Sharpness:
-    """Sharpness of a tabulated point spread function; that of its sharpest wavelength."""
-    if isinstance(psf, PsfAiry):
-        lamf_px = min(psf.radii_px) / FIRST_DARK_RING
-        width_px = math.hypot(airy_blur_lamf(psf.obscuration) * lamf_px, psf.smear_px)
-        return Sharpness(width_px, 1.0 / lamf_px)
-    return Sharpness(math.hypot(_image_blur_px(psf), psf.smear_px), math.inf)
+def sharpness(psf: PsfAiry | PsfTable) -> tuple[float, float]:
+    """Sigma [px] of the widest Gaussian whose transfer function is nowhere below the pattern's; band limit [1/px].
+
+    A streak of that Gaussian has all the detail that the pattern's has, so that rules which serve it serve the pattern.
+    """
+    if isinstance(psf, PsfTable):
+        return _bounding_sigma_px(*_image_transfer(psf)), float(NO_LIMIT)
+    lamf_px = [radius / FIRST_DARK_RING for radius in psf.radii_px]
+    frequency = np.linspace(0.001, 1.0, 1000, endpoint=False) / min(lamf_px)
+    transfer = sum(
+        part * annular_transfer(lamf * frequency, psf.obscuration)
+        for part, lamf in zip(psf.parts, lamf_px, strict=True)
+    )
+    blur = np.exp(-2.0 * (np.pi * psf.smear_px * frequency) ** 2)
+    return _bounding_sigma_px(frequency, transfer * blur), 1.0 / min(lamf_px)
 
 
-@lru_cache(maxsize=64)
-def airy_blur_lamf(obscuration: float) -> float:
-    """Sigma [lambda F] of the widest Gaussian whose transfer function is nowhere below that of an Airy pattern."""
-    frequency = np.linspace(0.002, 0.998, 499)
-    transfer = annular_transfer(frequency, obscuration)
-    return float(np.min(np.sqrt(-2.0 * np.log(transfer)) / (2.0 * np.pi * frequency)))
+def _bounding_sigma_px(frequency_per_px: F64, transfer: F64) -> float:
+    found = np.abs(transfer)
+    shows = (found > LEAST_TRANSFER) & (frequency_per_px > 0.0)
+    if not shows.any():
+        return math.inf
+    # A pattern with negative parts may let some frequencies through whole; nothing bounds it but sampling itself.
+    depth = np.maximum(-2.0 * np.log(np.minimum(found[shows], 1.0)), 0.02)
+    return float(MARGIN * np.min(np.sqrt(depth) / (2.0 * np.pi * frequency_per_px[shows])))
 
 
-def _image_blur_px(psf: PsfTable) -> float:
-    """The same of an image [px]; that of its samples where it is sharper, as the spline between them is."""
-    shape = tuple(2 * n for n in psf.image.shape)
-    transfer = np.abs(np.fft.rfft2(psf.image, shape)) / abs(psf.image.sum())
-    frequency = psf.oversample * np.hypot(np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1]))
-    seen = (transfer > _UNSEEN) & (frequency > 0.0)
-    narrowest_px = 0.3 / psf.oversample
-    if not seen.any():
-        return narrowest_px
-    ratio = np.sqrt(-2.0 * np.log(np.minimum(transfer[seen], 1.0))) / (2.0 * np.pi * frequency[seen])
-    return max(float(np.min(ratio)), narrowest_px)
+def _image_transfer(psf: PsfTable) -> tuple[F64, F64]:
+    """Frequencies [1/px] up to twice those that the samples can tell apart, and the spline's transfer function."""
+    spline = spline_of(psf.image, psf.oversample, psf.smear_px, 1.0)
+    whole = np.abs(np.fft.fft2(spline.coefficient))
+    rows, cols = (np.arange(n) / n for n in whole.shape)  # the spectrum of samples repeats: 0 to 1 covers it
+    transfer = whole * np.sinc(rows[:, None]) ** 4 * np.sinc(cols) ** 4
+    mirrored = np.roll(whole[::-1], 1, axis=0) * np.sinc(rows[:, None]) ** 4 * np.sinc(cols) ** 4
+    frequency = psf.oversample * np.hypot(rows[:, None], cols)
+    blur = np.exp(-2.0 * (np.pi * psf.smear_px * frequency) ** 2)
+    return frequency, np.maximum(transfer, mirrored) * blur

@@ -11,18 +11,14 @@ from warpsim_kernels.psf import TablePsf, table_functions
 
 from warpsim.optics.share_table import ShareTable
 
+MOST_LANES = 8
 
-def upload_tables(tables: Sequence[ShareTable], n_point: int, device: Any) -> tuple[wp.array, wp.array, wp.array]:
+
+def upload_tables(tables: Sequence[ShareTable], device: Any) -> tuple[wp.array, wp.array]:
     """Put tables on a device.
 
-    Args:
-        tables: One for each band.
-        n_point: Points per axis of their interpolation.
-        device: Where they are put.
-
     Returns:
-        The tables' structs (TablePsf), shape (n_table,); the flat array of shares and envelopes, float32; and the same
-        memory once more, with a vector from every float on, so that neighbours come in one load.
+        The tables' structs (TablePsf), shape (n_table,), and the flat array of shares and envelopes, float32.
     """
     structs, parts, start = [], [], 0
     for table in tables:
@@ -41,13 +37,18 @@ def upload_tables(tables: Sequence[ShareTable], n_point: int, device: Any) -> tu
         structs.append(struct)
         parts += [table.share.ravel(), table.envelope]
         start += table.share.size + len(table.envelope)
+    parts.append(np.zeros(MOST_LANES, dtype=np.float32))  # what a load at the end may reach
+    flat = wp.array(np.concatenate(parts), dtype=wp.float32, device=device)
+    return wp.array(structs, dtype=TablePsf, device=device), flat
+
+
+def lanes_of(flat: wp.array, n_point: int) -> wp.array:
+    """The same memory as an array of vectors, one from every float on: neighbours in a row come in one load."""
     n_lane = table_functions(n_point).n_lane
-    flat = wp.array(np.concatenate([*parts, np.zeros(n_lane)]), dtype=wp.float32, device=device)
-    lanes = wp.array(
+    return wp.array(
         ptr=flat.ptr,
         dtype=wp.types.vector(length=n_lane, dtype=wp.float32),
         shape=(flat.size - n_lane + 1,),
         strides=(4,),
-        device=device,
+        device=flat.device,
     )
-    return wp.array(structs, dtype=TablePsf, device=device), flat, lanes
