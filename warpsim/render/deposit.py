@@ -38,7 +38,7 @@ def deposit(
         shape: (n_row, n_col).
         device: Warp device; CUDA where present when left out.
         flux_error: No pixel is off by more than this fraction of a source's flux, truncation included; below 2e-7
-            float32 rounding decides, and below 5e-7 the table of an Airy pattern or an image. What falls outside the
+            float32 rounding decides, and below 6e-7 the table of an Airy pattern or an image. What falls outside the
             frame is absent; nothing is renormalised.
         movement_px: How each source moves about its position during the exposure: coefficients of the Legendre
             polynomials P_0, P_1 ... in t, which runs from -1 to 1 [px], shape (n, n_coefficient, 2). A source that
