@@ -148,7 +148,7 @@ def test_stamps_leave_out_what_the_rule_allows(device):
     images = []
     for allowed in (cut, 1e-9):
         signal = wp.empty((1, 1, 101, 61), dtype=wp.float32, device=device)
-        bank.deposit(sources, stamp_rule(0.0, allowed), 101, signal)
+        bank.deposit(sources, stamp_rule([0.0], allowed, device), 101, signal)
         images.append(signal.numpy()[0, 0])
     left_out = images[0] == 0
     assert left_out.any() and images[1][left_out].max() <= cut
