@@ -1,88 +1,155 @@
-"""Other ways to add up the light of sources, to compare with the product's: same stamps, other sums.
+"""Other ways to add up light than the product's, for comparison: one thread per source, and other sums.
 
-The product gathers: a thread owns rows of an image and adds sources in the order of their list, in float32. Here each
-thread owns a source and scatters its stamp: by float32 atomics, whose order (and last bits) is the hardware's on a GPU;
-by atomics on whole numbers, which any order leaves alike; by float64 atomics, whose order shows far less.
+The product gathers: a thread owns pixels and adds sources in list order, in float32. Here each source has a thread of
+its own and scatters its stamp, by float32 atomics (the order of additions varies from run to run on CUDA) or as whole
+numbers of a quantum (any order gives the same sum); and there is the gather in float64.
 """
-
-from __future__ import annotations
 
 import functools
 from typing import Any
 
 import numpy as np
 import warp as wp
-from warpsim_kernels.psf import gaussian_pixel_share
-from warpsim_kernels.stamps import nearest_pixel
+from warpsim_kernels.psf import TablePsf, table_functions, table_reach_px
+from warpsim_kernels.stamps import (
+    StampRule,
+    block_window,
+    columns_of_row,
+    stamp_around,
+    stamp_cut,
+    whole_image,
+)
 
-HALF_WIDTH_PX = wp.constant(3)
-WIDTH_PX = 7
-Columns = wp.types.vector(length=WIDTH_PX, dtype=wp.float32)
-FIXED_POINT_SCALE = 2.0**40
-"""Units of a fixed-point sum in a unit of light: 9e-13 of it each, and room for 8 million."""
+import warpsim as ws
+from warpsim.optics.table_upload import lanes_of, upload_tables
+from warpsim.optics.tables import share_table
+
+QUANTUM = 2.0**-40
+"""Of fixed-point sums, where the brightest source has the irradiance 1: 8e6 of them fit, and 1e-12 of one shows."""
 
 
 @functools.cache
-def make_scatter_kernel(dtype: Any, scale: float) -> wp.Kernel:
-    """Kernel that adds Gaussian stamps of 7 x 7 pixels by atomics, one thread per source."""
+def make_scatter_kernel(n_point: int, fixed_point: bool) -> wp.Kernel:
+    """Kernel with one thread per source; sums are float32, or int64 in units of QUANTUM."""
+    read = table_functions(n_point)
+    lanes_type = wp.types.vector(length=read.n_lane, dtype=wp.float32)
+    sum_type = wp.int64 if fixed_point else wp.float32
+    column_axis, row_axis = read.column_axis, read.row_axis
+    column_nodes, row_nodes, pixel_share = read.column_nodes, read.row_nodes, read.share
 
     @wp.kernel(module="unique", enable_backward=False)
     def scatter_kernel(
         # in
         xy_px: wp.array[wp.vec2d],  # (n_source,)
-        strength: wp.array[float],  # (n_source,)
-        sigma_px: float,
+        irradiance: wp.array[float],  # (n_source,)
+        psfs: wp.array[TablePsf],  # (1,)
+        table: wp.array[float],
+        lanes: wp.array[lanes_type],
+        rule: StampRule,
         # out (accumulated)
-        image: wp.array2d[dtype],  # (n_row, n_col)
+        image: wp.array2d[sum_type],  # (n_row, n_col)
     ):
         source = wp.tid()
-        place = xy_px[source]
-        first_column = nearest_pixel(place[0]) - HALF_WIDTH_PX
-        first_row = nearest_pixel(place[1]) - HALF_WIDTH_PX
-        share = Columns()
-        for i in range(wp.static(WIDTH_PX)):
-            share[i] = gaussian_pixel_share(wp.float64(first_column + i) - place[0], sigma_px)
-        for j in range(wp.static(WIDTH_PX)):
-            y = first_row + j
-            line = strength[source] * gaussian_pixel_share(wp.float64(y) - place[1], sigma_px)
-            if y >= 0 and y < image.shape[0]:
-                for i in range(wp.static(WIDTH_PX)):
-                    x = first_column + i
-                    if x >= 0 and x < image.shape[1]:
-                        if wp.static(scale == 1.0):
-                            wp.atomic_add(image, y, x, dtype(line * share[i]))
-                        else:
-                            units = wp.float64(line * share[i]) * wp.float64(wp.static(scale)) + wp.float64(0.5)
-                            wp.atomic_add(image, y, x, dtype(wp.floor(units)))
+        psf = psfs[0]
+        strength = irradiance[source]
+        place_px = xy_px[source]
+        window = whole_image(image.shape[0], image.shape[1])
+        reach_px = table_reach_px(table, psf, stamp_cut(strength, 0, rule))
+        stamp = stamp_around(place_px, reach_px, psf.pixel_aspect, window)
+        across = column_axis(wp.float64(stamp.column) - place_px[0], psf)
+        down = row_axis(wp.float64(stamp.row) - place_px[1], psf)
+        for row in range(stamp.window.first_row, stamp.window.end_row):
+            in_row = row_nodes(down, row - stamp.row, psf)
+            columns = columns_of_row(stamp, row)
+            for column in range(columns[0], columns[1]):
+                share = pixel_share(lanes, psf, in_row, column_nodes(across, column - stamp.column, psf))
+                if wp.static(fixed_point):
+                    light = wp.float64(strength) * wp.float64(share)
+                    wp.atomic_add(image, row, column, wp.int64(wp.round(light * wp.static(wp.float64(1.0 / QUANTUM)))))
+                else:
+                    wp.atomic_add(image, row, column, strength * share)
 
     return scatter_kernel
 
 
-VARIANTS: dict[str, tuple[Any, float]] = {
-    "scattered, float32 atomics": (wp.float32, 1.0),
-    "scattered, float64 atomics": (wp.float64, 1.0),
-    "scattered, 64-bit fixed point": (wp.int64, FIXED_POINT_SCALE),
-}
+@functools.cache
+def make_gather_kernel(n_point: int, real: Any) -> wp.Kernel:
+    """The product's gather for one image, with sums of a type."""
+    read = table_functions(n_point)
+    lanes_type = wp.types.vector(length=read.n_lane, dtype=wp.float32)
+    column_axis, row_axis = read.column_axis, read.row_axis
+    column_nodes, row_nodes, pixel_share = read.column_nodes, read.row_nodes, read.share
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def gather_kernel(
+        # in
+        xy_px: wp.array[wp.vec2d],  # (n_source,)
+        irradiance: wp.array[float],  # (n_source,)
+        psfs: wp.array[TablePsf],  # (1,)
+        table: wp.array[float],
+        lanes: wp.array[lanes_type],
+        rule: StampRule,
+        n_row_per_block: int,
+        # out (accumulated)
+        image: wp.array2d[real],  # (n_row, n_col)
+    ):
+        window = block_window(image.shape[0], image.shape[1], wp.tid(), n_row_per_block)
+        psf = psfs[0]
+        for source in range(xy_px.shape[0]):
+            strength = irradiance[source]
+            place_px = xy_px[source]
+            reach_px = table_reach_px(table, psf, stamp_cut(strength, 0, rule))
+            stamp = stamp_around(place_px, reach_px, psf.pixel_aspect, window)
+            if stamp.window.first_row < stamp.window.end_row:
+                across = column_axis(wp.float64(stamp.column) - place_px[0], psf)
+                down = row_axis(wp.float64(stamp.row) - place_px[1], psf)
+                for row in range(stamp.window.first_row, stamp.window.end_row):
+                    in_row = row_nodes(down, row - stamp.row, psf)
+                    columns = columns_of_row(stamp, row)
+                    for column in range(columns[0], columns[1]):
+                        share = pixel_share(lanes, psf, in_row, column_nodes(across, column - stamp.column, psf))
+                        image[row, column] += real(strength) * real(share)
+
+    return gather_kernel
 
 
-class Scatter:
-    """Sources ready to be scattered."""
+VARIANTS = ("gather float32", "gather float64", "scatter float32", "scatter fixed point")
 
-    def __init__(self, name: str, xy_px: Any, strength: Any, sigma_px: float, n_pixel: int, device: Any) -> None:
-        dtype, self.scale = VARIANTS[name]
-        self.kernel = make_scatter_kernel(dtype, self.scale)
-        self.image = wp.zeros((n_pixel, n_pixel), dtype=dtype, device=device)
-        self.inputs = [
-            wp.array(xy_px, dtype=wp.vec2d, device=device),
-            wp.array(strength, dtype=wp.float32, device=device),
-            sigma_px,
-        ]
 
-    def draw(self) -> None:
-        """Draw all sources into a new image."""
+class Variant:
+    """One way to draw sources on one image.
+
+    Args:
+        name: One of VARIANTS; "gather float32" is the product's way.
+        psf: An Airy pattern.
+        shape: (n_row, n_col).
+        device: Where it is drawn.
+        n_row_per_block: Rows that a gathering thread owns.
+    """
+
+    def __init__(self, name: str, psf: ws.PsfAiry, shape: tuple[int, int], device: Any, n_row_per_block: int) -> None:
+        table = share_table(psf)
+        self._psf, self._table = upload_tables([table], device)
+        self._lanes = lanes_of(self._table, table.n_point)
+        self._gathers, self._fixed = name.startswith("gather"), name.endswith("fixed point")
+        real = wp.float64 if name.endswith("float64") else wp.float32
+        if self._gathers:
+            self._kernel = make_gather_kernel(table.n_point, real)
+        else:
+            self._kernel = make_scatter_kernel(table.n_point, self._fixed)
+        self._n_row_per_block = n_row_per_block
+        self.image = wp.zeros(shape, dtype=wp.int64 if self._fixed else real, device=device)
+
+    def draw(self, xy_px: wp.array, irradiance: wp.array, rule: Any) -> None:
+        """Overwrite the image; the brightest irradiance is 1 at most."""
         self.image.zero_()
-        wp.launch(self.kernel, self.inputs[0].shape[0], self.inputs, [self.image], device=self.image.device)
+        inputs = [xy_px, irradiance, self._psf, self._table, self._lanes, rule]
+        n_block = -(-self.image.shape[0] // self._n_row_per_block)
+        if self._gathers:
+            wp.launch(self._kernel, n_block, [*inputs, self._n_row_per_block], [self.image], device=self.image.device)
+        else:
+            wp.launch(self._kernel, len(xy_px), inputs, [self.image], device=self.image.device)
 
-    def image_f64(self) -> Any:
-        """The image in units of light."""
-        return self.image.numpy().astype(np.float64) / self.scale
+    def values(self) -> np.ndarray:
+        """The image in units of irradiance, float64."""
+        return np.asarray(self.image.numpy(), dtype=np.float64) * (QUANTUM if self._fixed else 1.0)

@@ -6,8 +6,8 @@
 The deposit alone, one thread, thousands of sources at random places of one image. Ways to draw: error functions for a
 Gaussian, share tables of several orders and errors for Gaussian and Airy patterns; stamps that leave out more or less;
 streaks by more or fewer nodes; sums in float32, float64 and fixed point. The error is that of the worst pixel of single
-sources of unit light at random places, against float64 quadrature written here; of sums, that of the brightest pixel's
-neighbourhood in a crowd, as a share of its light.
+sources of unit light at random places, against float64 quadrature written here; of sums, that of the worst pixel of a
+crowd, as a share of the brightest one.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from deposit_variants import VARIANTS, Scatter
 from scipy.special import ndtr
 from test_fps import pixel_share
 
 import warpsim as ws
+from benchmarks.deposit_variants import VARIANTS, Variant
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
 from warpsim.optics.tables import TableAccuracy
 from warpsim.render.streaks import paths_struct
@@ -175,39 +175,21 @@ def test_streaks(benchmark, error):
         )
 
 
-def crowd() -> tuple[Any, Any]:
-    """Sources on few pixels, hundreds to each: places, and light from 1e-3 to 1."""
-    rng = np.random.default_rng(5)
-    return rng.uniform(100, 120, (N_SOURCE * 5, 2)), (10 ** rng.uniform(-3, 0, N_SOURCE * 5)).astype(np.float32)
-
-
-def crowd_sum(xy_px: Any, strength: Any) -> Any:
-    """The crowd's image in float64, stamps of 7 x 7 pixels."""
-    image = np.zeros((N_PIXEL, N_PIXEL))
-    steps = np.arange(-3, 4)
-    for (x, y), light in zip(xy_px, strength.astype(np.float64), strict=True):
-        columns, rows = int(np.floor(x + 0.5)) + steps, int(np.floor(y + 0.5)) + steps
-        image[np.ix_(rows, columns)] += light * np.outer(gaussian_axis(rows - y), gaussian_axis(columns - x))
-    return image
-
-
-@pytest.mark.parametrize("name", ["gathered, float32 in the order of the list", *VARIANTS])
-def test_sums(benchmark, name):
-    xy_px, strength = crowd()
-    if name in VARIANTS:
-        scatter = Scatter(name, xy_px, strength, SIGMA_PX, N_PIXEL, "cpu")
-        draw, image = scatter.draw, scatter.image_f64
-    else:
-        # The smallest share of a stamp of 7 x 7 pixels is far below the cut: stamps are as large, or a little larger.
-        drawing = Drawing(ws.PsfGaussian(SIGMA_PX), None, xy_px, stamp_rule([0.0], 2e-5, "cpu"))
-        drawing.sources[2] = wp.array(strength[None, None], dtype=wp.float32, device="cpu")
-        draw, image = drawing, drawing
-    benchmark.pedantic(draw, rounds=9 if benchmark.enabled else 1, warmup_rounds=1)
+@pytest.mark.parametrize("n_source", [1000, 100_000])
+@pytest.mark.parametrize("name", VARIANTS)
+def test_sums(benchmark, name, n_source):
+    """Gathered or scattered, in float32, float64 or fixed point; errors are those of the sums, against float64."""
+    psf, rule = AIRY, stamp_rule([0.0], 1e-4, "cpu")
+    rng = np.random.default_rng(1)
+    xy_px = wp.array(rng.uniform(MARGIN, N_PIXEL - MARGIN, (n_source, 2)), dtype=wp.vec2d, device="cpu")
+    strength = wp.array(rng.uniform(0.1, 1.0, n_source), dtype=wp.float32, device="cpu")
+    way, exact = (Variant(kind, psf, (N_PIXEL, N_PIXEL), "cpu", N_PIXEL) for kind in (name, "gather float64"))
+    benchmark.pedantic(way.draw, args=(xy_px, strength, rule), rounds=9 if benchmark.enabled else 1, warmup_rounds=1)
     if benchmark.stats is not None:
-        exact = crowd_sum(xy_px, strength)
+        exact.draw(xy_px, strength, rule)
         benchmark.extra_info.update(
-            group="sums",
+            group=f"sums of {n_source:,} sources",
             way=name,
-            ns_per_source=benchmark.stats.stats.median / len(xy_px) * 1e9,
-            deposit_error=float(np.abs(image() - exact)[104:117, 104:117].max() / exact.max()),
+            ns_per_source=benchmark.stats.stats.median / n_source * 1e9,
+            deposit_error=float(np.abs(way.values() - exact.values()).max() / exact.values().max()),
         )

@@ -125,12 +125,13 @@ def stars_on_the_rim(
 def stamp_half_width_px(irradiance_w_cm2, scene):
     """Half-widths by the documented rule, and where rounding may decide otherwise; shape (n_band, n_star) each.
 
-    A pixel beyond the stamp begins at least half_width from the source: it holds less than exp(-h^2 / 2 sigma^2) / 2
-    of the light, and that must be below the cut, or 1e-11 of the source where that is more.
+    A pixel beyond the stamp begins at least half_width from the source: it holds less than exp(-h^2 / 2 sigma^2) times
+    1/2 and times the peak 1 / 2 pi sigma^2, and that must be below the cut, or 1e-15 of the source where that is more.
     """
-    cut = np.maximum(scene.optics.stamp_cut_nei * scene.detector.nei_w_cm2 / irradiance_w_cm2, 1e-11)
-    reach = SIGMA_PX * np.sqrt(-2 * np.log(np.minimum(2 * cut, 1.0)))
-    return np.where(cut >= 0.5, 0, np.ceil(reach)), np.abs(reach - np.rint(reach)) < 1e-4
+    cut = np.maximum(scene.optics.stamp_cut_nei * scene.detector.nei_w_cm2 / irradiance_w_cm2, 1e-15)
+    highest = min(0.5, 1 / (2 * np.pi * SIGMA_PX**2))
+    reach = SIGMA_PX * np.sqrt(-2 * np.log(np.minimum(cut / highest, 1.0)))
+    return np.where(cut >= highest, 0, np.ceil(reach)), np.abs(reach - np.rint(reach)) < 1e-4
 
 
 def light_on_the_frame(xy_px, irradiance_w_cm2, camera):

@@ -86,7 +86,7 @@ def make_deposit_gaussian_kernel(streaks: bool) -> wp.Kernel:
     ):
         view, band, block = wp.tid()
         image = signal_w_cm2[view, band]
-        window = block_window(image, block, n_row_per_block)
+        window = block_window(image.shape[0], image.shape[1], block, n_row_per_block)
         sigma = sigma_px[band]
         aspect = sigma[0] / sigma[1]
         for slot in range(n_source[view]):

@@ -166,7 +166,7 @@ def make_deposit_table_kernel(n_point: int, streaks: bool) -> wp.Kernel:
     ):
         view, band, block = wp.tid()
         image = signal_w_cm2[view, band]
-        window = block_window(image, block, n_row_per_block)
+        window = block_window(image.shape[0], image.shape[1], block, n_row_per_block)
         psf = psfs[band]
         for slot in range(n_source[view]):
             irradiance = source_irradiance_w_cm2[view, band, slot]

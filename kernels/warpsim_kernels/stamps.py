@@ -51,13 +51,22 @@ class Window:
 
 
 @wp.func
-def block_window(image: wp.array2d[float], block: int, n_row_per_block: int) -> Window:
-    """The rows of an image that the thread of a block owns."""
+def whole_image(n_row: int, n_col: int) -> Window:
+    """All pixels of an image."""
     window = Window()
     window.first_column = 0
-    window.end_column = image.shape[1]
+    window.end_column = n_col
+    window.first_row = 0
+    window.end_row = n_row
+    return window
+
+
+@wp.func
+def block_window(n_row: int, n_col: int, block: int, n_row_per_block: int) -> Window:
+    """The rows of an image that the thread of a block owns."""
+    window = whole_image(n_row, n_col)
     window.first_row = block * n_row_per_block
-    window.end_row = wp.min(window.first_row + n_row_per_block, image.shape[0])
+    window.end_row = wp.min(window.first_row + n_row_per_block, n_row)
     return window
 
 

@@ -91,9 +91,7 @@ class GaussianBank:
 class TableBank:
     """Patterns as tables of pixel shares."""
 
-    def __init__(
-        self, psfs: Sequence[TabulatedPsf], device: Any, pixel_aspect: float, accuracy: TableAccuracy
-    ) -> None:
+    def __init__(self, psfs: Sequence[TabulatedPsf], device: Any, pixel_aspect: float, accuracy: TableAccuracy) -> None:
         n_point = accuracy.n_point or cheapest_points(psfs, pixel_aspect, accuracy.error)
         tables = [share_table(psf, pixel_aspect, accuracy.error, n_point) for psf in psfs]
         self._psf, self._table = upload_tables(tables, device)
@@ -152,9 +150,7 @@ def psf_bank(
     return TableBank(tabulated, device, pixel_aspect, accuracy or TableAccuracy())
 
 
-def stamp_rule(
-    cut_w_cm2: Sequence[float], cut_share: float, device: Any, streak_error: float = STREAK_ERROR
-) -> Any:
+def stamp_rule(cut_w_cm2: Sequence[float], cut_share: float, device: Any, streak_error: float = STREAK_ERROR) -> Any:
     """The kernels' StampRule on a device.
 
     Args:

@@ -109,7 +109,7 @@ def _cost_ns(n_point: int, n_node: int, n_hot: int) -> float:
 
     n_hot counts the nodes that the stamps of faint sources read.
     """
-    return (10.0 + 0.8 * n_point**2) * (1.0 + n_node / 4e6 + n_hot / 1e6)
+    return (4.5 + 0.17 * n_point**2) * (1.0 + n_node / 4e6 + n_hot / 1e6)
 
 
 HOT_PX = 4.0
