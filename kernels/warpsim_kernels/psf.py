@@ -83,9 +83,10 @@ class TablePsf:
     reach_column_px: float  # offsets up to here lie inside the table
     reach_row_px: float  # in pixel heights
     pixel_aspect: float  # height of a pixel over its width
-    wing_px3: float  # beyond, share = wing / r^3 * (1 + (next + aspect * dx^2 / r^2) / r^2), r in pixel widths
+    wing_px3: float  # beyond, share = wing / r^3 * (1 + (next + aspect * dx^2 / r^2 + last / r^2) / r^2), r in widths
     wing_next_px2: float
     wing_aspect_px2: float
+    wing_last_px4: float
     envelope: int  # where the envelope begins: largest share that a disc of radius 0, 1/4, 1/2 ... does not touch
     n_envelope: int
     tail_px3: float  # farther out no pixel holds more than tail / r^3, r = distance of its centre; 0: nothing
@@ -118,7 +119,7 @@ def table_wing(psf: TablePsf, x_px: float, y_px: float) -> float:
     """Share of a pixel beyond the table, at a distance from the source in pixel widths along both axes."""
     x2 = x_px * x_px
     inverse2 = 1.0 / (x2 + y_px * y_px)
-    more = (psf.wing_next_px2 + psf.wing_aspect_px2 * x2 * inverse2) * inverse2
+    more = (psf.wing_next_px2 + (psf.wing_aspect_px2 * x2 + psf.wing_last_px4) * inverse2) * inverse2
     return psf.wing_px3 * inverse2 * wp.sqrt(inverse2) * (1.0 + more)
 
 

@@ -33,8 +33,9 @@ F64 = NDArray[np.float64]
 MIN_REACH_PX = 1.0
 WING_PART = 0.65
 """Part of the error that the wing may take at the reach, on sampled offsets."""
-SAMPLE_MARGIN = 1.25
-"""Samples may miss the worst offset: the error stated is this much larger than the largest one found."""
+SAMPLE_MARGIN = 1.2
+ROUNDING_MARGIN = 5e-8
+"""Samples may miss the worst offset: see stated_error()."""
 ROUNDING = 2.5e-8
 """What float32 shares, weights and sums may add, per point of the interpolation."""
 N_REFINE = 6
@@ -62,14 +63,24 @@ def airy_table(pattern: AiryPattern, pixel_aspect: float, error: float, n_point:
     for _ in range(N_REFINE):
         table = _table(flow, pattern, pixel_aspect, reach_px, step_px, n_point)
         inside, outside = _measured_errors(table, flow)
-        worst = SAMPLE_MARGIN * max(inside, outside)
+        worst = stated_error(max(inside, outside))
         if worst <= error:
             return replace(table, error=worst)
-        if SAMPLE_MARGIN * outside > error:
+        if stated_error(outside) > error:
             reach_px = _longer(reach_px)
-        if SAMPLE_MARGIN * inside > error:
+        if stated_error(inside) > error:
             step_px *= 0.95 * min(1.0, (0.75 * error / inside) ** (1.0 / n_point))
     raise InputError(f"airy table: error: {error:g} is too small for float32, reached {worst:.2g}")
+
+
+def stated_error(found: float) -> float:
+    """Return the error that a table states, from the largest one found on samples."""
+    return SAMPLE_MARGIN * found + ROUNDING_MARGIN
+
+
+def goal_of_interpolation(error: float, n_point: int) -> float:
+    """Return how wrong interpolation alone may be, so that a table keeps an error."""
+    return max(0.75 * (error - ROUNDING_MARGIN) / SAMPLE_MARGIN - ROUNDING * n_point, 0.15 * error)
 
 
 def airy_table_shapes(
@@ -96,14 +107,18 @@ def _reach_limit_px(pattern: AiryPattern, pixel_aspect: float, tolerance: float)
     """Return a distance from which the wing is within a tolerance for certain [px].
 
     Its error is what is left of the rings, the next terms of the means over pixel and blur (0.22 a^4 / r^7 at most,
-    225 / 8 s^4 / r^7), and the blurred core.
+    230 s^6 / r^9), and the blurred core.
     """
     small, large = min(1.0, pixel_aspect), max(1.0, pixel_aspect)
     smear = pattern.smear_px
     reach_px = MIN_REACH_PX
     while True:
         ripple_px3 = pattern.ripples_px3(reach_px, small)
-        next_px3 = pattern.wing_px3 * (0.22 * large**4 + 40.0 * smear**4) / reach_px**4
+        next_px3 = (
+            pattern.wing_px3
+            * (0.22 * large**4 + 10.0 * smear**2 * large**2 + 350.0 * smear**6 / reach_px**2)
+            / reach_px**4
+        )
         inner_px = reach_px - 0.5 * large
         core = math.exp(-0.5 * (inner_px / smear) ** 2) / (2.0 * math.pi * smear**2) if smear > 0.0 else 0.0
         if pixel_aspect * ((ripple_px3 + next_px3) / reach_px**3 + core) <= tolerance:
@@ -118,7 +133,7 @@ def _measured_reach_px(
 
     It is worst on the axes, where the pixel's edge follows a ring. Multiples of half a pixel.
     """
-    wing = pixel_wing(pattern.wing_px3, pattern.wing_next_px2, pixel_aspect)
+    wing = pixel_wing(pattern.wing_px3, pattern.smear_px, pixel_aspect)
     r_px = np.linspace(MIN_REACH_PX, limit_px + 1.0, 1201) + np.random.default_rng(7).uniform(0.0, 1e-3, 1201)
     reach = []
     for axis, height in ((0, pixel_aspect), (1, 1.0)):
@@ -126,7 +141,7 @@ def _measured_reach_px(
         offset[axis] = r_px / height
         exact = pixel_shares(flow, offset[1], offset[0], pixel_aspect)
         x2 = (offset[1] / r_px) ** 2
-        law = wing[0] / r_px**3 * (1.0 + (wing[1] + wing[2] * x2) / r_px**2)
+        law = wing.px3 / r_px**3 * (1.0 + (wing.next_px2 + wing.aspect_px2 * x2 + wing.last_px4 / r_px**2) / r_px**2)
         wrong = np.flatnonzero(np.abs(exact - law) > tolerance)
         beyond_px = r_px[wrong[-1]] if len(wrong) else MIN_REACH_PX
         reach.append(max(0.5 * math.ceil(2.0 * beyond_px / height), MIN_REACH_PX))
@@ -136,7 +151,7 @@ def _measured_reach_px(
 def _step_px(flow: FlowProfile, pixel_aspect: float, error: float, n_point: int) -> float:
     """Return the distance of nodes at which interpolation keeps the error, judged along the axes [px]."""
     both = 2.0 if flow.scale_px > 0.3 else 1.0  # at a sharp pattern's edges one axis is smooth where the other is not
-    goal = max(0.75 * error / SAMPLE_MARGIN - ROUNDING * n_point, 0.15 * error) / both
+    goal = goal_of_interpolation(error, n_point) / both
     step_px = flow.scale_px / (2.0 * n_point)
     longest_px = min(0.5 * max(1.0, pixel_aspect), 0.7 * flow.scale_px)
     for _ in range(8):
@@ -195,11 +210,11 @@ def _table(
     share64 = half[np.ix_(*mirror)]
     share32 = share64.astype(np.float32)
     share32.flags.writeable = False
-    wing = pixel_wing(pattern.wing_px3, pattern.wing_next_px2, pixel_aspect)
+    wing = pixel_wing(pattern.wing_px3, pattern.smear_px, pixel_aspect)
     small, least_px = min(1.0, pixel_aspect), min(reach_px[0] * pixel_aspect, reach_px[1])
-    next_px2 = max(wing[1], 0.0) + max(wing[2], 0.0)
+    next_px2 = max(wing.next_px2, 0.0) + max(wing.aspect_px2, 0.0) + wing.last_px4 / least_px**2
     ripple_px3 = pixel_aspect * pattern.ripples_px3(math.inf, small)
-    far_px3 = 1.05 * (wing[0] * (1.0 + next_px2 / least_px**2) + ripple_px3)
+    far_px3 = 1.05 * (wing.px3 * (1.0 + next_px2 / least_px**2) + ripple_px3)
     return ShareTable(
         share=share32,
         n_point=n_point,
@@ -230,7 +245,7 @@ def _measured_errors(table: ShareTable, flow: FlowProfile) -> tuple[float, float
 
 def _inside(table: ShareTable, rng: np.random.Generator, reach: F64, scale: F64) -> F64:
     """Return offsets within a table: with the source near the pixel's edges and corners, near its centre, anywhere."""
-    n = 500
+    n = 1000
     sharp = np.minimum(scale, 1.0)
     corner = 0.5 + 1.5 * sharp * rng.uniform(-1.0, 1.0, (2, 2 * n))
     edge = 0.5 + 1.5 * sharp * rng.uniform(-1.0, 1.0, (2, n))

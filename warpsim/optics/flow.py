@@ -161,11 +161,15 @@ def _corner_flux(flow: FlowProfile, steps_px: tuple[float, float], n_node: tuple
     """
     step_y, step_x = steps_px
     g = _flow_on_grid(flow, steps_px, (n_node[0] + N_PAIR, n_node[1] + N_PAIR))
-    along_x = _primitive(g[: n_node[0]].T, n_node[1]).T
-    along_x *= (step_x * step_y * np.arange(n_node[0]))[:, None]
-    along_y = _primitive(g[:, : n_node[1]], n_node[0])
-    along_y *= step_x * step_y * np.arange(n_node[1])
-    return np.asarray(along_x + along_y)
+    corner = np.empty(n_node)
+    block = 128  # lines at a time, to bound memory
+    for start in range(0, n_node[0], block):
+        rows = np.arange(start, min(start + block, n_node[0]))
+        corner[rows] = _primitive(g[rows].T, n_node[1]).T * (step_x * step_y * rows)[:, None]
+    for start in range(0, n_node[1], block):
+        cols = np.arange(start, min(start + block, n_node[1]))
+        corner[:, cols] += _primitive(g[:, cols], n_node[0]) * (step_x * step_y * cols)
+    return corner
 
 
 def _primitive(g: F64, n_node: int) -> F64:

@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.optics.airy import N_REFINE, ROUNDING, SAMPLE_MARGIN
-from warpsim.optics.share_table import N_MARGIN, ShareTable, check_size, envelope, lagrange_weights, share
+from warpsim.optics.airy import N_REFINE, goal_of_interpolation, stated_error
+from warpsim.optics.share_table import N_MARGIN, ShareTable, Wing, check_size, envelope, lagrange_weights, share
 from warpsim.optics.spline_image import SplineImage
 
 F64 = NDArray[np.float64]
 
-N_SAMPLE = 2000
-N_PROBE = 150
+N_SAMPLE = 80
+"""Offsets along each axis, in all pairs, on which a table's error is measured."""
+N_PROBE = 24
+"""The same to find the distance of its nodes."""
 
 
 def image_table(pattern: SplineImage, error: float, n_point: int) -> ShareTable:
@@ -33,13 +35,13 @@ def image_table(pattern: SplineImage, error: float, n_point: int) -> ShareTable:
     step_px = _step_px(pattern, error, n_point)
     for _ in range(N_REFINE):
         table = _table(pattern, step_px, n_point)
-        dx_px, dy_px = _samples(pattern, N_SAMPLE).astype(np.float32)
-        exact = pattern.shares(dx_px.astype(np.float64), dy_px.astype(np.float64))
-        found = float(np.max(np.abs(share(table, dx_px, dy_px) - exact)))
-        if SAMPLE_MARGIN * found <= error:
-            return replace(table, error=SAMPLE_MARGIN * found)
+        x, y = (axis.astype(np.float32) for axis in _samples(pattern, N_SAMPLE))
+        exact = pattern.shares_on_grid(x.astype(np.float64), y.astype(np.float64))
+        found = float(np.max(np.abs(share(table, *np.meshgrid(x, y)) - exact)))
+        if stated_error(found) <= error:
+            return replace(table, error=stated_error(found))
         step_px *= 0.95 * min(1.0, (0.75 * error / found) ** (1.0 / min(n_point, 5)))
-    raise InputError(f"psf table: error: {error:g} is too small for float32, reached {SAMPLE_MARGIN * found:.2g}")
+    raise InputError(f"psf table: error: {error:g} is too small for float32, reached {stated_error(found):.2g}")
 
 
 def image_table_shape(pattern: SplineImage, error: float, n_point: int) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -48,37 +50,33 @@ def image_table_shape(pattern: SplineImage, error: float, n_point: int) -> tuple
     return shape, per_px
 
 
-def _samples(pattern: SplineImage, n: int) -> F64:
-    """Offsets dx, dy to try, shape (2, n): half of them near the brightest places."""
+def _samples(pattern: SplineImage, n: int) -> tuple[F64, F64]:
+    """Offsets dx and dy to try, in all pairs, shape (n,) each: most of them near the brightest places."""
     rng = np.random.default_rng(0)
-    half_y, half_x = pattern.half_size_px
-    wide = rng.uniform(-1.0, 1.0, (2, n)) * [[half_x], [half_y]]
-    row, col = np.unravel_index(
-        np.argsort(np.abs(pattern.coefficient), axis=None)[::-1][:16], pattern.coefficient.shape
-    )
-    n_row, n_col = pattern.coefficient.shape
-    pick = rng.integers(0, len(row), n // 2)
-    x_px = (col[pick] - 0.5 * (n_col - 1)) / pattern.oversample
-    y_px = (row[pick] - 0.5 * (n_row - 1)) / pattern.oversample / pattern.pixel_aspect
-    edge = rng.choice([-0.5, 0.0, 0.5], (2, n // 2)) + rng.normal(0.0, 1.0, (2, n // 2)) / pattern.oversample
-    wide[:, : n // 2] = np.clip(np.stack([x_px, y_px]) + edge, [[-half_x], [-half_y]], [[half_x], [half_y]])
-    return wide
+    brightness = np.abs(pattern.coefficient)
+    offsets = []
+    for axis, half in enumerate(pattern.half_size_px):
+        bright = np.argsort(brightness.sum(axis=1 - axis))[::-1][:8]
+        place = (rng.choice(bright, n) - 0.5 * (brightness.shape[axis] - 1)) / pattern.oversample
+        place += rng.choice([-0.5, 0.0, 0.5], n) + rng.normal(0.0, 1.0, n) / pattern.oversample
+        place[: n // 4] = rng.uniform(-half, half, n // 4)
+        offsets.append(np.clip(place / (pattern.pixel_aspect if axis == 0 else 1.0), -half, half))
+    return offsets[1], offsets[0]
 
 
 def _step_px(pattern: SplineImage, error: float, n_point: int) -> float:
     """Return the distance of nodes at which interpolation keeps the error on samples [px]."""
-    goal = max(0.75 * error / SAMPLE_MARGIN - ROUNDING * n_point, 0.15 * error)
+    goal = goal_of_interpolation(error, n_point)
     step_px = 1.0 / pattern.oversample
     dx_px, dy_px = _samples(pattern, N_PROBE)
-    exact = pattern.shares(dx_px, dy_px)
-    u = np.array([0.5])
-    weight = np.array([w[0] for w in lagrange_weights(u, n_point)])
+    exact = pattern.shares_on_grid(dx_px, dy_px)
+    weight = np.array([w[0] for w in lagrange_weights(np.array([0.5]), n_point)])
     place = np.arange(n_point) - (0.5 * n_point - 0.5)
     for _ in range(8):
-        x = (dx_px[:, None, None] + step_px * place + 0.0 * place[:, None]).ravel()
-        y = (dy_px[:, None, None] + step_px / pattern.pixel_aspect * place[:, None] + 0.0 * place).ravel()
-        nodes = pattern.shares(x, y).reshape(-1, n_point, n_point)
-        found = float(np.abs(nodes @ weight @ weight - exact).max())
+        x = (dx_px[:, None] + step_px * place).ravel()
+        y = (dy_px[:, None] + step_px / pattern.pixel_aspect * place).ravel()
+        nodes = pattern.shares_on_grid(x, y).reshape(N_PROBE, n_point, N_PROBE, n_point)
+        found = float(np.abs(np.einsum("ajbi,j,i->ab", nodes, weight, weight, optimize=True) - exact).max())
         factor = min(2.0, (goal / max(found, 1e-300)) ** (1.0 / min(n_point, 5)))
         step_px = min(step_px * factor, 1.0)
         if 0.95 < factor < 1.05:
@@ -113,7 +111,7 @@ def _table(pattern: SplineImage, step_px: float, n_point: int) -> ShareTable:
         mirrored=False,
         reach_px=reach_px,
         pixel_aspect=pattern.pixel_aspect,
-        wing=(0.0, 0.0, 0.0),
+        wing=Wing(),
         envelope=envelope(share64, per_px, zero, pattern.pixel_aspect, corner_px + 2.0, 0.0),
         tail_px3=0.0,
         error=math.nan,

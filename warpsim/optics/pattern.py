@@ -55,11 +55,6 @@ class AiryPattern:
         mean_px = sum(w * lamf for w, lamf in zip(self.weight, self.lamf_px, strict=True))
         return mean_px / math.pi**3 / (1.0 - self.obscuration)
 
-    @property
-    def wing_next_px2(self) -> float:
-        """The blur turns w / r^3 into w / r^3 (1 + this / r^2): (s^2 / 2) times the Laplacian of r^-3 [px2]."""
-        return 4.5 * self.smear_px**2
-
     def ripples_px3(self, r_px: float, pixel_px: float) -> float:
         """Return r^3 times what the wing leaves out of the mean over a pixel at distance r, an upper bound.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import warnings
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Annotated, Any
@@ -68,8 +69,10 @@ def _fits(source: Source) -> npt.NDArray[Any]:
     if not source.data.startswith(b"SIMPLE"):
         raise source.error(0, "must be a FITS image or a NumPy array (.npy)")
     try:
-        with fits.open(io.BytesIO(source.data)) as units:
-            images = [unit.data for unit in units if unit.is_image and unit.data is not None]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # headers that are not quite FITS
+            with fits.open(io.BytesIO(source.data)) as units:
+                images = [unit.data for unit in units if unit.is_image and unit.data is not None]
     except Exception as error:  # astropy's own and those of the layers below
         words = (str(error).strip().splitlines() or [type(error).__name__])[0]
         raise source.error(0, f"cannot be read as FITS: {words}") from None

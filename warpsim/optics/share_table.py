@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,8 +29,17 @@ N_MARGIN = 4
 ENVELOPE_PER_PX = 4
 """Discs per pixel of radius in ShareTable.envelope; the kernels' own number."""
 
-LARGEST_N_NODE = 2**23
-"""Nodes of the largest table (32 MB)."""
+LARGEST_N_NODE = 12_000_000
+"""Nodes of the largest table (48 MB)."""
+
+
+class Wing(NamedTuple):
+    """P = px3 / r^3 * (1 + (next_px2 + aspect_px2 dx^2 / r^2 + last_px4 / r^2) / r^2), r in pixel widths."""
+
+    px3: float = 0.0
+    next_px2: float = 0.0
+    aspect_px2: float = 0.0
+    last_px4: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,8 +70,8 @@ class ShareTable:
     pixel_aspect: float
     """Height of a pixel over its width."""
 
-    wing: tuple[float, float, float]
-    """Beyond the reach P = wing[0] / r^3 * (1 + (wing[1] + wing[2] dx^2 / r^2) / r^2), r in pixel widths [px3, px2]."""
+    wing: Wing
+    """What P follows beyond the reach."""
 
     envelope: NDArray[np.float32]
     """Largest share of a pixel wholly outside a disc about the source of radius 0, 1/2, 1, 3/2 ... pixel widths."""
@@ -141,17 +151,20 @@ def _beyond(table: ShareTable, dx_px: F64, dy_px: F64) -> F64:
     """Return the wing."""
     x2 = dx_px * dx_px
     inverse2 = 1.0 / (x2 + (table.pixel_aspect * dy_px) ** 2)
-    more = (table.wing[1] + table.wing[2] * x2 * inverse2) * inverse2
-    return np.asarray(table.wing[0] * inverse2 * np.sqrt(inverse2) * (1.0 + more))
+    wing = table.wing
+    more = (wing.next_px2 + (wing.aspect_px2 * x2 + wing.last_px4) * inverse2) * inverse2
+    return np.asarray(wing.px3 * inverse2 * np.sqrt(inverse2) * (1.0 + more))
 
 
-def pixel_wing(wing_px3: float, wing_next_px2: float, pixel_aspect: float) -> tuple[float, float, float]:
-    """Return ShareTable.wing of the irradiance w / r^3 (1 + next / r^2), averaged over the pixel.
+def pixel_wing(wing_px3: float, smear_px: float, pixel_aspect: float) -> Wing:
+    """Return the mean over a pixel of the irradiance w / r^3, blurred.
 
-    The mean over a pixel of 1 x a is that at its centre and (d2/dx2 + a^2 d2/dy2) / 24 of it.
+    A blur by s adds s^2 / 2 times the Laplacian, and s^4 / 8 times its square; n^2 r^(-n-2) is that of r^-n. The mean
+    over a pixel of 1 x a adds (d2/dx2 + a^2 d2/dy2) / 24; of the blurred part it is taken for a square of equal area.
     """
-    a2 = pixel_aspect**2
-    return wing_px3 * pixel_aspect, wing_next_px2 + 0.5 * a2 - 0.125, 0.625 * (1.0 - a2)
+    a2, s2 = pixel_aspect**2, smear_px**2
+    last_px4 = 28.125 * s2 * s2 + 4.6875 * s2 * 0.5 * (1.0 + a2)
+    return Wing(wing_px3 * pixel_aspect, 4.5 * s2 + 0.5 * a2 - 0.125, 0.625 * (1.0 - a2), last_px4)
 
 
 def envelope(

@@ -40,6 +40,9 @@ class SplineImage:
     pixel_aspect: float
     """Height of a pixel over its width."""
 
+    blurred: tuple[F64, F64] | None
+    """Integrals of a blurred B over a pixel along rows and columns, 64 per sample of its distance from the pixel."""
+
     @property
     def half_size_px(self) -> tuple[float, float]:
         """Offsets along rows [pixel heights] and columns [px] beyond which a pixel collects nothing."""
@@ -78,7 +81,7 @@ class SplineImage:
         return np.asarray(offset_px * self._box(axis) + 0.5 * (self.coefficient.shape[axis] - 1))
 
     def _half_band(self, axis: int) -> float:
-        return 0.5 * self._box(axis) + 2.0 + BLUR_REACH * self.smear_px * self.oversample
+        return half_band(self._box(axis), self.smear_px * self.oversample)
 
     def _band(self, axis: int, offset_px: F64) -> tuple[NDArray[np.int64], F64]:
         """Return the first coefficient that matters to each pixel, and the integrals over the pixel of all that do."""
@@ -100,17 +103,14 @@ class SplineImage:
 
     def _integral(self, axis: int, distance: F64) -> F64:
         """Return the integral of B over a pixel whose centre lies at a distance [samples] from B's."""
-        box, blur = self._box(axis), self.smear_px * self.oversample
-        if blur == 0.0:
-            return _box_integral(distance, box)
-        # Tabulated: cubic pieces through 64 points per sample.
-        step = 1.0 / N_FINE
-        grid = step * np.arange(-3, math.ceil(self._half_band(axis) / step) + 6)
-        node, weight = np.polynomial.legendre.leggauss(64 + int(4.0 * BLUR_REACH * min(blur, 8.0)))
-        shift = BLUR_REACH * blur * node
-        gauss = BLUR_REACH * weight * np.exp(-0.5 * (BLUR_REACH * node) ** 2) / math.sqrt(2.0 * math.pi)
-        value = _box_integral(grid[:, None] - shift, box) @ gauss
-        return _cubic_through(value, np.abs(distance) / step)
+        if self.blurred is None:
+            return _box_integral(distance, self._box(axis))
+        return _cubic_through(self.blurred[axis], np.abs(distance) * N_FINE)
+
+
+def half_band(box: float, blur: float) -> float:
+    """Return the distance from which a blurred B has no part in a pixel [samples]."""
+    return 0.5 * box + 2.0 + BLUR_REACH * blur
 
 
 def spline_of(image: F64, oversample: float, smear_px: float, pixel_aspect: float) -> SplineImage:
@@ -121,7 +121,26 @@ def spline_of(image: F64, oversample: float, smear_px: float, pixel_aspect: floa
         coefficient = _prefiltered(coefficient).T
     keep = pad - N_RINGING
     coefficient = coefficient[keep:-keep, keep:-keep]
-    return SplineImage(coefficient / coefficient.sum(), oversample, smear_px, pixel_aspect)
+    blur = smear_px * oversample
+    blurred = None
+    if blur > 0.0:
+        blurred = _blurred_integrals(oversample * pixel_aspect, blur), _blurred_integrals(oversample, blur)
+    return SplineImage(coefficient / coefficient.sum(), oversample, smear_px, pixel_aspect, blurred)
+
+
+def _blurred_integrals(box: float, blur: float) -> F64:
+    """Return the integral of the blurred B over a box, at the distances (k - 3) / N_FINE for k = 0, 1 ..."""
+    distance = np.arange(-3, math.ceil(half_band(box, blur) * N_FINE) + 6) / N_FINE
+    # Panels of half a sample, or of the blur where that is wider: B is a cubic between its knots.
+    n_panel = math.ceil(2.0 * BLUR_REACH * min(blur, 8.0)) + 1
+    node, weight = np.polynomial.legendre.leggauss(8)
+    left = -BLUR_REACH + 2.0 * BLUR_REACH / n_panel * np.arange(n_panel)
+    shift = (left[:, None] + BLUR_REACH / n_panel * (1.0 + node)).ravel()
+    gauss = np.exp(-0.5 * shift**2) / math.sqrt(2.0 * math.pi) * np.tile(BLUR_REACH / n_panel * weight, n_panel)
+    total = np.zeros_like(distance)
+    for t, w in zip(shift, gauss, strict=True):
+        total += w * _box_integral(distance - blur * t, box)
+    return total
 
 
 def _prefiltered(sample: F64) -> F64:

@@ -30,7 +30,7 @@ def upload_tables(tables: Sequence[ShareTable], device: Any) -> tuple[wp.array, 
         struct.mirrored = int(table.mirrored)
         struct.reach_row_px, struct.reach_column_px = table.reach_px
         struct.pixel_aspect = table.pixel_aspect
-        struct.wing_px3, struct.wing_next_px2, struct.wing_aspect_px2 = table.wing
+        struct.wing_px3, struct.wing_next_px2, struct.wing_aspect_px2, struct.wing_last_px4 = table.wing
         struct.envelope = start + table.share.size
         struct.n_envelope = len(table.envelope)
         struct.tail_px3 = table.tail_px3

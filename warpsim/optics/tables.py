@@ -16,12 +16,12 @@ from warpsim.optics.psf import PsfAiry, PsfTable
 from warpsim.optics.share_table import LARGEST_N_NODE, POINTS, ShareTable
 from warpsim.optics.spline_image import SplineImage, spline_of
 
-ERROR_RANGE = (5e-7, 1e-2)
+ERROR_RANGE = (6e-7, 1e-2)
 """Fraction of the flux per pixel; float32 shares, weights and sums allow no less."""
-DEFAULT_ERROR = 5e-7
+DEFAULT_ERROR = 6e-7
 
 STORE_BYTES = 128 * 2**20
-"""Tables kept for the next renderer; the largest single one has 32 MB."""
+"""Tables kept for the next renderer; the largest single one has 48 MB."""
 
 TabulatedPsf = PsfAiry | PsfTable
 
@@ -68,7 +68,7 @@ def share_table(
     Args:
         psf: Pattern, lengths in pixel widths.
         pixel_aspect: Height of a pixel over its width.
-        error: Largest error per pixel and unit flux, 5e-7 to 0.01.
+        error: Largest error per pixel and unit flux, 6e-7 to 0.01.
         n_point: Points per axis of the interpolation, 2, 4, 6 or 8; None is the cheapest.
 
     Raises:

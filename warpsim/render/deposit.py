@@ -38,7 +38,7 @@ def deposit(
         shape: (n_row, n_col).
         device: Warp device; CUDA where present when left out.
         flux_error: No pixel is off by more than this fraction of a source's flux, truncation included; below 2e-7
-            float32 rounding decides, and below 5e-7 the table of an Airy pattern or an image. What falls outside the
+            float32 rounding decides, and below 6e-7 the table of an Airy pattern or an image. What falls outside the
             frame is absent; nothing is renormalised.
         movement_px: How each source moves about its position during the exposure: coefficients of the Legendre
             polynomials P_0, P_1 ... in t, which runs from -1 to 1 [px], shape (n, n_coefficient, 2). A source that
@@ -81,11 +81,11 @@ def deposit(
         wp.array(xy[None], dtype=wp.vec2d, device=where),
         wp.array((strength / scale).astype(np.float32)[None, None], dtype=wp.float32, device=where),
     ]
-    rule = stamp_rule([0.0], flux_error, where, flux_error)
-    low, high = ERROR_RANGE
-    bank = psf_bank([psf], where, accuracy=TableAccuracy(min(max(0.5 * flux_error, low), high)))
+    rule = stamp_rule([0.0], flux_error, where, 0.5 * flux_error)
     paths = None if movement_px is None and brightness is None else _paths(moves, changes, where)
-    bank.deposit(sources, rule, rows_per_block(where, shape[0]), signal, paths)
+    low, high = ERROR_RANGE
+    accuracy = TableAccuracy(min(max(0.5 * flux_error, low), high))
+    psf_bank([psf], where, accuracy=accuracy).deposit(sources, rule, rows_per_block(where, shape[0]), signal, paths)
     image = signal.numpy()[0, 0]
     return np.asarray(image if scale == 1.0 else (image * np.float64(scale)).astype(np.float32))
 
