@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-Case = dict[str, Any]
+from pictures import PICTURES, Case
 
 
 def report(path: Path) -> str:
@@ -52,6 +52,26 @@ def places_table(cases: list[Case]) -> list[str]:
         *(
             f"| {c['switches']} | {c['us_per_view']:.2f} | {c['error_arcsec']:.1e} | {c['bytes_per_star']:.1f} |"
             for c in sorted(cases, key=lambda c: -c["error_arcsec"])
+        ),
+    ]
+
+
+def read_out_table(cases: list[Case]) -> list[str]:
+    """Read-out: time by the terms of the detector, with the error of its noise."""
+    errors = ["-" if c["distance"] is None else f"{c['distance']:.1e}" for c in cases]
+    rows = [f"| {c['detector']} | {c['ns_per_pixel']:.2f} | {e} |" for c, e in zip(cases, errors, strict=True)]
+    return ["| detector | ns per pixel | distance from a Gaussian |", "|---|---|---|", *rows]
+
+
+def deposit_table(cases: list[Case]) -> list[str]:
+    """Drawing: time per source against the error of the worst pixel, way by way."""
+    return [
+        "| what | way | ns per source | error of the worst pixel | light left out |",
+        "|---|---|---|---|---|",
+        *(
+            f"| {c['group']} | {c['way']} | {c['ns_per_source']:,.0f} | {c['deposit_error']:.1e} "
+            f"| {shown(c.get('left_out'), '.1e')} |"
+            for c in sorted(cases, key=lambda c: (c["group"], c["ns_per_source"]))
         ),
     ]
 
@@ -120,38 +140,10 @@ def signatures_table(cases: list[Case]) -> list[str]:
     ]
 
 
-def plot_signatures(cases: list[Case], path: Path) -> None:
-    """Draw time per observation against the error of the light, and the terms' cost beside it."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10, 4.5), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    for exposure_s in sorted({c["exposure_s"] for c in cases if c["kind"] == "error"}):
-        points = sorted(
-            (c["us_per_observation"], c["light_error"], c["asked"])
-            for c in cases
-            if c["kind"] == "error" and c["exposure_s"] == exposure_s
-        )
-        times, found, asked = zip(*points, strict=True)
-        left.loglog(times, found, "o-", label=f"exposure {exposure_s:g} s" if exposure_s else "instant")
-        for time, error, rule in zip(times, found, asked, strict=True):
-            left.annotate(f"{rule:.0e}", (time, error), textcoords="offset points", xytext=(4, 4), fontsize=7)
-    left.set(xlabel="time per observation [us]", ylabel="largest error of the light", title="error asked beside points")
-    left.grid(alpha=0.3)
-    left.legend()
-    terms = [c for c in cases if c["kind"] == "terms"]
-    for n_thread in sorted({c["n_thread"] for c in terms}):
-        mine = [c for c in terms if c["n_thread"] == n_thread]
-        rates = [c["observations_per_s"] for c in mine]
-        right.plot([c["terms"] for c in mine], rates, "o-", label=f"{n_thread} thread{'' if n_thread == 1 else 's'}")
-    right.set(ylabel="targets observed per second", title="terms of the light", yscale="log")
-    right.grid(alpha=0.3)
-    right.legend()
-    figure.savefig(path, dpi=150)
-
-
 TABLES = {
     "light_error": signatures_table,
+    "ns_per_pixel": read_out_table,
+    "deposit_error": deposit_table,
     "psf": fps_table,
     "switches": places_table,
     "rules": access_table,
@@ -204,27 +196,6 @@ def star_tables(cases: list[Case]) -> list[str]:
     return lines
 
 
-def plot_star_query(cases: list[Case], path: Path) -> None:
-    """Draw time per cone against the number of stars in the catalog."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7, 5), layout="constrained")
-    axes = figure.add_subplot()
-    lines: dict[str, list[tuple[int, float]]] = {}
-    for c in cases:
-        if c["kind"] != "build":
-            where = "" if c["device"] == "host" else f", {c['device']}"
-            note = ", same views at fixed density" if c["kind"] == "fixed density" else ""
-            lines.setdefault(f"{c['method']}{where}{note}", []).append((c["n_star"], c["us_per_cone"]))
-    for label, points in sorted(lines.items()):
-        style = "s--" if "fixed" in label else "o-"
-        axes.loglog(*zip(*sorted(points), strict=True), style, label=label)
-    axes.set(xlabel="stars in the catalog", ylabel="time per cone of 0.72 deg [us]")
-    axes.grid(alpha=0.3)
-    figure.legend(loc="outside upper center", ncols=2, fontsize=8)
-    figure.savefig(path, dpi=150)
-
-
 def key_of(case: Case) -> tuple[int, str, str]:
     """What a query and the building of its index have in common."""
     return case["n_star"], case["method"], case["device"]
@@ -238,16 +209,12 @@ def shown(value: float | None, form: str) -> str:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("result", type=Path, nargs="?", default=Path(__file__).parent / "results" / "fps.json")
-    parser.add_argument(
-        "--plot", type=Path, metavar="PNG", help="also draw a result of test_star_query.py or test_signatures.py"
-    )
+    parser.add_argument("--plot", type=Path, metavar="PNG", help="also draw a result that has a picture")
     options = parser.parse_args()
     print(report(options.result))
     if options.plot:
         cases = cases_of(json.loads(options.result.read_text("utf-8")))
-        if "light_error" in cases[0]:
-            plot_signatures(cases, options.plot)
-        elif "kind" in cases[0]:
-            plot_star_query(cases, options.plot)
-        else:
-            parser.error("--plot: is for results of test_star_query.py and test_signatures.py")
+        draw = next((draw for key, draw in PICTURES.items() if key in cases[0]), None)
+        if draw is None:
+            parser.error(f"--plot: {options.result.name} has no picture")
+        draw(cases, options.plot)

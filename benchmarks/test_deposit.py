@@ -1,6 +1,13 @@
-"""Drawing point sources: ns per source beside the error, by stamp, by length of streak, and by way of adding up.
+"""What drawing a point source costs, and how far off its pixels are: speed against error.
 
-Run: python -m pytest benchmarks/test_deposit.py --benchmark-json=benchmarks/results/deposit.json
+    python -m pytest benchmarks/test_deposit.py --benchmark-json=benchmarks/results/deposit.json
+    python benchmarks/report.py benchmarks/results/deposit.json --plot deposit.png
+
+The deposit alone, one thread, thousands of sources at random places of one image. Ways to draw: error functions for a
+Gaussian, share tables of several orders and errors for Gaussian and Airy patterns; stamps that leave out more or less;
+streaks by more or fewer nodes; sums in float32, float64 and fixed point. The error is that of the worst pixel of single
+sources of unit light at random places, against float64 quadrature written here; of sums, that of the worst pixel of a
+crowd, as a share of the brightest one.
 """
 
 from __future__ import annotations
@@ -10,120 +17,179 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from warpsim_kernels.paths import Paths
+from scipy.special import ndtr
+from test_fps import pixel_share
 
 import warpsim as ws
 from benchmarks.deposit_variants import VARIANTS, Variant
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
-from warpsim.render.device import rows_per_block
+from warpsim.optics.tables import TableAccuracy
+from warpsim.render.streaks import paths_struct
 
-DEVICES = ["cpu", *(["cuda:0"] if wp.is_cuda_available() else [])]
-SHAPE = (256, 256)
-PSFS = {"gaussian 0.7": ws.PsfGaussian(0.7), "airy 0.185": ws.PsfAiry(0.185), "airy 1.5": ws.PsfAiry(1.5)}
+N_SOURCE = 4000
+N_PIXEL = 256
+N_CHECKED = 24
+MARGIN = 24
 
-pytestmark = pytest.mark.parametrize("device", DEVICES)
-
-
-def field(n_source: int, device: str, margin_px: float = 40.0) -> list[wp.array]:
-    """Sources of flux 0.1 to 1 at random places: n_source, xy_px, irradiance."""
-    rng = np.random.default_rng(1)
-    xy = rng.uniform(margin_px, SHAPE[0] - margin_px, (1, n_source, 2))
-    return [
-        wp.array([n_source], dtype=wp.int32, device=device),
-        wp.array(xy, dtype=wp.vec2d, device=device),
-        wp.array(rng.uniform(0.1, 1.0, (1, 1, n_source)), dtype=wp.float32, device=device),
-    ]
+SIGMA_PX = 0.7
+AIRY = ws.PsfAiry(0.478)
+"""Band E of the paper's sensor."""
+GAUSSIAN_IMAGE_STEP = 16
+ERRORS = (1e-3, 1e-4, 1e-5, 1e-6)
+STREAK_PX = 5.0
 
 
-def timed(benchmark: Any, draw: Any, device: str, n_source: int) -> float:
-    """Median time of a call over the sources [ns]."""
-
-    def once() -> None:
-        draw()
-        wp.synchronize_device(device)
-
-    benchmark.pedantic(once, rounds=9, warmup_rounds=2)
-    return float(1e9 * benchmark.stats.stats.median / n_source)
+def gaussian_image() -> ws.PsfTable:
+    """The Gaussian as samples of a user."""
+    place = np.arange(-6 * GAUSSIAN_IMAGE_STEP, 6 * GAUSSIAN_IMAGE_STEP + 1) / GAUSSIAN_IMAGE_STEP
+    profile = np.exp(-0.5 * (place / SIGMA_PX) ** 2)
+    return ws.PsfTable(np.outer(profile, profile), GAUSSIAN_IMAGE_STEP)
 
 
-@pytest.mark.parametrize("cut", [1e-2, 1e-4, 1e-6, 1e-8])
-@pytest.mark.parametrize("name", PSFS)
-def test_stamps(benchmark, name, cut, device):
-    """Still sources: time by what their stamps leave out."""
-    n, psf = 2000, PSFS[name]
-    sources, bank = field(n, device), psf_bank([psf], wp.get_device(device))
-    rule = stamp_rule([0.0], cut, device)
-    signal = wp.empty((1, 1, *SHAPE), dtype=wp.float32, device=device)
-    rows = rows_per_block(wp.get_device(device), SHAPE[0])
-    ns = timed(benchmark, lambda: bank.deposit(sources, rule, rows, signal), device, n)
-    one = ws.deposit([[128.2, 127.6]], [1.0], psf, SHAPE, device=device, flux_error=max(cut, 1e-9))
-    benchmark.extra_info.update(
-        kind="stamps", device=device, deposit_psf=name, cut=cut, n_pixel=int((one > 0).sum()), ns_per_source=ns
-    )
+WAYS: dict[str, tuple[Any, TableAccuracy | None]] = {"Gaussian, error functions": (ws.PsfGaussian(SIGMA_PX), None)}
+WAYS |= {
+    f"{name}, table, {n_point} points, {error:g}": (psf, TableAccuracy(error, n_point))
+    for name, psf in (("Gaussian", gaussian_image()), ("Airy", AIRY))
+    for n_point in (2, 4, 6, 8)
+    for error in ERRORS
+    if n_point > 2 or error > 1e-5  # tables of two points for less would not fit
+}
 
 
-@pytest.mark.parametrize("streak_error", [1e-2, 1e-4, 1e-6])
-@pytest.mark.parametrize("length_px", [0.0, 1.0, 10.0, 100.0])
-@pytest.mark.parametrize("name", PSFS)
-def test_streaks(benchmark, name, length_px, streak_error, device):
-    """Moving sources: time by the error asked, which stamps may leave out too, and the worst error of quadrature."""
-    n, psf = (2000 if length_px < 50 else 100), PSFS[name]
-    sources, bank = field(n, device, 60.0), psf_bank([psf], wp.get_device(device))
-    angle = np.random.default_rng(2).uniform(0, 2 * np.pi, n)
-    movement = np.zeros((1, n, 2, 2))
-    movement[0, :, 1] = 0.5 * length_px * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    paths: Any = Paths()
-    paths.offset_px = wp.array(movement, dtype=wp.vec2, device=device)
-    signal = wp.empty((1, 1, *SHAPE), dtype=wp.float32, device=device)
-    rows = rows_per_block(wp.get_device(device), SHAPE[0])
+class Drawing:
+    """Sources of unit light, ready to be drawn."""
 
-    def draw(error: float) -> None:
-        bank.deposit(sources, stamp_rule([0.0], error, device, error), rows, signal, paths)
-
-    ns = timed(benchmark, lambda: draw(streak_error), device, n)
-    worst = 0.0
-    for number in range(10):  # one at a time, so that errors do not add up
-        alone = [
-            wp.array([1], dtype=wp.int32, device=device),
-            wp.array(sources[1].numpy()[:, number : number + 1], dtype=wp.vec2d, device=device),
-            wp.array(np.ones((1, 1, 1)), dtype=wp.float32, device=device),
+    def __init__(self, psf: Any, accuracy: TableAccuracy | None, xy_px: Any, rule: Any, path_px: Any = None) -> None:
+        n = len(xy_px)
+        self.bank = psf_bank([psf], "cpu", 1.0, accuracy)
+        self.rule = rule
+        self.sources = [
+            wp.array([n], dtype=wp.int32, device="cpu"),
+            wp.array(xy_px[None], dtype=wp.vec2d, device="cpu"),
+            wp.array(np.ones((1, 1, n)), dtype=wp.float32, device="cpu"),
         ]
-        one: Any = Paths()
-        one.offset_px = wp.array(movement[:, number : number + 1], dtype=wp.vec2, device=device)
-        images = []
-        for error in (streak_error, 1e-7):
-            bank.deposit(alone, stamp_rule([0.0], 1e-7, device, error), rows, signal, one)
-            images.append(signal.numpy().copy())
-        worst = max(worst, float(np.abs(images[0] - images[1]).max()))
-    benchmark.extra_info.update(
-        kind="streaks",
-        device=device,
-        deposit_psf=name,
-        length_px=length_px,
-        streak_error=streak_error,
-        error=worst,
-        ns_per_source=ns,
+        self.signal = wp.empty((1, 1, N_PIXEL, N_PIXEL), dtype=wp.float32, device="cpu")
+        self.paths = None
+        if path_px is not None:
+            series = np.broadcast_to(np.asarray(path_px, np.float32), (1, n, len(path_px), 2))
+            still = wp.zeros((1, 1, 0, 0), dtype=wp.float32, device="cpu")
+            self.paths = paths_struct(wp.array(series.copy(), dtype=wp.vec2, device="cpu"), still, 0)
+
+    def __call__(self) -> Any:
+        """Draw; the image, float64."""
+        self.bank.deposit(self.sources, self.rule, N_PIXEL, self.signal, self.paths)
+        return self.signal.numpy()[0, 0].astype(np.float64)
+
+
+def places(n: int) -> Any:
+    """Random places away from the image's edges."""
+    return np.random.default_rng(271).uniform(MARGIN, N_PIXEL - MARGIN, (n, 2))
+
+
+def worst_pixel(psf: Any, accuracy: TableAccuracy | None, rule: Any, path_px: Any = None, reach: int = 6) -> float:
+    """Largest error of a pixel, of single sources."""
+    worst = 0.0
+    for xy_px in places(N_CHECKED):
+        image = Drawing(psf, accuracy, xy_px[None], rule, path_px)()
+        column, row = np.round(xy_px).astype(int)
+        for dy in range(-reach, reach + 1):
+            for dx in range(-reach, reach + 1):
+                exact = exact_share(psf, column + dx - xy_px[0], row + dy - xy_px[1], path_px)
+                worst = max(worst, abs(image[row + dy, column + dx] - exact))
+    return worst
+
+
+def exact_share(psf: Any, dx: float, dy: float, path_px: Any = None) -> float:
+    """Share of the pixel at an offset from the source, or of a straight, even streak about it."""
+    if path_px is not None:
+        t = (np.arange(10_000) + 0.5) / 5000 - 1
+        x, y = dx - path_px[1][0] * t, dy - path_px[1][1] * t
+        return float((gaussian_axis(x) * gaussian_axis(y)).mean())
+    if isinstance(psf, ws.PsfAiry):
+        return pixel_share(psf, dx, dy)
+    return float(gaussian_axis(dx) * gaussian_axis(dy))
+
+
+def gaussian_axis(offset: Any) -> Any:
+    return ndtr((offset + 0.5) / SIGMA_PX) - ndtr((offset - 0.5) / SIGMA_PX)
+
+
+def timed(benchmark: Any, drawing: Drawing) -> bool:
+    """Time a drawing; whether there is a time."""
+    benchmark.pedantic(
+        lambda: drawing.bank.deposit(drawing.sources, drawing.rule, N_PIXEL, drawing.signal, drawing.paths),
+        rounds=9 if benchmark.enabled else 1,
+        warmup_rounds=1,
     )
+    return benchmark.stats is not None
+
+
+def ns_per_source(benchmark: Any) -> float:
+    return float(benchmark.stats.stats.median / N_SOURCE * 1e9)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_ways(benchmark, way):
+    psf, accuracy = WAYS[way]
+    # The same stamps for all: 7 x 7 pixels hold what is above 1e-5 of a source's light, or nearly so.
+    rule = stamp_rule([0.0], 1e-5, "cpu")
+    if timed(benchmark, Drawing(psf, accuracy, places(N_SOURCE), rule)):
+        kind, _, how = way.partition(", ")
+        fine = stamp_rule([0.0], 1e-9, "cpu")
+        benchmark.extra_info.update(
+            group=f"{kind}, shares",
+            way=how,
+            ns_per_source=ns_per_source(benchmark),
+            deposit_error=worst_pixel(psf, accuracy, fine, reach=4),
+        )
+
+
+@pytest.mark.parametrize("cut", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
+@pytest.mark.parametrize("name", ["Gaussian", "Airy"])
+def test_stamp_rules(benchmark, name, cut):
+    psf = ws.PsfGaussian(SIGMA_PX) if name == "Gaussian" else AIRY
+    rule = stamp_rule([0.0], cut, "cpu")
+    drawing = Drawing(psf, None, places(N_SOURCE), rule)
+    if timed(benchmark, drawing):
+        shares = [wp.empty((1, 1, N_SOURCE), dtype=wp.float32, device="cpu") for _ in range(2)]
+        drawing.bank.measure_stamps(drawing.sources[1:], rule, shares)
+        benchmark.extra_info.update(
+            group=f"{name}, stamps",
+            way=f"cut at {cut:g} of the light per pixel",
+            ns_per_source=ns_per_source(benchmark),
+            deposit_error=worst_pixel(psf, None, rule),
+            left_out=float(1 - shares[1].numpy().mean()),
+        )
+
+
+@pytest.mark.parametrize("error", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
+def test_streaks(benchmark, error):
+    psf, path_px = ws.PsfGaussian(SIGMA_PX), [(0.0, 0.0), (0.4 * STREAK_PX, 0.3 * STREAK_PX)]
+    rule = stamp_rule([0.0], 1e-6, "cpu", error)
+    if timed(benchmark, Drawing(psf, None, places(N_SOURCE), rule, path_px)):
+        benchmark.extra_info.update(
+            group=f"Gaussian, streak of {STREAK_PX:g} px",
+            way=f"nodes for {error:g}",
+            ns_per_source=ns_per_source(benchmark),
+            deposit_error=worst_pixel(psf, None, stamp_rule([0.0], 1e-9, "cpu", error), path_px),
+        )
 
 
 @pytest.mark.parametrize("n_source", [1000, 100_000])
-@pytest.mark.parametrize("variant", VARIANTS)
-def test_ways_to_add_up(benchmark, variant, n_source, device):
+@pytest.mark.parametrize("name", VARIANTS)
+def test_sums(benchmark, name, n_source):
     """Gathered or scattered, in float32, float64 or fixed point; errors are those of the sums, against float64."""
-    psf, rule = ws.PsfAiry(0.478), stamp_rule([0.0], 1e-4, device)
-    _, xy, irradiance = (array.flatten() for array in field(n_source, device))
-    rows = rows_per_block(wp.get_device(device), SHAPE[0])
-    way = Variant(variant, psf, SHAPE, device, rows)
-    ns = timed(benchmark, lambda: way.draw(xy, irradiance, rule), device, n_source)
-    exact = Variant("gather float64", psf, SHAPE, device, rows)
-    exact.draw(xy, irradiance, rule)
-    error = np.abs(way.values() - exact.values()).max() / exact.values().max()
-    benchmark.extra_info.update(
-        kind="ways to add up",
-        device=device,
-        deposit_psf="airy 0.478",
-        variant=variant,
-        n_source=n_source,
-        error=float(error),
-        ns_per_source=ns,
-    )
+    psf, rule = AIRY, stamp_rule([0.0], 1e-4, "cpu")
+    rng = np.random.default_rng(1)
+    xy_px = wp.array(rng.uniform(MARGIN, N_PIXEL - MARGIN, (n_source, 2)), dtype=wp.vec2d, device="cpu")
+    strength = wp.array(rng.uniform(0.1, 1.0, n_source), dtype=wp.float32, device="cpu")
+    way, exact = (Variant(kind, psf, (N_PIXEL, N_PIXEL), "cpu", N_PIXEL) for kind in (name, "gather float64"))
+    benchmark.pedantic(way.draw, args=(xy_px, strength, rule), rounds=9 if benchmark.enabled else 1, warmup_rounds=1)
+    if benchmark.stats is not None:
+        exact.draw(xy_px, strength, rule)
+        benchmark.extra_info.update(
+            group=f"sums of {n_source:,} sources",
+            way=name,
+            ns_per_source=benchmark.stats.stats.median / n_source * 1e9,
+            deposit_error=float(np.abs(way.values() - exact.values()).max() / exact.values().max()),
+        )

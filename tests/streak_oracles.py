@@ -31,13 +31,14 @@ def axis_shares(position_px, n_pixel, sigma_px):
     return np.where(left > 0, special.ndtr(-left) - special.ndtr(-right), special.ndtr(right) - special.ndtr(left))
 
 
-def gaussian_streak(xy_px, movement_px, brightness, sigma_px, shape, times):
-    """Image of a unit source: a sum over times of rows times columns."""
+def gaussian_streak(xy_px, movement_px, brightness, sigma_px, shape, times, aspect=1.0):
+    """Image of a unit source: a sum over times of rows times columns; aspect is a pixel's height over its width."""
     t, weight = times
     image = np.zeros(shape)
     for part in np.array_split(np.arange(len(t)), max(1, len(t) // 5000)):
         place = np.asarray(xy_px) + legendre(movement_px, t[part])
-        rows = axis_shares(place[:, 1], shape[0], sigma_px) * (weight[part] * legendre(brightness, t[part]))[:, None]
+        rows = axis_shares(place[:, 1], shape[0], sigma_px / aspect)
+        rows *= (weight[part] * legendre(brightness, t[part]))[:, None]
         image += rows.T @ axis_shares(place[:, 0], shape[1], sigma_px)
     return image
 

@@ -11,6 +11,7 @@ from warpsim_kernels import camera as camera_kernels
 import warpsim as ws
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.optics.wcs import tan_wcs
+from warpsim.render.world import camera_struct
 
 SEED = 161803
 ARCSEC_RAD = np.pi / 180 / 3600
@@ -45,6 +46,9 @@ def aberrated_kernel(direction: wp.array[wp.vec3d], velocity_m_s: wp.vec3d, out:
     out[i] = apparent_kernels.aberrated(direction[i], velocity_m_s)
 
 
+pinhole_places = camera_kernels.projection(False)
+
+
 @wp.kernel(enable_backward=False)
 def project_kernel(
     camera: camera_kernels.Camera,
@@ -55,7 +59,7 @@ def project_kernel(
     inside: wp.array[wp.int32],
 ):
     i = wp.tid()
-    xy_px[i] = camera_kernels.projected_px(camera, axes, direction[i])
+    xy_px[i] = pinhole_places(camera, axes, direction[i])
     depth[i] = camera_kernels.depth(axes, direction[i])
     if camera_kernels.within_frame(camera, xy_px[i], wp.float64(0.0)):
         inside[i] = 1
@@ -77,9 +81,7 @@ def device_axes(boresight, up, device, spare_up=(1.0, 0.0, 0.0)):
 
 
 def device_project(camera, axes, direction, device):
-    struct = camera_kernels.Camera()
-    struct.n_row, struct.n_col, struct.focal_px = camera.n_row, camera.n_col, camera.focal_px
-    struct.centre_x_px, struct.centre_y_px = camera.centre_px
+    struct = camera_struct(camera)
     n = len(direction)
     xy, depth = wp.empty(n, dtype=wp.vec2d, device=device), wp.empty(n, dtype=wp.float64, device=device)
     inside = wp.zeros(n, dtype=wp.int32, device=device)
@@ -160,13 +162,15 @@ CAMERAS = {
     "tall": ws.Camera(300, 20, fov_deg=5.0),
     "lens": ws.Camera(64, 80, focal_length_m=0.5, pixel_pitch_m=30e-6),
     "one-pixel": ws.Camera(1, 1, fov_deg=0.5),
+    "high-pixels": ws.Camera(100, 160, fov_deg=20.0, pixel_aspect=2.5),
+    "flat-pixels": ws.Camera(300, 40, fov_deg=2.0, pixel_aspect=0.3),
 }
 
 
 def directions_in_view(camera, axes, n=300):
     """Directions whose pixels lie on the array and a little around it, and those pixels."""
     xy = np.random.default_rng(SEED).uniform(-0.2, 1.2, (n, 2)) * [camera.n_col, camera.n_row] - 0.5
-    seen = np.column_stack([xy - camera.centre_px, np.full(n, camera.focal_px)])
+    seen = np.column_stack([(xy - camera.centre_px) / [camera.focal_px, camera.focal_row_px], np.ones(n)])
     return unit(seen @ axes), xy
 
 

@@ -8,26 +8,38 @@ import pytest
 import warp as wp
 import warpsim_kernels
 from warpsim_kernels.aim import AIM_FIXED, AIM_TABLE, AIM_TRACK
+from warpsim_kernels.detector import ReadOutFeatures
 from warpsim_kernels.read_out import TILE_WIDTH
 from warpsim_kernels.signature import Features
 
 ARCH = 75  # Turing: the oldest that Warp's CUDA 13 supports; PTX runs on everything newer
 
-EVERYTHING = Features(attitude_tables=True, meshes=True, sun=True, earth=True, albedo=True)
+EVERYTHING = Features(
+    attitude_tables=True, meshes=True, sun=True, earth=True, albedo=True, profile=True, distortion=True
+)
 SERIES = EVERYTHING._replace(albedo_degree=12)
+NEI_TERMS = ReadOutFeatures(bad_pixels=True, prnu=True, dsnu=True, column_noise=True, nonlinearity=True)
+ELECTRON_TERMS = NEI_TERMS._replace(electrons=True, shot_noise=True, small_means=True, read_noise=True)
+READ_OUTS = [ReadOutFeatures(), NEI_TERMS._replace(template=True), ELECTRON_TERMS]
 FACTORY_ARGUMENTS = {
     "make_aim_kernel": [(AIM_TRACK, False), (AIM_FIXED, False), (AIM_TABLE, True)],
     "make_observe_targets_kernel": [(Features(),), (EVERYTHING,), (SERIES,)],
     "make_albedo_series_kernel": [(4,), (12,)],
     "make_emit_kernel": [(Features(),), (EVERYTHING,)],
     "make_split_kernel": [(EVERYTHING,)],
-    "make_gather_stars_kernel": [(False, False, True), (True, True, True)],
+    "make_profile_kernel": [(Features(profile=True),), (EVERYTHING,)],
+    "make_reach_kernel": [(False,), (True,)],
+    "make_trace_targets_kernel": [(False,), (True,)],
+    "make_trace_stars_kernel": [(False,), (True,)],
+    "make_gather_stars_kernel": [(False, False, True), (True, True, True, True, True)],
     "make_query_cone_kernel": [(wp.vec3d,), (wp.vec3f,)],
     "make_deposit_gaussian_kernel": [(False,), (True,)],
     "make_deposit_table_kernel": [(2, False), (4, False), (6, False), (8, False), (6, True)],
     "make_gaussian_light_kernel": [(False,), (True,)],
     "make_table_light_kernel": [(6, False), (6, True)],
-    "make_read_out_tile_kernel": [(TILE_WIDTH,)],
+    "make_half_read_out": [],  # a function of the kernels below
+    "make_read_out_tile_kernel": [(features, TILE_WIDTH) for features in READ_OUTS],
+    "make_read_out_rest_kernel": [(features,) for features in READ_OUTS],
 }
 
 MODULES = [

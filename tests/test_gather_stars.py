@@ -39,9 +39,9 @@ START_S = 300.0
 ALL_ON = {"aberration": True, "parallax": True, "light_deflection": True}
 
 
-def sky_scene(scene, n_row, n_col, fov_deg, sky=ALL_ON):
+def sky_scene(scene, n_row, n_col, fov_deg, sky=ALL_ON, distortion=None):
     return scene.replace(
-        camera={"n_row": n_row, "n_col": n_col, "fov_deg": fov_deg},
+        camera={"n_row": n_row, "n_col": n_col, "fov_deg": fov_deg, "distortion": distortion},
         optics={"aperture_m": 0.4, "psf": "gaussian", "sigma_px": SIGMA_PX},
         frames={"count": 100, "interval_s": 1.0, "start_s": START_S},
         bands=["A", "E"],
@@ -106,9 +106,7 @@ def stars_on_the_rim(
         spread_px = rng.choice([1.0, shift_arcsec * ARCSEC_RAD * camera.focal_px, REACH_PX], n_star)[:, None]
         border = side * size - 0.5 + rng.uniform(-1, 1, (n_star, 2)) * spread_px
         xy = np.where(on_border, border, xy)
-        pinhole = np.column_stack([(xy - camera.centre_px) / camera.focal_px, np.ones(n_star)])
-        seen = pinhole @ view_axes
-        seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+        seen = camera.direction(xy, view_axes)
         parallax = np.where(rng.random(n_star) < 0.5, parallax_mas, rng.uniform(0, parallax_mas, n_star))
         parallax[::9] = np.nan
         unmoved = ws.apparent_direction(seen, -velocity)
@@ -243,6 +241,23 @@ def test_every_star_on_and_about_a_frame(scene, device, n_row, n_col, fov_deg, n
     described = sky_scene(scene, n_row, n_col, fov_deg)
     axes = np.concatenate([borders_of_the_sky(), with_the_sun_at_a_corner(described)])
     assert_stage_is_complete(described, device, axes, n_star, light)
+
+
+LENSES = {
+    # rows, columns, field of view [deg], coefficients
+    "barrel": (96, 128, 60.0, {"k1": -0.13, "k2": 0.02}),
+    "cushion": (128, 128, 20.0, {"k1": 2.0}),
+    "tangential": (128, 100, 30.0, {"k1": -0.2, "p1": 0.03, "p2": -0.05}),
+    "narrow": (2000, 1500, 1.0, {"k1": -300.0, "k2": 2e5, "p2": 0.3}),
+}
+
+
+@pytest.mark.parametrize(("n_row", "n_col", "fov_deg", "lens"), LENSES.values(), ids=LENSES)
+def test_behind_a_lens_that_distorts(scene, device, n_row, n_col, fov_deg, lens):
+    described = sky_scene(scene, n_row, n_col, fov_deg, distortion=lens)
+    plain = sky_scene(scene, n_row, n_col, fov_deg)
+    assert abs(described.camera.half_diagonal_rad() / plain.camera.half_diagonal_rad() - 1) > 0.02
+    assert_stage_is_complete(described, device, borders_of_the_sky(), 1200, alike)
 
 
 @pytest.mark.parametrize("on", ["", "aberration", "parallax", "light_deflection"])

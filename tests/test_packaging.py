@@ -30,7 +30,7 @@ def test_top_level_names(wheel):
         "warpsim/sky/msx_responses.csv",
         "warpsim_catalogs/hip_gaia_ir_v1.npz",
         "warpsim_catalogs/LICENSE-hip-gaia-ir.md",
-        "warpsim_kernels/stamps.py",
+        "warpsim_kernels/deposit_table.py",
     ],
 )
 def test_data_travels(wheel, name):

@@ -129,8 +129,8 @@ def test_device_and_twin_agree(device, n_point, aspect):
         wp.array(np.ones((n, 1, 1)), dtype=wp.float32, device=device),
     ]
     signal = wp.empty((n, 1, 30, 40), dtype=wp.float32, device=device)
-    bank = psf_bank([psf], wp.get_device(device), aspect, accuracy)
-    bank.deposit(sources, stamp_rule([0.0], 1e-9, device), 30, signal)
+    rule = stamp_rule([0.0], 1e-9, device)
+    psf_bank([psf], wp.get_device(device), aspect, accuracy).deposit(sources, rule, 30, signal)
     dx = np.arange(40) - xy[:, 0, None, None]
     dy = np.arange(30)[:, None] - xy[:, 1, None, None]
     np.testing.assert_allclose(signal.numpy()[:, 0], share(table, dx, dy), rtol=0, atol=DEVICE_ATOL)

@@ -1,103 +1,28 @@
 """Read-out: statistics of the noise, its independence, and the counts model against a float64 twin."""
 
-from types import SimpleNamespace
+import ast
+import inspect
 
 import numpy as np
 import pytest
-import warp as wp
-from scipy import special, stats
-from warpsim_kernels.read_out import read_out_rest_kernel
+import warpsim_kernels.read_out
+from read_outs import (
+    FINE,
+    FINE_GAIN,
+    N_SIGMA,
+    SEED,
+    assert_uncorrelated,
+    check_gaussian,
+    deviates,
+    read_out,
+    twin_deviates,
+)
 
-from warpsim.detector.nei import NeiDetector, read_out_struct
-from warpsim.render import stages
-
-SEED = 0x0123456789ABCDEF
-N_SIGMA = 5.0
-N_SIGMA_TAIL = stats.norm.sf(N_SIGMA)  # one-sided probability behind the gates that are not Gaussian
-KS_GATE = np.sqrt(-0.5 * np.log(N_SIGMA_TAIL))  # sqrt(n) * D exceeds it with probability 2 * N_SIGMA_TAIL
-
-# A gain so fine that the deviates can be read back: half a count is 1.1e-4 sigma, and nothing clips below 7.2 sigma.
-FINE_GAIN, FINE_OFFSET = 4500.0, 32768.0
-FINE = NeiDetector(nei_w_cm2=1e-18, sei_w_cm2=3e-15, bits=16, offset_counts=FINE_OFFSET, counts_per_nei=FINE_GAIN)
+from warpsim.detector.nei import NeiDetector
 
 COUNTS_RTOL = 4e-7  # six float32 roundings of 6e-8 from signal to counts: where a rounding edge may be missed
 DEVIATE_ATOL = 2e-6  # of the float32 deviates, see normal.py
 TILE_ATOL = 1e-7  # mean difference of a deviate between the two kernels: fused multiply-add contracts them differently
-
-
-def read_out(detector, signal, device, *, frames=None, sensors=None, bands=None, seed=SEED, tiles=True):
-    """Counts of signal (n_view, n_band, n_row, n_col), by the renderer's stage or by the scalar kernel alone."""
-    n_view, n_band, n_row, n_col = signal.shape
-
-    def numbers(values, n):
-        return wp.array(np.arange(n) if values is None else np.asarray(values), dtype=wp.uint32, device=device)
-
-    views = SimpleNamespace(frame=numbers(frames, n_view), sensor=numbers(sensors or [0] * n_view, n_view))
-    world = SimpleNamespace(
-        band_id=numbers(bands, n_band), read_out=read_out_struct(detector, seed), device=wp.get_device(device)
-    )
-    counts = wp.zeros(signal.shape, dtype=wp.uint16, device=device)
-    light = wp.array(signal, dtype=wp.float32, device=device)
-    if tiles:
-        stages.read_out(world, SimpleNamespace(counts=counts, signal_w_cm2=light, views=views))
-    else:
-        inputs = [light.flatten(), views.frame, views.sensor, world.band_id, n_row * n_col, 0, world.read_out]
-        dim = (n_view, n_band, n_row * n_col)
-        wp.launch(read_out_rest_kernel, dim=dim, inputs=inputs, outputs=[counts.flatten()], device=device)
-    return counts.numpy()
-
-
-def deviates(device, shape=(1, 1, 512, 512), **numbers):
-    """Noise in units of its standard deviation."""
-    return (read_out(FINE, np.zeros(shape), device, **numbers).astype(np.float64) - FINE_OFFSET) / FINE_GAIN
-
-
-def twin_words(frame, sensor, band, seed, n_pixel):
-    """64 bits of each pixel, and whether it takes the sine: Philox in NumPy's 64-bit integers."""
-    low = np.uint64(0xFFFFFFFF)
-    c = [np.uint64(x) for x in (frame, sensor, band, 1)]
-    k = [np.uint64(seed) & low, np.uint64(seed) >> np.uint64(32)]
-    for _ in range(10):
-        a, b = np.uint64(0xD2511F53) * c[0], np.uint64(0xCD9E8D57) * c[2]
-        c = [(b >> np.uint64(32)) ^ c[1] ^ k[0], b & low, (a >> np.uint64(32)) ^ c[3] ^ k[1], a & low]
-        k = [(k[0] + np.uint64(0x9E3779B9)) & low, (k[1] + np.uint64(0xBB67AE85)) & low]
-    pixel = np.arange(n_pixel)
-    x, y, key = (pixel // 128 * 64 + pixel % 64).astype(np.uint64), np.full(n_pixel, c[1]), c[0]
-    for _ in range(10):
-        product = np.uint64(0xD256D193) * x
-        x, y = (product >> np.uint64(32)) ^ key ^ y, product & low
-        key = (key + np.uint64(0x9E3779B9)) & low
-    return x, y, pixel % 128 >= 64
-
-
-def twin_deviates(frame, sensor, band, seed, n_pixel):
-    """The same deviates in float64: Box and Muller."""
-    upper, lower, takes_sine = twin_words(frame, sensor, band, seed, n_pixel)
-    turns = ((lower % 2**31) + 0.5) / 2**32 - 0.25 + 0.5 * (lower >> np.uint64(31))
-    angle = 2 * np.pi * turns
-    return np.sqrt(-2 * np.log((upper + 0.5) / 2**32)) * np.where(takes_sine, np.sin(angle), np.cos(angle))
-
-
-def check_gaussian(histogram):
-    """5-sigma gates on a histogram of fine counts."""
-    n = int(histogram.sum())
-    z = (np.arange(65536) - FINE_OFFSET) / FINE_GAIN
-    share = histogram / n
-    mean = share @ z
-    variance, skew, kurtosis = (share @ (z - mean) ** k for k in (2, 3, 4))
-    assert abs(mean) < N_SIGMA / np.sqrt(n)
-    assert abs(variance - 1 - 1 / (12 * FINE_GAIN**2)) < N_SIGMA * np.sqrt(2 / n)
-    assert abs(skew / variance**1.5) < N_SIGMA * np.sqrt(6 / n)
-    assert abs(kurtosis / variance**2 - 3) < N_SIGMA * np.sqrt(24 / n)
-    edge = z + 0.5 / FINE_GAIN
-    distance = np.abs(np.cumsum(share) - special.ndtr(edge)).max()
-    assert distance * np.sqrt(n) < KS_GATE
-    for n_sigma in (4, 5):
-        step = n_sigma * int(FINE_GAIN)
-        for tail in (histogram[: 32768 - step], histogram[32768 + step + 1 :]):  # beyond n_sigma plus half a count
-            expected = n * stats.norm.sf(n_sigma + 0.5 / FINE_GAIN)
-            low, high = stats.poisson.ppf([N_SIGMA_TAIL, 1 - N_SIGMA_TAIL], expected)
-            assert low <= tail.sum() <= high, f"{tail.sum()} draws beyond {n_sigma} sigma, expected {expected:.1f}"
 
 
 def histogram_of(device, n_frame):
@@ -132,15 +57,6 @@ WITHIN_ONE_IMAGE = {
     "neighbouring-tiles": lambda z: (z.reshape(-1, 256)[:-1], z.reshape(-1, 256)[1:]),
     "halves-of-the-image": lambda z: (z[: len(z) // 2], z[len(z) // 2 :]),
 }
-
-
-def assert_uncorrelated(a, b):
-    """Neither the deviates nor their squares (a shared radius would show there) nor their signs are correlated."""
-    a, b = np.ravel(a), np.ravel(b)
-    gate = N_SIGMA / np.sqrt(len(a))
-    assert abs(np.corrcoef(a, b)[0, 1]) < gate
-    assert abs(np.corrcoef(a * a, b * b)[0, 1]) < gate
-    assert abs(np.corrcoef(a * a, b)[0, 1]) < gate
 
 
 @pytest.mark.parametrize("pairs", WITHIN_ONE_IMAGE.values(), ids=WITHIN_ONE_IMAGE)
@@ -255,3 +171,12 @@ def test_infinite_signal_saturates(device):
     detector = NeiDetector(1e-18, 3e-17, bits=14, offset_counts=100.0, counts_per_nei=5.0)
     counts = read_out(detector, np.full((1, 1, 1, 3), 3e38), device)  # signal / NEI overflows to infinity
     assert (counts == 250).all()
+
+
+def test_warps_cache_sees_every_function_of_a_tile_map():
+    """The hash of a kernel leaves out functions that are given to tile_map: a changed one would find an old binary."""
+    tree = ast.parse(inspect.getsource(warpsim_kernels.read_out))
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == "wp.tile_map"]
+    given = {ast.unparse(call.args[0]) for call in calls}
+    (named,) = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "mapped_functions"]
+    assert given == {node.id for node in ast.walk(named) if isinstance(node, ast.Name) and node.id[0] != "_"} - {"wp"}

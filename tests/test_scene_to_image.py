@@ -101,7 +101,7 @@ def test_truth_says_when_there_is_access(scene):
 def test_tiles_keep_the_orientation_and_every_point(scene, n_row, n_col):
     counts = np.full((n_row, n_col), 100, dtype=np.uint16)
     counts[n_row // 10, n_col - 2] = 8000  # near the top, far right
-    tile = grey_tile(counts, scene)
+    tile = grey_tile(counts, scene, "A")
     row, column = np.unravel_index(tile.argmax(), tile.shape)
     assert max(tile.shape) <= TILE_PX
     assert row / tile.shape[0] == pytest.approx(0.1, abs=0.05)
@@ -129,7 +129,7 @@ def test_contact_sheet_shows_the_frames_it_says(scene, tmp_path):
             top, left = TOP_PX + row * (TILE_PX + GAP_PX), LEFT_PX + column * (TILE_PX + GAP_PX)
             seen = pixels[top + 100, left + 10, 0]
             if 40 + column in frames_of[sensor]:
-                expected = grey_tile(planes(sensor, [40 + column])[0], scene)[0, 0]
+                expected = grey_tile(planes(sensor, [40 + column])[0], scene, "A")[0, 0]
                 assert seen == expected, (sensor, column)
                 assert pixels[top + 30, left + 120, 0] == 255
                 assert np.count_nonzero(pixels[top + 20 : top + 128, left : left + 128, 0] == 255) == 1

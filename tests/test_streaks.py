@@ -60,18 +60,18 @@ def sources_of(xy_px, flux, device):
     ]
 
 
-def draw(xy_px, flux, psf, shape, device, rule, paths=None, n_row_per_block=None):
+def draw(xy_px, flux, psf, shape, device, rule, paths=None, n_row_per_block=None, aspect=1.0):
     """The kernels' own interface: one image."""
     signal = wp.empty((1, 1, *shape), dtype=wp.float32, device=device)
-    bank = psf_bank([psf], wp.get_device(device))
+    bank = psf_bank([psf], wp.get_device(device), aspect)
     bank.deposit(sources_of(xy_px, flux, device), rule, n_row_per_block or shape[0], signal, paths)
     return signal.numpy()[0, 0]
 
 
-def shares(xy_px, flux, psf, device, rule, paths=None):
+def shares(xy_px, flux, psf, device, rule, paths=None, aspect=1.0):
     """Peak and stamp shares."""
     outputs = [wp.empty((1, 1, len(xy_px)), dtype=wp.float32, device=device) for _ in range(2)]
-    bank = psf_bank([psf], wp.get_device(device))
+    bank = psf_bank([psf], wp.get_device(device), aspect)
     bank.measure_stamps(sources_of(xy_px, flux, device)[1:], rule, outputs, paths)
     return [array.numpy().ravel() for array in outputs]
 
@@ -89,6 +89,8 @@ STREAKS = {
     "three-pulses": (straight(10.0, 2.2), [15.27, 11.6], pulses(3, 20)),
     "curved-pulses": (as_float32([[0, 0], [4, 1], [0, 1]]), [15.27, 11.6], pulses(2, 16)),
     "shorter-than-a-blur": (straight(0.03, 0.9), [15.49, 11.52], STEADY),
+    "short-and-bent": (as_float32([[0, 0], [0.05, 0.02], [0.02, -0.03], [0.02, 0.01]]), [15.48, 11.53], STEADY),
+    "shorter-and-bent": (as_float32([[0, 0], [5e-3, 1e-3], [1e-3, 1e-3], [1e-3, 2e-3]]), [15.494, 11.504], STEADY),
     "a-thousandth": (straight(0.001, 0.9), [15.5, 11.5], as_float32([1, 0.5])),
 }
 each_streak = pytest.mark.parametrize(("movement", "xy", "brightness"), STREAKS.values(), ids=STREAKS)
@@ -281,6 +283,68 @@ def test_far_light_of_bright_streaks(device, psf, length_px):
     # Few nodes do not average where single stamps end, and where the table passes into its wing.
     assert np.abs(image - still)[away].max() <= cut
     assert np.median(np.abs(image - still)[away]) <= 1e-3 * np.median(still[away])
+
+
+@pytest.mark.parametrize("aspect", [0.5, 1.4])
+@pytest.mark.parametrize("sigma_px", [0.1, 0.7, 3.0])
+def test_gaussians_on_pixels_that_are_not_square(device, sigma_px, aspect):
+    """Sigma counts in pixel widths; along rows it is sigma / aspect pixel heights."""
+    psf, xy = ws.PsfGaussian(sigma_px), [15.3, 11.8]
+    still = gaussian_streak(xy, STILL, STEADY, sigma_px, SHAPE, (np.zeros(1), np.ones(1)), aspect)
+    for cut in (1e-2, 1e-4, 1e-6):
+        image = draw([xy], [1.0], psf, SHAPE, device, stamp_rule([0.0], cut, device), aspect=aspect)
+        assert still[image == 0].max() <= cut
+        np.testing.assert_allclose(image[image > 0], still[image > 0], rtol=0, atol=2e-7)
+    movement, rule = straight(7.0, 1.1), stamp_rule([0.0], 1e-7, device)
+    image = draw([xy], [1.0], psf, SHAPE, device, rule, paths_of([movement], [STEADY], device), aspect=aspect)
+    expected = gaussian_streak(xy, movement, STEADY, sigma_px, SHAPE, fine_times(600), aspect)
+    np.testing.assert_allclose(image, expected, rtol=0, atol=FINE_ATOL)
+
+
+@pytest.mark.parametrize("aspect", [0.5, 1.4])
+@pytest.mark.parametrize("psf", [ws.PsfGaussian(1.5), ws.PsfAiry(0.478, 0.3)], ids=["gauss", "airy"])
+@pytest.mark.parametrize("cut", [1e-3, 1e-6])
+def test_shares_and_sizes_on_pixels_that_are_not_square(device, psf, aspect, cut):
+    rule, shape, xy = stamp_rule([0.0], cut, device), (301, 301), [[150.3, 150.2]]
+    image = draw(xy, [1.0], psf, shape, device, rule, aspect=aspect)
+    _, stamp = shares(xy, [1.0], psf, device, rule, aspect=aspect)
+    assert stamp[0] == pytest.approx(image.sum(dtype=np.float64), rel=0, abs=CLOSURE_ATOL)
+    half = wp.zeros((1, 1), dtype=wp.int32, device=device)
+    light = wp.ones((1, 1), dtype=wp.float32, device=device)
+    psf_bank([psf], wp.get_device(device), aspect).size_stamps(light, rule, half)
+    margin = int(half.numpy()[0, 0])
+    for place in ([-0.5 - margin - 1e-6, 20.0], [20.0, 300.5 + margin + 1e-6]):
+        assert not draw([place], [1.0], psf, shape, device, rule, aspect=aspect).any()
+    rows, columns = np.nonzero(image)
+    assert max(np.abs(columns - 150.3).max(), np.abs(rows - 150.2).max()) > margin - 1  # no wider than it must be
+
+
+def crooked(rng):
+    """A pattern without any symmetry, of two cores and a tail."""
+    y, x = np.mgrid[-20:21, -24:25] / 8
+    image = np.exp(-2 * ((x - 0.4) ** 2 + (y + 0.2) ** 2) / 0.3**2) + 0.3 * np.exp(-((x + 1) ** 2) - 3 * y**2)
+    return ws.PsfTable(image + 1e-3 * rng.uniform(0, 1, image.shape), 8.0)
+
+
+@each_streak
+def test_streaks_of_a_crooked_image(device, movement, xy, brightness):
+    """Against itself, drawn still at many places."""
+    psf = crooked(np.random.default_rng(SEED))
+    image = ws.deposit([xy], [1.0], psf, SHAPE, device=device, movement_px=[movement], brightness=[brightness])
+    t, weight = fine_times(60)
+    places = xy + legendre(movement, t)
+    still = ws.deposit(places, weight * legendre(brightness, t), psf, SHAPE, device=device, flux_error=1e-7)
+    np.testing.assert_allclose(image, still, rtol=0, atol=SUM_ATOL)
+
+
+def test_sharpness_of_images():
+    """A sampled Gaussian is as sharp as the Gaussian; noise is as sharp as its samples."""
+    y, x = np.mgrid[-40:41, -40:41] / 10
+    for sigma_px in (0.3, 0.6):
+        found, _ = sharpness(ws.PsfTable(np.exp(-(x**2 + y**2) / (2 * sigma_px**2)), 10.0))
+        assert 0.9 * sigma_px <= found <= sigma_px
+    noise, _ = sharpness(ws.PsfTable(np.random.default_rng(SEED).uniform(0, 1, (60, 60)), 10.0))
+    assert 0.005 < noise < 0.1
 
 
 @every_psf

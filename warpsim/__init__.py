@@ -13,6 +13,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from warpsim import paper as paper
     from warpsim import plot as plot
+    from warpsim.detector.electron import ElectronDetector as ElectronDetector
     from warpsim.detector.nei import NeiDetector as NeiDetector
     from warpsim.errors import InputError as InputError
     from warpsim.exchange.read import read_attitude as read_attitude
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from warpsim.exchange.write import write_stk_attitude as write_stk_attitude
     from warpsim.exchange.write import write_stk_ephemeris as write_stk_ephemeris
     from warpsim.optics.camera import Camera as Camera
+    from warpsim.optics.distortion import Distortion as Distortion
     from warpsim.optics.psf import PsfAiry as PsfAiry
     from warpsim.optics.psf import PsfGaussian as PsfGaussian
     from warpsim.optics.psf import PsfTable as PsfTable
@@ -99,6 +101,7 @@ _HOME = {
     "BANDS": "warpsim.sky.bands",
     "band_radiance_w_m2_sr": "warpsim.sky.bands",
     "Camera": "warpsim.optics.camera",
+    "Distortion": "warpsim.optics.distortion",
     "Optics": "warpsim.optics.telescope",
     "PsfGaussian": "warpsim.optics.psf",
     "PsfAiry": "warpsim.optics.psf",
@@ -144,6 +147,7 @@ _HOME = {
     "write_aem": "warpsim.exchange.write",
     "write_stk_attitude": "warpsim.exchange.write",
     "NeiDetector": "warpsim.detector.nei",
+    "ElectronDetector": "warpsim.detector.electron",
     "InputError": "warpsim.errors",
 }
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, TypeVar
+from math import inf
+from typing import Annotated, Any, TypeVar
 
 from pydantic import PlainSerializer, PlainValidator, ValidationInfo
 from pydantic_core import PydanticCustomError
@@ -36,7 +37,9 @@ class ByBand(Mapping[str, V]):
         return repr(self._values)
 
 
-def band_table(value: Any, info: ValidationInfo, low: float, high: float) -> ByBand[float]:
+def band_table(
+    value: Any, info: ValidationInfo, low: float, high: float, open_low: bool = False
+) -> ByBand[float]:
     """A table of numbers by band, each from low to high, as pydantic's validators give it."""
     if not isinstance(value, Mapping):
         raise rule_error("must be a table of numbers by band")
@@ -46,7 +49,7 @@ def band_table(value: Any, info: ValidationInfo, low: float, high: float) -> ByB
     numbers = {}
     for band, given in value.items():
         try:
-            numbers[band] = number_within(given, info, low, high)
+            numbers[band] = number_within(given, info, low, high, open_low)
         except PydanticCustomError as error:
             raise part_error(f"{band}: {error.message()}, got {given!r}") from None
     return ByBand(numbers)
@@ -63,3 +66,29 @@ def _plain(value: Any) -> Any:
 
 AS_DICT = PlainSerializer(_plain)
 """How such a field is written: a dict, or the value that stands for all bands."""
+
+
+def _number_or_table(low: float, high: float, open_low: bool = False) -> PlainValidator:
+    """Rule of a field: one number for all bands from low to high, or a table of them that is not empty."""
+
+    def check(value: Any, info: ValidationInfo) -> float | ByBand[float]:
+        if not isinstance(value, Mapping):
+            return number_within(value, info, low, high, open_low)
+        if not value:
+            raise rule_error("must be a number or a table that names a band")
+        return band_table(value, info, low, high, open_low)
+
+    return PlainValidator(check)
+
+
+PositiveByBand = Annotated[float | Mapping[str, float], _number_or_table(0.0, inf, open_low=True), AS_DICT]
+"""A number > 0 for all bands, or a table of them."""
+NonNegativeByBand = Annotated[float | Mapping[str, float], _number_or_table(0.0, inf), AS_DICT]
+"""A number >= 0 for all bands, or a table of them."""
+ShareByBand = Annotated[float | Mapping[str, float], _number_or_table(0.0, 1.0, open_low=True), AS_DICT]
+"""A share, > 0 and <= 1, for all bands, or a table of them."""
+
+
+def in_band(value: float | Mapping[str, float], band: str) -> float | None:
+    """The number of a band, None where a table does not name it."""
+    return value.get(band) if isinstance(value, Mapping) else value

@@ -30,11 +30,14 @@ T = TypeVar("T")
 
 # Longest suffix first, so that `_m_s` is not read as `_s`.
 _UNIT_OF_SUFFIX = {
+    "_w_cm2_sr": "W / (cm2 sr)",
     "_j_kg_k": "J / (kg K)",
+    "_mjy_sr": "MJy / sr",
     "_w_cm2": "W / cm2",
     "_w_m2": "W / m2",
     "_rev_s": "1 / s",
     "_m_s": "m / s",
+    "_e_s": "electron / s",
     "_deg": "deg",
     "_rad": "rad",
     "_urad": "urad",
@@ -45,6 +48,7 @@ _UNIT_OF_SUFFIX = {
     "_px": "pix",
     "_kg": "kg",
     "_m": "m",
+    "_e": "electron",
     "_s": "s",
     "_k": "K",
 }

@@ -163,6 +163,7 @@ def make_aim_kernel(kind: int, with_jitter: bool) -> wp.Kernel:
     def aim_kernel(
         # in
         view_time_s: wp.array[wp.float64],  # (n_view,)
+        view_middle_s: wp.array[wp.float64],  # (n_view,) middle of the exposure, throughout which a stare holds its row
         view_sensor: wp.array[wp.uint32],  # (n_view,) row of the sensor in the tracks
         position_m: wp.array2d[wp.vec3d],  # (n_body, n_node) sensors first, then targets
         velocity_m_s: wp.array2d[wp.vec3d],  # (n_body, n_node)
@@ -195,7 +196,10 @@ def make_aim_kernel(kind: int, with_jitter: bool) -> wp.Kernel:
                 position_m, velocity_m_s, releases, aim, time_s, grid, place, earth_velocity, velocity
             )
         if wp.static(kind == AIM_TABLE):
-            sight = table_sight(table, sensor, time_s)
+            sight_s = time_s
+            if table.scan == 0:
+                sight_s = view_middle_s[view]
+            sight = table_sight(table, sensor, sight_s)
             boresight = sight.direction
             roll_rad = sight.roll_rad
         if wp.static(kind != AIM_TRACK):

@@ -1,25 +1,70 @@
-"""Camera axes and gnomonic projection, float64."""
+"""Camera axes, lens distortion and gnomonic projection, float64."""
+
+import functools
 
 import warp as wp
 
 
 @wp.struct
+class Distortion:
+    """Brown and Conrady's polynomial on the tangent plane, and how far it serves."""
+
+    k1: wp.float64
+    k2: wp.float64
+    k3: wp.float64
+    p1: wp.float64
+    p2: wp.float64
+    limit: wp.float64  # beyond this radius the distortion goes on in proportion along each ray
+
+
+@wp.struct
 class Camera:
-    """Pinhole camera. Pixel centres lie on integers; x runs along columns, y along rows."""
+    """Pinhole camera with a lens. Pixel centres lie on integers; x runs along columns, y along rows."""
 
     n_row: int
     n_col: int
-    focal_px: wp.float64
+    focal_px: wp.float64  # in widths of a pixel
+    focal_row_px: wp.float64  # in heights of a pixel
     centre_x_px: wp.float64
     centre_y_px: wp.float64
+    distortion: Distortion  # read where it is on
 
 
 @wp.func
-def projected_px(camera: Camera, axes: wp.mat33d, direction: wp.vec3d) -> wp.vec2d:
-    """Pixel coordinates of a direction in front of the camera (rows of axes: x, y, z)."""
-    seen = axes * direction
-    scale = camera.focal_px / seen[2]
-    return wp.vec2d(camera.centre_x_px + seen[0] * scale, camera.centre_y_px + seen[1] * scale)
+def pinhole_px(camera: Camera, seen: wp.vec3d) -> wp.vec2d:
+    """Pixel coordinates of a vector in camera axes, in front of the camera."""
+    scale_x = camera.focal_px / seen[2]
+    scale_y = camera.focal_row_px / seen[2]
+    return wp.vec2d(camera.centre_x_px + seen[0] * scale_x, camera.centre_y_px + seen[1] * scale_y)
+
+
+@wp.func
+def distorted(lens: Distortion, seen: wp.vec3d) -> wp.vec3d:
+    """A vector in camera axes, as a pinhole would have to see it; in front of the camera (Brown 1971, as OpenCV)."""
+    scale = wp.max(seen[2], wp.sqrt(seen[0] * seen[0] + seen[1] * seen[1]) / lens.limit)
+    x = seen[0] / scale
+    y = seen[1] / scale
+    two = wp.float64(2.0)
+    r2 = x * x + y * y
+    radial = wp.float64(1.0) + r2 * (lens.k1 + r2 * (lens.k2 + r2 * lens.k3))
+    place_x = x * radial + two * lens.p1 * x * y + lens.p2 * (r2 + two * x * x)
+    place_y = y * radial + lens.p1 * (r2 + two * y * y) + two * lens.p2 * x * y
+    return wp.vec3d(place_x * scale, place_y * scale, seen[2])
+
+
+@functools.cache
+def projection(distortion: bool) -> wp.Function:
+    """The function that projects: (camera, axes, direction) to pixels; without the lens' code where it is off."""
+
+    @wp.func
+    def projected_px(camera: Camera, axes: wp.mat33d, direction: wp.vec3d) -> wp.vec2d:
+        """Pixel coordinates of a direction in front of the camera (rows of axes: x, y, z)."""
+        seen = axes * direction
+        if wp.static(distortion):
+            seen = distorted(camera.distortion, seen)
+        return pinhole_px(camera, seen)
+
+    return projected_px
 
 
 @wp.func

@@ -4,7 +4,7 @@ import functools
 
 import warp as wp
 
-from warpsim_kernels.signature import Features
+from warpsim_kernels.signature import ALBEDO, EARTH, EMITTED, SUN, Features
 from warpsim_kernels.targets import DARK
 
 _W_CM2_PER_W_M2 = wp.constant(wp.float64(1.0e-4))
@@ -66,30 +66,12 @@ def irradiance_per_intensity(seen: Seen, view: int, target: int) -> wp.float64:
 
 
 @wp.func
-def emitted_w_sr(
+def emitted_w_m2_sr(
     surfaces: Surfaces, table: RadianceTable, seen: Seen, view: int, band: int, target: int
 ) -> wp.float64:
-    """Intensity of the target's own light."""
+    """Intensity of the target's own light for each square metre of its outline."""
     radiance = band_radiance_w_m2_sr(table, band, seen.temperature_k[view, target])
-    return surfaces.emissivity[band, target] * radiance * seen.area_m2[view, target]
-
-
-@wp.func
-def sun_w_sr(surfaces: Surfaces, seen: Seen, view: int, band: int, target: int) -> wp.float64:
-    """Intensity of reflected sunlight."""
-    return surfaces.sun_w_m2_sr[band, target] * seen.sun_area_m2[view, target]
-
-
-@wp.func
-def earth_w_sr(surfaces: Surfaces, seen: Seen, view: int, band: int, target: int) -> wp.float64:
-    """Intensity of the Earth's heat, reflected."""
-    return surfaces.earth_w_m2_sr[band, target] * seen.earth_area_m2[view, target]
-
-
-@wp.func
-def albedo_w_sr(surfaces: Surfaces, seen: Seen, view: int, band: int, target: int) -> wp.float64:
-    """Intensity of sunlight reflected by the Earth, then by the target."""
-    return surfaces.albedo_w_m2_sr2[band, target] * seen.albedo_area_m2_sr[view, target]
+    return surfaces.emissivity[band, target] * radiance
 
 
 @functools.cache
@@ -107,13 +89,13 @@ def make_emit_kernel(features: Features) -> wp.Kernel:
     ):
         """In-band irradiance at the pupil."""
         view, band, target = wp.tid()
-        intensity_w_sr = emitted_w_sr(surfaces, table, seen, view, band, target)
+        intensity_w_sr = emitted_w_m2_sr(surfaces, table, seen, view, band, target) * seen.area_m2[view, target]
         if wp.static(features.sun):
-            intensity_w_sr += sun_w_sr(surfaces, seen, view, band, target)
+            intensity_w_sr += surfaces.sun_w_m2_sr[band, target] * seen.sun_area_m2[view, target]
         if wp.static(features.earth):
-            intensity_w_sr += earth_w_sr(surfaces, seen, view, band, target)
+            intensity_w_sr += surfaces.earth_w_m2_sr[band, target] * seen.earth_area_m2[view, target]
         if wp.static(features.albedo):
-            intensity_w_sr += albedo_w_sr(surfaces, seen, view, band, target)
+            intensity_w_sr += surfaces.albedo_w_m2_sr2[band, target] * seen.albedo_area_m2_sr[view, target]
         source_irradiance_w_cm2[view, band, target] = float(
             intensity_w_sr * irradiance_per_intensity(seen, view, target)
         )
@@ -121,12 +103,40 @@ def make_emit_kernel(features: Features) -> wp.Kernel:
     return emit_kernel
 
 
-EMITTED = wp.constant(0)
-SUN = wp.constant(1)
-EARTH = wp.constant(2)
-ALBEDO = wp.constant(3)
-N_TERM = 4
-"""Places of the terms along the first axis of what split_kernel writes."""
+@functools.cache
+def make_profile_kernel(features: Features) -> wp.Kernel:
+    """Kernel that turns the series of areas into one of brightness, in shares of its mean."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def profile_kernel(
+        # in
+        surfaces: Surfaces,
+        table: RadianceTable,
+        seen: Seen,
+        area_series: wp.array4d[wp.float64],  # (n_view, n_target, N_TERM, n_exposure)
+        # out
+        brightness: wp.array4d[float],  # (n_view, n_band, n_target, n_exposure) Legendre coefficients, the first 1
+    ):
+        """How each target's brightness changes during the exposure."""
+        view, band, target = wp.tid()
+        emitted = emitted_w_m2_sr(surfaces, table, seen, view, band, target)
+        mean_w_sr = wp.float64(0.0)
+        for l in range(brightness.shape[3]):
+            intensity_w_sr = emitted * area_series[view, target, EMITTED, l]
+            if wp.static(features.sun):
+                intensity_w_sr += surfaces.sun_w_m2_sr[band, target] * area_series[view, target, SUN, l]
+            if wp.static(features.earth):
+                intensity_w_sr += surfaces.earth_w_m2_sr[band, target] * area_series[view, target, EARTH, l]
+            if wp.static(features.albedo):
+                intensity_w_sr += surfaces.albedo_w_m2_sr2[band, target] * area_series[view, target, ALBEDO, l]
+            if l == 0:
+                mean_w_sr = intensity_w_sr
+            brightness[view, band, target, l] = float(0.0)
+            if mean_w_sr > wp.float64(0.0):
+                brightness[view, band, target, l] = float(intensity_w_sr / mean_w_sr)
+        brightness[view, band, target, 0] = 1.0
+
+    return profile_kernel
 
 
 @functools.cache
@@ -145,15 +155,17 @@ def make_split_kernel(features: Features) -> wp.Kernel:
         """Irradiance at the pupil by each term."""
         view, band, target = wp.tid()
         scale = irradiance_per_intensity(seen, view, target)
-        irradiance_w_cm2[EMITTED, view, band, target] = scale * emitted_w_sr(
-            surfaces, table, seen, view, band, target
-        )
+        emitted = emitted_w_m2_sr(surfaces, table, seen, view, band, target)
+        irradiance_w_cm2[EMITTED, view, band, target] = scale * (emitted * seen.area_m2[view, target])
         if wp.static(features.sun):
-            irradiance_w_cm2[SUN, view, band, target] = scale * sun_w_sr(surfaces, seen, view, band, target)
+            sun_w_sr = surfaces.sun_w_m2_sr[band, target] * seen.sun_area_m2[view, target]
+            irradiance_w_cm2[SUN, view, band, target] = scale * sun_w_sr
         if wp.static(features.earth):
-            irradiance_w_cm2[EARTH, view, band, target] = scale * earth_w_sr(surfaces, seen, view, band, target)
+            earth_w_sr = surfaces.earth_w_m2_sr[band, target] * seen.earth_area_m2[view, target]
+            irradiance_w_cm2[EARTH, view, band, target] = scale * earth_w_sr
         if wp.static(features.albedo):
-            irradiance_w_cm2[ALBEDO, view, band, target] = scale * albedo_w_sr(surfaces, seen, view, band, target)
+            albedo_w_sr = surfaces.albedo_w_m2_sr2[band, target] * seen.albedo_area_m2_sr[view, target]
+            irradiance_w_cm2[ALBEDO, view, band, target] = scale * albedo_w_sr
 
     return split_kernel
 
@@ -163,12 +175,16 @@ def record_targets_kernel(
     # in
     source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
     source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
+    source_offset_px: wp.array3d[wp.vec2],  # (n_view, n_slot, n_path)
     # out
     xy_px: wp.array2d[wp.vec2d],  # (n_view, n_target)
     irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_target)
+    offset_px: wp.array3d[wp.vec2],  # (n_view, n_target, n_path)
 ):
     """Keep, for the truth, the very numbers that the deposit draws: label and light cannot differ."""
     view, band, target = wp.tid()
     irradiance_w_cm2[view, band, target] = source_irradiance_w_cm2[view, band, target]
     if band == 0:
         xy_px[view, target] = source_xy_px[view, target]
+        for l in range(offset_px.shape[2]):
+            offset_px[view, target, l] = source_offset_px[view, target, l]

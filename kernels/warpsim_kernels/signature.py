@@ -32,6 +32,8 @@ class Features(NamedTuple):
     earth: bool = False  # reflected heat of the Earth
     albedo: bool = False  # reflected sunlight by way of the Earth
     albedo_degree: int = 0  # that by harmonics up to this degree; 0: by quadrature
+    profile: bool = False  # how areas change during the exposure, not their means alone
+    distortion: bool = False  # the camera's lens distorts
 
 
 @wp.struct
@@ -61,6 +63,7 @@ class Exposure:
 
     offset_s: wp.array[wp.float64]  # (n_exposure,)
     weight: wp.array[wp.float64]  # (n_exposure,) sum 1
+    series: wp.array2d[wp.float64]  # (n_exposure, n_exposure) what makes Legendre coefficient l of the value at node k
 
 
 @wp.struct
@@ -83,6 +86,28 @@ class Signature:
     sun_area_m2: wp.float64  # reflects sunlight, per irradiance at 1 au
     earth_area_m2: wp.float64  # reflects the Earth's heat, per pi times radiance
     albedo_area_m2_sr: wp.float64  # reflects the Earth's sunlight, per albedo / pi times irradiance at 1 au
+
+
+EMITTED = wp.constant(0)
+SUN = wp.constant(1)
+EARTH = wp.constant(2)
+ALBEDO = wp.constant(3)
+N_TERM = 4
+"""Places of the terms of a target's light along axes that hold all of them."""
+
+
+@wp.func
+def add_to_series(series: wp.array2d[wp.float64], term: int, exposure: Exposure, k: int, area_m2: wp.float64):
+    """Take a term's area at node k into its Legendre series over the exposure."""
+    for l in range(exposure.offset_s.shape[0]):
+        series[term, l] += exposure.series[l, k] * area_m2
+
+
+@wp.func
+def scale_series(series: wp.array2d[wp.float64], term: int, factor: wp.float64):
+    """Multiply a term's series."""
+    for l in range(series.shape[1]):
+        series[term, l] *= factor
 
 
 @functools.cache
@@ -141,6 +166,7 @@ def signature_of(features: Features) -> wp.Function:
         place_m: wp.vec3d,  # of the target, geocentric
         towards_sensor: wp.vec3d,  # unit
         time_s: wp.float64,  # when the light left in the middle of the exposure
+        series: wp.array2d[wp.float64],  # (N_TERM, n_exposure) of this target's areas; written if profiles are kept
     ) -> Signature:
         seen = Signature()
         if wp.static(features.sun or features.albedo):
@@ -161,30 +187,50 @@ def signature_of(features: Features) -> wp.Function:
             if wp.static(features.albedo_degree > 0):
                 light = series_harmonics(surroundings.albedo_rule, limb_sine, sun_up, sun_across)
         n_exposure = exposure.offset_s.shape[0]
+        if wp.static(features.profile):
+            for term in range(wp.static(N_TERM)):
+                for l in range(n_exposure):
+                    series[term, l] = wp.float64(0.0)
         for k in range(n_exposure):
             weight = exposure.weight[k]
             axes = body_axes(target, tables, time_s + exposure.offset_s[k])
             view = axes * towards_sensor
-            seen.area_m2 += weight * outline_m2(target.body, tables, view)
+            area_m2 = outline_m2(target.body, tables, view)
+            seen.area_m2 += weight * area_m2
+            if wp.static(features.profile):
+                add_to_series(series, EMITTED, exposure, k, area_m2)
             if 2 * k + 1 == n_exposure:
                 seen.aspect_rad = wp.atan2(wp.sqrt(view[0] * view[0] + view[1] * view[1]), view[2])
             if wp.static(features.sun):
                 if seen.sunlit > wp.float64(0.0):
-                    seen.sun_area_m2 += weight * lit_m2(target.body, tables, view, axes * towards_sun)
+                    sun_area_m2 = lit_m2(target.body, tables, view, axes * towards_sun)
+                    seen.sun_area_m2 += weight * sun_area_m2
+                    if wp.static(features.profile):
+                        add_to_series(series, SUN, exposure, k, sun_area_m2)
             if wp.static(features.earth):
-                seen.earth_area_m2 += weight * body_earth_area_m2(
+                earth_area_m2 = body_earth_area_m2(
                     surroundings.earth_rule, target.body, tables.facets, view, axes * nadir, limb_sine
                 )
+                seen.earth_area_m2 += weight * earth_area_m2
+                if wp.static(features.profile):
+                    add_to_series(series, EARTH, exposure, k, earth_area_m2)
             if wp.static(features.albedo):
                 if not dark:
-                    seen.albedo_area_m2_sr += weight * earthshine_m2_sr(
+                    albedo_area_m2_sr = earthshine_m2_sr(
                         target.body, tables, surroundings.albedo_rule, light, view, axes * nadir, limb_sine,
                         axes * towards_sun,
                     )
+                    seen.albedo_area_m2_sr += weight * albedo_area_m2_sr
+                    if wp.static(features.profile):
+                        add_to_series(series, ALBEDO, exposure, k, albedo_area_m2_sr)
         if wp.static(features.albedo):
             seen.albedo_area_m2_sr /= distance_au * distance_au
+            if wp.static(features.profile):
+                scale_series(series, ALBEDO, wp.float64(1.0) / (distance_au * distance_au))
         if wp.static(features.sun):
             seen.sun_area_m2 *= seen.sunlit / (distance_au * distance_au)
+            if wp.static(features.profile):
+                scale_series(series, SUN, seen.sunlit / (distance_au * distance_au))
         return seen
 
     return signature

@@ -1,12 +1,13 @@
 """Stage gather_stars: the stars of each view, from the index to the focal plane."""
 
 import functools
+import math
 
 import warp as wp
 
 from warpsim_kernels.apparent import aberrated, deflected, seen_from
 from warpsim_kernels.band_index import cone_cover, run_of_stars
-from warpsim_kernels.camera import Camera, depth, projected_px, within_frame
+from warpsim_kernels.camera import Camera, depth, projection, within_frame
 from warpsim_kernels.earth import Earth, is_star_occulted
 from warpsim_kernels.motion import NodeGrid, linear_vector
 
@@ -34,8 +35,15 @@ class EarthOrbit:
 
 
 @functools.cache
-def make_gather_stars_kernel(with_parallax: bool, with_deflection: bool, with_aberration: bool) -> wp.Kernel:
+def make_gather_stars_kernel(
+    with_parallax: bool,
+    with_deflection: bool,
+    with_aberration: bool,
+    with_distortion: bool = False,
+    with_streaks: bool = False,
+) -> wp.Kernel:
     """Kernel of the stage; what is off is not in its code."""
+    projected_px = projection(with_distortion)
 
     @wp.kernel(module="unique", enable_backward=False)
     def gather_stars_kernel(
@@ -49,10 +57,12 @@ def make_gather_stars_kernel(with_parallax: bool, with_deflection: bool, with_ab
         camera: Camera,
         earth: Earth,
         n_target: int,  # slots already taken by targets
+        view_reach: wp.array[wp.vec2d],  # (n_view,) how far stars move in the exposure [px], [rad]; not read if still
         # out
         source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
         source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
         source_star: wp.array2d[wp.int32],  # (n_view, n_slot) star in cell order, -1 for a target
+        source_direction: wp.array2d[wp.vec3d],  # (n_view, n_slot) apparent; empty if stars do not move
         n_source: wp.array[wp.int32],  # (n_view,) filled slots
         n_wanted: wp.array[wp.int32],  # (n_view,) slots needed; above n_slot when the list is full
     ):
@@ -70,13 +80,20 @@ def make_gather_stars_kernel(with_parallax: bool, with_deflection: bool, with_ab
         n = int(n_target)
         for target in range(n_target):
             source_star[view, target] = -1
-        cover = cone_cover(boresight, stars.radius_rad)
+        radius_rad = stars.radius_rad
+        cosine = stars.cosine
+        reach_px = wp.float64(0.0)
+        if wp.static(with_streaks):
+            reach_px = view_reach[view][0]
+            radius_rad = wp.min(radius_rad + view_reach[view][1], wp.float64(wp.static(math.pi)))
+            cosine = wp.cos(radius_rad)
+        cover = cone_cover(boresight, radius_rad)
         for band in range(cover.first_band, cover.last_band + 1):
             for part in range(2):
                 run = run_of_stars(stars.cell_start, stars.direction, band, cover, part)
                 for star in range(run[0], run[1]):
                     seen = stars.direction[star]
-                    if wp.dot(seen, boresight) < stars.cosine or is_star_occulted(view_position_m[view], seen, earth):
+                    if wp.dot(seen, boresight) < cosine or is_star_occulted(view_position_m[view], seen, earth):
                         continue
                     if wp.static(with_parallax):
                         seen = seen_from(seen, wp.float64(stars.parallax_rad[star]), observer_m)
@@ -85,12 +102,14 @@ def make_gather_stars_kernel(with_parallax: bool, with_deflection: bool, with_ab
                     if wp.static(with_aberration):
                         seen = aberrated(seen, view_velocity_m_s[view])
                     xy_px = projected_px(camera, axes, seen)
-                    margin_px = wp.float64(stars.half_width_px[star])
+                    margin_px = wp.float64(stars.half_width_px[star]) + reach_px
                     if depth(axes, seen) <= wp.float64(0.0) or not within_frame(camera, xy_px, margin_px):
                         continue
                     if n < n_slot:
                         source_xy_px[view, n] = xy_px
                         source_star[view, n] = star
+                        if wp.static(with_streaks):
+                            source_direction[view, n] = seen
                         for channel in range(source_irradiance_w_cm2.shape[1]):
                             source_irradiance_w_cm2[view, channel, n] = stars.irradiance_w_cm2[channel, star]
                     n += 1

@@ -5,7 +5,7 @@ import functools
 import warp as wp
 
 from warpsim_kernels.apparent import Releases, path_from_target
-from warpsim_kernels.camera import Camera, depth, projected_px, within_frame
+from warpsim_kernels.camera import Camera, depth, projection, within_frame
 from warpsim_kernels.earth import is_occulted
 from warpsim_kernels.motion import NodeGrid, linear_vector
 from warpsim_kernels.signature import Exposure, Features, Surroundings, Tables, Target, signature_of
@@ -23,6 +23,7 @@ DARK = wp.constant(10)
 def make_observe_targets_kernel(features: Features) -> wp.Kernel:
     """Kernel of the stage; its code holds what the scene's targets need."""
     signature = signature_of(features)
+    projected_px = projection(features.distortion)
 
     @wp.kernel(module="unique", enable_backward=False)
     def observe_targets_kernel(
@@ -53,6 +54,7 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
         sunlit: wp.array2d[wp.float64],  # (n_view, n_target)
         temperature: wp.array2d[wp.float64],  # (n_view, n_target) [K]
         flags: wp.array2d[wp.int32],  # (n_view, n_target) IN_FOV | OCCULTED | BEHIND | STOWED
+        area_series: wp.array4d[wp.float64],  # (n_view, n_target, N_TERM, n_exposure); empty unless profiles are kept
     ):
         """Geometry of every (view, target)."""
         view, target_id = wp.tid()
@@ -83,7 +85,7 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
             towards_sensor = -path.vector_m / path.range_m
         seen = signature(
             target, tables, exposure, surroundings, grid, observer + path.vector_m, towards_sensor,
-            path.emission_time_s,
+            path.emission_time_s, area_series[view, target_id],
         )
         source_xy_px[view, target_id] = place_px
         range_m[view, target_id] = path.range_m

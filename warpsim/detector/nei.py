@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from warpsim.describe import Integer, NonNegative, Positive, closed_interval, part, part_error
-
-MAX_DIFFUSION_PX = 10.0
+from warpsim.by_band import PositiveByBand, in_band
+from warpsim.describe import Integer, NonNegative, Positive, Switch, closed_interval, part, part_error
+from warpsim.detector.fields import BadShare, Bits, Diffusion, Exposure, GainSpread, Nonlinearity
+from warpsim.errors import InputError
+from warpsim.sky.bands import BANDS
 
 
 @part
@@ -16,50 +18,66 @@ class NeiDetector:
     """Counts = ADC(offset + counts_per_nei * min(signal / NEI + unit Gaussian noise, SEI / NEI)).
 
     Args:
-        nei_w_cm2: Irradiance whose signal equals one standard deviation of a pixel's noise [W/cm2].
-        sei_w_cm2: Irradiance at which a pixel saturates [W/cm2].
+        nei_w_cm2: Irradiance whose signal equals one standard deviation of a pixel's noise, one number or a table by
+            band [W/cm2].
+        sei_w_cm2: Irradiance at which a pixel saturates, alike [W/cm2].
         bits: Bits of the analogue-to-digital converter.
         offset_counts: Counts of blank sky. At 5 * counts_per_nei or more, the noise of blank sky is not clipped.
         counts_per_nei: Gain [counts per NEI].
         exposure_s: Length of the exposure about the frame's time [s], over which targets' brightness is averaged as
             they turn; 0 is an instant. NEI and SEI are those of this exposure.
+        streaks: Whether light moves over the image during the exposure, as cameras turn and targets pass; without,
+            places are those of its middle.
         diffusion_px: Standard deviation, along rows as along columns, by which charge spreads before it is collected
             [px, in widths of a pixel]; it widens the point spread function.
+        prnu: Photo-response non-uniformity: standard deviation of the pixels' gains about 1, the same in every frame.
+        dsnu_nei: Offset non-uniformity: standard deviation of the pixels' offsets [NEI], the same in every frame.
+        column_noise_nei: Standard deviation of an offset that the pixels of a column share, new in every frame [NEI].
+        dead_fraction: Share of pixels that do not respond to light, the same in every frame.
+        hot_fraction: Share of pixels that are always saturated.
+        nonlinearity: Share of its response that a pixel has lost at SEI: a signal S, at most SEI, reads
+            S (1 - nonlinearity * S / SEI).
+        noise: "fresh" for every pixel of every frame, or from a "template" of deviates that is made once: faster, but
+            it repeats.
+        template_size: Deviates in the template.
     """
 
-    nei_w_cm2: Positive
-    sei_w_cm2: Positive
-    bits: Annotated[Integer, closed_interval(1, 16)] = 14
+    nei_w_cm2: PositiveByBand
+    sei_w_cm2: PositiveByBand
+    bits: Bits = 14
     offset_counts: NonNegative = 100.0
     counts_per_nei: Positive = 5.0
-    exposure_s: Annotated[NonNegative, closed_interval(0, 10)] = 0.0
-    diffusion_px: Annotated[NonNegative, closed_interval(0, MAX_DIFFUSION_PX)] = 0.0
+    exposure_s: Exposure = 0.0
+    streaks: Switch = True
+    diffusion_px: Diffusion = 0.0
+    prnu: GainSpread = 0.0
+    dsnu_nei: NonNegative = 0.0
+    column_noise_nei: NonNegative = 0.0
+    dead_fraction: BadShare = 0.0
+    hot_fraction: BadShare = 0.0
+    nonlinearity: Nonlinearity = 0.0
+    noise: Literal["fresh", "template"] = "fresh"
+    template_size: Annotated[Integer, closed_interval(2**12, 2**26)] = 2**22
     kind: Literal["nei"] = Field(default="nei", kw_only=True)
 
     @model_validator(mode="after")
     def _ordered(self) -> NeiDetector:
-        if self.sei_w_cm2 <= self.nei_w_cm2:
-            raise part_error(f"sei_w_cm2: must be above nei_w_cm2 ({self.nei_w_cm2:g}), got {self.sei_w_cm2:g}")
+        for band in BANDS:
+            nei, sei = in_band(self.nei_w_cm2, band), in_band(self.sei_w_cm2, band)
+            if nei is not None and sei is not None and sei <= nei:
+                where = "" if isinstance(self.nei_w_cm2, float) and isinstance(self.sei_w_cm2, float) else f" in {band}"
+                raise part_error(f"sei_w_cm2: must be above nei_w_cm2 ({nei:g}){where}, got {sei:g}")
         if self.offset_counts >= 2**self.bits:
             raise part_error(f"offset_counts: must be below 2**bits ({2**self.bits}), got {self.offset_counts:g}")
         return self
 
     @property
     def dynamic_range(self) -> float:
-        """SEI / NEI."""
-        return self.sei_w_cm2 / self.nei_w_cm2
+        """SEI / NEI.
 
-
-def read_out_struct(detector: NeiDetector, seed: int) -> Any:
-    """The detector and the seed of its noise as the kernels' struct."""
-    from warpsim_kernels.read_out import NeiReadOut
-
-    scalars = NeiReadOut()
-    scalars.per_nei = 1.0 / detector.nei_w_cm2
-    scalars.ceiling_nei = detector.dynamic_range
-    scalars.counts_per_nei = detector.counts_per_nei
-    scalars.offset_counts = detector.offset_counts
-    scalars.max_counts = float(2**detector.bits - 1)
-    scalars.seed_low = seed & 0xFFFFFFFF
-    scalars.seed_high = (seed >> 32) & 0xFFFFFFFF
-    return scalars
+        Raises:
+            InputError: They differ by band.
+        """
+        if isinstance(self.nei_w_cm2, float) and isinstance(self.sei_w_cm2, float):
+            return self.sei_w_cm2 / self.nei_w_cm2
+        raise InputError("NeiDetector: dynamic_range: differs by band; Scene.sei_w_cm2 and nei_w_cm2 tell its parts")

@@ -1,7 +1,8 @@
 """The camera: how directions become pixel coordinates.
 
 Conventions: zero-based pixels with the centre on the integer, x = column, y = row. Camera axes: z = boresight into the
-scene, x = right (columns grow), y = down (rows grow). The projection is gnomonic (TAN).
+scene, x = right (columns grow), y = down (rows grow). The projection is gnomonic (TAN), after the lens distortion where
+there is one.
 """
 
 from __future__ import annotations
@@ -13,25 +14,35 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import field_validator, model_validator
 
-from warpsim.describe import Count, Number, Positive, open_interval, part, part_error, rule_error
+from warpsim.describe import Count, Number, Positive, closed_interval, open_interval, part, part_error, rule_error
 from warpsim.errors import InputError
+from warpsim.optics.distortion import Distortion, checked_radius, distorted, undistorted
+
+F64 = npt.NDArray[np.float64]
+
+_BORDER_STEPS = 256
+_BULGE = 1e-3
+"""More than a distorted border can reach beyond its points so many steps apart, relative to its size."""
 
 
 @part
 class Camera:
-    """A pinhole camera with square pixels.
+    """A pinhole camera, with a lens distortion or without.
 
     Give the field of view, or focal length and pixel pitch.
 
     Args:
         n_row: Rows of the array.
         n_col: Columns of the array.
-        fov_deg: Full field of view across the columns [deg].
+        fov_deg: Full field of view across the columns, before distortion [deg].
         focal_length_m: Focal length [m].
-        pixel_pitch_m: Distance between pixel centres [m].
+        pixel_pitch_m: Distance between the centres of neighbouring columns, the width of a pixel [m].
+        pixel_aspect: Height of a pixel over its width.
+        distortion: Of the lens; none when left out.
 
     Raises:
-        InputError: A value breaks its rule, or the field of view is given both ways or not at all.
+        InputError: A value breaks its rule, the field of view is given both ways or not at all, or the distortion is
+            not one-to-one over the array.
     """
 
     n_row: Count
@@ -39,6 +50,8 @@ class Camera:
     fov_deg: Annotated[Number, open_interval(0, 120)] | None = None
     focal_length_m: Positive | None = None
     pixel_pitch_m: Positive | None = None
+    pixel_aspect: Annotated[Number, closed_interval(0.1, 10)] = 1.0
+    distortion: Distortion | None = None
 
     @field_validator("fov_deg")
     @classmethod
@@ -55,47 +68,100 @@ class Camera:
             raise part_error("give either fov_deg, or focal_length_m and pixel_pitch_m")
         if self.n_row * self.n_col >= 2**29:
             raise part_error(f"n_row * n_col: must be below 2**29, got {self.n_row * self.n_col}")
+        if self.lens is not None:
+            _, wrong = checked_radius(self.lens, *self._half_size)
+            if wrong:
+                raise part_error(f"distortion: must be one-to-one until it fills the array and a tenth beyond, {wrong}")
         return self
 
     @property
     def focal_px(self) -> float:
-        """Focal length in pixels: (n_col / 2) / tan(fov / 2)."""
+        """Focal length in widths of a pixel: (n_col / 2) / tan(fov / 2)."""
         if self.fov_deg is not None:
             return 0.5 * self.n_col / math.tan(math.radians(self.fov_deg) / 2)
         assert self.focal_length_m is not None and self.pixel_pitch_m is not None  # by the validator
         return self.focal_length_m / self.pixel_pitch_m
 
     @property
+    def focal_row_px(self) -> float:
+        """Focal length in heights of a pixel."""
+        return self.focal_px / self.pixel_aspect
+
+    @property
     def centre_px(self) -> tuple[float, float]:
         """Where the boresight falls: (x, y) [px]."""
         return (self.n_col - 1) / 2, (self.n_row - 1) / 2
 
-    def half_diagonal_rad(self, margin_px: float = 0.0) -> float:
-        """Angle from the boresight to the far corner of the array, grown by margin_px on each side [rad]."""
-        corner_px = math.hypot(self.n_col / 2 + margin_px, self.n_row / 2 + margin_px)
-        return math.atan2(corner_px, self.focal_px)
+    @property
+    def lens(self) -> Distortion | None:
+        """The distortion, None where it changes nothing."""
+        return None if self.distortion is None or self.distortion.is_off else self.distortion
 
-    def frame_margin_deg(self, direction: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    @property
+    def distortion_radius(self) -> float:
+        """Tangent of the angle from the boresight out to which the distortion's formula holds; infinite without one.
+
+        Beyond, the distortion goes on in proportion along each ray.
+        """
+        return math.inf if self.lens is None else checked_radius(self.lens, *self._half_size)[0]
+
+    @property
+    def field_deg(self) -> tuple[float, float]:
+        """Field of view across the columns and across the rows, through the centre, distortion included [deg]."""
+        (x, y), half_x, half_y = self.centre_px, self.n_col / 2, self.n_row / 2
+        left, right, top, bottom = self.direction([[x - half_x, y], [x + half_x, y], [x, y - half_y], [x, y + half_y]])
+        across, down = (math.atan2(np.linalg.norm(np.cross(a, b)), a @ b) for a, b in ((left, right), (top, bottom)))
+        return math.degrees(across), math.degrees(down)
+
+    @property
+    def landmarks(self) -> F64:
+        """Unit directions, in camera axes, of the array's corners, the middles of its edges and its centre, (9, 3)."""
+        x, y = self.centre_px
+        steps = (-0.5, 0.0, 0.5)
+        return self.direction([[x + i * self.n_col, y + j * self.n_row] for i in steps for j in steps])
+
+    @property
+    def _focal(self) -> F64:
+        return np.array([self.focal_px, self.focal_row_px])
+
+    @property
+    def _half_size(self) -> tuple[float, float]:
+        """Half the array on the tangent plane, (x, y)."""
+        return self.n_col / 2 / self.focal_px, self.n_row / 2 / self.focal_row_px
+
+    def half_diagonal_rad(self, margin_px: float = 0.0) -> float:
+        """Largest angle from the boresight on the array, grown by margin_px on each side [rad].
+
+        With a distortion it may be up to 1e-3 of itself too large, never too small.
+        """
+        if self.lens is None:
+            half = np.array([self.n_col / 2 + margin_px, self.n_row / 2 + margin_px]) / self._focal
+            return math.atan(math.hypot(*half))
+        border = _border(self.n_col / 2 + margin_px, self.n_row / 2 + margin_px) + self.centre_px
+        return math.atan((1 + _BULGE) * float(np.linalg.norm(self._tangent(border), axis=1).max()))
+
+    def frame_margin_deg(self, direction: npt.ArrayLike) -> F64:
         """How far directions are within the frame: angle from the nearest edge [deg], negative outside.
 
         The edges lie on great circles, and the frame is where a direction is on the inner side of all four: outside,
-        the margin is that of the circle farthest away, and it is negative behind the camera too.
+        the margin is that of the circle farthest away, and it is negative behind the camera too. With a distortion it
+        is the angle that a pinhole would see between the same places of the image.
 
         Args:
             direction: Vectors in camera axes (x right, y down, z boresight), not 0, shape (..., 3).
         """
-        x, y, z = np.moveaxis(np.asarray(direction, dtype=np.float64), -1, 0)
+        x, y, z = np.moveaxis(self._through_lens(np.asarray(direction, dtype=np.float64)), -1, 0)
         length = np.maximum(np.sqrt(x * x + y * y + z * z), 1e-300)
         sines = []
-        for across, n_pixel in ((x, self.n_col), (y, self.n_row)):
-            half = math.atan2(n_pixel / 2, self.focal_px)
+        for across, half_size in zip((x, y), self._half_size, strict=True):
+            half = math.atan(half_size)
             sines.append((z * math.sin(half) - np.abs(across) * math.cos(half)) / length)
-        margin_deg: npt.NDArray[np.float64] = np.degrees(np.arcsin(np.clip(np.minimum(*sines), -1.0, 1.0)))
+        margin_deg: F64 = np.degrees(np.arcsin(np.clip(np.minimum(*sines), -1.0, 1.0)))
         return margin_deg
 
     def project(
         self, direction_icrs: npt.ArrayLike, axes_icrs: npt.ArrayLike
-    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+    ) -> tuple[F64, npt.NDArray[np.bool_]]:
         """Pixel coordinates of directions.
 
         Args:
@@ -108,11 +174,44 @@ class Camera:
         """
         direction = _finite_array("direction_icrs", direction_icrs, (None, 3))
         axes = _finite_array("axes_icrs", axes_icrs, (3, 3))
-        seen = direction @ axes.T
+        seen = self._through_lens(direction @ axes.T)
         in_front = seen[:, 2] > 0
-        scale = np.full(len(seen), np.nan)
-        np.divide(self.focal_px, seen[:, 2], out=scale, where=in_front)
-        return np.asarray(self.centre_px) + seen[:, :2] * scale[:, None], in_front
+        tangent = np.full((len(seen), 2), np.nan)
+        np.divide(seen[:, :2], seen[:, 2:], out=tangent, where=in_front[:, None])
+        return np.asarray(self.centre_px) + tangent * self._focal, in_front
+
+    def direction(self, xy_px: npt.ArrayLike, axes_icrs: npt.ArrayLike | None = None) -> F64:
+        """Directions of pixel coordinates, on the array or beside it: the inverse of project.
+
+        Args:
+            xy_px: Pixel coordinates, shape (n, 2).
+            axes_icrs: Camera axes as rows x, y, z (unit vectors, ICRS axes), shape (3, 3); those of the camera itself
+                when left out.
+
+        Returns:
+            Unit vectors, shape (n, 3).
+        """
+        xy = _finite_array("xy_px", xy_px, (None, 2))
+        axes = np.eye(3) if axes_icrs is None else _finite_array("axes_icrs", axes_icrs, (3, 3))
+        seen = np.concatenate([self._tangent(xy), np.ones((len(xy), 1))], axis=1)
+        return np.asarray(seen / np.linalg.norm(seen, axis=1, keepdims=True) @ axes)
+
+    def _through_lens(self, seen: F64) -> F64:
+        """Vectors in camera axes, as a pinhole would have to see them."""
+        return seen if self.lens is None else distorted(self.lens, self.distortion_radius, seen)
+
+    def _tangent(self, xy_px: F64) -> F64:
+        """Tangent-plane coordinates of what is seen at places of the image, shape (n, 2)."""
+        place = (xy_px - self.centre_px) / self._focal
+        return place if self.lens is None else undistorted(self.lens, self.distortion_radius, place)
+
+
+def _border(half_x: float, half_y: float) -> F64:
+    """Points of a rectangle about 0, its corners among them, shape (n, 2)."""
+    along = np.linspace(-1.0, 1.0, _BORDER_STEPS + 1)
+    side = np.ones_like(along)
+    points = [np.stack(pair, axis=-1) for sign in (-side, side) for pair in ((along, sign), (sign, along))]
+    return np.asarray(np.concatenate(points) * [half_x, half_y])
 
 
 def _finite_array(name: str, value: Any, shape: tuple[int | None, ...]) -> npt.NDArray[np.float64]:

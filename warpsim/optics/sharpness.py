@@ -14,8 +14,8 @@ from warpsim.optics.spline_image import spline_of
 
 F64 = npt.NDArray[np.float64]
 
-LEAST_TRANSFER = 1e-7
-"""Frequencies that are weaker do not show in float32."""
+LEAST_TRANSFER = 2e-6
+"""Frequencies of which less passes pattern and pixel do not show."""
 MARGIN = 0.98
 """For what lies between the frequencies looked at."""
 
@@ -39,7 +39,8 @@ def sharpness(psf: PsfAiry | PsfTable) -> tuple[float, float]:
 
 def _bounding_sigma_px(frequency_per_px: F64, transfer: F64) -> float:
     found = np.abs(transfer)
-    shows = (found > LEAST_TRANSFER) & (frequency_per_px > 0.0)
+    pixel = np.minimum(0.45 / np.maximum(frequency_per_px, 1e-300), 1.0)  # in any direction
+    shows = (found * pixel > LEAST_TRANSFER) & (frequency_per_px > 0.0)
     if not shows.any():
         return math.inf
     # A pattern with negative parts may let some frequencies through whole; nothing bounds it but sampling itself.

@@ -6,12 +6,18 @@ import itertools
 
 import numpy as np
 
+from warpsim.detector.electron import ElectronDetector
+from warpsim.detector.levels import ElectronLevels
+from warpsim.detector.terms import detector_terms
+from warpsim.optics.camera import Camera
+from warpsim.optics.sip import ERROR_PX, sip_polynomials
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import geodetic_altitude_m
 from warpsim.orbit.rules import AccessConstraints
 from warpsim.orbit.sampling import TRACK_ERROR_M
 from warpsim.render.star_field import load_catalog
 from warpsim.scene.exposure import exposure_rule
+from warpsim.scene.movement import longest_streaks_px
 from warpsim.scene.pointing import FixedPointing, TrackPointing
 from warpsim.scene.scene import Scene
 from warpsim.scene.view_axes import commanded_axes
@@ -50,15 +56,15 @@ def scene_report(scene: Scene) -> str:
     Raises:
         InputError: The star catalog cannot be read, or a path cannot be propagated.
     """
-    camera, detector = scene.camera, scene.detector
+    camera = scene.camera
     things = f"{_count(len(scene.sensor_names), 'sensor')}, {_count(len(scene.target_names), 'target')}"
     lines = [
         f"{scene.name}: valid. {things}, bands {' '.join(scene.bands)}",
         f"  frames     {scene.frames.count} every {scene.frames.interval_s:g} s from {scene.frames.start_s:g} s "
         f"after {scene.epoch.isot} UTC",
         f"  camera     {camera.n_row} x {camera.n_col} pixels, "
-        f"{np.degrees(1 / camera.focal_px) * 3600:.2f} arcsec per pixel",
-        f"  detector   NEI {detector.nei_w_cm2:g}, SEI {detector.sei_w_cm2:g} W/cm2, {_count(detector.bits, 'bit')}",
+        f"{_pixel_size(camera)} arcsec per pixel{_distortion(camera)}",
+        *_detector_lines(scene),
         *_sky_lines(scene),
         *_light_lines(scene),
         f"  orbits     nodes every {scene.tracks.step_s:g} s, interpolation error {scene.tracks.error_m * 1e3:.2g} mm",
@@ -74,13 +80,55 @@ def scene_report(scene: Scene) -> str:
         rough = max((*scene.tracks.sensors, *scene.tracks.targets), key=lambda track: track.error_m)
         missed = f"near {rough.error_at_s:.6g} s interpolation is {rough.error_m * 1e3:.2g} mm off"
         lines.append(f"  warning    {rough.name} moves unevenly: {missed}")
-    if detector.offset_counts < 5 * detector.counts_per_nei:
-        lines.append("  warning    offset_counts is below 5 sigma: the noise of blank sky is clipped at 0")
     times = scene.frame_time_s(np.arange(scene.frames.count))
     seen = {name: np.flatnonzero(scene.has_access(name, times)).tolist() for name in scene.sensor_names}
     lines += _flight_lines(scene) + _access_lines(scene) + _pointing_lines(scene, seen)
     warning = pointing_warning(scene, seen)
     return "\n".join(lines if warning is None else [*lines, f"  warning    {warning}"])
+
+
+def _pixel_size(camera: Camera) -> str:
+    width, height = (f"{np.degrees(1 / focal) * 3600:.2f}" for focal in (camera.focal_px, camera.focal_row_px))
+    return width if camera.pixel_aspect == 1 else f"{width} x {height}"
+
+
+def _distortion(camera: Camera) -> str:
+    """How far the lens moves places on the array, and whether FITS can say so."""
+    sip = sip_polynomials(camera)
+    if sip is None:
+        return ""
+    across, down = camera.field_deg
+    moved = f", distorted by up to {sip.moved_px:.3g} px, field {across:.4g} x {down:.4g} deg"
+    return moved + (f", WCS good to {sip.error_px:.1g} px" if sip.error_px > ERROR_PX else "")
+
+
+def _detector_lines(scene: Scene) -> list[str]:
+    """Noise and saturation by band, what they come from, and the terms that are on."""
+    detector = scene.detector
+    bits = _count(detector.bits, "bit")
+    said = {band: f"NEI {item.nei_w_cm2:.4g}, SEI {item.sei_w_cm2:.4g} W/cm2" for band, item in scene.levels.items()}
+    if len(set(said.values())) == 1:
+        lines = [f"  detector   {said[scene.bands[0]]}, {bits}"]
+    else:
+        lines = [f"  detector   {bits}", *(f"             {band}: {words}" for band, words in said.items())]
+    for band, levels in scene.levels.items():
+        if isinstance(detector, ElectronDetector) and isinstance(levels, ElectronLevels):
+            lines.append(
+                f"  electrons  {band}: background {levels.background_e:.4g} e, dark {levels.dark_e:.4g} e, read noise "
+                f"{detector.read_noise_e:g} e; noise {levels.noise_e:.4g} e of {detector.full_well_e:g}"
+            )
+    terms = detector_terms(detector)
+    if terms:
+        lines.append(f"  pixels     {', '.join(terms.values())}")
+    clipped = [band for band, item in scene.levels.items() if item.blank_counts < 5 * item.counts_per_nei]
+    coarse = [band for band, item in scene.levels.items() if item.counts_per_nei < 0.5]
+    for bands, words in (
+        (clipped, "offset_counts is below 5 sigma: the noise of blank sky is clipped at 0"),
+        (coarse, "the noise of blank sky is below half a count: rounding shapes it"),
+    ):
+        where = "" if len(bands) == len(scene.bands) else f" in band {' '.join(bands)}"
+        lines += [f"  warning    {words}{where}"] if bands else []
+    return lines
 
 
 def _pointing_lines(scene: Scene, frames_of: dict[str, list[int]]) -> list[str]:
@@ -145,7 +193,7 @@ def _sky_lines(scene: Scene) -> list[str]:
         "parallax": (sky.parallax, parallax_arcsec, " for the nearest star"),
         "light deflection": (sky.light_deflection, deflection_arcsec, f" {where}"),
     }
-    px_per_arcsec = scene.camera.focal_px * np.radians(1 / 3600)
+    px_per_arcsec = max(scene.camera.focal_px, scene.camera.focal_row_px) * np.radians(1 / 3600)
     included = [name for name, (on, _, _) in effects.items() if on]
     left_out = [
         f"{name} ({_short(arcsec)} arcsec, {_short(arcsec * px_per_arcsec)} px{note})"
@@ -194,6 +242,9 @@ def _light_lines(scene: Scene) -> list[str]:
         rule = exposure_rule(scene)
         instants = _count(len(rule.weight), "instant")
         lines.append(f"  exposure   {scene.detector.exposure_s:g} s at {instants}, error {rule.error:.0e}")
+    if scene.streaks:
+        stars_px, targets_px = longest_streaks_px(scene)
+        lines.append(f"  streaks    stars up to {stars_px:.2g} px, targets up to {targets_px:.2g} px, in access")
     return lines + _heat_lines(scene)
 
 

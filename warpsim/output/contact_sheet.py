@@ -67,21 +67,21 @@ def draw_contact_sheet(
                 canvas[top : top + TILE_PX, left : left + TILE_PX] = _NO_ACCESS
                 labels.append((left + 34, top + TILE_PX // 2 + 4, "no access", 12, _FAINT))
                 continue
-            tile = grey_tile(images[frame], scene)
+            tile = grey_tile(images[frame], scene, band)
             canvas[top : top + tile.shape[0], left : left + tile.shape[1]] = tile[..., None]
             if shown[frame] != frame:
                 labels.append((left + 4, top + 14, f"{scene.frame_time_s([shown[frame]])[0]:.1f} s", 11, _INK))
     _write_png(canvas, labels, path)
 
 
-def grey_tile(counts: npt.NDArray[np.uint16], scene: Scene) -> npt.NDArray[np.uint8]:
+def grey_tile(counts: npt.NDArray[np.uint16], scene: Scene, band: str) -> npt.NDArray[np.uint8]:
     """An image as a grey tile of at most TILE_PX pixels a side, shape (h, w).
 
     Large images are reduced by the brightest pixel of each block, so that no point source is lost; small ones are
     enlarged pixel by pixel. Black is blank sky, white CEILING_NEI.
     """
-    detector = scene.detector
-    level = (counts.astype(np.float32) - detector.offset_counts) / detector.counts_per_nei
+    levels = scene.levels[band]
+    level = (counts.astype(np.float32) - levels.blank_counts) / levels.counts_per_nei
     block = -(-max(level.shape) // TILE_PX)
     if block > 1:
         rows, columns = (-(-n // block) * block for n in level.shape)

@@ -2,7 +2,8 @@
 
 Primary HDU: counts, axes (frame, row, column) in NumPy order, row 0 the top row of the image. Extension FRAMES: one
 row per plane with FRAME (number), TIME_S (after the epoch), DATE_OBS (UTC), the TAN keywords CRVAL1 ... CD2_2 of
-the plane's apparent sky, UP_REPLACED and BORESIGHT_REPLACED; `read_cube(path).wcs(plane)` makes an astropy WCS of them.
+the plane's apparent sky, UP_REPLACED and BORESIGHT_REPLACED; its header has the axis types and the SIP polynomials of a
+distorted camera. `read_cube(path).wcs(plane)` makes an astropy WCS of them.
 """
 
 from __future__ import annotations
@@ -14,8 +15,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.detector.electron import ElectronDetector
+from warpsim.detector.levels import ElectronLevels, Levels
+from warpsim.detector.terms import detector_terms
 from warpsim.errors import InputError
-from warpsim.optics.wcs import tan_keywords, wcs_from_keywords
+from warpsim.optics.wcs import lens_keywords, tan_keywords, wcs_from_keywords
 from warpsim.orbit.epoch import years_ahead
 from warpsim.render.frameset import FrameSet
 from warpsim.scene.scene import Scene
@@ -44,9 +48,9 @@ class Cube:
         return f"Cube({self.header['SENSOR']}, band {self.header['FILTER']}: {size})"
 
     def wcs(self, plane: int) -> WCS:
-        """TAN WCS of one plane, for zero-based pixel coordinates with astropy's pixel functions."""
+        """WCS of one plane, for zero-based pixel coordinates with astropy's pixel functions."""
         row = self.frames[plane]
-        return wcs_from_keywords({key: float(row[key]) for key in _WCS_KEYS})
+        return wcs_from_keywords({key: float(row[key]) for key in _WCS_KEYS}, self.frames.meta)
 
 
 class CubeWriter:
@@ -100,8 +104,7 @@ class CubeWriter:
             table[name].unit = "deg / pix"
         extension = fits.table_to_hdu(table)
         extension.name = "FRAMES"
-        extension.header["RADESYS"] = "ICRS"
-        extension.header["CTYPE1"], extension.header["CTYPE2"] = "RA---TAN", "DEC--TAN"
+        extension.header.update(lens_keywords(self._scene.camera))
         extension.header["TIMESYS"] = "UTC"
         with fits.open(self._path, mode="append", memmap=False) as file:
             file.append(extension)
@@ -133,7 +136,7 @@ def _header(scene: Scene, sensor: str, band: str, n_frame: int) -> Any:
 
     import warpsim
 
-    camera, detector = scene.camera, scene.detector
+    camera, levels = scene.camera, scene.levels[band]
     cards = [
         ("SIMPLE", True, "conforms to FITS"),
         ("BITPIX", 16, "16-bit integers"),
@@ -151,11 +154,49 @@ def _header(scene: Scene, sensor: str, band: str, n_frame: int) -> Any:
         ("FILTER", band, "spectral band"),
         ("TIMESYS", "UTC", ""),
         ("DATEREF", scene.epoch_utc, "instant of TIME_S = 0"),
-        ("NEI", scene.nei_w_cm2(band), "[W/cm2] noise equivalent irradiance"),
-        ("SEI", detector.sei_w_cm2, "[W/cm2] saturation equivalent irradiance"),
-        ("OFFSET", detector.offset_counts, "[adu] blank sky"),
-        ("CNTNEI", detector.counts_per_nei, "[adu] per NEI"),
+        ("NEI", levels.nei_w_cm2, "[W/cm2] noise equivalent irradiance"),
+        ("SEI", levels.sei_w_cm2, "[W/cm2] saturation equivalent irradiance"),
+        ("OFFSET", levels.blank_counts, "[adu] blank sky"),
+        ("CNTNEI", levels.counts_per_nei, "[adu] per NEI"),
+        *_detector_cards(scene, levels),
         ("SEED", scene.seed, "of the noise"),
         ("CREATOR", f"warpsim {warpsim.__version__}", ""),
     ]
     return fits.Header([fits.Card(*card) for card in cards])
+
+
+def _detector_cards(scene: Scene, levels: Levels) -> list[tuple[str, Any, str]]:
+    """What is known of the detector besides: its chain in electrons, and the terms that are on."""
+    detector = scene.detector
+    cards: list[tuple[str, Any, str]] = [("DETECTOR", detector.kind, "kind of detector")]
+    if isinstance(detector, ElectronDetector) and isinstance(levels, ElectronLevels):
+        cards += [
+            ("EXPTIME", detector.exposure_s, "[s] exposure"),
+            ("GAIN", detector.gain_e_per_count, "[electron/adu]"),
+            ("FULLWELL", detector.full_well_e, "[electron] that a pixel holds"),
+            ("BACKGR", levels.background_e, "[electron] mean of the background"),
+            ("DARK", levels.dark_e, "[electron] mean of the dark current"),
+            ("RDNOISE", detector.read_noise_e, "[electron] rms of reading"),
+            ("EPERIRR", levels.e_per_w_cm2, "[electron cm2/W] per irradiance"),
+        ]
+    elif detector.exposure_s > 0:
+        cards.append(("EXPTIME", detector.exposure_s, "[s] exposure"))
+    for name, words in detector_terms(detector).items():
+        value = getattr(detector, name)
+        cards.append((_TERM_KEYWORDS[name], value, words))
+    return cards
+
+
+_TERM_KEYWORDS = {
+    "prnu": "PRNU",
+    "dsnu": "DSNU",
+    "dsnu_nei": "DSNU",
+    "column_noise_e": "COLNOISE",
+    "column_noise_nei": "COLNOISE",
+    "dead_fraction": "DEADFRAC",
+    "hot_fraction": "HOTFRAC",
+    "nonlinearity": "NONLIN",
+    "noise": "NOISE",
+    "shot_noise": "SHOT",
+}
+"""FITS keywords of detector terms; the unit stands in the comment."""

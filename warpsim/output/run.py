@@ -9,13 +9,14 @@ import contextlib
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.detector.terms import detector_terms
 from warpsim.files import prepare_folder, sha256_of, whole_file, write_fits_table, write_json
 from warpsim.output.check import pointing_warning
 from warpsim.output.contact_sheet import draw_contact_sheet
@@ -222,11 +223,24 @@ def _manifest(plan: Plan, renderer: Renderer, files: list[Path]) -> dict[str, An
         "bands": plan.bands,
         "frames": plan.frames_of,
         "orbit_interpolation": {"node_step_s": tracks.step_s, "measured_error_m": tracks.error_m},
+        **_movement(plan, renderer),
         "light_terms": {name: term.reason for name, term in plan.scene.light_terms.items()},
+        "detector": {
+            "terms": detector_terms(plan.scene.detector),
+            "bands": {band: asdict(plan.scene.levels[band]) for band in plan.bands},
+        },
         "scene": plan.scene.to_dict(),
         "inputs": input_checksums(plan.scene),
         "files": {path.name: sha256_of(path) for path in files},
     }
+
+
+def _movement(plan: Plan, renderer: Renderer) -> dict[str, Any]:
+    """How finely light is followed through the exposure, where it moves."""
+    if not plan.scene.streaks:
+        return {}
+    streaks = renderer.streaks(plan.bands)
+    return {"movement": {"path_nodes": streaks.n_path, "measured_error_px": streaks.error_px}}
 
 
 @contextlib.contextmanager

@@ -119,7 +119,7 @@ def plot_satellite_view(
     ax = ax or new_axes(*VIEW_INCH)
     camera = scene.camera
     right, bottom = camera.n_col - 0.5, camera.n_row - 0.5
-    ax.set(xlim=(-0.5, right), ylim=(bottom, -0.5), aspect="equal", xlabel="column [px]", ylabel="row [px]")
+    ax.set(xlim=(-0.5, right), ylim=(bottom, -0.5), aspect=camera.pixel_aspect, xlabel="column [px]", ylabel="row [px]")
     _draw_limb(ax, scene, view)
     inside = _in_frame(scene, view.star_xy_px)
     if inside.any():
@@ -130,8 +130,8 @@ def plot_satellite_view(
     _draw_targets(ax, scene, view, with_labels=True)
     _draw_compass(ax, scene, view)
     in_field = view.target_xy_px[_shown(scene, view)]
-    extent_px = float(np.ptp(in_field, axis=0).max()) if len(in_field) > 1 else 0.0
-    if 0 < extent_px < _INSET_BELOW * min(camera.n_col, camera.n_row):
+    extent_px = float((np.ptp(in_field, axis=0) * [1, camera.pixel_aspect]).max()) if len(in_field) > 1 else 0.0
+    if 0 < extent_px < _INSET_BELOW * _short_side_px(scene):
         _draw_inset(ax, scene, view, in_field, extent_px)
     else:
         _name_targets(ax, scene, view)
@@ -139,11 +139,16 @@ def plot_satellite_view(
     range_km = np.linalg.norm(scene.position_m(scene.target_names[0], [time_s])[0] - view.position_m) / 1e3
     ax.set_title(
         f"{scene.name}: {sensor} at {plain(time_s)} s, {range_km:.0f} km from {scene.target_names[0]}, {seen}\n"
-        f"field of {np.degrees(2 * np.arctan(0.5 * camera.n_col / camera.focal_px)):.3g} deg across",
+        f"field of {camera.field_deg[0]:.3g} deg across",
         fontsize=10,
     )
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=3, fontsize=8, frameon=False)
     return ax
+
+
+def _short_side_px(scene: Scene) -> float:
+    """Shorter side of the array, in widths of a pixel."""
+    return min(scene.camera.n_col, scene.camera.n_row * scene.camera.pixel_aspect)
 
 
 def _in_frame(scene: Scene, xy_px: F64) -> NDArray[np.bool_]:
@@ -181,12 +186,13 @@ def _name_targets(ax: Axes, scene: Scene, view: CameraView) -> None:
 
 
 def _draw_inset(ax: Axes, scene: Scene, view: CameraView, in_field: F64, extent_px: float) -> None:
-    """The group enlarged, in the corner that it leaves free."""
+    """The group enlarged, in the corner that it leaves free; extent_px counts in widths of a pixel."""
     middle = in_field.min(axis=0) / 2 + in_field.max(axis=0) / 2
-    half = 0.66 * extent_px
+    aspect = scene.camera.pixel_aspect
+    low, high = (middle + sign * 0.66 * extent_px / np.array([1.0, aspect]) for sign in (-1, 1))
     corner_y = 0.05 if middle[1] < (scene.camera.n_row - 1) / 2 else 0.58
     inset: Any = ax.inset_axes((0.58, corner_y, 0.4, 0.4))
-    inset.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] + half, middle[1] - half), aspect="equal")
+    inset.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]), aspect=aspect)
     inset.tick_params(labelsize=7)
     _draw_targets(inset, scene, view, with_labels=False)
     _name_targets(inset, scene, view)
@@ -199,12 +205,9 @@ def earth_clearance(scene: Scene, view: CameraView, xy_px: F64) -> F64:
     In axes stretched along the pole, where the ellipsoid is a sphere: the ray's smallest distance from the centre over
     the radius, minus one. The apparent directions are taken back through the aberration.
     """
-    camera = scene.camera
-    offset = (xy_px - np.asarray(camera.centre_px)) / camera.focal_px
-    seen = np.concatenate([offset, np.ones((*offset.shape[:-1], 1))], axis=-1) @ view.axes_icrs
-    seen /= np.linalg.norm(seen, axis=-1, keepdims=True)
+    seen = scene.camera.direction(xy_px.reshape(-1, 2), view.axes_icrs)
     # The Earth comes along: only the motion about it shifts its limb.
-    ray = apparent_direction(seen.reshape(-1, 3), -view.velocity_m_s).reshape(seen.shape)
+    ray = apparent_direction(seen, -view.velocity_m_s).reshape(*xy_px.shape[:-1], 3)
     stretch = EARTH_EQUATORIAL_RADIUS_M / EARTH_POLAR_RADIUS_M - 1
     pole = scene.tracks.pole_icrs
     start = view.position_m + (view.position_m @ pole) * stretch * pole
@@ -230,11 +233,11 @@ def _draw_limb(ax: Axes, scene: Scene, view: CameraView) -> None:
 
 def _draw_compass(ax: Axes, scene: Scene, view: CameraView) -> None:
     """Arrows to the sensor's zenith and to celestial north, from a corner."""
-    n = min(scene.camera.n_row, scene.camera.n_col)
+    n, per_width = _short_side_px(scene), np.array([1.0, 1.0 / scene.camera.pixel_aspect])  # pixels in a pixel's width
     ax.apply_aspect()
     pt_px = scene.camera.n_col * ax.get_figure(root=True).dpi / 72 / ax.bbox.width  # type: ignore[union-attr]
     # A word to the left or above keeps inside the frame: half its width or height, and some room.
-    corner = 0.125 * n + np.array([2.4, 1.2]) * _WORD_PT * pt_px - 0.5
+    corner = (0.125 * n + np.array([2.4, 1.2]) * _WORD_PT * pt_px) * per_width - 0.5
     zenith, north = (
         view.axes_icrs[:2] @ direction
         for direction in (view.position_m / np.linalg.norm(view.position_m), np.array([0.0, 0.0, 1.0]))
@@ -247,7 +250,7 @@ def _draw_compass(ax: Axes, scene: Scene, view: CameraView) -> None:
         length = float(np.linalg.norm(across))
         if length < 1e-6:
             continue  # along the boresight
-        tip, place = (corner + share * n * across / length for share in (0.09, word_at))
+        tip, place = (corner + share * n * across / length * per_width for share in (0.09, word_at))
         arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.6}
         ax.annotate("", pair(tip), pair(corner), arrowprops=arrow, zorder=4)
         ax.text(*pair(place), word, color=colour, fontsize=_WORD_PT, ha="center", va="center", zorder=4)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass, fields, is_dataclass
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.emission import Seen
+from warpsim_kernels.signature import N_TERM
 
-from warpsim.render.world import TargetWorld, World
+if TYPE_CHECKING:
+    from warpsim.render.world import TargetWorld, World
 
 SIGNAL_BYTES_PER_CHUNK = 8 * 2**20
 """Signal that one CPU worker holds at a time, small enough to stay in the cache between deposit and read-out; and the
@@ -19,10 +23,25 @@ SIGNAL_BYTES_PER_CHUNK_CUDA = 512 * 2**20
 
 
 @dataclass(frozen=True)
+class PathViews:
+    """Views at the instants of the exposure at which places are found; each array is (n_view, n_path)."""
+
+    time_s: wp.array
+    middle_s: wp.array
+    sensor: wp.array
+    axes: wp.array
+    position_m: wp.array
+    velocity_m_s: wp.array
+    flags: wp.array
+
+
+@dataclass(frozen=True)
 class Views:
     """Inputs and geometry of the views of one render call; each array's first axis is (n_view,)."""
 
     time_s: wp.array
+    middle_s: wp.array
+    """Middle of the exposure; here, the same as time_s."""
     frame: wp.array
     sensor: wp.array
     axes: wp.array
@@ -32,6 +51,10 @@ class Views:
     """What had to be replaced in the axes: bits of warpsim_kernels.aim."""
     n_wanted: wp.array
     """Source slots each view needs; compared with the slots there are after rendering."""
+    reach: wp.array
+    """How far stars move at most during the exposure [px] and [rad]; read where they do."""
+    path: PathViews | None
+    """None where nothing moves during the exposure."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +72,10 @@ class Observations:
     temperature_k: wp.array
     flags: wp.array
     irradiance_w_cm2: wp.array
+    offset_px: wp.array
+    """Movement during the exposure: Legendre coefficients, (n_view, n_target, n_path)."""
+    brightness: wp.array
+    """Change of brightness: Legendre coefficients over the mean, (n_view, n_band, n_target, n_exposure)."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +90,12 @@ class Sources:
     """In-band irradiance at the pupil, shape (n_view, n_band, n_slot)."""
     star: wp.array
     """Star in cell order, -1 for a target, shape (n_view, n_slot)."""
+    direction: wp.array
+    """Apparent direction of stars, shape (n_view, n_slot); none where nothing moves."""
+    offset_px: wp.array
+    """Movement during the exposure: Legendre coefficients, shape (n_view, n_slot, n_path)."""
+    area_series: wp.array
+    """How the areas of targets change: Legendre coefficients, shape (n_view, n_target, N_TERM, n_exposure)."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +135,10 @@ def new_observations(world: TargetWorld, n_view: int) -> Observations:
         temperature_k=scalar(),
         flags=wp.empty(shape, dtype=wp.int32, device=device),
         irradiance_w_cm2=wp.empty((n_view, world.n_band, world.n_target), dtype=wp.float32, device=device),
+        offset_px=wp.empty((*shape, world.streaks.n_path), dtype=wp.vec2, device=device),
+        brightness=wp.empty(
+            (n_view, world.n_band, world.n_target, world.field.n_profile), dtype=wp.float32, device=device
+        ),
     )
 
 
@@ -119,20 +156,25 @@ def seen_struct(observations: Observations) -> Any:
 
 def new_sources(world: World, n_view: int, n_slot: int) -> Sources:
     """Uninitialised source lists of n_view views."""
-    device = world.device
+    device, n_path = world.device, world.streaks.n_path
     return Sources(
         wp.empty(n_view, dtype=wp.int32, device=device),
         wp.empty((n_view, n_slot), dtype=wp.vec2d, device=device),
         wp.empty((n_view, world.n_band, n_slot), dtype=wp.float32, device=device),
         wp.empty((n_view, n_slot), dtype=wp.int32, device=device),
+        wp.empty((n_view, n_slot if n_path else 0), dtype=wp.vec3d, device=device),
+        wp.empty((n_view, n_slot, n_path), dtype=wp.vec2, device=device),
+        wp.empty((n_view, world.n_target, N_TERM, world.field.n_profile), dtype=wp.float64, device=device),
     )
 
 
 def new_views(world: TargetWorld, time_s: Any, frame: Any, sensor: Any) -> Views:
     """Views of given times, frame numbers and sensor rows, each of shape (n_view,); geometry still to be aimed."""
     n_view, device = len(time_s), world.device
+    times = wp.array(time_s, dtype=wp.float64, device=device)
     return Views(
-        wp.array(time_s, dtype=wp.float64, device=device),
+        times,
+        times,
         wp.array(frame, dtype=wp.uint32, device=device),
         wp.array(sensor, dtype=wp.uint32, device=device),
         wp.empty(n_view, dtype=wp.mat33d, device=device),
@@ -140,12 +182,36 @@ def new_views(world: TargetWorld, time_s: Any, frame: Any, sensor: Any) -> Views
         wp.empty(n_view, dtype=wp.vec3d, device=device),
         wp.empty(n_view, dtype=wp.int32, device=device),
         wp.empty(n_view, dtype=wp.int32, device=device),
+        wp.empty(n_view, dtype=wp.vec2d, device=device),
+        new_path_views(device, world.streaks.offset_s, time_s, sensor) if world.streaks.wanted else None,
+    )
+
+
+def new_path_views(device: wp.Device, offset_s: npt.NDArray[np.float64], time_s: Any, sensor: Any) -> PathViews:
+    """Views at times before and after given ones [s], (n_path,), for views of given times and sensors, (n_view,)."""
+    shape = (len(time_s), len(offset_s))
+    middle_s = np.broadcast_to(np.asarray(time_s, dtype=np.float64)[:, None], shape)
+    sensors = np.broadcast_to(np.asarray(sensor, dtype=np.uint32)[:, None], shape)
+    return PathViews(
+        wp.array(middle_s + offset_s, dtype=wp.float64, device=device),
+        wp.array(middle_s.copy(), dtype=wp.float64, device=device),
+        wp.array(sensors.copy(), dtype=wp.uint32, device=device),
+        wp.empty(shape, dtype=wp.mat33d, device=device),
+        wp.empty(shape, dtype=wp.vec3d, device=device),
+        wp.empty(shape, dtype=wp.vec3d, device=device),
+        wp.empty(shape, dtype=wp.int32, device=device),
     )
 
 
 def part_of(arrays: Any, first: int, end: int) -> Any:
     """The same dataclass of arrays, cut along the first axis."""
-    return type(arrays)(*(getattr(arrays, field.name)[first:end] for field in fields(arrays)))
+
+    def part(value: Any) -> Any:
+        if value is None or is_dataclass(value):
+            return value and part_of(value, first, end)
+        return value[first:end] if value.size else value  # Warp does not slice what is empty
+
+    return type(arrays)(*(part(getattr(arrays, field.name)) for field in fields(arrays)))
 
 
 def views_per_chunk(world: World, n_pixel: int, n_slot: int) -> int:
@@ -153,4 +219,6 @@ def views_per_chunk(world: World, n_pixel: int, n_slot: int) -> int:
     share = SIGNAL_BYTES_PER_CHUNK_CUDA if world.device.is_cuda else SIGNAL_BYTES_PER_CHUNK
     signal_bytes = 4 * world.n_band * n_pixel
     slot_bytes = 16 + 4 * world.n_band + 4  # position, irradiance, star
+    if world.streaks.wanted:
+        slot_bytes += 24 + 8 * world.streaks.n_path  # direction, movement
     return max(1, min(share // signal_bytes, share // (slot_bytes * n_slot)))

@@ -81,11 +81,11 @@ def deposit(
         wp.array(xy[None], dtype=wp.vec2d, device=where),
         wp.array((strength / scale).astype(np.float32)[None, None], dtype=wp.float32, device=where),
     ]
-    rule = stamp_rule([0.0], flux_error, where, flux_error)
-    low, high = ERROR_RANGE
-    bank = psf_bank([psf], where, accuracy=TableAccuracy(min(max(0.5 * flux_error, low), high)))
+    rule = stamp_rule([0.0], flux_error, where, 0.5 * flux_error)
     paths = None if movement_px is None and brightness is None else _paths(moves, changes, where)
-    bank.deposit(sources, rule, rows_per_block(where, shape[0]), signal, paths)
+    low, high = ERROR_RANGE
+    accuracy = TableAccuracy(min(max(0.5 * flux_error, low), high))
+    psf_bank([psf], where, accuracy=accuracy).deposit(sources, rule, rows_per_block(where, shape[0]), signal, paths)
     image = signal.numpy()[0, 0]
     return np.asarray(image if scale == 1.0 else (image * np.float64(scale)).astype(np.float32))
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.emission import N_TERM
+from warpsim_kernels.signature import N_TERM
 from warpsim_kernels.targets import IN_FOV, OCCULTED, STOWED
 
 from warpsim.arguments import chosen_names, times_s
@@ -181,11 +181,13 @@ def _observe(world: TargetWorld, views: Any, seen: Any, terms: wp.array, n_worke
     if n_view == 0 or terms.size == 0:
         return
 
+    no_series = wp.empty((0, 0, 0, 0), dtype=wp.float64, device=world.device)  # the kernel does not write it
+
     def one(first: int) -> None:
         end = min(first + size, n_view)
         part, looked = part_of(views, first, end), part_of(seen, first, end)
         aim_views(world, part)
-        look_at_targets(world, part, looked, looked.xy_px)
+        look_at_targets(world, part, looked, looked.xy_px, no_series)
         split_light(world, looked, terms[:, first:end])
 
     # Enough pieces that the first, which is done alone, costs the threads little.

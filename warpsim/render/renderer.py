@@ -31,6 +31,7 @@ from warpsim.render.frameset import FrameSet
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.stages import STAGES
 from warpsim.render.star_field import load_catalog, star_index
+from warpsim.render.streaks import Streaks, moved
 from warpsim.render.world import World
 from warpsim.scene.scene import Scene
 from warpsim.sky.catalog import StarCatalog
@@ -168,6 +169,10 @@ class Renderer:
             self.scene.sights.check_times(self.scene.sensor_names, times)
         return [int(number) for number in numbers]
 
+    def streaks(self, bands: Sequence[str]) -> Streaks:
+        """How sources are followed through the exposure."""
+        return self._world(tuple(bands)).streaks
+
     def _world(self, bands: tuple[str, ...]) -> World:
         if bands not in self._worlds:
             self._worlds[bands] = World(self.scene, bands, self.device, self._index)
@@ -268,11 +273,13 @@ class Renderer:
 
 
 def _star_lists(world: World, sources: Sources) -> list[StarList]:
-    """Position, irradiance and star number of the stars of each view, copied to the host."""
+    """Position, movement, irradiance and star number of the stars of each view, copied to the host."""
     filled = sources.n_source.numpy()
+    shift_px = moved(sources.offset_px.numpy())
     xy, light, star = (array.numpy() for array in (sources.xy_px, sources.irradiance_w_cm2, sources.star))
     first = world.n_target
+    spans = [(view, slice(first, n)) for view, n in enumerate(filled)]
     return [
-        (xy[view, first:n].copy(), light[view, :, first:n].T.copy(), star[view, first:n].copy())
-        for view, n in enumerate(filled)
+        (xy[view, part].copy(), shift_px[view, part], light[view, :, part].T.copy(), star[view, part].copy())
+        for view, part in spans
     ]

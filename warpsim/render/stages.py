@@ -1,36 +1,49 @@
 """The stages of a frame: each one launches, and does nothing else.
 
-aim -> observe_targets -> gather_stars -> deposit -> record_targets -> read_out. A stage reads the world, reads and
-writes a chunk, allocates nothing and never waits.
+aim -> observe_targets -> gather_stars -> trace -> deposit -> record_targets -> read_out. A stage reads the world, reads
+and writes a chunk, allocates nothing and never waits.
 """
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import warp as wp
 from warpsim_kernels.emission import record_targets_kernel
-from warpsim_kernels.read_out import TILE_WIDTH, make_read_out_tile_kernel, read_out_rest_kernel
+from warpsim_kernels.read_out import TILE_WIDTH
+from warpsim_kernels.trace import make_reach_kernel, make_trace_stars_kernel, make_trace_targets_kernel
 
-from warpsim.render.buffers import Chunk, Observations, Views, seen_struct
+from warpsim.render.buffers import Chunk, Observations, PathViews, Sources, Views, seen_struct
 from warpsim.render.device import rows_per_block
-from warpsim.render.world import TargetWorld, World
+from warpsim.render.streaks import Streaks, paths_struct
+
+if TYPE_CHECKING:
+    from warpsim.render.world import TargetWorld, World
 
 TILE_THREADS_CUDA = TILE_WIDTH
 
 
 def aim(world: World, chunk: Chunk) -> None:
-    """Views: camera axes, position and velocity from the tracks and the pointing."""
-    aim_views(world, chunk.views)
+    """Views: camera axes, position and velocity from the tracks and the pointing; where light moves, in between too."""
+    views = chunk.views
+    aim_views(world, views)
+    if views.path is not None:
+        aim_views(world, views.path)
+        inputs = [views.axes, views.path.axes, world.camera, world.landmarks]
+        kernel = make_reach_kernel(world.field.features.distortion)
+        wp.launch(kernel, dim=chunk.n_view, inputs=inputs, outputs=[views.reach], device=world.device)
 
 
-def aim_views(world: TargetWorld, views: Views) -> None:
-    """The launch of `aim`, which needs no images."""
+def aim_views(world: TargetWorld, views: Views | PathViews) -> None:
+    """The first launch of `aim`, which needs no images."""
     motion, aiming = world.motion, world.aiming
     wp.launch(
         aiming.kernel,
-        dim=views.time_s.shape[0],
+        dim=views.time_s.size,
         inputs=[
-            views.time_s,
-            views.sensor,
+            _flat(views.time_s),
+            _flat(views.middle_s),
+            _flat(views.sensor),
             motion.position_m,
             motion.velocity_m_s,
             motion.earth_velocity_m_s,
@@ -40,15 +53,19 @@ def aim_views(world: TargetWorld, views: Views) -> None:
             aiming.table,
             aiming.jitter,
         ],
-        outputs=[views.axes, views.position_m, views.velocity_m_s, views.flags],
+        outputs=[_flat(array) for array in (views.axes, views.position_m, views.velocity_m_s, views.flags)],
         device=world.device,
     )
+
+
+def _flat(array: wp.array) -> wp.array:
+    return array if array.ndim == 1 else array.flatten()
 
 
 def observe_targets(world: World, chunk: Chunk) -> None:
     """What is seen of each target, and the first source slots: its place and light."""
     seen, sources = chunk.observations, chunk.sources
-    look_at_targets(world, chunk.views, seen, sources.xy_px)
+    look_at_targets(world, chunk.views, seen, sources.xy_px, sources.area_series)
     wp.launch(
         world.field.emit_kernel,
         dim=(chunk.n_view, world.n_band, world.n_target),
@@ -56,9 +73,19 @@ def observe_targets(world: World, chunk: Chunk) -> None:
         outputs=[sources.irradiance_w_cm2],
         device=world.device,
     )
+    if world.field.features.profile:
+        wp.launch(
+            world.field.profile_kernel,
+            dim=(chunk.n_view, world.n_band, world.n_target),
+            inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen), sources.area_series],
+            outputs=[seen.brightness],
+            device=world.device,
+        )
 
 
-def look_at_targets(world: TargetWorld, views: Views, seen: Observations, xy_px: wp.array) -> None:
+def look_at_targets(
+    world: TargetWorld, views: Views, seen: Observations, xy_px: wp.array, area_series: wp.array
+) -> None:
     """The first launch of `observe_targets`, which needs no images; places go to xy_px, (n_view, >= n_target)."""
     motion, field = world.motion, world.field
     wp.launch(
@@ -92,6 +119,7 @@ def look_at_targets(world: TargetWorld, views: Views, seen: Observations, xy_px:
             seen.sunlit,
             seen.temperature_k,
             seen.flags,
+            area_series,
         ],
         device=world.device,
     )
@@ -124,8 +152,64 @@ def gather_stars(world: World, chunk: Chunk) -> None:
             world.camera,
             world.field.surroundings.earth,
             world.n_target,
+            views.reach,
         ],
-        outputs=[sources.xy_px, sources.irradiance_w_cm2, sources.star, sources.n_source, views.n_wanted],
+        outputs=[
+            sources.xy_px,
+            sources.irradiance_w_cm2,
+            sources.star,
+            sources.direction,
+            sources.n_source,
+            views.n_wanted,
+        ],
+        device=world.device,
+    )
+
+
+def trace(world: World, chunk: Chunk) -> None:
+    """Sources: how they move during the exposure, where they do."""
+    path = chunk.views.path
+    if path is not None:
+        trace_sources(world, world.streaks, path, chunk.sources)
+
+
+def trace_sources(world: TargetWorld, streaks: Streaks, path: PathViews, sources: Sources) -> None:
+    """The launches of `trace`."""
+    motion, (n_view, n_slot) = world.motion, sources.xy_px.shape
+    wp.launch(
+        make_trace_targets_kernel(world.field.features.distortion),
+        dim=(n_view, world.n_target),
+        inputs=[
+            path.time_s,
+            path.axes,
+            path.position_m,
+            path.velocity_m_s,
+            motion.position_m,
+            motion.velocity_m_s,
+            motion.earth_velocity_m_s,
+            motion.releases,
+            motion.grid,
+            world.field.first_row,
+            world.camera,
+            streaks.instants,
+            sources.xy_px,
+        ],
+        outputs=[sources.offset_px],
+        device=world.device,
+    )
+    wp.launch(
+        make_trace_stars_kernel(world.field.features.distortion),
+        dim=(n_view, n_slot - world.n_target),
+        inputs=[
+            path.axes,
+            world.camera,
+            streaks.instants,
+            world.n_target,
+            sources.n_source,
+            sources.xy_px,
+            sources.direction,
+        ],
+        outputs=[sources.offset_px],
         device=world.device,
     )
 
@@ -134,7 +218,10 @@ def deposit(world: World, chunk: Chunk) -> None:
     """Signal: the light of all sources, integrated over pixels."""
     sources, signal = chunk.sources, chunk.signal_w_cm2
     lists = [sources.n_source, sources.xy_px, sources.irradiance_w_cm2]
-    world.psf.deposit(lists, world.stamp_rule, rows_per_block(world.device, signal.shape[2]), signal)
+    paths = None
+    if world.streaks.wanted:
+        paths = paths_struct(sources.offset_px, chunk.observations.brightness, world.n_target)
+    world.psf.deposit(lists, world.stamp_rule, rows_per_block(world.device, signal.shape[2]), signal, paths)
 
 
 def record_targets(world: World, chunk: Chunk) -> None:
@@ -143,38 +230,38 @@ def record_targets(world: World, chunk: Chunk) -> None:
     wp.launch(
         record_targets_kernel,
         dim=(chunk.n_view, world.n_band, world.n_target),
-        inputs=[sources.xy_px, sources.irradiance_w_cm2],
-        outputs=[seen.xy_px, seen.irradiance_w_cm2],
+        inputs=[sources.xy_px, sources.irradiance_w_cm2, sources.offset_px],
+        outputs=[seen.xy_px, seen.irradiance_w_cm2, seen.offset_px],
         device=world.device,
     )
 
 
 def read_out(world: World, chunk: Chunk) -> None:
-    """Counts: fresh noise, saturation, gain, offset and bits."""
+    """Counts: what the detector makes of the signal."""
     n_view, n_band, n_row, n_col = chunk.counts.shape
     n_pixel = n_row * n_col
     n_tile = n_pixel // (2 * TILE_WIDTH)
     n_done = n_tile * 2 * TILE_WIDTH
     signal, counts = chunk.signal_w_cm2.flatten(), chunk.counts.flatten()
-    images = [signal, chunk.views.frame, chunk.views.sensor, world.band_id, n_pixel]
+    inputs = [signal, chunk.views.frame, chunk.views.sensor, world.band_id, world.read_out.detector]
     if n_tile:
         wp.launch_tiled(
-            make_read_out_tile_kernel(TILE_WIDTH),
+            world.read_out.tile_kernel,
             dim=[n_view * n_band * n_tile],
-            inputs=[*images, n_tile, world.read_out],
+            inputs=[*inputs, n_tile],
             outputs=[counts],
             block_dim=TILE_THREADS_CUDA if world.device.is_cuda else 1,
             device=world.device,
         )
     if n_done < n_pixel:
         wp.launch(
-            read_out_rest_kernel,
+            world.read_out.rest_kernel,
             dim=(n_view, n_band, n_pixel - n_done),
-            inputs=[*images, n_done, world.read_out],
+            inputs=[*inputs, n_done],
             outputs=[counts],
             device=world.device,
         )
 
 
-STAGES = (aim, observe_targets, gather_stars, deposit, record_targets, read_out)
+STAGES = (aim, observe_targets, gather_stars, trace, deposit, record_targets, read_out)
 """A frame, in order."""

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 from warpsim_kernels.earth import Earth
-from warpsim_kernels.emission import Surfaces, make_emit_kernel, make_split_kernel
+from warpsim_kernels.emission import Surfaces, make_emit_kernel, make_profile_kernel, make_split_kernel
 from warpsim_kernels.signature import Exposure, Features, Surroundings, Tables, Target
 from warpsim_kernels.targets import make_observe_targets_kernel
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
+from warpsim.legendre import series_matrix
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M
 from warpsim.render.turning import Turning, make_turning, motion_struct
 from warpsim.render.warmth import Warmth, make_radiance, make_warmth
@@ -41,13 +42,18 @@ class TargetField:
     surroundings: Any
     surfaces: Any
     radiance: Any
+    n_profile: int
+    """Coefficients of each target's brightness over the exposure; 0 where nothing asks for them."""
     observe_kernel: wp.Kernel
     emit_kernel: wp.Kernel
+    profile_kernel: wp.Kernel
     split_kernel: wp.Kernel
 
 
-def make_target_field(scene: Scene, bands: Sequence[str], device: wp.Device) -> TargetField:
-    """Put the targets of a scene on a device."""
+def make_target_field(
+    scene: Scene, bands: Sequence[str], device: wp.Device, with_profiles: bool = False
+) -> TargetField:
+    """Put the targets of a scene on a device; with_profiles, brightness is followed through exposures with streaks."""
     turning = make_turning(scene.attitudes, device)
     warmth = make_warmth(scene.temperatures, device)
     facets = facets_of([spec.shape for spec in scene.target_specs], device)
@@ -56,8 +62,11 @@ def make_target_field(scene: Scene, bands: Sequence[str], device: wp.Device) -> 
         attitude_tables=any(turning.table_count),
         meshes=any(facets.count),
         albedo_degree=degree,
+        profile=with_profiles and scene.streaks,
+        distortion=scene.camera.lens is not None,
         **{name: term.kept for name, term in scene.light_terms.items()},
     )
+    exposure = _exposure(scene, device)
     tables: Any = Tables()
     tables.attitudes, tables.facets, tables.temperatures = turning.tables, facets.facets, warmth.tables
     return TargetField(
@@ -67,12 +76,14 @@ def make_target_field(scene: Scene, bands: Sequence[str], device: wp.Device) -> 
         scene.lighting.sun and scene.light_terms["sun"].bound_nei == 0.0,
         wp.array(_target_structs(scene, turning, warmth, facets.first), dtype=Target, device=device),
         tables,
-        _exposure(scene, device),
+        exposure,
         _surroundings(scene, n_albedo, device),
         _surfaces(scene, bands, device),
         make_radiance(bands, warmth.span_k, device),
+        int(exposure.weight.shape[0]) if features.profile else 0,
         make_observe_targets_kernel(features),
         make_emit_kernel(features),
+        make_profile_kernel(features),
         make_split_kernel(features),
     )
 
@@ -107,6 +118,7 @@ def _exposure(scene: Scene, device: wp.Device) -> Any:
     exposure: Any = Exposure()
     rule = exposure_rule(scene)
     exposure.offset_s, exposure.weight = _doubles(rule.offset_s, device), _doubles(rule.weight, device)
+    exposure.series = _doubles(series_matrix(len(rule.weight)), device)
     return exposure
 
 

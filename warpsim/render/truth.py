@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.emission import N_TERM
+from warpsim_kernels.signature import N_TERM
 from warpsim_kernels.targets import BEHIND, IN_FOV, OCCULTED, STOWED
 
 from warpsim.render.buffers import Observations
 from warpsim.render.stages import split_light
+from warpsim.render.streaks import moved, paths_struct
 from warpsim.render.world import TargetWorld, World
 from warpsim.scene.light_terms import TERMS
 
@@ -25,7 +26,8 @@ def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
     """One row per frame x sensor x band x target.
 
     Columns: frame, time_s, sensor, band, target; access (the sensor may observe the main target), in_fov, occulted,
-    stowed; x_px, y_px (NaN behind the camera), range_km, aspect_deg, projected_area_m2 (mean over the exposure),
+    stowed; x_px, y_px in the middle of the exposure (NaN behind the camera), dx_px, dy_px from its start to its end
+    (0 where streaks are off), range_km, aspect_deg, projected_area_m2 (mean over the exposure),
     temperature_k, sunlit_fraction; irradiance_w_cm2 at the pupil (0 when occulted or stowed) and what it is the sum of,
     emitted_w_cm2, sun_w_cm2, earth_w_cm2 and albedo_w_cm2 (0 where the scene leaves a term out); snr = irradiance /
     NEI, snr_peak (of the target's own pixel), left_out_w_cm2 (light beyond the stamp).
@@ -45,6 +47,7 @@ def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
 
     behind = (np.asarray(seen.flags.numpy()) & int(BEHIND)) != 0
     xy_px = np.where(behind[..., None], np.nan, np.asarray(seen.xy_px.numpy()))
+    moved_px = np.where(behind[..., None], np.nan, moved(np.asarray(seen.offset_px.numpy())))
     irradiance = np.asarray(seen.irradiance_w_cm2.numpy(), dtype=np.float64)
     split = split_irradiance_w_cm2(world, seen)
     snr = irradiance / np.array([frames.scene.nei_w_cm2(band) for band in frames.bands])[:, None]
@@ -61,6 +64,8 @@ def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
             "stowed": spread(stowed, 0, 1, 3),
             "x_px": spread(xy_px[..., 0], 0, 1, 3),
             "y_px": spread(xy_px[..., 1], 0, 1, 3),
+            "dx_px": spread(moved_px[..., 0], 0, 1, 3),
+            "dy_px": spread(moved_px[..., 1], 0, 1, 3),
             "range_km": spread(seen.range_m.numpy() / 1e3, 0, 1, 3),
             "aspect_deg": spread(np.degrees(seen.aspect_rad.numpy()), 0, 1, 3),
             "projected_area_m2": spread(seen.area_m2.numpy(), 0, 1, 3),
@@ -73,7 +78,8 @@ def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
             "left_out_w_cm2": spread(irradiance * np.maximum(1 - stamp_share, 0), 0, 1, 2, 3),
         }
     )
-    units = {"time_s": "s", "x_px": "pix", "y_px": "pix", "range_km": "km", "aspect_deg": "deg"}
+    units = {"time_s": "s", "range_km": "km", "aspect_deg": "deg"}
+    units |= dict.fromkeys(("x_px", "y_px", "dx_px", "dy_px"), "pix")
     units |= {"projected_area_m2": "m2", "temperature_k": "K"}
     units |= {name: "W / cm2" for name in table.colnames if name.endswith("_w_cm2")}
     for name, unit in units.items():
@@ -102,7 +108,8 @@ def _stamp_shares(world: World, seen: Observations) -> tuple[npt.NDArray[np.floa
     shape = seen.irradiance_w_cm2.shape
     shares = [wp.empty(shape, dtype=wp.float32, device=world.device) for _ in range(2)]
     if shares[0].size:
-        world.psf.measure_stamps([seen.xy_px, seen.irradiance_w_cm2], world.stamp_rule, shares)
+        paths = paths_struct(seen.offset_px, seen.brightness, world.n_target) if world.streaks.wanted else None
+        world.psf.measure_stamps([seen.xy_px, seen.irradiance_w_cm2], world.stamp_rule, shares, paths)
     peak, stamp = (np.asarray(array.numpy(), dtype=np.float64) for array in shares)
     return peak, stamp
 
@@ -110,18 +117,17 @@ def _stamp_shares(world: World, seen: Observations) -> tuple[npt.NDArray[np.floa
 def star_table(frames: FrameSet, world: World, star_lists: list[tuple[npt.NDArray[Any], ...]]) -> Table:
     """One row per frame x sensor x star whose stamp touches the image.
 
-    Columns: frame, time_s, sensor, x_px, y_px, catalog_row, id, in_fov, and irradiance_w_cm2 and snr with one value per
-    band.
+    Columns: frame, time_s, sensor, x_px, y_px, dx_px, dy_px (as in the truth), catalog_row, id, in_fov, and
+    irradiance_w_cm2 and snr with one value per band.
     """
     from astropy.table import Table
 
     n_sensor = len(frames.sensors)
     if not star_lists:
-        star_lists = [(np.zeros((0, 2)), np.zeros((0, world.n_band)), np.zeros(0))]
-    view = np.concatenate([np.full(len(xy), number) for number, (xy, _, _) in enumerate(star_lists)]).astype(np.int64)
-    xy_px = np.concatenate([xy for xy, _, _ in star_lists]).reshape(-1, 2)
-    light = np.concatenate([light for _, light, _ in star_lists]).reshape(-1, world.n_band).astype(np.float64)
-    star = np.concatenate([star for _, _, star in star_lists]).astype(np.int64)
+        star_lists = [(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, world.n_band)), np.zeros(0))]
+    view = np.repeat(np.arange(len(star_lists)), [len(xy) for xy, *_ in star_lists])
+    xy_px, moved_px, light, star = (np.concatenate(lists) for lists in zip(*star_lists, strict=True))
+    light, star = light.astype(np.float64), star.astype(np.int64)
     camera = frames.scene.camera
     rows = world.stars.index.star_row[star]
     in_fov = np.all((xy_px >= -0.5) & (xy_px < np.array([camera.n_col, camera.n_row]) - 0.5), axis=1)
@@ -132,6 +138,8 @@ def star_table(frames: FrameSet, world: World, star_lists: list[tuple[npt.NDArra
             "sensor": np.asarray(frames.sensors)[view % n_sensor],
             "x_px": xy_px[:, 0],
             "y_px": xy_px[:, 1],
+            "dx_px": moved_px[:, 0],
+            "dy_px": moved_px[:, 1],
             "catalog_row": rows,
             "id": world.stars.index.catalog.id_of(rows),
             "in_fov": in_fov,
@@ -142,6 +150,7 @@ def star_table(frames: FrameSet, world: World, star_lists: list[tuple[npt.NDArra
     name = world.stars.index.catalog.name
     table.meta |= {"SCENE": frames.scene.name, "CATALOG": name, "BANDS": ",".join(frames.bands)}
     table["time_s"].unit = "s"
-    table["x_px"].unit = table["y_px"].unit = "pix"
+    for name in ("x_px", "y_px", "dx_px", "dy_px"):
+        table[name].unit = "pix"
     table["irradiance_w_cm2"].unit = "W / cm2"
     return table

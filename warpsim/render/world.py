@@ -10,13 +10,17 @@ import numpy as np
 import warp as wp
 from warpsim_kernels.apparent import Releases
 from warpsim_kernels.camera import Camera as CameraStruct
+from warpsim_kernels.camera import Distortion as LensStruct
 from warpsim_kernels.motion import NodeGrid
 
-from warpsim.detector.nei import read_out_struct
+from warpsim.optics.camera import Camera
 from warpsim.optics.psf_bank import PsfBank, psf_bank, stamp_rule
 from warpsim.optics.tables import TableAccuracy
 from warpsim.render.aiming import Aiming, make_aiming
+from warpsim.render.read_out import ReadOut, make_read_out
 from warpsim.render.star_field import Stars, make_stars
+from warpsim.render.streak_rule import choose_streaks
+from warpsim.render.streaks import Streaks, no_streaks
 from warpsim.render.target_field import TargetField, make_target_field
 from warpsim.scene.scene import Scene
 from warpsim.sky.band_index import BandIndex
@@ -40,16 +44,21 @@ class TargetWorld:
         scene: The description.
         bands: Names of the bands, in the order of the images.
         device: Where everything is put.
+        with_streaks: Whether movement during the exposure is followed, where the scene has it.
     """
 
-    def __init__(self, scene: Scene, bands: Sequence[str], device: wp.Device) -> None:
+    def __init__(
+        self, scene: Scene, bands: Sequence[str], device: wp.Device, with_streaks: bool = False
+    ) -> None:
         self.device = device
         self.n_band = len(bands)
         self.n_target = len(scene.target_names)
         self.aiming: Aiming = make_aiming(scene, device)
         self.motion = _motion(scene, device)
-        self.field: TargetField = make_target_field(scene, bands, device)
-        self.camera = _camera(scene)
+        self.field: TargetField = make_target_field(scene, bands, device, with_streaks)
+        self.camera = camera_struct(scene.camera)
+        self.landmarks = wp.array(scene.camera.landmarks, dtype=wp.vec3d, device=device)
+        self.streaks: Streaks = choose_streaks(scene, self) if with_streaks and scene.streaks else no_streaks()
 
 
 class World(TargetWorld):
@@ -63,14 +72,15 @@ class World(TargetWorld):
     """
 
     def __init__(self, scene: Scene, bands: Sequence[str], device: wp.Device, index: BandIndex) -> None:
-        super().__init__(scene, bands, device)
+        super().__init__(scene, bands, device, with_streaks=True)
         self.band_id = wp.array([scene.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
-        self.read_out = read_out_struct(scene.detector, scene.seed)
+        shape = (scene.camera.n_row, scene.camera.n_col)
+        self.read_out: ReadOut = make_read_out(scene.detector, scene.levels, bands, scene.seed, shape, device)
         cut_w_cm2 = [scene.optics.stamp_cut_nei * scene.nei_w_cm2(band) for band in bands]
         self.stamp_rule = stamp_rule(cut_w_cm2, 0.0, device)
-        aspect = getattr(scene.camera, "pixel_aspect", 1.0)
         accuracy = TableAccuracy(scene.optics.psf_error, scene.optics.psf_points)
-        self.psf: PsfBank = psf_bank([scene.psf(name) for name in bands], device, aspect, accuracy)
+        psfs = [scene.psf(name) for name in bands]
+        self.psf: PsfBank = psf_bank(psfs, device, scene.camera.pixel_aspect, accuracy)
         self.stars: Stars = make_stars(scene, bands, index, self.psf, self.stamp_rule, self.motion.grid)
 
 
@@ -95,9 +105,15 @@ def _motion(scene: Scene, device: wp.Device) -> Motion:
     )
 
 
-def _camera(scene: Scene) -> Any:
-    camera: Any = CameraStruct()
-    camera.n_row, camera.n_col = scene.camera.n_row, scene.camera.n_col
-    camera.focal_px = scene.camera.focal_px
-    camera.centre_x_px, camera.centre_y_px = scene.camera.centre_px
-    return camera
+def camera_struct(camera: Camera) -> Any:
+    """The camera as the kernels' struct."""
+    struct: Any = CameraStruct()
+    struct.n_row, struct.n_col = camera.n_row, camera.n_col
+    struct.focal_px, struct.focal_row_px = camera.focal_px, camera.focal_row_px
+    struct.centre_x_px, struct.centre_y_px = camera.centre_px
+    if camera.lens is not None:
+        lens: Any = LensStruct()
+        lens.k1, lens.k2, lens.k3 = camera.lens.k1, camera.lens.k2, camera.lens.k3
+        lens.p1, lens.p2, lens.limit = camera.lens.p1, camera.lens.p2, camera.distortion_radius
+        struct.distortion = lens
+    return struct

@@ -35,6 +35,7 @@ def check_scene(scene: Scene) -> None:
     _check_times(scene)
     _check_exposure(scene)
     _check_optics(scene)
+    _check_detector(scene)
     _check_pointing(scene)
     _check_attitudes(scene)
     _check_surfaces(scene)
@@ -155,6 +156,14 @@ def _check_optics(scene: Scene) -> None:
         except InputError as error:
             hint = "; psf = 'gaussian' has no such limit" if scene.optics.psf == "airy" else ""
             raise part_error(f"optics: in band {name}: {error}{hint}") from None
+
+
+def _check_detector(scene: Scene) -> None:
+    """The detector must be described in every band, and blank sky must not saturate it."""
+    try:
+        scene.levels  # noqa: B018
+    except InputError as error:
+        raise part_error(f"detector.{error}" if ":" in str(error) else f"detector: {error}") from None
 
 
 def _check_pointing(scene: Scene) -> None:

@@ -19,7 +19,8 @@ from pydantic_core import ArgsKwargs
 
 from warpsim.arguments import times_s
 from warpsim.describe import Integer, Positive, as_tuple, closed_interval, input_error, part, rule_error
-from warpsim.detector.nei import NeiDetector
+from warpsim.detector.kinds import Detector
+from warpsim.detector.levels import Levels, levels
 from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf import Psf
@@ -29,6 +30,7 @@ from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.rules import AccessConstraints
 from warpsim.quaternion import rotated
 from warpsim.scene.attitudes import table_rows, target_attitudes
+from warpsim.scene.changes import changed
 from warpsim.scene.flight_epochs import is_utc, with_epoch, without_flight_epochs
 from warpsim.scene.light_terms import LightTerm, light_terms
 from warpsim.scene.lighting import Lighting
@@ -37,6 +39,7 @@ from warpsim.scene.pointing import Pointing, TablePointing, TrackPointing
 from warpsim.scene.rules import check_scene
 from warpsim.scene.temperatures import target_temperatures, temperature_tables
 from warpsim.sky.bands import BANDS
+from warpsim.target.temperature import TemperatureRows
 from warpsim.target.timed_rows import END_SLACK_S
 
 if TYPE_CHECKING:
@@ -49,8 +52,6 @@ if TYPE_CHECKING:
     from warpsim.scene.tracks import Tracks
     from warpsim.target.attitude import BodyMotion
     from warpsim.target.attitude_table import AttitudeRows
-    from warpsim.target.timed_rows import END_SLACK_S
-from warpsim.target.temperature import TemperatureRows
 
 
 def _known_band(name: str) -> str:
@@ -100,7 +101,7 @@ class Scene:
     constellation: AnyConstellation
     camera: Camera
     optics: Optics
-    detector: NeiDetector
+    detector: Detector
     bands: Annotated[tuple[BandName, ...], BeforeValidator(as_tuple)]
     trajectory: Trajectory
     targets: Annotated[tuple[TargetSpec, ...], BeforeValidator(as_tuple)]
@@ -203,24 +204,7 @@ class Scene:
         Raises:
             InputError: A field is unknown or the new scene breaks a rule.
         """
-        data = without_flight_epochs(self.to_dict())
-        for name, value in changes.items():
-            *parents, leaf = name.split("__")
-            place: Any = data
-            for parent in parents:
-                if _is_index(place, parent):
-                    place = place[int(parent)]
-                else:
-                    place = place.get(parent) if isinstance(place, dict) else None
-                if not isinstance(place, dict | list):
-                    raise InputError(f"Scene: {name.replace('__', '.')}: is not a field of a part")
-            if isinstance(place, list):
-                if not _is_index(place, leaf):
-                    raise InputError(f"Scene: {name.replace('__', '.')}: is not an item of a list of {len(place)}")
-                place[int(leaf)] = value
-            else:
-                place[leaf] = value
-        return Scene.from_dict(data)
+        return Scene.from_dict(changed(without_flight_epochs(self.to_dict()), changes))
 
     @property
     def epoch(self) -> Time:
@@ -247,9 +231,23 @@ class Scene:
         """All groups: first the one of `trajectory`, `targets` and `release`, then those of `groups`."""
         return TargetGroup("main", self.trajectory, self.targets, self.release), *self.groups
 
+    @property
+    def streaks(self) -> bool:
+        """Whether light moves over the image during the exposure."""
+        return self.detector.streaks and self.detector.exposure_s > 0.0
+
+    @cached_property
+    def levels(self) -> dict[str, Levels]:
+        """What the detector's noise, saturation and gain are in each band, as irradiance and counts."""
+        return {band: levels(self.detector, self.optics, self.camera, band) for band in self.bands}
+
     def nei_w_cm2(self, band: str) -> float:
-        """Noise equivalent irradiance of a pixel in a band [W/cm2]."""
-        return self.detector.nei_w_cm2
+        """Noise equivalent irradiance of a pixel in a band of the scene [W/cm2]."""
+        return self.levels[band].nei_w_cm2
+
+    def sei_w_cm2(self, band: str) -> float:
+        """Saturation equivalent irradiance of a pixel in a band of the scene [W/cm2]."""
+        return self.levels[band].sei_w_cm2
 
     def psf(self, band: str) -> Psf:
         """Point spread function in a band, in pixel widths: the telescope's, its jitter's and the detector's together.
@@ -510,10 +508,6 @@ def _adapter() -> TypeAdapter[Scene]:
 
 
 _ADAPTER: TypeAdapter[Scene] | None = None
-
-
-def _is_index(place: Any, name: str) -> bool:
-    return isinstance(place, list) and name.isdigit() and int(name) < len(place)
 
 
 def _without_none(value: Any) -> Any:

@@ -78,7 +78,7 @@ def image_turn(scene: Scene) -> F64:
 
 def _shortest_turn(offset_px: tuple[float, float], camera: Camera) -> F64:
     """The shortest turn from the boresight to the direction that falls offset_px from it, in camera axes."""
-    x, y, z = np.array([*offset_px, camera.focal_px]) / np.linalg.norm([*offset_px, camera.focal_px])
+    (x, y, z), *_ = camera.direction(np.add(camera.centre_px, offset_px)[None])
     across = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])  # cross product with (0, 0, 1) x (x, y, z)
     return np.asarray(np.eye(3) + across + across @ across / (1.0 + z))
 

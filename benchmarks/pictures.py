@@ -1,0 +1,111 @@
+"""Pictures of benchmark results, drawn by report.py."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+Case = dict[str, Any]
+
+
+def plot_signatures(cases: list[Case], path: Path) -> None:
+    """Draw time per observation against the error of the light, and the terms' cost beside it."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 4.5), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for exposure_s in sorted({c["exposure_s"] for c in cases if c["kind"] == "error"}):
+        points = sorted(
+            (c["us_per_observation"], c["light_error"], c["asked"])
+            for c in cases
+            if c["kind"] == "error" and c["exposure_s"] == exposure_s
+        )
+        times, found, asked = zip(*points, strict=True)
+        left.loglog(times, found, "o-", label=f"exposure {exposure_s:g} s" if exposure_s else "instant")
+        for time, error, rule in zip(times, found, asked, strict=True):
+            left.annotate(f"{rule:.0e}", (time, error), textcoords="offset points", xytext=(4, 4), fontsize=7)
+    left.set(xlabel="time per observation [us]", ylabel="largest error of the light", title="error asked beside points")
+    left.grid(alpha=0.3)
+    left.legend()
+    terms = [c for c in cases if c["kind"] == "terms"]
+    for n_thread in sorted({c["n_thread"] for c in terms}):
+        mine = [c for c in terms if c["n_thread"] == n_thread]
+        rates = [c["observations_per_s"] for c in mine]
+        right.plot([c["terms"] for c in mine], rates, "o-", label=f"{n_thread} thread{'' if n_thread == 1 else 's'}")
+    right.set(ylabel="targets observed per second", title="terms of the light", yscale="log")
+    right.grid(alpha=0.3)
+    right.legend()
+    figure.savefig(path, dpi=150)
+
+
+def plot_star_query(cases: list[Case], path: Path) -> None:
+    """Draw time per cone against the number of stars in the catalog."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 5), layout="constrained")
+    axes = figure.add_subplot()
+    lines: dict[str, list[tuple[int, float]]] = {}
+    for c in cases:
+        if c["kind"] != "build":
+            where = "" if c["device"] == "host" else f", {c['device']}"
+            note = ", same views at fixed density" if c["kind"] == "fixed density" else ""
+            lines.setdefault(f"{c['method']}{where}{note}", []).append((c["n_star"], c["us_per_cone"]))
+    for label, points in sorted(lines.items()):
+        style = "s--" if "fixed" in label else "o-"
+        axes.loglog(*zip(*sorted(points), strict=True), style, label=label)
+    axes.set(xlabel="stars in the catalog", ylabel="time per cone of 0.72 deg [us]")
+    axes.grid(alpha=0.3)
+    figure.legend(loc="outside upper center", ncols=2, fontsize=8)
+    figure.savefig(path, dpi=150)
+
+
+def plot_deposit(cases: list[Case], path: Path) -> None:
+    """Draw time per source against the error of the worst pixel: ways to find shares, stamps, streaks."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13, 4.8), layout="constrained")
+    panels = {"shares": "how shares are found", "stamps": "where stamps end", "streak": "nodes along streaks"}
+    others = [c for c in cases if not any(word in c["group"] for word in panels)]
+    columns = [*panels.items(), *([("", "how light is added up")] if others else [])]
+    for axes, (word, title) in zip(figure.subplots(1, len(columns)), columns, strict=True):
+        shown = [c for c in cases if word in c["group"]] if word else others
+        for label in sorted({_line(c) for c in shown}):
+            line = [(c["deposit_error"], c["ns_per_source"]) for c in shown if _line(c) == label]
+            axes.loglog(*zip(*sorted(line), strict=True), "o-", label=label)
+        axes.set(xlabel="error of the worst pixel, share of the light", ylabel="ns per source", title=title)
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=7)
+    figure.savefig(path, dpi=130)
+
+
+def _line(case: Case) -> str:
+    """What a case's line is called: the way without its error."""
+    kind = case["group"].partition(",")[0]
+    way = case["way"].rpartition(", ")[0] or case["way"]
+    return f"{kind}, {way}" if "shares" in case["group"] else case["group"]
+
+
+def plot_read_out(cases: list[Case], path: Path) -> None:
+    """Draw time per pixel by the terms of the detector, and how far the noise is from what it should be."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 5), layout="constrained")
+    axes = figure.add_subplot()
+    ordered = sorted(cases, key=lambda c: -c["ns_per_pixel"])
+    axes.barh([c["detector"] for c in ordered], [c["ns_per_pixel"] for c in ordered])
+    for number, case in enumerate(ordered):
+        note = "" if case["distance"] is None else f"  distance {case['distance']:.0e}"
+        axes.text(case["ns_per_pixel"], number, note, va="center", fontsize=8)
+    axes.set(xlabel="ns per pixel, one thread", title="reading out; largest distance of counts from their distribution")
+    axes.margins(x=0.2)
+    figure.savefig(path, dpi=130)
+
+
+PICTURES: dict[str, Callable[[list[Case], Path], None]] = {
+    "light_error": plot_signatures,
+    "deposit_error": plot_deposit,
+    "ns_per_pixel": plot_read_out,
+    "kind": plot_star_query,
+}
+"""What a case says only in one benchmark, and how it is drawn."""

@@ -1,0 +1,65 @@
+"""A detector as its kernels see it: which steps are on, and the numbers of its pixels."""
+
+from typing import NamedTuple
+
+import warp as wp
+
+
+class ReadOutFeatures(NamedTuple):
+    """What a read-out kernel holds."""
+
+    electrons: bool = False  # in electrons, else in NEI terms
+    template: bool = False  # deviates from a template, else fresh ones; in NEI terms only
+    bad_pixels: bool = False
+    prnu: bool = False
+    dsnu: bool = False
+    column_noise: bool = False
+    nonlinearity: bool = False
+    shot_noise: bool = False  # electrons only, like those below
+    small_means: bool = False  # a pixel's mean may be too small for the expansion of the Poisson distribution
+    read_noise: bool = False
+
+    @property
+    def pattern(self) -> bool:
+        """Whether anything stays with a pixel from frame to frame."""
+        return self.bad_pixels or self.prnu or self.dsnu
+
+
+@wp.struct
+class PixelScalars:
+    """A detector's pixels in one band. Levels are irradiances [W/cm2] in NEI terms, else electrons."""
+
+    # both
+    offset_counts: float
+    max_counts: float
+    prnu: float  # rms of gains
+    dsnu: float  # rms of offsets [W/cm2], or of dark currents as a share of their mean
+    column_noise: float  # rms, a level
+    full_level: float  # SEI or full well: where a pixel saturates
+    loss_per_level: float  # of the response, relative to a linear one
+    most: float  # level of hot pixels and of the brightest light, beyond saturation
+    dead_below: wp.uint32  # random words of dead pixels
+    hot_below: wp.uint32  # complements of random words of hot pixels
+    seed_low: wp.uint32
+    seed_high: wp.uint32
+    # in NEI terms
+    per_nei: float  # 1 / NEI [cm2/W]
+    ceiling_nei: float  # at saturation
+    counts_per_nei: float
+    # in electrons
+    e_per_w_cm2: float
+    background_e: float
+    dark_e: float
+    read_noise_e: float
+    counts_per_e: float
+
+
+@wp.struct
+class Detector:
+    """A detector's arrays."""
+
+    pixels: wp.array[PixelScalars]  # (n_band,)
+    deviates: wp.array[float]  # (n_deviate + 2 * TILE_WIDTH,) the template; its first ones stand again at its end
+    n_deviate: int
+    n_pixel: int  # of an image
+    n_col: int

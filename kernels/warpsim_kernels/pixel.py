@@ -1,0 +1,93 @@
+"""What a detector's pixel does, step by step: small branch-free functions of scalars.
+
+`wp.tile_map` over each becomes vector instructions on the CPU; a read-out puts those together that a scene needs. A
+deviate comes as radius * direction (Box and Muller). Struct fields are handed over as scalars, because with a struct
+the CPU compiler does not vectorise.
+"""
+
+import warp as wp
+
+
+@wp.func
+def without_dead(light: float, word: wp.uint32, dead_below: wp.uint32) -> float:
+    """Light of a pixel; none in a dead one."""
+    return wp.where(word < dead_below, 0.0, light)
+
+
+@wp.func
+def with_hot(level: float, word: wp.uint32, hot_below: wp.uint32, most: float) -> float:
+    """Level of a pixel; the most there is in a hot one. Dead and hot pixels are taken from the two ends of the word."""
+    return wp.where(~word < hot_below, most, level)
+
+
+@wp.func
+def scaled(light: float, radius: float, direction: float, rms: float) -> float:
+    """Light times a gain about 1."""
+    return light * (1.0 + rms * (radius * direction))
+
+
+@wp.func
+def shifted(level: float, radius: float, direction: float, rms: float) -> float:
+    """Level plus an offset about 0."""
+    return level + rms * (radius * direction)
+
+
+@wp.func
+def bent(level: float, most: float, loss_per_level: float) -> float:
+    """A response that falls short of linear by the share level * loss_per_level; the level is at most `most`."""
+    held = wp.min(level, most)
+    return held * (1.0 - held * loss_per_level)
+
+
+@wp.func
+def counts_of(
+    signal_w_cm2: float,
+    radius: float,
+    direction: float,
+    per_nei: float,
+    ceiling_nei: float,
+    counts_per_nei: float,
+    offset_counts: float,
+    max_counts: float,
+) -> wp.uint16:
+    """Counts of a pixel in NEI terms, with unit normal noise."""
+    level = wp.min(signal_w_cm2 * per_nei + radius * direction, ceiling_nei)
+    counts = wp.min(wp.max(level * counts_per_nei + offset_counts + 0.5, 0.0), max_counts)
+    return wp.uint16(wp.int32(counts))
+
+
+@wp.func
+def photo_electrons(signal_w_cm2: float, e_per_w_cm2: float, background_e: float, most_e: float) -> float:
+    """Mean electrons by light, from the sources and the background, 0 to most_e; what is not a number is the most."""
+    return wp.max(wp.min(signal_w_cm2 * e_per_w_cm2 + background_e, most_e), 0.0)
+
+
+@wp.func
+def with_dark(electrons: float, dark_e: float) -> float:
+    """Mean electrons with those of the dark current."""
+    return electrons + dark_e
+
+
+@wp.func
+def with_uneven_dark(electrons: float, radius: float, direction: float, dark_e: float, rms: float) -> float:
+    """The same, of a pixel whose dark current differs from the mean by a share; it is never negative."""
+    return electrons + dark_e * wp.max(1.0 + rms * (radius * direction), 0.0)
+
+
+@wp.func
+def held(electrons: float, full_well_e: float) -> float:
+    """Electrons that a pixel's well keeps."""
+    return wp.min(electrons, full_well_e)
+
+
+@wp.func
+def counts_of_charge(charge_e: float, counts_per_e: float, offset_counts: float, max_counts: float) -> wp.uint16:
+    """Counts of the charge that is read, its noise included."""
+    counts = wp.min(wp.max(charge_e * counts_per_e + offset_counts + 0.5, 0.0), max_counts)
+    return wp.uint16(wp.int32(counts))
+
+
+@wp.func
+def product(radius: float, direction: float) -> float:
+    """A unit normal deviate."""
+    return radius * direction

@@ -1,0 +1,289 @@
+"""What stays with pixels, what columns share, and noise from a template: statistics, persistence, independence."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from read_outs import (
+    FINE,
+    FINE_GAIN,
+    N_SIGMA,
+    N_SIGMA_TAIL,
+    SEED,
+    assert_uncorrelated,
+    deviates,
+    read_out,
+    twin_deviates,
+    twin_words,
+)
+from scipy import stats
+
+from warpsim.detector.nei import NeiDetector
+
+NEI = 1e-18
+SHAPE = (1, 1, 1024, 1024)
+
+# Signals and gains of patterns are such that half a count is a few thousandths of the pattern's own deviation.
+LIGHT_NEI, PRNU = 4.0, 0.1
+EVEN = NeiDetector(NEI, 1e-12, bits=16, offset_counts=15000.0, counts_per_nei=3000.0)
+COUNT_OF_DEVIATE = {"prnu": PRNU * LIGHT_NEI * 3000.0, "dsnu_nei": 3000.0, "column_noise_nei": 3000.0}
+
+
+def pattern(device, term, shape=SHAPE, **numbers):
+    """Deviates of one term: what it changes in an image whose other noise is the same bit for bit."""
+    uneven = dataclasses.replace(EVEN, **{term: PRNU if term == "prnu" else 1.0})
+    signal = np.full(shape, LIGHT_NEI * NEI)
+    with_term, without = (read_out(detector, signal, device, **numbers) for detector in (uneven, EVEN))
+    return (with_term.astype(np.int64) - without) / COUNT_OF_DEVIATE[term]
+
+
+def check_normal(z):
+    """5-sigma gates on moments, and a Kolmogorov-Smirnov gate; z may have been rounded by a thousandth."""
+    n = z.size
+    assert abs(z.mean()) < N_SIGMA / np.sqrt(n) + 1e-3
+    assert abs(z.var() - 1) < N_SIGMA * np.sqrt(2 / n) + 1e-3
+    assert abs(stats.skew(z)) < N_SIGMA * np.sqrt(6 / n)
+    assert abs(stats.kurtosis(z)) < N_SIGMA * np.sqrt(24 / n)
+    assert stats.kstest(z + np.random.default_rng(0).uniform(-4e-4, 4e-4, n), "norm").pvalue > 2 * N_SIGMA_TAIL
+
+
+@pytest.mark.parametrize(("term", "first_pair"), [("prnu", 0), ("dsnu_nei", 0x40000000)])
+@pytest.mark.parametrize("shape", [(300, 70), (1, 1), (3, 5), (1, 257)], ids=str)
+def test_patterns_are_those_of_the_float64_twin(device, term, first_pair, shape):
+    z = pattern(device, term, (1, 1, *shape), frames=[9], sensors=[11], bands=[4]).ravel()
+    expected = twin_deviates(0, 11, 4, SEED, z.size, stream=3, first_pair=first_pair)
+    # Two counts are rounded, and light of 4 NEI plus noise is known to half a count.
+    np.testing.assert_allclose(z, expected, rtol=0, atol=1.01 / COUNT_OF_DEVIATE[term])
+
+
+@pytest.mark.parametrize("term", ["prnu", "dsnu_nei"])
+def test_patterns_are_normal_and_stay(device, term):
+    z = pattern(device, term)
+    check_normal(z.ravel())
+    later = pattern(device, term, frames=[5000])
+    np.testing.assert_allclose(later, z, rtol=0, atol=2.01 / COUNT_OF_DEVIATE[term])
+
+
+@pytest.mark.parametrize("term", ["prnu", "dsnu_nei"])
+@pytest.mark.parametrize(
+    "other", [{"sensors": [1]}, {"bands": [1]}, {"seed": SEED + 1}, {"seed": SEED + 2**32}], ids=str
+)
+def test_patterns_of_others_are_independent(device, term, other):
+    assert_uncorrelated(pattern(device, term), pattern(device, term, **other))
+
+
+def test_terms_are_independent_of_each_other_and_of_the_noise(device):
+    gain, offset, column = (pattern(device, term) for term in ("prnu", "dsnu_nei", "column_noise_nei"))
+    noise = deviates(device, SHAPE)
+    assert_uncorrelated(gain, offset)
+    assert_uncorrelated(gain, noise)
+    assert_uncorrelated(offset, noise)
+    assert_uncorrelated(gain, np.roll(offset, 1, axis=-1))
+    # Columns are few: what they share is averaged over their rows.
+    for image in (gain, offset, noise):
+        assert_uncorrelated(image.mean(axis=2) * 32, column[:, :, 0])
+
+
+@pytest.mark.parametrize("term", ["prnu", "dsnu_nei"])
+def test_neighbours_are_independent(device, term):
+    z = pattern(device, term)[0, 0]
+    assert_uncorrelated(z[:, :-1], z[:, 1:])
+    assert_uncorrelated(z[:-1], z[1:])
+    tiles = z.reshape(-1, 2, 64)
+    assert_uncorrelated(tiles[:, 0], tiles[:, 1])  # cosine and sine of one word
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("term", ["prnu", "dsnu_nei"])
+def test_patterns_of_100_sensors_are_normal(device, term):
+    check_normal(np.concatenate([pattern(device, term, sensors=[k]).ravel() for k in range(100)]))
+
+
+@pytest.mark.parametrize("shape", [(300, 70), (40, 128), (1, 3000), (500, 1)], ids=str)
+def test_columns_share_a_deviate(device, shape):
+    z = pattern(device, "column_noise_nei", (1, 1, *shape), frames=[9], sensors=[2], bands=[4])[0, 0]
+    assert np.ptp(z, axis=0).max() <= 2.01 / 3000
+    # The twin's first half tiles are cosines of words 0 to 63: those of columns.
+    n_col = shape[1]
+    words = twin_deviates(9, 2, 4, SEED, 128 * (n_col // 64 + 1), stream=4).reshape(-1, 2, 64)[:, 0].ravel()
+    np.testing.assert_allclose(z[0], words[:n_col], rtol=0, atol=1.01 / 3000)
+
+
+def test_columns_are_normal_and_new_in_every_frame(device):
+    shape = (1, 1, 1, 200_000)
+    first = pattern(device, "column_noise_nei", shape, frames=[7])
+    check_normal(first.ravel())
+    assert_uncorrelated(first[..., 1:], first[..., :-1])
+    for other in ({"frames": [8]}, {"frames": [7], "sensors": [1]}, {"frames": [7], "bands": [1]}):
+        assert_uncorrelated(first, pattern(device, "column_noise_nei", shape, **other))
+
+
+DEAD, HOT = 0.03, 0.02
+
+
+def bad_pixels(device, signal_nei=100.0, shape=SHAPE, **numbers):
+    """Which pixels are dead and hot by their counts: bright everywhere else."""
+    detector = NeiDetector(NEI, 200 * NEI, bits=16, offset_counts=500.0, counts_per_nei=50.0)
+    detector = dataclasses.replace(detector, dead_fraction=DEAD, hot_fraction=HOT)
+    counts = read_out(detector, np.full(shape, signal_nei * NEI), device, **numbers)
+    return counts, counts < 500 + 50 * 7, counts == 500 + 50 * 200
+
+
+def test_bad_pixels(device):
+    counts, dead, hot = bad_pixels(device)
+    n = counts.size
+    for bad, share in ((dead, DEAD), (hot, HOT)):
+        assert abs(bad.sum() - n * share) < N_SIGMA * np.sqrt(n * share * (1 - share))
+        assert abs(np.corrcoef(bad[..., 1:].ravel(), bad[..., :-1].ravel())[0, 1]) < N_SIGMA / np.sqrt(n)
+    assert not (dead & hot).any()
+    assert abs(counts[dead].mean() - 500) < N_SIGMA * 50 / np.sqrt(dead.sum())  # they have their noise
+    _, dead_later, hot_later = bad_pixels(device, frames=[12345])
+    np.testing.assert_array_equal(dead, dead_later)
+    np.testing.assert_array_equal(hot, hot_later)
+    for other in ({"sensors": [1]}, {"bands": [1]}, {"seed": SEED + 1}):
+        there = bad_pixels(device, **other)[1]
+        assert abs(np.corrcoef(dead.ravel(), there.ravel())[0, 1]) < N_SIGMA / np.sqrt(n)
+
+
+def test_bad_pixels_are_those_of_the_twin(device):
+    _, dead, hot = bad_pixels(device, shape=(1, 1, 50, 77), sensors=[6], bands=[2])
+    upper, lower, second = twin_words(0, 6, 2, SEED, 50 * 77, stream=3, first_pair=0x80000000)
+    word = np.where(second, lower, upper).astype(np.float64)
+    np.testing.assert_array_equal(dead.ravel(), word < DEAD * 2**32)
+    np.testing.assert_array_equal(hot.ravel(), word >= (1 - HOT) * 2**32)
+
+
+def test_all_pixels_may_be_bad(device):
+    detector = NeiDetector(NEI, 200 * NEI, bits=16, offset_counts=500.0, counts_per_nei=50.0)
+    detector = dataclasses.replace(detector, dead_fraction=0.5, hot_fraction=0.5)
+    counts = read_out(detector, np.full(SHAPE, 100 * NEI), device)
+    assert ((counts == 500 + 50 * 200) | (counts < 500 + 50 * 7)).all()
+
+
+TEMPLATE_SIZE = 2**16
+TEMPLATE = dataclasses.replace(FINE, noise="template", template_size=TEMPLATE_SIZE)
+
+
+@pytest.fixture(scope="module")
+def template_frames():
+    """Deviates of 2,000 small frames."""
+    return deviates("cpu", (2000, 1, 16, 100), TEMPLATE).reshape(2000, -1)
+
+
+def test_template_noise_is_normal(device):
+    z = deviates(device, (1, 1, 1024, 1024), dataclasses.replace(TEMPLATE, template_size=2**22)).ravel()
+    n = z.size
+    assert abs(z.mean()) < N_SIGMA / np.sqrt(n)
+    assert abs(z.var() - 1) < N_SIGMA * np.sqrt(2 / n)
+    assert stats.kstest(z, "norm").pvalue > 2 * N_SIGMA_TAIL
+    image = z.reshape(1024, 1024)
+    assert_uncorrelated(image[:, 1:], image[:, :-1])
+    assert_uncorrelated(image[1:], image[:-1])
+
+
+def test_template_tiles_and_single_pixels_agree(device):
+    signal = np.random.default_rng(5).uniform(-2e-18, 6e-18, (3, 2, 31, 77))
+    whole, single = (read_out(TEMPLATE, signal, device, tiles=tiles).astype(np.int64) for tiles in (True, False))
+    assert np.abs(whole - single).max() <= 1  # one rounding may be fused in one of the two
+
+
+def test_template_frames_repeat_as_often_as_is_told(template_frames):
+    """A pixel of two frames shows the same deviate, but for its sign, for one pair of frames in template_size."""
+    same = np.sort(np.abs(template_frames[:, 0]))
+    n_pair = 2000 * 1999 / 2
+    equal = np.count_nonzero(np.diff(same) == 0)  # pairs; three alike are too rare to matter
+    chance = equal - n_pair / TEMPLATE_SIZE
+    # Different deviates that round to the same count add some: their density squared, times a count.
+    by_rounding = n_pair * 2 / (2 * np.sqrt(np.pi)) / FINE_GAIN
+    assert abs(chance - by_rounding) < N_SIGMA * np.sqrt(n_pair / TEMPLATE_SIZE + by_rounding)
+
+
+def test_mean_of_template_frames_falls_as_that_of_fresh_noise(device):
+    """The random sign sees to it, also for more frames than the template has deviates: mean square times K is 1."""
+    n_frame = 16_000
+    small = dataclasses.replace(TEMPLATE, template_size=4096)
+    frames = deviates(device, (n_frame, 1, 16, 16), small).reshape(n_frame, -1)
+    for k in (100, 4000, 16_000):
+        means = frames.reshape(-1, k, frames.shape[1]).mean(axis=1)
+        # At least as sure as 256 independent means: pixels of a frame are pieces of one row of deviates.
+        assert abs((means**2).mean() * k - 1) < N_SIGMA * np.sqrt(2 / 256)
+    # Frames that begin at the same deviate: as many have its sign as the other one.
+    _, group = np.unique(np.abs(frames[:, :3]), axis=0, return_inverse=True)
+    first = np.full(group.max() + 1, n_frame)
+    np.minimum.at(first, group.ravel(), np.arange(n_frame))
+    later = np.flatnonzero(first[group.ravel()] < np.arange(n_frame))
+    alike = frames[later, 0] == frames[first[group.ravel()[later]], 0]
+    assert len(later) > 10_000
+    assert abs(alike.mean() - 0.5) < N_SIGMA * 0.5 / np.sqrt(len(later) / 4)  # those of a group share one frame
+
+
+def test_template_frames_are_shifted_copies(template_frames):
+    """What a template cannot do: two frames in 2 n_pixel / template_size overlap, and are the same there."""
+    n_frame, n_pixel = 120, template_frames.shape[1]
+    values = np.abs(template_frames[:n_frame])
+    begins = values[:, :8]  # rounded to counts, all eight are elsewhere by chance in three frames of a million
+    overlaps = sum(np.isin(begins[i], values[j]).all() for i in range(n_frame) for j in range(n_frame) if i != j)
+    expected = n_frame * (n_frame - 1) / 2 * 2 * n_pixel / TEMPLATE_SIZE
+    assert abs(overlaps - expected) < N_SIGMA * np.sqrt(expected)
+
+
+TERMS = {
+    "prnu": {"prnu": 0.02},
+    "dsnu": {"dsnu_nei": 1.0},
+    "column": {"column_noise_nei": 1.0},
+    "bad": {"dead_fraction": 0.01, "hot_fraction": 0.01},
+    "nonlinearity": {"nonlinearity": 0.2},
+    "template": {"noise": "template"},
+    "all": {"prnu": 0.02, "dsnu_nei": 1.0, "column_noise_nei": 1.0, "dead_fraction": 0.01, "nonlinearity": 0.2},
+}
+
+
+@pytest.mark.parametrize("terms", TERMS.values(), ids=TERMS)
+def test_an_image_does_not_depend_on_its_batch(device, terms):
+    detector = NeiDetector(NEI, 3000 * NEI, bits=16, counts_per_nei=20.0, **terms)
+    signal = np.random.default_rng(1).uniform(0, 100 * NEI, (3, 2, 40, 61))
+    numbers = {"frames": [4, 2, 9], "sensors": [1, 0, 5], "bands": [3, 1]}
+    batch = read_out(detector, signal, device, **numbers)
+    alone = read_out(detector, signal[1:2, 1:], device, frames=[2], sensors=[0], bands=[1])
+    np.testing.assert_array_equal(batch[1, 1], alone[0, 0])
+
+
+@pytest.mark.parametrize("terms", TERMS.values(), ids=TERMS)
+def test_tiles_and_single_pixels_agree(device, terms):
+    detector = NeiDetector(NEI, 3000 * NEI, bits=16, counts_per_nei=20.0, **terms)
+    signal = np.random.default_rng(2).uniform(0, 100 * NEI, (2, 2, 33, 61))
+    whole, single = (read_out(detector, signal, device, tiles=tiles).astype(np.int64) for tiles in (True, False))
+    assert np.abs(whole - single).max() <= 1
+    assert (whole != single).mean() < 1e-3  # multiply-adds are fused in one of the two, across a rounding edge
+
+
+def test_counts_follow_the_float64_model_with_every_term(device):
+    detector = NeiDetector(
+        NEI,
+        200 * NEI,
+        bits=16,
+        offset_counts=300.0,
+        counts_per_nei=50.0,
+        prnu=0.05,
+        dsnu_nei=2.0,
+        column_noise_nei=1.0,
+        dead_fraction=0.02,
+        hot_fraction=0.03,
+        nonlinearity=0.25,
+    )
+    n_row, n_col = 50, 77
+    light = np.random.default_rng(3).uniform(0, 260, (n_row, n_col)).astype(np.float32).astype(np.float64)
+    counts = read_out(detector, (light * NEI)[None, None], device, frames=[6], sensors=[2], bands=[1])[0, 0]
+    n = light.size
+    upper, lower, second = twin_words(0, 2, 1, SEED, n, stream=3, first_pair=0x80000000)
+    word = np.where(second, lower, upper).astype(np.float64).reshape(light.shape)
+    gain = 1 + 0.05 * twin_deviates(0, 2, 1, SEED, n, stream=3).reshape(light.shape)
+    offset = 2.0 * twin_deviates(0, 2, 1, SEED, n, stream=3, first_pair=0x40000000).reshape(light.shape)
+    column = twin_deviates(6, 2, 1, SEED, 256, stream=4).reshape(-1, 2, 64)[:, 0].ravel()[:n_col]
+    seen = np.minimum(np.where(word < 0.02 * 2**32, 0, light) * gain, 200)
+    level = seen * (1 - 0.25 * seen / 200) + offset + column
+    level = np.where(word >= 0.97 * 2**32, np.inf, level) + twin_deviates(6, 2, 1, SEED, n).reshape(light.shape)
+    expected = np.clip(np.minimum(level, 150) * 50 + 300.5, 0, 65535)
+    away = np.abs(counts - np.floor(expected))
+    assert away.max() <= 1
+    assert (away > 0).mean() < 0.01

@@ -1,0 +1,148 @@
+"""What a pixel's noise and saturation mean as irradiance, band by band, for every kind of detector."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from warpsim.by_band import in_band
+from warpsim.constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
+from warpsim.detector.electron import ElectronDetector
+from warpsim.detector.nei import NeiDetector
+from warpsim.errors import InputError
+from warpsim.sky.bands import BANDS, band_radiance_w_m2_sr
+
+if TYPE_CHECKING:
+    from warpsim.optics.camera import Camera
+    from warpsim.optics.telescope import Optics
+
+_W_CM2_PER_W_M2 = 1e-4
+_JY_W_M2_HZ = 1e-26
+
+
+@dataclass(frozen=True)
+class Levels:
+    """A detector in one band."""
+
+    nei_w_cm2: float
+    """Irradiance in a pixel that equals one standard deviation of its noise on blank sky [W/cm2]."""
+    sei_w_cm2: float
+    """Irradiance at which a pixel saturates [W/cm2]."""
+    blank_counts: float
+    """Mean counts of blank sky."""
+    counts_per_nei: float
+    """Counts per NEI, of a small signal."""
+
+
+@dataclass(frozen=True)
+class ElectronLevels(Levels):
+    """A detector in electrons in one band."""
+
+    e_per_w_cm2: float
+    """Electrons per irradiance of a pixel [e cm2/W]."""
+    background_e: float
+    """Mean electrons by the background [e]."""
+    dark_e: float
+    """Mean electrons by the dark current [e]."""
+    noise_e: float
+    """Standard deviation of a pixel on blank sky, as electrons before the non-linearity [e]."""
+
+
+def levels(detector: NeiDetector | ElectronDetector, optics: Optics, camera: Camera, band: str) -> Levels:
+    """What a detector's noise and saturation are in a band.
+
+    Raises:
+        InputError: A table lacks the band, or background and dark current alone saturate a pixel.
+    """
+    if isinstance(detector, ElectronDetector):
+        return electron_levels(detector, optics, camera, band)
+    nei, sei = (_given(detector, name, band) for name in ("nei_w_cm2", "sei_w_cm2"))
+    return Levels(nei, sei, detector.offset_counts, detector.counts_per_nei)
+
+
+def electron_levels(detector: ElectronDetector, optics: Optics, camera: Camera, band: str) -> ElectronLevels:
+    """What a detector in electrons collects and how well it reads it.
+
+    The bands' responses are those of energy: a detector that counts photons has in them a number of electrons that is
+    proportional to the in-band irradiance, whatever the spectrum. Photons of the isophotal wavelength stand for all.
+
+    Raises:
+        InputError: A table lacks the band, or background and dark current alone saturate a pixel.
+    """
+    area_cm2 = 1e4 * math.pi / 4 * optics.aperture_m**2 * (1 - optics.obscuration**2)
+    photon_j = PLANCK_J_S * SPEED_OF_LIGHT_M_S / (BANDS[band].isophotal_um * 1e-6)
+    transmission = _given(detector, "transmission", band)
+    e_per_j = _given(detector, "quantum_efficiency", band) / photon_j
+    e_per_w_cm2 = area_cm2 * transmission * e_per_j * detector.exposure_s
+    sky, own = _sky_w_cm2_sr(detector, band), _optics_w_cm2_sr(detector, band)
+    # Lengths are in pixels: one of them is the solid angle 1 / (focal length in columns * focal length in rows).
+    pixel_sr = 1 / (camera.focal_px * camera.focal_row_px)
+    background_e = (sky + own / transmission) * pixel_sr * e_per_w_cm2
+    dark_e = detector.dark_e_s * detector.exposure_s
+
+    blank_e = background_e + dark_e
+    full_e = min(detector.full_well_e, _charge_e(detector, _converter_end_e(detector)))
+    if blank_e >= full_e:
+        raise InputError(
+            f"background and dark current must not saturate a pixel in band {band}, got {blank_e:.3g} electrons where "
+            f"{full_e:.3g} do"
+        )
+    slope = 1 - 2 * detector.nonlinearity * blank_e / detector.full_well_e
+    shot2_e2 = blank_e if detector.shot_noise else 0.0
+    after2_e2 = detector.read_noise_e**2 + detector.column_noise_e**2 + detector.gain_e_per_count**2 / 12
+    noise_e = math.sqrt(shot2_e2 + after2_e2 / slope**2)
+    read_e = blank_e * (1 - detector.nonlinearity * blank_e / detector.full_well_e)
+    return ElectronLevels(
+        nei_w_cm2=noise_e / e_per_w_cm2,
+        sei_w_cm2=(full_e - blank_e) / e_per_w_cm2,
+        blank_counts=detector.offset_counts + read_e / detector.gain_e_per_count,
+        counts_per_nei=noise_e * slope / detector.gain_e_per_count,
+        e_per_w_cm2=e_per_w_cm2,
+        background_e=background_e,
+        dark_e=dark_e,
+        noise_e=noise_e,
+    )
+
+
+def _given(detector: NeiDetector | ElectronDetector, name: str, band: str) -> float:
+    given: float | Mapping[str, float] = getattr(detector, name)
+    value = in_band(given, band)
+    if value is None:
+        table = given if isinstance(given, Mapping) else {}
+        raise InputError(f"{name}: must name every band of the scene, got none for {band} among {', '.join(table)}")
+    return float(value)
+
+
+def _sky_w_cm2_sr(detector: ElectronDetector, band: str) -> float:
+    """Radiance of the sky in a band [W/cm2/sr]."""
+    node_um, weight_um = BANDS[band]._quadrature_um
+    width_hz = float(np.sum(weight_um * SPEED_OF_LIGHT_M_S / node_um**2)) * 1e6  # of the response over frequency
+    zodiacal_w_m2_sr = _given(detector, "zodiacal_mjy_sr", band) * 1e6 * _JY_W_M2_HZ * width_hz
+    return _given(detector, "background_w_cm2_sr", band) + zodiacal_w_m2_sr * _W_CM2_PER_W_M2
+
+
+def _optics_w_cm2_sr(detector: ElectronDetector, band: str) -> float:
+    """Radiance of the optics themselves [W/cm2/sr]."""
+    if detector.optics_temperature_k is None:
+        return 0.0
+    radiance_w_m2_sr = float(band_radiance_w_m2_sr(detector.optics_temperature_k, band))
+    return detector.optics_emissivity * radiance_w_m2_sr * _W_CM2_PER_W_M2
+
+
+def _converter_end_e(detector: ElectronDetector) -> float:
+    """Charge as it is read that is the converter's largest number [e]."""
+    return (float(2**detector.bits) - 1 - detector.offset_counts) * detector.gain_e_per_count
+
+
+def _charge_e(detector: ElectronDetector, read_e: float) -> float:
+    """Charge that is read as read_e electrons: the non-linearity undone; infinite where none is [e]."""
+    if detector.nonlinearity == 0.0:
+        return read_e
+    square = 1 - 4 * detector.nonlinearity * read_e / detector.full_well_e
+    if square < 0:
+        return math.inf
+    return detector.full_well_e / (2 * detector.nonlinearity) * (1 - math.sqrt(square))

@@ -1,0 +1,145 @@
+"""The detector on a device: which steps its kernels hold, and the numbers they read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import warp as wp
+from warpsim_kernels.detector import Detector, PixelScalars, ReadOutFeatures
+from warpsim_kernels.poisson import SMALLEST_EXPANDED_MEAN
+from warpsim_kernels.read_out import (
+    TILE_WIDTH,
+    fill_template_kernel,
+    make_read_out_rest_kernel,
+    make_read_out_tile_kernel,
+)
+
+from warpsim.detector.electron import ElectronDetector
+from warpsim.detector.levels import ElectronLevels, Levels
+from warpsim.detector.nei import NeiDetector
+
+LARGEST_DEVIATE = 6.77
+"""Of a unit normal deviate made of 32 bits."""
+
+_BEYOND_ANY_LEVEL_W_CM2 = 3e38
+
+
+@dataclass(frozen=True)
+class ReadOut:
+    """What the stage `read_out` launches, and with what."""
+
+    features: ReadOutFeatures
+    detector: Any
+    tile_kernel: wp.Kernel
+    rest_kernel: wp.Kernel
+
+
+def make_read_out(
+    detector: NeiDetector | ElectronDetector,
+    levels: Mapping[str, Levels],
+    bands: Sequence[str],
+    seed: int,
+    shape: tuple[int, int],
+    device: wp.Device,
+) -> ReadOut:
+    """Choose the kernels of a detector and upload its numbers.
+
+    Args:
+        detector: The description.
+        levels: Of all bands of the scene: a frame must not depend on which of them are rendered.
+        bands: Those rendered, in the order of the images.
+        seed: Of all noise.
+        shape: Rows and columns of an image.
+        device: Where the numbers are put.
+    """
+    features = read_out_features(detector, levels)
+    arrays: Any = Detector()
+    pixels = [_scalars(detector, levels[band], seed) for band in bands]
+    arrays.pixels = wp.array(pixels, dtype=PixelScalars, device=device)
+    if isinstance(detector, NeiDetector) and features.template:
+        arrays.deviates, arrays.n_deviate = _template(detector, seed, device), detector.template_size
+    arrays.n_pixel, arrays.n_col = shape[0] * shape[1], shape[1]
+    return ReadOut(
+        features, arrays, make_read_out_tile_kernel(features, TILE_WIDTH), make_read_out_rest_kernel(features)
+    )
+
+
+def read_out_features(detector: NeiDetector | ElectronDetector, levels: Mapping[str, Levels]) -> ReadOutFeatures:
+    """The steps that a detector needs."""
+    electrons = isinstance(detector, ElectronDetector)
+    if isinstance(detector, ElectronDetector):
+        smallest_e = min(_smallest_mean_e(detector, level) for level in levels.values())
+        own = {
+            "dsnu": detector.dsnu * detector.dark_e_s > 0,
+            "column_noise": detector.column_noise_e > 0,
+            "shot_noise": detector.shot_noise,
+            "small_means": detector.shot_noise and smallest_e < SMALLEST_EXPANDED_MEAN,
+            "read_noise": detector.read_noise_e > 0,
+        }
+    else:
+        own = {
+            "template": detector.noise == "template",
+            "dsnu": detector.dsnu_nei > 0,
+            "column_noise": detector.column_noise_nei > 0,
+        }
+    return ReadOutFeatures(
+        electrons=electrons,
+        bad_pixels=detector.dead_fraction + detector.hot_fraction > 0,
+        prnu=detector.prnu > 0,
+        nonlinearity=detector.nonlinearity > 0,
+        **own,
+    )
+
+
+def _smallest_mean_e(detector: ElectronDetector, levels: Levels) -> float:
+    """Mean electrons of the darkest pixel that there may be."""
+    assert isinstance(levels, ElectronLevels)
+    light = 0.0 if detector.dead_fraction > 0 else levels.background_e * (1 - LARGEST_DEVIATE * detector.prnu)
+    # Half a part in a thousand makes up for the kernel's float32.
+    return 0.9995 * (light + levels.dark_e * max(0.0, 1 - LARGEST_DEVIATE * detector.dsnu))
+
+
+def _scalars(detector: NeiDetector | ElectronDetector, levels: Levels, seed: int) -> Any:
+    """The kernels' numbers of one band."""
+    scalars: Any = PixelScalars()
+    scalars.offset_counts = detector.offset_counts
+    scalars.max_counts = float(2**detector.bits - 1)
+    scalars.prnu = detector.prnu
+    scalars.dead_below = _words(detector.dead_fraction)
+    scalars.hot_below = _words(detector.hot_fraction)
+    scalars.seed_low = seed & 0xFFFFFFFF
+    scalars.seed_high = (seed >> 32) & 0xFFFFFFFF
+    if isinstance(detector, ElectronDetector):
+        assert isinstance(levels, ElectronLevels)
+        scalars.dsnu, scalars.column_noise = detector.dsnu, detector.column_noise_e
+        scalars.full_level = detector.full_well_e
+        # Before gains, of which the smallest is about a third.
+        scalars.most = 4 * detector.full_well_e + 1000
+        scalars.loss_per_level = detector.nonlinearity / detector.full_well_e
+        scalars.e_per_w_cm2, scalars.background_e = levels.e_per_w_cm2, levels.background_e
+        scalars.dark_e, scalars.read_noise_e = levels.dark_e, detector.read_noise_e
+        scalars.counts_per_e = 1 / detector.gain_e_per_count
+    else:
+        scalars.dsnu = detector.dsnu_nei * levels.nei_w_cm2
+        scalars.column_noise = detector.column_noise_nei * levels.nei_w_cm2
+        scalars.full_level, scalars.most = levels.sei_w_cm2, _BEYOND_ANY_LEVEL_W_CM2
+        scalars.loss_per_level = detector.nonlinearity / levels.sei_w_cm2
+        scalars.per_nei = 1.0 / levels.nei_w_cm2
+        scalars.ceiling_nei = levels.sei_w_cm2 / levels.nei_w_cm2 * (1 - detector.nonlinearity)
+        scalars.counts_per_nei = detector.counts_per_nei
+    return scalars
+
+
+def _words(share: float) -> int:
+    """How many of the 2**32 random words are a share of them."""
+    return round(share * 2**32)
+
+
+def _template(detector: NeiDetector, seed: int, device: wp.Device) -> wp.array:
+    """Unit normal deviates to be used again and again."""
+    deviates = wp.empty(detector.template_size + 2 * TILE_WIDTH, dtype=float, device=device)
+    words = [seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF]
+    wp.launch(fill_template_kernel, deviates.size, [detector.template_size, *words], [deviates], device=device)
+    return deviates
