@@ -278,8 +278,8 @@ def test_far_light_of_bright_streaks(device, psf, length_px):
     still = draw(places, weight * legendre(brightness, t), psf, shape, device, rule)
     np.testing.assert_allclose(image, still, rtol=0, atol=SUM_ATOL)
     away = np.hypot(*np.meshgrid(np.arange(180) - xy[0], np.arange(160) - xy[1])) > 30 + length_px / 2
-    # Few nodes do not average where single stamps end, and where the table passes into its wing.
-    assert np.abs(image - still)[away].max() <= cut
+    # Nodes average neither where stamps end nor where the table, good to 5e-7, passes into its wing.
+    assert np.abs(image - still)[away].max() <= 5e-7 / 20
     assert np.median(np.abs(image - still)[away]) <= 1e-3 * np.median(still[away])
 
 
