@@ -174,7 +174,7 @@ def make_table_light_kernel(n_point: int, streaks: bool) -> wp.Kernel:
         stamp = stamp_around(xy_px, wp.min(reach_px, N_ROW), psf.pixel_aspect, whole_plane())
         core = core_of(psf, stamp)
         total = core_share(lanes, psf, xy_px, stamp, core)
-        if psf.wing_px3 == 0.0 or stamp.reach_px < float(N_CORE):
+        if psf.wing_px3 == 0.0:
             return total
         for row in range(stamp.window.first_row, stamp.window.end_row):
             columns = columns_of_row(stamp, row)
