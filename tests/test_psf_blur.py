@@ -105,6 +105,26 @@ def test_a_blur_far_wider_than_the_rings_makes_a_gaussian_with_wings():
     assert table.wing.px3 == pytest.approx(0.012 / FIRST_DARK_RING / np.pi**3, rel=1e-12)
 
 
+@pytest.mark.parametrize(("aspect", "rel"), [(0.7, 2e-4), (1.0, 5e-5), (1.4, 2e-4)])
+def test_wings_of_blurs(aspect, rel):
+    """The law beyond the table is w / r^3 averaged over blur and pixel, by quadrature.
+
+    It leaves out (230 s^6 + 57 s^4) / r^6 + 0.14 / r^4, 4.2e-5 here, and what blur and the pixel's shape do together.
+    """
+    smear_px = 1.0
+    table = share_table(ws.PsfAiry(0.02, 0.0, smear_px), aspect)
+    node, weight = np.polynomial.hermite_e.hermegauss(40)
+    inside, part = np.polynomial.legendre.leggauss(6)
+    x = smear_px * node[:, None, None, None] + 0.5 * inside[:, None]
+    y = smear_px * node[:, None, None] + 0.5 * aspect * inside
+    law = weight[:, None, None, None] * weight[:, None, None] * part[:, None] * part / 4 / (2 * np.pi)
+    for angle in (0.0, 0.5, np.pi / 2):
+        dx, dy = 14.0 * np.cos(angle), 14.0 * np.sin(angle)
+        expected = table.wing.px3 * np.sum(law / np.hypot(dx + x, dy + y) ** 3)
+        assert max(table.reach_px[1], table.reach_px[0] * aspect) < 9.9
+        assert share(table, dx, dy / aspect) == pytest.approx(expected, rel=rel)
+
+
 @pytest.mark.parametrize("smear_px", [0.0, 0.003, 0.1, 5.0, 50.0])
 @pytest.mark.parametrize("radius_px", [0.01, 0.3, 50.0])
 def test_stated_errors_over_the_range_of_blurs(radius_px, smear_px):
