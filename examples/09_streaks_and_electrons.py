@@ -36,7 +36,7 @@ def main(output: Path, quick: bool = False) -> None:
     """Draw three frames to `output`, and print what the detector's electrons mean as irradiance."""
     scene = ws.Scene.load("stss").replace(
         frames={"count": 1, "interval_s": 10.0, "start_s": TIME_S},
-        camera={"n_row": 64, "n_col": 64, "fov_deg": 0.5} if quick else {"n_row": 160, "n_col": 160, "fov_deg": 0.5},
+        camera={"n_row": 64, "n_col": 64, "fov_deg": 0.2} if quick else {"n_row": 160, "n_col": 160, "fov_deg": 0.5},
         detector=GOOD,
     )
     levels = scene.levels[BAND]
