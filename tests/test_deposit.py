@@ -445,3 +445,18 @@ def test_bad_input_is_named_in_one_line(arguments, message):
 def test_unknown_device_is_named():
     with pytest.raises(ws.InputError, match=r"^device: must be one of cpu"):
         ws.deposit([[1.0, 2.0]], [1.0], ws.PsfGaussian(0.5), SHAPE, device="tpu")
+
+
+WRONG = {"xy_px": "abc", "flux": ["x"], "psf": "airy", "shape": 33, "flux_error": "a"}
+
+
+@pytest.mark.parametrize(("name", "value"), WRONG.items())
+def test_wrong_kinds_of_values_are_told_in_one_line(name, value):
+    given = {"xy_px": [[1.0, 1.0]], "flux": [1.0], "psf": ws.PsfGaussian(1.0), "shape": (4, 4), name: value}
+    with pytest.raises(ws.InputError, match=rf"^{name}: must [^\n]+$"):
+        ws.deposit(**given)
+
+
+def test_light_beyond_float32_is_refused():
+    with pytest.raises(ws.InputError, match=r"^flux: must leave pixels below 3.4e38"):
+        ws.deposit([[1.0, 1.0]], [1e300], ws.PsfGaussian(1.0), (4, 4))

@@ -191,7 +191,7 @@ def test_first_screen_has_the_two_commands():
     first = blocks(TOP / "README.md", "console")[0]
     assert first.splitlines() == [
         "python -m pip install . && warpsim render stss -o out",
-        "python -m pip install '.[test]' && python -m pytest",
+        "python -m pip install '.[test]' && python -m pytest -n auto",
     ]
 
 

@@ -19,6 +19,7 @@ from read_outs import (
     twin_deviates,
 )
 from scipy import stats
+from warpsim_kernels.read_out import TILE_WIDTH
 
 import warpsim as ws
 from warpsim.output.check import scene_report
@@ -30,7 +31,7 @@ SHAPE = (1, 1, 1024, 1024)
 # Some 1.2e6 electrons of background, as in a warm thermal-infrared band; 300 electrons of dark current.
 WARM = ws.ElectronDetector(
     exposure_s=0.1, full_well_e=5e6, gain_e_per_count=320.0, bits=14, offset_counts=100.0, transmission=0.6,
-    quantum_efficiency=0.5, background_w_cm2_sr=4.5e-8, dark_e_s=3000.0, read_noise_e=100.0,
+    quantum_efficiency=0.5, background_w_cm2_sr=3.76e-8, dark_e_s=3000.0, read_noise_e=100.0,
 )  # fmt: skip
 # Few electrons: every pixel is below the smallest mean of the expansion until it is lit.
 COLD = ws.ElectronDetector(
@@ -58,7 +59,7 @@ def test_electrons_by_hand():
     detector = dataclasses.replace(WARM, **warm_optics, **deep, **sky)
     band = ws.BANDS["A"]
     area = np.pi / 4 * (40 * u.cm) ** 2 * (1 - 0.3**2)
-    photon = const.h * const.c / (8.28 * u.um)
+    photon = const.h * const.c / (9.91 * u.um)  # where band A has its peak
     per_irradiance = (area * 0.6 * 0.5 * 0.1 * u.s / photon).to_value(u.cm**2 / u.W)
     pixel = (np.tan(np.radians(0.5)) / 64) ** 2 * u.sr
 
@@ -340,7 +341,7 @@ def test_reports_tell_the_chain(warm_scene):
     assert "pixels " not in report.split("  sky")[0].split("arcsec per pixel")[1]
     told = scene_report(warm_scene.replace(detector__prnu=0.01, detector__hot_fraction=0.002))
     assert "  pixels     0.01 rms of gains, 0.002 of the pixels hot" in told
-    coarse = scene_report(warm_scene.replace(detector__gain_e_per_count=3000.0, detector__offset_counts=0.5))
+    coarse = scene_report(warm_scene.replace(detector__gain_e_per_count=3500.0, detector__offset_counts=0.5))
     assert "warning    the noise of blank sky is below half a count: rounding shapes it in band A" in coarse
 
 
@@ -399,3 +400,18 @@ def test_quantities(warm_scene):
     assert (detector.exposure_s, detector.dark_e_s, detector.zodiacal_mjy_sr) == (0.1, 3000.0, 15.0)
     assert detector.background_w_cm2_sr == pytest.approx(2e-9, rel=1e-12)
     assert CAMERA.focal_px > 0 and OPTICS.aperture_m == 0.4
+
+
+@pytest.mark.parametrize("tiles", [True, False])
+@pytest.mark.parametrize(("first_e", "second_e"), [(13.0, 11.0), (11.0, 13.0), (100.0, 1.0), (1.0, 100.0)])
+def test_few_electrons_beside_many_are_independent(device, first_e, second_e, tiles):
+    """Pixels of a pair share random words: the way of few electrons must not reuse those of many."""
+    detector = ws.ElectronDetector(exposure_s=0.1, full_well_e=1e6, gain_e_per_count=1.0, offset_counts=0.0, bits=16)
+    first = np.arange(256 * 256) % (2 * TILE_WIDTH) < TILE_WIDTH
+    signal = np.where(first, first_e, second_e) / levels_of(detector).e_per_w_cm2
+    counts = read_out(detector, signal.reshape(1, 1, 256, 256), device, tiles=tiles).ravel().astype(float)
+    one, other = counts[first] - counts[first].mean(), counts[~first] - counts[~first].mean()
+    gate = N_SIGMA / np.sqrt(len(one))
+    assert abs(np.corrcoef(one, other)[0, 1]) < gate
+    assert abs(np.corrcoef(one, other**2)[0, 1]) < gate
+    assert abs(np.corrcoef(one**2, other)[0, 1]) < gate

@@ -201,3 +201,38 @@ def test_truth_counts_the_light_of_a_streak(scene, device):
     assert main["snr_peak"] < 0.2 * main["snr"]
     held = main["irradiance_w_cm2"] - main["left_out_w_cm2"]
     assert signal.sum() == pytest.approx(held, rel=2e-6)
+
+
+def test_light_grows_along_the_streak_of_a_target_that_comes_near(scene, device):
+    """A pass at 20 km and 5 km/s: the range changes by a few percent from one end of the streak to the other."""
+    passing = scene.replace(
+        duration_s=200.0,
+        frames={"count": 1, "interval_s": 10.0, "start_s": 88.0},
+        constellation={"kind": "listed", "satellites": [_free("watcher", [7e6, 0.0, 0.0], [0.0, 7546.0, 0.0])]},
+        trajectory={"kind": "state_vector", "position_m": [7.02e6, 0.0, -5000.0 * 87.3], "gravity": "two_body",
+                    "velocity_m_s": [0.0, 7546.0, 5000.0]},
+        targets=[{"name": "ball", "shape": {"kind": "sphere", "radius_m": 0.5}, "surface": {"emissivity": 0.9},
+                  "temperature": {"start_k": 300.0}}],
+        access_rules={}, bands=["A"], sky__catalog="none",
+        camera={"n_row": 200, "n_col": 200, "fov_deg": 40.0},
+        optics={"aperture_m": 0.4, "psf": "gaussian", "sigma_px": 0.7},
+        pointing={"kind": "fixed", "azimuth_elevation_deg": (0.0, 90.0)},
+        detector__exposure_s=EXPOSURE_S,
+    )  # fmt: skip
+    fine = {"count": N_INSTANT, "interval_s": EXPOSURE_S / N_INSTANT, "start_s": 88.0 - 0.4995 * EXPOSURE_S}
+    images = [
+        ws.Renderer(view, device).render(range(view.frames.count), ["watcher"], keep_signal=True).signal_w_cm2.numpy()
+        for view in (passing, passing.replace(frames=fine, detector__exposure_s=0.0))
+    ]
+    streaked, mean = (image.astype(np.float64).mean(axis=0)[0, 0].sum(axis=1) for image in images)
+    along = np.flatnonzero(mean > 0.9 * mean.max())
+    ratio = streaked[along] / mean[along]
+    assert len(along) > 20
+    assert np.ptp(mean[along]) > 0.03 * mean.max()  # it does change
+    assert np.ptp(ratio) < 2e-3
+    assert ratio.mean() == pytest.approx(1.0, abs=2e-3)  # the mean is that at the range of the middle
+
+
+def _free(name, position_m, velocity_m_s):
+    orbit = {"kind": "state_vector", "position_m": position_m, "velocity_m_s": velocity_m_s, "gravity": "two_body"}
+    return {"name": name, "orbit": orbit}

@@ -266,3 +266,27 @@ def test_a_missing_file_is_found_when_the_scene_is_loaded(tmp_path):
     scene.save(tmp_path / "scene.toml")
     with pytest.raises(InputError, match=r"scene.toml: .*gone.npy: cannot be read"):
         ws.Scene.load(tmp_path / "scene.toml")
+
+
+@pytest.mark.parametrize("smear_px", [1e-6, 1e-3, 0.0137, 0.02])
+def test_a_blur_far_below_a_sample_loses_no_light(smear_px):
+    profile = np.exp(-0.5 * ((np.arange(41) - 20) / 5.0) ** 2)
+    image = np.outer(profile, profile)
+    still, blurred = (
+        ws.deposit([[20.3, 19.8]], [1.0], ws.PsfTable(image, 5, smear), (41, 41)) for smear in (0.0, smear_px)
+    )
+    assert blurred.sum() == pytest.approx(still.sum(), abs=2e-6)
+    np.testing.assert_allclose(blurred, still, rtol=0, atol=2e-6 + smear_px**2)
+
+
+def test_a_file_that_has_changed_is_read_again(tmp_path, scene):
+    """As when somebody tunes a pattern in a notebook."""
+    path = tmp_path / "psf.npy"
+    optics = {"aperture_m": 0.4, "psf": "table", "psf_file": str(path), "psf_oversample": 3.0}
+    found = []
+    for width in (3, 5):
+        np.save(path, np.ones((width, width)))
+        tuned = scene.replace(optics=optics)
+        found.append((tuned.psf("A").image.shape, tuned.optics.file_checksums[str(path)]))
+        assert found[-1][1] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert [shape for shape, _ in found] == [(3, 3), (5, 5)]

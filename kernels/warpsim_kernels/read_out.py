@@ -39,6 +39,7 @@ from warpsim_kernels.streams import (
     STREAM_PATTERN,
     STREAM_READ_NOISE,
     STREAM_TEMPLATE,
+    UNIFORM_PAIRS,
     column_of,
     image_key,
     numbered,
@@ -230,6 +231,12 @@ def make_read_out_tile_kernel(features: ReadOutFeatures, tile_width: int = TILE_
             )
             bad_upper = wp.tile_map(upper_word, bad_word)
             bad_lower = wp.tile_map(lower_word, bad_word)
+        if wp.static(features.small_means):
+            few_word = wp.tile_map(
+                philox2x32_word, wp.tile_map(numbered, lane, first + UNIFORM_PAIRS), key[1], key[0]
+            )
+            upper = wp.tile_map(upper_word, few_word)
+            lower = wp.tile_map(lower_word, few_word)
         column_key = key
         if wp.static(features.column_noise):
             column_key = image_key(frame, sensor, band_number, STREAM_COLUMN, d.seed_low, d.seed_high)
@@ -323,7 +330,8 @@ def make_read_out_rest_kernel(features: ReadOutFeatures) -> wp.Kernel:
         if wp.static(features.electrons and features.bad_pixels):
             level = with_hot(level, bad_word, d.hot_below, d.most)
         if wp.static(features.shot_noise and features.small_means):
-            level = poisson(level, product(radius, direction), half_of(word, second))
+            few_word = philox2x32_word(pair + UNIFORM_PAIRS, key[1], key[0])
+            level = poisson(level, product(radius, direction), half_of(few_word, second))
         if wp.static(features.shot_noise and not features.small_means):
             level = poisson_of_normal(level, product(radius, direction))
         if wp.static(features.nonlinearity):

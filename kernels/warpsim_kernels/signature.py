@@ -77,6 +77,23 @@ class Surroundings:
 
 
 @wp.struct
+class Passing:
+    """How a target passes a sensor."""
+
+    vector_m: wp.vec3d  # sensor -> target in the middle of the exposure
+    velocity_m_s: wp.vec3d  # of the target against the sensor
+
+
+@wp.func
+def nearness(passing: Passing, offset_s: wp.float64) -> wp.float64:
+    """By how much more light arrives than in the middle of the exposure, as the range changes."""
+    then_m = passing.vector_m + passing.velocity_m_s * offset_s
+    nearest_m2 = wp.float64(1.0)
+    now_m2 = wp.max(wp.dot(passing.vector_m, passing.vector_m), nearest_m2)
+    return now_m2 / wp.max(wp.dot(then_m, then_m), nearest_m2)
+
+
+@wp.struct
 class Signature:
     """What is seen of a target."""
 
@@ -166,6 +183,7 @@ def signature_of(features: Features) -> wp.Function:
         place_m: wp.vec3d,  # of the target, geocentric
         towards_sensor: wp.vec3d,  # unit
         time_s: wp.float64,  # when the light left in the middle of the exposure
+        passing: Passing,  # read if profiles are kept
         series: wp.array2d[wp.float64],  # (N_TERM, n_exposure) of this target's areas; written if profiles are kept
     ) -> Signature:
         seen = Signature()
@@ -193,12 +211,14 @@ def signature_of(features: Features) -> wp.Function:
                     series[term, l] = wp.float64(0.0)
         for k in range(n_exposure):
             weight = exposure.weight[k]
+            if wp.static(features.profile):
+                nearer = nearness(passing, exposure.offset_s[k])
             axes = body_axes(target, tables, time_s + exposure.offset_s[k])
             view = axes * towards_sensor
             area_m2 = outline_m2(target.body, tables, view)
             seen.area_m2 += weight * area_m2
             if wp.static(features.profile):
-                add_to_series(series, EMITTED, exposure, k, area_m2)
+                add_to_series(series, EMITTED, exposure, k, nearer * area_m2)
             if 2 * k + 1 == n_exposure:
                 seen.aspect_rad = wp.atan2(wp.sqrt(view[0] * view[0] + view[1] * view[1]), view[2])
             if wp.static(features.sun):
@@ -206,14 +226,14 @@ def signature_of(features: Features) -> wp.Function:
                     sun_area_m2 = lit_m2(target.body, tables, view, axes * towards_sun)
                     seen.sun_area_m2 += weight * sun_area_m2
                     if wp.static(features.profile):
-                        add_to_series(series, SUN, exposure, k, sun_area_m2)
+                        add_to_series(series, SUN, exposure, k, nearer * sun_area_m2)
             if wp.static(features.earth):
                 earth_area_m2 = body_earth_area_m2(
                     surroundings.earth_rule, target.body, tables.facets, view, axes * nadir, limb_sine
                 )
                 seen.earth_area_m2 += weight * earth_area_m2
                 if wp.static(features.profile):
-                    add_to_series(series, EARTH, exposure, k, earth_area_m2)
+                    add_to_series(series, EARTH, exposure, k, nearer * earth_area_m2)
             if wp.static(features.albedo):
                 if not dark:
                     albedo_area_m2_sr = earthshine_m2_sr(
@@ -222,7 +242,7 @@ def signature_of(features: Features) -> wp.Function:
                     )
                     seen.albedo_area_m2_sr += weight * albedo_area_m2_sr
                     if wp.static(features.profile):
-                        add_to_series(series, ALBEDO, exposure, k, albedo_area_m2_sr)
+                        add_to_series(series, ALBEDO, exposure, k, nearer * albedo_area_m2_sr)
         if wp.static(features.albedo):
             seen.albedo_area_m2_sr /= distance_au * distance_au
             if wp.static(features.profile):

@@ -23,6 +23,11 @@ BAD_PAIRS = wp.constant(wp.uint32(0x80000000))
 """Added to the number of a pixel pair, which is below 2**28, for further words with the key of the pattern."""
 
 
+UNIFORM_PAIRS = wp.constant(wp.uint32(0x40000000))
+"""Added likewise, for further words with the key of the noise: uniforms of pixels with few electrons. They must not be
+those that the pixel's neighbour, which may have many electrons, makes a normal deviate of."""
+
+
 @wp.func
 def image_key(
     frame: wp.uint32, sensor: wp.uint32, band: wp.uint32, stream: wp.uint32, seed_low: wp.uint32, seed_high: wp.uint32

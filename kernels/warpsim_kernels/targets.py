@@ -7,8 +7,8 @@ import warp as wp
 from warpsim_kernels.apparent import Releases, path_from_target
 from warpsim_kernels.camera import Camera, depth, projection, within_frame
 from warpsim_kernels.earth import is_occulted
-from warpsim_kernels.motion import NodeGrid, linear_vector
-from warpsim_kernels.signature import Exposure, Features, Surroundings, Tables, Target, signature_of
+from warpsim_kernels.motion import NodeGrid, hermite_velocity_m_s, linear_vector
+from warpsim_kernels.signature import Exposure, Features, Passing, Surroundings, Tables, Target, signature_of
 from warpsim_kernels.temperature import temperature_k
 
 IN_FOV = wp.constant(1)
@@ -83,9 +83,16 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
         towards_sensor = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))  # of a sensor at the target
         if path.range_m > wp.float64(0.0):
             towards_sensor = -path.vector_m / path.range_m
+        passing = Passing()
+        if wp.static(features.profile):
+            passing.vector_m = path.vector_m
+            passing.velocity_m_s = (
+                hermite_velocity_m_s(position_m, velocity_m_s, first_target + target_id, path.emission_time_s, grid)
+                - (view_velocity_m_s[view] - earth_velocity)
+            )
         seen = signature(
             target, tables, exposure, surroundings, grid, observer + path.vector_m, towards_sensor,
-            path.emission_time_s, area_series[view, target_id],
+            path.emission_time_s, passing, area_series[view, target_id],
         )
         source_xy_px[view, target_id] = place_px
         range_m[view, target_id] = path.range_m

@@ -27,8 +27,8 @@ class ElectronDetector:
             places are those of its middle.
         diffusion_px: Standard deviation, along rows as along columns, by which charge spreads before it is collected
             [px, in widths of a pixel]; it widens the point spread function.
-        transmission: Of the optics, by band.
-        quantum_efficiency: Electrons per photon at the band's isophotal wavelength, by band.
+        transmission: Of the optics where the band's response has its peak, by band.
+        quantum_efficiency: Electrons per photon where the band's response has its peak, by band.
         background_w_cm2_sr: Radiance of the sky in the band, by band [W/cm2/sr].
         zodiacal_mjy_sr: Spectral radiance of the sky, the same at all frequencies of a band, by band [MJy/sr].
         optics_temperature_k: Temperature of the optics, whose own light does not pass the transmission [K].
@@ -38,7 +38,7 @@ class ElectronDetector:
         shot_noise: Whether numbers of electrons are Poisson deviates about their mean.
         prnu: Photo-response non-uniformity: standard deviation of the pixels' gains about 1, the same in every frame.
         dsnu: Dark-signal non-uniformity: standard deviation of the pixels' dark currents as a share of dark_e_s, the
-            same in every frame; no current is negative.
+            same in every frame; no current is negative, so that above 0.3 their mean grows and their spread lags.
         column_noise_e: Standard deviation of an offset that the pixels of a column share, new in every frame [e].
         dead_fraction: Share of pixels that do not respond to light, the same in every frame.
         hot_fraction: Share of pixels whose well is always full.
@@ -48,7 +48,7 @@ class ElectronDetector:
 
     exposure_s: PositiveExposure
     full_well_e: Annotated[Positive, closed_interval(10, 1e9)]
-    gain_e_per_count: Positive
+    gain_e_per_count: Annotated[Positive, closed_interval(1e-6, 1e9)]
     bits: Bits = 14
     offset_counts: NonNegative = 100.0
     streaks: Switch = True
@@ -59,12 +59,12 @@ class ElectronDetector:
     zodiacal_mjy_sr: NonNegativeByBand = 0.0
     optics_temperature_k: Annotated[Positive, closed_interval(1, 1000)] | None = None
     optics_emissivity: Annotated[NonNegative, closed_interval(0, 1)] = 0.0
-    dark_e_s: NonNegative = 0.0
-    read_noise_e: NonNegative = 0.0
+    dark_e_s: Annotated[NonNegative, closed_interval(0, 1e12)] = 0.0
+    read_noise_e: Annotated[NonNegative, closed_interval(0, 1e9)] = 0.0
     shot_noise: Switch = True
     prnu: GainSpread = 0.0
     dsnu: Annotated[NonNegative, closed_interval(0, 1)] = 0.0
-    column_noise_e: NonNegative = 0.0
+    column_noise_e: Annotated[NonNegative, closed_interval(0, 1e9)] = 0.0
     dead_fraction: BadShare = 0.0
     hot_fraction: BadShare = 0.0
     nonlinearity: Nonlinearity = 0.0

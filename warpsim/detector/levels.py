@@ -67,14 +67,15 @@ def levels(detector: NeiDetector | ElectronDetector, optics: Optics, camera: Cam
 def electron_levels(detector: ElectronDetector, optics: Optics, camera: Camera, band: str) -> ElectronLevels:
     """What a detector in electrons collects and how well it reads it.
 
-    The bands' responses are those of energy: a detector that counts photons has in them a number of electrons that is
-    proportional to the in-band irradiance, whatever the spectrum. Photons of the isophotal wavelength stand for all.
+    The bands' responses are those of energy, of peak 1: a detector that counts photons has in them a number of
+    electrons that is proportional to the in-band irradiance, whatever the spectrum, with the transmission, the quantum
+    efficiency and the photons of the wavelength where the response has its peak.
 
     Raises:
         InputError: A table lacks the band, or background and dark current alone saturate a pixel.
     """
     area_cm2 = 1e4 * math.pi / 4 * optics.aperture_m**2 * (1 - optics.obscuration**2)
-    photon_j = PLANCK_J_S * SPEED_OF_LIGHT_M_S / (BANDS[band].isophotal_um * 1e-6)
+    photon_j = PLANCK_J_S * SPEED_OF_LIGHT_M_S / (BANDS[band].peak_um * 1e-6)
     transmission = _given(detector, "transmission", band)
     e_per_j = _given(detector, "quantum_efficiency", band) / photon_j
     e_per_w_cm2 = area_cm2 * transmission * e_per_j * detector.exposure_s

@@ -7,6 +7,7 @@ import io
 import warnings
 from collections.abc import Mapping
 from functools import lru_cache
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -39,13 +40,21 @@ FileByBand = Annotated[str | Mapping[str, str], PlainValidator(_file_or_table), 
 """A file for all bands, or a table of files by band; paths become absolute."""
 
 
-@lru_cache(maxsize=32)
 def read_psf_file(path: str) -> tuple[npt.NDArray[np.float64], str]:
-    """Image of a file (.fits, .fit, .fts or .npy), and the SHA-256 of the file; read once in a process.
+    """Image of a file (.fits, .fit, .fts or .npy), and the SHA-256 of the file; read again only when that has changed.
 
     Raises:
         InputError: The file cannot be read, or holds no image.
     """
+    try:
+        state = Path(path).stat()
+    except OSError:
+        return _read(path, 0, 0)  # which says why it cannot be read
+    return _read(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=32)
+def _read(path: str, mtime_ns: int, size: int) -> tuple[npt.NDArray[np.float64], str]:
     source = read_source(path)
     image = _npy(source) if source.data.startswith(b"\x93NUMPY") else _fits(source)
     if image.ndim != 2 or image.dtype.kind not in "fiub":

@@ -132,7 +132,7 @@ def _blurred_integrals(box: float, blur: float) -> F64:
     """Return the integral of the blurred B over a box, at the distances (k - 3) / N_FINE for k = 0, 1 ..."""
     distance = np.arange(-3, math.ceil(half_band(box, blur) * N_FINE) + 6) / N_FINE
     # Panels of half a sample, or of the blur where that is wider: B is a cubic between its knots.
-    n_panel = math.ceil(2.0 * BLUR_REACH * min(blur, 8.0)) + 1
+    n_panel = max(math.ceil(2.0 * BLUR_REACH * min(blur, 8.0)) + 1, 5)  # fewer do not even hold the Gaussian
     node, weight = np.polynomial.legendre.leggauss(8)
     left = -BLUR_REACH + 2.0 * BLUR_REACH / n_panel * np.arange(n_panel)
     shift = (left[:, None] + BLUR_REACH / n_panel * (1.0 + node)).ravel()

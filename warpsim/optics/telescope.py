@@ -56,6 +56,8 @@ class Optics:
 
     @model_validator(mode="after")
     def _file_of_a_table(self) -> Optics:
+        if self.sigma_px is not None and self.psf != "gaussian":
+            raise part_error(f"sigma_px: belongs to psf = 'gaussian', got psf = {self.psf!r}")
         for name, value in (("psf_file", self.psf_file), ("psf_oversample", self.psf_oversample)):
             if self.psf == "table" and value is None:
                 raise part_error(f"{name}: is required with psf = 'table'")
@@ -87,7 +89,7 @@ class Optics:
         if self.n_interval == 1:
             return PsfAiry(unit_px * band.isophotal_um, self.obscuration, smear_px)
         wavelength_um, weight_um = band.intervals(self.n_interval)
-        return PsfAiry(tuple(unit_px * wavelength_um), self.obscuration, smear_px, tuple(weight_um))
+        return PsfAiry((unit_px * wavelength_um).tolist(), self.obscuration, smear_px, weight_um.tolist())
 
     @property
     def file_checksums(self) -> dict[str, str]:

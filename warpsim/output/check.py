@@ -10,6 +10,7 @@ from warpsim.detector.electron import ElectronDetector
 from warpsim.detector.levels import ElectronLevels
 from warpsim.detector.terms import detector_terms
 from warpsim.optics.camera import Camera
+from warpsim.optics.psf import PsfAiry, PsfGaussian
 from warpsim.optics.sip import ERROR_PX, sip_polynomials
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import geodetic_altitude_m
@@ -64,6 +65,7 @@ def scene_report(scene: Scene) -> str:
         f"after {scene.epoch.isot} UTC",
         f"  camera     {camera.n_row} x {camera.n_col} pixels, "
         f"{_pixel_size(camera)} arcsec per pixel{_distortion(camera)}",
+        *_optics_lines(scene),
         *_detector_lines(scene),
         *_sky_lines(scene),
         *_light_lines(scene),
@@ -102,6 +104,33 @@ def _distortion(camera: Camera) -> str:
     return moved + (f", WCS good to {sip.error_px:.1g} px" if sip.error_px > ERROR_PX else "")
 
 
+def _optics_lines(scene: Scene) -> list[str]:
+    """Width of the point spread function in each band."""
+    widths = []
+    for band in scene.bands:
+        psf = scene.psf(band)
+        if isinstance(psf, PsfGaussian):
+            widths.append(f"{band} {psf.sigma_px:.3g} px")
+        elif isinstance(psf, PsfAiry):
+            widths.append(f"{band} {sum(p * r for p, r in zip(psf.parts, psf.radii_px, strict=True)):.3g} px")
+    what = {"gaussian": "sigma", "airy": "first dark ring", "table": "an image"}[scene.optics.psf]
+    blurs = {"jitter": scene.optics.smear_urad * 1e-6 * scene.camera.focal_px, "diffusion": scene.detector.diffusion_px}
+    said = [" ".join([what, ", ".join(widths)]).strip(), *(f"{name} {px:.3g} px" for name, px in blurs.items() if px)]
+    return [f"  optics     {'; '.join(said)}"]
+
+
+def _fixed_pattern(scene: Scene) -> dict[str, float]:
+    """Spread of the pixels of one image on blank sky that is the same in every frame, without bad pixels [NEI]."""
+    detector = scene.detector
+    if not isinstance(detector, ElectronDetector):
+        return dict.fromkeys(scene.bands, detector.dsnu_nei) if detector.dsnu_nei else {}
+    spread = {}
+    for band, levels in scene.levels.items():
+        if isinstance(levels, ElectronLevels) and (detector.prnu or detector.dsnu):
+            spread[band] = np.hypot(detector.prnu * levels.background_e, detector.dsnu * levels.dark_e) / levels.noise_e
+    return spread
+
+
 def _detector_lines(scene: Scene) -> list[str]:
     """Noise and saturation by band, what they come from, and the terms that are on."""
     detector = scene.detector
@@ -120,6 +149,12 @@ def _detector_lines(scene: Scene) -> list[str]:
     terms = detector_terms(detector)
     if terms:
         lines.append(f"  pixels     {', '.join(terms.values())}")
+    pattern = ", ".join(f"{band} {nei:.3g}" for band, nei in _fixed_pattern(scene).items())
+    if pattern:
+        lines.append(f"  pattern    {pattern} NEI rms over blank pixels, the same in every frame, besides the noise")
+    full = [band for band, levels in scene.levels.items() if levels.sei_w_cm2 < 5 * levels.nei_w_cm2]
+    if full:
+        lines.append(f"  warning    blank sky is within 5 sigma of saturation in band {' '.join(full)}")
     clipped = [band for band, item in scene.levels.items() if item.blank_counts < 5 * item.counts_per_nei]
     coarse = [band for band, item in scene.levels.items() if item.counts_per_nei < 0.5]
     for bands, words in (

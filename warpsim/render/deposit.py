@@ -52,8 +52,11 @@ def deposit(
     Raises:
         InputError: Wrong shapes, values that are not finite, an impossible shape or error bound.
     """
-    xy = np.asarray(xy_px, dtype=np.float64).reshape(-1, 2) if np.size(xy_px) == 0 else np.asarray(xy_px, np.float64)
-    strength = np.asarray(flux, dtype=np.float64)
+    if not isinstance(psf, Psf):
+        raise InputError(f"psf: must be a PsfGaussian, PsfAiry or PsfTable, got {psf!r}")
+    xy, strength = _numbers("xy_px", xy_px), _numbers("flux", flux)
+    if xy.size == 0:
+        xy = xy.reshape(-1, 2)
     if xy.ndim != 2 or xy.shape[1] != 2:
         raise InputError(f"xy_px: must have shape (n, 2), got {np.shape(xy_px)}")
     if strength.shape != (len(xy),):
@@ -65,9 +68,10 @@ def deposit(
             raise InputError(f"{name}: must be finite, got {np.count_nonzero(~np.isfinite(values))} bad values")
     if changes.size and not (changes[:, 0] == 1.0).all():
         raise InputError("brightness: the first coefficient, the mean, must be 1")
-    if len(shape) != 2 or any(not isinstance(n, int | np.integer) or n < 1 for n in shape):
-        raise InputError(f"shape: must be (n_row, n_col) of at least 1, got {shape}")
-    if not 1e-9 <= flux_error < 1:
+    whole = isinstance(shape, tuple | list) and all(type(n) is int or isinstance(n, np.integer) for n in shape)
+    if not whole or len(shape) != 2 or min(shape) < 1 or shape[0] * shape[1] >= 2**29:
+        raise InputError(f"shape: must be (n_row, n_col) of at least 1, and below 2**29 pixels, got {shape}")
+    if isinstance(flux_error, bool) or not isinstance(flux_error, int | float) or not 1e-9 <= flux_error < 1:
         raise InputError(f"flux_error: must be in [1e-9, 1), got {flux_error}")
     # Far away sources cannot touch the image; bringing them near keeps pixel numbers within 32 bits.
     reach = np.abs(moves).sum(axis=(0, 1)).max(initial=0.0)
@@ -87,14 +91,27 @@ def deposit(
     accuracy = TableAccuracy(min(max(0.5 * flux_error, low), high))
     psf_bank([psf], where, accuracy=accuracy).deposit(sources, rule, rows_per_block(where, shape[0]), signal, paths)
     image = signal.numpy()[0, 0]
-    return np.asarray(image if scale == 1.0 else (image * np.float64(scale)).astype(np.float32))
+    if scale == 1.0:
+        return np.asarray(image)
+    scaled = image * np.float64(scale)
+    if np.abs(scaled).max(initial=0.0) > np.finfo(np.float32).max:
+        raise InputError(f"flux: must leave pixels below 3.4e38, got up to {scale:.3g}")
+    return np.asarray(scaled.astype(np.float32))
+
+
+def _numbers(name: str, values: npt.ArrayLike) -> F64:
+    """Values as an array of float64."""
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: must be an array of numbers, got {values!r:.60}") from None
 
 
 def _coefficients(name: str, values: npt.ArrayLike | None, shape: tuple[int | None, ...]) -> F64:
     """Coefficients as an array of the shape, none where values is None."""
     if values is None:
         return np.zeros([0 if n is None else n for n in shape])
-    array = np.asarray(values, dtype=np.float64)
+    array = _numbers(name, values)
     if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
         wanted = ", ".join("n_coefficient" if n is None else str(n) for n in shape)
         raise InputError(f"{name}: must have shape ({wanted}), got {array.shape}")

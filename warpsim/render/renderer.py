@@ -275,11 +275,11 @@ class Renderer:
 def _star_lists(world: World, sources: Sources) -> list[StarList]:
     """Position, movement, irradiance and star number of the stars of each view, copied to the host."""
     filled = sources.n_source.numpy()
-    shift_px = moved(sources.offset_px.numpy())
+    offset_px = sources.offset_px.numpy()
     xy, light, star = (array.numpy() for array in (sources.xy_px, sources.irradiance_w_cm2, sources.star))
     first = world.n_target
     spans = [(view, slice(first, n)) for view, n in enumerate(filled)]
     return [
-        (xy[view, part].copy(), shift_px[view, part], light[view, :, part].T.copy(), star[view, part].copy())
+        (xy[view, part].copy(), moved(offset_px[view, part]), light[view, :, part].T.copy(), star[view, part].copy())
         for view, part in spans
     ]

@@ -65,8 +65,10 @@ def exposure_rule(scene: Scene) -> ExposureRule:
     wanted = scene.lighting.quadrature_error
     kinds = {spec: number for number, spec in reversed(list(enumerate(scene.target_specs)))}
     bodies = [_Sampled(spec.shape, scene.attitudes[number], scene) for spec, number in kinds.items()]
-    series = [body.series(NODE_COUNTS[0]) for body in bodies]
-    for count, finer in pairwise(NODE_COUNTS):
+    # Where light moves, the range to it changes along the streak too: one node would not show that.
+    counts = NODE_COUNTS[1:] if scene.streaks else NODE_COUNTS
+    series = [body.series(counts[0]) for body in bodies]
+    for count, finer in pairwise(counts):
         better = [body.series(finer) for body in bodies]
         judged = [_errors(one, other) for one, other in zip(series, better, strict=True)]
         error, profile_error = (max(both) for both in zip(*judged, strict=True))

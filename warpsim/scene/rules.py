@@ -154,7 +154,7 @@ def _check_optics(scene: Scene) -> None:
         try:
             scene.psf(name)
         except InputError as error:
-            hint = "; psf = 'gaussian' has no such limit" if scene.optics.psf == "airy" else ""
+            hint = "; see aperture_m and the size of a pixel" if scene.optics.psf == "airy" else ""
             raise part_error(f"optics: in band {name}: {error}{hint}") from None
 
 

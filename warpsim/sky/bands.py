@@ -117,6 +117,12 @@ class Band:
         if math.isnan(self.half_power_um[0]):
             put("half_power_um", _half_power(wavelength_um, response))
 
+    @property
+    def peak_um(self) -> float:
+        """Where the response has its peak [um]; the middle of a flat one."""
+        at_peak = self.wavelength_um[self.response >= self.response.max() * (1 - 1e-9)]
+        return float(0.5 * (at_peak[0] + at_peak[-1]))
+
     def intervals(self, n: int) -> tuple[Array, Array]:
         """Split the band into n spectral intervals, each of one wavelength and one weight.
 
