@@ -20,7 +20,7 @@ from warpsim.detector.electron import ElectronDetector
 from warpsim.detector.levels import levels
 from warpsim.detector.nei import NeiDetector
 from warpsim.optics.camera import Camera
-from warpsim.optics.psf import Optics
+from warpsim.optics.telescope import Optics
 from warpsim.render import stages
 from warpsim.render.read_out import make_read_out
 
