@@ -64,23 +64,26 @@ def plot_deposit(cases: list[Case], path: Path) -> None:
     """Draw time per source against the error of the worst pixel: ways to find shares, stamps, streaks."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(13, 4.8), layout="constrained")
+    figure = Figure(figsize=(16, 5), layout="constrained")
     panels = {"shares": "how shares are found", "stamps": "where stamps end", "streak": "nodes along streaks"}
     others = [c for c in cases if not any(word in c["group"] for word in panels)]
     columns = [*panels.items(), *([("", "how light is added up")] if others else [])]
     for axes, (word, title) in zip(figure.subplots(1, len(columns)), columns, strict=True):
         shown = [c for c in cases if word in c["group"]] if word else others
         for label in sorted({_line(c) for c in shown}):
-            line = [(c["deposit_error"], c["ns_per_source"]) for c in shown if _line(c) == label]
-            axes.loglog(*zip(*sorted(line), strict=True), "o-", label=label)
+            line = [(max(c["deposit_error"], 1e-13), c["ns_per_source"]) for c in shown if _line(c) == label]
+            axes.loglog(*zip(*sorted(line), strict=True), "o-" if word else "o", label=label)
         axes.set(xlabel="error of the worst pixel, share of the light", ylabel="ns per source", title=title)
+        axes.margins(y=0.35 if word != "stamps" else 0.1)
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=7)
+        axes.legend(fontsize=6, ncols=2 if word == "shares" else 1, loc="upper right")
     figure.savefig(path, dpi=130)
 
 
 def _line(case: Case) -> str:
     """What a case's line is called: the way without its error."""
+    if "sums" in case["group"]:
+        return f"{case['way']}, {case['group'].removeprefix('sums of ')}"
     kind = case["group"].partition(",")[0]
     way = case["way"].rpartition(", ")[0] or case["way"]
     return f"{kind}, {way}" if "shares" in case["group"] else case["group"]
