@@ -87,5 +87,6 @@ def _fits(source: Source) -> npt.NDArray[Any]:
         raise source.error(0, f"cannot be read as FITS: {words}") from None
     flat = [image for image in images if image.ndim == 2]
     if not flat:
-        raise source.error(0, "must hold an image of two axes, got none")
+        found = f"images of {', '.join(str(image.ndim) for image in images)} axes" if images else "none"
+        raise source.error(0, f"must hold an image of two axes, got {found}")
     return np.asarray(flat[0])
