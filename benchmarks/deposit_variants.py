@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 from warpsim_kernels.psf import TablePsf, table_functions, table_reach_px
 from warpsim_kernels.stamps import (
+    Stamp,
     StampRule,
     block_window,
     columns_of_row,
@@ -29,13 +30,47 @@ QUANTUM = 2.0**-40
 
 
 @functools.cache
-def make_scatter_kernel(n_point: int, fixed_point: bool) -> wp.Kernel:
-    """Kernel with one thread per source; sums are float32, or int64 in units of QUANTUM."""
+def make_add_stamp(n_point: int, sum_type: Any, scatters: bool) -> wp.Function:
+    """The function that adds a stamp to an image of sums: float32, float64, or int64 in units of QUANTUM."""
     read = table_functions(n_point)
     lanes_type = wp.types.vector(length=read.n_lane, dtype=wp.float32)
-    sum_type = wp.int64 if fixed_point else wp.float32
     column_axis, row_axis = read.column_axis, read.row_axis
     column_nodes, row_nodes, pixel_share = read.column_nodes, read.row_nodes, read.share
+    fixed_point = sum_type is wp.int64
+
+    @wp.func
+    def add_stamp(
+        image: wp.array2d[sum_type],
+        place_px: wp.vec2d,
+        strength: float,
+        psf: TablePsf,
+        lanes: wp.array[lanes_type],
+        stamp: Stamp,
+    ):
+        across = column_axis(wp.float64(stamp.column) - place_px[0], psf)
+        down = row_axis(wp.float64(stamp.row) - place_px[1], psf)
+        for row in range(stamp.window.first_row, stamp.window.end_row):
+            in_row = row_nodes(down, row - stamp.row, psf)
+            columns = columns_of_row(stamp, row)
+            for column in range(columns[0], columns[1]):
+                share = pixel_share(lanes, psf, in_row, column_nodes(across, column - stamp.column, psf))
+                if wp.static(fixed_point):
+                    light = wp.float64(strength) * wp.float64(share)
+                    wp.atomic_add(image, row, column, wp.int64(wp.round(light * wp.static(wp.float64(1.0 / QUANTUM)))))
+                elif wp.static(scatters):
+                    wp.atomic_add(image, row, column, strength * share)
+                else:
+                    image[row, column] += sum_type(strength) * sum_type(share)
+
+    return add_stamp
+
+
+@functools.cache
+def make_scatter_kernel(n_point: int, fixed_point: bool) -> wp.Kernel:
+    """Kernel with one thread per source; sums are float32, or int64 in units of QUANTUM."""
+    lanes_type = wp.types.vector(length=table_functions(n_point).n_lane, dtype=wp.float32)
+    sum_type = wp.int64 if fixed_point else wp.float32
+    add_stamp = make_add_stamp(n_point, sum_type, True)
 
     @wp.kernel(module="unique", enable_backward=False)
     def scatter_kernel(
@@ -50,24 +85,10 @@ def make_scatter_kernel(n_point: int, fixed_point: bool) -> wp.Kernel:
         image: wp.array2d[sum_type],  # (n_row, n_col)
     ):
         source = wp.tid()
-        psf = psfs[0]
-        strength = irradiance[source]
-        place_px = xy_px[source]
+        reach_px = table_reach_px(table, psfs[0], stamp_cut(irradiance[source], 0, rule))
         window = whole_image(image.shape[0], image.shape[1])
-        reach_px = table_reach_px(table, psf, stamp_cut(strength, 0, rule))
-        stamp = stamp_around(place_px, reach_px, psf.pixel_aspect, window)
-        across = column_axis(wp.float64(stamp.column) - place_px[0], psf)
-        down = row_axis(wp.float64(stamp.row) - place_px[1], psf)
-        for row in range(stamp.window.first_row, stamp.window.end_row):
-            in_row = row_nodes(down, row - stamp.row, psf)
-            columns = columns_of_row(stamp, row)
-            for column in range(columns[0], columns[1]):
-                share = pixel_share(lanes, psf, in_row, column_nodes(across, column - stamp.column, psf))
-                if wp.static(fixed_point):
-                    light = wp.float64(strength) * wp.float64(share)
-                    wp.atomic_add(image, row, column, wp.int64(wp.round(light * wp.static(wp.float64(1.0 / QUANTUM)))))
-                else:
-                    wp.atomic_add(image, row, column, strength * share)
+        stamp = stamp_around(xy_px[source], reach_px, psfs[0].pixel_aspect, window)
+        add_stamp(image, xy_px[source], irradiance[source], psfs[0], lanes, stamp)
 
     return scatter_kernel
 
@@ -75,10 +96,8 @@ def make_scatter_kernel(n_point: int, fixed_point: bool) -> wp.Kernel:
 @functools.cache
 def make_gather_kernel(n_point: int, real: Any) -> wp.Kernel:
     """The product's gather for one image, with sums of a type."""
-    read = table_functions(n_point)
-    lanes_type = wp.types.vector(length=read.n_lane, dtype=wp.float32)
-    column_axis, row_axis = read.column_axis, read.row_axis
-    column_nodes, row_nodes, pixel_share = read.column_nodes, read.row_nodes, read.share
+    lanes_type = wp.types.vector(length=table_functions(n_point).n_lane, dtype=wp.float32)
+    add_stamp = make_add_stamp(n_point, real, False)
 
     @wp.kernel(module="unique", enable_backward=False)
     def gather_kernel(
@@ -94,21 +113,11 @@ def make_gather_kernel(n_point: int, real: Any) -> wp.Kernel:
         image: wp.array2d[real],  # (n_row, n_col)
     ):
         window = block_window(image.shape[0], image.shape[1], wp.tid(), n_row_per_block)
-        psf = psfs[0]
         for source in range(xy_px.shape[0]):
-            strength = irradiance[source]
-            place_px = xy_px[source]
-            reach_px = table_reach_px(table, psf, stamp_cut(strength, 0, rule))
-            stamp = stamp_around(place_px, reach_px, psf.pixel_aspect, window)
+            reach_px = table_reach_px(table, psfs[0], stamp_cut(irradiance[source], 0, rule))
+            stamp = stamp_around(xy_px[source], reach_px, psfs[0].pixel_aspect, window)
             if stamp.window.first_row < stamp.window.end_row:
-                across = column_axis(wp.float64(stamp.column) - place_px[0], psf)
-                down = row_axis(wp.float64(stamp.row) - place_px[1], psf)
-                for row in range(stamp.window.first_row, stamp.window.end_row):
-                    in_row = row_nodes(down, row - stamp.row, psf)
-                    columns = columns_of_row(stamp, row)
-                    for column in range(columns[0], columns[1]):
-                        share = pixel_share(lanes, psf, in_row, column_nodes(across, column - stamp.column, psf))
-                        image[row, column] += real(strength) * real(share)
+                add_stamp(image, xy_px[source], irradiance[source], psfs[0], lanes, stamp)
 
     return gather_kernel
 

@@ -16,7 +16,10 @@ def gauss_legendre(count: int) -> tuple[F64, F64]:
     node, weight = np.polynomial.legendre.leggauss(count)
     if count % 2:
         node[count // 2] = 0.0
-    return node, 0.5 * weight
+    weight *= 0.5
+    for array in (node, weight):
+        array.setflags(write=False)  # callers share them
+    return node, weight
 
 
 @cache

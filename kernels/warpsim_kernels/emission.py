@@ -75,8 +75,36 @@ def emitted_w_m2_sr(
 
 
 @functools.cache
+def intensity_of(features: Features) -> wp.Function:
+    """The function that sums the terms that the scene keeps, each an area times what the surface makes of it."""
+
+    @wp.func
+    def intensity_w_sr(
+        surfaces: Surfaces,
+        emitted_w_m2_sr: wp.float64,
+        band: int,
+        target: int,
+        area_m2: wp.float64,
+        sun_area_m2: wp.float64,
+        earth_area_m2: wp.float64,
+        albedo_area_m2_sr: wp.float64,
+    ) -> wp.float64:
+        intensity = emitted_w_m2_sr * area_m2
+        if wp.static(features.sun):
+            intensity += surfaces.sun_w_m2_sr[band, target] * sun_area_m2
+        if wp.static(features.earth):
+            intensity += surfaces.earth_w_m2_sr[band, target] * earth_area_m2
+        if wp.static(features.albedo):
+            intensity += surfaces.albedo_w_m2_sr2[band, target] * albedo_area_m2_sr
+        return intensity
+
+    return intensity_w_sr
+
+
+@functools.cache
 def make_emit_kernel(features: Features) -> wp.Kernel:
     """Kernel of the stage: intensity over range squared, summed over the terms that the scene keeps."""
+    intensity_w_sr = intensity_of(features)
 
     @wp.kernel(module="unique", enable_backward=False)
     def emit_kernel(
@@ -89,16 +117,12 @@ def make_emit_kernel(features: Features) -> wp.Kernel:
     ):
         """In-band irradiance at the pupil."""
         view, band, target = wp.tid()
-        intensity_w_sr = emitted_w_m2_sr(surfaces, table, seen, view, band, target) * seen.area_m2[view, target]
-        if wp.static(features.sun):
-            intensity_w_sr += surfaces.sun_w_m2_sr[band, target] * seen.sun_area_m2[view, target]
-        if wp.static(features.earth):
-            intensity_w_sr += surfaces.earth_w_m2_sr[band, target] * seen.earth_area_m2[view, target]
-        if wp.static(features.albedo):
-            intensity_w_sr += surfaces.albedo_w_m2_sr2[band, target] * seen.albedo_area_m2_sr[view, target]
-        source_irradiance_w_cm2[view, band, target] = float(
-            intensity_w_sr * irradiance_per_intensity(seen, view, target)
+        light_w_sr = intensity_w_sr(
+            surfaces, emitted_w_m2_sr(surfaces, table, seen, view, band, target), band, target,
+            seen.area_m2[view, target], seen.sun_area_m2[view, target], seen.earth_area_m2[view, target],
+            seen.albedo_area_m2_sr[view, target],
         )
+        source_irradiance_w_cm2[view, band, target] = float(light_w_sr * irradiance_per_intensity(seen, view, target))
 
     return emit_kernel
 
@@ -106,6 +130,7 @@ def make_emit_kernel(features: Features) -> wp.Kernel:
 @functools.cache
 def make_profile_kernel(features: Features) -> wp.Kernel:
     """Kernel that turns the series of areas into one of brightness, in shares of its mean."""
+    intensity_w_sr = intensity_of(features)
 
     @wp.kernel(module="unique", enable_backward=False)
     def profile_kernel(
@@ -122,18 +147,16 @@ def make_profile_kernel(features: Features) -> wp.Kernel:
         emitted = emitted_w_m2_sr(surfaces, table, seen, view, band, target)
         mean_w_sr = wp.float64(0.0)
         for l in range(brightness.shape[3]):
-            intensity_w_sr = emitted * area_series[view, target, EMITTED, l]
-            if wp.static(features.sun):
-                intensity_w_sr += surfaces.sun_w_m2_sr[band, target] * area_series[view, target, SUN, l]
-            if wp.static(features.earth):
-                intensity_w_sr += surfaces.earth_w_m2_sr[band, target] * area_series[view, target, EARTH, l]
-            if wp.static(features.albedo):
-                intensity_w_sr += surfaces.albedo_w_m2_sr2[band, target] * area_series[view, target, ALBEDO, l]
+            light_w_sr = intensity_w_sr(
+                surfaces, emitted, band, target, area_series[view, target, EMITTED, l],
+                area_series[view, target, SUN, l], area_series[view, target, EARTH, l],
+                area_series[view, target, ALBEDO, l],
+            )
             if l == 0:
-                mean_w_sr = intensity_w_sr
+                mean_w_sr = light_w_sr
             brightness[view, band, target, l] = float(0.0)
             if mean_w_sr > wp.float64(0.0):
-                brightness[view, band, target, l] = float(intensity_w_sr / mean_w_sr)
+                brightness[view, band, target, l] = float(light_w_sr / mean_w_sr)
         brightness[view, band, target, 0] = 1.0
 
     return profile_kernel

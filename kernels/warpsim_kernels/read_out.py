@@ -139,7 +139,7 @@ def make_half_read_out(features: ReadOutFeatures, width: int) -> wp.Function:
 
 @functools.cache
 def make_read_out_tile_kernel(features: ReadOutFeatures, tile_width: int = TILE_WIDTH) -> wp.Kernel:
-    """Kernel over all whole tiles of 2 * tile_width pixels of all detector.
+    """Kernel over all whole tiles of 2 * tile_width pixels of all images.
 
     Launch and arrays are flat: only then the CPU compiler turns loads, arithmetic and stores into vector
     instructions, which nearly halves the time.

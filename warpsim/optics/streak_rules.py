@@ -10,6 +10,8 @@ import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.streaks import NO_LIMIT, StreakRules
 
+from warpsim.legendre import gauss_legendre
+
 F64 = npt.NDArray[np.float64]
 INF = float("inf")
 
@@ -58,5 +60,5 @@ def streak_rules(device: Any) -> Any:
 @cache
 def _all_nodes() -> tuple[F64, F64]:
     """Nodes and weights of all rules, one after the other; the weights of a rule sum to 1."""
-    rules = [np.polynomial.legendre.leggauss(count) for count in LONGEST_STREAK]
-    return np.concatenate([node for node, _ in rules]), np.concatenate([0.5 * weight for _, weight in rules])
+    rules = [gauss_legendre(count) for count in LONGEST_STREAK]
+    return np.concatenate([node for node, _ in rules]), np.concatenate([weight for _, weight in rules])
