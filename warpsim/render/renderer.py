@@ -17,13 +17,16 @@ from warpsim.arguments import chosen_names
 from warpsim.errors import InputError
 from warpsim.render.buffers import (
     Chunk,
+    Light,
     Observations,
     Sources,
     Views,
+    new_light,
     new_observations,
     new_sources,
     new_views,
     part_of,
+    part_of_light,
     views_per_chunk,
 )
 from warpsim.render.device import default_device, worker_count
@@ -44,7 +47,7 @@ class _Worker:
     """Buffers of one CPU thread or of the GPU."""
 
     sources: Sources
-    signal_w_cm2: wp.array
+    light: Light
 
 
 @dataclass(frozen=True)
@@ -248,26 +251,30 @@ class Renderer:
         kept = [
             worker
             for worker in self._workers.get(bands, [])
-            if worker.signal_w_cm2.shape[0] >= size and worker.sources.xy_px.shape[1] == self._n_slot
+            if worker.light.signal_w_cm2.shape[0] >= size and worker.sources.xy_px.shape[1] == self._n_slot
         ]
         while len(kept) < n_worker:
             sources = new_sources(world, size, self._n_slot)
-            kept.append(_Worker(sources, wp.empty(shape, dtype=wp.float32, device=self.device)))
+            kept.append(_Worker(sources, new_light(shape, self.device)))
         self._workers[bands] = kept
         return kept[:n_worker]
 
     def _render_chunk(self, world: World, job: _Job, worker: _Worker, first: int, end: int) -> None:
         n_view = end - first
-        signal = worker.signal_w_cm2[:n_view] if job.signal_w_cm2 is None else job.signal_w_cm2[first:end]
         chunk = Chunk(
             part_of(job.views, first, end),
             part_of(job.observations, first, end),
             part_of(worker.sources, 0, n_view),
-            signal,
+            part_of_light(worker.light, n_view),
             job.counts[first:end],
+            keep_light=job.signal_w_cm2 is not None,
         )
         for stage in STAGES:
             stage(world, chunk)
+        if job.signal_w_cm2 is not None:
+            wp.copy(job.signal_w_cm2[first:end], chunk.light.signal_w_cm2)
+            chunk.light.signal_w_cm2.zero_()
+            chunk.light.lit.zero_()
         if job.star_lists is not None:
             job.star_lists[first:end] = _star_lists(world, chunk.sources)
 
