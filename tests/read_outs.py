@@ -34,7 +34,7 @@ FINE = NeiDetector(nei_w_cm2=1e-18, sei_w_cm2=3e-15, bits=16, offset_counts=FINE
 
 
 def read_out(detector, signal, device, *, frames=None, sensors=None, bands=None, seed=SEED, ragged=False):
-    """Counts of signal (n_view, n_band, n_row, n_col), by the renderer's stage or by the kernel of ragged ends alone."""
+    """Counts of signal (n_view, n_band, n_row, n_col), by the renderer's stage or the kernel of ragged ends alone."""
     n_view, n_band, n_row, n_col = signal.shape
 
     def numbers(values, n):

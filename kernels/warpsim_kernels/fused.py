@@ -19,5 +19,4 @@ import warp as wp
     """
 )
 def fma(a: float, b: float, c: float) -> float:
-    """a * b + c, rounded once; processors without the instruction round the sum twice."""
-    ...
+    """A * b + c, rounded once; processors without the instruction round the sum twice."""

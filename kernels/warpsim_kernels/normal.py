@@ -42,7 +42,7 @@ def normal_radius(word: wp.uint32) -> float:
 
 @wp.func
 def normal_cosine(radius: float, word: wp.uint32) -> float:
-    """radius cos(2 pi t), t in [-1/4, 1/4) from 32 random bits; the other half of the turn is the radius's sign."""
+    """Radius cos(2 pi t), t in [-1/4, 1/4) from 32 random bits; the other half of the turn is the radius's sign."""
     t = float(wp.int32(word)) * _UNIT_33
     t2 = t * t
     series = fma(56.2423782, t2, -85.24033)
@@ -53,7 +53,7 @@ def normal_cosine(radius: float, word: wp.uint32) -> float:
 
 @wp.func
 def normal_sine(radius: float, word: wp.uint32) -> float:
-    """radius sin(2 pi t) of the same angle as normal_cosine."""
+    """Radius sin(2 pi t) of the same angle as normal_cosine."""
     t = float(wp.int32(word)) * _UNIT_33
     t2 = t * t
     series = fma(39.536705, t2, -76.5497821)

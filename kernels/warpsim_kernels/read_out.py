@@ -7,11 +7,11 @@ A detector is a row of steps (pixel.py), of which a kernel holds those that a sc
                    -> read noise -> column -> converter
 
 An image is cut into strips of neighbouring pixels, row after row, and blocks of strips, which share random keys
-(streams.py). The deviates of a pixel pair are the cosine and the sine of one angle (normal.py), or come from a template.
-The first half of a strip takes the cosines, the second half the sines.
+(streams.py). The deviates of a pixel pair are the cosine and the sine of one angle (normal.py), or come from a
+template. The first half of a strip takes the cosines, the second half the sines.
 
-Point sources leave most strips dark. The stage `deposit` flags those that it adds light to; only they are read, and made
-dark again for the next image, so a sparse image's light stays in the cache.
+Point sources leave most strips dark. The stage `deposit` flags those that it adds light to; only they are read, and
+made dark again for the next image, so a sparse image's light stays in the cache.
 """
 
 import functools

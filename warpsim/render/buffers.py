@@ -113,7 +113,7 @@ class Light:
     @property
     def dark_place(self) -> int:
         """Where the dark strip begins."""
-        return int(self.flat.size) - STRIP_PIXELS
+        return int(self.flat.size - STRIP_PIXELS)
 
 
 @dataclass(frozen=True)
