@@ -60,7 +60,7 @@ def read_out(detector, signal, device, *, frames=None, sensors=None, bands=None,
         n_image, n_pixel = n_view * n_band, n_row * n_col
         n_strip = -(-n_pixel // STRIP_PIXELS)
         inputs = [views.frame, views.sensor, world.band_id, world.read_out.detector, 0, n_strip, 0, 1]
-        inputs += [light.signal_w_cm2.reshape((n_image, n_pixel)), light.lit]
+        inputs += [light.signal_w_cm2.reshape((n_image, n_pixel)), light.lit.flatten()]
         outputs = [counts.reshape((n_image, n_pixel))]
         dim = [n_image * -(-n_strip // STRIPS_PER_BLOCK)]
         wp.launch_tiled(

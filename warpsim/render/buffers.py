@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.emission import Seen
-from warpsim_kernels.read_out import STRIP_PIXELS
+from warpsim_kernels.read_out import STRIP_PIXELS, STRIPS_PER_BLOCK
 from warpsim_kernels.signature import N_TERM
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ class Light:
     signal_w_cm2: wp.array
     """The images, shape (n_view, n_band, n_row, n_col)."""
     lit: wp.array
-    """Which strips of neighbouring pixels have light, shape (n_view, n_band, n_strip)."""
+    """Which strips of neighbouring pixels have light, shape (n_view, n_band, n_flag): strips of whole blocks."""
 
     @property
     def dark_place(self) -> int:
@@ -178,7 +178,8 @@ def new_light(shape: tuple[int, int, int, int], device: wp.Device) -> Light:
     n_view, n_band, n_row, n_col = shape
     size = n_view * n_band * n_row * n_col
     flat = wp.zeros(size + STRIP_PIXELS, dtype=wp.float32, device=device)
-    lit = wp.zeros((n_view, n_band, -(-n_row * n_col // STRIP_PIXELS)), dtype=wp.uint8, device=device)
+    n_flag = -(-n_row * n_col // (STRIPS_PER_BLOCK * STRIP_PIXELS)) * STRIPS_PER_BLOCK
+    lit = wp.zeros((n_view, n_band, n_flag), dtype=wp.uint8, device=device)
     return Light(flat, flat[:size].reshape(shape), lit)
 
 

@@ -250,7 +250,7 @@ def read_out(world: World, chunk: Chunk) -> None:
         wp.launch_tiled(
             world.read_out.kernel,
             dim=[n_image * -(-n_strip // STRIPS_PER_BLOCK)],
-            inputs=[*inputs, 0, n_strip, light.dark_place, keep, light.flat, light.lit],
+            inputs=[*inputs, 0, n_strip, light.dark_place, keep, light.flat, light.lit.flatten()],
             outputs=[counts.flatten()],
             block_dim=block_dim,
             device=world.device,
@@ -260,7 +260,7 @@ def read_out(world: World, chunk: Chunk) -> None:
         wp.launch_tiled(
             world.read_out.rest_kernel,
             dim=[n_image],
-            inputs=[*inputs, n_strip, n_strip + 1, 0, keep, light.signal_w_cm2.reshape(shape), light.lit],
+            inputs=[*inputs, n_strip, n_strip + 1, 0, keep, light.signal_w_cm2.reshape(shape), light.lit.flatten()],
             outputs=[counts.reshape(shape)],
             block_dim=block_dim,
             device=world.device,
