@@ -13,11 +13,14 @@ from warpsim.render.records import GEOMETRY, Records
 from warpsim.render.worker import Worker
 from warpsim.render.world import World
 
-CHUNKS_PER_LANE = 4
-"""Pieces that a short job is cut into for each thread, so that none waits long for another."""
+CHUNKS_PER_WORKER = 4
+"""Pieces that a short job is cut into for each of several workers, so that none waits long for another."""
 
 PIXELS_PER_CHUNK = 2**18
-"""A chunk of fewer pixels, half a millisecond of work, is not cut further."""
+"""A chunk of fewer pixels is not cut further: it is some tenths of a millisecond of work, and 60 us of Python."""
+
+PIXELS_PER_CHUNK_CUDA = 2**25
+"""The same on CUDA."""
 
 
 class Lane:
@@ -31,7 +34,7 @@ class Lane:
 
     def __init__(self, world: World, shape: tuple[int, int], to_host: bool) -> None:
         self.world, self._shape, self._to_host = world, shape, to_host
-        self._n_worker = 2 if to_host and world.device.is_cuda else 1
+        self.n_worker = 2 if to_host and world.device.is_cuda else 1
         self.workers: list[Worker] = []
 
     def prepare(self, n_view: int, n_slot: int) -> None:
@@ -39,7 +42,7 @@ class Lane:
         if not self.workers or self.workers[0].n_view < n_view or self.workers[0].n_slot != n_slot:
             self.workers.clear()  # first, so that old and new ones are not there at a time
             self.workers += [
-                Worker(self.world, self._shape, n_view, n_slot, self._to_host) for _ in range(self._n_worker)
+                Worker(self.world, self._shape, n_view, n_slot, self._to_host) for _ in range(self.n_worker)
             ]
 
     def work(self, job: Job, spans: deque[tuple[int, int]], n_slot: int) -> int:
@@ -104,13 +107,15 @@ class Crew:
         return max(longest, _longest_list(job.records)) if self.world.device.is_cuda else longest
 
     def _views_of_a_chunk(self, n_view: int, n_slot: int, chunk_bytes: int | None) -> int:
-        """As many as memory allows, but so few that every lane has work until the end."""
-        most = views_per_chunk(self.world, self._n_pixel, n_slot, chunk_bytes)
-        n_lane = len(self.lanes)
-        if n_lane == 1:
-            return min(most, n_view)
-        fair = max(-(-n_view // (CHUNKS_PER_LANE * n_lane)), PIXELS_PER_CHUNK // (self._n_pixel * self.world.n_band))
-        return max(1, min(most, fair, -(-n_view // n_lane)))
+        """As many as memory allows, but so few that every worker has something to do until the end."""
+        most = min(n_view, views_per_chunk(self.world, self._n_pixel, n_slot, chunk_bytes))
+        n_worker = sum(lane.n_worker for lane in self.lanes)
+        if n_worker == 1:
+            return most
+        least_pixels = PIXELS_PER_CHUNK_CUDA if self.world.device.is_cuda else PIXELS_PER_CHUNK
+        least = least_pixels // (self._n_pixel * self.world.n_band)
+        fair = max(-(-n_view // (CHUNKS_PER_WORKER * n_worker)), least)
+        return max(1, min(most, fair, -(-n_view // n_worker)))
 
 
 def _longest_list(records: Records) -> int:

@@ -52,7 +52,8 @@ def new_job(
     """A job with memory from the pool, on the pool's device."""
     n_frame, n_sensor = len(frames), len(sensors)
     n_view = n_frame * n_sensor
-    rows = [scene.sensor_names.index(name) for name in sensors]
+    names = scene.sensor_names
+    rows = [names.index(name) for name in sensors]
     shape = (n_view, world.n_band, scene.camera.n_row, scene.camera.n_col)
     stars: list[StarList] | None = [()] * n_view if keep_stars else None
     return Job(

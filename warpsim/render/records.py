@@ -56,9 +56,9 @@ def new_inputs(world: TargetWorld, time_s: Any, frame: Any, sensor: Any) -> Inpu
     """Inputs of views of given times, frame numbers and sensor rows, each (n_view,)."""
     device, streaks = world.device, world.streaks
     return Inputs(
-        wp.array(time_s, dtype=wp.float64, device=device),
-        wp.array(frame, dtype=wp.uint32, device=device),
-        wp.array(sensor, dtype=wp.uint32, device=device),
+        wp.array(np.asarray(time_s, dtype=np.float64), dtype=wp.float64, device=device, copy=False),
+        wp.array(np.asarray(frame, dtype=np.uint32), dtype=wp.uint32, device=device, copy=False),
+        wp.array(np.asarray(sensor, dtype=np.uint32), dtype=wp.uint32, device=device, copy=False),
         path_inputs(device, streaks.offset_s, time_s, sensor) if streaks.wanted else None,
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from typing import Any
@@ -21,6 +21,7 @@ from warpsim.render.job import Job, new_job
 from warpsim.render.pool import POOL_BYTES, Pool
 from warpsim.render.star_field import load_catalog, star_index
 from warpsim.render.streaks import Streaks
+from warpsim.render.stream import Stream, StreamStats, stream_sizes
 from warpsim.render.world import World
 from warpsim.scene.scene import Scene
 from warpsim.sky.catalog import StarCatalog
@@ -71,6 +72,7 @@ class Renderer:
         self._crews: dict[tuple[str, ...], Crew] = {}
         self._lock = threading.Lock()  # buffers serve one call at a time
         self._n_slot = 0
+        self._stream: Stream | None = None
 
     @property
     def catalog(self) -> StarCatalog:
@@ -121,6 +123,61 @@ class Renderer:
         sensor_list, band_list = self._checked_names(sensors, bands)
         return self._render(frame_list, sensor_list, band_list, keep_signal, keep_stars)
 
+    def stream(
+        self,
+        frames: Iterable[int] | None = None,
+        sensors: Sequence[str] | None = None,
+        bands: Sequence[str] | None = None,
+        rate_hz: float | None = None,
+        drop: bool = True,
+        n_ahead: int | None = None,
+        keep_signal: bool = False,
+        keep_stars: bool = False,
+    ) -> Iterator[FrameSet]:
+        """Render frame after frame in real time, while the caller works on those before; `stats` says how it goes.
+
+        The clock starts when the first frame is ready; frame k is then due k / rate_hz later, and its time is over when
+        the next one is due. Ending the loop, or an exception in it, ends the stream.
+
+        Args:
+            frames: Frame numbers, in the order wanted; all of the scene when left out.
+            sensors: As in `render`.
+            bands: As in `render`.
+            rate_hz: Frames (times, with all sensors) per second; as fast as possible when left out.
+            drop: Leave out frames whose time is over; False: hand over every one, however late.
+            n_ahead: Frames rendered ahead at most; chosen by rate and size when left out.
+            keep_signal: As in `render`.
+            keep_stars: As in `render`.
+
+        Returns:
+            Iterator of FrameSets of one frame each.
+
+        Raises:
+            InputError: As in `render`; a rate or a number of frames that is not above 0.
+        """
+        frame_list = self.checked_frames(range(self.scene.frames.count) if frames is None else frames)
+        sensor_list, band_list = self._checked_names(sensors, bands)
+        if rate_hz is not None and not (isinstance(rate_hz, int | float) and 0 < rate_hz < np.inf):
+            raise InputError(f"rate_hz: must be a number above 0, got {rate_hz!r}")
+        ahead = None if n_ahead is None else whole_number("n_ahead", n_ahead, 1)
+        camera = self.scene.camera
+        n_view, n_lane = len(sensor_list), max(self.n_thread, len(self.devices))
+        frame_bytes = 2 * n_view * len(band_list) * camera.n_row * camera.n_col
+        sizes = stream_sizes(rate_hz, n_view, frame_bytes, n_lane, ahead)
+        self._stream = Stream(
+            lambda some: self._render(some, sensor_list, band_list, keep_signal, keep_stars),
+            frame_list,
+            rate_hz,
+            drop,
+            *sizes,
+        )
+        return self._stream.frames()
+
+    @property
+    def stats(self) -> StreamStats | None:
+        """How the latest stream goes, or went; None before the first."""
+        return None if self._stream is None else self._stream.stats
+
     def _checked_names(
         self, sensors: Sequence[str] | None, bands: Sequence[str] | None
     ) -> tuple[list[str], list[str]]:
@@ -161,9 +218,11 @@ class Renderer:
         if isinstance(frames, int | np.integer):
             raise InputError(f"frames: must be a list or range of frame numbers, got {frames!r}")
         numbers = list(frames)
-        for number in numbers:
-            if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < 2**32:
-                raise InputError(f"frames: must be whole numbers from 0 to 2**32 - 1, got {number!r}")
+        kinds = set(map(type, numbers))  # a quick look first: this is done in every call
+        if not kinds <= {int} or min(numbers, default=0) < 0 or max(numbers, default=0) >= 2**32:
+            for number in numbers:
+                if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < 2**32:
+                    raise InputError(f"frames: must be whole numbers from 0 to 2**32 - 1, got {number!r}")
         times = self.scene.frame_time_s(numbers)
         late = np.flatnonzero(times > self.scene.duration_s)
         if late.size:
@@ -173,7 +232,7 @@ class Renderer:
             )
         if self.scene.sights is not None:
             self.scene.sights.check_times(self.scene.sensor_names, times)
-        return [int(number) for number in numbers]
+        return numbers if kinds <= {int} else [int(number) for number in numbers]
 
     def streaks(self, bands: Sequence[str]) -> Streaks:
         """How sources are followed through the exposure."""
