@@ -1,5 +1,6 @@
 """Threads, devices and chunks share the work out; images do not depend on how."""
 
+import gc
 import threading
 
 import numpy as np
@@ -84,6 +85,7 @@ def test_threads_end_with_the_renderer(scene):
     renderer.render(range(40), ["sat11"], ["A"])
     assert len(set(threading.enumerate()) - before) <= 3
     del renderer
+    gc.collect()
     for thread in mine:
         thread.join(timeout=10)
         assert not thread.is_alive()
@@ -97,7 +99,7 @@ def test_an_error_in_a_thread_reaches_the_caller(scene, monkeypatch):
 
     def fail(*arguments):
         failed.set()
-        raise ZeroDivisionError("in a thread")
+        raise ZeroDivisionError("elsewhere")
 
     def wait(*arguments):
         assert failed.wait(timeout=30)
@@ -106,13 +108,13 @@ def test_an_error_in_a_thread_reaches_the_caller(scene, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(other, "render", fail)
         patch.setattr(mine, "render", wait)
-        with pytest.raises(ZeroDivisionError, match=r"^in a thread$"):
+        with pytest.raises(ZeroDivisionError, match="elsewhere"):
             renderer.render(range(30), ["sat11"], ["A"])
     np.testing.assert_array_equal(renderer.render(range(30), ["sat11"], ["A"]).counts.numpy(), counts)
 
 
 def test_bad_lists_of_devices():
     for devices in ([], ["cpu", "tpu"], ["cuda:9"]):
-        with pytest.raises(ws.InputError, match="^device: ") as caught:
+        with pytest.raises(ws.InputError, match=r"^device: ") as caught:
             chosen_devices(devices)
         assert "\n" not in str(caught.value)
