@@ -9,7 +9,6 @@ import warp as wp
 import warpsim_kernels
 from warpsim_kernels.aim import AIM_FIXED, AIM_TABLE, AIM_TRACK
 from warpsim_kernels.detector import ReadOutFeatures
-from warpsim_kernels.read_out import TILE_WIDTH
 from warpsim_kernels.signature import Features
 
 ARCH = 75  # Turing: the oldest that Warp's CUDA 13 supports; PTX runs on everything newer
@@ -38,8 +37,7 @@ FACTORY_ARGUMENTS = {
     "make_gaussian_light_kernel": [(False,), (True,)],
     "make_table_light_kernel": [(6, False), (6, True)],
     "make_half_read_out": [],  # a function of the kernels below
-    "make_read_out_tile_kernel": [(features, TILE_WIDTH) for features in READ_OUTS],
-    "make_read_out_rest_kernel": [(features,) for features in READ_OUTS],
+    "make_read_out_kernel": [(features, ragged) for features in READ_OUTS for ragged in (False, True)],
 }
 
 MODULES = [

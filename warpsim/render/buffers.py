@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.emission import Seen
+from warpsim_kernels.read_out import STRIP_PIXELS
 from warpsim_kernels.signature import N_TERM
 
 if TYPE_CHECKING:
@@ -99,16 +100,34 @@ class Sources:
 
 
 @dataclass(frozen=True)
+class Light:
+    """Noiseless images. Between frames they are dark, so that a frame touches those strips only that sources reach."""
+
+    flat: wp.array
+    """All images, and behind them a strip that stays dark; shape (n_view * n_band * n_pixel + STRIP_PIXELS,)."""
+    signal_w_cm2: wp.array
+    """The images, shape (n_view, n_band, n_row, n_col)."""
+    lit: wp.array
+    """Which strips of neighbouring pixels have light, shape (n_view, n_band, n_strip)."""
+
+    @property
+    def dark_place(self) -> int:
+        """Where the dark strip begins."""
+        return int(self.flat.size - STRIP_PIXELS)
+
+
+@dataclass(frozen=True)
 class Chunk:
     """The arrays of some consecutive views: what one pass through the stages reads and writes."""
 
     views: Views
     observations: Observations
     sources: Sources
-    signal_w_cm2: wp.array
-    """Shape (n_view, n_band, n_row, n_col)."""
+    light: Light
     counts: wp.array
     """Shape (n_view, n_band, n_row, n_col)."""
+    keep_light: bool
+    """Whether the read-out leaves the light where it is."""
 
     @property
     def n_view(self) -> int:
@@ -154,6 +173,15 @@ def seen_struct(observations: Observations) -> Any:
     for name in SEEN:
         setattr(seen, name, getattr(observations, name))
     return seen
+
+
+def new_light(shape: tuple[int, int, int, int], device: wp.Device) -> Light:
+    """Dark images of the shape (n_view, n_band, n_row, n_col)."""
+    n_view, n_band, n_row, n_col = shape
+    size = n_view * n_band * n_row * n_col
+    flat = wp.zeros(size + STRIP_PIXELS, dtype=wp.float32, device=device)
+    lit = wp.zeros((n_view, n_band, -(-n_row * n_col // STRIP_PIXELS)), dtype=wp.uint8, device=device)
+    return Light(flat, flat[:size].reshape(shape), lit)
 
 
 def new_sources(world: World, n_view: int, n_slot: int) -> Sources:

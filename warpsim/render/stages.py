@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import warp as wp
 from warpsim_kernels.emission import record_targets_kernel
-from warpsim_kernels.read_out import TILE_WIDTH
+from warpsim_kernels.read_out import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK
 from warpsim_kernels.trace import make_reach_kernel, make_trace_stars_kernel, make_trace_targets_kernel
 
 from warpsim.launches import launch, launch_tiled
@@ -21,7 +21,7 @@ from warpsim.render.streaks import Streaks, paths_struct
 if TYPE_CHECKING:
     from warpsim.render.world import TargetWorld, World
 
-TILE_THREADS_CUDA = TILE_WIDTH
+TILE_THREADS_CUDA = N_PAIR
 
 
 def aim(world: World, chunk: Chunk) -> None:
@@ -217,7 +217,7 @@ def trace_sources(world: TargetWorld, streaks: Streaks, path: PathViews, sources
 
 def deposit(world: World, chunk: Chunk) -> None:
     """Signal: the light of all sources, integrated over pixels."""
-    sources, signal = chunk.sources, chunk.signal_w_cm2
+    sources, signal = chunk.sources, chunk.light.signal_w_cm2
     lists = [sources.n_source, sources.xy_px, sources.irradiance_w_cm2]
     paths = None
     if world.streaks.wanted:
@@ -240,26 +240,29 @@ def record_targets(world: World, chunk: Chunk) -> None:
 def read_out(world: World, chunk: Chunk) -> None:
     """Counts: what the detector makes of the signal."""
     n_view, n_band, n_row, n_col = chunk.counts.shape
-    n_pixel = n_row * n_col
-    n_tile = n_pixel // (2 * TILE_WIDTH)
-    n_done = n_tile * 2 * TILE_WIDTH
-    signal, counts = chunk.signal_w_cm2.flatten(), chunk.counts.flatten()
-    inputs = [signal, chunk.views.frame, chunk.views.sensor, world.band_id, world.read_out.detector]
-    if n_tile:
+    n_image, n_pixel = n_view * n_band, n_row * n_col
+    n_strip = n_pixel // STRIP_PIXELS
+    light, counts = chunk.light, chunk.counts
+    inputs = [chunk.views.frame, chunk.views.sensor, world.band_id, world.read_out.detector]
+    keep = int(chunk.keep_light)
+    block_dim = TILE_THREADS_CUDA if world.device.is_cuda else 1
+    if n_strip:
         launch_tiled(
-            world.read_out.tile_kernel,
-            dim=[n_view * n_band * n_tile],
-            inputs=[*inputs, n_tile],
-            outputs=[counts],
-            block_dim=TILE_THREADS_CUDA if world.device.is_cuda else 1,
+            world.read_out.kernel,
+            dim=[n_image * -(-n_strip // STRIPS_PER_BLOCK)],
+            inputs=[*inputs, 0, n_strip, light.dark_place, keep, light.flat, light.lit],
+            outputs=[counts.flatten()],
+            block_dim=block_dim,
             device=world.device,
         )
-    if n_done < n_pixel:
-        launch(
+    if n_strip * STRIP_PIXELS < n_pixel:
+        shape = (n_image, n_pixel)
+        launch_tiled(
             world.read_out.rest_kernel,
-            dim=(n_view, n_band, n_pixel - n_done),
-            inputs=[*inputs, n_done],
-            outputs=[counts],
+            dim=[n_image],
+            inputs=[*inputs, n_strip, n_strip + 1, 0, keep, light.signal_w_cm2.reshape(shape), light.lit],
+            outputs=[counts.reshape(shape)],
+            block_dim=block_dim,
             device=world.device,
         )
 

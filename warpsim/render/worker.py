@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from warpsim.launches import Launches, recorded
-from warpsim.render.buffers import Chunk, Sources, new_sources
+from warpsim.render.buffers import Chunk, Sources, new_light, new_sources
 from warpsim.render.job import Job, StarList
 from warpsim.render.records import Inputs, new_inputs, views_of, zero_records
 from warpsim.render.rows import copy_rows
@@ -49,27 +50,34 @@ class Worker:
             views_of(self._inputs, self._records),
             self._records.observations(world),
             new_sources(world, n_view, n_slot),
-            wp.zeros(image, dtype=wp.float32, device=device),
+            new_light(image, device),
             counts,
+            keep_light=False,
         )
-        self._launches = self._record()
-        self._moving = [] if self._owns_counts else self._launches.arguments_at(counts)
+        self._recorded: dict[bool, tuple[Launches, list[Any]]] = {}
+        self._launches(keep_light=False)
         self._copies = wp.Stream(device) if self._owns_counts else None
         self._copied: wp.Event | None = None
-        if device.is_cuda:
-            self._launches.capture(device, self._moving)
 
-    def _record(self) -> Launches:
-        with recorded(self.n_view) as launches:
-            for stage in STAGES:
-                stage(self.world, self.chunk)
-        return launches
+    def _launches(self, keep_light: bool) -> tuple[Launches, list[Any]]:
+        """The stages' launches, and those of their arguments that are the counts where these move."""
+        if keep_light not in self._recorded:
+            chunk = replace(self.chunk, keep_light=keep_light)
+            with recorded(self.n_view) as launches:
+                for stage in STAGES:
+                    stage(self.world, chunk)
+            moving = [] if self._owns_counts else launches.arguments_at(chunk.counts)
+            if self.world.device.is_cuda:
+                launches.capture(self.world.device, moving)
+            self._recorded[keep_light] = launches, moving
+        return self._recorded[keep_light]
 
     @property
     def n_byte(self) -> int:
         """Memory of the buffers that grow with the views."""
         chunk, sources = self.chunk, self.chunk.sources
-        arrays = [*self._inputs.arrays, *self._records.arrays, *vars(sources).values(), chunk.signal_w_cm2]
+        light = chunk.light
+        arrays = [*self._inputs.arrays, *self._records.arrays, *vars(sources).values(), light.flat, light.lit]
         if self._owns_counts:
             arrays.append(chunk.counts)
         return sum(int(array.capacity) for array in arrays if array.size)
@@ -89,10 +97,14 @@ class Worker:
         for mine, all_views in zip(self._inputs.arrays, inputs.arrays, strict=True):
             copy_rows(mine, 0, all_views, first, n_view)
         address = job.counts.ptr + first * job.counts.strides[0]
-        for argument in self._moving:
+        launches, moving = self._launches(keep_light=job.signal_w_cm2 is not None)
+        for argument in moving:
             argument.data = address
-        self._launches.run(n_view)
+        self.chunk.light.lit.fill_(1)  # until deposit does
+        launches.run(n_view)
         self._hand_over(job, first, n_view)
+        if job.signal_w_cm2 is not None:
+            self._darken()
         if job.star_lists is not None:
             job.star_lists[first:end] = _star_lists(self.world, self.chunk.sources, n_view)
         if self.world.device.is_cuda:
@@ -105,13 +117,20 @@ class Worker:
         if self._owns_counts:
             pairs.append((job.counts, self.chunk.counts))
         if job.signal_w_cm2 is not None:
-            pairs.append((job.signal_w_cm2, self.chunk.signal_w_cm2))
+            pairs.append((job.signal_w_cm2, self.chunk.light.signal_w_cm2))
         if self._copies is not None:
             self._copies.wait_event(self.world.device.stream.record_event())
         for theirs, mine in pairs:
             copy_rows(theirs, first, mine, 0, n_view, self._copies)
         if self._copies is not None:
             self._copied = self._copies.record_event()
+
+    def _darken(self) -> None:
+        """Put out the light that was kept."""
+        self.finish()
+        light = self.chunk.light
+        light.flat.zero_()
+        light.lit.zero_()
 
     def finish(self) -> None:
         """Wait for copies to the host."""
