@@ -58,6 +58,8 @@ class Worker:
         self._copied: wp.Event | None = None
         if device.is_cuda:
             self._launches.capture(device, self._moving)
+        else:
+            self._n_wanted = self._records.view_column("n_wanted")
 
     def _record(self) -> Launches:
         with recorded(self.n_view) as launches:
@@ -97,7 +99,7 @@ class Worker:
             job.star_lists[first:end] = _star_lists(self.world, self.chunk.sources, n_view)
         if self.world.device.is_cuda:
             return 0  # to read it would be to wait
-        return int(self.chunk.views.n_wanted.numpy()[:n_view].max())
+        return int(self._n_wanted[:n_view].max())
 
     def _hand_over(self, job: Job, first: int, n_view: int) -> None:
         """Copy what the launches have not written to its place."""
