@@ -16,7 +16,7 @@ from typing import Any
 import warp as wp
 
 PACKED_BY_WARP = "1.19."
-"""Versions of Warp whose CPU kernels are called as `_PackedLaunch` does it; with others Warp makes recorded launches."""
+"""Versions of Warp whose CPU kernels are called as `_PackedLaunch` does it; with others Warp makes the launches."""
 
 _thread = threading.local()  # .recording: the Launches that this thread records, if any
 
