@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from warpsim import launches as launches_module
 from warpsim.launches import Launches, clear, launch, launch_tiled, recorded
 
 N_VIEW, N_ITEM, WIDTH = 6, 5, 8
@@ -29,8 +30,11 @@ def double_kernel(values: wp.array[float], results: wp.array[float]):
     wp.tile_store(results, wp.tile_map(doubled, part), offset=tile * WIDTH)
 
 
-@pytest.fixture
-def total(device):
+@pytest.fixture(params=["own-way", "warp's-way"])
+def total(request, device, monkeypatch):
+    """An array; launches are packed here, or left to Warp as with a version that is not known."""
+    if request.param == "warp's-way":
+        monkeypatch.setattr(launches_module, "PACKED_BY_WARP", "none")
     return wp.full((N_VIEW, N_ITEM), 7.0, dtype=float, device=device)
 
 
@@ -40,6 +44,37 @@ def record_sum(total) -> Launches:
         launch(add_kernel, (N_VIEW, N_ITEM), [2.0], [total], total.device)
         launch(add_kernel, (N_VIEW, N_ITEM), [0.5], [total], total.device)
     return launches
+
+
+@wp.struct
+class Weights:
+    factor: float
+    values: wp.array[float]
+    turn: wp.mat33d
+
+
+@wp.kernel(enable_backward=False)
+def weigh_kernel(flag: wp.bool, weights: Weights, small: wp.int8, shift: wp.vec3, turned: wp.array2d[wp.vec3]):
+    view, item = wp.tid()
+    value = weights.values[item] * weights.factor + float(weights.turn[1, 2])
+    if flag:
+        turned[view, item] = shift * (value + float(small))
+
+
+def test_arguments_of_all_kinds_arrive(device, total):
+    """Structs, vectors, and numbers that leave gaps in the structure, like those of a plain launch."""
+    weights = Weights()
+    weights.factor = 3.0
+    weights.values = wp.array(np.arange(N_ITEM), dtype=float, device=device)
+    weights.turn = wp.mat33d(*range(9))
+    turned = [wp.zeros((N_VIEW, N_ITEM), dtype=wp.vec3, device=device) for _ in range(2)]
+    inputs = [True, weights, -4, wp.vec3(1.0, 2.0, 3.0)]
+    with recorded(N_VIEW) as launches:
+        launch(weigh_kernel, (N_VIEW, N_ITEM), inputs, [turned[0]], device)
+    launches.run(N_VIEW)
+    wp.launch(weigh_kernel, (N_VIEW, N_ITEM), inputs, [turned[1]], device=device)
+    np.testing.assert_array_equal(turned[0].numpy(), turned[1].numpy())
+    assert turned[0].numpy().any()
 
 
 def test_nothing_happens_while_recording(total):

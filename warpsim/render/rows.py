@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import math
 from collections.abc import Mapping
@@ -57,7 +58,12 @@ def _let_go(rows: wp.array, address: int, n_byte: int) -> None:
 
 
 def copy_rows(to: wp.array, to_first: int, source: wp.array, first: int, n_row: int, stream: Any = None) -> None:
-    """Copy consecutive rows between contiguous arrays of the same row, of any devices."""
-    if n_row and source.size:
-        length = source.size // source.shape[0]
+    """Copy consecutive rows between contiguous arrays whose rows are alike, of any devices."""
+    if not n_row or not source.size:
+        return
+    length = source.size // source.shape[0]
+    if to.device.is_cpu and source.device.is_cpu:
+        step = length * wp.types.type_size_in_bytes(source.dtype)  # a quarter of the Python that wp.copy is
+        ctypes.memmove(to.ptr + to_first * step, source.ptr + first * step, n_row * step)
+    else:
         wp.copy(to, source, to_first * length, first * length, n_row * length, stream=stream)

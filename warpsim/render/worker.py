@@ -58,6 +58,8 @@ class Worker:
         self._launches(keep_light=False)
         self._copies = wp.Stream(device) if self._owns_counts else None
         self._copied: wp.Event | None = None
+        if not device.is_cuda:
+            self._n_wanted = self._records.view_column("n_wanted")
 
     def _launches(self, keep_light: bool) -> tuple[Launches, list[Any]]:
         """The stages' launches, and those of their arguments that are the counts where these move."""
@@ -109,7 +111,7 @@ class Worker:
             job.star_lists[first:end] = _star_lists(self.world, self.chunk.sources, n_view)
         if self.world.device.is_cuda:
             return 0  # to read it would be to wait
-        return int(self.chunk.views.n_wanted.numpy()[:n_view].max())
+        return int(self._n_wanted[:n_view].max())
 
     def _hand_over(self, job: Job, first: int, n_view: int) -> None:
         """Copy what the launches have not written to its place."""
