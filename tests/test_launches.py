@@ -124,9 +124,7 @@ def test_other_threads_launch_while_one_records(total):
     """Warp's own capture of CPU launches would take them, too."""
     other = wp.zeros_like(total)
     with recorded(N_VIEW) as launches:
-        thread = threading.Thread(
-            target=launch, args=(add_kernel, (N_VIEW, N_ITEM), [1.0], [other], total.device)
-        )
+        thread = threading.Thread(target=launch, args=(add_kernel, (N_VIEW, N_ITEM), [1.0], [other], total.device))
         thread.start()
         thread.join()
     assert (other.numpy() == 1.0).all()
