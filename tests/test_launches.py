@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 
 from warpsim import launches as launches_module
-from warpsim.launches import Launches, clear, launch, launch_tiled, recorded
+from warpsim.launches import Launches, call, clear, launch, launch_tiled, recorded
 
 N_VIEW, N_ITEM, WIDTH = 6, 5, 8
 
@@ -124,9 +124,7 @@ def test_other_threads_launch_while_one_records(total):
     """Warp's own capture of CPU launches would take them, too."""
     other = wp.zeros_like(total)
     with recorded(N_VIEW) as launches:
-        thread = threading.Thread(
-            target=launch, args=(add_kernel, (N_VIEW, N_ITEM), [1.0], [other], total.device)
-        )
+        thread = threading.Thread(target=launch, args=(add_kernel, (N_VIEW, N_ITEM), [1.0], [other], total.device))
         thread.start()
         thread.join()
     assert (other.numpy() == 1.0).all()
@@ -139,6 +137,22 @@ def test_launches_of_nothing_are_left_out(total):
         launch(add_kernel, (N_VIEW, 0), [1.0], [total], total.device)
     launches.run(3)
     assert (total.numpy() == 7.0).all()
+
+
+def test_calls_are_made_in_their_turn(total):
+    seen = []
+    with recorded(N_VIEW) as launches:
+        clear(total)
+        call(lambda n_view: seen.append((n_view, total.numpy()[0, 0])))
+        launch(add_kernel, (N_VIEW, N_ITEM), [2.0], [total], total.device)
+        call(lambda n_view: seen.append((n_view, total.numpy()[0, 0])))
+    if total.device.is_cuda:
+        launches.capture(total.device)
+    for n_view in (3, N_VIEW):
+        launches.run(n_view)
+    assert seen == [(3, 0.0), (3, 2.0), (N_VIEW, 0.0), (N_VIEW, 2.0)]
+    with pytest.raises(RuntimeError, match="only for what is recorded"):
+        call(print)
 
 
 def test_a_recording_ends_with_an_exception(total):

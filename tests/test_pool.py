@@ -14,7 +14,6 @@ from warpsim.render.rows import RowLayout, copy_rows
 SHAPE = (3, 4, 5)
 
 
-
 @pytest.fixture
 def pool(device):
     return Pool(wp.get_device(device), most_bytes=10_000)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -56,6 +56,14 @@ def clear(array: wp.array) -> None:
         recording.add_clear(array)
 
 
+def call(function: Callable[[int], None]) -> None:
+    """Have a function called with the number of views, in its turn, whenever the recording is made: for measuring."""
+    recording = _recording()
+    if recording is None:
+        raise RuntimeError("call: only for what is recorded")
+    recording.add_call(function)
+
+
 @contextmanager
 def recorded(n_view: int) -> Iterator[Launches]:
     """Record what the thread launches, for arrays of n_view views, instead of making it."""
@@ -83,6 +91,21 @@ class _Clear:
 
     def launch(self) -> None:
         self._part.zero_()
+
+
+class _Call:
+    """A function of the number of views, with the manners of a recorded launch."""
+
+    arguments: Sequence[Any] = ()
+
+    def __init__(self, function: Callable[[int], None], n_view: int) -> None:
+        self._function, self._n_view = function, n_view
+
+    def set_dim(self, dim: Sequence[int]) -> None:
+        self._n_view = dim[0]
+
+    def launch(self) -> None:
+        self._function(self._n_view)
 
 
 class _Launch:
@@ -156,6 +179,10 @@ class Launches:
         """Append setting an array to zero."""
         self._launches.append((_Clear(array), array.shape))
 
+    def add_call(self, function: Callable[[int], None]) -> None:
+        """Append a call; what is behind it is in no graph."""
+        self._launches.append((_Call(function, self.n_view), (self.n_view,)))
+
     def arguments_at(self, array: wp.array) -> list[Any]:
         """Arguments of the launches that are this array; setting their `.data` to an address moves it."""
         return [
@@ -171,10 +198,13 @@ class Launches:
             (
                 number
                 for number, (launch, _) in enumerate(self._launches)
-                if any(argument is moved for moved in moving for argument in launch.arguments)
+                if isinstance(launch, _Call)
+                or any(argument is moved for moved in moving for argument in launch.arguments)
             ),
             len(self._launches),
         )
+        if self._n_in_graph == 0:
+            return
         with wp.ScopedCapture(device) as capture:
             for launch, _ in self._launches[: self._n_in_graph]:
                 launch.launch()

@@ -15,8 +15,8 @@ from warpsim_kernels.signature import N_TERM
 if TYPE_CHECKING:
     from warpsim.render.world import TargetWorld, World
 
-SIGNAL_BYTES_PER_CHUNK = 8 * 2**20
-"""Signal that one CPU worker holds at a time, small enough to stay in the cache between deposit and read-out; and the
+SIGNAL_BYTES_PER_CHUNK = 32 * 2**20
+"""Signal that one CPU worker holds at a time, so much that the Python of a chunk, 50 to 150 us, does not count; and the
 same for its source lists."""
 
 SIGNAL_BYTES_PER_CHUNK_CUDA = 512 * 2**20

@@ -16,8 +16,8 @@ from warpsim.render.world import World
 CHUNKS_PER_WORKER = 4
 """Pieces that a short job is cut into for each of several workers, so that none waits long for another."""
 
-PIXELS_PER_CHUNK = 2**18
-"""A chunk of fewer pixels is not cut further: it is some tenths of a millisecond of work, and 60 us of Python."""
+PIXELS_PER_CHUNK = 2**19
+"""A chunk of fewer pixels is not cut further: it is about a millisecond of work, and 50 to 150 us of Python."""
 
 PIXELS_PER_CHUNK_CUDA = 2**25
 """The same on CUDA."""

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from warpsim.render.buffers import Observations, Views, observation_columns, path_inputs, path_views_of
+from warpsim.render.buffers import Observations, Views, path_inputs, path_views_of
 from warpsim.render.pool import Pool
 from warpsim.render.rows import RowLayout
-from warpsim.render.world import TargetWorld
+from warpsim.render.world import TargetWorld, World
 
 GEOMETRY = RowLayout(
     {
@@ -25,11 +25,6 @@ GEOMETRY = RowLayout(
     }
 )
 """What is found out about a view."""
-
-
-def observation_layout(world: TargetWorld) -> RowLayout:
-    """What is known of the targets in a view."""
-    return RowLayout(observation_columns(world))
 
 
 @dataclass(frozen=True)
@@ -70,7 +65,7 @@ class Records:
     geometry: wp.array
     """Rows of GEOMETRY, (n_view, n_byte)."""
     targets: wp.array
-    """Rows of observation_layout, (n_view, n_byte)."""
+    """Rows of World.observation_rows, (n_view, n_byte)."""
 
     @property
     def arrays(self) -> tuple[wp.array, ...]:
@@ -81,24 +76,24 @@ class Records:
         """NumPy array of one of GEOMETRY's columns, (n_view, ...)."""
         return np.asarray(GEOMETRY.column(self.geometry, name).numpy())
 
-    def observations(self, world: TargetWorld) -> Observations:
+    def observations(self, world: World) -> Observations:
         """What is known of the targets, on the world's device."""
-        return Observations(**observation_layout(world).columns(self.targets.to(world.device)))
+        return Observations(**world.observation_rows.columns(self.targets.to(world.device)))
 
     def part(self, first: int, end: int) -> Records:
         """Records of some consecutive views."""
         return Records(self.geometry[first:end], self.targets[first:end])
 
 
-def new_records(world: TargetWorld, n_view: int, pool: Pool) -> Records:
+def new_records(world: World, n_view: int, pool: Pool) -> Records:
     """Uninitialised records that are to be filled."""
-    layouts = (GEOMETRY, observation_layout(world))
+    layouts = (GEOMETRY, world.observation_rows)
     return Records(*(pool.new((n_view, layout.n_byte), wp.uint8) for layout in layouts))
 
 
-def zero_records(world: TargetWorld, n_view: int) -> Records:
+def zero_records(world: World, n_view: int) -> Records:
     """Records that stages write into: 0 where none writes."""
-    layouts = (GEOMETRY, observation_layout(world))
+    layouts = (GEOMETRY, world.observation_rows)
     return Records(*(wp.zeros((n_view, layout.n_byte), dtype=wp.uint8, device=world.device) for layout in layouts))
 
 

@@ -40,7 +40,7 @@ class Renderer:
         n_thread: CPU threads; all cores when left out. Results do not depend on it.
         catalog: Stars to use instead of those that the scene's sky names.
         chunk_bytes: Memory that a thread's images in the making, and that its source lists, take at most (but as much
-            as one view needs); 8 MiB on the CPU and 512 MiB on CUDA when left out. Results do not depend on it.
+            as one view needs); 32 MiB on the CPU and 512 MiB on CUDA when left out. Results do not depend on it.
         pool_bytes: Memory of results that are no longer held, kept for later ones, at most.
 
     Raises:
