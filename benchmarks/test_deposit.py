@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 import warp as wp
 from scipy.special import ndtr
-from test_fps import pixel_share
 
 import warpsim as ws
 from benchmarks.deposit_variants import VARIANTS, Variant
+from benchmarks.psf_oracle import pixel_share
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
 from warpsim.optics.tables import TableAccuracy
 from warpsim.render.streaks import paths_struct

@@ -52,7 +52,6 @@ if TYPE_CHECKING:
     from warpsim.render.light_curves import LightCurves as LightCurves
     from warpsim.render.light_curves import light_curves as light_curves
     from warpsim.render.renderer import Renderer as Renderer
-    from warpsim.render.speed import measure_fps as measure_fps
     from warpsim.render.stream import StreamStats as StreamStats
     from warpsim.scene.files import presets as presets
     from warpsim.scene.lighting import Lighting as Lighting
@@ -69,6 +68,7 @@ if TYPE_CHECKING:
     from warpsim.sky.bands import band_radiance_w_m2_sr as band_radiance_w_m2_sr
     from warpsim.sky.catalog import StarCatalog as StarCatalog
     from warpsim.sky.radiometry import PHYSICS as PHYSICS
+    from warpsim.speed.clock import measure_fps as measure_fps
     from warpsim.target.attitude import Attitude as Attitude
     from warpsim.target.attitude_table import AttitudeTable as AttitudeTable
     from warpsim.target.mesh import Mesh as Mesh
@@ -93,7 +93,7 @@ _HOME = {
     "render_to_folder": "warpsim.output.run",
     "write_czml": "warpsim.output.czml",
     "read_cube": "warpsim.output.fits_cube",
-    "measure_fps": "warpsim.render.speed",
+    "measure_fps": "warpsim.speed.clock",
     "StarCatalog": "warpsim.sky.catalog",
     "write_catalog": "warpsim.output.catalog_file",
     "BandIndex": "warpsim.sky.band_index",
