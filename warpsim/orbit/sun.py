@@ -15,12 +15,12 @@ from warpsim.constants import ASTRONOMICAL_UNIT_M, DAY_S
 from warpsim.orbit.epoch import tdb_jd
 
 if TYPE_CHECKING:
-    from astropy.time import Time
+    from warpsim.instant import Epoch
 
 F64 = NDArray[np.float64]
 
 
-def sun_state(epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+def sun_state(epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
     """Return the Sun's geocentric position [m] and velocity [m/s], GCRS axes, each of the shape of time_s plus (3,)."""
     import erfa
 
@@ -28,7 +28,7 @@ def sun_state(epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
     return -heliocentric["p"] * ASTRONOMICAL_UNIT_M, -heliocentric["v"] * (ASTRONOMICAL_UNIT_M / DAY_S)
 
 
-def sun_position_m(epoch: Time, time_s: ArrayLike) -> F64:
+def sun_position_m(epoch: Epoch, time_s: ArrayLike) -> F64:
     """Return the Sun's geometric geocentric position [m], GCRS axes, of the shape of time_s plus (3,).
 
     Args:
@@ -38,7 +38,7 @@ def sun_position_m(epoch: Time, time_s: ArrayLike) -> F64:
     return sun_state(epoch, time_s)[0]
 
 
-def earth_velocity_m_s(epoch: Time, time_s: ArrayLike) -> F64:
+def earth_velocity_m_s(epoch: Epoch, time_s: ArrayLike) -> F64:
     """Return the Earth's barycentric velocity [m/s], ICRS axes, of the shape of time_s plus (3,).
 
     With a satellite's geocentric velocity added, it is the observer's velocity for stellar aberration.
@@ -49,7 +49,7 @@ def earth_velocity_m_s(epoch: Time, time_s: ArrayLike) -> F64:
     return np.asarray(barycentric["v"] * (ASTRONOMICAL_UNIT_M / DAY_S))
 
 
-def earth_position_m(epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+def earth_position_m(epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
     """Return the Earth's barycentric and heliocentric position [m], ICRS axes, each of the shape of time_s plus (3,).
 
     The first gives an observer's parallax, the second where the Sun bends starlight.

@@ -67,7 +67,7 @@ def load_catalog(scene: Scene) -> StarCatalog:
 
 def star_index(scene: Scene, catalog: StarCatalog, device: wp.Device) -> BandIndex:
     """Index of a catalog, its stars moved to the scene's epoch."""
-    jyear = 2000.0 + (scene.epoch.tt.jd - 2451545.0) / JULIAN_YEAR_DAYS
+    jyear = 2000.0 + (scene.instant.tt.jd - 2451545.0) / JULIAN_YEAR_DAYS
     return BandIndex(catalog.at_epoch(jyear, scene.sky.physics), device)
 
 

@@ -113,7 +113,7 @@ def build_tracks(scene: Scene) -> Tracks:
     Raises:
         InputError: A path cannot be followed, because it falls through half the Earth's radius or its file ends, say.
     """
-    bodies, epoch = bodies_of(scene), scene.epoch
+    bodies, epoch = bodies_of(scene), scene.instant
     later = max(bodies.release_s) > 0
     longest_s = STOWED_STEP_S if later else 3600.0
     tracks = make_tracks(bodies.names, bodies.states, scene.duration_s, first_s=bodies.release_s, longest_s=longest_s)
