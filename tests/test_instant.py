@@ -73,24 +73,28 @@ def test_scene_times_count_alike_from_both():
         assert whole == other_whole and np.array_equal(fraction, other_fraction)
 
 
-def test_leap_seconds_of_the_list_are_taken():
+def test_leap_seconds_of_the_list_are_taken(checkout_environment):
     """Where ERFA knows fewer than the list that comes with astropy, the list counts."""
     code = (
         "import erfa; erfa.leap_seconds.set(erfa.leap_seconds.get()[:-1])\n"
         "from warpsim.instant import plain_instant\n"
         "print(plain_instant('2025-01-01').tai.jd2 * 86400)"
     )
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    shown = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=checkout_environment
+    ).stdout
     last = LeapSeconds.from_iers_leap_seconds()["tai_utc"][-1]
     assert float(shown) + 43200.0 == pytest.approx(last, abs=1e-6, rel=0)
 
 
-def test_a_first_frame_needs_no_astropy():
+def test_a_first_frame_needs_no_astropy(checkout_environment):
     code = (
         "import sys, warpsim as ws\n"
         "scene = ws.Scene.load('stss')\n"
         "scene.sensors_with_access, scene.tracks\n"
         "print([name for name in sys.modules if name.split('.')[0] == 'astropy'])"
     )
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    shown = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=checkout_environment
+    ).stdout
     assert shown.strip() == "[]"

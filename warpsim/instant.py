@@ -102,4 +102,5 @@ def _take_leap_seconds() -> None:
 
     # Columns: modified Julian date, day, month, year, TAI - UTC.
     rows = np.loadtxt(IERS_LEAP_SECOND_FILE, usecols=(3, 2, 4), dtype=erfa.dt_eraLEAPSECOND)
-    erfa.leap_seconds.update(rows)
+    if rows[-1] != erfa.leap_seconds.get()[-1]:
+        erfa.leap_seconds.update(rows)

@@ -33,10 +33,22 @@ _TIMES_PER_CHUNK = 2048
 
 @functools.cache
 def timescale() -> Any:
-    """Return skyfield's time scales with its built-in tables."""
-    from skyfield.api import load
+    """Return skyfield's time scales with its built-in tables, as `skyfield.api.load.timescale(builtin=True)` does.
 
-    return load.timescale(builtin=True)
+    They are put together here, as `skyfield.api` imports a lot that is not needed, for a tenth of a second.
+    """
+    from skyfield.functions import load_bundled_npy
+    from skyfield.timelib import Timescale
+
+    try:
+        tables = load_bundled_npy("iers.npz")
+        day = tables["tt_jd_minus_arange"] + np.arange(len(tables["tt_jd_minus_arange"]))
+        delta_t = day, (tables["delta_t_1e7"] / 1e7).round(7)
+        return Timescale(delta_t, tables["leap_dates"], tables["leap_offsets"])
+    except (KeyError, OSError, TypeError):  # another version of skyfield keeps them otherwise
+        from skyfield.api import load
+
+        return load.timescale(builtin=True)
 
 
 def itrs_to_gcrs(epoch: Epoch, time_s: ArrayLike) -> F64:

@@ -6,7 +6,7 @@ of barycentric motion, while annual aberration belongs to the camera stage.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,37 @@ if TYPE_CHECKING:
     from warpsim.instant import Epoch
 
 F64 = NDArray[np.float64]
+
+
+class EarthStates(NamedTuple):
+    """Where the Earth is, and the Sun from there; ICRS axes, each of the shape of the times plus (3,)."""
+
+    sun_m: F64
+    """The Sun's geometric geocentric position [m]."""
+    velocity_m_s: F64
+    """The Earth's barycentric velocity [m/s]."""
+    barycentric_m: F64
+    """The Earth's barycentric position [m]."""
+    heliocentric_m: F64
+    """The Earth's heliocentric position [m]."""
+
+
+def earth_states(epoch: Epoch, time_s: ArrayLike) -> EarthStates:
+    """Return what the functions below do, for one evaluation of the ephemeris.
+
+    Args:
+        epoch: The scene's epoch.
+        time_s: Times [s since epoch], any shape.
+    """
+    import erfa
+
+    heliocentric, barycentric = erfa.epv00(*tdb_jd(epoch, time_s))
+    return EarthStates(
+        -heliocentric["p"] * ASTRONOMICAL_UNIT_M,
+        np.asarray(barycentric["v"] * (ASTRONOMICAL_UNIT_M / DAY_S)),
+        np.asarray(barycentric["p"]) * ASTRONOMICAL_UNIT_M,
+        np.asarray(heliocentric["p"]) * ASTRONOMICAL_UNIT_M,
+    )
 
 
 def sun_state(epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
@@ -43,10 +74,7 @@ def earth_velocity_m_s(epoch: Epoch, time_s: ArrayLike) -> F64:
 
     With a satellite's geocentric velocity added, it is the observer's velocity for stellar aberration.
     """
-    import erfa
-
-    barycentric: Any = erfa.epv00(*tdb_jd(epoch, time_s))[1]
-    return np.asarray(barycentric["v"] * (ASTRONOMICAL_UNIT_M / DAY_S))
+    return earth_states(epoch, time_s).velocity_m_s
 
 
 def earth_position_m(epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
@@ -54,7 +82,5 @@ def earth_position_m(epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
 
     The first gives an observer's parallax, the second where the Sun bends starlight.
     """
-    import erfa
-
-    heliocentric, barycentric = erfa.epv00(*tdb_jd(epoch, time_s))
-    return np.asarray(barycentric["p"]) * ASTRONOMICAL_UNIT_M, np.asarray(heliocentric["p"]) * ASTRONOMICAL_UNIT_M
+    states = earth_states(epoch, time_s)
+    return states.barycentric_m, states.heliocentric_m

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
+from warpsim_kernels.stamp_sizes import size_table_stamps_kernel
 
 from warpsim.arguments import chosen_names
 from warpsim.errors import InputError
@@ -29,6 +30,7 @@ from warpsim.render.buffers import (
 from warpsim.render.device import default_device, worker_count
 from warpsim.render.frameset import FrameSet
 from warpsim.render.image_stack import ImageStack
+from warpsim.render.kernel_loading import kernel_loading
 from warpsim.render.stages import STAGES
 from warpsim.render.star_field import load_catalog, star_index
 from warpsim.render.streaks import Streaks, moved
@@ -79,6 +81,7 @@ class Renderer:
         self.scene = scene
         self.device = default_device(device)
         self.n_thread = worker_count(self.device, n_thread)
+        kernel_loading(self.device).start(size_table_stamps_kernel)
         self._index = star_index(scene, load_catalog(scene) if catalog is None else catalog, self.device)
         self._worlds: dict[tuple[str, ...], World] = {}
         self._workers: dict[tuple[str, ...], list[_Worker]] = {}

@@ -41,12 +41,13 @@ class BandIndex:
         if np.dtype(dtype) not in (np.float64, np.float32):
             raise InputError(f"dtype: must be float64 or float32, got {np.dtype(dtype)}")
         self.catalog = catalog
-        stored = np.asarray(catalog.direction_icrs).reshape(-1, 3).astype(dtype)
-        direction = stored.astype(np.float64)
+        stored = np.asarray(catalog.direction_icrs).reshape(-1, 3).astype(dtype, copy=False)
+        direction = stored.astype(np.float64, copy=False)
         if stored.dtype == np.float32:  # no longer of unit length; queries make it so, and cells must agree with them
             direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         cell = cell_of(direction)
-        self.star_row = np.lexsort((compass(direction), cell)).astype(np.int64)
+        # Of 16 bits, as NumPy sorts such keys by their digits, in a fraction of the time.
+        self.star_row = np.lexsort((compass(direction), cell.astype(np.uint16))).astype(np.int64)
         self.direction_icrs = stored[self.star_row]
         counts = np.bincount(cell, minlength=N_BAND * N_COLUMN)
         self.cell_start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
