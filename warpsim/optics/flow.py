@@ -124,10 +124,10 @@ def pixel_shares(flow: FlowProfile, dx_px: F64, dy_px: F64, pixel_aspect: float)
         n_chunk = max(1, CHUNK // len(node))
         for start in range(0, len(dx_px), n_chunk):
             here = slice(start, start + n_chunk)
-            edge_px = along[here, None] + 0.5 * length * node
+            edge_px2 = (along[here, None] + 0.5 * length * node) ** 2
             for side in (-0.5 * width, 0.5 * width):
                 normal_px = across[here] + side
-                flowing = flow(np.hypot(normal_px[:, None], edge_px)) @ (length * weight)
+                flowing = flow(np.sqrt((normal_px**2)[:, None] + edge_px2)) @ (length * weight)
                 total[here] += np.sign(side) * normal_px * flowing
     return total
 

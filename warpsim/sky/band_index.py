@@ -7,6 +7,7 @@ handful of runs of stars.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -55,7 +56,12 @@ class BandIndex:
         self.cell_start_array = wp.array(self.cell_start, dtype=wp.int32, device=self.device)
         vector = wp.vec3d if stored.dtype == np.float64 else wp.vec3f
         self.direction_array = wp.array(self.direction_icrs, dtype=vector, device=self.device)
-        self._query_kernel = make_query_cone_kernel(vector)
+        self._vector = vector
+
+    @cached_property
+    def _query_kernel(self) -> wp.Kernel:
+        """Made when asked for: images need it not, and making a kernel takes ten milliseconds."""
+        return make_query_cone_kernel(self._vector)
 
     def __len__(self) -> int:
         return len(self.star_row)
