@@ -41,6 +41,9 @@ class PsfBank(Protocol):
             paths: The kernels' Paths, how sources move and change during the exposure; None: they do not.
         """
 
+    def deposit_kernel(self, moving: bool) -> wp.Kernel:
+        """What `deposit` launches, with or without movement during the exposure."""
+
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
         """Half-width of the stamp of each source; both arrays (n_band, n_source)."""
 
@@ -75,9 +78,12 @@ class GaussianBank:
         self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array, paths: Any = None
     ) -> None:
         """See PsfBank."""
-        kernel = make_deposit_gaussian_kernel(paths is not None)
         inputs = [*sources, self._sigma_px, rule, Paths() if paths is None else paths, self._rules]
-        _launch_deposit(kernel, inputs, n_row_per_block, signal_w_cm2)
+        _launch_deposit(self.deposit_kernel(paths is not None), inputs, n_row_per_block, signal_w_cm2)
+
+    def deposit_kernel(self, moving: bool) -> wp.Kernel:
+        """See PsfBank."""
+        return make_deposit_gaussian_kernel(moving)
 
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
         """See PsfBank."""
@@ -105,8 +111,12 @@ class TableBank:
         self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array, paths: Any = None
     ) -> None:
         """See PsfBank."""
-        kernel = make_deposit_table_kernel(self._n_point, paths is not None)
-        _launch_deposit(kernel, self._inputs(sources, rule, paths), n_row_per_block, signal_w_cm2)
+        inputs = self._inputs(sources, rule, paths)
+        _launch_deposit(self.deposit_kernel(paths is not None), inputs, n_row_per_block, signal_w_cm2)
+
+    def deposit_kernel(self, moving: bool) -> wp.Kernel:
+        """See PsfBank."""
+        return make_deposit_table_kernel(self._n_point, moving)
 
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
         """See PsfBank."""

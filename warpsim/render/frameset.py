@@ -98,12 +98,12 @@ class FrameSet:
     @property
     def barycentric_m(self) -> npt.NDArray[np.float64]:
         """Barycentric position of the sensors, ICRS axes [m], shape (frame, sensor, 3)."""
-        return self._from_earth(earth_position_m(self.scene.epoch, self.time_s)[0])
+        return self._from_earth(earth_position_m(self.scene.instant, self.time_s)[0])
 
     @property
     def heliocentric_m(self) -> npt.NDArray[np.float64]:
         """Heliocentric position of the sensors, ICRS axes [m], shape (frame, sensor, 3)."""
-        return self._from_earth(earth_position_m(self.scene.epoch, self.time_s)[1])
+        return self._from_earth(earth_position_m(self.scene.instant, self.time_s)[1])
 
     def _from_earth(self, earth_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         geocentric = self._records.view_column("position_m").reshape(len(self.frames), len(self.sensors), 3)

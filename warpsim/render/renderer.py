@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from warpsim_kernels.stamp_sizes import size_table_stamps_kernel
 
 from warpsim.arguments import chosen_names, whole_number
 from warpsim.errors import InputError
@@ -18,6 +19,7 @@ from warpsim.render.device import chosen_devices, worker_count
 from warpsim.render.frameset import FrameSet
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.job import Job, new_job
+from warpsim.render.kernel_loading import kernel_loading
 from warpsim.render.pool import POOL_BYTES, Pool
 from warpsim.render.star_field import load_catalog, star_index
 from warpsim.render.streaks import Streaks
@@ -64,6 +66,8 @@ class Renderer:
         self.device = self.devices[0]
         self.n_thread = worker_count(self.device, n_thread)
         self._to_host = isinstance(device, list | tuple)
+        for each in self.devices:
+            kernel_loading(each).start(size_table_stamps_kernel)
         catalog = load_catalog(scene) if catalog is None else catalog
         self._indices = [star_index(scene, catalog, each) for each in self.devices]
         where = wp.get_device("cpu") if self._to_host else self.device
