@@ -11,6 +11,8 @@ _HALF = wp.constant(wp.float64(0.5))
 _ZERO = wp.constant(wp.float64(0.0))
 _ONE = wp.constant(wp.float64(1.0))
 _TWO = wp.constant(wp.float64(2.0))
+_SUN_AND_MORE = wp.constant(wp.float64(1.01))
+"""Covers the stretched axis, 1.0034, and the tangent of the Sun's radius for its sine."""
 _TWO_PI = wp.constant(wp.float64(6.283185307179586))
 
 
@@ -59,8 +61,15 @@ def sunlit_fraction(place_m: wp.vec3d, to_sun_m: wp.vec3d, earth: Earth) -> wp.f
     to_sun = stretched(to_sun_m, earth)
     length_m = wp.length(to_sun)
     ahead = to_sun / length_m
-    across = ahead * wp.dot(place, ahead) - place
+    depth = -wp.dot(place, ahead)
+    across = -ahead * depth - place
     width = wp.length(across)
+    square = wp.dot(place, place)
+    radius = earth.equatorial_radius_m
+    limb = wp.sqrt(wp.max(square - radius * radius, _ZERO))
+    past_limb = (width * limb - depth * radius) / square  # sine of the Sun's angle past the Earth's limb
+    if wp.abs(past_limb) > _SUN_AND_MORE * sine:
+        return wp.where(past_limb > _ZERO, _ONE, _ZERO)  # full Sun, or night: most places need no angles
     factor = _ONE
     if width > _ZERO:
         reach = stretched(across / width, earth)

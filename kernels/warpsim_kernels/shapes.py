@@ -7,6 +7,8 @@ the share of a face towards a direction is a + b cos(azimuth); areas are integra
 The functions take directions in body axes. What a face does not see counts 0, so they hold for convex bodies only.
 """
 
+import functools
+
 import warp as wp
 
 _PI = wp.constant(wp.float64(3.141592653589793))
@@ -39,6 +41,50 @@ def lit_half_arc(a: wp.float64, b: wp.float64) -> wp.float64:
 
 
 @wp.func
+def positive_half(a: wp.float64, b: wp.float64) -> wp.float64:
+    """Half the integral of max(0, a + b cos(azimuth)) over a turn, b >= 0."""
+    if a >= b:
+        return _PI * a
+    if a <= -b:
+        return wp.float64(0.0)
+    root = wp.sqrt((b - a) * (b + a))  # b times the sine of half the arc
+    return a * wp.atan2(root, -a) + root
+
+
+@functools.cache
+def positive_moments_of(n_order: int) -> wp.Function:
+    """The function (a, b): integrals of max(0, a + b cos x) cos(m x) over a turn, b >= 0, for m < n_order."""
+    Moments = wp.types.vector(length=n_order, dtype=wp.float64)
+
+    @wp.func
+    def positive_moments(a: wp.float64, b: wp.float64) -> Moments:
+        moments = Moments()
+        if a >= b:
+            moments[0] = _TWO_PI * a
+            moments[1] = _PI * b
+            return moments
+        if a <= -b:
+            return moments
+        root = wp.sqrt((b - a) * (b + a))
+        now = wp.atan2(root, -a)  # half the arc
+        this = root / b
+        before = this
+        last = wp.float64(0.0)
+        turning = wp.float64(-2.0) * a / b
+        for m in range(n_order):
+            following = this * wp.float64(wp.static(1.0 / (m + 1.0)))  # sin((m + 1) half) / (m + 1)
+            moments[m] = wp.float64(2.0) * a * now + b * (before + following)
+            before = now
+            now = following
+            after = turning * this - last
+            last = this
+            this = after
+        return moments
+
+    return positive_moments
+
+
+@wp.func
 def projected_area_m2(body: Body, cosine: wp.float64, sine: wp.float64) -> wp.float64:
     """Area of the body's outline seen at the aspect whose cosine and (non-negative) sine are given [m2]."""
     zero = wp.float64(0.0)
@@ -46,8 +92,7 @@ def projected_area_m2(body: Body, cosine: wp.float64, sine: wp.float64) -> wp.fl
         return _PI * body.radius_m * body.radius_m
     a = body.side_along * cosine
     b = body.side_across * sine
-    half = lit_half_arc(a, b)
-    side = body.side_m2 / _PI * (a * half + b * wp.sin(half))
+    side = body.side_m2 / _PI * positive_half(a, b)
     return body.top_m2 * wp.max(cosine, zero) + body.base_m2 * wp.max(-cosine, zero) + side
 
 

@@ -90,7 +90,7 @@ def look_at_targets(
     motion, field = world.motion, world.field
     wp.launch(
         field.observe_kernel,
-        dim=(views.time_s.shape[0], world.n_target),
+        dim=(views.time_s.shape[0], field.n_lane),
         inputs=[
             views.time_s,
             views.axes,
@@ -107,6 +107,7 @@ def look_at_targets(
             field.exposure,
             field.surroundings,
             world.camera,
+            field.n_lane,
         ],
         outputs=[
             xy_px,
