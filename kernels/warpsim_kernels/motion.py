@@ -5,6 +5,8 @@ Tracks are positions and velocities at uniform nodes; between nodes the cubic He
 
 import warp as wp
 
+from warpsim_kernels.angles import cosine_sine
+
 TWO_PI = wp.constant(wp.float64(6.283185307179586))
 
 
@@ -159,23 +161,20 @@ class Attitude:
 @wp.func
 def axes_before_spin(attitude: Attitude, time_s: wp.float64) -> wp.mat33d:
     """The body's axes x, y, z as rows, ICRS axes, as they would be without spin: F Rz(azimuth) Ry(polar)."""
-    azimuth = TWO_PI * (turns(attitude.precession_rev_s, time_s) + attitude.precession_phase_rev)
-    polar = attitude.tilt_rad + TWO_PI * (turns(attitude.rolling_rev_s, time_s) + attitude.rolling_phase_rev)
-    cosine = wp.cos(polar)
-    sine = wp.sin(polar)
-    out = attitude.first * wp.cos(azimuth) + attitude.second * wp.sin(azimuth)
+    rolled = turns(attitude.rolling_rev_s, time_s) + attitude.rolling_phase_rev
+    polar = cosine_sine(attitude.tilt_rad / TWO_PI + rolled)
+    azimuth = cosine_sine(turns(attitude.precession_rev_s, time_s) + attitude.precession_phase_rev)
+    out = attitude.first * azimuth[0] + attitude.second * azimuth[1]
     y = wp.cross(attitude.reference, out)
-    x = out * cosine - attitude.reference * sine
-    z = attitude.reference * cosine + out * sine
+    x = out * polar[0] - attitude.reference * polar[1]
+    z = attitude.reference * polar[0] + out * polar[1]
     return wp.matrix_from_rows(x, y, z)
 
 
 @wp.func
 def spun(axes: wp.mat33d, attitude: Attitude, time_s: wp.float64) -> wp.mat33d:
     """Axes (rows) after the body's spin about its z axis."""
-    angle = TWO_PI * (turns(attitude.spin_rev_s, time_s) + attitude.spin_phase_rev)
-    cosine = wp.cos(angle)
-    sine = wp.sin(angle)
-    x = axes[0] * cosine + axes[1] * sine
-    y = axes[1] * cosine - axes[0] * sine
+    angle = cosine_sine(turns(attitude.spin_rev_s, time_s) + attitude.spin_phase_rev)
+    x = axes[0] * angle[0] + axes[1] * angle[1]
+    y = axes[1] * angle[0] - axes[0] * angle[1]
     return wp.matrix_from_rows(x, y, axes[2])

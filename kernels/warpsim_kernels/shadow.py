@@ -12,7 +12,7 @@ _ZERO = wp.constant(wp.float64(0.0))
 _ONE = wp.constant(wp.float64(1.0))
 _TWO = wp.constant(wp.float64(2.0))
 _SUN_AND_MORE = wp.constant(wp.float64(1.01))
-"""Covers the stretched axis, 1.0034, and the tangent of the Sun's radius for its sine."""
+"""Covers the stretched axis, 1.0034 once in the Sun's size and once in its distance."""
 _TWO_PI = wp.constant(wp.float64(6.283185307179586))
 
 
@@ -54,29 +54,31 @@ def sunlit_fraction(place_m: wp.vec3d, to_sun_m: wp.vec3d, earth: Earth) -> wp.f
     """
     if wp.dot(place_m, to_sun_m) >= _ZERO:
         return _ONE  # above the plane across the local vertical, where the Earth's disc does not reach
+    place = stretched(place_m, earth)
+    to_sun = stretched(to_sun_m, earth)
+    # Sine of the angle from the Earth's limb to the Sun's centre, times the square of the place and the Sun's distance.
+    # Where it is more than the Sun's radius, all or nothing is seen: most places need no angles, and no division.
+    square = wp.dot(place, place)
+    beside = wp.length(wp.cross(place, to_sun))
+    behind = -wp.dot(place, to_sun)
+    limb = wp.sqrt(wp.max(square - earth.equatorial_radius_m * earth.equatorial_radius_m, _ZERO))
+    past_limb = beside * limb - behind * earth.equatorial_radius_m
+    if wp.abs(past_limb) > _SUN_AND_MORE * SUN_RADIUS_M * square:
+        return wp.where(past_limb > _ZERO, _ONE, _ZERO)
     distance_m = wp.length(to_sun_m)
     sine = SUN_RADIUS_M / distance_m
     away = to_sun_m / distance_m
-    place = stretched(place_m, earth)
-    to_sun = stretched(to_sun_m, earth)
     length_m = wp.length(to_sun)
     ahead = to_sun / length_m
-    depth = -wp.dot(place, ahead)
-    across = -ahead * depth - place
+    across = ahead * wp.dot(place, ahead) - place
     width = wp.length(across)
-    square = wp.dot(place, place)
-    radius = earth.equatorial_radius_m
-    limb = wp.sqrt(wp.max(square - radius * radius, _ZERO))
-    past_limb = (width * limb - depth * radius) / square  # sine of the Sun's angle past the Earth's limb
-    if wp.abs(past_limb) > _SUN_AND_MORE * sine:
-        return wp.where(past_limb > _ZERO, _ONE, _ZERO)  # full Sun, or night: most places need no angles
     factor = _ONE
     if width > _ZERO:
         reach = stretched(across / width, earth)
         factor = wp.length(reach - away * wp.dot(reach, away))
     sun_rad = wp.atan(sine / wp.sqrt((_ONE - sine) * (_ONE + sine)) * factor * distance_m / length_m)
     earth_rad = wp.asin(wp.min(earth.equatorial_radius_m / wp.length(place), _ONE))
-    apart_rad = wp.atan2(wp.length(wp.cross(to_sun, place)), -wp.dot(to_sun, place))
+    apart_rad = wp.atan2(beside, behind)
     return _ONE - covered_fraction(sun_rad, earth_rad, apart_rad)
 
 

@@ -11,6 +11,8 @@ import functools
 
 import warp as wp
 
+from warpsim_kernels.angles import angle_from_x
+
 _PI = wp.constant(wp.float64(3.141592653589793))
 _TWO_PI = wp.constant(wp.float64(6.283185307179586))
 
@@ -37,7 +39,7 @@ def lit_half_arc(a: wp.float64, b: wp.float64) -> wp.float64:
     if a <= -b:
         return wp.float64(0.0)
     # atan2 of the root, not acos(-a / b): next to either end the digits of b - a and b + a count.
-    return wp.atan2(wp.sqrt((b - a) * (b + a)), -a)
+    return angle_from_x(wp.sqrt((b - a) * (b + a)), -a)
 
 
 @wp.func
@@ -48,7 +50,7 @@ def positive_half(a: wp.float64, b: wp.float64) -> wp.float64:
     if a <= -b:
         return wp.float64(0.0)
     root = wp.sqrt((b - a) * (b + a))  # b times the sine of half the arc
-    return a * wp.atan2(root, -a) + root
+    return a * angle_from_x(root, -a) + root
 
 
 @functools.cache
@@ -66,7 +68,7 @@ def positive_moments_of(n_order: int) -> wp.Function:
         if a <= -b:
             return moments
         root = wp.sqrt((b - a) * (b + a))
-        now = wp.atan2(root, -a)  # half the arc
+        now = angle_from_x(root, -a)  # half the arc
         this = root / b
         before = this
         last = wp.float64(0.0)
@@ -155,7 +157,7 @@ def reflected_area_m2(body: Body, view: wp.vec3d, sun: wp.vec3d) -> wp.float64:
     """
     zero = wp.float64(0.0)
     if body.radius_m > zero:
-        phase = wp.atan2(wp.length(wp.cross(view, sun)), wp.dot(view, sun))
+        phase = angle_from_x(wp.length(wp.cross(view, sun)), wp.dot(view, sun))
         shape = wp.sin(phase) + (_PI - phase) * wp.cos(phase)
         return body.radius_m * body.radius_m * shape * (wp.float64(2.0) / wp.float64(3.0))
     ends = body.top_m2 * wp.max(view[2], zero) * wp.max(sun[2], zero)
@@ -164,7 +166,7 @@ def reflected_area_m2(body: Body, view: wp.vec3d, sun: wp.vec3d) -> wp.float64:
     b = body.side_across * wp.sqrt(view[0] * view[0] + view[1] * view[1])
     c = body.side_along * sun[2]
     d = body.side_across * wp.sqrt(sun[0] * sun[0] + sun[1] * sun[1])
-    apart = wp.atan2(wp.abs(view[0] * sun[1] - view[1] * sun[0]), view[0] * sun[0] + view[1] * sun[1])
+    apart = angle_from_x(wp.abs(view[0] * sun[1] - view[1] * sun[0]), view[0] * sun[0] + view[1] * sun[1])
     side = wp.max(both_positive(a, b, c, d, apart), zero)  # rounding must not make light negative
     return ends + body.side_m2 / _TWO_PI * side
 

@@ -12,6 +12,7 @@ import warp as wp
 
 from warpsim_kernels.albedo import body_albedo_area_m2
 from warpsim_kernels.albedo_series import albedo_series_of, is_dark
+from warpsim_kernels.angles import angle_from_x
 from warpsim_kernels.apparent import ASTRONOMICAL_UNIT_M
 from warpsim_kernels.attitude_table import AttitudeTables, table_quaternion, turned_axes
 from warpsim_kernels.earth import Earth, geocentric_radius_m
@@ -135,7 +136,7 @@ def signature_of(features: Features) -> wp.Function:
     """The function that finds a target's signature."""
     Harmonics, series_harmonics, series_area_m2_sr = albedo_series_of(features.albedo_degree or 2)
 
-    heat_area_m2 = heat_series_of(features.earth_degree or 2).area_m2
+    heat_area_m2 = heat_series_of(features.earth_degree or 6).area_m2
 
     @wp.func
     def body_axes(target: Target, tables: Tables, time_s: wp.float64) -> wp.mat33d:
@@ -238,7 +239,7 @@ def signature_of(features: Features) -> wp.Function:
             if wp.static(features.profile):
                 add_to_series(series, EMITTED, exposure, k, nearer * area_m2)
             if 2 * k + 1 == n_exposure:
-                seen.aspect_rad = wp.atan2(wp.sqrt(view[0] * view[0] + view[1] * view[1]), view[2])
+                seen.aspect_rad = angle_from_x(wp.sqrt(view[0] * view[0] + view[1] * view[1]), view[2])
             if wp.static(features.sun):
                 if seen.sunlit > wp.float64(0.0):
                     sun_area_m2 = lit_m2(target.body, tables, view, axes * towards_sun)
