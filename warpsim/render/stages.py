@@ -69,8 +69,8 @@ def observe_targets(world: World, chunk: Chunk) -> None:
     look_at_targets(world, chunk.views, seen, sources.xy_px, sources.area_series)
     launch(
         world.field.emit_kernel,
-        dim=(chunk.n_view, world.n_band, world.n_target),
-        inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen)],
+        dim=(chunk.n_view, world.field.n_lane),
+        inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen), world.field.n_lane],
         outputs=[sources.irradiance_w_cm2],
         device=world.device,
     )
@@ -91,7 +91,7 @@ def look_at_targets(
     motion, field = world.motion, world.field
     launch(
         field.observe_kernel,
-        dim=(views.time_s.shape[0], world.n_target),
+        dim=(views.time_s.shape[0], field.n_lane),
         inputs=[
             views.time_s,
             views.axes,
@@ -108,6 +108,7 @@ def look_at_targets(
             field.exposure,
             field.surroundings,
             world.camera,
+            field.n_lane,
         ],
         outputs=[
             xy_px,
@@ -230,8 +231,8 @@ def record_targets(world: World, chunk: Chunk) -> None:
     sources, seen = chunk.sources, chunk.observations
     launch(
         record_targets_kernel,
-        dim=(chunk.n_view, world.n_band, world.n_target),
-        inputs=[sources.xy_px, sources.irradiance_w_cm2, sources.offset_px],
+        dim=(chunk.n_view, world.field.n_lane),
+        inputs=[sources.xy_px, sources.irradiance_w_cm2, sources.offset_px, world.field.n_lane],
         outputs=[seen.xy_px, seen.irradiance_w_cm2, seen.offset_px],
         device=world.device,
     )
