@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from warpsim_kernels.psf import TablePsf, table_functions, table_reach_px
+from warpsim_kernels.psf import TABLE_LANE, TablePsf, table_functions, table_reach_px, table_wing
 from warpsim_kernels.stamps import (
     Stamp,
     StampRule,
@@ -22,7 +22,7 @@ from warpsim_kernels.stamps import (
 )
 
 import warpsim as ws
-from warpsim.optics.table_upload import lanes_of, upload_tables
+from warpsim.optics.table_upload import overlapping, upload_tables
 from warpsim.optics.tables import share_table
 
 QUANTUM = 2.0**-40
@@ -33,9 +33,8 @@ QUANTUM = 2.0**-40
 def make_add_stamp(n_point: int, sum_type: Any, scatters: bool) -> wp.Function:
     """The function that adds a stamp to an image of sums: float32, float64, or int64 in units of QUANTUM."""
     read = table_functions(n_point)
-    lanes_type = wp.types.vector(length=read.n_lane, dtype=wp.float32)
-    column_axis, row_axis = read.column_axis, read.row_axis
-    column_nodes, row_nodes, pixel_share = read.column_nodes, read.row_nodes, read.share
+    nodes_type, place_in, row_in, pixel_shares = read.Nodes, read.place_in, read.row_in, read.shares
+    lanes_type = wp.types.vector(length=TABLE_LANE, dtype=wp.float32)
     fixed_point = sum_type is wp.int64
 
     @wp.func
@@ -44,16 +43,26 @@ def make_add_stamp(n_point: int, sum_type: Any, scatters: bool) -> wp.Function:
         place_px: wp.vec2d,
         strength: float,
         psf: TablePsf,
-        lanes: wp.array[lanes_type],
+        nodes: wp.array[nodes_type],
         stamp: Stamp,
     ):
-        across = column_axis(wp.float64(stamp.column) - place_px[0], psf)
-        down = row_axis(wp.float64(stamp.row) - place_px[1], psf)
+        place = place_in(wp.float64(stamp.column) - place_px[0], wp.float64(stamp.row) - place_px[1], psf)
+        shares = lanes_type()
         for row in range(stamp.window.first_row, stamp.window.end_row):
-            in_row = row_nodes(down, row - stamp.row, psf)
+            in_row = row_in(place, row - stamp.row, psf)
             columns = columns_of_row(stamp, row)
+            served = int(-1)
             for column in range(columns[0], columns[1]):
-                share = pixel_share(lanes, psf, in_row, column_nodes(across, column - stamp.column, psf))
+                step = column - stamp.column
+                share = float(0.0)
+                if in_row.first < 0 or step < place.first_step or step >= place.end_step:
+                    share = table_wing(psf, place.dx_px + float(step), in_row.distance_px)
+                else:
+                    block = (psf.zero_pixel + step) // TABLE_LANE
+                    if block != served:
+                        shares = pixel_shares(nodes, psf, place, in_row, block)
+                        served = block
+                    share = shares[psf.zero_pixel + step - block * TABLE_LANE]
                 if wp.static(fixed_point):
                     light = wp.float64(strength) * wp.float64(share)
                     wp.atomic_add(image, row, column, wp.int64(wp.round(light * wp.static(wp.float64(1.0 / QUANTUM)))))
@@ -68,7 +77,7 @@ def make_add_stamp(n_point: int, sum_type: Any, scatters: bool) -> wp.Function:
 @functools.cache
 def make_scatter_kernel(n_point: int, fixed_point: bool) -> wp.Kernel:
     """Kernel with one thread per source; sums are float32, or int64 in units of QUANTUM."""
-    lanes_type = wp.types.vector(length=table_functions(n_point).n_lane, dtype=wp.float32)
+    nodes_type = table_functions(n_point).Nodes
     sum_type = wp.int64 if fixed_point else wp.float32
     add_stamp = make_add_stamp(n_point, sum_type, True)
 
@@ -79,7 +88,7 @@ def make_scatter_kernel(n_point: int, fixed_point: bool) -> wp.Kernel:
         irradiance: wp.array[float],  # (n_source,)
         psfs: wp.array[TablePsf],  # (1,)
         table: wp.array[float],
-        lanes: wp.array[lanes_type],
+        nodes: wp.array[nodes_type],
         rule: StampRule,
         # out (accumulated)
         image: wp.array2d[sum_type],  # (n_row, n_col)
@@ -88,7 +97,7 @@ def make_scatter_kernel(n_point: int, fixed_point: bool) -> wp.Kernel:
         reach_px = table_reach_px(table, psfs[0], stamp_cut(irradiance[source], 0, rule))
         window = whole_image(image.shape[0], image.shape[1])
         stamp = stamp_around(xy_px[source], reach_px, psfs[0].pixel_aspect, window)
-        add_stamp(image, xy_px[source], irradiance[source], psfs[0], lanes, stamp)
+        add_stamp(image, xy_px[source], irradiance[source], psfs[0], nodes, stamp)
 
     return scatter_kernel
 
@@ -96,7 +105,7 @@ def make_scatter_kernel(n_point: int, fixed_point: bool) -> wp.Kernel:
 @functools.cache
 def make_gather_kernel(n_point: int, real: Any) -> wp.Kernel:
     """The product's gather for one image, with sums of a type."""
-    lanes_type = wp.types.vector(length=table_functions(n_point).n_lane, dtype=wp.float32)
+    nodes_type = table_functions(n_point).Nodes
     add_stamp = make_add_stamp(n_point, real, False)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -106,7 +115,7 @@ def make_gather_kernel(n_point: int, real: Any) -> wp.Kernel:
         irradiance: wp.array[float],  # (n_source,)
         psfs: wp.array[TablePsf],  # (1,)
         table: wp.array[float],
-        lanes: wp.array[lanes_type],
+        nodes: wp.array[nodes_type],
         rule: StampRule,
         n_row_per_block: int,
         # out (accumulated)
@@ -117,7 +126,7 @@ def make_gather_kernel(n_point: int, real: Any) -> wp.Kernel:
             reach_px = table_reach_px(table, psfs[0], stamp_cut(irradiance[source], 0, rule))
             stamp = stamp_around(xy_px[source], reach_px, psfs[0].pixel_aspect, window)
             if stamp.window.first_row < stamp.window.end_row:
-                add_stamp(image, xy_px[source], irradiance[source], psfs[0], lanes, stamp)
+                add_stamp(image, xy_px[source], irradiance[source], psfs[0], nodes, stamp)
 
     return gather_kernel
 
@@ -139,7 +148,7 @@ class Variant:
     def __init__(self, name: str, psf: ws.PsfAiry, shape: tuple[int, int], device: Any, n_row_per_block: int) -> None:
         table = share_table(psf)
         self._psf, self._table = upload_tables([table], device)
-        self._lanes = lanes_of(self._table, table.n_point)
+        self._nodes = overlapping(self._table, table.n_point * TABLE_LANE)
         self._gathers, self._fixed = name.startswith("gather"), name.endswith("fixed point")
         real = wp.float64 if name.endswith("float64") else wp.float32
         if self._gathers:
@@ -152,7 +161,7 @@ class Variant:
     def draw(self, xy_px: wp.array, irradiance: wp.array, rule: Any) -> None:
         """Overwrite the image; the brightest irradiance is 1 at most."""
         self.image.zero_()
-        inputs = [xy_px, irradiance, self._psf, self._table, self._lanes, rule]
+        inputs = [xy_px, irradiance, self._psf, self._table, self._nodes, rule]
         n_block = -(-self.image.shape[0] // self._n_row_per_block)
         if self._gathers:
             wp.launch(self._kernel, n_block, [*inputs, self._n_row_per_block], [self.image], device=self.image.device)

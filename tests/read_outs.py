@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import warp as wp
 from scipy import special, stats
-from warpsim_kernels.read_out import STRIP_PIXELS, STRIPS_PER_BLOCK
+from warpsim_kernels.strips import STRIP_PIXELS, STRIPS_PER_BLOCK
 
 from warpsim.detector.levels import electron_levels, levels
 from warpsim.detector.nei import NeiDetector

@@ -20,7 +20,7 @@ from read_outs import (
     twin_deviates,
 )
 from scipy import stats
-from warpsim_kernels.read_out import N_PAIR, STRIP_PIXELS
+from warpsim_kernels.strips import N_PAIR, STRIP_PIXELS
 from warpsim_kernels.streams import STREAM_GAIN, STREAM_OFFSET
 
 import warpsim as ws

@@ -8,7 +8,8 @@ from scipy import stats
 from warpsim_kernels.fused import fma
 from warpsim_kernels.normal import normal_cosine, normal_radius, normal_sine
 from warpsim_kernels.philox import philox4x32
-from warpsim_kernels.streams import PAIRS_PER_BLOCK, STREAM_NOISE, hashed, stream_key
+from warpsim_kernels.streams import STREAM_NOISE, hashed, stream_key
+from warpsim_kernels.strips import PAIRS_PER_BLOCK
 
 N_WORD = 1_000_000
 SEED = 20260101

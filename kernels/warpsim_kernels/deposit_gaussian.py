@@ -9,9 +9,11 @@ import functools
 
 import warp as wp
 
+from warpsim_kernels.canvas import canvas_functions
 from warpsim_kernels.paths import Paths
-from warpsim_kernels.psf import gaussian_edge, gaussian_reach_px, share_between
+from warpsim_kernels.psf import gaussian_reach_px
 from warpsim_kernels.stamps import (
+    ROUND_FROM_PX,
     Stamp,
     StampRule,
     block_window,
@@ -21,10 +23,32 @@ from warpsim_kernels.stamps import (
 )
 from warpsim_kernels.streaks import NO_LIMIT, Blur, StreakRules, is_streak_near, moment_of, source_of, streak_of
 
-N_COLUMN = 32
-"""Columns that are drawn at a time."""
+GAUSSIAN_LANE = 16
+"""Pixels that are drawn at a time."""
 
-Columns = wp.types.vector(length=N_COLUMN, dtype=wp.float32)
+Lanes, Canvas, canvas_of, lanes_between, add_light, _ = canvas_functions(GAUSSIAN_LANE)
+
+
+@wp.struct
+class EdgeTable:
+    """Shares of pixels next to each other along one axis, over the offset of the pixel edge nearest to the source.
+
+    Rows of n_pixel shares, one for every 1 / per_px of offset; beyond n_step of them on either side they stay the same.
+    """
+
+    start: int  # of the row of offset 0, at the pixel after that edge, in the flat array
+    n_pixel: int
+    n_step: int
+    per_px: float
+
+
+@wp.struct
+class GaussianPsf:
+    """A Gaussian: its width and its tables."""
+
+    sigma_px: wp.vec2  # along columns [pixel widths] and along rows [pixel heights]
+    columns: EdgeTable
+    rows: EdgeTable
 
 
 @wp.func
@@ -38,31 +62,52 @@ def gaussian_blur(sigma_px: wp.vec2) -> Blur:
 
 
 @wp.func
-def add_gaussian_stamp(image: wp.array2d[float], xy_px: wp.vec2d, strength: float, sigma_px: wp.vec2, stamp: Stamp):
-    """Add a source to the pixels of its stamp.
+def axis_shares(shares: wp.array[Lanes], table: EdgeTable, source_px: wp.float64, first: int) -> Lanes:
+    """Shares of the pixels from the first on, along one axis: cubic interpolation between four rows of the table."""
+    pixel = wp.floor(source_px + wp.float64(1.0))
+    offset_px = pixel - wp.float64(0.5) - source_px
+    position = offset_px * wp.float64(table.per_px)
+    position = wp.clamp(position, -wp.float64(table.n_step), wp.float64(table.n_step))
+    node = wp.floor(position)
+    u = float(position - node)
+    at = table.start + int(node) * table.n_pixel + first - int(pixel)
+    # Newton's form: differences of neighbouring rows are small and hardly add rounding.
+    here = shares[at]
+    after = shares[at + table.n_pixel]
+    step = after - here
+    bend = step - (here - shares[at - table.n_pixel])
+    twist = (shares[at + 2 * table.n_pixel] - after) - step - bend
+    return here + u * (step + (0.5 * (u - 1.0)) * (bend + ((u + 1.0) * wp.static(1.0 / 3.0)) * twist))
 
-    The Gaussian separates: a stamp of n x n pixels costs 2 (n + 1) error functions, and n more for each further
-    N_COLUMN columns.
-    """
-    half = wp.float64(0.5)
-    share = Columns()
+@wp.func
+def add_gaussian_stamp(
+    canvas: Canvas, xy_px: wp.vec2d, strength: float, psf: GaussianPsf, shares: wp.array[Lanes], stamp: Stamp
+):
+    """The Gaussian separates: a row of the stamp is the shares of its columns times that of the row."""
     widest = columns_of_row(stamp, stamp.row)
+    is_round = stamp.reach_px > ROUND_FROM_PX
     first = widest[0]
     while first < widest[1] and stamp.window.first_row < stamp.window.end_row:
-        end = wp.min(first + N_COLUMN, widest[1])
-        left = gaussian_edge(wp.float64(first) - half - xy_px[0], sigma_px[0])
-        for column in range(first, end):
-            right = gaussian_edge(wp.float64(column) + half - xy_px[0], sigma_px[0])
-            share[column - first] = share_between(left, right)
-            left = right
-        above = gaussian_edge(wp.float64(stamp.window.first_row) - half - xy_px[1], sigma_px[1])
-        for row in range(stamp.window.first_row, stamp.window.end_row):
-            below = gaussian_edge(wp.float64(row) + half - xy_px[1], sigma_px[1])
-            row_strength = strength * share_between(above, below)
-            above = below
-            columns = columns_of_row(stamp, row)
-            for column in range(wp.max(columns[0], first), wp.min(columns[1], end)):
-                image[row, column] += row_strength * share[column - first]
+        vector = wp.min(first, canvas.n_col - GAUSSIAN_LANE)  # not over the end of the row, if it is long enough
+        end = wp.min(vector + GAUSSIAN_LANE, widest[1])
+        across = axis_shares(shares, psf.columns, xy_px[0], vector)
+        across = strength * wp.cw_mul(across, lanes_between(shares, first - vector, end - vector))
+        row = stamp.window.first_row
+        while row < stamp.window.end_row:
+            above = row
+            down = axis_shares(shares, psf.rows, xy_px[1], above)
+            while row < wp.min(above + GAUSSIAN_LANE, stamp.window.end_row):
+                light = down[row - above] * across
+                if is_round:
+                    columns = columns_of_row(stamp, row)
+                    left = wp.max(columns[0], first)
+                    right = wp.min(columns[1], end)
+                    if left < right:
+                        light = wp.cw_mul(light, lanes_between(shares, left - vector, right - vector))
+                        add_light(canvas, row, vector, light, left, right)
+                else:
+                    add_light(canvas, row, vector, light, first, end)
+                row += 1
         first = end
 
 
@@ -76,18 +121,24 @@ def make_deposit_gaussian_kernel(streaks: bool) -> wp.Kernel:
         n_source: wp.array[wp.int32],  # (n_view,)
         source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
         source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
-        sigma_px: wp.array[wp.vec2],  # (n_band,) along columns [pixel widths] and along rows [pixel heights]
+        psfs: wp.array[GaussianPsf],  # (n_band,)
+        shares: wp.array[Lanes],  # lane_mask and the tables of all bands, flat, with a vector from every float on
         rule: StampRule,
         paths: Paths,
         rules: StreakRules,
+        n_row: int,
+        n_col: int,
         n_row_per_block: int,
         # out (accumulated)
-        signal_w_cm2: wp.array4d[float],  # (n_view, n_band, n_row, n_col)
+        signal_w_cm2: wp.array[float],  # (n_view * n_band * n_row * n_col,)
+        signal_lanes: wp.array[Lanes],  # the same, with a vector from every pixel on
+        lit: wp.array[wp.uint8],  # (n_view * n_band * n_flag,)
     ):
         view, band, block = wp.tid()
-        image = signal_w_cm2[view, band]
-        window = block_window(image.shape[0], image.shape[1], block, n_row_per_block)
-        sigma = sigma_px[band]
+        canvas = canvas_of(view * psfs.shape[0] + band, n_row, n_col, signal_w_cm2, signal_lanes, lit)
+        window = block_window(n_row, n_col, block, n_row_per_block)
+        psf = psfs[band]
+        sigma = psf.sigma_px
         aspect = sigma[0] / sigma[1]
         for slot in range(n_source[view]):
             irradiance = source_irradiance_w_cm2[view, band, slot]
@@ -105,9 +156,9 @@ def make_deposit_gaussian_kernel(streaks: bool) -> wp.Kernel:
                         for node in range(streak.count):
                             moment = moment_of(paths, source, streak, panel, node, rules)
                             stamp = stamp_around(moment.xy_px, reach_px, aspect, window)
-                            add_gaussian_stamp(image, moment.xy_px, moment.irradiance_w_cm2, sigma, stamp)
+                            add_gaussian_stamp(canvas, moment.xy_px, moment.irradiance_w_cm2, psf, shares, stamp)
             else:
                 stamp = stamp_around(xy_px, reach_px, aspect, window)
-                add_gaussian_stamp(image, xy_px, irradiance, sigma, stamp)
+                add_gaussian_stamp(canvas, xy_px, irradiance, psf, shares, stamp)
 
     return deposit_gaussian_kernel

@@ -1,12 +1,13 @@
 """Stage deposit for tabulated images; threads and order as in deposit_gaussian."""
 
 import functools
-from typing import Any, NamedTuple
+from typing import Any
 
 import warp as wp
 
+from warpsim_kernels.canvas import canvas_functions
 from warpsim_kernels.paths import Paths
-from warpsim_kernels.psf import TablePsf, table_functions, table_reach_px
+from warpsim_kernels.psf import TABLE_LANE, TablePsf, table_functions, table_reach_px, table_wing
 from warpsim_kernels.stamps import (
     Stamp,
     StampRule,
@@ -41,6 +42,9 @@ N_SMOOTH = wp.constant(4)
 """Nodes that serve a panel farther away. Light falls as 1 / r^3 there: at twice the panel's half length they are within
 1e-5 of it, which is 1e-9 of the source."""
 
+N_AROUND = wp.constant(4)
+"""Parts of a stamp about a hole."""
+
 
 @wp.func
 def smooth_from_px(psf: TablePsf) -> wp.vec2d:
@@ -51,79 +55,99 @@ def smooth_from_px(psf: TablePsf) -> wp.vec2d:
     )
 
 
-class StampFunctions(NamedTuple):
-    """How stamps are drawn from a table; each (image, xy_px, strength, psf, lanes, stamp[, hole]) adds to the image."""
-
-    add: Any
-    """All pixels of the stamp."""
-
-    add_around: Any
-    """Those outside a window."""
-
-
 @functools.cache
-def stamp_functions(n_point: int) -> StampFunctions:
-    """The functions that draw stamps by an interpolation of n_point x n_point nodes."""
-    read = table_functions(n_point)
-    Lanes = wp.types.vector(length=read.n_lane, dtype=wp.float32)
-    column_axis, row_axis = read.column_axis, read.row_axis
-    column_nodes, row_nodes, pixel_share = read.column_nodes, read.row_nodes, read.share
+def table_stamp_function(n_point: int) -> Any:
+    """The function that adds a source to the pixels of its stamp, by an interpolation of n_point x n_point nodes."""
+    draw, read = canvas_functions(TABLE_LANE), table_functions(n_point)
+    Lanes, Nodes, Canvas, lanes_between = draw.Lanes, read.Nodes, draw.Canvas, draw.lanes_between
+    add_light, flag_strips = draw.add_light, draw.flag_strips
+    place_in, row_in, pixel_shares = read.place_in, read.row_in, read.shares
+
+    @wp.func
+    def add_wing(
+        canvas: Canvas, row: int, first: int, end: int, own: int, strength: float, psf: TablePsf, dx: float, dy: float
+    ):
+        """Pixels of a row beyond the table; dx is that of the source's own column [pixel widths]."""
+        for column in range(first, end):
+            pixel = canvas.first + row * canvas.n_col + column
+            share = table_wing(psf, dx + float(column - own), dy)
+            canvas.pixels[pixel] = canvas.pixels[pixel] + strength * share
+        flag_strips(canvas, row, first, end)
 
     @wp.func
     def add(
-        image: wp.array2d[float], xy_px: wp.vec2d, strength: float, psf: TablePsf, lanes: wp.array[Lanes], stamp: Stamp
-    ):
-        if stamp.window.first_row < stamp.window.end_row:
-            across = column_axis(wp.float64(stamp.column) - xy_px[0], psf)
-            down = row_axis(wp.float64(stamp.row) - xy_px[1], psf)
-            for row in range(stamp.window.first_row, stamp.window.end_row):
-                in_row = row_nodes(down, row - stamp.row, psf)
-                columns = columns_of_row(stamp, row)
-                for column in range(columns[0], columns[1]):
-                    in_column = column_nodes(across, column - stamp.column, psf)
-                    image[row, column] += strength * pixel_share(lanes, psf, in_row, in_column)
-
-    @wp.func
-    def add_around(
-        image: wp.array2d[float],
+        canvas: Canvas,
         xy_px: wp.vec2d,
         strength: float,
         psf: TablePsf,
-        lanes: wp.array[Lanes],
+        nodes: wp.array[Nodes],
+        masks: wp.array[Lanes],
         stamp: Stamp,
-        hole: Window,
     ):
-        part = stamp
+        if stamp.window.first_row < stamp.window.end_row:
+            place = place_in(wp.float64(stamp.column) - xy_px[0], wp.float64(stamp.row) - xy_px[1], psf)
+            zero = stamp.column - psf.zero_pixel  # first pixel of the first block
+            row = stamp.window.first_row
+            while row < stamp.window.end_row:
+                in_row = row_in(place, row - stamp.row, psf)
+                columns = columns_of_row(stamp, row)
+                first = columns[0]
+                end = columns[0]
+                if in_row.first >= 0:
+                    first = wp.clamp(stamp.column + place.first_step, columns[0], columns[1])
+                    end = wp.clamp(stamp.column + place.end_step, first, columns[1])
+                dx = place.dx_px
+                dy = in_row.distance_px
+                add_wing(canvas, row, columns[0], first, stamp.column, strength, psf, dx, dy)
+                add_wing(canvas, row, end, columns[1], stamp.column, strength, psf, dx, dy)
+                while first < end:
+                    block = (first - zero) // TABLE_LANE
+                    vector = zero + block * TABLE_LANE
+                    last = wp.min(vector + TABLE_LANE, end)
+                    light = strength * pixel_shares(nodes, psf, place, in_row, block)
+                    light = wp.cw_mul(light, lanes_between(masks, first - vector, last - vector))
+                    add_light(canvas, row, vector, light, first, last)
+                    first = last
+                row += 1
+
+    return add
+
+
+@wp.func
+def part_around(stamp: Stamp, hole: Window, number: int) -> Stamp:
+    """The part of a stamp above a hole (number 0), below, left or right of it (3)."""
+    part = stamp
+    if number == 0:
         part.window.end_row = wp.min(stamp.window.end_row, hole.first_row)
-        add(image, xy_px, strength, psf, lanes, part)
+    elif number == 1:
         part.window.first_row = wp.max(stamp.window.first_row, hole.end_row)
-        part.window.end_row = stamp.window.end_row
-        add(image, xy_px, strength, psf, lanes, part)
+    else:
         part.window.first_row = wp.max(stamp.window.first_row, hole.first_row)
         part.window.end_row = wp.min(stamp.window.end_row, hole.end_row)
-        part.window.end_column = wp.min(stamp.window.end_column, hole.first_column)
-        add(image, xy_px, strength, psf, lanes, part)
-        part.window.first_column = wp.max(stamp.window.first_column, hole.end_column)
-        part.window.end_column = stamp.window.end_column
-        add(image, xy_px, strength, psf, lanes, part)
-
-    return StampFunctions(add, add_around)
+        if number == 2:
+            part.window.end_column = wp.min(stamp.window.end_column, hole.first_column)
+        else:
+            part.window.first_column = wp.max(stamp.window.first_column, hole.end_column)
+    return part
 
 
 @functools.cache
 def make_deposit_table_kernel(n_point: int, streaks: bool) -> wp.Kernel:
     """Kernel of the stage; without streaks it looks at no paths."""
-    Lanes = wp.types.vector(length=table_functions(n_point).n_lane, dtype=wp.float32)
-    add_stamp, add_stamp_around = stamp_functions(n_point)
+    draw = canvas_functions(TABLE_LANE)
+    Lanes, Canvas, canvas_of = draw.Lanes, draw.Canvas, draw.canvas_of
+    Nodes = table_functions(n_point).Nodes
+    add_stamp = table_stamp_function(n_point)
 
     @wp.func
     def add_streak(
-        image: wp.array2d[float],
+        canvas: Canvas,
         source: Source,
         reach_px: float,
         streak: Streak,
         psf: TablePsf,
-        lanes: wp.array[Lanes],
+        nodes: wp.array[Nodes],
+        masks: wp.array[Lanes],
         paths: Paths,
         rules: StreakRules,
         window: Window,
@@ -133,19 +157,24 @@ def make_deposit_table_kernel(n_point: int, streaks: bool) -> wp.Kernel:
         smooth = with_rule(streak, wp.min(N_SMOOTH + streak.extra, streak.count), rules)
         for panel in range(streak.n_panel):
             near = window
+            n_far = int(0)
             if is_wide:
                 start_px = panel_edge_px(paths, source, streak, panel)
                 end_px = panel_edge_px(paths, source, streak, panel + 1)
                 near = part_near(window, start_px, end_px, smooth_from_px(psf))
-            for node in range(streak.count):
-                moment = moment_of(paths, source, streak, panel, node, rules)
-                stamp = stamp_around(moment.xy_px, reach_px, psf.pixel_aspect, near)
-                add_stamp(image, moment.xy_px, moment.irradiance_w_cm2, psf, lanes, stamp)
-            if is_wide:
-                for node in range(smooth.count):
-                    moment = moment_of(paths, source, smooth, panel, node, rules)
+                n_far = N_AROUND * smooth.count
+            draw = int(0)
+            while draw < streak.count + n_far:  # one loop for both, so that the drawing is compiled once
+                far = draw - streak.count
+                if far < 0:
+                    moment = moment_of(paths, source, streak, panel, draw, rules)
+                    stamp = stamp_around(moment.xy_px, reach_px, psf.pixel_aspect, near)
+                else:
+                    moment = moment_of(paths, source, smooth, panel, far // N_AROUND, rules)
                     stamp = stamp_around(moment.xy_px, reach_px, psf.pixel_aspect, window)
-                    add_stamp_around(image, moment.xy_px, moment.irradiance_w_cm2, psf, lanes, stamp, near)
+                    stamp = part_around(stamp, near, far % N_AROUND)
+                add_stamp(canvas, moment.xy_px, moment.irradiance_w_cm2, psf, nodes, masks, stamp)
+                draw += 1
 
     @wp.kernel(module="unique", enable_backward=False)
     def deposit_table_kernel(
@@ -155,18 +184,23 @@ def make_deposit_table_kernel(n_point: int, streaks: bool) -> wp.Kernel:
         source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
         psfs: wp.array[TablePsf],  # (n_band,)
         blurs: wp.array[Blur],  # (n_band,)
-        table: wp.array[float],  # pixel shares and envelopes of all bands, flat
+        table: wp.array[float],  # lane_mask, pixel shares and envelopes of all bands, flat
         lanes: wp.array[Lanes],  # the same, with a vector from every float on
+        nodes: wp.array[Nodes],  # the same
         rule: StampRule,
         paths: Paths,
         rules: StreakRules,
+        n_row: int,
+        n_col: int,
         n_row_per_block: int,
         # out (accumulated)
-        signal_w_cm2: wp.array4d[float],  # (n_view, n_band, n_row, n_col)
+        signal_w_cm2: wp.array[float],  # (n_view * n_band * n_row * n_col,)
+        signal_lanes: wp.array[Lanes],  # the same, with a vector from every pixel on
+        lit: wp.array[wp.uint8],  # (n_view * n_band * n_flag,)
     ):
         view, band, block = wp.tid()
-        image = signal_w_cm2[view, band]
-        window = block_window(image.shape[0], image.shape[1], block, n_row_per_block)
+        canvas = canvas_of(view * psfs.shape[0] + band, n_row, n_col, signal_w_cm2, signal_lanes, lit)
+        window = block_window(n_row, n_col, block, n_row_per_block)
         psf = psfs[band]
         for slot in range(n_source[view]):
             irradiance = source_irradiance_w_cm2[view, band, slot]
@@ -182,9 +216,9 @@ def make_deposit_table_kernel(n_point: int, streaks: bool) -> wp.Kernel:
                     if reach_px > WIDE_PX:
                         longest_px = PANEL_PX
                     streak = streak_of(paths, source, wp.max(cut, rule.streak_error), longest_px, blurs[band], rules)
-                    add_streak(image, source, reach_px, streak, psf, lanes, paths, rules, window)
+                    add_streak(canvas, source, reach_px, streak, psf, nodes, lanes, paths, rules, window)
             else:
                 stamp = stamp_around(xy_px, reach_px, psf.pixel_aspect, window)
-                add_stamp(image, xy_px, irradiance, psf, lanes, stamp)
+                add_stamp(canvas, xy_px, irradiance, psf, nodes, lanes, stamp)
 
     return deposit_table_kernel

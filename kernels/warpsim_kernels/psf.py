@@ -15,10 +15,17 @@ from warpsim_kernels.stamps import FAR_PX
 ENVELOPE_STEP_PX = wp.constant(0.25)
 """Step of the radius in TablePsf.envelope, in pixel widths."""
 
+TABLE_LANE = 8
+"""Pixels of a row that stand next to each other in a table of shares, and are drawn at a time."""
+
 TABLE_POINTS = (2, 4, 6, 8)
 """Points per axis that an interpolation in a table of shares may use."""
 
 _SQRT_HALF = wp.constant(0.7071067811865476)
+_LN2 = wp.constant(0.6931471805599453)
+_SQRT_HALF_BITS = wp.constant(wp.uint32(0x3F3504F3))  # float32 bits of sqrt(1/2)
+_ONE_MINUS_SQRT_HALF_BITS = wp.constant(wp.uint32(0x004AFB0D))  # bits of 1.0 minus the line above
+_MANTISSA_BITS = wp.constant(wp.uint32(0x007FFFFF))
 
 
 @wp.func
@@ -50,6 +57,20 @@ def gaussian_pixel_share(offset_px: wp.float64, sigma_px: float) -> float:
 
 
 @wp.func
+def natural_log(x: float) -> float:
+    """Logarithm of a positive number that is not denormal, to 1e-7; for `wp.log` the CPU calls a library.
+
+    x = 2^e m with m in [sqrt(1/2), sqrt(2)), found by shifting the float's bits; ln m = 2 artanh((m - 1) / (m + 1)).
+    """
+    bits = wp.cast(x, wp.uint32) + _ONE_MINUS_SQRT_HALF_BITS
+    e = float(wp.int32(bits >> wp.uint32(23)) - 127)
+    m = wp.cast((bits & _MANTISSA_BITS) + _SQRT_HALF_BITS, wp.float32)
+    s = (m - 1.0) / (m + 1.0)
+    s2 = s * s
+    return e * _LN2 + s * (2.0 + s2 * (0.66666816 + s2 * (0.39974788 + s2 * 0.29925896)))
+
+
+@wp.func
 def gaussian_reach_px(sigma_px: wp.vec2, cut: float) -> float:
     """Radius of the disc about a source without which no pixel holds more than the fraction `cut` of the flux.
 
@@ -62,24 +83,28 @@ def gaussian_reach_px(sigma_px: wp.vec2, cut: float) -> float:
     highest = wp.min(0.5, wp.static(0.5 / math.pi) / (sigma_px[0] * sigma_px[1]))
     if cut >= highest:
         return 0.0
-    return sigma_px[0] * wp.sqrt(-2.0 * wp.log(cut / highest))
+    return sigma_px[0] * wp.sqrt(wp.max(-2.0 * natural_log(cut / highest), 0.0))
 
 
 @wp.struct
 class TablePsf:
     """A point spread function as a table of pixel shares over the offset (dy, dx), and what lies beyond it.
 
-    The flat array of all bands holds, for each, its shares (rows of n_column nodes) and its envelope.
+    The flat array of all bands holds, for each, its shares and its envelope. All that an interpolation takes for
+    TABLE_LANE pixels next to each other stands together: the table is (n_row, n_block, n_phase, TABLE_LANE), rows being
+    nodes along dy, phases those along dx within a pixel (and some to either side), and pixels whole steps of dx.
     """
 
     start: int  # where the shares begin in the flat array
-    n_column: int  # nodes per row of the table
     n_row: int
+    n_block: int
+    n_phase: int
     column_per_px: int  # nodes per pixel along columns
     row_per_px: int
-    zero_column: int  # node of the offset 0
-    zero_row: int
-    mirrored: int  # 1: the table is even in both offsets and holds those >= 0 only
+    zero_row: int  # node of dy = 0
+    zero_phase: int  # first node of the interpolation for dx = 0
+    zero_pixel: int  # the source's own pixel, counted from the first one of the first block
+    mirrored: int  # 1: the pattern is even in dy, and the table holds dy >= 0 only
     reach_column_px: float  # offsets up to here lie inside the table
     reach_row_px: float  # in pixel heights
     pixel_aspect: float  # height of a pixel over its width
@@ -126,26 +151,22 @@ def table_wing(psf: TablePsf, x_px: float, y_px: float) -> float:
 class TableFunctions(NamedTuple):
     """What a kernel needs to read tables by an interpolation of n_point x n_point nodes."""
 
-    n_lane: int
-    """Numbers that one load takes from a row of the table; n_point, or some that have the weight 0 besides.
+    Nodes: Any
+    """Vector of n_point * TABLE_LANE floats."""
 
-    The table comes as an array of vectors of n_lane floats that overlap: one begins at every float.
-    """
+    place_in: Any
+    """(dx_px: float64, dy_px: float64, psf: TablePsf) -> place; the centre of the source's own pixel minus the source,
+    along columns and along rows [pixel heights]. It tells which columns the table serves: from place.first_step up to
+    place.end_step pixels from the source's own."""
 
-    column_axis: Any
-    """(dx_px: float64, psf: TablePsf) -> axis; dx_px = centre of the source's own pixel minus the source, columns."""
+    row_in: Any
+    """(place, step: int, psf: TablePsf) -> row that is step pixels from the source's own; row.first is -1 where the
+    table does not serve it, row.distance_px the distance of its centre in pixel widths."""
 
-    row_axis: Any
-    """(dy_px: float64, psf: TablePsf) -> axis; the same along rows [pixel heights]."""
-
-    column_nodes: Any
-    """(axis, step: int, psf: TablePsf) -> nodes of the column that is step pixels from the source's own."""
-
-    row_nodes: Any
-    """(axis, step: int, psf: TablePsf) -> nodes of the row that is step pixels from the source's own."""
-
-    share: Any
-    """(table, psf: TablePsf, row: nodes, column: nodes) -> share of the pixel in that row and column."""
+    shares: Any
+    """(nodes, psf: TablePsf, place, row, block: int) -> shares of a block's pixels in that row; numbers without meaning
+    where the table does not serve. The nodes are the flat array as overlapping vectors of n_point * TABLE_LANE floats,
+    one from every float on."""
 
 
 @functools.cache
@@ -153,7 +174,7 @@ def table_functions(n_point: int) -> TableFunctions:
     """The functions that interpolate tables by Lagrange's polynomials through n_point nodes per axis.
 
     All pixels of a stamp lie alike between the nodes, since there is a whole number of nodes per pixel: the weights are
-    those of the source's own pixel, or in a mirrored table, on its other side, the same in reverse.
+    those of the source's own pixel, or along dy in a mirrored table, on its other side, the same in reverse.
 
     Args:
         n_point: 2, 4, 6 or 8, as the tables were built.
@@ -161,13 +182,14 @@ def table_functions(n_point: int) -> TableFunctions:
     if n_point not in TABLE_POINTS:
         raise ValueError(f"n_point: must be one of {TABLE_POINTS}, got {n_point}")
     n_before = n_point // 2 - 1  # nodes before the cell that holds the point
-    n_lane = 8 if n_point == 6 else n_point  # a power of 2 loads as one vector
-    Lanes = wp.types.vector(length=n_lane, dtype=wp.float32)
+    Lanes = wp.types.vector(length=TABLE_LANE, dtype=wp.float32)
+    Nodes = wp.types.vector(length=n_point * TABLE_LANE, dtype=wp.float32)
+    Weights = wp.types.vector(length=n_point, dtype=wp.float32)
     places = range(-n_before, n_point - n_before)
-    scale = Lanes(*(1.0 / math.prod(k - j for j in places if j != k) for k in places), *[0.0] * (n_lane - n_point))
+    scale = Weights(*(1.0 / math.prod(k - j for j in places if j != k) for k in places))
 
     @wp.func
-    def lagrange_weights(u: float) -> Lanes:
+    def lagrange_weights(u: float) -> Weights:
         """Weights of the nodes -n_before ... n_before + 1 at the point u in [0, 1]."""
         weights = scale
         below = float(1.0)
@@ -180,87 +202,80 @@ def table_functions(n_point: int) -> TableFunctions:
             above = above * (u - float(wp.static(n_point - 1 - n_before) - k))
         return weights
 
-    class TableAxis:
-        offset_px: float  # of the source's own pixel [pixel widths]
-        node: int  # the one before that offset, counted from offset zero
-        weights: Lanes
-        mirror: int  # the offset's mirror image comes after the node mirror - node
-        mirror_weights: Lanes
+    class TablePlace:
+        dx_px: float  # of the source's own pixel [pixel widths]
+        dy_px: float
+        phase: int  # first node of the interpolation along dx
+        first_step: int  # columns that the table serves, in pixels from the source's own
+        end_step: int
+        across: Weights
+        node: int  # the one before dy, counted from dy = 0
+        down: Weights
+        mirror: int  # the mirror image of dy comes after the node mirror - node
+        mirror_down: Weights
 
-    class TableNodes:
-        distance_px: float  # from the source, in pixel widths
-        first: int  # first of the nodes; -1 beyond the table
-        weights: Lanes
+    class TableRow:
+        distance_px: float
+        first: int  # where the interpolation's nodes for the first block begin in the flat array
+        down: Weights
 
-    axis_type = wp.struct(TableAxis)
-    nodes_type = wp.struct(TableNodes)
+    place_type = wp.struct(TablePlace)
+    row_type = wp.struct(TableRow)
 
     @wp.func
-    def axis(offset_px: wp.float64, per_px: int) -> axis_type:
+    def place_in(dx_px: wp.float64, dy_px: wp.float64, psf: TablePsf) -> place_type:
         # In float64 up to the fraction of a cell: P is steep where the source crosses the pixel's edge.
-        position = offset_px * wp.float64(per_px)
+        place = place_type()
+        place.dx_px = float(dx_px)
+        place.dy_px = float(dy_px) * psf.pixel_aspect
+        position = dx_px * wp.float64(psf.column_per_px)
         node = wp.floor(position)
-        result = axis_type()
-        result.node = int(node)
-        result.weights = lagrange_weights(float(position - node))
-        result.mirror_weights = result.weights
+        place.across = lagrange_weights(float(position - node))
+        place.phase = psf.zero_phase + int(node)
+        # An offset that equals the reach lies beyond it on either side.
+        reach_px = wp.float64(psf.reach_column_px)
+        place.first_step = int(wp.floor(-reach_px - dx_px)) + 1
+        place.end_step = int(wp.ceil(reach_px - dx_px))
+        position = dy_px * wp.float64(psf.row_per_px)
+        node = wp.floor(position)
+        place.node = int(node)
+        place.down = lagrange_weights(float(position - node))
+        place.mirror_down = place.down
         if position > node:  # else on the node, as its mirror image is
-            result.mirror = -1
+            place.mirror = -1
             for k in range(wp.static(n_point)):
-                result.mirror_weights[k] = result.weights[wp.static(n_point - 1) - k]
-        return result
+                place.mirror_down[k] = place.down[wp.static(n_point - 1) - k]
+        return place
 
     @wp.func
-    def column_axis(dx_px: wp.float64, psf: TablePsf) -> axis_type:
-        result = axis(dx_px, psf.column_per_px)
-        result.offset_px = float(dx_px)
-        return result
-
-    @wp.func
-    def row_axis(dy_px: wp.float64, psf: TablePsf) -> axis_type:
-        result = axis(dy_px, psf.row_per_px)
-        result.offset_px = float(dy_px) * psf.pixel_aspect
-        return result
-
-    @wp.func
-    def nodes(axis: axis_type, steps: int, mirrored: int, zero: int, n_reach: int) -> nodes_type:
-        result = nodes_type()
-        result.weights = axis.weights
-        node = axis.node + steps
-        if mirrored != 0 and node < 0:
-            node = axis.mirror - node
-            result.weights = axis.mirror_weights
-        result.first = node + zero - wp.static(n_before)
-        if node >= n_reach or node < -n_reach:
-            result.first = -1
-        return result
-
-    @wp.func
-    def column_nodes(axis: axis_type, step: int, psf: TablePsf) -> nodes_type:
-        n_reach = int(psf.reach_column_px * float(psf.column_per_px))
-        result = nodes(axis, step * psf.column_per_px, psf.mirrored, psf.zero_column, n_reach)
-        result.distance_px = axis.offset_px + float(step)
-        return result
-
-    @wp.func
-    def row_nodes(axis: axis_type, step: int, psf: TablePsf) -> nodes_type:
+    def row_in(place: place_type, step: int, psf: TablePsf) -> row_type:
+        row = row_type()
+        row.distance_px = place.dy_px + float(step) * psf.pixel_aspect
+        row.down = place.down
+        node = place.node + step * psf.row_per_px
+        if psf.mirrored != 0 and node < 0:
+            node = place.mirror - node
+            row.down = place.mirror_down
         n_reach = int(psf.reach_row_px * float(psf.row_per_px))
-        result = nodes(axis, step * psf.row_per_px, psf.mirrored, psf.zero_row, n_reach)
-        result.distance_px = axis.offset_px + float(step) * psf.pixel_aspect
-        return result
+        row.first = -1
+        if node < n_reach and node >= -n_reach:
+            first = (node + psf.zero_row - wp.static(n_before)) * psf.n_block * psf.n_phase + place.phase
+            row.first = psf.start + first * TABLE_LANE
+        return row
 
     @wp.func
-    def share(table: wp.array[Lanes], psf: TablePsf, row: nodes_type, column: nodes_type) -> float:
-        if wp.min(row.first, column.first) < 0:
-            return table_wing(psf, column.distance_px, row.distance_px)
-        begin = psf.start + row.first * psf.n_column + column.first
-        line = row.weights[0] * table[begin]
-        for j in range(1, wp.static(n_point)):
-            line += row.weights[j] * table[begin + j * psf.n_column]
-        part = wp.cw_mul(line, column.weights)
-        total = part[0] + part[1]
-        for k in range(1, wp.static(n_point // 2)):
-            total += part[2 * k] + part[2 * k + 1]
+    def shares(nodes: wp.array[Nodes], psf: TablePsf, place: place_type, row: row_type, block: int) -> Lanes:
+        at = row.first + block * psf.n_phase * TABLE_LANE
+        total = Lanes()
+        j = int(0)
+        while j < wp.static(n_point):  # not unrolled, so that all stays in registers
+            near = nodes[at]
+            line = place.across[0] * near[0:TABLE_LANE]
+            for k in range(1, wp.static(n_point)):
+                line = line + place.across[k] * near[wp.static(TABLE_LANE * k) : wp.static(TABLE_LANE * (k + 1))]
+            total = total + row.down[j] * line
+            at += psf.n_block * psf.n_phase * TABLE_LANE
+            j += 1
         return total
 
-    return TableFunctions(n_lane, column_axis, row_axis, column_nodes, row_nodes, share)
+    return TableFunctions(Nodes, place_in, row_in, shares)

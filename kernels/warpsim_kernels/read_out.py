@@ -35,7 +35,6 @@ from warpsim_kernels.pixel import (
 )
 from warpsim_kernels.poisson import poisson, poisson_of_normal
 from warpsim_kernels.streams import (
-    PAIRS_PER_BLOCK,
     STREAM_BAD,
     STREAM_COLUMN,
     STREAM_FEW,
@@ -52,12 +51,7 @@ from warpsim_kernels.streams import (
     stream_key,
     template_place,
 )
-
-N_PAIR = 64
-"""Pixel pairs of a strip, the width of a tile: at this width the CPU compiler keeps all of it in vector registers."""
-
-STRIP_PIXELS = 2 * N_PAIR
-STRIPS_PER_BLOCK = PAIRS_PER_BLOCK // N_PAIR
+from warpsim_kernels.strips import N_PAIR, PAIRS_PER_BLOCK, STRIP_PIXELS, STRIPS_PER_BLOCK, flags_of_image
 
 Floats = wp.tile(dtype=float, shape=(N_PAIR,))
 Words = wp.tile(dtype=wp.uint32, shape=(N_PAIR,))
@@ -220,8 +214,7 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
             template_key = stream_key(frame, sensor, number, STREAM_NOISE, 0, low, high)
 
         # Each thread takes its own flags: none may be put back before all threads of a CUDA block have seen it.
-        n_flag = (detector.n_pixel - 1) // (STRIPS_PER_BLOCK * STRIP_PIXELS) * STRIPS_PER_BLOCK + STRIPS_PER_BLOCK
-        flag_place = image * n_flag + block * STRIPS_PER_BLOCK
+        flag_place = image * flags_of_image(detector.n_pixel) + block * STRIPS_PER_BLOCK
         if wp.static(not ragged):
             flags = wp.tile_load(lit, shape=STRIPS_PER_BLOCK, offset=flag_place, bounds_check=False)
             if keep_light == 0:

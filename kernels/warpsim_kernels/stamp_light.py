@@ -8,6 +8,7 @@ import warp as wp
 from warpsim_kernels.deposit_gaussian import gaussian_blur
 from warpsim_kernels.paths import Paths
 from warpsim_kernels.psf import (
+    TABLE_LANE,
     TablePsf,
     gaussian_edge,
     gaussian_pixel_share,
@@ -140,40 +141,54 @@ def core_of(psf: TablePsf, stamp: Stamp) -> Window:
 def make_table_light_kernel(n_point: int, streaks: bool) -> wp.Kernel:
     """Kernel for tabulated images; without streaks it looks at no paths."""
     read = table_functions(n_point)
-    Lanes = wp.types.vector(length=read.n_lane, dtype=wp.float32)
-    column_axis, row_axis = read.column_axis, read.row_axis
-    column_nodes, row_nodes, pixel_share = read.column_nodes, read.row_nodes, read.share
+    Nodes, place_in, row_in, pixel_shares = read.Nodes, read.place_in, read.row_in, read.shares
 
     @wp.func
-    def table_share(lanes: wp.array[Lanes], psf: TablePsf, xy_px: wp.vec2d, column: int, row: int) -> wp.float64:
+    def table_share(nodes: wp.array[Nodes], psf: TablePsf, xy_px: wp.vec2d, column: int, row: int) -> wp.float64:
         """Share of a pixel of a source."""
-        source_column = nearest_pixel(xy_px[0])
-        source_row = nearest_pixel(xy_px[1])
-        across = column_axis(wp.float64(source_column) - xy_px[0], psf)
-        down = row_axis(wp.float64(source_row) - xy_px[1], psf)
-        in_row = row_nodes(down, row - source_row, psf)
-        return wp.float64(pixel_share(lanes, psf, in_row, column_nodes(across, column - source_column, psf)))
+        own_column = nearest_pixel(xy_px[0])
+        own_row = nearest_pixel(xy_px[1])
+        place = place_in(wp.float64(own_column) - xy_px[0], wp.float64(own_row) - xy_px[1], psf)
+        in_row = row_in(place, row - own_row, psf)
+        step = column - own_column
+        if in_row.first < 0 or step < place.first_step or step >= place.end_step:
+            return wp.float64(table_wing(psf, place.dx_px + float(step), in_row.distance_px))
+        block = (psf.zero_pixel + step) // TABLE_LANE
+        found = pixel_shares(nodes, psf, place, in_row, block)
+        return wp.float64(found[psf.zero_pixel + step - block * TABLE_LANE])
 
     @wp.func
-    def core_share(lanes: wp.array[Lanes], psf: TablePsf, xy_px: wp.vec2d, stamp: Stamp, core: Window) -> wp.float64:
+    def core_share(nodes: wp.array[Nodes], psf: TablePsf, xy_px: wp.vec2d, stamp: Stamp, core: Window) -> wp.float64:
         """Share of a source's light in the pixels of its stamp within a window, one by one."""
-        across = column_axis(wp.float64(stamp.column) - xy_px[0], psf)
-        down = row_axis(wp.float64(stamp.row) - xy_px[1], psf)
+        place = place_in(wp.float64(stamp.column) - xy_px[0], wp.float64(stamp.row) - xy_px[1], psf)
+        zero = stamp.column - psf.zero_pixel
         total = wp.float64(0.0)
         for row in range(wp.max(stamp.window.first_row, core.first_row), wp.min(stamp.window.end_row, core.end_row)):
-            in_row = row_nodes(down, row - stamp.row, psf)
+            in_row = row_in(place, row - stamp.row, psf)
             columns = columns_of_row(stamp, row)
-            for column in range(wp.max(columns[0], core.first_column), wp.min(columns[1], core.end_column)):
-                in_column = column_nodes(across, column - stamp.column, psf)
-                total += wp.float64(pixel_share(lanes, psf, in_row, in_column))
+            column = wp.max(columns[0], core.first_column)
+            end = wp.min(columns[1], core.end_column)
+            while column < end:
+                step = column - stamp.column
+                if in_row.first < 0 or step < place.first_step or step >= place.end_step:
+                    total += wp.float64(table_wing(psf, place.dx_px + float(step), in_row.distance_px))
+                    column += 1
+                else:
+                    block = (column - zero) // TABLE_LANE
+                    found = pixel_shares(nodes, psf, place, in_row, block)
+                    vector = zero + block * TABLE_LANE
+                    last = wp.min(wp.min(vector + TABLE_LANE, stamp.column + place.end_step), end)
+                    while column < last:
+                        total += wp.float64(found[column - vector])
+                        column += 1
         return total
 
     @wp.func
-    def table_stamp_share(lanes: wp.array[Lanes], psf: TablePsf, xy_px: wp.vec2d, reach_px: float) -> wp.float64:
+    def table_stamp_share(nodes: wp.array[Nodes], psf: TablePsf, xy_px: wp.vec2d, reach_px: float) -> wp.float64:
         """Share of a source's light in its stamp: pixel by pixel within the table, then by rows, then as a ring."""
         stamp = stamp_around(xy_px, wp.min(reach_px, N_ROW), psf.pixel_aspect, whole_plane())
         core = core_of(psf, stamp)
-        total = core_share(lanes, psf, xy_px, stamp, core)
+        total = core_share(nodes, psf, xy_px, stamp, core)
         if psf.wing_px3 == 0.0:
             return total
         for row in range(stamp.window.first_row, stamp.window.end_row):
@@ -200,8 +215,8 @@ def make_table_light_kernel(n_point: int, streaks: bool) -> wp.Kernel:
         source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
         psfs: wp.array[TablePsf],  # (n_band,)
         blurs: wp.array[Blur],  # (n_band,)
-        table: wp.array[float],  # pixel shares and envelopes of all bands, flat
-        lanes: wp.array[Lanes],  # the same, with a vector from every float on
+        table: wp.array[float],  # lane_mask, pixel shares and envelopes of all bands, flat
+        nodes: wp.array[Nodes],  # the same, with a vector from every float on
         rule: StampRule,
         paths: Paths,
         rules: StreakRules,
@@ -225,11 +240,11 @@ def make_table_light_kernel(n_point: int, streaks: bool) -> wp.Kernel:
                 for node in range(streak.count):
                     moment = moment_of(paths, source, streak, panel, node, rules)
                     weight = wp.float64(moment.irradiance_w_cm2)
-                    peak += weight * table_share(lanes, psf, moment.xy_px, column, row)
-                    total += weight * table_stamp_share(lanes, psf, moment.xy_px, reach_px)
+                    peak += weight * table_share(nodes, psf, moment.xy_px, column, row)
+                    total += weight * table_stamp_share(nodes, psf, moment.xy_px, reach_px)
         else:
-            peak = table_share(lanes, psf, xy_px, column, row)
-            total = table_stamp_share(lanes, psf, xy_px, reach_px)
+            peak = table_share(nodes, psf, xy_px, column, row)
+            total = table_stamp_share(nodes, psf, xy_px, reach_px)
         peak_share[view, band, slot] = float(peak)
         stamp_share[view, band, slot] = float(total)
 

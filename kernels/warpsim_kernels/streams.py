@@ -29,9 +29,6 @@ STREAM_BAD = wp.constant(wp.uint32(8))
 STREAM_TEMPLATE = wp.constant(wp.uint32(9))
 """Deviates that are made once and used again."""
 
-PAIRS_PER_BLOCK = wp.constant(1024)
-"""Pixel pairs that share the keys of a block."""
-
 # The two-round hash with the least bias that Wellons (2018, "Prospecting for hash functions") lists.
 _FIRST_MULTIPLIER = wp.constant(wp.uint32(0x21F0AAAD))
 _SECOND_MULTIPLIER = wp.constant(wp.uint32(0xD35A2D97))

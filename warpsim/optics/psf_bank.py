@@ -6,19 +6,22 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 import warp as wp
-from warpsim_kernels.deposit_gaussian import make_deposit_gaussian_kernel
+from warpsim_kernels.deposit_gaussian import GAUSSIAN_LANE, make_deposit_gaussian_kernel
 from warpsim_kernels.deposit_table import make_deposit_table_kernel
 from warpsim_kernels.paths import Paths
+from warpsim_kernels.psf import TABLE_LANE
 from warpsim_kernels.stamp_light import make_gaussian_light_kernel, make_table_light_kernel
 from warpsim_kernels.stamp_sizes import size_gaussian_stamps_kernel, size_table_stamps_kernel
 from warpsim_kernels.stamps import StampRule
 from warpsim_kernels.streaks import Blur
+from warpsim_kernels.strips import n_flag
 
-from warpsim.launches import clear, launch
+from warpsim.launches import launch
+from warpsim.optics.gaussian_table import upload_gaussians
 from warpsim.optics.psf import Psf, PsfGaussian, check_one_family
 from warpsim.optics.sharpness import sharpness
 from warpsim.optics.streak_rules import STREAK_ERROR, streak_rules
-from warpsim.optics.table_upload import lanes_of, upload_tables
+from warpsim.optics.table_upload import overlapping, upload_tables
 from warpsim.optics.tables import TableAccuracy, TabulatedPsf, cheapest_points, share_table
 
 SMALLEST_STAMP_CUT = 1e-15
@@ -29,7 +32,13 @@ class PsfBank(Protocol):
     """The point spread functions of all bands, all of one family."""
 
     def deposit(
-        self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array, paths: Any = None
+        self,
+        sources: list[wp.array],
+        rule: Any,
+        n_row_per_block: int,
+        signal_w_cm2: wp.array,
+        paths: Any = None,
+        lit: wp.array | None = None,
     ) -> None:
         """Overwrite signal, shape (n_view, n_band, n_row, n_col), with the light of all sources.
 
@@ -37,8 +46,9 @@ class PsfBank(Protocol):
             sources: n_source (n_view,), xy_px (n_view, n_slot), irradiance_w_cm2 (n_view, n_band, n_slot).
             rule: StampRule.
             n_row_per_block: Rows that one thread owns.
-            signal_w_cm2: Written.
+            signal_w_cm2: Added to.
             paths: The kernels' Paths, how sources move and change during the exposure; None: they do not.
+            lit: Flags, shape (n_view, n_band, n_flag), of strips: set to 1 where light was added.
         """
 
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
@@ -72,14 +82,23 @@ class GaussianBank:
     def __init__(self, psfs: Sequence[PsfGaussian], device: Any, pixel_aspect: float = 1.0) -> None:
         sigma_px = [(psf.sigma_px, psf.sigma_px / pixel_aspect) for psf in psfs]
         self._sigma_px = wp.array(sigma_px, dtype=wp.vec2, device=device)
+        self._psf, self._shares = upload_gaussians(sigma_px, device)
         self._rules = streak_rules(device)
 
     def deposit(
-        self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array, paths: Any = None
+        self,
+        sources: list[wp.array],
+        rule: Any,
+        n_row_per_block: int,
+        signal_w_cm2: wp.array,
+        paths: Any = None,
+        lit: wp.array | None = None,
     ) -> None:
         """See PsfBank."""
-        inputs = [*sources, self._sigma_px, rule, Paths() if paths is None else paths, self._rules]
-        _launch_deposit(self.deposit_kernel(paths is not None), inputs, n_row_per_block, signal_w_cm2)
+        tables = [self._psf, overlapping(self._shares, GAUSSIAN_LANE)]
+        inputs = [*sources, *tables, rule, Paths() if paths is None else paths, self._rules]
+        kernel = self.deposit_kernel(paths is not None)
+        _launch_deposit(kernel, inputs, GAUSSIAN_LANE, n_row_per_block, signal_w_cm2, lit)
 
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
         """See PsfBank."""
@@ -102,17 +121,24 @@ class TableBank:
         n_point = accuracy.n_point or cheapest_points(psfs, pixel_aspect, accuracy.error)
         tables = [share_table(psf, pixel_aspect, accuracy.error, n_point) for psf in psfs]
         self._psf, self._table = upload_tables(tables, device)
-        self._lanes = lanes_of(self._table, n_point)
         self._blur = wp.array([_blur(psf, pixel_aspect) for psf in psfs], dtype=Blur, device=device)
         self._rules = streak_rules(device)
         self._n_point = n_point
 
     def deposit(
-        self, sources: list[wp.array], rule: Any, n_row_per_block: int, signal_w_cm2: wp.array, paths: Any = None
+        self,
+        sources: list[wp.array],
+        rule: Any,
+        n_row_per_block: int,
+        signal_w_cm2: wp.array,
+        paths: Any = None,
+        lit: wp.array | None = None,
     ) -> None:
         """See PsfBank."""
-        inputs = self._inputs(sources, rule, paths)
-        _launch_deposit(self.deposit_kernel(paths is not None), inputs, n_row_per_block, signal_w_cm2)
+        tables = [self._psf, self._blur, self._table, overlapping(self._table, TABLE_LANE), self._nodes()]
+        inputs = [*sources, *tables, rule, Paths() if paths is None else paths, self._rules]
+        kernel = self.deposit_kernel(paths is not None)
+        _launch_deposit(kernel, inputs, TABLE_LANE, n_row_per_block, signal_w_cm2, lit)
 
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
         """See PsfBank."""
@@ -125,11 +151,12 @@ class TableBank:
     def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array], paths: Any = None) -> None:
         """See PsfBank."""
         kernel = make_table_light_kernel(self._n_point, paths is not None)
-        _launch(kernel, self._inputs(sources, rule, paths), outputs)
+        tables = [self._psf, self._blur, self._table, self._nodes()]
+        inputs = [*sources, *tables, rule, Paths() if paths is None else paths, self._rules]
+        _launch(kernel, inputs, outputs)
 
-    def _inputs(self, sources: list[wp.array], rule: Any, paths: Any) -> list[Any]:
-        tables = [self._psf, self._blur, self._table, self._lanes]
-        return [*sources, *tables, rule, Paths() if paths is None else paths, self._rules]
+    def _nodes(self) -> wp.array:
+        return overlapping(self._table, self._n_point * TABLE_LANE)
 
 
 def _blur(psf: TabulatedPsf, pixel_aspect: float) -> Any:
@@ -178,11 +205,20 @@ def stamp_rule(cut_w_cm2: Sequence[float], cut_share: float, device: Any, streak
     return rule
 
 
-def _launch_deposit(kernel: wp.Kernel, inputs: list[Any], n_row_per_block: int, signal: wp.array) -> None:
-    n_view, n_band, n_row, _ = signal.shape
-    n_block = -(-n_row // n_row_per_block)
-    clear(signal)
-    launch(kernel, (n_view, n_band, n_block), [*inputs, n_row_per_block], [signal], device=signal.device)
+def _launch_deposit(
+    kernel: wp.Kernel, inputs: list[Any], n_lane: int, n_row_per_block: int, signal: wp.array, lit: wp.array | None
+) -> None:
+    n_view, n_band, n_row, n_col = signal.shape
+    if lit is None:
+        lit = wp.empty((n_view, n_band, n_flag(n_row * n_col)), dtype=wp.uint8, device=signal.device)
+    flat = signal.flatten()
+    launch(
+        kernel,
+        (n_view, n_band, -(-n_row // n_row_per_block)),
+        [*inputs, n_row, n_col, n_row_per_block],
+        [flat, overlapping(flat, n_lane), lit.flatten()],
+        device=signal.device,
+    )
 
 
 def _launch(kernel: wp.Kernel, inputs: list[Any], outputs: list[wp.array]) -> None:

@@ -2,53 +2,77 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.psf import TablePsf, table_functions
+from warpsim_kernels.canvas import lane_mask
+from warpsim_kernels.psf import TABLE_LANE, TablePsf
 
 from warpsim.optics.share_table import ShareTable
 
-MOST_LANES = 8
+ALIGNED = 16
+"""Floats of a cache line: tables begin with one."""
 
 
 def upload_tables(tables: Sequence[ShareTable], device: Any) -> tuple[wp.array, wp.array]:
     """Put tables on a device.
 
     Returns:
-        The tables' structs (TablePsf), shape (n_table,), and the flat array of shares and envelopes, float32.
+        The tables' structs (TablePsf), shape (n_table,), and the flat array of lane_mask, shares and envelopes.
     """
-    structs, parts, start = [], [], 0
+    mask = np.array(lane_mask(TABLE_LANE), dtype=np.float32)
+    structs, parts, start = [], [mask, np.zeros(-len(mask) % ALIGNED, dtype=np.float32)], len(mask)
+    start += len(parts[-1])
     for table in tables:
+        share, zero_pixel = by_block(table)
         struct: Any = TablePsf()
         struct.start = start
-        struct.n_row, struct.n_column = table.share.shape
+        struct.n_row, struct.n_block, struct.n_phase, _ = share.shape
         struct.row_per_px, struct.column_per_px = table.per_px
-        struct.zero_row, struct.zero_column = table.zero
+        struct.zero_row, struct.zero_phase, struct.zero_pixel = table.zero[0], table.per_px[1] // 2, zero_pixel
         struct.mirrored = int(table.mirrored)
         struct.reach_row_px, struct.reach_column_px = table.reach_px
         struct.pixel_aspect = table.pixel_aspect
         struct.wing_px3, struct.wing_next_px2, struct.wing_aspect_px2, struct.wing_last_px4 = table.wing
-        struct.envelope = start + table.share.size
+        struct.envelope = start + share.size
         struct.n_envelope = len(table.envelope)
         struct.tail_px3 = table.tail_px3
         structs.append(struct)
-        parts += [table.share.ravel(), table.envelope]
-        start += table.share.size + len(table.envelope)
-    parts.append(np.zeros(MOST_LANES, dtype=np.float32))  # what a load at the end may reach
+        parts += [share.ravel(), table.envelope, np.zeros(-len(table.envelope) % ALIGNED, dtype=np.float32)]
+        start += sum(len(part) for part in parts[-3:])
     flat = wp.array(np.concatenate(parts), dtype=wp.float32, device=device)
     return wp.array(structs, dtype=TablePsf, device=device), flat
 
 
-def lanes_of(flat: wp.array, n_point: int) -> wp.array:
-    """The same memory as an array of vectors, one from every float on: neighbours in a row come in one load."""
-    n_lane = table_functions(n_point).n_lane
+def by_block(table: ShareTable) -> tuple[npt.NDArray[np.float32], int]:
+    """A table in the order in which stamps are drawn.
+
+    Returns:
+        Shares (n_row, n_block, n_phase, TABLE_LANE), and where the source's own pixel is in all blocks: the pixels of a
+        small stamp lie about the middle of one. Phase 0 is the first node that an interpolation takes for a source half
+        a pixel from the pixel's centre; there are as many as it takes at most.
+    """
+    per_px, zero = table.per_px[1], table.zero[1]
+    n_pixel = math.ceil(table.reach_px[1] + 0.5)  # to each side
+    n_side = math.ceil((n_pixel + 1 - TABLE_LANE // 2) / TABLE_LANE)
+    zero_pixel = n_side * TABLE_LANE + TABLE_LANE // 2
+    pixel = np.arange((2 * n_side + 1) * TABLE_LANE).reshape(-1, TABLE_LANE) - zero_pixel
+    phase = np.arange(per_px + table.n_point) - per_px // 2 - (table.n_point // 2 - 1)
+    node = phase[:, None] + per_px * pixel[:, None, :]
+    column = np.clip((np.abs(node) if table.mirrored else node) + zero, 0, table.share.shape[1] - 1)
+    return table.share[:, column], zero_pixel
+
+
+def overlapping(flat: wp.array, n_lane: int) -> wp.array:
+    """The same memory as an array of vectors of n_lane floats, one from every float on; it does not keep the memory."""
     return wp.array(
         ptr=flat.ptr,
         dtype=wp.types.vector(length=n_lane, dtype=wp.float32),
-        shape=(flat.size - n_lane + 1,),
+        shape=(max(flat.size - n_lane + 1, 0),),
         strides=(4,),
         device=flat.device,
     )

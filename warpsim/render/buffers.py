@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.emission import Seen
-from warpsim_kernels.read_out import STRIP_PIXELS, STRIPS_PER_BLOCK
+from warpsim_kernels.strips import STRIP_PIXELS, n_flag
 from warpsim_kernels.signature import N_TERM
 
 if TYPE_CHECKING:
@@ -180,8 +180,7 @@ def new_light(shape: tuple[int, int, int, int], device: wp.Device) -> Light:
     n_view, n_band, n_row, n_col = shape
     size = n_view * n_band * n_row * n_col
     flat = wp.zeros(size + STRIP_PIXELS, dtype=wp.float32, device=device)
-    n_flag = -(-n_row * n_col // (STRIPS_PER_BLOCK * STRIP_PIXELS)) * STRIPS_PER_BLOCK
-    lit = wp.zeros((n_view, n_band, n_flag), dtype=wp.uint8, device=device)
+    lit = wp.zeros((n_view, n_band, n_flag(n_row * n_col)), dtype=wp.uint8, device=device)
     return Light(flat, flat[:size].reshape(shape), lit)
 
 

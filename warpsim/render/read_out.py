@@ -9,7 +9,8 @@ from typing import Any
 import warp as wp
 from warpsim_kernels.detector import Detector, PixelScalars, ReadOutFeatures
 from warpsim_kernels.poisson import SMALLEST_EXPANDED_MEAN
-from warpsim_kernels.read_out import STRIP_PIXELS, fill_template_kernel, make_read_out_kernel
+from warpsim_kernels.read_out import fill_template_kernel, make_read_out_kernel
+from warpsim_kernels.strips import STRIP_PIXELS
 
 from warpsim.detector.electron import ElectronDetector
 from warpsim.detector.levels import ElectronLevels, Levels

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import warp as wp
 from warpsim_kernels.emission import record_targets_kernel
-from warpsim_kernels.read_out import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK
+from warpsim_kernels.strips import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK
 from warpsim_kernels.trace import make_reach_kernel, make_trace_stars_kernel, make_trace_targets_kernel
 
 from warpsim.launches import launch, launch_tiled
@@ -218,12 +218,13 @@ def trace_sources(world: TargetWorld, streaks: Streaks, path: PathViews, sources
 
 def deposit(world: World, chunk: Chunk) -> None:
     """Signal: the light of all sources, integrated over pixels."""
-    sources, signal = chunk.sources, chunk.light.signal_w_cm2
+    sources, signal = chunk.sources, chunk.light.signal_w_cm2  # dark
     lists = [sources.n_source, sources.xy_px, sources.irradiance_w_cm2]
     paths = None
     if world.streaks.wanted:
         paths = paths_struct(sources.offset_px, chunk.observations.brightness, world.n_target)
-    world.psf.deposit(lists, world.stamp_rule, rows_per_block(world.device, signal.shape[2]), signal, paths)
+    n_row_per_block = rows_per_block(world.device, signal.shape[2])
+    world.psf.deposit(lists, world.stamp_rule, n_row_per_block, signal, paths, chunk.light.lit)
 
 
 def record_targets(world: World, chunk: Chunk) -> None:

@@ -54,6 +54,7 @@ class Worker:
             counts,
             keep_light=False,
         )
+        self._is_dark = True  # else light was kept, or a chunk was broken off
         self._recorded: dict[bool, tuple[Launches, list[Any]]] = {}
         self._launches(keep_light=False)
         self._copies = wp.Stream(device) if self._owns_counts else None
@@ -94,6 +95,8 @@ class Worker:
             end: View behind the last.
         """
         n_view = end - first
+        if not self._is_dark:
+            self._darken()
         if self._copied is not None:
             self.world.device.stream.wait_event(self._copied)
         for mine, all_views in zip(self._inputs.arrays, inputs.arrays, strict=True):
@@ -102,11 +105,10 @@ class Worker:
         launches, moving = self._launches(keep_light=job.signal_w_cm2 is not None)
         for argument in moving:
             argument.data = address
-        self.chunk.light.lit.fill_(1)  # until deposit does
+        self._is_dark = False
         launches.run(n_view)
         self._hand_over(job, first, n_view)
-        if job.signal_w_cm2 is not None:
-            self._darken()
+        self._is_dark = job.signal_w_cm2 is None
         if job.star_lists is not None:
             job.star_lists[first:end] = _star_lists(self.world, self.chunk.sources, n_view)
         if self.world.device.is_cuda:
@@ -128,7 +130,7 @@ class Worker:
             self._copied = self._copies.record_event()
 
     def _darken(self) -> None:
-        """Put out the light that was kept."""
+        """Put out what light there may be."""
         self.finish()
         light = self.chunk.light
         light.flat.zero_()

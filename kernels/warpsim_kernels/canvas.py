@@ -1,0 +1,100 @@
+"""Images that sources are drawn on, several neighbouring pixels of a row at a time, and flags of what has got light.
+
+A vector of pixels is loaded, added to and stored whole, which the CPU compiler turns into a few wide instructions;
+pixels of it that a stamp does not cover get 0 added. Where a vector would leave its row, its pixels are drawn one by
+one: a thread touches no pixel of rows that others own.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from warpsim_kernels.strips import STRIP_SHIFT, flags_of_image
+
+def lane_mask(n_lane: int) -> tuple[float, ...]:
+    """What flat arrays of tables begin with: vectors of n_lane from it are 1 in some lanes, and 0 in the others."""
+    return (0.0,) * n_lane + (1.0,) * n_lane + (0.0,) * n_lane
+
+
+class CanvasFunctions(NamedTuple):
+    """How n_lane pixels of an image are drawn at a time."""
+
+    Lanes: Any
+    """Vector of n_lane floats. Signal and tables come as arrays of such vectors that overlap: one begins at every
+    float."""
+
+    Canvas: Any
+    """Struct: one image among those of a chunk."""
+
+    canvas_of: Any
+    """(image: int, n_row: int, n_col: int, pixels, lanes, lit) -> canvas."""
+
+    lanes_between: Any
+    """(tables, first: int, end: int) -> 1 in the lanes from the first up to the end, else 0; tables begin with
+    lane_mask."""
+
+    add_light: Any
+    """(canvas, row: int, vector: int, light, first: int, end: int): add to pixels of a row from the column `vector` on;
+    light is 0 but in the columns from first up to end."""
+
+    flag_strips: Any
+    """(canvas, row: int, first: int, end: int): flag pixels of a row that were added to singly."""
+
+
+@functools.cache
+def canvas_functions(n_lane: int) -> CanvasFunctions:
+    """The functions that draw n_lane pixels at a time."""
+    Lanes = wp.types.vector(length=n_lane, dtype=wp.float32)
+
+    class Canvas:
+        pixels: wp.array[float]  # of all images, flat
+        lanes: wp.array[Lanes]  # the same, with a vector from every pixel on
+        lit: wp.array[wp.uint8]  # flags of all images, flat: 1 for a strip that light was added to
+        first: int  # where the image begins in pixels
+        first_strip: int  # where it begins in lit
+        n_row: int
+        n_col: int
+
+    canvas_type = wp.struct(Canvas)
+
+    @wp.func
+    def canvas_of(
+        image: int, n_row: int, n_col: int, pixels: wp.array[float], lanes: wp.array[Lanes], lit: wp.array[wp.uint8]
+    ) -> canvas_type:
+        canvas = canvas_type()
+        canvas.pixels = pixels
+        canvas.lanes = lanes
+        canvas.lit = lit
+        canvas.first = image * n_row * n_col
+        canvas.first_strip = image * flags_of_image(n_row * n_col)
+        canvas.n_row = n_row
+        canvas.n_col = n_col
+        return canvas
+
+    @wp.func
+    def lanes_between(tables: wp.array[Lanes], first: int, end: int) -> Lanes:
+        return wp.cw_mul(tables[wp.static(n_lane) - first], tables[wp.static(2 * n_lane) - end])
+
+    @wp.func
+    def add_light(canvas: canvas_type, row: int, vector: int, light: Lanes, first: int, end: int):
+        begin = row * canvas.n_col
+        pixel = canvas.first + begin + vector
+        if vector >= 0 and vector + wp.static(n_lane) <= canvas.n_col:
+            canvas.lanes[pixel] = canvas.lanes[pixel] + light
+        else:
+            for lane in range(first - vector, end - vector):
+                canvas.pixels[pixel + lane] = canvas.pixels[pixel + lane] + light[lane]
+        # Vectors are shorter than strips: they touch two at most.
+        canvas.lit[canvas.first_strip + ((begin + first) >> STRIP_SHIFT)] = wp.uint8(1)
+        canvas.lit[canvas.first_strip + ((begin + end - 1) >> STRIP_SHIFT)] = wp.uint8(1)
+
+    @wp.func
+    def flag_strips(canvas: canvas_type, row: int, first: int, end: int):
+        begin = row * canvas.n_col
+        strip = (begin + first) >> STRIP_SHIFT
+        while first < end and strip <= (begin + end - 1) >> STRIP_SHIFT:
+            canvas.lit[canvas.first_strip + strip] = wp.uint8(1)
+            strip += 1
+
+    return CanvasFunctions(Lanes, canvas_type, canvas_of, lanes_between, add_light, flag_strips)
