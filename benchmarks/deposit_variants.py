@@ -51,10 +51,10 @@ def make_add_stamp(n_point: int, sum_type: Any, scatters: bool) -> wp.Function:
         for row in range(stamp.window.first_row, stamp.window.end_row):
             in_row = row_in(place, row - stamp.row, psf)
             columns = columns_of_row(stamp, row)
-            served = int(-1)
+            served = -1
             for column in range(columns[0], columns[1]):
                 step = column - stamp.column
-                share = float(0.0)
+                share = 0.0
                 if in_row.first < 0 or step < place.first_step or step >= place.end_step:
                     share = table_wing(psf, place.dx_px + float(step), in_row.distance_px)
                 else:

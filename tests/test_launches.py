@@ -7,15 +7,9 @@ import pytest
 import warp as wp
 
 from warpsim import launches as launches_module
-from warpsim.launches import Launches, call, launch, launch_tiled, recorded
+from warpsim.launches import Launches, call, clear, launch, launch_tiled, recorded
 
 N_VIEW, N_ITEM, WIDTH = 6, 5, 8
-
-
-@wp.kernel(enable_backward=False)
-def set_kernel(value: float, total: wp.array2d[float]):
-    view, item = wp.tid()
-    total[view, item] = value
 
 
 @wp.kernel(enable_backward=False)
@@ -46,7 +40,7 @@ def total(request, device, monkeypatch):
 
 def record_sum(total) -> Launches:
     with recorded(N_VIEW) as launches:
-        launch(set_kernel, (N_VIEW, N_ITEM), [0.0], [total], total.device)
+        clear(total)
         launch(add_kernel, (N_VIEW, N_ITEM), [2.0], [total], total.device)
         launch(add_kernel, (N_VIEW, N_ITEM), [0.5], [total], total.device)
     return launches
@@ -148,7 +142,7 @@ def test_launches_of_nothing_are_left_out(total):
 def test_calls_are_made_in_their_turn(total):
     seen = []
     with recorded(N_VIEW) as launches:
-        launch(set_kernel, (N_VIEW, N_ITEM), [0.0], [total], total.device)
+        clear(total)
         call(lambda n_view: seen.append((n_view, total.numpy()[0, 0])))
         launch(add_kernel, (N_VIEW, N_ITEM), [2.0], [total], total.device)
         call(lambda n_view: seen.append((n_view, total.numpy()[0, 0])))
