@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from warpsim.render.light_curves import LightCurves as LightCurves
     from warpsim.render.light_curves import light_curves as light_curves
     from warpsim.render.renderer import Renderer as Renderer
+    from warpsim.render.stream import StreamStats as StreamStats
     from warpsim.scene.files import presets as presets
     from warpsim.scene.lighting import Lighting as Lighting
     from warpsim.scene.pointing import FixedPointing as FixedPointing
@@ -86,6 +87,7 @@ _HOME = {
     "presets": "warpsim.scene.files",
     "Renderer": "warpsim.render.renderer",
     "FrameSet": "warpsim.render.frameset",
+    "StreamStats": "warpsim.render.stream",
     "light_curves": "warpsim.render.light_curves",
     "LightCurves": "warpsim.render.light_curves",
     "render_to_folder": "warpsim.output.run",

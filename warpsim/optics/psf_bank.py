@@ -14,6 +14,7 @@ from warpsim_kernels.stamp_sizes import size_gaussian_stamps_kernel, size_table_
 from warpsim_kernels.stamps import StampRule
 from warpsim_kernels.streaks import Blur
 
+from warpsim.launches import clear, launch
 from warpsim.optics.psf import Psf, PsfGaussian, check_one_family
 from warpsim.optics.sharpness import sharpness
 from warpsim.optics.streak_rules import STREAK_ERROR, streak_rules
@@ -170,9 +171,9 @@ def stamp_rule(cut_w_cm2: Sequence[float], cut_share: float, device: Any, streak
 def _launch_deposit(kernel: wp.Kernel, inputs: list[Any], n_row_per_block: int, signal: wp.array) -> None:
     n_view, n_band, n_row, _ = signal.shape
     n_block = -(-n_row // n_row_per_block)
-    signal.zero_()
-    wp.launch(kernel, (n_view, n_band, n_block), [*inputs, n_row_per_block], [signal], device=signal.device)
+    clear(signal)
+    launch(kernel, (n_view, n_band, n_block), [*inputs, n_row_per_block], [signal], device=signal.device)
 
 
 def _launch(kernel: wp.Kernel, inputs: list[Any], outputs: list[wp.array]) -> None:
-    wp.launch(kernel, outputs[0].shape, inputs, outputs, device=outputs[0].device)
+    launch(kernel, outputs[0].shape, inputs, outputs, device=outputs[0].device)

@@ -13,6 +13,7 @@ from warpsim_kernels.emission import record_targets_kernel
 from warpsim_kernels.read_out import TILE_WIDTH
 from warpsim_kernels.trace import make_reach_kernel, make_trace_stars_kernel, make_trace_targets_kernel
 
+from warpsim.launches import launch, launch_tiled
 from warpsim.render.buffers import Chunk, Observations, PathViews, Sources, Views, seen_struct
 from warpsim.render.device import rows_per_block
 from warpsim.render.streaks import Streaks, paths_struct
@@ -31,13 +32,13 @@ def aim(world: World, chunk: Chunk) -> None:
         aim_views(world, views.path)
         inputs = [views.axes, views.path.axes, world.camera, world.landmarks]
         kernel = make_reach_kernel(world.field.features.distortion)
-        wp.launch(kernel, dim=chunk.n_view, inputs=inputs, outputs=[views.reach], device=world.device)
+        launch(kernel, dim=chunk.n_view, inputs=inputs, outputs=[views.reach], device=world.device)
 
 
 def aim_views(world: TargetWorld, views: Views | PathViews) -> None:
     """The first launch of `aim`, which needs no images."""
     motion, aiming = world.motion, world.aiming
-    wp.launch(
+    launch(
         aiming.kernel,
         dim=views.time_s.size,
         inputs=[
@@ -66,7 +67,7 @@ def observe_targets(world: World, chunk: Chunk) -> None:
     """What is seen of each target, and the first source slots: its place and light."""
     seen, sources = chunk.observations, chunk.sources
     look_at_targets(world, chunk.views, seen, sources.xy_px, sources.area_series)
-    wp.launch(
+    launch(
         world.field.emit_kernel,
         dim=(chunk.n_view, world.n_band, world.n_target),
         inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen)],
@@ -74,7 +75,7 @@ def observe_targets(world: World, chunk: Chunk) -> None:
         device=world.device,
     )
     if world.field.features.profile:
-        wp.launch(
+        launch(
             world.field.profile_kernel,
             dim=(chunk.n_view, world.n_band, world.n_target),
             inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen), sources.area_series],
@@ -88,7 +89,7 @@ def look_at_targets(
 ) -> None:
     """The first launch of `observe_targets`, which needs no images; places go to xy_px, (n_view, >= n_target)."""
     motion, field = world.motion, world.field
-    wp.launch(
+    launch(
         field.observe_kernel,
         dim=(views.time_s.shape[0], world.n_target),
         inputs=[
@@ -127,7 +128,7 @@ def look_at_targets(
 
 def split_light(world: TargetWorld, seen: Observations, irradiance_w_cm2: wp.array) -> None:
     """Irradiance by each term into (N_TERM, n_view, n_band, n_target); for the truth, not part of a frame."""
-    wp.launch(
+    launch(
         world.field.split_kernel,
         dim=irradiance_w_cm2.shape[1:],
         inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen)],
@@ -139,7 +140,7 @@ def split_light(world: TargetWorld, seen: Observations, irradiance_w_cm2: wp.arr
 def gather_stars(world: World, chunk: Chunk) -> None:
     """The source slots behind the targets: every star whose stamp touches the frame."""
     views, sources = chunk.views, chunk.sources
-    wp.launch(
+    launch(
         world.stars.kernel,
         dim=chunk.n_view,
         inputs=[
@@ -176,7 +177,7 @@ def trace(world: World, chunk: Chunk) -> None:
 def trace_sources(world: TargetWorld, streaks: Streaks, path: PathViews, sources: Sources) -> None:
     """The launches of `trace`."""
     motion, (n_view, n_slot) = world.motion, sources.xy_px.shape
-    wp.launch(
+    launch(
         make_trace_targets_kernel(world.field.features.distortion),
         dim=(n_view, world.n_target),
         inputs=[
@@ -197,7 +198,7 @@ def trace_sources(world: TargetWorld, streaks: Streaks, path: PathViews, sources
         outputs=[sources.offset_px],
         device=world.device,
     )
-    wp.launch(
+    launch(
         make_trace_stars_kernel(world.field.features.distortion),
         dim=(n_view, n_slot - world.n_target),
         inputs=[
@@ -227,7 +228,7 @@ def deposit(world: World, chunk: Chunk) -> None:
 def record_targets(world: World, chunk: Chunk) -> None:
     """Observations: what of the source list belongs to targets."""
     sources, seen = chunk.sources, chunk.observations
-    wp.launch(
+    launch(
         record_targets_kernel,
         dim=(chunk.n_view, world.n_band, world.n_target),
         inputs=[sources.xy_px, sources.irradiance_w_cm2, sources.offset_px],
@@ -245,7 +246,7 @@ def read_out(world: World, chunk: Chunk) -> None:
     signal, counts = chunk.signal_w_cm2.flatten(), chunk.counts.flatten()
     inputs = [signal, chunk.views.frame, chunk.views.sensor, world.band_id, world.read_out.detector]
     if n_tile:
-        wp.launch_tiled(
+        launch_tiled(
             world.read_out.tile_kernel,
             dim=[n_view * n_band * n_tile],
             inputs=[*inputs, n_tile],
@@ -254,7 +255,7 @@ def read_out(world: World, chunk: Chunk) -> None:
             device=world.device,
         )
     if n_done < n_pixel:
-        wp.launch(
+        launch(
             world.read_out.rest_kernel,
             dim=(n_view, n_band, n_pixel - n_done),
             inputs=[*inputs, n_done],

@@ -17,7 +17,9 @@ from warpsim.optics.camera import Camera
 from warpsim.optics.psf_bank import PsfBank, psf_bank, stamp_rule
 from warpsim.optics.tables import TableAccuracy
 from warpsim.render.aiming import Aiming, make_aiming
+from warpsim.render.buffers import observation_columns
 from warpsim.render.read_out import ReadOut, make_read_out
+from warpsim.render.rows import RowLayout
 from warpsim.render.star_field import Stars, make_stars
 from warpsim.render.streak_rule import choose_streaks
 from warpsim.render.streaks import Streaks, no_streaks
@@ -73,6 +75,7 @@ class World(TargetWorld):
 
     def __init__(self, scene: Scene, bands: Sequence[str], device: wp.Device, index: BandIndex) -> None:
         super().__init__(scene, bands, device, with_streaks=True)
+        self.observation_rows = RowLayout(observation_columns(self))
         self.band_id = wp.array([scene.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
         shape = (scene.camera.n_row, scene.camera.n_col)
         self.read_out: ReadOut = make_read_out(scene.detector, scene.levels, bands, scene.seed, shape, device)
