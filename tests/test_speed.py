@@ -8,7 +8,7 @@ import pytest
 
 import warpsim as ws
 from warpsim.cli import main
-from warpsim.render.renderer import STAGES
+from warpsim.render.stages import STAGES
 from warpsim.speed.clock import render_call, stage_times_us, timed_stages, work_fps
 from warpsim.speed.report import PAPER_FPS, Speed, row
 from warpsim.speed.work import BAND, FLUX_RANGE_NEI, N_CALL, power_law_nei, speed_catalog, speed_work
@@ -93,14 +93,14 @@ def test_bad_work(changes, message):
 
 
 def test_every_stage_is_timed_for_every_chunk_and_then_no_more(work):
-    renderer = ws.Renderer(work.scene, "cpu", 1, work.catalog)
     with timed_stages() as times:
+        renderer = ws.Renderer(work.scene, "cpu", 1, work.catalog)
         counts = render_call(work, renderer, 0)
-    render_call(work, renderer, 0)
+    render_call(work, ws.Renderer(work.scene, "cpu", 1, work.catalog), 0)
     assert counts.shape == (40, 5, 1, 32, 32)
     assert list(times) == [stage.__name__ for stage in STAGES]
     views = {name: sum(n_view for n_view, _ in spans) for name, spans in times.items()}
-    assert len(set(views.values())) == 1 and views["aim"] >= work.n_view
+    assert set(views.values()) <= {work.n_view, 2 * work.n_view}  # twice where source lists were too short
 
 
 def test_measures_are_positive(work):

@@ -65,9 +65,11 @@ def render_call(work: SpeedWork, renderer: Renderer, call: int) -> Any:
 
 def stage_times_us(work: SpeedWork, device: Any = None, n_round: int = 3) -> dict[str, float]:
     """Microseconds per image of each stage, in order: the median over the full chunks of some calls, one thread."""
-    renderer = Renderer(work.scene, device, 1, work.catalog)
-    render_call(work, renderer, 0)
     with timed_stages() as times:
+        renderer = Renderer(work.scene, device, 1, work.catalog)
+        render_call(work, renderer, 0)
+        for spans in times.values():
+            spans.clear()
         for number in range(1, n_round + 1):
             render_call(work, renderer, number)
     return {name: _per_image_us(spans) for name, spans in times.items()}
@@ -81,7 +83,7 @@ def _per_image_us(spans: list[tuple[int, float]]) -> float:
 
 @contextmanager
 def timed_stages() -> Iterator[StageTimes]:
-    """Time every stage of every chunk that is rendered meanwhile, by one thread.
+    """Time every stage of every chunk, by one thread, of renderers that are made and used meanwhile.
 
     The only place that knows how the renderer runs its stages: it puts a clock about each of the `STAGES` of
     `render/renderer.py`. On the CPU it is the thread's own time, without what the thread waits for others.
