@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -56,6 +56,15 @@ def clear(array: wp.array) -> None:
         recording.add_clear(array)
 
 
+def call(function: Callable[[int], None], n_view: int) -> None:
+    """Call a function with the number of views, or record that; it does not become part of a CUDA graph."""
+    recording = _recording()
+    if recording is None:
+        function(n_view)
+    else:
+        recording.add_call(function)
+
+
 @contextmanager
 def recorded(n_view: int) -> Iterator[Launches]:
     """Record what the thread launches, for arrays of n_view views, instead of making it."""
@@ -68,6 +77,21 @@ def recorded(n_view: int) -> Iterator[Launches]:
 
 def _recording() -> Launches | None:
     return getattr(_thread, "recording", None)
+
+
+class _Call:
+    """A function to be called with the number of views, with the manners of a recorded launch."""
+
+    arguments: Sequence[Any] = ()
+
+    def __init__(self, function: Callable[[int], None], n_view: int) -> None:
+        self._function, self._n_view = function, n_view
+
+    def set_dim(self, dim: Sequence[int]) -> None:
+        self._n_view = dim[0]
+
+    def launch(self) -> None:
+        self._function(self._n_view)
 
 
 class _Clear:
@@ -156,6 +180,10 @@ class Launches:
         """Append setting an array to zero."""
         self._launches.append((_Clear(array), array.shape))
 
+    def add_call(self, function: Callable[[int], None]) -> None:
+        """Append calling a function with the number of views."""
+        self._launches.append((_Call(function, self.n_view), (self.n_view,)))
+
     def arguments_at(self, array: wp.array) -> list[Any]:
         """Arguments of the launches that are this array; setting their `.data` to an address moves it."""
         return [
@@ -166,15 +194,18 @@ class Launches:
         ]
 
     def capture(self, device: wp.Device, moving: Sequence[Any] = ()) -> None:
-        """On CUDA, make one graph of the launches before the first that has one of the moving arguments."""
+        """On CUDA, make one graph of the launches before the first call, or that has one of the moving arguments."""
         self._n_in_graph = next(
             (
                 number
                 for number, (launch, _) in enumerate(self._launches)
-                if any(argument is moved for moved in moving for argument in launch.arguments)
+                if isinstance(launch, _Call)
+                or any(argument is moved for moved in moving for argument in launch.arguments)
             ),
             len(self._launches),
         )
+        if self._n_in_graph == 0:
+            return
         with wp.ScopedCapture(device) as capture:
             for launch, _ in self._launches[: self._n_in_graph]:
                 launch.launch()
