@@ -58,19 +58,19 @@ def scaling_table(cases: list[Case]) -> list[str]:
     for scaling in dict.fromkeys(c["scaling"] for c in cases):
         group = sorted((c for c in cases if c["scaling"] == scaling), key=lambda c: c["x"])
         more = [(key, name) for key, name in MORE_OF_SCALING.items() if key in group[0]]
-        steps: list[float | None] = [None]
-        for one, other in pairwise(group):
-            steps.append((other["us_per_image"] - one["us_per_image"]) / (other["x"] - one["x"]) * 1e3)
-        lines += table(
-            " | ".join([scaling, "us per image", "ns for each one more", *(name for _, name in more)]),
-            (
-                (f"{c['x']:,}", f"{c['us_per_image']:,.1f}", shown(step, ".2g"), *(f"{c[key]:,.1f}" for key, _ in more))
-                for c, step in zip(group, steps, strict=True)
-            ),
-        )
+        head = [scaling, "us per image", *(name for _, name in more)]
+        rows = [[f"{c['x']:,}", f"{c['us_per_image']:,.1f}", *(f"{c[key]:,.1f}" for key, _ in more)] for c in group]
+        if scaling in LINEAR:
+            head.append("ns for each one more")
+            slopes = [(b["us_per_image"] - a["us_per_image"]) / (b["x"] - a["x"]) * 1e3 for a, b in pairwise(group)]
+            rows = [[*row, shown(slope, ".2g")] for row, slope in zip(rows, [None, *slopes], strict=True)]
+        lines += table(" | ".join(head), rows)
         lines.append("")
     return lines[:-1]
 
+
+LINEAR = ("pixels of an image", "sources in view")
+"""What cost should grow with evenly."""
 
 MORE_OF_SCALING = {"gather_stars_us": "of that, gather_stars", "buffer_mb": "buffers [MB]"}
 
