@@ -160,3 +160,18 @@ def test_a_recording_ends_with_an_exception(total):
         raise ZeroDivisionError
     launch(add_kernel, (N_VIEW, N_ITEM), [1.0], [total], total.device)
     assert (total.numpy() == 8.0).all()
+
+
+def test_calls_are_made_between_launches_with_the_number_of_views(total):
+    seen = []
+    with recorded(N_VIEW) as launches:
+        call(lambda n_view: seen.append((n_view, float(total.numpy()[0, 0]))), N_VIEW)
+        launch(add_kernel, (N_VIEW, N_ITEM), [2.0], [total], total.device)
+        call(lambda n_view: seen.append((n_view, float(total.numpy()[0, 0]))), N_VIEW)
+    if total.device.is_cuda:
+        launches.capture(total.device)
+    launches.run(N_VIEW)
+    launches.run(4)
+    assert seen == [(N_VIEW, 7.0), (N_VIEW, 9.0), (4, 9.0), (4, 11.0)]
+    call(lambda n_view: seen.append((n_view, 0.0)), 3)
+    assert seen[-1] == (3, 0.0)
