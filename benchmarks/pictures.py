@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
 
-Case = dict[str, Any]
+from benchmarks.tables.markdown import Case
 
 
 def plot_signatures(cases: list[Case], path: Path) -> None:
@@ -105,10 +105,108 @@ def plot_read_out(cases: list[Case], path: Path) -> None:
     figure.savefig(path, dpi=130)
 
 
+def plot_settings(cases: list[Case], path: Path) -> None:
+    """Draw time per image against the error of the worst pixel, setting by setting."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13, 5), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    images = [c for c in cases if "error_nei" in c]
+    for setting in dict.fromkeys(c["setting"] for c in images):
+        group = [c for c in images if c["setting"] == setting]
+        axes = left if group[0]["n_pixel"] <= 256 else right
+        line = sorted((max(c["error_nei"], 1e-5), c["us_per_image"]) for c in group)
+        axes.plot(*zip(*line, strict=True), "o-", label=setting)
+        for c in group:
+            place = (max(c["error_nei"], 1e-5), c["us_per_image"])
+            axes.annotate(f"{c['value']}", place, textcoords="offset points", xytext=(4, 4), fontsize=7)
+    for axes, n_pixel in ((left, 256), (right, 1024)):
+        if not axes.lines:
+            continue
+        axes.set(xscale="log", xlabel="error of the worst pixel [noise]", ylabel="us per image, one thread")
+        axes.set(title=f"{n_pixel} x {n_pixel} pixels, setting beside points", ylim=(0, None))
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8)
+    figure.savefig(path, dpi=130)
+
+
+def plot_scaling(cases: list[Case], path: Path) -> None:
+    """Draw time per image against what grows."""
+    from matplotlib.figure import Figure
+
+    names = list(dict.fromkeys(c["scaling"].partition(",")[0] for c in cases))
+    figure = Figure(figsize=(4.5 * len(names), 4), layout="constrained")
+    for axes, name in zip(figure.subplots(1, len(names), squeeze=False)[0], names, strict=True):
+        for scaling in dict.fromkeys(c["scaling"] for c in cases if c["scaling"].partition(",")[0] == name):
+            group = [c for c in cases if c["scaling"] == scaling]
+            line = sorted((c["x"], c["us_per_image"]) for c in group)
+            axes.loglog(*zip(*line, strict=True), "o-", label=scaling.partition(", ")[2] or "whole image")
+            if parts := sorted((c["x"], c["gather_stars_us"]) for c in group if "gather_stars_us" in c):
+                axes.loglog(*zip(*parts, strict=True), "s--", label="gather_stars")
+        axes.set(xlabel=name, ylabel="us per image, one thread")
+        axes.grid(alpha=0.3, which="both")
+        axes.legend(fontsize=8)
+    figure.savefig(path, dpi=130)
+
+
+def plot_peers(cases: list[Case], path: Path) -> None:
+    """Draw how many times as fast as each peer, against image size, with quartiles."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13, 5), layout="constrained")
+    for axes, psf in zip(figure.subplots(1, 2), ("gaussian", "airy"), strict=True):
+        groups: dict[str, list[Case]] = {}
+        for c in cases:
+            if c["psf"] == psf:
+                threads = ", one thread each" if c["one_thread"] else ""
+                name = f"{c['peer']}{threads}, {c['n_star']:,} stars, stamps: {c['stamps']}"
+                groups.setdefault(name, []).append(c)
+        for name, group in groups.items():
+            group.sort(key=lambda c: c["n_pixel"])
+            ratio = [c["ratio"] for c in group]
+            spread = [[abs(c["ratio_quartiles"][k] - c["ratio"]) for c in group] for k in (0, 1)]
+            axes.errorbar([c["n_pixel"] for c in group], ratio, spread, fmt="o-", capsize=3, label=name)
+        axes.axhline(1.0, color="grey", linestyle=":")
+        axes.set(xscale="log", yscale="log", title=psf, xlabel="pixels on a side", ylabel="our frames/s over theirs")
+        axes.set_xticks([128, 256, 512, 1024], ["128", "256", "512", "1024"])
+        axes.minorticks_off()
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=7)
+    figure.savefig(path, dpi=130)
+
+
+def plot_stages(cases: list[Case], path: Path) -> None:
+    """Draw the share of each stage in the time of an image."""
+    from matplotlib.figure import Figure
+
+    cases = sorted(cases, key=lambda c: (c["device"], c["psf"], c["n_star"], c["n_pixel"]), reverse=True)
+    labels = [f"{c['n_pixel']}^2, {c['n_star']:,} stars, {c['psf']}, {c['device']}" for c in cases]
+    figure = Figure(figsize=(10, 1.5 + 0.35 * len(cases)), layout="constrained")
+    axes = figure.add_subplot()
+    begin = [0.0] * len(cases)
+    for name in cases[0]["stage_us"]:
+        width = [100 * c["stage_us"].get(name, 0.0) / c["whole_us"] for c in cases]
+        axes.barh(labels, width, left=begin, label=name)
+        begin = [a + b for a, b in zip(begin, width, strict=True)]
+    axes.set(xlabel="percent of the time of an image, one thread; what is missing is no stage")
+    figure.legend(loc="outside upper center", ncols=4, fontsize=8)
+    figure.savefig(path, dpi=130)
+
+
 PICTURES: dict[str, Callable[[list[Case], Path], None]] = {
     "light_error": plot_signatures,
     "deposit_error": plot_deposit,
     "ns_per_pixel": plot_read_out,
-    "kind": plot_star_query,
+    "peer": plot_peers,
+    "setting": plot_settings,
+    "scaling": plot_scaling,
+    "stage_us": plot_stages,
+    "n_cone": plot_star_query,
 }
 """What a case says only in one benchmark, and how it is drawn."""
+
+
+def picture_of(cases: list[Case]) -> Callable[[Path], None] | None:
+    """What draws the picture of a result to a file; None where there is none."""
+    draw = next((draw for key, draw in PICTURES.items() if any(key in c for c in cases)), None)
+    return None if draw is None else partial(draw, cases)

@@ -19,11 +19,11 @@ import numpy as np
 import pytest
 import warp as wp
 from scipy.special import ndtr
-from test_fps import pixel_share
-from warpsim_kernels.canvas import n_strip
+from warpsim_kernels.strips import n_flag
 
 import warpsim as ws
 from benchmarks.deposit_variants import VARIANTS, Variant, draw_by_error_functions
+from benchmarks.psf_oracle import pixel_share
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
 from warpsim.optics.tables import TableAccuracy
 from warpsim.render.streaks import paths_struct
@@ -71,8 +71,8 @@ class Drawing:
             wp.array(xy_px[None], dtype=wp.vec2d, device="cpu"),
             wp.array(np.ones((1, 1, n)), dtype=wp.float32, device="cpu"),
         ]
-        self.signal = wp.empty((1, 1, N_PIXEL, N_PIXEL), dtype=wp.float32, device="cpu")
-        self.lit = wp.zeros((1, 1, n_strip(N_PIXEL, N_PIXEL)), dtype=wp.uint8, device="cpu")
+        self.signal = wp.zeros((1, 1, N_PIXEL, N_PIXEL), dtype=wp.float32, device="cpu")
+        self.lit = wp.zeros((1, 1, n_flag(N_PIXEL * N_PIXEL)), dtype=wp.uint8, device="cpu")
         self.paths = None
         if path_px is not None:
             series = np.broadcast_to(np.asarray(path_px, np.float32), (1, n, len(path_px), 2))
@@ -80,11 +80,12 @@ class Drawing:
             self.paths = paths_struct(wp.array(series.copy(), dtype=wp.vec2, device="cpu"), still, 0)
 
     def draw(self) -> None:
-        """Draw."""
+        """Add the light of the sources to the image."""
         self.bank.deposit(self.sources, self.rule, N_PIXEL, self.signal, self.paths, self.lit)
 
     def __call__(self) -> Any:
-        """Draw; the image, float64."""
+        """The image, float64."""
+        self.signal.zero_()
         self.draw()
         return self.signal.numpy()[0, 0].astype(np.float64)
 
@@ -235,7 +236,7 @@ def test_sums(benchmark, name, n_source):
     if name == PRODUCT:
         product = Drawing(psf, None, xy_px.numpy(), rule)
         product.sources[2] = strength.reshape((1, 1, n_source))
-        draw, values = product.draw, lambda: product.signal.numpy()[0, 0]
+        draw, values = product.draw, product
     else:
         way = Variant(name, psf, (N_PIXEL, N_PIXEL), "cpu", N_PIXEL)
         draw, values = (lambda: way.draw(xy_px, strength, rule)), way.values

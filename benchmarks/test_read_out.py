@@ -22,6 +22,7 @@ from warpsim.detector.nei import NeiDetector
 from warpsim.optics.camera import Camera
 from warpsim.optics.telescope import Optics
 from warpsim.render import stages
+from warpsim.render.buffers import new_light
 from warpsim.render.read_out import make_read_out
 
 N_PIXEL = 1024
@@ -68,7 +69,8 @@ def test_read_out(benchmark, name):
     shape = (n_view, 1, N_PIXEL, N_PIXEL)
     chunk = SimpleNamespace(
         counts=wp.zeros(shape, dtype=wp.uint16, device=device),
-        signal_w_cm2=wp.zeros(shape, dtype=wp.float32, device=device),
+        light=new_light(shape, device),
+        keep_light=False,
         views=views,
     )
     benchmark.pedantic(stages.read_out, args=(world, chunk), rounds=9, warmup_rounds=1)

@@ -2,7 +2,8 @@
 
     python examples/05_speed_against_resolution.py
 
-One sensor, one band, fresh noise in every pixel, counts in host memory. With --quick: 128 x 128 pixels only.
+One sensor, one band, 30 targets and about 100 stars, fresh noise in every pixel, counts in host memory. With --quick:
+128 x 128 pixels only.
 """
 
 import argparse
@@ -10,7 +11,8 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from warpsim.render.speed import PAPER_FPS, measure_fps
+import warpsim as ws
+from warpsim.speed.report import PAPER_FPS
 
 REAL_TIME_FPS = 30.0
 N_ROUND = 7
@@ -19,7 +21,7 @@ N_ROUND = 7
 def main(output: Path, quick: bool = False, device: str | None = None) -> None:
     """Measure, print a table, and draw it to `output`."""
     sizes = [128] if quick else list(PAPER_FPS)
-    fps = [measure_fps(n_pixel, device, n_round=2 if quick else N_ROUND) for n_pixel in sizes]
+    fps = [ws.measure_fps(n_pixel, device, n_round=2 if quick else N_ROUND) for n_pixel in sizes]
     paper = [PAPER_FPS[n_pixel] for n_pixel in sizes]
     print(f"{'pixels':>10} {'frames/s':>10} {'paper':>8} {'ratio':>8} {'real-time sensors':>18}")
     for n_pixel, ours, theirs in zip(sizes, fps, paper, strict=True):

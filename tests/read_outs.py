@@ -7,12 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import warp as wp
 from scipy import special, stats
+from warpsim_kernels.strips import STRIP_PIXELS, STRIPS_PER_BLOCK
 
 from warpsim.detector.levels import electron_levels, levels
 from warpsim.detector.nei import NeiDetector
 from warpsim.optics.camera import Camera
 from warpsim.optics.telescope import Optics
 from warpsim.render import stages
+from warpsim.render.buffers import new_light
 from warpsim.render.read_out import make_read_out
 from warpsim.sky.bands import BANDS
 
@@ -31,8 +33,8 @@ FINE_GAIN, FINE_OFFSET = 4500.0, 32768.0
 FINE = NeiDetector(nei_w_cm2=1e-18, sei_w_cm2=3e-15, bits=16, offset_counts=FINE_OFFSET, counts_per_nei=FINE_GAIN)
 
 
-def read_out(detector, signal, device, *, frames=None, sensors=None, bands=None, seed=SEED, tiles=True):
-    """Counts of signal (n_view, n_band, n_row, n_col), by the renderer's stage or by the scalar kernel alone."""
+def read_out(detector, signal, device, *, frames=None, sensors=None, bands=None, seed=SEED, ragged=False):
+    """Counts of signal (n_view, n_band, n_row, n_col), by the renderer's stage or the kernel of ragged ends alone."""
     n_view, n_band, n_row, n_col = signal.shape
 
     def numbers(values, n):
@@ -53,14 +55,28 @@ def read_out(detector, signal, device, *, frames=None, sensors=None, bands=None,
         device=wp.get_device(device),
     )
     counts = wp.zeros(signal.shape, dtype=wp.uint16, device=device)
-    light = wp.array(signal, dtype=wp.float32, device=device)
-    if tiles:
-        stages.read_out(world, SimpleNamespace(counts=counts, signal_w_cm2=light, views=views))
+    light = lit_everywhere(signal, wp.get_device(device))
+    if ragged:
+        n_image, n_pixel = n_view * n_band, n_row * n_col
+        n_strip = -(-n_pixel // STRIP_PIXELS)
+        inputs = [views.frame, views.sensor, world.band_id, world.read_out.detector, 0, n_strip, 0, 1]
+        inputs += [light.signal_w_cm2.reshape((n_image, n_pixel)), light.lit.flatten()]
+        outputs = [counts.reshape((n_image, n_pixel))]
+        dim = [n_image * -(-n_strip // STRIPS_PER_BLOCK)]
+        wp.launch_tiled(
+            world.read_out.rest_kernel, dim=dim, inputs=inputs, outputs=outputs, block_dim=64, device=device
+        )
     else:
-        inputs = [light.flatten(), views.frame, views.sensor, world.band_id, world.read_out.detector, 0]
-        dim = (n_view, n_band, n_row * n_col)
-        wp.launch(world.read_out.rest_kernel, dim=dim, inputs=inputs, outputs=[counts.flatten()], device=device)
+        stages.read_out(world, SimpleNamespace(counts=counts, light=light, views=views, keep_light=False))
     return counts.numpy()
+
+
+def lit_everywhere(signal, device):
+    """Light of any images, every strip of them flagged."""
+    light = new_light(signal.shape, device)
+    light.signal_w_cm2.assign(np.asarray(signal, dtype=np.float32))
+    light.lit.fill_(1)
+    return light
 
 
 def deviates(device, shape=(1, 1, 512, 512), detector=FINE, **numbers):
@@ -73,30 +89,53 @@ def levels_of(detector, band="A"):
     return electron_levels(detector, OPTICS, CAMERA, band)
 
 
-def twin_words(frame, sensor, band, seed, n_pixel, stream=1, first_pair=0):
-    """64 bits of each pixel, and whether it takes the sine: Philox in NumPy's 64-bit integers."""
+def twin_words(frame, sensor, band, seed, n_pixel, stream=1):
+    """Two words of 32 bits of each pixel's pair, and whether it takes the sine: in NumPy's 64-bit integers."""
+    pixel = np.arange(n_pixel)
+    c = twin_key(frame, sensor, band, seed, stream + 256 * (pixel // 2048))
+    number = (pixel % 2048 // 128 * 64 + pixel % 64).astype(np.uint64)
+    return twin_hash(number, c[0], c[1]), twin_hash(number, c[2], c[3]), pixel % 128 >= 64
+
+
+def twin_key(frame, sensor, band, seed, purpose):
+    """Four words of Philox4x32-10 keyed by the seed."""
     low = np.uint64(0xFFFFFFFF)
-    c = [np.uint64(x) for x in (frame, sensor, band, stream)]
+    c = [np.asarray(x).astype(np.uint64) for x in (frame, sensor, band, purpose)]
     k = [np.uint64(seed) & low, np.uint64(seed) >> np.uint64(32)]
     for _ in range(10):
         a, b = np.uint64(0xD2511F53) * c[0], np.uint64(0xCD9E8D57) * c[2]
         c = [(b >> np.uint64(32)) ^ c[1] ^ k[0], b & low, (a >> np.uint64(32)) ^ c[3] ^ k[1], a & low]
         k = [(k[0] + np.uint64(0x9E3779B9)) & low, (k[1] + np.uint64(0xBB67AE85)) & low]
-    pixel = np.arange(n_pixel)
-    x, y, key = (pixel // 128 * 64 + pixel % 64 + first_pair).astype(np.uint64), np.full(n_pixel, c[1]), c[0]
-    for _ in range(10):
-        product = np.uint64(0xD256D193) * x
-        x, y = (product >> np.uint64(32)) ^ key ^ y, product & low
-        key = (key + np.uint64(0x9E3779B9)) & low
-    return x, y, pixel % 128 >= 64
+    return c
 
 
-def twin_deviates(frame, sensor, band, seed, n_pixel, stream=1, first_pair=0):
+def twin_hash(number, key, second_key):
+    """The hash of streams.py."""
+    low = np.uint64(0xFFFFFFFF)
+    x = (number * (key | np.uint64(1)) + second_key) & low
+    x = ((x ^ (x >> np.uint64(16))) * np.uint64(0x21F0AAAD)) & low
+    x = ((x ^ (x >> np.uint64(15))) * np.uint64(0xD35A2D97)) & low
+    return x ^ (x >> np.uint64(15))
+
+
+def twin_deviates(frame, sensor, band, seed, n_pixel, stream=1):
     """The same deviates in float64: Box and Muller."""
-    upper, lower, takes_sine = twin_words(frame, sensor, band, seed, n_pixel, stream, first_pair)
-    turns = ((lower % 2**31) + 0.5) / 2**32 - 0.25 + 0.5 * (lower >> np.uint64(31))
-    angle = 2 * np.pi * turns
-    return np.sqrt(-2 * np.log((upper + 0.5) / 2**32)) * np.where(takes_sine, np.sin(angle), np.cos(angle))
+    word, angle, takes_sine = twin_words(frame, sensor, band, seed, n_pixel, stream)
+    return twin_normals(word, angle, takes_sine)
+
+
+def twin_columns(frame, sensor, band, seed, n_col):
+    """Deviates of columns: cosines of the words of the first block, whatever the column's number."""
+    keys = np.array(twin_key(frame, sensor, band, seed, 5), dtype=np.uint64)
+    column = np.arange(n_col, dtype=np.uint64)
+    return twin_normals(twin_hash(column, *keys[:2]), twin_hash(column, *keys[2:]), False)
+
+
+def twin_normals(word, angle, takes_sine):
+    """Unit normal deviates of two words, in float64."""
+    radius = np.sqrt(-2 * np.log((word | np.uint64(1)) / 2.0**32)) * np.where(word & np.uint64(1), -1.0, 1.0)
+    turn = 2 * np.pi * angle.astype(np.uint32).view(np.int32) / 2.0**33
+    return radius * np.where(takes_sine, np.sin(turn), np.cos(turn))
 
 
 def check_gaussian(histogram):

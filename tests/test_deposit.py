@@ -75,7 +75,7 @@ def one_source_images(xy_px, psf, shape, device, cut_share):
         wp.array(np.asarray(xy_px)[:, None, :], dtype=wp.vec2d, device=device),
         wp.array(np.ones((n, 1, 1)), dtype=wp.float32, device=device),
     ]
-    signal = wp.empty((n, 1, *shape), dtype=wp.float32, device=device)
+    signal = wp.zeros((n, 1, *shape), dtype=wp.float32, device=device)
     psf_bank([psf], wp.get_device(device)).deposit(sources, stamp_rule([0.0], cut_share, device), shape[0], signal)
     return signal.numpy()[:, 0].astype(np.float64)
 
@@ -154,7 +154,7 @@ def drawn(xy_px, irradiance_w_cm2, psf, shape, device, rule):
         wp.array(np.asarray(xy_px)[None], dtype=wp.vec2d, device=device),
         wp.array(np.asarray(irradiance_w_cm2)[None, None], dtype=wp.float32, device=device),
     ]
-    signal = wp.empty((1, 1, *shape), dtype=wp.float32, device=device)
+    signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=device)
     psf_bank([psf], wp.get_device(device)).deposit(sources, rule, shape[0], signal)
     return signal.numpy()[0, 0].astype(np.float64)
 
@@ -278,7 +278,7 @@ def test_each_band_has_its_own_cut(device):
         wp.array(np.asarray(xy)[None], dtype=wp.vec2d, device=device),
         wp.array(np.full((1, 2, 1), 1e-15), dtype=wp.float32, device=device),
     ]
-    signal = wp.empty((1, 2, 24, 32), dtype=wp.float32, device=device)
+    signal = wp.zeros((1, 2, 24, 32), dtype=wp.float32, device=device)
     cuts = [1e-18, 1e-21]
     psf_bank([psf, psf], wp.get_device(device)).deposit(sources, stamp_rule(cuts, 0.0, device), 24, signal)
     for image, cut in zip(signal.numpy()[0], cuts, strict=True):

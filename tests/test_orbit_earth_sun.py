@@ -23,6 +23,7 @@ from warpsim.orbit.earth import (
     geodetic_to_itrs_m,
     itrs_to_gcrs,
     pole_of_date,
+    timescale,
 )
 from warpsim.orbit.epoch import tdb_jd, utc_time
 from warpsim.orbit.sun import earth_velocity_m_s, sun_position_m
@@ -154,3 +155,11 @@ def test_gcrs_axes_are_astropys():
     itrs = fixed.get_itrs(epoch)
     gcrs = itrs.transform_to(GCRS(obstime=epoch)).represent_as(CartesianRepresentation).xyz.to_value("m")
     assert np.linalg.norm(itrs_to_gcrs(epoch, 0.0)[:, 0] * 6378137.0 - gcrs) < POLAR_MOTION_M
+
+
+def test_time_scales_are_skyfields_own():
+    ours, theirs = timescale(), load.timescale(builtin=True)
+    for year in (1950.0, 1975.3, 2017.0, 2025.2, 2090.0):
+        one, other = ours.J(year), theirs.J(year)
+        assert (one.tt, one.ut1, one.delta_t) == (other.tt, other.ut1, other.delta_t)
+        assert np.array_equal(one.M, other.M)

@@ -6,11 +6,12 @@ import warp as wp
 from read_outs import N_SIGMA, N_SIGMA_TAIL
 from scipy import special, stats
 from warpsim_kernels.normal import normal_cosine, normal_radius
-from warpsim_kernels.philox import lower_word, philox2x32_word, upper_word
 from warpsim_kernels.poisson import SMALLEST_EXPANDED_MEAN, exp_of_minus, poisson, poisson_of_normal, searched_poisson
+from warpsim_kernels.streams import STREAM_FEW, STREAM_NOISE, hashed, stream_key
+from warpsim_kernels.strips import PAIRS_PER_BLOCK
 
 THRESHOLD = float(SMALLEST_EXPANDED_MEAN)
-LARGEST_W = 6.77  # of a deviate made of 32 bits
+LARGEST_W = 6.67  # of a deviate
 N_DRAW = 10_000_000
 
 
@@ -36,9 +37,12 @@ def expanded_kernel(mean: float, w: wp.array[float], count: wp.array[float]):
 def draw_kernel(mean: float, key: wp.uint32, whole: wp.float64, count: wp.array[wp.int32]):
     """Draws less `whole`, made as the read-out makes them."""
     i = wp.tid()
-    word = philox2x32_word(wp.uint32(i), wp.uint32(7), key)
-    w = normal_radius(upper_word(word)) * normal_cosine(lower_word(word))
-    count[i] = wp.int32(wp.float64(poisson(mean, w, upper_word(word))) - whole)
+    none = wp.uint32(0)
+    number = wp.uint32(i % PAIRS_PER_BLOCK)
+    keys = stream_key(none, none, none, STREAM_NOISE, i // PAIRS_PER_BLOCK, key, none)
+    few = stream_key(none, none, none, STREAM_FEW, i // PAIRS_PER_BLOCK, key, none)
+    w = normal_cosine(normal_radius(hashed(number, keys[0], keys[1])), hashed(number, keys[2], keys[3]))
+    count[i] = wp.int32(wp.float64(poisson(mean, w, hashed(number, few[0], few[1]))) - whole)
 
 
 def launched(kernel, device, mean, numbers, dtype):

@@ -62,7 +62,7 @@ def sources_of(xy_px, flux, device):
 
 def draw(xy_px, flux, psf, shape, device, rule, paths=None, n_row_per_block=None, aspect=1.0):
     """The kernels' own interface: one image."""
-    signal = wp.empty((1, 1, *shape), dtype=wp.float32, device=device)
+    signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=device)
     bank = psf_bank([psf], wp.get_device(device), aspect)
     bank.deposit(sources_of(xy_px, flux, device), rule, n_row_per_block or shape[0], signal, paths)
     return signal.numpy()[0, 0]

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from warpsim.render.light_curves import LightCurves as LightCurves
     from warpsim.render.light_curves import light_curves as light_curves
     from warpsim.render.renderer import Renderer as Renderer
-    from warpsim.render.speed import measure_fps as measure_fps
+    from warpsim.render.stream import StreamStats as StreamStats
     from warpsim.scene.files import presets as presets
     from warpsim.scene.lighting import Lighting as Lighting
     from warpsim.scene.pointing import FixedPointing as FixedPointing
@@ -68,6 +68,7 @@ if TYPE_CHECKING:
     from warpsim.sky.bands import band_radiance_w_m2_sr as band_radiance_w_m2_sr
     from warpsim.sky.catalog import StarCatalog as StarCatalog
     from warpsim.sky.radiometry import PHYSICS as PHYSICS
+    from warpsim.speed.clock import measure_fps as measure_fps
     from warpsim.target.attitude import Attitude as Attitude
     from warpsim.target.attitude_table import AttitudeTable as AttitudeTable
     from warpsim.target.mesh import Mesh as Mesh
@@ -86,12 +87,13 @@ _HOME = {
     "presets": "warpsim.scene.files",
     "Renderer": "warpsim.render.renderer",
     "FrameSet": "warpsim.render.frameset",
+    "StreamStats": "warpsim.render.stream",
     "light_curves": "warpsim.render.light_curves",
     "LightCurves": "warpsim.render.light_curves",
     "render_to_folder": "warpsim.output.run",
     "write_czml": "warpsim.output.czml",
     "read_cube": "warpsim.output.fits_cube",
-    "measure_fps": "warpsim.render.speed",
+    "measure_fps": "warpsim.speed.clock",
     "StarCatalog": "warpsim.sky.catalog",
     "write_catalog": "warpsim.output.catalog_file",
     "BandIndex": "warpsim.sky.band_index",

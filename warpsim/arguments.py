@@ -56,3 +56,14 @@ def chosen_names(what: str, names: Sequence[str] | None, known: list[str]) -> li
             shown = ", ".join(known[:6]) + (", ..." if len(known) > 6 else "")
             raise InputError(f"{what}: must be among {shown}, got {name!r}")
     return listed
+
+
+def whole_number(what: str, value: Any, least: int) -> int:
+    """A whole number that is not smaller than asked for.
+
+    Raises:
+        InputError: It is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise InputError(f"{what}: must be a whole number >= {least}, got {value!r}")
+    return int(value)

@@ -16,6 +16,7 @@ from warpsim.errors import InputError
 
 if TYPE_CHECKING:
     from warpsim.sky.catalog import StarCatalog
+    from warpsim.speed.report import Speed
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -99,8 +100,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_catalog(catalog)
     catalog.set_defaults(command=_catalog)
 
-    bench = commands.add_parser("bench", help="frames per second against resolution on this machine")
-    bench.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
+    bench = commands.add_parser("bench", help="frames per second against image size and sensors on this machine")
+    _add_bench(bench)
     bench.set_defaults(command=_bench)
     return parser
 
@@ -122,6 +123,17 @@ def _add_catalog(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", metavar="OUT", help="also write the catalog: .fits, .ecsv, .vot or .csv")
     parser.add_argument("--plot", metavar="PNG", help="also draw the number of stars by band and magnitude")
     parser.add_argument("--overwrite", action="store_true", help="replace existing files")
+
+
+def _add_bench(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--device", metavar="NAMES", help="Warp devices: cpu, cuda:0, ...; all if left out")
+    parser.add_argument("--pixels", metavar="N,N", help="rows and columns; 128,256,512,1024 if left out")
+    parser.add_argument("--sensors", metavar="N,N", help="numbers of sensors; 1,20 if left out")
+    parser.add_argument("--stars", metavar="N", help="stars in view, about; 100 if left out")
+    parser.add_argument("--psf", metavar="NAME", help="airy (the default), or gaussian: of 0.7 px")
+    parser.add_argument("--quick", action="store_true", help="fewer and shorter calls: good to a factor, in seconds")
+    parser.add_argument("--json", metavar="FILE", help="also write the figures: .json")
+    parser.add_argument("--overwrite", action="store_true", help="replace an existing file")
 
 
 def _start_warp() -> None:
@@ -331,17 +343,47 @@ def _number(where: str, text: str) -> float:
 
 
 def _bench(options: argparse.Namespace) -> int:
-    from warpsim.render.device import default_device
-    from warpsim.render.speed import PAPER_FPS, measure_fps
+    from warpsim.files import check_new_file, write_json
+    from warpsim.speed.report import Plan, as_json, heading, measured, row, stage_table
+    from warpsim.speed.work import PSFS
 
+    path = Path(options.json) if options.json else None
+    if path:
+        check_new_file(path, (".json",), options.overwrite)
+    if options.psf not in (None, *PSFS):
+        raise InputError(f"--psf: must be {' or '.join(PSFS)}, got {options.psf!r}")
+    n_star = None if options.stars is None else _whole_number("--stars", options.stars)
+    if n_star is not None and n_star < 0:
+        raise InputError(f"--stars: must be >= 0, got {n_star}")
+    given: dict[str, Any] = {
+        "devices": None if options.device is None else tuple(_names(options.device) or ()),
+        "pixels": _counts("--pixels", options.pixels),
+        "sensors": _counts("--sensors", options.sensors),
+        "n_star": n_star,
+        "psf": options.psf,
+    }
+    plan = Plan(**{name: value for name, value in given.items() if value is not None}, quick=options.quick)
     _start_warp()
-    default_device(options.device)
-    print("One sensor, one band of stss, fresh noise, result in host memory (median of 7)")
-    print(f"{'pixels':>10} {'frames/s':>10} {'paper':>7} {'ratio':>7}")
-    for n_pixel, paper in PAPER_FPS.items():
-        fps = measure_fps(n_pixel, device=options.device)
-        print(f"{n_pixel:>5}^2    {fps:>10,.0f} {paper:>7} {fps / paper:>7.1f}", flush=True)
+    speeds: list[Speed] = []
+    for speed in measured(plan):
+        print(row(speed) if speeds else f"{heading(plan)}\n{row(speed)}", flush=True)
+        speeds.append(speed)
+    if path:
+        write_json(as_json(plan, speeds), path)
+    print(f"\n{stage_table(speeds)}")
+    if path:
+        print(f"\nfigures in {path}")
     return 0
+
+
+def _counts(where: str, text: str | None) -> tuple[int, ...] | None:
+    """Whole numbers >= 1 of a comma-separated list."""
+    if text is None:
+        return None
+    numbers = tuple(_whole_number(where, item) for item in text.split(","))
+    if min(numbers) < 1:
+        raise InputError(f"{where}: must be whole numbers >= 1, got {text!r}")
+    return numbers
 
 
 def _names(text: str | None) -> list[str] | None:

@@ -10,16 +10,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-STRIP = 128
-"""Neighbouring pixels of an image, counted along its rows and over their ends, that share a flag: those that one tile
-of the read-out takes."""
-
-_SHIFT = wp.constant(STRIP.bit_length() - 1)
-
-
-def n_strip(n_row: int, n_col: int) -> int:
-    """Strips of an image."""
-    return -(-n_row * n_col // STRIP)
+from warpsim_kernels.strips import STRIP_SHIFT, flags_of_image
 
 
 def lane_mask(n_lane: int) -> tuple[float, ...]:
@@ -52,12 +43,6 @@ class CanvasFunctions(NamedTuple):
     """(canvas, row: int, first: int, end: int): flag pixels of a row that were added to singly."""
 
 
-@wp.func
-def strips_of(n_row: int, n_col: int) -> int:
-    """Strips of an image."""
-    return (n_row * n_col + wp.static(STRIP - 1)) >> _SHIFT
-
-
 @functools.cache
 def canvas_functions(n_lane: int) -> CanvasFunctions:
     """The functions that draw n_lane pixels at a time."""
@@ -83,7 +68,7 @@ def canvas_functions(n_lane: int) -> CanvasFunctions:
         canvas.lanes = lanes
         canvas.lit = lit
         canvas.first = image * n_row * n_col
-        canvas.first_strip = image * strips_of(n_row, n_col)
+        canvas.first_strip = image * flags_of_image(n_row * n_col)
         canvas.n_row = n_row
         canvas.n_col = n_col
         return canvas
@@ -102,14 +87,14 @@ def canvas_functions(n_lane: int) -> CanvasFunctions:
             for lane in range(first - vector, end - vector):
                 canvas.pixels[pixel + lane] = canvas.pixels[pixel + lane] + light[lane]
         # Vectors are shorter than strips: they touch two at most.
-        canvas.lit[canvas.first_strip + ((begin + first) >> _SHIFT)] = wp.uint8(1)
-        canvas.lit[canvas.first_strip + ((begin + end - 1) >> _SHIFT)] = wp.uint8(1)
+        canvas.lit[canvas.first_strip + ((begin + first) >> STRIP_SHIFT)] = wp.uint8(1)
+        canvas.lit[canvas.first_strip + ((begin + end - 1) >> STRIP_SHIFT)] = wp.uint8(1)
 
     @wp.func
     def flag_strips(canvas: canvas_type, row: int, first: int, end: int):
         begin = row * canvas.n_col
-        strip = (begin + first) >> _SHIFT
-        while first < end and strip <= (begin + end - 1) >> _SHIFT:
+        strip = (begin + first) >> STRIP_SHIFT
+        while first < end and strip <= (begin + end - 1) >> STRIP_SHIFT:
             canvas.lit[canvas.first_strip + strip] = wp.uint8(1)
             strip += 1
 

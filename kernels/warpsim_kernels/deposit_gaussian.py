@@ -132,7 +132,7 @@ def make_deposit_gaussian_kernel(streaks: bool) -> wp.Kernel:
         # out (accumulated)
         signal_w_cm2: wp.array[float],  # (n_view * n_band * n_row * n_col,)
         signal_lanes: wp.array[Lanes],  # the same, with a vector from every pixel on
-        lit: wp.array[wp.uint8],  # (n_view * n_band * n_strip,)
+        lit: wp.array[wp.uint8],  # (n_view * n_band * n_flag,)
     ):
         view, band, block = wp.tid()
         canvas = canvas_of(view * psfs.shape[0] + band, n_row, n_col, signal_w_cm2, signal_lanes, lit)

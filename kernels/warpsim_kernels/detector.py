@@ -30,8 +30,8 @@ class PixelScalars:
     """A detector's pixels in one band. Levels are irradiances [W/cm2] in NEI terms, else electrons."""
 
     # both
-    offset_counts: float
-    max_counts: float
+    zero_counts: float  # of no level, and half a count more, for rounding
+    most_counts: float  # of the converter, or of saturation where that is less
     prnu: float  # rms of gains
     dsnu: float  # rms of offsets [W/cm2], or of dark currents as a share of their mean
     column_noise: float  # rms, a level
@@ -43,8 +43,7 @@ class PixelScalars:
     seed_low: wp.uint32
     seed_high: wp.uint32
     # in NEI terms
-    per_nei: float  # 1 / NEI [cm2/W]
-    ceiling_nei: float  # at saturation
+    counts_per_w_cm2: float
     counts_per_nei: float
     # in electrons
     e_per_w_cm2: float
@@ -59,7 +58,7 @@ class Detector:
     """A detector's arrays."""
 
     pixels: wp.array[PixelScalars]  # (n_band,)
-    deviates: wp.array[float]  # (n_deviate + 2 * TILE_WIDTH,) the template; its first ones stand again at its end
+    deviates: wp.array[float]  # (n_deviate + STRIP_PIXELS,) the template; its first ones stand again at its end
     n_deviate: int
     n_pixel: int  # of an image
     n_col: int

@@ -112,17 +112,21 @@ def make_emit_kernel(features: Features) -> wp.Kernel:
         surfaces: Surfaces,
         table: RadianceTable,
         seen: Seen,
+        n_lane: int,  # threads that share a view
         # out
         source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot) targets take the first slots
     ):
-        """In-band irradiance at the pupil."""
-        view, band, target = wp.tid()
-        light_w_sr = intensity_w_sr(
-            surfaces, emitted_w_m2_sr(surfaces, table, seen, view, band, target), band, target,
-            seen.area_m2[view, target], seen.sun_area_m2[view, target], seen.earth_area_m2[view, target],
-            seen.albedo_area_m2_sr[view, target],
-        )
-        source_irradiance_w_cm2[view, band, target] = float(light_w_sr * irradiance_per_intensity(seen, view, target))
+        """In-band irradiance at the pupil; the threads of a view take its targets in turn."""
+        view, lane = wp.tid()
+        for target in range(lane, seen.flags.shape[1], n_lane):
+            per_intensity = irradiance_per_intensity(seen, view, target)
+            for band in range(surfaces.emissivity.shape[0]):
+                light_w_sr = intensity_w_sr(
+                    surfaces, emitted_w_m2_sr(surfaces, table, seen, view, band, target), band, target,
+                    seen.area_m2[view, target], seen.sun_area_m2[view, target], seen.earth_area_m2[view, target],
+                    seen.albedo_area_m2_sr[view, target],
+                )
+                source_irradiance_w_cm2[view, band, target] = float(light_w_sr * per_intensity)
 
     return emit_kernel
 
@@ -199,15 +203,17 @@ def record_targets_kernel(
     source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
     source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
     source_offset_px: wp.array3d[wp.vec2],  # (n_view, n_slot, n_path)
+    n_lane: int,  # threads that share a view
     # out
     xy_px: wp.array2d[wp.vec2d],  # (n_view, n_target)
     irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_target)
     offset_px: wp.array3d[wp.vec2],  # (n_view, n_target, n_path)
 ):
     """Keep, for the truth, the very numbers that the deposit draws: label and light cannot differ."""
-    view, band, target = wp.tid()
-    irradiance_w_cm2[view, band, target] = source_irradiance_w_cm2[view, band, target]
-    if band == 0:
+    view, lane = wp.tid()
+    for target in range(lane, xy_px.shape[1], n_lane):
         xy_px[view, target] = source_xy_px[view, target]
         for l in range(offset_px.shape[2]):
             offset_px[view, target, l] = source_offset_px[view, target, l]
+        for band in range(irradiance_w_cm2.shape[1]):
+            irradiance_w_cm2[view, band, target] = source_irradiance_w_cm2[view, band, target]

@@ -25,7 +25,7 @@ N_STEP = 128
 """Shocks summed, over 8 correlation times: what is left out is 2e-6 of the variance, at lags of 8 correlation times."""
 
 STREAM_JITTER = wp.constant(wp.uint32(2))
-"""Last counter word of the shocks; 1 is that of the read-out's noise, which has the same key."""
+"""Last counter word of the shocks; other numbers are those of the read-out (streams.py), which has the same key."""
 
 
 @wp.struct
@@ -49,8 +49,8 @@ def jitter_shock(jitter: Jitter, sensor: wp.uint32, step: wp.int64) -> wp.mat22d
     a = normal_radius(words[0])
     b = normal_radius(words[2])
     deviates = wp.mat22d(
-        wp.float64(a * normal_cosine(words[1])), wp.float64(a * normal_sine(words[1])),
-        wp.float64(b * normal_cosine(words[3])), wp.float64(b * normal_sine(words[3])),
+        wp.float64(normal_cosine(a, words[1])), wp.float64(normal_sine(a, words[1])),
+        wp.float64(normal_cosine(b, words[3])), wp.float64(normal_sine(b, words[3])),
     )
     return jitter.spread * deviates
 

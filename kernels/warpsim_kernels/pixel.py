@@ -1,11 +1,12 @@
 """What a detector's pixel does, step by step: small branch-free functions of scalars.
 
-`wp.tile_map` over each becomes vector instructions on the CPU; a read-out puts those together that a scene needs. A
-deviate comes as radius * direction (Box and Muller). Struct fields are handed over as scalars, because with a struct
-the CPU compiler does not vectorise.
+`wp.tile_map` over each becomes vector instructions on the CPU; a read-out puts those together that a scene needs.
+Struct fields are handed over as scalars, because with a struct the CPU compiler does not vectorise.
 """
 
 import warp as wp
+
+from warpsim_kernels.fused import fma
 
 
 @wp.func
@@ -21,15 +22,15 @@ def with_hot(level: float, word: wp.uint32, hot_below: wp.uint32, most: float) -
 
 
 @wp.func
-def scaled(light: float, radius: float, direction: float, rms: float) -> float:
+def scaled(light: float, deviate: float, rms: float) -> float:
     """Light times a gain about 1."""
-    return light * (1.0 + rms * (radius * direction))
+    return light * fma(rms, deviate, 1.0)
 
 
 @wp.func
-def shifted(level: float, radius: float, direction: float, rms: float) -> float:
+def shifted(level: float, deviate: float, rms: float) -> float:
     """Level plus an offset about 0."""
-    return level + rms * (radius * direction)
+    return fma(rms, deviate, level)
 
 
 @wp.func
@@ -41,25 +42,17 @@ def bent(level: float, most: float, loss_per_level: float) -> float:
 
 @wp.func
 def counts_of(
-    signal_w_cm2: float,
-    radius: float,
-    direction: float,
-    per_nei: float,
-    ceiling_nei: float,
-    counts_per_nei: float,
-    offset_counts: float,
-    max_counts: float,
+    level: float, deviate: float, counts_per_level: float, counts_rms: float, zero_counts: float, most_counts: float
 ) -> wp.uint16:
-    """Counts of a pixel in NEI terms, with unit normal noise."""
-    level = wp.min(signal_w_cm2 * per_nei + radius * direction, ceiling_nei)
-    counts = wp.min(wp.max(level * counts_per_nei + offset_counts + 0.5, 0.0), max_counts)
-    return wp.uint16(wp.int32(counts))
+    """Counts of a level with noise of counts_rms; zero_counts, those of no level, carry half a count for rounding."""
+    counts = fma(level, counts_per_level, fma(deviate, counts_rms, zero_counts))
+    return wp.uint16(wp.int32(wp.max(wp.min(counts, most_counts), 0.0)))
 
 
 @wp.func
 def photo_electrons(signal_w_cm2: float, e_per_w_cm2: float, background_e: float, most_e: float) -> float:
     """Mean electrons by light, from the sources and the background, 0 to most_e; what is not a number is the most."""
-    return wp.max(wp.min(signal_w_cm2 * e_per_w_cm2 + background_e, most_e), 0.0)
+    return wp.max(wp.min(fma(signal_w_cm2, e_per_w_cm2, background_e), most_e), 0.0)
 
 
 @wp.func
@@ -69,9 +62,9 @@ def with_dark(electrons: float, dark_e: float) -> float:
 
 
 @wp.func
-def with_uneven_dark(electrons: float, radius: float, direction: float, dark_e: float, rms: float) -> float:
+def with_uneven_dark(electrons: float, deviate: float, dark_e: float, rms: float) -> float:
     """The same, of a pixel whose dark current differs from the mean by a share; it is never negative."""
-    return electrons + dark_e * wp.max(1.0 + rms * (radius * direction), 0.0)
+    return fma(dark_e, wp.max(fma(rms, deviate, 1.0), 0.0), electrons)
 
 
 @wp.func
@@ -81,13 +74,6 @@ def held(electrons: float, full_well_e: float) -> float:
 
 
 @wp.func
-def counts_of_charge(charge_e: float, counts_per_e: float, offset_counts: float, max_counts: float) -> wp.uint16:
+def counts_of_charge(charge_e: float, counts_per_e: float, zero_counts: float, most_counts: float) -> wp.uint16:
     """Counts of the charge that is read, its noise included."""
-    counts = wp.min(wp.max(charge_e * counts_per_e + offset_counts + 0.5, 0.0), max_counts)
-    return wp.uint16(wp.int32(counts))
-
-
-@wp.func
-def product(radius: float, direction: float) -> float:
-    """A unit normal deviate."""
-    return radius * direction
+    return wp.uint16(wp.int32(wp.max(wp.min(fma(charge_e, counts_per_e, zero_counts), most_counts), 0.0)))

@@ -21,6 +21,8 @@ from warpsim.errors import InputError
 if TYPE_CHECKING:
     from astropy.time import Time
 
+    from warpsim.instant import Epoch
+
 F64 = NDArray[np.float64]
 
 TIME_SYSTEMS = ("UTC", "TAI", "TT", "TDB", "GPS")
@@ -64,7 +66,7 @@ class Instants:
         """Time from each instant to the next [s], (n - 1,)."""
         return np.diff(self.day) * DAY_S + np.diff(self.second)
 
-    def since(self, epoch: Time) -> F64:
+    def since(self, epoch: Epoch) -> F64:
         """SI seconds since an epoch, (n,)."""
         if self.relative:
             return self.second.copy()
@@ -101,8 +103,8 @@ def check_time_system(name: str) -> str:
     return name.upper()
 
 
-def instants_of_time(time: Time) -> Instants:
-    """Instants of an astropy Time."""
+def instants_of_time(time: Epoch) -> Instants:
+    """Instants of an astropy Time, or of an Instant."""
     tai: Any = time.tai
     jd1, jd2 = np.atleast_1d(tai.jd1), np.atleast_1d(tai.jd2)
     day = np.floor(jd1 - _JD_OF_MJD_ZERO)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,10 +57,8 @@ def airy_table(pattern: AiryPattern, pixel_aspect: float, error: float, n_point:
     Raises:
         InputError: The table would be too large, or the error is too small for float32.
     """
-    limit_px = _reach_limit_px(pattern, pixel_aspect, WING_PART * error)
-    flow = _flow(pattern, pixel_aspect, limit_px)
-    reach_px = _measured_reach_px(flow, pattern, pixel_aspect, limit_px, WING_PART * error)
-    step_px = _step_px(flow, pixel_aspect, error, n_point)
+    flow, reach_px = _flow_and_reach_px(pattern, pixel_aspect, error)
+    step_px = _step_px(pattern, pixel_aspect, error, n_point)
     for _ in range(N_REFINE):
         table = _table(flow, pattern, pixel_aspect, reach_px, step_px, n_point)
         inside, outside = _measured_errors(table, flow)
@@ -87,14 +86,23 @@ def airy_table_shapes(
     pattern: AiryPattern, pixel_aspect: float, error: float
 ) -> dict[int, tuple[tuple[int, int], tuple[int, int]]]:
     """Return shape and nodes per pixel of the tables of each order, without building them: a guess to choose by."""
-    limit_px = _reach_limit_px(pattern, pixel_aspect, WING_PART * error)
-    flow = _flow(pattern, pixel_aspect, limit_px)
-    reach_px = _measured_reach_px(flow, pattern, pixel_aspect, limit_px, WING_PART * error)
+    _, reach_px = _flow_and_reach_px(pattern, pixel_aspect, error)
     shapes = {}
     for n_point in POINTS:
-        per_px = _nodes_per_px(_step_px(flow, pixel_aspect, error, n_point), pixel_aspect)
+        per_px = _nodes_per_px(_step_px(pattern, pixel_aspect, error, n_point), pixel_aspect)
         shapes[n_point] = (_n_node(reach_px[0], per_px[0]), _n_node(reach_px[1], per_px[1])), per_px
     return shapes
+
+
+# Kept from the guess of the shapes to the table itself.
+@lru_cache(maxsize=8)
+def _flow_and_reach_px(
+    pattern: AiryPattern, pixel_aspect: float, error: float
+) -> tuple[FlowProfile, tuple[float, float]]:
+    """Return the flow of a table that keeps the error, and how far it reaches, as _measured_reach_px has it."""
+    limit_px = _reach_limit_px(pattern, pixel_aspect, WING_PART * error)
+    flow = _flow(pattern, pixel_aspect, limit_px)
+    return flow, _measured_reach_px(flow, pattern, pixel_aspect, limit_px, WING_PART * error)
 
 
 def _flow(pattern: AiryPattern, pixel_aspect: float, reach_px: float) -> FlowProfile:
@@ -148,8 +156,10 @@ def _measured_reach_px(
     return reach[0], reach[1]
 
 
-def _step_px(flow: FlowProfile, pixel_aspect: float, error: float, n_point: int) -> float:
+@lru_cache(maxsize=32)
+def _step_px(pattern: AiryPattern, pixel_aspect: float, error: float, n_point: int) -> float:
     """Return the distance of nodes at which interpolation keeps the error, judged along the axes [px]."""
+    flow, _ = _flow_and_reach_px(pattern, pixel_aspect, error)
     both = 2.0 if flow.scale_px > 0.3 else 1.0  # at a sharp pattern's edges one axis is smooth where the other is not
     goal = goal_of_interpolation(error, n_point) / both
     step_px = flow.scale_px / (2.0 * n_point)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 import warp as wp
-from warpsim_kernels.canvas import n_strip
 from warpsim_kernels.deposit_gaussian import GAUSSIAN_LANE, make_deposit_gaussian_kernel
 from warpsim_kernels.deposit_table import make_deposit_table_kernel
 from warpsim_kernels.paths import Paths
@@ -15,7 +14,9 @@ from warpsim_kernels.stamp_light import make_gaussian_light_kernel, make_table_l
 from warpsim_kernels.stamp_sizes import size_gaussian_stamps_kernel, size_table_stamps_kernel
 from warpsim_kernels.stamps import StampRule
 from warpsim_kernels.streaks import Blur
+from warpsim_kernels.strips import n_flag
 
+from warpsim.launches import launch
 from warpsim.optics.gaussian_table import upload_gaussians
 from warpsim.optics.psf import Psf, PsfGaussian, check_one_family
 from warpsim.optics.sharpness import sharpness
@@ -39,16 +40,19 @@ class PsfBank(Protocol):
         paths: Any = None,
         lit: wp.array | None = None,
     ) -> None:
-        """Overwrite signal, shape (n_view, n_band, n_row, n_col), with the light of all sources.
+        """Add the light of all sources to signal, shape (n_view, n_band, n_row, n_col).
 
         Args:
             sources: n_source (n_view,), xy_px (n_view, n_slot), irradiance_w_cm2 (n_view, n_band, n_slot).
             rule: StampRule.
             n_row_per_block: Rows that one thread owns.
-            signal_w_cm2: Written.
+            signal_w_cm2: Added to.
             paths: The kernels' Paths, how sources move and change during the exposure; None: they do not.
-            lit: Flags, shape (n_view, n_band, n_strip), of strips of STRIP pixels: set to 1 where light was added.
+            lit: Flags, shape (n_view, n_band, n_flag), of strips: set to 1 where light was added.
         """
+
+    def deposit_kernel(self, moving: bool) -> wp.Kernel:
+        """What `deposit` launches, with or without movement during the exposure."""
 
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
         """Half-width of the stamp of each source; both arrays (n_band, n_source)."""
@@ -91,10 +95,14 @@ class GaussianBank:
         lit: wp.array | None = None,
     ) -> None:
         """See PsfBank."""
-        kernel = make_deposit_gaussian_kernel(paths is not None)
         tables = [self._psf, overlapping(self._shares, GAUSSIAN_LANE)]
         inputs = [*sources, *tables, rule, Paths() if paths is None else paths, self._rules]
+        kernel = self.deposit_kernel(paths is not None)
         _launch_deposit(kernel, inputs, GAUSSIAN_LANE, n_row_per_block, signal_w_cm2, lit)
+
+    def deposit_kernel(self, moving: bool) -> wp.Kernel:
+        """See PsfBank."""
+        return make_deposit_gaussian_kernel(moving)
 
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
         """See PsfBank."""
@@ -127,10 +135,14 @@ class TableBank:
         lit: wp.array | None = None,
     ) -> None:
         """See PsfBank."""
-        kernel = make_deposit_table_kernel(self._n_point, paths is not None)
         tables = [self._psf, self._blur, self._table, overlapping(self._table, TABLE_LANE), self._nodes()]
         inputs = [*sources, *tables, rule, Paths() if paths is None else paths, self._rules]
+        kernel = self.deposit_kernel(paths is not None)
         _launch_deposit(kernel, inputs, TABLE_LANE, n_row_per_block, signal_w_cm2, lit)
+
+    def deposit_kernel(self, moving: bool) -> wp.Kernel:
+        """See PsfBank."""
+        return make_deposit_table_kernel(self._n_point, moving)
 
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
         """See PsfBank."""
@@ -198,10 +210,9 @@ def _launch_deposit(
 ) -> None:
     n_view, n_band, n_row, n_col = signal.shape
     if lit is None:
-        lit = wp.empty((n_view, n_band, n_strip(n_row, n_col)), dtype=wp.uint8, device=signal.device)
+        lit = wp.empty((n_view, n_band, n_flag(n_row * n_col)), dtype=wp.uint8, device=signal.device)
     flat = signal.flatten()
-    signal.zero_()
-    wp.launch(
+    launch(
         kernel,
         (n_view, n_band, -(-n_row // n_row_per_block)),
         [*inputs, n_row, n_col, n_row_per_block],
@@ -211,4 +222,4 @@ def _launch_deposit(
 
 
 def _launch(kernel: wp.Kernel, inputs: list[Any], outputs: list[wp.array]) -> None:
-    wp.launch(kernel, outputs[0].shape, inputs, outputs, device=outputs[0].device)
+    launch(kernel, outputs[0].shape, inputs, outputs, device=outputs[0].device)

@@ -16,16 +16,17 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
 from pydantic_core import PydanticCustomError
 
-from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
+from warpsim.constants import DAY_S, EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
 from warpsim.describe import Number, Positive, closed_interval, part, rule_error
 from warpsim.errors import InputError
+from warpsim.instant import Instant
 from warpsim.orbit.earth import geodetic_altitude_m, geodetic_to_gcrs_m, geodetic_to_itrs_m, pole_of_date
-from warpsim.orbit.epoch import utc_time
+from warpsim.orbit.epoch import instant
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.lambert import lambert
 
 if TYPE_CHECKING:
-    from astropy.time import Time
+    from warpsim.instant import Epoch
 
 F64 = NDArray[np.float64]
 
@@ -50,7 +51,7 @@ def _utc_text(value: Any) -> Any:
     if not isinstance(value, str):
         raise rule_error("must be an ISO 8601 UTC instant")
     try:
-        utc_time(value)
+        instant(value)
     except InputError:
         raise rule_error("must be an ISO 8601 UTC instant like 2025-03-20T12:00:00") from None
     return value
@@ -95,13 +96,13 @@ class BallisticArc:
         """Start and end points [m], GCRS axes, each (3,), Earth rotation included."""
         lon, lat = np.transpose([self.start_lon_lat_deg, self.end_lon_lat_deg])
         times_s = np.array([0.0, self.duration_s])
-        ends = geodetic_to_gcrs_m(lon, lat, 1e3 * self.endpoint_altitude_km, utc_time(self.epoch_utc), times_s)
+        ends = geodetic_to_gcrs_m(lon, lat, 1e3 * self.endpoint_altitude_km, instant(self.epoch_utc), times_s)
         return ends[0], ends[1]
 
     @cached_property
     def pole_icrs(self) -> F64:
         """Unit vector of the pole that J2 acts about, shape (3,)."""
-        return pole_of_date(utc_time(self.epoch_utc))
+        return pole_of_date(instant(self.epoch_utc))
 
     @cached_property
     def start_velocity_m_s(self) -> F64:
@@ -157,16 +158,16 @@ class BallisticArc:
         states = propagate(start[None], velocity[None], time.ravel(), self.gravity, self.pole_icrs)
         return states[0].reshape(*time.shape, 3), states[1].reshape(*time.shape, 3)
 
-    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3): `state` as other paths give it.
 
         Raises:
             InputError: The epoch is not the arc's own, or as `start_velocity_m_s`.
         """
-        if abs((utc_time(self.epoch_utc) - epoch).to_value("s")) > _SAME_EPOCH_S:
-            raise InputError(
-                f"BallisticArc: epoch_utc: must be the scene's epoch ({epoch.utc.isot}), got {self.epoch_utc}"
-            )
+        own, given = instant(self.epoch_utc).tt, epoch.tt
+        if abs((own.jd1 - given.jd1) + (own.jd2 - given.jd2)) * DAY_S > _SAME_EPOCH_S:
+            isot = epoch.isot if isinstance(epoch, Instant) else epoch.utc.isot
+            raise InputError(f"BallisticArc: epoch_utc: must be the scene's epoch ({isot}), got {self.epoch_utc}")
         position, velocity = self.state(np.asarray(time_s, np.float64))
         return position[:, None], velocity[:, None]
 

@@ -21,7 +21,7 @@ from warpsim.orbit.paths import Moving, Orbit, SimpleConstellation, states_of
 from warpsim.orbit.walker import Pattern, below_planes, pattern_turns, satellite_names
 
 if TYPE_CHECKING:
-    from astropy.time import Time
+    from warpsim.instant import Epoch
 
 F64 = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ class ListedSatellites:
         """Names in the order of the list."""
         return [item.name for item in self.satellites]
 
-    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_satellite, 3).
 
         Raises:
@@ -62,18 +62,18 @@ class ListedSatellites:
         """
         return self._either(epoch, time_s, None)
 
-    def states_within(self, epoch: Time, time_s: ArrayLike, within_s: tuple[float, float]) -> tuple[F64, F64]:
+    def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float]) -> tuple[F64, F64]:
         """Return states as `states` does, of which only those within a span matter (`orbit.paths.states_of`)."""
         return self._either(epoch, time_s, within_s)
 
-    def _either(self, epoch: Time, time_s: ArrayLike, within_s: tuple[float, float] | None) -> tuple[F64, F64]:
+    def _either(self, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float] | None) -> tuple[F64, F64]:
         try:
             return self._states(epoch, np.asarray(time_s, np.float64), within_s)
         except InputError:
             # One by one: the same error, with a name.
             return _side_by_side([(item.name, item.orbit) for item in self.satellites], epoch, time_s, within_s)
 
-    def _states(self, epoch: Time, times: F64, within_s: tuple[float, float] | None) -> tuple[F64, F64]:
+    def _states(self, epoch: Epoch, times: F64, within_s: tuple[float, float] | None) -> tuple[F64, F64]:
         """Orbits that one propagation can serve fly together, the others alone."""
         position, velocity = (np.empty((len(times), len(self.satellites), 3)) for _ in range(2))
         together: dict[Gravity, tuple[list[int], list[tuple[F64, F64]]]] = {}
@@ -91,7 +91,7 @@ class ListedSatellites:
             position[:, members], velocity[:, members] = moved
         return position, velocity
 
-    def notes(self, epoch: Time, duration_s: float) -> list[str]:
+    def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
         """Return what a user should know of the single orbits, each line with the satellite's name."""
         return [f"{item.name}: {note}" for item in self.satellites for note in _notes_of(item.orbit, epoch, duration_s)]
 
@@ -145,7 +145,7 @@ class SeedPattern:
         own: Gravity = getattr(self.seed, "gravity", "j2")
         return own if self.gravity is None else self.gravity
 
-    def state(self, epoch: Time) -> tuple[F64, F64]:
+    def state(self, epoch: Epoch) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s] at the epoch, GCRS axes, each (n_satellite, 3).
 
         Raises:
@@ -172,7 +172,7 @@ class SeedPattern:
         angle = (2.0 * np.pi if self.pattern == "delta" else np.pi) * plane / self.n_plane
         return _turned_about_z(along_m, angle), _turned_about_z(along_m_s, angle)
 
-    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_satellite, 3).
 
         Raises:
@@ -180,7 +180,7 @@ class SeedPattern:
         """
         return propagate(*self.state(epoch), np.asarray(time_s, np.float64), self.copies_gravity, pole_of_date(epoch))
 
-    def notes(self, epoch: Time, duration_s: float) -> list[str]:
+    def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
         """Return what a user should know of the seed at the epoch, the only time that counts of it."""
         return [f"seed: {note}" for note in _notes_of(self.seed, epoch, 0.0)]
 
@@ -209,7 +209,7 @@ class MixedConstellation:
         """Names of all satellites, part by part."""
         return [name for item in self.parts for name in item.names]
 
-    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_satellite, 3).
 
         Raises:
@@ -217,11 +217,11 @@ class MixedConstellation:
         """
         return _side_by_side([("", item) for item in self.parts], epoch, time_s)
 
-    def states_within(self, epoch: Time, time_s: ArrayLike, within_s: tuple[float, float]) -> tuple[F64, F64]:
+    def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float]) -> tuple[F64, F64]:
         """Return states as `states` does, of which only those within a span matter (`orbit.paths.states_of`)."""
         return _side_by_side([("", item) for item in self.parts], epoch, time_s, within_s)
 
-    def notes(self, epoch: Time, duration_s: float) -> list[str]:
+    def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
         """Return what a user should know of the parts."""
         return [note for item in self.parts for note in _notes_of(item, epoch, duration_s)]
 
@@ -245,7 +245,7 @@ def _check_names(field: str, names: Sequence[str]) -> None:
 
 
 def _side_by_side(
-    members: Sequence[tuple[str, Moving]], epoch: Time, time_s: ArrayLike, within_s: tuple[float, float] | None = None
+    members: Sequence[tuple[str, Moving]], epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float] | None = None
 ) -> tuple[F64, F64]:
     """States of several movers along the axis of objects."""
     positions, velocities = [], []
@@ -266,6 +266,6 @@ def _turned_about_z(vectors: F64, angle_rad: F64) -> F64:
     return np.stack([cosine * x - sine * y, sine * x + cosine * y, z], axis=-1)
 
 
-def _notes_of(item: Any, epoch: Time, duration_s: float) -> list[str]:
+def _notes_of(item: Any, epoch: Epoch, duration_s: float) -> list[str]:
     notes = getattr(item, "notes", None)
     return [] if notes is None else list(notes(epoch, duration_s))

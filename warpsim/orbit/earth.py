@@ -20,7 +20,7 @@ from warpsim.errors import InputError
 from warpsim.orbit.epoch import tt_jd
 
 if TYPE_CHECKING:
-    from astropy.time import Time
+    from warpsim.instant import Epoch
 
 F64 = NDArray[np.float64]
 
@@ -33,13 +33,25 @@ _TIMES_PER_CHUNK = 2048
 
 @functools.cache
 def timescale() -> Any:
-    """Return skyfield's time scales with its built-in tables."""
-    from skyfield.api import load
+    """Return skyfield's time scales with its built-in tables, as `skyfield.api.load.timescale(builtin=True)` does.
 
-    return load.timescale(builtin=True)
+    They are put together here, as `skyfield.api` imports a lot that is not needed, for a tenth of a second.
+    """
+    from skyfield.functions import load_bundled_npy
+    from skyfield.timelib import Timescale
+
+    try:
+        tables = load_bundled_npy("iers.npz")
+        day = tables["tt_jd_minus_arange"] + np.arange(len(tables["tt_jd_minus_arange"]))
+        delta_t = day, (tables["delta_t_1e7"] / 1e7).round(7)
+        return Timescale(delta_t, tables["leap_dates"], tables["leap_offsets"])
+    except (KeyError, OSError, TypeError):  # another version of skyfield keeps them otherwise
+        from skyfield.api import load
+
+        return load.timescale(builtin=True)
 
 
-def itrs_to_gcrs(epoch: Time, time_s: ArrayLike) -> F64:
+def itrs_to_gcrs(epoch: Epoch, time_s: ArrayLike) -> F64:
     """Return rotations from Earth-fixed (ITRS) to GCRS axes, of the shape of time_s plus (3, 3).
 
     Args:
@@ -51,7 +63,7 @@ def itrs_to_gcrs(epoch: Time, time_s: ArrayLike) -> F64:
     return skyfield_to_gcrs(itrs.rotation_at, epoch, time_s)
 
 
-def skyfield_to_gcrs(rotation_at: Callable[[Any], Any], epoch: Time, time_s: ArrayLike) -> F64:
+def skyfield_to_gcrs(rotation_at: Callable[[Any], Any], epoch: Epoch, time_s: ArrayLike) -> F64:
     """Return rotations from one of skyfield's frames to GCRS axes, of the shape of time_s plus (3, 3).
 
     Args:
@@ -69,7 +81,7 @@ def skyfield_to_gcrs(rotation_at: Callable[[Any], Any], epoch: Time, time_s: Arr
     return rotation.reshape(*fraction.shape, 3, 3)
 
 
-def pole_of_date(epoch: Time) -> F64:
+def pole_of_date(epoch: Epoch) -> F64:
     """Return the unit vector of the true celestial pole at the epoch in GCRS axes, shape (3,)."""
     whole, fraction = tt_jd(epoch, 0.0)
     return np.array(timescale().tt_jd(whole, float(fraction)).M[2], np.float64)
@@ -85,7 +97,7 @@ def geodetic_to_itrs_m(lon_deg: ArrayLike, lat_deg: ArrayLike, altitude_m: Array
 
 
 def geodetic_to_gcrs_m(
-    lon_deg: ArrayLike, lat_deg: ArrayLike, altitude_m: ArrayLike, epoch: Time, time_s: ArrayLike
+    lon_deg: ArrayLike, lat_deg: ArrayLike, altitude_m: ArrayLike, epoch: Epoch, time_s: ArrayLike
 ) -> F64:
     """Return GCRS positions [m] of points that turn with the Earth.
 
@@ -107,7 +119,7 @@ def geodetic_to_gcrs_m(
     return position
 
 
-def gcrs_to_geodetic(position_m: ArrayLike, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64, F64]:
+def gcrs_to_geodetic(position_m: ArrayLike, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64, F64]:
     """Return east longitude [deg] (-180 to 180), WGS84 latitude [deg] and height [m] of GCRS positions, shape (...).
 
     Args:

@@ -20,7 +20,7 @@ from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, pole_of_date
 from warpsim.orbit.gravity import Gravity, propagate
 
 if TYPE_CHECKING:
-    from astropy.time import Time
+    from warpsim.instant import Epoch
 
 F64 = NDArray[np.float64]
 
@@ -202,7 +202,7 @@ class StateVector:
         """Return position [m] and velocity [m/s] at time_s, GCRS axes, each (1, 3)."""
         return np.array([self.position_m]), np.array([self.velocity_m_s])
 
-    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3).
 
         Args:
@@ -280,7 +280,7 @@ class KeplerOrbit:
         )
         return position[None], velocity[None]
 
-    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3).
 
         Args:

@@ -33,7 +33,7 @@ from warpsim.orbit.gravity import propagate
 from warpsim.orbit.interpolate import interpolate, sampling_error
 
 if TYPE_CHECKING:
-    from astropy.time import Time
+    from warpsim.instant import Epoch
 
 F64 = NDArray[np.float64]
 
@@ -95,19 +95,19 @@ class EphemerisOrbit:
         """Name of the object, one."""
         return [self._path.name]
 
-    def span_s(self, epoch: Time) -> tuple[float, float]:
+    def span_s(self, epoch: Epoch) -> tuple[float, float]:
         """First and last time of the file [s since epoch]."""
         return self._path.span_s(epoch)
 
-    def breaks_s(self, epoch: Time) -> list[float]:
+    def breaks_s(self, epoch: Epoch) -> list[float]:
         """Times at which segments begin, but for the first: the velocity may jump there [s since epoch]."""
         return [start_s for start_s, _ in self._path.ends_s(epoch)[1:]]
 
-    def gaps_s(self, epoch: Time) -> list[float]:
+    def gaps_s(self, epoch: Epoch) -> list[float]:
         """Times half-way between the end of a segment and the beginning of the next [s since epoch]."""
         return self._path.middles_s(epoch)
 
-    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3).
 
         Raises:
@@ -115,7 +115,7 @@ class EphemerisOrbit:
         """
         return _states([self._path], epoch, np.asarray(time_s, np.float64), self.frame)
 
-    def states_within(self, epoch: Time, time_s: ArrayLike, within_s: Span) -> tuple[F64, F64]:
+    def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: Span) -> tuple[F64, F64]:
         """Return states as `states` does; before and after `within_s` the motion goes on, in free flight if need be.
 
         Args:
@@ -129,7 +129,7 @@ class EphemerisOrbit:
         """
         return _states([self._path], epoch, np.asarray(time_s, np.float64), self.frame, within_s)
 
-    def notes(self, epoch: Time, duration_s: float) -> list[str]:
+    def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
         """Return what a user should know: rows so far apart that positions between them are off by a metre or more.
 
         Raises:
@@ -177,20 +177,20 @@ class EphemerisSatellites:
         """Names of the objects, in the order of the files: letters, digits, `_ . -`, unique."""
         return unique_names(path.name for path in self._all)
 
-    def span_s(self, epoch: Time) -> tuple[float, float]:
+    def span_s(self, epoch: Epoch) -> tuple[float, float]:
         """First and last time that all objects have in common [s since epoch]."""
         spans = [path.span_s(epoch) for path in self._all]
         return max(first for first, _ in spans), min(last for _, last in spans)
 
-    def breaks_s(self, epoch: Time) -> list[float]:
+    def breaks_s(self, epoch: Epoch) -> list[float]:
         """Times at which segments begin, but for each object's first: a velocity may jump there [s since epoch]."""
         return sorted({start_s for path in self._all for start_s, _ in path.ends_s(epoch)[1:]})
 
-    def gaps_s(self, epoch: Time) -> list[float]:
+    def gaps_s(self, epoch: Epoch) -> list[float]:
         """Times half-way between the end of an object's segment and the beginning of its next [s since epoch]."""
         return sorted({time for path in self._all for time in path.middles_s(epoch)})
 
-    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_object, 3).
 
         Raises:
@@ -198,11 +198,11 @@ class EphemerisSatellites:
         """
         return _states(self._all, epoch, np.asarray(time_s, np.float64), self.frame)
 
-    def states_within(self, epoch: Time, time_s: ArrayLike, within_s: Span) -> tuple[F64, F64]:
+    def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: Span) -> tuple[F64, F64]:
         """Return states as `states` does; before and after a span the motion goes on, as EphemerisOrbit's."""
         return _states(self._all, epoch, np.asarray(time_s, np.float64), self.frame, within_s)
 
-    def notes(self, epoch: Time, duration_s: float) -> list[str]:
+    def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
         """Return what a user should know, as EphemerisOrbit.notes; one line for each object concerned."""
         return [note for note in (path.note(epoch, 0.0, duration_s) for path in self._all) if note]
 
@@ -236,20 +236,20 @@ class _Path:
         """The error to raise about this object."""
         return InputError(f"{self.file}: {self.name}: {text}")
 
-    def ends_s(self, epoch: Time) -> list[tuple[float, float]]:
+    def ends_s(self, epoch: Epoch) -> list[tuple[float, float]]:
         """Useable span of each segment [s since epoch]."""
         return [_useable_s(segment, lambda instants: instants.since(epoch)) for segment in self.segments]
 
-    def middles_s(self, epoch: Time) -> list[float]:
+    def middles_s(self, epoch: Epoch) -> list[float]:
         """Times half-way between segments [s since epoch]."""
         return [0.5 * (one[1] + other[0]) for one, other in pairwise(self.ends_s(epoch))]
 
-    def span_s(self, epoch: Time) -> tuple[float, float]:
+    def span_s(self, epoch: Epoch) -> tuple[float, float]:
         """First and last useable time [s since epoch]."""
         ends = self.ends_s(epoch)
         return ends[0][0], ends[-1][1]
 
-    def sparsest(self, epoch: Time, first_s: float, last_s: float) -> tuple[float, float, float]:
+    def sparsest(self, epoch: Epoch, first_s: float, last_s: float) -> tuple[float, float, float]:
         """The interval between rows, within a span, where interpolation is worst: its error [m], start and end [s]."""
         worst = 0.0, first_s, last_s
         for segment in self.segments:
@@ -270,7 +270,7 @@ class _Path:
             worst = max(worst, (float(error_m.max()), float(row_s[at]), float(row_s[at + 1])))
         return worst
 
-    def note(self, epoch: Time, first_s: float, last_s: float) -> str | None:
+    def note(self, epoch: Epoch, first_s: float, last_s: float) -> str | None:
         """One line if the rows within a span are so far apart that positions are off by a metre or more.
 
         Raises:
@@ -282,7 +282,7 @@ class _Path:
             raise self.error(f"rows must be close enough to interpolate: {between} that is some {error_m:.1g} m off")
         return f"{self.file}: {self.name}: some {error_m:.1g} m off {between}" if error_m >= SPARSE_ROWS_M else None
 
-    def segment_of(self, epoch: Time, time_s: F64, within_s: Span | None = None) -> NDArray[np.int64]:
+    def segment_of(self, epoch: Epoch, time_s: F64, within_s: Span | None = None) -> NDArray[np.int64]:
         """Which segment holds each time; the later one where two touch.
 
         Times before and after the span `within_s` belong to the segment at its beginning or end: the one within it,
@@ -312,7 +312,7 @@ def _useable_s(segment: EphemerisSegment, since: Callable[[Instants], F64]) -> t
     return float(time_s[0]), float(time_s[1])
 
 
-def _shown(epoch: Time, time_s: float) -> str:
+def _shown(epoch: Epoch, time_s: float) -> str:
     """A time for messages: seconds and UTC."""
     if not np.isfinite(time_s):
         return f"{time_s} s"
@@ -320,7 +320,7 @@ def _shown(epoch: Time, time_s: float) -> str:
     return f"{time_s:.6f}".rstrip("0").rstrip(".") + f" s ({utc})"
 
 
-def _span(epoch: Time, first_s: float, last_s: float) -> str:
+def _span(epoch: Epoch, first_s: float, last_s: float) -> str:
     return f"{_shown(epoch, first_s)} to {_shown(epoch, last_s)}"
 
 
@@ -337,7 +337,7 @@ def _paths(segments: Sequence[EphemerisSegment]) -> list[_Path]:
 
 
 def _states(
-    paths: Sequence[_Path], epoch: Time, time_s: F64, frame: Frame | None, within_s: Span | None = None
+    paths: Sequence[_Path], epoch: Epoch, time_s: F64, frame: Frame | None, within_s: Span | None = None
 ) -> tuple[F64, F64]:
     """States of objects in GCRS axes, (n_time, n_object, 3) each."""
     times = np.atleast_1d(np.asarray(time_s, np.float64))
@@ -359,7 +359,7 @@ def _states(
     return position, velocity
 
 
-def _along(path: _Path, epoch: Time, times: F64, which: NDArray[np.int64]) -> tuple[F64, F64]:
+def _along(path: _Path, epoch: Epoch, times: F64, which: NDArray[np.int64]) -> tuple[F64, F64]:
     """States in the file's own axes, (n_time, 3) each; beyond the segments told those of their ends."""
     position, velocity = np.empty((len(times), 3)), np.empty((len(times), 3))
     ends = path.ends_s(epoch)
@@ -378,7 +378,7 @@ def _along(path: _Path, epoch: Time, times: F64, which: NDArray[np.int64]) -> tu
 
 
 def _fly_on(
-    path: _Path, frame: str, epoch: Time, times: F64, which: NDArray[np.int64], position: F64, velocity: F64
+    path: _Path, frame: str, epoch: Epoch, times: F64, which: NDArray[np.int64], position: F64, velocity: F64
 ) -> None:
     """Put free flight from the end states, GCRS axes, where the times lie beyond their segments."""
     ends = np.array(path.ends_s(epoch))[which]

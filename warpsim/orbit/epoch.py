@@ -7,11 +7,9 @@ any table from the network. Behind the last announced leap second none are count
 
 from __future__ import annotations
 
+import functools
 import math
 import re
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,23 +17,28 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import DAY_S
 from warpsim.errors import InputError
+from warpsim.instant import Instant, instant_of, plain_instant, years_ahead
 
 if TYPE_CHECKING:
     from astropy.time import Time
+
+    from warpsim.instant import Epoch
 
 
 FIRST_YEAR, LAST_YEAR = 1960, 2100
 """UTC begins with 1960; the ephemeris of Earth and Sun ends with 2100."""
 
 
-@contextmanager
-def years_ahead() -> Iterator[None]:
-    """Dates within may lie in years whose leap seconds nobody knows: ERFA does not warn of them."""
-    import erfa
+@functools.lru_cache(maxsize=64)
+def instant(text: str) -> Instant:
+    """The same as utc_time, for arithmetic: plain dates are taken without astropy, whose import is slow.
 
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*dubious year", category=erfa.ErfaWarning)
-        yield
+    Raises:
+        InputError: As utc_time.
+    """
+    plain = plain_instant(text.strip().removesuffix("Z"))
+    known = plain is not None and FIRST_YEAR <= int(plain.isot[:4]) < LAST_YEAR
+    return plain if plain is not None and known else instant_of(utc_time(text))
 
 
 def utc_time(text: str) -> Time:
@@ -62,7 +65,7 @@ def utc_time(text: str) -> Time:
     return epoch
 
 
-def tt_jd(epoch: Time, time_s: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+def tt_jd(epoch: Epoch, time_s: ArrayLike) -> tuple[float, NDArray[np.float64]]:
     """Return Terrestrial Time as a two-part Julian date (whole part, fraction of the shape of time_s) [d].
 
     The fraction stays below the scene's length, so its rounding is about 1e-11 s per day of scene time.
@@ -71,7 +74,7 @@ def tt_jd(epoch: Time, time_s: ArrayLike) -> tuple[float, NDArray[np.float64]]:
     return float(tt.jd1), float(tt.jd2) + np.asarray(time_s, np.float64) / DAY_S
 
 
-def tdb_jd(epoch: Time, time_s: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+def tdb_jd(epoch: Epoch, time_s: ArrayLike) -> tuple[float, NDArray[np.float64]]:
     """Return Barycentric Dynamical Time at the geocentre as a two-part Julian date [d].
 
     TDB - TT is the Fairhead and Bretagnon series (`erfa.dtdb`), up to 1.7 ms: 50 m of the Earth's motion. Its

@@ -22,12 +22,12 @@ from warpsim.orbit.teme import teme_to_gcrs
 from warpsim.quaternion import from_matrix, product
 
 if TYPE_CHECKING:
-    from astropy.time import Time
+    from warpsim.instant import Epoch
 
 F64 = NDArray[np.float64]
 
 
-def frame_to_gcrs(frame: str, epoch: Time, time_s: ArrayLike) -> F64:
+def frame_to_gcrs(frame: str, epoch: Epoch, time_s: ArrayLike) -> F64:
     """Return rotations from a frame's axes to GCRS axes, (n_time, 3, 3).
 
     Args:
@@ -54,7 +54,7 @@ def frame_to_gcrs(frame: str, epoch: Time, time_s: ArrayLike) -> F64:
     raise InputError(f"frame: must be one of {', '.join(FRAMES)}, got {frame!r}")
 
 
-def states_to_gcrs(frame: str, epoch: Time, time_s: F64, position_m: F64, velocity_m_s: F64) -> tuple[F64, F64]:
+def states_to_gcrs(frame: str, epoch: Epoch, time_s: F64, position_m: F64, velocity_m_s: F64) -> tuple[F64, F64]:
     """Return states in GCRS axes, of the shapes given: positions and velocities (n_time, 3) or (n_time, n_object, 3).
 
     Velocities are relative to the frame's axes, which turn: by the Earth's rotation in ITRF, by precession and nutation
@@ -72,7 +72,7 @@ def states_to_gcrs(frame: str, epoch: Time, time_s: F64, position_m: F64, veloci
     return np.einsum("tij,t...j->t...i", rotation, position_m), np.einsum("tij,t...j->t...i", rotation, velocity_m_s)
 
 
-def spin_rad_s(frame: str, epoch: Time, time_s: float) -> F64:
+def spin_rad_s(frame: str, epoch: Epoch, time_s: float) -> F64:
     """Return the angular velocity of a frame's axes relative to GCRS, in those axes [rad/s], (3,).
 
     From rotations two seconds apart: rounding is 1e-14 rad/s, 1e-7 m/s in low orbit.
@@ -100,7 +100,7 @@ def _mean_of_date(t: Any) -> Any:
     return mean_equator_and_equinox_of_date.rotation_at(t)
 
 
-def attitude_in_gcrs(segment: AttitudeSegment, epoch: Time) -> tuple[F64, F64]:
+def attitude_in_gcrs(segment: AttitudeSegment, epoch: Epoch) -> tuple[F64, F64]:
     """Return times [s since epoch] (n,) and unit quaternions (x, y, z, scalar) from body to GCRS axes (n, 4).
 
     Signs are chosen so that neighbours lie on the same side, as interpolation along the shorter way needs them.

@@ -19,7 +19,7 @@ from warpsim.orbit.tle import TleOrbit, TleSatellites
 from warpsim.orbit.walker import Walker
 
 if TYPE_CHECKING:
-    from astropy.time import Time
+    from warpsim.instant import Epoch
 
 F64 = NDArray[np.float64]
 
@@ -36,13 +36,13 @@ SimpleConstellation = Walker | TleSatellites | EphemerisSatellites
 class Moving(Protocol):
     """What has states."""
 
-    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_object, 3)."""
         ...
 
 
 def states_of(
-    mover: Moving, epoch: Time, time_s: ArrayLike, within_s: tuple[float, float] | None = None
+    mover: Moving, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float] | None = None
 ) -> tuple[F64, F64]:
     """States of a mover, of which only those within a span matter, if one is given.
 

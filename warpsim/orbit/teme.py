@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim.orbit.earth import skyfield_to_gcrs
 
 if TYPE_CHECKING:
-    from astropy.time import Time
+    from warpsim.instant import Epoch
 
 F64 = NDArray[np.float64]
 
 
-def teme_to_gcrs(epoch: Time, time_s: ArrayLike) -> F64:
+def teme_to_gcrs(epoch: Epoch, time_s: ArrayLike) -> F64:
     """Return rotations from TEME of date to GCRS axes, of the shape of time_s plus (3, 3).
 
     The axes turn by about 0.14 arcsec a day, 5e-5 m/s at 7,000 km: velocities take the same rotation.

@@ -28,11 +28,12 @@ from warpsim.errors import InputError
 from warpsim.exchange.element_set import ElementSet
 from warpsim.exchange.elements_files import parse_element_sets, read_element_sets
 from warpsim.exchange.names import plain_name
-from warpsim.orbit.epoch import tt_jd, years_ahead
+from warpsim.instant import Instant, years_ahead
+from warpsim.orbit.epoch import tt_jd, utc_time
 from warpsim.orbit.teme import teme_to_gcrs
 
 if TYPE_CHECKING:
-    from astropy.time import Time
+    from warpsim.instant import Epoch
 
 F64 = NDArray[np.float64]
 
@@ -115,7 +116,7 @@ class TleSatellites:
         """SHA-256 of the element sets' numbers as they were read, in hexadecimal."""
         return _checksum(self.satellites)
 
-    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_satellite, 3).
 
         Args:
@@ -128,11 +129,11 @@ class TleSatellites:
         """
         return _sgp4_states(self.satellites, epoch, time_s)
 
-    def age_days(self, epoch: Time) -> F64:
+    def age_days(self, epoch: Epoch) -> F64:
         """Return the ages of the element sets at an epoch [d], negative before theirs, shape (n_satellite,)."""
         return _age_days(self.satellites, epoch)
 
-    def notes(self, epoch: Time, duration_s: float) -> list[str]:
+    def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
         """Return what a user should know: element sets more than 30 days away from some time of the scene."""
         return _notes(self.satellites, epoch, duration_s)
 
@@ -169,15 +170,15 @@ class TleOrbit:
         """SHA-256 of the element sets' numbers as they were read, in hexadecimal."""
         return _checksum([self.satellite])
 
-    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3); as `TleSatellites.states`."""
         return _sgp4_states([self.satellite], epoch, time_s)
 
-    def age_days(self, epoch: Time) -> F64:
+    def age_days(self, epoch: Epoch) -> F64:
         """Return the age of the element set at an epoch [d], negative before its own, shape (1,)."""
         return _age_days([self.satellite], epoch)
 
-    def notes(self, epoch: Time, duration_s: float) -> list[str]:
+    def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
         """Return what a user should know: an element set more than 30 days away from some time of the scene."""
         return _notes([self.satellite], epoch, duration_s)
 
@@ -248,7 +249,7 @@ def _matches(found: Sequence[Satellite], pattern: str, field: str) -> list[Satel
     return chosen
 
 
-def _chosen_sets(satellites: Iterable[Satellite], epoch: Time) -> list[ElementSet]:
+def _chosen_sets(satellites: Iterable[Satellite], epoch: Epoch) -> list[ElementSet]:
     jd_utc = float(epoch.utc.jd)
     return [item.set_for(jd_utc) for item in satellites]
 
@@ -263,7 +264,7 @@ def _tai_minus_utc_s(sets: Sequence[ElementSet]) -> F64:
         return np.asarray(erfa.dat(*erfa.jd2cal(jd[:, 0], jd[:, 1])), np.float64)
 
 
-def _age_days(satellites: Sequence[Satellite], epoch: Time) -> F64:
+def _age_days(satellites: Sequence[Satellite], epoch: Epoch) -> F64:
     sets = _chosen_sets(satellites, epoch)
     whole, fraction = tt_jd(epoch, 0.0)
     jd = np.array([item.epoch_jd_utc for item in sets])
@@ -271,7 +272,7 @@ def _age_days(satellites: Sequence[Satellite], epoch: Time) -> F64:
     return np.asarray((whole - jd[:, 0]) + (fraction - jd[:, 1] - offset_s / DAY_S), np.float64)
 
 
-def _notes(satellites: Sequence[Satellite], epoch: Time, duration_s: float) -> list[str]:
+def _notes(satellites: Sequence[Satellite], epoch: Epoch, duration_s: float) -> list[str]:
     first = _age_days(satellites, epoch)
     farthest = np.maximum(np.abs(first), np.abs(first + duration_s / DAY_S))
     worst = int(np.argmax(farthest))
@@ -285,7 +286,7 @@ def _notes(satellites: Sequence[Satellite], epoch: Time, duration_s: float) -> l
     ]
 
 
-def _sgp4_states(satellites: Sequence[Satellite], epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+def _sgp4_states(satellites: Sequence[Satellite], epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
     """States in GCRS axes, (n_time, n_satellite, 3)."""
     times = np.asarray(time_s, np.float64)
     if times.ndim != 1 or not np.isfinite(times).all():
@@ -307,7 +308,9 @@ def _sgp4_states(satellites: Sequence[Satellite], epoch: Time, time_s: ArrayLike
     return position, velocity
 
 
-def _sgp4_block(members: Sequence[tuple[str, ElementSet]], epoch: Time, times: F64, offset_s: float) -> tuple[F64, F64]:
+def _sgp4_block(
+    members: Sequence[tuple[str, ElementSet]], epoch: Epoch, times: F64, offset_s: float
+) -> tuple[F64, F64]:
     """SGP4 for sets of one TT - UTC: TEME [km], [km/s], each (n_time, n_satellite, 3)."""
     from astropy.time import TimeDelta
     from sgp4.api import SGP4_ERRORS, SatrecArray
@@ -331,6 +334,7 @@ def _sgp4_block(members: Sequence[tuple[str, ElementSet]], epoch: Time, times: F
                 f"km, {abs(days):.0f} days {'after' if days >= 0 else 'before'} the element set's epoch"
             )
         with years_ahead():
-            utc = (epoch + TimeDelta(times[column], format="sec")).utc.isot
+            start = utc_time(epoch.isot) if isinstance(epoch, Instant) else epoch
+            utc = (start + TimeDelta(times[column], format="sec")).utc.isot
         raise InputError(f"{members[row][0]}: no state at {utc} UTC ({times[column]:g} s): SGP4: {reason}")
     return np.swapaxes(r, 0, 1), np.swapaxes(v, 0, 1)

@@ -20,7 +20,7 @@ from warpsim.orbit.earth import pole_of_date
 from warpsim.orbit.gravity import Gravity, propagate
 
 if TYPE_CHECKING:
-    from astropy.time import Time
+    from warpsim.instant import Epoch
 
 F64 = NDArray[np.float64]
 
@@ -152,7 +152,7 @@ class Walker:
         cosine, sine = np.cos(along)[:, None], np.sin(along)[:, None]
         return radius_m * (cosine * to_node + sine * to_top), speed_m_s * (cosine * to_top - sine * to_node)
 
-    def states(self, epoch: Time, time_s: ArrayLike) -> tuple[F64, F64]:
+    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_satellite, 3).
 
         Args:

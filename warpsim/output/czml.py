@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.files import check_new_file, whole_file
-from warpsim.orbit.epoch import years_ahead
+from warpsim.instant import years_ahead
 from warpsim.scene.bends import bends_s
 
 if TYPE_CHECKING:

@@ -19,8 +19,8 @@ from warpsim.detector.electron import ElectronDetector
 from warpsim.detector.levels import ElectronLevels, Levels
 from warpsim.detector.terms import detector_terms
 from warpsim.errors import InputError
+from warpsim.instant import years_ahead
 from warpsim.optics.wcs import lens_keywords, tan_keywords, wcs_from_keywords
-from warpsim.orbit.epoch import years_ahead
 from warpsim.render.frameset import FrameSet
 from warpsim.scene.scene import Scene
 

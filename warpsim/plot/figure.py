@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
 from warpsim.files import whole_file
-from warpsim.orbit.epoch import years_ahead
+from warpsim.instant import years_ahead
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,12 +10,13 @@ import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.emission import Seen
 from warpsim_kernels.signature import N_TERM
+from warpsim_kernels.strips import STRIP_PIXELS, n_flag
 
 if TYPE_CHECKING:
     from warpsim.render.world import TargetWorld, World
 
-SIGNAL_BYTES_PER_CHUNK = 8 * 2**20
-"""Signal that one CPU worker holds at a time, small enough to stay in the cache between deposit and read-out; and the
+SIGNAL_BYTES_PER_CHUNK = 32 * 2**20
+"""Signal that one CPU worker holds at a time, so much that the Python of a chunk, 50 to 150 us, does not count; and the
 same for its source lists."""
 
 SIGNAL_BYTES_PER_CHUNK_CUDA = 512 * 2**20
@@ -99,16 +100,34 @@ class Sources:
 
 
 @dataclass(frozen=True)
+class Light:
+    """Noiseless images. Between frames they are dark, so that a frame touches those strips only that sources reach."""
+
+    flat: wp.array
+    """All images, and behind them a strip that stays dark; shape (n_view * n_band * n_pixel + STRIP_PIXELS,)."""
+    signal_w_cm2: wp.array
+    """The images, shape (n_view, n_band, n_row, n_col)."""
+    lit: wp.array
+    """Which strips of neighbouring pixels have light, shape (n_view, n_band, n_flag): strips of whole blocks."""
+
+    @property
+    def dark_place(self) -> int:
+        """Where the dark strip begins."""
+        return int(self.flat.size - STRIP_PIXELS)
+
+
+@dataclass(frozen=True)
 class Chunk:
     """The arrays of some consecutive views: what one pass through the stages reads and writes."""
 
     views: Views
     observations: Observations
     sources: Sources
-    signal_w_cm2: wp.array
-    """Shape (n_view, n_band, n_row, n_col)."""
+    light: Light
     counts: wp.array
     """Shape (n_view, n_band, n_row, n_col)."""
+    keep_light: bool
+    """Whether the read-out leaves the light where it is."""
 
     @property
     def n_view(self) -> int:
@@ -116,29 +135,31 @@ class Chunk:
         return int(self.counts.shape[0])
 
 
+def observation_columns(world: TargetWorld) -> dict[str, tuple[Any, tuple[int, ...]]]:
+    """Warp type and shape within a view of each array of Observations."""
+    number, n_target = (wp.float64, (world.n_target,)), world.n_target
+    return {
+        "xy_px": (wp.vec2d, (n_target,)),
+        "range_m": number,
+        "aspect_rad": number,
+        "area_m2": number,
+        "sun_area_m2": number,
+        "earth_area_m2": number,
+        "albedo_area_m2_sr": number,
+        "sunlit": number,
+        "temperature_k": number,
+        "flags": (wp.int32, (n_target,)),
+        "irradiance_w_cm2": (wp.float32, (world.n_band, n_target)),
+        "offset_px": (wp.vec2, (n_target, world.streaks.n_path)),
+        "brightness": (wp.float32, (world.n_band, n_target, world.field.n_profile)),
+    }
+
+
 def new_observations(world: TargetWorld, n_view: int) -> Observations:
     """Observations of n_view views, 0 where nothing writes."""
-    shape, device = (n_view, world.n_target), world.device
-
-    def scalar() -> wp.array:
-        return wp.zeros(shape, dtype=wp.float64, device=device)
-
+    columns = observation_columns(world).items()
     return Observations(
-        xy_px=wp.empty(shape, dtype=wp.vec2d, device=device),
-        range_m=scalar(),
-        aspect_rad=scalar(),
-        area_m2=scalar(),
-        sun_area_m2=scalar(),
-        earth_area_m2=scalar(),
-        albedo_area_m2_sr=scalar(),
-        sunlit=scalar(),
-        temperature_k=scalar(),
-        flags=wp.empty(shape, dtype=wp.int32, device=device),
-        irradiance_w_cm2=wp.empty((n_view, world.n_band, world.n_target), dtype=wp.float32, device=device),
-        offset_px=wp.empty((*shape, world.streaks.n_path), dtype=wp.vec2, device=device),
-        brightness=wp.empty(
-            (n_view, world.n_band, world.n_target, world.field.n_profile), dtype=wp.float32, device=device
-        ),
+        **{name: wp.zeros((n_view, *shape), dtype=dtype, device=world.device) for name, (dtype, shape) in columns}
     )
 
 
@@ -152,6 +173,15 @@ def seen_struct(observations: Observations) -> Any:
     for name in SEEN:
         setattr(seen, name, getattr(observations, name))
     return seen
+
+
+def new_light(shape: tuple[int, int, int, int], device: wp.Device) -> Light:
+    """Dark images of the shape (n_view, n_band, n_row, n_col)."""
+    n_view, n_band, n_row, n_col = shape
+    size = n_view * n_band * n_row * n_col
+    flat = wp.zeros(size + STRIP_PIXELS, dtype=wp.float32, device=device)
+    lit = wp.zeros((n_view, n_band, n_flag(n_row * n_col)), dtype=wp.uint8, device=device)
+    return Light(flat, flat[:size].reshape(shape), lit)
 
 
 def new_sources(world: World, n_view: int, n_slot: int) -> Sources:
@@ -189,17 +219,32 @@ def new_views(world: TargetWorld, time_s: Any, frame: Any, sensor: Any) -> Views
 
 def new_path_views(device: wp.Device, offset_s: npt.NDArray[np.float64], time_s: Any, sensor: Any) -> PathViews:
     """Views at times before and after given ones [s], (n_path,), for views of given times and sensors, (n_view,)."""
-    shape = (len(time_s), len(offset_s))
-    middle_s = np.broadcast_to(np.asarray(time_s, dtype=np.float64)[:, None], shape)
-    sensors = np.broadcast_to(np.asarray(sensor, dtype=np.uint32)[:, None], shape)
+    return path_views_of(path_inputs(device, offset_s, time_s, sensor))
+
+
+def path_views_of(inputs: tuple[wp.array, wp.array, wp.array]) -> PathViews:
+    """Views with given inputs, and room for their geometry."""
+    shape, device = inputs[0].shape, inputs[0].device
     return PathViews(
-        wp.array(middle_s + offset_s, dtype=wp.float64, device=device),
-        wp.array(middle_s.copy(), dtype=wp.float64, device=device),
-        wp.array(sensors.copy(), dtype=wp.uint32, device=device),
+        *inputs,
         wp.empty(shape, dtype=wp.mat33d, device=device),
         wp.empty(shape, dtype=wp.vec3d, device=device),
         wp.empty(shape, dtype=wp.vec3d, device=device),
         wp.empty(shape, dtype=wp.int32, device=device),
+    )
+
+
+def path_inputs(
+    device: wp.Device, offset_s: npt.NDArray[np.float64], time_s: Any, sensor: Any
+) -> tuple[wp.array, wp.array, wp.array]:
+    """The first three arrays of these views: time, middle of the exposure, sensor."""
+    shape = (len(time_s), len(offset_s))
+    middle_s = np.broadcast_to(np.asarray(time_s, dtype=np.float64)[:, None], shape)
+    sensors = np.broadcast_to(np.asarray(sensor, dtype=np.uint32)[:, None], shape)
+    return (
+        wp.array(middle_s + offset_s, dtype=wp.float64, device=device),
+        wp.array(middle_s.copy(), dtype=wp.float64, device=device),
+        wp.array(sensors.copy(), dtype=wp.uint32, device=device),
     )
 
 
@@ -214,9 +259,9 @@ def part_of(arrays: Any, first: int, end: int) -> Any:
     return type(arrays)(*(part(getattr(arrays, field.name)) for field in fields(arrays)))
 
 
-def views_per_chunk(world: World, n_pixel: int, n_slot: int) -> int:
+def views_per_chunk(world: World, n_pixel: int, n_slot: int, chunk_bytes: int | None = None) -> int:
     """Views whose signal, and whose source lists, each fit the chunk's share of memory; at least one."""
-    share = SIGNAL_BYTES_PER_CHUNK_CUDA if world.device.is_cuda else SIGNAL_BYTES_PER_CHUNK
+    share = chunk_bytes or (SIGNAL_BYTES_PER_CHUNK_CUDA if world.device.is_cuda else SIGNAL_BYTES_PER_CHUNK)
     signal_bytes = 4 * world.n_band * n_pixel
     slot_bytes = 16 + 4 * world.n_band + 4  # position, irradiance, star
     if world.streaks.wanted:

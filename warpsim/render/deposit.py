@@ -79,7 +79,7 @@ def deposit(
     # The unit may be anything: scaled to a largest value of 1, float32 neither overflows nor loses faint sources.
     scale = float(np.abs(strength).max(initial=0.0)) or 1.0
     where = default_device(device)
-    signal = wp.empty((1, 1, *shape), dtype=wp.float32, device=where)
+    signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=where)
     sources = [
         wp.array([len(xy)], dtype=wp.int32, device=where),
         wp.array(xy[None], dtype=wp.vec2d, device=where),

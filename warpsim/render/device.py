@@ -27,6 +27,20 @@ def default_device(device: Any = None) -> wp.Device:
         raise InputError(f"device: must be one of {known}, got {device!r}") from None
 
 
+def chosen_devices(device: Any = None) -> list[wp.Device]:
+    """The devices of a list, or the one of `default_device`.
+
+    Raises:
+        InputError: No such device, none at all, or CPUs and GPUs, which round differently, at once.
+    """
+    if not isinstance(device, list | tuple):
+        return [default_device(device)]
+    devices = [default_device(item) for item in device]
+    if len({item.is_cuda for item in devices}) != 1:
+        raise InputError(f"device: a list must name CUDA devices only, or the CPU only, got {device!r}")
+    return devices
+
+
 def n_usable_cpu() -> int:
     """Processor cores this process may use."""
     if hasattr(os, "sched_getaffinity"):

@@ -12,8 +12,9 @@ from warpsim_kernels.aim import BORESIGHT_REPLACED, UP_REPLACED
 
 from warpsim.errors import InputError
 from warpsim.orbit.sun import earth_position_m
-from warpsim.render.buffers import Observations, Views
+from warpsim.render.buffers import Observations
 from warpsim.render.image_stack import ImageStack
+from warpsim.render.records import Records
 from warpsim.render.world import World
 from warpsim.scene.scene import Scene
 
@@ -38,9 +39,28 @@ class FrameSet:
     signal_w_cm2: ImageStack | None
     """Noiseless irradiance per pixel [W/cm2], float32, same shape; None unless keep_signal."""
     _world: World
-    _views: Views
-    _observations: Observations
+    _records: Records
     _star_lists: list[tuple[npt.NDArray[Any], ...]] | None
+
+    def one_frame(self, place: int) -> FrameSet:
+        """The frame at a place along the first axis, as a set of its own that shares the memory."""
+        n_sensor = len(self.sensors)
+        first, end = place * n_sensor, (place + 1) * n_sensor
+
+        def part(stack: ImageStack) -> ImageStack:
+            return ImageStack(stack.array[first:end], 1, n_sensor)
+
+        return FrameSet(
+            self.scene,
+            self.frames[place : place + 1],
+            self.sensors,
+            self.bands,
+            part(self.counts),
+            self.signal_w_cm2 and part(self.signal_w_cm2),
+            self._world,
+            self._records.part(first, end),
+            self._star_lists and self._star_lists[first:end],
+        )
 
     def __repr__(self) -> str:
         names = f"{len(self.frames)} frames, {len(self.sensors)} sensors, bands {' '.join(self.bands)}"
@@ -54,7 +74,7 @@ class FrameSet:
     @property
     def axes_icrs(self) -> npt.NDArray[np.float64]:
         """Camera axes as rows x, y, z, jitter included, shape (frame, sensor, 3, 3)."""
-        return np.asarray(self._views.axes.numpy()).reshape(len(self.frames), len(self.sensors), 3, 3)
+        return self._records.view_column("axes").reshape(len(self.frames), len(self.sensors), 3, 3)
 
     @property
     def up_replaced(self) -> npt.NDArray[np.bool_]:
@@ -67,26 +87,26 @@ class FrameSet:
         return self._view_flag(int(BORESIGHT_REPLACED))
 
     def _view_flag(self, bit: int) -> npt.NDArray[np.bool_]:
-        word = np.asarray(self._views.flags.numpy()).reshape(len(self.frames), len(self.sensors))
+        word = self._records.view_column("flags").reshape(len(self.frames), len(self.sensors))
         return np.asarray((word & bit) != 0)
 
     @property
     def velocity_m_s(self) -> npt.NDArray[np.float64]:
         """Barycentric velocity of the sensors, ICRS axes [m/s], shape (frame, sensor, 3)."""
-        return np.asarray(self._views.velocity_m_s.numpy()).reshape(len(self.frames), len(self.sensors), 3)
+        return self._records.view_column("velocity_m_s").reshape(len(self.frames), len(self.sensors), 3)
 
     @property
     def barycentric_m(self) -> npt.NDArray[np.float64]:
         """Barycentric position of the sensors, ICRS axes [m], shape (frame, sensor, 3)."""
-        return self._from_earth(earth_position_m(self.scene.epoch, self.time_s)[0])
+        return self._from_earth(earth_position_m(self.scene.instant, self.time_s)[0])
 
     @property
     def heliocentric_m(self) -> npt.NDArray[np.float64]:
         """Heliocentric position of the sensors, ICRS axes [m], shape (frame, sensor, 3)."""
-        return self._from_earth(earth_position_m(self.scene.epoch, self.time_s)[1])
+        return self._from_earth(earth_position_m(self.scene.instant, self.time_s)[1])
 
     def _from_earth(self, earth_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        geocentric = np.asarray(self._views.position_m.numpy()).reshape(len(self.frames), len(self.sensors), 3)
+        geocentric = self._records.view_column("position_m").reshape(len(self.frames), len(self.sensors), 3)
         return np.asarray(earth_m[:, None] + geocentric)
 
     def wcs(self, frame: int, sensor: str) -> WCS:
@@ -125,6 +145,10 @@ class FrameSet:
         if self._star_lists is None:
             raise InputError("stars: render with keep_stars=True to have them")
         return star_table(self, self._world, self._star_lists)
+
+    @cached_property
+    def _observations(self) -> Observations:
+        return self._records.observations(self._world)
 
     def flag(self, bit: Any) -> npt.NDArray[np.bool_]:
         """A flag of warpsim_kernels.targets (IN_FOV, OCCULTED, ...) of each target, shape (frame, sensor, target)."""

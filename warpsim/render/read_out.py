@@ -9,19 +9,15 @@ from typing import Any
 import warp as wp
 from warpsim_kernels.detector import Detector, PixelScalars, ReadOutFeatures
 from warpsim_kernels.poisson import SMALLEST_EXPANDED_MEAN
-from warpsim_kernels.read_out import (
-    TILE_WIDTH,
-    fill_template_kernel,
-    make_read_out_rest_kernel,
-    make_read_out_tile_kernel,
-)
+from warpsim_kernels.read_out import fill_template_kernel, make_read_out_kernel
+from warpsim_kernels.strips import STRIP_PIXELS
 
 from warpsim.detector.electron import ElectronDetector
 from warpsim.detector.levels import ElectronLevels, Levels
 from warpsim.detector.nei import NeiDetector
 
-LARGEST_DEVIATE = 6.77
-"""Of a unit normal deviate made of 32 bits."""
+LARGEST_DEVIATE = 6.67
+"""Of a unit normal deviate."""
 
 _BEYOND_ANY_LEVEL_W_CM2 = 3e38
 
@@ -32,8 +28,10 @@ class ReadOut:
 
     features: ReadOutFeatures
     detector: Any
-    tile_kernel: wp.Kernel
+    kernel: wp.Kernel
+    """Of whole strips."""
     rest_kernel: wp.Kernel
+    """Of the pixels behind the last whole strip of an image."""
 
 
 def make_read_out(
@@ -61,9 +59,7 @@ def make_read_out(
     if isinstance(detector, NeiDetector) and features.template:
         arrays.deviates, arrays.n_deviate = _template(detector, seed, device), detector.template_size
     arrays.n_pixel, arrays.n_col = shape[0] * shape[1], shape[1]
-    return ReadOut(
-        features, arrays, make_read_out_tile_kernel(features, TILE_WIDTH), make_read_out_rest_kernel(features)
-    )
+    return ReadOut(features, arrays, make_read_out_kernel(features), make_read_out_kernel(features, ragged=True))
 
 
 def read_out_features(detector: NeiDetector | ElectronDetector, levels: Mapping[str, Levels]) -> ReadOutFeatures:
@@ -104,8 +100,8 @@ def _smallest_mean_e(detector: ElectronDetector, levels: Levels) -> float:
 def _scalars(detector: NeiDetector | ElectronDetector, levels: Levels, seed: int) -> Any:
     """The kernels' numbers of one band."""
     scalars: Any = PixelScalars()
-    scalars.offset_counts = detector.offset_counts
-    scalars.max_counts = float(2**detector.bits - 1)
+    scalars.zero_counts = detector.offset_counts + 0.5
+    scalars.most_counts = float(2**detector.bits - 1)
     scalars.prnu = detector.prnu
     scalars.dead_below = _words(detector.dead_fraction)
     scalars.hot_below = _words(detector.hot_fraction)
@@ -126,8 +122,10 @@ def _scalars(detector: NeiDetector | ElectronDetector, levels: Levels, seed: int
         scalars.column_noise = detector.column_noise_nei * levels.nei_w_cm2
         scalars.full_level, scalars.most = levels.sei_w_cm2, _BEYOND_ANY_LEVEL_W_CM2
         scalars.loss_per_level = detector.nonlinearity / levels.sei_w_cm2
-        scalars.per_nei = 1.0 / levels.nei_w_cm2
-        scalars.ceiling_nei = levels.sei_w_cm2 / levels.nei_w_cm2 * (1 - detector.nonlinearity)
+        ceiling_nei = levels.sei_w_cm2 / levels.nei_w_cm2 * (1 - detector.nonlinearity)
+        saturated_counts = ceiling_nei * detector.counts_per_nei + scalars.zero_counts
+        scalars.most_counts = min(saturated_counts, scalars.most_counts)
+        scalars.counts_per_w_cm2 = detector.counts_per_nei / levels.nei_w_cm2
         scalars.counts_per_nei = detector.counts_per_nei
     return scalars
 
@@ -139,7 +137,7 @@ def _words(share: float) -> int:
 
 def _template(detector: NeiDetector, seed: int, device: wp.Device) -> wp.array:
     """Unit normal deviates to be used again and again."""
-    deviates = wp.empty(detector.template_size + 2 * TILE_WIDTH, dtype=float, device=device)
+    deviates = wp.empty(detector.template_size + STRIP_PIXELS, dtype=float, device=device)
     words = [seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF]
     wp.launch(fill_template_kernel, deviates.size, [detector.template_size, *words], [deviates], device=device)
     return deviates

@@ -1,61 +1,35 @@
-"""The renderer: owns buffers, order and threads; the stages do the work."""
+"""The renderer: takes what is asked for, owns crews, memory and threads."""
 
 from __future__ import annotations
 
-import queue
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import warp as wp
+from warpsim_kernels.stamp_sizes import size_table_stamps_kernel
 
-from warpsim.arguments import chosen_names
+from warpsim.arguments import chosen_names, whole_number
 from warpsim.errors import InputError
-from warpsim.render.buffers import (
-    Chunk,
-    Observations,
-    Sources,
-    Views,
-    new_observations,
-    new_sources,
-    new_views,
-    part_of,
-    views_per_chunk,
-)
-from warpsim.render.device import default_device, worker_count
+from warpsim.render.crew import Crew
+from warpsim.render.device import chosen_devices, worker_count
 from warpsim.render.frameset import FrameSet
 from warpsim.render.image_stack import ImageStack
-from warpsim.render.stages import STAGES
+from warpsim.render.job import Job, new_job
+from warpsim.render.kernel_loading import kernel_loading
+from warpsim.render.pool import POOL_BYTES, Pool
 from warpsim.render.star_field import load_catalog, star_index
-from warpsim.render.streaks import Streaks, moved
+from warpsim.render.streaks import Streaks
+from warpsim.render.stream import Stream, StreamStats, stream_sizes
 from warpsim.render.world import World
 from warpsim.scene.scene import Scene
 from warpsim.sky.catalog import StarCatalog
 
-StarList = tuple[npt.NDArray[Any], ...]
-
-
-@dataclass
-class _Worker:
-    """Buffers of one CPU thread or of the GPU."""
-
-    sources: Sources
-    signal_w_cm2: wp.array
-
-
-@dataclass(frozen=True)
-class _Job:
-    """Arrays of one render call, (n_view, ...)."""
-
-    views: Views
-    observations: Observations
-    counts: wp.array
-    signal_w_cm2: wp.array | None
-    star_lists: list[StarList] | None
+SPARE_SLOTS = 64
+"""Stars that source lists hold to begin with, besides the targets."""
 
 
 class Renderer:
@@ -63,33 +37,60 @@ class Renderer:
 
     Args:
         scene: The description.
-        device: Warp device; "cuda:0" where present, else "cpu", when left out.
+        device: Warp device; "cuda:0" where present, else "cpu", when left out. A list of devices shares the work out;
+            images then land in host memory, pinned where the devices are GPUs.
         n_thread: CPU threads; all cores when left out. Results do not depend on it.
         catalog: Stars to use instead of those that the scene's sky names.
+        chunk_bytes: Memory that a thread's images in the making, and that its source lists, take at most (but as much
+            as one view needs); 32 MiB on the CPU and 512 MiB on CUDA when left out. Results do not depend on it.
+        pool_bytes: Memory of results that are no longer held, kept for later ones, at most.
 
     Raises:
-        InputError: No such device, a bad thread count, or a star catalog that cannot be read.
+        InputError: No such device, a bad number, or a star catalog that cannot be read.
     """
 
     def __init__(
-        self, scene: Scene, device: Any = None, n_thread: int | None = None, catalog: StarCatalog | None = None
+        self,
+        scene: Scene,
+        device: Any = None,
+        n_thread: int | None = None,
+        catalog: StarCatalog | None = None,
+        chunk_bytes: int | None = None,
+        pool_bytes: int = POOL_BYTES,
     ) -> None:
         if catalog is not None and not isinstance(catalog, StarCatalog):
             raise InputError(f"catalog: must be a StarCatalog, got {type(catalog).__name__}; files are for sky.catalog")
+        self.chunk_bytes = None if chunk_bytes is None else whole_number("chunk_bytes", chunk_bytes, 1)
         self.scene = scene
-        self.device = default_device(device)
+        self.devices = chosen_devices(device)
+        self.device = self.devices[0]
         self.n_thread = worker_count(self.device, n_thread)
-        self._index = star_index(scene, load_catalog(scene) if catalog is None else catalog, self.device)
-        self._worlds: dict[tuple[str, ...], World] = {}
-        self._workers: dict[tuple[str, ...], list[_Worker]] = {}
+        self._to_host = isinstance(device, list | tuple)
+        for each in self.devices:
+            kernel_loading(each).start(size_table_stamps_kernel)
+        catalog = load_catalog(scene) if catalog is None else catalog
+        self._indices = [star_index(scene, catalog, each) for each in self.devices]
+        where = wp.get_device("cpu") if self._to_host else self.device
+        most_bytes = whole_number("pool_bytes", pool_bytes, 0)
+        self._pool = Pool(where, pinned=self._to_host and self.device.is_cuda, most_bytes=most_bytes)
+        self._crews: dict[tuple[str, ...], Crew] = {}
         self._lock = threading.Lock()  # buffers serve one call at a time
-        self._compiled: set[tuple[str, ...]] = set()
         self._n_slot = 0
+        self._stream: Stream | None = None
 
     @property
     def catalog(self) -> StarCatalog:
         """The stars, at the scene's epoch."""
-        return self._index.catalog
+        return self._indices[0].catalog
+
+    @property
+    def buffer_bytes(self) -> int:
+        """Memory [bytes] of the buffers of all workers, and of the results that are no longer held.
+
+        Besides them there are the scene (stars, tables of the optics) and the results that somebody holds. Each choice
+        of bands that was rendered has workers of its own.
+        """
+        return sum(crew.n_byte for crew in self._crews.values()) + self._pool.n_byte
 
     @property
     def sensors_with_access(self) -> list[str]:
@@ -123,6 +124,68 @@ class Renderer:
             InputError: An unknown name, a frame outside the scene, or no sensor with access.
         """
         frame_list = self.checked_frames(frames)
+        sensor_list, band_list = self._checked_names(sensors, bands)
+        return self._render(frame_list, sensor_list, band_list, keep_signal, keep_stars)
+
+    def stream(
+        self,
+        frames: Iterable[int] | None = None,
+        sensors: Sequence[str] | None = None,
+        bands: Sequence[str] | None = None,
+        rate_hz: float | None = None,
+        drop: bool = True,
+        n_ahead: int | None = None,
+        keep_signal: bool = False,
+        keep_stars: bool = False,
+    ) -> Iterator[FrameSet]:
+        """Render frame after frame in real time, while the caller works on those before; `stats` says how it goes.
+
+        The clock starts when the first frame is ready; frame k is then due k / rate_hz later, and its time is over when
+        the next one is due. Ending the loop, or an exception in it, ends the stream.
+
+        Args:
+            frames: Frame numbers, in the order wanted; all of the scene when left out.
+            sensors: As in `render`.
+            bands: As in `render`.
+            rate_hz: Frames (times, with all sensors) per second; as fast as possible when left out.
+            drop: Leave out frames whose time is over; False: hand over every one, however late.
+            n_ahead: Frames rendered ahead at most; chosen by rate and size when left out.
+            keep_signal: As in `render`.
+            keep_stars: As in `render`.
+
+        Returns:
+            Iterator of FrameSets of one frame each.
+
+        Raises:
+            InputError: As in `render`; a rate or a number of frames that is not above 0.
+        """
+        frame_list = self.checked_frames(range(self.scene.frames.count) if frames is None else frames)
+        sensor_list, band_list = self._checked_names(sensors, bands)
+        if rate_hz is not None and not (isinstance(rate_hz, int | float) and 0 < rate_hz < np.inf):
+            raise InputError(f"rate_hz: must be a number above 0, got {rate_hz!r}")
+        ahead = None if n_ahead is None else whole_number("n_ahead", n_ahead, 1)
+        camera = self.scene.camera
+        n_view, n_lane = len(sensor_list), max(self.n_thread, len(self.devices))
+        frame_bytes = 2 * n_view * len(band_list) * camera.n_row * camera.n_col
+        sizes = stream_sizes(rate_hz, n_view, frame_bytes, n_lane, ahead)
+        self._stream = Stream(
+            lambda some: self._render(some, sensor_list, band_list, keep_signal, keep_stars),
+            frame_list,
+            rate_hz,
+            drop,
+            *sizes,
+        )
+        return self._stream.frames()
+
+    @property
+    def stats(self) -> StreamStats | None:
+        """How the latest stream goes, or went; None before the first."""
+        return None if self._stream is None else self._stream.stats
+
+    def _checked_names(
+        self, sensors: Sequence[str] | None, bands: Sequence[str] | None
+    ) -> tuple[list[str], list[str]]:
+        """Sensors and bands to render; InputError for unknown ones, or when no sensor has access."""
         sensor_list = chosen_names("sensors", sensors, self.scene.sensor_names)
         band_list = chosen_names("bands", bands, list(self.scene.bands))
         if sensors is None:
@@ -132,21 +195,25 @@ class Renderer:
                     "sensors: none has access to the main target under the scene's access_rules; name sensors to "
                     "render them all the same"
                 )
-        world = self._world(tuple(band_list))
-        job = self._new_job(world, frame_list, sensor_list, keep_signal, keep_stars)
+        return sensor_list, band_list
+
+    def _render(
+        self, frames: list[int], sensors: list[str], bands: list[str], keep_signal: bool, keep_stars: bool
+    ) -> FrameSet:
         with self._lock:
-            self._run(world, tuple(band_list), job)
-        n_frame, n_sensor = len(frame_list), len(sensor_list)
+            crew = self._crew(tuple(bands))
+            job = new_job(self.scene, crew.world, frames, sensors, self._pool, keep_signal, keep_stars)
+            self._run(crew, job)
+        n_frame, n_sensor = len(frames), len(sensors)
         return FrameSet(
             self.scene,
-            frame_list,
-            sensor_list,
-            band_list,
+            frames,
+            sensors,
+            bands,
             ImageStack(job.counts, n_frame, n_sensor),
             None if job.signal_w_cm2 is None else ImageStack(job.signal_w_cm2, n_frame, n_sensor),
-            world,
-            job.views,
-            job.observations,
+            crew.world,
+            job.records,
             job.star_lists,
         )
 
@@ -155,9 +222,11 @@ class Renderer:
         if isinstance(frames, int | np.integer):
             raise InputError(f"frames: must be a list or range of frame numbers, got {frames!r}")
         numbers = list(frames)
-        for number in numbers:
-            if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < 2**32:
-                raise InputError(f"frames: must be whole numbers from 0 to 2**32 - 1, got {number!r}")
+        kinds = set(map(type, numbers))  # a quick look first: this is done in every call
+        if not kinds <= {int} or min(numbers, default=0) < 0 or max(numbers, default=0) >= 2**32:
+            for number in numbers:
+                if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < 2**32:
+                    raise InputError(f"frames: must be whole numbers from 0 to 2**32 - 1, got {number!r}")
         times = self.scene.frame_time_s(numbers)
         late = np.flatnonzero(times > self.scene.duration_s)
         if late.size:
@@ -167,119 +236,31 @@ class Renderer:
             )
         if self.scene.sights is not None:
             self.scene.sights.check_times(self.scene.sensor_names, times)
-        return [int(number) for number in numbers]
+        return numbers if kinds <= {int} else [int(number) for number in numbers]
 
     def streaks(self, bands: Sequence[str]) -> Streaks:
         """How sources are followed through the exposure."""
         return self._world(tuple(bands)).streaks
 
+    def _crew(self, bands: tuple[str, ...]) -> Crew:
+        if bands not in self._crews:
+            worlds = [World(self.scene, bands, index.device, index) for index in self._indices]
+            shape = (self.scene.camera.n_row, self.scene.camera.n_col)
+            self._crews[bands] = Crew(worlds, self.n_thread, shape, self._to_host)
+        return self._crews[bands]
+
     def _world(self, bands: tuple[str, ...]) -> World:
-        if bands not in self._worlds:
-            self._worlds[bands] = World(self.scene, bands, self.device, self._index)
-        return self._worlds[bands]
+        return self._crew(bands).world
 
-    def _new_job(
-        self, world: World, frames: list[int], sensors: list[str], keep_signal: bool, keep_stars: bool
-    ) -> _Job:
-        n_frame, n_sensor = len(frames), len(sensors)
-        sensor_rows = [self.scene.sensor_names.index(name) for name in sensors]
-        views = new_views(
-            world,
-            np.repeat(self.scene.frame_time_s(frames), n_sensor),
-            np.repeat(np.asarray(frames, dtype=np.uint32), n_sensor),
-            np.tile(np.asarray(sensor_rows, dtype=np.uint32), n_frame),
-        )
-        n_view = n_frame * n_sensor
-        shape = (n_view, world.n_band, self.scene.camera.n_row, self.scene.camera.n_col)
-        counts = wp.empty(shape, dtype=wp.uint16, device=self.device)
-        signal = wp.empty(shape, dtype=wp.float32, device=self.device) if keep_signal else None
-        stars: list[StarList] | None = [()] * n_view if keep_stars else None
-        return _Job(views, new_observations(world, n_view), counts, signal, stars)
+    @cached_property
+    def _threads(self) -> ThreadPoolExecutor:
+        """Threads that wait for chunks; they end with the renderer."""
+        return ThreadPoolExecutor(max(self.n_thread, len(self.devices)), thread_name_prefix="warpsim")
 
-    def _run(self, world: World, bands: tuple[str, ...], job: _Job) -> None:
-        """Render all chunks; once more with longer source lists should a view have needed them."""
-        n_view = int(job.counts.shape[0])
-        if n_view == 0:
+    def _run(self, crew: Crew, job: Job) -> None:
+        """Render a job; once more with longer source lists should a view have needed them."""
+        if job.n_view == 0:
             return
-        n_pixel = job.counts.shape[2] * job.counts.shape[3]
-        self._n_slot = max(self._n_slot, world.n_target + 64)
-        while True:
-            # Every thread should have work, and no chunk more views than the buffers hold.
-            size = min(views_per_chunk(world, n_pixel, self._n_slot), -(-n_view // self.n_thread))
-            wanted = self._render_chunks(world, bands, job, size)
-            if wanted <= self._n_slot:
-                return
+        self._n_slot = max(self._n_slot, crew.world.n_target + SPARE_SLOTS)
+        while (wanted := crew.render(job, self._n_slot, self.chunk_bytes, self._threads)) > self._n_slot:
             self._n_slot = wanted + wanted // 4
-
-    def _render_chunks(self, world: World, bands: tuple[str, ...], job: _Job, size: int) -> int:
-        """Render the views chunk by chunk; the longest source list wanted, stopping early where one is too long."""
-        spans = [(first, min(first + size, int(job.counts.shape[0]))) for first in range(0, job.counts.shape[0], size)]
-        workers: queue.SimpleQueue[_Worker] = queue.SimpleQueue()
-        for worker in self._buffers(world, bands, size, min(self.n_thread, len(spans))):
-            workers.put(worker)
-        longest = [0]  # of each chunk done; appending is safe between threads
-
-        def one(span: tuple[int, int]) -> None:
-            if longest[-1] > self._n_slot:
-                return
-            worker = workers.get()
-            try:
-                self._render_chunk(world, job, worker, *span)
-            finally:
-                workers.put(worker)
-            if not self.device.is_cuda:  # where reading it would wait for the GPU; there all is looked at in the end
-                longest.append(int(job.views.n_wanted.numpy()[span[0] : span[1]].max()))
-
-        if bands not in self._compiled:  # kernels are compiled by one thread
-            one(spans[0])
-            self._compiled.add(bands)
-            spans = spans[1:]
-        if self.n_thread == 1 or len(spans) < 2:
-            for span in spans:
-                one(span)
-        else:
-            with ThreadPoolExecutor(self.n_thread) as pool:
-                list(pool.map(one, spans))
-        return int(job.views.n_wanted.numpy().max()) if self.device.is_cuda else max(longest)
-
-    def _buffers(self, world: World, bands: tuple[str, ...], size: int, n_worker: int) -> list[_Worker]:
-        """Buffers for chunks of up to size views: those of earlier calls where they fit, else new ones."""
-        shape = (size, world.n_band, self.scene.camera.n_row, self.scene.camera.n_col)
-        kept = [
-            worker
-            for worker in self._workers.get(bands, [])
-            if worker.signal_w_cm2.shape[0] >= size and worker.sources.xy_px.shape[1] == self._n_slot
-        ]
-        while len(kept) < n_worker:
-            sources = new_sources(world, size, self._n_slot)
-            kept.append(_Worker(sources, wp.empty(shape, dtype=wp.float32, device=self.device)))
-        self._workers[bands] = kept
-        return kept[:n_worker]
-
-    def _render_chunk(self, world: World, job: _Job, worker: _Worker, first: int, end: int) -> None:
-        n_view = end - first
-        signal = worker.signal_w_cm2[:n_view] if job.signal_w_cm2 is None else job.signal_w_cm2[first:end]
-        chunk = Chunk(
-            part_of(job.views, first, end),
-            part_of(job.observations, first, end),
-            part_of(worker.sources, 0, n_view),
-            signal,
-            job.counts[first:end],
-        )
-        for stage in STAGES:
-            stage(world, chunk)
-        if job.star_lists is not None:
-            job.star_lists[first:end] = _star_lists(world, chunk.sources)
-
-
-def _star_lists(world: World, sources: Sources) -> list[StarList]:
-    """Position, movement, irradiance and star number of the stars of each view, copied to the host."""
-    filled = sources.n_source.numpy()
-    offset_px = sources.offset_px.numpy()
-    xy, light, star = (array.numpy() for array in (sources.xy_px, sources.irradiance_w_cm2, sources.star))
-    first = world.n_target
-    spans = [(view, slice(first, n)) for view, n in enumerate(filled)]
-    return [
-        (xy[view, part].copy(), moved(offset_px[view, part]), light[view, :, part].T.copy(), star[view, part].copy())
-        for view, part in spans
-    ]

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 import warp as wp
 from warpsim_kernels.emission import record_targets_kernel
-from warpsim_kernels.read_out import TILE_WIDTH
+from warpsim_kernels.strips import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK
 from warpsim_kernels.trace import make_reach_kernel, make_trace_stars_kernel, make_trace_targets_kernel
 
+from warpsim.launches import clear, launch, launch_tiled
 from warpsim.render.buffers import Chunk, Observations, PathViews, Sources, Views, seen_struct
 from warpsim.render.device import rows_per_block
 from warpsim.render.streaks import Streaks, paths_struct
@@ -20,7 +21,7 @@ from warpsim.render.streaks import Streaks, paths_struct
 if TYPE_CHECKING:
     from warpsim.render.world import TargetWorld, World
 
-TILE_THREADS_CUDA = TILE_WIDTH
+TILE_THREADS_CUDA = N_PAIR
 
 
 def aim(world: World, chunk: Chunk) -> None:
@@ -31,13 +32,13 @@ def aim(world: World, chunk: Chunk) -> None:
         aim_views(world, views.path)
         inputs = [views.axes, views.path.axes, world.camera, world.landmarks]
         kernel = make_reach_kernel(world.field.features.distortion)
-        wp.launch(kernel, dim=chunk.n_view, inputs=inputs, outputs=[views.reach], device=world.device)
+        launch(kernel, dim=chunk.n_view, inputs=inputs, outputs=[views.reach], device=world.device)
 
 
 def aim_views(world: TargetWorld, views: Views | PathViews) -> None:
     """The first launch of `aim`, which needs no images."""
     motion, aiming = world.motion, world.aiming
-    wp.launch(
+    launch(
         aiming.kernel,
         dim=views.time_s.size,
         inputs=[
@@ -66,15 +67,15 @@ def observe_targets(world: World, chunk: Chunk) -> None:
     """What is seen of each target, and the first source slots: its place and light."""
     seen, sources = chunk.observations, chunk.sources
     look_at_targets(world, chunk.views, seen, sources.xy_px, sources.area_series)
-    wp.launch(
+    launch(
         world.field.emit_kernel,
-        dim=(chunk.n_view, world.n_band, world.n_target),
-        inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen)],
+        dim=(chunk.n_view, world.field.n_lane),
+        inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen), world.field.n_lane],
         outputs=[sources.irradiance_w_cm2],
         device=world.device,
     )
     if world.field.features.profile:
-        wp.launch(
+        launch(
             world.field.profile_kernel,
             dim=(chunk.n_view, world.n_band, world.n_target),
             inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen), sources.area_series],
@@ -88,9 +89,9 @@ def look_at_targets(
 ) -> None:
     """The first launch of `observe_targets`, which needs no images; places go to xy_px, (n_view, >= n_target)."""
     motion, field = world.motion, world.field
-    wp.launch(
+    launch(
         field.observe_kernel,
-        dim=(views.time_s.shape[0], world.n_target),
+        dim=(views.time_s.shape[0], field.n_lane),
         inputs=[
             views.time_s,
             views.axes,
@@ -107,6 +108,7 @@ def look_at_targets(
             field.exposure,
             field.surroundings,
             world.camera,
+            field.n_lane,
         ],
         outputs=[
             xy_px,
@@ -127,7 +129,7 @@ def look_at_targets(
 
 def split_light(world: TargetWorld, seen: Observations, irradiance_w_cm2: wp.array) -> None:
     """Irradiance by each term into (N_TERM, n_view, n_band, n_target); for the truth, not part of a frame."""
-    wp.launch(
+    launch(
         world.field.split_kernel,
         dim=irradiance_w_cm2.shape[1:],
         inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen)],
@@ -139,7 +141,7 @@ def split_light(world: TargetWorld, seen: Observations, irradiance_w_cm2: wp.arr
 def gather_stars(world: World, chunk: Chunk) -> None:
     """The source slots behind the targets: every star whose stamp touches the frame."""
     views, sources = chunk.views, chunk.sources
-    wp.launch(
+    launch(
         world.stars.kernel,
         dim=chunk.n_view,
         inputs=[
@@ -176,7 +178,7 @@ def trace(world: World, chunk: Chunk) -> None:
 def trace_sources(world: TargetWorld, streaks: Streaks, path: PathViews, sources: Sources) -> None:
     """The launches of `trace`."""
     motion, (n_view, n_slot) = world.motion, sources.xy_px.shape
-    wp.launch(
+    launch(
         make_trace_targets_kernel(world.field.features.distortion),
         dim=(n_view, world.n_target),
         inputs=[
@@ -197,7 +199,7 @@ def trace_sources(world: TargetWorld, streaks: Streaks, path: PathViews, sources
         outputs=[sources.offset_px],
         device=world.device,
     )
-    wp.launch(
+    launch(
         make_trace_stars_kernel(world.field.features.distortion),
         dim=(n_view, n_slot - world.n_target),
         inputs=[
@@ -216,21 +218,22 @@ def trace_sources(world: TargetWorld, streaks: Streaks, path: PathViews, sources
 
 def deposit(world: World, chunk: Chunk) -> None:
     """Signal: the light of all sources, integrated over pixels."""
-    sources, signal = chunk.sources, chunk.signal_w_cm2
+    sources, signal = chunk.sources, chunk.light.signal_w_cm2  # dark
     lists = [sources.n_source, sources.xy_px, sources.irradiance_w_cm2]
     paths = None
     if world.streaks.wanted:
         paths = paths_struct(sources.offset_px, chunk.observations.brightness, world.n_target)
-    world.psf.deposit(lists, world.stamp_rule, rows_per_block(world.device, signal.shape[2]), signal, paths)
+    n_row_per_block = rows_per_block(world.device, signal.shape[2])
+    world.psf.deposit(lists, world.stamp_rule, n_row_per_block, signal, paths, chunk.light.lit)
 
 
 def record_targets(world: World, chunk: Chunk) -> None:
     """Observations: what of the source list belongs to targets."""
     sources, seen = chunk.sources, chunk.observations
-    wp.launch(
+    launch(
         record_targets_kernel,
-        dim=(chunk.n_view, world.n_band, world.n_target),
-        inputs=[sources.xy_px, sources.irradiance_w_cm2, sources.offset_px],
+        dim=(chunk.n_view, world.field.n_lane),
+        inputs=[sources.xy_px, sources.irradiance_w_cm2, sources.offset_px, world.field.n_lane],
         outputs=[seen.xy_px, seen.irradiance_w_cm2, seen.offset_px],
         device=world.device,
     )
@@ -239,28 +242,33 @@ def record_targets(world: World, chunk: Chunk) -> None:
 def read_out(world: World, chunk: Chunk) -> None:
     """Counts: what the detector makes of the signal."""
     n_view, n_band, n_row, n_col = chunk.counts.shape
-    n_pixel = n_row * n_col
-    n_tile = n_pixel // (2 * TILE_WIDTH)
-    n_done = n_tile * 2 * TILE_WIDTH
-    signal, counts = chunk.signal_w_cm2.flatten(), chunk.counts.flatten()
-    inputs = [signal, chunk.views.frame, chunk.views.sensor, world.band_id, world.read_out.detector]
-    if n_tile:
-        wp.launch_tiled(
-            world.read_out.tile_kernel,
-            dim=[n_view * n_band * n_tile],
-            inputs=[*inputs, n_tile],
-            outputs=[counts],
-            block_dim=TILE_THREADS_CUDA if world.device.is_cuda else 1,
+    n_image, n_pixel = n_view * n_band, n_row * n_col
+    n_strip = n_pixel // STRIP_PIXELS
+    light, counts = chunk.light, chunk.counts
+    inputs = [chunk.views.frame, chunk.views.sensor, world.band_id, world.read_out.detector]
+    keep = int(chunk.keep_light)
+    block_dim = TILE_THREADS_CUDA if world.device.is_cuda else 1
+    if n_strip:
+        launch_tiled(
+            world.read_out.kernel,
+            dim=[n_image * -(-n_strip // STRIPS_PER_BLOCK)],
+            inputs=[*inputs, 0, n_strip, light.dark_place, keep, light.flat, light.lit.flatten()],
+            outputs=[counts.flatten()],
+            block_dim=block_dim,
             device=world.device,
         )
-    if n_done < n_pixel:
-        wp.launch(
+    if n_strip * STRIP_PIXELS < n_pixel:
+        shape = (n_image, n_pixel)
+        launch_tiled(
             world.read_out.rest_kernel,
-            dim=(n_view, n_band, n_pixel - n_done),
-            inputs=[*inputs, n_done],
-            outputs=[counts],
+            dim=[n_image],
+            inputs=[*inputs, n_strip, n_strip + 1, 0, keep, light.signal_w_cm2.reshape(shape), light.lit.flatten()],
+            outputs=[counts.reshape(shape)],
+            block_dim=block_dim,
             device=world.device,
         )
+    if not chunk.keep_light:
+        clear(light.lit)
 
 
 STAGES = (aim, observe_targets, gather_stars, trace, deposit, record_targets, read_out)

@@ -67,7 +67,7 @@ def load_catalog(scene: Scene) -> StarCatalog:
 
 def star_index(scene: Scene, catalog: StarCatalog, device: wp.Device) -> BandIndex:
     """Index of a catalog, its stars moved to the scene's epoch."""
-    jyear = 2000.0 + (scene.epoch.tt.jd - 2451545.0) / JULIAN_YEAR_DAYS
+    jyear = 2000.0 + (scene.instant.tt.jd - 2451545.0) / JULIAN_YEAR_DAYS
     return BandIndex(catalog.at_epoch(jyear, scene.sky.physics), device)
 
 
@@ -104,10 +104,13 @@ def make_stars(
         scene.camera.half_diagonal_rad(margin_px) + LARGEST_SHIFT_RAD + 1.1 * parallax_rad.max(initial=0.0)
     )
     field.cosine = float(np.cos(min(field.radius_rad, np.pi)))
-    kernel = make_gather_stars_kernel(
-        sky.parallax, sky.light_deflection, sky.aberration, scene.camera.lens is not None, scene.streaks
-    )
-    return Stars(index, field, _earth_orbit(scene, grid, device), kernel)
+    return Stars(index, field, _earth_orbit(scene, grid, device), star_kernel(scene))
+
+
+def star_kernel(scene: Scene) -> wp.Kernel:
+    """The kernel of the stage `gather_stars` for a scene's sky and camera."""
+    sky, distorted = scene.sky, scene.camera.lens is not None
+    return make_gather_stars_kernel(sky.parallax, sky.light_deflection, sky.aberration, distorted, scene.streaks)
 
 
 def _earth_orbit(scene: Scene, grid: NodeGrid, device: wp.Device) -> Any:

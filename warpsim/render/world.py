@@ -11,14 +11,18 @@ import warp as wp
 from warpsim_kernels.apparent import Releases
 from warpsim_kernels.camera import Camera as CameraStruct
 from warpsim_kernels.camera import Distortion as LensStruct
+from warpsim_kernels.emission import record_targets_kernel
 from warpsim_kernels.motion import NodeGrid
 
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf_bank import PsfBank, psf_bank, stamp_rule
 from warpsim.optics.tables import TableAccuracy
 from warpsim.render.aiming import Aiming, make_aiming
+from warpsim.render.buffers import observation_columns
+from warpsim.render.kernel_loading import kernel_loading
 from warpsim.render.read_out import ReadOut, make_read_out
-from warpsim.render.star_field import Stars, make_stars
+from warpsim.render.rows import RowLayout
+from warpsim.render.star_field import Stars, make_stars, star_kernel
 from warpsim.render.streak_rule import choose_streaks
 from warpsim.render.streaks import Streaks, no_streaks
 from warpsim.render.target_field import TargetField, make_target_field
@@ -73,14 +77,19 @@ class World(TargetWorld):
 
     def __init__(self, scene: Scene, bands: Sequence[str], device: wp.Device, index: BandIndex) -> None:
         super().__init__(scene, bands, device, with_streaks=True)
+        self.observation_rows = RowLayout(observation_columns(self))
         self.band_id = wp.array([scene.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
         shape = (scene.camera.n_row, scene.camera.n_col)
         self.read_out: ReadOut = make_read_out(scene.detector, scene.levels, bands, scene.seed, shape, device)
+        loading = kernel_loading(device)  # the longest first
+        loading.start(self.field.observe_kernel, self.read_out.kernel, self.aiming.kernel, star_kernel(scene))
         cut_w_cm2 = [scene.optics.stamp_cut_nei * scene.nei_w_cm2(band) for band in bands]
         self.stamp_rule = stamp_rule(cut_w_cm2, 0.0, device)
         accuracy = TableAccuracy(scene.optics.psf_error, scene.optics.psf_points)
         psfs = [scene.psf(name) for name in bands]
         self.psf: PsfBank = psf_bank(psfs, device, scene.camera.pixel_aspect, accuracy)
+        loading.start(self.psf.deposit_kernel(self.streaks.wanted), self.field.emit_kernel, record_targets_kernel)
+        loading.wait()
         self.stars: Stars = make_stars(scene, bands, index, self.psf, self.stamp_rule, self.motion.grid)
 
 

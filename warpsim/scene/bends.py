@@ -11,8 +11,7 @@ from warpsim.orbit.constellations import ListedSatellites, MixedConstellation
 from warpsim.scene.view_axes import tracked_targets
 
 if TYPE_CHECKING:
-    from astropy.time import Time
-
+    from warpsim.instant import Epoch
     from warpsim.scene.scene import Scene
 
 
@@ -22,9 +21,9 @@ def bends_s(scene: Scene) -> dict[str, list[float]]:
     Only those within the scene, and only those that the scene's parts know of: parts that have `breaks_s(epoch)`, and
     releases. Until its release a target bends with its main one.
     """
-    found = dict(_breaks_s(scene.constellation, scene.constellation.names, scene.epoch))
+    found = dict(_breaks_s(scene.constellation, scene.constellation.names, scene.instant))
     for group in scene.groups_of_targets:
-        (_, carried), *_ = _breaks_s(group.trajectory, group.names[:1], scene.epoch)
+        (_, carried), *_ = _breaks_s(group.trajectory, group.names[:1], scene.instant)
         for name, release in zip(group.names, group.releases, strict=True):
             free_s = np.inf if release is None else release.time_s
             found[name] = [time for time in carried if time < free_s] + [free_s]
@@ -48,7 +47,7 @@ def access_breaks_s(scene: Scene, target: str, sensors: Sequence[str], with_came
     return [sorted({*shared, *bends[name], *turns[name]}) for name in sensors]
 
 
-def _breaks_s(mover: object, names: list[str], epoch: Time) -> Iterator[tuple[str, list[float]]]:
+def _breaks_s(mover: object, names: list[str], epoch: Epoch) -> Iterator[tuple[str, list[float]]]:
     """Names of a path or constellation with the times at which they may bend; objects of one part share its times.
 
     Args:

@@ -16,8 +16,7 @@ from warpsim.orbit.paths import Moving, states_of
 from warpsim.scene.parts import TargetGroup
 
 if TYPE_CHECKING:
-    from astropy.time import Time
-
+    from warpsim.instant import Epoch
     from warpsim.scene.scene import Scene
 
 F64 = npt.NDArray[np.float64]
@@ -45,7 +44,7 @@ class Bodies:
         """
         scene = self.scene
         within_s = 0.0, scene.duration_s
-        parts = [_states_of("constellation", scene.constellation, scene.epoch, time_s, within_s)]
+        parts = [_states_of("constellation", scene.constellation, scene.instant, time_s, within_s)]
         parts += [_group_states(group, number, scene, time_s) for number, group in enumerate(scene.groups_of_targets)]
         position, velocity = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
         return position, velocity
@@ -64,7 +63,7 @@ def bodies_of(scene: Scene) -> Bodies:
 
 
 def _states_of(
-    where: str, orbit: Moving, epoch: Time, time_s: F64, within_s: tuple[float, float] | None = None
+    where: str, orbit: Moving, epoch: Epoch, time_s: F64, within_s: tuple[float, float] | None = None
 ) -> tuple[F64, F64]:
     """States of a constellation or trajectory; its errors begin with the field that describes it."""
     try:
@@ -77,14 +76,14 @@ def _group_states(group: TargetGroup, number: int, scene: Scene, time_s: F64) ->
     """States of a group's targets, the main one first; those released at one time are propagated together."""
     where = "trajectory" if number == 0 else f"groups[{number - 1}].trajectory"
     releases = group.releases
-    main_r, main_v = _states_of(where, group.trajectory, scene.epoch, time_s, (0.0, scene.duration_s))
+    main_r, main_v = _states_of(where, group.trajectory, scene.instant, time_s, (0.0, scene.duration_s))
     position, velocity = (np.repeat(state, len(releases), axis=1) for state in (main_r, main_v))
     gravity: Gravity = getattr(group.trajectory, "gravity", "j2")
-    pole = pole_of_date(scene.epoch)
+    pole = pole_of_date(scene.instant)
     for release in dict.fromkeys(releases[1:]):
         assert release is not None
         rows = np.array([row for row, other in enumerate(releases) if other == release])
-        carrier_r, carrier_v = _states_of(where, group.trajectory, scene.epoch, np.array([release.time_s]))
+        carrier_r, carrier_v = _states_of(where, group.trajectory, scene.instant, np.array([release.time_s]))
         # Each target takes the random numbers of its place in the group, whatever its neighbours are.
         velocities = release_velocities(carrier_v[0, 0], len(releases) - 1, release.speed_m_s, scene.seed, number)
         start = np.repeat(carrier_r[0], len(rows), axis=0), velocities[rows - 1]

@@ -7,7 +7,7 @@ from typing import Any
 
 from warpsim.errors import InputError
 from warpsim.orbit.arc import BallisticArc
-from warpsim.orbit.epoch import utc_time
+from warpsim.orbit.epoch import instant
 from warpsim.scene.parts import TargetGroup
 
 _ARC_EPOCH = BallisticArc.__dataclass_fields__["epoch_utc"].default
@@ -16,7 +16,7 @@ _ARC_EPOCH = BallisticArc.__dataclass_fields__["epoch_utc"].default
 def is_utc(value: Any) -> bool:
     """Whether a value is a UTC instant, as text or astropy Time."""
     try:
-        utc_time(value if isinstance(value, str) else value.utc.isot)
+        instant(value if isinstance(value, str) else value.utc.isot)
     except (InputError, AttributeError):
         return False
     return True

@@ -12,7 +12,7 @@ from warpsim.errors import InputError
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.constellations import ListedSatellites, MixedConstellation, SeedPattern
 from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
-from warpsim.orbit.epoch import utc_time
+from warpsim.orbit.epoch import instant
 from warpsim.scene.attitudes import table_rows
 from warpsim.scene.temperatures import temperature_tables
 from warpsim.scene.view_axes import tracked_targets
@@ -117,7 +117,7 @@ def _check_path(scene: Scene, where: str, path: Trajectory) -> None:
                 f"duration_s: must be at most {where}.duration_s ({path.duration_s:g}), where the flight "
                 f"ends, got {scene.duration_s:g}"
             )
-        if utc_time(path.epoch_utc) != scene.epoch:
+        if instant(path.epoch_utc).tt != scene.instant.tt:
             raise part_error(
                 f"{where}.epoch_utc: must equal the scene's epoch_utc ({scene.epoch_utc}), got {path.epoch_utc}"
             )
@@ -138,7 +138,7 @@ def _check_span(scene: Scene, where: str, orbit: Any) -> None:
             orbit.states(scene.epoch, np.array([0.0, scene.duration_s, *gaps_s]))
             orbit.notes(scene.epoch, scene.duration_s)
         elif isinstance(orbit, SeedPattern):
-            orbit.states(scene.epoch, np.zeros(1))
+            orbit.states(scene.instant, np.zeros(1))
     except InputError as error:
         raise part_error(f"{where}: {error}") from None
 

@@ -26,7 +26,7 @@ from warpsim.optics.camera import Camera
 from warpsim.optics.psf import Psf
 from warpsim.optics.telescope import Optics
 from warpsim.orbit.arc import BallisticArc, UtcText
-from warpsim.orbit.epoch import utc_time
+from warpsim.orbit.epoch import instant, utc_time
 from warpsim.orbit.rules import AccessConstraints
 from warpsim.quaternion import rotated
 from warpsim.scene.attitudes import table_rows, target_attitudes
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from astropy.table import Table
     from astropy.time import Time
 
+    from warpsim.instant import Instant
     from warpsim.orbit.access import AccessInterval
     from warpsim.orbit.rules import MarginFunction
     from warpsim.scene.sights import Sights
@@ -212,6 +213,11 @@ class Scene:
         return utc_time(self.epoch_utc)
 
     @property
+    def instant(self) -> Instant:
+        """The epoch as motion takes it, without astropy."""
+        return instant(self.epoch_utc)
+
+    @property
     def sensor_names(self) -> list[str]:
         """Names of the sensors, plane by plane."""
         return list(self.constellation.names)
@@ -285,7 +291,7 @@ class Scene:
 
         times = times_s(time_s)
         if name == "sun":
-            return sun_position_m(self.epoch, times)
+            return sun_position_m(self.instant, times)
         return self.tracks.state(name, times)[0]
 
     @cached_property
@@ -473,8 +479,8 @@ class Scene:
     @cached_property
     def sensors_with_access(self) -> list[str]:
         """Sensors that can observe the main target at some time, in the order of sensor_names."""
-        seen = set(self.access()["sensor"])
-        return [name for name in self.sensor_names if name in seen]
+        seen = {interval.sensor for interval in self._intervals}
+        return [name for number, name in enumerate(self.sensor_names) if number in seen]
 
     def has_access(self, sensor: str, time_s: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Whether a sensor can observe the main target at given times, shape (n,).

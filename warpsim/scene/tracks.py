@@ -11,7 +11,7 @@ import numpy.typing as npt
 from warpsim.errors import InputError
 from warpsim.orbit.earth import pole_of_date
 from warpsim.orbit.sampling import make_tracks
-from warpsim.orbit.sun import earth_position_m, earth_velocity_m_s, sun_position_m
+from warpsim.orbit.sun import earth_states
 from warpsim.orbit.track import PositionFunction, Track
 from warpsim.scene.bodies import STOWED_STEP_S, bodies_of
 
@@ -113,21 +113,22 @@ def build_tracks(scene: Scene) -> Tracks:
     Raises:
         InputError: A path cannot be followed, because it falls through half the Earth's radius or its file ends, say.
     """
-    bodies, epoch = bodies_of(scene), scene.epoch
+    bodies, epoch = bodies_of(scene), scene.instant
     later = max(bodies.release_s) > 0
     longest_s = STOWED_STEP_S if later else 3600.0
     tracks = make_tracks(bodies.names, bodies.states, scene.duration_s, first_s=bodies.release_s, longest_s=longest_s)
     start_s, step_s, n_node = tracks[0].start_s, tracks[0].step_s, tracks[0].n_node
     nodes_s = start_s + step_s * np.arange(n_node)
-    sun_m = sun_position_m(epoch, nodes_s)
-    sun = Track("sun", start_s, step_s, sun_m, np.gradient(sun_m, step_s, axis=0))
+    earth = earth_states(epoch, nodes_s)
+    sun = Track("sun", start_s, step_s, earth.sun_m, np.gradient(earth.sun_m, step_s, axis=0))
     n_sensor = len(scene.sensor_names)
-    earth = earth_velocity_m_s(epoch, nodes_s), *earth_position_m(epoch, nodes_s)
     return Tracks(
         tracks[:n_sensor],
         tracks[n_sensor:],
         sun,
-        *earth,
+        earth.velocity_m_s,
+        earth.barycentric_m,
+        earth.heliocentric_m,
         pole_of_date(epoch),
         np.array(bodies.carrier),
         np.array(bodies.release_s),

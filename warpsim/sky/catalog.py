@@ -44,9 +44,6 @@ class StarCatalog:
     Make one with `default`, `from_arrays`, `from_table`, `read`, `union` or `synthetic`. A catalog may be empty.
     """
 
-    direction_icrs: Array
-    """Unit vectors at epoch_jyear, ICRS axes, shape (n, 3)."""
-
     ra_deg: Array
     """Right ascension [deg], ICRS at epoch_jyear, in [0, 360), shape (n,)."""
 
@@ -265,6 +262,11 @@ class StarCatalog:
         """
         return table_of(self)
 
+    @functools.cached_property
+    def direction_icrs(self) -> Array:
+        """Unit vectors at epoch_jyear, ICRS axes, shape (n, 3)."""
+        return _frozen(unit_vectors(self.ra_deg, self.dec_deg))
+
     def __len__(self) -> int:
         return len(self.ra_deg)
 
@@ -450,9 +452,8 @@ def make_catalog(
     spell_id: tuple[str, str] = ("", ""),
     origin: StarCatalog | None = None,
 ) -> StarCatalog:
-    """Make a catalog from checked columns, adding the directions; every array becomes read-only."""
+    """Make a catalog from checked columns; every array becomes read-only."""
     return StarCatalog(
-        direction_icrs=_frozen(unit_vectors(ra_deg, dec_deg)),
         ra_deg=_frozen(ra_deg),
         dec_deg=_frozen(dec_deg),
         pm_ra_mas_yr=_frozen(pm_ra_mas_yr),

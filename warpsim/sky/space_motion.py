@@ -16,7 +16,10 @@ _MAS_RAD = math.pi / 180.0 / 3.6e6
 
 def place_of(direction: Array) -> tuple[Array, Array]:
     """Right ascension in [0, 360) and declination [deg] of vectors of any length, shape (n,) each."""
-    x, y, z = direction.T
+    return _place_of(*direction.T)
+
+
+def _place_of(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
     return wrapped_deg(np.degrees(np.arctan2(y, x))), np.degrees(np.arctan2(z, np.hypot(x, y)))
 
 
@@ -46,14 +49,15 @@ def rigorous_motion(
         Right ascension and declination [deg], their proper motions [mas/yr] at the new epoch, and the distance there
         relative to the one before, shape (n,) each.
     """
-    east, north = _tangent(ra_deg, dec_deg)
-    rate = _MAS_RAD * (pm_ra_mas_yr[:, None] * east + pm_dec_mas_yr[:, None] * north)
-    place = unit_vectors(ra_deg, dec_deg) + years * rate
-    distance = np.linalg.norm(place, axis=1)
-    ra_deg, dec_deg = place_of(place)
-    east, north = _tangent(ra_deg, dec_deg)
-    pm_ra = np.sum(rate * east, axis=1) / distance / _MAS_RAD
-    pm_dec = np.sum(rate * north, axis=1) / distance / _MAS_RAD
+    # By components, as NumPy is slow along short axes.
+    place, east, north = _axes(ra_deg, dec_deg)
+    rate = [_MAS_RAD * (pm_ra_mas_yr * e + pm_dec_mas_yr * n) for e, n in zip(east, north, strict=True)]
+    x, y, z = (p + years * r for p, r in zip(place, rate, strict=True))
+    distance = np.sqrt(x * x + y * y + z * z)
+    ra_deg, dec_deg = _place_of(x, y, z)
+    _, east, north = _axes(ra_deg, dec_deg)
+    pm_ra = (rate[0] * east[0] + rate[1] * east[1]) / distance / _MAS_RAD
+    pm_dec = (rate[0] * north[0] + rate[1] * north[1] + rate[2] * north[2]) / distance / _MAS_RAD
     return ra_deg, dec_deg, pm_ra, pm_dec, distance
 
 
@@ -86,10 +90,15 @@ def paper_motion(
     return ra_deg, dec_deg
 
 
-def _tangent(ra_deg: Array, dec_deg: Array) -> tuple[Array, Array]:
-    """Unit vectors to the east and north of each star, shape (n, 3); at a pole they follow the right ascension."""
+_Components = tuple[Array, Array, Array]
+
+
+def _axes(ra_deg: Array, dec_deg: Array) -> tuple[_Components, _Components, _Components]:
+    """Unit vectors to each star, and to its east and north, by components (n,) each.
+
+    At a pole east and north follow the right ascension.
+    """
     ra_rad, dec_rad = np.radians(ra_deg), np.radians(dec_deg)
     sin_ra, cos_ra, sin_dec, cos_dec = np.sin(ra_rad), np.cos(ra_rad), np.sin(dec_rad), np.cos(dec_rad)
-    east = np.stack([-sin_ra, cos_ra, np.zeros_like(ra_rad)], axis=-1)
-    north = np.stack([-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec], axis=-1)
-    return east, north
+    place = cos_dec * cos_ra, cos_dec * sin_ra, sin_dec
+    return place, (-sin_ra, cos_ra, np.zeros_like(ra_rad)), (-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec)

@@ -18,7 +18,7 @@ from warpsim.quaternion import in_one_hemisphere, rotation_between_rad, slerp, u
 from warpsim.target.timed_rows import DATE_ROUNDING_S, TimedRows
 
 if TYPE_CHECKING:
-    from astropy.time import Time
+    from warpsim.instant import Epoch
 
 F64 = npt.NDArray[np.float64]
 
@@ -118,7 +118,7 @@ class AttitudeTable:
         """
         return None if self.file is None else hashlib.sha256(self._source.data).hexdigest()
 
-    def rows(self, epoch: Time) -> AttitudeRows:
+    def rows(self, epoch: Epoch) -> AttitudeRows:
         """The checked table for a scene's epoch.
 
         Raises:
@@ -137,7 +137,7 @@ class AttitudeTable:
             raise InputError(f"{self.file}: {error}") from None
         return replace(rows, source=f"{self.file}: {chosen[0].object_name}")
 
-    def span_s(self, epoch: Time) -> tuple[float, float]:
+    def span_s(self, epoch: Epoch) -> tuple[float, float]:
         """First and last time of the table after epoch [s]; minus and plus infinity for a single row."""
         return self.rows(epoch).span_s
 

@@ -28,7 +28,7 @@ from warpsim.errors import InputError
 from warpsim.target.timed_rows import TimedRows
 
 if TYPE_CHECKING:
-    from astropy.time import Time
+    from warpsim.instant import Epoch
 
 F64 = npt.NDArray[np.float64]
 
@@ -149,7 +149,7 @@ class TemperatureTable:
         """
         return None if self.file is None else hashlib.sha256(self._source.data).hexdigest()
 
-    def rows(self, epoch: Time) -> TemperatureRows:
+    def rows(self, epoch: Epoch) -> TemperatureRows:
         """The checked table for a scene's epoch.
 
         Raises:

@@ -1,0 +1,1 @@
+"""What each benchmark's cases say, as Markdown tables."""

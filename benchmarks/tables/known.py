@@ -1,0 +1,42 @@
+"""Which table belongs to which result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from benchmarks.tables.drawing import deposit_table, read_out_table
+from benchmarks.tables.markdown import Case, table
+from benchmarks.tables.orbits import access_table, orbits_table
+from benchmarks.tables.sky import places_table, star_tables
+from benchmarks.tables.speed import fps_table, peers_table, scaling_table, settings_table, stages_table
+from benchmarks.tables.targets import earthlight_table, signatures_table
+
+TABLES: dict[str, Callable[[list[Case]], list[str]]] = {
+    "light_error": signatures_table,
+    "ns_per_pixel": read_out_table,
+    "deposit_error": deposit_table,
+    "peer": peers_table,
+    "setting": settings_table,
+    "scaling": scaling_table,
+    "stage_us": stages_table,
+    "psf_error": fps_table,
+    "switches": places_table,
+    "rules": access_table,
+    "propagation_s": orbits_table,
+    "error_bound": earthlight_table,
+    "n_cone": star_tables,
+}
+"""What a case says only in one benchmark, and how it is shown."""
+
+
+def tables_of(cases: list[Case]) -> list[str]:
+    """Lines of the tables of a result."""
+    known = (show for key, show in TABLES.items() if any(key in c for c in cases))
+    return next(known, plain_table)(cases)
+
+
+def plain_table(cases: list[Case]) -> list[str]:
+    """Everything that cases say, where nothing better is known."""
+    names = list(dict.fromkeys(name for c in cases for name in c))
+    rows = ((f"{c[n]:.4g}" if isinstance(c.get(n), float) else c.get(n, "-") for n in names) for c in cases)
+    return table(" | ".join(names), (tuple(row) for row in rows))

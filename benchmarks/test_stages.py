@@ -1,0 +1,53 @@
+"""Where the time of an image goes: every stage apart, by image size, stars, and point spread function.
+
+    python -m pytest benchmarks/test_stages.py --benchmark-json=benchmarks/results/stages.json
+    python benchmarks/report.py benchmarks/results/stages.json
+
+One thread, one sensor, one band of `stss`. A stage's time is the median over full chunks, its launches included; the
+whole is a call without clocks inside, so that what is no stage shows as the difference: Python between launches, and
+the first touch of new memory. On CUDA the device is waited for after each stage, which costs some microseconds of its
+own per launch (not yet measured on a GPU).
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+import warp as wp
+
+import warpsim as ws
+from warpsim.speed.clock import render_call, stage_times_us
+from warpsim.speed.report import PAPER_FPS
+from warpsim.speed.work import speed_work
+
+DEVICES = ["cpu", *(["cuda:0"] if wp.is_cuda_available() else [])]
+
+# Pixels, stars in view, point spread function.
+CASES = [
+    *itertools.product(PAPER_FPS, [100], ["gaussian", "airy"]),
+    *itertools.product([128, 1024], [1_000, 10_000], ["gaussian"]),
+]
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize(("n_pixel", "n_star", "psf"), CASES)
+def test_stages(benchmark, n_pixel, n_star, psf, device):
+    full = benchmark.enabled
+    work = speed_work(n_pixel, n_star, psf=psf, n_frame=None if full else 2)
+    renderer = ws.Renderer(work.scene, device, 1, work.catalog)
+    calls = itertools.count()
+    rounds = 7 if full else 1
+    benchmark.pedantic(lambda: render_call(work, renderer, next(calls)), rounds=rounds, warmup_rounds=1)
+    if benchmark.stats is None:
+        return
+    benchmark.extra_info.update(
+        n_pixel=n_pixel,
+        n_star=n_star,
+        psf=psf,
+        device=device,
+        device_name=wp.get_device(device).name,
+        n_thread=1,
+        stage_us=stage_times_us(work, device, n_round=7),
+        whole_us=benchmark.stats.stats.median / work.n_view * 1e6,
+    )

@@ -1,0 +1,120 @@
+"""Threads, devices and chunks share the work out; images do not depend on how."""
+
+import gc
+import threading
+
+import numpy as np
+import pytest
+import warp as wp
+
+import warpsim as ws
+from warpsim.render.device import chosen_devices
+
+
+@pytest.fixture(scope="module")
+def expected(scene):
+    """Counts by one thread, one chunk a call."""
+    renderer = ws.Renderer(scene, device="cpu", n_thread=1)
+    return np.concatenate([renderer.render([k], bands=["A", "C"]).counts.numpy() for k in range(7)])
+
+
+@pytest.mark.parametrize("devices", [["cpu"], ["cpu", "cpu"], ("cpu", "cpu", "cpu")])
+@pytest.mark.parametrize("n_thread", [1, 2])
+def test_a_list_of_devices_shares_the_views(scene, expected, devices, n_thread):
+    renderer = ws.Renderer(scene, device=devices, n_thread=n_thread, chunk_bytes=4 * 2 * 128 * 128 * 3)
+    assert [str(device) for device in renderer.devices] == list(devices)
+    frames = renderer.render(range(7), bands=["A", "C"], keep_signal=True, keep_stars=True)
+    np.testing.assert_array_equal(frames.counts.numpy(), expected)
+    assert frames.counts.device.is_cpu
+    worlds = {id(lane.world) for lane in renderer._crews[("A", "C")].lanes}
+    assert len(worlds) == len(devices)
+    one = ws.Renderer(scene, device="cpu").render(range(7), bands=["A", "C"], keep_signal=True, keep_stars=True)
+    np.testing.assert_array_equal(frames.signal_w_cm2.numpy(), one.signal_w_cm2.numpy())
+    for name in ("x_px", "irradiance_w_cm2", "albedo_w_cm2", "snr_peak"):
+        np.testing.assert_array_equal(frames.truth[name], one.truth[name])
+    np.testing.assert_array_equal(frames.stars["x_px"], one.stars["x_px"])
+
+
+@pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
+@pytest.mark.parametrize("devices", [["cuda:0"], ["cuda:0", "cuda:0"]])
+def test_images_of_gpus_land_in_host_memory(scene, devices):
+    """The same bits as those that stay on the GPU, over many chunks, so that copies overlap with work."""
+    resident = ws.Renderer(scene, device="cuda:0").render(range(30), keep_signal=True)
+    landed = ws.Renderer(scene, device=devices, chunk_bytes=4 * 3 * 128 * 128 * 8)
+    for _ in range(2):
+        frames = landed.render(range(30), keep_signal=True)
+        assert frames.counts.device.is_cpu and frames.counts.array.pinned
+        np.testing.assert_array_equal(frames.counts.numpy(), resident.counts.numpy())
+        np.testing.assert_array_equal(frames.signal_w_cm2.numpy(), resident.signal_w_cm2.numpy())
+        np.testing.assert_array_equal(frames.truth["x_px"], resident.truth["x_px"])
+
+
+@pytest.mark.parametrize("n_thread", [2, 5])
+def test_calls_of_all_sizes_and_from_several_threads(scene, expected, n_thread):
+    """Workers are used again with fewer views, more views, and by calls that come at once."""
+    renderer = ws.Renderer(scene, device="cpu", n_thread=n_thread)
+    wrong = []
+
+    def use():
+        for frames in ([3], range(7), [6, 0], range(1, 5), [2]):
+            counts = renderer.render(frames, bands=["A", "C"]).counts.numpy()
+            if not np.array_equal(counts, expected[list(frames)]):
+                wrong.append(frames)
+
+    threads = [threading.Thread(target=use) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
+def test_signal_does_not_leak_into_the_next_call(scene, expected):
+    renderer = ws.Renderer(scene, device="cpu", n_thread=1)
+    for keep in (True, False, True, False):
+        frames = renderer.render(range(7), bands=["A", "C"], keep_signal=keep)
+        np.testing.assert_array_equal(frames.counts.numpy(), expected)
+
+
+def test_threads_end_with_the_renderer(scene):
+    renderer = ws.Renderer(scene.replace(sky__catalog="none"), device="cpu", n_thread=3)
+    before = set(threading.enumerate())
+    renderer.render(range(40), ["sat11"], ["A"])
+    mine = [thread for thread in set(threading.enumerate()) - before if thread.name.startswith("warpsim")]
+    assert 1 <= len(mine) <= 3
+    renderer.render(range(40), ["sat11"], ["A"])
+    assert len(set(threading.enumerate()) - before) <= 3
+    del renderer
+    gc.collect()
+    for thread in mine:
+        thread.join(timeout=10)
+        assert not thread.is_alive()
+
+
+def test_an_error_in_a_thread_reaches_the_caller(scene, monkeypatch):
+    renderer = ws.Renderer(scene, device="cpu", n_thread=2)
+    counts = renderer.render(range(30), ["sat11"], ["A"]).counts.numpy().copy()
+    mine, other = (lane.workers[0] for lane in renderer._crews[("A",)].lanes)
+    failed, render = threading.Event(), mine.render
+
+    def fail(*arguments):
+        failed.set()
+        raise ZeroDivisionError("elsewhere")
+
+    def wait(*arguments):
+        assert failed.wait(timeout=30)
+        return render(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(other, "render", fail)
+        patch.setattr(mine, "render", wait)
+        with pytest.raises(ZeroDivisionError, match="elsewhere"):
+            renderer.render(range(30), ["sat11"], ["A"])
+    np.testing.assert_array_equal(renderer.render(range(30), ["sat11"], ["A"]).counts.numpy(), counts)
+
+
+def test_bad_lists_of_devices():
+    for devices in ([], ["cpu", "tpu"], ["cuda:9"]):
+        with pytest.raises(ws.InputError, match=r"^device: ") as caught:
+            chosen_devices(devices)
+        assert "\n" not in str(caught.value)

@@ -1,0 +1,154 @@
+"""The work that speed is measured on is what it says, and `warpsim bench` reports it; nothing here is about speed."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import warpsim as ws
+from warpsim.cli import main
+from warpsim.render.stages import STAGES
+from warpsim.speed.clock import render_call, stage_times_us, timed_stages, work_fps
+from warpsim.speed.report import PAPER_FPS, Speed, row
+from warpsim.speed.work import BAND, FLUX_RANGE_NEI, N_CALL, power_law_nei, speed_catalog, speed_work
+
+TINY = ("--device", "cpu", "--pixels", "16,24", "--quick")
+
+# Counts of stars in single views scatter like their square root; the bounds leave 5 standard deviations.
+N_SIGMA = 5.0
+
+
+def run(capsys, *arguments):
+    code = main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+@pytest.fixture(scope="module")
+def work():
+    return speed_work(32, n_star=60, n_sensor=5, n_frame=40)
+
+
+@pytest.fixture(scope="module")
+def rendered(work):
+    """Frames from the first to the last of all calls."""
+    renderer = ws.Renderer(work.scene, "cpu", catalog=work.catalog)
+    frames = [0, N_CALL * work.n_frame // 2, N_CALL * work.n_frame - 1]
+    return renderer.render(frames, work.sensors, [BAND], keep_stars=True)
+
+
+def test_every_sensor_has_its_stars_and_targets(work, rendered):
+    stars, truth = rendered.stars, rendered.truth
+    for sensor in work.sensors:
+        for frame in rendered.frames:
+            here = (stars["sensor"] == sensor) & (stars["frame"] == frame) & stars["in_fov"]
+            assert abs(here.sum() - work.n_star) < N_SIGMA * np.sqrt(work.n_star)
+            targets = truth[(truth["sensor"] == sensor) & (truth["frame"] == frame)]
+            assert targets["in_fov"].all() and (targets["snr"] > 1.0).all()
+
+
+def test_stars_are_as_dense_at_the_edge_as_in_the_middle(rendered):
+    stars = rendered.stars[rendered.stars["in_fov"]]
+    outer = np.maximum(abs(stars["x_px"] - 15.5), abs(stars["y_px"] - 15.5)) > 16 * np.sqrt(0.5)
+    assert abs(outer.sum() - len(stars) / 2) < N_SIGMA * np.sqrt(len(stars)) / 2
+
+
+def test_stars_of_two_sensors_that_look_alike_are_there_once(work):
+    one = speed_catalog(work.scene, work.sensors[:1], 4, 60)
+    assert len(speed_catalog(work.scene, work.sensors[:1] * 2, 4, 60)) == len(one) > 100
+
+
+def test_light_of_stars_follows_its_power_law(work):
+    light = power_law_nei(200_000)
+    low, high = FLUX_RANGE_NEI
+    assert low <= light.min() and light.max() <= high
+    for edge in (40.0, 200.0, 2000.0):
+        expected = (edge**-1.5 - high**-1.5) / (low**-1.5 - high**-1.5) * len(light)
+        assert abs((light > edge).sum() - expected) < N_SIGMA * np.sqrt(expected)
+    irradiance = work.catalog.irradiance_w_cm2(BAND) / work.scene.nei_w_cm2(BAND)
+    np.testing.assert_allclose(irradiance, power_law_nei(len(work.catalog)), rtol=1e-12)
+
+
+def test_calls_come_again(work):
+    assert work.frames(0) == range(40) and work.frames(3) == range(120, 160) and work.frames(4) == range(40)
+    assert work.n_view == 200 and work.n_pixel == 32
+
+
+def test_without_stars_there_are_none():
+    assert len(speed_work(16, n_star=0, n_frame=1).catalog) == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"psf": "table"}, "psf: must be airy or gaussian, got 'table'"),
+        ({"n_star": -1}, "n_star: must be >= 0, got -1"),
+        ({"n_sensor": 0}, "n_sensor: must be >= 1, got 0"),
+    ],
+)
+def test_bad_work(changes, message):
+    with pytest.raises(ws.InputError, match=re.escape(message)):
+        speed_work(16, **{"n_frame": 1, **changes})
+
+
+def test_every_stage_is_timed_for_every_chunk_and_then_no_more(work):
+    with timed_stages() as times:
+        renderer = ws.Renderer(work.scene, "cpu", 1, work.catalog)
+        counts = render_call(work, renderer, 0)
+    render_call(work, ws.Renderer(work.scene, "cpu", 1, work.catalog), 0)
+    assert counts.shape == (40, 5, 1, 32, 32)
+    assert list(times) == [stage.__name__ for stage in STAGES]
+    views = {name: sum(n_view for n_view, _ in spans) for name, spans in times.items()}
+    assert set(views.values()) <= {work.n_view, 2 * work.n_view}  # twice where source lists were too short
+
+
+def test_measures_are_positive(work):
+    assert work_fps(work, ws.Renderer(work.scene, "cpu", 1, work.catalog), 1) > 0
+    assert min(stage_times_us(work, "cpu", 1).values()) > 0
+    assert ws.measure_fps(16, "cpu", "gaussian", 1, n_star=3, n_sensor=2, n_thread=1) > 0
+
+
+def test_bench_prints_both_tables_and_writes_the_figures(capsys, tmp_path):
+    path = tmp_path / "speed.json"
+    code, out, _ = run(capsys, "bench", *TINY, "--sensors", "1,3", "--stars", "7", "--psf", "gaussian", "--json", path)
+    assert code == 0
+    assert "about 7 stars in view, a Gaussian of 0.7 px" in out
+    assert re.findall(r"^cpu +(\d+)\^2 +(\d+) +[\d,]+ +- ", out, re.MULTILINE) == [
+        ("16", "1"), ("16", "3"), ("24", "1"), ("24", "3"),
+    ]  # fmt: skip
+    stages = [stage.__name__ for stage in STAGES]
+    assert re.findall(r"^(\w+) +[\d.,]+ +[\d.,]+$", out, re.MULTILINE) == [*stages, "sum", "whole"]
+    data = json.loads(path.read_text())
+    assert [(case["n_pixel"], case["n_sensor"]) for case in data["cases"]] == [(16, 1), (16, 3), (24, 1), (24, 3)]
+    case = data["cases"][0]
+    assert case["n_sensor_at_30_hz"] == case["fps"] // 30 and case["paper_fps"] is None
+    assert list(case["stage_us"]) == stages and data["cases"][1]["stage_us"] is None
+    assert data["warpsim"] == ws.__version__ and set(data["device_names"]) == {"cpu"}
+
+    code, out, err = run(capsys, "bench", *TINY, "--json", path)
+    assert (code, out, err.count("\n")) == (2, "", 1) and "is there already" in err
+
+
+def test_rows_have_the_papers_figures_beside_ours():
+    assert {n: int(fps // 30) for n, fps in PAPER_FPS.items()} == {128: 20, 256: 10, 512: 2, 1024: 1}
+    text = row(Speed("cpu", 2, 128, 20, 100, "airy", 60_700.0, None))
+    assert text.split() == ["cpu", "128^2", "20", "60,700", "607", "100.0", "2,023", "20"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--pixels", "0"], "--pixels: must be whole numbers >= 1, got '0'"),
+        (["--pixels", "128x128"], "--pixels: must be a whole number, got '128x128'"),
+        (["--sensors", "1,"], "--sensors: must be a whole number, got ''"),
+        (["--stars", "-1"], "--stars: must be >= 0, got -1"),
+        (["--psf", "table"], "--psf: must be airy or gaussian, got 'table'"),
+        (["--device", "tpu"], "device: must be one of cpu"),
+        (["--json", "speed.txt"], "speed.txt: must end in .json"),
+    ],
+)
+def test_bad_options_of_bench(capsys, arguments, message):
+    code, out, err = run(capsys, "bench", *arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert message in err

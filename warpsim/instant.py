@@ -1,0 +1,106 @@
+"""Instants of UTC in the time scales that motion needs, by ERFA alone: importing astropy.time takes half a second.
+
+Numbers are those of an astropy Time, to the last bit (`tests/test_instant.py`), and so are the names.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from astropy.time import Time
+
+_PLAIN = re.compile(r"([0-9]{4})-([0-9]{2})-([0-9]{2})(?:[T ]([0-9]{2}):([0-9]{2})(?::([0-9]{2}))?)?")
+
+
+class JulianDate(NamedTuple):
+    """A Julian date of one time scale."""
+
+    jd1: float
+    """The nearest whole number of days."""
+    jd2: float
+    """The rest, -0.5 to 0.5."""
+
+    @property
+    def jd(self) -> float:
+        """Their sum, good to 40 microseconds."""
+        return self.jd1 + self.jd2
+
+
+@dataclass(frozen=True)
+class Instant:
+    """An instant of UTC."""
+
+    isot: str
+    """ISO 8601, to milliseconds."""
+    utc: JulianDate
+    tai: JulianDate
+    tt: JulianDate
+
+
+Epoch: TypeAlias = "Time | Instant"
+"""What scene times count from: both have `utc`, `tai` and `tt` with `jd1` and `jd2`."""
+
+
+@contextmanager
+def years_ahead() -> Iterator[None]:
+    """Dates within may lie in years whose leap seconds nobody knows: ERFA does not warn of them."""
+    import erfa
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*dubious year", category=erfa.ErfaWarning)
+        yield
+
+
+def plain_instant(text: str) -> Instant | None:
+    """The instant of a date like 2025-03-20, 2025-03-20T12:00 or 2025-03-20 12:00:00; None where it is no such date."""
+    import erfa
+
+    parts = _PLAIN.fullmatch(text)
+    if parts is None:
+        return None
+    year, month, day, hour, minute, second = (int(part or 0) for part in parts.groups())
+    if hour > 23 or minute > 59 or second > 59:  # 24 hours, and leap seconds, are left to astropy
+        return None
+    _take_leap_seconds()
+    try:
+        with years_ahead():
+            utc = _julian_date(*erfa.dtf2d("UTC", year, month, day, hour, minute, float(second)))
+            tai = erfa.utctai(*utc)
+    except erfa.ErfaError:
+        return None
+    isot = f"{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}.000"
+    return Instant(isot, utc, _julian_date(*tai), _julian_date(*erfa.taitt(*tai)))
+
+
+def instant_of(time: Time) -> Instant:
+    """The instant of an astropy Time."""
+    scales = (JulianDate(float(scale.jd1), float(scale.jd2)) for scale in (time.utc, time.tai, time.tt))
+    return Instant(str(time.utc.isot), *scales)
+
+
+def _julian_date(part: float, other: float) -> JulianDate:
+    """The sum of two parts, exactly, as astropy splits it."""
+    whole = float(round(part + other))
+    return JulianDate(whole, math.fsum((part, other, -whole)))
+
+
+@functools.cache
+def _take_leap_seconds() -> None:
+    """Give ERFA those leap seconds of the IERS's list that it lacks, as astropy does; the list comes with astropy."""
+    import erfa
+    from astropy_iers_data import IERS_LEAP_SECOND_FILE
+
+    # Columns: modified Julian date, day, month, year, TAI - UTC.
+    rows = np.loadtxt(IERS_LEAP_SECOND_FILE, usecols=(3, 2, 4), dtype=erfa.dt_eraLEAPSECOND)
+    if rows[-1] != erfa.leap_seconds.get()[-1]:
+        erfa.leap_seconds.update(rows)

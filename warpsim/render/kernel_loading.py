@@ -1,0 +1,99 @@
+"""Kernels are compiled ahead, side by side, while the host prepares what they read.
+
+Left alone, Warp compiles the module of a kernel at its first launch, one after the other. Its compiler does not hold
+Python's lock, so threads can do that meanwhile, and what is not loaded ahead is still loaded at its launch. Only for
+the CPU: on CUDA modules are compiled for a number of threads that the launch says.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import warp as wp
+
+from warpsim.render.device import n_usable_cpu
+
+MOST_THREADS = 4
+"""More do not help with the handful of modules that a frame has."""
+
+
+class KernelLoading:
+    """Modules of a device on their way; `start` and `wait` may be called from any thread.
+
+    Args:
+        device: Where kernels are to run.
+    """
+
+    def __init__(self, device: wp.Device) -> None:
+        self._device = device
+        self._loads: dict[Any, Future[None]] = {}
+        self._first: Future[None] | None = None
+        self._compiler: int | None = None
+        self._pool: ThreadPoolExecutor | None = None
+        self._lock = threading.Lock()
+
+    def start(self, *kernels: wp.Kernel) -> None:
+        """Begin to compile and load the modules of kernels; those begun before are left alone."""
+        if self._device.is_cuda:
+            return
+        with self._lock:
+            if self._pool is None:
+                self._pool = ThreadPoolExecutor(min(n_usable_cpu(), MOST_THREADS), thread_name_prefix="warpsim-compile")
+            for kernel in kernels:
+                if kernel.module not in self._loads:
+                    self._loads[kernel.module] = self._pool.submit(self._load, kernel.module, self._first)
+                    self._first = self._first or self._loads[kernel.module]
+
+    def wait(self) -> None:
+        """Return when all that was begun is loaded; a launch before would compile the same module once more.
+
+        What could not be compiled says so at its launch.
+        """
+        with self._lock:
+            pool, self._pool = self._pool, None
+        if pool is not None:
+            pool.shutdown()
+
+    def _load(self, module: Any, first: Future[None] | None) -> None:
+        if first is None:
+            self._compiler = threading.get_ident()
+            wp.load_module(module, self._device)
+            return
+        first.exception()  # waits
+        with _headers_of(self._compiler):
+            wp.load_module(module, self._device)
+
+
+_OF_DEVICE: dict[str, KernelLoading] = {}
+
+
+def kernel_loading(device: wp.Device) -> KernelLoading:
+    """What loads kernels for a device; one for all renderers, as modules belong to the process."""
+    return _OF_DEVICE.setdefault(str(device), KernelLoading(device))
+
+
+@contextmanager
+def _headers_of(compiler: int | None) -> Iterator[None]:
+    """Within, this thread compiles with the headers that another thread has translated, if it has.
+
+    Translating Warp's headers takes as long as compiling five kernels. Warp does it once for each thread, into a folder
+    of the thread's own, as two that write one file would disturb each other; here the file is complete. Where Warp
+    keeps its folders otherwise, each thread translates for itself.
+    """
+    runtime = getattr(sys.modules.get("warp._src.context"), "runtime", None)
+    folders = getattr(runtime, "_pch_dirs", {})
+    shared, thread = folders.get(compiler), threading.get_ident()
+    if shared is None or thread in folders or not any(Path(shared.name).glob("*.pch")):
+        yield
+        return
+    folders[thread] = shared
+    try:
+        yield
+    finally:
+        del folders[thread]

@@ -1,0 +1,230 @@
+"""Frames in real time: a thread renders ahead into a ring, the consumer takes each frame when it is due.
+
+Frame k of a stream is due k / rate_hz after the first one was ready, and its time is over when the next one is due. A
+frame whose time is over is dropped where another comes instead: before it is rendered, or when a later one is ready as
+well. So frames keep coming, whoever is slow, renderer or consumer.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from warpsim.render.frameset import FrameSet
+
+GROUP_S = 0.005
+"""Frames of a fast stream are rendered together, as many as are due within this time: calls cost some 0.2 ms each."""
+
+GROUP_BYTES = 8 * 2**20
+"""The same of a stream without rate: as many as fill this much memory."""
+
+USUAL_AHEAD = 4
+"""Frames rendered ahead, where they are rendered one by one."""
+
+MOST_LATENCIES = 100_000
+"""Latest frames that the percentiles are of."""
+
+
+@dataclass(frozen=True)
+class StreamStats:
+    """How a stream went, up to now."""
+
+    n_frame: int
+    """Frames handed over."""
+    n_dropped: int
+    """Frames whose time was over before they could be handed over."""
+    n_late: int
+    """Frames handed over although their time was over; at most one in a row where frames may be dropped."""
+    latency_p50_s: float
+    """Half of the latencies are below: from when a frame was due to when it was handed over; in a stream without rate,
+    how long the consumer waited for it. Of the latest 100,000 frames; NaN before the first."""
+    latency_p99_s: float
+    """99 of 100 latencies are below."""
+    latency_max_s: float
+    """Largest latency."""
+    duration_s: float
+    """From the first frame handed over to the last."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames per second handed over; NaN before the second."""
+        return (self.n_frame - 1) / self.duration_s if self.duration_s > 0 else math.nan
+
+
+@dataclass(frozen=True)
+class Pace:
+    """When frames of a stream are due."""
+
+    rate_hz: float | None
+    """None: at once."""
+    start_s: float
+    """Of the clock, when the first frame is due; infinite until it is ready."""
+
+    def due_s(self, place: int) -> float:
+        """When a frame is due."""
+        return self.start_s + place / self.rate_hz if self.rate_hz else -math.inf
+
+    def over(self, place: int, now_s: float) -> bool:
+        """Whether a frame's time is over."""
+        return self.rate_hz is not None and now_s > self.due_s(place + 1)
+
+
+class Stream:
+    """A running stream. One thread renders, another one takes.
+
+    Args:
+        render: Renders some frames.
+        frames: Frame numbers.
+        rate_hz: Frames per second; None: as fast as possible.
+        drop: Whether frames whose time is over may be dropped.
+        n_ahead: Frames that wait in the ring at most.
+        n_together: Frames rendered in one call at most.
+        clock: The time [s].
+    """
+
+    def __init__(
+        self,
+        render: Callable[[list[int]], FrameSet],
+        frames: Sequence[int],
+        rate_hz: float | None,
+        drop: bool,
+        n_ahead: int,
+        n_together: int,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        self._render, self._frames = render, list(frames)
+        self._drop, self._n_ahead, self._n_together = drop, n_ahead, min(n_together, n_ahead)
+        self._clock = clock
+        self._pace = Pace(rate_hz, math.inf)
+        self._ring: deque[tuple[int, FrameSet]] = deque()  # place in the stream, frame
+        self._changed = threading.Condition()  # guards all below, and the ring
+        self._closed = self._finished = False
+        self._error: BaseException | None = None
+        self._n_frame = self._n_dropped = self._n_late = 0
+        self._latency_s: deque[float] = deque(maxlen=MOST_LATENCIES)
+        self._max_s = math.nan
+        self._first_s = self._last_s = 0.0
+        # As a daemon it cannot keep a program alive that ends in the middle of a stream.
+        self._thread = threading.Thread(target=self._produce, name="warpsim-stream", daemon=True)
+
+    @property
+    def stats(self) -> StreamStats:
+        """How it went, up to now."""
+        with self._changed:
+            latency_s = np.array(self._latency_s) if self._latency_s else np.array([math.nan])
+            p50, p99 = np.percentile(latency_s, [50, 99])
+            return StreamStats(
+                self._n_frame,
+                self._n_dropped,
+                self._n_late,
+                float(p50),
+                float(p99),
+                self._max_s,
+                self._last_s - self._first_s,
+            )
+
+    def frames(self) -> Iterator[FrameSet]:
+        """The frames, each when it is due; closing the iterator, or an exception, ends the thread."""
+        self._thread.start()
+        try:
+            while (frame := self._take()) is not None:
+                yield frame
+        finally:
+            with self._changed:
+                self._closed = True
+                self._changed.notify_all()
+            if threading.current_thread() is not self._thread:  # where the garbage collector may run this
+                self._thread.join()
+            self._ring.clear()
+
+    def _take(self) -> FrameSet | None:
+        """The next frame, when it is due; None at the end."""
+        asked_s = self._clock()
+        with self._changed:
+            self._changed.wait_for(lambda: self._ring or self._finished)
+            if not self._ring:
+                if self._error is not None:
+                    raise self._error
+                return None
+            if math.isinf(self._pace.start_s):
+                self._pace = Pace(self._pace.rate_hz, self._clock())
+            while self._drop and len(self._ring) > 1 and self._pace.over(self._ring[0][0], self._clock()):
+                self._ring.popleft()
+                self._n_dropped += 1
+            place, frame = self._ring.popleft()
+            self._changed.notify_all()
+        due_s = self._pace.due_s(place)
+        while (wait_s := due_s - self._clock()) > 0:
+            time.sleep(wait_s)
+        self._note(place, self._clock(), asked_s if self._pace.rate_hz is None else due_s)
+        return frame
+
+    def _note(self, place: int, now_s: float, since_s: float) -> None:
+        """Count a frame that is handed over now."""
+        with self._changed:
+            self._first_s, self._last_s = (self._first_s if self._n_frame else now_s), now_s
+            self._n_frame += 1
+            self._n_late += self._pace.over(place, now_s)
+            self._latency_s.append(now_s - since_s)
+            self._max_s = now_s - since_s if math.isnan(self._max_s) else max(self._max_s, now_s - since_s)
+
+    def _produce(self) -> None:
+        """Render ahead until all is done or the consumer has gone."""
+        place, n_frame = 0, len(self._frames)
+        try:
+            while place < n_frame:
+                with self._changed:
+                    self._changed.wait_for(lambda: self._closed or self._room() > 0)
+                    if self._closed:
+                        return
+                    place = self._next_place(place)
+                    end = min(place + self._room(), n_frame)
+                frames = self._render(self._frames[place:end])
+                with self._changed:
+                    self._ring += [(place + number, frames.one_frame(number)) for number in range(end - place)]
+                    self._changed.notify_all()
+                del frames  # its memory is to return once the consumer has let go
+                place = end
+        except BaseException as error:
+            self._error = error  # for the consumer to see
+        finally:
+            with self._changed:
+                self._finished = True
+                self._changed.notify_all()
+
+    def _room(self) -> int:
+        """Frames to render now; none until a whole group has room."""
+        return self._n_together if self._n_ahead - len(self._ring) >= self._n_together else 0
+
+    def _next_place(self, place: int) -> int:
+        """The first frame from a place on whose time is not over; the last one at the latest."""
+        now_s, first = self._clock(), place
+        while self._drop and place < len(self._frames) - 1 and self._pace.over(place, now_s):
+            place += 1
+        self._n_dropped += place - first
+        return place
+
+
+def stream_sizes(
+    rate_hz: float | None, n_view: int, frame_bytes: int, n_lane: int, n_ahead: int | None
+) -> tuple[int, int]:
+    """Frames rendered ahead, and in one call.
+
+    Args:
+        rate_hz: Frames per second; None: as fast as possible.
+        n_view: Views of a frame.
+        frame_bytes: Of the images of a frame.
+        n_lane: Threads and devices that render at a time; each is to have a view.
+        n_ahead: Frames rendered ahead at most, if that was asked for.
+    """
+    together = GROUP_BYTES // frame_bytes if rate_hz is None else math.ceil(rate_hz * GROUP_S)
+    together = max(1, together, -(-n_lane // n_view))
+    if n_ahead is None:
+        return max(USUAL_AHEAD, 2 * together), together
+    return n_ahead, max(1, min(together, n_ahead // 2))

@@ -1,0 +1,119 @@
+"""Measures: frames per second the way the paper's Table 7 counts them, and the time that each stage takes."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import warp as wp
+
+from warpsim.launches import call
+from warpsim.render import worker as worker_module
+from warpsim.render.renderer import Renderer
+from warpsim.speed.work import BAND, SpeedWork, speed_work
+
+_WORKING: Any = worker_module  # to mypy, its STAGES are not for others
+
+StageTimes = dict[str, list[tuple[int, float]]]
+"""By stage, what each chunk took: images, and seconds."""
+
+
+def measure_fps(
+    n_pixel: int,
+    device: Any = None,
+    psf: str = "airy",
+    n_round: int = 7,
+    n_star: int = 100,
+    n_sensor: int = 1,
+    n_thread: int | None = None,
+) -> float:
+    """Median frames per second of one band of `stss`, counts in host memory: images per second over all sensors.
+
+    Args:
+        n_pixel: Rows and columns.
+        device: Warp device.
+        psf: "airy", the telescope's own pattern, or "gaussian", of 0.7 px.
+        n_round: Timed calls.
+        n_star: Stars in view, about.
+        n_sensor: Sensors.
+        n_thread: CPU threads; all cores when left out.
+
+    Raises:
+        InputError: An unknown psf, or a number that is out of range.
+    """
+    work = speed_work(n_pixel, n_star, n_sensor, psf)
+    return work_fps(work, Renderer(work.scene, device, n_thread, work.catalog), n_round)
+
+
+def work_fps(work: SpeedWork, renderer: Renderer, n_round: int) -> float:
+    """Median images per second of a renderer that was made for the work."""
+    render_call(work, renderer, 0)  # compiles, and finds how long source lists are
+    seconds = []
+    for number in range(1, n_round + 1):
+        begin = time.perf_counter()
+        render_call(work, renderer, number)
+        seconds.append(time.perf_counter() - begin)
+    return work.n_view / statistics.median(seconds)
+
+
+def render_call(work: SpeedWork, renderer: Renderer, call: int) -> Any:
+    """One call of the work; its counts in host memory, (frame, sensor, 1, n_pixel, n_pixel)."""
+    return renderer.render(work.frames(call), sensors=work.sensors, bands=[BAND]).counts.numpy()
+
+
+def stage_times_us(work: SpeedWork, device: Any = None, n_round: int = 3) -> dict[str, float]:
+    """Microseconds per image of each stage, in order: the median over the full chunks of some calls, one thread."""
+    with timed_stages() as times:
+        renderer = Renderer(work.scene, device, 1, work.catalog)
+        render_call(work, renderer, 0)
+        for spans in times.values():
+            spans.clear()
+        for number in range(1, n_round + 1):
+            render_call(work, renderer, number)
+    return {name: _per_image_us(spans) for name, spans in times.items()}
+
+
+def _per_image_us(spans: list[tuple[int, float]]) -> float:
+    """Median time per image of the largest chunks: a short one has more launches to an image."""
+    largest = max(n_view for n_view, _ in spans)
+    return statistics.median(seconds for n_view, seconds in spans if n_view == largest) / largest * 1e6
+
+
+@contextmanager
+def timed_stages() -> Iterator[StageTimes]:
+    """Time every stage of every chunk, by one thread, of renderers that are made and used meanwhile.
+
+    The only place that knows how the renderer runs its stages: it puts a clock about each of the `STAGES` that a worker
+    records. On the CPU it is the thread's own time, without what the thread waits for others; on CUDA the launches are
+    not made as one graph.
+    """
+    times: StageTimes = {stage.__name__: [] for stage in _WORKING.STAGES}
+
+    def clocked(stage: Any) -> Any:
+        def run(world: Any, chunk: Any) -> None:
+            now = time.perf_counter if world.device.is_cuda else time.thread_time
+            begin = [0.0]
+
+            def start(n_view: int) -> None:
+                wp.synchronize_device(world.device)
+                begin[0] = now()
+
+            def stop(n_view: int) -> None:
+                wp.synchronize_device(world.device)
+                times[stage.__name__].append((n_view, now() - begin[0]))
+
+            call(start)
+            stage(world, chunk)
+            call(stop)
+
+        return run
+
+    stages = _WORKING.STAGES
+    _WORKING.STAGES = tuple(clocked(stage) for stage in stages)
+    try:
+        yield times
+    finally:
+        _WORKING.STAGES = stages

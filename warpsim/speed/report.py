@@ -1,0 +1,148 @@
+"""The report of `warpsim bench`: frames per second by device, image size and sensors, and the time of each stage."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import warp as wp
+
+from warpsim import __version__
+from warpsim.render.device import default_device
+from warpsim.render.renderer import Renderer
+from warpsim.speed.clock import stage_times_us, work_fps
+from warpsim.speed.work import speed_work
+
+PAPER_FPS = {128: 607, 256: 305, 512: 88, 1024: 32}
+"""The paper's Table 7: frames per second by pixels on a side."""
+
+REAL_TIME_HZ = 30.0
+"""At this rate the paper's figures are 20, 10, 2 and 1 sensors."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is measured.
+
+    Args:
+        devices: Names of Warp devices; the CPU and every GPU when empty.
+        pixels: Rows and columns.
+        sensors: Numbers of sensors.
+        n_star: Stars in view, about.
+        psf: "airy" or "gaussian".
+        quick: A third of the rounds, and short calls: good to a factor, done in seconds.
+    """
+
+    devices: tuple[str, ...] = ()
+    pixels: tuple[int, ...] = tuple(PAPER_FPS)
+    sensors: tuple[int, ...] = (1, 20)
+    n_star: int = 100
+    psf: str = "airy"
+    quick: bool = False
+
+    @property
+    def n_round(self) -> int:
+        """Timed calls."""
+        return 3 if self.quick else 9
+
+    def n_frame(self, n_sensor: int) -> int | None:
+        """Frames of a call; as many as the work has, for None."""
+        return max(1, 64 // n_sensor) if self.quick else None
+
+
+@dataclass(frozen=True)
+class Speed:
+    """One case, measured."""
+
+    device: str
+    n_thread: int
+    n_pixel: int
+    n_sensor: int
+    n_star: int
+    psf: str
+    fps: float
+    """Images per second, of all sensors together."""
+    stage_us: dict[str, float] | None
+    """Microseconds per image by stage, one thread; with one sensor only."""
+
+    @property
+    def n_sensor_in_real_time(self) -> int:
+        """Sensors of which REAL_TIME_HZ images a second are made."""
+        return int(self.fps // REAL_TIME_HZ)
+
+
+def measured(plan: Plan) -> Iterator[Speed]:
+    """Measure case after case.
+
+    Raises:
+        InputError: No such device, or a number that is out of range.
+    """
+    names = plan.devices or ("cpu", *(str(device) for device in wp.get_cuda_devices()))
+    for device in [default_device(name) for name in names]:
+        for n_pixel in plan.pixels:
+            for n_sensor in plan.sensors:
+                work = speed_work(n_pixel, plan.n_star, n_sensor, plan.psf, plan.n_frame(n_sensor))
+                renderer = Renderer(work.scene, device, None, work.catalog)
+                fps = work_fps(work, renderer, plan.n_round)
+                stages = stage_times_us(work, device, plan.n_round) if n_sensor == min(plan.sensors) else None
+                case = str(device), renderer.n_thread, n_pixel, n_sensor, plan.n_star, plan.psf
+                yield Speed(*case, fps, stages)
+
+
+def heading(plan: Plan) -> str:
+    """What the figures are of, and the head of the table."""
+    psf = "the telescope's Airy pattern" if plan.psf == "airy" else "a Gaussian of 0.7 px"
+    return (
+        f"stss: 30 targets, about {plan.n_star} stars in view, {psf}, one band, fresh noise, counts in host memory;\n"
+        f"median of {plan.n_round} calls; paper: its Table 7\n\n"
+        f"{'device':<8} {'pixels':>7} {'sensors':>8} {'frames/s':>10} {'paper':>6} {'ratio':>7} {'at 30 Hz':>9} "
+        f"{'paper':>6}"
+    )
+
+
+def row(speed: Speed) -> str:
+    """A case as a row of the table; the paper has figures for some sizes only."""
+    paper = PAPER_FPS.get(speed.n_pixel)
+    if paper is None:
+        fps, ratio, sensors = "-", "-", "-"
+    else:
+        fps, ratio, sensors = f"{paper}", f"{speed.fps / paper:.1f}", f"{paper // REAL_TIME_HZ:.0f}"
+    return (
+        f"{speed.device:<8} {speed.n_pixel:>5}^2 {speed.n_sensor:>8} {speed.fps:>10,.0f} {fps:>6} {ratio:>7} "
+        f"{speed.n_sensor_in_real_time:>9,} {sensors:>6}"
+    )
+
+
+def stage_table(speeds: list[Speed]) -> str:
+    """Time per image by stage, for the cases that have it."""
+    timed = [(speed, speed.stage_us) for speed in speeds if speed.stage_us]
+    names = list(timed[0][1])
+    width = max(len(name) for name in names)
+    lines = ["microseconds per image by stage, one thread; whole: threads / (frames/s), with all that is no stage", ""]
+    lines.append(" " * width + "".join(f" {f'{s.device} {s.n_pixel}^2':>13}" for s, _ in timed))
+    lines += [f"{name:<{width}}" + "".join(f" {us[name]:>13,.1f}" for _, us in timed) for name in names]
+    lines.append(f"{'sum':<{width}}" + "".join(f" {sum(us.values()):>13,.1f}" for _, us in timed))
+    lines.append(f"{'whole':<{width}}" + "".join(f" {s.n_thread / s.fps * 1e6:>13,.1f}" for s, _ in timed))
+    return "\n".join(lines)
+
+
+def as_json(plan: Plan, speeds: list[Speed]) -> dict[str, Any]:
+    """All figures, with the paper's beside them, and what they were measured with."""
+    return {
+        "warpsim": __version__,
+        "warp": wp.__version__,
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "device_names": {name: wp.get_device(name).name for name in {speed.device for speed in speeds}},
+        "plan": asdict(plan),
+        "cases": [
+            {
+                **asdict(speed),
+                "n_sensor_at_30_hz": speed.n_sensor_in_real_time,
+                "paper_fps": PAPER_FPS.get(speed.n_pixel),
+            }
+            for speed in speeds
+        ],
+    }

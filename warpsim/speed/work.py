@@ -1,0 +1,183 @@
+"""The work that speed is measured on: `stss` with as many pixels, sensors and stars as wanted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.errors import InputError
+from warpsim.scene.scene import Scene
+from warpsim.sky.catalog import StarCatalog
+from warpsim.streams import uniforms
+
+F64 = npt.NDArray[np.float64]
+
+BAND = "A"
+
+PSFS: dict[str, dict[str, Any]] = {"airy": {"psf": "airy"}, "gaussian": {"psf": "gaussian", "sigma_px": 0.7}}
+"""The telescope's own pattern, and a Gaussian that is as wide at every image size."""
+
+FLUX_RANGE_NEI = (20.0, 1e5)
+"""Light of the faintest and of the brightest star, over the noise of a pixel."""
+
+FLUX_SLOPE = -2.5
+"""dN/dF ~ F^-2.5: stars that fill space evenly."""
+
+N_CALL = 4
+"""Calls with frames of their own, after which the first come again."""
+
+MOST_VIEWS = 2048
+PIXELS_PER_CALL = 2**25
+"""64 MB of counts."""
+
+_SATELLITES_PER_SENSOR = 28 / 4  # one satellite in six sees the targets from the first frame to the last
+_MARGIN_RAD = np.radians(0.3)  # stars outside the image whose light reaches it
+_SEED = 607
+
+
+@dataclass(frozen=True)
+class SpeedWork:
+    """A scene, and what of it is rendered again and again: N_CALL calls of n_frame frames each."""
+
+    scene: Scene
+    sensors: list[str]
+    catalog: StarCatalog
+    n_frame: int
+    n_star: int
+    """Stars in view, about."""
+    psf: str
+
+    @property
+    def n_pixel(self) -> int:
+        """Rows, and columns."""
+        return self.scene.camera.n_row
+
+    @property
+    def n_view(self) -> int:
+        """Images of one call."""
+        return self.n_frame * len(self.sensors)
+
+    def frames(self, call: int) -> range:
+        """Frames of a call."""
+        first = call % N_CALL * self.n_frame
+        return range(first, first + self.n_frame)
+
+
+def speed_work(
+    n_pixel: int, n_star: int = 100, n_sensor: int = 1, psf: str = "airy", n_frame: int | None = None
+) -> SpeedWork:
+    """Make the work.
+
+    Args:
+        n_pixel: Rows and columns.
+        n_star: Stars in each image, about: a catalog as dense as that wherever sensors look.
+        n_sensor: Sensors, each of which sees the targets in every frame.
+        psf: "airy", the telescope's own pattern, or "gaussian", of 0.7 px.
+        n_frame: Frames of a call; 64 MB of counts, but no more than 2048 images, when left out.
+
+    Raises:
+        InputError: An unknown psf, or a number that is out of range.
+    """
+    scene = speed_scene(n_pixel, psf, n_sensor)
+    if n_frame is None:
+        n_frame = max(1, min(MOST_VIEWS, max(16, PIXELS_PER_CALL // n_pixel**2)) // n_sensor)
+    sensors = _watching(scene, n_sensor, N_CALL * n_frame)
+    return SpeedWork(scene, sensors, speed_catalog(scene, sensors, N_CALL * n_frame, n_star), n_frame, n_star, psf)
+
+
+def speed_scene(n_pixel: int, psf: str = "airy", n_sensor: int = 1) -> Scene:
+    """Stss with n_pixel x n_pixel arrays, frames 10 ms apart, and satellites for n_sensor sensors; its sky is empty.
+
+    The field of view stays 1 degree, and with it the number of stars in view.
+
+    Raises:
+        InputError: An unknown psf, or a number that is out of range.
+    """
+    if psf not in PSFS:
+        raise InputError(f"psf: must be {' or '.join(PSFS)}, got {psf!r}")
+    if n_sensor < 1:
+        raise InputError(f"n_sensor: must be >= 1, got {n_sensor}")
+    scene = Scene.load("stss")
+    n_satellite = 28 * int(np.ceil(n_sensor * _SATELLITES_PER_SENSOR / 28))
+    return scene.replace(
+        constellation__n_satellite=n_satellite,
+        camera__n_row=n_pixel,
+        camera__n_col=n_pixel,
+        frames={"count": 100_000, "interval_s": 0.01, "start_s": 600.0},
+        sky={"catalog": "none"},
+        **{f"optics__{name}": value for name, value in PSFS[psf].items()},
+    )
+
+
+def _watching(scene: Scene, n_sensor: int, n_frame: int) -> list[str]:
+    """Sensors that see the targets in each of the first frames."""
+    first_s, last_s = scene.frame_time_s([0, n_frame - 1])
+    table = scene.access()
+    seen = table[(table["start_s"] <= first_s) & (table["end_s"] >= last_s)]
+    sensors = [str(name) for name in seen["sensor"]][:n_sensor]
+    if len(sensors) < n_sensor:
+        raise InputError(f"n_sensor: {len(sensors)} sensors see the targets, got {n_sensor}")
+    return sensors
+
+
+def speed_catalog(scene: Scene, sensors: list[str], n_frame: int, n_star: int) -> StarCatalog:
+    """Stars of even density wherever sensors look in the first frames, about n_star in each image.
+
+    Their light follows FLUX_SLOPE within FLUX_RANGE_NEI. Each sensor has a cap of the sky; stars of a cap that lie in
+    the cap of an earlier sensor are left out, so that the density is the same where caps meet.
+
+    Raises:
+        InputError: n_star is negative.
+    """
+    if n_star < 0:
+        raise InputError(f"n_star: must be >= 0, got {n_star}")
+    camera = scene.camera
+    first_s, last_s = scene.frame_time_s([0, n_frame - 1])
+    time_s = np.linspace(first_s, last_s, 17)
+    per_sr = n_star * camera.focal_px * camera.focal_row_px / (camera.n_row * camera.n_col)
+    caps: list[tuple[F64, float]] = []
+    places: list[F64] = [np.empty((0, 3))]
+    for item, name in enumerate(sensors):
+        axis, cosine = _cap_around(scene.view_axes(name, time_s)[:, 2], camera.half_diagonal_rad() + _MARGIN_RAD)
+        star = _even_stars(axis, cosine, per_sr, item)
+        for other, other_cosine in caps:
+            star = star[star @ other < other_cosine]
+        caps.append((axis, cosine))
+        places.append(star)
+    x, y, z = np.concatenate(places).T
+    n = len(x)
+    w_cm2_per_jy = StarCatalog.from_arrays([0.0], [0.0], {BAND: [1.0]}).irradiance_w_cm2(BAND)[0]
+    flux_jy = power_law_nei(n) * scene.nei_w_cm2(BAND) / w_cm2_per_jy
+    ra_deg, dec_deg = np.degrees(np.arctan2(y, x)) % 360.0, np.degrees(np.arcsin(np.clip(z, -1.0, 1.0)))
+    return StarCatalog.from_arrays(ra_deg, dec_deg, {BAND: flux_jy}, id=np.full(n, ""), name="even stars")
+
+
+def power_law_nei(n: int) -> F64:
+    """Light of n stars [NEI]: FLUX_SLOPE within FLUX_RANGE_NEI."""
+    low, high = FLUX_RANGE_NEI
+    power = FLUX_SLOPE + 1.0
+    u = uniforms(_SEED, "light of stars", 0, n)
+    return np.asarray(low * (1.0 - u * (1.0 - (high / low) ** power)) ** (1.0 / power))
+
+
+def _cap_around(directions: F64, margin_rad: float) -> tuple[F64, float]:
+    """Axis of a cap that holds directions and a margin about them, and the cosine of its radius."""
+    axis = directions.mean(axis=0)
+    axis /= np.linalg.norm(axis)
+    radius_rad = float(np.arccos(np.clip(directions @ axis, -1.0, 1.0)).max()) + margin_rad
+    return axis, float(np.cos(min(radius_rad, np.pi)))
+
+
+def _even_stars(axis: F64, cosine: float, per_sr: float, item: int) -> F64:
+    """Directions of even density in a cap, (n, 3)."""
+    n = round(2.0 * np.pi * (1.0 - cosine) * per_sr)
+    u = uniforms(_SEED, "places of stars", item, 2 * n).reshape(2, n)
+    along = 1.0 - u[0] * (1.0 - cosine)
+    across, turn = np.sqrt(1.0 - along**2), 2.0 * np.pi * u[1]
+    right = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    right /= np.linalg.norm(right)
+    parts = (along, axis), (across * np.cos(turn), right), (across * np.sin(turn), np.cross(axis, right))
+    return np.asarray(sum(np.outer(share, direction) for share, direction in parts))
