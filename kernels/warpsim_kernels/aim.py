@@ -4,7 +4,7 @@ import functools
 
 import warp as wp
 
-from warpsim_kernels.apparent import Releases, path_from_target
+from warpsim_kernels.apparent import Observer, Releases, observer_of, path_from_target
 from warpsim_kernels.camera import camera_axes, up_is_lost
 from warpsim_kernels.jitter import Jitter, jitter_rad, turned_axes
 from warpsim_kernels.motion import NodeGrid, hermite_position_m, hermite_velocity_m_s, linear_vector
@@ -85,19 +85,13 @@ def tracked_direction(
     velocity_m_s: wp.array2d[wp.vec3d],
     releases: Releases,
     aim: Aim,
-    time_s: wp.float64,
     grid: NodeGrid,
-    observer_m: wp.vec3d,
-    earth_velocity_m_s: wp.vec3d,
-    observer_velocity_m_s: wp.vec3d,  # barycentric
+    observer: Observer,
 ) -> wp.vec3d:
     """Mean apparent direction of the tracked bodies; 0 where they are at the observer, or all around."""
     towards = wp.vec3d()
     for body in range(aim.first_tracked, aim.first_tracked + aim.n_tracked):
-        path = path_from_target(
-            position_m, velocity_m_s, releases, body, time_s, grid, observer_m, earth_velocity_m_s,
-            observer_velocity_m_s,
-        )
+        path = path_from_target(position_m, velocity_m_s, releases, body, grid, observer)
         if path.range_m > _NEAREST_M:
             towards += path.apparent
     if wp.length(towards) < wp.float64(1.0e-9):
@@ -192,9 +186,8 @@ def make_aim_kernel(kind: int, with_jitter: bool) -> wp.Kernel:
         boresight = aim.direction
         roll_rad = wp.float64(0.0)
         if wp.static(kind == AIM_TRACK):
-            boresight = tracked_direction(
-                position_m, velocity_m_s, releases, aim, time_s, grid, place, earth_velocity, velocity
-            )
+            observer = observer_of(time_s, grid, place, earth_velocity, velocity)
+            boresight = tracked_direction(position_m, velocity_m_s, releases, aim, grid, observer)
         if wp.static(kind == AIM_TABLE):
             sight_s = time_s
             if table.scan == 0:

@@ -17,9 +17,8 @@ import warp as wp
 
 from warpsim_kernels.earthlight import Rule, limb_cosine
 from warpsim_kernels.facets import Facets
-from warpsim_kernels.shapes import Body
+from warpsim_kernels.shapes import Body, positive_moments_of
 
-_PI = wp.constant(wp.float64(3.141592653589793))
 _TWO_PI = wp.constant(wp.float64(6.283185307179586))
 _NO_AZIMUTH = wp.constant(wp.float64(1.0e-12))  # sine of the Sun's zenith angle below which its azimuth does not count
 _CROWDING = wp.constant(wp.float64(4.0))  # how near the limb rings crowd: found by trial, from the ground to the Moon
@@ -122,34 +121,9 @@ def albedo_series_of(degree: int) -> AlbedoSeries:
 
         return sum_order
 
+    positive_moments = positive_moments_of(n_order)
     adders = [adder(m) for m in range(n_order)]
     summers = [summer(m) for m in range(n_order)]
-
-    @wp.func
-    def positive_moments(a: wp.float64, b: wp.float64) -> Moments:
-        """Integrals of max(0, a + b cos x) cos(m x) over a turn."""
-        moments = Moments()
-        if a >= b:
-            moments[0] = _TWO_PI * a
-            moments[1] = _PI * b
-            return moments
-        if a <= -b:
-            return moments
-        root = wp.sqrt((b - a) * (b + a))
-        now = wp.atan2(root, -a)  # half the arc
-        this = root / b
-        before = this
-        last = wp.float64(0.0)
-        turning = wp.float64(-2.0) * a / b
-        for m in range(n_order):
-            following = this * wp.float64(wp.static(1.0 / (m + 1.0)))  # sin((m + 1) half) / (m + 1)
-            moments[m] = wp.float64(2.0) * a * now + b * (before + following)
-            before = now
-            now = following
-            after = turning * this - last
-            last = this
-            this = after
-        return moments
 
     @wp.func
     def add_ring(

@@ -2,11 +2,9 @@
 
 import warp as wp
 
-from warpsim_kernels.motion import NodeGrid, hermite_position_m
+from warpsim_kernels.motion import NodeGrid, cubic_after, cubic_at, node_before
 
 SPEED_OF_LIGHT_M_S = wp.constant(wp.float64(299792458.0))
-
-
 ASTRONOMICAL_UNIT_M = wp.constant(wp.float64(149597870700.0))
 _SUN_SCHWARZSCHILD_AU = wp.constant(wp.float64(1.97412574336e-8))
 
@@ -33,18 +31,80 @@ def deflected(direction: wp.vec3d, from_sun_m: wp.vec3d) -> wp.vec3d:
     return wp.normalize(direction + (away - direction * wp.dot(direction, away)) * bend)
 
 
+@wp.struct
+class Boost:
+    """A velocity as the Lorentz transformation of lines of sight needs it."""
+
+    beta: wp.vec3d  # in units of the speed of light
+    inverse_gamma: wp.float64
+    share: wp.float64  # 1 / (1 + inverse_gamma)
+
+
+@wp.func
+def boost_by(velocity_m_s: wp.vec3d) -> Boost:
+    """The boost into the frame of an observer who moves at velocity_m_s."""
+    boost = Boost()
+    one = wp.float64(1.0)
+    boost.beta = velocity_m_s / SPEED_OF_LIGHT_M_S
+    boost.inverse_gamma = wp.sqrt(one - wp.dot(boost.beta, boost.beta))
+    boost.share = one / (one + boost.inverse_gamma)
+    return boost
+
+
+@wp.func
+def boosted(vector: wp.vec3d, length: wp.float64, boost: Boost) -> wp.vec3d:
+    """A vector along a line of sight, as a moving observer has it; its length becomes `boosted_length`.
+
+    Klioner (2003), "A practical relativistic model for microarcsecond astrometry in space", Eq. 10 without potential,
+    times the vector's length: light's four-vector transforms linearly, so lengths need no root.
+    """
+    along = wp.dot(vector, boost.beta)
+    return vector * boost.inverse_gamma + boost.beta * (length + along * boost.share)
+
+
+@wp.func
+def boosted_length(vector: wp.vec3d, length: wp.float64, boost: Boost) -> wp.float64:
+    """Length of `boosted`."""
+    return length + wp.dot(vector, boost.beta)
+
+
 @wp.func
 def aberrated(direction: wp.vec3d, velocity_m_s: wp.vec3d) -> wp.vec3d:
-    """Unit direction seen by an observer with the given barycentric velocity (Lorentz transformation).
+    """Unit direction seen by an observer with the given barycentric velocity (Lorentz transformation)."""
+    return wp.normalize(boosted(direction, wp.float64(1.0), boost_by(velocity_m_s)))
 
-    Klioner (2003), "A practical relativistic model for microarcsecond astrometry in space", Eq. 10 without potential.
-    """
-    one = wp.float64(1.0)
-    beta = velocity_m_s / SPEED_OF_LIGHT_M_S
-    along = wp.dot(direction, beta)
-    inverse_gamma = wp.sqrt(one - wp.dot(beta, beta))
-    moved = direction * inverse_gamma + beta * (one + along / (one + inverse_gamma))
-    return wp.normalize(moved)
+
+@wp.struct
+class Observer:
+    """Who looks, from where and when: what the ways of light from all bodies to one view share."""
+
+    time_s: wp.float64
+    position_m: wp.vec3d  # geocentric
+    node: int  # of the tracks, before time_s
+    part: wp.float64  # of the step that has gone by since
+    part_per_m: wp.float64  # steps that light takes for a metre
+    to_barycentric: Boost  # out of the geocentric frame
+    to_observer: Boost  # from there into the observer's
+
+
+@wp.func
+def observer_of(
+    time_s: wp.float64,
+    grid: NodeGrid,
+    position_m: wp.vec3d,
+    earth_velocity_m_s: wp.vec3d,
+    velocity_m_s: wp.vec3d,  # barycentric
+) -> Observer:
+    """An observer at a time of the tracks."""
+    observer = Observer()
+    observer.time_s = time_s
+    observer.position_m = position_m
+    observer.node = node_before(time_s, grid)
+    observer.part = (time_s - grid.start_s) / grid.step_s - wp.float64(observer.node)
+    observer.part_per_m = wp.float64(1.0) / (SPEED_OF_LIGHT_M_S * grid.step_s)
+    observer.to_barycentric = boost_by(-earth_velocity_m_s)
+    observer.to_observer = boost_by(velocity_m_s)
+    return observer
 
 
 @wp.struct
@@ -54,8 +114,42 @@ class LightPath:
     vector_m: wp.vec3d  # observer -> where the body was when the light left, geocentric axes
     range_m: wp.float64
     emission_time_s: wp.float64
-    apparent: wp.vec3d  # unit direction the observer sees, aberration included
+    apparent: wp.vec3d  # unit direction the observer sees, aberration included; 0 for a body at the observer
     stowed: int  # not 0: the body had not left its carrier
+
+
+@wp.func
+def path_from_body(
+    position_m: wp.array2d[wp.vec3d], velocity_m_s: wp.array2d[wp.vec3d], body: int, grid: NodeGrid, observer: Observer
+) -> LightPath:
+    """Where an observer sees a body.
+
+    In the geocentric frame of the tracks the light time is exactly range / c; it is iterated to convergence. The
+    direction is then taken to the barycentric frame (which moves at -earth_velocity), where star catalogs live, and
+    from there to the observer like a star's, so that targets and stars are seen by the same rule to second order in
+    v / c.
+    """
+    path = LightPath()
+    node = observer.node
+    way = cubic_after(position_m, velocity_m_s, body, node, grid, observer.position_m)
+    part = observer.part - wp.length(cubic_at(way, observer.part)) * observer.part_per_m
+    if part < wp.float64(0.0) and node > 0:  # the light left before the node
+        node = wp.max(node + int(wp.floor(part)), 0)
+        way = cubic_after(position_m, velocity_m_s, body, node, grid, observer.position_m)
+    since_node = observer.part + wp.float64(observer.node - node)
+    part = part + wp.float64(observer.node - node)
+    for _ in range(2):
+        path.vector_m = cubic_at(way, part)
+        path.range_m = wp.length(path.vector_m)
+        part = since_node - path.range_m * observer.part_per_m
+    path.emission_time_s = observer.time_s - path.range_m / SPEED_OF_LIGHT_M_S
+    seen = boosted(path.vector_m, path.range_m, observer.to_barycentric)
+    length_m = boosted_length(path.vector_m, path.range_m, observer.to_barycentric)
+    path.apparent = boosted(seen, length_m, observer.to_observer)
+    length_m = boosted_length(seen, length_m, observer.to_observer)
+    if length_m > wp.float64(0.0):
+        path.apparent = path.apparent / length_m
+    return path
 
 
 @wp.func
@@ -69,23 +163,9 @@ def light_path(
     earth_velocity_m_s: wp.vec3d,
     observer_velocity_m_s: wp.vec3d,  # barycentric
 ) -> LightPath:
-    """Where a body is seen at time_s.
-
-    In the geocentric frame of the tracks the light time is exactly range / c; it is iterated to convergence. The
-    direction is then taken to the barycentric frame (which moves at -earth_velocity), where star catalogs live, and
-    from there to the observer like a star's, so that targets and stars are seen by the same rule to second order in
-    v / c.
-    """
-    path = LightPath()
-    path.emission_time_s = time_s
-    for _ in range(3):
-        place = hermite_position_m(position_m, velocity_m_s, body, path.emission_time_s, grid)
-        path.vector_m = place - observer_m
-        path.range_m = wp.length(path.vector_m)
-        path.emission_time_s = time_s - path.range_m / SPEED_OF_LIGHT_M_S
-    barycentric = aberrated(wp.normalize(path.vector_m), -earth_velocity_m_s)
-    path.apparent = aberrated(barycentric, observer_velocity_m_s)
-    return path
+    """As path_from_body, for an observer who looks at one body only."""
+    observer = observer_of(time_s, grid, observer_m, earth_velocity_m_s, observer_velocity_m_s)
+    return path_from_body(position_m, velocity_m_s, body, grid, observer)
 
 
 @wp.struct
@@ -102,20 +182,12 @@ def path_from_target(
     velocity_m_s: wp.array2d[wp.vec3d],
     releases: Releases,
     body: int,
-    time_s: wp.float64,
     grid: NodeGrid,
-    observer_m: wp.vec3d,
-    earth_velocity_m_s: wp.vec3d,
-    observer_velocity_m_s: wp.vec3d,  # barycentric
+    observer: Observer,
 ) -> LightPath:
-    """As light_path, with a target at the place of its carrier until its release."""
-    path = light_path(
-        position_m, velocity_m_s, body, time_s, grid, observer_m, earth_velocity_m_s, observer_velocity_m_s
-    )
+    """As path_from_body, with a target at the place of its carrier until its release."""
+    path = path_from_body(position_m, velocity_m_s, body, grid, observer)
     if path.emission_time_s < releases.release_s[body]:
-        carrier = releases.carrier[body]
-        path = light_path(
-            position_m, velocity_m_s, carrier, time_s, grid, observer_m, earth_velocity_m_s, observer_velocity_m_s
-        )
+        path = path_from_body(position_m, velocity_m_s, releases.carrier[body], grid, observer)
         path.stowed = 1
     return path

@@ -38,7 +38,8 @@ def is_occulted(observer_m: wp.vec3d, vector_m: wp.vec3d, earth: Earth) -> bool:
     way = stretched(vector_m, earth)
     length2 = wp.max(wp.dot(way, way), wp.float64(1.0e-30))
     nearest = wp.clamp(-wp.dot(start, way) / length2, wp.float64(0.0), wp.float64(1.0))
-    return wp.length(start + way * nearest) < earth.equatorial_radius_m
+    foot = start + way * nearest
+    return wp.dot(foot, foot) < earth.equatorial_radius_m * earth.equatorial_radius_m
 
 
 @wp.func

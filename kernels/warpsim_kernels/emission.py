@@ -112,17 +112,21 @@ def make_emit_kernel(features: Features) -> wp.Kernel:
         surfaces: Surfaces,
         table: RadianceTable,
         seen: Seen,
+        n_lane: int,  # threads that share a view
         # out
         source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot) targets take the first slots
     ):
-        """In-band irradiance at the pupil."""
-        view, band, target = wp.tid()
-        light_w_sr = intensity_w_sr(
-            surfaces, emitted_w_m2_sr(surfaces, table, seen, view, band, target), band, target,
-            seen.area_m2[view, target], seen.sun_area_m2[view, target], seen.earth_area_m2[view, target],
-            seen.albedo_area_m2_sr[view, target],
-        )
-        source_irradiance_w_cm2[view, band, target] = float(light_w_sr * irradiance_per_intensity(seen, view, target))
+        """In-band irradiance at the pupil; the threads of a view take its targets in turn."""
+        view, lane = wp.tid()
+        for target in range(lane, seen.flags.shape[1], n_lane):
+            per_intensity = irradiance_per_intensity(seen, view, target)
+            for band in range(surfaces.emissivity.shape[0]):
+                light_w_sr = intensity_w_sr(
+                    surfaces, emitted_w_m2_sr(surfaces, table, seen, view, band, target), band, target,
+                    seen.area_m2[view, target], seen.sun_area_m2[view, target], seen.earth_area_m2[view, target],
+                    seen.albedo_area_m2_sr[view, target],
+                )
+                source_irradiance_w_cm2[view, band, target] = float(light_w_sr * per_intensity)
 
     return emit_kernel
 

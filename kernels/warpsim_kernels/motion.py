@@ -5,6 +5,8 @@ Tracks are positions and velocities at uniform nodes; between nodes the cubic He
 
 import warp as wp
 
+from warpsim_kernels.angles import cosine_sine
+
 TWO_PI = wp.constant(wp.float64(6.283185307179586))
 
 
@@ -47,6 +49,44 @@ def hermite_position_m(
     return p0 + (p1 - p0) * (u * u * (three - two * u)) + m0 * (u * w * w) - m1 * (u * u * w)
 
 
+@wp.struct
+class Cubic:
+    """A polynomial in the part of a step that has gone by: what Hermite's is between two nodes, seen from a place."""
+
+    start: wp.vec3d
+    first: wp.vec3d
+    second: wp.vec3d
+    third: wp.vec3d
+
+
+@wp.func
+def cubic_after(
+    position_m: wp.array2d[wp.vec3d],
+    velocity_m_s: wp.array2d[wp.vec3d],
+    body: int,
+    node: int,
+    grid: NodeGrid,
+    origin_m: wp.vec3d,
+) -> Cubic:
+    """Way of a body from a node to the next [m], as vectors from origin_m."""
+    two = wp.float64(2.0)
+    chord = position_m[body, node + 1] - position_m[body, node]
+    m0 = velocity_m_s[body, node] * grid.step_s
+    m1 = velocity_m_s[body, node + 1] * grid.step_s
+    way = Cubic()
+    way.start = position_m[body, node] - origin_m
+    way.first = m0
+    way.second = chord * wp.float64(3.0) - m0 * two - m1
+    way.third = m0 + m1 - chord * two
+    return way
+
+
+@wp.func
+def cubic_at(way: Cubic, part: wp.float64) -> wp.vec3d:
+    """The vector after a part of the step."""
+    return way.start + (way.first + (way.second + way.third * part) * part) * part
+
+
 @wp.func
 def hermite_velocity_m_s(
     position_m: wp.array2d[wp.vec3d],
@@ -75,6 +115,13 @@ def linear_vector(values: wp.array[wp.vec3d], time_s: wp.float64, grid: NodeGrid
     node = node_before(time_s, grid)
     u = (time_s - grid.start_s) / grid.step_s - wp.float64(node)
     return values[node] + (values[node + 1] - values[node]) * u
+
+
+@wp.func
+def linear_rate(values: wp.array[wp.vec3d], time_s: wp.float64, grid: NodeGrid) -> wp.vec3d:
+    """By how much `linear_vector` changes in a second."""
+    node = node_before(time_s, grid)
+    return (values[node + 1] - values[node]) / grid.step_s
 
 
 @wp.func
@@ -114,23 +161,20 @@ class Attitude:
 @wp.func
 def axes_before_spin(attitude: Attitude, time_s: wp.float64) -> wp.mat33d:
     """The body's axes x, y, z as rows, ICRS axes, as they would be without spin: F Rz(azimuth) Ry(polar)."""
-    azimuth = TWO_PI * (turns(attitude.precession_rev_s, time_s) + attitude.precession_phase_rev)
-    polar = attitude.tilt_rad + TWO_PI * (turns(attitude.rolling_rev_s, time_s) + attitude.rolling_phase_rev)
-    cosine = wp.cos(polar)
-    sine = wp.sin(polar)
-    out = attitude.first * wp.cos(azimuth) + attitude.second * wp.sin(azimuth)
+    rolled = turns(attitude.rolling_rev_s, time_s) + attitude.rolling_phase_rev
+    polar = cosine_sine(attitude.tilt_rad / TWO_PI + rolled)
+    azimuth = cosine_sine(turns(attitude.precession_rev_s, time_s) + attitude.precession_phase_rev)
+    out = attitude.first * azimuth[0] + attitude.second * azimuth[1]
     y = wp.cross(attitude.reference, out)
-    x = out * cosine - attitude.reference * sine
-    z = attitude.reference * cosine + out * sine
+    x = out * polar[0] - attitude.reference * polar[1]
+    z = attitude.reference * polar[0] + out * polar[1]
     return wp.matrix_from_rows(x, y, z)
 
 
 @wp.func
 def spun(axes: wp.mat33d, attitude: Attitude, time_s: wp.float64) -> wp.mat33d:
     """Axes (rows) after the body's spin about its z axis."""
-    angle = TWO_PI * (turns(attitude.spin_rev_s, time_s) + attitude.spin_phase_rev)
-    cosine = wp.cos(angle)
-    sine = wp.sin(angle)
-    x = axes[0] * cosine + axes[1] * sine
-    y = axes[1] * cosine - axes[0] * sine
+    angle = cosine_sine(turns(attitude.spin_rev_s, time_s) + attitude.spin_phase_rev)
+    x = axes[0] * angle[0] + axes[1] * angle[1]
+    y = axes[1] * angle[0] - axes[0] * angle[1]
     return wp.matrix_from_rows(x, y, axes[2])

@@ -11,6 +11,8 @@ _HALF = wp.constant(wp.float64(0.5))
 _ZERO = wp.constant(wp.float64(0.0))
 _ONE = wp.constant(wp.float64(1.0))
 _TWO = wp.constant(wp.float64(2.0))
+_SUN_AND_MORE = wp.constant(wp.float64(1.01))
+"""Covers the stretched axis, 1.0034 once in the Sun's size and once in its distance."""
 _TWO_PI = wp.constant(wp.float64(6.283185307179586))
 
 
@@ -52,11 +54,20 @@ def sunlit_fraction(place_m: wp.vec3d, to_sun_m: wp.vec3d, earth: Earth) -> wp.f
     """
     if wp.dot(place_m, to_sun_m) >= _ZERO:
         return _ONE  # above the plane across the local vertical, where the Earth's disc does not reach
+    place = stretched(place_m, earth)
+    to_sun = stretched(to_sun_m, earth)
+    # Sine of the angle from the Earth's limb to the Sun's centre, times the square of the place and the Sun's distance.
+    # Where it is more than the Sun's radius, all or nothing is seen: most places need no angles, and no division.
+    square = wp.dot(place, place)
+    beside = wp.length(wp.cross(place, to_sun))
+    behind = -wp.dot(place, to_sun)
+    limb = wp.sqrt(wp.max(square - earth.equatorial_radius_m * earth.equatorial_radius_m, _ZERO))
+    past_limb = beside * limb - behind * earth.equatorial_radius_m
+    if wp.abs(past_limb) > _SUN_AND_MORE * SUN_RADIUS_M * square:
+        return wp.where(past_limb > _ZERO, _ONE, _ZERO)
     distance_m = wp.length(to_sun_m)
     sine = SUN_RADIUS_M / distance_m
     away = to_sun_m / distance_m
-    place = stretched(place_m, earth)
-    to_sun = stretched(to_sun_m, earth)
     length_m = wp.length(to_sun)
     ahead = to_sun / length_m
     across = ahead * wp.dot(place, ahead) - place
@@ -67,7 +78,7 @@ def sunlit_fraction(place_m: wp.vec3d, to_sun_m: wp.vec3d, earth: Earth) -> wp.f
         factor = wp.length(reach - away * wp.dot(reach, away))
     sun_rad = wp.atan(sine / wp.sqrt((_ONE - sine) * (_ONE + sine)) * factor * distance_m / length_m)
     earth_rad = wp.asin(wp.min(earth.equatorial_radius_m / wp.length(place), _ONE))
-    apart_rad = wp.atan2(wp.length(wp.cross(to_sun, place)), -wp.dot(to_sun, place))
+    apart_rad = wp.atan2(beside, behind)
     return _ONE - covered_fraction(sun_rad, earth_rad, apart_rad)
 
 

@@ -7,7 +7,11 @@ the share of a face towards a direction is a + b cos(azimuth); areas are integra
 The functions take directions in body axes. What a face does not see counts 0, so they hold for convex bodies only.
 """
 
+import functools
+
 import warp as wp
+
+from warpsim_kernels.angles import angle_from_x
 
 _PI = wp.constant(wp.float64(3.141592653589793))
 _TWO_PI = wp.constant(wp.float64(6.283185307179586))
@@ -35,7 +39,51 @@ def lit_half_arc(a: wp.float64, b: wp.float64) -> wp.float64:
     if a <= -b:
         return wp.float64(0.0)
     # atan2 of the root, not acos(-a / b): next to either end the digits of b - a and b + a count.
-    return wp.atan2(wp.sqrt((b - a) * (b + a)), -a)
+    return angle_from_x(wp.sqrt((b - a) * (b + a)), -a)
+
+
+@wp.func
+def positive_half(a: wp.float64, b: wp.float64) -> wp.float64:
+    """Half the integral of max(0, a + b cos(azimuth)) over a turn, b >= 0."""
+    if a >= b:
+        return _PI * a
+    if a <= -b:
+        return wp.float64(0.0)
+    root = wp.sqrt((b - a) * (b + a))  # b times the sine of half the arc
+    return a * angle_from_x(root, -a) + root
+
+
+@functools.cache
+def positive_moments_of(n_order: int) -> wp.Function:
+    """The function (a, b): integrals of max(0, a + b cos x) cos(m x) over a turn, b >= 0, for m < n_order."""
+    Moments = wp.types.vector(length=n_order, dtype=wp.float64)
+
+    @wp.func
+    def positive_moments(a: wp.float64, b: wp.float64) -> Moments:
+        moments = Moments()
+        if a >= b:
+            moments[0] = _TWO_PI * a
+            moments[1] = _PI * b
+            return moments
+        if a <= -b:
+            return moments
+        root = wp.sqrt((b - a) * (b + a))
+        now = angle_from_x(root, -a)  # half the arc
+        this = root / b
+        before = this
+        last = wp.float64(0.0)
+        turning = wp.float64(-2.0) * a / b
+        for m in range(n_order):
+            following = this * wp.float64(wp.static(1.0 / (m + 1.0)))  # sin((m + 1) half) / (m + 1)
+            moments[m] = wp.float64(2.0) * a * now + b * (before + following)
+            before = now
+            now = following
+            after = turning * this - last
+            last = this
+            this = after
+        return moments
+
+    return positive_moments
 
 
 @wp.func
@@ -46,8 +94,7 @@ def projected_area_m2(body: Body, cosine: wp.float64, sine: wp.float64) -> wp.fl
         return _PI * body.radius_m * body.radius_m
     a = body.side_along * cosine
     b = body.side_across * sine
-    half = lit_half_arc(a, b)
-    side = body.side_m2 / _PI * (a * half + b * wp.sin(half))
+    side = body.side_m2 / _PI * positive_half(a, b)
     return body.top_m2 * wp.max(cosine, zero) + body.base_m2 * wp.max(-cosine, zero) + side
 
 
@@ -110,7 +157,7 @@ def reflected_area_m2(body: Body, view: wp.vec3d, sun: wp.vec3d) -> wp.float64:
     """
     zero = wp.float64(0.0)
     if body.radius_m > zero:
-        phase = wp.atan2(wp.length(wp.cross(view, sun)), wp.dot(view, sun))
+        phase = angle_from_x(wp.length(wp.cross(view, sun)), wp.dot(view, sun))
         shape = wp.sin(phase) + (_PI - phase) * wp.cos(phase)
         return body.radius_m * body.radius_m * shape * (wp.float64(2.0) / wp.float64(3.0))
     ends = body.top_m2 * wp.max(view[2], zero) * wp.max(sun[2], zero)
@@ -119,7 +166,7 @@ def reflected_area_m2(body: Body, view: wp.vec3d, sun: wp.vec3d) -> wp.float64:
     b = body.side_across * wp.sqrt(view[0] * view[0] + view[1] * view[1])
     c = body.side_along * sun[2]
     d = body.side_across * wp.sqrt(sun[0] * sun[0] + sun[1] * sun[1])
-    apart = wp.atan2(wp.abs(view[0] * sun[1] - view[1] * sun[0]), view[0] * sun[0] + view[1] * sun[1])
+    apart = angle_from_x(wp.abs(view[0] * sun[1] - view[1] * sun[0]), view[0] * sun[0] + view[1] * sun[1])
     side = wp.max(both_positive(a, b, c, d, apart), zero)  # rounding must not make light negative
     return ends + body.side_m2 / _TWO_PI * side
 

@@ -12,12 +12,14 @@ import warp as wp
 
 from warpsim_kernels.albedo import body_albedo_area_m2
 from warpsim_kernels.albedo_series import albedo_series_of, is_dark
+from warpsim_kernels.angles import angle_from_x
 from warpsim_kernels.apparent import ASTRONOMICAL_UNIT_M
 from warpsim_kernels.attitude_table import AttitudeTables, table_quaternion, turned_axes
 from warpsim_kernels.earth import Earth, geocentric_radius_m
 from warpsim_kernels.earthlight import Rule, body_earth_area_m2
 from warpsim_kernels.facets import Facets, body_projected_area_m2, body_reflected_area_m2
-from warpsim_kernels.motion import Attitude, NodeGrid, axes_before_spin, linear_vector, spun
+from warpsim_kernels.heat_series import HeatTables, heat_series_of
+from warpsim_kernels.motion import Attitude, axes_before_spin, spun
 from warpsim_kernels.shadow import sunlit_fraction
 from warpsim_kernels.shapes import Body, projected_area_m2, reflected_area_m2
 from warpsim_kernels.temperature import TemperatureTables
@@ -30,6 +32,7 @@ class Features(NamedTuple):
     meshes: bool = False  # a target is a mesh
     sun: bool = False  # reflected sunlight
     earth: bool = False  # reflected heat of the Earth
+    earth_degree: int = 0  # that by polynomials of this degree; 0: by quadrature
     albedo: bool = False  # reflected sunlight by way of the Earth
     albedo_degree: int = 0  # that by harmonics up to this degree; 0: by quadrature
     profile: bool = False  # how areas change during the exposure, not their means alone
@@ -73,6 +76,7 @@ class Surroundings:
     sun_m: wp.array[wp.vec3d]  # (n_node,) geocentric
     earth: Earth
     earth_rule: Rule  # quadrature of the Earth's heat
+    heat: HeatTables  # polynomials of it
     albedo_rule: Rule  # that of its reflected sunlight, or of the harmonics of it
 
 
@@ -132,6 +136,8 @@ def signature_of(features: Features) -> wp.Function:
     """The function that finds a target's signature."""
     Harmonics, series_harmonics, series_area_m2_sr = albedo_series_of(features.albedo_degree or 2)
 
+    heat_area_m2 = heat_series_of(features.earth_degree or 6).area_m2
+
     @wp.func
     def body_axes(target: Target, tables: Tables, time_s: wp.float64) -> wp.mat33d:
         """Axes of the body as rows, ICRS axes; spin is left out where it changes nothing."""
@@ -159,6 +165,19 @@ def signature_of(features: Features) -> wp.Function:
         return reflected_area_m2(body, view, sun)
 
     @wp.func
+    def heat_m2(
+        body: Body,
+        tables: Tables,
+        surroundings: Surroundings,
+        view: wp.vec3d,
+        nadir: wp.vec3d,
+        limb_sine: wp.float64,
+    ) -> wp.float64:
+        if wp.static(features.earth_degree > 0):
+            return heat_area_m2(surroundings.heat, body, tables.facets, view, nadir, limb_sine)
+        return body_earth_area_m2(surroundings.earth_rule, body, tables.facets, view, nadir, limb_sine)
+
+    @wp.func
     def earthshine_m2_sr(
         body: Body,
         tables: Tables,
@@ -179,7 +198,7 @@ def signature_of(features: Features) -> wp.Function:
         tables: Tables,
         exposure: Exposure,
         surroundings: Surroundings,
-        grid: NodeGrid,
+        sun_m: wp.vec3d,  # geocentric
         place_m: wp.vec3d,  # of the target, geocentric
         towards_sensor: wp.vec3d,  # unit
         time_s: wp.float64,  # when the light left in the middle of the exposure
@@ -188,7 +207,7 @@ def signature_of(features: Features) -> wp.Function:
     ) -> Signature:
         seen = Signature()
         if wp.static(features.sun or features.albedo):
-            to_sun_m = linear_vector(surroundings.sun_m, time_s, grid) - place_m
+            to_sun_m = sun_m - place_m
             distance_au = wp.length(to_sun_m) / ASTRONOMICAL_UNIT_M
             towards_sun = wp.normalize(to_sun_m)
         if wp.static(features.sun):
@@ -220,7 +239,7 @@ def signature_of(features: Features) -> wp.Function:
             if wp.static(features.profile):
                 add_to_series(series, EMITTED, exposure, k, nearer * area_m2)
             if 2 * k + 1 == n_exposure:
-                seen.aspect_rad = wp.atan2(wp.sqrt(view[0] * view[0] + view[1] * view[1]), view[2])
+                seen.aspect_rad = angle_from_x(wp.sqrt(view[0] * view[0] + view[1] * view[1]), view[2])
             if wp.static(features.sun):
                 if seen.sunlit > wp.float64(0.0):
                     sun_area_m2 = lit_m2(target.body, tables, view, axes * towards_sun)
@@ -228,9 +247,7 @@ def signature_of(features: Features) -> wp.Function:
                     if wp.static(features.profile):
                         add_to_series(series, SUN, exposure, k, nearer * sun_area_m2)
             if wp.static(features.earth):
-                earth_area_m2 = body_earth_area_m2(
-                    surroundings.earth_rule, target.body, tables.facets, view, axes * nadir, limb_sine
-                )
+                earth_area_m2 = heat_m2(target.body, tables, surroundings, view, axes * nadir, limb_sine)
                 seen.earth_area_m2 += weight * earth_area_m2
                 if wp.static(features.profile):
                     add_to_series(series, EARTH, exposure, k, nearer * earth_area_m2)

@@ -4,10 +4,10 @@ import functools
 
 import warp as wp
 
-from warpsim_kernels.apparent import Releases, path_from_target
+from warpsim_kernels.apparent import Releases, observer_of, path_from_target
 from warpsim_kernels.camera import Camera, depth, projection, within_frame
 from warpsim_kernels.earth import is_occulted
-from warpsim_kernels.motion import NodeGrid, hermite_velocity_m_s, linear_vector
+from warpsim_kernels.motion import NodeGrid, hermite_velocity_m_s, linear_rate, linear_vector
 from warpsim_kernels.signature import Exposure, Features, Passing, Surroundings, Tables, Target, signature_of
 from warpsim_kernels.temperature import temperature_k
 
@@ -43,6 +43,7 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
         exposure: Exposure,
         surroundings: Surroundings,
         camera: Camera,
+        n_lane: int,  # threads that share a view
         # out
         source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot) first slots; far outside the frame if behind the camera
         range_m: wp.array2d[wp.float64],  # (n_view, n_target)
@@ -56,58 +57,60 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
         flags: wp.array2d[wp.int32],  # (n_view, n_target) IN_FOV | OCCULTED | BEHIND | STOWED
         area_series: wp.array4d[wp.float64],  # (n_view, n_target, N_TERM, n_exposure); empty unless profiles are kept
     ):
-        """Geometry of every (view, target)."""
-        view, target_id = wp.tid()
+        """Geometry of every (view, target); the threads of a view take its targets in turn."""
+        view, lane = wp.tid()
         time_s = view_time_s[view]
-        observer = view_position_m[view]
-        earth_velocity = linear_vector(earth_velocity_m_s, time_s, grid)
-        path = path_from_target(
-            position_m, velocity_m_s, releases, first_target + target_id, time_s, grid, observer, earth_velocity,
-            view_velocity_m_s[view],
-        )
-        flag = int(0)
-        place_px = wp.vec2d(wp.float64(-1.0e9), wp.float64(-1.0e9))
         axes = view_axes[view]
-        if depth(axes, path.apparent) > wp.float64(0.0):
-            place_px = projected_px(camera, axes, path.apparent)
-            if within_frame(camera, place_px, wp.float64(0.0)):
-                flag = IN_FOV
-        else:
-            flag = BEHIND
-        if is_occulted(observer, path.vector_m, surroundings.earth):
-            flag = flag | OCCULTED
-        if path.stowed != 0:
-            flag = flag | STOWED
+        earth_velocity = linear_vector(earth_velocity_m_s, time_s, grid)
+        observer = observer_of(time_s, grid, view_position_m[view], earth_velocity, view_velocity_m_s[view])
+        sun_m = linear_vector(surroundings.sun_m, time_s, grid)
+        sun_m_s = linear_rate(surroundings.sun_m, time_s, grid)
+        for target_id in range(lane, targets.shape[0], n_lane):
+            target = targets[target_id]
+            path = path_from_target(position_m, velocity_m_s, releases, first_target + target_id, grid, observer)
+            flag = int(0)
+            place_px = wp.vec2d(wp.float64(-1.0e9), wp.float64(-1.0e9))
+            if depth(axes, path.apparent) > wp.float64(0.0):
+                place_px = projected_px(camera, axes, path.apparent)
+                if within_frame(camera, place_px, wp.float64(0.0)):
+                    flag = IN_FOV
+            else:
+                flag = BEHIND
+            if is_occulted(observer.position_m, path.vector_m, surroundings.earth):
+                flag = flag | OCCULTED
+            if path.stowed != 0:
+                flag = flag | STOWED
 
-        target = targets[target_id]
-        towards_sensor = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))  # of a sensor at the target
-        if path.range_m > wp.float64(0.0):
-            towards_sensor = -path.vector_m / path.range_m
-        passing = Passing()
-        if wp.static(features.profile):
-            passing.vector_m = path.vector_m
-            passing.velocity_m_s = (
-                hermite_velocity_m_s(position_m, velocity_m_s, first_target + target_id, path.emission_time_s, grid)
-                - (view_velocity_m_s[view] - earth_velocity)
+            towards_sensor = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))  # of a sensor at the target
+            if path.range_m > wp.float64(0.0):
+                towards_sensor = -path.vector_m / path.range_m
+            passing = Passing()
+            if wp.static(features.profile):
+                passing.vector_m = path.vector_m
+                passing.velocity_m_s = (
+                    hermite_velocity_m_s(
+                        position_m, velocity_m_s, first_target + target_id, path.emission_time_s, grid
+                    )
+                    - (view_velocity_m_s[view] - earth_velocity)
+                )
+            seen = signature(
+                target, tables, exposure, surroundings, sun_m + sun_m_s * (path.emission_time_s - time_s),
+                observer.position_m + path.vector_m, towards_sensor, path.emission_time_s, passing, area_series[view, target_id],
             )
-        seen = signature(
-            target, tables, exposure, surroundings, grid, observer + path.vector_m, towards_sensor,
-            path.emission_time_s, passing, area_series[view, target_id],
-        )
-        source_xy_px[view, target_id] = place_px
-        range_m[view, target_id] = path.range_m
-        aspect_rad[view, target_id] = seen.aspect_rad
-        area_m2[view, target_id] = seen.area_m2
-        if wp.static(features.sun):
-            sun_area_m2[view, target_id] = seen.sun_area_m2
-            sunlit[view, target_id] = seen.sunlit
-        if wp.static(features.earth):
-            earth_area_m2[view, target_id] = seen.earth_area_m2
-        if wp.static(features.albedo):
-            albedo_area_m2_sr[view, target_id] = seen.albedo_area_m2_sr
-        temperature[view, target_id] = temperature_k(
-            tables.temperatures, target.temperature_first, target.temperature_count, path.emission_time_s
-        )
-        flags[view, target_id] = flag
+            source_xy_px[view, target_id] = place_px
+            range_m[view, target_id] = path.range_m
+            aspect_rad[view, target_id] = seen.aspect_rad
+            area_m2[view, target_id] = seen.area_m2
+            if wp.static(features.sun):
+                sun_area_m2[view, target_id] = seen.sun_area_m2
+                sunlit[view, target_id] = seen.sunlit
+            if wp.static(features.earth):
+                earth_area_m2[view, target_id] = seen.earth_area_m2
+            if wp.static(features.albedo):
+                albedo_area_m2_sr[view, target_id] = seen.albedo_area_m2_sr
+            temperature[view, target_id] = temperature_k(
+                tables.temperatures, target.temperature_first, target.temperature_count, path.emission_time_s
+            )
+            flags[view, target_id] = flag
 
     return observe_targets_kernel

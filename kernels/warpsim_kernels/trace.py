@@ -8,7 +8,7 @@ import functools
 
 import warp as wp
 
-from warpsim_kernels.apparent import Releases, path_from_target
+from warpsim_kernels.apparent import Releases, observer_of, path_from_target
 from warpsim_kernels.camera import Camera, depth, projection
 from warpsim_kernels.motion import NodeGrid, linear_vector
 
@@ -113,10 +113,9 @@ def make_trace_targets_kernel(distortion: bool) -> wp.Kernel:
             return
         for k in range(instants.n_path):
             time_s = path_time_s[view, k]
-            path = path_from_target(
-                position_m, velocity_m_s, releases, first_target + target, time_s, grid, path_position_m[view, k],
-                linear_vector(earth_velocity_m_s, time_s, grid), path_velocity_m_s[view, k],
-            )
+            earth_velocity = linear_vector(earth_velocity_m_s, time_s, grid)
+            observer = observer_of(time_s, grid, path_position_m[view, k], earth_velocity, path_velocity_m_s[view, k])
+            path = path_from_target(position_m, velocity_m_s, releases, first_target + target, grid, observer)
             if depth(path_axes[view, k], path.apparent) <= _ASIDE:
                 forget_series(offset_px, view, target, instants.n_path)
                 return

@@ -68,8 +68,8 @@ def observe_targets(world: World, chunk: Chunk) -> None:
     look_at_targets(world, chunk.views, seen, sources.xy_px, sources.area_series)
     wp.launch(
         world.field.emit_kernel,
-        dim=(chunk.n_view, world.n_band, world.n_target),
-        inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen)],
+        dim=(chunk.n_view, world.field.n_lane),
+        inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen), world.field.n_lane],
         outputs=[sources.irradiance_w_cm2],
         device=world.device,
     )
@@ -90,7 +90,7 @@ def look_at_targets(
     motion, field = world.motion, world.field
     wp.launch(
         field.observe_kernel,
-        dim=(views.time_s.shape[0], world.n_target),
+        dim=(views.time_s.shape[0], field.n_lane),
         inputs=[
             views.time_s,
             views.axes,
@@ -107,6 +107,7 @@ def look_at_targets(
             field.exposure,
             field.surroundings,
             world.camera,
+            field.n_lane,
         ],
         outputs=[
             xy_px,

@@ -22,7 +22,8 @@ from warpsim.scene.exposure import exposure_rule
 from warpsim.scene.scene import Scene
 from warpsim.sky.bands import band_radiance_w_m2_sr
 from warpsim.target.areas import body_struct
-from warpsim.target.earthlight import albedo_method, nodes_for, rule_struct
+from warpsim.target.earthlight import albedo_method, rule_struct
+from warpsim.target.heat_table import heat_method, heat_tables
 from warpsim.target.facets import facets_of
 
 
@@ -44,6 +45,8 @@ class TargetField:
     radiance: Any
     n_profile: int
     """Coefficients of each target's brightness over the exposure; 0 where nothing asks for them."""
+    n_lane: int
+    """Threads that share the targets of a view: on the CPU one, which finds once what they have in common."""
     observe_kernel: wp.Kernel
     emit_kernel: wp.Kernel
     profile_kernel: wp.Kernel
@@ -57,10 +60,12 @@ def make_target_field(
     turning = make_turning(scene.attitudes, device)
     warmth = make_warmth(scene.temperatures, device)
     facets = facets_of([spec.shape for spec in scene.target_specs], device)
+    earth_degree, n_earth = heat_method_of(scene)
     degree, n_albedo = albedo_method_of(scene)
     features = Features(
         attitude_tables=any(turning.table_count),
         meshes=any(facets.count),
+        earth_degree=earth_degree,
         albedo_degree=degree,
         profile=with_profiles and scene.streaks,
         distortion=scene.camera.lens is not None,
@@ -77,10 +82,11 @@ def make_target_field(
         wp.array(_target_structs(scene, turning, warmth, facets.first), dtype=Target, device=device),
         tables,
         exposure,
-        _surroundings(scene, n_albedo, device),
+        _surroundings(scene, earth_degree, n_earth, n_albedo, device),
         _surfaces(scene, bands, device),
         make_radiance(bands, warmth.span_k, device),
         int(exposure.weight.shape[0]) if features.profile else 0,
+        len(scene.target_names) if device.is_cuda else 1,
         make_observe_targets_kernel(features),
         make_emit_kernel(features),
         make_profile_kernel(features),
@@ -94,8 +100,19 @@ def albedo_method_of(scene: Scene) -> tuple[int, int]:
     if not term.kept:
         return 0, 1
     error = max(lighting.albedo_error, lighting.leave_out_nei / term.bound_nei)  # bound > 0, as it is kept
+    return albedo_method(error, _smallest_limb_sine(scene))
+
+
+def heat_method_of(scene: Scene) -> tuple[int, int]:
+    """Degree of the polynomials, and nodes, for the Earth's heat; the same for all the scene's bands."""
+    if not scene.light_terms["earth"].kept:
+        return 0, 1
+    return heat_method(scene.lighting.quadrature_error, _smallest_limb_sine(scene))
+
+
+def _smallest_limb_sine(scene: Scene) -> float:
     far_m = max(float(np.linalg.norm(track.position_m, axis=1).max()) for track in scene.tracks.targets)
-    return albedo_method(error, EARTH_POLAR_RADIUS_M / far_m)
+    return EARTH_POLAR_RADIUS_M / far_m
 
 
 def _doubles(values: Any, device: wp.Device) -> wp.array:
@@ -122,11 +139,12 @@ def _exposure(scene: Scene, device: wp.Device) -> Any:
     return exposure
 
 
-def _surroundings(scene: Scene, n_albedo: int, device: wp.Device) -> Any:
+def _surroundings(scene: Scene, earth_degree: int, n_earth: int, n_albedo: int, device: wp.Device) -> Any:
     surroundings: Any = Surroundings()
     surroundings.sun_m = wp.array(scene.tracks.sun.position_m, dtype=wp.vec3d, device=device)
     surroundings.earth = earth_struct(scene)
-    surroundings.earth_rule = rule_struct(nodes_for("thermal", scene.lighting.quadrature_error), device)
+    surroundings.earth_rule = rule_struct(n_earth, device)
+    surroundings.heat = heat_tables(earth_degree, device)
     surroundings.albedo_rule = rule_struct(n_albedo, device)
     return surroundings
 
