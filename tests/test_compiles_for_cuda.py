@@ -17,7 +17,7 @@ ARCH = 75  # Turing: the oldest that Warp's CUDA 13 supports; PTX runs on everyt
 EVERYTHING = Features(
     attitude_tables=True, meshes=True, sun=True, earth=True, albedo=True, profile=True, distortion=True
 )
-SERIES = EVERYTHING._replace(albedo_degree=12)
+SERIES = EVERYTHING._replace(albedo_degree=12, earth_degree=14)
 NEI_TERMS = ReadOutFeatures(bad_pixels=True, prnu=True, dsnu=True, column_noise=True, nonlinearity=True)
 ELECTRON_TERMS = NEI_TERMS._replace(electrons=True, shot_noise=True, small_means=True, read_noise=True)
 READ_OUTS = [ReadOutFeatures(), NEI_TERMS._replace(template=True), ELECTRON_TERMS]
@@ -25,6 +25,7 @@ FACTORY_ARGUMENTS = {
     "make_aim_kernel": [(AIM_TRACK, False), (AIM_FIXED, False), (AIM_TABLE, True)],
     "make_observe_targets_kernel": [(Features(),), (EVERYTHING,), (SERIES,)],
     "make_albedo_series_kernel": [(4,), (12,)],
+    "make_heat_series_kernel": [(6,), (14,)],
     "make_emit_kernel": [(Features(),), (EVERYTHING,)],
     "make_split_kernel": [(EVERYTHING,)],
     "make_profile_kernel": [(Features(profile=True),), (EVERYTHING,)],

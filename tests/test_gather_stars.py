@@ -14,11 +14,13 @@ import pytest
 import warp as wp
 from astropy.time import TimeDelta
 from scipy.special import ndtr
+from warpsim_kernels.earth import Earth, is_earth_near, is_star_occulted
 
 import warpsim as ws
 from warpsim.render import stages
 from warpsim.render.buffers import Chunk, new_observations, new_sources, new_views
 from warpsim.render.star_field import star_index
+from warpsim.render.target_field import earth_struct
 from warpsim.render.world import World
 
 ARCSEC_RAD = np.pi / 180 / 3600
@@ -323,3 +325,43 @@ def test_the_renderers_list_is_complete(scene, device, n_pixel, bands):
     assert np.count_nonzero(stars["in_fov"]) == n_inside
     assert n_inside > 200 * n_view
     assert n_beside > 100 * n_view
+
+
+@wp.kernel(enable_backward=False)
+def near_kernel(
+    observer_m: wp.array[wp.vec3d],
+    direction: wp.array[wp.vec3d],
+    star: wp.array[wp.vec3d],
+    radius_rad: wp.array[wp.float64],
+    earth: Earth,
+    near: wp.array[wp.int32],
+    hidden: wp.array[wp.int32],
+):
+    i = wp.tid()
+    near[i] = wp.where(is_earth_near(observer_m[i], direction[i], radius_rad[i], earth), 1, 0)
+    hidden[i] = wp.where(is_star_occulted(observer_m[i], star[i], earth), 1, 0)
+
+
+def test_no_star_is_hidden_where_the_earth_is_not_near(scene, device):
+    """Cones about the limb, some over a pole and some in the Earth, with stars up to their rims."""
+    rng = np.random.default_rng(3)
+    n = 20_000
+    observer = np.stack([unit(v) for v in rng.normal(size=(n, 3))])
+    height = rng.choice([6.3e6, 6.379e6, 6.9e6, 8e6, 4.2e7], n)
+    observer[::5] = [0.0, 0.0, 1.0]
+    radius = rng.choice([1e-6, 0.01, 0.3, 2.0], n)
+    limb = np.arcsin(np.minimum(6.378137e6 / height, 1.0))
+    across = np.cross(observer, np.roll(observer, 1, axis=0) + np.array([1e-3, 0, 0]))
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    off_nadir = limb + radius * rng.uniform(-2, 2, n)
+    direction = -observer * np.cos(off_nadir)[:, None] + across * np.sin(off_nadir)[:, None]
+    towards = off_nadir - radius * rng.choice([1.0, 0.5], n)  # a star of the cone, mostly on the rim next to the Earth
+    star = -observer * np.cos(towards)[:, None] + across * np.sin(towards)[:, None]
+    arrays = [wp.array(v, dtype=wp.vec3d, device=device) for v in (observer * height[:, None], direction, star)]
+    near, hidden = (wp.empty(n, dtype=wp.int32, device=device) for _ in range(2))
+    inputs = [*arrays, wp.array(radius, dtype=wp.float64, device=device), earth_struct(scene)]
+    wp.launch(near_kernel, n, inputs=inputs, outputs=[near, hidden], device=device)
+    near, hidden = near.numpy().astype(bool), hidden.numpy().astype(bool)
+    assert not (hidden & ~near).any()
+    assert hidden.sum() > n / 10
+    assert (~near).sum() > n / 10

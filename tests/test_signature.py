@@ -13,8 +13,11 @@ from warpsim_kernels.signature import Features
 
 import warpsim as ws
 from warpsim.orbit.eclipse import sunlit_fraction
+from warpsim.render import stages
+from warpsim.render.buffers import SEEN, new_observations, new_views, seen_struct
 from warpsim.render.target_field import earth_struct, make_target_field
 from warpsim.render.turning import motion_struct
+from warpsim.render.world import TargetWorld
 from warpsim.scene.exposure import exposure_rule
 from warpsim.target.attitude import BodyMotion, attitude_frame
 
@@ -442,6 +445,26 @@ def test_sunlit_fraction_is_not_made_up(day, scene):
     assert np.isnan(off.sunlit_fraction).all()
     night = ws.light_curves(scene.replace(epoch_utc="2025-03-20T12:00:00"), [100.0], ["sat11"])
     assert (night.sunlit_fraction == 0).all()
+
+
+def test_threads_share_the_targets_of_a_view(day, device):
+    """Whether one thread takes all targets of a view or each takes one, every bit is the same."""
+    world = TargetWorld(day, ["A", "E"], wp.get_device(device))
+    found = []
+    for n_lane in (1, 7, world.n_target):
+        world.field = dataclasses.replace(world.field, n_lane=n_lane)
+        views = new_views(world, np.linspace(0, 1600, 9), np.zeros(9, np.uint32), np.arange(9, dtype=np.uint32))
+        seen = new_observations(world, 9)
+        stages.aim_views(world, views)
+        stages.look_at_targets(world, views, seen, seen.xy_px, wp.empty((0, 0, 0, 0), dtype=wp.float64, device=device))
+        emit = world.field.emit_kernel
+        inputs = [world.field.surfaces, world.field.radiance, seen_struct(seen), n_lane]
+        wp.launch(emit, (9, n_lane), inputs=inputs, outputs=[seen.irradiance_w_cm2], device=device)
+        found.append([getattr(seen, name).numpy() for name in (*SEEN, "xy_px", "aspect_rad", "irradiance_w_cm2")])
+    assert (found[0][-1] > 0).any()
+    for other in found[1:]:
+        for one, two in zip(found[0], other, strict=True):
+            np.testing.assert_array_equal(one, two)
 
 
 def test_a_spread_group_is_lit_where_its_main_target_is_not(scene):

@@ -8,6 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 import warp as wp
+from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial import ConvexHull
 from warpsim_kernels import apparent, emission, motion
 from warpsim_kernels.earth import Earth, is_occulted
@@ -29,6 +30,7 @@ RADIANCE_RTOL = 1e-8  # cubic Hermite in ln(T)
 WIDE_RADIANCE_RTOL = 1e-8  # measured 8e-10, largest at 3 K
 RANGE_ATOL_M = 1e-6
 DIRECTION_ATOL_RAD = 1e-12
+LIGHT_TIME_RTOL = 3e-14  # three steps of the iteration leave (v / c)^3 of the range
 SECOND_ORDER_RAD = 5e-9  # v / c of the Earth times that of the orbit, 1e-4 * 2.6e-5, and its like
 RADIANCE_FLOOR_W_M2_SR = 2e-300  # the table keeps this instead of 0, to have a logarithm
 
@@ -371,6 +373,31 @@ def test_light_path_matches_an_independent_iteration(device):
     direct = (tracks[1].state(emitted)[0] - observer) / distance[:, None]
     direct = erfa.ab(direct, orbital / SPEED_OF_LIGHT_M_S, 1e12, 1.0)
     np.testing.assert_allclose(seen, direct, rtol=0, atol=SECOND_ORDER_RAD)
+
+
+@pytest.mark.parametrize("far_m", [1e6, 1e9, 2e10], ids=["a body's own step", "within a step", "some steps"])
+def test_light_that_left_before_a_node(device, far_m):
+    """Just after nodes, the light left in an earlier step: the one before, or 66 s ago; and before the first node."""
+    tracks = orbit_tracks()
+    time = np.concatenate([12.0 * np.arange(0, 36) + 1e-6, 12.0 * np.arange(0, 36) + 5.0])
+    observer = tracks[1].state(time)[0] + far_m * np.array([0.6, 0.0, 0.8])
+    still = np.zeros((len(time), 3))
+    range_m, emission_s, seen = launch_light_path(tracks, time, observer, np.zeros(3), still, device)
+    emitted = time.copy()
+    for _ in range(20):
+        vector = hermite_twin(tracks[1], emitted) - observer
+        distance = np.linalg.norm(vector, axis=1)
+        emitted = time - distance / SPEED_OF_LIGHT_M_S
+    np.testing.assert_allclose(range_m, distance, rtol=LIGHT_TIME_RTOL, atol=RANGE_ATOL_M)
+    allowed_s = 2e-13 + LIGHT_TIME_RTOL * distance.max() / SPEED_OF_LIGHT_M_S
+    np.testing.assert_allclose(emission_s, emitted, rtol=0, atol=allowed_s)
+    np.testing.assert_allclose(seen, vector / distance[:, None], rtol=0, atol=DIRECTION_ATOL_RAD)
+
+
+def hermite_twin(track, time_s):
+    """Cubic between nodes by SciPy; the first and last polynomials hold beyond them."""
+    node_s = track.start_s + track.step_s * np.arange(len(track.position_m))
+    return CubicHermiteSpline(node_s, track.position_m, track.velocity_m_s, extrapolate=True)(time_s)
 
 
 def test_target_at_the_sensor_stays_finite(device):

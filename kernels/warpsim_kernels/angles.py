@@ -61,23 +61,12 @@ def angle_from_x(y: wp.float64, x: wp.float64) -> wp.float64:
     u = wp.where(beyond, low - high, low) / wp.max(wp.where(beyond, low + high, high), _LEAST)
     z = u * u
     w = z * z
-    even = wp.float64(3.33333333333329318027e-01) + w * (
-        wp.float64(1.42857142725034663711e-01)
-        + w * (
-            wp.float64(9.09088713343650656196e-02)
-            + w * (
-                wp.float64(6.66107313738753120669e-02)
-                + w * (wp.float64(4.97687799461593236017e-02) + w * wp.float64(1.62858201153657823623e-02))
-            )
-        )
-    )
-    odd = wp.float64(-1.99999999998764832476e-01) + w * (
-        wp.float64(-1.11111104054623557880e-01)
-        + w * (
-            wp.float64(-7.69187620504482999495e-02)
-            + w * (wp.float64(-5.83357013379057348645e-02) + w * wp.float64(-3.65315727442169155270e-02))
-        )
-    )
+    even = wp.float64(4.97687799461593236017e-02) + w * wp.float64(1.62858201153657823623e-02)
+    even = wp.float64(9.09088713343650656196e-02) + w * (wp.float64(6.66107313738753120669e-02) + w * even)
+    even = wp.float64(3.33333333333329318027e-01) + w * (wp.float64(1.42857142725034663711e-01) + w * even)
+    odd = wp.float64(-5.83357013379057348645e-02) + w * wp.float64(-3.65315727442169155270e-02)
+    odd = wp.float64(-1.11111104054623557880e-01) + w * (wp.float64(-7.69187620504482999495e-02) + w * odd)
+    odd = wp.float64(-1.99999999998764832476e-01) + w * odd
     angle = u - u * (z * even + w * odd) + wp.where(beyond, _QUARTER_PI, wp.float64(0.0))
     angle = wp.where(y > across, _HALF_PI - angle, angle)
     return wp.where(x < wp.float64(0.0), _PI - angle, angle)

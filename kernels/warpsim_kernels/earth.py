@@ -4,6 +4,8 @@ import warp as wp
 
 _TO_THE_STARS_M = wp.constant(wp.float64(1.0e10))
 """Beyond everything near the Earth, yet short enough for the digits of the test."""
+_LIMB_SLACK_RAD = wp.constant(wp.float64(1.0e-6))
+"""Covers the rounding of angles, 2e-8 where arc cosines are worst."""
 
 
 @wp.struct
@@ -49,3 +51,15 @@ def is_star_occulted(observer_m: wp.vec3d, direction: wp.vec3d, earth: Earth) ->
     The catalog's barycentric direction is taken for the geocentric one: at the limb, 20 arcsec are 0.3 km at 3000 km.
     """
     return is_occulted(observer_m, direction * _TO_THE_STARS_M, earth)
+
+
+@wp.func
+def is_earth_near(observer_m: wp.vec3d, direction: wp.vec3d, radius_rad: wp.float64, earth: Earth) -> bool:
+    """False only where no ray within radius_rad of a unit direction meets the Earth: a sphere about the ellipsoid."""
+    one = wp.float64(1.0)
+    distance_m = wp.length(observer_m)
+    if distance_m <= earth.equatorial_radius_m:
+        return True
+    limb_rad = wp.asin(earth.equatorial_radius_m / distance_m)
+    off_nadir_rad = wp.acos(wp.clamp(-wp.dot(observer_m, direction) / distance_m, -one, one))
+    return off_nadir_rad <= limb_rad + radius_rad + _LIMB_SLACK_RAD

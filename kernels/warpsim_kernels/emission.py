@@ -203,15 +203,17 @@ def record_targets_kernel(
     source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
     source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
     source_offset_px: wp.array3d[wp.vec2],  # (n_view, n_slot, n_path)
+    n_lane: int,  # threads that share a view
     # out
     xy_px: wp.array2d[wp.vec2d],  # (n_view, n_target)
     irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_target)
     offset_px: wp.array3d[wp.vec2],  # (n_view, n_target, n_path)
 ):
     """Keep, for the truth, the very numbers that the deposit draws: label and light cannot differ."""
-    view, band, target = wp.tid()
-    irradiance_w_cm2[view, band, target] = source_irradiance_w_cm2[view, band, target]
-    if band == 0:
+    view, lane = wp.tid()
+    for target in range(lane, xy_px.shape[1], n_lane):
         xy_px[view, target] = source_xy_px[view, target]
         for l in range(offset_px.shape[2]):
             offset_px[view, target, l] = source_offset_px[view, target, l]
+        for band in range(irradiance_w_cm2.shape[1]):
+            irradiance_w_cm2[view, band, target] = source_irradiance_w_cm2[view, band, target]

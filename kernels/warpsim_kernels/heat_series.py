@@ -1,10 +1,10 @@
 """Heat of the Earth that a body reflects, float64, by polynomials: fast, less exact.
 
-A plane element's view factor is limb_sine^2 (c / 2 + E(c^2)), c the cosine between normal and nadir: what is odd in c is
-linear, as a whole disc and its mirror image fill each other up. E is smooth, and the host keeps polynomials of it in a
-table over the height (see `heat_table` on the host). Around the side of a turned body c is c0 + d cos(azimuth), and E a
-trigonometric polynomial, whose first waves come from samples over half a turn; its product with the share of the side
-that is seen is integrated in closed form. A sphere's area is such a polynomial as well (Funk and Hecke).
+A plane element's view factor is limb_sine^2 (c / 2 + E(c^2)), c the cosine between normal and nadir: what is odd in c
+is linear, as what a disc gives to both sides of a plane adds up so. E is smooth, and the host keeps polynomials of it
+in a table over the height (`warpsim.target.heat_table`). Around the side of a turned body c is c0 + d cos(azimuth), and
+E a trigonometric polynomial, whose first waves come from samples over half a turn; its product with the share of the
+side that is seen is integrated in closed form. A sphere's area is such a polynomial as well (Funk and Hecke).
 
 The areas are those of earthlight.py but for the polynomials' error.
 """

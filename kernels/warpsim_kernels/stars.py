@@ -5,10 +5,10 @@ import math
 
 import warp as wp
 
-from warpsim_kernels.apparent import aberrated, deflected, seen_from
+from warpsim_kernels.apparent import boost_by, boosted, deflected, seen_from
 from warpsim_kernels.band_index import cone_cover, run_of_stars
 from warpsim_kernels.camera import Camera, depth, projection, within_frame
-from warpsim_kernels.earth import Earth, is_star_occulted
+from warpsim_kernels.earth import Earth, is_earth_near, is_star_occulted
 from warpsim_kernels.motion import NodeGrid, linear_vector
 
 
@@ -87,29 +87,36 @@ def make_gather_stars_kernel(
             reach_px = view_reach[view][0]
             radius_rad = wp.min(radius_rad + view_reach[view][1], wp.float64(wp.static(math.pi)))
             cosine = wp.cos(radius_rad)
+        boost = boost_by(view_velocity_m_s[view])
+        at_limb = is_earth_near(view_position_m[view], boresight, radius_rad, earth)
         cover = cone_cover(boresight, radius_rad)
         for band in range(cover.first_band, cover.last_band + 1):
             for part in range(2):
                 run = run_of_stars(stars.cell_start, stars.direction, band, cover, part)
                 for star in range(run[0], run[1]):
                     seen = stars.direction[star]
-                    if wp.dot(seen, boresight) < cosine or is_star_occulted(view_position_m[view], seen, earth):
+                    if wp.dot(seen, boresight) < cosine:
                         continue
+                    if at_limb:
+                        if is_star_occulted(view_position_m[view], seen, earth):
+                            continue
                     if wp.static(with_parallax):
                         seen = seen_from(seen, wp.float64(stars.parallax_rad[star]), observer_m)
                     if wp.static(with_deflection):
                         seen = deflected(seen, from_sun_m)
                     if wp.static(with_aberration):
-                        seen = aberrated(seen, view_velocity_m_s[view])
+                        seen = boosted(seen, wp.float64(1.0), boost)
+                    if depth(axes, seen) <= wp.float64(0.0):
+                        continue
                     xy_px = projected_px(camera, axes, seen)
                     margin_px = wp.float64(stars.half_width_px[star]) + reach_px
-                    if depth(axes, seen) <= wp.float64(0.0) or not within_frame(camera, xy_px, margin_px):
+                    if not within_frame(camera, xy_px, margin_px):
                         continue
                     if n < n_slot:
                         source_xy_px[view, n] = xy_px
                         source_star[view, n] = star
                         if wp.static(with_streaks):
-                            source_direction[view, n] = seen
+                            source_direction[view, n] = wp.normalize(seen)
                         for channel in range(source_irradiance_w_cm2.shape[1]):
                             source_irradiance_w_cm2[view, channel, n] = stars.irradiance_w_cm2[channel, star]
                     n += 1

@@ -95,7 +95,8 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
                 )
             seen = signature(
                 target, tables, exposure, surroundings, sun_m + sun_m_s * (path.emission_time_s - time_s),
-                observer.position_m + path.vector_m, towards_sensor, path.emission_time_s, passing, area_series[view, target_id],
+                observer.position_m + path.vector_m, towards_sensor, path.emission_time_s, passing,
+                area_series[view, target_id],
             )
             source_xy_px[view, target_id] = place_px
             range_m[view, target_id] = path.range_m

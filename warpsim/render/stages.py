@@ -230,8 +230,8 @@ def record_targets(world: World, chunk: Chunk) -> None:
     sources, seen = chunk.sources, chunk.observations
     wp.launch(
         record_targets_kernel,
-        dim=(chunk.n_view, world.n_band, world.n_target),
-        inputs=[sources.xy_px, sources.irradiance_w_cm2, sources.offset_px],
+        dim=(chunk.n_view, world.field.n_lane),
+        inputs=[sources.xy_px, sources.irradiance_w_cm2, sources.offset_px, world.field.n_lane],
         outputs=[seen.xy_px, seen.irradiance_w_cm2, seen.offset_px],
         device=world.device,
     )

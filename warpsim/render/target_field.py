@@ -23,8 +23,8 @@ from warpsim.scene.scene import Scene
 from warpsim.sky.bands import band_radiance_w_m2_sr
 from warpsim.target.areas import body_struct
 from warpsim.target.earthlight import albedo_method, rule_struct
-from warpsim.target.heat_table import heat_method, heat_tables
 from warpsim.target.facets import facets_of
+from warpsim.target.heat_table import heat_method, heat_tables
 
 
 @dataclass(frozen=True)

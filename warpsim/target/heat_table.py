@@ -90,7 +90,7 @@ def _sphere_matrix(degree: int) -> F64:
     rows = []
     for power in range(0, degree + 1, 2):
         harmonics = np.polynomial.legendre.poly2leg(np.eye(power + 1)[power])
-        damped = harmonics * [damping(l) for l in range(power + 1)]
+        damped = harmonics * [damping(order) for order in range(power + 1)]
         kept = np.polynomial.legendre.leg2poly(damped)[::2]
         rows.append(np.pad(kept, (0, degree // 2 + 1 - len(kept))))
     return np.stack(rows)
