@@ -25,6 +25,7 @@ FACTORY_ARGUMENTS = {
     "make_aim_kernel": [(AIM_TRACK, False), (AIM_FIXED, False), (AIM_TABLE, True)],
     "make_observe_targets_kernel": [(Features(),), (EVERYTHING,), (SERIES,)],
     "make_albedo_series_kernel": [(4,), (12,)],
+    "make_albedo_table_kernel": [(4,), (12,)],
     "make_heat_series_kernel": [(6,), (14,)],
     "make_emit_kernel": [(Features(),), (EVERYTHING,)],
     "make_split_kernel": [(EVERYTHING,)],

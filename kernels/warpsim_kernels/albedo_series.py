@@ -167,7 +167,7 @@ def albedo_series_of(degree: int) -> AlbedoSeries:
         for i in range(rule.n_node):
             x = low + (high - low) * rule.place[i]
             zenith = x * (x + near) / scale
-            zenith_sine2 = (one - zenith) * (one + zenith)
+            zenith_sine2 = wp.max((one - zenith) * (one + zenith), wp.float64(0.0))  # 1 may be rounded up
             zenith_sine = wp.sqrt(zenith_sine2)
             cosine = wp.sqrt(k * k + s * s * zenith * zenith)
             up = zenith * cosine + s * zenith_sine2

@@ -12,6 +12,7 @@ import warp as wp
 
 from warpsim_kernels.albedo import body_albedo_area_m2
 from warpsim_kernels.albedo_series import albedo_series_of, is_dark
+from warpsim_kernels.albedo_table import table_harmonics_of
 from warpsim_kernels.angles import angle_from_x
 from warpsim_kernels.apparent import ASTRONOMICAL_UNIT_M
 from warpsim_kernels.attitude_table import AttitudeTables, table_quaternion, turned_axes
@@ -77,7 +78,8 @@ class Surroundings:
     earth: Earth
     earth_rule: Rule  # quadrature of the Earth's heat
     heat: HeatTables  # polynomials of it
-    albedo_rule: Rule  # that of its reflected sunlight, or of the harmonics of it
+    albedo_rule: Rule  # that of its reflected sunlight
+    albedo_table: wp.array3d[wp.float64]  # (n_height, n_zenith, n_harmonic) harmonics of that
 
 
 @wp.struct
@@ -134,7 +136,8 @@ def scale_series(series: wp.array2d[wp.float64], term: int, factor: wp.float64):
 @functools.cache
 def signature_of(features: Features) -> wp.Function:
     """The function that finds a target's signature."""
-    Harmonics, series_harmonics, series_area_m2_sr = albedo_series_of(features.albedo_degree or 2)
+    Harmonics, _, series_area_m2_sr = albedo_series_of(features.albedo_degree or 2)
+    table_harmonics = table_harmonics_of(features.albedo_degree or 2)
 
     heat_area_m2 = heat_series_of(features.earth_degree or 6).area_m2
 
@@ -222,7 +225,8 @@ def signature_of(features: Features) -> wp.Function:
             dark = is_dark(limb_sine, sun_up, sun_across)
             light = Harmonics()
             if wp.static(features.albedo_degree > 0):
-                light = series_harmonics(surroundings.albedo_rule, limb_sine, sun_up, sun_across)
+                if not dark:
+                    light = table_harmonics(surroundings.albedo_table, limb_sine, sun_up, sun_across)
         n_exposure = exposure.offset_s.shape[0]
         if wp.static(features.profile):
             for term in range(wp.static(N_TERM)):

@@ -21,6 +21,7 @@ from warpsim.render.warmth import Warmth, make_radiance, make_warmth
 from warpsim.scene.exposure import exposure_rule
 from warpsim.scene.scene import Scene
 from warpsim.sky.bands import band_radiance_w_m2_sr
+from warpsim.target.albedo_table import albedo_table
 from warpsim.target.areas import body_struct
 from warpsim.target.earthlight import albedo_method, rule_struct
 from warpsim.target.facets import facets_of
@@ -82,7 +83,7 @@ def make_target_field(
         wp.array(_target_structs(scene, turning, warmth, facets.first), dtype=Target, device=device),
         tables,
         exposure,
-        _surroundings(scene, earth_degree, n_earth, n_albedo, device),
+        _surroundings(scene, (earth_degree, n_earth), (degree, n_albedo), device),
         _surfaces(scene, bands, device),
         make_radiance(bands, warmth.span_k, device),
         int(exposure.weight.shape[0]) if features.profile else 0,
@@ -139,13 +140,14 @@ def _exposure(scene: Scene, device: wp.Device) -> Any:
     return exposure
 
 
-def _surroundings(scene: Scene, earth_degree: int, n_earth: int, n_albedo: int, device: wp.Device) -> Any:
+def _surroundings(scene: Scene, heat: tuple[int, int], albedo: tuple[int, int], device: wp.Device) -> Any:
     surroundings: Any = Surroundings()
     surroundings.sun_m = wp.array(scene.tracks.sun.position_m, dtype=wp.vec3d, device=device)
     surroundings.earth = earth_struct(scene)
-    surroundings.earth_rule = rule_struct(n_earth, device)
-    surroundings.heat = heat_tables(earth_degree, device)
-    surroundings.albedo_rule = rule_struct(n_albedo, device)
+    surroundings.earth_rule = rule_struct(heat[1], device)
+    surroundings.heat = heat_tables(heat[0], device)
+    surroundings.albedo_rule = rule_struct(albedo[1], device)
+    surroundings.albedo_table = albedo_table(*albedo, device)
     return surroundings
 
 

@@ -33,8 +33,8 @@ class Lighting:
         earth_k: Brightness temperature of the Earth by band [K]; `EARTH_K` in bands that are not named.
         sun_w_cm2: Irradiance of the Sun in a band at 1 au by band [W/cm2]; that of a blackbody of 5772 K in bands that
             are not named.
-        quadrature_error: Largest error of quadratures, as a share of the largest value of what is integrated: over a
-            body's side and the Earth's disc, and over the exposure.
+        quadrature_error: Largest error of quadratures, and of the polynomials that stand for them, as a share of the
+            largest value of what is integrated: over a body's side and the Earth's disc, and over the exposure.
         albedo_error: Largest error of sunlight by way of the Earth, as a share of the most that it can be at the
             target's distance from the Earth; a larger one is taken where it surely stays within `leave_out_nei`.
     """
