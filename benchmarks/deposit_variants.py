@@ -1,4 +1,4 @@
-"""Other ways to add up light than the product's, for comparison: one thread per source, and other sums.
+"""Other ways to draw than the product's, for comparison: error functions, one thread per source, and other sums.
 
 The product gathers: a thread owns pixels and adds sources in list order, in float32. Here each source has a thread of
 its own and scatters its stamp, by float32 atomics (the order of additions varies from run to run on CUDA) or as whole
@@ -10,7 +10,15 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from warpsim_kernels.psf import TABLE_LANE, TablePsf, table_functions, table_reach_px, table_wing
+from warpsim_kernels.psf import (
+    TABLE_LANE,
+    TablePsf,
+    gaussian_pixel_share,
+    gaussian_reach_px,
+    table_functions,
+    table_reach_px,
+    table_wing,
+)
 from warpsim_kernels.stamps import (
     Stamp,
     StampRule,
@@ -51,10 +59,10 @@ def make_add_stamp(n_point: int, sum_type: Any, scatters: bool) -> wp.Function:
         for row in range(stamp.window.first_row, stamp.window.end_row):
             in_row = row_in(place, row - stamp.row, psf)
             columns = columns_of_row(stamp, row)
-            served = int(-1)
+            served = wp.int32(-1)
             for column in range(columns[0], columns[1]):
                 step = column - stamp.column
-                share = float(0.0)
+                share = wp.float32(0.0)
                 if in_row.first < 0 or step < place.first_step or step >= place.end_step:
                     share = table_wing(psf, place.dx_px + float(step), in_row.distance_px)
                 else:
@@ -104,7 +112,7 @@ def make_scatter_kernel(n_point: int, fixed_point: bool) -> wp.Kernel:
 
 @functools.cache
 def make_gather_kernel(n_point: int, real: Any) -> wp.Kernel:
-    """The product's gather for one image, with sums of a type."""
+    """The product's gather for one image, pixel by pixel, with sums of a type."""
     nodes_type = table_functions(n_point).Nodes
     add_stamp = make_add_stamp(n_point, real, False)
 
@@ -138,7 +146,7 @@ class Variant:
     """One way to draw sources on one image.
 
     Args:
-        name: One of VARIANTS; "gather float32" is the product's way.
+        name: One of VARIANTS; "gather float32" sums as the product does, pixel by pixel.
         psf: An Airy pattern.
         shape: (n_row, n_col).
         device: Where it is drawn.
@@ -171,3 +179,39 @@ class Variant:
     def values(self) -> np.ndarray:
         """The image in units of irradiance, float64."""
         return np.asarray(self.image.numpy(), dtype=np.float64) * (QUANTUM if self._fixed else 1.0)
+
+
+ManyShares = wp.types.vector(length=32, dtype=wp.float32)
+
+
+@wp.kernel(enable_backward=False)
+def error_function_kernel(
+    # in
+    xy_px: wp.array[wp.vec2d],  # (n_source,)
+    irradiance: wp.array[float],  # (n_source,)
+    sigma_px: float,
+    rule: StampRule,
+    # out (accumulated)
+    image: wp.array2d[float],  # (n_row, n_col)
+):
+    """Gaussians by error functions at the edges of pixels, pixel by pixel."""
+    shares = ManyShares()
+    sigma = wp.vec2(sigma_px, sigma_px)
+    window = whole_image(image.shape[0], image.shape[1])
+    for source in range(xy_px.shape[0]):
+        place_px = xy_px[source]
+        reach_px = gaussian_reach_px(sigma, stamp_cut(irradiance[source], 0, rule))
+        stamp = stamp_around(place_px, reach_px, 1.0, window)
+        columns = columns_of_row(stamp, stamp.row)
+        for column in range(columns[0], columns[1]):
+            shares[column - columns[0]] = gaussian_pixel_share(wp.float64(column) - place_px[0], sigma_px)
+        for row in range(stamp.window.first_row, stamp.window.end_row):
+            light = irradiance[source] * gaussian_pixel_share(wp.float64(row) - place_px[1], sigma_px)
+            for column in range(columns[0], columns[1]):
+                image[row, column] = image[row, column] + light * shares[column - columns[0]]
+
+
+def draw_by_error_functions(xy_px: wp.array, irradiance: wp.array, sigma_px: float, rule: Any, image: wp.array) -> None:
+    """Overwrite an image with Gaussians; stamps are 32 pixels wide at most."""
+    image.zero_()
+    wp.launch(error_function_kernel, 1, [xy_px, irradiance, sigma_px, rule], [image], device=image.device)

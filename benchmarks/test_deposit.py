@@ -3,11 +3,12 @@
     python -m pytest benchmarks/test_deposit.py --benchmark-json=benchmarks/results/deposit.json
     python benchmarks/report.py benchmarks/results/deposit.json --plot deposit.png
 
-The deposit alone, one thread, thousands of sources at random places of one image. Ways to draw: error functions for a
-Gaussian, share tables of several orders and errors for Gaussian and Airy patterns; stamps that leave out more or less;
-streaks by more or fewer nodes; sums in float32, float64 and fixed point. The error is that of the worst pixel of single
-sources of unit light at random places, against float64 quadrature written here; of sums, that of the worst pixel of a
-crowd, as a share of the brightest one.
+The deposit alone, one thread, thousands of sources at random places of one image; launches are recorded, so that no
+Python is timed. Ways to draw: a Gaussian by tables of one axis and by error functions, share tables of several orders
+and errors for Gaussian and Airy patterns; stamps that leave out more or less; few and many sources; streaks by more or
+fewer nodes; sums in float32, float64 and fixed point. The error is that of the worst pixel of single sources of unit
+light at random places, against float64 quadrature written here; of sums, that of the worst pixel of a crowd, as a share
+of the brightest one.
 """
 
 from __future__ import annotations
@@ -18,9 +19,10 @@ import numpy as np
 import pytest
 import warp as wp
 from scipy.special import ndtr
+from warpsim_kernels.strips import n_flag
 
 import warpsim as ws
-from benchmarks.deposit_variants import VARIANTS, Variant
+from benchmarks.deposit_variants import VARIANTS, Variant, draw_by_error_functions
 from benchmarks.psf_oracle import pixel_share
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
 from warpsim.optics.tables import TableAccuracy
@@ -37,6 +39,7 @@ AIRY = ws.PsfAiry(0.478)
 GAUSSIAN_IMAGE_STEP = 16
 ERRORS = (1e-3, 1e-4, 1e-5, 1e-6)
 STREAK_PX = 5.0
+PRODUCT = "gather float32 by vectors, the product"
 
 
 def gaussian_image() -> ws.PsfTable:
@@ -46,7 +49,7 @@ def gaussian_image() -> ws.PsfTable:
     return ws.PsfTable(np.outer(profile, profile), GAUSSIAN_IMAGE_STEP)
 
 
-WAYS: dict[str, tuple[Any, TableAccuracy | None]] = {"Gaussian, error functions": (ws.PsfGaussian(SIGMA_PX), None)}
+WAYS: dict[str, tuple[Any, TableAccuracy | None]] = {"Gaussian, tables of one axis": (ws.PsfGaussian(SIGMA_PX), None)}
 WAYS |= {
     f"{name}, table, {n_point} points, {error:g}": (psf, TableAccuracy(error, n_point))
     for name, psf in (("Gaussian", gaussian_image()), ("Airy", AIRY))
@@ -68,16 +71,22 @@ class Drawing:
             wp.array(xy_px[None], dtype=wp.vec2d, device="cpu"),
             wp.array(np.ones((1, 1, n)), dtype=wp.float32, device="cpu"),
         ]
-        self.signal = wp.empty((1, 1, N_PIXEL, N_PIXEL), dtype=wp.float32, device="cpu")
+        self.signal = wp.zeros((1, 1, N_PIXEL, N_PIXEL), dtype=wp.float32, device="cpu")
+        self.lit = wp.zeros((1, 1, n_flag(N_PIXEL * N_PIXEL)), dtype=wp.uint8, device="cpu")
         self.paths = None
         if path_px is not None:
             series = np.broadcast_to(np.asarray(path_px, np.float32), (1, n, len(path_px), 2))
             still = wp.zeros((1, 1, 0, 0), dtype=wp.float32, device="cpu")
             self.paths = paths_struct(wp.array(series.copy(), dtype=wp.vec2, device="cpu"), still, 0)
 
+    def draw(self) -> None:
+        """Add the light of the sources to the image."""
+        self.bank.deposit(self.sources, self.rule, N_PIXEL, self.signal, self.paths, self.lit)
+
     def __call__(self) -> Any:
-        """Draw; the image, float64."""
-        self.bank.deposit(self.sources, self.rule, N_PIXEL, self.signal, self.paths)
+        """The image, float64."""
+        self.signal.zero_()
+        self.draw()
         return self.signal.numpy()[0, 0].astype(np.float64)
 
 
@@ -91,12 +100,18 @@ def worst_pixel(psf: Any, accuracy: TableAccuracy | None, rule: Any, path_px: An
     worst = 0.0
     for xy_px in places(N_CHECKED):
         image = Drawing(psf, accuracy, xy_px[None], rule, path_px)()
-        column, row = np.round(xy_px).astype(int)
-        for dy in range(-reach, reach + 1):
-            for dx in range(-reach, reach + 1):
-                exact = exact_share(psf, column + dx - xy_px[0], row + dy - xy_px[1], path_px)
-                worst = max(worst, abs(image[row + dy, column + dx] - exact))
+        worst = max(worst, error_near(image, psf, xy_px, reach, path_px))
     return worst
+
+
+def error_near(image: Any, psf: Any, xy_px: Any, reach: int, path_px: Any = None) -> float:
+    """Largest error of the pixels about a single source."""
+    middle = np.round(xy_px).astype(int)
+    near = range(-reach, reach + 1)
+    pixels = [(middle[0] + dx, middle[1] + dy) for dy in near for dx in near]
+    exact = [exact_share(psf, column - xy_px[0], row - xy_px[1], path_px) for column, row in pixels]
+    found = [image[row, column] for column, row in pixels]
+    return float(np.abs(np.subtract(found, exact)).max())
 
 
 def exact_share(psf: Any, dx: float, dy: float, path_px: Any = None) -> float:
@@ -114,18 +129,19 @@ def gaussian_axis(offset: Any) -> Any:
     return ndtr((offset + 0.5) / SIGMA_PX) - ndtr((offset - 0.5) / SIGMA_PX)
 
 
-def timed(benchmark: Any, drawing: Drawing) -> bool:
-    """Time a drawing; whether there is a time."""
+def timed(benchmark: Any, draw: Any) -> bool:
+    """Time what draws, its launches recorded; whether there is a time."""
+    draw()  # compiles
+    with wp.ScopedCapture("cpu") as capture:
+        draw()
     benchmark.pedantic(
-        lambda: drawing.bank.deposit(drawing.sources, drawing.rule, N_PIXEL, drawing.signal, drawing.paths),
-        rounds=9 if benchmark.enabled else 1,
-        warmup_rounds=1,
+        lambda: wp.capture_launch(capture.graph), rounds=15 if benchmark.enabled else 1, warmup_rounds=1
     )
     return benchmark.stats is not None
 
 
-def ns_per_source(benchmark: Any) -> float:
-    return float(benchmark.stats.stats.median / N_SOURCE * 1e9)
+def ns_per_source(benchmark: Any, n_source: int = N_SOURCE) -> float:
+    return float(benchmark.stats.stats.median / n_source * 1e9)
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -133,7 +149,7 @@ def test_ways(benchmark, way):
     psf, accuracy = WAYS[way]
     # The same stamps for all: 7 x 7 pixels hold what is above 1e-5 of a source's light, or nearly so.
     rule = stamp_rule([0.0], 1e-5, "cpu")
-    if timed(benchmark, Drawing(psf, accuracy, places(N_SOURCE), rule)):
+    if timed(benchmark, Drawing(psf, accuracy, places(N_SOURCE), rule).draw):
         kind, _, how = way.partition(", ")
         fine = stamp_rule([0.0], 1e-9, "cpu")
         benchmark.extra_info.update(
@@ -144,13 +160,46 @@ def test_ways(benchmark, way):
         )
 
 
+def test_error_functions(benchmark):
+    """The same Gaussian stamps without tables or vectors."""
+    lists = Drawing(ws.PsfGaussian(SIGMA_PX), None, places(N_SOURCE), None).sources
+    xy_px, irradiance, image = lists[1][0], lists[2][0, 0], wp.zeros((N_PIXEL, N_PIXEL), dtype=float, device="cpu")
+    rule = stamp_rule([0.0], 1e-5, "cpu")
+    if timed(benchmark, lambda: draw_by_error_functions(xy_px, irradiance, SIGMA_PX, rule, image)):
+        fine, worst = stamp_rule([0.0], 1e-9, "cpu"), 0.0
+        for place in places(N_CHECKED):
+            one = wp.array(place[None], dtype=wp.vec2d, device="cpu")
+            draw_by_error_functions(one, irradiance[:1], SIGMA_PX, fine, image)
+            worst = max(worst, error_near(image.numpy(), ws.PsfGaussian(SIGMA_PX), place, 4))
+        benchmark.extra_info.update(
+            group="Gaussian, shares",
+            way="error functions",
+            ns_per_source=ns_per_source(benchmark),
+            deposit_error=worst,
+        )
+
+
+@pytest.mark.parametrize("n_source", [100, 1000, 10_000, 100_000])
+@pytest.mark.parametrize("name", ["Gaussian", "Airy"])
+def test_number_of_sources(benchmark, name, n_source):
+    """Time grows with the number of sources, and with nothing else."""
+    psf, rule = ws.PsfGaussian(SIGMA_PX) if name == "Gaussian" else AIRY, stamp_rule([0.0], 1e-3, "cpu")
+    if timed(benchmark, Drawing(psf, None, places(n_source), rule).draw):
+        benchmark.extra_info.update(
+            group=f"{name}, number of sources",
+            way=f"{n_source:,} sources",
+            ns_per_source=ns_per_source(benchmark, n_source),
+            deposit_error=worst_pixel(psf, None, rule),
+        )
+
+
 @pytest.mark.parametrize("cut", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
 @pytest.mark.parametrize("name", ["Gaussian", "Airy"])
 def test_stamp_rules(benchmark, name, cut):
     psf = ws.PsfGaussian(SIGMA_PX) if name == "Gaussian" else AIRY
     rule = stamp_rule([0.0], cut, "cpu")
     drawing = Drawing(psf, None, places(N_SOURCE), rule)
-    if timed(benchmark, drawing):
+    if timed(benchmark, drawing.draw):
         shares = [wp.empty((1, 1, N_SOURCE), dtype=wp.float32, device="cpu") for _ in range(2)]
         drawing.bank.measure_stamps(drawing.sources[1:], rule, shares)
         benchmark.extra_info.update(
@@ -166,7 +215,7 @@ def test_stamp_rules(benchmark, name, cut):
 def test_streaks(benchmark, error):
     psf, path_px = ws.PsfGaussian(SIGMA_PX), [(0.0, 0.0), (0.4 * STREAK_PX, 0.3 * STREAK_PX)]
     rule = stamp_rule([0.0], 1e-6, "cpu", error)
-    if timed(benchmark, Drawing(psf, None, places(N_SOURCE), rule, path_px)):
+    if timed(benchmark, Drawing(psf, None, places(N_SOURCE), rule, path_px).draw):
         benchmark.extra_info.update(
             group=f"Gaussian, streak of {STREAK_PX:g} px",
             way=f"nodes for {error:g}",
@@ -176,20 +225,26 @@ def test_streaks(benchmark, error):
 
 
 @pytest.mark.parametrize("n_source", [1000, 100_000])
-@pytest.mark.parametrize("name", VARIANTS)
+@pytest.mark.parametrize("name", [PRODUCT, *VARIANTS])
 def test_sums(benchmark, name, n_source):
     """Gathered or scattered, in float32, float64 or fixed point; errors are those of the sums, against float64."""
     psf, rule = AIRY, stamp_rule([0.0], 1e-4, "cpu")
     rng = np.random.default_rng(1)
     xy_px = wp.array(rng.uniform(MARGIN, N_PIXEL - MARGIN, (n_source, 2)), dtype=wp.vec2d, device="cpu")
     strength = wp.array(rng.uniform(0.1, 1.0, n_source), dtype=wp.float32, device="cpu")
-    way, exact = (Variant(kind, psf, (N_PIXEL, N_PIXEL), "cpu", N_PIXEL) for kind in (name, "gather float64"))
-    benchmark.pedantic(way.draw, args=(xy_px, strength, rule), rounds=9 if benchmark.enabled else 1, warmup_rounds=1)
-    if benchmark.stats is not None:
+    exact = Variant("gather float64", psf, (N_PIXEL, N_PIXEL), "cpu", N_PIXEL)
+    if name == PRODUCT:
+        product = Drawing(psf, None, xy_px.numpy(), rule)
+        product.sources[2] = strength.reshape((1, 1, n_source))
+        draw, values = product.draw, product
+    else:
+        way = Variant(name, psf, (N_PIXEL, N_PIXEL), "cpu", N_PIXEL)
+        draw, values = (lambda: way.draw(xy_px, strength, rule)), way.values
+    if timed(benchmark, draw):
         exact.draw(xy_px, strength, rule)
         benchmark.extra_info.update(
             group=f"sums of {n_source:,} sources",
             way=name,
-            ns_per_source=benchmark.stats.stats.median / n_source * 1e9,
-            deposit_error=float(np.abs(way.values() - exact.values()).max() / exact.values().max()),
+            ns_per_source=ns_per_source(benchmark, n_source),
+            deposit_error=float(np.abs(values() - exact.values()).max() / exact.values().max()),
         )

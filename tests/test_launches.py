@@ -7,15 +7,9 @@ import pytest
 import warp as wp
 
 from warpsim import launches as launches_module
-from warpsim.launches import Launches, call, launch, launch_tiled, recorded
+from warpsim.launches import Launches, call, clear, launch, launch_tiled, recorded
 
 N_VIEW, N_ITEM, WIDTH = 6, 5, 8
-
-
-@wp.kernel(enable_backward=False)
-def set_kernel(value: float, total: wp.array2d[float]):
-    view, item = wp.tid()
-    total[view, item] = value
 
 
 @wp.kernel(enable_backward=False)
@@ -46,7 +40,7 @@ def total(request, device, monkeypatch):
 
 def record_sum(total) -> Launches:
     with recorded(N_VIEW) as launches:
-        launch(set_kernel, (N_VIEW, N_ITEM), [0.0], [total], total.device)
+        clear(total)
         launch(add_kernel, (N_VIEW, N_ITEM), [2.0], [total], total.device)
         launch(add_kernel, (N_VIEW, N_ITEM), [0.5], [total], total.device)
     return launches
@@ -148,7 +142,7 @@ def test_launches_of_nothing_are_left_out(total):
 def test_calls_are_made_in_their_turn(total):
     seen = []
     with recorded(N_VIEW) as launches:
-        launch(set_kernel, (N_VIEW, N_ITEM), [0.0], [total], total.device)
+        clear(total)
         call(lambda n_view: seen.append((n_view, total.numpy()[0, 0])))
         launch(add_kernel, (N_VIEW, N_ITEM), [2.0], [total], total.device)
         call(lambda n_view: seen.append((n_view, total.numpy()[0, 0])))
@@ -166,3 +160,18 @@ def test_a_recording_ends_with_an_exception(total):
         raise ZeroDivisionError
     launch(add_kernel, (N_VIEW, N_ITEM), [1.0], [total], total.device)
     assert (total.numpy() == 8.0).all()
+
+
+def test_calls_are_made_between_launches_with_the_number_of_views(total):
+    seen = []
+    with recorded(N_VIEW) as launches:
+        call(lambda n_view: seen.append((n_view, float(total.numpy()[0, 0]))), N_VIEW)
+        launch(add_kernel, (N_VIEW, N_ITEM), [2.0], [total], total.device)
+        call(lambda n_view: seen.append((n_view, float(total.numpy()[0, 0]))), N_VIEW)
+    if total.device.is_cuda:
+        launches.capture(total.device)
+    launches.run(N_VIEW)
+    launches.run(4)
+    assert seen == [(N_VIEW, 7.0), (N_VIEW, 9.0), (4, 9.0), (4, 11.0)]
+    call(lambda n_view: seen.append((n_view, 0.0)), 3)
+    assert seen[-1] == (3, 0.0)

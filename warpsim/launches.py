@@ -47,6 +47,15 @@ def launch_tiled(
         recording.add(made, (*dim, block_dim))
 
 
+def clear(array: wp.array) -> None:
+    """Set an array to zero, or record that."""
+    recording = _recording()
+    if recording is None:
+        array.zero_()
+    else:
+        recording.add_clear(array)
+
+
 def call(function: Callable[[int], None]) -> None:
     """Have a function called with the number of views, in its turn, whenever the recording is made: for measuring."""
     recording = _recording()
@@ -67,6 +76,21 @@ def recorded(n_view: int) -> Iterator[Launches]:
 
 def _recording() -> Launches | None:
     return getattr(_thread, "recording", None)
+
+
+class _Clear:
+    """An array to be set to zero, with the manners of a recorded launch."""
+
+    arguments: Sequence[Any] = ()
+
+    def __init__(self, array: wp.array) -> None:
+        self._part = self._array = array
+
+    def set_dim(self, dim: Sequence[int]) -> None:
+        self._part = self._array[: dim[0]]
+
+    def launch(self) -> None:
+        self._part.zero_()
 
 
 class _Call:
@@ -150,6 +174,10 @@ class Launches:
         if launch is not None:
             packed = launch.device.is_cpu and launch.block_dim == 1 and wp.config.version.startswith(PACKED_BY_WARP)
             self._launches.append(((_PackedLaunch if packed else _Launch)(launch), dim))
+
+    def add_clear(self, array: wp.array) -> None:
+        """Append setting an array to zero."""
+        self._launches.append((_Clear(array), array.shape))
 
     def add_call(self, function: Callable[[int], None]) -> None:
         """Append a call; what is behind it is in no graph."""

@@ -24,6 +24,7 @@ class NumbaPeer:
     def __init__(self, work: PeerWork, n_thread: int | None = None) -> None:
         self._work = work
         self.n_thread = n_thread or config.NUMBA_NUM_THREADS
+        set_num_threads(self.n_thread)  # of all peers in the process
         n, n_pixel = work.n_source, work.n_pixel
         self._image = np.zeros((n_pixel, n_pixel), np.float32)
         self._column, self._row = np.empty(n, np.int64), np.empty(n, np.int64)
@@ -33,7 +34,6 @@ class NumbaPeer:
 
     def image_nei(self, frame: int) -> np.ndarray:
         """Noiseless image in units of the noise; the same array every time."""
-        set_num_threads(self.n_thread)
         work = self._work
         x_px, y_px, light = work.x_px[frame], work.y_px[frame], work.light_nei[frame]
         column, row = self._column[: len(x_px)], self._row[: len(x_px)]
@@ -127,8 +127,10 @@ def draw_patterns(image, x_px, y_px, light, column, row, table, start, order):
                 x, y = (x_px[source] - column[source] + 0.5) * n_phase, (y_px[source] - row[source] + 0.5) * n_phase
                 a, b = min(int(x), n_phase - 1), min(int(y), n_phase - 1)
                 s, t, strength = float32(x - a), float32(y - b), float32(light[source])
-                w00, w01 = strength * (float32(1) - t) * (float32(1) - s), strength * (float32(1) - t) * s
-                w10, w11 = strength * t * (float32(1) - s), strength * t * s
+                w00 = strength * (float32(1) - t) * (float32(1) - s)
+                w01 = strength * (float32(1) - t) * s
+                w10 = strength * t * (float32(1) - s)
+                w11 = strength * t * s
                 k_first, k_end = max(0, -left), min(side, n_pixel - left)
                 for r in range(top_seen, end_seen):
                     m = r - top

@@ -131,15 +131,15 @@ def path_from_body(
     """
     path = LightPath()
     node = observer.node
-    way = cubic_after(position_m, velocity_m_s, body, node, grid, observer.position_m)
-    part = observer.part - wp.length(cubic_at(way, observer.part)) * observer.part_per_m
+    way = cubic_after(position_m, velocity_m_s, body, node, grid)
+    part = observer.part - wp.length(cubic_at(way, observer.part) - observer.position_m) * observer.part_per_m
     if part < wp.float64(0.0) and node > 0:  # the light left before the node
         node = wp.max(node + int(wp.floor(part)), 0)
-        way = cubic_after(position_m, velocity_m_s, body, node, grid, observer.position_m)
+        way = cubic_after(position_m, velocity_m_s, body, node, grid)
     since_node = observer.part + wp.float64(observer.node - node)
     part = part + wp.float64(observer.node - node)
     for _ in range(2):
-        path.vector_m = cubic_at(way, part)
+        path.vector_m = cubic_at(way, part) - observer.position_m
         path.range_m = wp.length(path.vector_m)
         part = since_node - path.range_m * observer.part_per_m
     path.emission_time_s = observer.time_s - path.range_m / SPEED_OF_LIGHT_M_S

@@ -12,6 +12,7 @@ import warp as wp
 
 from warpsim_kernels.strips import STRIP_SHIFT, flags_of_image
 
+
 def lane_mask(n_lane: int) -> tuple[float, ...]:
     """What flat arrays of tables begin with: vectors of n_lane from it are 1 in some lanes, and 0 in the others."""
     return (0.0,) * n_lane + (1.0,) * n_lane + (0.0,) * n_lane

@@ -26,6 +26,39 @@ def node_before(time_s: wp.float64, grid: NodeGrid) -> int:
     return wp.clamp(node, 0, grid.n_node - 2)
 
 
+@wp.struct
+class Cubic:
+    """A polynomial in the part of a step that has gone by: what Hermite's is between two nodes."""
+
+    start: wp.vec3d
+    first: wp.vec3d
+    second: wp.vec3d
+    third: wp.vec3d
+
+
+@wp.func
+def cubic_after(
+    position_m: wp.array2d[wp.vec3d], velocity_m_s: wp.array2d[wp.vec3d], body: int, node: int, grid: NodeGrid
+) -> Cubic:
+    """Positions of a body from a node to the next [m]."""
+    two = wp.float64(2.0)
+    way = Cubic()
+    way.start = position_m[body, node]
+    chord = position_m[body, node + 1] - way.start  # small against the geocentric distance: last bits are kept
+    m0 = velocity_m_s[body, node] * grid.step_s
+    m1 = velocity_m_s[body, node + 1] * grid.step_s
+    way.first = m0
+    way.second = chord * wp.float64(3.0) - m0 * two - m1
+    way.third = m0 + m1 - chord * two
+    return way
+
+
+@wp.func
+def cubic_at(way: Cubic, part: wp.float64) -> wp.vec3d:
+    """The position after a part of the step."""
+    return way.start + (way.first + (way.second + way.third * part) * part) * part
+
+
 @wp.func
 def hermite_position_m(
     position_m: wp.array2d[wp.vec3d],
@@ -36,17 +69,8 @@ def hermite_position_m(
 ) -> wp.vec3d:
     """Position of a body at time_s [m]."""
     node = node_before(time_s, grid)
-    u = (time_s - grid.start_s) / grid.step_s - wp.float64(node)
-    one = wp.float64(1.0)
-    two = wp.float64(2.0)
-    three = wp.float64(3.0)
-    p0 = position_m[body, node]
-    p1 = position_m[body, node + 1]
-    m0 = velocity_m_s[body, node] * grid.step_s
-    m1 = velocity_m_s[body, node + 1] * grid.step_s
-    w = one - u
-    # Differences from p0 keep the last bits: p1 - p0 is small against the geocentric distance.
-    return p0 + (p1 - p0) * (u * u * (three - two * u)) + m0 * (u * w * w) - m1 * (u * u * w)
+    part = (time_s - grid.start_s) / grid.step_s - wp.float64(node)
+    return cubic_at(cubic_after(position_m, velocity_m_s, body, node, grid), part)
 
 
 @wp.struct

@@ -166,10 +166,10 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
         first_strip: int,  # of each image
         end_strip: int,
         dark_place: int,  # where signal_w_cm2 has a strip that is always dark; not read if ragged
-        keep_light: int,  # 0 makes strips dark again
+        keep_light: int,  # 0 makes strips dark again; their flags stay, as other threads may still want to see them
         # in and out
         signal_w_cm2: Light,  # (n_view * n_band * n_pixel + STRIP_PIXELS,), or (n_view * n_band, n_pixel)
-        lit: wp.array[wp.uint8],  # (n_view * n_band * n_flag,) strips with light, whole blocks; not read if ragged
+        lit: wp.array[wp.uint8],  # (n_view * n_band * n_flag,) strips with light; not read if ragged
         # out
         counts: Counts,  # (n_view * n_band * n_pixel,), or (n_view * n_band, n_pixel)
     ):
@@ -213,14 +213,7 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
         if wp.static(features.template):
             template_key = stream_key(frame, sensor, number, STREAM_NOISE, 0, low, high)
 
-        # Each thread takes its own flags: none may be put back before all threads of a CUDA block have seen it.
-        flag_place = image * flags_of_image(detector.n_pixel) + block * STRIPS_PER_BLOCK
-        if wp.static(not ragged):
-            flags = wp.tile_load(lit, shape=STRIPS_PER_BLOCK, offset=flag_place, bounds_check=False)
-            if keep_light == 0:
-                unlit = wp.tile_zeros(shape=STRIPS_PER_BLOCK, dtype=wp.uint8)
-                wp.tile_store(lit, unlit, offset=flag_place, bounds_check=False)
-
+        flag_place = image * flags_of_image(detector.n_pixel)
         for strip in range(
             wp.max(block * STRIPS_PER_BLOCK, first_strip), wp.min((block + 1) * STRIPS_PER_BLOCK, end_strip)
         ):
@@ -266,7 +259,7 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
                 light_2 = wp.tile_load(light, shape=N_PAIR, offset=pixel + N_PAIR)
             else:
                 place = image * detector.n_pixel + pixel
-                is_lit = wp.tile_extract(flags, strip - block * STRIPS_PER_BLOCK) != wp.uint8(0)
+                is_lit = lit[flag_place + strip] != wp.uint8(0)
                 light_place = wp.where(is_lit, place, dark_place)
                 light_1 = wp.tile_load(signal_w_cm2, shape=N_PAIR, offset=light_place, bounds_check=False)
                 light_2 = wp.tile_load(signal_w_cm2, shape=N_PAIR, offset=light_place + N_PAIR, bounds_check=False)

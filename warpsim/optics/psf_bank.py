@@ -40,7 +40,7 @@ class PsfBank(Protocol):
         paths: Any = None,
         lit: wp.array | None = None,
     ) -> None:
-        """Overwrite signal, shape (n_view, n_band, n_row, n_col), with the light of all sources.
+        """Add the light of all sources to signal, shape (n_view, n_band, n_row, n_col).
 
         Args:
             sources: n_source (n_view,), xy_px (n_view, n_slot), irradiance_w_cm2 (n_view, n_band, n_slot).

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.emission import Seen
-from warpsim_kernels.strips import STRIP_PIXELS, n_flag
 from warpsim_kernels.signature import N_TERM
+from warpsim_kernels.strips import STRIP_PIXELS, n_flag
 
 if TYPE_CHECKING:
     from warpsim.render.world import TargetWorld, World

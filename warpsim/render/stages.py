@@ -13,7 +13,7 @@ from warpsim_kernels.emission import make_split_kernel, record_targets_kernel
 from warpsim_kernels.strips import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK
 from warpsim_kernels.trace import make_reach_kernel, make_trace_stars_kernel, make_trace_targets_kernel
 
-from warpsim.launches import launch, launch_tiled
+from warpsim.launches import clear, launch, launch_tiled
 from warpsim.render.buffers import Chunk, Observations, PathViews, Sources, Views, seen_struct
 from warpsim.render.device import rows_per_block
 from warpsim.render.streaks import Streaks, paths_struct
@@ -267,6 +267,8 @@ def read_out(world: World, chunk: Chunk) -> None:
             block_dim=block_dim,
             device=world.device,
         )
+    if not chunk.keep_light:
+        clear(light.lit)
 
 
 STAGES = (aim, observe_targets, gather_stars, trace, deposit, record_targets, read_out)

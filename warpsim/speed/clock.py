@@ -10,11 +10,12 @@ from typing import Any
 
 import warp as wp
 
-from warpsim.render import renderer as renderer_module
+from warpsim.launches import call
+from warpsim.render import worker as worker_module
 from warpsim.render.renderer import Renderer
 from warpsim.speed.work import BAND, SpeedWork, speed_work
 
-_RENDERING: Any = renderer_module  # to mypy, its STAGES are not for others
+_WORKING: Any = worker_module  # to mypy, its STAGES are not for others
 
 StageTimes = dict[str, list[tuple[int, float]]]
 """By stage, what each chunk took: images, and seconds."""
@@ -85,25 +86,34 @@ def _per_image_us(spans: list[tuple[int, float]]) -> float:
 def timed_stages() -> Iterator[StageTimes]:
     """Time every stage of every chunk, by one thread, of renderers that are made and used meanwhile.
 
-    The only place that knows how the renderer runs its stages: it puts a clock about each of the `STAGES` of
-    `render/renderer.py`. On the CPU it is the thread's own time, without what the thread waits for others.
+    The only place that knows how the renderer runs its stages: it puts a clock about each of the `STAGES` that a worker
+    records. On the CPU it is the thread's own time, without what the thread waits for others; on CUDA the launches are
+    not made as one graph.
     """
-    times: StageTimes = {stage.__name__: [] for stage in _RENDERING.STAGES}
+    times: StageTimes = {stage.__name__: [] for stage in _WORKING.STAGES}
 
     def clocked(stage: Any) -> Any:
         def run(world: Any, chunk: Any) -> None:
             now = time.perf_counter if world.device.is_cuda else time.thread_time
-            wp.synchronize_device(world.device)
-            begin = now()
+            begin = [0.0]
+
+            def start(n_view: int) -> None:
+                wp.synchronize_device(world.device)
+                begin[0] = now()
+
+            def stop(n_view: int) -> None:
+                wp.synchronize_device(world.device)
+                times[stage.__name__].append((n_view, now() - begin[0]))
+
+            call(start)
             stage(world, chunk)
-            wp.synchronize_device(world.device)
-            times[stage.__name__].append((chunk.n_view, now() - begin))
+            call(stop)
 
         return run
 
-    stages = _RENDERING.STAGES
-    _RENDERING.STAGES = tuple(clocked(stage) for stage in stages)
+    stages = _WORKING.STAGES
+    _WORKING.STAGES = tuple(clocked(stage) for stage in stages)
     try:
         yield times
     finally:
-        _RENDERING.STAGES = stages
+        _WORKING.STAGES = stages

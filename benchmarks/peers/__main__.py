@@ -1,0 +1,56 @@
+"""A quick look on a machine that is not idle: processor time of an image, one thread each, by turns.
+
+    python -m benchmarks.peers [NumPy | Numba | GalSim]
+
+Least of some turns, about 100 stars. What counts is benchmarks/test_peers.py, on an idle machine.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+
+import warp as wp
+
+from benchmarks.peers.pairs import PEERS, is_installed, make_peer
+from benchmarks.peers.work import PSFS, peer_work
+from warpsim.speed.clock import render_call
+
+N_TURN = 12
+PIXELS_PER_TURN = 2**22
+
+
+def processor_s(call: Callable[[], object]) -> float:
+    """Processor time of a call, of all threads."""
+    begin = time.process_time()
+    call()
+    return time.process_time() - begin
+
+
+def look(name: str, psf: str, n_pixel: int) -> str:
+    """A row: microseconds of an image, ours and theirs."""
+    n_frame = max(8, PIXELS_PER_TURN // n_pixel**2)
+    work = peer_work(n_pixel, 100, psf, n_frame=n_frame)
+    renderer, peer = work.renderer(1), make_peer(name, work, 1)
+    n_theirs = n_frame if name == "Numba" else 8
+    turns = [
+        (
+            processor_s(lambda call=call: render_call(work.speed, renderer, call)) / n_frame,
+            processor_s(lambda: [peer.counts(frame) for frame in range(n_theirs)]) / n_theirs,
+        )
+        for call in range(N_TURN)
+    ]
+    ours, theirs = (min(seconds) * 1e6 for seconds in zip(*turns, strict=True))
+    return f"{psf:<9} {n_pixel:>5}^2 {ours:>12,.0f} {theirs:>12,.0f} {theirs / ours:>7.2f}"
+
+
+if __name__ == "__main__":
+    wp.config.log_level = wp.LOG_ERROR
+    name = sys.argv[1] if len(sys.argv) > 1 else "Numba"
+    if name not in PEERS or not is_installed(name):
+        sys.exit(f"peer: must be one of {', '.join(filter(is_installed, PEERS))}, got {name!r}")
+    print(f"{'PSF':<9} {'pixels':>7} {'ours [us]':>12} {f'{name} [us]':>12} {'ratio':>7}")
+    for psf in PSFS:
+        for n_pixel in (128, 256, 512, 1024):
+            print(look(name, psf, n_pixel), flush=True)
