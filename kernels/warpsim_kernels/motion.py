@@ -73,44 +73,6 @@ def hermite_position_m(
     return cubic_at(cubic_after(position_m, velocity_m_s, body, node, grid), part)
 
 
-@wp.struct
-class Cubic:
-    """A polynomial in the part of a step that has gone by: what Hermite's is between two nodes, seen from a place."""
-
-    start: wp.vec3d
-    first: wp.vec3d
-    second: wp.vec3d
-    third: wp.vec3d
-
-
-@wp.func
-def cubic_after(
-    position_m: wp.array2d[wp.vec3d],
-    velocity_m_s: wp.array2d[wp.vec3d],
-    body: int,
-    node: int,
-    grid: NodeGrid,
-    origin_m: wp.vec3d,
-) -> Cubic:
-    """Way of a body from a node to the next [m], as vectors from origin_m."""
-    two = wp.float64(2.0)
-    chord = position_m[body, node + 1] - position_m[body, node]
-    m0 = velocity_m_s[body, node] * grid.step_s
-    m1 = velocity_m_s[body, node + 1] * grid.step_s
-    way = Cubic()
-    way.start = position_m[body, node] - origin_m
-    way.first = m0
-    way.second = chord * wp.float64(3.0) - m0 * two - m1
-    way.third = m0 + m1 - chord * two
-    return way
-
-
-@wp.func
-def cubic_at(way: Cubic, part: wp.float64) -> wp.vec3d:
-    """The vector after a part of the step."""
-    return way.start + (way.first + (way.second + way.third * part) * part) * part
-
-
 @wp.func
 def hermite_velocity_m_s(
     position_m: wp.array2d[wp.vec3d],
