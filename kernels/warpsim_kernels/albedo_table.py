@@ -50,7 +50,9 @@ def table_harmonics_of(degree: int) -> wp.Function:
 @functools.cache
 def make_albedo_table_kernel(degree: int) -> wp.Kernel:
     """Kernel that fills the table for a degree; the rule is that of the rings."""
-    series = albedo_series_of(degree)
+    # Functions of its own: they hold wp.static of loop variables, and Warp's hash of such a function changes when it is
+    # compiled. Kernels that share them would be cached under names that depend on which is compiled first.
+    series = albedo_series_of.__wrapped__(degree)
     n_kept = wp.types.type_size(series.Harmonics)
 
     @wp.kernel(module="unique", enable_backward=False)

@@ -57,6 +57,8 @@ def positive_half(a: wp.float64, b: wp.float64) -> wp.float64:
 def positive_moments_of(n_order: int) -> wp.Function:
     """The function (a, b): integrals of max(0, a + b cos x) cos(m x) over a turn, b >= 0, for m < n_order."""
     Moments = wp.types.vector(length=n_order, dtype=wp.float64)
+    # A constant, as with wp.static of a loop's variable Warp's hash of a function depends on whether it was compiled.
+    inverse = wp.constant(Moments(*(1.0 / (m + 1.0) for m in range(n_order))))
 
     @wp.func
     def positive_moments(a: wp.float64, b: wp.float64) -> Moments:
@@ -74,7 +76,7 @@ def positive_moments_of(n_order: int) -> wp.Function:
         last = wp.float64(0.0)
         turning = wp.float64(-2.0) * a / b
         for m in range(n_order):
-            following = this * wp.float64(wp.static(1.0 / (m + 1.0)))  # sin((m + 1) half) / (m + 1)
+            following = this * inverse[m]  # sin((m + 1) half) / (m + 1)
             moments[m] = wp.float64(2.0) * a * now + b * (before + following)
             before = now
             now = following

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +48,12 @@ class KernelLoading:
                     self._loads[kernel.module] = self._pool.submit(self._load, kernel.module, self._first)
                     self._first = self._first or self._loads[kernel.module]
 
+    def share_headers(self) -> None:
+        """Let what this thread compiles from now on use Warp's headers as they were translated for the first module."""
+        if self._first is not None:
+            self._first.exception()  # waits
+            _use_headers_of(self._compiler)
+
     def wait(self) -> None:
         """Return when all that was begun is loaded; a launch before would compile the same module once more.
 
@@ -59,15 +63,14 @@ class KernelLoading:
             pool, self._pool = self._pool, None
         if pool is not None:
             pool.shutdown()
+        self.share_headers()  # for what is compiled at its launch
 
     def _load(self, module: Any, first: Future[None] | None) -> None:
         if first is None:
             self._compiler = threading.get_ident()
-            wp.load_module(module, self._device)
-            return
-        first.exception()  # waits
-        with _headers_of(self._compiler):
-            wp.load_module(module, self._device)
+        else:
+            self.share_headers()
+        wp.load_module(module, self._device)
 
 
 _OF_DEVICE: dict[str, KernelLoading] = {}
@@ -78,22 +81,15 @@ def kernel_loading(device: wp.Device) -> KernelLoading:
     return _OF_DEVICE.setdefault(str(device), KernelLoading(device))
 
 
-@contextmanager
-def _headers_of(compiler: int | None) -> Iterator[None]:
-    """Within, this thread compiles with the headers that another thread has translated, if it has.
+def _use_headers_of(compiler: int | None) -> None:
+    """Let this thread compile with the headers that another thread has translated, if it has.
 
     Translating Warp's headers takes as long as compiling five kernels. Warp does it once for each thread, into a folder
-    of the thread's own, as two that write one file would disturb each other; here the file is complete. Where Warp
+    of the thread's own, as two that write one file could disturb each other; here the file is complete. Where Warp
     keeps its folders otherwise, each thread translates for itself.
     """
     runtime = getattr(sys.modules.get("warp._src.context"), "runtime", None)
     folders = getattr(runtime, "_pch_dirs", {})
-    shared, thread = folders.get(compiler), threading.get_ident()
-    if shared is None or thread in folders or not any(Path(shared.name).glob("*.pch")):
-        yield
-        return
-    folders[thread] = shared
-    try:
-        yield
-    finally:
-        del folders[thread]
+    shared = folders.get(compiler)
+    if shared is not None and any(Path(shared.name).glob("*.pch")):
+        folders.setdefault(threading.get_ident(), shared)

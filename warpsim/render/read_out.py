@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import warp as wp
@@ -30,8 +31,11 @@ class ReadOut:
     detector: Any
     kernel: wp.Kernel
     """Of whole strips."""
-    rest_kernel: wp.Kernel
-    """Of the pixels behind the last whole strip of an image."""
+
+    @cached_property
+    def rest_kernel(self) -> wp.Kernel:
+        """Of the pixels behind the last whole strip of an image; most images have none."""
+        return make_read_out_kernel(self.features, ragged=True)
 
 
 def make_read_out(
@@ -59,7 +63,7 @@ def make_read_out(
     if isinstance(detector, NeiDetector) and features.template:
         arrays.deviates, arrays.n_deviate = _template(detector, seed, device), detector.template_size
     arrays.n_pixel, arrays.n_col = shape[0] * shape[1], shape[1]
-    return ReadOut(features, arrays, make_read_out_kernel(features), make_read_out_kernel(features, ragged=True))
+    return ReadOut(features, arrays, make_read_out_kernel(features))
 
 
 def read_out_features(detector: NeiDetector | ElectronDetector, levels: Mapping[str, Levels]) -> ReadOutFeatures:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import warp as wp
-from warpsim_kernels.emission import record_targets_kernel
+from warpsim_kernels.emission import make_split_kernel, record_targets_kernel
 from warpsim_kernels.strips import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK
 from warpsim_kernels.trace import make_reach_kernel, make_trace_stars_kernel, make_trace_targets_kernel
 
@@ -130,7 +130,7 @@ def look_at_targets(
 def split_light(world: TargetWorld, seen: Observations, irradiance_w_cm2: wp.array) -> None:
     """Irradiance by each term into (N_TERM, n_view, n_band, n_target); for the truth, not part of a frame."""
     launch(
-        world.field.split_kernel,
+        make_split_kernel(world.field.features),
         dim=irradiance_w_cm2.shape[1:],
         inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen)],
         outputs=[irradiance_w_cm2],

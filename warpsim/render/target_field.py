@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 from warpsim_kernels.earth import Earth
-from warpsim_kernels.emission import Surfaces, make_emit_kernel, make_profile_kernel, make_split_kernel
+from warpsim_kernels.emission import Surfaces, make_emit_kernel, make_profile_kernel
 from warpsim_kernels.signature import Exposure, Features, Surroundings, Tables, Target
 from warpsim_kernels.targets import make_observe_targets_kernel
 
@@ -50,8 +50,7 @@ class TargetField:
     """Threads that share the targets of a view: on the CPU one, which finds once what they have in common."""
     observe_kernel: wp.Kernel
     emit_kernel: wp.Kernel
-    profile_kernel: wp.Kernel
-    split_kernel: wp.Kernel
+    profile_kernel: wp.Kernel | None
 
 
 def make_target_field(
@@ -90,8 +89,7 @@ def make_target_field(
         len(scene.target_names) if device.is_cuda else 1,
         make_observe_targets_kernel(features),
         make_emit_kernel(features),
-        make_profile_kernel(features),
-        make_split_kernel(features),
+        make_profile_kernel(features) if features.profile else None,
     )
 
 

@@ -76,19 +76,22 @@ class World(TargetWorld):
     """
 
     def __init__(self, scene: Scene, bands: Sequence[str], device: wp.Device, index: BandIndex) -> None:
-        super().__init__(scene, bands, device, with_streaks=True)
-        self.observation_rows = RowLayout(observation_columns(self))
-        self.band_id = wp.array([scene.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
-        shape = (scene.camera.n_row, scene.camera.n_col)
-        self.read_out: ReadOut = make_read_out(scene.detector, scene.levels, bands, scene.seed, shape, device)
-        loading = kernel_loading(device)  # the longest first
-        loading.start(self.field.observe_kernel, self.read_out.kernel, self.aiming.kernel, star_kernel(scene))
-        cut_w_cm2 = [scene.optics.stamp_cut_nei * scene.nei_w_cm2(band) for band in bands]
-        self.stamp_rule = stamp_rule(cut_w_cm2, 0.0, device)
+        # What needs no kernel comes first: Warp is still busy with its headers.
         accuracy = TableAccuracy(scene.optics.psf_error, scene.optics.psf_points)
         psfs = [scene.psf(name) for name in bands]
         self.psf: PsfBank = psf_bank(psfs, device, scene.camera.pixel_aspect, accuracy)
-        loading.start(self.psf.deposit_kernel(self.streaks.wanted), self.field.emit_kernel, record_targets_kernel)
+        shape = (scene.camera.n_row, scene.camera.n_col)
+        self.read_out: ReadOut = make_read_out(scene.detector, scene.levels, bands, scene.seed, shape, device)
+        loading = kernel_loading(device)
+        loading.start(self.read_out.kernel, star_kernel(scene))
+        loading.share_headers()
+        super().__init__(scene, bands, device, with_streaks=True)
+        loading.start(self.field.observe_kernel, self.psf.deposit_kernel(self.streaks.wanted), self.aiming.kernel)
+        loading.start(self.field.emit_kernel, record_targets_kernel)
+        self.observation_rows = RowLayout(observation_columns(self))
+        self.band_id = wp.array([scene.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
+        cut_w_cm2 = [scene.optics.stamp_cut_nei * scene.nei_w_cm2(band) for band in bands]
+        self.stamp_rule = stamp_rule(cut_w_cm2, 0.0, device)
         loading.wait()
         self.stars: Stars = make_stars(scene, bands, index, self.psf, self.stamp_rule, self.motion.grid)
 
