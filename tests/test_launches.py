@@ -108,16 +108,33 @@ def test_tiled_launches_have_several_tiles_a_view(device):
     np.testing.assert_array_equal(results.numpy(), expected)
 
 
-def test_an_argument_can_be_moved(total):
-    launches = record_sum(total)
-    arguments = launches.arguments_at(total)
-    assert len(arguments) == 2
+def test_arguments_can_be_moved(total):
+    """Those of the whole array and those of a part of it."""
+    with recorded(N_VIEW) as launches:
+        launch(add_kernel, (N_VIEW, N_ITEM), [2.0], [total], total.device)
+        with launches.part(1, N_VIEW):
+            launch(add_kernel, (N_VIEW - 1, N_ITEM), [0.5], [total[1:]], total.device)
+    arguments = launches.arguments_within(total)
+    assert [place for _, place in arguments] == [0, total.strides[0]]
     other = wp.zeros_like(total)
-    for argument in arguments:
-        argument.data = other.ptr
+    for argument, place in arguments:
+        argument.data = other.ptr + place
     launches.run(N_VIEW)
-    assert (other.numpy() == 2.5).all()
-    assert (total.numpy() == 0.0).all()  # clearing is no launch: it stays with its array
+    assert (other.numpy()[0] == 2.0).all() and (other.numpy()[1:] == 2.5).all()
+    assert (total.numpy() == 7.0).all()
+
+
+def test_parts_that_are_not_wanted_are_left_out(total):
+    with recorded(N_VIEW) as launches:
+        for first in range(0, N_VIEW, 2):
+            end = min(first + 2, N_VIEW)
+            with launches.part(first, end):
+                launch(add_kernel, (end - first, N_ITEM), [1.0], [total[first:end]], total.device)
+    for n_view in (3, 1, N_VIEW, 2):
+        before = total.numpy().copy()
+        launches.run(n_view)
+        assert (total.numpy()[:n_view] == before[:n_view] + 1.0).all()
+        assert (total.numpy()[n_view:] == before[n_view:]).all()
 
 
 def test_other_threads_launch_while_one_records(total):
@@ -160,18 +177,3 @@ def test_a_recording_ends_with_an_exception(total):
         raise ZeroDivisionError
     launch(add_kernel, (N_VIEW, N_ITEM), [1.0], [total], total.device)
     assert (total.numpy() == 8.0).all()
-
-
-def test_calls_are_made_between_launches_with_the_number_of_views(total):
-    seen = []
-    with recorded(N_VIEW) as launches:
-        call(lambda n_view: seen.append((n_view, float(total.numpy()[0, 0]))), N_VIEW)
-        launch(add_kernel, (N_VIEW, N_ITEM), [2.0], [total], total.device)
-        call(lambda n_view: seen.append((n_view, float(total.numpy()[0, 0]))), N_VIEW)
-    if total.device.is_cuda:
-        launches.capture(total.device)
-    launches.run(N_VIEW)
-    launches.run(4)
-    assert seen == [(N_VIEW, 7.0), (N_VIEW, 9.0), (4, 9.0), (4, 11.0)]
-    call(lambda n_view: seen.append((n_view, 0.0)), 3)
-    assert seen[-1] == (3, 0.0)

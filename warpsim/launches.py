@@ -153,6 +153,23 @@ class _PackedLaunch(_Launch):
         self._recorded.hooks.forward(*self._pointers)
 
 
+class _Entry:
+    """A recorded launch for the views first to end."""
+
+    def __init__(self, launch: Any, dim: tuple[int, ...], first: int, end: int) -> None:
+        self.launch = launch
+        self.wanted = True
+        """Whether any of its views is."""
+        self._dim, self._first, self._n_view = dim, first, end - first
+
+    def set_views(self, n_view: int) -> None:
+        """Leave out what is behind the first n_view views."""
+        n_view = min(n_view - self._first, self._n_view)
+        self.wanted = n_view > 0
+        if self.wanted:
+            self.launch.set_dim((self._dim[0] // self._n_view * n_view, *self._dim[1:]))
+
+
 class Launches:
     """Recorded launches over views; made in order, for as many views as wanted up to those recorded.
 
@@ -164,61 +181,77 @@ class Launches:
 
     def __init__(self, n_view: int) -> None:
         self.n_view = n_view
-        self._launches: list[tuple[Any, tuple[int, ...]]] = []
+        self._launches: list[_Entry] = []
+        self._part = (0, n_view)
         self._n_set = n_view
         self._graph: wp.Graph | None = None
         self._n_in_graph = 0
+
+    @contextmanager
+    def part(self, first: int, end: int) -> Iterator[None]:
+        """Record what is for the views first to end only."""
+        self._part = (first, end)
+        try:
+            yield
+        finally:
+            self._part = (0, self.n_view)
 
     def add(self, launch: wp.Launch | None, dim: tuple[int, ...]) -> None:
         """Append a recorded launch of full size; None, where nothing is to be launched."""
         if launch is not None:
             packed = launch.device.is_cpu and launch.block_dim == 1 and wp.config.version.startswith(PACKED_BY_WARP)
-            self._launches.append(((_PackedLaunch if packed else _Launch)(launch), dim))
+            self._append((_PackedLaunch if packed else _Launch)(launch), dim)
 
     def add_clear(self, array: wp.array) -> None:
         """Append setting an array to zero."""
-        self._launches.append((_Clear(array), array.shape))
+        self._append(_Clear(array), array.shape)
 
     def add_call(self, function: Callable[[int], None]) -> None:
         """Append a call; what is behind it is in no graph."""
-        self._launches.append((_Call(function, self.n_view), (self.n_view,)))
+        n_view = self._part[1] - self._part[0]
+        self._append(_Call(function, n_view), (n_view,))
 
-    def arguments_at(self, array: wp.array) -> list[Any]:
-        """Arguments of the launches that are this array; setting their `.data` to an address moves it."""
-        return [
-            argument
-            for launch, _ in self._launches
-            for argument in launch.arguments
-            if getattr(argument, "data", None) == array.ptr
+    def _append(self, launch: Any, dim: tuple[int, ...]) -> None:
+        self._launches.append(_Entry(launch, dim, *self._part))
+
+    def arguments_within(self, array: wp.array) -> list[tuple[Any, int]]:
+        """Arguments of the launches that lie in this array, and where in it [bytes]; setting `.data` moves them."""
+        found = [
+            (argument, argument.data - array.ptr)
+            for entry in self._launches
+            for argument in entry.launch.arguments
+            if getattr(argument, "data", None) is not None
         ]
+        return [(argument, place) for argument, place in found if 0 <= place < array.capacity]
 
     def capture(self, device: wp.Device, moving: Sequence[Any] = ()) -> None:
         """On CUDA, make one graph of the launches before the first that has one of the moving arguments."""
         self._n_in_graph = next(
             (
                 number
-                for number, (launch, _) in enumerate(self._launches)
-                if isinstance(launch, _Call)
-                or any(argument is moved for moved in moving for argument in launch.arguments)
+                for number, entry in enumerate(self._launches)
+                if isinstance(entry.launch, _Call)
+                or any(argument is moved for moved in moving for argument in entry.launch.arguments)
             ),
             len(self._launches),
         )
         if self._n_in_graph == 0:
             return
         with wp.ScopedCapture(device) as capture:
-            for launch, _ in self._launches[: self._n_in_graph]:
-                launch.launch()
+            for entry in self._launches[: self._n_in_graph]:
+                entry.launch.launch()
         self._graph = capture.graph
 
     def run(self, n_view: int) -> None:
         """Make all launches for the first n_view views."""
         if n_view != self._n_set:
-            for launch, (first, *rest) in self._launches:
-                launch.set_dim((first // self.n_view * n_view, *rest))
+            for entry in self._launches:
+                entry.set_views(n_view)
             self._n_set = n_view
         done = 0
         if self._graph is not None and n_view == self.n_view:  # a graph keeps the size that it was captured with
             wp.capture_launch(self._graph)
             done = self._n_in_graph
-        for launch, _ in self._launches[done:]:
-            launch.launch()
+        for entry in self._launches[done:]:
+            if entry.wanted:
+                entry.launch.launch()

@@ -16,11 +16,14 @@ if TYPE_CHECKING:
     from warpsim.render.world import TargetWorld, World
 
 SIGNAL_BYTES_PER_CHUNK = 32 * 2**20
-"""Signal that one CPU worker holds at a time, so much that the Python of a chunk, 50 to 150 us, does not count; and the
-same for its source lists."""
+"""What the signal of a chunk's images would take on the CPU, so much that the Python of a chunk, 50 to 150 us, does not
+count; and what its source lists take."""
+
+SIGNAL_BYTES_AT_A_TIME = 2**20
+"""Signal that one CPU worker holds at a time, but an image: it is to stay in the cache between deposit and read-out."""
 
 SIGNAL_BYTES_PER_CHUNK_CUDA = 512 * 2**20
-"""The same on CUDA, where a launch should be large."""
+"""Both on CUDA, where a launch should be large."""
 
 
 @dataclass(frozen=True)
@@ -184,6 +187,11 @@ def new_light(shape: tuple[int, int, int, int], device: wp.Device) -> Light:
     return Light(flat, flat[:size].reshape(shape), lit)
 
 
+def part_of_light(light: Light, n_view: int) -> Light:
+    """The light of the first views."""
+    return Light(light.flat, light.signal_w_cm2[:n_view], light.lit[:n_view])
+
+
 def new_sources(world: World, n_view: int, n_slot: int) -> Sources:
     """Uninitialised source lists of n_view views."""
     device, n_path = world.device, world.streaks.n_path
@@ -257,6 +265,12 @@ def part_of(arrays: Any, first: int, end: int) -> Any:
         return value[first:end] if value.size else value  # Warp does not slice what is empty
 
     return type(arrays)(*(part(getattr(arrays, field.name)) for field in fields(arrays)))
+
+
+def images_at_a_time(world: World, n_pixel: int, n_view: int) -> int:
+    """Views of a chunk whose images are drawn and read out together."""
+    fitting = max(1, SIGNAL_BYTES_AT_A_TIME // (4 * world.n_band * n_pixel))
+    return n_view if world.device.is_cuda else min(n_view, fitting)
 
 
 def views_per_chunk(world: World, n_pixel: int, n_slot: int, chunk_bytes: int | None = None) -> int:

@@ -1,6 +1,6 @@
 """The stages of a frame: each one launches, and does nothing else.
 
-aim -> observe_targets -> gather_stars -> trace -> deposit -> record_targets -> read_out. A stage reads the world, reads
+aim -> observe_targets -> gather_stars -> trace -> record_targets -> deposit -> read_out. A stage reads the world, reads
 and writes a chunk, allocates nothing and never waits.
 """
 
@@ -216,17 +216,6 @@ def trace_sources(world: TargetWorld, streaks: Streaks, path: PathViews, sources
     )
 
 
-def deposit(world: World, chunk: Chunk) -> None:
-    """Signal: the light of all sources, integrated over pixels."""
-    sources, signal = chunk.sources, chunk.light.signal_w_cm2  # dark
-    lists = [sources.n_source, sources.xy_px, sources.irradiance_w_cm2]
-    paths = None
-    if world.streaks.wanted:
-        paths = paths_struct(sources.offset_px, chunk.observations.brightness, world.n_target)
-    n_row_per_block = rows_per_block(world.device, signal.shape[2])
-    world.psf.deposit(lists, world.stamp_rule, n_row_per_block, signal, paths, chunk.light.lit)
-
-
 def record_targets(world: World, chunk: Chunk) -> None:
     """Observations: what of the source list belongs to targets."""
     sources, seen = chunk.sources, chunk.observations
@@ -237,6 +226,17 @@ def record_targets(world: World, chunk: Chunk) -> None:
         outputs=[seen.xy_px, seen.irradiance_w_cm2, seen.offset_px],
         device=world.device,
     )
+
+
+def deposit(world: World, chunk: Chunk) -> None:
+    """Signal: the light of all sources, integrated over pixels."""
+    sources, signal = chunk.sources, chunk.light.signal_w_cm2  # dark
+    lists = [sources.n_source, sources.xy_px, sources.irradiance_w_cm2]
+    paths = None
+    if world.streaks.wanted:
+        paths = paths_struct(sources.offset_px, chunk.observations.brightness, world.n_target)
+    n_row_per_block = rows_per_block(world.device, signal.shape[2])
+    world.psf.deposit(lists, world.stamp_rule, n_row_per_block, signal, paths, chunk.light.lit)
 
 
 def read_out(world: World, chunk: Chunk) -> None:
@@ -271,5 +271,11 @@ def read_out(world: World, chunk: Chunk) -> None:
         clear(light.lit)
 
 
-STAGES = (aim, observe_targets, gather_stars, trace, deposit, record_targets, read_out)
+VIEW_STAGES = (aim, observe_targets, gather_stars, trace, record_targets)
+"""What is done for all views of a chunk at a time."""
+
+IMAGE_STAGES = (deposit, read_out)
+"""What is done for few images at a time, whose light then stays in the cache from one to the other."""
+
+STAGES = (*VIEW_STAGES, *IMAGE_STAGES)
 """A frame, in order."""

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from warpsim.launches import Launches, recorded
-from warpsim.render.buffers import Chunk, Sources, new_light, new_sources
+from warpsim.launches import Launches, call, clear, recorded
+from warpsim.render.buffers import Chunk, Sources, images_at_a_time, new_light, new_sources, part_of, part_of_light
 from warpsim.render.job import Job, StarList
 from warpsim.render.records import Inputs, new_inputs, views_of, zero_records
 from warpsim.render.rows import copy_rows
-from warpsim.render.stages import STAGES
+from warpsim.render.stages import IMAGE_STAGES, VIEW_STAGES
 from warpsim.render.streaks import moved
 from warpsim.render.world import World
 
-_NOWHERE = 64
-"""Address of counts that are recorded before their place is known; nothing is ever written there."""
+_NOWHERE = 1 << 56
+"""Address of counts that are recorded before their place is known; no processor has memory there."""
 
 
 class Worker:
@@ -41,6 +40,7 @@ class Worker:
         self._inputs: Inputs = new_inputs(world, nothing, nothing, nothing)
         self._records = zero_records(world, n_view)
         image = (n_view, world.n_band, *shape)
+        self._n_image = images_at_a_time(world, shape[0] * shape[1], n_view)
         self._owns_counts = to_host and device.is_cuda
         if self._owns_counts:
             counts = wp.empty(image, dtype=wp.uint16, device=device)
@@ -50,30 +50,54 @@ class Worker:
             views_of(self._inputs, self._records),
             self._records.observations(world),
             new_sources(world, n_view, n_slot),
-            new_light(image, device),
+            new_light((self._n_image, *image[1:]), device),
             counts,
             keep_light=False,
         )
-        self._is_dark = True  # else light was kept, or a chunk was broken off
-        self._recorded: dict[bool, tuple[Launches, list[Any]]] = {}
+        self._is_dark = True  # but for a chunk that was broken off
+        self._recorded: dict[bool, tuple[Launches, list[tuple[Any, int]]]] = {}
         self._launches(keep_light=False)
+        self._keeping: tuple[wp.array, int] | None = None  # the job's signal, and its first view here
         self._copies = wp.Stream(device) if self._owns_counts else None
         self._copied: wp.Event | None = None
         if not device.is_cuda:
             self._n_wanted = self._records.view_column("n_wanted")
 
-    def _launches(self, keep_light: bool) -> tuple[Launches, list[Any]]:
-        """The stages' launches, and those of their arguments that are the counts where these move."""
+    def _launches(self, keep_light: bool) -> tuple[Launches, list[tuple[Any, int]]]:
+        """The stages' launches, and those of their arguments that lie in moving counts, with their places there."""
         if keep_light not in self._recorded:
-            chunk = replace(self.chunk, keep_light=keep_light)
             with recorded(self.n_view) as launches:
-                for stage in STAGES:
-                    stage(self.world, chunk)
-            moving = [] if self._owns_counts else launches.arguments_at(chunk.counts)
+                for stage in VIEW_STAGES:
+                    stage(self.world, self.chunk)
+                for first in range(0, self.n_view, self._n_image):
+                    end = min(first + self._n_image, self.n_view)
+                    with launches.part(first, end):
+                        self._record_images(self._images(first, end, keep_light), first)
+            moving = [] if self._owns_counts else launches.arguments_within(self.chunk.counts)
             if self.world.device.is_cuda:
-                launches.capture(self.world.device, moving)
+                launches.capture(self.world.device, [argument for argument, _ in moving])
             self._recorded[keep_light] = launches, moving
         return self._recorded[keep_light]
+
+    def _images(self, first: int, end: int, keep_light: bool) -> Chunk:
+        """The part of the chunk that is drawn and read out together."""
+        chunk = self.chunk
+        views, seen, sources = (part_of(part, first, end) for part in (chunk.views, chunk.observations, chunk.sources))
+        return Chunk(views, seen, sources, part_of_light(chunk.light, end - first), chunk.counts[first:end], keep_light)
+
+    def _record_images(self, images: Chunk, first: int) -> None:
+        for stage in IMAGE_STAGES:
+            stage(self.world, images)
+        if images.keep_light:
+            call(lambda n_view: self._hand_over_light(first, n_view))
+            clear(images.light.signal_w_cm2)
+            clear(images.light.lit)
+
+    def _hand_over_light(self, first: int, n_view: int) -> None:
+        """Copy the light of some images to their place in the job."""
+        assert self._keeping is not None
+        signal, begin = self._keeping
+        copy_rows(signal, begin + first, self.chunk.light.signal_w_cm2, 0, n_view)
 
     @property
     def n_byte(self) -> int:
@@ -103,12 +127,13 @@ class Worker:
             copy_rows(mine, 0, all_views, first, n_view)
         address = job.counts.ptr + first * job.counts.strides[0]
         launches, moving = self._launches(keep_light=job.signal_w_cm2 is not None)
-        for argument in moving:
-            argument.data = address
+        for argument, place in moving:
+            argument.data = address + place
+        self._keeping = None if job.signal_w_cm2 is None else (job.signal_w_cm2, first)
         self._is_dark = False
         launches.run(n_view)
+        self._is_dark, self._keeping = True, None
         self._hand_over(job, first, n_view)
-        self._is_dark = job.signal_w_cm2 is None
         if job.star_lists is not None:
             job.star_lists[first:end] = _star_lists(self.world, self.chunk.sources, n_view)
         if self.world.device.is_cuda:
@@ -120,8 +145,6 @@ class Worker:
         pairs = list(zip(job.records.arrays, self._records.arrays, strict=True))
         if self._owns_counts:
             pairs.append((job.counts, self.chunk.counts))
-        if job.signal_w_cm2 is not None:
-            pairs.append((job.signal_w_cm2, self.chunk.light.signal_w_cm2))
         if self._copies is not None:
             self._copies.wait_event(self.world.device.stream.record_event())
         for theirs, mine in pairs:

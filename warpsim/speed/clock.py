@@ -86,11 +86,12 @@ def _per_image_us(spans: list[tuple[int, float]]) -> float:
 def timed_stages() -> Iterator[StageTimes]:
     """Time every stage of every chunk, by one thread, of renderers that are made and used meanwhile.
 
-    The only place that knows how the renderer runs its stages: it puts a clock about each of the `STAGES` that a worker
+    The only place that knows how the renderer runs its stages: it puts a clock about each of those that a worker
     records. On the CPU it is the thread's own time, without what the thread waits for others; on CUDA the launches are
     not made as one graph.
     """
-    times: StageTimes = {stage.__name__: [] for stage in _WORKING.STAGES}
+    lists = {name: getattr(_WORKING, name) for name in ("VIEW_STAGES", "IMAGE_STAGES")}
+    times: StageTimes = {stage.__name__: [] for stages in lists.values() for stage in stages}
 
     def clocked(stage: Any) -> Any:
         def run(world: Any, chunk: Any) -> None:
@@ -111,9 +112,10 @@ def timed_stages() -> Iterator[StageTimes]:
 
         return run
 
-    stages = _WORKING.STAGES
-    _WORKING.STAGES = tuple(clocked(stage) for stage in stages)
+    for name, stages in lists.items():
+        setattr(_WORKING, name, tuple(clocked(stage) for stage in stages))
     try:
         yield times
     finally:
-        _WORKING.STAGES = stages
+        for name, stages in lists.items():
+            setattr(_WORKING, name, stages)
