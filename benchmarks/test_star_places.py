@@ -20,7 +20,7 @@ from astropy.time import TimeDelta
 
 import warpsim as ws
 from warpsim.render import stages
-from warpsim.render.buffers import Chunk, new_observations, new_sources, new_views
+from warpsim.render.buffers import Chunk, new_light, new_observations, new_sources, new_views
 from warpsim.render.star_field import load_catalog, star_index
 from warpsim.render.world import World
 
@@ -64,11 +64,10 @@ def views_of(world: World, scene: ws.Scene, sensor: str, n_view: int) -> Chunk:
     frames = np.arange(n_view)
     row = scene.sensor_names.index(sensor)
     views = new_views(world, scene.frame_time_s(frames), frames, np.full(n_view, row))
-    image = wp.empty((n_view, 1, 16, 16), dtype=wp.float32, device=world.device)
-    counts = wp.empty(image.shape, dtype=wp.uint16, device=world.device)
-    chunk = Chunk(
-        views, new_observations(world, n_view), new_sources(world, n_view, world.n_target + 64), image, counts
-    )
+    light = new_light((n_view, 1, 16, 16), world.device)
+    counts = wp.empty((n_view, 1, 16, 16), dtype=wp.uint16, device=world.device)
+    sources = new_sources(world, n_view, world.n_target + 64)
+    chunk = Chunk(views, new_observations(world, n_view), sources, light, counts, keep_light=False)
     stages.aim(world, chunk)
     stages.observe_targets(world, chunk)
     return chunk

@@ -33,7 +33,7 @@ FINE_GAIN, FINE_OFFSET = 4500.0, 32768.0
 FINE = NeiDetector(nei_w_cm2=1e-18, sei_w_cm2=3e-15, bits=16, offset_counts=FINE_OFFSET, counts_per_nei=FINE_GAIN)
 
 
-def read_out(detector, signal, device, *, frames=None, sensors=None, bands=None, seed=SEED, ragged=False):
+def read_out(detector, signal, device, *, frames=None, sensors=None, bands=None, seed=SEED, ragged=False, light=None):
     """Counts of signal (n_view, n_band, n_row, n_col), by the renderer's stage or the kernel of ragged ends alone."""
     n_view, n_band, n_row, n_col = signal.shape
 
@@ -55,7 +55,7 @@ def read_out(detector, signal, device, *, frames=None, sensors=None, bands=None,
         device=wp.get_device(device),
     )
     counts = wp.zeros(signal.shape, dtype=wp.uint16, device=device)
-    light = lit_everywhere(signal, wp.get_device(device))
+    light = lit_everywhere(signal, wp.get_device(device)) if light is None else light
     if ragged:
         n_image, n_pixel = n_view * n_band, n_row * n_col
         n_strip = -(-n_pixel // STRIP_PIXELS)

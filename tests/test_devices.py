@@ -2,12 +2,15 @@
 
 import gc
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 import warp as wp
 
 import warpsim as ws
+from warpsim import launches as launches_module
+from warpsim.launches import Launches
 from warpsim.render.device import chosen_devices
 
 
@@ -118,3 +121,45 @@ def test_bad_lists_of_devices():
         with pytest.raises(ws.InputError, match=r"^device: ") as caught:
             chosen_devices(devices)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("place", ["between-sizes", "beside-another-thread", "behind-the-light"])
+def test_an_interrupt_spoils_nothing_that_comes_after(scene, expected, monkeypatch, place):
+    """Ctrl-C while launches get their sizes, while another thread works on, or when light lies on the images."""
+    renderer = ws.Renderer(scene, device="cpu", n_thread=2)
+    renderer.render(range(7), bands=["A", "C"])
+    real, count = {}, [0]
+
+    def interrupted(owner, name, after, at):
+        real[owner, name] = getattr(owner, name)
+
+        def method(self, *arguments):
+            count[0] += 1
+            result = real[owner, name](self, *arguments) if after or count[0] != at else None
+            if count[0] == at:
+                raise KeyboardInterrupt
+            return result
+
+        monkeypatch.setattr(owner, name, method)
+
+    if place == "between-sizes":
+        interrupted(launches_module._Entry, "set_views", False, 7)
+    elif place == "beside-another-thread":
+        interrupted(ThreadPoolExecutor, "submit", True, 1)
+    else:
+        interrupted(Launches, "run", True, 1)
+    with pytest.raises(KeyboardInterrupt):
+        [renderer.render(range(n_frame), bands=["A", "C"]) for n_frame in (1, 4)]
+    monkeypatch.undo()
+    for _ in range(3):
+        np.testing.assert_array_equal(renderer.render(range(7), bands=["A", "C"]).counts.numpy(), expected)
+
+
+def test_light_of_a_chunk_that_broke_off_is_put_out(scene, expected):
+    renderer = ws.Renderer(scene, device="cpu", n_thread=1)
+    renderer.render(range(7), bands=["A", "C"])
+    (worker,) = renderer._crew(("A", "C")).lanes[0].workers
+    worker.chunk.light.flat.fill_(1e-15)
+    worker.chunk.light.lit.fill_(1)
+    worker._is_dark = False
+    np.testing.assert_array_equal(renderer.render(range(7), bands=["A", "C"]).counts.numpy(), expected)

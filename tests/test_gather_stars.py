@@ -6,8 +6,6 @@ made by hand, so that frames lie anywhere: at poles, across right ascension 0, b
 
 from __future__ import annotations
 
-from typing import Any
-
 import erfa
 import numpy as np
 import pytest
@@ -18,7 +16,7 @@ from warpsim_kernels.earth import Earth, is_earth_near, is_star_occulted
 
 import warpsim as ws
 from warpsim.render import stages
-from warpsim.render.buffers import Chunk, new_observations, new_sources, new_views
+from warpsim.render.buffers import Chunk, new_light, new_observations, new_sources, new_views
 from warpsim.render.star_field import star_index
 from warpsim.render.target_field import earth_struct
 from warpsim.render.world import World
@@ -79,9 +77,10 @@ def hand_made_views(scene, world, axes, n_slot):
     """Views with given axes, one a second, of an observer with the Earth behind the camera: nothing is hidden."""
     n_view, frames = len(axes), np.arange(len(axes))
     views = new_views(world, scene.frame_time_s(frames), frames, np.zeros(n_view))
-    image: Any = wp.empty((n_view, 1, 1, 1), dtype=wp.float32, device=world.device)
-    counts = wp.empty(image.shape, dtype=wp.uint16, device=world.device)
-    chunk = Chunk(views, new_observations(world, n_view), new_sources(world, n_view, n_slot), image, counts)
+    light = new_light((n_view, 1, 1, 1), world.device)
+    counts = wp.empty((n_view, 1, 1, 1), dtype=wp.uint16, device=world.device)
+    sources = new_sources(world, n_view, n_slot)
+    chunk = Chunk(views, new_observations(world, n_view), sources, light, counts, keep_light=False)
     stages.aim(world, chunk)  # velocities
     views.axes.assign(np.asarray(axes))
     views.position_m.assign(np.asarray(axes)[:, 2] * 8e6)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 import warpsim as ws
 from warpsim.output.check import pointing_warning, scene_report
 from warpsim.render import stages
-from warpsim.render.buffers import Chunk, new_observations, new_sources, new_views
+from warpsim.render.buffers import Chunk, new_light, new_observations, new_sources, new_views
 from warpsim.render.star_field import load_catalog, star_index
 from warpsim.render.world import World
 
@@ -369,9 +369,10 @@ def world_with(scene, device, change):
     for array, values in zip((world.motion.position_m, world.motion.velocity_m_s), arrays, strict=True):
         array.assign(values)
     views = new_views(world, small.frame_time_s([FRAME, 71]), [FRAME, 71], [0, 0])
-    signal = wp.empty((2, 1, 8, 8), dtype=wp.float32, device=device)
-    counts = wp.empty(signal.shape, dtype=wp.uint16, device=device)
-    return world, Chunk(views, new_observations(world, 2), new_sources(world, 2, 64), signal, counts)
+    light = new_light((2, 1, 8, 8), warp_device)
+    counts = wp.empty((2, 1, 8, 8), dtype=wp.uint16, device=device)
+    sources = new_sources(world, 2, 64)
+    return world, Chunk(views, new_observations(world, 2), sources, light, counts, keep_light=False)
 
 
 def test_a_target_at_the_sensor_has_no_direction(scene, device):
@@ -389,7 +390,7 @@ def test_a_target_at_the_sensor_has_no_direction(scene, device):
         np.testing.assert_allclose(axes[i, 2], local_axes(scene, "sat11", time_s)[0], rtol=0, atol=1e-9)
         np.testing.assert_allclose(axes[i] @ axes[i].T, np.eye(3), rtol=0, atol=AXES_ATOL)
     seen = chunk.observations
-    for array in (seen.xy_px, seen.range_m, seen.aspect_rad, seen.area_m2, seen.irradiance_w_cm2, chunk.signal_w_cm2):
+    for array in (seen.xy_px, seen.range_m, seen.aspect_rad, seen.area_m2, seen.irradiance_w_cm2, chunk.light.signal_w_cm2):
         assert np.isfinite(array.numpy()).all()
     assert seen.range_m.numpy()[:, 0].max() == 0.0
 

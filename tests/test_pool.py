@@ -185,3 +185,11 @@ def test_bad_sizes_are_named(scene, arguments, text):
     with pytest.raises(ws.InputError) as caught:
         ws.Renderer(scene, device="cpu", **arguments)
     assert str(caught.value) == text
+
+
+def test_more_than_2_gib_in_one_array():
+    """Warp's axes end at 2**31 - 1."""
+    array = Pool(wp.get_device("cpu")).new((700, 3, 1024, 1024), wp.uint16)
+    assert array.shape == (700, 3, 1024, 1024)
+    array[699:].fill_(7)  # touches the last pages only
+    assert (array[699:].numpy() == 7).all()

@@ -148,7 +148,7 @@ def test_device_and_twin_agree(device, n_point, aspect):
         wp.array(xy[:, None, :], dtype=wp.vec2d, device=device),
         wp.array(np.ones((n, 1, 1)), dtype=wp.float32, device=device),
     ]
-    signal = wp.empty((n, 1, 30, 40), dtype=wp.float32, device=device)
+    signal = wp.zeros((n, 1, 30, 40), dtype=wp.float32, device=device)
     rule = stamp_rule([0.0], 1e-9, device)
     psf_bank([psf], wp.get_device(device), aspect, accuracy).deposit(sources, rule, 30, signal)
     dx = np.arange(40) - xy[:, 0, None, None]
@@ -168,7 +168,7 @@ def test_stamps_leave_out_what_the_rule_allows(device):
     ]
     images = []
     for allowed in (cut, 1e-9):
-        signal = wp.empty((1, 1, 101, 61), dtype=wp.float32, device=device)
+        signal = wp.zeros((1, 1, 101, 61), dtype=wp.float32, device=device)
         bank.deposit(sources, stamp_rule([0.0], allowed, device), 101, signal)
         images.append(signal.numpy()[0, 0])
     left_out = images[0] == 0

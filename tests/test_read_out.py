@@ -5,6 +5,7 @@ import inspect
 
 import numpy as np
 import pytest
+import warp as wp
 import warpsim_kernels.read_out
 from read_outs import (
     FINE,
@@ -18,6 +19,7 @@ from read_outs import (
 )
 
 from warpsim.detector.nei import NeiDetector
+from warpsim.render.buffers import new_light
 
 COUNTS_RTOL = 4e-7  # six float32 roundings of 6e-8 from signal to counts: where a rounding edge may be missed
 DEVIATE_ATOL = 2e-6  # of the float32 deviates, see normal.py
@@ -95,6 +97,19 @@ def test_whole_strips_and_ragged_ends_give_the_same_counts(device, shape):
     signal = np.random.default_rng(5).uniform(-2e-18, 6e-18, (2, 3, *shape))
     whole = read_out(FINE, signal, device, bands=[4, 0, 2])
     np.testing.assert_array_equal(whole, read_out(FINE, signal, device, bands=[4, 0, 2], ragged=True))
+
+
+def test_dark_strips_count_as_lit_ones_without_light(device):
+    """Only flagged strips are read; they are dark afterwards."""
+    shape, where = (2, 2, 40, 160), wp.get_device(device)
+    rng = np.random.default_rng(4)
+    flags = rng.random((2, 2, 50)) < 0.3
+    signal = np.where(np.repeat(flags, 128, axis=2), rng.uniform(1e-18, 9e-18, (2, 2, 6400)), 0.0).reshape(shape)
+    light = new_light(shape, where)
+    light.signal_w_cm2.assign(signal.astype(np.float32))
+    light.lit.assign(np.pad(flags, ((0, 0), (0, 0), (0, light.lit.shape[2] - 50))).astype(np.uint8))
+    np.testing.assert_array_equal(read_out(FINE, signal, device, light=light), read_out(FINE, signal, device))
+    assert not light.flat.numpy().any() and not light.lit.numpy().any()
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda s: f"{s[0]}x{s[1]}")

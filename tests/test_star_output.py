@@ -71,6 +71,7 @@ def test_long_source_lists_count_in_the_memory_budget(scene, n_slot):
     n_view = views_per_chunk(world, 32 * 32, n_slot)
     sources = new_sources(world, 1, n_slot)
     held = sum(array.size * array.strides[-1] for array in (sources.xy_px, sources.irradiance_w_cm2, sources.star))
+    held += world.observation_rows.n_byte
     signal = 2 * 4 * 32 * 32
     assert n_view == 1 or n_view * max(held, signal) <= SIGNAL_BYTES_PER_CHUNK
     assert (n_view + 1) * max(held, signal) > SIGNAL_BYTES_PER_CHUNK

@@ -205,7 +205,6 @@ def test_twenty_sensors_at_30_hz_for_ten_seconds(moving, renderer):
     assert (stats.n_frame, stats.n_dropped) == (300, 0)
     assert stats.duration_s > 299 / 30 - EARLY_S
     assert 0 <= stats.latency_p50_s <= stats.latency_p99_s <= stats.latency_max_s
-    assert stats.n_late <= 300
     print(stats)
 
 

@@ -161,13 +161,18 @@ class _Entry:
         self.wanted = True
         """Whether any of its views is."""
         self._dim, self._first, self._n_view = dim, first, end - first
+        self._n_set = self._n_view
 
     def set_views(self, n_view: int) -> None:
         """Leave out what is behind the first n_view views."""
-        n_view = min(n_view - self._first, self._n_view)
+        n_view = min(max(n_view - self._first, 0), self._n_view)
+        if n_view == self._n_set:
+            return
+        self._n_set = -1  # until it is done: an interrupt may come at any place
         self.wanted = n_view > 0
         if self.wanted:
             self.launch.set_dim((self._dim[0] // self._n_view * n_view, *self._dim[1:]))
+        self._n_set = n_view
 
 
 class Launches:
@@ -245,6 +250,7 @@ class Launches:
     def run(self, n_view: int) -> None:
         """Make all launches for the first n_view views."""
         if n_view != self._n_set:
+            self._n_set = -1
             for entry in self._launches:
                 entry.set_views(n_view)
             self._n_set = n_view

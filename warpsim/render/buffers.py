@@ -274,10 +274,12 @@ def images_at_a_time(world: World, n_pixel: int, n_view: int) -> int:
 
 
 def views_per_chunk(world: World, n_pixel: int, n_slot: int, chunk_bytes: int | None = None) -> int:
-    """Views whose signal, and whose source lists, each fit the chunk's share of memory; at least one."""
+    """Views whose signal would fit the chunk's share of memory, and whose source lists and records do; at least one."""
     share = chunk_bytes or (SIGNAL_BYTES_PER_CHUNK_CUDA if world.device.is_cuda else SIGNAL_BYTES_PER_CHUNK)
     signal_bytes = 4 * world.n_band * n_pixel
     slot_bytes = 16 + 4 * world.n_band + 4  # position, irradiance, star
     if world.streaks.wanted:
         slot_bytes += 24 + 8 * world.streaks.n_path  # direction, movement
-    return max(1, min(share // signal_bytes, share // (slot_bytes * n_slot)))
+    series_bytes = 8 * N_TERM * world.field.n_profile * world.n_target
+    view_bytes = slot_bytes * n_slot + series_bytes + world.observation_rows.n_byte
+    return max(1, int(min(share // signal_bytes, share // view_bytes)))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 from collections import deque
 from collections.abc import Sequence
-from concurrent.futures import Executor, wait
+from concurrent.futures import Executor, Future, wait
 from itertools import cycle
 
 from warpsim.render.buffers import views_per_chunk
@@ -36,34 +37,40 @@ class Lane:
         self.world, self._shape, self._to_host = world, shape, to_host
         self.n_worker = 2 if to_host and world.device.is_cuda else 1
         self.workers: list[Worker] = []
+        self._busy = threading.Lock()  # a call that was interrupted may have left its last chunk to a thread
 
     def prepare(self, n_view: int, n_slot: int) -> None:
         """Make workers for chunks of up to n_view views, unless there are."""
-        if not self.workers or self.workers[0].n_view < n_view or self.workers[0].n_slot != n_slot:
-            self.workers.clear()  # first, so that old and new ones are not there at a time
-            self.workers += [
-                Worker(self.world, self._shape, n_view, n_slot, self._to_host) for _ in range(self.n_worker)
-            ]
+        with self._busy:
+            if not self.workers or self.workers[0].n_view < n_view or self.workers[0].n_slot != n_slot:
+                self.workers.clear()  # first, so that old and new ones are not there at a time
+                self.workers += [
+                    Worker(self.world, self._shape, n_view, n_slot, self._to_host) for _ in range(self.n_worker)
+                ]
 
     def work(self, job: Job, spans: deque[tuple[int, int]], n_slot: int) -> int:
         """Render spans of views until none is left; returns the longest source list wanted, 0 where not known yet.
 
         Where a list is too long, the spans that are left are thrown away.
         """
+        with self._busy:
+            try:
+                return self._work(job, spans, n_slot)
+            finally:
+                for worker in self.workers:
+                    worker.finish()
+
+    def _work(self, job: Job, spans: deque[tuple[int, int]], n_slot: int) -> int:
         longest = 0
         inputs = job.inputs(self.world)
-        try:
-            for worker in cycle(self.workers):
-                try:
-                    first, end = spans.popleft()
-                except IndexError:
-                    return longest
-                longest = max(longest, worker.render(job, inputs, first, end))
-                if longest > n_slot:
-                    spans.clear()
-        finally:
-            for worker in self.workers:
-                worker.finish()
+        for worker in cycle(self.workers):
+            try:
+                first, end = spans.popleft()
+            except IndexError:
+                break
+            longest = max(longest, worker.render(job, inputs, first, end))
+            if longest > n_slot:
+                spans.clear()
         return longest
 
 
@@ -97,8 +104,10 @@ class Crew:
         room = max(size, min(room, views_per_chunk(self.world, self._n_pixel, n_slot, chunk_bytes)))
         for lane in lanes:
             lane.prepare(room, n_slot)  # by this thread: kernels are compiled here
-        others = [threads.submit(lane.work, job, spans, n_slot) for lane in lanes[1:]]
+        others: list[Future[int]] = []
         try:
+            for lane in lanes[1:]:
+                others.append(threads.submit(lane.work, job, spans, n_slot))
             longest = lanes[0].work(job, spans, n_slot)
         finally:
             spans.clear()  # of an exception, too

@@ -13,6 +13,10 @@ POOL_BYTES = 256 * 2**20
 """Memory that waits for a result to need it, at most."""
 
 
+ROW_BYTES = 4096
+"""Blocks of 2 GiB and more are whole rows of so many bytes."""
+
+
 class Pool:
     """Arrays whose memory comes back once their last holder has gone: the array, its slices, NumPy and DLPack views.
 
@@ -67,7 +71,9 @@ class Pool:
             if n_byte <= block.size <= 2 * n_byte:
                 return block
             self._returned.append(block)
+        # No axis of an array is longer than 2**31 - 1.
+        shape = (n_byte,) if n_byte < 2**31 else (-(-n_byte // ROW_BYTES), ROW_BYTES)
         if self.device.is_cpu and not self._pinned:
             # NumPy asks for large pages.
-            return wp.array(np.empty(n_byte, dtype=np.uint8), dtype=wp.uint8, device=self.device, copy=False)
-        return wp.empty(n_byte, dtype=wp.uint8, device=self.device, pinned=self._pinned)
+            return wp.array(np.empty(shape, dtype=np.uint8), dtype=wp.uint8, device=self.device, copy=False)
+        return wp.empty(shape, dtype=wp.uint8, device=self.device, pinned=self._pinned)

@@ -41,8 +41,9 @@ class Renderer:
             images then land in host memory, pinned where the devices are GPUs.
         n_thread: CPU threads; all cores when left out. Results do not depend on it.
         catalog: Stars to use instead of those that the scene's sky names.
-        chunk_bytes: Memory that a thread's images in the making, and that its source lists, take at most (but as much
-            as one view needs); 32 MiB on the CPU and 512 MiB on CUDA when left out. Results do not depend on it.
+        chunk_bytes: Cuts the views that a thread works on at a time: neither all their noiseless images nor what else
+            is known of them would take more (but one view may); 32 MiB on the CPU and 512 MiB on CUDA when left out.
+            The CPU holds far fewer of these images at a time: 1 MiB, or one. Results do not depend on it.
         pool_bytes: Memory of results that are no longer held, kept for later ones, at most.
 
     Raises:

@@ -22,7 +22,7 @@ GROUP_S = 0.005
 """Frames of a fast stream are rendered together, as many as are due within this time: calls cost some 0.2 ms each."""
 
 GROUP_BYTES = 8 * 2**20
-"""The same of a stream without rate: as many as fill this much memory."""
+"""They fill this much memory at most; those of a stream without rate do."""
 
 USUAL_AHEAD = 4
 """Frames rendered ahead, where they are rendered one by one."""
@@ -40,7 +40,7 @@ class StreamStats:
     n_dropped: int
     """Frames whose time was over before they could be handed over."""
     n_late: int
-    """Frames handed over although their time was over; at most one in a row where frames may be dropped."""
+    """Frames handed over although their time was over: the best there was."""
     latency_p50_s: float
     """Half of the latencies are below: from when a frame was due to when it was handed over; in a stream without rate,
     how long the consumer waited for it. Of the latest 100,000 frames; NaN before the first."""
@@ -223,7 +223,8 @@ def stream_sizes(
         n_lane: Threads and devices that render at a time; each is to have a view.
         n_ahead: Frames rendered ahead at most, if that was asked for.
     """
-    together = GROUP_BYTES // frame_bytes if rate_hz is None else math.ceil(rate_hz * GROUP_S)
+    fitting = max(1, GROUP_BYTES // frame_bytes)
+    together = fitting if rate_hz is None else min(math.ceil(rate_hz * GROUP_S), fitting)
     together = max(1, together, -(-n_lane // n_view))
     if n_ahead is None:
         return max(USUAL_AHEAD, 2 * together), together

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from warpsim.launches import Launches, call, clear, recorded
-from warpsim.render.buffers import Chunk, Sources, images_at_a_time, new_light, new_sources, part_of, part_of_light
+from warpsim.render.buffers import (
+    Chunk,
+    Light,
+    Sources,
+    images_at_a_time,
+    new_light,
+    new_sources,
+    part_of,
+    part_of_light,
+)
 from warpsim.render.job import Job, StarList
 from warpsim.render.records import Inputs, new_inputs, views_of, zero_records
 from warpsim.render.rows import copy_rows
@@ -18,6 +29,14 @@ from warpsim.render.world import World
 
 _NOWHERE = 1 << 56
 """Address of counts that are recorded before their place is known; no processor has memory there."""
+
+
+@dataclass
+class _Keeping:
+    """Where the light of a chunk is to be kept: the job's signal, and the chunk's first view there."""
+
+    signal_w_cm2: wp.array | None = None
+    first: int = 0
 
 
 class Worker:
@@ -55,9 +74,9 @@ class Worker:
             keep_light=False,
         )
         self._is_dark = True  # but for a chunk that was broken off
+        self._keeping = _Keeping()
         self._recorded: dict[bool, tuple[Launches, list[tuple[Any, int]]]] = {}
         self._launches(keep_light=False)
-        self._keeping: tuple[wp.array, int] | None = None  # the job's signal, and its first view here
         self._copies = wp.Stream(device) if self._owns_counts else None
         self._copied: wp.Event | None = None
         if not device.is_cuda:
@@ -89,15 +108,9 @@ class Worker:
         for stage in IMAGE_STAGES:
             stage(self.world, images)
         if images.keep_light:
-            call(lambda n_view: self._hand_over_light(first, n_view))
+            call(partial(_hand_over_light, self._keeping, images.light, first))
             clear(images.light.signal_w_cm2)
             clear(images.light.lit)
-
-    def _hand_over_light(self, first: int, n_view: int) -> None:
-        """Copy the light of some images to their place in the job."""
-        assert self._keeping is not None
-        signal, begin = self._keeping
-        copy_rows(signal, begin + first, self.chunk.light.signal_w_cm2, 0, n_view)
 
     @property
     def n_byte(self) -> int:
@@ -129,10 +142,10 @@ class Worker:
         launches, moving = self._launches(keep_light=job.signal_w_cm2 is not None)
         for argument, place in moving:
             argument.data = address + place
-        self._keeping = None if job.signal_w_cm2 is None else (job.signal_w_cm2, first)
+        self._keeping.signal_w_cm2, self._keeping.first = job.signal_w_cm2, first
         self._is_dark = False
         launches.run(n_view)
-        self._is_dark, self._keeping = True, None
+        self._is_dark, self._keeping.signal_w_cm2 = True, None
         self._hand_over(job, first, n_view)
         if job.star_lists is not None:
             job.star_lists[first:end] = _star_lists(self.world, self.chunk.sources, n_view)
@@ -163,6 +176,12 @@ class Worker:
         """Wait for copies to the host."""
         if self._copies is not None:
             wp.synchronize_stream(self._copies)
+
+
+def _hand_over_light(keeping: _Keeping, light: Light, first: int, n_view: int) -> None:
+    """Copy some images of a chunk, those from `first` on, to their place in the job."""
+    assert keeping.signal_w_cm2 is not None
+    copy_rows(keeping.signal_w_cm2, keeping.first + first, light.signal_w_cm2, 0, n_view)
 
 
 def _star_lists(world: World, sources: Sources, n_view: int) -> list[StarList]:

@@ -15,8 +15,9 @@ from warpsim_kernels.emission import record_targets_kernel
 from warpsim_kernels.motion import NodeGrid
 
 from warpsim.optics.camera import Camera
+from warpsim.optics.psf import Psf, PsfGaussian
 from warpsim.optics.psf_bank import PsfBank, psf_bank, stamp_rule
-from warpsim.optics.tables import TableAccuracy
+from warpsim.optics.tables import TableAccuracy, cheapest_points
 from warpsim.render.aiming import Aiming, make_aiming
 from warpsim.render.buffers import observation_columns
 from warpsim.render.kernel_loading import kernel_loading
@@ -77,7 +78,9 @@ class World(TargetWorld):
 
     def __init__(self, scene: Scene, bands: Sequence[str], device: wp.Device, index: BandIndex) -> None:
         # What needs no kernel comes first: Warp is still busy with its headers.
-        accuracy = TableAccuracy(scene.optics.psf_error, scene.optics.psf_points)
+        # By all bands of the scene: a frame must not depend on which of them are rendered.
+        n_point = scene.optics.psf_points or points_of([scene.psf(name) for name in scene.bands], scene)
+        accuracy = TableAccuracy(scene.optics.psf_error, n_point)
         psfs = [scene.psf(name) for name in bands]
         self.psf: PsfBank = psf_bank(psfs, device, scene.camera.pixel_aspect, accuracy)
         shape = (scene.camera.n_row, scene.camera.n_col)
@@ -129,3 +132,9 @@ def camera_struct(camera: Camera) -> Any:
         lens.p1, lens.p2, lens.limit = camera.lens.p1, camera.lens.p2, camera.distortion_radius
         struct.distortion = lens
     return struct
+
+
+def points_of(psfs: Sequence[Psf], scene: Scene) -> int | None:
+    """Points per axis between which patterns are interpolated; None for Gaussians, which have tables of their own."""
+    patterns = [psf for psf in psfs if not isinstance(psf, PsfGaussian)]
+    return cheapest_points(patterns, scene.camera.pixel_aspect, scene.optics.psf_error) if patterns else None

@@ -15,7 +15,7 @@ from warpsim.render import worker as worker_module
 from warpsim.render.renderer import Renderer
 from warpsim.speed.work import BAND, SpeedWork, speed_work
 
-_WORKING: Any = worker_module  # to mypy, its STAGES are not for others
+_WORKING: Any = worker_module  # to mypy, the stages that it imports are not for others
 
 StageTimes = dict[str, list[tuple[int, float]]]
 """By stage, what each chunk took: images, and seconds."""
