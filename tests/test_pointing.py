@@ -372,7 +372,7 @@ def world_with(scene, device, change):
     light = new_light((2, 1, 8, 8), warp_device)
     counts = wp.empty((2, 1, 8, 8), dtype=wp.uint16, device=device)
     sources = new_sources(world, 2, 64)
-    return world, Chunk(views, new_observations(world, 2), sources, light, counts, keep_light=False)
+    return world, Chunk(views, new_observations(world, 2), sources, light, counts, keep_light=True)
 
 
 def test_a_target_at_the_sensor_has_no_direction(scene, device):
