@@ -1,6 +1,7 @@
 """Threads, devices and chunks share the work out; images do not depend on how."""
 
 import gc
+import itertools
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -128,15 +129,15 @@ def test_an_interrupt_spoils_nothing_that_comes_after(scene, expected, monkeypat
     """Ctrl-C while launches get their sizes, while another thread works on, or when light lies on the images."""
     renderer = ws.Renderer(scene, device="cpu", n_thread=2)
     renderer.render(range(7), bands=["A", "C"])
-    real, count = {}, [0]
+    real, numbers = {}, itertools.count(1)
 
     def interrupted(owner, name, after, at):
         real[owner, name] = getattr(owner, name)
 
         def method(self, *arguments):
-            count[0] += 1
-            result = real[owner, name](self, *arguments) if after or count[0] != at else None
-            if count[0] == at:
+            number = next(numbers)  # of several threads
+            result = real[owner, name](self, *arguments) if after or number != at else None
+            if number == at:
                 raise KeyboardInterrupt
             return result
 

@@ -56,7 +56,7 @@ def worker_count(device: wp.Device, n_thread: int | None) -> int:
     Raises:
         InputError: Not a whole number >= 1.
     """
-    if n_thread is not None and (not isinstance(n_thread, int) or n_thread < 1):
+    if n_thread is not None and (isinstance(n_thread, bool) or not isinstance(n_thread, int) or n_thread < 1):
         raise InputError(f"n_thread: must be a whole number >= 1, got {n_thread}")
     return 1 if device.is_cuda or wp.config.mode == "debug" else n_thread or n_usable_cpu()
 

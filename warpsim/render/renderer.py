@@ -28,6 +28,9 @@ from warpsim.render.world import World
 from warpsim.scene.scene import Scene
 from warpsim.sky.catalog import StarCatalog
 
+LEAST_RATE_HZ = 1e-6
+"""A frame in twelve days."""
+
 SPARE_SLOTS = 64
 """Stars that source lists hold to begin with, besides the targets."""
 
@@ -162,8 +165,10 @@ class Renderer:
         """
         frame_list = self.checked_frames(range(self.scene.frames.count) if frames is None else frames)
         sensor_list, band_list = self._checked_names(sensors, bands)
-        if rate_hz is not None and not (isinstance(rate_hz, int | float) and 0 < rate_hz < np.inf):
-            raise InputError(f"rate_hz: must be a number above 0, got {rate_hz!r}")
+        kinds = int | float | np.integer | np.floating
+        is_number = isinstance(rate_hz, kinds) and not isinstance(rate_hz, bool)
+        if rate_hz is not None and not (is_number and LEAST_RATE_HZ <= rate_hz < np.inf):
+            raise InputError(f"rate_hz: must be a number of at least {LEAST_RATE_HZ:g}, got {rate_hz!r}")
         ahead = None if n_ahead is None else whole_number("n_ahead", n_ahead, 1)
         camera = self.scene.camera
         n_view, n_lane = len(sensor_list), max(self.n_thread, len(self.devices))
@@ -220,7 +225,7 @@ class Renderer:
 
     def checked_frames(self, frames: Iterable[int]) -> list[int]:
         """Frame numbers as a list of int; InputError when one is no frame of the scene."""
-        if isinstance(frames, int | np.integer):
+        if frames is None or isinstance(frames, int | np.integer):
             raise InputError(f"frames: must be a list or range of frame numbers, got {frames!r}")
         numbers = list(frames)
         kinds = set(map(type, numbers))  # a quick look first: this is done in every call
