@@ -43,7 +43,8 @@ def random_directions(n, seed=SEED):
 @wp.kernel(enable_backward=False)
 def aberrated_kernel(direction: wp.array[wp.vec3d], velocity_m_s: wp.vec3d, out: wp.array[wp.vec3d]):
     i = wp.tid()
-    out[i] = apparent_kernels.aberrated(direction[i], velocity_m_s)
+    boost = apparent_kernels.boost_by(velocity_m_s)
+    out[i] = wp.normalize(apparent_kernels.boosted(direction[i], wp.float64(1.0), boost))
 
 
 pinhole_places = camera_kernels.projection(False)

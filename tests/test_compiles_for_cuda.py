@@ -25,7 +25,6 @@ FACTORY_ARGUMENTS = {
     "make_observe_targets_kernel": [(Features(),), (EVERYTHING,), (SERIES,)],
     "make_albedo_series_kernel": [(4,), (12,)],
     "make_albedo_table_kernel": [(4,), (12,)],
-    "make_heat_series_kernel": [(6,), (14,)],
     "make_emit_kernel": [(Features(),), (EVERYTHING,)],
     "make_split_kernel": [(EVERYTHING,)],
     "make_profile_kernel": [(Features(profile=True),), (EVERYTHING,)],

@@ -1,13 +1,14 @@
 """The Earth's heat on bodies by polynomials: errors promised, methods chosen, and what a scene makes of them."""
 
-from __future__ import annotations
-
+import functools
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import warp as wp
-from warpsim_kernels.heat_series import make_heat_series_kernel
+from warpsim_kernels.facets import Facets
+from warpsim_kernels.heat_series import HeatTables, heat_series_of
+from warpsim_kernels.shapes import Body
 
 import warpsim as ws
 from warpsim.errors import InputError
@@ -51,6 +52,22 @@ def geometries(limb_sines, n=3000):
     view, nadir = directions(rng, n), directions(rng, n)
     view[:100], view[100:200] = nadir[:100], -nadir[100:200]
     return view, nadir, rng.choice(limb_sines, n)
+
+
+@functools.cache
+def make_heat_series_kernel(degree):
+    series = heat_series_of(degree)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def heat_series_kernel(
+        tables: HeatTables, body: Body, facets: Facets,
+        view: wp.array[wp.vec3d], nadir: wp.array[wp.vec3d], limb_sine: wp.array[wp.float64],
+        area_m2: wp.array[wp.float64],
+    ):  # fmt: skip
+        i = wp.tid()
+        area_m2[i] = series.area_m2(tables, body, facets, view[i], nadir[i], limb_sine[i])
+
+    return heat_series_kernel
 
 
 def by_polynomials(degree, shape, view, nadir, limb_sine, device="cpu"):

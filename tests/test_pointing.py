@@ -382,7 +382,7 @@ def test_a_target_at_the_sensor_has_no_direction(scene, device):
         position[first_target], velocity[first_target] = position[0], velocity[0]
 
     world, chunk = world_with(scene, device, meet)
-    for stage in stages.STAGES:
+    for stage in (*stages.VIEW_STAGES, *stages.IMAGE_STAGES):
         stage(world, chunk)
     assert list(chunk.views.flags.numpy()) == [2, 2]
     axes = chunk.views.axes.numpy()

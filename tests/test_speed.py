@@ -8,7 +8,7 @@ import pytest
 
 import warpsim as ws
 from warpsim.cli import main
-from warpsim.render.stages import STAGES
+from warpsim.render.stages import IMAGE_STAGES, VIEW_STAGES
 from warpsim.speed.clock import render_call, stage_times_us, timed_stages, work_fps
 from warpsim.speed.report import PAPER_FPS, Speed, row
 from warpsim.speed.work import BAND, FLUX_RANGE_NEI, N_CALL, power_law_nei, speed_catalog, speed_work
@@ -98,7 +98,7 @@ def test_every_stage_is_timed_for_every_chunk_and_then_no_more(work):
         counts = render_call(work, renderer, 0)
     render_call(work, ws.Renderer(work.scene, "cpu", 1, work.catalog), 0)
     assert counts.shape == (40, 5, 1, 32, 32)
-    assert list(times) == [stage.__name__ for stage in STAGES]
+    assert list(times) == [stage.__name__ for stage in (*VIEW_STAGES, *IMAGE_STAGES)]
     views = {name: sum(n_view for n_view, _ in spans) for name, spans in times.items()}
     assert set(views.values()) <= {work.n_view, 2 * work.n_view}  # twice where source lists were too short
 
@@ -117,7 +117,7 @@ def test_bench_prints_both_tables_and_writes_the_figures(capsys, tmp_path):
     assert re.findall(r"^cpu +(\d+)\^2 +(\d+) +[\d,]+ +- ", out, re.MULTILINE) == [
         ("16", "1"), ("16", "3"), ("24", "1"), ("24", "3"),
     ]  # fmt: skip
-    stages = [stage.__name__ for stage in STAGES]
+    stages = [stage.__name__ for stage in (*VIEW_STAGES, *IMAGE_STAGES)]
     assert re.findall(r"^(\w+) +[\d.,]+ +[\d.,]+$", out, re.MULTILINE) == [*stages, "sum", "whole"]
     data = json.loads(path.read_text())
     assert [(case["n_pixel"], case["n_sensor"]) for case in data["cases"]] == [(16, 1), (16, 3), (24, 1), (24, 3)]

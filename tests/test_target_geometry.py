@@ -327,9 +327,8 @@ def light_path_kernel(
     apparent_dir: wp.array[wp.vec3d],
 ):
     i = wp.tid()
-    path = apparent.light_path(
-        position_m, velocity_m_s, 1, time_s[i], grid, observer_m[i], earth_velocity_m_s, observer_velocity_m_s[i]
-    )
+    observer = apparent.observer_of(time_s[i], grid, observer_m[i], earth_velocity_m_s, observer_velocity_m_s[i])
+    path = apparent.path_from_body(position_m, velocity_m_s, 1, grid, observer)
     range_m[i] = path.range_m
     emission_s[i] = path.emission_time_s
     apparent_dir[i] = path.apparent

@@ -68,12 +68,6 @@ def boosted_length(vector: wp.vec3d, length: wp.float64, boost: Boost) -> wp.flo
     return length + wp.dot(vector, boost.beta)
 
 
-@wp.func
-def aberrated(direction: wp.vec3d, velocity_m_s: wp.vec3d) -> wp.vec3d:
-    """Unit direction seen by an observer with the given barycentric velocity (Lorentz transformation)."""
-    return wp.normalize(boosted(direction, wp.float64(1.0), boost_by(velocity_m_s)))
-
-
 @wp.struct
 class Observer:
     """Who looks, from where and when: what the ways of light from all bodies to one view share."""
@@ -124,10 +118,10 @@ def path_from_body(
 ) -> LightPath:
     """Where an observer sees a body.
 
-    In the geocentric frame of the tracks the light time is exactly range / c; it is iterated to convergence. The
-    direction is then taken to the barycentric frame (which moves at -earth_velocity), where star catalogs live, and
-    from there to the observer like a star's, so that targets and stars are seen by the same rule to second order in
-    v / c.
+    In the geocentric frame of the tracks the light time is exactly range / c. It is found in three steps, each of which
+    leaves v / c of the error, 3e-5 or so: what is left is below rounding. The direction is then taken to the
+    barycentric frame (which moves at -earth_velocity), where star catalogs live, and from there to the observer like a
+    star's, so that targets and stars are seen by the same rule to second order in v / c.
     """
     path = LightPath()
     node = observer.node
@@ -150,22 +144,6 @@ def path_from_body(
     if length_m > wp.float64(0.0):
         path.apparent = path.apparent / length_m
     return path
-
-
-@wp.func
-def light_path(
-    position_m: wp.array2d[wp.vec3d],
-    velocity_m_s: wp.array2d[wp.vec3d],
-    body: int,
-    time_s: wp.float64,
-    grid: NodeGrid,
-    observer_m: wp.vec3d,
-    earth_velocity_m_s: wp.vec3d,
-    observer_velocity_m_s: wp.vec3d,  # barycentric
-) -> LightPath:
-    """As path_from_body, for an observer who looks at one body only."""
-    observer = observer_of(time_s, grid, observer_m, earth_velocity_m_s, observer_velocity_m_s)
-    return path_from_body(position_m, velocity_m_s, body, grid, observer)
 
 
 @wp.struct

@@ -151,27 +151,3 @@ def heat_series_of(degree: int) -> HeatSeries:
         return wp.max(total, wp.float64(0.0)) * s * s
 
     return HeatSeries(Coefficients, coefficients, area_m2)
-
-
-@functools.cache
-def make_heat_series_kernel(degree: int) -> wp.Kernel:
-    """Kernel of `earthlight.earth_area_kernel` by polynomials of an even degree."""
-    series = heat_series_of(degree)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def heat_series_kernel(
-        # in
-        tables: HeatTables,
-        body: Body,
-        facets: Facets,
-        view: wp.array[wp.vec3d],  # (n,) unit, body axes
-        nadir: wp.array[wp.vec3d],  # (n,) unit, body axes
-        limb_sine: wp.array[wp.float64],  # (n,)
-        # out
-        area_m2: wp.array[wp.float64],  # (n,)
-    ):
-        """Area that reflects the Earth's heat, for each geometry."""
-        i = wp.tid()
-        area_m2[i] = series.area_m2(tables, body, facets, view[i], nadir[i], limb_sine[i])
-
-    return heat_series_kernel

@@ -276,6 +276,3 @@ VIEW_STAGES = (aim, observe_targets, gather_stars, trace, record_targets)
 
 IMAGE_STAGES = (deposit, read_out)
 """What is done for few images at a time, whose light then stays in the cache from one to the other."""
-
-STAGES = (*VIEW_STAGES, *IMAGE_STAGES)
-"""A frame, in order."""
