@@ -94,6 +94,8 @@ def main(arguments: list[str] | None = None) -> None:
         write_page(options.page)
         print(f"written: {options.page}")
         return
+    if not options.result.is_file():
+        parser.error(f"{options.result}: no such file")
     print(report(options.result))
     if options.plot:
         draw: Any = picture_of(cases_of(json.loads(options.result.read_text("utf-8"))))

@@ -345,11 +345,13 @@ def _number(where: str, text: str) -> float:
 def _bench(options: argparse.Namespace) -> int:
     from warpsim.files import check_new_file, write_json
     from warpsim.speed.report import Plan, as_json, heading, measured, row, stage_table
-    from warpsim.speed.work import PSFS
+    from warpsim.speed.work import MOST_PIXELS, MOST_SENSORS, PSFS
 
     path = Path(options.json) if options.json else None
     if path:
         check_new_file(path, (".json",), options.overwrite)
+    if options.device is not None and not _names(options.device):
+        raise InputError(f"--device: must name a device, got {options.device!r}")
     if options.psf not in (None, *PSFS):
         raise InputError(f"--psf: must be {' or '.join(PSFS)}, got {options.psf!r}")
     n_star = None if options.stars is None else _whole_number("--stars", options.stars)
@@ -357,8 +359,8 @@ def _bench(options: argparse.Namespace) -> int:
         raise InputError(f"--stars: must be >= 0, got {n_star}")
     given: dict[str, Any] = {
         "devices": None if options.device is None else tuple(_names(options.device) or ()),
-        "pixels": _counts("--pixels", options.pixels),
-        "sensors": _counts("--sensors", options.sensors),
+        "pixels": _counts("--pixels", options.pixels, MOST_PIXELS),
+        "sensors": _counts("--sensors", options.sensors, MOST_SENSORS),
         "n_star": n_star,
         "psf": options.psf,
     }
@@ -376,13 +378,13 @@ def _bench(options: argparse.Namespace) -> int:
     return 0
 
 
-def _counts(where: str, text: str | None) -> tuple[int, ...] | None:
-    """Whole numbers >= 1 of a comma-separated list."""
+def _counts(where: str, text: str | None, most: int) -> tuple[int, ...] | None:
+    """Whole numbers from 1 to most of a comma-separated list."""
     if text is None:
         return None
     numbers = tuple(_whole_number(where, item) for item in text.split(","))
-    if min(numbers) < 1:
-        raise InputError(f"{where}: must be whole numbers >= 1, got {text!r}")
+    if not all(1 <= number <= most for number in numbers):
+        raise InputError(f"{where}: must be whole numbers in [1, {most}], got {text!r}")
     return numbers
 
 

@@ -7,7 +7,7 @@ Least of some turns, about 100 stars. What counts is benchmarks/test_peers.py, o
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 from collections.abc import Callable
 
@@ -46,10 +46,10 @@ def look(name: str, psf: str, n_pixel: int) -> str:
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("peer", nargs="?", default="Numba", choices=[*filter(is_installed, PEERS)])
+    name = parser.parse_args().peer
     wp.config.log_level = wp.LOG_ERROR
-    name = sys.argv[1] if len(sys.argv) > 1 else "Numba"
-    if name not in PEERS or not is_installed(name):
-        sys.exit(f"peer: must be one of {', '.join(filter(is_installed, PEERS))}, got {name!r}")
     print(f"{'PSF':<9} {'pixels':>7} {'ours [us]':>12} {f'{name} [us]':>12} {'ratio':>7}")
     for psf in PSFS:
         for n_pixel in (128, 256, 512, 1024):
