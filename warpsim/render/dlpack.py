@@ -1,8 +1,8 @@
 """DLPack capsules of images with any number of axes, on the CPU and on CUDA, without a copy.
 
 Warp's own capsules have at most four axes, and NumPy's are of the CPU only. A capsule is made here by NumPy, over an
-array that stands for the memory and is never read, and then told where the memory is. So NumPy's code, which knows about
-threads, pending exceptions and the end of the interpreter, is what hands the memory back.
+array that stands for the memory and is never read, and is then told where the memory is. So it is NumPy's code, which
+knows about threads, pending exceptions and the end of the interpreter, that hands the memory back.
 """
 
 from __future__ import annotations
@@ -86,8 +86,8 @@ def wait_for_images(array: wp.array, stream: int | None) -> None:
 
     Args:
         array: The images.
-        stream: As DLPack's standard for Python says: None and 1 the default stream, 2 that of the thread, -1 no waiting,
-            else a handle. On the CPU None.
+        stream: As DLPack's standard for Python says: None and 1 the default stream, 2 that of the thread, -1 no
+            waiting, else a handle. On the CPU None.
 
     Raises:
         BufferError: A stream on the CPU.
