@@ -16,7 +16,7 @@ from warpsim.dataset.finish import finish
 from warpsim.dataset.layout import Shard, shards_of
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import check_extremes
-from warpsim.dataset.shard import Receipt, Task, receipt_path
+from warpsim.dataset.shard import Receipt, Task
 from warpsim.dataset.workplace import Workplace
 from warpsim.files import prepare_folder, read_json
 from warpsim.output.progress import progress_bar
@@ -93,15 +93,13 @@ def write_dataset(
     check_extremes(recipe)
     place = Workplace(Path(folder).absolute(), recipe, run_key(recipe, alias))
     prepare_folder(place.folder)
-    shards, n_written = shards_of(recipe), 0
+    n_written = 0
     if not place.is_complete():
         try:
-            with place.held(overwrite) as missing:
+            with place.held(overwrite) as receipts:
+                missing = [shard for shard in shards_of(recipe) if shard.name not in receipts]
                 n_written = len(missing)
-                _write_missing(place, missing, alias, executor, n_worker, progress)
-                receipts = place.receipts()
-                if lost := [shard.name for shard in shards if shard.name not in receipts]:
-                    raise OSError(f"files of {lost[0]} changed while the run went on")
+                _write_missing(place, missing, receipts, alias, executor, n_worker, progress)
                 finish(place, receipts, alias)
         except OSError as error:
             raise OSError(f"{place.folder}: writing failed, the same command goes on from here: {error}") from error
@@ -123,19 +121,25 @@ def _workers(device: str) -> int:
 
 
 def _write_missing(
-    place: Workplace, missing: list[Shard], device: str, executor: Executor | None, n_worker: int, progress: bool
+    place: Workplace,
+    missing: list[Shard],
+    receipts: dict[str, Receipt],
+    device: str,
+    executor: Executor | None,
+    n_worker: int,
+    progress: bool,
 ) -> None:
-    """Have the missing shards written."""
+    """Have the missing shards written, and take their receipts."""
     text = json.dumps(place.recipe.to_dict())
     n_thread = None if executor is None and n_worker == 1 else 1
     tasks = [Task(str(place.folder), place.key, text, shard, device, n_thread) for shard in missing]
-    for shard in missing[:1]:  # its folder is that of all
-        receipt_path(place.folder, shard).parent.mkdir(exist_ok=True)
     n_sequence = {shard.name: len(shard.sequences) for shard in missing}
+    (place.parts / "receipts").mkdir(exist_ok=True)
     with progress_bar(place.recipe.n_sequence, progress) as advance:
         advance(place.recipe.n_sequence - sum(n_sequence.values()))
 
         def done(receipt: Receipt) -> None:
+            receipts[receipt["shard"]] = receipt
             advance(n_sequence[receipt["shard"]])
 
         run_tasks(tasks, executor, n_worker, done)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from warpsim.dataset.layout import MANIFEST, PARTS, Shard, shards_of, top_names
+from warpsim.dataset.layout import MANIFEST, PARTS, shards_of, top_names
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.shard import Receipt, receipt_path
 from warpsim.errors import InputError
@@ -49,8 +49,8 @@ class Workplace:
         return all(which_match(self.folder, records).values())
 
     @contextlib.contextmanager
-    def held(self, overwrite: bool) -> Iterator[list[Shard]]:
-        """Hold the folder for a run: the shards that are missing. At the end what only the run needed is removed.
+    def held(self, overwrite: bool) -> Iterator[dict[str, Receipt]]:
+        """Hold the folder for a run: receipts of the shards that are there. At the end only the data set is left.
 
         Raises:
             InputError: The folder holds another data set and overwrite is not set, or files that warpsim did not write,
@@ -65,11 +65,10 @@ class Workplace:
                 raise
             write_json({"key": self.key, "files": {}}, self.parts / "run.json")
             self._take_up_manifest()
-            receipts = self.receipts()
-            yield [shard for shard in shards_of(self.recipe) if shard.name not in receipts]
+            yield self._receipts()
             shutil.rmtree(self.parts)
 
-    def receipts(self) -> dict[str, Receipt]:
+    def _receipts(self) -> dict[str, Receipt]:
         """Receipts of the shards whose files are there and undamaged, by the shard's name."""
         found = {}
         for shard in shards_of(self.recipe):
