@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from typing import Any
 
 from warpsim.errors import InputError
 
@@ -22,11 +24,11 @@ def dask_executor(address: str) -> Iterator[Executor]:
         InputError: Dask is not installed, or no scheduler answers.
     """
     try:
-        from distributed import Client
+        distributed: Any = importlib.import_module("distributed")
     except ImportError:
         raise InputError("--scheduler: needs the package distributed: pip install 'warpsim[cluster]'") from None
     try:
-        client = Client(address, timeout=CONNECT_TIMEOUT_S)
+        client = distributed.Client(address, timeout=CONNECT_TIMEOUT_S)
     except (OSError, ValueError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"--scheduler: must be the address of a Dask scheduler, got {address!r}: {reason}") from None

@@ -14,7 +14,7 @@ from warpsim.dataset.recipe import SHARDED, Recipe
 from warpsim.dataset.sequences import split_of
 from warpsim.dataset.shard import Receipt
 from warpsim.dataset.workplace import Workplace
-from warpsim.files import sha256_of, whole_file, write_json
+from warpsim.files import sha256_of, write_json
 from warpsim.output.manifest import made_with
 from warpsim.scene.inputs import input_checksums
 
@@ -57,16 +57,14 @@ def _write_stores(recipe: Recipe, folder: Path) -> list[Path]:
 
 def _write_annotations(recipe: Recipe, folder: Path) -> list[Path]:
     """COCO's annotations of each split."""
-    from warpsim.labels.coco import write_coco
+    from warpsim.labels.coco import coco_categories, write_coco
 
     paths = []
     for split in recipe.shares if recipe.coco else ():
         path = folder / ANNOTATIONS / f"{split}.json"
         path.parent.mkdir(exist_ok=True)
-        kinds = [spec.name for spec in recipe.scene.target_specs]
         info = {"description": recipe.scene.description or recipe.scene.name, "split": split}
-        with whole_file(path) as partial:
-            write_coco(partial, _images(recipe, folder, split), kinds, info)
+        write_coco(path, _images(recipe, folder, split), coco_categories(recipe.scene), info)
         paths.append(path)
     return paths
 

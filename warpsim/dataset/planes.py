@@ -18,7 +18,7 @@ def planes_of(recipe: Recipe, frames: FrameSet) -> Planes:
     if recipe.signal and frames.signal_w_cm2 is not None:
         planes["signal_w_cm2"] = frames.signal_w_cm2.numpy()
     if recipe.masks:
-        planes["mask"] = _each(frames, lambda *image: frames.target_mask(*image, least_nei=recipe.least_nei))
+        planes["mask"] = _each(frames, lambda f, s, b: frames.target_mask(f, s, b, recipe.least_nei))
     if recipe.contributions:
         planes["contributions_w_cm2"] = _each(frames, frames.contributions_w_cm2)
     return planes

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import Sequence
-from warpsim.output.image_files import write_preview
 from warpsim.render.renderer import Renderer
 
 PREVIEW_FRAMES = 100
@@ -17,6 +16,8 @@ FRAMES_PER_S = 10.0
 
 def draw_previews(recipe: Recipe, sequence: Sequence, renderer: Renderer, folder: Path) -> None:
     """Draw a film of each sensor and band: SENSOR_BAND.gif."""
+    from warpsim.output.preview import write_preview
+
     step = -(-recipe.n_frame // PREVIEW_FRAMES)
     frames = renderer.render(range(0, recipe.n_frame, step), sequence.sensors, recipe.band_names)
     counts = frames.counts.numpy()

@@ -43,7 +43,7 @@ SEQUENCES_PER_SHARD = 8
 MOST_SEQUENCES = 10_000_000
 
 SAMPLED_ELSEWHERE = ("frames", "seed", "bands", "duration_s")
-"""Fields of the scene that the recipe has fields of its own for, or that must be the same in all sequences."""
+"""Fields of the scene that the recipe has fields of its own for, or that are the same in all sequences."""
 
 
 def _scene(value: Any) -> Any:
@@ -133,7 +133,7 @@ class Recipe:
     signal: Switch = False
     stars: Switch = False
     preview: Literal["gif"] | None = None
-    least_nei: NonNegative = 1.0
+    least_nei: Positive = 1.0
 
     @model_validator(mode="after")
     def _possible(self) -> Recipe:

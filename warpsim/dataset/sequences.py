@@ -73,10 +73,16 @@ def varied(recipe: Recipe, values: dict[str, Any], where: str) -> Scene:
         InputError: They break a rule; the text begins with `where`.
     """
     try:
-        return recipe.scene.replace(**{name.replace(".", "__"): value for name, value in values.items()})
+        scene = recipe.scene.replace(**{name.replace(".", "__"): value for name, value in values.items()})
     except InputError as error:
         shown = ", ".join(f"{name} = {value!r}" for name, value in values.items())
         raise InputError(f"{where}: {str(error).removeprefix('Scene: ')} (drawn: {shown})"[:600]) from None
+    kinds = {spec.name for spec in recipe.scene.target_specs}
+    if new := {spec.name for spec in scene.target_specs} - kinds:  # the categories of all annotations are the same
+        raise InputError(
+            f"{where}: targets must be of the scene's own names ({', '.join(sorted(kinds))}), got {new.pop()}"
+        )
+    return scene
 
 
 def check_extremes(recipe: Recipe) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -13,6 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from warpsim.dataset.annotations import write_satnet
 from warpsim.dataset.layout import PARTS, Shard, folder_of
 from warpsim.dataset.planes import bytes_per_frame, planes_of
 from warpsim.dataset.previews import draw_previews
@@ -25,6 +27,9 @@ from warpsim.render.renderer import Renderer
 
 BYTES_PER_CALL = 64 * 2**20
 """Of images held in memory at a time, with all planes that are wanted."""
+
+LEAST_FREE_BYTES = 2**20
+"""A disk with less room is full."""
 
 Receipt = dict[str, Any]
 """What a worker says of a shard: key, shard, files with their checksums, sequences with what was drawn."""
@@ -59,7 +64,7 @@ def write_shard(task: Task) -> Receipt:
         OSError: Writing failed.
     """
     folder, shard, recipe = Path(task.folder), task.shard, _recipe(task.recipe)
-    with _scratch(folder, shard) as scratch:
+    with _scratch(folder, shard) as scratch, _full_disk_told(folder):
         sequences = _write_files(recipe, task, scratch)
         files = sorted(path.relative_to(scratch).as_posix() for path in scratch.rglob("*") if path.is_file())
         checksums = {name: sha256_of(scratch / name) for name in files}
@@ -94,6 +99,17 @@ def _scratch(folder: Path, shard: Shard) -> Iterator[Path]:
         shutil.rmtree(path, ignore_errors=True)
 
 
+@contextmanager
+def _full_disk_told(folder: Path) -> Iterator[None]:
+    """NumPy says only that it wrote less than was asked for."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None and shutil.disk_usage(folder).free < LEAST_FREE_BYTES:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder)) from error
+        raise
+
+
 def _write_files(recipe: Recipe, task: Task, scratch: Path) -> list[dict[str, Any]]:
     """Write all files of a shard; what was drawn for each sequence."""
     writer = shard_writer(recipe, task.shard, scratch)
@@ -102,10 +118,11 @@ def _write_files(recipe: Recipe, task: Task, scratch: Path) -> list[dict[str, An
     try:
         for position, number in enumerate(task.shard.sequences):
             sequence = draw_sequence(recipe, number)
+            folder = scratch / folder_of(task.shard, number)
             renderer = Renderer(sequence.scene, task.device, task.n_thread)
-            _write_sequence(recipe, sequence, position, renderer, writer, tables)
+            _write_sequence(recipe, sequence, position, renderer, writer, tables, folder)
             if recipe.preview:
-                draw_previews(recipe, sequence, renderer, scratch / folder_of(task.shard, number))
+                draw_previews(recipe, sequence, renderer, folder)
             drawn.append(_told(sequence, task.shard))
         tables.close()
         writer.finish()
@@ -116,7 +133,13 @@ def _write_files(recipe: Recipe, task: Task, scratch: Path) -> list[dict[str, An
 
 
 def _write_sequence(
-    recipe: Recipe, sequence: Sequence, position: int, renderer: Renderer, writer: ShardWriter, tables: Tables
+    recipe: Recipe,
+    sequence: Sequence,
+    position: int,
+    renderer: Renderer,
+    writer: ShardWriter,
+    tables: Tables,
+    folder: Path,
 ) -> None:
     """Render a sequence, some frames at a time, and write its images and tables."""
     n_frame = max(1, BYTES_PER_CALL // bytes_per_frame(recipe, sequence.scene))
@@ -126,6 +149,8 @@ def _write_sequence(
         frames = renderer.render(numbers, sequence.sensors, recipe.band_names, recipe.signal, recipe.stars)
         rows = tables.add(sequence, position, frames)
         writer.add(frames, planes_of(recipe, frames), rows["truth"])
+        if recipe.satnet:
+            write_satnet(frames, rows, folder)
     writer.end()
     tables.end_sequence(sequence)
 

@@ -12,7 +12,8 @@ import numpy as np
 from warpsim.dataset.layout import ImageKey, Shard, image_id, table_path
 from warpsim.dataset.recipe import SHARDED, Recipe
 from warpsim.dataset.sequences import Sequence
-from warpsim.labels.table import label_table, write_parquet
+from warpsim.labels.parquet import write_parquet
+from warpsim.labels.table import label_table
 from warpsim.optics.wcs import lens_keywords, tan_keywords
 from warpsim.output.dates import utc_dates
 from warpsim.render.frameset import FrameSet

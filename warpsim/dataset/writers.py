@@ -22,7 +22,6 @@ from warpsim.dataset.sequences import Sequence
 from warpsim.errors import InputError
 from warpsim.output.fits_cube import CubeWriter
 from warpsim.output.fits_planes import PlaneWriter
-from warpsim.output.image_files import write_counts, write_signal
 from warpsim.render.frameset import FrameSet
 
 if TYPE_CHECKING:
@@ -96,16 +95,20 @@ class CubeFolder:
 
     def end(self) -> None:
         """Close the cubes."""
-        for writer in [*self._cubes.values(), *self._others.values()]:
+        for writer in self._open:
             writer.close()
         self._cubes, self._others = {}, {}
+
+    @property
+    def _open(self) -> list[CubeWriter | PlaneWriter]:
+        return [*self._cubes.values(), *self._others.values()]
 
     def finish(self) -> None:
         """Nothing is left to do."""
 
     def abandon(self) -> None:
         """Close what is open."""
-        for writer in [*self._cubes.values(), *self._others.values()]:
+        for writer in self._open:
             with contextlib.suppress(OSError):
                 writer.abandon()
 
@@ -139,6 +142,8 @@ class ImageFolder:
                     )
 
     def _write(self, stem: Path, planes: Planes, meta: dict[str, Any]) -> None:
+        from warpsim.output.image_files import write_counts, write_signal
+
         for name, values in planes.items():
             if name == "counts":
                 write_counts(stem.with_suffix(self._suffix), values, meta)

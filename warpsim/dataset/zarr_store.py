@@ -6,6 +6,7 @@ copy of the empty group, in a folder of its own, and its files are then moved to
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -49,7 +50,7 @@ def frames_per_shard(recipe: Recipe, shape: tuple[int, ...], dtype: Any) -> int:
     """Frames of an array's shard: all of the sequences, or as many of one sequence as SHARD_BYTES hold."""
     if recipe.shard_size > 1:
         return recipe.n_frame
-    frame_bytes = int(np.prod(shape[1:])) * np.dtype(dtype).itemsize
+    frame_bytes = math.prod(shape[1:]) * int(np.dtype(dtype).itemsize)
     return max(1, min(recipe.n_frame, SHARD_BYTES // frame_bytes))
 
 
