@@ -10,15 +10,27 @@ import numpy.typing as npt
 from warpsim.instant import years_ahead
 
 if TYPE_CHECKING:
+    from astropy.time import Time
+
     from warpsim.scene.scene import Scene
 
 
 def utc_dates(scene: Scene, time_s: npt.ArrayLike) -> npt.NDArray[Any]:
     """ISO 8601 dates, UTC to the microsecond, of times after a scene's epoch [s]."""
+    with years_ahead():
+        times = _utc(scene, time_s)
+        times.precision = 6
+        return np.asarray(times.isot)
+
+
+def utc_mjd(scene: Scene, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Modified Julian dates of UTC, good to a microsecond, of times after a scene's epoch [s]."""
+    with years_ahead():
+        return np.asarray(_utc(scene, time_s).mjd)
+
+
+def _utc(scene: Scene, time_s: npt.ArrayLike) -> Time:
     from astropy.time import TimeDelta
 
     # TAI seconds: UTC days may hold a leap second.
-    with years_ahead():
-        times = (scene.epoch.tai + TimeDelta(np.asarray(time_s, dtype=np.float64), format="sec")).utc
-        times.precision = 6
-        return np.asarray(times.isot)
+    return (scene.epoch.tai + TimeDelta(np.asarray(time_s, dtype=np.float64), format="sec")).utc

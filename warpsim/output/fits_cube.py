@@ -17,7 +17,8 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.optics.wcs import lens_keywords, tan_keywords, wcs_from_keywords
-from warpsim.output.fits_header import scene_cards, utc_dates
+from warpsim.output.dates import utc_dates
+from warpsim.output.fits_header import scene_cards
 from warpsim.render.frameset import FrameSet
 from warpsim.scene.scene import Scene
 
@@ -88,7 +89,7 @@ class CubeWriter:
 
         self._stream.close()
         table = Table(rows=self._rows)
-        table.add_column(utc_dates(self._scene, table["TIME_S"]).isot, index=2, name="DATE_OBS")
+        table.add_column(utc_dates(self._scene, table["TIME_S"]), index=2, name="DATE_OBS")
         table["TIME_S"].unit = "s"
         for name in _WCS_KEYS[:2]:
             table[name].unit = "deg"

@@ -6,17 +6,13 @@ Cubes, single images and the JSON text in other image files say it in the same w
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from warpsim.detector.electron import ElectronDetector
 from warpsim.detector.levels import ElectronLevels, Levels
 from warpsim.detector.terms import detector_terms
-from warpsim.instant import years_ahead
 from warpsim.optics.wcs import lens_keywords, tan_keywords
+from warpsim.output.dates import utc_dates, utc_mjd
 from warpsim.render.frameset import FrameSet
 from warpsim.scene.scene import Scene
 
@@ -47,33 +43,12 @@ def scene_cards(scene: Scene, sensor: str, band: str) -> list[Card]:
     ]
 
 
-@dataclass(frozen=True)
-class UtcDates:
-    """Instants of UTC."""
-
-    isot: list[str]
-    """ISO 8601, to microseconds."""
-    mjd: list[float]
-    """Modified Julian dates of UTC, good to a microsecond."""
-
-
-def utc_dates(scene: Scene, time_s: npt.ArrayLike) -> UtcDates:
-    """The instants of times after the scene's epoch [s], shape (n,)."""
-    from astropy.time import TimeDelta
-
-    # TAI seconds: UTC days may hold a leap second.
-    with years_ahead():
-        times = (scene.epoch.tai + TimeDelta(np.asarray(time_s, dtype=np.float64), format="sec")).utc
-        times.precision = 6
-        return UtcDates([str(text) for text in times.isot], [float(day) for day in times.mjd])
-
-
 def image_cards(frames: FrameSet, sensor: str, band: str) -> Iterator[list[Card]]:
     """All keywords of each image of a sensor and band, frame by frame: the scene's, and its own time and sky."""
     scene, place = frames.scene, frames.sensors.index(sensor)
-    first = [*scene_cards(scene, sensor, band), ("MJDREF", utc_dates(scene, [0.0]).mjd[0], "[d] of DATEREF")]
+    first = [*scene_cards(scene, sensor, band), ("MJDREF", float(utc_mjd(scene, [0.0])[0]), "[d] of DATEREF")]
     last: list[Card] = [(name, value, "") for name, value in lens_keywords(scene.camera).items()]
-    dates = utc_dates(scene, frames.time_s)
+    dates, days = utc_dates(scene, frames.time_s), utc_mjd(scene, frames.time_s)
     up, boresight = frames.up_replaced[:, place], frames.boresight_replaced[:, place]
     for i, number in enumerate(frames.frames):
         tan = tan_keywords(frames.axes_icrs[i, place], scene.camera)
@@ -81,8 +56,8 @@ def image_cards(frames: FrameSet, sensor: str, band: str) -> Iterator[list[Card]
             *first,
             ("FRAME", number, "frame number in the scene"),
             ("TIME_S", float(frames.time_s[i]), "[s] after DATEREF, middle of the exposure"),
-            ("DATE-OBS", dates.isot[i], "UTC, middle of the exposure"),
-            ("MJD-OBS", dates.mjd[i], "[d] the same"),
+            ("DATE-OBS", str(dates[i]), "UTC, middle of the exposure"),
+            ("MJD-OBS", float(days[i]), "[d] the same"),
             *((name, value, "") for name, value in tan.items()),
             *last,
             ("UPREPL", bool(up[i]), "pointing.up had to be replaced"),

@@ -1,32 +1,30 @@
-"""What a run will write, and what of it is already there.
+"""What a run will write.
 
-The unit of work is a sensor. Its receipt holds the checksums of its files, and is written when they have their final
-names. All receipts and the manifest carry the key of the run: a hash of everything that the files depend on.
+The unit of work is a sensor. All receipts and the manifest carry the key of the run: a hash of everything that the
+files depend on.
 """
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import hashlib
 import json
-import re
-import shutil
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from warpsim.arguments import chosen_names
 from warpsim.errors import InputError
-from warpsim.files import partial_path, read_json, sha256_of, write_json
+from warpsim.output.formats import FORMATS, Format, Images, chosen_formats
 from warpsim.render.renderer import Renderer
 from warpsim.scene.inputs import input_checksums
 from warpsim.scene.scene import Scene
 
-_PARTS = ".warpsim-parts"
+USUAL_FORMATS = ("fits",)
+
+PARTS = ".warpsim-parts"
+"""Folder of what a run needs while it is unfinished."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +40,8 @@ class Plan:
     """Hash of all that the files depend on."""
     tables: tuple[str, ...] = ("truth",)
     """Tables beside the images: "truth" (targets), and "stars" when wanted."""
+    formats: dict[str, Format] = field(default_factory=lambda: {name: FORMATS[name] for name in USUAL_FORMATS})
+    """How images are stored, by name."""
 
     @property
     def n_image(self) -> int:
@@ -51,7 +51,7 @@ class Plan:
     @property
     def parts(self) -> Path:
         """Folder of what a run needs while it is unfinished."""
-        return self.folder / _PARTS
+        return self.folder / PARTS
 
     @property
     def manifest_path(self) -> Path:
@@ -64,19 +64,29 @@ class Plan:
 
     @property
     def names(self) -> list[str]:
-        """Names of all files of the finished run."""
-        cubes = [path.name for sensor in self.frames_of for path in self.cube_paths(sensor)]
+        """Names of all files of the finished run, relative to its folder."""
+        images = [name for sensor in self.frames_of for name in self.image_names(sensor)]
         tables = [self.table_path(table).name for table in self.tables]
-        return [*cubes, *tables, self.sheet_path.name, self.manifest_path.name]
+        return [*images, *tables, self.sheet_path.name, self.manifest_path.name]
 
     @property
     def sheet_path(self) -> Path:
         """The contact sheet."""
         return self.folder / "contact_sheet.png"
 
-    def cube_paths(self, sensor: str) -> list[Path]:
-        """The cubes of a sensor, by band."""
-        return [self.folder / f"{sensor}_{band}.fits" for band in self.bands]
+    def images(self, sensor: str, band: str) -> Images:
+        """The images of a sensor in a band."""
+        return Images(self.scene, sensor, band, self.frames_of[sensor])
+
+    def image_names(self, sensor: str) -> list[str]:
+        """Names of all files of a sensor's images."""
+        of_bands = [self.images(sensor, band) for band in self.bands]
+        return [name for form in self.formats.values() for images in of_bands for name in form.names(images)]
+
+    @property
+    def needs_signal(self) -> bool:
+        """Whether a format stores noiseless images."""
+        return any(form.needs_signal for form in self.formats.values())
 
     def part_paths(self, sensor: str) -> list[Path]:
         """The tables of one sensor, until all are there."""
@@ -95,14 +105,17 @@ def make_plan(
     bands: Sequence[str] | None,
     stars: bool,
     every_frame: bool = False,
+    formats: Sequence[str] = USUAL_FORMATS,
+    preview: str | None = None,
 ) -> Plan:
     """Decide what a run writes; None means all of the scene.
 
     Raises:
-        InputError: A bad name or number, or no access at all.
+        InputError: A bad name or number, a package that a format needs is missing, or no access at all.
     """
     import warpsim
 
+    chosen = chosen_formats(formats, preview)
     scene = renderer.scene
     numbers = renderer.checked_frames(range(scene.frames.count) if frames is None else frames)
     if not numbers:
@@ -128,120 +141,7 @@ def make_plan(
     tables = ("truth", "stars") if stars else ("truth",)
     facts = [scene.to_dict(), input_checksums(scene), renderer.catalog.checksum, frames_of, band_list, device, tables]
     facts.append(warpsim.__version__)
+    if tuple(chosen) != USUAL_FORMATS:
+        facts.append(list(chosen))
     key = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
-    return Plan(scene, folder, band_list, frames_of, key, tables)
-
-
-def is_complete(plan: Plan) -> bool:
-    """True when the folder holds this very run, whole and undamaged."""
-    manifest = read_json(plan.manifest_path)
-    return _has_key(plan, manifest) and _files_match(plan.folder, manifest["files"])
-
-
-@contextlib.contextmanager
-def working_on(plan: Plan, overwrite: bool) -> Iterator[None]:
-    """Make the folder ready for the plan, keeping what an unfinished or damaged run of it left, and lock it.
-
-    Raises:
-        InputError: The folder holds a different run and overwrite is not set, or files that warpsim did not write, or
-            another run is writing to it.
-    """
-    plan.parts.mkdir(exist_ok=True)
-    with (plan.parts / "lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(f"{plan.folder}: another run is writing to it") from None
-        try:
-            _make_room(plan, overwrite)
-        except InputError:
-            if [path.name for path in plan.parts.iterdir()] == ["lock"]:
-                shutil.rmtree(plan.parts)
-            raise
-        write_json({"key": plan.key, "files": dict.fromkeys(plan.names)}, plan.parts / "run.json")
-        _restore_receipts(plan)
-        yield
-        shutil.rmtree(plan.parts)
-
-
-def has_receipt(plan: Plan, sensor: str) -> bool:
-    """True when the sensor's files are there and undamaged."""
-    receipt = read_json(plan.receipt_path(sensor))
-    return _has_key(plan, receipt) and _files_match(plan.folder, receipt["files"])
-
-
-def write_receipt(plan: Plan, sensor: str) -> None:
-    """Say that the sensor's files are complete."""
-    written = [*plan.cube_paths(sensor), *plan.part_paths(sensor)]
-    checksums = {str(path.relative_to(plan.folder)): sha256_of(path) for path in written}
-    write_json({"key": plan.key, "files": checksums}, plan.receipt_path(sensor))
-
-
-def _has_key(plan: Plan, item: Any) -> bool:
-    """True for a manifest or receipt of this plan."""
-    return isinstance(item, dict) and item.get("key") == plan.key and isinstance(item.get("files"), dict)
-
-
-def _files_match(folder: Path, checksums: dict[str, str]) -> bool:
-    paths = {folder / name: checksum for name, checksum in checksums.items()}
-    return all(path.is_file() and sha256_of(path) == checksum for path, checksum in paths.items())
-
-
-def _make_room(plan: Plan, overwrite: bool) -> None:
-    """See that the plan's files are ours to write: remove a different run, if that is wanted, never foreign files."""
-    records = [_record(path) for path in (plan.manifest_path, *plan.parts.glob("*.json"))]
-    runs = [record for record in records if record is not None]
-    if any(run["key"] != plan.key for run in runs) and not overwrite:
-        raise InputError(
-            f"{plan.folder}: holds a different run (other scene, catalog, frames, bands, tables, device or version); "
-            "choose another folder or pass --overwrite"
-        )
-    ours = {name for run in runs for name in run["files"]} | ({plan.manifest_path.name} if runs else set())
-    for name in plan.names:
-        if (plan.folder / name).exists() and name not in ours:
-            raise InputError(f"{plan.folder / name}: is there already, and warpsim did not write it")
-    stale = {name for run in runs if run["key"] != plan.key for name in run["files"]}
-    for name in stale:
-        (plan.folder / name).unlink(missing_ok=True)
-    if stale:
-        plan.manifest_path.unlink(missing_ok=True)
-        for path in plan.parts.iterdir():
-            if path.name != "lock":
-                path.unlink()
-    for name in plan.names:
-        partial_path(plan.folder / name).unlink(missing_ok=True)
-
-
-def _record(path: Path) -> Any:
-    """What a manifest or receipt says, None unless warpsim wrote it: a key, and plain names of files of a run."""
-    record = read_json(path)
-    if not isinstance(record, dict) or not isinstance(record.get("files"), dict):
-        return None
-    if not re.fullmatch("[0-9a-f]{64}", str(record.get("key"))):
-        return None
-    plain = re.compile(rf"({re.escape(_PARTS)}/)?[A-Za-z0-9_.-]+\.(fits|png|json)")
-    return record if all(plain.fullmatch(name) for name in record["files"]) else None
-
-
-def _restore_receipts(plan: Plan) -> None:
-    """Of a complete run with a damaged or missing file, keep the sensors that are whole."""
-    from astropy.table import Table
-
-    manifest = _record(plan.manifest_path)
-    if manifest is None:
-        return
-    checksums = manifest["files"]
-
-    def whole(paths: list[Path]) -> bool:
-        return _files_match(plan.folder, {path.name: checksums.get(path.name, "") for path in paths})
-
-    paths = [plan.table_path(table) for table in plan.tables]
-    if whole(paths):
-        tables = [Table.read(path) for path in paths]
-        for sensor in plan.frames_of:
-            if whole(plan.cube_paths(sensor)):
-                for table, part in zip(tables, plan.part_paths(sensor), strict=True):
-                    rows = np.asarray(table["sensor"]).astype(str) == sensor
-                    table[rows].write(part, format="fits", overwrite=True)
-                write_receipt(plan, sensor)
-    plan.manifest_path.unlink()
+    return Plan(scene, folder, band_list, frames_of, key, tables, chosen)

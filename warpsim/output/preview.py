@@ -129,26 +129,17 @@ def _mp4(path: Path, rate: Fraction) -> Iterator[Callable[[Picture], None]]:
             # Colours come in blocks of 2 x 2 pixels: numbers of rows and columns must be even.
             even = np.pad(picture, [(0, n % 2) for n in picture.shape])
             if stream is None:
-                stream = file.add_stream("libx264", rate=rate, options={"crf": "18"})
+                # A constant quality: where x264 chooses it, what lay in memory before has a say.
+                stream = file.add_stream("libx264", rate=rate, options={"qp": "18"})
                 stream.height, stream.width = even.shape
                 stream.pix_fmt = "yuv420p"
                 stream.codec_context.thread_count = 1
                 stream.codec_context.flags |= av.codec.context.Flags.bitexact
-            file.mux(stream.encode(av.VideoFrame.from_ndarray(_yuv(even), format="yuv420p")))
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(even, format="gray")))
 
         yield add
         if stream is not None:
             file.mux(stream.encode())
-
-
-def _yuv(picture: Picture) -> Picture:
-    """Brightness from 16 to 235, and behind it both colours, of a quarter of the pixels each.
-
-    Done here, as what FFmpeg makes of grey images depends on what lay in memory beside them.
-    """
-    n_row, n_col = picture.shape
-    brightness = 16 + (picture.astype(np.uint16) * 219 + 127) // 255
-    return np.concatenate([brightness, np.full((n_row // 2, n_col), 128)]).astype(np.uint8)
 
 
 @contextlib.contextmanager

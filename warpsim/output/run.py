@@ -1,14 +1,13 @@
 """The main job: render a scene into a folder, so that it can be killed at any moment and resumed.
 
-Running the same command again renders what has no valid receipt (see plan.py). `manifest.json` comes last.
+Running the same command again renders what has no valid receipt (see run_folder.py). `manifest.json` comes last.
 """
 
 from __future__ import annotations
 
 import contextlib
-import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,8 +19,10 @@ from warpsim.detector.terms import detector_terms
 from warpsim.files import prepare_folder, sha256_of, whole_file, write_fits_table, write_json
 from warpsim.output.check import pointing_warning
 from warpsim.output.contact_sheet import draw_contact_sheet
-from warpsim.output.fits_cube import CubeWriter, read_cube
-from warpsim.output.plan import Plan, has_receipt, is_complete, make_plan, working_on, write_receipt
+from warpsim.output.manifest import made_with
+from warpsim.output.plan import USUAL_FORMATS, Plan, make_plan
+from warpsim.output.progress import progress_bar
+from warpsim.output.run_folder import has_receipt, is_complete, working_on, write_receipt
 from warpsim.render.renderer import Renderer
 from warpsim.scene.inputs import input_checksums
 from warpsim.scene.scene import Scene
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from astropy.table import Table
 
 COUNTS_BYTES_PER_CALL = 64 * 2**20
-"""Counts held in memory at a time."""
+"""Images held in memory at a time."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +80,10 @@ def render_to_folder(
     progress: bool = False,
     stars: bool = False,
     every_frame: bool = False,
+    formats: Sequence[str] = USUAL_FORMATS,
+    preview: str | None = None,
 ) -> RunReport:
-    """Render a scene into a folder: FITS cubes, truth table, contact sheet, manifest.
+    """Render a scene into a folder: images (FITS cubes, usually), truth table, contact sheet, manifest.
 
     Each sensor is rendered in the frames in which it has access to the main target; sensors without any are left out.
     With every_frame access plays no part: cameras that stare or scan see stars before a target comes.
@@ -96,18 +99,22 @@ def render_to_folder(
         progress: Draw a progress bar on standard error.
         stars: Also write `stars.fits`, the stars of every image.
         every_frame: Also render frames without access.
+        formats: How images are stored, one or several: "fits" (a cube for each sensor and band), "tiff", "png" (a
+            16-bit file for each image), "exr" (the same of the noiseless signal [W/cm2], float32), "zarr" (an array
+            for each sensor and band; the extra `zarr`).
+        preview: Also a film for each sensor and band: "gif", or "mp4" with the extra `video`.
 
     Returns:
         What was done.
 
     Raises:
-        InputError: A bad name or number, no access at all, a folder that cannot be written, is in use, or holds another
-            run or files of these names that are not of warpsim.
+        InputError: A bad name or number, a missing package, no access at all, a folder that cannot be written, is in
+            use, or holds another run or files of these names that are not of warpsim.
         OSError: Writing failed on the way (a full disk).
     """
     begin = time.perf_counter()
     renderer = Renderer(scene, device)
-    plan = make_plan(renderer, Path(folder), frames, sensors, bands, stars, every_frame)
+    plan = make_plan(renderer, Path(folder), frames, sensors, bands, stars, every_frame, formats, preview)
     prepare_folder(plan.folder)
     n_done, render_s = 0, 0.0
     if not is_complete(plan):
@@ -130,7 +137,7 @@ def _render_missing(plan: Plan, renderer: Renderer, progress: bool) -> tuple[int
         renderer.render(plan.frames_of[missing[0]][:1], sensors=missing[:1], bands=plan.bands)
     render_s = 0.0
     n_frame = {sensor: len(numbers) for sensor, numbers in plan.frames_of.items()}
-    with _progress_bar(sum(n_frame.values()), progress) as advance:
+    with progress_bar(sum(n_frame.values()), progress) as advance:
         advance(sum(n for sensor, n in n_frame.items() if sensor not in missing))
         for sensor in missing:
             render_s += _render_sensor(plan, renderer, sensor, advance)
@@ -138,35 +145,32 @@ def _render_missing(plan: Plan, renderer: Renderer, progress: bool) -> tuple[int
 
 
 def _render_sensor(plan: Plan, renderer: Renderer, sensor: str, advance: Any) -> float:
-    """Render all frames of a sensor, write its cubes and tables, then the receipt; seconds spent rendering."""
+    """Render all frames of a sensor, write its images and tables, then the receipt; seconds spent rendering."""
     from astropy.table import vstack
 
     scene, numbers = plan.scene, plan.frames_of[sensor]
-    bytes_per_frame = 2 * len(plan.bands) * scene.camera.n_row * scene.camera.n_col
+    bytes_per_pixel = 6 if plan.needs_signal else 2
+    bytes_per_frame = bytes_per_pixel * len(plan.bands) * scene.camera.n_row * scene.camera.n_col
     batch = max(1, COUNTS_BYTES_PER_CALL // bytes_per_frame)
     render_s = 0.0
     with_stars = "stars" in plan.tables
     batches: list[list[Table]] = []
     with contextlib.ExitStack() as files:
-        cube_files = [files.enter_context(whole_file(path)) for path in plan.cube_paths(sensor)]
         table_files = [files.enter_context(whole_file(path)) for path in plan.part_paths(sensor)]
         writers = [
-            CubeWriter(partial, scene, sensor, band, len(numbers))
-            for partial, band in zip(cube_files, plan.bands, strict=True)
+            (files.enter_context(form.writer(plan.folder, plan.images(sensor, band))), place)
+            for form in plan.formats.values()
+            for place, band in enumerate(plan.bands)
         ]
-        for writer in writers:
-            files.callback(writer.abandon)
         for first in range(0, len(numbers), batch):
             begin = time.perf_counter()
             wanted = numbers[first : first + batch]
-            frames = renderer.render(wanted, sensors=[sensor], bands=plan.bands, keep_stars=with_stars)
+            frames = renderer.render(wanted, [sensor], plan.bands, plan.needs_signal, with_stars)
             render_s += time.perf_counter() - begin
-            for band, writer in enumerate(writers):
-                writer.add(frames, 0, band)
+            for add, band_place in writers:
+                add(frames, 0, band_place)
             batches.append([frames.truth, frames.stars] if with_stars else [frames.truth])
             advance(len(frames.frames))
-        for writer in writers:
-            writer.close()
         for tables, partial in zip(zip(*batches, strict=True), table_files, strict=True):
             write_fits_table(vstack(list(tables), metadata_conflicts="silent"), partial)
     write_receipt(plan, sensor)
@@ -188,35 +192,20 @@ def _finish(plan: Plan, renderer: Renderer) -> None:
     shown = max(range(len(plan.bands)), key=lambda i: np.max(truth["snr"][names == plan.bands[i]]))
 
     def planes(sensor: str, frames: list[int]) -> npt.NDArray[np.uint16]:
-        cube = read_cube(plan.cube_paths(sensor)[shown])
-        rows = [int(np.flatnonzero(cube.frames["FRAME"] == frame)[0]) for frame in frames]
-        return cube.counts[rows]
+        images = plan.images(sensor, plan.bands[shown])
+        read = (form.counts(plan.folder, images, frames) for form in plan.formats.values())
+        return next(counts for counts in read if counts is not None)
 
     draw_contact_sheet(plan.scene, plan.bands[shown], plan.frames_of, planes, plan.sheet_path)
-    cubes = [path for sensor in plan.frames_of for path in plan.cube_paths(sensor)]
-    tables = [plan.table_path(table) for table in plan.tables]
-    write_json(_manifest(plan, renderer, [*cubes, *tables, plan.sheet_path]), plan.manifest_path)
+    write_json(_manifest(plan, renderer), plan.manifest_path)
 
 
-def _manifest(plan: Plan, renderer: Renderer, files: list[Path]) -> dict[str, Any]:
+def _manifest(plan: Plan, renderer: Renderer) -> dict[str, Any]:
     """What was made, from what, with what."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    import warpsim
-
-    def installed(package: str) -> str | None:
-        try:
-            return version(package)
-        except PackageNotFoundError:
-            return None
-
-    packages = ("numpy", "warp-lang", "astropy", "skyfield", "sgp4", "OpenImageIO", "pydantic")
     tracks = plan.scene.tracks
     return {
         "key": plan.key,
-        "warpsim": warpsim.__version__,
-        "packages": {name: installed(name) for name in packages},
-        "python": sys.version.split()[0],
+        **made_with(),
         "device": {"name": renderer.device.name, "alias": str(renderer.device)},
         "seed": plan.scene.seed,
         "bands": plan.bands,
@@ -230,7 +219,7 @@ def _manifest(plan: Plan, renderer: Renderer, files: list[Path]) -> dict[str, An
         },
         "scene": plan.scene.to_dict(),
         "inputs": input_checksums(plan.scene),
-        "files": {path.name: sha256_of(path) for path in files},
+        "files": {name: sha256_of(plan.folder / name) for name in plan.names if name != plan.manifest_path.name},
     }
 
 
@@ -240,22 +229,3 @@ def _movement(plan: Plan, renderer: Renderer) -> dict[str, Any]:
         return {}
     streaks = renderer.streaks(plan.bands)
     return {"movement": {"path_nodes": streaks.n_path, "measured_error_px": streaks.error_px}}
-
-
-@contextlib.contextmanager
-def _progress_bar(total: int, wanted: bool) -> Iterator[Callable[[int], None]]:
-    """A function that advances the bar by so many frames (doing nothing when no bar is wanted)."""
-    if not wanted:
-        yield lambda n: None
-        return
-    from astropy.utils.console import ProgressBar
-
-    with ProgressBar(total, file=sys.stderr) as bar:
-        done = 0
-
-        def advance(n: int) -> None:
-            nonlocal done
-            done += n
-            bar.update(done)
-
-        yield advance

@@ -1,0 +1,163 @@
+"""What of a run is already in its folder, and what of other things is there.
+
+A sensor's receipt holds the checksums of its files, and is written when they have their final names.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import shutil
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warpsim.errors import InputError
+from warpsim.files import partial_path, read_json, sha256_of, write_json
+from warpsim.output.plan import PARTS, Plan
+from warpsim.output.receipts import files_match, has_key, locked
+
+_NAME = "[A-Za-z0-9_-][A-Za-z0-9_.-]*"
+_OURS = re.compile(
+    rf"(({re.escape(PARTS)}/)?{_NAME}\.(fits|png|json|gif|mp4)|{_NAME}/\d+\.(png|tif|exr)"
+    rf"|{_NAME}\.zarr/(zarr\.json|c/\d+/0/0))"
+)
+"""Names that files of a run can have."""
+
+
+def is_complete(plan: Plan) -> bool:
+    """True when the folder holds this very run, whole and undamaged."""
+    manifest = read_json(plan.manifest_path)
+    return has_key(manifest, plan.key) and files_match(plan.folder, manifest["files"])
+
+
+@contextlib.contextmanager
+def working_on(plan: Plan, overwrite: bool) -> Iterator[None]:
+    """Make the folder ready for the plan, keeping what an unfinished or damaged run of it left, and lock it.
+
+    Raises:
+        InputError: The folder holds a different run and overwrite is not set, or files that warpsim did not write, or
+            another run is writing to it.
+    """
+    with locked(plan.folder, plan.parts):
+        try:
+            _make_room(plan, overwrite)
+        except InputError:
+            if [path.name for path in plan.parts.iterdir()] == ["lock"]:
+                shutil.rmtree(plan.parts)
+            raise
+        write_json({"key": plan.key, "files": dict.fromkeys(plan.names)}, plan.parts / "run.json")
+        _restore_receipts(plan)
+        yield
+        shutil.rmtree(plan.parts)
+
+
+def has_receipt(plan: Plan, sensor: str) -> bool:
+    """True when the sensor's files are there and undamaged."""
+    receipt = read_json(plan.receipt_path(sensor))
+    return has_key(receipt, plan.key) and files_match(plan.folder, receipt["files"])
+
+
+def write_receipt(plan: Plan, sensor: str) -> None:
+    """Say that the sensor's files are complete."""
+    parts = [str(path.relative_to(plan.folder)) for path in plan.part_paths(sensor)]
+    checksums = {name: sha256_of(plan.folder / name) for name in [*plan.image_names(sensor), *parts]}
+    write_json({"key": plan.key, "files": checksums}, plan.receipt_path(sensor))
+
+
+def _make_room(plan: Plan, overwrite: bool) -> None:
+    """See that the plan's files are ours to write: remove a different run, if that is wanted, never foreign files."""
+    records = [_record(path) for path in (plan.manifest_path, *plan.parts.glob("*.json"))]
+    runs = [record for record in records if record is not None]
+    if any(run["key"] != plan.key for run in runs) and not overwrite:
+        raise InputError(
+            f"{plan.folder}: holds a different run (other scene, catalog, frames, bands, tables, formats, device or "
+            "version); choose another folder or pass --overwrite"
+        )
+    ours = {name for run in runs for name in run["files"]} | ({plan.manifest_path.name} if runs else set())
+    foreign = next(_foreign(plan.folder, plan.names, ours), None)
+    if foreign is not None:
+        raise InputError(f"{foreign}: is there already, and warpsim did not write it")
+    stale = {name for run in runs if run["key"] != plan.key for name in run["files"]}
+    _remove(plan.folder, stale)
+    if stale:
+        plan.manifest_path.unlink(missing_ok=True)
+        for path in plan.parts.iterdir():
+            if path.name != "lock":
+                path.unlink()
+    _remove_unfinished(plan.folder, plan.names)
+
+
+def _foreign(folder: Path, names: Iterable[str], ours: set[str]) -> Iterator[Path]:
+    """What stands where files of these names are to be, and is not ours."""
+    for name in names:
+        if (folder / name).exists() and name not in ours:
+            yield folder / name
+    for top in _folders(names):
+        path = folder / top
+        if path.exists() and not path.is_dir():
+            yield path
+        elif path.suffix == ".zarr" and path.is_dir():  # replaced as a whole
+            found = (item for item in path.rglob("*") if not item.is_dir())
+            yield from (item for item in found if item.relative_to(folder).as_posix() not in ours)
+
+
+def _folders(names: Iterable[str]) -> set[str]:
+    """Folders in which files of a run lie, other than that of its parts."""
+    return {name.split("/")[0] for name in names if "/" in name} - {PARTS}
+
+
+def _remove(folder: Path, names: set[str]) -> None:
+    """Remove files, what is unfinished of them, and folders that are empty then."""
+    for name in names:
+        (folder / name).unlink(missing_ok=True)
+    _remove_unfinished(folder, names)
+    for top in _folders(names):
+        # The deepest first.
+        for path in sorted([folder / top, *(folder / top).rglob("*")], reverse=True):
+            if path.is_dir() and not any(path.iterdir()):
+                path.rmdir()
+
+
+def _remove_unfinished(folder: Path, names: Iterable[str]) -> None:
+    for name in names:
+        if (folder / name).parent.is_dir():
+            partial_path(folder / name).unlink(missing_ok=True)
+    for top in _folders(names):
+        shutil.rmtree(partial_path(folder / top), ignore_errors=True)
+
+
+def _record(path: Path) -> Any:
+    """What a manifest or receipt says, None unless warpsim wrote it: a key, and plain names of files of a run."""
+    record = read_json(path)
+    if not isinstance(record, dict) or not isinstance(record.get("files"), dict):
+        return None
+    if not re.fullmatch("[0-9a-f]{64}", str(record.get("key"))):
+        return None
+    return record if all(_OURS.fullmatch(name) for name in record["files"]) else None
+
+
+def _restore_receipts(plan: Plan) -> None:
+    """Of a complete run with a damaged or missing file, keep the sensors that are whole."""
+    from astropy.table import Table
+
+    manifest = _record(plan.manifest_path)
+    if manifest is None:
+        return
+    checksums = manifest["files"]
+
+    def whole(names: list[str]) -> bool:
+        return files_match(plan.folder, {name: checksums.get(name, "") for name in names})
+
+    paths = [plan.table_path(table) for table in plan.tables]
+    if whole([path.name for path in paths]):
+        tables = [Table.read(path) for path in paths]
+        for sensor in plan.frames_of:
+            if whole(plan.image_names(sensor)):
+                for table, part in zip(tables, plan.part_paths(sensor), strict=True):
+                    rows = np.asarray(table["sensor"]).astype(str) == sensor
+                    table[rows].write(part, format="fits", overwrite=True)
+                write_receipt(plan, sensor)
+    plan.manifest_path.unlink()
