@@ -65,6 +65,8 @@ def _parser() -> argparse.ArgumentParser:
     render.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
     render.add_argument("--every-frame", action="store_true", help="also frames without access to the main target")
     render.add_argument("--stars", action="store_true", help="also list the stars in every image, in stars.fits")
+    render.add_argument("--format", default="fits", metavar="NAMES", help="comma-separated: fits (the default), tiff, png, exr, zarr")
+    render.add_argument("--preview", metavar="NAME", help="also a film of each sensor and band: gif or mp4")
     render.add_argument("--overwrite", action="store_true", help="replace a different run in the folder")
     render.add_argument("--quiet", action="store_true", help="no progress bar, no report")
     render.set_defaults(command=_render)
@@ -182,6 +184,8 @@ def _render(options: argparse.Namespace) -> int:
         stars=options.stars,
         every_frame=options.every_frame,
         progress=not options.quiet,
+        formats=_names(options.format) or (),
+        preview=options.preview,
     )
     if not options.quiet:
         print(report.text())

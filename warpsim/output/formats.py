@@ -207,7 +207,7 @@ def chosen_formats(formats: Sequence[str], preview: str | None) -> dict[str, For
     Raises:
         InputError: An unknown one, none, or a package is missing.
     """
-    chosen = {name: FORMATS[name] for name in chosen_names("formats", formats, list(FORMATS))}
+    chosen = {name: FORMATS[name] for name in chosen_names("formats", formats or (), list(FORMATS))}
     if preview is not None:
         if preview not in PREVIEWS:
             raise InputError(f"preview: must be {' or '.join(PREVIEWS)}, got {preview!r}")
