@@ -65,7 +65,8 @@ def _parser() -> argparse.ArgumentParser:
     render.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
     render.add_argument("--every-frame", action="store_true", help="also frames without access to the main target")
     render.add_argument("--stars", action="store_true", help="also list the stars in every image, in stars.fits")
-    render.add_argument("--format", default="fits", metavar="NAMES", help="comma-separated: fits (the default), tiff, png, exr, zarr")
+    formats = "comma-separated: fits (the default), tiff, png, exr (noiseless), zarr"
+    render.add_argument("--format", default="fits", metavar="NAMES", help=formats)
     render.add_argument("--preview", metavar="NAME", help="also a film of each sensor and band: gif or mp4")
     render.add_argument("--overwrite", action="store_true", help="replace a different run in the folder")
     render.add_argument("--quiet", action="store_true", help="no progress bar, no report")
