@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import json
 import time
 from concurrent.futures import Executor
@@ -18,6 +19,7 @@ from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import check_extremes
 from warpsim.dataset.shard import Receipt, Task
 from warpsim.dataset.workplace import Workplace
+from warpsim.errors import InputError
 from warpsim.files import prepare_folder, read_json
 from warpsim.output.progress import progress_bar
 from warpsim.render.device import default_device, n_usable_cpu
@@ -90,6 +92,7 @@ def write_dataset(
         recipe = Recipe(scene=recipe) if isinstance(recipe, Scene) else Recipe.load(recipe)
     alias = str(default_device(device))
     n_worker = whole_number("n_worker", n_worker, 1) if n_worker is not None else _workers(alias)
+    _check_packages(recipe)
     check_extremes(recipe)
     place = Workplace(Path(folder).absolute(), recipe, run_key(recipe, alias))
     prepare_folder(place.folder)
@@ -114,6 +117,14 @@ def run_key(recipe: Recipe, device: str) -> str:
     kind = "cuda" if device.startswith("cuda") else "cpu"
     facts = ["dataset", recipe.to_dict(), input_checksums(recipe.scene), catalog, kind, warpsim.__version__]
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+
+
+def _check_packages(recipe: Recipe) -> None:
+    """See that what writes the files is installed, before the work."""
+    needed = ["pyarrow", "zarr"] if recipe.format == "zarr" else ["pyarrow"]
+    for package in needed:
+        if importlib.util.find_spec(package) is None:
+            raise InputError(f"data sets need {package}, which is not installed: pip install 'warpsim[datasets]'")
 
 
 def _workers(device: str) -> int:

@@ -64,7 +64,7 @@ def create_store(recipe: Recipe, split: str, path: Path) -> Any:
         import zarr
         from zarr import create_group
     except ImportError:
-        raise InputError("format: zarr needs the package zarr >= 3: pip install 'warpsim[zarr]'") from None
+        raise InputError("format: zarr needs the package zarr >= 3: pip install 'warpsim[datasets]'") from None
     group = create_group(store=str(path), zarr_format=3, attributes=_attributes(recipe, split))
     n_sequence = len(split_of(recipe)[split])
     with zarr.config.set({"array.write_empty_chunks": True}):  # a shard's files do not depend on what it shows
