@@ -80,15 +80,14 @@ def test_notebooks_are_listed_where_there_are_any(site_pages, monkeypatch, tmp_p
 
 def test_signatures_are_plain(tidy_docstrings):
     signature = (
-        "(bits: Annotated[Integer, closed_interval(1, 16)] = 14, place: tuple[Annotated[float, at(f(1), 2)], ...] = (), "
-        "*, kind: Literal['a'] = 'a')"
+        "(bits: Annotated[Integer, closed_interval(1, 16)] = 14, place: tuple[Annotated[float, at(f(1), 2)], ...] = ()"
+        ", *, kind: Literal['a'] = 'a')"
     )
-    shown, returned = tidy_docstrings.plain_signature(
-        None, "class", "", None, None, signature, "npt.NDArray[np.float64]"
-    )
+    plain = tidy_docstrings.plain_signature
+    shown, returned = plain(None, "class", "", None, None, signature, "npt.NDArray[np.float64]")
     assert shown == "(bits: Integer = 14, place: tuple[float, ...] = ())"
     assert returned == "NDArray[float64]"
-    hidden = tidy_docstrings.plain_signature(None, "class", "", None, None, "(scene: Scene, _world: World)", None)
+    hidden = plain(None, "class", "", None, None, "(scene: Scene, _world: World)", None)
     assert hidden == ("", None)
 
 
