@@ -12,6 +12,8 @@ from pydantic import TypeAdapter
 
 import warpsim as ws
 from warpsim.cli import main
+from warpsim.dataset.distributions import KINDS
+from warpsim.dataset.sequences import check_extremes
 from warpsim.orbit.constellations import Constellation, NamedOrbit
 from warpsim.orbit.paths import Orbit
 from warpsim.scene import parts
@@ -73,6 +75,11 @@ def blocks(page, language):
     return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
 
 
+def recipes(page):
+    """Blocks that are recipes of data sets: they name their scene."""
+    return [text for text in blocks(page, "toml") if text.startswith("scene = ")]
+
+
 def sections(page):
     """Text under each heading, by heading."""
     pieces = re.split(r"^#+ (.*)\n", page.read_text(), flags=re.MULTILINE)
@@ -90,15 +97,29 @@ def test_python_blocks_run(page, tmp_path, monkeypatch):
     """Top to bottom, in one namespace, as a reader would."""
     monkeypatch.chdir(tmp_path)
     names = {"__name__": page.stem}
+    for recipe in recipes(page):
+        (tmp_path / "recipe.toml").write_text(recipe)
     for block in blocks(page, "python"):
         exec(compile(block, str(page), "exec"), names)
 
 
 def test_toml_blocks_are_scenes():
-    texts = [text for page in PAGES for text in blocks(page, "toml")]
+    texts = [text for page in PAGES for text in blocks(page, "toml") if text not in recipes(page)]
     assert texts
     for text in texts:
         assert Scene.from_dict(tomllib.loads(text)).target_names
+
+
+def test_recipes_are_recipes_and_their_page_lists_all_fields(tmp_path):
+    page = TOP / "docs" / "datasets.md"
+    (text,) = recipes(page)
+    (tmp_path / "recipe.toml").write_text(text)
+    recipe = ws.Recipe.load(tmp_path / "recipe.toml")
+    check_extremes(recipe)
+    assert len(recipe.distributions) == 4
+    assert first_column(sections(page)["Fields"]) == [field.name for field in fields(ws.Recipe)]
+    kinds = [re.match(r"{ (\w+) =", cell)[1] for cell in first_column(sections(page)["Distributions"])]
+    assert kinds == list(KINDS)
 
 
 STATIONS = """\

@@ -13,6 +13,9 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from warpsim import paper as paper
     from warpsim import plot as plot
+    from warpsim.dataset.recipe import Recipe as Recipe
+    from warpsim.dataset.run import DatasetReport as DatasetReport
+    from warpsim.dataset.run import write_dataset as write_dataset
     from warpsim.detector.electron import ElectronDetector as ElectronDetector
     from warpsim.detector.nei import NeiDetector as NeiDetector
     from warpsim.errors import InputError as InputError
@@ -150,6 +153,9 @@ _HOME = {
     "write_stk_attitude": "warpsim.exchange.write",
     "NeiDetector": "warpsim.detector.nei",
     "ElectronDetector": "warpsim.detector.electron",
+    "Recipe": "warpsim.dataset.recipe",
+    "write_dataset": "warpsim.dataset.run",
+    "DatasetReport": "warpsim.dataset.run",
     "InputError": "warpsim.errors",
 }
 

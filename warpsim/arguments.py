@@ -67,3 +67,15 @@ def whole_number(what: str, value: Any, least: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise InputError(f"{what}: must be a whole number >= {least}, got {value!r}")
     return int(value)
+
+
+def above_zero(what: str, value: Any) -> float:
+    """A finite number above 0.
+
+    Raises:
+        InputError: It is none.
+    """
+    kinds = int | float | np.integer | np.floating
+    if isinstance(value, bool) or not isinstance(value, kinds) or not 0 < value < np.inf:
+        raise InputError(f"{what}: must be a number above 0, got {value!r}")
+    return float(value)

@@ -1,4 +1,4 @@
-"""Command line: warpsim render | access | check | plot | czml | catalog | bench."""
+"""Command line: warpsim render | dataset | access | check | plot | czml | catalog | bench."""
 
 from __future__ import annotations
 
@@ -49,6 +49,8 @@ def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     import warpsim
+    from warpsim.dataset.command import add_arguments
+    from warpsim.dataset.command import run as run_dataset
 
     parser = argparse.ArgumentParser(prog="warpsim", description="Render what space-based infrared sensors see.")
     parser.add_argument("--version", action="version", version=f"warpsim {warpsim.__version__}")
@@ -99,6 +101,10 @@ def _parser() -> argparse.ArgumentParser:
     catalog = commands.add_parser("catalog", help="say what a star catalog holds, and convert it")
     _add_catalog(catalog)
     catalog.set_defaults(command=_catalog)
+
+    dataset = commands.add_parser("dataset", help="write a data set: sampled sequences of a scene, with labels")
+    add_arguments(dataset)
+    dataset.set_defaults(command=lambda options: run_dataset(options, _whole_number, _start_warp))
 
     bench = commands.add_parser("bench", help="frames per second against image size and sensors on this machine")
     _add_bench(bench)

@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import json
 import os
+import shutil
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -35,6 +36,32 @@ def whole_file(path: Path) -> Iterator[Path]:
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Errors of writing say to which file."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is not None or str(path) in str(error):
+            raise
+        if error.errno is not None:
+            raise OSError(error.errno, error.strerror, str(path)) from None
+        raise OSError(f"{path}: cannot be written: {error}") from None
+
+
+@contextlib.contextmanager
+def whole_file_by_memory(path: Path) -> Iterator[str]:
+    """A name in memory for a library to write to that does not tell of a full disk; what it wrote becomes the file.
+
+    OpenImageIO's writers of PNG and GIF, and that of EXR for small images, return success where nothing could be
+    written any more.
+    """
+    with os.fdopen(os.memfd_create("warpsim"), "rb") as memory:
+        yield f"/proc/self/fd/{memory.fileno()}"
+        with whole_file(path) as partial, naming(path), partial.open("wb") as file:
+            shutil.copyfileobj(memory, file, 2**20)
 
 
 def absolute_path(path: str) -> str:

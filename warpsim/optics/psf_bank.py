@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from typing import Any, Protocol
 
@@ -69,6 +70,9 @@ class PsfBank(Protocol):
             paths: As in deposit.
         """
 
+    def of_band(self, band: int) -> PsfBank:
+        """The bank of one of the bands alone, with the same tables."""
+
 
 class GaussianBank:
     """Gaussians.
@@ -113,6 +117,12 @@ class GaussianBank:
         kernel = make_gaussian_light_kernel(paths is not None)
         _launch(kernel, [*sources, self._sigma_px, rule, Paths() if paths is None else paths, self._rules], outputs)
 
+    def of_band(self, band: int) -> PsfBank:
+        """See PsfBank."""
+        bank = copy.copy(self)
+        bank._psf, bank._sigma_px = self._psf[band : band + 1], self._sigma_px[band : band + 1]
+        return bank
+
 
 class TableBank:
     """Patterns as tables of pixel shares."""
@@ -154,6 +164,12 @@ class TableBank:
         tables = [self._psf, self._blur, self._table, self._nodes()]
         inputs = [*sources, *tables, rule, Paths() if paths is None else paths, self._rules]
         _launch(kernel, inputs, outputs)
+
+    def of_band(self, band: int) -> PsfBank:
+        """See PsfBank."""
+        bank = copy.copy(self)
+        bank._psf, bank._blur = self._psf[band : band + 1], self._blur[band : band + 1]
+        return bank
 
     def _nodes(self) -> wp.array:
         return overlapping(self._table, self._n_point * TABLE_LANE)
@@ -203,6 +219,14 @@ def stamp_rule(cut_w_cm2: Sequence[float], cut_share: float, device: Any, streak
     rule.cut_share = max(cut_share, SMALLEST_STAMP_CUT)
     rule.streak_error = streak_error
     return rule
+
+
+def rule_of_band(rule: Any, band: int) -> Any:
+    """The StampRule of one of the bands alone."""
+    one: Any = StampRule()
+    one.cut_w_cm2 = rule.cut_w_cm2[band : band + 1]
+    one.cut_share, one.streak_error = rule.cut_share, rule.streak_error
+    return one
 
 
 def _launch_deposit(

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.files import whole_file_by_memory
+from warpsim.output.grey import CEILING_NEI, grey
 from warpsim.scene.scene import Scene
 
 TILE_PX = 128
@@ -16,10 +18,6 @@ GAP_PX = 6
 LEFT_PX = 76
 TOP_PX = 58
 N_COLUMN = 10
-CEILING_NEI = 60.0
-"""Drawn white."""
-SOFTENING_NEI = 2.0
-"""The grey scale is linear below, logarithmic above: asinh(x / softening)."""
 
 _PAPER = 24
 _NO_ACCESS = 40
@@ -80,18 +78,9 @@ def grey_tile(counts: npt.NDArray[np.uint16], scene: Scene, band: str) -> npt.ND
     Large images are reduced by the brightest pixel of each block, so that no point source is lost; small ones are
     enlarged pixel by pixel. Black is blank sky, white CEILING_NEI.
     """
-    levels = scene.levels[band]
-    level = (counts.astype(np.float32) - levels.blank_counts) / levels.counts_per_nei
-    block = -(-max(level.shape) // TILE_PX)
-    if block > 1:
-        rows, columns = (-(-n // block) * block for n in level.shape)
-        padded = np.full((rows, columns), -np.inf, dtype=np.float32)
-        padded[: level.shape[0], : level.shape[1]] = level
-        level = padded.reshape(rows // block, block, columns // block, block).max(axis=(1, 3))
-    enlarge = max(1, TILE_PX // max(level.shape))
-    level = np.repeat(np.repeat(level, enlarge, axis=0), enlarge, axis=1)
-    shade = np.arcsinh(np.maximum(level, 0) / SOFTENING_NEI) / np.arcsinh(CEILING_NEI / SOFTENING_NEI)
-    return np.asarray(np.minimum(shade, 1) * 255, dtype=np.uint8)
+    shade = grey(counts, scene.levels[band], TILE_PX)
+    enlarge = max(1, TILE_PX // max(shade.shape))
+    return np.repeat(np.repeat(shade, enlarge, axis=0), enlarge, axis=1)
 
 
 def _column_frames(frames_of: dict[str, list[int]]) -> list[int]:
@@ -123,5 +112,6 @@ def _write_png(canvas: npt.NDArray[np.uint8], labels: list[Any], path: Path) -> 
         # A missing font is no reason to lose the picture.
         oiio.ImageBufAlgo.render_text(image, x, y, text, size, "", colour)
     image.geterror()
-    if not image.write(str(path), "uint8", "png"):
-        raise OSError(f"{path}: cannot be written: {image.geterror()}")
+    with whole_file_by_memory(path) as name:
+        if not image.write(name, "uint8", "png"):
+            raise OSError(f"{path}: cannot be written: {image.geterror()}")

@@ -15,12 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.detector.electron import ElectronDetector
-from warpsim.detector.levels import ElectronLevels, Levels
-from warpsim.detector.terms import detector_terms
 from warpsim.errors import InputError
-from warpsim.instant import years_ahead
 from warpsim.optics.wcs import lens_keywords, tan_keywords, wcs_from_keywords
+from warpsim.output.fits_header import scene_cards, utc_dates
 from warpsim.render.frameset import FrameSet
 from warpsim.scene.scene import Scene
 
@@ -88,15 +85,10 @@ class CubeWriter:
         """Finish the file with the table of frames."""
         from astropy.io import fits
         from astropy.table import Table
-        from astropy.time import TimeDelta
 
         self._stream.close()
         table = Table(rows=self._rows)
-        # TAI seconds: UTC days may hold a leap second.
-        with years_ahead():
-            times = (self._scene.epoch.tai + TimeDelta(np.asarray(table["TIME_S"]), format="sec")).utc
-            times.precision = 6
-            table.add_column(np.asarray(times.isot), index=2, name="DATE_OBS")
+        table.add_column(utc_dates(self._scene, table["TIME_S"]).isot, index=2, name="DATE_OBS")
         table["TIME_S"].unit = "s"
         for name in _WCS_KEYS[:2]:
             table[name].unit = "deg"
@@ -134,69 +126,16 @@ def read_cube(path: str | Path) -> Cube:
 def _header(scene: Scene, sensor: str, band: str, n_frame: int) -> Any:
     from astropy.io import fits
 
-    import warpsim
-
-    camera, levels = scene.camera, scene.levels[band]
     cards = [
         ("SIMPLE", True, "conforms to FITS"),
         ("BITPIX", 16, "16-bit integers"),
         ("NAXIS", 3, ""),
-        ("NAXIS1", camera.n_col, "columns"),
-        ("NAXIS2", camera.n_row, "rows, first row on top"),
+        ("NAXIS1", scene.camera.n_col, "columns"),
+        ("NAXIS2", scene.camera.n_row, "rows, first row on top"),
         ("NAXIS3", n_frame, "frames"),
         ("EXTEND", True, ""),
         ("BSCALE", 1, ""),
         ("BZERO", 32768, "unsigned 16-bit"),
-        ("BUNIT", "adu", "counts"),
-        ("SCENE", scene.name, ""),
-        ("TELESCOP", sensor, "satellite"),
-        ("SENSOR", sensor, ""),
-        ("FILTER", band, "spectral band"),
-        ("TIMESYS", "UTC", ""),
-        ("DATEREF", scene.epoch_utc, "instant of TIME_S = 0"),
-        ("NEI", levels.nei_w_cm2, "[W/cm2] noise equivalent irradiance"),
-        ("SEI", levels.sei_w_cm2, "[W/cm2] saturation equivalent irradiance"),
-        ("OFFSET", levels.blank_counts, "[adu] blank sky"),
-        ("CNTNEI", levels.counts_per_nei, "[adu] per NEI"),
-        *_detector_cards(scene, levels),
-        ("SEED", scene.seed, "of the noise"),
-        ("CREATOR", f"warpsim {warpsim.__version__}", ""),
+        *scene_cards(scene, sensor, band),
     ]
     return fits.Header([fits.Card(*card) for card in cards])
-
-
-def _detector_cards(scene: Scene, levels: Levels) -> list[tuple[str, Any, str]]:
-    """What is known of the detector besides: its chain in electrons, and the terms that are on."""
-    detector = scene.detector
-    cards: list[tuple[str, Any, str]] = [("DETECTOR", detector.kind, "kind of detector")]
-    if isinstance(detector, ElectronDetector) and isinstance(levels, ElectronLevels):
-        cards += [
-            ("EXPTIME", detector.exposure_s, "[s] exposure"),
-            ("GAIN", detector.gain_e_per_count, "[electron/adu]"),
-            ("FULLWELL", detector.full_well_e, "[electron] that a pixel holds"),
-            ("BACKGR", levels.background_e, "[electron] mean of the background"),
-            ("DARK", levels.dark_e, "[electron] mean of the dark current"),
-            ("RDNOISE", detector.read_noise_e, "[electron] rms of reading"),
-            ("EPERIRR", levels.e_per_w_cm2, "[electron cm2/W] per irradiance"),
-        ]
-    elif detector.exposure_s > 0:
-        cards.append(("EXPTIME", detector.exposure_s, "[s] exposure"))
-    for name, words in detector_terms(detector).items():
-        value = getattr(detector, name)
-        cards.append((_TERM_KEYWORDS[name], value, words))
-    return cards
-
-
-_TERM_KEYWORDS = {
-    "prnu": "PRNU",
-    "dsnu": "DSNU",
-    "dsnu_nei": "DSNU",
-    "column_noise_e": "COLNOISE",
-    "column_noise_nei": "COLNOISE",
-    "dead_fraction": "DEADFRAC",
-    "hot_fraction": "HOTFRAC",
-    "nonlinearity": "NONLIN",
-    "noise": "NOISE",
-    "shot_noise": "SHOT",
-}
-"""FITS keywords of detector terms; the unit stands in the comment."""

@@ -192,8 +192,7 @@ def _finish(plan: Plan, renderer: Renderer) -> None:
         rows = [int(np.flatnonzero(cube.frames["FRAME"] == frame)[0]) for frame in frames]
         return cube.counts[rows]
 
-    with whole_file(plan.sheet_path) as partial:
-        draw_contact_sheet(plan.scene, plan.bands[shown], plan.frames_of, planes, partial)
+    draw_contact_sheet(plan.scene, plan.bands[shown], plan.frames_of, planes, plan.sheet_path)
     cubes = [path for sensor in plan.frames_of for path in plan.cube_paths(sensor)]
     tables = [plan.table_path(table) for table in plan.tables]
     write_json(_manifest(plan, renderer, [*cubes, *tables, plan.sheet_path]), plan.manifest_path)

@@ -10,9 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from warpsim_kernels.aim import BORESIGHT_REPLACED, UP_REPLACED
 
+from warpsim.arguments import above_zero, whole_number
 from warpsim.errors import InputError
 from warpsim.orbit.sun import earth_position_m
 from warpsim.render.buffers import Observations
+from warpsim.render.contributions import CHUNK_BYTES, MOST_TARGETS, TargetLight, brightest_target
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.records import Records
 from warpsim.render.world import World
@@ -145,6 +147,63 @@ class FrameSet:
         if self._star_lists is None:
             raise InputError("stars: render with keep_stars=True to have them")
         return star_table(self, self._world, self._star_lists)
+
+    def contributions_w_cm2(
+        self, frame: int, sensor: str, band: str, chunk_bytes: int = CHUNK_BYTES
+    ) -> npt.NDArray[np.float32]:
+        """Noiseless light of each target in one image, drawn as in the image itself, streaks included.
+
+        Together with the light of the stars they add up to `signal_w_cm2`, but for float32 rounding.
+
+        Args:
+            frame: One of `frames`.
+            sensor: One of `sensors`.
+            band: One of `bands`.
+            chunk_bytes: Planes drawn at a time, beside the result; at least one.
+
+        Returns:
+            Light per pixel [W/cm2], shape (target, row, column), in the order of scene.target_names; 0 for targets
+            behind the Earth and stowed ones.
+
+        Raises:
+            InputError: The image was not rendered.
+        """
+        view, number = self.image_numbers("contributions_w_cm2", frame, sensor, band)
+        return self.target_light.contributions(number, view, whole_number("chunk_bytes", chunk_bytes, 1))
+
+    def target_mask(self, frame: int, sensor: str, band: str, least_nei: float = 1.0) -> npt.NDArray[np.uint16]:
+        """Which target gives most light to each pixel of one image, among those that give enough of it.
+
+        Args:
+            frame: One of `frames`.
+            sensor: One of `sensors`.
+            band: One of `bands`.
+            least_nei: Light that counts, in one pixel and of one target, over the NEI.
+
+        Returns:
+            0 where no target gives that much, k for target k - 1 of scene.target_names; shape (row, column).
+
+        Raises:
+            InputError: The image was not rendered, least_nei is not above 0, or there are more than 65,535 targets.
+        """
+        view, number = self.image_numbers("target_mask", frame, sensor, band)
+        least = above_zero("least_nei", least_nei)
+        if self._world.n_target > MOST_TARGETS:
+            raise InputError(f"target_mask: must be of at most {MOST_TARGETS} targets, got {self._world.n_target}")
+        return brightest_target(self.target_light, number, view, least * self.scene.nei_w_cm2(band))
+
+    def image_numbers(self, what: str, frame: int, sensor: str, band: str) -> tuple[int, int]:
+        """Numbers of the view (frame x sensor) and the band of an image; InputError, as of `what`, if there is none."""
+        if frame not in self.frames or sensor not in self.sensors or band not in self.bands:
+            raise InputError(f"{what}: frame {frame} of {sensor!r} in band {band!r} was not rendered")
+        view = self.frames.index(frame) * len(self.sensors) + self.sensors.index(sensor)
+        return view, self.bands.index(band)
+
+    @cached_property
+    def target_light(self) -> TargetLight:
+        """What draws each target alone."""
+        camera = self.scene.camera
+        return TargetLight(self._world, self._observations, (camera.n_row, camera.n_col))
 
     @cached_property
     def _observations(self) -> Observations:

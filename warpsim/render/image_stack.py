@@ -12,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from warpsim.render.dlpack import CPU, capsule, device_of, wait_for_images
+
 
 class ImageStack:
     """Images with the axes (frame, sensor, band, row, column).
@@ -64,10 +66,44 @@ class ImageStack:
             raise AttributeError("__cuda_array_interface__: the images are on the CPU")
         return {**self.array.__cuda_array_interface__, "shape": self.shape, "strides": None}
 
-    def __dlpack__(self, **options: Any) -> Any:
-        if self.device.is_cuda:
-            raise BufferError("DLPack: on CUDA export the four-axis .array, or use the CUDA array interface")
-        return self.numpy().__dlpack__(**options)
+    def __dlpack__(
+        self,
+        *,
+        stream: int | None = None,
+        max_version: tuple[int, int] | None = None,
+        dl_device: tuple[int, int] | None = None,
+        copy: bool | None = None,
+    ) -> Any:
+        """A capsule of all five axes, for `from_dlpack` of PyTorch, JAX, CuPy and NumPy; the memory is shared.
+
+        What the consumer makes of it can be written to, and keeps the memory from being used again. On CUDA the
+        consumer's stream waits for Warp's; memory that a consumer has let go of serves the renderer again once the
+        device has done what was asked of it until then.
+
+        Args:
+            stream: On CUDA, the consumer's stream as the standard numbers them (None and 1: the default stream; 2: that
+                of the thread; -1: do not wait); on the CPU None.
+            max_version: The newest DLPack that the consumer knows.
+            dl_device: Where the consumer wants the images: where they are, or on the CPU, which copies them from CUDA.
+            copy: True: always copy. False: never, rather fail. None: only to the CPU.
+
+        Raises:
+            BufferError: Another device, a copy that copy=False forbids, or a stream on the CPU.
+        """
+        here = self.__dlpack_device__()
+        wanted = here if dl_device is None else (int(dl_device[0]), int(dl_device[1]))
+        if wanted not in (here, (CPU, 0)):
+            raise BufferError(f"dl_device: must be {here}, where the images are, or {(CPU, 0)}, the CPU, got {wanted}")
+        if wanted == here and not copy:
+            wait_for_images(self.array, stream)
+            return capsule(self.array, self.shape, max_version)
+        if copy is False:
+            raise BufferError(f"copy: must not be False to bring images from device {here} to {wanted}")
+        if wanted == (CPU, 0):
+            return capsule(wp.array(self.array.numpy(), dtype=self.dtype, device="cpu"), self.shape, max_version)
+        copied = wp.clone(self.array)
+        wait_for_images(copied, stream)
+        return capsule(copied, self.shape, max_version)
 
     def __dlpack_device__(self) -> tuple[int, int]:
-        return (2, self.device.ordinal) if self.device.is_cuda else (1, 0)
+        return device_of(self.array)

@@ -7,11 +7,16 @@ from collections import deque
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
+
+from warpsim.render.dlpack import take_released
 
 POOL_BYTES = 256 * 2**20
 """Memory that waits for a result to need it, at most."""
 
+ALIGNMENT_BYTES = 64
+"""Host memory begins at a multiple: JAX shares no other, but copies it."""
 
 ROW_BYTES = 4096
 """Blocks of 2 GiB and more are whole rows of so many bytes."""
@@ -43,6 +48,7 @@ class Pool:
         n_byte = math.prod(shape) * wp.types.type_size_in_bytes(dtype)
         if n_byte == 0:
             return wp.empty(shape, dtype=dtype, device=self.device)
+        take_released()
         block = self._block(n_byte)
         return wp.array(
             ptr=block.ptr,
@@ -74,6 +80,13 @@ class Pool:
         # No axis of an array is longer than 2**31 - 1.
         shape = (n_byte,) if n_byte < 2**31 else (-(-n_byte // ROW_BYTES), ROW_BYTES)
         if self.device.is_cpu and not self._pinned:
-            # NumPy asks for large pages.
-            return wp.array(np.empty(shape, dtype=np.uint8), dtype=wp.uint8, device=self.device, copy=False)
+            return wp.array(_aligned(shape), dtype=wp.uint8, device=self.device, copy=False)
         return wp.empty(shape, dtype=wp.uint8, device=self.device, pinned=self._pinned)
+
+
+def _aligned(shape: tuple[int, ...]) -> npt.NDArray[np.uint8]:
+    """Uninitialised bytes; by NumPy, as it asks for large pages."""
+    n_byte = math.prod(shape)
+    room = np.empty(n_byte + ALIGNMENT_BYTES, dtype=np.uint8)
+    first = -room.ctypes.data % ALIGNMENT_BYTES
+    return room[first : first + n_byte].reshape(shape)

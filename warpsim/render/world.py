@@ -78,11 +78,8 @@ class World(TargetWorld):
 
     def __init__(self, scene: Scene, bands: Sequence[str], device: wp.Device, index: BandIndex) -> None:
         # What needs no kernel comes first: Warp is still busy with its headers.
-        # By all bands of the scene: a frame must not depend on which of them are rendered.
-        n_point = scene.optics.psf_points or points_of([scene.psf(name) for name in scene.bands], scene)
-        accuracy = TableAccuracy(scene.optics.psf_error, n_point)
         psfs = [scene.psf(name) for name in bands]
-        self.psf: PsfBank = psf_bank(psfs, device, scene.camera.pixel_aspect, accuracy)
+        self.psf: PsfBank = psf_bank(psfs, device, scene.camera.pixel_aspect, table_accuracy(scene))
         shape = (scene.camera.n_row, scene.camera.n_col)
         self.read_out: ReadOut = make_read_out(scene.detector, scene.levels, bands, scene.seed, shape, device)
         loading = kernel_loading(device)
@@ -132,6 +129,15 @@ def camera_struct(camera: Camera) -> Any:
         lens.p1, lens.p2, lens.limit = camera.lens.p1, camera.lens.p2, camera.distortion_radius
         struct.distortion = lens
     return struct
+
+
+def table_accuracy(scene: Scene) -> TableAccuracy:
+    """How good the tables are that a scene's patterns are drawn with.
+
+    By all bands of the scene: a frame must not depend on which of them are rendered.
+    """
+    n_point = scene.optics.psf_points or points_of([scene.psf(name) for name in scene.bands], scene)
+    return TableAccuracy(scene.optics.psf_error, n_point)
 
 
 def points_of(psfs: Sequence[Psf], scene: Scene) -> int | None:

@@ -1,0 +1,265 @@
+"""Data sets whose writing goes wrong: nothing lost, nothing doubled, clear words, and the same bytes in the end."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+import warpsim as ws
+from warpsim.dataset import execution
+from warpsim.dataset.layout import PARTS
+from warpsim.files import read_json
+
+pytest.importorskip("pyarrow")
+
+RECIPE = """
+scene = "stss"
+n_sequence = 8
+n_frame = 3
+interval_s = 0.1
+bands = ["A"]
+masks = true
+[split]
+train = 3
+test = 1
+[sample]
+camera.fov_deg = { uniform = [0.8, 1.2] }
+"""
+TIMEOUT_S = 120
+
+
+@pytest.fixture(scope="module")
+def recipe_path(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recipe") / "recipe.toml"
+    path.write_text(RECIPE)
+    return path
+
+
+@pytest.fixture(scope="module")
+def recipe(recipe_path):
+    return ws.Recipe.load(recipe_path)
+
+
+@pytest.fixture(scope="module")
+def whole(recipe, tmp_path_factory):
+    """The data set as it is when nothing goes wrong."""
+    folder = tmp_path_factory.mktemp("whole") / "data"
+    ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+    return folder
+
+
+def content(folder):
+    """Every file of a folder, hidden ones too, and its bytes."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def command(recipe_path, folder, *options):
+    return [sys.executable, "-m", "warpsim.cli", "dataset", str(recipe_path), "-o", str(folder), "--device", "cpu",
+            "--quiet", *options]  # fmt: skip
+
+
+def wait_for(found, process):
+    """What `found` returns, once it is something."""
+    deadline = time.monotonic() + TIMEOUT_S
+    while not (result := found()):
+        assert process.poll() is None and time.monotonic() < deadline, "nothing came"
+        time.sleep(0.002)
+    return result
+
+
+def busy_workers(folder):
+    """Process numbers of workers in the middle of a shard: their folders are named after them."""
+    return [int(path.name.split("-")[-2]) for path in (folder / PARTS / "work").glob("*")]
+
+
+@pytest.mark.parametrize("wait_s", [0.0, 0.4])
+def test_a_killed_run_is_finished_by_the_same_command(recipe_path, whole, tmp_path, checkout_environment, wait_s):
+    folder = tmp_path / "data"
+    process = subprocess.Popen(command(recipe_path, folder, "--workers", "2"), env=checkout_environment)
+    wait_for(lambda: busy_workers(folder), process)
+    time.sleep(wait_s)
+    process.kill()
+    process.wait()
+    assert not (folder / "manifest.json").exists()
+    complete = content(whole)
+    for name, data in content(folder).items():
+        assert name.startswith(PARTS) or data == complete[name], f"{name} is neither missing nor whole"
+    subprocess.run(command(recipe_path, folder, "--workers", "1"), env=checkout_environment, check=True)
+    assert content(folder) == complete
+
+
+def test_workers_do_not_outlive_their_parent(recipe_path, tmp_path, checkout_environment):
+    folder = tmp_path / "data"
+    process = subprocess.Popen(command(recipe_path, folder, "--workers", "2"), env=checkout_environment)
+    workers = wait_for(lambda: busy_workers(folder), process)
+    process.kill()
+    process.wait()
+    deadline = time.monotonic() + TIMEOUT_S
+    while any(_runs(worker) for worker in workers):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def _runs(number):
+    status = Path(f"/proc/{number}/stat")
+    return status.exists() and status.read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+def test_when_a_worker_is_killed_others_do_its_work(recipe_path, whole, tmp_path, checkout_environment):
+    folder = tmp_path / "data"
+    process = subprocess.Popen(command(recipe_path, folder, "--workers", "2"), env=checkout_environment)
+    victim = random.choice(wait_for(lambda: busy_workers(folder), process))
+    assert victim != process.pid
+    os.kill(victim, signal.SIGKILL)
+    assert process.wait(TIMEOUT_S) == 0
+    assert content(folder) == content(whole)
+
+
+def test_when_workers_die_again_and_again_it_is_said(recipe, tmp_path, monkeypatch):
+    monkeypatch.setattr(execution, "write_shard", _die)
+    with pytest.raises(OSError, match=r"the same command goes on from here: worker processes were killed again and ag"):
+        ws.write_dataset(recipe, tmp_path / "data", n_worker=2, device="cpu")
+
+
+def _die(task):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_an_executor_that_is_lost_is_told_and_what_is_there_stays(recipe, whole, tmp_path):
+    class Lost(ThreadPoolExecutor):
+        """An executor that is gone after three tasks."""
+
+        n_task = 0
+
+        def submit(self, function, *arguments):
+            self.n_task += 1
+            return super().submit(function if self.n_task <= 3 else _gone, *arguments)
+
+    folder = tmp_path / "data"
+    with Lost(1) as executor, pytest.raises(OSError, match="workers were lost: RuntimeError: scheduler is gone"):
+        ws.write_dataset(recipe, folder, executor, device="cpu")
+    with ThreadPoolExecutor(1) as executor:
+        report = ws.write_dataset(recipe, folder, executor, device="cpu")
+    assert report.n_shard_written == 5
+    assert content(folder) == content(whole)
+
+
+def _gone(task):
+    raise RuntimeError("scheduler is gone")
+
+
+def test_interrupts_leave_what_is_whole(recipe, whole, tmp_path, monkeypatch):
+    folder, written = tmp_path / "data", []
+
+    def interrupted(task):
+        if len(written) == 2:
+            raise KeyboardInterrupt
+        written.append(task)
+        return write_shard(task)
+
+    write_shard = execution.write_shard
+    monkeypatch.setattr(execution, "write_shard", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+    monkeypatch.undo()
+    assert ws.write_dataset(recipe, folder, n_worker=1, device="cpu").n_shard_written == 6
+    assert content(folder) == content(whole)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="mounting a small disk needs root")
+def test_a_full_disk_is_told_and_the_run_goes_on_when_there_is_room(recipe, whole, tmp_path):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    size = sum(len(data) for data in content(whole).values())
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size // 2}", "tmpfs", str(disk)]).returncode:
+        pytest.skip("nothing may be mounted here")
+    try:
+        folder = disk / "data"
+        with pytest.raises(OSError, match=r"writing failed, the same command goes on from here: .*No space left"):
+            ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+        complete = content(whole)
+        there = {name: data for name, data in content(folder).items() if not name.startswith(PARTS)}
+        assert 0 < len(there) < len(complete)
+        assert all(data == complete[name] for name, data in there.items())
+        subprocess.run(["mount", "-o", f"remount,size={size * 4}", str(disk)], check=True)
+        assert 0 < ws.write_dataset(recipe, folder, n_worker=1, device="cpu").n_shard_written < 8
+        assert content(folder) == complete
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="a folder that takes no files, from root neither")
+def test_a_folder_that_takes_no_files_is_told_before_the_work(recipe):
+    with pytest.raises(ws.InputError, match="/proc/data: cannot be written: "):
+        ws.write_dataset(recipe, "/proc/data", device="cpu")
+
+
+def test_two_runs_do_not_write_into_one_folder(recipe_path, recipe, whole, tmp_path, checkout_environment):
+    folder = tmp_path / "data"
+    process = subprocess.Popen(command(recipe_path, folder, "--workers", "1"), env=checkout_environment)
+    wait_for(lambda: busy_workers(folder), process)
+    with pytest.raises(ws.InputError, match="another run is writing to it"):
+        ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+    assert process.wait(TIMEOUT_S) == 0
+    assert content(folder) == content(whole)
+
+
+@pytest.mark.parametrize("damage", ["changed", "missing", "manifest cut", "annotations", "left behind"])
+def test_damage_is_found_and_only_that_is_made_again(recipe, whole, tmp_path, damage):
+    folder = tmp_path / "data"
+    shutil.copytree(whole, folder)
+    victim = next((folder / "train").glob("*/*.fits"))
+    if damage == "changed":
+        data = bytearray(victim.read_bytes())
+        data[5000] ^= 1
+        victim.write_bytes(data)
+    elif damage == "missing":
+        victim.unlink()
+    elif damage == "annotations":
+        (folder / "annotations" / "train.json").unlink()
+    elif damage == "left behind":
+        (folder / PARTS / "work" / "train-000000-1-abcdef01").mkdir(parents=True)
+        (folder / "manifest.json").rename(folder / PARTS / "run.json")
+    else:
+        (folder / "manifest.json").write_text((folder / "manifest.json").read_text()[:-100])
+    expected = {"annotations": 0, "left behind": 8}.get(damage, 1)  # without receipts nothing says which are whole
+    if damage == "manifest cut":
+        with pytest.raises(ws.InputError, match="is there already, and warpsim did not write it"):
+            ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+        return
+    assert ws.write_dataset(recipe, folder, n_worker=1, device="cpu").n_shard_written == expected
+    assert content(folder) == content(whole)
+
+
+def test_a_different_data_set_is_refused_or_replaced(recipe, whole, tmp_path):
+    folder = tmp_path / "data"
+    shutil.copytree(whole, folder)
+    (folder / "train" / "mine.txt").write_text("kept")
+    other = ws.Recipe.from_dict(recipe.to_dict() | {"seed": 1, "n_sequence": 2})
+    before = content(folder)
+    with pytest.raises(ws.InputError, match="holds a different data set or run"):
+        ws.write_dataset(other, folder, n_worker=1, device="cpu")
+    assert content(folder) == before
+    ws.write_dataset(other, folder, n_worker=1, device="cpu", overwrite=True)
+    manifest = read_json(folder / "manifest.json")
+    ours = {name for receipt in manifest["shards"].values() for name in receipt["files"]} | set(manifest["files"])
+    assert set(content(folder)) == ours | {"manifest.json", "train/mine.txt"}
+
+
+def test_files_of_others_are_never_touched(recipe, tmp_path):
+    folder = tmp_path / "data"
+    (folder / "train").mkdir(parents=True)
+    (folder / "train" / "mine.txt").write_text("kept")
+    for overwrite in (False, True):
+        with pytest.raises(ws.InputError, match="train: is there already, and warpsim did not write it"):
+            ws.write_dataset(recipe, folder, n_worker=1, device="cpu", overwrite=overwrite)
+    assert content(folder) == {"train/mine.txt": b"kept"}

@@ -1,0 +1,188 @@
+"""What a field of a scene is drawn from: one of some distributions, each a function of one uniform number."""
+
+from __future__ import annotations
+
+import math
+from statistics import NormalDist
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Discriminator, model_validator
+
+from warpsim.describe import Integer, NonNegative, Number, Positive, choice, part, part_error, rule_error
+
+Range = tuple[Number, Number]
+
+
+def _check_order(name: str, pair: tuple[float, float]) -> None:
+    if pair[0] > pair[1]:
+        raise part_error(f"{name}: must be [lowest, highest], got {list(pair)}")
+
+
+@part
+class Uniform:
+    """Evenly between two numbers.
+
+    Args:
+        uniform: Lowest and highest value.
+    """
+
+    uniform: Range
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Uniform:
+        _check_order("uniform", self.uniform)
+        return self
+
+    def value(self, u: float) -> float:
+        """The value at a uniform number in (0, 1)."""
+        low, high = self.uniform
+        return min(max(low + (high - low) * u, low), high)
+
+    @property
+    def extremes(self) -> list[Any]:
+        """Values between which, or among which, all are."""
+        return list(self.uniform)
+
+
+@part
+class LogUniform:
+    """Between two positive numbers, evenly in the logarithm.
+
+    Args:
+        log_uniform: Lowest and highest value, above 0.
+    """
+
+    log_uniform: tuple[Positive, Positive]
+
+    @model_validator(mode="after")
+    def _ordered(self) -> LogUniform:
+        _check_order("log_uniform", self.log_uniform)
+        return self
+
+    def value(self, u: float) -> float:
+        """The value at a uniform number in (0, 1)."""
+        low, high = self.log_uniform
+        return min(max(low * math.exp(math.log(high / low) * u), low), high)
+
+    @property
+    def extremes(self) -> list[Any]:
+        """Values between which, or among which, all are."""
+        return list(self.log_uniform)
+
+
+@part
+class Normal:
+    """A Gaussian, cut off at some number of sigmas.
+
+    Args:
+        normal: Mean and sigma.
+        cut_sigma: Largest distance from the mean, in sigmas.
+    """
+
+    normal: tuple[Number, NonNegative]
+    cut_sigma: Positive = 4.0
+
+    def value(self, u: float) -> float:
+        """The value at a uniform number in (0, 1)."""
+        tail = NormalDist().cdf(-self.cut_sigma)
+        deviate = NormalDist().inv_cdf(tail + (1 - 2 * tail) * u)
+        return self.normal[0] + self.normal[1] * min(max(deviate, -self.cut_sigma), self.cut_sigma)
+
+    @property
+    def extremes(self) -> list[Any]:
+        """Values between which, or among which, all are."""
+        mean, sigma = self.normal
+        return [mean - self.cut_sigma * sigma, mean + self.cut_sigma * sigma]
+
+
+@part
+class WholeNumbers:
+    """Whole numbers, both ends included, all as likely.
+
+    Args:
+        integer: Lowest and highest value.
+    """
+
+    integer: tuple[Integer, Integer]
+
+    @model_validator(mode="after")
+    def _ordered(self) -> WholeNumbers:
+        _check_order("integer", self.integer)
+        return self
+
+    def value(self, u: float) -> int:
+        """The value at a uniform number in (0, 1)."""
+        low, high = self.integer
+        return min(low + int(u * (high - low + 1)), high)
+
+    @property
+    def extremes(self) -> list[Any]:
+        """Values between which, or among which, all are."""
+        return list(self.integer)
+
+
+def _any_values(value: Any) -> tuple[Any, ...]:
+    if not isinstance(value, list | tuple) or not value:
+        raise rule_error("must be a list of one value or more")
+    return tuple(value)
+
+
+@part
+class Choice:
+    """One of some values: numbers, words, or whole tables of a scene.
+
+    Args:
+        choice: The values.
+        weights: How likely each is, relative to the others; all alike when left out.
+    """
+
+    choice: Annotated[Any, BeforeValidator(_any_values)]
+    weights: tuple[NonNegative, ...] | None = None
+
+    @model_validator(mode="after")
+    def _as_many(self) -> Choice:
+        if self.weights is not None and (len(self.weights) != len(self.choice) or sum(self.weights) <= 0):
+            raise part_error(f"weights: must be one per value, and not all 0, got {list(self.weights)}")
+        return self
+
+    def value(self, u: float) -> Any:
+        """The value at a uniform number in (0, 1)."""
+        weights = self.weights or (1.0,) * len(self.choice)
+        left = u * sum(weights)
+        for value, weight in zip(self.choice, weights, strict=True):
+            left -= weight
+            if left < 0 and weight > 0:
+                return value
+        return next(v for v, w in zip(reversed(self.choice), reversed(weights), strict=True) if w > 0)
+
+    @property
+    def extremes(self) -> list[Any]:
+        """Values between which, or among which, all are."""
+        return list(self.choice)
+
+
+KINDS: dict[str, type[Any]] = {
+    "uniform": Uniform, "log_uniform": LogUniform, "normal": Normal, "integer": WholeNumbers, "choice": Choice,
+}  # fmt: skip
+"""Distributions by the word that a recipe names them with."""
+
+
+def _kind_of(value: Any) -> str | None:
+    return next((kind for kind in KINDS if (kind in value if isinstance(value, dict) else hasattr(value, kind))), None)
+
+
+Distribution = Annotated[
+    Annotated[Uniform, choice("uniform")]
+    | Annotated[LogUniform, choice("log_uniform")]
+    | Annotated[Normal, choice("normal")]
+    | Annotated[WholeNumbers, choice("integer")]
+    | Annotated[Choice, choice("choice")],
+    Discriminator(_kind_of),
+]
+
+
+def is_distribution(value: Any) -> bool:
+    """Whether a table of a recipe is a distribution, not a table of further fields."""
+    if not isinstance(value, dict):
+        return isinstance(value, tuple(KINDS.values()))
+    return any(kind in value and not isinstance(value[kind], dict) for kind in KINDS)

@@ -1,0 +1,120 @@
+"""What comes when all shards are there: stores, annotations, the table of sequences, the manifest."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from warpsim.dataset.layout import ANNOTATIONS, SEQUENCES, Shard, shards_of, table_path
+from warpsim.dataset.recipe import SHARDED, Recipe
+from warpsim.dataset.sequences import split_of
+from warpsim.dataset.shard import Receipt
+from warpsim.dataset.workplace import Workplace
+from warpsim.files import sha256_of, write_json
+from warpsim.output.manifest import made_with
+from warpsim.scene.inputs import input_checksums
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+
+
+def finish(place: Workplace, receipts: dict[str, Receipt], device: str) -> None:
+    """Write what describes all shards; the manifest last."""
+    recipe, folder = place.recipe, place.folder
+    files = [*_write_stores(recipe, folder), *_write_annotations(recipe, folder)]
+    files.append(_write_sequences(recipe, folder, receipts))
+    manifest = {
+        "key": place.key,
+        **made_with(),
+        "device": device,
+        "splits": split_of(recipe),
+        "recipe": recipe.to_dict(),
+        "inputs": input_checksums(recipe.scene),
+        "files": {path.relative_to(folder).as_posix(): sha256_of(path) for path in files},
+        "shards": {shard.name: receipts[shard.name] for shard in shards_of(recipe)},
+    }
+    write_json(manifest, place.manifest_path)
+
+
+def _write_stores(recipe: Recipe, folder: Path) -> list[Path]:
+    """The descriptions of Zarr groups; the shards' files are there."""
+    if recipe.format != "zarr":
+        return []
+    from warpsim.dataset.zarr_store import create_store, store_path
+
+    paths = []
+    for split, numbers in split_of(recipe).items():
+        if numbers:
+            path = folder / store_path(split)
+            create_store(recipe, split, path)
+            paths += sorted(path.rglob("zarr.json"))
+    return paths
+
+
+def _write_annotations(recipe: Recipe, folder: Path) -> list[Path]:
+    """COCO's annotations of each split."""
+    from warpsim.labels.coco import coco_categories, write_coco
+
+    paths = []
+    for split in recipe.shares if recipe.coco else ():
+        path = folder / ANNOTATIONS / f"{split}.json"
+        path.parent.mkdir(exist_ok=True)
+        info = {"description": recipe.scene.description or recipe.scene.name, "split": split}
+        write_coco(path, _images(recipe, folder, split), coco_categories(recipe.scene), info)
+        paths.append(path)
+    return paths
+
+
+def _images(recipe: Recipe, folder: Path, split: str) -> Iterator[tuple[dict[str, Any], Table]]:
+    """Each image of a split, and the rows of its targets."""
+    from warpsim.labels.table import read_parquet
+
+    names = ("file", "item", "width", "height", "sequence", "frame", "time_s", "date_obs", "sensor", "band")
+    for shard, number in _tables(recipe, split):
+        images = read_parquet(folder / table_path(recipe, shard, number, "images"))
+        truth = read_parquet(folder / table_path(recipe, shard, number, "truth"))
+        order = np.argsort(np.asarray(truth["image_id"]), kind="stable")
+        ids = np.asarray(truth["image_id"])[order]
+        for row in images:
+            first, end = np.searchsorted(ids, [row["image_id"], row["image_id"] + 1])
+            told = {name: np.asarray(row[name]).item() for name in names}
+            image = {"id": int(row["image_id"]), "file_name": told.pop("file"), **told}
+            yield image, truth[np.sort(order[first:end])]
+
+
+def _tables(recipe: Recipe, split: str) -> Iterator[tuple[Shard, int]]:
+    """Shards of a split with the numbers of the sequences whose tables are files of their own."""
+    for shard in shards_of(recipe):
+        if shard.split == split:
+            for number in shard.sequences[:1] if recipe.format in SHARDED else shard.sequences:
+                yield shard, number
+
+
+def _write_sequences(recipe: Recipe, folder: Path, receipts: dict[str, Receipt]) -> Path:
+    """The table of sequences: one column for each sampled field."""
+    from astropy.table import Table
+
+    from warpsim.labels.table import write_parquet
+
+    rows = sorted(
+        (row for receipt in receipts.values() for row in receipt["sequences"]), key=lambda row: row["sequence"]
+    )
+    columns: dict[str, Any] = {
+        name: [row[name] for row in rows] for name in ("sequence", "split", "shard", "start_s", "seed", "attempt")
+    }
+    columns["sensors"] = [",".join(row["sensors"]) for row in rows]
+    for name in recipe.distributions:
+        values = [row["values"][name] for row in rows]
+        plain = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+        columns[name] = (
+            values if plain else [value if isinstance(value, str) else json.dumps(value) for value in values]
+        )
+    table = Table(columns)
+    table["start_s"].unit = "s"
+    path = folder / SEQUENCES
+    write_parquet(table, path, {"table": "sequences"})
+    return path

@@ -1,0 +1,89 @@
+"""Where the parts of a data set lie, and which sequences are written as one.
+
+manifest.json                      what was made, from what, with what; the last file to come
+sequences.parquet                  one row per sequence: what was drawn
+annotations/SPLIT.json             COCO
+SPLIT/000012/...                   formats with a folder for each sequence
+SPLIT/000003.tar, SPLIT/images.zarr   formats that put several sequences into one file
+.../images.parquet, truth.parquet  one row per image; per image and target
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from warpsim.dataset.recipe import SHARDED, Recipe
+from warpsim.dataset.sequences import split_of
+
+MANIFEST = "manifest.json"
+SEQUENCES = "sequences.parquet"
+ANNOTATIONS = "annotations"
+PARTS = ".warpsim-parts"
+"""Folder of what a run needs while it is unfinished."""
+
+
+@dataclass(frozen=True)
+class Shard:
+    """Sequences that are written as one: what a worker does at a time."""
+
+    split: str
+    place: int
+    """Among the shards of its split."""
+    sequences: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        """Unique within the data set."""
+        return f"{self.split}-{self.place:06d}"
+
+    @property
+    def stem(self) -> str:
+        """Of its files in formats that put several sequences into one."""
+        return f"{self.split}/{self.place:06d}"
+
+
+class ImageKey(NamedTuple):
+    """Which image of a shard."""
+
+    sequence: int
+    position: int
+    """Of the sequence in the shard."""
+    frame: int
+    sensor: str
+    sensor_place: int
+    band: str
+    band_place: int
+
+
+def shards_of(recipe: Recipe) -> list[Shard]:
+    """All shards of a data set, in order."""
+    size = recipe.shard_size
+    return [
+        Shard(split, place, tuple(numbers[first : first + size]))
+        for split, numbers in split_of(recipe).items()
+        for place, first in enumerate(range(0, len(numbers), size))
+    ]
+
+
+def folder_of(shard: Shard, sequence: int) -> str:
+    """Folder of a sequence, in formats that have one."""
+    return f"{shard.split}/{sequence:06d}"
+
+
+def table_path(recipe: Recipe, shard: Shard, sequence: int, table: str) -> str:
+    """Path of a table: "images", "truth" or "stars"."""
+    if recipe.format in SHARDED:
+        return f"{shard.stem}.{table}.parquet"
+    return f"{folder_of(shard, sequence)}/{table}.parquet"
+
+
+def image_id(recipe: Recipe, key: ImageKey) -> int:
+    """Number of an image, unique within the data set, from 1."""
+    view = (key.sequence * recipe.n_frame + key.frame) * recipe.n_sensor + key.sensor_place
+    return view * len(recipe.band_names) + key.band_place + 1
+
+
+def top_names(recipe: Recipe) -> list[str]:
+    """What the data set puts into its folder."""
+    return [*recipe.shares, ANNOTATIONS, SEQUENCES, MANIFEST]

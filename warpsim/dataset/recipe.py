@@ -1,0 +1,236 @@
+"""The recipe of a data set: a scene, what of it is drawn anew for each sequence, and what is written."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, TypeAdapter, ValidationError, model_validator
+
+from warpsim.dataset.distributions import Distribution, is_distribution
+from warpsim.describe import (
+    Count,
+    Integer,
+    Name,
+    NonNegative,
+    Positive,
+    Switch,
+    as_tuple,
+    closed_interval,
+    input_error,
+    part,
+    part_error,
+    rule_error,
+)
+from warpsim.errors import InputError
+from warpsim.scene.files import presets, read_scene_data
+from warpsim.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from typing import Self
+
+FORMATS = ("fits", "png", "tiff", "zarr", "webdataset")
+"""How counts are written: FITS cubes, an image file each, one Zarr array per split, tar archives."""
+
+SHARDED = ("zarr", "webdataset")
+"""Formats that put several sequences into one file."""
+
+SEQUENCES_PER_SHARD = 8
+"""Of sharded formats, unless the recipe says otherwise."""
+
+MOST_SEQUENCES = 10_000_000
+
+SAMPLED_ELSEWHERE = ("frames", "seed", "bands", "duration_s")
+"""Fields of the scene that the recipe has fields of its own for, or that are the same in all sequences."""
+
+
+def _scene(value: Any) -> Any:
+    if isinstance(value, str | os.PathLike):
+        return Scene.load(value)
+    if isinstance(value, Mapping):
+        return Scene.from_dict(dict(value))
+    return value
+
+
+def _flat(value: Any) -> Any:
+    """Distributions by their field's whole name, however deep the tables are that lead there."""
+    if not isinstance(value, Mapping):
+        raise rule_error("must be a table of fields and distributions")
+    flat: dict[str, Any] = {}
+
+    def walk(items: Mapping[Any, Any], above: str) -> None:
+        for key, item in items.items():
+            name = f"{above}{str(key).replace('__', '.')}"
+            if name in flat:
+                raise rule_error(f"must name each field once; {name} comes twice")
+            if is_distribution(item) or not isinstance(item, Mapping) or not item:
+                flat[name] = item
+            else:
+                walk(item, f"{name}.")
+
+    walk(value, "")
+    return flat
+
+
+def _shares(value: dict[str, float]) -> dict[str, float]:
+    if not value or sum(value.values()) <= 0:
+        raise rule_error("must name splits and their shares, not all 0")
+    if clash := {name.lower() for name in value} & {"annotations", "manifest.json", "sequences.parquet", "recipe.toml"}:
+        raise rule_error(f"must not be called {clash.pop()}, which is another part of the data set")
+    return value
+
+
+@part
+class Recipe:
+    """What a data set is made of.
+
+    Args:
+        scene: The scene that sequences are variations of: a `Scene`, the name of a preset, or the path of a file.
+        n_sequence: Sequences.
+        n_frame: Frames of each.
+        interval_s: Time between frames [s]; the scene's when left out.
+        n_sensor: Sensors of each sequence, drawn among those that see the main target from its first frame to its last.
+        sensors: Sensors to draw from; all of the scene when left out.
+        every_frame: Access plays no part: any sensor, at any time of the scene.
+        bands: Band names; all of the scene when left out.
+        seed: Seed of everything that is drawn.
+        split: Splits, and how large each is relative to the others.
+        sample: What is drawn for each sequence: distributions by field of the scene.
+        format: How images are written, one of FORMATS.
+        sequences_per_shard: Sequences that are written as one; 1, and 8 in sharded formats, when left out.
+        coco: Write annotations of each split in COCO's form.
+        satnet: Write annotations of each image in the form of the SatNet data set.
+        masks: Write which target is in which pixel.
+        contributions: Write the light of each target apart [W/cm2].
+        signal: Write noiseless images [W/cm2].
+        stars: Write the stars of each image.
+        preview: Draw a small film of each sequence: "gif".
+        least_nei: Light in a pixel, over the NEI, from which on a mask says that a target is there.
+
+    Raises:
+        InputError: One line: field, rule, value.
+    """
+
+    scene: Annotated[Scene, BeforeValidator(_scene)]
+    n_sequence: Annotated[Count, closed_interval(1, MOST_SEQUENCES)] = 10
+    n_frame: Annotated[Count, closed_interval(1, 1_000_000)] = 32
+    interval_s: Positive | None = None
+    n_sensor: Annotated[Count, closed_interval(1, 10_000)] = 1
+    sensors: Annotated[tuple[str, ...], BeforeValidator(as_tuple)] | None = None
+    every_frame: Switch = False
+    bands: Annotated[tuple[str, ...], BeforeValidator(as_tuple)] | None = None
+    seed: Annotated[Integer, closed_interval(0, 2**63 - 1)] = 0
+    split: Annotated[dict[Name, NonNegative], AfterValidator(_shares)] | None = None
+    sample: Annotated[dict[str, Distribution], BeforeValidator(_flat)] | None = None
+    format: Literal["fits", "png", "tiff", "zarr", "webdataset"] = "fits"
+    sequences_per_shard: Annotated[Count, closed_interval(1, 100_000)] | None = None
+    coco: Switch = True
+    satnet: Switch = False
+    masks: Switch = False
+    contributions: Switch = False
+    signal: Switch = False
+    stars: Switch = False
+    preview: Literal["gif"] | None = None
+    least_nei: Positive = 1.0
+
+    @model_validator(mode="after")
+    def _possible(self) -> Recipe:
+        for what, names, known in (
+            ("sensors", self.sensors, self.scene.sensor_names),
+            ("bands", self.bands, self.scene.bands),
+        ):
+            for name in names or ():
+                if name not in known:
+                    raise part_error(f"{what}: must be among those of the scene, got {name!r}")
+            if names is not None and (not names or len(set(names)) < len(names)):
+                raise part_error(f"{what}: must name one or more, each once")
+        pool = self.sensors or self.scene.sensor_names
+        if self.n_sensor > len(pool):
+            raise part_error(f"n_sensor: must be at most {len(pool)}, the sensors to draw from, got {self.n_sensor}")
+        if self.clip_s > self.scene.duration_s:
+            raise part_error(f"n_frame: must fit into duration_s = {self.scene.duration_s:g}, take {self.clip_s:g} s")
+        if self.format in SHARDED and self.preview:
+            raise part_error(f"preview: needs a format with a folder for each sequence, got {self.format}")
+        if self.format in SHARDED and self.satnet:
+            raise part_error(f"satnet: needs a format with a folder for each sequence, got {self.format}")
+        self._check_sampled()
+        return self
+
+    def _check_sampled(self) -> None:
+        for name in self.distributions:
+            head = name.partition(".")[0]
+            if head in SAMPLED_ELSEWHERE:
+                raise part_error(f"sample.{name}: {head} cannot be sampled; see the recipe's own fields")
+            if self.format == "zarr" and name in ("camera", "camera.n_row", "camera.n_col"):
+                raise part_error(f"sample.{name}: images of one Zarr array must be of one size; choose another format")
+
+    @classmethod
+    def load(cls, source: str | os.PathLike[str], **changes: Any) -> Recipe:
+        """Load a recipe (.toml or .json), which names its `scene`; or take a scene (preset or file) as it is.
+
+        Args:
+            source: Preset or path. A relative path of a scene counts from the recipe's folder.
+            **changes: Fields that replace those of the file.
+
+        Raises:
+            InputError: No such file, or one of its values breaks a rule; the text begins with the source.
+        """
+        where = os.fspath(source)
+        data = read_scene_data(source)
+        if "scene" not in data and not ("constellation" in data or "epoch_utc" in data):
+            raise InputError(f"{where}: must be a scene, or a recipe with a field `scene`")
+        if "scene" not in data:
+            data = {"scene": Scene.load(source)}
+        elif isinstance(data["scene"], str):
+            name = data["scene"]
+            data["scene"] = Scene.load(name if name in presets() else Path(source).parent / name)
+        return cls._from_dict({**data, **changes}, where)
+
+    @classmethod
+    def _from_dict(cls, data: dict[str, Any], where: str) -> Self:
+        try:
+            return TypeAdapter(cls).validate_python(data)
+        except ValidationError as error:
+            raise input_error(error, where) from None
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Self:
+        """The recipe that `to_dict` told of."""
+        return cls._from_dict(data, cls.__name__)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Nested dicts and lists of plain values, without what is None."""
+        plain = TypeAdapter(type(self)).dump_python(self, mode="json", exclude={"scene"}, exclude_none=True)
+        return {"scene": self.scene.to_dict(), **plain}
+
+    @property
+    def distributions(self) -> dict[str, Any]:
+        """What is drawn for each sequence, by field of the scene."""
+        return self.sample or {}
+
+    @property
+    def band_names(self) -> list[str]:
+        """Bands that are written."""
+        return list(self.bands or self.scene.bands)
+
+    @property
+    def step_s(self) -> float:
+        """Time between frames [s]."""
+        return self.interval_s or self.scene.frames.interval_s
+
+    @property
+    def clip_s(self) -> float:
+        """Time from the first frame of a sequence to its last [s]."""
+        return (self.n_frame - 1) * self.step_s
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Splits and how large each is relative to the others."""
+        return self.split or {"train": 0.8, "val": 0.1, "test": 0.1}
+
+    @property
+    def shard_size(self) -> int:
+        """Sequences that are written as one."""
+        return self.sequences_per_shard or (SEQUENCES_PER_SHARD if self.format in SHARDED else 1)

@@ -1,0 +1,164 @@
+"""The main job: write a data set into a folder, so that it can be killed at any moment and resumed."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+import time
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from warpsim.arguments import whole_number
+from warpsim.dataset.execution import run_tasks
+from warpsim.dataset.finish import finish
+from warpsim.dataset.layout import Shard, shards_of
+from warpsim.dataset.recipe import Recipe
+from warpsim.dataset.sequences import check_extremes
+from warpsim.dataset.shard import Receipt, Task
+from warpsim.dataset.workplace import Workplace
+from warpsim.errors import InputError
+from warpsim.files import prepare_folder, read_json
+from warpsim.output.progress import progress_bar
+from warpsim.render.device import default_device, n_usable_cpu
+from warpsim.render.star_field import load_catalog
+from warpsim.scene.inputs import input_checksums
+from warpsim.scene.scene import Scene
+
+
+@dataclass(frozen=True)
+class DatasetReport:
+    """What a run did."""
+
+    folder: Path
+    n_sequence: int
+    n_image: int
+    n_byte: int
+    """Of images and tables, but for annotations and the like."""
+    n_shard: int
+    n_shard_written: int
+    """Less than n_shard when an earlier run had written some."""
+    total_s: float
+
+    def text(self) -> str:
+        """One line for a person."""
+        words = (
+            f"{self.n_image:,} images of {self.n_sequence:,} sequences, {self.n_byte / 1e6:,.1f} MB in {self.folder}"
+        )
+        line = f"{words} after {self.total_s:.1f} s"
+        if self.n_shard_written == 0:
+            return f"{line}; all were there already"
+        kept = self.n_shard - self.n_shard_written
+        return line + (f"; {kept} of {self.n_shard} shards kept from before" if kept else "")
+
+
+def write_dataset(
+    recipe: Recipe | Scene | str,
+    folder: str | Path,
+    executor: Executor | None = None,
+    n_worker: int | None = None,
+    device: Any = None,
+    overwrite: bool = False,
+    progress: bool = False,
+) -> DatasetReport:
+    """Write a data set: images, tables, annotations and a manifest (docs/datasets.md has the layout).
+
+    Running it again writes what has no valid receipt. The files do not depend on who wrote them, in what order, or how
+    often the run was broken off.
+
+    Args:
+        recipe: The recipe; a scene stands for one that samples nothing. A name or path is loaded.
+        folder: Where to write; made when missing.
+        executor: Any executor of `concurrent.futures`, whose workers must see the folder under the same path.
+        n_worker: Processes on this machine where no executor is given; as many as cores, or 1 on a GPU, when left out.
+            With 1 this process does the work. With more, a script must start its work under
+            `if __name__ == "__main__":`, as always with `multiprocessing`.
+        device: Warp device of each worker.
+        overwrite: Replace a different data set that the folder holds.
+        progress: Draw a progress bar on standard error.
+
+    Returns:
+        What was done.
+
+    Raises:
+        InputError: The recipe asks for what cannot be, or the folder cannot be written, is in use, or holds another
+            data set or files of these names that are not of warpsim.
+        OSError: Writing failed on the way (a full disk), or workers were lost; the same call goes on from there.
+    """
+    begin = time.perf_counter()
+    if not isinstance(recipe, Recipe):
+        recipe = Recipe(scene=recipe) if isinstance(recipe, Scene) else Recipe.load(recipe)
+    alias = str(default_device(device))
+    n_worker = whole_number("n_worker", n_worker, 1) if n_worker is not None else _workers(alias)
+    _check_packages(recipe)
+    check_extremes(recipe)
+    place = Workplace(Path(folder).absolute(), recipe, run_key(recipe, alias))
+    prepare_folder(place.folder)
+    n_written = 0
+    if not place.is_complete():
+        try:
+            with place.held(overwrite) as receipts:
+                missing = [shard for shard in shards_of(recipe) if shard.name not in receipts]
+                n_written = len(missing)
+                _write_missing(place, missing, receipts, alias, executor, n_worker, progress)
+                finish(place, receipts, alias)
+        except OSError as error:
+            raise OSError(f"{place.folder}: writing failed, the same command goes on from here: {error}") from error
+    return _report(place, n_written, time.perf_counter() - begin)
+
+
+def run_key(recipe: Recipe, device: str) -> str:
+    """Hash of all that the files depend on."""
+    import warpsim
+
+    catalog = load_catalog(recipe.scene).checksum
+    kind = "cuda" if device.startswith("cuda") else "cpu"
+    facts = ["dataset", recipe.to_dict(), input_checksums(recipe.scene), catalog, kind, warpsim.__version__]
+    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+
+
+def _check_packages(recipe: Recipe) -> None:
+    """See that what writes the files is installed, before the work."""
+    needed = ["pyarrow", "zarr"] if recipe.format == "zarr" else ["pyarrow"]
+    for package in needed:
+        if importlib.util.find_spec(package) is None:
+            raise InputError(f"data sets need {package}, which is not installed: pip install 'warpsim[datasets]'")
+
+
+def _workers(device: str) -> int:
+    return 1 if device.startswith("cuda") else n_usable_cpu()
+
+
+def _write_missing(
+    place: Workplace,
+    missing: list[Shard],
+    receipts: dict[str, Receipt],
+    device: str,
+    executor: Executor | None,
+    n_worker: int,
+    progress: bool,
+) -> None:
+    """Have the missing shards written, and take their receipts."""
+    text = json.dumps(place.recipe.to_dict())
+    n_thread = None if executor is None and n_worker == 1 else 1
+    tasks = [Task(str(place.folder), place.key, text, shard, device, n_thread) for shard in missing]
+    n_sequence = {shard.name: len(shard.sequences) for shard in missing}
+    (place.parts / "receipts").mkdir(exist_ok=True)
+    with progress_bar(place.recipe.n_sequence, progress) as advance:
+        advance(place.recipe.n_sequence - sum(n_sequence.values()))
+
+        def done(receipt: Receipt) -> None:
+            receipts[receipt["shard"]] = receipt
+            advance(n_sequence[receipt["shard"]])
+
+        run_tasks(tasks, executor, n_worker, done)
+
+
+def _report(place: Workplace, n_written: int, total_s: float) -> DatasetReport:
+    recipe = place.recipe
+    n_image = recipe.n_sequence * recipe.n_frame * recipe.n_sensor * len(recipe.band_names)
+    shards = read_json(place.manifest_path)["shards"]
+    n_byte = sum(receipt["bytes"] for receipt in shards.values())
+    return DatasetReport(place.folder, recipe.n_sequence, n_image, n_byte, len(shards), n_written, total_s)

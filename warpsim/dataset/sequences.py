@@ -1,0 +1,151 @@
+"""Sequences: what is drawn for each, from nothing but the recipe's seed and the sequence's number."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from warpsim.dataset.recipe import Recipe
+from warpsim.errors import InputError
+from warpsim.scene.scene import Scene
+from warpsim.streams import uniforms
+
+MOST_ATTEMPTS = 100
+"""Draws of a sequence before it is given up: a scene may leave no sensor that sees the targets for long enough."""
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """One sequence."""
+
+    number: int
+    scene: Scene
+    """With the drawn values, a seed of its own, and frames 0 to n_frame - 1."""
+    sensors: list[str]
+    values: dict[str, Any]
+    """What was drawn, by field of the scene."""
+    attempt: int
+    """Draws before this one in which not enough sensors saw the targets."""
+
+
+def draw_sequence(recipe: Recipe, number: int) -> Sequence:
+    """Draw a sequence.
+
+    Args:
+        recipe: The recipe.
+        number: Of the sequence, 0 to n_sequence - 1.
+
+    Raises:
+        InputError: The drawn values break a rule of the scene, or no draw has enough sensors.
+    """
+    for attempt in range(MOST_ATTEMPTS):
+        values = drawn_values(recipe, number, attempt)
+        scene = varied(recipe, values, f"sequence {number}")
+        clips = [(0.0, scene.duration_s - recipe.clip_s, _pool(recipe, scene))] if recipe.every_frame else []
+        clips = clips or _clips(recipe, scene)
+        if clips:
+            start_s, sensors = _chosen_clip(recipe, clips, number, attempt)
+            frames = {"count": recipe.n_frame, "interval_s": recipe.step_s, "start_s": start_s}
+            scene = scene.replace(frames=frames, seed=_seed(recipe, number), bands=recipe.band_names)
+            return Sequence(number, scene, sensors, values, attempt)
+        if not recipe.distributions:  # all draws are alike
+            break
+    raise InputError(
+        f"sequence {number}: in {attempt + 1} draws there were never {recipe.n_sensor} sensors with access to the "
+        f"main target for {recipe.clip_s:g} s; ask for fewer frames or sensors, or for every_frame = true"
+    )
+
+
+def drawn_values(recipe: Recipe, number: int, attempt: int = 0) -> dict[str, Any]:
+    """Values of the sampled fields in one draw of a sequence, by field."""
+    return {
+        name: distribution.value(float(uniforms(recipe.seed, f"dataset.{name}", number, attempt + 1)[attempt]))
+        for name, distribution in recipe.distributions.items()
+    }
+
+
+def varied(recipe: Recipe, values: dict[str, Any], where: str) -> Scene:
+    """The recipe's scene with some values.
+
+    Raises:
+        InputError: They break a rule; the text begins with `where`.
+    """
+    try:
+        scene = recipe.scene.replace(**{name.replace(".", "__"): value for name, value in values.items()})
+    except InputError as error:
+        shown = ", ".join(f"{name} = {value!r}" for name, value in values.items())
+        raise InputError(f"{where}: {str(error).removeprefix('Scene: ')} (drawn: {shown})"[:600]) from None
+    kinds = {spec.name for spec in recipe.scene.target_specs}
+    if new := {spec.name for spec in scene.target_specs} - kinds:  # the categories of all annotations are the same
+        raise InputError(
+            f"{where}: targets must be of the scene's own names ({', '.join(sorted(kinds))}), got {new.pop()}"
+        )
+    return scene
+
+
+def check_extremes(recipe: Recipe) -> None:
+    """See that a scene takes the extremes of each distribution, before hours of work.
+
+    Raises:
+        InputError: It does not.
+    """
+    for name, distribution in recipe.distributions.items():
+        for value in distribution.extremes:
+            varied(recipe, {name: value}, f"sample.{name}")
+
+
+def split_of(recipe: Recipe) -> dict[str, list[int]]:
+    """Numbers of the sequences of each split, in order; shares are met to one sequence, the choice is seeded."""
+    order = np.argsort(uniforms(recipe.seed, "dataset split", 0, recipe.n_sequence), kind="stable")
+    total = sum(recipe.shares.values())
+    ends = np.cumsum(list(recipe.shares.values())) / total * recipe.n_sequence
+    edges = [0, *(int(end) for end in np.round(ends))]
+    return {
+        name: sorted(int(number) for number in order[first:end])
+        for name, first, end in zip(recipe.shares, edges[:-1], edges[1:], strict=True)
+    }
+
+
+def _seed(recipe: Recipe, number: int) -> int:
+    """The seed of a sequence's noise and of all that its scene draws."""
+    return int(uniforms(recipe.seed, "dataset seed", number, 1)[0] * 2**53)
+
+
+def _pool(recipe: Recipe, scene: Scene) -> list[str]:
+    return [name for name in recipe.sensors or scene.sensor_names if name in scene.sensor_names]
+
+
+def _clips(recipe: Recipe, scene: Scene) -> list[tuple[float, float, list[str]]]:
+    """Earliest and latest start of sequences that the same sensors see whole, and these sensors; enough of them."""
+    table = scene.access()
+    latest_s = np.asarray(table["end_s"]) - recipe.clip_s
+    pool = _pool(recipe, scene)
+    seen = [
+        (str(row["sensor"]), float(row["start_s"]), float(end_s))
+        for row, end_s in zip(table, latest_s, strict=True)
+        if row["sensor"] in pool and end_s >= row["start_s"]
+    ]
+    edges = sorted({edge for _, *edge_s in seen for edge in edge_s})
+    clips = []
+    for first_s, last_s in zip(edges, edges[1:] or edges, strict=False):
+        names = [name for name, start_s, end_s in seen if start_s <= first_s and last_s <= end_s]
+        if len(names) >= recipe.n_sensor:
+            clips.append((first_s, last_s, names))
+    return clips
+
+
+def _chosen_clip(
+    recipe: Recipe, clips: list[tuple[float, float, list[str]]], number: int, attempt: int
+) -> tuple[float, list[str]]:
+    """Start and sensors of a sequence: any possible start is as likely, and any choice of sensors."""
+    place = uniforms(recipe.seed, "dataset start", number, attempt + 1)[attempt]
+    lengths = np.array([last_s - first_s for first_s, last_s, _ in clips])
+    ends = np.cumsum(lengths if lengths.sum() > 0 else np.ones(len(clips)))
+    which = min(int(np.searchsorted(ends, place * ends[-1], side="right")), len(clips) - 1)
+    first_s, last_s, names = clips[which]
+    along = (place * ends[-1] - (ends[which] - lengths[which])) if lengths.sum() > 0 else 0.0
+    order = np.argsort(uniforms(recipe.seed, f"dataset sensors {attempt}", number, len(names)), kind="stable")
+    chosen = {names[i] for i in order[: recipe.n_sensor]}
+    return min(first_s + float(along), last_s), [name for name in names if name in chosen]

@@ -1,0 +1,168 @@
+"""The work of a worker: render a shard, write it, move its files to their places, return a receipt."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from warpsim.dataset.annotations import write_satnet
+from warpsim.dataset.layout import PARTS, Shard, folder_of
+from warpsim.dataset.planes import bytes_per_frame, planes_of
+from warpsim.dataset.previews import draw_previews
+from warpsim.dataset.recipe import Recipe
+from warpsim.dataset.sequences import Sequence, draw_sequence
+from warpsim.dataset.tables import Tables
+from warpsim.dataset.writers import ShardWriter, shard_writer
+from warpsim.files import sha256_of, write_json
+from warpsim.render.renderer import Renderer
+
+BYTES_PER_CALL = 64 * 2**20
+"""Of images held in memory at a time, with all planes that are wanted."""
+
+LEAST_FREE_BYTES = 2**20
+"""A disk with less room is full."""
+
+Receipt = dict[str, Any]
+"""What a worker says of a shard: key, shard, files with their checksums, sequences with what was drawn."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a worker needs to know; small, and plain enough for any way of sending it."""
+
+    folder: str
+    """Of the data set."""
+    key: str
+    recipe: str
+    """As JSON."""
+    shard: Shard
+    device: str | None
+    n_thread: int | None
+
+
+def receipt_path(folder: Path, shard: Shard) -> Path:
+    """Where the receipt of a shard lies."""
+    return folder / PARTS / "receipts" / f"{shard.name}.json"
+
+
+def write_shard(task: Task) -> Receipt:
+    """Render and write a shard; what runs on a worker.
+
+    The files get their final names when all of them are complete, and the receipt comes last.
+
+    Raises:
+        InputError: What was drawn breaks a rule of the scene, or a package is missing.
+        OSError: Writing failed.
+    """
+    folder, shard, recipe = Path(task.folder), task.shard, _recipe(task.recipe)
+    with _scratch(folder, shard) as scratch, _full_disk_told(folder):
+        sequences = _write_files(recipe, task, scratch)
+        files = sorted(path.relative_to(scratch).as_posix() for path in scratch.rglob("*") if path.is_file())
+        checksums = {name: sha256_of(scratch / name) for name in files}
+        sizes = {name: (scratch / name).stat().st_size for name in files}
+        for name in files:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (scratch / name).replace(folder / name)
+    receipt = {
+        "key": task.key,
+        "shard": shard.name,
+        "files": checksums,
+        "sequences": sequences,
+        "bytes": sum(sizes.values()),
+    }
+    write_json(receipt, receipt_path(folder, shard))
+    return receipt
+
+
+@lru_cache(maxsize=4)
+def _recipe(text: str) -> Recipe:
+    return Recipe.from_dict(json.loads(text))
+
+
+@contextmanager
+def _scratch(folder: Path, shard: Shard) -> Iterator[Path]:
+    """A folder of this worker's own, for files that are not complete yet."""
+    path = folder / PARTS / "work" / f"{shard.name}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
+    path.mkdir(parents=True)
+    try:
+        yield path
+    finally:
+        shutil.rmtree(path, ignore_errors=True)
+
+
+@contextmanager
+def _full_disk_told(folder: Path) -> Iterator[None]:
+    """NumPy says only that it wrote less than was asked for."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None and shutil.disk_usage(folder).free < LEAST_FREE_BYTES:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder)) from error
+        raise
+
+
+def _write_files(recipe: Recipe, task: Task, scratch: Path) -> list[dict[str, Any]]:
+    """Write all files of a shard; what was drawn for each sequence."""
+    writer = shard_writer(recipe, task.shard, scratch)
+    tables = Tables(recipe, task.shard, scratch, writer.place)
+    drawn = []
+    try:
+        for position, number in enumerate(task.shard.sequences):
+            sequence = draw_sequence(recipe, number)
+            folder = scratch / folder_of(task.shard, number)
+            renderer = Renderer(sequence.scene, task.device, task.n_thread)
+            _write_sequence(recipe, sequence, position, renderer, writer, tables, folder)
+            if recipe.preview:
+                draw_previews(recipe, sequence, renderer, folder)
+            drawn.append(_told(sequence, task.shard))
+        tables.close()
+        writer.finish()
+    except BaseException:
+        writer.abandon()
+        raise
+    return drawn
+
+
+def _write_sequence(
+    recipe: Recipe,
+    sequence: Sequence,
+    position: int,
+    renderer: Renderer,
+    writer: ShardWriter,
+    tables: Tables,
+    folder: Path,
+) -> None:
+    """Render a sequence, some frames at a time, and write its images and tables."""
+    n_frame = max(1, BYTES_PER_CALL // bytes_per_frame(recipe, sequence.scene))
+    writer.begin(sequence, position)
+    for first in range(0, recipe.n_frame, n_frame):
+        numbers = range(first, min(first + n_frame, recipe.n_frame))
+        frames = renderer.render(numbers, sequence.sensors, recipe.band_names, recipe.signal, recipe.stars)
+        rows = tables.add(sequence, position, frames)
+        writer.add(frames, planes_of(recipe, frames), rows["truth"])
+        if recipe.satnet:
+            write_satnet(frames, rows, folder)
+    writer.end()
+    tables.end_sequence(sequence)
+
+
+def _told(sequence: Sequence, shard: Shard) -> dict[str, Any]:
+    return {
+        "sequence": sequence.number,
+        "split": shard.split,
+        "shard": shard.name,
+        "sensors": sequence.sensors,
+        "start_s": sequence.scene.frames.start_s,
+        "seed": sequence.scene.seed,
+        "attempt": sequence.attempt,
+        "values": sequence.values,
+    }

@@ -1,0 +1,123 @@
+"""The tables beside the images: one row per image, per image and target, and per image and star."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from warpsim.dataset.layout import ImageKey, Shard, image_id, table_path
+from warpsim.dataset.recipe import SHARDED, Recipe
+from warpsim.dataset.sequences import Sequence
+from warpsim.labels.parquet import write_parquet
+from warpsim.labels.table import label_table
+from warpsim.optics.wcs import lens_keywords, tan_keywords
+from warpsim.output.dates import utc_dates
+from warpsim.render.frameset import FrameSet
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+
+IMAGE_UNITS = {"time_s": "s", "nei_w_cm2": "W / cm2", "sei_w_cm2": "W / cm2"}
+
+
+class Tables:
+    """Collects the rows of a shard and writes them: by sequence, or, in sharded formats, all at once.
+
+    Args:
+        recipe: The recipe.
+        shard: The shard.
+        folder: Where to write, a mirror of the data set's folder.
+        place: Where the image of a key is.
+    """
+
+    def __init__(
+        self, recipe: Recipe, shard: Shard, folder: Path, place: Callable[[ImageKey], tuple[str, str]]
+    ) -> None:
+        self._recipe, self._shard, self._folder, self._place = recipe, shard, folder, place
+        self._parts: dict[str, list[Table]] = {}
+
+    def add(self, sequence: Sequence, position: int, frames: FrameSet) -> dict[str, Table]:
+        """Take the rows of a render call; returns them by table."""
+        keys = [
+            ImageKey(sequence.number, position, frame, sensor, s, band, b)
+            for frame in frames.frames
+            for s, sensor in enumerate(frames.sensors)
+            for b, band in enumerate(frames.bands)
+        ]
+        ids = np.array([image_id(self._recipe, key) for key in keys], dtype=np.int64)
+        truth = label_table(frames, least_nei=self._recipe.least_nei, with_masks=self._recipe.masks)
+        n_target = len(sequence.scene.target_names)
+        _lead(truth, np.repeat(ids, n_target), sequence.number)
+        rows = {"images": self._images(sequence, frames, keys, ids), "truth": truth}
+        if self._recipe.stars:
+            rows["stars"] = frames.stars
+            rows["stars"].add_column(np.full(len(frames.stars), sequence.number), index=0, name="sequence")
+        for name, table in rows.items():
+            self._parts.setdefault(name, []).append(table)
+        return rows
+
+    def _images(self, sequence: Sequence, frames: FrameSet, keys: list[ImageKey], ids: Any) -> Table:
+        """One row per image: where it is, when and with what it was taken, and its WCS."""
+        from astropy.table import Table
+
+        scene, camera = sequence.scene, sequence.scene.camera
+        places = [self._place(key) for key in keys]
+        lens = lens_keywords(camera)
+        axes = frames.axes_icrs
+        n_band = len(frames.bands)
+        wcs = [json.dumps(tan_keywords(axes[f, s], camera) | lens) for f, s in np.ndindex(axes.shape[:2])]
+        dates = utc_dates(scene, frames.time_s)
+        n_view = len(wcs)
+        levels = [scene.levels[key.band] for key in keys]
+        table = Table(
+            {
+                "file": [file for file, _ in places],
+                "item": [item for _, item in places],
+                "frame": np.array([key.frame for key in keys], dtype=np.int64),
+                "time_s": np.repeat(frames.time_s, len(keys) // len(frames.frames)),
+                "date_obs": np.repeat(dates, len(keys) // len(frames.frames)),
+                "sensor": [key.sensor for key in keys],
+                "band": [key.band for key in keys],
+                "width": np.full(len(keys), camera.n_col, dtype=np.int32),
+                "height": np.full(len(keys), camera.n_row, dtype=np.int32),
+                "nei_w_cm2": [level.nei_w_cm2 for level in levels],
+                "sei_w_cm2": [level.sei_w_cm2 for level in levels],
+                "blank_counts": [float(level.blank_counts) for level in levels],
+                "counts_per_nei": [float(level.counts_per_nei) for level in levels],
+                "wcs": np.repeat(np.array(wcs, dtype=object), n_band) if n_view else [],
+            }
+        )
+        for name, unit in IMAGE_UNITS.items():
+            table[name].unit = unit
+        _lead(table, ids, sequence.number)
+        return table
+
+    def end_sequence(self, sequence: Sequence) -> None:
+        """Write the tables of a sequence, unless those of the whole shard are one."""
+        if self._recipe.format not in SHARDED:
+            self._write(sequence.number)
+
+    def close(self) -> None:
+        """Write what is left."""
+        if self._parts:
+            self._write(self._shard.sequences[0])
+
+    def _write(self, sequence: int) -> None:
+        from astropy.table import vstack
+
+        for name, parts in self._parts.items():
+            path = self._folder / table_path(self._recipe, self._shard, sequence, name)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            table = vstack(parts, metadata_conflicts="silent") if len(parts) > 1 else parts[0]
+            write_parquet(table, path, {"table": name})
+        self._parts = {}
+
+
+def _lead(table: Table, image_ids: Any, sequence: int) -> None:
+    """Put the columns first that tie tables together."""
+    table.add_column(image_ids, index=0, name="image_id")
+    table.add_column(np.full(len(table), sequence, dtype=np.int64), index=1, name="sequence")

@@ -1,0 +1,149 @@
+"""Zarr v3: one group per split, with an array for each plane; a shard of the data set owns whole shards of the arrays.
+
+Two processes that write into one Zarr shard lose what the other wrote. So each shard of the data set is written to a
+copy of the empty group, in a folder of its own, and its files are then moved to their places.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warpsim.dataset.layout import ImageKey, Shard
+from warpsim.dataset.recipe import Recipe
+from warpsim.dataset.sequences import Sequence, split_of
+from warpsim.errors import InputError
+from warpsim.render.frameset import FrameSet
+
+STORE = "images.zarr"
+SHARD_BYTES = 128 * 2**20
+"""Of an array's shard at most, but for a single image: what is held in memory before it is written."""
+
+AXES = ("sequence", "frame", "sensor", "band", "row", "column")
+
+
+def store_path(split: str) -> str:
+    """Of a split's group, relative to the data set."""
+    return f"{split}/{STORE}"
+
+
+def array_shapes(recipe: Recipe) -> dict[str, tuple[tuple[int, ...], Any]]:
+    """Shape of one sequence and type of each array of a recipe."""
+    camera = recipe.scene.camera
+    image = (camera.n_row, camera.n_col)
+    views = (recipe.n_frame, recipe.n_sensor, len(recipe.band_names))
+    arrays: dict[str, tuple[tuple[int, ...], Any]] = {"counts": ((*views, *image), np.uint16)}
+    if recipe.signal:
+        arrays["signal_w_cm2"] = ((*views, *image), np.float32)
+    if recipe.masks:
+        arrays["mask"] = ((*views, *image), np.uint16)
+    if recipe.contributions:
+        arrays["contributions_w_cm2"] = ((*views, len(recipe.scene.target_names), *image), np.float32)
+    return arrays
+
+
+def frames_per_shard(recipe: Recipe, shape: tuple[int, ...], dtype: Any) -> int:
+    """Frames of an array's shard: all of the sequences, or as many of one sequence as SHARD_BYTES hold."""
+    if recipe.shard_size > 1:
+        return recipe.n_frame
+    frame_bytes = math.prod(shape[1:]) * int(np.dtype(dtype).itemsize)
+    return max(1, min(recipe.n_frame, SHARD_BYTES // frame_bytes))
+
+
+def create_store(recipe: Recipe, split: str, path: Path) -> Any:
+    """Make a split's group, whose arrays are empty.
+
+    Raises:
+        InputError: zarr is not installed, or is older than 3.
+    """
+    try:
+        import zarr
+        from zarr import create_group
+    except ImportError:
+        raise InputError("format: zarr needs the package zarr >= 3: pip install 'warpsim[datasets]'") from None
+    group = create_group(store=str(path), zarr_format=3, attributes=_attributes(recipe, split))
+    n_sequence = len(split_of(recipe)[split])
+    with zarr.config.set({"array.write_empty_chunks": True}):  # a shard's files do not depend on what it shows
+        for name, (shape, dtype) in array_shapes(recipe).items():
+            axes = AXES if len(shape) == 5 else (*AXES[:4], "target", *AXES[4:])
+            leading = (1,) * (len(shape) - 1)
+            group.create_array(
+                name,
+                shape=(n_sequence, *shape),
+                dtype=dtype,
+                chunks=(*leading, *shape[-2:]),
+                shards=(recipe.shard_size, frames_per_shard(recipe, shape, dtype), *shape[1:]),
+                dimension_names=axes,
+                fill_value=0,
+            )
+    return group
+
+
+def _attributes(recipe: Recipe, split: str) -> dict[str, Any]:
+    """What the axes stand for. Sensors differ from sequence to sequence: they are in the table of images."""
+    return {
+        "sequence": split_of(recipe)[split],
+        "band": recipe.band_names,
+        "target": recipe.scene.target_names,
+        "interval_s": recipe.step_s,
+    }
+
+
+class ZarrShard:
+    """Writes a shard of the data set: whole shards of each array of its split's group."""
+
+    def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
+        self._recipe, self._shard = recipe, shard
+        self._path = folder / store_path(shard.split)
+        self._group = create_store(recipe, shard.split, self._path)
+        self._buffers: dict[str, Any] = {}
+        self._first = shard.place * recipe.shard_size
+
+    def begin(self, sequence: Sequence, position: int) -> None:
+        """Start a sequence."""
+        self._position = position
+        if self._recipe.contributions and sequence.scene.target_names != self._recipe.scene.target_names:
+            raise InputError(
+                f"sequence {sequence.number}: contributions in one Zarr array need the same targets in every sequence; "
+                "choose another format"
+            )
+
+    def add(self, frames: FrameSet, planes: dict[str, Any], truth: Any) -> None:
+        """Keep frames until a shard of an array is full."""
+        for name, (shape, dtype) in array_shapes(self._recipe).items():
+            n_frame = frames_per_shard(self._recipe, shape, dtype)
+            for f, number in enumerate(frames.frames):
+                buffer = self._buffers.setdefault(
+                    name, np.zeros((len(self._shard.sequences), n_frame, *shape[1:]), dtype)
+                )
+                buffer[self._position, number % n_frame] = planes[name][f]
+                if len(self._shard.sequences) == 1 and (number % n_frame == n_frame - 1 or number == shape[0] - 1):
+                    self._flush(name, number // n_frame * n_frame, number + 1)
+
+    def _flush(self, name: str, first: int, end: int) -> None:
+        """Write a whole shard of an array."""
+        last = self._first + len(self._shard.sequences)
+        self._group[name][self._first : last, first:end] = self._buffers.pop(name)[:, : end - first]
+
+    def end(self) -> None:
+        """Nothing is left to do."""
+
+    def finish(self) -> None:
+        """Write what is kept; the group's description is written by the run."""
+        for name in list(self._buffers):
+            self._flush(name, 0, self._recipe.n_frame)
+        for path in self._path.rglob("zarr.json"):
+            os.unlink(path)  # noqa: PTH108
+
+    def abandon(self) -> None:
+        """Let go of what is kept."""
+        self._buffers = {}
+
+    def place(self, key: ImageKey) -> tuple[str, str]:
+        """The array and the index of an image."""
+        index = f"[{self._first + key.position}, {key.frame}, {key.sensor_place}, {key.band_place}]"
+        return f"{store_path(self._shard.split)}/counts", index

@@ -1,0 +1,175 @@
+"""Labels as a COCO file: boxes, centres as keypoints, masks as run lengths; written as it comes, whatever its size."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+import numpy as np
+
+from warpsim.errors import InputError
+from warpsim.files import whole_file
+from warpsim.labels.boxes import CORNER_PX
+from warpsim.labels.rle import mask_to_rle, rle_area
+from warpsim.labels.table import BOX_COLUMNS
+from warpsim.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+
+KEYPOINT = "centre"
+
+ROWS_PER_IMAGE = 100_000
+"""Ids of annotations are image id x this + row in the image's label table + 1, whatever else is visible."""
+
+_VALUES = ("snr", "snr_peak", "irradiance_w_cm2", "range_km")
+_COLUMNS = ["target", "category", "x_px", "y_px", "keypoint_visibility", *BOX_COLUMNS, *_VALUES]
+
+COORDINATES = (
+    "bbox and keypoints count pixels from the outer corner of the first pixel, whose centre is (0.5, 0.5); "
+    "x_px and y_px count from its centre"
+)
+"""Said in each file's info."""
+
+_PX_DIGITS = 6
+_VALUE_DIGITS = 7  # of numbers that are float32 in the images
+
+
+def coco_categories(scene: Scene) -> list[dict[str, Any]]:
+    """The kinds of targets of a scene as COCO's categories, in the order of the scene, from id 1 on.
+
+    A kind is an entry of `targets`, by its name; entries of one name in several groups are one kind.
+    """
+    kinds = {spec.name: spec.shape.kind for spec in reversed(scene.target_specs)}
+    names = dict.fromkeys(spec.name for spec in scene.target_specs)
+    return [
+        {"id": number, "name": name, "supercategory": kinds[name], "keypoints": [KEYPOINT], "skeleton": []}
+        for number, name in enumerate(names, start=1)
+    ]
+
+
+def write_coco(
+    path: str | Path,
+    images: Iterable[tuple[Mapping[str, Any], Table]],
+    categories: Sequence[Mapping[str, Any]],
+    info: Mapping[str, Any] | None = None,
+) -> None:
+    """Write images and the labels of their visible targets, whole or not at all.
+
+    One image is looked at at a time, so that memory does not grow with the file. While it is written, its annotations
+    lie in a second, nameless file beside it.
+
+    Args:
+        path: File to write; replaced if it is there.
+        images: Of each image what COCO says of it (id, file_name, width, height, and anything else), and its rows of a
+            label table, in the order of the scene's targets.
+        categories: As `coco_categories` makes them.
+        info: What is said about the whole file.
+
+    Raises:
+        InputError: An image lacks one of the four entries or has the id of an earlier one, or a category is unknown.
+    """
+    path = Path(path)
+    ids = {str(category["name"]): int(category["id"]) for category in categories}
+    with (
+        whole_file(path) as partial,
+        partial.open("w", encoding="utf-8", newline="\n") as file,
+        tempfile.TemporaryFile("w+", encoding="utf-8", newline="\n", dir=path.parent) as annotations,
+    ):
+        head = {"info": {"coordinates": COORDINATES, **(info or {})}, "licenses": [], "categories": list(categories)}
+        file.write(_json(head)[:-1] + ',\n"images": [')
+        seen: set[int] = set()
+        n_annotation = 0
+        for number, (image, rows) in enumerate(images):
+            _check_image(path, image, seen)
+            file.write((",\n" if number else "\n") + _json(image))
+            for annotation in image_annotations(image, rows, ids):
+                annotations.write((",\n" if n_annotation else "\n") + _json(annotation))
+                n_annotation += 1
+        file.write('\n],\n"annotations": [')
+        _append(file, annotations)
+        file.write("\n]}\n")
+
+
+def image_annotations(image: Mapping[str, Any], rows: Table, category_ids: Mapping[str, int]) -> list[dict[str, Any]]:
+    """COCO's annotations of the visible targets of one image.
+
+    Args:
+        image: With id, width and height.
+        rows: The image's rows of a label table, in the order of the scene's targets.
+        category_ids: Ids by name.
+
+    Raises:
+        InputError: A category is unknown, or there are too many rows.
+    """
+    if len(rows) > ROWS_PER_IMAGE:
+        raise InputError(f"image {image['id']}: must have at most {ROWS_PER_IMAGE} label rows, got {len(rows)}")
+    shape = (int(image["height"]), int(image["width"]))
+    with_masks = "mask_rle" in rows.colnames
+    empty = mask_to_rle(np.zeros(shape, dtype=bool)) if with_masks else ""
+    (visible,) = np.nonzero(np.asarray(rows["visible"]))
+    names = [*_COLUMNS, "mask_rle"] if with_masks else _COLUMNS
+    columns = [np.asarray(rows[name])[visible].tolist() for name in names]
+    found = []
+    for number, *values in zip(visible.tolist(), *columns, strict=True):
+        row = dict(zip(names, values, strict=True))
+        if row["category"] not in category_ids:
+            raise InputError(f"categories: must have {row['category']!r}, the kind of the target {row['target']!r}")
+        box_px = [round(row[name], _PX_DIGITS) for name in BOX_COLUMNS]
+        place_px = [round(row[name], _PX_DIGITS) for name in ("x_px", "y_px")]
+        annotation = {
+            "id": int(image["id"]) * ROWS_PER_IMAGE + number + 1,
+            "image_id": image["id"],
+            "category_id": category_ids[row["category"]],
+            "iscrowd": 0,
+            "bbox": box_px,
+            "area": round(box_px[2] * box_px[3], _PX_DIGITS),
+            "keypoints": [*(round(value + CORNER_PX, _PX_DIGITS) for value in place_px), row["keypoint_visibility"]],
+            "num_keypoints": 1,
+            "target": row["target"],
+            "x_px": place_px[0],
+            "y_px": place_px[1],
+            **{name: _short(row[name]) for name in _VALUES},
+        }
+        if with_masks:
+            counts = row["mask_rle"] or empty
+            annotation["segmentation"] = {"size": list(shape), "counts": counts}
+            annotation["area"] = rle_area(counts) or annotation["area"]
+        found.append(annotation)
+    return found
+
+
+def _check_image(path: Path, image: Mapping[str, Any], seen: set[int]) -> None:
+    missing = [name for name in ("id", "file_name", "width", "height") if name not in image]
+    if missing:
+        raise InputError(f"{path}: images: must have {', '.join(missing)}, got {', '.join(image)}")
+    if isinstance(image["id"], bool) or not isinstance(image["id"], int) or image["id"] < 0:
+        raise InputError(f"{path}: images: id must be a whole number >= 0, got {image['id']!r}")
+    if image["id"] in seen:
+        raise InputError(f"{path}: images: ids must be unique, got {image['id']} twice")
+    seen.add(image["id"])
+
+
+def _append(file: IO[str], annotations: IO[str]) -> None:
+    annotations.seek(0)
+    shutil.copyfileobj(annotations, file)
+
+
+def _short(value: float) -> float:
+    """A number with as many digits as it deserves."""
+    return float(f"{value:.{_VALUE_DIGITS}g}")
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, separators=(",", ":"), allow_nan=False, default=_plain)
+
+
+def _plain(value: Any) -> Any:
+    """NumPy's numbers as Python's."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} is nothing for JSON")

@@ -1,0 +1,43 @@
+"""What the columns of truth, star and label tables mean, for files that carry it along."""
+
+from __future__ import annotations
+
+DESCRIPTIONS = {
+    "frame": "frame number",
+    "time_s": "time of the frame after the epoch",
+    "sensor": "name of the sensor",
+    "band": "name of the band",
+    "target": "name of the target",
+    "access": "the sensor has access to the main target",
+    "in_fov": "the position in the middle of the exposure lies on the array",
+    "occulted": "the Earth lies between sensor and target",
+    "stowed": "not released yet, without light of its own",
+    "x_px": "column of the middle of the exposure; pixel centres on whole numbers from 0",
+    "y_px": "row of the middle of the exposure; pixel centres on whole numbers from 0",
+    "dx_px": "columns from the start of the exposure to its end",
+    "dy_px": "rows from the start of the exposure to its end",
+    "range_km": "distance from the sensor to where the light left",
+    "aspect_deg": "angle between the body axis and the direction to the sensor",
+    "projected_area_m2": "area of the outline, mean over the exposure",
+    "temperature_k": "temperature when the light left",
+    "sunlit_fraction": "share of the Sun's disc that the target sees; NaN where sunlight is left out",
+    "irradiance_w_cm2": "in-band irradiance at the pupil; 0 when occulted or stowed",
+    "emitted_w_cm2": "part of the irradiance that the target emits",
+    "sun_w_cm2": "part of the irradiance that is reflected sunlight",
+    "earth_w_cm2": "part of the irradiance that is reflected heat of the Earth",
+    "albedo_w_cm2": "part of the irradiance that is sunlight by way of the Earth",
+    "snr": "irradiance over NEI: all the light in one pixel",
+    "snr_peak": "light in the target's own pixel over NEI",
+    "left_out_w_cm2": "light beyond the target's stamp, which the image lacks",
+    "category": "kind of the target: the name of its entry in the scene",
+    "visible": "gives light, and is on the array at some time of the exposure",
+    "keypoint_visibility": "2: its own pixel gets least_nei NEI of its light; 1: visible, but less or off the array",
+    "box_x_px": "left edge of the box; pixel edges on whole numbers from 0",
+    "box_y_px": "upper edge of the box; pixel edges on whole numbers from 0",
+    "box_w_px": "width of the box",
+    "box_h_px": "height of the box",
+    "mask_rle": "pixels with least_nei NEI of its light or more, COCO's compressed run lengths; empty if none",
+    "catalog_row": "row of the star in the catalog",
+    "id": "name of the star in the catalog",
+}
+"""By name of the column."""

@@ -1,0 +1,162 @@
+"""Previews: the images of a sensor as a film in grey, GIF by OpenImageIO or MP4 by PyAV (the extra `video`).
+
+They are for looking at: both formats change the greys a little.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.detector.levels import Levels
+from warpsim.errors import InputError
+from warpsim.files import naming, whole_file, whole_file_by_memory
+from warpsim.output.grey import grey
+
+PREVIEW_PX = 512
+"""Larger images are reduced to at most so many pixels a side."""
+
+PREVIEW_FPS = 10.0
+"""Frames a second, unless told otherwise."""
+
+_MOST_FPS = {".gif": 50.0, ".mp4": 240.0}
+"""Players of GIF take shorter times for a mistake."""
+
+Picture = npt.NDArray[np.uint8]
+AddCounts = Callable[[npt.NDArray[np.uint16]], None]
+"""Takes counts of shape (n, row, column)."""
+
+
+def write_preview(path: str | Path, counts: npt.NDArray[np.uint16], levels: Levels, fps: float = PREVIEW_FPS) -> None:
+    """Write images as a film in the grey of the contact sheet: black is blank sky, white 60 NEI.
+
+    Images of more than 512 pixels a side are reduced by the brightest of each block of pixels.
+
+    Args:
+        path: File to write: .gif, or .mp4 with the extra `video`.
+        counts: Shape (n, row, column), uint16.
+        levels: What the counts mean: `scene.levels[band]`.
+        fps: Frames a second.
+
+    Raises:
+        InputError: Another suffix, a rate that the format does not have, no images, or PyAV is not installed.
+        OSError: Writing failed.
+    """
+    if counts.ndim != 3 or 0 in counts.shape:
+        raise InputError(f"{path}: counts: must have the shape (n, row, column), got {counts.shape}")
+    with preview_file(Path(path), levels, fps) as add:
+        add(counts)
+
+
+@contextlib.contextmanager
+def preview_file(path: Path, levels: Levels, fps: float = PREVIEW_FPS) -> Iterator[AddCounts]:
+    """A film that takes images as they come; it gets its name when it is whole."""
+    check_preview(path, fps)
+    film = _gif if path.suffix.lower() == ".gif" else _mp4
+    with film(path, Fraction(fps).limit_denominator(1000)) as add:
+
+        def add_counts(counts: npt.NDArray[np.uint16]) -> None:
+            for image in counts:
+                add(grey(image, levels, PREVIEW_PX))
+
+        yield add_counts
+
+
+def check_preview(path: Path, fps: float = PREVIEW_FPS) -> None:
+    """See that a film can be made, before the work is done.
+
+    Raises:
+        InputError: Another suffix than .gif and .mp4, a rate that the format does not have, or PyAV is not installed.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in _MOST_FPS:
+        raise InputError(f"{path}: must end in one of {', '.join(_MOST_FPS)}")
+    if not 0.01 <= fps <= _MOST_FPS[suffix]:
+        raise InputError(f"{path}: fps: must be in [0.01, {_MOST_FPS[suffix]:g}], got {fps:g}")
+    if suffix == ".mp4" and importlib.util.find_spec("av") is None:
+        raise InputError(f"{path}: needs PyAV, which the extra `video` brings: pip install 'warpsim[video]'")
+
+
+@contextlib.contextmanager
+def _gif(path: Path, rate: Fraction) -> Iterator[Callable[[Picture], None]]:
+    """Put together in memory."""
+    import OpenImageIO as oiio
+
+    file: Any = oiio.ImageOutput.create("gif")
+    n_picture = 0
+
+    def check(done: bool) -> None:
+        if not done:
+            raise OSError(f"{path}: cannot be written: {' '.join(file.geterror().split()) or 'no reason given'}")
+
+    with whole_file_by_memory(path) as name:
+
+        def add(picture: Picture) -> None:
+            nonlocal n_picture
+            spec = oiio.ImageSpec(picture.shape[1], picture.shape[0], 3, oiio.UINT8)
+            spec.attribute("FramesPerSecond", oiio.TypeRational, (rate.numerator, rate.denominator))
+            check(file.open(name, spec, "AppendSubimage" if n_picture else "Create"))
+            check(file.write_image(np.repeat(picture[..., None], 3, axis=2)))
+            n_picture += 1
+
+        yield add
+        check(file.close())
+
+
+@contextlib.contextmanager
+def _mp4(path: Path, rate: Fraction) -> Iterator[Callable[[Picture], None]]:
+    """H.264 in the only layout of pixels that every player shows; one thread and no marks of time or version."""
+    import av
+
+    with contextlib.ExitStack() as files:
+        partial = files.enter_context(whole_file(path))
+        files.enter_context(naming(path))
+        # Python's own file, as that tells of a full disk.
+        target = files.enter_context(partial.open("wb"))
+        files.enter_context(_errors_of_writing(path))
+        file = files.enter_context(av.open(target, "w", format="mp4", options={"fflags": "+bitexact"}))
+        stream: Any = None
+
+        def add(picture: Picture) -> None:
+            nonlocal stream
+            # Colours come in blocks of 2 x 2 pixels: numbers of rows and columns must be even.
+            even = np.pad(picture, [(0, n % 2) for n in picture.shape])
+            if stream is None:
+                stream = file.add_stream("libx264", rate=rate, options={"crf": "18"})
+                stream.height, stream.width = even.shape
+                stream.pix_fmt = "yuv420p"
+                stream.codec_context.thread_count = 1
+                stream.codec_context.flags |= av.codec.context.Flags.bitexact
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(_yuv(even), format="yuv420p")))
+
+        yield add
+        if stream is not None:
+            file.mux(stream.encode())
+
+
+def _yuv(picture: Picture) -> Picture:
+    """Brightness from 16 to 235, and behind it both colours, of a quarter of the pixels each.
+
+    Done here, as what FFmpeg makes of grey images depends on what lay in memory beside them.
+    """
+    n_row, n_col = picture.shape
+    brightness = 16 + (picture.astype(np.uint16) * 219 + 127) // 255
+    return np.concatenate([brightness, np.full((n_row // 2, n_col), 128)]).astype(np.uint8)
+
+
+@contextlib.contextmanager
+def _errors_of_writing(path: Path) -> Iterator[None]:
+    """Errors of PyAV, some of which are no OSError, as such."""
+    import av
+
+    try:
+        yield
+    except av.FFmpegError as error:
+        raise OSError(f"{path}: cannot be written: {' '.join(str(error).split())}") from error

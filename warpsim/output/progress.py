@@ -1,0 +1,26 @@
+"""Progress bars."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+
+
+@contextlib.contextmanager
+def progress_bar(total: int, wanted: bool) -> Iterator[Callable[[int], None]]:
+    """A function that advances a bar on standard error by so many steps (doing nothing when no bar is wanted)."""
+    if not wanted:
+        yield lambda n: None
+        return
+    from astropy.utils.console import ProgressBar
+
+    with ProgressBar(total, file=sys.stderr) as bar:
+        done = 0
+
+        def advance(n: int) -> None:
+            nonlocal done
+            done += n
+            bar.update(done)
+
+        yield advance

@@ -1,0 +1,186 @@
+"""Each target's own light: the images of a frame set once more, every target on a plane of its own.
+
+A plane is drawn as the image was: by the same kernel, from the same numbers, with the same stamps and streaks. So the
+planes of all targets, and the stars, add up to the noiseless image. Where only the pixels above some level are wanted,
+a plane is a patch about the target, which is far smaller than the image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+from warpsim_kernels.targets import BEHIND
+
+from warpsim.optics.psf_bank import rule_of_band, stamp_rule
+from warpsim.render.buffers import Observations
+from warpsim.render.device import rows_per_block
+from warpsim.render.streaks import paths_struct
+from warpsim.render.world import World
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+CHUNK_BYTES = 32 * 2**20
+"""Planes drawn at a time, at least one."""
+
+LEAST_SIDE_PX = 8
+"""Of a patch; the sides of larger ones are powers of two, so that few shapes serve all targets."""
+
+MOST_TARGETS = 2**16 - 1
+"""Targets that a mask can tell apart."""
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Planes of some targets, each cut out about its target."""
+
+    number: Ints
+    """Which of the targets asked for, shape (n,)."""
+    origin_px: Ints
+    """Column and row of the first pixel on the array, shape (n, 2); patches lie within the array."""
+    light_w_cm2: F32
+    """Light of the target alone, shape (n, n_row, n_col)."""
+
+
+class TargetLight:
+    """Draws targets of rendered views, each alone.
+
+    Args:
+        world: That the views were rendered in.
+        seen: Observations of the views.
+        shape: Rows and columns of the array.
+    """
+
+    def __init__(self, world: World, seen: Observations, shape: tuple[int, int]) -> None:
+        self._world, self.shape = world, shape
+        self.xy_px: F64 = np.asarray(seen.xy_px.numpy())
+        """Place in the middle of the exposure, shape (n_view, n_target, 2)."""
+        self.irradiance_w_cm2: F32 = np.asarray(seen.irradiance_w_cm2.numpy())
+        """Shape (n_view, n_band, n_target)."""
+        self.offset_px: F32 = np.asarray(seen.offset_px.numpy())
+        """Movement about that place: Legendre coefficients, shape (n_view, n_target, n_path, 2)."""
+        self.is_behind: npt.NDArray[np.bool_] = (np.asarray(seen.flags.numpy()) & int(BEHIND)) != 0
+        """Whether the target is behind the camera, shape (n_view, n_target)."""
+        self._brightness: F32 = np.asarray(seen.brightness.numpy())
+
+    def planes(
+        self, band: int, view: Sequence[int] | Ints, target: Sequence[int] | Ints, origin_px: Ints, shape: Any
+    ) -> F32:
+        """Planes of targets in one launch, shape (n, *shape).
+
+        Args:
+            band: Place of the band in the images.
+            view: Number of the view of each plane, shape (n,).
+            target: Number of its target, shape (n,).
+            origin_px: Column and row at which each plane begins, shape (n, 2).
+            shape: Rows and columns of every plane.
+        """
+        world, n_plane = self._world, len(view)
+        if n_plane == 0:
+            return np.zeros((0, *shape), dtype=np.float32)
+        device = world.device
+
+        def upload(values: Any, dtype: Any) -> wp.array:
+            return wp.array(np.ascontiguousarray(values), dtype=dtype, device=device)
+
+        sources = [
+            wp.full(n_plane, 1, dtype=wp.int32, device=device),
+            upload((self.xy_px[view, target] - origin_px)[:, None], wp.vec2d),
+            upload(self.irradiance_w_cm2[view, band, target][:, None, None], wp.float32),
+        ]
+        paths = None
+        if world.streaks.wanted:
+            moving = upload(self.offset_px[view, target][:, None], wp.vec2)
+            brightness = upload(self._brightness[view, band, target][:, None, None], wp.float32)
+            paths = paths_struct(moving, brightness, n_target=1)
+        signal = wp.zeros((n_plane, 1, *shape), dtype=wp.float32, device=device)
+        rule = rule_of_band(world.stamp_rule, band)
+        world.psf.of_band(band).deposit(sources, rule, rows_per_block(device, shape[0]), signal, paths)
+        return np.asarray(signal.numpy())[:, 0]
+
+    def contributions(self, band: int, view: int, chunk_bytes: int = CHUNK_BYTES) -> F32:
+        """Light of every target over a whole image, shape (n_target, n_row, n_col)."""
+        n_target = self.xy_px.shape[1]
+        light = np.zeros((n_target, *self.shape), dtype=np.float32)
+        lit = np.flatnonzero(self.irradiance_w_cm2[view, band])
+        at_a_time = max(1, chunk_bytes // (4 * self.shape[0] * self.shape[1]))
+        for first in range(0, len(lit), at_a_time):
+            target = lit[first : first + at_a_time]
+            origin_px = np.zeros((len(target), 2), dtype=np.int64)
+            light[target] = self.planes(band, np.full(len(target), view), target, origin_px, self.shape)
+        return light
+
+    def patches(
+        self, band: int, view: Ints, target: Ints, least_w_cm2: float, chunk_bytes: int = CHUNK_BYTES
+    ) -> Iterator[Patches]:
+        """Planes of targets, cut to where a pixel may hold a given light; targets that reach no pixel are left out.
+
+        Args:
+            band: Place of the band in the images.
+            view: Number of the view of each target asked for, shape (n,).
+            target: Its number, shape (n,).
+            least_w_cm2: Pixels outside a patch hold less than this of the target's light.
+            chunk_bytes: Light drawn at a time; at least one patch.
+        """
+        low, high = self._windows(band, view, target, least_w_cm2)
+        (number,) = np.nonzero((high > low).all(axis=1))
+        n_px = np.array(self.shape[::-1])
+        side = np.maximum(high[number] - low[number], LEAST_SIDE_PX)
+        side = np.minimum(2 ** np.ceil(np.log2(side)).astype(np.int64), n_px)
+        origin_px = np.minimum(low[number], n_px - side)
+        for n_col, n_row in np.unique(side, axis=0).tolist():
+            (alike,) = np.nonzero((side == (n_col, n_row)).all(axis=1))
+            at_a_time = max(1, chunk_bytes // (4 * n_row * n_col))
+            for first in range(0, len(alike), at_a_time):
+                some = alike[first : first + at_a_time]
+                which = number[some]
+                light = self.planes(band, view[which], target[which], origin_px[some], (n_row, n_col))
+                yield Patches(which, origin_px[some], light)
+
+    def _windows(self, band: int, view: Ints, target: Ints, least_w_cm2: float) -> tuple[Ints, Ints]:
+        """First pixels, and those past the last, that may hold least_w_cm2 of a target; (n, 2), column and row."""
+        reach_px = self._reach_px(self.irradiance_w_cm2[view, band, target], band, least_w_cm2)
+        xy_px = self.xy_px[view, target]
+        margin_px = np.abs(self.offset_px[view, target]).sum(axis=1, dtype=np.float64) + reach_px[:, None]
+        is_lit = (self.irradiance_w_cm2[view, band, target] != 0.0) & ~self.is_behind[view, target]
+        n_px = np.array(self.shape[::-1])
+        middle = np.where(is_lit[:, None], xy_px, -1e9)
+        margin_px = np.where(is_lit[:, None], margin_px, 0.0)
+        low = np.clip(np.ceil(middle - margin_px - 0.5), 0, n_px).astype(np.int64)
+        high = np.clip(np.floor(middle + margin_px + 0.5) + 1, 0, n_px).astype(np.int64)
+        return low, high
+
+    def _reach_px(self, irradiance_w_cm2: F32, band: int, least_w_cm2: float) -> npt.NDArray[np.int32]:
+        """How far from a target pixels may hold least_w_cm2, shape (n,): as stamps are sized."""
+        world, n = self._world, len(irradiance_w_cm2)
+        if n == 0:
+            return np.zeros(0, dtype=np.int32)
+        light = wp.array(irradiance_w_cm2[None], dtype=wp.float32, device=world.device)
+        reach_px = wp.empty((1, n), dtype=wp.int32, device=world.device)
+        world.psf.of_band(band).size_stamps(light, stamp_rule([least_w_cm2], 0.0, world.device), reach_px)
+        return np.asarray(reach_px.numpy()[0])
+
+
+def brightest_target(light: TargetLight, band: int, view: int, least_w_cm2: float) -> npt.NDArray[np.uint16]:
+    """Number, from 1, of the target that gives most of a pixel's light, 0 where none gives least_w_cm2."""
+    n_target = light.xy_px.shape[1]
+    target = np.arange(n_target)
+    found = {
+        int(number): (tuple(origin_px), plane)
+        for patches in light.patches(band, np.full(n_target, view), target, least_w_cm2)
+        for number, origin_px, plane in zip(patches.number, patches.origin_px, patches.light_w_cm2, strict=True)
+    }
+    most = np.zeros(light.shape, dtype=np.float32)
+    mask = np.zeros(light.shape, dtype=np.uint16)
+    for number in sorted(found):  # of equals the first one is taken
+        (column, row), plane = found[number]
+        part = slice(row, row + plane.shape[0]), slice(column, column + plane.shape[1])
+        more = (plane >= least_w_cm2) & (plane > most[part])
+        most[part][more], mask[part][more] = plane[more], number + 1
+    return mask
