@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
+import accuracy_records
 import pytest
 import warp as wp
 
@@ -13,6 +16,32 @@ import warpsim as ws
 ROOT = Path(__file__).parents[1]
 
 wp.config.log_level = wp.LOG_ERROR
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """`--accuracy=FILE` (with =, as FILE may exist), for the figures of docs/accuracy.md."""
+    parser.addoption("--accuracy", type=Path, metavar="FILE", help="write the errors that tests record to a JSON file")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Collect records where they are asked for: in the process that hears of all reports."""
+    path = config.getoption("--accuracy")
+    if path and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(accuracy_records.Records(path))
+
+
+@pytest.hookimpl(tryfirst=True)  # before -m chooses
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that record accuracy, so that `-m accuracy` runs them."""
+    for item in items:
+        if "record_accuracy" in getattr(item, "fixturenames", ()):
+            item.add_marker("accuracy")
+
+
+@pytest.fixture
+def record_accuracy(request: pytest.FixtureRequest) -> Callable[..., None]:
+    """`record_accuracy(name, measured, limit, unit, oracle)`: an error for docs/accuracy.md; fails beyond its limit."""
+    return partial(accuracy_records.record, request.node)
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -30,6 +30,7 @@ ROUNDING_ATOL = 1e-7
 """Two float32 roundings of a share up to 1."""
 
 I1_RTOL = 1e-13
+TABLE_LINE = "Table of an Airy pattern, radius 0.01 to 50 px, against its stated error"
 RADII_PX = [0.03, 0.185, 0.272, 0.478, 1.5, 4.0, 10.0]
 ERRORS = [6e-7, 1e-5, 1e-3]
 OBSCURATIONS = [0.0, 0.3]
@@ -53,7 +54,7 @@ def reference(offsets_px: np.ndarray, radius_px: float, obscuration: float) -> n
     return np.array([converged_airy_share(dx, dy, radius_px, obscuration) for dx, dy in offsets_px.astype(np.float64)])
 
 
-def assert_matches_reference(offsets_px: np.ndarray, radius_px: float, obscuration: float) -> None:
+def assert_matches_reference(offsets_px: np.ndarray, radius_px: float, obscuration: float, record) -> None:
     """Compare at offsets that float32 holds exactly, in float32 as on the device and in float64."""
     table = airy(radius_px, obscuration)
     assert table.error <= SHARE_ATOL
@@ -64,6 +65,7 @@ def assert_matches_reference(offsets_px: np.ndarray, radius_px: float, obscurati
         got = share(table, dx_px, dy_px)
         assert got.dtype == real
         np.testing.assert_allclose(got, expected, rtol=0, atol=table.error)
+        record(TABLE_LINE, np.abs(got - expected).max(), table.error, "of the flux", "quadrature")
 
 
 def test_jinc_matches_scipy():
@@ -103,24 +105,25 @@ def test_reference_matches_mpmath(dx_px, dy_px, obscuration):
 
 
 @every_pattern
-def test_near_pixels_at_random_phases(radius_px, obscuration):
+def test_near_pixels_at_random_phases(radius_px, obscuration, record_accuracy):
     rng = np.random.default_rng(1)
-    assert_matches_reference(rng.uniform(-2.5, 2.5, (120, 2)), radius_px, obscuration)
+    assert_matches_reference(rng.uniform(-2.5, 2.5, (120, 2)), radius_px, obscuration, record_accuracy)
 
 
 @every_pattern
-def test_source_on_and_beside_edges_and_corners(radius_px, obscuration):
+def test_source_on_and_beside_edges_and_corners(radius_px, obscuration, record_accuracy):
     rng = np.random.default_rng(2)
     lamf_px = radius_px / FIRST_DARK_RING
     exact = np.array([[0.5, 0.0], [-0.5, 0.5], [0.5, 0.5], [1.5, -0.5], [0.0, 0.0], [1.0, 0.5], [1.0, 1.0], [2.0, 0.0]])
     width_px = min(2.0 * lamf_px, 0.5)
     corner = 0.5 + width_px * rng.uniform(-1.0, 1.0, (60, 2))
     edge = np.stack([0.5 + width_px * rng.uniform(-1.0, 1.0, 60), rng.uniform(-0.5, 0.5, 60)], axis=-1)
-    assert_matches_reference(np.concatenate([exact, corner, edge, edge[:, ::-1]]), radius_px, obscuration)
+    offsets = np.concatenate([exact, corner, edge, edge[:, ::-1]])
+    assert_matches_reference(offsets, radius_px, obscuration, record_accuracy)
 
 
 @every_pattern
-def test_far_pixels_on_axes_and_diagonals(radius_px, obscuration):
+def test_far_pixels_on_axes_and_diagonals(radius_px, obscuration, record_accuracy):
     rng = np.random.default_rng(3)
     reach_px = airy(radius_px, obscuration).reach_px[0]
     r_px = reach_px * rng.uniform(0.3, 1.3, 40)
@@ -128,7 +131,8 @@ def test_far_pixels_on_axes_and_diagonals(radius_px, obscuration):
     diagonal = np.stack([r_px, -r_px], axis=-1)
     anywhere = reach_px * rng.uniform(-1.5, 1.5, (40, 2))
     distant = reach_px * np.array([[10.0, 0.0], [0.0, 100.0], [30.0, 30.0]])
-    assert_matches_reference(np.concatenate([axis, axis[:, ::-1], diagonal, anywhere, distant]), radius_px, obscuration)
+    offsets = np.concatenate([axis, axis[:, ::-1], diagonal, anywhere, distant])
+    assert_matches_reference(offsets, radius_px, obscuration, record_accuracy)
 
 
 @every_pattern
@@ -182,7 +186,7 @@ def worst_error(table, radius_px, obscuration):
 
 @pytest.mark.parametrize("obscuration", OBSCURATIONS)
 @pytest.mark.parametrize("radius_px", [0.01, 0.02, 50.0])
-def test_ends_of_the_range(radius_px, obscuration):
+def test_ends_of_the_range(radius_px, obscuration, record_accuracy):
     table = airy(radius_px, obscuration)
     assert table.error <= SHARE_ATOL
     assert table.n_byte < 32e6
@@ -194,7 +198,9 @@ def test_ends_of_the_range(radius_px, obscuration):
     exact = np.array([[0.5, 0.0], [0.5, 0.5], [0.0, 0.0], [1.0, 0.5]])
     offsets = np.concatenate([exact, corner, edge, far]).astype(np.float32)
     expected = reference(offsets, radius_px, obscuration)
-    np.testing.assert_allclose(share(table, *offsets.T), expected, rtol=0, atol=table.error)
+    got = share(table, *offsets.T)
+    np.testing.assert_allclose(got, expected, rtol=0, atol=table.error)
+    record_accuracy(TABLE_LINE, np.abs(got - expected).max(), table.error, "of the flux", "quadrature")
 
 
 @pytest.mark.parametrize("obscuration", [0.0, 0.1, 0.3, 0.5])

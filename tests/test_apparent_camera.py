@@ -92,13 +92,16 @@ def device_project(camera, axes, direction, device):
 
 
 @pytest.mark.parametrize("velocity_m_s", [EARTH_M_S, EARTH_M_S + LEO_M_S], ids=["earth", "earth-and-orbit"])
-def test_aberration_matches_erfa(velocity_m_s):
+def test_aberration_matches_erfa(velocity_m_s, record_accuracy):
     direction = random_directions(2000)
     beta = velocity_m_s / SPEED_OF_LIGHT_M_S
     seen = ws.apparent_direction(direction, velocity_m_s)
     for sun_au, atol in ((1.0, ERFA_ATOL), (1e12, NO_SUN_ATOL)):
         expected = erfa.ab(direction, beta, sun_au, np.sqrt(1 - beta @ beta))
         np.testing.assert_allclose(seen, expected, rtol=0, atol=atol)
+        if sun_au == 1.0:
+            error_arcsec = np.abs(seen - expected).max() / ARCSEC_RAD
+            record_accuracy("Aberration", error_arcsec, atol / ARCSEC_RAD, "arcsec", "ERFA")
     assert np.abs(seen - direction).max() > 15 * ARCSEC_RAD  # there is something to compare
 
 
@@ -177,7 +180,7 @@ def directions_in_view(camera, axes, n=300):
 
 @pytest.mark.parametrize("boresight", BORESIGHTS.values(), ids=BORESIGHTS)
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
-def test_projection_matches_astropy_wcs(device, camera, boresight):
+def test_projection_matches_astropy_wcs(device, camera, boresight, record_accuracy):
     axes = device_axes(unit(np.array([boresight])), [0.1, 0.6, 0.3], device)[0]
     direction, _ = directions_in_view(camera, axes)
     ra = np.degrees(np.arctan2(direction[:, 1], direction[:, 0]))
@@ -188,6 +191,8 @@ def test_projection_matches_astropy_wcs(device, camera, boresight):
     np.testing.assert_allclose(xy, expected, rtol=0, atol=WCS_ATOL_PX)
     on_device, depth, inside = device_project(camera, axes, direction, device)
     np.testing.assert_allclose(on_device, expected, rtol=0, atol=WCS_ATOL_PX)
+    error_px = np.abs(on_device - expected).max()
+    record_accuracy("Gnomonic projection", error_px, WCS_ATOL_PX, "px", "astropy.wcs")
     np.testing.assert_allclose(depth, direction @ axes[2], rtol=0, atol=AXES_ATOL)
     frame = np.array([camera.n_col, camera.n_row])
     np.testing.assert_array_equal(inside, ((expected >= -0.5) & (expected < frame - 0.5)).all(axis=1))

@@ -40,7 +40,7 @@ def earth(epoch, time_s=0.0):
     return barycentric["p"] * AU_M, barycentric["v"] * AU_M / 86400.0, heliocentric["p"] * AU_M
 
 
-def test_deflection_is_erfas(scene):
+def test_deflection_is_erfas(scene, record_accuracy):
     """All over the sky, and on a line into the Sun."""
     _, _, heliocentric = earth(scene.epoch)
     distance = np.linalg.norm(heliocentric)
@@ -53,19 +53,21 @@ def test_deflection_is_erfas(scene):
     expected = erfa.ldsun(stars, away, distance / AU_M)
     expected /= np.linalg.norm(expected, axis=1, keepdims=True)
     np.testing.assert_allclose(seen, expected, rtol=0, atol=ERFA_RAD)
+    record_accuracy("Deflection of light by the Sun", np.abs(seen - expected).max(), ERFA_RAD, "rad", "ERFA")
     moved = np.linalg.norm(seen - stars, axis=1) / ARCSEC_RAD
     assert 1.5 < moved.max() < 6.5  # 1.75 arcsec at the Sun's limb, more where it hides the star
     # The textbook's 4.07 mas at 90 degrees and 1 au.
     assert np.allclose(moved[np.abs(stars @ away) < 0.01] * distance / AU_M, 0.004072, atol=5e-5)
 
 
-def test_parallax_is_erfas(scene):
+def test_parallax_is_erfas(scene, record_accuracy):
     barycentric, _, _ = earth(scene.epoch)
     ra, dec = np.radians(np.random.default_rng(5).uniform([0, -90], [360, 90], (500, 2)).T)
     parallax_mas = np.random.default_rng(6).uniform(0, 800, 500)
     seen = ws.apparent_direction(erfa.s2c(ra, dec), np.zeros(3), parallax_mas=parallax_mas, barycentric_m=barycentric)
     expected = erfa.pmpx(ra, dec, 0.0, 0.0, parallax_mas / 1e3, 0.0, 0.0, barycentric / AU_M)
     np.testing.assert_allclose(seen, expected, rtol=0, atol=ERFA_RAD)
+    record_accuracy("Parallax", np.abs(seen - expected).max(), ERFA_RAD, "rad", "ERFA")
     still = ws.apparent_direction(
         erfa.s2c(ra, dec), np.zeros(3), parallax_mas=np.where(ra > 3, np.nan, -5.0), barycentric_m=barycentric
     )
@@ -112,7 +114,7 @@ def moved_by_erfa(star, epoch):
     return erfa.s2c(moved[0], moved[1])
 
 
-def test_apparent_places_are_astropys(scene):
+def test_apparent_places_are_astropys(scene, record_accuracy):
     """Parallax, deflection and aberration together, for an observer in low orbit, all over the sky."""
     position = np.array([4.1e6, -3.9e6, 4.4e6])
     velocity = np.array([5_200.0, 5_500.0, 100.0])
@@ -136,6 +138,9 @@ def test_apparent_places_are_astropys(scene):
     apart = np.linalg.norm(seen - expected, axis=1) / ARCSEC_RAD
     far_from_sun = star.direction_icrs @ heliocentric / np.linalg.norm(heliocentric) > -np.cos(np.radians(1.0))
     assert apart[far_from_sun].max() < PLACE_ARCSEC
+    record_accuracy(
+        "Apparent direction in low orbit, all effects", apart[far_from_sun].max(), PLACE_ARCSEC, "arcsec", "astropy"
+    )
     assert far_from_sun.sum() > 2990
 
 
@@ -256,7 +261,7 @@ def centroid(image, x, y, half):
 
 
 @pytest.mark.parametrize("n_pixel", [1024, 6000])
-def test_light_falls_where_astropy_says(scene, device, n_pixel):
+def test_light_falls_where_astropy_says(scene, device, n_pixel, record_accuracy):
     """Centroids of rendered stars against astropy's apparent places through astropy.wcs; noiseless, no targets near."""
     # Stamps that leave next to nothing out: the light beyond a disc of pixels is not centred on the star.
     optics = {"aperture_m": 0.4, "psf": "gaussian", "sigma_px": 1.2, "stamp_cut_nei": 1e-4}
@@ -284,6 +289,9 @@ def test_light_falls_where_astropy_says(scene, device, n_pixel):
     assert alone.sum() > 60
     off = [np.hypot(*np.subtract(centroid(image, x[k], y[k], half), (x[k], y[k]))) for k in np.flatnonzero(alone)]
     assert max(off) < CENTROID_PX
+    record_accuracy(
+        "Centroid of a rendered star, 1024 and 6000 px per degree", max(off), CENTROID_PX, "px", "astropy, astropy.wcs"
+    )
     assert len(frames.stars) >= alone.sum()
     # Without the steps that are off by default the light would lie visibly elsewhere at 6000 pixels.
     plain = ws.apparent_direction(moved_by_erfa(catalog, scene.epoch), frames.velocity_m_s[0, 0])

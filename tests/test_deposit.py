@@ -22,6 +22,8 @@ ORACLE_ATOL = 1e-9  # the Airy quadrature's own error, checked by doubling its o
 WIDE_RTOL = 1e-5  # against the peak: per axis, two float32 error functions rounded to 3e-8 leave a share of 8e-3
 CLOSURE_ATOL = 1e-6  # a stamp and what the oracle says lies outside it
 
+CUT_LINE = "Stamps as large as an error of 1e-6 asks for"
+
 UNDERFLOW = 1e-37  # float32 holds fewer digits below
 
 SIGMAS_PX = [0.01, 0.03, 0.064, 0.35, 0.7, 2.0, 5.0, 50.0]
@@ -81,7 +83,7 @@ def one_source_images(xy_px, psf, shape, device, cut_share):
 
 
 @pytest.mark.parametrize("sigma_px", SIGMAS_PX)
-def test_gaussian_at_random_phases(device, sigma_px):
+def test_gaussian_at_random_phases(device, sigma_px, record_accuracy):
     shape = (14, 18)
     rng = np.random.default_rng(SEED)
     xy = rng.uniform(-2, [19, 15], (N_PHASE, 2))
@@ -92,16 +94,22 @@ def test_gaussian_at_random_phases(device, sigma_px):
     np.testing.assert_allclose(fine, expected, rtol=0, atol=GAUSSIAN_ATOL)
     coarse = one_source_images(xy, ws.PsfGaussian(sigma_px), shape, device, 1e-6)
     np.testing.assert_allclose(coarse, expected, rtol=0, atol=DEFAULT_ATOL)
+    error = np.abs(coarse - expected).max()
+    record_accuracy(CUT_LINE, error, DEFAULT_ATOL, "of the flux", "error functions, quadrature")
+    error = np.abs(fine - expected).max()
+    record_accuracy("Gaussian integrated over a pixel", error, GAUSSIAN_ATOL, "of the flux", "error functions")
 
 
 @pytest.mark.parametrize("xy_px", HARD_POINTS.values(), ids=HARD_POINTS)
 @pytest.mark.parametrize("sigma_px", SIGMAS_PX)
-def test_gaussian_at_hard_points(device, sigma_px, xy_px):
+def test_gaussian_at_hard_points(device, sigma_px, xy_px, record_accuracy):
     expected = gaussian_image(xy_px, [1.0], sigma_px, SHAPE)
     psf = ws.PsfGaussian(sigma_px)
     fine = ws.deposit([xy_px], [1.0], psf, SHAPE, device=device, flux_error=1e-9)
     np.testing.assert_allclose(fine, expected, rtol=0, atol=GAUSSIAN_ATOL)
     np.testing.assert_allclose(ws.deposit([xy_px], [1.0], psf, SHAPE, device=device), expected, rtol=0, atol=1e-6)
+    error = np.abs(fine - expected).max()
+    record_accuracy("Gaussian integrated over a pixel", error, GAUSSIAN_ATOL, "of the flux", "error functions")
 
 
 def test_wide_gaussian_is_right_against_its_own_peak(device):
@@ -122,13 +130,18 @@ def airy_offsets(rng):
 
 @pytest.mark.parametrize("obscuration", [0.0, 0.3])
 @pytest.mark.parametrize("radius_px", AIRY_RADII_PX)
-def test_airy_at_hard_and_random_points(device, radius_px, obscuration):
+def test_airy_at_hard_and_random_points(device, radius_px, obscuration, record_accuracy):
     psf = ws.PsfAiry(radius_px, obscuration)
     for (x, y), pixels in airy_offsets(np.random.default_rng(SEED)):
         expected = [airy_share(c - x, r - y, radius_px, obscuration) for r, c in pixels]
         for flux_error in (1e-6, 1e-9):
             image = ws.deposit([(x, y)], [1.0], psf, SHAPE, device=device, flux_error=flux_error)
             np.testing.assert_allclose(image[tuple(pixels.T)], expected, rtol=0, atol=AIRY_ATOL)
+            error = np.abs(image[tuple(pixels.T)] - expected).max()
+            if flux_error == 1e-6:
+                record_accuracy(CUT_LINE, error, AIRY_ATOL, "of the flux", "error functions, quadrature")
+            else:
+                record_accuracy("Airy pattern integrated over a pixel", error, AIRY_ATOL, "of the flux", "quadrature")
 
 
 @pytest.mark.parametrize("radius_px", AIRY_RADII_PX)
@@ -139,12 +152,14 @@ def test_airy_oracle_is_converged(radius_px):
 
 
 @pytest.mark.parametrize("sigma_px", SIGMAS_PX[:-1])
-def test_flux_closes_gaussian(device, sigma_px):
+def test_flux_closes_gaussian(device, sigma_px, record_accuracy):
     shape = (80, 90)
     xy = np.random.default_rng(SEED).uniform(-3, [92, 82], (50, 2))
     images = one_source_images(xy, ws.PsfGaussian(sigma_px), shape, device, 1e-10)
     inside = axis_shares(xy[:, 1], 80, sigma_px).sum(1) * axis_shares(xy[:, 0], 90, sigma_px).sum(1)
     np.testing.assert_allclose(images.sum((1, 2)), inside, rtol=0, atol=CLOSURE_ATOL)
+    error = np.abs(images.sum((1, 2)) - inside).max()
+    record_accuracy("Sum of a stamp", error, CLOSURE_ATOL, "of the flux", "flux less what falls outside")
 
 
 def drawn(xy_px, irradiance_w_cm2, psf, shape, device, rule):

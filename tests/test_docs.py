@@ -1,5 +1,7 @@
 """The words agree with the code: snippets run, fields, columns and options are all there, links lead somewhere."""
 
+import importlib
+import inspect
 import re
 import tomllib
 from dataclasses import fields
@@ -18,7 +20,9 @@ from warpsim.scene import parts
 from warpsim.scene.scene import Scene
 
 TOP = Path(__file__).parents[1]
-PAGES = [TOP / "README.md", *sorted((TOP / "docs").glob("*.md"))]
+DOCS = TOP / "docs"
+# Without the pages that the site copies in.
+PAGES = [TOP / "README.md", *sorted(p for p in DOCS.rglob("*.md") if p.parent.name not in ("copied", "notebooks"))]
 MORE_PAGES = [TOP / "CONTRIBUTING.md", TOP / "CHANGELOG.md"]
 
 SECTIONS = {
@@ -61,6 +65,11 @@ SECTIONS = {
 """Headings of docs/scene.md and the parts whose fields they list."""
 
 
+def name_of(page):
+    """Of a page, for the names of tests."""
+    return str(page.relative_to(TOP))
+
+
 def blocks(page, language):
     """Fenced code blocks of one language."""
     return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
@@ -83,7 +92,7 @@ def first_column(text):
     return [name for cell in cells for name in re.findall(r"`([^`]+)`", cell)]
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=name_of)
 def test_python_blocks_run(page, tmp_path, monkeypatch):
     """Top to bottom, in one namespace, as a reader would."""
     monkeypatch.chdir(tmp_path)
@@ -186,9 +195,42 @@ def test_api_page_names_everything_public():
     assert [name for name in ws.__all__ if not re.search(rf"\b{name}\b", text)] == []
 
 
+def reference():
+    """Names on the pages of the reference, as directives of autodoc or Python's own: full name to kind."""
+    names = []
+    for page in sorted((DOCS / "reference").glob("*.md")):
+        module = ""
+        for kind, name in re.findall(r"^\.\. (?:py:|auto)?(\w+):: (\S+)", page.read_text(), re.MULTILINE):
+            if kind == "currentmodule":
+                module = f"{name}."
+            elif kind == "module":
+                names.append((name, kind))
+            else:
+                names.append((name if name.startswith("warpsim.") else module + name, kind))
+    assert len(dict(names)) == len(names)  # none twice
+    return dict(names)
+
+
+def test_reference_has_every_public_name_and_no_other():
+    public = {f"warpsim.{name}" for name in ws.__all__}
+    own = {name for name in reference() if name.count(".") == 1}
+    assert own == public
+
+
+def test_reference_names_what_there_is():
+    for name, kind in reference().items():
+        if kind == "module":
+            assert importlib.import_module(name).__doc__
+            continue
+        home, _, last = name.rpartition(".")
+        thing = getattr(importlib.import_module(home), last)
+        assert kind == "data" or thing.__doc__, name
+        assert inspect.isclass(thing) == (kind in ("class", "exception"))
+
+
 def test_command_line_table_is_complete(capsys):
-    """Commands and options of the README are those of the program."""
-    text = sections(TOP / "README.md")["Command line"]
+    """Commands and options of the page are those of the program."""
+    text = sections(DOCS / "command_line.md")["Command line"]
     commands = re.findall(r"^\| `warpsim (\w+)", text, re.MULTILINE)
     rows = re.findall(r"^\| (`-[^|]*) \| ([^|]*) \|", text, re.MULTILINE)
     documented = {
@@ -216,8 +258,28 @@ def test_first_screen_has_the_two_commands():
     ]
 
 
-@pytest.mark.parametrize("page", [*PAGES, *MORE_PAGES], ids=lambda page: page.name)
-def test_links_lead_to_files(page):
-    links = re.findall(r"\]\(([^)#]+)\)", page.read_text())
-    missing = [link for link in links if "://" not in link and not (page.parent / link).exists()]
-    assert missing == []
+def anchors(page):
+    """What a link may lead to within a page: its headings, as GitHub and the site name them."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+    heads = re.findall(r"^#+ (.*)", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("page", [*PAGES, *MORE_PAGES], ids=name_of)
+def test_links_lead_to_files_and_headings(page):
+    links = re.findall(r"\]\(([^)#]*)#?([^)]*)\)|src=\"([^\"]+)\"", page.read_text())
+    for link, anchor, picture in links:
+        if "://" not in link:
+            target = (page.parent / (picture or link)).resolve() if picture or link else page
+            assert target.exists(), link
+            assert not anchor or anchor in anchors(target), f"{link}#{anchor}"
+
+
+def test_every_page_is_in_the_contents():
+    """The lists of docs/index.md, of which the site makes its tables of contents, name each page once."""
+    index = DOCS / "index.md"
+    lists = index.read_text().split("\n## ", 1)[1]
+    listed = [(DOCS / link).resolve() for link in re.findall(r"^- \[[^\]]+\]\(([^)]+)\)", lists, re.MULTILINE)]
+    inside = [page for page in listed if DOCS in page.parents]
+    assert sorted(inside) == sorted(page for page in PAGES if DOCS in page.parents and page != index)
+    assert [page for page in listed if page not in inside] == [TOP / "catalogs" / "README.md", *MORE_PAGES]

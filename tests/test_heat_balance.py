@@ -362,7 +362,7 @@ SPHERE = {"kind": "sphere", "radius_m": 0.5}
     [(SPHERE, {}), (CYLINDER, {"axis": [0.3, -0.5, 0.8]}), (CYLINDER, {"rolling_rev_s": 0.0015, "axis": "random"})],
     ids=["sphere", "rest", "slow-rolling"],
 )
-def test_scene_against_scipy(scene, matter, shape, attitude):
+def test_scene_against_scipy(scene, matter, shape, attitude, record_accuracy):
     """Two ways through the shadow's edge, a foil that settles in 11 s, a body whose outline swings."""
     model = ws.HeatBalance(290.0, **matter, **COEFFICIENTS)
     orbit = low_orbit(scene, model, attitude, shape)
@@ -379,6 +379,7 @@ def test_scene_against_scipy(scene, matter, shape, attitude):
     worst_k = worst_difference_k(orbit, "main", pieces)
     rows = orbit.temperatures[0]
     assert worst_k < PASS_K + ORACLE_K
+    record_accuracy("Temperature by heat balance", worst_k, PASS_K + ORACLE_K, "K", "scipy, forces written anew")
     assert rows.error_k <= PASS_K
     swing_k = np.ptp(rows.temperature_k)
     assert swing_k > (5.0 if matter is HEAVY else 60.0)

@@ -36,7 +36,7 @@ def exact_covered(sun, earth, apart):
         return float(lens / (2 * mp.pi * (1 - mp.cos(s))))
 
 
-def test_common_area_of_discs_against_mpmath():
+def test_common_area_of_discs_against_mpmath(record_accuracy):
     rng = np.random.default_rng(1)
     sun = rng.uniform(0.0045, 0.0048, 400)
     earth = np.concatenate([rng.uniform(0.1, np.pi / 2, 300), rng.uniform(0.001, 0.01, 100)])
@@ -47,6 +47,8 @@ def test_common_area_of_discs_against_mpmath():
     got = covered_fraction(sun, earth, apart)
     expected = [exact_covered(*values) for values in zip(sun, earth, apart, strict=True)]
     assert np.abs(got - expected).max() < CLOSED_FORM
+    error = np.abs(got - expected).max()
+    record_accuracy("Share of the Sun's disc behind a sphere", error, CLOSED_FORM, "of the disc", "mpmath")
     assert np.count_nonzero((got > 0) & (got < 1)) > 250
 
 
@@ -114,13 +116,16 @@ def places_in_penumbra(n, pole, seed):
 
 
 @pytest.mark.parametrize("pole", [None, Z, TILTED], ids=["sphere", "upright", "tilted"])
-def test_share_against_rays_at_the_earth(pole):
+def test_share_against_rays_at_the_earth(pole, record_accuracy):
     bound = QUADRATURE + (0 if pole is None else OBLATE)
     error = [
         float(sunlit_fraction(place, sun, pole)) - ray_cast_fraction(place, sun, pole)
         for place, sun in places_in_penumbra(60, pole, 3)
     ]
     assert np.abs(error).max() < bound
+    if pole is not None:
+        worst = np.abs(error).max()
+        record_accuracy("Share of the Sun's disc behind the ellipsoid", worst, bound, "of the disc", "rays")
     if pole is not None:  # the shape of the Earth matters: a sphere is off by more than the pass line
         off = [
             float(sunlit_fraction(place, sun) - sunlit_fraction(place, sun, pole))
@@ -181,7 +186,7 @@ def fixed_sun(t):
 
 @pytest.mark.parametrize("pole", [None, Z], ids=["sphere", "ellipsoid"])
 @pytest.mark.parametrize("radius_m", [6.778e6, 7.976e6, 4.2164e7])
-def test_contacts_of_a_circular_orbit_are_those_of_tangent_lines(radius_m, pole):
+def test_contacts_of_a_circular_orbit_are_those_of_tangent_lines(radius_m, pole, record_accuracy):
     """In the plane: r sin(phi + eps) = a at the umbra's edge, sin eps = (R - a) / D; phi - kappa at the penumbra's."""
     place, rate = circling(radius_m, start_rad=-1.7)
     umbra = np.arcsin(A / radius_m) - np.arcsin((SUN_RADIUS_M - A) / ASTRONOMICAL_UNIT_M)
@@ -194,6 +199,7 @@ def test_contacts_of_a_circular_orbit_are_those_of_tangent_lines(radius_m, pole)
         expected = middle_s + np.array([-penumbra, -umbra, umbra, penumbra]) / rate
         inward = np.array([1, 1, -1, -1]) * (np.array(got) - expected)  # ends lie inside, within 1 ms
         assert np.all((inward > -1e-4) & (inward < EDGE_S)), inward
+        record_accuracy("Beginning and end of eclipses", np.abs(inward).max(), EDGE_S, "s", "tangent lines in a plane")
 
 
 def test_an_eclipse_shorter_than_a_step_is_found():

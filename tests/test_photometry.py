@@ -125,8 +125,11 @@ def measure_gaussian(scene, n_frame, sigma_px):
     return assert_unbiased_and_at_the_bound(fitted(images, model, labels, flux), labels, flux, bounds)
 
 
-def test_gaussian_stars_of_the_renderer_are_unbiased_and_at_the_bound(scene):
-    measure_gaussian(scene, 7, sigma_px=0.7)
+def test_gaussian_stars_of_the_renderer_are_unbiased_and_at_the_bound(scene, record_accuracy):
+    bias, scatter = measure_gaussian(scene, 7, sigma_px=0.7)
+    record_accuracy("Flux of rendered stars, bias", abs(bias), UNBIASED / 2, "of the flux", "photutils")
+    far = np.abs(scatter - 1).max()
+    record_accuracy("Scatter of their fluxes and places", far, OF_BOUND, "of the bound", "Cramer and Rao")
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import warpsim_kernels.read_out
 from read_outs import (
     FINE,
     FINE_GAIN,
+    N_SIGMA,
     SEED,
     assert_uncorrelated,
     check_gaussian,
@@ -34,13 +35,15 @@ def histogram_of(device, n_frame):
     return total
 
 
-def test_noise_is_gaussian_over_1e8_draws(device):
-    check_gaussian(histogram_of(device, 100))
+def test_noise_is_gaussian_over_1e8_draws(device, record_accuracy):
+    pull = check_gaussian(histogram_of(device, 100))
+    record_accuracy("Gaussian noise, moments of 1e8 draws", pull, N_SIGMA, "sigma", "theory")
 
 
 @pytest.mark.slow
-def test_noise_is_gaussian_over_1e9_draws(device):
-    check_gaussian(histogram_of(device, 1000))
+def test_noise_is_gaussian_over_1e9_draws(device, record_accuracy):
+    pull = check_gaussian(histogram_of(device, 1000))
+    record_accuracy("Gaussian noise, moments of 1e9 draws", pull, N_SIGMA, "sigma", "theory")
 
 
 def test_each_half_of_a_strip_is_gaussian(device):
@@ -61,8 +64,9 @@ WITHIN_ONE_IMAGE = {
 
 
 @pytest.mark.parametrize("pairs", WITHIN_ONE_IMAGE.values(), ids=WITHIN_ONE_IMAGE)
-def test_pixels_of_one_image_are_independent(device, pairs):
-    assert_uncorrelated(*pairs(deviates(device, (1, 1, 1024, 1024))[0, 0]))
+def test_pixels_of_one_image_are_independent(device, pairs, record_accuracy):
+    pull = assert_uncorrelated(*pairs(deviates(device, (1, 1, 1024, 1024))[0, 0]))
+    record_accuracy("Correlation of noise, pixels of one image", pull, N_SIGMA, "sigma", "theory")
 
 
 OTHER_IMAGE = {
@@ -78,9 +82,10 @@ OTHER_IMAGE = {
 
 
 @pytest.mark.parametrize("other", OTHER_IMAGE.values(), ids=OTHER_IMAGE)
-def test_images_are_independent(device, other):
+def test_images_are_independent(device, other, record_accuracy):
     first = deviates(device, (1, 1, 1024, 1024), frames=[7])
-    assert_uncorrelated(first, deviates(device, (1, 1, 1024, 1024), **{"frames": [7], **other}))
+    pull = assert_uncorrelated(first, deviates(device, (1, 1, 1024, 1024), **{"frames": [7], **other}))
+    record_accuracy("Correlation of noise across frames, sensors, bands, seeds", pull, N_SIGMA, "sigma", "theory")
 
 
 def test_an_image_does_not_depend_on_its_batch(device):

@@ -16,6 +16,8 @@ C_M_S = 299_792_458.0
 TRUTH_PX = 1e-5
 """Whole chain in float64 at 28 arcsec per pixel; what is left is the 1 mm of the track interpolation and 1e-9 px."""
 
+LABEL_PX = 1e-6  # float32 rounding of some hundred pixels
+BITS = "Counts of a frame alone, in any batch and order, on any number of threads"
 IRRADIANCE_REL = 1e-6
 """float32 irradiance, 6e-8, and the radiance table."""
 
@@ -44,7 +46,7 @@ def test_shapes_and_names(scene, renderer, batch):
     assert np.from_dlpack(batch.counts).shape == batch.counts.shape
 
 
-def test_frames_are_bit_identical_alone_reversed_and_on_any_thread_count(scene, renderer, batch):
+def test_frames_are_bit_identical_alone_reversed_and_on_any_thread_count(scene, renderer, batch, record_accuracy):
     counts = batch.counts.numpy()
     alone = np.concatenate([renderer.render([k]).counts.numpy() for k in range(8)])
     np.testing.assert_array_equal(alone, counts)
@@ -52,8 +54,10 @@ def test_frames_are_bit_identical_alone_reversed_and_on_any_thread_count(scene, 
     assert backwards.frames == list(range(7, -1, -1))
     np.testing.assert_array_equal(backwards.counts.numpy()[::-1], counts)
     for n_thread in (1, 3):
-        other = ws.Renderer(scene, device="cpu", n_thread=n_thread).render(range(8))
-        np.testing.assert_array_equal(other.counts.numpy(), counts)
+        other = ws.Renderer(scene, device="cpu", n_thread=n_thread).render(range(8)).counts.numpy()
+        np.testing.assert_array_equal(other, counts)
+        differ = sum(np.count_nonzero(a != counts) for a in (alone, backwards.counts.numpy()[::-1], other))
+        record_accuracy(BITS, differ, 0, "pixels differ", "each other")
 
 
 def test_a_choice_of_sensors_and_bands_changes_no_bit(renderer, batch):
@@ -116,7 +120,7 @@ def meets_earth(start_m, direction, pole):
 
 
 @pytest.mark.parametrize("frame", [40, 90, 120])
-def test_star_places_agree_with_erfa_and_astropy_wcs(scene, renderer, frame):
+def test_star_places_agree_with_erfa_and_astropy_wcs(scene, renderer, frame, record_accuracy):
     """Every star of the frame: proper motion by erfa, aberration by erfa, projection by astropy.wcs; and none lost."""
     frames = renderer.render([frame], keep_stars=True)
     time_s = float(frames.time_s[0])
@@ -151,6 +155,7 @@ def test_star_places_agree_with_erfa_and_astropy_wcs(scene, renderer, frame):
     assert n_star > 10
     assert n_hidden > 0  # some sensors have no access and look at the Earth
     assert worst < TRUTH_PX
+    record_accuracy("Place of a star, whole chain", worst, TRUTH_PX, "px", "ERFA, astropy.wcs")
 
 
 def boost(velocity_m_s):
@@ -164,7 +169,7 @@ def boost(velocity_m_s):
 
 
 @pytest.mark.parametrize("frame", [40, 90, 120])
-def test_target_places_agree_with_lorentz_transformed_light(scene, renderer, frame):
+def test_target_places_agree_with_lorentz_transformed_light(scene, renderer, frame, record_accuracy):
     """The photon's four-vector, geocentric -> barycentric -> observer, then astropy.wcs."""
     frames = renderer.render([frame], bands=["A"])
     time_s = float(frames.time_s[0])
@@ -188,9 +193,10 @@ def test_target_places_agree_with_lorentz_transformed_light(scene, renderer, fra
             if target == "center":  # the camera tracks it
                 assert (row["x_px"], row["y_px"]) == pytest.approx((63.5, 63.5), abs=1e-6)
     assert worst < TRUTH_PX
+    record_accuracy("Place of a target, whole chain", worst, TRUTH_PX, "px", "light's four-vector, astropy.wcs")
 
 
-def test_irradiance_is_emissivity_times_radiance_times_area_over_range_squared(scene, renderer):
+def test_irradiance_is_emissivity_times_radiance_times_area_over_range_squared(scene, renderer, record_accuracy):
     truth = renderer.render([90]).truth
     band = {name: ws.BANDS[name] for name in "ACE"}
 
@@ -211,6 +217,8 @@ def test_irradiance_is_emissivity_times_radiance_times_area_over_range_squared(s
         expected = emissivity * radiance(row["temperature_k"], row["band"]) * row["projected_area_m2"]
         expected /= (row["range_km"] * 1e3) ** 2 * 1e4
         assert row["emitted_w_cm2"] == pytest.approx(expected, rel=IRRADIANCE_REL, abs=0)
+        error = abs(row["emitted_w_cm2"] / expected - 1)
+        record_accuracy("Own light of a target", error, IRRADIANCE_REL, "of it", "scipy, Planck's law")
         assert row["temperature_k"] == pytest.approx(350 - 22 * 900 / 1614, abs=1e-3)
         if row["target"] == "sphere03":
             assert row["projected_area_m2"] == pytest.approx(np.pi * 0.25, rel=1e-12)
@@ -223,19 +231,23 @@ def test_size_of_the_main_cone_at_2000_km():
     assert 2e-17 < irradiance < 9e-17
 
 
-def test_light_and_label_are_the_same_number(scene):
+@pytest.mark.parametrize("offset_px", [(0.0, 0.0), (0.31, -0.47), (-20.123, 7.5)])
+def test_light_and_label_are_the_same_number(scene, offset_px, record_accuracy):
     """The centroid of a lone target's noiseless stamp lies where truth says, and its light adds up to truth's."""
     alone = scene.to_dict()
     alone["targets"] = alone["targets"][:1]
     alone["optics"] = {"aperture_m": 0.4, "psf": "gaussian", "sigma_px": 1.3, "stamp_cut_nei": 1e-9}
     alone["sky"] = {"catalog": "none"}
+    alone["pointing"]["offset_px"] = offset_px
     frames = ws.Renderer(ws.Scene.from_dict(alone), device="cpu").render([60], ["sat27"], ["A"], keep_signal=True)
     row, image = frames.truth[0], frames.signal_w_cm2.numpy()[0, 0, 0].astype(np.float64)
     rows, columns = np.indices(image.shape)
     total = image.sum()
     assert total == pytest.approx(row["irradiance_w_cm2"] - row["left_out_w_cm2"], rel=1e-6, abs=0)
-    assert (image * columns).sum() / total == pytest.approx(row["x_px"], abs=1e-5)
-    assert (image * rows).sum() / total == pytest.approx(row["y_px"], abs=1e-5)
+    assert (row["x_px"], row["y_px"]) == pytest.approx((63.5 + offset_px[0], 63.5 + offset_px[1]), abs=1e-6)
+    apart = max(abs((image * columns).sum() / total - row["x_px"]), abs((image * rows).sum() / total - row["y_px"]))
+    assert apart < LABEL_PX
+    record_accuracy("Centroid of a target's light from its label", apart, LABEL_PX, "px", "truth")
 
 
 def test_noiseless_signal_explains_the_counts(scene, batch):
@@ -346,8 +358,10 @@ def test_no_frames_is_an_empty_result(renderer):
 
 
 @pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
-def test_cpu_and_cuda_agree(scene, batch):
+def test_cpu_and_cuda_agree(scene, batch, record_accuracy):
     frames = ws.Renderer(scene, device="cuda:0").render(range(8), keep_signal=True)
     signal = batch.signal_w_cm2.numpy()
     np.testing.assert_allclose(frames.signal_w_cm2.numpy(), signal, rtol=0, atol=1e-6 * signal.max())
+    error = np.abs(frames.signal_w_cm2.numpy() - signal).max() / signal.max()
+    record_accuracy("Signal on CUDA and on the CPU", error, 1e-6, "of the brightest pixel", "each other")
     assert (frames.counts.numpy() != batch.counts.numpy()).mean() < 1e-3  # rounding at a count's edge

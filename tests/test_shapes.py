@@ -109,11 +109,13 @@ def lit_and_seen(shape, view, sun):
 
 
 @pytest.mark.parametrize("name", [name for name in BODIES if name != "sphere"])
-def test_reflected_area_matches_mpmath(name):
+def test_reflected_area_matches_mpmath(name, record_accuracy):
     shape = BODIES[name]
     view, sun = hard_pairs(shape)
     expected = np.array([float(lit_and_seen(shape, v, s)) for v, s in zip(view, sun, strict=True)])
-    assert np.abs(shape.reflected_area_m2(view, sun) - expected).max() < AREA_TOL * shape.surface_m2
+    error = np.abs(shape.reflected_area_m2(view, sun) - expected).max() / shape.surface_m2
+    assert error < AREA_TOL
+    record_accuracy("Reflected area", error, AREA_TOL, "of the surface", "mpmath")
 
 
 def test_flat_cones_are_lit_and_seen_in_two_arcs():
@@ -238,7 +240,7 @@ def turned_mesh(shape, n):
 
 
 @pytest.mark.parametrize("name", TURNED)
-def test_meshes_converge_to_closed_forms(name):
+def test_meshes_converge_to_closed_forms(name, record_accuracy):
     shape = TURNED[name]
     view, sun = random_directions(60), random_directions(60, SEED + 1)
 
@@ -252,6 +254,7 @@ def test_meshes_converge_to_closed_forms(name):
     coarse, fine, finest = error(60), error(240), error(2000)
     assert (fine < coarse / 6).all()  # second order: 16 times smaller, but for where the kinks fall
     assert (finest < MESH_TOL).all()
+    record_accuracy("Areas of a mesh", finest.max(), MESH_TOL, "of the surface", "closed forms of the body")
 
 
 def test_icospheres_converge_to_the_sphere():

@@ -102,7 +102,7 @@ def facets(shape):
 
 
 @pytest.mark.parametrize("target", ["center", "sphere04", "cylinder02", "cone03"])
-def test_reflected_sunlight_is_that_of_a_mesh(day, device, target):
+def test_reflected_sunlight_is_that_of_a_mesh(day, device, target, record_accuracy):
     """Track, light time, attitude, Sun's distance and eclipse, radiance and facets, written out on their own."""
     frames = ws.Renderer(day, device=device).render([1, 33, 99], ["sat11", "sat47"], ["A", "E"])
     rows = frames.truth[frames.truth["target"] == target]
@@ -120,6 +120,9 @@ def test_reflected_sunlight_is_that_of_a_mesh(day, device, target):
         reflectance = spec.surface.reflectance_in(row["band"])
         expected = reflectance / np.pi * sunlight * np.sum(lit * area) / np.sum(view**2) * 1e-4
         assert row["sun_w_cm2"] == pytest.approx(expected, rel=FACET_RTOL, abs=1e-6 * row["emitted_w_cm2"])
+        error = abs(row["sun_w_cm2"] - expected) / row["emitted_w_cm2"]
+        limit = max(FACET_RTOL * expected / row["emitted_w_cm2"], 1e-6)
+        record_accuracy("Reflected sunlight of a target", error, limit, "of its own light", "a million facets")
     assert (rows["sun_w_cm2"] > 1e-19).any()
 
 
@@ -139,7 +142,7 @@ def view_factors(cosine, height):
 
 
 @pytest.mark.parametrize("target", ["center", "sphere04", "cylinder02", "cone03"])
-def test_reflected_heat_of_the_earth_is_that_of_a_mesh(day, device, target):
+def test_reflected_heat_of_the_earth_is_that_of_a_mesh(day, device, target, record_accuracy):
     """Facets with the printed view factor, the Earth's radius below the target, default brightness temperatures."""
     truth = ws.Renderer(day, device=device).render([1, 99], ["sat11", "sat47"], ["A", "E"]).truth
     rows = truth[(truth["target"] == target) & ~truth["occulted"]]
@@ -161,7 +164,10 @@ def test_reflected_heat_of_the_earth_is_that_of_a_mesh(day, device, target):
         intensity = spec.surface.reflectance_in(row["band"]) * ws.band_radiance_w_m2_sr(kelvin, row["band"]) * seen
         rule = day.lighting.quadrature_error * np.pi * 0.5**2 * spec.surface.reflectance_in(row["band"])
         slack = rule * ws.band_radiance_w_m2_sr(kelvin, row["band"]) * 1e-4 / np.sum(view**2)
-        assert row["earth_w_cm2"] == pytest.approx(intensity / np.sum(view**2) * 1e-4, rel=FACET_RTOL, abs=slack)
+        expected = intensity / np.sum(view**2) * 1e-4
+        assert row["earth_w_cm2"] == pytest.approx(expected, rel=FACET_RTOL, abs=slack)
+        error = abs(row["earth_w_cm2"] - expected) / max(slack, FACET_RTOL * expected)
+        record_accuracy("Reflected heat of the Earth, by its rule", error, 1, "of what it allows", "a million facets")
     assert (rows["earth_w_cm2"] > 1e-19).all()
 
 
@@ -178,7 +184,7 @@ def test_earth_term_to_its_quadrature(day, device):
         assert missed.max() > 0
 
 
-def test_sunlight_by_way_of_the_earth_is_that_of_patches(day, device):
+def test_sunlight_by_way_of_the_earth_is_that_of_patches(day, device, record_accuracy):
     """A sphere: the Earth's disc in 400 x 400 patches, each a small sun."""
     fine = day.replace(lighting__albedo_error=1e-3)
     row, short = (ws.light_curves(s, [200.0], ["sat11"], ["sphere04"], ["A"], device=device) for s in (fine, day))
@@ -211,6 +217,8 @@ def test_sunlight_by_way_of_the_earth_is_that_of_patches(day, device):
     expected = irradiance / np.sum(view**2) * 1e-4
     assert row.terms_w_cm2["albedo"].item() == pytest.approx(expected, rel=2e-3, abs=0)  # patches at the terminator
     assert row.terms_w_cm2["albedo"].item() > 1e-20
+    error = abs(row.terms_w_cm2["albedo"].item() / expected - 1)
+    record_accuracy("Sunlight by way of the Earth, on a sphere", error, 2e-3, "of it", "400 x 400 patches of ground")
     assert short.terms_w_cm2["albedo"].item() == pytest.approx(expected, rel=day.lighting.albedo_error, abs=0)
 
 

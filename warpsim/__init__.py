@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from warpsim import labels as labels
     from warpsim import paper as paper
     from warpsim import plot as plot
     from warpsim.dataset.recipe import Recipe as Recipe
@@ -159,7 +160,7 @@ _HOME = {
     "InputError": "warpsim.errors",
 }
 
-_MODULES = ("paper", "plot")
+_MODULES = ("labels", "paper", "plot")
 
 __all__ = ["__version__", *_MODULES, *_HOME]
 

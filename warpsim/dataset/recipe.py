@@ -106,7 +106,7 @@ class Recipe:
         contributions: Write the light of each target apart [W/cm2].
         signal: Write noiseless images [W/cm2].
         stars: Write the stars of each image.
-        preview: Draw a small film of each sequence: "gif".
+        preview: Draw a small film of each sequence: "gif" or "mp4".
         least_nei: Light in a pixel, over the NEI, from which on a mask says that a target is there.
 
     Raises:
@@ -132,7 +132,7 @@ class Recipe:
     contributions: Switch = False
     signal: Switch = False
     stars: Switch = False
-    preview: Literal["gif"] | None = None
+    preview: Literal["gif", "mp4"] | None = None
     least_nei: Positive = 1.0
 
     @model_validator(mode="after")

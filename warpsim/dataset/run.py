@@ -15,12 +15,14 @@ from warpsim.arguments import whole_number
 from warpsim.dataset.execution import run_tasks
 from warpsim.dataset.finish import finish
 from warpsim.dataset.layout import Shard, shards_of
+from warpsim.dataset.previews import FRAMES_PER_S
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import check_extremes
 from warpsim.dataset.shard import Receipt, Task
 from warpsim.dataset.workplace import Workplace
 from warpsim.errors import InputError
 from warpsim.files import prepare_folder, read_json
+from warpsim.output.preview import check_preview
 from warpsim.output.progress import progress_bar
 from warpsim.render.device import default_device, n_usable_cpu
 from warpsim.render.star_field import load_catalog
@@ -121,6 +123,8 @@ def run_key(recipe: Recipe, device: str) -> str:
 
 def _check_packages(recipe: Recipe) -> None:
     """See that what writes the files is installed, before the work."""
+    if recipe.preview:
+        check_preview(Path(f"preview.{recipe.preview}"), FRAMES_PER_S)
     needed = ["pyarrow", "zarr"] if recipe.format == "zarr" else ["pyarrow"]
     for package in needed:
         if importlib.util.find_spec(package) is None:

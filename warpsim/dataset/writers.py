@@ -21,7 +21,9 @@ from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import Sequence
 from warpsim.errors import InputError
 from warpsim.output.fits_cube import CubeWriter
+from warpsim.output.fits_header import image_cards
 from warpsim.output.fits_planes import PlaneWriter
+from warpsim.output.image_files import facts_of, write_counts, write_signal
 from warpsim.render.frameset import FrameSet
 
 if TYPE_CHECKING:
@@ -135,20 +137,16 @@ class ImageFolder:
             for b, band in enumerate(frames.bands):
                 folder = self._home / f"{sensor}_{band}"
                 folder.mkdir(exist_ok=True)
-                for f, number in enumerate(frames.frames):
-                    meta = {"sensor": sensor, "band": band, "frame": number, "time_s": float(frames.time_s[f])}
-                    self._write(
-                        folder / f"{number:06d}", {name: plane[f, s, b] for name, plane in planes.items()}, meta
-                    )
+                for f, cards in enumerate(image_cards(frames, sensor, band)):
+                    stem = folder / f"{frames.frames[f]:06d}"
+                    self._write(stem, {name: plane[f, s, b] for name, plane in planes.items()}, facts_of(cards))
 
     def _write(self, stem: Path, planes: Planes, meta: dict[str, Any]) -> None:
-        from warpsim.output.image_files import write_counts, write_signal
-
         for name, values in planes.items():
             if name == "counts":
                 write_counts(stem.with_suffix(self._suffix), values, meta)
             elif name == "signal_w_cm2":
-                write_signal(stem.with_suffix(".signal_w_cm2.exr"), values, meta)
+                write_signal(stem.with_suffix(".signal_w_cm2.exr"), values, meta | {"BUNIT": "W/cm2"})
             elif name == "mask":
                 write_counts(stem.with_suffix(f".mask{self._suffix}"), values, meta)
             else:

@@ -23,9 +23,9 @@ ring."""
 CORNER_PX = 0.5
 """Our pixel centres lie on whole numbers, COCO's pixel corners: its coordinates are larger by this."""
 
-_STEPS_PER_TERM = 8
-"""Instants at which a path is looked at, for each of its coefficients; extremes between them are missed by less than
-1 % of the bend."""
+_STEPS_PER_TERM = 4
+"""Instants at which a path is looked at, for each of its coefficients; extremes between them are missed by a few per
+cent of what its fastest term moves."""
 
 
 class Boxes(NamedTuple):

@@ -6,6 +6,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -110,7 +111,6 @@ def image_annotations(image: Mapping[str, Any], rows: Table, category_ids: Mappi
         raise InputError(f"image {image['id']}: must have at most {ROWS_PER_IMAGE} label rows, got {len(rows)}")
     shape = (int(image["height"]), int(image["width"]))
     with_masks = "mask_rle" in rows.colnames
-    empty = mask_to_rle(np.zeros(shape, dtype=bool)) if with_masks else ""
     (visible,) = np.nonzero(np.asarray(rows["visible"]))
     names = [*_COLUMNS, "mask_rle"] if with_masks else _COLUMNS
     columns = [np.asarray(rows[name])[visible].tolist() for name in names]
@@ -136,11 +136,16 @@ def image_annotations(image: Mapping[str, Any], rows: Table, category_ids: Mappi
             **{name: _short(row[name]) for name in _VALUES},
         }
         if with_masks:
-            counts = row["mask_rle"] or empty
+            counts = row["mask_rle"] or _empty_code(shape)
             annotation["segmentation"] = {"size": list(shape), "counts": counts}
             annotation["area"] = rle_area(counts) or annotation["area"]
         found.append(annotation)
     return found
+
+
+@lru_cache(maxsize=16)
+def _empty_code(shape: tuple[int, int]) -> str:
+    return mask_to_rle(np.zeros(shape, dtype=bool))
 
 
 def _check_image(path: Path, image: Mapping[str, Any], seen: set[int]) -> None:
@@ -164,12 +169,11 @@ def _short(value: float) -> float:
     return float(f"{value:.{_VALUE_DIGITS}g}")
 
 
-def _json(value: Any) -> str:
-    return json.dumps(value, separators=(",", ":"), allow_nan=False, default=_plain)
-
-
 def _plain(value: Any) -> Any:
     """NumPy's numbers as Python's."""
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"{type(value).__name__} is nothing for JSON")
+
+
+_json = json.JSONEncoder(separators=(",", ":"), allow_nan=False, default=_plain).encode

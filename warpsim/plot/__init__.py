@@ -3,6 +3,7 @@
 from warpsim.plot.access import plot_access as plot_access
 from warpsim.plot.access import plot_range as plot_range
 from warpsim.plot.bodies import plot_attitudes as plot_attitudes
+from warpsim.plot.labels import plot_labels as plot_labels
 from warpsim.plot.scenario import plot_ground_tracks as plot_ground_tracks
 from warpsim.plot.scenario import plot_group as plot_group
 from warpsim.plot.scenario import plot_scene as plot_scene

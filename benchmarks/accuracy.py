@@ -1,0 +1,170 @@
+"""Writes docs/accuracy.md from the errors that the accuracy tests recorded.
+
+python -m pytest -n auto -m accuracy --accuracy=docs/accuracy.json   measures
+python -m benchmarks.accuracy                                        writes the page
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+TOP = Path(__file__).parents[1]
+DATA = TOP / "docs" / "accuracy.json"
+PAGE = TOP / "docs" / "accuracy.md"
+
+LINES = {
+    "Light on pixels": (
+        "Gaussian integrated over a pixel",
+        "Airy pattern integrated over a pixel",
+        "Stamps as large as an error of 1e-6 asks for",
+        "Table of an Airy pattern, radius 0.01 to 50 px, against its stated error",
+        "Blurred pattern on any pixel, against its stated error",
+        "Image of a Gaussian as point spread function",
+        "Gaussian drawn by GalSim",
+        "Airy pattern, band average, blur drawn by GalSim",
+        "Image as point spread function drawn by GalSim",
+        "Sum of a stamp",
+        "Streak of a Gaussian",
+        "Streak of an Airy pattern",
+        "Pixels of a scene",
+        "Centroid of a target's light from its label",
+        "Star and target of the same path and light",
+    ),
+    "Directions and places": (
+        "Apparent direction in low orbit, all effects",
+        "Aberration",
+        "Parallax",
+        "Deflection of light by the Sun",
+        "Space motion of stars over 100 years",
+        "Stars found in a cone",
+        "Gnomonic projection",
+        "Place of a star, whole chain",
+        "Place of a target, whole chain",
+        "Centroid of a rendered star, 1024 and 6000 px per degree",
+        "Distortion of a lens",
+        "Direction of a pixel and back",
+        "SIP polynomials of a distorted camera",
+    ),
+    "Light of targets": (
+        "Band radiance, 50 to 6000 K",
+        "Band radiance, in the kernel",
+        "Six spectral intervals of a band, 200 to 6000 K",
+        "Projected area",
+        "Projected area, as a mesh",
+        "Mean projected area",
+        "Reflected area",
+        "Areas of a mesh",
+        "Own light of a target",
+        "Reflected sunlight of a target",
+        "View factor of the Earth",
+        "View factor of the Earth, over the ground",
+        "Reflected heat of the Earth, by its rule",
+        "Sunlight by way of the Earth, on a sphere",
+        "Temperature by heat balance",
+    ),
+    "Motion": (
+        "Attitude after 1e6 s at 5 rev/s",
+        "Body axis after 1e6 s at 5 rev/s, in the kernel",
+        "Orbit with J2 over 1614 s",
+        "Orbit with J2 to J4 over 1614 s",
+        "Orbit with J2 over a day",
+        "Orbit between its nodes",
+        "End points of a ballistic arc",
+        "Satellite by an element set, in GCRS axes",
+        "Ends of access in the paper's scene",
+        "Ends of access about close passes",
+        "Share of the Sun's disc behind a sphere",
+        "Share of the Sun's disc behind the ellipsoid",
+        "Beginning and end of eclipses",
+    ),
+    "Noise": (
+        "Gaussian noise, moments of 1e8 draws",
+        "Gaussian noise, moments of 1e9 draws",
+        "Correlation of noise, pixels of one image",
+        "Correlation of noise across frames, sensors, bands, seeds",
+        "Poisson noise, mean 1e-3 to 1e7, moments of 1e7 draws",
+        "Poisson noise, total variation",
+        "Flux of rendered stars, bias",
+        "Scatter of their fluxes and places",
+    ),
+    "The same again": (
+        "Counts of a frame alone, in any batch and order, on any number of threads",
+        "Counts with any list of devices",
+        "Files of a run killed twice and resumed",
+        "Signal on CUDA and on the CPU",
+        "The paper's Table 2, 37 values",
+        "The paper's Table 2, five values",
+    ),
+}
+"""Sections of the page, and their lines in order."""
+
+NEEDS_A_GPU = ("Signal on CUDA and on the CPU",)
+
+HEAD = """\
+# Accuracy
+
+Written by `python -m benchmarks.accuracy` from [accuracy.json](accuracy.json), which the tests themselves wrote:
+
+```console
+python -m pytest -n auto -m accuracy --accuracy=docs/accuracy.json
+```
+
+Each line is a quantity, what it is compared with (an oracle that shares no code with it), the largest error that was
+measured, the limit that its tests allow, and the margin between them, a factor. Of several cases, and of several
+tests of a line, the one nearest to its limit is shown. A sigma is that of the sample. A limit of 0 means equal, bit for
+bit.
+"""
+
+TAIL = """\
+## Not measured
+
+- **CUDA.** The kernels are written and compiled for it; these figures are of the CPU. The tests run on the first GPU
+  where there is one.
+- **Gradients.** Rendering is not differentiable: its kernels are compiled without a backward pass.
+
+What the models themselves leave out is another matter: [physics](physics.md#left-out).
+"""
+
+
+def number(value: float) -> str:
+    """Two digits, in a short form."""
+    if 0.01 <= value < 1e4:
+        return f"{value:.2g}" if value < 100 else f"{value:,.0f}"
+    mantissa, _, exponent = f"{value:.1e}".partition("e")
+    return f"{mantissa.removesuffix('.0')}e{int(exponent)}" if value else "0"
+
+
+def row(line: dict[str, Any]) -> str:
+    """A line of a table: quantity, oracle, measured, limit, margin, cases, tests."""
+    measured, limit = line["measured"], line["limit"]
+    margin = number(limit / measured) if limit and measured else "equal"
+    tests = sorted({test.split("::")[0] for test in line["tests"]})
+    links = ", ".join(f"[{Path(test).stem.removeprefix('test_')}](../{test})" for test in tests)
+    error = f"{number(measured)} {line['unit']}".strip()
+    cells = (line["name"], line["oracle"], error, number(limit), margin, str(line["n_case"]), links)
+    return "| " + " | ".join(cells) + " |"
+
+
+def page(data: dict[str, Any]) -> str:
+    """The whole page."""
+    known = {line["name"]: line for line in data["lines"]}
+    versions = ", ".join(f"{name} {version}" for name, version in data["packages"].items())
+    parts = [HEAD, f"Python {data['python']} on {data['machine']}; {versions}.", ""]
+    for title, names in LINES.items():
+        parts += [f"## {title}", "", "| quantity | against | error | limit | margin | cases | tests |"]
+        parts += ["|---|---|---|---|---|---|---|"]
+        parts += [row(known[name]) for name in names if name in known]
+        parts.append("")
+    return "\n".join([*parts, TAIL])
+
+
+def main() -> None:
+    """Write the page."""
+    PAGE.write_text(page(json.loads(DATA.read_text("utf-8"))), "utf-8")
+    print(f"written: {PAGE}")
+
+
+if __name__ == "__main__":
+    main()
