@@ -38,7 +38,10 @@ def copy_pages() -> None:
 
 
 def fit_links(app: Any, docname: str, source: list[str]) -> None:
-    """Let links to copied pages lead to the copies, from wherever a page was; links to folders become plain text."""
+    """Let links to copied pages lead to the copies, from wherever a page was.
+
+    Links to folders, and to pages that the site does not have, become plain text.
+    """
     moved = copies()
     page = next((DOCS / f"{docname}{end}" for end in (".md", ".ipynb") if (DOCS / f"{docname}{end}").exists()), DOCS)
     origin = next((path for path, copy in moved.items() if copy == page), page)
@@ -46,7 +49,8 @@ def fit_links(app: Any, docname: str, source: list[str]) -> None:
     def fitted(match: re.Match[str]) -> str:
         text, link, anchor = match.groups()
         target = Path(os.path.normpath(origin.parent / link))
-        if target.is_dir():
+        elsewhere = target.suffix == ".md" and DOCS not in target.parents and target not in moved
+        if target.is_dir() or (elsewhere and target.exists()):
             return text
         if not target.exists() or (target not in moved and origin == page):
             return match[0]
@@ -69,6 +73,6 @@ def contents(docname: str, text: str) -> str:
 
 
 def toctree(caption: str, pages: list[str]) -> str:
-    """A hidden table of contents in MyST's words; one without a caption is shown."""
-    head = [f":caption: {caption}", ":hidden:"] if caption else [":maxdepth: 1"]
+    """A hidden table of contents in MyST's words."""
+    head = [f":caption: {caption}", ":hidden:"] if caption else [":hidden:"]
     return "\n".join(["", "```{toctree}", *head, "", *pages, "```", ""])

@@ -21,7 +21,11 @@ THRESHOLD_RTOL = 1e-5
 
 GAUSSIAN = {"aperture_m": 0.4, "psf": "gaussian", "sigma_px": 0.9, "stamp_cut_nei": 0.1}
 OBSCURED = {"aperture_m": 0.4, "obscuration": 0.4, "psf": "airy", "smear_urad": 120.0, "stamp_cut_nei": 0.01}
-OPTICS = {"airy": {}, "gaussian": {"optics": GAUSSIAN}, "obscured": {"optics": OBSCURED, "camera__pixel_aspect": 1.6}}
+OPTICS = {
+    "airy": {},
+    "gaussian": {"optics": GAUSSIAN},
+    "obscured": {"optics": OBSCURED, "camera__pixel_aspect": 1.6},
+}
 
 
 def shaking(scene):
@@ -62,7 +66,8 @@ def stars(scene):
 
 @pytest.fixture(scope="module")
 def frames(changed, stars):
-    return ws.Renderer(changed, device="cpu", catalog=stars).render([FRAME, LATER], [SENSOR], ["A", "C"], keep_signal=True)
+    renderer = ws.Renderer(changed, device="cpu", catalog=stars)
+    return renderer.render([FRAME, LATER], [SENSOR], ["A", "C"], keep_signal=True)
 
 
 def dark(scene):

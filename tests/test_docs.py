@@ -258,6 +258,12 @@ def test_first_screen_has_the_two_commands():
     ]
 
 
+def test_every_notebook_is_named():
+    notebooks = sorted(path.name for path in (TOP / "examples" / "notebooks").glob("*.ipynb"))
+    named = re.findall(r"\(\.\./examples/notebooks/(\S+\.ipynb)\)", (DOCS / "notebooks.md").read_text())
+    assert named == notebooks != []
+
+
 def anchors(page):
     """What a link may lead to within a page: its headings, as GitHub and the site name them."""
     text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)

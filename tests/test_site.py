@@ -38,6 +38,7 @@ def fitted(site_pages, docname, text):
         ("api", "[c](../CHANGELOG.md#added)", "[c](copied/changelog.md#added)"),
         ("howto/labels", "[c](../../CONTRIBUTING.md)", "[c](../copied/contributing.md)"),
         ("api", "see [results](../benchmarks/results), there", "see results, there"),
+        ("api", "see [its page](../README.md)", "see its page"),
         (
             "api",
             "[s](scene.md#shape) and [web](https://example.org)",

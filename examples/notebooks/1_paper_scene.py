@@ -88,8 +88,8 @@ plt.show()
 # `ws.render_to_folder(scene, "out")` renders every frame in which a sensor has access (1761 images in three bands),
 # with truth tables and a contact sheet of all ten sensors.
 #
-# The same group in three bands (the paper's Fig. 10). At some 340 K targets are brightest in A, which is also the
-# widest of the three.
+# The same group in three bands (the paper's Fig. 10), of the same NEI. A has the peak of the light of bodies of some
+# 340 K, 8.5 um.
 
 # %%
 bands = renderer.render([96], ["sat11"], ["A", "C", "E"])

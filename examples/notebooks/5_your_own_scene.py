@@ -184,7 +184,8 @@ except ws.InputError as error:
     print("a mistake:", error)
 
 # %% [markdown]
-# The file, in part (long lines are cut). Paths below its folder are relative: the folder can be moved, or sent to someone.
+# The file, in part (long lines are cut). Paths below its folder are relative: the folder can be moved, or sent to
+# someone.
 
 # %%
 text = (folder / "mine.toml").read_text()

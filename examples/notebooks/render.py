@@ -43,7 +43,12 @@ def execute(path: Path) -> nbformat.NotebookNode:
     """
     notebook = read_source(path)
     client = NotebookClient(
-        notebook, timeout=600, kernel_name="python3", record_timing=False, resources={"metadata": {"path": str(HERE)}}
+        notebook,
+        timeout=600,
+        kernel_name="python3",
+        record_timing=False,
+        store_widget_state=False,
+        resources={"metadata": {"path": str(HERE)}},
     )
     client.execute()
     for cell in notebook.cells:

@@ -23,9 +23,11 @@ ring."""
 CORNER_PX = 0.5
 """Our pixel centres lie on whole numbers, COCO's pixel corners: its coordinates are larger by this."""
 
-_STEPS_PER_TERM = 4
-"""Instants at which a path is looked at, for each of its coefficients; extremes between them are missed by a few per
-cent of what its fastest term moves."""
+_STEPS_PER_TERM = 8
+"""Instants at which a path is looked at, for each of its coefficients; between them goes a parabola."""
+
+_VALUES_AT_A_TIME = 2_000_000
+"""Of paths, to bound memory (16 MB per temporary)."""
 
 
 class Boxes(NamedTuple):
@@ -69,18 +71,29 @@ def blur_half_px(scene: Scene, band: str) -> tuple[float, float]:
 def path_extent(frames: FrameSet) -> tuple[F64, F64, Bools]:
     """Lowest and highest x and y of each target's path, (view, target, 2), and whether any of it is on the array."""
     light, camera = frames.target_light, frames.scene.camera
-    xy_px = light.xy_px
-    low_px, high_px, on_array = xy_px, xy_px, _is_on(xy_px, camera.n_row, camera.n_col)
-    n_term = light.offset_px.shape[2]
-    if n_term:
-        t = np.linspace(-1.0, 1.0, _STEPS_PER_TERM * n_term + 1)
-        series = np.moveaxis(light.offset_px.astype(np.float64), 2, -1)
-        for instant in t:  # one at a time: paths of many views would take much memory
-            place = xy_px + series_at(series, instant[None])[..., 0]
-            low_px, high_px = np.minimum(low_px, place), np.maximum(high_px, place)
-            on_array = on_array | _is_on(place, camera.n_row, camera.n_col)
-    in_front = ~light.is_behind
-    return low_px, high_px, on_array & in_front
+    n_view, n_target, n_term = light.offset_px.shape[:3]
+    low_px, high_px = light.xy_px.copy(), light.xy_px.copy()
+    on_array = _is_on(light.xy_px, camera.n_row, camera.n_col)
+    t = np.linspace(-1.0, 1.0, _STEPS_PER_TERM * n_term + 1) if n_term else np.zeros(0)
+    at_a_time = max(1, _VALUES_AT_A_TIME // max(1, 2 * n_target * len(t)))
+    for first in range(0, n_view if n_term else 0, at_a_time):
+        some = slice(first, first + at_a_time)
+        series = np.moveaxis(light.offset_px[some].astype(np.float64), 2, -1)
+        path_px = light.xy_px[some, ..., None] + series_at(series, t)  # (view, target, 2, instant)
+        high_px[some], low_px[some] = _highest(path_px), -_highest(-path_px)
+        on_array[some] |= _is_on(np.moveaxis(path_px, -1, 2), camera.n_row, camera.n_col).any(axis=2)
+    return low_px, high_px, on_array & ~light.is_behind
+
+
+def _highest(values: F64) -> F64:
+    """Highest value of curves that are known at even steps along the last axis."""
+    top = values.argmax(axis=-1)[..., None]
+    inner = np.clip(top, 1, values.shape[-1] - 2)
+    before, here, after = (np.take_along_axis(values, inner + step, axis=-1)[..., 0] for step in (-1, 0, 1))
+    bend = before - 2.0 * here + after
+    is_peak = (top[..., 0] == inner[..., 0]) & (bend < 0.0)
+    over = np.divide((after - before) ** 2, -8.0 * bend, out=np.zeros_like(bend), where=is_peak)
+    return np.asarray(values.max(axis=-1) + over)
 
 
 def _is_on(xy_px: F64, n_row: int, n_col: int) -> Bools:
