@@ -50,6 +50,12 @@ if TYPE_CHECKING:
     from warpsim.output.catalog_file import write_catalog as write_catalog
     from warpsim.output.czml import write_czml as write_czml
     from warpsim.output.fits_cube import read_cube as read_cube
+    from warpsim.output.image_files import image_facts as image_facts
+    from warpsim.output.image_files import read_image as read_image
+    from warpsim.output.image_files import write_counts as write_counts
+    from warpsim.output.image_files import write_fits_image as write_fits_image
+    from warpsim.output.image_files import write_signal as write_signal
+    from warpsim.output.preview import write_preview as write_preview
     from warpsim.output.run import render_to_folder as render_to_folder
     from warpsim.render.deposit import deposit as deposit
     from warpsim.render.frameset import FrameSet as FrameSet
@@ -97,6 +103,12 @@ _HOME = {
     "render_to_folder": "warpsim.output.run",
     "write_czml": "warpsim.output.czml",
     "read_cube": "warpsim.output.fits_cube",
+    "read_image": "warpsim.output.image_files",
+    "image_facts": "warpsim.output.image_files",
+    "write_counts": "warpsim.output.image_files",
+    "write_signal": "warpsim.output.image_files",
+    "write_fits_image": "warpsim.output.image_files",
+    "write_preview": "warpsim.output.preview",
     "measure_fps": "warpsim.speed.clock",
     "StarCatalog": "warpsim.sky.catalog",
     "write_catalog": "warpsim.output.catalog_file",

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from warpsim.arguments import chosen_names
 from warpsim.errors import InputError
-from warpsim.files import whole_file
+from warpsim.files import naming, whole_file
 from warpsim.output.fits_cube import CubeWriter, read_cube
 from warpsim.output.fits_header import image_cards
 from warpsim.output.image_files import facts_of, read_image, write_counts, write_signal
@@ -84,7 +84,8 @@ class FitsCubes:
     @contextlib.contextmanager
     def writer(self, folder: Path, images: Images) -> Iterator[AddFrames]:
         """Appends planes."""
-        with whole_file(folder / f"{images.stem}.fits") as partial:
+        path = folder / f"{images.stem}.fits"
+        with whole_file(path) as partial, naming(path):
             cube = CubeWriter(partial, images.scene, images.sensor, images.band, len(images.frames))
             try:
                 yield cube.add
