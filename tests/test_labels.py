@@ -1,5 +1,8 @@
 """Boxes, centres and masks: where they are, against the light itself, pycocotools and plain integrals."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -33,6 +36,7 @@ def test_codes_come_back(mask):
     assert rle_area(code) == mask.sum()
 
 
+@pytest.mark.filterwarnings("ignore:__array__ implementation")  # pycocotools and NumPy 2
 @settings(max_examples=300, deadline=None)
 @given(masks)
 def test_codes_are_those_of_pycocotools(mask):
@@ -281,6 +285,14 @@ def test_no_frames_have_empty_tables(scene):
     frames = ws.Renderer(scene, device="cpu").render([], [SENSOR], ["A"])
     table = ws.labels.label_table(frames, with_masks=True)
     assert len(table) == 0 and "mask_rle" in table.colnames
+
+
+def test_the_page_lists_every_column(still):
+    table = ws.labels.label_table(still, with_masks=True)
+    text = (Path(__file__).parents[1] / "docs" / "labels.md").read_text()
+    cells = re.findall(r"^\|([^|]*)\|", text[text.index("## Label table") : text.index("**Boxes**")], re.MULTILINE)
+    listed = [name for cell in cells for name in re.findall(r"`([^`]+)`", cell)]
+    assert listed == table.colnames[len(still.truth.colnames) :]
 
 
 def test_least_nei_is_checked(still):

@@ -85,6 +85,16 @@ def path_extent(frames: FrameSet) -> tuple[F64, F64, Bools]:
     return low_px, high_px, on_array & ~light.is_behind
 
 
+def paths_px(frames: FrameSet, view: int) -> F64:
+    """Places of the targets of a view from the start of the exposure to its end, (target, 2, instant)."""
+    light = frames.target_light
+    series = np.moveaxis(light.offset_px[view].astype(np.float64), 1, -1)
+    t = np.linspace(-1.0, 1.0, _STEPS_PER_TERM * max(series.shape[-1], 1) + 1)
+    if not series.shape[-1]:
+        return np.repeat(light.xy_px[view][..., None], len(t), axis=-1)
+    return np.asarray(light.xy_px[view][..., None] + series_at(series, t))
+
+
 def _highest(values: F64) -> F64:
     """Highest value of curves that are known at even steps along the last axis."""
     top = values.argmax(axis=-1)[..., None]

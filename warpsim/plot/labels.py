@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.labels.boxes import CORNER_PX
+from warpsim.labels.boxes import CORNER_PX, paths_px
 from warpsim.labels.rle import rle_to_mask
 from warpsim.labels.table import BOX_COLUMNS, label_table
 from warpsim.plot.figure import BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE, VERMILION, YELLOW, new_axes, plain
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from warpsim.render.frameset import FrameSet
+
+F64 = npt.NDArray[np.float64]
 
 WHITE_NEI = 60.0
 SOFTENING_NEI = 2.0
@@ -30,9 +32,9 @@ def plot_labels(
 ) -> Axes:
     """Draw an image with the labels of its visible targets.
 
-    Boxes are rectangles, masks the dotted outlines of their pixels, centres crosses (thin where the target's own pixel
-    gets less than least_nei), and movement during the exposure a line. Axes are in pixels whose centres lie on whole
-    numbers, row 0 on top; set their limits to look closer.
+    Boxes are rectangles, masks the dotted outlines of their pixels, centres crosses (slanted where the target's own
+    pixel gets less than least_nei), and movement during the exposure a line. Axes are in pixels whose centres lie on
+    whole numbers, row 0 on top; set their limits to look closer.
 
     Args:
         frames: Rendered frames.
@@ -53,14 +55,16 @@ def plot_labels(
     level = (counts.astype(np.float32) - levels.blank_counts) / levels.counts_per_nei
     shade = np.arcsinh(np.maximum(level, 0) / SOFTENING_NEI) / np.arcsinh(WHITE_NEI / SOFTENING_NEI)
     ax.imshow(shade, cmap="gray", vmin=0, vmax=1, origin="upper", interpolation="nearest", aspect=camera.pixel_aspect)
-    rows = label_table(frames.one_frame(place), least_nei, with_masks=True)
+    one = frames.one_frame(place)
+    rows = label_table(one, least_nei, with_masks=True)
+    paths = dict(zip(scene.target_names, paths_px(one, frames.sensors.index(sensor)), strict=True))
     rows = rows[(rows["sensor"] == sensor) & (rows["band"] == band) & rows["visible"]]
     kinds = list(dict.fromkeys(spec.name for spec in scene.target_specs))
     for number, kind in enumerate(kinds):
         of_kind = rows[rows["category"] == kind]
         if len(of_kind):
             colour = _ON_BLACK[number % len(_ON_BLACK)]
-            _draw_kind(ax, of_kind, colour, (camera.n_row, camera.n_col))
+            _draw_kind(ax, of_kind, paths, colour, (camera.n_row, camera.n_col))
             ax.plot([], [], "s", markerfacecolor="none", color=colour, label=f"{kind} ({len(of_kind)})")
     right, bottom = camera.n_col - 0.5, camera.n_row - 0.5
     ax.set(xlim=(-0.5, right), ylim=(bottom, -0.5), xlabel="column [px]", ylabel="row [px]")
@@ -75,7 +79,7 @@ def plot_labels(
     return ax
 
 
-def _draw_kind(ax: Axes, rows: Table, colour: str, shape: tuple[int, int]) -> None:
+def _draw_kind(ax: Axes, rows: Table, paths: dict[str, F64], colour: str, shape: tuple[int, int]) -> None:
     from matplotlib.collections import LineCollection
     from matplotlib.patches import Rectangle
 
@@ -86,14 +90,12 @@ def _draw_kind(ax: Axes, rows: Table, colour: str, shape: tuple[int, int]) -> No
         ax.add_patch(box)
         mark = "+" if row["keypoint_visibility"] == 2 else "x"
         ax.plot(row["x_px"], row["y_px"], mark, color=colour, markersize=6, markeredgewidth=0.8)
-        if row["dx_px"] or row["dy_px"]:
-            ends = np.array([-0.5, 0.5])
-            ax.plot(row["x_px"] + ends * row["dx_px"], row["y_px"] + ends * row["dy_px"], color=colour, linewidth=0.7)
+        ax.plot(*paths[row["target"]], color=colour, linewidth=0.7)
         edges += mask_edges(rle_to_mask(row["mask_rle"], shape)).tolist() if row["mask_rle"] else []
     ax.add_collection(LineCollection(edges, colors=colour, linewidths=0.9, linestyles="dotted"))
 
 
-def mask_edges(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
+def mask_edges(mask: npt.NDArray[np.bool_]) -> F64:
     """Edges between pixels inside and outside, as pairs of points (x, y), shape (n, 2, 2)."""
     padded = np.pad(mask, 1)
     row, column = np.nonzero(padded[:, 1:] != padded[:, :-1])
