@@ -51,6 +51,7 @@ def test_dask_workers_write_the_same_bytes(recipe, whole, tmp_path):
     assert content(folder) == content(whole)
 
 
+@pytest.mark.slow
 def test_a_lost_scheduler_is_told_and_the_run_goes_on_without(
     cluster, address, recipe, recipe_path, whole, tmp_path, checkout_environment
 ):
@@ -67,6 +68,7 @@ def test_a_lost_scheduler_is_told_and_the_run_goes_on_without(
     assert content(folder) == content(whole)
 
 
+@pytest.mark.slow
 def test_the_command_runs_on_a_cluster(cluster, address, recipe_path, whole, tmp_path, capsys):
     folder = tmp_path / "data"
     assert main(command(recipe_path, folder, "--scheduler", address)[3:]) == 0

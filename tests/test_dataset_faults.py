@@ -81,7 +81,7 @@ def busy_workers(folder):
     return [int(path.name.split("-")[-2]) for path in (folder / PARTS / "work").glob("*")]
 
 
-@pytest.mark.parametrize("wait_s", [0.0, 0.4])
+@pytest.mark.parametrize("wait_s", [0.0, pytest.param(0.4, marks=pytest.mark.slow)])
 def test_a_killed_run_is_finished_by_the_same_command(recipe_path, whole, tmp_path, checkout_environment, wait_s):
     folder = tmp_path / "data"
     process = subprocess.Popen(command(recipe_path, folder, "--workers", "2"), env=checkout_environment)
@@ -124,6 +124,7 @@ def test_when_a_worker_is_killed_others_do_its_work(recipe_path, whole, tmp_path
     assert content(folder) == content(whole)
 
 
+@pytest.mark.slow
 def test_when_workers_die_again_and_again_it_is_said(recipe, tmp_path, monkeypatch):
     monkeypatch.setattr(execution, "write_shard", _die)
     with pytest.raises(OSError, match=r"the same command goes on from here: worker processes were killed again and ag"):

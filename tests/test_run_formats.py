@@ -233,6 +233,7 @@ def test_manifests_of_others_do_not_make_their_files_ours(scene, tmp_path, name)
     assert (tmp_path / "precious.txt").read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_killed_halfway_then_completed(tmp_path, checkout_environment):
     """SIGKILL amid a sensor: what has its name is whole; the same command then gives the same bytes."""
     command = [*COMMAND, "stss", "--bands", "A", "--sensors", "sat11,sat12,sat27", "--quiet", "--format", "png,zarr"]
