@@ -263,7 +263,7 @@ def test_targets_must_keep_their_number_in_one_zarr_array_of_contributions(tmp_p
 def test_the_command_makes_a_data_set_of_a_scene(tmp_path, capsys):
     options = ["--sequences", "2", "--frames", "2", "--bands", "A", "--seed", "5", "--format", "png", "--workers", "1"]
     assert main(["dataset", "stss", "-o", str(tmp_path / "data"), *options]) == 0
-    assert "4 images of 2 sequences" in capsys.readouterr().out.replace("2 images", "4 images")
+    assert "4 images of 2 sequences" in capsys.readouterr().out
     assert main(["dataset", "stss", "-o", str(tmp_path / "data"), *options]) == 0
     assert "all were there already" in capsys.readouterr().out
 

@@ -264,3 +264,96 @@ def test_files_of_others_are_never_touched(recipe, tmp_path):
         with pytest.raises(ws.InputError, match="train: is there already, and warpsim did not write it"):
             ws.write_dataset(recipe, folder, n_worker=1, device="cpu", overwrite=overwrite)
     assert content(folder) == {"train/mine.txt": b"kept"}
+
+
+@pytest.fixture(scope="module")
+def zarr_recipe(recipe):
+    pytest.importorskip("zarr", minversion="3")
+    return ws.Recipe.from_dict(recipe.to_dict() | {"format": "zarr", "sequences_per_shard": 2})
+
+
+@pytest.fixture(scope="module")
+def zarr_whole(zarr_recipe, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("zarr") / "data"
+    ws.write_dataset(zarr_recipe, folder, n_worker=1, device="cpu")
+    return folder
+
+
+def test_a_lost_shard_of_an_array_is_made_again(zarr_recipe, zarr_whole, tmp_path):
+    folder = tmp_path / "data"
+    shutil.copytree(zarr_whole, folder)
+    (folder / "train" / "images.zarr" / "counts" / "c" / "1" / "0" / "0" / "0" / "0" / "0").unlink()
+    assert ws.write_dataset(zarr_recipe, folder, n_worker=1, device="cpu").n_shard_written == 1
+    assert content(folder) == content(zarr_whole)
+
+
+@pytest.mark.parametrize("step", ["_write_stores", "_write_annotations", "_write_sequences", "made_with", "write_json"])
+def test_a_run_that_ends_in_its_last_steps_goes_on(zarr_recipe, zarr_whole, tmp_path, monkeypatch, step):
+    def broken_off(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"warpsim.dataset.finish.{step}", broken_off)
+    with pytest.raises(KeyboardInterrupt):
+        ws.write_dataset(zarr_recipe, tmp_path / "data", n_worker=1, device="cpu")
+    monkeypatch.undo()
+    assert ws.write_dataset(zarr_recipe, tmp_path / "data", n_worker=1, device="cpu").n_shard_written == 0
+    assert content(tmp_path / "data") == content(zarr_whole)
+
+
+@pytest.mark.parametrize("format", ["fits", "zarr"])
+def test_what_a_killed_run_left_is_gone_once_another_replaces_it(recipe, tmp_path, monkeypatch, format):
+    """Killed after its files have got their names, before the receipt."""
+    if format == "zarr":
+        pytest.importorskip("zarr", minversion="3")
+    given = recipe.to_dict() | {"format": format, "n_sequence": 3, "sequences_per_shard": 1}
+    bright, faint = (ws.Recipe.from_dict(given | change) for change in ({}, {"least_nei": 1e9, "split": {"train": 1}}))
+
+    def broken_off(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("warpsim.dataset.shard.receipt_path", broken_off)
+    with pytest.raises(KeyboardInterrupt):
+        ws.write_dataset(bright, tmp_path / "data", n_worker=1, device="cpu")
+    monkeypatch.undo()
+    assert any(not name.startswith(PARTS) for name in content(tmp_path / "data"))
+    ws.write_dataset(faint, tmp_path / "data", n_worker=1, device="cpu", overwrite=True)
+    ws.write_dataset(faint, tmp_path / "fresh", n_worker=1, device="cpu")
+    assert content(tmp_path / "data") == content(tmp_path / "fresh")
+
+
+@pytest.mark.parametrize("n_interrupt", [1, 2])
+def test_interrupts_end_a_pool_at_once(recipe_path, tmp_path, checkout_environment, n_interrupt):
+    folder = tmp_path / "data"
+    process = subprocess.Popen(
+        command(recipe_path, folder, "--workers", "2"), env=checkout_environment, stderr=subprocess.PIPE, text=True,
+        start_new_session=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    workers = wait_for(lambda: busy_workers(folder), process)
+    for _ in range(n_interrupt):
+        os.killpg(process.pid, signal.SIGINT)
+        time.sleep(0.2)
+    _, words = process.communicate(timeout=TIMEOUT_S)
+    assert process.returncode != 0 and not any(_runs(worker) for worker in workers)
+    if n_interrupt == 1:
+        assert process.returncode == 130
+        assert "interrupted; the same command goes on where it stopped" in words
+
+
+def test_a_late_worker_does_not_write_into_another_data_set(recipe, tmp_path, monkeypatch):
+    tasks = []
+    monkeypatch.setattr("warpsim.dataset.run.run_tasks", lambda given, *others: tasks.extend(given) or _gone(given))
+    with pytest.raises(RuntimeError):
+        ws.write_dataset(recipe, tmp_path / "data", n_worker=1, device="cpu")
+    monkeypatch.undo()
+    other = ws.Recipe.from_dict(recipe.to_dict() | {"seed": 1, "n_sequence": 2})
+    ws.write_dataset(other, tmp_path / "data", n_worker=1, device="cpu", overwrite=True)
+    before = content(tmp_path / "data")
+    with pytest.raises(OSError, match=r"No such file|no longer belongs to this run"):
+        execution.write_shard(tasks[0])
+    assert content(tmp_path / "data") == before and not (tmp_path / "data" / PARTS).exists()
+
+
+def test_partial_files_of_others_are_left_alone(recipe, tmp_path):
+    (tmp_path / ".movie.partial").write_text("mine")
+    ws.write_dataset(ws.Recipe.from_dict(recipe.to_dict() | {"n_sequence": 1}), tmp_path, n_worker=1, device="cpu")
+    assert (tmp_path / ".movie.partial").read_text() == "mine"

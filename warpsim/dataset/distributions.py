@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from statistics import NormalDist
 from typing import Annotated, Any
@@ -62,7 +63,7 @@ class LogUniform:
     def value(self, u: float) -> float:
         """The value at a uniform number in (0, 1)."""
         low, high = self.log_uniform
-        return min(max(low * math.exp(math.log(high / low) * u), low), high)
+        return min(max(math.exp(math.log(low) + (math.log(high) - math.log(low)) * u), low), high)
 
     @property
     def extremes(self) -> list[Any]:
@@ -152,8 +153,8 @@ class Choice:
         for value, weight in zip(self.choice, weights, strict=True):
             left -= weight
             if left < 0 and weight > 0:
-                return value
-        return next(v for v, w in zip(reversed(self.choice), reversed(weights), strict=True) if w > 0)
+                return copy.deepcopy(value)  # further fields may be drawn into it
+        return copy.deepcopy(next(v for v, w in zip(self.choice[::-1], weights[::-1], strict=True) if w > 0))
 
     @property
     def extremes(self) -> list[Any]:

@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 
+import warp as wp
+
 from warpsim.dataset.shard import Receipt, Task, write_shard
 from warpsim.errors import InputError
 
@@ -51,10 +53,14 @@ def _run_in_pools(tasks: Sequence[Task], n_worker: int, done: Callable[[Receipt]
             del left[receipt["shard"]]
             done(receipt)
 
+        pool = _pool(min(n_worker, len(left)))
         try:
-            with _pool(min(n_worker, len(left))) as pool:
-                _collect([pool.submit(write_shard, task) for task in left.values()], keep)
-        except BrokenProcessPool:
+            _collect([pool.submit(write_shard, task) for task in left.values()], keep)
+            pool.shutdown()
+        except BaseException as error:
+            _end(pool)
+            if not isinstance(error, BrokenProcessPool):
+                raise
             n_loss = n_loss + 1 if len(left) == before else 1
             if n_loss == MOST_LOSSES:
                 raise OSError("worker processes were killed again and again (is there memory enough?)") from None
@@ -79,9 +85,20 @@ def _pool(n_worker: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(n_worker, multiprocessing.get_context("spawn"), _begin_worker)
 
 
+def _end(pool: ProcessPoolExecutor) -> None:
+    """End the workers of a pool at once: what they have not finished lies in folders of their own."""
+    processes = list((pool._processes or {}).values())  # no public way leads to them before Python 3.14
+    for process in processes:
+        process.kill()
+    pool.shutdown(wait=False, cancel_futures=True)
+    for process in processes:
+        process.join()
+
+
 def _begin_worker() -> None:
-    """A worker leaves interrupts to its parent, and ends when that is gone."""
+    """A worker leaves interrupts to its parent, ends when that is gone, and prints nothing."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    wp.config.log_level = wp.LOG_ERROR
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.pid,), daemon=True).start()

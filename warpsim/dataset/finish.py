@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ import numpy as np
 from warpsim.dataset.layout import ANNOTATIONS, SEQUENCES, Shard, shards_of, table_path
 from warpsim.dataset.recipe import SHARDED, Recipe
 from warpsim.dataset.sequences import split_of
-from warpsim.dataset.shard import Receipt
+from warpsim.dataset.shard import Receipt, planned_path
 from warpsim.dataset.workplace import Workplace
 from warpsim.files import sha256_of, write_json
 from warpsim.output.manifest import made_with
@@ -25,7 +26,9 @@ if TYPE_CHECKING:
 def finish(place: Workplace, receipts: dict[str, Receipt], device: str) -> None:
     """Write what describes all shards; the manifest last."""
     recipe, folder = place.recipe, place.folder
-    files = [*_write_stores(recipe, folder), *_write_annotations(recipe, folder)]
+    names = planned_names(recipe)
+    write_json({"key": place.key, "files": dict.fromkeys(names)}, planned_path(folder, "finish"))
+    files = [*_write_stores(recipe, folder, place.parts), *_write_annotations(recipe, folder)]
     files.append(_write_sequences(recipe, folder, receipts))
     manifest = {
         "key": place.key,
@@ -40,8 +43,22 @@ def finish(place: Workplace, receipts: dict[str, Receipt], device: str) -> None:
     write_json(manifest, place.manifest_path)
 
 
-def _write_stores(recipe: Recipe, folder: Path) -> list[Path]:
-    """The descriptions of Zarr groups; the shards' files are there."""
+def planned_names(recipe: Recipe) -> list[str]:
+    """Names of the files that describe all shards, but for the manifest."""
+    names = [SEQUENCES, *(f"{ANNOTATIONS}/{split}.json" for split in (recipe.shares if recipe.coco else ()))]
+    if recipe.format == "zarr":
+        from warpsim.dataset.zarr_store import array_shapes, store_path
+
+        parts = ("", *(f"{name}/" for name in array_shapes(recipe)))
+        names += [f"{store_path(split)}/{part}zarr.json" for split in recipe.shares for part in parts]
+    return names
+
+
+def _write_stores(recipe: Recipe, folder: Path, parts: Path) -> list[Path]:
+    """The descriptions of Zarr groups; the shards' files are there.
+
+    They are made elsewhere and moved: what there is of an earlier try is replaced, file by file.
+    """
     if recipe.format != "zarr":
         return []
     from warpsim.dataset.zarr_store import create_store, store_path
@@ -49,9 +66,13 @@ def _write_stores(recipe: Recipe, folder: Path) -> list[Path]:
     paths = []
     for split, numbers in split_of(recipe).items():
         if numbers:
-            path = folder / store_path(split)
-            create_store(recipe, split, path)
-            paths += sorted(path.rglob("zarr.json"))
+            made = parts / "stores" / split
+            shutil.rmtree(made, ignore_errors=True)
+            create_store(recipe, split, made)
+            for source in sorted(made.rglob("zarr.json")):
+                path = folder / store_path(split) / source.relative_to(made)
+                source.replace(path)
+                paths.append(path)
     return paths
 
 

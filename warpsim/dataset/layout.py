@@ -19,6 +19,9 @@ from warpsim.dataset.sequences import split_of
 MANIFEST = "manifest.json"
 SEQUENCES = "sequences.parquet"
 ANNOTATIONS = "annotations"
+RUN = "run.json"
+"""In PARTS: which data set the folder is held for."""
+
 PARTS = ".warpsim-parts"
 """Folder of what a run needs while it is unfinished."""
 

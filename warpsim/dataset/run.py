@@ -149,7 +149,8 @@ def _write_missing(
     n_thread = None if executor is None and n_worker == 1 else 1
     tasks = [Task(str(place.folder), place.key, text, shard, device, n_thread) for shard in missing]
     n_sequence = {shard.name: len(shard.sequences) for shard in missing}
-    (place.parts / "receipts").mkdir(exist_ok=True)
+    for name in ("receipts", "planned"):
+        (place.parts / name).mkdir(exist_ok=True)
     with progress_bar(place.recipe.n_sequence, progress) as advance:
         advance(place.recipe.n_sequence - sum(n_sequence.values()))
 

@@ -43,8 +43,7 @@ def draw_sequence(recipe: Recipe, number: int) -> Sequence:
     for attempt in range(MOST_ATTEMPTS):
         values = drawn_values(recipe, number, attempt)
         scene = varied(recipe, values, f"sequence {number}")
-        clips = [(0.0, scene.duration_s - recipe.clip_s, _pool(recipe, scene))] if recipe.every_frame else []
-        clips = clips or _clips(recipe, scene)
+        clips = _any_time(recipe, scene) if recipe.every_frame else _clips(recipe, scene)
         if clips:
             start_s, sensors = _chosen_clip(recipe, clips, number, attempt)
             frames = {"count": recipe.n_frame, "interval_s": recipe.step_s, "start_s": start_s}
@@ -115,6 +114,12 @@ def _seed(recipe: Recipe, number: int) -> int:
 
 def _pool(recipe: Recipe, scene: Scene) -> list[str]:
     return [name for name in recipe.sensors or scene.sensor_names if name in scene.sensor_names]
+
+
+def _any_time(recipe: Recipe, scene: Scene) -> list[tuple[float, float, list[str]]]:
+    """The whole scene, with all sensors; nothing where a drawn constellation has too few."""
+    pool = _pool(recipe, scene)
+    return [(0.0, scene.duration_s - recipe.clip_s, pool)] if len(pool) >= recipe.n_sensor else []
 
 
 def _clips(recipe: Recipe, scene: Scene) -> list[tuple[float, float, list[str]]]:

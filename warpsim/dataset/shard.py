@@ -15,14 +15,14 @@ from pathlib import Path
 from typing import Any
 
 from warpsim.dataset.annotations import write_satnet
-from warpsim.dataset.layout import PARTS, Shard, folder_of
+from warpsim.dataset.layout import PARTS, RUN, Shard, folder_of
 from warpsim.dataset.planes import bytes_per_frame, planes_of
 from warpsim.dataset.previews import draw_previews
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import Sequence, draw_sequence
 from warpsim.dataset.tables import Tables
 from warpsim.dataset.writers import ShardWriter, shard_writer
-from warpsim.files import sha256_of, write_json
+from warpsim.files import read_json, sha256_of, write_json
 from warpsim.render.renderer import Renderer
 
 BYTES_PER_CALL = 64 * 2**20
@@ -54,6 +54,11 @@ def receipt_path(folder: Path, shard: Shard) -> Path:
     return folder / PARTS / "receipts" / f"{shard.name}.json"
 
 
+def planned_path(folder: Path, name: str) -> Path:
+    """Where the names of files lie before they are there, so that a later run knows that they are not foreign."""
+    return folder / PARTS / "planned" / f"{name}.json"
+
+
 def write_shard(task: Task) -> Receipt:
     """Render and write a shard; what runs on a worker.
 
@@ -69,6 +74,8 @@ def write_shard(task: Task) -> Receipt:
         files = sorted(path.relative_to(scratch).as_posix() for path in scratch.rglob("*") if path.is_file())
         checksums = {name: sha256_of(scratch / name) for name in files}
         sizes = {name: (scratch / name).stat().st_size for name in files}
+        _check_run(folder, task.key)
+        write_json({"key": task.key, "files": checksums}, planned_path(folder, shard.name))
         for name in files:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (scratch / name).replace(folder / name)
@@ -88,11 +95,23 @@ def _recipe(text: str) -> Recipe:
     return Recipe.from_dict(json.loads(text))
 
 
+def _check_run(folder: Path, key: str) -> None:
+    """See that the folder is still held for this data set: a worker may be late.
+
+    Raises:
+        OSError: It is not.
+    """
+    record = read_json(folder / PARTS / RUN)
+    if not isinstance(record, dict) or record.get("key") != key:
+        raise OSError(f"{folder}: no longer belongs to this run")
+
+
 @contextmanager
 def _scratch(folder: Path, shard: Shard) -> Iterator[Path]:
     """A folder of this worker's own, for files that are not complete yet."""
     path = folder / PARTS / "work" / f"{shard.name}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
-    path.mkdir(parents=True)
+    path.parent.mkdir(exist_ok=True)  # not its parents: without them the run is over
+    path.mkdir()
     try:
         yield path
     finally:

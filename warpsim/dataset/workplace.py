@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from warpsim.dataset.layout import MANIFEST, PARTS, shards_of, top_names
+from warpsim.dataset.layout import MANIFEST, PARTS, RUN, SEQUENCES, shards_of, top_names
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.shard import Receipt, receipt_path
 from warpsim.errors import InputError
-from warpsim.files import PARTIAL_SUFFIX, read_json, write_json
+from warpsim.files import partial_path, read_json, write_json
 from warpsim.output.receipts import has_key, is_record, locked, which_match
 
 
@@ -63,7 +63,7 @@ class Workplace:
                 if [path.name for path in self.parts.iterdir()] == ["lock"]:
                     shutil.rmtree(self.parts)
                 raise
-            write_json({"key": self.key, "files": {}}, self.parts / "run.json")
+            write_json({"key": self.key, "files": {}}, self.parts / RUN)
             self._take_up_manifest()
             yield self._receipts()
             shutil.rmtree(self.parts)
@@ -96,38 +96,47 @@ class Workplace:
 
     def _make_room(self, overwrite: bool) -> None:
         """See that the data set's files are ours to write: remove another one, if wanted, never foreign files."""
-        paths = [self.manifest_path, self.parts / "run.json", *(self.parts / "receipts").glob("*.json")]
+        paths = [self.manifest_path, self.parts / RUN]
+        paths += [path for folder in ("receipts", "planned") for path in (self.parts / folder).glob("*.json")]
         runs = [record for record in map(read_json, paths) if is_record(record)]
+        ours = {name for run in runs for name in _names(run)} | ({MANIFEST} if runs else set())
         others = [run for run in runs if run["key"] != self.key]
         if others and not overwrite:
             raise InputError(
                 f"{self.folder}: holds a different data set or run (other recipe, scene, catalog, device or version); "
                 "choose another folder or pass --overwrite"
             )
-        for name in () if runs else top_names(self.recipe):
-            if (self.folder / name).exists():
+        for name in top_names(self.recipe):
+            if (self.folder / name).exists() and not any(f"{known}/".startswith(f"{name}/") for known in ours):
                 raise InputError(f"{self.folder / name}: is there already, and warpsim did not write it")
         for run in others:
             self._remove(run)
         if others:
             self.manifest_path.unlink(missing_ok=True)
-            shutil.rmtree(self.parts / "receipts", ignore_errors=True)
+            for name in ("receipts", "planned"):
+                shutil.rmtree(self.parts / name, ignore_errors=True)
         shutil.rmtree(self.parts / "work", ignore_errors=True)
-        for path in self.folder.glob(f".*{PARTIAL_SUFFIX}"):
-            path.unlink()
+        for name in (SEQUENCES, MANIFEST):
+            partial_path(self.folder / name).unlink(missing_ok=True)
 
     def _remove(self, run: dict[str, Any]) -> None:
         """Remove the files of another run, and the folders that are empty then."""
-        names = list(run["files"])
-        for receipt in run.get("shards", {}).values():
-            names += receipt["files"] if is_record(receipt) else []
-        homes = set()
-        for name in names:
+        homes: set[Path] = set()
+        for name in _names(run):
+            if not (self.folder / name).parent.resolve().is_relative_to(self.folder.resolve()):
+                continue  # by way of a link that is not ours
             (self.folder / name).unlink(missing_ok=True)
             homes |= set((self.folder / name).parents) - {self.folder, *self.folder.parents}
         for home in sorted(homes, key=lambda path: len(path.parts), reverse=True):
             with contextlib.suppress(OSError):  # is missing, or holds what is not ours
                 home.rmdir()
+
+
+def _names(run: dict[str, Any]) -> list[str]:
+    """Files that a manifest or receipt says were written."""
+    shards = run.get("shards")
+    receipts = [record for record in shards.values() if is_record(record)] if isinstance(shards, dict) else []
+    return [*run["files"], *(name for receipt in receipts for name in receipt["files"])]
 
 
 def _made(path: Path) -> Path:

@@ -54,33 +54,33 @@ def frames_per_shard(recipe: Recipe, shape: tuple[int, ...], dtype: Any) -> int:
     return max(1, min(recipe.n_frame, SHARD_BYTES // frame_bytes))
 
 
-def create_store(recipe: Recipe, split: str, path: Path) -> Any:
-    """Make a split's group, whose arrays are empty.
+def create_store(recipe: Recipe, split: str, path: Path) -> dict[str, Any]:
+    """Make a split's group, whose arrays are empty; the arrays by name.
 
     Raises:
         InputError: zarr is not installed, or is older than 3.
     """
     try:
-        import zarr
         from zarr import create_group
+        from zarr.storage import LocalStore
     except ImportError:
         raise InputError("format: zarr needs the package zarr >= 3: pip install 'warpsim[datasets]'") from None
-    group = create_group(store=str(path), zarr_format=3, attributes=_attributes(recipe, split))
+    # A store of its own: a path as text may be taken for an address.
+    group = create_group(store=LocalStore(path), zarr_format=3, attributes=_attributes(recipe, split))
     n_sequence = len(split_of(recipe)[split])
-    with zarr.config.set({"array.write_empty_chunks": True}):  # a shard's files do not depend on what it shows
-        for name, (shape, dtype) in array_shapes(recipe).items():
-            axes = AXES if len(shape) == 5 else (*AXES[:4], "target", *AXES[4:])
-            leading = (1,) * (len(shape) - 1)
-            group.create_array(
-                name,
-                shape=(n_sequence, *shape),
-                dtype=dtype,
-                chunks=(*leading, *shape[-2:]),
-                shards=(recipe.shard_size, frames_per_shard(recipe, shape, dtype), *shape[1:]),
-                dimension_names=axes,
-                fill_value=0,
-            )
-    return group
+    return {
+        name: group.create_array(
+            name,
+            shape=(n_sequence, *shape),
+            dtype=dtype,
+            chunks=(*(1,) * (len(shape) - 1), *shape[-2:]),
+            shards=(recipe.shard_size, frames_per_shard(recipe, shape, dtype), *shape[1:]),
+            dimension_names=AXES if len(shape) == 5 else (*AXES[:4], "target", *AXES[4:]),
+            fill_value=0,
+            config={"write_empty_chunks": True},  # which files there are does not depend on what they show
+        )
+        for name, (shape, dtype) in array_shapes(recipe).items()
+    }
 
 
 def _attributes(recipe: Recipe, split: str) -> dict[str, Any]:
@@ -99,7 +99,7 @@ class ZarrShard:
     def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
         self._recipe, self._shard = recipe, shard
         self._path = folder / store_path(shard.split)
-        self._group = create_store(recipe, shard.split, self._path)
+        self._arrays = create_store(recipe, shard.split, self._path)
         self._buffers: dict[str, Any] = {}
         self._first = shard.place * recipe.shard_size
 
@@ -127,7 +127,7 @@ class ZarrShard:
     def _flush(self, name: str, first: int, end: int) -> None:
         """Write a whole shard of an array."""
         last = self._first + len(self._shard.sequences)
-        self._group[name][self._first : last, first:end] = self._buffers.pop(name)[:, : end - first]
+        self._arrays[name][self._first : last, first:end] = self._buffers.pop(name)[:, : end - first]
 
     def end(self) -> None:
         """Nothing is left to do."""

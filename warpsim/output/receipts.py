@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import os
 import re
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -12,6 +13,11 @@ from typing import Any
 
 from warpsim.errors import InputError
 from warpsim.files import sha256_of
+
+_SUFFIXES = "fits|png|tif|exr|npy|gif|mp4|json|parquet|tar"
+_SUFFIXES = "fits|png|tif|exr|npy|gif|mp4|json|parquet|tar"
+_OURS = re.compile(rf"([\w.+-]+/)*[\w.+-]+\.({_SUFFIXES})|([\w.+-]+/)+c(/\d+)+", re.ASCII)
+"""Names of files that warpsim writes: by their endings, and shards of Zarr arrays."""
 
 
 @contextlib.contextmanager
@@ -25,13 +31,26 @@ def locked(folder: Path, parts: Path) -> Iterator[None]:
     Raises:
         InputError: Another run holds it.
     """
-    parts.mkdir(exist_ok=True)
-    with (parts / "lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(f"{folder}: another run is writing to it") from None
-        yield
+    path = parts / "lock"
+    while True:
+        parts.mkdir(exist_ok=True)
+        with path.open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise InputError(f"{folder}: another run is writing to it") from None
+            if not _is_there(lock.fileno(), path):  # the run before has just removed it
+                continue
+            yield
+            return
+
+
+def _is_there(number: int, path: Path) -> bool:
+    """Whether an open file still is the one of that name."""
+    try:
+        return os.path.samestat(os.fstat(number), path.stat())
+    except FileNotFoundError:
+        return False
 
 
 def has_key(record: Any, key: str) -> bool:
@@ -47,9 +66,8 @@ def is_record(record: Any) -> bool:
 
 
 def is_plain_name(name: str) -> bool:
-    """True for a relative path without a way out of its folder."""
-    path = PurePosixPath(name)
-    return bool(name) and not path.is_absolute() and ".." not in path.parts
+    """True for the relative path of a file as warpsim writes them, without a way out of its folder."""
+    return bool(_OURS.fullmatch(name)) and not {"..", "."} & set(PurePosixPath(name).parts)
 
 
 def files_match(folder: Path, checksums: Mapping[str, str]) -> bool:

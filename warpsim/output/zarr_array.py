@@ -87,7 +87,7 @@ def _new_array(path: Path, shape: tuple[int, int, int]) -> Any:
 
     # Empty chunks, too, so that it does not depend on the images which files there are.
     return zarr.create_array(
-        store=str(path),
+        store=zarr.storage.LocalStore(path),  # a path as text may be taken for an address
         shape=shape,
         dtype="uint16",
         chunks=(1, *shape[1:]),
