@@ -211,7 +211,7 @@ class TarArchive:
 
     @staticmethod
     def _key(sequence: int, frame: int, sensor: str) -> str:
-        return f"{sequence:06d}_{frame:06d}_{sensor.replace('.', '-')}"  # a dot ends a key
+        return f"{sequence:06d}_{frame:06d}_{sensor.replace('.', '~')}"  # a dot ends a key
 
     def end(self) -> None:
         """Nothing is left to do."""
