@@ -22,6 +22,7 @@ from warpsim.dataset.sequences import (
     split_of,
     varied,
 )
+from warpsim.dataset.writers import TarArchive
 
 U = (np.arange(20_000) + 0.5) / 20_000
 
@@ -227,6 +228,11 @@ def test_shards_hold_sequences_of_one_split_each():
     assert len({shard.name for shard in shards}) == len(shards) == 14 + 2 + 2
     for shard in shards:
         assert set(shard.sequences) <= set(split_of(made)[shard.split]) and len(shard.sequences) <= 6
+
+
+def test_keys_of_archives_tell_sensors_apart():
+    assert len({TarArchive._key(0, 0, name) for name in ("s.11", "s-11", "s_11")}) == 3
+    assert "." not in TarArchive._key(0, 0, "s.11")
 
 
 def test_images_have_numbers_of_their_own():
