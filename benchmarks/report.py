@@ -23,8 +23,8 @@ from benchmarks.tables.markdown import cases_of  # noqa: E402
 
 RESULTS = TOP / "benchmarks" / "results"
 ORDER = (
-    "fps", "peers", "stages", "scaling", "approximations", "first_frame", "deposit", "read_out", "signatures",
-    "earth_areas", "star_query", "star_places", "orbits", "access",
+    "fps", "peers", "stages", "savings", "scaling", "approximations", "first_frame", "deposit", "read_out",
+    "signatures", "earth_areas", "star_query", "star_places", "orbits", "access",
 )  # fmt: skip
 """Of the sections; others come behind."""
 

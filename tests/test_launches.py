@@ -124,6 +124,17 @@ def test_arguments_can_be_moved(total):
     assert (total.numpy() == 7.0).all()
 
 
+def test_clearing_stays_with_its_array(total):
+    """It is no launch: what moves the arguments of launches does not move it."""
+    launches = record_sum(total)
+    other = wp.zeros_like(total)
+    for argument, place in launches.arguments_within(total):
+        argument.data = other.ptr + place
+    launches.run(N_VIEW)
+    assert (other.numpy() == 2.5).all()
+    assert (total.numpy() == 0.0).all()
+
+
 def test_parts_that_are_not_wanted_are_left_out(total):
     with recorded(N_VIEW) as launches:
         for first in range(0, N_VIEW, 2):

@@ -139,9 +139,9 @@ def test_rows_have_the_papers_figures_beside_ours():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--pixels", "0"], "--pixels: must be whole numbers in [1, 23170], got '0'"),
-        (["--pixels", "128,23171"], "--pixels: must be whole numbers in [1, 23170], got '128,23171'"),
-        (["--sensors", "14285"], "--sensors: must be whole numbers in [1, 14284], got '14285'"),
+        (["--pixels", "0"], "--pixels: must be whole numbers >= 1, got '0'"),
+        (["--pixels", "128,9000000"], "--pixels: 9000000 is not possible: Scene: camera: n_row * n_col: must be"),
+        (["--sensors", "1,14285"], "--sensors: 14285 is not possible: Scene: constellation.n_satellite: must be"),
         (["--device", ","], "--device: must name a device, got ','"),
         (["--pixels", "128x128"], "--pixels: must be a whole number, got '128x128'"),
         (["--sensors", "1,"], "--sensors: must be a whole number, got ''"),

@@ -16,7 +16,7 @@ from warpsim.errors import InputError
 
 if TYPE_CHECKING:
     from warpsim.sky.catalog import StarCatalog
-    from warpsim.speed.report import Speed
+    from warpsim.speed.report import Plan, Speed
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -356,7 +356,7 @@ def _number(where: str, text: str) -> float:
 def _bench(options: argparse.Namespace) -> int:
     from warpsim.files import check_new_file, write_json
     from warpsim.speed.report import Plan, as_json, heading, measured, row, stage_table
-    from warpsim.speed.work import MOST_PIXELS, MOST_SENSORS, PSFS
+    from warpsim.speed.work import PSFS
 
     path = Path(options.json) if options.json else None
     if path:
@@ -370,12 +370,13 @@ def _bench(options: argparse.Namespace) -> int:
         raise InputError(f"--stars: must be >= 0, got {n_star}")
     given: dict[str, Any] = {
         "devices": None if options.device is None else tuple(_names(options.device) or ()),
-        "pixels": _counts("--pixels", options.pixels, MOST_PIXELS),
-        "sensors": _counts("--sensors", options.sensors, MOST_SENSORS),
+        "pixels": _counts("--pixels", options.pixels),
+        "sensors": _counts("--sensors", options.sensors),
         "n_star": n_star,
         "psf": options.psf,
     }
     plan = Plan(**{name: value for name, value in given.items() if value is not None}, quick=options.quick)
+    _check_sizes(plan)
     _start_warp()
     speeds: list[Speed] = []
     for speed in measured(plan):
@@ -389,13 +390,26 @@ def _bench(options: argparse.Namespace) -> int:
     return 0
 
 
-def _counts(where: str, text: str | None, most: int) -> tuple[int, ...] | None:
-    """Whole numbers from 1 to most of a comma-separated list."""
+def _check_sizes(plan: Plan) -> None:
+    """See that there are scenes of all sizes, before the first is measured."""
+    from warpsim.speed.work import speed_scene
+
+    cases = [("--pixels", n_pixel, n_pixel, 1) for n_pixel in plan.pixels]
+    cases += [("--sensors", n_sensor, min(plan.pixels), n_sensor) for n_sensor in plan.sensors]
+    for option, number, n_pixel, n_sensor in cases:
+        try:
+            speed_scene(n_pixel, plan.psf, n_sensor)
+        except InputError as error:
+            raise InputError(f"{option}: {number} is not possible: {error}") from None
+
+
+def _counts(where: str, text: str | None) -> tuple[int, ...] | None:
+    """Whole numbers >= 1 of a comma-separated list."""
     if text is None:
         return None
     numbers = tuple(_whole_number(where, item) for item in text.split(","))
-    if not all(1 <= number <= most for number in numbers):
-        raise InputError(f"{where}: must be whole numbers in [1, {most}], got {text!r}")
+    if min(numbers) < 1:
+        raise InputError(f"{where}: must be whole numbers >= 1, got {text!r}")
     return numbers
 
 

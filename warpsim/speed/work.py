@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,16 +30,12 @@ FLUX_SLOPE = -2.5
 N_CALL = 4
 """Calls with frames of their own, after which the first come again."""
 
-MOST_PIXELS = 23_170
-"""Rows, and columns: a frame holds less than 2**29 pixels."""
+SATELLITES_PER_SENSOR = 7
+"""One satellite in six sees the targets from the first frame to the last."""
 
 MOST_VIEWS = 2048
 PIXELS_PER_CALL = 2**25
 """64 MB of counts."""
-
-_SATELLITES_PER_SENSOR = 28 // 4  # one satellite in six sees the targets from the first frame to the last
-MOST_SENSORS = 100_000 // 28 * 28 // _SATELLITES_PER_SENSOR
-"""A constellation has at most 100,000 satellites."""
 
 _MARGIN_RAD = np.radians(0.3)  # stars outside the image whose light reaches it
 _SEED = 607
@@ -107,7 +104,7 @@ def speed_scene(n_pixel: int, psf: str = "airy", n_sensor: int = 1) -> Scene:
     if n_sensor < 1:
         raise InputError(f"n_sensor: must be >= 1, got {n_sensor}")
     scene = Scene.load("stss")
-    n_satellite = 28 * -(-n_sensor * _SATELLITES_PER_SENSOR // 28)
+    n_satellite = 28 * math.ceil(n_sensor * SATELLITES_PER_SENSOR / 28)
     return scene.replace(
         constellation__n_satellite=n_satellite,
         camera__n_row=n_pixel,

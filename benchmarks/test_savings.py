@@ -1,0 +1,88 @@
+"""What some of the renderer's tricks save: the same work with and without each, by turns, one thread.
+
+    python -m pytest benchmarks/test_savings.py --benchmark-json=benchmarks/results/savings.json
+    python benchmarks/report.py benchmarks/results/savings.json
+
+The whole chain of `stss`, about 100 stars, a Gaussian of 0.7 px. Medians, and the quartiles of the ratios of
+neighbouring turns. Both ways give the same counts.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+
+import warpsim as ws
+from warpsim import launches
+from warpsim.render import buffers, stages, worker
+from warpsim.render.world import World
+from warpsim.speed.clock import render_call
+from warpsim.speed.work import N_CALL, SpeedWork, speed_work
+
+N_TURN = 15
+
+
+@wp.kernel(enable_backward=False)
+def light_all_kernel(lit: wp.array[wp.uint8]):
+    lit[wp.tid()] = wp.uint8(1)
+
+
+def light_all(world: World, chunk: buffers.Chunk) -> None:
+    """A stage after which no strip counts as dark."""
+    lit = chunk.light.lit.flatten()
+    launches.launch(light_all_kernel, lit.size, [], [lit], world.device)
+
+
+# What is done, and how it is left out: what to change while a renderer makes its buffers, or an argument of it.
+SAVINGS: dict[str, tuple[tuple[Any, str, Any] | None, dict[str, Any]]] = {
+    "dark strips are not read": ((worker, "IMAGE_STAGES", (stages.deposit, light_all, stages.read_out)), {}),
+    "images few at a time": ((buffers, "SIGNAL_BYTES_AT_A_TIME", 2**62), {}),
+    "memory of results used again": (None, {"pool_bytes": 0}),
+    "arguments packed once": ((launches, "PACKED_BY_WARP", "never"), {}),
+}
+
+
+def clocked(work: SpeedWork, renderer: ws.Renderer, calls: Any) -> Callable[[], float]:
+    """A turn: seconds per image."""
+
+    def turn() -> float:
+        begin = time.perf_counter()
+        render_call(work, renderer, next(calls))
+        return (time.perf_counter() - begin) / work.n_view
+
+    return turn
+
+
+@pytest.mark.parametrize("n_pixel", [128, 1024])
+@pytest.mark.parametrize("saving", SAVINGS)
+def test_saving(benchmark, monkeypatch, saving, n_pixel):
+    size = (n_pixel, 100, 1, "gaussian") if benchmark.enabled else (32, 5, 1, "gaussian", 2)
+    work = speed_work(*size)
+    change, arguments = SAVINGS[saving]
+    with_it = ws.Renderer(work.scene, "cpu", 1, work.catalog)
+    without = ws.Renderer(work.scene, "cpu", 1, work.catalog, **arguments)
+    with monkeypatch.context() as patch:
+        if change:
+            patch.setattr(*change)
+        for call in range(N_CALL):  # all, so that buffers are as large as any call needs
+            render_call(work, without, call)
+    for call in range(N_CALL):
+        np.testing.assert_array_equal(render_call(work, without, call), render_call(work, with_it, call))
+    turns = [clocked(work, renderer, itertools.count(1)) for renderer in (with_it, without)]
+    times: list[list[float]] = []
+    benchmark.pedantic(lambda: times.append([turn() for turn in turns]), rounds=N_TURN if benchmark.enabled else 1)
+    median_us = np.median(times, axis=0) * 1e6
+    low, ratio, high = np.percentile([b / a for a, b in times], [25, 50, 75])
+    benchmark.extra_info |= {
+        "saving": saving,
+        "pixels": f"{n_pixel}^2",
+        "us per image": round(float(median_us[0]), 1),
+        "us without it": round(float(median_us[1]), 1),
+        "ratio": f"{ratio:.2f} ({low:.2f} to {high:.2f})",
+    }
