@@ -226,7 +226,7 @@ def test_bytes_do_not_depend_on_workers_or_batches(folders, tmp_path, monkeypatc
 
 def test_a_long_sequence_fills_several_shards_of_an_array(tmp_path, monkeypatch):
     zarr = pytest.importorskip("zarr", minversion="3")
-    monkeypatch.setattr("warpsim.dataset.zarr_store.SHARD_BYTES", 5 * 2 * 48 * 64)
+    monkeypatch.setattr("warpsim.dataset.recipe.SHARD_BYTES", 5 * 2 * 48 * 64)
     given = recipe(
         format="zarr", sequences_per_shard=1, n_frame=12, n_sensor=1, bands="A", n_sequence=2, split={"all": 1},
         signal=False, masks=False, contributions=False, stars=False,

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -146,7 +146,7 @@ def test_an_executor_that_is_lost_is_told_and_what_is_there_stays(recipe, whole,
             return super().submit(function if self.n_task <= 3 else _gone, *arguments)
 
     folder = tmp_path / "data"
-    with Lost(1) as executor, pytest.raises(OSError, match="workers were lost: RuntimeError: scheduler is gone"):
+    with Lost(1) as executor, pytest.raises(OSError, match="goes on from here: workers were lost: BrokenExecutor: sch"):
         ws.write_dataset(recipe, folder, executor, device="cpu")
     with ThreadPoolExecutor(1) as executor:
         report = ws.write_dataset(recipe, folder, executor, device="cpu")
@@ -155,7 +155,17 @@ def test_an_executor_that_is_lost_is_told_and_what_is_there_stays(recipe, whole,
 
 
 def _gone(task):
-    raise RuntimeError("scheduler is gone")
+    raise BrokenExecutor("scheduler is gone")
+
+
+def test_errors_of_the_work_itself_are_not_called_losses(recipe, tmp_path, monkeypatch):
+    def faulty(*arguments):
+        raise ZeroDivisionError("a fault of the program")
+
+    monkeypatch.setattr("warpsim.dataset.shard.draw_sequence", faulty)
+    with ThreadPoolExecutor(1) as executor, pytest.raises(ZeroDivisionError, match="a fault of the program"):
+        ws.write_dataset(recipe, tmp_path / "data", executor, device="cpu")
+    assert content(tmp_path / "data") == {}
 
 
 def test_interrupts_leave_what_is_whole(recipe, whole, tmp_path, monkeypatch):
@@ -234,7 +244,7 @@ def test_damage_is_found_and_only_that_is_made_again(recipe, whole, tmp_path, da
         (folder / "manifest.json").write_text((folder / "manifest.json").read_text()[:-100])
     expected = {"annotations": 0, "left behind": 8}.get(damage, 1)  # without receipts nothing says which are whole
     if damage == "manifest cut":
-        with pytest.raises(ws.InputError, match="is there already, and warpsim did not write it"):
+        with pytest.raises(ws.InputError, match=r"manifest.json: is damaged, or not of warpsim; choose another folder"):
             ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
         return
     assert ws.write_dataset(recipe, folder, n_worker=1, device="cpu").n_shard_written == expected
@@ -247,7 +257,7 @@ def test_a_different_data_set_is_refused_or_replaced(recipe, whole, tmp_path):
     (folder / "train" / "mine.txt").write_text("kept")
     other = ws.Recipe.from_dict(recipe.to_dict() | {"seed": 1, "n_sequence": 2})
     before = content(folder)
-    with pytest.raises(ws.InputError, match="holds a different data set or run"):
+    with pytest.raises(ws.InputError, match=r"holds a different data set or run \(n_sequence: 8 there, 2 here\)"):
         ws.write_dataset(other, folder, n_worker=1, device="cpu")
     assert content(folder) == before
     ws.write_dataset(other, folder, n_worker=1, device="cpu", overwrite=True)
@@ -287,9 +297,11 @@ def test_a_lost_shard_of_an_array_is_made_again(zarr_recipe, zarr_whole, tmp_pat
     assert content(folder) == content(zarr_whole)
 
 
-@pytest.mark.parametrize("step", ["_write_stores", "_write_annotations", "_write_sequences", "made_with", "write_json"])
+@pytest.mark.parametrize(
+    "step", ["_write_stores", "_write_annotations", "_write_sequences", "python_version", "write_json"]
+)
 def test_a_run_that_ends_in_its_last_steps_goes_on(zarr_recipe, zarr_whole, tmp_path, monkeypatch, step):
-    def broken_off(*arguments):
+    def broken_off(*arguments, **options):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(f"warpsim.dataset.finish.{step}", broken_off)
@@ -342,7 +354,7 @@ def test_interrupts_end_a_pool_at_once(recipe_path, tmp_path, checkout_environme
 def test_a_late_worker_does_not_write_into_another_data_set(recipe, tmp_path, monkeypatch):
     tasks = []
     monkeypatch.setattr("warpsim.dataset.run.run_tasks", lambda given, *others: tasks.extend(given) or _gone(given))
-    with pytest.raises(RuntimeError):
+    with pytest.raises(BrokenExecutor):
         ws.write_dataset(recipe, tmp_path / "data", n_worker=1, device="cpu")
     monkeypatch.undo()
     other = ws.Recipe.from_dict(recipe.to_dict() | {"seed": 1, "n_sequence": 2})
@@ -357,3 +369,53 @@ def test_partial_files_of_others_are_left_alone(recipe, tmp_path):
     (tmp_path / ".movie.partial").write_text("mine")
     ws.write_dataset(ws.Recipe.from_dict(recipe.to_dict() | {"n_sequence": 1}), tmp_path, n_worker=1, device="cpu")
     assert (tmp_path / ".movie.partial").read_text() == "mine"
+
+
+def test_a_recipe_that_fails_before_anything_is_written_leaves_the_folder_free(recipe, tmp_path):
+    hopeless = ws.Recipe.from_dict(recipe.to_dict() | {"n_sensor": 28, "n_frame": 1000})
+    with pytest.raises(ws.InputError, match=r"sequence 0: in .* there were never 28 sensors with access"):
+        ws.write_dataset(hopeless, tmp_path / "data", n_worker=1, device="cpu")
+    assert content(tmp_path / "data") == {} and not (tmp_path / "data" / PARTS).exists()
+
+
+def test_a_complete_data_set_is_recognized_where_nothing_can_be_written(recipe, whole, monkeypatch):
+    def refused(folder):
+        raise ws.InputError(f"{folder}: cannot be written: Read-only file system")
+
+    monkeypatch.setattr("warpsim.dataset.run.prepare_folder", refused)
+    assert ws.write_dataset(recipe, whole, n_worker=1, device="cpu").n_shard_written == 0
+
+
+def test_workers_that_would_write_other_files_do_not(recipe, whole, tmp_path, monkeypatch):
+    """On a cluster: another version of a package, or another file under the same path."""
+    import warpsim.dataset.identity as identity
+
+    folder = tmp_path / "data"
+    own = identity.package_versions
+    monkeypatch.setattr(
+        "warpsim.dataset.run.identity_of",
+        lambda *given: identity.identity_of(*given) | {"packages": own("pyarrow") | {"numpy": "1.0"}},
+    )
+    with pytest.raises(ws.InputError, match=r"this worker would write other files .*packages.numpy: \"1.0\" there, "):
+        ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+    assert content(folder) == {}
+
+
+def test_either_an_executor_or_a_number_of_workers(recipe, tmp_path):
+    with ThreadPoolExecutor(1) as executor, pytest.raises(ws.InputError, match="n_worker: must be left out with an"):
+        ws.write_dataset(recipe, tmp_path / "data", executor, n_worker=2)
+
+
+def test_few_tasks_wait_at_a_time(recipe, whole, tmp_path, monkeypatch):
+    waiting = []
+
+    class Counting(ThreadPoolExecutor):
+        def submit(self, function, *arguments):
+            waiting.append(self._work_queue.qsize())
+            return super().submit(function, *arguments)
+
+    monkeypatch.setattr(execution, "MOST_WAITING", 2)
+    with Counting(1) as executor:
+        ws.write_dataset(recipe, tmp_path / "data", executor, device="cpu")
+    assert len(waiting) == 8 and max(waiting) <= 1
+    assert content(tmp_path / "data") == content(whole)

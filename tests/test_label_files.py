@@ -117,7 +117,7 @@ def test_parquet_errors(table, tmp_path, monkeypatch):
     (tmp_path / "broken").write_bytes(b"PAR1 nothing")
     with pytest.raises(ws.InputError, match="broken: cannot be read"):
         ws.labels.read_parquet(tmp_path / "broken")
-    with pytest.raises(ws.InputError, match="meta: must hold what JSON can hold: got set"):
+    with pytest.raises(ws.InputError, match="meta: JSON cannot hold a value of type set"):
         ws.labels.write_parquet(table, tmp_path / "x", {"a": {1}})
 
     def without(name, *rest):

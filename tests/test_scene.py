@@ -161,7 +161,7 @@ ARC = {
         ({"nothing__at_all": 3}, "nothing.at_all: is not a field of a part"),
         ({"optics__aperture_m": 100.0}, "optics: in band A: PsfAiry: radius_px"),
         ({"release__speed_m_s": [5, 2]}, "release.speed_m_s: must be"),
-        ({"bands__5": "A"}, "bands.5: is not an item of a list of 3"),
+        ({"bands__5": "A"}, "bands.5: must name an item by its number, 0 to 2, got 5"),
         (
             {"constellation": {"kind": "listed", "satellites": [{"name": "rocket", "orbit": ARC}]}},
             r"duration_s: must be at most constellation.satellites\[0\].orbit.duration_s \(900\)",

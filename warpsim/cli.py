@@ -82,7 +82,7 @@ def _parser() -> argparse.ArgumentParser:
     access.add_argument("--overwrite", action="store_true", help="replace an existing picture")
     access.set_defaults(command=_access)
 
-    check = commands.add_parser("check", help="validate a scene and say what it would give")
+    check = commands.add_parser("check", help="validate a scene or a recipe and say what it would give")
     _add_scene(check)
     check.set_defaults(command=_check)
 
@@ -227,9 +227,17 @@ def _access(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> int:
     from warpsim.output.check import scene_report
+    from warpsim.scene.files import read_scene_data
     from warpsim.scene.scene import Scene
 
-    print(scene_report(Scene.load(options.scene)))
+    if "scene" not in read_scene_data(options.scene):
+        print(scene_report(Scene.load(options.scene)))
+        return 0
+    from warpsim.dataset.recipe import Recipe
+    from warpsim.dataset.report import recipe_report
+
+    recipe = Recipe.load(options.scene)
+    print(f"{recipe_report(recipe)}\n\n{scene_report(recipe.scene)}")
     return 0
 
 

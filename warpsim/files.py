@@ -138,10 +138,24 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def write_json(data: Any, path: Path) -> None:
-    """Write JSON, whole or not at all."""
-    with whole_file(path) as partial:
-        partial.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+def plain_number(value: Any) -> Any:
+    """NumPy's numbers as Python's: what JSON asks for what it does not know.
+
+    Raises:
+        TypeError: It is no number of NumPy.
+    """
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"JSON cannot hold a value of type {type(value).__name__}")
+
+
+def write_json(data: Any, path: Path, lasting: bool = False) -> None:
+    """Write JSON, whole or not at all; lasting: also if the power fails the moment after."""
+    with whole_file(path) as partial, partial.open("w", encoding="utf-8") as file:
+        file.write(json.dumps(data, indent=2) + "\n")
+        if lasting:
+            file.flush()
+            os.fsync(file.fileno())
 
 
 def read_json(path: Path) -> Any:

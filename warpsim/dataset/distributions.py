@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import json
 import math
 from statistics import NormalDist
 from typing import Annotated, Any
@@ -10,6 +11,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Discriminator, model_validator
 
 from warpsim.describe import Integer, NonNegative, Number, Positive, choice, part, part_error, rule_error
+from warpsim.files import plain_number
 
 Range = tuple[Number, Number]
 
@@ -125,7 +127,10 @@ class WholeNumbers:
 def _any_values(value: Any) -> tuple[Any, ...]:
     if not isinstance(value, list | tuple) or not value:
         raise rule_error("must be a list of one value or more")
-    return tuple(value)
+    try:
+        return tuple(json.loads(json.dumps(value, default=plain_number)))  # a copy, of plain values
+    except TypeError as error:
+        raise rule_error(f"must hold numbers, words and tables of them: {error}") from None
 
 
 @part

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import os
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 
 import warp as wp
 
-from warpsim.dataset.shard import Receipt, Task, write_shard
-from warpsim.errors import InputError
+from warpsim.dataset.shard import Receipt, Task, work_of_run, write_shard
+
+MOST_WAITING = 4096
+"""Tasks that an executor knows of at a time: more than workers of any cluster, and few to hold."""
 
 MOST_LOSSES = 3
 """Pools in a row whose workers were killed before a single shard was done."""
@@ -34,10 +37,13 @@ def run_tasks(tasks: Sequence[Task], executor: Executor | None, n_worker: int, d
         OSError: Writing failed, or workers were lost.
     """
     if executor is not None:
-        _collect([executor.submit(write_shard, task) for task in tasks], done)
+        _collect(executor, tasks, done)
     elif n_worker == 1:
-        for task in tasks:
-            done(write_shard(task))
+        try:
+            for task in tasks:
+                done(write_shard(task))
+        finally:
+            work_of_run.cache_clear()  # this process has other things to do
     else:
         _run_in_pools(tasks, n_worker, done)
 
@@ -55,7 +61,7 @@ def _run_in_pools(tasks: Sequence[Task], n_worker: int, done: Callable[[Receipt]
 
         pool = _pool(min(n_worker, len(left)))
         try:
-            _collect([pool.submit(write_shard, task) for task in left.values()], keep)
+            _collect(pool, list(left.values()), keep)
             pool.shutdown()
         except BaseException as error:
             _end(pool)
@@ -66,18 +72,38 @@ def _run_in_pools(tasks: Sequence[Task], n_worker: int, done: Callable[[Receipt]
                 raise OSError("worker processes were killed again and again (is there memory enough?)") from None
 
 
-def _collect(futures: Iterable[Future[Receipt]], done: Callable[[Receipt], None]) -> None:
-    """Take receipts as they come; at the first failure what has not begun is called off."""
-    futures = list(futures)
+def _collect(executor: Executor, tasks: Iterable[Task], done: Callable[[Receipt], None]) -> None:
+    """Have tasks done and take their receipts as they come; at the first failure what has not begun is called off."""
+    coming, waiting = iter(tasks), set[Future[Receipt]]()
     try:
-        for future in as_completed(futures):
-            done(future.result())
+        while True:
+            for task in itertools.islice(coming, MOST_WAITING - len(waiting)):
+                waiting.add(executor.submit(write_shard, task))
+            if not waiting:
+                return
+            ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in sorted(
+                ready, key=lambda one: one.cancelled() or one.exception() is not None
+            ):  # good ones first
+                done(future.result())
     except BaseException as error:
-        for future in futures:
+        for future in waiting:
             future.cancel()
-        if isinstance(error, InputError | OSError | BrokenProcessPool | KeyboardInterrupt | SystemExit):
-            raise
-        raise OSError(f"workers were lost: {type(error).__name__}: {error}") from error
+        if _means_loss(error):
+            raise OSError(f"workers were lost: {type(error).__name__}: {error}".removesuffix(": ")) from error
+        raise
+
+
+def _failed(future: Future[Receipt]) -> bool:
+    return future.cancelled() or future.exception() is not None
+
+
+def _means_loss(error: BaseException) -> bool:
+    """Whether an error is the executor's, not the work's; that of a pool of our own is dealt with elsewhere."""
+    if isinstance(error, BrokenProcessPool):
+        return False
+    of_executor = type(error).__module__.partition(".")[0] in ("distributed", "dask", "concurrent")
+    return of_executor or isinstance(error, CancelledError)
 
 
 def _pool(n_worker: int) -> ProcessPoolExecutor:

@@ -6,9 +6,10 @@ import json
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from warpsim.dataset.layout import ANNOTATIONS, SEQUENCES, Shard, shards_of, table_path
 from warpsim.dataset.recipe import SHARDED, Recipe
@@ -16,31 +17,34 @@ from warpsim.dataset.sequences import split_of
 from warpsim.dataset.shard import Receipt, planned_path
 from warpsim.dataset.workplace import Workplace
 from warpsim.files import sha256_of, write_json
-from warpsim.output.manifest import made_with
-from warpsim.scene.inputs import input_checksums
+from warpsim.output.manifest import python_version
 
-if TYPE_CHECKING:
-    from astropy.table import Table
+Columns = dict[str, npt.NDArray[Any]]
+
+_FACTS = {
+    "id": "image_id", "file_name": "file", "item": "item", "width": "width", "height": "height",
+    "sequence": "sequence", "frame": "frame", "time_s": "time_s", "date_obs": "date_obs", "sensor": "sensor",
+    "band": "band",
+}  # fmt: skip
+"""What COCO's file says of an image, and the columns of the table of images that know it."""
 
 
-def finish(place: Workplace, receipts: dict[str, Receipt], device: str) -> None:
+def finish(place: Workplace, receipts: dict[str, Receipt]) -> None:
     """Write what describes all shards; the manifest last."""
     recipe, folder = place.recipe, place.folder
     names = planned_names(recipe)
-    write_json({"key": place.key, "files": dict.fromkeys(names)}, planned_path(folder, "finish"))
+    write_json({"key": place.key, "files": dict.fromkeys(names)}, planned_path(folder, "finish"), lasting=True)
     files = [*_write_stores(recipe, folder, place.parts), *_write_annotations(recipe, folder)]
     files.append(_write_sequences(recipe, folder, receipts))
     manifest = {
         "key": place.key,
-        **made_with(),
-        "device": device,
+        **place.identity,
+        "python": python_version(),
         "splits": split_of(recipe),
-        "recipe": recipe.to_dict(),
-        "inputs": input_checksums(recipe.scene),
         "files": {path.relative_to(folder).as_posix(): sha256_of(path) for path in files},
         "shards": {shard.name: receipts[shard.name] for shard in shards_of(recipe)},
     }
-    write_json(manifest, place.manifest_path)
+    write_json(manifest, place.manifest_path, lasting=True)
 
 
 def planned_names(recipe: Recipe) -> list[str]:
@@ -90,21 +94,25 @@ def _write_annotations(recipe: Recipe, folder: Path) -> list[Path]:
     return paths
 
 
-def _images(recipe: Recipe, folder: Path, split: str) -> Iterator[tuple[dict[str, Any], Table]]:
-    """Each image of a split, and the rows of its targets."""
+def _images(recipe: Recipe, folder: Path, split: str) -> Iterator[tuple[dict[str, Any], Columns]]:
+    """Each image of a split, and the columns of its targets."""
+    for shard, number in _tables(recipe, split):
+        images = _columns(folder / table_path(recipe, shard, number, "images"))
+        truth = _columns(folder / table_path(recipe, shard, number, "truth"))
+        order = np.argsort(truth["image_id"], kind="stable")
+        truth = {name: column[order] for name, column in truth.items()}
+        ends = np.searchsorted(truth["image_id"], images["image_id"], side="right")
+        firsts = np.searchsorted(truth["image_id"], images["image_id"])
+        facts = {ours: images[name].tolist() for ours, name in _FACTS.items()}
+        for first, end, *values in zip(firsts, ends, *facts.values(), strict=True):
+            yield dict(zip(facts, values, strict=True)), {name: column[first:end] for name, column in truth.items()}
+
+
+def _columns(path: Path) -> Columns:
     from warpsim.labels.table import read_parquet
 
-    names = ("file", "item", "width", "height", "sequence", "frame", "time_s", "date_obs", "sensor", "band")
-    for shard, number in _tables(recipe, split):
-        images = read_parquet(folder / table_path(recipe, shard, number, "images"))
-        truth = read_parquet(folder / table_path(recipe, shard, number, "truth"))
-        order = np.argsort(np.asarray(truth["image_id"]), kind="stable")
-        ids = np.asarray(truth["image_id"])[order]
-        for row in images:
-            first, end = np.searchsorted(ids, [row["image_id"], row["image_id"] + 1])
-            told = {name: np.asarray(row[name]).item() for name in names}
-            image = {"id": int(row["image_id"]), "file_name": told.pop("file"), **told}
-            yield image, truth[np.sort(order[first:end])]
+    table = read_parquet(path)
+    return {name: np.asarray(table[name]) for name in table.colnames}
 
 
 def _tables(recipe: Recipe, split: str) -> Iterator[tuple[Shard, int]]:

@@ -2,26 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import Sequence
-from warpsim.render.renderer import Renderer
+from warpsim.output.preview import preview_file
+from warpsim.render.frameset import FrameSet
 
 PREVIEW_FRAMES = 100
 """At most, evenly chosen."""
 
 FRAMES_PER_S = 10.0
 
+AddFrames = Callable[[FrameSet], None]
+"""Takes the frames of a render call."""
 
-def draw_previews(recipe: Recipe, sequence: Sequence, renderer: Renderer, folder: Path) -> None:
-    """Draw a film of each sensor and band: SENSOR_BAND.gif."""
-    from warpsim.output.preview import write_preview
 
+@contextmanager
+def sequence_films(recipe: Recipe, sequence: Sequence, folder: Path) -> Iterator[AddFrames]:
+    """Films of each sensor and band, SENSOR_BAND.gif, which take the frames as they come; none if none are wanted."""
     step = -(-recipe.n_frame // PREVIEW_FRAMES)
-    frames = renderer.render(range(0, recipe.n_frame, step), sequence.sensors, recipe.band_names)
-    counts = frames.counts.numpy()
-    for s, sensor in enumerate(frames.sensors):
-        for b, band in enumerate(frames.bands):
-            path = folder / f"{sensor}_{band}.{recipe.preview}"
-            write_preview(path, counts[:, s, b], sequence.scene.levels[band], FRAMES_PER_S)
+    with ExitStack() as stack:
+        films = {}
+        for sensor in sequence.sensors if recipe.preview else ():
+            for band in recipe.band_names:
+                path = folder / f"{sensor}_{band}.{recipe.preview}"
+                film = preview_file(path, sequence.scene.levels[band], FRAMES_PER_S)
+                films[sensor, band] = stack.enter_context(film)
+
+        def add(frames: FrameSet) -> None:
+            wanted = [place for place, number in enumerate(frames.frames) if number % step == 0]
+            for (sensor, band), add_counts in films.items():
+                s, b = frames.sensors.index(sensor), frames.bands.index(band)
+                add_counts(frames.counts.numpy()[wanted, s, b])
+
+        yield add

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, TypeAdapter, ValidationError, model_validator
+from pydantic import AfterValidator, BeforeValidator, TypeAdapter, ValidationError, ValidationInfo, model_validator
 
-from warpsim.dataset.distributions import Distribution, is_distribution
+from warpsim.dataset.distributions import Distribution
+from warpsim.dataset.samples import flat_names, with_absolute_choices
 from warpsim.describe import (
     Count,
     Integer,
@@ -38,7 +39,10 @@ SHARDED = ("zarr", "webdataset")
 """Formats that put several sequences into one file."""
 
 SEQUENCES_PER_SHARD = 8
-"""Of sharded formats, unless the recipe says otherwise."""
+"""Of sharded formats, unless the recipe says otherwise; fewer where a Zarr shard would be larger than SHARD_BYTES."""
+
+SHARD_BYTES = 128 * 2**20
+"""Of a Zarr shard at most, but for a single frame: what is held in memory before it is written."""
 
 MOST_SEQUENCES = 10_000_000
 
@@ -46,32 +50,24 @@ SAMPLED_ELSEWHERE = ("frames", "seed", "bands", "duration_s")
 """Fields of the scene that the recipe has fields of its own for, or that are the same in all sequences."""
 
 
-def _scene(value: Any) -> Any:
+def _scene(value: Any, info: ValidationInfo) -> Scene:
+    if isinstance(value, Scene):
+        return value
     if isinstance(value, str | os.PathLike):
-        return Scene.load(value)
+        return Scene.load(value if value in presets() else _folder(info) / value)
     if isinstance(value, Mapping):
         return Scene.from_dict(dict(value))
-    return value
+    raise rule_error("must be a Scene, the name of a preset, or the path of a file")
 
 
-def _flat(value: Any) -> Any:
-    """Distributions by their field's whole name, however deep the tables are that lead there."""
-    if not isinstance(value, Mapping):
-        raise rule_error("must be a table of fields and distributions")
-    flat: dict[str, Any] = {}
+def _samples(value: Any, info: ValidationInfo) -> dict[str, Any]:
+    """Distributions by field; paths are made whole, so that workers find their files."""
+    return with_absolute_choices(flat_names(value), Path.cwd() / _folder(info))
 
-    def walk(items: Mapping[Any, Any], above: str) -> None:
-        for key, item in items.items():
-            name = f"{above}{str(key).replace('__', '.')}"
-            if name in flat:
-                raise rule_error(f"must name each field once; {name} comes twice")
-            if is_distribution(item) or not isinstance(item, Mapping) or not item:
-                flat[name] = item
-            else:
-                walk(item, f"{name}.")
 
-    walk(value, "")
-    return flat
+def _folder(info: ValidationInfo) -> Path:
+    """Where relative paths count from: the recipe's folder, if it came from a file."""
+    return Path((info.context or {}).get("folder", ""))
 
 
 def _shares(value: dict[str, float]) -> dict[str, float]:
@@ -99,7 +95,8 @@ class Recipe:
         split: Splits, and how large each is relative to the others.
         sample: What is drawn for each sequence: distributions by field of the scene.
         format: How images are written, one of FORMATS.
-        sequences_per_shard: Sequences that are written as one; 1, and 8 in sharded formats, when left out.
+        sequences_per_shard: Sequences that are written as one; when left out 1, and 8 in sharded formats, or as many as
+            128 MiB of a Zarr shard hold.
         coco: Write annotations of each split in COCO's form.
         satnet: Write annotations of each image in the form of the SatNet data set.
         masks: Write which target is in which pixel.
@@ -123,7 +120,7 @@ class Recipe:
     bands: Annotated[tuple[str, ...], BeforeValidator(as_tuple)] | None = None
     seed: Annotated[Integer, closed_interval(0, 2**63 - 1)] = 0
     split: Annotated[dict[Name, NonNegative], AfterValidator(_shares)] | None = None
-    sample: Annotated[dict[str, Distribution], BeforeValidator(_flat)] | None = None
+    sample: Annotated[dict[str, Distribution], BeforeValidator(_samples)] | None = None
     format: Literal["fits", "png", "tiff", "zarr", "webdataset"] = "fits"
     sequences_per_shard: Annotated[Count, closed_interval(1, 100_000)] | None = None
     coco: Switch = True
@@ -171,7 +168,7 @@ class Recipe:
         """Load a recipe (.toml or .json), which names its `scene`; or take a scene (preset or file) as it is.
 
         Args:
-            source: Preset or path. A relative path of a scene counts from the recipe's folder.
+            source: Preset or path. Relative paths in a recipe count from its folder.
             **changes: Fields that replace those of the file.
 
         Raises:
@@ -183,15 +180,12 @@ class Recipe:
             raise InputError(f"{where}: must be a scene, or a recipe with a field `scene`")
         if "scene" not in data:
             data = {"scene": Scene.load(source)}
-        elif isinstance(data["scene"], str):
-            name = data["scene"]
-            data["scene"] = Scene.load(name if name in presets() else Path(source).parent / name)
-        return cls._from_dict({**data, **changes}, where)
+        return cls._from_dict({**data, **changes}, where, {"folder": Path(source).parent})
 
     @classmethod
-    def _from_dict(cls, data: dict[str, Any], where: str) -> Self:
+    def _from_dict(cls, data: dict[str, Any], where: str, context: dict[str, Any] | None = None) -> Self:
         try:
-            return TypeAdapter(cls).validate_python(data)
+            return TypeAdapter(cls).validate_python(data, context=context)
         except ValidationError as error:
             raise input_error(error, where) from None
 
@@ -231,6 +225,22 @@ class Recipe:
         return self.split or {"train": 0.8, "val": 0.1, "test": 0.1}
 
     @property
+    def frame_bytes(self) -> int:
+        """Of one frame of a sequence, with all planes [bytes]."""
+        camera, n_target = self.scene.camera, len(self.scene.target_names)
+        per_pixel = 2 + 4 * self.signal + 2 * self.masks + 4 * n_target * self.contributions
+        return per_pixel * camera.n_row * camera.n_col * self.n_sensor * len(self.band_names)
+
+    @property
+    def frames_per_shard(self) -> int:
+        """Of a Zarr shard: all of its sequences, or as many of one sequence as SHARD_BYTES hold."""
+        return self.n_frame if self.shard_size > 1 else max(1, min(self.n_frame, SHARD_BYTES // self.frame_bytes))
+
+    @property
     def shard_size(self) -> int:
         """Sequences that are written as one."""
-        return self.sequences_per_shard or (SEQUENCES_PER_SHARD if self.format in SHARDED else 1)
+        if self.sequences_per_shard:
+            return self.sequences_per_shard
+        if self.format == "zarr":
+            return max(1, min(SEQUENCES_PER_SHARD, SHARD_BYTES // (self.n_frame * self.frame_bytes)))
+        return SEQUENCES_PER_SHARD if self.format in SHARDED else 1

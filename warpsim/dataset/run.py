@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
-import json
 import time
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -14,6 +12,7 @@ from typing import Any
 from warpsim.arguments import whole_number
 from warpsim.dataset.execution import run_tasks
 from warpsim.dataset.finish import finish
+from warpsim.dataset.identity import identity_of, writers_of
 from warpsim.dataset.layout import Shard, shards_of
 from warpsim.dataset.previews import FRAMES_PER_S
 from warpsim.dataset.recipe import Recipe
@@ -25,8 +24,6 @@ from warpsim.files import prepare_folder, read_json
 from warpsim.output.preview import check_preview
 from warpsim.output.progress import progress_bar
 from warpsim.render.device import default_device, n_usable_cpu
-from warpsim.render.star_field import load_catalog
-from warpsim.scene.inputs import input_checksums
 from warpsim.scene.scene import Scene
 
 
@@ -93,40 +90,31 @@ def write_dataset(
     if not isinstance(recipe, Recipe):
         recipe = Recipe(scene=recipe) if isinstance(recipe, Scene) else Recipe.load(recipe)
     alias = str(default_device(device))
+    if executor is not None and n_worker is not None:
+        raise InputError(f"n_worker: must be left out with an executor, which has workers of its own, got {n_worker}")
     n_worker = whole_number("n_worker", n_worker, 1) if n_worker is not None else _workers(alias)
     _check_packages(recipe)
     check_extremes(recipe)
-    place = Workplace(Path(folder).absolute(), recipe, run_key(recipe, alias))
-    prepare_folder(place.folder)
+    place = Workplace(Path(folder).absolute(), recipe, identity_of(recipe, alias))
     n_written = 0
     if not place.is_complete():
+        prepare_folder(place.folder)
         try:
             with place.held(overwrite) as receipts:
                 missing = [shard for shard in shards_of(recipe) if shard.name not in receipts]
                 n_written = len(missing)
                 _write_missing(place, missing, receipts, alias, executor, n_worker, progress)
-                finish(place, receipts, alias)
+                finish(place, receipts)
         except OSError as error:
             raise OSError(f"{place.folder}: writing failed, the same command goes on from here: {error}") from error
     return _report(place, n_written, time.perf_counter() - begin)
-
-
-def run_key(recipe: Recipe, device: str) -> str:
-    """Hash of all that the files depend on."""
-    import warpsim
-
-    catalog = load_catalog(recipe.scene).checksum
-    kind = "cuda" if device.startswith("cuda") else "cpu"
-    facts = ["dataset", recipe.to_dict(), input_checksums(recipe.scene), catalog, kind, warpsim.__version__]
-    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
 
 
 def _check_packages(recipe: Recipe) -> None:
     """See that what writes the files is installed, before the work."""
     if recipe.preview:
         check_preview(Path(f"preview.{recipe.preview}"), FRAMES_PER_S)
-    needed = ["pyarrow", "zarr"] if recipe.format == "zarr" else ["pyarrow"]
-    for package in needed:
+    for package in writers_of(recipe):
         if importlib.util.find_spec(package) is None:
             raise InputError(f"data sets need {package}, which is not installed: pip install 'warpsim[datasets]'")
 
@@ -145,9 +133,8 @@ def _write_missing(
     progress: bool,
 ) -> None:
     """Have the missing shards written, and take their receipts."""
-    text = json.dumps(place.recipe.to_dict())
     n_thread = None if executor is None and n_worker == 1 else 1
-    tasks = [Task(str(place.folder), place.key, text, shard, device, n_thread) for shard in missing]
+    tasks = [Task(str(place.folder), place.key, shard, device, n_thread) for shard in missing]
     n_sequence = {shard.name: len(shard.sequences) for shard in missing}
     for name in ("receipts", "planned"):
         (place.parts / name).mkdir(exist_ok=True)

@@ -42,13 +42,12 @@ def draw_sequence(recipe: Recipe, number: int) -> Sequence:
     """
     for attempt in range(MOST_ATTEMPTS):
         values = drawn_values(recipe, number, attempt)
-        scene = varied(recipe, values, f"sequence {number}")
+        scene = varied(recipe, values, f"sequence {number}", seed=_seed(recipe, number), bands=recipe.band_names)
         clips = _any_time(recipe, scene) if recipe.every_frame else _clips(recipe, scene)
         if clips:
             start_s, sensors = _chosen_clip(recipe, clips, number, attempt)
             frames = {"count": recipe.n_frame, "interval_s": recipe.step_s, "start_s": start_s}
-            scene = scene.replace(frames=frames, seed=_seed(recipe, number), bands=recipe.band_names)
-            return Sequence(number, scene, sensors, values, attempt)
+            return Sequence(number, scene.replace(frames=frames), sensors, values, attempt)
         if not recipe.distributions:  # all draws are alike
             break
     raise InputError(
@@ -65,14 +64,14 @@ def drawn_values(recipe: Recipe, number: int, attempt: int = 0) -> dict[str, Any
     }
 
 
-def varied(recipe: Recipe, values: dict[str, Any], where: str) -> Scene:
-    """The recipe's scene with some values.
+def varied(recipe: Recipe, values: dict[str, Any], where: str, **others: Any) -> Scene:
+    """The recipe's scene with some drawn values, and others.
 
     Raises:
         InputError: They break a rule; the text begins with `where`.
     """
     try:
-        scene = recipe.scene.replace(**{name.replace(".", "__"): value for name, value in values.items()})
+        scene = recipe.scene.replace(**{name.replace(".", "__"): value for name, value in values.items()}, **others)
     except InputError as error:
         shown = ", ".join(f"{name} = {value!r}" for name, value in values.items())
         raise InputError(f"{where}: {str(error).removeprefix('Scene: ')} (drawn: {shown})"[:600]) from None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
 import shutil
 import uuid
@@ -15,13 +14,15 @@ from pathlib import Path
 from typing import Any
 
 from warpsim.dataset.annotations import write_satnet
+from warpsim.dataset.identity import difference, identity_of, key_of
 from warpsim.dataset.layout import PARTS, RUN, Shard, folder_of
 from warpsim.dataset.planes import bytes_per_frame, planes_of
-from warpsim.dataset.previews import draw_previews
+from warpsim.dataset.previews import sequence_films
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import Sequence, draw_sequence
 from warpsim.dataset.tables import Tables
 from warpsim.dataset.writers import ShardWriter, shard_writer
+from warpsim.errors import InputError
 from warpsim.files import read_json, sha256_of, write_json
 from warpsim.render.renderer import Renderer
 
@@ -40,12 +41,10 @@ class Task:
     """What a worker needs to know; small, and plain enough for any way of sending it."""
 
     folder: str
-    """Of the data set."""
+    """Of the data set; the recipe lies there."""
     key: str
-    recipe: str
-    """As JSON."""
     shard: Shard
-    device: str | None
+    device: str
     n_thread: int | None
 
 
@@ -65,17 +64,19 @@ def write_shard(task: Task) -> Receipt:
     The files get their final names when all of them are complete, and the receipt comes last.
 
     Raises:
-        InputError: What was drawn breaks a rule of the scene, or a package is missing.
-        OSError: Writing failed.
+        InputError: What was drawn breaks a rule of the scene, a package is missing, or this worker would write other
+            files than the run was started for.
+        OSError: Writing failed, or the run is over.
     """
-    folder, shard, recipe = Path(task.folder), task.shard, _recipe(task.recipe)
+    folder, shard = Path(task.folder), task.shard
+    recipe, renderer = work_of_run(folder, task.key, task.device, task.n_thread)
     with _scratch(folder, shard) as scratch, _full_disk_told(folder):
-        sequences = _write_files(recipe, task, scratch)
+        sequences = _write_files(recipe, renderer, task, scratch)
         files = sorted(path.relative_to(scratch).as_posix() for path in scratch.rglob("*") if path.is_file())
         checksums = {name: sha256_of(scratch / name) for name in files}
         sizes = {name: (scratch / name).stat().st_size for name in files}
-        _check_run(folder, task.key)
-        write_json({"key": task.key, "files": checksums}, planned_path(folder, shard.name))
+        _record_of_run(folder, task.key)
+        write_json({"key": task.key, "files": checksums}, planned_path(folder, shard.name), lasting=True)
         for name in files:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (scratch / name).replace(folder / name)
@@ -86,24 +87,33 @@ def write_shard(task: Task) -> Receipt:
         "sequences": sequences,
         "bytes": sum(sizes.values()),
     }
-    write_json(receipt, receipt_path(folder, shard))
+    write_json(receipt, receipt_path(folder, shard), lasting=True)
     return receipt
 
 
-@lru_cache(maxsize=4)
-def _recipe(text: str) -> Recipe:
-    return Recipe.from_dict(json.loads(text))
-
-
-def _check_run(folder: Path, key: str) -> None:
-    """See that the folder is still held for this data set: a worker may be late.
+@lru_cache(maxsize=1)
+def work_of_run(folder: Path, key: str, device: str, n_thread: int | None) -> tuple[Recipe, Renderer]:
+    """What a worker keeps between shards: the run's recipe, and a renderer whose stars those of sequences share.
 
     Raises:
-        OSError: It is not.
+        InputError: Here it would give other files: versions differ, or input files.
+        OSError: The run is over.
     """
+    record = _record_of_run(folder, key)
+    recipe = Recipe.from_dict(record["recipe"])
+    identity = identity_of(recipe, device)
+    if key_of(identity) != key:
+        differs = difference({name: record.get(name) for name in identity}, identity)
+        raise InputError(f"{folder}: this worker would write other files than the run was started for ({differs})")
+    return recipe, Renderer(recipe.scene, device, n_thread)
+
+
+def _record_of_run(folder: Path, key: str) -> dict[str, Any]:
+    """What a run says of itself, as long as the folder is held for it: a worker may be late."""
     record = read_json(folder / PARTS / RUN)
     if not isinstance(record, dict) or record.get("key") != key:
         raise OSError(f"{folder}: no longer belongs to this run")
+    return record
 
 
 @contextmanager
@@ -129,8 +139,8 @@ def _full_disk_told(folder: Path) -> Iterator[None]:
         raise
 
 
-def _write_files(recipe: Recipe, task: Task, scratch: Path) -> list[dict[str, Any]]:
-    """Write all files of a shard; what was drawn for each sequence."""
+def _write_files(recipe: Recipe, like: Renderer, task: Task, scratch: Path) -> list[dict[str, Any]]:
+    """Write all files of a shard, by renderers like one; what was drawn for each sequence."""
     writer = shard_writer(recipe, task.shard, scratch)
     tables = Tables(recipe, task.shard, scratch, writer.place)
     drawn = []
@@ -138,10 +148,8 @@ def _write_files(recipe: Recipe, task: Task, scratch: Path) -> list[dict[str, An
         for position, number in enumerate(task.shard.sequences):
             sequence = draw_sequence(recipe, number)
             folder = scratch / folder_of(task.shard, number)
-            renderer = Renderer(sequence.scene, task.device, task.n_thread)
+            renderer = like.with_scene(sequence.scene)
             _write_sequence(recipe, sequence, position, renderer, writer, tables, folder)
-            if recipe.preview:
-                draw_previews(recipe, sequence, renderer, folder)
             drawn.append(_told(sequence, task.shard))
         tables.close()
         writer.finish()
@@ -163,13 +171,15 @@ def _write_sequence(
     """Render a sequence, some frames at a time, and write its images and tables."""
     n_frame = max(1, BYTES_PER_CALL // bytes_per_frame(recipe, sequence.scene))
     writer.begin(sequence, position)
-    for first in range(0, recipe.n_frame, n_frame):
-        numbers = range(first, min(first + n_frame, recipe.n_frame))
-        frames = renderer.render(numbers, sequence.sensors, recipe.band_names, recipe.signal, recipe.stars)
-        rows = tables.add(sequence, position, frames)
-        writer.add(frames, planes_of(recipe, frames), rows["truth"])
-        if recipe.satnet:
-            write_satnet(frames, rows, folder)
+    with sequence_films(recipe, sequence, folder) as add_to_films:
+        for first in range(0, recipe.n_frame, n_frame):
+            numbers = range(first, min(first + n_frame, recipe.n_frame))
+            frames = renderer.render(numbers, sequence.sensors, recipe.band_names, recipe.signal, recipe.stars)
+            rows = tables.add(sequence, position, frames)
+            writer.add(frames, planes_of(recipe, frames), rows["truth"])
+            if recipe.satnet:
+                write_satnet(frames, rows, folder)
+            add_to_films(frames)
     writer.end()
     tables.end_sequence(sequence)
 

@@ -10,15 +10,17 @@ import contextlib
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from warpsim.dataset.identity import Identity, difference, key_of
 from warpsim.dataset.layout import MANIFEST, PARTS, RUN, SEQUENCES, shards_of, top_names
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.shard import Receipt, receipt_path
 from warpsim.errors import InputError
 from warpsim.files import partial_path, read_json, write_json
-from warpsim.output.receipts import has_key, is_record, locked, which_match
+from warpsim.output.receipts import clear, has_key, is_record, locked, remove_files, which_match
 
 
 @dataclass(frozen=True)
@@ -27,8 +29,13 @@ class Workplace:
 
     folder: Path
     recipe: Recipe
-    key: str
-    """Hash of all that the files depend on."""
+    identity: Identity
+    """All that the files depend on."""
+
+    @cached_property
+    def key(self) -> str:
+        """Hash of the identity."""
+        return key_of(self.identity)
 
     @property
     def parts(self) -> Path:
@@ -52,6 +59,8 @@ class Workplace:
     def held(self, overwrite: bool) -> Iterator[dict[str, Receipt]]:
         """Hold the folder for a run: receipts of the shards that are there. At the end only the data set is left.
 
+        What a run leaves that failed before anything was written is nothing.
+
         Raises:
             InputError: The folder holds another data set and overwrite is not set, or files that warpsim did not write,
                 or another run is writing to it.
@@ -59,14 +68,18 @@ class Workplace:
         with locked(self.folder, self.parts):
             try:
                 self._make_room(overwrite)
-            except InputError:
-                if [path.name for path in self.parts.iterdir()] == ["lock"]:
-                    shutil.rmtree(self.parts)
+                write_json({"key": self.key, "files": {}, **self.identity}, self.parts / RUN, lasting=True)
+                self._take_up_manifest()
+                yield self._receipts()
+            except BaseException:
+                if not self._has_begun():
+                    clear(self.parts)
                 raise
-            write_json({"key": self.key, "files": {}}, self.parts / RUN)
-            self._take_up_manifest()
-            yield self._receipts()
-            shutil.rmtree(self.parts)
+            clear(self.parts)
+
+    def _has_begun(self) -> bool:
+        """Whether something says of files that they are there, or may be."""
+        return any(any((self.parts / name).glob("*.json")) for name in ("receipts", "planned"))
 
     def _receipts(self) -> dict[str, Receipt]:
         """Receipts of the shards whose files are there and undamaged, by the shard's name."""
@@ -89,9 +102,10 @@ class Workplace:
         manifest = read_json(self.manifest_path)
         if not has_key(manifest, self.key):
             return
+        (self.parts / "receipts").mkdir(exist_ok=True)
         for shard in shards_of(self.recipe):
             if receipt := manifest.get("shards", {}).get(shard.name):
-                write_json(receipt, _made(receipt_path(self.folder, shard)))
+                write_json(receipt, receipt_path(self.folder, shard))
         self.manifest_path.unlink()
 
     def _make_room(self, overwrite: bool) -> None:
@@ -99,18 +113,15 @@ class Workplace:
         paths = [self.manifest_path, self.parts / RUN]
         paths += [path for folder in ("receipts", "planned") for path in (self.parts / folder).glob("*.json")]
         runs = [record for record in map(read_json, paths) if is_record(record)]
-        ours = {name for run in runs for name in _names(run)} | ({MANIFEST} if runs else set())
         others = [run for run in runs if run["key"] != self.key]
         if others and not overwrite:
             raise InputError(
-                f"{self.folder}: holds a different data set or run (other recipe, scene, catalog, device or version); "
+                f"{self.folder}: holds a different data set or run ({self._what_differs(others)}); "
                 "choose another folder or pass --overwrite"
             )
-        for name in top_names(self.recipe):
-            if (self.folder / name).exists() and not any(f"{known}/".startswith(f"{name}/") for known in ours):
-                raise InputError(f"{self.folder / name}: is there already, and warpsim did not write it")
+        self._check_foreign(runs)
         for run in others:
-            self._remove(run)
+            remove_files(self.folder, _names(run))
         if others:
             self.manifest_path.unlink(missing_ok=True)
             for name in ("receipts", "planned"):
@@ -119,17 +130,23 @@ class Workplace:
         for name in (SEQUENCES, MANIFEST):
             partial_path(self.folder / name).unlink(missing_ok=True)
 
-    def _remove(self, run: dict[str, Any]) -> None:
-        """Remove the files of another run, and the folders that are empty then."""
-        homes: set[Path] = set()
-        for name in _names(run):
-            if not (self.folder / name).parent.resolve().is_relative_to(self.folder.resolve()):
-                continue  # by way of a link that is not ours
-            (self.folder / name).unlink(missing_ok=True)
-            homes |= set((self.folder / name).parents) - {self.folder, *self.folder.parents}
-        for home in sorted(homes, key=lambda path: len(path.parts), reverse=True):
-            with contextlib.suppress(OSError):  # is missing, or holds what is not ours
-                home.rmdir()
+    def _what_differs(self, others: list[dict[str, Any]]) -> str:
+        """In a few words."""
+        for run in others:
+            if "recipe" in run:
+                return difference({name: run.get(name) for name in self.identity}, self.identity) or "other key"
+        return "other recipe, inputs, device or versions"
+
+    def _check_foreign(self, runs: list[dict[str, Any]]) -> None:
+        """See that what stands where the data set is to be was written by one of these runs."""
+        if self.manifest_path.exists() and not is_record(read_json(self.manifest_path)):
+            raise InputError(
+                f"{self.manifest_path}: is damaged, or not of warpsim; choose another folder, or empty this one"
+            )
+        ours = {name for run in runs for name in _names(run)} | {MANIFEST}
+        for name in top_names(self.recipe):
+            if (self.folder / name).exists() and not any(f"{known}/".startswith(f"{name}/") for known in ours):
+                raise InputError(f"{self.folder / name}: is there already, and warpsim did not write it")
 
 
 def _names(run: dict[str, Any]) -> list[str]:
@@ -137,8 +154,3 @@ def _names(run: dict[str, Any]) -> list[str]:
     shards = run.get("shards")
     receipts = [record for record in shards.values() if is_record(record)] if isinstance(shards, dict) else []
     return [*run["files"], *(name for receipt in receipts for name in receipt["files"])]
-
-
-def _made(path: Path) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return path

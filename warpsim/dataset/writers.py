@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.dataset.layout import ImageKey, Shard, folder_of
+from warpsim.dataset.layout import ImageKey, Shard, folder_of, image_id
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import Sequence
 from warpsim.errors import InputError
@@ -148,7 +148,8 @@ class ImageFolder:
             elif name == "signal_w_cm2":
                 write_signal(stem.with_suffix(".signal_w_cm2.exr"), values, meta | {"BUNIT": "W/cm2"})
             elif name == "mask":
-                write_counts(stem.with_suffix(f".mask{self._suffix}"), values, meta)
+                facts = {key: value for key, value in meta.items() if key != "BUNIT"}  # numbers of targets
+                write_counts(stem.with_suffix(f".mask{self._suffix}"), values, facts)
             else:
                 np.save(stem.with_suffix(f".{name}.npy"), values)
 
@@ -174,7 +175,7 @@ class TarArchive:
     """
 
     def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
-        self._shard, self._bands = shard, recipe.band_names
+        self._recipe, self._shard = recipe, shard
         path = folder / f"{shard.stem}.tar"
         path.parent.mkdir(parents=True, exist_ok=True)
         self._tar = tarfile.open(path, "w", format=tarfile.USTAR_FORMAT)  # noqa: SIM115
@@ -193,16 +194,25 @@ class TarArchive:
                     np.save(data, np.ascontiguousarray(values[f, s]))
                     self._append(f"{key}.npy" if name == "counts" else f"{key}.{name}.npy", data.getvalue())
                 rows = truth[(truth["frame"] == number) & (truth["sensor"] == sensor)]
-                self._append(f"{key}.json", json.dumps(self._label(number, sensor, rows)).encode())
+                self._append(f"{key}.json", json.dumps(self._label(number, sensor, s, rows)).encode())
 
-    def _label(self, frame: int, sensor: str, rows: Any) -> dict[str, Any]:
-        """What a sample says of itself: its targets, in each band."""
+    def _label(self, frame: int, sensor: str, sensor_place: int, rows: Any) -> dict[str, Any]:
+        """What a sample says of itself: its images, and its targets in each."""
         names = [name for name in rows.colnames if name not in ("frame", "sensor", "image_id", "sequence", "mask_rle")]
         columns = [np.asarray(rows[name]).tolist() for name in names]
         targets = [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
         for target in targets:  # JSON knows no NaN
             target |= {name: None for name, value in target.items() if value != value}
-        return {"sequence": self._number, "frame": frame, "sensor": sensor, "bands": self._bands, "targets": targets}
+        bands = self._recipe.band_names
+        place = self._number, 0, frame, sensor, sensor_place
+        return {
+            "sequence": self._number,
+            "frame": frame,
+            "sensor": sensor,
+            "bands": bands,
+            "image_ids": [image_id(self._recipe, ImageKey(*place, band, b)) for b, band in enumerate(bands)],
+            "targets": targets,
+        }
 
     def _append(self, name: str, content: bytes) -> None:
         info = tarfile.TarInfo(name)

@@ -6,7 +6,6 @@ copy of the empty group, in a folder of its own, and its files are then moved to
 
 from __future__ import annotations
 
-import math
 import os
 from pathlib import Path
 from typing import Any
@@ -20,9 +19,6 @@ from warpsim.errors import InputError
 from warpsim.render.frameset import FrameSet
 
 STORE = "images.zarr"
-SHARD_BYTES = 128 * 2**20
-"""Of an array's shard at most, but for a single image: what is held in memory before it is written."""
-
 AXES = ("sequence", "frame", "sensor", "band", "row", "column")
 
 
@@ -46,14 +42,6 @@ def array_shapes(recipe: Recipe) -> dict[str, tuple[tuple[int, ...], Any]]:
     return arrays
 
 
-def frames_per_shard(recipe: Recipe, shape: tuple[int, ...], dtype: Any) -> int:
-    """Frames of an array's shard: all of the sequences, or as many of one sequence as SHARD_BYTES hold."""
-    if recipe.shard_size > 1:
-        return recipe.n_frame
-    frame_bytes = math.prod(shape[1:]) * int(np.dtype(dtype).itemsize)
-    return max(1, min(recipe.n_frame, SHARD_BYTES // frame_bytes))
-
-
 def create_store(recipe: Recipe, split: str, path: Path) -> dict[str, Any]:
     """Make a split's group, whose arrays are empty; the arrays by name.
 
@@ -74,7 +62,7 @@ def create_store(recipe: Recipe, split: str, path: Path) -> dict[str, Any]:
             shape=(n_sequence, *shape),
             dtype=dtype,
             chunks=(*(1,) * (len(shape) - 1), *shape[-2:]),
-            shards=(recipe.shard_size, frames_per_shard(recipe, shape, dtype), *shape[1:]),
+            shards=(recipe.shard_size, recipe.frames_per_shard, *shape[1:]),
             dimension_names=AXES if len(shape) == 5 else (*AXES[:4], "target", *AXES[4:]),
             fill_value=0,
             config={"write_empty_chunks": True},  # which files there are does not depend on what they show
@@ -85,12 +73,8 @@ def create_store(recipe: Recipe, split: str, path: Path) -> dict[str, Any]:
 
 def _attributes(recipe: Recipe, split: str) -> dict[str, Any]:
     """What the axes stand for. Sensors differ from sequence to sequence: they are in the table of images."""
-    return {
-        "sequence": split_of(recipe)[split],
-        "band": recipe.band_names,
-        "target": recipe.scene.target_names,
-        "interval_s": recipe.step_s,
-    }
+    known = {"sequence": split_of(recipe)[split], "band": recipe.band_names, "interval_s": recipe.step_s}
+    return known | ({"target": recipe.scene.target_names} if recipe.contributions else {})
 
 
 class ZarrShard:
@@ -114,8 +98,8 @@ class ZarrShard:
 
     def add(self, frames: FrameSet, planes: dict[str, Any], truth: Any) -> None:
         """Keep frames until a shard of an array is full."""
+        n_frame = self._recipe.frames_per_shard
         for name, (shape, dtype) in array_shapes(self._recipe).items():
-            n_frame = frames_per_shard(self._recipe, shape, dtype)
             for f, number in enumerate(frames.frames):
                 buffer = self._buffers.setdefault(
                     name, np.zeros((len(self._shard.sequences), n_frame, *shape[1:]), dtype)

@@ -8,12 +8,13 @@ import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from warpsim.errors import InputError
-from warpsim.files import whole_file
+from warpsim.files import plain_number, whole_file
 from warpsim.labels.boxes import CORNER_PX
 from warpsim.labels.rle import mask_to_rle, rle_area
 from warpsim.labels.table import BOX_COLUMNS
@@ -21,6 +22,8 @@ from warpsim.scene.scene import Scene
 
 if TYPE_CHECKING:
     from astropy.table import Table
+
+Rows: TypeAlias = "Table | Mapping[str, npt.NDArray[Any]]"
 
 KEYPOINT = "centre"
 
@@ -55,7 +58,7 @@ def coco_categories(scene: Scene) -> list[dict[str, Any]]:
 
 def write_coco(
     path: str | Path,
-    images: Iterable[tuple[Mapping[str, Any], Table]],
+    images: Iterable[tuple[Mapping[str, Any], Rows]],
     categories: Sequence[Mapping[str, Any]],
     info: Mapping[str, Any] | None = None,
 ) -> None:
@@ -67,7 +70,7 @@ def write_coco(
     Args:
         path: File to write; replaced if it is there.
         images: Of each image what COCO says of it (id, file_name, width, height, and anything else), and its rows of a
-            label table, in the order of the scene's targets.
+            label table, in the order of the scene's targets: a table, or its columns by name, which is quicker.
         categories: As `coco_categories` makes them.
         info: What is said about the whole file.
 
@@ -96,21 +99,22 @@ def write_coco(
         file.write("\n]}\n")
 
 
-def image_annotations(image: Mapping[str, Any], rows: Table, category_ids: Mapping[str, int]) -> list[dict[str, Any]]:
+def image_annotations(image: Mapping[str, Any], rows: Rows, category_ids: Mapping[str, int]) -> list[dict[str, Any]]:
     """COCO's annotations of the visible targets of one image.
 
     Args:
         image: With id, width and height.
-        rows: The image's rows of a label table, in the order of the scene's targets.
+        rows: The image's rows of a label table, or its columns by name, in the order of the scene's targets.
         category_ids: Ids by name.
 
     Raises:
         InputError: A category is unknown, or there are too many rows.
     """
-    if len(rows) > ROWS_PER_IMAGE:
-        raise InputError(f"image {image['id']}: must have at most {ROWS_PER_IMAGE} label rows, got {len(rows)}")
+    n_row = len(rows["visible"])
+    if n_row > ROWS_PER_IMAGE:
+        raise InputError(f"image {image['id']}: must have at most {ROWS_PER_IMAGE} label rows, got {n_row}")
     shape = (int(image["height"]), int(image["width"]))
-    with_masks = "mask_rle" in rows.colnames
+    with_masks = "mask_rle" in rows.keys()  # noqa: SIM118 - a table is no mapping
     (visible,) = np.nonzero(np.asarray(rows["visible"]))
     names = [*_COLUMNS, "mask_rle"] if with_masks else _COLUMNS
     columns = [np.asarray(rows[name])[visible].tolist() for name in names]
@@ -169,11 +173,4 @@ def _short(value: float) -> float:
     return float(f"{value:.{_VALUE_DIGITS}g}")
 
 
-def _plain(value: Any) -> Any:
-    """NumPy's numbers as Python's."""
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"{type(value).__name__} is nothing for JSON")
-
-
-_json = json.JSONEncoder(separators=(",", ":"), allow_nan=False, default=_plain).encode
+_json = json.JSONEncoder(separators=(",", ":"), allow_nan=False, default=plain_number).encode

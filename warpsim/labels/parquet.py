@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpsim.errors import InputError
-from warpsim.files import whole_file
+from warpsim.files import plain_number, whole_file
 from warpsim.labels.columns import DESCRIPTIONS
 
 if TYPE_CHECKING:
@@ -43,9 +43,9 @@ def write_parquet(table: Table, path: str | Path, meta: Mapping[str, Any] | None
         arrays.append(array)
         fields.append(arrow.field(name, array.type, metadata=_field_meta(table[name])))
     try:
-        text = json.dumps({**table.meta, **(meta or {})}, sort_keys=True, default=_plain)
+        text = json.dumps({**table.meta, **(meta or {})}, sort_keys=True, default=plain_number)
     except TypeError as error:
-        raise InputError(f"{path}: meta: must hold what JSON can hold: {error}") from None
+        raise InputError(f"{path}: meta: {error}") from None
     schema = arrow.schema(fields, metadata={META_KEY: text.encode()})
     with whole_file(Path(path)) as partial:
         parquet.write_table(arrow.Table.from_arrays(arrays, schema=schema), partial, compression="zstd")
@@ -121,10 +121,3 @@ def _field_meta(column: Any) -> dict[str, str]:
     if description:
         meta["description"] = str(description)
     return meta
-
-
-def _plain(value: Any) -> Any:
-    """NumPy's numbers as Python's."""
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"got {type(value).__name__}")

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.errors import InputError
-from warpsim.files import naming, whole_file, whole_file_by_memory
+from warpsim.files import naming, plain_number, whole_file, whole_file_by_memory
 from warpsim.output.fits_header import Card, image_cards
 from warpsim.output.preview import write_preview as write_preview
 from warpsim.render.frameset import FrameSet
@@ -147,7 +147,7 @@ def _write(
         raise InputError(f"{path}: must be of {kind} and two axes, got {pixels.dtype} of shape {pixels.shape}")
     n_row, n_col = pixels.shape
     spec = oiio.ImageSpec(n_col, n_row, 1, oiio.UINT16 if kind == np.uint16 else oiio.FLOAT)
-    spec.attribute("ImageDescription", json.dumps(meta, default=_plain))
+    spec.attribute("ImageDescription", json.dumps(meta, default=plain_number))
     spec.attribute("DateTime", "")  # else it is that of writing
     for name, value in _SETTINGS[_PLUGINS[suffix]].items():
         spec.attribute(name, value)
@@ -160,13 +160,6 @@ def _write(
         shaped = np.ascontiguousarray(pixels)[..., None]
         if not (file.open(name, spec) and file.write_image(shaped) and file.close()):
             raise OSError(f"{path}: cannot be written: {_one_line(file.geterror())}")
-
-
-def _plain(value: Any) -> Any:
-    """Numbers of NumPy as Python's own."""
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"meta: {value!r} is nothing that JSON can hold")
 
 
 def _facts(description: str) -> dict[str, Any]:

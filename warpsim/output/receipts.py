@@ -6,7 +6,8 @@ import contextlib
 import fcntl
 import os
 import re
-from collections.abc import Iterator, Mapping
+import shutil
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -20,6 +21,9 @@ _OURS = re.compile(rf"([\w.+-]+/)*[\w.+-]+\.({_SUFFIXES})|([\w.+-]+/)+c(/\d+)+",
 """Names of files that warpsim writes: by their endings, and shards of Zarr arrays."""
 
 
+LOCK = "lock"
+
+
 @contextlib.contextmanager
 def locked(folder: Path, parts: Path) -> Iterator[None]:
     """Hold the lock of a folder that one run at a time writes to.
@@ -29,20 +33,33 @@ def locked(folder: Path, parts: Path) -> Iterator[None]:
         parts: Folder of what an unfinished run needs; made when missing. The lock lies there.
 
     Raises:
-        InputError: Another run holds it.
+        InputError: Another run holds it, or the file system knows no locks.
     """
-    path = parts / "lock"
+    with _open_lock(folder, parts):
+        yield
+    with contextlib.suppress(OSError):  # is not empty, or gone
+        parts.rmdir()  # network file systems keep a removed lock for as long as it is open
+
+
+@contextlib.contextmanager
+def _open_lock(folder: Path, parts: Path) -> Iterator[None]:
+    path = parts / LOCK
     while True:
         parts.mkdir(exist_ok=True)
-        with path.open("w") as lock:
+        try:
+            lock = path.open("w")
+        except FileNotFoundError:  # the run before has just removed the folder
+            continue
+        with lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise InputError(f"{folder}: another run is writing to it") from None
-            if not _is_there(lock.fileno(), path):  # the run before has just removed it
-                continue
-            yield
-            return
+            except OSError as error:
+                raise InputError(f"{folder}: cannot be locked against other runs: {error.strerror}") from None
+            if _is_there(lock.fileno(), path):  # not so if the run before has just removed it
+                yield
+                return
 
 
 def _is_there(number: int, path: Path) -> bool:
@@ -51,6 +68,29 @@ def _is_there(number: int, path: Path) -> bool:
         return os.path.samestat(os.fstat(number), path.stat())
     except FileNotFoundError:
         return False
+
+
+def clear(parts: Path) -> None:
+    """Remove the folder of what an unfinished run needed; call it while its lock is held."""
+    for path in parts.iterdir():
+        if path.name != LOCK:
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+    (parts / LOCK).unlink(missing_ok=True)  # last: from now on others may come
+    with contextlib.suppress(OSError):
+        parts.rmdir()
+
+
+def remove_files(folder: Path, names: Iterable[str]) -> None:
+    """Remove files of a run, by their names below its folder, and the folders that are empty then."""
+    homes: set[Path] = set()
+    for name in names:
+        if not (folder / name).parent.resolve().is_relative_to(folder.resolve()):
+            continue  # by way of a link that is not ours
+        (folder / name).unlink(missing_ok=True)
+        homes |= set((folder / name).parents) - {folder, *folder.parents}
+    for home in sorted(homes, key=lambda path: len(path.parts), reverse=True):
+        with contextlib.suppress(OSError):  # is missing, or holds what is not ours
+            home.rmdir()
 
 
 def has_key(record: Any, key: str) -> bool:

@@ -6,25 +6,16 @@ A sensor's receipt holds the checksums of its files, and is written when they ha
 from __future__ import annotations
 
 import contextlib
-import re
 import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from warpsim.errors import InputError
 from warpsim.files import partial_path, read_json, sha256_of, write_json
 from warpsim.output.plan import PARTS, Plan
-from warpsim.output.receipts import files_match, has_key, locked
-
-_NAME = "[A-Za-z0-9_-][A-Za-z0-9_.-]*"
-_OURS = re.compile(
-    rf"(({re.escape(PARTS)}/)?{_NAME}\.(fits|png|json|gif|mp4)|{_NAME}/\d+\.(png|tif|exr)"
-    rf"|{_NAME}\.zarr/(zarr\.json|c/\d+/0/0))"
-)
-"""Names that files of a run can have."""
+from warpsim.output.receipts import clear, files_match, has_key, is_record, locked, remove_files
 
 
 def is_complete(plan: Plan) -> bool:
@@ -46,12 +37,12 @@ def working_on(plan: Plan, overwrite: bool) -> Iterator[None]:
             _make_room(plan, overwrite)
         except InputError:
             if [path.name for path in plan.parts.iterdir()] == ["lock"]:
-                shutil.rmtree(plan.parts)
+                clear(plan.parts)
             raise
         write_json({"key": plan.key, "files": dict.fromkeys(plan.names)}, plan.parts / "run.json")
         _restore_receipts(plan)
         yield
-        shutil.rmtree(plan.parts)
+        clear(plan.parts)
 
 
 def has_receipt(plan: Plan, sensor: str) -> bool:
@@ -69,8 +60,8 @@ def write_receipt(plan: Plan, sensor: str) -> None:
 
 def _make_room(plan: Plan, overwrite: bool) -> None:
     """See that the plan's files are ours to write: remove a different run, if that is wanted, never foreign files."""
-    records = [_record(path) for path in (plan.manifest_path, *plan.parts.glob("*.json"))]
-    runs = [record for record in records if record is not None]
+    records = map(read_json, (plan.manifest_path, *plan.parts.glob("*.json")))
+    runs = [record for record in records if is_record(record)]
     if any(run["key"] != plan.key for run in runs) and not overwrite:
         raise InputError(
             f"{plan.folder}: holds a different run (other scene, catalog, frames, bands, tables, formats, device or "
@@ -81,7 +72,8 @@ def _make_room(plan: Plan, overwrite: bool) -> None:
     if foreign is not None:
         raise InputError(f"{foreign}: is there already, and warpsim did not write it")
     stale = {name for run in runs if run["key"] != plan.key for name in run["files"]}
-    _remove(plan.folder, stale)
+    _remove_unfinished(plan.folder, stale)
+    remove_files(plan.folder, stale)
     if stale:
         plan.manifest_path.unlink(missing_ok=True)
         for path in plan.parts.iterdir():
@@ -109,18 +101,6 @@ def _folders(names: Iterable[str]) -> set[str]:
     return {name.split("/")[0] for name in names if "/" in name} - {PARTS}
 
 
-def _remove(folder: Path, names: set[str]) -> None:
-    """Remove files, what is unfinished of them, and folders that are empty then."""
-    for name in names:
-        (folder / name).unlink(missing_ok=True)
-    _remove_unfinished(folder, names)
-    for top in _folders(names):
-        # The deepest first.
-        for path in sorted([folder / top, *(folder / top).rglob("*")], reverse=True):
-            if path.is_dir() and not any(path.iterdir()):
-                path.rmdir()
-
-
 def _remove_unfinished(folder: Path, names: Iterable[str]) -> None:
     for name in names:
         if (folder / name).parent.is_dir():
@@ -129,22 +109,12 @@ def _remove_unfinished(folder: Path, names: Iterable[str]) -> None:
         shutil.rmtree(partial_path(folder / top), ignore_errors=True)
 
 
-def _record(path: Path) -> Any:
-    """What a manifest or receipt says, None unless warpsim wrote it: a key, and plain names of files of a run."""
-    record = read_json(path)
-    if not isinstance(record, dict) or not isinstance(record.get("files"), dict):
-        return None
-    if not re.fullmatch("[0-9a-f]{64}", str(record.get("key"))):
-        return None
-    return record if all(_OURS.fullmatch(name) for name in record["files"]) else None
-
-
 def _restore_receipts(plan: Plan) -> None:
     """Of a complete run with a damaged or missing file, keep the sensors that are whole."""
     from astropy.table import Table
 
-    manifest = _record(plan.manifest_path)
-    if manifest is None:
+    manifest = read_json(plan.manifest_path)
+    if not is_record(manifest):
         return
     checksums = manifest["files"]
 

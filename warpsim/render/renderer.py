@@ -26,6 +26,7 @@ from warpsim.render.streaks import Streaks
 from warpsim.render.stream import Stream, StreamStats, stream_sizes
 from warpsim.render.world import World
 from warpsim.scene.scene import Scene
+from warpsim.sky.band_index import BandIndex
 from warpsim.sky.catalog import StarCatalog
 
 LEAST_RATE_HZ = 1e-6
@@ -61,6 +62,8 @@ class Renderer:
         catalog: StarCatalog | None = None,
         chunk_bytes: int | None = None,
         pool_bytes: int = POOL_BYTES,
+        *,
+        _indices: list[BandIndex] | None = None,
     ) -> None:
         if catalog is not None and not isinstance(catalog, StarCatalog):
             raise InputError(f"catalog: must be a StarCatalog, got {type(catalog).__name__}; files are for sky.catalog")
@@ -72,8 +75,10 @@ class Renderer:
         self._to_host = isinstance(device, list | tuple)
         for each in self.devices:
             kernel_loading(each).start(size_table_stamps_kernel)
-        catalog = load_catalog(scene) if catalog is None else catalog
-        self._indices = [star_index(scene, catalog, each) for each in self.devices]
+        self._given = {"device": device, "n_thread": n_thread, "catalog": catalog}
+        self._given |= {"chunk_bytes": chunk_bytes, "pool_bytes": pool_bytes}
+        self._catalog = load_catalog(scene) if catalog is None else catalog
+        self._indices = _indices or [star_index(scene, self._catalog, each) for each in self.devices]
         where = wp.get_device("cpu") if self._to_host else self.device
         most_bytes = whole_number("pool_bytes", pool_bytes, 0)
         self._pool = Pool(where, pinned=self._to_host and self.device.is_cuda, most_bytes=most_bytes)
@@ -81,6 +86,19 @@ class Renderer:
         self._lock = threading.Lock()  # buffers serve one call at a time
         self._n_slot = 0
         self._stream: Stream | None = None
+
+    def with_scene(self, scene: Scene) -> Renderer:
+        """A renderer of another scene, like this one in all else; it takes less time to make if the sky is the same.
+
+        Raises:
+            InputError: The scene names a star catalog that cannot be read.
+        """
+        given: dict[str, Any] = dict(self._given)
+        if scene.sky == self.scene.sky:
+            given["catalog"] = self._catalog
+            if scene.epoch_utc == self.scene.epoch_utc:
+                given["_indices"] = self._indices
+        return Renderer(scene, **given)
 
     @property
     def catalog(self) -> StarCatalog:

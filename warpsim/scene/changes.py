@@ -22,20 +22,22 @@ def changed(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
         *parents, leaf = name.split("__")
         place: Any = data
         for parent in parents:
-            if _is_index(place, parent):
-                place = place[int(parent)]
+            if isinstance(place, list):
+                place = _item(place, parent, name)
             else:
                 place = place.get(parent) if isinstance(place, dict) else None
             if not isinstance(place, dict | list):
                 raise InputError(f"Scene: {name.replace('__', '.')}: is not a field of a part")
         if isinstance(place, list):
-            if not _is_index(place, leaf):
-                raise InputError(f"Scene: {name.replace('__', '.')}: is not an item of a list of {len(place)}")
+            _item(place, leaf, name)
             place[int(leaf)] = value
         else:
             place[leaf] = value
     return data
 
 
-def _is_index(place: Any, name: str) -> bool:
-    return isinstance(place, list) and name.isdigit() and int(name) < len(place)
+def _item(items: list[Any], number: str, name: str) -> Any:
+    if not (number.isdigit() and int(number) < len(items)):
+        which = f"0 to {len(items) - 1}" if items else "none of an empty list"
+        raise InputError(f"Scene: {name.replace('__', '.')}: must name an item by its number, {which}, got {number}")
+    return items[int(number)]

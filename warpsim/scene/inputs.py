@@ -13,6 +13,16 @@ if TYPE_CHECKING:
 
 def input_checksums(scene: Scene) -> dict[str, str]:
     """SHA-256 of the content of each input file as the scene has read it, by path; but for the star catalog."""
+    parts = (scene.constellation, scene.groups_of_targets, scene.pointing)
+    return _checksums(scene, parts) | scene.optics.file_checksums
+
+
+def motion_checksums(scene: Scene) -> dict[str, str]:
+    """Those of the files that say how things move."""
+    return _checksums(scene, (scene.constellation, scene.groups_of_targets))
+
+
+def _checksums(scene: Scene, parts: tuple[Any, ...]) -> dict[str, str]:
     found: dict[str, str] = {}
 
     def walk(part: Any) -> None:
@@ -28,6 +38,5 @@ def input_checksums(scene: Scene) -> dict[str, str]:
         for field in dataclasses.fields(part):
             walk(getattr(part, field.name))
 
-    for part in (scene.constellation, scene.groups_of_targets, scene.pointing):
-        walk(part)
-    return found | scene.optics.file_checksums
+    walk(parts)
+    return found

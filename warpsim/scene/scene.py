@@ -30,6 +30,7 @@ from warpsim.orbit.epoch import instant, utc_time
 from warpsim.orbit.rules import AccessConstraints
 from warpsim.quaternion import rotated
 from warpsim.scene.attitudes import table_rows, target_attitudes
+from warpsim.scene.carry_over import carry_over
 from warpsim.scene.changes import changed
 from warpsim.scene.flight_epochs import is_utc, with_epoch, without_flight_epochs
 from warpsim.scene.light_terms import LightTerm, light_terms
@@ -205,7 +206,9 @@ class Scene:
         Raises:
             InputError: A field is unknown or the new scene breaks a rule.
         """
-        return Scene.from_dict(changed(without_flight_epochs(self.to_dict()), changes))
+        scene = Scene.from_dict(changed(without_flight_epochs(self.to_dict()), changes))
+        carry_over(self, scene)
+        return scene
 
     @property
     def epoch(self) -> Time:

@@ -1,0 +1,5 @@
+"""`python -m warpsim` is the command `warpsim`."""
+
+from warpsim.cli import run
+
+run()

@@ -1,0 +1,91 @@
+"""What the files of a data set depend on, and a key that stands for it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any
+
+from warpsim.dataset.recipe import Recipe
+from warpsim.dataset.samples import choices_with_files
+from warpsim.dataset.sequences import varied
+from warpsim.output.manifest import package_versions
+from warpsim.render.star_field import load_catalog
+from warpsim.scene.inputs import input_checksums
+from warpsim.scene.scene import Scene
+
+STAR_CATALOG = "star catalog"
+"""Among the inputs: the scene's, whether it came from a file or not."""
+
+Identity = dict[str, Any]
+
+
+def identity_of(recipe: Recipe, device: str) -> Identity:
+    """All that the bytes of a data set depend on, as plain values: what its manifest says of its making.
+
+    Args:
+        recipe: The recipe.
+        device: Alias of the Warp device; one GPU stands for all.
+
+    Raises:
+        InputError: An input file cannot be read.
+    """
+    import warpsim
+
+    return {
+        "recipe": recipe.to_dict(),
+        "inputs": _inputs(recipe),
+        "device": "cuda" if device.startswith("cuda") else "cpu",
+        "warpsim": warpsim.__version__,
+        "packages": package_versions(*writers_of(recipe)),
+    }
+
+
+def writers_of(recipe: Recipe) -> list[str]:
+    """Packages that write files of this recipe, beyond those that warpsim always needs."""
+    return [
+        "pyarrow",
+        *(["zarr"] if recipe.format == "zarr" else []),
+        *(["av"] if recipe.preview == "mp4" else []),
+    ]
+
+
+def key_of(identity: Identity) -> str:
+    """SHA-256 of an identity."""
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+
+
+def difference(there: Any, here: Any, place: str = "") -> str | None:
+    """In a few words, the first place at which two identities differ; None where they do not."""
+    if isinstance(there, dict) and isinstance(here, dict):
+        for name in dict.fromkeys([*there, *here]):
+            inner = f"{place}.{name}" if place else str(name)
+            found = difference(there.get(name), here.get(name), inner)
+            if found:
+                return found
+        return None
+    if isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
+        pairs = (difference(a, b, f"{place}[{i}]") for i, (a, b) in enumerate(zip(there, here, strict=True)))
+        return next(filter(None, pairs), None)
+    return None if there == here else f"{place.removeprefix('recipe.')}: {_shown(there)} there, {_shown(here)} here"
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "not set"
+    text = json.dumps(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _inputs(recipe: Recipe) -> dict[str, str]:
+    """Checksums of all files that sequences may be made from, by path, and of the star catalog."""
+    found = _inputs_of(recipe.scene)
+    for name, number, value in choices_with_files(recipe.distributions):
+        for path, checksum in _inputs_of(varied(recipe, {name: value}, f"sample.{name}")).items():
+            if found.get(path) != checksum:
+                found[f"{path}, for {name} {number}"] = checksum
+    return found
+
+
+def _inputs_of(scene: Scene) -> dict[str, str]:
+    return {STAR_CATALOG: load_catalog(scene).checksum} | input_checksums(scene)

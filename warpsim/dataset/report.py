@@ -1,0 +1,35 @@
+"""What a recipe would give, as text: for `warpsim check`."""
+
+from __future__ import annotations
+
+from warpsim.dataset.layout import shards_of
+from warpsim.dataset.recipe import Recipe
+from warpsim.dataset.sequences import Sequence, check_extremes, draw_sequence, split_of
+
+
+def recipe_report(recipe: Recipe) -> str:
+    """Size, splits and sampled fields of a data set, and its first sequence as an example.
+
+    Raises:
+        InputError: The scene does not take what may be drawn, or no sequence can be drawn.
+    """
+    check_extremes(recipe)
+    n_image = recipe.n_sequence * recipe.n_frame * recipe.n_sensor * len(recipe.band_names)
+    n_pool = len(recipe.sensors or recipe.scene.sensor_names)
+    size = recipe.n_sequence * recipe.n_frame * recipe.frame_bytes
+    splits = ", ".join(f"{name} {len(numbers)}" for name, numbers in split_of(recipe).items())
+    lines = [
+        f"{n_image:,} images: {recipe.n_sequence:,} sequences of {recipe.n_frame} frames every {recipe.step_s:g} s, "
+        f"{recipe.n_sensor} of {n_pool} sensors, bands {' '.join(recipe.band_names)}",
+        f"sequences: {splits}",
+        f"{recipe.format}, {len(shards_of(recipe)):,} shards; {size / 1e6:,.1f} MB before compression, and tables",
+        *(f"drawn: {name}" for name in recipe.distributions),
+        _example(draw_sequence(recipe, 0)),
+    ]
+    return "\n".join(lines)
+
+
+def _example(sequence: Sequence) -> str:
+    values = "".join(f", {name} = {value!r}" for name, value in sequence.values.items())
+    start_s = sequence.scene.frames.start_s
+    return f"sequence 0: from {start_s:.3f} s on, {', '.join(sequence.sensors)}{values}"
