@@ -1,16 +1,25 @@
 """Data sets: images a second with files, tables and annotations, size, and peak memory of a process.
 
     python -m pytest benchmarks/test_datasets.py --benchmark-json=benchmarks/results/datasets.json
+    python benchmarks/report.py benchmarks/results/datasets.json
 
 Ten thousand images of 128 x 128 pixels: 100 sequences of `stss` with 100 frames each, drawn NEI, aperture and number of
-spheres, masks included; written by two processes of this machine, or by two Dask workers. Peak memory is that of the
-process that took most. The time holds all: starting processes, loading kernels, drawing scenes, writing, checksums.
+spheres, masks included; written by two processes of this machine, by two Dask workers, or by two processes that are
+killed at a random moment, and again. Each is a program of its own, and peak memory that of its largest process. The
+time holds all: starting processes, loading kernels, drawing scenes, writing, checksums; not `import warpsim`.
 """
 
 from __future__ import annotations
 
-import resource
+import json
+import os
+import random
 import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -27,42 +36,99 @@ SAMPLE = {
 MB = 1e6
 
 
-def recipe(format: str, full: bool) -> ws.Recipe:
+def recipe(format: str, full: bool) -> dict[str, Any]:
     size = {"n_sequence": N_SEQUENCE, "n_frame": N_FRAME} if full else {"n_sequence": 2, "n_frame": 2}
-    return ws.Recipe(scene="stss", bands="A", interval_s=0.1, sample=SAMPLE, masks=True, format=format, **size)
+    given = {"scene": "stss", "bands": ["A"], "interval_s": 0.1, "sample": SAMPLE, "masks": True, "format": format}
+    return given | size
 
 
-def measure(benchmark: Any, tmp_path: Any, format: str, executor: Any = None) -> None:
-    given = recipe(format, benchmark.enabled)
-    n_worker = 2 if benchmark.enabled else 1
+def write(given: dict[str, Any], folder: str, n_worker: int, dask: bool) -> None:
+    """The program that is measured: what it did, as JSON on its standard output."""
+    if dask:
+        import distributed
 
-    def write() -> ws.DatasetReport:
-        return ws.write_dataset(given, tmp_path / "data", executor, n_worker, device="cpu")
+        with (
+            distributed.LocalCluster(n_workers=n_worker, threads_per_worker=1, dashboard_address=None) as cluster,
+            distributed.Client(cluster) as client,
+        ):
+            report = ws.write_dataset(ws.Recipe(**given), folder, client.get_executor(), device="cpu")
+    else:
+        report = ws.write_dataset(ws.Recipe(**given), folder, n_worker=n_worker, device="cpu")
+    print(json.dumps({"n_image": report.n_image, "n_byte": report.n_byte, "total_s": report.total_s}))
 
-    report = benchmark.pedantic(write, rounds=1)
-    shutil.rmtree(tmp_path / "data")
+
+def start(given: dict[str, Any], folder: Path, n_worker: int, dask: bool = False) -> subprocess.Popen[str]:
+    arguments = [json.dumps(given), str(folder), str(n_worker), str(int(dask))]
+    command = [sys.executable, __file__, *arguments]
+    path = os.pathsep.join(filter(None, sys.path))
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": path})
+
+
+def run(given: dict[str, Any], folder: Path, n_worker: int, dask: bool = False) -> dict[str, Any]:
+    """What a program did, and the peak memory of its processes."""
+    process = start(given, folder, n_worker, dask)
+    assert process.stdout is not None
+    words = process.stdout.read()
+    _, status, usage = os.wait4(process.pid, 0)
+    assert status == 0
+    return json.loads(words.splitlines()[-1]) | {"peak_memory_mb": usage.ru_maxrss * 1024 / MB}
+
+
+def record(benchmark: Any, format: str, workers: str, done: dict[str, Any]) -> None:
+    n_image = done["n_image"]
     benchmark.extra_info |= {
         "format": format,
-        "workers": "2 of Dask" if executor else "2 processes",
-        "n_image": report.n_image,
-        "images_per_s": report.n_image / report.total_s,
-        "size_mb": report.n_byte / MB,
-        "bytes_per_pixel": report.n_byte / (report.n_image * 128 * 128),
-        "peak_memory_mb": resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024 / MB,
-        "own_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / MB,
+        "workers": workers,
+        "n_image": n_image,
+        "total_s": done["total_s"],
+        "images_per_s": n_image / done["total_s"],
+        "size_mb": done["n_byte"] / MB,
+        "bytes_per_pixel": done["n_byte"] / (n_image * 128 * 128),
+        "peak_memory_mb": done["peak_memory_mb"],
     }
 
 
 @pytest.mark.parametrize("format", FORMATS)
 def test_processes(benchmark, tmp_path, format):
-    measure(benchmark, tmp_path, format)
+    given = recipe(format, benchmark.enabled)
+    done = benchmark.pedantic(lambda: run(given, tmp_path / "data", 2 if benchmark.enabled else 1), rounds=1)
+    shutil.rmtree(tmp_path / "data")
+    record(benchmark, format, "2 processes", done)
 
 
 @pytest.mark.parametrize("format", ["fits", "zarr"])
 def test_dask(benchmark, tmp_path, format):
-    distributed = pytest.importorskip("distributed")
-    with (
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        measure(benchmark, tmp_path, format, client.get_executor())
+    pytest.importorskip("distributed")
+    given = recipe(format, benchmark.enabled)
+    done = benchmark.pedantic(lambda: run(given, tmp_path / "data", 2, dask=True), rounds=1)
+    shutil.rmtree(tmp_path / "data")
+    record(benchmark, format, "2 of Dask", done)
+
+
+def test_killed_and_resumed(benchmark, tmp_path):
+    """Killed at a random moment; the rest is written by a second run, and the bytes are those of an undisturbed one."""
+    given = recipe("fits", benchmark.enabled)
+    whole = run(given, tmp_path / "whole", 2)
+    moment_s = random.uniform(0.2, 0.8) * whole["total_s"]
+
+    def disturbed() -> dict[str, Any]:
+        begin = time.perf_counter()
+        process = start(given, tmp_path / "data", 2)
+        time.sleep(moment_s)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        before_s = time.perf_counter() - begin
+        again = run(given, tmp_path / "data", 2)
+        return again | {"total_s": before_s + again["total_s"]}
+
+    done = benchmark.pedantic(disturbed, rounds=1)
+    manifests = [json.loads((tmp_path / name / "manifest.json").read_text()) for name in ("whole", "data")]
+    assert manifests[0] == manifests[1]  # with the checksums of all files
+    assert subprocess.run(["diff", "-r", tmp_path / "whole", tmp_path / "data"]).returncode == 0
+    for name in ("whole", "data"):
+        shutil.rmtree(tmp_path / name)
+    record(benchmark, "fits", f"2 processes, killed after {moment_s:.1f} s and run again", done)
+
+
+if __name__ == "__main__":
+    write(json.loads(sys.argv[1]), sys.argv[2], int(sys.argv[3]), sys.argv[4] == "1")

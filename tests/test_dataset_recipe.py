@@ -11,7 +11,9 @@ import pytest
 from scipy import stats
 
 import warpsim as ws
+from warpsim.cli import main
 from warpsim.dataset.distributions import Choice, LogUniform, Normal, Uniform, WholeNumbers
+from warpsim.dataset.identity import difference, identity_of, key_of
 from warpsim.dataset.layout import ImageKey, image_id, shards_of
 from warpsim.dataset.sequences import (
     _chosen_clip,
@@ -123,8 +125,10 @@ def test_a_file_that_is_neither_scene_nor_recipe_is_refused(tmp_path):
         ({"sample": {"seed": {"integer": [1, 2]}}}, "sample.seed: seed cannot be sampled"),
         ({"sample": {"detector.nei_w_cm2": {"uniform": [2, 1]}}}, "uniform: must be [lowest, highest], got [2.0,"),
         ({"sample": {"detector.nei_w_cm2": {"log_uniform": [0, 1]}}}, "must be > 0, got 0"),
-        ({"sample": {"detector.nei_w_cm2": {"gauss": [0, 1]}}}, "sample"),
-        ({"sample": {"detector.nei_w_cm2": 3}}, "sample"),
+        ({"sample": {"detector.nei_w_cm2": {"gauss": [0, 1]}}}, "sample: must have one of uniform, log_uniform,"),
+        ({"sample": {"detector.nei_w_cm2": 3}}, "integer, choice for detector.nei_w_cm2, as in { uniform = [1, 2] }"),
+        ({"sample": {"optics.psf": {"choice": [object()]}}}, "choice: must hold numbers, words and tables of them"),
+        ({"scene": 3}, "scene: must be a Scene, the name of a preset, or the path of a file, got 3"),
         ({"sample": {"optics.psf": {"choice": []}}}, "must be a list of one value or more"),
         ({"sample": {"optics.psf": {"choice": ["airy"], "weights": [0]}}}, "weights: must be one per value, and not"),
         ({"format": "zarr", "sample": {"camera.n_row": {"integer": [64, 65]}}}, "images of one Zarr array must be"),
@@ -145,6 +149,8 @@ def test_extremes_that_a_scene_refuses_are_found_before_the_work():
         check_extremes(bad)
     with pytest.raises(ws.InputError, match=re.escape("sample.camera.fow_deg: camera.fow_deg: is not a known field")):
         check_extremes(recipe(sample={"camera.fow_deg": {"uniform": [0.5, 0.6]}}))
+    with pytest.raises(ws.InputError, match=r"targets.99.count: must name an item by its number, 0 to 3, got 99"):
+        check_extremes(recipe(sample={"targets.99.count": {"integer": [1, 2]}}))
     check_extremes(recipe(sample=SAMPLE))
 
 
@@ -239,3 +245,95 @@ def test_images_have_numbers_of_their_own():
     made = recipe(n_sequence=3, n_frame=2, n_sensor=2, bands=["A", "C"])
     keys = [ImageKey(q, 0, f, "", s, "", b) for q in range(3) for f in range(2) for s in range(2) for b in range(2)]
     assert [image_id(made, key) for key in keys] == list(range(1, 25))
+
+
+def test_numbers_of_numpy_are_numbers():
+    made = recipe(sample={"optics.aperture_m": {"choice": [np.float32(0.5), np.int64(1)]}})
+    assert json.loads(json.dumps(made.to_dict()))["sample"]["optics.aperture_m"]["choice"] == [0.5, 1]
+
+
+@pytest.fixture
+def catalogs(tmp_path):
+    """Two star catalogs, and a recipe beside them that chooses one for each sequence."""
+    for name, seed in (("one.fits", 1), ("two.fits", 2)):
+        ws.StarCatalog.synthetic(500, seed=seed).to_table().write(tmp_path / name)
+    path = tmp_path / "recipe.toml"
+    path.write_text('scene = "stss"\n[sample]\nsky.catalog = { choice = ["one.fits", "two.fits", "none"] }\n')
+    return path
+
+
+def test_files_among_choices_count_from_the_recipe(catalogs, tmp_path, monkeypatch):
+    monkeypatch.chdir("/")
+    made = ws.Recipe.load(catalogs)
+    choices = [str(tmp_path / "one.fits"), str(tmp_path / "two.fits"), "none"]
+    assert made.to_dict()["sample"]["sky.catalog"]["choice"] == choices
+    drawn = {draw_sequence(made, number).scene.sky.catalog for number in range(10)}
+    assert drawn == set(choices)
+    nested = {"sample": {"optics": {"choice": [{"psf_file": "psf.fits"}]}, "trajectory.file": {"choice": ["a.oem"]}}}
+    plain = ws.Recipe(scene="stss", **nested).to_dict()["sample"]
+    assert plain["optics"]["choice"] == [{"psf_file": "/psf.fits"}]
+    assert plain["trajectory.file"]["choice"] == ["/a.oem"]
+
+
+def test_what_files_depend_on(catalogs, tmp_path):
+    """The recipe, the files among its choices, and what writes."""
+    made = ws.Recipe.load(catalogs)
+    before = identity_of(made, "cpu")
+    assert difference(before, identity_of(ws.Recipe.load(catalogs), "cpu")) is None
+    ws.StarCatalog.synthetic(500, seed=3).to_table().write(tmp_path / "two.fits", overwrite=True)
+    after = identity_of(ws.Recipe.load(catalogs), "cpu")
+    assert key_of(after) != key_of(before)
+    assert "inputs.star catalog, for sky.catalog 1: " in difference(before, after)
+    assert len(before["inputs"]) == 4
+    other = identity_of(ws.Recipe.load(catalogs, least_nei=2.0, format="zarr"), "cuda:1")
+    assert difference(before, other) == 'format: "fits" there, "zarr" here'
+    assert difference(before | {"recipe": 0}, other | {"recipe": 0, "inputs": {}}) is not None
+    assert "zarr" in other["packages"] and other["device"] == "cuda"
+    assert identity_of(made, "cuda:0")["device"] == "cuda"
+    assert key_of(before | {"device": "cuda"}) != key_of(before)
+
+
+def test_differences_are_told_by_their_place():
+    assert difference({"a": {"b": [1, 2]}}, {"a": {"b": [1, 3]}}) == "a.b[1]: 2 there, 3 here"
+    assert difference({"a": 1}, {"a": 1, "c": "x" * 100}) == f'c: not set there, "{"x" * 56}... here'
+    assert difference({"a": [1]}, {"a": [1, 2]}) == "a: [1] there, [1, 2] here"
+    assert difference({"a": 1}, {"a": 1}) is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "n_sequence", "n_frame"),
+    [
+        ({"n_frame": 32}, 8, 32),
+        ({"n_frame": 500, "scene": "long"}, 8, 500),
+        ({"n_frame": 2000, "scene": "long"}, 2, 2000),
+        ({"n_frame": 2000, "scene": "long", "signal": True, "masks": True}, 1, 1024),
+        ({"n_frame": 32, "contributions": True}, 2, 32),
+        ({"n_frame": 32, "contributions": True, "n_sensor": 3}, 1, 22),
+        ({"n_frame": 2000, "scene": "long", "sequences_per_shard": 8}, 8, 2000),
+    ],
+)
+def test_a_zarr_shard_fits_into_memory(changes, n_sequence, n_frame):
+    scene = ws.Scene.load("stss")
+    if changes.get("scene") == "long":
+        scene = scene.replace(frames__interval_s=0.5)
+    made = recipe(**{"format": "zarr", "bands": "A", "interval_s": None, **changes, "scene": scene})
+    assert (made.shard_size, made.frames_per_shard) == (n_sequence, n_frame)
+    if "sequences_per_shard" not in changes:
+        assert made.shard_size * made.frames_per_shard * made.frame_bytes <= 128 * 2**20
+
+
+def test_a_recipe_is_checked_before_it_is_run(catalogs, capsys):
+    assert main(["check", str(catalogs)]) == 0
+    words = capsys.readouterr().out
+    for line in (
+        "960 images: 10 sequences of 32 frames every 10 s, 1 of 28 sensors, bands A C E",
+        "sequences: train 8, val 1, test 1",
+        "fits, 10 shards; 31.5 MB before compression, and tables",
+        "drawn: sky.catalog",
+        "sequence 0: from ",
+        "stss: valid.",
+    ):
+        assert line in words
+    catalogs.write_text('scene = "stss"\n[sample]\ncamera.fov_deg = { uniform = [1, 500] }\n')
+    assert main(["check", str(catalogs)]) == 2
+    assert "sample.camera.fov_deg: camera.fov_deg: must be in (0, 120), got 500" in capsys.readouterr().err

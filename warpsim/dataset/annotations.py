@@ -1,22 +1,80 @@
-"""Annotations of single images, in the form of the SatNet data set: Annotations/SENSOR_BAND.FRAME.json."""
+"""Annotations: COCO's, shard by shard, and those of single images in the form of the SatNet data set.
+
+A worker leaves what COCO's files say of its shard beside its receipt, so that in the end they are only put together.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
-from warpsim.files import write_json
+from warpsim.dataset.layout import COCO, PARTS, Shard, table_path
+from warpsim.dataset.recipe import SHARDED, Recipe
+from warpsim.files import read_json, write_json
+from warpsim.labels.coco import BETWEEN, coco_categories, coco_texts
+from warpsim.labels.parquet import read_parquet
 from warpsim.labels.satnet import satnet_record
 from warpsim.render.frameset import FrameSet
 
 if TYPE_CHECKING:
     from astropy.table import Table
 
+Columns = dict[str, npt.NDArray[Any]]
+
+_FACTS = {
+    "id": "image_id", "file_name": "file", "item": "item", "width": "width", "height": "height",
+    "sequence": "sequence", "frame": "frame", "time_s": "time_s", "date_obs": "date_obs", "sensor": "sensor",
+    "band": "band",
+}  # fmt: skip
+"""What COCO's file says of an image, and the columns of the table of images that know it."""
+
+
+def keep_texts(recipe: Recipe, folder: Path, shard: Shard) -> None:
+    """Leave what COCO's file will say of a shard, whose tables are there."""
+    write_json(_texts(recipe, folder, shard), _texts_path(folder, shard))
+
+
+def shard_texts(recipe: Recipe, folder: Path, shard: Shard) -> tuple[str, str]:
+    """What COCO's file says of the images of a shard, and of their annotations; made anew where it was not kept."""
+    kept = read_json(_texts_path(folder, shard))
+    images, annotations = kept if isinstance(kept, list) and len(kept) == 2 else _texts(recipe, folder, shard)
+    return images, annotations
+
+
+def _texts_path(folder: Path, shard: Shard) -> Path:
+    return folder / PARTS / COCO / f"{shard.name}.json"
+
+
+def _texts(recipe: Recipe, folder: Path, shard: Shard) -> tuple[str, str]:
+    images, annotations = zip(*coco_texts(_images(recipe, folder, shard), coco_categories(recipe.scene)), strict=True)
+    return BETWEEN.join(images), BETWEEN.join(filter(None, annotations))
+
+
+def _images(recipe: Recipe, folder: Path, shard: Shard) -> Iterator[tuple[dict[str, Any], Columns]]:
+    """Each image of a shard, and the columns of its targets."""
+    for number in shard.sequences[:1] if recipe.format in SHARDED else shard.sequences:
+        images = _columns(folder / table_path(recipe, shard, number, "images"))
+        truth = _columns(folder / table_path(recipe, shard, number, "truth"))
+        order = np.argsort(truth["image_id"], kind="stable")
+        truth = {name: column[order] for name, column in truth.items()}
+        ends = np.searchsorted(truth["image_id"], images["image_id"], side="right")
+        firsts = np.searchsorted(truth["image_id"], images["image_id"])
+        facts = {ours: images[name].tolist() for ours, name in _FACTS.items()}
+        for first, end, *values in zip(firsts, ends, *facts.values(), strict=True):
+            yield dict(zip(facts, values, strict=True)), {name: column[first:end] for name, column in truth.items()}
+
+
+def _columns(path: Path) -> Columns:
+    table = read_parquet(path)
+    return {name: np.asarray(table[name]) for name in table.colnames}
+
 
 def write_satnet(frames: FrameSet, rows: dict[str, Table], folder: Path) -> None:
-    """Write the annotations of a render call.
+    """Write SatNet annotations of the images of a render call: Annotations/SENSOR_BAND.FRAME.json.
 
     Args:
         frames: The images.

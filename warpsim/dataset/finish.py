@@ -4,29 +4,18 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
-from warpsim.dataset.layout import ANNOTATIONS, SEQUENCES, Shard, shards_of, table_path
-from warpsim.dataset.recipe import SHARDED, Recipe
+from warpsim.dataset.annotations import shard_texts
+from warpsim.dataset.layout import ANNOTATIONS, SEQUENCES, shards_of
+from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import split_of
 from warpsim.dataset.shard import Receipt, planned_path
 from warpsim.dataset.workplace import Workplace
 from warpsim.files import sha256_of, write_json
+from warpsim.labels.coco import coco_categories, write_coco_parts
 from warpsim.output.manifest import python_version
-
-Columns = dict[str, npt.NDArray[Any]]
-
-_FACTS = {
-    "id": "image_id", "file_name": "file", "item": "item", "width": "width", "height": "height",
-    "sequence": "sequence", "frame": "frame", "time_s": "time_s", "date_obs": "date_obs", "sensor": "sensor",
-    "band": "band",
-}  # fmt: skip
-"""What COCO's file says of an image, and the columns of the table of images that know it."""
 
 
 def finish(place: Workplace, receipts: dict[str, Receipt]) -> None:
@@ -34,7 +23,7 @@ def finish(place: Workplace, receipts: dict[str, Receipt]) -> None:
     recipe, folder = place.recipe, place.folder
     names = planned_names(recipe)
     write_json({"key": place.key, "files": dict.fromkeys(names)}, planned_path(folder, "finish"), lasting=True)
-    files = [*_write_stores(recipe, folder, place.parts), *_write_annotations(recipe, folder)]
+    files = [*_write_stores(recipe, folder, place.parts), *_write_annotations(place)]
     files.append(_write_sequences(recipe, folder, receipts))
     manifest = {
         "key": place.key,
@@ -80,47 +69,18 @@ def _write_stores(recipe: Recipe, folder: Path, parts: Path) -> list[Path]:
     return paths
 
 
-def _write_annotations(recipe: Recipe, folder: Path) -> list[Path]:
+def _write_annotations(place: Workplace) -> list[Path]:
     """COCO's annotations of each split."""
-    from warpsim.labels.coco import coco_categories, write_coco
-
+    recipe, folder = place.recipe, place.folder
     paths = []
     for split in recipe.shares if recipe.coco else ():
         path = folder / ANNOTATIONS / f"{split}.json"
         path.parent.mkdir(exist_ok=True)
         info = {"description": recipe.scene.description or recipe.scene.name, "split": split}
-        write_coco(path, _images(recipe, folder, split), coco_categories(recipe.scene), info)
+        texts = (shard_texts(recipe, folder, shard) for shard in shards_of(recipe) if shard.split == split)
+        write_coco_parts(path, texts, coco_categories(recipe.scene), info)
         paths.append(path)
     return paths
-
-
-def _images(recipe: Recipe, folder: Path, split: str) -> Iterator[tuple[dict[str, Any], Columns]]:
-    """Each image of a split, and the columns of its targets."""
-    for shard, number in _tables(recipe, split):
-        images = _columns(folder / table_path(recipe, shard, number, "images"))
-        truth = _columns(folder / table_path(recipe, shard, number, "truth"))
-        order = np.argsort(truth["image_id"], kind="stable")
-        truth = {name: column[order] for name, column in truth.items()}
-        ends = np.searchsorted(truth["image_id"], images["image_id"], side="right")
-        firsts = np.searchsorted(truth["image_id"], images["image_id"])
-        facts = {ours: images[name].tolist() for ours, name in _FACTS.items()}
-        for first, end, *values in zip(firsts, ends, *facts.values(), strict=True):
-            yield dict(zip(facts, values, strict=True)), {name: column[first:end] for name, column in truth.items()}
-
-
-def _columns(path: Path) -> Columns:
-    from warpsim.labels.table import read_parquet
-
-    table = read_parquet(path)
-    return {name: np.asarray(table[name]) for name in table.colnames}
-
-
-def _tables(recipe: Recipe, split: str) -> Iterator[tuple[Shard, int]]:
-    """Shards of a split with the numbers of the sequences whose tables are files of their own."""
-    for shard in shards_of(recipe):
-        if shard.split == split:
-            for number in shard.sequences[:1] if recipe.format in SHARDED else shard.sequences:
-                yield shard, number
 
 
 def _write_sequences(recipe: Recipe, folder: Path, receipts: dict[str, Receipt]) -> Path:

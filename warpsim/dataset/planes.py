@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from warpsim.dataset.recipe import Recipe
@@ -18,9 +16,13 @@ def planes_of(recipe: Recipe, frames: FrameSet) -> Planes:
     if recipe.signal and frames.signal_w_cm2 is not None:
         planes["signal_w_cm2"] = frames.signal_w_cm2.numpy()
     if recipe.masks:
-        planes["mask"] = _each(frames, lambda f, s, b: frames.target_mask(f, s, b, recipe.least_nei))
+        planes["mask"] = frames.target_masks(recipe.least_nei)
     if recipe.contributions:
-        planes["contributions_w_cm2"] = _each(frames, frames.contributions_w_cm2)
+        images, (n_row, n_col) = frames.counts.shape[:3], frames.counts.shape[3:]
+        light = np.zeros((*images, len(frames.scene.target_names), n_row, n_col), dtype=np.float32)
+        for f, s, b in np.ndindex(light.shape[:3]):
+            light[f, s, b] = frames.contributions_w_cm2(frames.frames[f], frames.sensors[s], frames.bands[b])
+        planes["contributions_w_cm2"] = light
     return planes
 
 
@@ -29,13 +31,3 @@ def bytes_per_frame(recipe: Recipe, scene: Scene) -> int:
     camera, n_target = scene.camera, len(scene.target_names)
     per_pixel = 2 + 4 * recipe.signal + 2 * recipe.masks + 4 * n_target * (recipe.contributions or recipe.masks)
     return per_pixel * camera.n_row * camera.n_col * recipe.n_sensor * len(recipe.band_names)
-
-
-def _each(frames: FrameSet, of_image: Any) -> Any:
-    """An array of what is made image by image."""
-    return np.stack(
-        [
-            [[of_image(frame, sensor, band) for band in frames.bands] for sensor in frames.sensors]
-            for frame in frames.frames
-        ]
-    )

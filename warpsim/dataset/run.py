@@ -13,7 +13,7 @@ from warpsim.arguments import whole_number
 from warpsim.dataset.execution import run_tasks
 from warpsim.dataset.finish import finish
 from warpsim.dataset.identity import identity_of, writers_of
-from warpsim.dataset.layout import Shard, shards_of
+from warpsim.dataset.layout import COCO, PLANNED, RECEIPTS, Shard, shards_of
 from warpsim.dataset.previews import FRAMES_PER_S
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import check_extremes
@@ -136,7 +136,7 @@ def _write_missing(
     n_thread = None if executor is None and n_worker == 1 else 1
     tasks = [Task(str(place.folder), place.key, shard, device, n_thread) for shard in missing]
     n_sequence = {shard.name: len(shard.sequences) for shard in missing}
-    for name in ("receipts", "planned"):
+    for name in (RECEIPTS, PLANNED, COCO):
         (place.parts / name).mkdir(exist_ok=True)
     with progress_bar(place.recipe.n_sequence, progress) as advance:
         advance(place.recipe.n_sequence - sum(n_sequence.values()))

@@ -13,9 +13,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from warpsim.dataset.annotations import write_satnet
+from warpsim.dataset.annotations import keep_texts, write_satnet
 from warpsim.dataset.identity import difference, identity_of, key_of
-from warpsim.dataset.layout import PARTS, RUN, Shard, folder_of
+from warpsim.dataset.layout import PARTS, PLANNED, RECEIPTS, RUN, WORK, Shard, folder_of
 from warpsim.dataset.planes import bytes_per_frame, planes_of
 from warpsim.dataset.previews import sequence_films
 from warpsim.dataset.recipe import Recipe
@@ -50,12 +50,12 @@ class Task:
 
 def receipt_path(folder: Path, shard: Shard) -> Path:
     """Where the receipt of a shard lies."""
-    return folder / PARTS / "receipts" / f"{shard.name}.json"
+    return folder / PARTS / RECEIPTS / f"{shard.name}.json"
 
 
 def planned_path(folder: Path, name: str) -> Path:
     """Where the names of files lie before they are there, so that a later run knows that they are not foreign."""
-    return folder / PARTS / "planned" / f"{name}.json"
+    return folder / PARTS / PLANNED / f"{name}.json"
 
 
 def write_shard(task: Task) -> Receipt:
@@ -80,6 +80,8 @@ def write_shard(task: Task) -> Receipt:
         for name in files:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (scratch / name).replace(folder / name)
+    if recipe.coco:
+        keep_texts(recipe, folder, shard)
     receipt = {
         "key": task.key,
         "shard": shard.name,
@@ -119,7 +121,7 @@ def _record_of_run(folder: Path, key: str) -> dict[str, Any]:
 @contextmanager
 def _scratch(folder: Path, shard: Shard) -> Iterator[Path]:
     """A folder of this worker's own, for files that are not complete yet."""
-    path = folder / PARTS / "work" / f"{shard.name}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
+    path = folder / PARTS / WORK / f"{shard.name}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
     path.parent.mkdir(exist_ok=True)  # not its parents: without them the run is over
     path.mkdir()
     try:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from warpsim.dataset.identity import Identity, difference, key_of
-from warpsim.dataset.layout import MANIFEST, PARTS, RUN, SEQUENCES, shards_of, top_names
+from warpsim.dataset.layout import COCO, MANIFEST, PARTS, PLANNED, RECEIPTS, RUN, SEQUENCES, WORK, shards_of, top_names
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.shard import Receipt, receipt_path
 from warpsim.errors import InputError
@@ -79,7 +79,7 @@ class Workplace:
 
     def _has_begun(self) -> bool:
         """Whether something says of files that they are there, or may be."""
-        return any(any((self.parts / name).glob("*.json")) for name in ("receipts", "planned"))
+        return any(any((self.parts / name).glob("*.json")) for name in (RECEIPTS, PLANNED))
 
     def _receipts(self) -> dict[str, Receipt]:
         """Receipts of the shards whose files are there and undamaged, by the shard's name."""
@@ -102,7 +102,7 @@ class Workplace:
         manifest = read_json(self.manifest_path)
         if not has_key(manifest, self.key):
             return
-        (self.parts / "receipts").mkdir(exist_ok=True)
+        (self.parts / RECEIPTS).mkdir(exist_ok=True)
         for shard in shards_of(self.recipe):
             if receipt := manifest.get("shards", {}).get(shard.name):
                 write_json(receipt, receipt_path(self.folder, shard))
@@ -111,7 +111,7 @@ class Workplace:
     def _make_room(self, overwrite: bool) -> None:
         """See that the data set's files are ours to write: remove another one, if wanted, never foreign files."""
         paths = [self.manifest_path, self.parts / RUN]
-        paths += [path for folder in ("receipts", "planned") for path in (self.parts / folder).glob("*.json")]
+        paths += [path for folder in (RECEIPTS, PLANNED) for path in (self.parts / folder).glob("*.json")]
         runs = [record for record in map(read_json, paths) if is_record(record)]
         others = [run for run in runs if run["key"] != self.key]
         if others and not overwrite:
@@ -124,9 +124,9 @@ class Workplace:
             remove_files(self.folder, _names(run))
         if others:
             self.manifest_path.unlink(missing_ok=True)
-            for name in ("receipts", "planned"):
+            for name in (RECEIPTS, PLANNED, COCO):
                 shutil.rmtree(self.parts / name, ignore_errors=True)
-        shutil.rmtree(self.parts / "work", ignore_errors=True)
+        shutil.rmtree(self.parts / WORK, ignore_errors=True)
         for name in (SEQUENCES, MANIFEST):
             partial_path(self.folder / name).unlink(missing_ok=True)
 

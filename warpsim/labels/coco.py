@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 Rows: TypeAlias = "Table | Mapping[str, npt.NDArray[Any]]"
 
 KEYPOINT = "centre"
+
+BETWEEN = ",\n"
+"""Items of a list in the file."""
 
 ROWS_PER_IMAGE = 100_000
 """Ids of annotations are image id x this + row in the image's label table + 1, whatever else is visible."""
@@ -78,7 +81,36 @@ def write_coco(
         InputError: An image lacks one of the four entries or has the id of an earlier one, or a category is unknown.
     """
     path = Path(path)
+    seen: set[int] = set()
+
+    def checked() -> Iterator[tuple[Mapping[str, Any], Rows]]:
+        for image, rows in images:
+            _check_image(path, image, seen)
+            yield image, rows
+
+    write_coco_parts(path, coco_texts(checked(), categories), categories, info)
+
+
+def coco_texts(
+    images: Iterable[tuple[Mapping[str, Any], Rows]], categories: Sequence[Mapping[str, Any]]
+) -> Iterator[tuple[str, str]]:
+    """What a COCO file says of each image, and of its annotations: items of JSON lists, annotations one a line.
+
+    Raises:
+        InputError: A category is unknown, or an image has too many rows.
+    """
     ids = {str(category["name"]): int(category["id"]) for category in categories}
+    for image, rows in images:
+        yield _json(image), BETWEEN.join(map(_json, image_annotations(image, rows, ids)))
+
+
+def write_coco_parts(
+    path: Path,
+    parts: Iterable[tuple[str, str]],
+    categories: Sequence[Mapping[str, Any]],
+    info: Mapping[str, Any] | None = None,
+) -> None:
+    """Put a file together from texts of one or more images and of their annotations, whole or not at all."""
     with (
         whole_file(path) as partial,
         partial.open("w", encoding="utf-8", newline="\n") as file,
@@ -86,16 +118,15 @@ def write_coco(
     ):
         head = {"info": {"coordinates": COORDINATES, **(info or {})}, "licenses": [], "categories": list(categories)}
         file.write(_json(head)[:-1] + ',\n"images": [')
-        seen: set[int] = set()
-        n_annotation = 0
-        for number, (image, rows) in enumerate(images):
-            _check_image(path, image, seen)
-            file.write((",\n" if number else "\n") + _json(image))
-            for annotation in image_annotations(image, rows, ids):
-                annotations.write((",\n" if n_annotation else "\n") + _json(annotation))
-                n_annotation += 1
+        before = {file: "\n", annotations: "\n"}
+        for texts in parts:
+            for where, text in zip((file, annotations), texts, strict=True):
+                if text:
+                    where.write(before[where] + text)
+                    before[where] = BETWEEN
         file.write('\n],\n"annotations": [')
-        _append(file, annotations)
+        annotations.seek(0)
+        shutil.copyfileobj(annotations, file)
         file.write("\n]}\n")
 
 
@@ -161,11 +192,6 @@ def _check_image(path: Path, image: Mapping[str, Any], seen: set[int]) -> None:
     if image["id"] in seen:
         raise InputError(f"{path}: images: ids must be unique, got {image['id']} twice")
     seen.add(image["id"])
-
-
-def _append(file: IO[str], annotations: IO[str]) -> None:
-    annotations.seek(0)
-    shutil.copyfileobj(annotations, file)
 
 
 def _short(value: float) -> float:

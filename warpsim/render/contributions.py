@@ -167,20 +167,35 @@ class TargetLight:
         return np.asarray(reach_px.numpy()[0])
 
 
-def brightest_target(light: TargetLight, band: int, view: int, least_w_cm2: float) -> npt.NDArray[np.uint16]:
-    """Number, from 1, of the target that gives most of a pixel's light, 0 where none gives least_w_cm2."""
+def brightest_targets(light: TargetLight, band: int, views: Ints, least_w_cm2: float) -> npt.NDArray[np.uint16]:
+    """Number, from 1, of the target that gives most of a pixel's light, 0 where none gives least_w_cm2.
+
+    Args:
+        light: Of the targets.
+        band: Place of the band in the images.
+        views: Numbers of views, shape (n,).
+        least_w_cm2: Light in a pixel that counts.
+
+    Returns:
+        Shape (n, n_row, n_col); of equals the first target is taken.
+    """
     n_target = light.xy_px.shape[1]
-    target = np.arange(n_target)
-    found = {
-        int(number): (tuple(origin_px), plane)
-        for patches in light.patches(band, np.full(n_target, view), target, least_w_cm2)
-        for number, origin_px, plane in zip(patches.number, patches.origin_px, patches.light_w_cm2, strict=True)
-    }
-    most = np.zeros(light.shape, dtype=np.float32)
-    mask = np.zeros(light.shape, dtype=np.uint16)
-    for number in sorted(found):  # of equals the first one is taken
-        (column, row), plane = found[number]
-        part = slice(row, row + plane.shape[0]), slice(column, column + plane.shape[1])
-        more = (plane >= least_w_cm2) & (plane > most[part])
-        most[part][more], mask[part][more] = plane[more], number + 1
+    image, target = (part.ravel() for part in np.indices((len(views), n_target)))
+    most = np.zeros((len(views), *light.shape), dtype=np.float32)
+    mask = np.zeros(most.shape, dtype=np.uint16)
+    for patches in light.patches(band, views[image], target, least_w_cm2):
+        n_row, n_col = patches.light_w_cm2.shape[1:]
+        bright = patches.light_w_cm2 >= least_w_cm2
+        some = bright.any(axis=(1, 2))
+        for number, (column, row), plane, enough in zip(
+            patches.number[some].tolist(),
+            patches.origin_px[some].tolist(),
+            patches.light_w_cm2[some],
+            bright[some],
+            strict=True,
+        ):
+            part = image[number], slice(row, row + n_row), slice(column, column + n_col)
+            label = target[number] + 1
+            more = enough & ((plane > most[part]) | ((plane == most[part]) & (label < mask[part])))
+            most[part][more], mask[part][more] = plane[more], label
     return mask

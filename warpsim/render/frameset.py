@@ -14,7 +14,7 @@ from warpsim.arguments import above_zero, whole_number
 from warpsim.errors import InputError
 from warpsim.orbit.sun import earth_position_m
 from warpsim.render.buffers import Observations
-from warpsim.render.contributions import CHUNK_BYTES, MOST_TARGETS, TargetLight, brightest_target
+from warpsim.render.contributions import CHUNK_BYTES, MOST_TARGETS, TargetLight, brightest_targets
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.records import Records
 from warpsim.render.world import World
@@ -186,11 +186,30 @@ class FrameSet:
         Raises:
             InputError: The image was not rendered, least_nei is not above 0, or there are more than 65,535 targets.
         """
-        view, number = self.image_numbers("target_mask", frame, sensor, band)
-        least = above_zero("least_nei", least_nei)
+        view, _ = self.image_numbers("target_mask", frame, sensor, band)
+        (mask,) = self._masks(band, np.array([view]), least_nei)
+        return np.asarray(mask)
+
+    def target_masks(self, least_nei: float = 1.0) -> npt.NDArray[np.uint16]:
+        """The target_mask of every image, shape (frame, sensor, band, row, column); quicker than one by one.
+
+        Args:
+            least_nei: Light that counts, in one pixel and of one target, over the NEI.
+
+        Raises:
+            InputError: least_nei is not above 0, or there are more than 65,535 targets.
+        """
+        views = np.arange(len(self.frames) * len(self.sensors))
+        masks = np.empty(self.counts.shape, dtype=np.uint16)
+        for number, band in enumerate(self.bands):
+            masks[:, :, number] = self._masks(band, views, least_nei).reshape(masks[:, :, number].shape)
+        return masks
+
+    def _masks(self, band: str, views: npt.NDArray[np.int64], least_nei: float) -> npt.NDArray[np.uint16]:
+        least_w_cm2 = above_zero("least_nei", least_nei) * self.scene.nei_w_cm2(band)
         if self._world.n_target > MOST_TARGETS:
             raise InputError(f"target_mask: must be of at most {MOST_TARGETS} targets, got {self._world.n_target}")
-        return brightest_target(self.target_light, number, view, least * self.scene.nei_w_cm2(band))
+        return brightest_targets(self.target_light, self.bands.index(band), views, least_w_cm2)
 
     def image_numbers(self, what: str, frame: int, sensor: str, band: str) -> tuple[int, int]:
         """Numbers of the view (frame x sensor) and the band of an image; InputError, as of `what`, if there is none."""
