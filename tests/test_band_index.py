@@ -65,9 +65,10 @@ def random_cones(n, rng):
     return direction, radius
 
 
-def test_a_hundred_thousand_random_cones(device, record_accuracy):
-    rng = np.random.default_rng(SEED)
-    for _ in range(25):
+@pytest.mark.parametrize("n_time", [5, pytest.param(20, marks=pytest.mark.slow)])
+def test_a_hundred_thousand_random_cones(device, n_time, record_accuracy):
+    rng = np.random.default_rng((SEED, n_time))
+    for _ in range(n_time):
         assert_queries_equal(hard_index(device), *random_cones(4000, rng), record_accuracy)
 
 

@@ -92,9 +92,14 @@ def test_kernels_of_a_module_build(module, tmp_path):
         assert f".entry {kernel.key}_" in text
 
 
-@pytest.mark.parametrize(
-    ("factory", "arguments"), MADE, ids=[f"{factory.__name__}{arguments}" for factory, arguments in MADE]
-)
+def _case(factory, arguments):
+    """By rules, light from the Earth takes ten seconds to compile."""
+    is_long = factory.__name__ == "make_observe_targets_kernel" and arguments == (EVERYTHING,)
+    marks = pytest.mark.slow if is_long else ()
+    return pytest.param(factory, arguments, id=f"{factory.__name__}{arguments}", marks=marks)
+
+
+@pytest.mark.parametrize(("factory", "arguments"), [_case(*made) for made in MADE])
 def test_made_kernels_build(factory, arguments, tmp_path):
     kernel = factory(*arguments)
     text = compiled_text(kernel.module, tmp_path)

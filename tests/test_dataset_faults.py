@@ -372,8 +372,8 @@ def test_partial_files_of_others_are_left_alone(recipe, tmp_path):
 
 
 def test_a_recipe_that_fails_before_anything_is_written_leaves_the_folder_free(recipe, tmp_path):
-    hopeless = ws.Recipe.from_dict(recipe.to_dict() | {"n_sensor": 28, "n_frame": 1000})
-    with pytest.raises(ws.InputError, match=r"sequence 0: in .* there were never 28 sensors with access"):
+    hopeless = ws.Recipe.from_dict(recipe.to_dict() | {"n_sensor": 28, "n_frame": 1000, "sample": {}})
+    with pytest.raises(ws.InputError, match=r"sequence 0: in 1 draws there were never 28 sensors with access"):
         ws.write_dataset(hopeless, tmp_path / "data", n_worker=1, device="cpu")
     assert content(tmp_path / "data") == {} and not (tmp_path / "data" / PARTS).exists()
 

@@ -25,6 +25,7 @@ from warpsim.dataset.sequences import (
     varied,
 )
 from warpsim.dataset.writers import TarArchive
+from warpsim.files import write_fits_table
 
 U = (np.arange(20_000) + 0.5) / 20_000
 
@@ -256,7 +257,7 @@ def test_numbers_of_numpy_are_numbers():
 def catalogs(tmp_path):
     """Two star catalogs, and a recipe beside them that chooses one for each sequence."""
     for name, seed in (("one.fits", 1), ("two.fits", 2)):
-        ws.StarCatalog.synthetic(500, seed=seed).to_table().write(tmp_path / name)
+        write_fits_table(ws.StarCatalog.synthetic(500, seed=seed).to_table(), tmp_path / name)
     path = tmp_path / "recipe.toml"
     path.write_text('scene = "stss"\n[sample]\nsky.catalog = { choice = ["one.fits", "two.fits", "none"] }\n')
     return path
@@ -280,7 +281,7 @@ def test_what_files_depend_on(catalogs, tmp_path):
     made = ws.Recipe.load(catalogs)
     before = identity_of(made, "cpu")
     assert difference(before, identity_of(ws.Recipe.load(catalogs), "cpu")) is None
-    ws.StarCatalog.synthetic(500, seed=3).to_table().write(tmp_path / "two.fits", overwrite=True)
+    write_fits_table(ws.StarCatalog.synthetic(500, seed=3).to_table(), tmp_path / "two.fits")
     after = identity_of(ws.Recipe.load(catalogs), "cpu")
     assert key_of(after) != key_of(before)
     assert "inputs.star catalog, for sky.catalog 1: " in difference(before, after)

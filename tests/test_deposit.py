@@ -128,7 +128,7 @@ def airy_offsets(rng):
         yield (x, y), np.array(inside)
 
 
-@pytest.mark.parametrize("obscuration", [0.0, 0.3])
+@pytest.mark.parametrize("obscuration", [0.0, pytest.param(0.3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("radius_px", AIRY_RADII_PX)
 def test_airy_at_hard_and_random_points(device, radius_px, obscuration, record_accuracy):
     psf = ws.PsfAiry(radius_px, obscuration)
@@ -203,7 +203,7 @@ def test_no_pixel_outside_a_gaussian_stamp_holds_more_than_the_cut(device, sigma
     assert sigma_px < 0.3 or max(worst) > 0.3  # stamps are no larger than they must be
 
 
-@pytest.mark.parametrize("obscuration", [0.0, 0.3])
+@pytest.mark.parametrize("obscuration", [0.0, pytest.param(0.3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("radius_px", AIRY_RADII_PX)
 def test_no_pixel_outside_an_airy_stamp_holds_more_than_the_cut(device, radius_px, obscuration):
     worst, still, is_sharp = [], (np.zeros(1), np.ones(1)), radius_px < 0.1

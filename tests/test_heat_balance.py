@@ -356,11 +356,19 @@ CYLINDER = {"kind": "cylinder", "radius_m": 0.25, "height_m": 1.0}
 SPHERE = {"kind": "sphere", "radius_m": 0.5}
 
 
-@pytest.mark.parametrize("matter", [HEAVY, FOIL], ids=["heavy", "foil"])
+REST, ROLLING = {"axis": [0.3, -0.5, 0.8]}, {"rolling_rev_s": 0.0015, "axis": "random"}
+
+
 @pytest.mark.parametrize(
-    ("shape", "attitude"),
-    [(SPHERE, {}), (CYLINDER, {"axis": [0.3, -0.5, 0.8]}), (CYLINDER, {"rolling_rev_s": 0.0015, "axis": "random"})],
-    ids=["sphere", "rest", "slow-rolling"],
+    ("shape", "attitude", "matter"),
+    [
+        pytest.param(SPHERE, {}, HEAVY, id="sphere-heavy"),
+        pytest.param(SPHERE, {}, FOIL, id="sphere-foil", marks=pytest.mark.slow),
+        pytest.param(CYLINDER, REST, HEAVY, id="rest-heavy"),
+        pytest.param(CYLINDER, REST, FOIL, id="rest-foil"),
+        pytest.param(CYLINDER, ROLLING, HEAVY, id="slow-rolling-heavy"),
+        pytest.param(CYLINDER, ROLLING, FOIL, id="slow-rolling-foil", marks=pytest.mark.slow),
+    ],
 )
 def test_scene_against_scipy(scene, matter, shape, attitude, record_accuracy):
     """Two ways through the shadow's edge, a foil that settles in 11 s, a body whose outline swings."""

@@ -680,6 +680,7 @@ def test_names_of_points_on_one_spot_do_not_cover_one_another():
     assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
 
 
+@pytest.mark.slow
 def test_a_single_target_and_many_satellites(scene, recwarn):
     """The smallest group, more names than can be written, and no access rules."""
     data = scene.to_dict()

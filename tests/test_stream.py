@@ -188,22 +188,23 @@ def renderer(moving):
     return ws.Renderer(moving, device="cpu")
 
 
-def test_twenty_sensors_at_30_hz_for_ten_seconds(moving, renderer):
+@pytest.mark.parametrize("n_frame", [75, pytest.param(300, marks=pytest.mark.slow)])
+def test_twenty_sensors_at_30_hz(moving, renderer, n_frame):
     """The paper's case. How late frames are depends on what else the machine does, so that is told, not asserted."""
     sensors, seen = moving.sensor_names[:20], []
-    sample = range(0, 300, 37)
+    sample = range(0, n_frame, 37)
     expected = renderer.render(sample, sensors, ["A"])
-    for frames in renderer.stream(sensors=sensors, bands=["A"], rate_hz=30.0, drop=False):
+    for frames in renderer.stream(range(n_frame), sensors, ["A"], rate_hz=30.0, drop=False):
         assert frames.counts.shape == (1, 20, 1, 128, 128)
         seen += frames.frames
         if frames.frames[0] in sample:
             place = sample.index(frames.frames[0])
             np.testing.assert_array_equal(frames.counts.numpy()[0], expected.counts.numpy()[place])
             np.testing.assert_array_equal(frames.axes_icrs[0], expected.axes_icrs[place])
-    assert seen == list(range(300))
+    assert seen == list(range(n_frame))
     stats = renderer.stats
-    assert (stats.n_frame, stats.n_dropped) == (300, 0)
-    assert stats.duration_s > 299 / 30 - EARLY_S
+    assert (stats.n_frame, stats.n_dropped) == (n_frame, 0)
+    assert stats.duration_s > (n_frame - 1) / 30 - EARLY_S
     assert 0 <= stats.latency_p50_s <= stats.latency_p99_s <= stats.latency_max_s
     print(stats)
 

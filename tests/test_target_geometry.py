@@ -469,7 +469,11 @@ def exact_radiance(kelvin, band):
         return total
 
 
-@pytest.mark.parametrize("band", [NARROW, ws.BANDS["A"], ws.BANDS["E"]], ids=["narrow", "A", "E"])
+@pytest.mark.parametrize(
+    "band",
+    [NARROW, pytest.param(ws.BANDS["A"], marks=pytest.mark.slow), ws.BANDS["E"]],
+    ids=["narrow", "A", "E"],
+)
 def test_radiance_table_from_3_to_10000_kelvin_is_planck(device, band):
     """One table for all temperatures, against mpmath: between nodes, and where the band has next to no light."""
     tables = make_radiance([band], (3.0, 1e4), wp.get_device(device))
