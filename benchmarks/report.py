@@ -24,7 +24,7 @@ from benchmarks.tables.markdown import cases_of  # noqa: E402
 RESULTS = TOP / "benchmarks" / "results"
 ORDER = (
     "fps", "peers", "stages", "savings", "scaling", "approximations", "first_frame", "deposit", "read_out",
-    "signatures", "earth_areas", "star_query", "star_places", "orbits", "access",
+    "datasets", "signatures", "earth_areas", "star_query", "star_places", "orbits", "access",
 )  # fmt: skip
 """Of the sections; others come behind."""
 

@@ -79,12 +79,12 @@ def record(benchmark: Any, format: str, workers: str, done: dict[str, Any]) -> N
     benchmark.extra_info |= {
         "format": format,
         "workers": workers,
-        "n_image": n_image,
-        "total_s": done["total_s"],
-        "images_per_s": n_image / done["total_s"],
-        "size_mb": done["n_byte"] / MB,
-        "bytes_per_pixel": done["n_byte"] / (n_image * 128 * 128),
-        "peak_memory_mb": done["peak_memory_mb"],
+        "images": n_image,
+        "s": done["total_s"],
+        "images per s": n_image / done["total_s"],
+        "MB": done["n_byte"] / MB,
+        "bytes per pixel": done["n_byte"] / (n_image * 128 * 128),
+        "peak MB of a process": done["peak_memory_mb"],
     }
 
 

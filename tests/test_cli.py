@@ -1,6 +1,8 @@
 """The command line: help, reports, and one clear line with exit code 2 for every kind of bad input."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -602,3 +604,10 @@ def test_missing_packages_are_named_with_their_extra(capsys, tmp_path, monkeypat
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert f"pip install 'warpsim[{'czml' if module == 'czml3' else 'plot'}]'" in err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_package_is_the_command(checkout_environment):
+    done = subprocess.run(
+        [sys.executable, "-m", "warpsim", "--version"], env=checkout_environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0 and done.stdout.strip() == f"warpsim {ws.__version__}"

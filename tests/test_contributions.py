@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import warpsim as ws
+from warpsim.render.contributions import Patches, brightest_targets
 
 SENSOR = "sat11"
 FRAME = 60
@@ -133,6 +134,33 @@ def test_mask_is_that_of_the_planes(frames, least_nei):
         unclear = (np.abs(first / least - 1) < THRESHOLD_RTOL) | (first - second < THRESHOLD_RTOL * first)
         np.testing.assert_array_equal(found[~unclear], wanted[~unclear])
         assert unclear.sum() < 3
+
+
+def test_masks_of_many_images_are_those_of_each(scene):
+    frames = ws.Renderer(scene, device="cpu").render(range(40, 44), ["sat11", "sat27"], ["C", "A"])
+    masks = frames.target_masks(0.5)
+    assert masks.shape == (4, 2, 2, 128, 128) and masks.dtype == np.uint16 and masks.any()
+    for f, s, b in np.ndindex(masks.shape[:3]):
+        one = frames.target_mask(frames.frames[f], frames.sensors[s], frames.bands[b], 0.5)
+        np.testing.assert_array_equal(masks[f, s, b], one)
+
+
+def test_of_equals_the_first_is_taken_in_whatever_order_patches_come():
+    class Light:
+        """Two views, three targets: 0 and 2 are equally bright, 1 is brighter in one pixel; the last come first."""
+
+        xy_px, shape = np.zeros((2, 3, 2)), (4, 5)
+
+        def patches(self, band, view, target, least_w_cm2):
+            for number in range(len(view))[::-1]:
+                plane = np.full((1, 2, 2), 2.0 if target[number] != 1 else 0.5, dtype=np.float32)
+                if target[number] == 1:
+                    plane[0, 1, 1] = 3.0
+                yield Patches(np.array([number]), np.array([[1 + view[number], 1]]), plane)
+
+    masks = brightest_targets(Light(), 0, np.array([0, 1]), 1.0)
+    assert masks[0].tolist() == [[0] * 5, [0, 1, 1, 0, 0], [0, 1, 2, 0, 0], [0] * 5]
+    assert masks[1].tolist() == [[0] * 5, [0, 0, 1, 1, 0], [0, 0, 1, 2, 0], [0] * 5]
 
 
 def test_memory_may_be_small(frames):

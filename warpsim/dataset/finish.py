@@ -18,22 +18,22 @@ from warpsim.labels.coco import coco_categories, write_coco_parts
 from warpsim.output.manifest import python_version
 
 
-def finish(place: Workplace, receipts: dict[str, Receipt]) -> None:
+def finish(workplace: Workplace, receipts: dict[str, Receipt]) -> None:
     """Write what describes all shards; the manifest last."""
-    recipe, folder = place.recipe, place.folder
+    recipe, folder = workplace.recipe, workplace.folder
     names = planned_names(recipe)
-    write_json({"key": place.key, "files": dict.fromkeys(names)}, planned_path(folder, "finish"), lasting=True)
-    files = [*_write_stores(recipe, folder, place.parts), *_write_annotations(place)]
+    write_json({"key": workplace.key, "files": dict.fromkeys(names)}, planned_path(folder, "finish"), lasting=True)
+    files = [*_write_stores(recipe, folder, workplace.parts), *_write_annotations(workplace)]
     files.append(_write_sequences(recipe, folder, receipts))
     manifest = {
-        "key": place.key,
-        **place.identity,
+        "key": workplace.key,
+        **workplace.identity,
         "python": python_version(),
         "splits": split_of(recipe),
         "files": {path.relative_to(folder).as_posix(): sha256_of(path) for path in files},
         "shards": {shard.name: receipts[shard.name] for shard in shards_of(recipe)},
     }
-    write_json(manifest, place.manifest_path, lasting=True)
+    write_json(manifest, workplace.manifest_path, lasting=True)
 
 
 def planned_names(recipe: Recipe) -> list[str]:
@@ -69,9 +69,9 @@ def _write_stores(recipe: Recipe, folder: Path, parts: Path) -> list[Path]:
     return paths
 
 
-def _write_annotations(place: Workplace) -> list[Path]:
+def _write_annotations(workplace: Workplace) -> list[Path]:
     """COCO's annotations of each split."""
-    recipe, folder = place.recipe, place.folder
+    recipe, folder = workplace.recipe, workplace.folder
     paths = []
     for split in recipe.shares if recipe.coco else ():
         path = folder / ANNOTATIONS / f"{split}.json"

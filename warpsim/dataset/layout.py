@@ -34,19 +34,19 @@ class Shard:
     """Sequences that are written as one: what a worker does at a time."""
 
     split: str
-    place: int
+    number: int
     """Among the shards of its split."""
     sequences: tuple[int, ...]
 
     @property
     def name(self) -> str:
         """Unique within the data set."""
-        return f"{self.split}-{self.place:06d}"
+        return f"{self.split}-{self.number:06d}"
 
     @property
     def stem(self) -> str:
         """Of its files in formats that put several sequences into one."""
-        return f"{self.split}/{self.place:06d}"
+        return f"{self.split}/{self.number:06d}"
 
 
 class ImageKey(NamedTuple):
@@ -66,9 +66,9 @@ def shards_of(recipe: Recipe) -> list[Shard]:
     """All shards of a data set, in order."""
     size = recipe.shard_size
     return [
-        Shard(split, place, tuple(numbers[first : first + size]))
+        Shard(split, number, tuple(numbers[first : first + size]))
         for split, numbers in split_of(recipe).items()
-        for place, first in enumerate(range(0, len(numbers), size))
+        for number, first in enumerate(range(0, len(numbers), size))
     ]
 
 

@@ -23,6 +23,7 @@ from warpsim.errors import InputError
 from warpsim.files import prepare_folder, read_json
 from warpsim.output.preview import check_preview
 from warpsim.output.progress import progress_bar
+from warpsim.output.zarr_array import check_zarr
 from warpsim.render.device import default_device, n_usable_cpu
 from warpsim.scene.scene import Scene
 
@@ -95,25 +96,27 @@ def write_dataset(
     n_worker = whole_number("n_worker", n_worker, 1) if n_worker is not None else _workers(alias)
     _check_packages(recipe)
     check_extremes(recipe)
-    place = Workplace(Path(folder).absolute(), recipe, identity_of(recipe, alias))
+    workplace = Workplace(Path(folder).absolute(), recipe, identity_of(recipe, alias))
     n_written = 0
-    if not place.is_complete():
-        prepare_folder(place.folder)
+    if not workplace.is_complete():
+        prepare_folder(workplace.folder)
         try:
-            with place.held(overwrite) as receipts:
+            with workplace.held(overwrite) as receipts:
                 missing = [shard for shard in shards_of(recipe) if shard.name not in receipts]
                 n_written = len(missing)
-                _write_missing(place, missing, receipts, alias, executor, n_worker, progress)
-                finish(place, receipts)
+                _write_missing(workplace, missing, receipts, alias, executor, n_worker, progress)
+                finish(workplace, receipts)
         except OSError as error:
-            raise OSError(f"{place.folder}: writing failed, the same command goes on from here: {error}") from error
-    return _report(place, n_written, time.perf_counter() - begin)
+            raise OSError(f"{workplace.folder}: writing failed, the same command goes on from here: {error}") from error
+    return _report(workplace, n_written, time.perf_counter() - begin)
 
 
 def _check_packages(recipe: Recipe) -> None:
     """See that what writes the files is installed, before the work."""
     if recipe.preview:
         check_preview(Path(f"preview.{recipe.preview}"), FRAMES_PER_S)
+    if recipe.format == "zarr":
+        check_zarr()  # its version matters
     for package in writers_of(recipe):
         if importlib.util.find_spec(package) is None:
             raise InputError(f"data sets need {package}, which is not installed: pip install 'warpsim[datasets]'")
@@ -124,7 +127,7 @@ def _workers(device: str) -> int:
 
 
 def _write_missing(
-    place: Workplace,
+    workplace: Workplace,
     missing: list[Shard],
     receipts: dict[str, Receipt],
     device: str,
@@ -134,12 +137,12 @@ def _write_missing(
 ) -> None:
     """Have the missing shards written, and take their receipts."""
     n_thread = None if executor is None and n_worker == 1 else 1
-    tasks = [Task(str(place.folder), place.key, shard, device, n_thread) for shard in missing]
+    tasks = [Task(str(workplace.folder), workplace.key, shard, device, n_thread) for shard in missing]
     n_sequence = {shard.name: len(shard.sequences) for shard in missing}
     for name in (RECEIPTS, PLANNED, COCO):
-        (place.parts / name).mkdir(exist_ok=True)
-    with progress_bar(place.recipe.n_sequence, progress) as advance:
-        advance(place.recipe.n_sequence - sum(n_sequence.values()))
+        (workplace.parts / name).mkdir(exist_ok=True)
+    with progress_bar(workplace.recipe.n_sequence, progress) as advance:
+        advance(workplace.recipe.n_sequence - sum(n_sequence.values()))
 
         def done(receipt: Receipt) -> None:
             receipts[receipt["shard"]] = receipt
@@ -148,9 +151,9 @@ def _write_missing(
         run_tasks(tasks, executor, n_worker, done)
 
 
-def _report(place: Workplace, n_written: int, total_s: float) -> DatasetReport:
-    recipe = place.recipe
+def _report(workplace: Workplace, n_written: int, total_s: float) -> DatasetReport:
+    recipe = workplace.recipe
     n_image = recipe.n_sequence * recipe.n_frame * recipe.n_sensor * len(recipe.band_names)
-    shards = read_json(place.manifest_path)["shards"]
+    shards = read_json(workplace.manifest_path)["shards"]
     n_byte = sum(receipt["bytes"] for receipt in shards.values())
-    return DatasetReport(place.folder, recipe.n_sequence, n_image, n_byte, len(shards), n_written, total_s)
+    return DatasetReport(workplace.folder, recipe.n_sequence, n_image, n_byte, len(shards), n_written, total_s)

@@ -70,7 +70,7 @@ def write_shard(task: Task) -> Receipt:
     """
     folder, shard = Path(task.folder), task.shard
     recipe, renderer = work_of_run(folder, task.key, task.device, task.n_thread)
-    with _scratch(folder, shard) as scratch, _full_disk_told(folder):
+    with _scratch(folder, shard) as scratch, _naming_a_full_disk(folder):
         sequences = _write_files(recipe, renderer, task, scratch)
         files = sorted(path.relative_to(scratch).as_posix() for path in scratch.rglob("*") if path.is_file())
         checksums = {name: sha256_of(scratch / name) for name in files}
@@ -131,7 +131,7 @@ def _scratch(folder: Path, shard: Shard) -> Iterator[Path]:
 
 
 @contextmanager
-def _full_disk_told(folder: Path) -> Iterator[None]:
+def _naming_a_full_disk(folder: Path) -> Iterator[None]:
     """NumPy says only that it wrote less than was asked for."""
     try:
         yield
@@ -152,7 +152,7 @@ def _write_files(recipe: Recipe, like: Renderer, task: Task, scratch: Path) -> l
             folder = scratch / folder_of(task.shard, number)
             renderer = like.with_scene(sequence.scene)
             _write_sequence(recipe, sequence, position, renderer, writer, tables, folder)
-            drawn.append(_told(sequence, task.shard))
+            drawn.append(_sequence_record(sequence, task.shard))
         tables.close()
         writer.finish()
     except BaseException:
@@ -186,7 +186,7 @@ def _write_sequence(
     tables.end_sequence(sequence)
 
 
-def _told(sequence: Sequence, shard: Shard) -> dict[str, Any]:
+def _sequence_record(sequence: Sequence, shard: Shard) -> dict[str, Any]:
     return {
         "sequence": sequence.number,
         "split": shard.split,

@@ -51,7 +51,7 @@ class Tables:
         ids = np.array([image_id(self._recipe, key) for key in keys], dtype=np.int64)
         truth = label_table(frames, least_nei=self._recipe.least_nei, with_masks=self._recipe.masks)
         n_target = len(sequence.scene.target_names)
-        _lead(truth, np.repeat(ids, n_target), sequence.number)
+        _put_keys_first(truth, np.repeat(ids, n_target), sequence.number)
         rows = {"images": self._images(sequence, frames, keys, ids), "truth": truth}
         if self._recipe.stars:
             rows["stars"] = frames.stars
@@ -93,7 +93,7 @@ class Tables:
         )
         for name, unit in IMAGE_UNITS.items():
             table[name].unit = unit
-        _lead(table, ids, sequence.number)
+        _put_keys_first(table, ids, sequence.number)
         return table
 
     def end_sequence(self, sequence: Sequence) -> None:
@@ -117,7 +117,7 @@ class Tables:
         self._parts = {}
 
 
-def _lead(table: Table, image_ids: Any, sequence: int) -> None:
+def _put_keys_first(table: Table, image_ids: Any, sequence: int) -> None:
     """Put the columns first that tie tables together."""
     table.add_column(image_ids, index=0, name="image_id")
     table.add_column(np.full(len(table), sequence, dtype=np.int64), index=1, name="sequence")

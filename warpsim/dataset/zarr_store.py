@@ -16,6 +16,7 @@ from warpsim.dataset.layout import ImageKey, Shard
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import Sequence, split_of
 from warpsim.errors import InputError
+from warpsim.output.zarr_array import ARRAY
 from warpsim.render.frameset import FrameSet
 
 STORE = "images.zarr"
@@ -43,16 +44,10 @@ def array_shapes(recipe: Recipe) -> dict[str, tuple[tuple[int, ...], Any]]:
 
 
 def create_store(recipe: Recipe, split: str, path: Path) -> dict[str, Any]:
-    """Make a split's group, whose arrays are empty; the arrays by name.
+    """Make a split's group, whose arrays are empty; the arrays by name."""
+    from zarr import create_group
+    from zarr.storage import LocalStore
 
-    Raises:
-        InputError: zarr is not installed, or is older than 3.
-    """
-    try:
-        from zarr import create_group
-        from zarr.storage import LocalStore
-    except ImportError:
-        raise InputError("format: zarr needs the package zarr >= 3: pip install 'warpsim[datasets]'") from None
     # A store of its own: a path as text may be taken for an address.
     group = create_group(store=LocalStore(path), zarr_format=3, attributes=_attributes(recipe, split))
     n_sequence = len(split_of(recipe)[split])
@@ -64,8 +59,7 @@ def create_store(recipe: Recipe, split: str, path: Path) -> dict[str, Any]:
             chunks=(*(1,) * (len(shape) - 1), *shape[-2:]),
             shards=(recipe.shard_size, recipe.frames_per_shard, *shape[1:]),
             dimension_names=AXES if len(shape) == 5 else (*AXES[:4], "target", *AXES[4:]),
-            fill_value=0,
-            config={"write_empty_chunks": True},  # which files there are does not depend on what they show
+            **ARRAY,
         )
         for name, (shape, dtype) in array_shapes(recipe).items()
     }
@@ -85,7 +79,7 @@ class ZarrShard:
         self._path = folder / store_path(shard.split)
         self._arrays = create_store(recipe, shard.split, self._path)
         self._buffers: dict[str, Any] = {}
-        self._first = shard.place * recipe.shard_size
+        self._first = shard.number * recipe.shard_size
 
     def begin(self, sequence: Sequence, position: int) -> None:
         """Start a sequence."""

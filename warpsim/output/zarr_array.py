@@ -24,6 +24,12 @@ from warpsim.scene.scene import Scene
 SHARD_BYTES = 32 * 2**20
 """Of images in a shard at most, but one: what is held in memory before it is written."""
 
+ARRAY: dict[str, Any] = {
+    "fill_value": 0,
+    "config": {"write_empty_chunks": True},  # which files there are does not depend on what the images show
+}
+"""Settings of every array of images."""
+
 _OF_A_FRAME = {
     *("FRAME", "TIME_S", "DATE-OBS", "MJD-OBS", "CRVAL1", "CRVAL2", "CD1_1", "CD1_2", "CD2_1", "CD2_2"),
     *("UPREPL", "BOREPL"),
@@ -85,7 +91,6 @@ def read_zarr_counts(path: Path, frames: Sequence[int]) -> npt.NDArray[np.uint16
 def _new_array(path: Path, shape: tuple[int, int, int]) -> Any:
     import zarr
 
-    # Empty chunks, too, so that it does not depend on the images which files there are.
     return zarr.create_array(
         store=zarr.storage.LocalStore(path),  # a path as text may be taken for an address
         shape=shape,
@@ -93,9 +98,8 @@ def _new_array(path: Path, shape: tuple[int, int, int]) -> Any:
         chunks=(1, *shape[1:]),
         shards=(_shard_frames(shape), *shape[1:]),
         dimension_names=("frame", "row", "column"),
-        fill_value=0,
         zarr_format=3,
-        config={"write_empty_chunks": True},
+        **ARRAY,
     )
 
 
