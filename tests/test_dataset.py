@@ -16,6 +16,7 @@ from astropy.wcs import WCS
 import warpsim as ws
 from warpsim.cli import main
 from warpsim.dataset.sequences import draw_sequence, split_of
+from warpsim.dataset.zarr_store import _chunk_shape
 
 parquet = pytest.importorskip("pyarrow.parquet")
 Image = pytest.importorskip("PIL.Image")
@@ -238,6 +239,24 @@ def test_a_long_sequence_fills_several_shards_of_an_array(tmp_path, monkeypatch)
         sequence = draw_sequence(given, number)
         frames = ws.Renderer(sequence.scene, "cpu").render(range(12), sequence.sensors, "A")
         assert np.array_equal(array[number], frames.counts.numpy())
+
+
+@pytest.mark.parametrize(
+    ("shape", "n_frame", "chunk"),
+    [
+        ((100, 2, 3, 128, 128), 100, (1, 5, 1, 1, 128, 128)),
+        ((7, 1, 1, 128, 128), 7, (1, 7, 1, 1, 128, 128)),
+        ((97, 1, 1, 128, 128), 97, (1, 1, 1, 1, 128, 128)),
+        ((8, 1, 1, 1024, 1024), 8, (1, 1, 1, 1, 1024, 1024)),
+        ((8, 1, 1, 30, 128, 128), 8, (1, 1, 1, 1, 6, 128, 128)),
+        ((8, 1, 1, 3, 64, 64), 8, (1, 8, 1, 1, 3, 64, 64)),
+        ((8, 1, 1, 30, 1024, 1024), 8, (1, 1, 1, 1, 1, 1024, 1024)),
+    ],
+)
+def test_chunks_hold_several_small_images_and_fill_shards(shape, n_frame, chunk):
+    found = _chunk_shape(shape, np.uint16, n_frame)
+    assert found == chunk
+    assert all(n % c == 0 for n, c in zip((n_frame, *shape[1:]), found[1:], strict=True))
 
 
 def test_satnet_annotations_and_previews_lie_beside_the_images(tmp_path):

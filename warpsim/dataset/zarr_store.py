@@ -20,6 +20,9 @@ from warpsim.output.zarr_array import ARRAY
 from warpsim.render.frameset import FrameSet
 
 STORE = "images.zarr"
+CHUNK_BYTES = 2**18
+"""Of small images at most: each chunk takes zarr some milliseconds, whatever its size."""
+
 AXES = ("sequence", "frame", "sensor", "band", "row", "column")
 
 
@@ -56,13 +59,27 @@ def create_store(recipe: Recipe, split: str, path: Path) -> dict[str, Any]:
             name,
             shape=(n_sequence, *shape),
             dtype=dtype,
-            chunks=(*(1,) * (len(shape) - 1), *shape[-2:]),
+            chunks=_chunk_shape(shape, dtype, recipe.frames_per_shard),
             shards=(recipe.shard_size, recipe.frames_per_shard, *shape[1:]),
             dimension_names=AXES if len(shape) == 5 else (*AXES[:4], "target", *AXES[4:]),
             **ARRAY,
         )
         for name, (shape, dtype) in array_shapes(recipe).items()
     }
+
+
+def _chunk_shape(shape: tuple[int, ...], dtype: Any, n_frame: int) -> tuple[int, ...]:
+    """What is compressed as one: an image, and if it is small some of its targets' planes, then some frames of it."""
+    n_plane = max(1, CHUNK_BYTES // (shape[-2] * shape[-1] * int(np.dtype(dtype).itemsize)))
+    n_target = shape[3] if len(shape) == 6 else 1
+    targets = _largest_divisor(n_target, n_plane)
+    frames = _largest_divisor(n_frame, n_plane // n_target) if targets == n_target else 1
+    return (1, frames, 1, 1, *(targets,) * (len(shape) - 5), *shape[-2:])
+
+
+def _largest_divisor(number: int, most: int) -> int:
+    """Of those that are at most so much: chunks must fill shards."""
+    return max(d for d in range(1, max(1, min(number, most)) + 1) if number % d == 0)
 
 
 def _attributes(recipe: Recipe, split: str) -> dict[str, Any]:
