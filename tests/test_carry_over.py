@@ -118,3 +118,27 @@ def test_a_file_that_was_changed_meanwhile_is_read_anew(tmp_path):
     after = scene.replace(camera__n_row=64).position_m(scene.target_names[0], [500.0])
     assert np.linalg.norm(before) == pytest.approx(7.0e6, abs=1)
     assert np.linalg.norm(after) == pytest.approx(7.1e6, abs=1)
+
+
+def test_pointing_matters_where_access_asks_for_the_field_of_view(scene):
+    one = scene.replace(access_rules__in_fov=True, pointing=FIXED, camera__fov_deg=50.0, **MANY)
+    assert one.sensors_with_access is not None
+    other = one.replace(pointing={"kind": "fixed", "azimuth_elevation_deg": [0.0, -20.0]})
+    assert other.tracks is one.tracks
+    assert np.array_equal(other.access().as_array(), fresh(other).access().as_array())
+
+
+def test_a_table_of_directions_is_read_anew(scene, tmp_path):
+    path = tmp_path / "look.csv"
+
+    def write(azimuth_deg):
+        path.write_text(f"time_s,azimuth_deg,elevation_deg\n0,{azimuth_deg},-20\n1614,{azimuth_deg},-20\n")
+
+    write(90)
+    table = {"kind": "table", "mode": "stare", "file": str(path)}
+    one = scene.replace(access_rules__in_fov=True, pointing=table, camera__fov_deg=50.0, **MANY)
+    assert one.sensors_with_access is not None
+    write(10)
+    other = one.replace(name="other")
+    assert np.array_equal(other.access().as_array(), fresh(other).access().as_array())
+    assert not np.array_equal(other.access().as_array(), one.access().as_array())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import random
 import shutil
@@ -9,15 +10,17 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 import warpsim as ws
-from warpsim.dataset import execution
+from warpsim.dataset import annotations, execution
+from warpsim.dataset import shard as shard_module
+from warpsim.dataset.finish import finish
 from warpsim.dataset.layout import PARTS
-from warpsim.files import read_json
+from warpsim.files import prepare_folder, read_json, write_fits_table
 
 pytest.importorskip("pyarrow")
 
@@ -239,10 +242,11 @@ def test_damage_is_found_and_only_that_is_made_again(recipe, whole, tmp_path, da
         (folder / "annotations" / "train.json").unlink()
     elif damage == "left behind":
         (folder / PARTS / "work" / "train-000000-1-abcdef01").mkdir(parents=True)
-        (folder / "manifest.json").rename(folder / PARTS / "run.json")
+        (folder / PARTS / "receipts").mkdir()
+        victim.unlink()
     else:
         (folder / "manifest.json").write_text((folder / "manifest.json").read_text()[:-100])
-    expected = {"annotations": 0, "left behind": 8}.get(damage, 1)  # without receipts nothing says which are whole
+    expected = {"annotations": 0}.get(damage, 1)
     if damage == "manifest cut":
         with pytest.raises(ws.InputError, match=r"manifest.json: is damaged, or not of warpsim; choose another folder"):
             ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
@@ -323,7 +327,7 @@ def test_what_a_killed_run_left_is_gone_once_another_replaces_it(recipe, tmp_pat
     def broken_off(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("warpsim.dataset.shard.receipt_path", broken_off)
+    monkeypatch.setattr("warpsim.dataset.shard.keep_texts", broken_off)
     with pytest.raises(KeyboardInterrupt):
         ws.write_dataset(bright, tmp_path / "data", n_worker=1, device="cpu")
     monkeypatch.undo()
@@ -419,3 +423,175 @@ def test_few_tasks_wait_at_a_time(recipe, whole, tmp_path, monkeypatch):
         ws.write_dataset(recipe, tmp_path / "data", executor, device="cpu")
     assert len(waiting) == 8 and max(waiting) <= 1
     assert content(tmp_path / "data") == content(whole)
+
+
+def _broken_off(*arguments, **options):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("format", ["fits", "zarr"])
+def test_a_repair_that_is_killed_goes_on(recipe, whole, zarr_recipe, zarr_whole, tmp_path, monkeypatch, format):
+    given, complete = (recipe, whole) if format == "fits" else (zarr_recipe, zarr_whole)
+    folder = tmp_path / "data"
+    shutil.copytree(complete, folder)
+    next((folder / "train").rglob("truth.parquet" if format == "fits" else "*.truth.parquet")).unlink()
+    monkeypatch.setattr("warpsim.dataset.shard._write_files", _broken_off)
+    with pytest.raises(KeyboardInterrupt):
+        ws.write_dataset(given, folder, n_worker=1, device="cpu")
+    monkeypatch.undo()
+    assert not (folder / "manifest.json").exists()
+    assert ws.write_dataset(given, folder, n_worker=1, device="cpu").n_shard_written == 1
+    assert content(folder) == content(complete)
+
+
+def test_a_run_killed_in_its_last_moment_is_tidied_up(recipe, whole, tmp_path, monkeypatch):
+    folder = tmp_path / "data"
+    shutil.copytree(whole, folder)
+    (folder / "annotations" / "train.json").unlink()
+    monkeypatch.setattr("warpsim.dataset.workplace.clear", _broken_off)
+    with pytest.raises(KeyboardInterrupt):
+        ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+    monkeypatch.undo()
+    assert (folder / PARTS / "run.json").exists() and (folder / "manifest.json").exists()
+    assert ws.write_dataset(recipe, folder, n_worker=1, device="cpu").n_shard_written == 0
+    assert content(folder) == content(whole) and not (folder / PARTS).exists()
+
+
+def test_the_reason_is_told_however_busy_other_workers_are(recipe, tmp_path, monkeypatch):
+    png = ws.Recipe.from_dict(recipe.to_dict() | {"format": "png", "n_frame": 20})
+    draw = shard_module.draw_sequence
+
+    def first_is_wrong(given, number):
+        if number == 0:
+            time.sleep(0.3)
+            raise ws.InputError("sequence 0: the reason")
+        return draw(given, number)
+
+    monkeypatch.setattr("warpsim.dataset.shard.draw_sequence", first_is_wrong)
+    with ThreadPoolExecutor(4) as executor, pytest.raises(ws.InputError, match="sequence 0: the reason"):
+        ws.write_dataset(png, tmp_path / "data", executor, device="cpu")
+
+
+@pytest.mark.parametrize("loss", ["worker", "pool"])
+def test_losses_of_an_executor_of_the_users_are_told(recipe, tmp_path, monkeypatch, loss):
+    monkeypatch.setattr(execution, "write_shard", _die)
+    executor = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
+    if loss == "pool":
+        executor.shutdown()
+    reason = "BrokenProcessPool" if loss == "worker" else "RuntimeError: cannot schedule new futures"
+    with executor, pytest.raises(OSError, match=f"goes on from here: workers were lost: {reason}"):
+        ws.write_dataset(recipe, tmp_path / "data", executor, device="cpu")
+
+
+def test_a_failure_does_not_hide_what_was_done_at_the_same_time(recipe, tmp_path, monkeypatch):
+    """Two tasks end together, one well: its receipt counts."""
+    good, bad = Future(), Future()
+    good.set_result({"shard": "good"})
+    bad.set_exception(ws.InputError("bad"))
+    futures, done = iter([bad, good]), []
+
+    class Ready(ThreadPoolExecutor):
+        def submit(self, function, *arguments):
+            return next(futures)
+
+    with Ready(1) as executor, pytest.raises(ws.InputError, match="bad"):
+        execution._collect(executor, [None, None], done.append)
+    assert done == [{"shard": "good"}]
+
+
+def test_runs_that_begin_together_do_not_disturb_each_other(tmp_path):
+    for number in range(40):
+        folder = tmp_path / f"{number}" / "data"
+        with ThreadPoolExecutor(4) as executor:
+            list(executor.map(prepare_folder, [folder] * 8))
+        assert list(folder.iterdir()) == []
+
+
+def test_files_that_change_during_a_run_are_found(tmp_path, monkeypatch):
+    catalog = tmp_path / "stars.fits"
+    write_fits_table(ws.StarCatalog.synthetic(500, seed=1).to_table(), catalog)
+    scene = ws.Scene.load("stss").replace(sky__catalog=str(catalog))
+    given = ws.Recipe(scene=scene, n_sequence=3, n_frame=1, bands="A")
+    draw = shard_module.draw_sequence
+
+    def changed(recipe, number):
+        if number == 1:
+            write_fits_table(ws.StarCatalog.synthetic(400, seed=2).to_table(), catalog)
+        return draw(recipe, number)
+
+    monkeypatch.setattr("warpsim.dataset.shard.draw_sequence", changed)
+    with pytest.raises(ws.InputError, match=r"stars.fits: was changed while the data set was written"):
+        ws.write_dataset(given, tmp_path / "data", n_worker=1, device="cpu")
+
+
+def test_kept_annotations_are_used_and_those_that_are_damaged_made_anew(recipe, whole, tmp_path, monkeypatch):
+    folder, made = tmp_path / "data", []
+    texts = annotations._texts
+    monkeypatch.setattr(annotations, "_texts", lambda *given: made.append(given) or texts(*given))
+    monkeypatch.setattr("warpsim.dataset.run.finish", _broken_off)
+    with pytest.raises(KeyboardInterrupt):
+        ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+    assert len(made) == 8
+    kept = folder / PARTS / "coco" / "train-000000.json"
+    kept.write_text(kept.read_text().replace("0", "1", 1))
+    monkeypatch.setattr("warpsim.dataset.run.finish", finish)
+    ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+    assert len(made) == 9
+    assert content(folder) == content(whole)
+
+
+def test_a_file_of_somebody_in_a_folder_to_come_is_not_touched(recipe, tmp_path, monkeypatch):
+    folder = tmp_path / "data"
+    with monkeypatch.context() as patch:
+        patch.setattr("warpsim.dataset.run.finish", _broken_off)
+        with pytest.raises(KeyboardInterrupt):
+            ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+    (name,) = {Path(name).parent for name in read_json(folder / PARTS / "receipts" / "train-000001.json")["files"]}
+    home = folder / name
+    (folder / PARTS / "receipts" / "train-000001.json").unlink()
+    (folder / PARTS / "planned" / "train-000001.json").unlink()
+    (home / "truth.parquet").write_text("mine")
+    with pytest.raises(ws.InputError, match=rf"{name}/.*: is there already, and warpsim did not write it"):
+        ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+    assert (home / "truth.parquet").read_text() == "mine"
+
+
+def test_a_link_in_place_of_a_split_is_refused(recipe, whole, tmp_path):
+    folder = tmp_path / "data"
+    shutil.copytree(whole, folder)
+    (folder / "train").rename(tmp_path / "elsewhere")
+    (folder / "train").symlink_to(tmp_path / "elsewhere")
+    other = ws.Recipe.from_dict(recipe.to_dict() | {"seed": 1})
+    before = content(tmp_path / "elsewhere")
+    with pytest.raises(ws.InputError, match="train: must not be a link"):
+        ws.write_dataset(other, folder, n_worker=1, device="cpu", overwrite=True)
+    assert content(tmp_path / "elsewhere") == before
+
+
+def test_a_worker_that_is_late_after_rendering_leaves_nothing(recipe, tmp_path, monkeypatch):
+    folder = tmp_path / "data"
+    write_files = shard_module._write_files
+
+    def late(work, task, scratch):
+        drawn = write_files(work, task, scratch)
+        run = folder / PARTS / "run.json"
+        run.write_text(run.read_text().replace(task.key, "0" * 64))
+        return drawn
+
+    monkeypatch.setattr("warpsim.dataset.shard._write_files", late)
+    with pytest.raises(OSError, match="no longer belongs to this run"):
+        ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+    assert not (folder / "train").exists() and not (folder / "test").exists()
+
+
+def test_films_are_the_same_in_whatever_calls_frames_come(recipe, tmp_path, monkeypatch):
+    given = ws.Recipe.from_dict(
+        recipe.to_dict() | {"preview": "gif", "n_sequence": 1, "n_frame": 7, "split": {"all": 1}, "coco": False}
+    )
+    monkeypatch.setattr("warpsim.dataset.previews.PREVIEW_FRAMES", 3)
+    ws.write_dataset(given, tmp_path / "one", n_worker=1, device="cpu")
+    monkeypatch.setattr("warpsim.dataset.shard.BYTES_PER_CALL", 1)
+    ws.write_dataset(given, tmp_path / "many", n_worker=1, device="cpu")
+    assert content(tmp_path / "one") == content(tmp_path / "many")
+    (film,) = (tmp_path / "one" / "all" / "000000").glob("*.gif")
+    assert pytest.importorskip("PIL.Image").open(film).n_frames == 3

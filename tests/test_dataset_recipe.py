@@ -274,6 +274,8 @@ def test_files_among_choices_count_from_the_recipe(catalogs, tmp_path, monkeypat
     plain = ws.Recipe(scene="stss", **nested).to_dict()["sample"]
     assert plain["optics"]["choice"] == [{"psf_file": "/psf.fits"}]
     assert plain["trajectory.file"]["choice"] == ["/a.oem"]
+    listed = ws.Recipe(scene="stss", sample={"constellation.files.0": {"choice": ["a.oem"]}}).to_dict()["sample"]
+    assert listed["constellation.files.0"]["choice"] == ["/a.oem"]
 
 
 def test_what_files_depend_on(catalogs, tmp_path):
@@ -297,7 +299,7 @@ def test_what_files_depend_on(catalogs, tmp_path):
 def test_differences_are_told_by_their_place():
     assert difference({"a": {"b": [1, 2]}}, {"a": {"b": [1, 3]}}) == "a.b[1]: 2 there, 3 here"
     assert difference({"a": 1}, {"a": 1, "c": "x" * 100}) == f'c: not set there, "{"x" * 56}... here'
-    assert difference({"a": [1]}, {"a": [1, 2]}) == "a: [1] there, [1, 2] here"
+    assert difference({"a": [1]}, {"a": [1, 2]}) == "a[1]: not set there, 2 here"
     assert difference({"a": 1}, {"a": 1}) is None
 
 

@@ -384,6 +384,11 @@ def test_a_renderer_of_another_epoch_or_sky_has_its_own_stars(scene, renderer):
         assert np.array_equal(moved.render([0]).counts.numpy(), alone.render([0]).counts.numpy())
 
 
+def test_renderers_of_renderers_have_the_stars_of_their_scenes(scene, renderer):
+    chained = renderer.with_scene(scene.replace(name="other")).with_scene(scene.replace(sky__catalog="none"))
+    assert len(chained.catalog) == 0
+
+
 def test_a_catalog_that_was_given_stays(scene, renderer):
     mine = ws.StarCatalog.synthetic(1000, seed=3)
     given = ws.Renderer(scene, renderer.device, catalog=mine, chunk_bytes=2**20, pool_bytes=2**19)

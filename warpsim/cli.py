@@ -234,7 +234,7 @@ def _check(options: argparse.Namespace) -> int:
         print(scene_report(Scene.load(options.scene)))
         return 0
     from warpsim.dataset.recipe import Recipe
-    from warpsim.dataset.report import recipe_report
+    from warpsim.dataset.recipe_report import recipe_report
 
     recipe = Recipe.load(options.scene)
     print(f"{recipe_report(recipe)}\n\n{scene_report(recipe.scene)}")

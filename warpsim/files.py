@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import shutil
+import uuid
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -152,7 +153,8 @@ def plain_number(value: Any) -> Any:
 def write_json(data: Any, path: Path, lasting: bool = False) -> None:
     """Write JSON, whole or not at all; lasting: also if the power fails the moment after."""
     with whole_file(path) as partial, partial.open("w", encoding="utf-8") as file:
-        file.write(json.dumps(data, indent=2) + "\n")
+        json.dump(data, file, indent=2)
+        file.write("\n")
         if lasting:
             file.flush()
             os.fsync(file.fileno())
@@ -174,7 +176,7 @@ def prepare_folder(folder: Path) -> None:
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: cannot be written: is not a folder")
-    probe = folder / f".probe{PARTIAL_SUFFIX}"
+    probe = folder / f".probe-{uuid.uuid4().hex}{PARTIAL_SUFFIX}"  # others may begin at the same time
     made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -182,6 +184,6 @@ def prepare_folder(folder: Path) -> None:
         probe.unlink()
     except OSError as error:
         for parent in made:
-            if parent.exists():
+            with contextlib.suppress(OSError):
                 parent.rmdir()
         raise InputError(f"{folder}: cannot be written: {error.strerror}") from None

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from warpsim.dataset.layout import COCO, PARTS, Shard, table_path
 from warpsim.dataset.recipe import SHARDED, Recipe
-from warpsim.files import read_json, write_json
+from warpsim.files import read_json, sha256_of, write_json
 from warpsim.labels.coco import BETWEEN, coco_categories, coco_texts
 from warpsim.labels.parquet import read_parquet
 from warpsim.labels.satnet import satnet_record
@@ -33,16 +33,20 @@ _FACTS = {
 """What COCO's file says of an image, and the columns of the table of images that know it."""
 
 
-def keep_texts(recipe: Recipe, folder: Path, shard: Shard) -> None:
-    """Leave what COCO's file will say of a shard, whose tables are there."""
-    write_json(_texts(recipe, folder, shard), _texts_path(folder, shard))
+def keep_texts(recipe: Recipe, folder: Path, shard: Shard) -> str:
+    """Leave what COCO's file will say of a shard, whose tables are there; the SHA-256 of what is left."""
+    path = _texts_path(folder, shard)
+    write_json(_texts(recipe, folder, shard), path)
+    return sha256_of(path)
 
 
-def shard_texts(recipe: Recipe, folder: Path, shard: Shard) -> tuple[str, str]:
-    """What COCO's file says of the images of a shard, and of their annotations; made anew where it was not kept."""
-    kept = read_json(_texts_path(folder, shard))
-    images, annotations = kept if isinstance(kept, list) and len(kept) == 2 else _texts(recipe, folder, shard)
-    return images, annotations
+def shard_texts(recipe: Recipe, folder: Path, shard: Shard, checksum: str | None) -> tuple[str, str]:
+    """What COCO's file says of the images of a shard, and of their annotations; made anew unless it was kept whole."""
+    path = _texts_path(folder, shard)
+    if path.is_file() and sha256_of(path) == checksum:
+        images, annotations = read_json(path)
+        return images, annotations
+    return _texts(recipe, folder, shard)
 
 
 def _texts_path(folder: Path, shard: Shard) -> Path:

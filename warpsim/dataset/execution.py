@@ -8,9 +8,9 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
 
 import warp as wp
 
@@ -21,6 +21,10 @@ MOST_WAITING = 4096
 
 MOST_LOSSES = 3
 """Pools in a row whose workers were killed before a single shard was done."""
+
+
+class WorkersLostError(OSError):
+    """An executor does not do what it was given."""
 
 
 def run_tasks(tasks: Sequence[Task], executor: Executor | None, n_worker: int, done: Callable[[Receipt], None]) -> None:
@@ -65,7 +69,7 @@ def _run_in_pools(tasks: Sequence[Task], n_worker: int, done: Callable[[Receipt]
             pool.shutdown()
         except BaseException as error:
             _end(pool)
-            if not isinstance(error, BrokenProcessPool):
+            if not isinstance(error, WorkersLostError):
                 raise
             n_loss = n_loss + 1 if len(left) == before else 1
             if n_loss == MOST_LOSSES:
@@ -78,19 +82,20 @@ def _collect(executor: Executor, tasks: Iterable[Task], done: Callable[[Receipt]
     try:
         while True:
             for task in itertools.islice(coming, MOST_WAITING - len(waiting)):
-                waiting.add(executor.submit(write_shard, task))
+                with _naming_losses(everything=True):
+                    waiting.add(executor.submit(write_shard, task))
             if not waiting:
                 return
             ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-            for future in sorted(
-                ready, key=lambda one: one.cancelled() or one.exception() is not None
-            ):  # good ones first
-                done(future.result())
+            for future in sorted(ready, key=_failed):  # what is done counts, whatever else was not
+                with _naming_losses():
+                    receipt = future.result()
+                done(receipt)
     except BaseException as error:
         for future in waiting:
             future.cancel()
-        if _means_loss(error):
-            raise OSError(f"workers were lost: {type(error).__name__}: {error}".removesuffix(": ")) from error
+        if isinstance(error, Exception) and not isinstance(error, WorkersLostError):
+            wait(waiting)  # what has begun ends by itself, and then the folder is nobody's
         raise
 
 
@@ -98,12 +103,16 @@ def _failed(future: Future[Receipt]) -> bool:
     return future.cancelled() or future.exception() is not None
 
 
-def _means_loss(error: BaseException) -> bool:
-    """Whether an error is the executor's, not the work's; that of a pool of our own is dealt with elsewhere."""
-    if isinstance(error, BrokenProcessPool):
-        return False
-    of_executor = type(error).__module__.partition(".")[0] in ("distributed", "dask", "concurrent")
-    return of_executor or isinstance(error, CancelledError)
+@contextmanager
+def _naming_losses(everything: bool = False) -> Iterator[None]:
+    """Errors of executors, not of the work, as such; or all errors but interrupts."""
+    try:
+        yield
+    except Exception as error:
+        of_executor = type(error).__module__.partition(".")[0] in ("distributed", "dask", "concurrent")
+        if not (everything or of_executor):
+            raise
+        raise WorkersLostError(f"workers were lost: {type(error).__name__}: {error}".removesuffix(": ")) from error
 
 
 def _pool(n_worker: int) -> ProcessPoolExecutor:

@@ -11,7 +11,7 @@ from warpsim.dataset.annotations import shard_texts
 from warpsim.dataset.layout import ANNOTATIONS, SEQUENCES, shards_of
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import split_of
-from warpsim.dataset.shard import Receipt, planned_path
+from warpsim.dataset.shard import FINISH, Receipt, planned_path
 from warpsim.dataset.workplace import Workplace
 from warpsim.files import sha256_of, write_json
 from warpsim.labels.coco import coco_categories, write_coco_parts
@@ -22,8 +22,8 @@ def finish(workplace: Workplace, receipts: dict[str, Receipt]) -> None:
     """Write what describes all shards; the manifest last."""
     recipe, folder = workplace.recipe, workplace.folder
     names = planned_names(recipe)
-    write_json({"key": workplace.key, "files": dict.fromkeys(names)}, planned_path(folder, "finish"), lasting=True)
-    files = [*_write_stores(recipe, folder, workplace.parts), *_write_annotations(workplace)]
+    write_json({"key": workplace.key, "files": dict.fromkeys(names)}, planned_path(folder, FINISH), lasting=True)
+    files = [*_write_stores(recipe, folder, workplace.parts), *_write_annotations(workplace, receipts)]
     files.append(_write_sequences(recipe, folder, receipts))
     manifest = {
         "key": workplace.key,
@@ -69,7 +69,7 @@ def _write_stores(recipe: Recipe, folder: Path, parts: Path) -> list[Path]:
     return paths
 
 
-def _write_annotations(workplace: Workplace) -> list[Path]:
+def _write_annotations(workplace: Workplace, receipts: dict[str, Receipt]) -> list[Path]:
     """COCO's annotations of each split."""
     recipe, folder = workplace.recipe, workplace.folder
     paths = []
@@ -77,7 +77,11 @@ def _write_annotations(workplace: Workplace) -> list[Path]:
         path = folder / ANNOTATIONS / f"{split}.json"
         path.parent.mkdir(exist_ok=True)
         info = {"description": recipe.scene.description or recipe.scene.name, "split": split}
-        texts = (shard_texts(recipe, folder, shard) for shard in shards_of(recipe) if shard.split == split)
+        texts = (
+            shard_texts(recipe, folder, shard, receipts[shard.name].get("texts"))
+            for shard in shards_of(recipe)
+            if shard.split == split
+        )
         write_coco_parts(path, texts, coco_categories(recipe.scene), info)
         paths.append(path)
     return paths

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
+import os
 from typing import Any
 
 from warpsim.dataset.recipe import Recipe
@@ -11,13 +13,17 @@ from warpsim.dataset.samples import choices_with_files
 from warpsim.dataset.sequences import varied
 from warpsim.output.manifest import package_versions
 from warpsim.render.star_field import load_catalog
+from warpsim.scene.files import named_files
 from warpsim.scene.inputs import input_checksums
+from warpsim.scene.parts import BUILT_IN_CATALOGS
 from warpsim.scene.scene import Scene
 
 STAR_CATALOG = "star catalog"
 """Among the inputs: the scene's, whether it came from a file or not."""
 
 Identity = dict[str, Any]
+
+Stamp = tuple[int, int] | None
 
 
 def identity_of(recipe: Recipe, device: str) -> Identity:
@@ -64,9 +70,9 @@ def difference(there: Any, here: Any, place: str = "") -> str | None:
             if found:
                 return found
         return None
-    if isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
-        pairs = (difference(a, b, f"{place}[{i}]") for i, (a, b) in enumerate(zip(there, here, strict=True)))
-        return next(filter(None, pairs), None)
+    if isinstance(there, list) and isinstance(here, list):
+        items = (difference(a, b, f"{place}[{i}]") for i, (a, b) in enumerate(itertools.zip_longest(there, here)))
+        return next(filter(None, items), None)
     return None if there == here else f"{place.removeprefix('recipe.')}: {_shown(there)} there, {_shown(here)} here"
 
 
@@ -77,10 +83,27 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
+def input_files(recipe: Recipe) -> list[str]:
+    """Paths of all files that sequences may be made from."""
+    scenes = [recipe.scene.to_dict(), *(nested for *_, nested in choices_with_files(recipe.distributions))]
+    catalogs = (scene.get("sky", {}).get("catalog", BUILT_IN_CATALOGS[0]) for scene in scenes)
+    named = [*(path for scene in scenes for path in named_files(scene)), *catalogs]
+    return [path for path in dict.fromkeys(named) if path not in BUILT_IN_CATALOGS]
+
+
+def stamp_of(path: str) -> Stamp:
+    """What of a file changes when its content does; None where it is missing."""
+    try:
+        stat = os.stat(path)  # noqa: PTH116
+    except OSError:
+        return None
+    return stat.st_mtime_ns, stat.st_size
+
+
 def _inputs(recipe: Recipe) -> dict[str, str]:
     """Checksums of all files that sequences may be made from, by path, and of the star catalog."""
     found = _inputs_of(recipe.scene)
-    for name, number, value in choices_with_files(recipe.distributions):
+    for name, number, value, _ in choices_with_files(recipe.distributions):
         for path, checksum in _inputs_of(varied(recipe, {name: value}, f"sample.{name}")).items():
             if found.get(path) != checksum:
                 found[f"{path}, for {name} {number}"] = checksum

@@ -225,6 +225,11 @@ class Recipe:
         return self.split or {"train": 0.8, "val": 0.1, "test": 0.1}
 
     @property
+    def n_image(self) -> int:
+        """Images of the data set."""
+        return self.n_sequence * self.n_frame * self.n_sensor * len(self.band_names)
+
+    @property
     def frame_bytes(self) -> int:
         """Of one frame of a sequence, with all planes [bytes]."""
         camera, n_target = self.scene.camera, len(self.scene.target_names)

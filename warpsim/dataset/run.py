@@ -23,6 +23,7 @@ from warpsim.errors import InputError
 from warpsim.files import prepare_folder, read_json
 from warpsim.output.preview import check_preview
 from warpsim.output.progress import progress_bar
+from warpsim.output.receipts import tidy
 from warpsim.output.zarr_array import check_zarr
 from warpsim.render.device import default_device, n_usable_cpu
 from warpsim.scene.scene import Scene
@@ -98,7 +99,9 @@ def write_dataset(
     check_extremes(recipe)
     workplace = Workplace(Path(folder).absolute(), recipe, identity_of(recipe, alias))
     n_written = 0
-    if not workplace.is_complete():
+    if workplace.is_complete():
+        tidy(workplace.folder, workplace.parts, workplace.is_complete)
+    else:
         prepare_folder(workplace.folder)
         try:
             with workplace.held(overwrite) as receipts:
@@ -153,7 +156,6 @@ def _write_missing(
 
 def _report(workplace: Workplace, n_written: int, total_s: float) -> DatasetReport:
     recipe = workplace.recipe
-    n_image = recipe.n_sequence * recipe.n_frame * recipe.n_sensor * len(recipe.band_names)
     shards = read_json(workplace.manifest_path)["shards"]
     n_byte = sum(receipt["bytes"] for receipt in shards.values())
-    return DatasetReport(workplace.folder, recipe.n_sequence, n_image, n_byte, len(shards), n_written, total_s)
+    return DatasetReport(workplace.folder, recipe.n_sequence, recipe.n_image, n_byte, len(shards), n_written, total_s)

@@ -43,25 +43,25 @@ def with_absolute_choices(distributions: Mapping[str, Any], folder: Path) -> dic
     }
 
 
-def choices_with_files(distributions: Mapping[str, Any]) -> Iterator[tuple[str, int, Any]]:
-    """Fields, and places and values among their choices that name a file, a list of files, or a star catalog."""
+def choices_with_files(distributions: Mapping[str, Any]) -> Iterator[tuple[str, int, Any, dict[str, Any]]]:
+    """Choices that name a file, a list of files, or a star catalog: field, place, value, and value in tables."""
     for name, distribution in distributions.items():
         for number, value in enumerate(getattr(distribution, "choice", ())):
             nested = _nested(name, value)
             if named_files(nested) or "catalog" in nested.get("sky", ()):
-                yield name, number, value
+                yield name, number, value, nested
 
 
 def _absolute(name: str, value: Any, folder: Path) -> Any:
-    nested = with_absolute_paths(_nested(name, value), folder)
+    nested: Any = with_absolute_paths(_nested(name, value), folder)
     for part in name.split("."):
-        nested = nested[part]
+        nested = nested[0 if part.isdigit() else part]
     return nested
 
 
 def _nested(name: str, value: Any) -> dict[str, Any]:
-    """A value in tables by the parts of its name."""
+    """A value in tables and lists by the parts of its name."""
     for part in reversed(name.split(".")):
-        value = {part: value}
+        value = [value] if part.isdigit() else {part: value}
     nested: dict[str, Any] = value
     return nested

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from warpsim.dataset.annotations import keep_texts, write_satnet
-from warpsim.dataset.identity import difference, identity_of, key_of
+from warpsim.dataset.identity import Stamp, difference, identity_of, input_files, key_of, stamp_of
 from warpsim.dataset.layout import PARTS, PLANNED, RECEIPTS, RUN, WORK, Shard, folder_of
 from warpsim.dataset.planes import bytes_per_frame, planes_of
 from warpsim.dataset.previews import sequence_films
@@ -24,6 +24,7 @@ from warpsim.dataset.tables import Tables
 from warpsim.dataset.writers import ShardWriter, shard_writer
 from warpsim.errors import InputError
 from warpsim.files import read_json, sha256_of, write_json
+from warpsim.output.receipts import is_record
 from warpsim.render.renderer import Renderer
 
 BYTES_PER_CALL = 64 * 2**20
@@ -31,6 +32,9 @@ BYTES_PER_CALL = 64 * 2**20
 
 LEAST_FREE_BYTES = 2**20
 """A disk with less room is full."""
+
+FINISH = "finish"
+"""Name of the plan of the files that describe all shards."""
 
 Receipt = dict[str, Any]
 """What a worker says of a shard: key, shard, files with their checksums, sequences with what was drawn."""
@@ -69,33 +73,55 @@ def write_shard(task: Task) -> Receipt:
         OSError: Writing failed, or the run is over.
     """
     folder, shard = Path(task.folder), task.shard
-    recipe, renderer = work_of_run(folder, task.key, task.device, task.n_thread)
+    work = work_of_run(folder, task.key, task.device, task.n_thread)
     with _scratch(folder, shard) as scratch, _naming_a_full_disk(folder):
-        sequences = _write_files(recipe, renderer, task, scratch)
+        sequences = _write_files(work, task, scratch)
         files = sorted(path.relative_to(scratch).as_posix() for path in scratch.rglob("*") if path.is_file())
         checksums = {name: sha256_of(scratch / name) for name in files}
         sizes = {name: (scratch / name).stat().st_size for name in files}
         _record_of_run(folder, task.key)
+        _check_foreign(folder, shard, files)
         write_json({"key": task.key, "files": checksums}, planned_path(folder, shard.name), lasting=True)
         for name in files:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (scratch / name).replace(folder / name)
-    if recipe.coco:
-        keep_texts(recipe, folder, shard)
-    receipt = {
+    receipt: Receipt = {
         "key": task.key,
         "shard": shard.name,
         "files": checksums,
         "sequences": sequences,
         "bytes": sum(sizes.values()),
     }
+    if work.recipe.coco:
+        receipt["texts"] = keep_texts(work.recipe, folder, shard)
     write_json(receipt, receipt_path(folder, shard), lasting=True)
     return receipt
 
 
+@dataclass(frozen=True)
+class Work:
+    """What a worker keeps between shards of a run."""
+
+    recipe: Recipe
+    renderer: Renderer
+    """Of the recipe's own scene; those of sequences share its stars."""
+    inputs: dict[str, Stamp]
+    """Stamps of all files that the recipe names, by path."""
+
+    def check_inputs(self) -> None:
+        """See that no file was changed since.
+
+        Raises:
+            InputError: One was.
+        """
+        for path, stamp in self.inputs.items():
+            if stamp_of(path) != stamp:
+                raise InputError(f"{path}: was changed while the data set was written")
+
+
 @lru_cache(maxsize=1)
-def work_of_run(folder: Path, key: str, device: str, n_thread: int | None) -> tuple[Recipe, Renderer]:
-    """What a worker keeps between shards: the run's recipe, and a renderer whose stars those of sequences share.
+def work_of_run(folder: Path, key: str, device: str, n_thread: int | None) -> Work:
+    """What there is to do, as the folder says.
 
     Raises:
         InputError: Here it would give other files: versions differ, or input files.
@@ -103,11 +129,12 @@ def work_of_run(folder: Path, key: str, device: str, n_thread: int | None) -> tu
     """
     record = _record_of_run(folder, key)
     recipe = Recipe.from_dict(record["recipe"])
+    inputs = {path: stamp_of(path) for path in input_files(recipe)}
     identity = identity_of(recipe, device)
     if key_of(identity) != key:
         differs = difference({name: record.get(name) for name in identity}, identity)
         raise InputError(f"{folder}: this worker would write other files than the run was started for ({differs})")
-    return recipe, Renderer(recipe.scene, device, n_thread)
+    return Work(recipe, Renderer(recipe.scene, device, n_thread), inputs)
 
 
 def _record_of_run(folder: Path, key: str) -> dict[str, Any]:
@@ -116,6 +143,15 @@ def _record_of_run(folder: Path, key: str) -> dict[str, Any]:
     if not isinstance(record, dict) or record.get("key") != key:
         raise OSError(f"{folder}: no longer belongs to this run")
     return record
+
+
+def _check_foreign(folder: Path, shard: Shard, names: list[str]) -> None:
+    """See that files of a shard may be written: an earlier try, or nobody, has made what stands in their places."""
+    records = [read_json(path) for path in (planned_path(folder, shard.name), receipt_path(folder, shard))]
+    known = {name for record in records if is_record(record) for name in record["files"]}
+    for name in names:
+        if name not in known and (folder / name).exists():
+            raise InputError(f"{folder / name}: is there already, and warpsim did not write it")
 
 
 @contextmanager
@@ -141,8 +177,9 @@ def _naming_a_full_disk(folder: Path) -> Iterator[None]:
         raise
 
 
-def _write_files(recipe: Recipe, like: Renderer, task: Task, scratch: Path) -> list[dict[str, Any]]:
-    """Write all files of a shard, by renderers like one; what was drawn for each sequence."""
+def _write_files(work: Work, task: Task, scratch: Path) -> list[dict[str, Any]]:
+    """Write all files of a shard; what was drawn for each sequence."""
+    recipe = work.recipe
     writer = shard_writer(recipe, task.shard, scratch)
     tables = Tables(recipe, task.shard, scratch, writer.place)
     drawn = []
@@ -150,8 +187,9 @@ def _write_files(recipe: Recipe, like: Renderer, task: Task, scratch: Path) -> l
         for position, number in enumerate(task.shard.sequences):
             sequence = draw_sequence(recipe, number)
             folder = scratch / folder_of(task.shard, number)
-            renderer = like.with_scene(sequence.scene)
+            renderer = work.renderer.with_scene(sequence.scene)
             _write_sequence(recipe, sequence, position, renderer, writer, tables, folder)
+            work.check_inputs()  # sequences read them anew
             drawn.append(_sequence_record(sequence, task.shard))
         tables.close()
         writer.finish()

@@ -17,7 +17,7 @@ from typing import Any
 from warpsim.dataset.identity import Identity, difference, key_of
 from warpsim.dataset.layout import COCO, MANIFEST, PARTS, PLANNED, RECEIPTS, RUN, SEQUENCES, WORK, shards_of, top_names
 from warpsim.dataset.recipe import Recipe
-from warpsim.dataset.shard import Receipt, receipt_path
+from warpsim.dataset.shard import FINISH, Receipt, planned_path, receipt_path
 from warpsim.errors import InputError
 from warpsim.files import partial_path, read_json, write_json
 from warpsim.output.receipts import clear, has_key, is_record, locked, remove_files, which_match
@@ -73,7 +73,8 @@ class Workplace:
                 yield self._receipts()
             except BaseException:
                 if not self._has_begun():
-                    clear(self.parts)
+                    with contextlib.suppress(OSError):  # it must not hide the reason
+                        clear(self.parts)
                 raise
             clear(self.parts)
 
@@ -102,10 +103,14 @@ class Workplace:
         manifest = read_json(self.manifest_path)
         if not has_key(manifest, self.key):
             return
-        (self.parts / RECEIPTS).mkdir(exist_ok=True)
+        for name in (RECEIPTS, PLANNED):
+            (self.parts / name).mkdir(exist_ok=True)
         for shard in shards_of(self.recipe):
             if receipt := manifest.get("shards", {}).get(shard.name):
-                write_json(receipt, receipt_path(self.folder, shard))
+                write_json(receipt, receipt_path(self.folder, shard), lasting=True)
+        # Without the manifest nothing else knows of the files that describe all shards.
+        record = {"key": self.key, "files": manifest["files"]}
+        write_json(record, planned_path(self.folder, FINISH), lasting=True)
         self.manifest_path.unlink()
 
     def _make_room(self, overwrite: bool) -> None:
@@ -114,15 +119,16 @@ class Workplace:
         paths += [path for folder in (RECEIPTS, PLANNED) for path in (self.parts / folder).glob("*.json")]
         runs = [record for record in map(read_json, paths) if is_record(record)]
         others = [run for run in runs if run["key"] != self.key]
-        if others and not overwrite:
+        theirs = [name for run in others for name in _names(run)]
+        if theirs and not overwrite:
             raise InputError(
                 f"{self.folder}: holds a different data set or run ({self._what_differs(others)}); "
                 "choose another folder or pass --overwrite"
             )
         self._check_foreign(runs)
-        for run in others:
-            remove_files(self.folder, _names(run))
         if others:
+            (self.parts / RUN).unlink(missing_ok=True)  # first: its workers may still be there, and end without it
+            remove_files(self.folder, theirs)
             self.manifest_path.unlink(missing_ok=True)
             for name in (RECEIPTS, PLANNED, COCO):
                 shutil.rmtree(self.parts / name, ignore_errors=True)
@@ -145,6 +151,8 @@ class Workplace:
             )
         ours = {name for run in runs for name in _names(run)} | {MANIFEST}
         for name in top_names(self.recipe):
+            if (self.folder / name).is_symlink():
+                raise InputError(f"{self.folder / name}: must not be a link: the files behind it may be others'")
             if (self.folder / name).exists() and not any(f"{known}/".startswith(f"{name}/") for known in ours):
                 raise InputError(f"{self.folder / name}: is there already, and warpsim did not write it")
 

@@ -112,10 +112,9 @@ class ZarrShard:
         n_frame = self._recipe.frames_per_shard
         for name, (shape, dtype) in array_shapes(self._recipe).items():
             for f, number in enumerate(frames.frames):
-                buffer = self._buffers.setdefault(
-                    name, np.zeros((len(self._shard.sequences), n_frame, *shape[1:]), dtype)
-                )
-                buffer[self._position, number % n_frame] = planes[name][f]
+                if name not in self._buffers:
+                    self._buffers[name] = np.zeros((len(self._shard.sequences), n_frame, *shape[1:]), dtype)
+                self._buffers[name][self._position, number % n_frame] = planes[name][f]
                 if len(self._shard.sequences) == 1 and (number % n_frame == n_frame - 1 or number == shape[0] - 1):
                     self._flush(name, number // n_frame * n_frame, number + 1)
 

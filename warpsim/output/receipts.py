@@ -7,7 +7,7 @@ import fcntl
 import os
 import re
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -15,7 +15,6 @@ from typing import Any
 from warpsim.errors import InputError
 from warpsim.files import sha256_of
 
-_SUFFIXES = "fits|png|tif|exr|npy|gif|mp4|json|parquet|tar"
 _SUFFIXES = "fits|png|tif|exr|npy|gif|mp4|json|parquet|tar"
 _OURS = re.compile(rf"([\w.+-]+/)*[\w.+-]+\.({_SUFFIXES})|([\w.+-]+/)+c(/\d+)+", re.ASCII)
 """Names of files that warpsim writes: by their endings, and shards of Zarr arrays."""
@@ -68,6 +67,14 @@ def _is_there(number: int, path: Path) -> bool:
         return os.path.samestat(os.fstat(number), path.stat())
     except FileNotFoundError:
         return False
+
+
+def tidy(folder: Path, parts: Path, is_complete: Callable[[], bool]) -> None:
+    """Remove the folder of parts that a run left which was killed in its last moment; quietly, if that may not be."""
+    if parts.exists():
+        with contextlib.suppress(InputError, OSError), locked(folder, parts):
+            if is_complete():
+                clear(parts)
 
 
 def clear(parts: Path) -> None:

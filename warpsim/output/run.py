@@ -22,6 +22,7 @@ from warpsim.output.contact_sheet import draw_contact_sheet
 from warpsim.output.manifest import made_with
 from warpsim.output.plan import USUAL_FORMATS, Plan, make_plan
 from warpsim.output.progress import progress_bar
+from warpsim.output.receipts import tidy
 from warpsim.output.run_folder import has_receipt, is_complete, working_on, write_receipt
 from warpsim.render.renderer import Renderer
 from warpsim.scene.inputs import input_checksums
@@ -115,9 +116,11 @@ def render_to_folder(
     begin = time.perf_counter()
     renderer = Renderer(scene, device)
     plan = make_plan(renderer, Path(folder), frames, sensors, bands, stars, every_frame, formats, preview)
-    prepare_folder(plan.folder)
     n_done, render_s = 0, 0.0
-    if not is_complete(plan):
+    if is_complete(plan):
+        tidy(plan.folder, plan.parts, lambda: is_complete(plan))
+    else:
+        prepare_folder(plan.folder)
         try:
             with working_on(plan, overwrite):
                 n_done, render_s = _render_missing(plan, renderer, progress)

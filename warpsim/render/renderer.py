@@ -63,7 +63,7 @@ class Renderer:
         chunk_bytes: int | None = None,
         pool_bytes: int = POOL_BYTES,
         *,
-        _indices: list[BandIndex] | None = None,
+        _stars: tuple[StarCatalog, list[BandIndex] | None] | None = None,
     ) -> None:
         if catalog is not None and not isinstance(catalog, StarCatalog):
             raise InputError(f"catalog: must be a StarCatalog, got {type(catalog).__name__}; files are for sky.catalog")
@@ -75,10 +75,10 @@ class Renderer:
         self._to_host = isinstance(device, list | tuple)
         for each in self.devices:
             kernel_loading(each).start(size_table_stamps_kernel)
-        self._given = {"device": device, "n_thread": n_thread, "catalog": catalog}
+        self._given: dict[str, Any] = {"device": device, "n_thread": n_thread, "catalog": catalog}
         self._given |= {"chunk_bytes": chunk_bytes, "pool_bytes": pool_bytes}
-        self._catalog = load_catalog(scene) if catalog is None else catalog
-        self._indices = _indices or [star_index(scene, self._catalog, each) for each in self.devices]
+        self._catalog, indices = _stars or (load_catalog(scene) if catalog is None else catalog, None)
+        self._indices = indices or [star_index(scene, self._catalog, each) for each in self.devices]
         where = wp.get_device("cpu") if self._to_host else self.device
         most_bytes = whole_number("pool_bytes", pool_bytes, 0)
         self._pool = Pool(where, pinned=self._to_host and self.device.is_cuda, most_bytes=most_bytes)
@@ -90,15 +90,15 @@ class Renderer:
     def with_scene(self, scene: Scene) -> Renderer:
         """A renderer of another scene, like this one in all else; it takes less time to make if the sky is the same.
 
+        A star catalog that this one has read from a file is not read again.
+
         Raises:
             InputError: The scene names a star catalog that cannot be read.
         """
-        given: dict[str, Any] = dict(self._given)
-        if scene.sky == self.scene.sky:
-            given["catalog"] = self._catalog
-            if scene.epoch_utc == self.scene.epoch_utc:
-                given["_indices"] = self._indices
-        return Renderer(scene, **given)
+        if scene.sky != self.scene.sky:
+            return Renderer(scene, **self._given)
+        same_epoch = scene.epoch_utc == self.scene.epoch_utc
+        return Renderer(scene, **self._given, _stars=(self._catalog, self._indices if same_epoch else None))
 
     @property
     def catalog(self) -> StarCatalog:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from warpsim.errors import InputError
 from warpsim.scene.inputs import motion_checksums
 
 if TYPE_CHECKING:
@@ -21,7 +22,10 @@ def carry_over(old: Scene, new: Scene) -> None:
     known = vars(old)
     if "tracks" not in known or _differ(old, new, _NO_MATTER_OF_MOTION):
         return
-    if motion_checksums(old) != motion_checksums(new):  # a file was changed since it was read
+    try:
+        if motion_checksums(old) != motion_checksums(new):  # a file was changed since it was read
+            return
+    except InputError:  # and cannot be read any more
         return
     vars(new)["tracks"] = known["tracks"]  # where cached_property keeps it
     if "_intervals" in known and old.sights is None and not _differ(old, new, _NO_MATTER_OF_ACCESS):

@@ -18,8 +18,8 @@ def input_checksums(scene: Scene) -> dict[str, str]:
 
 
 def motion_checksums(scene: Scene) -> dict[str, str]:
-    """Those of the files that say how things move."""
-    return _checksums(scene, (scene.constellation, scene.groups_of_targets))
+    """Those of the files that say where satellites and targets are."""
+    return _checksums(scene, (scene.constellation, *(group.trajectory for group in scene.groups_of_targets)))
 
 
 def _checksums(scene: Scene, parts: tuple[Any, ...]) -> dict[str, str]:

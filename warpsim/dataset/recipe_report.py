@@ -14,13 +14,12 @@ def recipe_report(recipe: Recipe) -> str:
         InputError: The scene does not take what may be drawn, or no sequence can be drawn.
     """
     check_extremes(recipe)
-    n_image = recipe.n_sequence * recipe.n_frame * recipe.n_sensor * len(recipe.band_names)
     n_pool = len(recipe.sensors or recipe.scene.sensor_names)
     size = recipe.n_sequence * recipe.n_frame * recipe.frame_bytes
     splits = ", ".join(f"{name} {len(numbers)}" for name, numbers in split_of(recipe).items())
     lines = [
-        f"{n_image:,} images: {recipe.n_sequence:,} sequences of {recipe.n_frame} frames every {recipe.step_s:g} s, "
-        f"{recipe.n_sensor} of {n_pool} sensors, bands {' '.join(recipe.band_names)}",
+        f"{recipe.n_image:,} images: {recipe.n_sequence:,} sequences of {recipe.n_frame} frames every "
+        f"{recipe.step_s:g} s, {recipe.n_sensor} of {n_pool} sensors, bands {' '.join(recipe.band_names)}",
         f"sequences: {splits}",
         f"{recipe.format}, {len(shards_of(recipe)):,} shards; {size / 1e6:,.1f} MB before compression, and tables",
         *(f"drawn: {name}" for name in recipe.distributions),
