@@ -595,3 +595,14 @@ def test_films_are_the_same_in_whatever_calls_frames_come(recipe, tmp_path, monk
     assert content(tmp_path / "one") == content(tmp_path / "many")
     (film,) = (tmp_path / "one" / "all" / "000000").glob("*.gif")
     assert pytest.importorskip("PIL.Image").open(film).n_frames == 3
+
+
+def test_runs_of_render_and_data_sets_do_not_replace_each_other(recipe, whole, tmp_path):
+    scene = ws.Scene.load("stss")
+    with pytest.raises(ws.InputError, match="holds a data set, no rendered run; choose another folder"):
+        ws.render_to_folder(scene, whole, range(60, 61), ["sat11"], ["A"], overwrite=True)
+    ws.render_to_folder(scene, tmp_path / "run", range(60, 61), ["sat11"], ["A"])
+    before = content(tmp_path / "run")
+    with pytest.raises(ws.InputError, match="holds a rendered run, no data set; choose another folder"):
+        ws.write_dataset(recipe, tmp_path / "run", n_worker=1, device="cpu", overwrite=True)
+    assert content(tmp_path / "run") == before

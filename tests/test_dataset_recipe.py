@@ -332,11 +332,14 @@ def test_a_recipe_is_checked_before_it_is_run(catalogs, capsys):
         "960 images: 10 sequences of 32 frames every 10 s, 1 of 28 sensors, bands A C E",
         "sequences: train 8, val 1, test 1",
         "fits, 10 shards; 31.5 MB before compression, and tables",
-        "drawn: sky.catalog",
+        "drawn: sky.catalog = {\"choice\": [",
         "sequence 0: from ",
         "stss: valid.",
     ):
         assert line in words
+    (catalogs.parent / "two.fits").unlink()
+    assert main(["check", str(catalogs)]) == 2
+    assert "two.fits: cannot be read" in capsys.readouterr().err
     catalogs.write_text('scene = "stss"\n[sample]\ncamera.fov_deg = { uniform = [1, 500] }\n')
     assert main(["check", str(catalogs)]) == 2
     assert "sample.camera.fov_deg: camera.fov_deg: must be in (0, 120), got 500" in capsys.readouterr().err

@@ -237,7 +237,7 @@ def _check(options: argparse.Namespace) -> int:
     from warpsim.dataset.recipe_report import recipe_report
 
     recipe = Recipe.load(options.scene)
-    print(f"{recipe_report(recipe)}\n\n{scene_report(recipe.scene)}")
+    print(f"{recipe_report(recipe)}\n\nThe scene that sequences are variations of:\n{scene_report(recipe.scene)}")
     return 0
 
 

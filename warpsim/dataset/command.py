@@ -13,7 +13,7 @@ from warpsim.errors import InputError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command."""
-    parser.add_argument("recipe", metavar="SCENE", help="a recipe or scene: preset name, or path of .toml or .json")
+    parser.add_argument("recipe", metavar="RECIPE", help="a recipe or scene: preset name, or path of .toml or .json")
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
     parser.add_argument("--sequences", metavar="N", help="number of sequences, instead of the recipe's")
     parser.add_argument("--frames", metavar="N", help="frames of each sequence, instead of the recipe's")

@@ -118,6 +118,9 @@ class Workplace:
         paths = [self.manifest_path, self.parts / RUN]
         paths += [path for folder in (RECEIPTS, PLANNED) for path in (self.parts / folder).glob("*.json")]
         runs = [record for record in map(read_json, paths) if is_record(record)]
+        for path in paths[:2]:
+            if is_record(record := read_json(path)) and "recipe" not in record:
+                raise InputError(f"{self.folder}: holds a rendered run, no data set; choose another folder")
         others = [run for run in runs if run["key"] != self.key]
         theirs = [name for run in others for name in _names(run)]
         if theirs and not overwrite:

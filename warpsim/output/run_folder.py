@@ -62,6 +62,8 @@ def _make_room(plan: Plan, overwrite: bool) -> None:
     """See that the plan's files are ours to write: remove a different run, if that is wanted, never foreign files."""
     records = map(read_json, (plan.manifest_path, *plan.parts.glob("*.json")))
     runs = [record for record in records if is_record(record)]
+    if any("recipe" in run for run in runs):
+        raise InputError(f"{plan.folder}: holds a data set, no rendered run; choose another folder")
     if any(run["key"] != plan.key for run in runs) and not overwrite:
         raise InputError(
             f"{plan.folder}: holds a different run (other scene, catalog, frames, bands, tables, formats, device or "
