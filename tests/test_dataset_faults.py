@@ -606,3 +606,33 @@ def test_runs_of_render_and_data_sets_do_not_replace_each_other(recipe, whole, t
     with pytest.raises(ws.InputError, match="holds a rendered run, no data set; choose another folder"):
         ws.write_dataset(recipe, tmp_path / "run", n_worker=1, device="cpu", overwrite=True)
     assert content(tmp_path / "run") == before
+
+
+def test_an_unfinished_run_of_render_is_left_as_it_is(recipe, tmp_path, monkeypatch):
+    scene, folder = ws.Scene.load("stss"), tmp_path / "run"
+    monkeypatch.setattr("warpsim.output.run._finish", _broken_off)
+    with pytest.raises(KeyboardInterrupt):
+        ws.render_to_folder(scene, folder, range(60, 61), ["sat11"], ["A"])
+    monkeypatch.undo()
+    before = content(folder)
+    assert any(name.startswith(PARTS) for name in before)
+    with pytest.raises(ws.InputError, match="holds a rendered run, no data set; choose another folder"):
+        ws.write_dataset(recipe, folder, n_worker=1, device="cpu", overwrite=True)
+    assert content(folder) == before
+
+
+def test_a_failure_ends_a_pool_without_waiting_for_its_other_tasks(recipe, tmp_path, monkeypatch):
+    monkeypatch.setattr(execution, "write_shard", _first_fails_others_take_long)
+    begin = time.monotonic()
+    with pytest.raises(ws.InputError, match="the reason"):
+        ws.write_dataset(recipe, tmp_path / "data", n_worker=2, device="cpu")
+    assert time.monotonic() - begin < LONG_S
+
+
+LONG_S = 300.0
+
+
+def _first_fails_others_take_long(task):
+    if task.shard.number == 0 and task.shard.split == "train":
+        raise ws.InputError("the reason")
+    time.sleep(LONG_S)
