@@ -7,7 +7,7 @@ import pytest
 from pydantic import model_validator
 
 import warpsim as ws
-from warpsim.describe import part, part_error
+from warpsim.config.model import config_model
 
 WALKER = {
     "kind": "walker", "n_satellite": 4, "n_plane": 2, "phasing": 1, "altitude_km": 1400.0, "inclination_deg": 65.0
@@ -50,15 +50,15 @@ def test_places_are_fields(scene, changes, message):
 def test_a_files_name_is_no_field():
     """Whatever a rule begins with, only known fields are put behind a place."""
 
-    @part
+    @config_model
     class Inner:
         depth_m: float = 1.0
 
         @model_validator(mode="after")
         def _check(self):
-            raise part_error("nope.tle: cannot be read" if self.depth_m > 0 else "depth_m: must be above 0")
+            raise ws.InputError("nope.tle: cannot be read" if self.depth_m > 0 else "depth_m: must be above 0")
 
-    @part
+    @config_model
     class Outer:
         inner: Inner
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from warpsim.describe import input_error
+from warpsim.config.model import input_error
 from warpsim.errors import InputError
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.constellations import Constellation, ListedSatellites, MixedConstellation, SeedPattern

@@ -26,11 +26,11 @@ def plain_array(value: Any, unit: str, where: str) -> npt.NDArray[np.float64]:
         try:
             value = value.to_value(unit)
         except Exception:
-            raise InputError(f"{where}: must be convertible to {unit}, got {value.unit}") from None
+            raise InputError(f"must be convertible to {unit}", value=value.unit).of(where) from None
     try:
         return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"{where}: must be numbers, got {type(value).__name__}") from None
+        raise InputError(f"must be numbers, got {type(value).__name__}").of(where) from None
 
 
 def times_s(value: Any) -> npt.NDArray[np.float64]:
@@ -47,14 +47,14 @@ def chosen_names(what: str, names: Sequence[str] | None, known: list[str]) -> li
     if names is None:
         return known
     if not isinstance(names, str | Sequence):
-        raise InputError(f"{what}: must be a list of names, got {names!r}")
+        raise InputError("must be a list of names", what, names)
     listed = [names] if isinstance(names, str) else list(names)
     if not listed:
-        raise InputError(f"{what}: must name at least one")
+        raise InputError("must name at least one", what)
     for name in listed:
         if name not in known:
             shown = ", ".join(known[:6]) + (", ..." if len(known) > 6 else "")
-            raise InputError(f"{what}: must be among {shown}, got {name!r}")
+            raise InputError(f"must be among {shown}", what, name)
     return listed
 
 
@@ -65,7 +65,7 @@ def whole_number(what: str, value: Any, least: int) -> int:
         InputError: It is none.
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise InputError(f"{what}: must be a whole number >= {least}, got {value!r}")
+        raise InputError(f"must be a whole number >= {least}", what, value)
     return int(value)
 
 
@@ -77,5 +77,5 @@ def above_zero(what: str, value: Any) -> float:
     """
     kinds = int | float | np.integer | np.floating
     if isinstance(value, bool) or not isinstance(value, kinds) or not 0 < value < np.inf:
-        raise InputError(f"{what}: must be a number above 0, got {value!r}")
+        raise InputError("must be a number above 0", what, value)
     return float(value)

@@ -9,7 +9,8 @@ from typing import Annotated, Any, TypeVar
 from pydantic import PlainSerializer, PlainValidator, ValidationInfo
 from pydantic_core import PydanticCustomError
 
-from warpsim.describe import number_within, part_error, rule_error
+from warpsim.config.fields import number_within, rule_error
+from warpsim.errors import InputError
 from warpsim.sky.bands import BANDS
 
 V = TypeVar("V")
@@ -51,7 +52,7 @@ def band_table(
         try:
             numbers[band] = number_within(given, info, low, high, open_low)
         except PydanticCustomError as error:
-            raise part_error(f"{band}: {error.message()}, got {given!r}") from None
+            raise InputError(f"{error.message()}", value=given).of(band) from None
     return ByBand(numbers)
 
 

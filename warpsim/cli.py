@@ -197,10 +197,10 @@ def _access(options: argparse.Namespace) -> int:
     from warpsim.scene.scene import ACCESS_STEP_S, Scene
 
     if options.format not in ("table", "csv", "ecsv"):
-        raise InputError(f"--format: must be table, csv or ecsv, got {options.format!r}")
+        raise InputError("must be table, csv or ecsv", "--format", options.format)
     step_s = ACCESS_STEP_S if options.step is None else _number("--step", options.step)
     if not (math.isfinite(step_s) and step_s > 0):
-        raise InputError(f"--step: must be > 0, got {options.step}")
+        raise InputError("must be > 0", "--step", options.step)
     picture = Path(options.plot) if options.plot else None
     if picture:
         from warpsim.plot.pictures import check_picture, draw_access
@@ -301,11 +301,11 @@ def _load_catalog(options: argparse.Namespace) -> StarCatalog:
     name = options.catalog
     made_up = ("n_star", "limit_jy", "sky", "seed")
     if name != "synthetic" and (given := [option for option in made_up if getattr(options, option)]):
-        raise InputError(f"--{given[0].replace('_', '-')}: is for synthetic only, got {name}")
+        raise InputError("is for synthetic only", f"--{given[0].replace('_', '-')}", name)
     if name in ("default", "union", "synthetic"):
         for option in ("format", "readme", "columns", "no_fill"):
             if getattr(options, option):
-                raise InputError(f"--{option.replace('_', '-')}: is for files only, got {name}")
+                raise InputError("is for files only", f"--{option.replace('_', '-')}", name)
     if name == "default":
         return StarCatalog.default()
     if name == "union":
@@ -339,7 +339,7 @@ def _column_names(text: str) -> dict[str, str]:
     """Names in a file by warpsim's names of columns, from ra_deg=RAJ2000,flux_A_jy=F8."""
     pairs = [[part.strip() for part in item.split("=", 1)] for item in text.split(",") if item.strip()]
     if not pairs or any(len(pair) != 2 or not all(pair) for pair in pairs):
-        raise InputError(f"--columns: must be NAME=COLUMN,NAME=COLUMN,..., got {text!r}")
+        raise InputError("must be NAME=COLUMN,NAME=COLUMN,...", "--columns", text)
     return {pair[0]: pair[1] for pair in pairs}
 
 
@@ -350,7 +350,7 @@ def _whole_number(where: str, text: str) -> int:
     except ValueError:
         number = math.nan
     if not number.is_integer():
-        raise InputError(f"{where}: must be a whole number, got {text!r}")
+        raise InputError("must be a whole number", value=text).of(where)
     return int(number)
 
 
@@ -358,7 +358,7 @@ def _number(where: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"{where}: must be a number, got {text!r}") from None
+        raise InputError("must be a number", value=text).of(where) from None
 
 
 def _bench(options: argparse.Namespace) -> int:
@@ -370,12 +370,12 @@ def _bench(options: argparse.Namespace) -> int:
     if path:
         check_new_file(path, (".json",), options.overwrite)
     if options.device is not None and not _names(options.device):
-        raise InputError(f"--device: must name a device, got {options.device!r}")
+        raise InputError("must name a device", "--device", options.device)
     if options.psf not in (None, *PSFS):
-        raise InputError(f"--psf: must be {' or '.join(PSFS)}, got {options.psf!r}")
+        raise InputError(f"must be {' or '.join(PSFS)}", "--psf", options.psf)
     n_star = None if options.stars is None else _whole_number("--stars", options.stars)
     if n_star is not None and n_star < 0:
-        raise InputError(f"--stars: must be >= 0, got {n_star}")
+        raise InputError("must be >= 0", "--stars", n_star)
     given: dict[str, Any] = {
         "devices": None if options.device is None else tuple(_names(options.device) or ()),
         "pixels": _counts("--pixels", options.pixels),
@@ -408,7 +408,7 @@ def _check_sizes(plan: Plan) -> None:
         try:
             speed_scene(n_pixel, plan.psf, n_sensor)
         except InputError as error:
-            raise InputError(f"{option}: {number} is not possible: {error}") from None
+            raise InputError(f"{number} is not possible: {error}", option) from None
 
 
 def _counts(where: str, text: str | None) -> tuple[int, ...] | None:
@@ -417,7 +417,7 @@ def _counts(where: str, text: str | None) -> tuple[int, ...] | None:
         return None
     numbers = tuple(_whole_number(where, item) for item in text.split(","))
     if min(numbers) < 1:
-        raise InputError(f"{where}: must be whole numbers >= 1, got {text!r}")
+        raise InputError("must be whole numbers >= 1", value=text).of(where)
     return numbers
 
 
@@ -437,7 +437,7 @@ def _frame_numbers(text: str | None, count: int) -> list[int] | None:
             raise ValueError
         return list(range(count)[slice(*numbers)])
     except ValueError:
-        raise InputError(f"--frames: must be A:B, A:B:STEP or one number, got {text!r}") from None
+        raise InputError("must be A:B, A:B:STEP or one number", "--frames", text) from None
 
 
 def run() -> None:

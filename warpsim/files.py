@@ -97,14 +97,14 @@ def check_new_file(path: Path, suffixes: tuple[str, ...] | None, overwrite: bool
     """
     if suffixes is not None and path.suffix.lower() not in suffixes:
         one = "" if len(suffixes) == 1 else "one of "
-        raise InputError(f"{path}: must end in {one}{', '.join(suffixes)}")
+        raise InputError(f"must end in {one}{', '.join(suffixes)}").of(path)
     if not path.parent.is_dir():
-        raise InputError(f"{path}: cannot be written: {path.parent} is not a folder")
+        raise InputError(f"cannot be written: {path.parent} is not a folder").of(path)
     _check_folder_takes(path)
     if path.is_dir():
-        raise InputError(f"{path}: cannot be written: is a folder")
+        raise InputError("cannot be written: is a folder").of(path)
     if path.exists() and not overwrite:
-        raise InputError(f"{path}: is there already; choose another name, or pass --overwrite (overwrite=True)")
+        raise InputError("is there already; choose another name, or pass --overwrite (overwrite=True)").of(path)
 
 
 def _check_folder_takes(path: Path) -> None:
@@ -115,7 +115,7 @@ def _check_folder_takes(path: Path) -> None:
             partial.touch()
             partial.unlink()
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+        raise InputError(f"cannot be written: {error.strerror}").of(path) from None
 
 
 def write_fits_table(table: Table, path: Path) -> None:
@@ -175,7 +175,7 @@ def prepare_folder(folder: Path) -> None:
         InputError: It cannot; nothing is left behind.
     """
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: cannot be written: is not a folder")
+        raise InputError("cannot be written: is not a folder").of(folder)
     probe = folder / f".probe-{uuid.uuid4().hex}{PARTIAL_SUFFIX}"  # others may begin at the same time
     made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     try:
@@ -186,4 +186,4 @@ def prepare_folder(folder: Path) -> None:
         for parent in made:
             with contextlib.suppress(OSError):
                 parent.rmdir()
-        raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
+        raise InputError(f"cannot be written: {error.strerror}").of(folder) from None

@@ -63,5 +63,5 @@ def dynamic_range(magnitude: ArrayLike, band: str) -> Any:
         InputError: Unknown band, or magnitude is not numeric.
     """
     if not isinstance(band, str):
-        raise InputError(f"band: must be one of {', '.join(ZERO_MAG_DYNAMIC_RANGE)}, got {band!r}")
+        raise InputError(f"must be one of {', '.join(ZERO_MAG_DYNAMIC_RANGE)}", "band", band)
     return _PAPER.dynamic_range(magnitude, band)

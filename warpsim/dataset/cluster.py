@@ -26,11 +26,11 @@ def dask_executor(address: str) -> Iterator[Executor]:
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError:
-        raise InputError("--scheduler: needs the package distributed: pip install 'warpsim[cluster]'") from None
+        raise InputError("needs the package distributed: pip install 'warpsim[cluster]'", "--scheduler") from None
     try:
         client = distributed.Client(address, timeout=CONNECT_TIMEOUT_S)
     except (OSError, ValueError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"--scheduler: must be the address of a Dask scheduler, got {address!r}: {reason}") from None
+        raise InputError(f"must be the address of a Dask scheduler, got {address!r}: {reason}", "--scheduler") from None
     with client:
         yield client.get_executor()

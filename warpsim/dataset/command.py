@@ -45,7 +45,7 @@ def run(options: argparse.Namespace, whole_number: Callable[[str, str], int], st
     if options.format is not None:
         changes["format"] = options.format
     if options.workers is not None and options.scheduler is not None:
-        raise InputError("--workers: must be left out with --scheduler, whose cluster has workers of its own")
+        raise InputError("must be left out with --scheduler, whose cluster has workers of its own", "--workers")
     n_worker = None if options.workers is None else whole_number("--workers", options.workers)
     recipe = Recipe.load(options.recipe, **changes)
     start_warp()

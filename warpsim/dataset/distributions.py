@@ -10,7 +10,9 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Discriminator, model_validator
 
-from warpsim.describe import Integer, NonNegative, Number, Positive, choice, part, part_error, rule_error
+from warpsim.config.fields import Integer, NonNegative, Number, Positive, rule_error
+from warpsim.config.model import choice, config_model
+from warpsim.errors import InputError
 from warpsim.files import plain_number
 
 Range = tuple[Number, Number]
@@ -18,10 +20,10 @@ Range = tuple[Number, Number]
 
 def _check_order(name: str, pair: tuple[float, float]) -> None:
     if pair[0] > pair[1]:
-        raise part_error(f"{name}: must be [lowest, highest], got {list(pair)}")
+        raise InputError("must be [lowest, highest]", name, list(pair))
 
 
-@part
+@config_model
 class Uniform:
     """Evenly between two numbers.
 
@@ -47,7 +49,7 @@ class Uniform:
         return list(self.uniform)
 
 
-@part
+@config_model
 class LogUniform:
     """Between two positive numbers, evenly in the logarithm.
 
@@ -73,7 +75,7 @@ class LogUniform:
         return list(self.log_uniform)
 
 
-@part
+@config_model
 class Normal:
     """A Gaussian, cut off at some number of sigmas.
 
@@ -98,7 +100,7 @@ class Normal:
         return [mean - self.cut_sigma * sigma, mean + self.cut_sigma * sigma]
 
 
-@part
+@config_model
 class WholeNumbers:
     """Whole numbers, both ends included, all as likely.
 
@@ -133,7 +135,7 @@ def _any_values(value: Any) -> tuple[Any, ...]:
         raise rule_error(f"must hold numbers, words and tables of them: {error}") from None
 
 
-@part
+@config_model
 class Choice:
     """One of some values: numbers, words, or whole tables of a scene.
 
@@ -148,7 +150,7 @@ class Choice:
     @model_validator(mode="after")
     def _as_many(self) -> Choice:
         if self.weights is not None and (len(self.weights) != len(self.choice) or sum(self.weights) <= 0):
-            raise part_error(f"weights: must be one per value, and not all 0, got {list(self.weights)}")
+            raise InputError("must be one per value, and not all 0", "weights", list(self.weights))
         return self
 
     def value(self, u: float) -> Any:

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, TypeAdapter, ValidationError, ValidationInfo, model_validator
 
-from warpsim.dataset.distributions import Distribution
-from warpsim.dataset.samples import flat_names, with_absolute_choices
-from warpsim.describe import (
+from warpsim.config.fields import (
     Count,
     Integer,
     Name,
@@ -20,11 +18,11 @@ from warpsim.describe import (
     Switch,
     as_tuple,
     closed_interval,
-    input_error,
-    part,
-    part_error,
     rule_error,
 )
+from warpsim.config.model import config_model, input_error
+from warpsim.dataset.distributions import Distribution
+from warpsim.dataset.samples import flat_names, with_absolute_choices
 from warpsim.errors import InputError
 from warpsim.scene.files import presets, read_scene_data
 from warpsim.scene.scene import Scene
@@ -78,7 +76,7 @@ def _shares(value: dict[str, float]) -> dict[str, float]:
     return value
 
 
-@part
+@config_model
 class Recipe:
     """What a data set is made of.
 
@@ -140,18 +138,18 @@ class Recipe:
         ):
             for name in names or ():
                 if name not in known:
-                    raise part_error(f"{what}: must be among those of the scene, got {name!r}")
+                    raise InputError("must be among those of the scene", what, name)
             if names is not None and (not names or len(set(names)) < len(names)):
-                raise part_error(f"{what}: must name one or more, each once")
+                raise InputError("must name one or more, each once", what)
         pool = self.sensors or self.scene.sensor_names
         if self.n_sensor > len(pool):
-            raise part_error(f"n_sensor: must be at most {len(pool)}, the sensors to draw from, got {self.n_sensor}")
+            raise InputError(f"must be at most {len(pool)}, the sensors to draw from", "n_sensor", self.n_sensor)
         if self.clip_s > self.scene.duration_s:
-            raise part_error(f"n_frame: must fit into duration_s = {self.scene.duration_s:g}, take {self.clip_s:g} s")
+            raise InputError(f"must fit into duration_s = {self.scene.duration_s:g}, take {self.clip_s:g} s", "n_frame")
         if self.format in SHARDED and self.preview:
-            raise part_error(f"preview: needs a format with a folder for each sequence, got {self.format}")
+            raise InputError("needs a format with a folder for each sequence", "preview", self.format)
         if self.format in SHARDED and self.satnet:
-            raise part_error(f"satnet: needs a format with a folder for each sequence, got {self.format}")
+            raise InputError("needs a format with a folder for each sequence", "satnet", self.format)
         self._check_sampled()
         return self
 
@@ -159,9 +157,11 @@ class Recipe:
         for name in self.distributions:
             head = name.partition(".")[0]
             if head in SAMPLED_ELSEWHERE:
-                raise part_error(f"sample.{name}: {head} cannot be sampled; see the recipe's own fields")
+                raise InputError(f"{head} cannot be sampled; see the recipe's own fields", f"sample.{name}")
             if self.format == "zarr" and name in ("camera", "camera.n_row", "camera.n_col"):
-                raise part_error(f"sample.{name}: images of one Zarr array must be of one size; choose another format")
+                raise InputError(
+                    "images of one Zarr array must be of one size; choose another format", f"sample.{name}"
+                )
 
     @classmethod
     def load(cls, source: str | os.PathLike[str], **changes: Any) -> Recipe:
@@ -177,7 +177,7 @@ class Recipe:
         where = os.fspath(source)
         data = read_scene_data(source)
         if "scene" not in data and not ("constellation" in data or "epoch_utc" in data):
-            raise InputError(f"{where}: must be a scene, or a recipe with a field `scene`")
+            raise InputError("must be a scene, or a recipe with a field `scene`").of(where)
         if "scene" not in data:
             data = {"scene": Scene.load(source)}
         return cls._from_dict({**data, **changes}, where, {"folder": Path(source).parent})
@@ -187,7 +187,7 @@ class Recipe:
         try:
             return TypeAdapter(cls).validate_python(data, context=context)
         except ValidationError as error:
-            raise input_error(error, where) from None
+            raise input_error(error).of(where) from None
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Self:

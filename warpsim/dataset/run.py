@@ -93,7 +93,7 @@ def write_dataset(
         recipe = Recipe(scene=recipe) if isinstance(recipe, Scene) else Recipe.load(recipe)
     alias = str(default_device(device))
     if executor is not None and n_worker is not None:
-        raise InputError(f"n_worker: must be left out with an executor, which has workers of its own, got {n_worker}")
+        raise InputError("must be left out with an executor, which has workers of its own", "n_worker", n_worker)
     n_worker = whole_number("n_worker", n_worker, 1) if n_worker is not None else _workers(alias)
     _check_packages(recipe)
     check_extremes(recipe)
@@ -122,7 +122,7 @@ def _check_packages(recipe: Recipe) -> None:
         check_zarr()  # its version matters
     for package in writers_of(recipe):
         if importlib.util.find_spec(package) is None:
-            raise InputError(f"data sets need {package}, which is not installed: pip install 'warpsim[datasets]'")
+            raise InputError("pip install 'warpsim[datasets]'", f"data sets need {package}, which is not installed")
 
 
 def _workers(device: str) -> int:

@@ -51,8 +51,9 @@ def draw_sequence(recipe: Recipe, number: int) -> Sequence:
         if not recipe.distributions:  # all draws are alike
             break
     raise InputError(
-        f"sequence {number}: in {attempt + 1} draws there were never {recipe.n_sensor} sensors with access to the "
-        f"main target for {recipe.clip_s:g} s; ask for fewer frames or sensors, or for every_frame = true"
+        f"in {attempt + 1} draws there were never {recipe.n_sensor} sensors with access to the main target for "
+        f"{recipe.clip_s:g} s; ask for fewer frames or sensors, or for every_frame = true",
+        f"sequence {number}",
     )
 
 
@@ -78,8 +79,8 @@ def varied(recipe: Recipe, values: dict[str, Any], where: str, **others: Any) ->
     kinds = {spec.name for spec in recipe.scene.target_specs}
     if new := {spec.name for spec in scene.target_specs} - kinds:  # the categories of all annotations are the same
         raise InputError(
-            f"{where}: targets must be of the scene's own names ({', '.join(sorted(kinds))}), got {new.pop()}"
-        )
+            f"targets must be of the scene's own names ({', '.join(sorted(kinds))})", value=new.pop()
+        ).of(where)
     return scene
 
 

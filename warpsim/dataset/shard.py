@@ -116,7 +116,7 @@ class Work:
         """
         for path, stamp in self.inputs.items():
             if stamp_of(path) != stamp:
-                raise InputError(f"{path}: was changed while the data set was written")
+                raise InputError("was changed while the data set was written").of(path)
 
 
 @lru_cache(maxsize=1)
@@ -133,7 +133,7 @@ def work_of_run(folder: Path, key: str, device: str, n_thread: int | None) -> Wo
     identity = identity_of(recipe, device)
     if key_of(identity) != key:
         differs = difference({name: record.get(name) for name in identity}, identity)
-        raise InputError(f"{folder}: this worker would write other files than the run was started for ({differs})")
+        raise InputError(f"this worker would write other files than the run was started for ({differs})").of(folder)
     return Work(recipe, Renderer(recipe.scene, device, n_thread), inputs)
 
 
@@ -151,7 +151,7 @@ def _check_foreign(folder: Path, shard: Shard, names: list[str]) -> None:
     known = {name for record in records if is_record(record) for name in record["files"]}
     for name in names:
         if name not in known and (folder / name).exists():
-            raise InputError(f"{folder / name}: is there already, and warpsim did not write it")
+            raise InputError("is there already, and warpsim did not write it").of(folder / name)
 
 
 @contextmanager

@@ -120,14 +120,14 @@ class Workplace:
         runs = [record for record in map(read_json, paths) if is_record(record)]
         for path in paths[:2]:
             if is_record(record := read_json(path)) and "recipe" not in record:
-                raise InputError(f"{self.folder}: holds a rendered run, no data set; choose another folder")
+                raise InputError("holds a rendered run, no data set; choose another folder").of(self.folder)
         others = [run for run in runs if run["key"] != self.key]
         theirs = [name for run in others for name in _names(run)]
         if theirs and not overwrite:
             raise InputError(
-                f"{self.folder}: holds a different data set or run ({self._what_differs(others)}); "
-                "choose another folder or pass --overwrite"
-            )
+                f"holds a different data set or run ({self._what_differs(others)}); choose another folder or pass "
+                "--overwrite",
+            ).of(self.folder)
         self._check_foreign(runs)
         if others:
             (self.parts / RUN).unlink(missing_ok=True)  # first: its workers may still be there, and end without it
@@ -150,14 +150,14 @@ class Workplace:
         """See that what stands where the data set is to be was written by one of these runs."""
         if self.manifest_path.exists() and not is_record(read_json(self.manifest_path)):
             raise InputError(
-                f"{self.manifest_path}: is damaged, or not of warpsim; choose another folder, or empty this one"
-            )
+                "is damaged, or not of warpsim; choose another folder, or empty this one"
+            ).of(self.manifest_path)
         ours = {name for run in runs for name in _names(run)} | {MANIFEST}
         for name in top_names(self.recipe):
             if (self.folder / name).is_symlink():
-                raise InputError(f"{self.folder / name}: must not be a link: the files behind it may be others'")
+                raise InputError("must not be a link: the files behind it may be others'").of(self.folder / name)
             if (self.folder / name).exists() and not any(f"{known}/".startswith(f"{name}/") for known in ours):
-                raise InputError(f"{self.folder / name}: is there already, and warpsim did not write it")
+                raise InputError("is there already, and warpsim did not write it").of(self.folder / name)
 
 
 def _names(run: dict[str, Any]) -> list[str]:

@@ -255,6 +255,6 @@ def shard_writer(recipe: Recipe, shard: Shard, folder: Path) -> ShardWriter:
         "fits": CubeFolder, "png": ImageFolder, "tiff": ImageFolder, "webdataset": TarArchive,
     }  # fmt: skip
     if recipe.format not in kinds:
-        raise InputError(f"format: must be one of {', '.join([*kinds, 'zarr'])}, got {recipe.format!r}")
+        raise InputError(f"must be one of {', '.join([*kinds, 'zarr'])}", "format", recipe.format)
     writer: ShardWriter = kinds[recipe.format](recipe, shard, folder)
     return writer

@@ -103,8 +103,8 @@ class ZarrShard:
         self._position = position
         if self._recipe.contributions and sequence.scene.target_names != self._recipe.scene.target_names:
             raise InputError(
-                f"sequence {sequence.number}: contributions in one Zarr array need the same targets in every sequence; "
-                "choose another format"
+                "contributions in one Zarr array need the same targets in every sequence; choose another format",
+                f"sequence {sequence.number}",
             )
 
     def add(self, frames: FrameSet, planes: dict[str, Any], truth: Any) -> None:

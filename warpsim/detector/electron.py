@@ -7,11 +7,13 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from warpsim.by_band import NonNegativeByBand, ShareByBand
-from warpsim.describe import NonNegative, Positive, Switch, closed_interval, part, part_error
+from warpsim.config.fields import NonNegative, Positive, Switch, closed_interval
+from warpsim.config.model import config_model
 from warpsim.detector.fields import BadShare, Bits, Diffusion, GainSpread, Nonlinearity, PositiveExposure
+from warpsim.errors import InputError
 
 
-@part
+@config_model
 class ElectronDetector:
     """Light and background become electrons, and electrons counts.
 
@@ -73,7 +75,7 @@ class ElectronDetector:
     @model_validator(mode="after")
     def _complete(self) -> ElectronDetector:
         if (self.optics_temperature_k is None) != (self.optics_emissivity == 0.0):
-            raise part_error("optics_temperature_k, optics_emissivity: must be given together")
+            raise InputError("must be given together", "optics_temperature_k, optics_emissivity")
         if self.offset_counts >= 2**self.bits:
-            raise part_error(f"offset_counts: must be below 2**bits ({2**self.bits}), got {self.offset_counts:g}")
+            raise InputError(f"must be below 2**bits ({2**self.bits})", "offset_counts", self.offset_counts, "g")
         return self

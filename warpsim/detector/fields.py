@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from warpsim.describe import Integer, NonNegative, Positive, closed_interval
+from warpsim.config.fields import Integer, NonNegative, Positive, closed_interval
 
 Bits = Annotated[Integer, closed_interval(1, 16)]
 """Of an analogue-to-digital converter."""

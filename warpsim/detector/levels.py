@@ -114,7 +114,7 @@ def _given(detector: NeiDetector | ElectronDetector, name: str, band: str) -> fl
     value = in_band(given, band)
     if value is None:
         table = given if isinstance(given, Mapping) else {}
-        raise InputError(f"{name}: must name every band of the scene, got none for {band} among {', '.join(table)}")
+        raise InputError(f"must name every band of the scene, got none for {band} among {', '.join(table)}", name)
     return float(value)
 
 

@@ -7,13 +7,14 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from warpsim.by_band import PositiveByBand, in_band
-from warpsim.describe import Integer, NonNegative, Positive, Switch, closed_interval, part, part_error
+from warpsim.config.fields import Integer, NonNegative, Positive, Switch, closed_interval
+from warpsim.config.model import config_model
 from warpsim.detector.fields import BadShare, Bits, Diffusion, Exposure, GainSpread, Nonlinearity
 from warpsim.errors import InputError
 from warpsim.sky.bands import BANDS
 
 
-@part
+@config_model
 class NeiDetector:
     """Counts = ADC(offset + counts_per_nei * min(signal / NEI + unit Gaussian noise, SEI / NEI)).
 
@@ -66,9 +67,9 @@ class NeiDetector:
             nei, sei = in_band(self.nei_w_cm2, band), in_band(self.sei_w_cm2, band)
             if nei is not None and sei is not None and sei <= nei:
                 where = "" if isinstance(self.nei_w_cm2, float) and isinstance(self.sei_w_cm2, float) else f" in {band}"
-                raise part_error(f"sei_w_cm2: must be above nei_w_cm2 ({nei:g}){where}, got {sei:g}")
+                raise InputError(f"must be above nei_w_cm2 ({nei:g}){where}", "sei_w_cm2", sei, "g")
         if self.offset_counts >= 2**self.bits:
-            raise part_error(f"offset_counts: must be below 2**bits ({2**self.bits}), got {self.offset_counts:g}")
+            raise InputError(f"must be below 2**bits ({2**self.bits})", "offset_counts", self.offset_counts, "g")
         return self
 
     @property
@@ -80,4 +81,6 @@ class NeiDetector:
         """
         if isinstance(self.nei_w_cm2, float) and isinstance(self.sei_w_cm2, float):
             return self.sei_w_cm2 / self.nei_w_cm2
-        raise InputError("NeiDetector: dynamic_range: differs by band; Scene.sei_w_cm2 and nei_w_cm2 tell its parts")
+        raise InputError(
+            "differs by band; Scene.sei_w_cm2 and nei_w_cm2 tell its parts", "dynamic_range"
+        ).of("NeiDetector")

@@ -26,9 +26,9 @@ def read_element_sets(path: str | os.PathLike[str]) -> list[ElementSet]:
     try:
         text = Path(path).read_bytes().decode("utf-8-sig")
     except OSError as error:
-        raise InputError(f"{where}: cannot be read: {error.strerror}") from None
+        raise InputError(f"cannot be read: {error.strerror}").of(where) from None
     except ValueError:
-        raise InputError(f"{where}: is not UTF-8 text") from None
+        raise InputError("is not UTF-8 text").of(where) from None
     return parse_element_sets(text, where)
 
 
@@ -45,7 +45,7 @@ def parse_element_sets(text: str, where: str) -> list[ElementSet]:
     elif looks_like_tle(text):
         sets = parse_tle(text, where)
     else:
-        raise InputError(f"{where}: must hold element sets, as TLE or as OMM in KVN, XML, JSON or CSV")
+        raise InputError("must hold element sets, as TLE or as OMM in KVN, XML, JSON or CSV").of(where)
     if not sets:
-        raise InputError(f"{where}: holds no element sets")
+        raise InputError("holds no element sets").of(where)
     return sets

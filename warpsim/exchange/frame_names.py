@@ -71,7 +71,7 @@ def known_ccsds_frame(name: str) -> Frame:
     """
     frame = ccsds_frame(name)
     if frame is None:
-        raise InputError(f"must be one of {', '.join(FRAMES)} (or ICRF, J2000, ITRF-97, ...), got {name!r}")
+        raise InputError(f"must be one of {', '.join(FRAMES)} (or ICRF, J2000, ITRF-97, ...)", value=name)
     return frame
 
 
@@ -83,5 +83,5 @@ def known_stk_frame(name: str) -> Frame:
     """
     frame = _STK.get(name.strip().lower())
     if frame is None:
-        raise InputError(f"must be one of {', '.join(STK_NAME.values())}, got {name!r}")
+        raise InputError(f"must be one of {', '.join(STK_NAME.values())}", value=name)
     return frame

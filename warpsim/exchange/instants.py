@@ -75,7 +75,7 @@ class Instants:
     def since_instant(self, first: Instants) -> F64:
         """SI seconds since one other instant, (n,)."""
         if self.relative != first.relative:
-            raise InputError("times: must count from the same origin, got seconds since the scene's epoch and dates")
+            raise InputError("must count from the same origin, got seconds since the scene's epoch and dates", "times")
         time_s: F64 = (self.day - first.day[0]) * DAY_S + (self.second - first.second[0])
         return time_s
 
@@ -86,7 +86,7 @@ class Instants:
             InputError: The instants are relative to a scene's epoch, or the time system is none of TIME_SYSTEMS.
         """
         if self.relative:
-            raise InputError("times: must be instants to be written as dates, got seconds since the scene's epoch")
+            raise InputError("must be instants to be written as dates, got seconds since the scene's epoch", "times")
         check_time_system(system)
         shift_s = {"GPS": -_TAI_MINUS_GPS_S}.get(system, 0.0)
         with warnings.catch_warnings():
@@ -99,7 +99,7 @@ class Instants:
 def check_time_system(name: str) -> str:
     """The time system, in capitals; UT1 and others are refused, as they need tables from the network."""
     if name.upper() not in TIME_SYSTEMS:
-        raise InputError(f"must be one of {', '.join(TIME_SYSTEMS)}, got {name!r}")
+        raise InputError(f"must be one of {', '.join(TIME_SYSTEMS)}", value=name)
     return name.upper()
 
 

@@ -83,7 +83,7 @@ def element_set(fields: Mapping[str, str], place: str) -> ElementSet:
     for keyword, known in _REQUIRED.items():
         value = fields.get(keyword, "").strip()
         if value and value.upper() not in known:
-            raise InputError(f"{where}: {keyword} must be {' or '.join(known)}, got {shown(value)}")
+            raise InputError(f"{keyword} must be {' or '.join(known)}", value=value).of(where)
     epoch_d = _days_since_1950(fields, where)
     value_of = {keyword: _number(fields, keyword, where) for keyword in _RANGES}
     satrec = Satrec()
@@ -102,7 +102,7 @@ def element_set(fields: Mapping[str, str], place: str) -> ElementSet:
         value_of["RA_OF_ASC_NODE"] * _DEGREE,
     )  # fmt: skip
     if not is_finite_model(satrec):
-        raise InputError(f"{where}: SGP4 cannot be started from these elements")
+        raise InputError("SGP4 cannot be started from these elements").of(where)
     return ElementSet(name, norad_id, plain_designator(tidy_name(fields.get("OBJECT_ID", ""))), satrec, place)
 
 
@@ -110,9 +110,9 @@ def _identity(fields: Mapping[str, str], place: str) -> tuple[str, int | None]:
     name, number = tidy_name(fields.get("OBJECT_NAME", "")), fields.get("NORAD_CAT_ID", "").strip()
     if number and not re.fullmatch(r"\d{1,9}", number, re.ASCII):
         head = f"{place}: {name}: " if name else f"{place}: "
-        raise InputError(f"{head}NORAD_CAT_ID must be up to nine digits, got {shown(number)}")
+        raise InputError(f"{head}NORAD_CAT_ID must be up to nine digits", value=number)
     if not (name or number):
-        raise InputError(f"{place}: OBJECT_NAME or NORAD_CAT_ID is required")
+        raise InputError("OBJECT_NAME or NORAD_CAT_ID is required").of(place)
     return name, int(number) if number else None
 
 
@@ -121,12 +121,12 @@ def _number(fields: Mapping[str, str], keyword: str, where: str) -> float:
     if not text:
         if keyword in _OPTIONAL:
             return 0.0
-        raise InputError(f"{where}: {keyword} is required")
+        raise InputError(f"{keyword} is required").of(where)
     if not _NUMBER.fullmatch(text):
-        raise InputError(f"{where}: {keyword} must be a number, got {shown(text)}")
+        raise InputError(f"{keyword} must be a number", value=text).of(where)
     value, allowed = float(text), _RANGES[keyword]
     if not allowed.low <= value <= allowed.high:
-        raise InputError(f"{where}: {keyword} {allowed.rule}, got {shown(text)}")
+        raise InputError(f"{keyword} {allowed.rule}", value=text).of(where)
     return value
 
 
@@ -134,7 +134,7 @@ def _days_since_1950(fields: Mapping[str, str], where: str) -> float:
     """SGP4's epoch: days after 1949 December 31.0 UTC, good to 3e-7 s."""
     text = fields.get("EPOCH", "").strip()
     if not text:
-        raise InputError(f"{where}: EPOCH is required")
+        raise InputError("EPOCH is required").of(where)
     rule = f"{where}: EPOCH must be a UTC instant like 2025-06-01T12:34:56.789, years 1957 to 2099, got {shown(text)}"
     match = _EPOCH.fullmatch(text)
     if match is None:

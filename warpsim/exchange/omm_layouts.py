@@ -55,13 +55,13 @@ def read_kvn(text: str, where: str) -> Iterator[Message]:
             continue
         keyword, equals, value = (part.strip() for part in line.partition("="))
         if not equals:
-            raise InputError(f"{where}: line {number}: must be KEYWORD = value, got {shown(line)}")
+            raise InputError("must be KEYWORD = value", value=line).of(f"line {number}").of(where)
         if keyword == "CCSDS_OMM_VERS" or (keyword == "OBJECT_NAME" and keyword in fields):
             if "EPOCH" in fields or "OBJECT_NAME" in fields:
                 yield fields, f"{where}: line {first}"
             fields, first = {}, number
         if keyword in fields:
-            raise InputError(f"{where}: line {number}: {tidy_name(keyword)} is given twice")
+            raise InputError(f"{tidy_name(keyword)} is given twice").of(f"line {number}").of(where)
         unit = re.search(r"\s*\[([^\]]*)\]$", value)
         if unit:
             value = value[: unit.start()]
@@ -73,17 +73,17 @@ def read_kvn(text: str, where: str) -> Iterator[Message]:
 def read_xml(text: str, where: str) -> Iterator[Message]:
     """`<omm>` elements, alone or in an `<ndm>`, with or without a namespace."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise InputError(f"{where}: must be plain XML without DOCTYPE or ENTITY")
+        raise InputError("must be plain XML without DOCTYPE or ENTITY").of(where)
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         line, column = error.position
-        raise InputError(f"{where}: line {line}: is not valid XML at column {column + 1}") from None
+        raise InputError(f"is not valid XML at column {column + 1}").of(f"line {line}").of(where) from None
     except ValueError as error:
-        raise InputError(f"{where}: is not valid XML: {error}") from None
+        raise InputError(f"is not valid XML: {error}").of(where) from None
     messages = [element for element in root.iter() if _tag(element) == "omm"]
     if not messages:
-        raise InputError(f"{where}: must hold <omm> elements, got <{_tag(root)}>")
+        raise InputError(f"must hold <omm> elements, got <{_tag(root)}>").of(where)
     for record, message in enumerate(messages, 1):
         place = f"{where}: record {record}"
         fields: dict[str, str] = {}
@@ -92,7 +92,7 @@ def read_xml(text: str, where: str) -> Iterator[Message]:
             if len(element) or keyword in ("COMMENT", "USER_DEFINED"):
                 continue
             if keyword in fields:
-                raise InputError(f"{place}: {keyword} is given twice")
+                raise InputError(f"{keyword} is given twice").of(place)
             _check_unit(keyword, element.get("units", ""), place)
             fields[keyword] = (element.text or "").strip()
         yield fields, place
@@ -103,16 +103,16 @@ def read_json(text: str, where: str) -> Iterator[Message]:
     try:
         data = json.loads(text)
     except json.JSONDecodeError as error:
-        raise InputError(f"{where}: line {error.lineno}: is not valid JSON: {error.msg}") from None
+        raise InputError(f"is not valid JSON: {error.msg}").of(f"line {error.lineno}").of(where) from None
     except (RecursionError, ValueError):
-        raise InputError(f"{where}: is not valid JSON: nested too deep, or a number too long") from None
+        raise InputError("is not valid JSON: nested too deep, or a number too long").of(where) from None
     for record, item in enumerate(data if isinstance(data, list) else [data], 1):
         place = f"{where}: record {record}"
         if not isinstance(item, dict):
-            raise InputError(f"{place}: must be an object of keywords, got {shown(item)}")
+            raise InputError("must be an object of keywords", value=item).of(place)
         for keyword, value in item.items():
             if isinstance(value, bool | list | dict):
-                raise InputError(f"{place}: {shown(keyword)} must be a number or a text, got {shown(value)}")
+                raise InputError(f"{shown(keyword)} must be a number or a text", value=value).of(place)
         yield {key: _json_text(value) for key, value in item.items()}, place
 
 
@@ -128,13 +128,13 @@ def read_csv(text: str, where: str) -> Iterator[Message]:
             if not header:
                 header = [cell.strip().upper() for cell in row]
                 if len(set(header)) != len(header):
-                    raise InputError(f"{place}: column names must be different")
+                    raise InputError("column names must be different").of(place)
                 continue
             if len(row) != len(header):
-                raise InputError(f"{place}: must have {len(header)} values, as the header has, got {len(row)}")
+                raise InputError(f"must have {len(header)} values, as the header has", value=len(row)).of(place)
             yield dict(zip(header, row, strict=True)), place
     except csv.Error as error:
-        raise InputError(f"{where}: line {rows.line_num}: is not valid CSV: {error}") from None
+        raise InputError(f"is not valid CSV: {error}").of(f"line {rows.line_num}").of(where) from None
 
 
 READERS = {"kvn": read_kvn, "xml": read_xml, "json": read_json, "csv": read_csv}
@@ -151,4 +151,4 @@ def _json_text(value: object) -> str:
 def _check_unit(keyword: str, unit: str, place: str) -> None:
     known = _UNITS.get(keyword)
     if unit and known and unit.strip().lower() not in known:
-        raise InputError(f"{place}: {keyword} must be in {known[0]}, got {shown(unit)}")
+        raise InputError(f"{keyword} must be in {known[0]}", value=unit).of(place)

@@ -42,7 +42,7 @@ def ephemeris_of(source: Source, object: str | None = None) -> list[EphemerisSeg
     chosen = [s for s in segments if object in (s.object_name, s.object_id, plain_name(s.object_name))]
     if not chosen:
         known = ", ".join(dict.fromkeys(s.object_name for s in segments))
-        raise InputError(f"{source.file}: object: must be one of {known}, got {object!r}")
+        raise InputError(f"must be one of {known}", "object", object).of(source.file)
     return chosen
 
 

@@ -94,9 +94,9 @@ class EphemerisSegment:
         _check_times(self)
         _check_useable(self)
         if self.interpolation == "hermite" and self.velocity_m_s is None:
-            raise InputError(f"{where}interpolation: must not be Hermite for states without velocities")
+            raise InputError("must not be Hermite for states without velocities", f"{where}interpolation")
         if self.degree is not None and not 1 <= self.degree <= LARGEST_DEGREE:
-            raise InputError(f"{where}interpolation degree: must be 1 to {LARGEST_DEGREE}, got {self.degree}")
+            raise InputError(f"must be 1 to {LARGEST_DEGREE}", f"{where}interpolation degree", self.degree)
         _check_size("position", self.position_m, _LARGEST_M, "m", self)
         if self.velocity_m_s is not None:
             _check_size("velocity", self.velocity_m_s, SPEED_OF_LIGHT_M_S, "m/s", self)
@@ -186,7 +186,7 @@ class AttitudeSegment:
         bad = np.abs(norm - 1.0) > _NORM_SLACK
         if bad.any():
             row = int(np.argmax(bad))
-            raise InputError(f"{_row_place(self, row)}quaternion: must have norm 1, got {norm[row]:.6g}")
+            raise InputError("must have norm 1", f"{_row_place(self, row)}quaternion", norm[row], ".6g")
         object.__setattr__(self, "quaternion", self.quaternion / norm[:, None])
 
 
@@ -208,7 +208,7 @@ def _row_place(segment: Segment, row: int) -> str:
 
 def _check_name(what: str, name: str, known: tuple[str, ...], where: str) -> None:
     if name not in known:
-        raise InputError(f"{where}{what}: must be one of {', '.join(known)}, got {name!r}")
+        raise InputError(f"{where}{what}: must be one of {', '.join(known)}", value=name)
 
 
 def _check_array(name: str, value: F64, shape: tuple[int, int], segment: Segment) -> None:
@@ -216,24 +216,26 @@ def _check_array(name: str, value: F64, shape: tuple[int, int], segment: Segment
     if shape[0] == 0:
         raise InputError(f"{where}{name}: must hold at least one row, got none")
     if np.shape(value) != shape:
-        raise InputError(f"{where}{name}: must have shape {shape}, got {np.shape(value)}")
+        raise InputError(f"{where}{name}: must have shape {shape}", value=np.shape(value))
     bad = ~np.isfinite(value).all(axis=1)
     if bad.any():
         row = int(np.argmax(bad))
-        raise InputError(f"{_row_place(segment, row)}{name}: must be finite, got {value[row].tolist()}")
+        raise InputError(f"{_row_place(segment, row)}{name}: must be finite", value=value[row].tolist())
 
 
 def _check_size(name: str, value: F64, largest: float, unit: str, segment: Segment) -> None:
     size = np.abs(value).max(axis=1)
     row = int(np.argmax(size))
     if size[row] > largest:
-        raise InputError(f"{_row_place(segment, row)}{name}: must be below {largest:g} {unit}, got {size[row]:g}")
+        raise InputError(
+            f"{_row_place(segment, row)}{name}: must be below {largest:g} {unit}", value=size[row], form="g"
+        )
 
 
 def _check_times(segment: Segment) -> None:
     finite = np.isfinite(segment.instants.second) & np.isfinite(segment.instants.day)
     if not finite.all():
-        raise InputError(f"{_row_place(segment, int(np.argmin(finite)))}time: must be finite")
+        raise InputError("must be finite", f"{_row_place(segment, int(np.argmin(finite)))}time")
     step_s = segment.instants.steps_s()
     bad = ~(step_s > _SAME_TIME_S)
     if bad.any():
@@ -241,7 +243,7 @@ def _check_times(segment: Segment) -> None:
         same = abs(step_s[row]) <= _SAME_TIME_S
         got = "the same" if same else f"{-step_s[row]:g} s earlier"
         text = f"must come after the time before it, got {got}"
-        raise InputError(f"{_row_place(segment, row + 1)}time: {text}")
+        raise InputError(f"{text}", f"{_row_place(segment, row + 1)}time")
 
 
 def _check_useable(segment: Segment) -> None:
@@ -251,6 +253,6 @@ def _check_useable(segment: Segment) -> None:
     first_s, last_s = segment.useable.since_instant(segment.instants[0])
     end_s = float(segment.instants[-1:].since_instant(segment.instants[0])[0])
     if not (len(segment.useable) == 2 and first_s <= last_s):
-        raise InputError(f"{where}useable span: must not end before it begins")
+        raise InputError("must not end before it begins", f"{where}useable span")
     if first_s < -1e-6 or last_s > end_s + 1e-6:
-        raise InputError(f"{where}useable span: must lie within the times of the data")
+        raise InputError("must lie within the times of the data", f"{where}useable span")

@@ -25,7 +25,7 @@ def euler_quaternion(sequence: str, angle_deg: F64) -> F64:
     """
     axes = [_AXES.get(letter) for letter in sequence.strip().upper()]
     if len(axes) != 3 or None in axes or axes[0] == axes[1] or axes[1] == axes[2]:
-        raise InputError(f"must be three axes like ZXZ or 321, got {sequence[:20]!r}")
+        raise InputError("must be three axes like ZXZ or 321", value=sequence[:20])
     total = np.tile([0.0, 0.0, 0.0, 1.0], (len(angle_deg), 1))
     for axis, angle in zip(axes, np.radians(angle_deg).T, strict=True):
         turn = np.zeros((len(angle), 4))

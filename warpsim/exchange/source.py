@@ -52,7 +52,7 @@ class Source:
 
     def error(self, line: int, text: str) -> InputError:
         """The error to raise about a line; line 0 means the file as a whole."""
-        return InputError(f"{self.file}: line {line}: {text}" if line else f"{self.file}: {text}")
+        return InputError(text).of(f"line {line}" if line else "").of(self.file)
 
     @contextlib.contextmanager
     def at(self, line: int, what: str = "") -> Iterator[None]:
@@ -60,7 +60,7 @@ class Source:
         try:
             yield
         except InputError as error:
-            raise self.error(line, f"{what}: {error}" if what else str(error)) from None
+            raise (error.within(what) if what else error).of(f"line {line}" if line else "").of(self.file) from None
 
 
 def read_source(path: str | os.PathLike[str]) -> Source:
@@ -73,12 +73,12 @@ def read_source(path: str | os.PathLike[str]) -> Source:
     try:
         data = Path(file).read_bytes()
     except IsADirectoryError:
-        raise InputError(f"{file}: must be a file, got a folder") from None
+        raise InputError("must be a file, got a folder").of(file) from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else "is no name of a file"
-        raise InputError(f"{file}: cannot be read: {reason}") from None
+        raise InputError(f"cannot be read: {reason}").of(file) from None
     if not data.strip():
-        raise InputError(f"{file}: must hold data, got an empty file")
+        raise InputError("must hold data, got an empty file").of(file)
     return Source(file, data)
 
 

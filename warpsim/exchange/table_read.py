@@ -105,7 +105,7 @@ def read_temperature_table(source: Source) -> tuple[Instants, F64, list[str]]:
         temperature_k = table.needed("temperature_k", unit="K")
         gaps = np.flatnonzero(np.isnan(temperature_k))
         if len(gaps):
-            raise InputError(f"{places[gaps[0]]}: temperature_k: must be given, a table must have no gap")
+            raise InputError("must be given, a table must have no gap", "temperature_k").of(places[gaps[0]])
         instants = _instants(source, table)
     return instants, temperature_k, places
 
@@ -137,7 +137,7 @@ def _instants(source: Source, table: FileTable) -> Instants:
     has_s, has_utc = table.find("time_s") is not None, table.find("time_utc") is not None
     if has_s == has_utc:
         got = "both" if has_s else ", ".join(table.table.colnames)
-        raise InputError(f"must have one of the columns time_s (since the scene's epoch) and time_utc, got {got}")
+        raise InputError("must have one of the columns time_s (since the scene's epoch) and time_utc", value=got)
     if has_s:
         time_s = table.number("time_s", unit="s")
         return Instants(np.zeros(len(time_s)), time_s, relative=True)
@@ -145,7 +145,7 @@ def _instants(source: Source, table: FileTable) -> Instants:
     try:
         return parse_dates(texts, "UTC")
     except BadDateError as error:
-        raise InputError(f"{table.where(error.row)}: time_utc: {error}") from None
+        raise InputError(f"{error}", "time_utc").of(table.where(error.row)) from None
 
 
 def _lines(table: FileTable) -> NDArray[np.int64]:
@@ -158,11 +158,11 @@ def _frame(table: FileTable) -> Frame:
     if "frame" in meta:
         stated.append(str(meta["frame"]))
     if len(set(stated)) > 1:
-        raise InputError(f"frame: must be stated once, got {', '.join(stated)}")
+        raise InputError(f"must be stated once, got {', '.join(stated)}", "frame")
     try:
         return known_ccsds_frame(stated[0]) if stated else "GCRF"
     except InputError as error:
-        raise InputError(f"frame: {error}") from None
+        raise error.within("frame") from None
 
 
 def _vector(table: FileTable, names: list[str], names_km: list[str], unit: str) -> F64 | None:
@@ -179,4 +179,4 @@ def _vector(table: FileTable, names: list[str], names_km: list[str], unit: str) 
     except InputError:
         raise
     except Exception as error:  # columns of odd kinds of ECSV
-        raise InputError(f"{found[0]}: must hold numbers: {one_line(error)}") from None
+        raise InputError(f"must hold numbers: {one_line(error)}").of(found[0]) from None

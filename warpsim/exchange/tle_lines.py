@@ -132,7 +132,7 @@ def parse_tle(text: str, where: str) -> list[ElementSet]:
         sets.append(_element_set(name, line, second[1], where, number, second[0]))
         name = ""
     if name:
-        raise InputError(f"{where}: ends with a name without lines, got {name!r}")
+        raise InputError("ends with a name without lines", value=name).of(where)
     return sets
 
 

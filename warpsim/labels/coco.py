@@ -143,7 +143,7 @@ def image_annotations(image: Mapping[str, Any], rows: Rows, category_ids: Mappin
     """
     n_row = len(rows["visible"])
     if n_row > ROWS_PER_IMAGE:
-        raise InputError(f"image {image['id']}: must have at most {ROWS_PER_IMAGE} label rows, got {n_row}")
+        raise InputError(f"must have at most {ROWS_PER_IMAGE} label rows", value=n_row).of(f"image {image['id']}")
     shape = (int(image["height"]), int(image["width"]))
     with_masks = "mask_rle" in rows.keys()  # noqa: SIM118 - a table is no mapping
     (visible,) = np.nonzero(np.asarray(rows["visible"]))
@@ -153,7 +153,7 @@ def image_annotations(image: Mapping[str, Any], rows: Rows, category_ids: Mappin
     for number, *values in zip(visible.tolist(), *columns, strict=True):
         row = dict(zip(names, values, strict=True))
         if row["category"] not in category_ids:
-            raise InputError(f"categories: must have {row['category']!r}, the kind of the target {row['target']!r}")
+            raise InputError(f"must have {row['category']!r}, the kind of the target {row['target']!r}", "categories")
         box_px = [round(row[name], _PX_DIGITS) for name in BOX_COLUMNS]
         place_px = [round(row[name], _PX_DIGITS) for name in ("x_px", "y_px")]
         annotation = {
@@ -186,11 +186,11 @@ def _empty_code(shape: tuple[int, int]) -> str:
 def _check_image(path: Path, image: Mapping[str, Any], seen: set[int]) -> None:
     missing = [name for name in ("id", "file_name", "width", "height") if name not in image]
     if missing:
-        raise InputError(f"{path}: images: must have {', '.join(missing)}, got {', '.join(image)}")
+        raise InputError(f"must have {', '.join(missing)}, got {', '.join(image)}", "images").of(path)
     if isinstance(image["id"], bool) or not isinstance(image["id"], int) or image["id"] < 0:
-        raise InputError(f"{path}: images: id must be a whole number >= 0, got {image['id']!r}")
+        raise InputError("id must be a whole number >= 0", "images", image['id']).of(path)
     if image["id"] in seen:
-        raise InputError(f"{path}: images: ids must be unique, got {image['id']} twice")
+        raise InputError(f"ids must be unique, got {image['id']} twice", "images").of(path)
     seen.add(image["id"])
 
 

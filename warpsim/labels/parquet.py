@@ -45,7 +45,7 @@ def write_parquet(table: Table, path: str | Path, meta: Mapping[str, Any] | None
     try:
         text = json.dumps({**table.meta, **(meta or {})}, sort_keys=True, default=plain_number)
     except TypeError as error:
-        raise InputError(f"{path}: meta: {error}") from None
+        raise InputError(str(error), "meta").of(path) from None
     schema = arrow.schema(fields, metadata={META_KEY: text.encode()})
     with whole_file(Path(path)) as partial:
         parquet.write_table(arrow.Table.from_arrays(arrays, schema=schema), partial, compression="zstd")
@@ -63,7 +63,7 @@ def read_parquet(path: str | Path) -> Table:
     try:
         source = parquet.read_table(Path(path))
     except (OSError, arrow.ArrowException) as error:
-        raise InputError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from None
+        raise InputError(f"cannot be read: {str(error).splitlines()[0]}").of(path) from None
     table = Table(meta=json.loads((source.schema.metadata or {}).get(META_KEY, b"{}")))
     for field, column in zip(source.schema, source.columns, strict=True):
         values, missing = _values(arrow, column.combine_chunks(), field.type)

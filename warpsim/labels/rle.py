@@ -32,7 +32,7 @@ def mask_to_rle(mask: npt.ArrayLike) -> str:
     """
     array = np.asarray(mask, dtype=bool)
     if array.ndim != 2 or array.size == 0:
-        raise InputError(f"mask: must have shape (row, column), got {array.shape}")
+        raise InputError("must have shape (row, column)", "mask", array.shape)
     return masks_to_rle(array[None], np.zeros((1, 2), dtype=np.int64), array.shape)[0]
 
 
@@ -97,7 +97,7 @@ def rle_to_mask(counts: str | bytes, shape: tuple[int, int]) -> npt.NDArray[np.b
     """
     runs = run_lengths(counts)
     if runs and sum(runs) != shape[0] * shape[1]:
-        raise InputError(f"mask_rle: must be of {shape[0]} x {shape[1]} pixels, got {sum(runs)} pixels")
+        raise InputError(f"must be of {shape[0]} x {shape[1]} pixels, got {sum(runs)} pixels", "mask_rle")
     inside = np.zeros(shape[0] * shape[1], dtype=bool)
     end = 0
     for number, length in enumerate(runs):
@@ -131,5 +131,5 @@ def run_lengths(counts: Any) -> list[int]:
         runs.append(number + (runs[-2] if len(runs) > 2 else 0))
         number = shift = 0
     if shift or any(not 48 <= letter < 112 for letter in letters) or min(runs, default=0) < 0:
-        raise InputError(f"mask_rle: must be COCO's compressed run lengths, got {counts!r:.60}")
+        raise InputError("must be COCO's compressed run lengths", "mask_rle", counts, ".60")
     return runs

@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import field_validator, model_validator
 
-from warpsim.describe import Count, Number, Positive, closed_interval, open_interval, part, part_error, rule_error
+from warpsim.config.fields import Count, Number, Positive, closed_interval, open_interval, rule_error
+from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.optics.distortion import Distortion, checked_radius, distorted, undistorted
 
@@ -25,7 +26,7 @@ _BULGE = 1e-3
 """More than a distorted border can reach beyond its points so many steps apart, relative to its size."""
 
 
-@part
+@config_model
 class Camera:
     """A pinhole camera, with a lens distortion or without.
 
@@ -65,13 +66,15 @@ class Camera:
         by_lens = self.focal_length_m is not None and self.pixel_pitch_m is not None
         lens_given = self.focal_length_m is not None or self.pixel_pitch_m is not None
         if (self.fov_deg is None) == (not lens_given) or (lens_given and not by_lens):
-            raise part_error("give either fov_deg, or focal_length_m and pixel_pitch_m")
+            raise InputError("give either fov_deg, or focal_length_m and pixel_pitch_m")
         if self.n_row * self.n_col >= 2**29:
-            raise part_error(f"n_row * n_col: must be below 2**29, got {self.n_row * self.n_col}")
+            raise InputError("must be below 2**29", "n_row * n_col", self.n_row * self.n_col)
         if self.lens is not None:
             _, wrong = checked_radius(self.lens, *self._half_size)
             if wrong:
-                raise part_error(f"distortion: must be one-to-one until it fills the array and a tenth beyond, {wrong}")
+                raise InputError(
+                    f"must be one-to-one until it fills the array and a tenth beyond, {wrong}", "distortion"
+                )
         return self
 
     @property
@@ -219,7 +222,7 @@ def _finite_array(name: str, value: Any, shape: tuple[int | None, ...]) -> npt.N
     fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
     if not fits:
         wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ")"
-        raise InputError(f"{name}: must have shape {wanted}, got {array.shape}")
+        raise InputError(f"must have shape {wanted}", name, array.shape)
     if not np.isfinite(array).all():
-        raise InputError(f"{name}: must be finite, got {np.count_nonzero(~np.isfinite(array))} NaN or infinite values")
+        raise InputError(f"must be finite, got {np.count_nonzero(~np.isfinite(array))} NaN or infinite values", name)
     return array

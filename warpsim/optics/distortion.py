@@ -12,7 +12,8 @@ import functools
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.describe import Number, part
+from warpsim.config.fields import Number
+from warpsim.config.model import config_model
 
 F64 = npt.NDArray[np.float64]
 
@@ -26,7 +27,7 @@ FARTHEST = 4.0
 _TINY = 1e-300
 
 
-@part
+@config_model
 class Distortion:
     """Brown and Conrady's lens distortion, as OpenCV writes it.
 

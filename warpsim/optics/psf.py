@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, PlainSerializer, PlainValidator, ValidationInfo, model_validator
 
-from warpsim.describe import Number, closed_interval, number_within, part, part_error, rule_error
+from warpsim.config.fields import Number, closed_interval, number_within, rule_error
+from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.optics.pattern import FIRST_DARK_RING as FIRST_DARK_RING
 
@@ -31,7 +32,7 @@ MAX_N_WAVELENGTH = 32
 Smear = Annotated[Number, closed_interval(0, MAX_SMEAR_PX)]
 
 
-@part
+@config_model
 class PsfGaussian:
     """A Gaussian blur.
 
@@ -62,7 +63,7 @@ def _weights(value: Any, info: ValidationInfo) -> tuple[float, ...] | None:
 AS_LIST = PlainSerializer(lambda value: list(value) if isinstance(value, tuple) else value)
 
 
-@part
+@config_model
 class PsfAiry:
     """The diffraction pattern of a round pupil, of unit total flux: of one wavelength, or a sum over several.
 
@@ -83,7 +84,7 @@ class PsfAiry:
     @model_validator(mode="after")
     def _as_many(self) -> PsfAiry:
         if self.weights is not None and len(self.weights) != len(self.radii_px):
-            raise part_error(f"weights: must be as many as radius_px ({len(self.radii_px)}), got {len(self.weights)}")
+            raise InputError(f"must be as many as radius_px ({len(self.radii_px)})", "weights", len(self.weights))
         return self
 
     @property
@@ -125,20 +126,22 @@ class PsfTable:
     def __post_init__(self) -> None:
         if np.ndim(self.image) != 2 or np.asarray(self.image).dtype.kind not in "fiub":
             raise InputError(
-                f"PsfTable: image: must be an array of numbers of two axes, got {_array_words(self.image)}"
-            )
+                "must be an array of numbers of two axes", "image", _array_words(self.image)
+            ).of("PsfTable")
         image = np.array(self.image, dtype=np.float64)
         if not 1 <= min(image.shape) <= max(image.shape) <= MAX_IMAGE_SIDE:
-            raise InputError(f"PsfTable: image: sides must be 1 to {MAX_IMAGE_SIDE}, got {image.shape}")
+            raise InputError(f"sides must be 1 to {MAX_IMAGE_SIDE}", "image", image.shape).of("PsfTable")
         if not np.isfinite(image).all():
-            raise InputError(f"PsfTable: image: must be finite, got {np.count_nonzero(~np.isfinite(image))} bad values")
+            raise InputError(
+                f"must be finite, got {np.count_nonzero(~np.isfinite(image))} bad values", "image"
+            ).of("PsfTable")
         image /= np.abs(image).max() or 1.0  # sums of huge or tiny numbers
         if not image.sum() > 0.0:
-            raise InputError("PsfTable: image: must have a positive sum")
+            raise InputError("must have a positive sum", "image").of("PsfTable")
         for name, low, high in (("oversample", 1.0, MAX_OVERSAMPLE), ("smear_px", 0.0, MAX_SMEAR_PX)):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not low <= value <= high:
-                raise InputError(f"PsfTable: {name}: must be in [{low:g}, {high:g}], got {value}")
+                raise InputError(f"must be in [{low:g}, {high:g}]", value=value).of(name).of("PsfTable")
             object.__setattr__(self, name, float(value))
         image /= image.sum()
         image.setflags(write=False)
@@ -169,4 +172,4 @@ def check_one_family(psfs: Sequence[Psf]) -> None:
         InputError: Gaussians and others mix.
     """
     if len({isinstance(psf, PsfGaussian) for psf in psfs}) > 1:
-        raise InputError(f"psf: must be of one family in all bands, got {', '.join(psf.kind for psf in psfs)}")
+        raise InputError(f"must be of one family in all bands, got {', '.join(psf.kind for psf in psfs)}", "psf")

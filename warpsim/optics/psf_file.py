@@ -16,7 +16,8 @@ from pydantic import PlainValidator
 from pydantic_core import PydanticCustomError
 
 from warpsim.by_band import AS_DICT, ByBand
-from warpsim.describe import part_error, rule_error, whole_path
+from warpsim.config.fields import rule_error, whole_path
+from warpsim.errors import InputError
 from warpsim.exchange.source import Source, read_source
 from warpsim.sky.bands import BANDS
 
@@ -32,7 +33,7 @@ def _file_or_table(value: Any) -> str | ByBand[str]:
         try:
             paths[band] = whole_path(path)
         except PydanticCustomError as error:
-            raise part_error(f"{band}: {error.message()}, got {path!r}") from None
+            raise InputError(f"{error.message()}", value=path).of(band) from None
     return ByBand(paths)
 
 

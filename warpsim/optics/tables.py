@@ -146,9 +146,9 @@ def _spline(psf: PsfTable, pixel_aspect: float) -> SplineImage:
 
 def _check(pixel_aspect: float, error: float, n_point: int) -> None:
     if not 0.1 <= pixel_aspect <= 10.0:
-        raise InputError(f"psf tables: pixel_aspect: must be in [0.1, 10], got {pixel_aspect}")
+        raise InputError("psf tables: pixel_aspect: must be in [0.1, 10]", value=pixel_aspect)
     low, high = ERROR_RANGE
     if not low <= error <= high:
-        raise InputError(f"psf tables: error: must be in [{low:g}, {high:g}], got {error}")
+        raise InputError(f"psf tables: error: must be in [{low:g}, {high:g}]", value=error)
     if n_point not in POINTS:
-        raise InputError(f"psf tables: n_point: must be one of {', '.join(map(str, POINTS))}, got {n_point}")
+        raise InputError(f"psf tables: n_point: must be one of {', '.join(map(str, POINTS))}", value=n_point)

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import model_validator
 
-from warpsim.describe import Count, NonNegative, Number, Positive, closed_interval, part, part_error
+from warpsim.config.fields import Count, NonNegative, Number, Positive, closed_interval
+from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
 from warpsim.optics.pattern import FIRST_DARK_RING
@@ -23,7 +24,7 @@ GAUSSIAN_PER_LAMBDA_F = 0.42
 """Sigma of the Gaussian that resembles an Airy pattern's core, in units of lambda * F."""
 
 
-@part
+@config_model
 class Optics:
     """The telescope.
 
@@ -57,12 +58,12 @@ class Optics:
     @model_validator(mode="after")
     def _file_of_a_table(self) -> Optics:
         if self.sigma_px is not None and self.psf != "gaussian":
-            raise part_error(f"sigma_px: belongs to psf = 'gaussian', got psf = {self.psf!r}")
+            raise InputError(f"belongs to psf = 'gaussian', got psf = {self.psf!r}", "sigma_px")
         for name, value in (("psf_file", self.psf_file), ("psf_oversample", self.psf_oversample)):
             if self.psf == "table" and value is None:
-                raise part_error(f"{name}: is required with psf = 'table'")
+                raise InputError("is required with psf = 'table'", name)
             if self.psf != "table" and value is not None:
-                raise part_error(f"{name}: belongs to psf = 'table', got psf = {self.psf!r}")
+                raise InputError(f"belongs to psf = 'table', got psf = {self.psf!r}", name)
         return self
 
     def psf_for(self, band: Band | str, camera: Camera, diffusion_px: float = 0.0) -> Psf:
@@ -107,7 +108,7 @@ class Optics:
 
     def _image_of(self, band: str) -> npt.NDArray[np.float64]:
         if isinstance(self.psf_file, Mapping) and band not in self.psf_file:
-            raise InputError(f"psf_file: must name a file for every band, got none for {band}")
+            raise InputError(f"must name a file for every band, got none for {band}", "psf_file")
         path = self.psf_file[band] if isinstance(self.psf_file, Mapping) else self.psf_file
         assert path is not None  # by the validator
         return read_psf_file(path)[0]

@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
 from pydantic_core import PydanticCustomError
 
+from warpsim.config.fields import Number, Positive, closed_interval, rule_error
+from warpsim.config.model import config_model
 from warpsim.constants import DAY_S, EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
-from warpsim.describe import Number, Positive, closed_interval, part, rule_error
 from warpsim.errors import InputError
 from warpsim.instant import Instant
 from warpsim.orbit.earth import geodetic_altitude_m, geodetic_to_gcrs_m, geodetic_to_itrs_m, pole_of_date
@@ -63,7 +64,7 @@ LonLat = Annotated[tuple[Longitude, Latitude], BeforeValidator(_pair)]
 UtcText = Annotated[str, BeforeValidator(_utc_text)]
 
 
-@part
+@config_model
 class BallisticArc:
     """Free flight between two geodetic places; solved once, on first use.
 
@@ -116,7 +117,7 @@ class BallisticArc:
         try:
             velocity, _ = lambert(start, end, self.duration_s)
         except InputError as error:
-            raise InputError(f"BallisticArc: no arc between the end points in {self.duration_s:g} s: {error}") from None
+            raise error.of(f"no arc between the end points in {self.duration_s:g} s").of("BallisticArc") from None
         self._check_above_ground(start, velocity)
         return velocity if self.gravity == "two_body" else self._shoot(start, end, velocity)
 
@@ -127,8 +128,8 @@ class BallisticArc:
         lowest_km = float(geodetic_altitude_m(path, self.pole_icrs).min()) / 1e3
         if lowest_km < min(self.endpoint_altitude_km, 0.0) - _GROUND_SLACK_KM:
             raise InputError(
-                f"BallisticArc: duration_s: {self.duration_s:g} s gives a flight {-lowest_km:.0f} km below the ground"
-            )
+                f"{self.duration_s:g} s gives a flight {-lowest_km:.0f} km below the ground", "duration_s"
+            ).of("BallisticArc")
 
     def _shoot(self, start: F64, end: F64, velocity: F64) -> F64:
         """Newton on the start velocity; the derivative comes from three nudged paths flown beside the nominal one."""
@@ -145,7 +146,7 @@ class BallisticArc:
             velocity = velocity + np.linalg.solve((ends[1:] - ends[0]).T / _NUDGE_M_S, miss)
         if miss_m < _WORST_MISS_M:
             return velocity
-        raise InputError(f"BallisticArc: the arc does not converge on its end point, last miss {miss_m:.3g} m")
+        raise InputError(f"the arc does not converge on its end point, last miss {miss_m:.3g} m").of("BallisticArc")
 
     def state(self, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return position [m] and velocity [m/s], GCRS axes, each of the shape of time_s plus (3,).
@@ -167,7 +168,7 @@ class BallisticArc:
         own, given = instant(self.epoch_utc).tt, epoch.tt
         if abs((own.jd1 - given.jd1) + (own.jd2 - given.jd2)) * DAY_S > _SAME_EPOCH_S:
             isot = epoch.isot if isinstance(epoch, Instant) else epoch.utc.isot
-            raise InputError(f"BallisticArc: epoch_utc: must be the scene's epoch ({isot}), got {self.epoch_utc}")
+            raise InputError(f"must be the scene's epoch ({isot})", "epoch_utc", self.epoch_utc).of("BallisticArc")
         position, velocity = self.state(np.asarray(time_s, np.float64))
         return position[:, None], velocity[:, None]
 

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
+from warpsim.config.fields import Group, Integer, Name, as_tuple, rule_error
+from warpsim.config.model import TOO_DEEP, complete, config_model
 from warpsim.constants import EARTH_GM_M3_S2
-from warpsim.describe import TOO_DEEP, Group, Integer, Name, as_tuple, complete, part, part_error, rule_error
 from warpsim.errors import InputError
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, pole_of_date
 from warpsim.orbit.elements import KeplerOrbit, StateVector, state_to_elements
@@ -29,7 +30,7 @@ DEEPEST_MIXTURE = 20
 """Mixtures of constellations within each other."""
 
 
-@part
+@config_model
 class NamedOrbit:
     """One satellite of a list."""
 
@@ -37,7 +38,7 @@ class NamedOrbit:
     orbit: Orbit
 
 
-@part
+@config_model
 class ListedSatellites:
     """Satellites with orbits of their own, of any kind."""
 
@@ -96,7 +97,7 @@ class ListedSatellites:
         return [f"{item.name}: {note}" for item in self.satellites for note in _notes_of(item.orbit, epoch, duration_s)]
 
 
-@part
+@config_model
 class SeedPattern:
     """Copies of one orbit, evenly spread over planes and slots.
 
@@ -154,16 +155,17 @@ class SeedPattern:
         try:
             seed_m, seed_m_s = (x[0] for x in self.seed.states(epoch, np.zeros(1)))  # (1, 3)
         except InputError as error:
-            raise InputError(f"seed: {error}") from None
+            raise error.within("seed") from None
         try:
             conic = state_to_elements(seed_m[0], seed_m_s[0])
         except InputError:
-            raise InputError("seed: must be on a closed orbit, along which it can be copied") from None
+            raise InputError("must be on a closed orbit, along which it can be copied", "seed") from None
         perigee_m = float(conic.semi_major_axis_m * (1.0 - conic.eccentricity))
         if perigee_m < EARTH_POLAR_RADIUS_M:
             raise InputError(
-                "seed: its whole orbit must be above the Earth's surface, as copies are spread along it, "
-                f"got a perigee {(EARTH_POLAR_RADIUS_M - perigee_m) / 1e3:.0f} km below"
+                "its whole orbit must be above the Earth's surface, as copies are spread along it, got a perigee "
+                f"{(EARTH_POLAR_RADIUS_M - perigee_m) / 1e3:.0f} km below",
+                "seed",
             )
         period_s = 2.0 * np.pi * np.sqrt(float(conic.semi_major_axis_m) ** 3 / EARTH_GM_M3_S2)
         plane = np.repeat(np.arange(self.n_plane), self.n_per_plane)
@@ -185,7 +187,7 @@ class SeedPattern:
         return [f"seed: {note}" for note in _notes_of(self.seed, epoch, 0.0)]
 
 
-@part
+@config_model
 class MixedConstellation:
     """Several constellations together; names must be unique among them."""
 
@@ -195,7 +197,7 @@ class MixedConstellation:
     @model_validator(mode="after")
     def _named_apart(self) -> MixedConstellation:
         if self.depth > DEEPEST_MIXTURE:
-            raise part_error(f"parts: {TOO_DEEP}, at most {DEEPEST_MIXTURE} mixtures may lie within each other")
+            raise InputError(f"{TOO_DEEP}, at most {DEEPEST_MIXTURE} mixtures may lie within each other", "parts")
         _check_names("parts", self.names)
         return self
 
@@ -237,11 +239,11 @@ complete(MixedConstellation, Constellation=Constellation)
 
 def _check_names(field: str, names: Sequence[str]) -> None:
     if not names:
-        raise part_error(f"{field}: must hold at least one satellite")
+        raise InputError("must hold at least one satellite", field)
     if len(set(names)) != len(names):
         seen: set[str] = set()
         twice = next(name for name in names if name in seen or seen.add(name))  # type: ignore[func-returns-value]
-        raise part_error(f"{field}: names must be unique, got {twice} twice (patterns take a prefix)")
+        raise InputError(f"names must be unique, got {twice} twice (patterns take a prefix)", field)
 
 
 def _side_by_side(
@@ -253,7 +255,7 @@ def _side_by_side(
         try:
             position, velocity = states_of(mover, epoch, time_s, within_s)
         except InputError as error:
-            raise InputError(f"{name}: {error}" if name else str(error)) from None
+            raise error.of(name) from None
         positions.append(position)
         velocities.append(velocity)
     return np.concatenate(positions, axis=1), np.concatenate(velocities, axis=1)

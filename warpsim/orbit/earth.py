@@ -113,7 +113,7 @@ def geodetic_to_gcrs_m(
     """
     lat = np.asarray(lat_deg, np.float64)
     if not np.all(np.abs(lat) <= 90.0):
-        raise InputError(f"lat_deg: must be in [-90, 90], got {lat[~(np.abs(lat) <= 90.0)].flat[0]:g}")
+        raise InputError("must be in [-90, 90]", "lat_deg", lat[~(np.abs(lat) <= 90.0)].flat[0], "g")
     fixed = geodetic_to_itrs_m(lon_deg, lat, altitude_m)
     position: F64 = np.einsum("...ij,...j->...i", itrs_to_gcrs(epoch, time_s), fixed)
     return position

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
 
+from warpsim.config.fields import Number, Positive, Vector, closed_interval
+from warpsim.config.model import config_model
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
-from warpsim.describe import Number, Positive, Vector, closed_interval, part, part_error
 from warpsim.errors import InputError
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, pole_of_date
 from warpsim.orbit.gravity import Gravity, propagate
@@ -114,7 +115,7 @@ def elements_to_state(
         ("angles", ~np.isfinite(tilt + node + perigee + mean), "finite"),
     ):
         if bad.any():
-            raise InputError(f"{name}: must be {rule}, element {int(np.argmax(bad))} is not")
+            raise InputError(f"must be {rule}, element {int(np.argmax(bad))} is not", name)
     anomaly = eccentric_anomaly_rad(mean, e)
     sine, cosine = np.sin(anomaly), np.cos(anomaly)
     narrow = np.sqrt((1.0 - e) * (1.0 + e))
@@ -147,7 +148,7 @@ def state_to_elements(position_m: ArrayLike, velocity_m_s: ArrayLike) -> Element
     """
     r, v = np.broadcast_arrays(np.asarray(position_m, np.float64), np.asarray(velocity_m_s, np.float64))
     if r.shape[-1:] != (3,):
-        raise InputError(f"position_m, velocity_m_s: must have shape (..., 3), got {r.shape}")
+        raise InputError("must have shape (..., 3)", "position_m, velocity_m_s", r.shape)
     radius = np.linalg.norm(r, axis=-1)
     momentum = np.cross(r, v)
     size = np.linalg.norm(momentum, axis=-1)
@@ -159,7 +160,7 @@ def state_to_elements(position_m: ArrayLike, velocity_m_s: ArrayLike) -> Element
         e = np.hypot(e_cos, e_sin)
     bad = ~((a > 0.0) & np.isfinite(a) & (e < 1.0) & (size > 0.0))
     if bad.any():
-        raise InputError(f"position_m, velocity_m_s: must be a closed orbit, state {int(np.argmax(bad))} is not")
+        raise InputError(f"must be a closed orbit, state {int(np.argmax(bad))} is not", "position_m, velocity_m_s")
     flat = np.hypot(momentum[..., 0], momentum[..., 1])
     tilt = np.arctan2(flat, momentum[..., 2])
     equatorial = flat <= 1e-15 * size
@@ -180,7 +181,7 @@ def _vector(value: Any) -> Any:
     return tuple(value) if isinstance(value, np.ndarray) and value.ndim == 1 else value
 
 
-@part
+@config_model
 class StateVector:
     """Free flight from a state, on any conic."""
 
@@ -216,7 +217,7 @@ class StateVector:
         return propagate(*self.state(), times, self.gravity, pole_of_date(epoch), self.time_s)
 
 
-@part
+@config_model
 class KeplerOrbit:
     """A closed orbit by its elements, osculating at the scene's epoch; give one of the three sizes."""
 
@@ -243,16 +244,18 @@ class KeplerOrbit:
     def _consistent(self) -> KeplerOrbit:
         sizes = (self.altitude_km, self.perigee_altitude_km, self.semi_major_axis_km)
         if sum(size is not None for size in sizes) != 1:
-            raise part_error("altitude_km, perigee_altitude_km, semi_major_axis_km: exactly one must be given")
+            raise InputError("exactly one must be given", "altitude_km, perigee_altitude_km, semi_major_axis_km")
         if self.altitude_km is not None and self.eccentricity:
-            raise part_error(
-                "altitude_km: is that of a circular orbit; with an eccentricity, give perigee_altitude_km, "
-                f"got {self.altitude_km:g}"
+            raise InputError(
+                "is that of a circular orbit; with an eccentricity, give perigee_altitude_km",
+                "altitude_km",
+                self.altitude_km,
+                "g",
             )
         if self.mean_anomaly_deg is not None and self.true_anomaly_deg is not None:
-            raise part_error("mean_anomaly_deg, true_anomaly_deg: at most one may be given")
+            raise InputError("at most one may be given", "mean_anomaly_deg, true_anomaly_deg")
         if not 0.0 < self.semi_major_axis_m < 1e12:
-            raise part_error(f"size: must give a semi-major axis in (0, 1e9] km, got {self.semi_major_axis_m / 1e3:g}")
+            raise InputError("must give a semi-major axis in (0, 1e9] km", "size", self.semi_major_axis_m / 1000.0, "g")
         _check_radius("orbit", self.state()[0][0])
         return self
 
@@ -297,7 +300,8 @@ def _check_radius(field: str, position_m: F64) -> None:
     """Refuse states inside the Earth: most often metres and kilometres are mixed up."""
     radius_km = float(np.linalg.norm(position_m)) / 1e3
     if radius_km < EARTH_POLAR_RADIUS_M / 1e3:
-        raise part_error(
-            f"{field}: must start above the Earth's surface, at least {EARTH_POLAR_RADIUS_M / 1e3:.3f} km from its "
-            f"centre, got {radius_km:g} km"
+        raise InputError(
+            f"must start above the Earth's surface, at least {EARTH_POLAR_RADIUS_M / 1e3:.3f} km from its centre, got "
+            f"{radius_km:g} km",
+            field,
         )

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
 
-from warpsim.describe import FileName, as_tuple, part, part_error
+from warpsim.config.fields import FileName, as_tuple
+from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.exchange.instants import Instants, instants_of_time, later
 from warpsim.exchange.names import plain_name, unique_names
@@ -57,7 +58,7 @@ def _some_files(value: Any) -> Any:
     return (value,) if isinstance(value, os.PathLike) else as_tuple(value)
 
 
-@part
+@config_model
 class EphemerisOrbit:
     """Path of one object of a file of states.
 
@@ -87,7 +88,7 @@ class EphemerisOrbit:
         paths = _paths(segments)
         if len(paths) > 1:
             known = ", ".join(path.name for path in paths)
-            raise InputError(f"{self.file}: object: must be given, the file holds {known}")
+            raise InputError(f"must be given, the file holds {known}", "object").of(self.file)
         return paths[0]
 
     @property
@@ -138,7 +139,7 @@ class EphemerisOrbit:
         return [note for note in [self._path.note(epoch, 0.0, duration_s)] if note]
 
 
-@part
+@config_model
 class EphemerisSatellites:
     """All objects of files of states. Segments of one object, by name and number, may come in several files.
 
@@ -154,9 +155,9 @@ class EphemerisSatellites:
     @model_validator(mode="after")
     def _some(self) -> EphemerisSatellites:
         if not self.files:
-            raise part_error("files: must name at least one file")
+            raise InputError("must name at least one file", "files")
         if len(set(self.files)) != len(self.files):
-            raise part_error("files: must not repeat")
+            raise InputError("must not repeat", "files")
         return self
 
     @cached_property
@@ -225,16 +226,15 @@ class _Path:
             end_s, start_s = (_useable_s(s, since_first) for s in (one, other))
             if start_s[0] < end_s[1] - _TOUCH_S:
                 raise InputError(
-                    f"{other.file}: line {other.line}: {self.name}: segments must not overlap, "
-                    f"this one begins {end_s[1] - start_s[0]:g} s before the one before ends"
-                )
+                    f"segments must not overlap, this one begins {end_s[1] - start_s[0]:g} s before the one before ends"
+                ).of(self.name).of(f"line {other.line}").of(other.file)
         lonely = next((s for s in segments if len(s.instants) < 2 and s.velocity_m_s is None), None)
         if lonely is not None:
             raise self.error("must have two positions or more in a segment without velocities")
 
     def error(self, text: str) -> InputError:
         """The error to raise about this object."""
-        return InputError(f"{self.file}: {self.name}: {text}")
+        return InputError(f"{text}").of(self.name).of(self.file)
 
     def ends_s(self, epoch: Epoch) -> list[tuple[float, float]]:
         """Useable span of each segment [s since epoch]."""
@@ -391,5 +391,6 @@ def _fly_on(
             try:
                 flown = propagate(*state, times[beyond] - end[0], "j2", pole, float(end[0]))
             except InputError as error:
-                raise path.error(f"no free flight beyond {_shown(epoch, float(end[0]))}: {error}") from None
+                beyond_s = _shown(epoch, float(end[0]))
+                raise error.of(f"no free flight beyond {beyond_s}").of(path.name).of(path.file) from None
             position[beyond], velocity[beyond] = flown[0][:, 0], flown[1][:, 0]

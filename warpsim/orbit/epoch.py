@@ -52,7 +52,7 @@ def utc_time(text: str) -> Time:
     rule = "must be an ISO 8601 UTC instant like 2025-03-20T12:00:00"
     year = re.match(r"\s*(\d{4})-", str(text))
     if year and not FIRST_YEAR <= int(year[1]) < LAST_YEAR:
-        raise InputError(f"epoch_utc: must be in the years {FIRST_YEAR} to {LAST_YEAR - 1}, got {text!r}")
+        raise InputError(f"must be in the years {FIRST_YEAR} to {LAST_YEAR - 1}", "epoch_utc", text)
     try:
         with years_ahead():
             epoch = Time(str(text).strip().removesuffix("Z"), scale="utc")
@@ -61,7 +61,7 @@ def utc_time(text: str) -> Time:
     except Exception:
         good = False
     if not good:
-        raise InputError(f"epoch_utc: {rule}, got {text!r}")
+        raise InputError(f"{rule}", "epoch_utc", text)
     return epoch
 
 

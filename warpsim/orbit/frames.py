@@ -51,7 +51,7 @@ def frame_to_gcrs(frame: str, epoch: Epoch, time_s: ArrayLike) -> F64:
         return skyfield_to_gcrs(lambda t: t.M, epoch, times)
     if frame == "MOD":
         return skyfield_to_gcrs(_mean_of_date, epoch, times)
-    raise InputError(f"frame: must be one of {', '.join(FRAMES)}, got {frame!r}")
+    raise InputError(f"must be one of {', '.join(FRAMES)}", "frame", frame)
 
 
 def states_to_gcrs(frame: str, epoch: Epoch, time_s: F64, position_m: F64, velocity_m_s: F64) -> tuple[F64, F64]:

@@ -88,7 +88,7 @@ def propagate(
     if gravity == "two_body":
         return _finite(*propagate_two_body(r0, v0, times), times, state_time_s)
     if gravity not in _ZONAL:
-        raise InputError(f"gravity: must be one of {', '.join(get_args(Gravity))}, got {gravity!r}")
+        raise InputError(f"must be one of {', '.join(get_args(Gravity))}", "gravity", gravity)
     position, velocity = np.empty((len(times), *r0.shape)), np.empty((len(times), *r0.shape))
     axes = _pole_axes(pole)
     for side in (times >= 0, times < 0):
@@ -117,8 +117,9 @@ def _follow(r0: F64, v0: F64, times: F64, zonal: tuple[float, ...], state_time_s
         return integrate(acceleration, r0, v0, times, rate_rad_s, _LOWEST_RADIUS_M)
     except NoPathError as error:
         raise InputError(
-            "position_m: the path must stay above half the Earth's radius, "
-            f"but falls through it at {state_time_s + error.time_s:g} s"
+            "the path must stay above half the Earth's radius, but falls through it at "
+            f"{state_time_s + error.time_s:g} s",
+            "position_m",
         ) from None
 
 
@@ -128,7 +129,7 @@ def _finite(position_m: F64, velocity_m_s: F64, times: F64, state_time_s: float)
         good = np.isfinite(state).all(axis=(1, 2))
         if not good.all():
             bad_s = state_time_s + times[int(np.argmin(good))]
-            raise InputError(f"position_m, velocity_m_s: must give finite states, but do not at {bad_s:g} s")
+            raise InputError(f"must give finite states, but do not at {bad_s:g} s", "position_m, velocity_m_s")
     return position_m, velocity_m_s
 
 
@@ -142,12 +143,12 @@ def _pole_axes(pole: F64) -> F64:
 
 def _check(r0: F64, v0: F64, times: F64, pole: F64) -> None:
     if r0.ndim != 2 or r0.shape[1] != 3 or v0.shape != r0.shape:
-        raise InputError(f"position_m, velocity_m_s: must both have shape (n, 3), got {r0.shape} and {v0.shape}")
+        raise InputError(f"must both have shape (n, 3), got {r0.shape} and {v0.shape}", "position_m, velocity_m_s")
     if times.ndim != 1 or pole.shape != (3,):
-        raise InputError(f"time_s, pole_icrs: must have shapes (m,) and (3,), got {times.shape} and {pole.shape}")
+        raise InputError(f"must have shapes (m,) and (3,), got {times.shape} and {pole.shape}", "time_s, pole_icrs")
     for name, value in (("position_m", r0), ("velocity_m_s", v0), ("time_s", times), ("pole_icrs", pole)):
         if not np.isfinite(value).all():
-            raise InputError(f"{name}: must be finite, got NaN or inf")
+            raise InputError("must be finite, got NaN or inf", name)
     if r0.size and np.linalg.norm(r0, axis=1).min() < _LOWEST_RADIUS_M:
         lowest_m = np.linalg.norm(r0, axis=1).min()
-        raise InputError(f"position_m: must be metres from the Earth's centre, above half its radius, got {lowest_m:g}")
+        raise InputError("must be metres from the Earth's centre, above half its radius", "position_m", lowest_m, "g")

@@ -30,14 +30,14 @@ def release_velocities(
     """
     main = np.asarray(main_velocity_m_s, np.float64)
     if main.shape != (3,) or not np.isfinite(main).all():
-        raise InputError(f"main_velocity_m_s: must be a finite 3-vector, got {main.tolist()}")
+        raise InputError("must be a finite 3-vector", "main_velocity_m_s", main.tolist())
     if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 0:
-        raise InputError(f"n: must be a whole number >= 0, got {n!r}")
+        raise InputError("must be a whole number >= 0", "n", n)
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**64:
-        raise InputError(f"seed: must be a whole number in 0..2^64 - 1, got {seed!r}")
+        raise InputError("must be a whole number in 0..2^64 - 1", "seed", seed)
     low, high = (float(value) for value in speed_m_s)
     if not (math.isfinite(high) and 0.0 <= low <= high):
-        raise InputError(f"speed_m_s: must be two numbers with 0 <= low <= high, got {speed_m_s!r}")
+        raise InputError("must be two numbers with 0 <= low <= high", "speed_m_s", speed_m_s)
 
     uniform = uniforms(int(seed), "group release", group, 3 * int(n)).reshape(int(n), 3)
     z = 2.0 * uniform[:, 0] - 1.0  # equal areas in z: isotropic

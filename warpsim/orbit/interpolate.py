@@ -94,15 +94,15 @@ def sampling_error(
 
 def _check(node: F64, y: F64, dy: F64 | None, method: str, degree: int) -> None:
     if node.ndim != 1 or len(node) == 0 or y.ndim != 2 or len(y) != len(node):
-        raise InputError(f"node_s, value: must have shapes (n,) and (n, m), n >= 1, got {node.shape} and {y.shape}")
+        raise InputError(f"must have shapes (n,) and (n, m), n >= 1, got {node.shape} and {y.shape}", "node_s, value")
     if not (np.diff(node) > 0).all():
-        raise InputError("node_s: must ascend")
+        raise InputError("must ascend", "node_s")
     if method not in ("linear", "lagrange", "hermite"):
-        raise InputError(f"method: must be 'linear', 'lagrange' or 'hermite', got {method!r}")
+        raise InputError("must be 'linear', 'lagrange' or 'hermite'", "method", method)
     if degree < 1:
-        raise InputError(f"degree: must be >= 1, got {degree}")
+        raise InputError("must be >= 1", "degree", degree)
     if method == "hermite" and (dy is None or dy.shape != y.shape):
-        raise InputError(f"rate: must have shape {y.shape} for 'hermite', got {None if dy is None else dy.shape}")
+        raise InputError(f"must have shape {y.shape} for 'hermite', got {None if dy is None else dy.shape}", "rate")
 
 
 def _least_scale(node: F64) -> float:

@@ -101,4 +101,4 @@ def _universal_anomaly(t: F64, radius: F64, alpha: F64, sigma: F64) -> F64:
         # One step after 1e-9 is far below rounding, as the convergence is cubic.
         if np.all(np.abs(step) <= 1e-9 * (np.abs(chi) + 1.0)):
             return chi
-    raise InputError("time_s: the two-body equation did not converge; positions, velocities and times must be finite")
+    raise InputError("the two-body equation did not converge; positions, velocities and times must be finite", "time_s")

@@ -40,16 +40,16 @@ def lambert(start_m: ArrayLike, end_m: ArrayLike, duration_s: float, direction: 
     """
     r1, r2 = np.asarray(start_m, np.float64), np.asarray(end_m, np.float64)
     if r1.shape != (3,) or r2.shape != (3,) or not (np.isfinite(r1).all() and np.isfinite(r2).all()):
-        raise InputError(f"start_m, end_m: must be finite 3-vectors, got {r1.tolist()} and {r2.tolist()}")
+        raise InputError(f"must be finite 3-vectors, got {r1.tolist()} and {r2.tolist()}", "start_m, end_m")
     if not (math.isfinite(duration_s) and duration_s > 0):
-        raise InputError(f"duration_s: must be > 0, got {duration_s}")
+        raise InputError("must be > 0", "duration_s", duration_s)
     if direction not in ("short", "long"):
-        raise InputError(f"direction: must be 'short' or 'long', got {direction!r}")
+        raise InputError("must be 'short' or 'long'", "direction", direction)
     d1, d2 = float(np.linalg.norm(r1)), float(np.linalg.norm(r2))
     normal = np.cross(r1, r2)
     area = float(np.linalg.norm(normal))
     if not area > _SMALLEST_SINE * d1 * d2:
-        raise InputError("start_m, end_m: must not be 0 or 180 degrees apart about the centre (plane undefined)")
+        raise InputError("must not be 0 or 180 degrees apart about the centre (plane undefined)", "start_m, end_m")
     way = 1.0 if direction == "short" else -1.0
     normal *= way / area
     cosine, sine = float(r1 @ r2) / (d1 * d2), way * area / (d1 * d2)
@@ -99,7 +99,7 @@ def _solve_z(sum_m: float, chord_term: float, duration_s: float) -> float:
         while _time_of_flight_s(low, sum_m, chord_term) > duration_s:
             low *= 2.0
             if low < -2000.0:
-                raise InputError(f"duration_s: is too short for a conic the long way round, got {duration_s:g}")
+                raise InputError("is too short for a conic the long way round", "duration_s", duration_s, "g")
     middle = 0.5 * (low + high)
     while high - low > 2e-16 * max(1.0, abs(middle)) and low < middle < high:
         if _time_of_flight_s(middle, sum_m, chord_term) < duration_s:

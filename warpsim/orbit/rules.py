@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, model_validator
 
-from warpsim.describe import Number, Positive, Switch, closed_interval, part, part_error, rule_error
+from warpsim.config.fields import Number, Positive, Switch, closed_interval, rule_error
+from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.orbit.eclipse import sunlit_depth
 from warpsim.orbit.grazing import earth_clearance_m, grazing_altitude_m
@@ -38,7 +39,7 @@ HalfTurn = Annotated[Number, closed_interval(0, 180)]
 Share = Annotated[Number, AfterValidator(_share)]
 
 
-@part
+@config_model
 class AccessConstraints:
     """Rules for looking at a target; None leaves a rule out. The paper's Table 4: 6000, -32, 250 and 60."""
 
@@ -66,7 +67,7 @@ class AccessConstraints:
         for low, high in (("min_range_km", "max_range_km"), ("min_elevation_deg", "max_elevation_deg")):
             least, most = getattr(self, low), getattr(self, high)
             if least is not None and most is not None and least > most:
-                raise part_error(f"{low}: must be at most {high} ({most:g}), got {least:g}")
+                raise InputError(f"must be at most {high} ({most:g})", low, least, "g")
         return self
 
 
@@ -162,7 +163,7 @@ class AccessGeometry:
             InputError: Nothing is known about the camera.
         """
         if self.fov is None:
-            raise InputError("in_fov: needs to know how the camera stands, got no axes")
+            raise InputError("needs to know how the camera stands, got no axes", "in_fov")
         shape = self.shape
         time_s = np.broadcast_to(self.time_s, shape)
         sensor = np.broadcast_to(self.sensor, shape).ravel()
@@ -220,12 +221,12 @@ def rules_in_force(constraints: AccessConstraints, custom: Mapping[str, MarginFu
         if limit is not None and limit is not False:
             rules.append(Rule(name, _limited(margin, float(limit))))
     if custom is not None and not isinstance(custom, Mapping):
-        raise InputError(f"custom: must be a dict of names and functions, got {type(custom).__name__}")
+        raise InputError(f"must be a dict of names and functions, got {type(custom).__name__}", "custom")
     for name, function in (custom or {}).items():
         if not isinstance(name, str) or not name or name in MARGIN_NAMES:
-            raise InputError(f"custom: must have names other than warpsim's own rules, got {name!r}")
+            raise InputError("must have names other than warpsim's own rules", "custom", name)
         if not callable(function):
-            raise InputError(f"custom[{name!r}]: must be a function of an AccessGeometry, got {function!r}")
+            raise InputError("must be a function of an AccessGeometry", f"custom[{name!r}]", function)
         rules.append(Rule(name, _checked(name, function)))
     return rules
 
@@ -242,15 +243,15 @@ def _checked(name: str, function: MarginFunction) -> MarginFunction:
         if got.dtype == np.bool_:  # true where the rule holds
             got = np.where(got, 1.0, -1.0)
         if got.dtype.kind not in "iuf":
-            raise InputError(f"custom[{name!r}]: must give numbers or booleans, got {got.dtype}")
+            raise InputError("must give numbers or booleans", f"custom[{name!r}]", got.dtype)
         try:
             whole = np.broadcast_to(got.astype(np.float64), view.shape)
         except ValueError:
-            raise InputError(f"custom[{name!r}]: must give an array of shape {view.shape}, got {got.shape}") from None
+            raise InputError(f"must give an array of shape {view.shape}", f"custom[{name!r}]", got.shape) from None
         bad = np.isnan(whole)
         if bad.any():
             when_s = np.broadcast_to(view.time_s, view.shape)[bad][0]
-            raise InputError(f"custom[{name!r}]: must give a number everywhere, got NaN at {when_s:g} s")
+            raise InputError(f"must give a number everywhere, got NaN at {when_s:g} s", f"custom[{name!r}]")
         return np.clip(whole, -1e300, 1e300)  # infinite margins have no differences
 
     return margin

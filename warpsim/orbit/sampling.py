@@ -54,9 +54,9 @@ def node_grid(duration_s: float, step_s: float) -> tuple[float, int]:
     there is a step.
     """
     if not (math.isfinite(duration_s) and duration_s >= 0):
-        raise InputError(f"duration_s: must be >= 0, got {duration_s}")
+        raise InputError("must be >= 0", "duration_s", duration_s)
     if not (math.isfinite(step_s) and step_s > 0):
-        raise InputError(f"step_s: must be > 0, got {step_s}")
+        raise InputError("must be > 0", "step_s", step_s)
     n_before = max(1, math.ceil(round(ROOM_S / step_s, 9)))
     return -n_before * step_s, n_before + _n_step(duration_s, step_s) + 2
 
@@ -106,7 +106,7 @@ def sample_tracks(
         piece = slice(begin, begin + rows)
         some_m, some_m_s = _finite_states(names, state, time_s[piece])
         if some_m.shape[1] != len(names):
-            raise InputError(f"names: must be {some_m.shape[1]}, one per object, got {len(names)}")
+            raise InputError(f"must be {some_m.shape[1]}, one per object", "names", len(names))
         position_m[piece], velocity_m_s[begin // 2 : (begin + rows) // 2] = some_m, some_m_s[::2]
     firsts = np.broadcast_to(first_s, len(names))
     return [
@@ -122,7 +122,7 @@ def _finite_states(names: Sequence[str], state: StateFunction, time_s: F64) -> t
     if not good.all():
         row, column = (int(index) for index in np.argwhere(~good)[0])
         name = names[column] if column < len(names) else f"object {column}"
-        raise InputError(f"{name}: the state must be finite, but is not at {time_s[row]:.6g} s")
+        raise InputError(f"the state must be finite, but is not at {time_s[row]:.6g} s", name)
     return position_m, velocity_m_s
 
 
@@ -336,14 +336,14 @@ def make_tracks(
             longer_m = max(track.error_m for track in _sampled(names, state, duration_s, longer_s, first_s))
             if longer_m > 2.0**0.5 * worst_m:
                 raise InputError(
-                    f"{rough.name}: the scene must be short enough for its orbit nodes to fit into memory, but even "
-                    f"{step_s:.3g} s apart, as many as can be of {len(names)} bodies over {duration_s:g} s, they are "
-                    f"{rough.error_m:.3g} m off near {rough.error_at_s:.6g} s"
-                )
+                    f"the scene must be short enough for its orbit nodes to fit into memory, but even {step_s:.3g} s "
+                    f"apart, as many as can be of {len(names)} bodies over {duration_s:g} s, they are "
+                    f"{rough.error_m:.3g} m off near {rough.error_at_s:.6g} s",
+                ).of(rough.name)
         raise InputError(
-            f"{rough.name}: the motion must be smooth, but near {rough.error_at_s:.6g} s it is {rough.error_m:.3g} m "
-            f"off between nodes {step_s:.3g} s apart"
-        )
+            f"the motion must be smooth, but near {rough.error_at_s:.6g} s it is {rough.error_m:.3g} m off between "
+            f"nodes {step_s:.3g} s apart",
+        ).of(rough.name)
     return tracks
 
 

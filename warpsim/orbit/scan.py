@@ -31,9 +31,9 @@ def scan_times_s(duration_s: float, step_s: float) -> F64:
     """
     for name, value in (("duration_s", duration_s), ("step_s", step_s)):
         if not (isinstance(value, Real) and math.isfinite(value) and value > 0):
-            raise InputError(f"{name}: must be a number > 0, got {value!r}")
+            raise InputError("must be a number > 0", name, value)
     if duration_s / step_s > MOST_SCAN_TIMES:
-        raise InputError(f"step_s: must be >= {duration_s / MOST_SCAN_TIMES:.2g} for {duration_s:g} s, got {step_s:g}")
+        raise InputError(f"must be >= {duration_s / MOST_SCAN_TIMES:.2g} for {duration_s:g} s", "step_s", step_s, "g")
     return np.linspace(0.0, duration_s, max(3, int(np.ceil(duration_s / step_s)) + 1))
 
 

@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
 
+from warpsim.config.fields import FileName, as_tuple, rule_error
+from warpsim.config.model import config_model
 from warpsim.constants import DAY_S
-from warpsim.describe import FileName, as_tuple, part, part_error, rule_error
 from warpsim.errors import InputError
 from warpsim.exchange.element_set import ElementSet
 from warpsim.exchange.elements_files import parse_element_sets, read_element_sets
@@ -75,7 +76,7 @@ class Satellite(NamedTuple):
         return min(self.sets, key=lambda item: abs(sum(item.epoch_jd_utc) - epoch_jd_utc))
 
 
-@part
+@config_model
 class TleSatellites:
     """A constellation of satellites given by element sets; give `file` or `lines`.
 
@@ -102,7 +103,7 @@ class TleSatellites:
         if self.only is None:
             return found
         if not self.only:
-            raise InputError("only: must choose at least one satellite, or be left out")
+            raise InputError("must choose at least one satellite, or be left out", "only")
         chosen = [_matches(found, pattern, "only") for pattern in self.only]
         return tuple(item for item in found if any(item in some for some in chosen))
 
@@ -138,7 +139,7 @@ class TleSatellites:
         return _notes(self.satellites, epoch, duration_s)
 
 
-@part
+@config_model
 class TleOrbit:
     """The path of one object given by element sets; give `file` or `lines`."""
 
@@ -162,7 +163,7 @@ class TleOrbit:
         chosen = found if self.object is None else _matches(found, self.object, "object")
         if len(chosen) > 1:
             names = ", ".join(item.name for item in chosen[:3]) + (", ..." if len(chosen) > 3 else "")
-            raise InputError(f"object: must choose one of {len(chosen)} objects ({names}), got {self.object!r}")
+            raise InputError(f"must choose one of {len(chosen)} objects ({names})", "object", self.object)
         return chosen[0]
 
     @property
@@ -186,11 +187,11 @@ class TleOrbit:
 def _validate(source: TleSatellites | TleOrbit, read: Any) -> None:
     """Read the source once, so that its errors come up with the field they belong to."""
     if (source.file is None) == (source.lines is None):
-        raise part_error("file, lines: exactly one must be given")
+        raise InputError("exactly one must be given", "file, lines")
     try:
         read()
     except InputError as error:
-        raise part_error(str(error)) from None
+        raise error from None
 
 
 def _checksum(satellites: Iterable[Satellite]) -> str:
@@ -214,7 +215,7 @@ def _satellites(file: str | None, lines: Sequence[str] | None) -> tuple[Satellit
     for name, count in Counter(names).items():
         if count > 1:
             group = groups[len(names) - 1 - names[::-1].index(name)]
-            raise InputError(f"{group[0].place}: {group[0].label}: name must be unique, got {name} twice")
+            raise InputError(f"name must be unique, got {name} twice").of(group[0].label).of(group[0].place)
     return tuple(Satellite(name, tuple(group)) for name, group in zip(names, groups, strict=True))
 
 
@@ -245,7 +246,7 @@ def _matches(found: Sequence[Satellite], pattern: str, field: str) -> list[Satel
     if not chosen:
         close = difflib.get_close_matches(wanted, [item.name.upper() for item in found], n=1)
         hint = next((f" (did you mean {item.name}?)" for item in found if [item.name.upper()] == close), "")
-        raise InputError(f"{field}: no object of that name or catalog number, got {pattern!r}{hint}")
+        raise InputError(f"no object of that name or catalog number, got {pattern!r}{hint}", field)
     return chosen
 
 
@@ -290,7 +291,7 @@ def _sgp4_states(satellites: Sequence[Satellite], epoch: Epoch, time_s: ArrayLik
     """States in GCRS axes, (n_time, n_satellite, 3)."""
     times = np.asarray(time_s, np.float64)
     if times.ndim != 1 or not np.isfinite(times).all():
-        raise InputError(f"time_s: must be finite and of shape (n,), got shape {times.shape}")
+        raise InputError(f"must be finite and of shape (n,), got shape {times.shape}", "time_s")
     sets = _chosen_sets(satellites, epoch)
     position, velocity = np.empty((len(times), len(sets), 3)), np.empty((len(times), len(sets), 3))
     # SGP4 takes one time for many satellites; sets from before a leap second have another.
@@ -336,5 +337,5 @@ def _sgp4_block(
         with years_ahead():
             start = utc_time(epoch.isot) if isinstance(epoch, Instant) else epoch
             utc = (start + TimeDelta(times[column], format="sec")).utc.isot
-        raise InputError(f"{members[row][0]}: no state at {utc} UTC ({times[column]:g} s): SGP4: {reason}")
+        raise InputError(f"no state at {utc} UTC ({times[column]:g} s): SGP4: {reason}").of(members[row][0])
     return np.swapaxes(r, 0, 1), np.swapaxes(v, 0, 1)

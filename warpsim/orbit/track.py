@@ -42,14 +42,14 @@ class Track:
     def __post_init__(self) -> None:
         shape = np.shape(self.position_m)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 2:
-            raise InputError(f"{self.name}: position_m must have shape (n_node >= 2, 3), got {shape}")
+            raise InputError("position_m must have shape (n_node >= 2, 3)", value=shape).of(self.name)
         if np.shape(self.velocity_m_s) != shape:
-            raise InputError(f"{self.name}: velocity_m_s must have shape {shape}, got {np.shape(self.velocity_m_s)}")
+            raise InputError(f"velocity_m_s must have shape {shape}", value=np.shape(self.velocity_m_s)).of(self.name)
         if not (math.isfinite(self.start_s) and math.isfinite(self.step_s) and self.step_s > 0):
-            raise InputError(f"{self.name}: start_s must be finite and step_s > 0, got {self.start_s}, {self.step_s}")
+            raise InputError(f"start_s must be finite and step_s > 0, got {self.start_s}, {self.step_s}").of(self.name)
         bad = ~(np.isfinite(self.position_m).all(axis=1) & np.isfinite(self.velocity_m_s).all(axis=1))
         if bad.any():
-            raise InputError(f"{self.name}: node {int(np.argmax(bad))} must be finite, got NaN or inf")
+            raise InputError(f"node {int(np.argmax(bad))} must be finite, got NaN or inf").of(self.name)
 
     @property
     def n_node(self) -> int:
@@ -90,8 +90,8 @@ class Track:
         if bad.any():
             worst = float(time[bad].flat[0]) if time.ndim else float(time)
             raise InputError(
-                f"{self.name}: time_s must be in the track's span [{self.start_s:g}, {self.end_s:g}] s, got {worst:g}"
-            )
+                f"time_s must be in the track's span [{self.start_s:g}, {self.end_s:g}] s", value=worst, form="g"
+            ).of(self.name)
         phase = (time - self.start_s) / self.step_s
         interval = np.clip(np.floor(phase).astype(np.int64), 0, self.n_node - 2)
         return interval, phase - interval
@@ -108,7 +108,7 @@ class TrackStack:
         """
         grids = {(track.start_s, track.step_s, track.n_node) for track in tracks}
         if len(grids) != 1:
-            raise InputError(f"tracks: must share one node grid, got {len(grids)}")
+            raise InputError("must share one node grid", "tracks", len(grids))
         self._first = tracks[0]
         self._position_m = np.stack([track.position_m for track in tracks])
         self._velocity_m_s = np.stack([track.velocity_m_s for track in tracks])

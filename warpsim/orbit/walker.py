@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ValidationInfo, field_validator
 
+from warpsim.config.fields import Group, Integer, Name, Number, Positive, closed_interval, rule_error
+from warpsim.config.model import config_model
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
-from warpsim.describe import Group, Integer, Name, Number, Positive, closed_interval, part, rule_error
 from warpsim.orbit.earth import pole_of_date
 from warpsim.orbit.gravity import Gravity, propagate
 
@@ -54,7 +55,7 @@ def pattern_turns(n_plane: int, n_slot: int, phasing: int) -> F64:
     return np.asarray((slot * n_plane + phasing * plane) % total / total, np.float64)
 
 
-@part
+@config_model
 class Walker:
     """A Walker constellation; arrays run plane by plane, slot by slot."""
 

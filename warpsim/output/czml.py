@@ -81,16 +81,16 @@ def write_czml(
     path = Path(path)
     check_new_file(path, (".czml",), overwrite)
     if importlib.util.find_spec("czml3") is None:
-        raise InputError("czml: needs czml3, which the extra `czml` brings: pip install 'warpsim[czml]'")
+        raise InputError("needs czml3, which the extra `czml` brings: pip install 'warpsim[czml]'", "czml")
     if step_s is not None and not (math.isfinite(step_s) and step_s > 0):
-        raise InputError(f"step_s: must be > 0, got {step_s:g}")
+        raise InputError("must be > 0", "step_s", step_s, "g")
     names = [*scene.sensor_names, *scene.target_names]
     if _DOCUMENT in names:
-        raise InputError(f"{_DOCUMENT}: is the name of the first packet of a CZML file, so no body may have it")
+        raise InputError("is the name of the first packet of a CZML file, so no body may have it").of(_DOCUMENT)
     if step_s is not None and len(names) * scene.duration_s / step_s > MOST_SAMPLES:
         raise InputError(
-            f"step_s: {step_s:g} s give more than {MOST_SAMPLES} positions for {len(names)} bodies over "
-            f"{scene.duration_s:g} s"
+            f"{step_s:g} s give more than {MOST_SAMPLES} positions for {len(names)} bodies over {scene.duration_s:g} s",
+            "step_s",
         )
     bends = bends_s(scene)
     samples = {name: sampled_track(scene, name, step_s, bends[name]) for name in names}
@@ -140,8 +140,9 @@ def sampled_track(
             continue
         if last_s - first_s < SHORTEST_PIECE_S:
             raise InputError(
-                f"{name}: jumps at {first_s:.3f} s: samples are {error_m:.3g} m off between them, more than "
-                f"{ERROR_M:g}; give step_s to write them all the same"
+                f"jumps at {first_s:.3f} s: samples are {error_m:.3g} m off between them, more than {ERROR_M:g}; give "
+                "step_s to write them all the same",
+                name,
             )
         middle_s = round(0.5 * (first_s + last_s), 6)  # as exact as a date
         spans += [(middle_s, last_s), (first_s, middle_s)]  # the earlier half comes next

@@ -121,7 +121,7 @@ def read_cube(path: str | Path) -> Cube:
             counts = np.asarray(file[0].data, dtype=np.uint16)
             return Cube(counts, Table.read(file["FRAMES"]), file[0].header)
     except (OSError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: is not a warpsim FITS cube: {error}") from None
+        raise InputError(f"is not a warpsim FITS cube: {error}").of(path) from None
 
 
 def _header(scene: Scene, sensor: str, band: str, n_frame: int) -> Any:

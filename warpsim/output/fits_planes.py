@@ -25,7 +25,7 @@ class PlaneWriter:
         from astropy.io import fits
 
         if np.dtype(dtype) not in (np.dtype(np.uint16), np.dtype(np.float32)):
-            raise InputError(f"dtype: must be uint16 or float32, got {dtype}")
+            raise InputError("must be uint16 or float32", "dtype", dtype)
         self._is_whole = np.dtype(dtype) == np.uint16
         path.unlink(missing_ok=True)  # StreamingHDU appends to what is there
         cards = [

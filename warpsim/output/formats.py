@@ -211,7 +211,7 @@ def chosen_formats(formats: Sequence[str], preview: str | None) -> dict[str, For
     chosen = {name: FORMATS[name] for name in chosen_names("formats", formats or (), list(FORMATS))}
     if preview is not None:
         if preview not in PREVIEWS:
-            raise InputError(f"preview: must be {' or '.join(PREVIEWS)}, got {preview!r}")
+            raise InputError(f"must be {' or '.join(PREVIEWS)}", "preview", preview)
         chosen[preview] = PREVIEWS[preview]
     for form in chosen.values():
         form.check()

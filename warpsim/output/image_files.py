@@ -76,16 +76,16 @@ def read_image(path: str | Path) -> tuple[npt.NDArray[Any], dict[str, Any]]:
     oiio.geterror()  # of calls before
     file = oiio.ImageInput.open(str(path))
     if file is None:
-        raise InputError(f"{path}: cannot be read: {_one_line(oiio.geterror())}")
+        raise InputError(f"cannot be read: {_one_line(oiio.geterror())}").of(path)
     try:
         spec = file.spec()
         kinds = {str(oiio.TypeDesc(oiio.UINT16)): oiio.UINT16, str(oiio.TypeDesc(oiio.FLOAT)): oiio.FLOAT}
         if spec.nchannels != 1 or str(spec.format) not in kinds:
             found = f"{spec.nchannels} of {spec.format}"
-            raise InputError(f"{path}: must have one channel of 16-bit counts or 32-bit floats, got {found}")
+            raise InputError("must have one channel of 16-bit counts or 32-bit floats", value=found).of(path)
         pixels = file.read_image(kinds[str(spec.format)])
         if pixels is None:
-            raise InputError(f"{path}: cannot be read: {_one_line(file.geterror())}")
+            raise InputError(f"cannot be read: {_one_line(file.geterror())}").of(path)
         return np.ascontiguousarray(pixels[..., 0]), _facts(spec.get_string_attribute("ImageDescription"))
     finally:
         file.close()
@@ -130,7 +130,7 @@ def write_fits_image(path: str | Path, frames: FrameSet, frame: int, sensor: str
 
 def _cards(frames: FrameSet, frame: int, sensor: str, band: str) -> list[Card]:
     if frame not in frames.frames or sensor not in frames.sensors or band not in frames.bands:
-        raise InputError(f"image: frame {frame} of {sensor!r} in band {band!r} was not rendered")
+        raise InputError(f"frame {frame} of {sensor!r} in band {band!r} was not rendered", "image")
     return next(image_cards(frames.one_frame(frames.frames.index(frame)), sensor, band))
 
 
@@ -142,9 +142,9 @@ def _write(
 
     suffix = path.suffix.lower()
     if suffix not in suffixes:
-        raise InputError(f"{path}: must end in one of {', '.join(suffixes)}")
+        raise InputError(f"must end in one of {', '.join(suffixes)}").of(path)
     if pixels.ndim != 2 or pixels.dtype != kind or 0 in pixels.shape:
-        raise InputError(f"{path}: must be of {kind} and two axes, got {pixels.dtype} of shape {pixels.shape}")
+        raise InputError(f"must be of {kind} and two axes, got {pixels.dtype} of shape {pixels.shape}").of(path)
     n_row, n_col = pixels.shape
     spec = oiio.ImageSpec(n_col, n_row, 1, oiio.UINT16 if kind == np.uint16 else oiio.FLOAT)
     spec.attribute("ImageDescription", json.dumps(meta, default=plain_number))

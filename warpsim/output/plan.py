@@ -119,7 +119,7 @@ def make_plan(
     scene = renderer.scene
     numbers = renderer.checked_frames(range(scene.frames.count) if frames is None else frames)
     if not numbers:
-        raise InputError("frames: must name at least one")
+        raise InputError("must name at least one", "frames")
     # Frames of a cube and files of a run are written once each, however often they are named.
     numbers = list(dict.fromkeys(numbers))
     sensor_list = list(dict.fromkeys(chosen_names("sensors", sensors, scene.sensor_names)))
@@ -134,8 +134,9 @@ def make_plan(
     }
     if not frames_of:
         raise InputError(
-            "frames: no sensor has access to the main target in any of them; `warpsim access` lists when, "
-            "`warpsim check` says why not, --every-frame renders all the same"
+            "no sensor has access to the main target in any of them; `warpsim access` lists when, `warpsim check` says "
+            "why not, --every-frame renders all the same",
+            "frames",
         )
     device = "cuda" if renderer.device.is_cuda else "cpu"
     tables = ("truth", "stars") if stars else ("truth",)

@@ -50,7 +50,7 @@ def write_preview(path: str | Path, counts: npt.NDArray[np.uint16], levels: Leve
         OSError: Writing failed.
     """
     if counts.ndim != 3 or 0 in counts.shape:
-        raise InputError(f"{path}: counts: must have the shape (n, row, column), got {counts.shape}")
+        raise InputError("must have the shape (n, row, column)", "counts", counts.shape).of(path)
     with preview_file(Path(path), levels, fps) as add:
         add(counts)
 
@@ -77,11 +77,11 @@ def check_preview(path: Path, fps: float = PREVIEW_FPS) -> None:
     """
     suffix = path.suffix.lower()
     if suffix not in _MOST_FPS:
-        raise InputError(f"{path}: must end in one of {', '.join(_MOST_FPS)}")
+        raise InputError(f"must end in one of {', '.join(_MOST_FPS)}").of(path)
     if not 0.01 <= fps <= _MOST_FPS[suffix]:
-        raise InputError(f"{path}: fps: must be in [0.01, {_MOST_FPS[suffix]:g}], got {fps:g}")
+        raise InputError(f"must be in [0.01, {_MOST_FPS[suffix]:g}]", "fps", fps, "g").of(path)
     if suffix == ".mp4" and importlib.util.find_spec("av") is None:
-        raise InputError(f"{path}: needs PyAV, which the extra `video` brings: pip install 'warpsim[video]'")
+        raise InputError("needs PyAV, which the extra `video` brings: pip install 'warpsim[video]'").of(path)
 
 
 @contextlib.contextmanager

@@ -53,9 +53,9 @@ def _open_lock(folder: Path, parts: Path) -> Iterator[None]:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                raise InputError(f"{folder}: another run is writing to it") from None
+                raise InputError("another run is writing to it").of(folder) from None
             except OSError as error:
-                raise InputError(f"{folder}: cannot be locked against other runs: {error.strerror}") from None
+                raise InputError(f"cannot be locked against other runs: {error.strerror}").of(folder) from None
             if _is_there(lock.fileno(), path):  # not so if the run before has just removed it
                 yield
                 return

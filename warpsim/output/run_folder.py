@@ -63,16 +63,16 @@ def _make_room(plan: Plan, overwrite: bool) -> None:
     records = map(read_json, (plan.manifest_path, *plan.parts.glob("*.json")))
     runs = [record for record in records if is_record(record)]
     if any("recipe" in run for run in runs):
-        raise InputError(f"{plan.folder}: holds a data set, no rendered run; choose another folder")
+        raise InputError("holds a data set, no rendered run; choose another folder").of(plan.folder)
     if any(run["key"] != plan.key for run in runs) and not overwrite:
         raise InputError(
-            f"{plan.folder}: holds a different run (other scene, catalog, frames, bands, tables, formats, device or "
-            "version); choose another folder or pass --overwrite"
-        )
+            "holds a different run (other scene, catalog, frames, bands, tables, formats, device or version); choose "
+            "another folder or pass --overwrite",
+        ).of(plan.folder)
     ours = {name for run in runs for name in run["files"]} | ({plan.manifest_path.name} if runs else set())
     foreign = next(_foreign(plan.folder, plan.names, ours), None)
     if foreign is not None:
-        raise InputError(f"{foreign}: is there already, and warpsim did not write it")
+        raise InputError("is there already, and warpsim did not write it").of(foreign)
     stale = {name for run in runs if run["key"] != plan.key for name in run["files"]}
     _remove_unfinished(plan.folder, stale)
     remove_files(plan.folder, stale)

@@ -156,5 +156,5 @@ def range_km(scene: Scene, sensor: str, target: str, time_s: F64) -> F64:
 def _checked_sensors(scene: Scene, names: Sequence[str]) -> list[str]:
     for name in names:
         if name not in scene.sensor_names:
-            raise InputError(f"sensors: must be sensors of the scene, got {name!r}")
+            raise InputError("must be sensors of the scene", "sensors", name)
     return list(names)

@@ -82,7 +82,7 @@ def _instants(scene: Scene, time_s: float | Sequence[float]) -> list[float]:
         return [first + span_s * k / N_INSTANT for k in range(N_INSTANT if span_s > 0 else 1)]
     times = [checked_time_s(scene, float(time)) for time in np.ravel(time_s)]
     if not times:
-        raise InputError("time_s: must hold at least one instant")
+        raise InputError("must hold at least one instant", "time_s")
     return times
 
 

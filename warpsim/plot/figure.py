@@ -38,7 +38,7 @@ def need_matplotlib(where: str) -> None:
         InputError: matplotlib is not installed.
     """
     if importlib.util.find_spec("matplotlib") is None:
-        raise InputError(f"{where}: needs matplotlib, which the extra `plot` brings: pip install 'warpsim[plot]'")
+        raise InputError("needs matplotlib, which the extra `plot` brings: pip install 'warpsim[plot]'").of(where)
 
 
 def new_axes(width: float, height: float) -> Axes:

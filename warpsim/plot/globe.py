@@ -112,7 +112,7 @@ def globe_from(ra_deg: float, dec_deg: float, pole: F64) -> Globe:
         InputError: The declination is outside -90 to 90 or a number is not finite.
     """
     if not (np.isfinite(ra_deg) and abs(dec_deg) <= 90):
-        raise InputError(f"view_ra_dec_deg: must be a right ascension and a declination, got {ra_deg}, {dec_deg}")
+        raise InputError(f"must be a right ascension and a declination, got {ra_deg}, {dec_deg}", "view_ra_dec_deg")
     ra, dec = np.radians([ra_deg, dec_deg])
     towards = np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])
     up = pole - (pole @ towards) * towards

@@ -295,11 +295,11 @@ def plot_group(
 
         axes = list(plt.subplots(2, 2, figsize=(8.2, 8), layout="constrained")[1].flat)
     if len(axes) not in (3, 4):
-        raise InputError(f"axes: must be 3 or 4, got {len(axes)}")
+        raise InputError("must be 3 or 4", "axes", len(axes))
     groups = [one.name for one in scene.groups_of_targets]
     group = groups[0] if group is None else group
     if group not in groups:
-        raise InputError(f"group: must be one of {', '.join(groups)}, got {group!r}")
+        raise InputError(f"must be one of {', '.join(groups)}", "group", group)
     kinds = [kind for kind in kinds_of_targets(scene) if kind.group == group]
     first = kinds[0].rows[0]
     offset_m = group_offsets_m(scene, time, group)
@@ -408,7 +408,7 @@ def checked_time_s(scene: Scene, time_s: float) -> float:
         InputError: It is no number, or outside the scene.
     """
     if isinstance(time_s, bool) or not isinstance(time_s, int | float | np.number):
-        raise InputError(f"time_s: must be a number, got {time_s!r}")
+        raise InputError("must be a number", "time_s", time_s)
     if not 0 <= time_s <= scene.duration_s:
-        raise InputError(f"time_s: must be in the scene, 0 to {scene.duration_s:g} s, got {time_s:g}")
+        raise InputError(f"must be in the scene, 0 to {scene.duration_s:g} s", "time_s", time_s, "g")
     return float(time_s)

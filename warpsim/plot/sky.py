@@ -53,7 +53,7 @@ def plot_star_counts(
         InputError: A band is unknown, or none is given.
     """
     if not bands:
-        raise InputError("bands: must name at least one")
+        raise InputError("must name at least one", "bands")
     counts = {band: magnitude_counts(catalog, band) for band in bands}
     ax = ax or new_axes(8.5, 4.8)
     width = 0.86 / len(counts)
@@ -115,9 +115,9 @@ def plot_sky_density(
         InputError: The frame is neither word, or the range not two growing positive numbers.
     """
     if frame not in ("galactic", "equatorial"):
-        raise InputError(f'frame: must be "galactic" or "equatorial", got {frame!r}')
+        raise InputError('must be "galactic" or "equatorial"', "frame", frame)
     if range_per_deg2 is not None and not 0 < range_per_deg2[0] < range_per_deg2[1]:
-        raise InputError(f"range_per_deg2: must be two growing positive numbers, got {range_per_deg2}")
+        raise InputError("must be two growing positive numbers", "range_per_deg2", range_per_deg2)
     from matplotlib.colors import LogNorm
     from matplotlib.patches import Ellipse
 
@@ -206,7 +206,7 @@ def plot_sky_partition(catalog: StarCatalog | None = None, axes: Sequence[Axes] 
         spans = [grid[0, k : k + 2] for k in (0, 2, 4)] + [grid[1, k : k + 3] for k in (0, 3)]
         axes = [figure.add_subplot(span) for span in spans]
     if len(axes) != 5:
-        raise InputError(f"axes: must be 5, got {len(axes)}")
+        raise InputError("must be 5", "axes", len(axes))
     for ax, partition, letter, colour in zip(axes, PARTITIONS, "abc", _PARTITION_COLOURS, strict=False):
         _draw_globe(ax, partition, colour)
         ax.set_title(f"({letter}) {partition.name}", color=colour)

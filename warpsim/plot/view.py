@@ -72,7 +72,7 @@ def camera_view(scene: Scene, sensor: str, time_s: float, renderer: Renderer | N
 
     time = checked_time_s(scene, time_s)
     if sensor not in scene.sensor_names:
-        raise InputError(f"sensor: must be a sensor of the scene, got {sensor!r}")
+        raise InputError("must be a sensor of the scene", "sensor", sensor)
     number = round((time - scene.frames.start_s) / scene.frames.interval_s)
     if not 0 <= number < 2**32 or scene.frame_time_s([number])[0] != time:
         # No frame is at this instant: one scene more, with its only frame there.

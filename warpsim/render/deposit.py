@@ -53,26 +53,26 @@ def deposit(
         InputError: Wrong shapes, values that are not finite, an impossible shape or error bound.
     """
     if not isinstance(psf, Psf):
-        raise InputError(f"psf: must be a PsfGaussian, PsfAiry or PsfTable, got {psf!r}")
+        raise InputError("must be a PsfGaussian, PsfAiry or PsfTable", "psf", psf)
     xy, strength = _numbers("xy_px", xy_px), _numbers("flux", flux)
     if xy.size == 0:
         xy = xy.reshape(-1, 2)
     if xy.ndim != 2 or xy.shape[1] != 2:
-        raise InputError(f"xy_px: must have shape (n, 2), got {np.shape(xy_px)}")
+        raise InputError("must have shape (n, 2)", "xy_px", np.shape(xy_px))
     if strength.shape != (len(xy),):
-        raise InputError(f"flux: must have shape ({len(xy)},) like xy_px, got {np.shape(flux)}")
+        raise InputError(f"must have shape ({len(xy)},) like xy_px", "flux", np.shape(flux))
     moves = _coefficients("movement_px", movement_px, (len(xy), None, 2))
     changes = _coefficients("brightness", brightness, (len(xy), None))
     for name, values in (("xy_px", xy), ("flux", strength), ("movement_px", moves), ("brightness", changes)):
         if not np.isfinite(values).all():
-            raise InputError(f"{name}: must be finite, got {np.count_nonzero(~np.isfinite(values))} bad values")
+            raise InputError(f"must be finite, got {np.count_nonzero(~np.isfinite(values))} bad values", name)
     if changes.size and not (changes[:, 0] == 1.0).all():
-        raise InputError("brightness: the first coefficient, the mean, must be 1")
+        raise InputError("the first coefficient, the mean, must be 1", "brightness")
     whole = isinstance(shape, tuple | list) and all(type(n) is int or isinstance(n, np.integer) for n in shape)
     if not whole or len(shape) != 2 or min(shape) < 1 or shape[0] * shape[1] >= 2**29:
-        raise InputError(f"shape: must be (n_row, n_col) of at least 1, and below 2**29 pixels, got {shape}")
+        raise InputError("must be (n_row, n_col) of at least 1, and below 2**29 pixels", "shape", shape)
     if isinstance(flux_error, bool) or not isinstance(flux_error, int | float) or not 1e-9 <= flux_error < 1:
-        raise InputError(f"flux_error: must be in [1e-9, 1), got {flux_error}")
+        raise InputError("must be in [1e-9, 1)", "flux_error", flux_error)
     # Far away sources cannot touch the image; bringing them near keeps pixel numbers within 32 bits.
     reach = np.abs(moves).sum(axis=(0, 1)).max(initial=0.0)
     xy = np.clip(xy, -1e6 - reach, 1e6 + max(shape) + reach)
@@ -95,7 +95,7 @@ def deposit(
         return np.asarray(image)
     scaled = image * np.float64(scale)
     if np.abs(scaled).max(initial=0.0) > np.finfo(np.float32).max:
-        raise InputError(f"flux: must leave pixels below 3.4e38, got up to {scale:.3g}")
+        raise InputError(f"must leave pixels below 3.4e38, got up to {scale:.3g}", "flux")
     return np.asarray(scaled.astype(np.float32))
 
 
@@ -104,7 +104,7 @@ def _numbers(name: str, values: npt.ArrayLike) -> F64:
     try:
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"{name}: must be an array of numbers, got {values!r:.60}") from None
+        raise InputError("must be an array of numbers", name, values, ".60") from None
 
 
 def _coefficients(name: str, values: npt.ArrayLike | None, shape: tuple[int | None, ...]) -> F64:
@@ -114,7 +114,7 @@ def _coefficients(name: str, values: npt.ArrayLike | None, shape: tuple[int | No
     array = _numbers(name, values)
     if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
         wanted = ", ".join("n_coefficient" if n is None else str(n) for n in shape)
-        raise InputError(f"{name}: must have shape ({wanted}), got {array.shape}")
+        raise InputError(f"must have shape ({wanted})", name, array.shape)
     return array
 
 

@@ -24,7 +24,7 @@ def default_device(device: Any = None) -> wp.Device:
         return wp.get_device(device)
     except Exception:
         known = ", ".join(str(item) for item in wp.get_devices())
-        raise InputError(f"device: must be one of {known}, got {device!r}") from None
+        raise InputError(f"must be one of {known}", "device", device) from None
 
 
 def chosen_devices(device: Any = None) -> list[wp.Device]:
@@ -37,7 +37,7 @@ def chosen_devices(device: Any = None) -> list[wp.Device]:
         return [default_device(device)]
     devices = [default_device(item) for item in device]
     if len({item.is_cuda for item in devices}) != 1:
-        raise InputError(f"device: a list must name CUDA devices only, or the CPU only, got {device!r}")
+        raise InputError("a list must name CUDA devices only, or the CPU only", "device", device)
     return devices
 
 
@@ -57,7 +57,7 @@ def worker_count(device: wp.Device, n_thread: int | None) -> int:
         InputError: Not a whole number >= 1.
     """
     if n_thread is not None and (isinstance(n_thread, bool) or not isinstance(n_thread, int) or n_thread < 1):
-        raise InputError(f"n_thread: must be a whole number >= 1, got {n_thread}")
+        raise InputError("must be a whole number >= 1", "n_thread", n_thread)
     return 1 if device.is_cuda or wp.config.mode == "debug" else n_thread or n_usable_cpu()
 
 

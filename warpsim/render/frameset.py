@@ -120,7 +120,7 @@ class FrameSet:
         from warpsim.optics.wcs import tan_wcs
 
         if frame not in self.frames or sensor not in self.sensors:
-            raise InputError(f"wcs: frame {frame} of {sensor!r} was not rendered")
+            raise InputError(f"frame {frame} of {sensor!r} was not rendered", "wcs")
         axes = self.axes_icrs[self.frames.index(frame), self.sensors.index(sensor)]
         return tan_wcs(axes, self.scene.camera)
 
@@ -145,7 +145,7 @@ class FrameSet:
         from warpsim.render.truth import star_table
 
         if self._star_lists is None:
-            raise InputError("stars: render with keep_stars=True to have them")
+            raise InputError("render with keep_stars=True to have them", "stars")
         return star_table(self, self._world, self._star_lists)
 
     def contributions_w_cm2(
@@ -208,13 +208,13 @@ class FrameSet:
     def _masks(self, band: str, views: npt.NDArray[np.int64], least_nei: float) -> npt.NDArray[np.uint16]:
         least_w_cm2 = above_zero("least_nei", least_nei) * self.scene.nei_w_cm2(band)
         if self._world.n_target > MOST_TARGETS:
-            raise InputError(f"target_mask: must be of at most {MOST_TARGETS} targets, got {self._world.n_target}")
+            raise InputError(f"must be of at most {MOST_TARGETS} targets", "target_mask", self._world.n_target)
         return brightest_targets(self.target_light, self.bands.index(band), views, least_w_cm2)
 
     def image_numbers(self, what: str, frame: int, sensor: str, band: str) -> tuple[int, int]:
         """Numbers of the view (frame x sensor) and the band of an image; InputError, as of `what`, if there is none."""
         if frame not in self.frames or sensor not in self.sensors or band not in self.bands:
-            raise InputError(f"{what}: frame {frame} of {sensor!r} in band {band!r} was not rendered")
+            raise InputError(f"frame {frame} of {sensor!r} in band {band!r} was not rendered", what)
         view = self.frames.index(frame) * len(self.sensors) + self.sensors.index(sensor)
         return view, self.bands.index(band)
 

@@ -123,13 +123,15 @@ def light_curves(
         InputError: An unknown name, a time outside the scene, no sensor with access, or too much at once.
     """
     if not isinstance(scene, Scene):
-        raise InputError(f"scene: must be a Scene, got {type(scene).__name__}; Scene.load reads presets and files")
+        raise InputError(f"must be a Scene, got {type(scene).__name__}; Scene.load reads presets and files", "scene")
     times = _checked_times(scene, time_s)
     sensor_list = chosen_names("sensors", sensors, scene.sensor_names)
     if sensors is None:
         sensor_list = scene.sensors_with_access
         if not sensor_list:
-            raise InputError("sensors: none has access to the main target under the scene's access_rules; name sensors")
+            raise InputError(
+                "none has access to the main target under the scene's access_rules; name sensors", "sensors"
+            )
     target_list = chosen_names("targets", targets, scene.target_names)
     band_list = chosen_names("bands", bands, list(scene.bands))
     world = TargetWorld(scene, band_list, default_device(device))
@@ -137,7 +139,7 @@ def light_curves(
     n_view = len(times) * len(sensor_list)
     n_number = n_view * world.n_target * (len(band_list) * N_TERM + 8)
     if n_number > MOST_NUMBERS:
-        raise InputError(f"time_s: these curves would be {n_number:.2g} numbers, more than {MOST_NUMBERS:.2g}")
+        raise InputError(f"these curves would be {n_number:.2g} numbers, more than {MOST_NUMBERS:.2g}", "time_s")
     rows = [scene.sensor_names.index(name) for name in sensor_list]
     views = new_views(
         world,
@@ -202,8 +204,8 @@ def _checked_times(scene: Scene, time_s: npt.ArrayLike | None) -> F64:
         return scene.frame_time_s(np.arange(scene.frames.count))
     times = times_s(time_s)
     if times.ndim != 1:
-        raise InputError(f"time_s: must have shape (n,), got {times.shape}")
+        raise InputError("must have shape (n,)", "time_s", times.shape)
     bad = ~((times >= 0.0) & (times <= scene.duration_s))
     if bad.any():
-        raise InputError(f"time_s: must be within the scene, 0 to {scene.duration_s:g} s, got {times[bad][0]:g}")
+        raise InputError(f"must be within the scene, 0 to {scene.duration_s:g} s", "time_s", times[bad][0], "g")
     return times

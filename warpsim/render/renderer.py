@@ -66,7 +66,9 @@ class Renderer:
         _stars: tuple[StarCatalog, list[BandIndex] | None] | None = None,
     ) -> None:
         if catalog is not None and not isinstance(catalog, StarCatalog):
-            raise InputError(f"catalog: must be a StarCatalog, got {type(catalog).__name__}; files are for sky.catalog")
+            raise InputError(
+                f"must be a StarCatalog, got {type(catalog).__name__}; files are for sky.catalog", "catalog"
+            )
         self.chunk_bytes = None if chunk_bytes is None else whole_number("chunk_bytes", chunk_bytes, 1)
         self.scene = scene
         self.devices = chosen_devices(device)
@@ -186,7 +188,7 @@ class Renderer:
         kinds = int | float | np.integer | np.floating
         is_number = isinstance(rate_hz, kinds) and not isinstance(rate_hz, bool)
         if rate_hz is not None and not (is_number and LEAST_RATE_HZ <= rate_hz < np.inf):
-            raise InputError(f"rate_hz: must be a number of at least {LEAST_RATE_HZ:g}, got {rate_hz!r}")
+            raise InputError(f"must be a number of at least {LEAST_RATE_HZ:g}", "rate_hz", rate_hz)
         ahead = None if n_ahead is None else whole_number("n_ahead", n_ahead, 1)
         camera = self.scene.camera
         n_view, n_lane = len(sensor_list), max(self.n_thread, len(self.devices))
@@ -216,8 +218,9 @@ class Renderer:
             sensor_list = self.sensors_with_access
             if not sensor_list:
                 raise InputError(
-                    "sensors: none has access to the main target under the scene's access_rules; name sensors to "
-                    "render them all the same"
+                    "none has access to the main target under the scene's access_rules; name sensors to render them "
+                    "all the same",
+                    "sensors",
                 )
         return sensor_list, band_list
 
@@ -244,19 +247,20 @@ class Renderer:
     def checked_frames(self, frames: Iterable[int]) -> list[int]:
         """Frame numbers as a list of int; InputError when one is no frame of the scene."""
         if frames is None or isinstance(frames, int | np.integer):
-            raise InputError(f"frames: must be a list or range of frame numbers, got {frames!r}")
+            raise InputError("must be a list or range of frame numbers", "frames", frames)
         numbers = list(frames)
         kinds = set(map(type, numbers))  # a quick look first: this is done in every call
         if not kinds <= {int} or min(numbers, default=0) < 0 or max(numbers, default=0) >= 2**32:
             for number in numbers:
                 if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < 2**32:
-                    raise InputError(f"frames: must be whole numbers from 0 to 2**32 - 1, got {number!r}")
+                    raise InputError("must be whole numbers from 0 to 2**32 - 1", "frames", number)
         times = self.scene.frame_time_s(numbers)
         late = np.flatnonzero(times > self.scene.duration_s)
         if late.size:
             raise InputError(
-                f"frames: frame {numbers[late[0]]} is at {times[late[0]]:g} s, "
-                f"after the scene's end (duration_s = {self.scene.duration_s:g})"
+                f"frame {numbers[late[0]]} is at {times[late[0]]:g} s, after the scene's end (duration_s = "
+                f"{self.scene.duration_s:g})",
+                "frames",
             )
         if self.scene.sights is not None:
             self.scene.sights.check_times(self.scene.sensor_names, times)

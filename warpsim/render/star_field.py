@@ -62,7 +62,7 @@ def load_catalog(scene: Scene) -> StarCatalog:
             return StarCatalog.synthetic(wanted.n_star, limit_jy=wanted.limit_jy, sky=wanted.sky, seed=wanted.seed)
         return StarCatalog.read(sky.catalog)
     except InputError as error:
-        raise InputError(f"sky.catalog: {error}") from None
+        raise error.within("sky.catalog") from None
 
 
 def star_index(scene: Scene, catalog: StarCatalog, device: wp.Device) -> BandIndex:

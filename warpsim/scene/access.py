@@ -111,7 +111,7 @@ def sunlit_fraction_of(scene: Scene, name: str, time_s: npt.ArrayLike) -> F64:
 def _check_body(scene: Scene, name: str) -> None:
     if name not in scene.sensor_names and name not in scene.target_names:
         known = ", ".join([scene.target_names[0], *scene.sensor_names[:3]])
-        raise InputError(f"name: must be a sensor or a target ({known}, ...), got {name!r}")
+        raise InputError(f"must be a sensor or a target ({known}, ...)", "name", name)
 
 
 def chosen_target(scene: Scene, name: str | None) -> str:
@@ -123,7 +123,7 @@ def chosen_target(scene: Scene, name: str | None) -> str:
     if name is None:
         return scene.target_names[0]
     if name not in scene.target_names:
-        raise InputError(f"target: must be a target of the scene ({_some(scene.target_names)}), got {name!r}")
+        raise InputError(f"must be a target of the scene ({_some(scene.target_names)})", "target", name)
     return name
 
 
@@ -139,9 +139,9 @@ def chosen_sensors(scene: Scene, names: Sequence[str] | None) -> list[str]:
     known = set(scene.sensor_names)
     for name in chosen:
         if name not in known:
-            raise InputError(f"sensors: must be sensors of the scene ({_some(scene.sensor_names)}), got {name!r}")
+            raise InputError(f"must be sensors of the scene ({_some(scene.sensor_names)})", "sensors", name)
     if not chosen or len(set(chosen)) < len(chosen):
-        raise InputError(f"sensors: must be one or more without repeats, got {', '.join(chosen) or 'none'}")
+        raise InputError(f"must be one or more without repeats, got {', '.join(chosen) or 'none'}", "sensors")
     return chosen
 
 
@@ -159,7 +159,7 @@ def chosen_rules(scene: Scene, rules: AccessConstraints | None) -> AccessConstra
     if rules is None:
         return scene.access_rules
     if not isinstance(rules, AccessConstraints):
-        raise InputError(f"rules: must be AccessConstraints, got {type(rules).__name__}")
+        raise InputError(f"must be AccessConstraints, got {type(rules).__name__}", "rules")
     return rules
 
 

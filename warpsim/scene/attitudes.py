@@ -30,7 +30,7 @@ def target_attitudes(scene: Scene) -> list[BodyMotion | AttitudeRows]:
             try:
                 frame = attitude_frame(spec.attitude, velocity_m_s, scene.seed, number)
             except InputError as error:
-                raise InputError(f"{scene.target_names[number]}: attitude.{error}") from None
+                raise error.within("attitude").of(scene.target_names[number]) from None
             found.append(BodyMotion(spec.attitude, frame))
     return found
 
@@ -50,5 +50,5 @@ def table_rows(scene: Scene, with_files: bool = True) -> dict[TargetSpec, Attitu
                     rows[spec] = spec.attitude.rows(scene.epoch)
                     rows[spec].check_span(0.0, scene.duration_s)
                 except InputError as error:
-                    raise InputError(f"{where}targets[{kind}].attitude: {error}") from None
+                    raise error.within(f"{where}targets[{kind}].attitude") from None
     return rows

@@ -69,7 +69,7 @@ def _states_of(
     try:
         return states_of(orbit, epoch, time_s, within_s)
     except InputError as error:
-        raise InputError(f"{where}: {error}") from None
+        raise error.of(where) from None
 
 
 def _group_states(group: TargetGroup, number: int, scene: Scene, time_s: F64) -> tuple[F64, F64]:
@@ -91,7 +91,7 @@ def _group_states(group: TargetGroup, number: int, scene: Scene, time_s: F64) ->
         try:
             flown = propagate(*start, time_s[free] - release.time_s, gravity, pole, release.time_s)
         except InputError as error:
-            raise InputError(f"{where}: no flight after the release at {release.time_s:g} s: {error}") from None
+            raise error.of(f"no flight after the release at {release.time_s:g} s").within(where) from None
         for states, own in zip((position, velocity), flown, strict=True):
             states[np.ix_(free, rows)] = own
     return position, velocity

@@ -27,7 +27,7 @@ def changed(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
             else:
                 place = place.get(parent) if isinstance(place, dict) else None
             if not isinstance(place, dict | list):
-                raise InputError(f"Scene: {name.replace('__', '.')}: is not a field of a part")
+                raise InputError("is not a field of a part").of(name.replace('__', '.')).of("Scene")
         if isinstance(place, list):
             _item(place, leaf, name)
             place[int(leaf)] = value
@@ -39,5 +39,7 @@ def changed(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
 def _item(items: list[Any], number: str, name: str) -> Any:
     if not (number.isdigit() and int(number) < len(items)):
         which = f"0 to {len(items) - 1}" if items else "none of an empty list"
-        raise InputError(f"Scene: {name.replace('__', '.')}: must name an item by its number, {which}, got {number}")
+        raise InputError(
+            f"must name an item by its number, {which}", value=number
+        ).of(name.replace('__', '.')).of("Scene")
     return items[int(number)]

@@ -77,8 +77,9 @@ def exposure_rule(scene: Scene) -> ExposureRule:
             return ExposureRule(0.5 * exposure_s * node, weight, error, profile_error)
         series = better
     raise InputError(
-        f"detector.exposure_s: targets must turn less often in it: with {count} instants the mean over {exposure_s:g} "
-        f"s is still {error:.0e} off, and instants {profile_error:.0e}, more than lighting.quadrature_error"
+        f"targets must turn less often in it: with {count} instants the mean over {exposure_s:g} s is still "
+        f"{error:.0e} off, and instants {profile_error:.0e}, more than lighting.quadrature_error",
+        "detector.exposure_s",
     )
 
 

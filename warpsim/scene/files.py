@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from warpsim.describe import TOO_DEEP
+from warpsim.config.model import TOO_DEEP
 from warpsim.errors import InputError
 from warpsim.files import absolute_path, whole_file
 from warpsim.scene.parts import BUILT_IN_CATALOGS
@@ -36,20 +36,20 @@ def read_scene_data(source: str | os.PathLike[str]) -> dict[str, Any]:
         return tomllib.loads((resources.files("warpsim.scene") / "presets" / f"{text}.toml").read_text("utf-8"))
     path = Path(text)
     if path.suffix not in (".toml", ".json"):
-        raise InputError(f"{text}: must be a preset ({', '.join(presets())}) or a .toml or .json file")
+        raise InputError(f"must be a preset ({', '.join(presets())}) or a .toml or .json file").of(text)
     try:
         content = path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
-        raise InputError(f"{text}: cannot be read: {reason}") from None
+        raise InputError(f"cannot be read: {reason}").of(text) from None
     try:
         data = tomllib.loads(content) if path.suffix == ".toml" else json.loads(content)
     except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
-        raise InputError(f"{text}: is not valid {path.suffix[1:].upper()}: {error}") from None
+        raise InputError(f"{error}", f"is not valid {path.suffix[1:].upper()}").of(text) from None
     except RecursionError:
-        raise InputError(f"{text}: {TOO_DEEP}") from None
+        raise InputError(f"{TOO_DEEP}").of(text) from None
     if not isinstance(data, dict):
-        raise InputError(f"{text}: must hold a table of fields, got {type(data).__name__}")
+        raise InputError(f"must hold a table of fields, got {type(data).__name__}").of(text)
     check_depth(data, text)
     return {key: _with_plain_times(value) for key, value in data.items()}
 
@@ -66,7 +66,7 @@ def check_depth(data: Any, where: str) -> None:
         level = [item for items in values for item in items if isinstance(item, dict | list | tuple)]
         if not level:
             return
-    raise InputError(f"{where}: {TOO_DEEP}, more than {DEEPEST} lists and tables within each other")
+    raise InputError(f"{TOO_DEEP}, more than {DEEPEST} lists and tables within each other").of(where)
 
 
 def write_scene_data(data: dict[str, Any], path: str | os.PathLike[str]) -> None:
@@ -77,13 +77,13 @@ def write_scene_data(data: dict[str, Any], path: str | os.PathLike[str]) -> None
     """
     target = Path(path)
     if target.suffix not in (".toml", ".json"):
-        raise InputError(f"{target}: must end in .toml or .json")
+        raise InputError("must end in .toml or .json").of(target)
     text = to_toml(data) if target.suffix == ".toml" else json.dumps(data, indent=2) + "\n"
     try:
         with whole_file(target) as partial:
             partial.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror}") from None
+        raise InputError(f"cannot be written: {error.strerror}").of(target) from None
 
 
 def with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:

@@ -7,7 +7,8 @@ from types import MappingProxyType
 from typing import Annotated
 
 from warpsim.by_band import AS_DICT, ByBand, within
-from warpsim.describe import NonNegative, Number, Switch, closed_interval, part
+from warpsim.config.fields import NonNegative, Number, Switch, closed_interval
+from warpsim.config.model import config_model
 from warpsim.sky.sunlight import sun_irradiance_w_m2
 
 EARTH_K = MappingProxyType({"B1": 235.0, "B2": 235.0, "A": 275.0, "C": 275.0, "D": 225.0, "E": 260.0})
@@ -17,7 +18,7 @@ dioxide high in the air, D at that of its 15 um band, A and C mostly at ground a
 _W_CM2_PER_W_M2 = 1e-4
 
 
-@part
+@config_model
 class Lighting:
     """Light that targets reflect, besides what they emit.
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from warpsim.describe import (
+from warpsim.config.fields import (
     Count,
     Group,
     Integer,
@@ -19,11 +19,11 @@ from warpsim.describe import (
     Switch,
     as_tuple,
     closed_interval,
-    part,
-    part_error,
     rule_error,
     whole_path,
 )
+from warpsim.config.model import config_model
+from warpsim.errors import InputError
 from warpsim.orbit.constellations import Constellation
 from warpsim.orbit.paths import Orbit
 from warpsim.target.attitude import Attitude
@@ -57,7 +57,7 @@ AnyConstellation = Annotated[Constellation, BeforeValidator(_of_kind("walker"))]
 Speeds = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(as_tuple)]
 
 
-@part
+@config_model
 class Frames:
     """When frames are taken. Frame k is at start_s + k * interval_s, its mid-exposure.
 
@@ -81,7 +81,7 @@ def _word_or_path(value: Any) -> str:
     return value if isinstance(value, str) and value in BUILT_IN_CATALOGS else whole_path(value, rule)
 
 
-@part
+@config_model
 class SyntheticStars:
     """Made-up stars over the whole sky; give n_star or limit_jy.
 
@@ -100,11 +100,11 @@ class SyntheticStars:
     @model_validator(mode="after")
     def _one_size(self) -> SyntheticStars:
         if (self.n_star is None) == (self.limit_jy is None):
-            raise part_error("n_star, limit_jy: exactly one must be given")
+            raise InputError("exactly one must be given", "n_star, limit_jy")
         return self
 
 
-@part
+@config_model
 class Sky:
     """The star background.
 
@@ -128,11 +128,11 @@ class Sky:
     @model_validator(mode="after")
     def _synthetic_is_described(self) -> Sky:
         if (self.catalog == "synthetic") != (self.synthetic is not None):
-            raise part_error('synthetic: must be given with catalog = "synthetic", and only then')
+            raise InputError('must be given with catalog = "synthetic", and only then', "synthetic")
         return self
 
 
-@part
+@config_model
 class Release:
     """How targets leave the main target of their group.
 
@@ -148,7 +148,7 @@ class Release:
     @model_validator(mode="after")
     def _ordered(self) -> Release:
         if self.speed_m_s[0] > self.speed_m_s[1]:
-            raise part_error(f"speed_m_s: must be (lowest, highest), got {self.speed_m_s}")
+            raise InputError("must be (lowest, highest)", "speed_m_s", self.speed_m_s)
         return self
 
 
@@ -170,7 +170,7 @@ AnyTemperature = Annotated[
 ]
 
 
-@part
+@config_model
 class TargetSpec:
     """A target, or several of one kind.
 
@@ -201,7 +201,7 @@ class TargetSpec:
         return [f"{self.name}{i + 1:0{digits}d}" for i in range(self.count)]
 
 
-@part
+@config_model
 class TargetGroup:
     """A main target on a trajectory, and what leaves it.
 
@@ -220,9 +220,9 @@ class TargetGroup:
     @model_validator(mode="after")
     def _has_main(self) -> TargetGroup:
         if not self.targets:
-            raise part_error("targets: must hold at least the main target, which the trajectory belongs to")
+            raise InputError("must hold at least the main target, which the trajectory belongs to", "targets")
         if self.targets[0].count != 1:
-            raise part_error(f"targets[0].count: must be 1 for the main target, got {self.targets[0].count}")
+            raise InputError("must be 1 for the main target", "targets[0].count", self.targets[0].count)
         return self
 
     @property

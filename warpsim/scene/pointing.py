@@ -7,7 +7,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
-from warpsim.describe import FileName, NonNegative, Number, Positive, as_tuple, closed_interval, part, part_error
+from warpsim.config.fields import FileName, NonNegative, Number, Positive, as_tuple, closed_interval
+from warpsim.config.model import config_model
+from warpsim.errors import InputError
 
 Up = Literal["zenith", "north", "orbit_normal"]
 Declination = Annotated[Number, closed_interval(-90, 90)]
@@ -23,7 +25,7 @@ Direction = Annotated[tuple[Number, Declination], BeforeValidator(_pair)]
 Place = Annotated[tuple[Number, Number], BeforeValidator(_pair)]
 
 
-@part
+@config_model
 class Jitter:
     """Random motion of the camera about its x and y axes: independent, of zero mean, smooth, seeded by the scene.
 
@@ -38,7 +40,7 @@ class Jitter:
     correlation_s: Annotated[Positive, closed_interval(1e-6, 1e6)]
 
 
-@part
+@config_model
 class TrackPointing:
     """Cameras that follow targets.
 
@@ -58,7 +60,7 @@ class TrackPointing:
     kind: Literal["track"] = "track"
 
 
-@part
+@config_model
 class FixedPointing:
     """Cameras that look in one direction; give one of the two.
 
@@ -81,11 +83,11 @@ class FixedPointing:
     @model_validator(mode="after")
     def _one_direction(self) -> FixedPointing:
         if (self.ra_dec_deg is None) == (self.azimuth_elevation_deg is None):
-            raise part_error("ra_dec_deg, azimuth_elevation_deg: exactly one must be given")
+            raise InputError("exactly one must be given", "ra_dec_deg, azimuth_elevation_deg")
         return self
 
 
-@part
+@config_model
 class PointingRow:
     """A row of a table of directions: ra_deg and dec_deg, or azimuth_deg and elevation_deg, as in FixedPointing.
 
@@ -111,11 +113,11 @@ class PointingRow:
     def _one_direction(self) -> PointingRow:
         given = [value is not None for value in (self.ra_deg, self.dec_deg, self.azimuth_deg, self.elevation_deg)]
         if given not in ([True, True, False, False], [False, False, True, True]):
-            raise part_error("must have ra_deg and dec_deg, or azimuth_deg and elevation_deg")
+            raise InputError("must have ra_deg and dec_deg, or azimuth_deg and elevation_deg")
         return self
 
 
-@part
+@config_model
 class TablePointing:
     """Cameras that step or scan over the sky; give rows or a file.
 
@@ -140,9 +142,9 @@ class TablePointing:
     @model_validator(mode="after")
     def _one_source(self) -> TablePointing:
         if (self.rows is None) == (self.file is None):
-            raise part_error("rows, file: exactly one must be given")
+            raise InputError("exactly one must be given", "rows, file")
         if self.rows is not None and not self.rows:
-            raise part_error("rows: must hold at least one")
+            raise InputError("must hold at least one", "rows")
         return self
 
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpsim.describe import part_error
 from warpsim.errors import InputError
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.constellations import ListedSatellites, MixedConstellation, SeedPattern
@@ -44,31 +43,31 @@ def check_scene(scene: Scene) -> None:
 
 def _check_images(scene: Scene) -> None:
     if not scene.bands:
-        raise part_error("bands: must name at least one band")
+        raise InputError("must name at least one band", "bands")
     if len(set(scene.bands)) != len(scene.bands):
-        raise part_error(f"bands: must not repeat, got {', '.join(scene.bands)}")
+        raise InputError(f"must not repeat, got {', '.join(scene.bands)}", "bands")
     n_value = scene.camera.n_row * scene.camera.n_col * len(scene.bands)
     if n_value >= LARGEST_VIEW:
-        raise part_error(f"camera: n_row * n_col * number of bands must be below 2**29, got {n_value}")
+        raise InputError("n_row * n_col * number of bands must be below 2**29", "camera", n_value)
 
 
 def _check_names(scene: Scene) -> None:
     if not scene.targets:
-        raise part_error("targets: must hold at least the main target, which the trajectory belongs to")
+        raise InputError("must hold at least the main target, which the trajectory belongs to", "targets")
     if scene.targets[0].count != 1:
-        raise part_error(f"targets[0].count: must be 1 for the main target, got {scene.targets[0].count}")
+        raise InputError("must be 1 for the main target", "targets[0].count", scene.targets[0].count)
     try:
         names = [*scene.sensor_names, *scene.target_names, "sun"]
     except InputError as error:  # from a file
-        raise part_error(f"constellation: {error}") from None
+        raise error.within("constellation") from None
     twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
     if twice:
-        raise part_error(f"targets: names must be unique among sensors and targets, got {twice[0]} twice")
+        raise InputError(f"names must be unique among sensors and targets, got {twice[0]} twice", "targets")
     taken = {*names, "main", "group"}
     for number, group in enumerate(scene.groups):
         if group.name in taken:
-            raise part_error(
-                f"groups[{number}].name: must be no other name of the scene, 'main' or 'group', got {group.name!r}"
+            raise InputError(
+                "must be no other name of the scene, 'main' or 'group'", f"groups[{number}].name", group.name
             )
         taken.add(group.name)
 
@@ -76,7 +75,7 @@ def _check_names(scene: Scene) -> None:
 def _check_exposure(scene: Scene) -> None:
     exposure_s, interval_s = scene.detector.exposure_s, scene.frames.interval_s
     if scene.frames.count > 1 and exposure_s > interval_s:
-        raise part_error(f"detector.exposure_s: must be at most frames.interval_s ({interval_s:g}), got {exposure_s:g}")
+        raise InputError(f"must be at most frames.interval_s ({interval_s:g})", "detector.exposure_s", exposure_s, "g")
 
 
 def _check_times(scene: Scene) -> None:
@@ -84,28 +83,29 @@ def _check_times(scene: Scene) -> None:
     for number, group in enumerate(scene.groups_of_targets):
         where = "" if number == 0 else f"groups[{number - 1}]."
         if group.targets[0].release is not None:
-            raise part_error(f"{where}targets[0].release: must not be given, the main target is not released")
+            raise InputError("must not be given, the main target is not released", f"{where}targets[0].release")
         _check_path(scene, f"{where}trajectory", group.trajectory)
         for release in group.releases:
             if release is None:
                 continue
             if release.time_s > scene.duration_s:
-                raise part_error(
-                    f"{where}release.time_s: must be within duration_s ({scene.duration_s:g}), got {release.time_s:g}"
+                raise InputError(
+                    f"must be within duration_s ({scene.duration_s:g})", f"{where}release.time_s", release.time_s, "g"
                 )
             if release.time_s < 0 and isinstance(group.trajectory, BallisticArc):
-                raise part_error(
-                    f"{where}release.time_s: must be >= 0, as the flight starts at the epoch, got {release.time_s:g}"
+                raise InputError(
+                    "must be >= 0, as the flight starts at the epoch", f"{where}release.time_s", release.time_s, "g"
                 )
     n_body = len(scene.sensor_names) + len(scene.target_names)
     if n_body * scene.duration_s > LONGEST_TRACKS_S:
-        raise part_error(
-            f"duration_s: {scene.duration_s:g} s are too long for {n_body} sensors and targets: their product must "
-            f"be at most {LONGEST_TRACKS_S:g} s"
+        raise InputError(
+            f"{scene.duration_s:g} s are too long for {n_body} sensors and targets: their product must be at most "
+            f"{LONGEST_TRACKS_S:g} s",
+            "duration_s",
         )
     last_s = scene.frame_time_s([scene.frames.count - 1])[0]
     if last_s > scene.duration_s:
-        raise part_error(f"frames: the last frame must be within duration_s ({scene.duration_s:g}), got {last_s:g} s")
+        raise InputError(f"the last frame must be within duration_s ({scene.duration_s:g}), got {last_s:g} s", "frames")
     _check_span(scene, "constellation", scene.constellation)
 
 
@@ -113,13 +113,15 @@ def _check_path(scene: Scene, where: str, path: Trajectory) -> None:
     """A flight ends where it ends, and starts at the scene's epoch."""
     if isinstance(path, BallisticArc):
         if scene.duration_s > path.duration_s:
-            raise part_error(
-                f"duration_s: must be at most {where}.duration_s ({path.duration_s:g}), where the flight "
-                f"ends, got {scene.duration_s:g}"
+            raise InputError(
+                f"must be at most {where}.duration_s ({path.duration_s:g}), where the flight ends",
+                "duration_s",
+                scene.duration_s,
+                "g",
             )
         if instant(path.epoch_utc).tt != scene.instant.tt:
-            raise part_error(
-                f"{where}.epoch_utc: must equal the scene's epoch_utc ({scene.epoch_utc}), got {path.epoch_utc}"
+            raise InputError(
+                f"must equal the scene's epoch_utc ({scene.epoch_utc})", f"{where}.epoch_utc", path.epoch_utc
             )
     _check_span(scene, where, path)
 
@@ -140,7 +142,7 @@ def _check_span(scene: Scene, where: str, orbit: Any) -> None:
         elif isinstance(orbit, SeedPattern):
             orbit.states(scene.instant, np.zeros(1))
     except InputError as error:
-        raise part_error(f"{where}: {error}") from None
+        raise error.of(where) from None
 
 
 def _check_optics(scene: Scene) -> None:
@@ -148,14 +150,14 @@ def _check_optics(scene: Scene) -> None:
     files = scene.optics.psf_file
     for name in scene.bands:
         if isinstance(files, Mapping) and name not in files:
-            raise part_error(f"optics.psf_file: must name a file for every band, got none for {name}")
+            raise InputError(f"must name a file for every band, got none for {name}", "optics.psf_file")
         if files is not None:
             continue
         try:
             scene.psf(name)
         except InputError as error:
             hint = "; see aperture_m and the size of a pixel" if scene.optics.psf == "airy" else ""
-            raise part_error(f"optics: in band {name}: {error}{hint}") from None
+            raise InputError(f"in band {name}: {error}{hint}", "optics") from None
 
 
 def _check_detector(scene: Scene) -> None:
@@ -163,7 +165,7 @@ def _check_detector(scene: Scene) -> None:
     try:
         scene.levels  # noqa: B018
     except InputError as error:
-        raise part_error(f"detector.{error}" if ":" in str(error) else f"detector: {error}") from None
+        raise error.within("detector") from None
 
 
 def _check_pointing(scene: Scene) -> None:
@@ -173,7 +175,7 @@ def _check_pointing(scene: Scene) -> None:
         if scene.sights is not None:
             scene.sights.check_times(scene.sensor_names, scene.frame_time_s([0, scene.frames.count - 1]))
     except InputError as error:
-        raise part_error(str(error)) from None
+        raise error from None
 
 
 def _check_attitudes(scene: Scene) -> None:
@@ -181,7 +183,7 @@ def _check_attitudes(scene: Scene) -> None:
     try:
         table_rows(scene, with_files=False)
     except InputError as error:
-        raise part_error(str(error)) from None
+        raise error from None
 
 
 def _check_surfaces(scene: Scene) -> None:
@@ -191,9 +193,10 @@ def _check_surfaces(scene: Scene) -> None:
         for kind, spec in enumerate(group.targets):
             for band in scene.bands:
                 if band not in spec.surface.bands:
-                    raise part_error(
-                        f"{where}targets[{kind}].surface: must give reflectance or emissivity of {spec.name} in every "
-                        f"band of the scene, got none in band {band}"
+                    raise InputError(
+                        f"must give reflectance or emissivity of {spec.name} in every band of the scene, got none in "
+                        f"band {band}",
+                        f"{where}targets[{kind}].surface",
                     )
 
 
@@ -202,4 +205,4 @@ def _check_temperatures(scene: Scene) -> None:
     try:
         temperature_tables(scene, with_files=False)
     except InputError as error:
-        raise part_error(str(error)) from None
+        raise error from None

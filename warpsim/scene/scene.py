@@ -18,7 +18,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, Valida
 from pydantic_core import ArgsKwargs
 
 from warpsim.arguments import times_s
-from warpsim.describe import Integer, Positive, as_tuple, closed_interval, input_error, part, rule_error
+from warpsim.config.fields import Integer, Positive, as_tuple, closed_interval, rule_error
+from warpsim.config.model import config_model, input_error
 from warpsim.detector.kinds import Detector
 from warpsim.detector.levels import Levels, levels
 from warpsim.errors import InputError
@@ -68,7 +69,7 @@ ACCESS_STEP_S = 10.0
 BandName = Annotated[str, AfterValidator(_known_band)]
 
 
-@part
+@config_model
 class Scene:
     """What is simulated.
 
@@ -154,13 +155,13 @@ class Scene:
                 try:
                     group.trajectory.start_velocity_m_s  # noqa: B018
                 except InputError as error:
-                    raise InputError(f"{where}: {place}.{str(error).removeprefix('BallisticArc: ')}") from None
+                    raise InputError(f"{place}.{str(error).removeprefix('BallisticArc: ')}").of(where) from None
         try:
             table_rows(scene)
             temperature_tables(scene)
             scene.optics.file_checksums  # noqa: B018  # reads the files
         except InputError as error:
-            raise InputError(f"{where}: {error}") from None
+            raise error.of(where) from None
         return scene
 
     @classmethod
@@ -172,7 +173,7 @@ class Scene:
         try:
             return _adapter().validate_python(data)
         except ValidationError as error:
-            raise input_error(error, where) from None
+            raise input_error(error).of(where) from None
 
     def to_dict(self) -> dict[str, Any]:
         """Nested dicts and lists of plain values, without what is None; `from_dict` gives back an equal scene."""
@@ -307,7 +308,7 @@ class Scene:
         try:
             return make_sights(self.pointing, self.sensor_names)
         except InputError as error:
-            raise InputError(f"pointing: {error}") from None
+            raise error.within("pointing") from None
 
     def view_axes(self, sensor: str, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Camera axes that a sensor is told to take: those of its images, without their jitter.
@@ -351,12 +352,12 @@ class Scene:
         """
         names = self.target_names
         if name not in names:
-            raise InputError(f"name: must be a target ({', '.join(names[:3])}, ...), got {name!r}")
+            raise InputError(f"must be a target ({', '.join(names[:3])}, ...)", "name", name)
         attitude = self.attitudes[names.index(name)]
         try:
             return attitude.at(times_s(time_s))
         except InputError as error:
-            raise InputError(f"{name}: {error}") from None
+            raise error.of(name) from None
 
     def body_axis(self, name: str, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Direction of a target's body axis, base to apex, in GCRS axes, shape (n, 3); as attitude_quaternion."""
@@ -383,16 +384,16 @@ class Scene:
         """
         names = self.target_names
         if name not in names:
-            raise InputError(f"name: must be a target ({', '.join(names[:3])}, ...), got {name!r}")
+            raise InputError(f"must be a target ({', '.join(names[:3])}, ...)", "name", name)
         times = times_s(time_s)
         outside = ~((times >= -END_SLACK_S) & (times <= self.duration_s + END_SLACK_S))
         if outside.any():
             span = f"0 to {self.duration_s:g} s"
-            raise InputError(f"{name}: time_s: must be within the scene, {span}, got {times[outside][0]:g}")
+            raise InputError(f"time_s: must be within the scene, {span}", name, times[outside][0], "g")
         try:
             return self.temperatures[names.index(name)].at(times)
         except InputError as error:
-            raise InputError(f"{name}: {error}") from None
+            raise error.of(name) from None
 
     def access(
         self,
@@ -492,7 +493,7 @@ class Scene:
             InputError: No such sensor.
         """
         if sensor not in self.sensor_names:
-            raise InputError(f"sensor: must be a sensor of the scene, got {sensor!r}")
+            raise InputError("must be a sensor of the scene", "sensor", sensor)
         times = times_s(time_s)
         seen = np.zeros(times.shape, dtype=bool)
         number = self.sensor_names.index(sensor)

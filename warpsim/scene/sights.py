@@ -92,7 +92,7 @@ class Sights:
         if low < start or (self.scan and high > end):
             span = f"[{start:g}, {end:g}] s" if self.scan else f"from {start:g} s on"
             outside = low if low < start else high
-            raise InputError(f"pointing: the rows of {name} cover {span}, not the frame at {outside:g} s")
+            raise InputError(f"the rows of {name} cover {span}, not the frame at {outside:g} s", "pointing")
 
     def breaks_s(self, sensor: int) -> list[float]:
         """Times at which a sensor's camera jumps, or turns at another rate; and in a scan, half a radian apart."""
@@ -140,7 +140,7 @@ def make_sights(pointing: TablePointing, sensor_names: list[str]) -> Sights:
     scan = pointing.mode == "scan"
     for name, place in zip(rows.sensor, rows.places, strict=True):
         if name and name not in sensor_names:
-            raise InputError(f"{place}: sensor: must be a sensor of the scene, got {name!r}")
+            raise InputError("must be a sensor of the scene", "sensor", name).of(place)
     groups: dict[str, tuple[int, int]] = {}
     order: list[int] = []
     for name in dict.fromkeys(rows.sensor):
@@ -152,7 +152,7 @@ def make_sights(pointing: TablePointing, sensor_names: list[str]) -> Sights:
         _check_group(rows, direction, order[first : first + count], scan)
     missing = [name for name in sensor_names if name not in groups and "" not in groups]
     if missing:
-        raise InputError(f"rows: there are none for sensor {missing[0]}, and none for all sensors")
+        raise InputError(f"there are none for sensor {missing[0]}, and none for all sensors", "rows")
     spans = np.array([groups.get(name) or groups[""] for name in sensor_names], dtype=np.int32)
     roll = rows.roll_deg[order]
     for first, count in groups.values():
@@ -163,15 +163,17 @@ def make_sights(pointing: TablePointing, sensor_names: list[str]) -> Sights:
 def _check_group(rows: _Rows, direction: F64, mine: list[int], scan: bool) -> None:
     """Rules for the rows of one sensor."""
     if scan and len(mine) < 2:
-        raise InputError(f"{rows.places[mine[0]]}: a scan needs at least two rows per sensor, got one")
+        raise InputError("a scan needs at least two rows per sensor, got one").of(rows.places[mine[0]])
     for before, after in itertools.pairwise(mine):
         if rows.time_s[after] <= rows.time_s[before]:
             raise InputError(
-                f"{rows.places[after]}: time_s: must be above that of the sensor's row before "
-                f"({rows.time_s[before]:g}), got {rows.time_s[after]:g}"
-            )
+                f"must be above that of the sensor's row before ({rows.time_s[before]:g})",
+                "time_s",
+                rows.time_s[after],
+                "g",
+            ).of(rows.places[after])
         if scan and np.pi - _angle(direction[before], direction[after]) < _OPPOSITE_RAD:
-            raise InputError(f"{rows.places[after]}: a scan has no way to the opposite of the row before")
+            raise InputError("a scan has no way to the opposite of the row before").of(rows.places[after])
 
 
 def _angle(start: F64, end: F64) -> F64:
@@ -186,7 +188,7 @@ def _rows_of(pointing: TablePointing) -> _Rows:
     places = [f"rows[{number}]" for number in range(len(rows))]
     for place, row in zip(places, rows, strict=True):
         if (row.ra_deg is None) != local:
-            raise InputError(f"{place}: must give {' and '.join(_PAIRS[local])}, as the first row does")
+            raise InputError(f"must give {' and '.join(_PAIRS[local])}, as the first row does").of(place)
     lon, lat = _PAIRS[local]
     time_s, lon_deg, lat_deg, roll_deg = (
         np.array([getattr(row, name) for row in rows], dtype=np.float64) for name in ("time_s", lon, lat, "roll_deg")
@@ -200,12 +202,12 @@ def _rows_of_file(file: str) -> _Rows:
 
     suffix = Path(file).suffix.lower()
     if suffix not in (".csv", ".ecsv"):
-        raise InputError(f"{file}: must end in .csv or .ecsv")
+        raise InputError("must end in .csv or .ecsv").of(file)
     try:
         rows = _rows_of_table(read_file(Path(file), suffix[1:], None, None))
     except InputError as error:
         text = str(error).replace("a table of stars", "a table of directions")
-        raise InputError(f"{file}: {text}") from None
+        raise InputError(f"{text}").of(file) from None
     return replace(rows, places=[f"{file}: {place}" for place in rows.places])
 
 
@@ -214,12 +216,12 @@ def _rows_of_table(table: FileTable) -> _Rows:
     names = list(table.table.colnames)
     for name in names:
         if name not in _COLUMNS:
-            raise InputError(f"column {name}: must be one of {', '.join(_COLUMNS)}")
+            raise InputError(f"must be one of {', '.join(_COLUMNS)}", f"column {name}")
     pairs = [pair for pair in _PAIRS if any(name in names for name in pair)]
     if len(pairs) != 1 or not all(name in names for name in pairs[0]):
-        raise InputError("columns: must hold ra_deg and dec_deg, or azimuth_deg and elevation_deg")
+        raise InputError("must hold ra_deg and dec_deg, or azimuth_deg and elevation_deg", "columns")
     if "time_s" not in names:
-        raise InputError("columns: must hold time_s")
+        raise InputError("must hold time_s", "columns")
     if not len(table):
         raise InputError("must hold at least one row")
     lon, lat = pairs[0]
@@ -231,7 +233,7 @@ def _rows_of_table(table: FileTable) -> _Rows:
         if bad.any():
             row = int(np.argmax(bad))
             rule = "be in [-90, 90]" if name == lat else "be finite"
-            raise InputError(f"{places[row]}: column {name}: must {rule}, got {values[row]:g}")
+            raise InputError(f"must {rule}", f"column {name}", values[row], "g").of(places[row])
     roll = columns.get("roll_deg", np.zeros(len(table)))
     sensor = [str(name) for name in table.text("sensor")]
     return _Rows(columns["time_s"], columns[lon], columns[lat], roll, sensor, lon != "ra_deg", places)

@@ -53,7 +53,7 @@ def target_temperatures(scene: Scene) -> list[TemperatureRows]:
             for first in range(0, spec.count, BODIES_AT_ONCE):
                 found += _warmed(scene, spec, len(found), min(BODIES_AT_ONCE, spec.count - first))
         except InputError as error:
-            raise InputError(f"{where}.temperature: {error}") from None
+            raise error.within(f"{where}.temperature") from None
     return found
 
 
@@ -139,7 +139,7 @@ def temperature_tables(scene: Scene, with_files: bool = True) -> dict[TargetSpec
                 tables[spec] = model.rows(scene.epoch)
                 tables[spec].check_span(0.0, scene.duration_s)
             except InputError as error:
-                raise InputError(f"{where}.temperature: {error}") from None
+                raise error.within(f"{where}.temperature") from None
     return tables
 
 

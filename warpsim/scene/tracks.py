@@ -104,7 +104,7 @@ class Tracks:
             if track.name == name:
                 return row
         known = ", ".join(track.name for track in (self.targets[0], *self.sensors[:3]))
-        raise InputError(f"name: must be a sensor, a target or 'sun' ({known}, ...), got {name!r}")
+        raise InputError(f"must be a sensor, a target or 'sun' ({known}, ...)", "name", name)
 
 
 def build_tracks(scene: Scene) -> Tracks:

@@ -58,9 +58,7 @@ def tracked_targets(scene: Scene) -> tuple[int, int]:
         first += len(group.names)
     if pointing.track not in names:
         groups = "".join(f", {group.name!r}" for group in scene.groups)
-        raise InputError(
-            f"pointing.track: must be 'main', 'group'{groups} or a target's name, got {pointing.track!r}"
-        )
+        raise InputError(f"must be 'main', 'group'{groups} or a target's name", "pointing.track", pointing.track)
     return names.index(pointing.track), 1
 
 
@@ -95,7 +93,7 @@ def commanded_axes(scene: Scene, sensor: str, time_s: npt.ArrayLike) -> Commande
         InputError: No such sensor, or a time outside the scene or the table of directions.
     """
     if sensor not in scene.sensor_names:
-        raise InputError(f"sensor: must be a sensor of the scene, got {sensor!r}")
+        raise InputError("must be a sensor of the scene", "sensor", sensor)
     times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
     number, pointing, tracks = scene.sensor_names.index(sensor), scene.pointing, scene.tracks
     place, velocity = tracks.sensors[number].state(times)

@@ -48,27 +48,27 @@ def apparent_direction(
     """
     direction = _vectors(direction_icrs, "direction_icrs")
     if not np.any(direction, axis=-1).all():
-        raise InputError("direction_icrs: must not be 0")
+        raise InputError("must not be 0", "direction_icrs")
     velocity = _vectors(velocity_m_s, "velocity_m_s")
     beta = velocity / SPEED_OF_LIGHT_M_S
     speed2 = np.sum(beta * beta, axis=-1, keepdims=True)
     if (speed2 >= 1).any():
-        raise InputError(f"velocity_m_s: must be below the speed of light, got {np.sqrt(speed2.max()):g} c")
+        raise InputError(f"must be below the speed of light, got {np.sqrt(speed2.max()):g} c", "velocity_m_s")
     if parallax_mas is not None:
         if barycentric_m is None:
-            raise InputError("parallax_mas: needs barycentric_m, the observer's position")
+            raise InputError("needs barycentric_m, the observer's position", "parallax_mas")
         parallax = np.asarray(parallax_mas, dtype=np.float64)
         if parallax.shape not in ((), direction.shape[:-1]):
-            raise InputError(f"parallax_mas: must have shape {direction.shape[:-1]}, got {parallax.shape}")
+            raise InputError(f"must have shape {direction.shape[:-1]}", "parallax_mas", parallax.shape)
         if np.isinf(parallax).any():
-            raise InputError("parallax_mas: must not be infinite")
+            raise InputError("must not be infinite", "parallax_mas")
         parallax_rad = np.fmax(parallax, 0.0) * _MAS_RAD
         shift_au = _vectors(barycentric_m, "barycentric_m") / ASTRONOMICAL_UNIT_M
         direction = normalised(direction - parallax_rad[..., None] * shift_au)
     if heliocentric_m is not None:
         from_sun_au = _vectors(heliocentric_m, "heliocentric_m") / ASTRONOMICAL_UNIT_M
         if not np.any(from_sun_au, axis=-1).all():
-            raise InputError("heliocentric_m: must not be 0")
+            raise InputError("must not be 0", "heliocentric_m")
         direction = _deflected(direction, from_sun_au)
     inverse_gamma = np.sqrt(1 - speed2)
     along = np.sum(direction * beta, axis=-1, keepdims=True)
@@ -88,9 +88,9 @@ def _vectors(values: Any, where: str) -> F64:
     try:
         vectors = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"{where}: must be numbers, got {type(values).__name__}") from None
+        raise InputError(f"must be numbers, got {type(values).__name__}").of(where) from None
     if vectors.shape[-1:] != (3,):
-        raise InputError(f"{where}: must end in an axis of 3, got shape {vectors.shape}")
+        raise InputError(f"must end in an axis of 3, got shape {vectors.shape}").of(where)
     if not np.isfinite(vectors).all():
-        raise InputError(f"{where}: must be finite")
+        raise InputError("must be finite").of(where)
     return vectors

@@ -40,7 +40,7 @@ class BandIndex:
 
     def __init__(self, catalog: StarCatalog, device: Any = None, dtype: npt.DTypeLike = np.float64) -> None:
         if np.dtype(dtype) not in (np.float64, np.float32):
-            raise InputError(f"dtype: must be float64 or float32, got {np.dtype(dtype)}")
+            raise InputError("must be float64 or float32", "dtype", np.dtype(dtype))
         self.catalog = catalog
         stored = np.asarray(catalog.direction_icrs).reshape(-1, 3).astype(dtype, copy=False)
         direction = stored.astype(np.float64, copy=False)
@@ -144,14 +144,14 @@ def _checked_cones(
     axis = np.asarray(direction_icrs, dtype=np.float64)
     radius = np.asarray(radius_rad, dtype=np.float64)
     if axis.ndim != 2 or axis.shape[1] != 3:
-        raise InputError(f"direction_icrs: must have shape (3,) or (n, 3), got {np.shape(direction_icrs)}")
+        raise InputError("must have shape (3,) or (n, 3)", "direction_icrs", np.shape(direction_icrs))
     if radius.shape != (len(axis),):
-        raise InputError(f"radius_rad: must have shape ({len(axis)},), got {radius.shape}")
+        raise InputError(f"must have shape ({len(axis)},)", "radius_rad", radius.shape)
     length = np.linalg.norm(axis, axis=1, keepdims=True)
     if not (np.isfinite(length).all() and (length > 0).all()):
-        raise InputError("direction_icrs: must be finite and not zero")
+        raise InputError("must be finite and not zero", "direction_icrs")
     if not ((radius >= 0) & (radius <= np.pi)).all():
-        raise InputError(f"radius_rad: must be in [0, pi], got {radius[~((radius >= 0) & (radius <= np.pi))][0]}")
+        raise InputError("must be in [0, pi]", "radius_rad", radius[~((radius >= 0) & (radius <= np.pi))][0])
     # A unit vector stays as it is: dividing by a length of 1 - 1e-16 would move it off a star in the same direction.
     length[np.abs(length - 1) < 1e-15] = 1
     return axis / length, radius

@@ -82,26 +82,27 @@ class Band:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
-            raise InputError(f"band: name must be a text that is not empty, got {self.name!r}")
+            raise InputError("name must be a text that is not empty", "band", self.name)
         wavelength_um = _nodes(self.wavelength_um, f"band {self.name}: wavelength_um")
         response = _nodes(self.response, f"band {self.name}: response")
         if wavelength_um.shape != response.shape:
             raise InputError(
-                f"band {self.name}: response must be as long as wavelength_um, "
-                f"got {len(response)} and {len(wavelength_um)} nodes"
+                f"response must be as long as wavelength_um, got {len(response)} and {len(wavelength_um)} nodes",
+                f"band {self.name}",
             )
         if wavelength_um[0] <= 0.0:
-            raise InputError(f"band {self.name}: wavelength_um must be > 0, got {wavelength_um[0]:g}")
+            raise InputError("wavelength_um must be > 0", f"band {self.name}", wavelength_um[0], "g")
         falls = np.flatnonzero(np.diff(wavelength_um) <= 0.0)
         if falls.size:
             k = int(falls[0])
             raise InputError(
-                f"band {self.name}: wavelength_um must increase, got {wavelength_um[k]:g} then {wavelength_um[k + 1]:g}"
+                f"wavelength_um must increase, got {wavelength_um[k]:g} then {wavelength_um[k + 1]:g}",
+                f"band {self.name}",
             )
         if response.min() < 0.0:
-            raise InputError(f"band {self.name}: response must be >= 0, got {response.min():g}")
+            raise InputError("response must be >= 0", f"band {self.name}", response.min(), "g")
         if response.max() == 0.0:
-            raise InputError(f"band {self.name}: response must be > 0 somewhere, got 0 everywhere")
+            raise InputError("response must be > 0 somewhere, got 0 everywhere", f"band {self.name}")
         response /= response.max()
 
         def put(attribute: str, value: Any) -> None:
@@ -141,7 +142,7 @@ class Band:
             InputError: n is not a whole number from 1 to 32.
         """
         if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 1 <= n <= LARGEST_N_INTERVAL:
-            raise InputError(f"band {self.name}: n must be a whole number from 1 to {LARGEST_N_INTERVAL}, got {n!r}")
+            raise InputError(f"n must be a whole number from 1 to {LARGEST_N_INTERVAL}", f"band {self.name}", n)
         return _intervals(self, int(n))
 
     def _key(self) -> tuple[object, ...]:
@@ -236,7 +237,7 @@ def as_band(band: Band | str) -> Band:
     if isinstance(band, Band):
         return band
     if not isinstance(band, str) or band not in BANDS:
-        raise InputError(f"band: must be one of {', '.join(BANDS)} or a Band, got {band!r}")
+        raise InputError(f"must be one of {', '.join(BANDS)} or a Band", "band", band)
     return BANDS[band]
 
 
@@ -263,7 +264,7 @@ def band_radiance_w_m2_sr(temperature_k: ArrayLike, band: Band | str) -> Any:
         raise InputError(f"temperature_k must be numbers, got {type(temperature_k).__name__}") from None
     bad = ~(np.isfinite(temperature) & (temperature > 0.0))
     if bad.any():
-        raise InputError(f"temperature_k must be finite and > 0, got {temperature[bad][0]:g}")
+        raise InputError("temperature_k must be finite and > 0", value=temperature[bad][0], form="g")
     node_m = node_um * 1e-6
     scale = weight_um * 1e-6 * RADIATION_1_W_M2_SR / node_m**5
     exponent_k = RADIATION_2_M_K / node_m

@@ -394,13 +394,15 @@ class StarCatalog:
         try:
             epoch_jyear = float(getattr(jyear, "jyear", jyear))
         except (TypeError, ValueError):
-            raise InputError(f"jyear must be a number, got {jyear!r}") from None
+            raise InputError("jyear must be a number", value=jyear) from None
         if not math.isfinite(epoch_jyear):
-            raise InputError(f"jyear must be finite, got {epoch_jyear}")
+            raise InputError("jyear must be finite", value=epoch_jyear)
         if abs(epoch_jyear - J2000_JYEAR) > LONGEST_MOTION_YR:
-            raise InputError(f"jyear must be within {LONGEST_MOTION_YR:,.0f} years of 2000, got {epoch_jyear:g}")
+            raise InputError(
+                f"jyear must be within {LONGEST_MOTION_YR:,.0f} years of 2000", value=epoch_jyear, form="g"
+            )
         if physics not in ("physical", "paper"):
-            raise InputError(f'physics: must be "physical" or "paper", got {physics!r}')
+            raise InputError('must be "physical" or "paper"', "physics", physics)
         origin = self._origin or self
         if epoch_jyear == origin.epoch_jyear:
             return origin
@@ -476,5 +478,5 @@ def _msx_band(band: Band | str) -> Band:
     """Return the MSX band meant; catalogs hold no flux in any other."""
     msx_band = as_band(band)
     if msx_band != BANDS.get(msx_band.name):
-        raise InputError(f"band: a catalog has fluxes in {', '.join(BAND_NAMES)} only, got {msx_band.name!r}")
+        raise InputError(f"a catalog has fluxes in {', '.join(BAND_NAMES)} only", "band", msx_band.name)
     return BANDS[msx_band.name]

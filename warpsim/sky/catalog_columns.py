@@ -85,7 +85,7 @@ def checked_columns(
     for what, bands in (("flux_jy", flux_jy), ("flux_flag", flux_flag or {})):
         for band in bands:
             if band not in BANDS:
-                raise InputError(f"{what}: band must be one of {', '.join(BAND_NAMES)}, got {band!r}")
+                raise InputError(f"band must be one of {', '.join(BAND_NAMES)}", what, band)
     for band in BAND_NAMES:
         key = flux_column(band)
         columns[key] = _vector(flux_jy[band], key) if band in flux_jy else np.full(n_star, np.nan)
@@ -94,7 +94,7 @@ def checked_columns(
     names = np.arange(1, n_star + 1).astype(np.str_) if id is None else np.array(id).astype(np.str_)
     for key, values in {**columns, "id": names}.items():
         if values.shape != (n_star,):
-            raise InputError(f"{key} must have shape ({n_star},) like ra_deg, got {values.shape}")
+            raise InputError(f"{key} must have shape ({n_star},) like ra_deg", value=values.shape)
 
     placed = np.isfinite(ra) & np.isfinite(columns["dec_deg"])
     rows = np.flatnonzero(placed)
@@ -144,10 +144,10 @@ def checked_limits(limit_jy: Mapping[str, ArrayLike], n_star: int) -> dict[str, 
     limits = {}
     for band, values in limit_jy.items():
         if band not in BANDS:
-            raise InputError(f"limit_jy: band must be one of {', '.join(BAND_NAMES)}, got {band!r}")
+            raise InputError(f"band must be one of {', '.join(BAND_NAMES)}", "limit_jy", band)
         limits[band] = _vector(values, f"limit_jy: {band}")
         if limits[band].shape != (n_star,):
-            raise InputError(f"limit_jy: {band} must have shape ({n_star},), got {limits[band].shape}")
+            raise InputError(f"{band} must have shape ({n_star},)", "limit_jy", limits[band].shape)
         _check_range(limits[band], 0.0, LARGEST_FLUX_JY, f"limit_jy: {band}", np.arange(n_star))
     return limits
 
@@ -172,7 +172,7 @@ def columns_of_table(table: Table) -> dict[str, Any]:
         missing.append("one of " + ", ".join(fluxes))
     if missing:
         found = ", ".join(table.colnames) or "no columns"
-        raise InputError(f"table: must have the column {' and '.join(missing)}, got {found}")
+        raise InputError(f"must have the column {' and '.join(missing)}", "table", found)
     meta = {str(key).lower(): value for key, value in table.meta.items()}  # FITS turns keys to capitals
     columns: dict[str, Any] = {
         key: number_column(table, key, unit) for key, unit in NUMBER_UNITS.items() if key in known
@@ -218,7 +218,7 @@ def number_column(table: Table, key: str, unit: str) -> Array:
     column: Any = table[key]
     if column.ndim != 1 or column.dtype.kind == "c":
         what = "complex numbers" if column.dtype.kind == "c" else f"shape {column.shape}"
-        raise InputError(f"{key} must hold one real number a row, got {what}")
+        raise InputError(f"{key} must hold one real number a row", value=what)
     try:
         values = np.array(getattr(column, "unmasked", column), dtype=np.float64)
         if column.unit is not None and unit:
@@ -239,7 +239,7 @@ def checked_epoch(epoch_jyear: Any) -> float:
     except (TypeError, ValueError):
         epoch = math.nan
     if not math.isfinite(epoch):
-        raise InputError(f"epoch_jyear must be a finite number, got {epoch_jyear!r}")
+        raise InputError("epoch_jyear must be a finite number", value=epoch_jyear)
     return epoch
 
 

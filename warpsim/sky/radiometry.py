@@ -80,7 +80,7 @@ class Radiometry:
         """
         name = band.name if isinstance(band, Band) else band
         if not isinstance(name, str) or name not in self.zero_points or (band != name and band != BANDS[name]):
-            raise InputError(f"band: must be one of {', '.join(self.zero_points)}, got {name!r}")
+            raise InputError(f"must be one of {', '.join(self.zero_points)}", "band", name)
         return name
 
     def zero_point(self, band: Band | str) -> ZeroPoint:
@@ -107,7 +107,7 @@ class Radiometry:
         zero = self.zero_point(band)
         flux = _numbers(flux_jy, "flux_jy")
         if (flux < 0.0).any():
-            raise InputError(f"flux_jy must be >= 0, got {flux[flux < 0.0][0]:g}")
+            raise InputError("flux_jy must be >= 0", value=flux[flux < 0.0][0], form="g")
         with np.errstate(divide="ignore"):
             return _like(-2.5 * np.log10(flux / zero.zero_mag_jy))
 
@@ -142,7 +142,7 @@ class Radiometry:
             return self.irradiance_w_cm2(self.magnitude(flux_jy, band), band)
         flux = _numbers(flux_jy, "flux_jy")
         if (flux < 0.0).any():
-            raise InputError(f"flux_jy must be >= 0, got {flux[flux < 0.0][0]:g}")
+            raise InputError("flux_jy must be >= 0", value=flux[flux < 0.0][0], form="g")
         return _like(flux * self.zero_point(band).w_cm2_per_jy)
 
     def dynamic_range(
@@ -165,7 +165,7 @@ class Radiometry:
         """
         for key, value in (("nei_w_cm2", nei_w_cm2), ("sei_w_cm2", sei_w_cm2)):
             if not isinstance(value, int | float | np.number) or not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{key} must be finite and > 0, got {value!r}")
+                raise InputError(f"{key} must be finite and > 0", value=value)
         return _like(np.minimum(self.irradiance_w_cm2(magnitude, band) / nei_w_cm2, sei_w_cm2 / nei_w_cm2))
 
     def band_table(self) -> Table:
@@ -250,5 +250,5 @@ def as_radiometry(physics: str) -> Radiometry:
         InputError: There is none.
     """
     if not isinstance(physics, str) or physics not in PHYSICS:
-        raise InputError(f'physics: must be "physical" or "paper", got {physics!r}')
+        raise InputError('must be "physical" or "paper"', "physics", physics)
     return PHYSICS[physics]

@@ -168,8 +168,9 @@ def _band_of_stars(band: Band | str) -> Band:
     high_um = float(band.wavelength_um[min(lit[-1] + 1, len(band.response) - 1)])
     if low_um < VALID_UM[0] or high_um > VALID_UM[1]:
         raise InputError(
-            f"band {band.name}: must lie within {VALID_UM[0]:g} to {VALID_UM[1]:g} um, where the spectrum of stars is "
-            f"known, got {low_um:g} to {high_um:g} um"
+            f"must lie within {VALID_UM[0]:g} to {VALID_UM[1]:g} um, where the spectrum of stars is known, got "
+            f"{low_um:g} to {high_um:g} um",
+            f"band {band.name}",
         )
     return band
 

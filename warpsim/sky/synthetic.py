@@ -128,7 +128,7 @@ def synthetic_catalog(n_star: int | None, limit_jy: float | None, sky: str, seed
         InputError: Neither or both of n_star and limit_jy, or a value out of range.
     """
     if not isinstance(sky, str) or sky not in SYNTHETIC_SKIES:
-        raise InputError(f"sky: must be {' or '.join(map(repr, SYNTHETIC_SKIES))}, got {sky!r}")
+        raise InputError(f"must be {' or '.join(map(repr, SYNTHETIC_SKIES))}", "sky", sky)
     model = SYNTHETIC_SKIES[sky]
     seed = _checked_integer(seed, "seed", 0, _LARGEST_SEED)
     n = _checked_n_star(model, n_star, limit_jy)
@@ -199,15 +199,15 @@ def _magnitude_of_flux(flux_jy: float) -> float:
 def _checked_n_star(model: SyntheticSky, n_star: Any, limit_jy: Any) -> int:
     """How many stars: as given, or those brighter than limit_jy."""
     if (n_star is None) == (limit_jy is None):
-        raise InputError(f"n_star, limit_jy: exactly one must be given, got {n_star!r} and {limit_jy!r}")
+        raise InputError(f"exactly one must be given, got {n_star!r} and {limit_jy!r}", "n_star, limit_jy")
     if n_star is not None:
         return _checked_integer(n_star, "n_star", 1, LARGEST_N_STAR)
     try:
         flux_jy = float(limit_jy)
     except (TypeError, ValueError):
-        raise InputError(f"limit_jy must be a number, got {limit_jy!r}") from None
+        raise InputError("limit_jy must be a number", value=limit_jy) from None
     if not (math.isfinite(flux_jy) and flux_jy > 0.0):
-        raise InputError(f"limit_jy must be finite and > 0, got {limit_jy!r}")
+        raise InputError("limit_jy must be finite and > 0", value=limit_jy)
     n = model.count(_magnitude_of_flux(flux_jy))
     if not 1.0 <= n <= LARGEST_N_STAR:
         raise InputError(f"limit_jy must leave 1 to {LARGEST_N_STAR} stars, got {flux_jy:g}, which leaves {n:.3g}")
@@ -216,5 +216,5 @@ def _checked_n_star(model: SyntheticSky, n_star: Any, limit_jy: Any) -> int:
 
 def _checked_integer(value: Any, where: str, low: int, high: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
-        raise InputError(f"{where} must be a whole number from {low} to {high}, got {value!r}")
+        raise InputError(f"{where} must be a whole number from {low} to {high}", value=value)
     return int(value)

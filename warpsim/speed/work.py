@@ -100,9 +100,9 @@ def speed_scene(n_pixel: int, psf: str = "airy", n_sensor: int = 1) -> Scene:
         InputError: An unknown psf, or a number that is out of range.
     """
     if psf not in PSFS:
-        raise InputError(f"psf: must be {' or '.join(PSFS)}, got {psf!r}")
+        raise InputError(f"must be {' or '.join(PSFS)}", "psf", psf)
     if n_sensor < 1:
-        raise InputError(f"n_sensor: must be >= 1, got {n_sensor}")
+        raise InputError("must be >= 1", "n_sensor", n_sensor)
     scene = Scene.load("stss")
     n_satellite = 28 * math.ceil(n_sensor * SATELLITES_PER_SENSOR / 28)
     return scene.replace(
@@ -122,7 +122,7 @@ def _watching(scene: Scene, n_sensor: int, n_frame: int) -> list[str]:
     seen = table[(table["start_s"] <= first_s) & (table["end_s"] >= last_s)]
     sensors = [str(name) for name in seen["sensor"]][:n_sensor]
     if len(sensors) < n_sensor:
-        raise InputError(f"n_sensor: {len(sensors)} sensors see the targets, got {n_sensor}")
+        raise InputError(f"{len(sensors)} sensors see the targets", "n_sensor", n_sensor)
     return sensors
 
 
@@ -136,7 +136,7 @@ def speed_catalog(scene: Scene, sensors: list[str], n_frame: int, n_star: int) -
         InputError: n_star is negative.
     """
     if n_star < 0:
-        raise InputError(f"n_star: must be >= 0, got {n_star}")
+        raise InputError("must be >= 0", "n_star", n_star)
     camera = scene.camera
     first_s, last_s = scene.frame_time_s([0, n_frame - 1])
     time_s = np.linspace(first_s, last_s, 17)

@@ -36,7 +36,7 @@ class Areas:
 
         aspect = plain_array(aspect_rad, "rad", "aspect_rad")
         if not np.isfinite(aspect).all():
-            raise InputError(f"aspect_rad: must be finite, got {aspect[~np.isfinite(aspect)].flat[0]}")
+            raise InputError("must be finite", "aspect_rad", aspect[~np.isfinite(aspect)].flat[0])
         inputs = wp.array(np.ravel(aspect), dtype=wp.float64, device="cpu")
         area = wp.empty_like(inputs)
         body = body_struct(self)
@@ -80,7 +80,7 @@ class Areas:
         try:
             views, suns = np.broadcast_arrays(views, suns)
         except ValueError:
-            raise InputError(f"view, sun: shapes must broadcast, got {views.shape} and {suns.shape}") from None
+            raise InputError(f"shapes must broadcast, got {views.shape} and {suns.shape}", "view, sun") from None
         return self._areas(reflected_area_kernel, views, suns)
 
     def _areas(self, kernel: Any, *directions: F64) -> F64:
@@ -102,13 +102,13 @@ def directions(name: str, value: npt.ArrayLike) -> F64:
     try:
         vectors = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"{name}: must be unit vectors, shape (3,) or (n, 3)") from None
+        raise InputError("must be unit vectors, shape (3,) or (n, 3)", name) from None
     if vectors.ndim == 0 or vectors.shape[-1] != 3:
-        raise InputError(f"{name}: must be unit vectors, shape (3,) or (n, 3), got shape {vectors.shape}")
+        raise InputError(f"must be unit vectors, shape (3,) or (n, 3), got shape {vectors.shape}", name)
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     wrong = ~(np.abs(length - 1) <= UNIT_TOLERANCE)
     if wrong.any():
-        raise InputError(f"{name}: must be unit vectors, got one of length {length[wrong][0]:.9g}")
+        raise InputError(f"must be unit vectors, got one of length {length[wrong][0]:.9g}", name)
     return np.asarray(vectors / length)
 
 
@@ -135,7 +135,7 @@ def body_struct(shape: Any, first_facet: int | None = None) -> Any:
         return body
     if shape.kind == "mesh":
         if first_facet is None:
-            raise InputError("shape: a mesh can be used only with the facets of its scene")
+            raise InputError("a mesh can be used only with the facets of its scene", "shape")
         body.first_facet, body.n_facet = first_facet, len(shape.surface.area_m2)
         return body
     if shape.kind == "plate":

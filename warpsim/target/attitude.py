@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BeforeValidator, Discriminator, Field, model_validator
 
-from warpsim.describe import Number, Vector, choice, closed_interval, part, part_error, rule_error
+from warpsim.config.fields import Number, Vector, closed_interval, rule_error
+from warpsim.config.model import choice, config_model
 from warpsim.errors import InputError
 from warpsim.quaternion import from_matrix, product
 from warpsim.streams import uniforms
@@ -53,7 +54,7 @@ Axis = Annotated[
 """A fixed direction, by its name or in GCRS axes."""
 
 
-@part
+@config_model
 class Attitude:
     """Motion of a body about a fixed direction: precession, rolling and spin, alone or together.
 
@@ -82,7 +83,7 @@ class Attitude:
     @model_validator(mode="after")
     def _has_direction(self) -> Attitude:
         if not isinstance(self.axis, str) and not any(self.axis):
-            raise part_error("axis: must not be the zero vector")
+            raise InputError("must not be the zero vector", "axis")
         return self
 
 
@@ -136,7 +137,7 @@ def _reference(attitude: Attitude, velocity_m_s: F64, u: F64) -> F64:
     if attitude.axis == "velocity":
         reference = np.asarray(velocity_m_s, dtype=np.float64)
         if not reference.any():
-            raise InputError("axis: must be 'random' or a vector for a target at rest, which has no velocity")
+            raise InputError("must be 'random' or a vector for a target at rest, which has no velocity", "axis")
     elif attitude.axis == "random":
         z = 2 * u[0] - 1
         ring = np.sqrt(1 - z * z)

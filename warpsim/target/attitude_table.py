@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
-from warpsim.describe import FileName, Number, part, part_error, rows_in
+from warpsim.config.fields import FileName, Number, rows_in
+from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.quaternion import in_one_hemisphere, rotation_between_rad, slerp, unit
 from warpsim.target.timed_rows import DATE_ROUNDING_S, TimedRows
@@ -62,7 +63,7 @@ class AttitudeRows(TimedRows):
         return slerp(self.quaternion[row], self.quaternion[row + 1], part)
 
 
-@part
+@config_model
 class AttitudeTable:
     """Rotation of a body from a table; give file, or time_s and quaternion.
 
@@ -87,16 +88,16 @@ class AttitudeTable:
     def _one_source(self) -> AttitudeTable:
         inline = self.time_s is not None or self.quaternion is not None
         if inline == (self.file is not None):
-            raise part_error("file, time_s: exactly one of a file, or time_s with quaternion, must be given")
+            raise InputError("exactly one of a file, or time_s with quaternion, must be given", "file, time_s")
         if inline and (self.time_s is None or self.quaternion is None):
-            raise part_error("time_s, quaternion: both must be given")
+            raise InputError("both must be given", "time_s, quaternion")
         if self.object is not None and self.file is None:
-            raise part_error(f"object: names an object of a file, which is not given, got {self.object!r}")
+            raise InputError("names an object of a file, which is not given", "object", self.object)
         if inline:
             try:
                 self._inline_rows  # noqa: B018  # checked here, where the scene's file is known
             except InputError as error:
-                raise part_error(str(error)) from None
+                raise error from None
         return self
 
     @cached_property
@@ -134,7 +135,7 @@ class AttitudeTable:
             chosen = _of_object(segments, self.object)
             rows = checked_rows(*_joined([attitude_in_gcrs(segment, epoch) for segment in chosen]))
         except InputError as error:
-            raise InputError(f"{self.file}: {error}") from None
+            raise error.of(self.file) from None
         return replace(rows, source=f"{self.file}: {chosen[0].object_name}")
 
     def span_s(self, epoch: Epoch) -> tuple[float, float]:
@@ -149,28 +150,29 @@ def checked_rows(time_s: F64, quaternion: F64) -> AttitudeRows:
         InputError: Lengths differ, times do not ascend, a norm is not 1, or neighbours differ by more than 170 degrees.
     """
     if len(time_s) != len(quaternion):
-        raise InputError(f"quaternion: must have a row for each of {len(time_s)} times, got {len(quaternion)}")
+        raise InputError(f"must have a row for each of {len(time_s)} times", "quaternion", len(quaternion))
     if len(time_s) == 0:
-        raise InputError("time_s: must hold at least one time")
+        raise InputError("must hold at least one time", "time_s")
     if not (np.isfinite(time_s).all() and np.isfinite(quaternion).all()):
-        raise InputError("time_s, quaternion: must be finite")
+        raise InputError("must be finite", "time_s, quaternion")
     (back,) = np.nonzero(np.diff(time_s) <= 0)
     if len(back):
         row = back[0]
-        raise InputError(f"time_s: must ascend, got {time_s[row + 1]:.17g} after {time_s[row]:.17g} in row {row + 1}")
+        raise InputError(f"must ascend, got {time_s[row + 1]:.17g} after {time_s[row]:.17g} in row {row + 1}", "time_s")
     with np.errstate(over="ignore"):  # infinity is no norm of 1 either
         norm = np.sqrt(np.sum(quaternion**2, axis=1))
     (wrong,) = np.nonzero(~(np.abs(norm - 1) <= NORM_TOLERANCE))
     if len(wrong):
         row = wrong[0]
-        raise InputError(f"quaternion: norm must be 1 within {NORM_TOLERANCE:g}, got {norm[row]:.6g} in row {row}")
+        raise InputError(f"norm must be 1 within {NORM_TOLERANCE:g}, got {norm[row]:.6g} in row {row}", "quaternion")
     rows = in_one_hemisphere(unit(quaternion))
     step_deg = np.degrees(rotation_between_rad(rows[:-1], rows[1:]))
     (far,) = np.nonzero(step_deg > LARGEST_STEP_DEG)
     if len(far):
         raise InputError(
-            f"quaternion: neighbours must differ by at most {LARGEST_STEP_DEG:g} deg of rotation (or the way round is "
-            f"not known), got {step_deg[far[0]]:.4g} deg from row {far[0]} to {far[0] + 1}"
+            f"neighbours must differ by at most {LARGEST_STEP_DEG:g} deg of rotation (or the way round is not known), "
+            f"got {step_deg[far[0]]:.4g} deg from row {far[0]} to {far[0] + 1}",
+            "quaternion",
         )
     return AttitudeRows(np.asarray(time_s, dtype=np.float64), rows)
 
@@ -179,9 +181,9 @@ def _of_object(segments: Sequence[Any], name: str | None) -> list[Any]:
     """Segments of one object, in the order of the file."""
     names = sorted({segment.object_name for segment in segments})
     if name is None and len(names) > 1:
-        raise InputError(f"object: must be given, the file holds {', '.join(names)}")
+        raise InputError(f"must be given, the file holds {', '.join(names)}", "object")
     if name is not None and name not in names:
-        raise InputError(f"object: must be one of {', '.join(names)}, got {name!r}")
+        raise InputError(f"must be one of {', '.join(names)}", "object", name)
     return [segment for segment in segments if name in (None, segment.object_name)]
 
 

@@ -79,9 +79,9 @@ def closed_surface(vertices_m: F64, faces: I64) -> ClosedSurface:
 def _check_numbers(vertices_m: F64, faces: I64) -> None:
     """Sizes, ranges and numbers that are none."""
     if len(faces) < 4:
-        raise InputError(f"must have at least 4 faces to be closed, got {len(faces)}")
+        raise InputError("must have at least 4 faces to be closed", value=len(faces))
     if len(faces) > MOST_FACES:
-        raise InputError(f"must have at most {MOST_FACES} faces, got {len(faces)}")
+        raise InputError(f"must have at most {MOST_FACES} faces", value=len(faces))
     (bad,) = np.nonzero(~np.isfinite(vertices_m).all(axis=1))
     if len(bad):
         raise InputError(f"vertices must be finite, got {vertices_m[bad[0]].tolist()} as vertex {bad[0]}")

@@ -66,7 +66,7 @@ def nodes_for(light: Light, error: float) -> int:
         if errors[light] <= error:
             return n_node
     best = min(errors[light] for errors in NODE_ERRORS.values())
-    raise InputError(f"error: must be at least {best:g} for {light} light of the Earth, got {error:g}")
+    raise InputError(f"must be at least {best:g} for {light} light of the Earth", "error", error, "g")
 
 
 def albedo_method(error: float, limb_sine: float) -> tuple[int, int]:
@@ -198,11 +198,11 @@ def _areas(kernel: Any, shape: Any, n_node: int, limb_sine: npt.ArrayLike, **vec
     given = {name: directions(name, value) for name, value in vectors.items()}
     sine = np.asarray(limb_sine, np.float64)
     if not (np.isfinite(sine).all() and (sine > 0.0).all()):
-        raise InputError(f"limb_sine: must be finite and > 0, got {sine[~(np.isfinite(sine) & (sine > 0))].flat[0]:g}")
+        raise InputError("must be finite and > 0", "limb_sine", sine[~(np.isfinite(sine) & (sine > 0))].flat[0], "g")
     try:
         common = np.broadcast_shapes(sine.shape, *(vector.shape[:-1] for vector in given.values()))
     except ValueError:
-        raise InputError(f"{', '.join(given)}, limb_sine: shapes must broadcast") from None
+        raise InputError("shapes must broadcast", f"{', '.join(given)}, limb_sine") from None
 
     def upload(values: F64, dtype: Any) -> Any:
         return wp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")

@@ -73,9 +73,9 @@ class Lump:
             InputError: There is none, as nothing is emitted or absorbed.
         """
         if self.emitted_w_k4 == 0:
-            raise InputError("start_k: must be a temperature where infrared_emissivity is 0, got 'equilibrium'")
+            raise InputError("must be a temperature where infrared_emissivity is 0, got 'equilibrium'", "start_k")
         if not np.all(absorbed_w > 0):
-            raise InputError("start_k: must be a temperature where nothing is absorbed, got 'equilibrium'")
+            raise InputError("must be a temperature where nothing is absorbed, got 'equilibrium'", "start_k")
         return np.asarray((absorbed_w / self.emitted_w_k4) ** 0.25)
 
 

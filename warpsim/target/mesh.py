@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BeforeValidator, Field, model_validator
 
-from warpsim.describe import FileName, Positive, part, part_error, rule_error
+from warpsim.config.fields import FileName, Positive, rule_error
+from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.exchange.source import Source, read_source
 from warpsim.target.areas import Areas
@@ -48,7 +49,7 @@ Places = Annotated[tuple[tuple[float, float, float], ...], BeforeValidator(_plac
 Triangles = Annotated[tuple[tuple[int, int, int], ...], BeforeValidator(_triangles)]
 
 
-@part
+@config_model
 class Mesh(Areas):
     """A closed triangle mesh; give `file`, or `vertices_m` and `faces`.
 
@@ -72,15 +73,15 @@ class Mesh(Areas):
     def _sound(self) -> Mesh:
         inline = self.vertices_m is not None or self.faces is not None
         if inline == (self.file is not None):
-            raise part_error("file, vertices_m: exactly one of a file, or vertices_m with faces, must be given")
+            raise InputError("exactly one of a file, or vertices_m with faces, must be given", "file, vertices_m")
         if inline and (self.vertices_m is None or self.faces is None):
-            raise part_error("vertices_m, faces: both must be given")
+            raise InputError("both must be given", "vertices_m, faces")
         if inline and self.scale_m != 1.0:
-            raise part_error(f"scale_m: belongs to a file, which is not given, got {self.scale_m:g}")
+            raise InputError("belongs to a file, which is not given", "scale_m", self.scale_m, "g")
         try:
             self.surface  # noqa: B018  # read and checked here
         except InputError as error:
-            raise part_error(f"file: {error}" if self.file is not None else f"faces: {error}") from None
+            raise error.within("faces" if self.file is None else "file") from None
         return self
 
     @cached_property
@@ -101,7 +102,7 @@ class Mesh(Areas):
         try:
             return closed_surface(vertices * self.scale_m, faces)
         except InputError as error:
-            raise InputError(f"{self.file}: {error}") from None
+            raise error.of(self.file) from None
 
     @property
     def surface_m2(self) -> float:
@@ -130,4 +131,4 @@ class Mesh(Areas):
         Raises:
             InputError: Always.
         """
-        raise InputError("aspect_rad: does not tell from where a mesh is seen; use projected_area_along_m2(view)")
+        raise InputError("does not tell from where a mesh is seen; use projected_area_along_m2(view)", "aspect_rad")

@@ -29,7 +29,7 @@ def read_mesh(source: Source) -> tuple[F64, I64]:
         import trimesh
     except ImportError:
         message = "a mesh file needs trimesh, which the extra `mesh` brings: pip install 'warpsim[mesh]'"
-        raise InputError(f"{source.file}: {message}") from None
+        raise InputError(f"{message}").of(source.file) from None
     ending = Path(source.file).suffix.lower().removeprefix(".")
     if ending == "obj":
         _check_obj(source)
@@ -40,9 +40,9 @@ def read_mesh(source: Source) -> tuple[F64, I64]:
         vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
     except Exception as error:  # each format of trimesh has errors of its own
         words = str(error).strip().splitlines() or [type(error).__name__]
-        raise InputError(f"{source.file}: cannot be read as {ending.upper() or 'a mesh'}: {words[0]}") from None
+        raise InputError(f"{words[0]}", f"cannot be read as {ending.upper() or 'a mesh'}").of(source.file) from None
     if not len(faces):
-        raise InputError(f"{source.file}: must hold faces, got none")
+        raise InputError("must hold faces, got none").of(source.file)
     return vertices.reshape(len(vertices), -1)[:, :3], faces
 
 

@@ -7,13 +7,14 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from warpsim.describe import Length, NonNegative, closed_interval, part
+from warpsim.config.fields import Length, NonNegative, closed_interval
+from warpsim.config.model import config_model
 from warpsim.target.areas import Areas
 from warpsim.target.areas import body_struct as body_struct
 from warpsim.target.mesh import Mesh
 
 
-@part
+@config_model
 class Sphere(Areas):
     """A sphere of radius_m [m]."""
 
@@ -26,7 +27,7 @@ class Sphere(Areas):
         return float(4 * np.pi * self.radius_m**2)
 
 
-@part
+@config_model
 class Cylinder(Areas):
     """A closed cylinder of radius_m and height_m [m]."""
 
@@ -40,7 +41,7 @@ class Cylinder(Areas):
         return float(2 * np.pi * self.radius_m * (self.radius_m + self.height_m))
 
 
-@part
+@config_model
 class Cone(Areas):
     """A closed cone of base radius_m and height_m [m]."""
 
@@ -54,7 +55,7 @@ class Cone(Areas):
         return float(np.pi * self.radius_m * (self.radius_m + np.hypot(self.radius_m, self.height_m)))
 
 
-@part
+@config_model
 class Frustum(Areas):
     """A closed cone cut off parallel to its base: radius_m at its base, top_radius_m at its top, height_m [m].
 
@@ -74,7 +75,7 @@ class Frustum(Areas):
         return float(ends_m2 + np.pi * (self.radius_m + self.top_radius_m) * slant_m)
 
 
-@part
+@config_model
 class Plate(Areas):
     """A thin rectangle of width_m (along x) and length_m (along y) [m], its normal along z; both faces count."""
 

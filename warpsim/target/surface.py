@@ -8,7 +8,8 @@ from typing import Annotated, Any
 from pydantic import PlainValidator, ValidationInfo, model_validator
 
 from warpsim.by_band import AS_DICT, ByBand, band_table
-from warpsim.describe import number_within, part, part_error, rule_error
+from warpsim.config.fields import number_within, rule_error
+from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.sky.bands import BANDS
 
@@ -29,7 +30,7 @@ Share = Annotated[float | Mapping[str, float], PlainValidator(_share), AS_DICT]
 """A share from 0 to 1, one for all bands or a table by band."""
 
 
-@part
+@config_model
 class Graybody:
     """Opaque surface that emits and reflects alike in all directions, within a band at all wavelengths.
 
@@ -47,7 +48,7 @@ class Graybody:
     @model_validator(mode="after")
     def _opaque(self) -> Graybody:
         if self.reflectance is None and self.emissivity is None:
-            raise part_error("give reflectance or emissivity")
+            raise InputError("give reflectance or emissivity")
         for band in BANDS:
             reflected, emitted = _in_band(self.reflectance, band), _in_band(self.emissivity, band)
             if reflected is None or emitted is None or abs(reflected + emitted - 1) <= OPAQUE_TOLERANCE:
@@ -55,7 +56,7 @@ class Graybody:
             tables = any(isinstance(given, Mapping) for given in (self.reflectance, self.emissivity))
             where = f" in band {band}" if tables else ""
             total = f"{reflected + emitted:g}"
-            raise part_error(f"emissivity + reflectance: must be 1 (opaque graybody){where}, got {total}")
+            raise InputError(f"emissivity + reflectance: must be 1 (opaque graybody){where}", value=total)
         return self
 
     @property
@@ -86,12 +87,12 @@ class Graybody:
         share = _in_band(value, band)
         if share is None:
             raise InputError(
-                f"surface: must give reflectance or emissivity in band {band}, got them in {', '.join(self.bands)}"
+                f"must give reflectance or emissivity in band {band}, got them in {', '.join(self.bands)}", "surface"
             )
         return share
 
 
 def _in_band(value: float | Mapping[str, float] | None, band: str) -> float | None:
     if band not in BANDS:
-        raise InputError(f"band: must be one of {', '.join(BANDS)}, got {band!r}")
+        raise InputError(f"must be one of {', '.join(BANDS)}", "band", band)
     return value.get(band) if isinstance(value, Mapping) else value

@@ -13,17 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, PlainValidator, ValidationInfo, model_validator
 
-from warpsim.describe import (
-    NonNegative,
-    Number,
-    Positive,
-    closed_interval,
-    number_within,
-    part,
-    part_error,
-    rows_in,
-    rule_error,
-)
+from warpsim.config.fields import NonNegative, Number, Positive, closed_interval, number_within, rows_in, rule_error
+from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.target.timed_rows import TimedRows
 
@@ -77,7 +68,7 @@ def interpolated(node_s: F64, value: F64, time_s: F64) -> F64:
     return np.asarray(start + (value[..., row + 1] - start) * share)
 
 
-@part
+@config_model
 class Temperature:
     """A temperature that changes linearly from the scene's start to its end, or stays.
 
@@ -97,7 +88,7 @@ class Temperature:
         return TemperatureRows(np.array([0.0, duration_s]), np.array([self.start_k, self.end_k]))
 
 
-@part
+@config_model
 class TemperatureTable:
     """Temperatures from a table, linear in time between its rows; give time_s and temperature_k, or file.
 
@@ -120,14 +111,14 @@ class TemperatureTable:
     def _one_source(self) -> TemperatureTable:
         inline = self.time_s is not None or self.temperature_k is not None
         if inline == (self.file is not None):
-            raise part_error("file, time_s: exactly one of a file, or time_s with temperature_k, must be given")
+            raise InputError("exactly one of a file, or time_s with temperature_k, must be given", "file, time_s")
         if inline:
             if self.time_s is None or self.temperature_k is None:
-                raise part_error("time_s, temperature_k: both must be given")
+                raise InputError("both must be given", "time_s, temperature_k")
             try:
                 self._inline_rows  # noqa: B018  # checked here, where the scene's file is known
             except InputError as error:
-                raise part_error(str(error)) from None
+                raise error from None
         return self
 
     @cached_property
@@ -163,7 +154,7 @@ class TemperatureTable:
         try:
             return checked_rows(instants.since(epoch), temperature_k, self.max_gap_s, places.__getitem__)
         except InputError as error:
-            raise InputError(f"{self.file}: {error}") from None
+            raise error.of(self.file) from None
 
 
 def checked_rows(
@@ -181,30 +172,33 @@ def checked_rows(
         InputError: Lengths differ, a value is missing or no temperature, times do not ascend, or there is a gap.
     """
     if len(time_s) != len(temperature_k):
-        raise InputError(f"temperature_k: must have one for each of {len(time_s)} times, got {len(temperature_k)}")
+        raise InputError(f"must have one for each of {len(time_s)} times", "temperature_k", len(temperature_k))
     if len(time_s) == 0:
-        raise InputError("time_s: must hold at least one time")
+        raise InputError("must hold at least one time", "time_s")
     for name, values in (("time_s", time_s), ("temperature_k", temperature_k)):
         (missing,) = np.nonzero(~np.isfinite(values))
         if len(missing):
             row = int(missing[0])
-            raise InputError(f"{where(row)}: {name}: must be finite, a table must have no gap, got {values[row]:g}")
+            raise InputError(
+                "must be finite, a table must have no gap", value=values[row], form="g"
+            ).of(name).of(where(row))
     (wrong,) = np.nonzero(~((temperature_k > 0) & (temperature_k <= HOTTEST_K)))
     if len(wrong):
         row = int(wrong[0])
-        raise InputError(f"{where(row)}: temperature_k: must be in (0, {HOTTEST_K:g}], got {temperature_k[row]:g}")
+        raise InputError(f"must be in (0, {HOTTEST_K:g}]", "temperature_k", temperature_k[row], "g").of(where(row))
     step_s = np.diff(time_s)
     (back,) = np.nonzero(step_s <= 0)
     if len(back):
         row = int(back[0]) + 1
-        raise InputError(f"{where(row)}: time_s: must ascend, got {time_s[row]:.17g} after {time_s[row - 1]:.17g}")
+        raise InputError(f"must ascend, got {time_s[row]:.17g} after {time_s[row - 1]:.17g}", "time_s").of(where(row))
     (gap,) = np.nonzero(step_s > (math.inf if max_gap_s is None else max_gap_s))
     if len(gap):
         row = int(gap[0]) + 1
         raise InputError(
-            f"{where(row)}: time_s: must be at most max_gap_s ({max_gap_s:g} s) after the row before, got a gap from "
-            f"{time_s[row - 1]:.9g} to {time_s[row]:.9g} s"
-        )
+            f"must be at most max_gap_s ({max_gap_s:g} s) after the row before, got a gap from {time_s[row - 1]:.9g} "
+            f"to {time_s[row]:.9g} s",
+            "time_s",
+        ).of(where(row))
     return TemperatureRows(np.asarray(time_s, dtype=np.float64), np.asarray(temperature_k, dtype=np.float64))
 
 
@@ -217,7 +211,7 @@ def _start(value: Any, info: ValidationInfo) -> float | str:
     return value
 
 
-@part
+@config_model
 class HeatBalance:
     """The temperature of a body of one temperature that the Sun and the Earth heat and that radiates from its surface.
 

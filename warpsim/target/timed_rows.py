@@ -45,7 +45,7 @@ class TimedRows:
         """
         first_s, last_s = self.span_s
         if first_s > start_s + DATE_ROUNDING_S or last_s < end_s - DATE_ROUNDING_S:
-            raise InputError(f"{self._head}must cover the scene, {_span(start_s, end_s)}, got {_span(first_s, last_s)}")
+            raise InputError(f"{self._head}must cover the scene, {_span(start_s, end_s)}", value=_span(first_s, last_s))
 
     def _times_within(self, time_s: npt.ArrayLike) -> F64:
         """Times as an array, none of them more than a second outside the rows."""
@@ -54,7 +54,7 @@ class TimedRows:
         outside = ~((time >= first_s - END_SLACK_S) & (time <= last_s + END_SLACK_S)) | np.isnan(time)
         if outside.any():
             span = _span(first_s, last_s)
-            raise InputError(f"{self._head}must be within the {self._of}, {span}, got {time[outside][0]:g}")
+            raise InputError(f"{self._head}must be within the {self._of}, {span}", value=time[outside][0], form="g")
         return time
 
 

@@ -55,7 +55,7 @@ def place_deg(table: SurveyTable, *pairs: Pair, radians: bool = False) -> tuple[
         return *_parts_deg(table), PARTS
     names = ", ".join(f"{ra} and {dec}" for ra, dec in pairs)
     found = ", ".join(table.table.colnames)
-    raise InputError(f"must have the columns of a place ({names}, or RAh, RAm, RAs, DE-, DEd, DEm, DEs), got {found}")
+    raise InputError(f"must have the columns of a place ({names}, or RAh, RAm, RAs, DE-, DEd, DEm, DEs)", value=found)
 
 
 def has_parts(table: SurveyTable) -> bool:

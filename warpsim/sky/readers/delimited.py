@@ -106,9 +106,9 @@ def check_cells(rows: Sequence[str], line_of_row: NDArray[np.int64], delimiter: 
     for row, line in enumerate(rows):
         n_found = len(cells_of(line, delimiter)) if '"' in line or delimiter == " " else line.count(delimiter) + 1
         if n_found != n_cell:
-            raise InputError(f"line {line_of_row[row]}: must have {n_cell} columns, got {n_found}")
+            raise InputError(f"must have {n_cell} columns", value=n_found).of(f"line {line_of_row[row]}")
         if line.startswith("-") and _DASHES.match(line.replace(delimiter, " ")):
-            raise InputError(f"line {line_of_row[row]}: must be a row, got a line of dashes (a second table?)")
+            raise InputError("must be a row, got a line of dashes (a second table?)").of(f"line {line_of_row[row]}")
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:

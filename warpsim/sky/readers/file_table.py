@@ -76,7 +76,7 @@ class FileTable(SurveyTable):
         except ValueError:
             row = next(row for row in np.flatnonzero(given).tolist() if not is_number(str(texts[row])))
             text = f"column {name}: must be a number, got {str(texts[row])!r}"
-            raise InputError(f"{self.where(row)}: {text}") from None
+            raise InputError(f"{text}").of(self.where(row)) from None
         return values
 
 

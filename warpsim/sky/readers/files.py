@@ -130,7 +130,7 @@ def _check_foreign(data: bytes) -> None:
     """Raise for files of well-known other kinds."""
     for magic, what in _FOREIGN:
         if data.startswith(magic):
-            raise InputError(f"must be a table of stars, got {what}")
+            raise InputError("must be a table of stars", value=what)
     head = data[:_N_HEAD].lstrip().lower()
     if head.startswith((b"<!doctype html", b"<html")):
         title = re.search(rb"<title>(.*?)</title>", data[:_N_HEAD], re.IGNORECASE | re.DOTALL)
@@ -202,11 +202,11 @@ def _read_by_readme(data: bytes, file_name: str, readme: Path) -> FileTable:
     try:
         text = readme.read_text("latin-1")
     except OSError as error:
-        raise InputError(f"readme: {readme} cannot be read ({error.strerror or error})") from None
+        raise InputError(f"cannot be read ({error.strerror or error})").of(readme).within("readme") from None
     try:
         layout = layout_from_readme(text, file_name)
     except InputError as error:
-        raise InputError(f"readme: {readme}: {error}") from None
+        raise error.of(readme).within("readme") from None
     lines = lines_of(data)
     return FileTable(read_fixed_width(lines, layout), lines.number)
 

@@ -171,18 +171,20 @@ def _check_lengths(lines: Lines, layout: Layout) -> None:
     short = np.flatnonzero(length < layout.shortest)
     if short.size:
         row = int(short[0])
-        raise InputError(f"line {lines.number[row]}: must have {layout.shortest} bytes, got {length[row]}")
+        raise InputError(f"must have {layout.shortest} bytes", value=length[row]).of(f"line {lines.number[row]}")
     for n_byte in np.unique(length[length < layout.length]).tolist():
         cut = layout.parts_cut_at(n_byte)
         if cut is not None:
             line = lines.number[int(np.flatnonzero(length == n_byte)[0])]
-            raise InputError(f"line {line}: column {cut.name} ({cut.bytes}): must be complete, got {n_byte} bytes")
+            raise InputError(
+                f"column {cut.name} ({cut.bytes}): must be complete, got {n_byte} bytes"
+            ).of(f"line {line}")
     if len(lines) and not lines.ends_with_break:
         # Without a line break the file may have been cut anywhere; other lines may tell how long one is.
         complete = min([layout.length, *length[:-1].tolist()])
         if length[-1] < complete:
             text = f"the file ends in the middle of a line, at {length[-1]} of {complete} bytes"
-            raise InputError(f"line {lines.number[-1]}: {text}")
+            raise InputError(f"{text}").of(f"line {lines.number[-1]}")
 
 
 def _characters(lines: Lines, layout: Layout) -> NDArray[np.uint8]:
@@ -230,4 +232,4 @@ def _values(chars: NDArray[np.uint8], field: Field, lines: Lines) -> NDArray[Any
 
 def _bad(field: Field, lines: Lines, text: NDArray[np.bytes_], row: int, rule: str) -> InputError:
     shown = text[row].decode("latin-1").strip()
-    return InputError(f"line {lines.number[row]}: column {field.name} ({field.bytes}): must {rule}, got {shown!r}")
+    return InputError(f"column {field.name} ({field.bytes}): must {rule}", value=shown).of(f"line {lines.number[row]}")

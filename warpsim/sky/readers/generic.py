@@ -54,26 +54,27 @@ def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
             file, or leaves out places or every brightness.
     """
     if not isinstance(columns, Mapping):
-        raise InputError(f"columns: must be a mapping such as {{'ra_deg': 'RAJ2000'}}, got {type(columns).__name__}")
+        raise InputError(f"must be a mapping such as {{'ra_deg': 'RAJ2000'}}, got {type(columns).__name__}", "columns")
     found = ", ".join(table.table.colnames)
     checked: dict[str, str] = {}
     for name, column in columns.items():
         if name not in COLUMNS:
-            raise InputError(f"columns: must be of {', '.join(COLUMNS)}, got {name!r}")
+            raise InputError(f"must be of {', '.join(COLUMNS)}", "columns", name)
         own_name = _own_name(table, str(column))
         if own_name is None:
-            raise InputError(f"columns: {name}: must be a column of the file ({found}), got {column!r}")
+            raise InputError(f"{name}: must be a column of the file ({found})", "columns", column)
         if name in _ANGLES and plain_name(own_name) in ("rah", "ded", "decd") and has_parts(table):
             raise InputError(
-                f"columns: {name}: {own_name} is one of RAh, RAm, RAs, DE-, DEd, DEm, DEs; leave ra_deg and dec_deg "
-                "out, and places are made of all of them"
+                f"{name}: {own_name} is one of RAh, RAm, RAs, DE-, DEd, DEm, DEs; leave ra_deg and dec_deg out, and "
+                "places are made of all of them",
+                "columns",
             )
         if own_name in checked.values():
-            raise InputError(f"columns: {name}: must be a column of its own, got {own_name!r} a second time")
+            raise InputError(f"{name}: must be a column of its own, got {own_name!r} a second time", "columns")
         checked[name] = own_name
     for band in BAND_NAMES:
         if flux_column(band) in checked and magnitude_column(band) in checked:
-            raise InputError(f"columns: must be one of {flux_column(band)} and {magnitude_column(band)}, got both")
+            raise InputError(f"must be one of {flux_column(band)} and {magnitude_column(band)}, got both", "columns")
     # What the argument does not speak of, and the table names as warpsim does.
     spoken_of = {name for band in BAND_NAMES for name in _names_of(band) if checked.keys() & _names_of(band)}
     checked |= {
@@ -82,7 +83,7 @@ def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
         if name not in checked and name not in spoken_of and column not in checked.values()
     }
     if not is_own(checked, table):
-        raise InputError(f"columns: must name ra_deg, dec_deg and a flux or magnitude, got {', '.join(checked)}")
+        raise InputError(f"must name ra_deg, dec_deg and a flux or magnitude, got {', '.join(checked)}", "columns")
     return checked
 
 
@@ -103,10 +104,10 @@ def _own_name(table: FileTable, column: str) -> str | None:
         try:
             unit = Unit(with_unit[2])
         except ValueError:
-            raise InputError(f"columns: {column}: must be in a unit known, got {with_unit[2]!r}") from None
+            raise InputError(f"{column}: must be in a unit known", "columns", with_unit[2]) from None
         stated = table.table[own_name].unit
         if stated is not None and stated != unit:
-            raise InputError(f"columns: {column}: must be in the unit that the file states, {stated}")
+            raise InputError(f"{column}: must be in the unit that the file states, {stated}", "columns")
         table.table[own_name].unit = unit
     return own_name
 
@@ -154,5 +155,5 @@ def _epoch_jyear(table: FileTable, column: str) -> float:
     """The one epoch of a column."""
     epochs = np.unique(table.number(column))
     if len(epochs) > 1 or np.isnan(epochs).any():
-        raise InputError(f"{column}: must be the same year in all rows, got {epochs[0]:g} and {epochs[-1]:g}")
+        raise InputError(f"must be the same year in all rows, got {epochs[0]:g} and {epochs[-1]:g}", column)
     return float(epochs[0]) if len(epochs) else J2000_JYEAR

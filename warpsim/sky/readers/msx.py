@@ -85,7 +85,7 @@ def _rate(table: SurveyTable, name: str, unit: str) -> Array:
     stated = table.table[own_name].unit
     if isinstance(stated, UnrecognizedUnit):
         if plain_name(str(stated)) not in _PER_CENTURY:
-            raise InputError(f"{own_name} must be in {unit} or the like, got {stated}")
+            raise InputError(f"{own_name} must be in {unit} or the like", value=stated)
         unit = ""
     return table.number(name, unit=unit)
 

@@ -55,15 +55,15 @@ def read_catalog(
     except TypeError:
         where = None
     if not isinstance(where, str) or "\0" in where:
-        raise InputError(f"path: must be a file name, got {type(path).__name__}")
+        raise InputError(f"must be a file name, got {type(path).__name__}", "path")
     if not isinstance(format, str | None):
-        raise InputError(f"format: must be a name, got {format!r}")
+        raise InputError("must be a name", "format", format)
     if not isinstance(readme, str | PathLike | None):
-        raise InputError(f"readme: must be a file name, got {readme!r}")
+        raise InputError("must be a file name", "readme", readme)
     survey = SURVEYS.get(format) if format is not None else None
     try:
         if survey is not None and columns is not None:
-            raise InputError(f"columns: must be left out where format names a survey, got format {format!r}")
+            raise InputError(f"must be left out where format names a survey, got format {format!r}", "columns")
         readme_path = None if readme is None else Path(readme)
         table = read_file(Path(where), None if survey else format, readme_path, survey.name if survey else None)
         own = own_columns(table) if columns is None else check_columns(columns, table)
@@ -71,7 +71,7 @@ def read_catalog(
             return _own_catalog(table, own, where, fill)
         return _survey_catalog(table, survey or _survey_of(table), where, fill)
     except InputError as error:
-        raise InputError(f"{where}: {_shown(str(error))}") from None
+        raise InputError(f"{_shown(str(error))}").of(where) from None
 
 
 def _shown(text: str) -> str:
@@ -94,9 +94,9 @@ def _survey_of(table: FileTable) -> Survey:
             telling = len(table.find(*survey.needs[0]) or "") > 2
             if telling and 2 * len(missing) <= len(survey.needs):
                 needed = ", ".join(" or ".join(names) for names in missing)
-                raise InputError(f"looks like {survey.name}, which must have the column {needed}, got {found}")
+                raise InputError(f"looks like {survey.name}, which must have the column {needed}", value=found)
         rule = f"the columns ra_deg, dec_deg and flux_A_jy or the like (argument columns), or those of {known}"
-        raise InputError(f"must have {rule}, got {found}")
+        raise InputError(f"must have {rule}", value=found)
     return max(fitting, key=lambda survey: len(survey.needs))
 
 
@@ -123,7 +123,7 @@ def _survey_catalog(table: FileTable, survey: Survey, where: str, fill: bool) ->
     for names in survey.needs:
         if table.find(*names) is None:
             found = ", ".join(table.table.colnames)
-            raise InputError(f"must have the column {' or '.join(names)} of {survey.name}, got {found}")
+            raise InputError(f"must have the column {' or '.join(names)} of {survey.name}", value=found)
     stars: SurveyStars = _rows_read(table, lambda: survey.convert(table))
     notes = list(stars.notes)
     if stars.epoch_jyear != J2000_JYEAR:

@@ -1,0 +1,1 @@
+"""Config models: the immutable, validated parts that scenes are made of."""

@@ -1,0 +1,152 @@
+"""Config models: frozen dataclasses that check every value on construction.
+
+`@config_model` turns a class body of annotated fields into one; the field types of `config.fields` carry the rules. A
+bad value raises `InputError`, whose text is one line: place, rule, value. A rule over several fields is a validator
+that raises `InputError` itself, with the path of the field that it is about.
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar, dataclass_transform
+
+from pydantic import ConfigDict, Field, Tag, ValidationError
+from pydantic.dataclasses import dataclass as pydantic_dataclass
+from pydantic.dataclasses import rebuild_dataclass
+from pydantic_core import ErrorDetails
+
+from warpsim.errors import NO_VALUE, InputError
+
+T = TypeVar("T")
+
+CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+
+TOO_DEEP = "is nested too deeply"
+"""The rule that parts within parts within parts break."""
+
+MOST_ERRORS = 4
+"""Errors of one report that are told."""
+
+Location = tuple[int | str, ...]
+"""Where pydantic found an error: fields, items of lists, tags of unions."""
+
+# Names seen by config_model: tags to leave out of paths, and fields to suggest for a misspelt one.
+_KINDS: set[str] = set()
+_FIELD_NAMES: set[str] = set()
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(Field,))
+def config_model(cls: type[T]) -> type[T]:
+    """Make cls a frozen dataclass that validates its fields and raises InputError with one clear line."""
+    decorated: Any = pydantic_dataclass(frozen=True, config=CONFIG)(cls)
+    names = list(decorated.__dataclass_fields__)
+    _FIELD_NAMES.update(names)
+    kind = getattr(cls, "kind", None)
+    if isinstance(kind, str):
+        _KINDS.add(kind)
+    _raise_input_errors(decorated, names)
+    return decorated  # type: ignore[no-any-return]
+
+
+def complete(cls: type[Any], **later: Any) -> None:
+    """Make a config model usable whose annotations name types defined after it; `later` holds them by name."""
+    rebuild_dataclass(cls, force=True, raise_errors=True, _types_namespace=later)
+    _raise_input_errors(cls, list(cls.__dataclass_fields__))
+
+
+def choice(tag: str) -> Tag:
+    """Return the tag of a member of a union that has no kinds; places in messages leave it out."""
+    _KINDS.add(tag)
+    return Tag(tag)
+
+
+def input_error(
+    report: ValidationError, positional: Sequence[str] = (), shorten: Callable[[Location], Location] | None = None
+) -> InputError:
+    """Return pydantic's report as one error of one line; several errors are joined by semicolons.
+
+    Args:
+        report: What pydantic raised.
+        positional: Names of the fields that were given by position.
+        shorten: Leaves out of a place what the user's short form of the input does not have.
+    """
+    details = report.errors(include_url=False)
+    if any(detail["type"].startswith("recursion") for detail in details):
+        return InputError(TOO_DEEP)
+    errors = [_one_error(detail, positional, shorten or (lambda place: place)) for detail in details[:MOST_ERRORS]]
+    return errors[0] if len(details) == 1 else InputError.several(errors, len(details) - len(errors))
+
+
+_RULES = {
+    "dataclass_type": "must be a table of fields",
+    "model_attributes_type": "must be a table of fields",
+    "string_type": "must be text",
+    "tuple_type": "must be a list",
+}
+"""What pydantic says in its own words, by its name of the error."""
+
+
+def _one_error(detail: ErrorDetails, positional: Sequence[str], shorten: Callable[[Location], Location]) -> InputError:
+    """One error of pydantic's report."""
+    place, kind, context = _path(detail["loc"], positional, shorten), detail["type"], detail.get("ctx", {})
+    rule, value = detail["msg"], detail["input"]
+    raised = context.get("error")
+    if isinstance(raised, InputError):
+        return raised.within(place)
+    if kind in ("missing", "missing_argument"):
+        rule, value = "is required", NO_VALUE
+    elif kind == "union_tag_not_found":
+        place, rule, value = f"{place}.kind" if place else "kind", "is required", NO_VALUE
+    elif kind in ("unexpected_keyword_argument", "extra_forbidden"):
+        rule, value = _unknown_field(str(detail["loc"][-1])), NO_VALUE
+    elif kind == "union_tag_invalid":
+        place, rule, value = f"{place}.kind", f"must be one of {context.get('expected_tags')}", context.get("tag")
+    elif kind == "literal_error":
+        rule = f"must be {context.get('expected')}"
+    elif kind == "too_long":
+        rule = f"must hold at most {context.get('max_length')}"
+    return InputError(_RULES.get(kind, rule), place, value)
+
+
+def _path(location: Location, positional: Sequence[str], shorten: Callable[[Location], Location]) -> str:
+    """Return `targets[2].shape.radius_m`; the tags that unions put into the path are left out."""
+    if location and isinstance(location[0], int) and location[0] < len(positional):
+        location = (positional[location[0]], *location[1:])
+    kept: list[int | str] = []
+    after_tag = True  # a tag follows the union's own place, and is followed by a field, which may be spelled like one
+    for item in location:
+        after_tag = not after_tag and item in _KINDS
+        if not after_tag:
+            kept.append(item)
+    text = ""
+    for item in shorten(tuple(kept)):
+        text += f"[{item}]" if isinstance(item, int) else f".{item}" if text else item
+    return text
+
+
+def _unknown_field(name: str) -> str:
+    """The rule for a field that a config model does not have."""
+    if name in _FIELD_NAMES:
+        return "is not a known field here (other parts have it)"
+    whole = sorted(field for field in _FIELD_NAMES if field.startswith(f"{name}_"))
+    close = whole if len(whole) == 1 else [] if whole else difflib.get_close_matches(name, _FIELD_NAMES, n=1)
+    return "is not a known field" + (f" (did you mean {close[0]}?)" if close else "")
+
+
+def _raise_input_errors(decorated: Any, names: list[str]) -> None:
+    """Let the constructor raise InputError where pydantic's raises ValidationError."""
+    validated_init = decorated.__init__
+
+    @functools.wraps(validated_init)
+    def __init__(self: Any, *args: Any, **kwargs: Any) -> None:
+        try:
+            validated_init(self, *args, **kwargs)
+        except ValidationError as error:
+            shorten = getattr(decorated, "shortened_place", None)
+            raise input_error(error, names, shorten and shorten(kwargs)).of(decorated.__name__) from None
+        except RecursionError:
+            raise InputError(TOO_DEEP).of(decorated.__name__) from None
+
+    decorated.__init__ = __init__
