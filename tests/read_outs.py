@@ -13,10 +13,10 @@ from warpsim.detector.levels import electron_levels, levels
 from warpsim.detector.nei import NeiDetector
 from warpsim.optics.camera import Camera
 from warpsim.optics.telescope import Optics
+from warpsim.radiometry.bands import BANDS
 from warpsim.render import stages
 from warpsim.render.buffers import new_light
 from warpsim.render.read_out import make_read_out
-from warpsim.sky.bands import BANDS
 
 N_SIGMA = 5.0
 N_SIGMA_TAIL = stats.norm.sf(N_SIGMA)  # one-sided probability behind the gates that are not Gaussian

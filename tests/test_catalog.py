@@ -13,7 +13,7 @@ import pytest
 from warpsim_catalogs import path as shipped_path
 
 from warpsim.errors import InputError
-from warpsim.sky.bands import BANDS, Band
+from warpsim.radiometry.bands import BANDS, Band
 from warpsim.sky.catalog import StarCatalog
 
 RECIPE = Path(__file__).parents[1] / "catalogs" / "build_hip_gaia_ir.py"

@@ -20,7 +20,7 @@ from astropy.table import MaskedColumn, Table
 
 import warpsim as ws
 from warpsim.errors import InputError
-from warpsim.sky.bands import BANDS
+from warpsim.radiometry.bands import BANDS
 
 PLACE_ATOL_DEG = 1e-11  # unit conversions and sums of sexagesimal parts in float64
 ROUNDED_ATOL_DEG = 5e-4  # places given to 0.1 s and 1 arcsec

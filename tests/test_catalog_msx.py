@@ -10,7 +10,7 @@ from astropy.table import MaskedColumn, Table
 
 import warpsim as ws
 from warpsim.errors import InputError
-from warpsim.sky.bands import BANDS
+from warpsim.radiometry.bands import BANDS
 
 BANDS_V98 = ("A", "B1", "B2", "C", "D", "E")  # order of the flux columns of V/98
 BANDS_PSC = ("B1", "B2", "A", "C", "D", "E")  # order of the band groups of V/107

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from warpsim.errors import InputError
+from warpsim.radiometry.bands import BANDS
 from warpsim.sky import hip_gaia, union_catalog
-from warpsim.sky.bands import BANDS
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.hip_gaia import Gaia, Hipparcos, match
 

@@ -6,7 +6,7 @@ The numbers are written out once more here: the published fits as they were prin
 import numpy as np
 import pytest
 
-from warpsim.sky.bands import BANDS
+from warpsim.radiometry.bands import BANDS
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.colours import (
     CLASS_EDGES_K,

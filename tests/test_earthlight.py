@@ -16,7 +16,7 @@ import warpsim as ws
 from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, SUN_RADIUS_M
 from warpsim.errors import InputError
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, geocentric_radius_m
-from warpsim.sky.sunlight import sun_irradiance_w_m2
+from warpsim.radiometry.sunlight import sun_irradiance_w_m2
 from warpsim.target import earthlight
 from warpsim.target.earthlight import absorbed_area_m2, albedo_area_m2, earth_area_m2, view_factor
 

@@ -27,7 +27,7 @@ def test_top_level_names(wheel):
     [
         "warpsim/py.typed",
         "warpsim/scene/presets/stss.toml",
-        "warpsim/sky/msx_responses.csv",
+        "warpsim/radiometry/msx_responses.csv",
         "warpsim_catalogs/hip_gaia_ir_v1.npz",
         "warpsim_catalogs/LICENSE-hip-gaia-ir.md",
         "warpsim_kernels/deposit_table.py",

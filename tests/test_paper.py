@@ -7,7 +7,7 @@ import pytest
 
 from warpsim import paper
 from warpsim.errors import InputError
-from warpsim.sky.bands import BANDS
+from warpsim.radiometry.bands import BANDS
 
 # Table 2 as printed: dynamic range at magnitudes 0 to 6.
 PRINTED = {

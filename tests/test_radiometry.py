@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from warpsim.errors import InputError
-from warpsim.sky.bands import BANDS, Band
+from warpsim.radiometry.bands import BANDS, Band
+from warpsim.radiometry.magnitudes import PHYSICS, as_radiometry
 from warpsim.sky.catalog import StarCatalog
-from warpsim.sky.radiometry import PHYSICS, as_radiometry
 
 PAPER, PHYSICAL = PHYSICS["paper"], PHYSICS["physical"]
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from warpsim.errors import InputError
+from warpsim.radiometry.bands import BANDS, Band
 from warpsim.sky import stellar_spectrum
-from warpsim.sky.bands import BANDS, Band
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.colours import CLASS_TEMPERATURE_K, flux_from_magnitude_a
 from warpsim.sky.stellar_spectrum import band_irradiance_w_cm2, engelke_temperature_k, interval_shares

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from warpsim.errors import InputError
-from warpsim.sky.bands import BANDS
+from warpsim.radiometry.bands import BANDS
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.synthetic import _CHUNK_STARS, GALACTIC_OF_ICRS
 

@@ -57,6 +57,10 @@ if TYPE_CHECKING:
     from warpsim.output.image_files import write_signal as write_signal
     from warpsim.output.preview import write_preview as write_preview
     from warpsim.output.run import render_to_folder as render_to_folder
+    from warpsim.radiometry.bands import BANDS as BANDS
+    from warpsim.radiometry.bands import Band as Band
+    from warpsim.radiometry.bands import band_radiance_w_m2_sr as band_radiance_w_m2_sr
+    from warpsim.radiometry.magnitudes import PHYSICS as PHYSICS
     from warpsim.render.deposit import deposit as deposit
     from warpsim.render.frameset import FrameSet as FrameSet
     from warpsim.render.light_curves import LightCurves as LightCurves
@@ -73,11 +77,7 @@ if TYPE_CHECKING:
     from warpsim.scene.scene import Scene as Scene
     from warpsim.sky.apparent import apparent_direction as apparent_direction
     from warpsim.sky.band_index import BandIndex as BandIndex
-    from warpsim.sky.bands import BANDS as BANDS
-    from warpsim.sky.bands import Band as Band
-    from warpsim.sky.bands import band_radiance_w_m2_sr as band_radiance_w_m2_sr
     from warpsim.sky.catalog import StarCatalog as StarCatalog
-    from warpsim.sky.radiometry import PHYSICS as PHYSICS
     from warpsim.speed.clock import measure_fps as measure_fps
     from warpsim.target.attitude import Attitude as Attitude
     from warpsim.target.attitude_table import AttitudeTable as AttitudeTable
@@ -114,10 +114,10 @@ _HOME = {
     "write_catalog": "warpsim.output.catalog_file",
     "BandIndex": "warpsim.sky.band_index",
     "apparent_direction": "warpsim.sky.apparent",
-    "PHYSICS": "warpsim.sky.radiometry",
-    "Band": "warpsim.sky.bands",
-    "BANDS": "warpsim.sky.bands",
-    "band_radiance_w_m2_sr": "warpsim.sky.bands",
+    "PHYSICS": "warpsim.radiometry.magnitudes",
+    "Band": "warpsim.radiometry.bands",
+    "BANDS": "warpsim.radiometry.bands",
+    "band_radiance_w_m2_sr": "warpsim.radiometry.bands",
     "Camera": "warpsim.optics.camera",
     "Distortion": "warpsim.optics.distortion",
     "Optics": "warpsim.optics.telescope",

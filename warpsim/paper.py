@@ -10,9 +10,9 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from warpsim.errors import InputError
-from warpsim.sky.radiometry import NEI_W_CM2 as NEI_W_CM2
-from warpsim.sky.radiometry import PHYSICS
-from warpsim.sky.radiometry import SEI_W_CM2 as SEI_W_CM2
+from warpsim.radiometry.magnitudes import NEI_W_CM2 as NEI_W_CM2
+from warpsim.radiometry.magnitudes import PHYSICS
+from warpsim.radiometry.magnitudes import SEI_W_CM2 as SEI_W_CM2
 
 _PAPER = PHYSICS["paper"]
 

@@ -6,11 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from warpsim.by_band import NonNegativeByBand, ShareByBand
 from warpsim.config.fields import NonNegative, Positive, Switch, closed_interval
 from warpsim.config.model import config_model
 from warpsim.detector.fields import BadShare, Bits, Diffusion, GainSpread, Nonlinearity, PositiveExposure
 from warpsim.errors import InputError
+from warpsim.radiometry.by_band import NonNegativeByBand, ShareByBand
 
 
 @config_model

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from warpsim.by_band import in_band
 from warpsim.constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from warpsim.detector.electron import ElectronDetector
 from warpsim.detector.nei import NeiDetector
 from warpsim.errors import InputError
-from warpsim.sky.bands import BANDS, band_radiance_w_m2_sr
+from warpsim.radiometry.bands import BANDS, band_radiance_w_m2_sr
+from warpsim.radiometry.by_band import in_band
 
 if TYPE_CHECKING:
     from warpsim.optics.camera import Camera

@@ -6,12 +6,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from warpsim.by_band import PositiveByBand, in_band
 from warpsim.config.fields import Integer, NonNegative, Positive, Switch, closed_interval
 from warpsim.config.model import config_model
 from warpsim.detector.fields import BadShare, Bits, Diffusion, Exposure, GainSpread, Nonlinearity
 from warpsim.errors import InputError
-from warpsim.sky.bands import BANDS
+from warpsim.radiometry.bands import BANDS
+from warpsim.radiometry.by_band import PositiveByBand, in_band
 
 
 @config_model

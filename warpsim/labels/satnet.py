@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from warpsim.labels.boxes import CORNER_PX, blur_half_px, box_around
 from warpsim.labels.table import BOX_COLUMNS
+from warpsim.radiometry.magnitudes import PHYSICS
 from warpsim.render.frameset import FrameSet
-from warpsim.sky.radiometry import PHYSICS
 
 if TYPE_CHECKING:
     from astropy.table import Row, Table

@@ -15,11 +15,11 @@ import numpy.typing as npt
 from pydantic import PlainValidator
 from pydantic_core import PydanticCustomError
 
-from warpsim.by_band import AS_DICT, ByBand
 from warpsim.config.fields import rule_error, whole_path
 from warpsim.errors import InputError
 from warpsim.exchange.source import Source, read_source
-from warpsim.sky.bands import BANDS
+from warpsim.radiometry.bands import BANDS
+from warpsim.radiometry.by_band import AS_DICT, ByBand
 
 
 def _file_or_table(value: Any) -> str | ByBand[str]:

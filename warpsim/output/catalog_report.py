@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.plot.sky import magnitude_counts
-from warpsim.sky.bands import BANDS
+from warpsim.radiometry.bands import BANDS
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_MEASURED, FLUX_NONE, FLUX_PREDICTED
 from warpsim.sky.synthetic import GALACTIC_OF_ICRS

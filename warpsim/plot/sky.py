@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.plot.figure import new_axes
 from warpsim.plot.partition import PARTITIONS, SORTED, Partition, costs_by_latitude, cover_of, is_split
-from warpsim.sky.bands import BANDS
+from warpsim.radiometry.bands import BANDS
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.space_motion import place_of
 from warpsim.sky.synthetic import GALACTIC_OF_ICRS

@@ -16,11 +16,11 @@ from warpsim_kernels.targets import make_observe_targets_kernel
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.legendre import series_matrix
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M
+from warpsim.radiometry.bands import band_radiance_w_m2_sr
 from warpsim.render.turning import Turning, make_turning, motion_struct
 from warpsim.render.warmth import Warmth, make_radiance, make_warmth
 from warpsim.scene.exposure import exposure_rule
 from warpsim.scene.scene import Scene
-from warpsim.sky.bands import band_radiance_w_m2_sr
 from warpsim.target.albedo_table import albedo_table
 from warpsim.target.areas import body_struct
 from warpsim.target.earthlight import albedo_method, rule_struct

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M
 from warpsim.orbit.eclipse import sunlit_depth
-from warpsim.sky.bands import band_radiance_w_m2_sr
+from warpsim.radiometry.bands import band_radiance_w_m2_sr
 
 if TYPE_CHECKING:
     from warpsim.scene.scene import Scene

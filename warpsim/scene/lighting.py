@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated
 
-from warpsim.by_band import AS_DICT, ByBand, within
 from warpsim.config.fields import NonNegative, Number, Switch, closed_interval
 from warpsim.config.model import config_model
-from warpsim.sky.sunlight import sun_irradiance_w_m2
+from warpsim.radiometry.by_band import AS_DICT, ByBand, within
+from warpsim.radiometry.sunlight import sun_irradiance_w_m2
 
 EARTH_K = MappingProxyType({"B1": 235.0, "B2": 235.0, "A": 275.0, "C": 275.0, "D": 225.0, "E": 260.0})
 """Brightness temperature of the Earth seen from space [K], a mean over places and weather: B1 and B2 look at carbon

@@ -30,6 +30,7 @@ from warpsim.orbit.arc import BallisticArc, UtcText
 from warpsim.orbit.epoch import instant, utc_time
 from warpsim.orbit.rules import AccessConstraints
 from warpsim.quaternion import rotated
+from warpsim.radiometry.bands import BANDS
 from warpsim.scene.attitudes import table_rows, target_attitudes
 from warpsim.scene.carry_over import carry_over
 from warpsim.scene.changes import changed
@@ -40,7 +41,6 @@ from warpsim.scene.parts import AnyConstellation, Frames, Release, Sky, TargetGr
 from warpsim.scene.pointing import Pointing, TablePointing, TrackPointing
 from warpsim.scene.rules import check_scene
 from warpsim.scene.temperatures import target_temperatures, temperature_tables
-from warpsim.sky.bands import BANDS
 from warpsim.target.temperature import TemperatureRows
 from warpsim.target.timed_rows import END_SLACK_S
 

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
-from warpsim.sky.bands import BANDS, Band, as_band
+from warpsim.radiometry.bands import BANDS, Band, as_band
+from warpsim.radiometry.magnitudes import PHYSICS, Physics, as_radiometry
 from warpsim.sky.catalog_columns import (
     BAND_NAMES,
     J2000_JYEAR,
@@ -25,7 +26,6 @@ from warpsim.sky.catalog_columns import (
     columns_of_table,
     table_of,
 )
-from warpsim.sky.radiometry import PHYSICS, Physics, as_radiometry
 from warpsim.sky.space_motion import paper_motion, rigorous_motion
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from warpsim.sky.bands import BANDS
+from warpsim.radiometry.bands import BANDS
 from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_NONE, FLUX_PREDICTED
 
 Array = NDArray[np.float64]

@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
-from warpsim.sky.bands import BANDS, RADIATION_1_W_M2_SR, RADIATION_2_M_K, Band, as_band
+from warpsim.radiometry.bands import BANDS, RADIATION_1_W_M2_SR, RADIATION_2_M_K, Band, as_band
+from warpsim.radiometry.quadrature import composite_rule, gauss_rule
 from warpsim.sky.colours import CLASS_TEMPERATURE_K, UNKNOWN_COLOUR_CLASS
-from warpsim.sky.quadrature import composite_rule, gauss_rule
 
 Array = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.bands import BANDS
+from warpsim.radiometry.bands import BANDS
 from warpsim.sky.catalog import StarCatalog, make_catalog
 from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_PREDICTED, J2000_JYEAR
 from warpsim.sky.colours import CLASS_TEMPERATURE_K, flux_from_magnitude_a

@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 from pydantic import PlainValidator, ValidationInfo, model_validator
 
-from warpsim.by_band import AS_DICT, ByBand, band_table
 from warpsim.config.fields import number_within, rule_error
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
-from warpsim.sky.bands import BANDS
+from warpsim.radiometry.bands import BANDS
+from warpsim.radiometry.by_band import AS_DICT, ByBand, band_table
 
 OPAQUE_TOLERANCE = 1e-9
 """How far from 1 the sum of a given emissivity and reflectance may be."""

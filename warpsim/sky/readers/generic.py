@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from warpsim.errors import InputError
-from warpsim.sky.bands import BANDS
+from warpsim.radiometry.bands import BANDS
 from warpsim.sky.catalog_columns import BAND_NAMES, J2000_JYEAR, NUMBER_UNITS, flag_column, flux_column
 from warpsim.sky.readers.angles import angle_deg, has_parts, place_deg
 from warpsim.sky.readers.file_table import FileTable

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.bands import BANDS
+from warpsim.radiometry.bands import BANDS
 from warpsim.sky.colours import RELATIONS
 from warpsim.sky.readers.survey import SurveyTable
 

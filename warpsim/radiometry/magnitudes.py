@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.bands import BANDS, Band
+from warpsim.radiometry.bands import BANDS, Band
 
 if TYPE_CHECKING:
     from astropy.table import Table

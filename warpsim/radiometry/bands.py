@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import BOLTZMANN_J_K, PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
-from warpsim.sky.quadrature import composite_rule, gauss_rule
+from warpsim.radiometry.quadrature import composite_rule, gauss_rule
 
 Array = NDArray[np.float64]
 
@@ -214,7 +214,7 @@ _MSX_ZERO_POINTS = {
 def _msx_bands() -> dict[str, Band]:
     """Join the shipped responses and the zero points."""
     nodes: dict[str, list[tuple[float, float]]] = {}
-    text = files("warpsim.sky").joinpath("msx_responses.csv").read_text(encoding="ascii")
+    text = files("warpsim.radiometry").joinpath("msx_responses.csv").read_text(encoding="ascii")
     for row in csv.DictReader(text.splitlines()):
         nodes.setdefault(row["band"], []).append((float(row["wavelength_um"]), float(row["response"])))
     bands = {}

@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 
 from warpsim.config.fields import number_within, rule_error
 from warpsim.errors import InputError
-from warpsim.sky.bands import BANDS
+from warpsim.radiometry.bands import BANDS
 
 V = TypeVar("V")
 

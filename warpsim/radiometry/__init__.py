@@ -1,0 +1,1 @@
+"""Bands and their responses, Planck's law, the Sun, magnitudes."""
