@@ -12,7 +12,7 @@ from scipy import stats
 
 import warpsim as ws
 from warpsim.cli import main
-from warpsim.dataset.distributions import Choice, LogUniform, Normal, Uniform, WholeNumbers
+from warpsim.config.distributions import Choice, LogUniform, Normal, Uniform, WholeNumbers
 from warpsim.dataset.identity import difference, identity_of, key_of
 from warpsim.dataset.layout import ImageKey, image_id, shards_of
 from warpsim.dataset.sequences import (

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 
 import warpsim as ws
 from warpsim.cli import main
-from warpsim.dataset.distributions import KINDS
+from warpsim.config.distributions import KINDS
 from warpsim.dataset.sequences import check_extremes
 from warpsim.orbit.constellations import Constellation, NamedOrbit
 from warpsim.orbit.paths import Orbit

@@ -68,13 +68,25 @@ if TYPE_CHECKING:
     from warpsim.render.renderer import Renderer as Renderer
     from warpsim.render.stream import StreamStats as StreamStats
     from warpsim.scene.files import presets as presets
+    from warpsim.scene.groups import Release as Release
+    from warpsim.scene.groups import TargetGroup as TargetGroup
+    from warpsim.scene.groups import TargetSpec as TargetSpec
     from warpsim.scene.lighting import Lighting as Lighting
+    from warpsim.scene.pointing import Bias as Bias
+    from warpsim.scene.pointing import Drift as Drift
     from warpsim.scene.pointing import FixedPointing as FixedPointing
     from warpsim.scene.pointing import Jitter as Jitter
     from warpsim.scene.pointing import PointingRow as PointingRow
+    from warpsim.scene.pointing import PointingStep as PointingStep
+    from warpsim.scene.pointing import SchedulePointing as SchedulePointing
+    from warpsim.scene.pointing import Slew as Slew
     from warpsim.scene.pointing import TablePointing as TablePointing
     from warpsim.scene.pointing import TrackPointing as TrackPointing
+    from warpsim.scene.scenario import Scenario as Scenario
     from warpsim.scene.scene import Scene as Scene
+    from warpsim.scene.sensors import Frames as Frames
+    from warpsim.scene.sensors import Sensor as Sensor
+    from warpsim.scene.sky import Sky as Sky
     from warpsim.sky.apparent import apparent_direction as apparent_direction
     from warpsim.sky.band_index import BandIndex as BandIndex
     from warpsim.sky.catalog import StarCatalog as StarCatalog
@@ -94,6 +106,13 @@ if TYPE_CHECKING:
 
 _HOME = {
     "Scene": "warpsim.scene.scene",
+    "Scenario": "warpsim.scene.scenario",
+    "Sensor": "warpsim.scene.sensors",
+    "Frames": "warpsim.scene.sensors",
+    "TargetGroup": "warpsim.scene.groups",
+    "TargetSpec": "warpsim.scene.groups",
+    "Release": "warpsim.scene.groups",
+    "Sky": "warpsim.scene.sky",
     "presets": "warpsim.scene.files",
     "Renderer": "warpsim.render.renderer",
     "FrameSet": "warpsim.render.frameset",
@@ -153,6 +172,11 @@ _HOME = {
     "FixedPointing": "warpsim.scene.pointing",
     "TablePointing": "warpsim.scene.pointing",
     "PointingRow": "warpsim.scene.pointing",
+    "SchedulePointing": "warpsim.scene.pointing",
+    "PointingStep": "warpsim.scene.pointing",
+    "Slew": "warpsim.scene.pointing",
+    "Bias": "warpsim.scene.pointing",
+    "Drift": "warpsim.scene.pointing",
     "Jitter": "warpsim.scene.pointing",
     "EphemerisOrbit": "warpsim.orbit.ephemeris",
     "EphemerisSatellites": "warpsim.orbit.ephemeris",

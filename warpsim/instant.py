@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
+from warpsim.constants import DAY_S
+
 if TYPE_CHECKING:
     from astropy.time import Time
 
@@ -45,6 +47,20 @@ class Instant:
     utc: JulianDate
     tai: JulianDate
     tt: JulianDate
+
+
+def instant_after(start: Instant, time_s: float) -> Instant:
+    """The instant some SI seconds after another one, good to 1e-10 s; itself after none."""
+    import erfa
+
+    if time_s == 0.0:
+        return start
+    tai = _julian_date(start.tai.jd1, start.tai.jd2 + time_s / DAY_S)
+    with years_ahead():
+        utc = _julian_date(*erfa.taiutc(*tai))
+        year, month, day, (hour, minute, second, fraction) = erfa.d2dtf("UTC", 3, *utc)
+    isot = f"{int(year):04}-{int(month):02}-{int(day):02}T{hour:02}:{minute:02}:{second:02}.{fraction:03}"
+    return Instant(isot, utc, tai, _julian_date(*erfa.taitt(*tai)))
 
 
 Epoch: TypeAlias = "Time | Instant"

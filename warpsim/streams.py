@@ -7,6 +7,7 @@ conversion to uniforms is done here.
 from __future__ import annotations
 
 import zlib
+from statistics import NormalDist
 
 import numpy as np
 import numpy.typing as npt
@@ -17,3 +18,9 @@ def uniforms(seed: int, purpose: str, item: int, n: int) -> npt.NDArray[np.float
     key = (zlib.crc32(purpose.encode()) << 32) | item
     bits = np.random.Philox(key=(np.uint64(seed & (2**64 - 1)), np.uint64(key))).random_raw(n)
     return (np.right_shift(bits, np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53
+
+
+def normals(seed: int, purpose: str, item: int, n: int) -> npt.NDArray[np.float64]:
+    """N unit normal deviates that depend only on seed, purpose and item; shape (n,)."""
+    inverse = NormalDist().inv_cdf
+    return np.array([inverse(float(u)) for u in uniforms(seed, purpose, item, n)])

@@ -109,7 +109,8 @@ class LightPath:
     range_m: wp.float64
     emission_time_s: wp.float64
     apparent: wp.vec3d  # unit direction the observer sees, aberration included; 0 for a body at the observer
-    stowed: int  # not 0: the body had not left its carrier
+    not_deployed: int  # not 0: the body had not left its carrier
+    absent: int  # not 0: the body was not there
 
 
 @wp.func
@@ -147,25 +148,29 @@ def path_from_body(
 
 
 @wp.struct
-class Releases:
-    """When bodies leave what carries them."""
+class Presence:
+    """When bodies leave what carries them, and when they are there at all."""
 
     release_s: wp.array[wp.float64]  # (n_body,) far in the past where nothing carries the body
     carrier: wp.array[wp.int32]  # (n_body,) row in the tracks
+    exists_s: wp.array[wp.vec2d]  # (n_body,) from when to when
 
 
 @wp.func
 def path_from_target(
     position_m: wp.array2d[wp.vec3d],
     velocity_m_s: wp.array2d[wp.vec3d],
-    releases: Releases,
+    presence: Presence,
     body: int,
     grid: NodeGrid,
     observer: Observer,
 ) -> LightPath:
-    """As path_from_body, with a target at the place of its carrier until its release."""
+    """As path_from_body, with a target at the position of its carrier until its release."""
     path = path_from_body(position_m, velocity_m_s, body, grid, observer)
-    if path.emission_time_s < releases.release_s[body]:
-        path = path_from_body(position_m, velocity_m_s, releases.carrier[body], grid, observer)
-        path.stowed = 1
+    if path.emission_time_s < presence.release_s[body]:
+        path = path_from_body(position_m, velocity_m_s, presence.carrier[body], grid, observer)
+        path.not_deployed = 1
+    exists_s = presence.exists_s[body]
+    if path.emission_time_s < exists_s[0] or path.emission_time_s > exists_s[1]:
+        path.absent = 1
     return path

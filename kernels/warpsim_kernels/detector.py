@@ -40,8 +40,6 @@ class PixelScalars:
     most: float  # level of hot pixels and of the brightest light, beyond saturation
     dead_below: wp.uint32  # random words of dead pixels
     hot_below: wp.uint32  # complements of random words of hot pixels
-    seed_low: wp.uint32
-    seed_high: wp.uint32
     # in NEI terms
     counts_per_w_cm2: float
     counts_per_nei: float
@@ -58,6 +56,7 @@ class Detector:
     """A detector's arrays."""
 
     pixels: wp.array[PixelScalars]  # (n_band,)
+    keys: wp.array[wp.vec2ui]  # (n_sensor,) of all noise: each sensor has its own
     deviates: wp.array[float]  # (n_deviate + STRIP_PIXELS,) the template; its first ones stand again at its end
     n_deviate: int
     n_pixel: int  # of an image

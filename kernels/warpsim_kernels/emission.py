@@ -58,7 +58,7 @@ class Seen:
 
 @wp.func
 def irradiance_per_intensity(seen: Seen, view: int, target: int) -> wp.float64:
-    """W/cm2 at the pupil for each W/sr; 0 when the target is occulted or stowed."""
+    """W/cm2 at the pupil for each W/sr; 0 when the target is occulted, not deployed or absent."""
     if (seen.flags[view, target] & DARK) != 0:
         return wp.float64(0.0)
     distance_m = wp.max(seen.range_m[view, target], wp.float64(1.0))

@@ -160,7 +160,7 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
     def read_out_kernel(
         # in
         view_frame: wp.array[wp.uint32],  # (n_view,)
-        view_sensor: wp.array[wp.uint32],  # (n_view,)
+        view_sensor: wp.array[wp.uint32],  # (n_view,) index among the detector's keys
         band_id: wp.array[wp.uint32],  # (n_band,)
         detector: Detector,
         first_strip: int,  # of each image
@@ -183,13 +183,11 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
         view = image // band_id.shape[0]
         band = image - view * band_id.shape[0]
         frame = view_frame[view]
-        sensor = view_sensor[view]
+        sensor_key = detector.keys[int(view_sensor[view])]
         number = band_id[band]
         d = detector.pixels[band]
-        low = d.seed_low
-        high = d.seed_high
         still = wp.uint32(0)  # the frame of what stays with a pixel
-        key = stream_key(frame, sensor, number, STREAM_NOISE, block, low, high)
+        key = stream_key(frame, number, STREAM_NOISE, block, sensor_key)
         # What is off is stood in for by what is there, and not read.
         read_key = key
         gain_key = key
@@ -199,19 +197,19 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
         column_key = key
         template_key = key
         if wp.static(features.read_noise):
-            read_key = stream_key(frame, sensor, number, STREAM_READ_NOISE, block, low, high)
+            read_key = stream_key(frame, number, STREAM_READ_NOISE, block, sensor_key)
         if wp.static(features.prnu):
-            gain_key = stream_key(still, sensor, number, STREAM_GAIN, block, low, high)
+            gain_key = stream_key(still, number, STREAM_GAIN, block, sensor_key)
         if wp.static(features.dsnu):
-            offset_key = stream_key(still, sensor, number, STREAM_OFFSET, block, low, high)
+            offset_key = stream_key(still, number, STREAM_OFFSET, block, sensor_key)
         if wp.static(features.bad_pixels):
-            bad_key = stream_key(still, sensor, number, STREAM_BAD, block, low, high)
+            bad_key = stream_key(still, number, STREAM_BAD, block, sensor_key)
         if wp.static(features.small_means):
-            few_key = stream_key(frame, sensor, number, STREAM_FEW, block, low, high)
+            few_key = stream_key(frame, number, STREAM_FEW, block, sensor_key)
         if wp.static(features.column_noise):
-            column_key = stream_key(frame, sensor, number, STREAM_COLUMN, 0, low, high)
+            column_key = stream_key(frame, number, STREAM_COLUMN, 0, sensor_key)
         if wp.static(features.template):
-            template_key = stream_key(frame, sensor, number, STREAM_NOISE, 0, low, high)
+            template_key = stream_key(frame, number, STREAM_NOISE, 0, sensor_key)
 
         flag_place = image * flags_of_image(detector.n_pixel)
         for strip in range(
@@ -285,21 +283,20 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
 def fill_template_kernel(
     # in
     n_deviate: int,
-    seed_low: wp.uint32,
-    seed_high: wp.uint32,
+    key: wp.vec2ui,
     # out
     deviates: wp.array[float],  # (n_deviate + STRIP_PIXELS,)
 ):
     """The template's unit normal deviates; its first ones stand again at its end."""
-    place = wp.tid()
-    number = place % n_deviate
+    index = wp.tid()
+    number = index % n_deviate
     pair = number // 2
     none = wp.uint32(0)
-    key = stream_key(none, none, none, STREAM_TEMPLATE, pair // PAIRS_PER_BLOCK, seed_low, seed_high)
+    words = stream_key(none, none, STREAM_TEMPLATE, pair // PAIRS_PER_BLOCK, key)
     in_block = wp.uint32(pair % PAIRS_PER_BLOCK)
-    radius = normal_radius(hashed(in_block, key[0], key[1]))
-    angle = hashed(in_block, key[2], key[3])
+    radius = normal_radius(hashed(in_block, words[0], words[1]))
+    angle = hashed(in_block, words[2], words[3])
     if number % 2 == 0:
-        deviates[place] = normal_cosine(radius, angle)
+        deviates[index] = normal_cosine(radius, angle)
     else:
-        deviates[place] = normal_sine(radius, angle)
+        deviates[index] = normal_sine(radius, angle)

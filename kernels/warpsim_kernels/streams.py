@@ -1,7 +1,7 @@
-"""Which random words belong to what: every draw of a read-out is a pure function of seed, place and purpose.
+"""Random words of a read-out: every draw is a pure function of sensor, frame, band, pixel and purpose.
 
-Two levels. Philox4x32 keyed by the seed, with counter (frame, sensor, band, stream and block of pixels), yields four
-keys; a short hash with two of them turns the number of a pixel pair within the block into 32 bits. Any frame is
+Two levels. Philox4x32 keyed by the sensor's own 64 bits, with counter (frame, band, stream and block of pixels), yields
+four keys; a short hash with two of them turns the number of a pixel pair within the block into 32 bits. Any frame is
 therefore the same alone, in any batch, on any worker. What stays with a pixel from frame to frame has streams of its
 own, in which the frame is always 0.
 
@@ -15,7 +15,7 @@ import warp as wp
 from warpsim_kernels.philox import philox4x32
 
 STREAM_NOISE = wp.constant(wp.uint32(1))
-"""Noise of each frame, in electrons the shot noise; 2 is the jitter (jitter.py), which has the same key."""
+"""Noise of each frame, in electrons the shot noise; numbers of errors of pointing are in jitter.py and pointing_errors.py."""
 STREAM_READ_NOISE = wp.constant(wp.uint32(3))
 STREAM_FEW = wp.constant(wp.uint32(4))
 """Uniforms of pixels with few electrons. They must not be those that the pixel's neighbour, which may have many
@@ -38,16 +38,14 @@ _STREAM_BITS = wp.constant(wp.uint32(8))
 @wp.func
 def stream_key(
     frame: wp.uint32,
-    sensor: wp.uint32,
     band: wp.uint32,
     stream: wp.uint32,
     block: int,
-    seed_low: wp.uint32,
-    seed_high: wp.uint32,
+    sensor_key: wp.vec2ui,
 ) -> wp.vec4ui:
     """Random words that belong to one image, one stream and one block of pixels."""
     purpose = stream | (wp.uint32(block) << _STREAM_BITS)
-    return philox4x32(wp.vec4ui(frame, sensor, band, purpose), seed_low, seed_high)
+    return philox4x32(wp.vec4ui(frame, wp.uint32(0), band, purpose), sensor_key[0], sensor_key[1])
 
 
 @wp.func

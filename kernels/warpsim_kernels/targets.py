@@ -4,7 +4,7 @@ import functools
 
 import warp as wp
 
-from warpsim_kernels.apparent import Releases, observer_of, path_from_target
+from warpsim_kernels.apparent import Presence, observer_of, path_from_target
 from warpsim_kernels.camera import Camera, depth, projection, within_frame
 from warpsim_kernels.earth import is_occulted
 from warpsim_kernels.motion import NodeGrid, hermite_velocity_m_s, linear_rate, linear_vector
@@ -14,9 +14,10 @@ from warpsim_kernels.temperature import temperature_k
 IN_FOV = wp.constant(1)
 OCCULTED = wp.constant(2)
 BEHIND = wp.constant(4)
-STOWED = wp.constant(8)
-DARK = wp.constant(10)
-"""Bits of the flag word of an observation; DARK is OCCULTED | STOWED."""
+NOT_DEPLOYED = wp.constant(8)
+ABSENT = wp.constant(16)
+DARK = wp.constant(26)
+"""Bits of the flag word of an observation; DARK is OCCULTED | NOT_DEPLOYED | ABSENT. An absent target has no other."""
 
 
 @functools.cache
@@ -35,7 +36,7 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
         position_m: wp.array2d[wp.vec3d],  # (n_body, n_node)
         velocity_m_s: wp.array2d[wp.vec3d],  # (n_body, n_node)
         earth_velocity_m_s: wp.array[wp.vec3d],  # (n_node,)
-        releases: Releases,
+        presence: Presence,
         grid: NodeGrid,
         first_target: int,  # row of the first target in the tracks
         targets: wp.array[Target],  # (n_target,)
@@ -54,7 +55,7 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
         albedo_area_m2_sr: wp.array2d[wp.float64],  # (n_view, n_target)
         sunlit: wp.array2d[wp.float64],  # (n_view, n_target)
         temperature: wp.array2d[wp.float64],  # (n_view, n_target) [K]
-        flags: wp.array2d[wp.int32],  # (n_view, n_target) IN_FOV | OCCULTED | BEHIND | STOWED
+        flags: wp.array2d[wp.int32],  # (n_view, n_target) IN_FOV | OCCULTED | BEHIND | NOT_DEPLOYED, or ABSENT
         area_series: wp.array4d[wp.float64],  # (n_view, n_target, N_TERM, n_exposure); empty unless profiles are kept
     ):
         """Geometry of every (view, target); the threads of a view take its targets in turn."""
@@ -67,7 +68,7 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
         sun_m_s = linear_rate(surroundings.sun_m, time_s, grid)
         for target_id in range(lane, targets.shape[0], n_lane):
             target = targets[target_id]
-            path = path_from_target(position_m, velocity_m_s, releases, first_target + target_id, grid, observer)
+            path = path_from_target(position_m, velocity_m_s, presence, first_target + target_id, grid, observer)
             flag = int(0)
             place_px = wp.vec2d(wp.float64(-1.0e9), wp.float64(-1.0e9))
             if depth(axes, path.apparent) > wp.float64(0.0):
@@ -78,8 +79,11 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
                 flag = BEHIND
             if is_occulted(observer.position_m, path.vector_m, surroundings.earth):
                 flag = flag | OCCULTED
-            if path.stowed != 0:
-                flag = flag | STOWED
+            if path.not_deployed != 0:
+                flag = flag | NOT_DEPLOYED
+            if path.absent != 0:
+                flag = ABSENT
+                place_px = wp.vec2d(wp.float64(-1.0e9), wp.float64(-1.0e9))
 
             towards_sensor = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))  # of a sensor at the target
             if path.range_m > wp.float64(0.0):

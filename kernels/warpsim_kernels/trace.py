@@ -8,7 +8,7 @@ import functools
 
 import warp as wp
 
-from warpsim_kernels.apparent import Releases, observer_of, path_from_target
+from warpsim_kernels.apparent import Presence, observer_of, path_from_target
 from warpsim_kernels.camera import Camera, depth, projection
 from warpsim_kernels.motion import NodeGrid, linear_vector
 
@@ -96,7 +96,7 @@ def make_trace_targets_kernel(distortion: bool) -> wp.Kernel:
         position_m: wp.array2d[wp.vec3d],  # (n_body, n_node)
         velocity_m_s: wp.array2d[wp.vec3d],  # (n_body, n_node)
         earth_velocity_m_s: wp.array[wp.vec3d],  # (n_node,)
-        releases: Releases,
+        presence: Presence,
         grid: NodeGrid,
         first_target: int,  # row of the first target in the tracks
         camera: Camera,
@@ -115,7 +115,7 @@ def make_trace_targets_kernel(distortion: bool) -> wp.Kernel:
             time_s = path_time_s[view, k]
             earth_velocity = linear_vector(earth_velocity_m_s, time_s, grid)
             observer = observer_of(time_s, grid, path_position_m[view, k], earth_velocity, path_velocity_m_s[view, k])
-            path = path_from_target(position_m, velocity_m_s, releases, first_target + target, grid, observer)
+            path = path_from_target(position_m, velocity_m_s, presence, first_target + target, grid, observer)
             if depth(path_axes[view, k], path.apparent) <= _ASIDE:
                 forget_series(offset_px, view, target, instants.n_path)
                 return

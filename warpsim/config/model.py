@@ -21,7 +21,7 @@ from warpsim.errors import NO_VALUE, InputError
 
 T = TypeVar("T")
 
-CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, populate_by_name=True)
 
 TOO_DEEP = "is nested too deeply"
 """The rule that parts within parts within parts break."""

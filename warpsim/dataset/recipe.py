@@ -21,7 +21,7 @@ from warpsim.config.fields import (
     rule_error,
 )
 from warpsim.config.model import config_model, input_error
-from warpsim.dataset.distributions import Distribution
+from warpsim.config.distributions import Distribution
 from warpsim.dataset.samples import flat_names, with_absolute_choices
 from warpsim.errors import InputError
 from warpsim.scene.files import presets, read_scene_data

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from warpsim.config.fields import rule_error
-from warpsim.dataset.distributions import KINDS, is_distribution
+from warpsim.config.distributions import KINDS, is_distribution
 from warpsim.scene.files import named_files, with_absolute_paths
 
 

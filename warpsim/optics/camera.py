@@ -117,7 +117,7 @@ class Camera:
         return math.degrees(across), math.degrees(down)
 
     @property
-    def landmarks(self) -> F64:
+    def sample_points(self) -> F64:
         """Unit directions, in camera axes, of the array's corners, the middles of its edges and its centre, (9, 3)."""
         x, y = self.centre_px
         steps = (-0.5, 0.0, 0.5)

@@ -7,7 +7,7 @@ jumps (`scan.with_breaks`) and close passes (`passes.py`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,17 +42,28 @@ class Intervals:
         return cls(np.arange(n_row), np.full(n_row, float(start_s)), np.full(n_row, float(end_s)))
 
     def shared(self, other: Intervals) -> Intervals:
-        """Where both hold."""
-        n = len(self.row) + len(other.row)
-        row = np.concatenate([self.row, other.row, self.row, other.row])
-        time_s = np.concatenate([self.start_s, other.start_s, self.end_s, other.end_s])
-        step = np.repeat([1, -1], n)
-        order = np.lexsort((-step, time_s, row))  # at one time, beginnings before ends
-        row, time_s, step = row[order], time_s[order], step[order]
-        count = np.cumsum(step)
-        begins = (count == 2) & (step == 1)
-        ends = (count == 1) & (step == -1)
-        return Intervals(row[begins], time_s[begins], time_s[ends])
+        """Return where both hold."""
+        return _where_many([self, other], 2)
+
+    @classmethod
+    def union(cls, some: Sequence[Intervals]) -> Intervals:
+        """Return where one of some holds, or several."""
+        return _where_many(some, 1)
+
+
+def _where_many(some: Sequence[Intervals], least: int) -> Intervals:
+    """Where at least so many of some hold; those of each do not overlap."""
+    start_row, end_row = (np.concatenate([np.empty(0, np.int64), *(one.row for one in some)]) for _ in range(2))
+    start_s = np.concatenate([np.empty(0), *(one.start_s for one in some)])
+    end_s = np.concatenate([np.empty(0), *(one.end_s for one in some)])
+    row, time_s = np.concatenate([start_row, end_row]), np.concatenate([start_s, end_s])
+    step = np.repeat([1, -1], len(start_row))
+    order = np.lexsort((-step, time_s, row))  # at one time, beginnings before ends
+    row, time_s, step = row[order], time_s[order], step[order]
+    count = np.cumsum(step)
+    begins = (count == least) & (step == 1)
+    ends = (count == least - 1) & (step == -1)
+    return Intervals(row[begins], time_s[begins], time_s[ends])
 
 
 def find_intervals(at: PairFunction, at_point: PointFunction, scan: Scan, within: Intervals) -> Intervals:

@@ -39,6 +39,9 @@ MOST_NODES = 30_000_000
 MOST_ROUGH_NODES = 5_000_000
 """Nodes of all objects together to which steps are shortened for motion that is not smooth."""
 
+ALWAYS_S = (-math.inf, math.inf)
+"""Span of a track that matters throughout [s]."""
+
 _N_TRIAL = 96
 _N_LOOK = 12
 _PAIRS_PER_PIECE = 8_000_000  # states asked for at once: J2's take 1.1 GB, SGP4's 1.8 GB
@@ -80,7 +83,7 @@ def sample_tracks(
     start_s: float,
     step_s: float,
     n_node: int,
-    first_s: ArrayLike = -math.inf,
+    counted_s: ArrayLike = ALWAYS_S,
     ends: tuple[int, int] | None = None,
 ) -> list[Track]:
     """Sample the objects of one propagator on a node grid and measure each one's interpolation error.
@@ -91,8 +94,8 @@ def sample_tracks(
         start_s: Time of the first node [s].
         step_s: Node spacing [s].
         n_node: Number of nodes, at least 2.
-        first_s: From when on each object's track matters, one for all or one each [s]; the error of intervals that end
-            before is not counted.
+        counted_s: From when to when each object's track matters, a pair for all or one each [s], (n_object, 2); the
+            error of intervals that lie outside is not counted.
         ends: Numbers of the nodes at which the scene begins and ends; the acceleration may jump there, as where a file
             of states ends.
 
@@ -108,9 +111,9 @@ def sample_tracks(
         if some_m.shape[1] != len(names):
             raise InputError(f"must be {some_m.shape[1]}, one per object", "names", len(names))
         position_m[piece], velocity_m_s[begin // 2 : (begin + rows) // 2] = some_m, some_m_s[::2]
-    firsts = np.broadcast_to(first_s, len(names))
+    spans_s = np.broadcast_to(counted_s, (len(names), 2))
     return [
-        _one_track(name, start_s, step_s, position_m[:, i], velocity_m_s[:, i], firsts[i], ends)
+        _one_track(name, start_s, step_s, position_m[:, i], velocity_m_s[:, i], spans_s[i], ends)
         for i, name in enumerate(names)
     ]
 
@@ -132,13 +135,14 @@ def _one_track(
     step_s: float,
     dense_m: F64,
     velocity_m_s: F64,
-    first_s: float,
+    counted_s: F64,
     ends: tuple[int, int] | None,
 ) -> Track:
     """Track of positions at nodes and middles, (2 n - 1, 3), and velocities at nodes, (n, 3)."""
     used_m_s, missed_m = _judged(dense_m, velocity_m_s, step_s, ends)
     p, v = np.ascontiguousarray(dense_m[::2]), np.ascontiguousarray(used_m_s)
-    missed_m[start_s + step_s * np.arange(1, len(p)) <= first_s] = 0.0
+    node_s = start_s + step_s * np.arange(len(p))
+    missed_m[(node_s[1:] <= counted_s[0]) | (node_s[:-1] >= counted_s[1])] = 0.0
     worst = int(np.argmax(missed_m))
     return Track(name, start_s, step_s, p, v, float(missed_m[worst]), start_s + (worst + 0.5) * step_s)
 
@@ -197,7 +201,7 @@ def choose_step_s(
     state: StateFunction,
     duration_s: float,
     error_m: float = TRACK_ERROR_M,
-    first_s: ArrayLike = -math.inf,
+    counted_s: ArrayLike = ALWAYS_S,
     longest_s: float = 3600.0,
     shortest_s: float = SHORTEST_STEP_S,
     names: Sequence[str] = (),
@@ -214,7 +218,7 @@ def choose_step_s(
         state: Propagator.
         duration_s: Length of the scene [s].
         error_m: Bound [m].
-        first_s: As for sample_tracks.
+        counted_s: As for sample_tracks.
         longest_s: Longest step [s].
         shortest_s: Shortest step [s].
         names: Of the objects, for error texts.
@@ -230,7 +234,7 @@ def choose_step_s(
     before = math.inf, step_s  # error and step of the last shorter trial
     too_long_s = math.inf
     for _ in range(24):
-        worst_m = _trial_error_m(states, duration_s, step_s, first_s)
+        worst_m = _trial_error_m(states, duration_s, step_s, counted_s)
         ratio = (0.8 * error_m / max(worst_m, 1e-300)) ** 0.25
         if 1.0 <= ratio < 1.3:
             return step_s
@@ -249,7 +253,7 @@ def choose_step_s(
     return step_s
 
 
-def _trial_error_m(state: StateFunction, duration_s: float, step_s: float, first_s: ArrayLike) -> float:
+def _trial_error_m(state: StateFunction, duration_s: float, step_s: float, counted_s: ArrayLike) -> float:
     """Largest error of intervals: all of a short scene, or those at places spread evenly over a long one."""
     n_interval = _n_step(duration_s, step_s)
     if n_interval <= _N_TRIAL:
@@ -259,7 +263,8 @@ def _trial_error_m(state: StateFunction, duration_s: float, step_s: float, first
     else:
         begin_s = step_s + (duration_s - 3.0 * step_s) * np.mod(_GOLDEN * np.arange(_N_TRIAL), 1.0)
         missed_m, end_s = _missed_at(state, begin_s, step_s), begin_s + step_s
-    counts = end_s[:, None] > np.broadcast_to(first_s, missed_m.shape[1])
+    first_s, last_s = np.moveaxis(np.broadcast_to(counted_s, (missed_m.shape[1], 2)), -1, 0)
+    counts = (end_s[:, None] > first_s) & (end_s[:, None] - step_s < last_s)
     return float(missed_m[counts].max(initial=0.0))
 
 
@@ -296,7 +301,7 @@ def make_tracks(
     state: StateFunction,
     duration_s: float,
     error_m: float = TRACK_ERROR_M,
-    first_s: ArrayLike = -math.inf,
+    counted_s: ArrayLike = ALWAYS_S,
     longest_s: float = 3600.0,
 ) -> list[Track]:
     """Sample objects with one node step for all, chosen so that the measured error stays below error_m.
@@ -306,7 +311,7 @@ def make_tracks(
         state: Propagator of all of them.
         duration_s: Length of the scene [s].
         error_m: Bound [m]; smooth motion keeps it, other motion is told by `Track.error_m`.
-        first_s: As for sample_tracks.
+        counted_s: As for sample_tracks.
         longest_s: Longest step [s].
 
     Raises:
@@ -314,11 +319,11 @@ def make_tracks(
             so long that the nodes would not fit into memory.
     """
     shortest_s = max(SHORTEST_STEP_S, duration_s * len(names) / MOST_NODES)
-    step_s = choose_step_s(state, duration_s, error_m, first_s, longest_s, shortest_s, names)
+    step_s = choose_step_s(state, duration_s, error_m, counted_s, longest_s, shortest_s, names)
     shortest_s = max(shortest_s, min(0.5 * step_s, duration_s * len(names) / MOST_ROUGH_NODES))
     first: tuple[float, float] | None = None  # error and step of the first sampling
     while True:
-        tracks = _sampled(names, state, duration_s, step_s, first_s)
+        tracks = _sampled(names, state, duration_s, step_s, counted_s)
         worst_m = max(track.error_m for track in tracks)
         if worst_m <= error_m or step_s <= shortest_s:
             break
@@ -333,7 +338,7 @@ def make_tracks(
         rough = max(tracks, key=lambda track: track.error_m)
         if SHORTEST_STEP_S < step_s <= shortest_s:
             longer_s = _even_step_s(duration_s, 2.0 * step_s)
-            longer_m = max(track.error_m for track in _sampled(names, state, duration_s, longer_s, first_s))
+            longer_m = max(track.error_m for track in _sampled(names, state, duration_s, longer_s, counted_s))
             if longer_m > 2.0**0.5 * worst_m:
                 raise InputError(
                     f"the scene must be short enough for its orbit nodes to fit into memory, but even {step_s:.3g} s "
@@ -348,9 +353,9 @@ def make_tracks(
 
 
 def _sampled(
-    names: Sequence[str], state: StateFunction, duration_s: float, step_s: float, first_s: ArrayLike
+    names: Sequence[str], state: StateFunction, duration_s: float, step_s: float, counted_s: ArrayLike
 ) -> list[Track]:
     """Tracks over a scene that the step divides evenly; outside it the motion may go on as it likes."""
     start_s, n_node = node_grid(duration_s, step_s)
     epoch = round(-start_s / step_s)
-    return sample_tracks(names, state, start_s, step_s, n_node, first_s, (epoch, n_node - 2))
+    return sample_tracks(names, state, start_s, step_s, n_node, counted_s, (epoch, n_node - 2))

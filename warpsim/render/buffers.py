@@ -13,7 +13,7 @@ from warpsim_kernels.signature import N_TERM
 from warpsim_kernels.strips import STRIP_PIXELS, n_flag
 
 if TYPE_CHECKING:
-    from warpsim.render.world import TargetWorld, World
+    from warpsim.render.device_scene import DeviceBodies, DeviceScene
 
 SIGNAL_BYTES_PER_CHUNK = 32 * 2**20
 """What the signal of a chunk's images would take on the CPU, so much that the Python of a chunk, 50 to 150 us, does not
@@ -138,9 +138,9 @@ class Chunk:
         return int(self.counts.shape[0])
 
 
-def observation_columns(world: TargetWorld) -> dict[str, tuple[Any, tuple[int, ...]]]:
+def observation_columns(scene: DeviceBodies) -> dict[str, tuple[Any, tuple[int, ...]]]:
     """Warp type and shape within a view of each array of Observations."""
-    number, n_target = (wp.float64, (world.n_target,)), world.n_target
+    number, n_target = (wp.float64, (scene.n_target,)), scene.n_target
     return {
         "xy_px": (wp.vec2d, (n_target,)),
         "range_m": number,
@@ -152,17 +152,17 @@ def observation_columns(world: TargetWorld) -> dict[str, tuple[Any, tuple[int, .
         "sunlit": number,
         "temperature_k": number,
         "flags": (wp.int32, (n_target,)),
-        "irradiance_w_cm2": (wp.float32, (world.n_band, n_target)),
-        "offset_px": (wp.vec2, (n_target, world.streaks.n_path)),
-        "brightness": (wp.float32, (world.n_band, n_target, world.field.n_profile)),
+        "irradiance_w_cm2": (wp.float32, (scene.n_band, n_target)),
+        "offset_px": (wp.vec2, (n_target, scene.streaks.n_path)),
+        "brightness": (wp.float32, (scene.n_band, n_target, scene.field.n_profile)),
     }
 
 
-def new_observations(world: TargetWorld, n_view: int) -> Observations:
+def new_observations(scene: DeviceBodies, n_view: int) -> Observations:
     """Observations of n_view views, 0 where nothing writes."""
-    columns = observation_columns(world).items()
+    columns = observation_columns(scene).items()
     return Observations(
-        **{name: wp.zeros((n_view, *shape), dtype=dtype, device=world.device) for name, (dtype, shape) in columns}
+        **{name: wp.zeros((n_view, *shape), dtype=dtype, device=scene.device) for name, (dtype, shape) in columns}
     )
 
 
@@ -192,23 +192,23 @@ def part_of_light(light: Light, n_view: int) -> Light:
     return Light(light.flat, light.signal_w_cm2[:n_view], light.lit[:n_view])
 
 
-def new_sources(world: World, n_view: int, n_slot: int) -> Sources:
+def new_sources(scene: DeviceScene, n_view: int, n_slot: int) -> Sources:
     """Uninitialised source lists of n_view views."""
-    device, n_path = world.device, world.streaks.n_path
+    device, n_path = scene.device, scene.streaks.n_path
     return Sources(
         wp.empty(n_view, dtype=wp.int32, device=device),
         wp.empty((n_view, n_slot), dtype=wp.vec2d, device=device),
-        wp.empty((n_view, world.n_band, n_slot), dtype=wp.float32, device=device),
+        wp.empty((n_view, scene.n_band, n_slot), dtype=wp.float32, device=device),
         wp.empty((n_view, n_slot), dtype=wp.int32, device=device),
         wp.empty((n_view, n_slot if n_path else 0), dtype=wp.vec3d, device=device),
         wp.empty((n_view, n_slot, n_path), dtype=wp.vec2, device=device),
-        wp.empty((n_view, world.n_target, N_TERM, world.field.n_profile), dtype=wp.float64, device=device),
+        wp.empty((n_view, scene.n_target, N_TERM, scene.field.n_profile), dtype=wp.float64, device=device),
     )
 
 
-def new_views(world: TargetWorld, time_s: Any, frame: Any, sensor: Any) -> Views:
+def new_views(scene: DeviceBodies, time_s: Any, frame: Any, sensor: Any) -> Views:
     """Views of given times, frame numbers and sensor rows, each of shape (n_view,); geometry still to be aimed."""
-    n_view, device = len(time_s), world.device
+    n_view, device = len(time_s), scene.device
     times = wp.array(time_s, dtype=wp.float64, device=device)
     return Views(
         times,
@@ -221,7 +221,7 @@ def new_views(world: TargetWorld, time_s: Any, frame: Any, sensor: Any) -> Views
         wp.empty(n_view, dtype=wp.int32, device=device),
         wp.empty(n_view, dtype=wp.int32, device=device),
         wp.empty(n_view, dtype=wp.vec2d, device=device),
-        new_path_views(device, world.streaks.offset_s, time_s, sensor) if world.streaks.wanted else None,
+        new_path_views(device, scene.streaks.offset_s, time_s, sensor) if scene.streaks.wanted else None,
     )
 
 
@@ -267,19 +267,19 @@ def part_of(arrays: Any, first: int, end: int) -> Any:
     return type(arrays)(*(part(getattr(arrays, field.name)) for field in fields(arrays)))
 
 
-def images_at_a_time(world: World, n_pixel: int, n_view: int) -> int:
+def images_at_a_time(scene: DeviceScene, n_pixel: int, n_view: int) -> int:
     """Views of a chunk whose images are drawn and read out together."""
-    fitting = max(1, SIGNAL_BYTES_AT_A_TIME // (4 * world.n_band * n_pixel))
-    return n_view if world.device.is_cuda else min(n_view, fitting)
+    fitting = max(1, SIGNAL_BYTES_AT_A_TIME // (4 * scene.n_band * n_pixel))
+    return n_view if scene.device.is_cuda else min(n_view, fitting)
 
 
-def views_per_chunk(world: World, n_pixel: int, n_slot: int, chunk_bytes: int | None = None) -> int:
+def views_per_chunk(scene: DeviceScene, n_pixel: int, n_slot: int, chunk_bytes: int | None = None) -> int:
     """Views whose signal would fit the chunk's share of memory, and whose source lists and records do; at least one."""
-    share = chunk_bytes or (SIGNAL_BYTES_PER_CHUNK_CUDA if world.device.is_cuda else SIGNAL_BYTES_PER_CHUNK)
-    signal_bytes = 4 * world.n_band * n_pixel
-    slot_bytes = 16 + 4 * world.n_band + 4  # position, irradiance, star
-    if world.streaks.wanted:
-        slot_bytes += 24 + 8 * world.streaks.n_path  # direction, movement
-    series_bytes = 8 * N_TERM * world.field.n_profile * world.n_target
-    view_bytes = slot_bytes * n_slot + series_bytes + world.observation_rows.n_byte
+    share = chunk_bytes or (SIGNAL_BYTES_PER_CHUNK_CUDA if scene.device.is_cuda else SIGNAL_BYTES_PER_CHUNK)
+    signal_bytes = 4 * scene.n_band * n_pixel
+    slot_bytes = 16 + 4 * scene.n_band + 4  # position, irradiance, star
+    if scene.streaks.wanted:
+        slot_bytes += 24 + 8 * scene.streaks.n_path  # direction, movement
+    series_bytes = 8 * N_TERM * scene.field.n_profile * scene.n_target
+    view_bytes = slot_bytes * n_slot + series_bytes + scene.observation_rows.n_byte
     return max(1, int(min(share // signal_bytes, share // view_bytes)))

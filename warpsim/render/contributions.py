@@ -19,8 +19,8 @@ from warpsim_kernels.targets import BEHIND
 from warpsim.optics.psf_bank import rule_of_band, stamp_rule
 from warpsim.render.buffers import Observations
 from warpsim.render.device import rows_per_block
+from warpsim.render.device_scene import DeviceScene
 from warpsim.render.streaks import paths_struct
-from warpsim.render.world import World
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
@@ -52,13 +52,13 @@ class TargetLight:
     """Draws targets of rendered views, each alone.
 
     Args:
-        world: That the views were rendered in.
+        scene: That the views were rendered in.
         seen: Observations of the views.
         shape: Rows and columns of the array.
     """
 
-    def __init__(self, world: World, seen: Observations, shape: tuple[int, int]) -> None:
-        self._world, self.shape = world, shape
+    def __init__(self, scene: DeviceScene, seen: Observations, shape: tuple[int, int]) -> None:
+        self._device_scene, self.shape = scene, shape
         self.xy_px: F64 = np.asarray(seen.xy_px.numpy())
         """Place in the middle of the exposure, shape (n_view, n_target, 2)."""
         self.irradiance_w_cm2: F32 = np.asarray(seen.irradiance_w_cm2.numpy())
@@ -81,10 +81,10 @@ class TargetLight:
             origin_px: Column and row at which each plane begins, shape (n, 2).
             shape: Rows and columns of every plane.
         """
-        world, n_plane = self._world, len(view)
+        scene, n_plane = self._device_scene, len(view)
         if n_plane == 0:
             return np.zeros((0, *shape), dtype=np.float32)
-        device = world.device
+        device = scene.device
 
         def upload(values: Any, dtype: Any) -> wp.array:
             return wp.array(np.ascontiguousarray(values), dtype=dtype, device=device)
@@ -95,13 +95,13 @@ class TargetLight:
             upload(self.irradiance_w_cm2[view, band, target][:, None, None], wp.float32),
         ]
         paths = None
-        if world.streaks.wanted:
+        if scene.streaks.wanted:
             moving = upload(self.offset_px[view, target][:, None], wp.vec2)
             brightness = upload(self._brightness[view, band, target][:, None, None], wp.float32)
             paths = paths_struct(moving, brightness, n_target=1)
         signal = wp.zeros((n_plane, 1, *shape), dtype=wp.float32, device=device)
-        rule = rule_of_band(world.stamp_rule, band)
-        world.psf.of_band(band).deposit(sources, rule, rows_per_block(device, shape[0]), signal, paths)
+        rule = rule_of_band(scene.stamp_rule, band)
+        scene.psf.of_band(band).deposit(sources, rule, rows_per_block(device, shape[0]), signal, paths)
         return np.asarray(signal.numpy())[:, 0]
 
     def contributions(self, band: int, view: int, chunk_bytes: int = CHUNK_BYTES) -> F32:
@@ -158,12 +158,12 @@ class TargetLight:
 
     def _reach_px(self, irradiance_w_cm2: F32, band: int, least_w_cm2: float) -> npt.NDArray[np.int32]:
         """How far from a target pixels may hold least_w_cm2, shape (n,): as stamps are sized."""
-        world, n = self._world, len(irradiance_w_cm2)
+        scene, n = self._device_scene, len(irradiance_w_cm2)
         if n == 0:
             return np.zeros(0, dtype=np.int32)
-        light = wp.array(irradiance_w_cm2[None], dtype=wp.float32, device=world.device)
-        reach_px = wp.empty((1, n), dtype=wp.int32, device=world.device)
-        world.psf.of_band(band).size_stamps(light, stamp_rule([least_w_cm2], 0.0, world.device), reach_px)
+        light = wp.array(irradiance_w_cm2[None], dtype=wp.float32, device=scene.device)
+        reach_px = wp.empty((1, n), dtype=wp.int32, device=scene.device)
+        scene.psf.of_band(band).size_stamps(light, stamp_rule([least_w_cm2], 0.0, scene.device), reach_px)
         return np.asarray(reach_px.numpy()[0])
 
 

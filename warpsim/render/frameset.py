@@ -8,17 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from warpsim_kernels.aim import BORESIGHT_REPLACED, UP_REPLACED
+from warpsim_kernels.pointing import BORESIGHT_REPLACED, SLEWING, UP_REPLACED
 
 from warpsim.arguments import above_zero, whole_number
 from warpsim.errors import InputError
 from warpsim.orbit.sun import earth_position_m
 from warpsim.render.buffers import Observations
 from warpsim.render.contributions import CHUNK_BYTES, MOST_TARGETS, TargetLight, brightest_targets
+from warpsim.render.device_scene import DeviceScene
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.records import Records
-from warpsim.render.world import World
-from warpsim.scene.scene import Scene
+from warpsim.scene.description import SceneDescription
+from warpsim.scene.instrument import Instrument
+from warpsim.scene.scenario import Scenario
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -29,7 +31,9 @@ if TYPE_CHECKING:
 class FrameSet:
     """Rendered frames. Image axes: (frame, sensor, band, row, column)."""
 
-    scene: Scene
+    scenario: Scenario
+    instrument: Instrument
+    """The kind of the sensors."""
     frames: list[int]
     """Frame numbers along the first axis, in the order asked for."""
     sensors: list[str]
@@ -40,7 +44,7 @@ class FrameSet:
     """Counts, uint16, shape (frame, sensor, band, row, column)."""
     signal_w_cm2: ImageStack | None
     """Noiseless irradiance per pixel [W/cm2], float32, same shape; None unless keep_signal."""
-    _world: World
+    _device_scene: DeviceScene
     _records: Records
     _star_lists: list[tuple[npt.NDArray[Any], ...]] | None
 
@@ -53,16 +57,22 @@ class FrameSet:
             return ImageStack(stack.array[first:end], 1, n_sensor)
 
         return FrameSet(
-            self.scene,
+            self.scenario,
+            self.instrument,
             self.frames[place : place + 1],
             self.sensors,
             self.bands,
             part(self.counts),
             self.signal_w_cm2 and part(self.signal_w_cm2),
-            self._world,
+            self._device_scene,
             self._records.part(first, end),
             self._star_lists and self._star_lists[first:end],
         )
+
+    @property
+    def scene(self) -> SceneDescription:
+        """The description that the frames are of."""
+        return self.scenario.scene
 
     def __repr__(self) -> str:
         names = f"{len(self.frames)} frames, {len(self.sensors)} sensors, bands {' '.join(self.bands)}"
@@ -71,22 +81,27 @@ class FrameSet:
     @property
     def time_s(self) -> npt.NDArray[np.float64]:
         """Times of the frames after the epoch [s], shape (n_frame,)."""
-        return self.scene.frame_time_s(self.frames)
+        return self.instrument.frame_time_s(self.frames)
 
     @property
     def axes_icrs(self) -> npt.NDArray[np.float64]:
-        """Camera axes as rows x, y, z, jitter included, shape (frame, sensor, 3, 3)."""
+        """Camera axes as rows x, y, z, errors of pointing included, shape (frame, sensor, 3, 3)."""
         return self._records.view_column("axes").reshape(len(self.frames), len(self.sensors), 3, 3)
 
     @property
     def up_replaced(self) -> npt.NDArray[np.bool_]:
-        """Whether `pointing.up` lay along the line of sight, so that its spare was taken, shape (frame, sensor)."""
+        """Whether `pointing.up` lay along the line of sight, so that another served, shape (frame, sensor)."""
         return self._view_flag(int(UP_REPLACED))
 
     @property
     def boresight_replaced(self) -> npt.NDArray[np.bool_]:
         """Whether what is tracked had no direction, so that the camera looks along its motion, (frame, sensor)."""
         return self._view_flag(int(BORESIGHT_REPLACED))
+
+    @property
+    def slewing(self) -> npt.NDArray[np.bool_]:
+        """Whether the camera turns to its next step, or settles after the turn, shape (frame, sensor)."""
+        return self._view_flag(int(SLEWING))
 
     def _view_flag(self, bit: int) -> npt.NDArray[np.bool_]:
         word = self._records.view_column("flags").reshape(len(self.frames), len(self.sensors))
@@ -100,12 +115,12 @@ class FrameSet:
     @property
     def barycentric_m(self) -> npt.NDArray[np.float64]:
         """Barycentric position of the sensors, ICRS axes [m], shape (frame, sensor, 3)."""
-        return self._from_earth(earth_position_m(self.scene.instant, self.time_s)[0])
+        return self._from_earth(earth_position_m(self.scenario.epoch, self.time_s)[0])
 
     @property
     def heliocentric_m(self) -> npt.NDArray[np.float64]:
         """Heliocentric position of the sensors, ICRS axes [m], shape (frame, sensor, 3)."""
-        return self._from_earth(earth_position_m(self.scene.instant, self.time_s)[1])
+        return self._from_earth(earth_position_m(self.scenario.epoch, self.time_s)[1])
 
     def _from_earth(self, earth_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         geocentric = self._records.view_column("position_m").reshape(len(self.frames), len(self.sensors), 3)
@@ -122,7 +137,7 @@ class FrameSet:
         if frame not in self.frames or sensor not in self.sensors:
             raise InputError(f"frame {frame} of {sensor!r} was not rendered", "wcs")
         axes = self.axes_icrs[self.frames.index(frame), self.sensors.index(sensor)]
-        return tan_wcs(axes, self.scene.camera)
+        return tan_wcs(axes, self.instrument.sensor.camera)
 
     @cached_property
     def truth(self) -> Table:
@@ -133,7 +148,7 @@ class FrameSet:
         """
         from warpsim.render.truth import truth_table
 
-        return truth_table(self, self._world, self._observations)
+        return truth_table(self, self._device_scene, self._observations)
 
     @cached_property
     def stars(self) -> Table:
@@ -146,7 +161,7 @@ class FrameSet:
 
         if self._star_lists is None:
             raise InputError("render with keep_stars=True to have them", "stars")
-        return star_table(self, self._world, self._star_lists)
+        return star_table(self, self._device_scene, self._star_lists)
 
     def contributions_w_cm2(
         self, frame: int, sensor: str, band: str, chunk_bytes: int = CHUNK_BYTES
@@ -163,7 +178,7 @@ class FrameSet:
 
         Returns:
             Light per pixel [W/cm2], shape (target, row, column), in the order of scene.target_names; 0 for targets
-            behind the Earth and stowed ones.
+            behind the Earth, not deployed or absent.
 
         Raises:
             InputError: The image was not rendered.
@@ -206,9 +221,9 @@ class FrameSet:
         return masks
 
     def _masks(self, band: str, views: npt.NDArray[np.int64], least_nei: float) -> npt.NDArray[np.uint16]:
-        least_w_cm2 = above_zero("least_nei", least_nei) * self.scene.nei_w_cm2(band)
-        if self._world.n_target > MOST_TARGETS:
-            raise InputError(f"must be of at most {MOST_TARGETS} targets", "target_mask", self._world.n_target)
+        least_w_cm2 = above_zero("least_nei", least_nei) * self.instrument.nei_w_cm2(band)
+        if self._device_scene.n_target > MOST_TARGETS:
+            raise InputError(f"must be of at most {MOST_TARGETS} targets", "target_mask", self._device_scene.n_target)
         return brightest_targets(self.target_light, self.bands.index(band), views, least_w_cm2)
 
     def image_numbers(self, what: str, frame: int, sensor: str, band: str) -> tuple[int, int]:
@@ -221,15 +236,15 @@ class FrameSet:
     @cached_property
     def target_light(self) -> TargetLight:
         """What draws each target alone."""
-        camera = self.scene.camera
-        return TargetLight(self._world, self._observations, (camera.n_row, camera.n_col))
+        camera = self.instrument.sensor.camera
+        return TargetLight(self._device_scene, self._observations, (camera.n_row, camera.n_col))
 
     @cached_property
     def _observations(self) -> Observations:
-        return self._records.observations(self._world)
+        return self._records.observations(self._device_scene)
 
     def flag(self, bit: Any) -> npt.NDArray[np.bool_]:
         """A flag of warpsim_kernels.targets (IN_FOV, OCCULTED, ...) of each target, shape (frame, sensor, target)."""
-        shape = (len(self.frames), len(self.sensors), self._world.n_target)
+        shape = (len(self.frames), len(self.sensors), self._device_scene.n_target)
         word = np.asarray(self._observations.flags.numpy()).reshape(shape)
         return np.asarray((word & int(bit)) != 0)

@@ -10,10 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from warpsim.render.device_scene import DeviceScene
 from warpsim.render.pool import Pool
 from warpsim.render.records import Inputs, Records, new_inputs, new_records
-from warpsim.render.world import World
-from warpsim.scene.scene import Scene
 
 StarList = tuple[npt.NDArray[Any], ...]
 
@@ -35,14 +34,13 @@ class Job:
         """Views."""
         return len(self.time_s)
 
-    def inputs(self, world: World) -> Inputs:
-        """The views on a world's device."""
-        return new_inputs(world, self.time_s, self.frame, self.sensor)
+    def inputs(self, scene: DeviceScene) -> Inputs:
+        """The views on a scene's device."""
+        return new_inputs(scene, self.time_s, self.frame, self.sensor)
 
 
 def new_job(
-    scene: Scene,
-    world: World,
+    scene: DeviceScene,
     frames: Sequence[int],
     sensors: Sequence[str],
     pool: Pool,
@@ -50,17 +48,17 @@ def new_job(
     keep_stars: bool = False,
 ) -> Job:
     """A job with memory from the pool, on the pool's device."""
-    n_frame, n_sensor = len(frames), len(sensors)
+    n_frame, n_sensor, instrument = len(frames), len(sensors), scene.instrument
     n_view = n_frame * n_sensor
-    names = scene.sensor_names
-    rows = [names.index(name) for name in sensors]
-    shape = (n_view, world.n_band, scene.camera.n_row, scene.camera.n_col)
+    rows = [instrument.index(name) for name in sensors]
+    camera = instrument.sensor.camera
+    shape = (n_view, scene.n_band, camera.n_row, camera.n_col)
     stars: list[StarList] | None = [()] * n_view if keep_stars else None
     return Job(
-        np.repeat(scene.frame_time_s(frames), n_sensor),
+        np.repeat(instrument.frame_time_s(frames), n_sensor),
         np.repeat(np.asarray(frames, dtype=np.uint32), n_sensor),
         np.tile(np.asarray(rows, dtype=np.uint32), n_frame),
-        new_records(world, n_view, pool),
+        new_records(scene, n_view, pool),
         pool.new(shape, wp.uint16),
         pool.new(shape, wp.float32) if keep_signal else None,
         stars,

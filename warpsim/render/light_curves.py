@@ -11,17 +11,20 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.signature import N_TERM
-from warpsim_kernels.targets import IN_FOV, OCCULTED, STOWED
+from warpsim_kernels.targets import ABSENT, IN_FOV, NOT_DEPLOYED, OCCULTED
 
 from warpsim.arguments import chosen_names, times_s
 from warpsim.errors import InputError
 from warpsim.render.buffers import new_observations, new_views, part_of
 from warpsim.render.device import default_device, worker_count
+from warpsim.render.device_scene import DeviceBodies
+from warpsim.render.device_upload import make_device_bodies
 from warpsim.render.stages import aim_views, look_at_targets, split_light
 from warpsim.render.truth import sunlit_fraction
-from warpsim.render.world import TargetWorld
+from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import TERMS
-from warpsim.scene.scene import Scene
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene, scenario_of
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -40,7 +43,9 @@ _PIECES_PER_THREAD = 16
 class LightCurves:
     """Brightness of targets over time; axes (time, sensor, target), or (time, sensor, band, target)."""
 
-    scene: Scene
+    scenario: Scenario
+    instrument: Instrument
+    """The kind of the sensors."""
     time_s: F64
     """Times after the epoch [s], (n_time,)."""
     sensors: list[str]
@@ -52,22 +57,23 @@ class LightCurves:
     """Mean over the exposure."""
     temperature_k: F64
     sunlit_fraction: F64
-    """Share of the Sun's disc that the target sees; NaN where the scene leaves sunlight out."""
+    """Part of the Sun's disc that the target sees; NaN where the scene leaves sunlight out."""
     in_fov: Flags
     occulted: Flags
-    stowed: Flags
+    not_deployed: Flags
+    absent: Flags
     terms_w_cm2: dict[str, F64]
     """Irradiance at the pupil by term: emitted, sun, earth, albedo; each (n_time, n_sensor, n_band, n_target)."""
 
     @property
     def irradiance_w_cm2(self) -> F64:
-        """Irradiance at the pupil, all terms; 0 when occulted or stowed; (n_time, n_sensor, n_band, n_target)."""
+        """Irradiance at the pupil, all terms; 0 without a line of sight; (n_time, n_sensor, n_band, n_target)."""
         return np.asarray(sum(self.terms_w_cm2.values()))
 
     @property
     def snr(self) -> F64:
         """Irradiance over NEI, (n_time, n_sensor, n_band, n_target)."""
-        nei_w_cm2 = np.array([self.scene.nei_w_cm2(band) for band in self.bands])
+        nei_w_cm2 = np.array([self.instrument.nei_w_cm2(band) for band in self.bands])
         return np.asarray(self.irradiance_w_cm2 / nei_w_cm2[:, None])
 
     def table(self) -> Table:
@@ -81,13 +87,15 @@ class LightCurves:
             for name, axis, index in zip(("time_s", "sensor", "band", "target"), names, grid, strict=True)
         }
         shape = grid[0].shape
-        for name in ("in_fov", "occulted", "stowed", "range_km", "aspect_deg", "projected_area_m2", "temperature_k"):
+        flags = ("in_fov", "occulted", "not_deployed", "absent")
+        for name in (*flags, "range_km", "aspect_deg", "projected_area_m2", "temperature_k"):
             columns[name] = np.broadcast_to(getattr(self, name)[:, :, None], shape).ravel()
         columns["sunlit_fraction"] = np.broadcast_to(self.sunlit_fraction[:, :, None], shape).ravel()
         columns["irradiance_w_cm2"] = self.irradiance_w_cm2.ravel()
         columns |= {f"{name}_w_cm2": values.ravel() for name, values in self.terms_w_cm2.items()}
         columns["snr"] = self.snr.ravel()
-        table = Table(columns, meta={"SCENE": self.scene.name, "DATEREF": self.scene.epoch_utc, "TIMESYS": "UTC"})
+        scene = self.scenario.scene
+        table = Table(columns, meta={"SCENE": scene.name, "DATEREF": scene.epoch_utc, "TIMESYS": "UTC"})
         units = {"time_s": "s", "range_km": "km", "aspect_deg": "deg", "projected_area_m2": "m2", "temperature_k": "K"}
         units |= {name: "W / cm2" for name in table.colnames if name.endswith("_w_cm2")}
         for name, unit in units.items():
@@ -96,71 +104,65 @@ class LightCurves:
 
     def __repr__(self) -> str:
         sizes = f"{len(self.time_s)} times, {len(self.sensors)} sensors, {len(self.targets)} targets"
-        return f"LightCurves({self.scene.name}: {sizes}, bands {' '.join(self.bands)})"
+        return f"LightCurves({self.scenario.scene.name}: {sizes}, bands {' '.join(self.bands)})"
 
 
 def light_curves(
-    scene: Scene,
+    scene: Scene | Scenario,
     time_s: npt.ArrayLike | None = None,
-    sensors: Sequence[str] | None = None,
-    targets: Sequence[str] | None = None,
-    bands: Sequence[str] | None = None,
+    sensors: str | Sequence[str] | None = None,
+    targets: str | Sequence[str] | None = None,
+    bands: str | Sequence[str] | None = None,
     device: Any = None,
     n_thread: int | None = None,
 ) -> LightCurves:
-    """Brightness of targets as sensors see them, at any times; what frames at those times would have in their truth.
+    """Return brightness of targets as sensors of one kind see them, at any times, as in the truth of frames then.
 
     Args:
-        scene: The description.
+        scene: The scene, or its scenario.
         time_s: Times after the epoch [s], within the scene; those of its frames when left out.
-        sensors: Sensor names; those with access to the main target at some time of the scene when left out.
+        sensors: Names of sensors, or the name of a kind; those that have access at some time when left out.
         targets: Target names; all when left out.
-        bands: Band names; all of the scene when left out.
+        bands: Band names; all of the kind when left out.
         device: Warp device; "cuda:0" where present, else "cpu", when left out.
         n_thread: CPU threads; all cores when left out. Results do not depend on it.
 
     Raises:
         InputError: An unknown name, a time outside the scene, no sensor with access, or too much at once.
     """
-    if not isinstance(scene, Scene):
-        raise InputError(f"must be a Scene, got {type(scene).__name__}; Scene.load reads presets and files", "scene")
-    times = _checked_times(scene, time_s)
-    sensor_list = chosen_names("sensors", sensors, scene.sensor_names)
-    if sensors is None:
-        sensor_list = scene.sensors_with_access
-        if not sensor_list:
-            raise InputError(
-                "none has access to the main target under the scene's access_rules; name sensors", "sensors"
-            )
-    target_list = chosen_names("targets", targets, scene.target_names)
-    band_list = chosen_names("bands", bands, list(scene.bands))
-    world = TargetWorld(scene, band_list, default_device(device))
-    n_worker = worker_count(world.device, n_thread)
+    scenario = scenario_of(scene)
+    instrument, sensor_list = _chosen(scenario, sensors)
+    times = _checked_times(scenario, instrument, time_s)
+    target_list = chosen_names("targets", targets, scenario.target_names)
+    band_list = chosen_names("bands", bands, list(instrument.sensor.bands))
+    bodies = make_device_bodies(scenario, instrument, band_list, default_device(device))
+    n_worker = worker_count(bodies.device, n_thread)
     n_view = len(times) * len(sensor_list)
-    n_number = n_view * world.n_target * (len(band_list) * N_TERM + 8)
+    n_number = n_view * bodies.n_target * (len(band_list) * N_TERM + 8)
     if n_number > MOST_NUMBERS:
         raise InputError(f"these curves would be {n_number:.2g} numbers, more than {MOST_NUMBERS:.2g}", "time_s")
-    rows = [scene.sensor_names.index(name) for name in sensor_list]
+    rows = [instrument.index(name) for name in sensor_list]
     views = new_views(
-        world,
+        bodies,
         np.repeat(times, len(rows)),
         np.zeros(n_view, dtype=np.uint32),
         np.tile(np.asarray(rows, dtype=np.uint32), len(times)),
     )
-    seen = new_observations(world, n_view)
-    terms = wp.zeros((N_TERM, n_view, world.n_band, world.n_target), dtype=wp.float64, device=world.device)
-    _observe(world, views, seen, terms, n_worker)
-    columns = [scene.target_names.index(name) for name in target_list]
+    seen = new_observations(bodies, n_view)
+    terms = wp.zeros((N_TERM, n_view, bodies.n_band, bodies.n_target), dtype=wp.float64, device=bodies.device)
+    _observe(bodies, views, seen, terms, n_worker)
+    columns = [scenario.target_names.index(name) for name in target_list]
 
     def shaped(array: wp.array) -> Any:
         values = np.asarray(array.numpy())
         return values.reshape(len(times), len(rows), *array.shape[1:])[..., columns]
 
     flags = shaped(seen.flags)
-    shape = (N_TERM, len(times), len(rows), world.n_band, world.n_target)
+    shape = (N_TERM, len(times), len(rows), bodies.n_band, bodies.n_target)
     split = np.asarray(terms.numpy()).reshape(shape)[..., columns]
     return LightCurves(
-        scene,
+        scenario,
+        instrument,
         times,
         sensor_list,
         band_list,
@@ -169,28 +171,29 @@ def light_curves(
         np.degrees(shaped(seen.aspect_rad)),
         shaped(seen.area_m2),
         shaped(seen.temperature_k),
-        sunlit_fraction(world, seen).reshape(len(times), len(rows), world.n_target)[..., columns],
+        sunlit_fraction(bodies, seen).reshape(len(times), len(rows), bodies.n_target)[..., columns],
         (flags & int(IN_FOV)) != 0,
         (flags & int(OCCULTED)) != 0,
-        (flags & int(STOWED)) != 0,
+        (flags & int(NOT_DEPLOYED)) != 0,
+        (flags & int(ABSENT)) != 0,
         dict(zip(("emitted", *TERMS), split, strict=True)),
     )
 
 
-def _observe(world: TargetWorld, views: Any, seen: Any, terms: wp.array, n_worker: int) -> None:
+def _observe(bodies: DeviceBodies, views: Any, seen: Any, terms: wp.array, n_worker: int) -> None:
     """All views, in pieces that threads take in turn."""
     n_view = int(views.time_s.shape[0])
     if n_view == 0 or terms.size == 0:
         return
 
-    no_series = wp.empty((0, 0, 0, 0), dtype=wp.float64, device=world.device)  # the kernel does not write it
+    no_series = wp.empty((0, 0, 0, 0), dtype=wp.float64, device=bodies.device)  # the kernel does not write it
 
     def one(first: int) -> None:
         end = min(first + size, n_view)
         part, looked = part_of(views, first, end), part_of(seen, first, end)
-        aim_views(world, part)
-        look_at_targets(world, part, looked, looked.xy_px, no_series)
-        split_light(world, looked, terms[:, first:end])
+        aim_views(bodies, part)
+        look_at_targets(bodies, part, looked, looked.xy_px, no_series)
+        split_light(bodies, looked, terms[:, first:end])
 
     # Enough pieces that the first, which is done alone, costs the threads little.
     size = n_view if n_worker == 1 else min(-(-n_view // (_PIECES_PER_THREAD * n_worker)), _VIEWS_PER_LAUNCH)
@@ -199,13 +202,24 @@ def _observe(world: TargetWorld, views: Any, seen: Any, terms: wp.array, n_worke
         list(pool.map(one, range(size, n_view, size)))
 
 
-def _checked_times(scene: Scene, time_s: npt.ArrayLike | None) -> F64:
+def _chosen(scenario: Scenario, sensors: str | Sequence[str] | None) -> tuple[Instrument, list[str]]:
+    """Sensors, of one kind."""
+    chosen = scenario.sensors_with_access if sensors is None else scenario.select_sensors(sensors)
+    if not chosen:
+        raise InputError("none has access to a target under the access_rules; name sensors", "sensors")
+    instrument = scenario.instrument_of(chosen[0])
+    if any(name not in instrument.names for name in chosen):
+        raise InputError(f"must be of one kind ({', '.join(scenario.instruments)}); name it", "sensors")
+    return instrument, chosen
+
+
+def _checked_times(scenario: Scenario, instrument: Instrument, time_s: npt.ArrayLike | None) -> F64:
     if time_s is None:
-        return scene.frame_time_s(np.arange(scene.frames.count))
-    times = times_s(time_s)
+        return instrument.frame_time_s(np.arange(instrument.frames.count))
+    times, duration_s = times_s(time_s), scenario.scene.duration_s
     if times.ndim != 1:
         raise InputError("must have shape (n,)", "time_s", times.shape)
-    bad = ~((times >= 0.0) & (times <= scene.duration_s))
+    bad = ~((times >= 0.0) & (times <= duration_s))
     if bad.any():
-        raise InputError(f"must be within the scene, 0 to {scene.duration_s:g} s", "time_s", times[bad][0], "g")
+        raise InputError(f"must be within the scene, 0 to {duration_s:g} s", "time_s", times[bad][0], "g")
     return times

@@ -1,4 +1,4 @@
-"""The detector on a device: which steps its kernels hold, and the numbers they read."""
+"""The detector on a device: the steps that its kernels hold, and the numbers they read."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from warpsim_kernels.strips import STRIP_PIXELS
 from warpsim.detector.electron import ElectronDetector
 from warpsim.detector.levels import ElectronLevels, Levels
 from warpsim.detector.nei import NeiDetector
+from warpsim.scene.instrument import Instrument
 
 LARGEST_DEVIATE = 6.67
 """Of a unit normal deviate."""
@@ -38,32 +39,32 @@ class ReadOut:
         return make_read_out_kernel(self.features, ragged=True)
 
 
-def make_read_out(
-    detector: NeiDetector | ElectronDetector,
-    levels: Mapping[str, Levels],
-    bands: Sequence[str],
-    seed: int,
-    shape: tuple[int, int],
-    device: wp.Device,
-) -> ReadOut:
+def make_read_out(instrument: Instrument, bands: Sequence[str], device: wp.Device) -> ReadOut:
     """Choose the kernels of a detector and upload its numbers.
 
     Args:
-        detector: The description.
-        levels: Of all bands of the scene: a frame must not depend on which of them are rendered.
+        instrument: The kind of sensor; the kernels hold what any of its bands needs, as a frame must not depend on
+            which of them are rendered.
         bands: Those rendered, in the order of the images.
-        seed: Of all noise.
-        shape: Rows and columns of an image.
         device: Where the numbers are put.
     """
+    detector, levels, camera = instrument.sensor.detector, instrument.levels, instrument.sensor.camera
     features = read_out_features(detector, levels)
     arrays: Any = Detector()
-    pixels = [_scalars(detector, levels[band], seed) for band in bands]
+    pixels = [_scalars(detector, levels[band]) for band in bands]
     arrays.pixels = wp.array(pixels, dtype=PixelScalars, device=device)
+    keys = [_key(instrument.noise_key(sensor)) for sensor in range(len(instrument.names))]
+    arrays.keys = wp.array(keys, dtype=wp.vec2ui, device=device)
     if isinstance(detector, NeiDetector) and features.template:
-        arrays.deviates, arrays.n_deviate = _template(detector, seed, device), detector.template_size
-    arrays.n_pixel, arrays.n_col = shape[0] * shape[1], shape[1]
+        arrays.deviates = template_deviates(detector.template_size, instrument.template_key, device)
+        arrays.n_deviate = detector.template_size
+    arrays.n_pixel, arrays.n_col = camera.n_row * camera.n_col, camera.n_col
     return ReadOut(features, arrays, make_read_out_kernel(features))
+
+
+def _key(bits: int) -> Any:
+    """64 bits as two words."""
+    return wp.vec2ui(bits & 0xFFFFFFFF, bits >> 32)
 
 
 def read_out_features(detector: NeiDetector | ElectronDetector, levels: Mapping[str, Levels]) -> ReadOutFeatures:
@@ -101,7 +102,7 @@ def _smallest_mean_e(detector: ElectronDetector, levels: Levels) -> float:
     return 0.9995 * (light + levels.dark_e * max(0.0, 1 - LARGEST_DEVIATE * detector.dsnu))
 
 
-def _scalars(detector: NeiDetector | ElectronDetector, levels: Levels, seed: int) -> Any:
+def _scalars(detector: NeiDetector | ElectronDetector, levels: Levels) -> Any:
     """The kernels' numbers of one band."""
     scalars: Any = PixelScalars()
     scalars.zero_counts = detector.offset_counts + 0.5
@@ -109,8 +110,6 @@ def _scalars(detector: NeiDetector | ElectronDetector, levels: Levels, seed: int
     scalars.prnu = detector.prnu
     scalars.dead_below = _words(detector.dead_fraction)
     scalars.hot_below = _words(detector.hot_fraction)
-    scalars.seed_low = seed & 0xFFFFFFFF
-    scalars.seed_high = (seed >> 32) & 0xFFFFFFFF
     if isinstance(detector, ElectronDetector):
         assert isinstance(levels, ElectronLevels)
         scalars.dsnu, scalars.column_noise = detector.dsnu, detector.column_noise_e
@@ -134,14 +133,19 @@ def _scalars(detector: NeiDetector | ElectronDetector, levels: Levels, seed: int
     return scalars
 
 
-def _words(share: float) -> int:
-    """How many of the 2**32 random words are a share of them."""
-    return round(share * 2**32)
+def _words(fraction: float) -> int:
+    """How many of the 2**32 random words are a fraction of them."""
+    return round(fraction * 2**32)
 
 
-def _template(detector: NeiDetector, seed: int, device: wp.Device) -> wp.array:
-    """Unit normal deviates to be used again and again."""
-    deviates = wp.empty(detector.template_size + STRIP_PIXELS, dtype=float, device=device)
-    words = [seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF]
-    wp.launch(fill_template_kernel, deviates.size, [detector.template_size, *words], [deviates], device=device)
+def template_deviates(size: int, key: int, device: wp.Device) -> wp.array:
+    """Return unit normal deviates to be used again and again, (size + STRIP_PIXELS,); the first stand again at the end.
+
+    Args:
+        size: How many.
+        key: 64 bits that they follow from.
+        device: Where they are put.
+    """
+    deviates = wp.empty(size + STRIP_PIXELS, dtype=float, device=device)
+    wp.launch(fill_template_kernel, deviates.size, [size, _key(key)], [deviates], device=device)
     return deviates

@@ -10,9 +10,9 @@ import numpy.typing as npt
 import warp as wp
 
 from warpsim.render.buffers import Observations, Views, path_inputs, path_views_of
+from warpsim.render.device_scene import DeviceBodies, DeviceScene
 from warpsim.render.pool import Pool
 from warpsim.render.rows import RowLayout
-from warpsim.render.world import TargetWorld, World
 
 GEOMETRY = RowLayout(
     {
@@ -47,9 +47,9 @@ class Inputs:
         return (self.time_s, self.frame, self.sensor, *(self.path or ()))
 
 
-def new_inputs(world: TargetWorld, time_s: Any, frame: Any, sensor: Any) -> Inputs:
+def new_inputs(scene: DeviceBodies, time_s: Any, frame: Any, sensor: Any) -> Inputs:
     """Inputs of views of given times, frame numbers and sensor rows, each (n_view,)."""
-    device, streaks = world.device, world.streaks
+    device, streaks = scene.device, scene.streaks
     return Inputs(
         wp.array(np.asarray(time_s, dtype=np.float64), dtype=wp.float64, device=device, copy=False),
         wp.array(np.asarray(frame, dtype=np.uint32), dtype=wp.uint32, device=device, copy=False),
@@ -65,7 +65,7 @@ class Records:
     geometry: wp.array
     """Rows of GEOMETRY, (n_view, n_byte)."""
     targets: wp.array
-    """Rows of World.observation_rows, (n_view, n_byte)."""
+    """Rows of DeviceScene.observation_rows, (n_view, n_byte)."""
 
     @property
     def arrays(self) -> tuple[wp.array, ...]:
@@ -76,25 +76,25 @@ class Records:
         """NumPy array of one of GEOMETRY's columns, (n_view, ...)."""
         return np.asarray(GEOMETRY.column(self.geometry, name).numpy())
 
-    def observations(self, world: World) -> Observations:
-        """What is known of the targets, on the world's device."""
-        return Observations(**world.observation_rows.columns(self.targets.to(world.device)))
+    def observations(self, scene: DeviceScene) -> Observations:
+        """What is known of the targets, on the scene's device."""
+        return Observations(**scene.observation_rows.columns(self.targets.to(scene.device)))
 
     def part(self, first: int, end: int) -> Records:
         """Records of some consecutive views."""
         return Records(self.geometry[first:end], self.targets[first:end])
 
 
-def new_records(world: World, n_view: int, pool: Pool) -> Records:
+def new_records(scene: DeviceScene, n_view: int, pool: Pool) -> Records:
     """Uninitialised records that are to be filled."""
-    layouts = (GEOMETRY, world.observation_rows)
+    layouts = (GEOMETRY, scene.observation_rows)
     return Records(*(pool.new((n_view, layout.n_byte), wp.uint8) for layout in layouts))
 
 
-def zero_records(world: World, n_view: int) -> Records:
+def zero_records(scene: DeviceScene, n_view: int) -> Records:
     """Records that stages write into: 0 where none writes."""
-    layouts = (GEOMETRY, world.observation_rows)
-    return Records(*(wp.zeros((n_view, layout.n_byte), dtype=wp.uint8, device=world.device) for layout in layouts))
+    layouts = (GEOMETRY, scene.observation_rows)
+    return Records(*(wp.zeros((n_view, layout.n_byte), dtype=wp.uint8, device=scene.device) for layout in layouts))
 
 
 def views_of(inputs: Inputs, records: Records) -> Views:

@@ -16,6 +16,7 @@ from warpsim.arguments import chosen_names, whole_number
 from warpsim.errors import InputError
 from warpsim.render.crew import Crew
 from warpsim.render.device import chosen_devices, worker_count
+from warpsim.render.device_upload import make_device_scene
 from warpsim.render.frameset import FrameSet
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.job import Job, new_job
@@ -24,8 +25,10 @@ from warpsim.render.pool import POOL_BYTES, Pool
 from warpsim.render.star_field import load_catalog, star_index
 from warpsim.render.streaks import Streaks
 from warpsim.render.stream import Stream, StreamStats, stream_sizes
-from warpsim.render.world import World
-from warpsim.scene.scene import Scene
+from warpsim.scene.description import SceneDescription
+from warpsim.scene.instrument import Instrument
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene, scenario_of
 from warpsim.sky.band_index import BandIndex
 from warpsim.sky.catalog import StarCatalog
 
@@ -40,7 +43,7 @@ class Renderer:
     """Renders frames of a scene.
 
     Args:
-        scene: The description.
+        scene: The scene, or its scenario.
         device: Warp device; "cuda:0" where present, else "cpu", when left out. A list of devices shares the work out;
             images then land in host memory, pinned where the devices are GPUs.
         n_thread: CPU threads; all cores when left out. Results do not depend on it.
@@ -56,7 +59,7 @@ class Renderer:
 
     def __init__(
         self,
-        scene: Scene,
+        scene: Scene | Scenario,
         device: Any = None,
         n_thread: int | None = None,
         catalog: StarCatalog | None = None,
@@ -70,7 +73,7 @@ class Renderer:
                 f"must be a StarCatalog, got {type(catalog).__name__}; files are for sky.catalog", "catalog"
             )
         self.chunk_bytes = None if chunk_bytes is None else whole_number("chunk_bytes", chunk_bytes, 1)
-        self.scene = scene
+        self.scenario = scenario_of(scene)
         self.devices = chosen_devices(device)
         self.device = self.devices[0]
         self.n_thread = worker_count(self.device, n_thread)
@@ -79,28 +82,35 @@ class Renderer:
             kernel_loading(each).start(size_table_stamps_kernel)
         self._given: dict[str, Any] = {"device": device, "n_thread": n_thread, "catalog": catalog}
         self._given |= {"chunk_bytes": chunk_bytes, "pool_bytes": pool_bytes}
-        self._catalog, indices = _stars or (load_catalog(scene) if catalog is None else catalog, None)
-        self._indices = indices or [star_index(scene, self._catalog, each) for each in self.devices]
+        sky, epoch = self.scene.sky, self.scenario.epoch
+        self._catalog, indices = _stars or (load_catalog(sky) if catalog is None else catalog, None)
+        self._indices = indices or [star_index(sky, epoch, self._catalog, each) for each in self.devices]
         where = wp.get_device("cpu") if self._to_host else self.device
         most_bytes = whole_number("pool_bytes", pool_bytes, 0)
         self._pool = Pool(where, pinned=self._to_host and self.device.is_cuda, most_bytes=most_bytes)
-        self._crews: dict[tuple[str, ...], Crew] = {}
+        self._crews: dict[tuple[str, tuple[str, ...]], Crew] = {}
         self._lock = threading.Lock()  # buffers serve one call at a time
         self._n_slot = 0
         self._stream: Stream | None = None
 
-    def with_scene(self, scene: Scene) -> Renderer:
-        """A renderer of another scene, like this one in all else; it takes less time to make if the sky is the same.
+    @property
+    def scene(self) -> SceneDescription:
+        """The description."""
+        return self.scenario.scene
+
+    def with_scene(self, scene: Scene | Scenario) -> Renderer:
+        """Return a renderer of another scene, like this one in all else; quicker to make if the sky is the same.
 
         A star catalog that this one has read from a file is not read again.
 
         Raises:
             InputError: The scene names a star catalog that cannot be read.
         """
-        if scene.sky != self.scene.sky:
-            return Renderer(scene, **self._given)
-        same_epoch = scene.epoch_utc == self.scene.epoch_utc
-        return Renderer(scene, **self._given, _stars=(self._catalog, self._indices if same_epoch else None))
+        scenario = scenario_of(scene)
+        if scenario.scene.sky != self.scene.sky:
+            return Renderer(scenario, **self._given)
+        same_epoch = scenario.scene.epoch_utc == self.scene.epoch_utc
+        return Renderer(scenario, **self._given, _stars=(self._catalog, self._indices if same_epoch else None))
 
     @property
     def catalog(self) -> StarCatalog:
@@ -118,26 +128,27 @@ class Renderer:
 
     @property
     def sensors_with_access(self) -> list[str]:
-        """Sensors that can observe the main target at some time of the scene."""
-        return self.scene.sensors_with_access
+        """Sensors that can observe what their access counts by at some time of the scene."""
+        return self.scenario.sensors_with_access
 
     def render(
         self,
         frames: Iterable[int],
-        sensors: Sequence[str] | None = None,
-        bands: Sequence[str] | None = None,
+        sensors: str | Sequence[str] | None = None,
+        bands: str | Sequence[str] | None = None,
         keep_signal: bool = False,
         keep_stars: bool = False,
     ) -> FrameSet:
-        """Render frames.
+        """Render frames of sensors of one kind.
 
         A frame does not depend on the others: alone, in any batch, in any order, on any number of threads its counts
         are bit-identical.
 
         Args:
             frames: Frame numbers, in the order wanted.
-            sensors: Sensor names; those with access to the main target at some time of the scene when left out.
-            bands: Band names; all of the scene when left out.
+            sensors: Names of sensors, or the name of a kind, which stands for all of it; those that have access at some
+                time of the scene when left out. Those of several kinds have images of their own: one call for each.
+            bands: Band names; all of the kind when left out.
             keep_signal: Also keep the noiseless irradiance per pixel.
             keep_stars: Also keep the list of stars in each view.
 
@@ -145,17 +156,17 @@ class Renderer:
             The frames, with counts and truth.
 
         Raises:
-            InputError: An unknown name, a frame outside the scene, or no sensor with access.
+            InputError: An unknown name, sensors of several kinds, a frame outside the scene, or no sensor with access.
         """
-        frame_list = self.checked_frames(frames)
-        sensor_list, band_list = self._checked_names(sensors, bands)
-        return self._render(frame_list, sensor_list, band_list, keep_signal, keep_stars)
+        instrument, sensor_list, band_list = self.checked_names(sensors, bands)
+        frame_list = self.checked_frames(frames, instrument)
+        return self._render(instrument, frame_list, sensor_list, band_list, keep_signal, keep_stars)
 
     def stream(
         self,
         frames: Iterable[int] | None = None,
-        sensors: Sequence[str] | None = None,
-        bands: Sequence[str] | None = None,
+        sensors: str | Sequence[str] | None = None,
+        bands: str | Sequence[str] | None = None,
         rate_hz: float | None = None,
         drop: bool = True,
         n_ahead: int | None = None,
@@ -183,19 +194,19 @@ class Renderer:
         Raises:
             InputError: As in `render`; a rate or a number of frames that is not above 0.
         """
-        frame_list = self.checked_frames(range(self.scene.frames.count) if frames is None else frames)
-        sensor_list, band_list = self._checked_names(sensors, bands)
+        instrument, sensor_list, band_list = self.checked_names(sensors, bands)
+        frame_list = self.checked_frames(range(instrument.frames.count) if frames is None else frames, instrument)
         kinds = int | float | np.integer | np.floating
         is_number = isinstance(rate_hz, kinds) and not isinstance(rate_hz, bool)
         if rate_hz is not None and not (is_number and LEAST_RATE_HZ <= rate_hz < np.inf):
             raise InputError(f"must be a number of at least {LEAST_RATE_HZ:g}", "rate_hz", rate_hz)
         ahead = None if n_ahead is None else whole_number("n_ahead", n_ahead, 1)
-        camera = self.scene.camera
+        camera = instrument.sensor.camera
         n_view, n_lane = len(sensor_list), max(self.n_thread, len(self.devices))
         frame_bytes = 2 * n_view * len(band_list) * camera.n_row * camera.n_col
         sizes = stream_sizes(rate_hz, n_view, frame_bytes, n_lane, ahead)
         self._stream = Stream(
-            lambda some: self._render(some, sensor_list, band_list, keep_signal, keep_stars),
+            lambda some: self._render(instrument, some, sensor_list, band_list, keep_signal, keep_stars),
             frame_list,
             rate_hz,
             drop,
@@ -208,44 +219,60 @@ class Renderer:
         """How the latest stream goes, or went; None before the first."""
         return None if self._stream is None else self._stream.stats
 
-    def _checked_names(
-        self, sensors: Sequence[str] | None, bands: Sequence[str] | None
-    ) -> tuple[list[str], list[str]]:
-        """Sensors and bands to render; InputError for unknown ones, or when no sensor has access."""
-        sensor_list = chosen_names("sensors", sensors, self.scene.sensor_names)
-        band_list = chosen_names("bands", bands, list(self.scene.bands))
-        if sensors is None:
-            sensor_list = self.sensors_with_access
-            if not sensor_list:
-                raise InputError(
-                    "none has access to the main target under the scene's access_rules; name sensors to render them "
-                    "all the same",
-                    "sensors",
-                )
-        return sensor_list, band_list
+    def checked_names(
+        self, sensors: str | Sequence[str] | None, bands: str | Sequence[str] | None
+    ) -> tuple[Instrument, list[str], list[str]]:
+        """Return the kind of the sensors to render, the sensors and the bands.
+
+        Raises:
+            InputError: An unknown name, sensors of several kinds, or no sensor with access.
+        """
+        scenario = self.scenario
+        chosen = self.sensors_with_access if sensors is None else scenario.select_sensors(sensors)
+        if not chosen:
+            raise InputError(
+                "none has access to a target under the access_rules; name sensors to render them all the same",
+                "sensors",
+            )
+        instrument = scenario.instrument_of(chosen[0])
+        others = {scenario.instrument_of(name).sensor.name: name for name in chosen if name not in instrument.names}
+        if others:
+            kinds = [instrument.sensor.name, *others]
+            shapes = [scenario.instruments[kind].sensor.camera for kind in kinds]
+            sizes = ", ".join(f"{kind} {c.n_row} x {c.n_col}" for kind, c in zip(kinds, shapes, strict=True))
+            rule = f"must be of one kind, got several ({sizes} pixels); call once for each, as in sensors={kinds[0]!r}"
+            raise InputError(rule, "sensors")
+        return instrument, chosen, chosen_names("bands", bands, list(instrument.sensor.bands))
 
     def _render(
-        self, frames: list[int], sensors: list[str], bands: list[str], keep_signal: bool, keep_stars: bool
+        self,
+        instrument: Instrument,
+        frames: list[int],
+        sensors: list[str],
+        bands: list[str],
+        keep_signal: bool,
+        keep_stars: bool,
     ) -> FrameSet:
         with self._lock:
-            crew = self._crew(tuple(bands))
-            job = new_job(self.scene, crew.world, frames, sensors, self._pool, keep_signal, keep_stars)
+            crew = self._crew(instrument, tuple(bands))
+            job = new_job(crew.scene, frames, sensors, self._pool, keep_signal, keep_stars)
             self._run(crew, job)
         n_frame, n_sensor = len(frames), len(sensors)
         return FrameSet(
-            self.scene,
+            self.scenario,
+            instrument,
             frames,
             sensors,
             bands,
             ImageStack(job.counts, n_frame, n_sensor),
             None if job.signal_w_cm2 is None else ImageStack(job.signal_w_cm2, n_frame, n_sensor),
-            crew.world,
+            crew.scene,
             job.records,
             job.star_lists,
         )
 
-    def checked_frames(self, frames: Iterable[int]) -> list[int]:
-        """Frame numbers as a list of int; InputError when one is no frame of the scene."""
+    def checked_frames(self, frames: Iterable[int], instrument: Instrument) -> list[int]:
+        """Return frame numbers as a list of int; InputError when one is no frame of a kind of sensor."""
         if frames is None or isinstance(frames, int | np.integer):
             raise InputError("must be a list or range of frame numbers", "frames", frames)
         numbers = list(frames)
@@ -254,7 +281,7 @@ class Renderer:
             for number in numbers:
                 if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < 2**32:
                     raise InputError("must be whole numbers from 0 to 2**32 - 1", "frames", number)
-        times = self.scene.frame_time_s(numbers)
+        times = instrument.frame_time_s(numbers)
         late = np.flatnonzero(times > self.scene.duration_s)
         if late.size:
             raise InputError(
@@ -262,23 +289,21 @@ class Renderer:
                 f"{self.scene.duration_s:g})",
                 "frames",
             )
-        if self.scene.sights is not None:
-            self.scene.sights.check_times(self.scene.sensor_names, times)
+        instrument.check_frames(times)
         return numbers if kinds <= {int} else [int(number) for number in numbers]
 
-    def streaks(self, bands: Sequence[str]) -> Streaks:
-        """How sources are followed through the exposure."""
-        return self._world(tuple(bands)).streaks
+    def streaks(self, instrument: Instrument, bands: Sequence[str]) -> Streaks:
+        """Return how sources are followed through the exposure of a kind of sensor."""
+        return self._crew(instrument, tuple(bands)).scene.streaks
 
-    def _crew(self, bands: tuple[str, ...]) -> Crew:
-        if bands not in self._crews:
-            worlds = [World(self.scene, bands, index.device, index) for index in self._indices]
-            shape = (self.scene.camera.n_row, self.scene.camera.n_col)
-            self._crews[bands] = Crew(worlds, self.n_thread, shape, self._to_host)
-        return self._crews[bands]
-
-    def _world(self, bands: tuple[str, ...]) -> World:
-        return self._crew(bands).world
+    def _crew(self, instrument: Instrument, bands: tuple[str, ...]) -> Crew:
+        key = instrument.sensor.name, bands
+        if key not in self._crews:
+            scenario = self.scenario
+            scenes = [make_device_scene(scenario, instrument, bands, index.device, index) for index in self._indices]
+            shape = (instrument.sensor.camera.n_row, instrument.sensor.camera.n_col)
+            self._crews[key] = Crew(scenes, self.n_thread, shape, self._to_host)
+        return self._crews[key]
 
     @cached_property
     def _threads(self) -> ThreadPoolExecutor:
@@ -289,6 +314,6 @@ class Renderer:
         """Render a job; once more with longer source lists should a view have needed them."""
         if job.n_view == 0:
             return
-        self._n_slot = max(self._n_slot, crew.world.n_target + SPARE_SLOTS)
+        self._n_slot = max(self._n_slot, crew.scene.n_target + SPARE_SLOTS)
         while (wanted := crew.render(job, self._n_slot, self.chunk_bytes, self._threads)) > self._n_slot:
             self._n_slot = wanted + wanted // 4

@@ -1,6 +1,6 @@
 """The stages of a frame: each one launches, and does nothing else.
 
-aim -> observe_targets -> gather_stars -> trace -> record_targets -> deposit -> read_out. A stage reads the world, reads
+aim -> observe_targets -> gather_stars -> trace -> record_targets -> deposit -> read_out. A stage reads the scene, reads
 and writes a chunk, allocates nothing and never waits.
 """
 
@@ -19,43 +19,41 @@ from warpsim.render.device import rows_per_block
 from warpsim.render.streaks import Streaks, paths_struct
 
 if TYPE_CHECKING:
-    from warpsim.render.world import TargetWorld, World
+    from warpsim.render.device_scene import DeviceBodies, DeviceScene
 
 TILE_THREADS_CUDA = N_PAIR
 
 
-def aim(world: World, chunk: Chunk) -> None:
+def aim(scene: DeviceScene, chunk: Chunk) -> None:
     """Views: camera axes, position and velocity from the tracks and the pointing; where light moves, in between too."""
     views = chunk.views
-    aim_views(world, views)
+    aim_views(scene, views)
     if views.path is not None:
-        aim_views(world, views.path)
-        inputs = [views.axes, views.path.axes, world.camera, world.landmarks]
-        kernel = make_reach_kernel(world.field.features.distortion)
-        launch(kernel, dim=chunk.n_view, inputs=inputs, outputs=[views.reach], device=world.device)
+        aim_views(scene, views.path)
+        inputs = [views.axes, views.path.axes, scene.camera, scene.sample_points]
+        kernel = make_reach_kernel(scene.field.features.distortion)
+        launch(kernel, dim=chunk.n_view, inputs=inputs, outputs=[views.reach], device=scene.device)
 
 
-def aim_views(world: TargetWorld, views: Views | PathViews) -> None:
+def aim_views(scene: DeviceBodies, views: Views | PathViews) -> None:
     """The first launch of `aim`, which needs no images."""
-    motion, aiming = world.motion, world.aiming
+    tracks = scene.tracks
     launch(
-        aiming.kernel,
+        scene.pointing.kernel,
         dim=views.time_s.size,
         inputs=[
             _flat(views.time_s),
             _flat(views.middle_s),
             _flat(views.sensor),
-            motion.position_m,
-            motion.velocity_m_s,
-            motion.earth_velocity_m_s,
-            motion.releases,
-            motion.grid,
-            aiming.aim,
-            aiming.table,
-            aiming.jitter,
+            tracks.position_m,
+            tracks.velocity_m_s,
+            tracks.earth_velocity_m_s,
+            tracks.presence,
+            tracks.grid,
+            scene.pointing.struct,
         ],
         outputs=[_flat(array) for array in (views.axes, views.position_m, views.velocity_m_s, views.flags)],
-        device=world.device,
+        device=scene.device,
     )
 
 
@@ -63,32 +61,32 @@ def _flat(array: wp.array) -> wp.array:
     return array if array.ndim == 1 else array.flatten()
 
 
-def observe_targets(world: World, chunk: Chunk) -> None:
+def observe_targets(scene: DeviceScene, chunk: Chunk) -> None:
     """What is seen of each target, and the first source slots: its place and light."""
     seen, sources = chunk.observations, chunk.sources
-    look_at_targets(world, chunk.views, seen, sources.xy_px, sources.area_series)
+    look_at_targets(scene, chunk.views, seen, sources.xy_px, sources.area_series)
     launch(
-        world.field.emit_kernel,
-        dim=(chunk.n_view, world.field.n_lane),
-        inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen), world.field.n_lane],
+        scene.field.emit_kernel,
+        dim=(chunk.n_view, scene.field.n_lane),
+        inputs=[scene.field.surfaces, scene.field.radiance, seen_struct(seen), scene.field.n_lane],
         outputs=[sources.irradiance_w_cm2],
-        device=world.device,
+        device=scene.device,
     )
-    if world.field.features.profile:
+    if scene.field.features.profile:
         launch(
-            world.field.profile_kernel,
-            dim=(chunk.n_view, world.n_band, world.n_target),
-            inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen), sources.area_series],
+            scene.field.profile_kernel,
+            dim=(chunk.n_view, scene.n_band, scene.n_target),
+            inputs=[scene.field.surfaces, scene.field.radiance, seen_struct(seen), sources.area_series],
             outputs=[seen.brightness],
-            device=world.device,
+            device=scene.device,
         )
 
 
 def look_at_targets(
-    world: TargetWorld, views: Views, seen: Observations, xy_px: wp.array, area_series: wp.array
+    scene: DeviceBodies, views: Views, seen: Observations, xy_px: wp.array, area_series: wp.array
 ) -> None:
     """The first launch of `observe_targets`, which needs no images; places go to xy_px, (n_view, >= n_target)."""
-    motion, field = world.motion, world.field
+    tracks, field = scene.tracks, scene.field
     launch(
         field.observe_kernel,
         dim=(views.time_s.shape[0], field.n_lane),
@@ -97,17 +95,17 @@ def look_at_targets(
             views.axes,
             views.position_m,
             views.velocity_m_s,
-            motion.position_m,
-            motion.velocity_m_s,
-            motion.earth_velocity_m_s,
-            motion.releases,
-            motion.grid,
+            tracks.position_m,
+            tracks.velocity_m_s,
+            tracks.earth_velocity_m_s,
+            tracks.presence,
+            tracks.grid,
             field.first_row,
             field.targets,
             field.tables,
             field.exposure,
             field.surroundings,
-            world.camera,
+            scene.camera,
             field.n_lane,
         ],
         outputs=[
@@ -123,37 +121,37 @@ def look_at_targets(
             seen.flags,
             area_series,
         ],
-        device=world.device,
+        device=scene.device,
     )
 
 
-def split_light(world: TargetWorld, seen: Observations, irradiance_w_cm2: wp.array) -> None:
+def split_light(scene: DeviceBodies, seen: Observations, irradiance_w_cm2: wp.array) -> None:
     """Irradiance by each term into (N_TERM, n_view, n_band, n_target); for the truth, not part of a frame."""
     launch(
-        make_split_kernel(world.field.features),
+        make_split_kernel(scene.field.features),
         dim=irradiance_w_cm2.shape[1:],
-        inputs=[world.field.surfaces, world.field.radiance, seen_struct(seen)],
+        inputs=[scene.field.surfaces, scene.field.radiance, seen_struct(seen)],
         outputs=[irradiance_w_cm2],
-        device=world.device,
+        device=scene.device,
     )
 
 
-def gather_stars(world: World, chunk: Chunk) -> None:
+def gather_stars(scene: DeviceScene, chunk: Chunk) -> None:
     """The source slots behind the targets: every star whose stamp touches the frame."""
     views, sources = chunk.views, chunk.sources
     launch(
-        world.stars.kernel,
+        scene.stars.kernel,
         dim=chunk.n_view,
         inputs=[
             views.time_s,
             views.axes,
             views.position_m,
             views.velocity_m_s,
-            world.stars.field,
-            world.stars.orbit,
-            world.camera,
-            world.field.surroundings.earth,
-            world.n_target,
+            scene.stars.field,
+            scene.stars.orbit,
+            scene.camera,
+            scene.field.surroundings.earth,
+            scene.n_target,
             views.reach,
         ],
         outputs=[
@@ -164,108 +162,108 @@ def gather_stars(world: World, chunk: Chunk) -> None:
             sources.n_source,
             views.n_wanted,
         ],
-        device=world.device,
+        device=scene.device,
     )
 
 
-def trace(world: World, chunk: Chunk) -> None:
+def trace(scene: DeviceScene, chunk: Chunk) -> None:
     """Sources: how they move during the exposure, where they do."""
     path = chunk.views.path
     if path is not None:
-        trace_sources(world, world.streaks, path, chunk.sources)
+        trace_sources(scene, scene.streaks, path, chunk.sources)
 
 
-def trace_sources(world: TargetWorld, streaks: Streaks, path: PathViews, sources: Sources) -> None:
+def trace_sources(scene: DeviceBodies, streaks: Streaks, path: PathViews, sources: Sources) -> None:
     """The launches of `trace`."""
-    motion, (n_view, n_slot) = world.motion, sources.xy_px.shape
+    tracks, (n_view, n_slot) = scene.tracks, sources.xy_px.shape
     launch(
-        make_trace_targets_kernel(world.field.features.distortion),
-        dim=(n_view, world.n_target),
+        make_trace_targets_kernel(scene.field.features.distortion),
+        dim=(n_view, scene.n_target),
         inputs=[
             path.time_s,
             path.axes,
             path.position_m,
             path.velocity_m_s,
-            motion.position_m,
-            motion.velocity_m_s,
-            motion.earth_velocity_m_s,
-            motion.releases,
-            motion.grid,
-            world.field.first_row,
-            world.camera,
+            tracks.position_m,
+            tracks.velocity_m_s,
+            tracks.earth_velocity_m_s,
+            tracks.presence,
+            tracks.grid,
+            scene.field.first_row,
+            scene.camera,
             streaks.instants,
             sources.xy_px,
         ],
         outputs=[sources.offset_px],
-        device=world.device,
+        device=scene.device,
     )
     launch(
-        make_trace_stars_kernel(world.field.features.distortion),
-        dim=(n_view, n_slot - world.n_target),
+        make_trace_stars_kernel(scene.field.features.distortion),
+        dim=(n_view, n_slot - scene.n_target),
         inputs=[
             path.axes,
-            world.camera,
+            scene.camera,
             streaks.instants,
-            world.n_target,
+            scene.n_target,
             sources.n_source,
             sources.xy_px,
             sources.direction,
         ],
         outputs=[sources.offset_px],
-        device=world.device,
+        device=scene.device,
     )
 
 
-def record_targets(world: World, chunk: Chunk) -> None:
+def record_targets(scene: DeviceScene, chunk: Chunk) -> None:
     """Observations: what of the source list belongs to targets."""
     sources, seen = chunk.sources, chunk.observations
     launch(
         record_targets_kernel,
-        dim=(chunk.n_view, world.field.n_lane),
-        inputs=[sources.xy_px, sources.irradiance_w_cm2, sources.offset_px, world.field.n_lane],
+        dim=(chunk.n_view, scene.field.n_lane),
+        inputs=[sources.xy_px, sources.irradiance_w_cm2, sources.offset_px, scene.field.n_lane],
         outputs=[seen.xy_px, seen.irradiance_w_cm2, seen.offset_px],
-        device=world.device,
+        device=scene.device,
     )
 
 
-def deposit(world: World, chunk: Chunk) -> None:
+def deposit(scene: DeviceScene, chunk: Chunk) -> None:
     """Signal: the light of all sources, integrated over pixels."""
     sources, signal = chunk.sources, chunk.light.signal_w_cm2  # dark
     lists = [sources.n_source, sources.xy_px, sources.irradiance_w_cm2]
     paths = None
-    if world.streaks.wanted:
-        paths = paths_struct(sources.offset_px, chunk.observations.brightness, world.n_target)
-    n_row_per_block = rows_per_block(world.device, signal.shape[2])
-    world.psf.deposit(lists, world.stamp_rule, n_row_per_block, signal, paths, chunk.light.lit)
+    if scene.streaks.wanted:
+        paths = paths_struct(sources.offset_px, chunk.observations.brightness, scene.n_target)
+    n_row_per_block = rows_per_block(scene.device, signal.shape[2])
+    scene.psf.deposit(lists, scene.stamp_rule, n_row_per_block, signal, paths, chunk.light.lit)
 
 
-def read_out(world: World, chunk: Chunk) -> None:
+def read_out(scene: DeviceScene, chunk: Chunk) -> None:
     """Counts: what the detector makes of the signal."""
     n_view, n_band, n_row, n_col = chunk.counts.shape
     n_image, n_pixel = n_view * n_band, n_row * n_col
     n_strip = n_pixel // STRIP_PIXELS
     light, counts = chunk.light, chunk.counts
-    inputs = [chunk.views.frame, chunk.views.sensor, world.band_id, world.read_out.detector]
+    inputs = [chunk.views.frame, chunk.views.sensor, scene.band_id, scene.read_out.detector]
     keep = int(chunk.keep_light)
-    block_dim = TILE_THREADS_CUDA if world.device.is_cuda else 1
+    block_dim = TILE_THREADS_CUDA if scene.device.is_cuda else 1
     if n_strip:
         launch_tiled(
-            world.read_out.kernel,
+            scene.read_out.kernel,
             dim=[n_image * -(-n_strip // STRIPS_PER_BLOCK)],
             inputs=[*inputs, 0, n_strip, light.dark_place, keep, light.flat, light.lit.flatten()],
             outputs=[counts.flatten()],
             block_dim=block_dim,
-            device=world.device,
+            device=scene.device,
         )
     if n_strip * STRIP_PIXELS < n_pixel:
         shape = (n_image, n_pixel)
         launch_tiled(
-            world.read_out.rest_kernel,
+            scene.read_out.rest_kernel,
             dim=[n_image],
             inputs=[*inputs, n_strip, n_strip + 1, 0, keep, light.signal_w_cm2.reshape(shape), light.lit.flatten()],
             outputs=[counts.reshape(shape)],
             block_dim=block_dim,
-            device=world.device,
+            device=scene.device,
         )
     if not chunk.keep_light:
         clear(light.lit)

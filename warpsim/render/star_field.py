@@ -14,8 +14,12 @@ from warpsim_kernels.stars import EarthOrbit, StarField, make_gather_stars_kerne
 
 from warpsim.constants import JULIAN_YEAR_DAYS
 from warpsim.errors import InputError
+from warpsim.instant import Instant
 from warpsim.optics.psf_bank import PsfBank
-from warpsim.scene.scene import Scene
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.sensors import Sensor
+from warpsim.scene.sky import Sky
+from warpsim.scene.tracks import Tracks
 from warpsim.sky.band_index import BandIndex
 from warpsim.sky.catalog import StarCatalog
 
@@ -43,13 +47,12 @@ class Stars:
         return sum(int(array.capacity) for array in arrays)
 
 
-def load_catalog(scene: Scene) -> StarCatalog:
-    """The scene's star catalog.
+def load_catalog(sky: Sky) -> StarCatalog:
+    """Return the star catalog of a scene's sky.
 
     Raises:
         InputError: It cannot be read, or needs packages that are not installed.
     """
-    sky = scene.sky
     try:
         if sky.catalog == "none":
             return StarCatalog.from_arrays([], [], {})
@@ -65,26 +68,33 @@ def load_catalog(scene: Scene) -> StarCatalog:
         raise error.within("sky.catalog") from None
 
 
-def star_index(scene: Scene, catalog: StarCatalog, device: wp.Device) -> BandIndex:
-    """Index of a catalog, its stars moved to the scene's epoch."""
-    jyear = 2000.0 + (scene.instant.tt.jd - 2451545.0) / JULIAN_YEAR_DAYS
-    return BandIndex(catalog.at_epoch(jyear, scene.sky.physics), device)
+def star_index(sky: Sky, epoch: Instant, catalog: StarCatalog, device: wp.Device) -> BandIndex:
+    """Return the index of a catalog, its stars moved to an epoch by the sky's physics."""
+    jyear = 2000.0 + (epoch.tt.jd - 2451545.0) / JULIAN_YEAR_DAYS
+    return BandIndex(catalog.at_epoch(jyear, sky.physics), device)
 
 
 def make_stars(
-    scene: Scene, bands: Sequence[str], index: BandIndex, psf: PsfBank, stamp_rule: Any, grid: NodeGrid
+    scenario: Scenario,
+    sensor: Sensor,
+    bands: Sequence[str],
+    index: BandIndex,
+    psf: PsfBank,
+    stamp_rule: Any,
+    grid: NodeGrid,
 ) -> Stars:
     """Put what the star stage reads on the index's device.
 
     Args:
-        scene: The scene.
+        scenario: What the scene gives.
+        sensor: The kind of sensor.
         bands: Names of the bands, in the order of the images.
         index: Index of the scene's catalog at its epoch.
         psf: Point spread functions of the bands; with stamp_rule they say how far a star's light reaches.
         stamp_rule: When light is left out.
         grid: Nodes of the scene's tracks.
     """
-    sky, rows, device = scene.sky, index.star_row, index.device
+    sky, rows, device = scenario.scene.sky, index.star_row, index.device
     irradiance = np.stack([index.catalog.irradiance_w_cm2(name, sky.physics)[rows] for name in bands])
     light = wp.array(irradiance.astype(np.float32), dtype=wp.float32, device=device)
     half_width = _half_width_px(light, psf, stamp_rule)
@@ -101,22 +111,22 @@ def make_stars(
     field.parallax_rad = wp.array(parallax_rad, dtype=wp.float32, device=device)
     # The distance to the Sun varies by 2 %: an observer may see a little more than the parallax.
     field.radius_rad = (
-        scene.camera.half_diagonal_rad(margin_px) + LARGEST_SHIFT_RAD + 1.1 * parallax_rad.max(initial=0.0)
+        sensor.camera.half_diagonal_rad(margin_px) + LARGEST_SHIFT_RAD + 1.1 * parallax_rad.max(initial=0.0)
     )
     field.cosine = float(np.cos(min(field.radius_rad, np.pi)))
-    return Stars(index, field, _earth_orbit(scene, grid, device), star_kernel(scene))
+    return Stars(index, field, _earth_orbit(scenario.tracks, grid, device), star_kernel(sky, sensor))
 
 
-def star_kernel(scene: Scene) -> wp.Kernel:
-    """The kernel of the stage `gather_stars` for a scene's sky and camera."""
-    sky, distorted = scene.sky, scene.camera.lens is not None
-    return make_gather_stars_kernel(sky.parallax, sky.light_deflection, sky.aberration, distorted, scene.streaks)
+def star_kernel(sky: Sky, sensor: Sensor) -> wp.Kernel:
+    """Return the kernel of the stage `gather_stars` for a sky and a kind of sensor."""
+    distorted = sensor.camera.lens is not None
+    return make_gather_stars_kernel(sky.parallax, sky.light_deflection, sky.aberration, distorted, sensor.streaks)
 
 
-def _earth_orbit(scene: Scene, grid: NodeGrid, device: wp.Device) -> Any:
+def _earth_orbit(tracks: Tracks, grid: NodeGrid, device: wp.Device) -> Any:
     orbit: Any = EarthOrbit()
-    orbit.barycentric_m = wp.array(scene.tracks.earth_barycentric_m, dtype=wp.vec3d, device=device)
-    orbit.heliocentric_m = wp.array(scene.tracks.earth_heliocentric_m, dtype=wp.vec3d, device=device)
+    orbit.barycentric_m = wp.array(tracks.earth_barycentric_m, dtype=wp.vec3d, device=device)
+    orbit.heliocentric_m = wp.array(tracks.earth_heliocentric_m, dtype=wp.vec3d, device=device)
     orbit.grid = grid
     return orbit
 

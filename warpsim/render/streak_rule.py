@@ -1,4 +1,4 @@
-"""At how many instants of the exposure places are found: as few as the measured error of paths allows."""
+"""Number of instants of the exposure at which positions are found: as few as the measured error of paths allows."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from warpsim.render.streaks import Streaks, streaks_at
 
 if TYPE_CHECKING:
     from warpsim.optics.camera import Camera
-    from warpsim.render.world import TargetWorld
-    from warpsim.scene.scene import Scene
+    from warpsim.render.device_scene import DeviceBodies
+    from warpsim.scene.instrument import Instrument
 
 F64 = npt.NDArray[np.float64]
 
@@ -31,49 +31,53 @@ _MOST_FRAMES, _MOST_SENSORS = 24, 12
 _INSTANTS = np.linspace(-1.0, 1.0, 65)
 
 
-def choose_streaks(scene: Scene, world: TargetWorld) -> Streaks:
-    """The fewest instants that keep places within PATH_ERROR_PX, else 33; measured on targets and on a still sky.
+def choose_streaks(duration_s: float, scene: DeviceBodies) -> Streaks:
+    """Return the fewest instants that keep positions within PATH_ERROR_PX, else 33, on targets and on a still sky.
 
     A rule is judged by the next finer one, on frames and sensors spread over the scene: with their own axes, so that
     whatever turns the camera counts, its jitter too.
+
+    Args:
+        duration_s: Length of the scene [s].
+        scene: What an instrument looks at.
     """
-    time_s, sensor = _sample(scene)
-    exposure_s = scene.detector.exposure_s
-    rules = [streaks_at(count, exposure_s, world.device) for count in NODE_COUNTS]
-    paths = (_paths_px(scene.camera, world, rule, time_s, sensor) for rule in rules)
+    instrument = scene.instrument
+    camera, exposure_s = instrument.sensor.camera, instrument.sensor.detector.exposure_s
+    time_s, sensor = _sample(instrument, duration_s)
+    rules = [streaks_at(count, exposure_s, scene.device) for count in NODE_COUNTS]
+    paths = (_paths_px(camera, scene, rule, time_s, sensor) for rule in rules)
     for count, (one, other) in zip(NODE_COUNTS, pairwise(paths), strict=False):
-        error_px = _largest_shift_px(scene.camera, one, other)
-        streaks = streaks_at(count, exposure_s, world.device, error_px)
+        error_px = _largest_shift_px(camera, one, other)
+        streaks = streaks_at(count, exposure_s, scene.device, error_px)
         if error_px <= PATH_ERROR_PX:
             break
     return streaks
 
 
-def _sample(scene: Scene) -> tuple[F64, npt.NDArray[np.uint32]]:
+def _sample(instrument: Instrument, duration_s: float) -> tuple[F64, npt.NDArray[np.uint32]]:
     """Times and sensors of the views to measure on, (n_view,) each."""
 
     def spread(count: int, most: int) -> npt.NDArray[np.int64]:
         return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
 
-    frames = spread(scene.frames.count, _MOST_FRAMES)
-    time_s = scene.frame_time_s(frames)
-    time_s = time_s[time_s <= scene.duration_s]
-    sensors = spread(len(scene.sensor_names), _MOST_SENSORS).astype(np.uint32)
+    time_s = instrument.frame_time_s(spread(instrument.frames.count, _MOST_FRAMES))
+    time_s = time_s[time_s <= duration_s]
+    sensors = spread(len(instrument.names), _MOST_SENSORS).astype(np.uint32)
     return np.repeat(time_s, len(sensors)), np.tile(sensors, len(time_s))
 
 
-def _paths_px(camera: Camera, world: TargetWorld, rule: Streaks, time_s: F64, sensor: npt.NDArray[np.uint32]) -> F64:
+def _paths_px(camera: Camera, scene: DeviceBodies, rule: Streaks, time_s: F64, sensor: npt.NDArray[np.uint32]) -> F64:
     """Paths of all targets, and of stars at the landmarks of the frame, (n_view, n_source, 2, n_instant)."""
-    device, n_view = world.device, len(time_s)
+    device, n_view = scene.device, len(time_s)
     middle, path = (
         new_path_views(device, np.zeros(1), time_s, sensor),
         new_path_views(device, rule.offset_s, time_s, sensor),
     )
-    aim_views(world, middle)
-    aim_views(world, path)
-    stars = np.einsum("ci,vij->vcj", camera.landmarks, middle.axes.numpy()[:, 0])
-    n_source = world.n_target + stars.shape[1]
-    direction = np.concatenate([np.zeros((n_view, world.n_target, 3)), stars], axis=1)
+    aim_views(scene, middle)
+    aim_views(scene, path)
+    stars = np.einsum("ci,vij->vcj", camera.sample_points, middle.axes.numpy()[:, 0])
+    n_source = scene.n_target + stars.shape[1]
+    direction = np.concatenate([np.zeros((n_view, scene.n_target, 3)), stars], axis=1)
     none = wp.empty((0, 0, 0, 0), dtype=wp.float64, device=device)
     sources = Sources(
         wp.full(n_view, n_source, dtype=wp.int32, device=device),
@@ -84,7 +88,7 @@ def _paths_px(camera: Camera, world: TargetWorld, rule: Streaks, time_s: F64, se
         wp.empty((n_view, n_source, rule.n_path), dtype=wp.vec2, device=device),
         none,
     )
-    trace_sources(world, rule, path, sources)
+    trace_sources(scene, rule, path, sources)
     series = np.asarray(sources.offset_px.numpy(), dtype=np.float64)
     return series_at(np.moveaxis(series, -1, -2), _INSTANTS)
 

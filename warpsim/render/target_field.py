@@ -1,4 +1,4 @@
-"""The targets of a scene on a device: what they are, how they turn, what lights them, and the kernels for that."""
+"""Targets of a scene on a device: bodies, attitudes, light and the kernels for that."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.earth import Earth
 from warpsim_kernels.emission import Surfaces, make_emit_kernel, make_profile_kernel
@@ -17,10 +18,15 @@ from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.legendre import series_matrix
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M
 from warpsim.radiometry.bands import band_radiance_w_m2_sr
-from warpsim.render.turning import Turning, make_turning, motion_struct
-from warpsim.render.warmth import Warmth, make_radiance, make_warmth
-from warpsim.scene.exposure import exposure_rule
-from warpsim.scene.scene import Scene
+from warpsim.render.attitude_arrays import AttitudeArrays, make_attitudes, motion_struct
+from warpsim.render.temperature_arrays import TemperatureArrays, make_radiance, make_temperatures
+from warpsim.scene.exposure import ExposureRule
+from warpsim.scene.instrument import Instrument
+from warpsim.scene.light_terms import LightTerm
+from warpsim.scene.lighting import Lighting
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.targets import SceneTarget
+from warpsim.scene.tracks import Tracks
 from warpsim.target.albedo_table import albedo_table
 from warpsim.target.areas import body_struct
 from warpsim.target.earthlight import albedo_method, rule_struct
@@ -54,94 +60,102 @@ class TargetField:
 
 
 def make_target_field(
-    scene: Scene, bands: Sequence[str], device: wp.Device, with_profiles: bool = False
+    scenario: Scenario, instrument: Instrument, bands: Sequence[str], device: wp.Device, with_profiles: bool = False
 ) -> TargetField:
-    """Put the targets of a scene on a device; with_profiles, brightness is followed through exposures with streaks."""
-    turning = make_turning(scene.attitudes, device)
-    warmth = make_warmth(scene.temperatures, device)
-    facets = facets_of([spec.shape for spec in scene.target_specs], device)
-    earth_degree, n_earth = heat_method_of(scene)
-    degree, n_albedo = albedo_method_of(scene)
+    """Put the targets of a scene on a device, as an instrument sees them.
+
+    Args:
+        scenario: What the scene gives.
+        instrument: The kind of sensor.
+        bands: Names of the bands, in the order of the images.
+        device: Where everything is put.
+        with_profiles: Whether brightness is followed through exposures with streaks.
+    """
+    attitudes = make_attitudes(scenario.attitudes, device)
+    temperatures = make_temperatures(scenario.temperatures, device)
+    targets, terms = scenario.targets, instrument.light_terms
+    facets = facets_of([target.spec.shape for target in targets], device)
+    farthest_m = [float(np.linalg.norm(track.position_m, axis=1).max()) for track in scenario.tracks.targets]
+    limb_sine = EARTH_POLAR_RADIUS_M / max(farthest_m, default=EARTH_EQUATORIAL_RADIUS_M)
+    lighting = scenario.scene.lighting
+    earth_degree, n_earth = earth_method(lighting, terms["earth"], limb_sine)
+    albedo_degree, n_albedo = albedo_series(lighting, terms["albedo"], limb_sine)
+    streaks = instrument.sensor.streaks
     features = Features(
-        attitude_tables=any(turning.table_count),
+        attitude_tables=any(attitudes.table_count),
         meshes=any(facets.count),
         earth_degree=earth_degree,
-        albedo_degree=degree,
-        profile=with_profiles and scene.streaks,
-        distortion=scene.camera.lens is not None,
-        **{name: term.kept for name, term in scene.light_terms.items()},
+        albedo_degree=albedo_degree,
+        profile=with_profiles and streaks,
+        distortion=instrument.sensor.camera.lens is not None,
+        **{name: term.kept for name, term in terms.items()},
     )
-    exposure = _exposure(scene, device)
+    exposure = _exposure(instrument.exposure_rule, device)
     tables: Any = Tables()
-    tables.attitudes, tables.facets, tables.temperatures = turning.tables, facets.facets, warmth.tables
+    tables.attitudes, tables.facets, tables.temperatures = attitudes.tables, facets.facets, temperatures.tables
+    structs = _target_structs(scenario, attitudes, temperatures, facets.first)
     return TargetField(
-        len(scene.target_names),
-        len(scene.sensor_names),
+        len(targets),
+        len(instrument.names),
         features,
-        scene.lighting.sun and scene.light_terms["sun"].bound_nei == 0.0,
-        wp.array(_target_structs(scene, turning, warmth, facets.first), dtype=Target, device=device),
+        lighting.sun and terms["sun"].bound_nei == 0.0,
+        wp.array(structs, dtype=Target, device=device),
         tables,
         exposure,
-        _surroundings(scene, (earth_degree, n_earth), (degree, n_albedo), device),
-        _surfaces(scene, bands, device),
-        make_radiance(bands, warmth.span_k, device),
+        _surroundings(scenario.tracks, (earth_degree, n_earth), (albedo_degree, n_albedo), device),
+        _surfaces(targets, lighting, bands, device),
+        make_radiance(bands, temperatures.span_k, device),
         int(exposure.weight.shape[0]) if features.profile else 0,
-        len(scene.target_names) if device.is_cuda else 1,
+        max(len(targets), 1) if device.is_cuda else 1,
         make_observe_targets_kernel(features),
         make_emit_kernel(features),
         make_profile_kernel(features) if features.profile else None,
     )
 
 
-def albedo_method_of(scene: Scene) -> tuple[int, int]:
-    """Degree of the series, and nodes, for the scene's sunlight by way of the Earth; the same for all its bands."""
-    lighting, term = scene.lighting, scene.light_terms["albedo"]
+def albedo_series(lighting: Lighting, term: LightTerm, limb_sine: float) -> tuple[int, int]:
+    """Return the degree of the series, and nodes, for sunlight reflected by the Earth; the same for all bands."""
     if not term.kept:
         return 0, 1
     error = max(lighting.albedo_error, lighting.leave_out_nei / term.bound_nei)  # bound > 0, as it is kept
-    return albedo_method(error, _smallest_limb_sine(scene))
+    return albedo_method(error, limb_sine)
 
 
-def heat_method_of(scene: Scene) -> tuple[int, int]:
-    """Degree of the polynomials, and nodes, for the Earth's heat; the same for all the scene's bands."""
-    if not scene.light_terms["earth"].kept:
-        return 0, 1
-    return heat_method(scene.lighting.quadrature_error, _smallest_limb_sine(scene))
-
-
-def _smallest_limb_sine(scene: Scene) -> float:
-    far_m = max(float(np.linalg.norm(track.position_m, axis=1).max()) for track in scene.tracks.targets)
-    return EARTH_POLAR_RADIUS_M / far_m
+def earth_method(lighting: Lighting, term: LightTerm, limb_sine: float) -> tuple[int, int]:
+    """Return the degree of the polynomials, and nodes, for the Earth's infrared; the same for all bands."""
+    return heat_method(lighting.quadrature_error, limb_sine) if term.kept else (0, 1)
 
 
 def _doubles(values: Any, device: wp.Device) -> wp.array:
     return wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=device)
 
 
-def _target_structs(scene: Scene, turning: Turning, warmth: Warmth, first_facet: list[int]) -> list[Any]:
+def _target_structs(
+    scenario: Scenario, attitudes: AttitudeArrays, temperatures: TemperatureArrays, first_facet: list[int]
+) -> list[Any]:
     structs = []
-    for number, (spec, attitude) in enumerate(zip(scene.target_specs, scene.attitudes, strict=True)):
+    for number, (one, attitude) in enumerate(zip(scenario.targets, scenario.attitudes, strict=True)):
         target: Any = Target()
-        target.body = body_struct(spec.shape, first_facet[number])
+        target.body = body_struct(one.spec.shape, first_facet[number])
         target.attitude = motion_struct(attitude)
-        target.table_first, target.table_count = turning.table_first[number], turning.table_count[number]
-        target.temperature_first, target.temperature_count = warmth.first[number], warmth.count[number]
+        target.table_first, target.table_count = attitudes.table_first[number], attitudes.table_count[number]
+        target.temperature_first = temperatures.first[number]
+        target.temperature_count = temperatures.count[number]
         structs.append(target)
     return structs
 
 
-def _exposure(scene: Scene, device: wp.Device) -> Any:
+def _exposure(rule: ExposureRule, device: wp.Device) -> Any:
     exposure: Any = Exposure()
-    rule = exposure_rule(scene)
     exposure.offset_s, exposure.weight = _doubles(rule.offset_s, device), _doubles(rule.weight, device)
     exposure.series = _doubles(series_matrix(len(rule.weight)), device)
     return exposure
 
 
-def _surroundings(scene: Scene, heat: tuple[int, int], albedo: tuple[int, int], device: wp.Device) -> Any:
+def _surroundings(tracks: Tracks, heat: tuple[int, int], albedo: tuple[int, int], device: wp.Device) -> Any:
     surroundings: Any = Surroundings()
-    surroundings.sun_m = wp.array(scene.tracks.sun.position_m, dtype=wp.vec3d, device=device)
-    surroundings.earth = earth_struct(scene)
+    surroundings.sun_m = wp.array(tracks.sun.position_m, dtype=wp.vec3d, device=device)
+    surroundings.earth = earth_struct(tracks.pole_icrs)
     surroundings.earth_rule = rule_struct(heat[1], device)
     surroundings.heat = heat_tables(heat[0], device)
     surroundings.albedo_rule = rule_struct(albedo[1], device)
@@ -149,9 +163,9 @@ def _surroundings(scene: Scene, heat: tuple[int, int], albedo: tuple[int, int], 
     return surroundings
 
 
-def _surfaces(scene: Scene, bands: Sequence[str], device: wp.Device) -> Any:
-    emissivity = np.array([[spec.surface.emissivity_in(name) for spec in scene.target_specs] for name in bands])
-    reflectance, lighting = 1.0 - emissivity, scene.lighting
+def _surfaces(targets: Sequence[SceneTarget], lighting: Lighting, bands: Sequence[str], device: wp.Device) -> Any:
+    emissivity = np.array([[target.spec.surface.emissivity_in(name) for target in targets] for name in bands])
+    reflectance = 1.0 - emissivity
     sunlight = np.array([lighting.sun_w_m2_in(name) for name in bands])[:, None]
     heat = np.array([band_radiance_w_m2_sr(lighting.earth_k_in(name), name) for name in bands])[:, None]
     surfaces: Any = Surfaces()
@@ -162,10 +176,10 @@ def _surfaces(scene: Scene, bands: Sequence[str], device: wp.Device) -> Any:
     return surfaces
 
 
-def earth_struct(scene: Scene) -> Any:
-    """The Earth's ellipsoid about the pole of date, as the kernels' struct."""
+def earth_struct(pole_icrs: npt.NDArray[np.float64]) -> Any:
+    """Return the Earth's ellipsoid about the pole of date, as the kernels' struct."""
     earth: Any = Earth()
-    earth.pole = wp.vec3d(*scene.tracks.pole_icrs)
+    earth.pole = wp.vec3d(*pole_icrs)
     earth.equatorial_radius_m = EARTH_EQUATORIAL_RADIUS_M
     earth.polar_radius_m = EARTH_POLAR_RADIUS_M
     return earth

@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.signature import N_TERM
-from warpsim_kernels.targets import BEHIND, IN_FOV, OCCULTED, STOWED
+from warpsim_kernels.targets import ABSENT, BEHIND, IN_FOV, NOT_DEPLOYED, OCCULTED
 
 from warpsim.render.buffers import Observations
+from warpsim.render.device_scene import DeviceBodies, DeviceScene
 from warpsim.render.stages import split_light
 from warpsim.render.streaks import moved, paths_struct
-from warpsim.render.world import TargetWorld, World
 from warpsim.scene.light_terms import TERMS
 
 if TYPE_CHECKING:
@@ -22,22 +22,24 @@ if TYPE_CHECKING:
     from warpsim.render.frameset import FrameSet
 
 
-def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
-    """One row per frame x sensor x band x target.
+def truth_table(frames: FrameSet, scene: DeviceScene, seen: Observations) -> Table:
+    """Return one row per frame x sensor x band x target.
 
-    Columns: frame, time_s, sensor, band, target; access (the sensor may observe the main target), in_fov, occulted,
-    stowed; x_px, y_px in the middle of the exposure (NaN behind the camera), dx_px, dy_px from its start to its end
-    (0 where streaks are off), range_km, aspect_deg, projected_area_m2 (mean over the exposure),
-    temperature_k, sunlit_fraction; irradiance_w_cm2 at the pupil (0 when occulted or stowed) and what it is the sum of,
+    Columns: frame, time_s, sensor, band, target, class; access (the sensor may observe this target), in_fov, occulted,
+    not_deployed (still with its main target), absent (before or after it exists: the row knows nothing else); x_px and
+    y_px in the middle of the exposure (NaN behind the camera and for absent targets), dx_px and dy_px from its start to
+    its end (0 where streaks are off), range_km, aspect_deg, projected_area_m2 (mean over the exposure), temperature_k,
+    sunlit_fraction; irradiance_w_cm2 at the pupil (0 when occulted, not deployed or absent) and what it is the sum of,
     emitted_w_cm2, sun_w_cm2, earth_w_cm2 and albedo_w_cm2 (0 where the scene leaves a term out); snr = irradiance /
     NEI, snr_peak (of the target's own pixel), left_out_w_cm2 (light beyond the stamp).
     """
     from astropy.table import Table
 
-    shape = (len(frames.frames), len(frames.sensors), world.n_band, world.n_target)
-    peak_share, stamp_share = _stamp_shares(world, seen)
-    in_fov, occulted, stowed = (frames.flag(bit) for bit in (IN_FOV, OCCULTED, STOWED))
-    access = np.stack([frames.scene.has_access(name, frames.time_s) for name in frames.sensors], axis=1)
+    shape = (len(frames.frames), len(frames.sensors), scene.n_band, scene.n_target)
+    peak_part, stamp_part = _stamp_parts(scene, seen)
+    in_fov, occulted, not_deployed, absent = (frames.flag(bit) for bit in (IN_FOV, OCCULTED, NOT_DEPLOYED, ABSENT))
+    rows = [frames.instrument.index(name) for name in frames.sensors]
+    access = frames.instrument.can_observe(rows, frames.time_s) & ~absent
 
     def spread(values: Any, *axes: int) -> npt.NDArray[Any]:
         """Values with the given axes of (frame, sensor, band, target), repeated along the others."""
@@ -45,37 +47,48 @@ def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
         full = [shape[axis] if axis in axes else 1 for axis in range(4)]
         return np.broadcast_to(array.reshape(full), shape).ravel()
 
-    behind = (np.asarray(seen.flags.numpy()) & int(BEHIND)) != 0
-    xy_px = np.where(behind[..., None], np.nan, np.asarray(seen.xy_px.numpy()))
-    moved_px = np.where(behind[..., None], np.nan, moved(np.asarray(seen.offset_px.numpy())))
+    flags = np.asarray(seen.flags.numpy())
+    there = (flags & int(ABSENT)) == 0
+    placed = there & ((flags & int(BEHIND)) == 0)
+
+    def where_there(values: Any, mask: npt.NDArray[np.bool_] = there) -> npt.NDArray[np.float64]:
+        """Values of targets that are there, NaN for others."""
+        array = np.asarray(values, dtype=np.float64)
+        return np.where(mask.reshape(mask.shape + (1,) * (array.ndim - mask.ndim)), array, np.nan)
+
+    xy_px = where_there(seen.xy_px.numpy(), placed)
+    moved_px = where_there(moved(np.asarray(seen.offset_px.numpy())), placed)
     irradiance = np.asarray(seen.irradiance_w_cm2.numpy(), dtype=np.float64)
-    split = split_irradiance_w_cm2(world, seen)
-    snr = irradiance / np.array([frames.scene.nei_w_cm2(band) for band in frames.bands])[:, None]
+    split = split_irradiance_w_cm2(scene, seen)
+    snr = irradiance / np.array([frames.instrument.nei_w_cm2(band) for band in frames.bands])[:, None]
+    targets = frames.scenario.targets
     table = Table(
         {
             "frame": spread(np.asarray(frames.frames, dtype=np.int64), 0),
             "time_s": spread(frames.time_s, 0),
             "sensor": spread(frames.sensors, 1),
             "band": spread(frames.bands, 2),
-            "target": spread(frames.scene.target_names, 3),
-            "access": spread(access, 0, 1),
+            "target": spread(np.array([target.name for target in targets], dtype=str), 3),
+            "class": spread(np.array([target.spec.class_name for target in targets], dtype=str), 3),
+            "access": spread(access, 0, 1, 3),
             "in_fov": spread(in_fov, 0, 1, 3),
             "occulted": spread(occulted, 0, 1, 3),
-            "stowed": spread(stowed, 0, 1, 3),
+            "not_deployed": spread(not_deployed, 0, 1, 3),
+            "absent": spread(absent, 0, 1, 3),
             "x_px": spread(xy_px[..., 0], 0, 1, 3),
             "y_px": spread(xy_px[..., 1], 0, 1, 3),
             "dx_px": spread(moved_px[..., 0], 0, 1, 3),
             "dy_px": spread(moved_px[..., 1], 0, 1, 3),
-            "range_km": spread(seen.range_m.numpy() / 1e3, 0, 1, 3),
-            "aspect_deg": spread(np.degrees(seen.aspect_rad.numpy()), 0, 1, 3),
-            "projected_area_m2": spread(seen.area_m2.numpy(), 0, 1, 3),
-            "temperature_k": spread(seen.temperature_k.numpy(), 0, 1, 3),
-            "sunlit_fraction": spread(sunlit_fraction(world, seen), 0, 1, 3),
+            "range_km": spread(where_there(seen.range_m.numpy() / 1e3), 0, 1, 3),
+            "aspect_deg": spread(where_there(np.degrees(seen.aspect_rad.numpy())), 0, 1, 3),
+            "projected_area_m2": spread(where_there(seen.area_m2.numpy()), 0, 1, 3),
+            "temperature_k": spread(where_there(seen.temperature_k.numpy()), 0, 1, 3),
+            "sunlit_fraction": spread(where_there(sunlit_fraction(scene, seen)), 0, 1, 3),
             "irradiance_w_cm2": spread(irradiance, 0, 1, 2, 3),
             **{f"{name}_w_cm2": spread(values, 0, 1, 2, 3) for name, values in split.items()},
             "snr": spread(snr, 0, 1, 2, 3),
-            "snr_peak": spread(snr * peak_share, 0, 1, 2, 3),
-            "left_out_w_cm2": spread(irradiance * np.maximum(1 - stamp_share, 0), 0, 1, 2, 3),
+            "snr_peak": spread(snr * peak_part, 0, 1, 2, 3),
+            "left_out_w_cm2": spread(irradiance * np.maximum(1 - stamp_part, 0), 0, 1, 2, 3),
         }
     )
     units = {"time_s": "s", "range_km": "km", "aspect_deg": "deg"}
@@ -87,35 +100,35 @@ def truth_table(frames: FrameSet, world: World, seen: Observations) -> Table:
     return table
 
 
-def sunlit_fraction(world: TargetWorld, seen: Observations) -> npt.NDArray[np.float64]:
-    """Share of the Sun's disc that targets see, (n_view, n_target); NaN with sunlight off, or left out as too faint."""
-    if world.field.features.sun:
+def sunlit_fraction(scene: DeviceBodies, seen: Observations) -> npt.NDArray[np.float64]:
+    """Return the part of the Sun's disc that targets see, (n_view, n_target); NaN with sunlight off, or left out."""
+    if scene.field.features.sun:
         return np.asarray(seen.sunlit.numpy())
-    return np.full(seen.sunlit.shape, 0.0 if world.field.in_shadow else np.nan)
+    return np.full(seen.sunlit.shape, 0.0 if scene.field.in_shadow else np.nan)
 
 
-def split_irradiance_w_cm2(world: TargetWorld, seen: Observations) -> dict[str, npt.NDArray[np.float64]]:
-    """Irradiance by each term (emitted, sun, earth, albedo), each (n_view, n_band, n_target)."""
+def split_irradiance_w_cm2(scene: DeviceBodies, seen: Observations) -> dict[str, npt.NDArray[np.float64]]:
+    """Return the irradiance by each term (emitted, sun, earth, albedo), each (n_view, n_band, n_target)."""
     shape = (N_TERM, *seen.irradiance_w_cm2.shape)
-    terms = wp.zeros(shape, dtype=wp.float64, device=world.device)
+    terms = wp.zeros(shape, dtype=wp.float64, device=scene.device)
     if terms.size:
-        split_light(world, seen, terms)
+        split_light(scene, seen, terms)
     return dict(zip(("emitted", *TERMS), np.asarray(terms.numpy()), strict=True))
 
 
-def _stamp_shares(world: World, seen: Observations) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Share of each target's light in its own pixel and in its stamp, each (n_view, n_band, n_target)."""
+def _stamp_parts(scene: DeviceScene, seen: Observations) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Parts of each target's light in its own pixel and in its stamp, each (n_view, n_band, n_target)."""
     shape = seen.irradiance_w_cm2.shape
-    shares = [wp.empty(shape, dtype=wp.float32, device=world.device) for _ in range(2)]
-    if shares[0].size:
-        paths = paths_struct(seen.offset_px, seen.brightness, world.n_target) if world.streaks.wanted else None
-        world.psf.measure_stamps([seen.xy_px, seen.irradiance_w_cm2], world.stamp_rule, shares, paths)
-    peak, stamp = (np.asarray(array.numpy(), dtype=np.float64) for array in shares)
+    parts = [wp.empty(shape, dtype=wp.float32, device=scene.device) for _ in range(2)]
+    if parts[0].size:
+        paths = paths_struct(seen.offset_px, seen.brightness, scene.n_target) if scene.streaks.wanted else None
+        scene.psf.measure_stamps([seen.xy_px, seen.irradiance_w_cm2], scene.stamp_rule, parts, paths)
+    peak, stamp = (np.asarray(array.numpy(), dtype=np.float64) for array in parts)
     return peak, stamp
 
 
-def star_table(frames: FrameSet, world: World, star_lists: list[tuple[npt.NDArray[Any], ...]]) -> Table:
-    """One row per frame x sensor x star whose stamp touches the image.
+def star_table(frames: FrameSet, scene: DeviceScene, star_lists: list[tuple[npt.NDArray[Any], ...]]) -> Table:
+    """Return one row per frame x sensor x star whose stamp touches the image.
 
     Columns: frame, time_s, sensor, x_px, y_px, dx_px, dy_px (as in the truth), catalog_row, id, in_fov, and
     irradiance_w_cm2 and snr with one value per band.
@@ -124,12 +137,12 @@ def star_table(frames: FrameSet, world: World, star_lists: list[tuple[npt.NDArra
 
     n_sensor = len(frames.sensors)
     if not star_lists:
-        star_lists = [(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, world.n_band)), np.zeros(0))]
+        star_lists = [(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, scene.n_band)), np.zeros(0))]
     view = np.repeat(np.arange(len(star_lists)), [len(xy) for xy, *_ in star_lists])
     xy_px, moved_px, light, star = (np.concatenate(lists) for lists in zip(*star_lists, strict=True))
     light, star = light.astype(np.float64), star.astype(np.int64)
-    camera = frames.scene.camera
-    rows = world.stars.index.star_row[star]
+    camera = frames.instrument.sensor.camera
+    rows = scene.stars.index.star_row[star]
     in_fov = np.all((xy_px >= -0.5) & (xy_px < np.array([camera.n_col, camera.n_row]) - 0.5), axis=1)
     table = Table(
         {
@@ -141,13 +154,13 @@ def star_table(frames: FrameSet, world: World, star_lists: list[tuple[npt.NDArra
             "dx_px": moved_px[:, 0],
             "dy_px": moved_px[:, 1],
             "catalog_row": rows,
-            "id": world.stars.index.catalog.id_of(rows),
+            "id": scene.stars.index.catalog.id_of(rows),
             "in_fov": in_fov,
             "irradiance_w_cm2": light,
-            "snr": light / np.array([frames.scene.nei_w_cm2(band) for band in frames.bands]),
+            "snr": light / np.array([frames.instrument.nei_w_cm2(band) for band in frames.bands]),
         }
     )
-    name = world.stars.index.catalog.name
+    name = scene.stars.index.catalog.name
     table.meta |= {"SCENE": frames.scene.name, "CATALOG": name, "BANDS": ",".join(frames.bands)}
     table["time_s"].unit = "s"
     for name in ("x_px", "y_px", "dx_px", "dy_px"):

@@ -20,12 +20,12 @@ from warpsim.render.buffers import (
     part_of,
     part_of_light,
 )
+from warpsim.render.device_scene import DeviceScene
 from warpsim.render.job import Job, StarList
 from warpsim.render.records import Inputs, new_inputs, views_of, zero_records
 from warpsim.render.rows import copy_rows
 from warpsim.render.stages import IMAGE_STAGES, VIEW_STAGES
 from warpsim.render.streaks import moved
-from warpsim.render.world import World
 
 _NOWHERE = 1 << 56
 """Address of counts that are recorded before their place is known; no processor has memory there."""
@@ -46,20 +46,22 @@ class Worker:
     buffer of the worker, and the copy then runs beside the next chunk, which another worker renders.
 
     Args:
-        world: What the stages read.
+        scene: What the stages read.
         shape: Rows and columns of an image.
         n_view: Views that a chunk holds at most.
         n_slot: Sources that a view holds at most.
         to_host: Whether results of a GPU land in host memory.
     """
 
-    def __init__(self, world: World, shape: tuple[int, int], n_view: int, n_slot: int, to_host: bool = False) -> None:
-        self.world, self.n_view, self.n_slot = world, n_view, n_slot
-        device, nothing = world.device, np.zeros(n_view)
-        self._inputs: Inputs = new_inputs(world, nothing, nothing, nothing)
-        self._records = zero_records(world, n_view)
-        image = (n_view, world.n_band, *shape)
-        self._n_image = images_at_a_time(world, shape[0] * shape[1], n_view)
+    def __init__(
+        self, scene: DeviceScene, shape: tuple[int, int], n_view: int, n_slot: int, to_host: bool = False
+    ) -> None:
+        self.scene, self.n_view, self.n_slot = scene, n_view, n_slot
+        device, nothing = scene.device, np.zeros(n_view)
+        self._inputs: Inputs = new_inputs(scene, nothing, nothing, nothing)
+        self._records = zero_records(scene, n_view)
+        image = (n_view, scene.n_band, *shape)
+        self._n_image = images_at_a_time(scene, shape[0] * shape[1], n_view)
         self._owns_counts = to_host and device.is_cuda
         if self._owns_counts:
             counts = wp.empty(image, dtype=wp.uint16, device=device)
@@ -67,8 +69,8 @@ class Worker:
             counts = wp.array(ptr=_NOWHERE, dtype=wp.uint16, shape=image, device=device)
         self.chunk = Chunk(
             views_of(self._inputs, self._records),
-            self._records.observations(world),
-            new_sources(world, n_view, n_slot),
+            self._records.observations(scene),
+            new_sources(scene, n_view, n_slot),
             new_light((self._n_image, *image[1:]), device),
             counts,
             keep_light=False,
@@ -87,14 +89,14 @@ class Worker:
         if keep_light not in self._recorded:
             with recorded(self.n_view) as launches:
                 for stage in VIEW_STAGES:
-                    stage(self.world, self.chunk)
+                    stage(self.scene, self.chunk)
                 for first in range(0, self.n_view, self._n_image):
                     end = min(first + self._n_image, self.n_view)
                     with launches.part(first, end):
                         self._record_images(self._images(first, end, keep_light), first)
             moving = [] if self._owns_counts else launches.arguments_within(self.chunk.counts)
-            if self.world.device.is_cuda:
-                launches.capture(self.world.device, [argument for argument, _ in moving])
+            if self.scene.device.is_cuda:
+                launches.capture(self.scene.device, [argument for argument, _ in moving])
             self._recorded[keep_light] = launches, moving
         return self._recorded[keep_light]
 
@@ -106,7 +108,7 @@ class Worker:
 
     def _record_images(self, images: Chunk, first: int) -> None:
         for stage in IMAGE_STAGES:
-            stage(self.world, images)
+            stage(self.scene, images)
         if images.keep_light:
             call(partial(_hand_over_light, self._keeping, images.light, first))
             clear(images.light.signal_w_cm2)
@@ -135,7 +137,7 @@ class Worker:
         if not self._is_dark:
             self._darken()
         if self._copied is not None:
-            self.world.device.stream.wait_event(self._copied)
+            self.scene.device.stream.wait_event(self._copied)
         for mine, all_views in zip(self._inputs.arrays, inputs.arrays, strict=True):
             copy_rows(mine, 0, all_views, first, n_view)
         address = job.counts.ptr + first * job.counts.strides[0]
@@ -148,8 +150,8 @@ class Worker:
         self._is_dark, self._keeping.signal_w_cm2 = True, None
         self._hand_over(job, first, n_view)
         if job.star_lists is not None:
-            job.star_lists[first:end] = _star_lists(self.world, self.chunk.sources, n_view)
-        if self.world.device.is_cuda:
+            job.star_lists[first:end] = _star_lists(self.scene, self.chunk.sources, n_view)
+        if self.scene.device.is_cuda:
             return 0  # to read it would be to wait
         return int(self._n_wanted[:n_view].max())
 
@@ -159,7 +161,7 @@ class Worker:
         if self._owns_counts:
             pairs.append((job.counts, self.chunk.counts))
         if self._copies is not None:
-            self._copies.wait_event(self.world.device.stream.record_event())
+            self._copies.wait_event(self.scene.device.stream.record_event())
         for theirs, mine in pairs:
             copy_rows(theirs, first, mine, 0, n_view, self._copies)
         if self._copies is not None:
@@ -184,12 +186,12 @@ def _hand_over_light(keeping: _Keeping, light: Light, first: int, n_view: int) -
     copy_rows(keeping.signal_w_cm2, keeping.first + first, light.signal_w_cm2, 0, n_view)
 
 
-def _star_lists(world: World, sources: Sources, n_view: int) -> list[StarList]:
+def _star_lists(scene: DeviceScene, sources: Sources, n_view: int) -> list[StarList]:
     """Position, movement, irradiance and star number of the stars of each view, copied to the host."""
     filled = sources.n_source.numpy()[:n_view]
     offset_px = sources.offset_px.numpy()
     xy, light, star = (array.numpy() for array in (sources.xy_px, sources.irradiance_w_cm2, sources.star))
-    first = world.n_target
+    first = scene.n_target
     spans: list[tuple[int, Any]] = [(view, slice(first, n)) for view, n in enumerate(filled)]
     return [
         (xy[view, part].copy(), moved(offset_px[view, part]), light[view, :, part].T.copy(), star[view, part].copy())

@@ -1,176 +1,152 @@
-"""Access and eclipses of a scene: its tracks, rules and cameras put before the judges in `orbit/`."""
+"""Access of sensors to targets: when all constraints hold, by tracks, rules and cameras."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+import weakref
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.errors import InputError
-from warpsim.orbit.access import AccessInterval, access_intervals, margins
-from warpsim.orbit.eclipse import eclipses, sunlit_fraction
+from warpsim.optics.camera import Camera
+from warpsim.orbit.access import access_intervals, margins
+from warpsim.orbit.intervals import Intervals
 from warpsim.orbit.rules import AccessConstraints, FieldOfView, MarginFunction
-from warpsim.scene.bends import access_breaks_s
-from warpsim.scene.view_axes import apparent_mean, tracked_targets
-
-if TYPE_CHECKING:
-    from astropy.table import Table
-
-    from warpsim.scene.scene import Scene
+from warpsim.scene.camera_axes import apparent_mean, satellite_state
+from warpsim.scene.tracks import Tracks
 
 F64 = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 Custom = Mapping[str, MarginFunction]
+AxesOf = Callable[[int, F64], F64]
+"""Index of the sensor, time_s (n,) -> camera axes, (n, 3, 3)."""
+
+ACCESS_STEP_S = 10.0
+"""Step of the scan for access [s]."""
 
 
-def intervals_of(
-    scene: Scene, target: str, sensors: Sequence[str], rules: AccessConstraints, custom: Custom | None, step_s: float
-) -> list[AccessInterval]:
-    """Intervals in which sensors can observe a target; numbers of sensors count in the list given."""
-    tracks, with_cameras = scene.tracks, rules.in_fov or bool(custom)
-    first, count = tracked_targets(scene) if with_cameras else (0, 0)
-    followed = [name for name in scene.target_names[first : first + count] if name != target]
-    return access_intervals(
-        [tracks.of(name) for name in sensors],
+@dataclass(frozen=True, eq=False)
+class Watchers:
+    """Some sensors of one kind, as access needs them."""
+
+    satellites: tuple[int, ...]
+    """Indices of their satellites."""
+    camera: Camera
+    axes: AxesOf
+    """Commanded axes, by the index among these sensors."""
+    camera_breaks_s: Sequence[Sequence[float]]
+    """For each sensor, times at which its camera jumps, or turns at another rate [s]."""
+    followed: tuple[int, ...]
+    """Indices of the targets that cameras follow."""
+
+
+def target_intervals(
+    tracks: Tracks,
+    watchers: Watchers,
+    target: int,
+    rules: AccessConstraints,
+    breaks_s: Mapping[str, Sequence[float]],
+    duration_s: float,
+    custom: Custom | None = None,
+    step_s: float = ACCESS_STEP_S,
+) -> Intervals:
+    """Return when sensors can observe a target; rows are indices of the sensors.
+
+    Args:
+        tracks: Of the scene.
+        watchers: The sensors.
+        target: Index of the target.
+        rules: What must hold besides a free line of sight and the target's existence.
+        breaks_s: Times at which satellites and targets change their motion at once, by name.
+        duration_s: Length of the scene [s].
+        custom: Further rules by name.
+        step_s: Step of the scan [s].
+    """
+    with_cameras = rules.in_fov or bool(custom)
+    key = (watchers.satellites, target, rules, duration_s, step_s)
+    known = _KNOWN.setdefault(tracks, {})
+    if not with_cameras and key in known:
+        return known[key]
+    followed = watchers.followed if with_cameras else ()
+    bodies = [tracks.targets[index].name for index in (target, *followed)]
+    common = [time_s for name in bodies for time_s in breaks_s[name]]
+    own = [breaks_s[tracks.satellites[index].name] for index in watchers.satellites]
+    cameras = watchers.camera_breaks_s if with_cameras else [()] * len(own)
+    found = access_intervals(
+        [tracks.satellites[index] for index in watchers.satellites],
         tracks.position_function(target),
         tracks.sun.position_at_m,
         rules,
         tracks.pole_icrs,
-        scene.duration_s,
+        duration_s,
         step_s,
         custom=custom,
-        fov=field_of_view(scene, target, sensors),
-        breaks_s=access_breaks_s(scene, target, sensors, with_cameras),
-        followed_m=[tracks.position_function(name) for name in followed],
+        fov=field_of_view(tracks, watchers, target),
+        breaks_s=[sorted({*common, *sensor, *camera}) for sensor, camera in zip(own, cameras, strict=True)],
+        followed_m=[tracks.position_function(index) for index in followed if index != target],
     )
+    rows, starts, ends = zip(*found, strict=True) if found else ((), (), ())
+    intervals = Intervals(np.array(rows, dtype=np.int64), np.array(starts, float), np.array(ends, float))
+    first_s, last_s = tracks.exists_s[target]
+    if first_s > 0.0 or last_s < duration_s:
+        there = Intervals.whole(len(watchers.satellites), max(first_s, 0.0), max(min(last_s, duration_s), 0.0))
+        intervals = intervals.shared(there)
+    if not with_cameras:
+        known[key] = intervals
+    return intervals
 
 
-def access_table(
-    scene: Scene,
-    intervals: Sequence[AccessInterval],
-    target: str,
-    sensors: Sequence[str],
+_KNOWN: weakref.WeakKeyDictionary[Tracks, dict[Hashable, Intervals]] = weakref.WeakKeyDictionary()
+"""Intervals that were found for tracks that somebody holds, where cameras play no part."""
+
+
+def field_of_view(tracks: Tracks, watchers: Watchers, target: int) -> FieldOfView:
+    """Return how the sensors' cameras stand, and in which apparent direction they have a target."""
+
+    def direction(sensor: int, time_s: F64) -> F64:
+        return apparent_mean(tracks, [target], satellite_state(tracks, watchers.satellites[sensor], time_s))
+
+    return FieldOfView(watchers.camera, watchers.axes, direction)
+
+
+def target_margins(
+    tracks: Tracks,
+    watchers: Watchers,
+    target: int,
     rules: AccessConstraints,
-    custom: Custom | None,
-) -> Table:
-    """Intervals as a table that says what they are of."""
-    rows = [(sensors[i], start_s, end_s, end_s - start_s) for i, start_s, end_s in intervals]
-    in_force = {name: value for name, value in asdict(rules).items() if value is not None and value is not False}
-    meta = {"target": target, "epoch_utc": scene.epoch_utc, "rules": in_force, "custom_rules": list(custom or {})}
-    return _table_of_times(rows, ("sensor", "start_s", "end_s", "duration_s"), meta)
-
-
-def margins_of(
-    scene: Scene, time_s: F64, target: str, sensors: Sequence[str], rules: AccessConstraints, custom: Custom | None
+    time_s: F64,
+    custom: Custom | None = None,
 ) -> dict[str, F64]:
-    """Signed margins of all rules, each (n_sensor, n_time)."""
-    places = np.stack([scene.position_m(name, time_s) for name in sensors])
+    """Return the signed margin of every rule, each (n_sensor, n_time)."""
+    sensors_m = np.stack([tracks.satellites[index].position_at_m(time_s) for index in watchers.satellites])
     return margins(
-        places,
-        scene.position_m(target, time_s),
-        scene.position_m("sun", time_s),
+        sensors_m,
+        tracks.position_function(target)(time_s),
+        tracks.sun.position_at_m(time_s),
         rules,
-        scene.tracks.pole_icrs,
+        tracks.pole_icrs,
         time_s=time_s,
         custom=custom,
-        fov=field_of_view(scene, target, sensors),
+        fov=field_of_view(tracks, watchers, target),
     )
 
 
-def field_of_view(scene: Scene, target: str, sensors: Sequence[str]) -> FieldOfView:
-    """How the sensors' cameras stand, and in which apparent direction they have the target."""
-    tracks = scene.tracks
+def can_observe(tracks: Tracks, watchers: Watchers, rules: AccessConstraints, time_s: F64) -> Mask:
+    """Return whether sensors can observe each target at given times, (n_time, n_sensor, n_target)."""
+    seen = np.empty((len(time_s), len(watchers.satellites), len(tracks.targets)), dtype=bool)
+    axes: dict[int, F64] = {}
 
-    def direction(number: int, time_s: F64) -> F64:
-        return apparent_mean(tracks, [target], time_s, *tracks.of(sensors[number]).state(time_s))
+    def axes_of(sensor: int, times: F64) -> F64:
+        if not np.array_equal(times, time_s):
+            return watchers.axes(sensor, times)
+        if sensor not in axes:
+            axes[sensor] = watchers.axes(sensor, time_s)
+        return axes[sensor]
 
-    return FieldOfView(scene.camera, lambda number, time_s: scene.view_axes(sensors[number], time_s), direction)
-
-
-def eclipse_table(scene: Scene, name: str, step_s: float) -> Table:
-    """Passages of a sensor or target through the Earth's shadow."""
-    _check_body(scene, name)
-    tracks = scene.tracks
-    found = eclipses(
-        tracks.position_function(name), tracks.sun.position_at_m, tracks.pole_icrs, scene.duration_s, step_s
-    )
-    rows = [(*eclipse, eclipse.end_s - eclipse.start_s) for eclipse in found]
-    names = ("start_s", "umbra_start_s", "umbra_end_s", "end_s", "duration_s")
-    return _table_of_times(rows, names, {"name": name, "epoch_utc": scene.epoch_utc})
-
-
-def sunlit_fraction_of(scene: Scene, name: str, time_s: npt.ArrayLike) -> F64:
-    """Share of the Sun's disc that a sensor or target sees."""
-    _check_body(scene, name)
-    times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
-    return sunlit_fraction(scene.position_m(name, times), scene.position_m("sun", times), scene.tracks.pole_icrs)
-
-
-def _check_body(scene: Scene, name: str) -> None:
-    if name not in scene.sensor_names and name not in scene.target_names:
-        known = ", ".join([scene.target_names[0], *scene.sensor_names[:3]])
-        raise InputError(f"must be a sensor or a target ({known}, ...)", "name", name)
-
-
-def chosen_target(scene: Scene, name: str | None) -> str:
-    """The target asked for, the main target if none is.
-
-    Raises:
-        InputError: No such target.
-    """
-    if name is None:
-        return scene.target_names[0]
-    if name not in scene.target_names:
-        raise InputError(f"must be a target of the scene ({_some(scene.target_names)})", "target", name)
-    return name
-
-
-def chosen_sensors(scene: Scene, names: Sequence[str] | None) -> list[str]:
-    """The sensors asked for, all if none are.
-
-    Raises:
-        InputError: No such sensor, or one twice.
-    """
-    if names is None:
-        return scene.sensor_names
-    chosen = [names] if isinstance(names, str) else list(names)
-    known = set(scene.sensor_names)
-    for name in chosen:
-        if name not in known:
-            raise InputError(f"must be sensors of the scene ({_some(scene.sensor_names)})", "sensors", name)
-    if not chosen or len(set(chosen)) < len(chosen):
-        raise InputError(f"must be one or more without repeats, got {', '.join(chosen) or 'none'}", "sensors")
-    return chosen
-
-
-def _some(names: Sequence[str]) -> str:
-    """The first names of a list, for messages."""
-    return ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
-
-
-def chosen_rules(scene: Scene, rules: AccessConstraints | None) -> AccessConstraints:
-    """The rules given, the scene's own if none are.
-
-    Raises:
-        InputError: Something else is given.
-    """
-    if rules is None:
-        return scene.access_rules
-    if not isinstance(rules, AccessConstraints):
-        raise InputError(f"must be AccessConstraints, got {type(rules).__name__}", "rules")
-    return rules
-
-
-def _table_of_times(rows: Sequence[tuple[Any, ...]], names: Sequence[str], meta: dict[str, Any]) -> Table:
-    """A table whose columns in seconds say so."""
-    from astropy.table import Table
-
-    table = Table(rows=rows or None, names=names, dtype=[float if name.endswith("_s") else str for name in names])
-    table.meta.update(meta)
-    for name in names:
-        if name.endswith("_s"):
-            table[name].unit = "s"
-            table[name].info.format = ".3f"
-    return table
+    same = replace(watchers, axes=axes_of)
+    for target in range(len(tracks.targets)):
+        found = target_margins(tracks, same, target, rules, time_s)
+        holds = np.logical_and.reduce([np.broadcast_to(margin >= 0.0, seen.shape[1::-1]) for margin in found.values()])
+        seen[:, :, target] = holds.T & tracks.exist(target, time_s)[:, None]
+    return seen

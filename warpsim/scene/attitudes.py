@@ -1,54 +1,82 @@
-"""How the targets of a scene are turned."""
+"""Attitudes of the targets of a scene."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from warpsim.errors import InputError
+from warpsim.instant import Instant
+from warpsim.scene.groups import TargetGroup
+from warpsim.scene.short_form import item_place
+from warpsim.scene.targets import SceneTarget
+from warpsim.scene.tracks import Tracks
 from warpsim.target.attitude import BodyMotion, attitude_frame
 from warpsim.target.attitude_table import AttitudeRows, AttitudeTable
 
-if TYPE_CHECKING:
-    from warpsim.scene.parts import TargetSpec
-    from warpsim.scene.scene import Scene
+AnyAttitude = BodyMotion | AttitudeRows
 
 
-def target_attitudes(scene: Scene) -> list[BodyMotion | AttitudeRows]:
-    """What turns each single target, in the order of scene.target_names; targets of one table share its rows.
+def target_attitudes(
+    targets: Sequence[SceneTarget],
+    tracks: Tracks,
+    tables: dict[tuple[int, int], AttitudeRows],
+    seed: int,
+) -> list[AnyAttitude]:
+    """Return what turns each single target; those of one entry share their table.
+
+    Args:
+        targets: The single targets.
+        tracks: Their motion.
+        tables: As attitude_tables gives them.
+        seed: Of axes and phases.
 
     Raises:
-        InputError: A table cannot be read or does not cover the scene.
+        InputError: A body at rest has no velocity to turn about.
     """
-    tables, tracks = table_rows(scene), scene.tracks
-    found: list[BodyMotion | AttitudeRows] = []
-    for number, spec in enumerate(scene.target_specs):
-        if isinstance(spec.attitude, AttitudeTable):
-            found.append(tables[spec])
-        else:
-            released_s = max(0.0, float(tracks.release_s[len(tracks.sensors) + number]))
-            velocity_m_s = tracks.targets[number].state(released_s)[1]
-            try:
-                frame = attitude_frame(spec.attitude, velocity_m_s, scene.seed, number)
-            except InputError as error:
-                raise error.within("attitude").of(scene.target_names[number]) from None
-            found.append(BodyMotion(spec.attitude, frame))
+    found: list[AnyAttitude] = []
+    for number, target in enumerate(targets):
+        attitude = target.spec.attitude
+        if isinstance(attitude, AttitudeTable):
+            found.append(tables[target.group, target.entry])
+            continue
+        begin_s = max(0.0, target.release_s, target.exists_s[0])
+        velocity_m_s = tracks.targets[number].state(begin_s)[1]
+        try:
+            frame = attitude_frame(attitude, velocity_m_s, seed, number)
+        except InputError as error:
+            raise error.within("attitude").of(target.name) from None
+        found.append(BodyMotion(attitude, frame))
     return found
 
 
-def table_rows(scene: Scene, with_files: bool = True) -> dict[TargetSpec, AttitudeRows]:
-    """Checked tables of the scene's targets.
+def attitude_tables(
+    groups: Sequence[TargetGroup], epoch: Instant, duration_s: float, with_files: bool = True
+) -> dict[tuple[int, int], AttitudeRows]:
+    """Return the checked tables of attitudes, by the indices of group and entry.
+
+    Args:
+        groups: The groups.
+        epoch: The scene's.
+        duration_s: Length of the scene [s]; tables must cover it as far as their targets are there.
+        with_files: Whether tables in files are read.
 
     Raises:
-        InputError: A table cannot be read or does not cover the scene; the text begins with its place.
+        InputError: A table cannot be read or does not cover the scene; the place begins with the group's.
     """
     rows = {}
-    for number, group in enumerate(scene.groups_of_targets):
-        where = "" if number == 0 else f"groups[{number - 1}]."
-        for kind, spec in enumerate(group.targets):
-            if isinstance(spec.attitude, AttitudeTable) and (with_files or spec.attitude.file is None):
+    for number, group in enumerate(groups):
+        for entry, spec in enumerate(group.targets):
+            table = spec.attitude
+            if isinstance(table, AttitudeTable) and (with_files or table.file is None):
                 try:
-                    rows[spec] = spec.attitude.rows(scene.epoch)
-                    rows[spec].check_span(0.0, scene.duration_s)
+                    rows[number, entry] = table.rows(epoch)
+                    rows[number, entry].check_span(*within_scene(group.span_s, duration_s))
                 except InputError as error:
-                    raise error.within(f"{where}targets[{kind}].attitude") from None
+                    place = item_place("groups", number, len(groups))
+                    raise error.within(f"targets[{entry}].attitude").within(place) from None
     return rows
+
+
+def within_scene(span_s: tuple[float, float], duration_s: float) -> tuple[float, float]:
+    """Return the part of a span that lies within a scene [s]."""
+    return max(0.0, span_s[0]), min(duration_s, span_s[1])

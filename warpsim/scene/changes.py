@@ -9,37 +9,44 @@ from warpsim.errors import InputError
 
 
 def changed(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested dicts and lists after changes, in place.
+    """Return nested dicts and lists after changes, in place.
 
     Args:
         data: The description.
-        changes: New values by field; double underscores lead into parts, numbers into lists.
+        changes: New values by field; double underscores lead into parts, numbers into lists. The number of the only
+            item of a list may be left out.
 
     Raises:
         InputError: A name leads nowhere.
     """
     for name, value in changes.items():
         *parents, leaf = name.split("__")
-        place: Any = data
+        place = name.replace("__", ".")
+        part: Any = data
         for parent in parents:
-            if isinstance(place, list):
-                place = _item(place, parent, name)
-            else:
-                place = place.get(parent) if isinstance(place, dict) else None
-            if not isinstance(place, dict | list):
-                raise InputError("is not a field of a part").of(name.replace('__', '.')).of("Scene")
-        if isinstance(place, list):
-            _item(place, leaf, name)
-            place[int(leaf)] = value
+            part = _inner(part, parent, place)
+            if not isinstance(part, dict | list):
+                raise InputError("is not a field of a part", place)
+        if isinstance(part, list) and not leaf.isdigit() and len(part) == 1 and isinstance(part[0], dict):
+            part = part[0]
+        if isinstance(part, list):
+            part[_index(part, leaf, place)] = value
         else:
-            place[leaf] = value
+            part[leaf] = value
     return data
 
 
-def _item(items: list[Any], number: str, name: str) -> Any:
+def _inner(part: Any, name: str, place: str) -> Any:
+    """What a name leads to."""
+    if isinstance(part, list) and not name.isdigit() and len(part) == 1:
+        part = part[0]
+    if isinstance(part, list):
+        return part[_index(part, name, place)]
+    return part.get(name) if isinstance(part, dict) else None
+
+
+def _index(items: list[Any], number: str, place: str) -> int:
     if not (number.isdigit() and int(number) < len(items)):
         which = f"0 to {len(items) - 1}" if items else "none of an empty list"
-        raise InputError(
-            f"must name an item by its number, {which}", value=number
-        ).of(name.replace('__', '.')).of("Scene")
-    return items[int(number)]
+        raise InputError(f"must name an item by its number, {which}, got {number}", place)
+    return int(number)

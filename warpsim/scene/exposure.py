@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.detector.kinds import Detector
 from warpsim.directions import normalised
 from warpsim.errors import InputError
 from warpsim.legendre import gauss_legendre, series_at, series_matrix
 from warpsim.quaternion import conjugate, rotated
-from warpsim.target.attitude import BodyMotion
+from warpsim.scene.attitudes import AnyAttitude
+from warpsim.scene.targets import SceneTarget
 from warpsim.target.attitude_table import AttitudeRows
-
-if TYPE_CHECKING:
-    from warpsim.scene.scene import Scene
-    from warpsim.target.shapes import Shape
+from warpsim.target.shapes import Shape
 
 F64 = npt.NDArray[np.float64]
 
@@ -43,36 +42,48 @@ class ExposureRule:
     weight: F64
     """Sum 1, (n,)."""
     error: float
-    """Largest error of a mean met, as a share of the largest area of the body concerned."""
+    """Largest error of a mean met, as a fraction of the largest area of the body concerned."""
     profile_error: float
     """The same of an instant's value by the Legendre series through the nodes."""
 
 
-def exposure_rule(scene: Scene) -> ExposureRule:
-    """The fewest nodes that keep the mean over the exposure within lighting.quadrature_error.
+def exposure_rule(
+    detector: Detector,
+    targets: Sequence[SceneTarget],
+    attitudes: Sequence[AnyAttitude],
+    duration_s: float,
+    largest_error: float,
+) -> ExposureRule:
+    """Return the fewest nodes that keep the mean over the exposure within an error.
 
     Where light moves over the image meanwhile, its brightness from instant to instant counts too, within
     PROFILE_ERRORS times that. A rule is judged by the next finer one. Brightness changes as bodies turn; what their
     motion along the orbit and their cooling change over a short exposure is linear in time, which any of the rules
-    gets exactly. Warmth and shadow are those of the middle.
+    gets exactly. Temperature and shadow are those of the middle.
+
+    Args:
+        detector: Says how long it exposes, and whether light moves.
+        targets: The scene's targets.
+        attitudes: Their attitudes.
+        duration_s: Length of the scene [s].
+        largest_error: As a fraction of a body's largest area.
 
     Raises:
         InputError: Bodies turn so often within the exposure that 1025 nodes are too few.
     """
-    exposure_s = scene.detector.exposure_s
-    if exposure_s == 0.0:
+    exposure_s = detector.exposure_s
+    if exposure_s == 0.0 or not targets:
         return ExposureRule(np.zeros(1), np.ones(1), 0.0, 0.0)
-    wanted = scene.lighting.quadrature_error
-    kinds = {spec: number for number, spec in reversed(list(enumerate(scene.target_specs)))}
-    bodies = [_Sampled(spec.shape, scene.attitudes[number], scene) for spec, number in kinds.items()]
+    kinds = {target.spec: number for number, target in reversed(list(enumerate(targets)))}
+    bodies = [_Sampled(spec.shape, attitudes[number], exposure_s, duration_s) for spec, number in kinds.items()]
     # Where light moves, the range to it changes along the streak too: one node would not show that.
-    counts = NODE_COUNTS[1:] if scene.streaks else NODE_COUNTS
+    counts = NODE_COUNTS[1:] if detector.streaks else NODE_COUNTS
     series = [body.series(counts[0]) for body in bodies]
     for count, finer in pairwise(counts):
         better = [body.series(finer) for body in bodies]
         judged = [_errors(one, other) for one, other in zip(series, better, strict=True)]
         error, profile_error = (max(both) for both in zip(*judged, strict=True))
-        if error <= wanted and (not scene.streaks or profile_error <= PROFILE_ERRORS * wanted):
+        if error <= largest_error and (not detector.streaks or profile_error <= PROFILE_ERRORS * largest_error):
             node, weight = gauss_legendre(count)
             return ExposureRule(0.5 * exposure_s * node, weight, error, profile_error)
         series = better
@@ -84,7 +95,7 @@ def exposure_rule(scene: Scene) -> ExposureRule:
 
 
 def _errors(one: F64, other: F64) -> tuple[float, float]:
-    """Largest difference of two series' means, and of their values, as shares of the largest mean of their kind."""
+    """Largest difference of two series' means, and of their values, as fractions of the largest mean of their kind."""
     largest = np.maximum(other[..., 0].max(axis=1), 1e-300)
     mean = np.abs(one[..., 0] - other[..., 0]).max(axis=1)
     instant = np.abs(series_at(one, _INSTANTS) - series_at(other, _INSTANTS)).max(axis=(1, 2))
@@ -94,15 +105,15 @@ def _errors(one: F64, other: F64) -> tuple[float, float]:
 class _Sampled:
     """A body seen and lit from directions, and at instants, spread over the scene."""
 
-    def __init__(self, shape: Shape, attitude: BodyMotion | AttitudeRows, scene: Scene) -> None:
+    def __init__(self, shape: Shape, attitude: AnyAttitude, exposure_s: float, duration_s: float) -> None:
         self._shape, self._attitude = shape, attitude
-        self._half_s = 0.5 * scene.detector.exposure_s
-        self._middle_s = scene.duration_s * np.mod(0.618034 * np.arange(_N_SAMPLE), 1.0)
+        self._half_s = 0.5 * exposure_s
+        self._middle_s = duration_s * np.mod(0.618034 * np.arange(_N_SAMPLE), 1.0)
         self._view, self._sun = normalised(np.random.default_rng(0).normal(size=(2, _N_SAMPLE, 3)))
         self._span_s = attitude.span_s if isinstance(attitude, AttitudeRows) else (-np.inf, np.inf)
 
     def series(self, count: int) -> F64:
-        """Legendre series over the exposure of outline and reflected area, (2, n_sample, count); the mean first."""
+        """Legendre series over the exposure of projected and reflected area, (2, n_sample, count); the mean first."""
         offset_s = self._half_s * gauss_legendre(count)[0]
         times_s = np.clip((self._middle_s[:, None] + offset_s).ravel(), *self._span_s)
         turned = conjugate(self._attitude.at(times_s))

@@ -3,40 +3,43 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any
+import hashlib
+from typing import Any
 
+from warpsim.scene.instrument import Instrument
 from warpsim.scene.pointing import TablePointing
-
-if TYPE_CHECKING:
-    from warpsim.scene.scene import Scene
+from warpsim.scene.scenario import Scenario
 
 
-def input_checksums(scene: Scene) -> dict[str, str]:
-    """SHA-256 of the content of each input file as the scene has read it, by path; but for the star catalog."""
-    parts = (scene.constellation, scene.groups_of_targets, scene.pointing)
-    return _checksums(scene, parts) | scene.optics.file_checksums
-
-
-def motion_checksums(scene: Scene) -> dict[str, str]:
-    """Those of the files that say where satellites and targets are."""
-    return _checksums(scene, (scene.constellation, *(group.trajectory for group in scene.groups_of_targets)))
-
-
-def _checksums(scene: Scene, parts: tuple[Any, ...]) -> dict[str, str]:
+def input_checksums(scenario: Scenario) -> dict[str, str]:
+    """Return the SHA-256 of the content of each input file as the scenario has read it, by path; but for the stars."""
     found: dict[str, str] = {}
+    scene = scenario.scene
 
     def walk(part: Any) -> None:
         if isinstance(part, tuple):
             for item in part:
                 walk(item)
-        if not dataclasses.is_dataclass(part):
+        if not dataclasses.is_dataclass(part) or isinstance(part, TablePointing):
             return
-        paths = [path for path in (getattr(part, "file", None), *getattr(part, "files", ())) if path]
+        paths = [path for path in (getattr(part, "file", None), *(getattr(part, "files", None) or ())) if path]
         if paths:
-            content = scene.sights if isinstance(part, TablePointing) else part
-            found[", ".join(paths)] = content.checksum  # type: ignore[union-attr]
+            found[", ".join(paths)] = part.checksum  # type: ignore[attr-defined]
         for field in dataclasses.fields(part):
             walk(getattr(part, field.name))
 
-    walk(parts)
+    walk((scene.constellation, scene.groups))
+    for instrument in scenario.instruments.values():
+        found |= instrument.sensor.optics.file_checksums | _table_checksums(instrument)
+    return found
+
+
+def _table_checksums(instrument: Instrument) -> dict[str, str]:
+    """Checksums of the rows of directions that were read from files, by path."""
+    found: dict[str, str] = {}
+    for entry, pointing in enumerate(instrument.sensor.pointing):
+        if isinstance(pointing, TablePointing) and pointing.file is not None:
+            tables = [own.table for own in instrument.program.sensors if own.entry == entry and own.table is not None]
+            rows = "".join(table.checksum for table in dict.fromkeys(tables))
+            found[pointing.file] = hashlib.sha256(rows.encode()).hexdigest()
     return found

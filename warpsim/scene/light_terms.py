@@ -1,9 +1,10 @@
-"""Which terms of the targets' brightness a scene needs: bounds over all of it, against the sensor's noise."""
+"""Terms of the targets' brightness that a scene needs: bounds over all of it, against the sensor's noise."""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +12,9 @@ import numpy.typing as npt
 from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M
 from warpsim.orbit.eclipse import sunlit_depth
 from warpsim.radiometry.bands import band_radiance_w_m2_sr
-
-if TYPE_CHECKING:
-    from warpsim.scene.scene import Scene
+from warpsim.scene.lighting import Lighting
+from warpsim.scene.targets import SceneTarget
+from warpsim.scene.tracks import Tracks
 
 F64 = npt.NDArray[np.float64]
 
@@ -27,7 +28,7 @@ _NEAR_TERMINATOR_RAD = 0.02
 """How far sunlit ground may be beyond the horizon at a node and come into view between nodes: 130 km."""
 
 _LIGHT_TIME = 1e-4
-"""Change of a distance during the light time, as a share of it, at most: v / c."""
+"""Change of a distance during the light time, as a fraction of it, at most: v / c."""
 
 
 @dataclass(frozen=True)
@@ -43,17 +44,30 @@ class LightTerm:
     """One line for people."""
 
 
-def light_terms(scene: Scene) -> dict[str, LightTerm]:
-    """Decide for each term; the same for all frames, sensors and bands of a scene."""
-    lighting = scene.lighting
-    near_m = _nearest_m(scene)
-    bounds = {} if near_m <= 0.0 else _bounds_nei(scene, near_m)
+def light_terms(
+    lighting: Lighting,
+    tracks: Tracks,
+    targets: Sequence[SceneTarget],
+    satellites: Sequence[int],
+    nei_w_cm2: Mapping[str, float],
+) -> dict[str, LightTerm]:
+    """Decide for each term; the same for all frames and bands of a kind of sensor.
+
+    Args:
+        lighting: Which terms are wanted, and the bound below which one may be left out.
+        tracks: Motion of satellites and targets.
+        targets: The single targets.
+        satellites: Indices of the satellites that carry the sensor.
+        nei_w_cm2: Its noise equivalent irradiance by band [W/cm2].
+    """
+    near_m = _nearest_m(tracks, targets, satellites)
+    bounds = {} if near_m <= 0.0 else _bounds_nei(lighting, tracks, targets, nei_w_cm2, near_m)
     terms = {}
     for name in TERMS:
         bound = bounds.get(name, np.inf)
         if not getattr(lighting, name):
             kept, reason = False, "off"
-        elif dark := _why_dark(scene, name):
+        elif dark := _why_dark(tracks, name):
             kept, bound, reason = False, 0.0, dark
         elif bound <= lighting.leave_out_nei:
             kept, reason = False, f"left out: at most {bound:.2g} NEI"
@@ -64,51 +78,53 @@ def light_terms(scene: Scene) -> dict[str, LightTerm]:
     return terms
 
 
-def _nearest_m(scene: Scene) -> float:
+def _nearest_m(tracks: Tracks, targets: Sequence[SceneTarget], satellites: Sequence[int]) -> float:
     """A distance that no target comes nearer to a sensor than, 0 if that cannot be said [m]."""
-    tracks = scene.tracks
     nearest = np.inf
-    first = 0
-    for group in scene.groups_of_targets:
-        rows = tracks.targets[first : first + len(group.names)]
-        first += len(group.names)
-        place, velocity = rows[0].position_m, rows[0].velocity_m_s
+    for _, members in itertools.groupby(range(len(targets)), key=lambda target: int(tracks.carrier[target])):
+        rows = [tracks.targets[target] for target in members]
+        position, velocity = rows[0].position_m, rows[0].velocity_m_s
         # The distance changes between nodes by half a step's motion at most, accelerations included by the factor.
-        apart_m = max(float(np.linalg.norm(row.position_m - place, axis=1).max()) for row in rows)
-        for sensor in tracks.sensors:
-            distance_m = np.linalg.norm(sensor.position_m - place, axis=1)
+        apart_m = max(float(np.linalg.norm(row.position_m - position, axis=1).max()) for row in rows)
+        for satellite in satellites:
+            sensor = tracks.satellites[satellite]
+            distance_m = np.linalg.norm(sensor.position_m - position, axis=1)
             speed_m_s = np.linalg.norm(sensor.velocity_m_s - velocity, axis=1)
             margin_m = 0.5 * tracks.step_s * 1.1 * speed_m_s
             nearest = min(nearest, float((distance_m - margin_m).min()) - apart_m)
     return max(nearest * (1.0 - _LIGHT_TIME), 0.0)
 
 
-def _bounds_nei(scene: Scene, near_m: float) -> dict[str, float]:
-    """Largest irradiance of each term [NEI]: what falls on a body times reflectance over the largest outline."""
-    lighting, tracks = scene.lighting, scene.tracks
+def _bounds_nei(
+    lighting: Lighting,
+    tracks: Tracks,
+    targets: Sequence[SceneTarget],
+    nei_w_cm2: Mapping[str, float],
+    near_m: float,
+) -> dict[str, float]:
+    """Largest irradiance of each term [NEI]: what falls on a body times reflectance over the largest projected area."""
     sun_au = np.linalg.norm(tracks.sun.position_m, axis=1).min() / ASTRONOMICAL_UNIT_M - 1e-3
-    low_m = min(float(np.linalg.norm(track.position_m, axis=1).min()) for track in tracks.targets)
+    low_m = min((float(np.linalg.norm(track.position_m, axis=1).min()) for track in tracks.targets), default=np.inf)
     disc = min(EARTH_EQUATORIAL_RADIUS_M / low_m, 1.0) ** 2
     most = dict.fromkeys(TERMS, 0.0)
-    for band in scene.bands:
+    for band, nei in nei_w_cm2.items():
         sunlight = lighting.sun_w_m2_in(band) / sun_au**2
         heat = np.pi * band_radiance_w_m2_sr(lighting.earth_k_in(band), band)
         falling = {"sun": sunlight, "earth": heat * disc, "albedo": lighting.earth_albedo * sunlight * disc}
-        for spec in scene.target_specs:
-            # No outline of a convex body is larger than half its surface; facets that hide others count in full.
+        for spec in {target.spec for target in targets}:
+            # No projection of a convex body is larger than half its surface; facets that hide others count in full.
             largest = 0.5 if getattr(spec.shape, "convex", True) else 1.0
             across_m2 = (1.0 - spec.surface.emissivity_in(band)) * largest * spec.shape.surface_m2
             for name in TERMS:
                 irradiance_w_cm2 = falling[name] / np.pi * across_m2 / near_m**2 * 1e-4
-                most[name] = max(most[name], irradiance_w_cm2 / scene.nei_w_cm2(band))
+                most[name] = max(most[name], irradiance_w_cm2 / nei)
     return most
 
 
-def _why_dark(scene: Scene, name: str) -> str:
+def _why_dark(tracks: Tracks, name: str) -> str:
     """Why there is no light for a term in the whole scene; empty if there may be some."""
     if name == "earth":
         return ""
-    tracks = scene.tracks
     for track in tracks.targets:
         if name == "sun":
             depth = sunlit_depth(track.position_m, tracks.sun.position_m, tracks.pole_icrs)
@@ -118,12 +134,12 @@ def _why_dark(scene: Scene, name: str) -> str:
         if lit:
             return ""
     where = {"sun": "in the Earth's shadow", "albedo": "over the night side"}[name]
-    return f"left out: all targets are {where} throughout"
+    return f"left out: all targets are {where} throughout" if tracks.targets else "left out: there are no targets"
 
 
-def _terminator_margin_rad(place_m: F64, sun_m: F64) -> F64:
-    """How far sunlit ground reaches into the part of the Earth that is seen from a place [rad]."""
-    distance_m = np.linalg.norm(place_m, axis=-1)
+def _terminator_margin_rad(position_m: F64, sun_m: F64) -> F64:
+    """How far sunlit ground reaches into the part of the Earth that is seen from a position [rad]."""
+    distance_m = np.linalg.norm(position_m, axis=-1)
     horizon = np.arccos(np.minimum(EARTH_EQUATORIAL_RADIUS_M / distance_m, 1.0))
-    cosine = np.einsum("ni,ni->n", place_m, sun_m) / (distance_m * np.linalg.norm(sun_m, axis=-1))
+    cosine = np.einsum("ni,ni->n", position_m, sun_m) / (distance_m * np.linalg.norm(sun_m, axis=-1))
     return np.asarray(np.pi / 2 + horizon - np.arccos(np.clip(cosine, -1.0, 1.0)))

@@ -12,7 +12,7 @@ from warpsim.radiometry.by_band import AS_DICT, ByBand, within
 from warpsim.radiometry.sunlight import sun_irradiance_w_m2
 
 EARTH_K = MappingProxyType({"B1": 235.0, "B2": 235.0, "A": 275.0, "C": 275.0, "D": 225.0, "E": 260.0})
-"""Brightness temperature of the Earth seen from space [K], a mean over places and weather: B1 and B2 look at carbon
+"""Brightness temperature of the Earth seen from space [K], a mean over regions and weather: B1 and B2 look at carbon
 dioxide high in the air, D at that of its 15 um band, A and C mostly at ground and clouds, E at water vapour."""
 
 _W_CM2_PER_W_M2 = 1e-4
@@ -34,9 +34,9 @@ class Lighting:
         earth_k: Brightness temperature of the Earth by band [K]; `EARTH_K` in bands that are not named.
         sun_w_cm2: Irradiance of the Sun in a band at 1 au by band [W/cm2]; that of a blackbody of 5772 K in bands that
             are not named.
-        quadrature_error: Largest error of quadratures, and of the polynomials that stand for them, as a share of the
-            largest value of what is integrated: over a body's side and the Earth's disc, and over the exposure.
-        albedo_error: Largest error of sunlight by way of the Earth, as a share of the most that it can be at the
+        quadrature_error: Largest error of quadratures, and of the polynomials that stand for them, as a fraction of
+            the largest value of what is integrated: over a body's side and the Earth's disc, and over the exposure.
+        albedo_error: Largest error of sunlight by way of the Earth, as a fraction of the most that it can be at the
             target's distance from the Earth; a larger one is taken where it surely stays within `leave_out_nei`.
     """
 

@@ -1,15 +1,19 @@
-"""Where cameras look: parts of a scene that say it, by their kind, and the jitter about it."""
+"""Where cameras look: config models of pointing by their kind, and the errors of pointing."""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Discriminator, Tag, model_validator
+from pydantic import BeforeValidator, Field, Tag, model_validator
 
-from warpsim.config.fields import FileName, NonNegative, Number, Positive, as_tuple, closed_interval
+from warpsim.config.fields import FileName, NonNegative, Number, Positive, as_tuple, closed_interval, rule_error
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
+from warpsim.scene.groups import kind_or
 
 Up = Literal["zenith", "north", "orbit_normal"]
 Declination = Annotated[Number, closed_interval(-90, 90)]
@@ -22,7 +26,36 @@ def _pair(value: Any) -> Any:
 
 
 Direction = Annotated[tuple[Number, Declination], BeforeValidator(_pair)]
-Place = Annotated[tuple[Number, Number], BeforeValidator(_pair)]
+Pixels = Annotated[tuple[Number, Number], BeforeValidator(_pair)]
+
+ALL = "all"
+"""Word for every satellite, or every sensor."""
+
+
+def _patterns(value: Any) -> Any:
+    names = as_tuple(value)
+    if not names or not all(isinstance(name, str) and name for name in names):
+        raise rule_error("must be 'all', or names of satellites, with * and ? as wild cards")
+    return names
+
+
+Satellites = Annotated[tuple[str, ...], BeforeValidator(_patterns)]
+"""Satellites: "all", or names, in which * and ? are wild cards."""
+
+
+def satellites_of(patterns: Sequence[str], names: Sequence[str]) -> list[int]:
+    """Return the positions of the satellites that patterns choose, in the order of the names.
+
+    Raises:
+        InputError: A pattern chooses none.
+    """
+    for number, pattern in enumerate(patterns):
+        if pattern != ALL and not any(fnmatchcase(name, pattern) for name in names):
+            field = "on" if len(patterns) == 1 else f"on[{number}]"
+            known = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
+            raise InputError(f"must be satellites of the constellation ({known})", field, pattern)
+    chosen = [ALL in patterns or any(fnmatchcase(name, pattern) for pattern in patterns) for name in names]
+    return [index for index, is_chosen in enumerate(chosen) if is_chosen]
 
 
 @config_model
@@ -41,49 +74,170 @@ class Jitter:
 
 
 @config_model
-class TrackPointing:
-    """Cameras that follow targets.
+class Bias:
+    """Constant error of pointing, about the camera's x and y axes; give one of the two.
 
     Args:
-        track: "main" follows the main target, "group" the mean apparent direction of all, a target's name that target.
-        offset_px: Where it appears, from the image's centre: columns to the right, rows downwards [px].
-        up: Which way is up in the image: "zenith", "north" (ICRS) or "orbit_normal".
-        roll_deg: Turn of the camera about its line of sight after that, right-handed: up moves to the right [deg].
-        jitter: Random motion about these axes; none when left out.
+        rms_urad: Standard deviation of each of the two angles, drawn for each sensor [urad].
+        urad: The two angles themselves, the same for all sensors [urad].
     """
 
-    track: str = "main"
-    up: Up = "zenith"
-    offset_px: Place = (0.0, 0.0)
-    roll_deg: Number = 0.0
-    jitter: Jitter | None = None
-    kind: Literal["track"] = "track"
+    rms_urad: Annotated[NonNegative, closed_interval(0, 1e5)] | None = None
+    urad: Pixels | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Bias:
+        if (self.rms_urad is None) == (self.urad is None):
+            raise InputError("exactly one must be given", "rms_urad, urad")
+        return self
 
 
 @config_model
-class FixedPointing:
-    """Cameras that look in one direction; give one of the two.
+class Drift:
+    """Error of pointing that grows evenly, about the camera's x and y axes, as that of a gyroscope.
+
+    Args:
+        rms_urad_s: Standard deviation of each of the two rates, drawn for each sensor and each period [urad/s].
+        urad_s: The two rates themselves, the same for all sensors and periods [urad/s].
+        reset_s: Period after which the error is taken out and begins anew, as by a star tracker [s]; it grows from the
+            scene's epoch on when left out. Periods count from the epoch.
+    """
+
+    rms_urad_s: Annotated[NonNegative, closed_interval(0, 1e5)] | None = None
+    urad_s: Pixels | None = None
+    reset_s: Annotated[Positive, closed_interval(1e-3, 1e9)] | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Drift:
+        if (self.rms_urad_s is None) == (self.urad_s is None):
+            raise InputError("exactly one must be given", "rms_urad_s, urad_s")
+        return self
+
+
+@config_model
+class Slew:
+    """How a camera turns from one direction to the next: evenly accelerated, at a constant rate, evenly slowed down.
+
+    Args:
+        max_rate_deg_s: Greatest rate [deg/s].
+        max_acceleration_deg_s2: Greatest acceleration [deg/s2].
+        settle_s: Time after the turn until the camera is settled [s].
+    """
+
+    max_rate_deg_s: Positive
+    max_acceleration_deg_s2: Positive
+    settle_s: NonNegative = 0.0
+
+
+@config_model
+class _AnyPointing:
+    """Fields of every kind of pointing.
+
+    Args:
+        on: Satellites that point so: "all", names, or patterns with * and ?. Of several entries, a satellite takes the
+            first that chooses it.
+        up: Which way is up in the image: "zenith", "north" (ICRS) or "orbit_normal".
+        roll_deg: Turn of the camera about its line of sight after that, right-handed: up moves to the right [deg].
+        bias: Constant error about these axes; none when left out.
+        drift: Error that grows; none when left out.
+        jitter: Random motion; none when left out.
+    """
+
+    on: Satellites = Field(default=(ALL,), kw_only=True)
+    up: Up = Field(default="zenith", kw_only=True)
+    roll_deg: Number = Field(default=0.0, kw_only=True)
+    bias: Bias | None = Field(default=None, kw_only=True)
+    drift: Drift | None = Field(default=None, kw_only=True)
+    jitter: Jitter | None = Field(default=None, kw_only=True)
+
+
+@config_model
+class TrackPointing(_AnyPointing):
+    """Cameras that follow targets; further fields are those of every kind of pointing.
+
+    Args:
+        track: "main" follows the first group's main target, "group" the mean apparent direction of all of that group, a
+            group's name that of its targets, a target's name that target.
+        offset_px: Where it appears, from the image's centre: columns to the right, rows downwards [px].
+    """
+
+    track: str = "main"
+    offset_px: Pixels = (0.0, 0.0)
+    kind: Literal["track"] = Field(default="track", kw_only=True)
+
+
+@config_model
+class FixedPointing(_AnyPointing):
+    """Cameras that look in one direction; give one of the two. Further fields are those of every kind of pointing.
 
     Args:
         ra_dec_deg: Apparent right ascension and declination of the boresight, ICRS axes [deg].
         azimuth_elevation_deg: Direction in the satellite's local frame: azimuth from its motion, 90 to the right of it
             (clockwise seen from above); elevation above the plane perpendicular to its geocentric position [deg].
-        up: Which way is up in the image: "zenith", "north" (ICRS) or "orbit_normal".
-        roll_deg: Turn of the camera about its boresight after that, right-handed: up moves to the right [deg].
-        jitter: Random motion about these axes; none when left out.
     """
 
     ra_dec_deg: Direction | None = None
     azimuth_elevation_deg: Direction | None = None
-    up: Up = "zenith"
-    roll_deg: Number = 0.0
-    jitter: Jitter | None = None
-    kind: Literal["fixed"] = "fixed"
+    kind: Literal["fixed"] = Field(default="fixed", kw_only=True)
 
     @model_validator(mode="after")
     def _one_direction(self) -> FixedPointing:
         if (self.ra_dec_deg is None) == (self.azimuth_elevation_deg is None):
             raise InputError("exactly one must be given", "ra_dec_deg, azimuth_elevation_deg")
+        return self
+
+
+@config_model
+class PointingStep:
+    """A step of a schedule: a target to follow, or a direction; give one of the three.
+
+    Args:
+        start_s: From when on, after the scene's epoch [s]; until the next step.
+        track: As in TrackPointing.
+        ra_dec_deg: As in FixedPointing.
+        azimuth_elevation_deg: As in FixedPointing.
+        offset_px: Where what is followed appears, from the image's centre [px].
+        roll_deg: Roll, added to that of the schedule [deg].
+    """
+
+    start_s: Number
+    track: str | None = None
+    ra_dec_deg: Direction | None = None
+    azimuth_elevation_deg: Direction | None = None
+    offset_px: Pixels = (0.0, 0.0)
+    roll_deg: Number = 0.0
+
+    @model_validator(mode="after")
+    def _one(self) -> PointingStep:
+        given = [self.track, self.ra_dec_deg, self.azimuth_elevation_deg]
+        if sum(value is not None for value in given) != 1:
+            raise InputError("exactly one must be given", "track, ra_dec_deg, azimuth_elevation_deg")
+        if self.track is None and self.offset_px != (0.0, 0.0):
+            raise InputError("belongs to track", "offset_px", self.offset_px)
+        return self
+
+
+@config_model
+class SchedulePointing(_AnyPointing):
+    """Cameras that follow one thing after the other; further fields are those of every kind of pointing.
+
+    Args:
+        steps: What they look at, in the order of time; the first at the first frame or before.
+        slew: How they turn from step to step; at once when left out. A turn begins when its step does.
+    """
+
+    steps: Annotated[tuple[PointingStep, ...], BeforeValidator(as_tuple)]
+    slew: Slew | None = None
+    kind: Literal["schedule"] = Field(default="schedule", kw_only=True)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> SchedulePointing:
+        if not self.steps:
+            raise InputError("must hold at least one", "steps")
+        for number, (before, step) in enumerate(itertools.pairwise(self.steps), start=1):
+            if step.start_s <= before.start_s:
+                rule = f"must be above that of the step before ({before.start_s:g})"
+                raise InputError(rule, f"steps[{number}].start_s", step.start_s, "g")
         return self
 
 
@@ -98,7 +252,7 @@ class PointingRow:
         azimuth_deg: Azimuth in the satellite's local frame [deg].
         elevation_deg: Elevation there [deg].
         roll_deg: Roll, added to that of the table [deg].
-        sensor: The sensor it is for; when left out, every sensor that has no rows of its own.
+        sensor: The sensor or satellite it is for; when left out, every one that has no rows of its own.
     """
 
     time_s: Number
@@ -118,26 +272,22 @@ class PointingRow:
 
 
 @config_model
-class TablePointing:
-    """Cameras that step or scan over the sky; give rows or a file.
+class TablePointing(_AnyPointing):
+    """Cameras that step or scan over the sky; give rows or a file. Further fields are those of every kind of pointing.
 
     Args:
         mode: "stare" holds each row until the next, "scan" moves from row to row along great circles, at a constant
             rate, and rolls the short way.
         rows: The rows.
         file: A CSV or ECSV file whose columns have the names of PointingRow's fields.
-        up: Which way is up in the image: "zenith", "north" (ICRS) or "orbit_normal".
-        roll_deg: Turn of the camera about its boresight after that, right-handed: up moves to the right [deg].
-        jitter: Random motion about these axes; none when left out.
+        slew: How a stare turns from row to row, at once when left out; and what rate a scan may have at most.
     """
 
     mode: Literal["stare", "scan"]
     rows: Annotated[tuple[PointingRow, ...], BeforeValidator(as_tuple)] | None = None
     file: FileName | None = None
-    up: Up = "zenith"
-    roll_deg: Number = 0.0
-    jitter: Jitter | None = None
-    kind: Literal["table"] = "table"
+    slew: Slew | None = None
+    kind: Literal["table"] = Field(default="table", kw_only=True)
 
     @model_validator(mode="after")
     def _one_source(self) -> TablePointing:
@@ -148,14 +298,19 @@ class TablePointing:
         return self
 
 
-def _kind_of(value: Any) -> Any:
-    """The kind that a table of a scene file states; "track" where it states none."""
-    return value.get("kind", "track") if isinstance(value, dict) else getattr(value, "kind", "track")
-
-
 Pointing = Annotated[
     Annotated[TrackPointing, Tag("track")]
     | Annotated[FixedPointing, Tag("fixed")]
+    | Annotated[SchedulePointing, Tag("schedule")]
     | Annotated[TablePointing, Tag("table")],
-    Discriminator(_kind_of),
+    kind_or("track"),
 ]
+"""Any kind of pointing; a table of a scene file that names no kind tracks."""
+
+
+def _one_or_some(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list | tuple) else (value,)
+
+
+Pointings = Annotated[tuple[Pointing, ...], BeforeValidator(_one_or_some)]
+"""How the cameras of a kind of sensor point: one kind of pointing, or several for satellites of their own."""

@@ -1,208 +1,236 @@
-"""Rules that span several parts of a scene; each breach is one line that names the fields."""
+"""Rules over several parts of a scene; each breach is one line that names the field. They read no file."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from typing import Any
 
 import numpy as np
 
+from warpsim.detector.levels import levels
 from warpsim.errors import InputError
-from warpsim.orbit.arc import BallisticArc
-from warpsim.orbit.constellations import ListedSatellites, MixedConstellation, SeedPattern
-from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
 from warpsim.orbit.epoch import instant
-from warpsim.scene.attitudes import table_rows
+from warpsim.scene.attitudes import attitude_tables
+from warpsim.scene.groups import AnyConstellation, TargetGroup
+from warpsim.scene.instrument import ANY, TRACKED
+from warpsim.scene.pointing import satellites_of
+from warpsim.scene.pointing_program import check_frames as check_covered
+from warpsim.scene.pointing_program import entry_place, make_program, tracked_targets
+from warpsim.scene.sensors import Frames, Sensor, sensor_instances
+from warpsim.scene.short_form import item_place
+from warpsim.scene.targets import SceneTarget, with_values
 from warpsim.scene.temperatures import temperature_tables
-from warpsim.scene.view_axes import tracked_targets
-
-if TYPE_CHECKING:
-    from warpsim.scene.parts import Trajectory
-    from warpsim.scene.scene import Scene
 
 LONGEST_TRACKS_S = 2e8
 """Longest scene times number of moving things: 1.4 GB of orbit nodes at most, 4 to 8 GB while they are made."""
 
-LARGEST_VIEW = 2**29
-"""Pixels of one sensor's image in all bands: array strides are 32-bit numbers of bytes."""
+
+def reads_file(part: Any) -> bool:
+    """Return whether a part of a description names a file that must be read to know its names."""
+    if isinstance(part, tuple):
+        return any(reads_file(item) for item in part)
+    if not is_dataclass(part):
+        return False
+    if any(getattr(part, name, None) for name in ("file", "files")):
+        return True
+    return any(reads_file(getattr(part, field.name)) for field in fields(part))
 
 
-def check_scene(scene: Scene) -> None:
-    """Raise pydantic's error at the first rule that a scene breaks."""
-    _check_images(scene)
-    _check_names(scene)
-    _check_times(scene)
-    _check_exposure(scene)
-    _check_optics(scene)
-    _check_detector(scene)
-    _check_pointing(scene)
-    _check_attitudes(scene)
-    _check_surfaces(scene)
-    _check_temperatures(scene)
+def known_names(path: Any) -> list[str] | None:
+    """Return the names of a constellation or of orbits; None where only a file tells them."""
+    return None if reads_file(path) else list(path.names)
 
 
-def _check_images(scene: Scene) -> None:
-    if not scene.bands:
-        raise InputError("must name at least one band", "bands")
-    if len(set(scene.bands)) != len(scene.bands):
-        raise InputError(f"must not repeat, got {', '.join(scene.bands)}", "bands")
-    n_value = scene.camera.n_row * scene.camera.n_col * len(scene.bands)
-    if n_value >= LARGEST_VIEW:
-        raise InputError("n_row * n_col * number of bands must be below 2**29", "camera", n_value)
+def check_sensors(constellation: AnyConstellation, sensors: Sequence[Sensor], frames: Frames) -> None:
+    """Sensors have names of their own, satellites that carry them, and exposures that fit between frames."""
+    if not sensors:
+        raise InputError("must hold at least one", "sensors")
+    satellites = known_names(constellation)
+    for number, sensor in enumerate(sensors):
+        place = item_place("sensors", number, len(sensors))
+        if any(other.name == sensor.name for other in sensors[:number]):
+            raise InputError("must be no other sensor's name", "name", sensor.name).within(place)
+        exposure_s, own = sensor.detector.exposure_s, sensor.frames or frames
+        if own.count > 1 and exposure_s > own.interval_s:
+            rule = f"must be at most frames.interval_s ({own.interval_s:g})"
+            raise InputError(rule, "detector.exposure_s", exposure_s, "g").within(place)
+        try:
+            if satellites is not None:
+                check_satellites(sensor, satellites)
+        except InputError as error:
+            raise error.within(place) from None
 
 
-def _check_names(scene: Scene) -> None:
-    if not scene.targets:
-        raise InputError("must hold at least the main target, which the trajectory belongs to", "targets")
-    if scene.targets[0].count != 1:
-        raise InputError("must be 1 for the main target", "targets[0].count", scene.targets[0].count)
-    try:
-        names = [*scene.sensor_names, *scene.target_names, "sun"]
-    except InputError as error:  # from a file
-        raise error.within("constellation") from None
+def check_satellites(sensor: Sensor, satellites: Sequence[str]) -> None:
+    """A sensor's satellites are there, and each of them has a pointing.
+
+    Raises:
+        InputError: They are not; the place begins with a field of the sensor.
+    """
+    carriers = [satellites[index] for index in satellites_of(sensor.on, satellites)]
+    pointed: set[int] = set()
+    for number, pointing in enumerate(sensor.pointing):
+        try:
+            pointed |= set(satellites_of(pointing.on, carriers))
+        except InputError as error:
+            raise error.within(entry_place(number, len(sensor.pointing))) from None
+    left = [name for index, name in enumerate(carriers) if index not in pointed]
+    if left:
+        raise InputError(f"must say where every sensor looks, got nothing for that of {left[0]}", "pointing")
+
+
+def check_names(constellation: AnyConstellation, sensors: Sequence[Sensor], groups: Sequence[TargetGroup]) -> None:
+    """Names of satellites, kinds of sensors, targets and groups tell them apart, as far as they stand in the scene."""
+    satellites = known_names(constellation) or []
+    targets = [known_names(group.orbits) or [] if group.orbits else group.names for group in groups]
+    names = [*satellites, *(name for some in targets for name in some), "sun"]
     twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
     if twice:
-        raise InputError(f"names must be unique among sensors and targets, got {twice[0]} twice", "targets")
-    taken = {*names, "main", "group"}
-    for number, group in enumerate(scene.groups):
-        if group.name in taken:
-            raise InputError(
-                "must be no other name of the scene, 'main' or 'group'", f"groups[{number}].name", group.name
-            )
+        raise InputError(f"names must be unique among satellites and targets, got {twice[0]} twice", "targets")
+    taken = set(names)
+    for number, sensor in enumerate(sensors):
+        if len(sensors) > 1 and sensor.name in taken:
+            place = item_place("sensors", number, len(sensors))
+            raise InputError("must be no name of a satellite or target", "name", sensor.name).within(place)
+    taken |= {"group", TRACKED, ANY}
+    for number, group in enumerate(groups):
+        if group.name in taken or (group.name == "main" and number > 0):
+            place = item_place("groups", number, len(groups))
+            rule = "must be no other name of the scene, 'main' (but for the first), 'group', 'tracked' or 'any'"
+            raise InputError(rule, "name", group.name).within(place)
         taken.add(group.name)
 
 
-def _check_exposure(scene: Scene) -> None:
-    exposure_s, interval_s = scene.detector.exposure_s, scene.frames.interval_s
-    if scene.frames.count > 1 and exposure_s > interval_s:
-        raise InputError(f"must be at most frames.interval_s ({interval_s:g})", "detector.exposure_s", exposure_s, "g")
-
-
-def _check_times(scene: Scene) -> None:
-    """Scene, frames, paths and releases must agree on time."""
-    for number, group in enumerate(scene.groups_of_targets):
-        where = "" if number == 0 else f"groups[{number - 1}]."
-        if group.targets[0].release is not None:
-            raise InputError("must not be given, the main target is not released", f"{where}targets[0].release")
-        _check_path(scene, f"{where}trajectory", group.trajectory)
-        for release in group.releases:
-            if release is None:
-                continue
-            if release.time_s > scene.duration_s:
-                raise InputError(
-                    f"must be within duration_s ({scene.duration_s:g})", f"{where}release.time_s", release.time_s, "g"
-                )
-            if release.time_s < 0 and isinstance(group.trajectory, BallisticArc):
-                raise InputError(
-                    "must be >= 0, as the flight starts at the epoch", f"{where}release.time_s", release.time_s, "g"
-                )
-    n_body = len(scene.sensor_names) + len(scene.target_names)
-    if n_body * scene.duration_s > LONGEST_TRACKS_S:
+def check_times(constellation: AnyConstellation, groups: Sequence[TargetGroup], duration_s: float) -> None:
+    """Groups and releases lie within the scene, and the scene is not too long for its bodies."""
+    n_body = len(known_names(constellation) or [])
+    for number, group in enumerate(groups):
+        place = item_place("groups", number, len(groups))
+        n_body += len(known_names(group.path) or []) if group.orbits else len(group.names)
+        first_s, last_s = group.span_s
+        if group.start_s > duration_s:
+            rule = f"must be within duration_s ({duration_s:g})"
+            raise InputError(rule, "start_s", group.start_s, "g").within(place)
+        if first_s >= duration_s or last_s <= 0.0:
+            rule = f"must have a part within the scene, 0 to {duration_s:g} s"
+            raise InputError(rule, "exists_s", [first_s, last_s]).within(place)
+        for release in (group.releases if group.orbits is None else [])[1:]:
+            if release is not None and group.start_s + release.time_s > duration_s:
+                rule = f"must be within duration_s ({duration_s:g})"
+                raise InputError(rule, "release.time_s", group.start_s + release.time_s, "g").within(place)
+    if n_body * duration_s > LONGEST_TRACKS_S:
         raise InputError(
-            f"{scene.duration_s:g} s are too long for {n_body} sensors and targets: their product must be at most "
+            f"{duration_s:g} s are too long for {n_body} satellites and targets: their product must be at most "
             f"{LONGEST_TRACKS_S:g} s",
             "duration_s",
         )
-    last_s = scene.frame_time_s([scene.frames.count - 1])[0]
-    if last_s > scene.duration_s:
-        raise InputError(f"the last frame must be within duration_s ({scene.duration_s:g}), got {last_s:g} s", "frames")
-    _check_span(scene, "constellation", scene.constellation)
 
 
-def _check_path(scene: Scene, where: str, path: Trajectory) -> None:
-    """A flight ends where it ends, and starts at the scene's epoch."""
-    if isinstance(path, BallisticArc):
-        if scene.duration_s > path.duration_s:
-            raise InputError(
-                f"must be at most {where}.duration_s ({path.duration_s:g}), where the flight ends",
-                "duration_s",
-                scene.duration_s,
-                "g",
-            )
-        if instant(path.epoch_utc).tt != scene.instant.tt:
-            raise InputError(
-                f"must equal the scene's epoch_utc ({scene.epoch_utc})", f"{where}.epoch_utc", path.epoch_utc
-            )
-    _check_span(scene, where, path)
+def check_frames(sensors: Sequence[Sensor], frames: Frames, duration_s: float) -> None:
+    """All frames lie within the scene."""
+    own = {item_place("sensors", number, len(sensors)): sensor.frames for number, sensor in enumerate(sensors)}
+    for place, some in [("", frames), *own.items()]:
+        last_s = 0.0 if some is None else some.start_s + (some.count - 1) * some.interval_s
+        if last_s > duration_s:
+            rule = f"the last frame must be within duration_s ({duration_s:g}), got {last_s:g} s"
+            raise InputError(rule, "frames").within(place)
 
 
-def _check_span(scene: Scene, where: str, orbit: Any) -> None:
-    """Motion that is known for a limited time only must cover the scene, without gaps and missing rows."""
-    if isinstance(orbit, MixedConstellation):
-        for number, part in enumerate(orbit.parts):
-            _check_span(scene, f"{where}.parts[{number}]", part)
-    elif isinstance(orbit, ListedSatellites):
-        for number, item in enumerate(orbit.satellites):
-            _check_path(scene, f"{where}.satellites[{number}].orbit", item.orbit)
-    try:
-        if isinstance(orbit, EphemerisOrbit | EphemerisSatellites):
-            gaps_s = [time for time in orbit.gaps_s(scene.epoch) if 0.0 < time < scene.duration_s]
-            orbit.states(scene.epoch, np.array([0.0, scene.duration_s, *gaps_s]))
-            orbit.notes(scene.epoch, scene.duration_s)
-        elif isinstance(orbit, SeedPattern):
-            orbit.states(scene.instant, np.zeros(1))
-    except InputError as error:
-        raise error.of(where) from None
-
-
-def _check_optics(scene: Scene) -> None:
-    """Every band must have a point spread function; images in files are read when the scene is loaded or rendered."""
-    files = scene.optics.psf_file
-    for name in scene.bands:
-        if isinstance(files, Mapping) and name not in files:
-            raise InputError(f"must name a file for every band, got none for {name}", "optics.psf_file")
-        if files is not None:
-            continue
+def check_instruments(sensors: Sequence[Sensor]) -> None:
+    """Every band of a sensor has a point spread function, and blank sky does not saturate its detector."""
+    for number, sensor in enumerate(sensors):
+        place = item_place("sensors", number, len(sensors))
         try:
-            scene.psf(name)
+            for band in sensor.bands:
+                _check_optics(sensor, band)
+                levels(sensor.detector, sensor.optics, sensor.camera, band)
         except InputError as error:
-            hint = "; see aperture_m and the size of a pixel" if scene.optics.psf == "airy" else ""
-            raise InputError(f"in band {name}: {error}{hint}", "optics") from None
+            raise error.within(place) from None
 
 
-def _check_detector(scene: Scene) -> None:
-    """The detector must be described in every band, and blank sky must not saturate it."""
+def _check_optics(sensor: Sensor, band: str) -> None:
+    """A band has a point spread function; images in files are read when it is first asked for."""
+    optics = sensor.optics
+    if isinstance(optics.psf_file, Mapping) and band not in optics.psf_file:
+        raise InputError(f"must name a file for every band, got none for {band}", "optics.psf_file")
+    if optics.psf_file is not None:
+        return
     try:
-        scene.levels  # noqa: B018
+        optics.psf_for(band, sensor.camera, sensor.detector.diffusion_px)
     except InputError as error:
-        raise error.within("detector") from None
+        raise error.of(f"in band {band}").within("optics") from None
 
 
-def _check_pointing(scene: Scene) -> None:
-    """What cameras follow must be there, and a table of directions must cover the frames."""
+def check_targets(groups: Sequence[TargetGroup], sensors: Sequence[Sensor], epoch_utc: str, duration_s: float) -> None:
+    """Targets are described in every band, numbers that are spread keep their rules, tables cover the scene."""
+    bands = list(dict.fromkeys(band for sensor in sensors for band in sensor.bands))
+    for number, group in enumerate(groups):
+        place = item_place("groups", number, len(groups))
+        for entry, spec in enumerate(group.targets):
+            missing = next((band for band in bands if band not in spec.surface.bands), None)
+            if missing is not None:
+                rule = (
+                    f"must give reflectance or emissivity of {spec.name} in every band of the scene, got none in band "
+                    f"{missing}"
+                )
+                raise InputError(rule, f"targets[{entry}].surface").within(place)
+            for field, distribution in (spec.spread or {}).items():
+                for value in distribution.extremes:
+                    try:
+                        with_values(spec, {field: value})
+                    except InputError as error:
+                        raise error.within(f"targets[{entry}].spread").within(place) from None
+    attitude_tables(groups, instant(epoch_utc), duration_s, with_files=False)
+    temperature_tables(groups, instant(epoch_utc), duration_s, with_files=False)
+
+
+def check_pointing(
+    constellation: AnyConstellation,
+    sensors: Sequence[Sensor],
+    groups: Sequence[TargetGroup],
+    access_target: str,
+    frames: Frames,
+) -> None:
+    """What cameras follow, and what access counts by, is there, and what they are commanded covers the frames.
+
+    Left to the scenario where a file must be read to know the names of satellites or targets, or rows of directions.
+    """
+    satellites = known_names(constellation)
+    if satellites is None or any(reads_file(group.orbits) for group in groups):
+        return
+    targets = [
+        SceneTarget(name, spec, number, 0, -math.inf, group.span_s)
+        for number, group in enumerate(groups)
+        for name, spec in zip(group.names, group.specs, strict=True)
+    ]
+    names = [group.name for group in groups]
+    check_access_target(access_target, targets, names)
+    instances = sensor_instances(sensors, satellites)
+    known = {*satellites, *(name for some in instances for name, _ in some)}
+    for number, (sensor, own) in enumerate(zip(sensors, instances, strict=True)):
+        if any(reads_file(pointing) for pointing in sensor.pointing):
+            continue
+        named = [(name, satellites[index]) for name, index in own]
+        when = sensor.frames or frames
+        try:
+            program = make_program(sensor.pointing, named, sensor.camera, targets, names, known)
+            ends_s = when.start_s + np.array([0.0, (when.count - 1) * when.interval_s])
+            check_covered(program, [name for name, _ in own], ends_s)
+        except InputError as error:
+            raise error.within(item_place("sensors", number, len(sensors))) from None
+
+
+def check_access_target(access_target: str, targets: Sequence[SceneTarget], groups: Sequence[str]) -> None:
+    """The target that access counts by is there.
+
+    Raises:
+        InputError: It is not.
+    """
+    if access_target in (TRACKED, ANY):
+        return
     try:
-        tracked_targets(scene)
-        if scene.sights is not None:
-            scene.sights.check_times(scene.sensor_names, scene.frame_time_s([0, scene.frames.count - 1]))
+        tracked_targets(access_target, targets, groups)
     except InputError as error:
-        raise error from None
-
-
-def _check_attitudes(scene: Scene) -> None:
-    """Tables of attitudes must cover the scene; those in files are read when the scene is loaded or rendered."""
-    try:
-        table_rows(scene, with_files=False)
-    except InputError as error:
-        raise error from None
-
-
-def _check_surfaces(scene: Scene) -> None:
-    """Every target must be described in every band."""
-    for number, group in enumerate(scene.groups_of_targets):
-        where = "" if number == 0 else f"groups[{number - 1}]."
-        for kind, spec in enumerate(group.targets):
-            for band in scene.bands:
-                if band not in spec.surface.bands:
-                    raise InputError(
-                        f"must give reflectance or emissivity of {spec.name} in every band of the scene, got none in "
-                        f"band {band}",
-                        f"{where}targets[{kind}].surface",
-                    )
-
-
-def _check_temperatures(scene: Scene) -> None:
-    """Tables of temperatures must cover the scene; those in files are read when the scene is loaded or rendered."""
-    try:
-        temperature_tables(scene, with_files=False)
-    except InputError as error:
-        raise error from None
+        raise InputError(f"{error.rule}, {TRACKED!r} or {ANY!r}", "access_target", access_target) from None

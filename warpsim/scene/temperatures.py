@@ -1,94 +1,139 @@
-"""How warm the targets of a scene are."""
+"""Temperatures of the targets of a scene."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2, SOLAR_CONSTANT_W_M2
 from warpsim.errors import InputError
+from warpsim.instant import Instant
 from warpsim.orbit.eclipse import eclipses
 from warpsim.orbit.track import TrackStack
+from warpsim.scene.attitudes import AnyAttitude, within_scene
+from warpsim.scene.groups import TargetGroup, TargetSpec
+from warpsim.scene.short_form import item_place
+from warpsim.scene.targets import SceneTarget
+from warpsim.scene.tracks import Tracks
 from warpsim.target.attitude_table import AttitudeRows
 from warpsim.target.cooling import Bodies, follow
 from warpsim.target.heat_balance import lump_of
 from warpsim.target.temperature import HeatBalance, Temperature, TemperatureRows, TemperatureTable
 from warpsim.target.turning_area import SteadyArea, TurningArea, steady_area
 
-if TYPE_CHECKING:
-    from warpsim.scene.parts import TargetSpec
-    from warpsim.scene.scene import Scene
-
 F64 = npt.NDArray[np.float64]
 
 BODIES_AT_ONCE = 256
 """Targets of a kind whose heat balances are computed side by side, with common steps."""
 LONGEST_STEP_REV = 0.01
-"""Longest step of a heat balance, in revolutions of a circular orbit at the target's lowest place."""
+"""Longest step of a heat balance, in revolutions of a circular orbit at the target's lowest position."""
 ECLIPSE_STEP_S = 10.0
 """Step of the scan for eclipses of the first of them, at whose ends steps end too."""
 SUN_STEP_S = 7200.0
 """Between these the Sun's direction is linear to 1e-6 rad."""
 
 
-def target_temperatures(scene: Scene) -> list[TemperatureRows]:
-    """Temperature of each single target, in the order of scene.target_names; equal ones share their rows.
+@dataclass(frozen=True)
+class _Run:
+    """Targets side by side that share their description."""
 
-    Targets with a heat balance have a course each: a group flies together, but what a body shows to the Sun depends on
-    its own axis and phases.
+    spec: TargetSpec
+    emissivity: float
+    """Mean over the scene's bands, for what the description leaves out."""
+    tracks: Tracks
+    first: int
+    attitudes: Sequence[AnyAttitude]
+    span_s: tuple[float, float]
+    """From when to when their temperature is wanted [s]."""
+
+
+def target_temperatures(
+    targets: Sequence[SceneTarget],
+    tracks: Tracks,
+    attitudes: Sequence[AnyAttitude],
+    tables: dict[tuple[int, int], TemperatureRows],
+    bands: Sequence[str],
+    duration_s: float,
+    n_group: int,
+) -> list[TemperatureRows]:
+    """Return the temperature of each single target; equal ones share their rows.
+
+    Targets with a heat balance have a temperature history each: a group flies together, but what a body shows to the
+    Sun depends on its own axis and phases.
+
+    Args:
+        targets: The single targets.
+        tracks: Their motion.
+        attitudes: Their attitudes.
+        tables: As temperature_tables gives them.
+        bands: Names of the scene's bands, over which surfaces are averaged for a heat balance that leaves it to them.
+        duration_s: Length of the scene [s].
+        n_group: Groups of the scene, for messages.
 
     Raises:
-        InputError: A table cannot be read or does not cover the scene, or a heat balance has no solution.
+        InputError: A heat balance has no solution.
     """
-    tables = temperature_tables(scene)
+    linear: dict[Any, TemperatureRows] = {}
     found: list[TemperatureRows] = []
-    for where, spec in _specs(scene):
-        if not isinstance(spec.temperature, HeatBalance):
-            found += [tables[spec]] * spec.count
-            continue
-        try:
-            for first in range(0, spec.count, BODIES_AT_ONCE):
-                found += _warmed(scene, spec, len(found), min(BODIES_AT_ONCE, spec.count - first))
-        except InputError as error:
-            raise error.within(f"{where}.temperature") from None
+    for _, run in itertools.groupby(enumerate(targets), key=lambda item: (item[1].group, item[1].entry, item[1].spec)):
+        numbers, members = zip(*run, strict=True)
+        target, first = members[0], numbers[0]
+        model, spec = target.spec.temperature, target.spec
+        begin_s, end_s = within_scene(target.exists_s, duration_s)
+        if isinstance(model, Temperature):
+            found += [linear.setdefault((target.group, target.entry, model), model.rows(begin_s, end_s))] * len(members)
+        elif isinstance(model, TemperatureTable):
+            found += [tables[target.group, target.entry]] * len(members)
+        else:
+            begin_s = min(max(begin_s, target.release_s), end_s)
+            emissivity = float(np.mean([spec.surface.emissivity_in(band) for band in bands]))
+            try:
+                for start in range(first, first + len(members), BODIES_AT_ONCE):
+                    some = attitudes[start : min(start + BODIES_AT_ONCE, first + len(members))]
+                    found += _balanced(_Run(spec, emissivity, tracks, start, some, (begin_s, end_s)))
+            except InputError as error:
+                place = item_place("groups", target.group, n_group)
+                raise error.within(f"targets[{target.entry}].temperature").within(place) from None
     return found
 
 
-def _warmed(scene: Scene, spec: TargetSpec, first: int, n_body: int) -> list[TemperatureRows]:
-    """Courses of some targets of a kind, from target number `first` on."""
-    assert isinstance(spec.temperature, HeatBalance)
-    tracks, pole = scene.tracks, scene.tracks.pole_icrs
-    own = tracks.targets[first : first + n_body]
-    stack = TrackStack(own)
-    start_s = min(max(0.0, float(tracks.release_s[len(tracks.sensors) + first])), scene.duration_s)
-    lump = lump_of(spec.temperature, spec.shape.surface_m2, mean_emissivity(scene, spec))
-    area = _turning_area(scene, spec, first, n_body, scene.duration_s - start_s)
-    outline = _tabulated(scene, area, n_body, start_s)
+def _balanced(run: _Run) -> list[TemperatureRows]:
+    """Temperature histories of some targets."""
+    model, tracks, n_body = run.spec.temperature, run.tracks, len(run.attitudes)
+    assert isinstance(model, HeatBalance)
+    start_s, end_s = run.span_s
+    own = tracks.targets[run.first : run.first + n_body]
+    stack, pole = TrackStack(own), tracks.pole_icrs
+    lump = lump_of(model, run.spec.shape.surface_m2, run.emissivity)
+    attitudes: Any = run.attitudes[0] if isinstance(run.attitudes[0], AttitudeRows) else run.attitudes
+    area = TurningArea(run.spec.shape, attitudes, end_s - start_s)
+    outline = _tabulated(area, n_body, run)
 
     def directions(time_s: F64) -> tuple[F64, F64, F64]:
-        place, sun = stack.positions_m(time_s), tracks.sun.position_at_m(time_s)
-        to_sun = sun - place
-        return place, sun, to_sun / np.linalg.norm(to_sun, axis=-1, keepdims=True)
+        position, sun = stack.positions_m(time_s), tracks.sun.position_at_m(time_s)
+        to_sun = sun - position
+        return position, sun, to_sun / np.linalg.norm(to_sun, axis=-1, keepdims=True)
 
     def absorbed_w(time_s: F64) -> F64:
-        place, sun, to_sun = directions(time_s)
-        return lump.absorbed_w(place, sun, pole, outline.towards(time_s, to_sun))
+        position, sun, to_sun = directions(time_s)
+        return lump.absorbed_w(position, sun, pole, outline.towards(time_s, to_sun))
 
     at_start_w = absorbed_w(np.array([start_s]))[:, 0]
-    start_k = spec.temperature.start_k
-    begin_k = lump.equilibrium_k(at_start_w) if isinstance(start_k, str) else np.full(n_body, start_k)
-    if start_s == scene.duration_s:
+    begin_k = lump.equilibrium_k(at_start_w) if isinstance(model.start_k, str) else np.full(n_body, model.start_k)
+    if start_s == end_s:
         return [TemperatureRows(np.zeros(1), np.array([kelvin])) for kelvin in begin_k]
-    eclipsed = eclipses(own[0].position_at_m, tracks.sun.position_at_m, pole, scene.duration_s, ECLIPSE_STEP_S)
-    kinks = {float(time) for eclipse in eclipsed for time in eclipse if start_s < time < scene.duration_s}
+    eclipsed = eclipses(own[0].position_at_m, tracks.sun.position_at_m, pole, end_s, ECLIPSE_STEP_S)
+    kinks = {float(time) for eclipse in eclipsed for time in eclipse if start_s < time < end_s}
     lowest_m = max(min(np.linalg.norm(track.position_m, axis=1).min() for track in own), EARTH_EQUATORIAL_RADIUS_M)
     course = follow(
         Bodies(lambda time_s: absorbed_w(time_s) / lump.capacity_j_k, lump.emitted_w_k4 / lump.capacity_j_k),
         begin_k,
-        [start_s, *sorted(kinks), scene.duration_s],
+        [start_s, *sorted(kinks), end_s],
         LONGEST_STEP_REV * 2 * np.pi * float(np.sqrt(lowest_m**3 / EARTH_GM_M3_S2)),
     )
     time_s = course.time_s if start_s == 0 else np.append(0.0, course.time_s)
@@ -102,50 +147,39 @@ def _warmed(scene: Scene, spec: TargetSpec, first: int, n_body: int) -> list[Tem
     ]
 
 
-def _turning_area(scene: Scene, spec: TargetSpec, first: int, n_body: int, span_s: float) -> TurningArea:
-    """Shape and motion of some targets of a kind."""
-    some = scene.attitudes[first : first + n_body]
-    attitudes: Any = some[0] if isinstance(some[0], AttitudeRows) else some
-    return TurningArea(spec.shape, attitudes, span_s)
-
-
-def _tabulated(scene: Scene, area: TurningArea, n_body: int, start_s: float) -> TurningArea | SteadyArea:
+def _tabulated(area: TurningArea, n_body: int, run: _Run) -> TurningArea | SteadyArea:
     """The same by a table over the Sun's way, where only means over turns count."""
     if not area.is_steady:
         return area
-    node_s = np.linspace(start_s, scene.duration_s, 2 + int(area.span_s // SUN_STEP_S))
-    sun_m = scene.tracks.sun.position_at_m(node_s)
+    start_s, end_s = run.span_s
+    node_s = np.linspace(start_s, end_s, 2 + int(area.span_s // SUN_STEP_S))
+    sun_m = run.tracks.sun.position_at_m(node_s)
     return steady_area(area, n_body, node_s, sun_m / np.linalg.norm(sun_m, axis=-1, keepdims=True))
 
 
-def mean_emissivity(scene: Scene, spec: TargetSpec) -> float:
-    """Mean of 1 - reflectance over the scene's bands: what a heat balance takes where nothing is given."""
-    return float(np.mean([spec.surface.emissivity_in(band) for band in scene.bands]))
+def temperature_tables(
+    groups: Sequence[TargetGroup], epoch: Instant, duration_s: float, with_files: bool = True
+) -> dict[tuple[int, int], TemperatureRows]:
+    """Return the checked tables of temperatures, by the indices of group and entry.
 
-
-def temperature_tables(scene: Scene, with_files: bool = True) -> dict[TargetSpec, TemperatureRows]:
-    """Temperatures that are given: linear ones, and checked tables.
+    Args:
+        groups: The groups.
+        epoch: The scene's.
+        duration_s: Length of the scene [s]; tables must cover it as far as their targets are there.
+        with_files: Whether tables in files are read.
 
     Raises:
-        InputError: A table cannot be read or does not cover the scene; the text begins with its place.
+        InputError: A table cannot be read or does not cover the scene; the place begins with the group's.
     """
     tables = {}
-    for where, spec in _specs(scene):
-        model = spec.temperature
-        if isinstance(model, Temperature):
-            tables[spec] = model.rows(scene.duration_s)
-        elif isinstance(model, TemperatureTable) and (with_files or model.file is None):
-            try:
-                tables[spec] = model.rows(scene.epoch)
-                tables[spec].check_span(0.0, scene.duration_s)
-            except InputError as error:
-                raise error.within(f"{where}.temperature") from None
+    for number, group in enumerate(groups):
+        for entry, spec in enumerate(group.targets):
+            model = spec.temperature
+            if isinstance(model, TemperatureTable) and (with_files or model.file is None):
+                try:
+                    tables[number, entry] = model.rows(epoch)
+                    tables[number, entry].check_span(*within_scene(group.span_s, duration_s))
+                except InputError as error:
+                    place = item_place("groups", number, len(groups))
+                    raise error.within(f"targets[{entry}].temperature").within(place) from None
     return tables
-
-
-def _specs(scene: Scene) -> Iterator[tuple[str, TargetSpec]]:
-    """Place and description of every kind of target, in the order of scene.target_names."""
-    for number, group in enumerate(scene.groups_of_targets):
-        where = "" if number == 0 else f"groups[{number - 1}]."
-        for kind, spec in enumerate(group.targets):
-            yield f"{where}targets[{kind}]", spec

@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+import math
+import weakref
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
 
 from warpsim.errors import InputError
+from warpsim.instant import Instant
 from warpsim.orbit.earth import pole_of_date
 from warpsim.orbit.sampling import make_tracks
 from warpsim.orbit.sun import earth_states
 from warpsim.orbit.track import PositionFunction, Track
-from warpsim.scene.bodies import STOWED_STEP_S, bodies_of
-
-if TYPE_CHECKING:
-    from warpsim.scene.scene import Scene
+from warpsim.scene.groups import AnyConstellation, TargetGroup
+from warpsim.scene.motion import MARGIN_S, motion_of
+from warpsim.scene.targets import SceneTarget
 
 F64 = npt.NDArray[np.float64]
 
+LONGEST_STEP_S = 3600.0
+"""Longest node step."""
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Tracks:
-    """All moving things of a scene on one time grid; GCRS axes, geocentric."""
+    """All that moves in a scene on one time grid; GCRS axes, geocentric."""
 
-    sensors: list[Track]
+    satellites: list[Track]
     targets: list[Track]
     sun: Track
     earth_velocity_m_s: F64
@@ -37,99 +42,158 @@ class Tracks:
     pole_icrs: F64
     """The pole of date at the epoch: axis of J2 and of the ellipsoid, shape (3,)."""
     carrier: npt.NDArray[np.int64]
-    """Row among sensors and targets that each body goes with until its release, its own where there is none."""
+    """Index of the target that each target goes with until its release, its own where there is none, (n_target,)."""
     release_s: F64
-    """Time of each body's release [s], -inf where there is none."""
+    """Time of each target's release [s], -inf where there is none, (n_target,)."""
+    exists_s: F64
+    """From when to when each target is there [s], (n_target, 2)."""
 
     @property
     def start_s(self) -> float:
         """Time of the first node [s]."""
-        return self.sensors[0].start_s
+        return self.satellites[0].start_s
 
     @property
     def step_s(self) -> float:
         """Time between nodes [s]."""
-        return self.sensors[0].step_s
+        return self.satellites[0].step_s
 
     @property
     def n_node(self) -> int:
         """Number of nodes."""
-        return self.sensors[0].n_node
+        return self.satellites[0].n_node
 
     @property
     def error_m(self) -> float:
         """Largest measured interpolation error [m]."""
-        return max(track.error_m for track in (*self.sensors, *self.targets))
+        return max(track.error_m for track in (*self.satellites, *self.targets))
 
     def of(self, name: str) -> Track:
-        """The track of a sensor or target; before its release that is not where the target is.
+        """Return the track of a satellite or target; before its release that is not where the target is.
 
         Raises:
             InputError: No such name.
         """
-        return self._bodies[self._row(name)]
+        body = self._index(name)
+        return (*self.satellites, *self.targets)[body]
 
     def state(self, name: str, time_s: npt.ArrayLike) -> tuple[F64, F64]:
-        """Position [m] and velocity [m/s] of a sensor or target, each of the shape of time_s plus (3,).
+        """Return position [m] and velocity [m/s] of a satellite or target, each of the shape of time_s plus (3,).
 
         Before its release a target is where its main target is.
 
         Raises:
             InputError: No such name, or a time outside the tracks.
         """
-        row = self._row(name)
+        body = self._index(name) - len(self.satellites)
+        return self.satellites[body].state(time_s) if body < 0 else self.target_state(body, time_s)
+
+    def target_state(self, target: int, time_s: npt.ArrayLike) -> tuple[F64, F64]:
+        """Return the state of a target by its index, as `state` does."""
         time = np.asarray(time_s, dtype=np.float64)
-        position, velocity = self._bodies[row].state(time)
-        stowed = time < self.release_s[row]
-        if stowed.any():
-            carried = self._bodies[self.carrier[row]].state(time)
+        position, velocity = self.targets[target].state(time)
+        carried = time < self.release_s[target]
+        if carried.any():
+            with_main = self.targets[self.carrier[target]].state(time)
             position, velocity = (
-                np.where(stowed[..., None], with_it, alone)
-                for with_it, alone in zip(carried, (position, velocity), strict=True)
+                np.where(carried[..., None], main, own)
+                for main, own in zip(with_main, (position, velocity), strict=True)
             )
         return position, velocity
 
-    def position_function(self, name: str) -> PositionFunction:
-        """Geocentric positions of a sensor or target [m] as a function of time, (n,) -> (n, 3)."""
-        if self.carrier[self._row(name)] == self._row(name):
-            return self.of(name).position_at_m
-        return lambda time_s: self.state(name, time_s)[0]
+    def position_function(self, target: int) -> PositionFunction:
+        """Return geocentric positions of a target [m] as a function of time, (n,) -> (n, 3)."""
+        if self.carrier[target] == target:
+            return self.targets[target].position_at_m
+        return lambda time_s: self.target_state(target, time_s)[0]
 
-    @property
-    def _bodies(self) -> list[Track]:
-        return [*self.sensors, *self.targets]
+    def exist(self, target: int, time_s: F64) -> npt.NDArray[np.bool_]:
+        """Return whether a target is there, of the shape of time_s."""
+        first_s, last_s = self.exists_s[target]
+        return np.asarray((time_s >= first_s) & (time_s <= last_s))
 
-    def _row(self, name: str) -> int:
-        for row, track in enumerate(self._bodies):
+    def _index(self, name: str) -> int:
+        for index, track in enumerate((*self.satellites, *self.targets)):
             if track.name == name:
-                return row
-        known = ", ".join(track.name for track in (self.targets[0], *self.sensors[:3]))
+                return index
+        known = ", ".join(track.name for track in (*self.targets[:1], *self.satellites[:3]))
         raise InputError(f"must be a sensor, a target or 'sun' ({known}, ...)", "name", name)
 
 
-def build_tracks(scene: Scene) -> Tracks:
+_KNOWN: weakref.WeakValueDictionary[Hashable, Tracks] = weakref.WeakValueDictionary()
+"""Tracks that somebody holds, by what they follow from."""
+
+
+def build_tracks(
+    constellation: AnyConstellation,
+    groups: Sequence[TargetGroup],
+    targets: Sequence[SceneTarget],
+    epoch: Instant,
+    duration_s: float,
+    seed: int,
+) -> Tracks:
     """Sample all bodies of a scene on one node grid, with the Sun and the Earth's own motion.
+
+    Tracks that somebody holds are given again where all that they follow from is the same.
+
+    Args:
+        constellation: The satellites.
+        groups: The groups of targets.
+        targets: Their single targets, as scene_targets gives them.
+        epoch: The scene's.
+        duration_s: Length of the scene [s].
+        seed: Of the releases.
 
     Raises:
         InputError: A path cannot be followed, because it falls through half the Earth's radius or its file ends, say.
     """
-    bodies, epoch = bodies_of(scene), scene.instant
-    later = max(bodies.release_s) > 0
-    longest_s = STOWED_STEP_S if later else 3600.0
-    tracks = make_tracks(bodies.names, bodies.states, scene.duration_s, first_s=bodies.release_s, longest_s=longest_s)
+    motion = motion_of(constellation, groups, epoch, duration_s, seed)
+    names = (*constellation.names, *(target.name for target in targets))
+    checksums = tuple(_checksum(path) for path in (constellation, *(group.path for group in groups)))
+    key = (motion, names, checksums)
+    known = _KNOWN.get(key)
+    if known is not None:
+        return known
+    n_satellite = len(names) - len(targets)
+    mains = {target.group: number for number, target in reversed(list(enumerate(targets)))}
+    carrier = [mains[target.group] if target.is_released else number for number, target in enumerate(targets)]
+    release_s = np.array([target.release_s for target in targets], dtype=np.float64)
+    exists_s = np.array([target.exists_s for target in targets], dtype=np.float64).reshape(-1, 2)
+    # What ends with the scene, or before it begins, has no end within it.
+    counted_s = np.where((exists_s > 0.0) & (exists_s < duration_s), exists_s, [-math.inf, math.inf])
+    counted_s[:, 0] = np.maximum(counted_s[:, 0], release_s)
+    within = bool((release_s > 0).any() or np.isfinite(counted_s).any())
+    tracks = make_tracks(
+        names,
+        motion.states,
+        duration_s,
+        counted_s=np.concatenate([np.full((n_satellite, 2), [-math.inf, math.inf]), counted_s]),
+        longest_s=MARGIN_S if within else LONGEST_STEP_S,
+    )
     start_s, step_s, n_node = tracks[0].start_s, tracks[0].step_s, tracks[0].n_node
-    nodes_s = start_s + step_s * np.arange(n_node)
-    earth = earth_states(epoch, nodes_s)
-    sun = Track("sun", start_s, step_s, earth.sun_m, np.gradient(earth.sun_m, step_s, axis=0))
-    n_sensor = len(scene.sensor_names)
-    return Tracks(
-        tracks[:n_sensor],
-        tracks[n_sensor:],
-        sun,
+    earth = earth_states(epoch, start_s + step_s * np.arange(n_node))
+    found = Tracks(
+        tracks[:n_satellite],
+        tracks[n_satellite:],
+        Track("sun", start_s, step_s, earth.sun_m, np.gradient(earth.sun_m, step_s, axis=0)),
         earth.velocity_m_s,
         earth.barycentric_m,
         earth.heliocentric_m,
         pole_of_date(epoch),
-        np.array(bodies.carrier),
-        np.array(bodies.release_s),
+        np.array(carrier, dtype=np.int64),
+        release_s,
+        exists_s,
     )
+    _KNOWN[key] = found
+    return found
+
+
+def _checksum(path: object) -> object:
+    """What the files that a path was read from held, of parts within it too."""
+    if isinstance(path, tuple):
+        return tuple(_checksum(item) for item in path)
+    if not hasattr(path, "__dataclass_fields__"):
+        return None
+    reads = any(getattr(path, name, None) for name in ("file", "files"))
+    own = getattr(path, "checksum", None) if reads else None
+    return (own, *(_checksum(getattr(path, field.name)) for field in fields(path)))  # type: ignore[arg-type]

@@ -70,22 +70,22 @@ def interpolated(node_s: F64, value: F64, time_s: F64) -> F64:
 
 @config_model
 class Temperature:
-    """A temperature that changes linearly from the scene's start to its end, or stays.
+    """A temperature that changes linearly while the target is there in the scene, or stays.
 
     Args:
-        start_k: At the scene's epoch [K].
-        end_k: At the scene's end [K]; the same as at the start when left out.
+        start_k: At the scene's epoch, or when the target comes [K].
+        end_k: At the scene's end, or when the target goes [K]; the same as at the start when left out.
     """
 
     start_k: Kelvin
     end_k: Kelvin | None = None
     kind: Literal["linear"] = Field(default="linear", kw_only=True)
 
-    def rows(self, duration_s: float) -> TemperatureRows:
-        """Its rows for a scene of that length [s]."""
+    def rows(self, start_s: float, end_s: float) -> TemperatureRows:
+        """Return its rows from a time to another one [s]."""
         if self.end_k is None or self.end_k == self.start_k:
             return TemperatureRows(np.zeros(1), np.array([self.start_k]))
-        return TemperatureRows(np.array([0.0, duration_s]), np.array([self.start_k, self.end_k]))
+        return TemperatureRows(np.array([start_s, end_s]), np.array([self.start_k, self.end_k]))
 
 
 @config_model
@@ -216,7 +216,7 @@ class HeatBalance:
     """The temperature of a body of one temperature that the Sun and the Earth heat and that radiates from its surface.
 
     Args:
-        start_k: At the scene's epoch, or at the release if that is later [K]; "equilibrium" for the temperature at
+        start_k: At the scene's epoch, or when the target comes or is released [K]; "equilibrium" for the temperature at
             which the body emits as much as it then absorbs.
         mass_kg: Mass that takes part [kg].
         heat_capacity_j_kg_k: Its specific heat capacity [J/(kg K)].

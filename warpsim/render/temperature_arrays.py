@@ -1,4 +1,4 @@
-"""How warm targets are, on a device: the rows of all temperatures, and the radiance of bands between the extremes."""
+"""Temperatures of targets on a device: their rows, and the radiance of bands between the extremes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DARKEST_W_M2_SR = 1e-300
 
 
 @dataclass(frozen=True)
-class Warmth:
+class TemperatureArrays:
     """Temperatures on the device, and where each target's lie."""
 
     tables: Any
@@ -35,23 +35,23 @@ class Warmth:
     """Lowest and highest temperature of all."""
 
 
-def make_warmth(temperatures: Sequence[TemperatureRows], device: wp.Device) -> Warmth:
+def make_temperatures(temperatures: Sequence[TemperatureRows], device: wp.Device) -> TemperatureArrays:
     """Put the temperatures of all targets on a device, each once however many targets share it."""
-    place: dict[int, int] = {}
+    first_row: dict[int, int] = {}
     distinct: list[TemperatureRows] = []
     n_row = 0
     for rows in temperatures:
-        if id(rows) not in place:
-            place[id(rows)] = n_row
+        if id(rows) not in first_row:
+            first_row[id(rows)] = n_row
             distinct.append(rows)
             n_row += len(rows.time_s)
     kelvin = np.concatenate([rows.temperature_k for rows in distinct])
     tables: Any = TemperatureTables()
     tables.time_s = wp.array(np.concatenate([rows.time_s for rows in distinct]), dtype=wp.float64, device=device)
     tables.temperature_k = wp.array(kelvin, dtype=wp.float64, device=device)
-    return Warmth(
+    return TemperatureArrays(
         tables,
-        [place[id(rows)] for rows in temperatures],
+        [first_row[id(rows)] for rows in temperatures],
         [len(rows.time_s) for rows in temperatures],
         (float(kelvin.min()), float(kelvin.max())),
     )

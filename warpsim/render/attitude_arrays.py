@@ -1,4 +1,4 @@
-"""How targets turn, on a device: motions and tables."""
+"""Attitudes of targets on a device: motions and tables."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from warpsim.target.attitude_table import AttitudeRows
 
 
 @dataclass(frozen=True)
-class Turning:
+class AttitudeArrays:
     """Attitude tables on the device, and where each target's lies."""
 
     tables: Any
@@ -26,14 +26,14 @@ class Turning:
     """Rows of each target's table; 0 for a target that moves by itself."""
 
 
-def make_turning(attitudes: Sequence[BodyMotion | AttitudeRows], device: wp.Device) -> Turning:
+def make_attitudes(attitudes: Sequence[BodyMotion | AttitudeRows], device: wp.Device) -> AttitudeArrays:
     """Put the tables of all targets on a device, each once however many targets share it."""
-    place: dict[int, int] = {}
+    first_row: dict[int, int] = {}
     distinct: list[AttitudeRows] = []
     n_row = 0
     for attitude in attitudes:
-        if isinstance(attitude, AttitudeRows) and id(attitude) not in place:
-            place[id(attitude)] = n_row
+        if isinstance(attitude, AttitudeRows) and id(attitude) not in first_row:
+            first_row[id(attitude)] = n_row
             distinct.append(attitude)
             n_row += len(attitude.time_s)
     tables: Any = AttitudeTables()
@@ -41,9 +41,9 @@ def make_turning(attitudes: Sequence[BodyMotion | AttitudeRows], device: wp.Devi
     quaternion = np.concatenate([np.zeros((0, 4)), *(rows.quaternion for rows in distinct)])
     tables.time_s = wp.array(time_s, dtype=wp.float64, device=device)
     tables.quaternion = wp.array(quaternion, dtype=wp.quatd, device=device)
-    return Turning(
+    return AttitudeArrays(
         tables,
-        [place.get(id(attitude), 0) for attitude in attitudes],
+        [first_row.get(id(attitude), 0) for attitude in attitudes],
         [len(attitude.time_s) if isinstance(attitude, AttitudeRows) else 0 for attitude in attitudes],
     )
 

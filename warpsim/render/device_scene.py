@@ -1,0 +1,60 @@
+"""A scene on a device, for one kind of sensor: what stays the same from frame to frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import warp as wp
+
+from warpsim.optics.psf_bank import PsfBank
+from warpsim.render.pointing import PointingArrays
+from warpsim.render.read_out import ReadOut
+from warpsim.render.rows import RowLayout
+from warpsim.render.star_field import Stars
+from warpsim.render.streaks import Streaks
+from warpsim.render.target_field import TargetField
+from warpsim.scene.instrument import Instrument
+
+
+@dataclass(frozen=True)
+class DeviceTracks:
+    """Tracks on the device: a row for each sensor, then one for each target."""
+
+    position_m: wp.array
+    velocity_m_s: wp.array
+    earth_velocity_m_s: wp.array
+    presence: Any
+    grid: Any
+
+
+@dataclass(frozen=True)
+class DeviceBodies:
+    """What the stages read that need no images, for some bands of an instrument."""
+
+    instrument: Instrument
+    device: wp.Device
+    n_band: int
+    n_target: int
+    pointing: PointingArrays
+    tracks: DeviceTracks
+    field: TargetField
+    camera: Any
+    sample_points: wp.array
+    """Directions of corners and the like in camera axes, (n_point,)."""
+    streaks: Streaks
+    """How sources are followed through the exposure."""
+
+
+@dataclass(frozen=True)
+class DeviceScene(DeviceBodies):
+    """What all stages read: stars, optics and detector besides."""
+
+    psf: PsfBank
+    read_out: ReadOut
+    stars: Stars
+    band_id: wp.array
+    """Index of each band among the instrument's, (n_band,)."""
+    stamp_rule: Any
+    observation_rows: RowLayout
+    """What is recorded of each target in a view."""

@@ -1,0 +1,160 @@
+"""A scene is put on a device: makers of what stays the same from frame to frame."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+from warpsim_kernels.apparent import Presence
+from warpsim_kernels.camera import Camera as CameraStruct
+from warpsim_kernels.camera import Distortion as LensStruct
+from warpsim_kernels.emission import record_targets_kernel
+from warpsim_kernels.motion import NodeGrid
+
+from warpsim.optics.camera import Camera
+from warpsim.optics.psf import Psf, PsfGaussian
+from warpsim.optics.psf_bank import psf_bank, stamp_rule
+from warpsim.optics.tables import TableAccuracy, cheapest_points
+from warpsim.render.buffers import observation_columns
+from warpsim.render.device_scene import DeviceBodies, DeviceScene, DeviceTracks
+from warpsim.render.kernel_loading import kernel_loading
+from warpsim.render.pointing import make_pointing
+from warpsim.render.read_out import make_read_out
+from warpsim.render.rows import RowLayout
+from warpsim.render.star_field import make_stars, star_kernel
+from warpsim.render.streak_rule import choose_streaks
+from warpsim.render.streaks import no_streaks
+from warpsim.render.target_field import make_target_field
+from warpsim.scene.instrument import Instrument
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.tracks import Tracks
+from warpsim.sky.band_index import BandIndex
+
+_ENDLESS_S = 1e300
+
+
+def make_device_bodies(
+    scenario: Scenario,
+    instrument: Instrument,
+    bands: Sequence[str],
+    device: wp.Device,
+    with_streaks: bool = False,
+) -> DeviceBodies:
+    """Put tracks, pointing and targets on a device.
+
+    Args:
+        scenario: What the scene gives.
+        instrument: The kind of sensor.
+        bands: Names of the bands, in the order of the images.
+        device: Where everything is put.
+        with_streaks: Whether movement during the exposure is followed, where the instrument has it.
+    """
+    camera = instrument.sensor.camera
+    still = DeviceBodies(
+        instrument,
+        device,
+        len(bands),
+        len(scenario.targets),
+        make_pointing(instrument, device),
+        _device_tracks(scenario.tracks, instrument.satellites, device),
+        make_target_field(scenario, instrument, bands, device, with_streaks),
+        camera_struct(camera),
+        wp.array(camera.sample_points, dtype=wp.vec3d, device=device),
+        no_streaks(),
+    )
+    if not (with_streaks and instrument.sensor.streaks):
+        return still
+    return dataclasses.replace(still, streaks=choose_streaks(scenario.scene.duration_s, still))
+
+
+def make_device_scene(
+    scenario: Scenario, instrument: Instrument, bands: Sequence[str], device: wp.Device, index: BandIndex
+) -> DeviceScene:
+    """Put all that the stages read on a device.
+
+    Args:
+        scenario: What the scene gives.
+        instrument: The kind of sensor.
+        bands: Names of the bands, in the order of the images.
+        device: Where everything is put.
+        index: Star index of the scene's catalog at its epoch.
+    """
+    # What needs no kernel comes first: Warp is still busy with its headers.
+    sensor = instrument.sensor
+    psfs = [instrument.psf(name) for name in bands]
+    psf = psf_bank(psfs, device, sensor.camera.pixel_aspect, table_accuracy(instrument))
+    read_out = make_read_out(instrument, bands, device)
+    loading = kernel_loading(device)
+    loading.start(read_out.kernel, star_kernel(scenario.scene.sky, sensor))
+    loading.share_headers()
+    bodies = make_device_bodies(scenario, instrument, bands, device, with_streaks=True)
+    loading.start(bodies.field.observe_kernel, psf.deposit_kernel(bodies.streaks.wanted), bodies.pointing.kernel)
+    loading.start(bodies.field.emit_kernel, record_targets_kernel)
+    rows = RowLayout(observation_columns(bodies))
+    band_id = wp.array([sensor.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
+    cut = stamp_rule([sensor.optics.stamp_cut_nei * instrument.nei_w_cm2(band) for band in bands], 0.0, device)
+    loading.wait()
+    stars = make_stars(scenario, sensor, bands, index, psf, cut, bodies.tracks.grid)
+    held = {field.name: getattr(bodies, field.name) for field in dataclasses.fields(bodies)}
+    return DeviceScene(
+        **held, psf=psf, read_out=read_out, stars=stars, band_id=band_id, stamp_rule=cut, observation_rows=rows
+    )
+
+
+def _device_tracks(tracks: Tracks, satellites: Sequence[int], device: wp.Device) -> DeviceTracks:
+    bodies = [*(tracks.satellites[index] for index in satellites), *tracks.targets]
+    grid: Any = NodeGrid()
+    grid.start_s, grid.step_s, grid.n_node = tracks.start_s, tracks.step_s, tracks.n_node
+
+    def upload(values: Any) -> wp.array:
+        return wp.array(values, dtype=wp.vec3d, device=device)
+
+    n_sensor = len(satellites)
+    release_s = np.concatenate([np.full(n_sensor, -np.inf), tracks.release_s])
+    exists_s = np.concatenate([np.full((n_sensor, 2), [-np.inf, np.inf]), tracks.exists_s])
+    presence: Any = Presence()
+    presence.release_s = wp.array(np.maximum(release_s, -_ENDLESS_S), dtype=wp.float64, device=device)
+    carrier = np.concatenate([np.arange(n_sensor), n_sensor + tracks.carrier])
+    presence.carrier = wp.array(carrier, dtype=wp.int32, device=device)
+    presence.exists_s = wp.array(np.clip(exists_s, -_ENDLESS_S, _ENDLESS_S), dtype=wp.vec2d, device=device)
+    return DeviceTracks(
+        upload(np.stack([track.position_m for track in bodies])),
+        upload(np.stack([track.velocity_m_s for track in bodies])),
+        upload(tracks.earth_velocity_m_s),
+        presence,
+        grid,
+    )
+
+
+def camera_struct(camera: Camera) -> Any:
+    """The camera as the kernels' struct."""
+    struct: Any = CameraStruct()
+    struct.n_row, struct.n_col = camera.n_row, camera.n_col
+    struct.focal_px, struct.focal_row_px = camera.focal_px, camera.focal_row_px
+    struct.centre_x_px, struct.centre_y_px = camera.centre_px
+    if camera.lens is not None:
+        lens: Any = LensStruct()
+        lens.k1, lens.k2, lens.k3 = camera.lens.k1, camera.lens.k2, camera.lens.k3
+        lens.p1, lens.p2, lens.limit = camera.lens.p1, camera.lens.p2, camera.distortion_radius
+        struct.distortion = lens
+    return struct
+
+
+def table_accuracy(instrument: Instrument) -> TableAccuracy:
+    """Return how good the tables are that an instrument's patterns are drawn with.
+
+    By all its bands: a frame must not depend on which of them are rendered.
+    """
+    optics, camera = instrument.sensor.optics, instrument.sensor.camera
+    psfs = [instrument.psf(name) for name in instrument.sensor.bands]
+    n_point = optics.psf_points or points_of(psfs, camera.pixel_aspect, optics.psf_error)
+    return TableAccuracy(optics.psf_error, n_point)
+
+
+def points_of(psfs: Sequence[Psf], pixel_aspect: float, error: float) -> int | None:
+    """Return the points per axis between which patterns are interpolated; None for Gaussians, with their own tables."""
+    patterns = [psf for psf in psfs if not isinstance(psf, PsfGaussian)]
+    return cheapest_points(patterns, pixel_aspect, error) if patterns else None

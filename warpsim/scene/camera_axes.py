@@ -1,0 +1,184 @@
+"""Camera axes on the host: where cameras are commanded to look, without errors of pointing. The twin of the kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.constants import SPEED_OF_LIGHT_M_S
+from warpsim.directions import normalised
+from warpsim.optics.camera import Camera
+from warpsim.scene.pointing import Up
+from warpsim.scene.pointing_table import DirectionRows
+from warpsim.scene.tracks import Tracks
+from warpsim.sky.apparent import apparent_direction
+
+F64 = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+NEAREST_M = 1e-3
+"""Tracks are good to 1 mm: a body nearer than that has no direction."""
+UP_LOST_RAD = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class PointingLaw:
+    """What a boresight follows, and how the image is turned about it."""
+
+    kind: str
+    """track, fixed or scan."""
+    up: Up
+    turn: F64
+    """What roll and offset make of camera axes that look straight at it, shape (3, 3)."""
+    targets: range = range(0)
+    """track: indices of the targets, whose mean direction is followed."""
+    direction: F64 | None = None
+    """fixed: unit vector, shape (3,): ICRS, or (forward, right, zenith) of the satellite."""
+    local: bool = False
+    """fixed: whether the direction is in the satellite's local frame."""
+    roll_rad: float = 0.0
+    """fixed: roll of a row of a table."""
+
+
+@dataclass(frozen=True)
+class CommandedAxes:
+    """Where a camera is commanded to look at some times."""
+
+    axes: F64
+    """Rows x (right), y (down), z (boresight), ICRS axes, shape (n, 3, 3)."""
+    up_replaced: Mask
+    """Whether `up` lay along the line of sight, so that another direction served, shape (n,)."""
+    boresight_replaced: Mask
+    """Whether what is tracked had no direction, so that the camera looks along its motion, shape (n,)."""
+
+
+@dataclass(frozen=True)
+class SatelliteState:
+    """A satellite at some times."""
+
+    time_s: F64
+    """After the epoch [s], shape (n,)."""
+    position_m: F64
+    """Geocentric [m], shape (n, 3)."""
+    velocity_m_s: F64
+    """Geocentric [m/s], shape (n, 3)."""
+
+
+def satellite_state(tracks: Tracks, satellite: int, time_s: F64) -> SatelliteState:
+    """Return a satellite at times after the epoch [s], shape (n,)."""
+    return SatelliteState(time_s, *tracks.satellites[satellite].state(time_s))
+
+
+def image_turn(roll_deg: float, offset_px: tuple[float, float], camera: Camera) -> F64:
+    """Return what roll and offset make of camera axes that look straight at what they follow, shape (3, 3).
+
+    First the roll, right-handed about the line of sight; then the shortest turn that puts it offset_px from the centre.
+    """
+    roll = np.radians(roll_deg)
+    rolled = np.array([[np.cos(roll), np.sin(roll), 0.0], [-np.sin(roll), np.cos(roll), 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(_shortest_turn(offset_px, camera) @ rolled)
+
+
+def _shortest_turn(offset_px: tuple[float, float], camera: Camera) -> F64:
+    """The shortest turn from the boresight to the direction that falls offset_px from it, in camera axes."""
+    (x, y, z), *_ = camera.direction(np.add(camera.centre_px, offset_px)[None])
+    across = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])  # cross product with (0, 0, 1) x (x, y, z)
+    return np.asarray(np.eye(3) + across + across @ across / (1.0 + z))
+
+
+def law_axes(law: PointingLaw, scan: DirectionRows | None, tracks: Tracks, at: SatelliteState) -> CommandedAxes:
+    """Return the axes that a law gives.
+
+    Args:
+        law: The law.
+        scan: The rows of the sensor's table, for a law that scans.
+        tracks: Of the scene.
+        at: Where the satellite is, and when.
+    """
+    n = len(at.time_s)
+    zenith, normal = normalised(at.position_m), normalised(np.cross(at.position_m, at.velocity_m_s))
+    forward = np.cross(normal, zenith)
+    roll, local = np.full(n, law.roll_rad), law.local
+    if law.kind == "track":
+        boresight = apparent_mean(tracks, law.targets, at)
+    elif law.kind == "fixed":
+        boresight = np.broadcast_to(np.asarray(law.direction), (n, 3))
+    else:
+        assert scan is not None  # by the kind
+        (boresight, roll), local = scan.scan_at(at.time_s), scan.local
+    if local:
+        boresight = normalised(np.einsum("ni,nij->nj", boresight, np.stack([forward, -normal, zenith], axis=1)))
+
+    lost = np.linalg.norm(boresight, axis=-1) < 0.5
+    boresight = np.where(lost[:, None], forward, boresight)
+    boresight = np.where((np.linalg.norm(boresight, axis=-1) < 0.5)[:, None], zenith, boresight)
+    up, fallback = {
+        "zenith": (zenith, normal),
+        "north": (np.broadcast_to([0.0, 0.0, 1.0], zenith.shape), np.broadcast_to([1.0, 0.0, 0.0], zenith.shape)),
+        "orbit_normal": (normal, zenith),
+    }[law.up]
+    axes, up_lost = _camera_axes(boresight, up, fallback)
+    cosine, sine = np.cos(roll)[:, None], np.sin(roll)[:, None]
+    x, y = axes[:, 0], axes[:, 1]
+    rolled = np.stack([cosine * x + sine * y, cosine * y - sine * x, axes[:, 2]], axis=1)
+    return CommandedAxes(np.asarray(law.turn @ rolled), up_lost, lost)
+
+
+def apparent_mean(tracks: Tracks, targets: Sequence[int], at: SatelliteState) -> F64:
+    """Return the mean apparent direction of targets, light time and aberration included; 0 where there is none.
+
+    Of several targets those count that are there; where none is, all of them.
+
+    Args:
+        tracks: Of the scene.
+        targets: Indices of the targets.
+        at: The observer.
+    """
+    earth_velocity = _earth_velocity(tracks, at.time_s)
+    all_of_them, there = np.zeros_like(at.position_m), np.zeros_like(at.position_m)
+    n_there = np.zeros(len(at.time_s), dtype=np.int64)
+    for target in targets:
+        emitted = at.time_s
+        for _ in range(3):
+            vector = tracks.target_state(target, emitted)[0] - at.position_m
+            distance = np.linalg.norm(vector, axis=-1)
+            emitted = at.time_s - distance / SPEED_OF_LIGHT_M_S
+        here = distance <= NEAREST_M
+        vector[here] = [1.0, 0.0, 0.0]  # any direction: it is not used
+        barycentric = apparent_direction(normalised(vector), -earth_velocity)
+        seen = apparent_direction(barycentric, earth_velocity + at.velocity_m_s)
+        seen = np.where(here[:, None], 0.0, seen)
+        exists = tracks.exist(target, emitted)
+        all_of_them += seen
+        there += np.where(exists[:, None], seen, 0.0)
+        n_there += exists
+    towards = np.where((n_there > 0)[:, None], there, all_of_them)
+    towards[np.linalg.norm(towards, axis=-1) < 1e-9] = 0.0
+    return normalised(towards)
+
+
+def _earth_velocity(tracks: Tracks, times: F64) -> F64:
+    """Barycentric velocity of the Earth, linear between nodes as in the kernels, shape (n, 3)."""
+    phase = (times - tracks.start_s) / tracks.step_s
+    node = np.clip(np.floor(phase).astype(np.int64), 0, tracks.n_node - 2)
+    before, after = tracks.earth_velocity_m_s[node], tracks.earth_velocity_m_s[node + 1]
+    return np.asarray(before + (after - before) * (phase - node)[:, None])
+
+
+def _camera_axes(boresight: F64, up: F64, fallback: F64) -> tuple[F64, Mask]:
+    """Axes with y away from `up`, and where it lies along the boresight, so that the fallback serves."""
+
+    def across(direction: F64) -> tuple[F64, Mask]:
+        part = direction - boresight * np.sum(boresight * direction, axis=-1, keepdims=True)
+        length = np.linalg.norm(direction, axis=-1)
+        return part, np.linalg.norm(part, axis=-1) <= UP_LOST_RAD * length
+
+    best, up_lost = across(up)
+    second, fallback_lost = across(fallback)
+    axis = np.where(np.abs(boresight[:, :1]) > 0.7, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
+    second = np.where(fallback_lost[:, None], across(axis)[0], second)
+    y = -normalised(np.where(up_lost[:, None], second, best))
+    return np.stack([np.cross(y, boresight), y, boresight], axis=1), up_lost

@@ -1,0 +1,67 @@
+"""The description of a scene: its fields, and their rules. It reads no file and solves nothing."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, model_validator
+from pydantic_core import ArgsKwargs
+
+from warpsim.config.fields import Integer, Positive, as_tuple, closed_interval
+from warpsim.config.model import config_model
+from warpsim.orbit.arc import UtcText
+from warpsim.orbit.rules import AccessConstraints
+from warpsim.scene import rules
+from warpsim.scene.groups import AnyConstellation, TargetGroup, Text
+from warpsim.scene.instrument import TRACKED
+from warpsim.scene.lighting import Lighting
+from warpsim.scene.sensors import Frames, Sensor
+from warpsim.scene.short_form import shortened, with_lists
+from warpsim.scene.sky import Sky
+
+Seed = Annotated[Integer, closed_interval(0, 2**63 - 1)]
+"""A seed: up to the largest integer of TOML."""
+
+
+@config_model
+class SceneDescription:
+    """What is simulated: fields of a Scene, which see."""
+
+    epoch_utc: UtcText
+    duration_s: Positive
+    frames: Frames
+    constellation: AnyConstellation
+    sensors: Annotated[tuple[Sensor, ...], BeforeValidator(as_tuple)]
+    groups: Annotated[tuple[TargetGroup, ...], BeforeValidator(as_tuple)]
+    access_rules: AccessConstraints = Field(default_factory=AccessConstraints)
+    access_target: str = TRACKED
+    sky: Sky = Field(default_factory=Sky)
+    lighting: Lighting = Field(default_factory=Lighting)
+    seed: Seed = 0
+    noise_seed: Seed | None = None
+    name: Text = "scene"
+    description: str = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_lists(cls, data: Any) -> Any:
+        """Take the short form of one sensor and one group."""
+        if isinstance(data, dict):
+            return with_lists(data)
+        return ArgsKwargs(data.args, with_lists(data.kwargs or {}))
+
+    @model_validator(mode="after")
+    def _consistent(self) -> SceneDescription:
+        rules.check_sensors(self.constellation, self.sensors, self.frames)
+        rules.check_names(self.constellation, self.sensors, self.groups)
+        rules.check_times(self.constellation, self.groups, self.duration_s)
+        rules.check_frames(self.sensors, self.frames, self.duration_s)
+        rules.check_instruments(self.sensors)
+        rules.check_targets(self.groups, self.sensors, self.epoch_utc, self.duration_s)
+        rules.check_pointing(self.constellation, self.sensors, self.groups, self.access_target, self.frames)
+        return self
+
+    @staticmethod
+    def shortened_place(values: dict[str, Any]) -> Any:
+        """Return what shortens places in errors."""
+        return shortened(values)

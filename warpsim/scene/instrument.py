@@ -1,0 +1,361 @@
+"""Instruments: a kind of sensor of a scene with all that follows from it on the host."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.detector.levels import Levels, levels
+from warpsim.errors import InputError
+from warpsim.optics.psf import Psf
+from warpsim.orbit.intervals import Intervals
+from warpsim.orbit.rules import AccessConstraints
+from warpsim.scene.access import ACCESS_STEP_S, Custom, Watchers, can_observe, target_intervals
+from warpsim.scene.attitudes import AnyAttitude
+from warpsim.scene.camera_axes import CommandedAxes
+from warpsim.scene.exposure import ExposureRule, exposure_rule
+from warpsim.scene.light_terms import LightTerm, light_terms
+from warpsim.scene.lighting import Lighting
+from warpsim.scene.pointing_program import (
+    PointingProgram,
+    check_frames,
+    commanded_axes,
+    entry_place,
+    is_settled,
+    make_program,
+    slew_turns,
+    tracked_targets,
+)
+from warpsim.scene.sensors import Frames, Sensor
+from warpsim.scene.slews import SlewTurn
+from warpsim.scene.targets import SceneTarget
+from warpsim.scene.tracks import Tracks
+
+F64 = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+TRACKED, ANY = "tracked", "any"
+"""Words for a scene's access_target: what a sensor tracks, any target at all."""
+
+
+class Bodies(Protocol):
+    """What of a scenario an instrument looks at."""
+
+    @property
+    def targets(self) -> Sequence[SceneTarget]:
+        """Return the single targets."""
+
+    @property
+    def tracks(self) -> Tracks:
+        """Return the tracks of satellites and targets."""
+
+    @property
+    def attitudes(self) -> Sequence[AnyAttitude]:
+        """Return the targets' attitudes."""
+
+    @property
+    def breakpoints_s(self) -> dict[str, list[float]]:
+        """Return times of sudden changes of motion, by satellite and target [s]."""
+
+    @property
+    def group_names(self) -> list[str]:
+        """Return the names of the groups."""
+
+    @property
+    def body_names(self) -> set[str]:
+        """Return the names of satellites and sensors."""
+
+
+@dataclass(frozen=True)
+class SceneWide:
+    """Fields of a scene that its instruments share."""
+
+    frames: Frames
+    access_rules: AccessConstraints
+    access_target: str
+    lighting: Lighting
+    duration_s: float
+    name: str
+    seed: int
+    noise_seed: int
+
+
+class Instrument:
+    """A kind of sensor, the satellites that carry one, and what follows from it.
+
+    Args:
+        sensor: Its description.
+        names: Names of the sensors of this kind.
+        satellites: Index and name of the satellite of each.
+        scene: What the scene says for all its sensors.
+        bodies: What they look at.
+    """
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        names: Sequence[str],
+        satellites: Sequence[tuple[int, str]],
+        scene: SceneWide,
+        bodies: Bodies,
+    ) -> None:
+        self.sensor, self.names, self._scene, self._bodies = sensor, list(names), scene, bodies
+        self.satellites = [index for index, _ in satellites]
+        self.satellite_names = [name for _, name in satellites]
+        self.frames = sensor.frames or scene.frames
+        self.access_rules = sensor.access_rules or scene.access_rules
+        self._turns: dict[int, tuple[SlewTurn, ...]] = {}
+
+    def __repr__(self) -> str:
+        return f"Instrument({self.sensor.name}: {len(self.names)} sensors)"
+
+    def index(self, name: str) -> int:
+        """Return the index of a sensor among those of this kind.
+
+        Raises:
+            InputError: There is no such sensor.
+        """
+        if name not in self.names:
+            raise InputError(f"must be a sensor of the kind {self.sensor.name}", "sensor", name)
+        return self.names.index(name)
+
+    def frame_time_s(self, frames: Sequence[int] | npt.NDArray[np.int64]) -> F64:
+        """Return times of frames after the epoch [s], shape (n,)."""
+        return self.frames.start_s + np.asarray(frames, dtype=np.float64) * self.frames.interval_s
+
+    @cached_property
+    def levels(self) -> dict[str, Levels]:
+        """The detector's noise, saturation and gain in each band, as irradiance and counts."""
+        sensor = self.sensor
+        return {band: levels(sensor.detector, sensor.optics, sensor.camera, band) for band in sensor.bands}
+
+    def nei_w_cm2(self, band: str) -> float:
+        """Return the noise equivalent irradiance of a pixel in a band [W/cm2]."""
+        return self.levels[band].nei_w_cm2
+
+    def sei_w_cm2(self, band: str) -> float:
+        """Return the saturation equivalent irradiance of a pixel in a band [W/cm2]."""
+        return self.levels[band].sei_w_cm2
+
+    def psf(self, band: str) -> Psf:
+        """Return the point spread function in a band: the telescope's, its jitter's and the detector's together.
+
+        Raises:
+            InputError: Its file cannot be read.
+        """
+        return self.sensor.optics.psf_for(band, self.sensor.camera, self.sensor.detector.diffusion_px)
+
+    def noise_key(self, sensor: int) -> int:
+        """Return the 64-bit key of a sensor's noise: no other sensor, and no scene of another name or seed, has it."""
+        return _key("noise", self._scene.noise_seed, self._scene.name, self.satellite_names[sensor], self.sensor.name)
+
+    @property
+    def template_key(self) -> int:
+        """64-bit key of a template of noise, which the sensors of the kind have in common."""
+        return _key("template", self._scene.noise_seed, self._scene.name, self.sensor.name)
+
+    def pointing_key(self, sensor: int) -> int:
+        """Return the 64-bit key of the random errors of a sensor's pointing."""
+        return _key("pointing", self._scene.seed, self.satellite_names[sensor], self.sensor.name)
+
+    @cached_property
+    def program(self) -> PointingProgram:
+        """What the sensors are commanded to follow.
+
+        Raises:
+            InputError: A target or sensor is not there, or a table cannot be read; the place begins with `pointing`.
+        """
+        sensors = list(zip(self.names, self.satellite_names, strict=True))
+        bodies, sensor = self._bodies, self.sensor
+        return make_program(
+            sensor.pointing, sensors, sensor.camera, bodies.targets, bodies.group_names, bodies.body_names
+        )
+
+    def check_frames(self, time_s: F64) -> None:
+        """See that what the sensors are commanded covers the times of frames; InputError where it does not."""
+        check_frames(self.program, self.names, time_s)
+
+    def turns(self, sensor: int) -> tuple[SlewTurn, ...]:
+        """Return the slews of a sensor, one for each step of its program.
+
+        Raises:
+            InputError: One cannot be made in time.
+        """
+        if sensor not in self._turns:
+            satellite, scene = self.satellites[sensor], self._scene
+            try:
+                self._turns[sensor] = slew_turns(self.program, sensor, satellite, self._bodies.tracks, scene.duration_s)
+            except InputError as error:
+                place = entry_place(self.program.sensors[sensor].entry, len(self.sensor.pointing))
+                raise error.of(self.names[sensor]).within(place) from None
+        return self._turns[sensor]
+
+    def commanded_axes(self, sensor: int, time_s: F64) -> CommandedAxes:
+        """Return the axes that a sensor is commanded to take at times after the epoch [s], shape (n,)."""
+        tracks, satellite = self._bodies.tracks, self.satellites[sensor]
+        return commanded_axes(self.program, sensor, satellite, tracks, self.turns(sensor), time_s)
+
+    def settled(self, sensor: int, time_s: F64) -> Mask:
+        """Return whether a sensor's camera neither slews nor settles at times, shape (n,)."""
+        return is_settled(self.program, sensor, self.turns(sensor), time_s)
+
+    @cached_property
+    def light_terms(self) -> dict[str, LightTerm]:
+        """Whether the targets' reflected light has each term (sun, earth, albedo), by how much at most, and why."""
+        nei_w_cm2 = {band: self.nei_w_cm2(band) for band in self.sensor.bands}
+        bodies = self._bodies
+        return light_terms(self._scene.lighting, bodies.tracks, bodies.targets, self.satellites, nei_w_cm2)
+
+    @cached_property
+    def exposure_rule(self) -> ExposureRule:
+        """Quadrature over the exposure.
+
+        Raises:
+            InputError: Targets turn too often within it.
+        """
+        bodies, error = self._bodies, self._scene.lighting.quadrature_error
+        detector = self.sensor.detector
+        return exposure_rule(detector, bodies.targets, bodies.attitudes, self._scene.duration_s, error)
+
+    def watchers(self, sensors: Sequence[int] | None = None) -> Watchers:
+        """Return some of the sensors, all when left out, as access needs them."""
+        chosen = range(len(self.names)) if sensors is None else list(sensors)
+        followed = sorted({target for sensor in chosen for _, some in self.program.tracked(sensor) for target in some})
+
+        def breaks_s(sensor: int) -> list[float]:
+            program = self.program.sensors[sensor]
+            if program.slew is None:
+                return self.program.breaks_s(sensor)
+            ends = [step.start_s + turn.total_s for step, turn in zip(program.steps, self.turns(sensor), strict=True)]
+            return sorted({*self.program.breaks_s(sensor), *(end for end in ends if np.isfinite(end))})
+
+        return Watchers(
+            tuple(self.satellites[sensor] for sensor in chosen),
+            self.sensor.camera,
+            lambda index, time_s: self.commanded_axes(chosen[index], time_s).axes,
+            [breaks_s(sensor) for sensor in chosen],
+            tuple(followed),
+        )
+
+    def access_targets(self, sensor: int) -> list[tuple[float, range]]:
+        """Return the targets that a sensor's access counts by, from when on [s]: any of them makes access."""
+        everything = range(len(self._bodies.targets))
+        wanted = self._scene.access_target
+        if wanted == ANY:
+            return [(-np.inf, everything)]
+        if wanted != TRACKED:
+            return [(-np.inf, tracked_targets(wanted, self._bodies.targets, self._bodies.group_names))]
+        return [(start_s, targets or everything) for start_s, targets in self.program.tracked(sensor)]
+
+    @cached_property
+    def access(self) -> Intervals:
+        """When each sensor can observe what its access counts by; rows are indices of sensors."""
+        return self.access_intervals(range(len(self.names)))
+
+    def access_intervals(
+        self,
+        sensors: Sequence[int],
+        targets: Sequence[int] | None = None,
+        rules: AccessConstraints | None = None,
+        custom: Custom | None = None,
+        step_s: float = ACCESS_STEP_S,
+    ) -> Intervals:
+        """Return when some sensors can observe targets.
+
+        Args:
+            sensors: Indices of the sensors.
+            targets: Indices of the targets, any of which makes access; what access counts by when left out.
+            rules: Instead of the sensor's own.
+            custom: Further rules by name.
+            step_s: Step of the scan [s].
+
+        Returns:
+            Intervals whose rows are indices among `sensors`.
+        """
+        alike: dict[tuple[tuple[float, Sequence[int]], ...], list[int]] = {}
+        for row, sensor in enumerate(sensors):
+            wanted = self.access_targets(sensor) if targets is None else [(-np.inf, tuple(targets))]
+            alike.setdefault(tuple(wanted), []).append(row)
+        found = []
+        for wanted, rows in alike.items():
+            watchers = self.watchers([sensors[row] for row in rows])
+            seen = self._seen(watchers, wanted, rules or self.access_rules, custom, step_s)
+            found.append(Intervals(np.array(rows)[seen.row], seen.start_s, seen.end_s))
+        joined = Intervals.union(found)
+        if any(self.program.sensors[sensor].slew is not None for sensor in sensors):
+            joined = joined.shared(self._settled_intervals(sensors))
+        return joined
+
+    def _seen(
+        self,
+        watchers: Watchers,
+        wanted: Sequence[tuple[float, Sequence[int]]],
+        rules: AccessConstraints,
+        custom: Custom | None,
+        step_s: float,
+    ) -> Intervals:
+        """When sensors see any of the targets that count at the time."""
+        bodies, duration_s, n_sensor = self._bodies, self._scene.duration_s, len(watchers.satellites)
+        found = []
+        ends = [start_s for start_s, _ in wanted[1:]] + [duration_s]
+        for (start_s, some), end_s in zip(wanted, ends, strict=True):
+            begin_s, stop_s = max(start_s, 0.0), min(end_s, duration_s)
+            if begin_s >= stop_s:
+                continue
+            seen = [
+                target_intervals(
+                    bodies.tracks, watchers, target, rules, bodies.breakpoints_s, duration_s, custom, step_s
+                )
+                for target in some
+            ]
+            one = seen[0] if len(seen) == 1 else Intervals.union(seen)
+            whole = begin_s == 0.0 and stop_s == duration_s
+            found.append(one if whole else one.shared(Intervals.whole(n_sensor, begin_s, stop_s)))
+        return found[0] if len(found) == 1 else Intervals.union(found)
+
+    def _settled_intervals(self, sensors: Sequence[int]) -> Intervals:
+        """When each of some sensors is settled."""
+        rows, starts, ends = [], [], []
+        for row, sensor in enumerate(sensors):
+            begin_s = 0.0
+            for step, turn in zip(self.program.sensors[sensor].steps, self.turns(sensor), strict=True):
+                if turn.total_s > 0.0:
+                    rows, starts, ends = [*rows, row], [*starts, begin_s], [*ends, step.start_s]
+                    begin_s = step.start_s + turn.total_s
+            if begin_s < self._scene.duration_s:
+                rows, starts, ends = [*rows, row], [*starts, begin_s], [*ends, self._scene.duration_s]
+        return Intervals(np.array(rows), np.array(starts), np.array(ends))
+
+    def has_access(self, sensor: int, time_s: F64) -> Mask:
+        """Return whether a sensor has access at given times, shape (n,)."""
+        seen = np.zeros(time_s.shape, dtype=bool)
+        mine = self.access.row == sensor
+        for start_s, end_s in zip(self.access.start_s[mine], self.access.end_s[mine], strict=True):
+            seen |= (time_s >= start_s) & (time_s <= end_s)
+        return seen
+
+    @property
+    def sensors_with_access(self) -> list[str]:
+        """Names of the sensors that have access at some time."""
+        seen = set(self.access.row.tolist())
+        return [name for index, name in enumerate(self.names) if index in seen]
+
+    def can_observe(self, sensors: Sequence[int], time_s: F64) -> Mask:
+        """Return whether sensors can observe each target at times, (n_time, n_sensor, n_target)."""
+        seen = can_observe(self._bodies.tracks, self.watchers(sensors), self.access_rules, time_s)
+        for column, sensor in enumerate(sensors):
+            if self.program.sensors[sensor].slew is not None:
+                seen[:, column] &= self.settled(sensor, time_s)[:, None]
+        return seen
+
+
+def _key(purpose: str, *facts: object) -> int:
+    """64 bits that stand for some facts."""
+    text = "\0".join([purpose, *map(str, facts)])
+    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "little")

@@ -1,0 +1,130 @@
+"""States of what moves in a scene: satellites, main targets on their trajectories, and what they release."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.errors import InputError
+from warpsim.instant import Instant, instant_after
+from warpsim.orbit.arc import BallisticArc
+from warpsim.orbit.earth import pole_of_date
+from warpsim.orbit.gravity import Gravity, propagate
+from warpsim.orbit.group import release_velocities
+from warpsim.orbit.paths import Moving, states_of
+from warpsim.scene.groups import AnyConstellation, Release, TargetGroup
+from warpsim.scene.short_form import item_place
+
+F64 = npt.NDArray[np.float64]
+
+MARGIN_S = 120.0
+"""Longest node step where targets begin to move, or end, within a scene; motion goes on for so long beyond."""
+
+
+@dataclass(frozen=True)
+class GroupMotion:
+    """What the motion of a group follows from."""
+
+    path: Moving
+    path_field: str
+    releases: tuple[Release | None, ...]
+    start_s: float
+    exists_s: tuple[float, float]
+
+    @classmethod
+    def of(cls, group: TargetGroup) -> GroupMotion:
+        """The motion of a group.
+
+        Raises:
+            InputError: A file of orbits cannot be read.
+        """
+        return cls(group.path, group.path_field, tuple(group.releases), group.start_s, group.span_s)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """All that moves in a scene: satellites first, then the targets group by group."""
+
+    constellation: AnyConstellation
+    groups: tuple[GroupMotion, ...]
+    epoch: Instant
+    duration_s: float
+    seed: int
+
+    def states(self, time_s: F64) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s] at times (n_time,), GCRS axes, each (n_time, n_body, 3).
+
+        A released target's path is its free flight; farther than MARGIN_S before the release, where nobody asks, it is
+        the main target's. A target that is not there stays where it was MARGIN_S before it came, or after it went.
+        Files of states need to cover what is within the scene only: before and after it motion goes on.
+
+        Raises:
+            InputError: A path cannot be followed.
+        """
+        parts = [_states_of(self.constellation, self.epoch, time_s, (0.0, self.duration_s), "constellation")]
+        for number, group in enumerate(self.groups):
+            try:
+                parts.append(self._group_states(group, number, time_s))
+            except InputError as error:
+                raise error.within(item_place("groups", number, len(self.groups))) from None
+        position, velocity = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
+        return position, velocity
+
+    def _group_states(self, group: GroupMotion, number: int, scene_s: F64) -> tuple[F64, F64]:
+        """States of a group's targets; those released at one time are propagated together."""
+        epoch = instant_after(self.epoch, group.start_s)
+        first_s, last_s = (bound_s - group.start_s for bound_s in group.exists_s)
+        within_s = max(first_s, -group.start_s), min(last_s, self.duration_s - group.start_s)
+        time_s = np.clip(scene_s - group.start_s, first_s - MARGIN_S, last_s + MARGIN_S)
+        position, velocity = _states_of(group.path, epoch, time_s, within_s, group.path_field)
+        stays = (scene_s < group.exists_s[0] - MARGIN_S) | (scene_s > group.exists_s[1] + MARGIN_S)
+        releases = list(dict.fromkeys(release for release in group.releases if release is not None))
+        if releases:
+            position, velocity = (np.repeat(state, len(group.releases), axis=1) for state in (position, velocity))
+        gravity: Gravity = getattr(group.path, "gravity", "j2")
+        pole = pole_of_date(epoch)
+        for release in releases:
+            rows = np.array([row for row, other in enumerate(group.releases) if other == release])
+            carrier = _states_of(group.path, epoch, np.array([release.time_s]), None, group.path_field)
+            carrier_m, carrier_m_s = carrier[0][0], carrier[1][0, 0]
+            # Each target takes the random numbers of its position in the group, whatever its neighbours are.
+            speeds = release.speed_m_s
+            velocities = release_velocities(carrier_m_s, len(group.releases) - 1, speeds, self.seed, number)
+            start = np.repeat(carrier_m, len(rows), axis=0), velocities[rows - 1]
+            free = time_s >= release.time_s - MARGIN_S
+            try:
+                flown = propagate(*start, time_s[free] - release.time_s, gravity, pole, release.time_s)
+            except InputError as error:
+                what = f"no flight after the release at {release.time_s:g} s"
+                raise error.of(what).within(group.path_field) from None
+            for states, own in zip((position, velocity), flown, strict=True):
+                states[np.ix_(free, rows)] = own
+        velocity[stays] = 0.0
+        return position, velocity
+
+
+def motion_of(
+    constellation: AnyConstellation, groups: Sequence[TargetGroup], epoch: Instant, duration_s: float, seed: int
+) -> Motion:
+    """Return what moves in a scene.
+
+    Raises:
+        InputError: A file of orbits cannot be read.
+    """
+    return Motion(constellation, tuple(GroupMotion.of(group) for group in groups), epoch, duration_s, seed)
+
+
+def _states_of(
+    path: Moving, epoch: Instant, time_s: F64, within_s: tuple[float, float] | None, field: str
+) -> tuple[F64, F64]:
+    """States of a constellation or trajectory; its errors begin with the field that describes it."""
+    if isinstance(path, BallisticArc):  # SHIM
+        path = dataclasses.replace(path, epoch_utc=epoch.isot)
+    try:
+        return states_of(path, epoch, time_s, within_s)
+    except InputError as error:
+        raise error.within(field) from None

@@ -1,0 +1,318 @@
+"""Programs of pointing: what each sensor of a kind is commanded to follow, step by step, and how it errs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.directions import unit_vectors
+from warpsim.errors import InputError
+from warpsim.optics.camera import Camera
+from warpsim.scene.camera_axes import CommandedAxes, PointingLaw, image_turn, law_axes, satellite_state
+from warpsim.scene.pointing import (
+    Bias,
+    Drift,
+    FixedPointing,
+    Jitter,
+    Pointing,
+    PointingStep,
+    SchedulePointing,
+    Slew,
+    TablePointing,
+    TrackPointing,
+    satellites_of,
+)
+from warpsim.scene.pointing_table import DirectionRows, check_cover, check_rate, direction_rows
+from warpsim.scene.slews import NO_TURN, SlewTurn, between, slew_part, turn_between
+from warpsim.scene.targets import SceneTarget
+from warpsim.scene.tracks import Tracks
+
+F64 = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What a sensor follows from some time on."""
+
+    start_s: float
+    """After the scene's epoch [s]; -inf for what holds throughout."""
+    law: int
+    """Index among the laws of the program."""
+    field: str = ""
+    """What describes it, for messages."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorProgram:
+    """What one sensor is commanded to follow, and how it errs."""
+
+    steps: tuple[Step, ...]
+    table: DirectionRows | None
+    """Rows of its table, where it has one."""
+    is_scan: bool
+    """Whether the camera moves from row to row."""
+    slew: Slew | None
+    bias: Bias | None
+    drift: Drift | None
+    jitter: Jitter | None
+    entry: int
+    """Index of the entry of the sensor's `pointing`."""
+
+    @property
+    def scan(self) -> DirectionRows | None:
+        """Rows that the camera moves along."""
+        return self.table if self.is_scan else None
+
+
+@dataclass(frozen=True, eq=False)
+class PointingProgram:
+    """What the sensors of a kind are commanded to follow."""
+
+    laws: tuple[PointingLaw, ...]
+    sensors: tuple[SensorProgram, ...]
+    """In the order of the kind's sensors."""
+
+    def tracked(self, sensor: int) -> list[tuple[float, range]]:
+        """Return what targets a sensor tracks from when on [s]; an empty range where it tracks none."""
+        return [(step.start_s, self.laws[step.law].targets) for step in self.sensors[sensor].steps]
+
+    def breaks_s(self, sensor: int) -> list[float]:
+        """Return the times at which a sensor's camera jumps, or turns at another rate."""
+        program = self.sensors[sensor]
+        scans = [] if program.scan is None else program.scan.scan_breaks_s()
+        return sorted({*scans, *(step.start_s for step in program.steps if math.isfinite(step.start_s))})
+
+
+def make_program(
+    pointings: Sequence[Pointing],
+    sensors: Sequence[tuple[str, str]],
+    camera: Camera,
+    targets: Sequence[SceneTarget],
+    groups: Sequence[str],
+    known: set[str],
+) -> PointingProgram:
+    """Return what sensors are commanded to follow.
+
+    Args:
+        pointings: The entries of the kind's `pointing`; a satellite takes the first that chooses it.
+        sensors: Names of the sensors of the kind, and of their satellites.
+        camera: Of the kind.
+        targets: The scene's targets.
+        groups: Names of the scene's groups.
+        known: Names of all sensors and satellites of the scene, that rows of tables may name.
+
+    Raises:
+        InputError: A satellite, a target or a sensor that is not there, a satellite without pointing, or a table that
+            cannot be read; the place begins with the entry's.
+    """
+    taken: dict[int, int] = {}
+    for number, pointing in enumerate(pointings):
+        try:
+            for index in satellites_of(pointing.on, [satellite for _, satellite in sensors]):
+                taken.setdefault(index, number)
+        except InputError as error:
+            raise error.within(entry_place(number, len(pointings))) from None
+    for index, (name, _) in enumerate(sensors):
+        if index not in taken:
+            raise InputError(f"must say where every sensor looks, got nothing for {name}", "pointing")
+    laws: list[PointingLaw] = []
+    made: dict[int, SensorProgram] = {}
+    for number, pointing in enumerate(pointings):
+        members = [index for index in range(len(sensors)) if taken[index] == number]
+        try:
+            programs = _programs(pointing, [sensors[i] for i in members], camera, targets, groups, known, laws, number)
+        except InputError as error:
+            raise error.within(entry_place(number, len(pointings))) from None
+        made |= dict(zip(members, programs, strict=True))
+    return PointingProgram(tuple(laws), tuple(made[index] for index in range(len(sensors))))
+
+
+def entry_place(number: int, count: int) -> str:
+    """Return the path of an entry of `pointing`; the number of an only one is left out."""
+    return "pointing" if count == 1 else f"pointing[{number}]"
+
+
+def _programs(
+    pointing: Pointing,
+    sensors: Sequence[tuple[str, str]],
+    camera: Camera,
+    targets: Sequence[SceneTarget],
+    groups: Sequence[str],
+    known: set[str],
+    laws: list[PointingLaw],
+    entry: int,
+) -> list[SensorProgram]:
+    """Programs of the sensors of an entry; its laws are added to those that there are."""
+    if not sensors:
+        return []
+    errors = pointing.bias, pointing.drift, pointing.jitter
+    up, first = pointing.up, len(laws)
+    if isinstance(pointing, TablePointing):
+        turn = image_turn(pointing.roll_deg, (0.0, 0.0), camera)
+        rows = direction_rows(pointing, sensors, known)
+        if pointing.mode == "scan":
+            laws.append(PointingLaw("scan", up, turn, local=rows[0].local))
+            step = (Step(-math.inf, first),)
+            return [SensorProgram(step, own, True, pointing.slew, *errors, entry) for own in rows]
+        steps_of: dict[int, tuple[Step, ...]] = {}
+        for own in rows:
+            if id(own) in steps_of:
+                continue
+            steps = []
+            for row, (time_s, direction, roll) in enumerate(zip(own.time_s, own.direction, own.roll_rad, strict=True)):
+                steps.append(Step(float(time_s), len(laws), f"rows[{row}].time_s"))
+                laws.append(PointingLaw("fixed", up, turn, range(0), direction, own.local, float(roll)))
+            steps_of[id(own)] = tuple(steps)
+        return [SensorProgram(steps_of[id(own)], own, False, pointing.slew, *errors, entry) for own in rows]
+    if isinstance(pointing, SchedulePointing):
+        steps = []
+        for number, step in enumerate(pointing.steps):
+            try:
+                laws.append(_law(step, up, pointing.roll_deg + step.roll_deg, camera, targets, groups))
+            except InputError as error:
+                raise error.within(f"steps[{number}]") from None
+            steps.append(Step(step.start_s, first + number, f"steps[{number}].start_s"))
+        return [SensorProgram(tuple(steps), None, False, pointing.slew, *errors, entry)] * len(sensors)
+    laws.append(_law(pointing, up, pointing.roll_deg, camera, targets, groups))
+    return [SensorProgram((Step(-math.inf, first),), None, False, None, *errors, entry)] * len(sensors)
+
+
+def _law(
+    what: TrackPointing | FixedPointing | PointingStep,
+    up: str,
+    roll_deg: float,
+    camera: Camera,
+    targets: Sequence[SceneTarget],
+    groups: Sequence[str],
+) -> PointingLaw:
+    """The law of one thing to look at."""
+    track = getattr(what, "track", None)
+    offset_px = getattr(what, "offset_px", (0.0, 0.0))
+    turn = image_turn(roll_deg, offset_px, camera)
+    if track is not None:
+        return PointingLaw("track", up, turn, tracked_targets(track, targets, groups))  # type: ignore[arg-type]
+    ra_dec_deg = getattr(what, "ra_dec_deg", None)
+    direction = unit_vectors(*(ra_dec_deg or getattr(what, "azimuth_elevation_deg", None) or (0.0, 0.0)))
+    return PointingLaw("fixed", up, turn, range(0), direction, ra_dec_deg is None)  # type: ignore[arg-type]
+
+
+def tracked_targets(track: str, targets: Sequence[SceneTarget], groups: Sequence[str]) -> range:
+    """Return the indices of the targets that a name stands for.
+
+    Args:
+        track: "main", "group", the name of a group or of a target.
+        targets: The scene's targets.
+        groups: Names of its groups.
+
+    Raises:
+        InputError: There is no such target.
+    """
+    names = [target.name for target in targets]
+    if track == "main" and names:
+        return range(1)
+    group = 0 if track == "group" and groups else groups.index(track) if track in groups else None
+    if group is not None:
+        members = [index for index, target in enumerate(targets) if target.group == group]
+        return range(members[0], members[-1] + 1)
+    if track not in names:
+        known = "".join(f", {name!r}" for name in groups if name != "main")
+        raise InputError(f"must be 'main', 'group'{known} or a target's name", "track", track)
+    return range(names.index(track), names.index(track) + 1)
+
+
+def slew_turns(
+    program: PointingProgram, sensor: int, satellite: int, tracks: Tracks, duration_s: float
+) -> tuple[SlewTurn, ...]:
+    """Return the turns with which a sensor's steps begin; none where its entry has no slew.
+
+    Raises:
+        InputError: A turn cannot be made in time.
+    """
+    own = program.sensors[sensor]
+    turns = [NO_TURN] * len(own.steps)
+    if own.slew is None:
+        return tuple(turns)
+    if own.scan is not None:
+        check_rate(own.scan, own.slew)
+        return tuple(turns)
+
+    def axes_of(law: int, time_s: F64) -> F64:
+        at = satellite_state(tracks, satellite, np.clip(time_s, 0.0, duration_s))
+        return law_axes(program.laws[law], own.scan, tracks, at).axes
+
+    for number in range(1, len(own.steps)):
+        before, step = own.steps[number - 1], own.steps[number]
+        if not 0.0 <= step.start_s <= duration_s:
+            continue
+        end_s = own.steps[number + 1].start_s if number + 1 < len(own.steps) else math.inf
+        try:
+            turns[number] = turn_between(
+                lambda time_s, law=before.law: axes_of(law, time_s),  # type: ignore[misc]
+                lambda time_s, law=step.law: axes_of(law, time_s),  # type: ignore[misc]
+                own.slew,
+                step.start_s,
+                end_s,
+            )
+        except InputError as error:
+            late = number + 1 < len(own.steps)
+            raise error.within(own.steps[number + late].field) from None
+    return tuple(turns)
+
+
+def commanded_axes(
+    program: PointingProgram,
+    sensor: int,
+    satellite: int,
+    tracks: Tracks,
+    turns: Sequence[SlewTurn],
+    time_s: F64,
+) -> CommandedAxes:
+    """Return the axes that a sensor is commanded to take at times after the epoch [s], shape (n,)."""
+    own = program.sensors[sensor]
+    starts = np.array([step.start_s for step in own.steps])
+    step_of = np.clip(np.searchsorted(starts, time_s, side="right") - 1, 0, len(starts) - 1)
+    axes, up_lost = np.empty((len(time_s), 3, 3)), np.zeros(len(time_s), dtype=bool)
+    lost = np.zeros(len(time_s), dtype=bool)
+    for number in np.unique(step_of):
+        rows = np.flatnonzero(step_of == number)
+        at = satellite_state(tracks, satellite, time_s[rows])
+        found = law_axes(program.laws[own.steps[number].law], own.scan, tracks, at)
+        axes[rows], up_lost[rows], lost[rows] = found.axes, found.up_replaced, found.boresight_replaced
+        turn = turns[number]
+        turning = rows[time_s[rows] < starts[number] + turn.duration_s]
+        if turning.size:
+            at = satellite_state(tracks, satellite, time_s[turning])
+            before = law_axes(program.laws[own.steps[number - 1].law], own.scan, tracks, at).axes
+            axes[turning] = between(before, axes[turning], slew_part(turn, time_s[turning] - starts[number]))
+    return CommandedAxes(axes, up_lost, lost)
+
+
+def is_settled(program: PointingProgram, sensor: int, turns: Sequence[SlewTurn], time_s: F64) -> npt.NDArray[np.bool_]:
+    """Return whether a sensor's camera neither turns to its next step nor settles, at times (n,)."""
+    settled = np.ones(len(time_s), dtype=bool)
+    for step, turn in zip(program.sensors[sensor].steps, turns, strict=True):
+        if turn.total_s > 0.0:
+            settled &= (time_s < step.start_s) | (time_s >= step.start_s + turn.total_s)
+    return settled
+
+
+def check_frames(program: PointingProgram, names: Sequence[str], time_s: F64) -> None:
+    """See that what sensors are commanded covers the times of frames.
+
+    Raises:
+        InputError: It does not: sensor, time and span.
+    """
+    if not time_s.size:
+        return
+    for name, own in zip(names, program.sensors, strict=True):
+        if own.scan is not None:
+            check_cover(own.scan, True, name, time_s)
+        elif own.steps[0].start_s > time_s.min():
+            first_s = own.steps[0].start_s
+            what = "rows" if own.steps[0].field.startswith("rows") else "steps"
+            rule = f"the {what} of {name} cover from {first_s:g} s on, not the frame at {time_s.min():g} s"
+            raise InputError(rule, "pointing")

@@ -1,0 +1,461 @@
+"""The scenario: what follows from a scene on the host, in float64, each part made on first use."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.arguments import times_s
+from warpsim.errors import InputError
+from warpsim.instant import Instant
+from warpsim.orbit.eclipse import eclipses, sunlit_fraction
+from warpsim.orbit.epoch import instant
+from warpsim.orbit.rules import AccessConstraints, MarginFunction
+from warpsim.orbit.sun import sun_position_m
+from warpsim.quaternion import rotated
+from warpsim.scene.access import ACCESS_STEP_S, target_margins
+from warpsim.scene.access_tables import access_table, eclipse_table, rules_in_force
+from warpsim.scene.attitudes import AnyAttitude, attitude_tables, target_attitudes
+from warpsim.scene.breakpoints import breakpoints_s
+from warpsim.scene.description import SceneDescription
+from warpsim.scene.instrument import Instrument, SceneWide
+from warpsim.scene.rules import check_access_target, check_satellites
+from warpsim.scene.sensors import sensor_instances
+from warpsim.scene.short_form import item_place
+from warpsim.scene.solved import check_paths, check_shapes
+from warpsim.scene.targets import SceneTarget, scene_targets
+from warpsim.scene.temperatures import target_temperatures, temperature_tables
+from warpsim.scene.tracks import Tracks, build_tracks
+from warpsim.target.temperature import TemperatureRows
+from warpsim.target.timed_rows import END_SLACK_S
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+
+F64 = npt.NDArray[np.float64]
+
+
+class Scenario:
+    """What follows from a scene: tracks, attitudes, temperatures, pointing, access, noise levels.
+
+    Args:
+        scene: The description. It is checked as far as files must be read and orbits solved for that.
+
+    Raises:
+        InputError: A file cannot be read or does not fit, or a path cannot be followed.
+    """
+
+    def __init__(self, scene: SceneDescription) -> None:
+        self.scene = scene
+        self.epoch: Instant = instant(scene.epoch_utc)
+        """What all times count from."""
+        self._check_names()
+        check_paths(scene.constellation, scene.groups, self.epoch, scene.duration_s)
+        check_shapes(scene.groups)
+        self._attitude_tables = attitude_tables(scene.groups, self.epoch, scene.duration_s)
+        self._temperature_tables = temperature_tables(scene.groups, self.epoch, scene.duration_s)
+        self._check_instruments()
+
+    def _check_names(self) -> None:
+        """Names that files tell are unique, and sensors are on satellites that are there."""
+        for number, sensor in enumerate(self.scene.sensors):
+            try:
+                check_satellites(sensor, self.satellite_names)
+            except InputError as error:
+                raise error.within(item_place("sensors", number, len(self.scene.sensors))) from None
+        names = [*self.satellite_names, *self.target_names, "sun"]
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise InputError(f"names must be unique among satellites and targets, got {twice} twice", "targets")
+
+    def _check_instruments(self) -> None:
+        """What cameras follow is there and covers the frames, and images of point spread functions can be read."""
+        check_access_target(self.scene.access_target, self.targets, self.group_names)
+        for number, instrument in enumerate(self.instruments.values()):
+            frames = instrument.frames
+            try:
+                instrument.check_frames(instrument.frame_time_s([0, frames.count - 1]))
+                instrument.sensor.optics.file_checksums  # noqa: B018  # reads the files
+            except InputError as error:
+                raise error.within(item_place("sensors", number, len(self.instruments))) from None
+
+    def __repr__(self) -> str:
+        return f"Scenario({self.scene.name}: {len(self.sensor_names)} sensors, {len(self.target_names)} targets)"
+
+    @cached_property
+    def satellite_names(self) -> list[str]:
+        """Names of the satellites, in the order of the constellation."""
+        try:
+            return list(self.scene.constellation.names)
+        except InputError as error:
+            raise error.within("constellation") from None
+
+    @cached_property
+    def instruments(self) -> dict[str, Instrument]:
+        """Each kind of sensor with what follows from it, by name."""
+        scene, satellites = self.scene, self.satellite_names
+        wide = SceneWide(
+            scene.frames,
+            scene.access_rules,
+            scene.access_target,
+            scene.lighting,
+            scene.duration_s,
+            scene.name,
+            scene.seed,
+            scene.seed if scene.noise_seed is None else scene.noise_seed,
+        )
+        instances = sensor_instances(scene.sensors, satellites)
+        return {
+            sensor.name: Instrument(
+                sensor, [name for name, _ in own], [(index, satellites[index]) for _, index in own], wide, self
+            )
+            for sensor, own in zip(scene.sensors, instances, strict=True)
+        }
+
+    @cached_property
+    def sensor_names(self) -> list[str]:
+        """Names of all sensors, kind by kind."""
+        return [name for instrument in self.instruments.values() for name in instrument.names]
+
+    def instrument_of(self, sensor: str) -> Instrument:
+        """Return the kind that a sensor, or a name of a kind, belongs to.
+
+        Raises:
+            InputError: There is no such sensor.
+        """
+        for name, instrument in self.instruments.items():
+            if sensor == name or sensor in instrument.names:
+                return instrument
+        raise InputError(f"must be a sensor of the scene ({some_names(self.sensor_names)})", "sensor", sensor)
+
+    @cached_property
+    def targets(self) -> list[SceneTarget]:
+        """The single targets, group by group, the main target of each first."""
+        return scene_targets(self.scene.groups, self.scene.seed)
+
+    @cached_property
+    def target_names(self) -> list[str]:
+        """Names of the single targets, in that order."""
+        return [target.name for target in self.targets]
+
+    @property
+    def group_names(self) -> list[str]:
+        """Names of the groups."""
+        return [group.name for group in self.scene.groups]
+
+    @cached_property
+    def body_names(self) -> set[str]:
+        """Names of satellites and sensors, that rows of directions may name."""
+        return {*self.satellite_names, *self.sensor_names}
+
+    @cached_property
+    def bands(self) -> list[str]:
+        """Names of the bands of all sensors."""
+        return list(dict.fromkeys(band for sensor in self.scene.sensors for band in sensor.bands))
+
+    @cached_property
+    def tracks(self) -> Tracks:
+        """States of satellites and targets at the nodes of one time grid."""
+        scene = self.scene
+        return build_tracks(
+            scene.constellation, scene.groups, self.targets, self.epoch, scene.duration_s, scene.seed
+        )
+
+    @cached_property
+    def breakpoints_s(self) -> dict[str, list[float]]:
+        """Times at which the velocity of each satellite and target may jump [s after the epoch]."""
+        scene = self.scene
+        return breakpoints_s(scene.constellation, scene.groups, self.targets, self.epoch, scene.duration_s)
+
+    @cached_property
+    def attitudes(self) -> list[AnyAttitude]:
+        """What turns each single target; `.at(time_s)` gives the rotation."""
+        return target_attitudes(self.targets, self.tracks, self._attitude_tables, self.scene.seed)
+
+    @cached_property
+    def temperatures(self) -> list[TemperatureRows]:
+        """Temperature of each single target; `.at(time_s)` gives it."""
+        scene = self.scene
+        return target_temperatures(
+            self.targets, self.tracks, self.attitudes, self._temperature_tables, self.bands, scene.duration_s,
+            len(scene.groups),
+        )  # fmt: skip
+
+    def position_m(self, name: str, time_s: npt.ArrayLike) -> F64:
+        """Return the geocentric position of a sensor, a satellite, a target or "sun" in GCRS axes.
+
+        Args:
+            name: One of sensor_names, satellite_names, target_names, or "sun".
+            time_s: Times after the epoch [s], shape (n,).
+
+        Returns:
+            Positions [m], shape (n, 3). Before its release a target is where its main target is.
+
+        Raises:
+            InputError: The name is unknown, or a time lies outside the scene (by more than a track's node step).
+        """
+        times = times_s(time_s)
+        if name == "sun":
+            return sun_position_m(self.epoch, times)
+        return self.tracks.state(self._body(name), times)[0]
+
+    def _body(self, name: str) -> str:
+        """The name of a track: a sensor's is that of its satellite."""
+        for instrument in self.instruments.values():
+            if name in instrument.names:
+                return instrument.satellite_names[instrument.names.index(name)]
+        return name
+
+    def view_axes(self, sensor: str, time_s: npt.ArrayLike) -> F64:
+        """Return the camera axes that a sensor is commanded to take: those of its images, without errors of pointing.
+
+        Args:
+            sensor: One of sensor_names.
+            time_s: Times after the epoch [s], shape (n,).
+
+        Returns:
+            Rows x (right), y (down) and z (boresight), ICRS axes, shape (n, 3, 3).
+
+        Raises:
+            InputError: No such sensor, or a time outside the scene or its table of directions.
+        """
+        instrument, times = self.instrument_of(sensor), times_s(time_s)
+        instrument.check_frames(times)
+        return instrument.commanded_axes(instrument.index(sensor), times).axes
+
+    def _target(self, name: str) -> int:
+        """The index of a target."""
+        if name not in self.target_names:
+            raise InputError(f"must be a target ({some_names(self.target_names)})", "name", name)
+        return self.target_names.index(name)
+
+    def attitude_quaternion(self, name: str, time_s: npt.ArrayLike) -> F64:
+        """Return the rotation of a target from its body's axes to GCRS axes, at the times asked (no light time).
+
+        Args:
+            name: One of target_names.
+            time_s: Times after the epoch [s], shape (n,).
+
+        Returns:
+            Unit quaternions (x, y, z, w), scalar last, Hamilton's, shape (n, 4); the sign is continuous in time.
+
+        Raises:
+            InputError: No such target, or a time lies more than a second outside its attitude table.
+        """
+        attitude = self.attitudes[self._target(name)]
+        try:
+            return attitude.at(times_s(time_s))
+        except InputError as error:
+            raise error.of(name) from None
+
+    def body_axis(self, name: str, time_s: npt.ArrayLike) -> F64:
+        """Return the direction of a target's body axis, base to apex, in GCRS axes, (n, 3); as attitude_quaternion."""
+        return rotated(self.attitude_quaternion(name, time_s), np.array([0.0, 0.0, 1.0]))
+
+    def temperature_k(self, name: str, time_s: npt.ArrayLike) -> F64:
+        """Return the temperature of a target at the times asked (no light time).
+
+        Args:
+            name: One of target_names.
+            time_s: Times after the epoch [s], shape (n,).
+
+        Returns:
+            Temperatures [K], shape (n,); NaN where the target is absent.
+
+        Raises:
+            InputError: No such target, a time lies more than a second outside the scene (or its table), or a heat
+                balance cannot be followed.
+        """
+        target, times = self._target(name), times_s(time_s)
+        self._check_times(times, name)
+        there = self.tracks.exist(target, times)
+        kelvin = np.full(times.shape, np.nan)
+        try:
+            kelvin[there] = self.temperatures[target].at(times[there])
+        except InputError as error:
+            raise error.of(name) from None
+        return kelvin
+
+    def _check_times(self, times: F64, name: str) -> None:
+        """Times are within the scene, to a second."""
+        duration_s = self.scene.duration_s
+        outside = ~((times >= -END_SLACK_S) & (times <= duration_s + END_SLACK_S))
+        if outside.any():
+            rule = f"must be within the scene, 0 to {duration_s:g} s"
+            raise InputError(rule, "time_s", times[outside][0], "g").of(name)
+
+    def select_sensors(self, names: str | Sequence[str] | None) -> list[str]:
+        """Return names of sensors for names of sensors and of kinds; all for None.
+
+        Raises:
+            InputError: There is no such sensor, none at all, or one twice.
+        """
+        if names is None:
+            return list(self.sensor_names)
+        if not isinstance(names, str | Sequence):
+            raise InputError("must be a list of names", "sensors", names)
+        chosen: list[str] = []
+        for name in [names] if isinstance(names, str) else names:
+            if name in self.instruments and name not in self.sensor_names:
+                chosen += self.instruments[name].names
+            elif name in self.sensor_names:
+                chosen.append(name)
+            else:
+                kinds = "" if len(self.instruments) == 1 else f", or of the kinds {', '.join(self.instruments)}"
+                known = f"{some_names(self.sensor_names)}{kinds}"
+                raise InputError(f"must be sensors of the scene ({known})", "sensors", name)
+        if not chosen:
+            raise InputError("must name at least one", "sensors")
+        return chosen
+
+    def access(
+        self,
+        target: str | None = None,
+        sensors: str | Sequence[str] | None = None,
+        rules: AccessConstraints | None = None,
+        custom: Mapping[str, MarginFunction] | None = None,
+        step_s: float = ACCESS_STEP_S,
+    ) -> Table:
+        """Return when each sensor can observe a target: all rules at once.
+
+        Args:
+            target: Name of the target; for each sensor what the scene's access_target says when left out.
+            sensors: Names of sensors, or of kinds; all if left out.
+            rules: Instead of the scene's `access_rules`.
+            custom: Further rules by name: functions of an `AccessGeometry` that return a signed margin, >= 0 where the
+                rule holds (any unit: only the sign counts), or booleans, which show no window shorter than step_s.
+            step_s: Step of the scan for changes [s].
+
+        Returns:
+            astropy Table with one row per interval: sensor, target, start_s, end_s (after the epoch), duration_s, ends
+            good to 1 ms; its meta says target, epoch and rules.
+
+        Raises:
+            InputError: An unknown name, or a rule of the user's that gives another shape, or NaN.
+        """
+        chosen, given = self._chosen(sensors), _checked_rules(rules)
+        some = None if target is None else [self._access_target(target)]
+        rows = []
+        for instrument in self.instruments.values():
+            own = [instrument.index(name) for name in chosen if name in instrument.names]
+            if not own:
+                continue
+            found = instrument.access_intervals(own, some, given, custom, step_s)
+            for row, start_s, end_s in zip(found.row.tolist(), found.start_s, found.end_s, strict=True):
+                what = target or self._counted_by(instrument, own[row], start_s)
+                rows.append((instrument.names[own[row]], what, float(start_s), float(end_s)))
+        order = {name: index for index, name in enumerate(chosen)}
+        first = given or self.instrument_of(chosen[0]).access_rules
+        meta = {
+            "target": target or self.scene.access_target,
+            "epoch_utc": self.scene.epoch_utc,
+            "rules": rules_in_force(first),
+            "custom_rules": list(custom or {}),
+        }
+        return access_table(sorted(rows, key=lambda row: (order[row[0]], row[2])), meta)
+
+    def _chosen(self, sensors: str | Sequence[str] | None) -> list[str]:
+        """Sensors asked for, none of them twice."""
+        chosen = self.select_sensors(sensors)
+        if len(set(chosen)) < len(chosen):
+            raise InputError(f"must be one or more without repeats, got {', '.join(chosen)}", "sensors")
+        return chosen
+
+    def _access_target(self, name: str) -> int:
+        if name not in self.target_names:
+            raise InputError(f"must be a target of the scene ({some_names(self.target_names)})", "target", name)
+        return self.target_names.index(name)
+
+    def _counted_by(self, instrument: Instrument, sensor: int, time_s: float) -> str:
+        """What a sensor's access counts by at a time: a target, a group, or any target."""
+        _, targets = [item for item in instrument.access_targets(sensor) if item[0] <= time_s][-1]
+        if len(targets) == 1:
+            return self.target_names[targets[0]]
+        groups = {self.targets[target].group for target in targets}
+        return self.group_names[groups.pop()] if len(groups) == 1 else "any"
+
+    def access_margins(
+        self,
+        time_s: npt.ArrayLike,
+        target: str | None = None,
+        sensors: str | Sequence[str] | None = None,
+        rules: AccessConstraints | None = None,
+        custom: Mapping[str, MarginFunction] | None = None,
+    ) -> dict[str, F64]:
+        """Return the signed margin of every access rule, >= 0 where it holds; each of shape (n_sensor, n_time).
+
+        Args:
+            time_s: Times after the epoch [s], shape (n_time,).
+            target: Name of the target; the first group's main target when left out.
+            sensors: Names of sensors of one kind, or of a kind; their order is that of the rows.
+            rules: Instead of the sensors' own.
+            custom: Further rules by name.
+
+        Raises:
+            InputError: As `access`, or sensors of several kinds.
+        """
+        times, chosen, given = times_s(time_s), self._chosen(sensors), _checked_rules(rules)
+        instrument = self.instrument_of(chosen[0])
+        if any(name not in instrument.names for name in chosen):
+            raise InputError(f"must be of one kind ({', '.join(self.instruments)})", "sensors", chosen)
+        index = 0 if target is None and self.targets else self._access_target(str(target))
+        watchers = instrument.watchers([instrument.index(name) for name in chosen])
+        return target_margins(self.tracks, watchers, index, given or instrument.access_rules, times, custom)
+
+    def has_access(self, sensor: str, time_s: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """Return whether a sensor can observe what its access counts by at given times, shape (n,).
+
+        Raises:
+            InputError: No such sensor.
+        """
+        instrument = self.instrument_of(sensor)
+        return instrument.has_access(instrument.index(sensor), times_s(time_s))
+
+    @property
+    def sensors_with_access(self) -> list[str]:
+        """Sensors that can observe what their access counts by at some time, in the order of sensor_names."""
+        return [name for instrument in self.instruments.values() for name in instrument.sensors_with_access]
+
+    def sunlit_fraction(self, name: str, time_s: npt.ArrayLike) -> F64:
+        """Return the fraction of the Sun's disc that a sensor or target sees past the Earth, 0 to 1, shape (n,).
+
+        The Earth is the WGS84 ellipsoid without air, the Sun's disc uniform.
+
+        Raises:
+            InputError: The name is unknown, or a time lies outside the scene.
+        """
+        times = times_s(time_s)
+        return sunlit_fraction(self.position_m(name, times), self.position_m("sun", times), self.tracks.pole_icrs)
+
+    def eclipses(self, name: str, step_s: float = ACCESS_STEP_S) -> Table:
+        """Return when a sensor or target is in the Earth's shadow.
+
+        Returns:
+            astropy Table with one row per passage: start_s and end_s of the penumbra, umbra_start_s and umbra_end_s
+            (NaN without umbra), all after the epoch, good to 1 ms and within the scene, and duration_s.
+
+        Raises:
+            InputError: The name is unknown.
+        """
+        tracks, body = self.tracks, self._body(name)
+        if body in self.target_names:
+            position_m = tracks.position_function(self.target_names.index(body))
+        else:
+            position_m = tracks.of(body).position_at_m
+        found = eclipses(position_m, tracks.sun.position_at_m, tracks.pole_icrs, self.scene.duration_s, step_s)
+        return eclipse_table(found, {"name": name, "epoch_utc": self.scene.epoch_utc})
+
+
+def some_names(names: Sequence[str]) -> str:
+    """Return the first of some names, for messages."""
+    return ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
+
+
+def _checked_rules(rules: AccessConstraints | None) -> AccessConstraints | None:
+    if rules is not None and not isinstance(rules, AccessConstraints):
+        raise InputError(f"must be AccessConstraints, got {type(rules).__name__}", "rules")
+    return rules

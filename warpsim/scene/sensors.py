@@ -1,0 +1,119 @@
+"""Sensors: a camera with its telescope and detector, and the satellites that carry one."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Annotated
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from warpsim.config.fields import Count, Name, NonNegative, Positive, as_tuple, rule_error
+from warpsim.config.model import config_model
+from warpsim.detector.kinds import Detector
+from warpsim.errors import InputError
+from warpsim.optics.camera import Camera
+from warpsim.optics.telescope import Optics
+from warpsim.orbit.rules import AccessConstraints
+from warpsim.radiometry.bands import BANDS
+from warpsim.scene.pointing import ALL, Pointings, Satellites, TrackPointing, satellites_of
+from warpsim.scene.short_form import item_place
+
+LARGEST_VIEW = 2**29
+"""Pixels of one sensor's image in all bands: array strides are 32-bit numbers of bytes."""
+
+
+def _known_band(name: str) -> str:
+    if name not in BANDS:
+        raise rule_error(f"must be one of {', '.join(BANDS)}")
+    return name
+
+
+BandName = Annotated[str, AfterValidator(_known_band)]
+BandNames = Annotated[tuple[BandName, ...], BeforeValidator(as_tuple)]
+
+
+@config_model
+class Frames:
+    """When frames are taken. Frame k is at start_s + k * interval_s, its mid-exposure.
+
+    Args:
+        count: Frames of the whole sequence.
+        interval_s: Time between frames [s].
+        start_s: Time of frame 0 after the scene's epoch [s].
+    """
+
+    count: Count
+    interval_s: Positive
+    start_s: NonNegative = 0.0
+
+
+@config_model
+class Sensor:
+    """A kind of sensor, and which satellites carry one.
+
+    The sensor of a satellite that carries one is called as the satellite is, `sat11`; those of a satellite with several
+    are `sat11.wide`, `sat11.narrow`.
+
+    Args:
+        name: Of the kind; unique in the scene.
+        camera: Array and field of view.
+        optics: Telescope.
+        detector: Detector.
+        bands: Names of the spectral bands that it records.
+        pointing: Where it looks: one kind of pointing, or several of which each says on which satellites.
+        on: Satellites that carry one: "all", names, or patterns with * and ?.
+        frames: When it takes frames; as the scene's when left out.
+        access_rules: When it can observe a target; as the scene's when left out.
+    """
+
+    name: Name
+    camera: Camera
+    optics: Optics
+    detector: Detector
+    bands: BandNames
+    pointing: Pointings = Field(default_factory=lambda: (TrackPointing(),))
+    on: Satellites = (ALL,)
+    frames: Frames | None = None
+    access_rules: AccessConstraints | None = None
+
+    @model_validator(mode="after")
+    def _bands(self) -> Sensor:
+        if not self.bands:
+            raise InputError("must name at least one band", "bands")
+        if len(set(self.bands)) != len(self.bands):
+            raise InputError(f"must not repeat, got {', '.join(self.bands)}", "bands")
+        n_value = self.camera.n_row * self.camera.n_col * len(self.bands)
+        if n_value >= LARGEST_VIEW:
+            raise InputError("n_row * n_col * number of bands must be below 2**29", "camera", n_value)
+        if not self.pointing:
+            raise InputError("must hold at least one", "pointing")
+        return self
+
+    @property
+    def streaks(self) -> bool:
+        """Whether light moves over the image during the exposure."""
+        return self.detector.streaks and self.detector.exposure_s > 0.0
+
+
+def sensor_instances(sensors: Sequence[Sensor], satellites: Sequence[str]) -> list[list[tuple[str, int]]]:
+    """Return the name, and the index of the satellite, of each sensor of each kind.
+
+    Args:
+        sensors: The kinds.
+        satellites: Names of the constellation's satellites.
+
+    Raises:
+        InputError: A kind is on a satellite that is not there; the place begins with the kind's.
+    """
+    carriers = []
+    for number, sensor in enumerate(sensors):
+        try:
+            carriers.append(satellites_of(sensor.on, satellites))
+        except InputError as error:
+            raise error.within(item_place("sensors", number, len(sensors))) from None
+    n_carried = Counter(index for some in carriers for index in some)
+    return [
+        [(satellites[i] if n_carried[i] == 1 else f"{satellites[i]}.{sensor.name}", i) for i in some]
+        for sensor, some in zip(sensors, carriers, strict=True)
+    ]

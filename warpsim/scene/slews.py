@@ -1,0 +1,174 @@
+"""Slews: how a camera turns from one law of pointing to the next, within a rate and an acceleration.
+
+While it turns, the camera's axes are those of the law before, turned a part s(t) of the rotation that leads to those of
+the law to come, about its axis: both laws go on meanwhile, so that angle and rate are continuous at both ends. s(t)
+rises by a constant acceleration, a constant rate and a constant deceleration.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.errors import InputError
+from warpsim.scene.pointing import Slew
+
+F64 = npt.NDArray[np.float64]
+AxesAt = Callable[[F64], F64]
+"""time_s (n,) -> camera axes as rows, (n, 3, 3)."""
+
+_N_SAMPLE = 257
+"""Instants of a turn at which its rate is looked at."""
+_ROOM = 1.02
+"""What a turn is slowed down by beyond what its rate asks for."""
+_MOST_ROUNDS = 40
+_SAME_AXES_RAD = 1e-12
+"""A rotation smaller than that has no axis."""
+
+
+@dataclass(frozen=True)
+class SlewTurn:
+    """A turn that was found possible."""
+
+    duration_s: float
+    """Of the turn, without settling [s]; 0 for none."""
+    ramp: float
+    """Part of it in which the rate grows, and in which it sinks, (0, 0.5]."""
+    settle_s: float
+    """After the turn [s]."""
+
+    @property
+    def total_s(self) -> float:
+        """Until the camera is settled [s]."""
+        return self.duration_s + self.settle_s
+
+
+NO_TURN = SlewTurn(0.0, 0.5, 0.0)
+
+
+def slew_part(turn: SlewTurn, since_s: F64) -> F64:
+    """Return the part of a turn's rotation that is done some time after its beginning, 0 to 1."""
+    if turn.duration_s == 0.0:
+        return np.ones_like(since_s)
+    u = np.clip(since_s / turn.duration_s, 0.0, 1.0)
+    ramp, rest = turn.ramp, np.minimum(u, 1.0 - u)
+    whole = 1.0 - ramp  # of the rate's integral, for a greatest rate of 1
+    begun = np.where(rest < ramp, 0.5 * rest * rest / ramp, rest - 0.5 * ramp) / whole
+    return np.asarray(np.where(u <= 0.5, begun, 1.0 - begun))
+
+
+def between(before: F64, after: F64, part: F64) -> F64:
+    """Return axes a part of the rotation from some to others: rows as axes, (n, 3, 3) each, part (n,)."""
+    rotation = np.einsum("nij,nkj->nik", after, before)
+    vector = rotation_vector(rotation) * part[:, None]
+    return np.einsum("nij,njk->nik", _matrix(vector), before)
+
+
+def rotation_vector(rotation: F64) -> F64:
+    """Return axis times angle [rad] of rotation matrices, (n, 3, 3) to (n, 3); angles of 0 to pi."""
+    skew = 0.5 * np.stack(
+        [
+            rotation[:, 2, 1] - rotation[:, 1, 2],
+            rotation[:, 0, 2] - rotation[:, 2, 0],
+            rotation[:, 1, 0] - rotation[:, 0, 1],
+        ],
+        axis=-1,
+    )
+    sine = np.linalg.norm(skew, axis=-1)
+    cosine = 0.5 * (np.trace(rotation, axis1=1, axis2=2) - 1.0)
+    angle = np.arctan2(sine, cosine)
+    # Near half a turn the skew part vanishes: the axis is the column of the symmetric part with the largest diagonal.
+    symmetric = 0.5 * (rotation + np.swapaxes(rotation, 1, 2)) - cosine[:, None, None] * np.eye(3)
+    column = np.argmax(np.einsum("nii->ni", symmetric), axis=1)
+    axis = symmetric[np.arange(len(rotation)), :, column]
+    axis = axis * np.where(np.einsum("ni,ni->n", axis, skew) < 0.0, -1.0, 1.0)[:, None]
+    use_skew = cosine > 0.0
+    axis = np.where(use_skew[:, None], skew, axis)
+    length = np.linalg.norm(axis, axis=-1)
+    safe = np.where(length > _SAME_AXES_RAD, length, 1.0)
+    return np.asarray(axis / safe[:, None] * np.where(length > _SAME_AXES_RAD, angle, 0.0)[:, None])
+
+
+def _matrix(vector: F64) -> F64:
+    """Rotation matrices of rotation vectors, (n, 3) to (n, 3, 3); Rodrigues' formula."""
+    angle = np.linalg.norm(vector, axis=-1)
+    safe = np.where(angle > 0.0, angle, 1.0)
+    x, y, z = (vector / safe[:, None]).T
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
+    sine, versine = np.sin(angle)[:, None, None], 2.0 * np.sin(0.5 * angle)[:, None, None] ** 2
+    return np.asarray(np.eye(3) + sine * cross + versine * cross @ cross)
+
+
+def turn_between(before: AxesAt, after: AxesAt, slew: Slew, start_s: float, end_s: float) -> SlewTurn:
+    """Return the turn from one law to another that keeps the camera's rate and acceleration within bounds.
+
+    The turn begins with the profile that the rotation between the two laws asks for, and is slowed down until the rate
+    and the acceleration of the camera against the stars, as measured along it, are those of `slew` or less.
+
+    Args:
+        before: Axes by the law until then.
+        after: Axes by the law from then on.
+        slew: The bounds.
+        start_s: When it begins [s].
+        end_s: When it must be over, settled, at the latest [s].
+
+    Raises:
+        InputError: The turn takes longer than that, or the laws themselves turn faster.
+    """
+    rate, acceleration = math.radians(slew.max_rate_deg_s), math.radians(slew.max_acceleration_deg_s2)
+    angle = float(np.linalg.norm(rotation_vector(_rotation(before, after, np.array([start_s])))[0]))
+    duration_s = _shortest_s(angle, rate, acceleration)
+    ramp = 0.5
+    for _ in range(_MOST_ROUNDS):
+        if start_s + duration_s + slew.settle_s > end_s:
+            break
+        ramp = min(0.5, rate / acceleration / max(duration_s, 1e-9)) if duration_s > 0 else 0.5
+        turn = SlewTurn(duration_s, max(ramp, 1e-6), slew.settle_s)
+        times = start_s + np.linspace(0.0, 1.0, _N_SAMPLE) * duration_s
+        axes = between(before(times), after(times), slew_part(turn, times - start_s))
+        rate_now, acceleration_now = _measured(axes, duration_s)
+        slower = max(rate_now / rate, math.sqrt(acceleration_now / acceleration))
+        if slower <= 1.0 + 1e-3 or angle < 1e-9:
+            return turn
+        duration_s *= max(slower, 1.0) * _ROOM
+    if start_s + duration_s + slew.settle_s > end_s:
+        raise InputError(
+            f"must leave time for the slew that begins at {start_s:g} s, which takes {duration_s:.3g} s or more, and "
+            f"{slew.settle_s:g} s to settle",
+            value=end_s,
+            form="g",
+        )
+    raise InputError(
+        f"what is followed turns faster than max_rate_deg_s ({slew.max_rate_deg_s:g}) or max_acceleration_deg_s2 "
+        f"({slew.max_acceleration_deg_s2:g}) allow after {start_s:g} s"
+    )
+
+
+def _rotation(before: AxesAt, after: AxesAt, time_s: F64) -> F64:
+    return np.einsum("nij,nkj->nik", after(time_s), before(time_s))
+
+
+def _shortest_s(angle: float, rate: float, acceleration: float) -> float:
+    """Time that a turn from rest to rest takes [s]."""
+    if angle <= rate * rate / acceleration:
+        return 2.0 * math.sqrt(angle / acceleration)
+    return angle / rate + rate / acceleration
+
+
+def _measured(axes: F64, duration_s: float) -> tuple[float, float]:
+    """Greatest rate [rad/s] and acceleration [rad/s2] of axes at evenly spaced times."""
+    step_s = duration_s / (len(axes) - 1)
+    if step_s <= 0.0:
+        return 0.0, 0.0
+    steps = np.einsum("nij,nkj->nik", axes[1:], axes[:-1])
+    # In the axes of the stars, so that neighbouring rates can be compared.
+    rates = np.einsum("nji,nj->ni", axes[:-1], rotation_vector(steps)) / step_s
+    # Second differences over a few steps: those of neighbours are rounding.
+    few = max(1, len(rates) // 32)
+    changes = np.linalg.norm(rates[few:] - rates[:-few], axis=1) / (few * step_s)
+    return float(np.linalg.norm(rates, axis=1).max()), float(changes.max())
