@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.plot.sky import magnitude_counts
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_MEASURED, FLUX_NONE, FLUX_PREDICTED
+from warpsim.sky.star_counts import magnitude_counts
 from warpsim.sky.synthetic import GALACTIC_OF_ICRS
 
 WHOLE_SKY_DEG2 = 4 * np.pi * np.degrees(1) ** 2
