@@ -332,7 +332,7 @@ class Scenario:
 
         Returns:
             astropy Table with one row per interval: sensor, target, start_s, end_s (after the epoch), duration_s, ends
-            good to 1 ms; its meta says target, epoch and rules.
+            good to 1 ms; its meta says target, epoch and rules: those of the first sensor's kind, and of all kinds.
 
         Raises:
             InputError: An unknown name, or a rule of the user's that gives another shape, or NaN.
@@ -349,11 +349,16 @@ class Scenario:
                 what = target or self._counted_by(instrument, own[row], start_s)
                 rows.append((instrument.names[own[row]], what, float(start_s), float(end_s)))
         order = {name: index for index, name in enumerate(chosen)}
-        first = given or self.instrument_of(chosen[0]).access_rules
+        rules_by_kind = {
+            kind: rules_in_force(given or instrument.access_rules)
+            for kind, instrument in self.instruments.items()
+            if any(name in instrument.names for name in chosen)
+        }
         meta = {
             "target": target or self.scene.access_target,
             "epoch_utc": self.scene.epoch_utc,
-            "rules": rules_in_force(first),
+            "rules": rules_by_kind[self.instrument_of(chosen[0]).sensor.name],
+            "rules_by_kind": rules_by_kind,
             "custom_rules": list(custom or {}),
         }
         return access_table(sorted(rows, key=lambda row: (order[row[0]], row[2])), meta)
