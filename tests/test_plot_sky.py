@@ -1,4 +1,4 @@
-"""Pictures of star catalogs: what is drawn is what the stars are, against brute force, astropy and root finding."""
+"""Figures of star catalogs: what is drawn is what the stars are, against brute force, astropy and root finding."""
 
 import subprocess
 import sys
@@ -19,14 +19,9 @@ from warpsim.plot.partition import (
     stars_in_window,
     view_costs,
 )
-from warpsim.plot.sky import (
-    density_map,
-    magnitude_counts,
-    mollweide,
-    plot_sky_density,
-    plot_sky_partition,
-    plot_star_counts,
-)
+from warpsim.plot.partition_figure import plot_sky_partition
+from warpsim.plot.sky import density_map, mollweide, plot_sky_density, plot_star_counts
+from warpsim.sky.star_counts import magnitude_counts
 
 pytest.importorskip("matplotlib").use("Agg")
 
@@ -58,7 +53,7 @@ def random_sky(n, seed=SEED, **columns):
 
 
 def random_views(n, seed=SEED):
-    """Places all over the sky, a third within 5 degrees of a pole, a third within 2 degrees of a change of table."""
+    """Points all over the sky, a third within 5 degrees of a pole, a third within 2 degrees of a change of table."""
     rng = np.random.default_rng(seed)
     dec = np.degrees(np.arcsin(rng.uniform(-1, 1, n)))
     dec[: n // 3] = rng.choice([-1, 1], n // 3) * rng.uniform(85, 90, n // 3)
@@ -205,7 +200,7 @@ def test_density_picture(default):
 
 
 def cells_touched(ra_deg, dec_deg, radius_deg, n=20_001):
-    """Bands and columns of many points of a cone: rings around its axis."""
+    """Zones and columns of many points of a cone: rings around its axis."""
     turn = np.linspace(0, 2 * np.pi, n)[:, None]
     away = np.radians(radius_deg) * np.array([1.0, 0.999, 0.9, 0.75, 0.5, 0.25, 0.0])
     ra, dec = np.radians([ra_deg, dec_deg])
@@ -226,19 +221,19 @@ def test_a_cover_is_what_the_cone_touches():
     wider, narrower = (cover_of(ra, dec, radius_deg + side * EDGE_DEG) for side in (1, -1))
     n_sure = 0
     for k in range(90):
-        bands, columns = cells_touched(ra[k], dec[k], radius_deg)
+        zones, columns = cells_touched(ra[k], dec[k], radius_deg)
         covered = {(cover.first_column[k] + i) % 360 for i in range(cover.n_column[k])}
-        assert bands <= set(range(cover.first_band[k], cover.first_band[k] + cover.n_band[k]))
+        assert zones <= set(range(cover.first_zone[k], cover.first_zone[k] + cover.n_zone[k]))
         assert columns <= covered
-        if all(getattr(wider, key)[k] == getattr(narrower, key)[k] for key in ("n_band", "n_column", "first_column")):
+        if all(getattr(wider, key)[k] == getattr(narrower, key)[k] for key in ("n_zone", "n_column", "first_column")):
             n_sure += 1
-            assert len(bands) == cover.n_band[k]
+            assert len(zones) == cover.n_zone[k]
             assert columns == covered
     assert n_sure > 60
 
 
 @pytest.mark.parametrize(
-    ("ra_deg", "dec_deg", "band", "n_band", "column", "n_column"),
+    ("ra_deg", "dec_deg", "zone", "n_zone", "column", "n_column"),
     [
         (10.5, 0.5, 89, 3, 9, 3),
         (0.2, 30.5, 119, 3, 359, 3),
@@ -247,10 +242,10 @@ def test_a_cover_is_what_the_cone_touches():
         (10.5, -89.5, 0, 2, 0, 360),
     ],
 )
-def test_covers_worked_out_by_hand(ra_deg, dec_deg, band, n_band, column, n_column):
+def test_covers_worked_out_by_hand(ra_deg, dec_deg, zone, n_zone, column, n_column):
     cover = cover_of([ra_deg], [dec_deg], 0.7)
-    got = [int(values[0]) for values in (cover.first_band, cover.n_band, cover.first_column, cover.n_column)]
-    assert got == [band, n_band, column, n_column]
+    got = [int(values[0]) for values in (cover.first_zone, cover.n_zone, cover.first_column, cover.n_column)]
+    assert got == [zone, n_zone, column, n_column]
 
 
 def test_costs_are_those_of_counting_star_by_star():
@@ -259,27 +254,27 @@ def test_costs_are_those_of_counting_star_by_star():
     cover = cover_of(ra, dec, radius_deg)
     stars = star_table(catalog)
     assert stars.sum() == len(catalog)
-    star_band, star_column = np.floor(catalog.dec_deg + 90), np.floor(catalog.ra_deg)
+    star_zone, star_column = np.floor(catalog.dec_deg + 90), np.floor(catalog.ra_deg)
     costs = {partition: view_costs(partition, stars, cover) for partition in PARTITIONS}
     window = stars_in_window(catalog, cover)
     inside = catalog.direction_icrs @ _unit(ra, dec).T >= np.cos(np.radians(radius_deg))
     for k in range(150):
-        in_band = (star_band >= cover.first_band[k]) & (star_band < cover.first_band[k] + cover.n_band[k])
+        in_zone = (star_zone >= cover.first_zone[k]) & (star_zone < cover.first_zone[k] + cover.n_zone[k])
         in_column = (star_column - cover.first_column[k]) % 360 < cover.n_column[k]
-        polar = (star_band < 30) | (star_band >= 150)
-        expected = {MESH: in_band & in_column, LATITUDE: in_band, COMPREHENSIVE: in_band & (in_column | polar)}
+        polar = (star_zone < 30) | (star_zone >= 150)
+        expected = {MESH: in_zone & in_column, LATITUDE: in_zone, COMPREHENSIVE: in_zone & (in_column | polar)}
         for partition, mask in expected.items():
             assert costs[partition][1][k] == np.count_nonzero(mask), (partition, k)
             assert not (inside[:, k] & ~mask).any()  # no star of the view is missed
-        in_window = in_band & ((catalog.ra_deg - cover.west_deg[k]) % 360 <= cover.width_deg[k])
+        in_window = in_zone & ((catalog.ra_deg - cover.west_deg[k]) % 360 <= cover.width_deg[k])
         assert window[k] == np.count_nonzero(in_window)
         assert not (inside[:, k] & ~in_window).any()
-        bands = np.arange(cover.first_band[k], cover.first_band[k] + cover.n_band[k])
-        n_polar = np.count_nonzero((bands < 30) | (bands >= 150))
+        zones = np.arange(cover.first_zone[k], cover.first_zone[k] + cover.n_zone[k])
+        n_polar = np.count_nonzero((zones < 30) | (zones >= 150))
         n_column = cover.n_column[k]
-        assert costs[MESH][0][k] == n_column * len(bands)
-        assert costs[LATITUDE][0][k] == len(bands)
-        assert costs[COMPREHENSIVE][0][k] == n_polar + n_column * (len(bands) - n_polar)
+        assert costs[MESH][0][k] == n_column * len(zones)
+        assert costs[LATITUDE][0][k] == len(zones)
+        assert costs[COMPREHENSIVE][0][k] == n_polar + n_column * (len(zones) - n_polar)
 
 
 def _unit(ra_deg, dec_deg):
@@ -290,9 +285,9 @@ def _unit(ra_deg, dec_deg):
 def test_the_comprehensive_table_is_the_mesh_below_60_degrees_and_the_latitude_table_above(default):
     latitude, costs, n_inside = costs_by_latitude(default, n_view=60)
     for quantity in ("stars", "cells"):
-        mixed, mesh, bands = (costs[p.name][quantity] for p in (COMPREHENSIVE, MESH, LATITUDE))
+        mixed, mesh, zones = (costs[p.name][quantity] for p in (COMPREHENSIVE, MESH, LATITUDE))
         np.testing.assert_array_equal(mixed[latitude < 59], mesh[latitude < 59])
-        np.testing.assert_array_equal(mixed[latitude > 61], bands[latitude > 61])
+        np.testing.assert_array_equal(mixed[latitude > 61], zones[latitude > 61])
     # Why there are three: see the docstring of plot_sky_partition.
     assert costs[LATITUDE.name]["stars"][0] > 100 * costs[COMPREHENSIVE.name]["stars"][0]
     assert costs[MESH.name]["cells"][88] > 50 * costs[COMPREHENSIVE.name]["cells"][88]

@@ -1,16 +1,18 @@
-"""Pictures of access: the intervals of every sensor, and its range to the main target (the paper's Fig. 8)."""
+"""Figures of access: the intervals of every sensor, and its range to what it looks for (the paper's Fig. 8)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+import functools
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.errors import InputError
 from warpsim.plot.figure import BLUE, GREY, SERIES, new_axes
-from warpsim.scene.scene import Scene
+from warpsim.scene.instrument import ANY
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene, scenario_of
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -18,65 +20,119 @@ if TYPE_CHECKING:
 
 F64 = NDArray[np.float64]
 
-_LABEL_SHARE = 0.055  # width of a label's letters over that of the axes
+_LABEL_WIDTH = 0.055  # of a label's letters, over that of the axes
 _PALE = "0.6"
 _N_TIME = 801
 _TALLEST_INCH = 40.0
+_MOST_COLOURED = len(SERIES)
 
 
 def plot_access(
-    scene: Scene,
+    scene: Scene | Scenario,
     ax: Axes | None = None,
     only_with_access: bool = False,
     access: Table | None = None,
     sensors: Sequence[str] | None = None,
 ) -> Axes:
-    """Draw when each sensor can observe a target: a row per sensor, a bar per interval.
+    """Draw when each sensor can observe what its access counts by: a row per sensor, a bar per interval.
 
-    Bars carry their start and end [s after the epoch] where there is room; the total stands on the right.
+    Bars carry their start and end [s after the epoch] where there is room; the total stands on the right. Where access
+    counts by several things, bars have a colour for each.
 
     Args:
         scene: The scene.
         ax: Where to draw; a new figure grows with the number of sensors.
         only_with_access: Leave out sensors without access; otherwise their names are grey.
-        access: What `scene.access` gave for a target, sensors or rules of one's own; the scene's if left out.
-        sensors: Names of the sensors that it is about; all if left out.
+        access: What `scene.access` gave for a target, sensors or rules; the scene's if left out.
+        sensors: Names of the sensors, or of the kinds, that it is about; all if left out.
 
     Raises:
         InputError: A name is no sensor.
     """
-    table = scene.access() if access is None else access
-    sensors = _checked_sensors(scene, scene.sensor_names if sensors is None else sensors)
+    scenario = scenario_of(scene)
+    table = scenario.access() if access is None else access
+    chosen = scenario.select_sensors(sensors)
     seen = set(table["sensor"])
-    names = [name for name in sensors if name in seen or not only_with_access]
+    names = [name for name in chosen if name in seen or not only_with_access]
     ax = ax or new_axes(9.0, min(1.6 + 0.27 * max(3, len(names)), _TALLEST_INCH))
-    duration_s = scene.duration_s
-    room_s = _LABEL_SHARE * duration_s
-    for row, name in enumerate(names):
-        spans = sorted((float(r["start_s"]), float(r["end_s"])) for r in table if r["sensor"] == name)
-        taken_s = 0.0  # up to here the row is full, of bars and words
-        for number, (start_s, end_s) in enumerate(spans):
-            ax.barh(row, end_s - start_s, left=start_s, height=0.68, color=BLUE)
-            next_s = spans[number + 1][0] if number + 1 < len(spans) else duration_s
-            taken_s = _label_bar(ax, row, (start_s, end_s), room_s, (start_s - taken_s, next_s - end_s))
-        total_min = sum(end_s - start_s for start_s, end_s in spans) / 60
-        ax.text(1.01, row, f"{total_min:.1f} min" if spans else "no access", transform=ax.get_yaxis_transform(),
-                va="center", fontsize=8, color="black" if spans else _PALE)  # fmt: skip
+    duration_s = scenario.scene.duration_s
+    _draw_bars(ax, names, table, duration_s)
     if not names:
         ax.text(0.5, 0.5, "no sensor has access", ha="center", transform=ax.transAxes)
     ax.set_yticks(range(len(names)), names, fontsize=8)
     for name, tick in zip(names, ax.get_yticklabels(), strict=True):
         tick.set_color("black" if name in seen else _PALE)
     ax.set(xlim=(0, duration_s), ylim=(max(len(names), 1) - 0.4, -0.6), xlabel="time after the epoch [s]")
-    share = f"{len(seen)} of {len(sensors)} sensors"
-    ax.set_title(f"{scene.name}: access to {table.meta['target']}, {share}", fontsize=10)
+    number = f"{len(seen.intersection(chosen))} of {len(chosen)} sensors"
+    words = counted_words(scenario, chosen, table)
+    ax.set_title(f"{scenario.scene.name}: access to {words}, {number}", fontsize=10)
     ax.grid(axis="x", alpha=0.35)
     ax.set_axisbelow(True)
     return ax
 
 
+def _draw_bars(ax: Axes, names: Sequence[str], table: Table, duration_s: float) -> None:
+    """A row of bars for each sensor, with the total on the right, and a legend where they have several colours."""
+    room_s = _LABEL_WIDTH * duration_s
+    targets = list(dict.fromkeys(str(name) for name in table["target"]))
+    coloured = 1 < len(targets) <= _MOST_COLOURED
+    colours = {target: SERIES[number] if coloured else BLUE for number, target in enumerate(targets)}
+    spans_of = _spans(table)
+    for row, name in enumerate(names):
+        spans = spans_of.get(name, [])
+        taken_s = 0.0  # up to here the row is full, of bars and words
+        for number, (start_s, end_s, target) in enumerate(spans):
+            ax.barh(row, end_s - start_s, left=start_s, height=0.68, color=colours[target])
+            next_s = spans[number + 1][0] if number + 1 < len(spans) else duration_s
+            taken_s = _label_bar(ax, row, (start_s, end_s), room_s, (start_s - taken_s, next_s - end_s))
+        total_min = sum(end_s - start_s for start_s, end_s, _ in spans) / 60
+        ax.text(1.01, row, f"{total_min:.1f} min" if spans else "no access", transform=ax.get_yaxis_transform(),
+                va="center", fontsize=8, color="black" if spans else _PALE)  # fmt: skip
+    if coloured:
+        for target, colour in colours.items():
+            ax.barh(0, 0, color=colour, label={ANY: "any target"}.get(target, target))
+        ax.legend(loc="center left", bbox_to_anchor=(1.09, 0.5), fontsize=8, frameon=False)
+
+
+def _spans(table: Table) -> dict[str, list[tuple[float, float, str]]]:
+    """Start and end [s] and target of the intervals of each sensor, in the order of time."""
+    spans: dict[str, list[tuple[float, float, str]]] = {}
+    columns = (np.asarray(table[name]).tolist() for name in ("sensor", "start_s", "end_s", "target"))
+    for sensor, *span in zip(*columns, strict=True):
+        spans.setdefault(sensor, []).append(tuple(span))
+    return {sensor: sorted(found) for sensor, found in spans.items()}
+
+
+def counted_words(scenario: Scenario, sensors: Sequence[str], access: Table) -> str:
+    """Return what access counts by, in words: a target, a group, any target, or what each sensor tracks.
+
+    Args:
+        scenario: The scenario.
+        sensors: Names of sensors.
+        access: What `scene.access` gave.
+    """
+    if access.meta["target"] in scenario.target_names:
+        return str(access.meta["target"])
+    counted = {tuple(targets) for sensor in sensors for _, targets in _counted(scenario, sensor, access)}
+    if len(counted) != 1:
+        return "what each sensor tracks"
+    (targets,) = counted
+    if len(targets) == 1:
+        return scenario.target_names[targets[0]]
+    groups = {scenario.targets[target].group for target in targets}
+    return scenario.group_names[groups.pop()] if len(groups) == 1 else "any target"
+
+
+def _counted(scenario: Scenario, sensor: str, access: Table) -> list[tuple[float, Sequence[int]]]:
+    """The targets that a table of access counts by for a sensor, from when on [s]."""
+    if access.meta["target"] in scenario.target_names:
+        return [(-np.inf, (scenario.target_names.index(access.meta["target"]),))]
+    instrument = scenario.instrument_of(sensor)
+    return [(start_s, targets) for start_s, targets in instrument.access_targets(instrument.index(sensor))]
+
+
 def _label_bar(ax: Axes, row: int, span_s: tuple[float, float], room_s: float, free_s: tuple[float, float]) -> float:
-    """Start and end of a bar: inside where they fit, else together behind or before it where it is free, else nowhere.
+    """Write start and end of a bar: inside where they fit, else together behind or before it if it is free there.
 
     Returns where the bar or its words end.
 
@@ -101,60 +157,98 @@ def _label_bar(ax: Axes, row: int, span_s: tuple[float, float], room_s: float, f
 
 
 def plot_range(
-    scene: Scene, sensors: Sequence[str] | None = None, ax: Axes | None = None, access: Table | None = None
+    scene: Scene | Scenario,
+    sensors: Sequence[str] | None = None,
+    ax: Axes | None = None,
+    access: Table | None = None,
 ) -> Axes:
     """Draw the distance from sensors to a target against time; thick where there is access (the paper's Fig. 8).
 
+    Where a sensor's access counts by several targets it is the distance to the nearest of those that exist.
+
     Args:
         scene: The scene.
-        sensors: Names of sensors; those with access at some time if left out.
+        sensors: Names of sensors or of kinds; those with access at some time if left out.
         ax: Where to draw; seconds after the epoch, and km.
-        access: What `scene.access` gave for a target, sensors or rules of one's own; the scene's if left out.
+        access: What `scene.access` gave for a target, sensors or rules; the scene's if left out.
 
     Raises:
         InputError: A name is no sensor.
     """
-    table = scene.access() if access is None else access
-    target = table.meta["target"]
+    scenario = scenario_of(scene)
+    table = scenario.access() if access is None else access
     if sensors is None:
-        sensors = [name for name in scene.sensor_names if name in set(table["sensor"])]
-    sensors = _checked_sensors(scene, sensors)
+        chosen = [name for name in scenario.sensor_names if name in set(table["sensor"])]
+    else:
+        chosen = scenario.select_sensors(sensors)
     ax = ax or new_axes(9.0, 5.0)
-    time_s = np.linspace(0, scene.duration_s, _N_TIME)
-    for number, name in enumerate(sensors):
+    spans = _spans(table)
+    for number, name in enumerate(chosen):
         # After each round of colours the dashes change.
-        style = ("-", "--", ":", "-.")[number // len(SERIES) % 4]
-        colour = SERIES[number % len(SERIES)]
-        ax.plot(time_s, range_km(scene, name, target, time_s), style, color=colour, linewidth=0.8)
-        spans = [row for row in table if row["sensor"] == name]
-        for part, row in enumerate(spans):
-            span_s = np.linspace(row["start_s"], row["end_s"], _N_TIME)
-            ax.plot(span_s, range_km(scene, name, target, span_s), style, color=colour, linewidth=3,
-                    label=None if part else name)  # fmt: skip
-        if not spans:
-            ax.plot([], [], style, color=colour, linewidth=0.8, label=name)
-    farthest_km = table.meta["rules"].get("max_range_km")
-    if farthest_km is not None:
+        dashes = ("-", "--", ":", "-.")[number // len(SERIES) % 4]
+        distance_km = functools.partial(range_km, scenario, name, _counted(scenario, name, table))
+        style = {"color": SERIES[number % len(SERIES)], "linestyle": dashes}
+        _draw_range(ax, name, distance_km, spans.get(name, []), scenario.scene.duration_s, style)
+    for farthest_km in _farthest_km(table):
         ax.axhline(farthest_km, color=GREY, linestyle=(0, (6, 3)), linewidth=1)
         ax.text(0.995, farthest_km, "farthest allowed", color=GREY, fontsize=8, ha="right", va="bottom",
                 transform=ax.get_yaxis_transform())  # fmt: skip
-    ax.set(xlim=(0, scene.duration_s), ylim=(0, None))
-    ax.set(xlabel="time after the epoch [s]", ylabel=f"range to {target} [km]")
-    ax.set_title(f"{scene.name}: thick lines mark access", fontsize=10)
+    ax.set(xlim=(0, scenario.scene.duration_s), ylim=(0, None))
+    words = counted_words(scenario, chosen or scenario.sensor_names, table)
+    ax.set(xlabel="time after the epoch [s]", ylabel=f"range to {words} [km]")
+    ax.set_title(f"{scenario.scene.name}: thick lines mark access", fontsize=10)
     ax.grid(alpha=0.3)
-    if 0 < len(sensors) <= 24:
+    if 0 < len(chosen) <= 24:
         ax.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, handlelength=3)
     return ax
 
 
-def range_km(scene: Scene, sensor: str, target: str, time_s: F64) -> F64:
-    """Distance from a sensor to a target [km], shape (n,), without light time."""
-    sight_m = scene.position_m(target, time_s) - scene.position_m(sensor, time_s)
-    return np.asarray(np.linalg.norm(sight_m, axis=1) / 1e3)
+def _draw_range(
+    ax: Axes,
+    sensor: str,
+    distance_km: Callable[[F64], F64],
+    spans: Sequence[tuple[float, float, str]],
+    duration_s: float,
+    style: dict[str, Any],
+) -> None:
+    """Range of one sensor: a thin line for the scene, thick ones for the intervals of access."""
+    time_s = np.linspace(0, duration_s, _N_TIME)
+    ax.plot(time_s, distance_km(time_s), linewidth=0.8, **style)
+    for part, (start_s, end_s, _) in enumerate(spans):
+        span_s = np.linspace(start_s, end_s, _N_TIME)
+        ax.plot(span_s, distance_km(span_s), linewidth=3, label=None if part else sensor, **style)
+    if not spans:
+        ax.plot([], [], linewidth=0.8, label=sensor, **style)
 
 
-def _checked_sensors(scene: Scene, names: Sequence[str]) -> list[str]:
-    for name in names:
-        if name not in scene.sensor_names:
-            raise InputError("must be sensors of the scene", "sensors", name)
-    return list(names)
+def _farthest_km(table: Table) -> list[float]:
+    """Largest ranges that the rules of a table of access allow, each once."""
+    rules = table.meta["rules_by_kind"].values()
+    return sorted({rules_of_kind["max_range_km"] for rules_of_kind in rules if "max_range_km" in rules_of_kind})
+
+
+def range_km(
+    scenario: Scenario, sensor: str, counted: Sequence[tuple[float, Sequence[int]]], time_s: F64
+) -> F64:
+    """Return the distance from a sensor to the nearest target that exists [km], (n,), without light time.
+
+    Args:
+        scenario: The scenario.
+        sensor: Name of the sensor.
+        counted: Indices of the targets, from when on [s after the epoch].
+        time_s: Times after the epoch [s], shape (n,).
+
+    Returns:
+        Distances; NaN where there is no target, and where the first time lies at which others are there than before, so
+        that lines break between them.
+    """
+    sensor_m = scenario.position_m(sensor, time_s)
+    nearest_m, changes = np.full(time_s.shape, np.inf), np.zeros(time_s.shape, dtype=bool)
+    ends_s = [start_s for start_s, _ in counted[1:]] + [np.inf]
+    for (start_s, targets), end_s in zip(counted, ends_s, strict=True):
+        for target in targets:
+            there = scenario.tracks.exist(target, time_s) & (time_s >= start_s) & (time_s < end_s)
+            line_m = scenario.tracks.target_state(target, time_s)[0] - sensor_m
+            nearest_m = np.where(there, np.minimum(nearest_m, np.linalg.norm(line_m, axis=1)), nearest_m)
+            changes[1:] |= there[1:] != there[:-1]
+    return np.where(np.isfinite(nearest_m) & ~changes, nearest_m / 1e3, np.nan)

@@ -1,4 +1,4 @@
-"""What all pictures share: new axes, colours, files, and labels that keep clear of one another."""
+"""Common parts of all figures: axes, colours, files, texts, and labels that keep clear of one another."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
 from warpsim.files import whole_file
-from warpsim.instant import years_ahead
+from warpsim.instant import Instant, instant_after
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,9 +30,14 @@ SERIES = (BLUE, ORANGE, GREEN, PURPLE, SKY_BLUE, VERMILION, "0.3")
 """Colours of series, in this order; the fourth and later need more than colour to be told apart in print."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "p")
 
+MOST_LABELS = 40
+"""More names than these are not written into a figure."""
+N_PATH = 361
+"""Points of a drawn path."""
+
 
 def need_matplotlib(where: str) -> None:
-    """Say in one line what is missing, before a picture is begun.
+    """Check that matplotlib is installed, before a figure is begun.
 
     Raises:
         InputError: matplotlib is not installed.
@@ -42,7 +47,7 @@ def need_matplotlib(where: str) -> None:
 
 
 def new_axes(width: float, height: float) -> Axes:
-    """Axes of a new pyplot figure [inch]."""
+    """Return the axes of a new pyplot figure [inch]."""
     need_matplotlib("plot")
     from matplotlib import pyplot as plt
 
@@ -53,7 +58,7 @@ def new_axes(width: float, height: float) -> Axes:
 def save_figure(figure: Any, path: Path) -> None:
     """Write a figure, whole or not at all; the suffix says the format.
 
-    The picture is as large as what is drawn, and so holds titles and legends for which the layout found no room (it
+    The image is as large as what is drawn, and so holds titles and legends for which the layout found no room (it
     does not foresee axes that keep their proportions).
     """
     with whole_file(path) as partial:
@@ -78,13 +83,13 @@ def place_labels(ax: Axes, xy: ArrayLike, texts: Sequence[str], size: float = 8.
     halo = [withStroke(linewidth=2, foreground="white", alpha=0.8)]
     ax.apply_aspect()
     per_px = 72 / ax.get_figure(root=True).dpi  # type: ignore[union-attr]
-    places = ax.transData.transform(points) * per_px
+    anchors = ax.transData.transform(points) * per_px
     frame = np.asarray(ax.bbox.extents, np.float64) * per_px
     boxes: list[tuple[float, float, float, float]] = []
     written = []
-    for place, point, text in zip(places, points, texts, strict=True):
-        options = [_label_box(place, text, size, dx, dy) for dx, dy in _SIDES]
-        costs = [_covered(box, boxes, places, frame) + 0.01 * number for number, (box, _) in enumerate(options)]
+    for anchor, point, text in zip(anchors, points, texts, strict=True):
+        options = [_label_box(anchor, text, size, dx, dy) for dx, dy in _SIDES]
+        costs = [_covered(box, boxes, anchors, frame) + 0.01 * number for number, (box, _) in enumerate(options)]
         box, offset = options[int(np.argmin(costs))]
         boxes.append(box)
         is_far = abs(offset[1]) > 1.8 * size  # a name that had to move away is joined to its point
@@ -106,19 +111,19 @@ _SIDES = (
 
 
 def _label_box(
-    place: F64, text: str, size: float, dx: float, dy: float
+    anchor: F64, text: str, size: float, dx: float, dy: float
 ) -> tuple[tuple[float, float, float, float], tuple[float, float]]:
     """Left, bottom, right and top of a text on one side of a point, and the offset of its middle [pt]."""
     half_width, half_height = 0.29 * size * len(text), 0.55 * size
     offset = dx * (half_width + 7), dy * (half_height + 5)
-    x, y = place[0] + offset[0], place[1] + offset[1]
+    x, y = anchor[0] + offset[0], anchor[1] + offset[1]
     return (x - half_width, y - half_height, x + half_width, y + half_height), offset
 
 
 def _covered(
     box: tuple[float, float, float, float], boxes: list[tuple[float, float, float, float]], points: F64, frame: F64
 ) -> float:
-    """How much of other texts and points a box covers [pt2]; a point counts 40, an end outside the axes 1000."""
+    """Area of other texts and points that a box covers [pt2]; a point counts 40, an end outside the axes 1000."""
     left, bottom, right, top = box
     margin = 3.0  # half a mark
     along, high = points.T
@@ -131,21 +136,34 @@ def _covered(
     return float(cost)
 
 
-def pair(place: ArrayLike) -> tuple[float, float]:
-    """Two numbers as matplotlib's types want them."""
-    x, y = np.asarray(place, np.float64)
+def pair(values: ArrayLike) -> tuple[float, float]:
+    """Return two numbers as matplotlib's types want them."""
+    x, y = np.asarray(values, np.float64)
     return float(x), float(y)
 
 
 def plain(value: float, n_digit: int = 6) -> str:
-    """A number with so many digits that count, without an exponent and without zeros at its end: 10800, 0.1667."""
+    """Format a number to so many significant digits, without exponent and trailing zeros: 10800, 0.1667."""
     return np.format_float_positional(value, n_digit, unique=False, fractional=False, trim="-")
 
 
-def utc_text(scene: Any, time_s: float) -> str:
-    """An instant of a scene in words: 807.0 s (2025-01-01T14:13:27.000 UTC)."""
-    from astropy import units as u
+def utc_text(epoch: Instant, time_s: float) -> str:
+    """Format an instant: 807.0 s (2025-01-01T14:13:27.000 UTC)."""
+    return f"{time_s:.1f} s ({instant_after(epoch, time_s).isot} UTC)"
 
-    with years_ahead():
-        instant = (scene.epoch.tai + time_s * u.s).utc
-        return f"{time_s:.1f} s ({instant.isot} UTC)"
+
+def checked_time_s(time_s: float, duration_s: float) -> float:
+    """Return an instant of a scene [s after the epoch].
+
+    Args:
+        time_s: The instant.
+        duration_s: Length of the scene [s].
+
+    Raises:
+        InputError: It is no number, or outside the scene.
+    """
+    if isinstance(time_s, bool) or not isinstance(time_s, int | float | np.number):
+        raise InputError("must be a number", "time_s", time_s)
+    if not 0 <= time_s <= duration_s:
+        raise InputError(f"must be in the scene, 0 to {duration_s:g} s", "time_s", time_s, "g")
+    return float(time_s)

@@ -1,4 +1,4 @@
-"""The Earth seen from far away: places in space on a plane, and what of them the Earth hides.
+"""The Earth seen from far away: positions in space on a plane, and what of them the Earth hides.
 
 matplotlib's own axes in three dimensions have no depth test. Here everything is projected straight onto a plane
 (orthographically), and lines are cut where they pass behind the limb of the WGS84 ellipsoid.
@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.directions import normalised
 from warpsim.errors import InputError
+from warpsim.instant import Instant
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, geodetic_to_gcrs_m
 
 if TYPE_CHECKING:
-    from astropy.time import Time
     from matplotlib.axes import Axes
 
 F64 = NDArray[np.float64]
@@ -38,21 +38,21 @@ class Globe:
     towards: F64
     """Unit vector from the Earth to the viewer, GCRS axes, shape (3,)."""
     up: F64
-    """Unit vector that is upwards in the picture, perpendicular to towards, shape (3,)."""
+    """Unit vector that is upwards in the drawn plane, perpendicular to towards, shape (3,)."""
     pole: F64
     """Axis of the ellipsoid, unit, shape (3,)."""
 
     @property
     def right(self) -> F64:
-        """Unit vector to the right in the picture, shape (3,)."""
+        """Unit vector to the right in the drawn plane, shape (3,)."""
         return np.asarray(np.cross(self.up, self.towards))
 
     def project(self, position_m: ArrayLike) -> F64:
-        """Places on the picture [1000 km], shape (..., 2), of positions [m], shape (..., 3)."""
+        """Return points of the drawn plane [1000 km], shape (..., 2), of positions [m], shape (..., 3)."""
         return np.asarray(np.asarray(position_m, np.float64) @ np.stack([self.right, self.up], axis=1) / SCALE_M)
 
     def is_hidden(self, position_m: ArrayLike, on_surface: bool = False) -> NDArray[np.bool_]:
-        """Whether the Earth hides positions [m] of shape (..., 3); those on its surface are told by their side."""
+        """Return whether the Earth hides positions [m] of shape (..., 3); on its surface their side decides."""
         point, ahead = self._stretched(position_m), normalised(self._stretched(self.towards))
         along = point @ ahead
         if on_surface:
@@ -61,7 +61,7 @@ class Globe:
         return np.asarray((along < 0) & (across2 < EARTH_EQUATORIAL_RADIUS_M**2))
 
     def visible_line(self, path_m: F64, on_surface: bool = False) -> F64:
-        """The seen parts of a path on the picture [1000 km], shape (m, 2); NaN between them.
+        """Return the visible parts of a path on the drawn plane [1000 km], shape (m, 2); NaN between them.
 
         Args:
             path_m: Points of the path [m], shape (n, 3); straight between them.
@@ -82,7 +82,7 @@ class Globe:
         return np.asarray(np.insert(drawn, change + 1, limb, axis=0))
 
     def limb(self, n: int = 361) -> F64:
-        """Outline of the Earth on the picture [1000 km], shape (n, 2)."""
+        """Return the limb of the Earth on the drawn plane [1000 km], shape (n, 2)."""
         ahead = normalised(self._stretched(self.towards))
         first = normalised(np.cross(ahead, np.eye(3)[np.argmin(np.abs(ahead))]))
         turn = np.linspace(0, 2 * np.pi, n)[:, None]
@@ -90,7 +90,7 @@ class Globe:
         return self.project(circle + (circle @ self.pole)[:, None] * self.pole * (1 / _STRETCH - 1))
 
     def normals(self, xy: F64) -> F64:
-        """Unit normals of the surface seen at places of the picture [1000 km], shape (..., 2); NaN beside the disc."""
+        """Return unit normals of the surface at points of the drawn plane [1000 km], (..., 2); NaN beside the disc."""
         origin = SCALE_M * (xy[..., :1] * self.right + xy[..., 1:] * self.up)
         point, ahead = self._stretched(origin), self._stretched(self.towards)
         a, b = ahead @ ahead, point @ ahead
@@ -106,7 +106,7 @@ class Globe:
 
 
 def globe_from(ra_deg: float, dec_deg: float, pole: F64) -> Globe:
-    """The Earth seen from a direction, with its pole upwards.
+    """Return the Earth seen from a direction, with its pole upwards.
 
     Raises:
         InputError: The declination is outside -90 to 90 or a number is not finite.
@@ -122,21 +122,21 @@ def globe_from(ra_deg: float, dec_deg: float, pole: F64) -> Globe:
     return Globe(towards, normalised(up), pole)
 
 
-def draw_earth(ax: Axes, globe: Globe, sun_m: F64, epoch: Time, time_s: float) -> None:
+def draw_earth(ax: Axes, globe: Globe, sun_m: F64, epoch: Instant, time_s: float) -> None:
     """Draw the Earth at an instant: day and night side, meridians and parallels every 30 degrees, the limb."""
     from matplotlib.patches import Polygon
 
     limb = globe.limb()
     half = 1.01 * np.abs(limb).max(axis=0)
     x, y = (np.linspace(-extent, extent, _N_SHADE) for extent in half)
-    places = np.stack(np.meshgrid(x, y), axis=-1)
-    # Places beside the disc take the colour of its edge, so that none shines through where it is cut out.
-    beyond = np.linalg.norm(places, axis=-1, keepdims=True) / (0.999 * EARTH_POLAR_RADIUS_M / SCALE_M)
-    places /= np.maximum(1, beyond)
-    sunlight = globe.normals(places) @ normalised(sun_m)
+    points = np.stack(np.meshgrid(x, y), axis=-1)
+    # Points beside the disc take the colour of its edge, so that none shines through where it is cut out.
+    beyond = np.linalg.norm(points, axis=-1, keepdims=True) / (0.999 * EARTH_POLAR_RADIUS_M / SCALE_M)
+    points /= np.maximum(1, beyond)
+    sunlight = globe.normals(points) @ normalised(sun_m)
     # A smooth step some 12 degrees wide about the terminator, where the Sun is low or twilight.
-    share = np.clip(0.5 + 0.5 * sunlight / 0.1, 0, 1)[..., None]
-    colours, extent = share * _DAY + (1 - share) * _NIGHT, (-half[0], half[0], -half[1], half[1])
+    day = np.clip(0.5 + 0.5 * sunlight / 0.1, 0, 1)[..., None]
+    colours, extent = day * _DAY + (1 - day) * _NIGHT, (-half[0], half[0], -half[1], half[1])
     image = ax.imshow(colours, origin="lower", extent=extent, interpolation="bilinear", zorder=0.5)
     image.set_clip_path(Polygon(limb, closed=True, transform=ax.transData))
     for lon_deg, lat_deg in _graticule():
@@ -146,7 +146,7 @@ def draw_earth(ax: Axes, globe: Globe, sun_m: F64, epoch: Time, time_s: float) -
 
 
 def _graticule() -> list[tuple[F64, F64]]:
-    """Longitudes and latitudes of meridians and parallels [deg]."""
+    """Return longitudes and latitudes of meridians and parallels [deg]."""
     along, up = np.linspace(-180, 180, 181), np.linspace(-90, 90, 91)
     parallels = [(along, np.full_like(along, latitude)) for latitude in range(-60, 61, 30)]
     return parallels + [(np.full_like(up, longitude), up) for longitude in range(-180, 180, 30)]

@@ -1,4 +1,4 @@
-"""An image with the labels of its targets: boxes, centres, paths and the outlines of their masks."""
+"""Figure of an image with the labels of its targets: boxes, centres, paths and the edges of their masks."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def plot_labels(
 ) -> Axes:
     """Draw an image with the labels of its visible targets.
 
-    Boxes are rectangles, masks the dotted outlines of their pixels, centres crosses (slanted where the target's own
+    Boxes are rectangles, masks the dotted edges of their pixels, centres crosses (slanted where the target's own
     pixel gets less than least_nei), and movement during the exposure a line. Axes are in pixels whose centres lie on
     whole numbers, row 0 on top; set their limits to look closer.
 
@@ -49,28 +49,28 @@ def plot_labels(
     """
     frames.image_numbers("plot_labels", frame, sensor, band)
     ax = ax or new_axes(7.2, 7.4)
-    scene, place = frames.scene, frames.frames.index(frame)
-    camera, levels = scene.camera, scene.levels[band]
-    counts = frames.counts.numpy()[place, frames.sensors.index(sensor), frames.bands.index(band)]
+    scenario, instrument, row = frames.scenario, frames.instrument, frames.frames.index(frame)
+    camera, levels = instrument.sensor.camera, instrument.levels[band]
+    counts = frames.counts.numpy()[row, frames.sensors.index(sensor), frames.bands.index(band)]
     level = (counts.astype(np.float32) - levels.blank_counts) / levels.counts_per_nei
     shade = np.arcsinh(np.maximum(level, 0) / SOFTENING_NEI) / np.arcsinh(WHITE_NEI / SOFTENING_NEI)
     ax.imshow(shade, cmap="gray", vmin=0, vmax=1, origin="upper", interpolation="nearest", aspect=camera.pixel_aspect)
-    one = frames.one_frame(place)
+    one = frames.one_frame(row)
     rows = label_table(one, least_nei, with_masks=True)
-    paths = dict(zip(scene.target_names, paths_px(one, frames.sensors.index(sensor)), strict=True))
+    paths = dict(zip(scenario.target_names, paths_px(one, frames.sensors.index(sensor)), strict=True))
     rows = rows[(rows["sensor"] == sensor) & (rows["band"] == band) & rows["visible"]]
-    kinds = list(dict.fromkeys(spec.name for spec in scene.target_specs))
-    for number, kind in enumerate(kinds):
-        of_kind = rows[rows["category"] == kind]
-        if len(of_kind):
+    classes = list(dict.fromkeys(target.spec.class_name for target in scenario.targets))
+    for number, name in enumerate(classes):
+        of_class = rows[rows["class"] == name]
+        if len(of_class):
             colour = _ON_BLACK[number % len(_ON_BLACK)]
-            _draw_kind(ax, of_kind, paths, colour, (camera.n_row, camera.n_col))
-            ax.plot([], [], "s", markerfacecolor="none", color=colour, label=f"{kind} ({len(of_kind)})")
+            _draw_class(ax, of_class, paths, colour, (camera.n_row, camera.n_col))
+            ax.plot([], [], "s", markerfacecolor="none", color=colour, label=f"{name} ({len(of_class)})")
     right, bottom = camera.n_col - 0.5, camera.n_row - 0.5
     ax.set(xlim=(-0.5, right), ylim=(bottom, -0.5), xlabel="column [px]", ylabel="row [px]")
-    time_s = float(scene.frame_time_s([frame])[0])
+    time_s = float(one.time_s[0])
     ax.set_title(
-        f"{scene.name}: {sensor}, band {band}, frame {frame} at {plain(time_s)} s\n"
+        f"{frames.scene.name}: {sensor}, band {band}, frame {frame} at {plain(time_s)} s\n"
         f"masks: at least {plain(least_nei, 3)} NEI of the target's own light; white: {WHITE_NEI:g} NEI",
         fontsize=10,
     )
@@ -79,7 +79,7 @@ def plot_labels(
     return ax
 
 
-def _draw_kind(ax: Axes, rows: Table, paths: dict[str, F64], colour: str, shape: tuple[int, int]) -> None:
+def _draw_class(ax: Axes, rows: Table, paths: dict[str, F64], colour: str, shape: tuple[int, int]) -> None:
     from matplotlib.collections import LineCollection
     from matplotlib.patches import Rectangle
 
@@ -96,7 +96,7 @@ def _draw_kind(ax: Axes, rows: Table, paths: dict[str, F64], colour: str, shape:
 
 
 def mask_edges(mask: npt.NDArray[np.bool_]) -> F64:
-    """Edges between pixels inside and outside, as pairs of points (x, y), shape (n, 2, 2)."""
+    """Return the edges between pixels inside and outside, as pairs of points (x, y), shape (n, 2, 2)."""
     padded = np.pad(mask, 1)
     row, column = np.nonzero(padded[:, 1:] != padded[:, :-1])
     upright = np.stack([column - 0.5, row - 1.5, column - 0.5, row - 0.5], axis=1)

@@ -1,23 +1,33 @@
-"""What a sensor's camera sees, as geometry: targets, stars, the Earth's limb, which way is up and north.
+"""Figure of what a sensor's camera sees, as geometry: targets, stars, the Earth's limb, zenith and north.
 
-The places are those of the renderer itself, so the picture agrees with the rendered frame.
+Positions are those of the renderer itself, so the figure agrees with the rendered frame.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
-from warpsim.errors import InputError
-from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M
-from warpsim.plot.figure import BLUE, GREEN, GREY, INK, PURPLE, SKY_BLUE, new_axes, pair, place_labels, plain
-from warpsim.plot.scenario import MOST_LABELS, checked_time_s, kind_style, kinds_of_targets
-from warpsim.scene.scene import Scene
-from warpsim.sky.apparent import apparent_direction
+from warpsim.plot.camera_view import CameraView, camera_view, earth_clearance, sensor_index
+from warpsim.plot.drawn_targets import TargetKind, counted_targets, target_kinds
+from warpsim.plot.figure import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    MOST_LABELS,
+    PURPLE,
+    SKY_BLUE,
+    new_axes,
+    pair,
+    place_labels,
+    plain,
+)
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene, scenario_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,83 +37,21 @@ if TYPE_CHECKING:
 F64 = NDArray[np.float64]
 
 VIEW_INCH = (7.4, 7.9)
-"""Of a figure for `plot_satellite_view`: room for a legend of three rows below a square."""
+"""Size of a figure for `plot_satellite_view`: room for a legend of three rows below a square."""
 
 _WORD_PT = 8.0  # letters of the compass
-_N_GRID = 129  # places across the field at which the Earth is looked for
+_N_GRID = 129  # points across the field at which the Earth is looked for
 _INSET_BELOW = 0.2  # of the field: a smaller group is drawn a second time, enlarged
 
 
-@dataclass(frozen=True)
-class CameraView:
-    """Geometry of one view, from a rendered frame."""
-
-    axes_icrs: F64
-    """Camera axes as rows x, y, z, shape (3, 3)."""
-    position_m: F64
-    """Geocentric position of the sensor, shape (3,)."""
-    velocity_m_s: F64
-    """Its geocentric velocity, shape (3,)."""
-    target_xy_px: F64
-    """Places of the targets, NaN behind the camera, shape (n_target, 2)."""
-    occulted: NDArray[np.bool_]
-    """Whether the Earth hides them, shape (n_target,)."""
-    stowed: NDArray[np.bool_]
-    """Whether they have not left their main target yet, and so give no light, shape (n_target,)."""
-    star_xy_px: F64
-    """Places of the stars whose light reaches the frame, shape (n_star, 2)."""
-    star_snr: F64
-    """Their irradiance over NEI in the scene's first band, shape (n_star,)."""
-
-
-def camera_view(scene: Scene, sensor: str, time_s: float, renderer: Renderer | None = None) -> CameraView:
-    """Render one view and take its geometry.
-
-    Args:
-        scene: The scene.
-        sensor: Name of the sensor.
-        time_s: The instant [s after the epoch]; need not be a frame's.
-        renderer: Of this scene, to use its catalog and kernels again.
-
-    Raises:
-        InputError: No such sensor, or the instant is outside the scene.
-    """
-    from warpsim.render.renderer import Renderer
-
-    time = checked_time_s(scene, time_s)
-    if sensor not in scene.sensor_names:
-        raise InputError("must be a sensor of the scene", "sensor", sensor)
-    number = round((time - scene.frames.start_s) / scene.frames.interval_s)
-    if not 0 <= number < 2**32 or scene.frame_time_s([number])[0] != time:
-        # No frame is at this instant: one scene more, with its only frame there.
-        number = 0
-        frames = {"count": 1, "interval_s": scene.frames.interval_s, "start_s": time}
-        given = {"device": renderer.device, "catalog": renderer.catalog} if renderer else {}
-        renderer = Renderer(scene.replace(frames=frames), **given)
-    elif renderer is None:
-        renderer = Renderer(scene)
-    shown = renderer.render([number], [sensor], [scene.bands[0]], keep_stars=True)
-    truth, stars = shown.truth, shown.stars
-    position_m, velocity_m_s = scene.tracks.of(sensor).state(np.array([time]))
-    return CameraView(
-        axes_icrs=shown.axes_icrs[0, 0],
-        position_m=position_m[0],
-        velocity_m_s=velocity_m_s[0],
-        target_xy_px=np.stack([np.asarray(truth["x_px"]), np.asarray(truth["y_px"])], axis=1),
-        occulted=np.asarray(truth["occulted"]),
-        stowed=np.asarray(truth["stowed"]),
-        star_xy_px=np.stack([np.asarray(stars["x_px"]), np.asarray(stars["y_px"])], axis=1),
-        star_snr=np.asarray(stars["snr"])[:, 0],
-    )
-
-
 def plot_satellite_view(
-    scene: Scene, sensor: str, time_s: float, ax: Axes | None = None, renderer: Renderer | None = None
+    scene: Scene | Scenario, sensor: str, time_s: float, ax: Axes | None = None, renderer: Renderer | None = None
 ) -> Axes:
     """Draw what a sensor's camera sees as geometry: targets and stars at their pixels, the Earth, zenith and north.
 
-    Places are apparent, with light time and aberration: those of the rendered frame. A group that is small in the
-    field is drawn a second time, enlarged and with names. Stowed targets are left out: they give no light.
+    Positions are apparent, with light time and aberration: those of the rendered frame. A group that is small in the
+    field is drawn a second time, enlarged and with names. Targets that are not deployed or absent are left out: they
+    give no light.
 
     Args:
         scene: The scene.
@@ -115,30 +63,25 @@ def plot_satellite_view(
     Raises:
         InputError: No such sensor, or the instant is outside the scene.
     """
-    view = camera_view(scene, sensor, time_s, renderer)
+    scenario = scenario_of(scene)
+    view = camera_view(scenario, sensor, time_s, renderer)
+    kinds, camera = target_kinds(scenario), view.camera
     ax = ax or new_axes(*VIEW_INCH)
-    camera = scene.camera
     right, bottom = camera.n_col - 0.5, camera.n_row - 0.5
     ax.set(xlim=(-0.5, right), ylim=(bottom, -0.5), aspect=camera.pixel_aspect, xlabel="column [px]", ylabel="row [px]")
-    _draw_limb(ax, scene, view)
-    inside = _in_frame(scene, view.star_xy_px)
-    if inside.any():
-        size = np.clip(6 + 9 * np.log10(np.maximum(view.star_snr[inside], 0.1)), 3, 60)
-        x, y = view.star_xy_px[inside].T
-        ax.scatter(x, y, s=size, marker="o", facecolors="none", edgecolors=GREY, linewidths=0.9,
-                   label=f"stars ({np.count_nonzero(inside)}), by brightness", zorder=2)  # fmt: skip
-    _draw_targets(ax, scene, view, with_labels=True)
-    _draw_compass(ax, scene, view)
-    in_field = view.target_xy_px[_shown(scene, view)]
+    _draw_limb(ax, view, scenario.tracks.pole_icrs)
+    _draw_stars(ax, view)
+    _draw_targets(ax, view, kinds, with_labels=True)
+    _draw_compass(ax, view)
+    in_field = view.target_xy_px[view.shown]
     extent_px = float((np.ptp(in_field, axis=0) * [1, camera.pixel_aspect]).max()) if len(in_field) > 1 else 0.0
-    if 0 < extent_px < _INSET_BELOW * _short_side_px(scene):
-        _draw_inset(ax, scene, view, in_field, extent_px)
-    else:
-        _name_targets(ax, scene, view)
-    seen = "access" if scene.has_access(sensor, [time_s])[0] else "no access"
-    range_km = np.linalg.norm(scene.position_m(scene.target_names[0], [time_s])[0] - view.position_m) / 1e3
+    detail = ax
+    if 0 < extent_px < _INSET_BELOW * view.short_side_px:
+        detail = _inset(ax, view, in_field, extent_px)
+        _draw_targets(detail, view, kinds, with_labels=False)
+    _name_targets(detail, view, scenario.target_names)
     ax.set_title(
-        f"{scene.name}: {sensor} at {plain(time_s)} s, {range_km:.0f} km from {scene.target_names[0]}, {seen}\n"
+        f"{scenario.scene.name}: {sensor} at {plain(time_s)} s, {_range_words(scenario, sensor, float(time_s))}\n"
         f"field of {camera.field_deg[0]:.3g} deg across",
         fontsize=10,
     )
@@ -146,83 +89,75 @@ def plot_satellite_view(
     return ax
 
 
-def _short_side_px(scene: Scene) -> float:
-    """Shorter side of the array, in widths of a pixel."""
-    return min(scene.camera.n_col, scene.camera.n_row * scene.camera.pixel_aspect)
+def _range_words(scenario: Scenario, sensor: str, time_s: float) -> str:
+    """How far the first target that access counts by is, and whether there is access."""
+    instrument, index = sensor_index(scenario, sensor)
+    at = np.array([time_s])
+    words = "access" if instrument.has_access(index, at)[0] else "no access"
+    there = [
+        target
+        for target in counted_targets(instrument, index, time_s)
+        if scenario.tracks.exist(target, at)[0] and time_s >= scenario.targets[target].release_s
+    ]
+    if not there:
+        return words
+    sight_m = scenario.tracks.target_state(there[0], at)[0] - scenario.position_m(sensor, at)
+    return f"{np.linalg.norm(sight_m) / 1e3:.0f} km from {scenario.target_names[there[0]]}, {words}"
 
 
-def _in_frame(scene: Scene, xy_px: F64) -> NDArray[np.bool_]:
-    edge = np.array([scene.camera.n_col, scene.camera.n_row]) - 0.5
-    return np.asarray(((xy_px >= -0.5) & (xy_px < edge)).all(axis=1))  # NaN is not
+def _draw_stars(ax: Axes, view: CameraView) -> None:
+    inside = view.in_frame(view.star_xy_px)
+    if not inside.any():
+        return
+    size = np.clip(6 + 9 * np.log10(np.maximum(view.star_snr[inside], 0.1)), 3, 60)
+    x, y = view.star_xy_px[inside].T
+    ax.scatter(x, y, s=size, marker="o", facecolors="none", edgecolors=GREY, linewidths=0.9,
+               label=f"stars ({np.count_nonzero(inside)}), by brightness", zorder=2)  # fmt: skip
 
 
-def _shown(scene: Scene, view: CameraView) -> NDArray[np.bool_]:
-    """Targets in the frame that can be seen: neither behind the Earth nor stowed, shape (n_target,)."""
-    return ~view.occulted & ~view.stowed & _in_frame(scene, view.target_xy_px)
-
-
-def _draw_targets(ax: Axes, scene: Scene, view: CameraView, with_labels: bool) -> None:
+def _draw_targets(ax: Axes, view: CameraView, kinds: Sequence[TargetKind], with_labels: bool) -> None:
     """Marks of the targets in the frame by kind; those behind the Earth are crosses."""
-    shown, inside = _shown(scene, view), _in_frame(scene, view.target_xy_px)
-    for kind in kinds_of_targets(scene):
-        chosen = np.array(kind.rows)[shown[kind.rows]]
+    shown, inside = view.shown, view.in_frame(view.target_xy_px)
+    for kind in kinds:
+        chosen = np.array(kind.targets)[shown[kind.targets]]
         if len(chosen):
-            part = len(chosen) < len(kind.rows)
-            label = f"{kind.spec.name} ({len(chosen)} of {len(kind.rows)})" if part else kind.label
-            ax.plot(*view.target_xy_px[chosen].T, label=label if with_labels else None, **kind_style(kind))
-    hidden = view.occulted & ~view.stowed & inside
+            part = len(chosen) < len(kind.targets)
+            label = f"{kind.name} ({len(chosen)} of {len(kind.targets)})" if part else kind.label
+            ax.plot(*view.target_xy_px[chosen].T, label=label if with_labels else None, **kind.style)
+    hidden = view.occulted & ~view.not_deployed & ~view.absent & inside
     if hidden.any():
         ax.plot(*view.target_xy_px[hidden].T, "x", color=GREY, markersize=5,
                 label=f"behind the Earth ({np.count_nonzero(hidden)})" if with_labels else None)  # fmt: skip
-    if with_labels and view.stowed.any():
-        ax.plot([], [], " ", label=f"stowed, dark, not drawn ({np.count_nonzero(view.stowed)})")
+    for words, left_out in (("not deployed", view.not_deployed & ~view.absent), ("absent", view.absent)):
+        if with_labels and left_out.any():
+            ax.plot([], [], " ", label=f"{words}, not drawn ({np.count_nonzero(left_out)})")
 
 
-def _name_targets(ax: Axes, scene: Scene, view: CameraView) -> None:
-    shown = np.flatnonzero(_shown(scene, view))
+def _name_targets(ax: Axes, view: CameraView, names: Sequence[str]) -> None:
+    shown = np.flatnonzero(view.shown)
     if len(shown) <= MOST_LABELS:
-        names = [scene.target_names[number] for number in shown]
-        place_labels(ax, view.target_xy_px[shown], names, size=6.2, color=INK, zorder=2.5)
+        texts = [names[int(number)] for number in shown]
+        place_labels(ax, view.target_xy_px[shown], texts, size=6.2, color=INK, zorder=2.5)
 
 
-def _draw_inset(ax: Axes, scene: Scene, view: CameraView, in_field: F64, extent_px: float) -> None:
-    """The group enlarged, in the corner that it leaves free; extent_px counts in widths of a pixel."""
+def _inset(ax: Axes, view: CameraView, in_field: F64, extent_px: float) -> Any:
+    """Axes that enlarge the group, in the corner that it leaves free; extent_px counts in widths of a pixel."""
     middle = in_field.min(axis=0) / 2 + in_field.max(axis=0) / 2
-    aspect = scene.camera.pixel_aspect
+    aspect = view.camera.pixel_aspect
     low, high = (middle + sign * 0.66 * extent_px / np.array([1.0, aspect]) for sign in (-1, 1))
-    corner_y = 0.05 if middle[1] < (scene.camera.n_row - 1) / 2 else 0.58
+    corner_y = 0.05 if middle[1] < (view.camera.n_row - 1) / 2 else 0.58
     inset: Any = ax.inset_axes((0.58, corner_y, 0.4, 0.4))
     inset.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]), aspect=aspect)
     inset.tick_params(labelsize=7)
-    _draw_targets(inset, scene, view, with_labels=False)
-    _name_targets(inset, scene, view)
     ax.indicate_inset_zoom(inset, edgecolor=INK, alpha=0.6)
+    return inset
 
 
-def earth_clearance(scene: Scene, view: CameraView, xy_px: F64) -> F64:
-    """How far rays through places of the image pass the Earth: below 0 where they meet it, shape (...).
-
-    In axes stretched along the pole, where the ellipsoid is a sphere: the ray's smallest distance from the centre over
-    the radius, minus one. The apparent directions are taken back through the aberration.
-    """
-    seen = scene.camera.direction(xy_px.reshape(-1, 2), view.axes_icrs)
-    # The Earth comes along: only the motion about it shifts its limb.
-    ray = apparent_direction(seen, -view.velocity_m_s).reshape(*xy_px.shape[:-1], 3)
-    stretch = EARTH_EQUATORIAL_RADIUS_M / EARTH_POLAR_RADIUS_M - 1
-    pole = scene.tracks.pole_icrs
-    start = view.position_m + (view.position_m @ pole) * stretch * pole
-    ray = ray + (ray @ pole)[..., None] * stretch * pole
-    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
-    along = ray @ start
-    nearest = np.linalg.norm(start - np.minimum(along, 0)[..., None] * ray, axis=-1)
-    return np.asarray(nearest / EARTH_EQUATORIAL_RADIUS_M - 1)
-
-
-def _draw_limb(ax: Axes, scene: Scene, view: CameraView) -> None:
+def _draw_limb(ax: Axes, view: CameraView, pole: F64) -> None:
     """The Earth's disc and its limb, where they are in the field."""
-    n_row, n_col = scene.camera.n_row, scene.camera.n_col
+    n_row, n_col = view.camera.n_row, view.camera.n_col
     x, y = np.linspace(-0.5, n_col - 0.5, _N_GRID), np.linspace(-0.5, n_row - 0.5, _N_GRID)
-    clearance = earth_clearance(scene, view, np.stack(np.meshgrid(x, y), axis=-1))
+    clearance = earth_clearance(view, pole, np.stack(np.meshgrid(x, y), axis=-1))
     if clearance.min() >= 0:
         return
     ax.contourf(x, y, clearance, levels=[-1.0, 0.0], colors=[SKY_BLUE], alpha=0.35, zorder=0.5)
@@ -231,11 +166,11 @@ def _draw_limb(ax: Axes, scene: Scene, view: CameraView) -> None:
     ax.plot([], [], "s", color=SKY_BLUE, alpha=0.35, markeredgecolor=BLUE, markersize=9, label="Earth")
 
 
-def _draw_compass(ax: Axes, scene: Scene, view: CameraView) -> None:
+def _draw_compass(ax: Axes, view: CameraView) -> None:
     """Arrows to the sensor's zenith and to celestial north, from a corner."""
-    n, per_width = _short_side_px(scene), np.array([1.0, 1.0 / scene.camera.pixel_aspect])  # pixels in a pixel's width
+    n, per_width = view.short_side_px, np.array([1.0, 1.0 / view.camera.pixel_aspect])  # pixels in a pixel's width
     ax.apply_aspect()
-    pt_px = scene.camera.n_col * ax.get_figure(root=True).dpi / 72 / ax.bbox.width  # type: ignore[union-attr]
+    pt_px = view.camera.n_col * ax.get_figure(root=True).dpi / 72 / ax.bbox.width  # type: ignore[union-attr]
     # A word to the left or above keeps inside the frame: half its width or height, and some room.
     corner = (0.125 * n + np.array([2.4, 1.2]) * _WORD_PT * pt_px) * per_width - 0.5
     zenith, north = (
@@ -250,7 +185,7 @@ def _draw_compass(ax: Axes, scene: Scene, view: CameraView) -> None:
         length = float(np.linalg.norm(across))
         if length < 1e-6:
             continue  # along the boresight
-        tip, place = (corner + share * n * across / length * per_width for share in (0.09, word_at))
+        tip, text_at = (corner + part * n * across / length * per_width for part in (0.09, word_at))
         arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.6}
         ax.annotate("", pair(tip), pair(corner), arrowprops=arrow, zorder=4)
-        ax.text(*pair(place), word, color=colour, fontsize=_WORD_PT, ha="center", va="center", zorder=4)
+        ax.text(*pair(text_at), word, color=colour, fontsize=_WORD_PT, ha="center", va="center", zorder=4)
