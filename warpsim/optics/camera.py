@@ -162,9 +162,7 @@ class Camera:
         margin_deg: F64 = np.degrees(np.arcsin(np.clip(np.minimum(*sines), -1.0, 1.0)))
         return margin_deg
 
-    def project(
-        self, direction_icrs: npt.ArrayLike, axes_icrs: npt.ArrayLike
-    ) -> tuple[F64, npt.NDArray[np.bool_]]:
+    def project(self, direction_icrs: npt.ArrayLike, axes_icrs: npt.ArrayLike) -> tuple[F64, npt.NDArray[np.bool_]]:
         """Pixel coordinates of directions.
 
         Args:

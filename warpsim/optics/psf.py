@@ -125,16 +125,16 @@ class PsfTable:
 
     def __post_init__(self) -> None:
         if np.ndim(self.image) != 2 or np.asarray(self.image).dtype.kind not in "fiub":
-            raise InputError(
-                "must be an array of numbers of two axes", "image", _array_words(self.image)
-            ).of("PsfTable")
+            raise InputError("must be an array of numbers of two axes", "image", _array_words(self.image)).of(
+                "PsfTable"
+            )
         image = np.array(self.image, dtype=np.float64)
         if not 1 <= min(image.shape) <= max(image.shape) <= MAX_IMAGE_SIDE:
             raise InputError(f"sides must be 1 to {MAX_IMAGE_SIDE}", "image", image.shape).of("PsfTable")
         if not np.isfinite(image).all():
-            raise InputError(
-                f"must be finite, got {np.count_nonzero(~np.isfinite(image))} bad values", "image"
-            ).of("PsfTable")
+            raise InputError(f"must be finite, got {np.count_nonzero(~np.isfinite(image))} bad values", "image").of(
+                "PsfTable"
+            )
         image /= np.abs(image).max() or 1.0  # sums of huge or tiny numbers
         if not image.sum() > 0.0:
             raise InputError("must have a positive sum", "image").of("PsfTable")

@@ -225,9 +225,14 @@ class _Path:
         for one, other in pairwise(self.segments):
             end_s, start_s = (_useable_s(s, since_first) for s in (one, other))
             if start_s[0] < end_s[1] - _TOUCH_S:
-                raise InputError(
-                    f"segments must not overlap, this one begins {end_s[1] - start_s[0]:g} s before the one before ends"
-                ).of(self.name).of(f"line {other.line}").of(other.file)
+                raise (
+                    InputError(
+                        f"segments must not overlap, this one begins {end_s[1] - start_s[0]:g} s before the one before ends"
+                    )
+                    .of(self.name)
+                    .of(f"line {other.line}")
+                    .of(other.file)
+                )
         lonely = next((s for s in segments if len(s.instants) < 2 and s.velocity_m_s is None), None)
         if lonely is not None:
             raise self.error("must have two positions or more in a segment without velocities")

@@ -161,9 +161,7 @@ class Scenario:
     def tracks(self) -> Tracks:
         """States of satellites and targets at the nodes of one time grid."""
         scene = self.scene
-        return build_tracks(
-            scene.constellation, scene.groups, self.targets, self.epoch, scene.duration_s, scene.seed
-        )
+        return build_tracks(scene.constellation, scene.groups, self.targets, self.epoch, scene.duration_s, scene.seed)
 
     @cached_property
     def breakpoints_s(self) -> dict[str, list[float]]:

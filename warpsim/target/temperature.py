@@ -179,9 +179,11 @@ def checked_rows(
         (missing,) = np.nonzero(~np.isfinite(values))
         if len(missing):
             row = int(missing[0])
-            raise InputError(
-                "must be finite, a table must have no gap", value=values[row], form="g"
-            ).of(name).of(where(row))
+            raise (
+                InputError("must be finite, a table must have no gap", value=values[row], form="g")
+                .of(name)
+                .of(where(row))
+            )
     (wrong,) = np.nonzero(~((temperature_k > 0) & (temperature_k <= HOTTEST_K)))
     if len(wrong):
         row = int(wrong[0])

@@ -176,9 +176,9 @@ def _check_lengths(lines: Lines, layout: Layout) -> None:
         cut = layout.parts_cut_at(n_byte)
         if cut is not None:
             line = lines.number[int(np.flatnonzero(length == n_byte)[0])]
-            raise InputError(
-                f"column {cut.name} ({cut.bytes}): must be complete, got {n_byte} bytes"
-            ).of(f"line {line}")
+            raise InputError(f"column {cut.name} ({cut.bytes}): must be complete, got {n_byte} bytes").of(
+                f"line {line}"
+            )
     if len(lines) and not lines.ends_with_break:
         # Without a line break the file may have been cut anywhere; other lines may tell how long one is.
         complete = min([layout.length, *length[:-1].tolist()])
