@@ -226,9 +226,9 @@ def cds_file(tmp_path, table=TABLE1, readme="ReadMe"):
 
 def read_parts(file, **options):
     """Read through the survey IRAS would need its columns: here the file's own table is looked at."""
-    from warpsim.sky.readers.files import read_file
+    from warpsim.tables.read import read_table
 
-    return read_file(file, options.get("format"), options.get("readme"), None)
+    return read_table(file, options.get("format"), readme=options.get("readme"))
 
 
 @pytest.mark.parametrize("readme", ["ReadMe", "ReadMe.txt"])

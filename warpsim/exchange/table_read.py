@@ -14,9 +14,10 @@ from warpsim.exchange.frame_names import known_ccsds_frame
 from warpsim.exchange.instants import BadDateError, Instants, parse_dates
 from warpsim.exchange.records import AttitudeSegment, EphemerisSegment, Frame
 from warpsim.exchange.source import Source
-from warpsim.sky.readers.by_astropy import read_ecsv
-from warpsim.sky.readers.delimited import read_delimited
-from warpsim.sky.readers.file_table import FileTable, one_line
+from warpsim.tables.astropy_calls import one_line
+from warpsim.tables.by_astropy import read_ecsv
+from warpsim.tables.delimited import read_delimited
+from warpsim.tables.file_table import FileTable
 
 F64 = NDArray[np.float64]
 

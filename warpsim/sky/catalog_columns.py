@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.space_motion import wrapped_deg
+from warpsim.tables.columns import number_column
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -207,29 +208,6 @@ def table_of(catalog: StarCatalog) -> Table:
     for band in BAND_NAMES:
         table[flag_column(band)] = catalog.flux_flag(band)
     return table
-
-
-def number_column(table: Table, key: str, unit: str) -> Array:
-    """Return a numeric column in a unit, NaN where masked.
-
-    Raises:
-        InputError: It holds no numbers, or is in a unit that does not convert.
-    """
-    column: Any = table[key]
-    if column.ndim != 1 or column.dtype.kind == "c":
-        what = "complex numbers" if column.dtype.kind == "c" else f"shape {column.shape}"
-        raise InputError(f"{key} must hold one real number a row", value=what)
-    try:
-        values = np.array(getattr(column, "unmasked", column), dtype=np.float64)
-        if column.unit is not None and unit:
-            from astropy.units import Unit
-
-            values = values * Unit(column.unit).to(unit)
-    except (TypeError, ValueError):  # UnitConversionError is a TypeError
-        text = f"numbers in {unit}" if unit else "numbers"
-        raise InputError(f"{key} must be {text}, got {column.dtype.name} in {column.unit or 'no unit'}") from None
-    mask = getattr(column, "mask", None)
-    return values if mask is None else np.where(np.asarray(mask), np.nan, values)
 
 
 def checked_epoch(epoch_jyear: Any) -> float:

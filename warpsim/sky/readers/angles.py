@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import J2000_JYEAR
-from warpsim.sky.readers.survey import MISSING, SurveyTable, is_number, plain_name
+from warpsim.tables.cells import MISSING, is_number
+from warpsim.tables.columns import ColumnTable, plain_name
 
 Array = NDArray[np.float64]
 Pair = tuple[str, str]
@@ -29,7 +30,7 @@ PARTS = "parts"
 _NUMBER = re.compile(r"\d+(\.\d*)?|\.\d+")
 
 
-def place_deg(table: SurveyTable, *pairs: Pair, radians: bool = False) -> tuple[Array, Array, str]:
+def place_deg(table: ColumnTable, *pairs: Pair, radians: bool = False) -> tuple[Array, Array, str]:
     """Right ascension and declination of the first pair of columns that the table has.
 
     Args:
@@ -58,7 +59,7 @@ def place_deg(table: SurveyTable, *pairs: Pair, radians: bool = False) -> tuple[
     raise InputError(f"must have the columns of a place ({names}, or RAh, RAm, RAs, DE-, DEd, DEm, DEs)", value=found)
 
 
-def has_parts(table: SurveyTable) -> bool:
+def has_parts(table: ColumnTable) -> bool:
     """Whether the table has places in the parts of the CDS."""
     return bool(table.find("RAh") and table.find("DEd", "decd"))
 
@@ -69,7 +70,7 @@ def epoch_of_place(ra_name: str, survey_epoch_jyear: float) -> float:
     return J2000_JYEAR if computed else survey_epoch_jyear
 
 
-def angle_deg(table: SurveyTable, name: str, *, hours: bool = False, radians: bool = False) -> Array:
+def angle_deg(table: ColumnTable, name: str, *, hours: bool = False, radians: bool = False) -> Array:
     """A column of angles [deg], shape (n,), NaN where missing.
 
     Args:
@@ -145,7 +146,7 @@ def _angle(text: str, hours: bool) -> float | None:
     return sign * angle * (15.0 if in_hours else 1.0)
 
 
-def _parts_deg(table: SurveyTable) -> tuple[Array, Array]:
+def _parts_deg(table: ColumnTable) -> tuple[Array, Array]:
     """Right ascension and declination [deg] of the columns that the CDS splits places into, shape (n,) each.
 
     The names say the units, so stated ones are ignored: FITS has no name for tenths of a second.
@@ -160,7 +161,7 @@ def _parts_deg(table: SurveyTable) -> tuple[Array, Array]:
     return 15.0 * ra_hours, np.where(south, -dec, dec)
 
 
-def _part(table: SurveyTable, largest: float, *names: str) -> Array:
+def _part(table: ColumnTable, largest: float, *names: str) -> Array:
     """A column of parts, shape (n,): zeros where the table has none (then the part before it has decimals)."""
     name = table.find(*names)
     if name is None:

@@ -12,9 +12,9 @@ from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.catalog_columns import BAND_NAMES, J2000_JYEAR, NUMBER_UNITS, flag_column, flux_column
 from warpsim.sky.readers.angles import angle_deg, has_parts, place_deg
-from warpsim.sky.readers.file_table import FileTable
 from warpsim.sky.readers.photometry import real_magnitudes
-from warpsim.sky.readers.survey import plain_name
+from warpsim.tables.columns import plain_name
+from warpsim.tables.file_table import FileTable
 
 _ANGLES = ("ra_deg", "dec_deg")
 

@@ -22,7 +22,8 @@ from warpsim.sky.readers.photometry import (
     positive,
     star_names,
 )
-from warpsim.sky.readers.survey import Survey, SurveyStars, SurveyTable
+from warpsim.sky.readers.survey import Survey, SurveyStars
+from warpsim.tables.columns import ColumnTable
 
 Array = NDArray[np.float64]
 
@@ -52,7 +53,7 @@ _B1950_PLACES: tuple[Pair, ...] = (
 )
 
 
-def _convert(table: SurveyTable) -> SurveyStars:
+def _convert(table: ColumnTable) -> SurveyStars:
     ra_deg, dec_deg, ra_name = place_deg(table, *_J2000_PLACES, *_B1950_PLACES)
     notes: list[str] = []
     if ra_name == PARTS or any(table.find(ra) == ra_name for ra, _ in _B1950_PLACES):

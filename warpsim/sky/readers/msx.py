@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_PREDICTED
 from warpsim.sky.readers.angles import Pair, place_deg
-from warpsim.sky.readers.survey import Survey, SurveyStars, SurveyTable, plain_name
+from warpsim.sky.readers.survey import Survey, SurveyStars
+from warpsim.tables.columns import ColumnTable, plain_name
 
 Array = NDArray[np.float64]
 
@@ -25,7 +26,7 @@ _PSC_EPOCH_JYEAR = 1996.6
 _PSC_PLACES: tuple[Pair, ...] = (("RAJ2000", "DEJ2000"), ("RAdeg", "DEdeg"), ("ra", "dec"))
 
 
-def _convert_irac(table: SurveyTable) -> SurveyStars:
+def _convert_irac(table: ColumnTable) -> SurveyStars:
     ra_deg, dec_deg, _ = place_deg(table)
     # Per century, and in right ascension the rate of the angle itself, in seconds of time.
     pm_ra = _rate(table, "pmRA", "0.01 s / yr") / _CENTURY_YR * _MAS_PER_TIME_S * np.cos(np.radians(dec_deg))
@@ -44,7 +45,7 @@ def _convert_irac(table: SurveyTable) -> SurveyStars:
     )
 
 
-def _convert_psc(table: SurveyTable) -> SurveyStars:
+def _convert_psc(table: ColumnTable) -> SurveyStars:
     ra_deg, dec_deg, _ = place_deg(table, *_PSC_PLACES)
     flux_jy, limit_jy, best = {}, {}, np.zeros(len(table))
     for band in BAND_NAMES:
@@ -72,7 +73,7 @@ def _convert_psc(table: SurveyTable) -> SurveyStars:
     )
 
 
-def _rate(table: SurveyTable, name: str, unit: str) -> Array:
+def _rate(table: ColumnTable, name: str, unit: str) -> Array:
     """A proper motion in the catalog's own unit, per century; NaN where there is none.
 
     Archives spell that unit in ways astropy does not know: such a spelling is taken for it.

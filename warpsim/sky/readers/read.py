@@ -14,10 +14,11 @@ from warpsim.errors import InputError
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.catalog_columns import J2000_JYEAR, flag_column, warn_left_out
 from warpsim.sky.readers import akari, allwise, gaia, hipparcos, iras, msx, twomass
-from warpsim.sky.readers.file_table import FileTable
-from warpsim.sky.readers.files import read_file
 from warpsim.sky.readers.generic import arrays_of_columns, check_columns, is_own, own_columns
+from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
 from warpsim.sky.readers.survey import Survey, SurveyStars
+from warpsim.tables.file_table import FileTable
+from warpsim.tables.read import read_table
 
 SURVEYS: Mapping[str, Survey] = {
     survey.name: survey for module in (msx, iras, akari, allwise, hipparcos, gaia, twomass) for survey in module.SURVEYS
@@ -64,8 +65,14 @@ def read_catalog(
     try:
         if survey is not None and columns is not None:
             raise InputError(f"must be left out where format names a survey, got format {format!r}", "columns")
-        readme_path = None if readme is None else Path(readme)
-        table = read_file(Path(where), None if survey else format, readme_path, survey.name if survey else None)
+        table = read_table(
+            Path(where),
+            None if survey else format,
+            what="a table of stars",
+            readme=None if readme is None else Path(readme),
+            layouts=LAYOUTS,
+            likely=likely_layout(Path(where).name, survey.name if survey else None),
+        )
         own = own_columns(table) if columns is None else check_columns(columns, table)
         if columns is not None or (survey is None and is_own(own, table)):
             return _own_catalog(table, own, where, fill)
@@ -82,8 +89,8 @@ def _shown(text: str) -> str:
 
 def _survey_of(table: FileTable) -> Survey:
     """The survey whose columns a table has; of several, the one that asks for most."""
-    if table.survey is not None:
-        return SURVEYS[table.survey]
+    if table.layout is not None:
+        return SURVEYS[table.layout]
     fitting = [survey for survey in SURVEYS.values() if survey.fits(table)]
     if not fitting:
         known = ", ".join(SURVEYS)

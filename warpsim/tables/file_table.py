@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import re
-import warnings
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.readers.survey import MISSING, SurveyTable, is_number
+from warpsim.tables.cells import MISSING, is_number
+from warpsim.tables.columns import ColumnTable
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -21,16 +20,16 @@ Array = NDArray[np.float64]
 _ROW = re.compile(r"\bin row (\d+)")
 
 
-class FileTable(SurveyTable):
-    """A table from a file: like SurveyTable, and its errors name the line."""
+class FileTable(ColumnTable):
+    """A table from a file: like ColumnTable, and its errors name the line."""
 
-    def __init__(self, table: Table, line_of_row: NDArray[np.int64] | None = None, survey: str | None = None) -> None:
+    def __init__(self, table: Table, line_of_row: NDArray[np.int64] | None = None, layout: str | None = None) -> None:
         super().__init__(_with_plain_columns(table))
         self.line_of_row = line_of_row
         """Line of each row in a text file, counted from 1; None where rows have none."""
 
-        self.survey = survey
-        """The survey whose byte layout the file follows, if any."""
+        self.layout = layout
+        """Name of the byte layout that the file follows, if any."""
 
         self.open_end: str | None = None
         """What to say of a last line that no line break closes; None where it is closed, or known to be whole."""
@@ -40,7 +39,7 @@ class FileTable(SurveyTable):
         return f"row {row}" if self.line_of_row is None else f"line {self.line_of_row[row]}"
 
     def number(self, *names: str, unit: str = "", null: tuple[float, ...] = ()) -> Array:
-        """Like SurveyTable.number(); numbers that stand as text are read, and the first that is none is named.
+        """Like ColumnTable.number(); numbers that stand as text are read, and the first that is none is named.
 
         Raises:
             InputError: A value is no number, or the column is in a unit that does not convert.
@@ -78,37 +77,6 @@ class FileTable(SurveyTable):
             text = f"column {name}: must be a number, got {str(texts[row])!r}"
             raise InputError(f"{text}").of(self.where(row)) from None
         return values
-
-
-def one_line(error: BaseException) -> str:
-    """First line of an error's text, or its kind."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[0][:200] if lines else type(error).__name__
-
-
-def quietly(read: Callable[[], Any], what: str, locate: Callable[[], None] | None = None) -> Table:
-    """Result of a reader of astropy's, without its warnings; what it raises becomes an InputError.
-
-    Args:
-        read: Reads the table.
-        what: Kind of file, for the error.
-        locate: Looks for the cell that is to blame, and raises if there is one.
-    """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return read()
-    except Exception as error:  # readers of foreign formats raise many kinds for a broken file
-        if locate is not None:
-            locate()
-        raise InputError(f"cannot be read as a table: {what}: {one_line(error)}") from None
-
-
-def cds_unit(text: str) -> Any:
-    """Unit as the CDS spells it; one that astropy does not know is kept, and converts to nothing."""
-    from astropy.units import Unit
-
-    return Unit(text.strip(), format="cds", parse_strict="silent")
 
 
 def _with_plain_columns(table: Table) -> Table:

@@ -7,7 +7,7 @@ import re
 from typing import Literal
 
 from warpsim.errors import InputError
-from warpsim.sky.readers.fixed_width import Field, Layout
+from warpsim.tables.fixed_width import Field, Layout
 
 _TITLE = re.compile(r"^\s*Byte-(?:by|per)-byte Description of file:\s*(?P<files>.*)$", re.IGNORECASE)
 _ROW = re.compile(

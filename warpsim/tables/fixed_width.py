@@ -1,7 +1,7 @@
 """Tables whose columns are bytes of a line: layouts, which layout a file follows, and fast parsing.
 
-A layout says what stands in which bytes, counted from 1 as the CDS does. Layouts of catalogs that come without a
-description are in `layouts`; those of other files are read from their ReadMe (`cds_readme`).
+A layout says what stands in which bytes, counted from 1 as the CDS does. Layouts come from the caller, or are read from
+a ReadMe (`cds_readme`).
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.readers.file_table import cds_unit
-from warpsim.sky.readers.survey import is_number
+from warpsim.tables.astropy_calls import cds_unit
+from warpsim.tables.cells import is_number
+from warpsim.tables.lines import Lines
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -77,41 +78,13 @@ class Layout:
     marks: tuple[tuple[int, str], ...] = ()
     """Bytes that must hold a given character; they tell the layout from others."""
 
-    survey: str | None = None
-    """The survey it belongs to."""
+    name: str | None = None
+    """What it is the layout of."""
 
     def parts_cut_at(self, n_byte: int) -> Field | None:
         """The number that a line of so many bytes cuts through."""
         cut = (field for field in self.fields if field.first_byte <= n_byte < field.last_byte)
         return next((field for field in cut if field.kind in ("number", "whole")), None)
-
-
-@dataclass(frozen=True)
-class Lines:
-    """Lines of a text that hold data, without their line breaks."""
-
-    text: Sequence[bytes]
-    number: NDArray[np.int64]
-    """Where each stands in the file, counted from 1, shape (n,)."""
-
-    ends_with_break: bool
-    """Whether the last of them is closed by a line break."""
-
-    def __len__(self) -> int:
-        return len(self.text)
-
-
-def lines_of(data: bytes, skip: tuple[bytes, ...] = ()) -> Lines:
-    """Lines of a file that are neither blank nor begin with one of `skip`."""
-    rows = data.split(b"\n")
-    kept, numbers = [], []
-    for number, row in enumerate(rows, start=1):
-        line = row.removesuffix(b"\r")
-        if line.strip() and not line.startswith(skip):
-            kept.append(line)
-            numbers.append(number)
-    ends_with_break = not numbers or numbers[-1] < len(rows)
-    return Lines(kept, np.array(numbers, dtype=np.int64), ends_with_break)
 
 
 def recognised(lines: Lines, layouts: Sequence[Layout]) -> Layout | None:
