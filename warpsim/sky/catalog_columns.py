@@ -13,12 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.space_motion import wrapped_deg
+from warpsim.sky.star_columns import StarColumns
 from warpsim.tables.columns import number_column
 
 if TYPE_CHECKING:
     from astropy.table import Table
-
-    from warpsim.sky.catalog import StarCatalog
 
 Array = NDArray[np.float64]
 
@@ -59,22 +58,28 @@ def flag_column(band: str) -> str:
 def checked_columns(
     numbers: Mapping[str, ArrayLike | None],
     flux_jy: Mapping[str, ArrayLike],
-    flux_flag: Mapping[str, ArrayLike] | None,
-    id: ArrayLike | None,
-    name: str,
-) -> dict[str, Any]:
-    """Columns that break no rule, of stars that have a place, named as make_catalog() takes them.
+    flux_flag: Mapping[str, ArrayLike] | None = None,
+    id: ArrayLike | None = None,
+    *,
+    epoch_jyear: float = J2000_JYEAR,
+    name: str = "stars",
+    provenance: str = "",
+) -> StarColumns:
+    """Columns that break no rule, of stars that have finite coordinates.
 
     Args:
         numbers: Columns of NUMBER_UNITS, each (n,); ra_deg and dec_deg must be there, None stands for unknown.
         flux_jy: Flux density [Jy] by band.
         flux_flag: What the fluxes are, by band; measured where left out.
         id: Names; "1", "2", ... if left out.
-        name: Name of the catalog, for the warning about stars without a place.
+        epoch_jyear: Julian year of the coordinates.
+        name: Name of the catalog, also for the warning about stars without finite coordinates.
+        provenance: Source of the stars.
 
     Raises:
         InputError: Shapes that differ, values that are not numbers or out of range, or an unknown band.
     """
+    epoch = _checked_epoch(epoch_jyear)
     ra = _vector(numbers["ra_deg"], "ra_deg")
     n_star = len(ra)
     columns = {"ra_deg": ra}
@@ -122,18 +127,21 @@ def checked_columns(
         kind = np.where(given == FLUX_PREDICTED, FLUX_PREDICTED, FLUX_MEASURED)
         flags[band] = np.where(known, kind, FLUX_NONE).astype(np.uint8)
     _check_whole(columns["quality"], "quality", rows)
-    return {
-        "ra_deg": wrapped_deg(columns["ra_deg"]),
-        "dec_deg": columns["dec_deg"],
-        "pm_ra_mas_yr": columns["pm_ra_mas_yr"],
-        "pm_dec_mas_yr": columns["pm_dec_mas_yr"],
-        "parallax_mas": columns["parallax_mas"],
-        "temperature_k": columns["temperature_k"],
-        "quality": columns["quality"].astype(np.int64),
-        "flux_jy": {band: columns[flux_column(band)] for band in BAND_NAMES},
-        "flux_flag": flags,
-        "id": names,
-    }
+    return StarColumns(
+        ra_deg=wrapped_deg(columns["ra_deg"]),
+        dec_deg=columns["dec_deg"],
+        pm_ra_mas_yr=columns["pm_ra_mas_yr"],
+        pm_dec_mas_yr=columns["pm_dec_mas_yr"],
+        parallax_mas=columns["parallax_mas"],
+        temperature_k=columns["temperature_k"],
+        quality=columns["quality"].astype(np.int64),
+        epoch_jyear=epoch,
+        name=name,
+        provenance=provenance,
+        flux_jy={band: columns[flux_column(band)] for band in BAND_NAMES},
+        flux_flag=flags,
+        id=names,
+    )
 
 
 def checked_limits(limit_jy: Mapping[str, ArrayLike], n_star: int) -> dict[str, Array]:
@@ -189,28 +197,28 @@ def columns_of_table(table: Table) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def table_of(catalog: StarCatalog) -> Table:
-    """Return the catalog as an astropy Table that columns_of_table() reads back."""
+def table_of(columns: StarColumns) -> Table:
+    """Return columns as an astropy Table that columns_of_table() reads back; their names must be spelled out."""
     from astropy.table import Table
 
-    table = Table(meta={"name": catalog.name, "epoch_jyear": catalog.epoch_jyear, "provenance": catalog.provenance})
+    table = Table(meta={"name": columns.name, "epoch_jyear": columns.epoch_jyear, "provenance": columns.provenance})
     for key, unit in NUMBER_UNITS.items():
         if key not in ("quality", "temperature_k"):
-            table[key] = getattr(catalog, key)
+            table[key] = getattr(columns, key)
             table[key].unit = unit
     for band in BAND_NAMES:
-        table[flux_column(band)] = catalog.flux_jy(band)
+        table[flux_column(band)] = columns.flux_jy[band]
         table[flux_column(band)].unit = "Jy"
-    table["quality"] = catalog.quality
-    table["id"] = catalog.id
-    table["temperature_k"] = catalog.temperature_k
+    table["quality"] = columns.quality
+    table["id"] = columns.id
+    table["temperature_k"] = columns.temperature_k
     table["temperature_k"].unit = "K"
     for band in BAND_NAMES:
-        table[flag_column(band)] = catalog.flux_flag(band)
+        table[flag_column(band)] = columns.flux_flag[band]
     return table
 
 
-def checked_epoch(epoch_jyear: Any) -> float:
+def _checked_epoch(epoch_jyear: Any) -> float:
     """A finite Julian year; InputError otherwise."""
     try:
         epoch = float(epoch_jyear)

@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
-from warpsim.sky.catalog import StarCatalog, make_catalog
 from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_PREDICTED, J2000_JYEAR
 from warpsim.sky.colours import CLASS_TEMPERATURE_K, flux_from_magnitude_a
 from warpsim.sky.space_motion import place_of
+from warpsim.sky.star_columns import StarColumns
 from warpsim.streams import uniforms
 
 Array = NDArray[np.float64]
@@ -112,8 +112,8 @@ SYNTHETIC_SKIES = {
 }
 
 
-def synthetic_catalog(n_star: int | None, limit_jy: float | None, sky: str, seed: int) -> StarCatalog:
-    """Make a catalog of the brightest stars of a made-up sky, brightest first, without proper motions.
+def synthetic_columns(n_star: int | None, limit_jy: float | None, sky: str, seed: int) -> StarColumns:
+    """Make the columns of the brightest stars of a synthetic sky, brightest first, without proper motions.
 
     Sine, logarithm and power differ between machines in the last bit. Places are rounded to 0.1 mas and fluxes to
     float32: about one place in a million may still fall on the other side, by 0.1 mas.
@@ -149,7 +149,7 @@ def synthetic_catalog(n_star: int | None, limit_jy: float | None, sky: str, seed
     # What is the same for all stars takes no memory.
     still: Array = np.broadcast_to(0.0, (n,))
     depth = f"the {n} brightest stars, down to {flux_jy['A'][-1]:.4g} Jy at 8.3 um"
-    return make_catalog(
+    return StarColumns(
         ra_deg=ra_deg,
         dec_deg=dec_deg,
         pm_ra_mas_yr=still,
