@@ -105,7 +105,7 @@ def test_sexagesimal_text_by_hand(text, hours, expected_deg):
 
 @pytest.mark.parametrize("text", ["abc", "12 61 00", "1 2 3 4", "12 -30 00", "+-3", "12.5 30 00"])
 def test_text_that_is_no_angle_is_an_error(text):
-    with pytest.raises(InputError, match=r"RAJ2000 must be an angle .* in row 1$"):
+    with pytest.raises(InputError, match=r"RAJ2000: must be an angle .* in row 1$"):
         sexagesimal_deg(np.array(["1 2 3", text]), "RAJ2000", hours=True)
 
 
@@ -132,7 +132,7 @@ def test_parts_without_a_sign_column_take_it_from_the_degrees():
 def test_parts_out_of_range_are_an_error(part, value):
     table = Table({"RAh": [1], "RAm": [2], "RAs": [3], "DE-": ["+"], "DEd": [4], "DEm": [5], "DEs": [6]})
     table[part][0] = value
-    with pytest.raises(InputError, match=rf"^{part} must be in \[-?\d+, \d+\], got {value} in row 0$"):
+    with pytest.raises(InputError, match=rf"^{part}: must be in \[-?\d+, \d+\], got {value} in row 0$"):
         place_deg(ColumnTable(table))
 
 
@@ -595,7 +595,7 @@ def test_gaia_by_the_names_of_vizier():
 
 def test_gaia_epochs():
     assert convert("gaia", gaia_table(ref_epoch=[2015.5] * 4)).epoch_jyear == 2015.5
-    with pytest.raises(InputError, match=r"^ref_epoch must be the same in all rows, got 2015.5 and 2016$"):
+    with pytest.raises(InputError, match=r"^ref_epoch: must be the same in all rows, got 2015.5 and 2016$"):
         convert("gaia", gaia_table(ref_epoch=[2016.0, 2015.5, 2016.0, 2016.0]))
     table = gaia_table()
     table.remove_column("ref_epoch")

@@ -163,8 +163,8 @@ def test_dates_and_units_of_columns_are_honoured(scene, tmp_path):
         (CSV.replace("310.5", "warm"), r"t\.csv: line 4: column temperature_k: must be a number, got 'warm'"),
         (CSV.replace("310.5", "-3"), r"t\.csv: line 4: temperature_k: must be in \(0, 100000\], got -3"),
         (CSV.replace("800", "1800"), r"t\.csv: line 5: time_s: must ascend, got 1700 after 1800"),
-        (CSV.replace("1700", "1600"), r"time_s: must cover the scene, 0 to 1614 s, got 0 to 1600 s"),
-        (CSV.replace("\n0,", "\n0.5,"), r"time_s: must cover the scene, 0 to 1614 s, got 0.5 to 1700 s"),
+        (CSV.replace("1700", "1600"), r"t\.csv: must cover the scene, 0 to 1614 s, got 0 to 1600 s$"),
+        (CSV.replace("\n0,", "\n0.5,"), r"t\.csv: must cover the scene, 0 to 1614 s, got 0\.5 to 1700 s$"),
         (CSV.replace("temperature_k", "kelvin"), r"must have columns of temperature .*, got time_s, kelvin"),
         (CSV.replace("time_s", "t"), r"must have one of the columns time_s .* and time_utc"),
         (CSV.removesuffix("\n"), r"line 5: must end with a line break"),
@@ -199,7 +199,7 @@ def test_gaps_of_files_and_missing_files(scene, tmp_path):
         ({"start_k": 300.0, "end": 200.0}, r"\.end: is not a known field"),
         (
             {"kind": "table", "time_s": [0, 9], "temperature_k": [300, 310]},
-            ": time_s: must cover the scene, 0 to 1614 s",
+            r"\.time_s: must cover the scene, 0 to 1614 s",
         ),
         (
             {"kind": "table", "time_s": [0, 0], "temperature_k": [300, 310]},

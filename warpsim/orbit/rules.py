@@ -248,7 +248,7 @@ def _checked(name: str, function: MarginFunction) -> MarginFunction:
         if got.dtype == np.bool_:  # true where the rule holds
             got = np.where(got, 1.0, -1.0)
         if got.dtype.kind not in "iuf":
-            raise InputError("must give numbers or booleans", f"custom[{name!r}]", got.dtype)
+            raise InputError("must give numbers or booleans", f"custom[{name!r}]", str(got.dtype), "s")
         try:
             whole = np.broadcast_to(got.astype(np.float64), view.shape)
         except ValueError:

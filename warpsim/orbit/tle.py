@@ -14,7 +14,7 @@ import hashlib
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
@@ -188,10 +188,7 @@ def _validate(source: TleSatellites | TleOrbit, read: Any) -> None:
     """Read the source once, so that its errors come up with the field they belong to."""
     if (source.file is None) == (source.lines is None):
         raise InputError("exactly one must be given", "file, lines")
-    try:
-        read()
-    except InputError as error:
-        raise error from None
+    read()
 
 
 def _checksum(satellites: Iterable[Satellite]) -> str:
@@ -200,8 +197,18 @@ def _checksum(satellites: Iterable[Satellite]) -> str:
 
 
 def _satellites(file: str | None, lines: Sequence[str] | None) -> tuple[Satellite, ...]:
-    """Objects of a source, with names made unique."""
-    sets = read_element_sets(file) if file is not None else parse_element_sets("\n".join(lines or ()), "lines")
+    """Objects of a source; errors say of which."""
+    if file is not None:
+        return _named(read_element_sets(file), lambda error: error.of(file))
+    try:
+        sets = parse_element_sets("\n".join(lines or ()))
+    except InputError as error:
+        raise error.within("lines") from None
+    return _named(sets, lambda error: error.within("lines"))
+
+
+def _named(sets: Iterable[ElementSet], told: Callable[[InputError], InputError]) -> tuple[Satellite, ...]:
+    """Objects with all their sets, with names made unique; `told` puts the source before an error."""
     grouped: dict[Any, list[ElementSet]] = {}
     for item in sets:
         key = item.norad_id if item.norad_id is not None else (item.name, item.international_designator)
@@ -215,7 +222,8 @@ def _satellites(file: str | None, lines: Sequence[str] | None) -> tuple[Satellit
     for name, count in Counter(names).items():
         if count > 1:
             group = groups[len(names) - 1 - names[::-1].index(name)]
-            raise InputError(f"name must be unique, got {name} twice").of(group[0].label).of(group[0].place)
+            error = InputError(f"name must be unique, got {name} twice").of(group[0].label).of(group[0].place)
+            raise told(error)
     return tuple(Satellite(name, tuple(group)) for name, group in zip(names, groups, strict=True))
 
 

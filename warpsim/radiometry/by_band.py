@@ -52,7 +52,7 @@ def band_table(
         try:
             numbers[band] = number_within(given, info, low, high, open_low)
         except PydanticCustomError as error:
-            raise InputError(f"{error.message()}", value=given).of(band) from None
+            raise InputError(error.message(), value=given).of(band) from None
     return ByBand(numbers)
 
 

@@ -438,11 +438,11 @@ def _checked_jyear(jyear: Any) -> float:
     try:
         epoch_jyear = float(getattr(jyear, "jyear", jyear))
     except (TypeError, ValueError):
-        raise InputError("jyear must be a number", value=jyear) from None
+        raise InputError("must be a number", "jyear", jyear) from None
     if not math.isfinite(epoch_jyear):
-        raise InputError("jyear must be finite", value=epoch_jyear)
+        raise InputError("must be finite", "jyear", epoch_jyear)
     if abs(epoch_jyear - J2000_JYEAR) > LONGEST_MOTION_YR:
-        raise InputError(f"jyear must be within {LONGEST_MOTION_YR:,.0f} years of 2000", value=epoch_jyear, form="g")
+        raise InputError(f"must be within {LONGEST_MOTION_YR:,.0f} years of 2000", "jyear", epoch_jyear, "g")
     return epoch_jyear
 
 

@@ -100,7 +100,7 @@ def checked_columns(
     names = np.arange(1, n_star + 1).astype(np.str_) if id is None else np.array(id).astype(np.str_)
     for key, values in {**columns, "id": names}.items():
         if values.shape != (n_star,):
-            raise InputError(f"{key} must have shape ({n_star},) like ra_deg", value=values.shape)
+            raise InputError(f"must have shape ({n_star},) like ra_deg", key, values.shape)
 
     placed = np.isfinite(ra) & np.isfinite(columns["dec_deg"])
     rows = np.flatnonzero(placed)
@@ -154,10 +154,13 @@ def checked_limits(limit_jy: Mapping[str, ArrayLike], n_star: int) -> dict[str, 
     for band, values in limit_jy.items():
         if band not in BANDS:
             raise InputError(f"band must be one of {', '.join(BAND_NAMES)}", "limit_jy", band)
-        limits[band] = _vector(values, f"limit_jy: {band}")
-        if limits[band].shape != (n_star,):
-            raise InputError(f"{band} must have shape ({n_star},)", "limit_jy", limits[band].shape)
-        _check_range(limits[band], 0.0, LARGEST_FLUX_JY, f"limit_jy: {band}", np.arange(n_star))
+        try:
+            limits[band] = _vector(values, band)
+            if limits[band].shape != (n_star,):
+                raise InputError(f"must have shape ({n_star},)", band, limits[band].shape)
+            _check_range(limits[band], 0.0, LARGEST_FLUX_JY, band, np.arange(n_star))
+        except InputError as error:
+            raise error.within("limit_jy") from None
     return limits
 
 
@@ -181,7 +184,7 @@ def columns_of_table(table: Table) -> dict[str, Any]:
         missing.append("one of " + ", ".join(fluxes))
     if missing:
         found = ", ".join(table.colnames) or "no columns"
-        raise InputError(f"must have the column {' and '.join(missing)}", "table", found)
+        raise InputError(f"must have the column {' and '.join(missing)}", "table", found, "s")
     meta = {str(key).lower(): value for key, value in table.meta.items()}  # FITS turns keys to capitals
     columns: dict[str, Any] = {
         key: number_column(table, key, unit) for key, unit in NUMBER_UNITS.items() if key in known
@@ -225,7 +228,7 @@ def _checked_epoch(epoch_jyear: Any) -> float:
     except (TypeError, ValueError):
         epoch = math.nan
     if not math.isfinite(epoch):
-        raise InputError("epoch_jyear must be a finite number", value=epoch_jyear)
+        raise InputError("must be a finite number", "epoch_jyear", epoch_jyear)
     return epoch
 
 
@@ -235,11 +238,11 @@ def _vector(values: Any, where: str) -> Array:
         vector = np.array(values, dtype=np.float64)
         masked = np.ma.getmaskarray(values) if isinstance(values, np.ma.MaskedArray) else None
     except (TypeError, ValueError):
-        raise InputError(f"{where} must be numbers, got {type(values).__name__}") from None
+        raise InputError(f"must be numbers, got {type(values).__name__}", where) from None
     if masked is not None:
         vector[masked] = np.nan
     if vector.ndim != 1:
-        raise InputError(f"{where} must be a vector, got shape {vector.shape}")
+        raise InputError(f"must be a vector, got shape {vector.shape}", where)
     return vector
 
 
@@ -247,13 +250,12 @@ def _check_whole(values: Array, where: str, rows: NDArray[np.int64]) -> None:
     """Raise for the first value that is no whole number; NaN passes."""
     bad = np.flatnonzero(np.isfinite(values) & (values != np.floor(values)))
     if bad.size:
-        raise InputError(f"{where} must be whole numbers, got {values[bad[0]]:g} in row {rows[bad[0]]}")
+        raise InputError("must be whole numbers", where, values[bad[0]], "g", row=int(rows[bad[0]]))
 
 
 def _check_range(values: Array, low: float, high: float, where: str, rows: NDArray[np.int64]) -> None:
     """Raise for the first value outside [low, high]; NaN passes. `rows` are the user's row numbers."""
     bad = np.flatnonzero((values < low) | (values > high))
     if bad.size:
-        such = "1 such row" if bad.size == 1 else f"{bad.size} such rows"
-        got = f"got {values[bad[0]]:g} in row {rows[bad[0]]} ({such})"
-        raise InputError(f"{where} must be in [{low:g}, {high:g}], {got}")
+        rule, first = f"must be in [{low:g}, {high:g}]", bad[0]
+        raise InputError(rule, where, values[first], "g", row=int(rows[first]), n_row=bad.size)

@@ -205,16 +205,16 @@ def _checked_n_star(model: SyntheticSky, n_star: Any, limit_jy: Any) -> int:
     try:
         flux_jy = float(limit_jy)
     except (TypeError, ValueError):
-        raise InputError("limit_jy must be a number", value=limit_jy) from None
+        raise InputError("must be a number", "limit_jy", limit_jy) from None
     if not (math.isfinite(flux_jy) and flux_jy > 0.0):
-        raise InputError("limit_jy must be finite and > 0", value=limit_jy)
+        raise InputError("must be finite and > 0", "limit_jy", limit_jy)
     n = model.count(_magnitude_of_flux(flux_jy))
     if not 1.0 <= n <= LARGEST_N_STAR:
-        raise InputError(f"limit_jy must leave 1 to {LARGEST_N_STAR} stars, got {flux_jy:g}, which leaves {n:.3g}")
+        raise InputError(f"must leave 1 to {LARGEST_N_STAR} stars, got {flux_jy:g}, which leaves {n:.3g}", "limit_jy")
     return math.floor(n)
 
 
 def _checked_integer(value: Any, where: str, low: int, high: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
-        raise InputError(f"{where} must be a whole number from {low} to {high}", value=value)
+        raise InputError(f"must be a whole number from {low} to {high}", where, value)
     return int(value)

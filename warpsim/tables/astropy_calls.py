@@ -6,16 +6,10 @@ import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from warpsim.errors import InputError
+from warpsim.errors import InputError, one_line
 
 if TYPE_CHECKING:
     from astropy.table import Table
-
-
-def one_line(error: BaseException) -> str:
-    """First line of a foreign error's text, or its kind."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[0][:200] if lines else type(error).__name__
 
 
 def quietly(read: Callable[[], Any], what: str, locate: Callable[[], None] | None = None) -> Table:

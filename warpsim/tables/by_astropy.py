@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.errors import InputError
-from warpsim.tables.astropy_calls import one_line, quietly
+from warpsim.errors import InputError, one_line
+from warpsim.tables.astropy_calls import quietly
 from warpsim.tables.cells import MISSING, cells_of, decoded, is_number
 from warpsim.tables.delimited import check_cells
 from warpsim.tables.lines import check_last_line, lines_of
@@ -172,7 +172,7 @@ def read_ipac(data: bytes) -> tuple[Table, NDArray[np.int64]]:
     for number, row in zip(body.number.tolist(), body.text, strict=True):
         if len(row) <= bars[-2]:  # a stripped last column may be shorter than its title
             text = f"must reach the last column, which begins at byte {bars[-2] + 2}, got {len(row)} bytes"
-            raise InputError(f"{text}").of(f"line {number}")
+            raise InputError(text).of(f"line {number}")
     names, types = ([cell.strip() for cell in decoded(line).split("|")[1:-1]] for line in header[:2])
 
     def locate() -> None:
@@ -189,7 +189,7 @@ def _check_numbers(name: str, cells: list[str], line_of_row: NDArray[np.int64]) 
     for row, cell in enumerate(cells):
         text = cell.strip().strip('"')
         if text.lower() not in MISSING and not is_number(text):
-            raise InputError("must be a number", f"column {name}", text).of(f"line {line_of_row[row]}")
+            raise InputError("must be a number", value=text).of(f"column {name}").of(f"line {line_of_row[row]}")
 
 
 def _query_status(data: bytes) -> tuple[str, str] | None:

@@ -56,7 +56,8 @@ class ColumnTable:
     def needed(self, *names: str, unit: str = "", null: tuple[float, ...] = ()) -> Array:
         """Like number(), of a column that must be there."""
         if self.find(*names) is None:
-            raise InputError(f"must have the column {' or '.join(names)}, got {', '.join(self.table.colnames)}")
+            found = ", ".join(self.table.colnames)
+            raise InputError(f"must have the column {' or '.join(names)}", value=found, form="s")
         return self.number(*names, unit=unit, null=null)
 
     def text(self, *names: str) -> NDArray[np.str_]:
@@ -66,7 +67,7 @@ class ColumnTable:
             return np.full(len(self), "")
         column: Any = self.table[name]
         if column.ndim != 1:
-            raise InputError(f"{name} must hold one value a row, got shape {column.shape}")
+            raise InputError(f"must hold one value a row, got shape {column.shape}", name)
         texts = np.char.strip(np.asarray(getattr(column, "unmasked", column)).astype(np.str_))
         mask = getattr(column, "mask", None)
         return texts if mask is None else np.where(np.asarray(mask), "", texts)
@@ -86,7 +87,7 @@ def number_column(table: Table, key: str, unit: str) -> Array:
     column: Any = table[key]
     if column.ndim != 1 or column.dtype.kind == "c":
         what = "complex numbers" if column.dtype.kind == "c" else f"shape {column.shape}"
-        raise InputError(f"{key} must hold one real number a row", value=what)
+        raise InputError("must hold one real number a row", key, what, "s")
     try:
         values = np.array(getattr(column, "unmasked", column), dtype=np.float64)
         if column.unit is not None and unit:
@@ -95,6 +96,6 @@ def number_column(table: Table, key: str, unit: str) -> Array:
             values = values * Unit(column.unit).to(unit)
     except (TypeError, ValueError):  # UnitConversionError is a TypeError
         text = f"numbers in {unit}" if unit else "numbers"
-        raise InputError(f"{key} must be {text}, got {column.dtype.name} in {column.unit or 'no unit'}") from None
+        raise InputError(f"must be {text}, got {column.dtype.name} in {column.unit or 'no unit'}", key) from None
     mask = getattr(column, "mask", None)
     return values if mask is None else np.where(np.asarray(mask), np.nan, values)

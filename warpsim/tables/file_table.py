@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,8 +16,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_ROW = re.compile(r"\bin row (\d+)")
-
 
 class FileTable(ColumnTable):
     """A table from a file: like ColumnTable, and its errors name the line."""
@@ -31,8 +28,8 @@ class FileTable(ColumnTable):
         self.layout = layout
         """Name of the byte layout that the file follows, if any."""
 
-        self.open_end: str | None = None
-        """What to say of a last line that no line break closes; None where it is closed, or known to be whole."""
+        self.open_end: InputError | None = None
+        """The error of a last line that no line break closes; None where it is closed, or known to be whole."""
 
     def where(self, row: int) -> str:
         """Where a row stands: "line 3", or "row 2" of a file without lines (counted from 0)."""
@@ -51,19 +48,16 @@ class FileTable(ColumnTable):
             self.table.replace_column(name, self.table.Column(numbers, unit=stated))
         return super().number(*names, unit=unit, null=null)
 
-    def with_lines(self, text: str, rows: NDArray[np.int64] | None = None) -> str:
-        """An error's text with "in row 2" turned into where that row stands in the file.
+    def located(self, error: InputError, rows: NDArray[np.int64] | None = None) -> InputError:
+        """The error of a check of whole columns, told of where its row is in the file, if it is about one.
 
         Args:
-            text: What a check of whole columns said; its rows count from 0.
+            error: What the check raised.
             rows: Rows of this table that the columns were made of; all of them if left out.
         """
-
-        def place(match: re.Match[str]) -> str:
-            row = int(match[1])
-            return f"in {self.where(row if rows is None else int(rows[row]))}"
-
-        return _ROW.sub(place, text) if self.line_of_row is not None or rows is not None else text
+        if error.row is None:
+            return error
+        return error.at_row(self.where(error.row if rows is None else int(rows[error.row])))
 
     def _numbers_of_text(self, name: str) -> Array:
         """Numbers of a column of text, NaN where a text stands for a missing value."""
@@ -74,8 +68,8 @@ class FileTable(ColumnTable):
             values[given] = texts[given].astype(np.float64)
         except ValueError:
             row = next(row for row in np.flatnonzero(given).tolist() if not is_number(str(texts[row])))
-            text = f"column {name}: must be a number, got {str(texts[row])!r}"
-            raise InputError(f"{text}").of(self.where(row)) from None
+            error = InputError("must be a number", value=str(texts[row])).of(f"column {name}")
+            raise error.of(self.where(row)) from None
         return values
 
 

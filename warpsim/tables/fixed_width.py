@@ -55,11 +55,10 @@ class Field:
     """No number is larger in size; parts of an angle (_UNSIGNED) are not negative either."""
 
     @property
-    def bytes(self) -> str:
-        """Where it stands, for messages: "bytes 26-31"."""
-        if self.first_byte == self.last_byte:
-            return f"byte {self.first_byte}"
-        return f"bytes {self.first_byte}-{self.last_byte}"
+    def label(self) -> str:
+        """What messages call it: "column RAs (bytes 26-31)"."""
+        first, last = self.first_byte, self.last_byte
+        return f"column {self.name} ({f'byte {first}' if first == last else f'bytes {first}-{last}'})"
 
 
 @dataclass(frozen=True)
@@ -149,15 +148,14 @@ def _check_lengths(lines: Lines, layout: Layout) -> None:
         cut = layout.parts_cut_at(n_byte)
         if cut is not None:
             line = lines.number[int(np.flatnonzero(length == n_byte)[0])]
-            raise InputError(
-                f"column {cut.name} ({cut.bytes}): must be complete, got {n_byte} bytes"
-            ).of(f"line {line}")
+            raise InputError(f"must be complete, got {n_byte} bytes").of(cut.label).of(f"line {line}")
     if len(lines) and not lines.ends_with_break:
         # Without a line break the file may have been cut anywhere; other lines may tell how long one is.
         complete = min([layout.length, *length[:-1].tolist()])
         if length[-1] < complete:
-            text = f"the file ends in the middle of a line, at {length[-1]} of {complete} bytes"
-            raise InputError(f"{text}").of(f"line {lines.number[-1]}")
+            raise InputError(f"the file ends in the middle of a line, at {length[-1]} of {complete} bytes").of(
+                f"line {lines.number[-1]}"
+            )
 
 
 def _characters(lines: Lines, layout: Layout) -> NDArray[np.uint8]:
@@ -205,4 +203,4 @@ def _values(chars: NDArray[np.uint8], field: Field, lines: Lines) -> NDArray[Any
 
 def _bad(field: Field, lines: Lines, text: NDArray[np.bytes_], row: int, rule: str) -> InputError:
     shown = text[row].decode("latin-1").strip()
-    return InputError(f"column {field.name} ({field.bytes}): must {rule}", value=shown).of(f"line {lines.number[row]}")
+    return InputError(f"must {rule}", value=shown).of(field.label).of(f"line {lines.number[row]}")

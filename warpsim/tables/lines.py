@@ -46,16 +46,18 @@ def lines_after(lines: Lines, n_line: int) -> Lines:
     return Lines(lines.text[first:], lines.number[first:], lines.ends_with_break)
 
 
-def open_end(lines: Lines) -> str | None:
-    """What to say when no line break closes the last line: a number cut short would read as another number."""
+def open_end(lines: Lines) -> InputError | None:
+    """The error of a last line that no line break closes: a number cut short would read as another number."""
     if not len(lines) or lines.ends_with_break:
         return None
     shown = decoded(lines.text[-1]).strip()[-30:]
-    return f"line {lines.number[-1]}: must end with a line break, or the file may be cut off, got {shown!r}"
+    return InputError("must end with a line break, or the file may be cut off", value=shown).of(
+        f"line {lines.number[-1]}"
+    )
 
 
 def check_last_line(lines: Lines) -> None:
     """Raise unless the last line is closed by a line break."""
-    text = open_end(lines)
-    if text is not None:
-        raise InputError(text)
+    error = open_end(lines)
+    if error is not None:
+        raise error

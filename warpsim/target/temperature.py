@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -46,6 +46,8 @@ class TemperatureRows(TimedRows):
     """Largest measured error of a heat balance, interpolation included; 0 for what was given [K]."""
     ripple_k: float = 0.0
     """Swing of a heat balance within one turn of the body in sunlight, which the mean over turns leaves out [K]."""
+    source: str = ""
+    """File that messages name; nothing for rows that stand in the scene."""
 
     _of = "temperatures"
 
@@ -115,10 +117,7 @@ class TemperatureTable:
         if inline:
             if self.time_s is None or self.temperature_k is None:
                 raise InputError("both must be given", "time_s, temperature_k")
-            try:
-                self._inline_rows  # noqa: B018  # checked here, where the scene's file is known
-            except InputError as error:
-                raise error from None
+            self._inline_rows  # noqa: B018  # checked here, where the scene's file is known
         return self
 
     @cached_property
@@ -152,9 +151,10 @@ class TemperatureTable:
 
         instants, temperature_k, places = read_temperature_table(self._source)
         try:
-            return checked_rows(instants.since(epoch), temperature_k, self.max_gap_s, places.__getitem__)
+            rows = checked_rows(instants.since(epoch), temperature_k, self.max_gap_s, places.__getitem__)
         except InputError as error:
             raise error.of(self.file) from None
+        return replace(rows, source=self.file)
 
 
 def checked_rows(
@@ -179,9 +179,7 @@ def checked_rows(
         (missing,) = np.nonzero(~np.isfinite(values))
         if len(missing):
             row = int(missing[0])
-            raise InputError(
-                "must be finite, a table must have no gap", value=values[row], form="g"
-            ).of(name).of(where(row))
+            raise InputError("must be finite, a table must have no gap", name, values[row], "g").of(where(row))
     (wrong,) = np.nonzero(~((temperature_k > 0) & (temperature_k <= HOTTEST_K)))
     if len(wrong):
         row = int(wrong[0])

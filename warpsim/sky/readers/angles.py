@@ -56,7 +56,8 @@ def place_deg(table: ColumnTable, *pairs: Pair, radians: bool = False) -> tuple[
         return *_parts_deg(table), PARTS
     names = ", ".join(f"{ra} and {dec}" for ra, dec in pairs)
     found = ", ".join(table.table.colnames)
-    raise InputError(f"must have the columns of a place ({names}, or RAh, RAm, RAs, DE-, DEd, DEm, DEs)", value=found)
+    rule = f"must have the columns of a place ({names}, or RAh, RAm, RAs, DE-, DEd, DEm, DEs)"
+    raise InputError(rule, value=found, form="s")
 
 
 def has_parts(table: ColumnTable) -> bool:
@@ -99,7 +100,7 @@ def angle_deg(table: ColumnTable, name: str, *, hours: bool = False, radians: bo
             try:
                 return np.asarray(numbers * Unit(column.unit).to("deg"))
             except (TypeError, ValueError):
-                raise InputError(f"{own_name} must be an angle, got numbers in {column.unit}") from None
+                raise InputError(f"must be an angle, got numbers in {column.unit}", own_name) from None
         return np.degrees(numbers) if radians else numbers
     if radians and column.unit is None:
         return np.degrees(table.number(own_name))
@@ -124,7 +125,7 @@ def sexagesimal_deg(texts: NDArray[np.str_], where: str, hours: bool) -> Array:
         if text.lower() not in MISSING:
             angle = _angle(text, hours)
             if angle is None:
-                raise InputError(f"{where} must be an angle such as 12 34 56.7 or 188.73, got {text!r} in row {row}")
+                raise InputError("must be an angle such as 12 34 56.7 or 188.73", where, text, row=row)
             angles[row] = angle
     return angles
 
@@ -170,5 +171,5 @@ def _part(table: ColumnTable, largest: float, *names: str) -> Array:
     low = -largest if name == table.find("DEd", "decd") else 0.0  # which may carry the sign
     bad = np.flatnonzero((values > largest) | (values < low))
     if bad.size:
-        raise InputError(f"{name} must be in [{low:g}, {largest:g}], got {values[bad[0]]:g} in row {bad[0]}")
+        raise InputError(f"must be in [{low:g}, {largest:g}]", name, values[bad[0]], "g", row=int(bad[0]))
     return values

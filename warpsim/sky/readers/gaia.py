@@ -62,7 +62,7 @@ def _epoch_jyear(table: ColumnTable) -> float:
         epochs = np.unique(table.number(name))
         epochs = epochs[~np.isnan(epochs)]
         if len(epochs) > 1:
-            raise InputError(f"{name} must be the same in all rows, got {epochs[0]:g} and {epochs[-1]:g}")
+            raise InputError(f"must be the same in all rows, got {epochs[0]:g} and {epochs[-1]:g}", name)
         if len(epochs) == 1:
             return float(epochs[0])
     names = table.text("designation", "DR2Name")

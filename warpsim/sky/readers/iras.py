@@ -109,7 +109,7 @@ def icrs_of_b1950_deg(ra_deg: Array, dec_deg: Array, epoch_jyear: float = EPOCH_
 
     bad = np.flatnonzero(np.abs(dec_deg) > 90.0)
     if bad.size:
-        raise InputError(f"declination must be in [-90, 90], got {dec_deg[bad[0]]:g} in row {bad[0]}")
+        raise InputError("must be in [-90, 90]", "declination", dec_deg[bad[0]], "g", row=int(bad[0]))
     frame = FK4(equinox=Time("B1950"), obstime=Time(epoch_jyear, format="jyear"))
     place = SkyCoord(ra_deg * u.deg, dec_deg * u.deg, frame=frame).icrs
     return np.asarray(place.ra.deg), np.asarray(place.dec.deg)

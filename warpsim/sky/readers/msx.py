@@ -55,7 +55,7 @@ def _convert_psc(table: ColumnTable) -> SurveyStars:
         quality = table.needed(f"q_{band}")
         bad = np.flatnonzero((quality < _NONE) | (quality > _EXCELLENT))
         if bad.size:
-            raise InputError(f"q_{band} must be in [0, 4], got {quality[bad[0]]:g} in row {bad[0]}")
+            raise InputError("must be in [0, 4]", f"q_{band}", quality[bad[0]], "g", row=int(bad[0]))
         given = table.number(band, unit="Jy", null=(0.0,))
         flux_jy[band] = np.where(quality > _LIMIT, given, np.nan)
         # Some releases mark limits by a minus sign.
@@ -86,7 +86,7 @@ def _rate(table: ColumnTable, name: str, unit: str) -> Array:
     stated = table.table[own_name].unit
     if isinstance(stated, UnrecognizedUnit):
         if plain_name(str(stated)) not in _PER_CENTURY:
-            raise InputError(f"{own_name} must be in {unit} or the like", value=stated)
+            raise InputError(f"must be in {unit} or the like", own_name, str(stated), "s")
         unit = ""
     return table.number(name, unit=unit)
 

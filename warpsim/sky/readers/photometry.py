@@ -72,7 +72,8 @@ def flag_letters(table: ColumnTable, place: int, *names: str) -> NDArray[np.str_
 def need(table: ColumnTable, *names: str) -> None:
     """Raise InputError unless the table has one of these columns."""
     if table.find(*names) is None:
-        raise InputError(f"must have the column {' or '.join(names)}, got {', '.join(table.table.colnames)}")
+        found = ", ".join(table.table.colnames)
+        raise InputError(f"must have the column {' or '.join(names)}", value=found, form="s")
 
 
 def star_names(table: ColumnTable, prefix: str, *names: str) -> NDArray[np.str_] | None:

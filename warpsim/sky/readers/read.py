@@ -33,8 +33,6 @@ SURVEYS: Mapping[str, Survey] = {
 }
 """Surveys known, by the name that the argument `format` takes."""
 
-_LONGEST_MESSAGE = 500
-
 
 @dataclass(frozen=True)
 class StarsOfFile:
@@ -96,13 +94,7 @@ def read_stars(
             return _own_stars(table, own, where)
         return _survey_stars(table, survey or _survey_of(table), where)
     except InputError as error:
-        raise InputError(f"{_shown(str(error))}").of(where) from None
-
-
-def _shown(text: str) -> str:
-    """A message cut to one readable line: it may quote a long list of columns, or bytes of a broken file."""
-    plain = "".join(letter if letter.isprintable() else "?" for letter in text)
-    return plain if len(plain) <= _LONGEST_MESSAGE else plain[:_LONGEST_MESSAGE] + " ..."
+        raise error.of(where) from None
 
 
 def _survey_of(table: FileTable) -> Survey:
@@ -119,24 +111,20 @@ def _survey_of(table: FileTable) -> Survey:
             telling = len(table.find(*survey.needs[0]) or "") > 2
             if telling and 2 * len(missing) <= len(survey.needs):
                 needed = ", ".join(" or ".join(names) for names in missing)
-                raise InputError(f"looks like {survey.name}, which must have the column {needed}", value=found)
+                rule = f"looks like {survey.name}, which must have the column {needed}"
+                raise InputError(rule, value=found, form="s")
         rule = f"the columns ra_deg, dec_deg and flux_A_jy or the like (argument columns), or those of {known}"
-        raise InputError(f"must have {rule}", value=found)
+        raise InputError(f"must have {rule}", value=found, form="s")
     return max(fitting, key=lambda survey: len(survey.needs))
 
 
 def _own_stars(table: FileTable, columns: Mapping[str, str], where: str) -> StarsOfFile:
     """Stars of a custom table, at the table's epoch."""
     if table.open_end is not None:  # people write such files, archives do not
-        warnings.warn(f"{where}: {table.open_end}", stacklevel=4)
+        warnings.warn(str(table.open_end.of(where)), stacklevel=4)
     meta = {str(key).lower(): value for key, value in table.table.meta.items()}
     arrays = _rows_read(table, lambda: arrays_of_columns(table, columns))
-    try:
-        checked = _checked(table, arrays, where, str(meta.get("name", Path(where).name)))[0]
-    except InputError as error:
-        name = str(error).split()[0]
-        own_name = columns.get(name, name)
-        raise InputError(str(error) if own_name == name else f"column {own_name}: {error}") from None
+    checked = _checked(table, arrays, where, str(meta.get("name", Path(where).name)), columns)[0]
     flagged = any(name in columns for name in map(flag_column, arrays["flux_jy"]))
     return StarsOfFile(checked, may_be_filled=not flagged, target_epoch_jyear=checked.epoch_jyear)
 
@@ -144,11 +132,12 @@ def _own_stars(table: FileTable, columns: Mapping[str, str], where: str) -> Star
 def _survey_stars(table: FileTable, survey: Survey, where: str) -> StarsOfFile:
     """Stars of a survey's table, to be moved to J2000."""
     if table.open_end is not None:
-        raise InputError(table.open_end)
+        raise table.open_end
     for names in survey.needs:
         if table.find(*names) is None:
             found = ", ".join(table.table.colnames)
-            raise InputError(f"must have the column {' or '.join(names)} of {survey.name}", value=found)
+            rule = f"must have the column {' or '.join(names)} of {survey.name}"
+            raise InputError(rule, value=found, form="s")
     stars: SurveyStars = _rows_read(table, lambda: survey.convert(table))
     notes = list(stars.notes)
     if stars.epoch_jyear != J2000_JYEAR:
@@ -174,8 +163,13 @@ def _survey_stars(table: FileTable, survey: Survey, where: str) -> StarsOfFile:
     return StarsOfFile(checked, may_be_filled=True, target_epoch_jyear=J2000_JYEAR, limit_jy=limits)
 
 
-def _checked(table: FileTable, arrays: dict[str, Any], where: str, name: str) -> tuple[StarColumns, Any]:
-    """Columns of the rows that have finite coordinates, and these rows; a warning names the others."""
+def _checked(
+    table: FileTable, arrays: dict[str, Any], where: str, name: str, columns: Mapping[str, str] | None = None
+) -> tuple[StarColumns, Any]:
+    """Columns of the rows that have finite coordinates, and these rows; a warning names the others.
+
+    Errors name the file's own column, which `columns` tells by warpsim's name for it.
+    """
     placed = np.isfinite(arrays["ra_deg"]) & np.isfinite(arrays["dec_deg"])
     rows = np.flatnonzero(placed)
     if len(rows) < len(placed):
@@ -197,13 +191,15 @@ def _checked(table: FileTable, arrays: dict[str, Any], where: str, name: str) ->
     try:
         checked = checked_columns(numbers, **arguments, name=name)
     except InputError as error:
-        raise InputError(table.with_lines(str(error), rows)) from None
+        own_name = (columns or {}).get(error.field, error.field)
+        named = error if own_name == error.field else error.of(f"column {own_name}")
+        raise table.located(named, rows) from None
     return checked, rows
 
 
 def _rows_read(table: FileTable, read: Any) -> Any:
-    """What `read` returns; rows named by its error are turned into lines."""
+    """What `read` returns; its errors say on which line of the file a row is."""
     try:
         return read()
     except InputError as error:
-        raise InputError(table.with_lines(str(error))) from None
+        raise table.located(error) from None
