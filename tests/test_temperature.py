@@ -127,7 +127,7 @@ def with_file(scene, tmp_path, text, name="t.csv", **fields):
     """A saved scene whose spheres take their temperature from a file beside it."""
     (tmp_path / name).write_text(text)
     data = scene.to_dict()
-    data["targets"][1]["temperature"] = {"kind": "table", "file": name, **fields}
+    data["targets"][1]["temperature"] = {"kind": "table", "file": str(tmp_path / name), **fields}
     path = tmp_path / "scene.json"
     ws.Scene.from_dict(data).save(path)
     return path
@@ -140,6 +140,17 @@ def test_a_file_beside_the_scene_is_read(scene, tmp_path):
     assert loaded.files == [str(tmp_path / "t.csv")]
     table = loaded.targets[1].temperature
     assert len(table.checksum) == 64
+    (tmp_path / "t.csv").unlink()  # read once
+    assert table.rows(loaded.epoch).at(400.0)[0] == pytest.approx(305.25, abs=1e-9)
+
+
+def test_a_file_is_counted_from_the_directory_of_its_table(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    table = ws.TemperatureTable(file="t.csv")
+    monkeypatch.chdir(tmp_path.parent)
+    assert table.file == str(tmp_path / "t.csv")
+    with pytest.raises(ws.InputError, match=rf"^{table.file}: cannot be read"):
+        table.rows(None)
 
 
 def test_dates_and_units_of_columns_are_honoured(scene, tmp_path):

@@ -71,7 +71,7 @@ class AttitudeTable:
     cover the scene.
 
     Args:
-        file: An attitude file.
+        file: An attitude file; read on first use, and then kept.
         object: Which object of the file, where it holds several.
         time_s: Times after the scene's epoch, strictly ascending [s].
         quaternion: A row (x, y, z, w) for each time: body -> GCRS, scalar last, of norm 1 within 1e-3 (then scaled to
@@ -107,9 +107,15 @@ class AttitudeTable:
 
         return read_source(str(self.file))
 
+    @cached_property
+    def _segments(self) -> list[Any]:
+        from warpsim.exchange.read import attitude_of
+
+        return attitude_of(self._source)
+
     @property
     def checksum(self) -> str | None:
-        """SHA-256 of the file, in hexadecimal; None for rows of one's own.
+        """SHA-256 of the file, in hexadecimal; None for rows that stand in the scene.
 
         Raises:
             InputError: The file cannot be read.
@@ -124,10 +130,9 @@ class AttitudeTable:
         """
         if self.file is None:
             return self._inline_rows
-        from warpsim.exchange.read import attitude_of
         from warpsim.orbit.frames import attitude_in_gcrs
 
-        segments = attitude_of(self._source)
+        segments = self._segments
         try:
             chosen = _of_object(segments, self.object)
             rows = checked_rows(*_joined([attitude_in_gcrs(segment, epoch) for segment in chosen]))

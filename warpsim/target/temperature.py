@@ -13,7 +13,16 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, PlainValidator, ValidationInfo, model_validator
 
-from warpsim.config.fields import NonNegative, Number, Positive, closed_interval, number_within, rows_in, rule_error
+from warpsim.config.fields import (
+    FileName,
+    NonNegative,
+    Number,
+    Positive,
+    closed_interval,
+    number_within,
+    rows_in,
+    rule_error,
+)
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.target.timed_rows import TimedRows
@@ -99,13 +108,13 @@ class TemperatureTable:
     Args:
         time_s: Times after the scene's epoch, strictly ascending [s].
         temperature_k: A temperature for each time [K].
-        file: A CSV or ECSV file with the columns time_s (or time_utc) and temperature_k.
+        file: A CSV or ECSV file with the columns time_s (or time_utc) and temperature_k; read on first use, and kept.
         max_gap_s: Longest time between neighbouring rows that is no gap [s]; any if left out.
     """
 
     time_s: Times | None = None
     temperature_k: Kelvins | None = None
-    file: str | None = None
+    file: FileName | None = None
     max_gap_s: Positive | None = None
     kind: Literal["table"] = Field(default="table", kw_only=True)
 
@@ -130,9 +139,16 @@ class TemperatureTable:
 
         return read_source(str(self.file))
 
+    @cached_property
+    def _content(self) -> Any:
+        """Times, temperatures and lines of the file."""
+        from warpsim.exchange.table_read import read_temperature_table
+
+        return read_temperature_table(self._source)
+
     @property
     def checksum(self) -> str | None:
-        """SHA-256 of the file, in hexadecimal; None for rows of one's own.
+        """SHA-256 of the file, in hexadecimal; None for rows that stand in the scene.
 
         Raises:
             InputError: The file cannot be read.
@@ -147,9 +163,7 @@ class TemperatureTable:
         """
         if self.file is None:
             return self._inline_rows
-        from warpsim.exchange.table_read import read_temperature_table
-
-        instants, temperature_k, places = read_temperature_table(self._source)
+        instants, temperature_k, places = self._content
         try:
             rows = checked_rows(instants.since(epoch), temperature_k, self.max_gap_s, places.__getitem__)
         except InputError as error:
