@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import warp as wp
 from scipy.spatial.transform import Rotation, Slerp
+from warpsim.render.turning import make_turning
 from warpsim_kernels import attitude_table
 
 import warpsim as ws
 from warpsim import quaternion
 from warpsim.render.target_field import make_target_field
-from warpsim.render.turning import make_turning
 from warpsim.target.attitude import BodyMotion, attitude_frame
 from warpsim.target.attitude_table import checked_rows
 
@@ -283,7 +283,7 @@ def test_scenes_with_tables_load_back_equal(tabled, tmp_path, ending):
         ({"spin_phase_rev": "a"}, r"targets\[1\]\.attitude\.spin_phase_rev: must be a number"),
         (5.0, r"targets\[1\]\.attitude: .*got 5.0"),
         ({"kind": "table", "time_s": [0.0, 9.0], "quaternion": [IDENTITY] * 2},
-         r"targets\[1\]\.attitude: time_s: must cover the scene, 0 to 1614 s, got 0 to 9 s"),
+         r"targets\[1\]\.attitude\.time_s: must cover the scene, 0 to 1614 s, got 0 to 9 s"),
         ({"kind": "table", "time_s": [0.1, 2e3], "quaternion": [IDENTITY] * 2}, r"must cover .* got 0.1 to 2000"),
         ({"kind": "table", "time_s": [0.0, 2e3], "quaternion": [IDENTITY, [1, 1, 0, 0]]},
          r"targets\[1\]\.attitude\.quaternion: norm must be 1 within 0.001, got 1.41421 in row 1"),

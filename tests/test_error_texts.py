@@ -48,7 +48,7 @@ def test_places_are_fields(scene, changes, message):
 
 
 def test_a_files_name_is_no_field():
-    """Whatever a rule begins with, only known fields are put behind a place."""
+    """Paths of fields join with a dot, names of files with a colon."""
 
     @config_model
     class Inner:
@@ -56,7 +56,9 @@ def test_a_files_name_is_no_field():
 
         @model_validator(mode="after")
         def _check(self):
-            raise ws.InputError("nope.tle: cannot be read" if self.depth_m > 0 else "depth_m: must be above 0")
+            if self.depth_m > 0:
+                raise ws.InputError("cannot be read").of("nope.tle")
+            raise ws.InputError("must be above 0", "depth_m")
 
     @config_model
     class Outer:

@@ -4,10 +4,10 @@ import astropy.units as u
 import numpy as np
 import pytest
 import warp as wp
+from warpsim.render.warmth import make_warmth
 from warpsim_kernels import temperature
 
 import warpsim as ws
-from warpsim.render.warmth import make_warmth
 from warpsim.target.temperature import TemperatureRows, checked_rows
 
 SEED = 161803
@@ -127,7 +127,7 @@ def with_file(scene, tmp_path, text, name="t.csv", **fields):
     """A saved scene whose spheres take their temperature from a file beside it."""
     (tmp_path / name).write_text(text)
     data = scene.to_dict()
-    data["targets"][1]["temperature"] = {"kind": "table", "file": name, **fields}
+    data["targets"][1]["temperature"] = {"kind": "table", "file": str(tmp_path / name), **fields}
     path = tmp_path / "scene.json"
     ws.Scene.from_dict(data).save(path)
     return path
@@ -140,6 +140,17 @@ def test_a_file_beside_the_scene_is_read(scene, tmp_path):
     assert loaded.files == [str(tmp_path / "t.csv")]
     table = loaded.targets[1].temperature
     assert len(table.checksum) == 64
+    (tmp_path / "t.csv").unlink()  # read once
+    assert table.rows(loaded.epoch).at(400.0)[0] == pytest.approx(305.25, abs=1e-9)
+
+
+def test_a_file_is_counted_from_the_directory_of_its_table(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    table = ws.TemperatureTable(file="t.csv")
+    monkeypatch.chdir(tmp_path.parent)
+    assert table.file == str(tmp_path / "t.csv")
+    with pytest.raises(ws.InputError, match=rf"^{table.file}: cannot be read"):
+        table.rows(None)
 
 
 def test_dates_and_units_of_columns_are_honoured(scene, tmp_path):
@@ -163,8 +174,8 @@ def test_dates_and_units_of_columns_are_honoured(scene, tmp_path):
         (CSV.replace("310.5", "warm"), r"t\.csv: line 4: column temperature_k: must be a number, got 'warm'"),
         (CSV.replace("310.5", "-3"), r"t\.csv: line 4: temperature_k: must be in \(0, 100000\], got -3"),
         (CSV.replace("800", "1800"), r"t\.csv: line 5: time_s: must ascend, got 1700 after 1800"),
-        (CSV.replace("1700", "1600"), r"time_s: must cover the scene, 0 to 1614 s, got 0 to 1600 s"),
-        (CSV.replace("\n0,", "\n0.5,"), r"time_s: must cover the scene, 0 to 1614 s, got 0.5 to 1700 s"),
+        (CSV.replace("1700", "1600"), r"t\.csv: must cover the scene, 0 to 1614 s, got 0 to 1600 s$"),
+        (CSV.replace("\n0,", "\n0.5,"), r"t\.csv: must cover the scene, 0 to 1614 s, got 0\.5 to 1700 s$"),
         (CSV.replace("temperature_k", "kelvin"), r"must have columns of temperature .*, got time_s, kelvin"),
         (CSV.replace("time_s", "t"), r"must have one of the columns time_s .* and time_utc"),
         (CSV.removesuffix("\n"), r"line 5: must end with a line break"),
@@ -199,7 +210,7 @@ def test_gaps_of_files_and_missing_files(scene, tmp_path):
         ({"start_k": 300.0, "end": 200.0}, r"\.end: is not a known field"),
         (
             {"kind": "table", "time_s": [0, 9], "temperature_k": [300, 310]},
-            ": time_s: must cover the scene, 0 to 1614 s",
+            r"\.time_s: must cover the scene, 0 to 1614 s",
         ),
         (
             {"kind": "table", "time_s": [0, 0], "temperature_k": [300, 310]},

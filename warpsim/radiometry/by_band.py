@@ -50,7 +50,7 @@ def band_table(value: Any, info: ValidationInfo, low: float, high: float, open_l
         try:
             numbers[band] = number_within(given, info, low, high, open_low)
         except PydanticCustomError as error:
-            raise InputError(f"{error.message()}", value=given).of(band) from None
+            raise InputError(error.message(), value=given).of(band) from None
     return ByBand(numbers)
 
 
