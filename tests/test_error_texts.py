@@ -125,6 +125,6 @@ def test_four_hundred_mixtures_in_a_file(scene, tmp_path):
 
 @pytest.mark.parametrize("name", ["sun", "moon"])
 def test_only_sensors_and_targets_are_eclipsed(scene, name):
-    for ask in (lambda: scene.eclipses(name), lambda: scene.sunlit_fraction(name, [0.0])):
+    for ask in (lambda: scene.scenario.eclipses(name), lambda: scene.scenario.sunlit_fraction(name, [0.0])):
         with pytest.raises(ws.InputError, match=rf"^name: must be a sensor or a target \(center, .*\), got '{name}'$"):
             ask()

@@ -26,7 +26,7 @@ def temperature_kernel(
     kelvin: wp.array[wp.float64],
 ):
     i = wp.tid()
-    kelvin[i] = temperature.temperature_k(tables, first, count, time_s[i])
+    kelvin[i] = temperature.scenario.temperature_k(tables, first, count, time_s[i])
 
 
 def on_device(all_rows, number, time_s, device):
@@ -73,7 +73,7 @@ def test_ends_hold_for_a_second(device):
 
 
 def test_rows_that_are_shared_lie_on_the_device_once(scene):
-    warmth = make_warmth(scene.temperatures, wp.get_device("cpu"))
+    warmth = make_warmth(scene.scenario.temperatures, wp.get_device("cpu"))
     assert len(warmth.first) == 30
     assert warmth.tables.time_s.shape == (2 * 4,)
     assert warmth.span_k == (328.0, 350.0)
@@ -135,8 +135,8 @@ def with_file(scene, tmp_path, text, name="t.csv", **fields):
 
 def test_a_file_beside_the_scene_is_read(scene, tmp_path):
     loaded = ws.Scene.load(with_file(scene, tmp_path, CSV))
-    np.testing.assert_allclose(loaded.temperature_k("sphere04", [0.0, 400.0, 1250.0]), [300.0, 305.25, 300.25])
-    assert loaded.temperatures[1] is loaded.temperatures[10]  # one table for the ten spheres
+    np.testing.assert_allclose(loaded.scenario.temperature_k("sphere04", [0.0, 400.0, 1250.0]), [300.0, 305.25, 300.25])
+    assert loaded.scenario.temperatures[1] is loaded.scenario.temperatures[10]  # one table for the ten spheres
     assert loaded.files == [str(tmp_path / "t.csv")]
     table = loaded.targets[1].temperature
     assert len(table.checksum) == 64
@@ -156,13 +156,13 @@ def test_a_file_is_counted_from_the_directory_of_its_table(tmp_path, monkeypatch
 def test_dates_and_units_of_columns_are_honoured(scene, tmp_path):
     dates = "time_utc,temperature_k\n2025-01-01T13:59:00,300\n2025-01-01T14:10:00,310\n2025-01-01T15:00:00,290\n"
     loaded = ws.Scene.load(with_file(scene, tmp_path, dates))
-    assert loaded.temperature_k("sphere01", 600.0)[0] == pytest.approx(310.0, abs=1e-9)
+    assert loaded.scenario.temperature_k("sphere01", 600.0)[0] == pytest.approx(310.0, abs=1e-9)
     ecsv = (
         "# %ECSV 1.0\n# ---\n# datatype:\n# - {name: time_s, unit: min, datatype: float64}\n"
         "# - {name: temperature_k, unit: mK, datatype: float64}\ntime_s temperature_k\n0 300000\n30 310000\n"
     )
     loaded = ws.Scene.load(with_file(scene, tmp_path, ecsv, "t.ecsv"))
-    assert loaded.temperature_k("sphere01", 900.0)[0] == pytest.approx(305.0, abs=1e-9)
+    assert loaded.scenario.temperature_k("sphere01", 900.0)[0] == pytest.approx(305.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -225,12 +225,12 @@ def test_scenes_say_where_a_temperature_is_wrong(scene, fields, message):
 
 
 def test_temperature_of_a_target_by_name(scene):
-    np.testing.assert_allclose(scene.temperature_k("center", [0.0, 807.0, 1614.0]), [350.0, 339.0, 328.0], rtol=1e-15)
-    assert scene.temperature_k("cone02", 0.0).shape == (1,)
+    np.testing.assert_allclose(scene.scenario.temperature_k("center", [0.0, 807.0, 1614.0]), [350.0, 339.0, 328.0], rtol=1e-15)
+    assert scene.scenario.temperature_k("cone02", 0.0).shape == (1,)
     with pytest.raises(ws.InputError, match="name: must be a target"):
-        scene.temperature_k("sat11", 0.0)
+        scene.scenario.temperature_k("sat11", 0.0)
     with pytest.raises(ws.InputError, match="center: time_s: must be within the scene, 0 to 1614 s, got 1700"):
-        scene.temperature_k("center", 1700.0)
+        scene.scenario.temperature_k("center", 1700.0)
 
 
 @pytest.mark.parametrize("ending", ["toml", "json"])
@@ -262,7 +262,7 @@ def test_truth_is_the_temperature_at_emission(scene, device):
         ours = truth[truth["target"] == name]
         emitted_s = np.array(ours["time_s"] - ours["range_km"] * 1e3 / C_M_S)
         np.testing.assert_allclose(
-            ours["temperature_k"], mixed.temperature_k(name, emitted_s), rtol=0, atol=TRUTH_ATOL_K
+            ours["temperature_k"], mixed.scenario.temperature_k(name, emitted_s), rtol=0, atol=TRUTH_ATOL_K
         )
 
 

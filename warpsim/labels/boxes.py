@@ -69,7 +69,7 @@ def blur_half_px(instrument: Instrument, band: str) -> tuple[float, float]:
 
 
 def path_extent(frames: FrameSet) -> tuple[F64, F64, Bools]:
-    """Return the lowest and highest x and y of targets' paths, (view, target, 2), and whether any of them is on the array."""
+    """Return the lowest and highest x and y of paths, (view, target, 2), and whether any of it is on the array."""
     light, camera = frames.target_light, frames.instrument.sensor.camera
     n_view, n_target, n_term = light.offset_px.shape[:3]
     low_px, high_px = light.xy_px.copy(), light.xy_px.copy()

@@ -144,6 +144,10 @@ class Scene(SceneDescription):
         """Return when each sensor can observe what its access counts by, as an astropy Table; Scenario.access."""
         return self.scenario.access(target, sensors, **options)
 
+    def access_margins(self, time_s: npt.ArrayLike, **options: Any) -> dict[str, npt.NDArray[np.float64]]:
+        """Return the signed margin of every access rule, each (n_sensor, n_time); Scenario.access_margins."""
+        return self.scenario.access_margins(time_s, **options)
+
     def __getattr__(self, name: str) -> Any:
         """Fields of the only kind of sensor, or of the only group.
 

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.errors import InputError
-from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 from warpsim.sky.catalog import StarCatalog
@@ -118,14 +117,9 @@ def speed_scene(n_pixel: int, psf: str = "airy", n_sensor: int = 1) -> Scene:
     )
 
 
-def _only(scenario: Scenario) -> Instrument:
-    (instrument,) = scenario.instruments.values()
-    return instrument
-
-
 def _watching(scenario: Scenario, n_sensor: int, n_frame: int) -> list[str]:
     """Sensors that see the targets in each of the first frames."""
-    first_s, last_s = _only(scenario).frame_time_s([0, n_frame - 1])
+    first_s, last_s = scenario.instrument.frame_time_s([0, n_frame - 1])
     table = scenario.access()
     seen = table[(table["start_s"] <= first_s) & (table["end_s"] >= last_s)]
     sensors = [str(name) for name in seen["sensor"]][:n_sensor]
@@ -145,7 +139,7 @@ def speed_catalog(scenario: Scenario, sensors: list[str], n_frame: int, n_star: 
     """
     if n_star < 0:
         raise InputError("must be >= 0", "n_star", n_star)
-    instrument = _only(scenario)
+    instrument = scenario.instrument
     camera = instrument.sensor.camera
     first_s, last_s = instrument.frame_time_s([0, n_frame - 1])
     time_s = np.linspace(first_s, last_s, 17)
