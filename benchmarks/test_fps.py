@@ -57,5 +57,5 @@ def test_fps(benchmark, n_pixel, n_sensor, n_star, psf, device):
         frames_per_call=work.n_frame,
         fps=work.n_view / benchmark.stats.stats.median,
         paper_fps=PAPER_FPS[n_pixel],
-        psf_error=psf_error(work.scene.psf(BAND)),
+        psf_error=psf_error(work.scene.scenario.instrument.psf(BAND)),
     )

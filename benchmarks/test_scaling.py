@@ -77,7 +77,7 @@ def test_catalog(benchmark, n_star):
 def even_sky(work: SpeedWork, n_star: int) -> ws.StarCatalog:
     """The stars of an evenly filled sky that are next to where the sensor looks; so many, nearest first."""
     rng = np.random.default_rng(83)
-    axis = work.scene.view_axes(work.sensors[0], [work.scene.frames.start_s])[0, 2]
+    axis = work.scene.scenario.view_axes(work.sensors[0], [work.scene.frames.start_s])[0, 2]
     # In the order of their distance, stars fill equal areas: 1 - cos(distance) grows evenly.
     along = 1.0 - 2.0 * (np.arange(n_star) + rng.uniform(size=n_star)) / SKY_STARS
     turn = np.random.default_rng(84).uniform(0, 2 * np.pi, n_star)

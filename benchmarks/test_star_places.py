@@ -63,7 +63,7 @@ def views_of(world: World, scene: ws.Scene, sensor: str, n_view: int) -> Chunk:
     """Aimed views of one sensor, targets observed, ready for the star stage."""
     frames = np.arange(n_view)
     row = scene.sensor_names.index(sensor)
-    views = new_views(world, scene.frame_time_s(frames), frames, np.full(n_view, row))
+    views = new_views(world, scene.scenario.instrument.frame_time_s(frames), frames, np.full(n_view, row))
     light = new_light((n_view, 1, 16, 16), world.device)
     counts = wp.empty((n_view, 1, 16, 16), dtype=wp.uint16, device=world.device)
     sources = new_sources(world, n_view, world.n_target + 64)

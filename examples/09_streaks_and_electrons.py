@@ -39,10 +39,10 @@ def main(output: Path, quick: bool = False) -> None:
         camera={"n_row": 64, "n_col": 64, "fov_deg": 0.2} if quick else {"n_row": 160, "n_col": 160, "fov_deg": 0.5},
         detector=GOOD,
     )
-    levels = scene.levels[BAND]
+    levels = scene.scenario.instrument.levels[BAND]
     print(f"blank sky: {levels.background_e:.0f} e of light, {levels.dark_e:.0f} e dark, noise {levels.noise_e:.0f} e")
     print(f"implied NEI {levels.nei_w_cm2:.2e} W/cm2, SEI {levels.sei_w_cm2:.2e} W/cm2")
-    seen = scene.view_axes(SENSOR, [TIME_S])[0, 2]
+    seen = scene.scenario.view_axes(SENSOR, [TIME_S])[0, 2]
     ra_deg, dec_deg = np.degrees(np.arctan2(seen[1], seen[0])), np.degrees(np.arcsin(seen[2]))
     stare = scene.replace(pointing={"kind": "fixed", "ra_dec_deg": (ra_deg, dec_deg)})
     rows = [

@@ -207,7 +207,7 @@ def test_apparent_direction_is_where_the_image_shows_it(scene):
     frames = ws.Renderer(scene, device="cpu").render([60, 90], ["sat11", "sat27"], ["A"])
     for row in frames.truth[::7]:
         t = np.array([row["time_s"]])
-        seen = apparent_mean(scene.tracks, [row["target"]], t, *scene.tracks.of(row["sensor"]).state(t))
+        seen = apparent_mean(scene.scenario.tracks, [row["target"]], t, *scene.scenario.tracks.of(row["sensor"]).state(t))
         axes = frames.axes_icrs[list(frames.frames).index(row["frame"]), frames.sensors.index(row["sensor"])]
         xy, in_front = scene.camera.project(seen, axes)
         if in_front[0] and np.isfinite(row["x_px"]):
@@ -422,10 +422,10 @@ def test_eclipses_of_a_scene(scene):
     """At night over the northern Pacific in winter: some satellites and the target pass through the shadow."""
     n_row = 0
     for name in [*scene.sensor_names[:14], "center"]:
-        table = scene.eclipses(name)
+        table = scene.scenario.eclipses(name)
         n_row += len(table)
         time_s = np.arange(0.0, scene.duration_s, 5.0)
-        share = scene.sunlit_fraction(name, time_s)
+        share = scene.scenario.sunlit_fraction(name, time_s)
         dark = np.zeros(len(time_s), bool)
         umbra = dark.copy()
         for row in table:
@@ -433,6 +433,6 @@ def test_eclipses_of_a_scene(scene):
             umbra |= (time_s >= row["umbra_start_s"]) & (time_s <= row["umbra_end_s"])
         assert np.array_equal(dark, share < 1) and np.array_equal(umbra, share == 0)
     assert n_row > 3
-    assert scene.eclipses("sat11").colnames == ["start_s", "umbra_start_s", "umbra_end_s", "end_s", "duration_s"]
+    assert scene.scenario.eclipses("sat11").colnames == ["start_s", "umbra_start_s", "umbra_end_s", "end_s", "duration_s"]
     with pytest.raises(InputError, match="name: must be a sensor or a target"):
-        scene.eclipses("moon")
+        scene.scenario.eclipses("moon")

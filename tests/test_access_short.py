@@ -328,12 +328,12 @@ def test_a_camera_that_follows_another_body_turns_fast_where_that_is_near():
 
 def test_a_stowed_target_has_the_light_of_the_main_one(scene):
     """In the penumbra, and released into it fast: the own path before the release is another."""
-    end_s = scene.eclipses("center")["end_s"][0]
+    end_s = scene.scenario.eclipses("center")["end_s"][0]
     late = scene.replace(release={"time_s": end_s, "speed_m_s": [2000.0, 3000.0]})
     time_s = end_s + np.linspace(-25.0, -1e-3, 200)
     name = "cone03"
-    share = late.sunlit_fraction(name, time_s)
-    assert np.array_equal(share, late.sunlit_fraction("center", time_s))
+    share = late.scenario.sunlit_fraction(name, time_s)
+    assert np.array_equal(share, late.scenario.sunlit_fraction("center", time_s))
     assert ((share > 0) & (share < 1)).sum() > 50
-    (row,) = [row for row in late.eclipses(name) if abs(row["umbra_end_s"] - end_s) < 60]
+    (row,) = [row for row in late.scenario.eclipses(name) if abs(row["umbra_end_s"] - end_s) < 60]
     assert np.array_equal(share == 0, time_s <= row["umbra_end_s"])

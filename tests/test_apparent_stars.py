@@ -214,7 +214,7 @@ def test_stars_around_the_sun_are_erfas(scene, device, epoch_utc, sensor, frame,
     described = scene.replace(
         epoch_utc=epoch_utc, sky={"aberration": True, "parallax": True, "light_deflection": True}, bands=["A"]
     )
-    time_s = float(described.frame_time_s([frame])[0])
+    time_s = float(described.scenario.instrument.frame_time_s([frame])[0])
     barycentric, velocity, heliocentric = earth(described.epoch, time_s)
     position = described.position_m(sensor, [time_s])[0]
     step = 0.05

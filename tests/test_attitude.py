@@ -11,7 +11,7 @@ from warpsim_kernels import motion
 
 import warpsim as ws
 from warpsim import quaternion
-from warpsim.render.turning import motion_struct
+from warpsim.render.attitude_arrays import motion_struct
 from warpsim.streams import uniforms
 from warpsim.target.attitude import BodyMotion, attitude_frame, attitude_quaternion, turns
 
@@ -267,18 +267,18 @@ def test_aspect_is_that_of_the_scenes_body_axis_at_emission(scene, target):
     rows = rows[rows["target"] == target]
     emitted_s = np.array(rows["time_s"] - rows["range_km"] * 1e3 / C_M_S)
     sight = quick.position_m("sat11", np.array(rows["time_s"])) - quick.position_m(target, emitted_s)
-    axis = quick.body_axis(target, emitted_s)
+    axis = quick.scenario.body_axis(target, emitted_s)
     aspect = np.arctan2(np.linalg.norm(np.cross(axis, sight), axis=1), np.sum(axis * sight, axis=1))
     np.testing.assert_allclose(np.radians(rows["aspect_deg"]), aspect, rtol=0, atol=ASPECT_ATOL_RAD)
-    turned = Rotation.from_quat(quick.attitude_quaternion(target, emitted_s))
+    turned = Rotation.from_quat(quick.scenario.attitude_quaternion(target, emitted_s))
     np.testing.assert_allclose(turned.apply([0, 0, 1]), axis, rtol=0, atol=1e-15)
 
 
 def test_scene_says_which_targets_turn(scene):
-    assert scene.attitude_quaternion("center", 0.0).shape == (1, 4)
-    assert scene.body_axis("cone03", np.zeros(3)).shape == (3, 3)
+    assert scene.scenario.attitude_quaternion("center", 0.0).shape == (1, 4)
+    assert scene.scenario.body_axis("cone03", np.zeros(3)).shape == (3, 3)
     with pytest.raises(ws.InputError, match=r"name: must be a target \(center, .*\), got 'sat11'"):
-        scene.body_axis("sat11", 0.0)
+        scene.scenario.body_axis("sat11", 0.0)
 
 
 def test_axis_along_no_velocity_is_refused(scene):
@@ -286,6 +286,6 @@ def test_axis_along_no_velocity_is_refused(scene):
     rule = r"^center: attitude\.axis: must be 'random' or a vector for a target at rest"
     fallen = scene.replace(trajectory=still, duration_s=60.0, frames={"count": 3, "interval_s": 10.0})
     with pytest.raises(ws.InputError, match=rule):
-        fallen.body_axis("center", [0.0])
+        fallen.scenario.body_axis("center", [0.0])
     with pytest.raises(ws.InputError, match=rule):
         ws.Renderer(fallen).render([0], sensors=["sat11"])

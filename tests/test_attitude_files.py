@@ -96,10 +96,10 @@ def test_files_turn_a_target_as_they_say(scene, tmp_path, name):
     told = scene.replace(targets__1__attitude={"kind": "table", "file": str(tmp_path / name)})
     assert told.epoch_utc.startswith(EPOCH_UTC)
     times = np.array([0.0, 12.3, 800.0, 1614.0])
-    seen = Rotation.from_quat(told.attitude_quaternion("sphere03", times))
+    seen = Rotation.from_quat(told.scenario.attitude_quaternion("sphere03", times))
     assert (seen * turned(times).inv()).magnitude().max() < PRINTED_RAD
     np.testing.assert_allclose(
-        told.body_axis("sphere03", times), turned(times).apply([0, 0, 1]), rtol=0, atol=PRINTED_RAD
+        told.scenario.body_axis("sphere03", times), turned(times).apply([0, 0, 1]), rtol=0, atol=PRINTED_RAD
     )
     assert len(told.targets[1].attitude.checksum) == 64
 

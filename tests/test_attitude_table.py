@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import warp as wp
 from scipy.spatial.transform import Rotation, Slerp
+from warpsim.render.turning import make_turning
 from warpsim_kernels import attitude_table
 
 import warpsim as ws
 from warpsim import quaternion
 from warpsim.render.target_field import make_target_field
-from warpsim.render.turning import make_turning
 from warpsim.target.attitude import BodyMotion, attitude_frame
 from warpsim.target.attitude_table import checked_rows
 
@@ -269,7 +269,7 @@ def test_scenes_with_tables_load_back_equal(tabled, tmp_path, ending):
     tabled.save(tmp_path / f"t.{ending}")
     again = ws.Scene.load(tmp_path / f"t.{ending}")
     assert again == tabled
-    np.testing.assert_array_equal(again.body_axis("center", 500.0), tabled.body_axis("center", 500.0))
+    np.testing.assert_array_equal(again.scenario.body_axis("center", 500.0), tabled.scenario.body_axis("center", 500.0))
 
 
 @pytest.mark.parametrize(
@@ -283,7 +283,7 @@ def test_scenes_with_tables_load_back_equal(tabled, tmp_path, ending):
         ({"spin_phase_rev": "a"}, r"targets\[1\]\.attitude\.spin_phase_rev: must be a number"),
         (5.0, r"targets\[1\]\.attitude: .*got 5.0"),
         ({"kind": "table", "time_s": [0.0, 9.0], "quaternion": [IDENTITY] * 2},
-         r"targets\[1\]\.attitude: time_s: must cover the scene, 0 to 1614 s, got 0 to 9 s"),
+         r"targets\[1\]\.attitude\.time_s: must cover the scene, 0 to 1614 s, got 0 to 9 s"),
         ({"kind": "table", "time_s": [0.1, 2e3], "quaternion": [IDENTITY] * 2}, r"must cover .* got 0.1 to 2000"),
         ({"kind": "table", "time_s": [0.0, 2e3], "quaternion": [IDENTITY, [1, 1, 0, 0]]},
          r"targets\[1\]\.attitude\.quaternion: norm must be 1 within 0.001, got 1.41421 in row 1"),
@@ -302,12 +302,12 @@ def test_rendered_aspect_is_the_tables(tabled, device):
         emitted_s = np.array(rows["time_s"] - rows["range_km"] * 1e3 / C_M_S)
         observer = np.stack([tabled.position_m(row["sensor"], row["time_s"])[0] for row in rows])
         sight = observer - tabled.position_m(name, emitted_s)
-        axis = tabled.body_axis(name, emitted_s)
+        axis = tabled.scenario.body_axis(name, emitted_s)
         aspect = np.arctan2(np.linalg.norm(np.cross(axis, sight), axis=1), np.sum(axis * sight, axis=1))
         np.testing.assert_allclose(np.radians(rows["aspect_deg"]), aspect, rtol=0, atol=ASPECT_ATOL_RAD)
     table = tabled.targets[2].attitude
     expected = Slerp(table.time_s, Rotation.from_quat(table.quaternion))([3.3, 1200.0])
-    assert rotation_error_rad(tabled.attitude_quaternion("cylinder04", [3.3, 1200.0]), expected).max() < 1e-13
+    assert rotation_error_rad(tabled.scenario.attitude_quaternion("cylinder04", [3.3, 1200.0]), expected).max() < 1e-13
 
 
 def test_frames_alone_and_in_a_batch_are_the_same(tabled, device):
@@ -331,7 +331,7 @@ def test_tables_are_in_the_kernel_only_where_a_target_has_one(scene, tabled):
     fields = [make_target_field(s, ["A"], wp.get_device("cpu")) for s in (scene, tabled)]
     assert [field.features.attitude_tables for field in fields] == [False, True]
     assert fields[0].observe_kernel is not fields[1].observe_kernel
-    shared = make_turning(tabled.attitudes, wp.get_device("cpu"))
+    shared = make_turning(tabled.scenario.attitudes, wp.get_device("cpu"))
     assert shared.tables.time_s.shape == (8000,)  # the targets of a kind share their table
 
 

@@ -116,12 +116,12 @@ def test_radiance_underflows_to_zero_without_warnings(recwarn):
 
 @pytest.mark.parametrize("temperature_k", [0.0, -1.0, np.nan, np.inf, [300.0, 0.0]])
 def test_bad_temperature_is_an_error(temperature_k):
-    with pytest.raises(InputError, match="temperature_k must be finite and > 0, got"):
+    with pytest.raises(InputError, match="temperature_k: must be finite and > 0, got"):
         band_radiance_w_m2_sr(temperature_k, "A")
 
 
 def test_temperature_must_be_numbers():
-    with pytest.raises(InputError, match="temperature_k must be numbers"):
+    with pytest.raises(InputError, match="temperature_k: must be numbers"):
         band_radiance_w_m2_sr("hot", "A")
 
 
@@ -248,7 +248,7 @@ def test_one_interval_is_the_mean_wavelength():
 def test_bad_number_of_intervals_is_an_error(n):
     with pytest.raises(InputError) as error:
         BANDS["A"].intervals(n)
-    assert str(error.value) == f"band A: n must be a whole number from 1 to 32, got {n!r}"
+    assert str(error.value) == f"band A: n: must be a whole number from 1 to 32, got {n!r}"
 
 
 def test_band_is_scaled_to_peak_one_copied_and_read_only():
@@ -285,16 +285,16 @@ def test_equal_bands_are_equal():
 @pytest.mark.parametrize(
     ("wavelength_um", "response", "text"),
     [
-        ([3.0, 3.0], [1.0, 1.0], "band x: wavelength_um must increase, got 3 then 3"),
-        ([4.0, 3.0], [1.0, 1.0], "band x: wavelength_um must increase, got 4 then 3"),
-        ([0.0, 3.0], [1.0, 1.0], "band x: wavelength_um must be > 0, got 0"),
-        ([3.0, np.nan], [1.0, 1.0], "band x: wavelength_um must be finite, got nan at node 1"),
-        ([3.0, 4.0], [np.inf, 1.0], "band x: response must be finite, got inf at node 0"),
-        ([3.0, 4.0], [-0.1, 1.0], "band x: response must be >= 0, got -0.1"),
-        ([3.0, 4.0], [0.0, 0.0], "band x: response must be > 0 somewhere, got 0 everywhere"),
-        ([3.0, 4.0], [1.0, 1.0, 1.0], "band x: response must be as long as wavelength_um, got 3 and 2 nodes"),
-        ([3.0], [1.0], "band x: wavelength_um must be a vector of at least 2 nodes, got shape (1,)"),
-        ("abc", [1.0, 1.0], "band x: wavelength_um must be numbers, got str"),
+        ([3.0, 3.0], [1.0, 1.0], "band x: wavelength_um: must increase, got 3 then 3"),
+        ([4.0, 3.0], [1.0, 1.0], "band x: wavelength_um: must increase, got 4 then 3"),
+        ([0.0, 3.0], [1.0, 1.0], "band x: wavelength_um: must be > 0, got 0"),
+        ([3.0, np.nan], [1.0, 1.0], "band x: wavelength_um: must be finite, got nan at node 1"),
+        ([3.0, 4.0], [np.inf, 1.0], "band x: response: must be finite, got inf at node 0"),
+        ([3.0, 4.0], [-0.1, 1.0], "band x: response: must be >= 0, got -0.1"),
+        ([3.0, 4.0], [0.0, 0.0], "band x: response: must be > 0 somewhere, got 0 everywhere"),
+        ([3.0, 4.0], [1.0, 1.0, 1.0], "band x: response: must be as long as wavelength_um, got 3 and 2 nodes"),
+        ([3.0], [1.0], "band x: wavelength_um: must be a vector of at least 2 nodes, got shape (1,)"),
+        ("abc", [1.0, 1.0], "band x: wavelength_um: must be numbers, got str"),
     ],
 )
 def test_bad_band_is_an_error(wavelength_um, response, text):
@@ -304,5 +304,5 @@ def test_bad_band_is_an_error(wavelength_um, response, text):
 
 
 def test_band_needs_a_name():
-    with pytest.raises(InputError, match="name must be a text"):
+    with pytest.raises(InputError, match=r"^band: name: must be a text"):
         Band("", [3.0, 4.0], [1.0, 1.0])

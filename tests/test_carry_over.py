@@ -29,7 +29,7 @@ def fresh(scene):
 @pytest.fixture
 def scene():
     scene = ws.Scene.load("stss")
-    assert scene.sensors_with_access  # works out tracks and access
+    assert scene.scenario.sensors_with_access  # works out tracks and access
     return scene
 
 
@@ -46,7 +46,7 @@ def scene():
 )
 def test_what_has_nothing_to_do_with_motion_keeps_tracks_and_access(scene, changes):
     other = scene.replace(**changes)
-    assert other.tracks is scene.tracks
+    assert other.scenario.tracks is scene.scenario.tracks
     assert np.array_equal(other.access().as_array(), fresh(other).access().as_array())
 
 
@@ -63,7 +63,7 @@ def test_what_has_nothing_to_do_with_motion_keeps_tracks_and_access(scene, chang
 )
 def test_what_moves_otherwise_is_worked_out_anew(scene, changes):
     other = scene.replace(**changes)
-    assert other.tracks is not scene.tracks
+    assert other.scenario.tracks is not scene.scenario.tracks
     sampled = other.position_m(other.target_names[-1], [900.0])
     assert np.array_equal(sampled, fresh(other).position_m(other.target_names[-1], [900.0]))
 
@@ -76,16 +76,16 @@ MANY = {"camera__n_row": 8192, "camera__n_col": 8192}
 def test_access_follows_its_rules(scene, rules):
     scene = scene.replace(pointing=FIXED, camera__fov_deg=20.0, **MANY)
     other = scene.replace(**{f"access_rules__{name}": value for name, value in rules.items()})
-    assert other.tracks is scene.tracks
+    assert other.scenario.tracks is scene.scenario.tracks
     assert np.array_equal(other.access().as_array(), fresh(other).access().as_array())
     assert not np.array_equal(other.access().as_array(), scene.access().as_array())
 
 
 def test_a_camera_matters_where_access_asks_for_the_field_of_view(scene):
     narrow = scene.replace(access_rules__in_fov=True, pointing=FIXED, camera__fov_deg=5.0, **MANY)
-    assert narrow.sensors_with_access is not None
+    assert narrow.scenario.sensors_with_access is not None
     wide = narrow.replace(camera__fov_deg=119.0)
-    assert wide.tracks is narrow.tracks
+    assert wide.scenario.tracks is narrow.scenario.tracks
     assert np.array_equal(wide.access().as_array(), fresh(wide).access().as_array())
     assert not np.array_equal(wide.access().as_array(), narrow.access().as_array())
 
@@ -113,7 +113,7 @@ def test_a_file_that_was_changed_meanwhile_is_read_anew(tmp_path):
     write(7000.0)
     scene = ws.Scene.load("stss").replace(trajectory={"kind": "ephemeris", "file": str(path)}, release__time_s=0.0)
     before = scene.position_m(scene.target_names[0], [500.0])
-    assert scene.replace(camera__n_row=64).tracks is scene.tracks
+    assert scene.replace(camera__n_row=64).scenario.tracks is scene.scenario.tracks
     write(7100.0)
     after = scene.replace(camera__n_row=64).position_m(scene.target_names[0], [500.0])
     assert np.linalg.norm(before) == pytest.approx(7.0e6, abs=1)
@@ -122,9 +122,9 @@ def test_a_file_that_was_changed_meanwhile_is_read_anew(tmp_path):
 
 def test_pointing_matters_where_access_asks_for_the_field_of_view(scene):
     one = scene.replace(access_rules__in_fov=True, pointing=FIXED, camera__fov_deg=50.0, **MANY)
-    assert one.sensors_with_access is not None
+    assert one.scenario.sensors_with_access is not None
     other = one.replace(pointing={"kind": "fixed", "azimuth_elevation_deg": [0.0, -20.0]})
-    assert other.tracks is one.tracks
+    assert other.scenario.tracks is one.scenario.tracks
     assert np.array_equal(other.access().as_array(), fresh(other).access().as_array())
 
 
@@ -137,7 +137,7 @@ def test_a_table_of_directions_is_read_anew(scene, tmp_path):
     write(90)
     table = {"kind": "table", "mode": "stare", "file": str(path)}
     one = scene.replace(access_rules__in_fov=True, pointing=table, camera__fov_deg=50.0, **MANY)
-    assert one.sensors_with_access is not None
+    assert one.scenario.sensors_with_access is not None
     write(10)
     other = one.replace(name="other")
     assert np.array_equal(other.access().as_array(), fresh(other).access().as_array())

@@ -226,9 +226,9 @@ def cds_file(tmp_path, table=TABLE1, readme="ReadMe"):
 
 def read_parts(file, **options):
     """Read through the survey IRAS would need its columns: here the file's own table is looked at."""
-    from warpsim.sky.readers.files import read_file
+    from warpsim.tables.read import read_table
 
-    return read_file(file, options.get("format"), options.get("readme"), None)
+    return read_table(file, options.get("format"), readme=options.get("readme"))
 
 
 @pytest.mark.parametrize("readme", ["ReadMe", "ReadMe.txt"])
@@ -298,7 +298,7 @@ def test_cds_readme_that_does_not_fit(tmp_path):
     assert text == f"readme: {tmp_path / 'ReadMe'}: must describe table9.dat, got table1.dat, table2.dat"
     save(tmp_path / "none.txt", "nothing")
     assert refused(file, readme=tmp_path / "none.txt").endswith("none.txt: must hold a byte-by-byte description")
-    assert "no.txt cannot be read (No such file" in refused(file, readme=tmp_path / "no.txt")
+    assert "no.txt: cannot be read (No such file" in refused(file, readme=tmp_path / "no.txt")
     assert refused(save(tmp_path / "sub.txt", "a\n"), "cds", readme=tmp_path / "ReadMe").startswith("readme: ")
 
 
@@ -625,11 +625,11 @@ BAD_CSV = {
     "long row": (HEADER + "\n1,2,3,4,5\n", "line 3: must have 4 columns, got 5"),
     "flux": (HEADER + "# x\n1,2,3,4\n1,2,3x,4\n", "line 4: column flux_A_jy: must be a number, got '3x'"),
     "quality": (HEADER + "1,2,3,good\n", "line 2: column quality: must be a number, got 'good'"),
-    "negative": (HEADER + "1,2,3,4\n\n1,2,-3,4\n", "flux_A_jy must be in [0, 1e+15], got -3 in line 4 (1 such row)"),
-    "place": (HEADER + "1,2,3,4\n1,95,3,4\n", "dec_deg must be in [-90, 90], got 95 in line 3 (1 such row)"),
+    "negative": (HEADER + "1,2,3,4\n\n1,2,-3,4\n", "line 4: flux_A_jy: must be in [0, 1e+15], got -3"),
+    "place": (HEADER + "1,2,3,4\n1,95,3,4\n", "line 3: dec_deg: must be in [-90, 90], got 95"),
     "angle": (
         HEADER + "1,2,3,4\n12 aa,2,3,4\n",
-        "ra_deg must be an angle such as 12 34 56.7 or 188.73, got '12 aa' in line 3",
+        "line 3: ra_deg: must be an angle such as 12 34 56.7 or 188.73, got '12 aa'",
     ),
     "twice": ("ra_deg,ra_deg,flux_A_jy\n1,2,3\n", "must have columns of different names, got ra_deg twice"),
     "dashes": (HEADER + "-,-,-,-\n1,2,3,4\n-,-,-,-\n", "line 4: must be a row, got a line of dashes (a second table?)"),
@@ -676,7 +676,7 @@ def test_stars_without_a_place_are_left_out_with_rows_or_lines(tmp_path):
 def test_error_lines_count_rows_that_were_left_out(tmp_path):
     file = save(tmp_path / "x.csv", "ra_deg,dec_deg,flux_A_jy\n,1,1\n2,2,-2\n")
     with pytest.warns(UserWarning, match="left out 1 of 2"):
-        assert refused(file) == "flux_A_jy must be in [0, 1e+15], got -2 in line 3 (1 such row)"
+        assert refused(file) == "line 3: flux_A_jy: must be in [0, 1e+15], got -2"
 
 
 # --- the arguments ---
@@ -717,7 +717,7 @@ def test_a_wrong_unit_is_named(tmp_path):
     table = own_table()
     table["F8"].unit = "m"
     table.write(tmp_path / "x.ecsv")
-    assert refused(tmp_path / "x.ecsv", columns=OWN) == "F8 must be numbers in Jy, got float64 in m"
+    assert refused(tmp_path / "x.ecsv", columns=OWN) == "F8: must be numbers in Jy, got float64 in m"
 
 
 def test_reading_does_not_slow_the_import():

@@ -20,7 +20,7 @@ from warpsim.errors import InputError
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.readers import akari, allwise, gaia, hipparcos, iras, twomass
 from warpsim.sky.readers.angles import epoch_of_place, place_deg, sexagesimal_deg
-from warpsim.sky.readers.survey import SurveyTable
+from warpsim.tables.columns import ColumnTable
 
 SURVEYS = {
     survey.name: survey for module in (iras, akari, allwise, hipparcos, gaia, twomass) for survey in module.SURVEYS
@@ -37,7 +37,7 @@ PUBLISHED_ATOL_ARCSEC = 2.0
 
 
 def convert(name, table):
-    return SURVEYS[name].convert(SurveyTable(table))
+    return SURVEYS[name].convert(ColumnTable(table))
 
 
 def catalog_of(stars):
@@ -105,7 +105,7 @@ def test_sexagesimal_text_by_hand(text, hours, expected_deg):
 
 @pytest.mark.parametrize("text", ["abc", "12 61 00", "1 2 3 4", "12 -30 00", "+-3", "12.5 30 00"])
 def test_text_that_is_no_angle_is_an_error(text):
-    with pytest.raises(InputError, match=r"RAJ2000 must be an angle .* in row 1$"):
+    with pytest.raises(InputError, match=r"RAJ2000: must be an angle .* in row 1$"):
         sexagesimal_deg(np.array(["1 2 3", text]), "RAJ2000", hours=True)
 
 
@@ -114,7 +114,7 @@ def test_parts_with_minus_zero_degrees():
         "RAh": [0, 14, 23], "RAm": [0, 13, 59], "RAs": [1.5, 22.8, 59.9],
         "DE-": ["-", "+", "-"], "DEd": [0, 19, 0], "DEm": [0, 26, 30], "DEs": [36, 31, 0],
     })  # fmt: skip
-    ra_deg, dec_deg, name = place_deg(SurveyTable(table))
+    ra_deg, dec_deg, name = place_deg(ColumnTable(table))
     np.testing.assert_allclose(ra_deg, [1.5 / 240, 15 * (14 + 13 / 60 + 22.8 / 3600), 360 - 0.1 / 240], rtol=1e-14)
     np.testing.assert_allclose(dec_deg, [-0.01, 19 + 26 / 60 + 31 / 3600, -0.5], rtol=1e-14)
     assert name == "parts"
@@ -122,35 +122,35 @@ def test_parts_with_minus_zero_degrees():
 
 def test_parts_without_a_sign_column_take_it_from_the_degrees():
     table = Table({"RAh": [1], "RAm": [2.5], "DEd": [-12], "DEm": [30.0]})
-    ra_deg, dec_deg, _ = place_deg(SurveyTable(table))
+    ra_deg, dec_deg, _ = place_deg(ColumnTable(table))
     assert (ra_deg[0], dec_deg[0]) == (pytest.approx(15.625), pytest.approx(-12.5))
     table = Table({"RAh": [1], "RAm": [2.5], "DEd": ["-00"], "DEm": [30.0]})
-    assert place_deg(SurveyTable(table))[1][0] == pytest.approx(-0.5)
+    assert place_deg(ColumnTable(table))[1][0] == pytest.approx(-0.5)
 
 
 @pytest.mark.parametrize(("part", "value"), [("RAh", 25), ("RAm", 75), ("DEd", 91), ("DEs", 61)])
 def test_parts_out_of_range_are_an_error(part, value):
     table = Table({"RAh": [1], "RAm": [2], "RAs": [3], "DE-": ["+"], "DEd": [4], "DEm": [5], "DEs": [6]})
     table[part][0] = value
-    with pytest.raises(InputError, match=rf"^{part} must be in \[-?\d+, \d+\], got {value} in row 0$"):
-        place_deg(SurveyTable(table))
+    with pytest.raises(InputError, match=rf"^{part}: must be in \[-?\d+, \d+\], got {value} in row 0$"):
+        place_deg(ColumnTable(table))
 
 
 def test_places_honour_the_units_of_their_columns():
     table = columns(Table({"RAJ2000": [1.0], "DEJ2000": [-1800.0]}), RAJ2000="rad", DEJ2000="arcsec")
-    ra_deg, dec_deg, _ = place_deg(SurveyTable(table))
+    ra_deg, dec_deg, _ = place_deg(ColumnTable(table))
     assert ra_deg[0] == pytest.approx(math.degrees(1.0), rel=1e-15)
     assert dec_deg[0] == pytest.approx(-0.5, rel=1e-15)
 
 
 def test_a_table_without_places_is_an_error():
     with pytest.raises(InputError, match=r"^must have the columns of a place \(RAJ2000 and DEJ2000.*got S09$"):
-        place_deg(SurveyTable(Table({"S09": [1.0]})))
+        place_deg(ColumnTable(Table({"S09": [1.0]})))
 
 
 def test_missing_parts_are_missing_places():
     table = Table({"RAh": [1], "RAm": [2], "RAs": MaskedColumn([3.0], mask=[True]), "DEd": [4], "DEm": [5]})
-    assert np.isnan(place_deg(SurveyTable(table))[0][0])
+    assert np.isnan(place_deg(ColumnTable(table))[0][0])
 
 
 def test_places_computed_by_vizier_are_at_2000():
@@ -595,7 +595,7 @@ def test_gaia_by_the_names_of_vizier():
 
 def test_gaia_epochs():
     assert convert("gaia", gaia_table(ref_epoch=[2015.5] * 4)).epoch_jyear == 2015.5
-    with pytest.raises(InputError, match=r"^ref_epoch must be the same in all rows, got 2015.5 and 2016$"):
+    with pytest.raises(InputError, match=r"^ref_epoch: must be the same in all rows, got 2015.5 and 2016$"):
         convert("gaia", gaia_table(ref_epoch=[2016.0, 2015.5, 2016.0, 2016.0]))
     table = gaia_table()
     table.remove_column("ref_epoch")
@@ -691,7 +691,7 @@ def test_limits_cannot_pass_for_measurements_where_the_flags_are_missing():
     ],
 )
 def test_each_survey_is_known_by_its_columns(make, name):
-    table = SurveyTable(make())
+    table = ColumnTable(make())
     assert [survey.name for survey in SURVEYS.values() if survey.fits(table)] == [name]
 
 
@@ -699,6 +699,6 @@ def test_masked_text_is_missing_text():
     """VOTable gives text as objects: a masked place is no place, and no error."""
     texts = MaskedColumn(["10 00 00", "10 00 00"], mask=[False, True], dtype=object)
     table = Table({"RAJ2000": texts, "DEJ2000": [1.0, 2.0]})
-    ra_deg, _, _ = place_deg(SurveyTable(table))
+    ra_deg, _, _ = place_deg(ColumnTable(table))
     assert ra_deg[0] == pytest.approx(150.0)
     assert np.isnan(ra_deg[1])

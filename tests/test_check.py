@@ -51,7 +51,7 @@ def test_sizes_of_what_is_left_out(scene, near_stars, changes, arcsec_per_px, ex
         access_rules__min_solar_exclusion_deg=exclusion_deg,
         sky={"catalog": near_stars, "aberration": False},
     )
-    report = scene_report(described)
+    report = scene_report(described.scenario)
     assert f"{arcsec_per_px:.2f} arcsec per pixel" in line(report, "camera")
     # At the limb, 1.75 arcsec; elsewhere 4.07 mas / tan(angle / 2).
     deflection = 4.07e-3 / math.tan(math.radians(exclusion_deg) / 2) if exclusion_deg else 1.75
@@ -71,7 +71,7 @@ def test_sizes_of_what_is_left_out(scene, near_stars, changes, arcsec_per_px, ex
 
 def test_deflection_at_the_papers_exclusion(scene):
     """7.05 mas at 60 degrees, by hand, and the nearest star of the embedded catalog: Rigil Kentaurus, 0.75 to 0.8."""
-    sizes = left_out(scene_report(scene))
+    sizes = left_out(scene_report(scene.scenario))
     assert list(sizes) == ["parallax", "light deflection"]
     assert sizes["light deflection"][0] == pytest.approx(0.00705, rel=TWO_DIGITS)
     assert 0.7 < sizes["parallax"][0] < 0.85
@@ -97,11 +97,11 @@ def test_every_effect_is_included_or_left_out(scene, near_stars, on):
 
 def test_without_parallaxes_none_is_left_out(scene):
     made_up = scene.replace(sky={"catalog": "synthetic", "synthetic": {"n_star": 10}})
-    assert list(left_out(scene_report(made_up))) == ["light deflection"]
+    assert list(left_out(scene_report(made_up.scenario))) == ["light deflection"]
 
 
 def test_the_papers_physics_is_named(scene):
-    assert "the paper's physics" not in scene_report(scene)
+    assert "the paper's physics" not in scene_report(scene.scenario)
     assert line(scene_report(scene.replace(sky__physics="paper")), "sky").endswith(", the paper's physics")
 
 
@@ -146,16 +146,16 @@ def test_the_rule_that_is_broken_is_named(scene):
 
 
 def test_pointing_is_told_with_the_views_that_have_the_target(scene):
-    assert "pointing   tracks main, zenith up; main target in the field of 587 of 587 views" in scene_report(scene)
+    assert "pointing   tracks main, zenith up; main target in the field of 587 of 587 views" in scene_report(scene.scenario)
     jitter = {"rms_urad": 5.0, "correlation_s": 1.0}
     away = scene.replace(pointing={"kind": "fixed", "ra_dec_deg": [10.0, 10.0], "jitter": jitter})
-    report = scene_report(away)
+    report = scene_report(away.scenario)
     assert "pointing   fixed, zenith up, jitter 5 urad; main target in the field of 0 of 587 views" in report
     assert "warning    no view has the main target in the field" in report
 
 
 def test_light_and_heat_are_told(scene):
-    report = scene_report(scene)
+    report = scene_report(scene.scenario)
     assert re.search(r"light      sun: kept: up to \S+ NEI", report)
     assert "exposure" not in report
     balance = {"kind": "heat_balance", "start_k": 300.0, "mass_kg": 10.0, "heat_capacity_j_kg_k": 900.0}
@@ -164,7 +164,7 @@ def test_light_and_heat_are_told(scene):
         detector__exposure_s=0.02,
         lighting__albedo=False,
     )
-    report = scene_report(heated)
+    report = scene_report(heated.scenario)
     assert "light      albedo: off" in report
     assert re.search(r"exposure   0.02 s at \d+ instants, error \de-0\d", report)
     assert re.search(r"heat       center: [\d.]+ to [\d.]+ K, error \S+ K", report)

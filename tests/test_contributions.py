@@ -31,7 +31,7 @@ OPTICS = {
 
 def shaking(scene):
     """Pointing at where the group is, jitter of several pixels included."""
-    z = scene.view_axes(SENSOR, scene.frame_time_s([FRAME]))[0, 2]
+    z = scene.scenario.view_axes(SENSOR, scene.scenario.instrument.frame_time_s([FRAME]))[0, 2]
     place = [float(np.degrees(np.arctan2(z[1], z[0])) % 360), float(np.degrees(np.arcsin(z[2])))]
     return {"kind": "fixed", "ra_dec_deg": place, "jitter": {"rms_urad": 400.0, "correlation_s": 0.1}}
 
@@ -56,7 +56,7 @@ def stars(scene):
     """A thousand within two degrees of where the cameras look in either frame."""
     rng = np.random.default_rng(5)
     places = []
-    for x, y, z in scene.view_axes(SENSOR, scene.frame_time_s([FRAME, LATER])):
+    for x, y, z in scene.scenario.view_axes(SENSOR, scene.scenario.instrument.frame_time_s([FRAME, LATER])):
         angles = np.radians(rng.uniform(-2, 2, (2, 1000)))
         places.append(z + angles[0, :, None] * x + angles[1, :, None] * y)
     x, y, z = np.concatenate(places).T
@@ -125,7 +125,7 @@ def test_a_plane_holds_the_targets_light(changed, frames):
 def test_mask_is_that_of_the_planes(frames, least_nei):
     for frame in frames.frames:
         planes = frames.contributions_w_cm2(frame, SENSOR, "A").astype(np.float64)
-        least = least_nei * frames.scene.nei_w_cm2("A")
+        least = least_nei * frames.scene.scenario.instrument.nei_w_cm2("A")
         first, second = np.sort(planes, axis=0)[:-3:-1]
         wanted = np.where(first >= least, planes.argmax(axis=0) + 1, 0)
         found = frames.target_mask(frame, SENSOR, "A", least_nei)
@@ -173,7 +173,7 @@ def test_bright_targets_reach_far(scene):
     bright = scene.replace(targets__0__shape={"kind": "sphere", "radius_m": 100.0})
     frames = ws.Renderer(bright, device="cpu").render([FRAME], [SENSOR], ["A"])
     planes = frames.contributions_w_cm2(FRAME, SENSOR, "A")
-    least_w_cm2 = 0.2 * scene.nei_w_cm2("A")
+    least_w_cm2 = 0.2 * scene.scenario.instrument.nei_w_cm2("A")
     wanted = planes.max(axis=0) >= least_w_cm2
     np.testing.assert_array_equal(frames.target_mask(FRAME, SENSOR, "A", 0.2) > 0, wanted)
     assert (planes[0] >= least_w_cm2).any(axis=1).sum() > 64

@@ -320,7 +320,7 @@ def test_what_is_tracked_stands_at_its_offset(scene, device, camera, offset):
         row = frames.truth[(frames.truth["sensor"] == sensor) & (frames.truth["target"] == "center")][0]
         place = np.array([row["x_px"], row["y_px"]])
         np.testing.assert_allclose(place, np.add(tracking.camera.centre_px, offset), rtol=0, atol=OFFSET_PX)
-        told = tracking.view_axes(sensor, frames.time_s)
+        told = tracking.scenario.view_axes(sensor, frames.time_s)
         np.testing.assert_allclose(frames.axes_icrs[0, index], told[0], rtol=0, atol=1e-10)
 
 
@@ -401,10 +401,10 @@ def test_the_report_says_what_the_lens_does(scene):
     lines = scene_report(scene.replace(camera__distortion={"k1": -30.0}, camera__pixel_aspect=1.5))
     (line,) = [line for line in lines.splitlines() if line.startswith("  camera")]
     assert "28.13 x 42.19 arcsec per pixel, distorted by up to " in line and "WCS" not in line
-    assert "distorted" not in scene_report(scene)
+    assert "distorted" not in scene_report(scene.scenario)
     strong = scene.replace(camera={"n_row": 512, "n_col": 512, "fov_deg": 60.0, "distortion": {"k1": -0.1}},
                            optics__psf="gaussian")  # fmt: skip
-    assert "field 61.83 x 61.83 deg, WCS good to 0.0008 px" in scene_report(strong)
+    assert "field 61.83 x 61.83 deg, WCS good to 0.0008 px" in scene_report(strong.scenario)
 
 
 @seen_by
@@ -412,7 +412,7 @@ def test_the_picture_of_a_view_has_the_limb_where_the_camera_sees_it(scene, came
     """Rays of a grid of places, by project and the ellipsoid's equation."""
     low = scene.replace(camera=camera, optics__psf="gaussian", sky__catalog="none",
                         pointing={"kind": "fixed", "azimuth_elevation_deg": [0.0, -38.0]})  # fmt: skip
-    view = camera_view(low, "sat11", low.frame_time_s([FRAME])[0])
+    view = camera_view(low, "sat11", low.scenario.instrument.frame_time_s([FRAME])[0])
     n_row, n_col = low.camera.n_row, low.camera.n_col
     xy = np.stack(np.meshgrid(np.linspace(-0.5, n_col - 0.5, 30), np.linspace(-0.5, n_row - 0.5, 30)), axis=-1)
     clearance = earth_clearance(low, view, xy)
@@ -420,7 +420,7 @@ def test_the_picture_of_a_view_has_the_limb_where_the_camera_sees_it(scene, came
     seen = np.random.default_rng(1).normal(size=(400_000, 3)) * [0.25, 0.25, 0] + [0, 0, 1]
     place, _ = low.camera.project(unit(seen), np.eye(3))
     ray = ws.apparent_direction(unit(seen) @ view.axes_icrs, -view.velocity_m_s)
-    pole = low.tracks.pole_icrs
+    pole = low.scenario.tracks.pole_icrs
     a, b = 6378137.0, 6378137.0 * (1 - 1 / 298.257223563)
     m = np.eye(3) / a**2 + np.outer(pole, pole) * (1 / b**2 - 1 / a**2)
     half = ray @ m @ view.position_m

@@ -302,14 +302,14 @@ def test_scene_with_electrons(warm_scene):
     again = ws.Scene.from_dict(warm_scene.to_dict())
     assert again == warm_scene
     assert isinstance(again.detector, ws.ElectronDetector)
-    assert len({warm_scene.nei_w_cm2(band) for band in warm_scene.bands}) == 3
+    assert len({warm_scene.scenario.instrument.nei_w_cm2(band) for band in warm_scene.bands}) == 3
     frames = ws.Renderer(warm_scene, device="cpu", n_thread=1).render([60, 61, 62, 63], keep_signal=True)
     truth = frames.truth
-    nei = np.array([warm_scene.nei_w_cm2(band) for band in truth["band"]])
+    nei = np.array([warm_scene.scenario.instrument.nei_w_cm2(band) for band in truth["band"]])
     np.testing.assert_allclose(truth["snr"], truth["irradiance_w_cm2"] / nei, rtol=1e-12)
     signal, counts = frames.signal_w_cm2.numpy(), frames.counts.numpy()
     for band, name in enumerate(warm_scene.bands):
-        known = warm_scene.levels[name]
+        known = warm_scene.scenario.instrument.levels[name]
         light = (counts[:, :, band] - known.blank_counts) / known.counts_per_nei * known.nei_w_cm2
         faint = signal[:, :, band] < known.nei_w_cm2
         off = (light - signal[:, :, band])[faint] / known.nei_w_cm2
@@ -335,8 +335,8 @@ def test_threads_and_bands_make_no_difference(scene, warm_scene):
 
 
 def test_reports_tell_the_chain(warm_scene):
-    report = scene_report(warm_scene)
-    known = warm_scene.levels["A"]
+    report = scene_report(warm_scene.scenario)
+    known = warm_scene.scenario.instrument.levels["A"]
     assert f"A: NEI {known.nei_w_cm2:.4g}, SEI {known.sei_w_cm2:.4g} W/cm2" in report
     assert f"A: background {known.background_e:.4g} e, dark 300 e, read noise 100 e" in report
     assert "pixels " not in report.split("  sky")[0].split("arcsec per pixel")[1]
@@ -349,7 +349,7 @@ def test_reports_tell_the_chain(warm_scene):
 def test_header_and_manifest_tell_the_chain(warm_scene, tmp_path):
     uneven = warm_scene.replace(detector__prnu=0.01)
     header = _header(uneven, "sat11", "C", 1)
-    known = uneven.levels["C"]
+    known = uneven.scenario.instrument.levels["C"]
     assert header["NEI"] == pytest.approx(known.nei_w_cm2, rel=1e-12)
     assert (header["DETECTOR"], header["EXPTIME"], header["GAIN"]) == ("electron", 0.1, 320.0)
     assert header["BACKGR"] == pytest.approx(known.background_e, rel=1e-12)

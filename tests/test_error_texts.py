@@ -48,7 +48,7 @@ def test_places_are_fields(scene, changes, message):
 
 
 def test_a_files_name_is_no_field():
-    """Whatever a rule begins with, only known fields are put behind a place."""
+    """Paths of fields join with a dot, names of files with a colon."""
 
     @config_model
     class Inner:
@@ -56,7 +56,9 @@ def test_a_files_name_is_no_field():
 
         @model_validator(mode="after")
         def _check(self):
-            raise ws.InputError("nope.tle: cannot be read" if self.depth_m > 0 else "depth_m: must be above 0")
+            if self.depth_m > 0:
+                raise ws.InputError("cannot be read").of("nope.tle")
+            raise ws.InputError("must be above 0", "depth_m")
 
     @config_model
     class Outer:
@@ -123,6 +125,6 @@ def test_four_hundred_mixtures_in_a_file(scene, tmp_path):
 
 @pytest.mark.parametrize("name", ["sun", "moon"])
 def test_only_sensors_and_targets_are_eclipsed(scene, name):
-    for ask in (lambda: scene.eclipses(name), lambda: scene.sunlit_fraction(name, [0.0])):
+    for ask in (lambda: scene.scenario.eclipses(name), lambda: scene.scenario.sunlit_fraction(name, [0.0])):
         with pytest.raises(ws.InputError, match=rf"^name: must be a sensor or a target \(center, .*\), got '{name}'$"):
             ask()

@@ -69,7 +69,7 @@ def instants(scene):
 def field(scene):
     """30,000 stars within 10 degrees of what is looked at: a hundred in a square degree."""
     rng = np.random.default_rng(5)
-    boresight = scene.view_axes(SENSOR, [MIDDLE_S])[0]
+    boresight = scene.scenario.view_axes(SENSOR, [MIDDLE_S])[0]
     radius, angle = np.radians(10.0) * np.sqrt(rng.random(30_000)), 2 * np.pi * rng.random(30_000)
     place = np.stack([np.tan(radius) * np.cos(angle), np.tan(radius) * np.sin(angle), np.ones(30_000)], axis=1)
     x, y, z = (place @ boresight).T
@@ -97,7 +97,7 @@ def compare(scene, device, catalog, atol):
 
 def towards_main(scene):
     """Equatorial direction of the main target from the sensor in the middle of the exposure."""
-    seen = scene.view_axes(SENSOR, [MIDDLE_S])[0, 2]
+    seen = scene.scenario.view_axes(SENSOR, [MIDDLE_S])[0, 2]
     return float(np.degrees(np.arctan2(seen[1], seen[0]))), float(np.degrees(np.arcsin(seen[2])))
 
 
@@ -166,7 +166,7 @@ def test_tables_of_directions(scene, device, field, mode):
     else:  # the step in the middle of the exposure is not in the image: the row of the middle holds
         _, one = image(table, device, field)
         assert np.hypot(one.stars["dx_px"], one.stars["dy_px"]).max(initial=0.0) < 1.5
-        axes = table.view_axes(SENSOR, [MIDDLE_S])
+        axes = table.scenario.view_axes(SENSOR, [MIDDLE_S])
         np.testing.assert_allclose(one.axes_icrs[0, 0], axes[0], atol=1e-12)
 
 
@@ -195,7 +195,7 @@ def test_truth_counts_the_light_of_a_streak(scene, device):
     still = exposed(scene, pointing={"kind": "fixed", "ra_dec_deg": towards_main(scene)}, camera__n_row=96, **BRIGHT)
     signal, one = image(still, device, NO_STARS)
     main = one.truth[0]
-    nei = still.nei_w_cm2("A")
+    nei = still.scenario.instrument.nei_w_cm2("A")
     own = signal[round(float(main["y_px"])), round(float(main["x_px"]))]
     assert main["snr_peak"] == pytest.approx(own / nei, rel=1e-5)
     assert main["snr_peak"] < 0.2 * main["snr"]

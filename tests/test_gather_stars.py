@@ -76,7 +76,7 @@ def earth_velocity_m_s(scene, time_s):
 def hand_made_views(scene, world, axes, n_slot):
     """Views with given axes, one a second, of an observer with the Earth behind the camera: nothing is hidden."""
     n_view, frames = len(axes), np.arange(len(axes))
-    views = new_views(world, scene.frame_time_s(frames), frames, np.zeros(n_view))
+    views = new_views(world, scene.scenario.instrument.frame_time_s(frames), frames, np.zeros(n_view))
     light = new_light((n_view, 1, 1, 1), world.device)
     counts = wp.empty((n_view, 1, 1, 1), dtype=wp.uint16, device=world.device)
     sources = new_sources(world, n_view, n_slot)
@@ -280,9 +280,9 @@ def test_parallaxes_as_large_as_a_catalog_may_hold(scene, device, n_pixel):
 def assert_stage_is_complete(scene, device, axes, n_star, light, **far_off):
     """Run the stage on stars about the borders of frames with given axes, and compare."""
     on = wp.get_device(device)
-    time_s = scene.frame_time_s(np.arange(len(axes)))
+    time_s = scene.scenario.instrument.frame_time_s(np.arange(len(axes)))
     earth_m_s = np.stack([earth_velocity_m_s(scene, time) for time in time_s])
-    carried = (earth_m_s + scene.tracks.sensors[0].state(time_s)[1]) * scene.sky.aberration
+    carried = (earth_m_s + scene.scenario.tracks.sensors[0].state(time_s)[1]) * scene.sky.aberration
     barycentric_au = np.stack([earth_state(scene, time)[1]["p"] for time in time_s]) * scene.sky.parallax
     catalog = stars_on_the_rim(scene.camera, axes, carried, barycentric_au, n_star, light, n_star, **far_off)
     world = World(scene, scene.bands, on, star_index(scene, catalog, on))
@@ -314,7 +314,7 @@ def test_the_renderers_list_is_complete(scene, device, n_pixel, bands):
     np.testing.assert_array_equal(seen.axes_icrs, dark.axes_icrs)
     stars, views = seen.stars, []
     for number, frame in enumerate(frames):
-        time_s = float(described.frame_time_s([frame])[0])
+        time_s = float(described.scenario.instrument.frame_time_s([frame])[0])
         for column, sensor in enumerate(sensors):
             mine = stars[(stars["frame"] == frame) & (stars["sensor"] == sensor)]
             position_m = described.position_m(sensor, [time_s])[0]

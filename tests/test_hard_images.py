@@ -27,7 +27,7 @@ NOISE_SIGMAS = 7.0
 
 def sky_scene(scene, camera, pointing=(30.0, 40.0), detector=(), **optics):
     """One sensor that looks in a fixed direction, with stars only."""
-    one_target = [scene.to_dict()["targets"][0]]
+    one_target = [scene.to_dict()["groups"][0]["targets"][0]]
     return scene.replace(
         camera={"fov_deg": 1.0, **camera},
         optics={"aperture_m": 0.4, "psf": "gaussian", "sigma_px": SIGMA_PX, "stamp_cut_nei": 1e-9, **optics},
@@ -39,7 +39,7 @@ def sky_scene(scene, camera, pointing=(30.0, 40.0), detector=(), **optics):
 
 def catalog_at(scene, xy_px, irradiance_w_cm2, **columns):
     """Stars at places of the image in the frame FRAME."""
-    axes = scene.view_axes(SENSOR, scene.frame_time_s([FRAME]))[0]
+    axes = scene.scenario.view_axes(SENSOR, scene.scenario.instrument.frame_time_s([FRAME]))[0]
     direction = scene.camera.direction(np.asarray(xy_px, dtype=float).reshape(-1, 2), axes)
     flux_jy = np.broadcast_to(irradiance_w_cm2, len(direction)) / W_CM2_PER_JY
     ra_deg, dec_deg = np.degrees(np.arctan2(direction[:, 1], direction[:, 0])), np.degrees(np.arcsin(direction[:, 2]))
@@ -277,7 +277,7 @@ def direction_of(ra_deg, dec_deg):
 def frame_that_sees(scene, boresight):
     """A frame and a sensor on the side of the Earth where the boresight is free."""
     for sensor in scene.sensor_names:
-        position = scene.position_m(sensor, scene.frame_time_s([FRAME]))[0]
+        position = scene.position_m(sensor, scene.scenario.instrument.frame_time_s([FRAME]))[0]
         if position @ direction_of(*boresight) > 0.5 * np.linalg.norm(position):
             return FRAME, sensor
     raise AssertionError("no sensor sees it")

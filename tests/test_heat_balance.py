@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import warpsim as ws
 from warpsim.constants import STEFAN_BOLTZMANN_W_M2_K4
-from warpsim.scene.temperatures import mean_emissivity
+from warpsim.scene.scenario.temperatures import mean_emissivity
 from warpsim.target.attitude import BodyMotion, attitude_frame
 from warpsim.target.cooling import ERROR_K, Bodies, follow
 from warpsim.target.heat_balance import Lump, mean_view_factor
@@ -305,7 +305,7 @@ def oracle(scene, name, model, area_of, start_k, begin_s=0.0):
     """Temperature by scipy as a function of time; forces written anew, area_of(time, direction to the Sun)."""
     emissivity = model.infrared_emissivity
     surface = scene.target_specs[scene.target_names.index(name)].shape.surface_m2
-    pole = scene.tracks.pole_icrs
+    pole = scene.scenario.tracks.pole_icrs
     scale_j_k = model.mass_kg * model.heat_capacity_j_kg_k
 
     def rate(time_s, kelvin):
@@ -318,7 +318,7 @@ def oracle(scene, name, model, area_of, start_k, begin_s=0.0):
         ground = 1 / np.sqrt((1 - sine**2) / 6_378_137.0**2 + sine**2 / 6_356_752.314245**2)
         cap_sr = 2 * np.pi * (1 - np.cos(np.arcsin(ground / r)))
         flux = SUN_W_M2 / (far / AU_M) ** 2
-        lit = scene.sunlit_fraction(name, t)[0]
+        lit = scene.scenario.sunlit_fraction(name, t)[0]
         sun_w = flux * lit * area_of(t, d / far)
         albedo_w = model.albedo * flux * max(0.0, place @ d / (r * far)) * surface * cap_sr / (4 * np.pi)
         earth_w = model.earth_w_m2 * surface * cap_sr / (4 * np.pi)
@@ -326,7 +326,7 @@ def oracle(scene, name, model, area_of, start_k, begin_s=0.0):
         return (gain - emissivity * SIGMA * surface * kelvin**4) / scale_j_k
 
     # Shadow edges are kinks: the oracle takes them from the scene's eclipses, as its step control may pass them.
-    table = scene.eclipses(name)
+    table = scene.scenario.eclipses(name)
     kinks = [float(row[column]) for row in table for column in ("start_s", "umbra_start_s", "umbra_end_s", "end_s")]
     stops = [begin_s, *sorted(x for x in kinks if begin_s < x < scene.duration_s), scene.duration_s]
     pieces, state = [], start_k
@@ -345,7 +345,7 @@ def worst_difference_k(scene, name, pieces, n=400):
     worst_k = 0.0
     for (begin_s, end_s), solution in pieces:
         time = rng.uniform(begin_s, end_s, n)
-        worst_k = max(worst_k, np.abs(scene.temperature_k(name, time) - solution(time)[0]).max())
+        worst_k = max(worst_k, np.abs(scene.scenario.temperature_k(name, time) - solution(time)[0]).max())
     return worst_k
 
 
@@ -379,13 +379,13 @@ def test_scene_against_scipy(scene, matter, shape, attitude, record_accuracy):
     def area_of(time_s, to_sun):
         if body.kind == "sphere":
             return np.pi * 0.25
-        cosine = float(np.clip(orbit.body_axis("main", time_s)[0] @ to_sun, -1, 1))
+        cosine = float(np.clip(orbit.scenario.body_axis("main", time_s)[0] @ to_sun, -1, 1))
         return np.pi * 0.25**2 * abs(cosine) + 2 * 0.25 * 1.0 * np.sqrt(1 - cosine**2)
 
     pieces, n_eclipse = oracle(orbit, "main", model, area_of, 290.0)
     assert n_eclipse >= 1
     worst_k = worst_difference_k(orbit, "main", pieces)
-    rows = orbit.temperatures[0]
+    rows = orbit.scenario.temperatures[0]
     assert worst_k < PASS_K + ORACLE_K
     record_accuracy("Temperature by heat balance", worst_k, PASS_K + ORACLE_K, "K", "scipy, forces written anew")
     assert rows.error_k <= PASS_K
@@ -397,12 +397,12 @@ def test_energy_is_kept(scene):
     """What a body holds changes by what goes in less what goes out, summed by Simpson's rule from the power alone."""
     model = ws.HeatBalance(300.0, **HEAVY, **COEFFICIENTS)
     orbit = low_orbit(scene, model, {}, SPHERE)
-    rows = orbit.temperatures[0]
+    rows = orbit.scenario.temperatures[0]
     ball = Lump(13_500.0, np.pi, 0.35, 0.75, 237.0, 0.3)
     time = np.linspace(0, 4400.0, 44_001)
     outline = np.full(len(time), np.pi / 4)
     power = ball.absorbed_w(
-        orbit.position_m("main", time), orbit.position_m("sun", time), orbit.tracks.pole_icrs, outline
+        orbit.position_m("main", time), orbit.position_m("sun", time), orbit.scenario.tracks.pole_icrs, outline
     )
     net = power - 0.75 * SIGMA * np.pi * rows.at(time) ** 4
     gained = (net[0] + net[-1] + 4 * net[1:-1:2].sum() + 2 * net[2:-1:2].sum()) * 0.1 / 3
@@ -413,18 +413,18 @@ def test_eclipse_entry(scene):
     """A foil in full light holds still, and falls by the rate of its own emission once in the umbra."""
     model = ws.HeatBalance("equilibrium", 0.05, 900.0, 0.35, 0.75, earth_w_m2=0.0, albedo=0.0)
     orbit = low_orbit(scene, model, {}, SPHERE)
-    first = orbit.eclipses("main")[0]
+    first = orbit.scenario.eclipses("main")[0]
     start_s, umbra_s = float(first["start_s"]), float(first["umbra_start_s"])
     assert start_s > 100.0
-    before = orbit.temperature_k("main", np.linspace(0.0, start_s - 1.0, 50))
+    before = orbit.scenario.temperature_k("main", np.linspace(0.0, start_s - 1.0, 50))
     far_m = np.linalg.norm(orbit.position_m("sun", [0.0]) - orbit.position_m("main", [0.0]))
     still_k = (0.35 * SUN_W_M2 * (AU_M / far_m) ** 2 / (4 * 0.75 * SIGMA)) ** 0.25
     np.testing.assert_allclose(before, still_k, rtol=0, atol=0.01)  # the distance changes on the way
     time = np.linspace(umbra_s + 1.0, umbra_s + 600.0, 500)
-    begin_k = orbit.temperature_k("main", time[0])[0]
+    begin_k = orbit.scenario.temperature_k("main", time[0])[0]
     k = 0.75 * SIGMA * np.pi / 45.0
     exact = (begin_k**-3 + 3 * k * (time - time[0])) ** (-1 / 3)
-    np.testing.assert_allclose(orbit.temperature_k("main", time), exact, rtol=0, atol=2 * PASS_K)
+    np.testing.assert_allclose(orbit.scenario.temperature_k("main", time), exact, rtol=0, atol=2 * PASS_K)
 
 
 def test_mean_over_fast_turns_is_the_motion_within_the_ripple_told(scene):
@@ -432,25 +432,25 @@ def test_mean_over_fast_turns_is_the_motion_within_the_ripple_told(scene):
     model = ws.HeatBalance(290.0, 0.002, 900.0, **COEFFICIENTS)
     rolling = {"rolling_rev_s": 4.0, "axis": "random"}
     orbit = low_orbit(scene, model, rolling, CYLINDER, duration_s=27.0)
-    assert len(orbit.eclipses("main")) == 0
+    assert len(orbit.scenario.eclipses("main")) == 0
 
     fine_s = np.linspace(0, 27.0, 27 * 4 * 400 + 1)  # 400 a turn
     place, sun = orbit.position_m("main", fine_s), orbit.position_m("sun", fine_s)
     to_sun = (sun - place) / np.linalg.norm(sun - place, axis=1, keepdims=True)
-    cosine = np.clip(np.sum(orbit.body_axis("main", fine_s) * to_sun, axis=1), -1, 1)
+    cosine = np.clip(np.sum(orbit.scenario.body_axis("main", fine_s) * to_sun, axis=1), -1, 1)
     area = np.pi * 0.25**2 * np.abs(cosine) + 2 * 0.25 * 1.0 * np.sqrt(1 - cosine**2)
     surface = orbit.targets[0].shape.surface_m2
-    heated_w = Lump(1.8, surface, 0.35, 0.75, 237.0, 0.3).absorbed_w(place, sun, orbit.tracks.pole_icrs, area)
+    heated_w = Lump(1.8, surface, 0.35, 0.75, 237.0, 0.3).absorbed_w(place, sun, orbit.scenario.tracks.pole_icrs, area)
     solved = solve_ivp(
         lambda t, y: (np.interp(t, fine_s, heated_w) - 0.75 * SIGMA * surface * y**4) / 1.8,
         (0, 27.0), [290.0], rtol=1e-8, atol=1e-8, max_step=0.02, dense_output=True,
     )  # fmt: skip
     time = np.linspace(5.0, 26.9, 2000)
-    rows = orbit.temperatures[0]
+    rows = orbit.scenario.temperatures[0]
     swing_k = np.abs(rows.at(time) - solved.sol(time)[0]).max()
     assert 0.05 < 0.2 * rows.ripple_k < swing_k < rows.ripple_k
     balls = low_orbit(scene, model, rolling, SPHERE, duration_s=27.0)
-    assert balls.temperatures[0].ripple_k == 0.0
+    assert balls.scenario.temperatures[0].ripple_k == 0.0
 
 
 def test_targets_of_a_group_have_courses_of_their_own(scene):
@@ -460,20 +460,20 @@ def test_targets_of_a_group_have_courses_of_their_own(scene):
     tubes = low_orbit(scene, model, {"rolling_rev_s": 1.0, "axis": "random"}, CYLINDER, count=6, duration_s=1500.0)
     time = np.linspace(0, 1500.0, 50)
     spread_k = [
-        np.ptp([s.temperature_k(name, time) for name in s.target_names[1:]], axis=0).max() for s in (balls, tubes)
+        np.ptp([s.scenario.temperature_k(name, time) for name in s.target_names[1:]], axis=0).max() for s in (balls, tubes)
     ]
     assert spread_k[0] < 0.5  # eight kilometres: a second at the shadow's edge
     assert spread_k[1] > 5.0
     alone = low_orbit(scene, model, {"rolling_rev_s": 1.0, "axis": "random"}, CYLINDER, count=1, duration_s=1500.0)
-    seen = tubes.temperature_k("piece01", time) - alone.temperature_k("piece", time)
+    seen = tubes.scenario.temperature_k("piece01", time) - alone.scenario.temperature_k("piece", time)
     assert np.abs(seen).max() < 2 * PASS_K  # whoever goes beside it
 
 
 def test_later_releases_hold_their_temperature_until_then(scene):
     model = ws.HeatBalance(333.0, **FOIL, **COEFFICIENTS)
     late = low_orbit(scene, model, {}, SPHERE, release={"time_s": 600.0, "speed_m_s": [1.0, 2.0]}, duration_s=1500.0)
-    np.testing.assert_array_equal(late.temperature_k("piece", [0.0, 300.0, 599.9]), 333.0)
-    assert abs(late.temperature_k("piece", 610.0)[0] - 333.0) > 1.0
+    np.testing.assert_array_equal(late.scenario.temperature_k("piece", [0.0, 300.0, 599.9]), 333.0)
+    assert abs(late.scenario.temperature_k("piece", 610.0)[0] - 333.0) > 1.0
     pieces, _ = oracle(late, "piece", model, lambda t, d: np.pi * 0.25, 333.0, begin_s=600.0)
     assert worst_difference_k(late, "piece", pieces) < PASS_K + ORACLE_K
 
@@ -484,7 +484,7 @@ def test_coefficients_left_out_are_the_mean_emissivity(scene):
     given = low_orbit(scene, ws.HeatBalance(290.0, **FOIL, solar_absorptance=0.6, infrared_emissivity=0.6), {}, SPHERE,
                       duration_s=900.0)  # fmt: skip
     time = np.linspace(0, 900.0, 30)
-    np.testing.assert_allclose(bare.temperature_k("main", time), given.temperature_k("main", time), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(bare.scenario.temperature_k("main", time), given.scenario.temperature_k("main", time), rtol=0, atol=1e-9)
 
 
 def test_attitude_tables_are_followed(scene):
@@ -494,9 +494,9 @@ def test_attitude_tables_are_followed(scene):
             "precession_phase_rev": 0.3}  # fmt: skip
     moving = low_orbit(scene, model, slow, CYLINDER, duration_s=2000.0)
     time = np.linspace(0.0, 2000.0, 101)
-    table = ws.AttitudeTable(time_s=time, quaternion=moving.attitude_quaternion("main", time))
+    table = ws.AttitudeTable(time_s=time, quaternion=moving.scenario.attitude_quaternion("main", time))
     tabled = low_orbit(scene, model, table, CYLINDER, duration_s=2000.0)
-    difference = tabled.temperature_k("main", time) - moving.temperature_k("main", time)
+    difference = tabled.scenario.temperature_k("main", time) - moving.scenario.temperature_k("main", time)
     assert np.abs(difference).max() < 2 * PASS_K
 
 
@@ -539,6 +539,6 @@ def test_units_of_quantities_are_honoured():
 def test_no_equilibrium_is_said(scene, fields, message):
     model = ws.HeatBalance("equilibrium", 1.0, 900.0, **(COEFFICIENTS | fields))
     orbit = low_orbit(scene, model, {}, SPHERE, duration_s=900.0)
-    with pytest.raises(ws.InputError, match=r"targets\[0\]\.temperature: " + message) as caught:
-        orbit.temperature_k("main", 0.0)
+    with pytest.raises(ws.InputError, match=r"targets\[0\]\.temperature\." + message) as caught:
+        orbit.scenario.temperature_k("main", 0.0)
     assert "\n" not in str(caught.value)

@@ -175,8 +175,8 @@ WRITERS = {
     "a.png": lambda path, scene: write_counts(path, EVERY_COUNT, {}),
     "a.tiff": lambda path, scene: write_counts(path, EVERY_COUNT[:2, :2], {}),
     "a.exr": lambda path, scene: write_signal(path, np.zeros((4, 4), np.float32), {}),
-    "a.gif": lambda path, scene: write_preview(path, FILM, scene.levels["A"]),
-    "a.mp4": lambda path, scene: pytest.importorskip("av") and write_preview(path, FILM, scene.levels["A"]),
+    "a.gif": lambda path, scene: write_preview(path, FILM, scene.scenario.instrument.levels["A"]),
+    "a.mp4": lambda path, scene: pytest.importorskip("av") and write_preview(path, FILM, scene.scenario.instrument.levels["A"]),
     "a.fits": lambda path, scene: write_fits_image(path, rendered(scene), FRAME, "sat11", "A"),
 }
 
@@ -213,7 +213,7 @@ def test_the_header_leads_where_the_camera_sees(scene, tmp_path, camera, way):
     """Astropy alone, from the file alone, jitter on; without a warning. PNG: the facts in it are such a header."""
     shaken = scene.replace(camera=CAMERAS[camera], pointing__jitter={"rms_urad": 100.0, "correlation_s": 3.0})
     frames = ws.Renderer(shaken, device="cpu").render([FRAME, 63], ["sat11", "sat47"], ["A", "C"])
-    assert np.abs(frames.axes_icrs[1, 1] - shaken.view_axes("sat47", [630.0])[0]).max() > 1e-6
+    assert np.abs(frames.axes_icrs[1, 1] - shaken.scenario.view_axes("sat47", [630.0])[0]).max() > 1e-6
     if way == "fits":
         write_fits_image(tmp_path / "a.fits", frames, 63, "sat47", "C")
         header = fits.getheader(tmp_path / "a.fits")
@@ -279,7 +279,7 @@ def test_images_that_were_not_rendered_are_named(scene, tmp_path):
 
 def film(scene, n=6, shape=(40, 50)):
     """Noise about the blank sky, and a bright pixel that moves; where it is in each image."""
-    levels = scene.levels["A"]
+    levels = scene.scenario.instrument.levels["A"]
     rng = np.random.default_rng(1)
     counts = (levels.blank_counts + levels.counts_per_nei * rng.normal(0, 1, (n, *shape))).astype(np.uint16)
     places = [(5 + 3 * k, 40 - 4 * k) for k in range(n)]
@@ -309,7 +309,7 @@ def test_films_show_every_image(scene, tmp_path, name):
     pytest.importorskip("av") if name == "a.mp4" else None
     counts, places = film(scene)
     path = tmp_path / name
-    write_preview(path, counts, scene.levels["A"], fps=12.5)
+    write_preview(path, counts, scene.scenario.instrument.levels["A"], fps=12.5)
     grey, rate = pictures_of(path)
     assert grey.shape == counts.shape
     assert rate == pytest.approx(12.5)
@@ -318,7 +318,7 @@ def test_films_show_every_image(scene, tmp_path, name):
         assert picture.max() > 200 > 3 * np.median(picture)
     before = path.read_bytes()
     time.sleep(1.1)
-    write_preview(path, counts, scene.levels["A"], fps=12.5)
+    write_preview(path, counts, scene.scenario.instrument.levels["A"], fps=12.5)
     assert path.read_bytes() == before
 
 
@@ -336,7 +336,7 @@ def test_films_do_not_depend_on_what_lay_in_memory(scene, tmp_path, checkout_env
     """Where x264 chooses the quality itself they do."""
     pytest.importorskip("av") if name == "a.mp4" else None
     np.save(tmp_path / "counts.npy", film(scene)[0])
-    levels = [str(scene.levels["A"].blank_counts), str(scene.levels["A"].counts_per_nei)]
+    levels = [str(scene.scenario.instrument.levels["A"].blank_counts), str(scene.scenario.instrument.levels["A"].counts_per_nei)]
     written = []
     for filling in ("1", "85", "170"):  # of freed and of new memory, by the C library
         command = [sys.executable, "-c", WRITE_A_FILM, str(tmp_path / "counts.npy"), str(tmp_path / name), *levels]
@@ -350,7 +350,7 @@ def test_large_images_are_reduced_by_their_brightest_pixels(scene, tmp_path, mon
     pytest.importorskip("av") if name == "a.mp4" else None
     monkeypatch.setattr(preview, "PREVIEW_PX", 20)
     counts, places = film(scene)  # 40 x 50 by blocks of 3: 14 x 17; MP4 has even sides
-    write_preview(tmp_path / name, counts, scene.levels["A"])
+    write_preview(tmp_path / name, counts, scene.scenario.instrument.levels["A"])
     grey, _ = pictures_of(tmp_path / name)
     assert grey.shape == ((6, 14, 17) if name == "a.gif" else (6, 14, 18))
     for picture, (row, column) in zip(grey, places, strict=True):
@@ -370,11 +370,11 @@ def test_large_images_are_reduced_by_their_brightest_pixels(scene, tmp_path, mon
 )
 def test_films_that_cannot_be_made_are_named(scene, tmp_path, name, counts, fps, text):
     with pytest.raises(ws.InputError, match=text):
-        write_preview(tmp_path / name, counts, scene.levels["A"], fps)
+        write_preview(tmp_path / name, counts, scene.scenario.instrument.levels["A"], fps)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_mp4_says_which_extra_it_needs(scene, tmp_path, monkeypatch):
     monkeypatch.setattr(preview.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ws.InputError, match=r"needs PyAV, .* the extra `video` brings: pip install 'warpsim\[video\]'"):
-        write_preview(tmp_path / "a.mp4", FILM, scene.levels["A"])
+        write_preview(tmp_path / "a.mp4", FILM, scene.scenario.instrument.levels["A"])

@@ -91,7 +91,7 @@ def test_a_first_frame_needs_no_astropy(checkout_environment):
     code = (
         "import sys, warpsim as ws\n"
         "scene = ws.Scene.load('stss')\n"
-        "scene.sensors_with_access, scene.tracks\n"
+        "scene.scenario.sensors_with_access, scene.scenario.tracks\n"
         "print([name for name in sys.modules if name.split('.')[0] == 'astropy'])"
     )
     shown = subprocess.run(

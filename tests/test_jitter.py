@@ -239,7 +239,7 @@ def test_images_are_shaken_by_the_twins_angles(shaken):
     frames = ws.Renderer(shaken, device="cpu").render([60, 61], ["sat27", "sat11"], ["A"])
     for i, time_s in enumerate(frames.time_s):
         for j, sensor in enumerate(frames.sensors):
-            told = shaken.view_axes(sensor, [time_s])[0]
+            told = shaken.scenario.view_axes(sensor, [time_s])[0]
             number = shaken.sensor_names.index(sensor)
             a, b = twin(number, time_s, shaken.seed, 3.0) * 200e-6
             boresight = frames.axes_icrs[i, j, 2]

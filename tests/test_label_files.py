@@ -346,7 +346,7 @@ def test_satnet_stars(frames, table):
 
 def test_satnet_lines(scene):
     """A camera that stares: targets are lines from their start to their end."""
-    z = scene.view_axes(SENSOR, scene.frame_time_s([FRAME]))[0, 2]
+    z = scene.scenario.view_axes(SENSOR, scene.scenario.instrument.frame_time_s([FRAME]))[0, 2]
     place = [float(np.degrees(np.arctan2(z[1], z[0])) % 360), float(np.degrees(np.arcsin(z[2])))]
     moving = scene.replace(detector__exposure_s=0.5, pointing={"kind": "fixed", "ra_dec_deg": place})
     frames = ws.Renderer(moving, device="cpu").render([FRAME], [SENSOR], ["A"])

@@ -161,7 +161,7 @@ def still(blurred):
 @pytest.fixture(scope="module")
 def streaked(blurred):
     """Shaken so that paths of some pixels bend."""
-    z = blurred.view_axes(SENSOR, blurred.frame_time_s([FRAME]))[0, 2]
+    z = blurred.scenario.view_axes(SENSOR, blurred.scenario.instrument.frame_time_s([FRAME]))[0, 2]
     place = [float(np.degrees(np.arctan2(z[1], z[0])) % 360), float(np.degrees(np.arcsin(z[2])))]
     pointing = {"kind": "fixed", "ra_dec_deg": place, "jitter": {"rms_urad": 800.0, "correlation_s": 0.3}}
     shaken = blurred.replace(detector__exposure_s=0.15, pointing=pointing, seed=11)
@@ -235,7 +235,7 @@ def test_boxes_end_with_the_array(blurred):
 
 def test_targets_whose_streaks_reach_in_are_visible(blurred):
     """Their place in the middle of the exposure is off the array; the box is what is left of the path."""
-    z, time_s = blurred.view_axes(SENSOR, blurred.frame_time_s([FRAME]))[0], blurred.frame_time_s([FRAME])
+    z, time_s = blurred.scenario.view_axes(SENSOR, blurred.scenario.instrument.frame_time_s([FRAME]))[0], blurred.scenario.instrument.frame_time_s([FRAME])
     seen = z[2] + np.radians(0.503) * z[0]
     dec_deg = np.degrees(np.arctan2(seen[2], np.hypot(*seen[:2])))
     place = [float(np.degrees(np.arctan2(seen[1], seen[0])) % 360), float(dec_deg)]
@@ -268,7 +268,7 @@ def test_hidden_targets_have_no_labels(scene):
 @pytest.mark.parametrize("least_nei", [0.05, 2.0])
 def test_masks_are_those_of_the_planes(which, least_nei, request):
     frames = request.getfixturevalue(which)
-    least_w_cm2 = least_nei * frames.scene.nei_w_cm2("A")
+    least_w_cm2 = least_nei * frames.scene.scenario.instrument.nei_w_cm2("A")
     table = ws.labels.label_table(frames, least_nei, with_masks=True)
     for frame in frames.frames:
         planes = frames.contributions_w_cm2(frame, SENSOR, "A").astype(np.float64)

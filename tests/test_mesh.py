@@ -183,8 +183,8 @@ def test_files_of_all_kinds(ending, tmp_path):
     trimesh.Trimesh(BOX_VERTICES * 1000, BOX_FACES, process=False).export(path, file_type=ending.lower())
     mesh = ws.Mesh(file=path, scale_m=1e-3)
     content = path.read_bytes()
-    path.unlink()  # read once, on construction
     assert mesh.convex and len(mesh.surface.faces) == 12
+    path.unlink()  # read once, on first use
     assert mesh.checksum == hashlib.sha256(content).hexdigest() and box().checksum is None
     view, sun = directions(30), directions(30, SEED + 1)
     for method, given in (("projected_area_along_m2", [view]), ("reflected_area_m2", [view, sun])):
@@ -244,15 +244,17 @@ def test_bad_files(name, content, message, tmp_path):
     pytest.importorskip("trimesh")
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=message) as caught:
-        ws.Mesh(file=tmp_path / name)
+        ws.Mesh(file=tmp_path / name).surface  # noqa: B018  # read on first use
     assert name in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_missing_files(tmp_path):
-    with pytest.raises(InputError, match=r"Mesh: file: .*no\.obj: cannot be read: No such file"):
-        ws.Mesh(file=tmp_path / "no.obj")
-    with pytest.raises(InputError, match="must be a file, got a folder"):
-        ws.Mesh(file=tmp_path)
+    missing, folder = ws.Mesh(file=tmp_path / "no.obj"), ws.Mesh(file=tmp_path)
+    for use in (lambda mesh: mesh.surface_m2, lambda mesh: mesh.convex, lambda mesh: mesh.checksum):
+        with pytest.raises(InputError, match=r"^/.*no\.obj: cannot be read: No such file"):
+            use(missing)
+        with pytest.raises(InputError, match="must be a file, got a folder"):
+            use(folder)
 
 
 def test_polygons_that_are_not_convex_are_refused(tmp_path):
@@ -266,7 +268,7 @@ def test_polygons_that_are_not_convex_are_refused(tmp_path):
     faces[0] = "f 6 7 8 5"
     (tmp_path / "bad.obj").write_text("\n".join([*lines, *faces, ""]))
     with pytest.raises(InputError, match="lie on each other"):
-        ws.Mesh(file=tmp_path / "bad.obj")
+        ws.Mesh(file=tmp_path / "bad.obj").surface  # noqa: B018
 
 
 GOOD = {"vertices_m": BOX_VERTICES, "faces": BOX_FACES}
@@ -352,7 +354,7 @@ def test_without_trimesh_a_file_says_what_is_missing(tmp_path, checkout_environm
     (tmp_path / "body.obj").write_text(TETRA_OBJ)
     code = (
         "import sys; sys.modules['trimesh'] = None; import warpsim as ws\n"
-        "try: ws.Mesh(file='body.obj')\n"
+        "try: ws.Mesh(file='body.obj').surface\n"
         "except ws.InputError as error: print(error)\n"
         "print(ws.Mesh(vertices_m=[[0,0,0],[1,0,0],[0,1,0],[0,0,1]], faces=[[0,2,1],[0,1,3],[0,3,2],[1,2,3]]).convex)\n"
     )

@@ -18,6 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from warpsim.errors import InputError
+from warpsim.orbit.constellations import MixedConstellation
 from warpsim.orbit.earth import timescale
 from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.sampling import make_tracks
@@ -299,7 +300,6 @@ def test_decades_away_the_state_is_finite_or_the_error_clear(lines, start):
     [
         ({}, r"^TleSatellites: file, lines: exactly one must be given$"),
         ({"file": "a.tle", "lines": ISS}, r"file, lines: exactly one must be given"),
-        ({"file": "gone.tle"}, r"^TleSatellites: /.*/gone\.tle: cannot be read: No such file or directory$"),
         ({"lines": ISS[:1]}, r"^TleSatellites: lines: line 1: must be followed by line 2 of its set$"),
         ({"lines": ISS, "only": "HUBBLE"}, r"^TleSatellites: only: no object .*, got 'HUBBLE'$"),
         ({"lines": ["HUBBLE", *ISS], "only": "HUBLE"}, r"got 'HUBLE' \(did you mean HUBBLE\?\)$"),
@@ -313,6 +313,40 @@ def test_faults_are_one_clear_line(fields, message):
     with pytest.raises(InputError, match=message) as caught:
         TleSatellites(**fields)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_files_are_read_on_first_use(tmp_path):
+    path = tmp_path / "two.tle"
+    satellites, one = TleSatellites(file=path), TleOrbit(file=path, object=25544)
+    mixed = MixedConstellation([satellites, TleSatellites(lines=renumbered(3))])
+    for use in (
+        lambda: satellites.names,
+        lambda: satellites.states(utc_time("2019-12-10"), [0.0]),
+        lambda: satellites.checksum,
+        lambda: one.satellite,
+        lambda: one.age_days(utc_time("2019-12-10")),
+        lambda: mixed.names,
+    ):
+        with pytest.raises(InputError, match=rf"^{path}: cannot be read: No such file or directory$"):
+            use()
+    path.write_text("\n".join([*ISS, *renumbered(2)]) + "\n")
+    assert mixed.names == ["norad25544", "norad00002", "norad00003"] and one.satellite.name == "norad25544"
+    path.write_text("nothing\n")
+    assert satellites.names == ["norad25544", "norad00002"] and one.satellite.name == "norad25544"  # as read before
+    with pytest.raises(InputError, match=rf"^{path}: must hold element sets"):
+        TleSatellites(file=path).names  # noqa: B018
+    path.write_text("\n".join(ISS))
+    with pytest.raises(InputError, match=r"^only: no object of that name"):
+        TleSatellites(file=path, only="HUBBLE").names  # noqa: B018
+
+
+def test_names_of_files_must_be_unique_among_others(tmp_path):
+    (tmp_path / "iss.tle").write_text("\n".join(ISS))
+    clash = MixedConstellation([TleSatellites(lines=ISS), TleSatellites(file=tmp_path / "iss.tle")])
+    with pytest.raises(InputError, match=r"^parts: names must be unique, got norad25544 twice"):
+        clash.names  # noqa: B018
+    with pytest.raises(InputError, match=r"^MixedConstellation: parts: names must be unique"):
+        MixedConstellation([TleSatellites(lines=ISS), TleSatellites(lines=ISS)])
 
 
 def test_one_object_must_be_chosen():

@@ -81,7 +81,7 @@ def test_files_reach_the_scene(folder, monkeypatch):
     scene = ws.Scene.load(folder / "own.json")
     assert scene.sensor_names == ["ISS_ZARYA", "BIRD_1", "w11", "w12", "w21", "w22"]
     assert scene.files == [str(folder / name) for name in ("stations.tle", "bird.oem", "ship.e", "tumble.csv")]
-    assert scene.tracks.error_m < 1e-3
+    assert scene.scenario.tracks.error_m < 1e-3
     time_s = np.array([0.0, 1.7, 149.9, 300.0])
     ts = load.timescale(builtin=True)
     _, first, second = TLE.splitlines()
@@ -91,7 +91,7 @@ def test_files_reach_the_scene(folder, monkeypatch):
     ship = ws.KeplerOrbit(66.0, altitude_km=500.0, raan_deg=155.0, mean_anomaly_deg=62.0).states(epoch, time_s)[0][:, 0]
     assert np.linalg.norm(scene.position_m("ship", time_s) - ship, axis=1).max() < 2 * TRACK_M
     half = 0.01 * time_s
-    turned = scene.attitude_quaternion("ship", time_s)
+    turned = scene.scenario.attitude_quaternion("ship", time_s)
     expected = np.stack([np.sin(half), 0 * half, 0 * half, np.cos(half)], axis=1)
     np.testing.assert_allclose(turned, expected, rtol=0, atol=1e-12)
     scene.save(folder / "again.toml")

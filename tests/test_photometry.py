@@ -45,14 +45,14 @@ def rendered_stars(scene, xy_px, flux_nei, n_frame, sigma_px):
         detector={"kind": "nei", "nei_w_cm2": NEI, "sei_w_cm2": 1500 * NEI, "bits": 16, "offset_counts": OFFSET,
                   "counts_per_nei": GAIN},
         pointing={"kind": "fixed", "ra_dec_deg": [80.0, 50.0], "up": "north"}, bands=["A"],
-        frames={"count": n_frame, "interval_s": 0.1, "start_s": 700.0}, targets=[scene.to_dict()["targets"][0]],
+        frames={"count": n_frame, "interval_s": 0.1, "start_s": 700.0}, targets=[scene.to_dict()["groups"][0]["targets"][0]],
         sky={"catalog": "none", "aberration": False},
     )  # fmt: skip
     (sensor,) = [
         name for name in described.sensor_names
-        if described.position_m(name, [700.0])[0] @ described.view_axes(name, [700.0])[0, 2] > 7e6
+        if described.position_m(name, [700.0])[0] @ described.scenario.view_axes(name, [700.0])[0, 2] > 7e6
     ][:1]  # fmt: skip
-    direction = described.camera.direction(xy_px, described.view_axes(sensor, [700.0])[0])
+    direction = described.camera.direction(xy_px, described.scenario.view_axes(sensor, [700.0])[0])
     catalog = ws.StarCatalog.from_arrays(
         np.degrees(np.arctan2(direction[:, 1], direction[:, 0])), np.degrees(np.arcsin(direction[:, 2])),
         {"A": flux_nei * NEI / W_CM2_PER_JY},

@@ -111,7 +111,7 @@ def test_stars_of_a_fixed_view_are_astropys(scene, device, ra, dec, up_ra, roll_
     pointing = {"kind": "fixed", "ra_dec_deg": [ra, dec], "up": "north", "roll_deg": roll_deg}
     soft = {"aperture_m": 0.4, "psf": "gaussian", "sigma_px": 1.1, "stamp_cut_nei": 1e-3}
     described = scene.replace(pointing=pointing, optics=soft, bands=["A"], sky={"light_deflection": True})
-    time_s = float(described.frame_time_s([FRAME])[0])
+    time_s = float(described.scenario.instrument.frame_time_s([FRAME])[0])
     boresight = spherical(ra, dec)
     sensor = sensor_above(described, boresight, time_s)
     focal_px = 64 / np.tan(np.radians(0.5))
@@ -178,7 +178,7 @@ def test_up_along_the_boresight_is_replaced_and_said(scene, device, tmp_path, di
     local = local_axes(described, "sat11", frames.time_s[0])
     assert frames.up_replaced.all()
     np.testing.assert_allclose(frames.axes_icrs[0, 0, 1], -spare(local), rtol=0, atol=1e-9)
-    told = described.view_axes("sat11", frames.time_s)
+    told = described.scenario.view_axes("sat11", frames.time_s)
     np.testing.assert_allclose(frames.axes_icrs[0, 0], told[0], rtol=0, atol=TWIN_RAD)
 
     report = ws.render_to_folder(described, tmp_path / "run", frames=[FRAME], sensors=["sat11"], device=device)
@@ -194,9 +194,9 @@ def test_nothing_is_said_where_nothing_is_replaced(scene, tmp_path):
     report = ws.render_to_folder(small, tmp_path / "run", frames=[FRAME], sensors=["sat11"], bands=["A"], device="cpu")
     assert report.warning is None and "warning" not in report.text()
     assert not any(ws.read_cube(tmp_path / "run" / "sat11_A.fits").frames["UP_REPLACED"])
-    assert "pointing.up" not in scene_report(scene)
+    assert "pointing.up" not in scene_report(scene.scenario)
     lost = scene.replace(pointing={"kind": "fixed", "azimuth_elevation_deg": [0.0, 90.0]})
-    assert "warning" in next(line for line in scene_report(lost).splitlines() if "pointing.up" in line)
+    assert "warning" in next(line for line in scene_report(lost.scenario).splitlines() if "pointing.up" in line)
 
 
 @pytest.mark.parametrize("roll_deg", [0.0, -120.0])
@@ -226,7 +226,7 @@ def test_what_is_tracked_stands_at_its_offset(scene, device, track, offset, roll
 
 def test_pixel_corner_and_pixel_centre(scene):
     """On an even array the tracked target is on a corner of four pixels, all alike; half a pixel off, in one."""
-    sharp = scene.replace(sky__catalog="none", targets=[scene.to_dict()["targets"][0]], bands=["A"])
+    sharp = scene.replace(sky__catalog="none", targets=[scene.to_dict()["groups"][0]["targets"][0]], bands=["A"])
     corner = ws.Renderer(sharp, device="cpu").render([FRAME], ["sat11"], keep_signal=True).signal_w_cm2.numpy()
     four = corner[0, 0, 0, 63:65, 63:65]
     assert four.min() / four.max() > 1 - 1e-6
@@ -316,7 +316,7 @@ def test_table_from_a_file_is_the_same(scene, tmp_path, suffix):
     inline = scene.replace(pointing={"kind": "table", "mode": "scan", "rows": ROWS})
     filed = scene.replace(pointing={"kind": "table", "mode": "scan", "file": str(path)})
     times = np.linspace(0, 1600, 50)
-    np.testing.assert_allclose(filed.view_axes("sat11", times), inline.view_axes("sat11", times), rtol=0, atol=TWIN_RAD)
+    np.testing.assert_allclose(filed.scenario.view_axes("sat11", times), inline.scenario.view_axes("sat11", times), rtol=0, atol=TWIN_RAD)
     assert ws.Scene.from_dict(filed.to_dict()) == filed
     inline.save(tmp_path / "scene.toml")
     assert ws.Scene.load(tmp_path / "scene.toml") == inline
@@ -353,10 +353,10 @@ def test_host_axes_are_the_devices(scene, device, pointing):
     numbers = [0, 1, 50, 70, 71, 161]
     frames = ws.Renderer(described, device=device).render(numbers, described.sensor_names[::5], ["A"])
     for j, sensor in enumerate(frames.sensors):
-        told = described.view_axes(sensor, frames.time_s)
+        told = described.scenario.view_axes(sensor, frames.time_s)
         np.testing.assert_allclose(frames.axes_icrs[:, j], told, rtol=0, atol=TWIN_RAD)
     shaken = described.replace(pointing__jitter={"rms_urad": 50.0, "correlation_s": 1.0})
-    np.testing.assert_array_equal(shaken.view_axes("sat11", [700.0]), described.view_axes("sat11", [700.0]))
+    np.testing.assert_array_equal(shaken.scenario.view_axes("sat11", [700.0]), described.scenario.view_axes("sat11", [700.0]))
 
 
 def world_with(scene, device, change):
@@ -368,7 +368,7 @@ def world_with(scene, device, change):
     change(*arrays, world.field.first_row)
     for array, values in zip((world.motion.position_m, world.motion.velocity_m_s), arrays, strict=True):
         array.assign(values)
-    views = new_views(world, small.frame_time_s([FRAME, 71]), [FRAME, 71], [0, 0])
+    views = new_views(world, small.scenario.instrument.frame_time_s([FRAME, 71]), [FRAME, 71], [0, 0])
     light = new_light((2, 1, 8, 8), warp_device)
     counts = wp.empty((2, 1, 8, 8), dtype=wp.uint16, device=device)
     sources = new_sources(world, 2, 64)
@@ -432,7 +432,7 @@ def test_the_hosts_twin_of_a_meeting(scene):
     from warpsim.scene.view_axes import commanded_axes
 
     met = scene.replace(duration_s=1614.0)
-    tracks = met.tracks
+    tracks = met.scenario.tracks
     together = replace(tracks, targets=[replace(tracks.sensors[0], name="center"), *tracks.targets[1:]])
     met.__dict__["tracks"] = together
     told = commanded_axes(met, "sat11", [700.0, 710.0])
@@ -529,9 +529,9 @@ def test_frames_beyond_the_table_are_refused(scene):
     with pytest.raises(ws.InputError, match=r"the rows of sat11 cover \[0, 900\] s, not the frame at 1000 s"):
         renderer.render([100], ["sat11"])
     with pytest.raises(ws.InputError, match="cover"):
-        described.view_axes("sat11", [1000.0])
+        described.scenario.view_axes("sat11", [1000.0])
     with pytest.raises(ws.InputError, match="sensor: must be a sensor of the scene, got 'sat99'"):
-        described.view_axes("sat99", [1.0])
+        described.scenario.view_axes("sat99", [1.0])
 
 
 def test_old_descriptions_still_work(scene):

@@ -212,8 +212,8 @@ def test_blurs_add_in_quadrature(kind):
 
 def test_a_scene_has_all_of_it():
     scene = ws.Scene.load("stss").replace(optics__smear_urad=10.0, detector__diffusion_px=0.2)
-    assert scene.psf("A") == scene.optics.psf_for("A", scene.camera, 0.2)
-    assert scene.psf("A").smear_px > 0.2
+    assert scene.scenario.instrument.psf("A") == scene.optics.psf_for("A", scene.camera, 0.2)
+    assert scene.scenario.instrument.psf("A").smear_px > 0.2
     assert ws.Scene.from_dict(scene.to_dict()) == scene
 
 

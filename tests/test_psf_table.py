@@ -188,7 +188,7 @@ def test_scene_with_a_file(tmp_path, write):
         optics__psf="table", optics__psf_file=str(path), optics__psf_oversample=5, camera__n_row=32, camera__n_col=32
     )
     assert scene.files == [str(path)]
-    np.testing.assert_array_equal(scene.psf("A").image, ws.PsfTable(image, 5).image)
+    np.testing.assert_array_equal(scene.scenario.instrument.psf("A").image, ws.PsfTable(image, 5).image)
     scene.save(tmp_path / "scene.toml")
     assert 'psf_file = "psf.' in (tmp_path / "scene.toml").read_text()
     again = ws.Scene.load(tmp_path / "scene.toml")
@@ -207,7 +207,7 @@ def test_a_file_for_each_band(tmp_path):
     base = ws.Scene.load("stss")
     scene = base.replace(optics__psf="table", optics__psf_file=files, optics__psf_oversample=5.0, bands=["C", "A"])
     assert scene.files == list(files.values())
-    assert scene.psf("C").image[20, 20] < scene.psf("A").image[20, 20]
+    assert scene.scenario.instrument.psf("C").image[20, 20] < scene.scenario.instrument.psf("A").image[20, 20]
     scene.save(tmp_path / "scene.json")
     assert ws.Scene.load(tmp_path / "scene.json") == scene
     with pytest.raises(InputError, match=r"optics.psf_file: must name a file for every band, got none for E"):

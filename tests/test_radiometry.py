@@ -142,12 +142,12 @@ def test_unknown_band_is_named(band):
 @pytest.mark.parametrize(
     ("call", "text"),
     [
-        (lambda: PAPER.magnitude([1.0, -2.0], "A"), "flux_jy must be >= 0, got -2"),
-        (lambda: PHYSICAL.flux_irradiance_w_cm2(-2.0, "A"), "flux_jy must be >= 0, got -2"),
-        (lambda: PAPER.magnitude("bright", "A"), "flux_jy must be numbers, got str"),
-        (lambda: PAPER.irradiance_w_cm2("bright", "A"), "magnitude must be numbers, got str"),
-        (lambda: PAPER.dynamic_range(0.0, "A", 0.0), "nei_w_cm2 must be finite and > 0, got 0.0"),
-        (lambda: PAPER.dynamic_range(0.0, "A", 1e-18, np.inf), "sei_w_cm2 must be finite and > 0, got inf"),
+        (lambda: PAPER.magnitude([1.0, -2.0], "A"), "flux_jy: must be >= 0, got -2"),
+        (lambda: PHYSICAL.flux_irradiance_w_cm2(-2.0, "A"), "flux_jy: must be >= 0, got -2"),
+        (lambda: PAPER.magnitude("bright", "A"), "flux_jy: must be numbers, got str"),
+        (lambda: PAPER.irradiance_w_cm2("bright", "A"), "magnitude: must be numbers, got str"),
+        (lambda: PAPER.dynamic_range(0.0, "A", 0.0), "nei_w_cm2: must be finite and > 0, got 0.0"),
+        (lambda: PAPER.dynamic_range(0.0, "A", 1e-18, np.inf), "sei_w_cm2: must be finite and > 0, got inf"),
         (lambda: as_radiometry("Paper"), 'physics: must be "physical" or "paper", got \'Paper\''),
         (lambda: as_radiometry(["paper"]), 'physics: must be "physical" or "paper", got [\'paper\']'),
     ],

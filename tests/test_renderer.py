@@ -143,7 +143,7 @@ def test_star_places_agree_with_erfa_and_astropy_wcs(scene, renderer, frame, rec
         seen_ra, seen_dec = erfa.c2s(aberrated(direction[near], velocity))
         x, y = wcs.all_world2pix(np.degrees(seen_ra), np.degrees(seen_dec), 0)
         inside = (np.abs(x - 63.5) < 64) & (np.abs(y - 63.5) < 64)
-        hidden = meets_earth(scene.position_m(name, [time_s])[0], direction[near], scene.tracks.pole_icrs)
+        hidden = meets_earth(scene.position_m(name, [time_s])[0], direction[near], scene.scenario.tracks.pole_icrs)
         n_hidden += np.count_nonzero(inside & hidden)
         inside &= ~hidden
         stars = frames.stars[(frames.stars["sensor"] == name) & frames.stars["in_fov"]]

@@ -218,8 +218,8 @@ def test_a_flight_below_ground_is_said_with_the_files_name(scene, tmp_path):
 
 
 def test_tracks_are_interpolated_to_a_millimetre(scene):
-    assert scene.tracks.error_m < TRACK_M
-    assert scene.tracks.step_s > 5
+    assert scene.scenario.tracks.error_m < TRACK_M
+    assert scene.scenario.tracks.step_s > 5
 
 
 def test_access_table(scene):
@@ -228,7 +228,7 @@ def test_access_table(scene):
     assert len(set(table["sensor"])) == 10
     for row in table:
         middle = (row["start_s"] + row["end_s"]) / 2
-        assert scene.has_access(row["sensor"], [middle])[0]
+        assert scene.scenario.has_access(row["sensor"], [middle])[0]
         number = scene.sensor_names.index(row["sensor"])
         for edge, outward in ((row["start_s"], -1), (row["end_s"], 1)):
             inside = [margin[number, 0] for margin in scene.access_margins([edge]).values()]

@@ -66,7 +66,7 @@ def test_targets_are_stowed_until_their_release_and_then_fly_freely(scene):
     for name in ("center", "sphere01", "cone09"):
         time_s = np.linspace(0, 1614, 50)
         assert np.abs(late.position_m(name, time_s) - scene.position_m(name, time_s)).max() < TRACK_M
-    assert late.tracks.error_m < 1e-3
+    assert late.scenario.tracks.error_m < 1e-3
 
 
 def test_releases_are_within_the_flight(scene):
@@ -86,7 +86,7 @@ def test_a_group_may_be_on_its_way_already(scene):
     away_m = np.linalg.norm(early.position_m("sphere01", [0.0]) - early.position_m("center", [0.0]))
     assert 500.0 < away_m < 20e3
     truth = ws.Renderer(early.replace(sky__catalog="none")).render([0], sensors=["sat11"], bands=["A"]).truth
-    assert not truth["stowed"].any()
+    assert not truth["not_deployed"].any()
 
 
 def test_several_groups(scene, tmp_path):
@@ -100,7 +100,7 @@ def test_several_groups(scene, tmp_path):
     assert np.abs(both.position_m("sphere07", time_s) - scene.position_m("sphere07", time_s)).max() < TRACK_M
     # Each group draws numbers of its own.
     leaving = [
-        both.tracks.state(name, [0.0])[1][0] - both.tracks.state(main, [0.0])[1][0]
+        both.scenario.tracks.state(name, [0.0])[1][0] - both.scenario.tracks.state(main, [0.0])[1][0]
         for name, main in (("sphere01", "center"), ("ball01", "bus"))
     ]
     assert np.linalg.norm(leaving[0] - leaving[1]) > 0.1
@@ -149,7 +149,7 @@ def test_stowed_targets_go_with_the_main_one_and_are_dark(scene, device):
     shown = ws.Renderer(late, device=device).render([69, 70, 71], sensors=["sat11"], bands=["A"], keep_signal=True)
     truth = shown.truth
     spheres = np.char.startswith(np.asarray(truth["target"]), "sphere")
-    stowed = np.asarray(truth["stowed"])
+    stowed = np.asarray(truth["not_deployed"])
     assert np.array_equal(stowed, spheres & (np.asarray(truth["frame"]) < 71))
     assert (truth["irradiance_w_cm2"][stowed] == 0).all()
     assert (truth["irradiance_w_cm2"][~stowed] > 0).all()
@@ -171,7 +171,7 @@ def test_stowed_targets_go_with_the_main_one_and_are_dark(scene, device):
 def test_cameras_follow_a_group_that_is_stowed(scene):
     late = scene.replace(release__time_s=700.0, pointing={"track": "group"}, sky__catalog="none")
     shown = ws.Renderer(late).render([40, 90], sensors=["sat11"], bands=["A"])
-    assert np.abs(shown.axes_icrs[:, 0] - late.view_axes("sat11", shown.time_s)).max() < 1e-12
+    assert np.abs(shown.axes_icrs[:, 0] - late.scenario.view_axes("sat11", shown.time_s)).max() < 1e-12
     alone = ws.Renderer(late.replace(pointing={"track": "main"})).render([40], sensors=["sat11"], bands=["A"])
     assert np.abs(alone.axes_icrs[0] - shown.axes_icrs[0]).max() < 1e-12
 
@@ -179,7 +179,7 @@ def test_cameras_follow_a_group_that_is_stowed(scene):
 def test_cameras_follow_a_group_by_name(scene):
     both = scene.replace(groups=[SECOND], pointing={"track": "second"}, sky__catalog="none")
     shown = ws.Renderer(both).render([60], sensors=["sat11"], bands=["A"])
-    assert np.abs(shown.axes_icrs[:, 0] - both.view_axes("sat11", shown.time_s)).max() < 1e-12
+    assert np.abs(shown.axes_icrs[:, 0] - both.scenario.view_axes("sat11", shown.time_s)).max() < 1e-12
     rows = shown.truth
     centre = np.mean([rows["x_px"][-4:], rows["y_px"][-4:]], axis=1)
     assert np.abs(centre - 63.5).max() < 1e-3  # the mean of directions is that of places while they are close

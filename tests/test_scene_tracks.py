@@ -74,8 +74,8 @@ def check_tracks(scene, motions, begin_s=0.0):
     time_s = np.concatenate([[0.0], time_s, [scene.duration_s]])
     for name, motion in motions.items():
         missed_m = np.linalg.norm(scene.position_m(name, time_s) - motion(time_s + begin_s)[0], axis=1).max()
-        assert missed_m < 1.02 * scene.tracks.of(name).error_m + FILE_M
-    assert scene.tracks.error_m < TRACK_M
+        assert missed_m < 1.02 * scene.scenario.tracks.of(name).error_m + FILE_M
+    assert scene.scenario.tracks.error_m < TRACK_M
 
 
 @pytest.mark.parametrize("radius_m", [7.0e6, 2.66e7, 4.2164e7, 3.8e8], ids=["low", "GPS", "geostationary", "moon"])
@@ -84,7 +84,7 @@ def test_files_that_cover_the_scene_and_no_more(along, radius_m):
     duration_s = 3000.0 if radius_m < 1e7 else 7200.0
     scene = along(duration_s, *motions.values(), [(0.0, duration_s)])
     check_tracks(scene, motions)
-    assert scene.tracks.start_s <= -2.0
+    assert scene.scenario.tracks.start_s <= -2.0
     early_s = np.array([-2.0, -1.0])
     assert np.linalg.norm(scene.position_m("ship", early_s) - motions["ship"](early_s)[0], axis=1).max() < GOES_ON_M
 
@@ -95,7 +95,7 @@ def test_gaps_outside_the_scene_do_not_matter(along, duration_s, begin_s):
     epoch = "2025-03-20T12:11:00" if begin_s else EPOCH
     scene = along(duration_s, *motions.values(), [(0.0, 600.0), (660.0, 1300.0)], epoch=epoch)
     check_tracks(scene, motions, begin_s)
-    assert scene.tracks.step_s > 10.0
+    assert scene.scenario.tracks.step_s > 10.0
 
 
 def test_files_in_lists_and_mixtures_go_on_as_well(along):
@@ -130,8 +130,8 @@ def test_a_jump_at_the_ends_of_a_scene_does_not_shorten_its_steps(along, begin_s
     epoch = "2025-03-20T12:10:00" if begin_s else EPOCH
     scene = along(600.0, *motions.values(), [(0.0, 600.0), (600.0, 1200.0)], epoch=epoch)
     check_tracks(scene, motions, begin_s)
-    assert scene.tracks.step_s > 10.0
-    _, velocity = scene.tracks.state("bird", [0.0, 600.0])
+    assert scene.scenario.tracks.step_s > 10.0
+    _, velocity = scene.scenario.tracks.state("bird", [0.0, 600.0])
     assert np.abs(velocity - pushed([begin_s + 1e-9, begin_s + 600.0 - 1e-9], 7.0e6, 600.0)[1]).max() < 1e-3
 
 
@@ -140,9 +140,9 @@ def test_light_time_has_room_when_steps_are_tiny(along):
     ship = lambda t: circle(t, 2.5e7, 0.5)  # noqa: E731
     spans = [(0.0, 12.3), (12.3, 20.0)]
     jumping = along(20.0, lambda t: pushed(t, 7.0e6, 12.3), ship, spans)
-    assert jumping.tracks.step_s <= 0.01
-    assert jumping.tracks.start_s == pytest.approx(-2.0, abs=0.011, rel=0)
-    axes = jumping.view_axes("bird", [0.0, 10.0])
+    assert jumping.scenario.tracks.step_s <= 0.01
+    assert jumping.scenario.tracks.start_s == pytest.approx(-2.0, abs=0.011, rel=0)
+    axes = jumping.scenario.view_axes("bird", [0.0, 10.0])
     smooth = along(20.0, lambda t: circle(t, 7.0e6), ship, [(0.0, 20.0)])
-    assert smooth.tracks.step_s > 1.0
-    assert np.abs(axes - smooth.view_axes("bird", [0.0, 10.0])).max() < 1e-9
+    assert smooth.scenario.tracks.step_s > 1.0
+    assert np.abs(axes - smooth.scenario.view_axes("bird", [0.0, 10.0])).max() < 1e-9

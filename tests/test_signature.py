@@ -16,7 +16,7 @@ from warpsim.orbit.eclipse import sunlit_fraction
 from warpsim.render import stages
 from warpsim.render.buffers import SEEN, new_observations, new_views, seen_struct
 from warpsim.render.target_field import earth_struct, make_target_field
-from warpsim.render.turning import motion_struct
+from warpsim.render.attitude_arrays import motion_struct
 from warpsim.render.world import TargetWorld
 from warpsim.scene.exposure import exposure_rule
 from warpsim.target.attitude import BodyMotion, attitude_frame
@@ -74,7 +74,7 @@ def test_sunlit_fraction_of_the_kernel_is_the_hosts(scene, device):
     place = along_m[:, None] * away + radius_m[:, None] * across
     place = np.concatenate([place, rng.normal(size=(1000, 3)) * 1e7])
     place = place[np.linalg.norm(place, axis=1) > 6.4e6]
-    expected = sunlit_fraction(place, sun, scene.tracks.pole_icrs)
+    expected = sunlit_fraction(place, sun, scene.scenario.tracks.pole_icrs)
     assert 300 < np.sum((expected > 0) & (expected < 1)) < 4000
     out = wp.empty(len(place), dtype=wp.float64, device=device)
     inputs = [wp.array(x, dtype=wp.vec3d, device=device) for x in (place, np.broadcast_to(sun, place.shape).copy())]
@@ -114,7 +114,7 @@ def test_reflected_sunlight_is_that_of_a_mesh(day, device, target, record_accura
         place = day.position_m(target, [emitted_s])[0]
         view = day.position_m(row["sensor"], [row["time_s"]])[0] - place
         sun = day.position_m("sun", [emitted_s])[0] - place
-        turned = Rotation.from_quat(day.attitude_quaternion(target, [emitted_s])[0]).apply(normal)
+        turned = Rotation.from_quat(day.scenario.attitude_quaternion(target, [emitted_s])[0]).apply(normal)
         lit = np.maximum(turned @ view / np.linalg.norm(view), 0) * np.maximum(turned @ sun / np.linalg.norm(sun), 0)
         sunlight = np.pi * ws.band_radiance_w_m2_sr(5772.0, row["band"]) * (6.957e8 / np.linalg.norm(sun)) ** 2
         reflectance = spec.surface.reflectance_in(row["band"])
@@ -148,7 +148,7 @@ def test_reflected_heat_of_the_earth_is_that_of_a_mesh(day, device, target, reco
     rows = truth[(truth["target"] == target) & ~truth["occulted"]]
     spec = day.target_specs[day.target_names.index(target)]
     normal, area = facets(spec.shape)
-    pole = day.tracks.pole_icrs
+    pole = day.scenario.tracks.pole_icrs
     for row in rows:
         emitted_s = row["time_s"] - row["range_km"] * 1e3 / 299792458.0
         place = day.position_m(target, [emitted_s])[0]
@@ -157,7 +157,7 @@ def test_reflected_heat_of_the_earth_is_that_of_a_mesh(day, device, target, reco
         up = place / distance
         a, b = 6378137.0, 6378137.0 * (1 - 1 / 298.257223563)
         radius = 1 / np.sqrt((1 - (up @ pole) ** 2) / a**2 + (up @ pole) ** 2 / b**2)
-        turned = Rotation.from_quat(day.attitude_quaternion(target, [emitted_s])[0]).apply(normal)
+        turned = Rotation.from_quat(day.scenario.attitude_quaternion(target, [emitted_s])[0]).apply(normal)
         factor = view_factors(-turned @ up, distance / radius)
         kelvin = {"A": 275.0, "E": 260.0}[row["band"]]
         seen = np.sum(np.maximum(turned @ view / np.linalg.norm(view), 0) * factor * area)
@@ -193,7 +193,7 @@ def test_sunlight_by_way_of_the_earth_is_that_of_patches(day, device, record_acc
     view = day.position_m("sat11", [200.0])[0] - place
     sun = day.position_m("sun", [emitted_s])[0]
     distance, au = np.linalg.norm(place), np.linalg.norm(sun - place) / 149597870700.0
-    pole = day.tracks.pole_icrs
+    pole = day.scenario.tracks.pole_icrs
     up = place / distance
     a, b = 6378137.0, 6378137.0 * (1 - 1 / 298.257223563)
     radius = 1 / np.sqrt((1 - (up @ pole) ** 2) / a**2 + (up @ pole) ** 2 / b**2)
@@ -245,7 +245,7 @@ def test_albedo_may_be_rougher_where_it_is_faint_or_near(day):
         return make_target_field(scene, ["A"], cpu).features.albedo_degree
 
     fine = day.replace(lighting__albedo_error=1e-4)
-    bound_nei = day.light_terms["albedo"].bound_nei
+    bound_nei = day.scenario.instrument.light_terms["albedo"].bound_nei
     assert degree(day) == 4
     assert degree(fine) == 0
     assert degree(fine.replace(lighting__leave_out_nei=bound_nei * 1.1e-2)) == 4
@@ -280,7 +280,7 @@ def test_sun_and_earth_of_ones_own(day, device):
 def test_no_term_is_above_its_bound(day, scene):
     for one in (day, scene, day.replace(epoch_utc="2025-03-20T18:00:00")):
         curves = ws.light_curves(one, np.linspace(0, one.duration_s, 60), one.sensor_names)
-        for name, term in one.light_terms.items():
+        for name, term in one.scenario.instrument.light_terms.items():
             most_nei = curves.terms_w_cm2[name].max() / one.detector.nei_w_cm2
             assert most_nei <= term.bound_nei
             assert (most_nei > 0) <= term.kept
@@ -288,17 +288,17 @@ def test_no_term_is_above_its_bound(day, scene):
 
 def test_what_is_left_out_and_why(day, scene):
     night = scene.replace(epoch_utc="2025-03-20T12:00:00")
-    assert not night.light_terms["sun"].kept
-    assert night.light_terms["sun"].reason == "left out: all targets are in the Earth's shadow throughout"
-    assert not night.light_terms["albedo"].kept
+    assert not night.scenario.instrument.light_terms["sun"].kept
+    assert night.scenario.instrument.light_terms["sun"].reason == "left out: all targets are in the Earth's shadow throughout"
+    assert not night.scenario.instrument.light_terms["albedo"].kept
     for name in ("sun", "earth", "albedo"):
-        off = day.replace(**{f"lighting__{name}": False}).light_terms[name]
+        off = day.replace(**{f"lighting__{name}": False}).scenario.instrument.light_terms[name]
         assert (off.kept, off.reason) == (False, "off")
     noisy = day.replace(detector__nei_w_cm2=1e-12, detector__sei_w_cm2=3e-9)
-    assert not any(term.kept for term in noisy.light_terms.values())
-    assert noisy.light_terms["sun"].reason.startswith("left out: at most ")
+    assert not any(term.kept for term in noisy.scenario.instrument.light_terms.values())
+    assert noisy.scenario.instrument.light_terms["sun"].reason.startswith("left out: at most ")
     all_kept = noisy.replace(lighting__leave_out_nei=0.0)
-    assert all_kept.light_terms["sun"].kept
+    assert all_kept.scenario.instrument.light_terms["sun"].kept
 
 
 def test_a_term_left_out_is_not_in_the_kernel(day):
@@ -391,7 +391,7 @@ def test_a_mesh_gives_the_light_of_the_body_it_is_made_after(day, device):
     seen = ws.light_curves(one, time_s, ["sat11"], ["center"], ["A"], device=device)
     emitted_s = time_s - seen.range_km[:, 0, 0] * 1e3 / 299792458.0
     view = one.position_m("sat11", time_s) - one.position_m("center", emitted_s)
-    turned = Rotation.from_quat(one.attitude_quaternion("center", emitted_s)).inv()
+    turned = Rotation.from_quat(one.scenario.attitude_quaternion("center", emitted_s)).inv()
     inside = np.abs(turned.apply(view / np.linalg.norm(view, axis=1)[:, None]))
     expected = inside @ [0.2 * 0.5, 1.0 * 0.5, 1.0 * 0.2]
     np.testing.assert_allclose(seen.projected_area_m2[:, 0, 0], expected, rtol=1e-9)
@@ -434,12 +434,12 @@ def test_times_may_be_quantities(day):
     curves = ws.light_curves(day, np.array([1.0, 2.0]) * u.min, ["sat11"], ["center"])
     assert curves.time_s.tolist() == [60.0, 120.0]
     np.testing.assert_array_equal(day.position_m("center", 2 * u.min), day.position_m("center", 120.0))
-    np.testing.assert_array_equal(day.temperature_k("center", [0.2] * u.h), day.temperature_k("center", [720.0]))
+    np.testing.assert_array_equal(day.scenario.temperature_k("center", [0.2] * u.h), day.scenario.temperature_k("center", [720.0]))
     assert ws.Cone(0.3, 1.0).projected_area_m2(90 * u.deg) == pytest.approx(0.3, rel=1e-12)
     for call in (
         lambda: day.position_m("center", [1.0] * u.m),
-        lambda: day.temperature_k("center", ["noon"]),
-        lambda: day.temperature_k("center", [1e6]),
+        lambda: day.scenario.temperature_k("center", ["noon"]),
+        lambda: day.scenario.temperature_k("center", [1e6]),
         lambda: ws.light_curves("stss"),
         lambda: ws.light_curves(day, [1.0], n_thread=0),
     ):
@@ -484,11 +484,11 @@ def test_a_spread_group_is_lit_where_its_main_target_is_not(scene):
         frames__count=3,
         release={"speed_m_s": [2.0, 5.0], "time_s": -86400.0},
     )
-    assert wide.sunlit_fraction("center", [0.0, 150.0, 300.0]).max() == 0
-    assert wide.light_terms["sun"].kept
+    assert wide.scenario.sunlit_fraction("center", [0.0, 150.0, 300.0]).max() == 0
+    assert wide.scenario.instrument.light_terms["sun"].kept
     times = np.linspace(0, 300, 7)
     curves = ws.light_curves(wide, times, ["sat11"])
-    told = np.stack([wide.sunlit_fraction(name, times) for name in wide.target_names], axis=1)
+    told = np.stack([wide.scenario.sunlit_fraction(name, times) for name in wide.target_names], axis=1)
     assert told.max() > 0.2
     np.testing.assert_allclose(curves.sunlit_fraction[:, 0], told, rtol=0, atol=5e-3)  # light time
 

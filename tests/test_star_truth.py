@@ -31,7 +31,7 @@ def test_rows_say_which_star_and_how_bright(scene):
     expected = np.column_stack([catalog.irradiance_w_cm2(band)[rows] for band in "AE"]).astype(np.float32)
     np.testing.assert_array_equal(stars["irradiance_w_cm2"], expected)
     np.testing.assert_allclose(stars["snr"], expected.astype(np.float64) / scene.detector.nei_w_cm2, rtol=1e-12)
-    np.testing.assert_array_equal(stars["time_s"], scene.frame_time_s(stars["frame"]))
+    np.testing.assert_array_equal(stars["time_s"], scene.scenario.instrument.frame_time_s(stars["frame"]))
     inside = (np.abs(stars["x_px"] - 63.5) <= 64) & (np.abs(stars["y_px"] - 63.5) <= 64)
     np.testing.assert_array_equal(stars["in_fov"], inside)
 

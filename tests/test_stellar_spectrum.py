@@ -218,7 +218,7 @@ def test_interval_irradiances_add_up_to_the_bands(stars, physics):
 def test_interval_irradiances_of_a_band_of_ones_own(stars):
     _, light = stars.interval_irradiance_w_cm2(OWN, 6)
     np.testing.assert_allclose(light.sum(axis=1), stars.irradiance_w_cm2(OWN), rtol=SUM_RTOL)
-    with pytest.raises(InputError, match="band own: n must be a whole number from 1 to 32, got 40"):
+    with pytest.raises(InputError, match="band own: n: must be a whole number from 1 to 32, got 40"):
         stars.interval_irradiance_w_cm2(OWN, 40)
     with pytest.raises(InputError, match=r"band: must be one of .*, got 'own'"):
         stars.interval_irradiance_w_cm2(OWN, 6, "paper")

@@ -93,7 +93,7 @@ def test_scenes_with_tables_by_band_load_back_equal(scene, tmp_path, ending):
     tabled = scene.replace(targets__0__surface={"reflectance": BY_BAND})
     tabled.save(tmp_path / f"s.{ending}")
     assert ws.Scene.load(tmp_path / f"s.{ending}") == tabled
-    assert tabled.to_dict()["targets"][0]["surface"] == {"reflectance": BY_BAND}
+    assert tabled.to_dict()["groups"][0]["targets"][0]["surface"] == {"reflectance": BY_BAND}
 
 
 def test_each_band_is_rendered_with_its_own_emissivity(scene, device):

@@ -4,10 +4,10 @@ import astropy.units as u
 import numpy as np
 import pytest
 import warp as wp
+from warpsim.render.warmth import make_warmth
 from warpsim_kernels import temperature
 
 import warpsim as ws
-from warpsim.render.warmth import make_warmth
 from warpsim.target.temperature import TemperatureRows, checked_rows
 
 SEED = 161803
@@ -26,7 +26,7 @@ def temperature_kernel(
     kelvin: wp.array[wp.float64],
 ):
     i = wp.tid()
-    kelvin[i] = temperature.temperature_k(tables, first, count, time_s[i])
+    kelvin[i] = temperature.scenario.temperature_k(tables, first, count, time_s[i])
 
 
 def on_device(all_rows, number, time_s, device):
@@ -73,7 +73,7 @@ def test_ends_hold_for_a_second(device):
 
 
 def test_rows_that_are_shared_lie_on_the_device_once(scene):
-    warmth = make_warmth(scene.temperatures, wp.get_device("cpu"))
+    warmth = make_warmth(scene.scenario.temperatures, wp.get_device("cpu"))
     assert len(warmth.first) == 30
     assert warmth.tables.time_s.shape == (2 * 4,)
     assert warmth.span_k == (328.0, 350.0)
@@ -127,7 +127,7 @@ def with_file(scene, tmp_path, text, name="t.csv", **fields):
     """A saved scene whose spheres take their temperature from a file beside it."""
     (tmp_path / name).write_text(text)
     data = scene.to_dict()
-    data["targets"][1]["temperature"] = {"kind": "table", "file": name, **fields}
+    data["targets"][1]["temperature"] = {"kind": "table", "file": str(tmp_path / name), **fields}
     path = tmp_path / "scene.json"
     ws.Scene.from_dict(data).save(path)
     return path
@@ -135,23 +135,34 @@ def with_file(scene, tmp_path, text, name="t.csv", **fields):
 
 def test_a_file_beside_the_scene_is_read(scene, tmp_path):
     loaded = ws.Scene.load(with_file(scene, tmp_path, CSV))
-    np.testing.assert_allclose(loaded.temperature_k("sphere04", [0.0, 400.0, 1250.0]), [300.0, 305.25, 300.25])
-    assert loaded.temperatures[1] is loaded.temperatures[10]  # one table for the ten spheres
+    np.testing.assert_allclose(loaded.scenario.temperature_k("sphere04", [0.0, 400.0, 1250.0]), [300.0, 305.25, 300.25])
+    assert loaded.scenario.temperatures[1] is loaded.scenario.temperatures[10]  # one table for the ten spheres
     assert loaded.files == [str(tmp_path / "t.csv")]
     table = loaded.targets[1].temperature
     assert len(table.checksum) == 64
+    (tmp_path / "t.csv").unlink()  # read once
+    assert table.rows(loaded.epoch).at(400.0)[0] == pytest.approx(305.25, abs=1e-9)
+
+
+def test_a_file_is_counted_from_the_directory_of_its_table(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    table = ws.TemperatureTable(file="t.csv")
+    monkeypatch.chdir(tmp_path.parent)
+    assert table.file == str(tmp_path / "t.csv")
+    with pytest.raises(ws.InputError, match=rf"^{table.file}: cannot be read"):
+        table.rows(None)
 
 
 def test_dates_and_units_of_columns_are_honoured(scene, tmp_path):
     dates = "time_utc,temperature_k\n2025-01-01T13:59:00,300\n2025-01-01T14:10:00,310\n2025-01-01T15:00:00,290\n"
     loaded = ws.Scene.load(with_file(scene, tmp_path, dates))
-    assert loaded.temperature_k("sphere01", 600.0)[0] == pytest.approx(310.0, abs=1e-9)
+    assert loaded.scenario.temperature_k("sphere01", 600.0)[0] == pytest.approx(310.0, abs=1e-9)
     ecsv = (
         "# %ECSV 1.0\n# ---\n# datatype:\n# - {name: time_s, unit: min, datatype: float64}\n"
         "# - {name: temperature_k, unit: mK, datatype: float64}\ntime_s temperature_k\n0 300000\n30 310000\n"
     )
     loaded = ws.Scene.load(with_file(scene, tmp_path, ecsv, "t.ecsv"))
-    assert loaded.temperature_k("sphere01", 900.0)[0] == pytest.approx(305.0, abs=1e-9)
+    assert loaded.scenario.temperature_k("sphere01", 900.0)[0] == pytest.approx(305.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -163,8 +174,8 @@ def test_dates_and_units_of_columns_are_honoured(scene, tmp_path):
         (CSV.replace("310.5", "warm"), r"t\.csv: line 4: column temperature_k: must be a number, got 'warm'"),
         (CSV.replace("310.5", "-3"), r"t\.csv: line 4: temperature_k: must be in \(0, 100000\], got -3"),
         (CSV.replace("800", "1800"), r"t\.csv: line 5: time_s: must ascend, got 1700 after 1800"),
-        (CSV.replace("1700", "1600"), r"time_s: must cover the scene, 0 to 1614 s, got 0 to 1600 s"),
-        (CSV.replace("\n0,", "\n0.5,"), r"time_s: must cover the scene, 0 to 1614 s, got 0.5 to 1700 s"),
+        (CSV.replace("1700", "1600"), r"t\.csv: must cover the scene, 0 to 1614 s, got 0 to 1600 s$"),
+        (CSV.replace("\n0,", "\n0.5,"), r"t\.csv: must cover the scene, 0 to 1614 s, got 0\.5 to 1700 s$"),
         (CSV.replace("temperature_k", "kelvin"), r"must have columns of temperature .*, got time_s, kelvin"),
         (CSV.replace("time_s", "t"), r"must have one of the columns time_s .* and time_utc"),
         (CSV.removesuffix("\n"), r"line 5: must end with a line break"),
@@ -199,7 +210,7 @@ def test_gaps_of_files_and_missing_files(scene, tmp_path):
         ({"start_k": 300.0, "end": 200.0}, r"\.end: is not a known field"),
         (
             {"kind": "table", "time_s": [0, 9], "temperature_k": [300, 310]},
-            ": time_s: must cover the scene, 0 to 1614 s",
+            r"\.time_s: must cover the scene, 0 to 1614 s",
         ),
         (
             {"kind": "table", "time_s": [0, 0], "temperature_k": [300, 310]},
@@ -214,12 +225,12 @@ def test_scenes_say_where_a_temperature_is_wrong(scene, fields, message):
 
 
 def test_temperature_of_a_target_by_name(scene):
-    np.testing.assert_allclose(scene.temperature_k("center", [0.0, 807.0, 1614.0]), [350.0, 339.0, 328.0], rtol=1e-15)
-    assert scene.temperature_k("cone02", 0.0).shape == (1,)
+    np.testing.assert_allclose(scene.scenario.temperature_k("center", [0.0, 807.0, 1614.0]), [350.0, 339.0, 328.0], rtol=1e-15)
+    assert scene.scenario.temperature_k("cone02", 0.0).shape == (1,)
     with pytest.raises(ws.InputError, match="name: must be a target"):
-        scene.temperature_k("sat11", 0.0)
+        scene.scenario.temperature_k("sat11", 0.0)
     with pytest.raises(ws.InputError, match="center: time_s: must be within the scene, 0 to 1614 s, got 1700"):
-        scene.temperature_k("center", 1700.0)
+        scene.scenario.temperature_k("center", 1700.0)
 
 
 @pytest.mark.parametrize("ending", ["toml", "json"])
@@ -251,7 +262,7 @@ def test_truth_is_the_temperature_at_emission(scene, device):
         ours = truth[truth["target"] == name]
         emitted_s = np.array(ours["time_s"] - ours["range_km"] * 1e3 / C_M_S)
         np.testing.assert_allclose(
-            ours["temperature_k"], mixed.temperature_k(name, emitted_s), rtol=0, atol=TRUTH_ATOL_K
+            ours["temperature_k"], mixed.scenario.temperature_k(name, emitted_s), rtol=0, atol=TRUTH_ATOL_K
         )
 
 

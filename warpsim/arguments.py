@@ -26,11 +26,11 @@ def plain_array(value: Any, unit: str, where: str) -> npt.NDArray[np.float64]:
         try:
             value = value.to_value(unit)
         except Exception:
-            raise InputError(f"must be convertible to {unit}", value=value.unit).of(where) from None
+            raise InputError(f"must be convertible to {unit}", where, str(value.unit), "s") from None
     try:
         return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"must be numbers, got {type(value).__name__}").of(where) from None
+        raise InputError(f"must be numbers, got {type(value).__name__}", where) from None
 
 
 def times_s(value: Any) -> npt.NDArray[np.float64]:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from warpsim.errors import InputError
 
 if TYPE_CHECKING:
+    from warpsim.scene.scenario import Scenario
     from warpsim.sky.catalog import StarCatalog
     from warpsim.speed.report import Plan, Speed
 
@@ -60,10 +61,10 @@ def _parser() -> argparse.ArgumentParser:
     _add_scene(render)
     render.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to write to")
     render.add_argument("--frames", metavar="A:B[:STEP]", help="frame numbers, like a Python slice")
-    render.add_argument("--sensors", metavar="NAMES", help="comma-separated sensor names")
+    render.add_argument("--sensors", metavar="NAMES", help="comma-separated names of sensors or of kinds of them")
     render.add_argument("--bands", metavar="NAMES", help="comma-separated band names")
     render.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
-    render.add_argument("--every-frame", action="store_true", help="also frames without access to the main target")
+    render.add_argument("--every-frame", action="store_true", help="also frames without access to a target")
     render.add_argument("--stars", action="store_true", help="also list the stars in every image, in stars.fits")
     formats = "comma-separated: fits (the default), tiff, png, exr (noiseless), zarr"
     render.add_argument("--format", default="fits", metavar="NAMES", help=formats)
@@ -74,8 +75,8 @@ def _parser() -> argparse.ArgumentParser:
 
     access = commands.add_parser("access", help="list when each sensor can observe a target")
     _add_scene(access)
-    access.add_argument("--target", metavar="NAME", help="the main target if left out")
-    access.add_argument("--sensors", metavar="NAMES", help="comma-separated sensor names")
+    access.add_argument("--target", metavar="NAME", help="what the scene's access_target says if left out")
+    access.add_argument("--sensors", metavar="NAMES", help="comma-separated names of sensors or of kinds of them")
     access.add_argument("--format", default="table", metavar="NAME", help="table (the default), csv or ecsv")
     access.add_argument("--step", metavar="S", help="step of the scan for changes [s], 10 if left out")
     access.add_argument("--plot", metavar="FILE", help="also draw the intervals and the ranges: .png, .pdf or .svg")
@@ -170,14 +171,13 @@ def _start_warp() -> None:
 
 def _render(options: argparse.Namespace) -> int:
     from warpsim.output.run import render_to_folder
-    from warpsim.scene.scene import Scene
 
-    scene = Scene.load(options.scene)
+    scenario = _scenario(options.scene)
     _start_warp()
     report = render_to_folder(
-        scene,
+        scenario,
         options.output,
-        frames=_frame_numbers(options.frames, scene.frames.count),
+        frames=_frame_numbers(options.frames),
         sensors=_names(options.sensors),
         bands=_names(options.bands),
         device=options.device,
@@ -193,8 +193,19 @@ def _render(options: argparse.Namespace) -> int:
     return 0
 
 
+def _scenario(source: str) -> Scenario:
+    """The scenario of a preset or a scene file; errors begin with its name."""
+    from warpsim.scene.scene import Scene
+
+    scene = Scene.load(source)
+    try:
+        return scene.scenario
+    except InputError as error:
+        raise error.of(source) from None
+
+
 def _access(options: argparse.Namespace) -> int:
-    from warpsim.scene.scene import ACCESS_STEP_S, Scene
+    from warpsim.scene.access import ACCESS_STEP_S
 
     if options.format not in ("table", "csv", "ecsv"):
         raise InputError("must be table, csv or ecsv", "--format", options.format)
@@ -206,18 +217,21 @@ def _access(options: argparse.Namespace) -> int:
         from warpsim.plot.pictures import check_picture, draw_access
 
         check_picture(picture, options.overwrite, "--plot")
-    scene = Scene.load(options.scene)
+    scenario = _scenario(options.scene)
     sensors = _names(options.sensors)
-    table = scene.access(options.target, sensors, step_s=step_s)
+    table = scenario.access(options.target, sensors, step_s=step_s)
     if picture:  # files before words, as with catalogs
-        draw_access(scene, picture, table, sensors)
+        draw_access(scenario, picture, table, sensors)
     if options.format != "table":
         table.write(sys.stdout, format=f"ascii.{options.format}")
         return 0
-    print(f"{scene.name}: access to {table.meta['target']}, seconds after {scene.epoch_utc} UTC")
+    counted = {"tracked": "what each sensor tracks", "any": "any target"}.get(
+        table.meta["target"], table.meta["target"]
+    )
+    print(f"{scenario.scene.name}: access to {counted}, seconds after {scenario.scene.epoch_utc} UTC")
     if len(table):
         print("\n".join(table.pformat(max_lines=-1, max_width=-1, show_unit=True)))
-    n_sensor = len(scene.sensor_names if sensors is None else sensors)
+    n_sensor = len(scenario.select_sensors(sensors))
     seen, total_s = len(set(table["sensor"])), float(sum(table["duration_s"]))
     print(f"{seen} of {n_sensor} sensors have access, {total_s:.1f} s in all")
     if picture:
@@ -228,41 +242,41 @@ def _access(options: argparse.Namespace) -> int:
 def _check(options: argparse.Namespace) -> int:
     from warpsim.output.check import scene_report
     from warpsim.scene.files import read_scene_data
-    from warpsim.scene.scene import Scene
 
     if "scene" not in read_scene_data(options.scene):
-        print(scene_report(Scene.load(options.scene)))
+        print(scene_report(_scenario(options.scene)))
         return 0
     from warpsim.dataset.recipe import Recipe
     from warpsim.dataset.recipe_report import recipe_report
 
     recipe = Recipe.load(options.scene)
-    print(f"{recipe_report(recipe)}\n\nThe scene that sequences are variations of:\n{scene_report(recipe.scene)}")
+    print(
+        f"{recipe_report(recipe)}\n\nThe scene that sequences are variations of:\n{scene_report(recipe.scene.scenario)}"
+    )
     return 0
 
 
 def _plot(options: argparse.Namespace) -> int:
     from warpsim.plot.pictures import draw_scenario
-    from warpsim.scene.scene import Scene
 
     time_s = None if options.time is None else _number("--time", options.time)
-    scene = Scene.load(options.scene)
+    scenario = _scenario(options.scene)
     _start_warp()
     sensors = _names(options.sensors)
-    written = draw_scenario(scene, Path(options.output), time_s, options.overwrite, sensors)
-    print(f"{len(written)} pictures of {scene.name} in {options.output}: {', '.join(path.name for path in written)}")
+    written = draw_scenario(scenario, Path(options.output), time_s, options.overwrite, sensors)
+    names = ", ".join(path.name for path in written)
+    print(f"{len(written)} pictures of {scenario.scene.name} in {options.output}: {names}")
     return 0
 
 
 def _czml(options: argparse.Namespace) -> int:
     from warpsim.output.czml import write_czml
-    from warpsim.scene.scene import Scene
 
     path = Path(options.output)
     step_s = None if options.step is None else _number("--step", options.step)
-    scene = Scene.load(options.scene)
-    error_m = write_czml(scene, path, step_s, overwrite=options.overwrite)
-    n_body = len(scene.sensor_names) + len(scene.target_names)
+    scenario = _scenario(options.scene)
+    error_m = write_czml(scenario, path, step_s, overwrite=options.overwrite)
+    n_body = len(scenario.satellite_names) + len(scenario.target_names)
     print(f"{n_body} bodies in {path} ({path.stat().st_size / 1e6:.2f} MB), positions within {error_m:.2g} m")
     return 0
 
@@ -425,17 +439,17 @@ def _names(text: str | None) -> list[str] | None:
     return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
 
 
-def _frame_numbers(text: str | None, count: int) -> list[int] | None:
-    """Frame numbers of A:B, A:B:STEP (a slice of the scene's frames) or a single number."""
+def _frame_numbers(text: str | None) -> list[int] | slice | None:
+    """Frame numbers of A:B, A:B:STEP (a slice of the frames of each sensor) or a single number."""
     if text is None:
         return None
     try:
         numbers = [int(item) if item.strip() else None for item in text.split(":")]
         if len(numbers) == 1 and numbers[0] is not None:
             return [numbers[0]]
-        if len(numbers) not in (2, 3):
+        if len(numbers) not in (2, 3) or 0 in numbers[2:]:
             raise ValueError
-        return list(range(count)[slice(*numbers)])
+        return slice(*numbers)
     except ValueError:
         raise InputError("must be A:B, A:B:STEP or one number", "--frames", text) from None
 

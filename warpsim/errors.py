@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
 
@@ -11,12 +12,18 @@ LONGEST_VALUE = 60
 LONGEST_FIELD = 120
 """Characters of a path of fields that are shown."""
 
+LONGEST_RULE = 500
+"""Characters of a rule with its value that are shown: it may quote a long list of columns."""
+
 
 class _NoValue:
     """Stands for a value that is not given: None may be one."""
 
     def __repr__(self) -> str:
         return "no value"
+
+    def __reduce__(self) -> str:
+        return "NO_VALUE"  # copies, also those from other processes, are the same object
 
 
 NO_VALUE = _NoValue()
@@ -32,22 +39,36 @@ class _Step(NamedTuple):
 class InputError(ValueError):
     """Bad input.
 
-    The text is one line: place, rule, value. `scene.toml: camera.fov_deg: must be in (0, 120), got -1.0`
+    The text is one printable line: place, rule, value. `scene.toml: camera.fov_deg: must be in (0, 120), got -1.0`
 
     Args:
         rule: What is asked for, as in "must be in (0, 120)"; or the whole sentence.
-        field: Path of the field or argument that breaks it, as in "camera.fov_deg".
+        field: Path of the field or argument that breaks it, as in "camera.fov_deg"; or of several, "time_s, file".
         value: What it is instead; shown behind the rule.
-        form: Format of a number that is shown, as in "g"; the number in full when left out.
+        form: Format in which the value is shown: "g" for a number, "s" for words without quotes; in full when left out.
+        row: Which row of a table or of arrays breaks the rule, counted from 0; shown behind the value.
+        n_row: How many rows break it, where all were looked at.
 
     Attributes:
         rule: As given.
+        field: As given.
         value: As given; NO_VALUE where there is none.
+        row: As given; None where there is none.
         errors: The single errors, where several are told at once.
     """
 
-    def __init__(self, rule: str, field: str = "", value: Any = NO_VALUE, form: str = "") -> None:
-        self.rule, self.value, self._form = rule, value, form
+    def __init__(
+        self,
+        rule: str,
+        field: str = "",
+        value: Any = NO_VALUE,
+        form: str = "",
+        *,
+        row: int | None = None,
+        n_row: int | None = None,
+    ) -> None:
+        self.rule, self.field, self.value, self.row = rule, field, value, row
+        self._form, self._n_row = form, n_row
         self._steps: tuple[_Step, ...] = (_Step(field, True),) if field else ()
         self.errors: tuple[InputError, ...] = ()
         super().__init__(self._text())
@@ -65,7 +86,7 @@ class InputError(ValueError):
         """Where it is: `scene.toml: camera.fov_deg`; empty where nobody said."""
         text = ""
         for before, step in zip((None, *self._steps), self._steps, strict=False):
-            joins = before is not None and before.is_field and step.is_field
+            joins = before is not None and before.is_field and step.is_field and ", " not in step.name
             text += ("" if not text or (joins and step.name.startswith("[")) else "." if joins else ": ") + step.name
         return text
 
@@ -73,23 +94,36 @@ class InputError(ValueError):
         """The same error, of the part that a field holds: its path comes before the place."""
         return self._retold((_Step(field, True),)) if field else self
 
-    def of(self, name: str) -> Self:
+    def of(self, name: str | os.PathLike[str]) -> Self:
         """The same error, told of a file, a line, a body: its name comes before the place."""
-        return self._retold((_Step(name, False),)) if name else self
+        return self._retold((_Step(os.fspath(name), False),)) if name else self
+
+    def at_row(self, name: str) -> Self:
+        """The same error, told of what its row is called elsewhere, "line 3" of a file: that comes before the place."""
+        error = self._retold((_Step(name, False),))
+        error.row = None
+        error.args = (error._text(),)
+        return error
 
     def _retold(self, steps: tuple[_Step, ...]) -> Self:
         """A copy with steps before the place."""
-        error = type(self)(self.rule, "", self.value, self._form)
+        error = type(self)(self.rule, self.field, self.value, self._form, row=self.row, n_row=self._n_row)
         error.errors, error._steps = self.errors, (*steps, *self._steps)
         error.args = (error._text(),)
         return error
 
     def _text(self) -> str:
-        got = "" if self.value is NO_VALUE else f", got {shown(self.value, self._form)}"
         place = self.place
         if len(place) > LONGEST_FIELD and not any(not step.is_field for step in self._steps):
             place = f"{place[:60]}...{place[-40:]}"
-        return f"{place}: {self.rule}{got}" if place else f"{self.rule}{got}"
+        rule = self.rule if self.value is NO_VALUE else f"{self.rule}, got {shown(self.value, self._form)}"
+        if self.row is not None:
+            rule += f" in row {self.row}"
+        if self._n_row is not None and self._n_row > 1:
+            rule += f" ({self._n_row} such rows)"
+        if len(rule) > LONGEST_RULE and not self.errors:
+            rule = f"{rule[:LONGEST_RULE]} ..."
+        return printable(f"{place}: {rule}" if place else rule)
 
 
 def shown(value: Any, form: str = "") -> str:
@@ -102,3 +136,14 @@ def shown(value: Any, form: str = "") -> str:
     except RecursionError:
         return f"a {type(value).__name__}"
     return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
+
+
+def one_line(error: BaseException) -> str:
+    """First line of what another library says, or its kind of error."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return lines[0][:200] if lines else type(error).__name__
+
+
+def printable(text: str) -> str:
+    """A text as one line: blanks of any kind are plain ones, and what cannot be printed is a question mark."""
+    return "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text)

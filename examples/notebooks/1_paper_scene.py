@@ -73,7 +73,7 @@ for j, sensor in enumerate(sensors):
     for i, time_s in enumerate(frames.time_s):
         grid[j, i].set(xticks=[], yticks=[], box_aspect=1, facecolor="0.92")
         grid[0, i].set_title(f"{time_s:g} s", fontsize=10)
-        if scene.has_access(sensor, np.array([time_s]))[0]:
+        if scene.scenario.has_access(sensor, np.array([time_s]))[0]:
             image = grid[j, i].imshow(level_nei[i, j], cmap="gray_r", vmin=0, vmax=30, interpolation="nearest")
         else:
             grid[j, i].text(
@@ -148,7 +148,7 @@ term_snr = {name: moment.terms_w_cm2[name][:, 0, 0].mean(axis=0) / NEI_W_CM2 for
 print(f"{'mean SNR by term':18}" + "".join(f"{name:>12}" for name in LABELS))
 for name, values in term_snr.items():
     print(f"{name:18}" + "".join(f"{value:12.2f}" for value in values))
-for name, term in scene.light_terms.items():
+for name, term in scene.scenario.instrument.light_terms.items():
     print(f"{name:18}{term.reason}, in the whole scene")
 
 # %% [markdown]

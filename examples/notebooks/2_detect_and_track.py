@@ -55,7 +55,7 @@ def level_nei(counts):
 # `ws.deposit` draws the shape: a star of flux 1 on the centre of a pixel.
 
 # %%
-psf = sharp.psf(BAND)
+psf = sharp.scenario.instrument.psf(BAND)
 shape = ws.deposit([(4, 4)], [1.0], psf, (9, 9))
 shape /= np.sqrt((shape**2).sum())
 

@@ -237,7 +237,7 @@ tested = tested.replace(
     }
 )
 frames = ws.Renderer(tested).render(range(N_IMAGE))
-level = tested.levels[BAND]
+level = tested.scenario.instrument.levels[BAND]
 column_px, row_px = (np.rint(frames.truth[name]).astype(int) for name in ("x_px", "y_px"))
 there = np.arange(N_IMAGE), row_px, column_px
 snr = (frames.counts.numpy()[:, 0, 0][there] - level.blank_counts) / level.counts_per_nei

@@ -50,7 +50,7 @@ scene = ws.Scene.load("stss").replace(
 # %%
 N_STAR, HALF_DEG = 1600, 2.0
 random = np.random.default_rng(4)
-right, down, ahead = scene.view_axes(SENSOR, scene.frame_time_s([0]))[0]
+right, down, ahead = scene.scenario.view_axes(SENSOR, scene.scenario.instrument.frame_time_s([0]))[0]
 tangent = np.tan(np.radians(random.uniform(-HALF_DEG, HALF_DEG, (N_STAR, 2))))
 direction = ahead + tangent[:, :1] * right + tangent[:, 1:] * down
 ra_deg = np.degrees(np.arctan2(direction[:, 1], direction[:, 0]))

@@ -219,7 +219,7 @@ right.set(xlabel="time after the epoch [s]", title="a minute of it")
 right.legend(fontsize=9, ncols=2)
 for axes in (left, right):
     axes.grid(alpha=0.3, which="both")
-bus_k = scene.temperature_k("bus", curve.time_s)
+bus_k = scene.scenario.temperature_k("bus", curve.time_s)
 print(f"the bus has {bus_k.min():.0f} to {bus_k.max():.0f} K meanwhile")
 plt.show()
 
@@ -237,7 +237,7 @@ for i, axes in enumerate(panels):
     level = (frames.counts.numpy()[i, 0, 0] - scene.detector.offset_counts) / scene.detector.counts_per_nei
     image = axes.imshow(level, cmap="gray_r", vmin=0, vmax=20, interpolation="nearest")
     truth = frames.truth[
-        (frames.truth["frame"] == frames.frames[i]) & (frames.truth["band"] == "A") & ~frames.truth["stowed"]
+        (frames.truth["frame"] == frames.frames[i]) & (frames.truth["band"] == "A") & ~frames.truth["not_deployed"]
     ]
     seen = frames.stars[
         (frames.stars["frame"] == frames.frames[i]) & (frames.stars["snr"][:, 0] > 5) & frames.stars["in_fov"]

@@ -12,7 +12,7 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar, dataclass_transform
 
-from pydantic import ConfigDict, Field, Tag, ValidationError
+from pydantic import ConfigDict, Field, Tag, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 from pydantic.dataclasses import rebuild_dataclass
 from pydantic_core import ErrorDetails
@@ -150,3 +150,13 @@ def _raise_input_errors(decorated: Any, names: list[str]) -> None:
             raise InputError(TOO_DEEP).of(decorated.__name__) from None
 
     decorated.__init__ = __init__
+
+
+_ADAPTERS: dict[type[Any], TypeAdapter[Any]] = {}
+
+
+def adapter(kind: type[Any]) -> TypeAdapter[Any]:
+    """Return what validates and dumps a kind of config model; made once, as that takes a while."""
+    if kind not in _ADAPTERS:
+        _ADAPTERS[kind] = TypeAdapter(kind)
+    return _ADAPTERS[kind]

@@ -34,14 +34,14 @@ _FACTS = {
 
 
 def keep_texts(recipe: Recipe, folder: Path, shard: Shard) -> str:
-    """Leave what COCO's file will say of a shard, whose tables are there; the SHA-256 of what is left."""
+    """Keep what COCO's file will say of a shard, whose tables are there; the SHA-256 of what is left."""
     path = _texts_path(folder, shard)
     write_json(_texts(recipe, folder, shard), path)
     return sha256_of(path)
 
 
 def shard_texts(recipe: Recipe, folder: Path, shard: Shard, checksum: str | None) -> tuple[str, str]:
-    """What COCO's file says of the images of a shard, and of their annotations; made anew unless it was kept whole."""
+    """Return what COCO's file says of a shard's images and of their annotations; made anew unless it was kept whole."""
     path = _texts_path(folder, shard)
     if path.is_file() and sha256_of(path) == checksum:
         images, annotations = read_json(path)
@@ -54,7 +54,9 @@ def _texts_path(folder: Path, shard: Shard) -> Path:
 
 
 def _texts(recipe: Recipe, folder: Path, shard: Shard) -> tuple[str, str]:
-    images, annotations = zip(*coco_texts(_images(recipe, folder, shard), coco_categories(recipe.scene)), strict=True)
+    images, annotations = zip(
+        *coco_texts(_images(recipe, folder, shard), coco_categories(recipe.scenario)), strict=True
+    )
     return BETWEEN.join(images), BETWEEN.join(filter(None, annotations))
 
 

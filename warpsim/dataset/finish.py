@@ -38,12 +38,12 @@ def finish(workplace: Workplace, receipts: dict[str, Receipt]) -> None:
 
 def planned_names(recipe: Recipe) -> list[str]:
     """Names of the files that describe all shards, but for the manifest."""
-    names = [SEQUENCES, *(f"{ANNOTATIONS}/{split}.json" for split in (recipe.shares if recipe.coco else ()))]
+    names = [SEQUENCES, *(f"{ANNOTATIONS}/{split}.json" for split in (recipe.ratios if recipe.coco else ()))]
     if recipe.format == "zarr":
         from warpsim.dataset.zarr_store import array_shapes, store_path
 
         parts = ("", *(f"{name}/" for name in array_shapes(recipe)))
-        names += [f"{store_path(split)}/{part}zarr.json" for split in recipe.shares for part in parts]
+        names += [f"{store_path(split)}/{part}zarr.json" for split in recipe.ratios for part in parts]
     return names
 
 
@@ -73,7 +73,7 @@ def _write_annotations(workplace: Workplace, receipts: dict[str, Receipt]) -> li
     """COCO's annotations of each split."""
     recipe, folder = workplace.recipe, workplace.folder
     paths = []
-    for split in recipe.shares if recipe.coco else ():
+    for split in recipe.ratios if recipe.coco else ():
         path = folder / ANNOTATIONS / f"{split}.json"
         path.parent.mkdir(exist_ok=True)
         info = {"description": recipe.scene.description or recipe.scene.name, "split": split}
@@ -82,7 +82,7 @@ def _write_annotations(workplace: Workplace, receipts: dict[str, Receipt]) -> li
             for shard in shards_of(recipe)
             if shard.split == split
         )
-        write_coco_parts(path, texts, coco_categories(recipe.scene), info)
+        write_coco_parts(path, texts, coco_categories(recipe.scenario), info)
         paths.append(path)
     return paths
 

@@ -15,8 +15,8 @@ from warpsim.output.manifest import package_versions
 from warpsim.render.star_field import load_catalog
 from warpsim.scene.files import named_files
 from warpsim.scene.inputs import input_checksums
-from warpsim.scene.parts import BUILT_IN_CATALOGS
 from warpsim.scene.scene import Scene
+from warpsim.scene.sky import BUILT_IN_CATALOGS
 
 STAR_CATALOG = "star catalog"
 """Among the inputs: the scene's, whether it came from a file or not."""
@@ -111,4 +111,4 @@ def _inputs(recipe: Recipe) -> dict[str, str]:
 
 
 def _inputs_of(scene: Scene) -> dict[str, str]:
-    return {STAR_CATALOG: load_catalog(scene).checksum} | input_checksums(scene)
+    return {STAR_CATALOG: load_catalog(scene.sky).checksum} | input_checksums(scene.scenario)

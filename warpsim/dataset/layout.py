@@ -1,4 +1,4 @@
-"""Where the parts of a data set lie, and which sequences are written as one.
+"""Layout of a data set: paths of its parts, and which sequences are written as one.
 
 manifest.json                      what was made, from what, with what; the last file to come
 sequences.parquet                  one row per sequence: what was drawn
@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from warpsim.dataset.recipe import SHARDED, Recipe
-from warpsim.dataset.sequences import split_of
+from warpsim.dataset.sequences import Sequence, split_of
+from warpsim.render.frameset import FrameSet
 
 MANIFEST = "manifest.json"
 SEQUENCES = "sequences.parquet"
@@ -57,9 +58,11 @@ class ImageKey(NamedTuple):
     """Of the sequence in the shard."""
     frame: int
     sensor: str
-    sensor_place: int
+    sensor_number: int
+    """Of the sensor in the sequence."""
     band: str
-    band_place: int
+    band_number: int
+    """Of the band among those of the recipe."""
 
 
 def shards_of(recipe: Recipe) -> list[Shard]:
@@ -84,12 +87,24 @@ def table_path(recipe: Recipe, shard: Shard, sequence: int, table: str) -> str:
     return f"{folder_of(shard, sequence)}/{table}.parquet"
 
 
+def image_keys(recipe: Recipe, sequence: Sequence, position: int, frames: FrameSet) -> list[ImageKey]:
+    """Return which images a render call gave, in the order (frame, sensor, band)."""
+    bands = recipe.band_names
+    views = [(sensor, sequence.sensors.index(sensor)) for sensor in frames.sensors]
+    return [
+        ImageKey(sequence.number, position, frame, sensor, number, band, bands.index(band))
+        for frame in frames.frames
+        for sensor, number in views
+        for band in frames.bands
+    ]
+
+
 def image_id(recipe: Recipe, key: ImageKey) -> int:
-    """Number of an image, unique within the data set, from 1."""
-    view = (key.sequence * recipe.n_frame + key.frame) * recipe.n_sensor + key.sensor_place
-    return view * len(recipe.band_names) + key.band_place + 1
+    """Return the number of an image, unique within the data set, from 1."""
+    view = (key.sequence * recipe.n_frame + key.frame) * recipe.n_sensor + key.sensor_number
+    return view * len(recipe.band_names) + key.band_number + 1
 
 
 def top_names(recipe: Recipe) -> list[str]:
     """What the data set puts into its folder."""
-    return [*recipe.shares, ANNOTATIONS, SEQUENCES, MANIFEST]
+    return [*recipe.ratios, ANNOTATIONS, SEQUENCES, MANIFEST]

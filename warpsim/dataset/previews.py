@@ -1,4 +1,4 @@
-"""Small films of a sequence, for people."""
+"""Small animations of a sequence, for people."""
 
 from __future__ import annotations
 
@@ -22,19 +22,22 @@ AddFrames = Callable[[FrameSet], None]
 
 @contextmanager
 def sequence_films(recipe: Recipe, sequence: Sequence, folder: Path) -> Iterator[AddFrames]:
-    """Films of each sensor and band, SENSOR_BAND.gif, which take the frames as they come; none if none are wanted."""
+    """Animations of each sensor and band, SENSOR_BAND.gif, which take the frames as they come; none if not wanted."""
     step = -(-recipe.n_frame // PREVIEW_FRAMES)
     with ExitStack() as stack:
         films = {}
         for sensor in sequence.sensors if recipe.preview else ():
-            for band in recipe.band_names:
+            instrument = sequence.scenario.instrument_of(sensor)
+            for band in recipe.bands_of(instrument):
                 path = folder / f"{sensor}_{band}.{recipe.preview}"
-                film = preview_file(path, sequence.scene.levels[band], FRAMES_PER_S)
+                film = preview_file(path, instrument.levels[band], FRAMES_PER_S)
                 films[sensor, band] = stack.enter_context(film)
 
         def add(frames: FrameSet) -> None:
             wanted = [place for place, number in enumerate(frames.frames) if number % step == 0]
             for (sensor, band), add_counts in films.items():
+                if sensor not in frames.sensors:
+                    continue
                 s, b = frames.sensors.index(sensor), frames.bands.index(band)
                 add_counts(frames.counts.numpy()[wanted, s, b])
 

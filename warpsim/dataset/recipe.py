@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, TypeAdapter, ValidationError, ValidationInfo, model_validator
+from pydantic import AfterValidator, BeforeValidator, ValidationError, ValidationInfo, model_validator
 
+from warpsim.config.distributions import Distribution
 from warpsim.config.fields import (
     Count,
     Integer,
@@ -20,11 +22,12 @@ from warpsim.config.fields import (
     closed_interval,
     rule_error,
 )
-from warpsim.config.model import config_model, input_error
-from warpsim.config.distributions import Distribution
+from warpsim.config.model import adapter, config_model, input_error
 from warpsim.dataset.samples import flat_names, with_absolute_choices
 from warpsim.errors import InputError
 from warpsim.scene.files import presets, read_scene_data
+from warpsim.scene.instrument import Instrument
+from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -44,8 +47,12 @@ SHARD_BYTES = 128 * 2**20
 
 MOST_SEQUENCES = 10_000_000
 
-SAMPLED_ELSEWHERE = ("frames", "seed", "bands", "duration_s")
-"""Fields of the scene that the recipe has fields of its own for, or that are the same in all sequences."""
+SAMPLED_ELSEWHERE = ("frames", "seed", "noise_seed", "bands", "duration_s")
+"""Fields of the scene, or of its sensors, that the recipe has fields of its own for, or that are the same in all
+sequences."""
+
+IMAGE_SIZE = ("camera", "camera.n_row", "camera.n_col")
+"""Fields of a sensor that set the size of its images."""
 
 
 def _scene(value: Any, info: ValidationInfo) -> Scene:
@@ -64,13 +71,13 @@ def _samples(value: Any, info: ValidationInfo) -> dict[str, Any]:
 
 
 def _folder(info: ValidationInfo) -> Path:
-    """Where relative paths count from: the recipe's folder, if it came from a file."""
+    """Return where relative paths count from: the recipe's folder, if it came from a file."""
     return Path((info.context or {}).get("folder", ""))
 
 
-def _shares(value: dict[str, float]) -> dict[str, float]:
+def _ratios(value: dict[str, float]) -> dict[str, float]:
     if not value or sum(value.values()) <= 0:
-        raise rule_error("must name splits and their shares, not all 0")
+        raise rule_error("must name splits and their sizes, not all 0")
     if clash := {name.lower() for name in value} & {"annotations", "manifest.json", "sequences.parquet", "recipe.toml"}:
         raise rule_error(f"must not be called {clash.pop()}, which is another part of the data set")
     return value
@@ -85,10 +92,11 @@ class Recipe:
         n_sequence: Sequences.
         n_frame: Frames of each.
         interval_s: Time between frames [s]; the scene's when left out.
-        n_sensor: Sensors of each sequence, drawn among those that see the main target from its first frame to its last.
-        sensors: Sensors to draw from; all of the scene when left out.
+        n_sensor: Sensors of each sequence, drawn among those that have access from its first frame to its last. They
+            take their frames at the same times.
+        sensors: Sensors to draw from, or kinds of them; all of the scene when left out.
         every_frame: Access plays no part: any sensor, at any time of the scene.
-        bands: Band names; all of the scene when left out.
+        bands: Band names; all of each sensor when left out. Sensors that have none of them are not drawn.
         seed: Seed of everything that is drawn.
         split: Splits, and how large each is relative to the others.
         sample: What is drawn for each sequence: distributions by field of the scene.
@@ -117,7 +125,7 @@ class Recipe:
     every_frame: Switch = False
     bands: Annotated[tuple[str, ...], BeforeValidator(as_tuple)] | None = None
     seed: Annotated[Integer, closed_interval(0, 2**63 - 1)] = 0
-    split: Annotated[dict[Name, NonNegative], AfterValidator(_shares)] | None = None
+    split: Annotated[dict[Name, NonNegative], AfterValidator(_ratios)] | None = None
     sample: Annotated[dict[str, Distribution], BeforeValidator(_samples)] | None = None
     format: Literal["fits", "png", "tiff", "zarr", "webdataset"] = "fits"
     sequences_per_shard: Annotated[Count, closed_interval(1, 100_000)] | None = None
@@ -132,16 +140,17 @@ class Recipe:
 
     @model_validator(mode="after")
     def _possible(self) -> Recipe:
+        scenario = self.scenario
         for what, names, known in (
-            ("sensors", self.sensors, self.scene.sensor_names),
-            ("bands", self.bands, self.scene.bands),
+            ("sensors", self.sensors, [*scenario.instruments, *scenario.sensor_names]),
+            ("bands", self.bands, scenario.bands),
         ):
             for name in names or ():
                 if name not in known:
                     raise InputError("must be among those of the scene", what, name)
             if names is not None and (not names or len(set(names)) < len(names)):
                 raise InputError("must name one or more, each once", what)
-        pool = self.sensors or self.scene.sensor_names
+        pool = self.pool_of(scenario)
         if self.n_sensor > len(pool):
             raise InputError(f"must be at most {len(pool)}, the sensors to draw from", "n_sensor", self.n_sensor)
         if self.clip_s > self.scene.duration_s:
@@ -150,15 +159,19 @@ class Recipe:
             raise InputError("needs a format with a folder for each sequence", "preview", self.format)
         if self.format in SHARDED and self.satnet:
             raise InputError("needs a format with a folder for each sequence", "satnet", self.format)
+        if self.format == "zarr" and len(self.instruments) > 1:
+            rule = f"images of one Zarr array must be of one kind of sensor ({', '.join(self.instruments)})"
+            raise InputError(f"{rule}; name one, or choose another format", "sensors")
         self._check_sampled()
         return self
 
     def _check_sampled(self) -> None:
         for name in self.distributions:
-            head = name.partition(".")[0]
+            of_sensor = re.sub(r"^sensors\.\d+\.", "", name)
+            head = of_sensor.partition(".")[0]
             if head in SAMPLED_ELSEWHERE:
                 raise InputError(f"{head} cannot be sampled; see the recipe's own fields", f"sample.{name}")
-            if self.format == "zarr" and name in ("camera", "camera.n_row", "camera.n_col"):
+            if self.format == "zarr" and of_sensor in IMAGE_SIZE:
                 raise InputError(
                     "images of one Zarr array must be of one size; choose another format", f"sample.{name}"
                 )
@@ -185,18 +198,18 @@ class Recipe:
     @classmethod
     def _from_dict(cls, data: dict[str, Any], where: str, context: dict[str, Any] | None = None) -> Self:
         try:
-            return TypeAdapter(cls).validate_python(data, context=context)
+            return adapter(cls).validate_python(data, context=context)  # type: ignore[no-any-return]
         except ValidationError as error:
             raise input_error(error).of(where) from None
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Self:
-        """The recipe that `to_dict` told of."""
+        """Return the recipe of what `to_dict` gives."""
         return cls._from_dict(data, cls.__name__)
 
     def to_dict(self) -> dict[str, Any]:
-        """Nested dicts and lists of plain values, without what is None."""
-        plain = TypeAdapter(type(self)).dump_python(self, mode="json", exclude={"scene"}, exclude_none=True)
+        """Return nested dicts and lists of plain values, without what is None."""
+        plain = adapter(type(self)).dump_python(self, mode="json", exclude={"scene"}, exclude_none=True)
         return {"scene": self.scene.to_dict(), **plain}
 
     @property
@@ -205,9 +218,34 @@ class Recipe:
         return self.sample or {}
 
     @property
+    def scenario(self) -> Scenario:
+        """What follows from the scene."""
+        return self.scene.scenario
+
+    def bands_of(self, instrument: Instrument) -> list[str]:
+        """Return the bands of a kind of sensor that are written."""
+        known = instrument.sensor.bands
+        return list(known) if self.bands is None else [band for band in self.bands if band in known]
+
+    def pool_of(self, scenario: Scenario) -> list[str]:
+        """Return the sensors to draw from, of the recipe's scene or of a variation of it."""
+        kinds = {name: instrument for name, instrument in scenario.instruments.items() if self.bands_of(instrument)}
+        known = [name for instrument in kinds.values() for name in instrument.names]
+        found: list[str] = []
+        for name in known if self.sensors is None else self.sensors:
+            found += [name] if name in known or name not in kinds else kinds[name].names
+        return [name for name in dict.fromkeys(found) if name in known]
+
+    @property
+    def instruments(self) -> dict[str, Instrument]:
+        """The kinds of the sensors to draw from, by name."""
+        pool = set(self.pool_of(self.scenario))
+        return {name: kind for name, kind in self.scenario.instruments.items() if pool & set(kind.names)}
+
+    @property
     def band_names(self) -> list[str]:
         """Bands that are written."""
-        return list(self.bands or self.scene.bands)
+        return list(dict.fromkeys(band for kind in self.instruments.values() for band in self.bands_of(kind)))
 
     @property
     def step_s(self) -> float:
@@ -220,21 +258,29 @@ class Recipe:
         return (self.n_frame - 1) * self.step_s
 
     @property
-    def shares(self) -> dict[str, float]:
+    def ratios(self) -> dict[str, float]:
         """Splits and how large each is relative to the others."""
         return self.split or {"train": 0.8, "val": 0.1, "test": 0.1}
 
     @property
     def n_image(self) -> int:
-        """Images of the data set."""
-        return self.n_sequence * self.n_frame * self.n_sensor * len(self.band_names)
+        """Images of the data set, at most: sensors of several kinds may have some of the bands only."""
+        return self.n_sequence * self.n_frame * self.n_sensor * max(map(len, map(self.bands_of, self._kinds)))
 
     @property
     def frame_bytes(self) -> int:
-        """Of one frame of a sequence, with all planes [bytes]."""
-        camera, n_target = self.scene.camera, len(self.scene.target_names)
-        per_pixel = 2 + 4 * self.signal + 2 * self.masks + 4 * n_target * self.contributions
-        return per_pixel * camera.n_row * camera.n_col * self.n_sensor * len(self.band_names)
+        """Of one frame of a sequence, with all planes, at most [bytes]."""
+        per_pixel = 2 + 4 * self.signal + 2 * self.masks + 4 * len(self.scenario.targets) * self.contributions
+        return per_pixel * self.n_sensor * max(map(self.pixels_of, self._kinds))
+
+    def pixels_of(self, instrument: Instrument) -> int:
+        """Return the pixels of a kind of sensor in all bands that are written."""
+        camera = instrument.sensor.camera
+        return camera.n_row * camera.n_col * len(self.bands_of(instrument))
+
+    @property
+    def _kinds(self) -> list[Instrument]:
+        return list(self.instruments.values())
 
     @property
     def frames_per_shard(self) -> int:

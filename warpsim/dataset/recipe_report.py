@@ -1,4 +1,4 @@
-"""What a recipe would give, as text: for `warpsim check`."""
+"""Reports of what a recipe would give: for `warpsim check`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def recipe_report(recipe: Recipe) -> str:
     """
     check_extremes(recipe)
     identity_of(recipe, "cpu")  # reads every file that is named
-    n_pool = len(recipe.sensors or recipe.scene.sensor_names)
+    n_pool = len(recipe.pool_of(recipe.scenario))
     size = recipe.n_sequence * recipe.n_frame * recipe.frame_bytes
     splits = ", ".join(f"{name} {len(numbers)}" for name, numbers in split_of(recipe).items())
     lines = [

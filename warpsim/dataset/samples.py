@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from warpsim.config.fields import rule_error
 from warpsim.config.distributions import KINDS, is_distribution
+from warpsim.config.fields import rule_error
 from warpsim.scene.files import named_files, with_absolute_paths
 
 

@@ -1,4 +1,4 @@
-"""Sequences: what is drawn for each, from nothing but the recipe's seed and the sequence's number."""
+"""Sequences, drawn from nothing but the recipe's seed and the sequence's number."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from warpsim.dataset.recipe import Recipe
 from warpsim.errors import InputError
+from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 from warpsim.streams import uniforms
 
@@ -29,6 +30,19 @@ class Sequence:
     attempt: int
     """Draws before this one in which not enough sensors saw the targets."""
 
+    @property
+    def scenario(self) -> Scenario:
+        """What follows from the scene."""
+        return self.scene.scenario
+
+    @property
+    def by_kind(self) -> dict[str, list[str]]:
+        """Sensors by their kind: those of one are rendered together."""
+        kinds: dict[str, list[str]] = {}
+        for sensor in self.sensors:
+            kinds.setdefault(self.scenario.instrument_of(sensor).sensor.name, []).append(sensor)
+        return kinds
+
 
 def draw_sequence(recipe: Recipe, number: int) -> Sequence:
     """Draw a sequence.
@@ -42,7 +56,7 @@ def draw_sequence(recipe: Recipe, number: int) -> Sequence:
     """
     for attempt in range(MOST_ATTEMPTS):
         values = drawn_values(recipe, number, attempt)
-        scene = varied(recipe, values, f"sequence {number}", seed=_seed(recipe, number), bands=recipe.band_names)
+        scene = varied(recipe, values, f"sequence {number}", **_of_sequence(recipe, number))
         clips = _any_time(recipe, scene) if recipe.every_frame else _clips(recipe, scene)
         if clips:
             start_s, sensors = _chosen_clip(recipe, clips, number, attempt)
@@ -51,14 +65,24 @@ def draw_sequence(recipe: Recipe, number: int) -> Sequence:
         if not recipe.distributions:  # all draws are alike
             break
     raise InputError(
-        f"in {attempt + 1} draws there were never {recipe.n_sensor} sensors with access to the main target for "
+        f"in {attempt + 1} draws there were never {recipe.n_sensor} sensors with access to a target for "
         f"{recipe.clip_s:g} s; ask for fewer frames or sensors, or for every_frame = true",
         f"sequence {number}",
     )
 
 
+def _of_sequence(recipe: Recipe, number: int) -> dict[str, Any]:
+    """Fields of the scene of a sequence that the recipe sets: seeds, bands, and the same frames for all sensors."""
+    fields: dict[str, Any] = {"seed": _seed(recipe, number), "noise_seed": None}
+    for place, (name, instrument) in enumerate(recipe.scenario.instruments.items()):
+        fields[f"sensors__{place}__frames"] = None
+        if name in recipe.instruments:
+            fields[f"sensors__{place}__bands"] = recipe.bands_of(instrument)
+    return fields
+
+
 def drawn_values(recipe: Recipe, number: int, attempt: int = 0) -> dict[str, Any]:
-    """Values of the sampled fields in one draw of a sequence, by field."""
+    """Return values of the sampled fields in one draw of a sequence, by field."""
     return {
         name: distribution.value(float(uniforms(recipe.seed, f"dataset.{name}", number, attempt + 1)[attempt]))
         for name, distribution in recipe.distributions.items()
@@ -66,22 +90,27 @@ def drawn_values(recipe: Recipe, number: int, attempt: int = 0) -> dict[str, Any
 
 
 def varied(recipe: Recipe, values: dict[str, Any], where: str, **others: Any) -> Scene:
-    """The recipe's scene with some drawn values, and others.
+    """Return the recipe's scene with some drawn values, and others.
 
     Raises:
         InputError: They break a rule; the text begins with `where`.
     """
     try:
         scene = recipe.scene.replace(**{name.replace(".", "__"): value for name, value in values.items()}, **others)
+        scene.scenario  # noqa: B018  # reads files, flies flights
     except InputError as error:
         shown = ", ".join(f"{name} = {value!r}" for name, value in values.items())
-        raise InputError(f"{where}: {str(error).removeprefix('Scene: ')} (drawn: {shown})"[:600]) from None
-    kinds = {spec.name for spec in recipe.scene.target_specs}
-    if new := {spec.name for spec in scene.target_specs} - kinds:  # the categories of all annotations are the same
+        raise error.of(f"{where} (drawn: {shown})"[:400]) from None
+    known = _classes(recipe.scene)
+    if new := _classes(scene) - known:  # the categories of all annotations are the same
         raise InputError(
-            f"targets must be of the scene's own names ({', '.join(sorted(kinds))})", value=new.pop()
+            f"targets must be of the scene's own classes ({', '.join(sorted(known))})", value=new.pop()
         ).of(where)
     return scene
+
+
+def _classes(scene: Scene) -> set[str]:
+    return {spec.class_name for group in scene.groups for spec in group.targets}
 
 
 def check_extremes(recipe: Recipe) -> None:
@@ -96,14 +125,14 @@ def check_extremes(recipe: Recipe) -> None:
 
 
 def split_of(recipe: Recipe) -> dict[str, list[int]]:
-    """Numbers of the sequences of each split, in order; shares are met to one sequence, the choice is seeded."""
+    """Return the numbers of the sequences of each split, in order; ratios are met to one sequence."""
     order = np.argsort(uniforms(recipe.seed, "dataset split", 0, recipe.n_sequence), kind="stable")
-    total = sum(recipe.shares.values())
-    ends = np.cumsum(list(recipe.shares.values())) / total * recipe.n_sequence
+    total = sum(recipe.ratios.values())
+    ends = np.cumsum(list(recipe.ratios.values())) / total * recipe.n_sequence
     edges = [0, *(int(end) for end in np.round(ends))]
     return {
         name: sorted(int(number) for number in order[first:end])
-        for name, first, end in zip(recipe.shares, edges[:-1], edges[1:], strict=True)
+        for name, first, end in zip(recipe.ratios, edges[:-1], edges[1:], strict=True)
     }
 
 
@@ -112,21 +141,17 @@ def _seed(recipe: Recipe, number: int) -> int:
     return int(uniforms(recipe.seed, "dataset seed", number, 1)[0] * 2**53)
 
 
-def _pool(recipe: Recipe, scene: Scene) -> list[str]:
-    return [name for name in recipe.sensors or scene.sensor_names if name in scene.sensor_names]
-
-
 def _any_time(recipe: Recipe, scene: Scene) -> list[tuple[float, float, list[str]]]:
     """The whole scene, with all sensors; nothing where a drawn constellation has too few."""
-    pool = _pool(recipe, scene)
+    pool = recipe.pool_of(scene.scenario)
     return [(0.0, scene.duration_s - recipe.clip_s, pool)] if len(pool) >= recipe.n_sensor else []
 
 
 def _clips(recipe: Recipe, scene: Scene) -> list[tuple[float, float, list[str]]]:
     """Earliest and latest start of sequences that the same sensors see whole, and these sensors; enough of them."""
-    table = scene.access()
+    table = scene.scenario.access()
     latest_s = np.asarray(table["end_s"]) - recipe.clip_s
-    pool = _pool(recipe, scene)
+    pool = recipe.pool_of(scene.scenario)
     seen = [
         (str(row["sensor"]), float(row["start_s"]), float(end_s))
         for row, end_s in zip(table, latest_s, strict=True)

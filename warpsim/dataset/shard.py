@@ -16,7 +16,7 @@ from typing import Any
 from warpsim.dataset.annotations import keep_texts, write_satnet
 from warpsim.dataset.identity import Stamp, difference, identity_of, input_files, key_of, stamp_of
 from warpsim.dataset.layout import PARTS, PLANNED, RECEIPTS, RUN, WORK, Shard, folder_of
-from warpsim.dataset.planes import bytes_per_frame, planes_of
+from warpsim.dataset.planes import bytes_per_view, planes_of
 from warpsim.dataset.previews import sequence_films
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import Sequence, draw_sequence
@@ -25,6 +25,7 @@ from warpsim.dataset.writers import ShardWriter, shard_writer
 from warpsim.errors import InputError
 from warpsim.files import read_json, sha256_of, write_json
 from warpsim.output.receipts import is_record
+from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
 
 BYTES_PER_CALL = 64 * 2**20
@@ -209,12 +210,9 @@ def _write_sequence(
     folder: Path,
 ) -> None:
     """Render a sequence, some frames at a time, and write its images and tables."""
-    n_frame = max(1, BYTES_PER_CALL // bytes_per_frame(recipe, sequence.scene))
     writer.begin(sequence, position)
     with sequence_films(recipe, sequence, folder) as add_to_films:
-        for first in range(0, recipe.n_frame, n_frame):
-            numbers = range(first, min(first + n_frame, recipe.n_frame))
-            frames = renderer.render(numbers, sequence.sensors, recipe.band_names, recipe.signal, recipe.stars)
+        for frames in _rendered(recipe, sequence, renderer):
             rows = tables.add(sequence, position, frames)
             writer.add(frames, planes_of(recipe, frames), rows["truth"])
             if recipe.satnet:
@@ -222,6 +220,18 @@ def _write_sequence(
             add_to_films(frames)
     writer.end()
     tables.end_sequence(sequence)
+
+
+def _rendered(recipe: Recipe, sequence: Sequence, renderer: Renderer) -> Iterator[FrameSet]:
+    """Frames of a sequence, some at a time, kind of sensor by kind."""
+    n_target = len(sequence.scenario.targets)
+    for kind, sensors in sequence.by_kind.items():
+        instrument = sequence.scenario.instruments[kind]
+        n_frame = max(1, BYTES_PER_CALL // (len(sensors) * bytes_per_view(recipe, instrument, n_target)))
+        for first in range(0, recipe.n_frame, n_frame):
+            numbers = range(first, min(first + n_frame, recipe.n_frame))
+            bands = recipe.bands_of(instrument)
+            yield renderer.render(numbers, sensors, bands, recipe.signal, recipe.stars)
 
 
 def _sequence_record(sequence: Sequence, shard: Shard) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpsim.dataset.layout import ImageKey, Shard, image_id, table_path
+from warpsim.dataset.layout import ImageKey, Shard, image_id, image_keys, table_path
 from warpsim.dataset.recipe import SHARDED, Recipe
 from warpsim.dataset.sequences import Sequence
 from warpsim.labels.parquet import write_parquet
@@ -42,15 +42,10 @@ class Tables:
 
     def add(self, sequence: Sequence, position: int, frames: FrameSet) -> dict[str, Table]:
         """Take the rows of a render call; returns them by table."""
-        keys = [
-            ImageKey(sequence.number, position, frame, sensor, s, band, b)
-            for frame in frames.frames
-            for s, sensor in enumerate(frames.sensors)
-            for b, band in enumerate(frames.bands)
-        ]
+        keys = image_keys(self._recipe, sequence, position, frames)
         ids = np.array([image_id(self._recipe, key) for key in keys], dtype=np.int64)
         truth = label_table(frames, least_nei=self._recipe.least_nei, with_masks=self._recipe.masks)
-        n_target = len(sequence.scene.target_names)
+        n_target = len(sequence.scenario.targets)
         _put_keys_first(truth, np.repeat(ids, n_target), sequence.number)
         rows = {"images": self._images(sequence, frames, keys, ids), "truth": truth}
         if self._recipe.stars:
@@ -64,15 +59,16 @@ class Tables:
         """One row per image: where it is, when and with what it was taken, and its WCS."""
         from astropy.table import Table
 
-        scene, camera = sequence.scene, sequence.scene.camera
+        instrument = frames.instrument
+        camera = instrument.sensor.camera
         places = [self._place(key) for key in keys]
         lens = lens_keywords(camera)
         axes = frames.axes_icrs
         n_band = len(frames.bands)
         wcs = [json.dumps(tan_keywords(axes[f, s], camera) | lens) for f, s in np.ndindex(axes.shape[:2])]
-        dates = utc_dates(scene, frames.time_s)
+        dates = utc_dates(sequence.scene.epoch_utc, frames.time_s)
         n_view = len(wcs)
-        levels = [scene.levels[key.band] for key in keys]
+        levels = [instrument.levels[key.band] for key in keys]
         table = Table(
             {
                 "file": [file for file, _ in places],

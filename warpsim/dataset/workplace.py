@@ -149,9 +149,9 @@ class Workplace:
     def _check_foreign(self, runs: list[dict[str, Any]]) -> None:
         """See that what stands where the data set is to be was written by one of these runs."""
         if self.manifest_path.exists() and not is_record(read_json(self.manifest_path)):
-            raise InputError(
-                "is damaged, or not of warpsim; choose another folder, or empty this one"
-            ).of(self.manifest_path)
+            raise InputError("is damaged, or not of warpsim; choose another folder, or empty this one").of(
+                self.manifest_path
+            )
         ours = {name for run in runs for name in _names(run)} | {MANIFEST}
         for name in top_names(self.recipe):
             if (self.folder / name).is_symlink():

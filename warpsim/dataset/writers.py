@@ -1,4 +1,4 @@
-"""How images of a shard become files: one class per kind of format, all with the same manners.
+"""Writers of the images of a shard: one class per kind of format, all with the same manners.
 
 `begin` a sequence, `add` its frames as they are rendered, `end` it; `finish` the shard. `place` says where an image is.
 Planes are arrays by name (PLANES), with the axes (frame, sensor, band, ...) of a render call.
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.dataset.layout import ImageKey, Shard, folder_of, image_id
+from warpsim.dataset.layout import ImageKey, Shard, folder_of, image_id, image_keys
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import Sequence
 from warpsim.errors import InputError
@@ -67,8 +67,8 @@ class CubeFolder:
 
     def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
         self._recipe, self._shard, self._folder = recipe, shard, folder
-        self._cubes: dict[tuple[int, int], CubeWriter] = {}
-        self._others: dict[tuple[str, int, int], PlaneWriter] = {}
+        self._cubes: dict[str, CubeWriter] = {}
+        self._others: dict[str, PlaneWriter] = {}
 
     def begin(self, sequence: Sequence, position: int) -> None:
         """Start a sequence."""
@@ -80,20 +80,19 @@ class CubeFolder:
         """Append frames to each cube."""
         for s, sensor in enumerate(frames.sensors):
             for b, band in enumerate(frames.bands):
-                if (s, b) not in self._cubes:
-                    path = self._home / f"{sensor}_{band}.fits"
-                    cube = CubeWriter(path, self._sequence.scene, sensor, band, self._recipe.n_frame)
-                    self._cubes[s, b] = cube
-                self._cubes[s, b].add(frames, s, b)
+                stem = f"{sensor}_{band}"
+                if stem not in self._cubes:
+                    path = self._home / f"{stem}.fits"
+                    self._cubes[stem] = CubeWriter(path, self._sequence.scenario, sensor, band, self._recipe.n_frame)
+                self._cubes[stem].add(frames, s, b)
                 for name in planes.keys() - {"counts"}:
-                    self._add_other(name, s, b, f"{sensor}_{band}", planes[name][:, s, b])
+                    self._add_other(name, f"{stem}.{name}", planes[name][:, s, b])
 
-    def _add_other(self, name: str, sensor: int, band: int, stem: str, values: npt.NDArray[Any]) -> None:
-        key = name, sensor, band
-        if key not in self._others:
+    def _add_other(self, name: str, stem: str, values: npt.NDArray[Any]) -> None:
+        if stem not in self._others:
             shape = (self._recipe.n_frame, *values.shape[1:])
-            self._others[key] = PlaneWriter(self._home / f"{stem}.{name}.fits", shape, values.dtype, PLANES[name])
-        self._others[key].add(values)
+            self._others[stem] = PlaneWriter(self._home / f"{stem}.fits", shape, values.dtype, PLANES[name])
+        self._others[stem].add(values)
 
     def end(self) -> None:
         """Close the cubes."""
@@ -182,35 +181,35 @@ class TarArchive:
 
     def begin(self, sequence: Sequence, position: int) -> None:
         """Start a sequence."""
-        self._number = sequence.number
+        self._sequence, self._position = sequence, position
 
     def add(self, frames: FrameSet, planes: Planes, truth: Table) -> None:
         """Append the samples of frames."""
+        keys = image_keys(self._recipe, self._sequence, self._position, frames)
         for f, number in enumerate(frames.frames):
             for s, sensor in enumerate(frames.sensors):
-                key = self._key(self._number, number, sensor)
+                key = self._key(self._sequence.number, number, sensor)
                 for name, values in planes.items():
                     data = io.BytesIO()
                     np.save(data, np.ascontiguousarray(values[f, s]))
                     self._append(f"{key}.npy" if name == "counts" else f"{key}.{name}.npy", data.getvalue())
                 rows = truth[(truth["frame"] == number) & (truth["sensor"] == sensor)]
-                self._append(f"{key}.json", json.dumps(self._label(number, sensor, s, rows)).encode())
+                own = [key for key in keys if key.frame == number and key.sensor == sensor]
+                self._append(f"{key}.json", json.dumps(self._label(own, rows)).encode())
 
-    def _label(self, frame: int, sensor: str, sensor_place: int, rows: Any) -> dict[str, Any]:
-        """What a sample says of itself: its images, and its targets in each."""
+    def _label(self, keys: list[ImageKey], rows: Any) -> dict[str, Any]:
+        """What a sample says of itself: its images, band by band, and its targets in each."""
         names = [name for name in rows.colnames if name not in ("frame", "sensor", "image_id", "sequence", "mask_rle")]
         columns = [np.asarray(rows[name]).tolist() for name in names]
         targets = [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
         for target in targets:  # JSON knows no NaN
             target |= {name: None for name, value in target.items() if value != value}
-        bands = self._recipe.band_names
-        place = self._number, 0, frame, sensor, sensor_place
         return {
-            "sequence": self._number,
-            "frame": frame,
-            "sensor": sensor,
-            "bands": bands,
-            "image_ids": [image_id(self._recipe, ImageKey(*place, band, b)) for b, band in enumerate(bands)],
+            "sequence": keys[0].sequence,
+            "frame": keys[0].frame,
+            "sensor": keys[0].sensor,
+            "bands": [key.band for key in keys],
+            "image_ids": [image_id(self._recipe, key) for key in keys],
             "targets": targets,
         }
 
@@ -238,7 +237,8 @@ class TarArchive:
     def place(self, key: ImageKey) -> tuple[str, str]:
         """The member that holds an image's bands."""
         member = self._key(key.sequence, key.frame, key.sensor)
-        return f"{self._shard.stem}.tar", f"{member}.npy[{key.band_place}]"
+        own = self._recipe.bands_of(self._sequence.scenario.instrument_of(key.sensor))
+        return f"{self._shard.stem}.tar", f"{member}.npy[{own.index(key.band)}]"
 
 
 def shard_writer(recipe: Recipe, shard: Shard, folder: Path) -> ShardWriter:

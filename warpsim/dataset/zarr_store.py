@@ -33,7 +33,8 @@ def store_path(split: str) -> str:
 
 def array_shapes(recipe: Recipe) -> dict[str, tuple[tuple[int, ...], Any]]:
     """Shape of one sequence and type of each array of a recipe."""
-    camera = recipe.scene.camera
+    (instrument,) = recipe.instruments.values()
+    camera = instrument.sensor.camera
     image = (camera.n_row, camera.n_col)
     views = (recipe.n_frame, recipe.n_sensor, len(recipe.band_names))
     arrays: dict[str, tuple[tuple[int, ...], Any]] = {"counts": ((*views, *image), np.uint16)}
@@ -42,7 +43,7 @@ def array_shapes(recipe: Recipe) -> dict[str, tuple[tuple[int, ...], Any]]:
     if recipe.masks:
         arrays["mask"] = ((*views, *image), np.uint16)
     if recipe.contributions:
-        arrays["contributions_w_cm2"] = ((*views, len(recipe.scene.target_names), *image), np.float32)
+        arrays["contributions_w_cm2"] = ((*views, len(recipe.scenario.targets), *image), np.float32)
     return arrays
 
 
@@ -85,7 +86,7 @@ def _largest_divisor(number: int, most: int) -> int:
 def _attributes(recipe: Recipe, split: str) -> dict[str, Any]:
     """What the axes stand for. Sensors differ from sequence to sequence: they are in the table of images."""
     known = {"sequence": split_of(recipe)[split], "band": recipe.band_names, "interval_s": recipe.step_s}
-    return known | ({"target": recipe.scene.target_names} if recipe.contributions else {})
+    return known | ({"target": recipe.scenario.target_names} if recipe.contributions else {})
 
 
 class ZarrShard:
@@ -101,7 +102,7 @@ class ZarrShard:
     def begin(self, sequence: Sequence, position: int) -> None:
         """Start a sequence."""
         self._position = position
-        if self._recipe.contributions and sequence.scene.target_names != self._recipe.scene.target_names:
+        if self._recipe.contributions and sequence.scenario.target_names != self._recipe.scenario.target_names:
             raise InputError(
                 "contributions in one Zarr array need the same targets in every sequence; choose another format",
                 f"sequence {sequence.number}",
@@ -139,5 +140,5 @@ class ZarrShard:
 
     def place(self, key: ImageKey) -> tuple[str, str]:
         """The array and the index of an image."""
-        index = f"[{self._first + key.position}, {key.frame}, {key.sensor_place}, {key.band_place}]"
+        index = f"[{self._first + key.position}, {key.frame}, {key.sensor_number}, {key.band_number}]"
         return f"{store_path(self._shard.split)}/counts", index

@@ -81,6 +81,5 @@ class NeiDetector:
         """
         if isinstance(self.nei_w_cm2, float) and isinstance(self.sei_w_cm2, float):
             return self.sei_w_cm2 / self.nei_w_cm2
-        raise InputError(
-            "differs by band; Scene.sei_w_cm2 and nei_w_cm2 tell its parts", "dynamic_range"
-        ).of("NeiDetector")
+        rule = "differs by band; sei_w_cm2 over nei_w_cm2 of a scenario's instrument is that of a band"
+        raise InputError(rule, "dynamic_range").of("NeiDetector")

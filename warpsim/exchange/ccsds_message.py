@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 from xml.parsers import expat
 
+from warpsim.errors import InputError
 from warpsim.exchange.source import Rows, Source
 
 _ASSIGNMENT = re.compile(r"([A-Za-z_0-9]+)\s*=\s*(.*)")
@@ -71,14 +72,14 @@ def read_message(source: Source, kind: str, known: Mapping[str, bool]) -> Messag
     for segment in message.segments:
         for keyword, value in segment.meta.items():
             if keyword not in known:
-                raise source.error(value.line, f"{keyword}: is not a known keyword of the metadata")
+                raise source.error(value.line, "is not a known keyword of the metadata", keyword)
             if not value.text:
-                raise source.error(value.line, f"{keyword}: must have a value")
+                raise source.error(value.line, "must have a value", keyword)
         missing = [keyword for keyword, needed in known.items() if needed and keyword not in segment.meta]
         if missing:
-            raise source.error(segment.line, f"metadata: must have {', '.join(missing)}")
+            raise source.error(segment.line, f"must have {', '.join(missing)}", "metadata")
         if not segment.rows.cells:
-            raise source.error(segment.line, "segment: must hold data, got none")
+            raise source.error(segment.line, "must hold data, got none", "segment")
     return message
 
 
@@ -109,7 +110,7 @@ class _KvnReader:
         match = _ASSIGNMENT.fullmatch(line)
         version = _VERSION.fullmatch(match[1]) if match else None
         if match is None or version is None:
-            raise self.source.error(number, f"must begin with CCSDS_{self.kind}_VERS = ..., got {line[:40]!r}")
+            raise self.source.error(number, f"must begin with CCSDS_{self.kind}_VERS = ...", value=line[:40])
         return _new_message(self.source, number, version[1], match[2], self.kind)
 
     def _header(self, message: Message, number: int, line: str) -> None:
@@ -117,7 +118,7 @@ class _KvnReader:
         if line == "META_START":
             self._open(message, number)
         elif match is None or match[1] not in _HEADER:
-            raise self.source.error(number, f"must be a keyword of the header or META_START, got {line[:40]!r}")
+            raise self.source.error(number, "must be a keyword of the header or META_START", value=line[:40])
 
     def _open(self, message: Message, number: int) -> None:
         message.segments.append(MessageSegment(number))
@@ -129,15 +130,15 @@ class _KvnReader:
             return
         match = _ASSIGNMENT.fullmatch(line)
         if match is None:
-            raise self.source.error(number, f"must be KEYWORD = value or META_STOP, got {line[:40]!r}")
+            raise self.source.error(number, "must be KEYWORD = value or META_STOP", value=line[:40])
         meta = message.segments[-1].meta
         if match[1] in meta:
-            raise self.source.error(number, f"{match[1]}: must stand once in the metadata, got it a second time")
+            raise self.source.error(number, "must stand once in the metadata, got it a second time", match[1])
         meta[match[1]] = Field(match[2].strip(), number)
 
     def _before_data(self, message: Message, number: int, line: str) -> None:
         if line != "DATA_START":
-            raise self.source.error(number, f"must be DATA_START, got {line[:40]!r}")
+            raise self.source.error(number, "must be DATA_START", value=line[:40])
         self.place, self.opened = "data", number
 
     def _data(self, message: Message, number: int, line: str) -> None:
@@ -149,7 +150,7 @@ class _KvnReader:
         elif self.kind == "OEM" and line == "COVARIANCE_START":
             self.place, self.opened = "covariance", number
         elif not line[0].isdigit() or "=" in line:
-            raise self.source.error(number, f"must be a date and numbers, got {line[:40]!r}")
+            raise self.source.error(number, "must be a date and numbers", value=line[:40])
         else:
             rows.cells.append(line.split())
             rows.lines.append(number)
@@ -166,14 +167,14 @@ class _KvnReader:
         elif line == "COVARIANCE_START" and self.kind == "OEM":
             self.place, self.opened = "covariance", number
         else:
-            raise self.source.error(number, f"must be META_START, got {line[:40]!r}")
+            raise self.source.error(number, "must be META_START", value=line[:40])
 
 
 def _new_message(source: Source, line: int, found: str, version: str, kind: str) -> Message:
     if found != kind:
         raise source.error(line, f"must be an {kind}, got an {found}")
     if not re.fullmatch(r"[0-9]\.[0-9]+", version.strip(), re.ASCII) or not 1.0 <= float(version) < 4.0:
-        raise source.error(line, f"CCSDS_{kind}_VERS: must be 1.0 to 3.0, got {version.strip()[:20]!r}")
+        raise source.error(line, "must be 1.0 to 3.0", f"CCSDS_{kind}_VERS", version.strip()[:20])
     return Message(kind, float(version))
 
 
@@ -212,7 +213,7 @@ class _XmlReader:
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         if len(self.open) > 50:
-            raise self.source.error(self.parser.CurrentLineNumber, "XML: must not be nested so deeply")
+            raise self._error(self.parser.CurrentLineNumber, "must not be nested so deeply")
         element = _Element(tag.rpartition(":")[2], self.parser.CurrentLineNumber, attributes)
         self.open[-1].children.append(element)
         self.open.append(element)
@@ -224,20 +225,26 @@ class _XmlReader:
         self.open[-1].text += text
 
     def _doctype(self, *_: object) -> None:
-        raise self.source.error(self.parser.CurrentLineNumber, "XML: must have no document type of its own")
+        raise self._error(self.parser.CurrentLineNumber, "must have no document type of its own")
+
+    def _error(self, line: int, rule: str) -> InputError:
+        """The error to raise about the XML on a line."""
+        return self.source.located(InputError(rule).of("XML"), line)
 
     def read(self) -> Message:
         try:
             self.parser.Parse(self.source.data.lstrip(), True)
-        except (expat.ExpatError, LookupError, ValueError) as error:
-            if isinstance(error, expat.ExpatError):
-                reason = expat.errors.messages[error.code]
-                raise self.source.error(error.lineno, f"XML: {reason} (the file may be cut off)") from None
-            raise self._own(error) from None
+        except InputError:  # of a handler
+            raise
+        except expat.ExpatError as error:
+            reason = expat.errors.messages[error.code]
+            raise self._error(error.lineno, f"{reason} (the file may be cut off)") from None
+        except (LookupError, ValueError) as error:  # an unknown encoding
+            raise self._error(1, str(error)) from None
         root = self.open[0].children[0]
         inner = [child for child in root.children if child.tag in ("oem", "aem")] if root.tag == "ndm" else [root]
         if not inner or inner[0].tag not in ("oem", "aem"):
-            raise self.source.error(root.line, f"XML: must be an {self.kind}, got <{root.tag}>")
+            raise self._error(root.line, f"must be an {self.kind}, got <{root.tag}>")
         message = None
         for top in inner:
             version = top.attributes.get("version", "")
@@ -249,10 +256,6 @@ class _XmlReader:
         assert message is not None
         return message
 
-    def _own(self, error: Exception) -> Exception:
-        """An InputError of a handler as it is; others (an unknown encoding) as one line."""
-        return error if str(error).startswith(self.source.file) else self.source.error(1, f"XML: {error}")
-
     def _segment(self, element: _Element) -> MessageSegment:
         segment = MessageSegment(element.line)
         for metadata in element.find("metadata"):
@@ -260,7 +263,7 @@ class _XmlReader:
                 if item.tag == "COMMENT":
                     continue
                 if item.tag in segment.meta:
-                    raise self.source.error(item.line, f"{item.tag}: must stand once in the metadata")
+                    raise self.source.error(item.line, "must stand once in the metadata", item.tag)
                 segment.meta[item.tag] = Field(item.text.strip(), item.line)
         for data in element.find("data"):
             for item in data.children:
@@ -273,22 +276,22 @@ class _XmlReader:
 
     def _state_vector(self, item: _Element) -> list[str]:
         if item.tag != "stateVector":
-            raise self.source.error(item.line, f"XML: must be a <stateVector>, got <{item.tag}>")
+            raise self._error(item.line, f"must be a <stateVector>, got <{item.tag}>")
         return self._row(item, _OEM_COLUMNS, 7, ("km", "km/s", "km/s**2"))
 
     def _attitude(self, item: _Element) -> list[str]:
         tags = [leaf.tag for leaf in item.leaves()]
         if item.tag != "attitudeState" or "Q1" not in tags:
-            raise self.source.error(item.line, "XML: must be an <attitudeState> with a quaternion Q1, Q2, Q3, QC")
+            raise self._error(item.line, "must be an <attitudeState> with a quaternion Q1, Q2, Q3, QC")
         return self._row(item, ("EPOCH", "Q1", "Q2", "Q3", "QC"), 5, ())
 
     def _row(self, item: _Element, columns: tuple[str, ...], n_least: int, units: tuple[str, ...]) -> list[str]:
         found = {leaf.tag: leaf for leaf in item.leaves()}
         for column in columns[:n_least]:
             if column not in found:
-                raise self.source.error(item.line, f"XML: must have <{column}>")
+                raise self._error(item.line, f"must have <{column}>")
         for leaf in found.values():
             unit = leaf.attributes.get("units")
             if leaf.tag in columns and unit is not None and unit.lower() not in units:
-                raise self.source.error(leaf.line, f"{leaf.tag}: must be in {' or '.join(units)}, got {unit!r}")
+                raise self.source.error(leaf.line, f"must be in {' or '.join(units)}", leaf.tag, unit)
         return [found[column].text.strip() for column in columns if column in found]

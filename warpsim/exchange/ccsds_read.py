@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.errors import InputError
 from warpsim.exchange.ccsds_message import Field, Message, MessageSegment, read_message
 from warpsim.exchange.frame_names import ccsds_frame, known_ccsds_frame
 from warpsim.exchange.instants import Instants, check_time_system
@@ -73,7 +72,7 @@ def _ephemeris(source: Source, segment: MessageSegment) -> EphemerisSegment:
         frame = known_ccsds_frame(meta["REF_FRAME"].text)
     if "REF_FRAME_EPOCH" in meta and frame not in ("GCRF", "EME2000"):
         line = meta["REF_FRAME_EPOCH"].line
-        raise source.error(line, f"REF_FRAME_EPOCH: must not be given, {frame} is read as of date")
+        raise source.error(line, f"must not be given, {frame} is read as of date", "REF_FRAME_EPOCH")
     check_cells(source, rows, (7, 10), "a date, position, velocity, and acceleration or none")
     system, instants, useable = _times(source, segment)
     values = 1e3 * numbers_of(source, rows, 1, len(rows.cells[0]) - 1)
@@ -107,7 +106,7 @@ def _attitude(source: Source, segment: MessageSegment, message: Message) -> Atti
         quaternion = _from_euler_angles(source, segment)
     else:
         known = ", ".join((*_N_QUATERNION_CELLS, "EULER_ANGLE"))
-        raise source.error(meta["ATTITUDE_TYPE"].line, f"ATTITUDE_TYPE: must be one of {known}, got {kind!r}")
+        raise source.error(meta["ATTITUDE_TYPE"].line, f"must be one of {known}", "ATTITUDE_TYPE", kind)
     # A quaternion of A to B turns components in B into those in A (it is the turn that carries A's axes to B's).
     if a_is_body != _goes_backwards(source, meta, segment, message.version):
         quaternion = conjugate(quaternion)
@@ -130,7 +129,7 @@ def _attitude(source: Source, segment: MessageSegment, message: Message) -> Atti
 
 def _check_center(source: Source, center: Field) -> None:
     if center.text.upper() != "EARTH":
-        raise source.error(center.line, f"CENTER_NAME: must be EARTH, got {center.text!r}")
+        raise source.error(center.line, "must be EARTH", "CENTER_NAME", center.text)
 
 
 def _times(source: Source, segment: MessageSegment) -> tuple[str, Instants, Instants | None]:
@@ -144,8 +143,8 @@ def _times(source: Source, segment: MessageSegment) -> tuple[str, Instants, Inst
         off_s = float(instants[end].since_instant(stated)[0])
         if abs(off_s) > _SPAN_SLACK_S:
             place, side = ("first" if end == 0 else "last"), ("after" if off_s > 0 else "before")
-            text = f"must be the time of the {place} row, which is {abs(off_s):g} s {side} it (a file cut off?)"
-            raise source.error(meta[keyword].line, f"{keyword}: {text}")
+            rule = f"must be the time of the {place} row, which is {abs(off_s):g} s {side} it (a file cut off?)"
+            raise source.error(meta[keyword].line, rule, keyword)
     given = [keyword for keyword in ("USEABLE_START_TIME", "USEABLE_STOP_TIME") if keyword in meta]
     if not given:
         return system, instants, None
@@ -167,7 +166,7 @@ def _method(source: Source, meta: dict[str, Field], keyword: str) -> Interpolati
     if value is None:
         return None
     if value.text.upper() not in _METHODS:
-        raise source.error(value.line, f"{keyword}: must be one of {', '.join(_METHODS)}, got {value.text!r}")
+        raise source.error(value.line, f"must be one of {', '.join(_METHODS)}", keyword, value.text)
     return _METHODS[value.text.upper()]
 
 
@@ -180,11 +179,11 @@ def _attitude_frames(source: Source, meta: dict[str, Field]) -> tuple[Frame, str
     a, b = meta["REF_FRAME_A"], meta["REF_FRAME_B"]
     known = ccsds_frame(a.text), ccsds_frame(b.text)
     if (known[0] is None) == (known[1] is None):
-        text = f"must be a frame of the Earth or the sky and one of the body, got {a.text!r} and {b.text!r}"
-        raise source.error(a.line, f"REF_FRAME_A, REF_FRAME_B: {text}")
+        rule = f"must be a frame of the Earth or the sky and one of the body, got {a.text!r} and {b.text!r}"
+        raise source.error(a.line, rule, "REF_FRAME_A, REF_FRAME_B")
     for name in (a, b):
         if name.text.upper().startswith(("LVLH", "RSW", "RTN", "TNW", "QSW", "NTW", "VNC", "PQW", "VVLH")):
-            raise source.error(name.line, f"REF_FRAME: must not be an orbit's frame, got {name.text!r}")
+            raise source.error(name.line, "must not be an orbit's frame", "REF_FRAME", name.text)
     if known[0] is not None:
         return known[0], b.text, False
     assert known[1] is not None
@@ -196,10 +195,10 @@ def _goes_backwards(source: Source, meta: dict[str, Field], segment: MessageSegm
     direction = meta.get("ATTITUDE_DIR")
     if direction is None:
         if version < 2.0:
-            raise source.error(segment.line, "metadata: must have ATTITUDE_DIR")
+            raise source.error(segment.line, "must have ATTITUDE_DIR", "metadata")
         return False
     if direction.text.upper() not in ("A2B", "B2A"):
-        raise source.error(direction.line, f"ATTITUDE_DIR: must be A2B or B2A, got {direction.text!r}")
+        raise source.error(direction.line, "must be A2B or B2A", "ATTITUDE_DIR", direction.text)
     return direction.text.upper() == "B2A"
 
 
@@ -211,10 +210,10 @@ def _quaternions(source: Source, segment: MessageSegment, kind: str, version: fl
     values = numbers_of(source, rows, 1, n_cell[0] - 1)
     if order is None:
         if version < 2.0 and not _is_xml(source):
-            raise source.error(segment.line, "metadata: must have QUATERNION_TYPE")
+            raise source.error(segment.line, "must have QUATERNION_TYPE", "metadata")
         return values[:, :4]
     if order.text.upper() not in ("FIRST", "LAST"):
-        raise source.error(order.line, f"QUATERNION_TYPE: must be FIRST or LAST, got {order.text!r}")
+        raise source.error(order.line, "must be FIRST or LAST", "QUATERNION_TYPE", order.text)
     # In XML the components have names, so their order says nothing.
     first = order.text.upper() == "FIRST" and not _is_xml(source)
     return values[:, [1, 2, 3, 0]] if first else values[:, :4]
@@ -227,10 +226,8 @@ def _is_xml(source: Source) -> bool:
 def _from_euler_angles(source: Source, segment: MessageSegment) -> F64:
     sequence = segment.meta.get("EULER_ROT_SEQ")
     if sequence is None:
-        raise source.error(segment.line, "metadata: must have EULER_ROT_SEQ")
+        raise source.error(segment.line, "must have EULER_ROT_SEQ", "metadata")
     check_cells(source, segment.rows, (4,), "a date and three angles")
     angle_deg = numbers_of(source, segment.rows, 1, 3)
-    try:
+    with source.at(sequence.line, "EULER_ROT_SEQ"):
         return euler_quaternion(sequence.text, angle_deg)
-    except InputError as error:
-        raise source.error(sequence.line, f"EULER_ROT_SEQ: {error}") from None

@@ -23,7 +23,7 @@ class ElementSet:
     satrec: Any
     """The initialised `sgp4.api.Satrec`, with the constants of WGS72."""
     place: str
-    """Where it was read: `stations.tle: line 3`."""
+    """Line or record of the source: `line 3`."""
 
     @property
     def label(self) -> str:
@@ -58,12 +58,6 @@ def label(name: str, norad_id: int | None) -> str:
 def tidy_name(text: str) -> str:
     """A name without outer blanks and without characters that would break a line of text."""
     return "".join(c if c.isprintable() else "?" for c in text.strip())
-
-
-def shown(value: object) -> str:
-    """A value as messages show it, cut to 60 characters."""
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def plain_designator(text: str) -> str:

@@ -22,30 +22,35 @@ def read_element_sets(path: str | os.PathLike[str]) -> list[ElementSet]:
     Raises:
         InputError: The file cannot be read, or breaks a rule: file, line or record, object, rule and value.
     """
-    where = os.fspath(path)
     try:
-        text = Path(path).read_bytes().decode("utf-8-sig")
+        return parse_element_sets(_text_of(Path(path)))
+    except InputError as error:
+        raise error.of(path) from None
+
+
+def _text_of(path: Path) -> str:
+    try:
+        return path.read_bytes().decode("utf-8-sig")
     except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}").of(where) from None
+        raise InputError(f"cannot be read: {error.strerror}") from None
     except ValueError:
-        raise InputError("is not UTF-8 text").of(where) from None
-    return parse_element_sets(text, where)
+        raise InputError("is not UTF-8 text") from None
 
 
-def parse_element_sets(text: str, where: str) -> list[ElementSet]:
-    """Read all element sets of a text; `where` begins messages.
+def parse_element_sets(text: str) -> list[ElementSet]:
+    """Read all element sets of a text.
 
     Raises:
-        InputError: As `read_element_sets`.
+        InputError: As `read_element_sets`, without a file.
     """
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     layout = layout_of(text)
     if layout is not None:
-        sets = [element_set(fields, place) for fields, place in READERS[layout](text, where)]
+        sets = [element_set(fields, place) for fields, place in READERS[layout](text)]
     elif looks_like_tle(text):
-        sets = parse_tle(text, where)
+        sets = parse_tle(text)
     else:
-        raise InputError("must hold element sets, as TLE or as OMM in KVN, XML, JSON or CSV").of(where)
+        raise InputError("must hold element sets, as TLE or as OMM in KVN, XML, JSON or CSV")
     if not sets:
-        raise InputError("holds no element sets").of(where)
+        raise InputError("holds no element sets")
     return sets

@@ -131,16 +131,13 @@ def parse_dates(texts: Sequence[str], system: str) -> Instants:
         system: One of TIME_SYSTEMS.
 
     Raises:
-        BadDateError: A text is no such date; it knows which.
+        InputError: A text is no such date; its row says which.
     """
     import erfa
 
     fields = np.empty((len(texts), 2))
     for row, text in enumerate(texts):
-        try:
-            fields[row] = _mjd_and_second(text)
-        except ValueError as error:
-            raise BadDateError(row, str(error)) from None
+        fields[row] = _mjd_and_second(text, row)
     day, second = fields.T
     _check_leap_seconds(texts, day, second, system)
     if system == "UTC":
@@ -155,16 +152,8 @@ def parse_dates(texts: Sequence[str], system: str) -> Instants:
     return _carried(day, second)
 
 
-class BadDateError(InputError):
-    """A text that is no date; `row` says which of those given."""
-
-    def __init__(self, row: int, text: str) -> None:
-        super().__init__(text)
-        self.row = row
-
-
-def _mjd_and_second(text: str) -> tuple[int, float]:
-    """Modified Julian day and second of a date; ValueError where it is none."""
+def _mjd_and_second(text: str, row: int) -> tuple[int, float]:
+    """Modified Julian day and second of a date; the row is for messages."""
     match = _CALENDAR.fullmatch(text)
     if match:
         year, month, day = int(match[1]), int(match[2]), int(match[3])
@@ -175,24 +164,25 @@ def _mjd_and_second(text: str) -> tuple[int, float]:
     elif match := _GREGORIAN.fullmatch(text):
         name = match[2].lower()
         if name not in _MONTHS:
-            raise ValueError(f"must have a month like Jan, got {text!r}")
+            raise InputError("must have a month like Jan", value=text, row=row)
         year, month, day = int(match[3]), _MONTHS.index(name) + 1, int(match[1])
         clock = match.groups()[3:]
     else:
-        raise ValueError(f"must be a date like 2025-03-20T12:00:00.0 or 2025-079T12:00:00.0, got {text[:40]!r}")
+        rule = "must be a date like 2025-03-20T12:00:00.0 or 2025-079T12:00:00.0"
+        raise InputError(rule, value=text[:40], row=row)
     if not FIRST_YEAR <= year < LAST_YEAR:
-        raise ValueError(f"must be in the years {FIRST_YEAR} to {LAST_YEAR - 1}, got {text!r}")
+        raise InputError(f"must be in the years {FIRST_YEAR} to {LAST_YEAR - 1}", value=text, row=row)
     hour, minute, second = int(clock[0]), int(clock[1]), float(clock[2])
     try:
         first = datetime.date(year, month, 1 if match.re is _DAY_OF_YEAR else day)
     except ValueError:
-        raise ValueError(f"must be a day of the calendar, got {text!r}") from None
+        raise InputError("must be a day of the calendar", value=text, row=row) from None
     ordinal = first.toordinal() + (day - 1 if match.re is _DAY_OF_YEAR else 0)
     if match.re is _DAY_OF_YEAR and not (day >= 1 and datetime.date.fromordinal(ordinal).year == year):
-        raise ValueError(f"must be a day of the calendar, got {text!r}")
+        raise InputError("must be a day of the calendar", value=text, row=row)
     leap = hour == 23 and minute == 59  # whether such a second was, _check_leap_seconds says
     if hour > 23 or minute > 59 or not second < (61.0 if leap else 60.0):
-        raise ValueError(f"must be a time of the day, got {text!r}")
+        raise InputError("must be a time of the day", value=text, row=row)
     return ordinal - _MJD_ZERO, 3600.0 * hour + 60.0 * minute + second
 
 
@@ -202,7 +192,7 @@ def _check_leap_seconds(texts: Sequence[str], day: F64, second: F64, system: str
         ends = day[row : row + 1]
         zero = np.zeros(1)
         if system != "UTC" or _tai_minus_utc_s(ends + 1, zero)[0] - _tai_minus_utc_s(ends, zero)[0] < 0.5:
-            raise BadDateError(row, f"must be a time of the day (no leap second then), got {texts[row]!r}")
+            raise InputError("must be a time of the day (no leap second then)", value=texts[row], row=row)
 
 
 def _tai_minus_utc_s(day: F64, second: F64) -> F64:

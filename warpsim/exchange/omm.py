@@ -11,7 +11,7 @@ import datetime
 import math
 import re
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from warpsim.errors import InputError
 from warpsim.exchange.element_set import (
@@ -19,7 +19,6 @@ from warpsim.exchange.element_set import (
     is_finite_model,
     label,
     plain_designator,
-    shown,
     tidy_name,
 )
 from warpsim.exchange.tle_lines import MAX_MEAN_MOTION
@@ -71,85 +70,96 @@ def element_set(fields: Mapping[str, str], place: str) -> ElementSet:
 
     Args:
         fields: Keyword to text; keywords that SGP4 does not need are not looked at.
-        place: What messages begin with: file, and line or record.
+        place: Line or record of the message, which errors begin with.
 
     Raises:
         InputError: Place, object, keyword, rule and value.
     """
-    from sgp4.api import WGS72, Satrec
-
-    name, norad_id = _identity(fields, place)
-    where = f"{place}: {label(name, norad_id)}"
-    for keyword, known in _REQUIRED.items():
-        value = fields.get(keyword, "").strip()
-        if value and value.upper() not in known:
-            raise InputError(f"{keyword} must be {' or '.join(known)}", value=value).of(where)
-    epoch_d = _days_since_1950(fields, where)
-    value_of = {keyword: _number(fields, keyword, where) for keyword in _RANGES}
-    satrec = Satrec()
-    # The number plays no part in the motion, and the package holds none beyond the alpha-5 scheme.
-    number = norad_id if norad_id is not None and norad_id <= 339_999 else 0
-    satrec.sgp4init(
-        WGS72, "i", number, epoch_d,
-        value_of["BSTAR"],
-        value_of["MEAN_MOTION_DOT"] * _REV_PER_DAY / _DAY_MIN,
-        value_of["MEAN_MOTION_DDOT"] * _REV_PER_DAY / _DAY_MIN**2,
-        value_of["ECCENTRICITY"],
-        value_of["ARG_OF_PERICENTER"] * _DEGREE,
-        value_of["INCLINATION"] * _DEGREE,
-        value_of["MEAN_ANOMALY"] * _DEGREE,
-        value_of["MEAN_MOTION"] * _REV_PER_DAY,
-        value_of["RA_OF_ASC_NODE"] * _DEGREE,
-    )  # fmt: skip
-    if not is_finite_model(satrec):
-        raise InputError("SGP4 cannot be started from these elements").of(where)
+    try:
+        name, norad_id = _identity(fields)
+        satrec = _satrec(fields, name, norad_id)
+    except InputError as error:
+        raise error.of(place) from None
     return ElementSet(name, norad_id, plain_designator(tidy_name(fields.get("OBJECT_ID", ""))), satrec, place)
 
 
-def _identity(fields: Mapping[str, str], place: str) -> tuple[str, int | None]:
+def _identity(fields: Mapping[str, str]) -> tuple[str, int | None]:
     name, number = tidy_name(fields.get("OBJECT_NAME", "")), fields.get("NORAD_CAT_ID", "").strip()
     if number and not re.fullmatch(r"\d{1,9}", number, re.ASCII):
-        head = f"{place}: {name}: " if name else f"{place}: "
-        raise InputError(f"{head}NORAD_CAT_ID must be up to nine digits", value=number)
+        raise InputError("must be up to nine digits", "NORAD_CAT_ID", number).of(name)
     if not (name or number):
-        raise InputError("OBJECT_NAME or NORAD_CAT_ID is required").of(place)
+        raise InputError("OBJECT_NAME or NORAD_CAT_ID is required")
     return name, int(number) if number else None
 
 
-def _number(fields: Mapping[str, str], keyword: str, where: str) -> float:
+def _satrec(fields: Mapping[str, str], name: str, norad_id: int | None) -> Any:
+    """The initialised `sgp4.api.Satrec`; errors begin with the object's name and number."""
+    from sgp4.api import WGS72, Satrec
+
+    try:
+        for keyword, known in _REQUIRED.items():
+            value = fields.get(keyword, "").strip()
+            if value and value.upper() not in known:
+                raise InputError(f"must be {' or '.join(known)}", keyword, value)
+        epoch_d = _days_since_1950(fields)
+        value_of = {keyword: _number(fields, keyword) for keyword in _RANGES}
+        satrec = Satrec()
+        # The number plays no part in the motion, and the package holds none beyond the alpha-5 scheme.
+        number = norad_id if norad_id is not None and norad_id <= 339_999 else 0
+        satrec.sgp4init(
+            WGS72, "i", number, epoch_d,
+            value_of["BSTAR"],
+            value_of["MEAN_MOTION_DOT"] * _REV_PER_DAY / _DAY_MIN,
+            value_of["MEAN_MOTION_DDOT"] * _REV_PER_DAY / _DAY_MIN**2,
+            value_of["ECCENTRICITY"],
+            value_of["ARG_OF_PERICENTER"] * _DEGREE,
+            value_of["INCLINATION"] * _DEGREE,
+            value_of["MEAN_ANOMALY"] * _DEGREE,
+            value_of["MEAN_MOTION"] * _REV_PER_DAY,
+            value_of["RA_OF_ASC_NODE"] * _DEGREE,
+        )  # fmt: skip
+        if not is_finite_model(satrec):
+            raise InputError("SGP4 cannot be started from these elements")
+    except InputError as error:
+        raise error.of(label(name, norad_id)) from None
+    return satrec
+
+
+def _number(fields: Mapping[str, str], keyword: str) -> float:
     text = fields.get(keyword, "").strip()
     if not text:
         if keyword in _OPTIONAL:
             return 0.0
-        raise InputError(f"{keyword} is required").of(where)
+        raise InputError("is required", keyword)
     if not _NUMBER.fullmatch(text):
-        raise InputError(f"{keyword} must be a number", value=text).of(where)
+        raise InputError("must be a number", keyword, text)
     value, allowed = float(text), _RANGES[keyword]
     if not allowed.low <= value <= allowed.high:
-        raise InputError(f"{keyword} {allowed.rule}", value=text).of(where)
+        raise InputError(allowed.rule, keyword, text)
     return value
 
 
-def _days_since_1950(fields: Mapping[str, str], where: str) -> float:
+def _days_since_1950(fields: Mapping[str, str]) -> float:
     """SGP4's epoch: days after 1949 December 31.0 UTC, good to 3e-7 s."""
     text = fields.get("EPOCH", "").strip()
     if not text:
-        raise InputError("EPOCH is required").of(where)
-    rule = f"{where}: EPOCH must be a UTC instant like 2025-06-01T12:34:56.789, years 1957 to 2099, got {shown(text)}"
+        raise InputError("is required", "EPOCH")
+    rule = "must be a UTC instant like 2025-06-01T12:34:56.789, years 1957 to 2099"
+    wrong = InputError(rule, "EPOCH", text)
     match = _EPOCH.fullmatch(text)
     if match is None:
-        raise InputError(rule)
+        raise wrong
     year, month, day, day_of_year, hour, minute, second = match.groups()
     if not (1957 <= int(year) < 2100 and int(hour) < 24 and int(minute) < 60 and float(second) < 61.0):
-        raise InputError(rule)
+        raise wrong
     try:
         if day_of_year:
             date = datetime.date(int(year), 1, 1) + datetime.timedelta(days=int(day_of_year) - 1)
         else:
             date = datetime.date(int(year), int(month), int(day))
     except ValueError:
-        raise InputError(rule) from None
+        raise wrong from None
     if date.year != int(year):  # day 0, or day 366 of a common year
-        raise InputError(rule)
+        raise wrong
     seconds = 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
     return (date.toordinal() - _SGP4_DAY_ZERO) + seconds / 86400.0

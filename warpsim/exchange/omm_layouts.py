@@ -1,7 +1,7 @@
 """The four layouts of Orbit Mean-Elements Messages: KVN, XML, JSON and CSV, as CelesTrak and Space-Track give them.
 
-Each reader turns a text into (keywords and texts, place) per satellite; `omm.py` checks what they say. Units written
-behind values are compared with those of the standard.
+Each reader turns a text into (keywords and texts, line or record) per satellite; `omm.py` checks what they say. Units
+written behind values are compared with those of the standard.
 """
 
 from __future__ import annotations
@@ -13,10 +13,9 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 
 from warpsim.errors import InputError
-from warpsim.exchange.element_set import shown, tidy_name
 
 Message = tuple[dict[str, str], str]
-"""Keyword to text, and the place of the message."""
+"""Keyword to text, and the line or record of the message."""
 
 _UNITS = {
     "MEAN_MOTION": ("rev/day",),
@@ -45,7 +44,7 @@ def layout_of(text: str) -> str | None:
     return None
 
 
-def read_kvn(text: str, where: str) -> Iterator[Message]:
+def read_kvn(text: str) -> Iterator[Message]:
     """Messages one behind the other, each begun by CCSDS_OMM_VERS (or by OBJECT_NAME, where that is not repeated)."""
     fields: dict[str, str] = {}
     first = 1
@@ -55,74 +54,74 @@ def read_kvn(text: str, where: str) -> Iterator[Message]:
             continue
         keyword, equals, value = (part.strip() for part in line.partition("="))
         if not equals:
-            raise InputError("must be KEYWORD = value", value=line).of(f"line {number}").of(where)
+            raise InputError("must be KEYWORD = value", value=line).of(f"line {number}")
         if keyword == "CCSDS_OMM_VERS" or (keyword == "OBJECT_NAME" and keyword in fields):
             if "EPOCH" in fields or "OBJECT_NAME" in fields:
-                yield fields, f"{where}: line {first}"
+                yield fields, f"line {first}"
             fields, first = {}, number
         if keyword in fields:
-            raise InputError(f"{tidy_name(keyword)} is given twice").of(f"line {number}").of(where)
+            raise InputError("is given twice", keyword).of(f"line {number}")
         unit = re.search(r"\s*\[([^\]]*)\]$", value)
         if unit:
             value = value[: unit.start()]
-            _check_unit(keyword, unit[1], f"{where}: line {number}")
+            _check_unit(keyword, unit[1], f"line {number}")
         fields[keyword] = value
-    yield fields, f"{where}: line {first}"
+    yield fields, f"line {first}"
 
 
-def read_xml(text: str, where: str) -> Iterator[Message]:
+def read_xml(text: str) -> Iterator[Message]:
     """`<omm>` elements, alone or in an `<ndm>`, with or without a namespace."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise InputError("must be plain XML without DOCTYPE or ENTITY").of(where)
+        raise InputError("must be plain XML without DOCTYPE or ENTITY")
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         line, column = error.position
-        raise InputError(f"is not valid XML at column {column + 1}").of(f"line {line}").of(where) from None
+        raise InputError(f"is not valid XML at column {column + 1}").of(f"line {line}") from None
     except ValueError as error:
-        raise InputError(f"is not valid XML: {error}").of(where) from None
+        raise InputError(f"is not valid XML: {error}") from None
     messages = [element for element in root.iter() if _tag(element) == "omm"]
     if not messages:
-        raise InputError(f"must hold <omm> elements, got <{_tag(root)}>").of(where)
+        raise InputError(f"must hold <omm> elements, got <{_tag(root)}>")
     for record, message in enumerate(messages, 1):
-        place = f"{where}: record {record}"
+        place = f"record {record}"
         fields: dict[str, str] = {}
         for element in message.iter():
             keyword = _tag(element)
             if len(element) or keyword in ("COMMENT", "USER_DEFINED"):
                 continue
             if keyword in fields:
-                raise InputError(f"{keyword} is given twice").of(place)
+                raise InputError("is given twice", keyword).of(place)
             _check_unit(keyword, element.get("units", ""), place)
             fields[keyword] = (element.text or "").strip()
         yield fields, place
 
 
-def read_json(text: str, where: str) -> Iterator[Message]:
+def read_json(text: str) -> Iterator[Message]:
     """A list of objects, or one object; numbers may be numbers or texts."""
     try:
         data = json.loads(text)
     except json.JSONDecodeError as error:
-        raise InputError(f"is not valid JSON: {error.msg}").of(f"line {error.lineno}").of(where) from None
+        raise InputError(f"is not valid JSON: {error.msg}").of(f"line {error.lineno}") from None
     except (RecursionError, ValueError):
-        raise InputError("is not valid JSON: nested too deep, or a number too long").of(where) from None
+        raise InputError("is not valid JSON: nested too deep, or a number too long") from None
     for record, item in enumerate(data if isinstance(data, list) else [data], 1):
-        place = f"{where}: record {record}"
+        place = f"record {record}"
         if not isinstance(item, dict):
             raise InputError("must be an object of keywords", value=item).of(place)
         for keyword, value in item.items():
             if isinstance(value, bool | list | dict):
-                raise InputError(f"{shown(keyword)} must be a number or a text", value=value).of(place)
+                raise InputError("must be a number or a text", keyword, value).of(place)
         yield {key: _json_text(value) for key, value in item.items()}, place
 
 
-def read_csv(text: str, where: str) -> Iterator[Message]:
+def read_csv(text: str) -> Iterator[Message]:
     """A header of keywords, then a line per satellite."""
     rows = csv.reader(text.split("\n"), strict=True)
     header: list[str] = []
     try:
         for row in rows:
-            place = f"{where}: line {rows.line_num}"
+            place = f"line {rows.line_num}"
             if not any(cell.strip() for cell in row):
                 continue
             if not header:
@@ -134,7 +133,7 @@ def read_csv(text: str, where: str) -> Iterator[Message]:
                 raise InputError(f"must have {len(header)} values, as the header has", value=len(row)).of(place)
             yield dict(zip(header, row, strict=True)), place
     except csv.Error as error:
-        raise InputError(f"is not valid CSV: {error}").of(f"line {rows.line_num}").of(where) from None
+        raise InputError(f"is not valid CSV: {error}").of(f"line {rows.line_num}") from None
 
 
 READERS = {"kvn": read_kvn, "xml": read_xml, "json": read_json, "csv": read_csv}
@@ -151,4 +150,4 @@ def _json_text(value: object) -> str:
 def _check_unit(keyword: str, unit: str, place: str) -> None:
     known = _UNITS.get(keyword)
     if unit and known and unit.strip().lower() not in known:
-        raise InputError(f"{keyword} must be in {known[0]}", value=unit).of(place)
+        raise InputError(f"must be in {known[0]}", keyword, unit).of(place)

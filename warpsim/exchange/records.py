@@ -85,18 +85,17 @@ class EphemerisSegment:
 
     def __post_init__(self) -> None:
         n = len(self.instants)
-        where = _where(self.file, self.line)
-        _check_name("frame", self.frame, FRAMES, where)
-        _check_name("time_system", self.time_system, TIME_SYSTEMS, where)
+        _check_name("frame", self.frame, FRAMES, self)
+        _check_name("time_system", self.time_system, TIME_SYSTEMS, self)
         _check_array("position_m", self.position_m, (n, 3), self)
         if self.velocity_m_s is not None:
             _check_array("velocity_m_s", self.velocity_m_s, (n, 3), self)
         _check_times(self)
         _check_useable(self)
         if self.interpolation == "hermite" and self.velocity_m_s is None:
-            raise InputError("must not be Hermite for states without velocities", f"{where}interpolation")
+            raise _located(InputError("must not be Hermite for states without velocities", "interpolation"), self)
         if self.degree is not None and not 1 <= self.degree <= LARGEST_DEGREE:
-            raise InputError(f"must be 1 to {LARGEST_DEGREE}", f"{where}interpolation degree", self.degree)
+            raise _located(InputError(f"must be 1 to {LARGEST_DEGREE}", "interpolation degree", self.degree), self)
         _check_size("position", self.position_m, _LARGEST_M, "m", self)
         if self.velocity_m_s is not None:
             _check_size("velocity", self.velocity_m_s, SPEED_OF_LIGHT_M_S, "m/s", self)
@@ -130,7 +129,7 @@ class EphemerisSegment:
             degree: Degree to ask them for.
             time_system: Of the dates when written.
         """
-        start = parse_dates([epoch], "UTC") if isinstance(epoch, str) else instants_of_time(epoch)
+        start = _epoch_of(epoch) if isinstance(epoch, str) else instants_of_time(epoch)
         times = np.atleast_1d(np.asarray(time_s, np.float64))
         return cls(
             object_name=object_name,
@@ -175,9 +174,8 @@ class AttitudeSegment:
     lines: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
-        where = _where(self.file, self.line)
-        _check_name("frame", self.frame, FRAMES, where)
-        _check_name("time_system", self.time_system, TIME_SYSTEMS, where)
+        _check_name("frame", self.frame, FRAMES, self)
+        _check_name("time_system", self.time_system, TIME_SYSTEMS, self)
         _check_array("quaternion", self.quaternion, (len(self.instants), 4), self)
         _check_times(self)
         _check_useable(self)
@@ -186,7 +184,7 @@ class AttitudeSegment:
         bad = np.abs(norm - 1.0) > _NORM_SLACK
         if bad.any():
             row = int(np.argmax(bad))
-            raise InputError("must have norm 1", f"{_row_place(self, row)}quaternion", norm[row], ".6g")
+            raise _located(InputError("must have norm 1", "quaternion", norm[row], ".6g"), self, row)
         object.__setattr__(self, "quaternion", self.quaternion / norm[:, None])
 
 
@@ -196,63 +194,62 @@ _SAME_TIME_S = 0.5e-9
 """Times this close are one: files are kept to 1e-9 s."""
 
 
-def _where(file: str, line: int) -> str:
-    """What goes before a rule: `file: line 3: `, or what is known of it."""
-    return (f"{file}: " if file else "") + (f"line {line}: " if line else "")
+def _epoch_of(text: str) -> Instants:
+    try:
+        return parse_dates([text], "UTC")
+    except InputError as error:
+        raise error.at_row("epoch") from None
 
 
-def _row_place(segment: Segment, row: int) -> str:
-    line = segment.line if segment.lines is None else int(segment.lines[row])
-    return _where(segment.file, line) or f"row {row}: "
+def _located(error: InputError, segment: Segment, row: int | None = None) -> InputError:
+    """An error, told of the file and line of a segment, or of one of its rows."""
+    line = segment.line if row is None or segment.lines is None else int(segment.lines[row])
+    unknown = f"row {row}" if row is not None and not segment.file else ""
+    return error.of(f"line {line}" if line else unknown).of(segment.file)
 
 
-def _check_name(what: str, name: str, known: tuple[str, ...], where: str) -> None:
+def _check_name(what: str, name: str, known: tuple[str, ...], segment: Segment) -> None:
     if name not in known:
-        raise InputError(f"{where}{what}: must be one of {', '.join(known)}", value=name)
+        raise _located(InputError(f"must be one of {', '.join(known)}", what, name), segment)
 
 
 def _check_array(name: str, value: F64, shape: tuple[int, int], segment: Segment) -> None:
-    where = _where(segment.file, segment.line)
     if shape[0] == 0:
-        raise InputError(f"{where}{name}: must hold at least one row, got none")
+        raise _located(InputError("must hold at least one row, got none", name), segment)
     if np.shape(value) != shape:
-        raise InputError(f"{where}{name}: must have shape {shape}", value=np.shape(value))
+        raise _located(InputError(f"must have shape {shape}", name, np.shape(value)), segment)
     bad = ~np.isfinite(value).all(axis=1)
     if bad.any():
         row = int(np.argmax(bad))
-        raise InputError(f"{_row_place(segment, row)}{name}: must be finite", value=value[row].tolist())
+        raise _located(InputError("must be finite", name, value[row].tolist()), segment, row)
 
 
 def _check_size(name: str, value: F64, largest: float, unit: str, segment: Segment) -> None:
     size = np.abs(value).max(axis=1)
     row = int(np.argmax(size))
     if size[row] > largest:
-        raise InputError(
-            f"{_row_place(segment, row)}{name}: must be below {largest:g} {unit}", value=size[row], form="g"
-        )
+        raise _located(InputError(f"must be below {largest:g} {unit}", name, size[row], "g"), segment, row)
 
 
 def _check_times(segment: Segment) -> None:
     finite = np.isfinite(segment.instants.second) & np.isfinite(segment.instants.day)
     if not finite.all():
-        raise InputError("must be finite", f"{_row_place(segment, int(np.argmin(finite)))}time")
+        raise _located(InputError("must be finite", "time"), segment, int(np.argmin(finite)))
     step_s = segment.instants.steps_s()
     bad = ~(step_s > _SAME_TIME_S)
     if bad.any():
         row = int(np.argmax(bad))
         same = abs(step_s[row]) <= _SAME_TIME_S
         got = "the same" if same else f"{-step_s[row]:g} s earlier"
-        text = f"must come after the time before it, got {got}"
-        raise InputError(f"{text}", f"{_row_place(segment, row + 1)}time")
+        raise _located(InputError("must come after the time before it", "time", got, "s"), segment, row + 1)
 
 
 def _check_useable(segment: Segment) -> None:
     if segment.useable is None:
         return
-    where = _where(segment.file, segment.line)
     first_s, last_s = segment.useable.since_instant(segment.instants[0])
     end_s = float(segment.instants[-1:].since_instant(segment.instants[0])[0])
     if not (len(segment.useable) == 2 and first_s <= last_s):
-        raise InputError("must not end before it begins", f"{where}useable span")
+        raise _located(InputError("must not end before it begins", "useable span"), segment)
     if first_s < -1e-6 or last_s > end_s + 1e-6:
-        raise InputError("must lie within the times of the data", f"{where}useable span")
+        raise _located(InputError("must lie within the times of the data", "useable span"), segment)

@@ -8,12 +8,13 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.errors import InputError
-from warpsim.exchange.instants import BadDateError, Instants, parse_dates
+from warpsim.errors import NO_VALUE, InputError
+from warpsim.exchange.instants import Instants, parse_dates
 
 F64 = NDArray[np.float64]
 
@@ -47,20 +48,24 @@ class Source:
         open_end = bool(found) and not text.rstrip(" \t\r").endswith("\n")
         if open_end and not _END_OF_BLOCK.fullmatch(found[-1][1]):
             number, line = found[-1]
-            raise self.error(number, f"must end with a line break, or the file may be cut off, got {line[-30:]!r}")
+            raise self.error(number, "must end with a line break, or the file may be cut off", value=line[-30:])
         return found
 
-    def error(self, line: int, text: str) -> InputError:
-        """The error to raise about a line; line 0 means the file as a whole."""
-        return InputError(text).of(f"line {line}" if line else "").of(self.file)
+    def error(self, line: int, rule: str, field: str = "", value: Any = NO_VALUE, form: str = "") -> InputError:
+        """The error to raise about a line, or a field on it; line 0 means the file as a whole."""
+        return self.located(InputError(rule, field, value, form), line)
+
+    def located(self, error: InputError, line: int) -> InputError:
+        """An error, told of a line of this file; line 0 means the file as a whole."""
+        return error.of(f"line {line}" if line else "").of(self.file)
 
     @contextlib.contextmanager
-    def at(self, line: int, what: str = "") -> Iterator[None]:
+    def at(self, line: int, field: str = "") -> Iterator[None]:
         """Put file, line and a field's name before the errors raised inside."""
         try:
             yield
         except InputError as error:
-            raise (error.within(what) if what else error).of(f"line {line}" if line else "").of(self.file) from None
+            raise self.located(error.within(field), line) from None
 
 
 def read_source(path: str | os.PathLike[str]) -> Source:
@@ -109,34 +114,33 @@ def numbers_of(source: Source, rows: Rows, first: int, count: int) -> F64:
     raise source.error(rows.lines[0] if rows.lines else 0, "must hold numbers")
 
 
-def number_of(source: Source, line: int, text: str, what: str = "") -> float:
+def number_of(source: Source, line: int, text: str, field: str = "") -> float:
     """One finite number.
 
     Raises:
         InputError: It is none.
     """
-    head = f"{what}: " if what else ""
     try:
         value = float(text)
     except ValueError:
         value = np.nan
     if not np.isfinite(value) or "_" in text:
-        raise source.error(line, f"{head}must be a finite number, got {text[:40]!r}")
+        raise source.error(line, "must be a finite number", field, text[:40])
     return value
 
 
-def whole_number_of(source: Source, line: int, text: str, what: str) -> int:
+def whole_number_of(source: Source, line: int, text: str, field: str) -> int:
     """One whole number.
 
     Raises:
         InputError: It is none.
     """
     if not (text.isascii() and text.isdigit() and len(text) < 12):
-        raise source.error(line, f"{what}: must be a whole number, got {text[:40]!r}")
+        raise source.error(line, "must be a whole number", field, text[:40])
     return int(text)
 
 
-def dates_of(source: Source, texts: Sequence[str], lines: Sequence[int], system: str, what: str = "") -> Instants:
+def dates_of(source: Source, texts: Sequence[str], lines: Sequence[int], system: str, field: str = "") -> Instants:
     """Instants of dates that stand on these lines.
 
     Raises:
@@ -144,9 +148,8 @@ def dates_of(source: Source, texts: Sequence[str], lines: Sequence[int], system:
     """
     try:
         return parse_dates(texts, system)
-    except BadDateError as error:
-        head = f"{what}: " if what else ""
-        raise source.error(lines[error.row], f"{head}{error}") from None
+    except InputError as error:
+        raise error.within(field).at_row(f"line {lines[error.row or 0]}").of(source.file) from None
 
 
 def check_cells(source: Source, rows: Rows, counts: tuple[int, ...], what: str) -> int:
@@ -158,8 +161,8 @@ def check_cells(source: Source, rows: Rows, counts: tuple[int, ...], what: str) 
     count = len(rows.cells[0])
     if count not in counts:
         allowed = " or ".join(map(str, counts))
-        raise source.error(rows.lines[0], f"must have {allowed} values ({what}), got {count}")
+        raise source.error(rows.lines[0], f"must have {allowed} values ({what})", value=count)
     for row, line in zip(rows.cells, rows.lines, strict=True):
         if len(row) != count:
-            raise source.error(line, f"must have {count} values ({what}) as the line before, got {len(row)}")
+            raise source.error(line, f"must have {count} values ({what}) as the line before", value=len(row))
     return count

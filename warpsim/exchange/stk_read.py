@@ -140,14 +140,14 @@ def _read_block(source: Source, name: str, keywords: tuple[str, ...], data: dict
     for number, line in lines[begin + 1 :]:
         words = line.split()
         if closed:
-            raise source.error(number, f"must not follow END {name}, got {line[:40]!r}")
+            raise source.error(number, f"must not follow END {name}", value=line[:40])
         if inside:
             inside = _read_inside(source, block, inside, number, line)
         elif _words(line) == ["end", name.lower()]:
             closed = True
         elif words[0].lower() == "begin":
             if _words(line) != ["begin", "segmentboundarytimes"]:
-                raise source.error(number, f"must be a block that is read, got {line[:40]!r}")
+                raise source.error(number, "must be a block that is read", value=line[:40])
             inside = "boundary"
         elif words[0].lower().startswith("covariancetime"):
             inside = "covariance"
@@ -185,16 +185,16 @@ def _read_keyword(
     keyword = known.get(word.lower())
     if keyword is None:
         kind = "data" if re.match(r"(Ephemeris|Attitude)\w*Time", word, re.IGNORECASE) else "keyword"
-        text = f"must be one of {', '.join(data)}" if kind == "data" else "is not a known keyword"
-        raise source.error(number, f"{word[:40]}: {text}")
+        rule = f"must be one of {', '.join(data)}" if kind == "data" else "is not a known keyword"
+        raise source.error(number, rule, word[:40])
     if block.data:
-        raise source.error(number, f"{keyword}: must come before the data")
+        raise source.error(number, "must come before the data", keyword)
     if keyword in data:
         block.data = keyword
     elif keyword.lower() in block.keywords:
-        raise source.error(number, f"{keyword}: must stand once, got it a second time")
+        raise source.error(number, "must stand once, got it a second time", keyword)
     elif not value.strip():
-        raise source.error(number, f"{keyword}: must have a value")
+        raise source.error(number, "must have a value", keyword)
     else:
         block.keywords[keyword.lower()] = value.strip(), number
 
@@ -212,10 +212,10 @@ def _frame_and_epoch(source: Source, block: _Block, name: str, epoch_name: str) 
     for keyword, allowed in (("CentralBody", "Earth"), ("TimeFormat", "EpSec")):
         value, line = block.keywords.get(keyword.lower(), (allowed, 0))
         if value.lower() != allowed.lower():
-            raise source.error(line, f"{keyword}: must be {allowed}, got {value!r}")
+            raise source.error(line, f"must be {allowed}", keyword, value)
     if epoch_name.lower() in block.keywords:
         line = block.keywords[epoch_name.lower()][1]
-        raise source.error(line, f"{epoch_name}: must not be given, axes of an epoch are not read")
+        raise source.error(line, "must not be given, axes of an epoch are not read", epoch_name)
     for keyword in (name, "ScenarioEpoch"):
         if keyword.lower() not in block.keywords:
             raise source.error(block.line, f"must have {keyword}")
@@ -229,7 +229,7 @@ def _frame_and_epoch(source: Source, block: _Block, name: str, epoch_name: str) 
 def _unit_m(source: Source, block: _Block) -> float:
     text, line = block.keywords.get("distanceunit", ("meters", 0))
     if text.lower() not in _UNITS:
-        raise source.error(line, f"DistanceUnit: must be Meters or Kilometers, got {text!r}")
+        raise source.error(line, "must be Meters or Kilometers", "DistanceUnit", text)
     return _UNITS[text.lower()]
 
 
@@ -239,14 +239,14 @@ def _check_count(source: Source, block: _Block, keyword: str) -> None:
     text, line = block.keywords[keyword.lower()]
     stated, found = whole_number_of(source, line, text, keyword), len(block.rows.cells)
     if stated != found:
-        raise source.error(line, f"{keyword}: must be the number of rows, {found}, got {stated}")
+        raise source.error(line, f"must be the number of rows, {found}, got {stated}", keyword)
 
 
 def _interpolation(source: Source, block: _Block) -> tuple[Interpolation, int]:
     """Method and degree; STK counts samples less one, under two names."""
     text, line = block.keywords.get("interpolationmethod", ("Lagrange", 0))
     if text.lower() not in _METHODS:
-        raise source.error(line, f"InterpolationMethod: must be Lagrange or Hermite, got {text!r}")
+        raise source.error(line, "must be Lagrange or Hermite", "InterpolationMethod", text)
     method = _METHODS[text.lower()]
     samples_m1 = _DEFAULT_SAMPLES_M1
     for keyword in ("InterpolationOrder", "InterpolationSamplesM1"):
@@ -254,7 +254,7 @@ def _interpolation(source: Source, block: _Block) -> tuple[Interpolation, int]:
             value, line = block.keywords[keyword.lower()]
             samples_m1 = whole_number_of(source, line, value, keyword)
             if not 1 <= samples_m1 <= (13 if method == "hermite" else 27):
-                raise source.error(line, f"{keyword}: must be 1 to {13 if method == 'hermite' else 27}, got {value}")
+                raise source.error(line, f"must be 1 to {13 if method == 'hermite' else 27}, got {value}", keyword)
     return method, 2 * samples_m1 + 1 if method == "hermite" else samples_m1
 
 

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.errors import InputError
+from warpsim.errors import InputError, one_line
 from warpsim.exchange.frame_names import known_ccsds_frame
-from warpsim.exchange.instants import BadDateError, Instants, parse_dates
+from warpsim.exchange.instants import Instants, parse_dates
 from warpsim.exchange.records import AttitudeSegment, EphemerisSegment, Frame
 from warpsim.exchange.source import Source
-from warpsim.sky.readers.by_astropy import read_ecsv
-from warpsim.sky.readers.delimited import read_delimited
-from warpsim.sky.readers.file_table import FileTable, one_line
+from warpsim.tables.by_astropy import read_ecsv
+from warpsim.tables.delimited import read_delimited
+from warpsim.tables.file_table import FileTable
 
 F64 = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ def read_ephemeris_table(source: Source) -> list[EphemerisSegment]:
     for name in dict.fromkeys(names.tolist()):
         rows = np.flatnonzero(names == name)
         if not name and table.find("name") is not None:
-            raise source.error(int(lines[rows[0]]), "name: must not be empty")
+            raise source.error(int(lines[rows[0]]), "must not be empty", "name")
         segments.append(
             EphemerisSegment(
                 object_name=name or Path(source.file).stem,
@@ -129,7 +129,8 @@ def _read(source: Source) -> FileTable:
 
 def _check_columns(table: FileTable, what: str, needed: str, one_of: tuple[str, ...]) -> None:
     if table.find(*one_of) is None:
-        raise InputError(f"must have columns of {what} ({needed}), got {', '.join(table.table.colnames)}")
+        found = ", ".join(table.table.colnames)
+        raise InputError(f"must have columns of {what} ({needed})", value=found, form="s")
 
 
 def _instants(source: Source, table: FileTable) -> Instants:
@@ -137,15 +138,16 @@ def _instants(source: Source, table: FileTable) -> Instants:
     has_s, has_utc = table.find("time_s") is not None, table.find("time_utc") is not None
     if has_s == has_utc:
         got = "both" if has_s else ", ".join(table.table.colnames)
-        raise InputError("must have one of the columns time_s (since the scene's epoch) and time_utc", value=got)
+        rule = "must have one of the columns time_s (since the scene's epoch) and time_utc"
+        raise InputError(rule, value=got, form="s")
     if has_s:
         time_s = table.number("time_s", unit="s")
         return Instants(np.zeros(len(time_s)), time_s, relative=True)
     texts = [text.replace(" ", "T") for text in table.text("time_utc").tolist()]
     try:
         return parse_dates(texts, "UTC")
-    except BadDateError as error:
-        raise InputError(f"{error}", "time_utc").of(table.where(error.row)) from None
+    except InputError as error:
+        raise table.located(error.within("time_utc")) from None
 
 
 def _lines(table: FileTable) -> NDArray[np.int64]:
@@ -179,4 +181,4 @@ def _vector(table: FileTable, names: list[str], names_km: list[str], unit: str) 
     except InputError:
         raise
     except Exception as error:  # columns of odd kinds of ECSV
-        raise InputError(f"must hold numbers: {one_line(error)}").of(found[0]) from None
+        raise InputError(f"must hold numbers: {one_line(error)}", found[0]) from None

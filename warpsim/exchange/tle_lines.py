@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from warpsim.errors import InputError
-from warpsim.exchange.element_set import ElementSet, is_finite_model, plain_designator, shown, tidy_name
+from warpsim.errors import NO_VALUE, InputError
+from warpsim.exchange.element_set import ElementSet, is_finite_model, plain_designator, tidy_name
 
 LENGTH = 69
 MAX_MEAN_MOTION = 18.0
@@ -84,16 +84,15 @@ _WHOLE_1, _WHOLE_2 = _whole(_LINE_1), _whole(_LINE_2)
 
 
 class _Place(NamedTuple):
-    """Where an element set stands, for messages."""
+    """Line and object, for messages."""
 
-    where: str
     line: int
-    name: str
-    number: str
+    name: str = ""
+    number: str = ""
 
-    def error(self, text: str) -> InputError:
+    def error(self, rule: str, field: str = "", value: Any = NO_VALUE, form: str = "") -> InputError:
         known = ", ".join(item for item in (self.name, self.number) if item)
-        return InputError(f"{self.where}: line {self.line}: " + (f"{known}: " if known else "") + text)
+        return InputError(rule, field, value, form).of(known).of(f"line {self.line}")
 
 
 def looks_like_tle(text: str) -> bool:
@@ -101,16 +100,15 @@ def looks_like_tle(text: str) -> bool:
     return any(_is_line(line) for line in text.splitlines())
 
 
-def parse_tle(text: str, where: str) -> list[ElementSet]:
+def parse_tle(text: str) -> list[ElementSet]:
     """Read all element sets of a text.
 
     Args:
         text: Lines 1 and 2 of each satellite, each pair behind a name line or not; a name may begin with "0 ".
             Blank lines and lines that begin with "#" are skipped.
-        where: What messages begin with, the file's name.
 
     Raises:
-        InputError: File, line, object, column, rule and value.
+        InputError: Line, object, column, rule and value.
     """
     sets = []
     lines = _numbered_lines(text)
@@ -118,21 +116,19 @@ def parse_tle(text: str, where: str) -> list[ElementSet]:
     for number, line in lines:
         if not _is_line(line):
             if name:
-                raise _Place(where, number, "", "").error(
-                    f"must be line 1 of the set named {name!r}, got {shown(line)}"
-                )
+                raise _Place(number).error(f"must be line 1 of the set named {name!r}", value=line)
             name = tidy_name(line.removeprefix("0 "))
             continue
-        place = _Place(where, number, name, "")
+        place = _Place(number, name)
         if line[0] != "1":
             raise place.error("has no line 1 before it")
         second = next(lines, None)
         if second is None or not (_is_line(second[1]) and second[1][0] == "2"):
             raise place.error("must be followed by line 2 of its set")
-        sets.append(_element_set(name, line, second[1], where, number, second[0]))
+        sets.append(_element_set(name, line, second[1], number, second[0]))
         name = ""
     if name:
-        raise InputError("ends with a name without lines", value=name).of(where)
+        raise InputError("ends with a name without lines", value=name)
     return sets
 
 
@@ -147,31 +143,31 @@ def _is_line(line: str) -> bool:
     return line[:2] in ("1 ", "2 ") and len(line.rstrip()) > _LONGEST_NAME
 
 
-def _element_set(name: str, line_1: str, line_2: str, where: str, number_1: int, number_2: int) -> ElementSet:
-    place_1 = _Place(where, number_1, name, tidy_name(line_1[2:7]))
+def _element_set(name: str, line_1: str, line_2: str, number_1: int, number_2: int) -> ElementSet:
+    place_1 = _Place(number_1, name, tidy_name(line_1[2:7]))
     place_2 = place_1._replace(line=number_2)
     first = _checked(line_1, _LINE_1, _WHOLE_1, place_1)
     second = _checked(line_2, _LINE_2, _WHOLE_2, place_2)
     if first[1] != second[1]:
-        raise place_2.error(f"catalog number must be that of line {number_1}, {first[1]!r}, got {second[1]!r}")
+        raise place_2.error(f"must be that of line {number_1}, {first[1]!r}", "catalog number", second[1])
     day = float(first[7])
     if not 1.0 <= day < 367.0:
-        raise place_1.error(f"epoch day must be in [1, 367), got {day:g}")
+        raise place_1.error("must be in [1, 367)", "epoch day", day, "g")
     if not float(second[3]) <= 180.0:
-        raise place_2.error(f"inclination must be in [0, 180] deg, got {second[3].strip()}")
+        raise place_2.error("must be in [0, 180] deg", "inclination", second[3].strip(), "s")
     for index in (5, 9, 11):
         if not float(second[index]) <= 360.0:
-            raise place_2.error(f"{_LINE_2[index].name} must be in [0, 360] deg, got {second[index].strip()}")
+            raise place_2.error("must be in [0, 360] deg", _LINE_2[index].name, second[index].strip(), "s")
     if not 0.0 < float(second[13]) <= MAX_MEAN_MOTION:
         rule = f"must be in (0, {MAX_MEAN_MOTION:g}] revolutions per day"
-        raise place_2.error(f"mean motion {rule}, got {second[13].strip()}")
+        raise place_2.error(rule, "mean motion", second[13].strip(), "s")
     return _initialised(name, line_1, line_2, place_1)
 
 
 def _checked(line: str, fields: tuple[_Field, ...], whole: re.Pattern[str], place: _Place) -> tuple[str, ...]:
     """The fields of a line, in order."""
     if len(line) != LENGTH:
-        raise place.error(f"must have {LENGTH} characters, got {len(line)}")
+        raise place.error(f"must have {LENGTH} characters", value=len(line))
     match = whole.fullmatch(line)
     if match is None:
         for field in fields:
@@ -179,10 +175,10 @@ def _checked(line: str, fields: tuple[_Field, ...], whole: re.Pattern[str], plac
             if not re.fullmatch(field.pattern, text, re.ASCII):
                 columns = f"{field.first}" if field.first == field.last else f"{field.first}-{field.last}"
                 kind = f"column {columns}" if field.name == "column" else f"{field.name} (column {columns})"
-                raise place.error(f"{kind} {field.rule}, got {text!r}")
+                raise place.error(field.rule, kind, text)
     tally = sum(int(c) if c.isdigit() else c == "-" for c in line[: LENGTH - 1]) % 10
     if line[-1] != str(tally):
-        raise place.error(f"checksum (column {LENGTH}) must be {tally}, the sum of the line, got {line[-1]}")
+        raise place.error(f"must be {tally}, the sum of the line", f"checksum (column {LENGTH})", line[-1], "s")
     return tuple(line[field.first - 1 : field.last] for field in fields)
 
 
@@ -196,4 +192,4 @@ def _initialised(name: str, line_1: str, line_2: str, place: _Place) -> ElementS
     if not is_finite_model(satrec):
         raise place.error("SGP4 cannot be started from these elements")
     norad_id = from_alpha5(number)
-    return ElementSet(name, norad_id, plain_designator(line_1[9:17]), satrec, f"{place.where}: line {place.line}")
+    return ElementSet(name, norad_id, plain_designator(line_1[9:17]), satrec, f"line {place.line}")

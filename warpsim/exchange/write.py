@@ -48,7 +48,7 @@ def write_oem(
     lines = _header("OEM", originator, creation_date)
     for segment in runs:
         if segment.velocity_m_s is None:
-            raise InputError("must have velocities to be written as an OEM").of(segment.object_name).of(os.fspath(path))
+            raise InputError("must have velocities to be written as an OEM").of(segment.object_name).of(path)
         meta = {"CENTER_NAME": "EARTH", "REF_FRAME": CCSDS_NAME[segment.frame]}
         lines += _ccsds_meta(segment, meta, "INTERPOLATION")
         dates = segment.instants.dates(segment.time_system)
@@ -108,11 +108,11 @@ def write_stk_ephemeris(
         ("velocities", {run.velocity_m_s is None for run in runs}),
     ):
         if len(values) > 1:
-            raise InputError("must be the same in all segments of an STK ephemeris").of(what).of(os.fspath(path))
+            raise InputError("must be the same in all segments of an STK ephemeris", what).of(path)
     epoch_text, epoch = _stk_epoch(first)
     time_s = [run.instants.since_instant(epoch) for run in runs]
     if any(b[0] < a[-1] for a, b in pairwise(time_s)):
-        raise InputError("must follow each other in time", "segments").of(os.fspath(path))
+        raise InputError("must follow each other in time", "segments").of(path)
     lines = ["stk.v.11.0", "", "# WrittenBy    warpsim", "", "BEGIN Ephemeris", ""]
     lines += [f"NumberOfEphemerisPoints {sum(map(len, time_s))}", f"ScenarioEpoch           {epoch_text}"]
     lines += [*_stk_interpolation(first), "DistanceUnit            Meters", "CentralBody             Earth"]
@@ -201,7 +201,7 @@ def _check_start(path: str | os.PathLike[str], runs: Sequence[Segment], overwrit
     """See that there is something to write, and where to."""
     check_new_file(Path(path), None, overwrite)
     if not runs:
-        raise InputError("must be one at least, got none", "segments").of(os.fspath(path))
+        raise InputError("must be one at least, got none", "segments").of(path)
 
 
 def _write(path: str | os.PathLike[str], lines: list[str]) -> None:
@@ -209,4 +209,4 @@ def _write(path: str | os.PathLike[str], lines: list[str]) -> None:
         with whole_file(Path(path)) as partial:
             partial.write_text("\n".join(lines).rstrip("\n") + "\n", encoding="ascii", newline="\n")
     except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}").of(os.fspath(path)) from None
+        raise InputError(f"cannot be written: {error.strerror}").of(path) from None

@@ -9,14 +9,14 @@ import numpy.typing as npt
 
 from warpsim.legendre import series_at
 from warpsim.optics.enclosed import box_half_width_px
+from warpsim.render.device_upload import table_accuracy
 from warpsim.render.frameset import FrameSet
-from warpsim.render.world import table_accuracy
-from warpsim.scene.scene import Scene
+from warpsim.scene.instrument import Instrument
 
 F64 = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-BOX_SHARE = 0.84
+BOX_FRACTION = 0.84
 """Part of a point's light that its box holds, pixels included; of an Airy pattern about what lies within the first dark
 ring."""
 
@@ -40,37 +40,37 @@ class Boxes(NamedTuple):
 
 
 def target_boxes(frames: FrameSet) -> Boxes:
-    """Boxes that hold most of the light of each target.
+    """Return boxes that hold most of the light of each target.
 
     A box is the rectangle about the target's path from the start to the end of the exposure, wider on each side by half
-    the box that holds BOX_SHARE of a point's light, and cut at the array's edges.
+    the box that holds BOX_FRACTION of a point's light, and cut at the array's edges.
     """
-    light, camera = frames.target_light, frames.scene.camera
+    light, camera = frames.target_light, frames.instrument.sensor.camera
     low_px, high_px, on_array = path_extent(frames)
     visible = (light.irradiance_w_cm2 != 0.0) & on_array[:, None]
-    half_px = np.array([blur_half_px(frames.scene, band) for band in frames.bands])
+    half_px = np.array([blur_half_px(frames.instrument, band) for band in frames.bands])
     size_px = np.array([camera.n_col, camera.n_row])
     box_px = box_around(low_px[:, None], high_px[:, None], half_px[:, None], size_px)
     return Boxes(visible, np.where(visible[..., None], box_px, np.nan))
 
 
 def box_around(low_px: F64, high_px: F64, half_px: F64, size_px: npt.NDArray[np.int64]) -> F64:
-    """COCO's box of a path between given places, (..., 2) as x and y, widened by half_px and cut at the array."""
+    """Return COCO's box of a path, (..., 2) as x and y, widened by half_px and cut at the array."""
     left_top = np.clip(low_px - half_px + CORNER_PX, 0.0, size_px)
     right_bottom = np.clip(high_px + half_px + CORNER_PX, 0.0, size_px)
     return np.concatenate([left_top, right_bottom - left_top], axis=-1)
 
 
-def blur_half_px(scene: Scene, band: str) -> tuple[float, float]:
-    """Half the box that holds BOX_SHARE of a point's light in a band: along columns and rows [px]."""
-    aspect = scene.camera.pixel_aspect
-    half_px = box_half_width_px(scene.psf(band), BOX_SHARE, aspect, table_accuracy(scene))
+def blur_half_px(instrument: Instrument, band: str) -> tuple[float, float]:
+    """Return half the box that holds BOX_FRACTION of a point's light in a band: along columns and rows [px]."""
+    aspect = instrument.sensor.camera.pixel_aspect
+    half_px = box_half_width_px(instrument.psf(band), BOX_FRACTION, aspect, table_accuracy(instrument))
     return half_px, half_px / aspect
 
 
 def path_extent(frames: FrameSet) -> tuple[F64, F64, Bools]:
-    """Lowest and highest x and y of each target's path, (view, target, 2), and whether any of it is on the array."""
-    light, camera = frames.target_light, frames.scene.camera
+    """Return the lowest and highest x and y of paths, (view, target, 2), and whether any of it is on the array."""
+    light, camera = frames.target_light, frames.instrument.sensor.camera
     n_view, n_target, n_term = light.offset_px.shape[:3]
     low_px, high_px = light.xy_px.copy(), light.xy_px.copy()
     on_array = _is_on(light.xy_px, camera.n_row, camera.n_col)
@@ -86,7 +86,7 @@ def path_extent(frames: FrameSet) -> tuple[F64, F64, Bools]:
 
 
 def paths_px(frames: FrameSet, view: int) -> F64:
-    """Places of the targets of a view from the start of the exposure to its end, (target, 2, instant)."""
+    """Return positions of the targets of a view from the start of the exposure to its end, (target, 2, instant)."""
     light = frames.target_light
     series = np.moveaxis(light.offset_px[view].astype(np.float64), 1, -1)
     t = np.linspace(-1.0, 1.0, _STEPS_PER_TERM * max(series.shape[-1], 1) + 1)

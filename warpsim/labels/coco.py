@@ -18,7 +18,7 @@ from warpsim.files import plain_number, whole_file
 from warpsim.labels.boxes import CORNER_PX
 from warpsim.labels.rle import mask_to_rle, rle_area
 from warpsim.labels.table import BOX_COLUMNS
-from warpsim.scene.scene import Scene
+from warpsim.scene.scenario import Scenario
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -34,7 +34,7 @@ ROWS_PER_IMAGE = 100_000
 """Ids of annotations are image id x this + row in the image's label table + 1, whatever else is visible."""
 
 _VALUES = ("snr", "snr_peak", "irradiance_w_cm2", "range_km")
-_COLUMNS = ["target", "category", "x_px", "y_px", "keypoint_visibility", *BOX_COLUMNS, *_VALUES]
+_COLUMNS = ["target", "class", "x_px", "y_px", "keypoint_visibility", *BOX_COLUMNS, *_VALUES]
 
 COORDINATES = (
     "bbox and keypoints count pixels from the outer corner of the first pixel, whose centre is (0.5, 0.5); "
@@ -46,13 +46,15 @@ _PX_DIGITS = 6
 _VALUE_DIGITS = 7  # of numbers that are float32 in the images
 
 
-def coco_categories(scene: Scene) -> list[dict[str, Any]]:
-    """The kinds of targets of a scene as COCO's categories, in the order of the scene, from id 1 on.
+def coco_categories(scenario: Scenario) -> list[dict[str, Any]]:
+    """Return the classes of the targets of a scene as COCO's categories, in the order of the scene, from id 1 on.
 
-    A kind is an entry of `targets`, by its name; entries of one name in several groups are one kind.
+    Targets without a class of their own are classed by the name of their entry. The supercategory is the shape, of the
+    first entry of the class.
     """
-    kinds = {spec.name: spec.shape.kind for spec in reversed(scene.target_specs)}
-    names = dict.fromkeys(spec.name for spec in scene.target_specs)
+    specs = [spec for group in scenario.scene.groups for spec in group.targets]
+    kinds = {spec.class_name: spec.shape.kind for spec in reversed(specs)}
+    names = dict.fromkeys(spec.class_name for spec in specs)
     return [
         {"id": number, "name": name, "supercategory": kinds[name], "keypoints": [KEYPOINT], "skeleton": []}
         for number, name in enumerate(names, start=1)
@@ -94,7 +96,7 @@ def write_coco(
 def coco_texts(
     images: Iterable[tuple[Mapping[str, Any], Rows]], categories: Sequence[Mapping[str, Any]]
 ) -> Iterator[tuple[str, str]]:
-    """What a COCO file says of each image, and of its annotations: items of JSON lists, annotations one a line.
+    """Yield what a COCO file says of each image, and of its annotations: items of JSON lists, annotations one a line.
 
     Raises:
         InputError: A category is unknown, or an image has too many rows.
@@ -131,7 +133,7 @@ def write_coco_parts(
 
 
 def image_annotations(image: Mapping[str, Any], rows: Rows, category_ids: Mapping[str, int]) -> list[dict[str, Any]]:
-    """COCO's annotations of the visible targets of one image.
+    """Return COCO's annotations of the visible targets of one image.
 
     Args:
         image: With id, width and height.
@@ -152,22 +154,22 @@ def image_annotations(image: Mapping[str, Any], rows: Rows, category_ids: Mappin
     found = []
     for number, *values in zip(visible.tolist(), *columns, strict=True):
         row = dict(zip(names, values, strict=True))
-        if row["category"] not in category_ids:
-            raise InputError(f"must have {row['category']!r}, the kind of the target {row['target']!r}", "categories")
+        if row["class"] not in category_ids:
+            raise InputError(f"must have {row['class']!r}, the class of the target {row['target']!r}", "categories")
         box_px = [round(row[name], _PX_DIGITS) for name in BOX_COLUMNS]
-        place_px = [round(row[name], _PX_DIGITS) for name in ("x_px", "y_px")]
+        position_px = [round(row[name], _PX_DIGITS) for name in ("x_px", "y_px")]
         annotation = {
             "id": int(image["id"]) * ROWS_PER_IMAGE + number + 1,
             "image_id": image["id"],
-            "category_id": category_ids[row["category"]],
+            "category_id": category_ids[row["class"]],
             "iscrowd": 0,
             "bbox": box_px,
             "area": round(box_px[2] * box_px[3], _PX_DIGITS),
-            "keypoints": [*(round(value + CORNER_PX, _PX_DIGITS) for value in place_px), row["keypoint_visibility"]],
+            "keypoints": [*(round(value + CORNER_PX, _PX_DIGITS) for value in position_px), row["keypoint_visibility"]],
             "num_keypoints": 1,
             "target": row["target"],
-            "x_px": place_px[0],
-            "y_px": place_px[1],
+            "x_px": position_px[0],
+            "y_px": position_px[1],
             **{name: _short(row[name]) for name in _VALUES},
         }
         if with_masks:
@@ -188,7 +190,7 @@ def _check_image(path: Path, image: Mapping[str, Any], seen: set[int]) -> None:
     if missing:
         raise InputError(f"must have {', '.join(missing)}, got {', '.join(image)}", "images").of(path)
     if isinstance(image["id"], bool) or not isinstance(image["id"], int) or image["id"] < 0:
-        raise InputError("id must be a whole number >= 0", "images", image['id']).of(path)
+        raise InputError("id must be a whole number >= 0", "images", image["id"]).of(path)
     if image["id"] in seen:
         raise InputError(f"ids must be unique, got {image['id']} twice", "images").of(path)
     seen.add(image["id"])

@@ -42,7 +42,7 @@ def satnet_record(
     file: str | Mapping[str, Any],
     with_stars: bool = False,
 ) -> dict[str, Any]:
-    """What a SatNet annotation file says of one image.
+    """Return what a SatNet annotation file says of one image.
 
     x_min to x_max and y_min to y_max are the box, as in SatNet (in SatSim they are the ends of the path); x_start,
     x_mid, x_end and their like follow the source through the exposure. `pixels` and `snr` are lists, as in SatSim: the
@@ -64,8 +64,8 @@ def satnet_record(
         InputError: The image was not rendered, or stars are asked for and were not kept.
     """
     frames.image_numbers("satnet_record", frame, sensor, band)
-    camera = frames.scene.camera
-    names = frames.scene.target_names
+    camera = frames.instrument.sensor.camera
+    names = frames.scenario.target_names
     objects = [_target(frames, band, row, names.index(str(row["target"])) + 1) for row in rows[rows["visible"]]]
     if with_stars:
         objects += _stars(frames, frame, sensor, band)
@@ -93,14 +93,14 @@ def _file(file: str | Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _target(frames: FrameSet, band: str, row: Row, number: int) -> dict[str, Any]:
-    camera = frames.scene.camera
+    camera = frames.instrument.sensor.camera
     size_px = np.array([camera.n_col, camera.n_row])
     x, y, width, height = (float(row[name]) for name in BOX_COLUMNS)
-    place_px = np.array([row["x_px"], row["y_px"]])
-    own = np.floor(place_px + CORNER_PX).astype(int)
+    position_px = np.array([row["x_px"], row["y_px"]])
+    own = np.floor(position_px + CORNER_PX).astype(int)
     on_array = bool(row["in_fov"])
     return {
-        **_object("Satellite", (x, y, width, height), place_px, _moved(row), size_px),
+        **_object("Satellite", (x, y, width, height), position_px, _moved(row), size_px),
         "magnitude": _magnitude(frames, band, row["irradiance_w_cm2"]),
         "irradiance_w_cm2": float(row["irradiance_w_cm2"]),
         "pixels": [own[::-1].tolist()] if on_array else [],
@@ -108,25 +108,25 @@ def _target(frames: FrameSet, band: str, row: Row, number: int) -> dict[str, Any
         "snr_total": float(row["snr"]),
         "seg_id": number,
         "object_name": str(row["target"]),
-        "object_id": str(row["category"]),
+        "object_id": str(row["class"]),
     }
 
 
 def _stars(frames: FrameSet, frame: int, sensor: str, band: str) -> list[dict[str, Any]]:
     """Stars on the array, brightest first."""
-    camera, number = frames.scene.camera, frames.bands.index(band)
+    camera, number = frames.instrument.sensor.camera, frames.bands.index(band)
     size_px = np.array([camera.n_col, camera.n_row])
-    half_px, stars = np.array(blur_half_px(frames.scene, band)), frames.stars
+    half_px, stars = np.array(blur_half_px(frames.instrument, band)), frames.stars
     stars = stars[(stars["frame"] == frame) & (stars["sensor"] == sensor) & stars["in_fov"]]
     stars = stars[np.argsort(-stars["irradiance_w_cm2"][:, number], kind="stable")]
     found = []
     for row in stars:
-        place_px, moved_px = np.array([row["x_px"], row["y_px"]]), _moved(row)
-        ends_px = np.stack([place_px - 0.5 * moved_px, place_px + 0.5 * moved_px])
+        position_px, moved_px = np.array([row["x_px"], row["y_px"]]), _moved(row)
+        ends_px = np.stack([position_px - 0.5 * moved_px, position_px + 0.5 * moved_px])
         box = tuple(box_around(ends_px.min(axis=0), ends_px.max(axis=0), half_px, size_px).tolist())
         found.append(
             {
-                **_object("Star", box, place_px, moved_px, size_px),
+                **_object("Star", box, position_px, moved_px, size_px),
                 "magnitude": _magnitude(frames, band, row["irradiance_w_cm2"][number]),
                 "irradiance_w_cm2": float(row["irradiance_w_cm2"][number]),
                 "snr_total": float(row["snr"][number]),
@@ -138,10 +138,10 @@ def _stars(frames: FrameSet, frame: int, sensor: str, band: str) -> list[dict[st
     return found
 
 
-def _object(class_name: str, box: tuple[float, ...], place_px: F64, moved_px: F64, size_px: Ints) -> dict[str, Any]:
+def _object(class_name: str, box: tuple[float, ...], position_px: F64, moved_px: F64, size_px: Ints) -> dict[str, Any]:
     """What SatNet says of every object: the class, the box and the path, in parts of the image's size."""
     x, y, width, height = box
-    start, middle, end = ((place_px + step * moved_px + CORNER_PX) / size_px for step in (-0.5, 0.0, 0.5))
+    start, middle, end = ((position_px + step * moved_px + CORNER_PX) / size_px for step in (-0.5, 0.0, 0.5))
     n_col, n_row = size_px.tolist()
     return {
         "type": "line" if math.hypot(*moved_px) >= LINE_FROM_PX else "point",

@@ -26,13 +26,13 @@ LEAST_NEI = "LEAST_NEI"
 
 
 def label_table(frames: FrameSet, least_nei: float = 1.0, with_masks: bool = False) -> Table:
-    """Truth and labels, one row per frame x sensor x band x target, as in `frames.truth`.
+    """Return truth and labels, one row per frame x sensor x band x target, as in `frames.truth`.
 
-    Besides the columns of the truth: category (the name of the target's entry in the scene), visible (it gives light,
-    and is on the array at some time of the exposure), keypoint_visibility (2: its own pixel gets at least least_nei
-    times the NEI of its light; 1: visible, but less or off the array; 0: not visible), box_x_px, box_y_px, box_w_px,
-    box_h_px (COCO's coordinates, in which pixel edges lie on whole numbers; NaN where not visible) and, with masks,
-    mask_rle (COCO's compressed run lengths of the pixels that get least_nei times the NEI of its light, '' if none).
+    Besides the columns of the truth: visible (it gives light, and is on the array at some time of the exposure),
+    keypoint_visibility (2: its own pixel gets at least least_nei times the NEI of its light; 1: visible, but less or
+    off the array; 0: not visible), box_x_px, box_y_px, box_w_px, box_h_px (COCO's coordinates, in which pixel edges lie
+    on whole numbers; NaN where not visible) and, with masks, mask_rle (COCO's compressed run lengths of the pixels that
+    get least_nei times the NEI of its light, '' if none).
 
     Args:
         frames: Rendered frames.
@@ -49,8 +49,6 @@ def label_table(frames: FrameSet, least_nei: float = 1.0, with_masks: bool = Fal
     table = frames.truth.copy()
     boxes = target_boxes(frames)
     visible = boxes.visible.ravel()
-    category = [spec.name for spec in frames.scene.target_specs]
-    table["category"] = np.tile(np.array(category), len(table) // max(len(category), 1))
     table["visible"] = visible
     table["keypoint_visibility"] = keypoint_visibility(table, least)
     for name, values in zip(BOX_COLUMNS, boxes.box_px.reshape(-1, 4).T, strict=True):
@@ -65,14 +63,14 @@ def label_table(frames: FrameSet, least_nei: float = 1.0, with_masks: bool = Fal
 
 
 def keypoint_visibility(table: Table, least_nei: float) -> npt.NDArray[np.uint8]:
-    """COCO's visibility of the targets' centres, shape (n_row,)."""
+    """Return COCO's visibility of the targets' centres, shape (n_row,)."""
     visible, in_fov = np.asarray(table["visible"]), np.asarray(table["in_fov"])
     bright = in_fov & (np.asarray(table["snr_peak"]) >= least_nei)
     return np.where(visible, np.where(bright, 2, 1), 0).astype(np.uint8)
 
 
 def target_masks(frames: FrameSet, wanted: npt.NDArray[np.bool_], least_nei: float) -> npt.NDArray[np.object_]:
-    """Codes of the targets' masks, '' where a target is not wanted or reaches no pixel.
+    """Return codes of the targets' masks, '' where a target is not wanted or reaches no pixel.
 
     They are Python texts: in NumPy's every row would be as long as the longest.
 
@@ -84,7 +82,7 @@ def target_masks(frames: FrameSet, wanted: npt.NDArray[np.bool_], least_nei: flo
     light = frames.target_light
     codes = np.full(wanted.shape, "", dtype=object)
     for number, band in enumerate(frames.bands):
-        least_w_cm2 = least_nei * frames.scene.nei_w_cm2(band)
+        least_w_cm2 = least_nei * frames.instrument.nei_w_cm2(band)
         view, target = np.nonzero(wanted[:, number])
         for patches in light.patches(number, view, target, least_w_cm2):
             mask = patches.light_w_cm2 >= least_w_cm2

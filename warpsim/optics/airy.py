@@ -69,7 +69,7 @@ def airy_table(pattern: AiryPattern, pixel_aspect: float, error: float, n_point:
             reach_px = _longer(reach_px)
         if stated_error(inside) > error:
             step_px *= 0.95 * min(1.0, (0.75 * error / inside) ** (1.0 / n_point))
-    raise InputError(f"airy table: error: {error:g} is too small for float32, reached {worst:.2g}")
+    raise InputError(f"{error:g} is too small for float32, reached {worst:.2g}", "error").of("airy table")
 
 
 def stated_error(found: float) -> float:

@@ -68,13 +68,12 @@ class Camera:
         if (self.fov_deg is None) == (not lens_given) or (lens_given and not by_lens):
             raise InputError("give either fov_deg, or focal_length_m and pixel_pitch_m")
         if self.n_row * self.n_col >= 2**29:
-            raise InputError("must be below 2**29", "n_row * n_col", self.n_row * self.n_col)
+            raise InputError("must be below 2**29", value=self.n_row * self.n_col).of("n_row * n_col")
         if self.lens is not None:
             _, wrong = checked_radius(self.lens, *self._half_size)
             if wrong:
-                raise InputError(
-                    f"must be one-to-one until it fills the array and a tenth beyond, {wrong}", "distortion"
-                )
+                rule = f"must be one-to-one until it fills the array and a tenth beyond, {wrong}"
+                raise InputError(rule, "distortion")
         return self
 
     @property
@@ -162,9 +161,7 @@ class Camera:
         margin_deg: F64 = np.degrees(np.arcsin(np.clip(np.minimum(*sines), -1.0, 1.0)))
         return margin_deg
 
-    def project(
-        self, direction_icrs: npt.ArrayLike, axes_icrs: npt.ArrayLike
-    ) -> tuple[F64, npt.NDArray[np.bool_]]:
+    def project(self, direction_icrs: npt.ArrayLike, axes_icrs: npt.ArrayLike) -> tuple[F64, npt.NDArray[np.bool_]]:
         """Pixel coordinates of directions.
 
         Args:

@@ -41,7 +41,8 @@ def image_table(pattern: SplineImage, error: float, n_point: int) -> ShareTable:
         if stated_error(found) <= error:
             return replace(table, error=stated_error(found))
         step_px *= 0.95 * min(1.0, (0.75 * error / found) ** (1.0 / min(n_point, 5)))
-    raise InputError(f"psf table: error: {error:g} is too small for float32, reached {stated_error(found):.2g}")
+    rule = f"{error:g} is too small for float32, reached {stated_error(found):.2g}"
+    raise InputError(rule, "error").of("psf table")
 
 
 def image_table_shape(pattern: SplineImage, error: float, n_point: int) -> tuple[tuple[int, int], tuple[int, int]]:

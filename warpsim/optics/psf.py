@@ -125,23 +125,21 @@ class PsfTable:
 
     def __post_init__(self) -> None:
         if np.ndim(self.image) != 2 or np.asarray(self.image).dtype.kind not in "fiub":
-            raise InputError(
-                "must be an array of numbers of two axes", "image", _array_words(self.image)
-            ).of("PsfTable")
+            rule = "must be an array of numbers of two axes"
+            raise InputError(rule, "image", _array_words(self.image), "s").of("PsfTable")
         image = np.array(self.image, dtype=np.float64)
         if not 1 <= min(image.shape) <= max(image.shape) <= MAX_IMAGE_SIDE:
             raise InputError(f"sides must be 1 to {MAX_IMAGE_SIDE}", "image", image.shape).of("PsfTable")
         if not np.isfinite(image).all():
-            raise InputError(
-                f"must be finite, got {np.count_nonzero(~np.isfinite(image))} bad values", "image"
-            ).of("PsfTable")
+            n_bad = np.count_nonzero(~np.isfinite(image))
+            raise InputError(f"must be finite, got {n_bad} bad values", "image").of("PsfTable")
         image /= np.abs(image).max() or 1.0  # sums of huge or tiny numbers
         if not image.sum() > 0.0:
             raise InputError("must have a positive sum", "image").of("PsfTable")
         for name, low, high in (("oversample", 1.0, MAX_OVERSAMPLE), ("smear_px", 0.0, MAX_SMEAR_PX)):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not low <= value <= high:
-                raise InputError(f"must be in [{low:g}, {high:g}]", value=value).of(name).of("PsfTable")
+                raise InputError(f"must be in [{low:g}, {high:g}]", name, value).of("PsfTable")
             object.__setattr__(self, name, float(value))
         image /= image.sum()
         image.setflags(write=False)

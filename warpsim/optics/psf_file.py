@@ -16,7 +16,7 @@ from pydantic import PlainValidator
 from pydantic_core import PydanticCustomError
 
 from warpsim.config.fields import rule_error, whole_path
-from warpsim.errors import InputError
+from warpsim.errors import InputError, one_line
 from warpsim.exchange.source import Source, read_source
 from warpsim.radiometry.bands import BANDS
 from warpsim.radiometry.by_band import AS_DICT, ByBand
@@ -33,7 +33,7 @@ def _file_or_table(value: Any) -> str | ByBand[str]:
         try:
             paths[band] = whole_path(path)
         except PydanticCustomError as error:
-            raise InputError(f"{error.message()}", value=path).of(band) from None
+            raise InputError(error.message(), value=path).of(band) from None
     return ByBand(paths)
 
 
@@ -69,7 +69,7 @@ def _npy(source: Source) -> npt.NDArray[Any]:
     try:
         return np.asarray(np.load(io.BytesIO(source.data), allow_pickle=False))
     except (ValueError, EOFError, OSError) as error:
-        raise source.error(0, f"cannot be read as a NumPy array: {error}") from None
+        raise source.error(0, f"cannot be read as a NumPy array: {one_line(error)}") from None
 
 
 def _fits(source: Source) -> npt.NDArray[Any]:
@@ -84,8 +84,7 @@ def _fits(source: Source) -> npt.NDArray[Any]:
             with fits.open(io.BytesIO(source.data)) as units:
                 images = [unit.data for unit in units if unit.is_image and unit.data is not None]
     except Exception as error:  # astropy's own and those of the layers below
-        words = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise source.error(0, f"cannot be read as FITS: {words}") from None
+        raise source.error(0, f"cannot be read as FITS: {one_line(error)}") from None
     flat = [image for image in images if image.ndim == 2]
     if not flat:
         found = f"images of {', '.join(str(image.ndim) for image in images)} axes" if images else "none"

@@ -127,4 +127,3 @@ def _to_image_px(camera: Camera, lens: Distortion) -> tuple[F64, F64]:
     y[2, 0] += lens.p1
     scale = _powers(np.array([camera.focal_px, camera.focal_row_px]), order)
     return x * camera.focal_px / scale, y * camera.focal_row_px / scale
-

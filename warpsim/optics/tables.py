@@ -100,7 +100,7 @@ def cheapest_points(psfs: Sequence[TabulatedPsf], pixel_aspect: float = 1.0, err
         if all(1.1 * n_row * n_col <= LARGEST_N_NODE for n_row, n_col, _ in sizes):
             costs[n_point] = sum(_cost_ns(n_point, n_row * n_col, n_hot) for n_row, n_col, n_hot in sizes)
     if not costs:
-        raise InputError(f"psf tables: an error of {error:g} needs more than {LARGEST_N_NODE} nodes; allow more")
+        raise InputError(f"an error of {error:g} needs more than {LARGEST_N_NODE} nodes; allow more").of("psf tables")
     return min(costs, key=lambda n_point: costs[n_point])
 
 
@@ -146,9 +146,9 @@ def _spline(psf: PsfTable, pixel_aspect: float) -> SplineImage:
 
 def _check(pixel_aspect: float, error: float, n_point: int) -> None:
     if not 0.1 <= pixel_aspect <= 10.0:
-        raise InputError("psf tables: pixel_aspect: must be in [0.1, 10]", value=pixel_aspect)
+        raise InputError("must be in [0.1, 10]", "pixel_aspect", pixel_aspect).of("psf tables")
     low, high = ERROR_RANGE
     if not low <= error <= high:
-        raise InputError(f"psf tables: error: must be in [{low:g}, {high:g}]", value=error)
+        raise InputError(f"must be in [{low:g}, {high:g}]", "error", error).of("psf tables")
     if n_point not in POINTS:
-        raise InputError(f"psf tables: n_point: must be one of {', '.join(map(str, POINTS))}", value=n_point)
+        raise InputError(f"must be one of {', '.join(map(str, POINTS))}", "n_point", n_point).of("psf tables")

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
-from pydantic_core import PydanticCustomError
 
 from warpsim.config.fields import Number, Positive, closed_interval, rule_error
 from warpsim.config.model import config_model
@@ -87,9 +86,10 @@ class BallisticArc:
     def _ends_differ(self) -> BallisticArc:
         start, end = (geodetic_to_itrs_m(*place, 0.0) for place in (self.start_lon_lat_deg, self.end_lon_lat_deg))
         if np.linalg.norm(start - end) < 1.0:
-            raise PydanticCustomError("whole", "end_lon_lat_deg: must differ from start_lon_lat_deg")
+            raise InputError("must differ from start_lon_lat_deg", "end_lon_lat_deg")
         if not self.endpoint_altitude_km > -100.0:
-            raise PydanticCustomError("whole", "endpoint_altitude_km: must be > -100 (heights are above WGS84)")
+            rule = "must be > -100 (heights are above WGS84)"
+            raise InputError(rule, "endpoint_altitude_km", self.endpoint_altitude_km, "g")
         return self
 
     @cached_property

@@ -16,9 +16,11 @@ from warpsim.constants import EARTH_GM_M3_S2
 from warpsim.errors import InputError
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, pole_of_date
 from warpsim.orbit.elements import KeplerOrbit, StateVector, state_to_elements
+from warpsim.orbit.ephemeris import EphemerisSatellites
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.kepler import propagate_two_body
 from warpsim.orbit.paths import Moving, Orbit, SimpleConstellation, states_of
+from warpsim.orbit.tle import TleSatellites
 from warpsim.orbit.walker import Pattern, below_planes, pattern_turns, satellite_names
 
 if TYPE_CHECKING:
@@ -189,7 +191,7 @@ class SeedPattern:
 
 @config_model
 class MixedConstellation:
-    """Several constellations together; names must be unique among them."""
+    """Several constellations together; names must be unique among them, those of files on first use."""
 
     parts: Annotated[tuple[Constellation, ...], BeforeValidator(as_tuple)]
     kind: Literal["mixed"] = "mixed"
@@ -198,8 +200,13 @@ class MixedConstellation:
     def _named_apart(self) -> MixedConstellation:
         if self.depth > DEEPEST_MIXTURE:
             raise InputError(f"{TOO_DEEP}, at most {DEEPEST_MIXTURE} mixtures may lie within each other", "parts")
-        _check_names("parts", self.names)
+        _check_names("parts", self._stated_names, at_least=0 if self.parts else 1)
         return self
+
+    @property
+    def _stated_names(self) -> list[str]:
+        """Names that are known without reading a file."""
+        return [name for part in self.parts for name in _names_without_files(part)]
 
     @cached_property
     def depth(self) -> int:
@@ -208,8 +215,14 @@ class MixedConstellation:
 
     @cached_property
     def names(self) -> list[str]:
-        """Names of all satellites, part by part."""
-        return [name for item in self.parts for name in item.names]
+        """Names of all satellites, part by part.
+
+        Raises:
+            InputError: A file of a part cannot be read, or a name comes twice.
+        """
+        names = [name for item in self.parts for name in item.names]
+        _check_names("parts", names)
+        return names
 
     def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_satellite, 3).
@@ -237,8 +250,15 @@ Constellation = Annotated[
 complete(MixedConstellation, Constellation=Constellation)
 
 
-def _check_names(field: str, names: Sequence[str]) -> None:
-    if not names:
+def _names_without_files(part: Constellation) -> list[str]:
+    if isinstance(part, MixedConstellation):
+        return part._stated_names
+    in_files = isinstance(part, EphemerisSatellites) or (isinstance(part, TleSatellites) and part.file is not None)
+    return [] if in_files else part.names
+
+
+def _check_names(field: str, names: Sequence[str], at_least: int = 1) -> None:
+    if len(names) < at_least:
         raise InputError("must hold at least one satellite", field)
     if len(set(names)) != len(names):
         seen: set[str] = set()

@@ -215,7 +215,7 @@ class _Path:
         self.name = segments[0].object_name
         self.file = segments[0].file
         if len({segment.instants.relative for segment in segments}) > 1:
-            raise self.error("times: must all be dates, or all seconds since the scene's epoch")
+            raise self.error("must all be dates, or all seconds since the scene's epoch", "times")
         first = segments[0].instants[0]
 
         def since_first(instants: Instants) -> F64:
@@ -225,16 +225,16 @@ class _Path:
         for one, other in pairwise(self.segments):
             end_s, start_s = (_useable_s(s, since_first) for s in (one, other))
             if start_s[0] < end_s[1] - _TOUCH_S:
-                raise InputError(
-                    f"segments must not overlap, this one begins {end_s[1] - start_s[0]:g} s before the one before ends"
-                ).of(self.name).of(f"line {other.line}").of(other.file)
+                early_s = end_s[1] - start_s[0]
+                rule = f"segments must not overlap, this one begins {early_s:g} s before the one before ends"
+                raise InputError(rule).of(self.name).of(f"line {other.line}").of(other.file)
         lonely = next((s for s in segments if len(s.instants) < 2 and s.velocity_m_s is None), None)
         if lonely is not None:
             raise self.error("must have two positions or more in a segment without velocities")
 
-    def error(self, text: str) -> InputError:
+    def error(self, rule: str, field: str = "") -> InputError:
         """The error to raise about this object."""
-        return InputError(f"{text}").of(self.name).of(self.file)
+        return InputError(rule, field).of(self.name).of(self.file)
 
     def ends_s(self, epoch: Epoch) -> list[tuple[float, float]]:
         """Useable span of each segment [s since epoch]."""
@@ -347,7 +347,7 @@ def _states(
     for column, path in enumerate(paths):
         frames = {frame or segment.frame for segment in path.segments}
         if len(frames) > 1:
-            raise path.error(f"frame: must be the same in all segments, got {', '.join(sorted(frames))}")
+            raise path.error(f"must be the same in all segments, got {', '.join(sorted(frames))}", "frame")
         by_frame.setdefault(frames.pop(), []).append(column)
         position[:, column], velocity[:, column] = _along(path, epoch, times, segments[column])
     for name, columns in by_frame.items():  # one rotation serves all objects of a frame

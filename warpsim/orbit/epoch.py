@@ -61,7 +61,7 @@ def utc_time(text: str) -> Time:
     except Exception:
         good = False
     if not good:
-        raise InputError(f"{rule}", "epoch_utc", text)
+        raise InputError(rule, "epoch_utc", text)
     return epoch
 
 

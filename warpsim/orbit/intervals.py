@@ -106,9 +106,7 @@ def _bisected(row: I64, low: F64, high: F64, rises: Mask, at: PairFunction) -> F
     return np.where(rises, high, low)
 
 
-def _extrema(
-    margin: F64, row: I64, time_s: F64, first: Mask, last: Mask, at: PairFunction
-) -> tuple[I64, F64, Mask]:
+def _extrema(margin: F64, row: I64, time_s: F64, first: Mask, last: Mask, at: PairFunction) -> tuple[I64, F64, Mask]:
     """Search out extrema that cross zero between scan points: scan point before, time, and whether it is a maximum.
 
     Maxima below zero and minima above it are candidates when the margin, changing twice as fast as around them, could

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,6 @@ from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.orbit.eclipse import sunlit_depth
 from warpsim.orbit.grazing import earth_clearance_m, grazing_altitude_m
-
-if TYPE_CHECKING:
-    from warpsim.optics.camera import Camera
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -77,11 +74,19 @@ DirectionFunction = Callable[[int, F64], F64]
 """number of the sensor, time_s (n,) -> direction of the target, GCRS axes, (n, 3)."""
 
 
+class Framing(Protocol):
+    """A camera, as far as the rule `in_fov` needs it."""
+
+    def frame_margin_deg(self, direction: F64) -> F64:
+        """Angle of directions in camera axes, (n, 3), to the nearest edge of the frame [deg], positive inside."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class FieldOfView:
-    """What the rule `in_fov` needs: the camera, and how it stands."""
+    """What the rule `in_fov` needs: the camera, and its axes."""
 
-    camera: Camera
+    camera: Framing
     axes: AxesFunction
     direction: DirectionFunction | None = None
     """Apparent direction of the target; the geometric one when None, up to 30 arcsec away."""
@@ -243,7 +248,7 @@ def _checked(name: str, function: MarginFunction) -> MarginFunction:
         if got.dtype == np.bool_:  # true where the rule holds
             got = np.where(got, 1.0, -1.0)
         if got.dtype.kind not in "iuf":
-            raise InputError("must give numbers or booleans", f"custom[{name!r}]", got.dtype)
+            raise InputError("must give numbers or booleans", f"custom[{name!r}]", str(got.dtype), "s")
         try:
             whole = np.broadcast_to(got.astype(np.float64), view.shape)
         except ValueError:

@@ -125,7 +125,7 @@ def _finite_states(names: Sequence[str], state: StateFunction, time_s: F64) -> t
     if not good.all():
         row, column = (int(index) for index in np.argwhere(~good)[0])
         name = names[column] if column < len(names) else f"object {column}"
-        raise InputError(f"the state must be finite, but is not at {time_s[row]:.6g} s", name)
+        raise InputError(f"the state must be finite, but is not at {time_s[row]:.6g} s").of(name)
     return position_m, velocity_m_s
 
 

@@ -42,9 +42,9 @@ class Track:
     def __post_init__(self) -> None:
         shape = np.shape(self.position_m)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 2:
-            raise InputError("position_m must have shape (n_node >= 2, 3)", value=shape).of(self.name)
+            raise InputError("must have shape (n_node >= 2, 3)", "position_m", shape).of(self.name)
         if np.shape(self.velocity_m_s) != shape:
-            raise InputError(f"velocity_m_s must have shape {shape}", value=np.shape(self.velocity_m_s)).of(self.name)
+            raise InputError(f"must have shape {shape}", "velocity_m_s", np.shape(self.velocity_m_s)).of(self.name)
         if not (math.isfinite(self.start_s) and math.isfinite(self.step_s) and self.step_s > 0):
             raise InputError(f"start_s must be finite and step_s > 0, got {self.start_s}, {self.step_s}").of(self.name)
         bad = ~(np.isfinite(self.position_m).all(axis=1) & np.isfinite(self.velocity_m_s).all(axis=1))
@@ -90,7 +90,7 @@ class Track:
         if bad.any():
             worst = float(time[bad].flat[0]) if time.ndim else float(time)
             raise InputError(
-                f"time_s must be in the track's span [{self.start_s:g}, {self.end_s:g}] s", value=worst, form="g"
+                f"must be in the track's span [{self.start_s:g}, {self.end_s:g}] s", "time_s", worst, "g"
             ).of(self.name)
         phase = (time - self.start_s) / self.step_s
         interval = np.clip(np.floor(phase).astype(np.int64), 0, self.n_node - 2)

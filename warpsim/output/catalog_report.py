@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.output.wording import counted
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_MEASURED, FLUX_NONE, FLUX_PREDICTED
@@ -31,7 +32,7 @@ def catalog_report(catalog: StarCatalog, warnings: Sequence[str] = ()) -> str:
         catalog: The stars; may be empty.
         warnings: What was said while it was read.
     """
-    lines = [f"{catalog.name}: {_count(len(catalog), 'star')}, places at J{catalog.epoch_jyear}"]
+    lines = [f"{catalog.name}: {counted(len(catalog), 'star')}, places at J{catalog.epoch_jyear}"]
     lines += _paragraph("provenance", catalog.provenance or "not stated")
     lines += [line for text in _one_each(warnings) for line in _paragraph("warning", text)]
     if len(catalog):
@@ -72,7 +73,7 @@ def _motion_lines(catalog: StarCatalog) -> list[str]:
     """How many stars move, and which is the fastest; how many have a parallax."""
     speed_mas_yr = np.hypot(catalog.pm_ra_mas_yr, catalog.pm_dec_mas_yr)
     n_moving, n_parallax = np.count_nonzero(speed_mas_yr), np.count_nonzero(np.isfinite(catalog.parallax_mas))
-    text = f"{_count(n_moving, 'star')} with proper motion"
+    text = f"{counted(n_moving, 'star')} with proper motion"
     if n_moving:
         fastest = int(np.argmax(speed_mas_yr))
         text += f", the fastest {catalog.id[fastest]}, {speed_mas_yr[fastest] / 1e3:.3f} arcsec/yr"
@@ -142,7 +143,3 @@ def _paragraph(label: str, text: str) -> list[str]:
 
 def _density(per_deg2: float) -> str:
     return f"{per_deg2:,.0f}" if per_deg2 >= 100 else f"{per_deg2:.3g}"
-
-
-def _count(n: int | np.integer, noun: str) -> str:
-    return f"{n:,} {noun}{'' if n == 1 else 's'}"

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.detector.levels import Levels
 from warpsim.files import whole_file_by_memory
 from warpsim.output.grey import CEILING_NEI, grey
-from warpsim.scene.scene import Scene
+from warpsim.scene.description import SceneDescription
+from warpsim.scene.instrument import Instrument
 
 TILE_PX = 128
 GAP_PX = 6
@@ -27,82 +29,118 @@ _FAINT = (0.45, 0.45, 0.45)
 Planes = Callable[[str, list[int]], npt.NDArray[np.uint16]]
 """(sensor, frame numbers) -> counts, shape (n, n_row, n_col)."""
 
+Label = tuple[int, int, str, int, tuple[float, float, float]]
+"""Where, what, its size and colour."""
 
-def draw_contact_sheet(
-    scene: Scene, band: str, frames_of: dict[str, list[int]], planes: Planes, path: Path
-) -> None:
+
+@dataclass(frozen=True)
+class SheetRow:
+    """A row of the sheet: what is shown of a sensor."""
+
+    sensor: str
+    instrument: Instrument
+    band: str
+    frames: list[int]
+    """Rendered frame numbers."""
+
+    @property
+    def time_s(self) -> npt.NDArray[np.float64]:
+        """Times of the frames after the epoch [s]."""
+        return self.instrument.frame_time_s(self.frames)
+
+
+def draw_contact_sheet(scene: SceneDescription, rows: Sequence[SheetRow], planes: Planes, path: Path) -> None:
     """Draw a PNG of some frames of every sensor.
 
     Args:
         scene: The scene.
-        band: Band that is shown.
-        frames_of: Rendered frame numbers of each sensor.
+        rows: What is shown, sensor by sensor.
         planes: Reads images.
         path: File to write.
     """
-    sensors = [name for name, frames in frames_of.items() if frames]
-    columns = _column_frames(frames_of)
-    height = TOP_PX + max(1, len(sensors)) * (TILE_PX + GAP_PX)
+    columns = _column_times_s(rows)
+    height = TOP_PX + max(1, len(rows)) * (TILE_PX + GAP_PX)
     width = LEFT_PX + max(1, len(columns)) * (TILE_PX + GAP_PX)
     canvas = np.full((height, width, 3), _PAPER, dtype=np.uint8)
-    labels: list[tuple[int, int, str, int, tuple[float, float, float]]] = [
-        (8, 20, f"{scene.name}   band {band}   {scene.epoch_utc} UTC", 15, _INK),
+    labels: list[Label] = [
+        (8, 20, f"{scene.name}   {_bands_text(rows)}   {scene.epoch_utc} UTC", 15, _INK),
         (8 + 440, 20, f"white: {CEILING_NEI:g} NEI, asinh scale, times after the epoch", 13, _FAINT),
         (8, TOP_PX - 6, "t [s]", 13, _INK),
     ]
-    labels += [
-        (LEFT_PX + i * (TILE_PX + GAP_PX), TOP_PX - 6, f"{scene.frame_time_s([frame])[0]:.1f}", 13, _INK)
-        for i, frame in enumerate(columns)
-    ]
-    for row, sensor in enumerate(sensors):
-        top = TOP_PX + row * (TILE_PX + GAP_PX)
-        labels.append((8, top + TILE_PX // 2, sensor, 15, _INK))
-        shown = _nearest_frames(frames_of[sensor], columns)
-        images = dict(zip(shown, planes(sensor, list(shown.values())), strict=True)) if shown else {}
-        for column, frame in enumerate(columns):
-            left = LEFT_PX + column * (TILE_PX + GAP_PX)
-            if frame not in images:
-                canvas[top : top + TILE_PX, left : left + TILE_PX] = _NO_ACCESS
-                labels.append((left + 34, top + TILE_PX // 2 + 4, "no access", 12, _FAINT))
-                continue
-            tile = grey_tile(images[frame], scene, band)
-            canvas[top : top + tile.shape[0], left : left + tile.shape[1]] = tile[..., None]
-            if shown[frame] != frame:
-                labels.append((left + 4, top + 14, f"{scene.frame_time_s([shown[frame]])[0]:.1f} s", 11, _INK))
+    labels += [(_left(i), TOP_PX - 6, f"{time_s:.1f}", 13, _INK) for i, time_s in enumerate(columns)]
+    for number, row in enumerate(rows):
+        labels += _draw_row(canvas, TOP_PX + number * (TILE_PX + GAP_PX), row, columns, planes)
     _write_png(canvas, labels, path)
 
 
-def grey_tile(counts: npt.NDArray[np.uint16], scene: Scene, band: str) -> npt.NDArray[np.uint8]:
-    """An image as a grey tile of at most TILE_PX pixels a side, shape (h, w).
+def _left(column: int) -> int:
+    return LEFT_PX + column * (TILE_PX + GAP_PX)
+
+
+def _bands_text(rows: Sequence[SheetRow]) -> str:
+    """Which band is shown, by kind of sensor if there are several."""
+    bands = {row.instrument.sensor.name: row.band for row in rows}
+    if len(set(bands.values())) == 1:
+        return f"band {rows[0].band}"
+    return ", ".join(f"{kind} band {band}" for kind, band in bands.items())
+
+
+def _draw_row(
+    canvas: npt.NDArray[np.uint8], top: int, row: SheetRow, columns: Sequence[float], planes: Planes
+) -> list[Label]:
+    """Draw the tiles of a sensor; the labels that belong to them."""
+    middle = top + TILE_PX // 2
+    name, _, kind = row.sensor.partition(".")
+    labels: list[Label] = [(8, middle, name, 15, _INK), *([(8, middle + 18, kind, 13, _FAINT)] if kind else [])]
+    shown = _nearest(row.time_s, columns)
+    tiles: dict[int, npt.NDArray[np.uint16]] = {}
+    if shown:
+        tiles = dict(zip(shown, planes(row.sensor, [row.frames[index] for index in shown.values()]), strict=True))
+    for column, time_s in enumerate(columns):
+        left = _left(column)
+        if column not in tiles:
+            canvas[top : top + TILE_PX, left : left + TILE_PX] = _NO_ACCESS
+            labels.append((left + 34, middle + 4, "no access", 12, _FAINT))
+            continue
+        tile = grey_tile(tiles[column], row.instrument.levels[row.band])
+        canvas[top : top + tile.shape[0], left : left + tile.shape[1]] = tile[..., None]
+        own_s = row.time_s[shown[column]]
+        if own_s != time_s:
+            labels.append((left + 4, top + 14, f"{own_s:.1f} s", 11, _INK))
+    return labels
+
+
+def grey_tile(counts: npt.NDArray[np.uint16], levels: Levels) -> npt.NDArray[np.uint8]:
+    """Return an image as a grey tile of at most TILE_PX pixels a side, shape (h, w).
 
     Large images are reduced by the brightest pixel of each block, so that no point source is lost; small ones are
     enlarged pixel by pixel. Black is blank sky, white CEILING_NEI.
     """
-    shade = grey(counts, scene.levels[band], TILE_PX)
+    shade = grey(counts, levels, TILE_PX)
     enlarge = max(1, TILE_PX // max(shade.shape))
     return np.repeat(np.repeat(shade, enlarge, axis=0), enlarge, axis=1)
 
 
-def _column_frames(frames_of: dict[str, list[int]]) -> list[int]:
-    """Frame numbers of the columns: evenly spread over all frames that any sensor has."""
-    numbers = sorted({frame for frames in frames_of.values() for frame in frames})
-    picks = np.linspace(0, len(numbers) - 1, min(N_COLUMN, len(numbers))).round().astype(int)
-    return [numbers[i] for i in sorted(set(picks.tolist()))]
+def _column_times_s(rows: Sequence[SheetRow]) -> list[float]:
+    """Times of the columns: evenly spread over the frames that any sensor has."""
+    times = np.unique(np.concatenate([row.time_s for row in rows])) if rows else np.zeros(0)
+    picks = np.linspace(0, len(times) - 1, min(N_COLUMN, len(times))).round().astype(int)
+    return [float(times[i]) for i in sorted(set(picks.tolist()))]
 
 
-def _nearest_frames(frames: list[int], columns: list[int]) -> dict[int, int]:
-    """For each column, the sensor's frame nearest to it, where one lies within half the way to the next column."""
-    available = np.asarray(frames)
+def _nearest(time_s: npt.NDArray[np.float64], columns: Sequence[float]) -> dict[int, int]:
+    """For each column, the index of the frame nearest to it, if it lies within half the way to the next column."""
     gaps = np.diff(columns) / 2 if len(columns) > 1 else np.array([0.5])
     shown = {}
     for i, column in enumerate(columns):
-        nearest = int(available[np.argmin(np.abs(available - column))])
-        if abs(nearest - column) <= gaps[min(i, len(gaps) - 1) if nearest >= column else max(i - 1, 0)]:
-            shown[column] = nearest
+        nearest = int(np.argmin(np.abs(time_s - column)))
+        away_s = time_s[nearest] - column
+        if abs(away_s) <= gaps[min(i, len(gaps) - 1) if away_s >= 0 else max(i - 1, 0)]:
+            shown[i] = nearest
     return shown
 
 
-def _write_png(canvas: npt.NDArray[np.uint8], labels: list[Any], path: Path) -> None:
+def _write_png(canvas: npt.NDArray[np.uint8], labels: list[Label], path: Path) -> None:
     import OpenImageIO as oiio
 
     height, width, _ = canvas.shape

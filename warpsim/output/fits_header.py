@@ -8,27 +8,39 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from warpsim.detector.electron import ElectronDetector
+from warpsim.detector.kinds import Detector
 from warpsim.detector.levels import ElectronLevels, Levels
 from warpsim.detector.terms import detector_terms
 from warpsim.optics.wcs import lens_keywords, tan_keywords
 from warpsim.output.dates import utc_dates, utc_mjd
 from warpsim.render.frameset import FrameSet
-from warpsim.scene.scene import Scene
+from warpsim.scene.description import SceneDescription
+from warpsim.scene.instrument import Instrument
 
 Card = tuple[str, Any, str]
 """Keyword, value, comment."""
 
+_FLAG_WORDS = {
+    "UPREPL": "pointing.up had to be replaced",
+    "BOREPL": "the boresight had to be replaced",
+    "SLEWING": "the camera slews or settles",
+}
 
-def scene_cards(scene: Scene, sensor: str, band: str) -> list[Card]:
-    """What all images of a sensor and band share, without their lens."""
+
+def scene_cards(scene: SceneDescription, instrument: Instrument, sensor: str, band: str) -> list[Card]:
+    """Return what all images of a sensor and band share, without their lens."""
     import warpsim
 
-    levels = scene.levels[band]
+    levels = instrument.levels[band]
     return [
         ("BUNIT", "adu", "counts"),
         ("SCENE", scene.name, ""),
-        ("TELESCOP", sensor, "satellite"),
+        ("TELESCOP", instrument.satellite_of(sensor), "satellite"),
+        ("INSTRUME", instrument.sensor.name, "kind of sensor"),
         ("SENSOR", sensor, ""),
         ("FILTER", band, "spectral band"),
         ("TIMESYS", "UTC", ""),
@@ -37,21 +49,26 @@ def scene_cards(scene: Scene, sensor: str, band: str) -> list[Card]:
         ("SEI", levels.sei_w_cm2, "[W/cm2] saturation equivalent irradiance"),
         ("OFFSET", levels.blank_counts, "[adu] blank sky"),
         ("CNTNEI", levels.counts_per_nei, "[adu] per NEI"),
-        *_detector_cards(scene, levels),
-        ("SEED", scene.seed, "of the noise"),
+        *_detector_cards(instrument.sensor.detector, levels),
+        ("SEED", scene.seed, "of the world"),
+        ("NOISSEED", instrument.noise_seed, "of the noise"),
         ("CREATOR", f"warpsim {warpsim.__version__}", ""),
     ]
 
 
 def image_cards(frames: FrameSet, sensor: str, band: str) -> Iterator[list[Card]]:
-    """All keywords of each image of a sensor and band, frame by frame: the scene's, and its own time and sky."""
-    scene, place = frames.scene, frames.sensors.index(sensor)
-    first = [*scene_cards(scene, sensor, band), ("MJDREF", float(utc_mjd(scene, [0.0])[0]), "[d] of DATEREF")]
-    last: list[Card] = [(name, value, "") for name, value in lens_keywords(scene.camera).items()]
-    dates, days = utc_dates(scene, frames.time_s), utc_mjd(scene, frames.time_s)
-    up, boresight = frames.up_replaced[:, place], frames.boresight_replaced[:, place]
+    """Yield all keywords of each image of a sensor and band, frame by frame: the scene's, and its own time and sky."""
+    scene, instrument, place = frames.scene, frames.instrument, frames.sensors.index(sensor)
+    camera, epoch = instrument.sensor.camera, scene.epoch_utc
+    first = [
+        *scene_cards(scene, instrument, sensor, band),
+        ("MJDREF", float(utc_mjd(epoch, [0.0])[0]), "[d] of DATEREF"),
+    ]
+    last: list[Card] = [(name, value, "") for name, value in lens_keywords(camera).items()]
+    dates, days = utc_dates(epoch, frames.time_s), utc_mjd(epoch, frames.time_s)
+    flags = {word: values[:, place] for word, values in view_flags(frames).items()}
     for i, number in enumerate(frames.frames):
-        tan = tan_keywords(frames.axes_icrs[i, place], scene.camera)
+        tan = tan_keywords(frames.axes_icrs[i, place], camera)
         yield [
             *first,
             ("FRAME", number, "frame number in the scene"),
@@ -60,15 +77,19 @@ def image_cards(frames: FrameSet, sensor: str, band: str) -> Iterator[list[Card]
             ("MJD-OBS", float(days[i]), "[d] the same"),
             *((name, value, "") for name, value in tan.items()),
             *last,
-            ("UPREPL", bool(up[i]), "pointing.up had to be replaced"),
-            ("BOREPL", bool(boresight[i]), "the boresight had to be replaced"),
+            *((word, bool(values[i]), _FLAG_WORDS[word]) for word, values in flags.items()),
         ]
 
 
-def _detector_cards(scene: Scene, levels: Levels) -> list[tuple[str, Any, str]]:
+def view_flags(frames: FrameSet) -> dict[str, npt.NDArray[np.bool_]]:
+    """Return flags of views by keyword, each (frame, sensor): what was replaced; slews where the sensors make any."""
+    flags = {"UPREPL": frames.up_replaced, "BOREPL": frames.boresight_replaced}
+    return flags | ({"SLEWING": frames.slewing} if frames.instrument.slews else {})
+
+
+def _detector_cards(detector: Detector, levels: Levels) -> list[Card]:
     """What is known of the detector besides: its chain in electrons, and the terms that are on."""
-    detector = scene.detector
-    cards: list[tuple[str, Any, str]] = [("DETECTOR", detector.kind, "kind of detector")]
+    cards: list[Card] = [("DETECTOR", detector.kind, "kind of detector")]
     if isinstance(detector, ElectronDetector) and isinstance(levels, ElectronLevels):
         cards += [
             ("EXPTIME", detector.exposure_s, "[s] exposure"),

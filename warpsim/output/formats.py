@@ -26,7 +26,8 @@ from warpsim.output.image_files import facts_of, read_image, write_counts, write
 from warpsim.output.preview import check_preview, preview_file
 from warpsim.output.zarr_array import check_zarr, read_zarr_counts, zarr_names, zarr_writer
 from warpsim.render.frameset import FrameSet
-from warpsim.scene.scene import Scene
+from warpsim.scene.instrument import Instrument
+from warpsim.scene.scenario import Scenario
 
 Counts = npt.NDArray[np.uint16]
 AddFrames = Callable[[FrameSet, int, int], None]
@@ -37,10 +38,15 @@ AddFrames = Callable[[FrameSet, int, int], None]
 class Images:
     """The images of a sensor in a band."""
 
-    scene: Scene
+    scenario: Scenario
     sensor: str
     band: str
     frames: list[int]
+
+    @property
+    def instrument(self) -> Instrument:
+        """The kind of the sensor."""
+        return self.scenario.instrument_of(self.sensor)
 
     @property
     def stem(self) -> str:
@@ -86,7 +92,7 @@ class FitsCubes:
         """Appends planes."""
         path = folder / f"{images.stem}.fits"
         with whole_file(path) as partial, naming(path):
-            cube = CubeWriter(partial, images.scene, images.sensor, images.band, len(images.frames))
+            cube = CubeWriter(partial, images.scenario, images.sensor, images.band, len(images.frames))
             try:
                 yield cube.add
                 cube.close()
@@ -136,7 +142,7 @@ class ImageFolder:
         read = np.stack([read_image(folder / self._name(images, frame))[0] for frame in frames])
         if not self.needs_signal:
             return read
-        levels = images.scene.levels[images.band]
+        levels = images.instrument.levels[images.band]
         mean = levels.blank_counts + read.astype(np.float64) / levels.nei_w_cm2 * levels.counts_per_nei
         return np.clip(np.round(mean), 0, 65535).astype(np.uint16)
 
@@ -153,13 +159,13 @@ class ZarrArrays:
 
     def names(self, images: Images) -> list[str]:
         """The array's description, and its shards."""
-        camera = images.scene.camera
+        camera = images.instrument.sensor.camera
         return zarr_names(f"{images.stem}.zarr", (len(images.frames), camera.n_row, camera.n_col))
 
     def writer(self, folder: Path, images: Images) -> AbstractContextManager[AddFrames]:
         """Writes shard by shard."""
         path = folder / f"{images.stem}.zarr"
-        return zarr_writer(path, images.scene, images.sensor, images.band, len(images.frames))
+        return zarr_writer(path, images.scenario, images.sensor, images.band, len(images.frames))
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
         """Planes of the array."""
@@ -184,7 +190,7 @@ class Films:
     @contextlib.contextmanager
     def writer(self, folder: Path, images: Images) -> Iterator[AddFrames]:
         """Appends pictures."""
-        with preview_file(folder / f"{images.stem}{self.suffix}", images.scene.levels[images.band]) as add:
+        with preview_file(folder / f"{images.stem}{self.suffix}", images.instrument.levels[images.band]) as add:
             yield lambda frames, sensor, band: add(frames.counts.numpy()[:, sensor, band])
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> None:

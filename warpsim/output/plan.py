@@ -19,7 +19,8 @@ from warpsim.errors import InputError
 from warpsim.output.formats import FORMATS, Format, Images, chosen_formats
 from warpsim.render.renderer import Renderer
 from warpsim.scene.inputs import input_checksums
-from warpsim.scene.scene import Scene
+from warpsim.scene.instrument import Instrument
+from warpsim.scene.scenario import Scenario
 
 USUAL_FORMATS = ("fits",)
 
@@ -31,9 +32,10 @@ PARTS = ".warpsim-parts"
 class Plan:
     """What a run will write."""
 
-    scene: Scene
+    scenario: Scenario
     folder: Path
-    bands: list[str]
+    bands_of: dict[str, list[str]]
+    """Bands of each sensor."""
     frames_of: dict[str, list[int]]
     """Frames of each sensor: those asked for in which it has access."""
     key: str
@@ -46,7 +48,18 @@ class Plan:
     @property
     def n_image(self) -> int:
         """Images of the whole run."""
-        return sum(len(numbers) for numbers in self.frames_of.values()) * len(self.bands)
+        return sum(len(numbers) * len(self.bands_of[sensor]) for sensor, numbers in self.frames_of.items())
+
+    @property
+    def bands(self) -> list[str]:
+        """All bands."""
+        return list(dict.fromkeys(band for bands in self.bands_of.values() for band in bands))
+
+    @property
+    def instruments(self) -> dict[str, Instrument]:
+        """The kinds of the sensors that are rendered, by name."""
+        kinds = {self.scenario.instrument_of(sensor).sensor.name for sensor in self.frames_of}
+        return {name: instrument for name, instrument in self.scenario.instruments.items() if name in kinds}
 
     @property
     def parts(self) -> Path:
@@ -76,11 +89,11 @@ class Plan:
 
     def images(self, sensor: str, band: str) -> Images:
         """The images of a sensor in a band."""
-        return Images(self.scene, sensor, band, self.frames_of[sensor])
+        return Images(self.scenario, sensor, band, self.frames_of[sensor])
 
     def image_names(self, sensor: str) -> list[str]:
         """Names of all files of a sensor's images."""
-        of_bands = [self.images(sensor, band) for band in self.bands]
+        of_bands = [self.images(sensor, band) for band in self.bands_of[sensor]]
         return [name for form in self.formats.values() for images in of_bands for name in form.names(images)]
 
     @property
@@ -100,49 +113,83 @@ class Plan:
 def make_plan(
     renderer: Renderer,
     folder: Path,
-    frames: Sequence[int] | None,
-    sensors: Sequence[str] | None,
+    frames: Sequence[int] | slice | None,
+    sensors: str | Sequence[str] | None,
     bands: Sequence[str] | None,
     stars: bool,
     every_frame: bool = False,
     formats: Sequence[str] = USUAL_FORMATS,
     preview: str | None = None,
 ) -> Plan:
-    """Decide what a run writes; None means all of the scene.
+    """Return what a run writes; None means all of the scene.
 
     Raises:
         InputError: A bad name or number, a package that a format needs is missing, or no access at all.
     """
-    import warpsim
-
     chosen = chosen_formats(formats, preview)
-    scene = renderer.scene
-    numbers = renderer.checked_frames(range(scene.frames.count) if frames is None else frames)
+    scenario = renderer.scenario
+    bands_of = _bands_of(scenario, sensors, bands)
+    frames_of: dict[str, list[int]] = {}
+    for sensor in bands_of:
+        instrument = scenario.instrument_of(sensor)
+        numbers = _frame_numbers(renderer, instrument, frames)
+        times = instrument.frame_time_s(numbers)
+        seen = np.ones(len(times), bool) if every_frame else instrument.has_access(instrument.index(sensor), times)
+        if seen.any():
+            frames_of[sensor] = [number for number, ok in zip(numbers, seen, strict=True) if ok]
+    if not frames_of:
+        raise InputError(
+            "no sensor has access to a target in any of them; `warpsim access` lists when, `warpsim check` says why "
+            "not, --every-frame renders all the same",
+            "frames",
+        )
+    tables = ("truth", "stars") if stars else ("truth",)
+    bands_of = {sensor: bands_of[sensor] for sensor in frames_of}
+    key = _run_key(renderer, bands_of, frames_of, tables, tuple(chosen))
+    return Plan(scenario, folder, bands_of, frames_of, key, tables, chosen)
+
+
+def _bands_of(
+    scenario: Scenario, sensors: str | Sequence[str] | None, bands: Sequence[str] | None
+) -> dict[str, list[str]]:
+    """Return the bands of each sensor that is asked for: those of its kind that are asked for.
+
+    Raises:
+        InputError: An unknown name, or a sensor that is asked for has none of the bands.
+    """
+    asked = None if bands is None else list(dict.fromkeys(chosen_names("bands", bands, scenario.bands)))
+    found = {}
+    for sensor in dict.fromkeys(scenario.select_sensors(sensors)):
+        known = scenario.instrument_of(sensor).sensor.bands
+        found[sensor] = list(known) if asked is None else [band for band in asked if band in known]
+        if not found[sensor] and sensors is not None:
+            raise InputError(f"{sensor} has none of them, but {', '.join(known)}", "bands", ", ".join(asked or ()))
+    return {sensor: some for sensor, some in found.items() if some}
+
+
+def _frame_numbers(renderer: Renderer, instrument: Instrument, frames: Sequence[int] | slice | None) -> list[int]:
+    """Return the frame numbers of a kind of sensor, each once: a slice is one of all its frames."""
+    every = range(instrument.frames.count)
+    wanted = every if frames is None else every[frames] if isinstance(frames, slice) else frames
+    numbers = renderer.checked_frames(wanted, instrument)
     if not numbers:
         raise InputError("must name at least one", "frames")
     # Frames of a cube and files of a run are written once each, however often they are named.
-    numbers = list(dict.fromkeys(numbers))
-    sensor_list = list(dict.fromkeys(chosen_names("sensors", sensors, scene.sensor_names)))
-    band_list = list(dict.fromkeys(chosen_names("bands", bands, list(scene.bands))))
-    times = scene.frame_time_s(numbers)
-    always = np.ones(len(times), dtype=bool)
-    seen = {sensor: always if every_frame else scene.has_access(sensor, times) for sensor in sensor_list}
-    frames_of = {
-        sensor: [number for number, ok in zip(numbers, has_access, strict=True) if ok]
-        for sensor, has_access in seen.items()
-        if has_access.any()
-    }
-    if not frames_of:
-        raise InputError(
-            "no sensor has access to the main target in any of them; `warpsim access` lists when, `warpsim check` says "
-            "why not, --every-frame renders all the same",
-            "frames",
-        )
+    return list(dict.fromkeys(numbers))
+
+
+def _run_key(
+    renderer: Renderer,
+    bands_of: dict[str, list[str]],
+    frames_of: dict[str, list[int]],
+    tables: tuple[str, ...],
+    formats: tuple[str, ...],
+) -> str:
+    """Return the hash of all that the files of a run depend on."""
+    import warpsim
+
+    scenario = renderer.scenario
     device = "cuda" if renderer.device.is_cuda else "cpu"
-    tables = ("truth", "stars") if stars else ("truth",)
-    facts = [scene.to_dict(), input_checksums(scene), renderer.catalog.checksum, frames_of, band_list, device, tables]
-    facts.append(warpsim.__version__)
-    if tuple(chosen) != USUAL_FORMATS:
-        facts.append(list(chosen))
-    key = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
-    return Plan(scene, folder, band_list, frames_of, key, tables, chosen)
+    made_from = [scenario.scene.to_dict(), input_checksums(scenario), renderer.catalog.checksum]
+    facts = [*made_from, frames_of, bands_of, device, tables, formats, warpsim.__version__]
+    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()

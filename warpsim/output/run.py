@@ -18,7 +18,7 @@ import numpy.typing as npt
 from warpsim.detector.terms import detector_terms
 from warpsim.files import prepare_folder, sha256_of, whole_file, write_fits_table, write_json
 from warpsim.output.check import pointing_warning
-from warpsim.output.contact_sheet import draw_contact_sheet
+from warpsim.output.contact_sheet import SheetRow, draw_contact_sheet
 from warpsim.output.manifest import made_with
 from warpsim.output.plan import USUAL_FORMATS, Plan, make_plan
 from warpsim.output.progress import progress_bar
@@ -26,6 +26,8 @@ from warpsim.output.receipts import tidy
 from warpsim.output.run_folder import has_receipt, is_complete, working_on, write_receipt
 from warpsim.render.renderer import Renderer
 from warpsim.scene.inputs import input_checksums
+from warpsim.scene.instrument import Instrument
+from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -58,10 +60,7 @@ class RunReport:
     def _summary(self) -> str:
         sensors = "1 sensor" if self.n_sensor == 1 else f"{self.n_sensor} sensors"
         images = "1 image" if self.n_image == 1 else f"{self.n_image} images"
-        line = (
-            f"{images} ({sensors}, bands {' '.join(self.bands)}) in {self.folder}"
-            f" after {self.total_s:.1f} s"
-        )
+        line = f"{images} ({sensors}, bands {' '.join(self.bands)}) in {self.folder} after {self.total_s:.1f} s"
         if self.n_image_rendered == 0:
             return f"{line}; all were there already"
         speed = self.n_image_rendered / max(self.render_s, 1e-9)
@@ -71,10 +70,10 @@ class RunReport:
 
 
 def render_to_folder(
-    scene: Scene,
+    scene: Scene | Scenario,
     folder: str | Path,
-    frames: Sequence[int] | None = None,
-    sensors: Sequence[str] | None = None,
+    frames: Sequence[int] | slice | None = None,
+    sensors: str | Sequence[str] | None = None,
     bands: Sequence[str] | None = None,
     device: Any = None,
     overwrite: bool = False,
@@ -86,15 +85,15 @@ def render_to_folder(
 ) -> RunReport:
     """Render a scene into a folder: images (FITS cubes, usually), truth table, contact sheet, manifest.
 
-    Each sensor is rendered in the frames in which it has access to the main target; sensors without any are left out.
+    Each sensor is rendered in the frames in which it has access to what it tracks; sensors without any are left out.
     With every_frame access plays no part: cameras that stare or scan see stars before a target comes.
 
     Args:
-        scene: The scene.
+        scene: The scene, or its scenario.
         folder: Where to write; made when missing.
-        frames: Frame numbers; all of the scene when left out.
-        sensors: Sensor names; all of the scene when left out.
-        bands: Band names; all of the scene when left out.
+        frames: Frame numbers, or a slice of those that each sensor takes; all of them when left out.
+        sensors: Names of sensors or of kinds; all of the scene when left out.
+        bands: Band names; all of each sensor when left out. Sensors that have none of them are left out.
         device: Warp device.
         overwrite: Replace a different run that the folder holds.
         progress: Draw a progress bar on standard error.
@@ -128,32 +127,34 @@ def render_to_folder(
         except OSError as error:
             raise OSError(f"{plan.folder}: writing failed, the same command goes on from here: {error}") from error
     total_s = time.perf_counter() - begin
-    warning = pointing_warning(scene, plan.frames_of)
+    warning = pointing_warning(renderer.scenario, plan.frames_of)
     return RunReport(plan.folder, len(plan.frames_of), plan.n_image, n_done, render_s, total_s, plan.bands, warning)
 
 
 def _render_missing(plan: Plan, renderer: Renderer, progress: bool) -> tuple[int, float]:
     """Render the sensors without a receipt; number of images and seconds spent rendering."""
     missing = [sensor for sensor in plan.frames_of if not has_receipt(plan, sensor)]
-    if missing:
-        # A first frame, thrown away, compiles the kernels: the speed told at the end is that of rendering.
-        renderer.render(plan.frames_of[missing[0]][:1], sensors=missing[:1], bands=plan.bands)
+    firsts = {plan.scenario.instrument_of(sensor).sensor.name: sensor for sensor in reversed(missing)}
+    for sensor in firsts.values():
+        # A first frame, thrown away, compiles the kernels: the speed reported at the end is that of rendering.
+        renderer.render(plan.frames_of[sensor][:1], [sensor], plan.bands_of[sensor])
     render_s = 0.0
     n_frame = {sensor: len(numbers) for sensor, numbers in plan.frames_of.items()}
     with progress_bar(sum(n_frame.values()), progress) as advance:
         advance(sum(n for sensor, n in n_frame.items() if sensor not in missing))
         for sensor in missing:
             render_s += _render_sensor(plan, renderer, sensor, advance)
-    return sum(n_frame[sensor] for sensor in missing) * len(plan.bands), render_s
+    return sum(n_frame[sensor] * len(plan.bands_of[sensor]) for sensor in missing), render_s
 
 
 def _render_sensor(plan: Plan, renderer: Renderer, sensor: str, advance: Any) -> float:
     """Render all frames of a sensor, write its images and tables, then the receipt; seconds spent rendering."""
     from astropy.table import vstack
 
-    scene, numbers = plan.scene, plan.frames_of[sensor]
+    numbers, bands = plan.frames_of[sensor], plan.bands_of[sensor]
+    camera = plan.scenario.instrument_of(sensor).sensor.camera
     bytes_per_pixel = 6 if plan.needs_signal else 2
-    bytes_per_frame = bytes_per_pixel * len(plan.bands) * scene.camera.n_row * scene.camera.n_col
+    bytes_per_frame = bytes_per_pixel * len(bands) * camera.n_row * camera.n_col
     batch = max(1, COUNTS_BYTES_PER_CALL // bytes_per_frame)
     render_s = 0.0
     with_stars = "stars" in plan.tables
@@ -163,12 +164,12 @@ def _render_sensor(plan: Plan, renderer: Renderer, sensor: str, advance: Any) ->
         writers = [
             (files.enter_context(form.writer(plan.folder, plan.images(sensor, band))), place)
             for form in plan.formats.values()
-            for place, band in enumerate(plan.bands)
+            for place, band in enumerate(bands)
         ]
         for first in range(0, len(numbers), batch):
             begin = time.perf_counter()
             wanted = numbers[first : first + batch]
-            frames = renderer.render(wanted, [sensor], plan.bands, plan.needs_signal, with_stars)
+            frames = renderer.render(wanted, [sensor], bands, plan.needs_signal, with_stars)
             render_s += time.perf_counter() - begin
             for add, band_place in writers:
                 add(frames, 0, band_place)
@@ -189,46 +190,58 @@ def _finish(plan: Plan, renderer: Renderer) -> None:
     for name, table in zip(plan.tables, joined, strict=True):
         with whole_file(plan.table_path(name)) as partial:
             write_fits_table(table, partial)
-    truth = joined[0]
-    # The band in which the targets stand out most is the one to show.
-    names = np.asarray(truth["band"]).astype(str)
-    shown = max(range(len(plan.bands)), key=lambda i: np.max(truth["snr"][names == plan.bands[i]]))
 
     def planes(sensor: str, frames: list[int]) -> npt.NDArray[np.uint16]:
-        images = plan.images(sensor, plan.bands[shown])
+        images = plan.images(sensor, shown[plan.scenario.instrument_of(sensor).sensor.name])
         read = (form.counts(plan.folder, images, frames) for form in plan.formats.values())
         return next(counts for counts in read if counts is not None)
 
-    draw_contact_sheet(plan.scene, plan.bands[shown], plan.frames_of, planes, plan.sheet_path)
+    shown = {kind: _best_band(plan, instrument, joined[0]) for kind, instrument in plan.instruments.items()}
+    kinds = {sensor: plan.scenario.instrument_of(sensor) for sensor in plan.frames_of}
+    rows = [SheetRow(sensor, kind, shown[kind.sensor.name], plan.frames_of[sensor]) for sensor, kind in kinds.items()]
+    draw_contact_sheet(plan.scenario.scene, rows, planes, plan.sheet_path)
     write_json(_manifest(plan, renderer), plan.manifest_path)
+
+
+def _best_band(plan: Plan, instrument: Instrument, truth: Table) -> str:
+    """The band of a kind of sensor in which the targets stand out most."""
+    own = np.isin(np.asarray(truth["sensor"]).astype(str), instrument.names)
+    names, snr = np.asarray(truth["band"]).astype(str)[own], np.asarray(truth["snr"])[own]
+    bands = next(plan.bands_of[sensor] for sensor in plan.frames_of if sensor in instrument.names)
+    return max(bands, key=lambda band: np.max(snr[names == band], initial=0.0))
 
 
 def _manifest(plan: Plan, renderer: Renderer) -> dict[str, Any]:
     """What was made, from what, with what."""
-    tracks = plan.scene.tracks
+    scenario = plan.scenario
+    tracks = scenario.tracks
     return {
         "key": plan.key,
         **made_with(),
         "device": {"name": renderer.device.name, "alias": str(renderer.device)},
-        "seed": plan.scene.seed,
+        "seed": scenario.scene.seed,
         "bands": plan.bands,
         "frames": plan.frames_of,
         "orbit_interpolation": {"node_step_s": tracks.step_s, "measured_error_m": tracks.error_m},
-        **_movement(plan, renderer),
-        "light_terms": {name: term.reason for name, term in plan.scene.light_terms.items()},
-        "detector": {
-            "terms": detector_terms(plan.scene.detector),
-            "bands": {band: asdict(plan.scene.levels[band]) for band in plan.bands},
-        },
-        "scene": plan.scene.to_dict(),
-        "inputs": input_checksums(plan.scene),
+        "sensors": {kind: _sensor_facts(plan, renderer, one) for kind, one in plan.instruments.items()},
+        "scene": scenario.scene.to_dict(),
+        "inputs": input_checksums(scenario),
         "files": {name: sha256_of(plan.folder / name) for name in plan.names if name != plan.manifest_path.name},
     }
 
 
-def _movement(plan: Plan, renderer: Renderer) -> dict[str, Any]:
-    """How finely light is followed through the exposure, where it moves."""
-    if not plan.scene.streaks:
-        return {}
-    streaks = renderer.streaks(plan.bands)
-    return {"movement": {"path_nodes": streaks.n_path, "measured_error_px": streaks.error_px}}
+def _sensor_facts(plan: Plan, renderer: Renderer, instrument: Instrument) -> dict[str, Any]:
+    """What holds for a kind of sensor: its light, its noise, and how finely movement is followed."""
+    bands = next(plan.bands_of[sensor] for sensor in plan.frames_of if sensor in instrument.names)
+    facts: dict[str, Any] = {
+        "bands": bands,
+        "light_terms": {name: term.reason for name, term in instrument.light_terms.items()},
+        "detector": {
+            "terms": detector_terms(instrument.sensor.detector),
+            "bands": {band: asdict(instrument.levels[band]) for band in bands},
+        },
+    }
+    if instrument.sensor.streaks:
+        streaks = renderer.streaks(instrument, bands)
+        facts["movement"] = {"path_nodes": streaks.n_path, "measured_error_px": streaks.error_px}
+    return facts

@@ -19,7 +19,7 @@ from warpsim.files import naming, whole_folder
 from warpsim.output.fits_header import image_cards
 from warpsim.output.image_files import facts_of
 from warpsim.render.frameset import FrameSet
-from warpsim.scene.scene import Scene
+from warpsim.scene.scenario import Scenario
 
 SHARD_BYTES = 32 * 2**20
 """Of images in a shard at most, but one: what is held in memory before it is written."""
@@ -32,7 +32,7 @@ ARRAY: dict[str, Any] = {
 
 _OF_A_FRAME = {
     *("FRAME", "TIME_S", "DATE-OBS", "MJD-OBS", "CRVAL1", "CRVAL2", "CD1_1", "CD1_2", "CD2_1", "CD2_2"),
-    *("UPREPL", "BOREPL"),
+    *("UPREPL", "BOREPL", "SLEWING"),
 }
 
 
@@ -57,10 +57,11 @@ def zarr_names(name: str, shape: tuple[int, int, int]) -> list[str]:
 
 @contextlib.contextmanager
 def zarr_writer(
-    path: Path, scene: Scene, sensor: str, band: str, n_frame: int
+    path: Path, scenario: Scenario, sensor: str, band: str, n_frame: int
 ) -> Iterator[Callable[[FrameSet, int, int], None]]:
     """Takes frames in their order, for an index along the sensor and band axes; the array is there when it is whole."""
-    shape = (n_frame, scene.camera.n_row, scene.camera.n_col)
+    camera = scenario.instrument_of(sensor).sensor.camera
+    shape = (n_frame, camera.n_row, camera.n_col)
     with whole_folder(path) as partial, naming(path):
         array = _new_array(partial, shape)
         waiting = np.zeros((_shard_frames(shape), *shape[1:]), dtype=np.uint16)

@@ -82,27 +82,11 @@ class Band:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
-            raise InputError("name must be a text that is not empty", "band", self.name)
-        wavelength_um = _nodes(self.wavelength_um, f"band {self.name}: wavelength_um")
-        response = _nodes(self.response, f"band {self.name}: response")
-        if wavelength_um.shape != response.shape:
-            raise InputError(
-                f"response must be as long as wavelength_um, got {len(response)} and {len(wavelength_um)} nodes",
-                f"band {self.name}",
-            )
-        if wavelength_um[0] <= 0.0:
-            raise InputError("wavelength_um must be > 0", f"band {self.name}", wavelength_um[0], "g")
-        falls = np.flatnonzero(np.diff(wavelength_um) <= 0.0)
-        if falls.size:
-            k = int(falls[0])
-            raise InputError(
-                f"wavelength_um must increase, got {wavelength_um[k]:g} then {wavelength_um[k + 1]:g}",
-                f"band {self.name}",
-            )
-        if response.min() < 0.0:
-            raise InputError("response must be >= 0", f"band {self.name}", response.min(), "g")
-        if response.max() == 0.0:
-            raise InputError("response must be > 0 somewhere, got 0 everywhere", f"band {self.name}")
+            raise InputError("must be a text that is not empty", "name", self.name).of("band")
+        try:
+            wavelength_um, response = _checked_response(self.wavelength_um, self.response)
+        except InputError as error:
+            raise error.of(f"band {self.name}") from None
         response /= response.max()
 
         def put(attribute: str, value: Any) -> None:
@@ -142,7 +126,7 @@ class Band:
             InputError: n is not a whole number from 1 to 32.
         """
         if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 1 <= n <= LARGEST_N_INTERVAL:
-            raise InputError(f"n must be a whole number from 1 to {LARGEST_N_INTERVAL}", f"band {self.name}", n)
+            raise InputError(f"must be a whole number from 1 to {LARGEST_N_INTERVAL}", "n", n).of(f"band {self.name}")
         return _intervals(self, int(n))
 
     def _key(self) -> tuple[object, ...]:
@@ -173,17 +157,36 @@ def _intervals(band: Band, n: int) -> tuple[Array, Array]:
     return _frozen(first_um + offset_um), _frozen(weight_um)
 
 
+def _checked_response(wavelength: ArrayLike, response: ArrayLike) -> tuple[Array, Array]:
+    """Nodes of a response curve [um], and its values there, as given; copies."""
+    wavelength_um, values = _nodes(wavelength, "wavelength_um"), _nodes(response, "response")
+    if wavelength_um.shape != values.shape:
+        got = f"{len(values)} and {len(wavelength_um)} nodes"
+        raise InputError("must be as long as wavelength_um", "response", got, "s")
+    if wavelength_um[0] <= 0.0:
+        raise InputError("must be > 0", "wavelength_um", wavelength_um[0], "g")
+    falls = np.flatnonzero(np.diff(wavelength_um) <= 0.0)
+    if falls.size:
+        k = int(falls[0])
+        raise InputError(f"must increase, got {wavelength_um[k]:g} then {wavelength_um[k + 1]:g}", "wavelength_um")
+    if values.min() < 0.0:
+        raise InputError("must be >= 0", "response", values.min(), "g")
+    if values.max() == 0.0:
+        raise InputError("must be > 0 somewhere, got 0 everywhere", "response")
+    return wavelength_um, values
+
+
 def _nodes(values: ArrayLike, where: str) -> Array:
     """Copy to a float64 vector of at least two finite values."""
     try:
         vector = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"{where} must be numbers, got {type(values).__name__}") from None
+        raise InputError(f"must be numbers, got {type(values).__name__}", where) from None
     if vector.ndim != 1 or vector.size < 2:
-        raise InputError(f"{where} must be a vector of at least 2 nodes, got shape {vector.shape}")
+        raise InputError(f"must be a vector of at least 2 nodes, got shape {vector.shape}", where)
     if not np.isfinite(vector).all():
         node = int(np.flatnonzero(~np.isfinite(vector))[0])
-        raise InputError(f"{where} must be finite, got {vector[node]} at node {node}")
+        raise InputError(f"must be finite, got {vector[node]} at node {node}", where)
     return vector
 
 
@@ -261,10 +264,10 @@ def band_radiance_w_m2_sr(temperature_k: ArrayLike, band: Band | str) -> Any:
     try:
         temperature = np.asarray(temperature_k, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"temperature_k must be numbers, got {type(temperature_k).__name__}") from None
+        raise InputError(f"must be numbers, got {type(temperature_k).__name__}", "temperature_k") from None
     bad = ~(np.isfinite(temperature) & (temperature > 0.0))
     if bad.any():
-        raise InputError("temperature_k must be finite and > 0", value=temperature[bad][0], form="g")
+        raise InputError("must be finite and > 0", "temperature_k", temperature[bad][0], "g")
     node_m = node_um * 1e-6
     scale = weight_um * 1e-6 * RADIATION_1_W_M2_SR / node_m**5
     exponent_k = RADIATION_2_M_K / node_m

@@ -38,9 +38,7 @@ class ByBand(Mapping[str, V]):
         return repr(self._values)
 
 
-def band_table(
-    value: Any, info: ValidationInfo, low: float, high: float, open_low: bool = False
-) -> ByBand[float]:
+def band_table(value: Any, info: ValidationInfo, low: float, high: float, open_low: bool = False) -> ByBand[float]:
     """A table of numbers by band, each from low to high, as pydantic's validators give it."""
     if not isinstance(value, Mapping):
         raise rule_error("must be a table of numbers by band")
@@ -52,7 +50,7 @@ def band_table(
         try:
             numbers[band] = number_within(given, info, low, high, open_low)
         except PydanticCustomError as error:
-            raise InputError(f"{error.message()}", value=given).of(band) from None
+            raise InputError(error.message(), value=given).of(band) from None
     return ByBand(numbers)
 
 

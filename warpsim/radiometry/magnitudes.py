@@ -107,7 +107,7 @@ class Radiometry:
         zero = self.zero_point(band)
         flux = _numbers(flux_jy, "flux_jy")
         if (flux < 0.0).any():
-            raise InputError("flux_jy must be >= 0", value=flux[flux < 0.0][0], form="g")
+            raise InputError("must be >= 0", "flux_jy", flux[flux < 0.0][0], "g")
         with np.errstate(divide="ignore"):
             return _like(-2.5 * np.log10(flux / zero.zero_mag_jy))
 
@@ -142,7 +142,7 @@ class Radiometry:
             return self.irradiance_w_cm2(self.magnitude(flux_jy, band), band)
         flux = _numbers(flux_jy, "flux_jy")
         if (flux < 0.0).any():
-            raise InputError("flux_jy must be >= 0", value=flux[flux < 0.0][0], form="g")
+            raise InputError("must be >= 0", "flux_jy", flux[flux < 0.0][0], "g")
         return _like(flux * self.zero_point(band).w_cm2_per_jy)
 
     def dynamic_range(
@@ -165,7 +165,7 @@ class Radiometry:
         """
         for key, value in (("nei_w_cm2", nei_w_cm2), ("sei_w_cm2", sei_w_cm2)):
             if not isinstance(value, int | float | np.number) or not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{key} must be finite and > 0", value=value)
+                raise InputError("must be finite and > 0", key, value)
         return _like(np.minimum(self.irradiance_w_cm2(magnitude, band) / nei_w_cm2, sei_w_cm2 / nei_w_cm2))
 
     def band_table(self) -> Table:
@@ -200,7 +200,7 @@ def _numbers(values: ArrayLike, where: str) -> Array:
     try:
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"{where} must be numbers, got {type(values).__name__}") from None
+        raise InputError(f"must be numbers, got {type(values).__name__}", where) from None
 
 
 def _like(values: Any) -> Any:

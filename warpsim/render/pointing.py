@@ -109,7 +109,9 @@ def _law_struct(law: PointingLaw, n_sensor: int) -> Any:
 def _put_steps(struct: Any, instrument: Instrument, device: wp.Device) -> None:
     """Steps of all sensors, those of each together; sensors with the same ones share them."""
     known: dict[Any, int] = {}
-    first, count, rows = [], [], []
+    first: list[int] = []
+    count: list[int] = []
+    rows: list[tuple[float, ...]] = []
     for sensor, own in enumerate(instrument.program.sensors):
         turns = instrument.turns(sensor)
         key = (id(own.steps), turns)

@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import ArgsKwargs
 
 from warpsim.config.fields import Integer, Positive, as_tuple, closed_interval
-from warpsim.config.model import config_model
+from warpsim.config.model import adapter, config_model
 from warpsim.orbit.arc import UtcText
 from warpsim.orbit.rules import AccessConstraints
 from warpsim.scene import rules
@@ -61,7 +61,20 @@ class SceneDescription:
         rules.check_pointing(self.constellation, self.sensors, self.groups, self.access_target, self.frames)
         return self
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return nested dicts and lists of plain values, without what is None; `from_dict` gives an equal scene."""
+        plain: dict[str, Any] = adapter(type(self)).dump_python(self, mode="json", by_alias=True)
+        return {name: _without_none(value) for name, value in plain.items() if value is not None}
+
     @staticmethod
     def shortened_place(values: dict[str, Any]) -> Any:
         """Return what shortens places in errors."""
         return shortened(values)
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list | tuple):
+        return [_without_none(item) for item in value]
+    return value

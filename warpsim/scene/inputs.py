@@ -24,7 +24,7 @@ def input_checksums(scenario: Scenario) -> dict[str, str]:
             return
         paths = [path for path in (getattr(part, "file", None), *(getattr(part, "files", None) or ())) if path]
         if paths:
-            found[", ".join(paths)] = part.checksum  # type: ignore[attr-defined]
+            found[", ".join(paths)] = part.checksum  # type: ignore[union-attr]
         for field in dataclasses.fields(part):
             walk(getattr(part, field.name))
 

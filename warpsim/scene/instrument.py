@@ -125,6 +125,20 @@ class Instrument:
             raise InputError(f"must be a sensor of the kind {self.sensor.name}", "sensor", name)
         return self.names.index(name)
 
+    def satellite_of(self, name: str) -> str:
+        """Return the name of the satellite that carries a sensor; InputError if there is no such sensor."""
+        return self.satellite_names[self.index(name)]
+
+    @property
+    def noise_seed(self) -> int:
+        """Seed of the detectors' noise."""
+        return self._scene.noise_seed
+
+    @property
+    def slews(self) -> bool:
+        """Whether a camera slews from step to step."""
+        return any(program.slew is not None for program in self.program.sensors)
+
     def frame_time_s(self, frames: Sequence[int] | npt.NDArray[np.int64]) -> F64:
         """Return times of frames after the epoch [s], shape (n,)."""
         return self.frames.start_s + np.asarray(frames, dtype=np.float64) * self.frames.interval_s
@@ -280,12 +294,12 @@ class Instrument:
         """
         alike: dict[tuple[tuple[float, Sequence[int]], ...], list[int]] = {}
         for row, sensor in enumerate(sensors):
-            wanted = self.access_targets(sensor) if targets is None else [(-np.inf, tuple(targets))]
-            alike.setdefault(tuple(wanted), []).append(row)
+            own = tuple(self.access_targets(sensor)) if targets is None else ((-np.inf, tuple(targets)),)
+            alike.setdefault(own, []).append(row)
         found = []
-        for wanted, rows in alike.items():
+        for counted, rows in alike.items():
             watchers = self.watchers([sensors[row] for row in rows])
-            seen = self._seen(watchers, wanted, rules or self.access_rules, custom, step_s)
+            seen = self._seen(watchers, counted, rules or self.access_rules, custom, step_s)
             found.append(Intervals(np.array(rows)[seen.row], seen.start_s, seen.end_s))
         joined = Intervals.union(found)
         if any(self.program.sensors[sensor].slew is not None for sensor in sensors):
@@ -321,7 +335,9 @@ class Instrument:
 
     def _settled_intervals(self, sensors: Sequence[int]) -> Intervals:
         """When each of some sensors is settled."""
-        rows, starts, ends = [], [], []
+        rows: list[int] = []
+        starts: list[float] = []
+        ends: list[float] = []
         for row, sensor in enumerate(sensors):
             begin_s = 0.0
             for step, turn in zip(self.program.sensors[sensor].steps, self.turns(sensor), strict=True):

@@ -24,6 +24,7 @@ from warpsim.scene.pointing import (
     Slew,
     TablePointing,
     TrackPointing,
+    Up,
     satellites_of,
 )
 from warpsim.scene.pointing_table import DirectionRows, check_cover, check_rate, direction_rows
@@ -119,16 +120,16 @@ def make_program(
     for index, (name, _) in enumerate(sensors):
         if index not in taken:
             raise InputError(f"must say where every sensor looks, got nothing for {name}", "pointing")
-    laws: list[PointingLaw] = []
+    maker = _Maker(camera, targets, groups, known, [])
     made: dict[int, SensorProgram] = {}
     for number, pointing in enumerate(pointings):
         members = [index for index in range(len(sensors)) if taken[index] == number]
         try:
-            programs = _programs(pointing, [sensors[i] for i in members], camera, targets, groups, known, laws, number)
+            programs = maker.programs(pointing, [sensors[i] for i in members], number)
         except InputError as error:
             raise error.within(entry_place(number, len(pointings))) from None
         made |= dict(zip(members, programs, strict=True))
-    return PointingProgram(tuple(laws), tuple(made[index] for index in range(len(sensors))))
+    return PointingProgram(tuple(maker.laws), tuple(made[index] for index in range(len(sensors))))
 
 
 def entry_place(number: int, count: int) -> str:
@@ -136,68 +137,74 @@ def entry_place(number: int, count: int) -> str:
     return "pointing" if count == 1 else f"pointing[{number}]"
 
 
-def _programs(
-    pointing: Pointing,
-    sensors: Sequence[tuple[str, str]],
-    camera: Camera,
-    targets: Sequence[SceneTarget],
-    groups: Sequence[str],
-    known: set[str],
-    laws: list[PointingLaw],
-    entry: int,
-) -> list[SensorProgram]:
-    """Programs of the sensors of an entry; its laws are added to those that there are."""
-    if not sensors:
-        return []
-    errors = pointing.bias, pointing.drift, pointing.jitter
-    up, first = pointing.up, len(laws)
-    if isinstance(pointing, TablePointing):
-        turn = image_turn(pointing.roll_deg, (0.0, 0.0), camera)
-        rows = direction_rows(pointing, sensors, known)
+@dataclass(frozen=True, eq=False)
+class _Maker:
+    """Makes programs, and the laws that their steps refer to."""
+
+    camera: Camera
+    targets: Sequence[SceneTarget]
+    groups: Sequence[str]
+    known: set[str]
+    """Names that rows of tables may have."""
+    laws: list[PointingLaw]
+    """Those made so far."""
+
+    def programs(self, pointing: Pointing, sensors: Sequence[tuple[str, str]], entry: int) -> list[SensorProgram]:
+        """Return the programs of the sensors of an entry."""
+        if not sensors:
+            return []
+        if isinstance(pointing, TablePointing):
+            return self._of_table(pointing, sensors, entry)
+        if isinstance(pointing, SchedulePointing):
+            steps = self._schedule_steps(pointing)
+        else:
+            steps = (Step(-math.inf, self._add(pointing, pointing.up, pointing.roll_deg)),)
+        slew = pointing.slew if isinstance(pointing, SchedulePointing) else None
+        errors = pointing.bias, pointing.drift, pointing.jitter
+        return [SensorProgram(steps, None, False, slew, *errors, entry)] * len(sensors)
+
+    def _of_table(self, pointing: TablePointing, sensors: Sequence[tuple[str, str]], entry: int) -> list[SensorProgram]:
+        errors = pointing.bias, pointing.drift, pointing.jitter
+        turn = image_turn(pointing.roll_deg, (0.0, 0.0), self.camera)
+        tables = direction_rows(pointing, sensors, self.known)
         if pointing.mode == "scan":
-            laws.append(PointingLaw("scan", up, turn, local=rows[0].local))
-            step = (Step(-math.inf, first),)
-            return [SensorProgram(step, own, True, pointing.slew, *errors, entry) for own in rows]
-        steps_of: dict[int, tuple[Step, ...]] = {}
-        for own in rows:
-            if id(own) in steps_of:
-                continue
-            steps = []
-            for row, (time_s, direction, roll) in enumerate(zip(own.time_s, own.direction, own.roll_rad, strict=True)):
-                steps.append(Step(float(time_s), len(laws), f"rows[{row}].time_s"))
-                laws.append(PointingLaw("fixed", up, turn, range(0), direction, own.local, float(roll)))
-            steps_of[id(own)] = tuple(steps)
-        return [SensorProgram(steps_of[id(own)], own, False, pointing.slew, *errors, entry) for own in rows]
-    if isinstance(pointing, SchedulePointing):
+            steps = (Step(-math.inf, len(self.laws)),)
+            self.laws.append(PointingLaw("scan", pointing.up, turn, local=tables[0].local))
+            return [SensorProgram(steps, own, True, pointing.slew, *errors, entry) for own in tables]
+        steps_of = {id(own): self._row_steps(own, pointing.up, turn) for own in dict.fromkeys(tables)}
+        return [SensorProgram(steps_of[id(own)], own, False, pointing.slew, *errors, entry) for own in tables]
+
+    def _row_steps(self, table: DirectionRows, up: Up, turn: F64) -> tuple[Step, ...]:
+        """A step for each row of a table."""
         steps = []
-        for number, step in enumerate(pointing.steps):
+        rows = zip(table.time_s, table.direction, table.roll_rad, strict=True)
+        for number, (time_s, direction, roll) in enumerate(rows):
+            steps.append(Step(float(time_s), len(self.laws), f"rows[{number}].time_s"))
+            self.laws.append(PointingLaw("fixed", up, turn, range(0), direction, table.local, float(roll)))
+        return tuple(steps)
+
+    def _schedule_steps(self, pointing: SchedulePointing) -> tuple[Step, ...]:
+        steps = []
+        for number, item in enumerate(pointing.steps):
             try:
-                laws.append(_law(step, up, pointing.roll_deg + step.roll_deg, camera, targets, groups))
+                law = self._add(item, pointing.up, pointing.roll_deg + item.roll_deg)
             except InputError as error:
                 raise error.within(f"steps[{number}]") from None
-            steps.append(Step(step.start_s, first + number, f"steps[{number}].start_s"))
-        return [SensorProgram(tuple(steps), None, False, pointing.slew, *errors, entry)] * len(sensors)
-    laws.append(_law(pointing, up, pointing.roll_deg, camera, targets, groups))
-    return [SensorProgram((Step(-math.inf, first),), None, False, None, *errors, entry)] * len(sensors)
+            steps.append(Step(item.start_s, law, f"steps[{number}].start_s"))
+        return tuple(steps)
 
-
-def _law(
-    what: TrackPointing | FixedPointing | PointingStep,
-    up: str,
-    roll_deg: float,
-    camera: Camera,
-    targets: Sequence[SceneTarget],
-    groups: Sequence[str],
-) -> PointingLaw:
-    """The law of one thing to look at."""
-    track = getattr(what, "track", None)
-    offset_px = getattr(what, "offset_px", (0.0, 0.0))
-    turn = image_turn(roll_deg, offset_px, camera)
-    if track is not None:
-        return PointingLaw("track", up, turn, tracked_targets(track, targets, groups))  # type: ignore[arg-type]
-    ra_dec_deg = getattr(what, "ra_dec_deg", None)
-    direction = unit_vectors(*(ra_dec_deg or getattr(what, "azimuth_elevation_deg", None) or (0.0, 0.0)))
-    return PointingLaw("fixed", up, turn, range(0), direction, ra_dec_deg is None)  # type: ignore[arg-type]
+    def _add(self, what: TrackPointing | FixedPointing | PointingStep, up: Up, roll_deg: float) -> int:
+        """Add the law of one thing to look at; its index."""
+        track = getattr(what, "track", None)
+        turn = image_turn(roll_deg, getattr(what, "offset_px", (0.0, 0.0)), self.camera)
+        if track is not None:
+            law = PointingLaw("track", up, turn, tracked_targets(track, self.targets, self.groups))
+        else:
+            ra_dec_deg = getattr(what, "ra_dec_deg", None)
+            direction = unit_vectors(*(ra_dec_deg or getattr(what, "azimuth_elevation_deg", None) or (0.0, 0.0)))
+            law = PointingLaw("fixed", up, turn, range(0), direction, ra_dec_deg is None)
+        self.laws.append(law)
+        return len(self.laws) - 1
 
 
 def tracked_targets(track: str, targets: Sequence[SceneTarget], groups: Sequence[str]) -> range:

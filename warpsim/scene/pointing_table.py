@@ -14,7 +14,7 @@ import numpy.typing as npt
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
 from warpsim.scene.pointing import Slew, TablePointing
-from warpsim.sky.readers.file_table import FileTable
+from warpsim.tables.file_table import FileTable
 
 F64 = npt.NDArray[np.float64]
 
@@ -192,16 +192,15 @@ def _rows_of(pointing: TablePointing) -> _Rows:
 
 def _rows_of_file(file: str) -> _Rows:
     """Rows of a CSV or ECSV file."""
-    from warpsim.sky.readers.files import read_file
+    from warpsim.tables.read import read_table
 
     suffix = Path(file).suffix.lower()
     if suffix not in (".csv", ".ecsv"):
         raise InputError("must end in .csv or .ecsv").of(file)
     try:
-        rows = _rows_of_table(read_file(Path(file), suffix[1:], None, None))
+        rows = _rows_of_table(read_table(Path(file), suffix[1:], what="a table of directions"))
     except InputError as error:
-        text = str(error).replace("a table of stars", "a table of directions")
-        raise InputError(f"{text}").of(file) from None
+        raise error.of(file) from None
     return replace(rows, file=file)
 
 

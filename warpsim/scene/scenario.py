@@ -116,6 +116,19 @@ class Scenario:
             for sensor, own in zip(scene.sensors, instances, strict=True)
         }
 
+    @property
+    def instrument(self) -> Instrument:
+        """The only kind of sensor.
+
+        Raises:
+            InputError: There are several.
+        """
+        kinds = list(self.instruments)
+        if len(kinds) != 1:
+            rule = f"the scene has {len(kinds)} kinds of sensors ({', '.join(kinds)}); take scenario.instruments[...]"
+            raise InputError(rule, "instrument")
+        return self.instruments[kinds[0]]
+
     @cached_property
     def sensor_names(self) -> list[str]:
         """Names of all sensors, kind by kind."""
@@ -161,9 +174,7 @@ class Scenario:
     def tracks(self) -> Tracks:
         """States of satellites and targets at the nodes of one time grid."""
         scene = self.scene
-        return build_tracks(
-            scene.constellation, scene.groups, self.targets, self.epoch, scene.duration_s, scene.seed
-        )
+        return build_tracks(scene.constellation, scene.groups, self.targets, self.epoch, scene.duration_s, scene.seed)
 
     @cached_property
     def breakpoints_s(self) -> dict[str, list[float]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import os
 from collections.abc import Sequence
 from functools import cached_property
@@ -10,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
-from warpsim.config.model import config_model, input_error
+from warpsim.config.model import adapter, config_model, input_error
 from warpsim.errors import InputError
 from warpsim.orbit.epoch import utc_time
 from warpsim.scene.changes import changed
@@ -71,17 +70,13 @@ class Scene(SceneDescription):
         """Return the scene of nested dicts and lists (the structure of a scene file); `where` begins error texts."""
         check_depth(data, where)
         try:
-            return _adapter().validate_python(data)
+            return adapter(cls).validate_python(data)  # type: ignore[no-any-return]
         except ValidationError as error:
             try:
                 listed = with_lists(data)
             except InputError:
                 listed = data
             raise input_error(error, shorten=shortened(listed)).of(where) from None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return nested dicts and lists of plain values, without what is None; `from_dict` gives an equal scene."""
-        return _without_none(_adapter().dump_python(self, mode="json", by_alias=True))  # type: ignore[no-any-return]
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a scene file (.toml or .json) that loads back equal.
@@ -149,6 +144,10 @@ class Scene(SceneDescription):
         """Return when each sensor can observe what its access counts by, as an astropy Table; Scenario.access."""
         return self.scenario.access(target, sensors, **options)
 
+    def access_margins(self, time_s: npt.ArrayLike, **options: Any) -> dict[str, npt.NDArray[np.float64]]:
+        """Return the signed margin of every access rule, each (n_sensor, n_time); Scenario.access_margins."""
+        return self.scenario.access_margins(time_s, **options)
+
     def __getattr__(self, name: str) -> Any:
         """Fields of the only kind of sensor, or of the only group.
 
@@ -177,16 +176,3 @@ def scenario_of(scene: Scene | Scenario) -> Scenario:
         rule = f"must be a Scene or a Scenario, got {type(scene).__name__}; Scene.load reads presets and files"
         raise InputError(rule, "scene")
     return scene.scenario
-
-
-@functools.cache
-def _adapter() -> TypeAdapter[Scene]:
-    return TypeAdapter(Scene)
-
-
-def _without_none(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_none(item) for key, item in value.items() if item is not None}
-    if isinstance(value, list | tuple):
-        return [_without_none(item) for item in value]
-    return value

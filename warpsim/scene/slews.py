@@ -65,7 +65,7 @@ def between(before: F64, after: F64, part: F64) -> F64:
     """Return axes a part of the rotation from some to others: rows as axes, (n, 3, 3) each, part (n,)."""
     rotation = np.einsum("nij,nkj->nik", after, before)
     vector = rotation_vector(rotation) * part[:, None]
-    return np.einsum("nij,njk->nik", _matrix(vector), before)
+    return np.asarray(np.einsum("nij,njk->nik", _matrix(vector), before))
 
 
 def rotation_vector(rotation: F64) -> F64:
@@ -150,7 +150,7 @@ def turn_between(before: AxesAt, after: AxesAt, slew: Slew, start_s: float, end_
 
 
 def _rotation(before: AxesAt, after: AxesAt, time_s: F64) -> F64:
-    return np.einsum("nij,nkj->nik", after(time_s), before(time_s))
+    return np.asarray(np.einsum("nij,nkj->nik", after(time_s), before(time_s)))
 
 
 def _shortest_s(angle: float, rate: float, acceleration: float) -> float:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
-from warpsim.config.model import input_error
+from warpsim.config.model import adapter, input_error
 from warpsim.errors import InputError
 from warpsim.scene.changes import changed
 from warpsim.scene.groups import TargetGroup, TargetSpec
@@ -49,9 +48,7 @@ def scene_targets(groups: Sequence[TargetGroup], seed: int) -> list[SceneTarget]
     Raises:
         InputError: A file of orbits cannot be read, or a number that is drawn breaks a rule of its field.
     """
-    return [
-        target for number, group in enumerate(groups) for target in _members(group, number, len(groups), seed)
-    ]
+    return [target for number, group in enumerate(groups) for target in _members(group, number, len(groups), seed)]
 
 
 def _members(group: TargetGroup, number: int, n_group: int, seed: int) -> list[SceneTarget]:
@@ -98,14 +95,9 @@ def with_values(spec: TargetSpec, values: dict[str, object]) -> TargetSpec:
     Raises:
         InputError: A field does not exist, or a number breaks its rule.
     """
-    data = _adapter().dump_python(spec, mode="json", by_alias=True, exclude={"spread"})
+    data = adapter(TargetSpec).dump_python(spec, mode="json", by_alias=True, exclude={"spread"})
     data = changed(data, {field.replace(".", "__"): value for field, value in values.items()})
     try:
-        return _adapter().validate_python(data)
+        return adapter(TargetSpec).validate_python(data)  # type: ignore[no-any-return]
     except ValidationError as error:
         raise input_error(error) from None
-
-
-@functools.cache
-def _adapter() -> TypeAdapter[TargetSpec]:
-    return TypeAdapter(TargetSpec)

@@ -88,9 +88,9 @@ def _vectors(values: Any, where: str) -> F64:
     try:
         vectors = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"must be numbers, got {type(values).__name__}").of(where) from None
+        raise InputError(f"must be numbers, got {type(values).__name__}", where) from None
     if vectors.shape[-1:] != (3,):
-        raise InputError(f"must end in an axis of 3, got shape {vectors.shape}").of(where)
+        raise InputError(f"must end in an axis of 3, got shape {vectors.shape}", where)
     if not np.isfinite(vectors).all():
-        raise InputError("must be finite").of(where)
+        raise InputError("must be finite", where)
     return vectors

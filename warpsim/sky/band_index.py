@@ -40,7 +40,7 @@ class BandIndex:
 
     def __init__(self, catalog: StarCatalog, device: Any = None, dtype: npt.DTypeLike = np.float64) -> None:
         if np.dtype(dtype) not in (np.float64, np.float32):
-            raise InputError("must be float64 or float32", "dtype", np.dtype(dtype))
+            raise InputError("must be float64 or float32", "dtype", str(np.dtype(dtype)), "s")
         self.catalog = catalog
         stored = np.asarray(catalog.direction_icrs).reshape(-1, 3).astype(dtype, copy=False)
         direction = stored.astype(np.float64, copy=False)

@@ -21,12 +21,14 @@ from warpsim.sky.catalog_columns import (
     BAND_NAMES,
     J2000_JYEAR,
     checked_columns,
-    checked_epoch,
     checked_limits,
     columns_of_table,
     table_of,
 )
+from warpsim.sky.colours import fill_missing_bands
 from warpsim.sky.space_motion import paper_motion, rigorous_motion
+from warpsim.sky.star_columns import StarColumns
+from warpsim.sky.stellar_spectrum import band_irradiance_w_cm2, interval_shares
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -88,9 +90,7 @@ class StarCatalog:
 
         Fluxes are predicted from visible colours (scatter 0.15 mag; variables 1-2 mag). Made once, then shared.
         """
-        from warpsim.sky.default_catalog import load_default_catalog
-
-        return load_default_catalog()
+        return _default()
 
     @classmethod
     def from_arrays(
@@ -142,9 +142,9 @@ class StarCatalog:
             "temperature_k": temperature_k,
             "quality": quality,
         }
-        epoch = checked_epoch(epoch_jyear)
-        columns = checked_columns(numbers, flux_jy, flux_flag, id, name)
-        return make_catalog(**columns, epoch_jyear=epoch, name=name, provenance=provenance)
+        return _made(
+            checked_columns(numbers, flux_jy, flux_flag, id, epoch_jyear=epoch_jyear, name=name, provenance=provenance)
+        )
 
     @classmethod
     def from_table(cls, table: Table, name: str | None = None) -> StarCatalog:
@@ -196,9 +196,13 @@ class StarCatalog:
             InputError: The file is missing, cannot be read, or its content breaks a rule; the text names file, line
                 and column.
         """
-        from warpsim.sky.readers.read import read_catalog
+        from warpsim.sky.readers.read import read_stars
 
-        return read_catalog(path, format, columns=columns, readme=readme, fill=fill)
+        stars = read_stars(path, format, columns=columns, readme=readme)
+        catalog = _made(stars.columns)
+        if fill and stars.may_be_filled:
+            catalog = catalog.filled(stars.limit_jy)
+        return catalog.at_epoch(stars.target_epoch_jyear)
 
     @staticmethod
     def union() -> StarCatalog:
@@ -209,9 +213,7 @@ class StarCatalog:
         Raises:
             InputError: The extra's packages are not installed, or not of the version known.
         """
-        from warpsim.sky.union_catalog import load_union_catalog
-
-        return load_union_catalog()
+        return _union()
 
     @staticmethod
     def synthetic(
@@ -229,9 +231,9 @@ class StarCatalog:
         Raises:
             InputError: Neither or both of n_star and limit_jy, or a value out of range.
         """
-        from warpsim.sky.synthetic import synthetic_catalog
+        from warpsim.sky.synthetic import synthetic_columns
 
-        return synthetic_catalog(n_star, limit_jy, sky, seed)
+        return _made(synthetic_columns(n_star, limit_jy, sky, seed))
 
     def filled(self, limit_jy: Mapping[str, Array] | None = None) -> StarCatalog:
         """Return the catalog with unknown fluxes filled from the nearest known band, by the star's colour.
@@ -244,8 +246,6 @@ class StarCatalog:
         Raises:
             InputError: Limits of an unknown band, of another shape, negative or no numbers.
         """
-        from warpsim.sky.colours import fill_missing_bands
-
         limits = checked_limits(limit_jy or {}, len(self))
         flux_jy, flux_flag = fill_missing_bands(self._flux_jy, self._flux_flag, self.temperature_k, limits)
         fluxes: dict[str, Any] = {
@@ -260,7 +260,26 @@ class StarCatalog:
 
         Formats that keep no meta (CSV, VOTable) lose the epoch: write those from a catalog at 2000.0.
         """
-        return table_of(self)
+        return table_of(replace(self._columns, id=self.id))
+
+    @property
+    def _columns(self) -> StarColumns:
+        return StarColumns(
+            self.ra_deg,
+            self.dec_deg,
+            self.pm_ra_mas_yr,
+            self.pm_dec_mas_yr,
+            self.parallax_mas,
+            self.temperature_k,
+            self.quality,
+            self.epoch_jyear,
+            self.name,
+            self.provenance,
+            self._flux_jy,
+            self._flux_flag,
+            self._id,
+            self._spell_id,
+        )
 
     @functools.cached_property
     def direction_icrs(self) -> Array:
@@ -337,8 +356,6 @@ class StarCatalog:
         radiometry = as_radiometry(physics)
         band = as_band(band)
         if radiometry.name == "physical" and band != BANDS.get(band.name):
-            from warpsim.sky.stellar_spectrum import band_irradiance_w_cm2
-
             return band_irradiance_w_cm2(band, self._flux_jy, self.temperature_k)
         msx_band = radiometry.band_name(band)
         irradiance_w_cm2 = radiometry.flux_irradiance_w_cm2(self.flux_jy(msx_band), msx_band)
@@ -364,8 +381,6 @@ class StarCatalog:
         Raises:
             InputError: As in irradiance_w_cm2(), or n_interval out of range.
         """
-        from warpsim.sky.stellar_spectrum import interval_shares
-
         wavelength_um, share = interval_shares(band, n_interval, self.temperature_k)
         return wavelength_um, share * self.irradiance_w_cm2(band, physics)[:, None]
 
@@ -391,16 +406,7 @@ class StarCatalog:
         Raises:
             InputError: The year is not a finite number, or physics is neither word.
         """
-        try:
-            epoch_jyear = float(getattr(jyear, "jyear", jyear))
-        except (TypeError, ValueError):
-            raise InputError("jyear must be a number", value=jyear) from None
-        if not math.isfinite(epoch_jyear):
-            raise InputError("jyear must be finite", value=epoch_jyear)
-        if abs(epoch_jyear - J2000_JYEAR) > LONGEST_MOTION_YR:
-            raise InputError(
-                f"jyear must be within {LONGEST_MOTION_YR:,.0f} years of 2000", value=epoch_jyear, form="g"
-            )
+        epoch_jyear = _checked_jyear(jyear)
         if physics not in ("physical", "paper"):
             raise InputError('must be "physical" or "paper"', "physics", physics)
         origin = self._origin or self
@@ -408,70 +414,76 @@ class StarCatalog:
             return origin
         start = (origin.ra_deg, origin.dec_deg, origin.pm_ra_mas_yr, origin.pm_dec_mas_yr)
         years = epoch_jyear - origin.epoch_jyear
-        moved: tuple[Array, ...]
         if not (np.any(origin.pm_ra_mas_yr) or np.any(origin.pm_dec_mas_yr)):
             return replace(origin, epoch_jyear=epoch_jyear, _origin=origin)
         if physics == "paper":
-            moved = (*paper_motion(*start, years), *start[2:], origin.parallax_mas)
+            ra_deg, dec_deg = paper_motion(*start, years)
+            pm_ra, pm_dec, parallax_mas = origin.pm_ra_mas_yr, origin.pm_dec_mas_yr, origin.parallax_mas
         else:
-            *motion, distance = rigorous_motion(*start, years)
-            moved = (*motion, origin.parallax_mas / distance)
-        return make_catalog(
-            **dict(zip(("ra_deg", "dec_deg", "pm_ra_mas_yr", "pm_dec_mas_yr", "parallax_mas"), moved, strict=True)),
-            temperature_k=origin.temperature_k,
-            quality=origin.quality,
+            ra_deg, dec_deg, pm_ra, pm_dec, distance = rigorous_motion(*start, years)
+            parallax_mas = origin.parallax_mas / distance
+        columns = replace(
+            origin._columns,
+            ra_deg=ra_deg,
+            dec_deg=dec_deg,
+            pm_ra_mas_yr=pm_ra,
+            pm_dec_mas_yr=pm_dec,
+            parallax_mas=parallax_mas,
             epoch_jyear=epoch_jyear,
-            name=self.name,
-            provenance=self.provenance,
-            flux_jy=origin._flux_jy,
-            flux_flag=origin._flux_flag,
-            id=origin._id,
-            spell_id=origin._spell_id,
-            origin=origin,
         )
+        return _made(columns, origin)
+
+
+def _checked_jyear(jyear: Any) -> float:
+    try:
+        epoch_jyear = float(getattr(jyear, "jyear", jyear))
+    except (TypeError, ValueError):
+        raise InputError("must be a number", "jyear", jyear) from None
+    if not math.isfinite(epoch_jyear):
+        raise InputError("must be finite", "jyear", epoch_jyear)
+    if abs(epoch_jyear - J2000_JYEAR) > LONGEST_MOTION_YR:
+        raise InputError(f"must be within {LONGEST_MOTION_YR:,.0f} years of 2000", "jyear", epoch_jyear, "g")
+    return epoch_jyear
+
+
+@functools.cache
+def _default() -> StarCatalog:
+    from warpsim.sky.default_catalog import default_columns
+
+    return _made(default_columns())
+
+
+@functools.cache
+def _union() -> StarCatalog:
+    from warpsim.sky.union_catalog import union_columns
+
+    return _made(union_columns())
+
+
+def _made(columns: StarColumns, origin: StarCatalog | None = None) -> StarCatalog:
+    """The catalog of columns; every array becomes read-only."""
+    return StarCatalog(
+        ra_deg=_frozen(columns.ra_deg),
+        dec_deg=_frozen(columns.dec_deg),
+        pm_ra_mas_yr=_frozen(columns.pm_ra_mas_yr),
+        pm_dec_mas_yr=_frozen(columns.pm_dec_mas_yr),
+        parallax_mas=_frozen(columns.parallax_mas),
+        temperature_k=_frozen(columns.temperature_k),
+        quality=_frozen(columns.quality),
+        epoch_jyear=columns.epoch_jyear,
+        name=columns.name,
+        provenance=columns.provenance,
+        _flux_jy={band: _frozen(values) for band, values in columns.flux_jy.items()},
+        _flux_flag={band: _frozen(values) for band, values in columns.flux_flag.items()},
+        _id=_frozen(columns.id),
+        _spell_id=columns.spell_id,
+        _origin=origin,
+    )
 
 
 def _frozen(values: NDArray[Any]) -> NDArray[Any]:
     values.setflags(write=False)
     return values
-
-
-def make_catalog(
-    *,
-    ra_deg: Array,
-    dec_deg: Array,
-    pm_ra_mas_yr: Array,
-    pm_dec_mas_yr: Array,
-    parallax_mas: Array,
-    temperature_k: Array,
-    quality: NDArray[np.int64],
-    epoch_jyear: float,
-    name: str,
-    provenance: str,
-    flux_jy: Mapping[str, Array],
-    flux_flag: Mapping[str, NDArray[np.uint8]],
-    id: NDArray[Any],
-    spell_id: tuple[str, str] = ("", ""),
-    origin: StarCatalog | None = None,
-) -> StarCatalog:
-    """Make a catalog from checked columns; every array becomes read-only."""
-    return StarCatalog(
-        ra_deg=_frozen(ra_deg),
-        dec_deg=_frozen(dec_deg),
-        pm_ra_mas_yr=_frozen(pm_ra_mas_yr),
-        pm_dec_mas_yr=_frozen(pm_dec_mas_yr),
-        parallax_mas=_frozen(parallax_mas),
-        temperature_k=_frozen(temperature_k),
-        quality=_frozen(quality),
-        epoch_jyear=epoch_jyear,
-        name=name,
-        provenance=provenance,
-        _flux_jy={band: _frozen(values) for band, values in flux_jy.items()},
-        _flux_flag={band: _frozen(values) for band, values in flux_flag.items()},
-        _id=_frozen(id),
-        _spell_id=spell_id,
-        _origin=origin,
-    )
 
 
 def _msx_band(band: Band | str) -> Band:

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.space_motion import wrapped_deg
+from warpsim.sky.star_columns import StarColumns
+from warpsim.tables.columns import number_column
 
 if TYPE_CHECKING:
     from astropy.table import Table
-
-    from warpsim.sky.catalog import StarCatalog
 
 Array = NDArray[np.float64]
 
@@ -58,22 +58,28 @@ def flag_column(band: str) -> str:
 def checked_columns(
     numbers: Mapping[str, ArrayLike | None],
     flux_jy: Mapping[str, ArrayLike],
-    flux_flag: Mapping[str, ArrayLike] | None,
-    id: ArrayLike | None,
-    name: str,
-) -> dict[str, Any]:
-    """Columns that break no rule, of stars that have a place, named as make_catalog() takes them.
+    flux_flag: Mapping[str, ArrayLike] | None = None,
+    id: ArrayLike | None = None,
+    *,
+    epoch_jyear: float = J2000_JYEAR,
+    name: str = "stars",
+    provenance: str = "",
+) -> StarColumns:
+    """Columns that break no rule, of stars that have finite coordinates.
 
     Args:
         numbers: Columns of NUMBER_UNITS, each (n,); ra_deg and dec_deg must be there, None stands for unknown.
         flux_jy: Flux density [Jy] by band.
         flux_flag: What the fluxes are, by band; measured where left out.
         id: Names; "1", "2", ... if left out.
-        name: Name of the catalog, for the warning about stars without a place.
+        epoch_jyear: Julian year of the coordinates.
+        name: Name of the catalog, also for the warning about stars without finite coordinates.
+        provenance: Source of the stars.
 
     Raises:
         InputError: Shapes that differ, values that are not numbers or out of range, or an unknown band.
     """
+    epoch = _checked_epoch(epoch_jyear)
     ra = _vector(numbers["ra_deg"], "ra_deg")
     n_star = len(ra)
     columns = {"ra_deg": ra}
@@ -94,7 +100,7 @@ def checked_columns(
     names = np.arange(1, n_star + 1).astype(np.str_) if id is None else np.array(id).astype(np.str_)
     for key, values in {**columns, "id": names}.items():
         if values.shape != (n_star,):
-            raise InputError(f"{key} must have shape ({n_star},) like ra_deg", value=values.shape)
+            raise InputError(f"must have shape ({n_star},) like ra_deg", key, values.shape)
 
     placed = np.isfinite(ra) & np.isfinite(columns["dec_deg"])
     rows = np.flatnonzero(placed)
@@ -121,18 +127,21 @@ def checked_columns(
         kind = np.where(given == FLUX_PREDICTED, FLUX_PREDICTED, FLUX_MEASURED)
         flags[band] = np.where(known, kind, FLUX_NONE).astype(np.uint8)
     _check_whole(columns["quality"], "quality", rows)
-    return {
-        "ra_deg": wrapped_deg(columns["ra_deg"]),
-        "dec_deg": columns["dec_deg"],
-        "pm_ra_mas_yr": columns["pm_ra_mas_yr"],
-        "pm_dec_mas_yr": columns["pm_dec_mas_yr"],
-        "parallax_mas": columns["parallax_mas"],
-        "temperature_k": columns["temperature_k"],
-        "quality": columns["quality"].astype(np.int64),
-        "flux_jy": {band: columns[flux_column(band)] for band in BAND_NAMES},
-        "flux_flag": flags,
-        "id": names,
-    }
+    return StarColumns(
+        ra_deg=wrapped_deg(columns["ra_deg"]),
+        dec_deg=columns["dec_deg"],
+        pm_ra_mas_yr=columns["pm_ra_mas_yr"],
+        pm_dec_mas_yr=columns["pm_dec_mas_yr"],
+        parallax_mas=columns["parallax_mas"],
+        temperature_k=columns["temperature_k"],
+        quality=columns["quality"].astype(np.int64),
+        epoch_jyear=epoch,
+        name=name,
+        provenance=provenance,
+        flux_jy={band: columns[flux_column(band)] for band in BAND_NAMES},
+        flux_flag=flags,
+        id=names,
+    )
 
 
 def checked_limits(limit_jy: Mapping[str, ArrayLike], n_star: int) -> dict[str, Array]:
@@ -145,10 +154,13 @@ def checked_limits(limit_jy: Mapping[str, ArrayLike], n_star: int) -> dict[str, 
     for band, values in limit_jy.items():
         if band not in BANDS:
             raise InputError(f"band must be one of {', '.join(BAND_NAMES)}", "limit_jy", band)
-        limits[band] = _vector(values, f"limit_jy: {band}")
-        if limits[band].shape != (n_star,):
-            raise InputError(f"{band} must have shape ({n_star},)", "limit_jy", limits[band].shape)
-        _check_range(limits[band], 0.0, LARGEST_FLUX_JY, f"limit_jy: {band}", np.arange(n_star))
+        try:
+            limits[band] = _vector(values, band)
+            if limits[band].shape != (n_star,):
+                raise InputError(f"must have shape ({n_star},)", band, limits[band].shape)
+            _check_range(limits[band], 0.0, LARGEST_FLUX_JY, band, np.arange(n_star))
+        except InputError as error:
+            raise error.within("limit_jy") from None
     return limits
 
 
@@ -172,7 +184,7 @@ def columns_of_table(table: Table) -> dict[str, Any]:
         missing.append("one of " + ", ".join(fluxes))
     if missing:
         found = ", ".join(table.colnames) or "no columns"
-        raise InputError(f"must have the column {' and '.join(missing)}", "table", found)
+        raise InputError(f"must have the column {' and '.join(missing)}", "table", found, "s")
     meta = {str(key).lower(): value for key, value in table.meta.items()}  # FITS turns keys to capitals
     columns: dict[str, Any] = {
         key: number_column(table, key, unit) for key, unit in NUMBER_UNITS.items() if key in known
@@ -188,58 +200,35 @@ def columns_of_table(table: Table) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def table_of(catalog: StarCatalog) -> Table:
-    """Return the catalog as an astropy Table that columns_of_table() reads back."""
+def table_of(columns: StarColumns) -> Table:
+    """Return columns as an astropy Table that columns_of_table() reads back; their names must be spelled out."""
     from astropy.table import Table
 
-    table = Table(meta={"name": catalog.name, "epoch_jyear": catalog.epoch_jyear, "provenance": catalog.provenance})
+    table = Table(meta={"name": columns.name, "epoch_jyear": columns.epoch_jyear, "provenance": columns.provenance})
     for key, unit in NUMBER_UNITS.items():
         if key not in ("quality", "temperature_k"):
-            table[key] = getattr(catalog, key)
+            table[key] = getattr(columns, key)
             table[key].unit = unit
     for band in BAND_NAMES:
-        table[flux_column(band)] = catalog.flux_jy(band)
+        table[flux_column(band)] = columns.flux_jy[band]
         table[flux_column(band)].unit = "Jy"
-    table["quality"] = catalog.quality
-    table["id"] = catalog.id
-    table["temperature_k"] = catalog.temperature_k
+    table["quality"] = columns.quality
+    table["id"] = columns.id
+    table["temperature_k"] = columns.temperature_k
     table["temperature_k"].unit = "K"
     for band in BAND_NAMES:
-        table[flag_column(band)] = catalog.flux_flag(band)
+        table[flag_column(band)] = columns.flux_flag[band]
     return table
 
 
-def number_column(table: Table, key: str, unit: str) -> Array:
-    """Return a numeric column in a unit, NaN where masked.
-
-    Raises:
-        InputError: It holds no numbers, or is in a unit that does not convert.
-    """
-    column: Any = table[key]
-    if column.ndim != 1 or column.dtype.kind == "c":
-        what = "complex numbers" if column.dtype.kind == "c" else f"shape {column.shape}"
-        raise InputError(f"{key} must hold one real number a row", value=what)
-    try:
-        values = np.array(getattr(column, "unmasked", column), dtype=np.float64)
-        if column.unit is not None and unit:
-            from astropy.units import Unit
-
-            values = values * Unit(column.unit).to(unit)
-    except (TypeError, ValueError):  # UnitConversionError is a TypeError
-        text = f"numbers in {unit}" if unit else "numbers"
-        raise InputError(f"{key} must be {text}, got {column.dtype.name} in {column.unit or 'no unit'}") from None
-    mask = getattr(column, "mask", None)
-    return values if mask is None else np.where(np.asarray(mask), np.nan, values)
-
-
-def checked_epoch(epoch_jyear: Any) -> float:
+def _checked_epoch(epoch_jyear: Any) -> float:
     """A finite Julian year; InputError otherwise."""
     try:
         epoch = float(epoch_jyear)
     except (TypeError, ValueError):
         epoch = math.nan
     if not math.isfinite(epoch):
-        raise InputError("epoch_jyear must be a finite number", value=epoch_jyear)
+        raise InputError("must be a finite number", "epoch_jyear", epoch_jyear)
     return epoch
 
 
@@ -249,11 +238,11 @@ def _vector(values: Any, where: str) -> Array:
         vector = np.array(values, dtype=np.float64)
         masked = np.ma.getmaskarray(values) if isinstance(values, np.ma.MaskedArray) else None
     except (TypeError, ValueError):
-        raise InputError(f"{where} must be numbers, got {type(values).__name__}") from None
+        raise InputError(f"must be numbers, got {type(values).__name__}", where) from None
     if masked is not None:
         vector[masked] = np.nan
     if vector.ndim != 1:
-        raise InputError(f"{where} must be a vector, got shape {vector.shape}")
+        raise InputError(f"must be a vector, got shape {vector.shape}", where)
     return vector
 
 
@@ -261,13 +250,12 @@ def _check_whole(values: Array, where: str, rows: NDArray[np.int64]) -> None:
     """Raise for the first value that is no whole number; NaN passes."""
     bad = np.flatnonzero(np.isfinite(values) & (values != np.floor(values)))
     if bad.size:
-        raise InputError(f"{where} must be whole numbers, got {values[bad[0]]:g} in row {rows[bad[0]]}")
+        raise InputError("must be whole numbers", where, values[bad[0]], "g", row=int(rows[bad[0]]))
 
 
 def _check_range(values: Array, low: float, high: float, where: str, rows: NDArray[np.int64]) -> None:
     """Raise for the first value outside [low, high]; NaN passes. `rows` are the user's row numbers."""
     bad = np.flatnonzero((values < low) | (values > high))
     if bad.size:
-        such = "1 such row" if bad.size == 1 else f"{bad.size} such rows"
-        got = f"got {values[bad[0]]:g} in row {rows[bad[0]]} ({such})"
-        raise InputError(f"{where} must be in [{low:g}, {high:g}], {got}")
+        rule, first = f"must be in [{low:g}, {high:g}]", bad[0]
+        raise InputError(rule, where, values[first], "g", row=int(rows[first]), n_row=bad.size)

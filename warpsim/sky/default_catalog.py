@@ -6,15 +6,13 @@ catalogs/README.md describes its columns and how it was made.
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 from numpy.typing import NDArray
 from warpsim_catalogs import path
 
-from warpsim.sky.catalog import StarCatalog, make_catalog
 from warpsim.sky.catalog_columns import FLUX_PREDICTED, J2000_JYEAR
 from warpsim.sky.colours import CLASS_TEMPERATURE_K, flux_from_magnitude_a
+from warpsim.sky.star_columns import StarColumns
 
 _UNCERTAIN, _FAIR = 1, 2  # values of StarCatalog.quality
 
@@ -25,9 +23,8 @@ _PROVENANCE = (
 )
 
 
-@functools.cache
-def load_default_catalog() -> StarCatalog:
-    """Return the shipped catalog; made once."""
+def default_columns() -> StarColumns:
+    """Return the columns of the shipped catalog."""
     with path("hip_gaia_ir_v1.npz").open("rb") as stream, np.load(stream, allow_pickle=False) as columns:
         packed = {key: columns[key] for key in columns.files}
     flags = packed["flags"].astype(np.int64)
@@ -44,7 +41,7 @@ def load_default_catalog() -> StarCatalog:
 
     hip = from_hip_rows("hip", 0.0, 1.0).astype(np.int64)
     flux_jy = flux_from_magnitude_a(mag_a, colour_class)
-    return make_catalog(
+    return StarColumns(
         ra_deg=packed["ra_mas"] / 3.6e6,
         dec_deg=packed["dec_mas"] / 3.6e6,
         pm_ra_mas_yr=from_hip_rows("hip_pm_ra_mas_yr", 0.0, 1.0),

@@ -176,10 +176,10 @@ def _package_file(package: str, version: str, sha256: str) -> bytes:
         module = importlib.import_module(package.replace("-", "_"))
         data = Path(module.catalog_path()).read_bytes()
     except ImportError:
-        raise InputError(f"{remedy}", f"{needs}, which is not installed") from None
+        raise InputError(f"{needs}, which is not installed: {remedy}") from None
     except (AttributeError, OSError) as error:
         raise InputError(f"{needs}, whose data cannot be read ({type(error).__name__}): {remedy}") from None
     if hashlib.sha256(data).hexdigest() != sha256:
         found = getattr(module, "__version__", "unknown")
-        raise InputError(f"{remedy}", f"{needs}, got version {found} with other data")
+        raise InputError(f"{needs}, got version {found} with other data: {remedy}")
     return data

@@ -170,8 +170,7 @@ def _band_of_stars(band: Band | str) -> Band:
         raise InputError(
             f"must lie within {VALID_UM[0]:g} to {VALID_UM[1]:g} um, where the spectrum of stars is known, got "
             f"{low_um:g} to {high_um:g} um",
-            f"band {band.name}",
-        )
+        ).of(f"band {band.name}")
     return band
 
 

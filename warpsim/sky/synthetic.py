@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
-from warpsim.sky.catalog import StarCatalog, make_catalog
 from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_PREDICTED, J2000_JYEAR
 from warpsim.sky.colours import CLASS_TEMPERATURE_K, flux_from_magnitude_a
 from warpsim.sky.space_motion import place_of
+from warpsim.sky.star_columns import StarColumns
 from warpsim.streams import uniforms
 
 Array = NDArray[np.float64]
@@ -112,8 +112,8 @@ SYNTHETIC_SKIES = {
 }
 
 
-def synthetic_catalog(n_star: int | None, limit_jy: float | None, sky: str, seed: int) -> StarCatalog:
-    """Make a catalog of the brightest stars of a made-up sky, brightest first, without proper motions.
+def synthetic_columns(n_star: int | None, limit_jy: float | None, sky: str, seed: int) -> StarColumns:
+    """Make the columns of the brightest stars of a synthetic sky, brightest first, without proper motions.
 
     Sine, logarithm and power differ between machines in the last bit. Places are rounded to 0.1 mas and fluxes to
     float32: about one place in a million may still fall on the other side, by 0.1 mas.
@@ -149,7 +149,7 @@ def synthetic_catalog(n_star: int | None, limit_jy: float | None, sky: str, seed
     # What is the same for all stars takes no memory.
     still: Array = np.broadcast_to(0.0, (n,))
     depth = f"the {n} brightest stars, down to {flux_jy['A'][-1]:.4g} Jy at 8.3 um"
-    return make_catalog(
+    return StarColumns(
         ra_deg=ra_deg,
         dec_deg=dec_deg,
         pm_ra_mas_yr=still,
@@ -205,16 +205,16 @@ def _checked_n_star(model: SyntheticSky, n_star: Any, limit_jy: Any) -> int:
     try:
         flux_jy = float(limit_jy)
     except (TypeError, ValueError):
-        raise InputError("limit_jy must be a number", value=limit_jy) from None
+        raise InputError("must be a number", "limit_jy", limit_jy) from None
     if not (math.isfinite(flux_jy) and flux_jy > 0.0):
-        raise InputError("limit_jy must be finite and > 0", value=limit_jy)
+        raise InputError("must be finite and > 0", "limit_jy", limit_jy)
     n = model.count(_magnitude_of_flux(flux_jy))
     if not 1.0 <= n <= LARGEST_N_STAR:
-        raise InputError(f"limit_jy must leave 1 to {LARGEST_N_STAR} stars, got {flux_jy:g}, which leaves {n:.3g}")
+        raise InputError(f"must leave 1 to {LARGEST_N_STAR} stars, got {flux_jy:g}, which leaves {n:.3g}", "limit_jy")
     return math.floor(n)
 
 
 def _checked_integer(value: Any, where: str, low: int, high: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
-        raise InputError(f"{where} must be a whole number from {low} to {high}", value=value)
+        raise InputError(f"must be a whole number from {low} to {high}", where, value)
     return int(value)

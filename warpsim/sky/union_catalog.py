@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.sky.catalog import StarCatalog, make_catalog
 from warpsim.sky.catalog_columns import FLUX_NONE, FLUX_PREDICTED, J2000_JYEAR
 from warpsim.sky.colours import RELATIONS, colour_class, colour_temperature_k, flux_from_magnitude_a
 from warpsim.sky.hip_gaia import HIPPARCOS_EPOCH_JYEAR, Hipparcos, match, read_gaia, read_hipparcos
 from warpsim.sky.space_motion import rigorous_motion
+from warpsim.sky.star_columns import StarColumns
 
 Array = NDArray[np.float64]
 
@@ -129,9 +128,8 @@ def hipparcos_magnitude_a(star: Hipparcos) -> tuple[Array, Array, NDArray[np.boo
     return np.where(has_v_i, by_v_i, by_b_v), temperature_k, np.where(has_v_i, clipped_v_i, clipped_b_v)
 
 
-@functools.cache
-def load_union_catalog() -> StarCatalog:
-    """Return the union as a catalog; made once.
+def union_columns() -> StarColumns:
+    """Return the columns of the union as a catalog.
 
     Raises:
         InputError: The packages of the extra `catalogs` are not installed, or not of the version known.
@@ -145,7 +143,7 @@ def load_union_catalog() -> StarCatalog:
         f"HIP {hip}" if hip else f"Gaia DR3 {source}"
         for hip, source in zip(stars.hip.tolist(), stars.source_id.tolist(), strict=True)
     ]
-    return make_catalog(
+    return StarColumns(
         ra_deg=stars.ra_deg,
         dec_deg=stars.dec_deg,
         pm_ra_mas_yr=stars.pm_ra_mas_yr,

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.errors import InputError
+from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 from warpsim.sky.catalog import StarCatalog
 from warpsim.streams import uniforms
@@ -56,7 +57,7 @@ class SpeedWork:
     @property
     def n_pixel(self) -> int:
         """Rows, and columns."""
-        return self.scene.camera.n_row
+        return int(self.scene.camera.n_row)
 
     @property
     def n_view(self) -> int:
@@ -87,8 +88,9 @@ def speed_work(
     scene = speed_scene(n_pixel, psf, n_sensor)
     if n_frame is None:
         n_frame = max(1, min(MOST_VIEWS, max(16, PIXELS_PER_CALL // n_pixel**2)) // n_sensor)
-    sensors = _watching(scene, n_sensor, N_CALL * n_frame)
-    return SpeedWork(scene, sensors, speed_catalog(scene, sensors, N_CALL * n_frame, n_star), n_frame, n_star, psf)
+    sensors = _watching(scene.scenario, n_sensor, N_CALL * n_frame)
+    catalog = speed_catalog(scene.scenario, sensors, N_CALL * n_frame, n_star)
+    return SpeedWork(scene, sensors, catalog, n_frame, n_star, psf)
 
 
 def speed_scene(n_pixel: int, psf: str = "airy", n_sensor: int = 1) -> Scene:
@@ -115,10 +117,10 @@ def speed_scene(n_pixel: int, psf: str = "airy", n_sensor: int = 1) -> Scene:
     )
 
 
-def _watching(scene: Scene, n_sensor: int, n_frame: int) -> list[str]:
+def _watching(scenario: Scenario, n_sensor: int, n_frame: int) -> list[str]:
     """Sensors that see the targets in each of the first frames."""
-    first_s, last_s = scene.frame_time_s([0, n_frame - 1])
-    table = scene.access()
+    first_s, last_s = scenario.instrument.frame_time_s([0, n_frame - 1])
+    table = scenario.access()
     seen = table[(table["start_s"] <= first_s) & (table["end_s"] >= last_s)]
     sensors = [str(name) for name in seen["sensor"]][:n_sensor]
     if len(sensors) < n_sensor:
@@ -126,8 +128,8 @@ def _watching(scene: Scene, n_sensor: int, n_frame: int) -> list[str]:
     return sensors
 
 
-def speed_catalog(scene: Scene, sensors: list[str], n_frame: int, n_star: int) -> StarCatalog:
-    """Stars of even density wherever sensors look in the first frames, about n_star in each image.
+def speed_catalog(scenario: Scenario, sensors: list[str], n_frame: int, n_star: int) -> StarCatalog:
+    """Return stars of even density wherever sensors look in the first frames, about n_star in each image.
 
     Their light follows FLUX_SLOPE within FLUX_RANGE_NEI. Each sensor has a cap of the sky; stars of a cap that lie in
     the cap of an earlier sensor are left out, so that the density is the same where caps meet.
@@ -137,14 +139,15 @@ def speed_catalog(scene: Scene, sensors: list[str], n_frame: int, n_star: int) -
     """
     if n_star < 0:
         raise InputError("must be >= 0", "n_star", n_star)
-    camera = scene.camera
-    first_s, last_s = scene.frame_time_s([0, n_frame - 1])
+    instrument = scenario.instrument
+    camera = instrument.sensor.camera
+    first_s, last_s = instrument.frame_time_s([0, n_frame - 1])
     time_s = np.linspace(first_s, last_s, 17)
     per_sr = n_star * camera.focal_px * camera.focal_row_px / (camera.n_row * camera.n_col)
     caps: list[tuple[F64, float]] = []
     places: list[F64] = [np.empty((0, 3))]
     for item, name in enumerate(sensors):
-        axis, cosine = _cap_around(scene.view_axes(name, time_s)[:, 2], camera.half_diagonal_rad() + _MARGIN_RAD)
+        axis, cosine = _cap_around(scenario.view_axes(name, time_s)[:, 2], camera.half_diagonal_rad() + _MARGIN_RAD)
         star = _even_stars(axis, cosine, per_sr, item)
         for other, other_cosine in caps:
             star = star[star @ other < other_cosine]
@@ -153,13 +156,13 @@ def speed_catalog(scene: Scene, sensors: list[str], n_frame: int, n_star: int) -
     x, y, z = np.concatenate(places).T
     n = len(x)
     w_cm2_per_jy = StarCatalog.from_arrays([0.0], [0.0], {BAND: [1.0]}).irradiance_w_cm2(BAND)[0]
-    flux_jy = power_law_nei(n) * scene.nei_w_cm2(BAND) / w_cm2_per_jy
+    flux_jy = power_law_nei(n) * instrument.nei_w_cm2(BAND) / w_cm2_per_jy
     ra_deg, dec_deg = np.degrees(np.arctan2(y, x)) % 360.0, np.degrees(np.arcsin(np.clip(z, -1.0, 1.0)))
     return StarCatalog.from_arrays(ra_deg, dec_deg, {BAND: flux_jy}, id=np.full(n, ""), name="even stars")
 
 
 def power_law_nei(n: int) -> F64:
-    """Light of n stars [NEI]: FLUX_SLOPE within FLUX_RANGE_NEI."""
+    """Return the light of n stars [NEI]: FLUX_SLOPE within FLUX_RANGE_NEI."""
     low, high = FLUX_RANGE_NEI
     power = FLUX_SLOPE + 1.0
     u = uniforms(_SEED, "light of stars", 0, n)

@@ -71,7 +71,7 @@ class AttitudeTable:
     cover the scene.
 
     Args:
-        file: An attitude file.
+        file: An attitude file; read on first use, and then kept.
         object: Which object of the file, where it holds several.
         time_s: Times after the scene's epoch, strictly ascending [s].
         quaternion: A row (x, y, z, w) for each time: body -> GCRS, scalar last, of norm 1 within 1e-3 (then scaled to
@@ -94,10 +94,7 @@ class AttitudeTable:
         if self.object is not None and self.file is None:
             raise InputError("names an object of a file, which is not given", "object", self.object)
         if inline:
-            try:
-                self._inline_rows  # noqa: B018  # checked here, where the scene's file is known
-            except InputError as error:
-                raise error from None
+            self._inline_rows  # noqa: B018  # checked here, where the scene's file is known
         return self
 
     @cached_property
@@ -110,9 +107,15 @@ class AttitudeTable:
 
         return read_source(str(self.file))
 
+    @cached_property
+    def _segments(self) -> list[Any]:
+        from warpsim.exchange.read import attitude_of
+
+        return attitude_of(self._source)
+
     @property
     def checksum(self) -> str | None:
-        """SHA-256 of the file, in hexadecimal; None for rows of one's own.
+        """SHA-256 of the file, in hexadecimal; None for rows that stand in the scene.
 
         Raises:
             InputError: The file cannot be read.
@@ -127,10 +130,9 @@ class AttitudeTable:
         """
         if self.file is None:
             return self._inline_rows
-        from warpsim.exchange.read import attitude_of
         from warpsim.orbit.frames import attitude_in_gcrs
 
-        segments = attitude_of(self._source)
+        segments = self._segments
         try:
             chosen = _of_object(segments, self.object)
             rows = checked_rows(*_joined([attitude_in_gcrs(segment, epoch) for segment in chosen]))
@@ -157,14 +159,15 @@ def checked_rows(time_s: F64, quaternion: F64) -> AttitudeRows:
         raise InputError("must be finite", "time_s, quaternion")
     (back,) = np.nonzero(np.diff(time_s) <= 0)
     if len(back):
-        row = back[0]
-        raise InputError(f"must ascend, got {time_s[row + 1]:.17g} after {time_s[row]:.17g} in row {row + 1}", "time_s")
+        row = int(back[0])
+        rule = f"must ascend, got {time_s[row + 1]:.17g} after {time_s[row]:.17g}"
+        raise InputError(rule, "time_s", row=row + 1)
     with np.errstate(over="ignore"):  # infinity is no norm of 1 either
         norm = np.sqrt(np.sum(quaternion**2, axis=1))
     (wrong,) = np.nonzero(~(np.abs(norm - 1) <= NORM_TOLERANCE))
     if len(wrong):
         row = wrong[0]
-        raise InputError(f"norm must be 1 within {NORM_TOLERANCE:g}, got {norm[row]:.6g} in row {row}", "quaternion")
+        raise InputError(f"norm must be 1 within {NORM_TOLERANCE:g}", "quaternion", norm[row], ".6g", row=int(row))
     rows = in_one_hemisphere(unit(quaternion))
     step_deg = np.degrees(rotation_between_rad(rows[:-1], rows[1:]))
     (far,) = np.nonzero(step_deg > LARGEST_STEP_DEG)

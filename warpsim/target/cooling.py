@@ -111,8 +111,8 @@ def follow(
         if not poor.any():
             share *= 0.1
     raise InputError(
-        "heating or attitude change too unevenly",
-        f"the temperature cannot be followed within {error_k:g} K, it is {min(errors_k):.3g} K off",
+        f"the temperature cannot be followed within {error_k:g} K, it is {min(errors_k):.3g} K off: heating or "
+        "attitude change too unevenly"
     )
 
 
@@ -152,7 +152,7 @@ class _Walk:
         self._ahead = {}
         while done < 1.0:
             if len(self.begin_s) >= self.most_steps or share * way_s < 1e-12 * max(1.0, abs(self.time_s)):
-                raise InputError("it changes too fast", f"the temperature cannot be followed near {self.time_s:.6g} s")
+                raise InputError(f"the temperature cannot be followed near {self.time_s:.6g} s: it changes too fast")
             h = share * way_s
             if self._limit_s(h) < 0.99 * h:
                 share *= 0.5

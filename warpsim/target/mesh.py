@@ -57,7 +57,8 @@ class Mesh(Areas):
     other: for a mesh that is not convex (`convex`), areas are those without self-shadowing, which are too large.
 
     Args:
-        file: OBJ, STL, or what else trimesh reads (PLY, OFF, GLB); read once, on construction. Needs the extra `mesh`.
+        file: OBJ, STL, or what else trimesh reads (PLY, OFF, GLB); read and checked on first use, and then kept. Needs
+            the extra `mesh`.
         scale_m: Metres per unit of the file. Body axes are the file's axes.
         vertices_m: Places of the vertices, body axes, rows of three [m].
         faces: Triangles as numbers of vertices, counted from 0, rows of three.
@@ -78,10 +79,11 @@ class Mesh(Areas):
             raise InputError("both must be given", "vertices_m, faces")
         if inline and self.scale_m != 1.0:
             raise InputError("belongs to a file, which is not given", "scale_m", self.scale_m, "g")
-        try:
-            self.surface  # noqa: B018  # read and checked here
-        except InputError as error:
-            raise error.within("faces" if self.file is None else "file") from None
+        if inline:
+            try:
+                self.surface  # noqa: B018  # checked here, where the field's path is known
+            except InputError as error:
+                raise error.within("faces") from None
         return self
 
     @cached_property
@@ -95,7 +97,11 @@ class Mesh(Areas):
 
     @cached_property
     def surface(self) -> ClosedSurface:
-        """The mesh as read and checked, with its facets."""
+        """The mesh as read and checked, with its facets.
+
+        Raises:
+            InputError: The file cannot be read, or its mesh is not closed or breaks another rule.
+        """
         if self.file is None:
             return closed_surface(np.array(self.vertices_m), np.array(self.faces, dtype=np.int64))
         vertices, faces = read_mesh(self._source)

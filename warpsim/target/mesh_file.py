@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.errors import InputError
+from warpsim.errors import InputError, one_line
 from warpsim.exchange.source import Source, number_of
 
 F64 = NDArray[np.float64]
@@ -28,8 +28,8 @@ def read_mesh(source: Source) -> tuple[F64, I64]:
     try:
         import trimesh
     except ImportError:
-        message = "a mesh file needs trimesh, which the extra `mesh` brings: pip install 'warpsim[mesh]'"
-        raise InputError(f"{message}").of(source.file) from None
+        rule = "a mesh file needs trimesh, which the extra `mesh` brings: pip install 'warpsim[mesh]'"
+        raise InputError(rule).of(source.file) from None
     ending = Path(source.file).suffix.lower().removeprefix(".")
     if ending == "obj":
         _check_obj(source)
@@ -39,8 +39,8 @@ def read_mesh(source: Source) -> tuple[F64, I64]:
         mesh = trimesh.load_mesh(io.BytesIO(source.data), file_type=ending, process=False)
         vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
     except Exception as error:  # each format of trimesh has errors of its own
-        words = str(error).strip().splitlines() or [type(error).__name__]
-        raise InputError(f"{words[0]}", f"cannot be read as {ending.upper() or 'a mesh'}").of(source.file) from None
+        kind = ending.upper() or "a mesh"
+        raise InputError(f"cannot be read as {kind}: {one_line(error)}").of(source.file) from None
     if not len(faces):
         raise InputError("must hold faces, got none").of(source.file)
     return vertices.reshape(len(vertices), -1)[:, :3], faces
@@ -60,20 +60,20 @@ def _check_obj(source: Source) -> None:
         if words[0] == "v":
             n_vertex += 1
             if len(words) < 4:
-                raise source.error(number, f"a vertex must have 3 coordinates, got {len(words) - 1}")
+                raise source.error(number, "a vertex must have 3 coordinates", value=len(words) - 1)
             for word in words[1:4]:
                 number_of(source, number, word)
         elif words[0] == "f":
             if len(words) < 4:
-                raise source.error(number, f"a face must have at least 3 corners, got {len(words) - 1}")
+                raise source.error(number, "a face must have at least 3 corners", value=len(words) - 1)
             corners += [(number, word) for word in words[1:]]
     for number, word in corners:
         match = _OBJ_CORNER.fullmatch(word)
         if match is None:
-            raise source.error(number, f"corners must be numbers of vertices, got {word[:40]!r}")
+            raise source.error(number, "corners must be numbers of vertices", value=word[:40])
         vertex = int(match[1])
         if vertex < 1:
-            raise source.error(number, f"numbers of vertices must count from 1 (not backwards), got {vertex}")
+            raise source.error(number, "numbers of vertices must count from 1 (not backwards)", value=vertex)
         if vertex > n_vertex:
             raise source.error(number, f"face names vertex {vertex} of {n_vertex}")
 

@@ -55,8 +55,8 @@ class Graybody:
                 continue
             tables = any(isinstance(given, Mapping) for given in (self.reflectance, self.emissivity))
             where = f" in band {band}" if tables else ""
-            total = f"{reflected + emitted:g}"
-            raise InputError(f"emissivity + reflectance: must be 1 (opaque graybody){where}", value=total)
+            rule, total = f"must be 1 (opaque graybody){where}", reflected + emitted
+            raise InputError(rule, value=total, form="g").of("emissivity + reflectance")
         return self
 
     @property

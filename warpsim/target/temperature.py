@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -13,7 +13,16 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, PlainValidator, ValidationInfo, model_validator
 
-from warpsim.config.fields import NonNegative, Number, Positive, closed_interval, number_within, rows_in, rule_error
+from warpsim.config.fields import (
+    FileName,
+    NonNegative,
+    Number,
+    Positive,
+    closed_interval,
+    number_within,
+    rows_in,
+    rule_error,
+)
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.target.timed_rows import TimedRows
@@ -46,6 +55,8 @@ class TemperatureRows(TimedRows):
     """Largest measured error of a heat balance, interpolation included; 0 for what was given [K]."""
     ripple_k: float = 0.0
     """Swing of a heat balance within one turn of the body in sunlight, which the mean over turns leaves out [K]."""
+    source: str = ""
+    """File that messages name; nothing for rows that stand in the scene."""
 
     _of = "temperatures"
 
@@ -97,13 +108,13 @@ class TemperatureTable:
     Args:
         time_s: Times after the scene's epoch, strictly ascending [s].
         temperature_k: A temperature for each time [K].
-        file: A CSV or ECSV file with the columns time_s (or time_utc) and temperature_k.
+        file: A CSV or ECSV file with the columns time_s (or time_utc) and temperature_k; read on first use, and kept.
         max_gap_s: Longest time between neighbouring rows that is no gap [s]; any if left out.
     """
 
     time_s: Times | None = None
     temperature_k: Kelvins | None = None
-    file: str | None = None
+    file: FileName | None = None
     max_gap_s: Positive | None = None
     kind: Literal["table"] = Field(default="table", kw_only=True)
 
@@ -115,10 +126,7 @@ class TemperatureTable:
         if inline:
             if self.time_s is None or self.temperature_k is None:
                 raise InputError("both must be given", "time_s, temperature_k")
-            try:
-                self._inline_rows  # noqa: B018  # checked here, where the scene's file is known
-            except InputError as error:
-                raise error from None
+            self._inline_rows  # noqa: B018  # checked here, where the scene's file is known
         return self
 
     @cached_property
@@ -131,9 +139,16 @@ class TemperatureTable:
 
         return read_source(str(self.file))
 
+    @cached_property
+    def _content(self) -> Any:
+        """Times, temperatures and lines of the file."""
+        from warpsim.exchange.table_read import read_temperature_table
+
+        return read_temperature_table(self._source)
+
     @property
     def checksum(self) -> str | None:
-        """SHA-256 of the file, in hexadecimal; None for rows of one's own.
+        """SHA-256 of the file, in hexadecimal; None for rows that stand in the scene.
 
         Raises:
             InputError: The file cannot be read.
@@ -148,13 +163,12 @@ class TemperatureTable:
         """
         if self.file is None:
             return self._inline_rows
-        from warpsim.exchange.table_read import read_temperature_table
-
-        instants, temperature_k, places = read_temperature_table(self._source)
+        instants, temperature_k, places = self._content
         try:
-            return checked_rows(instants.since(epoch), temperature_k, self.max_gap_s, places.__getitem__)
+            rows = checked_rows(instants.since(epoch), temperature_k, self.max_gap_s, places.__getitem__)
         except InputError as error:
             raise error.of(self.file) from None
+        return replace(rows, source=self.file)
 
 
 def checked_rows(
@@ -179,9 +193,7 @@ def checked_rows(
         (missing,) = np.nonzero(~np.isfinite(values))
         if len(missing):
             row = int(missing[0])
-            raise InputError(
-                "must be finite, a table must have no gap", value=values[row], form="g"
-            ).of(name).of(where(row))
+            raise InputError("must be finite, a table must have no gap", name, values[row], "g").of(where(row))
     (wrong,) = np.nonzero(~((temperature_k > 0) & (temperature_k <= HOTTEST_K)))
     if len(wrong):
         row = int(wrong[0])

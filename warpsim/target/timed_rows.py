@@ -33,10 +33,6 @@ class TimedRows:
             return -math.inf, math.inf
         return float(self.time_s[0]), float(self.time_s[-1])
 
-    @property
-    def _head(self) -> str:
-        return f"{self.source or 'time_s'}: "
-
     def check_span(self, start_s: float, end_s: float) -> None:
         """Make sure that the rows cover a span of time after the epoch [s].
 
@@ -45,7 +41,7 @@ class TimedRows:
         """
         first_s, last_s = self.span_s
         if first_s > start_s + DATE_ROUNDING_S or last_s < end_s - DATE_ROUNDING_S:
-            raise InputError(f"{self._head}must cover the scene, {_span(start_s, end_s)}", value=_span(first_s, last_s))
+            raise self._error(f"must cover the scene, {_span(start_s, end_s)}, got {_span(first_s, last_s)}")
 
     def _times_within(self, time_s: npt.ArrayLike) -> F64:
         """Times as an array, none of them more than a second outside the rows."""
@@ -54,8 +50,12 @@ class TimedRows:
         outside = ~((time >= first_s - END_SLACK_S) & (time <= last_s + END_SLACK_S)) | np.isnan(time)
         if outside.any():
             span = _span(first_s, last_s)
-            raise InputError(f"{self._head}must be within the {self._of}, {span}", value=time[outside][0], form="g")
+            raise self._error(f"must be within the {self._of}, {span}, got {time[outside][0]:g}")
         return time
+
+    def _error(self, rule: str) -> InputError:
+        """The error about the times: of the rows' source, or of the field time_s."""
+        return InputError(rule).of(self.source) if self.source else InputError(rule, "time_s")
 
 
 def _span(first_s: float, last_s: float) -> str:

@@ -18,7 +18,8 @@ from warpsim.sky.readers.photometry import (
     positive,
     star_names,
 )
-from warpsim.sky.readers.survey import Survey, SurveyStars, SurveyTable
+from warpsim.sky.readers.survey import Survey, SurveyStars
+from warpsim.tables.columns import ColumnTable
 
 Array = NDArray[np.float64]
 
@@ -37,7 +38,7 @@ _EDGE_BIT = 8
 _EDGE_LETTERS = tuple("89abcdef")  # hexadecimal digits with that bit: measured at the image's edge, flux too low
 
 
-def _convert(table: SurveyTable) -> SurveyStars:
+def _convert(table: ColumnTable) -> SurveyStars:
     ra_deg, dec_deg, _ = place_deg(table)
     mag_9, quality_9 = _filter(table, "09")
     mag_18, quality_18 = _filter(table, "18")
@@ -65,7 +66,7 @@ def _convert(table: SurveyTable) -> SurveyStars:
     )
 
 
-def _filter(table: SurveyTable, um: str) -> tuple[Array, Quality]:
+def _filter(table: ColumnTable, um: str) -> tuple[Array, Quality]:
     """Magnitude in a filter, NaN where it was not measured, and its quality, shape (n,) each."""
     names = (f"S{um}", f"flux{um}")
     flux_jy = table.number(*names, unit="Jy", null=_NULLS)

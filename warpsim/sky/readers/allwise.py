@@ -26,7 +26,8 @@ from warpsim.sky.readers.photometry import (
     predicted_flux_a_jy,
     star_names,
 )
-from warpsim.sky.readers.survey import Survey, SurveyStars, SurveyTable
+from warpsim.sky.readers.survey import Survey, SurveyStars
+from warpsim.tables.columns import ColumnTable
 
 Array = NDArray[np.float64]
 
@@ -42,7 +43,7 @@ _LIMIT = "U"
 _FLAGS, _ARTEFACTS = ("qph", "ph_qual"), ("ccf", "cc_flags")
 
 
-def _convert(table: SurveyTable) -> SurveyStars:
+def _convert(table: ColumnTable) -> SurveyStars:
     need(table, *_FLAGS)  # without it a limit would pass for a measurement
     ra_deg, dec_deg, _ = place_deg(table)
     mag_3, limit_3, quality_3, saturated_3 = _filter(table, 3)
@@ -72,7 +73,7 @@ def _convert(table: SurveyTable) -> SurveyStars:
     )
 
 
-def _filter(table: SurveyTable, number: int) -> tuple[Array, Array, Quality, NDArray[np.bool_]]:
+def _filter(table: ColumnTable, number: int) -> tuple[Array, Array, Quality, NDArray[np.bool_]]:
     """Magnitude in W3 or W4, brightness limit [mag], quality and whether it is saturated, shape (n,) each."""
     values = table.number(f"W{number}mag", f"w{number}mpro", unit="mag")
     letter = flag_letters(table, number - 1, *_FLAGS)
@@ -86,7 +87,7 @@ def _filter(table: SurveyTable, number: int) -> tuple[Array, Array, Quality, NDA
     return star_mag, limit_mag, np.where(np.isnan(star_mag), UNKNOWN, quality), saturated
 
 
-def _near_infrared(table: SurveyTable, vizier: str, irsa: str, vizier_error: str, irsa_error: str) -> Array:
+def _near_infrared(table: ColumnTable, vizier: str, irsa: str, vizier_error: str, irsa_error: str) -> Array:
     """A 2MASS magnitude, NaN where it is a limit: those have no error."""
     values = table.number(vizier, irsa, unit="mag")
     if table.find(vizier_error, irsa_error) is None:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import J2000_JYEAR
-from warpsim.sky.readers.survey import MISSING, SurveyTable, is_number, plain_name
+from warpsim.tables.cells import MISSING, is_number
+from warpsim.tables.columns import ColumnTable, plain_name
 
 Array = NDArray[np.float64]
 Pair = tuple[str, str]
@@ -29,7 +30,7 @@ PARTS = "parts"
 _NUMBER = re.compile(r"\d+(\.\d*)?|\.\d+")
 
 
-def place_deg(table: SurveyTable, *pairs: Pair, radians: bool = False) -> tuple[Array, Array, str]:
+def place_deg(table: ColumnTable, *pairs: Pair, radians: bool = False) -> tuple[Array, Array, str]:
     """Right ascension and declination of the first pair of columns that the table has.
 
     Args:
@@ -55,10 +56,11 @@ def place_deg(table: SurveyTable, *pairs: Pair, radians: bool = False) -> tuple[
         return *_parts_deg(table), PARTS
     names = ", ".join(f"{ra} and {dec}" for ra, dec in pairs)
     found = ", ".join(table.table.colnames)
-    raise InputError(f"must have the columns of a place ({names}, or RAh, RAm, RAs, DE-, DEd, DEm, DEs)", value=found)
+    rule = f"must have the columns of a place ({names}, or RAh, RAm, RAs, DE-, DEd, DEm, DEs)"
+    raise InputError(rule, value=found, form="s")
 
 
-def has_parts(table: SurveyTable) -> bool:
+def has_parts(table: ColumnTable) -> bool:
     """Whether the table has places in the parts of the CDS."""
     return bool(table.find("RAh") and table.find("DEd", "decd"))
 
@@ -69,7 +71,7 @@ def epoch_of_place(ra_name: str, survey_epoch_jyear: float) -> float:
     return J2000_JYEAR if computed else survey_epoch_jyear
 
 
-def angle_deg(table: SurveyTable, name: str, *, hours: bool = False, radians: bool = False) -> Array:
+def angle_deg(table: ColumnTable, name: str, *, hours: bool = False, radians: bool = False) -> Array:
     """A column of angles [deg], shape (n,), NaN where missing.
 
     Args:
@@ -98,7 +100,7 @@ def angle_deg(table: SurveyTable, name: str, *, hours: bool = False, radians: bo
             try:
                 return np.asarray(numbers * Unit(column.unit).to("deg"))
             except (TypeError, ValueError):
-                raise InputError(f"{own_name} must be an angle, got numbers in {column.unit}") from None
+                raise InputError(f"must be an angle, got numbers in {column.unit}", own_name) from None
         return np.degrees(numbers) if radians else numbers
     if radians and column.unit is None:
         return np.degrees(table.number(own_name))
@@ -123,7 +125,7 @@ def sexagesimal_deg(texts: NDArray[np.str_], where: str, hours: bool) -> Array:
         if text.lower() not in MISSING:
             angle = _angle(text, hours)
             if angle is None:
-                raise InputError(f"{where} must be an angle such as 12 34 56.7 or 188.73, got {text!r} in row {row}")
+                raise InputError("must be an angle such as 12 34 56.7 or 188.73", where, text, row=row)
             angles[row] = angle
     return angles
 
@@ -145,7 +147,7 @@ def _angle(text: str, hours: bool) -> float | None:
     return sign * angle * (15.0 if in_hours else 1.0)
 
 
-def _parts_deg(table: SurveyTable) -> tuple[Array, Array]:
+def _parts_deg(table: ColumnTable) -> tuple[Array, Array]:
     """Right ascension and declination [deg] of the columns that the CDS splits places into, shape (n,) each.
 
     The names say the units, so stated ones are ignored: FITS has no name for tenths of a second.
@@ -160,7 +162,7 @@ def _parts_deg(table: SurveyTable) -> tuple[Array, Array]:
     return 15.0 * ra_hours, np.where(south, -dec, dec)
 
 
-def _part(table: SurveyTable, largest: float, *names: str) -> Array:
+def _part(table: ColumnTable, largest: float, *names: str) -> Array:
     """A column of parts, shape (n,): zeros where the table has none (then the part before it has decimals)."""
     name = table.find(*names)
     if name is None:
@@ -169,5 +171,5 @@ def _part(table: SurveyTable, largest: float, *names: str) -> Array:
     low = -largest if name == table.find("DEd", "decd") else 0.0  # which may carry the sign
     bad = np.flatnonzero((values > largest) | (values < low))
     if bad.size:
-        raise InputError(f"{name} must be in [{low:g}, {largest:g}], got {values[bad[0]]:g} in row {bad[0]}")
+        raise InputError(f"must be in [{low:g}, {largest:g}]", name, values[bad[0]], "g", row=int(bad[0]))
     return values

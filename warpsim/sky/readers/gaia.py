@@ -10,7 +10,8 @@ from warpsim.sky.catalog_columns import FLUX_PREDICTED
 from warpsim.sky.colours import colour_temperature_k
 from warpsim.sky.readers.angles import Pair, epoch_of_place, place_deg
 from warpsim.sky.readers.photometry import FAIR, UNCERTAIN, count_note, predicted_flux_a_jy, star_names
-from warpsim.sky.readers.survey import Survey, SurveyStars, SurveyTable
+from warpsim.sky.readers.survey import Survey, SurveyStars
+from warpsim.tables.columns import ColumnTable
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ _BP_RP = ("bp_rp", "BP-RP")
 _PLACES: tuple[Pair, ...] = (("ra", "dec"), ("RA_ICRS", "DE_ICRS"), ("RAJ2000", "DEJ2000"))
 
 
-def _convert(table: SurveyTable) -> SurveyStars:
+def _convert(table: ColumnTable) -> SurveyStars:
     ra_deg, dec_deg, ra_name = place_deg(table, *_PLACES)
     g_mag = table.needed(*_G, unit="mag")
     colour = table.number(*_BP_RP, unit="mag")
@@ -54,14 +55,14 @@ def _convert(table: SurveyTable) -> SurveyStars:
     )
 
 
-def _epoch_jyear(table: SurveyTable) -> float:
+def _epoch_jyear(table: ColumnTable) -> float:
     """Reference epoch: the table's own, else that of the release it says it is from, else that of DR3."""
     name = table.find("ref_epoch", "Epoch")
     if name is not None:
         epochs = np.unique(table.number(name))
         epochs = epochs[~np.isnan(epochs)]
         if len(epochs) > 1:
-            raise InputError(f"{name} must be the same in all rows, got {epochs[0]:g} and {epochs[-1]:g}")
+            raise InputError(f"must be the same in all rows, got {epochs[0]:g} and {epochs[-1]:g}", name)
         if len(epochs) == 1:
             return float(epochs[0])
     names = table.text("designation", "DR2Name")
@@ -70,7 +71,7 @@ def _epoch_jyear(table: SurveyTable) -> float:
     return DR2_EPOCH_JYEAR if from_dr2 else EPOCH_JYEAR
 
 
-def _assumed_epoch(table: SurveyTable) -> tuple[str, ...]:
+def _assumed_epoch(table: ColumnTable) -> tuple[str, ...]:
     """A note where nothing but the newest release's habit says the epoch."""
     stated = table.find("ref_epoch", "Epoch", "designation", "DR3Name", "DR2Name") or table.table.meta
     return () if stated else (f"reference epoch {EPOCH_JYEAR:g} assumed, that of DR3",)

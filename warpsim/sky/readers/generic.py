@@ -12,9 +12,9 @@ from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.catalog_columns import BAND_NAMES, J2000_JYEAR, NUMBER_UNITS, flag_column, flux_column
 from warpsim.sky.readers.angles import angle_deg, has_parts, place_deg
-from warpsim.sky.readers.file_table import FileTable
 from warpsim.sky.readers.photometry import real_magnitudes
-from warpsim.sky.readers.survey import plain_name
+from warpsim.tables.columns import plain_name
+from warpsim.tables.file_table import FileTable
 
 _ANGLES = ("ra_deg", "dec_deg")
 
@@ -62,15 +62,16 @@ def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
             raise InputError(f"must be of {', '.join(COLUMNS)}", "columns", name)
         own_name = _own_name(table, str(column))
         if own_name is None:
-            raise InputError(f"{name}: must be a column of the file ({found})", "columns", column)
+            raise InputError(f"must be a column of the file ({found})", value=column).of(name).within("columns")
         if name in _ANGLES and plain_name(own_name) in ("rah", "ded", "decd") and has_parts(table):
-            raise InputError(
-                f"{name}: {own_name} is one of RAh, RAm, RAs, DE-, DEd, DEm, DEs; leave ra_deg and dec_deg out, and "
-                "places are made of all of them",
-                "columns",
+            rule = (
+                f"{own_name} is one of RAh, RAm, RAs, DE-, DEd, DEm, DEs; leave ra_deg and dec_deg out, and places are "
+                "made of all of them"
             )
+            raise InputError(rule).of(name).within("columns")
         if own_name in checked.values():
-            raise InputError(f"{name}: must be a column of its own, got {own_name!r} a second time", "columns")
+            rule = f"must be a column of its own, got {own_name!r} a second time"
+            raise InputError(rule).of(name).within("columns")
         checked[name] = own_name
     for band in BAND_NAMES:
         if flux_column(band) in checked and magnitude_column(band) in checked:
@@ -104,10 +105,10 @@ def _own_name(table: FileTable, column: str) -> str | None:
         try:
             unit = Unit(with_unit[2])
         except ValueError:
-            raise InputError(f"{column}: must be in a unit known", "columns", with_unit[2]) from None
+            raise InputError("must be in a unit known", value=with_unit[2]).of(column).within("columns") from None
         stated = table.table[own_name].unit
         if stated is not None and stated != unit:
-            raise InputError(f"{column}: must be in the unit that the file states, {stated}", "columns")
+            raise InputError(f"must be in the unit that the file states, {stated}").of(column).within("columns")
         table.table[own_name].unit = unit
     return own_name
 

@@ -11,7 +11,8 @@ from warpsim.sky.catalog_columns import FLUX_PREDICTED
 from warpsim.sky.colours import colour_temperature_k
 from warpsim.sky.readers.angles import Pair, angle_deg, epoch_of_place, place_deg
 from warpsim.sky.readers.photometry import count_note, predicted_flux_a_jy, star_names
-from warpsim.sky.readers.survey import Survey, SurveyStars, SurveyTable
+from warpsim.sky.readers.survey import Survey, SurveyStars
+from warpsim.tables.columns import ColumnTable
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ _PLACES: tuple[Pair, ...] = (
 )
 
 
-def _convert_1997(table: SurveyTable) -> SurveyStars:
+def _convert_1997(table: ColumnTable) -> SurveyStars:
     ra_deg, dec_deg, ra_name = place_deg(table, *_PLACES)
     if epoch_of_place(ra_name, EPOCH_JYEAR) == EPOCH_JYEAR:
         # 263 stars without a solution have a rough place only, of the same epoch, in sexagesimal text.
@@ -38,7 +39,7 @@ def _convert_1997(table: SurveyTable) -> SurveyStars:
     return _stars(table, (ra_deg, dec_deg, ra_name), v_mag, table.number("B-V", unit="mag"), _v_minus_i(table))
 
 
-def _convert_2007(table: SurveyTable) -> SurveyStars:
+def _convert_2007(table: ColumnTable) -> SurveyStars:
     place = place_deg(table, *_PLACES, radians=_in_radians(table))
     b_minus_v = table.number("B-V", unit="mag", null=(0.0,))
     # V is not in the table; Hp stands for it beside B-V (they differ by less than 0.2 mag).
@@ -46,7 +47,7 @@ def _convert_2007(table: SurveyTable) -> SurveyStars:
 
 
 def _stars(
-    table: SurveyTable, place: tuple[Array, Array, str], v_mag: Array, b_minus_v: Array, v_minus_i: Array
+    table: ColumnTable, place: tuple[Array, Array, str], v_mag: Array, b_minus_v: Array, v_minus_i: Array
 ) -> SurveyStars:
     ra_deg, dec_deg, ra_name = place
     flux_jy, quality = predicted_flux_a_jy("Hp", table.number("Hpmag", unit="mag"), v_minus_i)
@@ -75,11 +76,11 @@ def _stars(
     )
 
 
-def _v_minus_i(table: SurveyTable, null: tuple[float, ...] = ()) -> Array:
+def _v_minus_i(table: ColumnTable, null: tuple[float, ...] = ()) -> Array:
     return table.number("V-I", unit="mag", null=null)
 
 
-def _in_radians(table: SurveyTable) -> bool:
+def _in_radians(table: ColumnTable) -> bool:
     """Whether RArad and DErad are in radians: VizieR exports degrees under these names, and CSV loses the unit."""
     return not (
         np.any(np.abs(table.number("DErad")) > math.pi / 2.0) or np.any(np.abs(table.number("RArad")) > 2.0 * math.pi)

@@ -22,7 +22,8 @@ from warpsim.sky.readers.photometry import (
     positive,
     star_names,
 )
-from warpsim.sky.readers.survey import Survey, SurveyStars, SurveyTable
+from warpsim.sky.readers.survey import Survey, SurveyStars
+from warpsim.tables.columns import ColumnTable
 
 Array = NDArray[np.float64]
 
@@ -52,7 +53,7 @@ _B1950_PLACES: tuple[Pair, ...] = (
 )
 
 
-def _convert(table: SurveyTable) -> SurveyStars:
+def _convert(table: ColumnTable) -> SurveyStars:
     ra_deg, dec_deg, ra_name = place_deg(table, *_J2000_PLACES, *_B1950_PLACES)
     notes: list[str] = []
     if ra_name == PARTS or any(table.find(ra) == ra_name for ra, _ in _B1950_PLACES):
@@ -108,7 +109,7 @@ def icrs_of_b1950_deg(ra_deg: Array, dec_deg: Array, epoch_jyear: float = EPOCH_
 
     bad = np.flatnonzero(np.abs(dec_deg) > 90.0)
     if bad.size:
-        raise InputError(f"declination must be in [-90, 90], got {dec_deg[bad[0]]:g} in row {bad[0]}")
+        raise InputError("must be in [-90, 90]", "declination", dec_deg[bad[0]], "g", row=int(bad[0]))
     frame = FK4(equinox=Time("B1950"), obstime=Time(epoch_jyear, format="jyear"))
     place = SkyCoord(ra_deg * u.deg, dec_deg * u.deg, frame=frame).icrs
     return np.asarray(place.ra.deg), np.asarray(place.dec.deg)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from warpsim.sky.readers.fixed_width import Field, Layout
+from warpsim.tables.fixed_width import Field, Layout
 
 PSC_BANDS = ("B1", "B2", "A", "C", "D", "E")
 """Bands of the MSX point source catalogs, in the order of VizieR, which is that of wavelength but for A."""
@@ -41,7 +41,7 @@ def _msx_irac() -> Layout:
         Field("Vmag", 88, 92, unit="mag"),
         *fluxes,
     )
-    return Layout(fields, shortest=186, length=186, longest=400, survey="msx-irac")
+    return Layout(fields, shortest=186, length=186, longest=400, name="msx-irac")
 
 
 def _msx_psc_v1() -> Layout:
@@ -53,7 +53,7 @@ def _msx_psc_v1() -> Layout:
         fields.append(Field(band, start + 1, start + 12, unit="Jy"))
         fields.append(Field(f"q_{band}", start + 14, start + 14, "whole", largest=4))
         marks += [(start, " "), (start + 13, " "), (start + 15, " ")]
-    return Layout(tuple(fields), shortest=333, length=354, longest=360, marks=tuple(marks), survey="msx-psc-v1")
+    return Layout(tuple(fields), shortest=333, length=354, longest=360, marks=tuple(marks), name="msx-psc-v1")
 
 
 def _iras_psc() -> Layout:
@@ -72,7 +72,7 @@ def _iras_psc() -> Layout:
         Field("Var", 117, 118, "whole", unit="%"),
         Field("Confuse", 120, 120, "text"),
     )
-    return Layout(fields, shortest=139, length=157, longest=170, survey="iras-psc")
+    return Layout(fields, shortest=139, length=157, longest=170, name="iras-psc")
 
 
 def _hipparcos() -> Layout:
@@ -93,7 +93,7 @@ def _hipparcos() -> Layout:
     )
     bars = (2, 15, 17, 29, 41, 47, 49, 51, 64, 77, 79, 87, 96, 105, 252, 265, 274, 282)
     marks = tuple((byte, "|") for byte in bars)
-    return Layout(fields, shortest=390, length=449, longest=470, marks=marks, survey="hipparcos")
+    return Layout(fields, shortest=390, length=449, longest=470, marks=marks, name="hipparcos")
 
 
 def _hipparcos_2() -> Layout:
@@ -111,7 +111,7 @@ def _hipparcos_2() -> Layout:
     )
     blanks = (7, 11, 13, 15, 29, 43, 51, 60, 69, 76, 83, 90, 97, 104, 129, 137, 152, 159, 165)
     marks = tuple((byte, " ") for byte in blanks)
-    return Layout(fields, shortest=171, length=276, longest=290, marks=marks, survey="hipparcos-2")
+    return Layout(fields, shortest=171, length=276, longest=290, marks=marks, name="hipparcos-2")
 
 
 def _akari_irc() -> Layout:
@@ -134,7 +134,7 @@ def _akari_irc() -> Layout:
     )
     blanks = (11, 26, 36, 112, 114, 116, 121, 126)
     marks = tuple((byte, " ") for byte in blanks)
-    return Layout(fields, shortest=165, length=196, longest=210, marks=marks, survey="akari-irc")
+    return Layout(fields, shortest=165, length=196, longest=210, marks=marks, name="akari-irc")
 
 
 LAYOUTS: tuple[Layout, ...] = (
@@ -157,4 +157,9 @@ FILE_NAMES = {
 
 def layout_of(survey: str) -> Layout | None:
     """The layout of a survey's own file."""
-    return next((layout for layout in LAYOUTS if layout.survey == survey), None)
+    return next((layout for layout in LAYOUTS if layout.name == survey), None)
+
+
+def likely_layout(file_name: str, survey: str | None) -> Layout | None:
+    """The layout that a text without columns should follow: that of the survey asked for, or of the file's name."""
+    return layout_of(survey or FILE_NAMES.get(file_name.lower().removesuffix(".gz"), ""))

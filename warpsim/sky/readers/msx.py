@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_PREDICTED
 from warpsim.sky.readers.angles import Pair, place_deg
-from warpsim.sky.readers.survey import Survey, SurveyStars, SurveyTable, plain_name
+from warpsim.sky.readers.survey import Survey, SurveyStars
+from warpsim.tables.columns import ColumnTable, plain_name
 
 Array = NDArray[np.float64]
 
@@ -25,7 +26,7 @@ _PSC_EPOCH_JYEAR = 1996.6
 _PSC_PLACES: tuple[Pair, ...] = (("RAJ2000", "DEJ2000"), ("RAdeg", "DEdeg"), ("ra", "dec"))
 
 
-def _convert_irac(table: SurveyTable) -> SurveyStars:
+def _convert_irac(table: ColumnTable) -> SurveyStars:
     ra_deg, dec_deg, _ = place_deg(table)
     # Per century, and in right ascension the rate of the angle itself, in seconds of time.
     pm_ra = _rate(table, "pmRA", "0.01 s / yr") / _CENTURY_YR * _MAS_PER_TIME_S * np.cos(np.radians(dec_deg))
@@ -44,7 +45,7 @@ def _convert_irac(table: SurveyTable) -> SurveyStars:
     )
 
 
-def _convert_psc(table: SurveyTable) -> SurveyStars:
+def _convert_psc(table: ColumnTable) -> SurveyStars:
     ra_deg, dec_deg, _ = place_deg(table, *_PSC_PLACES)
     flux_jy, limit_jy, best = {}, {}, np.zeros(len(table))
     for band in BAND_NAMES:
@@ -54,7 +55,7 @@ def _convert_psc(table: SurveyTable) -> SurveyStars:
         quality = table.needed(f"q_{band}")
         bad = np.flatnonzero((quality < _NONE) | (quality > _EXCELLENT))
         if bad.size:
-            raise InputError(f"q_{band} must be in [0, 4], got {quality[bad[0]]:g} in row {bad[0]}")
+            raise InputError("must be in [0, 4]", f"q_{band}", quality[bad[0]], "g", row=int(bad[0]))
         given = table.number(band, unit="Jy", null=(0.0,))
         flux_jy[band] = np.where(quality > _LIMIT, given, np.nan)
         # Some releases mark limits by a minus sign.
@@ -72,7 +73,7 @@ def _convert_psc(table: SurveyTable) -> SurveyStars:
     )
 
 
-def _rate(table: SurveyTable, name: str, unit: str) -> Array:
+def _rate(table: ColumnTable, name: str, unit: str) -> Array:
     """A proper motion in the catalog's own unit, per century; NaN where there is none.
 
     Archives spell that unit in ways astropy does not know: such a spelling is taken for it.
@@ -85,7 +86,7 @@ def _rate(table: SurveyTable, name: str, unit: str) -> Array:
     stated = table.table[own_name].unit
     if isinstance(stated, UnrecognizedUnit):
         if plain_name(str(stated)) not in _PER_CENTURY:
-            raise InputError(f"{own_name} must be in {unit} or the like", value=stated)
+            raise InputError(f"must be in {unit} or the like", own_name, str(stated), "s")
         unit = ""
     return table.number(name, unit=unit)
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.colours import RELATIONS
-from warpsim.sky.readers.survey import SurveyTable
+from warpsim.tables.columns import ColumnTable
 
 Array = NDArray[np.float64]
 Quality = NDArray[np.int64]
@@ -64,18 +64,19 @@ def measured_quality(relative_error: Array) -> Quality:
     return np.where(relative_error <= EXCELLENT_ERROR, EXCELLENT, GOOD)
 
 
-def flag_letters(table: SurveyTable, place: int, *names: str) -> NDArray[np.str_]:
+def flag_letters(table: ColumnTable, place: int, *names: str) -> NDArray[np.str_]:
     """Letter of one band in a column of flags with a letter a band, shape (n,); "" where it is missing."""
     return np.array([text[place : place + 1] for text in table.text(*names).tolist()], dtype=np.str_)
 
 
-def need(table: SurveyTable, *names: str) -> None:
+def need(table: ColumnTable, *names: str) -> None:
     """Raise InputError unless the table has one of these columns."""
     if table.find(*names) is None:
-        raise InputError(f"must have the column {' or '.join(names)}, got {', '.join(table.table.colnames)}")
+        found = ", ".join(table.table.colnames)
+        raise InputError(f"must have the column {' or '.join(names)}", value=found, form="s")
 
 
-def star_names(table: SurveyTable, prefix: str, *names: str) -> NDArray[np.str_] | None:
+def star_names(table: ColumnTable, prefix: str, *names: str) -> NDArray[np.str_] | None:
     """Names of the stars with the survey's prefix, "IRAS 06429-1639"; None without such a column."""
     if table.find(*names) is None:
         return None

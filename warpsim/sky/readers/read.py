@@ -1,9 +1,10 @@
-"""Files to catalogs: which survey a table is from, and what is done to its stars."""
+"""Files to columns of catalogs: which survey a table is from, and what is done to its stars."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -11,41 +12,57 @@ from typing import Any
 import numpy as np
 
 from warpsim.errors import InputError
-from warpsim.sky.catalog import StarCatalog
-from warpsim.sky.catalog_columns import J2000_JYEAR, flag_column, warn_left_out
+from warpsim.sky.catalog_columns import (
+    J2000_JYEAR,
+    NUMBER_UNITS,
+    checked_columns,
+    checked_limits,
+    flag_column,
+    warn_left_out,
+)
 from warpsim.sky.readers import akari, allwise, gaia, hipparcos, iras, msx, twomass
-from warpsim.sky.readers.file_table import FileTable
-from warpsim.sky.readers.files import read_file
 from warpsim.sky.readers.generic import arrays_of_columns, check_columns, is_own, own_columns
+from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
 from warpsim.sky.readers.survey import Survey, SurveyStars
+from warpsim.sky.star_columns import Array, StarColumns
+from warpsim.tables.file_table import FileTable
+from warpsim.tables.read import read_table
 
 SURVEYS: Mapping[str, Survey] = {
     survey.name: survey for module in (msx, iras, akari, allwise, hipparcos, gaia, twomass) for survey in module.SURVEYS
 }
 """Surveys known, by the name that the argument `format` takes."""
 
-_LONGEST_MESSAGE = 500
+
+@dataclass(frozen=True)
+class StarsOfFile:
+    """What a catalog file says, and what is still to be done to its stars."""
+
+    columns: StarColumns
+    may_be_filled: bool
+    """Whether unknown fluxes may be filled by colour relations: not in a table that flags its fluxes."""
+
+    target_epoch_jyear: float
+    """Julian year to move the stars to: J2000 for a survey, its own for a custom table."""
+
+    limit_jy: Mapping[str, Array] = field(default_factory=dict)
+    """Upper limits by band [Jy], NaN for none: a filled flux is no larger."""
 
 
-def read_catalog(
+def read_stars(
     path: str | PathLike[str],
     format: str | None = None,
     *,
     columns: Mapping[str, str] | None = None,
     readme: str | PathLike[str] | None = None,
-    fill: bool = True,
-) -> StarCatalog:
+) -> StarsOfFile:
     """Read a catalog file; see StarCatalog.read().
 
     Args:
         path: File name.
         format: Name of a survey, or of a kind of file; None tells both by the content.
-        columns: For a table of one's own: its column by warpsim's name for it.
+        columns: For a custom table: its column by warpsim's name for it.
         readme: ReadMe of a CDS file.
-        fill: Whether bands without a flux are filled by colour relations, in a table without flags of its own.
-
-    Returns:
-        The stars; those of a survey at J2000, those of a table of one's own at its epoch.
 
     Raises:
         InputError: One line, beginning with the file's name.
@@ -64,26 +81,26 @@ def read_catalog(
     try:
         if survey is not None and columns is not None:
             raise InputError(f"must be left out where format names a survey, got format {format!r}", "columns")
-        readme_path = None if readme is None else Path(readme)
-        table = read_file(Path(where), None if survey else format, readme_path, survey.name if survey else None)
+        table = read_table(
+            Path(where),
+            None if survey else format,
+            what="a table of stars",
+            readme=None if readme is None else Path(readme),
+            layouts=LAYOUTS,
+            likely=likely_layout(Path(where).name, survey.name if survey else None),
+        )
         own = own_columns(table) if columns is None else check_columns(columns, table)
         if columns is not None or (survey is None and is_own(own, table)):
-            return _own_catalog(table, own, where, fill)
-        return _survey_catalog(table, survey or _survey_of(table), where, fill)
+            return _own_stars(table, own, where)
+        return _survey_stars(table, survey or _survey_of(table), where)
     except InputError as error:
-        raise InputError(f"{_shown(str(error))}").of(where) from None
-
-
-def _shown(text: str) -> str:
-    """A message cut to one readable line: it may quote a long list of columns, or bytes of a broken file."""
-    plain = "".join(letter if letter.isprintable() else "?" for letter in text)
-    return plain if len(plain) <= _LONGEST_MESSAGE else plain[:_LONGEST_MESSAGE] + " ..."
+        raise error.of(where) from None
 
 
 def _survey_of(table: FileTable) -> Survey:
     """The survey whose columns a table has; of several, the one that asks for most."""
-    if table.survey is not None:
-        return SURVEYS[table.survey]
+    if table.layout is not None:
+        return SURVEYS[table.layout]
     fitting = [survey for survey in SURVEYS.values() if survey.fits(table)]
     if not fitting:
         known = ", ".join(SURVEYS)
@@ -94,36 +111,33 @@ def _survey_of(table: FileTable) -> Survey:
             telling = len(table.find(*survey.needs[0]) or "") > 2
             if telling and 2 * len(missing) <= len(survey.needs):
                 needed = ", ".join(" or ".join(names) for names in missing)
-                raise InputError(f"looks like {survey.name}, which must have the column {needed}", value=found)
+                rule = f"looks like {survey.name}, which must have the column {needed}"
+                raise InputError(rule, value=found, form="s")
         rule = f"the columns ra_deg, dec_deg and flux_A_jy or the like (argument columns), or those of {known}"
-        raise InputError(f"must have {rule}", value=found)
+        raise InputError(f"must have {rule}", value=found, form="s")
     return max(fitting, key=lambda survey: len(survey.needs))
 
 
-def _own_catalog(table: FileTable, columns: Mapping[str, str], where: str, fill: bool) -> StarCatalog:
-    """Catalog of a table of one's own, at the table's epoch."""
+def _own_stars(table: FileTable, columns: Mapping[str, str], where: str) -> StarsOfFile:
+    """Stars of a custom table, at the table's epoch."""
     if table.open_end is not None:  # people write such files, archives do not
-        warnings.warn(f"{where}: {table.open_end}", stacklevel=4)
+        warnings.warn(str(table.open_end.of(where)), stacklevel=4)
     meta = {str(key).lower(): value for key, value in table.table.meta.items()}
     arrays = _rows_read(table, lambda: arrays_of_columns(table, columns))
-    try:
-        catalog = _catalog(table, arrays, where, str(meta.get("name", Path(where).name)))[0]
-    except InputError as error:
-        name = str(error).split()[0]
-        own_name = columns.get(name, name)
-        raise InputError(str(error) if own_name == name else f"column {own_name}: {error}") from None
+    checked = _checked(table, arrays, where, str(meta.get("name", Path(where).name)), columns)[0]
     flagged = any(name in columns for name in map(flag_column, arrays["flux_jy"]))
-    return catalog.filled() if fill and not flagged else catalog
+    return StarsOfFile(checked, may_be_filled=not flagged, target_epoch_jyear=checked.epoch_jyear)
 
 
-def _survey_catalog(table: FileTable, survey: Survey, where: str, fill: bool) -> StarCatalog:
-    """Catalog of a survey's table, at J2000."""
+def _survey_stars(table: FileTable, survey: Survey, where: str) -> StarsOfFile:
+    """Stars of a survey's table, to be moved to J2000."""
     if table.open_end is not None:
-        raise InputError(table.open_end)
+        raise table.open_end
     for names in survey.needs:
         if table.find(*names) is None:
             found = ", ".join(table.table.colnames)
-            raise InputError(f"must have the column {' or '.join(names)} of {survey.name}", value=found)
+            rule = f"must have the column {' or '.join(names)} of {survey.name}"
+            raise InputError(rule, value=found, form="s")
     stars: SurveyStars = _rows_read(table, lambda: survey.convert(table))
     notes = list(stars.notes)
     if stars.epoch_jyear != J2000_JYEAR:
@@ -144,14 +158,18 @@ def _survey_catalog(table: FileTable, survey: Survey, where: str, fill: bool) ->
         "epoch_jyear": stars.epoch_jyear,
         "provenance": "; ".join([f"{survey.title}, {survey.reference}", *notes]),
     }
-    catalog, rows = _catalog(table, arrays, where, f"{survey.name} ({Path(where).name})")
-    if fill:
-        catalog = catalog.filled({band: limit_jy[rows] for band, limit_jy in stars.limit_jy.items()})
-    return catalog.at_epoch(J2000_JYEAR)
+    checked, rows = _checked(table, arrays, where, f"{survey.name} ({Path(where).name})")
+    limits = checked_limits({band: limit_jy[rows] for band, limit_jy in stars.limit_jy.items()}, len(rows))
+    return StarsOfFile(checked, may_be_filled=True, target_epoch_jyear=J2000_JYEAR, limit_jy=limits)
 
 
-def _catalog(table: FileTable, arrays: dict[str, Any], where: str, name: str) -> tuple[StarCatalog, Any]:
-    """Catalog of the rows that have a place, and these rows; a warning tells where the others stand."""
+def _checked(
+    table: FileTable, arrays: dict[str, Any], where: str, name: str, columns: Mapping[str, str] | None = None
+) -> tuple[StarColumns, Any]:
+    """Columns of the rows that have finite coordinates, and these rows; a warning names the others.
+
+    Errors name the file's own column, which `columns` tells by warpsim's name for it.
+    """
     placed = np.isfinite(arrays["ra_deg"]) & np.isfinite(arrays["dec_deg"])
     rows = np.flatnonzero(placed)
     if len(rows) < len(placed):
@@ -168,16 +186,20 @@ def _catalog(table: FileTable, arrays: dict[str, Any], where: str, name: str) ->
             return {band: kept(band_values) for band, band_values in values.items()}
         return values[rows] if isinstance(values, np.ndarray) else values
 
+    arguments = {key: kept(values) for key, values in arrays.items()}
+    numbers = {key: arguments.pop(key, None) for key in NUMBER_UNITS}
     try:
-        catalog = StarCatalog.from_arrays(**{key: kept(values) for key, values in arrays.items()}, name=name)
+        checked = checked_columns(numbers, **arguments, name=name)
     except InputError as error:
-        raise InputError(table.with_lines(str(error), rows)) from None
-    return catalog, rows
+        own_name = (columns or {}).get(error.field, error.field)
+        named = error if own_name == error.field else error.of(f"column {own_name}")
+        raise table.located(named, rows) from None
+    return checked, rows
 
 
 def _rows_read(table: FileTable, read: Any) -> Any:
-    """What `read` returns; rows named by its error are turned into lines."""
+    """What `read` returns; its errors say on which line of the file a row is."""
     try:
         return read()
     except InputError as error:
-        raise InputError(table.with_lines(str(error))) from None
+        raise table.located(error) from None

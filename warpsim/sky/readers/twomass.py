@@ -18,7 +18,8 @@ from warpsim.sky.readers.photometry import (
     predicted_flux_a_jy,
     star_names,
 )
-from warpsim.sky.readers.survey import Survey, SurveyStars, SurveyTable
+from warpsim.sky.readers.survey import Survey, SurveyStars
+from warpsim.tables.columns import ColumnTable
 
 Array = NDArray[np.float64]
 
@@ -32,7 +33,7 @@ _NO_MEASUREMENT = ("U", "X")  # an upper limit, a detection without a brightness
 _POOR = ("E", "F")
 
 
-def _convert(table: SurveyTable) -> SurveyStars:
+def _convert(table: ColumnTable) -> SurveyStars:
     need(table, *_FLAGS)  # without it a limit would pass for a measurement
     ra_deg, dec_deg, _ = place_deg(table)
     j_mag, poor_j = _filter(table, _J, _J_LETTER)
@@ -52,7 +53,7 @@ def _convert(table: SurveyTable) -> SurveyStars:
     )
 
 
-def _filter(table: SurveyTable, names: tuple[str, str], place: int) -> tuple[Array, NDArray[np.bool_]]:
+def _filter(table: ColumnTable, names: tuple[str, str], place: int) -> tuple[Array, NDArray[np.bool_]]:
     """Magnitude, NaN where it was not measured, and whether it is poor, shape (n,) each."""
     letter = flag_letters(table, place, *_FLAGS)
     artefact = flag_letters(table, place, *_ARTEFACTS)

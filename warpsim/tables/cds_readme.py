@@ -7,7 +7,7 @@ import re
 from typing import Literal
 
 from warpsim.errors import InputError
-from warpsim.sky.readers.fixed_width import Field, Layout
+from warpsim.tables.fixed_width import Field, Layout
 
 _TITLE = re.compile(r"^\s*Byte-(?:by|per)-byte Description of file:\s*(?P<files>.*)$", re.IGNORECASE)
 _ROW = re.compile(
@@ -49,7 +49,7 @@ def layout_from_readme(text: str, file_name: str) -> Layout:
     named = [rows for files, rows in sections if any(fnmatch.fnmatch(file_name, name) for name in files)]
     if not named and len(sections) > 1:
         described = ", ".join(name for files, _ in sections for name in files)
-        raise InputError(f"must describe {file_name}", value=described)
+        raise InputError(f"must describe {file_name}", value=described, form="s")
     rows = (named or [sections[0][1]])[0]
     fields = tuple(_field(row) for row in rows if row["name"] != "---")
     needed = [field.last_byte for field, row in zip(fields, _named(rows), strict=True) if not _optional(row)]
@@ -90,7 +90,6 @@ def _field(row: re.Match[str]) -> Field:
     last = int(row["last"])
     first = int(row["first"] or last)
     if not 1 <= first <= last <= _LONGEST_LINE:
-        raise InputError(
-            f"bytes must grow from 1 to at most {_LONGEST_LINE}, got {first}-{last}", f"column {row['name']}"
-        )
+        rule = f"bytes must grow from 1 to at most {_LONGEST_LINE}, got {first}-{last}"
+        raise InputError(rule).of(f"column {row['name']}")
     return Field(row["name"], first, last, kind, unit, null_value)

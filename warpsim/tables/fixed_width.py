@@ -1,7 +1,7 @@
 """Tables whose columns are bytes of a line: layouts, which layout a file follows, and fast parsing.
 
-A layout says what stands in which bytes, counted from 1 as the CDS does. Layouts of catalogs that come without a
-description are in `layouts`; those of other files are read from their ReadMe (`cds_readme`).
+A layout says what stands in which bytes, counted from 1 as the CDS does. Layouts come from the caller, or are read from
+a ReadMe (`cds_readme`).
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.readers.file_table import cds_unit
-from warpsim.sky.readers.survey import is_number
+from warpsim.tables.astropy_calls import cds_unit
+from warpsim.tables.cells import is_number
+from warpsim.tables.lines import Lines
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -54,11 +55,10 @@ class Field:
     """No number is larger in size; parts of an angle (_UNSIGNED) are not negative either."""
 
     @property
-    def bytes(self) -> str:
-        """Where it stands, for messages: "bytes 26-31"."""
-        if self.first_byte == self.last_byte:
-            return f"byte {self.first_byte}"
-        return f"bytes {self.first_byte}-{self.last_byte}"
+    def label(self) -> str:
+        """What messages call it: "column RAs (bytes 26-31)"."""
+        first, last = self.first_byte, self.last_byte
+        return f"column {self.name} ({f'byte {first}' if first == last else f'bytes {first}-{last}'})"
 
 
 @dataclass(frozen=True)
@@ -77,41 +77,13 @@ class Layout:
     marks: tuple[tuple[int, str], ...] = ()
     """Bytes that must hold a given character; they tell the layout from others."""
 
-    survey: str | None = None
-    """The survey it belongs to."""
+    name: str | None = None
+    """What it is the layout of."""
 
     def parts_cut_at(self, n_byte: int) -> Field | None:
         """The number that a line of so many bytes cuts through."""
         cut = (field for field in self.fields if field.first_byte <= n_byte < field.last_byte)
         return next((field for field in cut if field.kind in ("number", "whole")), None)
-
-
-@dataclass(frozen=True)
-class Lines:
-    """Lines of a text that hold data, without their line breaks."""
-
-    text: Sequence[bytes]
-    number: NDArray[np.int64]
-    """Where each stands in the file, counted from 1, shape (n,)."""
-
-    ends_with_break: bool
-    """Whether the last of them is closed by a line break."""
-
-    def __len__(self) -> int:
-        return len(self.text)
-
-
-def lines_of(data: bytes, skip: tuple[bytes, ...] = ()) -> Lines:
-    """Lines of a file that are neither blank nor begin with one of `skip`."""
-    rows = data.split(b"\n")
-    kept, numbers = [], []
-    for number, row in enumerate(rows, start=1):
-        line = row.removesuffix(b"\r")
-        if line.strip() and not line.startswith(skip):
-            kept.append(line)
-            numbers.append(number)
-    ends_with_break = not numbers or numbers[-1] < len(rows)
-    return Lines(kept, np.array(numbers, dtype=np.int64), ends_with_break)
 
 
 def recognised(lines: Lines, layouts: Sequence[Layout]) -> Layout | None:
@@ -176,15 +148,14 @@ def _check_lengths(lines: Lines, layout: Layout) -> None:
         cut = layout.parts_cut_at(n_byte)
         if cut is not None:
             line = lines.number[int(np.flatnonzero(length == n_byte)[0])]
-            raise InputError(
-                f"column {cut.name} ({cut.bytes}): must be complete, got {n_byte} bytes"
-            ).of(f"line {line}")
+            raise InputError(f"must be complete, got {n_byte} bytes").of(cut.label).of(f"line {line}")
     if len(lines) and not lines.ends_with_break:
         # Without a line break the file may have been cut anywhere; other lines may tell how long one is.
         complete = min([layout.length, *length[:-1].tolist()])
         if length[-1] < complete:
-            text = f"the file ends in the middle of a line, at {length[-1]} of {complete} bytes"
-            raise InputError(f"{text}").of(f"line {lines.number[-1]}")
+            raise InputError(f"the file ends in the middle of a line, at {length[-1]} of {complete} bytes").of(
+                f"line {lines.number[-1]}"
+            )
 
 
 def _characters(lines: Lines, layout: Layout) -> NDArray[np.uint8]:
@@ -232,4 +203,4 @@ def _values(chars: NDArray[np.uint8], field: Field, lines: Lines) -> NDArray[Any
 
 def _bad(field: Field, lines: Lines, text: NDArray[np.bytes_], row: int, rule: str) -> InputError:
     shown = text[row].decode("latin-1").strip()
-    return InputError(f"column {field.name} ({field.bytes}): must {rule}", value=shown).of(f"line {lines.number[row]}")
+    return InputError(f"must {rule}", value=shown).of(field.label).of(f"line {lines.number[row]}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 import warnings
 from collections.abc import Sequence
@@ -12,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.readers.file_table import cds_unit, quietly
-from warpsim.sky.readers.fixed_width import Lines, lines_of
-from warpsim.sky.readers.survey import is_number
+from warpsim.tables.astropy_calls import cds_unit, quietly
+from warpsim.tables.cells import cells_of, decoded, is_number
+from warpsim.tables.lines import Lines, lines_of
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -86,21 +85,6 @@ def _check_hidden_rows(data: bytes, lines: Lines, delimiter: str, n_cell: int) -
         )
 
 
-def open_end(lines: Lines) -> str | None:
-    """What to say when no line break closes the last line: a number cut short would read as another number."""
-    if not len(lines) or lines.ends_with_break:
-        return None
-    shown = decoded(lines.text[-1]).strip()[-30:]
-    return f"line {lines.number[-1]}: must end with a line break, or the file may be cut off, got {shown!r}"
-
-
-def check_last_line(lines: Lines) -> None:
-    """Raise unless the last line is closed by a line break."""
-    text = open_end(lines)
-    if text is not None:
-        raise InputError(text)
-
-
 def check_cells(rows: Sequence[str], line_of_row: NDArray[np.int64], delimiter: str, n_cell: int) -> None:
     """Raise for the first row that has more or fewer cells than n_cell, or that begins a second table."""
     for row, line in enumerate(rows):
@@ -109,25 +93,6 @@ def check_cells(rows: Sequence[str], line_of_row: NDArray[np.int64], delimiter: 
             raise InputError(f"must have {n_cell} columns", value=n_found).of(f"line {line_of_row[row]}")
         if line.startswith("-") and _DASHES.match(line.replace(delimiter, " ")):
             raise InputError("must be a row, got a line of dashes (a second table?)").of(f"line {line_of_row[row]}")
-
-
-def cells_of(line: str, delimiter: str) -> list[str]:
-    """Cells of a line; quoted cells may hold the delimiter."""
-    if '"' not in line:
-        return line.split() if delimiter == " " else line.split(delimiter)
-    text = line.strip() if delimiter == " " else line
-    try:
-        return next(csv.reader([text], delimiter=delimiter, skipinitialspace=delimiter != "\t"))
-    except (csv.Error, StopIteration):  # control characters: no row of a table
-        return [text]
-
-
-def decoded(line: bytes) -> str:
-    """Text of a line: UTF-8, or Latin-1 in older files."""
-    try:
-        return line.decode("utf-8")
-    except UnicodeDecodeError:
-        return line.decode("latin-1")
 
 
 def _delimiter_of(header: str) -> str | None:

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.errors import InputError
-from warpsim.sky.readers.delimited import cells_of, check_cells, check_last_line, decoded
-from warpsim.sky.readers.file_table import one_line, quietly
-from warpsim.sky.readers.fixed_width import lines_of
-from warpsim.sky.readers.survey import MISSING, is_number
+from warpsim.errors import InputError, one_line
+from warpsim.tables.astropy_calls import quietly
+from warpsim.tables.cells import MISSING, cells_of, decoded, is_number
+from warpsim.tables.delimited import check_cells
+from warpsim.tables.lines import check_last_line, lines_of
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -52,13 +52,13 @@ def read_fits(data: bytes) -> Table:
     return table
 
 
-def read_votable(data: bytes) -> Table:
-    """First table of a VOTable."""
+def read_votable(data: bytes, what: str = "a table") -> Table:
+    """First table of a VOTable; `what` says in messages what it must be a table of."""
     from astropy.io.votable import parse_single_table
 
     status = _query_status(data)
     if status is not None and status[0] == "ERROR":
-        raise InputError(f"must be a table of stars, got an error from the archive: {status[1]}")
+        raise InputError(f"must be {what}, got an error from the archive: {status[1]}")
     if b"</VOTABLE" not in data.upper()[-200:] and not re.search(rb"</\w+:VOTABLE", data[-200:], re.IGNORECASE):
         raise InputError("ends early: the VOTable is not closed")
     if not re.search(rb"<(\w+:)?TABLE[\s>]", data):
@@ -172,7 +172,7 @@ def read_ipac(data: bytes) -> tuple[Table, NDArray[np.int64]]:
     for number, row in zip(body.number.tolist(), body.text, strict=True):
         if len(row) <= bars[-2]:  # a stripped last column may be shorter than its title
             text = f"must reach the last column, which begins at byte {bars[-2] + 2}, got {len(row)} bytes"
-            raise InputError(f"{text}").of(f"line {number}")
+            raise InputError(text).of(f"line {number}")
     names, types = ([cell.strip() for cell in decoded(line).split("|")[1:-1]] for line in header[:2])
 
     def locate() -> None:
@@ -189,7 +189,7 @@ def _check_numbers(name: str, cells: list[str], line_of_row: NDArray[np.int64]) 
     for row, cell in enumerate(cells):
         text = cell.strip().strip('"')
         if text.lower() not in MISSING and not is_number(text):
-            raise InputError("must be a number", f"column {name}", text).of(f"line {line_of_row[row]}")
+            raise InputError("must be a number", value=text).of(f"column {name}").of(f"line {line_of_row[row]}")
 
 
 def _query_status(data: bytes) -> tuple[str, str] | None:

@@ -2,45 +2,41 @@
 
 from __future__ import annotations
 
-import re
-import warnings
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.readers.survey import MISSING, SurveyTable, is_number
+from warpsim.tables.cells import MISSING, is_number
+from warpsim.tables.columns import ColumnTable
 
 if TYPE_CHECKING:
     from astropy.table import Table
 
 Array = NDArray[np.float64]
 
-_ROW = re.compile(r"\bin row (\d+)")
 
+class FileTable(ColumnTable):
+    """A table from a file: like ColumnTable, and its errors name the line."""
 
-class FileTable(SurveyTable):
-    """A table from a file: like SurveyTable, and its errors name the line."""
-
-    def __init__(self, table: Table, line_of_row: NDArray[np.int64] | None = None, survey: str | None = None) -> None:
+    def __init__(self, table: Table, line_of_row: NDArray[np.int64] | None = None, layout: str | None = None) -> None:
         super().__init__(_with_plain_columns(table))
         self.line_of_row = line_of_row
         """Line of each row in a text file, counted from 1; None where rows have none."""
 
-        self.survey = survey
-        """The survey whose byte layout the file follows, if any."""
+        self.layout = layout
+        """Name of the byte layout that the file follows, if any."""
 
-        self.open_end: str | None = None
-        """What to say of a last line that no line break closes; None where it is closed, or known to be whole."""
+        self.open_end: InputError | None = None
+        """The error of a last line that no line break closes; None where it is closed, or known to be whole."""
 
     def where(self, row: int) -> str:
         """Where a row stands: "line 3", or "row 2" of a file without lines (counted from 0)."""
         return f"row {row}" if self.line_of_row is None else f"line {self.line_of_row[row]}"
 
     def number(self, *names: str, unit: str = "", null: tuple[float, ...] = ()) -> Array:
-        """Like SurveyTable.number(); numbers that stand as text are read, and the first that is none is named.
+        """Like ColumnTable.number(); numbers that stand as text are read, and the first that is none is named.
 
         Raises:
             InputError: A value is no number, or the column is in a unit that does not convert.
@@ -52,19 +48,16 @@ class FileTable(SurveyTable):
             self.table.replace_column(name, self.table.Column(numbers, unit=stated))
         return super().number(*names, unit=unit, null=null)
 
-    def with_lines(self, text: str, rows: NDArray[np.int64] | None = None) -> str:
-        """An error's text with "in row 2" turned into where that row stands in the file.
+    def located(self, error: InputError, rows: NDArray[np.int64] | None = None) -> InputError:
+        """The error of a check of whole columns, told of where its row is in the file, if it is about one.
 
         Args:
-            text: What a check of whole columns said; its rows count from 0.
+            error: What the check raised.
             rows: Rows of this table that the columns were made of; all of them if left out.
         """
-
-        def place(match: re.Match[str]) -> str:
-            row = int(match[1])
-            return f"in {self.where(row if rows is None else int(rows[row]))}"
-
-        return _ROW.sub(place, text) if self.line_of_row is not None or rows is not None else text
+        if error.row is None:
+            return error
+        return error.at_row(self.where(error.row if rows is None else int(rows[error.row])))
 
     def _numbers_of_text(self, name: str) -> Array:
         """Numbers of a column of text, NaN where a text stands for a missing value."""
@@ -75,40 +68,9 @@ class FileTable(SurveyTable):
             values[given] = texts[given].astype(np.float64)
         except ValueError:
             row = next(row for row in np.flatnonzero(given).tolist() if not is_number(str(texts[row])))
-            text = f"column {name}: must be a number, got {str(texts[row])!r}"
-            raise InputError(f"{text}").of(self.where(row)) from None
+            error = InputError("must be a number", value=str(texts[row])).of(f"column {name}")
+            raise error.of(self.where(row)) from None
         return values
-
-
-def one_line(error: BaseException) -> str:
-    """First line of an error's text, or its kind."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[0][:200] if lines else type(error).__name__
-
-
-def quietly(read: Callable[[], Any], what: str, locate: Callable[[], None] | None = None) -> Table:
-    """Result of a reader of astropy's, without its warnings; what it raises becomes an InputError.
-
-    Args:
-        read: Reads the table.
-        what: Kind of file, for the error.
-        locate: Looks for the cell that is to blame, and raises if there is one.
-    """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return read()
-    except Exception as error:  # readers of foreign formats raise many kinds for a broken file
-        if locate is not None:
-            locate()
-        raise InputError(f"cannot be read as a table: {what}: {one_line(error)}") from None
-
-
-def cds_unit(text: str) -> Any:
-    """Unit as the CDS spells it; one that astropy does not know is kept, and converts to nothing."""
-    from astropy.units import Unit
-
-    return Unit(text.strip(), format="cds", parse_strict="silent")
 
 
 def _with_plain_columns(table: Table) -> Table:

@@ -1,0 +1,248 @@
+"""What a kind of sensor would give, in words: noise, light, access and what is in its fields of view."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from warpsim.detector.electron import ElectronDetector
+from warpsim.detector.levels import ElectronLevels
+from warpsim.detector.terms import detector_terms
+from warpsim.optics.camera import Camera
+from warpsim.optics.psf import PsfAiry, PsfGaussian
+from warpsim.optics.sip import ERROR_PX, sip_polynomials
+from warpsim.output.check_views import FieldContents, count_replaced, field_contents, longest_streaks_px, replaced_text
+from warpsim.output.wording import counted
+from warpsim.scene.instrument import Instrument
+from warpsim.scene.pointing import FixedPointing, Pointing, SchedulePointing, TrackPointing
+from warpsim.scene.scenario import Scenario
+
+RULE_NAMES = {
+    "earth_km": "behind the Earth",
+    "range_km": "too far",
+    "elevation_deg": "too low",
+    "grazing_altitude_km": "grazing too low",
+    "solar_exclusion_deg": "near the Sun",
+    "min_range_km": "too near",
+    "max_elevation_deg": "too high",
+    "background_altitude_km": "against the Earth or too low over it",
+    "target_sunlit": "in the Earth's shadow",
+    "fov_deg": "outside the field of view",
+}
+
+
+def sensor_lines(instrument: Instrument, scenario: Scenario) -> list[str]:
+    """Return the lines of a report about one kind of sensor.
+
+    Args:
+        instrument: The kind of sensor.
+        scenario: What it is in.
+    """
+    times = instrument.frame_time_s(np.arange(instrument.frames.count))
+    frames_of = {
+        name: np.flatnonzero(instrument.has_access(sensor, times)).tolist()
+        for sensor, name in enumerate(instrument.names)
+    }
+    return [
+        *_camera_lines(instrument, scenario),
+        *_optics_lines(instrument),
+        *_detector_lines(instrument),
+        *_light_lines(instrument, scenario, frames_of),
+        *_access_lines(instrument, scenario, frames_of),
+        *_pointing_lines(instrument, scenario, frames_of),
+    ]
+
+
+def _camera_lines(instrument: Instrument, scenario: Scenario) -> list[str]:
+    """When frames are taken, and by what."""
+    frames, camera = instrument.frames, instrument.sensor.camera
+    bands = f", bands {' '.join(instrument.sensor.bands)}" if len(scenario.instruments) > 1 else ""
+    return [
+        f"  frames     {frames.count} every {frames.interval_s:g} s from {frames.start_s:g} s after the epoch{bands}",
+        f"  camera     {camera.n_row} x {camera.n_col} pixels, "
+        f"{_pixel_size(camera)} arcsec per pixel{_distortion(camera)}",
+    ]
+
+
+def _pixel_size(camera: Camera) -> str:
+    width, height = (f"{np.degrees(1 / focal) * 3600:.2f}" for focal in (camera.focal_px, camera.focal_row_px))
+    return width if camera.pixel_aspect == 1 else f"{width} x {height}"
+
+
+def _distortion(camera: Camera) -> str:
+    """How far the lens moves positions on the array, and whether FITS can say so."""
+    sip = sip_polynomials(camera)
+    if sip is None:
+        return ""
+    across, down = camera.field_deg
+    moved = f", distorted by up to {sip.moved_px:.3g} px, field {across:.4g} x {down:.4g} deg"
+    return moved + (f", WCS good to {sip.error_px:.1g} px" if sip.error_px > ERROR_PX else "")
+
+
+def _optics_lines(instrument: Instrument) -> list[str]:
+    """Width of the point spread function in each band."""
+    widths = []
+    optics, sensor = instrument.sensor.optics, instrument.sensor
+    for band in sensor.bands:
+        psf = instrument.psf(band)
+        if isinstance(psf, PsfGaussian):
+            widths.append(f"{band} {psf.sigma_px:.3g} px")
+        elif isinstance(psf, PsfAiry):
+            widths.append(f"{band} {sum(p * r for p, r in zip(psf.parts, psf.radii_px, strict=True)):.3g} px")
+    what = {"gaussian": "sigma", "airy": "first dark ring", "table": "an image"}[optics.psf]
+    blurs = {"jitter": optics.smear_urad * 1e-6 * sensor.camera.focal_px, "diffusion": sensor.detector.diffusion_px}
+    parts = [" ".join([what, ", ".join(widths)]).strip(), *(f"{name} {px:.3g} px" for name, px in blurs.items() if px)]
+    return [f"  optics     {'; '.join(parts)}"]
+
+
+def _fixed_pattern(instrument: Instrument) -> dict[str, float]:
+    """Spread of the pixels of one image on blank sky that is the same in every frame, without bad pixels [NEI]."""
+    detector = instrument.sensor.detector
+    if not isinstance(detector, ElectronDetector):
+        return dict.fromkeys(instrument.sensor.bands, detector.dsnu_nei) if detector.dsnu_nei else {}
+    spread = {}
+    for band, levels in instrument.levels.items():
+        if isinstance(levels, ElectronLevels) and (detector.prnu or detector.dsnu):
+            spread[band] = np.hypot(detector.prnu * levels.background_e, detector.dsnu * levels.dark_e) / levels.noise_e
+    return spread
+
+
+def _detector_lines(instrument: Instrument) -> list[str]:
+    """Noise and saturation by band, what they come from, and the terms that are on."""
+    detector, all_levels = instrument.sensor.detector, instrument.levels
+    bits = counted(detector.bits, "bit")
+    texts = {band: f"NEI {item.nei_w_cm2:.4g}, SEI {item.sei_w_cm2:.4g} W/cm2" for band, item in all_levels.items()}
+    if len(set(texts.values())) == 1:
+        lines = [f"  detector   {next(iter(texts.values()))}, {bits}"]
+    else:
+        lines = [f"  detector   {bits}", *(f"             {band}: {text}" for band, text in texts.items())]
+    for band, levels in all_levels.items():
+        if isinstance(detector, ElectronDetector) and isinstance(levels, ElectronLevels):
+            lines.append(
+                f"  electrons  {band}: background {levels.background_e:.4g} e, dark {levels.dark_e:.4g} e, read noise "
+                f"{detector.read_noise_e:g} e; noise {levels.noise_e:.4g} e of {detector.full_well_e:g}"
+            )
+    terms = detector_terms(detector)
+    if terms:
+        lines.append(f"  pixels     {', '.join(terms.values())}")
+    pattern = ", ".join(f"{band} {nei:.3g}" for band, nei in _fixed_pattern(instrument).items())
+    if pattern:
+        lines.append(f"  pattern    {pattern} NEI rms over blank pixels, the same in every frame, besides the noise")
+    return lines + _level_warnings(instrument)
+
+
+def _level_warnings(instrument: Instrument) -> list[str]:
+    """Where blank sky is near an end of the scale, or noise below its steps."""
+    lines, all_levels = [], instrument.levels
+    full = [band for band, levels in all_levels.items() if levels.sei_w_cm2 < 5 * levels.nei_w_cm2]
+    if full:
+        lines.append(f"  warning    blank sky is within 5 sigma of saturation in band {' '.join(full)}")
+    clipped = [band for band, item in all_levels.items() if item.blank_counts < 5 * item.counts_per_nei]
+    coarse = [band for band, item in all_levels.items() if item.counts_per_nei < 0.5]
+    for bands, words in (
+        (clipped, "offset_counts is below 5 sigma: the noise of blank sky is clipped at 0"),
+        (coarse, "the noise of blank sky is below half a count: rounding shapes it"),
+    ):
+        where = "" if len(bands) == len(all_levels) else f" in band {' '.join(bands)}"
+        lines += [f"  warning    {words}{where}"] if bands else []
+    return lines
+
+
+def _light_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> list[str]:
+    """Which terms the targets' light has, and how finely an exposure is followed."""
+    lines = [f"  light      {name}: {term.reason}" for name, term in instrument.light_terms.items()]
+    exposure_s = instrument.sensor.detector.exposure_s
+    if exposure_s > 0:
+        rule = instrument.exposure_rule
+        instants = counted(len(rule.weight), "instant")
+        lines.append(f"  exposure   {exposure_s:g} s at {instants}, error {rule.error:.0e}")
+    if instrument.sensor.streaks:
+        views = frames_of if any(frames_of.values()) else _every_frame(instrument)
+        stars_px, targets_px = longest_streaks_px(instrument, scenario.tracks, views, scenario.scene.duration_s)
+        targets = f"targets up to {targets_px:.2g} px" if targets_px else "no target"
+        lines.append(f"  streaks    stars up to {stars_px:.2g} px, {targets}, in the field of view")
+    return lines
+
+
+def _every_frame(instrument: Instrument) -> dict[str, list[int]]:
+    return {name: list(range(instrument.frames.count)) for name in instrument.names}
+
+
+def _access_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> list[str]:
+    """Access per sensor over the frames; for sensors without any, the rules that are broken most of the time."""
+    camera = instrument.sensor.camera
+    seen = {name: len(frames) for name, frames in frames_of.items() if frames}
+    n_view = sum(seen.values())
+    n_image = n_view * len(instrument.sensor.bands)
+    size_mb = n_image * 2 * camera.n_row * camera.n_col / 1e6
+    lines = [f"  access     {len(seen)} of {counted(len(frames_of), 'sensor')}, {counted(n_view, 'view')}"]
+    if seen:
+        lines.append("             " + ", ".join(f"{name} {count}" for name, count in seen.items()))
+        lines.append(f"  output     {counted(n_image, 'image')}, {size_mb:,.0f} MB of FITS cubes")
+    blind = [name for name, frames in frames_of.items() if not frames]
+    if blind and scenario.targets:
+        times = instrument.frame_time_s(np.arange(instrument.frames.count))
+        margins = scenario.access_margins(times, sensors=blind)
+        broken = {RULE_NAMES[rule]: np.mean(margin < 0) for rule, margin in margins.items()}
+        rules = ", ".join(f"{rule} {part:.0%}" for rule, part in sorted(broken.items(), key=lambda kv: -kv[1]))
+        lines.append(f"  no access  {counted(len(blind), 'sensor')}; part of their frames: {rules}")
+    if not seen:
+        lines.append("  warning    nothing would be rendered: no sensor has access in any frame")
+    return lines
+
+
+def _pointing_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> list[str]:
+    """Where cameras look, and in how many of the views, or of some spread over them, there is what."""
+    pointings = instrument.sensor.pointing
+    lines = [f"  pointing   {_pointing_text(pointing, len(pointings) > 1)}" for pointing in pointings]
+    views = frames_of if any(frames_of.values()) else _every_frame(instrument)
+    found = field_contents(instrument, scenario.tracks, views)
+    n_view = counted(found.n_view, "view")
+    if views is frames_of:
+        what = _counted_text(found, scenario)
+        lines.append(f"  in field   {what} in {found.target:,} of {n_view}")
+        if not found.target:
+            lines.append(f"  warning    no view has {what} in the field")
+    bodies = {"Earth": found.earth, "Sun": found.sun}
+    lines += [
+        f"  warning    the {name} is in the field of {n / found.n_view:.0%} of {n_view}, and is not drawn"
+        for name, n in bodies.items()
+        if n
+    ]
+    if found.slewing:
+        lines.append(f"  note       the camera slews or settles in {found.slewing / found.n_view:.0%} of {n_view}")
+    warning = replaced_text(*count_replaced(instrument, frames_of))
+    return lines if warning is None else [*lines, f"  warning    {warning}"]
+
+
+def _pointing_text(pointing: Pointing, with_satellites: bool) -> str:
+    """What a camera follows, and how it errs."""
+    if isinstance(pointing, TrackPointing):
+        what = f"tracks {pointing.track}"
+    elif isinstance(pointing, SchedulePointing):
+        what = f"{counted(len(pointing.steps), 'step')}"
+    else:
+        what = "fixed" if isinstance(pointing, FixedPointing) else f"table, {pointing.mode}"
+    errors = []
+    if pointing.bias:
+        errors.append(f"bias {_size_text(pointing.bias.rms_urad, pointing.bias.urad)} urad")
+    if pointing.drift:
+        errors.append(f"drift {_size_text(pointing.drift.rms_urad_s, pointing.drift.urad_s)} urad/s")
+    if pointing.jitter:
+        errors.append(f"jitter {pointing.jitter.rms_urad:g} urad (rms)")
+    where = f"; on {', '.join(pointing.on)}" if with_satellites else ""
+    return ", ".join([what, f"{pointing.up} up", *errors]) + where
+
+
+def _size_text(rms: float | None, axes: tuple[float, float] | None) -> str:
+    """Size of an error of pointing: drawn for each sensor, or about the two axes."""
+    return f"{rms:g} (rms)" if axes is None else f"({axes[0]:g}, {axes[1]:g})"
+
+
+def _counted_text(found: FieldContents, scenario: Scenario) -> str:
+    """What access counts by, in words."""
+    if len(found.counted) == 1:
+        return scenario.target_names[next(iter(found.counted))]
+    groups = {scenario.targets[target].group for target in found.counted}
+    return f"a target of {scenario.group_names[groups.pop()]}" if len(groups) == 1 else "a target"

@@ -1,0 +1,200 @@
+"""What is in the fields of view of a kind of sensor: targets, Earth, Sun, and how far light moves in an exposure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.constants import SUN_RADIUS_M
+from warpsim.directions import normalised
+from warpsim.optics.camera import Camera
+from warpsim.orbit.eclipse import sunlit_fraction
+from warpsim.orbit.grazing import earth_clearance_m
+from warpsim.output.wording import counted
+from warpsim.scene.camera_axes import SatelliteState, apparent_mean, satellite_state
+from warpsim.scene.instrument import Instrument
+from warpsim.scene.tracks import Tracks
+
+F64 = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+MOST_VIEWS_LOOKED_AT = 2000
+"""Views in which bodies are looked for."""
+
+MOST_VIEWS_OF_STREAKS = 200
+"""Views in which movement is followed."""
+
+_BORDER_STEPS = 16
+"""Along each edge of the frame, to see whether the Earth is in it."""
+
+
+@dataclass
+class FieldContents:
+    """What is in the fields of view of some views, counted."""
+
+    n_view: int = 0
+    target: int = 0
+    """Views with a target in the field that access counts by."""
+    earth: int = 0
+    sun: int = 0
+    up_replaced: int = 0
+    boresight_replaced: int = 0
+    slewing: int = 0
+    counted: set[int] = field(default_factory=set)
+    """Targets that access counts by."""
+
+
+def field_contents(instrument: Instrument, tracks: Tracks, frames_of: Mapping[str, Sequence[int]]) -> FieldContents:
+    """Count what is in the fields of view, over some views spread over all of them.
+
+    Args:
+        instrument: The kind of sensor.
+        tracks: Of the scene.
+        frames_of: Frame numbers by sensor; sensors of other kinds are passed over.
+    """
+    found = FieldContents()
+    for sensor, time_s in _spread(instrument, frames_of, MOST_VIEWS_LOOKED_AT):
+        at = satellite_state(tracks, instrument.satellites[sensor], time_s)
+        axes = instrument.commanded_axes(sensor, time_s).axes
+        seen = np.zeros(len(time_s), dtype=bool)
+        for targets, then in _counted(instrument, sensor, time_s):
+            found.counted |= set(targets)
+            for target in targets:
+                seen[then] |= target_in_field(instrument.sensor.camera, tracks, target, _at(at, then), axes[then])
+        found.n_view += len(time_s)
+        found.target += int(seen.sum())
+        found.earth += int(earth_in_field(instrument.sensor.camera, at.position_m, axes, tracks.pole_icrs).sum())
+        found.sun += int(sun_in_field(instrument.sensor.camera, tracks, at, axes).sum())
+        found.slewing += int((~instrument.settled(sensor, time_s)).sum())
+    return found
+
+
+def count_replaced(instrument: Instrument, frames_of: Mapping[str, Sequence[int]]) -> tuple[int, int, int]:
+    """Return in how many views `up`, and the boresight, had to be replaced, and how many there are."""
+    n_up = n_boresight = n_view = 0
+    for sensor, time_s in _spread(instrument, frames_of, None):
+        commanded = instrument.commanded_axes(sensor, time_s)
+        n_up += int(commanded.up_replaced.sum())
+        n_boresight += int(commanded.boresight_replaced.sum())
+        n_view += len(time_s)
+    return n_up, n_boresight, n_view
+
+
+def replaced_text(n_up: int, n_boresight: int, n_view: int) -> str | None:
+    """Return what had to be replaced in the cameras' axes in some of n_view views; None for nothing."""
+    reported = []
+    if n_up:
+        reported.append(f"{counted(n_up, 'view')} of {n_view:,} with pointing.up along the line of sight, replaced")
+    if n_boresight:
+        lost = f"{counted(n_boresight, 'view')} of {n_view:,} with no direction to track, the motion's is taken"
+        reported.append(lost)
+    return "; ".join(reported) or None
+
+
+def _spread(
+    instrument: Instrument, frames_of: Mapping[str, Sequence[int]], most: int | None
+) -> Iterator[tuple[int, F64]]:
+    """Index of each sensor of a kind, and times of its frames; some views spread over all of them."""
+    own = {name: frames_of[name] for name in instrument.names if frames_of.get(name)}
+    n_view = sum(map(len, own.values()))
+    step = 1 if most is None else max(1, -(-n_view // most))
+    before = 0
+    for name, frames in own.items():
+        chosen = frames[-before % step :: step]
+        before += len(frames)
+        if len(chosen):
+            yield instrument.index(name), instrument.frame_time_s(chosen)
+
+
+def _counted(instrument: Instrument, sensor: int, time_s: F64) -> Iterator[tuple[range, Mask]]:
+    """Targets that a sensor's access counts by, and at which times."""
+    steps = instrument.access_targets(sensor)
+    ends = [start_s for start_s, _ in steps[1:]] + [np.inf]
+    for (start_s, targets), end_s in zip(steps, ends, strict=True):
+        then = (time_s >= start_s) & (time_s < end_s)
+        if then.any():
+            yield targets, then
+
+
+def _at(at: SatelliteState, some: Mask) -> SatelliteState:
+    return SatelliteState(at.time_s[some], at.position_m[some], at.velocity_m_s[some])
+
+
+def target_in_field(camera: Camera, tracks: Tracks, target: int, at: SatelliteState, axes: F64) -> Mask:
+    """Return whether a target is there, in the frame and not behind the Earth, shape (n,)."""
+    seen = np.einsum("nij,nj->ni", axes, apparent_mean(tracks, [target], at))
+    target_m = tracks.target_state(target, at.time_s)[0]
+    free = earth_clearance_m(at.position_m, target_m, tracks.pole_icrs) >= 0.0
+    return np.asarray((camera.frame_margin_deg(seen) >= 0.0) & tracks.exist(target, at.time_s) & free)
+
+
+def earth_in_field(camera: Camera, position_m: F64, axes: F64, pole_icrs: F64) -> Mask:
+    """Return whether the Earth fills a part of the frame, shape (n,): it is met on the border, or its centre within."""
+    border = np.einsum("bi,nij->nbj", _border(camera), axes)
+    far_m = position_m[:, None] + 1e7 * border
+    met = (earth_clearance_m(position_m[:, None], far_m, pole_icrs, beyond=True) < 0.0).any(axis=1)
+    nadir = np.einsum("nij,nj->ni", axes, -normalised(position_m))
+    return np.asarray(met | (camera.frame_margin_deg(nadir) >= 0.0))
+
+
+def _border(camera: Camera) -> F64:
+    """Directions of the border of the frame, in camera axes, (n, 3)."""
+    along = np.linspace(-0.5, 0.5, _BORDER_STEPS + 1)
+    side = np.full_like(along, 0.5)
+    edges = [np.stack(pair, axis=1) for sign in (-side, side) for pair in ((along, sign), (sign, along))]
+    return camera.direction(np.concatenate(edges) * [camera.n_col, camera.n_row] + camera.centre_px)
+
+
+def sun_in_field(camera: Camera, tracks: Tracks, at: SatelliteState, axes: F64) -> Mask:
+    """Return whether any of the Sun's disc is in the frame and not behind the Earth, shape (n,)."""
+    sun_m = tracks.sun.position_at_m(at.time_s)
+    sight_m = sun_m - at.position_m
+    radius_deg = np.degrees(np.arcsin(SUN_RADIUS_M / np.linalg.norm(sight_m, axis=-1)))
+    seen = np.einsum("nij,nj->ni", axes, normalised(sight_m))
+    lit = sunlit_fraction(at.position_m, sun_m, tracks.pole_icrs) > 0.0
+    return np.asarray((camera.frame_margin_deg(seen) >= -radius_deg) & lit)
+
+
+def longest_streaks_px(
+    instrument: Instrument, tracks: Tracks, frames_of: Mapping[str, Sequence[int]], duration_s: float
+) -> tuple[float, float]:
+    """Return the longest way of a star and of a target over the image during an exposure [px]; 0 where there is none.
+
+    Between the ends of the exposure, in straight lines, without errors of pointing. Stars are looked at in the middle,
+    on the edges and in the corners of the frame, targets where they are in the frame.
+    """
+    longest = np.zeros(2)
+    half_s = 0.5 * instrument.sensor.detector.exposure_s
+    for sensor, time_s in _spread(instrument, frames_of, MOST_VIEWS_OF_STREAKS):
+        ends = []
+        for offset_s in (-half_s, half_s):
+            end_s = np.clip(time_s + offset_s, 0.0, duration_s)
+            at = satellite_state(tracks, instrument.satellites[sensor], end_s)
+            ends.append((at, instrument.commanded_axes(sensor, end_s).axes))
+        longest = np.maximum(longest, _streaks_px(instrument.sensor.camera, tracks, ends))
+    return float(longest[0]), float(longest[1])
+
+
+def _streaks_px(camera: Camera, tracks: Tracks, ends: list[tuple[SatelliteState, F64]]) -> F64:
+    """The same of one sensor: longest way of a star and of a target [px]."""
+    stars = np.einsum("ci,tij->ctj", camera.sample_points, ends[0][1])
+    star_px = max(_way_px(camera, [star, star], ends).max(initial=0.0) for star in stars)
+    target_px = 0.0
+    for target in range(len(tracks.targets)):
+        shown = [target_in_field(camera, tracks, target, at, axes) for at, axes in ends]
+        some = shown[0] | shown[1]
+        if some.any():
+            own = [(_at(at, some), axes[some]) for at, axes in ends]
+            sights = [apparent_mean(tracks, [target], at) for at, _ in own]
+            target_px = max(target_px, _way_px(camera, sights, own).max(initial=0.0))
+    return np.array([star_px, target_px])
+
+
+def _way_px(camera: Camera, sights: Sequence[F64], ends: list[tuple[SatelliteState, F64]]) -> F64:
+    """Distances on the image between directions at the two ends, (n, 3) each; 0 behind the camera."""
+    seen = [np.einsum("nij,nj->ni", axes, sight) for sight, (_, axes) in zip(sights, ends, strict=True)]
+    places = [camera.project(normalised(direction), np.eye(3))[0] for direction in seen]
+    return np.asarray(np.nan_to_num(np.linalg.norm(places[1] - places[0], axis=-1)))

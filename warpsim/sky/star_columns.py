@@ -1,0 +1,37 @@
+"""The columns of a star catalog, checked: what every maker of catalogs hands over."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StarColumns:
+    """Columns of a catalog, which break no rule; the fields are those of StarCatalog, every array is (n,)."""
+
+    ra_deg: Array
+    dec_deg: Array
+    pm_ra_mas_yr: Array
+    pm_dec_mas_yr: Array
+    parallax_mas: Array
+    temperature_k: Array
+    quality: NDArray[np.int64]
+    epoch_jyear: float
+    name: str
+    provenance: str
+    flux_jy: Mapping[str, Array]
+    """Flux density [Jy] by band, all bands; NaN where unknown."""
+
+    flux_flag: Mapping[str, NDArray[np.uint8]]
+    id: NDArray[Any]
+    """Names, or whole numbers that spell_id spells out."""
+
+    spell_id: tuple[str, str] = ("", "")
+    """Prefix of a whole number in id, and prefix of the row where that number is 0: ("HIP ", "HGI ")."""
