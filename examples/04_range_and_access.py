@@ -27,7 +27,7 @@ def main(output: Path, quick: bool = False) -> None:
     time_s = np.arange(0.0, scene.duration_s, STEP_S * (10 if quick else 1))
     target_m = scene.position_m(scene.target_names[0], time_s)
     lowest_deg = scene.access_rules.min_elevation_deg
-    elevation_margin_deg = scene.access_margins(time_s)["elevation_deg"]
+    elevation_margin_deg = scene.scenario.access_margins(time_s)["elevation_deg"]
 
     figure, (upper, lower) = plt.subplots(2, 1, figsize=(9, 8), sharex=True, layout="constrained")
     plot_range(scene, SENSORS, ax=upper)
@@ -35,7 +35,7 @@ def main(output: Path, quick: bool = False) -> None:
     for sensor in SENSORS:
         range_km = np.linalg.norm(target_m - scene.position_m(sensor, time_s), axis=1) / 1e3
         elevation_deg = elevation_margin_deg[scene.sensor_names.index(sensor)] + lowest_deg
-        seen = scene.has_access(sensor, time_s)
+        seen = scene.scenario.has_access(sensor, time_s)
         lower.plot(time_s, elevation_deg, color=colours[sensor], linewidth=0.8)
         lower.plot(time_s, np.where(seen, elevation_deg, np.nan), color=colours[sensor], linewidth=3)
         print(f"{sensor}: {range_km[seen].min():.0f} to {range_km[seen].max():.0f} km while it has access")

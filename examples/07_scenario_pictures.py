@@ -26,7 +26,7 @@ def main(output: Path, quick: bool = False) -> None:
     scene = ws.Scene.load("stss")
     if quick:
         scene = scene.replace(sky__catalog="none")
-    seeing = [name for name in scene.sensor_names if scene.has_access(name, TIME_S)[0]]
+    seeing = [name for name in scene.sensor_names if scene.scenario.has_access(name, TIME_S)[0]]
     print(f"at {TIME_S:g} s {', '.join(seeing)} have access to {scene.target_names[0]}")
 
     figure = plt.figure(figsize=(16, 15), layout="constrained")

@@ -1,4 +1,4 @@
-"""Pictures of scenarios: what is drawn is what the scene is, against ray casting, skyfield, scipy and the renderer."""
+"""Figures of scenarios: what is drawn is what the scene is, against ray casting, skyfield, scipy and the renderer."""
 
 import numpy as np
 import pytest
@@ -9,18 +9,20 @@ from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, EARTH
 from warpsim.orbit.earth import gcrs_to_geodetic
 from warpsim.orbit.sun import earth_velocity_m_s
 from warpsim.plot.bodies import body_to_gcrs, drawn_facets
+from warpsim.plot.camera_view import camera_view, earth_clearance
 from warpsim.plot.figure import place_labels, plain, save_figure
 from warpsim.plot.globe import globe_from
-from warpsim.plot.pictures import draw_access
-from warpsim.plot.scenario import broken_at_date_line, group_offsets_m, osculating_ellipse_m
-from warpsim.plot.view import camera_view, earth_clearance
+from warpsim.plot.ground_tracks import broken_at_date_line
+from warpsim.plot.group_panels import group_offsets_m
+from warpsim.plot.overview import osculating_ellipse_m
+from warpsim.plot.pictures import draw_access, draw_scenario
 from warpsim.render.star_field import load_catalog, star_index
 
 pytest.importorskip("matplotlib").use("Agg")
 
 SEED = 417
 DRAWN_ATOL = 1e-9  # thousands of km; only rounding
-PIXEL_ATOL = 1e-6  # px; the renderer's own places, and a float64 chain written anew
+PIXEL_ATOL = 1e-6  # px; the renderer's own positions, and a float64 chain written anew
 LIMB_RTOL = 1e-9  # of the Earth's radius: where a line is cut
 TRACK_ATOL_DEG = 1e-7  # skyfield against this: rounding of its iterated latitude (1 cm on the ground)
 ASPECT_ATOL_DEG = 1e-6
@@ -89,16 +91,16 @@ def test_lines_end_at_the_limb():
         shown = ~np.isnan(drawn[:, 0])
         n_cut = np.count_nonzero(hidden[1:] != hidden[:-1])
         assert np.count_nonzero(shown) == np.count_nonzero(~hidden) + n_cut
-        # The points put in are on the outline: their rays only touch the ellipsoid.
+        # The points put in are on the limb: their rays only touch the ellipsoid.
         known = globe.project(path_m)
         new = [xy for xy in drawn[shown] if np.abs(known - xy).max(axis=1).min() > 0]
-        places_m = 1e6 * (np.array(new).reshape(-1, 2) @ np.stack([globe.right, globe.up]))
-        assert np.abs(hits_earth(places_m, globe.towards, globe.pole)[1]).max(initial=0) < 1e-9
+        points_m = 1e6 * (np.array(new).reshape(-1, 2) @ np.stack([globe.right, globe.up]))
+        assert np.abs(hits_earth(points_m, globe.towards, globe.pole)[1]).max(initial=0) < 1e-9
     everywhere = globe.visible_line(3 * path_m + 5e7 * globe.towards)
     np.testing.assert_allclose(everywhere, globe.project(3 * path_m + 5e7 * globe.towards), rtol=0, atol=DRAWN_ATOL)
 
 
-def test_the_outline_is_a_circle_from_the_pole_and_an_ellipse_from_the_equator():
+def test_the_limb_is_a_circle_from_the_pole_and_an_ellipse_from_the_equator():
     a, b = EARTH_EQUATORIAL_RADIUS_M / 1e6, EARTH_EQUATORIAL_RADIUS_M * (1 - EARTH_FLATTENING) / 1e6
     z = np.array([0.0, 0.0, 1.0])
     np.testing.assert_allclose(np.linalg.norm(globe_from(0, 90, z).limb(), axis=1), a, rtol=LIMB_RTOL)
@@ -134,7 +136,7 @@ def test_osculating_ellipse_has_the_vis_viva_size(eccentricity):
 # --- the scene ---
 
 
-def test_title_and_legend_are_within_the_picture(scene, tmp_path):
+def test_title_and_legend_are_within_the_figure(scene, tmp_path):
     """A flight far away, whose numbers at the axis are wide, so that the square takes all of the figure's height."""
     image = pytest.importorskip("matplotlib.image")
     far = scene.replace(
@@ -157,42 +159,42 @@ def by_label(ax, start):
     return [line for line in ax.get_lines() if str(line.get_label()).startswith(start)]
 
 
-def test_scene_picture_has_the_places_of_the_scene(scene):
+def test_scene_figure_has_the_positions_of_the_scene(scene):
     view = (10.0, 70.0)
     ax = ws.plot.plot_scene(scene, TIME_S, view_ra_dec_deg=view)
     # The projection written anew: towards the viewer, the pole upwards.
     ra, dec = np.radians(view)
     towards = np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])
-    pole = scene.tracks.pole_icrs
+    pole = scene.scenario.tracks.pole_icrs
     right = unit(np.cross(pole, towards))
     up = np.cross(towards, right)
 
     def xy(position_m):
         return np.stack([position_m @ right, position_m @ up], axis=-1) / 1e6
 
-    place_m = {name: scene.position_m(name, TIME_S)[0] for name in [*scene.sensor_names, "center"]}
-    seen = {name for name in scene.sensor_names if scene.has_access(name, TIME_S)[0]}
-    visible = {name for name in place_m if not hits_earth(place_m[name], towards, pole)[0]}
+    position_m = {name: scene.position_m(name, TIME_S)[0] for name in [*scene.sensor_names, "center"]}
+    seen = {name for name in scene.sensor_names if scene.scenario.has_access(name, TIME_S)[0]}
+    visible = {name for name in position_m if not hits_earth(position_m[name], towards, pole)[0]}
     assert seen == {"sat11", "sat12", "sat21", "sat27", "sat41", "sat47"}
     others = set(scene.sensor_names) - seen
     for label, wanted in (("satellites with access: 6", seen), ("satellites without: 22", others)):
         (dots,) = by_label(ax, label)
-        expected = [xy(place_m[name]) for name in scene.sensor_names if name in wanted & visible]
+        expected = [xy(position_m[name]) for name in scene.sensor_names if name in wanted & visible]
         np.testing.assert_allclose(dots.get_xydata(), expected, rtol=0, atol=DRAWN_ATOL)
     assert by_label(ax, f"{28 - len(visible - {'center'})} of them behind the Earth")
     (now,) = by_label(ax, "center now")
-    np.testing.assert_allclose(now.get_xydata()[0], xy(place_m["center"]), rtol=0, atol=DRAWN_ATOL)
+    np.testing.assert_allclose(now.get_xydata()[0], xy(position_m["center"]), rtol=0, atol=DRAWN_ATOL)
     ends = [line.get_xydata()[[0, -1]] for line in ax.get_lines() if len(line.get_xdata()) >= 101]
     for name in seen & visible:
-        sight = np.array([xy(place_m[name]), xy(place_m["center"])])
-        assert np.nanmin([np.abs(end - sight).max() for end in ends]) < DRAWN_ATOL
+        line = np.array([xy(position_m[name]), xy(position_m["center"])])
+        assert np.nanmin([np.abs(end - line).max() for end in ends]) < DRAWN_ATOL
     texts = {text.get_text() for text in ax.texts}
     assert seen & visible <= texts and not texts & others
     assert "2025-01-01T14:10:00.000 UTC" in ax.get_title()
     assert ax.get_xlabel() == "[1000 km]"
 
 
-def test_scene_picture_leaves_out_what_the_earth_hides(scene):
+def test_scene_figure_leaves_out_what_the_earth_hides(scene):
     """Seen from the far side the flight and its lines of sight are behind the Earth."""
     middle = unit(scene.position_m("center", scene.duration_s / 2)[0])
     far_side = float(np.degrees(np.arctan2(-middle[1], -middle[0]))), float(np.degrees(np.arcsin(-middle[2])))
@@ -274,25 +276,25 @@ def test_map_marks_access(scene):
 # --- a satellite's view ---
 
 
-def apparent_places_px(scene, sensor, time_s, axes):
+def apparent_positions_px(scene, sensor, time_s, axes):
     """Pixels of the targets by a chain written anew: light time, then the two steps of aberration."""
-    observer_m, velocity = (part[0] for part in scene.tracks.of(sensor).state(np.array([time_s])))
+    observer_m, velocity = (part[0] for part in scene.scenario.tracks.of(sensor).state(np.array([time_s])))
     earth = earth_velocity_m_s(scene.epoch, np.array([time_s]))[0]
     directions = []
     for name in scene.target_names:
         emitted_s = time_s
         for _ in range(5):
-            sight_m = scene.position_m(name, emitted_s)[0] - observer_m
-            emitted_s = time_s - np.linalg.norm(sight_m) / SPEED_OF_LIGHT_M_S
-        directions.append(ws.apparent_direction(ws.apparent_direction(unit(sight_m), -earth), earth + velocity))
+            line_m = scene.position_m(name, emitted_s)[0] - observer_m
+            emitted_s = time_s - np.linalg.norm(line_m) / SPEED_OF_LIGHT_M_S
+        directions.append(ws.apparent_direction(ws.apparent_direction(unit(line_m), -earth), earth + velocity))
     return scene.camera.project(np.array(directions), axes)[0]
 
 
 @pytest.mark.parametrize("time_s", [600.0, 603.7], ids=["of a frame", "between frames"])
 def test_view_is_the_renderers(scene, renderer, time_s):
-    view = camera_view(scene, "sat11", time_s, renderer)
+    view = camera_view(scene.scenario, "sat11", time_s, renderer)
     np.testing.assert_allclose(
-        view.target_xy_px, apparent_places_px(scene, "sat11", time_s, view.axes_icrs), rtol=0, atol=PIXEL_ATOL
+        view.target_xy_px, apparent_positions_px(scene, "sat11", time_s, view.axes_icrs), rtol=0, atol=PIXEL_ATOL
     )
     if time_s == 600.0:
         truth = renderer.render([60], ["sat11"], ["C"]).truth
@@ -301,13 +303,14 @@ def test_view_is_the_renderers(scene, renderer, time_s):
 
 def test_view_before_the_first_frame(scene):
     late = scene.replace(frames={"count": 10, "interval_s": 10.0, "start_s": 100.0}, sky__catalog="none")
-    view, plain = (camera_view(one, "sat11", 50.0) for one in (late, scene.replace(sky__catalog="none")))
+    view, plain = (camera_view(one.scenario, "sat11", 50.0) for one in (late, scene.replace(sky__catalog="none")))
     np.testing.assert_array_equal(view.target_xy_px, plain.target_xy_px)
 
 
 def test_stars_in_the_view_are_those_of_the_catalog(scene, renderer):
-    view = camera_view(scene, "sat11", TIME_S, renderer)
-    index = star_index(scene, load_catalog(scene), ws.BandIndex(ws.StarCatalog.from_arrays([], [], {})).device)
+    view = camera_view(scene.scenario, "sat11", TIME_S, renderer)
+    device = ws.BandIndex(ws.StarCatalog.from_arrays([], [], {})).device
+    index = star_index(scene.sky, scene.scenario.epoch, load_catalog(scene.sky), device)
     rows = index.query(view.axes_icrs[2], scene.camera.half_diagonal_rad() + 2e-4)
     observer = earth_velocity_m_s(scene.epoch, np.array([TIME_S]))[0] + view.velocity_m_s
     seen = ws.apparent_direction(index.catalog.direction_icrs[rows], observer)
@@ -322,7 +325,7 @@ def test_stars_in_the_view_are_those_of_the_catalog(scene, renderer):
 
 
 def test_view_draws_every_target_at_its_pixel(scene, renderer):
-    view = camera_view(scene, "sat11", TIME_S, renderer)
+    view = camera_view(scene.scenario, "sat11", TIME_S, renderer)
     ax = ws.plot.plot_satellite_view(scene, "sat11", TIME_S, renderer=renderer)
     drawn = np.concatenate([by_label(ax, label)[0].get_xydata() for label in ("center", "sphere", "cylinder", "cone")])
     np.testing.assert_array_equal(drawn, view.target_xy_px)
@@ -333,7 +336,7 @@ def test_view_draws_every_target_at_its_pixel(scene, renderer):
 
 
 def test_compass_points_to_zenith_and_north(scene, renderer):
-    view = camera_view(scene, "sat11", TIME_S, renderer)
+    view = camera_view(scene.scenario, "sat11", TIME_S, renderer)
     ax = ws.plot.plot_satellite_view(scene, "sat11", TIME_S, renderer=renderer)
     arrows = [text for text in ax.texts if text.get_text() == "" and hasattr(text, "xy")]
     for arrow, direction in zip(arrows[:2], (view.position_m, np.array([0, 0, 1.0])), strict=True):
@@ -346,32 +349,32 @@ def test_compass_points_to_zenith_and_north(scene, renderer):
 
 def test_limb_is_where_rays_touch_the_earth(scene):
     wide = scene.replace(camera__fov_deg=60.0, optics__psf="gaussian", sky__catalog="none")
-    view = camera_view(wide, "sat11", TIME_S)
-    camera = wide.camera
+    view = camera_view(wide.scenario, "sat11", TIME_S)
+    camera, pole = wide.camera, wide.scenario.tracks.pole_icrs
     x, y = np.meshgrid(np.linspace(-0.5, 127.5, 60), np.linspace(-0.5, 127.5, 60))
     xy = np.stack([x, y], axis=-1)
     ray = np.concatenate([(xy - camera.centre_px) / camera.focal_px, np.ones((60, 60, 1))], axis=-1) @ view.axes_icrs
     ray = unit(ray)
-    clearance = earth_clearance(wide, view, xy)
+    clearance = earth_clearance(view, pole, xy)
     # Rays as they are without the sensor's motion about the Earth, which moves the limb by up to 5 arcsec.
     still = ws.apparent_direction(ray.reshape(-1, 3), -view.velocity_m_s).reshape(ray.shape)
-    hit, _ = hits_earth(view.position_m, still, wide.tracks.pole_icrs)
+    hit, _ = hits_earth(view.position_m, still, pole)
     assert 0.2 < hit.mean() < 0.5
     np.testing.assert_array_equal(clearance < 0, hit)
     # Next to the limb: rays a thousandth of a pixel (1.7 arcsec) to either side.
     limb_row = np.interp(0, clearance[:, 30], y[:, 30])
     for _ in range(20):  # secant steps to the limb in the middle column
         at = np.array([[x[0, 30], limb_row], [x[0, 30], limb_row + 1e-3]])
-        here, below = earth_clearance(wide, view, at)
+        here, below = earth_clearance(view, pole, at)
         limb_row -= here * 1e-3 / (below - here)
     for step, expected in ((-1e-3, False), (1e-3, True)):
         seen = np.array([(x[0, 30] - camera.centre_px[0]), limb_row + step - camera.centre_px[1], camera.focal_px])
         direction = ws.apparent_direction(unit(seen @ view.axes_icrs), -view.velocity_m_s)
-        assert hits_earth(view.position_m, direction, wide.tracks.pole_icrs)[0] == expected
+        assert hits_earth(view.position_m, direction, pole)[0] == expected
     ax = ws.plot.plot_satellite_view(wide, "sat11", TIME_S)
     assert by_label(ax, "Earth")
     limb = np.concatenate([path.vertices for path in ax.collections[1].get_paths()])
-    assert np.abs(earth_clearance(wide, view, limb)).max() < 2e-5  # linear between grid points: 0.02 px
+    assert np.abs(earth_clearance(view, pole, limb)).max() < 2e-5  # linear between grid points: 0.02 px
 
 
 def test_view_marks_what_is_behind_the_earth(scene):
@@ -381,11 +384,11 @@ def test_view_marks_what_is_behind_the_earth(scene):
     assert not by_label(ax, "center") and "no access" in ax.get_title()
 
 
-def test_stowed_targets_are_not_in_the_view(scene):
+def test_targets_not_deployed_are_not_in_the_view(scene):
     late = scene.replace(targets__3__release={"time_s": 700.0}, sky__catalog="none")
     ax = ws.plot.plot_satellite_view(late, "sat11", TIME_S)
     legend = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert legend == ["center", "sphere (10)", "cylinder (10)", "stowed, dark, not drawn (9)"]
+    assert legend == ["center", "sphere (10)", "cylinder (10)", "not deployed, not drawn (9)"]
     assert not by_label(ax, "cone")
     words = {text.get_text() for part in (ax, *ax.child_axes) for text in part.texts}
     assert "sphere03" in words and not any(word.startswith("cone") for word in words)
@@ -394,7 +397,7 @@ def test_stowed_targets_are_not_in_the_view(scene):
 def test_legend_of_a_view_is_of_what_is_in_the_frame(scene):
     """A camera that looks beside the group: some of it is outside."""
     beside = scene.replace(pointing={"offset_px": [62.0, 0.0]}, sky__catalog="none")
-    view = camera_view(beside, "sat11", TIME_S)
+    view = camera_view(beside.scenario, "sat11", TIME_S)
     inside = (np.abs(view.target_xy_px - 63.5) < 64).all(axis=1)
     assert 0 < inside.sum() < 30
     ax = ws.plot.plot_satellite_view(beside, "sat11", TIME_S)
@@ -421,20 +424,25 @@ def test_words_of_the_compass_are_inside_the_frame(scene, roll_deg):
 # --- the group ---
 
 
+def offsets_m(scene, time_s, group=0):
+    targets = [index for index, target in enumerate(scene.scenario.targets) if target.group == group]
+    return group_offsets_m(scene.scenario.tracks, targets, time_s)
+
+
 def test_group_offsets_are_turned_differences(scene):
-    offset_m = group_offsets_m(scene, TIME_S)
-    place_m = np.stack([scene.position_m(name, TIME_S)[0] for name in scene.target_names])
+    offset_m = offsets_m(scene, TIME_S)
+    position_m = np.stack([scene.position_m(name, TIME_S)[0] for name in scene.target_names])
     np.testing.assert_allclose(
-        np.linalg.norm(offset_m, axis=1), np.linalg.norm(place_m - place_m[0], axis=1), rtol=0, atol=1e-6
+        np.linalg.norm(offset_m, axis=1), np.linalg.norm(position_m - position_m[0], axis=1), rtol=0, atol=1e-6
     )
     before, after = (scene.position_m("center", TIME_S + step)[0] for step in (-0.5, 0.5))
-    frame = Rotation.align_vectors([[1, 0, 0], [0, 0, 1]], [place_m[0], np.cross(before, after)])[0].as_matrix()
-    np.testing.assert_allclose(offset_m, (place_m - place_m[0]) @ frame.T, rtol=0, atol=1e-3)
-    speed_m_s = np.linalg.norm(group_offsets_m(scene, 1.0)[1:], axis=1)
+    frame = Rotation.align_vectors([[1, 0, 0], [0, 0, 1]], [position_m[0], np.cross(before, after)])[0].as_matrix()
+    np.testing.assert_allclose(offset_m, (position_m - position_m[0]) @ frame.T, rtol=0, atol=1e-3)
+    speed_m_s = np.linalg.norm(offsets_m(scene, 1.0)[1:], axis=1)
     assert speed_m_s.min() > 1.99 and speed_m_s.max() < 5.01  # the release, after one second
 
 
-@pytest.mark.parametrize(("late_s", "words"), [(1000.0, "\n29 still stowed in it"), (TIME_S, "")])
+@pytest.mark.parametrize(("late_s", "words"), [(1000.0, "\n29 not deployed"), (TIME_S, "")])
 def test_panels_of_targets_on_one_spot_are_two_metres_wide(scene, late_s, words):
     axes = ws.plot.plot_group(scene.replace(release__time_s=late_s), TIME_S)
     assert {ax.get_xlim() for ax in axes[:3]} == {(-1.0, 1.0)}
@@ -442,7 +450,7 @@ def test_panels_of_targets_on_one_spot_are_two_metres_wide(scene, late_s, words)
 
 
 def test_group_panels_show_the_offsets(scene):
-    offset_km = group_offsets_m(scene, TIME_S) / 1e3
+    offset_km = offsets_m(scene, TIME_S) / 1e3
     axes = ws.plot.plot_group(scene, TIME_S)
     for ax, columns in zip(axes[:3], ([1, 0], [2, 0], [1, 2]), strict=True):
         drawn = np.concatenate([by_label(ax, label)[0].get_xydata() for label in ("center", "sphere", "cyl", "cone")])
@@ -461,21 +469,21 @@ def test_body_axes_are_those_of_the_truth(scene, renderer):
     observer_m = scene.position_m("sat11", TIME_S)[0]
     for row in truth:
         emitted_s = TIME_S - 1e3 * row["range_km"] / SPEED_OF_LIGHT_M_S
-        axis = body_to_gcrs(scene, row["target"], emitted_s)[0][:, 2]
+        axis = body_to_gcrs(scene.scenario, row["target"], emitted_s)[0][:, 2]
         towards = unit(observer_m - scene.position_m(row["target"], emitted_s)[0])
         aspect_deg = np.degrees(np.arctan2(np.linalg.norm(np.cross(axis, towards)), axis @ towards))
         assert aspect_deg == pytest.approx(row["aspect_deg"], abs=ASPECT_ATOL_DEG)
 
 
 def test_bodies_are_turned_by_rotations(scene):
-    rotation = body_to_gcrs(scene, "cylinder03", [0.0, 0.3, 1000.7])
+    rotation = body_to_gcrs(scene.scenario, "cylinder03", [0.0, 0.3, 1000.7])
     np.testing.assert_allclose(rotation @ np.swapaxes(rotation, 1, 2), np.tile(np.eye(3), (3, 1, 1)), atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(rotation), 1, rtol=0, atol=1e-12)
 
 
 def test_spin_turns_a_body_about_its_axis(scene):
     spinning = scene.replace(targets__0__attitude={"spin_rev_s": 2.0})
-    first, second = body_to_gcrs(spinning, "center", [10.0, 10.05])
+    first, second = body_to_gcrs(spinning.scenario, "center", [10.0, 10.05])
     np.testing.assert_allclose(first.T @ second, Rotation.from_euler("z", 36, degrees=True).as_matrix(), atol=1e-9)
 
 
@@ -491,7 +499,7 @@ DRAWN = {
 
 
 @pytest.mark.parametrize(("shape", "scale"), DRAWN.values(), ids=DRAWN)
-def test_drawn_outline_has_the_projected_area(shape, scale):
+def test_drawn_bodies_have_the_projected_area(shape, scale):
     corners, sector = drawn_facets(shape)
     assert np.linalg.norm(corners, axis=-1).max() == pytest.approx(1, abs=1e-12)
     assert len(corners) == len(sector)
@@ -504,7 +512,7 @@ def test_drawn_outline_has_the_projected_area(shape, scale):
 
 
 def test_attitudes_of_every_kind_of_shape(scene):
-    first = scene.to_dict()["targets"][0]
+    first = scene.to_dict()["groups"][0]["targets"][0]
     targets = [{**first, "name": name, "shape": shape} for name, (shape, _) in DRAWN.items()]
     ax = ws.plot.plot_attitudes(scene.replace(targets=targets), 0.0)
     words = [text.get_text() for text in ax.texts]
@@ -520,15 +528,17 @@ def test_attitudes_show_one_of_each_kind_at_each_instant(scene):
     assert "+0.1667 s" in words  # one turn a second is the slowest motion
     assert len(ws.plot.plot_attitudes(scene, [0.0, 10.0]).collections) == 8
     assert len(ws.plot.plot_attitudes(scene, scene.duration_s).collections) == 4
-    still = scene.replace(targets=scene.to_dict()["targets"][:1], targets__0__attitude={"axis": [0.0, 0.0, 1.0]})
+    main = scene.to_dict()["groups"][0]["targets"][:1]
+    still = scene.replace(targets=main, targets__0__attitude={"axis": [0.0, 0.0, 1.0]})
     assert len(ws.plot.plot_attitudes(still, 0.0).collections) == 6
 
 
 def test_times_are_written_plainly(scene):
     assert [plain(value) for value in (0.0, 10800.0, 0.25, 1234567.0)] == ["0", "10800", "0.25", "1234570"]
     assert plain(10833.4, 4) == "10830" and plain(1 / 6, 4) == "0.1667"
+    main = scene.to_dict()["groups"][0]["targets"][:1]
     still = scene.replace(
-        duration_s=64800.0, targets=scene.to_dict()["targets"][:1], targets__0__attitude={"axis": [0.0, 0.0, 1.0]},
+        duration_s=64800.0, targets=main, targets__0__attitude={"axis": [0.0, 0.0, 1.0]},
         trajectory=ws.KeplerOrbit(66.0, altitude_km=600.0), access_rules={},
     )  # fmt: skip
     ax = ws.plot.plot_attitudes(still, 0.0)
@@ -585,9 +595,9 @@ def test_range_is_the_distance_and_thick_during_access(scene):
     assert max(line.get_ydata()[0] for line in ax.get_lines() if len(set(line.get_ydata())) == 1) == 6000.0
 
 
-def test_access_of_ones_own_is_what_is_drawn(scene):
+def test_given_access_is_what_is_drawn(scene):
     sensors = ["sat11", "sat13", "sat27"]
-    access = scene.access("cone03", sensors, ws.AccessConstraints(max_range_km=5000.0))
+    access = scene.access("cone03", sensors, rules=ws.AccessConstraints(max_range_km=5000.0))
     ax = ws.plot.plot_access(scene, access=access, sensors=sensors)
     assert [label.get_text() for label in ax.get_yticklabels()] == sensors
     bars = sorted(bar.get_x() for container in ax.containers for bar in container)
@@ -619,29 +629,32 @@ def test_named_sensors_are_drawn_without_access_too(scene, tmp_path, monkeypatch
 
 # --- several groups ---
 
+BALL = {
+    "shape": {"kind": "sphere", "radius_m": 0.3},
+    "surface": {"reflectance": 0.5},
+    "temperature": {"start_k": 300},
+}
+SECOND = {
+    "name": "second",
+    "trajectory": {
+        "kind": "ballistic_arc", "start_lon_lat_deg": [100.0, 50.0], "end_lon_lat_deg": [-150.0, 40.0],
+        "duration_s": 1700.0, "endpoint_altitude_km": 100.0,
+    },
+    "targets": [{"name": "bus", **BALL}, {"name": "ball", "count": 3, **BALL}],
+    "release": {"time_s": 400.0, "speed_m_s": [1.0, 1.0]},
+}  # fmt: skip
+
 
 @pytest.fixture(scope="module")
 def two_groups(scene):
     """A second group beside the paper's, whose others leave late."""
-    ball = {
-        "shape": {"kind": "sphere", "radius_m": 0.3},
-        "surface": {"reflectance": 0.5},
-        "temperature": {"start_k": 300},
-    }
-    path = {"kind": "ballistic_arc", "start_lon_lat_deg": [100.0, 50.0], "end_lon_lat_deg": [-150.0, 40.0]}
-    second = {
-        "name": "second",
-        "trajectory": {**path, "duration_s": 1700.0, "endpoint_altitude_km": 100.0},
-        "targets": [{"name": "bus", **ball}, {"name": "ball", "count": 3, **ball}],
-        "release": {"time_s": 400.0, "speed_m_s": [1.0, 1.0]},
-    }
-    return scene.replace(groups=[second], sky__catalog="none")
+    return scene.replace(groups=[scene.to_dict()["groups"][0], SECOND], sky__catalog="none")
 
 
 def test_each_group_is_drawn_about_its_own_main_target(two_groups):
-    offset_m = group_offsets_m(two_groups, 410.0, "second")
+    offset_m = offsets_m(two_groups, 410.0, 1)
     np.testing.assert_allclose(np.linalg.norm(offset_m, axis=1), [0, 10, 10, 10], rtol=0, atol=0.01)  # 1 m/s for 10 s
-    assert np.abs(group_offsets_m(two_groups, 390.0, "second")).max() == 0  # stowed
+    assert np.abs(offsets_m(two_groups, 390.0, 1)).max() == 0  # not deployed
     axes = ws.plot.plot_group(two_groups, 410.0, group="second")
     assert axes[0].get_title() == "group about bus at 410 s"
     drawn = np.concatenate([by_label(axes[0], label)[0].get_xydata() for label in ("bus", "ball (3)")])
@@ -651,7 +664,7 @@ def test_each_group_is_drawn_about_its_own_main_target(two_groups):
         ws.plot.plot_group(two_groups, 0.0, group="third")
 
 
-def test_pictures_show_all_groups(two_groups):
+def test_figures_show_all_groups(two_groups):
     ax = ws.plot.plot_scene(two_groups, TIME_S)
     assert by_label(ax, "flight of center") and by_label(ax, "flight of bus")
     ax = ws.plot.plot_ground_tracks(two_groups)
@@ -664,7 +677,207 @@ def test_pictures_show_all_groups(two_groups):
     np.testing.assert_array_equal(by_label(ax, "center")[0].get_xydata()[0].round(6), [63.5, 63.5])
 
 
-# --- labels, axes of one's own, bad input ---
+LATER = {**SECOND, "trajectory": {**SECOND["trajectory"], "duration_s": 1000.0}, "start_s": 500.0, "release": {}}
+"""From 500 to 1500 s; its others leave at once."""
+
+
+@pytest.fixture(scope="module")
+def later_group(scene):
+    return scene.replace(groups=[scene.to_dict()["groups"][0], LATER], sky__catalog="none")
+
+
+@pytest.mark.parametrize(("time_s", "there"), [(499.0, False), (501.0, True), (1499.0, True), (1501.0, False)])
+def test_absent_targets_are_not_in_figures(later_group, time_s, there):
+    ax = ws.plot.plot_scene(later_group, time_s, view_ra_dec_deg=(0.0, 90.0))
+    assert by_label(ax, "center now") and bool(by_label(ax, "bus now")) == there
+    (flight,) = by_label(ax, "flight of bus")
+    assert np.isfinite(flight.get_xydata()).all()
+    pole = later_group.scenario.tracks.pole_icrs
+    globe = globe_from(0.0, 90.0, pole)
+    ends_m = later_group.position_m("bus", [500.0, 1500.0])
+    np.testing.assert_allclose(flight.get_xydata()[[0, -1]], globe.project(ends_m), rtol=0, atol=DRAWN_ATOL)
+    axes = ws.plot.plot_group(later_group, time_s, group="second")
+    words = "" if there else "\nabsent until 500 s" if time_s < 500 else "\nabsent since 1500 s"
+    assert axes[0].get_title() == f"group about bus at {plain(time_s)} s{words}"
+    assert bool(by_label(axes[0], "ball (3)")) == there
+    ax = ws.plot.plot_attitudes(later_group, [time_s])
+    assert [text.get_text() for text in ax.texts].count("absent") == (0 if there else 2)
+    assert len(ax.collections) == (6 if there else 4)
+    ax = ws.plot.plot_satellite_view(later_group, "sat11", time_s)
+    legend = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert ("absent, not drawn (4)" in legend) == (not there)
+
+
+def test_a_view_of_a_target_that_is_absent_names_none(later_group):
+    tracking = later_group.replace(pointing={"track": "second"})
+    for time_s, words in ((499.0, "sat11 at 499 s, no access"), (501.0, " km from bus, ")):
+        ax = ws.plot.plot_satellite_view(tracking, "sat11", time_s)
+        assert words in ax.get_title() and (time_s > 500) == (" km from" in ax.get_title())
+
+
+def test_attitudes_are_in_the_frame_of_a_group_that_is_there(later_group):
+    first, second = later_group.to_dict()["groups"]
+    swapped = later_group.replace(groups=[{**second, "name": "main"}, {**first, "name": "early"}])
+    assert "axes of center at 100 s" in ws.plot.plot_attitudes(swapped, 100.0).get_title()
+    assert "axes of bus at 600 s" in ws.plot.plot_attitudes(swapped, 600.0).get_title()
+    alone = later_group.replace(groups=[second])
+    assert "axes of bus at 500 s" in ws.plot.plot_attitudes(alone, 100.0).get_title()
+
+
+def test_ranges_end_with_the_targets(later_group):
+    """Of a target that is not there all the time, and to the nearest of all where access counts by any."""
+    ax = ws.plot.plot_range(later_group, ["sat11"], access=later_group.access("bus"))
+    time_s, range_km = ax.get_lines()[0].get_xydata().T
+    np.testing.assert_array_equal(np.isfinite(range_km), (time_s > 502.0) & (time_s <= 1500.0))  # a step behind 500 s
+    ax = ws.plot.plot_range(later_group.replace(access_target="any"), ["sat11"])
+    time_s, range_km = ax.get_lines()[0].get_xydata().T
+    observer_m = later_group.position_m("sat11", time_s)
+    nearest_km = np.full(len(time_s), np.inf)
+    for target in later_group.scenario.targets:
+        there = (time_s >= target.exists_s[0]) & (time_s <= target.exists_s[1])
+        gap_km = np.linalg.norm(later_group.position_m(target.name, time_s) - observer_m, axis=1) / 1e3
+        nearest_km = np.where(there, np.minimum(nearest_km, gap_km), nearest_km)
+    drawn = np.isfinite(range_km)
+    assert np.count_nonzero(~drawn) == 2  # breaks of the line, where the second group begins and ends
+    np.testing.assert_allclose(range_km[drawn], nearest_km[drawn], rtol=1e-12)
+    assert ax.get_ylabel() == "range to any target [km]"
+
+
+def test_a_group_on_orbits_of_its_own(scene):
+    orbits = {
+        "kind": "listed",
+        "satellites": [
+            {"name": f"d{k}", "orbit": {"kind": "elements", "altitude_km": 800.0 + 10 * k, "inclination_deg": 60.0,
+                                        "raan_deg": -60.0, "mean_anomaly_deg": 40.0}} for k in range(3)
+        ],
+    }  # fmt: skip
+    debris = {"name": "debris", "orbits": orbits, "targets": [{"name": "chip", **BALL}]}
+    both = scene.replace(groups=[scene.to_dict()["groups"][0], debris], sky__catalog="none", access_rules={})
+    ax = ws.plot.plot_scene(both, TIME_S, view_ra_dec_deg=(0.0, 90.0))
+    (now,) = by_label(ax, "debris (3) now")
+    globe = globe_from(0.0, 90.0, both.scenario.tracks.pole_icrs)
+    expected = [globe.project(both.position_m(f"d{k}", [TIME_S])[0]) for k in range(3)]
+    np.testing.assert_allclose(now.get_xydata(), expected, rtol=0, atol=DRAWN_ATOL)
+    axes = ws.plot.plot_group(both, TIME_S, group="debris")
+    assert by_label(axes[0], "chip (3)")[0].get_xydata().shape == (3, 2)
+    assert "debris (3)" in [text.get_text() for text in ws.plot.plot_ground_tracks(both).get_legend().get_texts()]
+    assert "d0\nsphere, r 0.3 m\none of 3" in [text.get_text() for text in ws.plot.plot_attitudes(both, 0.0).texts]
+
+
+def test_a_scene_without_targets_is_drawn(scene, tmp_path):
+    pointing = {"kind": "fixed", "azimuth_elevation_deg": [0.0, -20.0]}
+    empty = scene.replace(groups=[], sensors__0__pointing=pointing, sky__catalog="none")
+    paths = draw_scenario(empty, tmp_path, sensors=["sat11"])
+    assert [path.name for path in paths] == ["scene.png", "ground_tracks.png", "access.png", "view_sat11.png"]
+    for draw, message in ((ws.plot.plot_group, "^group: must be a group"), (ws.plot.plot_attitudes, "with targets")):
+        with pytest.raises(ws.InputError, match=message):
+            draw(empty, 0.0)
+
+
+# --- several kinds of sensors ---
+
+WIDE = {
+    "name": "wide", "camera": {"n_row": 60, "n_col": 100, "fov_deg": 90.0}, "bands": ["C"],
+    "optics": {"aperture_m": 0.1, "psf": "gaussian"}, "pointing": {"kind": "fixed", "azimuth_elevation_deg": [0, -25]},
+    "on": ["sat1*", "sat2*"], "access_rules": {"in_fov": True, "max_range_km": 7000.0},
+    "frames": {"count": 100, "interval_s": 7.0},
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def two_kinds(scene):
+    """Two kinds of sensors, both on the satellites of the first two planes; three targets."""
+    narrow = {**scene.to_dict()["sensors"][0], "name": "narrow"}
+    few = scene.replace(targets=scene.to_dict()["groups"][0]["targets"][:2], targets__1__count=2)
+    return few.replace(sensors=[narrow, {**WIDE, "detector": narrow["detector"]}], sky__catalog="none")
+
+
+def test_satellites_are_drawn_once(two_kinds):
+    """At 600 s both sensors of sat27 have access, of sat11, sat12 and sat21 the narrow ones."""
+    scenario = two_kinds.scenario
+    seeing = {name for name in two_kinds.sensor_names if scenario.has_access(name, TIME_S)[0]}
+    assert seeing >= {"sat27.wide", "sat27.narrow", "sat11.narrow", "sat47"} and "sat11.wide" not in seeing
+    ax = ws.plot.plot_scene(two_kinds, TIME_S, view_ra_dec_deg=(281.0, 60.0))
+    assert by_label(ax, "satellites with access: 6") and by_label(ax, "satellites without: 22")
+    labels = [text.get_text() for text in ax.texts if text.get_text() not in ("", "Sun")]
+    assert len(labels) == len(set(labels)) and set(labels) <= {
+        "sat11.narrow", "sat12.narrow", "sat21.narrow", "sat27", "sat41", "sat47"
+    }  # fmt: skip
+    lines = [line for line in ax.get_lines() if line.get_color() == "#009E73" and line.get_linewidth() == 1.0]
+    assert len(lines) == 6
+    (orbits,) = (lines for lines in ax.collections if lines.get_label() == "orbits")
+    assert len(orbits.get_segments()) == 28
+
+
+def test_ground_tracks_mark_the_access_of_each_kind(two_kinds):
+    ax = ws.plot.plot_ground_tracks(two_kinds)
+    legend = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert "narrow has access" in legend and "wide has access" in legend
+    tracks = [line for line in ax.get_lines() if line.get_linewidth() == 0.9 and len(line.get_xdata())]
+    assert len(tracks) == 28
+    for kind, width in (("narrow", 5.5), ("wide", 3.0)):
+        rows = two_kinds.access(sensors=kind)
+        thick = [line.get_xydata() for line in ax.get_lines() if line.get_linewidth() == width]
+        drawn = [line for line in thick if len(line)]  # the legend's is empty
+        assert len(drawn) == len(rows) > 3
+        starts = []
+        for row in rows:
+            position_m = two_kinds.position_m(row["sensor"], row["start_s"])
+            lon, lat, _ = gcrs_to_geodetic(position_m, two_kinds.scenario.epoch, np.array([row["start_s"]]))
+            starts.append([lon[0], lat[0]])
+        np.testing.assert_allclose(sorted(line[0].tolist() for line in drawn), sorted(starts), atol=TRACK_ATOL_DEG)
+    labels = [text.get_text() for text in ax.texts]
+    assert len(labels) == len(set(labels)) and set(labels) <= set(two_kinds.scenario.satellite_names)
+
+
+def test_access_has_a_row_for_every_sensor(two_kinds):
+    ax = ws.plot.plot_access(two_kinds)
+    names = [label.get_text() for label in ax.get_yticklabels()]
+    assert names == two_kinds.sensor_names and len(names) == 42
+    assert ax.get_title().startswith("stss: access to what each sensor tracks, ")
+    assert {text.get_text() for text in ax.get_legend().get_texts()} == {"center", "main"}
+    ax = ws.plot.plot_access(two_kinds, sensors=["wide"], only_with_access=True)
+    names = [label.get_text() for label in ax.get_yticklabels()]
+    assert names and all(name.endswith(".wide") for name in names)
+    assert ax.get_title() == f"stss: access to main, {len(names)} of 14 sensors"
+    ax = ws.plot.plot_range(two_kinds)
+    limits = sorted(line.get_ydata()[0] for line in ax.get_lines() if len(set(line.get_ydata())) == 1)
+    assert limits == [6000.0, 7000.0]
+    with pytest.raises(ws.InputError, match=r"^sensors: must be .* or of the kinds narrow, wide\), got 'tele'$"):
+        ws.plot.plot_access(two_kinds, sensors=["tele"])
+
+
+@pytest.mark.parametrize("time_s", [600.0, 602.0, 603.5], ids=["of a narrow frame", "of a wide frame", "of none"])
+def test_views_are_of_the_sensors_own_camera(two_kinds, time_s):
+    for sensor, n_row in (("sat27.wide", 60), ("sat27.narrow", 128)):
+        camera = two_kinds.scenario.instrument_of(sensor).sensor.camera
+        view = camera_view(two_kinds.scenario, sensor, time_s)
+        axes = two_kinds.scenario.view_axes(sensor, time_s)[0]
+        np.testing.assert_allclose(view.axes_icrs, axes, rtol=0, atol=1e-12)
+        line_m = two_kinds.position_m("center", time_s)[0] - two_kinds.position_m(sensor, time_s)[0]
+        xy_px = camera.project(unit(line_m)[None], axes)[0][0]
+        # Light time and aberration, some arcsec: 0.5 px of the narrow camera.
+        np.testing.assert_allclose(view.target_xy_px[0], xy_px, rtol=0, atol=1.0)
+        ax = ws.plot.plot_satellite_view(two_kinds, sensor, time_s)
+        assert ax.get_ylim() == (n_row - 0.5, -0.5)
+        assert f"{sensor} at {plain(time_s)} s" in ax.get_title()
+        assert f"field of {camera.field_deg[0]:.3g} deg across" in ax.get_title()
+    with pytest.raises(ws.InputError, match=r"^sensor: must be a sensor of the scene \(sat11.narrow, .*, got 'wide'$"):
+        camera_view(two_kinds.scenario, "wide", time_s)
+
+
+def test_views_are_of_some_sensors_of_each_kind(two_kinds, later_group, tmp_path, monkeypatch):
+    monkeypatch.setattr("warpsim.plot.pictures.save_figure", lambda figure, path: None)
+    paths = draw_scenario(two_kinds.scenario, tmp_path, TIME_S)
+    names = [path.stem for path in paths]
+    assert names[:5] == ["scene", "ground_tracks", "group", "attitudes", "access"]
+    assert names[5:8] == ["view_sat11.narrow", "view_sat12.narrow", "view_sat21.narrow"]
+    assert names[8:] and all(name.endswith(".wide") for name in names[8:])
+    names = [path.stem for path in draw_scenario(later_group, tmp_path, 100.0, sensors=["sat31"])]
+    assert names == ["scene", "ground_tracks", "group_main", "group_second", "attitudes", "access", "view_sat31"]
+
+
+# --- labels, given axes, bad input ---
 
 
 def test_names_of_points_on_one_spot_do_not_cover_one_another():
@@ -684,8 +897,9 @@ def test_names_of_points_on_one_spot_do_not_cover_one_another():
 def test_a_single_target_and_many_satellites(scene, recwarn):
     """The smallest group, more names than can be written, and no access rules."""
     data = scene.to_dict()
+    (group,) = data["groups"]
     many = ws.Scene.from_dict({
-        **data, "targets": data["targets"][:1], "access_rules": {}, "sky": {"catalog": "none"},
+        **data, "groups": [{**group, "targets": group["targets"][:1]}], "access_rules": {}, "sky": {"catalog": "none"},
         "constellation": {**data["constellation"], "n_satellite": 220, "n_plane": 20},
     })  # fmt: skip
     axes = [
@@ -724,10 +938,13 @@ def test_functions_draw_on_given_axes(scene):
         (lambda s: ws.plot.plot_group(s, -1.0), "^time_s: must be in the scene"),
         (lambda s: ws.plot.plot_group(s, 0.0, [None]), "^axes: must be 3 or 4, got 1$"),
         (lambda s: ws.plot.plot_attitudes(s, []), "^time_s: must hold at least one instant$"),
-        (lambda s: ws.plot.plot_range(s, ["sat99"]), "^sensors: must be sensors of the scene, got 'sat99'$"),
+        (
+            lambda s: ws.plot.plot_range(s, ["sat99"]),
+            r"^sensors: must be sensors of the scene \(sat11, .*\), got 'sat99'$",
+        ),
         (
             lambda s: ws.plot.plot_satellite_view(s, "sat99", 0.0),
-            "^sensor: must be a sensor of the scene, got 'sat99'$",
+            r"^sensor: must be a sensor of the scene \(sat11, .*\), got 'sat99'$",
         ),
         (lambda s: ws.plot.plot_satellite_view(s, "sat11", "now"), "^time_s: must be a number, got 'now'$"),
     ],

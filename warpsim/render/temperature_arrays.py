@@ -22,6 +22,9 @@ DARKEST_W_M2_SR = 1e-300
 """Stands for less in the radiance table: a body of some kelvin has no light in a short band, which has no logarithm."""
 
 
+_NO_TARGET_K = 300.0  # of a scene without targets, whose radiances nobody asks for
+
+
 @dataclass(frozen=True)
 class TemperatureArrays:
     """Temperatures on the device, and where each target's lie."""
@@ -45,15 +48,16 @@ def make_temperatures(temperatures: Sequence[TemperatureRows], device: wp.Device
             first_row[id(rows)] = n_row
             distinct.append(rows)
             n_row += len(rows.time_s)
-    kelvin = np.concatenate([rows.temperature_k for rows in distinct])
+    time_s = np.concatenate([np.zeros(0), *(rows.time_s for rows in distinct)])
+    kelvin = np.concatenate([np.zeros(0), *(rows.temperature_k for rows in distinct)])
     tables: Any = TemperatureTables()
-    tables.time_s = wp.array(np.concatenate([rows.time_s for rows in distinct]), dtype=wp.float64, device=device)
+    tables.time_s = wp.array(time_s, dtype=wp.float64, device=device)
     tables.temperature_k = wp.array(kelvin, dtype=wp.float64, device=device)
     return TemperatureArrays(
         tables,
         [first_row[id(rows)] for rows in temperatures],
         [len(rows.time_s) for rows in temperatures],
-        (float(kelvin.min()), float(kelvin.max())),
+        (float(kelvin.min()), float(kelvin.max())) if distinct else (_NO_TARGET_K, _NO_TARGET_K),
     )
 
 
