@@ -117,7 +117,7 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
         if wp.static(features.jitter):
             jitter = pointing.jitters[sensor]
             if jitter.step_s > wp.float64(0.0):
-                axes = turned_axes(axes, jitter_rad(jitter, wp.uint32(0), time_s))
+                axes = turned_axes(axes, jitter_rad(jitter, time_s))
         view_axes[view] = axes
         view_position_m[view] = place
         view_velocity_m_s[view] = velocity
