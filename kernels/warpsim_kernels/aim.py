@@ -60,7 +60,7 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
     def aim_kernel(
         # in
         view_time_s: wp.array[wp.float64],  # (n_view,)
-        view_middle_s: wp.array[wp.float64],  # (n_view,) middle of the exposure, throughout which a step holds
+        view_middle_s: wp.array[wp.float64],  # (n_view,) middle of the exposure, throughout which a step or a period of drift holds
         view_sensor: wp.array[wp.uint32],  # (n_view,) index of the sensor, and its row in the tracks
         position_m: wp.array2d[wp.vec3d],  # (n_body, n_node) sensors first, then targets
         velocity_m_s: wp.array2d[wp.vec3d],  # (n_body, n_node)
@@ -113,7 +113,7 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
                 part = slew_part(since_s, pointing.turn_s[step], pointing.turn_ramp[step])
                 axes = axes_between(before.axes, axes, part)
         if wp.static(features.steady_errors):
-            axes = turned_axes(axes, steady_error_rad(pointing.errors[sensor], time_s))
+            axes = turned_axes(axes, steady_error_rad(pointing.errors[sensor], time_s, view_middle_s[view]))
         if wp.static(features.jitter):
             jitter = pointing.jitters[sensor]
             if jitter.step_s > wp.float64(0.0):
