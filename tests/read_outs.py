@@ -51,7 +51,7 @@ def read_out(detector, signal, device, *, frames=None, sensors=None, bands=None,
     )
     world = SimpleNamespace(
         band_id=upload(band_numbers),
-        read_out=make_read_out(detector, known, names, seed, (n_row, n_col), wp.get_device(device)),
+        read_out=make_read_out(instrument_of(detector, known, seed, (n_row, n_col)), names, wp.get_device(device)),
         device=wp.get_device(device),
     )
     counts = wp.zeros(signal.shape, dtype=wp.uint16, device=device)
@@ -69,6 +69,23 @@ def read_out(detector, signal, device, *, frames=None, sensors=None, bands=None,
     else:
         stages.read_out(world, SimpleNamespace(counts=counts, light=light, views=views, keep_light=False))
     return counts.numpy()
+
+
+N_SENSOR = 16
+
+
+def instrument_of(detector, known, seed, shape):
+    """What make_read_out asks of an instrument of N_SENSOR sensors."""
+    camera = SimpleNamespace(n_row=shape[0], n_col=shape[1])
+    return SimpleNamespace(
+        sensor=SimpleNamespace(detector=detector, camera=camera), levels=known, names=range(N_SENSOR),
+        noise_key=lambda sensor: sensor_key(seed, sensor), template_key=seed,
+    )  # fmt: skip
+
+
+def sensor_key(seed, sensor):
+    """64 bits of a sensor; those of the first are the seed."""
+    return (int(seed) + 0x9E3779B97F4A7C15 * int(sensor)) % 2**64
 
 
 def lit_everywhere(signal, device):
@@ -98,10 +115,11 @@ def twin_words(frame, sensor, band, seed, n_pixel, stream=1):
 
 
 def twin_key(frame, sensor, band, seed, purpose):
-    """Four words of Philox4x32-10 keyed by the seed."""
+    """Four words of Philox4x32-10 keyed by the sensor's 64 bits."""
     low = np.uint64(0xFFFFFFFF)
-    c = [np.asarray(x).astype(np.uint64) for x in (frame, sensor, band, purpose)]
-    k = [np.uint64(seed) & low, np.uint64(seed) >> np.uint64(32)]
+    c = [np.asarray(x).astype(np.uint64) for x in (frame, 0 * np.asarray(frame), band, purpose)]
+    key = np.uint64(sensor_key(seed, sensor))
+    k = [key & low, key >> np.uint64(32)]
     for _ in range(10):
         a, b = np.uint64(0xD2511F53) * c[0], np.uint64(0xCD9E8D57) * c[2]
         c = [(b >> np.uint64(32)) ^ c[1] ^ k[0], b & low, (a >> np.uint64(32)) ^ c[3] ^ k[1], a & low]

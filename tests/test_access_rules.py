@@ -16,7 +16,7 @@ from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, geodetic_to_itrs_m
 from warpsim.orbit.eclipse import sunlit_fraction
 from warpsim.orbit.grazing import earth_clearance_m, grazing_altitude_m
 from warpsim.orbit.rules import AccessConstraints, FieldOfView
-from warpsim.scene.view_axes import apparent_mean
+from warpsim.scene.camera_axes import apparent_mean, satellite_state
 
 Z = np.array([0.0, 0.0, 1.0])
 EDGE_S = 1.1e-3  # the promised 1 ms and rounding
@@ -205,9 +205,10 @@ def test_each_camera_has_axes_of_its_own():
 
 def test_apparent_direction_is_where_the_image_shows_it(scene):
     frames = ws.Renderer(scene, device="cpu").render([60, 90], ["sat11", "sat27"], ["A"])
+    tracks = scene.scenario.tracks
     for row in frames.truth[::7]:
-        t = np.array([row["time_s"]])
-        seen = apparent_mean(scene.scenario.tracks, [row["target"]], t, *scene.scenario.tracks.of(row["sensor"]).state(t))
+        satellite, target = scene.sensor_names.index(row["sensor"]), scene.target_names.index(row["target"])
+        seen = apparent_mean(tracks, [target], satellite_state(tracks, satellite, np.array([row["time_s"]])))
         axes = frames.axes_icrs[list(frames.frames).index(row["frame"]), frames.sensors.index(row["sensor"])]
         xy, in_front = scene.camera.project(seen, axes)
         if in_front[0] and np.isfinite(row["x_px"]):
@@ -405,7 +406,7 @@ def test_access_to_another_target_by_other_sensors_and_rules(scene):
     [
         ({"target": "sat11"}, r"target: must be a target of the scene \(center, .*\), got 'sat11'"),
         ({"sensors": ["sat11", "sat99"]}, r"sensors: must be sensors of the scene \(sat11, .*\), got 'sat99'"),
-        ({"sensors": []}, "sensors: must be one or more"),
+        ({"sensors": []}, "sensors: must name at least one"),
         ({"sensors": ["sat11", "sat11"]}, "sensors: must be one or more without repeats"),
         ({"rules": {"max_range_km": 5}}, "rules: must be AccessConstraints, got dict"),
         ({"step_s": 0.0}, "step_s: must be a number > 0, got 0.0"),
@@ -433,6 +434,7 @@ def test_eclipses_of_a_scene(scene):
             umbra |= (time_s >= row["umbra_start_s"]) & (time_s <= row["umbra_end_s"])
         assert np.array_equal(dark, share < 1) and np.array_equal(umbra, share == 0)
     assert n_row > 3
-    assert scene.scenario.eclipses("sat11").colnames == ["start_s", "umbra_start_s", "umbra_end_s", "end_s", "duration_s"]
-    with pytest.raises(InputError, match="name: must be a sensor or a target"):
+    names = ["start_s", "umbra_start_s", "umbra_end_s", "end_s", "duration_s"]
+    assert scene.scenario.eclipses("sat11").colnames == names
+    with pytest.raises(InputError, match="name: must be a sensor, a target or 'sun'"):
         scene.scenario.eclipses("moon")

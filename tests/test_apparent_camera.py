@@ -11,7 +11,7 @@ from warpsim_kernels import camera as camera_kernels
 import warpsim as ws
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.optics.wcs import tan_wcs
-from warpsim.render.world import camera_struct
+from warpsim.render.device_upload import camera_struct
 
 SEED = 161803
 ARCSEC_RAD = np.pi / 180 / 3600

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import warp as wp
 from scipy.spatial.transform import Rotation, Slerp
-from warpsim.render.turning import make_turning
 from warpsim_kernels import attitude_table
 
 import warpsim as ws
 from warpsim import quaternion
+from warpsim.render.attitude_arrays import make_attitudes
 from warpsim.render.target_field import make_target_field
 from warpsim.target.attitude import BodyMotion, attitude_frame
 from warpsim.target.attitude_table import checked_rows
@@ -43,12 +43,12 @@ def table_kernel(
 
 def on_device(all_rows, number, time_s, device):
     """Quaternion and body axis from one of several tables."""
-    turning = make_turning(all_rows, wp.get_device(device))
+    attitudes = make_attitudes(all_rows, wp.get_device(device))
     outputs = [wp.empty(len(time_s), dtype=kind, device=device) for kind in (wp.quatd, wp.vec3d)]
     inputs = [
-        turning.tables,
-        turning.table_first[number],
-        turning.table_count[number],
+        attitudes.tables,
+        attitudes.table_first[number],
+        attitudes.table_count[number],
         wp.array(time_s, dtype=wp.float64, device=device),
     ]
     wp.launch(table_kernel, len(time_s), inputs=inputs, outputs=outputs, device=device)
@@ -257,10 +257,10 @@ def tabled(scene):
 
 def test_attitudes_without_a_kind_are_motions(scene, tmp_path):
     data = scene.to_dict()
-    for target in data["targets"]:
+    for target in data["groups"][0]["targets"]:
         assert target["attitude"].pop("kind") == "motion"
     assert ws.Scene.from_dict(data) == scene
-    data["targets"][1].pop("attitude")
+    data["groups"][0]["targets"][1].pop("attitude")
     assert ws.Scene.from_dict(data).targets[1].attitude == ws.Attitude()
 
 
@@ -328,10 +328,11 @@ def test_targets_without_a_table_are_as_before(tabled, scene, device):
 
 
 def test_tables_are_in_the_kernel_only_where_a_target_has_one(scene, tabled):
-    fields = [make_target_field(s, ["A"], wp.get_device("cpu")) for s in (scene, tabled)]
+    cpu = wp.get_device("cpu")
+    fields = [make_target_field(s.scenario, s.scenario.instrument, ["A"], cpu) for s in (scene, tabled)]
     assert [field.features.attitude_tables for field in fields] == [False, True]
     assert fields[0].observe_kernel is not fields[1].observe_kernel
-    shared = make_turning(tabled.scenario.attitudes, wp.get_device("cpu"))
+    shared = make_attitudes(tabled.scenario.attitudes, cpu)
     assert shared.tables.time_s.shape == (8000,)  # the targets of a kind share their table
 
 
@@ -383,13 +384,13 @@ def test_segments_of_an_object_are_joined_where_they_meet(scene, reader):
         ws.AttitudeTable(file="a.aem", object="A").rows(scene.epoch)
 
 
-def test_a_scene_file_with_a_short_attitude_file_is_refused_at_loading(scene, reader, tmp_path):
+def test_a_short_attitude_file_is_refused(scene, reader, tmp_path):
     reader.append(segment("A", 0.0, spinning(0, 50)))
     path = tmp_path / "short.toml"
     scene.replace(targets__1__attitude={"kind": "table", "file": "a.aem"}).save(path)
     with pytest.raises(
         ws.InputError,
-        match=r"short.toml: targets\[1\]\.attitude: /.*/a\.aem: A: must cover the scene, 0 to 1614 s, got 0 to 49 s",
+        match=r"^targets\[1\]\.attitude: /.*/a\.aem: A: must cover the scene, 0 to 1614 s, got 0 to 49 s",
     ) as caught:
         ws.Scene.load(path)
     assert "\n" not in str(caught.value)

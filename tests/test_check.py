@@ -6,7 +6,8 @@ import re
 import pytest
 
 from warpsim.orbit.rules import MARGIN_NAMES
-from warpsim.output.check import RULE_NAMES, scene_report
+from warpsim.output.check import scene_report
+from warpsim.output.check_sensor import RULE_NAMES
 
 TWO_DIGITS = 0.051
 """Numbers are printed with two digits."""
@@ -36,7 +37,7 @@ def line(report, name):
 
 def left_out(report):
     """Sizes of the effects left out: arcsec, px, and the words after them."""
-    text = line(report, "places").split("; left out: ")[1]
+    text = line(report, "positions").split("; left out: ")[1]
     sizes = re.finditer(rf"(?P<effect>[a-z ]+) {SIZE}", text)
     return {
         match["effect"].strip(): (float(match["arcsec"]), float(match["px"]), match["note"].strip()) for match in sizes
@@ -85,8 +86,8 @@ EFFECTS = ["aberration", "parallax", "light deflection"]
 )
 def test_every_effect_is_included_or_left_out(scene, near_stars, on):
     switches = {effect.replace(" ", "_"): effect in on for effect in EFFECTS}
-    report = scene_report(scene.replace(sky={"catalog": near_stars, **switches}))
-    places = line(report, "places")
+    report = scene_report(scene.replace(sky={"catalog": near_stars, **switches}).scenario)
+    places = line(report, "positions")
     included, rest = places.split("; left out: ")
     assert included.split(", ") == ["proper motion", *on]
     if len(on) == 3:
@@ -102,7 +103,7 @@ def test_without_parallaxes_none_is_left_out(scene):
 
 def test_the_papers_physics_is_named(scene):
     assert "the paper's physics" not in scene_report(scene.scenario)
-    assert line(scene_report(scene.replace(sky__physics="paper")), "sky").endswith(", the paper's physics")
+    assert line(scene_report(scene.replace(sky__physics="paper").scenario), "sky").endswith(", the paper's physics")
 
 
 NO_LIGHT = "no star of the catalog gives light in these bands"
@@ -112,7 +113,7 @@ NO_LIGHT = "no star of the catalog gives light in these bands"
 def test_a_catalog_without_light_is_warned_of(scene, tmp_path, flux):
     path = tmp_path / "dark.csv"
     path.write_text(f"ra_deg,dec_deg,flux_A_jy\n10,20,{flux}\n30,40,{flux}\n")
-    report = scene_report(scene.replace(sky__catalog=str(path)))
+    report = scene_report(scene.replace(sky__catalog=str(path)).scenario)
     assert "2 stars, with light in band A 0, C 0, E 0" in line(report, "sky")
     assert line(report, "warning") == NO_LIGHT
 
@@ -120,15 +121,15 @@ def test_a_catalog_without_light_is_warned_of(scene, tmp_path, flux):
 def test_light_in_one_band_is_enough(scene, tmp_path):
     path = tmp_path / "red.csv"
     path.write_text("ra_deg,dec_deg,flux_A_jy,flux_C_jy,flux_E_jy\n10,20,0,0,1\n30,40,0,0,0\n50,60,0,2,3\n")
-    report = scene_report(scene.replace(sky__catalog=str(path)))
+    report = scene_report(scene.replace(sky__catalog=str(path)).scenario)
     assert "3 stars, with light in band A 0, C 1, E 2" in line(report, "sky")
     assert NO_LIGHT not in report
 
 
 def test_a_sky_without_stars_is_no_fault(scene):
-    report = scene_report(scene.replace(sky__catalog="none"))
+    report = scene_report(scene.replace(sky__catalog="none").scenario)
     assert "0 stars" in line(report, "sky")
-    assert line(report, "places") is None
+    assert line(report, "positions") is None
     assert NO_LIGHT not in report
 
 
@@ -140,21 +141,24 @@ def test_the_rule_that_is_broken_is_named(scene):
         "min_background_altitude_km": (5_000.0, "against the Earth or too low over it"),
     }
     for field, (limit, name) in words.items():
-        report = scene_report(scene.replace(access_rules={field: limit}))
+        report = scene_report(scene.replace(access_rules={field: limit}).scenario)
         assert f"{name} 100%" in line(report, "no access")
     assert set(MARGIN_NAMES) == set(RULE_NAMES)
 
 
-def test_pointing_is_told_with_the_views_that_have_the_target(scene):
-    assert "pointing   tracks main, zenith up; main target in the field of 587 of 587 views" in scene_report(scene.scenario)
+def test_pointing_is_reported_with_the_views_that_have_the_target(scene):
+    report = scene_report(scene.scenario)
+    assert line(report, "pointing") == "tracks main, zenith up"
+    assert line(report, "in field") == "center in 587 of 587 views"
     jitter = {"rms_urad": 5.0, "correlation_s": 1.0}
     away = scene.replace(pointing={"kind": "fixed", "ra_dec_deg": [10.0, 10.0], "jitter": jitter})
     report = scene_report(away.scenario)
-    assert "pointing   fixed, zenith up, jitter 5 urad; main target in the field of 0 of 587 views" in report
-    assert "warning    no view has the main target in the field" in report
+    assert line(report, "pointing") == "fixed, zenith up, jitter 5 urad (rms)"
+    assert line(report, "in field") == "a target of main in 0 of 591 views"
+    assert "warning    no view has a target of main in the field" in report
 
 
-def test_light_and_heat_are_told(scene):
+def test_light_and_heat_are_reported(scene):
     report = scene_report(scene.scenario)
     assert re.search(r"light      sun: kept: up to \S+ NEI", report)
     assert "exposure" not in report

@@ -7,7 +7,7 @@ import pkgutil
 import pytest
 import warp as wp
 import warpsim_kernels
-from warpsim_kernels.aim import AIM_FIXED, AIM_TABLE, AIM_TRACK
+from warpsim_kernels.aim import AimFeatures
 from warpsim_kernels.detector import ReadOutFeatures
 from warpsim_kernels.signature import Features
 
@@ -21,7 +21,7 @@ NEI_TERMS = ReadOutFeatures(bad_pixels=True, prnu=True, dsnu=True, column_noise=
 ELECTRON_TERMS = NEI_TERMS._replace(electrons=True, shot_noise=True, small_means=True, read_noise=True)
 READ_OUTS = [ReadOutFeatures(), NEI_TERMS._replace(template=True), ELECTRON_TERMS]
 FACTORY_ARGUMENTS = {
-    "make_aim_kernel": [(AIM_TRACK, False), (AIM_FIXED, False), (AIM_TABLE, True)],
+    "make_aim_kernel": [(AimFeatures(track=True),), (AimFeatures(*[True] * len(AimFeatures._fields)),)],
     "make_observe_targets_kernel": [(Features(),), (EVERYTHING,), (SERIES,)],
     "make_albedo_series_kernel": [(4,), (12,)],
     "make_albedo_table_kernel": [(4,), (12,)],

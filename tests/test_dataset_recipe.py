@@ -183,7 +183,8 @@ def test_sensors_see_the_targets_from_the_first_frame_to_the_last(n_sensor):
         sequence = draw_sequence(made, number)
         assert len(set(sequence.sensors)) == n_sensor
         for sensor in sequence.sensors:
-            assert sequence.scene.scenario.has_access(sensor, sequence.scene.scenario.instrument.frame_time_s(range(200))).all()
+            time_s = sequence.scenario.instrument.frame_time_s(range(200))
+            assert sequence.scenario.has_access(sensor, time_s).all()
 
 
 def test_all_starts_that_are_possible_are_as_likely():

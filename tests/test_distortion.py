@@ -16,7 +16,7 @@ import warpsim as ws
 from warpsim.optics.sip import ERROR_PX, sip_polynomials
 from warpsim.output.check import scene_report
 from warpsim.plot.view import camera_view, earth_clearance
-from warpsim.render.world import camera_struct
+from warpsim.render.device_upload import camera_struct
 
 FRAME = 75
 
@@ -398,7 +398,7 @@ def test_a_cube_of_a_distorted_camera(scene, tmp_path):
 
 
 def test_the_report_says_what_the_lens_does(scene):
-    lines = scene_report(scene.replace(camera__distortion={"k1": -30.0}, camera__pixel_aspect=1.5))
+    lines = scene_report(scene.replace(camera__distortion={"k1": -30.0}, camera__pixel_aspect=1.5).scenario)
     (line,) = [line for line in lines.splitlines() if line.startswith("  camera")]
     assert "28.13 x 42.19 arcsec per pixel, distorted by up to " in line and "WCS" not in line
     assert "distorted" not in scene_report(scene.scenario)

@@ -340,9 +340,9 @@ def test_reports_tell_the_chain(warm_scene):
     assert f"A: NEI {known.nei_w_cm2:.4g}, SEI {known.sei_w_cm2:.4g} W/cm2" in report
     assert f"A: background {known.background_e:.4g} e, dark 300 e, read noise 100 e" in report
     assert "pixels " not in report.split("  sky")[0].split("arcsec per pixel")[1]
-    told = scene_report(warm_scene.replace(detector__prnu=0.01, detector__hot_fraction=0.002))
+    told = scene_report(warm_scene.replace(detector__prnu=0.01, detector__hot_fraction=0.002).scenario)
     assert "  pixels     0.01 rms of gains, 0.002 of the pixels hot" in told
-    coarse = scene_report(warm_scene.replace(detector__gain_e_per_count=3500.0, detector__offset_counts=0.5))
+    coarse = scene_report(warm_scene.replace(detector__gain_e_per_count=3500.0, detector__offset_counts=0.5).scenario)
     assert "warning    the noise of blank sky is below half a count: rounding shapes it in band A" in coarse
 
 

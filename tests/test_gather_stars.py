@@ -11,15 +11,14 @@ import numpy as np
 import pytest
 import warp as wp
 from astropy.time import TimeDelta
+from on_devices import device_scene
 from scipy.special import ndtr
 from warpsim_kernels.earth import Earth, is_earth_near, is_star_occulted
 
 import warpsim as ws
 from warpsim.render import stages
 from warpsim.render.buffers import Chunk, new_light, new_observations, new_sources, new_views
-from warpsim.render.star_field import star_index
 from warpsim.render.target_field import earth_struct
-from warpsim.render.world import World
 
 ARCSEC_RAD = np.pi / 180 / 3600
 AU_M = 149_597_870_700.0
@@ -282,10 +281,10 @@ def assert_stage_is_complete(scene, device, axes, n_star, light, **far_off):
     on = wp.get_device(device)
     time_s = scene.scenario.instrument.frame_time_s(np.arange(len(axes)))
     earth_m_s = np.stack([earth_velocity_m_s(scene, time) for time in time_s])
-    carried = (earth_m_s + scene.scenario.tracks.sensors[0].state(time_s)[1]) * scene.sky.aberration
+    carried = (earth_m_s + scene.scenario.tracks.satellites[0].state(time_s)[1]) * scene.sky.aberration
     barycentric_au = np.stack([earth_state(scene, time)[1]["p"] for time in time_s]) * scene.sky.parallax
     catalog = stars_on_the_rim(scene.camera, axes, carried, barycentric_au, n_star, light, n_star, **far_off)
-    world = World(scene, scene.bands, on, star_index(scene, catalog, on))
+    world = device_scene(scene, scene.bands, on, catalog)
     chunk = hand_made_views(scene, world, axes, world.n_target + len(catalog))
     stages.gather_stars(world, chunk)
     n_source, star = chunk.sources.n_source.numpy(), chunk.sources.star.numpy()
@@ -358,7 +357,7 @@ def test_no_star_is_hidden_where_the_earth_is_not_near(scene, device):
     star = -observer * np.cos(towards)[:, None] + across * np.sin(towards)[:, None]
     arrays = [wp.array(v, dtype=wp.vec3d, device=device) for v in (observer * height[:, None], direction, star)]
     near, hidden = (wp.empty(n, dtype=wp.int32, device=device) for _ in range(2))
-    inputs = [*arrays, wp.array(radius, dtype=wp.float64, device=device), earth_struct(scene)]
+    inputs = [*arrays, wp.array(radius, dtype=wp.float64, device=device), earth_struct(scene.scenario.tracks.pole_icrs)]
     wp.launch(near_kernel, n, inputs=inputs, outputs=[near, hidden], device=device)
     near, hidden = near.numpy().astype(bool), hidden.numpy().astype(bool)
     assert not (hidden & ~near).any()

@@ -6,13 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import warp as wp
+from on_devices import target_field
 from warpsim_kernels.facets import Facets
 from warpsim_kernels.heat_series import HeatTables, heat_series_of
 from warpsim_kernels.shapes import Body
 
 import warpsim as ws
 from warpsim.errors import InputError
-from warpsim.render.target_field import make_target_field
 from warpsim.target.areas import body_struct
 from warpsim.target.earthlight import NEAR_LIMB_SINE, earth_area_m2, view_factor
 from warpsim.target.facets import facets_of
@@ -167,14 +167,13 @@ def test_methods_for_an_error():
 
 def test_a_scene_takes_what_it_asks_for(scene):
     """Light of frames within the error asked for, by either method."""
-    cpu = wp.get_device("cpu")
     shares = {}
     times = np.linspace(0, scene.duration_s, 40)
     where = {"sensors": ["sat11", "sat47"], "bands": ["E"], "device": "cpu"}
     exact = ws.light_curves(scene.replace(lighting__quadrature_error=1e-5), times, **where).terms_w_cm2["earth"]
     for error, degree in ((3e-3, 6), (1e-3, 10), (1e-4, 0)):
         asked = scene.replace(lighting__quadrature_error=error)
-        assert make_target_field(asked, ["E"], cpu).features.earth_degree == degree
+        assert target_field(asked, ["E"]).features.earth_degree == degree
         heat = ws.light_curves(asked, times, **where).terms_w_cm2["earth"]
         shares[error] = np.abs(heat - exact).max(axis=(0, 1, 2)) / exact.max(axis=(0, 1, 2))
         assert (shares[error] <= error / 0.5).all()  # a body's largest value in the scene may be half of any side's

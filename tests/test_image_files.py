@@ -32,6 +32,11 @@ COUNTS_FILES = ["png", "tif", "tiff"]
 SIGNAL_FILES = ["exr", "tif", "tiff"]
 
 
+def levels_of(scene):
+    """What counts of band A mean."""
+    return scene.scenario.instrument.levels["A"]
+
+
 def every_kind_of_float():
     """Zeros of both signs, denormals, the smallest and largest, infinities, NaN, and random bits of all exponents."""
     bits = np.random.default_rng(3).integers(0, 2**32, (60, 90), dtype=np.uint64).astype(np.uint32)
@@ -175,8 +180,8 @@ WRITERS = {
     "a.png": lambda path, scene: write_counts(path, EVERY_COUNT, {}),
     "a.tiff": lambda path, scene: write_counts(path, EVERY_COUNT[:2, :2], {}),
     "a.exr": lambda path, scene: write_signal(path, np.zeros((4, 4), np.float32), {}),
-    "a.gif": lambda path, scene: write_preview(path, FILM, scene.scenario.instrument.levels["A"]),
-    "a.mp4": lambda path, scene: pytest.importorskip("av") and write_preview(path, FILM, scene.scenario.instrument.levels["A"]),
+    "a.gif": lambda path, scene: write_preview(path, FILM, levels_of(scene)),
+    "a.mp4": lambda path, scene: pytest.importorskip("av") and write_preview(path, FILM, levels_of(scene)),
     "a.fits": lambda path, scene: write_fits_image(path, rendered(scene), FRAME, "sat11", "A"),
 }
 
@@ -279,7 +284,7 @@ def test_images_that_were_not_rendered_are_named(scene, tmp_path):
 
 def film(scene, n=6, shape=(40, 50)):
     """Noise about the blank sky, and a bright pixel that moves; where it is in each image."""
-    levels = scene.scenario.instrument.levels["A"]
+    levels = levels_of(scene)
     rng = np.random.default_rng(1)
     counts = (levels.blank_counts + levels.counts_per_nei * rng.normal(0, 1, (n, *shape))).astype(np.uint16)
     places = [(5 + 3 * k, 40 - 4 * k) for k in range(n)]
@@ -309,7 +314,7 @@ def test_films_show_every_image(scene, tmp_path, name):
     pytest.importorskip("av") if name == "a.mp4" else None
     counts, places = film(scene)
     path = tmp_path / name
-    write_preview(path, counts, scene.scenario.instrument.levels["A"], fps=12.5)
+    write_preview(path, counts, levels_of(scene), fps=12.5)
     grey, rate = pictures_of(path)
     assert grey.shape == counts.shape
     assert rate == pytest.approx(12.5)
@@ -318,7 +323,7 @@ def test_films_show_every_image(scene, tmp_path, name):
         assert picture.max() > 200 > 3 * np.median(picture)
     before = path.read_bytes()
     time.sleep(1.1)
-    write_preview(path, counts, scene.scenario.instrument.levels["A"], fps=12.5)
+    write_preview(path, counts, levels_of(scene), fps=12.5)
     assert path.read_bytes() == before
 
 
@@ -336,7 +341,7 @@ def test_films_do_not_depend_on_what_lay_in_memory(scene, tmp_path, checkout_env
     """Where x264 chooses the quality itself they do."""
     pytest.importorskip("av") if name == "a.mp4" else None
     np.save(tmp_path / "counts.npy", film(scene)[0])
-    levels = [str(scene.scenario.instrument.levels["A"].blank_counts), str(scene.scenario.instrument.levels["A"].counts_per_nei)]
+    levels = [str(number) for number in (levels_of(scene).blank_counts, levels_of(scene).counts_per_nei)]
     written = []
     for filling in ("1", "85", "170"):  # of freed and of new memory, by the C library
         command = [sys.executable, "-c", WRITE_A_FILM, str(tmp_path / "counts.npy"), str(tmp_path / name), *levels]
@@ -350,7 +355,7 @@ def test_large_images_are_reduced_by_their_brightest_pixels(scene, tmp_path, mon
     pytest.importorskip("av") if name == "a.mp4" else None
     monkeypatch.setattr(preview, "PREVIEW_PX", 20)
     counts, places = film(scene)  # 40 x 50 by blocks of 3: 14 x 17; MP4 has even sides
-    write_preview(tmp_path / name, counts, scene.scenario.instrument.levels["A"])
+    write_preview(tmp_path / name, counts, levels_of(scene))
     grey, _ = pictures_of(tmp_path / name)
     assert grey.shape == ((6, 14, 17) if name == "a.gif" else (6, 14, 18))
     for picture, (row, column) in zip(grey, places, strict=True):
@@ -370,11 +375,11 @@ def test_large_images_are_reduced_by_their_brightest_pixels(scene, tmp_path, mon
 )
 def test_films_that_cannot_be_made_are_named(scene, tmp_path, name, counts, fps, text):
     with pytest.raises(ws.InputError, match=text):
-        write_preview(tmp_path / name, counts, scene.scenario.instrument.levels["A"], fps)
+        write_preview(tmp_path / name, counts, levels_of(scene), fps)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_mp4_says_which_extra_it_needs(scene, tmp_path, monkeypatch):
     monkeypatch.setattr(preview.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ws.InputError, match=r"needs PyAV, .* the extra `video` brings: pip install 'warpsim\[video\]'"):
-        write_preview(tmp_path / "a.mp4", FILM, scene.scenario.instrument.levels["A"])
+        write_preview(tmp_path / "a.mp4", FILM, levels_of(scene))

@@ -5,12 +5,14 @@ import math
 import numpy as np
 import pytest
 import warp as wp
+from read_outs import sensor_key
 from scipy import integrate, linalg, stats
 from warpsim_kernels import streams
 from warpsim_kernels.jitter import N_STEP, STEPS_PER_CORRELATION, STREAM_JITTER, Jitter, jitter_rad, turned_axes
+from warpsim_kernels.pointing_errors import STREAM_DRIFT
 
 import warpsim as ws
-from warpsim.render.aiming import jitter_struct
+from warpsim.render.pointing import jitter_struct
 
 RMS_URAD, CORRELATION_S = 5.0, 0.05
 RMS_RAD = RMS_URAD * 1e-6
@@ -27,9 +29,11 @@ TURN_ATOL = 4e-15
 
 
 @wp.kernel(enable_backward=False)
-def jitter_kernel(jitter: Jitter, sensor: wp.array[wp.uint32], time_s: wp.array[wp.float64], out: wp.array[wp.vec2d]):
+def jitter_kernel(
+    jitter: wp.array[Jitter], sensor: wp.array[wp.int32], time_s: wp.array[wp.float64], out: wp.array[wp.vec2d]
+):
     i = wp.tid()
-    out[i] = jitter_rad(jitter, sensor[i], time_s[i])
+    out[i] = jitter_rad(jitter[sensor[i]], time_s[i])
 
 
 @wp.kernel(enable_backward=False)
@@ -41,9 +45,11 @@ def turned_kernel(axes: wp.array[wp.mat33d], angle: wp.array[wp.vec2d], out: wp.
 def angles(sensor, time_s, device="cpu", seed=SEED, correlation_s=CORRELATION_S):
     """Angles about x and y [rms], shape (n, 2)."""
     sensor, time_s = np.broadcast_arrays(sensor, time_s)
-    struct = jitter_struct(ws.Jitter(RMS_URAD, correlation_s), seed)
+    known, row = np.unique(sensor.ravel(), return_inverse=True)
+    structs = [jitter_struct(ws.Jitter(RMS_URAD, correlation_s), sensor_key(seed, one)) for one in known]
+    struct = wp.array(structs, dtype=Jitter, device=device)
     out = wp.empty(time_s.size, dtype=wp.vec2d, device=device)
-    rows = wp.array(sensor.ravel().astype(np.uint32), dtype=wp.uint32, device=device)
+    rows = wp.array(row.astype(np.int32), dtype=wp.int32, device=device)
     times = wp.array(time_s.ravel().astype(float), dtype=wp.float64, device=device)
     wp.launch(jitter_kernel, time_s.size, inputs=[struct, rows, times], outputs=[out], device=device)
     return out.numpy().reshape(*time_s.shape, 2) / RMS_RAD
@@ -61,10 +67,10 @@ def philox(counter, key):
     return c0, c1, c2, c3
 
 
-def deviates(step, sensor, seed):
+def deviates(step, key):
     """Two unit normal deviates for each of the axes x and y: rows are deviates, columns axes."""
     step %= 2**64
-    words = philox((step % 2**32, step >> 32, sensor, 2), (seed % 2**32, seed >> 32))
+    words = philox((step % 2**32, step >> 32, 0, 2), (key % 2**32, key >> 32))
     rows = []
     for radius_word, turn_word in (words[:2], words[2:]):
         radius = math.sqrt(-2 * math.log((radius_word | 1) / 2**32)) * (-1) ** (radius_word % 2)
@@ -110,16 +116,17 @@ def weights(u):
     return node, a0 * (1 - rise) + a1 * rise + slopes
 
 
-def twin(sensor, time_s, seed=SEED, correlation_s=CORRELATION_S):
+def twin(key, time_s, correlation_s=CORRELATION_S):
     """Angles about x and y [rms] at one time."""
     node, weight = weights(time_s / correlation_s)
-    return sum(w @ deviates(node - N_STEP + i, sensor, seed) for i, w in enumerate(weight))
+    return sum(w @ deviates(node - N_STEP + i, key) for i, w in enumerate(weight))
 
 
 @pytest.mark.parametrize("time_s", [0.0, 0.0123, 1.0, 1e-9, 0.2 * (1 - 1e-12), 7.0 / 3, 86_400.7, -0.31])
 @pytest.mark.parametrize(("sensor", "seed"), [(0, SEED), (27, 2**63 - 1)])
 def test_kernel_matches_twin(device, sensor, seed, time_s):
-    np.testing.assert_allclose(angles(sensor, time_s, device, seed), twin(sensor, time_s, seed), rtol=0, atol=TWIN_RMS)
+    expected = twin(sensor_key(seed, sensor), time_s)
+    np.testing.assert_allclose(angles(sensor, time_s, device, seed), expected, rtol=0, atol=TWIN_RMS)
 
 
 def test_step_numbers_beyond_32_bits(device):
@@ -127,7 +134,7 @@ def test_step_numbers_beyond_32_bits(device):
     time_s = 3.1557e7 + 0.123
     assert time_s / 1e-4 * STEPS_PER_CORRELATION > 2**32
     node, weight = weights(time_s / 1e-4)
-    expected = sum(w @ deviates(node - N_STEP + i, 3, SEED) for i, w in enumerate(weight))
+    expected = sum(w @ deviates(node - N_STEP + i, sensor_key(SEED, 3)) for i, w in enumerate(weight))
     # Seconds have 4e-9 s of rounding here, 6e-4 of a step: the angle's slope is about 2 rms per correlation time.
     np.testing.assert_allclose(angles(3, time_s, device, SEED, 1e-4), expected, rtol=0, atol=1e-3)
 
@@ -208,7 +215,8 @@ def test_angle_and_rate_are_continuous(device):
 def test_streams_differ():
     """The read-out's noise and jitter share the key; the last counter word keeps them apart."""
     numbers = [int(value) for name, value in vars(streams).items() if name.startswith("STREAM_")]
-    assert int(STREAM_JITTER) not in numbers and len(set(numbers)) == len(numbers) == 8
+    numbers += [int(STREAM_JITTER), int(STREAM_DRIFT)]
+    assert len(set(numbers)) == len(numbers) == 10
 
 
 def test_turned_axes_are_rotations_about_x_and_y(device):
@@ -239,12 +247,12 @@ def test_images_are_shaken_by_the_twins_angles(shaken):
     frames = ws.Renderer(shaken, device="cpu").render([60, 61], ["sat27", "sat11"], ["A"])
     for i, time_s in enumerate(frames.time_s):
         for j, sensor in enumerate(frames.sensors):
-            told = shaken.scenario.view_axes(sensor, [time_s])[0]
-            number = shaken.sensor_names.index(sensor)
-            a, b = twin(number, time_s, shaken.seed, 3.0) * 200e-6
+            commanded = shaken.scenario.view_axes(sensor, [time_s])[0]
+            instrument = shaken.scenario.instrument
+            a, b = twin(instrument.pointing_key(instrument.index(sensor)), time_s, 3.0) * 200e-6
             boresight = frames.axes_icrs[i, j, 2]
             # The rest is of second order in the angle.
-            np.testing.assert_allclose(told @ boresight, [b, -a, 1.0], rtol=0, atol=0.51 * (a * a + b * b))
+            np.testing.assert_allclose(commanded @ boresight, [b, -a, 1.0], rtol=0, atol=0.51 * (a * a + b * b))
             assert np.hypot(a, b) > 1e-6
             # The tracked target stands on the other side: it moves against the boresight.
             row = frames.truth[(frames.truth["frame"] == frames.frames[i]) & (frames.truth["sensor"] == sensor)][0]

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis.extra import numpy as arrays
 
 import warpsim as ws
-from warpsim.labels.boxes import BOX_SHARE, blur_half_px
+from warpsim.labels.boxes import BOX_FRACTION, blur_half_px
 from warpsim.labels.rle import masks_to_rle, rle_area
 from warpsim.optics.enclosed import box_half_width_px
 
@@ -115,8 +115,8 @@ PSFS = {
 
 @pytest.mark.parametrize("psf", PSFS.values(), ids=PSFS)
 def test_box_holds_its_share(psf):
-    half_px = box_half_width_px(psf, BOX_SHARE)
-    assert abs(held(psf, half_px) - BOX_SHARE) < SHARE_ATOL
+    half_px = box_half_width_px(psf, BOX_FRACTION)
+    assert abs(held(psf, half_px) - BOX_FRACTION) < SHARE_ATOL
 
 
 def test_boxes_of_limits():
@@ -196,8 +196,8 @@ def test_boxes_hold_the_light(which, request):
         centroid = plane.sum(axis=0) @ (np.arange(128) + 0.5) / plane.sum()
         assert x < centroid < x + width
     if which == "still":
-        assert abs(np.mean(shares) - BOX_SHARE) < 0.02  # pixels that the box cuts count in part
-    assert min(shares) > BOX_SHARE - 0.05
+        assert abs(np.mean(shares) - BOX_FRACTION) < 0.02  # pixels that the box cuts count in part
+    assert min(shares) > BOX_FRACTION - 0.05
 
 
 def test_boxes_of_streaks_follow_the_path(streaked):
@@ -235,7 +235,8 @@ def test_boxes_end_with_the_array(blurred):
 
 def test_targets_whose_streaks_reach_in_are_visible(blurred):
     """Their place in the middle of the exposure is off the array; the box is what is left of the path."""
-    z, time_s = blurred.scenario.view_axes(SENSOR, blurred.scenario.instrument.frame_time_s([FRAME]))[0], blurred.scenario.instrument.frame_time_s([FRAME])
+    time_s = blurred.scenario.instrument.frame_time_s([FRAME])
+    z = blurred.scenario.view_axes(SENSOR, time_s)[0]
     seen = z[2] + np.radians(0.503) * z[0]
     dec_deg = np.degrees(np.arctan2(seen[2], np.hypot(*seen[:2])))
     place = [float(np.degrees(np.arctan2(seen[1], seen[0])) % 360), float(dec_deg)]

@@ -45,7 +45,8 @@ def rendered_stars(scene, xy_px, flux_nei, n_frame, sigma_px):
         detector={"kind": "nei", "nei_w_cm2": NEI, "sei_w_cm2": 1500 * NEI, "bits": 16, "offset_counts": OFFSET,
                   "counts_per_nei": GAIN},
         pointing={"kind": "fixed", "ra_dec_deg": [80.0, 50.0], "up": "north"}, bands=["A"],
-        frames={"count": n_frame, "interval_s": 0.1, "start_s": 700.0}, targets=[scene.to_dict()["groups"][0]["targets"][0]],
+        frames={"count": n_frame, "interval_s": 0.1, "start_s": 700.0},
+        targets=[scene.to_dict()["groups"][0]["targets"][0]],
         sky={"catalog": "none", "aberration": False},
     )  # fmt: skip
     (sensor,) = [

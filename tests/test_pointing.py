@@ -8,14 +8,13 @@ from astropy.coordinates import GCRS, CartesianRepresentation, SkyCoord
 from astropy.table import Table
 from astropy.time import TimeDelta
 from astropy.wcs import WCS
+from on_devices import device_scene
 from scipy.spatial.transform import Rotation, Slerp
 
 import warpsim as ws
 from warpsim.output.check import pointing_warning, scene_report
 from warpsim.render import stages
 from warpsim.render.buffers import Chunk, new_light, new_observations, new_sources, new_views
-from warpsim.render.star_field import load_catalog, star_index
-from warpsim.render.world import World
 
 STAR_PX = 1e-5
 """Star rows against astropy's apparent place and WCS: 1e-5 arcsec is 4e-7 px here, the observer's velocity the rest."""
@@ -316,7 +315,8 @@ def test_table_from_a_file_is_the_same(scene, tmp_path, suffix):
     inline = scene.replace(pointing={"kind": "table", "mode": "scan", "rows": ROWS})
     filed = scene.replace(pointing={"kind": "table", "mode": "scan", "file": str(path)})
     times = np.linspace(0, 1600, 50)
-    np.testing.assert_allclose(filed.scenario.view_axes("sat11", times), inline.scenario.view_axes("sat11", times), rtol=0, atol=TWIN_RAD)
+    axes = [one.scenario.view_axes("sat11", times) for one in (filed, inline)]
+    np.testing.assert_allclose(*axes, rtol=0, atol=TWIN_RAD)
     assert ws.Scene.from_dict(filed.to_dict()) == filed
     inline.save(tmp_path / "scene.toml")
     assert ws.Scene.load(tmp_path / "scene.toml") == inline
@@ -356,17 +356,18 @@ def test_host_axes_are_the_devices(scene, device, pointing):
         told = described.scenario.view_axes(sensor, frames.time_s)
         np.testing.assert_allclose(frames.axes_icrs[:, j], told, rtol=0, atol=TWIN_RAD)
     shaken = described.replace(pointing__jitter={"rms_urad": 50.0, "correlation_s": 1.0})
-    np.testing.assert_array_equal(shaken.scenario.view_axes("sat11", [700.0]), described.scenario.view_axes("sat11", [700.0]))
+    axes = [one.scenario.view_axes("sat11", [700.0]) for one in (shaken, described)]
+    np.testing.assert_array_equal(*axes)
 
 
 def world_with(scene, device, change):
     """A world whose bodies' positions and velocities are changed in place, and a chunk of views of frames FRAME, 71."""
     small = scene.replace(camera=SMALL, sky__catalog="none")
     warp_device = wp.get_device(device)
-    world = World(small, ["A"], warp_device, star_index(small, load_catalog(small), warp_device))
-    arrays = [np.array(array.numpy()) for array in (world.motion.position_m, world.motion.velocity_m_s)]
+    world = device_scene(small, ["A"], device)
+    arrays = [np.array(array.numpy()) for array in (world.tracks.position_m, world.tracks.velocity_m_s)]
     change(*arrays, world.field.first_row)
-    for array, values in zip((world.motion.position_m, world.motion.velocity_m_s), arrays, strict=True):
+    for array, values in zip((world.tracks.position_m, world.tracks.velocity_m_s), arrays, strict=True):
         array.assign(values)
     views = new_views(world, small.scenario.instrument.frame_time_s([FRAME, 71]), [FRAME, 71], [0, 0])
     light = new_light((2, 1, 8, 8), warp_device)
@@ -429,16 +430,14 @@ def test_the_hosts_twin_of_a_meeting(scene):
     """The same flags and axes as the kernel's, from tracks that meet."""
     from dataclasses import replace
 
-    from warpsim.scene.view_axes import commanded_axes
-
     met = scene.replace(duration_s=1614.0)
     tracks = met.scenario.tracks
-    together = replace(tracks, targets=[replace(tracks.sensors[0], name="center"), *tracks.targets[1:]])
-    met.__dict__["tracks"] = together
-    told = commanded_axes(met, "sat11", [700.0, 710.0])
-    assert told.boresight_replaced.all()
-    np.testing.assert_allclose(told.axes[0, 2], local_axes(scene, "sat11", 700.0)[0], rtol=0, atol=1e-9)
-    assert pointing_warning(met, {"sat11": [70, 71]}) == (
+    together = replace(tracks, targets=[replace(tracks.satellites[0], name="center"), *tracks.targets[1:]])
+    met.scenario.__dict__["tracks"] = together
+    commanded = met.scenario.instrument.commanded_axes(0, np.array([700.0, 710.0]))
+    assert commanded.boresight_replaced.all()
+    np.testing.assert_allclose(commanded.axes[0, 2], local_axes(scene, "sat11", 700.0)[0], rtol=0, atol=1e-9)
+    assert pointing_warning(met.scenario, {"sat11": [70, 71]}) == (
         "2 views of 2 with no direction to track, the motion's is taken"
     )
 

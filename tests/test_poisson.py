@@ -39,8 +39,8 @@ def draw_kernel(mean: float, key: wp.uint32, whole: wp.float64, count: wp.array[
     i = wp.tid()
     none = wp.uint32(0)
     number = wp.uint32(i % PAIRS_PER_BLOCK)
-    keys = stream_key(none, none, none, STREAM_NOISE, i // PAIRS_PER_BLOCK, key, none)
-    few = stream_key(none, none, none, STREAM_FEW, i // PAIRS_PER_BLOCK, key, none)
+    keys = stream_key(none, none, STREAM_NOISE, i // PAIRS_PER_BLOCK, wp.vec2ui(key, none))
+    few = stream_key(none, none, STREAM_FEW, i // PAIRS_PER_BLOCK, wp.vec2ui(key, none))
     w = normal_cosine(normal_radius(hashed(number, keys[0], keys[1])), hashed(number, keys[2], keys[3]))
     count[i] = wp.int32(wp.float64(poisson(mean, w, hashed(number, few[0], few[1]))) - whole)
 

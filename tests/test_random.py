@@ -66,7 +66,7 @@ def block_words_kernel(first_block: int, seed: wp.uint32, first: wp.array2d[wp.u
     """The words of pixel pairs, block by block, as a read-out draws them."""
     block, number = wp.tid()
     none = wp.uint32(0)
-    key = stream_key(none, none, none, STREAM_NOISE, first_block + block, seed, none)
+    key = stream_key(none, none, STREAM_NOISE, first_block + block, wp.vec2ui(seed, none))
     first[block, number] = hashed(wp.uint32(number), key[0], key[1])
     second[block, number] = hashed(wp.uint32(number), key[2], key[3])
 

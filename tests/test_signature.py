@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 from astropy import units as u
+from on_devices import device_bodies, target_field
 from scipy.spatial.transform import Rotation
 from warpsim_kernels import motion
 from warpsim_kernels.shadow import sunlit_fraction_kernel
@@ -14,11 +15,9 @@ from warpsim_kernels.signature import Features
 import warpsim as ws
 from warpsim.orbit.eclipse import sunlit_fraction
 from warpsim.render import stages
-from warpsim.render.buffers import SEEN, new_observations, new_views, seen_struct
-from warpsim.render.target_field import earth_struct, make_target_field
 from warpsim.render.attitude_arrays import motion_struct
-from warpsim.render.world import TargetWorld
-from warpsim.scene.exposure import exposure_rule
+from warpsim.render.buffers import SEEN, new_observations, new_views, seen_struct
+from warpsim.render.target_field import earth_struct
 from warpsim.target.attitude import BodyMotion, attitude_frame
 
 SEED = 31415
@@ -78,7 +77,7 @@ def test_sunlit_fraction_of_the_kernel_is_the_hosts(scene, device):
     assert 300 < np.sum((expected > 0) & (expected < 1)) < 4000
     out = wp.empty(len(place), dtype=wp.float64, device=device)
     inputs = [wp.array(x, dtype=wp.vec3d, device=device) for x in (place, np.broadcast_to(sun, place.shape).copy())]
-    earth = earth_struct(scene)
+    earth = earth_struct(scene.scenario.tracks.pole_icrs)
     wp.launch(sunlit_fraction_kernel, len(place), inputs=[*inputs, earth], outputs=[out], device=device)
     np.testing.assert_allclose(out.numpy(), expected, rtol=0, atol=SUNLIT_ATOL)
 
@@ -226,7 +225,7 @@ def test_sunlight_by_way_of_the_earth_is_that_of_patches(day, device, record_acc
 def test_albedo_by_its_fast_series(day, device, error, degree):
     """Each target, with and without exposure, against the finest rule; shares of the most the term can be there."""
     asked = day.replace(lighting__albedo_error=error, detector__exposure_s=0.05)
-    assert make_target_field(asked, ["A"], wp.get_device("cpu")).features.albedo_degree == degree
+    assert target_field(asked, ["A"]).features.albedo_degree == degree
     fine = asked.replace(lighting__albedo_error=5e-5, lighting__leave_out_nei=0.0)
     where = {"time_s": np.linspace(0, 1600, 17), "sensors": ["sat11", "sat47"], "bands": ["A"], "device": device}
     found, right = (ws.light_curves(s, **where) for s in (asked, fine))
@@ -239,10 +238,9 @@ def test_albedo_by_its_fast_series(day, device, error, degree):
 
 def test_albedo_may_be_rougher_where_it_is_faint_or_near(day):
     """By the error asked for, by what may be left out, and by the distance from the Earth."""
-    cpu = wp.get_device("cpu")
 
     def degree(scene):
-        return make_target_field(scene, ["A"], cpu).features.albedo_degree
+        return target_field(scene, ["A"]).features.albedo_degree
 
     fine = day.replace(lighting__albedo_error=1e-4)
     bound_nei = day.scenario.instrument.light_terms["albedo"].bound_nei
@@ -289,7 +287,8 @@ def test_no_term_is_above_its_bound(day, scene):
 def test_what_is_left_out_and_why(day, scene):
     night = scene.replace(epoch_utc="2025-03-20T12:00:00")
     assert not night.scenario.instrument.light_terms["sun"].kept
-    assert night.scenario.instrument.light_terms["sun"].reason == "left out: all targets are in the Earth's shadow throughout"
+    reason = night.scenario.instrument.light_terms["sun"].reason
+    assert reason == "left out: all targets are in the Earth's shadow throughout"
     assert not night.scenario.instrument.light_terms["albedo"].kept
     for name in ("sun", "earth", "albedo"):
         off = day.replace(**{f"lighting__{name}": False}).scenario.instrument.light_terms[name]
@@ -302,13 +301,12 @@ def test_what_is_left_out_and_why(day, scene):
 
 
 def test_a_term_left_out_is_not_in_the_kernel(day):
-    cpu = wp.get_device("cpu")
     bare = day.replace(lighting={"sun": False, "earth": False, "albedo": False})
-    fields = [make_target_field(s, ["A"], cpu) for s in (day, bare)]
+    fields = [target_field(s, ["A"]) for s in (day, bare)]
     assert fields[1].features == Features()
     assert fields[0].features.sun
     assert fields[0].observe_kernel is not fields[1].observe_kernel
-    again = make_target_field(bare.replace(seed=5), ["A"], cpu)
+    again = target_field(bare.replace(seed=5), ["A"])
     assert again.observe_kernel is fields[1].observe_kernel
 
 
@@ -316,7 +314,7 @@ def test_a_term_left_out_is_not_in_the_kernel(day):
 def test_brightness_is_averaged_over_the_exposure(day, exposure_s):
     """Against the mean of 4001 instants: cone 03 precesses at 5 rev/s, cylinders roll at 1 rev/s."""
     exposed = day.replace(detector__exposure_s=exposure_s)
-    rule = exposure_rule(exposed)
+    rule = exposed.scenario.instrument.exposure_rule
     assert rule.error <= exposed.lighting.quadrature_error
     names = ["center", "cylinder02", "cone03"]
     where = {"sensors": ["sat11", "sat47"], "targets": names, "bands": ["A"]}
@@ -330,7 +328,7 @@ def test_brightness_is_averaged_over_the_exposure(day, exposure_s):
         assert (missed < EXPOSURE_SAFETY * exposed.lighting.quadrature_error * mean.max(axis=(0, 1, 2))).all()
     instant = ws.light_curves(day, middle, **where)
     np.testing.assert_array_equal(seen.aspect_deg, instant.aspect_deg)  # of the middle
-    assert exposure_rule(day).offset_s.tolist() == [0.0]
+    assert day.scenario.instrument.exposure_rule.offset_s.tolist() == [0.0]
 
 
 def test_light_curves_are_the_truth_of_frames(day, device):
@@ -434,7 +432,8 @@ def test_times_may_be_quantities(day):
     curves = ws.light_curves(day, np.array([1.0, 2.0]) * u.min, ["sat11"], ["center"])
     assert curves.time_s.tolist() == [60.0, 120.0]
     np.testing.assert_array_equal(day.position_m("center", 2 * u.min), day.position_m("center", 120.0))
-    np.testing.assert_array_equal(day.scenario.temperature_k("center", [0.2] * u.h), day.scenario.temperature_k("center", [720.0]))
+    kelvin = [day.scenario.temperature_k("center", time) for time in ([0.2] * u.h, [720.0])]
+    np.testing.assert_array_equal(*kelvin)
     assert ws.Cone(0.3, 1.0).projected_area_m2(90 * u.deg) == pytest.approx(0.3, rel=1e-12)
     for call in (
         lambda: day.position_m("center", [1.0] * u.m),
@@ -457,10 +456,10 @@ def test_sunlit_fraction_is_not_made_up(day, scene):
 
 def test_threads_share_the_targets_of_a_view(day, device):
     """Whether one thread takes all targets of a view or each takes one, every bit is the same."""
-    world = TargetWorld(day, ["A", "E"], wp.get_device(device))
+    bodies = device_bodies(day, ["A", "E"], device)
     found = []
-    for n_lane in (1, 7, world.n_target):
-        world.field = dataclasses.replace(world.field, n_lane=n_lane)
+    for n_lane in (1, 7, bodies.n_target):
+        world = dataclasses.replace(bodies, field=dataclasses.replace(bodies.field, n_lane=n_lane))
         views = new_views(world, np.linspace(0, 1600, 9), np.zeros(9, np.uint32), np.arange(9, dtype=np.uint32))
         seen = new_observations(world, 9)
         stages.aim_views(world, views)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from astropy.table import Table
+from on_devices import device_scene
 
 import warpsim as ws
 from warpsim.render.buffers import SIGNAL_BYTES_PER_CHUNK, new_sources, views_per_chunk
-from warpsim.render.world import World
 
 
 def greek_csv(folder):
@@ -67,7 +67,7 @@ def test_the_renderer_shows_its_stars(scene):
 
 @pytest.mark.parametrize("n_slot", [100, 10_000, 1_000_000])
 def test_long_source_lists_count_in_the_memory_budget(scene, n_slot):
-    world: World = ws.Renderer(scene, device="cpu")._world(("A", "C"))
+    world = device_scene(scene, ("A", "C"))
     n_view = views_per_chunk(world, 32 * 32, n_slot)
     sources = new_sources(world, 1, n_slot)
     held = sum(array.size * array.strides[-1] for array in (sources.xy_px, sources.irradiance_w_cm2, sources.star))

@@ -4,10 +4,10 @@ import astropy.units as u
 import numpy as np
 import pytest
 import warp as wp
-from warpsim.render.warmth import make_warmth
 from warpsim_kernels import temperature
 
 import warpsim as ws
+from warpsim.render.temperature_arrays import make_temperatures
 from warpsim.target.temperature import TemperatureRows, checked_rows
 
 SEED = 161803
@@ -26,14 +26,14 @@ def temperature_kernel(
     kelvin: wp.array[wp.float64],
 ):
     i = wp.tid()
-    kelvin[i] = temperature.scenario.temperature_k(tables, first, count, time_s[i])
+    kelvin[i] = temperature.temperature_k(tables, first, count, time_s[i])
 
 
 def on_device(all_rows, number, time_s, device):
     """Temperatures of one of several targets."""
-    warmth = make_warmth(all_rows, wp.get_device(device))
+    arrays = make_temperatures(all_rows, wp.get_device(device))
     out = wp.empty(len(time_s), dtype=wp.float64, device=device)
-    inputs = [warmth.tables, warmth.first[number], warmth.count[number], wp.array(time_s, device=device)]
+    inputs = [arrays.tables, arrays.first[number], arrays.count[number], wp.array(time_s, device=device)]
     wp.launch(temperature_kernel, len(time_s), inputs=inputs, outputs=[out], device=device)
     return out.numpy()
 
@@ -46,9 +46,9 @@ def some_rows(n, last_s, seed=SEED):
 
 def test_linear_constant_and_tabulated_are_the_same_on_device_and_host(device):
     all_rows = [
-        ws.Temperature(350.0, 328.0).rows(1614.0),
+        ws.Temperature(350.0, 328.0).rows(0.0, 1614.0),
         some_rows(1000, 1614.0),
-        ws.Temperature(300.0).rows(1614.0),
+        ws.Temperature(300.0).rows(0.0, 1614.0),
         some_rows(2, 900.0, 1),
         ws.TemperatureTable([5.0], [77.0]).rows(None),
     ]
@@ -63,7 +63,7 @@ def test_linear_constant_and_tabulated_are_the_same_on_device_and_host(device):
 
 
 def test_ends_hold_for_a_second(device):
-    rows = ws.Temperature(320.0, 270.0).rows(400.0)
+    rows = ws.Temperature(320.0, 270.0).rows(0.0, 400.0)
     times = np.array([-1.0, -1e-3, 400.001, 401.0])
     np.testing.assert_array_equal(rows.at(times), [320.0, 320.0, 270.0, 270.0])
     np.testing.assert_array_equal(on_device([rows], 0, times, device), [320.0, 320.0, 270.0, 270.0])
@@ -73,10 +73,10 @@ def test_ends_hold_for_a_second(device):
 
 
 def test_rows_that_are_shared_lie_on_the_device_once(scene):
-    warmth = make_warmth(scene.scenario.temperatures, wp.get_device("cpu"))
-    assert len(warmth.first) == 30
-    assert warmth.tables.time_s.shape == (2 * 4,)
-    assert warmth.span_k == (328.0, 350.0)
+    arrays = make_temperatures(scene.scenario.temperatures, wp.get_device("cpu"))
+    assert len(arrays.first) == 30
+    assert arrays.tables.time_s.shape == (2 * 4,)
+    assert arrays.span_k == (328.0, 350.0)
 
 
 # Tables
@@ -225,7 +225,8 @@ def test_scenes_say_where_a_temperature_is_wrong(scene, fields, message):
 
 
 def test_temperature_of_a_target_by_name(scene):
-    np.testing.assert_allclose(scene.scenario.temperature_k("center", [0.0, 807.0, 1614.0]), [350.0, 339.0, 328.0], rtol=1e-15)
+    kelvin = scene.scenario.temperature_k("center", [0.0, 807.0, 1614.0])
+    np.testing.assert_allclose(kelvin, [350.0, 339.0, 328.0], rtol=1e-15)
     assert scene.scenario.temperature_k("cone02", 0.0).shape == (1,)
     with pytest.raises(ws.InputError, match="name: must be a target"):
         scene.scenario.temperature_k("sat11", 0.0)

@@ -60,7 +60,7 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
     def aim_kernel(
         # in
         view_time_s: wp.array[wp.float64],  # (n_view,)
-        view_middle_s: wp.array[wp.float64],  # (n_view,) middle of the exposure, throughout which a step holds
+        view_middle_s: wp.array[wp.float64],  # (n_view,) middle of the exposure, throughout which a step or a period of drift holds
         view_sensor: wp.array[wp.uint32],  # (n_view,) index of the sensor, and its row in the tracks
         position_m: wp.array2d[wp.vec3d],  # (n_body, n_node) sensors first, then targets
         velocity_m_s: wp.array2d[wp.vec3d],  # (n_body, n_node)
@@ -113,11 +113,11 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
                 part = slew_part(since_s, pointing.turn_s[step], pointing.turn_ramp[step])
                 axes = axes_between(before.axes, axes, part)
         if wp.static(features.steady_errors):
-            axes = turned_axes(axes, steady_error_rad(pointing.errors[sensor], time_s))
+            axes = turned_axes(axes, steady_error_rad(pointing.errors[sensor], time_s, view_middle_s[view]))
         if wp.static(features.jitter):
             jitter = pointing.jitters[sensor]
             if jitter.step_s > wp.float64(0.0):
-                axes = turned_axes(axes, jitter_rad(jitter, wp.uint32(0), time_s))
+                axes = turned_axes(axes, jitter_rad(jitter, time_s))
         view_axes[view] = axes
         view_position_m[view] = place
         view_velocity_m_s[view] = velocity

@@ -41,11 +41,11 @@ class Jitter:
 
 
 @wp.func
-def jitter_shock(jitter: Jitter, sensor: wp.uint32, step: wp.int64) -> wp.mat22d:
+def jitter_shock(jitter: Jitter, step: wp.int64) -> wp.mat22d:
     """What is added to the state in one step; columns are the axes."""
     low = wp.uint32(step & wp.int64(0xFFFFFFFF))
     high = wp.uint32((step >> wp.int64(32)) & wp.int64(0xFFFFFFFF))
-    words = philox4x32(wp.vec4ui(low, high, sensor, STREAM_JITTER), jitter.seed_low, jitter.seed_high)
+    words = philox4x32(wp.vec4ui(low, high, wp.uint32(0), STREAM_JITTER), jitter.seed_low, jitter.seed_high)
     a = normal_radius(words[0])
     b = normal_radius(words[2])
     deviates = wp.mat22d(
@@ -56,17 +56,17 @@ def jitter_shock(jitter: Jitter, sensor: wp.uint32, step: wp.int64) -> wp.mat22d
 
 
 @wp.func
-def jitter_rad(jitter: Jitter, sensor: wp.uint32, time_s: wp.float64) -> wp.vec2d:
+def jitter_rad(jitter: Jitter, time_s: wp.float64) -> wp.vec2d:
     """Angles about the camera's x and y axes at any time [rad]."""
     phase = time_s / jitter.step_s
     node = wp.int64(wp.floor(phase))
     oldest = node - wp.int64(wp.static(N_STEP))
-    first = jitter_shock(jitter, sensor, oldest)
+    first = jitter_shock(jitter, oldest)
     before = first
     for i in range(1, wp.static(N_STEP)):
-        before = jitter.decay * before + jitter_shock(jitter, sensor, oldest + wp.int64(i))
+        before = jitter.decay * before + jitter_shock(jitter, oldest + wp.int64(i))
     # The next node's own sum: without the shock that is N_STEP steps old by then, so that the motion has no jumps.
-    after = jitter.decay * before + jitter_shock(jitter, sensor, node) - jitter.forgotten * first
+    after = jitter.decay * before + jitter_shock(jitter, node) - jitter.forgotten * first
 
     u = phase - wp.float64(node)
     one = wp.float64(1.0)

@@ -36,12 +36,12 @@ def drawn_pair(error: PointingError, period: wp.int64) -> wp.vec2d:
 
 
 @wp.func
-def steady_error_rad(error: PointingError, time_s: wp.float64) -> wp.vec2d:
-    """Angles about the camera's x and y axes [rad]."""
+def steady_error_rad(error: PointingError, time_s: wp.float64, middle_s: wp.float64) -> wp.vec2d:
+    """Angles about the camera's x and y axes [rad]; in the period of an exposure's middle, so that none holds a jump."""
     since_s = time_s
     period = wp.int64(0)
     if error.reset_s > wp.float64(0.0):
-        period = wp.int64(wp.floor(time_s / error.reset_s))
+        period = wp.int64(wp.floor(middle_s / error.reset_s))
         since_s = time_s - wp.float64(period) * error.reset_s
     rate = error.drift_rad_s
     if error.drift_rms_rad_s > wp.float64(0.0):

@@ -15,7 +15,7 @@ from warpsim.optics.sip import ERROR_PX, sip_polynomials
 from warpsim.output.check_views import FieldContents, count_replaced, field_contents, longest_streaks_px, replaced_text
 from warpsim.output.wording import counted
 from warpsim.scene.instrument import Instrument
-from warpsim.scene.pointing import FixedPointing, Pointing, SchedulePointing, TrackPointing
+from warpsim.scene.pointing import ALL, FixedPointing, Pointing, SchedulePointing, TrackPointing
 from warpsim.scene.scenario import Scenario
 
 RULE_NAMES = {
@@ -195,7 +195,10 @@ def _access_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping
 def _pointing_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> list[str]:
     """Where cameras look, and in how many of the views, or of some spread over them, there is what."""
     pointings = instrument.sensor.pointing
-    lines = [f"  pointing   {_pointing_text(pointing, len(pointings) > 1)}" for pointing in pointings]
+    lines = [
+        f"  pointing   {_pointing_text(pointing)}{_where_text(pointing, number) if len(pointings) > 1 else ''}"
+        for number, pointing in enumerate(pointings)
+    ]
     views = frames_of if any(frames_of.values()) else _every_frame(instrument)
     found = field_contents(instrument, scenario.tracks, views)
     n_view = counted(found.n_view, "view")
@@ -206,17 +209,22 @@ def _pointing_lines(instrument: Instrument, scenario: Scenario, frames_of: Mappi
             lines.append(f"  warning    no view has {what} in the field")
     bodies = {"Earth": found.earth, "Sun": found.sun}
     lines += [
-        f"  warning    the {name} is in the field of {n / found.n_view:.0%} of {n_view}, and is not drawn"
+        f"  warning    the {name} is in the field of {n:,} of {n_view} ({n / found.n_view:.0%}), and is not drawn"
         for name, n in bodies.items()
         if n
     ]
     if found.slewing:
-        lines.append(f"  note       the camera slews or settles in {found.slewing / found.n_view:.0%} of {n_view}")
+        lines.append(f"  note       the camera slews or settles in {found.slewing:,} of {n_view}")
     warning = replaced_text(*count_replaced(instrument, frames_of))
     return lines if warning is None else [*lines, f"  warning    {warning}"]
 
 
-def _pointing_text(pointing: Pointing, with_satellites: bool) -> str:
+def _where_text(pointing: Pointing, number: int) -> str:
+    """On which satellites an entry holds."""
+    return f"; on {'all others' if number and ALL in pointing.on else ', '.join(pointing.on)}"
+
+
+def _pointing_text(pointing: Pointing) -> str:
     """What a camera follows, and how it errs."""
     if isinstance(pointing, TrackPointing):
         what = f"tracks {pointing.track}"
@@ -231,8 +239,7 @@ def _pointing_text(pointing: Pointing, with_satellites: bool) -> str:
         errors.append(f"drift {_size_text(pointing.drift.rms_urad_s, pointing.drift.urad_s)} urad/s")
     if pointing.jitter:
         errors.append(f"jitter {pointing.jitter.rms_urad:g} urad (rms)")
-    where = f"; on {', '.join(pointing.on)}" if with_satellites else ""
-    return ", ".join([what, f"{pointing.up} up", *errors]) + where
+    return ", ".join([what, f"{pointing.up} up", *errors])
 
 
 def _size_text(rms: float | None, axes: tuple[float, float] | None) -> str:

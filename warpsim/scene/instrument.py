@@ -354,7 +354,7 @@ class Instrument:
         mine = self.access.row == sensor
         for start_s, end_s in zip(self.access.start_s[mine], self.access.end_s[mine], strict=True):
             seen |= (time_s >= start_s) & (time_s <= end_s)
-        return seen
+        return seen & self.settled(sensor, time_s)
 
     @property
     def sensors_with_access(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""Times at which bodies change course at once."""
+"""Breakpoints: times at which bodies change their velocity at once."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import warpsim as ws
-from warpsim.scene.bends import access_breaks_s, bends_s
+from warpsim.scene import access
 
 TIME_ATOL_S = 1e-6  # dates of the files
 NODES_S = np.arange(-120.0, 3721.0, 60.0)
@@ -30,8 +30,8 @@ def manoeuvre(tmp_path, scene):
     return str(tmp_path / "climber.oem")
 
 
-def test_nothing_bends_in_the_papers_scene(scene):
-    assert bends_s(scene) == {name: [] for name in [*scene.sensor_names, *scene.target_names]}
+def test_the_papers_scene_has_none(scene):
+    assert scene.scenario.breakpoints_s == {name: [] for name in [*scene.sensor_names, *scene.target_names]}
 
 
 def test_breaks_are_found_in_lists_and_mixtures(scene, manoeuvre):
@@ -40,7 +40,7 @@ def test_breaks_are_found_in_lists_and_mixtures(scene, manoeuvre):
         {"name": "plain", "orbit": ORBIT},
     ])  # fmt: skip
     mixed = ws.MixedConstellation([scene.constellation, listed, ws.EphemerisSatellites([manoeuvre])])
-    found = bends_s(scene.replace(constellation=mixed))
+    found = scene.replace(constellation=mixed).scenario.breakpoints_s
     bent = {name: times for name, times in found.items() if times}
     assert set(bent) == {"own", "climber"}
     assert list(bent.values()) == [pytest.approx([1200.0], abs=TIME_ATOL_S, rel=0)] * 2
@@ -49,15 +49,15 @@ def test_breaks_are_found_in_lists_and_mixtures(scene, manoeuvre):
 @pytest.mark.parametrize(
     ("release_s", "expected"), [(500.0, [500.0]), (1300.0, [1200.0, 1300.0]), (0.0, []), (-10.0, [])]
 )
-def test_stowed_targets_bend_with_the_main_one(scene, manoeuvre, release_s, expected):
+def test_targets_have_those_of_the_main_one_until_they_are_released(scene, manoeuvre, release_s, expected):
     late = scene.replace(trajectory=ws.EphemerisOrbit(manoeuvre), release__time_s=release_s)
-    found = bends_s(late)
+    found = late.scenario.breakpoints_s
     assert found["center"] == pytest.approx([1200.0], abs=TIME_ATOL_S, rel=0)
     assert found["cone03"] == pytest.approx(expected, abs=TIME_ATOL_S, rel=0)
     assert found["sat11"] == []
 
 
-def test_access_breaks_are_those_of_both_bodies_and_of_the_camera(scene, manoeuvre):
+def test_access_breaks_are_those_of_both_bodies_and_of_the_camera(scene, manoeuvre, monkeypatch):
     bodies = ws.ListedSatellites([
         {"name": "own", "orbit": ws.EphemerisOrbit(manoeuvre)},
         {"name": "plain", "orbit": ORBIT},
@@ -75,7 +75,16 @@ def test_access_breaks_are_those_of_both_bodies_and_of_the_camera(scene, manoeuv
     stared = late.replace(pointing={"kind": "table", "mode": "stare", "rows": rows})
 
     def breaks_s(scene, target="cone03", with_cameras=True):
-        return [np.round(times, 6).tolist() for times in access_breaks_s(scene, target, ["plain", "own"], with_cameras)]
+        asked = {}
+
+        def access_intervals(*arguments, breaks_s, **others):
+            asked["times"] = breaks_s
+            return []
+
+        monkeypatch.setattr(access, "access_intervals", access_intervals)
+        rules = ws.AccessConstraints(in_fov=with_cameras)
+        scene.scenario.access(target, ["plain", "own"], rules)
+        return [np.round(times, 6).tolist() for times in asked["times"]]
 
     assert breaks_s(swept, with_cameras=False) == [[500.0], [500.0, 1200.0]]
     assert breaks_s(swept, "center", with_cameras=False) == [[], [1200.0]]

@@ -93,7 +93,7 @@ def test_a_camera_matters_where_access_asks_for_the_field_of_view(scene):
 def test_nothing_is_worked_out_for_the_sake_of_it():
     scene = ws.Scene.load("stss")
     scene.replace(camera__n_row=64)
-    assert "tracks" not in vars(scene)
+    assert "scenario" not in vars(scene)
 
 
 def test_a_file_that_was_changed_meanwhile_is_read_anew(tmp_path):

@@ -1,0 +1,28 @@
+"""Scenes on devices, without a renderer, for tests of single stages; scenes of one kind of sensor."""
+
+from __future__ import annotations
+
+import warp as wp
+
+from warpsim.render.device_upload import make_device_bodies, make_device_scene
+from warpsim.render.star_field import load_catalog, star_index
+from warpsim.render.target_field import make_target_field
+
+
+def target_field(scene, bands, device="cpu"):
+    """The targets of a scene on a device."""
+    scenario = scene.scenario
+    return make_target_field(scenario, scenario.instrument, bands, wp.get_device(device))
+
+
+def device_bodies(scene, bands, device="cpu"):
+    """What stages without images read."""
+    scenario = scene.scenario
+    return make_device_bodies(scenario, scenario.instrument, bands, wp.get_device(device))
+
+
+def device_scene(scene, bands, device="cpu", catalog=None):
+    """What all stages read."""
+    scenario, where = scene.scenario, wp.get_device(device)
+    index = star_index(scene.sky, scenario.epoch, catalog or load_catalog(scene.sky), where)
+    return make_device_scene(scenario, scenario.instrument, bands, where, index)

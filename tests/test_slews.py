@@ -1,0 +1,155 @@
+"""Slews: the path of a camera from one step to the next, its limits, its ends, and that nobody sees meanwhile."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import warpsim as ws
+from warpsim.scene.slews import between, rotation_vector
+
+TWIN_RAD = 1e-9
+"""Kernel against host, as for all pointing."""
+ROOM = 1.02
+"""The turn may be so much slower than the limits allow, and is measured at instants."""
+
+SLEW = {"max_rate_deg_s": 1.0, "max_acceleration_deg_s2": 0.1, "settle_s": 5.0}
+FAR = [{"start_s": 0.0, "track": "main"}, {"start_s": 700.0, "ra_dec_deg": [187.0, -57.0]}]
+STARS = [{"start_s": 0.0, "ra_dec_deg": [10.0, 20.0]}, {"start_s": 700.0, "ra_dec_deg": [50.0, 40.0]}]
+SMALL = {"n_row": 16, "n_col": 16, "fov_deg": 1.0}
+
+
+def slewing(scene, steps=FAR, slew=SLEW, **others):
+    pointing = {"kind": "schedule", "steps": steps, "slew": slew, "up": "north", **others}
+    return scene.replace(pointing=pointing, camera=SMALL, sky__catalog="none")
+
+
+def rates_deg_s(scene, sensor, time_s):
+    """Rates of the camera against the stars about ICRS axes [deg/s], between times."""
+    axes = scene.scenario.view_axes(sensor, time_s)
+    turns = Rotation.from_matrix(np.swapaxes(axes[1:], 1, 2)) * Rotation.from_matrix(axes[:-1])
+    return np.degrees(turns.as_rotvec()) / np.diff(time_s)[:, None]
+
+
+def turn_of(scene, sensor, step=1):
+    instrument = scene.scenario.instrument
+    return instrument.turns(instrument.index(sensor))[step]
+
+
+@pytest.mark.parametrize("steps", [FAR, STARS], ids=["from-a-target", "between-stars"])
+@pytest.mark.parametrize(("rate", "acceleration"), [(1.0, 0.1), (3.0, 0.02), (0.5, 5.0)])
+def test_rate_and_acceleration_stay_within_their_limits(scene, steps, rate, acceleration):
+    limits = {"max_rate_deg_s": rate, "max_acceleration_deg_s2": acceleration}
+    turning = slewing(scene, steps, {**SLEW, **limits})
+    turn = turn_of(turning, "sat11")
+    assert turn.duration_s > 0
+    times = 700.0 + np.linspace(0, turn.duration_s, 4001)
+    rates = rates_deg_s(turning, "sat11", times)
+    assert np.linalg.norm(rates, axis=1).max() < rate * ROOM
+    few = 40
+    changes = np.linalg.norm(rates[few:] - rates[:-few], axis=1) / (few * (times[1] - times[0]))
+    assert changes.max() < acceleration * ROOM
+    # It is no slower than one limit or the other asks for.
+    assert np.linalg.norm(rates, axis=1).max() > rate / 1.1 or changes.max() > acceleration / 1.1
+
+
+def test_a_turn_between_stars_takes_the_shortest_time(scene):
+    """Closed form for a rotation from rest to rest."""
+    turning = slewing(scene, STARS)
+    axes = turning.scenario.view_axes("sat11", [699.0, 1000.0])
+    angle = np.degrees(np.linalg.norm(rotation_vector(axes[1:] @ np.swapaxes(axes[:1], 1, 2))))
+    rate, acceleration = SLEW["max_rate_deg_s"], SLEW["max_acceleration_deg_s2"]
+    expected_s = angle / rate + rate / acceleration
+    assert turn_of(turning, "sat11").duration_s == pytest.approx(expected_s, rel=1e-9, abs=0)
+    # Half way in angle at half time, about one axis.
+    middle = turning.scenario.view_axes("sat11", [700.0 + expected_s / 2])
+    np.testing.assert_allclose(middle, between(axes[:1], axes[1:], np.array([0.5])), rtol=0, atol=1e-12)
+
+
+def test_angle_and_rate_are_continuous(scene):
+    turning = slewing(scene)
+    turn = turn_of(turning, "sat11")
+    h = 1e-3
+    for edge_s in (700.0, 700.0 + turn.duration_s):
+        rates = rates_deg_s(turning, "sat11", edge_s + h * np.arange(-3, 4))
+        assert np.abs(np.diff(rates, axis=0)).max() < 3 * h * SLEW["max_acceleration_deg_s2"] * ROOM
+    jumping = slewing(scene, slew=None)
+    assert np.linalg.norm(rates_deg_s(jumping, "sat11", np.array([700.0 - h, 700.0]))) > 1e3
+
+
+def test_kernel_follows_the_hosts_path(scene, device):
+    turning = slewing(scene).replace(frames={"count": 200, "interval_s": 1.0, "start_s": 660.0})
+    frames = ws.Renderer(turning, device=device).render(range(0, 200, 3), ["sat11", "sat27"], ["A"])
+    for j, sensor in enumerate(frames.sensors):
+        expected = turning.scenario.view_axes(sensor, frames.time_s)
+        np.testing.assert_allclose(frames.axes_icrs[:, j], expected, rtol=0, atol=TWIN_RAD)
+        turn = turn_of(turning, sensor)
+        moving = (frames.time_s >= 700.0) & (frames.time_s < 700.0 + turn.total_s)
+        np.testing.assert_array_equal(frames.slewing[:, j], moving)
+        assert 5 < moving.sum() < 60
+
+
+def test_nobody_has_access_while_the_camera_turns(scene):
+    turning = slewing(scene).replace(frames={"count": 200, "interval_s": 1.0, "start_s": 660.0})
+    still = slewing(scene, slew=None)
+    total_s = turn_of(turning, "sat11").total_s
+    times = np.arange(660.0, 860.0)
+    settled = (times < 700.0) | (times >= 700.0 + total_s)
+    one, other = (scene.scenario.has_access("sat11", times) for scene in (turning, still))
+    np.testing.assert_array_equal(one, other & settled)
+    assert (one != other).sum() > 5
+    table = turning.access(sensors=["sat11"])
+    inner = (table["start_s"] < 700.0 + total_s) & (table["end_s"] > 700.0)
+    assert not inner.any()
+    truth = ws.Renderer(turning, device="cpu").render([30, 50, 150], ["sat11"], ["A"]).truth
+    seen = truth["access"].reshape(3, -1)
+    assert seen[0].all() and not seen[1].any()
+
+
+def test_tables_slew_from_row_to_row(scene):
+    rows = [{"time_s": step["start_s"], **dict(zip(("ra_deg", "dec_deg"), step["ra_dec_deg"], strict=True))} for step in STARS]
+    table = {"kind": "table", "mode": "stare", "rows": rows, "slew": SLEW, "up": "north"}
+    tabled, planned = scene.replace(pointing=table), slewing(scene, STARS)
+    times = np.linspace(690.0, 800.0, 50)
+    axes = [one.scenario.view_axes("sat11", times) for one in (tabled, planned)]
+    np.testing.assert_allclose(*axes, rtol=0, atol=1e-12)
+    quick = {**table, "mode": "scan", "slew": {**SLEW, "max_rate_deg_s": 0.01}}
+    with pytest.raises(ws.InputError, match=r"rows\[0\]: a scan must turn at most at max_rate_deg_s \(0.01\)"):
+        scene.replace(pointing=quick).scenario.instrument.turns(0)
+
+
+def test_images_are_those_of_the_turning_camera(scene):
+    """A target of the step before leaves the image along the path."""
+    near = [{"start_s": 0.0, "track": "main"}, {"start_s": 700.0, "track": "main", "offset_px": [6.0, 0.0]}]
+    gentle = {"max_rate_deg_s": 0.05, "max_acceleration_deg_s2": 0.005}
+    turning = slewing(scene, near, gentle, roll_deg=10.0)
+    turning = turning.replace(frames={"count": 60, "interval_s": 1.0, "start_s": 695.0})
+    frames = ws.Renderer(turning, device="cpu").render(range(60), ["sat11"], ["A"])
+    main = frames.truth[frames.truth["target"] == "center"]
+    np.testing.assert_allclose(main["y_px"], 7.5, rtol=0, atol=1e-3)
+    x = np.asarray(main["x_px"])
+    np.testing.assert_allclose(x[:6], 7.5, rtol=0, atol=1e-3)
+    assert x[-1] == pytest.approx(13.5, rel=0, abs=1e-3) and (np.diff(x[5:]) > -1e-9).all()
+
+
+@pytest.mark.parametrize(
+    ("steps", "slew", "message"),
+    [
+        (
+            [*FAR, {"start_s": 710.0, "track": "main"}],
+            SLEW,
+            r"^pointing.steps\[2\].start_s: sat11: must leave time for the slew that begins at 700 s, which takes .* s or more",
+        ),
+        (FAR, {**SLEW, "max_rate_deg_s": 0.0}, r"pointing.slew.max_rate_deg_s: must be > 0"),
+        (FAR, {**SLEW, "max_rate_deg_s": 1e-3}, r"^pointing.steps\[1\].start_s: sat11: .*turns faster than max_rate_deg_s"),
+        (FAR[::-1], SLEW, r"pointing.steps\[1\].start_s: must be above that of the step before \(700\), got 0"),
+        ([{"start_s": 5.0, "track": "main"}], SLEW, r"pointing: the steps of sat11 cover from 5 s on, not the frame at 0 s"),
+        ([{"start_s": 0.0}], SLEW, r"pointing.steps\[0\].track, ra_dec_deg, .*: exactly one must be given"),
+        ([{"start_s": 0.0, "track": "nobody"}], SLEW, r"pointing.steps\[0\].track: must be 'main'.* got 'nobody'"),
+    ],
+)  # fmt: skip
+def test_slews_that_cannot_be_made_are_one_line(scene, steps, slew, message):
+    with pytest.raises(ws.InputError, match=message) as caught:
+        slewing(scene, steps, slew).scenario.instrument.turns(0)
+    assert "\n" not in str(caught.value)
