@@ -15,7 +15,7 @@ from warpsim_kernels import camera as camera_kernels
 import warpsim as ws
 from warpsim.optics.sip import ERROR_PX, sip_polynomials
 from warpsim.output.check import scene_report
-from warpsim.plot.view import camera_view, earth_clearance
+from warpsim.plot.camera_view import camera_view, earth_clearance
 from warpsim.render.device_upload import camera_struct
 
 FRAME = 75
@@ -412,20 +412,19 @@ def test_the_picture_of_a_view_has_the_limb_where_the_camera_sees_it(scene, came
     """Rays of a grid of places, by project and the ellipsoid's equation."""
     low = scene.replace(camera=camera, optics__psf="gaussian", sky__catalog="none",
                         pointing={"kind": "fixed", "azimuth_elevation_deg": [0.0, -38.0]})  # fmt: skip
-    view = camera_view(low, "sat11", low.scenario.instrument.frame_time_s([FRAME])[0])
-    n_row, n_col = low.camera.n_row, low.camera.n_col
+    view = camera_view(low.scenario, "sat11", low.scenario.instrument.frame_time_s([FRAME])[0])
+    n_row, n_col, pole = low.camera.n_row, low.camera.n_col, low.scenario.tracks.pole_icrs
     xy = np.stack(np.meshgrid(np.linspace(-0.5, n_col - 0.5, 30), np.linspace(-0.5, n_row - 0.5, 30)), axis=-1)
-    clearance = earth_clearance(low, view, xy)
+    clearance = earth_clearance(view, pole, xy)
     assert clearance.shape == (30, 30)
     seen = np.random.default_rng(1).normal(size=(400_000, 3)) * [0.25, 0.25, 0] + [0, 0, 1]
     place, _ = low.camera.project(unit(seen), np.eye(3))
     ray = ws.apparent_direction(unit(seen) @ view.axes_icrs, -view.velocity_m_s)
-    pole = low.scenario.tracks.pole_icrs
     a, b = 6378137.0, 6378137.0 * (1 - 1 / 298.257223563)
     m = np.eye(3) / a**2 + np.outer(pole, pole) * (1 / b**2 - 1 / a**2)
     half = ray @ m @ view.position_m
     root = half**2 - np.einsum("ni,ij,nj->n", ray, m, ray) * (view.position_m @ m @ view.position_m - 1)
     meets = (root > 0) & (half < 0)
     inside = in_frame(low.camera, place)
-    by_place = earth_clearance(low, view, place[inside]) < 0
+    by_place = earth_clearance(view, pole, place[inside]) < 0
     assert np.count_nonzero(by_place != meets[inside]) <= 1

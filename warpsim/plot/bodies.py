@@ -220,7 +220,7 @@ def _dimensions(shape: Any) -> str:
     if shape.kind == "mesh":
         return "mesh, " + " x ".join(f"{size:.3g}" for size in np.ptp(shape.surface.vertices_m, axis=0)) + " m"
     if shape.kind == "plate":
-        return f"plate, {shape.width_m:g} x {shape.length_m:g} m"
-    radius = f"{shape.radius_m:g}" + (f" to {shape.top_radius_m:g}" if shape.kind == "frustum" else "")
+        return f"plate, {shape.width_m:.4g} x {shape.length_m:.4g} m"
+    radius = f"{shape.radius_m:.4g}" + (f" to {shape.top_radius_m:.4g}" if shape.kind == "frustum" else "")
     height_m = getattr(shape, "height_m", None)
-    return f"{shape.kind}, r {radius} m" + (f", h {height_m:g} m" if height_m else "")
+    return f"{shape.kind}, r {radius} m" + (f", h {height_m:.4g} m" if height_m else "")

@@ -75,13 +75,20 @@ class Flight:
     """Indices of the targets."""
     span_s: tuple[float, float]
     """From when to when they exist within the scene [s after the epoch]."""
-    is_first: bool
-    """Whether the group is the scene's first, which is vermilion."""
+    number: int
+    """Index of the group."""
 
     @property
-    def colour(self) -> str:
-        """Colour of its lines."""
-        return VERMILION if self.is_first else PURPLE
+    def is_first(self) -> bool:
+        """True for the scene's first group, whose lines are vermilion."""
+        return self.number == 0
+
+    @property
+    def style(self) -> dict[str, Any]:
+        """Colour and dashes of its lines as arguments of `Axes.plot`."""
+        if self.is_first:
+            return {"color": VERMILION}
+        return {"color": PURPLE, "linestyle": ("-", "--", ":", "-.")[(self.number - 1) % 4]}
 
     def exists(self, time_s: float) -> bool:
         """Return whether its targets are there at a time."""
@@ -104,7 +111,7 @@ def flights(scenario: Scenario) -> list[Flight]:
         first_s, last_s = scenario.targets[leading[0]].exists_s
         span_s = max(first_s, 0.0), min(last_s, scenario.scene.duration_s)
         label = scenario.target_names[leading[0]] if group.orbits is None else f"{group.name} ({len(leading)})"
-        found.append(Flight(label, leading, span_s, number == 0))
+        found.append(Flight(label, leading, span_s, number))
     return found
 
 

@@ -94,25 +94,26 @@ def _draw_access(ax: Axes, scenario: Scenario) -> set[str]:
 
 def _draw_flight(ax: Axes, scenario: Scenario, path: Flight, n_time: int) -> None:
     """Tracks of a group's targets while they exist; the ends of the first group's."""
-    time_s, many = path.time_s(n_time), len(path.targets) > 1
-    width, order = 1.2 if many else 2.4 if path.is_first else 1.8, 5.0 if path.is_first else 4.5
+    time_s, order = path.time_s(n_time), 5.0 if path.is_first else 4.5
     for target in path.targets:
         position_m = scenario.position_m(scenario.target_names[target], time_s)
         track = ground_track_deg(position_m, scenario.epoch, time_s)
-        ax.plot(*track.T, color=path.colour, linewidth=width, zorder=order)
-        if path.is_first and not many:
-            ax.plot(*track[0], "o", color="white", markeredgecolor=path.colour, zorder=6)
-            ax.plot(*track[-1], "s", color="white", markeredgecolor=path.colour, zorder=6)
+        ax.plot(*track.T, zorder=order, **_flight_style(path))
+        if path.is_first and len(path.targets) == 1:
+            ax.plot(*track[0], "o", color="white", markeredgecolor=path.style["color"], zorder=6)
+            ax.plot(*track[-1], "s", color="white", markeredgecolor=path.style["color"], zorder=6)
+
+
+def _flight_style(path: Flight) -> dict[str, Any]:
+    """Colour, dashes and width of the tracks of a group."""
+    return {**path.style, "linewidth": 1.2 if len(path.targets) > 1 else 2.4 if path.is_first else 1.8}
 
 
 def _draw_legend(ax: Axes, scenario: Scenario, paths: list[Flight]) -> None:
     entries: list[tuple[str, dict[str, Any]]] = []
-    for path in paths[:1]:
-        ends = ", from o to square" if len(path.targets) == 1 else ""
-        entries.append((f"{path.label}{ends}", {"color": path.colour, "linewidth": 2.4}))
-    if paths[1:]:
-        others = ", ".join(path.label for path in paths[1:])
-        entries.append((others, {"color": paths[1].colour, "linewidth": 1.8}))
+    for path in paths:
+        ends = ", from o to square" if path.is_first and len(path.targets) == 1 else ""
+        entries.append((f"{path.label}{ends}", _flight_style(path)))
     for kind, name in enumerate(scenario.instruments):
         words = "has access" if len(scenario.instruments) == 1 else f"{name} has access"
         entries.append((words, _access_style(scenario, kind)))

@@ -167,12 +167,12 @@ def _draw_flight(ax: Axes, globe: Globe, scenario: Scenario, path: Flight, time_
     paths_m = [scenario.position_m(scenario.target_names[target], path.time_s(N_PATH)) for target in path.targets]
     for number, path_m in enumerate(paths_m):
         label = None if number else f"flight of {path.label}"
-        ax.plot(*globe.visible_line(path_m).T, color=path.colour, linewidth=width, zorder=order, label=label)
+        ax.plot(*globe.visible_line(path_m).T, linewidth=width, zorder=order, label=label, **path.style)
     if path.is_first and not many:
         for number, (mark, name) in enumerate((("o", "start"), ("s", "end"))):
             end_m = paths_m[0][-number]
             if not globe.is_hidden(end_m):
-                ax.plot(*globe.project(end_m), mark, color="white", markeredgecolor=path.colour, markersize=6,
+                ax.plot(*globe.project(end_m), mark, color="white", markeredgecolor=path.style["color"], markersize=6,
                         zorder=5, label=f"its {name}, {plain(path.span_s[number])} s")  # fmt: skip
     if not path.exists(time_s):
         return
@@ -181,8 +181,8 @@ def _draw_flight(ax: Axes, globe: Globe, scenario: Scenario, path: Flight, time_
     seen_m = now_m[~globe.is_hidden(now_m)]
     if len(seen_m):
         size = 6 if many else 13 if path.is_first else 10
-        ax.plot(*globe.project(seen_m).T, "*", color=path.colour, markeredgecolor=INK, markersize=size, zorder=7,
-                label=f"{path.label} now")  # fmt: skip
+        ax.plot(*globe.project(seen_m).T, "*", color=path.style["color"], markeredgecolor=INK, markersize=size,
+                zorder=7, label=f"{path.label} now")  # fmt: skip
 
 
 def _draw_satellites(ax: Axes, globe: Globe, satellites_m: F64, has_access: NDArray[np.bool_]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -104,26 +104,12 @@ def draw_scenario(
     prepare_folder(folder)
     views = _observing(scenario, time) if sensors is None else list(dict.fromkeys(scenario.select_sensors(sensors)))
     groups = {"group" if len(scenario.group_names) == 1 else f"group_{name}": name for name in scenario.group_names}
-    n_kind = len(target_kinds(scenario))
-    names = ["scene", "ground_tracks", *groups, *(["attitudes"] if n_kind else []), "access"]
+    names = ["scene", "ground_tracks", *groups, *(["attitudes"] if scenario.targets else []), "access"]
     paths = {name: folder / f"{name}.png" for name in [*names, *(f"view_{name}" for name in views)]}
     for path in paths.values():
         check_new_file(path, PICTURE_SUFFIXES, overwrite)
 
-    figure = _figure(*SCENE_INCH)
-    plot_scene(scenario, time, figure.add_subplot())
-    save_figure(figure, paths["scene"])
-    figure = _figure(11.0, 5.8)
-    plot_ground_tracks(scenario, figure.add_subplot())
-    save_figure(figure, paths["ground_tracks"])
-    for name, group in groups.items():
-        figure = _figure(8.2, 8.0)
-        plot_group(scenario, time, list(figure.subplots(2, 2).flat), group)
-        save_figure(figure, paths[name])
-    if n_kind:
-        figure = _figure(9.2, 1.3 + 1.25 * n_kind)
-        plot_attitudes(scenario, time, figure.add_subplot())
-        save_figure(figure, paths["attitudes"])
+    _draw_outside(scenario, time, paths, groups)
     draw_access(scenario, paths["access"])
     renderer = Renderer(scenario) if views else None
     for name in views:
@@ -131,6 +117,31 @@ def draw_scenario(
         plot_satellite_view(scenario, name, time, figure.add_subplot(), renderer)
         save_figure(figure, paths[f"view_{name}"])
     return list(paths.values())
+
+
+def _draw_outside(scenario: Scenario, time_s: float, paths: Mapping[str, Path], groups: Mapping[str, str]) -> None:
+    """Draw the scene, ground tracks, groups and attitudes.
+
+    Args:
+        scenario: The scenario.
+        time_s: The instant [s after the epoch].
+        paths: Files by name; attitudes are drawn where they have one.
+        groups: Names of the groups by those of their files.
+    """
+    figure = _figure(*SCENE_INCH)
+    plot_scene(scenario, time_s, figure.add_subplot())
+    save_figure(figure, paths["scene"])
+    figure = _figure(11.0, 5.8)
+    plot_ground_tracks(scenario, figure.add_subplot())
+    save_figure(figure, paths["ground_tracks"])
+    for name, group in groups.items():
+        figure = _figure(8.2, 8.0)
+        plot_group(scenario, time_s, list(figure.subplots(2, 2).flat), group)
+        save_figure(figure, paths[name])
+    if "attitudes" in paths:
+        figure = _figure(9.2, 1.3 + 1.25 * len(target_kinds(scenario)))
+        plot_attitudes(scenario, time_s, figure.add_subplot())
+        save_figure(figure, paths["attitudes"])
 
 
 def _observing(scenario: Scenario, time_s: float) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.plot.camera_view import CameraView, camera_view, earth_clearance, sensor_index
-from warpsim.plot.drawn_targets import TargetKind, counted_targets, target_kinds
+from warpsim.plot.drawn_targets import TargetKind, counted_targets, observed_targets, target_kinds
 from warpsim.plot.figure import (
     BLUE,
     GREEN,
@@ -91,19 +91,18 @@ def plot_satellite_view(
 
 
 def _range_words(scenario: Scenario, sensor: str, time_s: float) -> str:
-    """How far the first target that access counts by is, and whether there is access."""
+    """Range of a target that access counts by, of one that the sensor can observe if there is one; and the access."""
     instrument, index = sensor_index(scenario, sensor)
     at = np.array([time_s])
-    words = "access" if instrument.has_access(index, at)[0] else "no access"
-    there = [
-        target
-        for target in counted_targets(instrument, index, time_s)
-        if scenario.tracks.exist(target, at)[0] and time_s >= scenario.targets[target].release_s
-    ]
+    if instrument.has_access(index, at)[0]:
+        words, targets = "access", observed_targets(scenario, instrument, index, time_s)
+    else:
+        words, targets = "no access", list(counted_targets(instrument, index, time_s))
+    there = [target for target in targets if scenario.tracks.exist(target, at)[0]]
     if not there:
         return words
-    sight_m = scenario.tracks.target_state(there[0], at)[0] - scenario.position_m(sensor, at)
-    return f"{np.linalg.norm(sight_m) / 1e3:.0f} km from {scenario.target_names[there[0]]}, {words}"
+    line_m = scenario.tracks.target_state(there[0], at)[0] - scenario.position_m(sensor, at)
+    return f"{np.linalg.norm(line_m) / 1e3:.0f} km from {scenario.target_names[there[0]]}, {words}"
 
 
 def _draw_stars(ax: Axes, view: CameraView) -> None:
