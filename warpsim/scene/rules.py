@@ -119,7 +119,7 @@ def _check_path(scene: Scene, where: str, path: Trajectory) -> None:
                 scene.duration_s,
                 "g",
             )
-        if instant(path.epoch_utc).tt != scene.instant.tt:
+        if path.epoch_utc is not None and instant(path.epoch_utc).tt != scene.instant.tt:
             raise InputError(
                 f"must equal the scene's epoch_utc ({scene.epoch_utc})", f"{where}.epoch_utc", path.epoch_utc
             )
