@@ -1,4 +1,4 @@
-"""Ballistic arcs: free flight between two places on the Earth in a given time, as a path of a scene.
+"""Ballistic arcs: free flight between two geodetic points in a given time, as a path of a scene.
 
 The description only; `flight` solves it for an epoch.
 """
@@ -57,7 +57,7 @@ UtcText = Annotated[str, BeforeValidator(_utc_text)]
 
 @config_model
 class BallisticArc:
-    """Free flight between two geodetic places; solved once for an epoch, on first use.
+    """Free flight between two geodetic points; solved once for an epoch, on first use.
 
     Times count from the epoch, at which the flight starts; states outside [0, duration_s] continue the free flight.
     """
