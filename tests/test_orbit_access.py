@@ -209,7 +209,7 @@ def test_tracks_and_functions_give_the_same(scenario):
     expected = np.stack([sensors[i].position_at_m(s) for i, s in zip(rows, t, strict=True)])
     assert np.array_equal(stack.position_m(rows, t), expected)
     assert np.array_equal(stack.positions_m(t)[3], sensors[3].position_at_m(t))
-    with pytest.raises(InputError, match="time_s must be in the track's span"):
+    with pytest.raises(InputError, match="time_s: must be in the track's span"):
         stack.position_m(np.array([0]), np.array([1e5]))
     with pytest.raises(InputError, match="must share one node grid"):
         TrackStack([sensors[0], sample_tracks(["x"], lambda t: sensors[0].state(t), 0.0, 30.0, 10)[0]])

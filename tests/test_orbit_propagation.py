@@ -330,7 +330,7 @@ def test_track_reproduces_a_cubic_exactly():
 @pytest.mark.parametrize("bad", [-2.1, 2.0001, np.nan, [0.0, 3.0]])
 def test_track_refuses_times_outside_its_span(bad):
     track = Track("sat11", -2.0, 0.5, np.ones((9, 3)), np.zeros((9, 3)))
-    with pytest.raises(InputError, match=r"sat11: time_s must be in the track's span \[-2, 2\] s, got"):
+    with pytest.raises(InputError, match=r"sat11: time_s: must be in the track's span \[-2, 2\] s, got"):
         track.state(bad)
 
 

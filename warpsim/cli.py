@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpsim.errors import InputError
+from warpsim.version import __version__
 
 if TYPE_CHECKING:
     from warpsim.scene.scenario import Scenario
@@ -49,12 +50,11 @@ def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    import warpsim
     from warpsim.dataset.command import add_arguments
     from warpsim.dataset.command import run as run_dataset
 
     parser = argparse.ArgumentParser(prog="warpsim", description="Render what space-based infrared sensors see.")
-    parser.add_argument("--version", action="version", version=f"warpsim {warpsim.__version__}")
+    parser.add_argument("--version", action="version", version=f"warpsim {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     render = commands.add_parser("render", help="render a scene into a folder")

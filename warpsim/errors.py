@@ -99,7 +99,7 @@ class InputError(ValueError):
         return self._retold((_Step(os.fspath(name), False),)) if name else self
 
     def at_row(self, name: str) -> Self:
-        """The same error, told of what its row is called elsewhere, "line 3" of a file: that comes before the place."""
+        """The same error, whose row has another name, "line 3" of a file; the name comes before the place."""
         error = self._retold((_Step(name, False),))
         error.row = None
         error.args = (error._text(),)

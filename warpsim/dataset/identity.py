@@ -17,6 +17,7 @@ from warpsim.scene.files import named_files
 from warpsim.scene.inputs import input_checksums
 from warpsim.scene.scene import Scene
 from warpsim.scene.sky import BUILT_IN_CATALOGS
+from warpsim.version import __version__
 
 STAR_CATALOG = "star catalog"
 """Among the inputs: the scene's, whether it came from a file or not."""
@@ -36,13 +37,11 @@ def identity_of(recipe: Recipe, device: str) -> Identity:
     Raises:
         InputError: An input file cannot be read.
     """
-    import warpsim
-
     return {
         "recipe": recipe.to_dict(),
         "inputs": _inputs(recipe),
         "device": "cuda" if device.startswith("cuda") else "cpu",
-        "warpsim": warpsim.__version__,
+        "warpsim": __version__,
         "packages": package_versions(*writers_of(recipe)),
     }
 

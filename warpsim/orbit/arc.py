@@ -1,14 +1,10 @@
-"""Ballistic arcs: free flight between two places on the Earth in a given time.
+"""Ballistic arcs: free flight between two geodetic points in a given time, as a path of a scene.
 
-The end points are WGS84 geodetic at their own times, so the end place has turned with the Earth during the flight. The
-arc takes the short way about the Earth's centre. Two-body arcs are Lambert's solution; with J2 (or J2 to J4)
-Newton's method corrects its start velocity until the flight hits the end point (shooting).
+The description only; `flight` solves it for an epoch.
 """
 
 from __future__ import annotations
 
-import math
-from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -17,27 +13,23 @@ from pydantic import BeforeValidator, model_validator
 
 from warpsim.config.fields import Number, Positive, closed_interval, rule_error
 from warpsim.config.model import config_model
-from warpsim.constants import DAY_S, EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
+from warpsim.constants import DAY_S
 from warpsim.errors import InputError
-from warpsim.instant import Instant
-from warpsim.orbit.earth import geodetic_altitude_m, geodetic_to_gcrs_m, geodetic_to_itrs_m, pole_of_date
+from warpsim.instant import Instant, instant_of, years_ahead
+from warpsim.orbit.earth import geodetic_to_itrs_m
 from warpsim.orbit.epoch import instant
-from warpsim.orbit.gravity import Gravity, propagate
-from warpsim.orbit.lambert import lambert
+from warpsim.orbit.flight import Flight, FlightTask, flight_of
+from warpsim.orbit.gravity import Gravity
 
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
 
 F64 = NDArray[np.float64]
 
-_SAME_EPOCH_S = 1e-6
+DEFAULT_EPOCH_UTC = "2000-01-01T12:00:00"
+"""The instant of time 0 of an arc that is used by itself and states none."""
 
-# Newton stops here; the result misses the end point by the rounding of the propagation, some 1e-8 m.
-_MISS_M = 1e-6
-_WORST_MISS_M = 1e-4  # taken where rounding keeps Newton from _MISS_M (long or nearly 180-degree arcs)
-_NUDGE_M_S = 1e-2  # difference step of the shooting; its error only slows Newton down
-_SAMPLE_S = 10.0
-_GROUND_SLACK_KM = 5.0  # the effect of J2 on a long arc
+_SAME_EPOCH_S = 1e-6
 
 
 def _pair(value: Any) -> Any:
@@ -65,7 +57,7 @@ UtcText = Annotated[str, BeforeValidator(_utc_text)]
 
 @config_model
 class BallisticArc:
-    """Free flight between two geodetic places; solved once, on first use.
+    """Free flight between two geodetic points; solved once for an epoch, on first use.
 
     Times count from the epoch, at which the flight starts; states outside [0, duration_s] continue the free flight.
     """
@@ -78,8 +70,9 @@ class BallisticArc:
     endpoint_altitude_km: Number
     """Height of both ends above the WGS84 ellipsoid."""
     gravity: Gravity = "j2"
-    epoch_utc: UtcText = "2000-01-01T12:00:00"
-    """The instant of time 0; it sets the Earth's orientation."""
+    epoch_utc: UtcText | None = None
+    """The instant of time 0, which sets the Earth's orientation; when left out, the scene's epoch, or
+    2000-01-01T12:00:00 where the arc is used by itself."""
     kind: Literal["ballistic_arc"] = "ballistic_arc"
 
     @model_validator(mode="after")
@@ -92,20 +85,33 @@ class BallisticArc:
             raise InputError(rule, "endpoint_altitude_km", self.endpoint_altitude_km, "g")
         return self
 
-    @cached_property
+    def flight(self, epoch: Epoch | None = None) -> Flight:
+        """Return the flight that starts at an epoch: the arc's own, or else the default one, where none is given.
+
+        Raises:
+            InputError: The arc states another epoch.
+        """
+        own = instant(self.epoch_utc or DEFAULT_EPOCH_UTC)
+        start = own if epoch is None else _as_instant(epoch)
+        if self.epoch_utc is not None and _apart_s(own, start) > _SAME_EPOCH_S:
+            rule = f"must be left out, or be when the flight starts ({start.isot})"
+            raise InputError(rule, "epoch_utc", self.epoch_utc)
+        task = FlightTask(
+            self.start_lon_lat_deg, self.end_lon_lat_deg, self.duration_s, self.endpoint_altitude_km, self.gravity
+        )
+        return flight_of(task, start)
+
+    @property
     def end_points_m(self) -> tuple[F64, F64]:
         """Start and end points [m], GCRS axes, each (3,), Earth rotation included."""
-        lon, lat = np.transpose([self.start_lon_lat_deg, self.end_lon_lat_deg])
-        times_s = np.array([0.0, self.duration_s])
-        ends = geodetic_to_gcrs_m(lon, lat, 1e3 * self.endpoint_altitude_km, instant(self.epoch_utc), times_s)
-        return ends[0], ends[1]
+        return self.flight().end_points_m
 
-    @cached_property
+    @property
     def pole_icrs(self) -> F64:
         """Unit vector of the pole that J2 acts about, shape (3,)."""
-        return pole_of_date(instant(self.epoch_utc))
+        return self.flight().pole_icrs
 
-    @cached_property
+    @property
     def start_velocity_m_s(self) -> F64:
         """Velocity at time 0 [m/s], GCRS axes, shape (3,).
 
@@ -113,40 +119,7 @@ class BallisticArc:
             InputError: When the ends are 180 degrees apart, the flight would pass through the Earth (duration too
                 short or too long for free flight), or the shooting does not converge.
         """
-        start, end = self.end_points_m
-        try:
-            velocity, _ = lambert(start, end, self.duration_s)
-        except InputError as error:
-            raise error.of(f"no arc between the end points in {self.duration_s:g} s").of("BallisticArc") from None
-        self._check_above_ground(start, velocity)
-        return velocity if self.gravity == "two_body" else self._shoot(start, end, velocity)
-
-    def _check_above_ground(self, start: F64, velocity: F64) -> None:
-        """Refuse conics through the Earth; the two-body one decides, as J2 moves it by kilometres at most."""
-        times_s = np.linspace(0.0, self.duration_s, max(65, math.ceil(self.duration_s / _SAMPLE_S) + 1))
-        path = propagate(start[None], velocity[None], times_s, "two_body", self.pole_icrs)[0][:, 0]
-        lowest_km = float(geodetic_altitude_m(path, self.pole_icrs).min()) / 1e3
-        if lowest_km < min(self.endpoint_altitude_km, 0.0) - _GROUND_SLACK_KM:
-            raise InputError(
-                f"{self.duration_s:g} s gives a flight {-lowest_km:.0f} km below the ground", "duration_s"
-            ).of("BallisticArc")
-
-    def _shoot(self, start: F64, end: F64, velocity: F64) -> F64:
-        """Newton on the start velocity; the derivative comes from three nudged paths flown beside the nominal one."""
-        nudges = np.vstack([np.zeros(3), _NUDGE_M_S * np.eye(3)])
-        miss_m = math.inf
-        for _ in range(12):
-            ends = propagate(
-                np.tile(start, (4, 1)), velocity + nudges, np.array([self.duration_s]), self.gravity, self.pole_icrs
-            )[0][0]
-            miss = end - ends[0]
-            miss_m = float(np.linalg.norm(miss))
-            if miss_m < _MISS_M:
-                return velocity
-            velocity = velocity + np.linalg.solve((ends[1:] - ends[0]).T / _NUDGE_M_S, miss)
-        if miss_m < _WORST_MISS_M:
-            return velocity
-        raise InputError(f"the arc does not converge on its end point, last miss {miss_m:.3g} m").of("BallisticArc")
+        return self.flight().start_velocity_m_s
 
     def state(self, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return position [m] and velocity [m/s], GCRS axes, each of the shape of time_s plus (3,).
@@ -154,52 +127,43 @@ class BallisticArc:
         Args:
             time_s: Times [s since the epoch], any shape and order, also before 0 and after duration_s.
         """
-        time = np.asarray(time_s, np.float64)
-        start, velocity = self.end_points_m[0], self.start_velocity_m_s
-        states = propagate(start[None], velocity[None], time.ravel(), self.gravity, self.pole_icrs)
-        return states[0].reshape(*time.shape, 3), states[1].reshape(*time.shape, 3)
+        return self.flight().state(time_s)
 
     def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
-        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3): `state` as other paths give it.
+        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3), of the flight from that epoch.
 
         Raises:
-            InputError: The epoch is not the arc's own, or as `start_velocity_m_s`.
+            InputError: The arc states another epoch, or as `start_velocity_m_s`.
         """
-        own, given = instant(self.epoch_utc).tt, epoch.tt
-        if abs((own.jd1 - given.jd1) + (own.jd2 - given.jd2)) * DAY_S > _SAME_EPOCH_S:
-            isot = epoch.isot if isinstance(epoch, Instant) else epoch.utc.isot
-            raise InputError(f"must be the scene's epoch ({isot})", "epoch_utc", self.epoch_utc).of("BallisticArc")
-        position, velocity = self.state(np.asarray(time_s, np.float64))
+        position, velocity = self.flight(epoch).state(np.asarray(time_s, np.float64))
         return position[:, None], velocity[:, None]
 
     def position_m(self, time_s: ArrayLike) -> F64:
         """Return positions [m], GCRS axes, of the shape of time_s plus (3,)."""
         return self.state(time_s)[0]
 
-    @cached_property
+    @property
     def apogee_altitude_km(self) -> float:
         """Largest height of the flight above the equatorial radius, 6378.137 km (the paper: 825.45)."""
-        times_s = np.linspace(0.0, self.duration_s, max(3, math.ceil(self.duration_s / _SAMPLE_S) + 1))
-        position, velocity = self.state(times_s)
-        radius = np.linalg.norm(position, axis=1)
-        top = int(np.argmax(radius))
-        if 0 < top < len(times_s) - 1:
-            # Newton on r.v = 0 along the free flight from the highest sample.
-            near_r, near_v, dt = position[top : top + 1], velocity[top : top + 1], 0.0
-            for _ in range(6):
-                r, v = (x[0, 0] for x in propagate(near_r, near_v, np.array([dt]), self.gravity, self.pole_icrs))
-                d = float(np.linalg.norm(r))
-                dt -= float(r @ v) / (float(v @ v) - EARTH_GM_M3_S2 / d)
-            radius[top] = d
-        return float(radius.max() - EARTH_EQUATORIAL_RADIUS_M) / 1e3
+        return self.flight().apogee_altitude_km
 
     @property
     def start_speed_m_s(self) -> float:
         """Speed at time 0 [m/s], inertial."""
-        return float(np.linalg.norm(self.start_velocity_m_s))
+        return self.flight().start_speed_m_s
 
     @property
     def range_angle_deg(self) -> float:
         """Angle at the Earth's centre between the inertial end points [deg]."""
-        start, end = self.end_points_m
-        return math.degrees(math.atan2(float(np.linalg.norm(np.cross(start, end))), float(start @ end)))
+        return self.flight().range_angle_deg
+
+
+def _as_instant(epoch: Epoch) -> Instant:
+    if isinstance(epoch, Instant):
+        return epoch
+    with years_ahead():
+        return instant_of(epoch)
+
+
+def _apart_s(one: Instant, other: Instant) -> float:
+    return abs((one.tt.jd1 - other.tt.jd1) + (one.tt.jd2 - other.tt.jd2)) * DAY_S

@@ -189,8 +189,8 @@ def _satellites(file: str | None, lines: Sequence[str] | None) -> tuple[Satellit
     return _named(sets, lambda error: error.within("lines"))
 
 
-def _named(sets: Iterable[ElementSet], told: Callable[[InputError], InputError]) -> tuple[Satellite, ...]:
-    """Objects with all their sets, with names made unique; `told` puts the source before an error."""
+def _named(sets: Iterable[ElementSet], of_source: Callable[[InputError], InputError]) -> tuple[Satellite, ...]:
+    """Objects with all their sets, with names made unique; `of_source` puts the source before an error."""
     grouped: dict[Any, list[ElementSet]] = {}
     for item in sets:
         key = item.norad_id if item.norad_id is not None else (item.name, item.international_designator)
@@ -205,7 +205,7 @@ def _named(sets: Iterable[ElementSet], told: Callable[[InputError], InputError])
         if count > 1:
             group = groups[len(names) - 1 - names[::-1].index(name)]
             error = InputError(f"name must be unique, got {name} twice").of(group[0].label).of(group[0].place)
-            raise told(error)
+            raise of_source(error)
     return tuple(Satellite(name, tuple(group)) for name, group in zip(names, groups, strict=True))
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from warpsim.instant import instant_after
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import geodetic_altitude_m
 from warpsim.orbit.sampling import TRACK_ERROR_M
@@ -154,12 +155,7 @@ def _group_lines(group: TargetGroup, scenario: Scenario) -> list[str]:
 
 def _flight_speed_m_s(arc: BallisticArc, group: TargetGroup, scenario: Scenario) -> float:
     """Speed at the start of a flight [m/s]."""
-    import dataclasses  # SHIM
-
-    from warpsim.instant import instant_after
-
-    start = instant_after(scenario.epoch, group.start_s)
-    return dataclasses.replace(arc, epoch_utc=start.isot).start_speed_m_s
+    return arc.flight(instant_after(scenario.epoch, group.start_s)).start_speed_m_s
 
 
 def _heat_lines(scenario: Scenario) -> list[str]:

@@ -20,6 +20,7 @@ from warpsim.output.dates import utc_dates, utc_mjd
 from warpsim.render.frameset import FrameSet
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
+from warpsim.version import __version__
 
 Card = tuple[str, Any, str]
 """Keyword, value, comment."""
@@ -33,8 +34,6 @@ _FLAG_WORDS = {
 
 def scene_cards(scene: SceneDescription, instrument: Instrument, sensor: str, band: str) -> list[Card]:
     """Return what all images of a sensor and band share, without their lens."""
-    import warpsim
-
     levels = instrument.levels[band]
     return [
         ("BUNIT", "adu", "counts"),
@@ -52,7 +51,7 @@ def scene_cards(scene: SceneDescription, instrument: Instrument, sensor: str, ba
         *_detector_cards(instrument.sensor.detector, levels),
         ("SEED", scene.seed, "of the world"),
         ("NOISSEED", instrument.noise_seed, "of the noise"),
-        ("CREATOR", f"warpsim {warpsim.__version__}", ""),
+        ("CREATOR", f"warpsim {__version__}", ""),
     ]
 
 

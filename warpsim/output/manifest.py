@@ -6,15 +6,15 @@ import sys
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from warpsim.version import __version__
+
 PACKAGES = ("numpy", "warp-lang", "astropy", "skyfield", "sgp4", "OpenImageIO", "pydantic")
 """What warpsim always stands on."""
 
 
 def made_with(*more: str) -> dict[str, Any]:
     """Versions of warpsim, of the packages it stands on, of `more`, and of Python."""
-    import warpsim
-
-    return {"warpsim": warpsim.__version__, "packages": package_versions(*more), "python": python_version()}
+    return {"warpsim": __version__, "packages": package_versions(*more), "python": python_version()}
 
 
 def package_versions(*more: str) -> dict[str, str | None]:

@@ -21,6 +21,7 @@ from warpsim.render.renderer import Renderer
 from warpsim.scene.inputs import input_checksums
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
+from warpsim.version import __version__
 
 USUAL_FORMATS = ("fits",)
 
@@ -186,10 +187,8 @@ def _run_key(
     formats: tuple[str, ...],
 ) -> str:
     """Return the hash of all that the files of a run depend on."""
-    import warpsim
-
     scenario = renderer.scenario
     device = "cuda" if renderer.device.is_cuda else "cpu"
     made_from = [scenario.scene.to_dict(), input_checksums(scenario), renderer.catalog.checksum]
-    facts = [*made_from, frames_of, bands_of, device, tables, formats, warpsim.__version__]
+    facts = [*made_from, frames_of, bands_of, device, tables, formats, __version__]
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()

@@ -18,6 +18,7 @@ from warpsim.render.contributions import CHUNK_BYTES, MOST_TARGETS, TargetLight,
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.records import Records
+from warpsim.render.truth import ImageAxes, star_table, truth_table
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
@@ -103,6 +104,10 @@ class FrameSet:
         """Whether the camera turns to its next step, or settles after the turn, shape (frame, sensor)."""
         return self._view_flag(int(SLEWING))
 
+    @property
+    def _axes(self) -> ImageAxes:
+        return ImageAxes(self.scenario, self.instrument, self.frames, self.sensors, self.bands)
+
     def _view_flag(self, bit: int) -> npt.NDArray[np.bool_]:
         word = self._records.view_column("flags").reshape(len(self.frames), len(self.sensors))
         return np.asarray((word & bit) != 0)
@@ -146,9 +151,7 @@ class FrameSet:
         x_px and y_px are the very numbers that the light was drawn at. snr is irradiance / NEI; snr_peak counts only
         the light in the target's own pixel. left_out_w_cm2 is the light beyond the target's stamp.
         """
-        from warpsim.render.truth import truth_table
-
-        return truth_table(self, self._device_scene, self._observations)
+        return truth_table(self._axes, self._device_scene, self._observations)
 
     @cached_property
     def stars(self) -> Table:
@@ -157,11 +160,9 @@ class FrameSet:
         Raises:
             InputError: The frames were rendered without keep_stars.
         """
-        from warpsim.render.truth import star_table
-
         if self._star_lists is None:
             raise InputError("render with keep_stars=True to have them", "stars")
-        return star_table(self, self._device_scene, self._star_lists)
+        return star_table(self._axes, self._device_scene, self._star_lists)
 
     def contributions_w_cm2(
         self, frame: int, sensor: str, band: str, chunk_bytes: int = CHUNK_BYTES
@@ -242,9 +243,3 @@ class FrameSet:
     @cached_property
     def _observations(self) -> Observations:
         return self._records.observations(self._device_scene)
-
-    def flag(self, bit: Any) -> npt.NDArray[np.bool_]:
-        """A flag of warpsim_kernels.targets (IN_FOV, OCCULTED, ...) of each target, shape (frame, sensor, target)."""
-        shape = (len(self.frames), len(self.sensors), self._device_scene.n_target)
-        word = np.asarray(self._observations.flags.numpy()).reshape(shape)
-        return np.asarray((word & int(bit)) != 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,15 +15,37 @@ from warpsim.render.buffers import Observations
 from warpsim.render.device_scene import DeviceBodies, DeviceScene
 from warpsim.render.stages import split_light
 from warpsim.render.streaks import moved, paths_struct
+from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import TERMS
+from warpsim.scene.scenario import Scenario
 
 if TYPE_CHECKING:
     from astropy.table import Table
 
-    from warpsim.render.frameset import FrameSet
+
+@dataclass(frozen=True)
+class ImageAxes:
+    """What the axes of rendered images stand for."""
+
+    scenario: Scenario
+    instrument: Instrument
+    """The kind of the sensors."""
+    frames: list[int]
+    sensors: list[str]
+    bands: list[str]
+
+    @property
+    def time_s(self) -> npt.NDArray[np.float64]:
+        """Times of the frames after the epoch [s], shape (n_frame,)."""
+        return self.instrument.frame_time_s(self.frames)
+
+    @property
+    def nei_w_cm2(self) -> npt.NDArray[np.float64]:
+        """Noise equivalent irradiance in each band [W/cm2], shape (n_band,)."""
+        return np.array([self.instrument.nei_w_cm2(band) for band in self.bands])
 
 
-def truth_table(frames: FrameSet, scene: DeviceScene, seen: Observations) -> Table:
+def truth_table(frames: ImageAxes, scene: DeviceScene, seen: Observations) -> Table:
     """Return one row per frame x sensor x band x target.
 
     Columns: frame, time_s, sensor, band, target, class; access (the sensor may observe this target), in_fov, occulted,
@@ -37,7 +60,11 @@ def truth_table(frames: FrameSet, scene: DeviceScene, seen: Observations) -> Tab
 
     shape = (len(frames.frames), len(frames.sensors), scene.n_band, scene.n_target)
     peak_part, stamp_part = _stamp_parts(scene, seen)
-    in_fov, occulted, not_deployed, absent = (frames.flag(bit) for bit in (IN_FOV, OCCULTED, NOT_DEPLOYED, ABSENT))
+    flags = np.asarray(seen.flags.numpy())
+    of_views = flags.reshape(shape[0], shape[1], shape[3])
+    in_fov, occulted, not_deployed, absent = (
+        (of_views & int(bit)) != 0 for bit in (IN_FOV, OCCULTED, NOT_DEPLOYED, ABSENT)
+    )
     rows = [frames.instrument.index(name) for name in frames.sensors]
     access = frames.instrument.can_observe(rows, frames.time_s) & ~absent
 
@@ -47,7 +74,6 @@ def truth_table(frames: FrameSet, scene: DeviceScene, seen: Observations) -> Tab
         full = [shape[axis] if axis in axes else 1 for axis in range(4)]
         return np.broadcast_to(array.reshape(full), shape).ravel()
 
-    flags = np.asarray(seen.flags.numpy())
     there = (flags & int(ABSENT)) == 0
     placed = there & ((flags & int(BEHIND)) == 0)
 
@@ -60,7 +86,7 @@ def truth_table(frames: FrameSet, scene: DeviceScene, seen: Observations) -> Tab
     moved_px = where_there(moved(np.asarray(seen.offset_px.numpy())), placed)
     irradiance = np.asarray(seen.irradiance_w_cm2.numpy(), dtype=np.float64)
     split = split_irradiance_w_cm2(scene, seen)
-    snr = irradiance / np.array([frames.instrument.nei_w_cm2(band) for band in frames.bands])[:, None]
+    snr = irradiance / frames.nei_w_cm2[:, None]
     targets = frames.scenario.targets
     table = Table(
         {
@@ -127,7 +153,7 @@ def _stamp_parts(scene: DeviceScene, seen: Observations) -> tuple[npt.NDArray[np
     return peak, stamp
 
 
-def star_table(frames: FrameSet, scene: DeviceScene, star_lists: list[tuple[npt.NDArray[Any], ...]]) -> Table:
+def star_table(frames: ImageAxes, scene: DeviceScene, star_lists: list[tuple[npt.NDArray[Any], ...]]) -> Table:
     """Return one row per frame x sensor x star whose stamp touches the image.
 
     Columns: frame, time_s, sensor, x_px, y_px, dx_px, dy_px (as in the truth), catalog_row, id, in_fov, and
@@ -157,11 +183,11 @@ def star_table(frames: FrameSet, scene: DeviceScene, star_lists: list[tuple[npt.
             "id": scene.stars.index.catalog.id_of(rows),
             "in_fov": in_fov,
             "irradiance_w_cm2": light,
-            "snr": light / np.array([frames.instrument.nei_w_cm2(band) for band in frames.bands]),
+            "snr": light / frames.nei_w_cm2,
         }
     )
     name = scene.stars.index.catalog.name
-    table.meta |= {"SCENE": frames.scene.name, "CATALOG": name, "BANDS": ",".join(frames.bands)}
+    table.meta |= {"SCENE": frames.scenario.scene.name, "CATALOG": name, "BANDS": ",".join(frames.bands)}
     table["time_s"].unit = "s"
     for name in ("x_px", "y_px", "dx_px", "dy_px"):
         table[name].unit = "pix"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,7 +10,6 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.instant import Instant, instant_after
-from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import pole_of_date
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.group import release_velocities
@@ -122,8 +120,6 @@ def _states_of(
     path: Moving, epoch: Instant, time_s: F64, within_s: tuple[float, float] | None, field: str
 ) -> tuple[F64, F64]:
     """States of a constellation or trajectory; its errors begin with the field that describes it."""
-    if isinstance(path, BallisticArc):  # SHIM
-        path = dataclasses.replace(path, epoch_utc=epoch.isot)
     try:
         return states_of(path, epoch, time_s, within_s)
     except InputError as error:

@@ -7,20 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from warpsim.constants import DAY_S
 from warpsim.errors import InputError
 from warpsim.instant import Instant, instant_after
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.constellations import ListedSatellites, MixedConstellation, SeedPattern
 from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
-from warpsim.orbit.epoch import instant
 from warpsim.scene.attitudes import within_scene
 from warpsim.scene.groups import AnyConstellation, TargetGroup
 from warpsim.scene.short_form import item_place
 from warpsim.target.mesh import Mesh
-
-SAME_EPOCH_S = 1e-6
-"""Epochs this close are the same."""
 
 
 def check_paths(
@@ -66,15 +61,7 @@ def _check_arc(arc: BallisticArc, epoch: Instant, end_s: float) -> None:
     """An arc is not asked for beyond its end, has no other epoch than its scene, and can be flown."""
     if end_s > arc.duration_s:
         raise InputError(f"must be at least {end_s:g}, until when it is asked for", "duration_s", arc.duration_s, "g")
-    import dataclasses  # SHIM
-
-    own = BallisticArc.__dataclass_fields__["epoch_utc"].default
-    if arc.epoch_utc != own:
-        begin, stated = epoch.tt, instant(arc.epoch_utc).tt
-        if abs(DAY_S * ((stated.jd1 - begin.jd1) + (stated.jd2 - begin.jd2))) > SAME_EPOCH_S:
-            rule = f"must be left out, or be when the flight starts ({epoch.isot})"
-            raise InputError(rule, "epoch_utc", arc.epoch_utc)
-    dataclasses.replace(arc, epoch_utc=epoch.isot).start_velocity_m_s  # noqa: B018  # solved here
+    arc.flight(epoch).start_velocity_m_s  # noqa: B018  # solved here
 
 
 def check_shapes(groups: Sequence[TargetGroup]) -> None:

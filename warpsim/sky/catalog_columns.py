@@ -80,53 +80,20 @@ def checked_columns(
         InputError: Shapes that differ, values that are not numbers or out of range, or an unknown band.
     """
     epoch = _checked_epoch(epoch_jyear)
-    ra = _vector(numbers["ra_deg"], "ra_deg")
-    n_star = len(ra)
-    columns = {"ra_deg": ra}
-    for key in NUMBER_UNITS:
-        values = numbers.get(key)
-        if key != "ra_deg":
-            unknown = np.nan if key in ("parallax_mas", "temperature_k") else 0.0
-            columns[key] = np.full(n_star, unknown) if values is None else _vector(values, key)
-    for what, bands in (("flux_jy", flux_jy), ("flux_flag", flux_flag or {})):
-        for band in bands:
-            if band not in BANDS:
-                raise InputError(f"band must be one of {', '.join(BAND_NAMES)}", what, band)
-    for band in BAND_NAMES:
-        key = flux_column(band)
-        columns[key] = _vector(flux_jy[band], key) if band in flux_jy else np.full(n_star, np.nan)
-        if flux_flag and band in flux_flag:
-            columns[flag_column(band)] = _vector(flux_flag[band], flag_column(band))
+    columns = _vectors(numbers, flux_jy, flux_flag or {})
+    n_star = len(columns["ra_deg"])
     names = np.arange(1, n_star + 1).astype(np.str_) if id is None else np.array(id).astype(np.str_)
     for key, values in {**columns, "id": names}.items():
         if values.shape != (n_star,):
             raise InputError(f"must have shape ({n_star},) like ra_deg", key, values.shape)
 
-    placed = np.isfinite(ra) & np.isfinite(columns["dec_deg"])
+    placed = np.isfinite(columns["ra_deg"]) & np.isfinite(columns["dec_deg"])
     rows = np.flatnonzero(placed)
     if len(rows) < n_star:
         warn_left_out(name, n_star, "rows", np.flatnonzero(~placed).tolist())
         columns = {key: values[placed] for key, values in columns.items()}
         names = names[placed]
-    _check_range(columns["dec_deg"], -90.0, 90.0, "dec_deg", rows)
-    _check_range(columns["ra_deg"], -180.0, 360.0, "ra_deg", rows)
-    for key in ("pm_ra_mas_yr", "pm_dec_mas_yr", "quality"):
-        columns[key] = np.where(np.isnan(columns[key]), 0.0, columns[key])
-        _check_range(columns[key], -1e9, 1e9, key, rows)
-    _check_range(columns["parallax_mas"], -LARGEST_PARALLAX_MAS, LARGEST_PARALLAX_MAS, "parallax_mas", rows)
-    _check_range(columns["temperature_k"], 1.0, 1e9, "temperature_k", rows)
-    for band in BAND_NAMES:
-        _check_range(columns[flux_column(band)], 0.0, LARGEST_FLUX_JY, flux_column(band), rows)
-    flags = {}
-    for band in BAND_NAMES:
-        known = np.isfinite(columns[flux_column(band)])
-        given = columns.get(flag_column(band), np.full(len(rows), float(FLUX_MEASURED)))
-        _check_range(given, FLUX_NONE, FLUX_PREDICTED, flag_column(band), rows)
-        _check_whole(given, flag_column(band), rows)
-        # A flux that is there is measured, unless it is said to be predicted.
-        kind = np.where(given == FLUX_PREDICTED, FLUX_PREDICTED, FLUX_MEASURED)
-        flags[band] = np.where(known, kind, FLUX_NONE).astype(np.uint8)
-    _check_whole(columns["quality"], "quality", rows)
+    _check_ranges(columns, rows)
     return StarColumns(
         ra_deg=wrapped_deg(columns["ra_deg"]),
         dec_deg=columns["dec_deg"],
@@ -139,9 +106,58 @@ def checked_columns(
         name=name,
         provenance=provenance,
         flux_jy={band: columns[flux_column(band)] for band in BAND_NAMES},
-        flux_flag=flags,
+        flux_flag=_checked_flags(columns, rows),
         id=names,
     )
+
+
+def _vectors(
+    numbers: Mapping[str, ArrayLike | None], flux_jy: Mapping[str, ArrayLike], flux_flag: Mapping[str, ArrayLike]
+) -> dict[str, Array]:
+    """Columns as vectors, those of flags only where given; unknown numbers are 0, or NaN where 0 is a value."""
+    columns = {"ra_deg": _vector(numbers["ra_deg"], "ra_deg")}
+    n_star = len(columns["ra_deg"])
+    for key in NUMBER_UNITS:
+        values = numbers.get(key)
+        if key != "ra_deg":
+            unknown = np.nan if key in ("parallax_mas", "temperature_k") else 0.0
+            columns[key] = np.full(n_star, unknown) if values is None else _vector(values, key)
+    for what, bands in (("flux_jy", flux_jy), ("flux_flag", flux_flag)):
+        for band in bands:
+            if band not in BANDS:
+                raise InputError(f"band must be one of {', '.join(BAND_NAMES)}", what, band)
+    for band in BAND_NAMES:
+        key = flux_column(band)
+        columns[key] = _vector(flux_jy[band], key) if band in flux_jy else np.full(n_star, np.nan)
+        if band in flux_flag:
+            columns[flag_column(band)] = _vector(flux_flag[band], flag_column(band))
+    return columns
+
+
+def _check_ranges(columns: dict[str, Array], rows: NDArray[np.int64]) -> None:
+    """Check the numbers of stars; unknown motions and qualities become 0."""
+    _check_range(columns["dec_deg"], -90.0, 90.0, "dec_deg", rows)
+    _check_range(columns["ra_deg"], -180.0, 360.0, "ra_deg", rows)
+    for key in ("pm_ra_mas_yr", "pm_dec_mas_yr", "quality"):
+        columns[key] = np.where(np.isnan(columns[key]), 0.0, columns[key])
+        _check_range(columns[key], -1e9, 1e9, key, rows)
+    _check_range(columns["parallax_mas"], -LARGEST_PARALLAX_MAS, LARGEST_PARALLAX_MAS, "parallax_mas", rows)
+    _check_range(columns["temperature_k"], 1.0, 1e9, "temperature_k", rows)
+    for band in BAND_NAMES:
+        _check_range(columns[flux_column(band)], 0.0, LARGEST_FLUX_JY, flux_column(band), rows)
+    _check_whole(columns["quality"], "quality", rows)
+
+
+def _checked_flags(columns: Mapping[str, Array], rows: NDArray[np.int64]) -> dict[str, NDArray[np.uint8]]:
+    """What the flux of each band is; one that is known is measured, unless it is said to be predicted."""
+    flags = {}
+    for band in BAND_NAMES:
+        given = columns.get(flag_column(band), np.full(len(rows), float(FLUX_MEASURED)))
+        _check_range(given, FLUX_NONE, FLUX_PREDICTED, flag_column(band), rows)
+        _check_whole(given, flag_column(band), rows)
+        kind = np.where(given == FLUX_PREDICTED, FLUX_PREDICTED, FLUX_MEASURED)
+        flags[band] = np.where(np.isfinite(columns[flux_column(band)]), kind, FLUX_NONE).astype(np.uint8)
+    return flags
 
 
 def checked_limits(limit_jy: Mapping[str, ArrayLike], n_star: int) -> dict[str, Array]:

@@ -9,11 +9,11 @@ from typing import Any
 
 import warp as wp
 
-from warpsim import __version__
 from warpsim.render.device import default_device
 from warpsim.render.renderer import Renderer
 from warpsim.speed.clock import stage_times_us, work_fps
 from warpsim.speed.work import speed_work
+from warpsim.version import __version__
 
 PAPER_FPS = {128: 607, 256: 305, 512: 88, 1024: 32}
 """The paper's Table 7: frames per second by pixels on a side."""

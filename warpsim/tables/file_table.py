@@ -49,7 +49,7 @@ class FileTable(ColumnTable):
         return super().number(*names, unit=unit, null=null)
 
     def located(self, error: InputError, rows: NDArray[np.int64] | None = None) -> InputError:
-        """The error of a check of whole columns, told of where its row is in the file, if it is about one.
+        """The error of a check of whole columns, with the line of the row in the file if it is about one.
 
         Args:
             error: What the check raised.

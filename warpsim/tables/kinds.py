@@ -1,4 +1,4 @@
-"""Which kind of table a file holds, told by its content; files of well-known other kinds are refused by name."""
+"""Kinds of files that hold tables, recognised by their content; files of other well-known kinds are refused by name."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ class AttitudeTable:
 
     @property
     def checksum(self) -> str | None:
-        """SHA-256 of the file, in hexadecimal; None for rows that stand in the scene.
+        """SHA-256 of the file, in hexadecimal; None for inline rows.
 
         Raises:
             InputError: The file cannot be read.

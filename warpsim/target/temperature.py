@@ -56,7 +56,7 @@ class TemperatureRows(TimedRows):
     ripple_k: float = 0.0
     """Swing of a heat balance within one turn of the body in sunlight, which the mean over turns leaves out [K]."""
     source: str = ""
-    """File that messages name; nothing for rows that stand in the scene."""
+    """File that messages name; nothing for inline rows."""
 
     _of = "temperatures"
 
@@ -148,7 +148,7 @@ class TemperatureTable:
 
     @property
     def checksum(self) -> str | None:
-        """SHA-256 of the file, in hexadecimal; None for rows that stand in the scene.
+        """SHA-256 of the file, in hexadecimal; None for inline rows.
 
         Raises:
             InputError: The file cannot be read.
