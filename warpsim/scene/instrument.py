@@ -207,7 +207,7 @@ class Instrument:
                 self._turns[sensor] = slew_turns(self.program, sensor, satellite, self._bodies.tracks, scene.duration_s)
             except InputError as error:
                 place = entry_place(self.program.sensors[sensor].entry, len(self.sensor.pointing))
-                raise error.of(self.names[sensor]).within(place) from None
+                raise error.within(place).of(self.names[sensor]) from None
         return self._turns[sensor]
 
     def commanded_axes(self, sensor: int, time_s: F64) -> CommandedAxes:

@@ -14,6 +14,7 @@ from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
 from warpsim.scene.camera_axes import CommandedAxes, PointingLaw, image_turn, law_axes, satellite_state
 from warpsim.scene.pointing import (
+    ALL,
     Bias,
     Drift,
     FixedPointing,
@@ -113,8 +114,10 @@ def make_program(
     taken: dict[int, int] = {}
     for number, pointing in enumerate(pointings):
         try:
-            for index in satellites_of(pointing.on, [satellite for _, satellite in sensors]):
-                taken.setdefault(index, number)
+            chosen = satellites_of(pointing.on, [satellite for _, satellite in sensors])
+            if ALL not in pointing.on and all(index in taken for index in chosen):
+                raise InputError("must choose a satellite that no entry before it does", "on", list(pointing.on))
+            taken |= {index: number for index in chosen if index not in taken}
         except InputError as error:
             raise error.within(entry_place(number, len(pointings))) from None
     for index, (name, _) in enumerate(sensors):
@@ -248,7 +251,7 @@ def slew_turns(
         return tuple(turns)
 
     def axes_of(law: int, time_s: F64) -> F64:
-        at = satellite_state(tracks, satellite, np.clip(time_s, 0.0, duration_s))
+        at = satellite_state(tracks, satellite, time_s)
         return law_axes(program.laws[law], own.scan, tracks, at).axes
 
     for number in range(1, len(own.steps)):
@@ -263,6 +266,7 @@ def slew_turns(
                 own.slew,
                 step.start_s,
                 end_s,
+                duration_s,
             )
         except InputError as error:
             late = number + 1 < len(own.steps)

@@ -79,6 +79,8 @@ class Scenario:
             frames = instrument.frames
             try:
                 instrument.check_frames(instrument.frame_time_s([0, frames.count - 1]))
+                if instrument.slews:
+                    _ = [instrument.turns(index) for index in range(len(instrument.names))]
                 instrument.sensor.optics.file_checksums  # noqa: B018  # reads the files
             except InputError as error:
                 raise error.within(item_place("sensors", number, len(self.instruments))) from None

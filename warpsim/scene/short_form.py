@@ -45,14 +45,31 @@ def list_of(field: str) -> str | None:
 
 
 def shortened(values: Mapping[str, Any]) -> Callable[[Location], Location]:
-    """Return what leaves the number of the only sensor or group out of a path of fields."""
-    given = {name: values.get(name, (None,)) for name in SHORT_FORMS}
-    alone = {name for name, items in given.items() if isinstance(items, list | tuple) and len(items) == 1}
+    """Return what leaves the number of an only sensor, group or entry of pointing out of a path of fields."""
 
     def shorten(location: Location) -> Location:
-        return location[2:] if len(location) > 2 and location[0] in alone and location[1] == 0 else location
+        name, *rest = location or ("",)
+        if name not in SHORT_FORMS or not rest or not isinstance(rest[0], int):
+            return location
+        items, number = values.get(str(name), (None,)), rest[0]
+        if not isinstance(items, list | tuple):
+            return location
+        item = items[number] if number < len(items) else None
+        inner = rest[1:]
+        if inner[:2] == ["pointing", 0] and _is_one(_pointing_of(item)):
+            inner = ["pointing", *inner[2:]]
+        return tuple(inner) if len(items) == 1 else (name, number, *inner)
 
     return shorten
+
+
+def _pointing_of(sensor: Any) -> Any:
+    return sensor.get("pointing") if isinstance(sensor, Mapping) else getattr(sensor, "pointing", None)
+
+
+def _is_one(entries: Any) -> bool:
+    """Whether there is one entry, in a list or not."""
+    return not isinstance(entries, list | tuple) or len(entries) == 1
 
 
 def item_place(name: str, number: int, count: int) -> str:

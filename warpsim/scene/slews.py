@@ -104,7 +104,9 @@ def _matrix(vector: F64) -> F64:
     return np.asarray(np.eye(3) + sine * cross + versine * cross @ cross)
 
 
-def turn_between(before: AxesAt, after: AxesAt, slew: Slew, start_s: float, end_s: float) -> SlewTurn:
+def turn_between(
+    before: AxesAt, after: AxesAt, slew: Slew, start_s: float, end_s: float, last_s: float = math.inf
+) -> SlewTurn:
     """Return the turn from one law to another that keeps the camera's rate and acceleration within bounds.
 
     The turn begins with the profile that the rotation between the two laws asks for, and is slowed down until the rate
@@ -116,6 +118,7 @@ def turn_between(before: AxesAt, after: AxesAt, slew: Slew, start_s: float, end_
         slew: The bounds.
         start_s: When it begins [s].
         end_s: When it must be over, settled, at the latest [s].
+        last_s: Until when the laws hold [s]; nobody asks what a longer turn does behind.
 
     Raises:
         InputError: The turn takes longer than that, or the laws themselves turn faster.
@@ -129,9 +132,10 @@ def turn_between(before: AxesAt, after: AxesAt, slew: Slew, start_s: float, end_
             break
         ramp = min(0.5, rate / acceleration / max(duration_s, 1e-9)) if duration_s > 0 else 0.5
         turn = SlewTurn(duration_s, max(ramp, 1e-6), slew.settle_s)
-        times = start_s + np.linspace(0.0, 1.0, _N_SAMPLE) * duration_s
+        looked_at_s = min(duration_s, last_s - start_s)
+        times = start_s + np.linspace(0.0, 1.0, _N_SAMPLE) * looked_at_s
         axes = between(before(times), after(times), slew_part(turn, times - start_s))
-        rate_now, acceleration_now = _measured(axes, duration_s)
+        rate_now, acceleration_now = _measured(axes, looked_at_s)
         slower = max(rate_now / rate, math.sqrt(acceleration_now / acceleration))
         if slower <= 1.0 + 1e-3 or angle < 1e-9:
             return turn
