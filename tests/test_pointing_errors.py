@@ -108,7 +108,8 @@ def test_errors_do_not_depend_on_other_sensors(scene):
 def test_an_exposure_lies_in_one_period(scene):
     """A period ends in the middle of the exposures: they are drawn without the jump, along one line."""
     gaussian = {"aperture_m": 0.4, "psf": "gaussian", "sigma_px": 0.7}
-    bright = {"optics": gaussian, "targets__0__temperature": {"start_k": 350.0}, "detector__exposure_s": 1.0, "detector__streaks": True}
+    bright = {"optics": gaussian}
+    bright |= {"targets__0__temperature": {"start_k": 350.0}, "detector__exposure_s": 1.0, "detector__streaks": True}
     drift = {"urad_s": [0.0, 2000.0], "reset_s": 10.0}
     one = scene.replace(pointing={"track": "main", "drift": drift}, camera={**SMALL, "fov_deg": 2.0}, **bright)
     rendered = ws.Renderer(one.replace(sky__catalog="none"), device="cpu").render([60, 61], ["sat11"], ["A"])

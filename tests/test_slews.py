@@ -147,7 +147,7 @@ def test_images_are_those_of_the_turning_camera(scene):
         (FAR, {**SLEW, "max_rate_deg_s": 0.0}, r"pointing.slew.max_rate_deg_s: must be > 0"),
         (FAR, {**SLEW, "max_rate_deg_s": 1e-3}, r"^sat11: pointing.steps\[1\].start_s: .*faster than max_rate_deg_s"),
         (FAR[::-1], SLEW, r"pointing.steps\[1\].start_s: must be above that of the step before \(700\), got 0"),
-        ([{"start_s": 5.0, "track": "main"}], SLEW, r"pointing: the steps of sat11 cover from 5 s on, not the frame at"),
+        ([{"start_s": 5.0, "track": "main"}], SLEW, r"pointing: the steps of sat11 cover from 5 s on"),
         ([{"start_s": 0.0}], SLEW, r"pointing.steps\[0\]: track, ra_dec_deg, .*: exactly one must be given"),
         ([{"start_s": 0.0, "track": "nobody"}], SLEW, r"pointing.steps\[0\].track: must be 'main'.* got 'nobody'"),
     ],
