@@ -1,5 +1,10 @@
 """The wheel: three import packages, with their data, and nothing else at the top level."""
 
+import os
+import re
+import shutil
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -47,22 +52,59 @@ def test_metadata(wheel):
     assert packages == {"numpy", "warp-lang", "astropy", "skyfield", "sgp4", "openimageio", "pydantic"}
 
 
-def test_imports_run_one_way():
-    """Rooms import only rooms to the right: plot, dataset -> output -> render -> scene -> parts; kernels only Warp."""
-    rank = {"cli": 6, "dataset": 5, "plot": 5, "output": 4, "labels": 3, "render": 2, "scene": 1}
-    rank |= dict.fromkeys(("sky", "target", "orbit", "optics", "detector", "exchange"), 0)
-    for path in (ROOT / "warpsim").rglob("*.py"):
-        here = path.relative_to(ROOT / "warpsim").parts[0].removesuffix(".py")
-        if here not in rank:
-            continue
-        for line in path.read_text().splitlines():
-            words = line.split()
-            if len(words) > 1 and words[0] in ("from", "import") and words[1].startswith("warpsim."):
-                there = words[1].split(".")[1]
-                assert rank.get(there, 0) <= rank[here], f"{path}: {line}"
+def test_kernels_import_only_warp():
     for path in (ROOT / "kernels" / "warpsim_kernels").glob("*.py"):
         for line in path.read_text().splitlines():
             words = line.split()
             if len(words) > 1 and words[0] in ("from", "import") and not line.startswith(" "):
                 known = ("warp", "functools", "math", "typing", "warpsim_kernels")
                 assert words[1].split(".")[0] in known, f"{path}: {line}"
+
+
+def test_no_module_imports_the_whole_package():
+    """It imports all others, so that whoever imports it is in a circle."""
+    for path in (ROOT / "warpsim").rglob("*.py"):
+        if path.parent != ROOT / "warpsim" or path.name != "__init__.py":
+            for line in path.read_text().splitlines():
+                assert not re.match(r"\s*(import warpsim( |$)|from warpsim import )", line), f"{path}: {line}"
+
+
+def linted(folder):
+    """Exit code and report of the contracts on imports, for a copy of the sources."""
+    pytest.importorskip("importlinter")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(folder / "kernels")])}
+    command = [sys.executable, "-c", "from importlinter.cli import lint_imports_command; lint_imports_command()"]
+    done = subprocess.run(
+        [*command, "--no-cache"], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    return done.returncode, done.stdout
+
+
+@pytest.fixture
+def sources(tmp_path):
+    for name in ("warpsim", "kernels"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    return tmp_path
+
+
+def test_imports_run_one_way(sources):
+    code, report = linted(sources)
+    assert code == 0, report
+
+
+@pytest.mark.parametrize(
+    ("path", "planted", "broken"),
+    [
+        ("optics/camera.py", "if TYPE_CHECKING:\n    from warpsim.scene.sensors import Sensor", "Imports run one way"),
+        ("orbit/walker.py", "def late():\n    from warpsim.orbit.constellations import ListedSatellites", "No circles"),
+        ("render/truth.py", "from warpsim.render.frameset import FrameSet", "No circles"),
+    ],
+)
+def test_a_planted_circle_is_found(sources, path, planted, broken):
+    """Whether it is for type checkers, in a function, or plain."""
+    module = sources / "warpsim" / path
+    module.write_text(f"from typing import TYPE_CHECKING\n{planted}\n{module.read_text()}")
+    code, report = linted(sources)
+    assert code == 1
+    assert f"{broken}" in report.split("Broken contracts")[1]

@@ -84,7 +84,7 @@ def test_frames_of_a_kind(scene):
     assert renderer.render([3], "narrow").time_s.tolist() == [601.5]
     assert renderer.render([3], "wide").time_s.tolist() == [30.0]
     assert both.scenario.instruments["narrow"].frames.count == 500
-    with pytest.raises(ws.InputError, match=r"^Scene: sensors\[1\].frames: the last frame must be .* \(1614\), got 3099.5"):
+    with pytest.raises(ws.InputError, match=r"^Scene: sensors\[1\].frames: the last frame .* got 3099.5"):
         with_sensors(scene, SENSOR, {**quick, "frames": {"count": 5000, "interval_s": 0.5, "start_s": 600.0}})
 
 
