@@ -512,14 +512,13 @@ def test_plot_draws_every_picture(capsys, tmp_path):
 
 def test_plot_draws_named_sensors_and_every_group(capsys, tmp_path, scene):
     pytest.importorskip("matplotlib")
-    second = scene.to_dict() | {"name": "second"}
-    group = {"name": "second", "trajectory": second["trajectory"], "targets": second["targets"][:2]}
-    group["targets"] = [{**target, "name": f"other_{target['name']}"} for target in group["targets"]]
-    scene.replace(groups=[group]).save(tmp_path / "two.toml")
+    (first,) = scene.to_dict()["groups"]
+    targets = [{**target, "name": f"other_{target['name']}"} for target in first["targets"][:2]]
+    scene.replace(groups=[first, {**first, "name": "second", "targets": targets}]).save(tmp_path / "two.toml")
     code, _, _ = run(capsys, "plot", tmp_path / "two.toml", "-o", tmp_path / "o", "--sensors", "sat13,sat11")
     assert code == 0
     names = {path.stem for path in (tmp_path / "o").iterdir()}
-    assert names >= {"group", "group_second", "view_sat13", "view_sat11"}
+    assert names >= {"group_main", "group_second", "view_sat13", "view_sat11"}
     assert len([name for name in names if name.startswith("view")]) == 2
     code, _, err = run(capsys, "plot", "stss", "-o", tmp_path / "p", "--sensors", "sat99")
     assert code == 2

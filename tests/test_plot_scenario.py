@@ -708,6 +708,18 @@ def test_absent_targets_are_not_in_figures(later_group, time_s, there):
     assert ("absent, not drawn (4)" in legend) == (not there)
 
 
+def test_access_is_cut_where_a_sensor_turns_to_another_target(later_group):
+    steps = [{"start_s": 0.0, "track": "main"}, {"start_s": 900.0, "track": "second"}]
+    stepping = later_group.replace(pointing={"kind": "schedule", "steps": steps}, access_rules={})
+    rows = [(row["target"], row["start_s"], row["end_s"]) for row in stepping.access(sensors="sat11")]
+    assert rows == [("center", 0.0, 900.0), ("second", 900.0, 1500.0)]
+    ax = ws.plot.plot_access(stepping, sensors=["sat11"])
+    first, second = [patch for container in ax.containers for patch in container if patch.get_width()]
+    assert (first.get_width(), second.get_x(), second.get_width()) == (900.0, 900.0, 600.0)
+    assert first.get_facecolor() != second.get_facecolor()
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["center", "second"]
+
+
 def test_a_view_of_a_target_that_is_absent_names_none(later_group):
     tracking = later_group.replace(pointing={"track": "second"})
     for time_s, words in ((499.0, "sat11 at 499 s, no access"), (501.0, " km from bus, ")):

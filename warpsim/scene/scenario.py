@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -359,8 +360,8 @@ class Scenario:
                 continue
             found = instrument.access_intervals(own, some, given, custom, step_s)
             for row, start_s, end_s in zip(found.row.tolist(), found.start_s, found.end_s, strict=True):
-                what = target or self._counted_by(instrument, own[row], start_s)
-                rows.append((instrument.names[own[row]], what, float(start_s), float(end_s)))
+                parts = [(target, start_s, end_s)] if target else self._parts(instrument, own[row], start_s, end_s)
+                rows += [(instrument.names[own[row]], what, float(a_s), float(b_s)) for what, a_s, b_s in parts]
         order = {name: index for index, name in enumerate(chosen)}
         rules_by_kind = {
             kind: rules_in_force(given or instrument.access_rules)
@@ -387,6 +388,16 @@ class Scenario:
         if name not in self.target_names:
             raise InputError(f"must be a target of the scene ({some_names(self.target_names)})", "target", name)
         return self.target_names.index(name)
+
+    def _parts(
+        self, instrument: Instrument, sensor: int, start_s: float, end_s: float
+    ) -> list[tuple[str, float, float]]:
+        """Parts of an interval of access in which it counts by different things: by what, first and last time [s]."""
+        steps_s = [step_s for step_s, _ in instrument.access_targets(sensor) if start_s < step_s < end_s]
+        counted = [(time_s, self._counted_by(instrument, sensor, time_s)) for time_s in (start_s, *steps_s)]
+        kept = [counted[0], *(after for before, after in pairwise(counted) if after[1] != before[1])]
+        ends_s = [time_s for time_s, _ in kept[1:]] + [end_s]
+        return [(what, time_s, last_s) for (time_s, what), last_s in zip(kept, ends_s, strict=True)]
 
     def _counted_by(self, instrument: Instrument, sensor: int, time_s: float) -> str:
         """What a sensor's access counts by at a time: a target, a group, or any target."""
