@@ -154,8 +154,8 @@ def test_pointing_is_reported_with_the_views_that_have_the_target(scene):
     away = scene.replace(pointing={"kind": "fixed", "ra_dec_deg": [10.0, 10.0], "jitter": jitter})
     report = scene_report(away.scenario)
     assert line(report, "pointing") == "fixed, zenith up, jitter 5 urad (rms)"
-    assert line(report, "in field") == "a target of main in 0 of 591 views"
-    assert "warning    no view has a target of main in the field" in report
+    assert line(report, "in field") == "center in 0 of 587 views"
+    assert "warning    no view has center in the field" in report
 
 
 def test_light_and_heat_are_reported(scene):

@@ -87,7 +87,7 @@ def replaced_text(n_up: int, n_boresight: int, n_view: int) -> str | None:
     """Return what had to be replaced in the cameras' axes in some of n_view views; None for nothing."""
     reported = []
     if n_up:
-        reported.append(f"{counted(n_up, 'view')} of {n_view:,} with pointing.up along the line of sight, replaced")
+        reported.append(f"{counted(n_up, 'view')} of {n_view:,} with pointing.up along the line of sight, its fallback is up")
     if n_boresight:
         lost = f"{counted(n_boresight, 'view')} of {n_view:,} with no direction to track, the motion's is taken"
         reported.append(lost)
@@ -109,7 +109,7 @@ def _spread(
             yield instrument.index(name), instrument.frame_time_s(chosen)
 
 
-def _counted(instrument: Instrument, sensor: int, time_s: F64) -> Iterator[tuple[range, Mask]]:
+def _counted(instrument: Instrument, sensor: int, time_s: F64) -> Iterator[tuple[Sequence[int], Mask]]:
     """Targets that a sensor's access counts by, and at which times."""
     steps = instrument.access_targets(sensor)
     ends = [start_s for start_s, _ in steps[1:]] + [np.inf]

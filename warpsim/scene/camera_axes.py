@@ -36,11 +36,11 @@ class PointingLaw:
     targets: range = range(0)
     """track: indices of the targets, whose mean direction is followed."""
     direction: F64 | None = None
-    """fixed: unit vector, shape (3,): ICRS, or (forward, right, zenith) of the satellite."""
+    """fixed: unit vector, ICRS or (forward, right, zenith) of the satellite, (3,); or one for each time, (n, 3)."""
     local: bool = False
     """fixed: whether the direction is in the satellite's local frame."""
-    roll_rad: float = 0.0
-    """fixed: roll of a row of a table."""
+    roll_rad: float | F64 = 0.0
+    """fixed: roll of a row of a table, or one for each time, (n,)."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def law_axes(law: PointingLaw, scan: DirectionRows | None, tracks: Tracks, at: S
     n = len(at.time_s)
     zenith, normal = normalised(at.position_m), normalised(np.cross(at.position_m, at.velocity_m_s))
     forward = np.cross(normal, zenith)
-    roll, local = np.full(n, law.roll_rad), law.local
+    roll, local = np.broadcast_to(law.roll_rad, (n,)), law.local
     if law.kind == "track":
         boresight = apparent_mean(tracks, law.targets, at)
     elif law.kind == "fixed":

@@ -257,15 +257,23 @@ class Instrument:
             tuple(followed),
         )
 
-    def access_targets(self, sensor: int) -> list[tuple[float, range]]:
-        """Return the targets that a sensor's access counts by, from when on [s]: any of them makes access."""
-        everything = range(len(self._bodies.targets))
-        wanted = self._scene.access_target
+    def access_targets(self, sensor: int) -> list[tuple[float, tuple[int, ...]]]:
+        """Return the targets that a sensor's access counts by, from when on [s]: any of them makes access.
+
+        What is tracked is a target, or a group by its main target; where nothing is tracked, the main targets of all
+        groups count. All targets on orbits of their own are main targets.
+        """
+        targets, wanted = self._bodies.targets, self._scene.access_target
         if wanted == ANY:
-            return [(-np.inf, everything)]
+            return [(-np.inf, tuple(range(len(targets))))]
         if wanted != TRACKED:
-            return [(-np.inf, tracked_targets(wanted, self._bodies.targets, self._bodies.group_names))]
-        return [(start_s, targets or everything) for start_s, targets in self.program.tracked(sensor)]
+            return [(-np.inf, tuple(tracked_targets(wanted, targets, self._bodies.group_names)))]
+        counted: list[tuple[float, tuple[int, ...]]] = []
+        for start_s, tracked in self.program.tracked(sensor):
+            some = tracked or range(len(targets))
+            main = some if len(some) == 1 else [index for index in some if not targets[index].is_released]
+            counted.append((start_s, tuple(main)))
+        return counted
 
     @cached_property
     def access(self) -> Intervals:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +34,7 @@ from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
 
 F64 = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,19 +287,40 @@ def commanded_axes(
     own = program.sensors[sensor]
     starts = np.array([step.start_s for step in own.steps])
     step_of = np.clip(np.searchsorted(starts, time_s, side="right") - 1, 0, len(starts) - 1)
+    commanded = _steps_axes(program, own, satellite, tracks, time_s, step_of)
+    axes = commanded.axes
+    duration_s, ramp = np.array([(turn.duration_s, turn.ramp) for turn in turns]).T
+    since_s = time_s - starts[step_of]
+    turning = since_s < duration_s[step_of]
+    if turning.any():
+        step = step_of[turning]
+        before = _steps_axes(program, own, satellite, tracks, time_s[turning], step - 1).axes
+        part = slew_part(duration_s[step], ramp[step], since_s[turning])
+        axes[turning] = between(before, axes[turning], part)
+    return commanded
+
+
+def _steps_axes(
+    program: PointingProgram, own: SensorProgram, satellite: int, tracks: Tracks, time_s: F64, step_of: Rows
+) -> CommandedAxes:
+    """Axes by the law of a step at each time; those of all directions of a table are found at once."""
+    laws = [program.laws[step.law] for step in own.steps]
+    alike: dict[object, list[int]] = {}
+    for number in np.unique(step_of).tolist():
+        law = laws[number]
+        alike.setdefault((law.up, law.local, id(law.turn)) if law.kind == "fixed" else number, []).append(number)
     axes, up_lost = np.empty((len(time_s), 3, 3)), np.zeros(len(time_s), dtype=bool)
     lost = np.zeros(len(time_s), dtype=bool)
-    for number in np.unique(step_of):
-        rows = np.flatnonzero(step_of == number)
-        at = satellite_state(tracks, satellite, time_s[rows])
-        found = law_axes(program.laws[own.steps[number].law], own.scan, tracks, at)
+    for numbers in alike.values():
+        rows = np.flatnonzero(np.isin(step_of, numbers))
+        law = laws[numbers[0]]
+        if len(numbers) > 1:
+            of_row = np.searchsorted(numbers, step_of[rows])
+            direction = np.array([laws[number].direction for number in numbers])[of_row]
+            roll_rad = np.array([laws[number].roll_rad for number in numbers])[of_row]
+            law = replace(law, direction=direction, roll_rad=roll_rad)
+        found = law_axes(law, own.scan, tracks, satellite_state(tracks, satellite, time_s[rows]))
         axes[rows], up_lost[rows], lost[rows] = found.axes, found.up_replaced, found.boresight_replaced
-        turn = turns[number]
-        turning = rows[time_s[rows] < starts[number] + turn.duration_s]
-        if turning.size:
-            at = satellite_state(tracks, satellite, time_s[turning])
-            before = law_axes(program.laws[own.steps[number - 1].law], own.scan, tracks, at).axes
-            axes[turning] = between(before, axes[turning], slew_part(turn, time_s[turning] - starts[number]))
     return CommandedAxes(axes, up_lost, lost)
 
 

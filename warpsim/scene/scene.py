@@ -41,8 +41,9 @@ class Scene(SceneDescription):
         sensors: The kinds of sensors, and which satellites carry one.
         groups: Groups of targets.
         access_rules: When a sensor can observe a target; a kind of sensor may have rules of its own.
-        access_target: What a sensor's access counts by: "tracked", what it tracks, any target where it tracks none;
-            "any" target; or the name of a target or of a group, any of which makes access.
+        access_target: What a sensor's access counts by: "tracked", the target that it tracks, of a group its main
+            target, and where it tracks none the main targets of all groups; "any" target; or the name of a target or of
+            a group, any of which makes access.
         sky: The star background.
         lighting: Which light the targets reflect.
         seed: Seed of the world: releases, attitudes, what is spread over members, errors of pointing; 0 to 2**63 - 1

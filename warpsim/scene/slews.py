@@ -26,6 +26,8 @@ _N_SAMPLE = 257
 _ROOM = 1.02
 """What a turn is slowed down by beyond what its rate asks for."""
 _MOST_ROUNDS = 40
+_LEAST_S = 1e-9
+"""A turn is not shorter."""
 _SAME_AXES_RAD = 1e-12
 """A rotation smaller than that has no axis."""
 
@@ -50,12 +52,16 @@ class SlewTurn:
 NO_TURN = SlewTurn(0.0, 0.5, 0.0)
 
 
-def slew_part(turn: SlewTurn, since_s: F64) -> F64:
-    """Return the part of a turn's rotation that is done some time after its beginning, 0 to 1."""
-    if turn.duration_s == 0.0:
-        return np.ones_like(since_s)
-    u = np.clip(since_s / turn.duration_s, 0.0, 1.0)
-    ramp, rest = turn.ramp, np.minimum(u, 1.0 - u)
+def slew_part(duration_s: npt.ArrayLike, ramp: npt.ArrayLike, since_s: F64) -> F64:
+    """Return the part of a turn's rotation that is done some time after its beginning, 0 to 1.
+
+    Args:
+        duration_s: Of the turn, or of one for each time, above 0 [s].
+        ramp: Part of it in which the rate grows, and in which it sinks.
+        since_s: Time since its beginning [s], shape (n,).
+    """
+    ramp, u = np.asarray(ramp), np.clip(since_s / np.asarray(duration_s), 0.0, 1.0)
+    rest = np.minimum(u, 1.0 - u)
     whole = 1.0 - ramp  # of the rate's integral, for a greatest rate of 1
     begun = np.where(rest < ramp, 0.5 * rest * rest / ramp, rest - 0.5 * ramp) / whole
     return np.asarray(np.where(u <= 0.5, begun, 1.0 - begun))
@@ -130,11 +136,12 @@ def turn_between(
     for _ in range(_MOST_ROUNDS):
         if start_s + duration_s + slew.settle_s > end_s:
             break
-        ramp = min(0.5, rate / acceleration / max(duration_s, 1e-9)) if duration_s > 0 else 0.5
+        ramp = min(0.5, rate / acceleration / max(duration_s, _LEAST_S)) if duration_s > 0 else 0.5
         turn = SlewTurn(duration_s, max(ramp, 1e-6), slew.settle_s)
         looked_at_s = min(duration_s, last_s - start_s)
         times = start_s + np.linspace(0.0, 1.0, _N_SAMPLE) * looked_at_s
-        axes = between(before(times), after(times), slew_part(turn, times - start_s))
+        part = slew_part(max(duration_s, _LEAST_S), turn.ramp, times - start_s)
+        axes = between(before(times), after(times), part)
         rate_now, acceleration_now = _measured(axes, looked_at_s)
         slower = max(rate_now / rate, math.sqrt(acceleration_now / acceleration))
         if slower <= 1.0 + 1e-3 or angle < 1e-9:
