@@ -392,5 +392,5 @@ def test_a_short_attitude_file_is_refused(scene, reader, tmp_path):
         ws.InputError,
         match=r"^targets\[1\]\.attitude: /.*/a\.aem: A: must cover the scene, 0 to 1614 s, got 0 to 49 s",
     ) as caught:
-        ws.Scene.load(path)
+        ws.Scene.load(path).scenario  # noqa: B018
     assert "\n" not in str(caught.value)
