@@ -16,7 +16,7 @@ SEED = 314159
 N_PHASE = 12_500  # per sigma; 1e5 over the eight
 
 GAUSSIAN_ATOL = 2e-7
-"""Asked for, per unit flux. Float32 offsets, error functions and products: 1.2e-7 over 1e5 phases."""
+"""Asked for, per unit flux. Float32 offsets, error functions and products: 1.2e-7 over 1e5 phases, on any processor."""
 DEFAULT_ATOL = 1e-6
 """Asked for, and what flux_error's default promises. Stamps leave out just the pixels whose shares are sure to be below
 it, which may come close to it; no rounding adds to those."""
