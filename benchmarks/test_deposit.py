@@ -134,9 +134,7 @@ def timed(benchmark: Any, draw: Any) -> bool:
     draw()  # compiles
     with wp.ScopedCapture("cpu") as capture:
         draw()
-    benchmark.pedantic(
-        lambda: wp.capture_launch(capture.graph), rounds=15 if benchmark.enabled else 1, warmup_rounds=1
-    )
+    benchmark.pedantic(lambda: wp.capture_launch(capture.graph), rounds=15 if benchmark.enabled else 1, warmup_rounds=1)
     return benchmark.stats is not None
 
 

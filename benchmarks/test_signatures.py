@@ -48,9 +48,7 @@ def test_error(benchmark, error, exposure_s):
     times = np.linspace(0, scene.duration_s, 12)
     light, exact = (ws.light_curves(s, times, ["sat11", "sat47"]).irradiance_w_cm2 for s in (scene, finest))
     share = np.abs(light - exact).max(axis=(0, 1, 2)) / exact.max(axis=(0, 1, 2))
-    measure(
-        benchmark, scene, 1, kind="error", asked=error, exposure_s=exposure_s, light_error=float(share.max())
-    )
+    measure(benchmark, scene, 1, kind="error", asked=error, exposure_s=exposure_s, light_error=float(share.max()))
 
 
 def measure(benchmark, scene: ws.Scene, n_thread: int, **info: object) -> None:

@@ -17,12 +17,12 @@ import warp as wp
 from astropy import units as u
 from astropy.coordinates import GCRS, CartesianRepresentation, SkyCoord
 from astropy.time import TimeDelta
+from warpsim.render.world import World
 
 import warpsim as ws
 from warpsim.render import stages
 from warpsim.render.buffers import Chunk, new_light, new_observations, new_sources, new_views
 from warpsim.render.star_field import load_catalog, star_index
-from warpsim.render.world import World
 
 SWITCHES = list(itertools.product([False, True], repeat=3))
 SENSORS = ("sat11", "sat12", "sat27", "sat47")

@@ -67,9 +67,7 @@ def project_kernel(
 
 
 @wp.kernel(enable_backward=False)
-def axes_kernel(
-    boresight: wp.array[wp.vec3d], up: wp.array[wp.vec3d], spare_up: wp.vec3d, axes: wp.array[wp.mat33d]
-):
+def axes_kernel(boresight: wp.array[wp.vec3d], up: wp.array[wp.vec3d], spare_up: wp.vec3d, axes: wp.array[wp.mat33d]):
     i = wp.tid()
     axes[i] = camera_kernels.camera_axes(boresight[i], up[i], spare_up)
 

@@ -333,7 +333,7 @@ def test_a_recipe_is_checked_before_it_is_run(catalogs, capsys):
         "960 images: 10 sequences of 32 frames every 10 s, 1 of 28 sensors, bands A C E",
         "sequences: train 8, val 1, test 1",
         "fits, 10 shards; 31.5 MB before compression, and tables",
-        "drawn: sky.catalog = {\"choice\": [",
+        'drawn: sky.catalog = {"choice": [',
         "sequence 0: from ",
         "stss: valid.",
     ):

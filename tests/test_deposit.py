@@ -393,7 +393,7 @@ def test_row_blocks_do_not_change_a_bit(device, psf, n_row_per_block):
 
 @every_psf
 def test_far_sources_and_none_leave_the_image_dark(device, psf):
-    far = [[1e300, 0.0], [-1e9, 5.0], [5.0, 2.0**31], [-2.0**40, -2.0**40], [3000.0, 3000.0]]
+    far = [[1e300, 0.0], [-1e9, 5.0], [5.0, 2.0**31], [-(2.0**40), -(2.0**40)], [3000.0, 3000.0]]
     assert not ws.deposit(far, np.ones(5), psf, SHAPE, device=device).any()
     assert not ws.deposit(np.empty((0, 2)), [], psf, SHAPE, device=device).any()
     assert not ws.deposit([[3.0, 4.0]], [0.0], psf, SHAPE, device=device).any()

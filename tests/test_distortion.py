@@ -83,9 +83,7 @@ def by_hand(camera, seen):
     x_d = x * radial + 2 * lens.p1 * x * y + lens.p2 * (r2 + 2 * x**2)
     y_d = y * radial + lens.p1 * (r2 + 2 * y**2) + 2 * lens.p2 * x * y
     f = camera.n_col / 2 / np.tan(np.radians(camera.fov_deg) / 2)
-    return np.column_stack(
-        [(camera.n_col - 1) / 2 + f * x_d, (camera.n_row - 1) / 2 + f / camera.pixel_aspect * y_d]
-    )
+    return np.column_stack([(camera.n_col - 1) / 2 + f * x_d, (camera.n_row - 1) / 2 + f / camera.pixel_aspect * y_d])
 
 
 RAYS = [[0.3, -0.2, 1.0], [-0.45, 0.5, 1.0], [0.1, 0.7, 2.0]]

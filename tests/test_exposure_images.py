@@ -25,24 +25,28 @@ NO_STARS = ws.StarCatalog.from_arrays([], [], {})
 
 DARK = {
     "lighting": {"sun": False, "earth": False, "albedo": False},
-    "targets": [{
-        "name": "center",
-        "shape": {"kind": "sphere", "radius_m": 0.1},
-        "surface": {"reflectance": 1.0},
-        "temperature": {"start_k": 300.0, "end_k": 300.0},
-    }],
+    "targets": [
+        {
+            "name": "center",
+            "shape": {"kind": "sphere", "radius_m": 0.1},
+            "surface": {"reflectance": 1.0},
+            "temperature": {"start_k": 300.0, "end_k": 300.0},
+        }
+    ],
 }
 """A target that gives no light, so that only stars are compared."""
 
 
 BRIGHT = {
     "lighting": {"sun": False, "earth": False, "albedo": False},
-    "targets": [{
-        "name": "center",
-        "shape": {"kind": "sphere", "radius_m": 3.0},
-        "surface": {"reflectance": 0.1},
-        "temperature": {"start_k": 400.0, "end_k": 400.0},
-    }],
+    "targets": [
+        {
+            "name": "center",
+            "shape": {"kind": "sphere", "radius_m": 3.0},
+            "surface": {"reflectance": 0.1},
+            "temperature": {"start_k": 400.0, "end_k": 400.0},
+        }
+    ],
 }
 
 

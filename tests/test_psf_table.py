@@ -56,9 +56,7 @@ def test_spline_is_integrated_exactly(shape, oversample):
     offsets = np.random.default_rng(2).uniform(-2.0, 2.0, (30, 2))
     # Ends of the image swing out by 1e-7 of an end sample beyond what is kept.
     half = np.array([-0.5, 0.5])
-    expected = [
-        spline.integral(*(oversample * (dy + half)), *(oversample * (dx + half))) for dx, dy in offsets
-    ]
+    expected = [spline.integral(*(oversample * (dy + half)), *(oversample * (dx + half))) for dx, dy in offsets]
     np.testing.assert_allclose(pattern.shares(*offsets.T), expected, rtol=0, atol=3e-7)
     grid = pattern.shares_on_grid(offsets[:, 0], offsets[:, 1])
     np.testing.assert_allclose(np.diag(grid), pattern.shares(*offsets.T), rtol=0, atol=SPLINE_ATOL)

@@ -60,7 +60,7 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
     def aim_kernel(
         # in
         view_time_s: wp.array[wp.float64],  # (n_view,)
-        view_middle_s: wp.array[wp.float64],  # (n_view,) middle of the exposure, throughout which a step or a period of drift holds
+        view_middle_s: wp.array[wp.float64],  # (n_view,) middle of the exposure: its drift period holds for all of it
         view_sensor: wp.array[wp.uint32],  # (n_view,) index of the sensor, and its row in the tracks
         position_m: wp.array2d[wp.vec3d],  # (n_body, n_node) sensors first, then targets
         velocity_m_s: wp.array2d[wp.vec3d],  # (n_body, n_node)
@@ -96,7 +96,15 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
         else:
             number = pointing.law[sensor]
         commanded = law_axes(
-            pointing.laws[number], pointing.rows, sensor, time_s, frame, position_m, velocity_m_s, presence, grid,
+            pointing.laws[number],
+            pointing.rows,
+            sensor,
+            time_s,
+            frame,
+            position_m,
+            velocity_m_s,
+            presence,
+            grid,
             observer,
         )
         axes = commanded.axes
@@ -107,8 +115,16 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
                 flags = flags | SLEWING
             if since_s < pointing.turn_s[step]:
                 before = law_axes(
-                    pointing.laws[pointing.step_law[step - 1]], pointing.rows, sensor, time_s, frame, position_m,
-                    velocity_m_s, presence, grid, observer,
+                    pointing.laws[pointing.step_law[step - 1]],
+                    pointing.rows,
+                    sensor,
+                    time_s,
+                    frame,
+                    position_m,
+                    velocity_m_s,
+                    presence,
+                    grid,
+                    observer,
                 )
                 part = slew_part(since_s, pointing.turn_s[step], pointing.turn_ramp[step])
                 axes = axes_between(before.axes, axes, part)
@@ -124,4 +140,3 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
         view_flags[view] = flags
 
     return aim_kernel
-

@@ -79,6 +79,7 @@ def axis_shares(shares: wp.array[Lanes], table: EdgeTable, source_px: wp.float64
     twist = (shares[at + 2 * table.n_pixel] - after) - step - bend
     return here + u * (step + (0.5 * (u - 1.0)) * (bend + ((u + 1.0) * wp.static(1.0 / 3.0)) * twist))
 
+
 @wp.func
 def add_gaussian_stamp(
     canvas: Canvas, xy_px: wp.vec2d, strength: float, psf: GaussianPsf, shares: wp.array[Lanes], stamp: Stamp

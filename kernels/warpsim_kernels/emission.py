@@ -122,8 +122,13 @@ def make_emit_kernel(features: Features) -> wp.Kernel:
             per_intensity = irradiance_per_intensity(seen, view, target)
             for band in range(surfaces.emissivity.shape[0]):
                 light_w_sr = intensity_w_sr(
-                    surfaces, emitted_w_m2_sr(surfaces, table, seen, view, band, target), band, target,
-                    seen.area_m2[view, target], seen.sun_area_m2[view, target], seen.earth_area_m2[view, target],
+                    surfaces,
+                    emitted_w_m2_sr(surfaces, table, seen, view, band, target),
+                    band,
+                    target,
+                    seen.area_m2[view, target],
+                    seen.sun_area_m2[view, target],
+                    seen.earth_area_m2[view, target],
                     seen.albedo_area_m2_sr[view, target],
                 )
                 source_irradiance_w_cm2[view, band, target] = float(light_w_sr * per_intensity)
@@ -152,8 +157,13 @@ def make_profile_kernel(features: Features) -> wp.Kernel:
         mean_w_sr = wp.float64(0.0)
         for l in range(brightness.shape[3]):
             light_w_sr = intensity_w_sr(
-                surfaces, emitted, band, target, area_series[view, target, EMITTED, l],
-                area_series[view, target, SUN, l], area_series[view, target, EARTH, l],
+                surfaces,
+                emitted,
+                band,
+                target,
+                area_series[view, target, EMITTED, l],
+                area_series[view, target, SUN, l],
+                area_series[view, target, EARTH, l],
                 area_series[view, target, ALBEDO, l],
             )
             if l == 0:

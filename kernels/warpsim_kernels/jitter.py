@@ -49,8 +49,10 @@ def jitter_shock(jitter: Jitter, step: wp.int64) -> wp.mat22d:
     a = normal_radius(words[0])
     b = normal_radius(words[2])
     deviates = wp.mat22d(
-        wp.float64(normal_cosine(a, words[1])), wp.float64(normal_sine(a, words[1])),
-        wp.float64(normal_cosine(b, words[3])), wp.float64(normal_sine(b, words[3])),
+        wp.float64(normal_cosine(a, words[1])),
+        wp.float64(normal_sine(a, words[1])),
+        wp.float64(normal_cosine(b, words[3])),
+        wp.float64(normal_sine(b, words[3])),
     )
     return jitter.spread * deviates
 
@@ -96,8 +98,14 @@ def turned_axes(axes: wp.mat33d, about_xy_rad: wp.vec2d) -> wp.mat33d:
         s = wp.sin(angle) / angle
         c = wp.float64(2.0) * half * half
     turn = wp.mat33d(
-        one - c * b * b, c * a * b, -s * b,
-        c * a * b, one - c * a * a, s * a,
-        s * b, -s * a, one - c * square,
+        one - c * b * b,
+        c * a * b,
+        -s * b,
+        c * a * b,
+        one - c * a * a,
+        s * a,
+        s * b,
+        -s * a,
+        one - c * square,
     )
     return turn * axes

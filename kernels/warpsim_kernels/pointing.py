@@ -260,12 +260,14 @@ def rotation_vector(rotation: wp.mat33d) -> wp.vec3d:
         )
         if rotation[1, 1] > rotation[0, 0] and rotation[1, 1] >= rotation[2, 2]:
             axis = wp.vec3d(
-                half * (rotation[1, 0] + rotation[0, 1]), rotation[1, 1] - cosine,
+                half * (rotation[1, 0] + rotation[0, 1]),
+                rotation[1, 1] - cosine,
                 half * (rotation[2, 1] + rotation[1, 2]),
             )
         elif rotation[2, 2] > rotation[0, 0]:
             axis = wp.vec3d(
-                half * (rotation[2, 0] + rotation[0, 2]), half * (rotation[2, 1] + rotation[1, 2]),
+                half * (rotation[2, 0] + rotation[0, 2]),
+                half * (rotation[2, 1] + rotation[1, 2]),
                 rotation[2, 2] - cosine,
             )
         if wp.dot(axis, skew) < wp.float64(0.0):

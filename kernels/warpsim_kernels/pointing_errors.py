@@ -37,7 +37,7 @@ def drawn_pair(error: PointingError, period: wp.int64) -> wp.vec2d:
 
 @wp.func
 def steady_error_rad(error: PointingError, time_s: wp.float64, middle_s: wp.float64) -> wp.vec2d:
-    """Angles about the camera's x and y axes [rad]; in the period of an exposure's middle, so that none holds a jump."""
+    """Angles about the camera's x and y axes [rad]; in the drift period of the exposure's middle."""
     since_s = time_s
     period = wp.int64(0)
     if error.reset_s > wp.float64(0.0):

@@ -146,9 +146,7 @@ def signature_of(features: Features) -> wp.Function:
         """Axes of the body as rows, ICRS axes; spin is left out where it changes nothing."""
         if wp.static(features.attitude_tables):
             if target.table_count > 0:
-                return turned_axes(
-                    table_quaternion(tables.attitudes, target.table_first, target.table_count, time_s)
-                )
+                return turned_axes(table_quaternion(tables.attitudes, target.table_first, target.table_count, time_s))
         axes = axes_before_spin(target.attitude, time_s)
         if wp.static(features.meshes):
             if target.body.n_facet > 0:
@@ -258,7 +256,13 @@ def signature_of(features: Features) -> wp.Function:
             if wp.static(features.albedo):
                 if not dark:
                     albedo_area_m2_sr = earthshine_m2_sr(
-                        target.body, tables, surroundings.albedo_rule, light, view, axes * nadir, limb_sine,
+                        target.body,
+                        tables,
+                        surroundings.albedo_rule,
+                        light,
+                        view,
+                        axes * nadir,
+                        limb_sine,
                         axes * towards_sun,
                     )
                     seen.albedo_area_m2_sr += weight * albedo_area_m2_sr

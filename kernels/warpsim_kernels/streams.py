@@ -15,7 +15,7 @@ import warp as wp
 from warpsim_kernels.philox import philox4x32
 
 STREAM_NOISE = wp.constant(wp.uint32(1))
-"""Noise of each frame, in electrons the shot noise; numbers of errors of pointing are in jitter.py and pointing_errors.py."""
+"""Noise of each frame, in electrons the shot noise; pointing errors have theirs in jitter.py and pointing_errors.py."""
 STREAM_READ_NOISE = wp.constant(wp.uint32(3))
 STREAM_FEW = wp.constant(wp.uint32(4))
 """Uniforms of pixels with few electrons. They must not be those that the pixel's neighbour, which may have many

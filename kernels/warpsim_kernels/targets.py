@@ -91,15 +91,19 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
             passing = Passing()
             if wp.static(features.profile):
                 passing.vector_m = path.vector_m
-                passing.velocity_m_s = (
-                    hermite_velocity_m_s(
-                        position_m, velocity_m_s, first_target + target_id, path.emission_time_s, grid
-                    )
-                    - (view_velocity_m_s[view] - earth_velocity)
-                )
+                passing.velocity_m_s = hermite_velocity_m_s(
+                    position_m, velocity_m_s, first_target + target_id, path.emission_time_s, grid
+                ) - (view_velocity_m_s[view] - earth_velocity)
             seen = signature(
-                target, tables, exposure, surroundings, sun_m + sun_m_s * (path.emission_time_s - time_s),
-                observer.position_m + path.vector_m, towards_sensor, path.emission_time_s, passing,
+                target,
+                tables,
+                exposure,
+                surroundings,
+                sun_m + sun_m_s * (path.emission_time_s - time_s),
+                observer.position_m + path.vector_m,
+                towards_sensor,
+                path.emission_time_s,
+                passing,
                 area_series[view, target_id],
             )
             source_xy_px[view, target_id] = place_px

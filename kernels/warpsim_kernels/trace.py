@@ -65,9 +65,7 @@ def make_reach_kernel(distortion: bool) -> wp.Kernel:
 
 
 @wp.func
-def add_to_series(
-    offset_px: wp.array3d[wp.vec2], view: int, slot: int, k: int, instants: Instants, moved_px: wp.vec2d
-):
+def add_to_series(offset_px: wp.array3d[wp.vec2], view: int, slot: int, k: int, instants: Instants, moved_px: wp.vec2d):
     """Take the offset at instant k into the series."""
     for l in range(instants.n_path):
         part = moved_px * instants.series[l, k]
@@ -123,7 +121,6 @@ def make_trace_targets_kernel(distortion: bool) -> wp.Kernel:
             add_to_series(offset_px, view, target, k, instants, moved_px)
 
     return trace_targets_kernel
-
 
 
 @functools.cache

@@ -18,7 +18,8 @@ from warpsim.optics.camera import Camera
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M
 from warpsim.plot.figure import checked_time_s
 from warpsim.scene.instrument import Instrument
-from warpsim.scene.scenario import Scenario, some_names
+from warpsim.scene.roster import some_names
+from warpsim.scene.scenario import Scenario
 from warpsim.scene.sensors import Frames
 from warpsim.sky.apparent import apparent_direction
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import tomllib
 from collections.abc import Callable
 from importlib import resources
@@ -17,6 +18,9 @@ from warpsim.scene.sky import BUILT_IN_CATALOGS
 
 DEEPEST = 60
 """Levels of lists and tables within each other in a scene; mixtures of mixtures may go down 20 levels."""
+
+WIDTH = 116
+"""Characters up to which a table within a table is written on one line."""
 
 
 def presets() -> list[str]:
@@ -163,16 +167,26 @@ def named_files(value: Any) -> list[str]:
 def to_toml(data: dict[str, Any]) -> str:
     """TOML text of nested dicts, lists, strings, numbers and booleans.
 
-    Tables inside lists of tables are written inline, so that each target stays together.
+    Tables of the first level have a heading each; deeper ones too where they do not fit on one line.
     """
-    lines = [f"{key} = {_toml_value(value)}" for key, value in data.items() if not _is_table(value)]
-    for key, value in data.items():
+    return "\n".join(_table_lines(data, "")) + "\n"
+
+
+def _table_lines(table: dict[str, Any], heading: str) -> list[str]:
+    """Lines of one table: first what stays on one line, then its tables."""
+    parts = {key: value for key, value in table.items() if _is_table(value) and not (heading and _fits(key, value))}
+    lines = [f"{_toml_key(key)} = {_toml_value(value)}" for key, value in table.items() if key not in parts]
+    for key, value in parts.items():
+        name = f"{heading}.{_toml_key(key)}" if heading else _toml_key(key)
         if isinstance(value, dict):
-            lines += ["", f"[{key}]", *(f"{name} = {_toml_value(item)}" for name, item in value.items())]
-        elif _is_table(value):
-            for table in value:
-                lines += ["", f"[[{key}]]", *(f"{name} = {_toml_value(item)}" for name, item in table.items())]
-    return "\n".join(lines) + "\n"
+            lines += ["", f"[{name}]", *_table_lines(value, name)]
+        else:
+            lines += [line for item in value for line in ("", f"[[{name}]]", *_table_lines(item, name))]
+    return lines
+
+
+def _fits(key: str, value: Any) -> bool:
+    return len(key) + len(_toml_value(value)) <= WIDTH
 
 
 def _is_table(value: Any) -> bool:
@@ -182,9 +196,15 @@ def _is_table(value: Any) -> bool:
     return isinstance(value, dict)
 
 
+def _toml_key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _toml_value(key)
+
+
 def _toml_value(value: Any) -> str:
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml_value(item)}" for key, item in value.items()) + " }"
+        if not value:
+            return "{}"
+        return "{ " + ", ".join(f"{_toml_key(key)} = {_toml_value(item)}" for key, item in value.items()) + " }"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_toml_value(item) for item in value) + "]"
     if isinstance(value, str):

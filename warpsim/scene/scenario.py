@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,11 +18,13 @@ from warpsim.orbit.rules import AccessConstraints, MarginFunction
 from warpsim.orbit.sun import sun_position_m
 from warpsim.quaternion import rotated
 from warpsim.scene.access import ACCESS_STEP_S, target_margins
-from warpsim.scene.access_tables import access_table, eclipse_table, rules_in_force
+from warpsim.scene.access_report import access_report, check_rules, chosen_sensors
+from warpsim.scene.access_tables import eclipse_table
 from warpsim.scene.attitudes import AnyAttitude, attitude_tables, target_attitudes
 from warpsim.scene.breakpoints import breakpoints_s
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument, SceneWide
+from warpsim.scene.roster import Roster
 from warpsim.scene.rules import check_access_target, check_satellites
 from warpsim.scene.sensors import sensor_instances
 from warpsim.scene.short_form import item_place
@@ -137,16 +138,18 @@ class Scenario:
         """Names of all sensors, kind by kind."""
         return [name for instrument in self.instruments.values() for name in instrument.names]
 
+    @cached_property
+    def roster(self) -> Roster:
+        """Sensors and targets by name."""
+        return Roster(self.instruments, self.targets, self.group_names)
+
     def instrument_of(self, sensor: str) -> Instrument:
         """Return the kind that a sensor, or a name of a kind, belongs to.
 
         Raises:
             InputError: There is no such sensor.
         """
-        for name, instrument in self.instruments.items():
-            if sensor == name or sensor in instrument.names:
-                return instrument
-        raise InputError(f"must be a sensor of the scene ({some_names(self.sensor_names)})", "sensor", sensor)
+        return self.roster.instrument_of(sensor)
 
     @cached_property
     def targets(self) -> list[SceneTarget]:
@@ -241,12 +244,6 @@ class Scenario:
         instrument.check_frames(times)
         return instrument.commanded_axes(instrument.index(sensor), times).axes
 
-    def _target(self, name: str) -> int:
-        """The index of a target."""
-        if name not in self.target_names:
-            raise InputError(f"must be a target ({some_names(self.target_names)})", "name", name)
-        return self.target_names.index(name)
-
     def attitude_quaternion(self, name: str, time_s: npt.ArrayLike) -> F64:
         """Return the rotation of a target from its body's axes to GCRS axes, at the times asked (no light time).
 
@@ -260,7 +257,7 @@ class Scenario:
         Raises:
             InputError: No such target, or a time lies more than a second outside its attitude table.
         """
-        attitude = self.attitudes[self._target(name)]
+        attitude = self.attitudes[self.roster.target(name)]
         try:
             return attitude.at(times_s(time_s))
         except InputError as error:
@@ -284,7 +281,7 @@ class Scenario:
             InputError: No such target, a time lies more than a second outside the scene (or its table), or a heat
                 balance cannot be followed.
         """
-        target, times = self._target(name), times_s(time_s)
+        target, times = self.roster.target(name), times_s(time_s)
         self._check_times(times, name)
         there = self.tracks.exist(target, times)
         kelvin = np.full(times.shape, np.nan)
@@ -306,25 +303,9 @@ class Scenario:
         """Return names of sensors for names of sensors and of kinds; all for None.
 
         Raises:
-            InputError: There is no such sensor, none at all, or one twice.
+            InputError: There is no such sensor, or none at all.
         """
-        if names is None:
-            return list(self.sensor_names)
-        if not isinstance(names, str | Sequence):
-            raise InputError("must be a list of names", "sensors", names)
-        chosen: list[str] = []
-        for name in [names] if isinstance(names, str) else names:
-            if name in self.instruments and name not in self.sensor_names:
-                chosen += self.instruments[name].names
-            elif name in self.sensor_names:
-                chosen.append(name)
-            else:
-                kinds = "" if len(self.instruments) == 1 else f", or of the kinds {', '.join(self.instruments)}"
-                known = f"{some_names(self.sensor_names)}{kinds}"
-                raise InputError(f"must be sensors of the scene ({known})", "sensors", name)
-        if not chosen:
-            raise InputError("must name at least one", "sensors")
-        return chosen
+        return self.roster.select_sensors(names)
 
     def access(
         self,
@@ -337,7 +318,7 @@ class Scenario:
         """Return when each sensor can observe a target: all rules at once.
 
         Args:
-            target: Name of the target; for each sensor what the scene's access_target says when left out.
+            target: Name of a target or a group; for each sensor what the scene's access_target says when left out.
             sensors: Names of sensors, or of kinds; all if left out.
             rules: Instead of the scene's `access_rules`.
             custom: Further rules by name: functions of an `AccessGeometry` that return a signed margin, >= 0 where the
@@ -351,61 +332,7 @@ class Scenario:
         Raises:
             InputError: An unknown name, or a rule of the user's that gives another shape, or NaN.
         """
-        chosen, given = self._chosen(sensors), _checked_rules(rules)
-        some = None if target is None else [self._access_target(target)]
-        rows = []
-        for instrument in self.instruments.values():
-            own = [instrument.index(name) for name in chosen if name in instrument.names]
-            if not own:
-                continue
-            found = instrument.access_intervals(own, some, given, custom, step_s)
-            for row, start_s, end_s in zip(found.row.tolist(), found.start_s, found.end_s, strict=True):
-                parts = [(target, start_s, end_s)] if target else self._parts(instrument, own[row], start_s, end_s)
-                rows += [(instrument.names[own[row]], what, float(a_s), float(b_s)) for what, a_s, b_s in parts]
-        order = {name: index for index, name in enumerate(chosen)}
-        rules_by_kind = {
-            kind: rules_in_force(given or instrument.access_rules)
-            for kind, instrument in self.instruments.items()
-            if any(name in instrument.names for name in chosen)
-        }
-        meta = {
-            "target": target or self.scene.access_target,
-            "epoch_utc": self.scene.epoch_utc,
-            "rules": rules_by_kind[self.instrument_of(chosen[0]).sensor.name],
-            "rules_by_kind": rules_by_kind,
-            "custom_rules": list(custom or {}),
-        }
-        return access_table(sorted(rows, key=lambda row: (order[row[0]], row[2])), meta)
-
-    def _chosen(self, sensors: str | Sequence[str] | None) -> list[str]:
-        """Sensors asked for, none of them twice."""
-        chosen = self.select_sensors(sensors)
-        if len(set(chosen)) < len(chosen):
-            raise InputError(f"must be one or more without repeats, got {', '.join(chosen)}", "sensors")
-        return chosen
-
-    def _access_target(self, name: str) -> int:
-        if name not in self.target_names:
-            raise InputError(f"must be a target of the scene ({some_names(self.target_names)})", "target", name)
-        return self.target_names.index(name)
-
-    def _parts(
-        self, instrument: Instrument, sensor: int, start_s: float, end_s: float
-    ) -> list[tuple[str, float, float]]:
-        """Parts of an interval of access in which it counts by different things: by what, first and last time [s]."""
-        steps_s = [step_s for step_s, _ in instrument.access_targets(sensor) if start_s < step_s < end_s]
-        counted = [(time_s, self._counted_by(instrument, sensor, time_s)) for time_s in (start_s, *steps_s)]
-        kept = [counted[0], *(after for before, after in pairwise(counted) if after[1] != before[1])]
-        ends_s = [time_s for time_s, _ in kept[1:]] + [end_s]
-        return [(what, time_s, last_s) for (time_s, what), last_s in zip(kept, ends_s, strict=True)]
-
-    def _counted_by(self, instrument: Instrument, sensor: int, time_s: float) -> str:
-        """What a sensor's access counts by at a time: a target, a group, or any target."""
-        _, targets = [item for item in instrument.access_targets(sensor) if item[0] <= time_s][-1]
-        if len(targets) == 1:
-            return self.target_names[targets[0]]
-        groups = {self.targets[target].group for target in targets}
-        return self.group_names[groups.pop()] if len(groups) == 1 else "any"
+        return access_report(self.roster, target, sensors, rules, custom, step_s, self.scene.epoch_utc)
 
     def access_margins(
         self,
@@ -427,13 +354,14 @@ class Scenario:
         Raises:
             InputError: As `access`, or sensors of several kinds.
         """
-        times, chosen, given = times_s(time_s), self._chosen(sensors), _checked_rules(rules)
+        times, chosen = times_s(time_s), chosen_sensors(self.roster, sensors)
+        check_rules(rules, custom)
         instrument = self.instrument_of(chosen[0])
         if any(name not in instrument.names for name in chosen):
             raise InputError(f"must be of one kind ({', '.join(self.instruments)})", "sensors", chosen)
-        index = 0 if target is None and self.targets else self._access_target(str(target))
+        index = 0 if target is None and self.targets else self.roster.target(str(target), "target")
         watchers = instrument.watchers([instrument.index(name) for name in chosen])
-        return target_margins(self.tracks, watchers, index, given or instrument.access_rules, times, custom)
+        return target_margins(self.tracks, watchers, index, rules or instrument.access_rules, times, custom)
 
     def has_access(self, sensor: str, time_s: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Return whether a sensor can observe what its access counts by at given times, shape (n,).
@@ -477,14 +405,3 @@ class Scenario:
             position_m = tracks.of(body).position_at_m
         found = eclipses(position_m, tracks.sun.position_at_m, tracks.pole_icrs, self.scene.duration_s, step_s)
         return eclipse_table(found, {"name": name, "epoch_utc": self.scene.epoch_utc})
-
-
-def some_names(names: Sequence[str]) -> str:
-    """Return the first of some names, for messages."""
-    return ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
-
-
-def _checked_rules(rules: AccessConstraints | None) -> AccessConstraints | None:
-    if rules is not None and not isinstance(rules, AccessConstraints):
-        raise InputError(f"must be AccessConstraints, got {type(rules).__name__}", "rules")
-    return rules

@@ -1,0 +1,106 @@
+"""When sensors of a scene can observe its targets, as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from warpsim.errors import InputError
+from warpsim.orbit.rules import AccessConstraints, MarginFunction
+from warpsim.scene.access_tables import access_table, rules_in_force
+from warpsim.scene.instrument import Instrument
+from warpsim.scene.roster import Roster
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+
+Row = tuple[str, str, float, float]
+"""Sensor, what its access counts by, first and last time [s]."""
+
+
+def access_report(
+    roster: Roster,
+    target: str | None,
+    sensors: str | Sequence[str] | None,
+    rules: AccessConstraints | None,
+    custom: Mapping[str, MarginFunction] | None,
+    step_s: float,
+    epoch_utc: str,
+) -> Table:
+    """Return when sensors can observe a target, or what their access counts by.
+
+    Args:
+        roster: Sensors and targets.
+        target: Name of a target or a group; what access counts by when left out.
+        sensors: Names of sensors or of kinds; all when left out.
+        rules: Instead of the sensors' own.
+        custom: Further rules by name.
+        step_s: Step of the scan [s].
+        epoch_utc: What times count from.
+
+    Raises:
+        InputError: An unknown name, or bad rules.
+    """
+    chosen = chosen_sensors(roster, sensors)
+    check_rules(rules, custom)
+    members = None if target is None else roster.members(target)
+    rows: list[Row] = []
+    counted: set[str] = set()
+    kinds: dict[str, dict[str, Any]] = {}
+    for kind, instrument in roster.instruments.items():
+        own = [instrument.index(name) for name in chosen if name in instrument.names]
+        if own:
+            found = instrument.access_intervals(own, members, rules, custom, step_s)
+            kinds[kind] = rules_in_force(rules or instrument.access_rules)
+            counted |= {roster.called(some) for index in own for _, some in instrument.access_targets(index)}
+        for row, start_s, end_s in zip(found.row, found.start_s, found.end_s, strict=True) if own else ():
+            name, ends_s = instrument.names[own[row]], (float(start_s), float(end_s))
+            rows += [(name, target, *ends_s)] if target else _parts(roster, instrument, own[row], *ends_s)
+    order = {name: index for index, name in enumerate(chosen)}
+    meta = {
+        "target": target or (counted.pop() if len(counted) == 1 else "tracked"),
+        "epoch_utc": epoch_utc,
+        "rules": kinds[roster.instrument_of(chosen[0]).sensor.name],
+        "rules_by_kind": kinds,
+        "custom_rules": list(custom or {}),
+    }
+    return access_table(sorted(rows, key=lambda row: (order[row[0]], row[2])), meta)
+
+
+def chosen_sensors(roster: Roster, sensors: str | Sequence[str] | None) -> list[str]:
+    """Return the sensors asked for.
+
+    Raises:
+        InputError: One is unknown, or named twice.
+    """
+    chosen = roster.select_sensors(sensors)
+    if len(set(chosen)) < len(chosen):
+        raise InputError(f"must be one or more without repeats, got {', '.join(chosen)}", "sensors")
+    return chosen
+
+
+def check_rules(rules: AccessConstraints | None, custom: Mapping[str, MarginFunction] | None) -> None:
+    """See that rules are of the types asked for; InputError where they are not."""
+    if rules is not None and not isinstance(rules, AccessConstraints):
+        raise InputError(f"must be AccessConstraints, got {type(rules).__name__}", "rules")
+    if custom is not None and not isinstance(custom, Mapping):
+        raise InputError(f"must be functions by name, got {type(custom).__name__}", "custom")
+
+
+def _parts(roster: Roster, instrument: Instrument, sensor: int, start_s: float, end_s: float) -> list[Row]:
+    """Parts of an interval of access in which it counts by different things."""
+    targets = instrument.access_targets(sensor)
+    starts_s = [step_s for step_s, _ in targets]
+
+    def counted(time_s: float) -> str:
+        return roster.called(targets[int(np.searchsorted(starts_s, time_s, side="right")) - 1][1])
+
+    cuts_s = [start_s, *(step_s for step_s in starts_s if start_s < step_s < end_s)]
+    said = [(time_s, counted(time_s)) for time_s in cuts_s]
+    kept = [said[0], *(after for before, after in pairwise(said) if after[1] != before[1])]
+    ends_s = [time_s for time_s, _ in kept[1:]] + [end_s]
+    name = instrument.names[sensor]
+    return [(name, what, time_s, last_s) for (time_s, what), last_s in zip(kept, ends_s, strict=True)]

@@ -1,0 +1,100 @@
+"""The roster of a scene: its sensors and targets by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from warpsim.errors import InputError
+from warpsim.scene.instrument import Instrument
+from warpsim.scene.targets import SceneTarget
+
+
+@dataclass(frozen=True)
+class Roster:
+    """Sensors and targets by name."""
+
+    instruments: Mapping[str, Instrument]
+    """Each kind of sensor, by name."""
+    targets: Sequence[SceneTarget]
+    groups: Sequence[str]
+    """Names of the groups."""
+
+    @property
+    def sensor_names(self) -> list[str]:
+        """Names of all sensors, kind by kind."""
+        return [name for instrument in self.instruments.values() for name in instrument.names]
+
+    @property
+    def target_names(self) -> list[str]:
+        """Names of the single targets."""
+        return [target.name for target in self.targets]
+
+    def instrument_of(self, sensor: str) -> Instrument:
+        """Return the kind that a sensor, or a name of a kind, belongs to.
+
+        Raises:
+            InputError: There is no such sensor.
+        """
+        for name, instrument in self.instruments.items():
+            if sensor == name or sensor in instrument.names:
+                return instrument
+        raise InputError(f"must be a sensor of the scene ({some_names(self.sensor_names)})", "sensor", sensor)
+
+    def select_sensors(self, names: str | Sequence[str] | None) -> list[str]:
+        """Return names of sensors for names of sensors and of kinds; all for None.
+
+        Raises:
+            InputError: There is no such sensor, or none at all.
+        """
+        known = self.sensor_names
+        if names is None:
+            return known
+        if not isinstance(names, str | Sequence):
+            raise InputError("must be a list of names", "sensors", names)
+        chosen: list[str] = []
+        for name in [names] if isinstance(names, str) else names:
+            if name in known:
+                chosen.append(name)
+            elif name in self.instruments:
+                chosen += self.instruments[name].names
+            else:
+                kinds = "" if len(self.instruments) == 1 else f", or of the kinds {', '.join(self.instruments)}"
+                raise InputError(f"must be sensors of the scene ({some_names(known)}{kinds})", "sensors", name)
+        if not chosen:
+            raise InputError("must name at least one", "sensors")
+        return chosen
+
+    def target(self, name: str, field: str = "name") -> int:
+        """Return the index of a target.
+
+        Raises:
+            InputError: There is no such target.
+        """
+        names = self.target_names
+        if name not in names:
+            raise InputError(f"must be a target of the scene ({some_names(names)})", field, name)
+        return names.index(name)
+
+    def members(self, name: str, field: str = "target") -> tuple[int, ...]:
+        """Return the index of a target, or those of a group.
+
+        Raises:
+            InputError: There is no such target or group.
+        """
+        if name in self.groups and name not in self.target_names:
+            group = self.groups.index(name)
+            return tuple(index for index, target in enumerate(self.targets) if target.group == group)
+        return (self.target(name, field),)
+
+    def called(self, targets: Sequence[int]) -> str:
+        """Return what some targets are called together: a target, a group, or any."""
+        if len(targets) == 1:
+            return self.targets[targets[0]].name
+        groups = {self.targets[target].group for target in targets}
+        return self.groups[groups.pop()] if len(groups) == 1 else "any"
+
+
+def some_names(names: Sequence[str]) -> str:
+    """Return the first of some names, for messages."""
+    return ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
