@@ -115,6 +115,11 @@ Each line is a quantity, what it is compared with (an oracle that shares no code
 measured, the limit that its tests allow, and the margin between them, a factor. Of several cases, and of several
 tests of a line, the one nearest to its limit is shown. A sigma is that of the sample. A limit of 0 means equal, bit for
 bit.
+
+Limits are what is asked for or stated, and leave room for the last bits of other processors: a margin of 2 or more over
+[several of them](../tests/test_other_processors.py). Where it is smaller, the code itself works up to a bound (stamps,
+stated errors, orders of polynomials, steps of orbits and temperatures), float32 of the kernels comes close to what is
+asked for, the same on all of them, figures are compared as printed, or draws of fixed seeds with gates of 5 sigma.
 """
 
 TAIL = """\

@@ -19,6 +19,8 @@ from warpsim.render.buffers import new_light
 from warpsim.render.read_out import make_read_out
 
 N_SIGMA = 5.0
+"""Gates of statistics. Seeds are fixed: every processor sees the same draws but for their last bits, so that no room
+below the gates is needed. A test that passes on one passes on all."""
 N_SIGMA_TAIL = stats.norm.sf(N_SIGMA)  # one-sided probability behind the gates that are not Gaussian
 KS_GATE = np.sqrt(-0.5 * np.log(N_SIGMA_TAIL))  # sqrt(n) * D exceeds it with probability 2 * N_SIGMA_TAIL
 

@@ -19,7 +19,7 @@ from warpsim.orbit.rules import AccessConstraints, FieldOfView
 from warpsim.scene.camera_axes import apparent_mean, satellite_state
 
 Z = np.array([0.0, 0.0, 1.0])
-EDGE_S = 1.1e-3  # the promised 1 ms and rounding
+EDGE_S = 1.1e-3  # ends are halved down to the promised 1 ms and off by up to all of it; the rest is for rounding
 GRAZING_M = 1e-5  # Newton's last step and rounding at 2e7 m
 PIXEL_PX = 1e-5  # the kernel's light path against the host's
 

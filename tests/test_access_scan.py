@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from astropy.time import Time, TimeDelta
 
-RESOLUTION_S = 1.1e-3  # the promised 1 ms and rounding
+RESOLUTION_S = 1.1e-3  # ends are halved down to the promised 1 ms and off by up to all of it; the rest is for rounding
 
 
 def to_true_equator(scene):

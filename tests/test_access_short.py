@@ -17,7 +17,7 @@ from warpsim.orbit.scan import Scan, break_times_s, scan_times_s
 
 MU = 3.986004418e14
 Z = np.array([0.0, 0.0, 1.0])
-EDGE_S = 1.1e-3  # the promised 1 ms and rounding
+EDGE_S = 1.1e-3  # ends are halved down to the promised 1 ms and off by up to all of it; the rest is for rounding
 SAMPLE_S = 1e-3
 SAMPLED_S = EDGE_S + SAMPLE_S  # the same against samples
 SHORT_S = 5e-3  # shorter runs of samples are not told from none

@@ -8,8 +8,8 @@ from warpsim_kernels.angles import angle_from_x, cosine_sine
 
 SEED = 161803
 EPSILON = np.finfo(np.float64).eps
-COSINE_ATOL = EPSILON  # one unit in the last place of 1; measured 0.6
-ANGLE_RTOL = 2 * EPSILON  # measured 1.1
+COSINE_ATOL = 2 * EPSILON  # units in the last place of 1; measured 0.6
+ANGLE_RTOL = 4 * EPSILON  # measured 1.3
 
 
 @wp.kernel(enable_backward=False)

@@ -19,7 +19,7 @@ from warpsim.target.attitude_table import checked_rows
 SEED = 141421
 C_M_S = 299_792_458.0
 
-ROUNDING = 4.5e-16  # two units in the last place of a component
+ROUNDING = 1e-14  # of components of unit quaternions and vectors, 1e-16 each time
 ROTATION_ATOL_RAD = 1e-14  # float64: sines, products, and the place between two rows
 TIME_ROUNDING_RAD = 1e-12  # a time near 1e6 s is good to 1e-10 s, at rates of some hundredths of a radian per second
 ASPECT_ATOL_RAD = 1e-9
@@ -84,9 +84,9 @@ def test_table_on_host_and_device_is_scipys_slerp(device, n, last_s, largest_deg
     expected = Slerp(time_s, Rotation.from_quat(rows))(times)
     turned, axis = on_device([table], 0, times, device)
     for seen in (turned, table.at(times)):
-        np.testing.assert_allclose(np.linalg.norm(seen, axis=1), 1, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(np.linalg.norm(seen, axis=1), 1, rtol=0, atol=ROUNDING)
         assert rotation_error_rad(seen, expected).max() < ROTATION_ATOL_RAD + TIME_ROUNDING_RAD * (last_s > 1e5)
-    np.testing.assert_allclose(axis, Rotation.from_quat(turned).apply([0, 0, 1]), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(axis, Rotation.from_quat(turned).apply([0, 0, 1]), rtol=0, atol=ROUNDING)
     np.testing.assert_allclose(turned, table.at(times), rtol=0, atol=ROTATION_ATOL_RAD)  # signs too
 
 
@@ -94,7 +94,7 @@ def test_rows_are_met_exactly_and_signs_play_no_part(device):
     time_s, rows = some_table(50, 100.0)
     table, mirrored = checked_rows(time_s, rows), checked_rows(time_s, -rows)
     for seen in (table.at(time_s), on_device([table], 0, time_s, device)[0]):
-        assert quaternion.rotation_between_rad(seen, rows).max() < 1e-15
+        assert quaternion.rotation_between_rad(seen, rows).max() < ROUNDING
     between = np.linspace(0, 100, 777)
     np.testing.assert_array_equal(mirrored.at(between), -table.at(between))
     np.testing.assert_array_equal(
@@ -220,7 +220,7 @@ def test_bad_tables_are_refused_in_one_line(fields, message):
 def test_tables_near_the_limits_are_taken():
     table = ws.AttitudeTable(time_s=[0, 1, 2], quaternion=[IDENTITY, half_turn(169.9), [0.0, 0.0, 0.0, 1.0009]])
     rows = table.rows(None)
-    np.testing.assert_allclose(np.linalg.norm(rows.quaternion, axis=1), 1, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(np.linalg.norm(rows.quaternion, axis=1), 1, rtol=0, atol=ROUNDING)
     assert table.span_s(None) == (0.0, 2.0)
 
 
@@ -392,5 +392,5 @@ def test_a_short_attitude_file_is_refused(scene, reader, tmp_path):
         ws.InputError,
         match=r"^targets\[1\]\.attitude: /.*/a\.aem: A: must cover the scene, 0 to 1614 s, got 0 to 49 s",
     ) as caught:
-        ws.Scene.load(path)
+        ws.Scene.load(path).scenario  # noqa: B018
     assert "\n" not in str(caught.value)

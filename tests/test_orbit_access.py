@@ -22,7 +22,7 @@ EPOCH = "2025-01-01T14:00:00"
 PAPER = AccessConstraints(6000, -32, 250, 60)
 
 SAMPLED_M = 0.02  # curvature between 20,001 samples of a segment of up to 9,000 km: (450 m)^2 / 8 / 6400 km
-EDGE_S = 1.1e-3  # the promised 1 ms and rounding
+EDGE_S = 1.1e-3  # ends are halved down to the promised 1 ms and off by up to all of it; the rest is for rounding
 
 
 def erfa_altitude_m(position_m):

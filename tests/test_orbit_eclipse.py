@@ -20,7 +20,7 @@ GM = 3.986004418e14
 CLOSED_FORM = 1e-12  # rounding of a share: 1e-16 rad of a disc 0.005 rad wide, some twenty times
 OBLATE = 2e-5  # a round Sun in stretched axes; the pass line is 1e-3
 QUADRATURE = 5e-6  # 4,000 chords of the Sun's disc
-EDGE_S = 1.1e-3  # the promised 1 ms and rounding
+EDGE_S = 1.1e-3  # ends are halved down to the promised 1 ms and off by up to all of it; the rest is for rounding
 
 
 def exact_covered(sun, earth, apart):

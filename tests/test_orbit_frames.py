@@ -28,7 +28,7 @@ PLACE_M = np.array([5.0e6, -3.0e6, 4.0e6])  # 7,071 km from the centre
 FRAME_M = 1e-3  # measured: MOD 1e-5, TOD 1.6e-4, TEME 4.6e-4 m
 BIAS_M = 1e-8
 TURN_M = 1e-3  # Earth rotation with the same UT1, measured 6e-5 m
-POLAR_MOTION_M = 20.0  # measured 16.6 m in 1996: polar motion, and UT1 within some ms
+POLAR_MOTION_M = 20.0  # what docs/conventions.md states; 16.6 m in 1996, of the pole and UT1, none of rounding
 TIMES_S = np.array([-600.0, 0.0, 86400.0])
 DATES = ["2000-01-01T12:00:00", "2016-12-31T23:59:50", "2025-03-20T12:00:00"]
 

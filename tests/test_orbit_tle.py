@@ -36,7 +36,8 @@ GEO = (
     "2 28626   0.0019 286.9433 0000335  13.7918  55.6504  1.00270176  4891",
 )
 
-TEME_M = 1e-3  # at 7,000 km, against another library's precession and nutation; measured 0.67 mm in 2040
+TEME_M = 2e-3  # at 7,000 km, against another library's precession and nutation; measured 0.67 mm in 2040
+TURN_ATOL = 1e-13  # of a rotation times its inverse, 1e-6 m at 7,000 km: three matrices of sines; measured 6e-15
 SAME_M = 3e-5  # against skyfield: its times are in days, 4e-9 s, of 8 km/s; measured 1.1e-5 m
 SAME_M_S = 1e-7
 PUBLISHED_KM = 5e-7  # the file prints 1e-8 km; measured 8e-9, and 2.4e-7 (4e-8 s) after 3.5 years
@@ -80,7 +81,7 @@ def test_teme_agrees_with_astropy(start):
         expected = teme.transform_to(GCRS(obstime=t)).cartesian.xyz.to_value(u.m).T
     rotation = teme_to_gcrs(epoch, time_s)
     assert np.linalg.norm(np.einsum("nij,nj->ni", rotation, position) - expected, axis=1).max() < TEME_M
-    assert np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max() < 1e-14
+    assert np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max() < TURN_ATOL
     assert teme_to_gcrs(epoch, 60.0).shape == (3, 3) and teme_to_gcrs(epoch, np.zeros((2, 4))).shape == (2, 4, 3, 3)
 
 
@@ -250,7 +251,8 @@ def test_tracks_of_molniya_take_long_steps():
     time_s = np.random.default_rng(1).uniform(0.0, 43200.0, 20_000)
     position, velocity = satellites.states(epoch, time_s)
     off_m = np.linalg.norm(track.position_at_m(time_s) - position[:, 0], axis=1)
-    assert off_m.max() < 1.02 * track.error_m < 1.02e-3
+    assert off_m.max() < 1.02 * track.error_m  # the worst error between nodes over that at midpoints
+    assert track.error_m < 1e-3
     wrong_m_s = np.linalg.norm(track.state(time_s)[1] - velocity[:, 0], axis=1)
     assert 1.0 < wrong_m_s.max() < 3.0
 

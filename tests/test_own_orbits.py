@@ -12,7 +12,7 @@ from skyfield.api import EarthSatellite, load
 import warpsim as ws
 from warpsim.scene.inputs import input_checksums
 
-TRACK_M = 1.1e-3
+TRACK_M = 1e-3  # what interpolation between nodes may add
 SKYFIELD_M = 5e-3  # with the interpolation between nodes
 
 EPOCH = "2025-06-01T00:00:00"

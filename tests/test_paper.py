@@ -21,7 +21,7 @@ PRINTED = {
 # Cells whose print is one unit of the last digit away from the rounded value (no single base explains them).
 MISPRINTED = {("A", 3), ("B1", 5), ("B2", 3), ("D", 5), ("E", 3)}
 
-PRINT_ATOL = 0.0005 + 1e-9  # half a unit of the last printed digit
+PRINT_ATOL = 0.0005 + 1e-9  # half a unit of the last printed digit, to which the print's rounding may come
 MISPRINT_ATOL = 0.001  # one unit
 
 # Wavelength and width of each band that the first row follows from [um]: Table 1, but for B2's wavelength (4.35 there)

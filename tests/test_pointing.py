@@ -445,7 +445,7 @@ def test_the_hosts_twin_of_a_meeting(scene):
 BAD = {
     "unknown-track": ({"track": "nobody"}, "pointing.track: must be 'main', 'group' or a target's name, got 'nobody'"),
     "track-type": ({"track": 3}, "pointing.track: .* got 3"),
-    "unknown-kind": ({"kind": "wander"}, "pointing.kind: must be one of 'track', 'fixed', 'schedule', 'table', got 'wander'"),
+    "unknown-kind": ({"kind": "wander"}, "pointing.kind: must be one of 'track', 'fixed', .* got 'wander'"),
     "unknown-field": ({"kind": "fixed", "ra_dec_deg": [0, 0], "track": "main"}, "track: is not a known field"),
     "up": ({"up": "left"}, "pointing.up: must be 'zenith', 'north' or 'orbit_normal', got 'left'"),
     "no-direction": ({"kind": "fixed"}, "pointing: ra_dec_deg, azimuth_elevation_deg: exactly one must be given"),

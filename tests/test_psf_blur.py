@@ -15,9 +15,10 @@ from warpsim.optics.tables import TableAccuracy, share_table
 
 CLOSURE_ATOL = 1e-5
 """Interpolation errors of the few bright pixels, and what the wing leaves out summed over the plane: terms of the
-blur beyond s^4, each below the table's error, of the same sign."""
-DEVICE_ATOL = 3e-7
-"""Rounding: the device may fuse multiplications with additions, and float32 positions differ from float64 ones."""
+blur beyond s^4, each below the table's error, of the same sign: 5.6e-6 on every processor."""
+DEVICE_ATOL = 1e-6
+"""What devices may differ by. Rounding, 2.4e-7: they may fuse multiplications with additions, and float32 positions
+differ from float64 ones."""
 SPECTRUM_ATOL = 1e-9
 """Of the Fourier integral, for lamF above 0.1 px and offsets below 4 px."""
 
@@ -109,11 +110,12 @@ def test_a_blur_far_wider_than_the_rings_makes_a_gaussian_with_wings():
     assert table.wing.px3 == pytest.approx(0.012 / FIRST_DARK_RING / np.pi**3, rel=1e-12)
 
 
-@pytest.mark.parametrize(("aspect", "rel"), [(0.7, 2e-4), (1.0, 5e-5), (1.4, 2e-4)])
+@pytest.mark.parametrize(("aspect", "rel"), [(0.7, 3e-4), (1.0, 1e-4), (1.4, 3e-4)])
 def test_wings_of_blurs(aspect, rel):
     """The law beyond the table is w / r^3 averaged over blur and pixel, by quadrature.
 
-    It leaves out (230 s^6 + 57 s^4) / r^6 + 0.14 / r^4, 4.2e-5 here, and what blur and the pixel's shape do together.
+    It leaves out (230 s^6 + 57 s^4) / r^6 + 0.14 / r^4, 4.2e-5 here, and what blur and the pixel's shape do together,
+    1.4e-4; of which twice is allowed.
     """
     smear_px = 1.0
     table = share_table(ws.PsfAiry(0.02, 0.0, smear_px), aspect)

@@ -15,7 +15,7 @@ N_WORD = 1_000_000
 SEED = 20260101
 
 DEVIATE_ATOL = 2e-6  # float32 arithmetic and the short polynomials, as normal.py promises
-ANGLE_ATOL = 3e-7  # of a cosine or sine: five float32 roundings and the polynomials' 5e-8
+ANGLE_ATOL = 5e-7  # of a cosine or sine: five float32 roundings and the polynomials' 5e-8; measured 2e-7
 CIRCLE_ATOL = 1e-6  # cosine^2 + sine^2 of one angle: twice the polynomials' error, which is near 2e-7
 
 # Known answers of Random123 (kat_vectors): rounds 10, counter words, key words, output words.

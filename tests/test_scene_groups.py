@@ -10,7 +10,7 @@ from warpsim.scene.files import named_files, with_absolute_paths
 from warpsim.scene.motion import motion_of
 
 MU, RADIUS, J2 = 3.986004418e14, 6378137.0, 1.0826266835e-3
-TRACK_M = 1.1e-3  # interpolation between nodes, and what lies between the places where it is measured
+TRACK_M = 1e-3  # what interpolation between nodes may add
 FREE_FLIGHT_M = 1e-5  # DOP853's own error
 
 SECOND = {

@@ -12,7 +12,7 @@ MU = 3.986004418e14
 EPOCH = "2025-03-20T12:00:00"
 TRACK_M = 1e-3  # what tracks are asked for
 FILE_M = 1e-4  # what the file's own interpolation adds; measured 2e-6
-GOES_ON_M = 0.03  # J2 over 2 s, which the circles below do not know: 0.5 * 0.013 m/s2 * 4 s2
+GOES_ON_M = 0.05  # twice J2 over 2 s, which the circles below do not know: 0.5 * 0.013 m/s2 * 4 s2
 JUMP_M_S = 100.0
 
 

@@ -489,7 +489,7 @@ def test_a_spread_group_is_lit_where_its_main_target_is_not(scene):
     curves = ws.light_curves(wide, times, ["sat11"])
     told = np.stack([wide.scenario.sunlit_fraction(name, times) for name in wide.target_names], axis=1)
     assert told.max() > 0.2
-    np.testing.assert_allclose(curves.sunlit_fraction[:, 0], told, rtol=0, atol=5e-3)  # light time
+    np.testing.assert_allclose(curves.sunlit_fraction[:, 0], told, rtol=0, atol=1e-2)  # 3e-3 in a light time of ms
 
 
 def test_attitude_tables_hold_their_ends_through_an_exposure(day):

@@ -16,7 +16,9 @@ from warpsim.optics.tables import share_table
 
 SEED = 271828
 STREAK_ATOL = 1e-5  # per unit flux, of the 10,000 samples
-FINE_ATOL = 1.5e-6  # what flux_error = 1e-6 promises, and half of it again for float32 sums
+FINE_ATOL = 2e-6
+"""A fifth of what is asked for. With flux_error = 1e-6 the nodes may err by half of it and a table by 6e-7; sums of
+float32 come on top. Measured 9e-7."""
 CLOSURE_ATOL = 1e-6  # shares reported against the sum of the image
 SUM_ATOL = 2e-6  # float32 images that are summed in another order: one rounding of 6e-8 for each of 30 nodes at a pixel
 SHAPE = (24, 32)

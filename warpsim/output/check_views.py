@@ -87,7 +87,9 @@ def replaced_text(n_up: int, n_boresight: int, n_view: int) -> str | None:
     """Return what had to be replaced in the cameras' axes in some of n_view views; None for nothing."""
     reported = []
     if n_up:
-        reported.append(f"{counted(n_up, 'view')} of {n_view:,} with pointing.up along the line of sight, its fallback is up")
+        reported.append(
+            f"{counted(n_up, 'view')} of {n_view:,} with pointing.up along the line of sight, its fallback is up"
+        )
     if n_boresight:
         lost = f"{counted(n_boresight, 'view')} of {n_view:,} with no direction to track, the motion's is taken"
         reported.append(lost)

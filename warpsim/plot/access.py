@@ -227,9 +227,7 @@ def _farthest_km(table: Table) -> list[float]:
     return sorted({rules_of_kind["max_range_km"] for rules_of_kind in rules if "max_range_km" in rules_of_kind})
 
 
-def range_km(
-    scenario: Scenario, sensor: str, counted: Sequence[tuple[float, Sequence[int]]], time_s: F64
-) -> F64:
+def range_km(scenario: Scenario, sensor: str, counted: Sequence[tuple[float, Sequence[int]]], time_s: F64) -> F64:
     """Return the distance from a sensor to the nearest target that exists [km], (n,), without light time.
 
     Args:

@@ -68,15 +68,11 @@ def plot_attitudes(scene: Scene | Scenario, time_s: float | Sequence[float], ax:
     ax.set_aspect("equal")
     ax.set_axis_off()
     axes = f"axes of {scenario.target_names[reference]} at {plain(reference_s)} s: along-track to the right, "
-    ax.set_title(
-        f"{scenario.scene.name}: attitudes, a dark quarter marks the turn\n{axes}radial upwards", fontsize=10
-    )
+    ax.set_title(f"{scenario.scene.name}: attitudes, a dark quarter marks the turn\n{axes}radial upwards", fontsize=10)
     return ax
 
 
-def _draw_row(
-    ax: Axes, scenario: Scenario, kind: TargetKind, row: int, times: Sequence[float], to_figure: F64
-) -> None:
+def _draw_row(ax: Axes, scenario: Scenario, kind: TargetKind, row: int, times: Sequence[float], to_figure: F64) -> None:
     """The first target of a kind at all instants, and words about it."""
     target = kind.targets[0]
     name, shape = scenario.target_names[target], scenario.targets[target].spec.shape

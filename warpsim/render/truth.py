@@ -59,14 +59,6 @@ def truth_table(frames: ImageAxes, scene: DeviceScene, seen: Observations) -> Ta
     from astropy.table import Table
 
     shape = (len(frames.frames), len(frames.sensors), scene.n_band, scene.n_target)
-    peak_part, stamp_part = _stamp_parts(scene, seen)
-    flags = np.asarray(seen.flags.numpy())
-    of_views = flags.reshape(shape[0], shape[1], shape[3])
-    in_fov, occulted, not_deployed, absent = (
-        (of_views & int(bit)) != 0 for bit in (IN_FOV, OCCULTED, NOT_DEPLOYED, ABSENT)
-    )
-    rows = [frames.instrument.index(name) for name in frames.sensors]
-    access = frames.instrument.can_observe(rows, frames.time_s) & ~absent
 
     def spread(values: Any, *axes: int) -> npt.NDArray[Any]:
         """Values with the given axes of (frame, sensor, band, target), repeated along the others."""
@@ -74,56 +66,80 @@ def truth_table(frames: ImageAxes, scene: DeviceScene, seen: Observations) -> Ta
         full = [shape[axis] if axis in axes else 1 for axis in range(4)]
         return np.broadcast_to(array.reshape(full), shape).ravel()
 
-    there = (flags & int(ABSENT)) == 0
-    placed = there & ((flags & int(BEHIND)) == 0)
-
-    def where_there(values: Any, mask: npt.NDArray[np.bool_] = there) -> npt.NDArray[np.float64]:
-        """Values of targets that are there, NaN for others."""
-        array = np.asarray(values, dtype=np.float64)
-        return np.where(mask.reshape(mask.shape + (1,) * (array.ndim - mask.ndim)), array, np.nan)
-
-    xy_px = where_there(seen.xy_px.numpy(), placed)
-    moved_px = where_there(moved(np.asarray(seen.offset_px.numpy())), placed)
-    irradiance = np.asarray(seen.irradiance_w_cm2.numpy(), dtype=np.float64)
-    split = split_irradiance_w_cm2(scene, seen)
-    snr = irradiance / frames.nei_w_cm2[:, None]
     targets = frames.scenario.targets
-    table = Table(
-        {
-            "frame": spread(np.asarray(frames.frames, dtype=np.int64), 0),
-            "time_s": spread(frames.time_s, 0),
-            "sensor": spread(frames.sensors, 1),
-            "band": spread(frames.bands, 2),
-            "target": spread(np.array([target.name for target in targets], dtype=str), 3),
-            "class": spread(np.array([target.spec.class_name for target in targets], dtype=str), 3),
-            "access": spread(access, 0, 1, 3),
-            "in_fov": spread(in_fov, 0, 1, 3),
-            "occulted": spread(occulted, 0, 1, 3),
-            "not_deployed": spread(not_deployed, 0, 1, 3),
-            "absent": spread(absent, 0, 1, 3),
-            "x_px": spread(xy_px[..., 0], 0, 1, 3),
-            "y_px": spread(xy_px[..., 1], 0, 1, 3),
-            "dx_px": spread(moved_px[..., 0], 0, 1, 3),
-            "dy_px": spread(moved_px[..., 1], 0, 1, 3),
-            "range_km": spread(where_there(seen.range_m.numpy() / 1e3), 0, 1, 3),
-            "aspect_deg": spread(where_there(np.degrees(seen.aspect_rad.numpy())), 0, 1, 3),
-            "projected_area_m2": spread(where_there(seen.area_m2.numpy()), 0, 1, 3),
-            "temperature_k": spread(where_there(seen.temperature_k.numpy()), 0, 1, 3),
-            "sunlit_fraction": spread(where_there(sunlit_fraction(scene, seen)), 0, 1, 3),
-            "irradiance_w_cm2": spread(irradiance, 0, 1, 2, 3),
-            **{f"{name}_w_cm2": spread(values, 0, 1, 2, 3) for name, values in split.items()},
-            "snr": spread(snr, 0, 1, 2, 3),
-            "snr_peak": spread(snr * peak_part, 0, 1, 2, 3),
-            "left_out_w_cm2": spread(irradiance * np.maximum(1 - stamp_part, 0), 0, 1, 2, 3),
-        }
-    )
-    units = {"time_s": "s", "range_km": "km", "aspect_deg": "deg"}
-    units |= dict.fromkeys(("x_px", "y_px", "dx_px", "dy_px"), "pix")
-    units |= {"projected_area_m2": "m2", "temperature_k": "K"}
-    units |= {name: "W / cm2" for name in table.colnames if name.endswith("_w_cm2")}
-    for name, unit in units.items():
-        table[name].unit = unit
+    columns = {
+        "frame": spread(np.asarray(frames.frames, dtype=np.int64), 0),
+        "time_s": spread(frames.time_s, 0),
+        "sensor": spread(frames.sensors, 1),
+        "band": spread(frames.bands, 2),
+        "target": spread(np.array([target.name for target in targets], dtype=str), 3),
+        "class": spread(np.array([target.spec.class_name for target in targets], dtype=str), 3),
+    }
+    columns |= {name: spread(values, 0, 1, 3) for name, values in _flags(frames, scene, seen).items()}
+    columns |= {name: spread(values, 0, 1, 3) for name, values in _geometry(scene, seen).items()}
+    columns |= {name: spread(values, 0, 1, 2, 3) for name, values in _light(frames, scene, seen).items()}
+    table = Table(columns)
+    for name in table.colnames:
+        if name in _UNITS or name.endswith("_w_cm2"):
+            table[name].unit = _UNITS.get(name, "W / cm2")
     return table
+
+
+_UNITS = {
+    "time_s": "s", "x_px": "pix", "y_px": "pix", "dx_px": "pix", "dy_px": "pix", "range_km": "km", "aspect_deg": "deg",
+    "projected_area_m2": "m2", "temperature_k": "K",
+}  # fmt: skip
+
+
+def _flags(frames: ImageAxes, scene: DeviceScene, seen: Observations) -> dict[str, npt.NDArray[np.bool_]]:
+    """What can be said of each target with yes or no, each (frame, sensor, target)."""
+    word = np.asarray(seen.flags.numpy()).reshape(len(frames.frames), len(frames.sensors), scene.n_target)
+    absent = (word & int(ABSENT)) != 0
+    rows = [frames.instrument.index(name) for name in frames.sensors]
+    return {
+        "access": frames.instrument.can_observe(rows, frames.time_s) & ~absent,
+        "in_fov": (word & int(IN_FOV)) != 0,
+        "occulted": (word & int(OCCULTED)) != 0,
+        "not_deployed": (word & int(NOT_DEPLOYED)) != 0,
+        "absent": absent,
+    }
+
+
+def _geometry(scene: DeviceScene, seen: Observations) -> dict[str, npt.NDArray[np.float64]]:
+    """Where and how each target is seen, each (view, target); NaN for absent ones."""
+    flags = np.asarray(seen.flags.numpy())
+    there = (flags & int(ABSENT)) == 0
+    in_front = there & ((flags & int(BEHIND)) == 0)
+
+    def known(values: Any, mask: npt.NDArray[np.bool_] = there) -> npt.NDArray[np.float64]:
+        return np.where(mask, np.asarray(values, dtype=np.float64), np.nan)
+
+    xy_px, moved_px = seen.xy_px.numpy(), moved(np.asarray(seen.offset_px.numpy()))
+    return {
+        "x_px": known(xy_px[..., 0], in_front),
+        "y_px": known(xy_px[..., 1], in_front),
+        "dx_px": known(moved_px[..., 0], in_front),
+        "dy_px": known(moved_px[..., 1], in_front),
+        "range_km": known(seen.range_m.numpy() / 1e3),
+        "aspect_deg": known(np.degrees(seen.aspect_rad.numpy())),
+        "projected_area_m2": known(seen.area_m2.numpy()),
+        "temperature_k": known(seen.temperature_k.numpy()),
+        "sunlit_fraction": known(sunlit_fraction(scene, seen)),
+    }
+
+
+def _light(frames: ImageAxes, scene: DeviceScene, seen: Observations) -> dict[str, npt.NDArray[np.float64]]:
+    """How bright each target is, each (view, band, target)."""
+    peak_part, stamp_part = _stamp_parts(scene, seen)
+    irradiance = np.asarray(seen.irradiance_w_cm2.numpy(), dtype=np.float64)
+    snr = irradiance / frames.nei_w_cm2[:, None]
+    return {
+        "irradiance_w_cm2": irradiance,
+        **{f"{name}_w_cm2": values for name, values in split_irradiance_w_cm2(scene, seen).items()},
+        "snr": snr,
+        "snr_peak": snr * peak_part,
+        "left_out_w_cm2": irradiance * np.maximum(1 - stamp_part, 0),
+    }
 
 
 def sunlit_fraction(scene: DeviceBodies, seen: Observations) -> npt.NDArray[np.float64]:

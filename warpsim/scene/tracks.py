@@ -159,20 +159,13 @@ def build_tracks(
     if known is not None:
         return known
     n_satellite = len(names) - len(targets)
-    mains = {target.group: number for number, target in reversed(list(enumerate(targets)))}
-    carrier = [mains[target.group] if target.is_released else number for number, target in enumerate(targets)]
-    release_s = np.array([target.release_s for target in targets], dtype=np.float64)
-    exists_s = np.array([target.exists_s for target in targets], dtype=np.float64).reshape(-1, 2)
-    # What ends with the scene, or before it begins, has no end within it.
-    counted_s = np.where((exists_s > 0.0) & (exists_s < duration_s), exists_s, [-math.inf, math.inf])
-    counted_s[:, 0] = np.maximum(counted_s[:, 0], release_s)
-    within = bool((release_s > 0).any() or np.isfinite(counted_s).any())
+    presence = _Presence.of(targets, duration_s)
     tracks = make_tracks(
         names,
         motion.states,
         duration_s,
-        counted_s=np.concatenate([np.full((n_satellite, 2), [-math.inf, math.inf]), counted_s]),
-        longest_s=MARGIN_S if within else LONGEST_STEP_S,
+        counted_s=np.concatenate([np.full((n_satellite, 2), [-math.inf, math.inf]), presence.counted_s]),
+        longest_s=MARGIN_S if presence.changes else LONGEST_STEP_S,
     )
     start_s, step_s, n_node = tracks[0].start_s, tracks[0].step_s, tracks[0].n_node
     earth = earth_states(epoch, start_s + step_s * np.arange(n_node))
@@ -184,12 +177,38 @@ def build_tracks(
         earth.barycentric_m,
         earth.heliocentric_m,
         pole_of_date(epoch),
-        np.array(carrier, dtype=np.int64),
-        release_s,
-        exists_s,
+        presence.carrier,
+        presence.release_s,
+        presence.exists_s,
     )
     _KNOWN[key] = found
     return found
+
+
+@dataclass(frozen=True)
+class _Presence:
+    """When targets are there, and whom they go with."""
+
+    carrier: npt.NDArray[np.int64]
+    release_s: F64
+    exists_s: F64
+    counted_s: F64
+    """From when to when each target's path must be good, (n_target, 2)."""
+    changes: bool
+    """Whether a target comes, goes or is released within the scene."""
+
+    @classmethod
+    def of(cls, targets: Sequence[SceneTarget], duration_s: float) -> _Presence:
+        """When the targets of a scene are there."""
+        mains = {target.group: number for number, target in reversed(list(enumerate(targets)))}
+        carrier = [mains[target.group] if target.is_released else number for number, target in enumerate(targets)]
+        release_s = np.array([target.release_s for target in targets], dtype=np.float64)
+        exists_s = np.array([target.exists_s for target in targets], dtype=np.float64).reshape(-1, 2)
+        # What ends with the scene, or before it begins, has no end within it.
+        counted_s = np.where((exists_s > 0.0) & (exists_s < duration_s), exists_s, [-math.inf, math.inf])
+        counted_s[:, 0] = np.maximum(counted_s[:, 0], release_s)
+        changes = bool((release_s > 0).any() or np.isfinite(counted_s).any())
+        return cls(np.array(carrier, dtype=np.int64), release_s, exists_s, counted_s, changes)
 
 
 def _checksum(path: object) -> object:
