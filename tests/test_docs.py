@@ -4,6 +4,7 @@ import importlib
 import inspect
 import re
 import tomllib
+import typing
 from dataclasses import fields
 from pathlib import Path
 
@@ -16,8 +17,9 @@ from warpsim.config.distributions import KINDS
 from warpsim.dataset.sequences import check_extremes
 from warpsim.orbit.constellations import Constellation, NamedOrbit
 from warpsim.orbit.paths import Orbit
-from warpsim.scene import parts
 from warpsim.scene.scene import Scene
+from warpsim.scene.short_form import SHORT_FORMS
+from warpsim.scene.sky import SyntheticStars
 
 TOP = Path(__file__).parents[1]
 DOCS = TOP / "docs"
@@ -27,7 +29,8 @@ MORE_PAGES = [TOP / "CONTRIBUTING.md", TOP / "CHANGELOG.md"]
 
 SECTIONS = {
     "Top level": [Scene],
-    "`[frames]`": [parts.Frames],
+    "`[[sensors]]`": [ws.Sensor],
+    "`[frames]`": [ws.Frames],
     "`[constellation]`": [ws.Walker],
     "Satellites by element sets": [ws.TleSatellites],
     "Satellites by files of states": [ws.EphemerisSatellites],
@@ -44,7 +47,7 @@ SECTIONS = {
     "Flight from a state": [ws.StateVector],
     "Orbit by an element set": [ws.TleOrbit],
     "Orbit along a file": [ws.EphemerisOrbit],
-    "`[[targets]]`": [parts.TargetSpec],
+    "`[[targets]]`": [ws.TargetSpec],
     "`shape`": [ws.Sphere, ws.Cylinder, ws.Cone, ws.Frustum, ws.Plate, ws.Mesh],
     "`surface`": [ws.Graybody],
     "`temperature`": [ws.Temperature],
@@ -52,17 +55,40 @@ SECTIONS = {
     "`temperature` by heat balance": [ws.HeatBalance],
     "`attitude`": [ws.Attitude],
     "`attitude` from a table": [ws.AttitudeTable],
-    "`[release]`": [parts.Release],
-    "`[[groups]]`": [parts.TargetGroup],
-    "`[pointing]`": [ws.TrackPointing, ws.FixedPointing, ws.TablePointing],
+    "`[release]`": [ws.Release],
+    "`[[groups]]`": [ws.TargetGroup],
+    "`[pointing]`": [ws.TrackPointing, ws.FixedPointing, ws.SchedulePointing, ws.TablePointing],
+    "`steps`": [ws.PointingStep],
+    "`slew`": [ws.Slew],
     "`rows`": [ws.PointingRow],
+    "`bias`": [ws.Bias],
+    "`drift`": [ws.Drift],
     "`jitter`": [ws.Jitter],
     "`[access_rules]`": [ws.AccessConstraints],
-    "`[sky]`": [parts.Sky],
+    "`[sky]`": [ws.Sky],
     "`[lighting]`": [ws.Lighting],
-    "`synthetic`": [parts.SyntheticStars],
+    "`synthetic`": [SyntheticStars],
 }
-"""Headings of docs/scene.md and the parts whose fields they list."""
+"""Headings of docs/scene.md and the config models whose fields they list."""
+
+
+def field_names(model):
+    """Names of a config model's fields as files have them."""
+    return [info.alias or name for name, info in model.__pydantic_fields__.items()]
+
+
+def models_within(annotation, found=None):
+    """Config models that an annotation names, and those that their fields name."""
+    found = set() if found is None else found
+    if hasattr(annotation, "__pydantic_fields__"):
+        if annotation not in found:
+            found.add(annotation)
+            for info in annotation.__pydantic_fields__.values():
+                models_within(info.annotation, found)
+        return found
+    for part in typing.get_args(annotation):
+        models_within(part, found)
+    return found
 
 
 def name_of(page):
@@ -145,10 +171,11 @@ def test_toml_parts_are_parts_of_scenes(tmp_path, monkeypatch):
     for text in texts:
         ((name, data),) = tomllib.loads(text).items()
         if name == "targets":
-            assert [TypeAdapter(parts.TargetSpec).validate_python(item) for item in data]
+            assert [TypeAdapter(ws.TargetSpec).validate_python(item) for item in data]
             continue
         if name not in known:
-            assert Scene.load("stss").replace(**{name: data}).to_dict()[name]
+            stss = Scene.load("stss")
+            assert stss.replace(**{name: data}) != stss
             continue
         states = known[name].validate_python(data).states(Scene.load("stss").epoch, [0.0])
         assert states[0].shape[::2] == (1, 3)
@@ -157,13 +184,26 @@ def test_toml_parts_are_parts_of_scenes(tmp_path, monkeypatch):
 @pytest.mark.parametrize("heading", SECTIONS)
 def test_scene_page_lists_every_field_and_no_other(heading):
     listed = first_column(sections(TOP / "docs" / "scene.md")[heading])
-    known = {field.name for cls in SECTIONS[heading] for field in fields(cls)}
+    known = {name for model in SECTIONS[heading] for name in field_names(model)}
     assert sorted(listed) == sorted(known)
 
 
-def test_every_part_of_a_scene_has_a_section():
-    tables = {name for name, value in Scene.load("stss").to_dict().items() if isinstance(value, dict)}
-    assert {f"`[{name}]`" for name in tables} <= set(SECTIONS)
+def test_every_config_model_of_a_scene_has_a_section():
+    distributions = models_within(ws.Recipe.__pydantic_fields__["sample"].annotation)
+    assert len(distributions) == len(KINDS)
+    described = {model for models in SECTIONS.values() for model in models}
+    assert models_within(Scene) - distributions == described
+
+
+def test_every_table_of_a_scene_has_a_section():
+    def tables(data):
+        lists = {name for name, value in data.items() if isinstance(value, list) and isinstance(value[0], dict)}
+        return {f"`[{name}]`" for name in data if isinstance(data[name], dict)} | {f"`[[{name}]]`" for name in lists}
+
+    scene = Scene.load("stss").to_dict()
+    inside = scene["sensors"][0] | scene["groups"][0]
+    short = {name: inside[name] for names in SHORT_FORMS.values() for name in names if name in inside}
+    assert tables(scene) | tables(short) - {"`[[pointing]]`"} <= set(SECTIONS)
 
 
 @pytest.mark.parametrize("kind", ["truth", "stars"])

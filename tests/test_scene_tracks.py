@@ -146,3 +146,8 @@ def test_light_time_has_room_when_steps_are_tiny(along):
     smooth = along(20.0, lambda t: circle(t, 7.0e6), ship, [(0.0, 20.0)])
     assert smooth.scenario.tracks.step_s > 1.0
     assert np.abs(axes - smooth.scenario.view_axes("bird", [0.0, 10.0])).max() < 1e-9
+
+
+def test_tracks_say_what_they_are_and_not_all_they_hold():
+    tracks = ws.Scene.load("stss").scenario.tracks
+    assert repr(tracks) == "Tracks(28 satellites, 30 targets, 141 nodes every 11.6957 s)"

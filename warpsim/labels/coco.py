@@ -19,6 +19,7 @@ from warpsim.labels.boxes import CORNER_PX
 from warpsim.labels.rle import mask_to_rle, rle_area
 from warpsim.labels.table import BOX_COLUMNS
 from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene, scenario_of
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -46,13 +47,16 @@ _PX_DIGITS = 6
 _VALUE_DIGITS = 7  # of numbers that are float32 in the images
 
 
-def coco_categories(scenario: Scenario) -> list[dict[str, Any]]:
+def coco_categories(scene: Scene | Scenario) -> list[dict[str, Any]]:
     """Return the classes of the targets of a scene as COCO's categories, in the order of the scene, from id 1 on.
 
     Targets without a class of their own are classed by the name of their entry. The supercategory is the shape, of the
     first entry of the class.
+
+    Args:
+        scene: The scene, or its scenario.
     """
-    specs = [spec for group in scenario.scene.groups for spec in group.targets]
+    specs = [spec for group in scenario_of(scene).scene.groups for spec in group.targets]
     kinds = {spec.class_name: spec.shape.kind for spec in reversed(specs)}
     names = dict.fromkeys(spec.class_name for spec in specs)
     return [

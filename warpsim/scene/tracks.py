@@ -26,7 +26,7 @@ LONGEST_STEP_S = 3600.0
 """Longest node step."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Tracks:
     """All that moves in a scene on one time grid; GCRS axes, geocentric."""
 
@@ -47,6 +47,10 @@ class Tracks:
     """Time of each target's release [s], -inf where there is none, (n_target,)."""
     exists_s: F64
     """From when to when each target is there [s], (n_target, 2)."""
+
+    def __repr__(self) -> str:
+        sizes = f"{len(self.satellites)} satellites, {len(self.targets)} targets"
+        return f"Tracks({sizes}, {self.n_node} nodes every {self.step_s:g} s)"
 
     @property
     def start_s(self) -> float:
