@@ -21,7 +21,7 @@ from warpsim_kernels.earthlight import earth_area_kernel
 
 import warpsim as ws
 from warpsim.target.areas import body_struct
-from warpsim.target.earthlight import NODE_ERRORS, SERIES_ERRORS, SERIES_RINGS, rule_struct
+from warpsim.target.earth_radiation import NODE_ERRORS, SERIES_ERRORS, SERIES_RINGS, rule_struct
 from warpsim.target.facets import facets_of
 
 SHAPES = {"sphere": ws.Sphere(0.5), "cylinder": ws.Cylinder(0.25, 1.0), "cone": ws.Cone(0.25, 1.0)}

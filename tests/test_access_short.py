@@ -11,7 +11,7 @@ import pytest
 import warpsim as ws
 from warpsim.orbit.access import access_intervals
 from warpsim.orbit.passes import REACH, pass_times_s
-from warpsim.orbit.rules import AccessConstraints, FieldOfView
+from warpsim.orbit.access_constraints import AccessConstraints, FieldOfView
 from warpsim.orbit.sampling import sample_tracks
 from warpsim.orbit.scan import Scan, break_times_s, scan_times_s
 

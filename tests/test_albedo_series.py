@@ -21,7 +21,7 @@ from warpsim_kernels.albedo_series import damping
 
 from warpsim.errors import InputError
 from warpsim.target import earthlight
-from warpsim.target.earthlight import SERIES_ERRORS, SERIES_RINGS, albedo_area_m2, albedo_method
+from warpsim.target.earth_radiation import SERIES_ERRORS, SERIES_RINGS, albedo_area_m2, albedo_method
 
 DAMPING_ATOL = 1e-13
 PATCH_ATOL = 3e-5  # of the largest value: patches at the terminator

@@ -15,7 +15,7 @@ from warpsim_kernels.shapes import Body
 import warpsim as ws
 from warpsim.target.albedo_table import albedo_table
 from warpsim.target.areas import body_struct
-from warpsim.target.earthlight import SERIES_ERRORS, SERIES_RINGS, albedo_area_m2
+from warpsim.target.earth_radiation import SERIES_ERRORS, SERIES_RINGS, albedo_area_m2
 from warpsim.target.facets import facets_of
 
 SEED = 466920

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 import warpsim as ws
 
-pytest.importorskip("warpsim.exchange.read")
+pytest.importorskip("warpsim.exchange.read_files")
 
 PRINTED_RAD = 1e-9  # ten printed digits of a quaternion
 

@@ -226,7 +226,7 @@ def cds_file(tmp_path, table=TABLE1, readme="ReadMe"):
 
 def read_parts(file, **options):
     """Read through the survey IRAS would need its columns: here the file's own table is looked at."""
-    from warpsim.tables.read import read_table
+    from warpsim.tables.read_table import read_table
 
     return read_table(file, options.get("format"), readme=options.get("readme"))
 

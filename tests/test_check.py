@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from warpsim.orbit.rules import MARGIN_NAMES
+from warpsim.orbit.access_constraints import MARGIN_NAMES
 from warpsim.output.check import scene_report
 from warpsim.output.check_sensor import RULE_NAMES
 

@@ -18,7 +18,7 @@ from warpsim.errors import InputError
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, geocentric_radius_m
 from warpsim.radiometry.sunlight import sun_irradiance_w_m2
 from warpsim.target import earthlight
-from warpsim.target.earthlight import absorbed_area_m2, albedo_area_m2, earth_area_m2, view_factor
+from warpsim.target.earth_radiation import absorbed_area_m2, albedo_area_m2, earth_area_m2, view_factor
 
 SEED = 141421
 

@@ -13,7 +13,7 @@ from warpsim.target.attitude import BodyMotion, attitude_frame
 from warpsim.target.cooling import ERROR_K, Bodies, follow
 from warpsim.target.heat_balance import Lump, mean_view_factor
 from warpsim.target.temperature import TemperatureRows
-from warpsim.target.turning_area import TurningArea, steady_area, turns_in_step
+from warpsim.target.rotating_area import TurningArea, steady_area, turns_in_step
 
 SEED = 271828
 SIGMA = 5.670374419184429e-8  # CODATA 2018

@@ -14,7 +14,7 @@ from warpsim_kernels.shapes import Body
 import warpsim as ws
 from warpsim.errors import InputError
 from warpsim.target.areas import body_struct
-from warpsim.target.earthlight import NEAR_LIMB_SINE, earth_area_m2, view_factor
+from warpsim.target.earth_radiation import NEAR_LIMB_SINE, earth_area_m2, view_factor
 from warpsim.target.facets import facets_of
 from warpsim.target.heat_table import HEAT_ERRORS, coefficient_tables, heat_method, heat_tables
 

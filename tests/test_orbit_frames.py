@@ -13,7 +13,7 @@ from exchange_samples import AEM
 from scipy.spatial.transform import Rotation
 
 import warpsim as ws
-from warpsim.exchange.records import FRAMES
+from warpsim.exchange.segments import FRAMES
 from warpsim.orbit.earth import timescale
 from warpsim.orbit.epoch import tt_jd, utc_time
 from warpsim.orbit.frames import (

@@ -15,7 +15,7 @@ from warpsim.plot.globe import globe_from
 from warpsim.plot.ground_tracks import broken_at_date_line
 from warpsim.plot.group_panels import group_offsets_m
 from warpsim.plot.overview import osculating_ellipse_m
-from warpsim.plot.pictures import draw_access, draw_scenario
+from warpsim.plot.figure_files import draw_access, draw_scenario
 from warpsim.render.star_field import load_catalog, star_index
 
 pytest.importorskip("matplotlib").use("Agg")
@@ -613,7 +613,7 @@ def test_given_access_is_what_is_drawn(scene):
 
 def test_named_sensors_are_drawn_without_access_too(scene, tmp_path, monkeypatch):
     drawn = {}
-    monkeypatch.setattr("warpsim.plot.pictures.save_figure", lambda figure, path: drawn.setdefault(path, figure))
+    monkeypatch.setattr("warpsim.plot.figure_files.save_figure", lambda figure, path: drawn.setdefault(path, figure))
     for path, names in (("named", ["sat13"]), ("all", None)):
         draw_access(scene, path, scene.access(sensors=names), names)
     chart, ranges = drawn["named"].axes
@@ -879,7 +879,7 @@ def test_views_are_of_the_sensors_own_camera(two_kinds, time_s):
 
 
 def test_views_are_of_some_sensors_of_each_kind(two_kinds, later_group, tmp_path, monkeypatch):
-    monkeypatch.setattr("warpsim.plot.pictures.save_figure", lambda figure, path: None)
+    monkeypatch.setattr("warpsim.plot.figure_files.save_figure", lambda figure, path: None)
     paths = draw_scenario(two_kinds.scenario, tmp_path, TIME_S)
     names = [path.stem for path in paths]
     assert names[:5] == ["scene", "ground_tracks", "group", "attitudes", "access"]

@@ -20,7 +20,7 @@ from warpsim.plot.partition import (
     view_costs,
 )
 from warpsim.plot.partition_figure import plot_sky_partition
-from warpsim.plot.sky import density_map, mollweide, plot_sky_density, plot_star_counts
+from warpsim.plot.sky_figure import density_map, mollweide, plot_sky_density, plot_star_counts
 from warpsim.sky.star_counts import magnitude_counts
 
 pytest.importorskip("matplotlib").use("Agg")
@@ -167,7 +167,7 @@ def test_galactic_axes_are_astropys():
     from astropy import units as u
     from astropy.coordinates import SkyCoord
 
-    from warpsim.plot.sky import _longitude_latitude_deg
+    from warpsim.plot.sky_figure import _longitude_latitude_deg
 
     catalog = random_sky(1000)
     theirs = SkyCoord(catalog.ra_deg * u.deg, catalog.dec_deg * u.deg, frame="icrs").galactic

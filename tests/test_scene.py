@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import warpsim as ws
-from warpsim.scene.files import to_toml
+from warpsim.scene.scene_files import to_toml
 
 TRACK_M = 1e-3
 """Interpolation between nodes."""

@@ -9,7 +9,7 @@ import pytest
 from warpsim.errors import InputError
 from warpsim.sky.readers.layouts import LAYOUTS, layout_of
 from warpsim.tables.fixed_width import Field, Layout
-from warpsim.tables.read import read_table
+from warpsim.tables.read_table import read_table
 
 
 @pytest.mark.parametrize(
@@ -59,10 +59,10 @@ def test_rows_of_errors_become_lines(tmp_path):
 
 
 def test_tables_know_nothing_of_stars(checkout_environment):
-    code = "import sys, warpsim.tables.read; print([m for m in sys.modules if m.startswith('warpsim.')])"
+    code = "import sys, warpsim.tables.read_table; print([m for m in sys.modules if m.startswith('warpsim.')])"
     run = subprocess.run(
         [sys.executable, "-c", code], env=checkout_environment, capture_output=True, text=True, check=True
     )
     modules = run.stdout
-    assert "warpsim.tables.read" in modules
+    assert "warpsim.tables.read_table" in modules
     assert not any(room in modules for room in ("warpsim.sky", "warpsim.exchange", "warpsim.radiometry"))

@@ -15,15 +15,15 @@ if TYPE_CHECKING:
     from warpsim import paper as paper
     from warpsim import plot as plot
     from warpsim.dataset.recipe import Recipe as Recipe
-    from warpsim.dataset.run import DatasetReport as DatasetReport
-    from warpsim.dataset.run import write_dataset as write_dataset
+    from warpsim.dataset.write import DatasetReport as DatasetReport
+    from warpsim.dataset.write import write_dataset as write_dataset
     from warpsim.detector.electron import ElectronDetector as ElectronDetector
     from warpsim.detector.nei import NeiDetector as NeiDetector
     from warpsim.errors import InputError as InputError
-    from warpsim.exchange.read import read_attitude as read_attitude
-    from warpsim.exchange.read import read_ephemeris as read_ephemeris
-    from warpsim.exchange.records import AttitudeSegment as AttitudeSegment
-    from warpsim.exchange.records import EphemerisSegment as EphemerisSegment
+    from warpsim.exchange.read_files import read_attitude as read_attitude
+    from warpsim.exchange.read_files import read_ephemeris as read_ephemeris
+    from warpsim.exchange.segments import AttitudeSegment as AttitudeSegment
+    from warpsim.exchange.segments import EphemerisSegment as EphemerisSegment
     from warpsim.exchange.write import write_aem as write_aem
     from warpsim.exchange.write import write_oem as write_oem
     from warpsim.exchange.write import write_stk_attitude as write_stk_attitude
@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from warpsim.orbit.elements import StateVector as StateVector
     from warpsim.orbit.ephemeris import EphemerisOrbit as EphemerisOrbit
     from warpsim.orbit.ephemeris import EphemerisSatellites as EphemerisSatellites
-    from warpsim.orbit.rules import AccessConstraints as AccessConstraints
-    from warpsim.orbit.rules import AccessGeometry as AccessGeometry
+    from warpsim.orbit.access_constraints import AccessConstraints as AccessConstraints
+    from warpsim.orbit.access_constraints import AccessGeometry as AccessGeometry
     from warpsim.orbit.tle import TleOrbit as TleOrbit
     from warpsim.orbit.tle import TleSatellites as TleSatellites
     from warpsim.orbit.walker import Walker as Walker
@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from warpsim.render.light_curves import light_curves as light_curves
     from warpsim.render.renderer import Renderer as Renderer
     from warpsim.render.stream import StreamStats as StreamStats
-    from warpsim.scene.files import presets as presets
+    from warpsim.scene.scene_files import presets as presets
     from warpsim.scene.groups import Release as Release
     from warpsim.scene.groups import TargetGroup as TargetGroup
     from warpsim.scene.groups import TargetSpec as TargetSpec
@@ -113,7 +113,7 @@ _HOME = {
     "TargetSpec": "warpsim.scene.groups",
     "Release": "warpsim.scene.groups",
     "Sky": "warpsim.scene.sky",
-    "presets": "warpsim.scene.files",
+    "presets": "warpsim.scene.scene_files",
     "Renderer": "warpsim.render.renderer",
     "FrameSet": "warpsim.render.frameset",
     "StreamStats": "warpsim.render.stream",
@@ -166,8 +166,8 @@ _HOME = {
     "StateVector": "warpsim.orbit.elements",
     "BallisticArc": "warpsim.orbit.arc",
     "Lighting": "warpsim.scene.lighting",
-    "AccessConstraints": "warpsim.orbit.rules",
-    "AccessGeometry": "warpsim.orbit.rules",
+    "AccessConstraints": "warpsim.orbit.access_constraints",
+    "AccessGeometry": "warpsim.orbit.access_constraints",
     "TrackPointing": "warpsim.scene.pointing",
     "FixedPointing": "warpsim.scene.pointing",
     "TablePointing": "warpsim.scene.pointing",
@@ -180,10 +180,10 @@ _HOME = {
     "Jitter": "warpsim.scene.pointing",
     "EphemerisOrbit": "warpsim.orbit.ephemeris",
     "EphemerisSatellites": "warpsim.orbit.ephemeris",
-    "read_ephemeris": "warpsim.exchange.read",
-    "read_attitude": "warpsim.exchange.read",
-    "EphemerisSegment": "warpsim.exchange.records",
-    "AttitudeSegment": "warpsim.exchange.records",
+    "read_ephemeris": "warpsim.exchange.read_files",
+    "read_attitude": "warpsim.exchange.read_files",
+    "EphemerisSegment": "warpsim.exchange.segments",
+    "AttitudeSegment": "warpsim.exchange.segments",
     "write_oem": "warpsim.exchange.write",
     "write_stk_ephemeris": "warpsim.exchange.write",
     "write_aem": "warpsim.exchange.write",
@@ -191,8 +191,8 @@ _HOME = {
     "NeiDetector": "warpsim.detector.nei",
     "ElectronDetector": "warpsim.detector.electron",
     "Recipe": "warpsim.dataset.recipe",
-    "write_dataset": "warpsim.dataset.run",
-    "DatasetReport": "warpsim.dataset.run",
+    "write_dataset": "warpsim.dataset.write",
+    "DatasetReport": "warpsim.dataset.write",
     "InputError": "warpsim.errors",
 }
 

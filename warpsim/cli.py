@@ -205,7 +205,7 @@ def _scenario(source: str) -> Scenario:
 
 
 def _access(options: argparse.Namespace) -> int:
-    from warpsim.scene.access import ACCESS_STEP_S
+    from warpsim.scene.target_access import ACCESS_STEP_S
 
     if options.format not in ("table", "csv", "ecsv"):
         raise InputError("must be table, csv or ecsv", "--format", options.format)
@@ -214,7 +214,7 @@ def _access(options: argparse.Namespace) -> int:
         raise InputError("must be > 0", "--step", options.step)
     picture = Path(options.plot) if options.plot else None
     if picture:
-        from warpsim.plot.pictures import check_picture, draw_access
+        from warpsim.plot.figure_files import check_picture, draw_access
 
         check_picture(picture, options.overwrite, "--plot")
     scenario = _scenario(options.scene)
@@ -241,7 +241,7 @@ def _access(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> int:
     from warpsim.output.check import scene_report
-    from warpsim.scene.files import read_scene_data
+    from warpsim.scene.scene_files import read_scene_data
 
     if "scene" not in read_scene_data(options.scene):
         print(scene_report(_scenario(options.scene)))
@@ -257,7 +257,7 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _plot(options: argparse.Namespace) -> int:
-    from warpsim.plot.pictures import draw_scenario
+    from warpsim.plot.figure_files import draw_scenario
 
     time_s = None if options.time is None else _number("--time", options.time)
     scenario = _scenario(options.scene)
@@ -342,7 +342,7 @@ def _draw_counts(catalog: StarCatalog, path: Path) -> None:
     from matplotlib.figure import Figure
 
     from warpsim.plot.figure import save_figure
-    from warpsim.plot.sky import plot_star_counts
+    from warpsim.plot.sky_figure import plot_star_counts
 
     figure = Figure(figsize=(8.5, 4.8), layout="constrained")
     plot_star_counts(catalog, ax=figure.add_subplot())

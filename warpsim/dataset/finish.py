@@ -12,7 +12,7 @@ from warpsim.dataset.layout import ANNOTATIONS, SEQUENCES, shards_of
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import split_of
 from warpsim.dataset.shard import FINISH, Receipt, planned_path
-from warpsim.dataset.workplace import Workplace
+from warpsim.dataset.directory import Workplace
 from warpsim.files import sha256_of, write_json
 from warpsim.labels.coco import coco_categories, write_coco_parts
 from warpsim.output.manifest import python_version

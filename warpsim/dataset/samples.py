@@ -8,7 +8,7 @@ from typing import Any
 
 from warpsim.config.distributions import KINDS, is_distribution
 from warpsim.config.fields import rule_error
-from warpsim.scene.files import named_files, with_absolute_paths
+from warpsim.scene.scene_files import named_files, with_absolute_paths
 
 
 def flat_names(value: Any) -> dict[str, Any]:

@@ -20,11 +20,11 @@ from warpsim.dataset.planes import bytes_per_view, planes_of
 from warpsim.dataset.previews import sequence_films
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import Sequence, draw_sequence
-from warpsim.dataset.tables import Tables
+from warpsim.dataset.image_tables import Tables
 from warpsim.dataset.writers import ShardWriter, shard_writer
 from warpsim.errors import InputError
 from warpsim.files import read_json, sha256_of, write_json
-from warpsim.output.receipts import is_record
+from warpsim.output.checkpoints import is_record
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from warpsim.exchange.ccsds_message import Field, Message, MessageSegment, read_message
 from warpsim.exchange.frame_names import ccsds_frame, known_ccsds_frame
 from warpsim.exchange.instants import Instants, check_time_system
-from warpsim.exchange.records import AttitudeSegment, EphemerisSegment, Frame, Interpolation
+from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame, Interpolation
 from warpsim.exchange.rotations import euler_quaternion
 from warpsim.exchange.source import Source, check_cells, dates_of, numbers_of, whole_number_of
 from warpsim.quaternion import conjugate

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from warpsim.errors import InputError
-from warpsim.exchange.records import FRAMES, Frame
+from warpsim.exchange.segments import FRAMES, Frame
 
 _CCSDS: dict[str, Frame] = {
     "GCRF": "GCRF",

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from warpsim.exchange.frame_names import known_stk_frame
 from warpsim.exchange.instants import Instants, later
-from warpsim.exchange.records import AttitudeSegment, EphemerisSegment, Frame, Interpolation
+from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame, Interpolation
 from warpsim.exchange.source import (
     Rows,
     Source,

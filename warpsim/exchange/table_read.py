@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError, one_line
 from warpsim.exchange.frame_names import known_ccsds_frame
 from warpsim.exchange.instants import Instants, parse_dates
-from warpsim.exchange.records import AttitudeSegment, EphemerisSegment, Frame
+from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame
 from warpsim.exchange.source import Source
 from warpsim.tables.by_astropy import read_ecsv
 from warpsim.tables.delimited import read_delimited

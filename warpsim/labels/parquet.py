@@ -12,7 +12,7 @@ import numpy as np
 
 from warpsim.errors import InputError
 from warpsim.files import plain_number, whole_file
-from warpsim.labels.columns import DESCRIPTIONS
+from warpsim.labels.column_meanings import DESCRIPTIONS
 
 if TYPE_CHECKING:
     from astropy.table import Table

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from warpsim.arguments import above_zero
 from warpsim.labels.boxes import target_boxes
-from warpsim.labels.columns import DESCRIPTIONS
+from warpsim.labels.column_meanings import DESCRIPTIONS
 from warpsim.labels.parquet import read_parquet as read_parquet
 from warpsim.labels.parquet import write_parquet as write_parquet
 from warpsim.labels.rle import masks_to_rle

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim.orbit.grazing import grazing_altitude_m as grazing_altitude_m
 from warpsim.orbit.intervals import Intervals, find_intervals
 from warpsim.orbit.passes import pass_times_s
-from warpsim.orbit.rules import AccessConstraints as AccessConstraints
-from warpsim.orbit.rules import (
+from warpsim.orbit.access_constraints import AccessConstraints as AccessConstraints
+from warpsim.orbit.access_constraints import (
     AccessGeometry,
     FieldOfView,
     MarginFunction,

@@ -25,8 +25,8 @@ from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.exchange.instants import Instants, instants_of_time, later
 from warpsim.exchange.names import plain_name, unique_names
-from warpsim.exchange.read import ephemeris_of
-from warpsim.exchange.records import DEFAULT_DEGREE, EphemerisSegment, Frame, Interpolation
+from warpsim.exchange.read_files import ephemeris_of
+from warpsim.exchange.segments import DEFAULT_DEGREE, EphemerisSegment, Frame, Interpolation
 from warpsim.exchange.source import Source, read_source
 from warpsim.orbit.earth import pole_of_date
 from warpsim.orbit.frames import states_to_gcrs

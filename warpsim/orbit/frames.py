@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
-from warpsim.exchange.records import FRAMES, AttitudeSegment
+from warpsim.exchange.segments import FRAMES, AttitudeSegment
 from warpsim.orbit.earth import itrs_to_gcrs, skyfield_to_gcrs
 from warpsim.orbit.teme import teme_to_gcrs
 from warpsim.quaternion import from_matrix, product
@@ -31,7 +31,7 @@ def frame_to_gcrs(frame: str, epoch: Epoch, time_s: ArrayLike) -> F64:
     """Return rotations from a frame's axes to GCRS axes, (n_time, 3, 3).
 
     Args:
-        frame: One of warpsim.exchange.records.FRAMES.
+        frame: One of warpsim.exchange.segments.FRAMES.
         epoch: The scene's epoch.
         time_s: Times [s since epoch], (n_time,).
 

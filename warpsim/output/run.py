@@ -22,7 +22,7 @@ from warpsim.output.contact_sheet import SheetRow, draw_contact_sheet
 from warpsim.output.manifest import made_with
 from warpsim.output.plan import USUAL_FORMATS, Plan, make_plan
 from warpsim.output.progress import progress_bar
-from warpsim.output.receipts import tidy
+from warpsim.output.checkpoints import tidy
 from warpsim.output.run_folder import has_receipt, is_complete, working_on, write_receipt
 from warpsim.render.renderer import Renderer
 from warpsim.scene.inputs import input_checksums

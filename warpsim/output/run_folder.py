@@ -15,7 +15,7 @@ import numpy as np
 from warpsim.errors import InputError
 from warpsim.files import partial_path, read_json, sha256_of, write_json
 from warpsim.output.plan import PARTS, Plan
-from warpsim.output.receipts import clear, files_match, has_key, is_record, locked, remove_files
+from warpsim.output.checkpoints import clear, files_match, has_key, is_record, locked, remove_files
 
 
 def is_complete(plan: Plan) -> bool:

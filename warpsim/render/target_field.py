@@ -29,7 +29,7 @@ from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
 from warpsim.target.albedo_table import albedo_table
 from warpsim.target.areas import body_struct
-from warpsim.target.earthlight import albedo_method, rule_struct
+from warpsim.target.earth_radiation import albedo_method, rule_struct
 from warpsim.target.facets import facets_of
 from warpsim.target.heat_table import heat_method, heat_tables
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpsim.errors import InputError
-from warpsim.orbit.rules import AccessConstraints, MarginFunction
+from warpsim.orbit.access_constraints import AccessConstraints, MarginFunction
 from warpsim.scene.access_tables import access_table, rules_in_force
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.roster import Roster

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from warpsim.orbit.rules import AccessConstraints
+from warpsim.orbit.access_constraints import AccessConstraints
 
 if TYPE_CHECKING:
     from astropy.table import Table

@@ -10,7 +10,7 @@ from pydantic_core import ArgsKwargs
 from warpsim.config.fields import Integer, Positive, as_tuple, closed_interval
 from warpsim.config.model import adapter, config_model
 from warpsim.orbit.arc import UtcText
-from warpsim.orbit.rules import AccessConstraints
+from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.scene import rules
 from warpsim.scene.groups import AnyConstellation, TargetGroup, Text
 from warpsim.scene.instrument import TRACKED

@@ -15,8 +15,8 @@ from warpsim.detector.levels import Levels, levels
 from warpsim.errors import InputError
 from warpsim.optics.psf import Psf
 from warpsim.orbit.intervals import Intervals
-from warpsim.orbit.rules import AccessConstraints
-from warpsim.scene.access import ACCESS_STEP_S, Custom, Watchers, can_observe, target_intervals
+from warpsim.orbit.access_constraints import AccessConstraints
+from warpsim.scene.target_access import ACCESS_STEP_S, Custom, Watchers, can_observe, target_intervals
 from warpsim.scene.attitudes import AnyAttitude
 from warpsim.scene.camera_axes import CommandedAxes
 from warpsim.scene.exposure import ExposureRule, exposure_rule

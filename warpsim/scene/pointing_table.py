@@ -192,7 +192,7 @@ def _rows_of(pointing: TablePointing) -> _Rows:
 
 def _rows_of_file(file: str) -> _Rows:
     """Rows of a CSV or ECSV file."""
-    from warpsim.tables.read import read_table
+    from warpsim.tables.read_table import read_table
 
     suffix = Path(file).suffix.lower()
     if suffix not in (".csv", ".ecsv"):

@@ -14,10 +14,10 @@ from warpsim.errors import InputError
 from warpsim.instant import Instant
 from warpsim.orbit.eclipse import eclipses, sunlit_fraction
 from warpsim.orbit.epoch import instant
-from warpsim.orbit.rules import AccessConstraints, MarginFunction
+from warpsim.orbit.access_constraints import AccessConstraints, MarginFunction
 from warpsim.orbit.sun import sun_position_m
 from warpsim.quaternion import rotated
-from warpsim.scene.access import ACCESS_STEP_S, target_margins
+from warpsim.scene.target_access import ACCESS_STEP_S, target_margins
 from warpsim.scene.access_report import access_report, check_rules, chosen_sensors
 from warpsim.scene.access_tables import eclipse_table
 from warpsim.scene.attitudes import AnyAttitude, attitude_tables, target_attitudes
@@ -25,7 +25,7 @@ from warpsim.scene.breakpoints import breakpoints_s
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument, SceneWide
 from warpsim.scene.roster import Roster
-from warpsim.scene.rules import check_access_target, check_satellites
+from warpsim.scene.validation import check_access_target, check_satellites
 from warpsim.scene.sensors import sensor_instances
 from warpsim.scene.short_form import item_place
 from warpsim.scene.solved import check_paths, check_shapes

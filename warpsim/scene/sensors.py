@@ -14,7 +14,7 @@ from warpsim.detector.kinds import Detector
 from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
 from warpsim.optics.telescope import Optics
-from warpsim.orbit.rules import AccessConstraints
+from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.radiometry.bands import BANDS
 from warpsim.scene.pointing import ALL, Pointings, Satellites, TrackPointing, satellites_of
 from warpsim.scene.short_form import item_place

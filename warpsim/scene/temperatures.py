@@ -24,7 +24,7 @@ from warpsim.target.attitude_table import AttitudeRows
 from warpsim.target.cooling import Bodies, follow
 from warpsim.target.heat_balance import lump_of
 from warpsim.target.temperature import HeatBalance, Temperature, TemperatureRows, TemperatureTable
-from warpsim.target.turning_area import SteadyArea, TurningArea, steady_area
+from warpsim.target.rotating_area import SteadyArea, TurningArea, steady_area
 
 F64 = npt.NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from warpsim.target.earthlight import rule_struct
+from warpsim.target.earth_radiation import rule_struct
 
 N_HEIGHT = 97
 N_ZENITH = 193

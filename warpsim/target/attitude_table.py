@@ -109,7 +109,7 @@ class AttitudeTable:
 
     @cached_property
     def _segments(self) -> list[Any]:
-        from warpsim.exchange.read import attitude_of
+        from warpsim.exchange.read_files import attitude_of
 
         return attitude_of(self._source)
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from warpsim_kernels.albedo_series import damping
 
-from warpsim.target.earthlight import NEAR_LIMB_SINE, nodes_for, view_factor
+from warpsim.target.earth_radiation import NEAR_LIMB_SINE, nodes_for, view_factor
 
 F64 = npt.NDArray[np.float64]
 

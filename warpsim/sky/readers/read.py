@@ -26,7 +26,7 @@ from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
 from warpsim.sky.readers.survey import Survey, SurveyStars
 from warpsim.sky.star_columns import Array, StarColumns
 from warpsim.tables.file_table import FileTable
-from warpsim.tables.read import read_table
+from warpsim.tables.read_table import read_table
 
 SURVEYS: Mapping[str, Survey] = {
     survey.name: survey for module in (msx, iras, akari, allwise, hipparcos, gaia, twomass) for survey in module.SURVEYS

@@ -18,12 +18,12 @@ from warpsim.dataset.previews import FRAMES_PER_S
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import check_extremes
 from warpsim.dataset.shard import Receipt, Task
-from warpsim.dataset.workplace import Workplace
+from warpsim.dataset.directory import Workplace
 from warpsim.errors import InputError
 from warpsim.files import prepare_folder, read_json
 from warpsim.output.preview import check_preview
 from warpsim.output.progress import progress_bar
-from warpsim.output.receipts import tidy
+from warpsim.output.checkpoints import tidy
 from warpsim.output.zarr_array import check_zarr
 from warpsim.render.device import default_device, n_usable_cpu
 from warpsim.scene.scene import Scene

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warpsim.files import check_new_file, prepare_folder
-from warpsim.plot.access import plot_access, plot_range
+from warpsim.plot.access_figure import plot_access, plot_range
 from warpsim.plot.bodies import plot_attitudes
 from warpsim.plot.drawn_targets import target_kinds
 from warpsim.plot.figure import PICTURE_SUFFIXES, checked_time_s, need_matplotlib, save_figure

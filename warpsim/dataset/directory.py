@@ -20,7 +20,7 @@ from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.shard import FINISH, Receipt, planned_path, receipt_path
 from warpsim.errors import InputError
 from warpsim.files import partial_path, read_json, write_json
-from warpsim.output.receipts import clear, has_key, is_record, locked, remove_files, which_match
+from warpsim.output.checkpoints import clear, has_key, is_record, locked, remove_files, which_match
 
 
 @dataclass(frozen=True)

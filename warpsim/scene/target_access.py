@@ -12,7 +12,7 @@ import numpy.typing as npt
 from warpsim.optics.camera import Camera
 from warpsim.orbit.access import access_intervals, margins
 from warpsim.orbit.intervals import Intervals
-from warpsim.orbit.rules import AccessConstraints, FieldOfView, MarginFunction
+from warpsim.orbit.access_constraints import AccessConstraints, FieldOfView, MarginFunction
 from warpsim.scene.camera_axes import apparent_mean, satellite_state
 from warpsim.scene.tracks import Tracks
 
