@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
+from warpsim.render.world import World
 
 import warpsim as ws
 from warpsim import launches
 from warpsim.render import buffers, stages, worker
-from warpsim.render.world import World
 from warpsim.speed.clock import render_call
 from warpsim.speed.work import N_CALL, SpeedWork, speed_work
 

@@ -12,10 +12,10 @@ import warpsim as ws
 from warpsim.constants import ASTRONOMICAL_UNIT_M
 from warpsim.errors import InputError
 from warpsim.orbit.access import access_intervals, margins
+from warpsim.orbit.access_constraints import AccessConstraints, CameraGeometry
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, geodetic_to_itrs_m
 from warpsim.orbit.eclipse import sunlit_fraction
 from warpsim.orbit.grazing import earth_clearance_m, grazing_altitude_m
-from warpsim.orbit.access_constraints import AccessConstraints, FieldOfView
 from warpsim.scene.camera_axes import apparent_mean, satellite_state
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -178,12 +178,12 @@ def test_in_fov_is_entered_and_left_at_the_edges():
         assert np.ndim(time_s) == 1
         return np.broadcast_to(axes, (len(time_s), 3, 3))
 
-    fov = FieldOfView(CAMERA, held)
+    fov = CameraGeometry(CAMERA, held)
     rule = AccessConstraints(in_fov=True)
     got = access_intervals([still(SENSORS_M[0])], turning, still([1e11, 0, 0]), rule, Z, 3600.0, 30.0, fov=fov)
     assert [(g.start_s, g.end_s) for g in got] == [(pytest.approx(1600, abs=EDGE_S), pytest.approx(2000, abs=EDGE_S))]
     assert set(asked) == {0}
-    away = FieldOfView(CAMERA, held, direction=lambda _, t: np.broadcast_to([0.0, 0, 1], (len(t), 3)))
+    away = CameraGeometry(CAMERA, held, direction=lambda _, t: np.broadcast_to([0.0, 0, 1], (len(t), 3)))
     assert access_intervals([still(SENSORS_M[0])], turning, still([1e11, 0, 0]), rule, Z, 3600.0, fov=away) == []
     with pytest.raises(InputError, match="in_fov: needs to know how the camera stands"):
         access_intervals([still(SENSORS_M[0])], turning, still([1e11, 0, 0]), rule, Z, 3600.0)
@@ -191,7 +191,7 @@ def test_in_fov_is_entered_and_left_at_the_edges():
 
 def test_each_camera_has_axes_of_its_own():
     axes = [np.array([[0.0, 1, 0], [0, 0, 1], [-1, 0, 0]]), np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])]
-    fov = FieldOfView(CAMERA, lambda i, t: np.broadcast_to(axes[i], (len(t), 3, 3)))
+    fov = CameraGeometry(CAMERA, lambda i, t: np.broadcast_to(axes[i], (len(t), 3, 3)))
     time_s = np.linspace(0, 3600, 41)
     place = np.stack([still(p)(time_s) for p in SENSORS_M])
     margin = margins(

@@ -10,8 +10,8 @@ import pytest
 
 import warpsim as ws
 from warpsim.orbit.access import access_intervals
+from warpsim.orbit.access_constraints import AccessConstraints, CameraGeometry
 from warpsim.orbit.passes import REACH, pass_times_s
-from warpsim.orbit.access_constraints import AccessConstraints, FieldOfView
 from warpsim.orbit.sampling import sample_tracks
 from warpsim.orbit.scan import Scan, break_times_s, scan_times_s
 
@@ -316,7 +316,7 @@ def test_a_camera_that_follows_another_body_turns_fast_where_that_is_near():
         return np.stack([x, np.cross(z, x), z], axis=1)
 
     args = [still(sensor_m)], still(far_m), still([0, 0, 1.5e11]), WHOLE, Z, 1000.0
-    fov = FieldOfView(camera, axes)
+    fov = CameraGeometry(camera, axes)
     found = access_intervals(*args, 10.0, fov=fov, followed_m=[other])
     time_s = np.arange(500.0, 507.0, 1e-4)
     inside = camera.frame_margin_deg(np.einsum("nij,j->ni", axes(0, time_s), far_m - sensor_m)) >= 0

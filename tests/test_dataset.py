@@ -203,7 +203,7 @@ def test_the_manifest_has_every_file_and_the_recipe(folders):
     for name in FORMATS:
         folder = folders / name
         manifest = json.loads((folder / "manifest.json").read_text())
-        checksums = {k: v for receipt in manifest["shards"].values() for k, v in receipt["files"].items()}
+        checksums = {k: v for record in manifest["shards"].values() for k, v in record["files"].items()}
         checksums |= manifest["files"]
         files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
         assert set(checksums) == set(files) - {"manifest.json"}

@@ -242,7 +242,7 @@ def test_damage_is_found_and_only_that_is_made_again(recipe, whole, tmp_path, da
         (folder / "annotations" / "train.json").unlink()
     elif damage == "left behind":
         (folder / PARTS / "work" / "train-000000-1-abcdef01").mkdir(parents=True)
-        (folder / PARTS / "receipts").mkdir()
+        (folder / PARTS / "checkpoints").mkdir()
         victim.unlink()
     else:
         (folder / "manifest.json").write_text((folder / "manifest.json").read_text()[:-100])
@@ -266,7 +266,7 @@ def test_a_different_data_set_is_refused_or_replaced(recipe, whole, tmp_path):
     assert content(folder) == before
     ws.write_dataset(other, folder, n_worker=1, device="cpu", overwrite=True)
     manifest = read_json(folder / "manifest.json")
-    ours = {name for receipt in manifest["shards"].values() for name in receipt["files"]} | set(manifest["files"])
+    ours = {name for record in manifest["shards"].values() for name in record["files"]} | set(manifest["files"])
     assert set(content(folder)) == ours | {"manifest.json", "train/mine.txt"}
 
 
@@ -318,7 +318,7 @@ def test_a_run_that_ends_in_its_last_steps_goes_on(zarr_recipe, zarr_whole, tmp_
 
 @pytest.mark.parametrize("format", ["fits", "zarr"])
 def test_what_a_killed_run_left_is_gone_once_another_replaces_it(recipe, tmp_path, monkeypatch, format):
-    """Killed after its files have got their names, before the receipt."""
+    """Killed after its files have got their names, before the checkpoint record."""
     if format == "zarr":
         pytest.importorskip("zarr", minversion="3")
     given = recipe.to_dict() | {"format": format, "n_sequence": 3, "sequences_per_shard": 1}
@@ -484,7 +484,7 @@ def test_losses_of_an_executor_of_the_users_are_told(recipe, tmp_path, monkeypat
 
 
 def test_a_failure_does_not_hide_what_was_done_at_the_same_time(recipe, tmp_path, monkeypatch):
-    """Two tasks end together, one well: its receipt counts."""
+    """Two tasks end together, one well: its checkpoint record counts."""
     good, bad = Future(), Future()
     good.set_result({"shard": "good"})
     bad.set_exception(ws.InputError("bad"))
@@ -546,9 +546,9 @@ def test_a_file_of_somebody_in_a_folder_to_come_is_not_touched(recipe, tmp_path,
         patch.setattr("warpsim.dataset.write.finish", _broken_off)
         with pytest.raises(KeyboardInterrupt):
             ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
-    (name,) = {Path(name).parent for name in read_json(folder / PARTS / "receipts" / "train-000001.json")["files"]}
+    (name,) = {Path(name).parent for name in read_json(folder / PARTS / "checkpoints" / "train-000001.json")["files"]}
     home = folder / name
-    (folder / PARTS / "receipts" / "train-000001.json").unlink()
+    (folder / PARTS / "checkpoints" / "train-000001.json").unlink()
     (folder / PARTS / "planned" / "train-000001.json").unlink()
     (home / "truth.parquet").write_text("mine")
     with pytest.raises(ws.InputError, match=rf"{name}/.*: is there already, and warpsim did not write it"):

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 import warpsim as ws
 from warpsim.constants import STEFAN_BOLTZMANN_W_M2_K4
 from warpsim.target.attitude import BodyMotion, attitude_frame
-from warpsim.target.cooling import ERROR_K, Bodies, follow
-from warpsim.target.heat_balance import Lump, mean_view_factor
+from warpsim.target.cooling import ERROR_K, ThermalNodes, integrate
+from warpsim.target.heat_balance import LumpedNode, mean_view_factor
+from warpsim.target.rotating_area import RotatingArea, commensurate_turns, steady_area
 from warpsim.target.temperature import TemperatureRows
-from warpsim.target.rotating_area import TurningArea, steady_area, turns_in_step
 
 SEED = 271828
 SIGMA = 5.670374419184429e-8  # CODATA 2018
@@ -34,7 +34,9 @@ TABLE_RTOL = 2e-7  # means between nodes of the Sun's way
 
 def dark(settling_s, start_k=300.0):
     """A body that only cools; small differences at 300 K decay with the time given."""
-    return Bodies(lambda time_s: np.zeros((1, len(time_s))), 1 / (4 * start_k**3 * settling_s)), np.array([start_k])
+    return ThermalNodes(lambda time_s: np.zeros((1, len(time_s))), 1 / (4 * start_k**3 * settling_s)), np.array(
+        [start_k]
+    )
 
 
 @pytest.mark.parametrize("settling_s", [0.01, 10.0, 1e3, 1e6])
@@ -42,7 +44,7 @@ def dark(settling_s, start_k=300.0):
 def test_cooling_in_the_dark(settling_s, start_k):
     """T = (T0^-3 + 3 k t)^(-1/3), from foils to bodies that hardly cool, over six hours."""
     bodies, _ = dark(settling_s)
-    course = follow(bodies, np.array([start_k]), [0.0, 21_600.0], 60.0)
+    course = integrate(bodies, np.array([start_k]), [0.0, 21_600.0], 60.0)
     rows = TemperatureRows(course.time_s, course.temperature_k[0], course.error_k)
     time = np.concatenate([np.geomspace(1e-6, 21_600.0, 4000), np.random.default_rng(SEED).uniform(0, 21_600.0, 4000)])
     exact = (start_k**-3 + 3 * bodies.cooling_k3_s * time) ** (-1 / 3)
@@ -63,7 +65,7 @@ def test_heating_that_swings_and_jumps_against_scipy(settling_s):
         fall = [np.clip((time_s - at) / 9.0, 0, 1) * np.clip((4000.0 - time_s) / 15.0, 0, 1) for at in (1500.0, 1522.0)]
         return still * (swings - 0.8 * np.stack(fall))
 
-    course = follow(Bodies(heating, bodies.cooling_k3_s), np.array([300.0, 250.0]), [0.0, 7000.0], 60.0)
+    course = integrate(ThermalNodes(heating, bodies.cooling_k3_s), np.array([300.0, 250.0]), [0.0, 7000.0], 60.0)
     assert course.error_k <= ERROR_K
     kinks = [0.0, 1500.0, 1509.0, 1522.0, 1531.0, 3985.0, 4000.0, 7000.0, *(777 * np.pi * np.arange(1, 3))]
     for body, start_k in enumerate((300.0, 250.0)):
@@ -83,19 +85,19 @@ def test_heating_that_swings_and_jumps_against_scipy(settling_s):
 def test_a_rough_heating_is_said_not_smoothed_over():
     """Noise, other at every call, has no course; nor has a swing that is too fast for the steps allowed."""
     rng = np.random.default_rng(SEED)
-    rough = Bodies(lambda time_s: rng.normal(0, 1e4, (1, len(time_s))), 1e-9)
+    rough = ThermalNodes(lambda time_s: rng.normal(0, 1e4, (1, len(time_s))), 1e-9)
     with pytest.raises(ws.InputError, match="the temperature cannot be followed"):
-        follow(rough, np.array([300.0]), [0.0, 0.01], 60.0, most_steps=3000)
-    fast = Bodies(lambda time_s: 1e4 * np.sin(1e4 * time_s)[None], 1e-9)
+        integrate(rough, np.array([300.0]), [0.0, 0.01], 60.0, most_steps=3000)
+    fast = ThermalNodes(lambda time_s: 1e4 * np.sin(1e4 * time_s)[None], 1e-9)
     with pytest.raises(ws.InputError, match=r"the temperature cannot be followed near .* s: it changes too fast"):
-        follow(fast, np.array([300.0]), [0.0, 1e6], 60.0, most_steps=2000)
+        integrate(fast, np.array([300.0]), [0.0, 1e6], 60.0, most_steps=2000)
 
 
 def test_bodies_that_only_heat_up_are_stopped():
-    bodies = Bodies(lambda time_s: np.full((1, len(time_s)), 1e3), 0.0)
+    bodies = ThermalNodes(lambda time_s: np.full((1, len(time_s)), 1e3), 0.0)
     with pytest.raises(ws.InputError, match="the temperature passes 100000 K near"):
-        follow(bodies, np.array([300.0]), [0.0, 1000.0], 60.0)
-    course = follow(bodies, np.array([300.0]), [0.0, 10.0], 60.0)  # linear: as few rows as steps
+        integrate(bodies, np.array([300.0]), [0.0, 1000.0], 60.0)
+    course = integrate(bodies, np.array([300.0]), [0.0, 10.0], 60.0)  # linear: as few rows as steps
     np.testing.assert_allclose(course.temperature_k[0], 300.0 + 1e3 * course.time_s, rtol=1e-12)
 
 
@@ -105,7 +107,7 @@ def test_bodies_that_only_heat_up_are_stopped():
 def sphere(**fields):
     values = {"capacity_j_k": 1.0, "surface_m2": 4 * np.pi, "solar_absorptance": 1.0, "infrared_emissivity": 1.0,
               "earth_w_m2": 0.0, "albedo": 0.0}  # fmt: skip
-    return Lump(**(values | fields))
+    return LumpedNode(**(values | fields))
 
 
 @pytest.mark.parametrize("distance_au", [0.98, 1.0, 1.02, 2.0])
@@ -226,7 +228,7 @@ def body_kind(rates, span_s):
 def test_area_is_the_mean_over_fast_turns_at_the_slow_ones_phase(shape, fields):
     bodies, span_s = motions(fields, 3), 5000.0
     towards, time = directions(3, 2), np.array([0.0, 777.0])
-    seen = TurningArea(shape, bodies, span_s).towards(time, towards)
+    seen = RotatingArea(shape, bodies, span_s).towards(time, towards)
     for i, j in np.ndindex(3, 2):
         if not any(abs(rate) * span_s > 100 for rate in (value for name, value in fields.items() if "rev" in name)):
             expected = area_along(shape, Rotation.from_quat(bodies[i].at(time[j])), towards[i, j])[0]
@@ -244,7 +246,7 @@ def test_table_of_the_suns_way_is_the_area_itself():
     node = np.stack([np.cos(way), np.sin(way) * 0.92, np.sin(way) * 0.39], axis=1)
     node /= np.linalg.norm(node, axis=1, keepdims=True)
     bodies = motions(MOTIONS["precession"], 3)
-    area = TurningArea(SHAPES["cylinder"], bodies, 86_400.0)
+    area = RotatingArea(SHAPES["cylinder"], bodies, 86_400.0)
     assert area.is_steady
     table = steady_area(area, 3, node_s, node)
     time = np.random.default_rng(SEED).uniform(0, 86_400.0, 5)
@@ -256,12 +258,12 @@ def test_table_of_the_suns_way_is_the_area_itself():
 
 
 def test_turns_that_keep_step_are_found():
-    assert turns_in_step([1.0, 3.0], 1e4) == [1, 3]
-    assert turns_in_step([5.0, -3.0, 1.25], 1e4) == [20, -12, 5]
-    assert turns_in_step([1.0, 0.7310585786], 1e4) is None
-    assert turns_in_step([1.0, 1.0 + 1e-6], 1e4) == [1, 1]
-    assert turns_in_step([1.0, 1.001], 1e4) is None  # ten turns apart in the end
-    assert turns_in_step([2.5], 1e4) == [1]
+    assert commensurate_turns([1.0, 3.0], 1e4) == [1, 3]
+    assert commensurate_turns([5.0, -3.0, 1.25], 1e4) == [20, -12, 5]
+    assert commensurate_turns([1.0, 0.7310585786], 1e4) is None
+    assert commensurate_turns([1.0, 1.0 + 1e-6], 1e4) == [1, 1]
+    assert commensurate_turns([1.0, 1.001], 1e4) is None  # ten turns apart in the end
+    assert commensurate_turns([2.5], 1e4) == [1]
 
 
 class Box:
@@ -281,7 +283,7 @@ class Box:
 )  # fmt: skip
 def test_spin_counts_for_meshes(fields):
     (body,), towards = motions(fields, 1), directions(1, 1)
-    seen = TurningArea(Box(), [body], 5000.0).towards(np.array([50.0]), towards)[0, 0]
+    seen = RotatingArea(Box(), [body], 5000.0).towards(np.array([50.0]), towards)[0, 0]
     time = 50.0 + ((np.arange(10_007) + 0.5) / 10_007 if fields["spin_rev_s"] == 3.0 else np.zeros(1))
     in_body = Rotation.from_quat(body.at(time)).inv().apply(towards[0, 0])
     assert seen == pytest.approx(Box().projected_area_along_m2(in_body).mean(), rel=PATH_RTOL)
@@ -399,7 +401,7 @@ def test_energy_is_kept(scene):
     model = ws.HeatBalance(300.0, **HEAVY, **COEFFICIENTS)
     orbit = low_orbit(scene, model, {}, SPHERE)
     rows = orbit.scenario.temperatures[0]
-    ball = Lump(13_500.0, np.pi, 0.35, 0.75, 237.0, 0.3)
+    ball = LumpedNode(13_500.0, np.pi, 0.35, 0.75, 237.0, 0.3)
     time = np.linspace(0, 4400.0, 44_001)
     outline = np.full(len(time), np.pi / 4)
     power = ball.absorbed_w(
@@ -441,7 +443,9 @@ def test_mean_over_fast_turns_is_the_motion_within_the_ripple_told(scene):
     cosine = np.clip(np.sum(orbit.scenario.body_axis("main", fine_s) * to_sun, axis=1), -1, 1)
     area = np.pi * 0.25**2 * np.abs(cosine) + 2 * 0.25 * 1.0 * np.sqrt(1 - cosine**2)
     surface = orbit.targets[0].shape.surface_m2
-    heated_w = Lump(1.8, surface, 0.35, 0.75, 237.0, 0.3).absorbed_w(place, sun, orbit.scenario.tracks.pole_icrs, area)
+    heated_w = LumpedNode(1.8, surface, 0.35, 0.75, 237.0, 0.3).absorbed_w(
+        place, sun, orbit.scenario.tracks.pole_icrs, area
+    )
     solved = solve_ivp(
         lambda t, y: (np.interp(t, fine_s, heated_w) - 0.75 * SIGMA * surface * y**4) / 1.8,
         (0, 27.0), [290.0], rtol=1e-8, atol=1e-8, max_step=0.02, dense_output=True,

@@ -10,12 +10,12 @@ from warpsim.orbit.earth import gcrs_to_geodetic
 from warpsim.orbit.sun import earth_velocity_m_s
 from warpsim.plot.bodies import body_to_gcrs, drawn_facets
 from warpsim.plot.camera_view import camera_view, earth_clearance
-from warpsim.plot.figure import place_labels, plain, save_figure
+from warpsim.plot.figure import annotate_points, plain, save_figure
+from warpsim.plot.figure_files import draw_access, draw_scenario
 from warpsim.plot.globe import globe_from
 from warpsim.plot.ground_tracks import broken_at_date_line
 from warpsim.plot.group_panels import group_offsets_m
 from warpsim.plot.overview import osculating_ellipse_m
-from warpsim.plot.figure_files import draw_access, draw_scenario
 from warpsim.render.star_field import load_catalog, star_index
 
 pytest.importorskip("matplotlib").use("Agg")
@@ -896,7 +896,7 @@ def test_names_of_points_on_one_spot_do_not_cover_one_another():
     from matplotlib import pyplot as plt
 
     _, ax = plt.subplots()
-    labels = place_labels(ax, [[0.5, 0.5]] * 4 + [[0.999, 0.5]], ["one", "two", "three", "four", "edge"])
+    labels = annotate_points(ax, [[0.5, 0.5]] * 4 + [[0.999, 0.5]], ["one", "two", "three", "four", "edge"])
     places = [label.xyann for label in labels]
     assert len(set(places[:4])) == 4
     assert places[4][0] <= 0  # inside the axes

@@ -6,8 +6,8 @@ from scipy.integrate import solve_ivp
 
 import warpsim as ws
 from warpsim.orbit.earth import pole_of_date
-from warpsim.scene.scene_files import named_files, with_absolute_paths
 from warpsim.scene.motion import motion_of
+from warpsim.scene.scene_files import named_files, with_absolute_paths
 
 MU, RADIUS, J2 = 3.986004418e14, 6378137.0, 1.0826266835e-3
 TRACK_M = 1e-3  # what interpolation between nodes may add

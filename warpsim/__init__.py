@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from warpsim.optics.psf import PsfGaussian as PsfGaussian
     from warpsim.optics.psf import PsfTable as PsfTable
     from warpsim.optics.telescope import Optics as Optics
+    from warpsim.orbit.access_constraints import AccessConstraints as AccessConstraints
+    from warpsim.orbit.access_constraints import AccessGeometry as AccessGeometry
     from warpsim.orbit.arc import BallisticArc as BallisticArc
     from warpsim.orbit.constellations import ListedSatellites as ListedSatellites
     from warpsim.orbit.constellations import MixedConstellation as MixedConstellation
@@ -42,8 +44,6 @@ if TYPE_CHECKING:
     from warpsim.orbit.elements import StateVector as StateVector
     from warpsim.orbit.ephemeris import EphemerisOrbit as EphemerisOrbit
     from warpsim.orbit.ephemeris import EphemerisSatellites as EphemerisSatellites
-    from warpsim.orbit.access_constraints import AccessConstraints as AccessConstraints
-    from warpsim.orbit.access_constraints import AccessGeometry as AccessGeometry
     from warpsim.orbit.tle import TleOrbit as TleOrbit
     from warpsim.orbit.tle import TleSatellites as TleSatellites
     from warpsim.orbit.walker import Walker as Walker
@@ -67,7 +67,6 @@ if TYPE_CHECKING:
     from warpsim.render.light_curves import light_curves as light_curves
     from warpsim.render.renderer import Renderer as Renderer
     from warpsim.render.stream import StreamStats as StreamStats
-    from warpsim.scene.scene_files import presets as presets
     from warpsim.scene.groups import Release as Release
     from warpsim.scene.groups import TargetGroup as TargetGroup
     from warpsim.scene.groups import TargetSpec as TargetSpec
@@ -84,6 +83,7 @@ if TYPE_CHECKING:
     from warpsim.scene.pointing import TrackPointing as TrackPointing
     from warpsim.scene.scenario import Scenario as Scenario
     from warpsim.scene.scene import Scene as Scene
+    from warpsim.scene.scene_files import presets as presets
     from warpsim.scene.sensors import Frames as Frames
     from warpsim.scene.sensors import Sensor as Sensor
     from warpsim.scene.sky import Sky as Sky

@@ -18,7 +18,7 @@ from warpsim.version import __version__
 if TYPE_CHECKING:
     from warpsim.scene.scenario import Scenario
     from warpsim.sky.catalog import StarCatalog
-    from warpsim.speed.report import Plan, Speed
+    from warpsim.speed.report import BenchmarkPlan, Speed
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -214,9 +214,9 @@ def _access(options: argparse.Namespace) -> int:
         raise InputError("must be > 0", "--step", options.step)
     picture = Path(options.plot) if options.plot else None
     if picture:
-        from warpsim.plot.figure_files import check_picture, draw_access
+        from warpsim.plot.figure_files import check_figure_file, draw_access
 
-        check_picture(picture, options.overwrite, "--plot")
+        check_figure_file(picture, options.overwrite, "--plot")
     scenario = _scenario(options.scene)
     sensors = _names(options.sensors)
     table = scenario.access(options.target, sensors, step_s=step_s)
@@ -285,13 +285,13 @@ def _catalog(options: argparse.Namespace) -> int:
     from warpsim.files import check_new_file
     from warpsim.output.catalog_file import FORMAT_OF_SUFFIX, write_catalog
     from warpsim.output.catalog_report import catalog_report
-    from warpsim.plot.figure import PICTURE_SUFFIXES, need_matplotlib
+    from warpsim.plot.figure import FIGURE_SUFFIXES, need_matplotlib
 
     output, picture = (Path(name) if name else None for name in (options.output, options.plot))
     if output:
         check_new_file(output, tuple(FORMAT_OF_SUFFIX), options.overwrite)
     if picture:
-        check_new_file(picture, PICTURE_SUFFIXES, options.overwrite)
+        check_new_file(picture, FIGURE_SUFFIXES, options.overwrite)
         need_matplotlib("--plot")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -377,7 +377,7 @@ def _number(where: str, text: str) -> float:
 
 def _bench(options: argparse.Namespace) -> int:
     from warpsim.files import check_new_file, write_json
-    from warpsim.speed.report import Plan, as_json, heading, measured, row, stage_table
+    from warpsim.speed.report import BenchmarkPlan, as_json, heading, measured, row, stage_table
     from warpsim.speed.work import PSFS
 
     path = Path(options.json) if options.json else None
@@ -397,7 +397,7 @@ def _bench(options: argparse.Namespace) -> int:
         "n_star": n_star,
         "psf": options.psf,
     }
-    plan = Plan(**{name: value for name, value in given.items() if value is not None}, quick=options.quick)
+    plan = BenchmarkPlan(**{name: value for name, value in given.items() if value is not None}, quick=options.quick)
     _check_sizes(plan)
     _start_warp()
     speeds: list[Speed] = []
@@ -412,7 +412,7 @@ def _bench(options: argparse.Namespace) -> int:
     return 0
 
 
-def _check_sizes(plan: Plan) -> None:
+def _check_sizes(plan: BenchmarkPlan) -> None:
     """See that there are scenes of all sizes, before the first is measured."""
     from warpsim.speed.work import speed_scene
 

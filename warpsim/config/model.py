@@ -1,7 +1,7 @@
 """Config models: frozen dataclasses that check every value on construction.
 
 `@config_model` turns a class body of annotated fields into one; the field types of `config.fields` carry the rules. A
-bad value raises `InputError`, whose text is one line: place, rule, value. A rule over several fields is a validator
+bad value raises `InputError`, whose text is one line: path, rule, value. A rule over several fields is a validator
 that raises `InputError` itself, with the path of the field that it is about.
 """
 
@@ -70,12 +70,12 @@ def input_error(
     Args:
         report: What pydantic raised.
         positional: Names of the fields that were given by position.
-        shorten: Leaves out of a place what the user's short form of the input does not have.
+        shorten: Leaves out of a path what the user's short form of the input does not have.
     """
     details = report.errors(include_url=False)
     if any(detail["type"].startswith("recursion") for detail in details):
         return InputError(TOO_DEEP)
-    errors = [_one_error(detail, positional, shorten or (lambda place: place)) for detail in details[:MOST_ERRORS]]
+    errors = [_one_error(detail, positional, shorten or (lambda path: path)) for detail in details[:MOST_ERRORS]]
     return errors[0] if len(details) == 1 else InputError.several(errors, len(details) - len(errors))
 
 
@@ -90,24 +90,24 @@ _RULES = {
 
 def _one_error(detail: ErrorDetails, positional: Sequence[str], shorten: Callable[[Location], Location]) -> InputError:
     """One error of pydantic's report."""
-    place, kind, context = _path(detail["loc"], positional, shorten), detail["type"], detail.get("ctx", {})
+    path, kind, context = _path(detail["loc"], positional, shorten), detail["type"], detail.get("ctx", {})
     rule, value = detail["msg"], detail["input"]
     raised = context.get("error")
     if isinstance(raised, InputError):
-        return raised.within(place)
+        return raised.within(path)
     if kind in ("missing", "missing_argument"):
         rule, value = "is required", NO_VALUE
     elif kind == "union_tag_not_found":
-        place, rule, value = f"{place}.kind" if place else "kind", "is required", NO_VALUE
+        path, rule, value = f"{path}.kind" if path else "kind", "is required", NO_VALUE
     elif kind in ("unexpected_keyword_argument", "extra_forbidden"):
         rule, value = _unknown_field(str(detail["loc"][-1])), NO_VALUE
     elif kind == "union_tag_invalid":
-        place, rule, value = f"{place}.kind", f"must be one of {context.get('expected_tags')}", context.get("tag")
+        path, rule, value = f"{path}.kind", f"must be one of {context.get('expected_tags')}", context.get("tag")
     elif kind == "literal_error":
         rule = f"must be {context.get('expected')}"
     elif kind == "too_long":
         rule = f"must hold at most {context.get('max_length')}"
-    return InputError(_RULES.get(kind, rule), place, value)
+    return InputError(_RULES.get(kind, rule), path, value)
 
 
 def _path(location: Location, positional: Sequence[str], shorten: Callable[[Location], Location]) -> str:
@@ -115,7 +115,7 @@ def _path(location: Location, positional: Sequence[str], shorten: Callable[[Loca
     if location and isinstance(location[0], int) and location[0] < len(positional):
         location = (positional[location[0]], *location[1:])
     kept: list[int | str] = []
-    after_tag = True  # a tag follows the union's own place, and is followed by a field, which may be spelled like one
+    after_tag = True  # a tag follows the union's own path, and is followed by a field, which may be spelled like one
     for item in location:
         after_tag = not after_tag and item in _KINDS
         if not after_tag:
@@ -144,7 +144,7 @@ def _raise_input_errors(decorated: Any, names: list[str]) -> None:
         try:
             validated_init(self, *args, **kwargs)
         except ValidationError as error:
-            shorten = getattr(decorated, "shortened_place", None)
+            shorten = getattr(decorated, "shortened_path", None)
             raise input_error(error, names, shorten and shorten(kwargs)).of(decorated.__name__) from None
         except RecursionError:
             raise InputError(TOO_DEEP).of(decorated.__name__) from None

@@ -1,6 +1,6 @@
 """Annotations: COCO's, shard by shard, and those of single images in the form of the SatNet data set.
 
-A worker leaves what COCO's files say of its shard beside its receipt, so that in the end they are only put together.
+A worker leaves what COCO's files say of its shard beside its record, so that in the end they are only put together.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The folder of a data set: what of it is already there, and room for the rest.
 
-Each shard has a receipt with the checksums of its files. While a run is unfinished receipts lie in `.warpsim-parts`;
+Each shard has a record with the checksums of its files. While a run is unfinished records lie in `.warpsim-parts`;
 the manifest takes them up, and is written last.
 """
 
@@ -15,16 +15,27 @@ from pathlib import Path
 from typing import Any
 
 from warpsim.dataset.identity import Identity, difference, key_of
-from warpsim.dataset.layout import COCO, MANIFEST, PARTS, PLANNED, RECEIPTS, RUN, SEQUENCES, WORK, shards_of, top_names
+from warpsim.dataset.layout import (
+    CHECKPOINTS,
+    COCO,
+    MANIFEST,
+    PARTS,
+    PLANNED,
+    RUN,
+    SEQUENCES,
+    WORK,
+    shards_of,
+    top_names,
+)
 from warpsim.dataset.recipe import Recipe
-from warpsim.dataset.shard import FINISH, Receipt, planned_path, receipt_path
+from warpsim.dataset.shard import FINISH, CheckpointRecord, checkpoint_path, planned_path
 from warpsim.errors import InputError
 from warpsim.files import partial_path, read_json, write_json
 from warpsim.output.checkpoints import clear, has_key, is_record, locked, remove_files, which_match
 
 
 @dataclass(frozen=True)
-class Workplace:
+class DatasetDirectory:
     """A data set's folder."""
 
     folder: Path
@@ -56,8 +67,8 @@ class Workplace:
         return all(which_match(self.folder, records).values())
 
     @contextlib.contextmanager
-    def held(self, overwrite: bool) -> Iterator[dict[str, Receipt]]:
-        """Hold the folder for a run: receipts of the shards that are there. At the end only the data set is left.
+    def held(self, overwrite: bool) -> Iterator[dict[str, CheckpointRecord]]:
+        """Hold the folder for a run: checkpoint records of the shards that are there. At the end only the data set is left.
 
         What a run leaves that failed before anything was written is nothing.
 
@@ -70,7 +81,7 @@ class Workplace:
                 self._make_room(overwrite)
                 write_json({"key": self.key, "files": {}, **self.identity}, self.parts / RUN, lasting=True)
                 self._take_up_manifest()
-                yield self._receipts()
+                yield self._checkpoints()
             except BaseException:
                 if not self._has_begun():
                     with contextlib.suppress(OSError):  # it must not hide the reason
@@ -80,43 +91,43 @@ class Workplace:
 
     def _has_begun(self) -> bool:
         """Whether something says of files that they are there, or may be."""
-        return any(any((self.parts / name).glob("*.json")) for name in (RECEIPTS, PLANNED))
+        return any(any((self.parts / name).glob("*.json")) for name in (CHECKPOINTS, PLANNED))
 
-    def _receipts(self) -> dict[str, Receipt]:
+    def _checkpoints(self) -> dict[str, CheckpointRecord]:
         """Receipts of the shards whose files are there and undamaged, by the shard's name."""
         found = {}
         for shard in shards_of(self.recipe):
-            receipt = read_json(receipt_path(self.folder, shard))
-            if has_key(receipt, self.key) and receipt.get("shard") == shard.name:
-                found[shard.name] = receipt
-        whole = which_match(self.folder, {name: receipt["files"] for name, receipt in found.items()})
-        return {name: receipt for name, receipt in found.items() if whole[name]}
+            record = read_json(checkpoint_path(self.folder, shard))
+            if has_key(record, self.key) and record.get("shard") == shard.name:
+                found[shard.name] = record
+        whole = which_match(self.folder, {name: record["files"] for name, record in found.items()})
+        return {name: record for name, record in found.items() if whole[name]}
 
     def _shard_records(self, manifest: Any) -> dict[str, dict[str, str]]:
         shards = manifest.get("shards")
-        if not isinstance(shards, dict) or not all(has_key(receipt, manifest["key"]) for receipt in shards.values()):
+        if not isinstance(shards, dict) or not all(has_key(record, manifest["key"]) for record in shards.values()):
             return {}
-        return {name: receipt["files"] for name, receipt in shards.items()}
+        return {name: record["files"] for name, record in shards.items()}
 
     def _take_up_manifest(self) -> None:
-        """Of a complete data set with a damaged or missing file, keep the receipts."""
+        """Of a complete data set with a damaged or missing file, keep the checkpoint records."""
         manifest = read_json(self.manifest_path)
         if not has_key(manifest, self.key):
             return
-        for name in (RECEIPTS, PLANNED):
+        for name in (CHECKPOINTS, PLANNED):
             (self.parts / name).mkdir(exist_ok=True)
         for shard in shards_of(self.recipe):
-            if receipt := manifest.get("shards", {}).get(shard.name):
-                write_json(receipt, receipt_path(self.folder, shard), lasting=True)
+            if record := manifest.get("shards", {}).get(shard.name):
+                write_json(record, checkpoint_path(self.folder, shard), lasting=True)
         # Without the manifest nothing else knows of the files that describe all shards.
         record = {"key": self.key, "files": manifest["files"]}
         write_json(record, planned_path(self.folder, FINISH), lasting=True)
         self.manifest_path.unlink()
 
     def _make_room(self, overwrite: bool) -> None:
-        """See that the data set's files are ours to write: remove another one, if wanted, never foreign files."""
+        """See that the data set's files are ours to write: remove another one, if requested, never foreign files."""
         paths = [self.manifest_path, self.parts / RUN]
-        paths += [path for folder in (RECEIPTS, PLANNED) for path in (self.parts / folder).glob("*.json")]
+        paths += [path for folder in (CHECKPOINTS, PLANNED) for path in (self.parts / folder).glob("*.json")]
         runs = [record for record in map(read_json, paths) if is_record(record)]
         for path in paths[:2]:
             if is_record(record := read_json(path)) and "recipe" not in record:
@@ -133,7 +144,7 @@ class Workplace:
             (self.parts / RUN).unlink(missing_ok=True)  # first: its workers may still be there, and end without it
             remove_files(self.folder, theirs)
             self.manifest_path.unlink(missing_ok=True)
-            for name in (RECEIPTS, PLANNED, COCO):
+            for name in (CHECKPOINTS, PLANNED, COCO):
                 shutil.rmtree(self.parts / name, ignore_errors=True)
         shutil.rmtree(self.parts / WORK, ignore_errors=True)
         for name in (SEQUENCES, MANIFEST):
@@ -161,7 +172,7 @@ class Workplace:
 
 
 def _names(run: dict[str, Any]) -> list[str]:
-    """Files that a manifest or receipt says were written."""
+    """Files that a manifest or checkpoint record says were written."""
     shards = run.get("shards")
-    receipts = [record for record in shards.values() if is_record(record)] if isinstance(shards, dict) else []
-    return [*run["files"], *(name for receipt in receipts for name in receipt["files"])]
+    records = [record for record in shards.values() if is_record(record)] if isinstance(shards, dict) else []
+    return [*run["files"], *(name for record in records for name in record["files"])]

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 
 import warp as wp
 
-from warpsim.dataset.shard import Receipt, Task, work_of_run, write_shard
+from warpsim.dataset.shard import CheckpointRecord, Task, work_of_run, write_shard
 
 MOST_WAITING = 4096
 """Tasks that an executor knows of at a time: more than workers of any cluster, and few to hold."""
@@ -27,14 +27,16 @@ class WorkersLostError(OSError):
     """An executor does not do what it was given."""
 
 
-def run_tasks(tasks: Sequence[Task], executor: Executor | None, n_worker: int, done: Callable[[Receipt], None]) -> None:
-    """Have all tasks done; `done` is called with each receipt, in this thread.
+def run_tasks(
+    tasks: Sequence[Task], executor: Executor | None, n_worker: int, done: Callable[[CheckpointRecord], None]
+) -> None:
+    """Have all tasks done; `done` is called with each checkpoint record, in this thread.
 
     Args:
         tasks: What is to be done.
         executor: Who does it; its workers must see the folder that tasks write to.
         n_worker: Processes of a pool of our own, where no executor is given; 1: this process.
-        done: Takes receipts.
+        done: Takes records.
 
     Raises:
         InputError: A task cannot be done.
@@ -52,16 +54,16 @@ def run_tasks(tasks: Sequence[Task], executor: Executor | None, n_worker: int, d
         _run_in_pools(tasks, n_worker, done)
 
 
-def _run_in_pools(tasks: Sequence[Task], n_worker: int, done: Callable[[Receipt], None]) -> None:
+def _run_in_pools(tasks: Sequence[Task], n_worker: int, done: Callable[[CheckpointRecord], None]) -> None:
     """Pools of processes: when one of them is killed, its pool is lost, and another one goes on."""
     left = {task.shard.name: task for task in tasks}
     n_loss = 0
     while left:
         before = len(left)
 
-        def keep(receipt: Receipt) -> None:
-            del left[receipt["shard"]]
-            done(receipt)
+        def keep(record: CheckpointRecord) -> None:
+            del left[record["shard"]]
+            done(record)
 
         pool = _pool(min(n_worker, len(left)))
         try:
@@ -76,9 +78,9 @@ def _run_in_pools(tasks: Sequence[Task], n_worker: int, done: Callable[[Receipt]
                 raise OSError("worker processes were killed again and again (is there memory enough?)") from None
 
 
-def _collect(executor: Executor, tasks: Iterable[Task], done: Callable[[Receipt], None]) -> None:
-    """Have tasks done and take their receipts as they come; at the first failure what has not begun is called off."""
-    coming, waiting = iter(tasks), set[Future[Receipt]]()
+def _collect(executor: Executor, tasks: Iterable[Task], done: Callable[[CheckpointRecord], None]) -> None:
+    """Have tasks done and take their checkpoint records as they come; at the first failure what has not begun is called off."""
+    coming, waiting = iter(tasks), set[Future[CheckpointRecord]]()
     try:
         while True:
             for task in itertools.islice(coming, MOST_WAITING - len(waiting)):
@@ -89,8 +91,8 @@ def _collect(executor: Executor, tasks: Iterable[Task], done: Callable[[Receipt]
             ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
             for future in sorted(ready, key=_failed):  # what is done counts, whatever else was not
                 with _naming_losses():
-                    receipt = future.result()
-                done(receipt)
+                    record = future.result()
+                done(record)
     except BaseException as error:
         for future in waiting:
             future.cancel()
@@ -99,7 +101,7 @@ def _collect(executor: Executor, tasks: Iterable[Task], done: Callable[[Receipt]
         raise
 
 
-def _failed(future: Future[Receipt]) -> bool:
+def _failed(future: Future[CheckpointRecord]) -> bool:
     return future.cancelled() or future.exception() is not None
 
 

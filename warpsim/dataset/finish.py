@@ -8,32 +8,32 @@ from pathlib import Path
 from typing import Any
 
 from warpsim.dataset.annotations import shard_texts
+from warpsim.dataset.directory import DatasetDirectory
 from warpsim.dataset.layout import ANNOTATIONS, SEQUENCES, shards_of
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import split_of
-from warpsim.dataset.shard import FINISH, Receipt, planned_path
-from warpsim.dataset.directory import Workplace
+from warpsim.dataset.shard import FINISH, CheckpointRecord, planned_path
 from warpsim.files import sha256_of, write_json
 from warpsim.labels.coco import coco_categories, write_coco_parts
 from warpsim.output.manifest import python_version
 
 
-def finish(workplace: Workplace, receipts: dict[str, Receipt]) -> None:
+def finish(directory: DatasetDirectory, records: dict[str, CheckpointRecord]) -> None:
     """Write what describes all shards; the manifest last."""
-    recipe, folder = workplace.recipe, workplace.folder
+    recipe, folder = directory.recipe, directory.folder
     names = planned_names(recipe)
-    write_json({"key": workplace.key, "files": dict.fromkeys(names)}, planned_path(folder, FINISH), lasting=True)
-    files = [*_write_stores(recipe, folder, workplace.parts), *_write_annotations(workplace, receipts)]
-    files.append(_write_sequences(recipe, folder, receipts))
+    write_json({"key": directory.key, "files": dict.fromkeys(names)}, planned_path(folder, FINISH), lasting=True)
+    files = [*_write_stores(recipe, folder, directory.parts), *_write_annotations(directory, records)]
+    files.append(_write_sequences(recipe, folder, records))
     manifest = {
-        "key": workplace.key,
-        **workplace.identity,
+        "key": directory.key,
+        **directory.identity,
         "python": python_version(),
         "splits": split_of(recipe),
         "files": {path.relative_to(folder).as_posix(): sha256_of(path) for path in files},
-        "shards": {shard.name: receipts[shard.name] for shard in shards_of(recipe)},
+        "shards": {shard.name: records[shard.name] for shard in shards_of(recipe)},
     }
-    write_json(manifest, workplace.manifest_path, lasting=True)
+    write_json(manifest, directory.manifest_path, lasting=True)
 
 
 def planned_names(recipe: Recipe) -> list[str]:
@@ -69,16 +69,16 @@ def _write_stores(recipe: Recipe, folder: Path, parts: Path) -> list[Path]:
     return paths
 
 
-def _write_annotations(workplace: Workplace, receipts: dict[str, Receipt]) -> list[Path]:
+def _write_annotations(directory: DatasetDirectory, records: dict[str, CheckpointRecord]) -> list[Path]:
     """COCO's annotations of each split."""
-    recipe, folder = workplace.recipe, workplace.folder
+    recipe, folder = directory.recipe, directory.folder
     paths = []
     for split in recipe.ratios if recipe.coco else ():
         path = folder / ANNOTATIONS / f"{split}.json"
         path.parent.mkdir(exist_ok=True)
         info = {"description": recipe.scene.description or recipe.scene.name, "split": split}
         texts = (
-            shard_texts(recipe, folder, shard, receipts[shard.name].get("texts"))
+            shard_texts(recipe, folder, shard, records[shard.name].get("texts"))
             for shard in shards_of(recipe)
             if shard.split == split
         )
@@ -87,15 +87,13 @@ def _write_annotations(workplace: Workplace, receipts: dict[str, Receipt]) -> li
     return paths
 
 
-def _write_sequences(recipe: Recipe, folder: Path, receipts: dict[str, Receipt]) -> Path:
+def _write_sequences(recipe: Recipe, folder: Path, records: dict[str, CheckpointRecord]) -> Path:
     """The table of sequences: one column for each sampled field."""
     from astropy.table import Table
 
     from warpsim.labels.table import write_parquet
 
-    rows = sorted(
-        (row for receipt in receipts.values() for row in receipt["sequences"]), key=lambda row: row["sequence"]
-    )
+    rows = sorted((row for record in records.values() for row in record["sequences"]), key=lambda row: row["sequence"])
     columns: dict[str, Any] = {
         name: [row[name] for row in rows] for name in ("sequence", "split", "shard", "start_s", "seed", "attempt")
     }

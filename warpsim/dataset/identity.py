@@ -13,9 +13,9 @@ from warpsim.dataset.samples import choices_with_files
 from warpsim.dataset.sequences import varied
 from warpsim.output.manifest import package_versions
 from warpsim.render.star_field import load_catalog
-from warpsim.scene.scene_files import named_files
 from warpsim.scene.inputs import input_checksums
 from warpsim.scene.scene import Scene
+from warpsim.scene.scene_files import named_files
 from warpsim.scene.sky import BUILT_IN_CATALOGS
 from warpsim.version import __version__
 
@@ -60,19 +60,19 @@ def key_of(identity: Identity) -> str:
     return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
 
-def difference(there: Any, here: Any, place: str = "") -> str | None:
-    """In a few words, the first place at which two identities differ; None where they do not."""
+def difference(there: Any, here: Any, path: str = "") -> str | None:
+    """In a few words, the first path at which two identities differ; None where they do not."""
     if isinstance(there, dict) and isinstance(here, dict):
         for name in dict.fromkeys([*there, *here]):
-            inner = f"{place}.{name}" if place else str(name)
+            inner = f"{path}.{name}" if path else str(name)
             found = difference(there.get(name), here.get(name), inner)
             if found:
                 return found
         return None
     if isinstance(there, list) and isinstance(here, list):
-        items = (difference(a, b, f"{place}[{i}]") for i, (a, b) in enumerate(itertools.zip_longest(there, here)))
+        items = (difference(a, b, f"{path}[{i}]") for i, (a, b) in enumerate(itertools.zip_longest(there, here)))
         return next(filter(None, items), None)
-    return None if there == here else f"{place.removeprefix('recipe.')}: {_shown(there)} there, {_shown(here)} here"
+    return None if there == here else f"{path.removeprefix('recipe.')}: {_shown(there)} there, {_shown(here)} here"
 
 
 def _shown(value: Any) -> str:

@@ -31,13 +31,13 @@ class Tables:
         recipe: The recipe.
         shard: The shard.
         folder: Where to write, a mirror of the data set's folder.
-        place: Where the image of a key is.
+        locate: Where the image of a key is.
     """
 
     def __init__(
-        self, recipe: Recipe, shard: Shard, folder: Path, place: Callable[[ImageKey], tuple[str, str]]
+        self, recipe: Recipe, shard: Shard, folder: Path, locate: Callable[[ImageKey], tuple[str, str]]
     ) -> None:
-        self._recipe, self._shard, self._folder, self._place = recipe, shard, folder, place
+        self._recipe, self._shard, self._folder, self._locate = recipe, shard, folder, locate
         self._parts: dict[str, list[Table]] = {}
 
     def add(self, sequence: Sequence, position: int, frames: FrameSet) -> dict[str, Table]:
@@ -61,7 +61,7 @@ class Tables:
 
         instrument = frames.instrument
         camera = instrument.sensor.camera
-        places = [self._place(key) for key in keys]
+        locations = [self._locate(key) for key in keys]
         lens = lens_keywords(camera)
         axes = frames.axes_icrs
         n_band = len(frames.bands)
@@ -71,8 +71,8 @@ class Tables:
         levels = [instrument.levels[key.band] for key in keys]
         table = Table(
             {
-                "file": [file for file, _ in places],
-                "item": [item for _, item in places],
+                "file": [file for file, _ in locations],
+                "item": [item for _, item in locations],
                 "frame": np.array([key.frame for key in keys], dtype=np.int64),
                 "time_s": np.repeat(frames.time_s, len(keys) // len(frames.frames)),
                 "date_obs": np.repeat(dates, len(keys) // len(frames.frames)),

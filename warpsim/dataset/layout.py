@@ -26,8 +26,8 @@ RUN = "run.json"
 PARTS = ".warpsim-parts"
 """Folder of what a run needs while it is unfinished."""
 
-RECEIPTS, PLANNED, COCO, WORK = "receipts", "planned", "coco", "work"
-"""Folders there: receipts of shards, names of files to come, texts of annotations, files that are not complete."""
+CHECKPOINTS, PLANNED, COCO, WORK = "checkpoints", "planned", "coco", "work"
+"""Folders there: checkpoint records of shards, names of files to come, texts of annotations, files that are not complete."""
 
 
 @dataclass(frozen=True)

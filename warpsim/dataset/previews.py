@@ -21,24 +21,24 @@ AddFrames = Callable[[FrameSet], None]
 
 
 @contextmanager
-def sequence_films(recipe: Recipe, sequence: Sequence, folder: Path) -> Iterator[AddFrames]:
-    """Animations of each sensor and band, SENSOR_BAND.gif, which take the frames as they come; none if not wanted."""
+def sequence_animations(recipe: Recipe, sequence: Sequence, folder: Path) -> Iterator[AddFrames]:
+    """Animations of each sensor and band, SENSOR_BAND.gif, fed with frames as they come; none if not requested."""
     step = -(-recipe.n_frame // PREVIEW_FRAMES)
     with ExitStack() as stack:
-        films = {}
+        animations = {}
         for sensor in sequence.sensors if recipe.preview else ():
             instrument = sequence.scenario.instrument_of(sensor)
             for band in recipe.bands_of(instrument):
                 path = folder / f"{sensor}_{band}.{recipe.preview}"
-                film = preview_file(path, instrument.levels[band], FRAMES_PER_S)
-                films[sensor, band] = stack.enter_context(film)
+                animation = preview_file(path, instrument.levels[band], FRAMES_PER_S)
+                animations[sensor, band] = stack.enter_context(animation)
 
         def add(frames: FrameSet) -> None:
-            wanted = [place for place, number in enumerate(frames.frames) if number % step == 0]
-            for (sensor, band), add_counts in films.items():
+            requested = [place for place, number in enumerate(frames.frames) if number % step == 0]
+            for (sensor, band), add_counts in animations.items():
                 if sensor not in frames.sensors:
                     continue
                 s, b = frames.sensors.index(sensor), frames.bands.index(band)
-                add_counts(frames.counts.numpy()[wanted, s, b])
+                add_counts(frames.counts.numpy()[requested, s, b])
 
         yield add

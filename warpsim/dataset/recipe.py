@@ -25,10 +25,10 @@ from warpsim.config.fields import (
 from warpsim.config.model import adapter, config_model, input_error
 from warpsim.dataset.samples import flat_names, with_absolute_choices
 from warpsim.errors import InputError
-from warpsim.scene.scene_files import presets, read_scene_data
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
+from warpsim.scene.scene_files import presets, read_scene_data
 
 if TYPE_CHECKING:
     from typing import Self

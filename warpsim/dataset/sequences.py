@@ -74,10 +74,10 @@ def draw_sequence(recipe: Recipe, number: int) -> Sequence:
 def _of_sequence(recipe: Recipe, number: int) -> dict[str, Any]:
     """Fields of the scene of a sequence that the recipe sets: seeds, bands, and the same frames for all sensors."""
     fields: dict[str, Any] = {"seed": _seed(recipe, number), "noise_seed": None}
-    for place, (name, instrument) in enumerate(recipe.scenario.instruments.items()):
-        fields[f"sensors__{place}__frames"] = None
+    for index, (name, instrument) in enumerate(recipe.scenario.instruments.items()):
+        fields[f"sensors__{index}__frames"] = None
         if name in recipe.instruments:
-            fields[f"sensors__{place}__bands"] = recipe.bands_of(instrument)
+            fields[f"sensors__{index}__bands"] = recipe.bands_of(instrument)
     return fields
 
 
@@ -170,12 +170,12 @@ def _chosen_clip(
     recipe: Recipe, clips: list[tuple[float, float, list[str]]], number: int, attempt: int
 ) -> tuple[float, list[str]]:
     """Start and sensors of a sequence: any possible start is as likely, and any choice of sensors."""
-    place = uniforms(recipe.seed, "dataset start", number, attempt + 1)[attempt]
+    fraction = uniforms(recipe.seed, "dataset start", number, attempt + 1)[attempt]
     lengths = np.array([last_s - first_s for first_s, last_s, _ in clips])
     ends = np.cumsum(lengths if lengths.sum() > 0 else np.ones(len(clips)))
-    which = min(int(np.searchsorted(ends, place * ends[-1], side="right")), len(clips) - 1)
+    which = min(int(np.searchsorted(ends, fraction * ends[-1], side="right")), len(clips) - 1)
     first_s, last_s, names = clips[which]
-    along = (place * ends[-1] - (ends[which] - lengths[which])) if lengths.sum() > 0 else 0.0
+    along = (fraction * ends[-1] - (ends[which] - lengths[which])) if lengths.sum() > 0 else 0.0
     order = np.argsort(uniforms(recipe.seed, f"dataset sensors {attempt}", number, len(names)), kind="stable")
     chosen = {names[i] for i in order[: recipe.n_sensor]}
     return min(first_s + float(along), last_s), [name for name in names if name in chosen]

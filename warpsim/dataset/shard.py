@@ -1,4 +1,4 @@
-"""The work of a worker: render a shard, write it, move its files to their places, return a receipt."""
+"""The work of a worker: render a shard, write it, move its files to their final paths, return its checkpoint record."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from typing import Any
 
 from warpsim.dataset.annotations import keep_texts, write_satnet
 from warpsim.dataset.identity import Stamp, difference, identity_of, input_files, key_of, stamp_of
-from warpsim.dataset.layout import PARTS, PLANNED, RECEIPTS, RUN, WORK, Shard, folder_of
+from warpsim.dataset.image_tables import Tables
+from warpsim.dataset.layout import CHECKPOINTS, PARTS, PLANNED, RUN, WORK, Shard, folder_of
 from warpsim.dataset.planes import bytes_per_view, planes_of
-from warpsim.dataset.previews import sequence_films
+from warpsim.dataset.previews import sequence_animations
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import Sequence, draw_sequence
-from warpsim.dataset.image_tables import Tables
 from warpsim.dataset.writers import ShardWriter, shard_writer
 from warpsim.errors import InputError
 from warpsim.files import read_json, sha256_of, write_json
@@ -29,7 +29,7 @@ from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
 
 BYTES_PER_CALL = 64 * 2**20
-"""Of images held in memory at a time, with all planes that are wanted."""
+"""Of images held in memory at a time, with all planes that are requested."""
 
 LEAST_FREE_BYTES = 2**20
 """A disk with less room is full."""
@@ -37,7 +37,7 @@ LEAST_FREE_BYTES = 2**20
 FINISH = "finish"
 """Name of the plan of the files that describe all shards."""
 
-Receipt = dict[str, Any]
+CheckpointRecord = dict[str, Any]
 """What a worker says of a shard: key, shard, files with their checksums, sequences with what was drawn."""
 
 
@@ -53,9 +53,9 @@ class Task:
     n_thread: int | None
 
 
-def receipt_path(folder: Path, shard: Shard) -> Path:
-    """Where the receipt of a shard lies."""
-    return folder / PARTS / RECEIPTS / f"{shard.name}.json"
+def checkpoint_path(folder: Path, shard: Shard) -> Path:
+    """Path of the checkpoint record of a shard."""
+    return folder / PARTS / CHECKPOINTS / f"{shard.name}.json"
 
 
 def planned_path(folder: Path, name: str) -> Path:
@@ -63,10 +63,10 @@ def planned_path(folder: Path, name: str) -> Path:
     return folder / PARTS / PLANNED / f"{name}.json"
 
 
-def write_shard(task: Task) -> Receipt:
+def write_shard(task: Task) -> CheckpointRecord:
     """Render and write a shard; what runs on a worker.
 
-    The files get their final names when all of them are complete, and the receipt comes last.
+    The files get their final names when all of them are complete, and the record comes last.
 
     Raises:
         InputError: What was drawn breaks a rule of the scene, a package is missing, or this worker would write other
@@ -86,7 +86,7 @@ def write_shard(task: Task) -> Receipt:
         for name in files:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (scratch / name).replace(folder / name)
-    receipt: Receipt = {
+    record: CheckpointRecord = {
         "key": task.key,
         "shard": shard.name,
         "files": checksums,
@@ -94,9 +94,9 @@ def write_shard(task: Task) -> Receipt:
         "bytes": sum(sizes.values()),
     }
     if work.recipe.coco:
-        receipt["texts"] = keep_texts(work.recipe, folder, shard)
-    write_json(receipt, receipt_path(folder, shard), lasting=True)
-    return receipt
+        record["texts"] = keep_texts(work.recipe, folder, shard)
+    write_json(record, checkpoint_path(folder, shard), lasting=True)
+    return record
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def _record_of_run(folder: Path, key: str) -> dict[str, Any]:
 
 def _check_foreign(folder: Path, shard: Shard, names: list[str]) -> None:
     """See that files of a shard may be written: an earlier try, or nobody, has made what stands in their places."""
-    records = [read_json(path) for path in (planned_path(folder, shard.name), receipt_path(folder, shard))]
+    records = [read_json(path) for path in (planned_path(folder, shard.name), checkpoint_path(folder, shard))]
     known = {name for record in records if is_record(record) for name in record["files"]}
     for name in names:
         if name not in known and (folder / name).exists():
@@ -182,7 +182,7 @@ def _write_files(work: Work, task: Task, scratch: Path) -> list[dict[str, Any]]:
     """Write all files of a shard; what was drawn for each sequence."""
     recipe = work.recipe
     writer = shard_writer(recipe, task.shard, scratch)
-    tables = Tables(recipe, task.shard, scratch, writer.place)
+    tables = Tables(recipe, task.shard, scratch, writer.locate)
     drawn = []
     try:
         for position, number in enumerate(task.shard.sequences):
@@ -211,13 +211,13 @@ def _write_sequence(
 ) -> None:
     """Render a sequence, some frames at a time, and write its images and tables."""
     writer.begin(sequence, position)
-    with sequence_films(recipe, sequence, folder) as add_to_films:
+    with sequence_animations(recipe, sequence, folder) as add_to_animations:
         for frames in _rendered(recipe, sequence, renderer):
             rows = tables.add(sequence, position, frames)
             writer.add(frames, planes_of(recipe, frames), rows["truth"])
             if recipe.satnet:
                 write_satnet(frames, rows, folder)
-            add_to_films(frames)
+            add_to_animations(frames)
     writer.end()
     tables.end_sequence(sequence)
 

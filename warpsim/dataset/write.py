@@ -10,20 +10,20 @@ from pathlib import Path
 from typing import Any
 
 from warpsim.arguments import whole_number
+from warpsim.dataset.directory import DatasetDirectory
 from warpsim.dataset.execution import run_tasks
 from warpsim.dataset.finish import finish
 from warpsim.dataset.identity import identity_of, writers_of
-from warpsim.dataset.layout import COCO, PLANNED, RECEIPTS, Shard, shards_of
+from warpsim.dataset.layout import CHECKPOINTS, COCO, PLANNED, Shard, shards_of
 from warpsim.dataset.previews import FRAMES_PER_S
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import check_extremes
-from warpsim.dataset.shard import Receipt, Task
-from warpsim.dataset.directory import Workplace
+from warpsim.dataset.shard import CheckpointRecord, Task
 from warpsim.errors import InputError
 from warpsim.files import prepare_folder, read_json
+from warpsim.output.checkpoints import tidy
 from warpsim.output.preview import check_preview
 from warpsim.output.progress import progress_bar
-from warpsim.output.checkpoints import tidy
 from warpsim.output.zarr_array import check_zarr
 from warpsim.render.device import default_device, n_usable_cpu
 from warpsim.scene.scene import Scene
@@ -66,7 +66,7 @@ def write_dataset(
 ) -> DatasetReport:
     """Write a data set: images, tables, annotations and a manifest (docs/datasets.md has the layout).
 
-    Running it again writes what has no valid receipt. The files do not depend on who wrote them, in what order, or how
+    Running it again writes what has no valid record. The files do not depend on who wrote them, in what order, or how
     often the run was broken off.
 
     Args:
@@ -97,21 +97,21 @@ def write_dataset(
     n_worker = whole_number("n_worker", n_worker, 1) if n_worker is not None else _workers(alias)
     _check_packages(recipe)
     check_extremes(recipe)
-    workplace = Workplace(Path(folder).absolute(), recipe, identity_of(recipe, alias))
+    directory = DatasetDirectory(Path(folder).absolute(), recipe, identity_of(recipe, alias))
     n_written = 0
-    if workplace.is_complete():
-        tidy(workplace.folder, workplace.parts, workplace.is_complete)
+    if directory.is_complete():
+        tidy(directory.folder, directory.parts, directory.is_complete)
     else:
-        prepare_folder(workplace.folder)
+        prepare_folder(directory.folder)
         try:
-            with workplace.held(overwrite) as receipts:
-                missing = [shard for shard in shards_of(recipe) if shard.name not in receipts]
+            with directory.held(overwrite) as records:
+                missing = [shard for shard in shards_of(recipe) if shard.name not in records]
                 n_written = len(missing)
-                _write_missing(workplace, missing, receipts, alias, executor, n_worker, progress)
-                finish(workplace, receipts)
+                _write_missing(directory, missing, records, alias, executor, n_worker, progress)
+                finish(directory, records)
         except OSError as error:
-            raise OSError(f"{workplace.folder}: writing failed, the same command goes on from here: {error}") from error
-    return _report(workplace, n_written, time.perf_counter() - begin)
+            raise OSError(f"{directory.folder}: writing failed, the same command goes on from here: {error}") from error
+    return _report(directory, n_written, time.perf_counter() - begin)
 
 
 def _check_packages(recipe: Recipe) -> None:
@@ -130,32 +130,32 @@ def _workers(device: str) -> int:
 
 
 def _write_missing(
-    workplace: Workplace,
+    directory: DatasetDirectory,
     missing: list[Shard],
-    receipts: dict[str, Receipt],
+    records: dict[str, CheckpointRecord],
     device: str,
     executor: Executor | None,
     n_worker: int,
     progress: bool,
 ) -> None:
-    """Have the missing shards written, and take their receipts."""
+    """Have the missing shards written, and collect their checkpoint records."""
     n_thread = None if executor is None and n_worker == 1 else 1
-    tasks = [Task(str(workplace.folder), workplace.key, shard, device, n_thread) for shard in missing]
+    tasks = [Task(str(directory.folder), directory.key, shard, device, n_thread) for shard in missing]
     n_sequence = {shard.name: len(shard.sequences) for shard in missing}
-    for name in (RECEIPTS, PLANNED, COCO):
-        (workplace.parts / name).mkdir(exist_ok=True)
-    with progress_bar(workplace.recipe.n_sequence, progress) as advance:
-        advance(workplace.recipe.n_sequence - sum(n_sequence.values()))
+    for name in (CHECKPOINTS, PLANNED, COCO):
+        (directory.parts / name).mkdir(exist_ok=True)
+    with progress_bar(directory.recipe.n_sequence, progress) as advance:
+        advance(directory.recipe.n_sequence - sum(n_sequence.values()))
 
-        def done(receipt: Receipt) -> None:
-            receipts[receipt["shard"]] = receipt
-            advance(n_sequence[receipt["shard"]])
+        def done(record: CheckpointRecord) -> None:
+            records[record["shard"]] = record
+            advance(n_sequence[record["shard"]])
 
         run_tasks(tasks, executor, n_worker, done)
 
 
-def _report(workplace: Workplace, n_written: int, total_s: float) -> DatasetReport:
-    recipe = workplace.recipe
-    shards = read_json(workplace.manifest_path)["shards"]
-    n_byte = sum(receipt["bytes"] for receipt in shards.values())
-    return DatasetReport(workplace.folder, recipe.n_sequence, recipe.n_image, n_byte, len(shards), n_written, total_s)
+def _report(directory: DatasetDirectory, n_written: int, total_s: float) -> DatasetReport:
+    recipe = directory.recipe
+    shards = read_json(directory.manifest_path)["shards"]
+    n_byte = sum(record["bytes"] for record in shards.values())
+    return DatasetReport(directory.folder, recipe.n_sequence, recipe.n_image, n_byte, len(shards), n_written, total_s)

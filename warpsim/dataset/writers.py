@@ -1,6 +1,6 @@
-"""Writers of the images of a shard: one class per kind of format, all with the same manners.
+"""Writers of the images of a shard: one class per kind of format, all with the same methods.
 
-`begin` a sequence, `add` its frames as they are rendered, `end` it; `finish` the shard. `place` says where an image is.
+`begin` a sequence, `add` its frames as they are rendered, `end` it; `finish` the shard. `locate` gives an image's file.
 Planes are arrays by name (PLANES), with the axes (frame, sensor, band, ...) of a render call.
 """
 
@@ -58,7 +58,7 @@ class ShardWriter(Protocol):
     def abandon(self) -> None:
         """Something failed: let go of open files."""
 
-    def place(self, key: ImageKey) -> tuple[str, str]:
+    def locate(self, key: ImageKey) -> tuple[str, str]:
         """File of an image, relative to the data set, and where in it the image is: indices, or a member's name."""
 
 
@@ -113,7 +113,7 @@ class CubeFolder:
             with contextlib.suppress(OSError):
                 writer.abandon()
 
-    def place(self, key: ImageKey) -> tuple[str, str]:
+    def locate(self, key: ImageKey) -> tuple[str, str]:
         """The plane of a cube."""
         return f"{folder_of(self._shard, key.sequence)}/{key.sensor}_{key.band}.fits", f"[{key.frame}]"
 
@@ -161,7 +161,7 @@ class ImageFolder:
     def abandon(self) -> None:
         """Nothing is open."""
 
-    def place(self, key: ImageKey) -> tuple[str, str]:
+    def locate(self, key: ImageKey) -> tuple[str, str]:
         """The file of an image."""
         folder = folder_of(self._shard, key.sequence)
         return f"{folder}/{key.sensor}_{key.band}/{key.frame:06d}{self._suffix}", ""
@@ -234,7 +234,7 @@ class TarArchive:
         with contextlib.suppress(OSError):
             self._tar.close()
 
-    def place(self, key: ImageKey) -> tuple[str, str]:
+    def locate(self, key: ImageKey) -> tuple[str, str]:
         """The member that holds an image's bands."""
         member = self._key(key.sequence, key.frame, key.sensor)
         own = self._recipe.bands_of(self._sequence.scenario.instrument_of(key.sensor))

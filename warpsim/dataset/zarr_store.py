@@ -138,7 +138,7 @@ class ZarrShard:
         """Let go of what is kept."""
         self._buffers = {}
 
-    def place(self, key: ImageKey) -> tuple[str, str]:
+    def locate(self, key: ImageKey) -> tuple[str, str]:
         """The array and the index of an image."""
         index = f"[{self._first + key.position}, {key.frame}, {key.sensor_number}, {key.band_number}]"
         return f"{store_path(self._shard.split)}/counts", index

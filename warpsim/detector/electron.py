@@ -10,7 +10,7 @@ from warpsim.config.fields import NonNegative, Positive, Switch, closed_interval
 from warpsim.config.model import config_model
 from warpsim.detector.fields import BadShare, Bits, Diffusion, GainSpread, Nonlinearity, PositiveExposure
 from warpsim.errors import InputError
-from warpsim.radiometry.by_band import NonNegativeByBand, ShareByBand
+from warpsim.radiometry.by_band import FractionByBand, NonNegativeByBand
 
 
 @config_model
@@ -55,8 +55,8 @@ class ElectronDetector:
     offset_counts: NonNegative = 100.0
     streaks: Switch = True
     diffusion_px: Diffusion = 0.0
-    transmission: ShareByBand = 1.0
-    quantum_efficiency: ShareByBand = 1.0
+    transmission: FractionByBand = 1.0
+    quantum_efficiency: FractionByBand = 1.0
     background_w_cm2_sr: NonNegativeByBand = 0.0
     zodiacal_mjy_sr: NonNegativeByBand = 0.0
     optics_temperature_k: Annotated[Positive, closed_interval(1, 1000)] | None = None

@@ -21,7 +21,7 @@ _OEM_COLUMNS = ("EPOCH", "X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT", "X_DDOT", "Y_
 
 
 @dataclass(frozen=True)
-class Field:
+class KeywordValue:
     """A value and the line it stands on."""
 
     text: str
@@ -33,7 +33,7 @@ class MessageSegment:
     """Metadata by keyword, and rows."""
 
     line: int
-    meta: dict[str, Field] = field(default_factory=dict)
+    meta: dict[str, KeywordValue] = field(default_factory=dict)
     rows: Rows = field(default_factory=lambda: Rows([], []))
 
 
@@ -88,7 +88,7 @@ class _KvnReader:
 
     def __init__(self, source: Source, kind: str, known: Mapping[str, bool]) -> None:
         self.source, self.kind, self.known = source, kind, known
-        self.place = "header"
+        self.section = "header"
         """"header", "meta", "before data", "data", "covariance" or "after data"."""
 
         self.opened = 0
@@ -100,9 +100,9 @@ class _KvnReader:
         if message is None:
             raise self.source.error(0, "must hold a message, got comments only")
         for number, line in lines[1:]:
-            getattr(self, "_" + self.place.replace(" ", "_"))(message, number, line)
-        if self.place in ("meta", "covariance") or (self.place == "data" and self.kind == "AEM"):
-            stop = {"meta": "META_STOP", "covariance": "COVARIANCE_STOP", "data": "DATA_STOP"}[self.place]
+            getattr(self, "_" + self.section.replace(" ", "_"))(message, number, line)
+        if self.section in ("meta", "covariance") or (self.section == "data" and self.kind == "AEM"):
+            stop = {"meta": "META_STOP", "covariance": "COVARIANCE_STOP", "data": "DATA_STOP"}[self.section]
             raise self.source.error(self.opened, f"ends early: {stop} must close what begins here")
         return message
 
@@ -122,11 +122,11 @@ class _KvnReader:
 
     def _open(self, message: Message, number: int) -> None:
         message.segments.append(MessageSegment(number))
-        self.place, self.opened = "meta", number
+        self.section, self.opened = "meta", number
 
     def _meta(self, message: Message, number: int, line: str) -> None:
         if line == "META_STOP":
-            self.place = "before data" if self.kind == "AEM" else "data"
+            self.section = "before data" if self.kind == "AEM" else "data"
             return
         match = _ASSIGNMENT.fullmatch(line)
         if match is None:
@@ -134,21 +134,21 @@ class _KvnReader:
         meta = message.segments[-1].meta
         if match[1] in meta:
             raise self.source.error(number, "must stand once in the metadata, got it a second time", match[1])
-        meta[match[1]] = Field(match[2].strip(), number)
+        meta[match[1]] = KeywordValue(match[2].strip(), number)
 
     def _before_data(self, message: Message, number: int, line: str) -> None:
         if line != "DATA_START":
             raise self.source.error(number, "must be DATA_START", value=line[:40])
-        self.place, self.opened = "data", number
+        self.section, self.opened = "data", number
 
     def _data(self, message: Message, number: int, line: str) -> None:
         rows = message.segments[-1].rows
         if self.kind == "AEM" and line == "DATA_STOP":
-            self.place = "after data"
+            self.section = "after data"
         elif self.kind == "OEM" and line == "META_START":
             self._open(message, number)
         elif self.kind == "OEM" and line == "COVARIANCE_START":
-            self.place, self.opened = "covariance", number
+            self.section, self.opened = "covariance", number
         elif not line[0].isdigit() or "=" in line:
             raise self.source.error(number, "must be a date and numbers", value=line[:40])
         else:
@@ -157,7 +157,7 @@ class _KvnReader:
 
     def _covariance(self, message: Message, number: int, line: str) -> None:
         if line == "COVARIANCE_STOP":
-            self.place = "after data"
+            self.section = "after data"
         elif line == "META_START":
             raise self.source.error(number, "must come after COVARIANCE_STOP, got META_START")
 
@@ -165,7 +165,7 @@ class _KvnReader:
         if line == "META_START":
             self._open(message, number)
         elif line == "COVARIANCE_START" and self.kind == "OEM":
-            self.place, self.opened = "covariance", number
+            self.section, self.opened = "covariance", number
         else:
             raise self.source.error(number, "must be META_START", value=line[:40])
 
@@ -264,7 +264,7 @@ class _XmlReader:
                     continue
                 if item.tag in segment.meta:
                     raise self.source.error(item.line, "must stand once in the metadata", item.tag)
-                segment.meta[item.tag] = Field(item.text.strip(), item.line)
+                segment.meta[item.tag] = KeywordValue(item.text.strip(), item.line)
         for data in element.find("data"):
             for item in data.children:
                 if item.tag in ("COMMENT", "covarianceMatrix"):

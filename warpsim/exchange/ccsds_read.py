@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.exchange.ccsds_message import Field, Message, MessageSegment, read_message
+from warpsim.exchange.ccsds_message import KeywordValue, Message, MessageSegment, read_message
 from warpsim.exchange.frame_names import ccsds_frame, known_ccsds_frame
 from warpsim.exchange.instants import Instants, check_time_system
-from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame, Interpolation
 from warpsim.exchange.rotations import euler_quaternion
+from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame, Interpolation
 from warpsim.exchange.source import Source, check_cells, dates_of, numbers_of, whole_number_of
 from warpsim.quaternion import conjugate
 
@@ -127,7 +127,7 @@ def _attitude(source: Source, segment: MessageSegment, message: Message) -> Atti
     )
 
 
-def _check_center(source: Source, center: Field) -> None:
+def _check_center(source: Source, center: KeywordValue) -> None:
     if center.text.upper() != "EARTH":
         raise source.error(center.line, "must be EARTH", "CENTER_NAME", center.text)
 
@@ -142,8 +142,8 @@ def _times(source: Source, segment: MessageSegment) -> tuple[str, Instants, Inst
         stated = _date(source, keyword, meta[keyword], system)
         off_s = float(instants[end].since_instant(stated)[0])
         if abs(off_s) > _SPAN_SLACK_S:
-            place, side = ("first" if end == 0 else "last"), ("after" if off_s > 0 else "before")
-            rule = f"must be the time of the {place} row, which is {abs(off_s):g} s {side} it (a file cut off?)"
+            row, side = ("first" if end == 0 else "last"), ("after" if off_s > 0 else "before")
+            rule = f"must be the time of the {row} row, which is {abs(off_s):g} s {side} it (a file cut off?)"
             raise source.error(meta[keyword].line, rule, keyword)
     given = [keyword for keyword in ("USEABLE_START_TIME", "USEABLE_STOP_TIME") if keyword in meta]
     if not given:
@@ -157,11 +157,11 @@ def _times(source: Source, segment: MessageSegment) -> tuple[str, Instants, Inst
     return system, instants, useable
 
 
-def _date(source: Source, keyword: str, value: Field, system: str) -> Instants:
+def _date(source: Source, keyword: str, value: KeywordValue, system: str) -> Instants:
     return dates_of(source, [value.text], [value.line], system, keyword)
 
 
-def _method(source: Source, meta: dict[str, Field], keyword: str) -> Interpolation | None:
+def _method(source: Source, meta: dict[str, KeywordValue], keyword: str) -> Interpolation | None:
     value = meta.get(keyword)
     if value is None:
         return None
@@ -170,11 +170,11 @@ def _method(source: Source, meta: dict[str, Field], keyword: str) -> Interpolati
     return _METHODS[value.text.upper()]
 
 
-def _degree(source: Source, value: Field | None) -> int | None:
+def _degree(source: Source, value: KeywordValue | None) -> int | None:
     return None if value is None else whole_number_of(source, value.line, value.text, "INTERPOLATION_DEGREE")
 
 
-def _attitude_frames(source: Source, meta: dict[str, Field]) -> tuple[Frame, str, bool]:
+def _attitude_frames(source: Source, meta: dict[str, KeywordValue]) -> tuple[Frame, str, bool]:
     """Reference frame, the body's name for its own, and whether the body is frame A."""
     a, b = meta["REF_FRAME_A"], meta["REF_FRAME_B"]
     known = ccsds_frame(a.text), ccsds_frame(b.text)
@@ -190,7 +190,7 @@ def _attitude_frames(source: Source, meta: dict[str, Field]) -> tuple[Frame, str
     return known[1], a.text, True
 
 
-def _goes_backwards(source: Source, meta: dict[str, Field], segment: MessageSegment, version: float) -> bool:
+def _goes_backwards(source: Source, meta: dict[str, KeywordValue], segment: MessageSegment, version: float) -> bool:
     """Whether the data lead from frame B to frame A."""
     direction = meta.get("ATTITUDE_DIR")
     if direction is None:

@@ -22,7 +22,7 @@ class ElementSet:
     """Launch year, number and piece, "1998-067A"; as in the file where it is written otherwise, "" where absent."""
     satrec: Any
     """The initialised `sgp4.api.Satrec`, with the constants of WGS72."""
-    place: str
+    location: str
     """Line or record of the source: `line 3`."""
 
     @property

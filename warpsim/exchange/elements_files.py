@@ -46,7 +46,7 @@ def parse_element_sets(text: str) -> list[ElementSet]:
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     layout = layout_of(text)
     if layout is not None:
-        sets = [element_set(fields, place) for fields, place in READERS[layout](text)]
+        sets = [element_set(fields, location) for fields, location in READERS[layout](text)]
     elif looks_like_tle(text):
         sets = parse_tle(text)
     else:

@@ -199,13 +199,13 @@ def _tai_minus_utc_s(day: F64, second: F64) -> F64:
     """TAI - UTC [s] of UTC days; before 1972 it drifts within them."""
     import erfa
 
-    days, place = np.unique(day, return_inverse=True)
+    days, inverse = np.unique(day, return_inverse=True)
     calendar = [datetime.date.fromordinal(int(d) + _MJD_ZERO) for d in days]
     year, month, date = (np.array([getattr(c, part) for c in calendar], dtype=np.intc) for part in _DATE_PARTS)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # "dubious year": leap seconds not yet announced
         fraction = np.minimum(second / DAY_S, 1.0)
-        offset_s: F64 = erfa.dat(year[place], month[place], date[place], fraction)
+        offset_s: F64 = erfa.dat(year[inverse], month[inverse], date[inverse], fraction)
     return offset_s
 
 

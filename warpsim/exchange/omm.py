@@ -65,12 +65,12 @@ _EPOCH = re.compile(
 )  # calendar date or day of the year
 
 
-def element_set(fields: Mapping[str, str], place: str) -> ElementSet:
+def element_set(fields: Mapping[str, str], location: str) -> ElementSet:
     """Make a satellite of one message's keywords.
 
     Args:
         fields: Keyword to text; keywords that SGP4 does not need are not looked at.
-        place: Line or record of the message, which errors begin with.
+        location: Line or record of the message, which errors begin with.
 
     Raises:
         InputError: Place, object, keyword, rule and value.
@@ -79,8 +79,8 @@ def element_set(fields: Mapping[str, str], place: str) -> ElementSet:
         name, norad_id = _identity(fields)
         satrec = _satrec(fields, name, norad_id)
     except InputError as error:
-        raise error.of(place) from None
-    return ElementSet(name, norad_id, plain_designator(tidy_name(fields.get("OBJECT_ID", ""))), satrec, place)
+        raise error.of(location) from None
+    return ElementSet(name, norad_id, plain_designator(tidy_name(fields.get("OBJECT_ID", ""))), satrec, location)
 
 
 def _identity(fields: Mapping[str, str]) -> tuple[str, int | None]:

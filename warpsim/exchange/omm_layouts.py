@@ -84,17 +84,17 @@ def read_xml(text: str) -> Iterator[Message]:
     if not messages:
         raise InputError(f"must hold <omm> elements, got <{_tag(root)}>")
     for record, message in enumerate(messages, 1):
-        place = f"record {record}"
+        location = f"record {record}"
         fields: dict[str, str] = {}
         for element in message.iter():
             keyword = _tag(element)
             if len(element) or keyword in ("COMMENT", "USER_DEFINED"):
                 continue
             if keyword in fields:
-                raise InputError("is given twice", keyword).of(place)
-            _check_unit(keyword, element.get("units", ""), place)
+                raise InputError("is given twice", keyword).of(location)
+            _check_unit(keyword, element.get("units", ""), location)
             fields[keyword] = (element.text or "").strip()
-        yield fields, place
+        yield fields, location
 
 
 def read_json(text: str) -> Iterator[Message]:
@@ -106,13 +106,13 @@ def read_json(text: str) -> Iterator[Message]:
     except (RecursionError, ValueError):
         raise InputError("is not valid JSON: nested too deep, or a number too long") from None
     for record, item in enumerate(data if isinstance(data, list) else [data], 1):
-        place = f"record {record}"
+        location = f"record {record}"
         if not isinstance(item, dict):
-            raise InputError("must be an object of keywords", value=item).of(place)
+            raise InputError("must be an object of keywords", value=item).of(location)
         for keyword, value in item.items():
             if isinstance(value, bool | list | dict):
-                raise InputError("must be a number or a text", keyword, value).of(place)
-        yield {key: _json_text(value) for key, value in item.items()}, place
+                raise InputError("must be a number or a text", keyword, value).of(location)
+        yield {key: _json_text(value) for key, value in item.items()}, location
 
 
 def read_csv(text: str) -> Iterator[Message]:
@@ -121,17 +121,17 @@ def read_csv(text: str) -> Iterator[Message]:
     header: list[str] = []
     try:
         for row in rows:
-            place = f"line {rows.line_num}"
+            location = f"line {rows.line_num}"
             if not any(cell.strip() for cell in row):
                 continue
             if not header:
                 header = [cell.strip().upper() for cell in row]
                 if len(set(header)) != len(header):
-                    raise InputError("column names must be different").of(place)
+                    raise InputError("column names must be different").of(location)
                 continue
             if len(row) != len(header):
-                raise InputError(f"must have {len(header)} values, as the header has", value=len(row)).of(place)
-            yield dict(zip(header, row, strict=True)), place
+                raise InputError(f"must have {len(header)} values, as the header has", value=len(row)).of(location)
+            yield dict(zip(header, row, strict=True)), location
     except csv.Error as error:
         raise InputError(f"is not valid CSV: {error}").of(f"line {rows.line_num}") from None
 
@@ -147,7 +147,7 @@ def _json_text(value: object) -> str:
     return "" if value is None else value if isinstance(value, str) else repr(value)
 
 
-def _check_unit(keyword: str, unit: str, place: str) -> None:
+def _check_unit(keyword: str, unit: str, location: str) -> None:
     known = _UNITS.get(keyword)
     if unit and known and unit.strip().lower() not in known:
-        raise InputError(f"must be in {known[0]}", keyword, unit).of(place)
+        raise InputError(f"must be in {known[0]}", keyword, unit).of(location)

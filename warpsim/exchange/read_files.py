@@ -25,7 +25,7 @@ def read_ephemeris(path: str | os.PathLike[str], object: str | None = None) -> l
 
     Args:
         path: The file.
-        object: Name or number of the object wanted; None reads all.
+        object: Name or number of the object requested; None reads all.
 
     Raises:
         InputError: One line: file, line, rule, value.
@@ -84,12 +84,12 @@ def _attitude_segments(source: Source) -> list[AttitudeSegment]:
 
 
 @contextlib.contextmanager
-def _hint_at_elements(source: Source, wanted: str) -> Iterator[None]:
+def _hint_at_elements(source: Source, requested: str) -> Iterator[None]:
     """Say so where what is no table is element sets."""
     try:
         yield
     except InputError:
         if _TLE.search(source.text) or "MEAN_MOTION" in source.text:
-            text = f"must hold {wanted}, got element sets, which TleOrbit and TleSatellites read"
+            text = f"must hold {requested}, got element sets, which TleOrbit and TleSatellites read"
             raise source.error(0, text) from None
         raise

@@ -93,7 +93,7 @@ def read_attitude_table(source: Source) -> list[AttitudeSegment]:
 
 
 def read_temperature_table(source: Source) -> tuple[Instants, F64, list[str]]:
-    """Times, temperatures [K] and places ("line 3") of a table with `time_s` or `time_utc` and `temperature_k`.
+    """Times, temperatures [K] and locations ("line 3") of a table with `time_s` or `time_utc` and `temperature_k`.
 
     Raises:
         InputError: File, line, rule, value.
@@ -101,13 +101,13 @@ def read_temperature_table(source: Source) -> tuple[Instants, F64, list[str]]:
     table = _read(source)
     with source.at(0):
         _check_columns(table, "temperature", "temperature_k", ("temperature_k",))
-        places = [table.where(row) for row in range(len(table))]
+        locations = [table.where(row) for row in range(len(table))]
         temperature_k = table.needed("temperature_k", unit="K")
         gaps = np.flatnonzero(np.isnan(temperature_k))
         if len(gaps):
-            raise InputError("must be given, a table must have no gap", "temperature_k").of(places[gaps[0]])
+            raise InputError("must be given, a table must have no gap", "temperature_k").of(locations[gaps[0]])
         instants = _instants(source, table)
-    return instants, temperature_k, places
+    return instants, temperature_k, locations
 
 
 def _read(source: Source) -> FileTable:

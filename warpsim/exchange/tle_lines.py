@@ -83,7 +83,7 @@ def _whole(fields: tuple[_Field, ...]) -> re.Pattern[str]:
 _WHOLE_1, _WHOLE_2 = _whole(_LINE_1), _whole(_LINE_2)
 
 
-class _Place(NamedTuple):
+class _Location(NamedTuple):
     """Line and object, for messages."""
 
     line: int
@@ -116,15 +116,15 @@ def parse_tle(text: str) -> list[ElementSet]:
     for number, line in lines:
         if not _is_line(line):
             if name:
-                raise _Place(number).error(f"must be line 1 of the set named {name!r}", value=line)
+                raise _Location(number).error(f"must be line 1 of the set named {name!r}", value=line)
             name = tidy_name(line.removeprefix("0 "))
             continue
-        place = _Place(number, name)
+        location = _Location(number, name)
         if line[0] != "1":
-            raise place.error("has no line 1 before it")
+            raise location.error("has no line 1 before it")
         second = next(lines, None)
         if second is None or not (_is_line(second[1]) and second[1][0] == "2"):
-            raise place.error("must be followed by line 2 of its set")
+            raise location.error("must be followed by line 2 of its set")
         sets.append(_element_set(name, line, second[1], number, second[0]))
         name = ""
     if name:
@@ -144,7 +144,7 @@ def _is_line(line: str) -> bool:
 
 
 def _element_set(name: str, line_1: str, line_2: str, number_1: int, number_2: int) -> ElementSet:
-    place_1 = _Place(number_1, name, tidy_name(line_1[2:7]))
+    place_1 = _Location(number_1, name, tidy_name(line_1[2:7]))
     place_2 = place_1._replace(line=number_2)
     first = _checked(line_1, _LINE_1, _WHOLE_1, place_1)
     second = _checked(line_2, _LINE_2, _WHOLE_2, place_2)
@@ -164,10 +164,10 @@ def _element_set(name: str, line_1: str, line_2: str, number_1: int, number_2: i
     return _initialised(name, line_1, line_2, place_1)
 
 
-def _checked(line: str, fields: tuple[_Field, ...], whole: re.Pattern[str], place: _Place) -> tuple[str, ...]:
+def _checked(line: str, fields: tuple[_Field, ...], whole: re.Pattern[str], location: _Location) -> tuple[str, ...]:
     """The fields of a line, in order."""
     if len(line) != LENGTH:
-        raise place.error(f"must have {LENGTH} characters", value=len(line))
+        raise location.error(f"must have {LENGTH} characters", value=len(line))
     match = whole.fullmatch(line)
     if match is None:
         for field in fields:
@@ -175,14 +175,14 @@ def _checked(line: str, fields: tuple[_Field, ...], whole: re.Pattern[str], plac
             if not re.fullmatch(field.pattern, text, re.ASCII):
                 columns = f"{field.first}" if field.first == field.last else f"{field.first}-{field.last}"
                 kind = f"column {columns}" if field.name == "column" else f"{field.name} (column {columns})"
-                raise place.error(field.rule, kind, text)
+                raise location.error(field.rule, kind, text)
     tally = sum(int(c) if c.isdigit() else c == "-" for c in line[: LENGTH - 1]) % 10
     if line[-1] != str(tally):
-        raise place.error(f"must be {tally}, the sum of the line", f"checksum (column {LENGTH})", line[-1], "s")
+        raise location.error(f"must be {tally}, the sum of the line", f"checksum (column {LENGTH})", line[-1], "s")
     return tuple(line[field.first - 1 : field.last] for field in fields)
 
 
-def _initialised(name: str, line_1: str, line_2: str, place: _Place) -> ElementSet:
+def _initialised(name: str, line_1: str, line_2: str, location: _Location) -> ElementSet:
     from sgp4.alpha5 import from_alpha5
     from sgp4.api import Satrec
 
@@ -190,6 +190,6 @@ def _initialised(name: str, line_1: str, line_2: str, place: _Place) -> ElementS
     # The package takes a catalog number by its digits; blanks before them are legal, but not to every reader.
     satrec = Satrec.twoline2rv(f"1 {number}{line_1[7:]}", f"2 {number}{line_2[7:]}")
     if not is_finite_model(satrec):
-        raise place.error("SGP4 cannot be started from these elements")
+        raise location.error("SGP4 cannot be started from these elements")
     norad_id = from_alpha5(number)
-    return ElementSet(name, norad_id, plain_designator(line_1[9:17]), satrec, f"line {place.line}")
+    return ElementSet(name, norad_id, plain_designator(line_1[9:17]), satrec, f"line {location.line}")

@@ -47,10 +47,10 @@ def masks_to_rle(mask: npt.NDArray[np.bool_], origin_px: Ints, shape: tuple[int,
     if len(mask) == 0:
         return []
     owner, column, row = np.nonzero(mask.transpose(0, 2, 1))
-    place = (origin_px[owner, 0] + column) * shape[0] + origin_px[owner, 1] + row
-    same = (owner[1:] == owner[:-1]) & (place[1:] == place[:-1] + 1)
-    opens, closes = np.r_[True, ~same][: len(place)], np.r_[~same, True][: len(place)]
-    start, end, owners = place[opens], place[closes] + 1, owner[opens]
+    offset = (origin_px[owner, 0] + column) * shape[0] + origin_px[owner, 1] + row
+    same = (owner[1:] == owner[:-1]) & (offset[1:] == offset[:-1] + 1)
+    opens, closes = np.r_[True, ~same][: len(offset)], np.r_[~same, True][: len(offset)]
+    start, end, owners = offset[opens], offset[closes] + 1, owner[opens]
     # Where runs end: each run outside at a start, each run inside at an end, and the last one outside at the image's.
     bound = np.concatenate([np.stack([start, end], axis=1).ravel(), np.full(len(mask), shape[0] * shape[1])])
     whose = np.concatenate([np.repeat(owners, 2), np.arange(len(mask))])

@@ -69,21 +69,21 @@ def keypoint_visibility(table: Table, least_nei: float) -> npt.NDArray[np.uint8]
     return np.where(visible, np.where(bright, 2, 1), 0).astype(np.uint8)
 
 
-def target_masks(frames: FrameSet, wanted: npt.NDArray[np.bool_], least_nei: float) -> npt.NDArray[np.object_]:
-    """Return codes of the targets' masks, '' where a target is not wanted or reaches no pixel.
+def target_masks(frames: FrameSet, requested: npt.NDArray[np.bool_], least_nei: float) -> npt.NDArray[np.object_]:
+    """Return codes of the targets' masks, '' where a target is not requested or reaches no pixel.
 
     They are Python texts: in NumPy's every row would be as long as the longest.
 
     Args:
         frames: Rendered frames.
-        wanted: Targets to draw, shape (view, band, target).
+        requested: Targets to draw, shape (view, band, target).
         least_nei: Light of the target in a pixel of its mask, over the NEI.
     """
     light = frames.target_light
-    codes = np.full(wanted.shape, "", dtype=object)
+    codes = np.full(requested.shape, "", dtype=object)
     for number, band in enumerate(frames.bands):
         least_w_cm2 = least_nei * frames.instrument.nei_w_cm2(band)
-        view, target = np.nonzero(wanted[:, number])
+        view, target = np.nonzero(requested[:, number])
         for patches in light.patches(number, view, target, least_w_cm2):
             mask = patches.light_w_cm2 >= least_w_cm2
             (some,) = np.nonzero(mask.any(axis=(1, 2)))

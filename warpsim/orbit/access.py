@@ -11,18 +11,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from warpsim.orbit.grazing import grazing_altitude_m as grazing_altitude_m
-from warpsim.orbit.intervals import Intervals, find_intervals
-from warpsim.orbit.passes import pass_times_s
 from warpsim.orbit.access_constraints import AccessConstraints as AccessConstraints
 from warpsim.orbit.access_constraints import (
     AccessGeometry,
-    FieldOfView,
+    CameraGeometry,
+    Constraint,
     MarginFunction,
-    Rule,
     earth_margin_km,
     rules_in_force,
 )
+from warpsim.orbit.grazing import grazing_altitude_m as grazing_altitude_m
+from warpsim.orbit.intervals import Intervals, find_intervals
+from warpsim.orbit.passes import pass_times_s
 from warpsim.orbit.scan import Scan, break_times_s, scan_times_s
 from warpsim.orbit.track import PositionFunction, Track, TrackStack
 
@@ -51,7 +51,7 @@ def margins(
     *,
     time_s: ArrayLike = np.nan,
     custom: Mapping[str, MarginFunction] | None = None,
-    fov: FieldOfView | None = None,
+    fov: CameraGeometry | None = None,
 ) -> dict[str, F64]:
     """Return the signed margin of each rule in force, >= 0 where it holds.
 
@@ -93,14 +93,14 @@ def access_intervals(
     step_s: float = 10.0,
     *,
     custom: Mapping[str, MarginFunction] | None = None,
-    fov: FieldOfView | None = None,
+    fov: CameraGeometry | None = None,
     breaks_s: Sequence[Sequence[float]] | None = None,
     followed_m: Sequence[PositionFunction] = (),
 ) -> list[AccessInterval]:
     """Return all intervals within [0, duration_s] in which every rule holds, by sensor, then time.
 
-    Rule by rule, cheap ones first: the intervals of one are where the next is looked at. A scan at step_s, denser about
-    close passes and with both sides of breaks, finds the changes; local extrema of a margin that could cross zero
+    Constraint by constraint, cheap ones first: the next is evaluated within the intervals of those before. A scan at
+    step_s, denser about close passes and with both sides of breakpoints, finds the changes; local extrema of a margin that could cross zero
     between scan points are searched out, so windows (and gaps) shorter than a step are found as well, down to
     milliseconds. Jumps of a margin that breaks_s does not name can hide one. Ends are bisected to 1 ms and clipped to
     the scenario.
@@ -123,7 +123,7 @@ def access_intervals(
         InputError: A length is not > 0; a user's rule gives another shape, or NaN; in_fov without fov.
     """
     time_s = scan_times_s(duration_s, step_s)
-    rules = [Rule("earth_km", earth_margin_km), *rules_in_force(constraints, custom)]
+    rules = [Constraint("earth_km", earth_margin_km), *rules_in_force(constraints, custom)]
     rules.sort(key=lambda rule: rule.name not in _CHEAPER_THAN_THE_EARTH)
     pole = np.asarray(pole_icrs, np.float64)
     breaks_s = breaks_s if breaks_s is not None else [()] * len(sensors)
@@ -131,28 +131,28 @@ def access_intervals(
     chunk = max(1, _PAIRS_PER_CHUNK // (len(time_s) + 3 * max(map(len, breaks_s), default=0)))
     for first in range(0, len(sensors), chunk):
         rows = slice(first, first + chunk)
-        world = _World(sensors[rows], target_position_m, sun_position_m, time_s)
-        world.look_at_breaks(breaks_s[rows])
+        bodies = _ScanPositions(sensors[rows], target_position_m, sun_position_m, time_s)
+        bodies.add_breakpoints(breaks_s[rows])
         for passed in (target_position_m, *followed_m):
-            world.look_at_passes(passed)
+            bodies.add_passes(passed)
 
-        def at(row: I64, t: F64, first: int = first, world: _World = world) -> AccessGeometry:
-            return _pairs(*world.places_m(row, t), pole, t, first + row, fov)
+        def at(row: I64, t: F64, first: int = first, bodies: _ScanPositions = bodies) -> AccessGeometry:
+            return _pairs(*bodies.positions_m(row, t), pole, t, first + row, fov)
 
-        def at_point(point: I64, first: int = first, world: _World = world) -> AccessGeometry:
-            scan = world.scan
-            return _pairs(*world.scanned_m(point), pole, scan.time_s[point], first + scan.row[point], fov)
+        def at_point(point: I64, first: int = first, bodies: _ScanPositions = bodies) -> AccessGeometry:
+            scan = bodies.scan
+            return _pairs(*bodies.scanned_m(point), pole, scan.time_s[point], first + scan.row[point], fov)
 
         found = Intervals.whole(len(sensors[rows]), 0.0, float(time_s[-1]))
         for rule in rules:
-            found = find_intervals(_margin_of(rule, at), _margin_of(rule, at_point), world.scan, found)
+            found = find_intervals(_margin_of(rule, at), _margin_of(rule, at_point), bodies.scan, found)
         ends = zip(found.row.tolist(), found.start_s.tolist(), found.end_s.tolist(), strict=True)
         intervals += [AccessInterval(first + row, start, end) for row, start, end in ends]
     return intervals
 
 
 def _pairs(
-    sensor_m: F64, target_m: F64, sun_m: F64, pole: F64, time_s: F64, number: I64, fov: FieldOfView | None
+    sensor_m: F64, target_m: F64, sun_m: F64, pole: F64, time_s: F64, number: I64, fov: CameraGeometry | None
 ) -> AccessGeometry:
     """Geometry of single (sensor, time) pairs, as rows of one time each."""
     return AccessGeometry(
@@ -160,7 +160,7 @@ def _pairs(
     )
 
 
-def _margin_of(rule: Rule, view: Callable[..., AccessGeometry]) -> Callable[..., F64]:
+def _margin_of(rule: Constraint, view: Callable[..., AccessGeometry]) -> Callable[..., F64]:
     """The rule's margin at pairs of sensor and time, or at points of the scan."""
 
     def margin(*pairs: Any) -> F64:
@@ -170,7 +170,7 @@ def _margin_of(rule: Rule, view: Callable[..., AccessGeometry]) -> Callable[...,
     return margin
 
 
-class _World:
+class _ScanPositions:
     """Positions of some sensors, the target and the Sun: at the points of a scan made for them, and at any time."""
 
     def __init__(
@@ -180,20 +180,20 @@ class _World:
         sun_m: PositionFunction,
         time_s: F64,
     ) -> None:
-        self._sensors, self._target_m, self._sun_m = _Places(sensors), target_m, sun_m
+        self._sensors, self._target_m, self._sun_m = _SensorPositions(sensors), target_m, sun_m
         self.scan = Scan.uniform(len(sensors), time_s)
         n_grid = self.scan.grid.size
         self._scanned_m = tuple(
-            np.broadcast_to(place, (len(sensors), len(time_s), 3)).reshape(n_grid, 3)
-            for place in (self._sensors.on_grid_m(time_s), target_m(time_s), sun_m(time_s))
+            np.broadcast_to(position, (len(sensors), len(time_s), 3)).reshape(n_grid, 3)
+            for position in (self._sensors.on_grid_m(time_s), target_m(time_s), sun_m(time_s))
         )
 
-    def look_at_breaks(self, breaks_s: Sequence[Sequence[float]]) -> None:
+    def add_breakpoints(self, breaks_s: Sequence[Sequence[float]]) -> None:
         """Take both sides of each sensor's breaks into the scan."""
         if any(map(len, breaks_s)):
             self._add(*break_times_s(self.scan, breaks_s))
 
-    def look_at_passes(self, passed_m: PositionFunction) -> None:
+    def add_passes(self, passed_m: PositionFunction) -> None:
         """Take times about close passes of the sensors and a body into the scan."""
         scan = self.scan
         sensor, target, _ = self.scanned_m(slice(None))
@@ -205,22 +205,22 @@ class _World:
     def scanned_m(self, point: I64 | slice) -> tuple[F64, F64, F64]:
         """Positions of sensors, target and Sun at points of the scan [m], (n, 3) each."""
         number = self.scan.number[point]
-        sensor, target, sun = (place[number] for place in self._scanned_m)
+        sensor, target, sun = (position[number] for position in self._scanned_m)
         return sensor, target, sun
 
-    def places_m(self, row: I64, time_s: F64) -> tuple[F64, F64, F64]:
+    def positions_m(self, row: I64, time_s: F64) -> tuple[F64, F64, F64]:
         """The same at pairs of sensor and time (n,)."""
         return self._sensors.at_m(row, time_s), self._target_m(time_s), self._sun_m(time_s)
 
     def _add(self, after: I64, time_s: F64) -> None:
         """Take further points into the scan."""
         if len(after):
-            new = self.places_m(self.scan.row[after], time_s)
+            new = self.positions_m(self.scan.row[after], time_s)
             self._scanned_m = tuple(np.concatenate(pair) for pair in zip(self._scanned_m, new, strict=True))
             self.scan = self.scan.inserted(after, time_s)
 
 
-class _Places:
+class _SensorPositions:
     """Positions of some sensors: at the times of a grid, and of pairs of sensor and time."""
 
     def __init__(self, sensors: Sequence[Track] | Sequence[PositionFunction]) -> None:
@@ -242,10 +242,10 @@ class _Places:
         """Positions of pairs of sensor and time (n,) [m], (n, 3)."""
         if self._stack is not None:
             return self._stack.position_m(row, time_s)
-        place = np.empty((len(row), 3))
+        position = np.empty((len(row), 3))
         order = np.argsort(row, kind="stable")
         edge = np.searchsorted(row[order], np.arange(len(self._functions) + 1))
         for number in np.unique(row):
             rows = order[edge[number] : edge[number + 1]]
-            place[rows] = self._functions[number](time_s[rows])
-        return place
+            position[rows] = self._functions[number](time_s[rows])
+        return position

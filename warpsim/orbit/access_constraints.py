@@ -25,7 +25,7 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 
-def _share(value: float) -> float:
+def _fraction(value: float) -> float:
     if not 0.0 < value <= 1.0:
         raise rule_error("must be in (0, 1]")
     return value
@@ -33,7 +33,7 @@ def _share(value: float) -> float:
 
 Elevation = Annotated[Number, closed_interval(-90, 90)]
 HalfTurn = Annotated[Number, closed_interval(0, 180)]
-Share = Annotated[Number, AfterValidator(_share)]
+Fraction = Annotated[Number, AfterValidator(_fraction)]
 
 
 @config_model
@@ -54,8 +54,8 @@ class AccessConstraints:
     """Highest elevation of the line of sight."""
     min_background_altitude_km: Number | None = None
     """Lowest WGS84 altitude on the whole ray from the sensor through the target and beyond: seen against space."""
-    min_target_sunlit: Share | None = None
-    """Smallest share of the Sun's disc that the target sees past the Earth."""
+    min_target_sunlit: Fraction | None = None
+    """Smallest fraction of the Sun's disc that the target sees past the Earth."""
     in_fov: Switch = False
     """Whether the target must lie within the camera's frame."""
 
@@ -83,7 +83,7 @@ class Framing(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class FieldOfView:
+class CameraGeometry:
     """What the rule `in_fov` needs: the camera, and its axes."""
 
     camera: Framing
@@ -113,7 +113,7 @@ class AccessGeometry:
     """Times [s after the scene's epoch], broadcastable to (n_row, n_time)."""
     sensor: I64
     """Numbers of the sensors, (n_row, 1): indices into the sensors asked for."""
-    fov: FieldOfView | None = None
+    fov: CameraGeometry | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -157,7 +157,7 @@ class AccessGeometry:
 
     @cached_property
     def target_sunlit_depth(self) -> F64:
-        """Share of the Sun's disc that the target sees; runs on above 1 in full light and below 0 in the umbra."""
+        """Fraction of the Sun's disc that the target sees; runs on above 1 in full light and below 0 in the umbra."""
         return sunlit_depth(self.target_m, self.sun_m, self.pole_icrs)
 
     @cached_property
@@ -186,7 +186,7 @@ class AccessGeometry:
 MarginFunction = Callable[[AccessGeometry], F64]
 
 
-class Rule(NamedTuple):
+class Constraint(NamedTuple):
     """A rule in force."""
 
     name: str
@@ -214,7 +214,9 @@ MARGIN_NAMES = ("earth_km", *(name for name, _ in _BUILT_IN.values()))
 """Names of the margins of warpsim's own rules."""
 
 
-def rules_in_force(constraints: AccessConstraints, custom: Mapping[str, MarginFunction] | None = None) -> list[Rule]:
+def rules_in_force(
+    constraints: AccessConstraints, custom: Mapping[str, MarginFunction] | None = None
+) -> list[Constraint]:
     """Return the rules asked for, cheap ones first, and the user's own last; the Earth's, "earth_km", is not in it.
 
     Raises:
@@ -224,7 +226,7 @@ def rules_in_force(constraints: AccessConstraints, custom: Mapping[str, MarginFu
     for field, (name, margin) in _BUILT_IN.items():
         limit = getattr(constraints, field)
         if limit is not None and limit is not False:
-            rules.append(Rule(name, _limited(margin, float(limit))))
+            rules.append(Constraint(name, _limited(margin, float(limit))))
     if custom is not None and not isinstance(custom, Mapping):
         raise InputError(f"must be a dict of names and functions, got {type(custom).__name__}", "custom")
     for name, function in (custom or {}).items():
@@ -232,7 +234,7 @@ def rules_in_force(constraints: AccessConstraints, custom: Mapping[str, MarginFu
             raise InputError("must have names other than warpsim's own rules", "custom", name)
         if not callable(function):
             raise InputError("must be a function of an AccessGeometry", f"custom[{name!r}]", function)
-        rules.append(Rule(name, _checked(name, function)))
+        rules.append(Constraint(name, _checked(name, function)))
     return rules
 
 

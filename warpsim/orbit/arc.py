@@ -77,7 +77,7 @@ class BallisticArc:
 
     @model_validator(mode="after")
     def _ends_differ(self) -> BallisticArc:
-        start, end = (geodetic_to_itrs_m(*place, 0.0) for place in (self.start_lon_lat_deg, self.end_lon_lat_deg))
+        start, end = (geodetic_to_itrs_m(*point, 0.0) for point in (self.start_lon_lat_deg, self.end_lon_lat_deg))
         if np.linalg.norm(start - end) < 1.0:
             raise InputError("must differ from start_lon_lat_deg", "end_lon_lat_deg")
         if not self.endpoint_altitude_km > -100.0:

@@ -19,7 +19,7 @@ from warpsim.orbit.elements import KeplerOrbit, StateVector, state_to_elements
 from warpsim.orbit.ephemeris import EphemerisSatellites
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.kepler import propagate_two_body
-from warpsim.orbit.paths import Moving, Orbit, SimpleConstellation, states_of
+from warpsim.orbit.paths import Orbit, Propagator, SimpleConstellation, states_of
 from warpsim.orbit.tle import TleSatellites
 from warpsim.orbit.walker import Pattern, below_planes, pattern_turns, satellite_names
 
@@ -104,7 +104,7 @@ class SeedPattern:
     """Copies of one orbit, evenly spread over planes and slots.
 
     The seed's state at the epoch gives its Kepler conic. Slot j of plane i is the seed moved along that conic by
-    (j - 1) / S + F (i - 1) / T of its period, then turned about the GCRS z axis by the plane's share of 360 degrees
+    (j - 1) / S + F (i - 1) / T of its period, then turned about the GCRS z axis by the plane's fraction of 360 degrees
     ("delta") or 180 degrees ("star"). All copies, the first included, then fly freely under `gravity`.
     """
 
@@ -267,13 +267,16 @@ def _check_names(field: str, names: Sequence[str], at_least: int = 1) -> None:
 
 
 def _side_by_side(
-    members: Sequence[tuple[str, Moving]], epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float] | None = None
+    members: Sequence[tuple[str, Propagator]],
+    epoch: Epoch,
+    time_s: ArrayLike,
+    within_s: tuple[float, float] | None = None,
 ) -> tuple[F64, F64]:
-    """States of several movers along the axis of objects."""
+    """States of several propagators along the axis of objects."""
     positions, velocities = [], []
-    for name, mover in members:
+    for name, propagator in members:
         try:
-            position, velocity = states_of(mover, epoch, time_s, within_s)
+            position, velocity = states_of(propagator, epoch, time_s, within_s)
         except InputError as error:
             raise error.of(name) from None
         positions.append(position)

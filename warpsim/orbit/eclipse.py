@@ -5,8 +5,8 @@ finite Sun. Limb darkening is left out (it dims the last tenth of the disc's wid
 refraction, haze and clouds shift and blur the shadow's edge by tens of kilometres: seconds in low orbit.
 
 Stretched along its pole the ellipsoid is a sphere, and straight lines stay straight. The Sun then is a slightly
-elliptic disc; it is taken for the round one that reaches equally far towards the Earth's centre. The share is wrong by
-2e-5 at most, and exact for a spherical Earth.
+elliptic disc; it is taken for the round one that reaches equally far towards the Earth's centre. The fraction is wrong
+by 2e-5 at most, and exact for a spherical Earth.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Eclipse(NamedTuple):
 
 
 def sunlit_fraction(position_m: ArrayLike, sun_m: ArrayLike, pole_icrs: ArrayLike | None = None) -> F64:
-    """Return the share of the Sun's disc seen past the Earth, 0 in the umbra to 1 in full light.
+    """Return the fraction of the Sun's disc seen past the Earth, 0 in the umbra to 1 in full light.
 
     Args:
         position_m: Places, geocentric [m], (..., 3). Below the ground counts as on it.
@@ -43,7 +43,7 @@ def sunlit_fraction(position_m: ArrayLike, sun_m: ArrayLike, pole_icrs: ArrayLik
         pole_icrs: Unit vector of the ellipsoid's axis, (3,); None for a sphere of the equatorial radius.
 
     Returns:
-        Shares, broadcast shape without the last axis.
+        Fractions, broadcast shape without the last axis.
     """
     return np.clip(sunlit_depth(position_m, sun_m, pole_icrs), 0.0, 1.0)
 
@@ -51,7 +51,7 @@ def sunlit_fraction(position_m: ArrayLike, sun_m: ArrayLike, pole_icrs: ArrayLik
 def sunlit_depth(position_m: ArrayLike, sun_m: ArrayLike, pole_icrs: ArrayLike | None = None) -> F64:
     """Return sunlit_fraction, but going on beyond 0 and 1 by the angle from the shadow's edge in widths of the Sun.
 
-    Other than the share itself it is nowhere flat, so that short eclipses show between the points of a scan.
+    Other than the fraction itself it is nowhere flat, so that short eclipses show between the points of a scan.
     """
     sun_radius, earth_radius, apart = _discs(position_m, sun_m, pole_icrs)
     outside = (apart - (earth_radius + sun_radius)) / (2.0 * sun_radius)
@@ -63,7 +63,7 @@ def sunlit_depth(position_m: ArrayLike, sun_m: ArrayLike, pole_icrs: ArrayLike |
 
 
 def covered_fraction(sun_radius_rad: ArrayLike, earth_radius_rad: ArrayLike, apart_rad: ArrayLike) -> F64:
-    """Return the share of one disc on the sky that another covers; angular radii and distance of the centres [rad].
+    """Return the fraction of one disc on the sky that another covers; angular radii and distance of the centres [rad].
 
     The common area of two caps of the unit sphere is two sectors less two spherical triangles. Angles come from
     half-angle formulae and the triangle from l'Huilier's, so nothing is lost at first and last contact: good to 1e-12
@@ -89,34 +89,36 @@ def covered_fraction(sun_radius_rad: ArrayLike, earth_radius_rad: ArrayLike, apa
     part = common / (2.0 * np.pi * sun_square)
     whole = np.minimum(earth_square / sun_square, 1.0)  # one within the other
     nested = apart <= np.abs(earth - sun)
-    share = np.where(nested, whole, np.where(less_apart > 0.0, part, 0.0 * part))
-    return np.asarray(np.clip(share, 0.0, 1.0))
+    fraction = np.where(nested, whole, np.where(less_apart > 0.0, part, 0.0 * part))
+    return np.asarray(np.clip(fraction, 0.0, 1.0))
 
 
 def _discs(position_m: ArrayLike, sun_m: ArrayLike, pole_icrs: ArrayLike | None) -> tuple[F64, F64, F64]:
     """Angular radii of Sun and Earth, and the angle between their centres [rad], in stretched axes."""
-    place, sun = np.broadcast_arrays(np.asarray(position_m, np.float64), np.asarray(sun_m, np.float64))
-    to_sun = sun - place
+    position, sun = np.broadcast_arrays(np.asarray(position_m, np.float64), np.asarray(sun_m, np.float64))
+    to_sun = sun - position
     distance_m = np.linalg.norm(to_sun, axis=-1)
     sine = SUN_RADIUS_M / distance_m
     sun_tangent = sine / np.sqrt((1.0 - sine) * (1.0 + sine))
     if pole_icrs is not None:
         pole = np.asarray(pole_icrs, np.float64)
         away = to_sun / distance_m[..., None]
-        place, to_sun = _stretched(place, pole), _stretched(to_sun, pole)
+        position, to_sun = _stretched(position, pole), _stretched(to_sun, pole)
         length_m = np.linalg.norm(to_sun, axis=-1)
         # Reach of the stretched disc towards the Earth's centre: the longest stretched radius, projected on that way.
         ahead = to_sun / length_m[..., None]
-        across = -place + np.einsum("...i,...i->...", place, ahead)[..., None] * ahead
+        across = -position + np.einsum("...i,...i->...", position, ahead)[..., None] * ahead
         across = across / np.maximum(np.linalg.norm(across, axis=-1), 1e-300)[..., None]
         reach = _stretched(across, pole)
         reach = reach - np.einsum("...i,...i->...", reach, away)[..., None] * away
         # With the Sun's centre behind the Earth's there is no such way, and none is needed.
         factor = np.where(np.any(across != 0.0, axis=-1), np.linalg.norm(reach, axis=-1), 1.0)
         sun_tangent = sun_tangent * factor * distance_m / length_m
-    nearness = np.minimum(EARTH_EQUATORIAL_RADIUS_M / np.maximum(np.linalg.norm(place, axis=-1), 1e-300), 1.0)
-    apart = np.arctan2(np.linalg.norm(np.cross(to_sun, -place), axis=-1), -np.einsum("...i,...i->...", to_sun, place))
-    return np.arctan(sun_tangent), np.arcsin(nearness), apart
+    radius_ratio = np.minimum(EARTH_EQUATORIAL_RADIUS_M / np.maximum(np.linalg.norm(position, axis=-1), 1e-300), 1.0)
+    apart = np.arctan2(
+        np.linalg.norm(np.cross(to_sun, -position), axis=-1), -np.einsum("...i,...i->...", to_sun, position)
+    )
+    return np.arctan(sun_tangent), np.arcsin(radius_ratio), apart
 
 
 def _stretched(vector: F64, pole: F64) -> F64:

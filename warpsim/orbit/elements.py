@@ -121,8 +121,8 @@ def elements_to_state(
     narrow = np.sqrt((1.0 - e) * (1.0 + e))
     # 1 - e cos E, cos E - e: written so that nothing cancels near the perigee of a long ellipse.
     versine = 2.0 * np.sin(0.5 * anomaly) ** 2
-    nearness = (1.0 - e) + e * versine
-    speed = np.sqrt(EARTH_GM_M3_S2 / a) / nearness
+    radius_ratio = (1.0 - e) + e * versine
+    speed = np.sqrt(EARTH_GM_M3_S2 / a) / radius_ratio
     x, y = a * ((1.0 - e) - versine), a * narrow * sine
     vx, vy = -speed * sine, speed * narrow * cosine
     to_perigee, to_side = _axes(tilt, node, perigee)

@@ -28,8 +28,8 @@ def window_size(method: Method, degree: int, n_node: int) -> int:
 
     Hermite's degrees are odd; an even one is lowered by one.
     """
-    wanted = {"linear": 2, "lagrange": degree + 1, "hermite": (degree + 1) // 2}[method]
-    return min(max(wanted, 1), n_node)
+    required = {"linear": 2, "lagrange": degree + 1, "hermite": (degree + 1) // 2}[method]
+    return min(max(required, 1), n_node)
 
 
 def interpolate(
@@ -84,8 +84,8 @@ def sampling_error(
         sizes = (size, max(size - 1, 1), max(size - 2, 1))
 
     def values(size: int) -> F64:
-        wanted = 2 * size - 1 if method == "hermite" else max(size - 1, 1)
-        return interpolate(node_s, value, rate, method, wanted, time_s)[0]
+        required = 2 * size - 1 if method == "hermite" else max(size - 1, 1)
+        return interpolate(node_s, value, rate, method, required, time_s)[0]
 
     full, less, least = (values(size) for size in sizes)
     d1, d2 = np.linalg.norm(full - less, axis=-1), np.linalg.norm(less - least, axis=-1)

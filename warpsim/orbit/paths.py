@@ -33,7 +33,7 @@ SimpleConstellation = Walker | TleSatellites | EphemerisSatellites
 """Constellations that hold no other parts; `constellations.Constellation` adds those that do."""
 
 
-class Moving(Protocol):
+class Propagator(Protocol):
     """What has states."""
 
     def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
@@ -42,15 +42,15 @@ class Moving(Protocol):
 
 
 def states_of(
-    mover: Moving, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float] | None = None
+    propagator: Propagator, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float] | None = None
 ) -> tuple[F64, F64]:
-    """States of a mover, of which only those within a span matter, if one is given.
+    """States of a propagator, of which only those within a span matter, if one is given.
 
     What knows its motion for a limited time only has `states_within(epoch, time_s, within_s)`: it must cover the span,
     and before and after it the motion goes on freely.
     """
-    limited = None if within_s is None else getattr(mover, "states_within", None)
+    limited = None if within_s is None else getattr(propagator, "states_within", None)
     if limited is None:
-        return mover.states(epoch, time_s)
+        return propagator.states(epoch, time_s)
     position, velocity = limited(epoch, time_s, within_s)
     return position, velocity

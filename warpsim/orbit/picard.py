@@ -105,8 +105,8 @@ def integrate(
         # A time at the segment's end is its own: where the sum above rounds to the last time, nothing is left over.
         stop = int(np.searchsorted(np.abs(time_s), abs(stop_s), side="right"))
         if stop > row:
-            place = np.clip(2.0 * (time_s[row:stop] - start_s) / span_s - 1.0, -1.0, 1.0)
-            positions[row:stop], velocities[row:stop] = _values(segment, place)
+            at = np.clip(2.0 * (time_s[row:stop] - start_s) / span_s - 1.0, -1.0, 1.0)
+            positions[row:stop], velocities[row:stop] = _values(segment, at)
         position_m, velocity_m_s = segment.position_m[-1], segment.velocity_m_s[-1]
         start_s, row = stop_s, stop
         if segment.tail < _GENEROUS * _TAIL:
@@ -159,11 +159,11 @@ def _segment(acceleration: AccelerationFunction, position_m: F64, velocity_m_s: 
     return _Segment(position, velocity, float(tail)) if tail <= _TAIL and np.isfinite(velocity).all() else None
 
 
-def _values(segment: _Segment, place: F64) -> tuple[F64, F64]:
-    """The polynomials through the nodes at places in [-1, 1]."""
+def _values(segment: _Segment, at: F64) -> tuple[F64, F64]:
+    """The polynomials through the nodes at arguments in [-1, 1]."""
     to_coefficients = _matrices()[1]
-    basis = np.cos(np.arccos(place)[:, None] * np.arange(DEGREE + 1)) @ to_coefficients
-    shape = (len(place), *segment.position_m.shape[1:])
+    basis = np.cos(np.arccos(at)[:, None] * np.arange(DEGREE + 1)) @ to_coefficients
+    shape = (len(at), *segment.position_m.shape[1:])
     nodes = segment.position_m, segment.velocity_m_s
     position, velocity = ((basis @ values.reshape(len(values), -1)).reshape(shape) for values in nodes)
     return position, velocity

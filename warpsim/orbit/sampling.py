@@ -139,7 +139,7 @@ def _one_track(
     ends: tuple[int, int] | None,
 ) -> Track:
     """Track of positions at nodes and middles, (2 n - 1, 3), and velocities at nodes, (n, 3)."""
-    used_m_s, missed_m = _judged(dense_m, velocity_m_s, step_s, ends)
+    used_m_s, missed_m = _assessed(dense_m, velocity_m_s, step_s, ends)
     p, v = np.ascontiguousarray(dense_m[::2]), np.ascontiguousarray(used_m_s)
     node_s = start_s + step_s * np.arange(len(p))
     missed_m[(node_s[1:] <= counted_s[0]) | (node_s[:-1] >= counted_s[1])] = 0.0
@@ -147,7 +147,7 @@ def _one_track(
     return Track(name, start_s, step_s, p, v, float(missed_m[worst]), start_s + (worst + 0.5) * step_s)
 
 
-def _judged(dense_m: F64, velocity_m_s: F64, step_s: float, ends: tuple[int, int] | None = None) -> tuple[F64, F64]:
+def _assessed(dense_m: F64, velocity_m_s: F64, step_s: float, ends: tuple[int, int] | None = None) -> tuple[F64, F64]:
     """Velocities that the interpolant takes, and how far it is off in each interval.
 
     A velocity that is not the derivative of the positions bends the interpolant by up to 0.096 step times the
@@ -245,8 +245,8 @@ def choose_step_s(
                 if gain < 0.5:
                     return step_s
                 before = worst_m, step_s
-        wanted_s = max(min(step_s * min(max(ratio * 0.999, 0.1), 8.0), longest_s), shortest_s)
-        next_s = _even_step_s(duration_s, wanted_s)
+        proposed_s = max(min(step_s * min(max(ratio * 0.999, 0.1), 8.0), longest_s), shortest_s)
+        next_s = _even_step_s(duration_s, proposed_s)
         if next_s == step_s or (ratio >= 1.0 and next_s >= too_long_s):
             return step_s
         step_s = next_s
@@ -258,7 +258,7 @@ def _trial_error_m(state: StateFunction, duration_s: float, step_s: float, count
     n_interval = _n_step(duration_s, step_s)
     if n_interval <= _N_TRIAL:
         dense_m, velocity_m_s = state(0.5 * step_s * np.arange(2 * max(1, n_interval) + 1, dtype=np.float64))
-        _, missed_m = _judged(dense_m, velocity_m_s[::2], step_s)
+        _, missed_m = _assessed(dense_m, velocity_m_s[::2], step_s)
         end_s = step_s * np.arange(1, len(missed_m) + 1)
     else:
         begin_s = step_s + (duration_s - 3.0 * step_s) * np.mod(_GOLDEN * np.arange(_N_TRIAL), 1.0)
@@ -332,8 +332,8 @@ def make_tracks(
             break
         # The worst place lay between the trials: a perigee, or a manoeuvre, where the velocity jumps.
         first = first or (worst_m, step_s)
-        wanted_s = step_s * max(0.25, 0.95 * (error_m / worst_m) ** (1 / min(order, 4.0)))
-        step_s = _even_step_s(duration_s, max(shortest_s, wanted_s))
+        proposed_s = step_s * max(0.25, 0.95 * (error_m / worst_m) ** (1 / min(order, 4.0)))
+        step_s = _even_step_s(duration_s, max(shortest_s, proposed_s))
     if worst_m > WORST_TRACK_ERROR_M:
         rough = max(tracks, key=lambda track: track.error_m)
         if SHORTEST_STEP_S < step_s <= shortest_s:

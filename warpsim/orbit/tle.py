@@ -204,7 +204,7 @@ def _named(sets: Iterable[ElementSet], of_source: Callable[[InputError], InputEr
     for name, count in Counter(names).items():
         if count > 1:
             group = groups[len(names) - 1 - names[::-1].index(name)]
-            error = InputError(f"name must be unique, got {name} twice").of(group[0].label).of(group[0].place)
+            error = InputError(f"name must be unique, got {name} twice").of(group[0].label).of(group[0].location)
             raise of_source(error)
     return tuple(Satellite(name, tuple(group)) for name, group in zip(names, groups, strict=True))
 
@@ -222,19 +222,19 @@ def _identifier(item: ElementSet) -> str:
 
 def _matches(found: Sequence[Satellite], pattern: str, field: str) -> list[Satellite]:
     """Objects whose name (as in the file or cleaned) or catalog number is the pattern."""
-    wanted = pattern.strip().upper()
-    number = int(wanted) if re.fullmatch(r"\d{1,9}", wanted, re.ASCII) else None
+    requested = pattern.strip().upper()
+    number = int(requested) if re.fullmatch(r"\d{1,9}", requested, re.ASCII) else None
 
     def fits(item: Satellite) -> bool:
         first = item.sets[0]
         texts = (first.name.upper(), item.name.upper(), f"{first.norad_id}")
         # A name may hold brackets, which are no wild cards here.
-        glob = re.sub(r"\[", "[[]", wanted)
+        glob = re.sub(r"\[", "[[]", requested)
         return number == first.norad_id is not None or any(fnmatch.fnmatchcase(text, glob) for text in texts)
 
     chosen = [item for item in found if fits(item)]
     if not chosen:
-        close = difflib.get_close_matches(wanted, [item.name.upper() for item in found], n=1)
+        close = difflib.get_close_matches(requested, [item.name.upper() for item in found], n=1)
         hint = next((f" (did you mean {item.name}?)" for item in found if [item.name.upper()] == close), "")
         raise InputError(f"no object of that name or catalog number, got {pattern!r}{hint}", field)
     return chosen

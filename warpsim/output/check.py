@@ -112,8 +112,8 @@ def _orbit_lines(scenario: Scenario) -> list[str]:
     """How good tracks are, and what paths and shapes have to say."""
     scene, tracks = scenario.scene, scenario.tracks
     lines = [f"  orbits     nodes every {tracks.step_s:g} s, interpolation error {tracks.error_m * 1e3:.2g} mm"]
-    for mover in (scene.constellation, *(group.path for group in scene.groups)):
-        notes = getattr(mover, "notes", None)
+    for propagator in (scene.constellation, *(group.path for group in scene.groups)):
+        notes = getattr(propagator, "notes", None)
         lines += [f"  note       {note}" for note in (notes(scenario.epoch, scene.duration_s) if notes else [])]
     shapes = {spec.name: spec.shape for group in scene.groups for spec in group.targets}
     for name, shape in shapes.items():

@@ -198,5 +198,5 @@ def _streaks_px(camera: Camera, tracks: Tracks, ends: list[tuple[SatelliteState,
 def _way_px(camera: Camera, sights: Sequence[F64], ends: list[tuple[SatelliteState, F64]]) -> F64:
     """Distances on the image between directions at the two ends, (n, 3) each; 0 behind the camera."""
     seen = [np.einsum("nij,nj->ni", axes, sight) for sight, (_, axes) in zip(sights, ends, strict=True)]
-    places = [camera.project(normalised(direction), np.eye(3))[0] for direction in seen]
-    return np.asarray(np.nan_to_num(np.linalg.norm(places[1] - places[0], axis=-1)))
+    positions_px = [camera.project(normalised(direction), np.eye(3))[0] for direction in seen]
+    return np.asarray(np.nan_to_num(np.linalg.norm(positions_px[1] - positions_px[0], axis=-1)))

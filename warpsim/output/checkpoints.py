@@ -101,12 +101,12 @@ def remove_files(folder: Path, names: Iterable[str]) -> None:
 
 
 def has_key(record: Any, key: str) -> bool:
-    """True for a manifest or a receipt of the run with this key."""
+    """True for a manifest or a checkpoint record of the run with this key."""
     return isinstance(record, dict) and record.get("key") == key and isinstance(record.get("files"), dict)
 
 
 def is_record(record: Any) -> bool:
-    """True for what looks like a manifest or receipt of any run: a key, and plain names of files below the folder."""
+    """True for what looks like a manifest or checkpoint record of any run: a key, and plain names of files below the folder."""
     if not isinstance(record, dict) or not isinstance(record.get("files"), dict):
         return False
     return bool(re.fullmatch("[0-9a-f]{64}", str(record.get("key")))) and all(map(is_plain_name, record["files"]))

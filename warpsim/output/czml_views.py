@@ -129,9 +129,9 @@ def _shown_s(instrument: Instrument, index: int, span_s: Span) -> list[Span]:
 
 def _corners(scenario: Scenario, instrument: Instrument, index: int, span_s: Span) -> list[Piece]:
     """Samples of the corners of a field of view."""
-    watcher = instrument.watchers([index])
-    bodies = [instrument.satellite_names[index], *(scenario.target_names[target] for target in watcher.followed)]
-    breakpoints_s = {*watcher.camera_breaks_s[0], *(time for name in bodies for time in scenario.breakpoints_s[name])}
+    observer = instrument.observers([index])
+    bodies = [instrument.satellite_names[index], *(scenario.target_names[target] for target in observer.followed)]
+    breakpoints_s = {*observer.camera_breaks_s[0], *(time for name in bodies for time in scenario.breakpoints_s[name])}
     corners_m = corner_positions(scenario, instrument, index)
     reach_m = float(_reach_m(scenario, instrument, index, np.array(span_s)).min())
     error_m = FIELD_ERROR * reach_m * np.radians(min(instrument.sensor.camera.field_deg))

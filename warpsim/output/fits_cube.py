@@ -80,10 +80,10 @@ class CubeWriter:
         counts = frames.counts.numpy()[:, sensor, band]
         self._stream.write((counts.astype(np.int32) - 32768).astype(np.int16))
         flags = {_FLAG_COLUMNS[word]: values[:, sensor] for word, values in view_flags(frames).items()}
-        for place, number in enumerate(frames.frames):
-            keywords = tan_keywords(frames.axes_icrs[place, sensor], self._camera)
-            row = {"FRAME": number, "TIME_S": float(frames.time_s[place]), **keywords}
-            self._rows.append(row | {name: bool(values[place]) for name, values in flags.items()})
+        for position, number in enumerate(frames.frames):
+            keywords = tan_keywords(frames.axes_icrs[position, sensor], self._camera)
+            row = {"FRAME": number, "TIME_S": float(frames.time_s[position]), **keywords}
+            self._rows.append(row | {name: bool(values[position]) for name, values in flags.items()})
 
     def close(self) -> None:
         """Finish the file with the table of frames."""

@@ -57,7 +57,7 @@ def scene_cards(scene: SceneDescription, instrument: Instrument, sensor: str, ba
 
 def image_cards(frames: FrameSet, sensor: str, band: str) -> Iterator[list[Card]]:
     """Yield all keywords of each image of a sensor and band, frame by frame: the scene's, and its own time and sky."""
-    scene, instrument, place = frames.scene, frames.instrument, frames.sensors.index(sensor)
+    scene, instrument, index = frames.scene, frames.instrument, frames.sensors.index(sensor)
     camera, epoch = instrument.sensor.camera, scene.epoch_utc
     first = [
         *scene_cards(scene, instrument, sensor, band),
@@ -65,9 +65,9 @@ def image_cards(frames: FrameSet, sensor: str, band: str) -> Iterator[list[Card]
     ]
     last: list[Card] = [(name, value, "") for name, value in lens_keywords(camera).items()]
     dates, days = utc_dates(epoch, frames.time_s), utc_mjd(epoch, frames.time_s)
-    flags = {word: values[:, place] for word, values in view_flags(frames).items()}
+    flags = {word: values[:, index] for word, values in view_flags(frames).items()}
     for i, number in enumerate(frames.frames):
-        tan = tan_keywords(frames.axes_icrs[i, place], camera)
+        tan = tan_keywords(frames.axes_icrs[i, index], camera)
         yield [
             *first,
             ("FRAME", number, "frame number in the scene"),

@@ -106,7 +106,7 @@ class FitsCubes:
 
 
 @dataclass(frozen=True)
-class ImageFolder:
+class ImageFiles:
     """SENSOR_BAND/FRAME.png or the like: an image file for each frame, of counts or of the noiseless signal."""
 
     suffix: str
@@ -173,7 +173,7 @@ class ZarrArrays:
 
 
 @dataclass(frozen=True)
-class Films:
+class Animations:
     """SENSOR_BAND.gif or .mp4: a film for people."""
 
     suffix: str
@@ -200,12 +200,12 @@ class Films:
 
 FORMATS: dict[str, Format] = {
     "fits": FitsCubes(),
-    "tiff": ImageFolder(".tif"),
-    "png": ImageFolder(".png"),
-    "exr": ImageFolder(".exr", needs_signal=True),
+    "tiff": ImageFiles(".tif"),
+    "png": ImageFiles(".png"),
+    "exr": ImageFiles(".exr", needs_signal=True),
     "zarr": ZarrArrays(),
 }
-PREVIEWS: dict[str, Format] = {"gif": Films(".gif"), "mp4": Films(".mp4")}
+PREVIEWS: dict[str, Format] = {"gif": Animations(".gif"), "mp4": Animations(".mp4")}
 
 
 def chosen_formats(formats: Sequence[str], preview: str | None) -> dict[str, Format]:

@@ -1,6 +1,6 @@
 """What a run will write.
 
-The unit of work is a sensor. All receipts and the manifest carry the key of the run: a hash of everything that the
+The unit of work is a sensor. All records and the manifest carry the key of the run: a hash of everything that the
 files depend on.
 """
 
@@ -30,7 +30,7 @@ PARTS = ".warpsim-parts"
 
 
 @dataclass(frozen=True)
-class Plan:
+class RunPlan:
     """What a run will write."""
 
     scenario: Scenario
@@ -42,7 +42,7 @@ class Plan:
     key: str
     """Hash of all that the files depend on."""
     tables: tuple[str, ...] = ("truth",)
-    """Tables beside the images: "truth" (targets), and "stars" when wanted."""
+    """Tables beside the images: "truth" (targets), and "stars" when requested."""
     formats: dict[str, Format] = field(default_factory=lambda: {name: FORMATS[name] for name in USUAL_FORMATS})
     """How images are stored, by name."""
 
@@ -106,8 +106,8 @@ class Plan:
         """The tables of one sensor, until all are there."""
         return [self.parts / f"{sensor}_{table}.fits" for table in self.tables]
 
-    def receipt_path(self, sensor: str) -> Path:
-        """The receipt of a sensor."""
+    def checkpoint_path(self, sensor: str) -> Path:
+        """Path of the checkpoint record of a sensor."""
         return self.parts / f"{sensor}.json"
 
 
@@ -121,7 +121,7 @@ def make_plan(
     every_frame: bool = False,
     formats: Sequence[str] = USUAL_FORMATS,
     preview: str | None = None,
-) -> Plan:
+) -> RunPlan:
     """Return what a run writes; None means all of the scene.
 
     Raises:
@@ -147,7 +147,7 @@ def make_plan(
     tables = ("truth", "stars") if stars else ("truth",)
     bands_of = {sensor: bands_of[sensor] for sensor in frames_of}
     key = _run_key(renderer, bands_of, frames_of, tables, tuple(chosen))
-    return Plan(scenario, folder, bands_of, frames_of, key, tables, chosen)
+    return RunPlan(scenario, folder, bands_of, frames_of, key, tables, chosen)
 
 
 def _bands_of(
@@ -171,8 +171,8 @@ def _bands_of(
 def _frame_numbers(renderer: Renderer, instrument: Instrument, frames: Sequence[int] | slice | None) -> list[int]:
     """Return the frame numbers of a kind of sensor, each once: a slice is one of all its frames."""
     every = range(instrument.frames.count)
-    wanted = every if frames is None else every[frames] if isinstance(frames, slice) else frames
-    numbers = renderer.checked_frames(wanted, instrument)
+    requested = every if frames is None else every[frames] if isinstance(frames, slice) else frames
+    numbers = renderer.checked_frames(requested, instrument)
     if not numbers:
         raise InputError("must name at least one", "frames")
     # Frames of a cube and files of a run are written once each, however often they are named.

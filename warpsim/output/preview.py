@@ -29,7 +29,7 @@ PREVIEW_FPS = 10.0
 _MOST_FPS = {".gif": 50.0, ".mp4": 240.0}
 """Players of GIF take shorter times for a mistake."""
 
-Picture = npt.NDArray[np.uint8]
+GreyImage = npt.NDArray[np.uint8]
 AddCounts = Callable[[npt.NDArray[np.uint16]], None]
 """Takes counts of shape (n, row, column)."""
 
@@ -85,12 +85,12 @@ def check_preview(path: Path, fps: float = PREVIEW_FPS) -> None:
 
 
 @contextlib.contextmanager
-def _gif(path: Path, rate: Fraction) -> Iterator[Callable[[Picture], None]]:
+def _gif(path: Path, rate: Fraction) -> Iterator[Callable[[GreyImage], None]]:
     """Put together in memory."""
     import OpenImageIO as oiio
 
     file: Any = oiio.ImageOutput.create("gif")
-    n_picture = 0
+    n_image = 0
 
     def check(done: bool) -> None:
         if not done:
@@ -98,20 +98,20 @@ def _gif(path: Path, rate: Fraction) -> Iterator[Callable[[Picture], None]]:
 
     with whole_file_by_memory(path) as name:
 
-        def add(picture: Picture) -> None:
-            nonlocal n_picture
-            spec = oiio.ImageSpec(picture.shape[1], picture.shape[0], 3, oiio.UINT8)
+        def add(image: GreyImage) -> None:
+            nonlocal n_image
+            spec = oiio.ImageSpec(image.shape[1], image.shape[0], 3, oiio.UINT8)
             spec.attribute("FramesPerSecond", oiio.TypeRational, (rate.numerator, rate.denominator))
-            check(file.open(name, spec, "AppendSubimage" if n_picture else "Create"))
-            check(file.write_image(np.repeat(picture[..., None], 3, axis=2)))
-            n_picture += 1
+            check(file.open(name, spec, "AppendSubimage" if n_image else "Create"))
+            check(file.write_image(np.repeat(image[..., None], 3, axis=2)))
+            n_image += 1
 
         yield add
         check(file.close())
 
 
 @contextlib.contextmanager
-def _mp4(path: Path, rate: Fraction) -> Iterator[Callable[[Picture], None]]:
+def _mp4(path: Path, rate: Fraction) -> Iterator[Callable[[GreyImage], None]]:
     """H.264 in the only layout of pixels that every player shows; one thread and no marks of time or version."""
     import av
 
@@ -124,10 +124,10 @@ def _mp4(path: Path, rate: Fraction) -> Iterator[Callable[[Picture], None]]:
         file = files.enter_context(av.open(target, "w", format="mp4", options={"fflags": "+bitexact"}))
         stream: Any = None
 
-        def add(picture: Picture) -> None:
+        def add(image: GreyImage) -> None:
             nonlocal stream
             # Colours come in blocks of 2 x 2 pixels: numbers of rows and columns must be even.
-            even = np.pad(picture, [(0, n % 2) for n in picture.shape])
+            even = np.pad(image, [(0, n % 2) for n in image.shape])
             if stream is None:
                 # A constant quality: where x264 chooses it, what lay in memory before has a say.
                 stream = file.add_stream("libx264", rate=rate, options={"qp": "18"})

@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 
 
 @contextlib.contextmanager
-def progress_bar(total: int, wanted: bool) -> Iterator[Callable[[int], None]]:
-    """A function that advances a bar on standard error by so many steps (doing nothing when no bar is wanted)."""
-    if not wanted:
+def progress_bar(total: int, requested: bool) -> Iterator[Callable[[int], None]]:
+    """A function that advances a bar on standard error by so many steps (doing nothing when no bar is requested)."""
+    if not requested:
         yield lambda n: None
         return
     from astropy.utils.console import ProgressBar

@@ -1,6 +1,6 @@
 """The main job: render a scene into a folder, so that it can be killed at any moment and resumed.
 
-Running the same command again renders what has no valid receipt (see run_folder.py). `manifest.json` comes last.
+Running the same command again renders what has no valid record (see run_folder.py). `manifest.json` comes last.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ import numpy.typing as npt
 from warpsim.detector.terms import detector_terms
 from warpsim.files import prepare_folder, sha256_of, whole_file, write_fits_table, write_json
 from warpsim.output.check import pointing_warning
+from warpsim.output.checkpoints import tidy
 from warpsim.output.contact_sheet import SheetRow, draw_contact_sheet
 from warpsim.output.manifest import made_with
-from warpsim.output.plan import USUAL_FORMATS, Plan, make_plan
+from warpsim.output.plan import USUAL_FORMATS, RunPlan, make_plan
 from warpsim.output.progress import progress_bar
-from warpsim.output.checkpoints import tidy
-from warpsim.output.run_folder import has_receipt, is_complete, working_on, write_receipt
+from warpsim.output.run_folder import has_checkpoint, is_complete, working_on, write_checkpoint
 from warpsim.render.renderer import Renderer
 from warpsim.scene.inputs import input_checksums
 from warpsim.scene.instrument import Instrument
@@ -131,9 +131,9 @@ def render_to_folder(
     return RunReport(plan.folder, len(plan.frames_of), plan.n_image, n_done, render_s, total_s, plan.bands, warning)
 
 
-def _render_missing(plan: Plan, renderer: Renderer, progress: bool) -> tuple[int, float]:
-    """Render the sensors without a receipt; number of images and seconds spent rendering."""
-    missing = [sensor for sensor in plan.frames_of if not has_receipt(plan, sensor)]
+def _render_missing(plan: RunPlan, renderer: Renderer, progress: bool) -> tuple[int, float]:
+    """Render the sensors without a checkpoint record; number of images and seconds spent rendering."""
+    missing = [sensor for sensor in plan.frames_of if not has_checkpoint(plan, sensor)]
     firsts = {plan.scenario.instrument_of(sensor).sensor.name: sensor for sensor in reversed(missing)}
     for sensor in firsts.values():
         # A first frame, thrown away, compiles the kernels: the speed reported at the end is that of rendering.
@@ -147,8 +147,8 @@ def _render_missing(plan: Plan, renderer: Renderer, progress: bool) -> tuple[int
     return sum(n_frame[sensor] * len(plan.bands_of[sensor]) for sensor in missing), render_s
 
 
-def _render_sensor(plan: Plan, renderer: Renderer, sensor: str, advance: Any) -> float:
-    """Render all frames of a sensor, write its images and tables, then the receipt; seconds spent rendering."""
+def _render_sensor(plan: RunPlan, renderer: Renderer, sensor: str, advance: Any) -> float:
+    """Render all frames of a sensor, write its images and tables, then the checkpoint; seconds spent rendering."""
     from astropy.table import vstack
 
     numbers, bands = plan.frames_of[sensor], plan.bands_of[sensor]
@@ -162,26 +162,26 @@ def _render_sensor(plan: Plan, renderer: Renderer, sensor: str, advance: Any) ->
     with contextlib.ExitStack() as files:
         table_files = [files.enter_context(whole_file(path)) for path in plan.part_paths(sensor)]
         writers = [
-            (files.enter_context(form.writer(plan.folder, plan.images(sensor, band))), place)
+            (files.enter_context(form.writer(plan.folder, plan.images(sensor, band))), index)
             for form in plan.formats.values()
-            for place, band in enumerate(bands)
+            for index, band in enumerate(bands)
         ]
         for first in range(0, len(numbers), batch):
             begin = time.perf_counter()
-            wanted = numbers[first : first + batch]
-            frames = renderer.render(wanted, [sensor], bands, plan.needs_signal, with_stars)
+            requested = numbers[first : first + batch]
+            frames = renderer.render(requested, [sensor], bands, plan.needs_signal, with_stars)
             render_s += time.perf_counter() - begin
-            for add, band_place in writers:
-                add(frames, 0, band_place)
+            for add, band_index in writers:
+                add(frames, 0, band_index)
             batches.append([frames.truth, frames.stars] if with_stars else [frames.truth])
             advance(len(frames.frames))
         for tables, partial in zip(zip(*batches, strict=True), table_files, strict=True):
             write_fits_table(vstack(list(tables), metadata_conflicts="silent"), partial)
-    write_receipt(plan, sensor)
+    write_checkpoint(plan, sensor)
     return render_s
 
 
-def _finish(plan: Plan, renderer: Renderer) -> None:
+def _finish(plan: RunPlan, renderer: Renderer) -> None:
     """Tables of all sensors, contact sheet, manifest."""
     from astropy.table import Table, vstack
 
@@ -203,7 +203,7 @@ def _finish(plan: Plan, renderer: Renderer) -> None:
     write_json(_manifest(plan, renderer), plan.manifest_path)
 
 
-def _best_band(plan: Plan, instrument: Instrument, truth: Table) -> str:
+def _best_band(plan: RunPlan, instrument: Instrument, truth: Table) -> str:
     """The band of a kind of sensor in which the targets stand out most."""
     own = np.isin(np.asarray(truth["sensor"]).astype(str), instrument.names)
     names, snr = np.asarray(truth["band"]).astype(str)[own], np.asarray(truth["snr"])[own]
@@ -211,7 +211,7 @@ def _best_band(plan: Plan, instrument: Instrument, truth: Table) -> str:
     return max(bands, key=lambda band: np.max(snr[names == band], initial=0.0))
 
 
-def _manifest(plan: Plan, renderer: Renderer) -> dict[str, Any]:
+def _manifest(plan: RunPlan, renderer: Renderer) -> dict[str, Any]:
     """What was made, from what, with what."""
     scenario = plan.scenario
     tracks = scenario.tracks
@@ -230,7 +230,7 @@ def _manifest(plan: Plan, renderer: Renderer) -> dict[str, Any]:
     }
 
 
-def _sensor_facts(plan: Plan, renderer: Renderer, instrument: Instrument) -> dict[str, Any]:
+def _sensor_facts(plan: RunPlan, renderer: Renderer, instrument: Instrument) -> dict[str, Any]:
     """What holds for a kind of sensor: its light, its noise, and how finely movement is followed."""
     bands = next(plan.bands_of[sensor] for sensor in plan.frames_of if sensor in instrument.names)
     facts: dict[str, Any] = {

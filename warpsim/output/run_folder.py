@@ -1,6 +1,6 @@
 """What of a run is already in its folder, and what of other things is there.
 
-A sensor's receipt holds the checksums of its files, and is written when they have their final names.
+A sensor's record holds the checksums of its files, and is written when they have their final names.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ import numpy as np
 
 from warpsim.errors import InputError
 from warpsim.files import partial_path, read_json, sha256_of, write_json
-from warpsim.output.plan import PARTS, Plan
 from warpsim.output.checkpoints import clear, files_match, has_key, is_record, locked, remove_files
+from warpsim.output.plan import PARTS, RunPlan
 
 
-def is_complete(plan: Plan) -> bool:
+def is_complete(plan: RunPlan) -> bool:
     """True when the folder holds this very run, whole and undamaged."""
     manifest = read_json(plan.manifest_path)
     return has_key(manifest, plan.key) and files_match(plan.folder, manifest["files"])
 
 
 @contextlib.contextmanager
-def working_on(plan: Plan, overwrite: bool) -> Iterator[None]:
+def working_on(plan: RunPlan, overwrite: bool) -> Iterator[None]:
     """Make the folder ready for the plan, keeping what an unfinished or damaged run of it left, and lock it.
 
     Raises:
@@ -40,26 +40,26 @@ def working_on(plan: Plan, overwrite: bool) -> Iterator[None]:
                 clear(plan.parts)
             raise
         write_json({"key": plan.key, "files": dict.fromkeys(plan.names)}, plan.parts / "run.json")
-        _restore_receipts(plan)
+        _restore_checkpoints(plan)
         yield
         clear(plan.parts)
 
 
-def has_receipt(plan: Plan, sensor: str) -> bool:
+def has_checkpoint(plan: RunPlan, sensor: str) -> bool:
     """True when the sensor's files are there and undamaged."""
-    receipt = read_json(plan.receipt_path(sensor))
-    return has_key(receipt, plan.key) and files_match(plan.folder, receipt["files"])
+    record = read_json(plan.checkpoint_path(sensor))
+    return has_key(record, plan.key) and files_match(plan.folder, record["files"])
 
 
-def write_receipt(plan: Plan, sensor: str) -> None:
+def write_checkpoint(plan: RunPlan, sensor: str) -> None:
     """Say that the sensor's files are complete."""
     parts = [str(path.relative_to(plan.folder)) for path in plan.part_paths(sensor)]
     checksums = {name: sha256_of(plan.folder / name) for name in [*plan.image_names(sensor), *parts]}
-    write_json({"key": plan.key, "files": checksums}, plan.receipt_path(sensor))
+    write_json({"key": plan.key, "files": checksums}, plan.checkpoint_path(sensor))
 
 
-def _make_room(plan: Plan, overwrite: bool) -> None:
-    """See that the plan's files are ours to write: remove a different run, if that is wanted, never foreign files."""
+def _make_room(plan: RunPlan, overwrite: bool) -> None:
+    """Make room for the plan's files: remove a different run, if that is requested, never foreign files."""
     records = map(read_json, (plan.manifest_path, *plan.parts.glob("*.json")))
     runs = [record for record in records if is_record(record)]
     if any("recipe" in run for run in runs):
@@ -111,7 +111,7 @@ def _remove_unfinished(folder: Path, names: Iterable[str]) -> None:
         shutil.rmtree(partial_path(folder / top), ignore_errors=True)
 
 
-def _restore_receipts(plan: Plan) -> None:
+def _restore_checkpoints(plan: RunPlan) -> None:
     """Of a complete run with a damaged or missing file, keep the sensors that are whole."""
     from astropy.table import Table
 
@@ -131,5 +131,5 @@ def _restore_receipts(plan: Plan) -> None:
                 for table, part in zip(tables, plan.part_paths(sensor), strict=True):
                     rows = np.asarray(table["sensor"]).astype(str) == sensor
                     table[rows].write(part, format="fits", overwrite=True)
-                write_receipt(plan, sensor)
+                write_checkpoint(plan, sensor)
     plan.manifest_path.unlink()

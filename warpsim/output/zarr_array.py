@@ -67,8 +67,8 @@ def zarr_writer(
         waiting = np.zeros((_shard_frames(shape), *shape[1:]), dtype=np.uint16)
         known: list[dict[str, Any]] = []
 
-        def add(frames: FrameSet, sensor_place: int, band_place: int) -> None:
-            counts = frames.counts.numpy()[:, sensor_place, band_place]
+        def add(frames: FrameSet, sensor_index: int, band_index: int) -> None:
+            counts = frames.counts.numpy()[:, sensor_index, band_index]
             for image, cards in zip(counts, image_cards(frames, sensor, band), strict=True):
                 waiting[len(known) % len(waiting)] = image
                 known.append(facts_of(cards))
@@ -85,8 +85,8 @@ def read_zarr_counts(path: Path, frames: Sequence[int]) -> npt.NDArray[np.uint16
     import zarr
 
     array: Any = zarr.open_array(str(path), mode="r")
-    places = {number: place for place, number in enumerate(array.attrs["FRAME"])}
-    return np.stack([np.asarray(array[places[frame]]) for frame in frames])
+    index_of = {number: index for index, number in enumerate(array.attrs["FRAME"])}
+    return np.stack([np.asarray(array[index_of[frame]]) for frame in frames])
 
 
 def _new_array(path: Path, shape: tuple[int, int, int]) -> Any:

@@ -1,4 +1,4 @@
-"""Targets as figures draw them: their kinds, the flights of their groups, and which of them sensors look for."""
+"""Targets as figures draw them: their kinds, the paths of their groups, and which of them sensors look for."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def target_kinds(scenario: Scenario) -> list[TargetKind]:
 
 
 @dataclass(frozen=True)
-class Flight:
+class GroupPath:
     """Paths of a group: that of its main target, or those of all its targets where each has an orbit of its own."""
 
     label: str
@@ -99,8 +99,8 @@ class Flight:
         return np.linspace(*self.span_s, n)
 
 
-def flights(scenario: Scenario) -> list[Flight]:
-    """Return the flights of all groups."""
+def group_paths(scenario: Scenario) -> list[GroupPath]:
+    """Return the paths of all groups."""
     found = []
     for number, group in enumerate(scenario.scene.groups):
         leading = [
@@ -111,7 +111,7 @@ def flights(scenario: Scenario) -> list[Flight]:
         first_s, last_s = scenario.targets[leading[0]].exists_s
         span_s = max(first_s, 0.0), min(last_s, scenario.scene.duration_s)
         label = scenario.target_names[leading[0]] if group.orbits is None else f"{group.name} ({len(leading)})"
-        found.append(Flight(label, leading, span_s, number))
+        found.append(GroupPath(label, leading, span_s, number))
     return found
 
 

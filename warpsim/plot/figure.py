@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 F64 = NDArray[np.float64]
 
-PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
+FIGURE_SUFFIXES = (".png", ".pdf", ".svg")
 
 # Okabe and Ito's palette, told apart with any colour vision.
 BLUE, SKY_BLUE, GREEN, ORANGE, VERMILION, PURPLE, YELLOW = (
@@ -65,7 +65,7 @@ def save_figure(figure: Any, path: Path) -> None:
         figure.savefig(partial, dpi=150, format=path.suffix[1:].lower(), bbox_inches="tight", pad_inches=0.08)
 
 
-def place_labels(ax: Axes, xy: ArrayLike, texts: Sequence[str], size: float = 8.0, **style: Any) -> list[Any]:
+def annotate_points(ax: Axes, xy: ArrayLike, texts: Sequence[str], size: float = 8.0, **style: Any) -> list[Any]:
     """Write names beside points, each on the side where it covers the least of other names and points.
 
     The limits of the axes must be final. Sizes of texts are estimated, so that nothing needs to be drawn.

@@ -12,7 +12,7 @@ from warpsim.files import check_new_file, prepare_folder
 from warpsim.plot.access_figure import plot_access, plot_range
 from warpsim.plot.bodies import plot_attitudes
 from warpsim.plot.drawn_targets import target_kinds
-from warpsim.plot.figure import PICTURE_SUFFIXES, checked_time_s, need_matplotlib, save_figure
+from warpsim.plot.figure import FIGURE_SUFFIXES, checked_time_s, need_matplotlib, save_figure
 from warpsim.plot.ground_tracks import plot_ground_tracks
 from warpsim.plot.group_panels import plot_group
 from warpsim.plot.overview import SCENE_INCH, plot_scene
@@ -30,13 +30,13 @@ N_VIEW = 3
 _TALLEST_INCH = 30.0
 
 
-def check_picture(path: Path, overwrite: bool, where: str) -> None:
+def check_figure_file(path: Path, overwrite: bool, where: str) -> None:
     """Check that a figure may be written, before the work is done.
 
     Raises:
         InputError: The suffix is none of a figure, the file cannot be written, or matplotlib is not installed.
     """
-    check_new_file(path, PICTURE_SUFFIXES, overwrite)
+    check_new_file(path, FIGURE_SUFFIXES, overwrite)
     need_matplotlib(where)
 
 
@@ -107,7 +107,7 @@ def draw_scenario(
     names = ["scene", "ground_tracks", *groups, *(["attitudes"] if scenario.targets else []), "access"]
     paths = {name: folder / f"{name}.png" for name in [*names, *(f"view_{name}" for name in views)]}
     for path in paths.values():
-        check_new_file(path, PICTURE_SUFFIXES, overwrite)
+        check_new_file(path, FIGURE_SUFFIXES, overwrite)
 
     _draw_outside(scenario, time, paths, groups)
     draw_access(scenario, paths["access"])

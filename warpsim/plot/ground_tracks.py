@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from warpsim.instant import Instant
 from warpsim.orbit.earth import gcrs_to_geodetic
-from warpsim.plot.drawn_targets import Flight, flights
+from warpsim.plot.drawn_targets import GroupPath, group_paths
 from warpsim.plot.figure import (
     BLUE,
     FAINT,
@@ -20,8 +20,8 @@ from warpsim.plot.figure import (
     ORANGE,
     SKY_BLUE,
     YELLOW,
+    annotate_points,
     new_axes,
-    place_labels,
     plain,
 )
 from warpsim.scene.scenario import Scenario
@@ -58,9 +58,9 @@ def plot_ground_tracks(scene: Scene | Scenario, ax: Axes | None = None) -> Axes:
         ax.plot(*track.T, color=BLUE if seen else FAINT, linewidth=0.9, zorder=2 + seen)
         ax.plot(*track[0], ".", color=BLUE if seen else GREY, markersize=6, zorder=2 + seen)
         labels += [(name, track[0])] if seen else []
-    paths = flights(scenario)
+    paths = group_paths(scenario)
     for path in paths:
-        _draw_flight(ax, scenario, path, len(time_s))
+        _draw_group_path(ax, scenario, path, len(time_s))
     _draw_legend(ax, scenario, paths)
     ax.set(xlim=(-180, 180), ylim=(-90, 90), xticks=range(-180, 181, 30), yticks=range(-90, 91, 30), aspect="equal")
     ax.set(xlabel="longitude, east [deg]", ylabel="latitude [deg]")
@@ -69,7 +69,9 @@ def plot_ground_tracks(scene: Scene | Scenario, ax: Axes | None = None) -> Axes:
     words = f"{plain(duration_s)} s from {scenario.scene.epoch_utc} UTC"
     ax.set_title(f"{scenario.scene.name}: ground tracks over {words}", fontsize=10)
     if len(labels) <= MOST_LABELS:
-        place_labels(ax, np.array([point for _, point in labels]), [name for name, _ in labels], color=BLUE, zorder=7)
+        annotate_points(
+            ax, np.array([point for _, point in labels]), [name for name, _ in labels], color=BLUE, zorder=7
+        )
     return ax
 
 
@@ -92,28 +94,28 @@ def _draw_access(ax: Axes, scenario: Scenario) -> set[str]:
     return satellites
 
 
-def _draw_flight(ax: Axes, scenario: Scenario, path: Flight, n_time: int) -> None:
+def _draw_group_path(ax: Axes, scenario: Scenario, path: GroupPath, n_time: int) -> None:
     """Tracks of a group's targets while they exist; the ends of the first group's."""
     time_s, order = path.time_s(n_time), 5.0 if path.is_first else 4.5
     for target in path.targets:
         position_m = scenario.position_m(scenario.target_names[target], time_s)
         track = ground_track_deg(position_m, scenario.epoch, time_s)
-        ax.plot(*track.T, zorder=order, **_flight_style(path))
+        ax.plot(*track.T, zorder=order, **_group_path_style(path))
         if path.is_first and len(path.targets) == 1:
             ax.plot(*track[0], "o", color="white", markeredgecolor=path.style["color"], zorder=6)
             ax.plot(*track[-1], "s", color="white", markeredgecolor=path.style["color"], zorder=6)
 
 
-def _flight_style(path: Flight) -> dict[str, Any]:
+def _group_path_style(path: GroupPath) -> dict[str, Any]:
     """Colour, dashes and width of the tracks of a group."""
     return {**path.style, "linewidth": 1.2 if len(path.targets) > 1 else 2.4 if path.is_first else 1.8}
 
 
-def _draw_legend(ax: Axes, scenario: Scenario, paths: list[Flight]) -> None:
+def _draw_legend(ax: Axes, scenario: Scenario, paths: list[GroupPath]) -> None:
     entries: list[tuple[str, dict[str, Any]]] = []
     for path in paths:
         ends = ", from o to square" if path.is_first and len(path.targets) == 1 else ""
-        entries.append((f"{path.label}{ends}", _flight_style(path)))
+        entries.append((f"{path.label}{ends}", _group_path_style(path)))
     for kind, name in enumerate(scenario.instruments):
         words = "has access" if len(scenario.instruments) == 1 else f"{name} has access"
         entries.append((words, _access_style(scenario, kind)))

@@ -1,4 +1,4 @@
-"""Figure of a whole scene: the Earth, orbits, flights of the groups, and who can observe them at an instant."""
+"""Figure of a whole scene: the Earth, orbits, paths of the groups, and who can observe them at an instant."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.constants import EARTH_GM_M3_S2
-from warpsim.plot.drawn_targets import Flight, flights, observed_targets
+from warpsim.plot.drawn_targets import GroupPath, group_paths, observed_targets
 from warpsim.plot.figure import (
     BLUE,
     GREEN,
@@ -17,10 +17,10 @@ from warpsim.plot.figure import (
     MOST_LABELS,
     N_PATH,
     ORANGE,
+    annotate_points,
     checked_time_s,
     new_axes,
     pair,
-    place_labels,
     plain,
     utc_text,
 )
@@ -45,7 +45,7 @@ def plot_scene(
     ax: Axes | None = None,
     view_ra_dec_deg: tuple[float, float] | None = None,
 ) -> Axes:
-    """Draw the Earth, the orbits, the flights of the groups, and who can observe their targets at an instant.
+    """Draw the Earth, the orbits, the paths of the groups, and who can observe their targets at an instant.
 
     Seen from infinitely far (orthographic), with the Earth's pole upwards; what is behind the Earth is left out, and so
     are targets that are absent. Orbits are the ellipses that the satellites are on at the instant (osculating).
@@ -65,7 +65,7 @@ def plot_scene(
     duration_s = scenario.scene.duration_s
     time = checked_time_s(0.5 * duration_s if time_s is None else time_s, duration_s)
     ax = ax or new_axes(*SCENE_INCH)
-    at, paths = np.array([time]), flights(scenario)
+    at, paths = np.array([time]), group_paths(scenario)
     sun_m = scenario.position_m("sun", at)[0]
     view = _side_view(scenario, paths) if view_ra_dec_deg is None else view_ra_dec_deg
     globe = globe_from(*view, scenario.tracks.pole_icrs)
@@ -77,7 +77,7 @@ def plot_scene(
     _draw_orbits(ax, globe, scenario, at)
     _draw_lines_of_sight(ax, globe, scenario, at)
     for path in paths:
-        _draw_flight(ax, globe, scenario, path, time)
+        _draw_group_path(ax, globe, scenario, path, time)
     _draw_satellites(ax, globe, satellites_m, has_access)
     _finish_scene(ax, globe, sun_m)
     viewer = f"seen from RA {view[0] % 360:.0f}, dec {view[1]:.0f} deg"
@@ -85,7 +85,7 @@ def plot_scene(
     shown = np.flatnonzero(has_access & ~globe.is_hidden(satellites_m))
     if len(shown) <= MOST_LABELS:
         names = [observers[scenario.satellite_names[number]] for number in shown]
-        place_labels(ax, globe.project(satellites_m[shown]), names, color=GREEN, fontweight="bold", zorder=5.5)
+        annotate_points(ax, globe.project(satellites_m[shown]), names, color=GREEN, fontweight="bold", zorder=5.5)
     return ax
 
 
@@ -103,7 +103,7 @@ def _observers(scenario: Scenario, at: F64) -> dict[str, str]:
     return labels
 
 
-def _side_view(scenario: Scenario, paths: list[Flight]) -> tuple[float, float]:
+def _side_view(scenario: Scenario, paths: list[GroupPath]) -> tuple[float, float]:
     """Right ascension and declination [deg] from which the flight is seen from the side, the Sun behind the viewer."""
     sun_m = scenario.position_m("sun", np.zeros(1))[0]
     if paths:
@@ -160,7 +160,7 @@ def _draw_lines_of_sight(ax: Axes, globe: Globe, scenario: Scenario, at: F64) ->
         ax.plot(*globe.visible_line(line_m).T, color=GREEN, linewidth=1.0, zorder=3)
 
 
-def _draw_flight(ax: Axes, globe: Globe, scenario: Scenario, path: Flight, time_s: float) -> None:
+def _draw_group_path(ax: Axes, globe: Globe, scenario: Scenario, path: GroupPath, time_s: float) -> None:
     """Path of a group while it exists, and where it is; the ends of the first group's."""
     many = len(path.targets) > 1
     width, order = 1.2 if many else 2.2 if path.is_first else 1.8, 4.0 if path.is_first else 3.5

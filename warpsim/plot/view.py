@@ -21,9 +21,9 @@ from warpsim.plot.figure import (
     MOST_LABELS,
     PURPLE,
     SKY_BLUE,
+    annotate_points,
     new_axes,
     pair,
-    place_labels,
     plain,
 )
 from warpsim.scene.scenario import Scenario
@@ -137,7 +137,7 @@ def _name_targets(ax: Axes, view: CameraView, names: Sequence[str]) -> None:
     shown = np.flatnonzero(view.shown)
     if len(shown) <= MOST_LABELS:
         texts = [names[int(number)] for number in shown]
-        place_labels(ax, view.target_xy_px[shown], texts, size=6.2, color=INK, zorder=2.5)
+        annotate_points(ax, view.target_xy_px[shown], texts, size=6.2, color=INK, zorder=2.5)
 
 
 def _inset(ax: Axes, view: CameraView, in_field: F64, extent_px: float) -> Any:

@@ -84,8 +84,8 @@ PositiveByBand = Annotated[float | Mapping[str, float], _number_or_table(0.0, in
 """A number > 0 for all bands, or a table of them."""
 NonNegativeByBand = Annotated[float | Mapping[str, float], _number_or_table(0.0, inf), AS_DICT]
 """A number >= 0 for all bands, or a table of them."""
-ShareByBand = Annotated[float | Mapping[str, float], _number_or_table(0.0, 1.0, open_low=True), AS_DICT]
-"""A share, > 0 and <= 1, for all bands, or a table of them."""
+FractionByBand = Annotated[float | Mapping[str, float], _number_or_table(0.0, 1.0, open_low=True), AS_DICT]
+"""A fraction, > 0 and <= 1, for all bands, or a table of them."""
 
 
 def in_band(value: float | Mapping[str, float], band: str) -> float | None:

@@ -53,20 +53,20 @@ def gauss_rule(node: Array, weight: Array, n: int) -> tuple[Array, Array]:
     Args:
         node: Places of the measure, shape (m,), more than n of them distinct.
         weight: Its weights, shape (m,), > 0.
-        n: Nodes wanted.
+        n: Nodes requested.
 
     Returns:
         Nodes in increasing order and weights > 0, shape (n,) each.
     """
     # On [-1, 1] the recurrence coefficients are of order 1, whatever the unit and width.
     centre, half_width = (node.max() + node.min()) / 2.0, (node.max() - node.min()) / 2.0
-    place = (node - centre) / half_width
+    scaled = (node - centre) / half_width
     total = weight.sum()
-    basis = np.empty((n, len(place)))  # rows: sqrt(weight) times the polynomials of degree 0, 1, ...
+    basis = np.empty((n, len(scaled)))  # rows: sqrt(weight) times the polynomials of degree 0, 1, ...
     diagonal, beside = np.empty(n), np.empty(n - 1)
     basis[0] = np.sqrt(weight / total)
     for k in range(n):
-        raised = place * basis[k]
+        raised = scaled * basis[k]
         diagonal[k] = basis[k] @ raised
         if k + 1 < n:
             for _ in range(2):  # plain Lanczos loses orthogonality to rounding; projecting twice keeps it

@@ -20,5 +20,5 @@ def sun_irradiance_w_m2(band: Band | str) -> float:
     Raises:
         InputError: An unknown band.
     """
-    share = (SUN_RADIUS_M / ASTRONOMICAL_UNIT_M) ** 2
-    return float(np.pi * share * band_radiance_w_m2_sr(SUN_TEMPERATURE_K, band))
+    fraction = (SUN_RADIUS_M / ASTRONOMICAL_UNIT_M) ** 2
+    return float(np.pi * fraction * band_radiance_w_m2_sr(SUN_TEMPERATURE_K, band))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from warpsim.errors import InputError
 from warpsim.instant import Instant
 from warpsim.scene.groups import TargetGroup
-from warpsim.scene.short_form import item_place
+from warpsim.scene.short_form import item_path
 from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
 from warpsim.target.attitude import BodyMotion, attitude_frame
@@ -61,7 +61,7 @@ def attitude_tables(
         with_files: Whether tables in files are read.
 
     Raises:
-        InputError: A table cannot be read or does not cover the scene; the place begins with the group's.
+        InputError: A table cannot be read or does not cover the scene; the path begins with the group's.
     """
     rows = {}
     for number, group in enumerate(groups):
@@ -72,8 +72,8 @@ def attitude_tables(
                     rows[number, entry] = table.rows(epoch)
                     rows[number, entry].check_span(*within_scene(group.span_s, duration_s))
                 except InputError as error:
-                    place = item_place("groups", number, len(groups))
-                    raise error.within(f"targets[{entry}].attitude").within(place) from None
+                    path = item_path("groups", number, len(groups))
+                    raise error.within(f"targets[{entry}].attitude").within(path) from None
     return rows
 
 

@@ -1,4 +1,4 @@
-"""The description of a scene: its fields, and their rules. It reads no file and solves nothing."""
+"""The description of a scene: its fields, and their checks. It reads no file and solves nothing."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pydantic_core import ArgsKwargs
 
 from warpsim.config.fields import Integer, Positive, as_tuple, closed_interval
 from warpsim.config.model import adapter, config_model
-from warpsim.orbit.arc import UtcText
 from warpsim.orbit.access_constraints import AccessConstraints
-from warpsim.scene import rules
+from warpsim.orbit.arc import UtcText
+from warpsim.scene import validation
 from warpsim.scene.groups import AnyConstellation, TargetGroup, Text
 from warpsim.scene.instrument import TRACKED
 from warpsim.scene.lighting import Lighting
@@ -25,7 +25,7 @@ Seed = Annotated[Integer, closed_interval(0, 2**63 - 1)]
 
 @config_model
 class SceneDescription:
-    """What is simulated: fields of a Scene, which see."""
+    """Description of the simulated scene: the fields of a Scene, which see."""
 
     epoch_utc: UtcText
     duration_s: Positive
@@ -52,13 +52,13 @@ class SceneDescription:
 
     @model_validator(mode="after")
     def _consistent(self) -> SceneDescription:
-        rules.check_sensors(self.constellation, self.sensors, self.frames)
-        rules.check_names(self.constellation, self.sensors, self.groups)
-        rules.check_times(self.constellation, self.groups, self.duration_s)
-        rules.check_frames(self.sensors, self.frames, self.duration_s)
-        rules.check_instruments(self.sensors)
-        rules.check_targets(self.groups, self.sensors, self.epoch_utc, self.duration_s)
-        rules.check_pointing(self.constellation, self.sensors, self.groups, self.access_target, self.frames)
+        validation.check_sensors(self.constellation, self.sensors, self.frames)
+        validation.check_names(self.constellation, self.sensors, self.groups)
+        validation.check_times(self.constellation, self.groups, self.duration_s)
+        validation.check_frames(self.sensors, self.frames, self.duration_s)
+        validation.check_instruments(self.sensors)
+        validation.check_targets(self.groups, self.sensors, self.epoch_utc, self.duration_s)
+        validation.check_pointing(self.constellation, self.sensors, self.groups, self.access_target, self.frames)
         return self
 
     def to_dict(self) -> dict[str, Any]:
@@ -67,8 +67,8 @@ class SceneDescription:
         return {name: _without_none(value) for name, value in plain.items() if value is not None}
 
     @staticmethod
-    def shortened_place(values: dict[str, Any]) -> Any:
-        """Return what shortens places in errors."""
+    def shortened_path(values: dict[str, Any]) -> Any:
+        """Return the function that shortens field paths in errors."""
         return shortened(values)
 
 

@@ -57,7 +57,7 @@ def exposure_rule(
     """Return the fewest nodes that keep the mean over the exposure within an error.
 
     Where light moves over the image meanwhile, its brightness from instant to instant counts too, within
-    PROFILE_ERRORS times that. A rule is judged by the next finer one. Brightness changes as bodies turn; what their
+    PROFILE_ERRORS times that. A rule is assessed by the next finer one. Brightness changes as bodies turn; what their
     motion along the orbit and their cooling change over a short exposure is linear in time, which any of the rules
     gets exactly. Temperature and shadow are those of the middle.
 
@@ -81,8 +81,8 @@ def exposure_rule(
     series = [body.series(counts[0]) for body in bodies]
     for count, finer in pairwise(counts):
         better = [body.series(finer) for body in bodies]
-        judged = [_errors(one, other) for one, other in zip(series, better, strict=True)]
-        error, profile_error = (max(both) for both in zip(*judged, strict=True))
+        assessed = [_errors(one, other) for one, other in zip(series, better, strict=True)]
+        error, profile_error = (max(both) for both in zip(*assessed, strict=True))
         if error <= largest_error and (not detector.streaks or profile_error <= PROFILE_ERRORS * largest_error):
             node, weight = gauss_legendre(count)
             return ExposureRule(0.5 * exposure_s * node, weight, error, profile_error)

@@ -14,9 +14,8 @@ import numpy.typing as npt
 from warpsim.detector.levels import Levels, levels
 from warpsim.errors import InputError
 from warpsim.optics.psf import Psf
-from warpsim.orbit.intervals import Intervals
 from warpsim.orbit.access_constraints import AccessConstraints
-from warpsim.scene.target_access import ACCESS_STEP_S, Custom, Watchers, can_observe, target_intervals
+from warpsim.orbit.intervals import Intervals
 from warpsim.scene.attitudes import AnyAttitude
 from warpsim.scene.camera_axes import CommandedAxes
 from warpsim.scene.exposure import ExposureRule, exposure_rule
@@ -26,7 +25,7 @@ from warpsim.scene.pointing_program import (
     PointingProgram,
     check_frames,
     commanded_axes,
-    entry_place,
+    entry_path,
     is_settled,
     make_program,
     slew_turns,
@@ -34,6 +33,7 @@ from warpsim.scene.pointing_program import (
 )
 from warpsim.scene.sensors import Frames, Sensor
 from warpsim.scene.slews import SlewTurn
+from warpsim.scene.target_access import ACCESS_STEP_S, Custom, Observers, can_observe, target_intervals
 from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
 
@@ -44,7 +44,7 @@ TRACKED, ANY = "tracked", "any"
 """Words for a scene's access_target: what a sensor tracks, any target at all."""
 
 
-class Bodies(Protocol):
+class SceneBodies(Protocol):
     """What of a scenario an instrument looks at."""
 
     @property
@@ -103,7 +103,7 @@ class Instrument:
         names: Sequence[str],
         satellites: Sequence[tuple[int, str]],
         scene: SceneWide,
-        bodies: Bodies,
+        bodies: SceneBodies,
     ) -> None:
         self.sensor, self.names, self._scene, self._bodies = sensor, list(names), scene, bodies
         self.satellites = [index for index, _ in satellites]
@@ -183,7 +183,7 @@ class Instrument:
         """What the sensors are commanded to follow.
 
         Raises:
-            InputError: A target or sensor is not there, or a table cannot be read; the place begins with `pointing`.
+            InputError: A target or sensor is not there, or a table cannot be read; the path begins with `pointing`.
         """
         sensors = list(zip(self.names, self.satellite_names, strict=True))
         bodies, sensor = self._bodies, self.sensor
@@ -206,8 +206,8 @@ class Instrument:
             try:
                 self._turns[sensor] = slew_turns(self.program, sensor, satellite, self._bodies.tracks, scene.duration_s)
             except InputError as error:
-                place = entry_place(self.program.sensors[sensor].entry, len(self.sensor.pointing))
-                raise error.within(place).of(self.names[sensor]) from None
+                path = entry_path(self.program.sensors[sensor].entry, len(self.sensor.pointing))
+                raise error.within(path).of(self.names[sensor]) from None
         return self._turns[sensor]
 
     def commanded_axes(self, sensor: int, time_s: F64) -> CommandedAxes:
@@ -237,7 +237,7 @@ class Instrument:
         detector = self.sensor.detector
         return exposure_rule(detector, bodies.targets, bodies.attitudes, self._scene.duration_s, error)
 
-    def watchers(self, sensors: Sequence[int] | None = None) -> Watchers:
+    def observers(self, sensors: Sequence[int] | None = None) -> Observers:
         """Return some of the sensors, all when left out, as access needs them."""
         chosen = range(len(self.names)) if sensors is None else list(sensors)
         followed = sorted({target for sensor in chosen for _, some in self.program.tracked(sensor) for target in some})
@@ -249,7 +249,7 @@ class Instrument:
             ends = [step.start_s + turn.total_s for step, turn in zip(program.steps, self.turns(sensor), strict=True)]
             return sorted({*self.program.breaks_s(sensor), *(end for end in ends if np.isfinite(end))})
 
-        return Watchers(
+        return Observers(
             tuple(self.satellites[sensor] for sensor in chosen),
             self.sensor.camera,
             lambda index, time_s: self.commanded_axes(chosen[index], time_s).axes,
@@ -263,11 +263,11 @@ class Instrument:
         What is tracked is a target, or a group by its main target; where nothing is tracked, the main targets of all
         groups count. All targets on orbits of their own are main targets.
         """
-        targets, wanted = self._bodies.targets, self._scene.access_target
-        if wanted == ANY:
+        targets, requested = self._bodies.targets, self._scene.access_target
+        if requested == ANY:
             return [(-np.inf, tuple(range(len(targets))))]
-        if wanted != TRACKED:
-            return [(-np.inf, tuple(tracked_targets(wanted, targets, self._bodies.group_names)))]
+        if requested != TRACKED:
+            return [(-np.inf, tuple(tracked_targets(requested, targets, self._bodies.group_names)))]
         counted: list[tuple[float, tuple[int, ...]]] = []
         for start_s, tracked in self.program.tracked(sensor):
             some = tracked or range(len(targets))
@@ -306,8 +306,8 @@ class Instrument:
             alike.setdefault(own, []).append(row)
         found = []
         for counted, rows in alike.items():
-            watchers = self.watchers([sensors[row] for row in rows])
-            seen = self._seen(watchers, counted, rules or self.access_rules, custom, step_s)
+            observers = self.observers([sensors[row] for row in rows])
+            seen = self._seen(observers, counted, rules or self.access_rules, custom, step_s)
             found.append(Intervals(np.array(rows)[seen.row], seen.start_s, seen.end_s))
         joined = Intervals.union(found)
         if any(self.program.sensors[sensor].slew is not None for sensor in sensors):
@@ -316,23 +316,23 @@ class Instrument:
 
     def _seen(
         self,
-        watchers: Watchers,
-        wanted: Sequence[tuple[float, Sequence[int]]],
+        observers: Observers,
+        requested: Sequence[tuple[float, Sequence[int]]],
         rules: AccessConstraints,
         custom: Custom | None,
         step_s: float,
     ) -> Intervals:
         """When sensors see any of the targets that count at the time."""
-        bodies, duration_s, n_sensor = self._bodies, self._scene.duration_s, len(watchers.satellites)
+        bodies, duration_s, n_sensor = self._bodies, self._scene.duration_s, len(observers.satellites)
         found = []
-        ends = [start_s for start_s, _ in wanted[1:]] + [duration_s]
-        for (start_s, some), end_s in zip(wanted, ends, strict=True):
+        ends = [start_s for start_s, _ in requested[1:]] + [duration_s]
+        for (start_s, some), end_s in zip(requested, ends, strict=True):
             begin_s, stop_s = max(start_s, 0.0), min(end_s, duration_s)
             if begin_s >= stop_s:
                 continue
             seen = [
                 target_intervals(
-                    bodies.tracks, watchers, target, rules, bodies.breakpoints_s, duration_s, custom, step_s
+                    bodies.tracks, observers, target, rules, bodies.breakpoints_s, duration_s, custom, step_s
                 )
                 for target in some
             ]
@@ -372,7 +372,7 @@ class Instrument:
 
     def can_observe(self, sensors: Sequence[int], time_s: F64) -> Mask:
         """Return whether sensors can observe each target at times, (n_time, n_sensor, n_target)."""
-        seen = can_observe(self._bodies.tracks, self.watchers(sensors), self.access_rules, time_s)
+        seen = can_observe(self._bodies.tracks, self.observers(sensors), self.access_rules, time_s)
         for column, sensor in enumerate(sensors):
             if self.program.sensors[sensor].slew is not None:
                 seen[:, column] &= self.settled(sensor, time_s)[:, None]

@@ -13,9 +13,9 @@ from warpsim.instant import Instant, instant_after
 from warpsim.orbit.earth import pole_of_date
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.group import release_velocities
-from warpsim.orbit.paths import Moving, states_of
+from warpsim.orbit.paths import Propagator, states_of
 from warpsim.scene.groups import AnyConstellation, Release, TargetGroup
-from warpsim.scene.short_form import item_place
+from warpsim.scene.short_form import item_path
 
 F64 = npt.NDArray[np.float64]
 
@@ -27,7 +27,7 @@ MARGIN_S = 120.0
 class GroupMotion:
     """What the motion of a group follows from."""
 
-    path: Moving
+    path: Propagator
     path_field: str
     releases: tuple[Release | None, ...]
     start_s: float
@@ -68,7 +68,7 @@ class Motion:
             try:
                 parts.append(self._group_states(group, number, time_s))
             except InputError as error:
-                raise error.within(item_place("groups", number, len(self.groups))) from None
+                raise error.within(item_path("groups", number, len(self.groups))) from None
         position, velocity = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
         return position, velocity
 
@@ -117,7 +117,7 @@ def motion_of(
 
 
 def _states_of(
-    path: Moving, epoch: Instant, time_s: F64, within_s: tuple[float, float] | None, field: str
+    path: Propagator, epoch: Instant, time_s: F64, within_s: tuple[float, float] | None, field: str
 ) -> tuple[F64, F64]:
     """States of a constellation or trajectory; its errors begin with the field that describes it."""
     try:

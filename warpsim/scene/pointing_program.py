@@ -110,7 +110,7 @@ def make_program(
 
     Raises:
         InputError: A satellite, a target or a sensor that is not there, a satellite without pointing, or a table that
-            cannot be read; the place begins with the entry's.
+            cannot be read; the path begins with the entry's.
     """
     taken: dict[int, int] = {}
     for number, pointing in enumerate(pointings):
@@ -120,7 +120,7 @@ def make_program(
                 raise InputError("must choose a satellite that no entry before it does", "on", list(pointing.on))
             taken |= {index: number for index in chosen if index not in taken}
         except InputError as error:
-            raise error.within(entry_place(number, len(pointings))) from None
+            raise error.within(entry_path(number, len(pointings))) from None
     for index, (name, _) in enumerate(sensors):
         if index not in taken:
             raise InputError(f"must say where every sensor looks, got nothing for {name}", "pointing")
@@ -131,12 +131,12 @@ def make_program(
         try:
             programs = maker.programs(pointing, [sensors[i] for i in members], number)
         except InputError as error:
-            raise error.within(entry_place(number, len(pointings))) from None
+            raise error.within(entry_path(number, len(pointings))) from None
         made |= dict(zip(members, programs, strict=True))
     return PointingProgram(tuple(maker.laws), tuple(made[index] for index in range(len(sensors))))
 
 
-def entry_place(number: int, count: int) -> str:
+def entry_path(number: int, count: int) -> str:
     """Return the path of an entry of `pointing`; the number of an only one is left out."""
     return "pointing" if count == 1 else f"pointing[{number}]"
 

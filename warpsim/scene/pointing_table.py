@@ -44,7 +44,7 @@ class _Rows:
     """The file that they came from."""
 
     def at(self, row: int, error: InputError) -> InputError:
-        """Return an error with the row, and the file, before its place."""
+        """Return an error with the row, and the file, before its path."""
         return error.within(self.where[row]) if self.file is None else error.of(self.where[row]).of(self.file)
 
 

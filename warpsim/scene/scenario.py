@@ -12,12 +12,11 @@ import numpy.typing as npt
 from warpsim.arguments import times_s
 from warpsim.errors import InputError
 from warpsim.instant import Instant
+from warpsim.orbit.access_constraints import AccessConstraints, MarginFunction
 from warpsim.orbit.eclipse import eclipses, sunlit_fraction
 from warpsim.orbit.epoch import instant
-from warpsim.orbit.access_constraints import AccessConstraints, MarginFunction
 from warpsim.orbit.sun import sun_position_m
 from warpsim.quaternion import rotated
-from warpsim.scene.target_access import ACCESS_STEP_S, target_margins
 from warpsim.scene.access_report import access_report, check_rules, chosen_sensors
 from warpsim.scene.access_tables import eclipse_table
 from warpsim.scene.attitudes import AnyAttitude, attitude_tables, target_attitudes
@@ -25,13 +24,14 @@ from warpsim.scene.breakpoints import breakpoints_s
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument, SceneWide
 from warpsim.scene.roster import Roster
-from warpsim.scene.validation import check_access_target, check_satellites
 from warpsim.scene.sensors import sensor_instances
-from warpsim.scene.short_form import item_place
+from warpsim.scene.short_form import item_path
 from warpsim.scene.solved import check_paths, check_shapes
+from warpsim.scene.target_access import ACCESS_STEP_S, target_margins
 from warpsim.scene.targets import SceneTarget, scene_targets
 from warpsim.scene.temperatures import target_temperatures, temperature_tables
 from warpsim.scene.tracks import Tracks, build_tracks
+from warpsim.scene.validation import check_access_target, check_satellites
 from warpsim.target.temperature import TemperatureRows
 from warpsim.target.timed_rows import END_SLACK_S
 
@@ -68,7 +68,7 @@ class Scenario:
             try:
                 check_satellites(sensor, self.satellite_names)
             except InputError as error:
-                raise error.within(item_place("sensors", number, len(self.scene.sensors))) from None
+                raise error.within(item_path("sensors", number, len(self.scene.sensors))) from None
         names = [*self.satellite_names, *self.target_names, "sun"]
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)
@@ -85,7 +85,7 @@ class Scenario:
                     _ = [instrument.turns(index) for index in range(len(instrument.names))]
                 instrument.sensor.optics.file_checksums  # noqa: B018  # reads the files
             except InputError as error:
-                raise error.within(item_place("sensors", number, len(self.instruments))) from None
+                raise error.within(item_path("sensors", number, len(self.instruments))) from None
 
     def __repr__(self) -> str:
         return f"Scenario({self.scene.name}: {len(self.sensor_names)} sensors, {len(self.target_names)} targets)"
@@ -360,8 +360,8 @@ class Scenario:
         if any(name not in instrument.names for name in chosen):
             raise InputError(f"must be of one kind ({', '.join(self.instruments)})", "sensors", chosen)
         index = 0 if target is None and self.targets else self.roster.target(str(target), "target")
-        watchers = instrument.watchers([instrument.index(name) for name in chosen])
-        return target_margins(self.tracks, watchers, index, rules or instrument.access_rules, times, custom)
+        observers = instrument.observers([instrument.index(name) for name in chosen])
+        return target_margins(self.tracks, observers, index, rules or instrument.access_rules, times, custom)
 
     def has_access(self, sensor: str, time_s: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Return whether a sensor can observe what its access counts by at given times, shape (n,).

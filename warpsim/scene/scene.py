@@ -16,8 +16,14 @@ from warpsim.errors import InputError
 from warpsim.orbit.epoch import utc_time
 from warpsim.scene.changes import changed
 from warpsim.scene.description import SceneDescription
-from warpsim.scene.scene_files import check_depth, read_scene_data, with_absolute_paths, with_relative_paths, write_scene_data
 from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene_files import (
+    check_depth,
+    read_scene_data,
+    with_absolute_paths,
+    with_relative_paths,
+    write_scene_data,
+)
 from warpsim.scene.short_form import SHORT_FORMS, list_of, shortened, with_lists
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from warpsim.optics.telescope import Optics
 from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.radiometry.bands import BANDS
 from warpsim.scene.pointing import ALL, Pointings, Satellites, TrackPointing, satellites_of
-from warpsim.scene.short_form import item_place
+from warpsim.scene.short_form import item_path
 
 LARGEST_VIEW = 2**29
 """Pixels of one sensor's image in all bands: array strides are 32-bit numbers of bytes."""
@@ -104,14 +104,14 @@ def sensor_instances(sensors: Sequence[Sensor], satellites: Sequence[str]) -> li
         satellites: Names of the constellation's satellites.
 
     Raises:
-        InputError: A kind is on a satellite that is not there; the place begins with the kind's.
+        InputError: A kind is on a satellite that is not there; the path begins with the kind's.
     """
     carriers = []
     for number, sensor in enumerate(sensors):
         try:
             carriers.append(satellites_of(sensor.on, satellites))
         except InputError as error:
-            raise error.within(item_place("sensors", number, len(sensors))) from None
+            raise error.within(item_path("sensors", number, len(sensors))) from None
     n_carried = Counter(index for some in carriers for index in some)
     return [
         [(satellites[i] if n_carried[i] == 1 else f"{satellites[i]}.{sensor.name}", i) for i in some]

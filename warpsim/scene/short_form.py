@@ -72,6 +72,6 @@ def _is_one(entries: Any) -> bool:
     return not isinstance(entries, list | tuple) or len(entries) == 1
 
 
-def item_place(name: str, number: int, count: int) -> str:
+def item_path(name: str, number: int, count: int) -> str:
     """Return the path of an item of a list of sensors or groups; nothing where it is the only one."""
     return "" if count == 1 else f"{name}[{number}]"

@@ -14,7 +14,7 @@ from warpsim.orbit.constellations import ListedSatellites, MixedConstellation, S
 from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
 from warpsim.scene.attitudes import within_scene
 from warpsim.scene.groups import AnyConstellation, TargetGroup
-from warpsim.scene.short_form import item_place
+from warpsim.scene.short_form import item_path
 from warpsim.target.mesh import Mesh
 
 
@@ -24,7 +24,7 @@ def check_paths(
     """See that motion known for a limited time covers what is asked of it, and that arcs can be flown.
 
     Raises:
-        InputError: It does not, or a file cannot be read; the place begins with the field.
+        InputError: It does not, or a file cannot be read; the path begins with the field.
     """
     _check_path(constellation, "constellation", epoch, (0.0, duration_s))
     for number, group in enumerate(groups):
@@ -33,7 +33,7 @@ def check_paths(
         try:
             _check_path(group.path, group.path_field, start, span_s)
         except InputError as error:
-            raise error.within(item_place("groups", number, len(groups))) from None
+            raise error.within(item_path("groups", number, len(groups))) from None
 
 
 def _check_path(path: Any, field: str, epoch: Instant, span_s: tuple[float, float]) -> None:
@@ -68,7 +68,7 @@ def check_shapes(groups: Sequence[TargetGroup]) -> None:
     """See that meshes in files can be read.
 
     Raises:
-        InputError: One cannot; the place begins with the field.
+        InputError: One cannot; the path begins with the field.
     """
     for number, group in enumerate(groups):
         for entry, spec in enumerate(group.targets):
@@ -76,5 +76,5 @@ def check_shapes(groups: Sequence[TargetGroup]) -> None:
                 try:
                     spec.shape.surface_m2  # noqa: B018  # reads the file
                 except InputError as error:
-                    place = item_place("groups", number, len(groups))
-                    raise error.within(f"targets[{entry}].shape").within(place) from None
+                    path = item_path("groups", number, len(groups))
+                    raise error.within(f"targets[{entry}].shape").within(path) from None

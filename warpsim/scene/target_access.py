@@ -1,4 +1,4 @@
-"""Access of sensors to targets: when all constraints hold, by tracks, rules and cameras."""
+"""Access of sensors to targets: when all constraints hold, from tracks, constraints and cameras."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from warpsim.optics.camera import Camera
 from warpsim.orbit.access import access_intervals, margins
+from warpsim.orbit.access_constraints import AccessConstraints, CameraGeometry, MarginFunction
 from warpsim.orbit.intervals import Intervals
-from warpsim.orbit.access_constraints import AccessConstraints, FieldOfView, MarginFunction
 from warpsim.scene.camera_axes import apparent_mean, satellite_state
 from warpsim.scene.tracks import Tracks
 
@@ -27,8 +27,8 @@ ACCESS_STEP_S = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Watchers:
-    """Some sensors of one kind, as access needs them."""
+class Observers:
+    """Sensors of one kind as observers of targets."""
 
     satellites: tuple[int, ...]
     """Indices of their satellites."""
@@ -38,12 +38,12 @@ class Watchers:
     camera_breaks_s: Sequence[Sequence[float]]
     """For each sensor, times at which its camera jumps, or turns at another rate [s]."""
     followed: tuple[int, ...]
-    """Indices of the targets that cameras follow."""
+    """Indices of the targets that cameras track."""
 
 
 def target_intervals(
     tracks: Tracks,
-    watchers: Watchers,
+    observers: Observers,
     target: int,
     rules: AccessConstraints,
     breaks_s: Mapping[str, Sequence[float]],
@@ -55,26 +55,26 @@ def target_intervals(
 
     Args:
         tracks: Of the scene.
-        watchers: The sensors.
+        observers: The sensors.
         target: Index of the target.
-        rules: What must hold besides a free line of sight and the target's existence.
+        rules: Constraints besides a free line of sight and the target's existence.
         breaks_s: Times at which satellites and targets change their motion at once, by name.
         duration_s: Length of the scene [s].
-        custom: Further rules by name.
+        custom: Further constraints by name.
         step_s: Step of the scan [s].
     """
     with_cameras = rules.in_fov or bool(custom)
-    key = (watchers.satellites, target, rules, duration_s, step_s)
+    key = (observers.satellites, target, rules, duration_s, step_s)
     known = _KNOWN.setdefault(tracks, {})
     if not with_cameras and key in known:
         return known[key]
-    followed = watchers.followed if with_cameras else ()
+    followed = observers.followed if with_cameras else ()
     bodies = [tracks.targets[index].name for index in (target, *followed)]
     common = [time_s for name in bodies for time_s in breaks_s[name]]
-    own = [breaks_s[tracks.satellites[index].name] for index in watchers.satellites]
-    cameras = watchers.camera_breaks_s if with_cameras else [()] * len(own)
+    own = [breaks_s[tracks.satellites[index].name] for index in observers.satellites]
+    cameras = observers.camera_breaks_s if with_cameras else [()] * len(own)
     found = access_intervals(
-        [tracks.satellites[index] for index in watchers.satellites],
+        [tracks.satellites[index] for index in observers.satellites],
         tracks.position_function(target),
         tracks.sun.position_at_m,
         rules,
@@ -82,7 +82,7 @@ def target_intervals(
         duration_s,
         step_s,
         custom=custom,
-        fov=field_of_view(tracks, watchers, target),
+        fov=field_of_view(tracks, observers, target),
         breaks_s=[sorted({*common, *sensor, *camera}) for sensor, camera in zip(own, cameras, strict=True)],
         followed_m=[tracks.position_function(index) for index in followed if index != target],
     )
@@ -90,7 +90,7 @@ def target_intervals(
     intervals = Intervals(np.array(rows, dtype=np.int64), np.array(starts, float), np.array(ends, float))
     first_s, last_s = tracks.exists_s[target]
     if first_s > 0.0 or last_s < duration_s:
-        there = Intervals.whole(len(watchers.satellites), max(first_s, 0.0), max(min(last_s, duration_s), 0.0))
+        there = Intervals.whole(len(observers.satellites), max(first_s, 0.0), max(min(last_s, duration_s), 0.0))
         intervals = intervals.shared(there)
     if not with_cameras:
         known[key] = intervals
@@ -101,25 +101,25 @@ _KNOWN: weakref.WeakKeyDictionary[Tracks, dict[Hashable, Intervals]] = weakref.W
 """Intervals that were found for tracks that somebody holds, where cameras play no part."""
 
 
-def field_of_view(tracks: Tracks, watchers: Watchers, target: int) -> FieldOfView:
-    """Return how the sensors' cameras stand, and in which apparent direction they have a target."""
+def field_of_view(tracks: Tracks, observers: Observers, target: int) -> CameraGeometry:
+    """Return the axes of the sensors' cameras and the apparent direction of a target."""
 
     def direction(sensor: int, time_s: F64) -> F64:
-        return apparent_mean(tracks, [target], satellite_state(tracks, watchers.satellites[sensor], time_s))
+        return apparent_mean(tracks, [target], satellite_state(tracks, observers.satellites[sensor], time_s))
 
-    return FieldOfView(watchers.camera, watchers.axes, direction)
+    return CameraGeometry(observers.camera, observers.axes, direction)
 
 
 def target_margins(
     tracks: Tracks,
-    watchers: Watchers,
+    observers: Observers,
     target: int,
     rules: AccessConstraints,
     time_s: F64,
     custom: Custom | None = None,
 ) -> dict[str, F64]:
-    """Return the signed margin of every rule, each (n_sensor, n_time)."""
-    sensors_m = np.stack([tracks.satellites[index].position_at_m(time_s) for index in watchers.satellites])
+    """Return the signed margin of every constraint, each (n_sensor, n_time)."""
+    sensors_m = np.stack([tracks.satellites[index].position_at_m(time_s) for index in observers.satellites])
     return margins(
         sensors_m,
         tracks.position_function(target)(time_s),
@@ -128,23 +128,23 @@ def target_margins(
         tracks.pole_icrs,
         time_s=time_s,
         custom=custom,
-        fov=field_of_view(tracks, watchers, target),
+        fov=field_of_view(tracks, observers, target),
     )
 
 
-def can_observe(tracks: Tracks, watchers: Watchers, rules: AccessConstraints, time_s: F64) -> Mask:
+def can_observe(tracks: Tracks, observers: Observers, rules: AccessConstraints, time_s: F64) -> Mask:
     """Return whether sensors can observe each target at given times, (n_time, n_sensor, n_target)."""
-    seen = np.empty((len(time_s), len(watchers.satellites), len(tracks.targets)), dtype=bool)
+    seen = np.empty((len(time_s), len(observers.satellites), len(tracks.targets)), dtype=bool)
     axes: dict[int, F64] = {}
 
     def axes_of(sensor: int, times: F64) -> F64:
         if not np.array_equal(times, time_s):
-            return watchers.axes(sensor, times)
+            return observers.axes(sensor, times)
         if sensor not in axes:
-            axes[sensor] = watchers.axes(sensor, time_s)
+            axes[sensor] = observers.axes(sensor, time_s)
         return axes[sensor]
 
-    same = replace(watchers, axes=axes_of)
+    same = replace(observers, axes=axes_of)
     for target in range(len(tracks.targets)):
         found = target_margins(tracks, same, target, rules, time_s)
         holds = np.logical_and.reduce([np.broadcast_to(margin >= 0.0, seen.shape[1::-1]) for margin in found.values()])

@@ -12,7 +12,7 @@ from warpsim.config.model import adapter, input_error
 from warpsim.errors import InputError
 from warpsim.scene.changes import changed
 from warpsim.scene.groups import TargetGroup, TargetSpec
-from warpsim.scene.short_form import item_place
+from warpsim.scene.short_form import item_path
 from warpsim.streams import uniforms
 
 
@@ -59,11 +59,11 @@ def _members(group: TargetGroup, number: int, n_group: int, seed: int) -> list[S
     for name, release, entry in zip(names, releases, entries, strict=True):
         spec = group.targets[entry]
         if spec.spread:
-            place = item_place("groups", number, n_group)
+            path = item_path("groups", number, n_group)
             try:
                 spec = drawn_spec(spec, f"{group.name}.{spec.name}", before[entry], seed)
             except InputError as error:
-                raise error.of(name).within(f"targets[{entry}].spread").within(place) from None
+                raise error.of(name).within(f"targets[{entry}].spread").within(path) from None
         before[entry] += 1
         release_s = -math.inf if release is None else group.start_s + release.time_s
         found.append(SceneTarget(name, spec, number, entry, release_s, group.span_s))

@@ -17,14 +17,14 @@ from warpsim.orbit.eclipse import eclipses
 from warpsim.orbit.track import TrackStack
 from warpsim.scene.attitudes import AnyAttitude, within_scene
 from warpsim.scene.groups import TargetGroup, TargetSpec
-from warpsim.scene.short_form import item_place
+from warpsim.scene.short_form import item_path
 from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
 from warpsim.target.attitude_table import AttitudeRows
-from warpsim.target.cooling import Bodies, follow
-from warpsim.target.heat_balance import lump_of
+from warpsim.target.cooling import ThermalNodes, integrate
+from warpsim.target.heat_balance import lumped_node
+from warpsim.target.rotating_area import RotatingArea, SteadyArea, steady_area
 from warpsim.target.temperature import HeatBalance, Temperature, TemperatureRows, TemperatureTable
-from warpsim.target.rotating_area import SteadyArea, TurningArea, steady_area
 
 F64 = npt.NDArray[np.float64]
 
@@ -40,7 +40,7 @@ SUN_STEP_S = 7200.0
 
 @dataclass(frozen=True)
 class _Run:
-    """Targets side by side that share their description."""
+    """Targets of one description, integrated side by side."""
 
     spec: TargetSpec
     emissivity: float
@@ -49,7 +49,7 @@ class _Run:
     first: int
     attitudes: Sequence[AnyAttitude]
     span_s: tuple[float, float]
-    """From when to when their temperature is wanted [s]."""
+    """Start and end of the temperature history [s]."""
 
 
 def target_temperatures(
@@ -97,22 +97,22 @@ def target_temperatures(
                     some = attitudes[start : min(start + BODIES_AT_ONCE, first + len(members))]
                     found += _balanced(_Run(spec, emissivity, tracks, start, some, (begin_s, end_s)))
             except InputError as error:
-                place = item_place("groups", target.group, n_group)
-                raise error.within(f"targets[{target.entry}].temperature").within(place) from None
+                path = item_path("groups", target.group, n_group)
+                raise error.within(f"targets[{target.entry}].temperature").within(path) from None
     return found
 
 
 def _balanced(run: _Run) -> list[TemperatureRows]:
-    """Temperature histories of some targets."""
+    """Return the temperature histories of targets with a heat balance."""
     model, tracks, n_body = run.spec.temperature, run.tracks, len(run.attitudes)
     assert isinstance(model, HeatBalance)
     start_s, end_s = run.span_s
     own = tracks.targets[run.first : run.first + n_body]
     stack, pole = TrackStack(own), tracks.pole_icrs
-    lump = lump_of(model, run.spec.shape.surface_m2, run.emissivity)
+    node = lumped_node(model, run.spec.shape.surface_m2, run.emissivity)
     attitudes: Any = run.attitudes[0] if isinstance(run.attitudes[0], AttitudeRows) else run.attitudes
-    area = TurningArea(run.spec.shape, attitudes, end_s - start_s)
-    outline = _tabulated(area, n_body, run)
+    area = RotatingArea(run.spec.shape, attitudes, end_s - start_s)
+    projected = _tabulated(area, n_body, run)
 
     def directions(time_s: F64) -> tuple[F64, F64, F64]:
         position, sun = stack.positions_m(time_s), tracks.sun.position_at_m(time_s)
@@ -121,34 +121,34 @@ def _balanced(run: _Run) -> list[TemperatureRows]:
 
     def absorbed_w(time_s: F64) -> F64:
         position, sun, to_sun = directions(time_s)
-        return lump.absorbed_w(position, sun, pole, outline.towards(time_s, to_sun))
+        return node.absorbed_w(position, sun, pole, projected.towards(time_s, to_sun))
 
     at_start_w = absorbed_w(np.array([start_s]))[:, 0]
-    begin_k = lump.equilibrium_k(at_start_w) if isinstance(model.start_k, str) else np.full(n_body, model.start_k)
+    begin_k = node.equilibrium_k(at_start_w) if isinstance(model.start_k, str) else np.full(n_body, model.start_k)
     if start_s == end_s:
         return [TemperatureRows(np.zeros(1), np.array([kelvin])) for kelvin in begin_k]
     eclipsed = eclipses(own[0].position_at_m, tracks.sun.position_at_m, pole, end_s, ECLIPSE_STEP_S)
     kinks = {float(time) for eclipse in eclipsed for time in eclipse if start_s < time < end_s}
     lowest_m = max(min(np.linalg.norm(track.position_m, axis=1).min() for track in own), EARTH_EQUATORIAL_RADIUS_M)
-    course = follow(
-        Bodies(lambda time_s: absorbed_w(time_s) / lump.capacity_j_k, lump.emitted_w_k4 / lump.capacity_j_k),
+    history = integrate(
+        ThermalNodes(lambda time_s: absorbed_w(time_s) / node.capacity_j_k, node.emitted_w_k4 / node.capacity_j_k),
         begin_k,
         [start_s, *sorted(kinks), end_s],
         LONGEST_STEP_REV * 2 * np.pi * float(np.sqrt(lowest_m**3 / EARTH_GM_M3_S2)),
     )
-    time_s = course.time_s if start_s == 0 else np.append(0.0, course.time_s)
-    held = course.temperature_k[:, [0] * (start_s > 0)]
-    kelvin = np.concatenate([held, course.temperature_k], axis=1)
+    time_s = history.time_s if start_s == 0 else np.append(0.0, history.time_s)
+    constant = history.temperature_k[:, [0] * (start_s > 0)]
+    kelvin = np.concatenate([constant, history.temperature_k], axis=1)
     swing_m2_s = area.swing_m2_s(start_s, directions(np.array([start_s]))[2][:, 0])
-    ripple_k = lump.solar_absorptance * SOLAR_CONSTANT_W_M2 / lump.capacity_j_k * swing_m2_s
+    ripple_k = node.solar_absorptance * SOLAR_CONSTANT_W_M2 / node.capacity_j_k * swing_m2_s
     return [
-        TemperatureRows(time_s, row, course.error_k, float(ripple))
+        TemperatureRows(time_s, row, history.error_k, float(ripple))
         for row, ripple in zip(kelvin, ripple_k, strict=True)
     ]
 
 
-def _tabulated(area: TurningArea, n_body: int, run: _Run) -> TurningArea | SteadyArea:
-    """The same by a table over the Sun's way, where only means over turns count."""
+def _tabulated(area: RotatingArea, n_body: int, run: _Run) -> RotatingArea | SteadyArea:
+    """Tabulate the area along the Sun's path if only means over turns matter."""
     if not area.is_steady:
         return area
     start_s, end_s = run.span_s
@@ -169,7 +169,7 @@ def temperature_tables(
         with_files: Whether tables in files are read.
 
     Raises:
-        InputError: A table cannot be read or does not cover the scene; the place begins with the group's.
+        InputError: A table cannot be read or does not cover the scene; the path begins with the group's.
     """
     tables = {}
     for number, group in enumerate(groups):
@@ -180,6 +180,6 @@ def temperature_tables(
                     tables[number, entry] = model.rows(epoch)
                     tables[number, entry].check_span(*within_scene(group.span_s, duration_s))
                 except InputError as error:
-                    place = item_place("groups", number, len(groups))
-                    raise error.within(f"targets[{entry}].temperature").within(place) from None
+                    path = item_path("groups", number, len(groups))
+                    raise error.within(f"targets[{entry}].temperature").within(path) from None
     return tables

@@ -17,9 +17,9 @@ from warpsim.scene.groups import AnyConstellation, TargetGroup
 from warpsim.scene.instrument import ANY, TRACKED
 from warpsim.scene.pointing import satellites_of
 from warpsim.scene.pointing_program import check_frames as check_covered
-from warpsim.scene.pointing_program import entry_place, make_program, tracked_targets
+from warpsim.scene.pointing_program import entry_path, make_program, tracked_targets
 from warpsim.scene.sensors import Frames, Sensor, sensor_instances
-from warpsim.scene.short_form import item_place
+from warpsim.scene.short_form import item_path
 from warpsim.scene.targets import SceneTarget, with_values
 from warpsim.scene.temperatures import temperature_tables
 
@@ -49,25 +49,25 @@ def check_sensors(constellation: AnyConstellation, sensors: Sequence[Sensor], fr
         raise InputError("must hold at least one", "sensors")
     satellites = known_names(constellation)
     for number, sensor in enumerate(sensors):
-        place = item_place("sensors", number, len(sensors))
+        path = item_path("sensors", number, len(sensors))
         if any(other.name == sensor.name for other in sensors[:number]):
-            raise InputError("must be no other sensor's name", "name", sensor.name).within(place)
+            raise InputError("must be no other sensor's name", "name", sensor.name).within(path)
         exposure_s, own = sensor.detector.exposure_s, sensor.frames or frames
         if own.count > 1 and exposure_s > own.interval_s:
             rule = f"must be at most frames.interval_s ({own.interval_s:g})"
-            raise InputError(rule, "detector.exposure_s", exposure_s, "g").within(place)
+            raise InputError(rule, "detector.exposure_s", exposure_s, "g").within(path)
         try:
             if satellites is not None:
                 check_satellites(sensor, satellites)
         except InputError as error:
-            raise error.within(place) from None
+            raise error.within(path) from None
 
 
 def check_satellites(sensor: Sensor, satellites: Sequence[str]) -> None:
     """A sensor's satellites are there, and each of them has a pointing.
 
     Raises:
-        InputError: They are not; the place begins with a field of the sensor.
+        InputError: They are not; the path begins with a field of the sensor.
     """
     carriers = [satellites[index] for index in satellites_of(sensor.on, satellites)]
     pointed: set[int] = set()
@@ -75,7 +75,7 @@ def check_satellites(sensor: Sensor, satellites: Sequence[str]) -> None:
         try:
             pointed |= set(satellites_of(pointing.on, carriers))
         except InputError as error:
-            raise error.within(entry_place(number, len(sensor.pointing))) from None
+            raise error.within(entry_path(number, len(sensor.pointing))) from None
     left = [name for index, name in enumerate(carriers) if index not in pointed]
     if left:
         raise InputError(f"must say where every sensor looks, got nothing for that of {left[0]}", "pointing")
@@ -92,14 +92,14 @@ def check_names(constellation: AnyConstellation, sensors: Sequence[Sensor], grou
     taken = set(names)
     for number, sensor in enumerate(sensors):
         if len(sensors) > 1 and sensor.name in taken:
-            place = item_place("sensors", number, len(sensors))
-            raise InputError("must be no name of a satellite or target", "name", sensor.name).within(place)
+            path = item_path("sensors", number, len(sensors))
+            raise InputError("must be no name of a satellite or target", "name", sensor.name).within(path)
     taken |= {"group", TRACKED, ANY}
     for number, group in enumerate(groups):
         if group.name in taken or (group.name == "main" and number > 0):
-            place = item_place("groups", number, len(groups))
+            path = item_path("groups", number, len(groups))
             rule = "must be no other name of the scene, 'main' (but for the first), 'group', 'tracked' or 'any'"
-            raise InputError(rule, "name", group.name).within(place)
+            raise InputError(rule, "name", group.name).within(path)
         taken.add(group.name)
 
 
@@ -107,19 +107,19 @@ def check_times(constellation: AnyConstellation, groups: Sequence[TargetGroup], 
     """Groups and releases lie within the scene, and the scene is not too long for its bodies."""
     n_body = len(known_names(constellation) or [])
     for number, group in enumerate(groups):
-        place = item_place("groups", number, len(groups))
+        path = item_path("groups", number, len(groups))
         n_body += len(known_names(group.path) or []) if group.orbits else len(group.names)
         first_s, last_s = group.span_s
         if group.start_s > duration_s:
             rule = f"must be within duration_s ({duration_s:g})"
-            raise InputError(rule, "start_s", group.start_s, "g").within(place)
+            raise InputError(rule, "start_s", group.start_s, "g").within(path)
         if first_s >= duration_s or last_s <= 0.0:
             rule = f"must have a part within the scene, 0 to {duration_s:g} s"
-            raise InputError(rule, "exists_s", [first_s, last_s]).within(place)
+            raise InputError(rule, "exists_s", [first_s, last_s]).within(path)
         for release in (group.releases if group.orbits is None else [])[1:]:
             if release is not None and group.start_s + release.time_s > duration_s:
                 rule = f"must be within duration_s ({duration_s:g})"
-                raise InputError(rule, "release.time_s", group.start_s + release.time_s, "g").within(place)
+                raise InputError(rule, "release.time_s", group.start_s + release.time_s, "g").within(path)
     if n_body * duration_s > LONGEST_TRACKS_S:
         raise InputError(
             f"{duration_s:g} s are too long for {n_body} satellites and targets: their product must be at most "
@@ -130,24 +130,24 @@ def check_times(constellation: AnyConstellation, groups: Sequence[TargetGroup], 
 
 def check_frames(sensors: Sequence[Sensor], frames: Frames, duration_s: float) -> None:
     """All frames lie within the scene."""
-    own = {item_place("sensors", number, len(sensors)): sensor.frames for number, sensor in enumerate(sensors)}
-    for place, some in [("", frames), *own.items()]:
+    own = {item_path("sensors", number, len(sensors)): sensor.frames for number, sensor in enumerate(sensors)}
+    for path, some in [("", frames), *own.items()]:
         last_s = 0.0 if some is None else some.start_s + (some.count - 1) * some.interval_s
         if last_s > duration_s:
             rule = f"the last frame must be within duration_s ({duration_s:g}), got {last_s:g} s"
-            raise InputError(rule, "frames").within(place)
+            raise InputError(rule, "frames").within(path)
 
 
 def check_instruments(sensors: Sequence[Sensor]) -> None:
     """Every band of a sensor has a point spread function, and blank sky does not saturate its detector."""
     for number, sensor in enumerate(sensors):
-        place = item_place("sensors", number, len(sensors))
+        path = item_path("sensors", number, len(sensors))
         try:
             for band in sensor.bands:
                 _check_optics(sensor, band)
                 levels(sensor.detector, sensor.optics, sensor.camera, band)
         except InputError as error:
-            raise error.within(place) from None
+            raise error.within(path) from None
 
 
 def _check_optics(sensor: Sensor, band: str) -> None:
@@ -167,7 +167,7 @@ def check_targets(groups: Sequence[TargetGroup], sensors: Sequence[Sensor], epoc
     """Targets are described in every band, numbers that are spread keep their rules, tables cover the scene."""
     bands = list(dict.fromkeys(band for sensor in sensors for band in sensor.bands))
     for number, group in enumerate(groups):
-        place = item_place("groups", number, len(groups))
+        path = item_path("groups", number, len(groups))
         for entry, spec in enumerate(group.targets):
             missing = next((band for band in bands if band not in spec.surface.bands), None)
             if missing is not None:
@@ -175,13 +175,13 @@ def check_targets(groups: Sequence[TargetGroup], sensors: Sequence[Sensor], epoc
                     f"must give reflectance or emissivity of {spec.name} in every band of the scene, got none in band "
                     f"{missing}"
                 )
-                raise InputError(rule, f"targets[{entry}].surface").within(place)
+                raise InputError(rule, f"targets[{entry}].surface").within(path)
             for field, distribution in (spec.spread or {}).items():
                 for value in distribution.extremes:
                     try:
                         with_values(spec, {field: value})
                     except InputError as error:
-                        raise error.within(f"targets[{entry}].spread").within(place) from None
+                        raise error.within(f"targets[{entry}].spread").within(path) from None
     attitude_tables(groups, instant(epoch_utc), duration_s, with_files=False)
     temperature_tables(groups, instant(epoch_utc), duration_s, with_files=False)
 
@@ -219,7 +219,7 @@ def check_pointing(
             ends_s = when.start_s + np.array([0.0, (when.count - 1) * when.interval_s])
             check_covered(program, [name for name, _ in own], ends_s)
         except InputError as error:
-            raise error.within(item_place("sensors", number, len(sensors))) from None
+            raise error.within(item_path("sensors", number, len(sensors))) from None
 
 
 def check_access_target(access_target: str, targets: Sequence[SceneTarget], groups: Sequence[str]) -> None:

@@ -23,7 +23,7 @@ REAL_TIME_HZ = 30.0
 
 
 @dataclass(frozen=True)
-class Plan:
+class BenchmarkPlan:
     """What is measured.
 
     Args:
@@ -73,7 +73,7 @@ class Speed:
         return int(self.fps // REAL_TIME_HZ)
 
 
-def measured(plan: Plan) -> Iterator[Speed]:
+def measured(plan: BenchmarkPlan) -> Iterator[Speed]:
     """Measure case after case.
 
     Raises:
@@ -91,7 +91,7 @@ def measured(plan: Plan) -> Iterator[Speed]:
                 yield Speed(*case, fps, stages)
 
 
-def heading(plan: Plan) -> str:
+def heading(plan: BenchmarkPlan) -> str:
     """What the figures are of, and the head of the table."""
     psf = "the telescope's Airy pattern" if plan.psf == "airy" else "a Gaussian of 0.7 px"
     return (
@@ -128,7 +128,7 @@ def stage_table(speeds: list[Speed]) -> str:
     return "\n".join(lines)
 
 
-def as_json(plan: Plan, speeds: list[Speed]) -> dict[str, Any]:
+def as_json(plan: BenchmarkPlan, speeds: list[Speed]) -> dict[str, Any]:
     """All figures, with the paper's beside them, and what they were measured with."""
     return {
         "warpsim": __version__,

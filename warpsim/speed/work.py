@@ -88,7 +88,7 @@ def speed_work(
     scene = speed_scene(n_pixel, psf, n_sensor)
     if n_frame is None:
         n_frame = max(1, min(MOST_VIEWS, max(16, PIXELS_PER_CALL // n_pixel**2)) // n_sensor)
-    sensors = _watching(scene.scenario, n_sensor, N_CALL * n_frame)
+    sensors = _observing_sensors(scene.scenario, n_sensor, N_CALL * n_frame)
     catalog = speed_catalog(scene.scenario, sensors, N_CALL * n_frame, n_star)
     return SpeedWork(scene, sensors, catalog, n_frame, n_star, psf)
 
@@ -117,7 +117,7 @@ def speed_scene(n_pixel: int, psf: str = "airy", n_sensor: int = 1) -> Scene:
     )
 
 
-def _watching(scenario: Scenario, n_sensor: int, n_frame: int) -> list[str]:
+def _observing_sensors(scenario: Scenario, n_sensor: int, n_frame: int) -> list[str]:
     """Sensors that see the targets in each of the first frames."""
     first_s, last_s = scenario.instrument.frame_time_s([0, n_frame - 1])
     table = scenario.access()
@@ -145,15 +145,15 @@ def speed_catalog(scenario: Scenario, sensors: list[str], n_frame: int, n_star: 
     time_s = np.linspace(first_s, last_s, 17)
     per_sr = n_star * camera.focal_px * camera.focal_row_px / (camera.n_row * camera.n_col)
     caps: list[tuple[F64, float]] = []
-    places: list[F64] = [np.empty((0, 3))]
+    directions: list[F64] = [np.empty((0, 3))]
     for item, name in enumerate(sensors):
         axis, cosine = _cap_around(scenario.view_axes(name, time_s)[:, 2], camera.half_diagonal_rad() + _MARGIN_RAD)
         star = _even_stars(axis, cosine, per_sr, item)
         for other, other_cosine in caps:
             star = star[star @ other < other_cosine]
         caps.append((axis, cosine))
-        places.append(star)
-    x, y, z = np.concatenate(places).T
+        directions.append(star)
+    x, y, z = np.concatenate(directions).T
     n = len(x)
     w_cm2_per_jy = StarCatalog.from_arrays([0.0], [0.0], {BAND: [1.0]}).irradiance_w_cm2(BAND)[0]
     flux_jy = power_law_nei(n) * instrument.nei_w_cm2(BAND) / w_cm2_per_jy
@@ -186,4 +186,4 @@ def _even_stars(axis: F64, cosine: float, per_sr: float, item: int) -> F64:
     right = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     right /= np.linalg.norm(right)
     parts = (along, axis), (across * np.cos(turn), right), (across * np.sin(turn), np.cross(axis, right))
-    return np.asarray(sum(np.outer(share, direction) for share, direction in parts))
+    return np.asarray(sum(np.outer(component, direction) for component, direction in parts))

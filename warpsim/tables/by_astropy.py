@@ -168,7 +168,7 @@ def read_ipac(data: bytes) -> tuple[Table, NDArray[np.int64]]:
             "cannot be read as a table: IPAC table: two lines of names and types between bars must begin it"
         )
     check_last_line(body if len(body) else lines_of(data))
-    bars = [place for place, byte in enumerate(header[0]) if byte == ord("|")]
+    bars = [column for column, byte in enumerate(header[0]) if byte == ord("|")]
     for number, row in zip(body.number.tolist(), body.text, strict=True):
         if len(row) <= bars[-2]:  # a stripped last column may be shorter than its title
             text = f"must reach the last column, which begins at byte {bars[-2] + 2}, got {len(row)} bytes"

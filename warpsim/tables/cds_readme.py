@@ -7,7 +7,7 @@ import re
 from typing import Literal
 
 from warpsim.errors import InputError
-from warpsim.tables.fixed_width import Field, Layout
+from warpsim.tables.fixed_width import ByteField, Layout
 
 _TITLE = re.compile(r"^\s*Byte-(?:by|per)-byte Description of file:\s*(?P<files>.*)$", re.IGNORECASE)
 _ROW = re.compile(
@@ -75,7 +75,7 @@ def _optional(row: re.Match[str]) -> bool:
     return row["format"][0] in "AL" or bool(_NULL.match(row["text"] or ""))
 
 
-def _field(row: re.Match[str]) -> Field:
+def _field(row: re.Match[str]) -> ByteField:
     kind: Literal["number", "whole", "text"] = "number"
     if row["format"][0] in "AL":
         kind = "text"
@@ -92,4 +92,4 @@ def _field(row: re.Match[str]) -> Field:
     if not 1 <= first <= last <= _LONGEST_LINE:
         rule = f"bytes must grow from 1 to at most {_LONGEST_LINE}, got {first}-{last}"
         raise InputError(rule).of(f"column {row['name']}")
-    return Field(row["name"], first, last, kind, unit, null_value)
+    return ByteField(row["name"], first, last, kind, unit, null_value)

@@ -34,7 +34,7 @@ N_SAMPLE = 50
 
 
 @dataclass(frozen=True)
-class Field:
+class ByteField:
     """One column: its bytes and what they hold."""
 
     name: str
@@ -65,7 +65,7 @@ class Field:
 class Layout:
     """What stands in which bytes of a line."""
 
-    fields: tuple[Field, ...]
+    fields: tuple[ByteField, ...]
 
     shortest: int
     """Bytes that every line has."""
@@ -80,7 +80,7 @@ class Layout:
     name: str | None = None
     """What it is the layout of."""
 
-    def parts_cut_at(self, n_byte: int) -> Field | None:
+    def parts_cut_at(self, n_byte: int) -> ByteField | None:
         """The number that a line of so many bytes cuts through."""
         cut = (field for field in self.fields if field.first_byte <= n_byte < field.last_byte)
         return next((field for field in cut if field.kind in ("number", "whole")), None)
@@ -91,9 +91,9 @@ def recognised(lines: Lines, layouts: Sequence[Layout]) -> Layout | None:
     sample = lines.text[:N_SAMPLE]
     best, most = None, 0.0
     for layout in layouts:
-        share = sum(_follows(line, layout) for line in sample) / max(len(sample), 1)
-        if share >= 0.5 and share > most:
-            best, most = layout, share
+        fraction = sum(_follows(line, layout) for line in sample) / max(len(sample), 1)
+        if fraction >= 0.5 and fraction > most:
+            best, most = layout, fraction
     return best
 
 
@@ -166,7 +166,7 @@ def _characters(lines: Lines, layout: Layout) -> NDArray[np.uint8]:
     return np.where(chars == 0, _BLANK, chars).astype(np.uint8)  # numpy pads with zeros
 
 
-def _values(chars: NDArray[np.uint8], field: Field, lines: Lines) -> NDArray[Any]:
+def _values(chars: NDArray[np.uint8], field: ByteField, lines: Lines) -> NDArray[Any]:
     """One column, shape (n,): float64 with NaN for missing, or text without blanks at the ends."""
     block = np.ascontiguousarray(chars[:, field.first_byte - 1 : field.last_byte])
     text = block.view(f"S{block.shape[1]}")[:, 0]
@@ -201,6 +201,6 @@ def _values(chars: NDArray[np.uint8], field: Field, lines: Lines) -> NDArray[Any
     return values
 
 
-def _bad(field: Field, lines: Lines, text: NDArray[np.bytes_], row: int, rule: str) -> InputError:
+def _bad(field: ByteField, lines: Lines, text: NDArray[np.bytes_], row: int, rule: str) -> InputError:
     shown = text[row].decode("latin-1").strip()
     return InputError(f"must {rule}", value=shown).of(field.label).of(f"line {lines.number[row]}")

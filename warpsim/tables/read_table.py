@@ -25,9 +25,9 @@ from warpsim.tables.by_astropy import (
 from warpsim.tables.cds_readme import layout_from_readme, split_self_described
 from warpsim.tables.cells import decoded
 from warpsim.tables.delimited import names_columns, read_delimited
+from warpsim.tables.file_kinds import KINDS, N_HEAD, check_foreign, kind_of, read_bytes
 from warpsim.tables.file_table import FileTable
 from warpsim.tables.fixed_width import Layout, read_fixed_width, recognised
-from warpsim.tables.file_kinds import KINDS, N_HEAD, check_foreign, kind_of, read_bytes
 from warpsim.tables.lines import lines_after, lines_of, open_end
 
 if TYPE_CHECKING:

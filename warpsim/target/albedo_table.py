@@ -1,4 +1,4 @@
-"""The table of what sunlit ground sends up, by height and the Sun's zenith angle, on a device."""
+"""Table of Earth albedo by height and the Sun's zenith angle, on a device."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def albedo_table(degree: int, n_node: int, device: Any = None) -> Any:
     """Harmonics up to an even degree, (N_HEIGHT, N_ZENITH, n_harmonic); an empty array for degree 0.
 
     Args:
-        degree: Of the series, see `earthlight.SERIES_ERRORS`.
-        n_node: Of the rule over rings of the ground, see `earthlight.SERIES_RINGS`.
+        degree: Of the series, see `earth_radiation.SERIES_ERRORS`.
+        n_node: Of the rule over rings of the ground, see `earth_radiation.SERIES_RINGS`.
         device: Where to; Warp's default if left out.
     """
     import warp as wp

@@ -17,10 +17,10 @@ UNIT_TOLERANCE = 1e-6
 
 
 class Areas:
-    """What all shapes share."""
+    """Base of all shapes."""
 
     def projected_area_m2(self, aspect_rad: npt.ArrayLike) -> F64:
-        """Area of the outline [m2].
+        """Projected area [m2].
 
         Args:
             aspect_rad: Angle between body axis (base to apex) and the direction to the observer [rad], any shape.
@@ -44,7 +44,7 @@ class Areas:
         return np.asarray(area.numpy()).reshape(aspect.shape)
 
     def projected_area_along_m2(self, view: npt.ArrayLike) -> F64:
-        """Area of the outline [m2] seen from given directions.
+        """Projected area [m2] towards given directions.
 
         Args:
             view: Unit vectors towards the observer, body axes, shape (3,) or (..., 3).

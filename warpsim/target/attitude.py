@@ -1,4 +1,4 @@
-"""How a target turns: spin, precession and rolling in closed form.
+"""Attitude motion of a target: spin, precession and rolling in closed form.
 
 The rotation body -> GCRS is F Rz(azimuth) Ry(polar) Rz(spin). F has the columns (first, second, reference): fixed axes,
 the last of them the direction that the body precesses about. Azimuth is the precession's angle, polar the precession
@@ -89,7 +89,7 @@ class Attitude:
 
 @dataclass(frozen=True)
 class AttitudeFrame:
-    """What the seed and the release settle of one target's motion."""
+    """Axes and phases of one target's motion, set by the seed and the release."""
 
     axes: F64
     """Rows reference, first, second: right-handed, unit, GCRS axes; shape (3, 3)."""

@@ -30,7 +30,7 @@ class ClosedSurface:
     """A checked mesh, its faces seen counter-clockwise from outside."""
 
     vertices_m: F64
-    """Shape (n_vertex, 3), each place once."""
+    """Shape (n_vertex, 3), each position once."""
     faces: I64
     """Shape (n_face, 3), numbers of vertices."""
     normal: F64
@@ -47,20 +47,20 @@ def closed_surface(vertices_m: F64, faces: I64) -> ClosedSurface:
     """Check a triangle mesh and work out what areas need.
 
     Args:
-        vertices_m: Places [m], shape (n_vertex, 3).
+        vertices_m: Positions [m], shape (n_vertex, 3).
         faces: Numbers of vertices, counted from 0, shape (n_face, 3). Faces all wound inwards are turned.
 
     Raises:
         InputError: One line on what is wrong with the mesh.
     """
     _check_numbers(vertices_m, faces)
-    # The same place may stand in a file several times: once for each face in STL, once for each texture in OBJ.
-    places, number = np.unique(vertices_m + 0.0, axis=0, return_inverse=True)
+    # The same position may stand in a file several times: once for each face in STL, once for each texture in OBJ.
+    vertices, number = np.unique(vertices_m + 0.0, axis=0, return_inverse=True)
     faces = number.reshape(-1)[faces]
-    extent_m = float(np.ptp(places[np.unique(faces)], axis=0).max())
+    extent_m = float(np.ptp(vertices[np.unique(faces)], axis=0).max())
     if not 0 < extent_m <= LARGEST_EXTENT_M:
         raise InputError(f"must extend over 0 to {LARGEST_EXTENT_M:g} m, got {extent_m:g} m")
-    scaled = (places - places[faces[0, 0]]) / extent_m  # about a place of its own: digits do not depend on the origin
+    scaled = (vertices - vertices[faces[0, 0]]) / extent_m  # about a vertex: digits do not depend on the origin
     vector = _area_vectors(scaled, faces)
     neighbour = _neighbours(faces, vector)
     volume = float(np.sum(scaled[faces].mean(axis=1) * vector) / 3)
@@ -73,7 +73,7 @@ def closed_surface(vertices_m: F64, faces: I64) -> ClosedSurface:
     n_reentrant = _reentrant_edges(scaled, faces, vector, neighbour)
     convex = n_reentrant == 0 and _covers_once(scaled, faces, vector)
     normal, area = _merged(vector)
-    return ClosedSurface(places, faces, normal, area * extent_m**2, abs(volume) * extent_m**3, n_reentrant, convex)
+    return ClosedSurface(vertices, faces, normal, area * extent_m**2, abs(volume) * extent_m**3, n_reentrant, convex)
 
 
 def _check_numbers(vertices_m: F64, faces: I64) -> None:
@@ -92,13 +92,13 @@ def _check_numbers(vertices_m: F64, faces: I64) -> None:
         raise InputError(f"face {bad[0]} names vertex {wrong} of {len(vertices_m)} (counted from 0)")
 
 
-def _area_vectors(places: F64, faces: I64) -> F64:
+def _area_vectors(vertices: F64, faces: I64) -> F64:
     """Area times normal of each face, shape (n_face, 3).
 
     Raises:
         InputError: A face has no area.
     """
-    corner = places[faces]
+    corner = vertices[faces]
     edge = np.roll(corner, -1, axis=1) - corner
     # From the two shorter edges: rounding of the third, the sum of both, is the largest.
     long = np.sum(edge**2, axis=2).argmax(axis=1)
@@ -146,23 +146,23 @@ def _neighbours(faces: I64, vector: F64) -> I64:
     return behind.reshape(-1, 3)
 
 
-def _reentrant_edges(places: F64, faces: I64, vector: F64, neighbour: I64) -> int:
+def _reentrant_edges(vertices: F64, faces: I64, vector: F64, neighbour: I64) -> int:
     """Edges over which the neighbour rises above a face's plane by more than FLAT."""
     unit = vector / np.linalg.norm(vector, axis=1, keepdims=True)
-    above = places[faces[neighbour]] - places[faces][:, :, None]  # corners of each neighbour from the edge's start
+    above = vertices[faces[neighbour]] - vertices[faces][:, :, None]  # corners of each neighbour from the edge's start
     height = np.einsum("fecx,fx->fec", above, unit).max(axis=2)
     face, edge = np.nonzero(height > FLAT)
     other = neighbour[face, edge]
     return len(set(zip(np.minimum(face, other).tolist(), np.maximum(face, other).tolist(), strict=True)))
 
 
-def _covers_once(places: F64, faces: I64, vector: F64) -> bool:
+def _covers_once(vertices: F64, faces: I64, vector: F64) -> bool:
     """Whether every direction from the centre of volume meets the surface once.
 
     With no edge bending inwards, the surface is then that of a convex body. (A pentagram's double pyramid has no such
     edge either, but goes round its centre twice.) Solid angles: van Oosterom and Strackee 1983.
     """
-    corner = places[faces]
+    corner = vertices[faces]
     share = np.sum(corner.mean(axis=1) * vector, axis=1)
     centre = np.sum(0.75 * corner.mean(axis=1) * share[:, None], axis=0) / share.sum()
     a, b, c = np.moveaxis(corner - centre, 1, 0)

@@ -1,7 +1,7 @@
-"""Temperatures of bodies that take up a given power and radiate: C dT/dt = Q(t) - k T^4.
+"""Temperatures of lumped-capacitance nodes that absorb a given power and radiate: C dT/dt = Q(t) - k T^4.
 
 Radau IIA with three stages (order 5, L-stable; Hairer and Wanner, Solving Ordinary Differential Equations II, sections
-IV.5 and IV.8), so thin foils that follow the power within seconds and heavy bodies take the steps that their
+IV.5 and IV.8), so thin foils that integrate the power within seconds and heavy bodies take the steps that their
 temperature needs. All bodies go with one step. The polynomial through the stages gives the rows between steps.
 """
 
@@ -20,7 +20,7 @@ from warpsim.target.temperature import HOTTEST_K, interpolated
 F64 = npt.NDArray[np.float64]
 
 ERROR_K = 1e-3
-"""Largest error of rows and of what lies between them [K]."""
+"""Largest error of rows and of the interpolation between them [K]."""
 MOST_STEPS = 200_000
 MOST_RUNS = 8
 
@@ -42,8 +42,8 @@ _TO_POWERS = np.linalg.inv(_C[:, None] ** np.array([1, 2, 3])).T  # stages to co
 
 
 @dataclass(frozen=True)
-class Bodies:
-    """What heats and cools several bodies."""
+class ThermalNodes:
+    """Heating and cooling of several bodies, a lumped-capacitance node each."""
 
     heating_k_s: Callable[[F64], F64]
     """Absorbed power over heat capacity, (n_time,) to (n_body, n_time) [K/s]."""
@@ -60,8 +60,8 @@ class Bodies:
 
 
 @dataclass(frozen=True)
-class Course:
-    """Temperatures over time."""
+class TemperatureHistory:
+    """Temperatures of bodies over time."""
 
     time_s: F64
     """Shape (n_row,)."""
@@ -71,68 +71,68 @@ class Course:
     """Largest difference between the rows, linear in between, and a computation with half the steps."""
 
 
-def follow(
-    bodies: Bodies,
+def integrate(
+    bodies: ThermalNodes,
     start_k: F64,
     stops_s: Sequence[float],
     longest_s: float,
     error_k: float = ERROR_K,
     most_steps: int = MOST_STEPS,
-) -> Course:
-    """Temperatures from the first stop to the last.
+) -> TemperatureHistory:
+    """Integrate temperatures from the first stop to the last.
 
     Args:
-        bodies: What heats and cools them.
+        bodies: Their heating and cooling.
         start_k: Temperatures at the first stop [K], (n_body,).
         stops_s: Ascending times: first, last, and those between at which heating may have a kink [s].
-        longest_s: Longest step: what heats for a shorter time may be missed [s].
+        longest_s: Longest step: shorter pulses of heating may be missed [s].
         error_k: Bound of the measured error [K].
         most_steps: Steps after which to give up.
 
     Raises:
         InputError: A temperature passes HOTTEST_K, or the error cannot be kept.
     """
-    share, limits = 0.3, np.zeros((0, 3))
+    tolerance, limits = 0.3, np.zeros((0, 3))
     errors_k: list[float] = []
     while len(errors_k) < MOST_RUNS and not _stalls(errors_k):
-        walk = _Walk(bodies, np.asarray(start_k, np.float64), float(stops_s[0]), limits, most_steps)
+        integrator = _Integrator(bodies, np.asarray(start_k, np.float64), float(stops_s[0]), limits, most_steps)
         for stop_s in stops_s[1:]:
-            walk.go_to(stop_s, longest_s, share * error_k, 0.5 * error_k)
-        course, found = walk.course()
-        if course.error_k <= error_k:
-            return course
-        errors_k.append(course.error_k)
+            integrator.advance_to(stop_s, longest_s, tolerance * error_k, 0.5 * error_k)
+        history, found = integrator.history()
+        if history.error_k <= error_k:
+            return history
+        errors_k.append(history.error_k)
         # A kink of heating within a step can escape the estimate: where it did, steps are kept short.
         poor = found.within_k > 0.6 * error_k
         if found.carried_k > 0.4 * error_k:
             poor |= found.end_k > 0.03 * found.carried_k
-        begin_s, length_s = np.array(walk.begin_s)[poor], np.array(walk.length_s)[poor]
+        begin_s, length_s = np.array(integrator.begin_s)[poor], np.array(integrator.length_s)[poor]
         limits = np.concatenate([limits, np.stack([begin_s, begin_s + length_s, length_s / 8], axis=1)])
         if not poor.any():
-            share *= 0.1
+            tolerance *= 0.1
     raise InputError(
-        f"the temperature cannot be followed within {error_k:g} K, it is {min(errors_k):.3g} K off: heating or "
+        f"the temperature cannot be integrated within {error_k:g} K, it is {min(errors_k):.3g} K off: heating or "
         "attitude change too unevenly"
     )
 
 
 def _stalls(errors_k: Sequence[float]) -> bool:
-    """Whether the last two runs have brought nothing."""
+    """Whether the last two runs have not lowered the error."""
     return len(errors_k) > 2 and min(errors_k[-2:]) > 0.8 * min(errors_k[:-2])
 
 
-class _Walk:
-    """Steps taken so far. They are only halved and doubled: as long as they stay, heating is found for many at once.
+class _Integrator:
+    """Integrator that only halves and doubles its step: heating is evaluated for many steps of one length at once.
 
     Args:
-        bodies: What heats and cools them.
+        bodies: Their heating and cooling.
         kelvin: Temperatures at the start [K], (n_body,).
         start_s: Time of the start [s].
         limits: Begin, end and longest step of times in which steps must be short [s], (n, 3).
         most_steps: Steps after which to give up.
     """
 
-    def __init__(self, bodies: Bodies, kelvin: F64, start_s: float, limits: F64, most_steps: int) -> None:
+    def __init__(self, bodies: ThermalNodes, kelvin: F64, start_s: float, limits: F64, most_steps: int) -> None:
         self.bodies, self.limits, self.most_steps = bodies, limits, most_steps
         self.time_s, self.kelvin = start_s, kelvin
         self.step_s = math.inf
@@ -144,15 +144,15 @@ class _Walk:
         self._ahead: dict[tuple[float, float], F64] = {}
         self._heating = bodies.heating_k_s(np.array([start_s]))[:, 0]
 
-    def go_to(self, stop_s: float, longest_s: float, tolerance_k: float, chord_k: float) -> None:
-        """Take steps up to a stop; a half, quarter, ... of the way to it each."""
+    def advance_to(self, stop_s: float, longest_s: float, tolerance_k: float, chord_k: float) -> None:
+        """Take steps up to a stop, each a half, quarter, ... of the way to it."""
         way_s, done = stop_s - self.time_s, 0.0
         share = _dyadic(min(self.step_s, longest_s, self._first_step_s()) / way_s)
         start_s = self.time_s
         self._ahead = {}
         while done < 1.0:
             if len(self.begin_s) >= self.most_steps or share * way_s < 1e-12 * max(1.0, abs(self.time_s)):
-                raise InputError(f"the temperature cannot be followed near {self.time_s:.6g} s: it changes too fast")
+                raise InputError(f"the temperature cannot be integrated near {self.time_s:.6g} s: it changes too fast")
             h = share * way_s
             if self._limit_s(h) < 0.99 * h:
                 share *= 0.5
@@ -172,7 +172,7 @@ class _Walk:
         self.step_s = share * way_s
 
     def _limit_s(self, h: float) -> float:
-        """Longest step allowed in the time that one of length h would pass."""
+        """Longest step allowed within the next h seconds."""
         passed = (self.limits[:, 0] < self.time_s + 0.99 * h) & (self.limits[:, 1] > self.time_s + 0.01 * h)
         return float(self.limits[passed, 2].min(initial=math.inf))
 
@@ -191,19 +191,19 @@ class _Walk:
         return self._ahead[done, share]
 
     def _take(self, h: float, stage: F64, chord_k: float) -> None:
-        """Note a step, and how many rows it needs."""
+        """Record a step and the number of rows that it needs."""
         powers = (stage - self.kelvin[:, None]) @ _TO_POWERS
-        bend = 2 * np.maximum(np.abs(powers[:, 1]), np.abs(powers[:, 1] + 3 * powers[:, 2])).max()
+        curvature = 2 * np.maximum(np.abs(powers[:, 1]), np.abs(powers[:, 1] + 3 * powers[:, 2])).max()
         self.begin_s.append(self.time_s)
         self.length_s.append(h)
         self.begin_k.append(self.kelvin)
         self.powers.append(powers)
-        self.n_row.append(max(1, math.ceil(math.sqrt(bend / (8 * chord_k)))))
+        self.n_row.append(max(1, math.ceil(math.sqrt(curvature / (8 * chord_k)))))
         self.kelvin = stage[:, -1]
         if not self.kelvin.max() <= HOTTEST_K:
             raise InputError(f"the temperature passes {HOTTEST_K:g} K near {self.time_s:.6g} s")
 
-    def course(self) -> tuple[Course, _Errors]:
+    def history(self) -> tuple[TemperatureHistory, _Errors]:
         """Rows of all steps, and their measured errors."""
         n_row = np.array(self.n_row)
         step = np.repeat(np.arange(len(n_row)), n_row)
@@ -214,7 +214,7 @@ class _Walk:
         time_s = np.append(begin_s[step] + part * h[step], self.time_s)
         kelvin = np.concatenate([rows, self.kelvin[:, None]], axis=1)
         found = _measured(self.bodies, begin_s, h, begin_k, self.kelvin, time_s, kelvin)
-        return Course(time_s, kelvin, float(found.within_k.max()) + found.carried_k), found
+        return TemperatureHistory(time_s, kelvin, float(found.within_k.max()) + found.carried_k), found
 
 
 @dataclass(frozen=True)
@@ -222,15 +222,15 @@ class _Errors:
     """Errors of steps [K], the largest of all bodies."""
 
     within_k: F64
-    """How far rows are off within each step that begins right, (n_step,)."""
+    """Largest error of rows within each step of exact start, (n_step,)."""
     end_k: F64
-    """How far each step that begins right ends off, (n_step,)."""
+    """Error at the end of each step of exact start, (n_step,)."""
     carried_k: float
-    """How far steps begin off at most: ends that are off, carried on by the decay of small differences."""
+    """Largest error at the start of a step: errors of earlier ends, damped by the decay of small differences."""
 
 
-def _measured(bodies: Bodies, begin_s: F64, h: F64, begin_k: F64, end_k: F64, row_s: F64, row_k: F64) -> _Errors:
-    """Errors found by taking every step anew in two halves, all steps side by side."""
+def _measured(bodies: ThermalNodes, begin_s: F64, h: F64, begin_k: F64, end_k: F64, row_s: F64, row_k: F64) -> _Errors:
+    """Measure errors: take every step again in two halves, all steps side by side."""
     n_body, n_step = begin_k.shape
     within_k, off = np.empty(n_step), np.append(begin_k[:, 1:], end_k[:, None], axis=1)
     decay = np.empty((n_body, n_step))
@@ -247,11 +247,13 @@ def _measured(bodies: Bodies, begin_s: F64, h: F64, begin_k: F64, end_k: F64, ro
     return _Errors(within_k, np.abs(off).max(axis=0), largest_k)
 
 
-def _halved(bodies: Bodies, begin_s: F64, half_s: F64, begin_k: F64, row_s: F64, row_k: F64) -> tuple[F64, F64, F64]:
-    """Steps in two halves each, side by side.
+def _halved(
+    bodies: ThermalNodes, begin_s: F64, half_s: F64, begin_k: F64, row_s: F64, row_k: F64
+) -> tuple[F64, F64, F64]:
+    """Take steps in two halves each, side by side.
 
     Returns:
-        How far rows are off within each step [K], (n_step,), temperatures at its end [K] and the decay of small
+        Errors of rows within each step [K], (n_step,), temperatures at its end [K] and the decay of small
         differences over it, each (n_body, n_step).
     """
     shape = begin_k.shape
@@ -274,11 +276,11 @@ def _dyadic(value: float) -> float:
     return min(1.0, 2.0 ** math.floor(math.log2(value)))
 
 
-def _stages(bodies: Bodies, heating_k_s: F64, h: float | F64, kelvin: F64) -> F64 | None:
-    """Temperatures at the three stages of a step, (n, 3); None where Newton's method does not settle.
+def _stages(bodies: ThermalNodes, heating_k_s: F64, h: float | F64, kelvin: F64) -> F64 | None:
+    """Return temperatures at the three stages of a step, (n, 3); None where Newton's method does not settle.
 
     Args:
-        bodies: What cools them.
+        bodies: Their cooling.
         heating_k_s: Heating at the stages, (n, 3).
         h: Length of the step, one for all or one each [s].
         kelvin: Temperatures at its start, (n,).
@@ -296,7 +298,7 @@ def _stages(bodies: Bodies, heating_k_s: F64, h: float | F64, kelvin: F64) -> F6
     return stage if largest_k <= 1e-9 else None
 
 
-def _estimate_k(bodies: Bodies, heating_k_s: F64, h: float, kelvin: F64, stage: F64) -> float:
+def _estimate_k(bodies: ThermalNodes, heating_k_s: F64, h: float, kelvin: F64, stage: F64) -> float:
     """Estimated error of a step [K]; filtered once more where it is large, as steps of stiff bodies need."""
     weighted = (stage - kelvin[:, None]) @ _ERROR / h
     divisor = _REAL / h - bodies.slope_s(kelvin)

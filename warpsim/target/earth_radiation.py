@@ -1,4 +1,4 @@
-"""Light of the Earth on a target: view factors, areas that reflect or absorb it, and how many nodes an error needs.
+"""Earth infrared and Earth albedo on a target: view factors, effective areas, and quadrature nodes for an error.
 
 The areas come from the device code that renders; see earthlight.py, albedo.py and albedo_series.py in kernels/.
 """
@@ -31,10 +31,10 @@ NODE_ERRORS: MappingProxyType[int, dict[Light, float]] = MappingProxyType(
 )
 """Nodes of the rule, and the worst error from the Moon's distance down to 30 km above the ground (limb_sine <= 0.995).
 
-Errors are shares of limb_sine^2 times the largest projected area (albedo: times pi as well), which no body exceeds from
-any side. They are some twice the largest found among 30,000 geometries of nine bodies; tests measure them anew. Lower
-than 30 km, albedo may be off by 2e-3 with 6 nodes, 4e-4 with 8 and 1e-4 with 12; on the ground itself the table holds
-again.
+Errors are fractions of limb_sine^2 times the largest projected area (albedo: times pi as well), which no body exceeds
+from any side. They are some twice the largest found among 30,000 geometries of nine bodies; tests measure them anew.
+Lower than 30 km, albedo may be off by 2e-3 with 6 nodes, 4e-4 with 8 and 1e-4 with 12; on the ground itself the table
+holds again.
 """
 
 SERIES_ERRORS: MappingProxyType[int, tuple[float, float]] = MappingProxyType(
@@ -42,7 +42,7 @@ SERIES_ERRORS: MappingProxyType[int, tuple[float, float]] = MappingProxyType(
 )
 """Degree of albedo's series of harmonics, and its worst errors: near the Earth, and out to the Moon's distance.
 
-Shares as in `NODE_ERRORS`, but from the ground itself. Near is up to one Earth's radius above it (`NEAR_LIMB_SINE`).
+Fractions as in `NODE_ERRORS`, but from the ground itself. Near is up to one Earth's radius above it (`NEAR_LIMB_SINE`).
 The worst are faces turned straight up or down under a Sun in the zenith, where all harmonics add up.
 """
 
@@ -57,7 +57,7 @@ FINEST = 12
 
 
 def nodes_for(light: Light, error: float) -> int:
-    """Fewest nodes whose worst error, as a share of the term's largest value, is at most `error`.
+    """Return the fewest nodes whose worst error, as a fraction of the term's largest value, is at most `error`.
 
     Raises:
         InputError: No rule is as good as that.
@@ -70,10 +70,10 @@ def nodes_for(light: Light, error: float) -> int:
 
 
 def albedo_method(error: float, limb_sine: float) -> tuple[int, int]:
-    """The fastest method for sunlight by way of the Earth whose worst error is at most `error`.
+    """Return the fastest method for Earth albedo whose worst error is at most `error`.
 
     Args:
-        error: As a share of the largest value that the term has for a body, see `NODE_ERRORS`.
+        error: As a fraction of the largest value that the term has for a body, see `NODE_ERRORS`.
         limb_sine: Smallest Earth's radius over distance from its centre.
 
     Returns:

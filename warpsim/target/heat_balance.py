@@ -1,12 +1,12 @@
-"""Power that a body in orbit takes up from the Sun and the Earth, and the temperature at which it sends as much out.
+"""Heat balance of a body in orbit: power absorbed from the Sun and the Earth, power emitted, and their equilibrium.
 
     absorbed = a_sun E_sun (sunlit A_sun + albedo max(0, cos zenith) S w) + e_ir M_earth S w,   w = (1 - cos rho) / 2
     emitted  = e_ir sigma T^4 S
 
-E_sun: 1361 W/m2 at 1 au. sunlit: share of the Sun's disc seen past the Earth. A_sun: outline towards the Sun. S: whole
-surface. rho: angular radius of the Earth; w is the mean view factor of a body that turns in all directions, exact for a
+E_sun: 1361 W/m2 at 1 au. sunlit: fraction of the Sun's disc seen past the Earth. A_sun: projected area towards the Sun.
+S: whole surface. rho: angular radius of the Earth; w is the mean view factor of a body that turns in all directions, exact for a
 sphere (max(0, n . l) over all n is 1/4, times the solid angle over pi). The Earth radiates the same everywhere. Its
-sunlit face is taken to shine as the place below the target does, with the Sun's zenith angle there.
+sunlit face is taken to shine as the point below the target does, with the Sun's zenith angle there.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ F64 = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Lump:
-    """A body of one temperature."""
+class LumpedNode:
+    """A lumped-capacitance node: a body of one temperature."""
 
     capacity_j_k: float
     surface_m2: float
@@ -46,14 +46,14 @@ class Lump:
         """Power radiated at 1 K; it grows with the fourth power of temperature."""
         return self.infrared_emissivity * STEFAN_BOLTZMANN_W_M2_K4 * self.surface_m2
 
-    def absorbed_w(self, position_m: F64, sun_m: F64, pole_icrs: F64, outline_m2: F64) -> F64:
+    def absorbed_w(self, position_m: F64, sun_m: F64, pole_icrs: F64, area_m2: F64) -> F64:
         """Absorbed power [W].
 
         Args:
-            position_m: Places, geocentric, GCRS axes [m], (..., 3).
-            sun_m: Places of the Sun, likewise, broadcastable.
+            position_m: Positions, geocentric, GCRS axes [m], (..., 3).
+            sun_m: Positions of the Sun, likewise, broadcastable.
             pole_icrs: The Earth's axis, unit, (3,).
-            outline_m2: Area towards the Sun [m2], (...).
+            area_m2: Projected area towards the Sun [m2], (...).
         """
         to_sun = sun_m - position_m
         distance_m = np.linalg.norm(to_sun, axis=-1)
@@ -62,12 +62,12 @@ class Lump:
         sun_w_m2 = SOLAR_CONSTANT_W_M2 * (ASTRONOMICAL_UNIT_M / distance_m) ** 2
         earth_m2 = self.surface_m2 * mean_view_factor(position_m, pole_icrs)
         sunlit = sunlit_fraction(position_m, sun_m, pole_icrs)
-        by_sun = sun_w_m2 * (sunlit * outline_m2 + self.albedo * np.maximum(cosine, 0.0) * earth_m2)
+        by_sun = sun_w_m2 * (sunlit * area_m2 + self.albedo * np.maximum(cosine, 0.0) * earth_m2)
         by_earth = self.infrared_emissivity * self.earth_w_m2 * earth_m2
         return np.asarray(self.solar_absorptance * by_sun + by_earth)
 
     def equilibrium_k(self, absorbed_w: F64) -> F64:
-        """Temperatures at which as much is emitted [K].
+        """Equilibrium temperatures: emitted power equals absorbed power [K].
 
         Raises:
             InputError: There is none, as nothing is emitted or absorbed.
@@ -90,17 +90,17 @@ def mean_view_factor(position_m: F64, pole_icrs: F64) -> F64:
     return np.asarray(0.5 * ratio / (1.0 + np.sqrt(1.0 - ratio)))
 
 
-def lump_of(model: HeatBalance, surface_m2: float, mean_emissivity: float) -> Lump:
-    """A body by its description; coefficients that are left out are its surface's mean emissivity over the bands."""
+def lumped_node(model: HeatBalance, surface_m2: float, mean_emissivity: float) -> LumpedNode:
+    """Return the node of a described body; coefficients left out are its surface's mean emissivity over the bands."""
 
-    def share(given: float | None) -> float:
+    def coefficient(given: float | None) -> float:
         return mean_emissivity if given is None else given
 
-    return Lump(
+    return LumpedNode(
         model.mass_kg * model.heat_capacity_j_kg_k,
         surface_m2,
-        share(model.solar_absorptance),
-        share(model.infrared_emissivity),
+        coefficient(model.solar_absorptance),
+        coefficient(model.infrared_emissivity),
         model.earth_w_m2,
         model.albedo,
     )

@@ -1,4 +1,4 @@
-"""Polynomials of the Earth's heat on plane elements and spheres over the height above the ground.
+"""Polynomials of absorbed Earth infrared on plane elements and spheres over the height above the ground.
 
 The kernels' side of it is heat_series.py.
 """
@@ -22,7 +22,8 @@ HEAT_ERRORS: MappingProxyType[int, tuple[float, float]] = MappingProxyType(
 )
 """Degree of the polynomials, and their worst errors: near the Earth (`NEAR_LIMB_SINE`), and out to the Moon's distance.
 
-Shares as in `earthlight.NODE_ERRORS`, but from the ground itself. The worst are single faces; round bodies are better.
+Fractions as in `earth_radiation.NODE_ERRORS`, but from the ground itself. The worst are single faces; round bodies are
+better.
 """
 
 N_HEIGHT = 257
@@ -32,10 +33,10 @@ _N_NODE = 400
 
 
 def heat_method(error: float, limb_sine: float) -> tuple[int, int]:
-    """The fastest method for the Earth's heat whose worst error is at most `error`.
+    """Return the fastest method for absorbed Earth infrared whose worst error is at most `error`.
 
     Args:
-        error: As a share of the largest value that the term has for a body, see `earthlight.NODE_ERRORS`.
+        error: As a fraction of the largest value that the term has for a body, see `earth_radiation.NODE_ERRORS`.
         limb_sine: Smallest Earth's radius over distance from its centre.
 
     Returns:
@@ -83,7 +84,7 @@ def coefficient_tables(degree: int) -> tuple[F64, F64]:
 
 
 def _sphere_matrix(degree: int) -> F64:
-    """What makes of an element's even powers those of a sphere, which shows each element by the cosine to its normal.
+    """Matrix from an element's even powers to those of a sphere, weighted by the cosine to each element's normal.
 
     Harmonics of degree l are damped by A_l, as the cosine of incidence damps light (Funk and Hecke).
     """

@@ -31,7 +31,7 @@ def _rows_of_three(value: Any, kinds: str, what: str) -> tuple[tuple[Any, ...], 
     return tuple(map(tuple, rows.tolist()))
 
 
-def _places(value: Any) -> Any:
+def _vertices(value: Any) -> Any:
     """Arrays become tuples, quantities of length metres."""
     if hasattr(value, "unit") and hasattr(value, "to_value"):
         try:
@@ -45,7 +45,7 @@ def _triangles(value: Any) -> Any:
     return _rows_of_three(value, "iu", "whole numbers")
 
 
-Places = Annotated[tuple[tuple[float, float, float], ...], BeforeValidator(_places)]
+Vertices = Annotated[tuple[tuple[float, float, float], ...], BeforeValidator(_vertices)]
 Triangles = Annotated[tuple[tuple[int, int, int], ...], BeforeValidator(_triangles)]
 
 
@@ -60,13 +60,13 @@ class Mesh(Areas):
         file: OBJ, STL, or what else trimesh reads (PLY, OFF, GLB); read and checked on first use, and then kept. Needs
             the extra `mesh`.
         scale_m: Metres per unit of the file. Body axes are the file's axes.
-        vertices_m: Places of the vertices, body axes, rows of three [m].
+        vertices_m: Vertices of the vertices, body axes, rows of three [m].
         faces: Triangles as numbers of vertices, counted from 0, rows of three.
     """
 
     file: FileName | None = None
     scale_m: Positive = 1.0
-    vertices_m: Places | None = None
+    vertices_m: Vertices | None = None
     faces: Triangles | None = None
     kind: Literal["mesh"] = Field(default="mesh", kw_only=True)
 
@@ -92,7 +92,7 @@ class Mesh(Areas):
 
     @property
     def checksum(self) -> str | None:
-        """SHA-256 of the file as it was read, in hexadecimal; None for a mesh of one's own."""
+        """SHA-256 of the file as it was read, in hexadecimal; None for inline vertices."""
         return None if self.file is None else hashlib.sha256(self._source.data).hexdigest()
 
     @cached_property
@@ -121,7 +121,7 @@ class Mesh(Areas):
         return self.surface.convex
 
     def notes(self) -> list[str]:
-        """What a user should know, a line each.
+        """Warnings for the user, a line each.
 
         Of a mesh that is not convex every face that turns to the sensor counts: also those behind others, those inside
         a hollow body, and those of parts that are wound inside out while the whole is not.
@@ -132,9 +132,9 @@ class Mesh(Areas):
         return [f"{name} is not convex: parts of it that hide or shade each other are not modelled, it is too bright"]
 
     def projected_area_m2(self, aspect_rad: npt.ArrayLike) -> F64:
-        """Tell that an aspect is not enough: a mesh looks different from all sides.
+        """Refuse an aspect angle: a mesh has no axis of symmetry.
 
         Raises:
             InputError: Always.
         """
-        raise InputError("does not tell from where a mesh is seen; use projected_area_along_m2(view)", "aspect_rad")
+        raise InputError("does not define the view of a mesh; use projected_area_along_m2(view)", "aspect_rad")

@@ -47,7 +47,7 @@ def read_mesh(source: Source) -> tuple[F64, I64]:
 
 
 def _check_obj(source: Source) -> None:
-    """What trimesh would pass over in silence: short lines, and numbers of vertices that count backwards.
+    """Check what trimesh accepts silently: short lines, and vertex numbers that count backwards.
 
     Raises:
         InputError: File and line are named.

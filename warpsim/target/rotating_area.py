@@ -1,9 +1,9 @@
-"""Area that turning bodies show to a distant light: fast turns averaged, slow ones followed.
+"""Projected area of rotating bodies towards a distant light: fast rotation averaged, slow rotation sampled.
 
 A body warms over many of its fast turns, so that only the mean over them counts. A turn is fast if the body makes more
-than MOST_TURNS_FOLLOWED of it in the time looked at. The mean is taken over phases: those of independent turns on a
-lattice (rank 1), those of turns that keep step, as 3 and 1 rev/s do, along their common path. Turns that nearly keep
-step are taken for independent ones.
+than MOST_TURNS_SAMPLED of it in the time span. The mean is taken over phases: those of independent turns on a lattice
+(rank 1), those of commensurate turns, as 3 and 1 rev/s are, along their common path. Nearly commensurate turns are
+taken for independent ones.
 """
 
 from __future__ import annotations
@@ -25,35 +25,35 @@ from warpsim.target.temperature import interpolated
 
 F64 = npt.NDArray[np.float64]
 
-MOST_TURNS_FOLLOWED = 100.0
-"""Turns of a motion that is followed."""
+MOST_TURNS_SAMPLED = 100.0
+"""Most turns of a motion that is sampled in time, not averaged."""
 
 N_ALONG = 4096
-"""Phases along one turn, or along the common path of turns that keep step."""
+"""Phases along one turn, or along the common path of commensurate turns."""
 LATTICES = {2: (17_711, (1, 10_946)), 3: (16_381, (1, 1780, 6867))}
 """Points, and multiples of a point's number, of the lattice over 2 (Fibonacci's) or 3 phases (Korobov's)."""
 
 MOST_DENOMINATOR = 16
-"""Largest ratio's denominator of turns that keep step."""
+"""Largest denominator of the ratio of commensurate turns."""
 MOST_DRIFT_REV = 0.25
-"""How far turns that keep step may come apart in the time looked at."""
+"""Largest drift between commensurate turns in the time span."""
 
 _POINTS_AT_ONCE = 1_000_000
 _GRADIENT_STEP_RAD = 1e-3
 
 
 @dataclass(frozen=True)
-class TurningArea:
-    """Bodies of one shape that turn alike, but about axes and with phases of their own."""
+class RotatingArea:
+    """Bodies of one shape and equal rotation rates, each with its axes and phases."""
 
     shape: Any
     attitudes: Sequence[BodyMotion] | AttitudeRows
     """The motion of each body, all with the same rates; or the table that all turn by."""
     span_s: float
-    """Length of the time looked at [s]."""
+    """Length of the time span [s]."""
 
     def towards(self, time_s: F64, direction: F64) -> F64:
-        """Area of each body's outline [m2], (n_body, n_time).
+        """Projected area of each body [m2], (n_body, n_time).
 
         Args:
             time_s: Times after the epoch [s], (n_time,).
@@ -62,12 +62,12 @@ class TurningArea:
         if self.shape.kind == "sphere":
             return np.full(direction.shape[:-1], np.pi * self.shape.radius_m**2)
         if isinstance(self.attitudes, AttitudeRows):
-            return outline_m2(self.shape, rotated(conjugate(self.attitudes.at(time_s)), direction))
+            return projected_area_m2(self.shape, rotated(conjugate(self.attitudes.at(time_s)), direction))
         area_m2 = np.empty(direction.shape[:-1])
         step = max(1, _POINTS_AT_ONCE // self._phases.shape[1])
-        places = np.stack(np.unravel_index(np.arange(area_m2.size), area_m2.shape))
+        pairs = np.stack(np.unravel_index(np.arange(area_m2.size), area_m2.shape))
         for start in range(0, area_m2.size, step):
-            body, node = places[:, start : start + step]
+            body, node = pairs[:, start : start + step]
             area_m2[body, node] = self._shown_m2(body, time_s[node], direction[body, node]).mean(axis=-1)
         return area_m2
 
@@ -77,7 +77,7 @@ class TurningArea:
         return bool(self._fast) and all(rate == 0 or name in self._fast for name, rate in self._rates.items())
 
     def swing_m2_s(self, time_s: float, direction: F64) -> F64:
-        """How far the area's integral over time swings about that of its mean within the slowest fast turn [m2 s].
+        """Amplitude of the area's time integral about that of its mean, within the slowest fast turn [m2 s].
 
         Half the range of the area over 2 pi times the rate: that of a sine, which others hardly pass.
 
@@ -96,7 +96,7 @@ class TurningArea:
 
     @cached_property
     def _rates(self) -> dict[str, float]:
-        """Rates of turning that change the outline [rev/s]."""
+        """Rotation rates that change the projected area [rev/s]."""
         if isinstance(self.attitudes, AttitudeRows):
             return {}
         motion = self.attitudes[0].attitude
@@ -105,7 +105,7 @@ class TurningArea:
 
     @cached_property
     def _fast(self) -> list[str]:
-        return [name for name, rate in self._rates.items() if abs(rate) * self.span_s > MOST_TURNS_FOLLOWED]
+        return [name for name, rate in self._rates.items() if abs(rate) * self.span_s > MOST_TURNS_SAMPLED]
 
     @cached_property
     def _phases(self) -> F64:
@@ -113,14 +113,14 @@ class TurningArea:
         rates = [self._rates[name] for name in self._fast]
         if not rates:
             return np.zeros((0, 1))
-        steps = turns_in_step(rates, self.span_s)
+        steps = commensurate_turns(rates, self.span_s)
         if steps is not None:
             return np.outer(steps, np.arange(N_ALONG) / N_ALONG)
         n_point, multiples = LATTICES[len(rates)]
         return np.outer(multiples, np.arange(n_point)) % n_point / n_point
 
     def _shown_m2(self, body: npt.NDArray[np.int64], time_s: F64, direction: F64) -> F64:
-        """Area of bodies at times towards directions, all (n,) and (n, 3), at every phase; (n, n_point)."""
+        """Projected area of bodies at times towards directions, all (n,) and (n, 3), at every phase; (n, n_point)."""
         assert not isinstance(self.attitudes, AttitudeRows)
         frames = [attitude.frame for attitude in self.attitudes]
         reference, first, second = np.moveaxis(np.stack([frame.axes for frame in frames])[body], 1, 0)
@@ -138,16 +138,16 @@ class TurningArea:
         x, y = _turned_back(x, y, angles["precession"])
         z, x = _turned_back(z, x, polar)
         x, y = _turned_back(x, y, angles["spin"])
-        return outline_m2(self.shape, np.stack(np.broadcast_arrays(x, y, z), axis=-1))
+        return projected_area_m2(self.shape, np.stack(np.broadcast_arrays(x, y, z), axis=-1))
 
 
 def _turned_back(a: F64, b: F64, angle: F64) -> tuple[F64, F64]:
-    """Components along axes a and b after these axes have turned by an angle from a towards b."""
+    """Components along axes a and b after a rotation of these axes by an angle from a towards b."""
     c, s = np.cos(angle), np.sin(angle)
     return a * c + b * s, b * c - a * s
 
 
-def outline_m2(shape: Any, direction: F64) -> F64:
+def projected_area_m2(shape: Any, direction: F64) -> F64:
     """Projected area towards unit vectors in body axes [m2], (..., 3) to (...)."""
     if shape.kind == "mesh":
         return np.asarray(shape.projected_area_along_m2(direction))
@@ -155,8 +155,8 @@ def outline_m2(shape: Any, direction: F64) -> F64:
     return np.asarray(shape.projected_area_m2(aspect))
 
 
-def turns_in_step(rates_rev_s: Sequence[float], span_s: float) -> list[int] | None:
-    """Whole turns of each motion after which all are back where they were; None if they do not keep step."""
+def commensurate_turns(rates_rev_s: Sequence[float], span_s: float) -> list[int] | None:
+    """Whole turns of each motion after which all phases repeat; None if the rates are not commensurate."""
     ratios = [Fraction(rate / rates_rev_s[0]).limit_denominator(MOST_DENOMINATOR) for rate in rates_rev_s]
     for rate, ratio in zip(rates_rev_s, ratios, strict=True):
         if ratio == 0 or abs(rate - float(ratio) * rates_rev_s[0]) * span_s > MOST_DRIFT_REV:
@@ -172,22 +172,22 @@ class SteadyArea:
     node_s: F64
     """Times of nodes after the epoch [s], (n_node,)."""
     direction: F64
-    """Where the light is seen from the Earth's centre, (n_node, 3)."""
+    """Direction to the light from the Earth's centre, (n_node, 3)."""
     area_m2: F64
     """Shape (n_body, n_node)."""
     slope_m2: F64
     """Change of the area with the direction, (n_body, 3, n_node)."""
 
     def towards(self, time_s: F64, direction: F64) -> F64:
-        """As TurningArea.towards, for directions near those of the nodes."""
+        """As RotatingArea.towards, for directions near those of the nodes."""
         there = interpolated(self.node_s, self.direction.T, time_s)
         slope = interpolated(self.node_s, self.slope_m2, time_s)
         apart = np.moveaxis(direction, -1, 1) - there
         return np.asarray(interpolated(self.node_s, self.area_m2, time_s) + np.sum(slope * apart, axis=1))
 
 
-def steady_area(area: TurningArea, n_body: int, node_s: F64, direction: F64) -> SteadyArea:
-    """Tabulate the means of a TurningArea that is steady.
+def steady_area(area: RotatingArea, n_body: int, node_s: F64, direction: F64) -> SteadyArea:
+    """Tabulate the means of a RotatingArea that is steady.
 
     Args:
         area: Shape and motion.

@@ -1,4 +1,4 @@
-"""What a target's surface emits and reflects, band by band."""
+"""Emissivity and reflectance of a target's surface by band."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ OPAQUE_TOLERANCE = 1e-9
 """How far from 1 the sum of a given emissivity and reflectance may be."""
 
 
-def _share(value: Any, info: ValidationInfo) -> float | ByBand[float]:
+def _unit_fraction(value: Any, info: ValidationInfo) -> float | ByBand[float]:
     """One number from 0 to 1 for all bands, or a table of them."""
     if not isinstance(value, Mapping):
         return number_within(value, info, 0, 1)
@@ -26,8 +26,8 @@ def _share(value: Any, info: ValidationInfo) -> float | ByBand[float]:
     return band_table(value, info, 0, 1)
 
 
-Share = Annotated[float | Mapping[str, float], PlainValidator(_share), AS_DICT]
-"""A share from 0 to 1, one for all bands or a table by band."""
+UnitFraction = Annotated[float | Mapping[str, float], PlainValidator(_unit_fraction), AS_DICT]
+"""A fraction from 0 to 1, one for all bands or a table by band."""
 
 
 @config_model
@@ -42,8 +42,8 @@ class Graybody:
         emissivity: Emissivity, 0 to 1.
     """
 
-    reflectance: Share | None = None
-    emissivity: Share | None = None
+    reflectance: UnitFraction | None = None
+    emissivity: UnitFraction | None = None
 
     @model_validator(mode="after")
     def _opaque(self) -> Graybody:
@@ -84,12 +84,12 @@ class Graybody:
         return reflected if reflected is not None else 1.0 - self._needed(self.emissivity, band)
 
     def _needed(self, value: float | Mapping[str, float] | None, band: str) -> float:
-        share = _in_band(value, band)
-        if share is None:
+        fraction = _in_band(value, band)
+        if fraction is None:
             raise InputError(
                 f"must give reflectance or emissivity in band {band}, got them in {', '.join(self.bands)}", "surface"
             )
-        return share
+        return fraction
 
 
 def _in_band(value: float | Mapping[str, float] | None, band: str) -> float | None:

@@ -38,7 +38,7 @@ EQUILIBRIUM = "equilibrium"
 """Word for the temperature at which a target emits as much as it absorbs."""
 
 Kelvin = Annotated[Positive, closed_interval(0, HOTTEST_K)]
-Share = Annotated[NonNegative, closed_interval(0, 1)]
+UnitFraction = Annotated[NonNegative, closed_interval(0, 1)]
 Times = Annotated[tuple[Number, ...], rows_in("s")]
 Kelvins = Annotated[tuple[Kelvin, ...], rows_in("K")]
 
@@ -70,13 +70,13 @@ class TemperatureRows(TimedRows):
 
 
 def interpolated(node_s: F64, value: F64, time_s: F64) -> F64:
-    """Values between nodes, linear in time and held beyond, as the kernels have them; the last axis is time."""
+    """Values between nodes, linear in time and constant beyond, as in the kernels; the last axis is time."""
     if len(node_s) == 1:
         return np.repeat(value, len(time_s), axis=-1)
     row = np.clip(np.searchsorted(node_s, time_s, side="right") - 1, 0, len(node_s) - 2)
-    share = np.clip((time_s - node_s[row]) / (node_s[row + 1] - node_s[row]), 0.0, 1.0)
+    fraction = np.clip((time_s - node_s[row]) / (node_s[row + 1] - node_s[row]), 0.0, 1.0)
     start = value[..., row]
-    return np.asarray(start + (value[..., row + 1] - start) * share)
+    return np.asarray(start + (value[..., row + 1] - start) * fraction)
 
 
 @config_model
@@ -163,9 +163,9 @@ class TemperatureTable:
         """
         if self.file is None:
             return self._inline_rows
-        instants, temperature_k, places = self._content
+        instants, temperature_k, locations = self._content
         try:
-            rows = checked_rows(instants.since(epoch), temperature_k, self.max_gap_s, places.__getitem__)
+            rows = checked_rows(instants.since(epoch), temperature_k, self.max_gap_s, locations.__getitem__)
         except InputError as error:
             raise error.of(self.file) from None
         return replace(rows, source=self.file)
@@ -215,7 +215,7 @@ def checked_rows(
 
 
 def _start(value: Any, info: ValidationInfo) -> float | str:
-    """A temperature, or the word for equilibrium."""
+    """A temperature, or "equilibrium"."""
     if not isinstance(value, str):
         return number_within(value, info, 0, HOTTEST_K, open_low=True)
     if value != EQUILIBRIUM:
@@ -225,25 +225,25 @@ def _start(value: Any, info: ValidationInfo) -> float | str:
 
 @config_model
 class HeatBalance:
-    """The temperature of a body of one temperature that the Sun and the Earth heat and that radiates from its surface.
+    """Temperature of a lumped-capacitance node that the Sun and the Earth heat and that radiates from its surface.
 
     Args:
         start_k: At the scene's epoch, or when the target comes or is released [K]; "equilibrium" for the temperature at
             which the body emits as much as it then absorbs.
         mass_kg: Mass that takes part [kg].
         heat_capacity_j_kg_k: Its specific heat capacity [J/(kg K)].
-        solar_absorptance: Share of sunlight that is absorbed; if left out, the mean of the surface's 1 - reflectance
+        solar_absorptance: Fraction of sunlight that is absorbed; if left out, the mean of the surface's 1 - reflectance
             over the scene's bands.
         infrared_emissivity: Emissivity over all thermal radiation; if left out, the same mean.
         earth_w_m2: Thermal exitance of the Earth [W/m2].
-        albedo: Share of sunlight that the Earth reflects.
+        albedo: Fraction of sunlight that the Earth reflects.
     """
 
     start_k: Annotated[float | Literal["equilibrium"], PlainValidator(_start)]
     mass_kg: Positive
     heat_capacity_j_kg_k: Positive
-    solar_absorptance: Share | None = None
-    infrared_emissivity: Share | None = None
+    solar_absorptance: UnitFraction | None = None
+    infrared_emissivity: UnitFraction | None = None
     earth_w_m2: NonNegative = 237.0
-    albedo: Share = 0.3
+    albedo: UnitFraction = 0.3
     kind: Literal["heat_balance"] = Field(default="heat_balance", kw_only=True)

@@ -18,7 +18,7 @@ END_SLACK_S = 1.0
 
 
 class TimedRows:
-    """What tables of attitudes and of temperatures share; they add values to the times, and say what they are of."""
+    """Base of tables of attitudes and of temperatures, which add values to the times and name their subject."""
 
     time_s: F64
     """After the epoch, ascending [s], shape (n,)."""
