@@ -86,10 +86,10 @@ def test_a_rough_heating_is_said_not_smoothed_over():
     """Noise, other at every call, has no course; nor has a swing that is too fast for the steps allowed."""
     rng = np.random.default_rng(SEED)
     rough = ThermalNodes(lambda time_s: rng.normal(0, 1e4, (1, len(time_s))), 1e-9)
-    with pytest.raises(ws.InputError, match="the temperature cannot be followed"):
+    with pytest.raises(ws.InputError, match="the temperature cannot be integrated"):
         integrate(rough, np.array([300.0]), [0.0, 0.01], 60.0, most_steps=3000)
     fast = ThermalNodes(lambda time_s: 1e4 * np.sin(1e4 * time_s)[None], 1e-9)
-    with pytest.raises(ws.InputError, match=r"the temperature cannot be followed near .* s: it changes too fast"):
+    with pytest.raises(ws.InputError, match=r"the temperature cannot be integrated near .* s: it changes too fast"):
         integrate(fast, np.array([300.0]), [0.0, 1e6], 60.0, most_steps=2000)
 
 

@@ -413,7 +413,7 @@ def _bench(options: argparse.Namespace) -> int:
 
 
 def _check_sizes(plan: BenchmarkPlan) -> None:
-    """See that there are scenes of all sizes, before the first is measured."""
+    """Check that there are scenes of all sizes, before the first is measured."""
     from warpsim.speed.work import speed_scene
 
     cases = [("--pixels", n_pixel, n_pixel, 1) for n_pixel in plan.pixels]

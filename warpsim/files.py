@@ -89,7 +89,7 @@ def absolute_path(path: str) -> str:
 
 
 def check_new_file(path: Path, suffixes: tuple[str, ...] | None, overwrite: bool) -> None:
-    """See that a file may be written, before the work is done.
+    """Check that a file may be written, before the work is done.
 
     Raises:
         InputError: The suffix is not one of these (None: any), the folder is missing or cannot be written, or the file
@@ -108,7 +108,7 @@ def check_new_file(path: Path, suffixes: tuple[str, ...] | None, overwrite: bool
 
 
 def _check_folder_takes(path: Path) -> None:
-    """See that the file that becomes path can be made; permissions alone do not tell (file systems of the kernel)."""
+    """Check that the file that becomes path can be made; permissions alone do not tell (file systems of the kernel)."""
     partial = partial_path(path)
     try:
         if not partial.exists():

@@ -190,7 +190,7 @@ Distribution = Annotated[
 
 
 def is_distribution(value: Any) -> bool:
-    """Whether a table of a recipe is a distribution, not a table of further fields."""
+    """Return whether a table of a recipe is a distribution, not a table of further fields."""
     if not isinstance(value, dict):
         return isinstance(value, tuple(KINDS.values()))
     return any(kind in value and not isinstance(value[kind], dict) for kind in KINDS)

@@ -68,7 +68,7 @@ class DatasetDirectory:
 
     @contextlib.contextmanager
     def held(self, overwrite: bool) -> Iterator[dict[str, CheckpointRecord]]:
-        """Hold the folder for a run: checkpoint records of the shards that are there. At the end only the data set is left.
+        """Lock the folder for a run; yield the checkpoint records of complete shards. In the end only the data set stays.
 
         What a run leaves that failed before anything was written is nothing.
 
@@ -90,7 +90,7 @@ class DatasetDirectory:
             clear(self.parts)
 
     def _has_begun(self) -> bool:
-        """Whether something says of files that they are there, or may be."""
+        """Return whether something says of files that they are there, or may be."""
         return any(any((self.parts / name).glob("*.json")) for name in (CHECKPOINTS, PLANNED))
 
     def _checkpoints(self) -> dict[str, CheckpointRecord]:
@@ -125,7 +125,7 @@ class DatasetDirectory:
         self.manifest_path.unlink()
 
     def _make_room(self, overwrite: bool) -> None:
-        """See that the data set's files are ours to write: remove another one, if requested, never foreign files."""
+        """Check that the data set's files are ours to write: remove another one, if requested, never foreign files."""
         paths = [self.manifest_path, self.parts / RUN]
         paths += [path for folder in (CHECKPOINTS, PLANNED) for path in (self.parts / folder).glob("*.json")]
         runs = [record for record in map(read_json, paths) if is_record(record)]
@@ -158,7 +158,7 @@ class DatasetDirectory:
         return "other recipe, inputs, device or versions"
 
     def _check_foreign(self, runs: list[dict[str, Any]]) -> None:
-        """See that what stands where the data set is to be was written by one of these runs."""
+        """Check that what stands where the data set is to be was written by one of these runs."""
         if self.manifest_path.exists() and not is_record(read_json(self.manifest_path)):
             raise InputError("is damaged, or not of warpsim; choose another folder, or empty this one").of(
                 self.manifest_path

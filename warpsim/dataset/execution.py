@@ -79,7 +79,7 @@ def _run_in_pools(tasks: Sequence[Task], n_worker: int, done: Callable[[Checkpoi
 
 
 def _collect(executor: Executor, tasks: Iterable[Task], done: Callable[[CheckpointRecord], None]) -> None:
-    """Have tasks done and take their checkpoint records as they come; at the first failure what has not begun is called off."""
+    """Run tasks and collect their checkpoint records as they come; the first failure cancels those not begun."""
     coming, waiting = iter(tasks), set[Future[CheckpointRecord]]()
     try:
         while True:

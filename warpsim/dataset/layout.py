@@ -27,7 +27,7 @@ PARTS = ".warpsim-parts"
 """Folder of what a run needs while it is unfinished."""
 
 CHECKPOINTS, PLANNED, COCO, WORK = "checkpoints", "planned", "coco", "work"
-"""Folders there: checkpoint records of shards, names of files to come, texts of annotations, files that are not complete."""
+"""Folders there: checkpoint records of shards, names of files to come, texts of annotations, incomplete files."""
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,7 @@ def _classes(scene: Scene) -> set[str]:
 
 
 def check_extremes(recipe: Recipe) -> None:
-    """See that a scene takes the extremes of each distribution, before hours of work.
+    """Check that a scene takes the extremes of each distribution, before hours of work.
 
     Raises:
         InputError: It does not.

@@ -110,7 +110,7 @@ class Work:
     """Stamps of all files that the recipe names, by path."""
 
     def check_inputs(self) -> None:
-        """See that no file was changed since.
+        """Check that no file was changed since.
 
         Raises:
             InputError: One was.
@@ -147,7 +147,7 @@ def _record_of_run(folder: Path, key: str) -> dict[str, Any]:
 
 
 def _check_foreign(folder: Path, shard: Shard, names: list[str]) -> None:
-    """See that files of a shard may be written: an earlier try, or nobody, has made what stands in their places."""
+    """Check that files of a shard may be written: an earlier try, or nobody, has made what stands in their places."""
     records = [read_json(path) for path in (planned_path(folder, shard.name), checkpoint_path(folder, shard))]
     known = {name for record in records if is_record(record) for name in record["files"]}
     for name in names:

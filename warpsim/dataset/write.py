@@ -115,7 +115,7 @@ def write_dataset(
 
 
 def _check_packages(recipe: Recipe) -> None:
-    """See that what writes the files is installed, before the work."""
+    """Check that what writes the files is installed, before the work."""
     if recipe.preview:
         check_preview(Path(f"preview.{recipe.preview}"), FRAMES_PER_S)
     if recipe.format == "zarr":

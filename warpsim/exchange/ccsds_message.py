@@ -49,7 +49,7 @@ class Message:
 
 
 def is_ccsds(source: Source) -> bool:
-    """Whether a file looks like a CCSDS message, in either notation."""
+    """Return whether a file looks like a CCSDS message, in either notation."""
     head = source.data[:4096].lstrip(b"\xef\xbb\xbf \t\r\n")
     return head.startswith(b"<") or re.match(rb"(COMMENT[^\n]*\n\s*)*CCSDS_[A-Z]+_VERS", head) is not None
 

@@ -191,7 +191,7 @@ def _attitude_frames(source: Source, meta: dict[str, KeywordValue]) -> tuple[Fra
 
 
 def _goes_backwards(source: Source, meta: dict[str, KeywordValue], segment: MessageSegment, version: float) -> bool:
-    """Whether the data lead from frame B to frame A."""
+    """Return whether the data lead from frame B to frame A."""
     direction = meta.get("ATTITUDE_DIR")
     if direction is None:
         if version < 2.0:

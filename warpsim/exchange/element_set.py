@@ -69,5 +69,5 @@ def plain_designator(text: str) -> str:
 
 
 def is_finite_model(satrec: Any) -> bool:
-    """Whether SGP4 could be initialised: elements far out of any orbit leave NaN or infinities behind."""
+    """Return whether SGP4 could be initialised: elements far out of any orbit leave NaN or infinities behind."""
     return all(math.isfinite(value) for value in (satrec.a, satrec.no_kozai, satrec.mdot, satrec.argpdot, satrec.bstar))

@@ -59,7 +59,7 @@ class _Block:
 
 
 def is_stk(source: Source) -> bool:
-    """Whether a file looks like one of STK's."""
+    """Return whether a file looks like one of STK's."""
     return re.match(rb"(\s*#[^\n]*\n)*\s*stk\.v\.", source.data[:4096], re.IGNORECASE) is not None
 
 

@@ -96,7 +96,7 @@ class _Location(NamedTuple):
 
 
 def looks_like_tle(text: str) -> bool:
-    """Whether some line could be the first or second of an element set."""
+    """Return whether some line could be the first or second of an element set."""
     return any(_is_line(line) for line in text.splitlines())
 
 

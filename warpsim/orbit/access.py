@@ -100,10 +100,10 @@ def access_intervals(
     """Return all intervals within [0, duration_s] in which every rule holds, by sensor, then time.
 
     Constraint by constraint, cheap ones first: the next is evaluated within the intervals of those before. A scan at
-    step_s, denser about close passes and with both sides of breakpoints, finds the changes; local extrema of a margin that could cross zero
-    between scan points are searched out, so windows (and gaps) shorter than a step are found as well, down to
-    milliseconds. Jumps of a margin that breaks_s does not name can hide one. Ends are bisected to 1 ms and clipped to
-    the scenario.
+    step_s, denser about close passes and with both sides of breakpoints, finds the changes; local extrema of a margin
+    that could cross zero between scan points are searched out, so windows (and gaps) shorter than a step are found as
+    well, down to milliseconds. Jumps of a margin that breaks_s does not name can hide one. Ends are bisected to 1 ms
+    and clipped to the scenario.
 
     Args:
         sensors: Tracks of one node grid (the fast choice), or one function of position per sensor.

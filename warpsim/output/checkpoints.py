@@ -62,7 +62,7 @@ def _open_lock(folder: Path, parts: Path) -> Iterator[None]:
 
 
 def _is_there(number: int, path: Path) -> bool:
-    """Whether an open file still is the one of that name."""
+    """Return whether an open file still is the one of that name."""
     try:
         return os.path.samestat(os.fstat(number), path.stat())
     except FileNotFoundError:
@@ -106,7 +106,7 @@ def has_key(record: Any, key: str) -> bool:
 
 
 def is_record(record: Any) -> bool:
-    """True for what looks like a manifest or checkpoint record of any run: a key, and plain names of files below the folder."""
+    """True for a manifest or checkpoint record of any run: a key, and plain names of files below the folder."""
     if not isinstance(record, dict) or not isinstance(record.get("files"), dict):
         return False
     return bool(re.fullmatch("[0-9a-f]{64}", str(record.get("key")))) and all(map(is_plain_name, record["files"]))

@@ -63,7 +63,7 @@ def lines_of_sight(scenario: Scenario, spans_s: Mapping[str, Span]) -> list[Line
 
 
 def _counted(scenario: Scenario, instrument: Instrument, index: int) -> Iterator[tuple[Span, int]]:
-    """Targets at the ends of a sensor's lines of sight, and from when to when [s]."""
+    """Targets at the ends of a sensor's lines of sight, with start and end times [s]."""
     steps = instrument.access_targets(index)
     ends_s = [start_s for start_s, _ in steps[1:]] + [np.inf]
     for (start_s, targets), end_s in zip(steps, ends_s, strict=True):
@@ -110,7 +110,7 @@ def fields_of_view(scenario: Scenario) -> list[FieldOfView]:
 
 
 def _commanded_span_s(instrument: Instrument, index: int, duration_s: float) -> Span:
-    """Part of the scene in which something says where the sensor looks [s]; empty where the first is not before."""
+    """Span of the scene in which the sensor's pointing is commanded [s]; empty if the start is not before its end."""
     program = instrument.program.sensors[index]
     first_s, last_s = program.steps[0].start_s, duration_s
     if program.scan is not None:
@@ -130,7 +130,7 @@ def _shown_s(instrument: Instrument, index: int, span_s: Span) -> list[Span]:
 def _corners(scenario: Scenario, instrument: Instrument, index: int, span_s: Span) -> list[Piece]:
     """Samples of the corners of a field of view."""
     observer = instrument.observers([index])
-    bodies = [instrument.satellite_names[index], *(scenario.target_names[target] for target in observer.followed)]
+    bodies = [instrument.satellite_names[index], *(scenario.target_names[target] for target in observer.tracked)]
     breakpoints_s = {*observer.camera_breaks_s[0], *(time for name in bodies for time in scenario.breakpoints_s[name])}
     corners_m = corner_positions(scenario, instrument, index)
     reach_m = float(_reach_m(scenario, instrument, index, np.array(span_s)).min())

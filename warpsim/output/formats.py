@@ -59,10 +59,10 @@ class Format(Protocol):
 
     @property
     def needs_signal(self) -> bool:
-        """Whether frames must hold the noiseless images."""
+        """Return whether frames must hold the noiseless images."""
 
     def check(self) -> None:
-        """See that the format can be written here; InputError where a package is missing."""
+        """Check that the format can be written here; InputError where a package is missing."""
 
     def names(self, images: Images) -> list[str]:
         """Files, relative to the folder of the run, parts divided by `/`."""

@@ -99,7 +99,7 @@ class RunPlan:
 
     @property
     def needs_signal(self) -> bool:
-        """Whether a format stores noiseless images."""
+        """Return whether a format stores noiseless images."""
         return any(form.needs_signal for form in self.formats.values())
 
     def part_paths(self, sensor: str) -> list[Path]:

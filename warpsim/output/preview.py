@@ -70,7 +70,7 @@ def preview_file(path: Path, levels: Levels, fps: float = PREVIEW_FPS) -> Iterat
 
 
 def check_preview(path: Path, fps: float = PREVIEW_FPS) -> None:
-    """See that a film can be made, before the work is done.
+    """Check that a film can be made, before the work is done.
 
     Raises:
         InputError: Another suffix than .gif and .mp4, a rate that the format does not have, or PyAV is not installed.

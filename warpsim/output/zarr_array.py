@@ -37,7 +37,7 @@ _OF_A_FRAME = {
 
 
 def check_zarr() -> None:
-    """See that the package is there.
+    """Check that the package is there.
 
     Raises:
         InputError: zarr is not installed, or is older than 3.

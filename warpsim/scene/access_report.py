@@ -1,4 +1,4 @@
-"""When sensors of a scene can observe its targets, as a table."""
+"""Access report: the intervals in which sensors of a scene can observe its targets, as a table."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ def access_report(
     step_s: float,
     epoch_utc: str,
 ) -> Table:
-    """Return when sensors can observe a target, or what their access counts by.
+    """Return the intervals of access of sensors to a target, or to the targets that their access counts by.
 
     Args:
         roster: Sensors and targets.
         target: Name of a target or a group; what access counts by when left out.
         sensors: Names of sensors or of kinds; all when left out.
-        rules: Instead of the sensors' own.
-        custom: Further rules by name.
+        rules: Constraints instead of the sensors'.
+        custom: Further constraints by name.
         step_s: Step of the scan [s].
         epoch_utc: What times count from.
 
     Raises:
-        InputError: An unknown name, or bad rules.
+        InputError: An unknown name, or bad constraints.
     """
     chosen = chosen_sensors(roster, sensors)
     check_rules(rules, custom)
@@ -83,7 +83,7 @@ def chosen_sensors(roster: Roster, sensors: str | Sequence[str] | None) -> list[
 
 
 def check_rules(rules: AccessConstraints | None, custom: Mapping[str, MarginFunction] | None) -> None:
-    """See that rules are of the types asked for; InputError where they are not."""
+    """Check the types of constraints; InputError where one is wrong."""
     if rules is not None and not isinstance(rules, AccessConstraints):
         raise InputError(f"must be AccessConstraints, got {type(rules).__name__}", "rules")
     if custom is not None and not isinstance(custom, Mapping):

@@ -24,7 +24,7 @@ def access_table(rows: Iterable[tuple[str, str, float, float]], meta: Mapping[st
 
 
 def rules_in_force(rules: AccessConstraints) -> dict[str, Any]:
-    """Return the rules that are on."""
+    """Return the enabled constraints."""
     return {name: value for name, value in asdict(rules).items() if value is not None and value is not False}
 
 
@@ -35,7 +35,7 @@ def eclipse_table(eclipses: Sequence[Any], meta: Mapping[str, Any]) -> Table:
 
 
 def _table_of_times(rows: Sequence[tuple[Any, ...]], names: Sequence[str], meta: Mapping[str, Any]) -> Table:
-    """A table whose columns in seconds say so."""
+    """Table whose time columns carry the unit."""
     from astropy.table import Table
 
     table = Table(rows=rows or None, names=names, dtype=[float if name.endswith("_s") else str for name in names])

@@ -22,7 +22,7 @@ def target_attitudes(
     tables: dict[tuple[int, int], AttitudeRows],
     seed: int,
 ) -> list[AnyAttitude]:
-    """Return what turns each single target; those of one entry share their table.
+    """Return the attitude motion of each single target; those of one entry share their table.
 
     Args:
         targets: The single targets.

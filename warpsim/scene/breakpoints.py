@@ -1,4 +1,4 @@
-"""Times at which bodies of a scene change their motion at once: releases, and seams of files of states."""
+"""Breakpoints: times at which the velocity of a body jumps, at releases and between segments of state files."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _group_breaks(group: TargetGroup, epoch: Instant) -> dict[str, list[float]]:
 
 
 def _path_breaks(path: object, names: Sequence[str], epoch: Instant) -> Iterator[tuple[str, list[float]]]:
-    """Names of a path or constellation with their breakpoints; objects of one part have them in common.
+    """Breakpoints by name in a path or constellation; objects of one part have them in common.
 
     Args:
         path: A path or constellation; lists and mixtures of them are looked into.

@@ -1,4 +1,4 @@
-"""Camera axes on the host: where cameras are commanded to look, without errors of pointing. The twin of the kernel."""
+"""Commanded camera axes on the host, without pointing errors: the float64 twin of the kernel."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ UP_LOST_RAD = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class PointingLaw:
-    """What a boresight follows, and how the image is turned about it."""
+    """Pointing law: the direction that a boresight tracks, and the roll of the image about it."""
 
     kind: str
     """track, fixed or scan."""
@@ -34,7 +34,7 @@ class PointingLaw:
     turn: F64
     """What roll and offset make of camera axes that look straight at it, shape (3, 3)."""
     targets: range = range(0)
-    """track: indices of the targets, whose mean direction is followed."""
+    """track: indices of the targets, whose mean direction is tracked."""
     direction: F64 | None = None
     """fixed: unit vector, ICRS or (forward, right, zenith) of the satellite, (3,); or one for each time, (n, 3)."""
     local: bool = False
@@ -45,19 +45,19 @@ class PointingLaw:
 
 @dataclass(frozen=True)
 class CommandedAxes:
-    """Where a camera is commanded to look at some times."""
+    """Commanded axes of a camera at some times."""
 
     axes: F64
     """Rows x (right), y (down), z (boresight), ICRS axes, shape (n, 3, 3)."""
     up_replaced: Mask
-    """Whether `up` lay along the line of sight, so that another direction served, shape (n,)."""
+    """Whether `up` is along the line of sight, so that a fallback direction is used, shape (n,)."""
     boresight_replaced: Mask
     """Whether what is tracked had no direction, so that the camera looks along its motion, shape (n,)."""
 
 
 @dataclass(frozen=True)
 class SatelliteState:
-    """A satellite at some times."""
+    """State of a satellite at some times."""
 
     time_s: F64
     """After the epoch [s], shape (n,)."""
@@ -68,12 +68,12 @@ class SatelliteState:
 
 
 def satellite_state(tracks: Tracks, satellite: int, time_s: F64) -> SatelliteState:
-    """Return a satellite at times after the epoch [s], shape (n,)."""
+    """Return the state of a satellite at times after the epoch [s], shape (n,)."""
     return SatelliteState(time_s, *tracks.satellites[satellite].state(time_s))
 
 
 def image_turn(roll_deg: float, offset_px: tuple[float, float], camera: Camera) -> F64:
-    """Return what roll and offset make of camera axes that look straight at what they follow, shape (3, 3).
+    """Return the rotation by roll and offset of camera axes centred on the tracked direction, shape (3, 3).
 
     First the roll, right-handed about the line of sight; then the shortest turn that puts it offset_px from the centre.
     """
@@ -83,7 +83,7 @@ def image_turn(roll_deg: float, offset_px: tuple[float, float], camera: Camera) 
 
 
 def _shortest_turn(offset_px: tuple[float, float], camera: Camera) -> F64:
-    """The shortest turn from the boresight to the direction that falls offset_px from it, in camera axes."""
+    """Shortest rotation from the boresight to the direction at offset_px from it, in camera axes."""
     (x, y, z), *_ = camera.direction(np.add(camera.centre_px, offset_px)[None])
     across = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])  # cross product with (0, 0, 1) x (x, y, z)
     return np.asarray(np.eye(3) + across + across @ across / (1.0 + z))
@@ -169,7 +169,7 @@ def _earth_velocity(tracks: Tracks, times: F64) -> F64:
 
 
 def _camera_axes(boresight: F64, up: F64, fallback: F64) -> tuple[F64, Mask]:
-    """Axes with y away from `up`, and where it lies along the boresight, so that the fallback serves."""
+    """Camera axes with y away from `up`, and a mask of where `up` is along the boresight and the fallback is used."""
 
     def across(direction: F64) -> tuple[F64, Mask]:
         part = direction - boresight * np.sum(boresight * direction, axis=-1, keepdims=True)

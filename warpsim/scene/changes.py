@@ -37,7 +37,7 @@ def changed(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _inner(part: Any, name: str, path: str) -> Any:
-    """What a name leads to."""
+    """Part that a name leads to."""
     if isinstance(part, list) and not name.isdigit() and len(part) == 1:
         part = part[0]
     if isinstance(part, list):

@@ -45,7 +45,7 @@ class SceneDescription:
     @model_validator(mode="before")
     @classmethod
     def _with_lists(cls, data: Any) -> Any:
-        """Take the short form of one sensor and one group."""
+        """Expand the short form of one sensor and one group."""
         if isinstance(data, dict):
             return with_lists(data)
         return ArgsKwargs(data.args, with_lists(data.kwargs or {}))

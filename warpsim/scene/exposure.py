@@ -1,4 +1,4 @@
-"""How finely brightness is followed through an exposure: quadrature in time, its error measured on the bodies."""
+"""Quadrature in time over an exposure, its error measured on the bodies."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def _errors(one: F64, other: F64) -> tuple[float, float]:
 
 
 class _Sampled:
-    """A body seen and lit from directions, and at instants, spread over the scene."""
+    """Samples of a body: directions of view and of light, and instants, spread over the scene."""
 
     def __init__(self, shape: Shape, attitude: AnyAttitude, exposure_s: float, duration_s: float) -> None:
         self._shape, self._attitude = shape, attitude
@@ -117,6 +117,6 @@ class _Sampled:
         offset_s = self._half_s * gauss_legendre(count)[0]
         times_s = np.clip((self._middle_s[:, None] + offset_s).ravel(), *self._span_s)
         turned = conjugate(self._attitude.at(times_s))
-        seen, lit = (rotated(turned, np.repeat(vectors, count, axis=0)) for vectors in (self._view, self._sun))
-        areas = np.stack([self._shape.projected_area_along_m2(seen), self._shape.reflected_area_m2(seen, lit)])
+        seen, illuminated = (rotated(turned, np.repeat(vectors, count, axis=0)) for vectors in (self._view, self._sun))
+        areas = np.stack([self._shape.projected_area_along_m2(seen), self._shape.reflected_area_m2(seen, illuminated)])
         return np.asarray(areas.reshape(2, _N_SAMPLE, count) @ series_matrix(count).T)

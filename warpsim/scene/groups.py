@@ -1,4 +1,4 @@
-"""Groups of targets: what they are, how they move, when they are there."""
+"""Groups of targets: their members, motion and time span."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ Times = Annotated[tuple[Number, Number], BeforeValidator(as_tuple)]
 
 @config_model
 class Release:
-    """How targets leave the main target of their group.
+    """Release of targets from the main target of their group.
 
     Args:
         speed_m_s: Smallest and largest speed relative to the main target [m/s]; directions are isotropic.
@@ -148,7 +148,7 @@ class TargetGroup:
         orbits: Several paths, of any kind of constellation: one target each, called by the orbit's name.
         start_s: Launch of the group, the time 0 of its paths, after the scene's epoch [s]; targets exist from then on.
             At 0 the group is on its way when the scene begins. Paths that have dates of their own keep them.
-        exists_s: From when to when the targets exist, after the scene's epoch [s]; before and after they are absent.
+        exists_s: Start and end of the targets' existence after the scene's epoch [s]; before and after they are absent.
             When left out from start_s on, and to the end of a ballistic flight.
     """
 
@@ -214,21 +214,21 @@ class TargetGroup:
 
     @property
     def specs(self) -> list[TargetSpec]:
-        """The entry of `targets` behind each single target."""
+        """The entry of `targets` of each single target."""
         if self.orbits is not None:
             return [self.targets[0]] * len(self.names)
         return [spec for spec in self.targets for _ in range(spec.count)]
 
     @property
     def releases(self) -> list[Release | None]:
-        """How each single target leaves the main one, None for the main one itself and for those on orbits."""
+        """Release of each single target, None for the main one itself and for those on orbits."""
         if self.orbits is not None:
             return [None] * len(self.names)
         return [None, *(spec.release or self.release for spec in self.specs[1:])]
 
     @property
     def span_s(self) -> tuple[float, float]:
-        """From when to when the targets exist, after the scene's epoch [s]; infinite where there is no bound."""
+        """Start and end of the targets' existence after the scene's epoch [s]; infinite where there is no bound."""
         if self.exists_s is not None:
             return self.exists_s
         end_s = self.start_s + self.trajectory.duration_s if isinstance(self.trajectory, BallisticArc) else math.inf

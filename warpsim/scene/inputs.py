@@ -1,4 +1,4 @@
-"""What of a scene came from files: checksums of what was read, which need not be what the files hold by now."""
+"""Checksums of a scene's input files as they were read; their content may have changed since."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from warpsim.scene.scenario import Scenario
 
 
 def input_checksums(scenario: Scenario) -> dict[str, str]:
-    """Return the SHA-256 of the content of each input file as the scenario has read it, by path; but for the stars."""
+    """Return the SHA-256 of each input file as the scenario has read it, by path; without the star catalog."""
     found: dict[str, str] = {}
     scene = scenario.scene
 

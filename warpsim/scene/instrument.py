@@ -1,4 +1,4 @@
-"""Instruments: a kind of sensor of a scene with all that follows from it on the host."""
+"""Instruments: a kind of sensor of a scene with its derived host data."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ TRACKED, ANY = "tracked", "any"
 
 
 class SceneBodies(Protocol):
-    """What of a scenario an instrument looks at."""
+    """Parts of a scenario that an instrument observes."""
 
     @property
     def targets(self) -> Sequence[SceneTarget]:
@@ -87,14 +87,14 @@ class SceneWide:
 
 
 class Instrument:
-    """A kind of sensor, the satellites that carry one, and what follows from it.
+    """A kind of sensor, the satellites that carry one, and its derived data.
 
     Args:
         sensor: Its description.
         names: Names of the sensors of this kind.
         satellites: Index and name of the satellite of each.
-        scene: What the scene says for all its sensors.
-        bodies: What they look at.
+        scene: Fields of the scene common to all its sensors.
+        bodies: The observed bodies.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class Instrument:
 
     @property
     def slews(self) -> bool:
-        """Whether a camera slews from step to step."""
+        """Return whether a camera slews from step to step."""
         return any(program.slew is not None for program in self.program.sensors)
 
     def frame_time_s(self, frames: Sequence[int] | npt.NDArray[np.int64]) -> F64:
@@ -180,7 +180,7 @@ class Instrument:
 
     @cached_property
     def program(self) -> PointingProgram:
-        """What the sensors are commanded to follow.
+        """Pointing program of the sensors.
 
         Raises:
             InputError: A target or sensor is not there, or a table cannot be read; the path begins with `pointing`.
@@ -192,7 +192,7 @@ class Instrument:
         )
 
     def check_frames(self, time_s: F64) -> None:
-        """See that what the sensors are commanded covers the times of frames; InputError where it does not."""
+        """Check that the commanded pointing covers the times of frames; InputError where it does not."""
         check_frames(self.program, self.names, time_s)
 
     def turns(self, sensor: int) -> tuple[SlewTurn, ...]:
@@ -221,7 +221,7 @@ class Instrument:
 
     @cached_property
     def light_terms(self) -> dict[str, LightTerm]:
-        """Whether the targets' reflected light has each term (sun, earth, albedo), by how much at most, and why."""
+        """Terms of the targets' reflected light (sun, earth, albedo): presence, upper bound and reason."""
         nei_w_cm2 = {band: self.nei_w_cm2(band) for band in self.sensor.bands}
         bodies = self._bodies
         return light_terms(self._scene.lighting, bodies.tracks, bodies.targets, self.satellites, nei_w_cm2)
@@ -238,9 +238,9 @@ class Instrument:
         return exposure_rule(detector, bodies.targets, bodies.attitudes, self._scene.duration_s, error)
 
     def observers(self, sensors: Sequence[int] | None = None) -> Observers:
-        """Return some of the sensors, all when left out, as access needs them."""
+        """Return some of the sensors, all when left out, as observers for access."""
         chosen = range(len(self.names)) if sensors is None else list(sensors)
-        followed = sorted({target for sensor in chosen for _, some in self.program.tracked(sensor) for target in some})
+        tracked = sorted({target for sensor in chosen for _, some in self.program.tracked(sensor) for target in some})
 
         def breaks_s(sensor: int) -> list[float]:
             program = self.program.sensors[sensor]
@@ -254,11 +254,11 @@ class Instrument:
             self.sensor.camera,
             lambda index, time_s: self.commanded_axes(chosen[index], time_s).axes,
             [breaks_s(sensor) for sensor in chosen],
-            tuple(followed),
+            tuple(tracked),
         )
 
     def access_targets(self, sensor: int) -> list[tuple[float, tuple[int, ...]]]:
-        """Return the targets that a sensor's access counts by, from when on [s]: any of them makes access.
+        """Return the targets that a sensor's access counts by and their start times [s]: any of them makes access.
 
         What is tracked is a target, or a group by its main target; where nothing is tracked, the main targets of all
         groups count. All targets on orbits of their own are main targets.
@@ -277,7 +277,7 @@ class Instrument:
 
     @cached_property
     def access(self) -> Intervals:
-        """When each sensor can observe what its access counts by; rows are indices of sensors."""
+        """Intervals of access of each sensor; rows are indices of sensors."""
         return self.access_intervals(range(len(self.names)))
 
     def access_intervals(
@@ -288,13 +288,13 @@ class Instrument:
         custom: Custom | None = None,
         step_s: float = ACCESS_STEP_S,
     ) -> Intervals:
-        """Return when some sensors can observe targets.
+        """Return the intervals in which some sensors can observe targets.
 
         Args:
             sensors: Indices of the sensors.
             targets: Indices of the targets, any of which makes access; what access counts by when left out.
-            rules: Instead of the sensor's own.
-            custom: Further rules by name.
+            rules: Constraints instead of the sensor's.
+            custom: Further constraints by name.
             step_s: Step of the scan [s].
 
         Returns:
@@ -322,7 +322,7 @@ class Instrument:
         custom: Custom | None,
         step_s: float,
     ) -> Intervals:
-        """When sensors see any of the targets that count at the time."""
+        """Intervals in which sensors see any of the targets requested at the time."""
         bodies, duration_s, n_sensor = self._bodies, self._scene.duration_s, len(observers.satellites)
         found = []
         ends = [start_s for start_s, _ in requested[1:]] + [duration_s]
@@ -342,7 +342,7 @@ class Instrument:
         return found[0] if len(found) == 1 else Intervals.union(found)
 
     def _settled_intervals(self, sensors: Sequence[int]) -> Intervals:
-        """When each of some sensors is settled."""
+        """Intervals in which each of some sensors is settled."""
         rows: list[int] = []
         starts: list[float] = []
         ends: list[float] = []
@@ -380,6 +380,6 @@ class Instrument:
 
 
 def _key(purpose: str, *facts: object) -> int:
-    """64 bits that stand for some facts."""
+    """64-bit hash of some facts."""
     text = "\0".join([purpose, *map(str, facts)])
     return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "little")

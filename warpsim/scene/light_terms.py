@@ -33,7 +33,7 @@ _LIGHT_TIME = 1e-4
 
 @dataclass(frozen=True)
 class LightTerm:
-    """Whether a term is part of the scene's light, and why."""
+    """Presence of a term in the scene's light, with the reason."""
 
     name: str
     """sun, earth or albedo."""
@@ -51,7 +51,7 @@ def light_terms(
     satellites: Sequence[int],
     nei_w_cm2: Mapping[str, float],
 ) -> dict[str, LightTerm]:
-    """Decide for each term; the same for all frames and bands of a kind of sensor.
+    """Decide which terms to include, the same for all frames and bands of a kind of sensor.
 
     Args:
         lighting: Which terms are wanted, and the bound below which one may be left out.
@@ -79,7 +79,7 @@ def light_terms(
 
 
 def _nearest_m(tracks: Tracks, targets: Sequence[SceneTarget], satellites: Sequence[int]) -> float:
-    """A distance that no target comes nearer to a sensor than, 0 if that cannot be said [m]."""
+    """Lower bound of the distance from sensors to targets, 0 if there is none [m]."""
     nearest = np.inf
     for _, members in itertools.groupby(range(len(targets)), key=lambda target: int(tracks.carrier[target])):
         rows = [tracks.targets[target] for target in members]
@@ -102,7 +102,7 @@ def _bounds_nei(
     nei_w_cm2: Mapping[str, float],
     near_m: float,
 ) -> dict[str, float]:
-    """Largest irradiance of each term [NEI]: what falls on a body times reflectance over the largest projected area."""
+    """Largest irradiance of each term [NEI]: incident light times reflectance over the largest projected area."""
     sun_au = np.linalg.norm(tracks.sun.position_m, axis=1).min() / ASTRONOMICAL_UNIT_M - 1e-3
     low_m = min((float(np.linalg.norm(track.position_m, axis=1).min()) for track in tracks.targets), default=np.inf)
     disc = min(EARTH_EQUATORIAL_RADIUS_M / low_m, 1.0) ** 2
@@ -122,23 +122,24 @@ def _bounds_nei(
 
 
 def _why_dark(tracks: Tracks, name: str) -> str:
-    """Why there is no light for a term in the whole scene; empty if there may be some."""
+    """Reason for no light of a term in the whole scene; empty if there may be some."""
     if name == "earth":
         return ""
     for track in tracks.targets:
         if name == "sun":
             depth = sunlit_depth(track.position_m, tracks.sun.position_m, tracks.pole_icrs)
-            lit = (depth > _SURELY_DARK_SUNS).any()
+            illuminated = (depth > _SURELY_DARK_SUNS).any()
         else:
-            lit = (_terminator_margin_rad(track.position_m, tracks.sun.position_m) > -_NEAR_TERMINATOR_RAD).any()
-        if lit:
+            margin_rad = _terminator_margin_rad(track.position_m, tracks.sun.position_m)
+            illuminated = (margin_rad > -_NEAR_TERMINATOR_RAD).any()
+        if illuminated:
             return ""
     where = {"sun": "in the Earth's shadow", "albedo": "over the night side"}[name]
     return f"left out: all targets are {where} throughout" if tracks.targets else "left out: there are no targets"
 
 
 def _terminator_margin_rad(position_m: F64, sun_m: F64) -> F64:
-    """How far sunlit ground reaches into the part of the Earth that is seen from a position [rad]."""
+    """Angle by which sunlit ground reaches into the part of the Earth seen from a position [rad]."""
     distance_m = np.linalg.norm(position_m, axis=-1)
     horizon = np.arccos(np.minimum(EARTH_EQUATORIAL_RADIUS_M / distance_m, 1.0))
     cosine = np.einsum("ni,ni->n", position_m, sun_m) / (distance_m * np.linalg.norm(sun_m, axis=-1))

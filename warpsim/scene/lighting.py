@@ -1,4 +1,4 @@
-"""The scene's part `lighting`: which light reaches the targets from outside."""
+"""Lighting of a scene: the external light that reaches the targets."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ class Lighting:
     """Light that targets reflect, besides what they emit.
 
     A term that stays below `leave_out_nei` for the whole scene, by a bound, is left out, as are terms switched off: the
-    kernels are compiled without them. `scene.light_terms` tells which, and why.
+    kernels are compiled without them. `scene.light_terms` reports which, and why.
 
     Args:
         sun: Whether targets reflect sunlight.
         earth: Whether targets reflect the Earth's thermal radiation.
         albedo: Whether targets reflect the sunlight that the Earth reflects.
         leave_out_nei: Largest irradiance of a term that may be left out [NEI]; 0 leaves out what is exactly 0.
-        earth_albedo: Share of sunlight that the Earth reflects, as a Lambertian surface.
+        earth_albedo: Fraction of sunlight that the Earth reflects, as a Lambertian surface.
         earth_k: Brightness temperature of the Earth by band [K]; `EARTH_K` in bands that are not named.
         sun_w_cm2: Irradiance of the Sun in a band at 1 au by band [W/cm2]; that of a blackbody of 5772 K in bands that
             are not named.
         quadrature_error: Largest error of quadratures, and of the polynomials that stand for them, as a fraction of
             the largest value of what is integrated: over a body's side and the Earth's disc, and over the exposure.
-        albedo_error: Largest error of sunlight by way of the Earth, as a fraction of the most that it can be at the
+        albedo_error: Largest error of Earth albedo, as a fraction of the most that it can be at the
             target's distance from the Earth; a larger one is taken where it surely stays within `leave_out_nei`.
     """
 

@@ -1,4 +1,4 @@
-"""States of what moves in a scene: satellites, main targets on their trajectories, and what they release."""
+"""States of all bodies of a scene: satellites, main targets on their trajectories, and released targets."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MARGIN_S = 120.0
 
 @dataclass(frozen=True)
 class GroupMotion:
-    """What the motion of a group follows from."""
+    """Inputs of the motion of a group."""
 
     path: Propagator
     path_field: str
@@ -45,7 +45,7 @@ class GroupMotion:
 
 @dataclass(frozen=True)
 class Motion:
-    """All that moves in a scene: satellites first, then the targets group by group."""
+    """Motion of all bodies of a scene: satellites first, then the targets group by group."""
 
     constellation: AnyConstellation
     groups: tuple[GroupMotion, ...]
@@ -61,7 +61,7 @@ class Motion:
         Files of states need to cover what is within the scene only: before and after it motion goes on.
 
         Raises:
-            InputError: A path cannot be followed.
+            InputError: A path cannot be propagated.
         """
         parts = [_states_of(self.constellation, self.epoch, time_s, (0.0, self.duration_s), "constellation")]
         for number, group in enumerate(self.groups):
@@ -108,7 +108,7 @@ class Motion:
 def motion_of(
     constellation: AnyConstellation, groups: Sequence[TargetGroup], epoch: Instant, duration_s: float, seed: int
 ) -> Motion:
-    """Return what moves in a scene.
+    """Return the motion of all bodies of a scene.
 
     Raises:
         InputError: A file of orbits cannot be read.

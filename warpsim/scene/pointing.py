@@ -1,4 +1,4 @@
-"""Where cameras look: config models of pointing by their kind, and the errors of pointing."""
+"""Config models of pointing by kind, and of pointing errors."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Jitter:
 
 @config_model
 class Bias:
-    """Constant error of pointing, about the camera's x and y axes; give one of the two.
+    """Constant pointing error about the camera's x and y axes; give one of the two.
 
     Args:
         rms_urad: Standard deviation of each of the two angles, drawn for each sensor [urad].
@@ -94,7 +94,7 @@ class Bias:
 
 @config_model
 class Drift:
-    """Error of pointing that grows evenly, about the camera's x and y axes, as that of a gyroscope.
+    """Pointing error that grows linearly about the camera's x and y axes, as a gyroscope's drift.
 
     Args:
         rms_urad_s: Standard deviation of each of the two rates, drawn for each sensor and each period [urad/s].
@@ -116,7 +116,7 @@ class Drift:
 
 @config_model
 class Slew:
-    """How a camera turns from one direction to the next: evenly accelerated, at a constant rate, evenly slowed down.
+    """Slew from one direction to the next: constant acceleration, constant rate, constant deceleration.
 
     Args:
         max_rate_deg_s: Greatest rate [deg/s].
@@ -153,10 +153,10 @@ class _AnyPointing:
 
 @config_model
 class TrackPointing(_AnyPointing):
-    """Cameras that follow targets; further fields are those of every kind of pointing.
+    """Cameras that track targets; further fields are those of every kind of pointing.
 
     Args:
-        track: "main" follows the first group's main target, "group" the mean apparent direction of all of that group, a
+        track: "main" tracks the first group's main target, "group" the mean apparent direction of all of that group, a
             group's name that of its targets, a target's name that target.
         offset_px: Where it appears, from the image's centre: columns to the right, rows downwards [px].
     """
@@ -189,14 +189,14 @@ class FixedPointing(_AnyPointing):
 
 @config_model
 class PointingStep:
-    """A step of a schedule: a target to follow, or a direction; give one of the three.
+    """A step of a schedule: a target to track, or a direction; give one of the three.
 
     Args:
         start_s: From when on, after the scene's epoch [s]; until the next step.
         track: As in TrackPointing.
         ra_dec_deg: As in FixedPointing.
         azimuth_elevation_deg: As in FixedPointing.
-        offset_px: Where what is followed appears, from the image's centre [px].
+        offset_px: Position of the tracked direction from the image's centre [px].
         roll_deg: Roll, added to that of the schedule [deg].
     """
 
@@ -219,7 +219,7 @@ class PointingStep:
 
 @config_model
 class SchedulePointing(_AnyPointing):
-    """Cameras that follow one thing after the other; further fields are those of every kind of pointing.
+    """Cameras that track one target or direction after another; further fields are those of every kind of pointing.
 
     Args:
         steps: What they look at, in the order of time; the first at the first frame or before.

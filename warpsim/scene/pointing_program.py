@@ -1,4 +1,4 @@
-"""Programs of pointing: what each sensor of a kind is commanded to follow, step by step, and how it errs."""
+"""Pointing programs: the commanded steps of each sensor of a kind, and its pointing errors."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ Rows = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What a sensor follows from some time on."""
+    """Step of a program: a pointing law and its start time."""
 
     start_s: float
     """After the scene's epoch [s]; -inf for what holds throughout."""
@@ -51,7 +51,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class SensorProgram:
-    """What one sensor is commanded to follow, and how it errs."""
+    """Commanded steps of one sensor, and its pointing errors."""
 
     steps: tuple[Step, ...]
     table: DirectionRows | None
@@ -73,14 +73,14 @@ class SensorProgram:
 
 @dataclass(frozen=True, eq=False)
 class PointingProgram:
-    """What the sensors of a kind are commanded to follow."""
+    """Pointing program of the sensors of a kind."""
 
     laws: tuple[PointingLaw, ...]
     sensors: tuple[SensorProgram, ...]
     """In the order of the kind's sensors."""
 
     def tracked(self, sensor: int) -> list[tuple[float, range]]:
-        """Return what targets a sensor tracks from when on [s]; an empty range where it tracks none."""
+        """Return the tracked targets of a sensor with their start times [s]; an empty range where it tracks none."""
         return [(step.start_s, self.laws[step.law].targets) for step in self.sensors[sensor].steps]
 
     def breaks_s(self, sensor: int) -> list[float]:
@@ -98,7 +98,7 @@ def make_program(
     groups: Sequence[str],
     known: set[str],
 ) -> PointingProgram:
-    """Return what sensors are commanded to follow.
+    """Return the pointing program of sensors.
 
     Args:
         pointings: The entries of the kind's `pointing`; a satellite takes the first that chooses it.
@@ -137,13 +137,13 @@ def make_program(
 
 
 def entry_path(number: int, count: int) -> str:
-    """Return the path of an entry of `pointing`; the number of an only one is left out."""
+    """Return the field path of an entry of `pointing`; the number of an only one is left out."""
     return "pointing" if count == 1 else f"pointing[{number}]"
 
 
 @dataclass(frozen=True, eq=False)
 class _Maker:
-    """Makes programs, and the laws that their steps refer to."""
+    """Builder of programs, and of the laws that their steps refer to."""
 
     camera: Camera
     targets: Sequence[SceneTarget]
@@ -198,7 +198,7 @@ class _Maker:
         return tuple(steps)
 
     def _add(self, what: TrackPointing | FixedPointing | PointingStep, up: Up, roll_deg: float) -> int:
-        """Add the law of one thing to look at; its index."""
+        """Add the law of one target or direction; its index."""
         track = getattr(what, "track", None)
         turn = image_turn(roll_deg, getattr(what, "offset_px", (0.0, 0.0)), self.camera)
         if track is not None:
@@ -334,7 +334,7 @@ def is_settled(program: PointingProgram, sensor: int, turns: Sequence[SlewTurn],
 
 
 def check_frames(program: PointingProgram, names: Sequence[str], time_s: F64) -> None:
-    """See that what sensors are commanded covers the times of frames.
+    """Check that the commanded pointing covers the times of frames.
 
     Raises:
         InputError: It does not: sensor, time and span.

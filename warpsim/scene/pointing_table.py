@@ -1,4 +1,4 @@
-"""Tables of directions: rows of a scene or a file, by sensor, and what they say at a time."""
+"""Tables of directions: rows of a scene or a file, by sensor, and their interpolation in time."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class _Rows:
     """The file that they came from."""
 
     def at(self, row: int, error: InputError) -> InputError:
-        """Return an error with the row, and the file, before its path."""
+        """Return an error with the row, and the file, before its field path."""
         return error.within(self.where[row]) if self.file is None else error.of(self.where[row]).of(self.file)
 
 
@@ -102,7 +102,7 @@ def angle_rad(start: F64, end: F64) -> F64:
 
 
 def direction_rows(pointing: TablePointing, sensors: Sequence[tuple[str, str]], known: set[str]) -> list[DirectionRows]:
-    """Return the rows of each sensor; those without rows of their own share theirs.
+    """Return the rows of each sensor; those without individual rows share theirs.
 
     Args:
         pointing: The table.
@@ -133,7 +133,7 @@ def direction_rows(pointing: TablePointing, sensors: Sequence[tuple[str, str]], 
 
 
 def check_cover(rows: DirectionRows, scan: bool, sensor: str, time_s: F64) -> None:
-    """See that the rows of a sensor cover times.
+    """Check that the rows of a sensor cover times.
 
     Raises:
         InputError: They do not: sensor, time and span.
@@ -149,7 +149,7 @@ def check_cover(rows: DirectionRows, scan: bool, sensor: str, time_s: F64) -> No
 
 
 def check_rate(rows: DirectionRows, slew: Slew) -> None:
-    """See that a scan is nowhere faster than a camera may turn.
+    """Check that a scan keeps the largest rate of the camera.
 
     Raises:
         InputError: It is.
@@ -164,7 +164,7 @@ def check_rate(rows: DirectionRows, slew: Slew) -> None:
 
 
 def _check_rows(rows: _Rows, direction: F64, mine: list[int], scan: bool) -> None:
-    """Rules for the rows of one sensor."""
+    """Check the rows of one sensor."""
     if scan and len(mine) < 2:
         raise rows.at(mine[0], InputError("a scan needs at least two rows per sensor, got one"))
     for number, (before, after) in enumerate(itertools.pairwise(mine)):
@@ -176,7 +176,7 @@ def _check_rows(rows: _Rows, direction: F64, mine: list[int], scan: bool) -> Non
 
 
 def _rows_of(pointing: TablePointing) -> _Rows:
-    """Rows that stand in the scene."""
+    """Rows given in the scene."""
     rows = pointing.rows or ()
     local = rows[0].ra_deg is None
     where = [f"rows[{number}]" for number in range(len(rows))]

@@ -88,7 +88,7 @@ class Roster:
         return (self.target(name, field),)
 
     def called(self, targets: Sequence[int]) -> str:
-        """Return what some targets are called together: a target, a group, or any."""
+        """Return the common name of some targets: of a target, a group, or any."""
         if len(targets) == 1:
             return self.targets[targets[0]].name
         groups = {self.targets[target].group for target in targets}

@@ -1,4 +1,4 @@
-"""The scenario: what follows from a scene on the host, in float64, each part made on first use."""
+"""The scenario: data derived from a scene on the host in float64, each part computed on first use."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ F64 = npt.NDArray[np.float64]
 
 
 class Scenario:
-    """What follows from a scene: tracks, attitudes, temperatures, pointing, access, noise levels.
+    """Derived data of a scene: tracks, attitudes, temperatures, pointing, access, noise levels.
 
     Args:
         scene: The description. It is checked as far as files must be read and orbits solved for that.
 
     Raises:
-        InputError: A file cannot be read or does not fit, or a path cannot be followed.
+        InputError: A file cannot be read or does not fit, or a path cannot be propagated.
     """
 
     def __init__(self, scene: SceneDescription) -> None:
@@ -63,7 +63,7 @@ class Scenario:
         self._check_instruments()
 
     def _check_names(self) -> None:
-        """Names that files tell are unique, and sensors are on satellites that are there."""
+        """Check that names given by files are unique, and that sensors are on existing satellites."""
         for number, sensor in enumerate(self.scene.sensors):
             try:
                 check_satellites(sensor, self.satellite_names)
@@ -75,7 +75,7 @@ class Scenario:
             raise InputError(f"names must be unique among satellites and targets, got {twice} twice", "targets")
 
     def _check_instruments(self) -> None:
-        """What cameras follow is there and covers the frames, and images of point spread functions can be read."""
+        """Check that pointing is possible and covers the frames, and that PSF images can be read."""
         check_access_target(self.scene.access_target, self.targets, self.group_names)
         for number, instrument in enumerate(self.instruments.values()):
             frames = instrument.frames
@@ -100,7 +100,7 @@ class Scenario:
 
     @cached_property
     def instruments(self) -> dict[str, Instrument]:
-        """Each kind of sensor with what follows from it, by name."""
+        """Instruments by name: each kind of sensor with its derived data."""
         scene, satellites = self.scene, self.satellite_names
         wide = SceneWide(
             scene.frames,
@@ -190,7 +190,7 @@ class Scenario:
 
     @cached_property
     def attitudes(self) -> list[AnyAttitude]:
-        """What turns each single target; `.at(time_s)` gives the rotation."""
+        """Attitude motion of each single target; `.at(time_s)` gives the rotation."""
         return target_attitudes(self.targets, self.tracks, self._attitude_tables, self.scene.seed)
 
     @cached_property
@@ -279,7 +279,7 @@ class Scenario:
 
         Raises:
             InputError: No such target, a time lies more than a second outside the scene (or its table), or a heat
-                balance cannot be followed.
+                balance cannot be integrated.
         """
         target, times = self.roster.target(name), times_s(time_s)
         self._check_times(times, name)
@@ -292,7 +292,7 @@ class Scenario:
         return kelvin
 
     def _check_times(self, times: F64, name: str) -> None:
-        """Times are within the scene, to a second."""
+        """Check that times are within the scene, to a second."""
         duration_s = self.scene.duration_s
         outside = ~((times >= -END_SLACK_S) & (times <= duration_s + END_SLACK_S))
         if outside.any():
@@ -315,22 +315,24 @@ class Scenario:
         custom: Mapping[str, MarginFunction] | None = None,
         step_s: float = ACCESS_STEP_S,
     ) -> Table:
-        """Return when each sensor can observe a target: all rules at once.
+        """Return the intervals in which each sensor can observe a target: all constraints hold.
 
         Args:
             target: Name of a target or a group; for each sensor what the scene's access_target says when left out.
             sensors: Names of sensors, or of kinds; all if left out.
             rules: Instead of the scene's `access_rules`.
-            custom: Further rules by name: functions of an `AccessGeometry` that return a signed margin, >= 0 where the
-                rule holds (any unit: only the sign counts), or booleans, which show no window shorter than step_s.
+            custom: Further constraints by name: functions of an `AccessGeometry` that return a signed margin, >= 0 where
+                the constraint holds (any unit: only the sign counts), or booleans, which show no window shorter than
+                step_s.
             step_s: Step of the scan for changes [s].
 
         Returns:
             astropy Table with one row per interval: sensor, target, start_s, end_s (after the epoch), duration_s, ends
-            good to 1 ms; its meta says target, epoch and rules: those of the first sensor's kind, and of all kinds.
+            good to 1 ms; its meta holds target, epoch and constraints: those of the first sensor's kind, and of
+            all kinds.
 
         Raises:
-            InputError: An unknown name, or a rule of the user's that gives another shape, or NaN.
+            InputError: An unknown name, or a custom constraint that gives another shape, or NaN.
         """
         return access_report(self.roster, target, sensors, rules, custom, step_s, self.scene.epoch_utc)
 
@@ -342,14 +344,14 @@ class Scenario:
         rules: AccessConstraints | None = None,
         custom: Mapping[str, MarginFunction] | None = None,
     ) -> dict[str, F64]:
-        """Return the signed margin of every access rule, >= 0 where it holds; each of shape (n_sensor, n_time).
+        """Return the signed margin of every access constraint, >= 0 where it holds; each of shape (n_sensor, n_time).
 
         Args:
             time_s: Times after the epoch [s], shape (n_time,).
             target: Name of the target; the first group's main target when left out.
             sensors: Names of sensors of one kind, or of a kind; their order is that of the rows.
-            rules: Instead of the sensors' own.
-            custom: Further rules by name.
+            rules: Constraints instead of the sensors'.
+            custom: Further constraints by name.
 
         Raises:
             InputError: As `access`, or sensors of several kinds.

@@ -1,4 +1,4 @@
-"""The scene: an immutable, validated description of what is there and who looks at it."""
+"""The scene: an immutable, validated description of sensors, targets and sky."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 @config_model
 class Scene(SceneDescription):
-    """What is simulated.
+    """Description of the simulated scene.
 
     A scene with one kind of sensor may give `camera`, `optics`, `detector`, `bands` and `pointing` instead of
     `sensors`; one with one group `trajectory`, `targets` and `release` instead of `groups`. It has them as attributes.
@@ -46,7 +46,7 @@ class Scene(SceneDescription):
         constellation: The satellites.
         sensors: The kinds of sensors, and which satellites carry one.
         groups: Groups of targets.
-        access_rules: When a sensor can observe a target; a kind of sensor may have rules of its own.
+        access_rules: When a sensor can observe a target; a kind of sensor may have its own.
         access_target: What a sensor's access counts by: "tracked", the target that it tracks, of a group its main
             target, and where it tracks none the main targets of all groups; "any" target; or the name of a target or of
             a group, any of which makes access.
@@ -126,10 +126,10 @@ class Scene(SceneDescription):
 
     @cached_property
     def scenario(self) -> Scenario:
-        """What follows from the scene; made on first use.
+        """Scenario of the scene, made on first use.
 
         Raises:
-            InputError: A file cannot be read or does not fit, or a path cannot be followed.
+            InputError: A file cannot be read or does not fit, or a path cannot be propagated.
         """
         return Scenario(self)
 
@@ -148,11 +148,11 @@ class Scene(SceneDescription):
         return self.scenario.position_m(name, time_s)
 
     def access(self, target: str | None = None, sensors: str | Sequence[str] | None = None, **options: Any) -> Table:
-        """Return when each sensor can observe what its access counts by, as an astropy Table; Scenario.access."""
+        """Return the intervals of access of each sensor as an astropy Table; Scenario.access."""
         return self.scenario.access(target, sensors, **options)
 
     def access_margins(self, time_s: npt.ArrayLike, **options: Any) -> dict[str, npt.NDArray[np.float64]]:
-        """Return the signed margin of every access rule, each (n_sensor, n_time); Scenario.access_margins."""
+        """Return the signed margin of every access constraint, each (n_sensor, n_time); Scenario.access_margins."""
         return self.scenario.access_margins(time_s, **options)
 
     def __getattr__(self, name: str) -> Any:
@@ -175,7 +175,7 @@ def scenario_of(scene: Scene | Scenario) -> Scenario:
     """Return the scenario of a scene, or the scenario itself.
 
     Raises:
-        InputError: It is neither, or no scenario follows from the scene.
+        InputError: It is neither, or the scene has no scenario.
     """
     if isinstance(scene, Scenario):
         return scene

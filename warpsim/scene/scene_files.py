@@ -59,7 +59,7 @@ def read_scene_data(source: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def check_depth(data: Any, where: str) -> None:
-    """See that lists and dicts do not lie within each other deeper than any scene needs, level by level.
+    """Check that lists and dicts are not nested deeper than any scene needs, level by level.
 
     Raises:
         InputError: They do; `where` begins the text.
@@ -91,7 +91,7 @@ def write_scene_data(data: dict[str, Any], path: str | os.PathLike[str]) -> None
 
 
 def with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Nested dicts in which relative paths are taken from a folder, whatever the current one is.
+    """Nested dicts in which paths relative to a folder become absolute.
 
     Paths are the values of `file`, `files` and `psf_file` (one, or a table by band) anywhere, and `sky.catalog` where
     it is none of the built-in ones.
@@ -104,7 +104,7 @@ def with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def with_relative_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Nested dicts with absolute paths in which those that lie in a folder, or below it, count from there.
+    """Nested dicts in which absolute paths in a folder, or below it, become relative to it.
 
     with_absolute_paths() undoes it.
     """
@@ -173,7 +173,7 @@ def to_toml(data: dict[str, Any]) -> str:
 
 
 def _table_lines(table: dict[str, Any], heading: str) -> list[str]:
-    """Lines of one table: first what stays on one line, then its tables."""
+    """Lines of one table: first its single-line values, then its tables."""
     parts = {key: value for key, value in table.items() if _is_table(value) and not (heading and _fits(key, value))}
     lines = [f"{_toml_key(key)} = {_toml_value(value)}" for key, value in table.items() if key not in parts]
     for key, value in parts.items():

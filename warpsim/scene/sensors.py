@@ -35,7 +35,7 @@ BandNames = Annotated[tuple[BandName, ...], BeforeValidator(as_tuple)]
 
 @config_model
 class Frames:
-    """When frames are taken. Frame k is at start_s + k * interval_s, its mid-exposure.
+    """Times of frames. Frame k is at start_s + k * interval_s, its mid-exposure.
 
     Args:
         count: Frames of the whole sequence.
@@ -92,7 +92,7 @@ class Sensor:
 
     @property
     def streaks(self) -> bool:
-        """Whether light moves over the image during the exposure."""
+        """Return whether light moves over the image during the exposure."""
         return self.detector.streaks and self.detector.exposure_s > 0.0
 
 

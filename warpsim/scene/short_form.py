@@ -45,7 +45,7 @@ def list_of(field: str) -> str | None:
 
 
 def shortened(values: Mapping[str, Any]) -> Callable[[Location], Location]:
-    """Return what leaves the number of an only sensor, group or entry of pointing out of a path of fields."""
+    """Return a function that drops the number of an only sensor, group or entry of pointing from a field path."""
 
     def shorten(location: Location) -> Location:
         name, *rest = location or ("",)
@@ -68,10 +68,10 @@ def _pointing_of(sensor: Any) -> Any:
 
 
 def _is_one(entries: Any) -> bool:
-    """Whether there is one entry, in a list or not."""
+    """Return whether there is one entry, in a list or not."""
     return not isinstance(entries, list | tuple) or len(entries) == 1
 
 
 def item_path(name: str, number: int, count: int) -> str:
-    """Return the path of an item of a list of sensors or groups; nothing where it is the only one."""
+    """Return the field path of an item of a list of sensors or groups; "" where it is the only one."""
     return "" if count == 1 else f"{name}[{number}]"

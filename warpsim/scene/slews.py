@@ -1,4 +1,4 @@
-"""Slews: how a camera turns from one law of pointing to the next, within a rate and an acceleration.
+"""Slews of a camera from one pointing law to the next, within a rate and an acceleration.
 
 While it turns, the camera's axes are those of the law before, turned a part s(t) of the rotation that leads to those of
 the law to come, about its axis: both laws go on meanwhile, so that angle and rate are continuous at both ends. s(t)
@@ -34,7 +34,7 @@ _SAME_AXES_RAD = 1e-12
 
 @dataclass(frozen=True)
 class SlewTurn:
-    """A turn that was found possible."""
+    """A feasible slew."""
 
     duration_s: float
     """Of the turn, without settling [s]; 0 for none."""
@@ -45,7 +45,7 @@ class SlewTurn:
 
     @property
     def total_s(self) -> float:
-        """Until the camera is settled [s]."""
+        """Time until the camera is settled [s]."""
         return self.duration_s + self.settle_s
 
 
@@ -155,7 +155,7 @@ def turn_between(
             form="g",
         )
     raise InputError(
-        f"what is followed turns faster than max_rate_deg_s ({slew.max_rate_deg_s:g}) or max_acceleration_deg_s2 "
+        f"the tracked direction turns faster than max_rate_deg_s ({slew.max_rate_deg_s:g}) or max_acceleration_deg_s2 "
         f"({slew.max_acceleration_deg_s2:g}) allow after {start_s:g} s"
     )
 

@@ -1,4 +1,4 @@
-"""Checks of a scene for which files are read and orbits solved."""
+"""Checks of a scene that read files and solve orbits."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from warpsim.target.mesh import Mesh
 def check_paths(
     constellation: AnyConstellation, groups: Sequence[TargetGroup], epoch: Instant, duration_s: float
 ) -> None:
-    """See that motion known for a limited time covers what is asked of it, and that arcs can be flown.
+    """Check that tabulated motion covers the scene, and that ballistic arcs have a solution.
 
     Raises:
         InputError: It does not, or a file cannot be read; the path begins with the field.
@@ -58,14 +58,14 @@ def _check_path(path: Any, field: str, epoch: Instant, span_s: tuple[float, floa
 
 
 def _check_arc(arc: BallisticArc, epoch: Instant, end_s: float) -> None:
-    """An arc is not asked for beyond its end, has no other epoch than its scene, and can be flown."""
+    """Check that an arc covers the scene, has the scene's epoch, and has a solution."""
     if end_s > arc.duration_s:
         raise InputError(f"must be at least {end_s:g}, until when it is asked for", "duration_s", arc.duration_s, "g")
     arc.flight(epoch).start_velocity_m_s  # noqa: B018  # solved here
 
 
 def check_shapes(groups: Sequence[TargetGroup]) -> None:
-    """See that meshes in files can be read.
+    """Check that meshes in files can be read.
 
     Raises:
         InputError: One cannot; the path begins with the field.

@@ -37,7 +37,7 @@ class Observers:
     """Commanded axes, by the index among these sensors."""
     camera_breaks_s: Sequence[Sequence[float]]
     """For each sensor, times at which its camera jumps, or turns at another rate [s]."""
-    followed: tuple[int, ...]
+    tracked: tuple[int, ...]
     """Indices of the targets that cameras track."""
 
 
@@ -68,8 +68,8 @@ def target_intervals(
     known = _KNOWN.setdefault(tracks, {})
     if not with_cameras and key in known:
         return known[key]
-    followed = observers.followed if with_cameras else ()
-    bodies = [tracks.targets[index].name for index in (target, *followed)]
+    tracked = observers.tracked if with_cameras else ()
+    bodies = [tracks.targets[index].name for index in (target, *tracked)]
     common = [time_s for name in bodies for time_s in breaks_s[name]]
     own = [breaks_s[tracks.satellites[index].name] for index in observers.satellites]
     cameras = observers.camera_breaks_s if with_cameras else [()] * len(own)
@@ -84,7 +84,7 @@ def target_intervals(
         custom=custom,
         fov=field_of_view(tracks, observers, target),
         breaks_s=[sorted({*common, *sensor, *camera}) for sensor, camera in zip(own, cameras, strict=True)],
-        followed_m=[tracks.position_function(index) for index in followed if index != target],
+        followed_m=[tracks.position_function(index) for index in tracked if index != target],
     )
     rows, starts, ends = zip(*found, strict=True) if found else ((), (), ())
     intervals = Intervals(np.array(rows, dtype=np.int64), np.array(starts, float), np.array(ends, float))

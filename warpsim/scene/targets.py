@@ -34,7 +34,7 @@ class SceneTarget:
 
     @property
     def is_released(self) -> bool:
-        """Whether it leaves the group's main target at some time."""
+        """Return whether it leaves the group's main target at some time."""
         return self.release_s > -math.inf
 
 

@@ -1,4 +1,4 @@
-"""Tracks of a scene: where everything is, sampled once on the host in float64."""
+"""Tracks of a scene: positions of all bodies, sampled once on the host in float64."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LONGEST_STEP_S = 3600.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tracks:
-    """All that moves in a scene on one time grid; GCRS axes, geocentric."""
+    """Tracks of all bodies of a scene on one time grid; GCRS axes, geocentric."""
 
     satellites: list[Track]
     targets: list[Track]
@@ -125,7 +125,7 @@ class Tracks:
 
 
 _KNOWN: weakref.WeakValueDictionary[Hashable, Tracks] = weakref.WeakValueDictionary()
-"""Tracks that somebody holds, by what they follow from."""
+"""Live tracks by their inputs."""
 
 
 def build_tracks(
@@ -138,7 +138,7 @@ def build_tracks(
 ) -> Tracks:
     """Sample all bodies of a scene on one node grid, with the Sun and the Earth's own motion.
 
-    Tracks that somebody holds are given again where all that they follow from is the same.
+    Live tracks are returned again where all their inputs are the same.
 
     Args:
         constellation: The satellites.
@@ -149,7 +149,7 @@ def build_tracks(
         seed: Of the releases.
 
     Raises:
-        InputError: A path cannot be followed, because it falls through half the Earth's radius or its file ends, say.
+        InputError: A path cannot be propagated, because it falls through half the Earth's radius or its file ends, say.
     """
     motion = motion_of(constellation, groups, epoch, duration_s, seed)
     names = (*constellation.names, *(target.name for target in targets))
@@ -187,7 +187,7 @@ def build_tracks(
 
 @dataclass(frozen=True)
 class _Presence:
-    """When targets are there, and whom they go with."""
+    """Existence and release of targets."""
 
     carrier: npt.NDArray[np.int64]
     release_s: F64
@@ -199,7 +199,7 @@ class _Presence:
 
     @classmethod
     def of(cls, targets: Sequence[SceneTarget], duration_s: float) -> _Presence:
-        """When the targets of a scene are there."""
+        """Existence of the targets of a scene."""
         mains = {target.group: number for number, target in reversed(list(enumerate(targets)))}
         carrier = [mains[target.group] if target.is_released else number for number, target in enumerate(targets)]
         release_s = np.array([target.release_s for target in targets], dtype=np.float64)
@@ -212,7 +212,7 @@ class _Presence:
 
 
 def _checksum(path: object) -> object:
-    """What the files that a path was read from held, of parts within it too."""
+    """Checksum of the files that a path was read from, including its parts."""
     if isinstance(path, tuple):
         return tuple(_checksum(item) for item in path)
     if not hasattr(path, "__dataclass_fields__"):

@@ -1,4 +1,4 @@
-"""Rules over several parts of a scene; each breach is one line that names the field. They read no file."""
+"""Checks over several parts of a scene; each error is one line that names the field. They read no file."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from warpsim.scene.targets import SceneTarget, with_values
 from warpsim.scene.temperatures import temperature_tables
 
 LONGEST_TRACKS_S = 2e8
-"""Longest scene times number of moving things: 1.4 GB of orbit nodes at most, 4 to 8 GB while they are made."""
+"""Longest scene times number of bodies: 1.4 GB of orbit nodes at most, 4 to 8 GB while they are made."""
 
 
 def reads_file(part: Any) -> bool:
@@ -39,12 +39,12 @@ def reads_file(part: Any) -> bool:
 
 
 def known_names(path: Any) -> list[str] | None:
-    """Return the names of a constellation or of orbits; None where only a file tells them."""
+    """Return the names of a constellation or of orbits; None where they are read from a file."""
     return None if reads_file(path) else list(path.names)
 
 
 def check_sensors(constellation: AnyConstellation, sensors: Sequence[Sensor], frames: Frames) -> None:
-    """Sensors have names of their own, satellites that carry them, and exposures that fit between frames."""
+    """Check that sensors have unique names, existing satellites, and exposures that fit between frames."""
     if not sensors:
         raise InputError("must hold at least one", "sensors")
     satellites = known_names(constellation)
@@ -64,7 +64,7 @@ def check_sensors(constellation: AnyConstellation, sensors: Sequence[Sensor], fr
 
 
 def check_satellites(sensor: Sensor, satellites: Sequence[str]) -> None:
-    """A sensor's satellites are there, and each of them has a pointing.
+    """Check that a sensor's satellites exist, and that each of them has a pointing.
 
     Raises:
         InputError: They are not; the path begins with a field of the sensor.
@@ -82,7 +82,7 @@ def check_satellites(sensor: Sensor, satellites: Sequence[str]) -> None:
 
 
 def check_names(constellation: AnyConstellation, sensors: Sequence[Sensor], groups: Sequence[TargetGroup]) -> None:
-    """Names of satellites, kinds of sensors, targets and groups tell them apart, as far as they stand in the scene."""
+    """Check that names of satellites, kinds of sensors, targets and groups given in the scene are unique."""
     satellites = known_names(constellation) or []
     targets = [known_names(group.orbits) or [] if group.orbits else group.names for group in groups]
     names = [*satellites, *(name for some in targets for name in some), "sun"]
@@ -104,7 +104,7 @@ def check_names(constellation: AnyConstellation, sensors: Sequence[Sensor], grou
 
 
 def check_times(constellation: AnyConstellation, groups: Sequence[TargetGroup], duration_s: float) -> None:
-    """Groups and releases lie within the scene, and the scene is not too long for its bodies."""
+    """Check that groups and releases are within the scene, and that the scene is not too long for its bodies."""
     n_body = len(known_names(constellation) or [])
     for number, group in enumerate(groups):
         path = item_path("groups", number, len(groups))
@@ -129,7 +129,7 @@ def check_times(constellation: AnyConstellation, groups: Sequence[TargetGroup], 
 
 
 def check_frames(sensors: Sequence[Sensor], frames: Frames, duration_s: float) -> None:
-    """All frames lie within the scene."""
+    """Check that all frames are within the scene."""
     own = {item_path("sensors", number, len(sensors)): sensor.frames for number, sensor in enumerate(sensors)}
     for path, some in [("", frames), *own.items()]:
         last_s = 0.0 if some is None else some.start_s + (some.count - 1) * some.interval_s
@@ -139,7 +139,7 @@ def check_frames(sensors: Sequence[Sensor], frames: Frames, duration_s: float) -
 
 
 def check_instruments(sensors: Sequence[Sensor]) -> None:
-    """Every band of a sensor has a point spread function, and blank sky does not saturate its detector."""
+    """Check that every band of a sensor has a point spread function, and that blank sky does not saturate."""
     for number, sensor in enumerate(sensors):
         path = item_path("sensors", number, len(sensors))
         try:
@@ -151,7 +151,7 @@ def check_instruments(sensors: Sequence[Sensor]) -> None:
 
 
 def _check_optics(sensor: Sensor, band: str) -> None:
-    """A band has a point spread function; images in files are read when it is first asked for."""
+    """Check that a band has a point spread function; image files are read on its first use."""
     optics = sensor.optics
     if isinstance(optics.psf_file, Mapping) and band not in optics.psf_file:
         raise InputError(f"must name a file for every band, got none for {band}", "optics.psf_file")
@@ -164,7 +164,7 @@ def _check_optics(sensor: Sensor, band: str) -> None:
 
 
 def check_targets(groups: Sequence[TargetGroup], sensors: Sequence[Sensor], epoch_utc: str, duration_s: float) -> None:
-    """Targets are described in every band, numbers that are spread keep their rules, tables cover the scene."""
+    """Check that targets are described in every band, drawn numbers are valid, and tables cover the scene."""
     bands = list(dict.fromkeys(band for sensor in sensors for band in sensor.bands))
     for number, group in enumerate(groups):
         path = item_path("groups", number, len(groups))
@@ -193,7 +193,7 @@ def check_pointing(
     access_target: str,
     frames: Frames,
 ) -> None:
-    """What cameras follow, and what access counts by, is there, and what they are commanded covers the frames.
+    """Check that tracked targets and access targets exist, and that commanded pointing covers the frames.
 
     Left to the scenario where a file must be read to know the names of satellites or targets, or rows of directions.
     """
@@ -223,7 +223,7 @@ def check_pointing(
 
 
 def check_access_target(access_target: str, targets: Sequence[SceneTarget], groups: Sequence[str]) -> None:
-    """The target that access counts by is there.
+    """Check that the access target exists.
 
     Raises:
         InputError: It is not.

@@ -71,7 +71,7 @@ def _named(rows: list[re.Match[str]]) -> list[re.Match[str]]:
 
 
 def _optional(row: re.Match[str]) -> bool:
-    """Whether the bytes may be missing: texts, and numbers that may be blank."""
+    """Return whether the bytes may be missing: texts, and numbers that may be blank."""
     return row["format"][0] in "AL" or bool(_NULL.match(row["text"] or ""))
 
 

@@ -9,7 +9,7 @@ MISSING = ("", "nan", "null", "none", "-", "--", "---", "~", "n/a")
 
 
 def is_number(text: str | bytes) -> bool:
-    """Whether a text is a number; Python's 1_0 is none."""
+    """Return whether a text is a number; Python's 1_0 is none."""
     try:
         float(text)
     except ValueError:

@@ -65,7 +65,7 @@ def read_delimited(data: bytes, delimiter: str | None = None) -> tuple[Table, ND
 
 
 def names_columns(line: str, delimiter: str | None = None) -> bool:
-    """Whether a line looks like the names of two columns or more: cells that are neither blank nor numbers."""
+    """Return whether a line looks like the names of two columns or more: cells that are neither blank nor numbers."""
     parted_by = delimiter or _delimiter_of(line)
     cells = [cell.strip() for cell in cells_of(line, parted_by)] if parted_by else []
     return len(cells) >= 2 and all(cell and not is_number(cell) for cell in cells)

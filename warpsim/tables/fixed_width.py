@@ -122,7 +122,7 @@ def read_fixed_width(lines: Lines, layout: Layout) -> Table:
 
 
 def _follows(line: bytes, layout: Layout) -> bool:
-    """Whether a line has the layout's length, marks and numbers, a number in at least half of its columns."""
+    """Return whether a line has the layout's length, marks and numbers, a number in at least half of its columns."""
     if not layout.shortest <= len(line) <= layout.longest:
         return False
     if any(chr(line[byte - 1]) != mark for byte, mark in layout.marks):

@@ -124,7 +124,7 @@ def _readme_beside(path: Path) -> Path | None:
 
 
 def _describes(readme: Path) -> bool:
-    """Whether a file beside the data is a ReadMe of the CDS, not just any README."""
+    """Return whether a file beside the data is a ReadMe of the CDS, not just any README."""
     try:
         return "description of file:" in readme.read_text("latin-1").lower()
     except OSError:

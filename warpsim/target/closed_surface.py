@@ -157,14 +157,14 @@ def _reentrant_edges(vertices: F64, faces: I64, vector: F64, neighbour: I64) -> 
 
 
 def _covers_once(vertices: F64, faces: I64, vector: F64) -> bool:
-    """Whether every direction from the centre of volume meets the surface once.
+    """Return whether every direction from the centre of volume meets the surface once.
 
     With no edge bending inwards, the surface is then that of a convex body. (A pentagram's double pyramid has no such
     edge either, but goes round its centre twice.) Solid angles: van Oosterom and Strackee 1983.
     """
     corner = vertices[faces]
-    share = np.sum(corner.mean(axis=1) * vector, axis=1)
-    centre = np.sum(0.75 * corner.mean(axis=1) * share[:, None], axis=0) / share.sum()
+    volume = np.sum(corner.mean(axis=1) * vector, axis=1)
+    centre = np.sum(0.75 * corner.mean(axis=1) * volume[:, None], axis=0) / volume.sum()
     a, b, c = np.moveaxis(corner - centre, 1, 0)
     if not (np.sum(a * vector, axis=1) > -FLAT * np.linalg.norm(vector, axis=1)).all():
         return False

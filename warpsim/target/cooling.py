@@ -1,8 +1,8 @@
 """Temperatures of lumped-capacitance nodes that absorb a given power and radiate: C dT/dt = Q(t) - k T^4.
 
 Radau IIA with three stages (order 5, L-stable; Hairer and Wanner, Solving Ordinary Differential Equations II, sections
-IV.5 and IV.8), so thin foils that integrate the power within seconds and heavy bodies take the steps that their
-temperature needs. All bodies go with one step. The polynomial through the stages gives the rows between steps.
+IV.5 and IV.8), so thin foils, which reach balance within seconds, and heavy bodies take the steps that their
+temperature needs. All bodies share one step. The polynomial through the stages gives the rows between steps.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def integrate(
 
 
 def _stalls(errors_k: Sequence[float]) -> bool:
-    """Whether the last two runs have not lowered the error."""
+    """Return whether the last two runs have not lowered the error."""
     return len(errors_k) > 2 and min(errors_k[-2:]) > 0.8 * min(errors_k[:-2])
 
 
@@ -147,29 +147,30 @@ class _Integrator:
     def advance_to(self, stop_s: float, longest_s: float, tolerance_k: float, chord_k: float) -> None:
         """Take steps up to a stop, each a half, quarter, ... of the way to it."""
         way_s, done = stop_s - self.time_s, 0.0
-        share = _dyadic(min(self.step_s, longest_s, self._first_step_s()) / way_s)
+        step_fraction = _dyadic(min(self.step_s, longest_s, self._first_step_s()) / way_s)
         start_s = self.time_s
         self._ahead = {}
         while done < 1.0:
-            if len(self.begin_s) >= self.most_steps or share * way_s < 1e-12 * max(1.0, abs(self.time_s)):
+            if len(self.begin_s) >= self.most_steps or step_fraction * way_s < 1e-12 * max(1.0, abs(self.time_s)):
                 raise InputError(f"the temperature cannot be integrated near {self.time_s:.6g} s: it changes too fast")
-            h = share * way_s
+            h = step_fraction * way_s
             if self._limit_s(h) < 0.99 * h:
-                share *= 0.5
+                step_fraction *= 0.5
                 continue
-            heating = self._heating_of(start_s, way_s, done, share)
+            heating = self._heating_of(start_s, way_s, done, step_fraction)
             stage = _stages(self.bodies, heating, h, self.kelvin)
             off_k = math.inf if stage is None else _estimate_k(self.bodies, self._heating, h, self.kelvin, stage)
             if stage is None or not off_k <= tolerance_k:
-                share *= 0.5 if off_k <= 16 * tolerance_k else 0.25
+                step_fraction *= 0.5 if off_k <= 16 * tolerance_k else 0.25
                 continue
             self._take(h, stage, chord_k)
-            done += share
+            done += step_fraction
             self.time_s, self._heating = (stop_s if done == 1.0 else start_s + done * way_s), heating[:, -1]
             # The estimate grows with the fourth power of the step; a longer step must begin on a multiple of itself.
-            if off_k < tolerance_k / 24 and 2 * h <= longest_s and done % (2 * share) == 0 and done + 2 * share <= 1:
-                share *= 2
-        self.step_s = share * way_s
+            twice = 2 * step_fraction
+            if off_k < tolerance_k / 24 and 2 * h <= longest_s and done % twice == 0 and done + twice <= 1:
+                step_fraction *= 2
+        self.step_s = step_fraction * way_s
 
     def _limit_s(self, h: float) -> float:
         """Longest step allowed within the next h seconds."""
@@ -181,14 +182,14 @@ class _Integrator:
         slope_s = float(-self.bodies.slope_s(self.kelvin).min())
         return math.inf if self.begin_s or slope_s == 0 else 0.01 / slope_s
 
-    def _heating_of(self, start_s: float, way_s: float, done: float, share: float) -> F64:
+    def _heating_of(self, start_s: float, way_s: float, done: float, step_fraction: float) -> F64:
         """Heating at the three stages of a step; computed for some steps ahead."""
-        if (done, share) not in self._ahead:
-            begins = done + share * np.arange(min(_STEPS_AHEAD, round((1.0 - done) / share)))
-            times = start_s + way_s * (begins[:, None] + share * _C)
+        if (done, step_fraction) not in self._ahead:
+            begins = done + step_fraction * np.arange(min(_STEPS_AHEAD, round((1.0 - done) / step_fraction)))
+            times = start_s + way_s * (begins[:, None] + step_fraction * _C)
             found = self.bodies.heating_k_s(times.ravel()).reshape(-1, len(begins), 3)
-            self._ahead = {(begin, share): found[:, i] for i, begin in enumerate(begins.tolist())}
-        return self._ahead[done, share]
+            self._ahead = {(begin, step_fraction): found[:, i] for i, begin in enumerate(begins.tolist())}
+        return self._ahead[done, step_fraction]
 
     def _take(self, h: float, stage: F64, chord_k: float) -> None:
         """Record a step and the number of rows that it needs."""

@@ -4,9 +4,10 @@
     emitted  = e_ir sigma T^4 S
 
 E_sun: 1361 W/m2 at 1 au. sunlit: fraction of the Sun's disc seen past the Earth. A_sun: projected area towards the Sun.
-S: whole surface. rho: angular radius of the Earth; w is the mean view factor of a body that turns in all directions, exact for a
-sphere (max(0, n . l) over all n is 1/4, times the solid angle over pi). The Earth radiates the same everywhere. Its
-sunlit face is taken to shine as the point below the target does, with the Sun's zenith angle there.
+S: whole surface. rho: angular radius of the Earth; w is the mean view factor of a body that turns in all directions,
+exact for a sphere (max(0, n . l) over all n is 1/4, times the solid angle over pi). The Earth
+radiates the same everywhere. Its sunlit face is taken to shine as the point below the target does, with the Sun's
+zenith angle there.
 """
 
 from __future__ import annotations

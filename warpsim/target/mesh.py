@@ -117,7 +117,7 @@ class Mesh(Areas):
 
     @property
     def convex(self) -> bool:
-        """Whether areas are exact: no part of the body hides another; to 1e-5 of its extent."""
+        """Return whether areas are exact: no part of the body hides another; to 1e-5 of its extent."""
         return self.surface.convex
 
     def notes(self) -> list[str]:

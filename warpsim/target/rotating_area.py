@@ -73,7 +73,7 @@ class RotatingArea:
 
     @property
     def is_steady(self) -> bool:
-        """Whether the area depends on the light's direction alone, as all motion is averaged."""
+        """Return whether the area depends on the light's direction alone, as all motion is averaged."""
         return bool(self._fast) and all(rate == 0 or name in self._fast for name, rate in self._rates.items())
 
     def swing_m2_s(self, time_s: float, direction: F64) -> F64:
