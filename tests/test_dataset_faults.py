@@ -357,7 +357,9 @@ def test_interrupts_end_a_pool_at_once(recipe_path, tmp_path, checkout_environme
 
 def test_a_late_worker_does_not_write_into_another_data_set(recipe, tmp_path, monkeypatch):
     tasks = []
-    monkeypatch.setattr("warpsim.dataset.write.run_tasks", lambda given, *others: tasks.extend(given) or _gone(given))
+    monkeypatch.setattr(
+        "warpsim.dataset.write_dataset.run_tasks", lambda given, *others: tasks.extend(given) or _gone(given)
+    )
     with pytest.raises(BrokenExecutor):
         ws.write_dataset(recipe, tmp_path / "data", n_worker=1, device="cpu")
     monkeypatch.undo()
@@ -386,7 +388,7 @@ def test_a_complete_data_set_is_recognized_where_nothing_can_be_written(recipe, 
     def refused(folder):
         raise ws.InputError(f"{folder}: cannot be written: Read-only file system")
 
-    monkeypatch.setattr("warpsim.dataset.write.prepare_folder", refused)
+    monkeypatch.setattr("warpsim.dataset.write_dataset.prepare_folder", refused)
     assert ws.write_dataset(recipe, whole, n_worker=1, device="cpu").n_shard_written == 0
 
 
@@ -397,7 +399,7 @@ def test_workers_that_would_write_other_files_do_not(recipe, whole, tmp_path, mo
     folder = tmp_path / "data"
     own = identity.package_versions
     monkeypatch.setattr(
-        "warpsim.dataset.write.identity_of",
+        "warpsim.dataset.write_dataset.identity_of",
         lambda *given: identity.identity_of(*given) | {"packages": own("pyarrow") | {"numpy": "1.0"}},
     )
     with pytest.raises(ws.InputError, match=r"this worker would write other files .*packages.numpy: \"1.0\" there, "):
@@ -528,13 +530,13 @@ def test_kept_annotations_are_used_and_those_that_are_damaged_made_anew(recipe, 
     folder, made = tmp_path / "data", []
     texts = annotations._texts
     monkeypatch.setattr(annotations, "_texts", lambda *given: made.append(given) or texts(*given))
-    monkeypatch.setattr("warpsim.dataset.write.finish", _broken_off)
+    monkeypatch.setattr("warpsim.dataset.write_dataset.finish", _broken_off)
     with pytest.raises(KeyboardInterrupt):
         ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
     assert len(made) == 8
     kept = folder / PARTS / "coco" / "train-000000.json"
     kept.write_text(kept.read_text().replace("0", "1", 1))
-    monkeypatch.setattr("warpsim.dataset.write.finish", finish)
+    monkeypatch.setattr("warpsim.dataset.write_dataset.finish", finish)
     ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
     assert len(made) == 9
     assert content(folder) == content(whole)
@@ -543,7 +545,7 @@ def test_kept_annotations_are_used_and_those_that_are_damaged_made_anew(recipe, 
 def test_a_file_of_somebody_in_a_folder_to_come_is_not_touched(recipe, tmp_path, monkeypatch):
     folder = tmp_path / "data"
     with monkeypatch.context() as patch:
-        patch.setattr("warpsim.dataset.write.finish", _broken_off)
+        patch.setattr("warpsim.dataset.write_dataset.finish", _broken_off)
         with pytest.raises(KeyboardInterrupt):
             ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
     (name,) = {Path(name).parent for name in read_json(folder / PARTS / "checkpoints" / "train-000001.json")["files"]}

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from warpsim import paper as paper
     from warpsim import plot as plot
     from warpsim.dataset.recipe import Recipe as Recipe
-    from warpsim.dataset.write import DatasetReport as DatasetReport
-    from warpsim.dataset.write import write_dataset as write_dataset
+    from warpsim.dataset.write_dataset import DatasetReport as DatasetReport
+    from warpsim.dataset.write_dataset import write_dataset as write_dataset
     from warpsim.detector.electron import ElectronDetector as ElectronDetector
     from warpsim.detector.nei import NeiDetector as NeiDetector
     from warpsim.errors import InputError as InputError
@@ -191,8 +191,8 @@ _HOME = {
     "NeiDetector": "warpsim.detector.nei",
     "ElectronDetector": "warpsim.detector.electron",
     "Recipe": "warpsim.dataset.recipe",
-    "write_dataset": "warpsim.dataset.write",
-    "DatasetReport": "warpsim.dataset.write",
+    "write_dataset": "warpsim.dataset.write_dataset",
+    "DatasetReport": "warpsim.dataset.write_dataset",
     "InputError": "warpsim.errors",
 }
 

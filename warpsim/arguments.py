@@ -1,4 +1,4 @@
-"""What users give to functions: numbers, or astropy quantities converted to the unit asked for, and names."""
+"""Arguments of functions: numbers, or astropy quantities converted to a unit, and names."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    """One line, without the place in the code."""
+    """Show a warning as one line, without its source location."""
     print(f"warpsim: warning: {' '.join(str(message).split())}", file=sys.stderr)
 
 
@@ -59,31 +59,15 @@ def _parser() -> argparse.ArgumentParser:
 
     render = commands.add_parser("render", help="render a scene into a folder")
     _add_scene(render)
-    render.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to write to")
-    render.add_argument("--frames", metavar="A:B[:STEP]", help="frame numbers, like a Python slice")
-    render.add_argument("--sensors", metavar="NAMES", help="comma-separated names of sensors or of kinds of them")
-    render.add_argument("--bands", metavar="NAMES", help="comma-separated band names")
-    render.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
-    render.add_argument("--every-frame", action="store_true", help="also frames without access to a target")
-    render.add_argument("--stars", action="store_true", help="also list the stars in every image, in stars.fits")
-    formats = "comma-separated: fits (the default), tiff, png, exr (noiseless), zarr"
-    render.add_argument("--format", default="fits", metavar="NAMES", help=formats)
-    render.add_argument("--preview", metavar="NAME", help="also a film of each sensor and band: gif or mp4")
-    render.add_argument("--overwrite", action="store_true", help="replace a different run in the folder")
-    render.add_argument("--quiet", action="store_true", help="no progress bar, no report")
+    _add_render(render)
     render.set_defaults(command=_render)
 
     access = commands.add_parser("access", help="list when each sensor can observe a target")
     _add_scene(access)
-    access.add_argument("--target", metavar="NAME", help="what the scene's access_target says if left out")
-    access.add_argument("--sensors", metavar="NAMES", help="comma-separated names of sensors or of kinds of them")
-    access.add_argument("--format", default="table", metavar="NAME", help="table (the default), csv or ecsv")
-    access.add_argument("--step", metavar="S", help="step of the scan for changes [s], 10 if left out")
-    access.add_argument("--plot", metavar="FILE", help="also draw the intervals and the ranges: .png, .pdf or .svg")
-    access.add_argument("--overwrite", action="store_true", help="replace an existing picture")
+    _add_access(access)
     access.set_defaults(command=_access)
 
-    check = commands.add_parser("check", help="validate a scene or a recipe and say what it would give")
+    check = commands.add_parser("check", help="validate a scene or a recipe and report on it")
     _add_scene(check)
     check.set_defaults(command=_check)
 
@@ -102,7 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     czml.add_argument("--overwrite", action="store_true", help="replace an existing file")
     czml.set_defaults(command=_czml)
 
-    catalog = commands.add_parser("catalog", help="say what a star catalog holds, and convert it")
+    catalog = commands.add_parser("catalog", help="report on a star catalog, and convert it")
     _add_catalog(catalog)
     catalog.set_defaults(command=_catalog)
 
@@ -118,6 +102,30 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_scene(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE", help="preset name (stss), or path of a .toml or .json file")
+
+
+def _add_render(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to write to")
+    parser.add_argument("--frames", metavar="A:B[:STEP]", help="frame numbers, like a Python slice")
+    parser.add_argument("--sensors", metavar="NAMES", help="comma-separated names of sensors or of kinds of them")
+    parser.add_argument("--bands", metavar="NAMES", help="comma-separated band names")
+    parser.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
+    parser.add_argument("--every-frame", action="store_true", help="also frames without access to a target")
+    parser.add_argument("--stars", action="store_true", help="also list the stars in every image, in stars.fits")
+    formats = "comma-separated: fits (the default), tiff, png, exr (noiseless), zarr"
+    parser.add_argument("--format", default="fits", metavar="NAMES", help=formats)
+    parser.add_argument("--preview", metavar="NAME", help="also an animation of each sensor and band: gif or mp4")
+    parser.add_argument("--overwrite", action="store_true", help="replace a different run in the folder")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar, no report")
+
+
+def _add_access(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--target", metavar="NAME", help="what the scene's access_target says if left out")
+    parser.add_argument("--sensors", metavar="NAMES", help="comma-separated names of sensors or of kinds of them")
+    parser.add_argument("--format", default="table", metavar="NAME", help="table (the default), csv or ecsv")
+    parser.add_argument("--step", metavar="S", help="step of the scan for changes [s], 10 if left out")
+    parser.add_argument("--plot", metavar="FILE", help="also draw the intervals and the ranges: .png, .pdf or .svg")
+    parser.add_argument("--overwrite", action="store_true", help="replace an existing figure")
 
 
 def _add_catalog(parser: argparse.ArgumentParser) -> None:
@@ -212,16 +220,16 @@ def _access(options: argparse.Namespace) -> int:
     step_s = ACCESS_STEP_S if options.step is None else _number("--step", options.step)
     if not (math.isfinite(step_s) and step_s > 0):
         raise InputError("must be > 0", "--step", options.step)
-    picture = Path(options.plot) if options.plot else None
-    if picture:
+    figure = Path(options.plot) if options.plot else None
+    if figure:
         from warpsim.plot.figure_files import check_figure_file, draw_access
 
-        check_figure_file(picture, options.overwrite, "--plot")
+        check_figure_file(figure, options.overwrite, "--plot")
     scenario = _scenario(options.scene)
     sensors = _names(options.sensors)
     table = scenario.access(options.target, sensors, step_s=step_s)
-    if picture:  # files before words, as with catalogs
-        draw_access(scenario, picture, table, sensors)
+    if figure:  # files before words, as with catalogs
+        draw_access(scenario, figure, table, sensors)
     if options.format != "table":
         table.write(sys.stdout, format=f"ascii.{options.format}")
         return 0
@@ -234,8 +242,8 @@ def _access(options: argparse.Namespace) -> int:
     n_sensor = len(scenario.select_sensors(sensors))
     seen, total_s = len(set(table["sensor"])), float(sum(table["duration_s"]))
     print(f"{seen} of {n_sensor} sensors have access, {total_s:.1f} s in all")
-    if picture:
-        print(f"picture in {picture}")
+    if figure:
+        print(f"figure in {figure}")
     return 0
 
 
@@ -265,7 +273,7 @@ def _plot(options: argparse.Namespace) -> int:
     sensors = _names(options.sensors)
     written = draw_scenario(scenario, Path(options.output), time_s, options.overwrite, sensors)
     names = ", ".join(path.name for path in written)
-    print(f"{len(written)} pictures of {scenario.scene.name} in {options.output}: {names}")
+    print(f"{len(written)} figures of {scenario.scene.name} in {options.output}: {names}")
     return 0
 
 
@@ -287,24 +295,24 @@ def _catalog(options: argparse.Namespace) -> int:
     from warpsim.output.catalog_report import catalog_report
     from warpsim.plot.figure import FIGURE_SUFFIXES, need_matplotlib
 
-    output, picture = (Path(name) if name else None for name in (options.output, options.plot))
+    output, figure = (Path(name) if name else None for name in (options.output, options.plot))
     if output:
         check_new_file(output, tuple(FORMAT_OF_SUFFIX), options.overwrite)
-    if picture:
-        check_new_file(picture, FIGURE_SUFFIXES, options.overwrite)
+    if figure:
+        check_new_file(figure, FIGURE_SUFFIXES, options.overwrite)
         need_matplotlib("--plot")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         catalog = _load_catalog(options)
     # Files before words: a reader that closes the pipe early (head) must not cost a file.
     written = write_catalog(catalog, output, options.overwrite) if output else None
-    if picture:
-        _draw_counts(catalog, picture)
+    if figure:
+        _draw_counts(catalog, figure)
     print(catalog_report(catalog, [str(warning.message) for warning in caught]))
     if written is not None:
         print(f"\n{len(written):,} {'star' if len(written) == 1 else 'stars'} at J{written.epoch_jyear} in {output}")
-    if picture:
-        print(f"picture in {picture}")
+    if figure:
+        print(f"figure in {figure}")
     return 0
 
 
@@ -413,7 +421,7 @@ def _bench(options: argparse.Namespace) -> int:
 
 
 def _check_sizes(plan: BenchmarkPlan) -> None:
-    """Check that there are scenes of all sizes, before the first is measured."""
+    """Check the scenes of all sizes, before the first is measured."""
     from warpsim.speed.work import speed_scene
 
     cases = [("--pixels", n_pixel, n_pixel, 1) for n_pixel in plan.pixels]

@@ -1,4 +1,4 @@
-"""Errors that name the place, the rule and the value in one line."""
+"""Errors that name the place, the rule and the value in one line: field path or file, requirement, input."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ class InputError(ValueError):
     The text is one printable line: place, rule, value. `scene.toml: camera.fov_deg: must be in (0, 120), got -1.0`
 
     Args:
-        rule: What is asked for, as in "must be in (0, 120)"; or the whole sentence.
+        rule: Requirement, as in "must be in (0, 120)"; or the whole sentence.
         field: Path of the field or argument that breaks it, as in "camera.fov_deg"; or of several, "time_s, file".
-        value: What it is instead; shown behind the rule.
+        value: Input given instead; shown behind the rule.
         form: Format in which the value is shown: "g" for a number, "s" for words without quotes; in full when left out.
         row: Which row of a table or of arrays breaks the rule, counted from 0; shown behind the value.
         n_row: How many rows break it, where all were looked at.
@@ -54,7 +54,7 @@ class InputError(ValueError):
         field: As given.
         value: As given; NO_VALUE where there is none.
         row: As given; None where there is none.
-        errors: The single errors, where several are told at once.
+        errors: The single errors, where several are reported at once.
     """
 
     def __init__(
@@ -75,15 +75,15 @@ class InputError(ValueError):
 
     @classmethod
     def several(cls, errors: Sequence[InputError], more: int = 0) -> Self:
-        """One error that tells of some, and says how many more there are."""
+        """One error for several, with the number of those not shown."""
         error = cls("")
         error.errors = tuple(errors)
         error.rule = "; ".join(map(str, errors)) + (f" (and {more} more)" if more else "")
-        return error._retold(())
+        return error._with_steps(())
 
     @property
     def place(self) -> str:
-        """Where it is: `scene.toml: camera.fov_deg`; empty where nobody said."""
+        """Location of the error: `scene.toml: camera.fov_deg`; empty if unknown."""
         text = ""
         for before, step in zip((None, *self._steps), self._steps, strict=False):
             joins = before is not None and before.is_field and step.is_field and ", " not in step.name
@@ -91,21 +91,21 @@ class InputError(ValueError):
         return text
 
     def within(self, field: str) -> Self:
-        """The same error, of the part that a field holds: its path comes before the place."""
-        return self._retold((_Step(field, True),)) if field else self
+        """Return the error with a field's path before the place."""
+        return self._with_steps((_Step(field, True),)) if field else self
 
     def of(self, name: str | os.PathLike[str]) -> Self:
-        """The same error, told of a file, a line, a body: its name comes before the place."""
-        return self._retold((_Step(os.fspath(name), False),)) if name else self
+        """Return the error with the name of a file, a line or a body before the place."""
+        return self._with_steps((_Step(os.fspath(name), False),)) if name else self
 
     def at_row(self, name: str) -> Self:
-        """The same error, whose row has another name, "line 3" of a file; the name comes before the place."""
-        error = self._retold((_Step(name, False),))
+        """Return the error with the name of its row, "line 3" of a file, before the place."""
+        error = self._with_steps((_Step(name, False),))
         error.row = None
         error.args = (error._text(),)
         return error
 
-    def _retold(self, steps: tuple[_Step, ...]) -> Self:
+    def _with_steps(self, steps: tuple[_Step, ...]) -> Self:
         """A copy with steps before the place."""
         error = type(self)(self.rule, self.field, self.value, self._form, row=self.row, n_row=self._n_row)
         error.errors, error._steps = self.errors, (*steps, *self._steps)

@@ -24,7 +24,7 @@ PARTIAL_SUFFIX = ".partial"
 
 
 def partial_path(path: Path) -> Path:
-    """The name that a file has until it is whole."""
+    """Temporary name of a file until it is complete."""
     return path.with_name(f".{path.name}{PARTIAL_SUFFIX}")
 
 
@@ -41,7 +41,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder beside path to write to; takes its place at the end, removed on an error."""
+    """A temporary folder beside path to write to; renamed to path at the end, removed on an error."""
     partial = partial_path(path)
     shutil.rmtree(partial, ignore_errors=True)
     try:
@@ -56,7 +56,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Errors of writing say to which file."""
+    """Name the file in errors of writing."""
     try:
         yield
     except OSError as error:
@@ -69,7 +69,7 @@ def naming(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def whole_file_by_memory(path: Path) -> Iterator[str]:
-    """A name in memory for a library to write to that does not tell of a full disk; what it wrote becomes the file.
+    """A name in memory for a library that does not report a full disk; its output becomes the file.
 
     OpenImageIO's writers of PNG and GIF, and that of EXR for small images, return success where nothing could be
     written any more.
@@ -89,7 +89,7 @@ def absolute_path(path: str) -> str:
 
 
 def check_new_file(path: Path, suffixes: tuple[str, ...] | None, overwrite: bool) -> None:
-    """Check that a file may be written, before the work is done.
+    """Check that a file may be written, before the work.
 
     Raises:
         InputError: The suffix is not one of these (None: any), the folder is missing or cannot be written, or the file
@@ -108,7 +108,7 @@ def check_new_file(path: Path, suffixes: tuple[str, ...] | None, overwrite: bool
 
 
 def _check_folder_takes(path: Path) -> None:
-    """Check that the file that becomes path can be made; permissions alone do not tell (file systems of the kernel)."""
+    """Check that the file that becomes path can be made; permissions do not show it (file systems of the kernel)."""
     partial = partial_path(path)
     try:
         if not partial.exists():

@@ -1,4 +1,4 @@
-"""What a field of a scene is drawn from: one of some distributions, each a function of one uniform number."""
+"""Distributions of sampled fields of a scene, each a function of one uniform number."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ _UNIT_OF_SUFFIX = {
 
 
 def rule_error(rule: str) -> PydanticCustomError:
-    """Return the error to raise from a field's validator: place and value are added to the rule."""
+    """Return the error to raise from a field's validator: field path and value are added to the rule."""
     return PydanticCustomError("rule", "{rule}", {"rule": rule})
 
 

@@ -24,10 +24,10 @@ T = TypeVar("T")
 CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, populate_by_name=True)
 
 TOO_DEEP = "is nested too deeply"
-"""The rule that parts within parts within parts break."""
+"""Rule for parts nested too deeply."""
 
 MOST_ERRORS = 4
-"""Errors of one report that are told."""
+"""Most errors shown in one report."""
 
 Location = tuple[int | str, ...]
 """Where pydantic found an error: fields, items of lists, tags of unions."""
@@ -57,7 +57,7 @@ def complete(cls: type[Any], **later: Any) -> None:
 
 
 def choice(tag: str) -> Tag:
-    """Return the tag of a member of a union that has no kinds; places in messages leave it out."""
+    """Return the tag of a member of a union that has no kinds; field paths in messages leave it out."""
     _KINDS.add(tag)
     return Tag(tag)
 

@@ -1,6 +1,6 @@
 """Annotations: COCO's, shard by shard, and those of single images in the form of the SatNet data set.
 
-A worker leaves what COCO's files say of its shard beside its record, so that in the end they are only put together.
+A worker leaves the COCO texts of its shard beside its checkpoint record, so that in the end they are only joined.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ _FACTS = {
 
 
 def keep_texts(recipe: Recipe, folder: Path, shard: Shard) -> str:
-    """Keep what COCO's file will say of a shard, whose tables are there; the SHA-256 of what is left."""
+    """Write the COCO texts of a shard with complete tables; return their SHA-256."""
     path = _texts_path(folder, shard)
     write_json(_texts(recipe, folder, shard), path)
     return sha256_of(path)
 
 
 def shard_texts(recipe: Recipe, folder: Path, shard: Shard, checksum: str | None) -> tuple[str, str]:
-    """Return what COCO's file says of a shard's images and of their annotations; made anew unless it was kept whole."""
+    """Return the COCO texts of a shard's images and annotations; made again unless stored whole."""
     path = _texts_path(folder, shard)
     if path.is_file() and sha256_of(path) == checksum:
         images, annotations = read_json(path)

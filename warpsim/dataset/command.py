@@ -30,9 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace, whole_number: Callable[[str, str], int], start_warp: Callable[[], None]) -> int:
-    """Do what the options say; the exit code."""
+    """Run the command; return the exit code."""
     from warpsim.dataset.recipe import Recipe
-    from warpsim.dataset.write import write_dataset
+    from warpsim.dataset.write_dataset import write_dataset
 
     numbers = {"n_sequence": "sequences", "n_frame": "frames", "seed": "seed"}
     changes: dict[str, Any] = {

@@ -1,7 +1,7 @@
-"""The folder of a data set: what of it is already there, and room for the rest.
+"""Directory of a data set: its state, its lock, and cleaning before a run.
 
-Each shard has a record with the checksums of its files. While a run is unfinished records lie in `.warpsim-parts`;
-the manifest takes them up, and is written last.
+Each shard has a checkpoint record with the checksums of its files. While a run is unfinished the records are in
+`.warpsim-parts`; the manifest includes them, and is written last.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from warpsim.output.checkpoints import clear, has_key, is_record, locked, remove
 
 @dataclass(frozen=True)
 class DatasetDirectory:
-    """A data set's folder."""
+    """Directory of a data set."""
 
     folder: Path
     recipe: Recipe
@@ -67,10 +67,10 @@ class DatasetDirectory:
         return all(which_match(self.folder, records).values())
 
     @contextlib.contextmanager
-    def held(self, overwrite: bool) -> Iterator[dict[str, CheckpointRecord]]:
-        """Lock the folder for a run; yield the checkpoint records of complete shards. In the end only the data set stays.
+    def locked_for_run(self, overwrite: bool) -> Iterator[dict[str, CheckpointRecord]]:
+        """Lock the folder for a run; yield the checkpoint records of complete shards; clean up at the end.
 
-        What a run leaves that failed before anything was written is nothing.
+        A run that failed before it wrote anything leaves nothing.
 
         Raises:
             InputError: The folder holds another data set and overwrite is not set, or files that warpsim did not write,
@@ -90,11 +90,11 @@ class DatasetDirectory:
             clear(self.parts)
 
     def _has_begun(self) -> bool:
-        """Return whether something says of files that they are there, or may be."""
+        """Return whether any record of complete or planned files exists."""
         return any(any((self.parts / name).glob("*.json")) for name in (CHECKPOINTS, PLANNED))
 
     def _checkpoints(self) -> dict[str, CheckpointRecord]:
-        """Receipts of the shards whose files are there and undamaged, by the shard's name."""
+        """Checkpoint records of the shards whose files are there and undamaged, by the shard's name."""
         found = {}
         for shard in shards_of(self.recipe):
             record = read_json(checkpoint_path(self.folder, shard))
@@ -110,7 +110,7 @@ class DatasetDirectory:
         return {name: record["files"] for name, record in shards.items()}
 
     def _take_up_manifest(self) -> None:
-        """Of a complete data set with a damaged or missing file, keep the checkpoint records."""
+        """Turn the manifest of a data set with a damaged or missing file back into checkpoint records."""
         manifest = read_json(self.manifest_path)
         if not has_key(manifest, self.key):
             return
@@ -125,7 +125,7 @@ class DatasetDirectory:
         self.manifest_path.unlink()
 
     def _make_room(self, overwrite: bool) -> None:
-        """Check that the data set's files are ours to write: remove another one, if requested, never foreign files."""
+        """Make room for the data set: remove another one, if requested, never foreign files."""
         paths = [self.manifest_path, self.parts / RUN]
         paths += [path for folder in (CHECKPOINTS, PLANNED) for path in (self.parts / folder).glob("*.json")]
         runs = [record for record in map(read_json, paths) if is_record(record)]
@@ -151,14 +151,14 @@ class DatasetDirectory:
             partial_path(self.folder / name).unlink(missing_ok=True)
 
     def _what_differs(self, others: list[dict[str, Any]]) -> str:
-        """In a few words."""
+        """Short description of the first difference."""
         for run in others:
             if "recipe" in run:
                 return difference({name: run.get(name) for name in self.identity}, self.identity) or "other key"
         return "other recipe, inputs, device or versions"
 
     def _check_foreign(self, runs: list[dict[str, Any]]) -> None:
-        """Check that what stands where the data set is to be was written by one of these runs."""
+        """Check that existing files of the data set's names were written by one of these runs."""
         if self.manifest_path.exists() and not is_record(read_json(self.manifest_path)):
             raise InputError("is damaged, or not of warpsim; choose another folder, or empty this one").of(
                 self.manifest_path

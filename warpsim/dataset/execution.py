@@ -1,4 +1,4 @@
-"""Who does the work: this process, a pool of processes, or any executor of `concurrent.futures`."""
+"""Execution of tasks: in this process, a pool of processes, or any executor of `concurrent.futures`."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ MOST_LOSSES = 3
 
 
 class WorkersLostError(OSError):
-    """An executor does not do what it was given."""
+    """An executor lost its workers."""
 
 
 def run_tasks(
     tasks: Sequence[Task], executor: Executor | None, n_worker: int, done: Callable[[CheckpointRecord], None]
 ) -> None:
-    """Have all tasks done; `done` is called with each checkpoint record, in this thread.
+    """Run all tasks; `done` is called with each checkpoint record, in this thread.
 
     Args:
         tasks: What is to be done.
         executor: Who does it; its workers must see the folder that tasks write to.
         n_worker: Processes of a pool of our own, where no executor is given; 1: this process.
-        done: Takes records.
+        done: Called with each checkpoint record.
 
     Raises:
         InputError: A task cannot be done.
@@ -123,7 +123,7 @@ def _pool(n_worker: int) -> ProcessPoolExecutor:
 
 
 def _end(pool: ProcessPoolExecutor) -> None:
-    """End the workers of a pool at once: what they have not finished lies in folders of their own."""
+    """End the workers of a pool at once: unfinished files are in folders of each worker."""
     processes = list((pool._processes or {}).values())  # no public way leads to them before Python 3.14
     for process in processes:
         process.kill()
@@ -133,7 +133,7 @@ def _end(pool: ProcessPoolExecutor) -> None:
 
 
 def _begin_worker() -> None:
-    """A worker leaves interrupts to its parent, ends when that is gone, and prints nothing."""
+    """Initialise a worker: it ignores interrupts, ends with its parent, and prints nothing."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     wp.config.log_level = wp.LOG_ERROR
     parent = multiprocessing.parent_process()

@@ -1,4 +1,4 @@
-"""What comes when all shards are there: stores, annotations, the table of sequences, the manifest."""
+"""Final files of a complete data set: stores, annotations, the table of sequences, the manifest."""
 
 from __future__ import annotations
 

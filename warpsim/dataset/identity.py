@@ -1,4 +1,4 @@
-"""What the files of a data set depend on, and a key that stands for it."""
+"""Identity of a data set: all inputs that its files depend on, and their hash."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Stamp = tuple[int, int] | None
 
 
 def identity_of(recipe: Recipe, device: str) -> Identity:
-    """All that the bytes of a data set depend on, as plain values: what its manifest says of its making.
+    """Return all inputs that the bytes of a data set depend on, as plain values, for its manifest.
 
     Args:
         recipe: The recipe.
@@ -61,7 +61,7 @@ def key_of(identity: Identity) -> str:
 
 
 def difference(there: Any, here: Any, path: str = "") -> str | None:
-    """In a few words, the first path at which two identities differ; None where they do not."""
+    """Describe the first field in which two identities differ; None where they do not."""
     if isinstance(there, dict) and isinstance(here, dict):
         for name in dict.fromkeys([*there, *here]):
             inner = f"{path}.{name}" if path else str(name)
@@ -91,7 +91,7 @@ def input_files(recipe: Recipe) -> list[str]:
 
 
 def stamp_of(path: str) -> Stamp:
-    """What of a file changes when its content does; None where it is missing."""
+    """Return a stamp of a file that changes with its content; None where it is missing."""
     try:
         stat = os.stat(path)  # noqa: PTH116
     except OSError:

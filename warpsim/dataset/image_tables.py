@@ -30,8 +30,8 @@ class Tables:
     Args:
         recipe: The recipe.
         shard: The shard.
-        folder: Where to write, a mirror of the data set's folder.
-        locate: Where the image of a key is.
+        folder: Folder to write to, a mirror of the data set's.
+        locate: File and item of the image of a key.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class Tables:
         self._parts: dict[str, list[Table]] = {}
 
     def add(self, sequence: Sequence, position: int, frames: FrameSet) -> dict[str, Table]:
-        """Take the rows of a render call; returns them by table."""
+        """Add the rows of a render call; return them by table."""
         keys = image_keys(self._recipe, sequence, position, frames)
         ids = np.array([image_id(self._recipe, key) for key in keys], dtype=np.int64)
         truth = label_table(frames, least_nei=self._recipe.least_nei, with_masks=self._recipe.masks)
@@ -56,7 +56,7 @@ class Tables:
         return rows
 
     def _images(self, sequence: Sequence, frames: FrameSet, keys: list[ImageKey], ids: Any) -> Table:
-        """One row per image: where it is, when and with what it was taken, and its WCS."""
+        """One row per image: file, time, sensor, band and WCS."""
         from astropy.table import Table
 
         instrument = frames.instrument
@@ -114,6 +114,6 @@ class Tables:
 
 
 def _put_keys_first(table: Table, image_ids: Any, sequence: int) -> None:
-    """Put the columns first that tie tables together."""
+    """Move the key columns to the front."""
     table.add_column(image_ids, index=0, name="image_id")
     table.add_column(np.full(len(table), sequence, dtype=np.int64), index=1, name="sequence")

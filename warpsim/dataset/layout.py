@@ -21,7 +21,7 @@ MANIFEST = "manifest.json"
 SEQUENCES = "sequences.parquet"
 ANNOTATIONS = "annotations"
 RUN = "run.json"
-"""In PARTS: which data set the folder is held for."""
+"""In PARTS: the data set that the folder is locked for."""
 
 PARTS = ".warpsim-parts"
 """Folder of what a run needs while it is unfinished."""
@@ -32,7 +32,7 @@ CHECKPOINTS, PLANNED, COCO, WORK = "checkpoints", "planned", "coco", "work"
 
 @dataclass(frozen=True)
 class Shard:
-    """Sequences that are written as one: what a worker does at a time."""
+    """Sequences that are written as one: the unit of work."""
 
     split: str
     number: int
@@ -46,12 +46,12 @@ class Shard:
 
     @property
     def stem(self) -> str:
-        """Of its files in formats that put several sequences into one."""
+        """Stem of its files in formats that put several sequences into one."""
         return f"{self.split}/{self.number:06d}"
 
 
 class ImageKey(NamedTuple):
-    """Which image of a shard."""
+    """Key of an image within a shard."""
 
     sequence: int
     position: int
@@ -88,7 +88,7 @@ def table_path(recipe: Recipe, shard: Shard, sequence: int, table: str) -> str:
 
 
 def image_keys(recipe: Recipe, sequence: Sequence, position: int, frames: FrameSet) -> list[ImageKey]:
-    """Return which images a render call gave, in the order (frame, sensor, band)."""
+    """Return the keys of the images of a render call, in the order (frame, sensor, band)."""
     bands = recipe.band_names
     views = [(sensor, sequence.sensors.index(sensor)) for sensor in frames.sensors]
     return [
@@ -106,5 +106,5 @@ def image_id(recipe: Recipe, key: ImageKey) -> int:
 
 
 def top_names(recipe: Recipe) -> list[str]:
-    """What the data set puts into its folder."""
+    """Names of the top-level entries of a data set."""
     return [*recipe.ratios, ANNOTATIONS, SEQUENCES, MANIFEST]

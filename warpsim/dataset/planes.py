@@ -1,4 +1,4 @@
-"""Planes of images: what is written of each besides its counts."""
+"""Planes of images that are written besides the counts."""
 
 from __future__ import annotations
 
@@ -27,6 +27,6 @@ def planes_of(recipe: Recipe, frames: FrameSet) -> Planes:
 
 
 def bytes_per_view(recipe: Recipe, instrument: Instrument, n_target: int) -> int:
-    """Return the memory of a view [bytes], with all bands and planes, and what their making takes."""
+    """Return the memory of a view [bytes], with all bands, planes and temporaries."""
     per_pixel = 2 + 4 * recipe.signal + 2 * recipe.masks + 4 * n_target * (recipe.contributions or recipe.masks)
     return per_pixel * recipe.pixels_of(instrument)

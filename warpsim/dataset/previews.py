@@ -34,11 +34,11 @@ def sequence_animations(recipe: Recipe, sequence: Sequence, folder: Path) -> Ite
                 animations[sensor, band] = stack.enter_context(animation)
 
         def add(frames: FrameSet) -> None:
-            requested = [place for place, number in enumerate(frames.frames) if number % step == 0]
+            shown = [index for index, number in enumerate(frames.frames) if number % step == 0]
             for (sensor, band), add_counts in animations.items():
                 if sensor not in frames.sensors:
                     continue
                 s, b = frames.sensors.index(sensor), frames.bands.index(band)
-                add_counts(frames.counts.numpy()[requested, s, b])
+                add_counts(frames.counts.numpy()[shown, s, b])
 
         yield add

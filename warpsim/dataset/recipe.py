@@ -1,4 +1,4 @@
-"""The recipe of a data set: a scene, what of it is drawn anew for each sequence, and what is written."""
+"""The recipe of a data set: a scene, its sampled fields, and the files to write."""
 
 from __future__ import annotations
 
@@ -66,12 +66,12 @@ def _scene(value: Any, info: ValidationInfo) -> Scene:
 
 
 def _samples(value: Any, info: ValidationInfo) -> dict[str, Any]:
-    """Distributions by field; paths are made whole, so that workers find their files."""
+    """Distributions by field; paths become absolute, so that workers find their files."""
     return with_absolute_choices(flat_names(value), Path.cwd() / _folder(info))
 
 
 def _folder(info: ValidationInfo) -> Path:
-    """Return where relative paths count from: the recipe's folder, if it came from a file."""
+    """Return the base of relative paths: the recipe's folder, if it came from a file."""
     return Path((info.context or {}).get("folder", ""))
 
 
@@ -85,7 +85,7 @@ def _ratios(value: dict[str, float]) -> dict[str, float]:
 
 @config_model
 class Recipe:
-    """What a data set is made of.
+    """Recipe of a data set.
 
     Args:
         scene: The scene that sequences are variations of: a `Scene`, the name of a preset, or the path of a file.
@@ -109,7 +109,7 @@ class Recipe:
         contributions: Write the light of each target apart [W/cm2].
         signal: Write noiseless images [W/cm2].
         stars: Write the stars of each image.
-        preview: Draw a small film of each sequence: "gif" or "mp4".
+        preview: Draw a small animation of each sequence: "gif" or "mp4".
         least_nei: Light in a pixel, over the NEI, from which on a mask says that a target is there.
 
     Raises:
@@ -185,7 +185,7 @@ class Recipe:
             **changes: Fields that replace those of the file.
 
         Raises:
-            InputError: No such file, or one of its values breaks a rule; the text begins with the source.
+            InputError: No such file, or one of its values is not valid; the text begins with the source.
         """
         where = os.fspath(source)
         data = read_scene_data(source)
@@ -204,7 +204,7 @@ class Recipe:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Self:
-        """Return the recipe of what `to_dict` gives."""
+        """Return the recipe of nested dicts as from `to_dict`."""
         return cls._from_dict(data, cls.__name__)
 
     def to_dict(self) -> dict[str, Any]:
@@ -214,12 +214,12 @@ class Recipe:
 
     @property
     def distributions(self) -> dict[str, Any]:
-        """What is drawn for each sequence, by field of the scene."""
+        """Distributions of the sampled fields of the scene."""
         return self.sample or {}
 
     @property
     def scenario(self) -> Scenario:
-        """What follows from the scene."""
+        """Scenario of the scene."""
         return self.scene.scenario
 
     def bands_of(self, instrument: Instrument) -> list[str]:
@@ -269,7 +269,7 @@ class Recipe:
 
     @property
     def frame_bytes(self) -> int:
-        """Of one frame of a sequence, with all planes, at most [bytes]."""
+        """Largest size of one frame of a sequence with all planes [bytes]."""
         per_pixel = 2 + 4 * self.signal + 2 * self.masks + 4 * len(self.scenario.targets) * self.contributions
         return per_pixel * self.n_sensor * max(map(self.pixels_of, self._kinds))
 
@@ -284,7 +284,7 @@ class Recipe:
 
     @property
     def frames_per_shard(self) -> int:
-        """Of a Zarr shard: all of its sequences, or as many of one sequence as SHARD_BYTES hold."""
+        """Frames of a Zarr shard: all of its sequences, or as many of one sequence as SHARD_BYTES hold."""
         return self.n_frame if self.shard_size > 1 else max(1, min(self.n_frame, SHARD_BYTES // self.frame_bytes))
 
     @property

@@ -1,4 +1,4 @@
-"""Reports of what a recipe would give: for `warpsim check`."""
+"""Report of a recipe for `warpsim check`."""
 
 from __future__ import annotations
 

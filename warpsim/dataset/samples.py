@@ -44,7 +44,7 @@ def with_absolute_choices(distributions: Mapping[str, Any], folder: Path) -> dic
 
 
 def choices_with_files(distributions: Mapping[str, Any]) -> Iterator[tuple[str, int, Any, dict[str, Any]]]:
-    """Choices that name a file, a list of files, or a star catalog: field, place, value, and value in tables."""
+    """Choices that name a file, a list of files, or a star catalog: field, index, value, and value in tables."""
     for name, distribution in distributions.items():
         for number, value in enumerate(getattr(distribution, "choice", ())):
             nested = _nested(name, value)

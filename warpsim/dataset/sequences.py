@@ -1,4 +1,4 @@
-"""Sequences, drawn from nothing but the recipe's seed and the sequence's number."""
+"""Sequences, functions of the recipe's seed and the sequence's number alone."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Sequence:
 
     @property
     def scenario(self) -> Scenario:
-        """What follows from the scene."""
+        """Scenario of the scene."""
         return self.scene.scenario
 
     @property
@@ -52,7 +52,7 @@ def draw_sequence(recipe: Recipe, number: int) -> Sequence:
         number: Of the sequence, 0 to n_sequence - 1.
 
     Raises:
-        InputError: The drawn values break a rule of the scene, or no draw has enough sensors.
+        InputError: The drawn values are not valid in the scene, or no draw has enough sensors.
     """
     for attempt in range(MOST_ATTEMPTS):
         values = drawn_values(recipe, number, attempt)
@@ -93,7 +93,7 @@ def varied(recipe: Recipe, values: dict[str, Any], where: str, **others: Any) ->
     """Return the recipe's scene with some drawn values, and others.
 
     Raises:
-        InputError: They break a rule; the text begins with `where`.
+        InputError: They are not valid; the text begins with `where`.
     """
     try:
         scene = recipe.scene.replace(**{name.replace(".", "__"): value for name, value in values.items()}, **others)
@@ -114,7 +114,7 @@ def _classes(scene: Scene) -> set[str]:
 
 
 def check_extremes(recipe: Recipe) -> None:
-    """Check that a scene takes the extremes of each distribution, before hours of work.
+    """Check that the extremes of each distribution are valid in the scene, before hours of work.
 
     Raises:
         InputError: It does not.

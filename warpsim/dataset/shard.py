@@ -1,4 +1,4 @@
-"""The work of a worker: render a shard, write it, move its files to their final paths, return its checkpoint record."""
+"""Work of a worker: render a shard, write it, move its files to their final paths, return its checkpoint record."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
 
 BYTES_PER_CALL = 64 * 2**20
-"""Of images held in memory at a time, with all planes that are requested."""
+"""Size of images held in memory at a time, with all requested planes."""
 
 LEAST_FREE_BYTES = 2**20
 """A disk with less room is full."""
@@ -43,10 +43,10 @@ CheckpointRecord = dict[str, Any]
 
 @dataclass(frozen=True)
 class Task:
-    """What a worker needs to know; small, and plain enough for any way of sending it."""
+    """Input of a worker; small, and plain enough for any transport."""
 
     folder: str
-    """Of the data set; the recipe lies there."""
+    """Folder of the data set, which holds the recipe."""
     key: str
     shard: Shard
     device: str
@@ -59,17 +59,17 @@ def checkpoint_path(folder: Path, shard: Shard) -> Path:
 
 
 def planned_path(folder: Path, name: str) -> Path:
-    """Where the names of files lie before they are there, so that a later run knows that they are not foreign."""
+    """Path of the list of planned files, by which a later run knows them."""
     return folder / PARTS / PLANNED / f"{name}.json"
 
 
 def write_shard(task: Task) -> CheckpointRecord:
-    """Render and write a shard; what runs on a worker.
+    """Render and write a shard; runs on a worker.
 
     The files get their final names when all of them are complete, and the record comes last.
 
     Raises:
-        InputError: What was drawn breaks a rule of the scene, a package is missing, or this worker would write other
+        InputError: The drawn values are not valid in the scene, a package is missing, or this worker would write other
             files than the run was started for.
         OSError: Writing failed, or the run is over.
     """
@@ -101,7 +101,7 @@ def write_shard(task: Task) -> CheckpointRecord:
 
 @dataclass(frozen=True)
 class Work:
-    """What a worker keeps between shards of a run."""
+    """State that a worker keeps between shards of a run."""
 
     recipe: Recipe
     renderer: Renderer
@@ -122,7 +122,7 @@ class Work:
 
 @lru_cache(maxsize=1)
 def work_of_run(folder: Path, key: str, device: str, n_thread: int | None) -> Work:
-    """What there is to do, as the folder says.
+    """Return the work of a run, from its record in the folder.
 
     Raises:
         InputError: Here it would give other files: versions differ, or input files.
@@ -139,7 +139,7 @@ def work_of_run(folder: Path, key: str, device: str, n_thread: int | None) -> Wo
 
 
 def _record_of_run(folder: Path, key: str) -> dict[str, Any]:
-    """What a run says of itself, as long as the folder is held for it: a worker may be late."""
+    """Return the record of a run while the folder is locked for it; a late worker finds none."""
     record = read_json(folder / PARTS / RUN)
     if not isinstance(record, dict) or record.get("key") != key:
         raise OSError(f"{folder}: no longer belongs to this run")
@@ -147,7 +147,7 @@ def _record_of_run(folder: Path, key: str) -> dict[str, Any]:
 
 
 def _check_foreign(folder: Path, shard: Shard, names: list[str]) -> None:
-    """Check that files of a shard may be written: an earlier try, or nobody, has made what stands in their places."""
+    """Check that files of a shard may be written: existing ones are of an earlier attempt."""
     records = [read_json(path) for path in (planned_path(folder, shard.name), checkpoint_path(folder, shard))]
     known = {name for record in records if is_record(record) for name in record["files"]}
     for name in names:
@@ -157,7 +157,7 @@ def _check_foreign(folder: Path, shard: Shard, names: list[str]) -> None:
 
 @contextmanager
 def _scratch(folder: Path, shard: Shard) -> Iterator[Path]:
-    """A folder of this worker's own, for files that are not complete yet."""
+    """A folder of this worker for incomplete files."""
     path = folder / PARTS / WORK / f"{shard.name}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
     path.parent.mkdir(exist_ok=True)  # not its parents: without them the run is over
     path.mkdir()
@@ -169,7 +169,7 @@ def _scratch(folder: Path, shard: Shard) -> Iterator[Path]:
 
 @contextmanager
 def _naming_a_full_disk(folder: Path) -> Iterator[None]:
-    """NumPy says only that it wrote less than was asked for."""
+    """Report a full disk: NumPy's own error only counts written items."""
     try:
         yield
     except OSError as error:
@@ -179,7 +179,7 @@ def _naming_a_full_disk(folder: Path) -> Iterator[None]:
 
 
 def _write_files(work: Work, task: Task, scratch: Path) -> list[dict[str, Any]]:
-    """Write all files of a shard; what was drawn for each sequence."""
+    """Write all files of a shard; return the drawn values of each sequence."""
     recipe = work.recipe
     writer = shard_writer(recipe, task.shard, scratch)
     tables = Tables(recipe, task.shard, scratch, writer.locate)

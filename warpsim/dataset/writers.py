@@ -41,7 +41,7 @@ PLANES = {
 
 
 class ShardWriter(Protocol):
-    """What writes the images of a shard, below a folder that mirrors the data set's."""
+    """Writer of the images of a shard, below a folder that mirrors the data set's."""
 
     def begin(self, sequence: Sequence, position: int) -> None:
         """Start a sequence, the position-th of the shard."""
@@ -50,16 +50,16 @@ class ShardWriter(Protocol):
         """Write further frames of the sequence."""
 
     def end(self) -> None:
-        """The sequence is complete."""
+        """End the sequence."""
 
     def finish(self) -> None:
-        """The shard is complete."""
+        """Finish the shard."""
 
     def abandon(self) -> None:
-        """Something failed: let go of open files."""
+        """Close open files after a failure."""
 
     def locate(self, key: ImageKey) -> tuple[str, str]:
-        """File of an image, relative to the data set, and where in it the image is: indices, or a member's name."""
+        """File of an image, relative to the data set, and its item in it: indices, or a member's name."""
 
 
 class CubeFolder:
@@ -105,7 +105,7 @@ class CubeFolder:
         return [*self._cubes.values(), *self._others.values()]
 
     def finish(self) -> None:
-        """Nothing is left to do."""
+        """Do nothing."""
 
     def abandon(self) -> None:
         """Close what is open."""
@@ -153,13 +153,13 @@ class ImageFolder:
                 np.save(stem.with_suffix(f".{name}.npy"), values)
 
     def end(self) -> None:
-        """Nothing is left to do."""
+        """Do nothing."""
 
     def finish(self) -> None:
-        """Nothing is left to do."""
+        """Do nothing."""
 
     def abandon(self) -> None:
-        """Nothing is open."""
+        """Do nothing."""
 
     def locate(self, key: ImageKey) -> tuple[str, str]:
         """The file of an image."""
@@ -198,7 +198,7 @@ class TarArchive:
                 self._append(f"{key}.json", json.dumps(self._label(own, rows)).encode())
 
     def _label(self, keys: list[ImageKey], rows: Any) -> dict[str, Any]:
-        """What a sample says of itself: its images, band by band, and its targets in each."""
+        """Metadata of a sample: its images, band by band, and its targets in each."""
         names = [name for name in rows.colnames if name not in ("frame", "sensor", "image_id", "sequence", "mask_rle")]
         columns = [np.asarray(rows[name]).tolist() for name in names]
         targets = [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
@@ -223,7 +223,7 @@ class TarArchive:
         return f"{sequence:06d}_{frame:06d}_{sensor.replace('.', '~')}"  # a dot ends a key
 
     def end(self) -> None:
-        """Nothing is left to do."""
+        """Do nothing."""
 
     def finish(self) -> None:
         """Write the archive's end."""
@@ -242,7 +242,7 @@ class TarArchive:
 
 
 def shard_writer(recipe: Recipe, shard: Shard, folder: Path) -> ShardWriter:
-    """What writes a recipe's format.
+    """Return the writer of a recipe's format.
 
     Raises:
         InputError: The format needs a package that is not installed.

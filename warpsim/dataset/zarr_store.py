@@ -1,7 +1,7 @@
 """Zarr v3: one group per split, with an array for each plane; a shard of the data set owns whole shards of the arrays.
 
 Two processes that write into one Zarr shard lose what the other wrote. So each shard of the data set is written to a
-copy of the empty group, in a folder of its own, and its files are then moved to their places.
+copy of the empty group, in a folder of its own, and its files are then moved to their final paths.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ AXES = ("sequence", "frame", "sensor", "band", "row", "column")
 
 
 def store_path(split: str) -> str:
-    """Of a split's group, relative to the data set."""
+    """Path of a split's group, relative to the data set."""
     return f"{split}/{STORE}"
 
 
@@ -70,7 +70,7 @@ def create_store(recipe: Recipe, split: str, path: Path) -> dict[str, Any]:
 
 
 def _chunk_shape(shape: tuple[int, ...], dtype: Any, n_frame: int) -> tuple[int, ...]:
-    """What is compressed as one: an image, and if it is small some of its targets' planes, then some frames of it."""
+    """Shape of a chunk: an image, and if it is small some of its targets' planes, then some frames of it."""
     n_plane = max(1, CHUNK_BYTES // (shape[-2] * shape[-1] * int(np.dtype(dtype).itemsize)))
     n_target = shape[3] if len(shape) == 6 else 1
     targets = _largest_divisor(n_target, n_plane)
@@ -79,18 +79,18 @@ def _chunk_shape(shape: tuple[int, ...], dtype: Any, n_frame: int) -> tuple[int,
 
 
 def _largest_divisor(number: int, most: int) -> int:
-    """Of those that are at most so much: chunks must fill shards."""
+    """Largest divisor up to a limit: chunks must fill shards."""
     return max(d for d in range(1, max(1, min(number, most)) + 1) if number % d == 0)
 
 
 def _attributes(recipe: Recipe, split: str) -> dict[str, Any]:
-    """What the axes stand for. Sensors differ from sequence to sequence: they are in the table of images."""
+    """Attributes that name the axes. Sensors differ from sequence to sequence: they are in the table of images."""
     known = {"sequence": split_of(recipe)[split], "band": recipe.band_names, "interval_s": recipe.step_s}
     return known | ({"target": recipe.scenario.target_names} if recipe.contributions else {})
 
 
 class ZarrShard:
-    """Writes a shard of the data set: whole shards of each array of its split's group."""
+    """Writer of a shard of the data set: whole shards of each array of its split's group."""
 
     def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
         self._recipe, self._shard = recipe, shard
@@ -125,17 +125,17 @@ class ZarrShard:
         self._arrays[name][self._first : last, first:end] = self._buffers.pop(name)[:, : end - first]
 
     def end(self) -> None:
-        """Nothing is left to do."""
+        """Do nothing."""
 
     def finish(self) -> None:
-        """Write what is kept; the group's description is written by the run."""
+        """Write buffered frames; the group's description is written by the run."""
         for name in list(self._buffers):
             self._flush(name, 0, self._recipe.n_frame)
         for path in self._path.rglob("zarr.json"):
             os.unlink(path)  # noqa: PTH108
 
     def abandon(self) -> None:
-        """Let go of what is kept."""
+        """Drop buffered frames."""
         self._buffers = {}
 
     def locate(self, key: ImageKey) -> tuple[str, str]:

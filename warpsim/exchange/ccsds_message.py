@@ -22,7 +22,7 @@ _OEM_COLUMNS = ("EPOCH", "X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT", "X_DDOT", "Y_
 
 @dataclass(frozen=True)
 class KeywordValue:
-    """A value and the line it stands on."""
+    """A value with its line number."""
 
     text: str
     line: int

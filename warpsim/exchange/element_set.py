@@ -1,4 +1,4 @@
-"""One satellite's SGP4 mean elements, whatever file they came from."""
+"""One satellite's SGP4 mean elements, independent of the file format."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class ElementSet:
 
     @property
     def label(self) -> str:
-        """What to call it in messages."""
+        """Label for messages."""
         return label(self.name, self.norad_id)
 
     @property
@@ -37,7 +37,7 @@ class ElementSet:
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """What SGP4 works with: epoch, drag and mean elements."""
+        """Inputs of SGP4: epoch, drag and mean elements."""
         sat = self.satrec
         elements = sat.bstar, sat.ndot, sat.nddot, sat.ecco, sat.argpo, sat.inclo, sat.mo, sat.no_kozai, sat.nodeo
         return *self.epoch_jd_utc, *elements

@@ -1,4 +1,4 @@
-"""Element sets of satellites from files: TLE, 3LE and OMM, told apart by content."""
+"""Element sets of satellites from files: TLE, 3LE and OMM, detected by content."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def read_element_sets(path: str | os.PathLike[str]) -> list[ElementSet]:
             CSV (the layouts of CelesTrak and Space-Track). The content decides, not the file's name.
 
     Raises:
-        InputError: The file cannot be read, or breaks a rule: file, line or record, object, rule and value.
+        InputError: The file cannot be read, or is not valid: file, line or record, object, rule and value.
     """
     try:
         return parse_element_sets(_text_of(Path(path)))

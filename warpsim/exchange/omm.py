@@ -73,7 +73,7 @@ def element_set(fields: Mapping[str, str], location: str) -> ElementSet:
         location: Line or record of the message, which errors begin with.
 
     Raises:
-        InputError: Place, object, keyword, rule and value.
+        InputError: Location, object, keyword, rule and value.
     """
     try:
         name, norad_id = _identity(fields)

@@ -30,7 +30,7 @@ _UNITS = {
 
 
 def layout_of(text: str) -> str | None:
-    """Which of "kvn", "xml", "json", "csv" a text is in, by its beginning; None for none of them."""
+    """Detect "kvn", "xml", "json" or "csv" by the beginning of a text; None for none of them."""
     start = text.lstrip()
     if start.startswith("<"):
         return "xml"

@@ -1,4 +1,4 @@
-"""Files of orbits and attitudes, whatever their format: it is told by the content."""
+"""Files of orbits and attitudes; their format is detected by the content."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def read_ephemeris(path: str | os.PathLike[str], object: str | None = None) -> l
 
     Args:
         path: The file.
-        object: Name or number of the object requested; None reads all.
+        object: Name or number of the object; None reads all.
 
     Raises:
         InputError: One line: file, line, rule, value.
@@ -85,7 +85,7 @@ def _attitude_segments(source: Source) -> list[AttitudeSegment]:
 
 @contextlib.contextmanager
 def _hint_at_elements(source: Source, requested: str) -> Iterator[None]:
-    """Say so where what is no table is element sets."""
+    """Explain that a file holds element sets, where it is no table."""
     try:
         yield
     except InputError:

@@ -1,4 +1,4 @@
-"""What files say: segments of orbits and of attitudes, checked, in SI units.
+"""Segments of orbits and of attitudes from files, checked, in SI units.
 
 A segment is one uninterrupted run of states in one frame; an object may have several. Names of frames are warpsim's
 (`FRAMES`); what other programs call them is in `frame_names`.

@@ -89,7 +89,7 @@ def read_source(path: str | os.PathLike[str]) -> Source:
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of a table of numbers: what stands in each, and where."""
+    """Rows of a table of numbers: cells and line numbers."""
 
     cells: list[list[str]]
     lines: list[int]

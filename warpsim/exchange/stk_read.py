@@ -45,7 +45,7 @@ _SAME_S = 1e-6
 
 @dataclass
 class _Block:
-    """What stands between BEGIN and END."""
+    """Content between BEGIN and END."""
 
     line: int
     keywords: dict[str, tuple[str, int]] = field(default_factory=dict)

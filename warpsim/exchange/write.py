@@ -198,7 +198,7 @@ def _plain(text: str) -> str:
 
 
 def _check_start(path: str | os.PathLike[str], runs: Sequence[Segment], overwrite: bool) -> None:
-    """Check that there is something to write, and where to."""
+    """Check that there are segments to write, and that the path is writable."""
     check_new_file(Path(path), None, overwrite)
     if not runs:
         raise InputError("must be one at least, got none", "segments").of(path)

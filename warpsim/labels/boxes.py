@@ -1,4 +1,4 @@
-"""Boxes about the targets of rendered images, from where they are and how sharp the optics is."""
+"""Boxes about the targets of rendered images, from their positions and the optical blur."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ F64 = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 BOX_FRACTION = 0.84
-"""Part of a point's light that its box holds, pixels included; of an Airy pattern about what lies within the first dark
+"""Part of a point's light that its box holds, pixels included; of an Airy pattern about that within the first dark
 ring."""
 
 CORNER_PX = 0.5
@@ -100,9 +100,9 @@ def _highest(values: F64) -> F64:
     top = values.argmax(axis=-1)[..., None]
     inner = np.clip(top, 1, values.shape[-1] - 2)
     before, here, after = (np.take_along_axis(values, inner + step, axis=-1)[..., 0] for step in (-1, 0, 1))
-    bend = before - 2.0 * here + after
-    is_peak = (top[..., 0] == inner[..., 0]) & (bend < 0.0)
-    over = np.divide((after - before) ** 2, -8.0 * bend, out=np.zeros_like(bend), where=is_peak)
+    curvature = before - 2.0 * here + after
+    is_peak = (top[..., 0] == inner[..., 0]) & (curvature < 0.0)
+    over = np.divide((after - before) ** 2, -8.0 * curvature, out=np.zeros_like(curvature), where=is_peak)
     return np.asarray(values.max(axis=-1) + over)
 
 

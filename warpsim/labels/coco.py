@@ -100,7 +100,7 @@ def write_coco(
 def coco_texts(
     images: Iterable[tuple[Mapping[str, Any], Rows]], categories: Sequence[Mapping[str, Any]]
 ) -> Iterator[tuple[str, str]]:
-    """Yield what a COCO file says of each image, and of its annotations: items of JSON lists, annotations one a line.
+    """Yield COCO texts of each image and of its annotations: items of JSON lists, annotations one a line.
 
     Raises:
         InputError: A category is unknown, or an image has too many rows.
@@ -116,7 +116,7 @@ def write_coco_parts(
     categories: Sequence[Mapping[str, Any]],
     info: Mapping[str, Any] | None = None,
 ) -> None:
-    """Put a file together from texts of one or more images and of their annotations, whole or not at all."""
+    """Assemble a file from texts of one or more images and of their annotations, whole or not at all."""
     with (
         whole_file(path) as partial,
         partial.open("w", encoding="utf-8", newline="\n") as file,

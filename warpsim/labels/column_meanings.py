@@ -1,4 +1,4 @@
-"""Meanings of the columns of truth, star and label tables mean, for files that carry it along."""
+"""Meanings of the columns of truth, star and label tables, for files that carry them."""
 
 from __future__ import annotations
 

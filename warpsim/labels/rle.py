@@ -3,7 +3,7 @@
 Runs of pixels outside and inside take turns, beginning outside; pixels count down the columns, one column after the
 other. From the fourth run on, the length of the last but one is taken away. Then each number is cut into groups of five
 bits, the lowest first, with a sixth bit where another group follows; the highest bit of the last group is the sign. A
-group is the letter 48 places after it in ASCII. (The format of pycocotools; no code of theirs is used.)
+group is the letter 48 codes after it in ASCII. (The format of pycocotools; no code of theirs is used.)
 """
 
 from __future__ import annotations

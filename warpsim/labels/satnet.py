@@ -1,6 +1,6 @@
-"""Labels of one image in the manner of the SatNet data set, with the names that SatSim writes.
+"""Labels of one image in the form of the SatNet data set, with the names that SatSim writes.
 
-Fletcher, J. et al. (2019), "Feature-Based Satellite Detection Using Convolutional Neural Networks", AMOS. Places are
+Fletcher, J. et al. (2019), "Feature-Based Satellite Detection Using Convolutional Neural Networks", AMOS. Positions are
 parts of the image's width and height, from the outer corner of the first pixel: (x_px + 0.5) / n_col.
 """
 
@@ -42,11 +42,11 @@ def satnet_record(
     file: str | Mapping[str, Any],
     with_stars: bool = False,
 ) -> dict[str, Any]:
-    """Return what a SatNet annotation file says of one image.
+    """Return the SatNet annotation of one image.
 
     x_min to x_max and y_min to y_max are the box, as in SatNet (in SatSim they are the ends of the path); x_start,
     x_mid, x_end and their like follow the source through the exposure. `pixels` and `snr` are lists, as in SatSim: the
-    target's own pixel (row, column), and the SNR of its light there; both are empty where it lies off the array.
+    target's own pixel (row, column), and the SNR of its light there; both are empty where it is off the array.
 
     Args:
         frames: With the image; rendered with keep_stars for its stars.
@@ -139,7 +139,7 @@ def _stars(frames: FrameSet, frame: int, sensor: str, band: str) -> list[dict[st
 
 
 def _object(class_name: str, box: tuple[float, ...], position_px: F64, moved_px: F64, size_px: Ints) -> dict[str, Any]:
-    """What SatNet says of every object: the class, the box and the path, in parts of the image's size."""
+    """SatNet fields of every object: class, box and path, in fractions of the image's size."""
     x, y, width, height = box
     start, middle, end = ((position_px + step * moved_px + CORNER_PX) / size_px for step in (-0.5, 0.0, 0.5))
     n_col, n_row = size_px.tolist()

@@ -1,1 +1,1 @@
-"""Where satellites, targets, the Earth and the Sun are: host side, NumPy float64, metres, GCRS axes."""
+"""Motion of satellites, targets, the Earth and the Sun: host side, NumPy float64, metres, GCRS axes."""

@@ -1,6 +1,6 @@
-"""Access: when a sensor may look at a target, as signed margins (>= 0 where a rule holds) and as time intervals.
+"""Access of sensors to targets, as signed margins (>= 0 where a constraint holds) and as time intervals.
 
-The Earth never may be in the way; the other rules are those of AccessConstraints and the user's own.
+The Earth must never be in the way; other constraints are those of AccessConstraints and custom ones.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from warpsim.orbit.access_constraints import (
     CameraGeometry,
     Constraint,
     MarginFunction,
+    active_constraints,
     earth_margin_km,
-    rules_in_force,
 )
 from warpsim.orbit.grazing import grazing_altitude_m as grazing_altitude_m
 from warpsim.orbit.intervals import Intervals, find_intervals
@@ -53,31 +53,31 @@ def margins(
     custom: Mapping[str, MarginFunction] | None = None,
     fov: CameraGeometry | None = None,
 ) -> dict[str, F64]:
-    """Return the signed margin of each rule in force, >= 0 where it holds.
+    """Return the signed margin of each active constraint, >= 0 where it holds.
 
     Args:
         sensor_m: Sensor positions, geocentric, GCRS axes [m], (n_sensor, n_time, 3).
         target_m: Target positions [m], (n_time, 3) or broadcastable.
         sun_m: Sun positions [m], (n_time, 3) or broadcastable.
-        constraints: The rules.
+        constraints: The constraints.
         pole_icrs: Unit vector of the ellipsoid's axis, the pole of date, (3,).
-        time_s: Times [s], (n_time,), for the user's rules and the field of view.
-        custom: The user's rules: functions of an AccessGeometry by name.
-        fov: Camera and axes, for the rule in_fov.
+        time_s: Times [s], (n_time,), for custom constraints and the field of view.
+        custom: Custom constraints: functions of an AccessGeometry by name.
+        fov: Camera and axes, for the constraint in_fov.
 
     Returns:
         Arrays of the broadcast shape, (n_sensor, n_time): "earth_km" (lowest altitude on the segment) always, and
         those asked for of "range_km", "min_range_km", "elevation_deg", "max_elevation_deg", "solar_exclusion_deg",
-        "grazing_altitude_km", "background_altitude_km", "target_sunlit", "fov_deg" and the user's.
+        "grazing_altitude_km", "background_altitude_km", "target_sunlit", "fov_deg" and the custom ones.
 
     Raises:
-        InputError: A user's rule gives another shape, or NaN; in_fov without fov.
+        InputError: A custom constraint gives another shape, or NaN; in_fov without fov.
     """
     sensor, target, sun = (np.asarray(x, np.float64) for x in (sensor_m, target_m, sun_m))
     number = np.arange(sensor.shape[0] if sensor.ndim == 3 else 1)[:, None]
     pole, times = np.asarray(pole_icrs, np.float64), np.asarray(time_s, np.float64)
     view = AccessGeometry(sensor, target, sun, pole, times, number, fov)
-    found = {rule.name: rule.margin(view) for rule in rules_in_force(constraints, custom)}
+    found = {item.name: item.margin(view) for item in active_constraints(constraints, custom)}
     return {"earth_km": 1e-3 * view.grazing_altitude_m} | {
         name: np.array(np.broadcast_to(margin, view.shape)) for name, margin in found.items()
     }
@@ -97,7 +97,7 @@ def access_intervals(
     breaks_s: Sequence[Sequence[float]] | None = None,
     followed_m: Sequence[PositionFunction] = (),
 ) -> list[AccessInterval]:
-    """Return all intervals within [0, duration_s] in which every rule holds, by sensor, then time.
+    """Return all intervals within [0, duration_s] in which every constraint holds, by sensor, then time.
 
     Constraint by constraint, cheap ones first: the next is evaluated within the intervals of those before. A scan at
     step_s, denser about close passes and with both sides of breakpoints, finds the changes; local extrema of a margin
@@ -109,22 +109,22 @@ def access_intervals(
         sensors: Tracks of one node grid (the fast choice), or one function of position per sensor.
         target_position_m: The target's positions.
         sun_position_m: The Sun's positions; a track costs less than the ephemeris itself.
-        constraints: The rules.
+        constraints: The constraints.
         pole_icrs: Pole of date, (3,).
         duration_s: Length of the scenario [s], > 0.
         step_s: Scan step [s], > 0; a twentieth of the fastest orbit or less.
-        custom: The user's rules: functions of an AccessGeometry by name.
-        fov: Camera and axes, for the rule in_fov.
-        breaks_s: For each sensor, times at which something about it, its camera or the target jumps or bends [s]: from
-            then on the new holds.
-        followed_m: Positions of what else cameras follow: they turn fast where it passes close to a sensor.
+        custom: Custom constraints: functions of an AccessGeometry by name.
+        fov: Camera and axes, for the constraint in_fov.
+        breaks_s: For each sensor, times at which the motion of it, its camera or the target has a jump or kink [s]:
+            the new motion holds from the breakpoint on.
+        followed_m: Positions of other targets that cameras track: cameras turn fast where these pass close to a sensor.
 
     Raises:
-        InputError: A length is not > 0; a user's rule gives another shape, or NaN; in_fov without fov.
+        InputError: A length is not > 0; a custom constraint gives another shape, or NaN; in_fov without fov.
     """
     time_s = scan_times_s(duration_s, step_s)
-    rules = [Constraint("earth_km", earth_margin_km), *rules_in_force(constraints, custom)]
-    rules.sort(key=lambda rule: rule.name not in _CHEAPER_THAN_THE_EARTH)
+    active = [Constraint("earth_km", earth_margin_km), *active_constraints(constraints, custom)]
+    active.sort(key=lambda constraint: constraint.name not in _CHEAPER_THAN_THE_EARTH)
     pole = np.asarray(pole_icrs, np.float64)
     breaks_s = breaks_s if breaks_s is not None else [()] * len(sensors)
     intervals: list[AccessInterval] = []
@@ -135,20 +135,43 @@ def access_intervals(
         bodies.add_breakpoints(breaks_s[rows])
         for passed in (target_position_m, *followed_m):
             bodies.add_passes(passed)
-
-        def at(row: I64, t: F64, first: int = first, bodies: _ScanPositions = bodies) -> AccessGeometry:
-            return _pairs(*bodies.positions_m(row, t), pole, t, first + row, fov)
-
-        def at_point(point: I64, first: int = first, bodies: _ScanPositions = bodies) -> AccessGeometry:
-            scan = bodies.scan
-            return _pairs(*bodies.scanned_m(point), pole, scan.time_s[point], first + scan.row[point], fov)
-
-        found = Intervals.whole(len(sensors[rows]), 0.0, float(time_s[-1]))
-        for rule in rules:
-            found = find_intervals(_margin_of(rule, at), _margin_of(rule, at_point), bodies.scan, found)
+        within = Intervals.whole(len(sensors[rows]), 0.0, float(time_s[-1]))
+        found = _chunk_intervals(bodies, active, within, pole, first, fov)
         ends = zip(found.row.tolist(), found.start_s.tolist(), found.end_s.tolist(), strict=True)
         intervals += [AccessInterval(first + row, start, end) for row, start, end in ends]
     return intervals
+
+
+def _chunk_intervals(
+    bodies: _ScanPositions,
+    active: Sequence[Constraint],
+    within: Intervals,
+    pole: F64,
+    first: int,
+    fov: CameraGeometry | None,
+) -> Intervals:
+    """Return the intervals in which all constraints hold, for some sensors.
+
+    Args:
+        bodies: Positions of these sensors, the target and the Sun.
+        active: The constraints, cheap ones first.
+        within: Intervals to search.
+        pole: Pole of date, (3,).
+        first: Number of the first of these sensors.
+        fov: Camera and axes, for the constraint in_fov.
+    """
+
+    def at(row: I64, time_s: F64) -> AccessGeometry:
+        return _pairs(*bodies.positions_m(row, time_s), pole, time_s, first + row, fov)
+
+    def at_point(point: I64) -> AccessGeometry:
+        scan = bodies.scan
+        return _pairs(*bodies.scanned_m(point), pole, scan.time_s[point], first + scan.row[point], fov)
+
+    found = within
+    for constraint in active:
+        found = find_intervals(_margin_of(constraint, at), _margin_of(constraint, at_point), bodies.scan, found)
+    return found
 
 
 def _pairs(
@@ -160,18 +183,18 @@ def _pairs(
     )
 
 
-def _margin_of(rule: Constraint, view: Callable[..., AccessGeometry]) -> Callable[..., F64]:
-    """The rule's margin at pairs of sensor and time, or at points of the scan."""
+def _margin_of(constraint: Constraint, view: Callable[..., AccessGeometry]) -> Callable[..., F64]:
+    """Margin of a constraint at pairs of sensor and time, or at points of the scan."""
 
     def margin(*pairs: Any) -> F64:
         geometry = view(*pairs)
-        return np.broadcast_to(rule.margin(geometry), geometry.shape)[:, 0]
+        return np.broadcast_to(constraint.margin(geometry), geometry.shape)[:, 0]
 
     return margin
 
 
 class _ScanPositions:
-    """Positions of some sensors, the target and the Sun: at the points of a scan made for them, and at any time."""
+    """Positions of some sensors, the target and the Sun: at the points of a scan, and at any time."""
 
     def __init__(
         self,
@@ -189,12 +212,12 @@ class _ScanPositions:
         )
 
     def add_breakpoints(self, breaks_s: Sequence[Sequence[float]]) -> None:
-        """Take both sides of each sensor's breaks into the scan."""
+        """Add both sides of each sensor's breakpoints to the scan."""
         if any(map(len, breaks_s)):
             self._add(*break_times_s(self.scan, breaks_s))
 
     def add_passes(self, passed_m: PositionFunction) -> None:
-        """Take times about close passes of the sensors and a body into the scan."""
+        """Add times about close passes of the sensors and a body to the scan."""
         scan = self.scan
         sensor, target, _ = self.scanned_m(slice(None))
         passed = target if passed_m is self._target_m else passed_m(scan.time_s)
@@ -209,11 +232,11 @@ class _ScanPositions:
         return sensor, target, sun
 
     def positions_m(self, row: I64, time_s: F64) -> tuple[F64, F64, F64]:
-        """The same at pairs of sensor and time (n,)."""
+        """Positions of sensors, target and Sun at pairs of sensor and time (n,) [m], (n, 3) each."""
         return self._sensors.at_m(row, time_s), self._target_m(time_s), self._sun_m(time_s)
 
     def _add(self, after: I64, time_s: F64) -> None:
-        """Take further points into the scan."""
+        """Add points to the scan."""
         if len(after):
             new = self.positions_m(self.scan.row[after], time_s)
             self._scanned_m = tuple(np.concatenate(pair) for pair in zip(self._scanned_m, new, strict=True))

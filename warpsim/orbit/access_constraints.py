@@ -1,4 +1,4 @@
-"""Rules of access: what they ask of the geometry between sensor, target, Earth and Sun, as signed margins.
+"""Access constraints: signed margins of the geometry between sensor, target, Earth and Sun.
 
 All geometry is instantaneous (light time shifts a target by at most 0.15 km at 6,000 km). Only the field of view may
 take the apparent direction.
@@ -38,7 +38,7 @@ Fraction = Annotated[Number, AfterValidator(_fraction)]
 
 @config_model
 class AccessConstraints:
-    """Rules for looking at a target; None leaves a rule out. The paper's Table 4: 6000, -32, 250 and 60."""
+    """Constraints for observing a target; None leaves one out. The paper's Table 4: 6000, -32, 250 and 60."""
 
     max_range_km: Positive | None = None
     """Longest distance sensor to target."""
@@ -75,7 +75,7 @@ DirectionFunction = Callable[[int, F64], F64]
 
 
 class Framing(Protocol):
-    """A camera, as far as the rule `in_fov` needs it."""
+    """A camera, as far as the constraint `in_fov` needs it."""
 
     def frame_margin_deg(self, direction: F64) -> F64:
         """Angle of directions in camera axes, (n, 3), to the nearest edge of the frame [deg], positive inside."""
@@ -84,7 +84,7 @@ class Framing(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class CameraGeometry:
-    """What the rule `in_fov` needs: the camera, and its axes."""
+    """Camera and its axes, for the constraint `in_fov`."""
 
     camera: Framing
     axes: AxesFunction
@@ -94,7 +94,7 @@ class CameraGeometry:
 
 @dataclass(frozen=True, eq=False)
 class AccessGeometry:
-    """Places of sensors, target and Sun at some times: what a rule judges.
+    """Positions of sensors, target and Sun at some times: the input of a constraint.
 
     Arrays broadcast together to `shape`, (n_row, n_time), vectors with a further axis of 3; positions are geocentric,
     GCRS axes. A row belongs to the sensor of the number `sensor`; which rows and times there are differs from call to
@@ -117,7 +117,7 @@ class AccessGeometry:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """What a margin must broadcast to."""
+        """Shape that a margin must broadcast to."""
         return np.broadcast_shapes(self.sensor_m.shape, self.target_m.shape)[:-1]
 
     @cached_property
@@ -172,13 +172,13 @@ class AccessGeometry:
         shape = self.shape
         time_s = np.broadcast_to(self.time_s, shape)
         sensor = np.broadcast_to(self.sensor, shape).ravel()
-        sight = np.broadcast_to(self.sight_m, (*shape, 3)).reshape(-1, 3)
+        line_m = np.broadcast_to(self.sight_m, (*shape, 3)).reshape(-1, 3)
         times, margin = time_s.ravel(), np.empty(time_s.size)
         order = np.argsort(sensor, kind="stable")
         for rows in np.split(order, np.flatnonzero(np.diff(sensor[order])) + 1) if len(order) else []:
             number, at = int(sensor[rows[0]]), times[rows]
             axes = self.fov.axes(number, at)
-            direction = sight[rows] if self.fov.direction is None else self.fov.direction(number, at)
+            direction = line_m[rows] if self.fov.direction is None else self.fov.direction(number, at)
             margin[rows] = self.fov.camera.frame_margin_deg(np.einsum("nij,nj->ni", axes, direction))
         return margin.reshape(shape)
 
@@ -187,11 +187,11 @@ MarginFunction = Callable[[AccessGeometry], F64]
 
 
 class Constraint(NamedTuple):
-    """A rule in force."""
+    """An active constraint."""
 
     name: str
     margin: MarginFunction
-    """Signed, >= 0 where the rule holds."""
+    """Signed, >= 0 where the constraint holds."""
 
 
 # By field: the margin's name, and the margin for a limit; the costly ones last.
@@ -211,31 +211,31 @@ _BUILT_IN: dict[str, tuple[str, Callable[[AccessGeometry, float], F64]]] = {
 }
 
 MARGIN_NAMES = ("earth_km", *(name for name, _ in _BUILT_IN.values()))
-"""Names of the margins of warpsim's own rules."""
+"""Names of the margins of warpsim's own constraints."""
 
 
-def rules_in_force(
+def active_constraints(
     constraints: AccessConstraints, custom: Mapping[str, MarginFunction] | None = None
 ) -> list[Constraint]:
-    """Return the rules asked for, cheap ones first, and the user's own last; the Earth's, "earth_km", is not in it.
+    """Return the active constraints, cheap ones first, custom ones last; the Earth's, "earth_km", is not in it.
 
     Raises:
-        InputError: The user's rules are not a mapping of new names to functions.
+        InputError: The custom constraints are not a mapping of new names to functions.
     """
-    rules = []
+    active = []
     for field, (name, margin) in _BUILT_IN.items():
         limit = getattr(constraints, field)
         if limit is not None and limit is not False:
-            rules.append(Constraint(name, _limited(margin, float(limit))))
+            active.append(Constraint(name, _limited(margin, float(limit))))
     if custom is not None and not isinstance(custom, Mapping):
         raise InputError(f"must be a dict of names and functions, got {type(custom).__name__}", "custom")
     for name, function in (custom or {}).items():
         if not isinstance(name, str) or not name or name in MARGIN_NAMES:
-            raise InputError("must have names other than warpsim's own rules", "custom", name)
+            raise InputError("must have names other than warpsim's own constraints", "custom", name)
         if not callable(function):
             raise InputError("must be a function of an AccessGeometry", f"custom[{name!r}]", function)
-        rules.append(Constraint(name, _checked(name, function)))
-    return rules
+        active.append(Constraint(name, _checked(name, function)))
+    return active
 
 
 def _limited(margin: Callable[[AccessGeometry, float], F64], limit: float) -> MarginFunction:
@@ -243,11 +243,11 @@ def _limited(margin: Callable[[AccessGeometry, float], F64], limit: float) -> Ma
 
 
 def _checked(name: str, function: MarginFunction) -> MarginFunction:
-    """A user's rule, whose result is numbers of the right shape."""
+    """A custom constraint with a check of its result."""
 
     def margin(view: AccessGeometry) -> F64:
         got = np.asarray(function(view))
-        if got.dtype == np.bool_:  # true where the rule holds
+        if got.dtype == np.bool_:  # true where the constraint holds
             got = np.where(got, 1.0, -1.0)
         if got.dtype.kind not in "iuf":
             raise InputError("must give numbers or booleans", f"custom[{name!r}]", str(got.dtype), "s")
@@ -265,5 +265,5 @@ def _checked(name: str, function: MarginFunction) -> MarginFunction:
 
 
 def earth_margin_km(view: AccessGeometry) -> F64:
-    """Margin of the Earth in the way, cheap: its sign is that of the lowest altitude between sensor and target."""
+    """Cheap margin of occultation by the Earth: its sign is that of the lowest altitude between sensor and target."""
     return 1e-3 * earth_clearance_m(view.sensor_m, view.target_m, view.pole_icrs)

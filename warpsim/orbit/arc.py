@@ -86,7 +86,7 @@ class BallisticArc:
         return self
 
     def flight(self, epoch: Epoch | None = None) -> Flight:
-        """Return the flight that starts at an epoch: the arc's own, or else the default one, where none is given.
+        """Return the flight that starts at an epoch: if none is given, the arc's own or the default one.
 
         Raises:
             InputError: The arc states another epoch.

@@ -42,7 +42,7 @@ class NamedOrbit:
 
 @config_model
 class ListedSatellites:
-    """Satellites with orbits of their own, of any kind."""
+    """Satellites with individual orbits of any kind."""
 
     satellites: Annotated[tuple[NamedOrbit, ...], BeforeValidator(as_tuple)]
     kind: Literal["listed"] = "listed"
@@ -77,7 +77,7 @@ class ListedSatellites:
             return _side_by_side([(item.name, item.orbit) for item in self.satellites], epoch, time_s, within_s)
 
     def _states(self, epoch: Epoch, times: F64, within_s: tuple[float, float] | None) -> tuple[F64, F64]:
-        """Orbits that one propagation can serve fly together, the others alone."""
+        """Propagate together the orbits of one kind, the others alone."""
         position, velocity = (np.empty((len(times), len(self.satellites), 3)) for _ in range(2))
         together: dict[Gravity, tuple[list[int], list[tuple[F64, F64]]]] = {}
         for k, item in enumerate(self.satellites):
@@ -95,7 +95,7 @@ class ListedSatellites:
         return position, velocity
 
     def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
-        """Return what a user should know of the single orbits, each line with the satellite's name."""
+        """Return warnings about the single orbits, each line with the satellite's name."""
         return [f"{item.name}: {note}" for item in self.satellites for note in _notes_of(item.orbit, epoch, duration_s)]
 
 
@@ -185,7 +185,7 @@ class SeedPattern:
         return propagate(*self.state(epoch), np.asarray(time_s, np.float64), self.copies_gravity, pole_of_date(epoch))
 
     def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
-        """Return what a user should know of the seed at the epoch, the only time that counts of it."""
+        """Return warnings about the seed at the epoch, the only time used."""
         return [f"seed: {note}" for note in _notes_of(self.seed, epoch, 0.0)]
 
 
@@ -210,7 +210,7 @@ class MixedConstellation:
 
     @cached_property
     def depth(self) -> int:
-        """How many mixtures lie within each other here, this one included."""
+        """Nesting depth of mixtures, this one included."""
         return 1 + max((item.depth for item in self.parts if isinstance(item, MixedConstellation)), default=0)
 
     @cached_property
@@ -237,7 +237,7 @@ class MixedConstellation:
         return _side_by_side([("", item) for item in self.parts], epoch, time_s, within_s)
 
     def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
-        """Return what a user should know of the parts."""
+        """Return warnings about the parts."""
         return [note for item in self.parts for note in _notes_of(item, epoch, duration_s)]
 
 

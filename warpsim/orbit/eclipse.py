@@ -1,4 +1,4 @@
-"""Eclipse: how much of the Sun's disc is seen past the Earth, and when it is not all of it.
+"""Eclipses: the sunlit fraction of the Sun's disc past the Earth, and passages through the shadow.
 
 The Sun is a sphere of uniform brightness, the Earth the opaque WGS84 ellipsoid: penumbra and umbra are cones about a
 finite Sun. Limb darkening is left out (it dims the last tenth of the disc's width), and so is the atmosphere, whose
@@ -38,8 +38,8 @@ def sunlit_fraction(position_m: ArrayLike, sun_m: ArrayLike, pole_icrs: ArrayLik
     """Return the fraction of the Sun's disc seen past the Earth, 0 in the umbra to 1 in full light.
 
     Args:
-        position_m: Places, geocentric [m], (..., 3). Below the ground counts as on it.
-        sun_m: Places of the Sun, geocentric, not those 8 minutes ago [m], broadcastable.
+        position_m: Positions, geocentric [m], (..., 3). Below the ground counts as on it.
+        sun_m: Positions of the Sun, geocentric, not those 8 minutes ago [m], broadcastable.
         pole_icrs: Unit vector of the ellipsoid's axis, (3,); None for a sphere of the equatorial radius.
 
     Returns:

@@ -37,7 +37,7 @@ class Elements(NamedTuple):
     inclination_deg: F64
     """0 to 180."""
     raan_deg: F64
-    """0 where the orbit lies in the equator."""
+    """0 for an equatorial orbit."""
     argument_of_perigee_deg: F64
     """Counted from the node; 0 where the orbit is circular."""
     mean_anomaly_deg: F64

@@ -2,7 +2,7 @@
 
 Each segment is interpolated on its own, in the frame of its file and with the method that the file asks for (Hermite of
 degree 7 where it asks for none and has velocities, Lagrange of degree 7 without), and then turned into GCRS axes. The
-velocity is the derivative of the position's interpolant, so both tell of one motion. Up to 60 s beyond the ends of the
+velocity is the derivative of the position's interpolant, so both describe one motion. Up to 60 s beyond the ends of the
 file's span the motion goes on as free flight with J2. Where only the times of a scene matter (`states_within`), those
 outside it are room for its node grid, and the motion goes on from the segment at the scene's end, file or none.
 """
@@ -131,7 +131,7 @@ class EphemerisOrbit:
         return _states([self._path], epoch, np.asarray(time_s, np.float64), self.frame, within_s)
 
     def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
-        """Return what a user should know: rows so far apart that positions between them are off by a metre or more.
+        """Return warnings: rows so far apart that positions between them are off by a metre or more.
 
         Raises:
             InputError: They are off by a kilometre or more.
@@ -204,7 +204,7 @@ class EphemerisSatellites:
         return _states(self._all, epoch, np.asarray(time_s, np.float64), self.frame, within_s)
 
     def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
-        """Return what a user should know, as EphemerisOrbit.notes; one line for each object concerned."""
+        """Return warnings, as EphemerisOrbit.notes; one line for each object concerned."""
         return [note for note in (path.note(epoch, 0.0, duration_s) for path in self._all) if note]
 
 
@@ -283,7 +283,7 @@ class _Path:
         return f"{self.file}: {self.name}: some {error_m:.1g} m off {between}" if error_m >= SPARSE_ROWS_M else None
 
     def segment_of(self, epoch: Epoch, time_s: F64, within_s: Span | None = None) -> NDArray[np.int64]:
-        """Which segment holds each time; the later one where two touch.
+        """Index of the segment of each time; the later one where two touch.
 
         Times before and after the span `within_s` belong to the segment at its beginning or end: the one within it,
         where two touch there.
@@ -360,7 +360,7 @@ def _states(
 
 
 def _along(path: _Path, epoch: Epoch, times: F64, which: NDArray[np.int64]) -> tuple[F64, F64]:
-    """States in the file's own axes, (n_time, 3) each; beyond the segments told those of their ends."""
+    """States in the file's own axes, (n_time, 3) each; beyond the segments given those of their ends."""
     position, velocity = np.empty((len(times), 3)), np.empty((len(times), 3))
     ends = path.ends_s(epoch)
     for index in np.unique(which).tolist():
@@ -380,7 +380,7 @@ def _along(path: _Path, epoch: Epoch, times: F64, which: NDArray[np.int64]) -> t
 def _fly_on(
     path: _Path, frame: str, epoch: Epoch, times: F64, which: NDArray[np.int64], position: F64, velocity: F64
 ) -> None:
-    """Put free flight from the end states, GCRS axes, where the times lie beyond their segments."""
+    """Replace states beyond the segments by free flight from their ends, GCRS axes."""
     ends = np.array(path.ends_s(epoch))[which]
     for side, outside in enumerate((times < ends[:, 0], times > ends[:, 1])):
         for index in np.unique(which[outside]):

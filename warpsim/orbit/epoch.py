@@ -31,7 +31,7 @@ FIRST_YEAR, LAST_YEAR = 1960, 2100
 
 @functools.lru_cache(maxsize=64)
 def instant(text: str) -> Instant:
-    """The same as utc_time, for arithmetic: plain dates are taken without astropy, whose import is slow.
+    """Parse as utc_time does, for arithmetic: plain dates without astropy, whose import is slow.
 
     Raises:
         InputError: As utc_time.

@@ -33,7 +33,7 @@ _GROUND_SLACK_KM = 5.0  # the effect of J2 on a long arc
 
 @dataclass(frozen=True)
 class FlightTask:
-    """What a flight must do, whenever it starts."""
+    """Boundary conditions of a flight, independent of its epoch."""
 
     start_lon_lat_deg: tuple[float, float]
     """East longitude and WGS84 geodetic latitude at time 0."""

@@ -36,7 +36,7 @@ def zonal_acceleration_m_s2(position_m: F64, zonal: tuple[float, ...]) -> F64:
 
     Args:
         position_m: Positions [m], shape (..., 3, n).
-        zonal: J2 and the following ones, as many as requested.
+        zonal: J2 and the following ones, any number.
     """
     square = np.einsum("...in,...in->...n", position_m, position_m)
     inverse = 1.0 / np.sqrt(square)

@@ -1,4 +1,4 @@
-"""How close a line of sight comes to the Earth: the lowest altitude on it, and whether the Earth is in the way."""
+"""Grazing altitude of a line of sight: the lowest altitude on it, and occultation by the Earth."""
 
 from __future__ import annotations
 
@@ -45,9 +45,10 @@ def grazing_altitude_m(start_m: ArrayLike, end_m: ArrayLike, pole_icrs: ArrayLik
         height, cosine, sine = meridian_altitude_m(across, a_up + s * path_up)
         lowest = np.minimum(lowest, height)
         slope = cosine * (mixed + s * path_out_square) / across + sine * path_up
-        # A shell of radius rho + h bends the height; rho within 0.7 %, so each round gains two digits or more.
-        bend = (path_square - slope**2) / np.maximum(EARTH_EQUATORIAL_RADIUS_M + height, 1e6)
-        s = np.clip(s - slope / np.maximum(bend, 1e-30 + 1e-9 * path_square / EARTH_EQUATORIAL_RADIUS_M), 0.0, last)
+        # A shell of radius rho + h curves the height; rho within 0.7 %, so each round gains two digits or more.
+        curvature = (path_square - slope**2) / np.maximum(EARTH_EQUATORIAL_RADIUS_M + height, 1e6)
+        least = 1e-30 + 1e-9 * path_square / EARTH_EQUATORIAL_RADIUS_M
+        s = np.clip(s - slope / np.maximum(curvature, least), 0.0, last)
     return np.asarray(lowest)
 
 

@@ -70,7 +70,7 @@ def interpolate(
 def sampling_error(
     node_s: ArrayLike, value: ArrayLike, rate: ArrayLike | None, method: Method, degree: int, time_s: ArrayLike
 ) -> F64:
-    """Return how far off interpolate() may be by the table's sparseness, (n_time,) in the unit of value.
+    """Return the error bound of interpolate() by the table's sparseness, (n_time,) in the unit of value.
 
     Windows of one and two nodes fewer differ from the full one by d1, and among each other by d2; were the differences
     to go on falling so, the next would be d1^2 / d2. An estimate, not a bound: some times too large or too small.

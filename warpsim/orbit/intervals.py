@@ -1,6 +1,6 @@
 """Intervals in which a signed margin is >= 0, for many objects at once: a scan, a search of extrema, bisection.
 
-Windows and gaps shorter than a step of the scan are found where the margin's course shows them: local extrema that
+Windows and gaps shorter than a step of the scan are found where the shape of the margin shows them: local extrema that
 could cross zero between scan points are searched out. What no scan point shows is for the scan to have points at:
 jumps (`scan.with_breaks`) and close passes (`passes.py`).
 """
@@ -41,18 +41,18 @@ class Intervals:
         """One interval for each of n_row objects."""
         return cls(np.arange(n_row), np.full(n_row, float(start_s)), np.full(n_row, float(end_s)))
 
-    def shared(self, other: Intervals) -> Intervals:
-        """Return where both hold."""
+    def intersection(self, other: Intervals) -> Intervals:
+        """Return the intersection with others."""
         return _where_many([self, other], 2)
 
     @classmethod
     def union(cls, some: Sequence[Intervals]) -> Intervals:
-        """Return where one of some holds, or several."""
+        """Return the union of some."""
         return _where_many(some, 1)
 
 
 def _where_many(some: Sequence[Intervals], least: int) -> Intervals:
-    """Where at least so many of some hold; those of each do not overlap."""
+    """Intervals in which at least so many hold; those of each do not overlap."""
     start_row, end_row = (np.concatenate([np.empty(0, np.int64), *(one.row for one in some)]) for _ in range(2))
     start_s = np.concatenate([np.empty(0), *(one.start_s for one in some)])
     end_s = np.concatenate([np.empty(0), *(one.end_s for one in some)])
@@ -67,7 +67,7 @@ def _where_many(some: Sequence[Intervals], least: int) -> Intervals:
 
 
 def find_intervals(at: PairFunction, at_point: PointFunction, scan: Scan, within: Intervals) -> Intervals:
-    """Return where the margin is >= 0, as far as `within` reaches.
+    """Return the intervals in which the margin is >= 0, as far as `within` reaches.
 
     Args:
         at: The margin; objects come in any order.
@@ -94,11 +94,11 @@ def find_intervals(at: PairFunction, at_point: PointFunction, scan: Scan, within
     end_row = np.concatenate([row[ends], bracket_row[~rises]])
     end_s = np.concatenate([time_s[ends], edge_s[~rises]])
     starts, stops = np.lexsort((start_s, start_row)), np.lexsort((end_s, end_row))
-    return Intervals(start_row[starts], start_s[starts], end_s[stops]).shared(within)
+    return Intervals(start_row[starts], start_s[starts], end_s[stops]).intersection(within)
 
 
 def _bisected(row: I64, low: F64, high: F64, rises: Mask, at: PairFunction) -> F64:
-    """The times of the changes of sign, on the side inside: every instant reported keeps the rule."""
+    """The times of the changes of sign, on the side inside: every instant reported satisfies the constraint."""
     while len(low) and np.max(high - low) > RESOLUTION_S:
         middle = 0.5 * (low + high)
         below = (at(row, middle) >= 0.0) == rises  # the change lies below the middle

@@ -41,7 +41,7 @@ def pass_times_s(row: I64, time_s: F64, sight_m: F64, sight_at_m: Callable[[I64,
     ends_s = np.stack([time_s[point], time_s[point + 1]], axis=1)
     ends_m = np.stack([sight_m[point], sight_m[point + 1]], axis=1)
     points, times = [np.empty(0, np.int64)], [np.empty(0)]
-    # A step is taken for straight; how it bends shows in its parts, which are divided on.
+    # A step is taken for straight; its curvature shows in its parts, which are divided further.
     for _ in range(_MOST_ROUNDS):
         step, part, n_part, corner_s = _parts(ends_s, ends_m)
         inner = (part > 0) & (part < n_part)

@@ -1,6 +1,6 @@
-"""Every kind of path: the one list of what a scene's `[trajectory]` and the orbits within constellations may be.
+"""Kinds of paths: the one list of allowed kinds of a scene's `[trajectory]` and of orbits within constellations.
 
-Parts of a kind are told apart by their field `kind`. Each has `states(epoch, time_s)`, which gives positions [m] and
+Parts are distinguished by their field `kind`. Each has `states(epoch, time_s)`, which gives positions [m] and
 velocities [m/s] in GCRS axes, (n_time, n_object, 3), with one object here. Constellations have `names` as well.
 """
 
@@ -34,7 +34,7 @@ SimpleConstellation = Walker | TleSatellites | EphemerisSatellites
 
 
 class Propagator(Protocol):
-    """What has states."""
+    """Source of states: an orbit, a trajectory or a constellation."""
 
     def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_object, 3)."""

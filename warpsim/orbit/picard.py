@@ -68,7 +68,7 @@ def integrate(
     rate_rad_s: float,
     lowest_m: float,
 ) -> tuple[F64, F64]:
-    """Follow paths from time 0 to each of the times.
+    """Integrate paths from time 0 to each of the times.
 
     Args:
         acceleration: The force per mass.

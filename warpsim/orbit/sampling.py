@@ -148,17 +148,17 @@ def _one_track(
 
 
 def _assessed(dense_m: F64, velocity_m_s: F64, step_s: float, ends: tuple[int, int] | None = None) -> tuple[F64, F64]:
-    """Velocities that the interpolant takes, and how far it is off in each interval.
+    """Velocities used by the interpolant, and its error in each interval.
 
-    A velocity that is not the derivative of the positions bends the interpolant by up to 0.096 step times the
+    A velocity that is not the derivative of the positions shifts the interpolant by up to 0.096 step times the
     difference, and not at the middles: it is counted apart, and where all velocities of an object are so, those of the
-    positions take their place. SGP4's are: by some cm/s on near-Earth orbits, by more than 1 m/s on Molniya's.
+    positions replace it. SGP4's are: by some cm/s on near-Earth orbits, by more than 1 m/s on Molniya's.
 
     Args:
         dense_m: Positions at nodes and middles [m], (2 n - 1, ..., 3).
         velocity_m_s: Velocities at nodes [m/s], (n, ..., 3).
         step_s: From node to node [s].
-        ends: As for sample_tracks; there, and outside, positions of both sides tell nothing of single velocities.
+        ends: As for sample_tracks; there, and outside, positions of both sides do not determine single velocities.
 
     Returns:
         Velocities [m/s], (n, ..., 3), and errors [m], (n - 1, ...).
@@ -208,9 +208,9 @@ def choose_step_s(
 ) -> float:
     """Return a node step [s] whose measured interpolation error over [0, duration_s] stays below error_m.
 
-    The error of smooth motion scales with the fourth power of the step; trials at places spread over the scene, and
+    The error of smooth motion scales with the fourth power of the step; trials at intervals spread over the scene, and
     never outside it, give the step. It divides the scene evenly, and aims at 80 % of the bound to leave room for what
-    lies between the places. Motion that is not smooth, as that of a table with few digits, may never come below
+    is between the trials. Motion that is not smooth, as that of a table with few digits, may never come below
     error_m: then the step is taken from where shorter ones stop to help. Meant for satellites and targets: the Sun's
     distance in float64 is itself rounded to 0.03 mm, so its track takes the step of the others.
 
@@ -254,7 +254,7 @@ def choose_step_s(
 
 
 def _trial_error_m(state: StateFunction, duration_s: float, step_s: float, counted_s: ArrayLike) -> float:
-    """Largest error of intervals: all of a short scene, or those at places spread evenly over a long one."""
+    """Largest error of intervals: all of a short scene, or some spread evenly over a long one."""
     n_interval = _n_step(duration_s, step_s)
     if n_interval <= _N_TRIAL:
         dense_m, velocity_m_s = state(0.5 * step_s * np.arange(2 * max(1, n_interval) + 1, dtype=np.float64))
@@ -310,7 +310,7 @@ def make_tracks(
         names: One name per object.
         state: Propagator of all of them.
         duration_s: Length of the scene [s].
-        error_m: Bound [m]; smooth motion keeps it, other motion is told by `Track.error_m`.
+        error_m: Bound [m]; smooth motion keeps it, for other motion see `Track.error_m`.
         counted_s: As for sample_tracks.
         longest_s: Longest step [s].
 
@@ -330,7 +330,7 @@ def make_tracks(
         order = 4.0 if first is None else math.log(first[0] / worst_m) / math.log(first[1] / step_s)
         if order < 0.5:  # of the error in the step: shorter ones do not help
             break
-        # The worst place lay between the trials: a perigee, or a manoeuvre, where the velocity jumps.
+        # The worst interval was between the trials: a perigee, or a manoeuvre, where the velocity jumps.
         first = first or (worst_m, step_s)
         proposed_s = step_s * max(0.25, 0.95 * (error_m / worst_m) ** (1 / min(order, 4.0)))
         step_s = _even_step_s(duration_s, max(shortest_s, proposed_s))
@@ -355,7 +355,7 @@ def make_tracks(
 def _sampled(
     names: Sequence[str], state: StateFunction, duration_s: float, step_s: float, counted_s: ArrayLike
 ) -> list[Track]:
-    """Tracks over a scene that the step divides evenly; outside it the motion may go on as it likes."""
+    """Tracks over a scene that the step divides evenly; outside it the motion is free."""
     start_s, n_node = node_grid(duration_s, step_s)
     epoch = round(-start_s / step_s)
     return sample_tracks(names, state, start_s, step_s, n_node, counted_s, (epoch, n_node - 2))

@@ -1,4 +1,4 @@
-"""Times at which margins of access are looked at: a grid for all objects, and times of each one's own between."""
+"""Scan times of access margins: a grid for all objects, and individual times between."""
 
 from __future__ import annotations
 
@@ -94,13 +94,13 @@ class Scan:
 
 
 def break_times_s(scan: Scan, breaks_s: Sequence[Sequence[float]]) -> tuple[I64, F64]:
-    """Return both sides of each object's breaks as further times of a uniform scan, with the points that they follow.
+    """Return both sides of each object's breakpoints as further times of a uniform scan, with the points before them.
 
-    Between two breaks, and between them and the ends, there are three points at least: enough to show an extremum.
+    Between two breakpoints, and between them and the ends, there are three points at least: enough to show an extremum.
 
     Args:
         scan: A uniform scan.
-        breaks_s: For each object, times at which something jumps or bends; from a break on the new holds.
+        breaks_s: For each object, times of a jump or kink; the new motion holds from a breakpoint on.
     """
     grid_s = scan.time_s[scan.grid[0]]
     after, times = [np.empty(0, np.int64)], [np.empty(0)]

@@ -1,7 +1,7 @@
 """The Sun and the Earth's motion from ERFA's analytical ephemeris: no files, good to 11 km and 5 mm/s (1900-2100).
 
-Positions are geometric (no light time, no aberration): the Sun's place 8 minutes ago differs by less than 0.01 arcsec
-of barycentric motion, while annual aberration belongs to the camera stage.
+Positions are geometric (no light time, no aberration): the Sun's position 8 minutes ago differs by less than 0.01
+arcsec of barycentric motion, while annual aberration belongs to the camera stage.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ F64 = NDArray[np.float64]
 
 
 class EarthStates(NamedTuple):
-    """Where the Earth is, and the Sun from there; ICRS axes, each of the shape of the times plus (3,)."""
+    """Positions of the Earth, and of the Sun from it; ICRS axes, each of the shape of the times plus (3,)."""
 
     sun_m: F64
     """The Sun's geometric geocentric position [m]."""
@@ -34,7 +34,7 @@ class EarthStates(NamedTuple):
 
 
 def earth_states(epoch: Epoch, time_s: ArrayLike) -> EarthStates:
-    """Return what the functions below do, for one evaluation of the ephemeris.
+    """Return the results of the functions below by one evaluation of the ephemeris.
 
     Args:
         epoch: The scene's epoch.
@@ -80,7 +80,7 @@ def earth_velocity_m_s(epoch: Epoch, time_s: ArrayLike) -> F64:
 def earth_position_m(epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
     """Return the Earth's barycentric and heliocentric position [m], ICRS axes, each of the shape of time_s plus (3,).
 
-    The first gives an observer's parallax, the second where the Sun bends starlight.
+    The first gives an observer's parallax, the second the deflection of starlight by the Sun.
     """
     states = earth_states(epoch, time_s)
     return states.barycentric_m, states.heliocentric_m

@@ -77,7 +77,7 @@ class TleSatellites:
         """The satellites, in the order of the source.
 
         Raises:
-            InputError: The file cannot be read or breaks a rule, or `only` names no satellite of it.
+            InputError: The file cannot be read or is not valid, or `only` names no satellite of it.
         """
         found = _satellites(self.file, self.lines)
         if self.only is None:
@@ -113,7 +113,7 @@ class TleSatellites:
         return age_days(self.satellites, epoch)
 
     def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
-        """Return what a user should know: element sets more than 30 days away from some time of the scene."""
+        """Return warnings: element sets more than 30 days away from some time of the scene."""
         return age_notes(self.satellites, epoch, duration_s)
 
 
@@ -141,7 +141,7 @@ class TleOrbit:
         """The object.
 
         Raises:
-            InputError: The file cannot be read or breaks a rule, or `object` names none or several of its objects.
+            InputError: The file cannot be read or is not valid, or `object` names none or several of its objects.
         """
         found = _satellites(self.file, self.lines)
         chosen = found if self.object is None else _matches(found, self.object, "object")
@@ -164,7 +164,7 @@ class TleOrbit:
         return age_days([self.satellite], epoch)
 
     def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
-        """Return what a user should know: an element set more than 30 days away from some time of the scene."""
+        """Return warnings: an element set more than 30 days away from some time of the scene."""
         return age_notes([self.satellite], epoch, duration_s)
 
 
@@ -215,7 +215,7 @@ def _plain_name(item: ElementSet) -> str:
 
 
 def _identifier(item: ElementSet) -> str:
-    """What tells objects of one name apart."""
+    """Identifier that distinguishes objects of one name."""
     known = item.international_designator if item.norad_id is None else f"{item.norad_id:05d}"
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", known)
 

@@ -45,7 +45,7 @@ def satellite_names(n_plane: int, n_slot: int, prefix: str) -> list[str]:
 
 
 def pattern_turns(n_plane: int, n_slot: int, phasing: int) -> F64:
-    """Return each satellite's place along its orbit, in turns ahead of the first one's, 0 <= turns < 1, (n,).
+    """Return each satellite's phase along its orbit, in turns ahead of the first one's, 0 <= turns < 1, (n,).
 
     Slot j of plane i: (j - 1) / S + F (i - 1) / T. Counted in units of 1/T, whole numbers, so that a full turn comes
     out as exactly 0.

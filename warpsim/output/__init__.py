@@ -1,1 +1,1 @@
-"""Files: FITS cubes, tables, pictures, manifests."""
+"""Files: FITS cubes, tables, figures, manifests."""

@@ -1,4 +1,4 @@
-"""What a star catalog holds, in words: `warpsim catalog`."""
+"""Report of a star catalog: `warpsim catalog`."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _density_lines(catalog: StarCatalog) -> list[str]:
 
 
 def _motion_lines(catalog: StarCatalog) -> list[str]:
-    """How many stars move, and which is the fastest; how many have a parallax."""
+    """Numbers of stars with proper motion and with parallax; the fastest star."""
     speed_mas_yr = np.hypot(catalog.pm_ra_mas_yr, catalog.pm_dec_mas_yr)
     n_moving, n_parallax = np.count_nonzero(speed_mas_yr), np.count_nonzero(np.isfinite(catalog.parallax_mas))
     text = f"{counted(n_moving, 'star')} with proper motion"
@@ -96,10 +96,10 @@ def _band_lines(catalog: StarCatalog) -> list[str]:
         flag, flux_jy = catalog.flux_flag(band), catalog.flux_jy(band)
         counts = [np.count_nonzero(flag == kind) for kind in (FLUX_MEASURED, FLUX_PREDICTED, FLUX_NONE)]
         line = f"  {band:4} {BANDS[band].isophotal_um:6.2f} " + " ".join(f"{n:10,}" for n in counts)
-        lit = flux_jy > 0
-        if lit.any():
-            magnitude = catalog.magnitude(band)[lit] + 0.0  # -0 becomes 0
-            flux_range = f"{flux_jy[lit].min():.4g} to {flux_jy[lit].max():.4g}"
+        bright = flux_jy > 0
+        if bright.any():
+            magnitude = catalog.magnitude(band)[bright] + 0.0  # -0 becomes 0
+            flux_range = f"{flux_jy[bright].min():.4g} to {flux_jy[bright].max():.4g}"
             line += f" {flux_range:>24} {f'{magnitude.min():.2f} to {magnitude.max():.2f}':>16}"
         n_dark = np.count_nonzero(flux_jy == 0)
         lines.append(line + (f"   {n_dark:,} of flux 0" if n_dark else ""))

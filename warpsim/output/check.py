@@ -1,4 +1,4 @@
-"""What a scene would give, in words: `warpsim check`."""
+"""Report of a scene: `warpsim check`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from warpsim.target.mesh import Mesh
 from warpsim.target.temperature import HeatBalance, TemperatureRows
 
 ESCAPE_SPEED_M_S = 11_180.0
-"""From the Earth's surface: no ballistic flight between two places starts faster."""
+"""From the Earth's surface: no ballistic flight between two points starts faster."""
 
 LARGEST_ABERRATION_ARCSEC = 26.0
 """The Earth's motion and a low orbit's."""
@@ -59,21 +59,21 @@ def scene_report(scenario: Scenario) -> str:
 
 
 def pointing_warning(scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> str | None:
-    """What had to be replaced in the cameras' axes, counted over the frames of each sensor; None for nothing."""
+    """Warning of fallback camera axes, counted over the frames of each sensor; None if there are none."""
     counts = [count_replaced(instrument, frames_of) for instrument in scenario.instruments.values()]
     return replaced_text(*(sum(column) for column in zip(*counts, strict=True)))
 
 
 def _sky_lines(scenario: Scenario) -> list[str]:
-    """Stars with light in each band; what their positions include, and how much is missed by what is off."""
+    """Stars with light in each band; effects in their positions, and the size of disabled ones."""
     sky, bands = scenario.scene.sky, scenario.bands
     catalog = load_catalog(sky)
-    lit = {name: int(np.count_nonzero(catalog.irradiance_w_cm2(name, sky.physics))) for name in bands}
-    numbers = ", ".join(f"{name} {n:,}" for name, n in lit.items())
+    bright = {name: int(np.count_nonzero(catalog.irradiance_w_cm2(name, sky.physics))) for name in bands}
+    numbers = ", ".join(f"{name} {n:,}" for name, n in bright.items())
     papers = ", the paper's physics" if sky.physics == "paper" else ""
     stars = counted(len(catalog), "star")
     lines = [f"  sky        catalog {sky.catalog}: {stars}, with light in band {numbers}{papers}"]
-    if sky.catalog != "none" and not any(lit.values()):
+    if sky.catalog != "none" and not any(bright.values()):
         lines.append("  warning    no star of the catalog gives light in these bands")
     parallax_arcsec = float(np.nan_to_num(catalog.parallax_mas).max(initial=0.0)) / 1e3
     exclusions = [
@@ -109,7 +109,7 @@ def _short(value: float) -> str:
 
 
 def _orbit_lines(scenario: Scenario) -> list[str]:
-    """How good tracks are, and what paths and shapes have to say."""
+    """Errors of tracks, and notes of paths and shapes."""
     scene, tracks = scenario.scene, scenario.tracks
     lines = [f"  orbits     nodes every {tracks.step_s:g} s, interpolation error {tracks.error_m * 1e3:.2g} mm"]
     for propagator in (scene.constellation, *(group.path for group in scene.groups)):
@@ -126,7 +126,7 @@ def _orbit_lines(scenario: Scenario) -> list[str]:
 
 
 def _group_lines(group: TargetGroup, scenario: Scenario) -> list[str]:
-    """A group: its size, when it is there, how high its main target flies; a word where that cannot be meant."""
+    """A group: its size, time span and main target's altitude; a warning where that is implausible."""
     tracks, path = scenario.tracks, group.path
     first_s, last_s = within_scene(group.span_s, scenario.scene.duration_s)
     times = np.linspace(first_s, last_s, _GROUP_SAMPLES)

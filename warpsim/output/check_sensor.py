@@ -1,4 +1,4 @@
-"""What a kind of sensor would give, in words: noise, light, access and what is in its fields of view."""
+"""Report of a kind of sensor: noise, light, access and contents of its fields of view."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def sensor_lines(instrument: Instrument, scenario: Scenario) -> list[str]:
 
 
 def _camera_lines(instrument: Instrument, scenario: Scenario) -> list[str]:
-    """When frames are taken, and by what."""
+    """Times of frames, and the camera."""
     frames, camera = instrument.frames, instrument.sensor.camera
     bands = f", bands {' '.join(instrument.sensor.bands)}" if len(scenario.instruments) > 1 else ""
     return [
@@ -71,7 +71,7 @@ def _pixel_size(camera: Camera) -> str:
 
 
 def _distortion(camera: Camera) -> str:
-    """How far the lens moves positions on the array, and whether FITS can say so."""
+    """Largest distortion on the array, and whether FITS can represent it."""
     sip = sip_polynomials(camera)
     if sip is None:
         return ""
@@ -109,7 +109,7 @@ def _fixed_pattern(instrument: Instrument) -> dict[str, float]:
 
 
 def _detector_lines(instrument: Instrument) -> list[str]:
-    """Noise and saturation by band, what they come from, and the terms that are on."""
+    """Noise and saturation by band, their origin, and the enabled terms."""
     detector, all_levels = instrument.sensor.detector, instrument.levels
     bits = counted(detector.bits, "bit")
     texts = {band: f"NEI {item.nei_w_cm2:.4g}, SEI {item.sei_w_cm2:.4g} W/cm2" for band, item in all_levels.items()}
@@ -133,7 +133,7 @@ def _detector_lines(instrument: Instrument) -> list[str]:
 
 
 def _level_warnings(instrument: Instrument) -> list[str]:
-    """Where blank sky is near an end of the scale, or noise below its steps."""
+    """Warnings of blank sky near an end of the scale, or of noise below its steps."""
     lines, all_levels = [], instrument.levels
     full = [band for band, levels in all_levels.items() if levels.sei_w_cm2 < 5 * levels.nei_w_cm2]
     if full:
@@ -150,7 +150,7 @@ def _level_warnings(instrument: Instrument) -> list[str]:
 
 
 def _light_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> list[str]:
-    """Which terms the targets' light has, and how finely an exposure is followed."""
+    """Terms of the targets' light, and the quadrature over an exposure."""
     lines = [f"  light      {name}: {term.reason}" for name, term in instrument.light_terms.items()]
     exposure_s = instrument.sensor.detector.exposure_s
     if exposure_s > 0:
@@ -170,7 +170,7 @@ def _every_frame(instrument: Instrument) -> dict[str, list[int]]:
 
 
 def _access_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> list[str]:
-    """Access per sensor over the frames; for sensors without any, the rules that are broken most of the time."""
+    """Access per sensor over the frames; for sensors without any, the constraints violated most."""
     camera = instrument.sensor.camera
     seen = {name: len(frames) for name, frames in frames_of.items() if frames}
     n_view = sum(seen.values())
@@ -193,7 +193,7 @@ def _access_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping
 
 
 def _pointing_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> list[str]:
-    """Where cameras look, and in how many of the views, or of some spread over them, there is what."""
+    """Pointing of the cameras, and contents of the views, or of some spread over them."""
     pointings = instrument.sensor.pointing
     lines = [
         f"  pointing   {_pointing_text(pointing)}{_where_text(pointing, number) if len(pointings) > 1 else ''}"
@@ -220,12 +220,12 @@ def _pointing_lines(instrument: Instrument, scenario: Scenario, frames_of: Mappi
 
 
 def _where_text(pointing: Pointing, number: int) -> str:
-    """On which satellites an entry holds."""
+    """Satellites of an entry."""
     return f"; on {'all others' if number and ALL in pointing.on else ', '.join(pointing.on)}"
 
 
 def _pointing_text(pointing: Pointing) -> str:
-    """What a camera follows, and how it errs."""
+    """Pointing law of a camera, and its errors."""
     if isinstance(pointing, TrackPointing):
         what = f"tracks {pointing.track}"
     elif isinstance(pointing, SchedulePointing):
@@ -248,7 +248,7 @@ def _size_text(rms: float | None, axes: tuple[float, float] | None) -> str:
 
 
 def _counted_text(found: FieldContents, scenario: Scenario) -> str:
-    """What access counts by, in words."""
+    """Targets that access counts by, in words."""
     if len(found.counted) == 1:
         return scenario.target_names[next(iter(found.counted))]
     groups = {scenario.targets[target].group for target in found.counted}

@@ -1,4 +1,4 @@
-"""What is in the fields of view of a kind of sensor: targets, Earth, Sun, and how far light moves in an exposure."""
+"""Contents of the fields of view of a kind of sensor: targets, Earth, Sun, and streak lengths in an exposure."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST_VIEWS_LOOKED_AT = 2000
 """Views in which bodies are looked for."""
 
 MOST_VIEWS_OF_STREAKS = 200
-"""Views in which movement is followed."""
+"""Views in which streaks are measured."""
 
 _BORDER_STEPS = 16
 """Along each edge of the frame, to see whether the Earth is in it."""
@@ -33,7 +33,7 @@ _BORDER_STEPS = 16
 
 @dataclass
 class FieldContents:
-    """What is in the fields of view of some views, counted."""
+    """Counts of views by the contents of their fields of view."""
 
     n_view: int = 0
     target: int = 0
@@ -48,7 +48,7 @@ class FieldContents:
 
 
 def field_contents(instrument: Instrument, tracks: Tracks, frames_of: Mapping[str, Sequence[int]]) -> FieldContents:
-    """Count what is in the fields of view, over some views spread over all of them.
+    """Count the contents of the fields of view, over some views spread over all of them.
 
     Args:
         instrument: The kind of sensor.
@@ -73,7 +73,7 @@ def field_contents(instrument: Instrument, tracks: Tracks, frames_of: Mapping[st
 
 
 def count_replaced(instrument: Instrument, frames_of: Mapping[str, Sequence[int]]) -> tuple[int, int, int]:
-    """Return in how many views `up`, and the boresight, had to be replaced, and how many there are."""
+    """Return the numbers of views with fallbacks for `up` and for the boresight, and of all views."""
     n_up = n_boresight = n_view = 0
     for sensor, time_s in _spread(instrument, frames_of, None):
         commanded = instrument.commanded_axes(sensor, time_s)
@@ -84,7 +84,7 @@ def count_replaced(instrument: Instrument, frames_of: Mapping[str, Sequence[int]
 
 
 def replaced_text(n_up: int, n_boresight: int, n_view: int) -> str | None:
-    """Return what had to be replaced in the cameras' axes in some of n_view views; None for nothing."""
+    """Return a text about fallback camera axes in some of n_view views; None if there are none."""
     reported = []
     if n_up:
         reported.append(
@@ -112,7 +112,7 @@ def _spread(
 
 
 def _counted(instrument: Instrument, sensor: int, time_s: F64) -> Iterator[tuple[Sequence[int], Mask]]:
-    """Targets that a sensor's access counts by, and at which times."""
+    """Targets that a sensor's access counts by, with times."""
     steps = instrument.access_targets(sensor)
     ends = [start_s for start_s, _ in steps[1:]] + [np.inf]
     for (start_s, targets), end_s in zip(steps, ends, strict=True):
@@ -156,14 +156,14 @@ def sun_in_field(camera: Camera, tracks: Tracks, at: SatelliteState, axes: F64) 
     sight_m = sun_m - at.position_m
     radius_deg = np.degrees(np.arcsin(SUN_RADIUS_M / np.linalg.norm(sight_m, axis=-1)))
     seen = np.einsum("nij,nj->ni", axes, normalised(sight_m))
-    lit = sunlit_fraction(at.position_m, sun_m, tracks.pole_icrs) > 0.0
-    return np.asarray((camera.frame_margin_deg(seen) >= -radius_deg) & lit)
+    visible = sunlit_fraction(at.position_m, sun_m, tracks.pole_icrs) > 0.0
+    return np.asarray((camera.frame_margin_deg(seen) >= -radius_deg) & visible)
 
 
 def longest_streaks_px(
     instrument: Instrument, tracks: Tracks, frames_of: Mapping[str, Sequence[int]], duration_s: float
 ) -> tuple[float, float]:
-    """Return the longest way of a star and of a target over the image during an exposure [px]; 0 where there is none.
+    """Return the longest streaks of a star and of a target during an exposure [px]; 0 where there is none.
 
     Between the ends of the exposure, in straight lines, without errors of pointing. Stars are looked at in the middle,
     on the edges and in the corners of the frame, targets where they are in the frame.
@@ -181,7 +181,7 @@ def longest_streaks_px(
 
 
 def _streaks_px(camera: Camera, tracks: Tracks, ends: list[tuple[SatelliteState, F64]]) -> F64:
-    """The same of one sensor: longest way of a star and of a target [px]."""
+    """Longest streaks of a star and of a target in one sensor [px]."""
     stars = np.einsum("ci,tij->ctj", camera.sample_points, ends[0][1])
     star_px = max(_way_px(camera, [star, star], ends).max(initial=0.0) for star in stars)
     target_px = 0.0
@@ -190,13 +190,13 @@ def _streaks_px(camera: Camera, tracks: Tracks, ends: list[tuple[SatelliteState,
         some = shown[0] | shown[1]
         if some.any():
             own = [(_at(at, some), axes[some]) for at, axes in ends]
-            sights = [apparent_mean(tracks, [target], at) for at, _ in own]
-            target_px = max(target_px, _way_px(camera, sights, own).max(initial=0.0))
+            lines = [apparent_mean(tracks, [target], at) for at, _ in own]
+            target_px = max(target_px, _way_px(camera, lines, own).max(initial=0.0))
     return np.array([star_px, target_px])
 
 
-def _way_px(camera: Camera, sights: Sequence[F64], ends: list[tuple[SatelliteState, F64]]) -> F64:
+def _way_px(camera: Camera, lines: Sequence[F64], ends: list[tuple[SatelliteState, F64]]) -> F64:
     """Distances on the image between directions at the two ends, (n, 3) each; 0 behind the camera."""
-    seen = [np.einsum("nij,nj->ni", axes, sight) for sight, (_, axes) in zip(sights, ends, strict=True)]
+    seen = [np.einsum("nij,nj->ni", axes, line) for line, (_, axes) in zip(lines, ends, strict=True)]
     positions_px = [camera.project(normalised(direction), np.eye(3))[0] for direction in seen]
     return np.asarray(np.nan_to_num(np.linalg.norm(positions_px[1] - positions_px[0], axis=-1)))

@@ -1,4 +1,4 @@
-"""Folders that are written in parts: one run at a time, and checksums that say which parts are whole."""
+"""Checkpoints of folders that are written in parts: a lock for one run at a time, and checksums of complete parts."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ LOCK = "lock"
 
 @contextlib.contextmanager
 def locked(folder: Path, parts: Path) -> Iterator[None]:
-    """Hold the lock of a folder that one run at a time writes to.
+    """Lock a folder that one run at a time writes to.
 
     Args:
         folder: The folder, for the message.
-        parts: Folder of what an unfinished run needs; made when missing. The lock lies there.
+        parts: Folder of what an unfinished run needs; made when missing. It holds the lock file.
 
     Raises:
         InputError: Another run holds it, or the file system knows no locks.
@@ -62,7 +62,7 @@ def _open_lock(folder: Path, parts: Path) -> Iterator[None]:
 
 
 def _is_there(number: int, path: Path) -> bool:
-    """Return whether an open file still is the one of that name."""
+    """Return whether an open file is still the one at that path."""
     try:
         return os.path.samestat(os.fstat(number), path.stat())
     except FileNotFoundError:
@@ -70,7 +70,7 @@ def _is_there(number: int, path: Path) -> bool:
 
 
 def tidy(folder: Path, parts: Path, is_complete: Callable[[], bool]) -> None:
-    """Remove the folder of parts that a run left which was killed in its last moment; quietly, if that may not be."""
+    """Remove the folder of parts of a run that was killed at its very end; ignore failures."""
     if parts.exists():
         with contextlib.suppress(InputError, OSError), locked(folder, parts):
             if is_complete():
@@ -124,7 +124,7 @@ def files_match(folder: Path, checksums: Mapping[str, str]) -> bool:
 
 
 def which_match(folder: Path, records: Mapping[str, Mapping[str, str]]) -> dict[str, bool]:
-    """Which of several sets of files match their checksums; read side by side, as hashing does not hold the GIL."""
+    """Return which of several sets of files match their checksums; threads, as hashing releases the GIL."""
     with ThreadPoolExecutor() as pool:
         matches = pool.map(lambda checksums: files_match(folder, checksums), records.values())
         return dict(zip(records, matches, strict=True))

@@ -35,7 +35,7 @@ Label = tuple[int, int, str, int, tuple[float, float, float]]
 
 @dataclass(frozen=True)
 class SheetRow:
-    """A row of the sheet: what is shown of a sensor."""
+    """A row of the sheet: the images of a sensor."""
 
     sensor: str
     instrument: Instrument
@@ -78,7 +78,7 @@ def _left(column: int) -> int:
 
 
 def _bands_text(rows: Sequence[SheetRow]) -> str:
-    """Which band is shown, by kind of sensor if there are several."""
+    """Band shown, by kind of sensor if there are several."""
     bands = {row.instrument.sensor.name: row.band for row in rows}
     if len(set(bands.values())) == 1:
         return f"band {rows[0].band}"
@@ -129,7 +129,7 @@ def _column_times_s(rows: Sequence[SheetRow]) -> list[float]:
 
 
 def _nearest(time_s: npt.NDArray[np.float64], columns: Sequence[float]) -> dict[int, int]:
-    """For each column, the index of the frame nearest to it, if it lies within half the way to the next column."""
+    """For each column, the index of the frame nearest to it, if it is within half the distance to the next column."""
     gaps = np.diff(columns) / 2 if len(columns) > 1 else np.array([0.5])
     shown = {}
     for i, column in enumerate(columns):
@@ -147,7 +147,7 @@ def _write_png(canvas: npt.NDArray[np.uint8], labels: list[Label], path: Path) -
     image = oiio.ImageBuf(oiio.ImageSpec(width, height, 3, "uint8"))
     image.set_pixels(oiio.ROI(0, width, 0, height, 0, 1, 0, 3), canvas)
     for x, y, text, size, colour in labels:
-        # A missing font is no reason to lose the picture.
+        # A missing font is no reason to lose the figure.
         oiio.ImageBufAlgo.render_text(image, x, y, text, size, "", colour)
     image.geterror()
     with whole_file_by_memory(path) as name:

@@ -82,7 +82,7 @@ def write_czml(
 
 
 def body_span_s(scenario: Scenario, name: str) -> tuple[float, float]:
-    """Return from when to when a body is there within the scene [s after the epoch].
+    """Return start and end of a body's existence within the scene [s after the epoch].
 
     Satellites are there throughout, targets while they exist and are deployed. The first is not before the last where
     that is never.

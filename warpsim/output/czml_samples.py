@@ -35,9 +35,9 @@ SHORTEST_PIECE_S = 0.02
 DATE_S = 1e-6
 """Digits of the dates between which pieces count."""
 
-_AIM = 0.8  # fraction of the error that samples are chosen for: room for what lies between the points measured
+_AIM = 0.8  # fraction of the error that samples are chosen for: a margin for times between the points measured
 _CHECKS_PER_STEP = 8
-_CHECKS_PER_PIECE = 128  # at least: breakpoints that nobody tells of are in short pieces
+_CHECKS_PER_PIECE = 128  # at least: unreported breakpoints are in short pieces
 _FINER = 16  # so many times more densely, next to the largest error
 _DECIMALS = 3  # of a position [m]
 

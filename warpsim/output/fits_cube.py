@@ -34,7 +34,7 @@ _WCS_KEYS = ("CRVAL1", "CRVAL2", "CRPIX1", "CRPIX2", "CD1_1", "CD1_2", "CD2_1", 
 
 @dataclass(frozen=True, repr=False)
 class Cube:
-    """A cube as read back."""
+    """A cube as read from a file."""
 
     counts: npt.NDArray[np.uint16]
     """Shape (n_frame, n_row, n_col)."""
@@ -55,7 +55,7 @@ class Cube:
 
 
 class CubeWriter:
-    """Writes the planes of one sensor and band as they are rendered.
+    """Writer of the planes of one sensor and band as they are rendered.
 
     Args:
         path: Name to write to (a temporary one; see files.whole_file).

@@ -1,4 +1,4 @@
-"""FITS keywords of images: what is known of the scene, the detector, and each image's time and sky.
+"""FITS keywords of images: scene, detector, and each image's time and WCS.
 
 Cubes, single images and the JSON text in other image files say it in the same words.
 """
@@ -33,7 +33,7 @@ _FLAG_WORDS = {
 
 
 def scene_cards(scene: SceneDescription, instrument: Instrument, sensor: str, band: str) -> list[Card]:
-    """Return what all images of a sensor and band share, without their lens."""
+    """Return the keywords common to all images of a sensor and band, without the lens."""
     levels = instrument.levels[band]
     return [
         ("BUNIT", "adu", "counts"),
@@ -81,13 +81,13 @@ def image_cards(frames: FrameSet, sensor: str, band: str) -> Iterator[list[Card]
 
 
 def view_flags(frames: FrameSet) -> dict[str, npt.NDArray[np.bool_]]:
-    """Return flags of views by keyword, each (frame, sensor): what was replaced; slews where the sensors make any."""
+    """Return flags of views by keyword, each (frame, sensor): fallback axes; slews where the sensors make any."""
     flags = {"UPREPL": frames.up_replaced, "BOREPL": frames.boresight_replaced}
     return flags | ({"SLEWING": frames.slewing} if frames.instrument.slews else {})
 
 
 def _detector_cards(detector: Detector, levels: Levels) -> list[Card]:
-    """What is known of the detector besides: its chain in electrons, and the terms that are on."""
+    """Further keywords of the detector: its chain in electrons, and the enabled terms."""
     cards: list[Card] = [("DETECTOR", detector.kind, "kind of detector")]
     if isinstance(detector, ElectronDetector) and isinstance(levels, ElectronLevels):
         cards += [

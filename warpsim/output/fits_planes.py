@@ -12,7 +12,7 @@ from warpsim.errors import InputError
 
 
 class PlaneWriter:
-    """Writes an array along its first axis, part by part.
+    """Writer of an array along its first axis, part by part.
 
     Args:
         path: Name to write to.

@@ -1,4 +1,4 @@
-"""Formats of images: which files the images of a sensor in a band become, and how they are written and read.
+"""Formats of images: the files of a sensor's images in a band, their writing and reading.
 
 A format is a small object. It names its files before they are there, so that a run can see what it would touch and say
 which of its files are whole. Its writer takes the frames as they are rendered; files get their names when they are
@@ -50,7 +50,7 @@ class Images:
 
     @property
     def stem(self) -> str:
-        """What their files are called."""
+        """Stem of their file names."""
         return f"{self.sensor}_{self.band}"
 
 
@@ -68,7 +68,7 @@ class Format(Protocol):
         """Files, relative to the folder of the run, parts divided by `/`."""
 
     def writer(self, folder: Path, images: Images) -> AbstractContextManager[AddFrames]:
-        """Takes the frames, in their order; the files are whole behind it."""
+        """Return a context that takes the frames in order; the files are complete at its end."""
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts | None:
         """Images read back, shape (n, row, column); None where the format does not keep them."""
@@ -81,7 +81,7 @@ class FitsCubes:
     needs_signal: bool = False
 
     def check(self) -> None:
-        """Astropy is always there."""
+        """Do nothing: astropy is always installed."""
 
     def names(self, images: Images) -> list[str]:
         """One file."""
@@ -89,7 +89,7 @@ class FitsCubes:
 
     @contextlib.contextmanager
     def writer(self, folder: Path, images: Images) -> Iterator[AddFrames]:
-        """Appends planes."""
+        """Append planes."""
         path = folder / f"{images.stem}.fits"
         with whole_file(path) as partial, naming(path):
             cube = CubeWriter(partial, images.scenario, images.sensor, images.band, len(images.frames))
@@ -113,7 +113,7 @@ class ImageFiles:
     needs_signal: bool = False
 
     def check(self) -> None:
-        """OpenImageIO is always there."""
+        """Do nothing: OpenImageIO is always installed."""
 
     def names(self, images: Images) -> list[str]:
         """A file for each frame."""
@@ -124,7 +124,7 @@ class ImageFiles:
 
     @contextlib.contextmanager
     def writer(self, folder: Path, images: Images) -> Iterator[AddFrames]:
-        """Writes file by file."""
+        """Write file by file."""
         (folder / images.stem).mkdir(exist_ok=True)
 
         def add(frames: FrameSet, sensor: int, band: int) -> None:
@@ -154,7 +154,7 @@ class ZarrArrays:
     needs_signal: bool = False
 
     def check(self) -> None:
-        """Needs the extra `zarr`."""
+        """Check for the extra `zarr`."""
         check_zarr()
 
     def names(self, images: Images) -> list[str]:
@@ -163,7 +163,7 @@ class ZarrArrays:
         return zarr_names(f"{images.stem}.zarr", (len(images.frames), camera.n_row, camera.n_col))
 
     def writer(self, folder: Path, images: Images) -> AbstractContextManager[AddFrames]:
-        """Writes shard by shard."""
+        """Write shard by shard."""
         path = folder / f"{images.stem}.zarr"
         return zarr_writer(path, images.scenario, images.sensor, images.band, len(images.frames))
 
@@ -174,13 +174,13 @@ class ZarrArrays:
 
 @dataclass(frozen=True)
 class Animations:
-    """SENSOR_BAND.gif or .mp4: a film for people."""
+    """SENSOR_BAND.gif or .mp4: an animation for people."""
 
     suffix: str
     needs_signal: bool = False
 
     def check(self) -> None:
-        """MP4 needs the extra `video`."""
+        """Check for the extra `video`, which MP4 needs."""
         check_preview(Path(f"preview{self.suffix}"))
 
     def names(self, images: Images) -> list[str]:
@@ -189,12 +189,12 @@ class Animations:
 
     @contextlib.contextmanager
     def writer(self, folder: Path, images: Images) -> Iterator[AddFrames]:
-        """Appends pictures."""
+        """Append images."""
         with preview_file(folder / f"{images.stem}{self.suffix}", images.instrument.levels[images.band]) as add:
             yield lambda frames, sensor, band: add(frames.counts.numpy()[:, sensor, band])
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> None:
-        """Nothing: greys are no counts."""
+        """Return None: grey levels are no counts."""
         return
 
 

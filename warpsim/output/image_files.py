@@ -1,4 +1,4 @@
-"""Single images as files: 16-bit PNG and TIFF, float EXR and TIFF, FITS with a WCS; each with what is known of it.
+"""Single images as files: 16-bit PNG and TIFF, float EXR and TIFF, FITS with a WCS; each with its metadata.
 
 PNG, TIFF and EXR are written and read by OpenImageIO. Counts are stored as they are, signals bit for bit. What is known
 of an image stands as one JSON text in its description (`ImageDescription`): attributes of other types are dropped
@@ -92,7 +92,7 @@ def read_image(path: str | Path) -> tuple[npt.NDArray[Any], dict[str, Any]]:
 
 
 def image_facts(frames: FrameSet, frame: int, sensor: str, band: str) -> dict[str, Any]:
-    """What is known of an image, by FITS keyword: for `meta` of other files; `WCS(fits.Header(facts))` is its WCS.
+    """Metadata of an image by FITS keyword: for `meta` of other files; `WCS(fits.Header(facts))` is its WCS.
 
     Raises:
         InputError: The image was not rendered.

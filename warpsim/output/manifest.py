@@ -1,4 +1,4 @@
-"""What every manifest says of the programs that made the files."""
+"""Versions of programs, for manifests."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def package_versions(*more: str) -> dict[str, str | None]:
 
 
 def python_version() -> str:
-    """As in 3.12.1."""
+    """Version of Python, as in 3.12.1."""
     return sys.version.split()[0]
 
 

@@ -1,7 +1,7 @@
-"""What a run will write.
+"""Plan of a run: the files to write.
 
-The unit of work is a sensor. All records and the manifest carry the key of the run: a hash of everything that the
-files depend on.
+The unit of work is a sensor. All checkpoint records and the manifest carry the key of the run: a hash of everything
+that the files depend on.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from warpsim.version import __version__
 USUAL_FORMATS = ("fits",)
 
 PARTS = ".warpsim-parts"
-"""Folder of what a run needs while it is unfinished."""
+"""Folder of temporary files of an unfinished run."""
 
 
 @dataclass(frozen=True)
 class RunPlan:
-    """What a run will write."""
+    """Plan of a run: the files to write."""
 
     scenario: Scenario
     folder: Path
@@ -64,7 +64,7 @@ class RunPlan:
 
     @property
     def parts(self) -> Path:
-        """Folder of what a run needs while it is unfinished."""
+        """Folder of temporary files of an unfinished run."""
         return self.folder / PARTS
 
     @property
@@ -122,7 +122,7 @@ def make_plan(
     formats: Sequence[str] = USUAL_FORMATS,
     preview: str | None = None,
 ) -> RunPlan:
-    """Return what a run writes; None means all of the scene.
+    """Return the plan of a run; None means all of the scene.
 
     Raises:
         InputError: A bad name or number, a package that a format needs is missing, or no access at all.

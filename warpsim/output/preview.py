@@ -1,4 +1,4 @@
-"""Previews: the images of a sensor as a film in grey, GIF by OpenImageIO or MP4 by PyAV (the extra `video`).
+"""Previews: the images of a sensor as an animation in grey, GIF by OpenImageIO or MP4 by PyAV (the extra `video`).
 
 They are for looking at: both formats change the greys a little.
 """
@@ -24,7 +24,7 @@ PREVIEW_PX = 512
 """Larger images are reduced to at most so many pixels a side."""
 
 PREVIEW_FPS = 10.0
-"""Frames a second, unless told otherwise."""
+"""Default frames a second."""
 
 _MOST_FPS = {".gif": 50.0, ".mp4": 240.0}
 """Players of GIF take shorter times for a mistake."""
@@ -35,14 +35,14 @@ AddCounts = Callable[[npt.NDArray[np.uint16]], None]
 
 
 def write_preview(path: str | Path, counts: npt.NDArray[np.uint16], levels: Levels, fps: float = PREVIEW_FPS) -> None:
-    """Write images as a film in the grey of the contact sheet: black is blank sky, white 60 NEI.
+    """Write images as an animation in the grey of the contact sheet: black is blank sky, white 60 NEI.
 
     Images of more than 512 pixels a side are reduced by the brightest of each block of pixels.
 
     Args:
         path: File to write: .gif, or .mp4 with the extra `video`.
         counts: Shape (n, row, column), uint16.
-        levels: What the counts mean: `scene.levels[band]`.
+        levels: Scale of the counts: `scene.levels[band]`.
         fps: Frames a second.
 
     Raises:
@@ -57,10 +57,10 @@ def write_preview(path: str | Path, counts: npt.NDArray[np.uint16], levels: Leve
 
 @contextlib.contextmanager
 def preview_file(path: Path, levels: Levels, fps: float = PREVIEW_FPS) -> Iterator[AddCounts]:
-    """A film that takes images as they come; it gets its name when it is whole."""
+    """Open an animation that takes images as they come; it gets its name when it is complete."""
     check_preview(path, fps)
-    film = _gif if path.suffix.lower() == ".gif" else _mp4
-    with film(path, Fraction(fps).limit_denominator(1000)) as add:
+    writer = _gif if path.suffix.lower() == ".gif" else _mp4
+    with writer(path, Fraction(fps).limit_denominator(1000)) as add:
 
         def add_counts(counts: npt.NDArray[np.uint16]) -> None:
             for image in counts:
@@ -70,7 +70,7 @@ def preview_file(path: Path, levels: Levels, fps: float = PREVIEW_FPS) -> Iterat
 
 
 def check_preview(path: Path, fps: float = PREVIEW_FPS) -> None:
-    """Check that a film can be made, before the work is done.
+    """Check that an animation can be made, before the work is done.
 
     Raises:
         InputError: Another suffix than .gif and .mp4, a rate that the format does not have, or PyAV is not installed.
@@ -86,7 +86,7 @@ def check_preview(path: Path, fps: float = PREVIEW_FPS) -> None:
 
 @contextlib.contextmanager
 def _gif(path: Path, rate: Fraction) -> Iterator[Callable[[GreyImage], None]]:
-    """Put together in memory."""
+    """GIF, assembled in memory."""
     import OpenImageIO as oiio
 
     file: Any = oiio.ImageOutput.create("gif")
@@ -118,7 +118,7 @@ def _mp4(path: Path, rate: Fraction) -> Iterator[Callable[[GreyImage], None]]:
     with contextlib.ExitStack() as files:
         partial = files.enter_context(whole_file(path))
         files.enter_context(naming(path))
-        # Python's own file, as that tells of a full disk.
+        # Python's own file, as that reports a full disk.
         target = files.enter_context(partial.open("wb"))
         files.enter_context(_errors_of_writing(path))
         file = files.enter_context(av.open(target, "w", format="mp4", options={"fflags": "+bitexact"}))

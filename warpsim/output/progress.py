@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 
 @contextlib.contextmanager
 def progress_bar(total: int, requested: bool) -> Iterator[Callable[[int], None]]:
-    """A function that advances a bar on standard error by so many steps (doing nothing when no bar is requested)."""
+    """Yield a function that advances a bar on standard error by some steps; it does nothing if no bar is requested."""
     if not requested:
         yield lambda n: None
         return

@@ -1,6 +1,7 @@
-"""The main job: render a scene into a folder, so that it can be killed at any moment and resumed.
+"""Render a scene into a folder, resumable after an interruption at any moment.
 
-Running the same command again renders what has no valid record (see run_folder.py). `manifest.json` comes last.
+Running the same command again renders sensors without a valid checkpoint record (see run_folder.py). `manifest.json`
+comes last.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ COUNTS_BYTES_PER_CALL = 64 * 2**20
 
 @dataclass(frozen=True)
 class RunReport:
-    """What a run did."""
+    """Report of a run."""
 
     folder: Path
     n_sensor: int
@@ -102,7 +103,7 @@ def render_to_folder(
         formats: How images are stored, one or several: "fits" (a cube for each sensor and band), "tiff", "png" (a
             16-bit file for each image), "exr" (the same of the noiseless signal [W/cm2], float32), "zarr" (an array
             for each sensor and band; the extra `zarr`).
-        preview: Also a film for each sensor and band: "gif", or "mp4" with the extra `video`.
+        preview: Also an animation for each sensor and band: "gif", or "mp4" with the extra `video`.
 
     Returns:
         What was done.
@@ -212,7 +213,7 @@ def _best_band(plan: RunPlan, instrument: Instrument, truth: Table) -> str:
 
 
 def _manifest(plan: RunPlan, renderer: Renderer) -> dict[str, Any]:
-    """What was made, from what, with what."""
+    """Manifest: files, inputs and versions."""
     scenario = plan.scenario
     tracks = scenario.tracks
     return {
@@ -231,7 +232,7 @@ def _manifest(plan: RunPlan, renderer: Renderer) -> dict[str, Any]:
 
 
 def _sensor_facts(plan: RunPlan, renderer: Renderer, instrument: Instrument) -> dict[str, Any]:
-    """What holds for a kind of sensor: its light, its noise, and how finely movement is followed."""
+    """Facts of a kind of sensor for the manifest: light, noise, and quadrature over the exposure."""
     bands = next(plan.bands_of[sensor] for sensor in plan.frames_of if sensor in instrument.names)
     facts: dict[str, Any] = {
         "bands": bands,

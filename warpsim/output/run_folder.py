@@ -1,6 +1,6 @@
-"""What of a run is already in its folder, and what of other things is there.
+"""State of a run's folder: complete sensors, leftovers of other runs, and foreign files.
 
-A sensor's record holds the checksums of its files, and is written when they have their final names.
+A sensor's checkpoint record holds the checksums of its files, and is written when they have their final names.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def is_complete(plan: RunPlan) -> bool:
 
 @contextlib.contextmanager
 def working_on(plan: RunPlan, overwrite: bool) -> Iterator[None]:
-    """Make the folder ready for the plan, keeping what an unfinished or damaged run of it left, and lock it.
+    """Prepare and lock the folder for the plan, keeping the complete parts of an unfinished or damaged run.
 
     Raises:
         InputError: The folder holds a different run and overwrite is not set, or files that warpsim did not write, or
@@ -52,7 +52,7 @@ def has_checkpoint(plan: RunPlan, sensor: str) -> bool:
 
 
 def write_checkpoint(plan: RunPlan, sensor: str) -> None:
-    """Say that the sensor's files are complete."""
+    """Write the checkpoint record of a sensor with complete files."""
     parts = [str(path.relative_to(plan.folder)) for path in plan.part_paths(sensor)]
     checksums = {name: sha256_of(plan.folder / name) for name in [*plan.image_names(sensor), *parts]}
     write_json({"key": plan.key, "files": checksums}, plan.checkpoint_path(sensor))
@@ -85,7 +85,7 @@ def _make_room(plan: RunPlan, overwrite: bool) -> None:
 
 
 def _foreign(folder: Path, names: Iterable[str], ours: set[str]) -> Iterator[Path]:
-    """What stands where files of these names are to be, and is not ours."""
+    """Paths of existing files of these names that warpsim did not write."""
     for name in names:
         if (folder / name).exists() and name not in ours:
             yield folder / name
@@ -99,7 +99,7 @@ def _foreign(folder: Path, names: Iterable[str], ours: set[str]) -> Iterator[Pat
 
 
 def _folders(names: Iterable[str]) -> set[str]:
-    """Folders in which files of a run lie, other than that of its parts."""
+    """Folders of a run's files, other than that of its parts."""
     return {name.split("/")[0] for name in names if "/" in name} - {PARTS}
 
 
@@ -112,7 +112,7 @@ def _remove_unfinished(folder: Path, names: Iterable[str]) -> None:
 
 
 def _restore_checkpoints(plan: RunPlan) -> None:
-    """Of a complete run with a damaged or missing file, keep the sensors that are whole."""
+    """Restore the checkpoints of whole sensors of a complete run with a damaged or missing file."""
     from astropy.table import Table
 
     manifest = read_json(plan.manifest_path)

@@ -22,7 +22,7 @@ from warpsim.render.frameset import FrameSet
 from warpsim.scene.scenario import Scenario
 
 SHARD_BYTES = 32 * 2**20
-"""Of images in a shard at most, but one: what is held in memory before it is written."""
+"""Largest size of images in a shard, but for a single one: held in memory before it is written."""
 
 ARRAY: dict[str, Any] = {
     "fill_value": 0,
@@ -37,7 +37,7 @@ _OF_A_FRAME = {
 
 
 def check_zarr() -> None:
-    """Check that the package is there.
+    """Check that the package is installed.
 
     Raises:
         InputError: zarr is not installed, or is older than 3.
@@ -50,7 +50,7 @@ def check_zarr() -> None:
 
 
 def zarr_names(name: str, shape: tuple[int, int, int]) -> list[str]:
-    """Files of an array of images, relative to where it lies."""
+    """Files of an array of images, relative to its folder."""
     n_shard = -(-shape[0] // _shard_frames(shape))
     return [f"{name}/zarr.json", *(f"{name}/c/{number}/0/0" for number in range(n_shard))]
 
@@ -59,7 +59,7 @@ def zarr_names(name: str, shape: tuple[int, int, int]) -> list[str]:
 def zarr_writer(
     path: Path, scenario: Scenario, sensor: str, band: str, n_frame: int
 ) -> Iterator[Callable[[FrameSet, int, int], None]]:
-    """Takes frames in their order, for an index along the sensor and band axes; the array is there when it is whole."""
+    """Open an array that takes frames in order, by index along the sensor and band axes; it appears when complete."""
     camera = scenario.instrument_of(sensor).sensor.camera
     shape = (n_frame, camera.n_row, camera.n_col)
     with whole_folder(path) as partial, naming(path):
@@ -110,7 +110,7 @@ def _shard_frames(shape: tuple[int, int, int]) -> int:
 
 
 def _attributes(known: list[dict[str, Any]]) -> dict[str, Any]:
-    """What all images share as it is, the rest as a list, an item for each frame."""
+    """Keywords common to all images as they are, others as a list with an item for each frame."""
     return {
         name: [facts[name] for facts in known] if name in _OF_A_FRAME else value for name, value in known[0].items()
     }

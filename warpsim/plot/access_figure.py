@@ -1,4 +1,4 @@
-"""Figures of access: the intervals of every sensor, and its range to what it looks for (the paper's Fig. 8)."""
+"""Figures of access: the intervals of every sensor, and its range to its targets (the paper's Fig. 8)."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def plot_access(
     access: Table | None = None,
     sensors: Sequence[str] | None = None,
 ) -> Axes:
-    """Draw when each sensor can observe what its access counts by: a row per sensor, a bar per interval.
+    """Draw the intervals of access: a row per sensor, a bar per interval.
 
     Bars carry their start and end [s after the epoch] where there is room; the total stands on the right. Where access
     counts by several things, bars have a colour for each.
@@ -43,7 +43,7 @@ def plot_access(
         scene: The scene.
         ax: Where to draw; a new figure grows with the number of sensors.
         only_with_access: Leave out sensors without access; otherwise their names are grey.
-        access: What `scene.access` gave for a target, sensors or rules; the scene's if left out.
+        access: Result of `scene.access` for a target, sensors or constraints; the scene's if left out.
         sensors: Names of the sensors, or of the kinds, that it is about; all if left out.
 
     Raises:
@@ -104,7 +104,7 @@ def _spans(table: Table) -> dict[str, list[tuple[float, float, str]]]:
 
 
 def counted_words(scenario: Scenario, sensors: Sequence[str], access: Table) -> str:
-    """Return what access counts by, in words: a target, a group, any target, or what each sensor tracks.
+    """Return the targets that access counts by, in words: a target, a group, any target, or what each sensor tracks.
 
     Args:
         scenario: The scenario.
@@ -124,7 +124,7 @@ def counted_words(scenario: Scenario, sensors: Sequence[str], access: Table) -> 
 
 
 def _counted(scenario: Scenario, sensor: str, access: Table) -> list[tuple[float, Sequence[int]]]:
-    """The targets that a table of access counts by for a sensor, from when on [s]."""
+    """The targets that a table of access counts by for a sensor, with start times [s]."""
     if access.meta["target"] in scenario.target_names:
         return [(-np.inf, (scenario.target_names.index(access.meta["target"]),))]
     instrument = scenario.instrument_of(sensor)
@@ -170,7 +170,7 @@ def plot_range(
         scene: The scene.
         sensors: Names of sensors or of kinds; those with access at some time if left out.
         ax: Where to draw; seconds after the epoch, and km.
-        access: What `scene.access` gave for a target, sensors or rules; the scene's if left out.
+        access: Result of `scene.access` for a target, sensors or constraints; the scene's if left out.
 
     Raises:
         InputError: A name is no sensor.
@@ -222,7 +222,7 @@ def _draw_range(
 
 
 def _farthest_km(table: Table) -> list[float]:
-    """Largest ranges that the rules of a table of access allow, each once."""
+    """Largest ranges that the constraints of a table of access allow, each once."""
     rules = table.meta["rules_by_kind"].values()
     return sorted({rules_of_kind["max_range_km"] for rules_of_kind in rules if "max_range_km" in rules_of_kind})
 

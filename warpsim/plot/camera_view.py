@@ -1,4 +1,4 @@
-"""Geometry of what a sensor's camera sees: positions of targets and stars on the image, and of the Earth's limb.
+"""Geometry of a sensor's view: positions of targets and stars on the image, and of the Earth's limb.
 
 Positions are those of the renderer itself.
 """
@@ -125,7 +125,7 @@ def camera_view(scenario: Scenario, sensor: str, time_s: float, renderer: Render
 
 
 def _with_frame_at(scenario: Scenario, instrument: Instrument, time_s: float) -> Scenario:
-    """The same scenario, but for frames of one kind of sensor: there is one, at a time after the epoch."""
+    """Scenario with a single frame of one kind of sensor, at a time after the epoch."""
     frames = Frames(count=1, interval_s=instrument.frames.interval_s, start_s=time_s)
     moved = dataclasses.replace(instrument.sensor, frames=frames)
     sensors = tuple(moved if sensor.name == moved.name else sensor for sensor in scenario.scene.sensors)
@@ -133,7 +133,7 @@ def _with_frame_at(scenario: Scenario, instrument: Instrument, time_s: float) ->
 
 
 def earth_clearance(view: CameraView, pole: F64, xy_px: F64) -> F64:
-    """Return how far rays through points of the image pass the Earth: below 0 where they meet it, shape (...).
+    """Return the clearance of rays through points of the image past the Earth: below 0 where they meet it, shape (...).
 
     In axes stretched along the pole, where the ellipsoid is a sphere: the ray's smallest distance from the centre over
     the radius, minus one. The apparent directions are taken back through the aberration.

@@ -1,4 +1,4 @@
-"""Targets as figures draw them: their kinds, the paths of their groups, and which of them sensors look for."""
+"""Targets as figures draw them: their kinds, the paths of their groups, and the targets of sensors."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def target_kinds(scenario: Scenario) -> list[TargetKind]:
 
 @dataclass(frozen=True)
 class GroupPath:
-    """Paths of a group: that of its main target, or those of all its targets where each has an orbit of its own."""
+    """Paths of a group: that of its main target, or those of all its targets where each has its own orbit."""
 
     label: str
     targets: list[int]

@@ -21,13 +21,13 @@ F64 = NDArray[np.float64]
 
 FIGURE_SUFFIXES = (".png", ".pdf", ".svg")
 
-# Okabe and Ito's palette, told apart with any colour vision.
+# Okabe and Ito's palette, distinguishable with any colour vision.
 BLUE, SKY_BLUE, GREEN, ORANGE, VERMILION, PURPLE, YELLOW = (
     "#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#CC79A7", "#F0E442",
 )  # fmt: skip
 INK, GREY, FAINT = "0.15", "0.45", "0.75"
 SERIES = (BLUE, ORANGE, GREEN, PURPLE, SKY_BLUE, VERMILION, "0.3")
-"""Colours of series, in this order; the fourth and later need more than colour to be told apart in print."""
+"""Colours of series, in this order; the fourth and later need more than colour to be distinguished in print."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "p")
 
 MOST_LABELS = 40

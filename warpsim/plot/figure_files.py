@@ -31,7 +31,7 @@ _TALLEST_INCH = 30.0
 
 
 def check_figure_file(path: Path, overwrite: bool, where: str) -> None:
-    """Check that a figure may be written, before the work is done.
+    """Check that a figure may be written, before the work.
 
     Raises:
         InputError: The suffix is none of a figure, the file cannot be written, or matplotlib is not installed.

@@ -1,4 +1,4 @@
-"""The Earth seen from far away: positions in space on a plane, and what of them the Earth hides.
+"""The Earth seen from far away: projection of positions on a plane, and their occultation.
 
 matplotlib's own axes in three dimensions have no depth test. Here everything is projected straight onto a plane
 (orthographically), and lines are cut where they pass behind the limb of the WGS84 ellipsoid.

@@ -27,7 +27,7 @@ _AXES = ("radial", "along-track", "cross-track")
 def plot_group(
     scene: Scene | Scenario, time_s: float, axes: Sequence[Axes] | None = None, group: str | None = None
 ) -> Sequence[Axes]:
-    """Draw where the targets of a group are relative to its main one, in that one's local frame, from three sides.
+    """Draw the positions of a group's targets relative to its main one, in that one's local frame, from three sides.
 
     Radial is away from the Earth's centre, cross-track along position x velocity, along-track completes them
     (forwards). In a group whose targets have orbits of their own the first one stands for the main one. Absent targets

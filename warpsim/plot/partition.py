@@ -143,7 +143,7 @@ def stars_in_window(catalog: StarCatalog, cover: Cover) -> NDArray[np.int64]:
 def costs_by_latitude(
     catalog: StarCatalog, view_deg: float = 1.0, n_view: int = 400
 ) -> tuple[Array, dict[str, dict[str, Array]], Array]:
-    """Return what square views cost on average at each distance from the equator.
+    """Return the mean cost of square views at each distance from the equator.
 
     Args:
         catalog: The stars.

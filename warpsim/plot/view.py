@@ -1,4 +1,4 @@
-"""Figure of what a sensor's camera sees, as geometry: targets, stars, the Earth's limb, zenith and north.
+"""Figure of the geometry of a sensor's view: targets, stars, the Earth's limb, zenith and north.
 
 Positions are those of the renderer itself, so the figure agrees with the rendered frame.
 """
@@ -47,7 +47,7 @@ _INSET_BELOW = 0.2  # of the field: a smaller group is drawn a second time, enla
 def plot_satellite_view(
     scene: Scene | Scenario, sensor: str, time_s: float, ax: Axes | None = None, renderer: Renderer | None = None
 ) -> Axes:
-    """Draw what a sensor's camera sees as geometry: targets and stars at their pixels, the Earth, zenith and north.
+    """Draw the geometry of a sensor's view: targets and stars at their pixels, the Earth, zenith and north.
 
     Positions are apparent, with light time and aberration: those of the rendered frame. A group that is small in the
     field is drawn a second time, enlarged and with names. Targets that are not deployed or absent are left out: they

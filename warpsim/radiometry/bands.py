@@ -1,4 +1,4 @@
-"""Spectral bands: the six of the MSX satellite's SPIRIT III radiometer, bands of the user, and Planck radiance in them.
+"""Spectral bands: the six of the MSX satellite's SPIRIT III radiometer, custom bands, and Planck radiance in them.
 
 Zero points follow the MSX absolute calibration (Egan et al. 2003, MSX6 Explanatory Guide). The responses
 (`msx_responses.csv`) are piecewise-linear nodes of the published relative spectral responses, energy based and with
@@ -104,7 +104,7 @@ class Band:
 
     @property
     def peak_um(self) -> float:
-        """Where the response has its peak [um]; the middle of a flat one."""
+        """Wavelength of the peak response [um]; the middle of a flat one."""
         at_peak = self.wavelength_um[self.response >= self.response.max() * (1 - 1e-9)]
         return float(0.5 * (at_peak[0] + at_peak[-1]))
 

@@ -33,7 +33,7 @@ _PAPER_LIGHT_M_S = 3e8  # as the paper rounds it below Eq. 2
 
 @dataclass(frozen=True)
 class ZeroPoint:
-    """A band, and what a star of magnitude 0 gives in it."""
+    """A band, and the light of a star of magnitude 0 in it."""
 
     wavelength_um: float
     """Isophotal wavelength [um]."""
@@ -62,7 +62,7 @@ class ZeroPoint:
 
 @dataclass(frozen=True)
 class Radiometry:
-    """How magnitudes turn into light: zero points of the bands, and the base of the magnitude scale."""
+    """Conversion of magnitudes into light: zero points of the bands, and the base of the magnitude scale."""
 
     name: Physics
 

@@ -51,9 +51,9 @@ def gauss_rule(node: Array, weight: Array, n: int) -> tuple[Array, Array]:
     Math. Comp. 23, 221).
 
     Args:
-        node: Places of the measure, shape (m,), more than n of them distinct.
+        node: Nodes of the measure, shape (m,), more than n of them distinct.
         weight: Its weights, shape (m,), > 0.
-        n: Nodes requested.
+        n: Number of nodes.
 
     Returns:
         Nodes in increasing order and weights > 0, shape (n,) each.

@@ -10,7 +10,7 @@ import numpy as np
 
 from warpsim.errors import InputError
 from warpsim.orbit.access_constraints import AccessConstraints, MarginFunction
-from warpsim.scene.access_tables import access_table, rules_in_force
+from warpsim.scene.access_tables import access_table, enabled_constraints
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.roster import Roster
 
@@ -54,7 +54,7 @@ def access_report(
         own = [instrument.index(name) for name in chosen if name in instrument.names]
         if own:
             found = instrument.access_intervals(own, members, rules, custom, step_s)
-            kinds[kind] = rules_in_force(rules or instrument.access_rules)
+            kinds[kind] = enabled_constraints(rules or instrument.access_rules)
             counted |= {roster.called(some) for index in own for _, some in instrument.access_targets(index)}
         for row, start_s, end_s in zip(found.row, found.start_s, found.end_s, strict=True) if own else ():
             name, ends_s = instrument.names[own[row]], (float(start_s), float(end_s))

@@ -23,7 +23,7 @@ def access_table(rows: Iterable[tuple[str, str, float, float]], meta: Mapping[st
     return _table_of_times(whole, ("sensor", "target", "start_s", "end_s", "duration_s"), meta)
 
 
-def rules_in_force(rules: AccessConstraints) -> dict[str, Any]:
+def enabled_constraints(rules: AccessConstraints) -> dict[str, Any]:
     """Return the enabled constraints."""
     return {name: value for name, value in asdict(rules).items() if value is not None and value is not False}
 

@@ -311,7 +311,7 @@ class Instrument:
             found.append(Intervals(np.array(rows)[seen.row], seen.start_s, seen.end_s))
         joined = Intervals.union(found)
         if any(self.program.sensors[sensor].slew is not None for sensor in sensors):
-            joined = joined.shared(self._settled_intervals(sensors))
+            joined = joined.intersection(self._settled_intervals(sensors))
         return joined
 
     def _seen(
@@ -338,7 +338,7 @@ class Instrument:
             ]
             one = seen[0] if len(seen) == 1 else Intervals.union(seen)
             whole = begin_s == 0.0 and stop_s == duration_s
-            found.append(one if whole else one.shared(Intervals.whole(n_sensor, begin_s, stop_s)))
+            found.append(one if whole else one.intersection(Intervals.whole(n_sensor, begin_s, stop_s)))
         return found[0] if len(found) == 1 else Intervals.union(found)
 
     def _settled_intervals(self, sensors: Sequence[int]) -> Intervals:

@@ -54,7 +54,7 @@ def light_terms(
     """Decide which terms to include, the same for all frames and bands of a kind of sensor.
 
     Args:
-        lighting: Which terms are wanted, and the bound below which one may be left out.
+        lighting: Requested terms, and the bound below which one may be left out.
         tracks: Motion of satellites and targets.
         targets: The single targets.
         satellites: Indices of the satellites that carry the sensor.

@@ -91,7 +91,7 @@ def target_intervals(
     first_s, last_s = tracks.exists_s[target]
     if first_s > 0.0 or last_s < duration_s:
         there = Intervals.whole(len(observers.satellites), max(first_s, 0.0), max(min(last_s, duration_s), 0.0))
-        intervals = intervals.shared(there)
+        intervals = intervals.intersection(there)
     if not with_cameras:
         known[key] = intervals
     return intervals

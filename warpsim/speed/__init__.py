@@ -1,1 +1,1 @@
-"""How fast frames are made: the work that is measured, the clock, and the tables of `warpsim bench`."""
+"""Speed of rendering: the measured work, the clock, and the tables of `warpsim bench`."""

@@ -86,7 +86,7 @@ def _per_image_us(spans: list[tuple[int, float]]) -> float:
 def timed_stages() -> Iterator[StageTimes]:
     """Time every stage of every chunk, by one thread, of renderers that are made and used meanwhile.
 
-    The only place that knows how the renderer runs its stages: it puts a clock about each of those that a worker
+    The only code that knows how the renderer runs its stages: it puts a clock about each of those that a worker
     records. On the CPU it is the thread's own time, without what the thread waits for others; on CUDA the launches are
     not made as one graph.
     """

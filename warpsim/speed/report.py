@@ -24,7 +24,7 @@ REAL_TIME_HZ = 30.0
 
 @dataclass(frozen=True)
 class BenchmarkPlan:
-    """What is measured.
+    """Cases to measure.
 
     Args:
         devices: Names of Warp devices; the CPU and every GPU when empty.
@@ -92,7 +92,7 @@ def measured(plan: BenchmarkPlan) -> Iterator[Speed]:
 
 
 def heading(plan: BenchmarkPlan) -> str:
-    """What the figures are of, and the head of the table."""
+    """Caption and head of the table."""
     psf = "the telescope's Airy pattern" if plan.psf == "airy" else "a Gaussian of 0.7 px"
     return (
         f"stss: 30 targets, about {plan.n_star} stars in view, {psf}, one band, fresh noise, counts in host memory;\n"

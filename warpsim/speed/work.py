@@ -1,4 +1,4 @@
-"""The work that speed is measured on: `stss` with as many pixels, sensors and stars as wanted."""
+"""Work to measure speed on: `stss` with any number of pixels, sensors and stars."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _SEED = 607
 
 @dataclass(frozen=True)
 class SpeedWork:
-    """A scene, and what of it is rendered again and again: N_CALL calls of n_frame frames each."""
+    """A scene, and the calls to repeat: N_CALL calls of n_frame frames each."""
 
     scene: Scene
     sensors: list[str]

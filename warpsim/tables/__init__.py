@@ -1,1 +1,1 @@
-"""Tables of files, whatever they are of: delimited text, bytes of a line, FITS, VOTable, ECSV, IPAC, Parquet."""
+"""Tables of files, of any subject: delimited text, bytes of a line, FITS, VOTable, ECSV, IPAC, Parquet."""

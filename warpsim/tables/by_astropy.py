@@ -77,7 +77,7 @@ def read_votable(data: bytes, what: str = "a table") -> Table:
 
 
 def warn_of_several(n_table: int, what: str) -> None:
-    """Say that only one of several tables is read."""
+    """Warn that only one of several tables is read."""
     warnings.warn(f"the {what} holds {n_table} tables, and only the first is read; save the others apart", stacklevel=2)
 
 
@@ -193,7 +193,7 @@ def _check_numbers(name: str, cells: list[str], line_of_row: NDArray[np.int64]) 
 
 
 def _query_status(data: bytes) -> tuple[str, str] | None:
-    """What an archive says of its answer: the value and text of the last INFO named QUERY_STATUS."""
+    """Status of an archive's answer: the value and text of the last INFO named QUERY_STATUS."""
     found = None
     for match in re.finditer(rb"<INFO\b([^>]*QUERY_STATUS[^>]*?)(/>|>(.*?)</INFO>)", data, re.DOTALL):
         value = re.search(rb"value\s*=\s*[\"'](\w+)", match[1])

@@ -28,7 +28,7 @@ def read_delimited(data: bytes, delimiter: str | None = None) -> tuple[Table, ND
 
     Args:
         data: The file's content.
-        delimiter: What parts the columns; None tells by the header.
+        delimiter: Delimiter of the columns; None guesses by the header.
 
     Returns:
         The table, and the line of each row, counted from 1.
@@ -96,7 +96,7 @@ def check_cells(rows: Sequence[str], line_of_row: NDArray[np.int64], delimiter: 
 
 
 def _delimiter_of(header: str) -> str | None:
-    """What parts the cells of a header: the most frequent delimiter, blanks if there is none."""
+    """Delimiter of a header: the most frequent delimiter, blanks if there is none."""
     counts = [header.count(delimiter) for delimiter in _DELIMITERS]
     if any(counts):
         return _DELIMITERS[int(np.argmax(counts))]

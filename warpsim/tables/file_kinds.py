@@ -28,7 +28,7 @@ KINDS = {
 """Kinds of files read here, by the names that users give them; those of astropy are among them."""
 
 N_HEAD = 4096
-"""Bytes that tell the kind."""
+"""Bytes that identify the kind."""
 
 _FOREIGN = (
     (b"\x89PNG", "a PNG image"),

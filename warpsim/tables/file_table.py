@@ -32,7 +32,7 @@ class FileTable(ColumnTable):
         """The error of a last line that no line break closes; None where it is closed, or known to be whole."""
 
     def where(self, row: int) -> str:
-        """Where a row stands: "line 3", or "row 2" of a file without lines (counted from 0)."""
+        """Location of a row: "line 3", or "row 2" of a file without lines (counted from 0)."""
         return f"row {row}" if self.line_of_row is None else f"line {self.line_of_row[row]}"
 
     def number(self, *names: str, unit: str = "", null: tuple[float, ...] = ()) -> Array:

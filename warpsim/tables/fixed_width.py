@@ -35,7 +35,7 @@ N_SAMPLE = 50
 
 @dataclass(frozen=True)
 class ByteField:
-    """One column: its bytes and what they hold."""
+    """One column: its bytes and their type."""
 
     name: str
     first_byte: int
@@ -56,14 +56,14 @@ class ByteField:
 
     @property
     def label(self) -> str:
-        """What messages call it: "column RAs (bytes 26-31)"."""
+        """Label for messages: "column RAs (bytes 26-31)"."""
         first, last = self.first_byte, self.last_byte
         return f"column {self.name} ({f'byte {first}' if first == last else f'bytes {first}-{last}'})"
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What stands in which bytes of a line."""
+    """Byte layout of a line."""
 
     fields: tuple[ByteField, ...]
 
@@ -75,7 +75,7 @@ class Layout:
 
     longest: int = 10**6
     marks: tuple[tuple[int, str], ...] = ()
-    """Bytes that must hold a given character; they tell the layout from others."""
+    """Bytes that must hold a given character; they distinguish the layout."""
 
     name: str | None = None
     """What it is the layout of."""
@@ -150,7 +150,7 @@ def _check_lengths(lines: Lines, layout: Layout) -> None:
             line = lines.number[int(np.flatnonzero(length == n_byte)[0])]
             raise InputError(f"must be complete, got {n_byte} bytes").of(cut.label).of(f"line {line}")
     if len(lines) and not lines.ends_with_break:
-        # Without a line break the file may have been cut anywhere; other lines may tell how long one is.
+        # Without a line break the file may have been cut anywhere; other lines may give the length of one.
         complete = min([layout.length, *length[:-1].tolist()])
         if length[-1] < complete:
             raise InputError(f"the file ends in the middle of a line, at {length[-1]} of {complete} bytes").of(

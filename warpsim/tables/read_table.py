@@ -57,7 +57,7 @@ def read_table(
 
     Args:
         path: File name; ".gz" is unpacked.
-        format: A key of KINDS, or any other of astropy's format names; None tells by the content.
+        format: A key of KINDS, or any other of astropy's format names; None guesses by the content.
         what: What the file must be, for messages: "a table of stars".
         readme: ReadMe of a CDS file; one beside the file is found by itself.
         layouts: Byte layouts that a text without names of columns is compared with.

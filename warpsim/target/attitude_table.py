@@ -126,7 +126,7 @@ class AttitudeTable:
         """The checked table for a scene's epoch.
 
         Raises:
-            InputError: The file cannot be read, or its rows break a rule of `quaternion` or `time_s`.
+            InputError: The file cannot be read, or its rows are not valid as `quaternion` or `time_s`.
         """
         if self.file is None:
             return self._inline_rows

@@ -39,7 +39,7 @@ class ClosedSurface:
     """Areas of the facets, shape (n_facet,)."""
     volume_m3: float
     n_reentrant: int
-    """Edges at which the surface bends inwards."""
+    """Number of reentrant edges."""
     convex: bool
 
 
@@ -159,7 +159,7 @@ def _reentrant_edges(vertices: F64, faces: I64, vector: F64, neighbour: I64) -> 
 def _covers_once(vertices: F64, faces: I64, vector: F64) -> bool:
     """Return whether every direction from the centre of volume meets the surface once.
 
-    With no edge bending inwards, the surface is then that of a convex body. (A pentagram's double pyramid has no such
+    With no reentrant edge, the surface is then that of a convex body. (A pentagram's double pyramid has no such
     edge either, but goes round its centre twice.) Solid angles: van Oosterom and Strackee 1983.
     """
     corner = vertices[faces]

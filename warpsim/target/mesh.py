@@ -100,7 +100,7 @@ class Mesh(Areas):
         """The mesh as read and checked, with its facets.
 
         Raises:
-            InputError: The file cannot be read, or its mesh is not closed or breaks another rule.
+            InputError: The file cannot be read, or its mesh is not closed or is not valid otherwise.
         """
         if self.file is None:
             return closed_surface(np.array(self.vertices_m), np.array(self.faces, dtype=np.int64))

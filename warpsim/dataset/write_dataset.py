@@ -1,4 +1,4 @@
-"""The main job: write a data set into a folder, so that it can be killed at any moment and resumed."""
+"""Write a data set into a folder, resumable after an interruption at any moment."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from warpsim.scene.scene import Scene
 
 @dataclass(frozen=True)
 class DatasetReport:
-    """What a run did."""
+    """Report of a run."""
 
     folder: Path
     n_sequence: int
@@ -66,8 +66,8 @@ def write_dataset(
 ) -> DatasetReport:
     """Write a data set: images, tables, annotations and a manifest (docs/datasets.md has the layout).
 
-    Running it again writes what has no valid record. The files do not depend on who wrote them, in what order, or how
-    often the run was broken off.
+    Running it again writes what has no valid checkpoint record. The files do not depend on the
+    workers, their order, or interruptions.
 
     Args:
         recipe: The recipe; a scene stands for one that samples nothing. A name or path is loaded.
@@ -81,7 +81,7 @@ def write_dataset(
         progress: Draw a progress bar on standard error.
 
     Returns:
-        What was done.
+        Report of the run.
 
     Raises:
         InputError: The recipe asks for what cannot be, or the folder cannot be written, is in use, or holds another
@@ -104,7 +104,7 @@ def write_dataset(
     else:
         prepare_folder(directory.folder)
         try:
-            with directory.held(overwrite) as records:
+            with directory.locked_for_run(overwrite) as records:
                 missing = [shard for shard in shards_of(recipe) if shard.name not in records]
                 n_written = len(missing)
                 _write_missing(directory, missing, records, alias, executor, n_worker, progress)
@@ -115,7 +115,7 @@ def write_dataset(
 
 
 def _check_packages(recipe: Recipe) -> None:
-    """Check that what writes the files is installed, before the work."""
+    """Check that the packages that write the files are installed, before the work."""
     if recipe.preview:
         check_preview(Path(f"preview.{recipe.preview}"), FRAMES_PER_S)
     if recipe.format == "zarr":
@@ -138,7 +138,7 @@ def _write_missing(
     n_worker: int,
     progress: bool,
 ) -> None:
-    """Have the missing shards written, and collect their checkpoint records."""
+    """Write the missing shards and collect their checkpoint records."""
     n_thread = None if executor is None and n_worker == 1 else 1
     tasks = [Task(str(directory.folder), directory.key, shard, device, n_thread) for shard in missing]
     n_sequence = {shard.name: len(shard.sequences) for shard in missing}
