@@ -317,7 +317,7 @@ def test_a_camera_that_follows_another_body_turns_fast_where_that_is_near():
 
     args = [still(sensor_m)], still(far_m), still([0, 0, 1.5e11]), WHOLE, Z, 1000.0
     fov = CameraGeometry(camera, axes)
-    found = access_intervals(*args, 10.0, fov=fov, followed_m=[other])
+    found = access_intervals(*args, 10.0, fov=fov, tracked_m=[other])
     time_s = np.arange(500.0, 507.0, 1e-4)
     inside = camera.frame_margin_deg(np.einsum("nij,j->ni", axes(0, time_s), far_m - sensor_m)) >= 0
     (expected,) = runs_s(inside, time_s)[::2]

@@ -20,7 +20,7 @@ from test_earthlight import (
 from warpsim_kernels.albedo_series import damping
 
 from warpsim.errors import InputError
-from warpsim.target import earthlight
+from warpsim.target import earth_radiation
 from warpsim.target.earth_radiation import SERIES_ERRORS, SERIES_RINGS, albedo_area_m2, albedo_method
 
 DAMPING_ATOL = 1e-13
@@ -137,7 +137,7 @@ def right():
 def test_errors_of_the_series(right, degree):
     """No body exceeds the table, near or far, and some body comes near it; nothing is negative."""
     geometry, areas = right
-    near = geometry[2] >= earthlight.NEAR_LIMB_SINE
+    near = geometry[2] >= earth_radiation.NEAR_LIMB_SINE
     worst = np.zeros(2)
     for shape, scale, expected in areas.values():
         found = series_area_m2(shape, *geometry, degree) / scale

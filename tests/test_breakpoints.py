@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import warpsim as ws
-from warpsim.scene import access
+from warpsim.scene import target_access
 
 TIME_ATOL_S = 1e-6  # dates of the files
 NODES_S = np.arange(-120.0, 3721.0, 60.0)
@@ -81,7 +81,7 @@ def test_access_breaks_are_those_of_both_bodies_and_of_the_camera(scene, manoeuv
             asked["times"] = breaks_s
             return []
 
-        monkeypatch.setattr(access, "access_intervals", access_intervals)
+        monkeypatch.setattr(target_access, "access_intervals", access_intervals)
         rules = ws.AccessConstraints(in_fov=with_cameras)
         scene.scenario.access(target, ["plain", "own"], rules)
         return [np.round(times, 6).tolist() for times in asked["times"]]

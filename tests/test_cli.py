@@ -266,7 +266,7 @@ def test_catalog_tells_what_the_default_holds(capsys):
     code, out, err = run(capsys, "catalog", "default")
     assert (code, err) == (0, "")
     sky = ws.StarCatalog.default()
-    assert out.startswith("hip-gaia-ir v1: 177,860 stars, places at J2000.0\n")
+    assert out.startswith("hip-gaia-ir v1: 177,860 stars, positions at J2000.0\n")
     assert "CC BY-SA 3.0 IGO" in " ".join(out.split())
     assert "4.31 per deg2 over the whole sky" in out
     assert "the fastest HIP 87937, 10.3" in out  # Barnard's star
@@ -302,7 +302,7 @@ def test_catalog_tells_densities_by_galactic_latitude(capsys):
 def test_catalog_of_a_file(capsys, stars_csv):
     code, out, err = run(capsys, "catalog", stars_csv, "--no-fill")
     assert (code, err) == (0, "")
-    assert "3 stars, places at J2000.0" in out
+    assert "3 stars, positions at J2000.0" in out
     assert "left out 1 of 4 stars without a finite place (lines 5)" in " ".join(out.split())
     assert "1 star with proper motion, the fastest Runner, 5.000 arcsec/yr; 1 with parallax" in " ".join(out.split())
     assert "0 (unknown) 1, 2 (fair) 1, 4 (excellent) 1" in out
@@ -460,7 +460,7 @@ def test_plot_without_matplotlib_says_what_to_install(capsys, tmp_path, monkeypa
 def test_reports_of_the_smallest_catalogs(n_star):
     catalog = ws.StarCatalog.from_arrays([10.0] * n_star, [20.0] * n_star, {"A": [np.nan] * n_star}, name="tiny")
     text = catalog_report(catalog, ["twice", "twice", "two\nlines"])
-    assert text.startswith(f"tiny: {n_star} star{'' if n_star else 's'}, places at J2000.0\n")
+    assert text.startswith(f"tiny: {n_star} star{'' if n_star else 's'}, positions at J2000.0\n")
     assert text.count("twice") == 1 and "two lines" in text
     assert ("no star has a flux" in text) == (n_star == 1)
     assert not {"nan", "inf", "-inf"} & set(text.split())
@@ -490,7 +490,7 @@ def test_access_draws_beside_the_table(capsys, tmp_path):
     for name in ("chart.png", "chart.pdf", "chart.svg"):
         code, out, _ = run(capsys, "access", "stss", "--plot", tmp_path / name)
         assert code == 0
-        assert out == f"{table}picture in {tmp_path / name}\n"
+        assert out == f"{table}figure in {tmp_path / name}\n"
     assert min(image.imread(tmp_path / "chart.png").shape[:2]) > 800
     assert (tmp_path / "chart.pdf").read_bytes()[:4] == b"%PDF"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["chart.pdf", "chart.png", "chart.svg"]
@@ -501,7 +501,7 @@ def test_plot_draws_every_picture(capsys, tmp_path):
     folder = tmp_path / "new" / "pictures"
     code, out, _ = run(capsys, "plot", "stss", "-o", folder, "--time", "1300")
     assert code == 0
-    assert out.startswith(f"8 pictures of stss in {folder}: scene.png, ground_tracks.png, group.png")
+    assert out.startswith(f"8 figures of stss in {folder}: scene.png, ground_tracks.png, group.png")
     names = {"scene", "ground_tracks", "group", "attitudes", "access", "view_sat11", "view_sat12", "view_sat27"}
     assert {path.name for path in folder.iterdir()} == {f"{name}.png" for name in names}
     for path in folder.iterdir():

@@ -17,7 +17,7 @@ from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M, EA
 from warpsim.errors import InputError
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, geocentric_radius_m
 from warpsim.radiometry.sunlight import sun_irradiance_w_m2
-from warpsim.target import earthlight
+from warpsim.target import earth_radiation
 from warpsim.target.earth_radiation import absorbed_area_m2, albedo_area_m2, earth_area_m2, view_factor
 
 SEED = 141421
@@ -446,7 +446,7 @@ def shares(shape, view, nadir, limb_sine, sun, n_thermal, n_albedo):
     return thermal, albedo_area_m2(shape, view, nadir, limb_sine, sun, n_albedo) / (np.pi * scale)
 
 
-@pytest.mark.parametrize("n_node", earthlight.NODE_ERRORS)
+@pytest.mark.parametrize("n_node", earth_radiation.NODE_ERRORS)
 def test_errors_of_the_ladder(fine_areas, n_node):
     """No body exceeds the table, and some body comes near it."""
     geometry, fine = fine_areas
@@ -456,16 +456,16 @@ def test_errors_of_the_ladder(fine_areas, n_node):
             assert right.max() <= 1
             worst[light] = max(worst[light], np.abs(coarse - right).max())
     for light, error in worst.items():
-        assert error <= earthlight.NODE_ERRORS[n_node][light]
-        assert error >= earthlight.NODE_ERRORS[n_node][light] / 20
+        assert error <= earth_radiation.NODE_ERRORS[n_node][light]
+        assert error >= earth_radiation.NODE_ERRORS[n_node][light] / 20
 
 
 def test_nodes_for_an_error():
-    assert earthlight.nodes_for("thermal", 1e-3) == 5
-    assert earthlight.nodes_for("thermal", 1.0) == 3
-    assert earthlight.nodes_for("albedo", 2e-4) == 6
+    assert earth_radiation.nodes_for("thermal", 1e-3) == 5
+    assert earth_radiation.nodes_for("thermal", 1.0) == 3
+    assert earth_radiation.nodes_for("albedo", 2e-4) == 6
     with pytest.raises(InputError, match="error: must be at least 2e-06 for albedo light of the Earth, got 1e-09"):
-        earthlight.nodes_for("albedo", 1e-9)
+        earth_radiation.nodes_for("albedo", 1e-9)
 
 
 def test_bad_input():

@@ -8,7 +8,7 @@ import pytest
 
 from warpsim.errors import InputError
 from warpsim.sky.readers.layouts import LAYOUTS, layout_of
-from warpsim.tables.fixed_width import Field, Layout
+from warpsim.tables.fixed_width import ByteField, Layout
 from warpsim.tables.read_table import read_table
 
 
@@ -34,7 +34,7 @@ def test_the_caller_says_what_a_file_must_be(tmp_path, content, found):
 def test_layouts_come_from_the_caller(tmp_path):
     path = tmp_path / "x.dat"
     path.write_text("12 34\n56  7\n")
-    layout = Layout((Field("a", 1, 2), Field("b", 4, 5, "whole")), shortest=5, length=5, name="two numbers")
+    layout = Layout((ByteField("a", 1, 2), ByteField("b", 4, 5, "whole")), shortest=5, length=5, name="two numbers")
     table = read_table(path, layouts=[layout])
     assert table.layout == "two numbers" and table.needed("b").tolist() == [34.0, 7.0]
     assert table.where(1) == "line 2"

@@ -85,7 +85,7 @@ _RULES = {
     "string_type": "must be text",
     "tuple_type": "must be a list",
 }
-"""What pydantic says in its own words, by its name of the error."""
+"""Rules in warpsim's words, by pydantic's type of error."""
 
 
 def _one_error(detail: ErrorDetails, positional: Sequence[str], shorten: Callable[[Location], Location]) -> InputError:

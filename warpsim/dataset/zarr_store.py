@@ -52,7 +52,7 @@ def create_store(recipe: Recipe, split: str, path: Path) -> dict[str, Any]:
     from zarr import create_group
     from zarr.storage import LocalStore
 
-    # A store of its own: a path as text may be taken for an address.
+    # An explicit store: a path as text may be taken for an address.
     group = create_group(store=LocalStore(path), zarr_format=3, attributes=_attributes(recipe, split))
     n_sequence = len(split_of(recipe)[split])
     return {

@@ -95,7 +95,7 @@ def access_intervals(
     custom: Mapping[str, MarginFunction] | None = None,
     fov: CameraGeometry | None = None,
     breaks_s: Sequence[Sequence[float]] | None = None,
-    followed_m: Sequence[PositionFunction] = (),
+    tracked_m: Sequence[PositionFunction] = (),
 ) -> list[AccessInterval]:
     """Return all intervals within [0, duration_s] in which every constraint holds, by sensor, then time.
 
@@ -117,7 +117,7 @@ def access_intervals(
         fov: Camera and axes, for the constraint in_fov.
         breaks_s: For each sensor, times at which the motion of it, its camera or the target has a jump or kink [s]:
             the new motion holds from the breakpoint on.
-        followed_m: Positions of other targets that cameras track: cameras turn fast where these pass close to a sensor.
+        tracked_m: Positions of other targets that cameras track: cameras turn fast where these pass close to a sensor.
 
     Raises:
         InputError: A length is not > 0; a custom constraint gives another shape, or NaN; in_fov without fov.
@@ -133,7 +133,7 @@ def access_intervals(
         rows = slice(first, first + chunk)
         bodies = _ScanPositions(sensors[rows], target_position_m, sun_position_m, time_s)
         bodies.add_breakpoints(breaks_s[rows])
-        for passed in (target_position_m, *followed_m):
+        for passed in (target_position_m, *tracked_m):
             bodies.add_passes(passed)
         within = Intervals.whole(len(sensors[rows]), 0.0, float(time_s[-1]))
         found = _chunk_intervals(bodies, active, within, pole, first, fov)

@@ -135,8 +135,8 @@ def _finite(position_m: F64, velocity_m_s: F64, times: F64, state_time_s: float)
 
 def _pole_axes(pole: F64) -> F64:
     """Rows of axes whose z is the pole; a right-handed orthonormal frame."""
-    spare = np.eye(3)[np.argmin(np.abs(pole))]
-    x = np.cross(spare, pole)
+    fallback = np.eye(3)[np.argmin(np.abs(pole))]
+    x = np.cross(fallback, pole)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(pole, x), pole])
 

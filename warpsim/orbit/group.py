@@ -26,7 +26,7 @@ def release_velocities(
         n: Number of released targets, >= 0.
         speed_m_s: Lowest and highest relative speed [m/s], 0 <= low <= high (the paper's group: 2 to 5).
         seed: Whole number, 0 <= seed < 2^64.
-        group: Number of the group; each has a stream of its own.
+        group: Number of the group; each has its random stream.
     """
     main = np.asarray(main_velocity_m_s, np.float64)
     if main.shape != (3,) or not np.isfinite(main).all():

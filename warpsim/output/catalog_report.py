@@ -32,7 +32,7 @@ def catalog_report(catalog: StarCatalog, warnings: Sequence[str] = ()) -> str:
         catalog: The stars; may be empty.
         warnings: What was said while it was read.
     """
-    lines = [f"{catalog.name}: {counted(len(catalog), 'star')}, places at J{catalog.epoch_jyear}"]
+    lines = [f"{catalog.name}: {counted(len(catalog), 'star')}, positions at J{catalog.epoch_jyear}"]
     lines += _paragraph("provenance", catalog.provenance or "not stated")
     lines += [line for text in _one_each(warnings) for line in _paragraph("warning", text)]
     if len(catalog):

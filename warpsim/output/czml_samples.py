@@ -2,7 +2,7 @@
 
 The time between samples is chosen so that the polynomials stay within an error. Motion with a breakpoint (a release, a
 manoeuvre, a step of a camera) is cut into pieces at it, which Cesium interpolates one by one; a breakpoint that nobody
-tells of is found by its error, and fenced in by short pieces.
+reports is found by its error, and fenced in by short pieces.
 """
 
 from __future__ import annotations

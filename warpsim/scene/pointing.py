@@ -252,7 +252,7 @@ class PointingRow:
         azimuth_deg: Azimuth in the satellite's local frame [deg].
         elevation_deg: Elevation there [deg].
         roll_deg: Roll, added to that of the table [deg].
-        sensor: The sensor or satellite it is for; when left out, every one that has no rows of its own.
+        sensor: The sensor or satellite it is for; when left out, every one without individual rows.
     """
 
     time_s: Number
@@ -313,4 +313,4 @@ def _one_or_some(value: Any) -> Any:
 
 
 Pointings = Annotated[tuple[Pointing, ...], BeforeValidator(_one_or_some)]
-"""How the cameras of a kind of sensor point: one kind of pointing, or several for satellites of their own."""
+"""How the cameras of a kind of sensor point: one kind of pointing, or several, each for some satellites."""

@@ -36,7 +36,7 @@ class _Rows:
     lat_deg: F64
     roll_deg: F64
     sensor: list[str]
-    """"" for all sensors without rows of their own."""
+    """"" for all sensors without individual rows."""
     local: bool
     where: list[str]
     """What errors call each row."""

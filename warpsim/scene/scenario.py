@@ -320,7 +320,7 @@ class Scenario:
         Args:
             target: Name of a target or a group; for each sensor what the scene's access_target says when left out.
             sensors: Names of sensors, or of kinds; all if left out.
-            rules: Instead of the scene's `access_rules`.
+            rules: Constraints instead of the scene's `access_rules`.
             custom: Further constraints by name: functions of an `AccessGeometry` that return a signed margin, >= 0
                 where the constraint holds (any unit: only the sign counts), or booleans, which show no window shorter
                 than step_s.

@@ -67,7 +67,7 @@ class Scene(SceneDescription):
         """Load a preset by name, or a scene file (.toml or .json).
 
         Raises:
-            InputError: No such preset or file, or one of its values breaks a rule; the text begins with the source.
+            InputError: No such preset or file, or one of its values is not valid; the text begins with the source.
         """
         data = with_absolute_paths(read_scene_data(source), Path(source).parent)
         return cls.from_dict(data, os.fspath(source))
@@ -104,7 +104,7 @@ class Scene(SceneDescription):
         takes an optional value away.
 
         Raises:
-            InputError: A field is unknown or the new scene breaks a rule.
+            InputError: A field is unknown or the new scene is not valid.
         """
         data, named = self.to_dict(), {}
         for name, value in changes.items():

@@ -20,7 +20,7 @@ SHORT_FORMS = {
 """Fields of the only item of a list, by the list."""
 
 NAMES = {"sensors": "sensor", "groups": "main"}
-"""What the only item is called that has no name of its own."""
+"""Name of the only item if none is given."""
 
 
 def with_lists(values: Mapping[str, Any]) -> dict[str, Any]:

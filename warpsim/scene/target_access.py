@@ -84,7 +84,7 @@ def target_intervals(
         custom=custom,
         fov=field_of_view(tracks, observers, target),
         breaks_s=[sorted({*common, *sensor, *camera}) for sensor, camera in zip(own, cameras, strict=True)],
-        followed_m=[tracks.position_function(index) for index in tracked if index != target],
+        tracked_m=[tracks.position_function(index) for index in tracked if index != target],
     )
     rows, starts, ends = zip(*found, strict=True) if found else ((), (), ())
     intervals = Intervals(np.array(rows, dtype=np.int64), np.array(starts, float), np.array(ends, float))

@@ -46,7 +46,7 @@ def scene_targets(groups: Sequence[TargetGroup], seed: int) -> list[SceneTarget]
         seed: Of the numbers that are spread.
 
     Raises:
-        InputError: A file of orbits cannot be read, or a number that is drawn breaks a rule of its field.
+        InputError: A file of orbits cannot be read, or a drawn number is not valid in its field.
     """
     return [target for number, group in enumerate(groups) for target in _members(group, number, len(groups), seed)]
 
@@ -80,7 +80,7 @@ def drawn_spec(spec: TargetSpec, whose: str, member: int, seed: int) -> TargetSp
         seed: The scene's seed.
 
     Raises:
-        InputError: A field does not exist, or a number breaks its rule.
+        InputError: A field does not exist, or a number is not valid.
     """
     values = {
         field: distribution.value(float(uniforms(seed, f"spread.{whose}.{field}", member, 1)[0]))
@@ -93,7 +93,7 @@ def with_values(spec: TargetSpec, values: dict[str, object]) -> TargetSpec:
     """Return a description with some numbers replaced, by field, and nothing spread.
 
     Raises:
-        InputError: A field does not exist, or a number breaks its rule.
+        InputError: A field does not exist, or a number is not valid.
     """
     data = adapter(TargetSpec).dump_python(spec, mode="json", by_alias=True, exclude={"spread"})
     data = changed(data, {field.replace(".", "__"): value for field, value in values.items()})

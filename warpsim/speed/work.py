@@ -29,7 +29,7 @@ FLUX_SLOPE = -2.5
 """dN/dF ~ F^-2.5: stars that fill space evenly."""
 
 N_CALL = 4
-"""Calls with frames of their own, after which the first come again."""
+"""Calls with different frames, repeated in turn."""
 
 SATELLITES_PER_SENSOR = 7
 """One satellite in six sees the targets from the first frame to the last."""

@@ -44,7 +44,7 @@ class AttitudeRows(TimedRows):
     quaternion: F64
     """Shape (n, 4)."""
     source: str = ""
-    """File and object that messages name; nothing for rows of one's own."""
+    """File and object that messages name; empty for inline rows."""
 
     _of = "attitude table"
 

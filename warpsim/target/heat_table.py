@@ -40,7 +40,7 @@ def heat_method(error: float, limb_sine: float) -> tuple[int, int]:
         limb_sine: Smallest Earth's radius over distance from its centre.
 
     Returns:
-        Degree of the polynomials, 0 if they are not good enough, and nodes of the rule that serves then.
+        Degree of the polynomials, 0 if they are not good enough, and nodes of the rule used then.
 
     Raises:
         InputError: No method is as good as that.

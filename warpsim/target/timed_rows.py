@@ -23,7 +23,7 @@ class TimedRows:
     time_s: F64
     """After the epoch, ascending [s], shape (n,)."""
     source: str = ""
-    """File and object that messages name; nothing for rows of one's own."""
+    """File and object that messages name; empty for inline rows."""
     _of = "rows"
 
     @property
