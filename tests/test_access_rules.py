@@ -339,7 +339,7 @@ def test_booleans_and_infinite_margins_are_rules_too(scene):
         ({"mine": lambda view: np.full(view.shape, np.nan)}, r"custom\['mine'\]: must give a number .*, got NaN"),
         ({"mine": lambda view: np.full(view.shape, "x")}, r"custom\['mine'\]: must give numbers or booleans"),
         ({"mine": 3.0}, r"custom\['mine'\]: must be a function"),
-        ({"range_km": lambda view: view.range_m}, "names other than warpsim's own rules, got 'range_km'"),
+        ({"range_km": lambda view: view.range_m}, "names other than warpsim's own constraints, got 'range_km'"),
         ({3: lambda view: view.range_m}, "custom: must have names other"),
         ([], "custom: must be a dict of names and functions, got list"),
     ],

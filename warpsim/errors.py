@@ -17,7 +17,7 @@ LONGEST_RULE = 500
 
 
 class _NoValue:
-    """Stands for a value that is not given: None may be one."""
+    """Marker of a value that is not given: None may be one."""
 
     def __repr__(self) -> str:
         return "no value"

@@ -156,7 +156,7 @@ _ADAPTERS: dict[type[Any], TypeAdapter[Any]] = {}
 
 
 def adapter(kind: type[Any]) -> TypeAdapter[Any]:
-    """Return what validates and dumps a kind of config model; made once, as that takes a while."""
+    """Return the validator of a kind of config model; cached, as it is slow to make."""
     if kind not in _ADAPTERS:
         _ADAPTERS[kind] = TypeAdapter(kind)
     return _ADAPTERS[kind]

@@ -202,7 +202,7 @@ def _epoch_of(text: str) -> Instants:
 
 
 def _located(error: InputError, segment: Segment, row: int | None = None) -> InputError:
-    """The same error, of the file and line of a segment, or of one of its rows."""
+    """Return the error with the file and line of a segment, or of one of its rows."""
     line = segment.line if row is None or segment.lines is None else int(segment.lines[row])
     unknown = f"row {row}" if row is not None and not segment.file else ""
     return error.of(f"line {line}" if line else unknown).of(segment.file)

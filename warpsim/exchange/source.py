@@ -56,7 +56,7 @@ class Source:
         return self.located(InputError(rule, field, value, form), line)
 
     def located(self, error: InputError, line: int) -> InputError:
-        """The same error, of a line of this file; line 0 means the file as a whole."""
+        """Return the error with a line of this file; line 0 means the file as a whole."""
         return error.of(f"line {line}" if line else "").of(self.file)
 
     @contextlib.contextmanager

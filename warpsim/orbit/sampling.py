@@ -278,7 +278,7 @@ def _missed_at(state: StateFunction, begin_s: F64, step_s: float) -> F64:
         return p, v
 
     def slopes(p: F64, outer: F64) -> F64:
-        """Of the positions, at beginning and end, (2, n_interval, n_object, 3)."""
+        """Slopes of the positions, at beginning and end, (2, n_interval, n_object, 3)."""
         first = _central(outer[0], outer[1], p[1], p[2], 0.5 * step_s)
         return np.stack([first, _central(p[0], p[1], outer[2], outer[3], 0.5 * step_s)])
 

@@ -52,14 +52,14 @@ class Scan:
 
     @classmethod
     def uniform(cls, n_row: int, time_s: F64) -> Scan:
-        """The same uniform times, three or more, for each of n_row objects."""
+        """Return a scan of the same uniform times, three or more, for each of n_row objects."""
         n_time = len(time_s)
         number = np.arange(n_row * n_time)
         grid = number.reshape(n_row, n_time)
         return cls(np.repeat(np.arange(n_row), n_time), np.tile(time_s, n_row), number, grid)
 
     def inserted(self, after: I64, time_s: F64) -> Scan:
-        """The scan with further points, each after the point given (ascending) and before the one that follows it."""
+        """Return the scan with further points, each after the given point (ascending) and before the next one."""
         return Scan(
             np.insert(self.row, after + 1, self.row[after]),
             np.insert(self.time_s, after + 1, time_s),

@@ -391,7 +391,7 @@ class Scenario:
         return sunlit_fraction(self.position_m(name, times), self.position_m("sun", times), self.tracks.pole_icrs)
 
     def eclipses(self, name: str, step_s: float = ACCESS_STEP_S) -> Table:
-        """Return when a sensor or target is in the Earth's shadow.
+        """Return the passages of a sensor or target through the Earth's shadow.
 
         Returns:
             astropy Table with one row per passage: start_s and end_s of the penumbra, umbra_start_s and umbra_end_s

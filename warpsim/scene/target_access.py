@@ -51,7 +51,7 @@ def target_intervals(
     custom: Custom | None = None,
     step_s: float = ACCESS_STEP_S,
 ) -> Intervals:
-    """Return when sensors can observe a target; rows are indices of the sensors.
+    """Return the intervals in which sensors can observe a target; rows are indices of the sensors.
 
     Args:
         tracks: Of the scene.

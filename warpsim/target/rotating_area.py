@@ -179,7 +179,7 @@ class SteadyArea:
     """Change of the area with the direction, (n_body, 3, n_node)."""
 
     def towards(self, time_s: F64, direction: F64) -> F64:
-        """As RotatingArea.towards, for directions near those of the nodes."""
+        """Projected area as RotatingArea.towards, for directions near those of the nodes."""
         there = interpolated(self.node_s, self.direction.T, time_s)
         slope = interpolated(self.node_s, self.slope_m2, time_s)
         apart = np.moveaxis(direction, -1, 1) - there
