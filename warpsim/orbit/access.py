@@ -123,8 +123,7 @@ def access_intervals(
         InputError: A length is not > 0; a custom constraint gives another shape, or NaN; in_fov without fov.
     """
     time_s = scan_times_s(duration_s, step_s)
-    active = [Constraint("earth_km", earth_margin_km), *active_constraints(constraints, custom)]
-    active.sort(key=lambda constraint: constraint.name not in _CHEAPER_THAN_THE_EARTH)
+    active = constraints_by_cost(constraints, custom)
     pole = np.asarray(pole_icrs, np.float64)
     breaks_s = breaks_s if breaks_s is not None else [()] * len(sensors)
     intervals: list[AccessInterval] = []
@@ -172,6 +171,14 @@ def _chunk_intervals(
     for constraint in active:
         found = find_intervals(_margin_of(constraint, at), _margin_of(constraint, at_point), bodies.scan, found)
     return found
+
+
+def constraints_by_cost(
+    constraints: AccessConstraints, custom: Mapping[str, MarginFunction] | None = None
+) -> list[Constraint]:
+    """Return all active constraints, the Earth's margin too, cheap ones first."""
+    active = [Constraint("earth_km", earth_margin_km), *active_constraints(constraints, custom)]
+    return sorted(active, key=lambda constraint: constraint.name not in _CHEAPER_THAN_THE_EARTH)
 
 
 def _pairs(

@@ -21,6 +21,7 @@ from warpsim.scene.camera_axes import CommandedAxes
 from warpsim.scene.exposure import ExposureRule, exposure_rule
 from warpsim.scene.light_terms import LightTerm, light_terms
 from warpsim.scene.lighting import Lighting
+from warpsim.scene.observable import can_observe
 from warpsim.scene.pointing_program import (
     PointingProgram,
     check_frames,
@@ -33,7 +34,7 @@ from warpsim.scene.pointing_program import (
 )
 from warpsim.scene.sensors import Frames, Sensor
 from warpsim.scene.slews import SlewTurn
-from warpsim.scene.target_access import ACCESS_STEP_S, Custom, Observers, can_observe, target_intervals
+from warpsim.scene.target_access import ACCESS_STEP_S, Custom, Observers, target_intervals
 from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
 
