@@ -7,11 +7,11 @@ import sys
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
-from warpsim.scene.scene_files import to_toml
 
 import warpsim as ws
 from warpsim.errors import InputError
 from warpsim.scene.inputs import input_checksums
+from warpsim.scene.scene_files import to_toml
 from warpsim.target.closed_surface import MOST_FACES, closed_surface
 
 SEED = 6371
