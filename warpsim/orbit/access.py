@@ -123,8 +123,7 @@ def access_intervals(
         InputError: A length is not > 0; a user's rule gives another shape, or NaN; in_fov without fov.
     """
     time_s = scan_times_s(duration_s, step_s)
-    rules = [Rule("earth_km", earth_margin_km), *rules_in_force(constraints, custom)]
-    rules.sort(key=lambda rule: rule.name not in _CHEAPER_THAN_THE_EARTH)
+    rules = constraints_by_cost(constraints, custom)
     pole = np.asarray(pole_icrs, np.float64)
     breaks_s = breaks_s if breaks_s is not None else [()] * len(sensors)
     intervals: list[AccessInterval] = []
@@ -149,6 +148,14 @@ def access_intervals(
         ends = zip(found.row.tolist(), found.start_s.tolist(), found.end_s.tolist(), strict=True)
         intervals += [AccessInterval(first + row, start, end) for row, start, end in ends]
     return intervals
+
+
+def constraints_by_cost(
+    constraints: AccessConstraints, custom: Mapping[str, MarginFunction] | None = None
+) -> list[Rule]:
+    """Return all that must hold, the Earth's margin too, cheap ones first."""
+    rules = [Rule("earth_km", earth_margin_km), *rules_in_force(constraints, custom)]
+    return sorted(rules, key=lambda rule: rule.name not in _CHEAPER_THAN_THE_EARTH)
 
 
 def _pairs(

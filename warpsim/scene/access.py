@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,6 @@ from warpsim.scene.camera_axes import apparent_mean, satellite_state
 from warpsim.scene.tracks import Tracks
 
 F64 = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 Custom = Mapping[str, MarginFunction]
 AxesOf = Callable[[int, F64], F64]
 """Index of the sensor, time_s (n,) -> camera axes, (n, 3, 3)."""
@@ -130,23 +129,3 @@ def target_margins(
         custom=custom,
         fov=field_of_view(tracks, watchers, target),
     )
-
-
-def can_observe(tracks: Tracks, watchers: Watchers, rules: AccessConstraints, time_s: F64) -> Mask:
-    """Return whether sensors can observe each target at given times, (n_time, n_sensor, n_target)."""
-    seen = np.empty((len(time_s), len(watchers.satellites), len(tracks.targets)), dtype=bool)
-    axes: dict[int, F64] = {}
-
-    def axes_of(sensor: int, times: F64) -> F64:
-        if not np.array_equal(times, time_s):
-            return watchers.axes(sensor, times)
-        if sensor not in axes:
-            axes[sensor] = watchers.axes(sensor, time_s)
-        return axes[sensor]
-
-    same = replace(watchers, axes=axes_of)
-    for target in range(len(tracks.targets)):
-        found = target_margins(tracks, same, target, rules, time_s)
-        holds = np.logical_and.reduce([np.broadcast_to(margin >= 0.0, seen.shape[1::-1]) for margin in found.values()])
-        seen[:, :, target] = holds.T & tracks.exist(target, time_s)[:, None]
-    return seen

@@ -87,7 +87,7 @@ def check_rules(rules: AccessConstraints | None, custom: Mapping[str, MarginFunc
     if rules is not None and not isinstance(rules, AccessConstraints):
         raise InputError(f"must be AccessConstraints, got {type(rules).__name__}", "rules")
     if custom is not None and not isinstance(custom, Mapping):
-        raise InputError(f"must be functions by name, got {type(custom).__name__}", "custom")
+        raise InputError(f"must be a dict of names and functions, got {type(custom).__name__}", "custom")
 
 
 def _parts(roster: Roster, instrument: Instrument, sensor: int, start_s: float, end_s: float) -> list[Row]:

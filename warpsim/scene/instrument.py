@@ -16,12 +16,13 @@ from warpsim.errors import InputError
 from warpsim.optics.psf import Psf
 from warpsim.orbit.intervals import Intervals
 from warpsim.orbit.rules import AccessConstraints
-from warpsim.scene.access import ACCESS_STEP_S, Custom, Watchers, can_observe, target_intervals
+from warpsim.scene.access import ACCESS_STEP_S, Custom, Watchers, target_intervals
 from warpsim.scene.attitudes import AnyAttitude
 from warpsim.scene.camera_axes import CommandedAxes
 from warpsim.scene.exposure import ExposureRule, exposure_rule
 from warpsim.scene.light_terms import LightTerm, light_terms
 from warpsim.scene.lighting import Lighting
+from warpsim.scene.observable import can_observe
 from warpsim.scene.pointing_program import (
     PointingProgram,
     check_frames,
