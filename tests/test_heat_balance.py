@@ -290,14 +290,16 @@ def test_spin_counts_for_meshes(fields):
 # Scenes
 
 
-def low_orbit(scene, temperature, attitude, shape, duration_s=4400.0, count=1, **fields):
+def low_orbit(scene, temperature, attitude, shape, duration_s=4400.0, count=1, release=None):
     """A target in low orbit, with an eclipse, and some that leave it."""
     data = scene.to_dict()
     body = {"shape": shape, "surface": {"reflectance": {"A": 0.5, "C": 0.4, "E": 0.3}}, "attitude": attitude,
             "temperature": temperature}  # fmt: skip
-    data["targets"] = [{"name": "main", **body}, {"name": "piece", "count": count, **body}]
-    data |= {"duration_s": duration_s, "epoch_utc": "2025-03-20T12:00:00", **fields}
-    data["trajectory"] = {"kind": "elements", "altitude_km": 500.0, "inclination_deg": 30.0}
+    group = data["groups"][0]
+    group["targets"] = [{"name": "main", **body}, {"name": "piece", "count": count, **body}]
+    data |= {"duration_s": duration_s, "epoch_utc": "2025-03-20T12:00:00"}
+    group["release"] = release or group["release"]
+    group["trajectory"] = {"kind": "elements", "altitude_km": 500.0, "inclination_deg": 30.0}
     data["frames"] = {"count": 3, "interval_s": 10.0}
     return ws.Scene.from_dict(data)
 
@@ -305,7 +307,7 @@ def low_orbit(scene, temperature, attitude, shape, duration_s=4400.0, count=1, *
 def oracle(scene, name, model, area_of, start_k, begin_s=0.0):
     """Temperature by scipy as a function of time; forces written anew, area_of(time, direction to the Sun)."""
     emissivity = model.infrared_emissivity
-    surface = scene.target_specs[scene.target_names.index(name)].shape.surface_m2
+    surface = scene.scenario.targets[scene.target_names.index(name)].spec.shape.surface_m2
     pole = scene.scenario.tracks.pole_icrs
     scale_j_k = model.mass_kg * model.heat_capacity_j_kg_k
 

@@ -10,6 +10,7 @@ from scipy.spatial import ConvexHull
 
 import warpsim as ws
 from warpsim.errors import InputError
+from warpsim.scene.files import to_toml
 from warpsim.scene.inputs import input_checksums
 from warpsim.target.closed_surface import MOST_FACES, closed_surface
 
@@ -334,20 +335,17 @@ def test_scenes_find_meshes_beside_their_file(scene, tmp_path):
     inline = scene.replace(targets__0__shape=box())
     inline.save(tmp_path / "inline.toml")
     assert ws.Scene.load(tmp_path / "inline.toml") == inline
-    text = (tmp_path / "inline.toml").read_text()
-    start = (
-        text.index("shape = { kind", text.index("[[targets]]")) if "shape = { kind" in text else text.index("shape = {")
-    )
-    end = text.index("\n", start)
-    named = text[:start] + 'shape = { kind = "mesh", file = "body.obj", scale_m = 0.5 }' + text[end:]
+    data = inline.to_dict()
+    data["groups"][0]["targets"][0]["shape"] = {"kind": "mesh", "file": "body.obj", "scale_m": 0.5}
+    named = to_toml(data)
     (tmp_path / "named.toml").write_text(named)
     loaded = ws.Scene.load(tmp_path / "named.toml")
-    mesh = loaded.target_specs[0].shape
+    mesh = loaded.scenario.targets[0].spec.shape
     assert mesh.surface.volume_m3 == pytest.approx(1 / 48, rel=1e-14, abs=0)
-    assert input_checksums(loaded) == {str(tmp_path / "body.obj"): mesh.checksum}
+    assert input_checksums(loaded.scenario) == {str(tmp_path / "body.obj"): mesh.checksum}
     (tmp_path / "named.toml").write_text(named.replace("body.obj", "no.obj"))
     with pytest.raises(InputError, match=r"targets\[0\].shape.file: .*no\.obj: cannot be read: No such file"):
-        ws.Scene.load(tmp_path / "named.toml")
+        _ = ws.Scene.load(tmp_path / "named.toml").scenario
 
 
 def test_without_trimesh_a_file_says_what_is_missing(tmp_path, checkout_environment):

@@ -60,7 +60,7 @@ def test_aspect_follows_the_described_motion(scene, target):
     frames = ws.Renderer(quick, device="cpu").render(range(60), ["sat11"], ["A"])
     rows = frames.truth[frames.truth["target"] == target]
     number = scene.target_names.index(target)
-    motion = scene.target_specs[number].attitude
+    motion = scene.scenario.targets[number].spec.attitude
     velocity = scene.scenario.tracks.targets[number].state(np.zeros(1))[1][0]
     frame = attitude_frame(motion, velocity, scene.seed, number)
     (reference, first, second), precession, rolling = frame.axes, frame.precession_phase_rev, frame.rolling_phase_rev

@@ -96,7 +96,8 @@ def check_names(constellation: AnyConstellation, sensors: Sequence[Sensor], grou
             raise InputError("must be no name of a satellite or target", "name", sensor.name).within(place)
     taken |= {"group", TRACKED, ANY}
     for number, group in enumerate(groups):
-        if group.name in taken or (group.name == "main" and number > 0):
+        first = number == 0 and group.name == "main"  # the name it has unless given; a target's goes before it
+        if not first and (group.name in taken or group.name == "main"):
             place = item_place("groups", number, len(groups))
             rule = "must be no other name of the scene, 'main' (but for the first), 'group', 'tracked' or 'any'"
             raise InputError(rule, "name", group.name).within(place)
