@@ -66,7 +66,7 @@ def test_light_of_stars_follows_its_power_law(work):
     for edge in (40.0, 200.0, 2000.0):
         expected = (edge**-1.5 - high**-1.5) / (low**-1.5 - high**-1.5) * len(light)
         assert abs((light > edge).sum() - expected) < N_SIGMA * np.sqrt(expected)
-    irradiance = work.catalog.irradiance_w_cm2(BAND) / work.scene.nei_w_cm2(BAND)
+    irradiance = work.catalog.irradiance_w_cm2(BAND) / work.scene.scenario.instrument.nei_w_cm2(BAND)
     np.testing.assert_allclose(irradiance, power_law_nei(len(work.catalog)), rtol=1e-12)
 
 
