@@ -55,8 +55,8 @@ def test_stars_are_as_dense_at_the_edge_as_in_the_middle(rendered):
 
 
 def test_stars_of_two_sensors_that_look_alike_are_there_once(work):
-    one = speed_catalog(work.scene, work.sensors[:1], 4, 60)
-    assert len(speed_catalog(work.scene, work.sensors[:1] * 2, 4, 60)) == len(one) > 100
+    one = speed_catalog(work.scene.scenario, work.sensors[:1], 4, 60)
+    assert len(speed_catalog(work.scene.scenario, work.sensors[:1] * 2, 4, 60)) == len(one) > 100
 
 
 def test_light_of_stars_follows_its_power_law(work):
