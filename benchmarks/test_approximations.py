@@ -75,7 +75,7 @@ def signal_nei(work: SpeedWork) -> np.ndarray:
     frames = np.linspace(0, 4 * work.n_frame - 1, N_CHECKED).astype(int).tolist()
     renderer = ws.Renderer(work.scene, "cpu", 1, work.catalog)
     signal = renderer.render(frames, work.sensors, [BAND], keep_signal=True).signal_w_cm2.numpy()
-    return signal.astype(np.float64) / work.scene.nei_w_cm2(BAND)
+    return signal.astype(np.float64) / work.scene.scenario.instrument.nei_w_cm2(BAND)
 
 
 @pytest.mark.parametrize(("name", "value"), CASES, ids=[f"{name}-{value}" for name, value in CASES])

@@ -16,10 +16,9 @@ import pytest
 import warp as wp
 from scipy import special
 
+import warpsim as ws
 from warpsim.detector.electron import ElectronDetector
-from warpsim.detector.levels import levels
 from warpsim.detector.nei import NeiDetector
-from warpsim.optics.camera import Camera
 from warpsim.optics.telescope import Optics
 from warpsim.render import stages
 from warpsim.render.buffers import new_light
@@ -55,11 +54,12 @@ DETECTORS = {
 def test_read_out(benchmark, name):
     detector, device = DETECTORS[name], wp.get_device("cpu")
     n_view = 4 if benchmark.enabled else 1
-    optics, camera = Optics(aperture_m=0.4), Camera(n_row=N_PIXEL, n_col=N_PIXEL, fov_deg=1.0)
-    known = {"A": levels(detector, optics, camera, "A")}
-    world = SimpleNamespace(
+    sensor = {"camera__n_row": N_PIXEL, "camera__n_col": N_PIXEL, "optics": Optics(aperture_m=0.4), "bands": ["A"]}
+    instrument = ws.Scene.load("stss").replace(detector=detector, **sensor).scenario.instrument
+    known = instrument.levels["A"]
+    on_device = SimpleNamespace(
         band_id=wp.zeros(1, dtype=wp.uint32, device=device),
-        read_out=make_read_out(detector, known, ["A"], 1, (N_PIXEL, N_PIXEL), device),
+        read_out=make_read_out(instrument, ["A"], device),
         device=device,
     )
     views = SimpleNamespace(
@@ -73,16 +73,16 @@ def test_read_out(benchmark, name):
         keep_light=False,
         views=views,
     )
-    benchmark.pedantic(stages.read_out, args=(world, chunk), rounds=9, warmup_rounds=1)
+    benchmark.pedantic(stages.read_out, args=(on_device, chunk), rounds=9, warmup_rounds=1)
     if benchmark.stats is None:
         return
-    z = (chunk.counts.numpy().astype(np.float64) - known["A"].blank_counts) / known["A"].counts_per_nei
+    z = (chunk.counts.numpy().astype(np.float64) - known.blank_counts) / known.counts_per_nei
     benchmark.extra_info.update(
         device="cpu",
         device_name=device.name,
         detector=name,
         ns_per_pixel=benchmark.stats.stats.median / z.size * 1e9,
-        distance=distance(z.ravel(), 0.5 / known["A"].counts_per_nei) if plain(detector) else None,
+        distance=distance(z.ravel(), 0.5 / known.counts_per_nei) if plain(detector) else None,
     )
 
 

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from warpsim.render.world import World
 
 import warpsim as ws
 from warpsim import launches
 from warpsim.render import buffers, stages, worker
+from warpsim.render.device_scene import DeviceScene
 from warpsim.speed.clock import render_call
 from warpsim.speed.work import N_CALL, SpeedWork, speed_work
 
@@ -33,10 +33,10 @@ def light_all_kernel(lit: wp.array[wp.uint8]):
     lit[wp.tid()] = wp.uint8(1)
 
 
-def light_all(world: World, chunk: buffers.Chunk) -> None:
+def light_all(scene: DeviceScene, chunk: buffers.Chunk) -> None:
     """A stage after which no strip counts as dark."""
     lit = chunk.light.lit.flatten()
-    launches.launch(light_all_kernel, lit.size, [], [lit], world.device)
+    launches.launch(light_all_kernel, lit.size, [], [lit], scene.device)
 
 
 # What is done, and how it is left out: what to change while a renderer makes its buffers, or an argument of it.

@@ -87,7 +87,7 @@ def even_sky(work: SpeedWork, n_star: int) -> ws.StarCatalog:
     star = along[:, None] * axis + (across * np.cos(turn))[:, None] * right
     star += (across * np.sin(turn))[:, None] * np.cross(axis, right)
     per_jy = ws.StarCatalog.from_arrays([0.0], [0.0], {BAND: [1.0]}).irradiance_w_cm2(BAND)[0]
-    flux_jy = power_law_nei(n_star) * work.scene.nei_w_cm2(BAND) / per_jy
+    flux_jy = power_law_nei(n_star) * work.scene.scenario.instrument.nei_w_cm2(BAND) / per_jy
     ra_deg = np.degrees(np.arctan2(star[:, 1], star[:, 0])) % 360.0
     dec_deg = np.degrees(np.arcsin(np.clip(star[:, 2], -1.0, 1.0)))
     return ws.StarCatalog.from_arrays(ra_deg, dec_deg, {BAND: flux_jy}, id=np.full(n_star, ""))

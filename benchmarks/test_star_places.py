@@ -17,11 +17,12 @@ import warp as wp
 from astropy import units as u
 from astropy.coordinates import GCRS, CartesianRepresentation, SkyCoord
 from astropy.time import TimeDelta
-from warpsim.render.world import World
 
 import warpsim as ws
 from warpsim.render import stages
 from warpsim.render.buffers import Chunk, new_light, new_observations, new_sources, new_views
+from warpsim.render.device_scene import DeviceScene
+from warpsim.render.device_upload import make_device_scene
 from warpsim.render.star_field import load_catalog, star_index
 
 SWITCHES = list(itertools.product([False, True], repeat=3))
@@ -38,9 +39,11 @@ def test_star_places(benchmark, aberration, parallax, light_deflection):
         sky={"aberration": aberration, "parallax": parallax, "light_deflection": light_deflection},
     )
     device = wp.get_device("cpu")
-    world = World(scene, ["A"], device, star_index(scene, load_catalog(scene), device))
-    chunk = views_of(world, scene, "sat11", n_view)
-    benchmark.pedantic(stages.gather_stars, args=(world, chunk), rounds=15, warmup_rounds=2)
+    scenario = scene.scenario
+    index = star_index(scene.sky, scenario.epoch, load_catalog(scene.sky), device)
+    on_device = make_device_scene(scenario, scenario.instrument, ["A"], device, index)
+    chunk = views_of(on_device, "sat11", n_view)
+    benchmark.pedantic(stages.gather_stars, args=(on_device, chunk), rounds=15, warmup_rounds=2)
     if benchmark.stats is None:
         return
     benchmark.extra_info.update(
@@ -53,23 +56,23 @@ def test_star_places(benchmark, aberration, parallax, light_deflection):
             if on
         ) or "none",
         us_per_view=benchmark.stats.stats.median / n_view * 1e6,
-        stars_per_view=float(chunk.sources.n_source.numpy().mean()) - world.n_target,
+        stars_per_view=float(chunk.sources.n_source.numpy().mean()) - on_device.n_target,
         error_arcsec=place_error_arcsec(scene),
-        bytes_per_star=world.stars.device_bytes / len(world.stars.index),
+        bytes_per_star=on_device.stars.device_bytes / len(on_device.stars.index),
     )  # fmt: skip
 
 
-def views_of(world: World, scene: ws.Scene, sensor: str, n_view: int) -> Chunk:
+def views_of(scene: DeviceScene, sensor: str, n_view: int) -> Chunk:
     """Aimed views of one sensor, targets observed, ready for the star stage."""
-    frames = np.arange(n_view)
-    row = scene.sensor_names.index(sensor)
-    views = new_views(world, scene.scenario.instrument.frame_time_s(frames), frames, np.full(n_view, row))
-    light = new_light((n_view, 1, 16, 16), world.device)
-    counts = wp.empty((n_view, 1, 16, 16), dtype=wp.uint16, device=world.device)
-    sources = new_sources(world, n_view, world.n_target + 64)
-    chunk = Chunk(views, new_observations(world, n_view), sources, light, counts, keep_light=False)
-    stages.aim(world, chunk)
-    stages.observe_targets(world, chunk)
+    frames, instrument = np.arange(n_view), scene.instrument
+    rows = np.full(n_view, instrument.index(sensor))
+    views = new_views(scene, instrument.frame_time_s(frames), frames, rows)
+    light = new_light((n_view, 1, 16, 16), scene.device)
+    counts = wp.empty((n_view, 1, 16, 16), dtype=wp.uint16, device=scene.device)
+    sources = new_sources(scene, n_view, scene.n_target + 64)
+    chunk = Chunk(views, new_observations(scene, n_view), sources, light, counts, keep_light=False)
+    stages.aim(scene, chunk)
+    stages.observe_targets(scene, chunk)
     return chunk
 
 

@@ -78,7 +78,7 @@ class Case:
 
 @functools.lru_cache(maxsize=1)
 def case_of(n_star: int, n_cone: int) -> Case:
-    """A made-up sky as dense in the galactic plane as the default catalog's."""
+    """Synthetic sky, as dense in the galactic plane as the default catalog's."""
     catalog = ws.StarCatalog.synthetic(n_star, sky="astrometric", seed=SEED)
     return Case(catalog, random_directions(n_cone))
 

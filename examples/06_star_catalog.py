@@ -5,7 +5,7 @@
 Draws star counts by band and magnitude, and the density over the sky of the default catalog beside that of the true
 infrared sky, made up to the same flux limit: the default catalog was picked in visible light, which dust dims in the
 galactic plane. A second picture, NAME_partition.png, shows three ways to cut the sky and what a view costs in each.
-With --quick: a brighter limit for the made-up sky.
+With --quick: a brighter limit for the synthetic sky.
 """
 
 import argparse

@@ -32,7 +32,7 @@ def test_a_list_of_devices_shares_the_views(scene, expected, devices, n_thread, 
     differ = np.count_nonzero(frames.counts.numpy() != expected)
     record_accuracy("Counts with any list of devices", differ, 0, "pixels differ", "each other")
     assert frames.counts.device.is_cpu
-    worlds = {id(lane.world) for lane in renderer._crews[("A", "C")].lanes}
+    worlds = {id(lane.world) for lane in renderer._crews["sensor", ("A", "C")].lanes}
     assert len(worlds) == len(devices)
     one = ws.Renderer(scene, device="cpu").render(range(7), bands=["A", "C"], keep_signal=True, keep_stars=True)
     np.testing.assert_array_equal(frames.signal_w_cm2.numpy(), one.signal_w_cm2.numpy())
@@ -100,7 +100,7 @@ def test_threads_end_with_the_renderer(scene):
 def test_an_error_in_a_thread_reaches_the_caller(scene, monkeypatch):
     renderer = ws.Renderer(scene, device="cpu", n_thread=2)
     counts = renderer.render(range(30), ["sat11"], ["A"]).counts.numpy().copy()
-    mine, other = (lane.workers[0] for lane in renderer._crews[("A",)].lanes)
+    mine, other = (lane.workers[0] for lane in renderer._crews["sensor", ("A",)].lanes)
     failed, render = threading.Event(), mine.render
 
     def fail(*arguments):
@@ -161,7 +161,7 @@ def test_an_interrupt_spoils_nothing_that_comes_after(scene, expected, monkeypat
 def test_light_of_a_chunk_that_broke_off_is_put_out(scene, expected):
     renderer = ws.Renderer(scene, device="cpu", n_thread=1)
     renderer.render(range(7), bands=["A", "C"])
-    (worker,) = renderer._crew(("A", "C")).lanes[0].workers
+    (worker,) = renderer._crew(scene.scenario.instrument, ("A", "C")).lanes[0].workers
     worker.chunk.light.flat.fill_(1e-15)
     worker.chunk.light.lit.fill_(1)
     worker._is_dark = False

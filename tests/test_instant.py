@@ -69,7 +69,9 @@ def test_errors_are_those_of_utc_time(text):
 def test_scene_times_count_alike_from_both():
     scene, time_s = ws.Scene.load("stss"), np.array([-3.0, 0.0, 1614.0])
     for dates in (tt_jd, tdb_jd):
-        (whole, fraction), (other_whole, other_fraction) = (dates(e, time_s) for e in (scene.epoch, scene.instant))
+        (whole, fraction), (other_whole, other_fraction) = (
+            dates(e, time_s) for e in (scene.epoch, scene.scenario.epoch)
+        )
         assert whole == other_whole and np.array_equal(fraction, other_fraction)
 
 

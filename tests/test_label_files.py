@@ -168,7 +168,7 @@ def test_coco_by_hand(frames, table, coco_path):
         row = table[number]
         assert annotation["image_id"] == number // N_TARGET
         assert annotation["id"] == annotation["image_id"] * 100_000 + number % N_TARGET + 1
-        assert annotation["target"] == row["target"] and names[annotation["category_id"]] == row["category"]
+        assert annotation["target"] == row["target"] and names[annotation["category_id"]] == row["class"]
         box = [row[name] for name in ("box_x_px", "box_y_px", "box_w_px", "box_h_px")]
         np.testing.assert_allclose(annotation["bbox"], box, rtol=0, atol=PLACE_PX)
         x, y, visibility = annotation["keypoints"]
@@ -201,7 +201,7 @@ def test_coco_loads_with_pycocotools(frames, table, coco_path):
             assert mask[round(row["y_px"]), round(row["x_px"])]  # the keypoint's own pixel
     np.testing.assert_array_equal(union, masks > 0)
     cones = coco.getAnnIds(catIds=coco.getCatIds(catNms=["cone"]), imgIds=[0])
-    assert len(cones) == np.count_nonzero(rows["visible"] & (rows["category"] == "cone"))
+    assert len(cones) == np.count_nonzero(rows["visible"] & (rows["class"] == "cone"))
 
 
 def test_coco_scores_its_own_labels(coco_path):
@@ -265,7 +265,7 @@ def test_coco_errors_leave_nothing_behind(frames, table, tmp_path):
         ([({"id": 1, "width": 3}, rows)], categories, "images: must have file_name, height, got id, width"),
         ([(image, rows), (image, rows)], categories, "ids must be unique, got 0 twice"),
         ([({**image, "id": -1}, rows)], categories, "id must be a whole number >= 0, got -1"),
-        ([(image, rows)], categories[:2], "categories: must have 'cylinder', the kind of the target 'cylinder"),
+        ([(image, rows)], categories[:2], "categories: must have 'cylinder', the class of the target 'cylinder"),
     ]
     for images, known, words in wrong:
         with pytest.raises(ws.InputError, match=words):
@@ -275,10 +275,10 @@ def test_coco_errors_leave_nothing_behind(frames, table, tmp_path):
 
 def test_categories_of_several_groups(scene):
     """Kinds of one name in several groups are one category."""
-    given = scene.to_dict()
-    targets = [{**given["targets"][0], "name": "other"}, {**given["targets"][1], "name": "cone", "count": 1}]
-    group = {"name": "second", "trajectory": given["trajectory"], "targets": targets}
-    categories = ws.labels.coco_categories(scene.replace(groups=[group]))
+    (first,) = scene.to_dict()["groups"]
+    targets = [{**first["targets"][0], "name": "other"}, {**first["targets"][1], "name": "cone", "count": 1}]
+    group = {"name": "second", "trajectory": first["trajectory"], "targets": targets}
+    categories = ws.labels.coco_categories(scene.replace(groups=[first, group]))
     names = [category["name"] for category in categories]
     assert names == ["center", "sphere", "cylinder", "cone", "other"]
     assert categories[3]["supercategory"] == "cone" and [one["id"] for one in categories] == [1, 2, 3, 4, 5]
@@ -333,7 +333,7 @@ def test_satnet_stars(frames, table):
     both = ws.labels.satnet_record(frames, FRAME, SENSOR, "A", rows, "x.fits", with_stars=True)["data"]["objects"]
     stars = frames.stars[(frames.stars["frame"] == FRAME) & (frames.stars["sensor"] == SENSOR) & frames.stars["in_fov"]]
     assert both[: len(plain)] == plain and len(both) == len(plain) + len(stars) > len(plain)
-    half_px = blur_half_px(frames.scene, "A")[0]
+    half_px = blur_half_px(frames.instrument, "A")[0]
     for one in both[len(plain) :]:
         row = stars[stars["catalog_row"] == one["object_id"]][0]
         assert (one["class_name"], one["class_id"], one["object_name"]) == ("Star", 2, row["id"])

@@ -11,6 +11,7 @@ from skyfield.api import EarthSatellite, load
 
 import warpsim as ws
 from warpsim.scene.inputs import input_checksums
+from warpsim.scene.scene_files import named_files
 
 TRACK_M = 1e-3  # what interpolation between nodes may add
 SKYFIELD_M = 5e-3  # with the interpolation between nodes
@@ -69,9 +70,14 @@ def folder(tmp_path):
         {"kind": "ephemeris_files", "files": ["bird.oem"]},
         data["constellation"]["parts"][1],
     ]
-    data["trajectory"] = {"kind": "ephemeris", "file": "ship.e"}
-    data["targets"][0]["attitude"] = {"kind": "table", "file": "tumble.csv"}
-    data["pointing"] = {"track": "ship", "offset_px": [0.5, 0.5], "jitter": {"rms_urad": 20.0, "correlation_s": 0.5}}
+    (group,) = data["groups"]
+    group["trajectory"] = {"kind": "ephemeris", "file": "ship.e"}
+    group["targets"][0]["attitude"] = {"kind": "table", "file": "tumble.csv"}
+    data["sensors"][0]["pointing"] = {
+        "track": "ship",
+        "offset_px": [0.5, 0.5],
+        "jitter": {"rms_urad": 20.0, "correlation_s": 0.5},
+    }
     (tmp_path / "own.json").write_text(json.dumps(data))
     return tmp_path
 
@@ -80,7 +86,9 @@ def test_files_reach_the_scene(folder, monkeypatch):
     monkeypatch.chdir("/")  # paths count from the scene's folder
     scene = ws.Scene.load(folder / "own.json")
     assert scene.sensor_names == ["ISS_ZARYA", "BIRD_1", "w11", "w12", "w21", "w22"]
-    assert scene.files == [str(folder / name) for name in ("stations.tle", "bird.oem", "ship.e", "tumble.csv")]
+    assert named_files(scene.to_dict()) == [
+        str(folder / name) for name in ("stations.tle", "bird.oem", "ship.e", "tumble.csv")
+    ]
     assert scene.scenario.tracks.error_m < 1e-3
     time_s = np.array([0.0, 1.7, 149.9, 300.0])
     ts = load.timescale(builtin=True)
@@ -134,9 +142,11 @@ def test_a_run_is_another_when_a_file_has_changed(folder, name, change):
     with pytest.raises(ws.InputError, match="holds a different run"):
         ws.render_to_folder(anew, out, **options)
     inputs = json.loads((out / "manifest.json").read_text())["inputs"]
-    assert inputs == input_checksums(scene)
-    assert set(inputs) == set(scene.files)
-    assert {path for path, text in input_checksums(anew).items() if text != inputs[path]} == {str(folder / name)}
+    assert inputs == input_checksums(scene.scenario)
+    assert set(inputs) == set(named_files(scene.to_dict()))
+    assert {path for path, text in input_checksums(anew.scenario).items() if text != inputs[path]} == {
+        str(folder / name)
+    }
 
 
 def test_oem_keeps_the_orbit_between_its_rows(folder):

@@ -95,5 +95,5 @@ def test_unknown_band_is_named(band):
 
 
 def test_magnitude_must_be_numbers():
-    with pytest.raises(InputError, match="magnitude must be numbers"):
+    with pytest.raises(InputError, match="magnitude: must be numbers, got str"):
         paper.dynamic_range("bright", "A")

@@ -152,7 +152,7 @@ def test_results_that_are_held_are_never_overwritten(scene):
         assert set(frames.truth["frame"]) == set(frames.frames)
     del held, truths, frames, kept, array
     gc.collect()
-    assert renderer.buffer_bytes > renderer._crews[("A",)].n_byte
+    assert renderer.buffer_bytes > renderer._crews["sensor", ("A",)].n_byte
 
 
 def test_memory_is_bounded_by_the_chunk_and_stated(scene):

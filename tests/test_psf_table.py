@@ -14,6 +14,7 @@ from warpsim.errors import InputError
 from warpsim.optics.share_table import POINTS, share
 from warpsim.optics.spline_image import spline_of
 from warpsim.optics.tables import share_table
+from warpsim.scene.scene_files import named_files
 
 SPLINE_ATOL = 1e-12
 """Of integrals over pixels against those of scipy's spline; the ends of a cut-off pattern decay by 0.27 per sample."""
@@ -187,7 +188,7 @@ def test_scene_with_a_file(tmp_path, write):
     scene = ws.Scene.load("stss").replace(
         optics__psf="table", optics__psf_file=str(path), optics__psf_oversample=5, camera__n_row=32, camera__n_col=32
     )
-    assert scene.files == [str(path)]
+    assert named_files(scene.to_dict()) == [str(path)]
     np.testing.assert_array_equal(scene.scenario.instrument.psf("A").image, ws.PsfTable(image, 5).image)
     scene.save(tmp_path / "scene.toml")
     assert 'psf_file = "psf.' in (tmp_path / "scene.toml").read_text()
@@ -195,7 +196,7 @@ def test_scene_with_a_file(tmp_path, write):
     assert again == scene
     from warpsim.scene.inputs import input_checksums
 
-    assert input_checksums(again)[str(path)] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert input_checksums(again.scenario)[str(path)] == hashlib.sha256(path.read_bytes()).hexdigest()
     frames = ws.Renderer(again, "cpu").render([60])
     assert frames.counts.numpy().std() > 0
 
@@ -206,7 +207,7 @@ def test_a_file_for_each_band(tmp_path):
     files = {"A": str(tmp_path / "a.npy"), "C": str(tmp_path / "c.npy")}
     base = ws.Scene.load("stss")
     scene = base.replace(optics__psf="table", optics__psf_file=files, optics__psf_oversample=5.0, bands=["C", "A"])
-    assert scene.files == list(files.values())
+    assert named_files(scene.to_dict()) == list(files.values())
     assert scene.scenario.instrument.psf("C").image[20, 20] < scene.scenario.instrument.psf("A").image[20, 20]
     scene.save(tmp_path / "scene.json")
     assert ws.Scene.load(tmp_path / "scene.json") == scene
@@ -261,13 +262,13 @@ def test_bad_files(tmp_path):
         ws.Optics(aperture_m=0.4, psf="table", psf_file=str(tmp_path / "gone.npy"), psf_oversample=2.0).file_checksums  # noqa: B018
 
 
-def test_a_missing_file_is_found_when_the_scene_is_loaded(tmp_path):
+def test_a_missing_file_is_found_before_any_work(tmp_path):
     scene = ws.Scene.load("stss").replace(
         optics__psf="table", optics__psf_file=str(tmp_path / "gone.npy"), optics__psf_oversample=2.0
     )
     scene.save(tmp_path / "scene.toml")
-    with pytest.raises(InputError, match=r"scene.toml: .*gone.npy: cannot be read"):
-        ws.Scene.load(tmp_path / "scene.toml")
+    with pytest.raises(InputError, match=r"^sensors\[0\].optics: .*gone.npy: cannot be read"):
+        ws.Renderer(ws.Scene.load(tmp_path / "scene.toml"))
 
 
 @pytest.mark.parametrize("smear_px", [1e-6, 1e-3, 0.0137, 0.02])
@@ -289,6 +290,6 @@ def test_a_file_that_has_changed_is_read_again(tmp_path, scene):
     for width in (3, 5):
         np.save(path, np.ones((width, width)))
         tuned = scene.replace(optics=optics)
-        found.append((tuned.psf("A").image.shape, tuned.optics.file_checksums[str(path)]))
+        found.append((tuned.scenario.instrument.psf("A").image.shape, tuned.optics.file_checksums[str(path)]))
         assert found[-1][1] == hashlib.sha256(path.read_bytes()).hexdigest()
     assert [shape for shape, _ in found] == [(3, 3), (5, 5)]

@@ -234,12 +234,13 @@ def test_size_of_the_main_cone_at_2000_km():
 @pytest.mark.parametrize("offset_px", [(0.0, 0.0), (0.31, -0.47), (-20.123, 7.5)])
 def test_light_and_label_are_the_same_number(scene, offset_px, record_accuracy):
     """The centroid of a lone target's noiseless stamp lies where truth says, and its light adds up to truth's."""
-    alone = scene.to_dict()
-    alone["targets"] = alone["targets"][:1]
-    alone["optics"] = {"aperture_m": 0.4, "psf": "gaussian", "sigma_px": 1.3, "stamp_cut_nei": 1e-9}
-    alone["sky"] = {"catalog": "none"}
-    alone["pointing"]["offset_px"] = offset_px
-    frames = ws.Renderer(ws.Scene.from_dict(alone), device="cpu").render([60], ["sat27"], ["A"], keep_signal=True)
+    alone = scene.replace(
+        targets=scene.to_dict()["groups"][0]["targets"][:1],
+        optics={"aperture_m": 0.4, "psf": "gaussian", "sigma_px": 1.3, "stamp_cut_nei": 1e-9},
+        sky__catalog="none",
+        pointing__offset_px=offset_px,
+    )
+    frames = ws.Renderer(alone, device="cpu").render([60], ["sat27"], ["A"], keep_signal=True)
     row, image = frames.truth[0], frames.signal_w_cm2.numpy()[0, 0, 0].astype(np.float64)
     rows, columns = np.indices(image.shape)
     total = image.sum()
@@ -328,12 +329,14 @@ def test_no_sensor_with_access_is_said(scene):
 
 
 def test_hostile_but_legal_scenes_stay_finite(scene):
-    data = scene.to_dict()
-    data["targets"] = data["targets"][:1]
-    data["targets"][0]["attitude"]["axis"] = [1e200, 1e200, 1e-200]
-    data["targets"][0]["temperature"] = {"start_k": 3.0, "end_k": 1e4}
-    data["detector"] |= {"bits": 1, "offset_counts": 0.0}
-    frames = ws.Renderer(ws.Scene.from_dict(data), device="cpu").render([60, 100], keep_signal=True)
+    hostile = scene.replace(
+        targets=scene.to_dict()["groups"][0]["targets"][:1],
+        targets__0__attitude__axis=[1e200, 1e200, 1e-200],
+        targets__0__temperature={"start_k": 3.0, "end_k": 1e4},
+        detector__bits=1,
+        detector__offset_counts=0.0,
+    )
+    frames = ws.Renderer(hostile, device="cpu").render([60, 100], keep_signal=True)
     assert np.isfinite(frames.signal_w_cm2.numpy()).all()
     assert frames.counts.numpy().max() == 1
     for name in ("x_px", "aspect_deg", "irradiance_w_cm2", "snr_peak"):

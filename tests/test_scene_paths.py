@@ -8,6 +8,7 @@ import pytest
 import warpsim as ws
 from warpsim.files import absolute_path
 from warpsim.orbit.constellations import NamedOrbit
+from warpsim.scene.scene_files import named_files
 from warpsim.scene.sky import Sky
 
 TLE = """\
@@ -52,7 +53,7 @@ def test_paths_count_from_the_directory_that_they_were_given_in(scene, folder, t
     monkeypatch.chdir(folder)
     made = with_files(scene, lambda name: kind(f"data/../data/{name}") if kind is str else Path("data") / name)
     names = ["a.tle", "states.csv", "turn.csv", "scan.csv"]
-    assert sorted(made.files) == sorted(str(folder / "data" / name) for name in names)
+    assert sorted(named_files(made.to_dict())) == sorted(str(folder / "data" / name) for name in names)
     assert made.sky.catalog == str(folder / "data" / "default")
     monkeypatch.chdir("/")
     assert made.sensor_names == ["norad25544", "a", "b", "c", "d"]

@@ -59,7 +59,7 @@ def along(tmp_path):
             frames={"count": 2, "interval_s": duration_s / 2},
             constellation={"kind": "ephemeris_files", "files": [files[0]]},
             trajectory={"kind": "ephemeris", "file": files[1]},
-            targets=[{**base["targets"][0], "name": "ship"}],
+            targets=[{**base["groups"][0]["targets"][0], "name": "ship"}],
             release={},
             access_rules={},
             sky={"catalog": "none"},

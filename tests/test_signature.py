@@ -105,7 +105,7 @@ def test_reflected_sunlight_is_that_of_a_mesh(day, device, target, record_accura
     """Track, light time, attitude, Sun's distance and eclipse, radiance and facets, written out on their own."""
     frames = ws.Renderer(day, device=device).render([1, 33, 99], ["sat11", "sat47"], ["A", "E"])
     rows = frames.truth[frames.truth["target"] == target]
-    spec = day.target_specs[day.target_names.index(target)]
+    spec = day.scenario.targets[day.target_names.index(target)].spec
     normal, area = facets(spec.shape)
     assert np.all(rows["sunlit_fraction"] == 1)
     for row in rows[~rows["occulted"]]:
@@ -145,7 +145,7 @@ def test_reflected_heat_of_the_earth_is_that_of_a_mesh(day, device, target, reco
     """Facets with the printed view factor, the Earth's radius below the target, default brightness temperatures."""
     truth = ws.Renderer(day, device=device).render([1, 99], ["sat11", "sat47"], ["A", "E"]).truth
     rows = truth[(truth["target"] == target) & ~truth["occulted"]]
-    spec = day.target_specs[day.target_names.index(target)]
+    spec = day.scenario.targets[day.target_names.index(target)].spec
     normal, area = facets(spec.shape)
     pole = day.scenario.tracks.pole_icrs
     for row in rows:
@@ -230,7 +230,12 @@ def test_albedo_by_its_fast_series(day, device, error, degree):
     where = {"time_s": np.linspace(0, 1600, 17), "sensors": ["sat11", "sat47"], "bands": ["A"], "device": device}
     found, right = (ws.light_curves(s, **where) for s in (asked, fine))
     reflected = 0.3 / np.pi * day.lighting.sun_w_m2_in("A") * 1.04 * 1e-4 / (found.range_km * 1e3) ** 2
-    most = np.array([spec.surface.reflectance_in("A") * spec.shape.surface_m2 / 2 for spec in day.target_specs])
+    most = np.array(
+        [
+            spec.surface.reflectance_in("A") * spec.shape.surface_m2 / 2
+            for spec in (target.spec for target in day.scenario.targets)
+        ]
+    )
     missed = np.abs(found.terms_w_cm2["albedo"] - right.terms_w_cm2["albedo"])[:, :, 0]
     assert (missed <= error * reflected * most).all()
     assert missed.max() > 0

@@ -90,6 +90,18 @@ def test_kernel_follows_the_hosts_path(scene, device):
         assert 5 < moving.sum() < 60
 
 
+def test_the_first_step_holds_before_its_start(scene, device):
+    """An exposure about the first frame begins before the epoch: no turn is made there, by host or kernel."""
+    turning = slewing(scene, STARS).replace(detector__exposure_s=0.2, sky__catalog="default")
+    instrument = turning.scenario.instrument
+    axes = instrument.commanded_axes(instrument.index("sat11"), np.array([-0.1, 0.0, 0.1])).axes
+    assert np.ptp(axes, axis=0).max() < TWIN_RAD
+    frames = ws.Renderer(turning, device=device).render([0], sensors=["sat11"], bands=["A"], keep_stars=True)
+    assert not frames.slewing.any()
+    stars = frames.stars
+    assert len(stars) > 0 and np.hypot(stars["dx_px"], stars["dy_px"]).max() < 1e-6
+
+
 def test_nobody_has_access_while_the_camera_turns(scene):
     turning = slewing(scene).replace(frames={"count": 200, "interval_s": 1.0, "start_s": 660.0})
     still = slewing(scene, slew=None)

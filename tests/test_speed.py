@@ -55,8 +55,8 @@ def test_stars_are_as_dense_at_the_edge_as_in_the_middle(rendered):
 
 
 def test_stars_of_two_sensors_that_look_alike_are_there_once(work):
-    one = speed_catalog(work.scene, work.sensors[:1], 4, 60)
-    assert len(speed_catalog(work.scene, work.sensors[:1] * 2, 4, 60)) == len(one) > 100
+    one = speed_catalog(work.scene.scenario, work.sensors[:1], 4, 60)
+    assert len(speed_catalog(work.scene.scenario, work.sensors[:1] * 2, 4, 60)) == len(one) > 100
 
 
 def test_light_of_stars_follows_its_power_law(work):
@@ -66,7 +66,7 @@ def test_light_of_stars_follows_its_power_law(work):
     for edge in (40.0, 200.0, 2000.0):
         expected = (edge**-1.5 - high**-1.5) / (low**-1.5 - high**-1.5) * len(light)
         assert abs((light > edge).sum() - expected) < N_SIGMA * np.sqrt(expected)
-    irradiance = work.catalog.irradiance_w_cm2(BAND) / work.scene.nei_w_cm2(BAND)
+    irradiance = work.catalog.irradiance_w_cm2(BAND) / work.scene.scenario.instrument.nei_w_cm2(BAND)
     np.testing.assert_allclose(irradiance, power_law_nei(len(work.catalog)), rtol=1e-12)
 
 

@@ -79,12 +79,11 @@ def test_bad_surfaces_are_refused_in_one_line(fields, message):
 def test_every_band_of_the_scene_must_be_covered(scene):
     with pytest.raises(ws.InputError, match=r"targets\[1\]\.surface: .* of sphere in every band .* none in band C"):
         scene.replace(targets__1__surface={"reflectance": {"A": 0.9, "E": 0.9}})
-    group = scene.to_dict()
-    first = {**group["targets"][0], "name": "other", "surface": {"emissivity": {"A": 0.5}}}
-    trajectory = {key: value for key, value in group["trajectory"].items() if key != "epoch_utc"}
-    group["groups"] = [{"name": "second", "trajectory": trajectory, "targets": [first]}]
-    with pytest.raises(ws.InputError, match=r"groups\[0\]\.targets\[0\]\.surface: .* of other .* none in band C"):
-        ws.Scene.from_dict(group)
+    (group,) = scene.to_dict()["groups"]
+    other = {**group["targets"][0], "name": "other", "surface": {"emissivity": {"A": 0.5}}}
+    second = {"name": "second", "trajectory": group["trajectory"], "targets": [other]}
+    with pytest.raises(ws.InputError, match=r"groups\[1\]\.targets\[0\]\.surface: .* of other .* none in band C"):
+        scene.replace(groups=[group, second])
     assert scene.replace(bands=["A"], targets__1__surface={"reflectance": {"A": 0.9}}).bands == ("A",)
 
 

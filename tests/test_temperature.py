@@ -8,6 +8,7 @@ from warpsim_kernels import temperature
 
 import warpsim as ws
 from warpsim.render.temperature_arrays import make_temperatures
+from warpsim.scene.scene_files import named_files
 from warpsim.target.temperature import TemperatureRows, checked_rows
 
 SEED = 161803
@@ -127,7 +128,7 @@ def with_file(scene, tmp_path, text, name="t.csv", **fields):
     """A saved scene whose spheres take their temperature from a file beside it."""
     (tmp_path / name).write_text(text)
     data = scene.to_dict()
-    data["targets"][1]["temperature"] = {"kind": "table", "file": str(tmp_path / name), **fields}
+    data["groups"][0]["targets"][1]["temperature"] = {"kind": "table", "file": str(tmp_path / name), **fields}
     path = tmp_path / "scene.json"
     ws.Scene.from_dict(data).save(path)
     return path
@@ -137,8 +138,8 @@ def test_a_file_beside_the_scene_is_read(scene, tmp_path):
     loaded = ws.Scene.load(with_file(scene, tmp_path, CSV))
     np.testing.assert_allclose(loaded.scenario.temperature_k("sphere04", [0.0, 400.0, 1250.0]), [300.0, 305.25, 300.25])
     assert loaded.scenario.temperatures[1] is loaded.scenario.temperatures[10]  # one table for the ten spheres
-    assert loaded.files == [str(tmp_path / "t.csv")]
-    table = loaded.targets[1].temperature
+    assert named_files(loaded.to_dict()) == [str(tmp_path / "t.csv")]
+    table = loaded.groups[0].targets[1].temperature
     assert len(table.checksum) == 64
     (tmp_path / "t.csv").unlink()  # read once
     assert table.rows(loaded.epoch).at(400.0)[0] == pytest.approx(305.25, abs=1e-9)
@@ -244,7 +245,7 @@ def test_scenes_with_all_models_load_back_equal(scene, tmp_path, ending):
     mixed.save(tmp_path / f"m.{ending}")
     assert ws.Scene.load(tmp_path / f"m.{ending}") == mixed
     plain = scene.to_dict()
-    for target in plain["targets"]:
+    for target in plain["groups"][0]["targets"]:
         assert target["temperature"].pop("kind") == "linear"  # scenes need not say it
     assert ws.Scene.from_dict(plain) == scene
 

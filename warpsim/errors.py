@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numbers
 import os
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
@@ -129,7 +130,7 @@ class InputError(ValueError):
 def shown(value: Any, form: str = "") -> str:
     """A value as messages show it: on one line, not too long."""
     try:
-        if form:
+        if form and isinstance(value, str if form == "s" else numbers.Number):
             return format(value, form)
         item = value.item() if hasattr(value, "item") and getattr(value, "ndim", None) == 0 else value
         text = " ".join(repr(item).split())  # arrays print over several lines

@@ -69,7 +69,8 @@ class PeerWork:
     def signal_nei(self, frame: int, **changes: Any) -> np.ndarray:
         """Noiseless image by the product, (n_pixel, n_pixel)."""
         frames = self.renderer(1, **changes).render([frame], self.speed.sensors, [BAND], keep_signal=True)
-        return frames.signal_w_cm2.numpy()[0, 0, 0].astype(np.float64) / self.speed.scene.nei_w_cm2(BAND)
+        nei_w_cm2 = self.speed.scene.scenario.instrument.nei_w_cm2(BAND)
+        return frames.signal_w_cm2.numpy()[0, 0, 0].astype(np.float64) / nei_w_cm2
 
 
 class Peer(Protocol):
@@ -99,13 +100,13 @@ def peer_work(n_pixel: int, n_star: int, psf: str, stamps: str = "default", n_fr
     scene = speed.scene.replace(**STAMPS[stamps][psf])
     if psf == "airy":
         one = scene.replace(optics__n_interval=1)
-        scale = one.psf(BAND).radii_px[0] / AIRY_RADIUS_PX
+        scale = one.scenario.instrument.psf(BAND).radii_px[0] / AIRY_RADIUS_PX
         scene = one.replace(optics__aperture_m=one.optics.aperture_m * scale)
     speed = SpeedWork(scene, speed.sensors, speed.catalog, speed.n_frame, n_star, psf)
     frames = ws.Renderer(scene, "cpu", catalog=speed.catalog).render(
         speed.frames(0), speed.sensors, [BAND], keep_stars=True
     )
-    stars, truth, nei_w_cm2 = frames.stars, frames.truth, scene.nei_w_cm2(BAND)
+    stars, truth, nei_w_cm2 = frames.stars, frames.truth, scene.scenario.instrument.nei_w_cm2(BAND)
     nei = scene.detector
     largest = min(2**nei.bits - 1, nei.offset_counts + nei.counts_per_nei * nei.dynamic_range)
     columns: dict[str, list[np.ndarray]] = {}

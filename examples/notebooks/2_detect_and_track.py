@@ -119,7 +119,7 @@ def one_sphere(radius_m):
     frames = ws.Renderer(scene).render(range(N_IMAGE), [SENSOR], [BAND], keep_signal=True)
     x, y = frames.truth["x_px"].data, frames.truth["y_px"].data
     place = np.arange(N_IMAGE), np.rint(y).astype(int), np.rint(x).astype(int)
-    expected = filtered(frames.signal_w_cm2.numpy()[:, 0, 0] / scene.nei_w_cm2(BAND))[place]
+    expected = filtered(frames.signal_w_cm2.numpy()[:, 0, 0] / scene.scenario.instrument.nei_w_cm2(BAND))[place]
     snr = filtered(level_nei(frames.counts.numpy()[:, 0, 0]))
     found = peaks(snr, thresholds[0])
     image = found[:, 0].astype(int)
@@ -246,7 +246,7 @@ for image in range(N_FRAME):
 errors_px = np.array(errors_px)
 
 dark = ws.Renderer(crowded.replace(sky={"catalog": "none"})).render(range(N_FRAME), [SENSOR], [BAND], keep_signal=True)
-clean = filtered(dark.signal_w_cm2.numpy()[:, 0, 0] / crowded.nei_w_cm2(BAND))
+clean = filtered(dark.signal_w_cm2.numpy()[:, 0, 0] / crowded.scenario.instrument.nei_w_cm2(BAND))
 own_pixel = truth["frame"].data, np.rint(truth["y_px"]).astype(int), np.rint(truth["x_px"]).astype(int)
 predicted = q_function(THRESHOLD - clean[own_pixel]).reshape(found.shape)
 

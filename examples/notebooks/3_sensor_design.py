@@ -145,15 +145,15 @@ plt.show()
 base = scene_at(3000.0)
 apertures_m = np.linspace(0.1, 1.0, 7 if SMALL else 19)
 n_pixels = np.unique(np.geomspace(64, 2048, 7 if SMALL else 41).astype(int))
-nei_w_cm2 = np.array(
-    [
-        [
-            base.replace(optics__aperture_m=d, camera__n_row=int(n), camera__n_col=int(n)).nei_w_cm2(BAND)
-            for d in apertures_m
-        ]
-        for n in tqdm(n_pixels, desc="designs", leave=False)
-    ]
-)
+
+
+def nei_of(aperture_m, n_pixel):
+    """NEI of a design [W/cm2]."""
+    design = base.replace(optics__aperture_m=aperture_m, camera__n_row=int(n_pixel), camera__n_col=int(n_pixel))
+    return design.scenario.instrument.nei_w_cm2(BAND)
+
+
+nei_w_cm2 = np.array([[nei_of(d, n) for d in apertures_m] for n in tqdm(n_pixels, desc="designs", leave=False)])
 
 
 def detection_range_km(share, nei_w_cm2):

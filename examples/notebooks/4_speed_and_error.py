@@ -56,7 +56,7 @@ direction = ahead + tangent[:, :1] * right + tangent[:, 1:] * down
 ra_deg = np.degrees(np.arctan2(direction[:, 1], direction[:, 0]))
 dec_deg = np.degrees(np.arcsin(direction[:, 2] / np.linalg.norm(direction, axis=1)))
 brightness_nei = np.minimum(5 * random.uniform(size=N_STAR) ** (-1 / 1.1), scene.detector.dynamic_range)
-flux_jy = brightness_nei * scene.nei_w_cm2(BAND) / ws.BANDS[BAND].w_cm2_per_jy
+flux_jy = brightness_nei * scene.scenario.instrument.nei_w_cm2(BAND) / ws.BANDS[BAND].w_cm2_per_jy
 catalog = ws.StarCatalog.from_arrays(ra_deg, dec_deg, {BAND: flux_jy}, epoch_jyear=scene.epoch.jyear)
 
 view = ws.Renderer(scene, catalog=catalog).render([0], [SENSOR], [BAND], keep_stars=True)
@@ -95,7 +95,7 @@ def renderer_of(setting):
 def signal_nei(renderer):
     """Noiseless images of the frames that are checked."""
     signal = renderer.render(CHECKED, [SENSOR], [BAND], keep_signal=True).signal_w_cm2
-    return signal.numpy()[:, 0, 0].astype(float) / scene.nei_w_cm2(BAND)
+    return signal.numpy()[:, 0, 0].astype(float) / scene.scenario.instrument.nei_w_cm2(BAND)
 
 
 class Study:

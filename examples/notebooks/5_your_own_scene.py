@@ -123,7 +123,7 @@ for name, ra_deg, dec_deg, flux, flag in zip(
     )
 
 # %% [markdown]
-# Three stars make a dull sky. So that the pictures have something to show, a made-up one joins them.
+# Three stars make a dull sky. So that the figures have something to show, synthetic stars join them.
 
 # %%
 synthetic = ws.StarCatalog.synthetic(limit_jy=0.2, sky="infrared", seed=5)
@@ -211,7 +211,7 @@ curve, minute = (ws.light_curves(scene, times, [SENSOR], shown, BANDS) for times
 figure, (left, right) = plt.subplots(1, 2, figsize=(12, 4.2), sharey=True, layout="constrained")
 for number, name in enumerate(shown):
     left.semilogy(
-        whole_s, np.where(curve.stowed[:, 0, number], np.nan, curve.snr[:, 0, 0, number]), ".", markersize=2.5
+        whole_s, np.where(curve.not_deployed[:, 0, number], np.nan, curve.snr[:, 0, 0, number]), ".", markersize=2.5
     )
     right.semilogy(minute_s, minute.snr[:, 0, 0, number], label=name)
 left.set(xlabel="time after the epoch [s]", ylabel="SNR, band A", title=f"{SENSOR}: a whole access, every 3 s")
@@ -227,7 +227,7 @@ plt.show()
 # ## Images
 #
 # The group at three times of that access, with truth: targets in blue, stars in red. Until 600 s after the epoch all
-# is stowed in the bus.
+# is in the bus, not yet deployed.
 
 # %%
 frame_numbers = np.linspace(longest["start_s"] / 10 + 1, longest["end_s"] / 10 - 1, 4).astype(int)[1:].tolist()

@@ -111,9 +111,10 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
         flags = commanded.flags
         if wp.static(features.slews):
             since_s = time_s - pointing.step_start_s[step]
-            if since_s < pointing.unsettled_s[step]:
+            begun = since_s >= wp.float64(0.0)  # an exposure about the first step's start begins before it
+            if begun and since_s < pointing.unsettled_s[step]:
                 flags = flags | SLEWING
-            if since_s < pointing.turn_s[step]:
+            if begun and since_s < pointing.turn_s[step]:
                 before = law_axes(
                     pointing.laws[pointing.step_law[step - 1]],
                     pointing.rows,

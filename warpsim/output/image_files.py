@@ -82,7 +82,7 @@ def read_image(path: str | Path) -> tuple[npt.NDArray[Any], dict[str, Any]]:
         kinds = {str(oiio.TypeDesc(oiio.UINT16)): oiio.UINT16, str(oiio.TypeDesc(oiio.FLOAT)): oiio.FLOAT}
         if spec.nchannels != 1 or str(spec.format) not in kinds:
             found = f"{spec.nchannels} of {spec.format}"
-            raise InputError("must have one channel of 16-bit counts or 32-bit floats", value=found).of(path)
+            raise InputError("must have one channel of 16-bit counts or 32-bit floats", "", found, "s").of(path)
         pixels = file.read_image(kinds[str(spec.format)])
         if pixels is None:
             raise InputError(f"cannot be read: {_one_line(file.geterror())}").of(path)

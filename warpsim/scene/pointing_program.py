@@ -291,7 +291,7 @@ def commanded_axes(
     axes = commanded.axes
     duration_s, ramp = np.array([(turn.duration_s, turn.ramp) for turn in turns]).T
     since_s = time_s - starts[step_of]
-    turning = since_s < duration_s[step_of]
+    turning = (since_s >= 0.0) & (since_s < duration_s[step_of])  # the first step holds before its start, too
     if turning.any():
         step = step_of[turning]
         before = _steps_axes(program, own, satellite, tracks, time_s[turning], step - 1).axes
