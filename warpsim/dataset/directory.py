@@ -77,6 +77,7 @@ class DatasetDirectory:
                 or another run is writing to it.
         """
         with locked(self.folder, self.parts):
+            self._check_no_rendered_run()
             try:
                 self._make_room(overwrite)
                 write_json({"key": self.key, "files": {}, **self.identity}, self.parts / RUN, lasting=True)
@@ -124,14 +125,17 @@ class DatasetDirectory:
         write_json(record, planned_path(self.folder, FINISH), lasting=True)
         self.manifest_path.unlink()
 
+    def _check_no_rendered_run(self) -> None:
+        """Refuse a folder that holds a run of `render_to_folder`, finished or not."""
+        for path in (self.manifest_path, self.parts / RUN):
+            if is_record(record := read_json(path)) and "recipe" not in record:
+                raise InputError("holds a rendered run, no data set; choose another folder").of(self.folder)
+
     def _make_room(self, overwrite: bool) -> None:
         """Make room for the data set: remove another one, if requested, never foreign files."""
         paths = [self.manifest_path, self.parts / RUN]
         paths += [path for folder in (CHECKPOINTS, PLANNED) for path in (self.parts / folder).glob("*.json")]
         runs = [record for record in map(read_json, paths) if is_record(record)]
-        for path in paths[:2]:
-            if is_record(record := read_json(path)) and "recipe" not in record:
-                raise InputError("holds a rendered run, no data set; choose another folder").of(self.folder)
         others = [run for run in runs if run["key"] != self.key]
         theirs = [name for run in others for name in _names(run)]
         if theirs and not overwrite:

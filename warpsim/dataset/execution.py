@@ -67,7 +67,7 @@ def _run_in_pools(tasks: Sequence[Task], n_worker: int, done: Callable[[Checkpoi
 
         pool = _pool(min(n_worker, len(left)))
         try:
-            _collect(pool, list(left.values()), keep)
+            _collect(pool, list(left.values()), keep, is_own=True)
             pool.shutdown()
         except BaseException as error:
             _end(pool)
@@ -78,8 +78,13 @@ def _run_in_pools(tasks: Sequence[Task], n_worker: int, done: Callable[[Checkpoi
                 raise OSError("worker processes were killed again and again (is there memory enough?)") from None
 
 
-def _collect(executor: Executor, tasks: Iterable[Task], done: Callable[[CheckpointRecord], None]) -> None:
-    """Run tasks and collect their checkpoint records as they come; the first failure cancels those not begun."""
+def _collect(
+    executor: Executor, tasks: Iterable[Task], done: Callable[[CheckpointRecord], None], is_own: bool = False
+) -> None:
+    """Run tasks and collect their checkpoint records as they come; the first failure cancels those not begun.
+
+    A pool of our own is ended by its caller; the workers of another executor are waited for.
+    """
     coming, waiting = iter(tasks), set[Future[CheckpointRecord]]()
     try:
         while True:
@@ -96,7 +101,7 @@ def _collect(executor: Executor, tasks: Iterable[Task], done: Callable[[Checkpoi
     except BaseException as error:
         for future in waiting:
             future.cancel()
-        if isinstance(error, Exception) and not isinstance(error, WorkersLostError):
+        if isinstance(error, Exception) and not isinstance(error, WorkersLostError) and not is_own:
             wait(waiting)  # what has begun ends by itself, and then the folder is nobody's
         raise
 
