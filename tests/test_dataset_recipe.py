@@ -119,7 +119,7 @@ def test_a_file_that_is_neither_scene_nor_recipe_is_refused(tmp_path):
         ({"bands": ["A", "A"]}, "bands: must name one or more, each once"),
         ({"bands": ["Z"]}, "bands: must be among those of the scene, got 'Z'"),
         ({"format": "gif"}, "format: must be 'fits', 'png', 'tiff', 'zarr' or 'webdataset', got 'gif'"),
-        ({"split": {"train": 0.0}}, "split: must name splits and their shares, not all 0"),
+        ({"split": {"train": 0.0}}, "split: must name splits and their sizes, not all 0"),
         ({"split": {"annotations": 1.0}}, "split: must not be called annotations"),
         ({"split": {"a/b": 1.0}}, "must be letters, digits"),
         ({"sample": {"frames.count": {"integer": [1, 2]}}}, "sample.frames.count: frames cannot be sampled"),
@@ -146,9 +146,14 @@ def test_bad_recipes_are_told_in_one_line(changes, message):
 
 def test_extremes_that_a_scene_refuses_are_found_before_the_work():
     bad = recipe(sample={"camera.fov_deg": {"uniform": [0.5, 500.0]}})
-    with pytest.raises(ws.InputError, match=re.escape("sample.camera.fov_deg: camera.fov_deg: must be in (0, ")):
+    with pytest.raises(
+        ws.InputError,
+        match=re.escape(
+            "sample.camera.fov_deg (drawn: camera.fov_deg = 500.0): Scene: camera.fov_deg: must be in (0, "
+        ),
+    ):
         check_extremes(bad)
-    with pytest.raises(ws.InputError, match=re.escape("sample.camera.fow_deg: camera.fow_deg: is not a known field")):
+    with pytest.raises(ws.InputError, match=r"camera.fow_deg = 0.5\): Scene: camera.fow_deg: is not a known field"):
         check_extremes(recipe(sample={"camera.fow_deg": {"uniform": [0.5, 0.6]}}))
     with pytest.raises(ws.InputError, match=r"targets.99.count: must name an item by its number, 0 to 3, got 99"):
         check_extremes(recipe(sample={"targets.99.count": {"integer": [1, 2]}}))
@@ -216,7 +221,7 @@ def test_when_nobody_can_see_the_targets_it_is_said(monkeypatch, sample, n_draw)
 
 
 def test_values_that_break_a_rule_together_name_the_sequence_and_what_was_drawn():
-    with pytest.raises(ws.InputError, match=r"sequence 3: .*sei_w_cm2.*\(drawn: detector.nei_w_cm2 = 1.0\)"):
+    with pytest.raises(ws.InputError, match=r"sequence 3 \(drawn: detector.nei_w_cm2 = 1.0\): Scene: .*sei_w_cm2"):
         varied(recipe(), {"detector.nei_w_cm2": 1.0}, "sequence 3")
 
 
@@ -343,4 +348,5 @@ def test_a_recipe_is_checked_before_it_is_run(catalogs, capsys):
     assert "two.fits: cannot be read" in capsys.readouterr().err
     catalogs.write_text('scene = "stss"\n[sample]\ncamera.fov_deg = { uniform = [1, 500] }\n')
     assert main(["check", str(catalogs)]) == 2
-    assert "sample.camera.fov_deg: camera.fov_deg: must be in (0, 120), got 500" in capsys.readouterr().err
+    drawn = "sample.camera.fov_deg (drawn: camera.fov_deg = 500.0): Scene: camera.fov_deg: must be in (0, 120)"
+    assert drawn in capsys.readouterr().err

@@ -344,7 +344,7 @@ def test_scenes_find_meshes_beside_their_file(scene, tmp_path):
     assert mesh.surface.volume_m3 == pytest.approx(1 / 48, rel=1e-14, abs=0)
     assert input_checksums(loaded.scenario) == {str(tmp_path / "body.obj"): mesh.checksum}
     (tmp_path / "named.toml").write_text(named.replace("body.obj", "no.obj"))
-    with pytest.raises(InputError, match=r"targets\[0\].shape.file: .*no\.obj: cannot be read: No such file"):
+    with pytest.raises(InputError, match=r"targets\[0\].shape: .*no\.obj: cannot be read: No such file"):
         _ = ws.Scene.load(tmp_path / "named.toml").scenario
 
 

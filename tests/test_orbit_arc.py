@@ -195,7 +195,7 @@ def test_an_arc_flies_from_the_epoch_asked_for():
             assert np.array_equal(mine[:, 0], theirs)
     assert not np.array_equal(arc.state(time_s)[0], stated.state(time_s)[0])
     assert paper_arc(epoch_utc="2000-01-01T12:00:00").apogee_altitude_km == arc.apogee_altitude_km
-    with pytest.raises(InputError, match=r"^epoch_utc: must be left out, or be when the flight starts \(2025-06-01T00:00.*got '2025"):
+    with pytest.raises(InputError, match=r"^epoch_utc: must be left out, or .* \(2025-06-01T00:00.*got '2025"):
         stated.states(instant("2025-06-01"), time_s)
 
 

@@ -206,7 +206,7 @@ def test_errors_in_a_list_name_the_satellite():
     with pytest.raises(InputError, match=r"^b: .*falls through"):
         listed.states(EPOCH, [6000.0])
     arc = ListedSatellites([{"name": "d", "orbit": {**ARC, "epoch_utc": "2000-01-01T12:00:00"}}])
-    with pytest.raises(InputError, match=r"^d: epoch_utc: must be left out, or be when the flight starts \(2025-06-01T00:00"):
+    with pytest.raises(InputError, match=r"^d: epoch_utc: must be left out, or .* \(2025-06-01T00:00"):
         arc.states(EPOCH, [0.0])
 
 

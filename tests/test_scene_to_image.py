@@ -5,7 +5,7 @@ import pytest
 from scipy.special import erf
 
 import warpsim as ws
-from warpsim.output.contact_sheet import GAP_PX, LEFT_PX, TILE_PX, TOP_PX, draw_contact_sheet, grey_tile
+from warpsim.output.contact_sheet import GAP_PX, LEFT_PX, TILE_PX, TOP_PX, SheetRow, draw_contact_sheet, grey_tile
 from warpsim.target.attitude import attitude_frame
 
 C_M_S = 299_792_458.0
@@ -104,7 +104,7 @@ def test_truth_says_when_there_is_access(scene):
 def test_tiles_keep_the_orientation_and_every_point(scene, n_row, n_col):
     counts = np.full((n_row, n_col), 100, dtype=np.uint16)
     counts[n_row // 10, n_col - 2] = 8000  # near the top, far right
-    tile = grey_tile(counts, scene, "A")
+    tile = grey_tile(counts, scene.scenario.instrument.levels["A"])
     row, column = np.unravel_index(tile.argmax(), tile.shape)
     assert max(tile.shape) <= TILE_PX
     assert row / tile.shape[0] == pytest.approx(0.1, abs=0.05)
@@ -125,14 +125,16 @@ def test_contact_sheet_shows_the_frames_it_says(scene, tmp_path):
         return images
 
     path = tmp_path / "sheet.png"
-    draw_contact_sheet(scene, "A", frames_of, planes, path)
+    instrument = scene.scenario.instrument
+    rows = [SheetRow(sensor, instrument, "A", frames) for sensor, frames in frames_of.items()]
+    draw_contact_sheet(scene, rows, planes, path)
     pixels = oiio.ImageBuf(str(path)).get_pixels(oiio.UINT8)
     for row, sensor in enumerate(frames_of):
         for column in range(10):
             top, left = TOP_PX + row * (TILE_PX + GAP_PX), LEFT_PX + column * (TILE_PX + GAP_PX)
             seen = pixels[top + 100, left + 10, 0]
             if 40 + column in frames_of[sensor]:
-                expected = grey_tile(planes(sensor, [40 + column])[0], scene, "A")[0, 0]
+                expected = grey_tile(planes(sensor, [40 + column])[0], instrument.levels["A"])[0, 0]
                 assert seen == expected, (sensor, column)
                 assert pixels[top + 30, left + 120, 0] == 255
                 assert np.count_nonzero(pixels[top + 20 : top + 128, left : left + 128, 0] == 255) == 1

@@ -246,7 +246,7 @@ def test_render_works_beside_a_stream(renderer):
         ({"rate_hz": math.nan}, "rate_hz: must be a number of at least 1e-06, got nan"),
         ({"rate_hz": "30"}, "rate_hz: must be a number of at least 1e-06, got '30'"),
         ({"n_ahead": 0}, "n_ahead: must be a whole number >= 1, got 0"),
-        ({"sensors": ["sat99"]}, "sensors: must be among .* got 'sat99'"),
+        ({"sensors": ["sat99"]}, "sensors: must be sensors of the scene .* got 'sat99'"),
         ({"frames": [-1]}, "frames: must be whole numbers .* got -1"),
     ],
 )

@@ -90,7 +90,8 @@ def electron_levels(detector: ElectronDetector, optics: Optics, camera: Camera, 
     if blank_e >= full_e:
         raise InputError(
             f"background and dark current must not saturate a pixel in band {band}, got {blank_e:.3g} electrons where "
-            f"{full_e:.3g} do"
+            f"{full_e:.3g} do",
+            "detector",
         )
     slope = 1 - 2 * detector.nonlinearity * blank_e / detector.full_well_e
     shot2_e2 = blank_e if detector.shot_noise else 0.0
@@ -113,8 +114,7 @@ def _given(detector: NeiDetector | ElectronDetector, name: str, band: str) -> fl
     given: float | Mapping[str, float] = getattr(detector, name)
     value = in_band(given, band)
     if value is None:
-        table = given if isinstance(given, Mapping) else {}
-        raise InputError(f"must name every band of the scene, got none for {band} among {', '.join(table)}", name)
+        raise InputError(f"must name every band of the scene, got none for {band}", f"detector.{name}")
     return float(value)
 
 
