@@ -32,7 +32,7 @@ def test_a_list_of_devices_shares_the_views(scene, expected, devices, n_thread, 
     differ = np.count_nonzero(frames.counts.numpy() != expected)
     record_accuracy("Counts with any list of devices", differ, 0, "pixels differ", "each other")
     assert frames.counts.device.is_cpu
-    worlds = {id(lane.world) for lane in renderer._crews["sensor", ("A", "C")].lanes}
+    worlds = {id(lane.scene) for lane in renderer._crews["sensor", ("A", "C")].lanes}
     assert len(worlds) == len(devices)
     one = ws.Renderer(scene, device="cpu").render(range(7), bands=["A", "C"], keep_signal=True, keep_stars=True)
     np.testing.assert_array_equal(frames.signal_w_cm2.numpy(), one.signal_w_cm2.numpy())

@@ -357,8 +357,8 @@ def test_header_and_manifest_tell_the_chain(warm_scene, tmp_path):
     assert "COLNOISE" not in header
     render_to_folder(uneven, tmp_path / "run", frames=[60], sensors=["sat11"], bands=["C"], device="cpu")
     manifest = __import__("json").loads((tmp_path / "run" / "manifest.json").read_text())
-    assert manifest["detector"]["terms"] == {"prnu": "0.01 rms of gains"}
-    assert manifest["detector"]["bands"]["C"]["dark_e"] == pytest.approx(300.0, rel=1e-12)
+    assert manifest["sensors"]["sensor"]["detector"]["terms"] == {"prnu": "0.01 rms of gains"}
+    assert manifest["sensors"]["sensor"]["detector"]["bands"]["C"]["dark_e"] == pytest.approx(300.0, rel=1e-12)
 
 
 BROKEN = [

@@ -267,7 +267,7 @@ def test_a_missing_file_is_found_before_any_work(tmp_path):
         optics__psf="table", optics__psf_file=str(tmp_path / "gone.npy"), optics__psf_oversample=2.0
     )
     scene.save(tmp_path / "scene.toml")
-    with pytest.raises(InputError, match=r"^sensors\[0\].optics: .*gone.npy: cannot be read"):
+    with pytest.raises(InputError, match=r"^optics.psf_file: .*gone.npy: cannot be read"):
         ws.Renderer(ws.Scene.load(tmp_path / "scene.toml"))
 
 

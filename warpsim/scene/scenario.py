@@ -26,7 +26,7 @@ from warpsim.scene.instrument import Instrument, SceneWide
 from warpsim.scene.roster import Roster
 from warpsim.scene.sensors import sensor_instances
 from warpsim.scene.short_form import item_path
-from warpsim.scene.solved import check_paths, check_shapes
+from warpsim.scene.solved import check_paths, check_psf_files, check_shapes
 from warpsim.scene.target_access import ACCESS_STEP_S, target_margins
 from warpsim.scene.targets import SceneTarget, scene_targets
 from warpsim.scene.temperatures import target_temperatures, temperature_tables
@@ -83,7 +83,7 @@ class Scenario:
                 instrument.check_frames(instrument.frame_time_s([0, frames.count - 1]))
                 if instrument.slews:
                     _ = [instrument.turns(index) for index in range(len(instrument.names))]
-                instrument.sensor.optics.file_checksums  # noqa: B018  # reads the files
+                check_psf_files(instrument.sensor.optics)
             except InputError as error:
                 raise error.within(item_path("sensors", number, len(self.instruments))) from None
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from warpsim.errors import InputError
 from warpsim.instant import Instant, instant_after
+from warpsim.optics.telescope import Optics
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.constellations import ListedSatellites, MixedConstellation, SeedPattern
 from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
@@ -78,3 +79,15 @@ def check_shapes(groups: Sequence[TargetGroup]) -> None:
                 except InputError as error:
                     path = item_path("groups", number, len(groups))
                     raise error.within(f"targets[{entry}].shape").within(path) from None
+
+
+def check_psf_files(optics: Optics) -> None:
+    """Check that images of point spread functions can be read.
+
+    Raises:
+        InputError: One cannot; the path begins with the field.
+    """
+    try:
+        optics.file_checksums  # noqa: B018  # reads the files
+    except InputError as error:
+        raise error.within("optics.psf_file") from None
