@@ -165,8 +165,8 @@ def test_oem_keeps_the_orbit_between_its_rows(folder):
     ("change", "message"),
     [
         ({"duration_s": 2000.0, "frames__count": 200},
-         r"^constellation.parts\[1\]: .*bird.oem: BIRD_1: time 2000 s .2025-06-01T00:33:20.000. must be in the file's span"),
-        ({"epoch_utc": "2025-05-31T23:00:00"}, r"^constellation.parts\[1\]: .*bird.oem: BIRD_1: time 0 s .2025-05-31T23:00"),
+         r"^constellation.parts\[1\]: .*bird.oem: BIRD_1: time 2000 s .2025-06-01T00:33.* must be in the file's span"),
+        ({"epoch_utc": "2025-05-31T23:00:00"}, r"^constellation.parts\[1\]: .*: BIRD_1: time 0 s .2025-05-31T23:00"),
         ({"constellation__parts__0__file": "none.tle"}, r"^constellation: .*none.tle: cannot be read"),
         ({"groups__0__trajectory__object": "boat"}, r"^trajectory: .*ship.e: .*boat"),
         ({"groups__0__trajectory__file": "tumble.csv"}, r"^trajectory: .*tumble.csv"),

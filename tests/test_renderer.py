@@ -307,7 +307,7 @@ def test_group_pointing_and_up_rules(scene):
         (lambda r: r.render([-1]), "frames: must be whole numbers"),
         (lambda r: r.render([1.5]), "frames: must be whole numbers"),
         (lambda r: r.render([10**6]), "after the scene's end"),
-        (lambda r: r.render([0], sensors=["sat99"]), "sensors: must be among .* got 'sat99'"),
+        (lambda r: r.render([0], sensors=["sat99"]), "sensors: must be sensors of the scene .* got 'sat99'"),
         (lambda r: r.render([0], bands=["Z"]), "bands: must be among A, C, E, got 'Z'"),
         (lambda r: r.render([0], bands=[]), "bands: must name at least one"),
         (lambda r: r.render([0]).stars, "keep_stars"),

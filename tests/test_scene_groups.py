@@ -124,7 +124,10 @@ def test_several_groups(scene, tmp_path):
         ({"targets": []}, r"groups\[1\].targets: must hold at least the main target"),
         ({"targets": [{**SECOND["targets"][0], "count": 2}]}, r"groups\[1\].targets\[0\].count: must be 1"),
         ({"name": "a b"}, r"groups\[1\].name: must be letters"),
-        ({"trajectory": {**SECOND["trajectory"], "duration_s": 900.0}}, r"groups\[1\].trajectory: .*below the ground"),
+        (
+            {"trajectory": {**SECOND["trajectory"], "duration_s": 900.0}},
+            r"^groups\[1\].trajectory.duration_s: .*below",
+        ),
         ({"targets": [{**SECOND["targets"][0], "name": "center"}]}, "names must be unique .* got center twice"),
         ({"name": "main"}, r"groups\[1\].name: must be no other name of the scene, 'main' .*, got 'main'"),
         ({"name": "cone03"}, r"groups\[1\].name: must be no other name of the scene, .* got 'cone03'"),

@@ -186,18 +186,18 @@ def test_dates_and_units_of_columns_are_honoured(scene, tmp_path):
 )  # fmt: skip
 def test_bad_files_are_named_with_line_and_target(scene, tmp_path, text, message):
     with pytest.raises(ws.InputError, match=message) as caught:
-        ws.Scene.load(with_file(scene, tmp_path, text))
+        _ = ws.Scene.load(with_file(scene, tmp_path, text)).scenario
     assert "targets[1].temperature: " in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_gaps_of_files_and_missing_files(scene, tmp_path):
     with pytest.raises(ws.InputError, match=r"t.csv: line 5: time_s: must be at most max_gap_s \(850 s\)"):
-        ws.Scene.load(with_file(scene, tmp_path, CSV, max_gap_s=850.0))
+        _ = ws.Scene.load(with_file(scene, tmp_path, CSV, max_gap_s=850.0)).scenario
     path = with_file(scene, tmp_path, CSV)
     (tmp_path / "t.csv").unlink()
     with pytest.raises(ws.InputError, match=r"t\.csv: cannot be read"):
-        ws.Scene.load(path)
+        _ = ws.Scene.load(path).scenario
 
 
 # Scenes

@@ -23,7 +23,7 @@ from warpsim.scene.attitudes import AnyAttitude, attitude_tables, target_attitud
 from warpsim.scene.breakpoints import breakpoints_s
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument, SceneWide
-from warpsim.scene.roster import Roster
+from warpsim.scene.roster import Roster, some_names
 from warpsim.scene.sensors import sensor_instances
 from warpsim.scene.short_form import item_path
 from warpsim.scene.solved import check_paths, check_psf_files, check_shapes
@@ -227,6 +227,14 @@ class Scenario:
                 return instrument.satellite_names[instrument.names.index(name)]
         return name
 
+    def _eclipsed_body(self, name: str) -> str:
+        """Name of the track of a sensor, a satellite or a target; the Sun has no eclipses."""
+        body = self._body(name)
+        if body not in self.satellite_names and body not in self.target_names:
+            known = some_names([*self.target_names[:1], *self.sensor_names])
+            raise InputError(f"must be a sensor or a target ({known})", "name", name)
+        return body
+
     def view_axes(self, sensor: str, time_s: npt.ArrayLike) -> F64:
         """Return the camera axes that a sensor is commanded to take: those of its images, without errors of pointing.
 
@@ -387,7 +395,7 @@ class Scenario:
         Raises:
             InputError: The name is unknown, or a time lies outside the scene.
         """
-        times = times_s(time_s)
+        times, name = times_s(time_s), self._eclipsed_body(name)
         return sunlit_fraction(self.position_m(name, times), self.position_m("sun", times), self.tracks.pole_icrs)
 
     def eclipses(self, name: str, step_s: float = ACCESS_STEP_S) -> Table:
@@ -400,7 +408,7 @@ class Scenario:
         Raises:
             InputError: The name is unknown.
         """
-        tracks, body = self.tracks, self._body(name)
+        tracks, body = self.tracks, self._eclipsed_body(name)
         if body in self.target_names:
             position_m = tracks.position_function(self.target_names.index(body))
         else:
