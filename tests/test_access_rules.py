@@ -428,5 +428,5 @@ def test_eclipses_of_a_scene(scene):
     assert n_row > 3
     names = ["start_s", "umbra_start_s", "umbra_end_s", "end_s", "duration_s"]
     assert scene.scenario.eclipses("sat11").colnames == names
-    with pytest.raises(InputError, match="name: must be a sensor, a target or 'sun'"):
+    with pytest.raises(InputError, match="name: must be a sensor or a target"):
         scene.scenario.eclipses("moon")

@@ -47,6 +47,7 @@ def allowed(scene, sensor, time_s):
     )
 
 
+@pytest.mark.slow
 def test_stss_against_a_one_second_scan(scene):
     time_s = np.arange(0.0, scene.duration_s + 0.5)
     table = scene.access()

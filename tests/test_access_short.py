@@ -89,6 +89,7 @@ def runs_s(holds, time_s):
     return [(time_s[a], time_s[b]) for a, b in itertools.pairwise(change)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", list(RULES))
 @pytest.mark.parametrize(
     ("step_s", "nearest_m", "farthest_m"), [(10.0, 100.0, 2e4), (30.0, 1e3, 3e5)], ids=["near", "far"]

@@ -185,6 +185,7 @@ def worst_error(table, radius_px, obscuration):
     return np.abs(share(table, dx_px, dy_px) - exact).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("obscuration", OBSCURATIONS)
 @pytest.mark.parametrize("radius_px", [0.01, 0.02, 50.0])
 def test_ends_of_the_range(radius_px, obscuration, record_accuracy):
@@ -214,6 +215,7 @@ def test_wing_is_the_mean_over_rings(obscuration):
     assert np.mean(irradiance * r_lamf**3) == pytest.approx(wing_px3, rel=WING_RTOL)
 
 
+@pytest.mark.slow
 @every_pattern
 def test_flux_of_a_stamp(radius_px, obscuration):
     """Errors of neighbouring pixels do not add up to more than one pixel's tolerance."""

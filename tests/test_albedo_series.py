@@ -66,6 +66,7 @@ def harmonics_of(direction, light, nadir, degree):
     return lambda unit: (damped @ terms(unit)[1]).real
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degree", [4, 12])
 @pytest.mark.parametrize("limb_sine", [0.9, 0.98, 0.3])
 def test_series_of_an_element(degree, limb_sine):

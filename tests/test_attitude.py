@@ -280,7 +280,7 @@ def test_aspect_is_that_of_the_scenes_body_axis_at_emission(scene, target):
 def test_scene_says_which_targets_turn(scene):
     assert scene.scenario.attitude_quaternion("center", 0.0).shape == (1, 4)
     assert scene.scenario.body_axis("cone03", np.zeros(3)).shape == (3, 3)
-    with pytest.raises(ws.InputError, match=r"name: must be a target \(center, .*\), got 'sat11'"):
+    with pytest.raises(ws.InputError, match=r"name: must be a target of the scene \(center, .*\), got 'sat11'"):
         scene.scenario.body_axis("sat11", 0.0)
 
 

@@ -57,6 +57,7 @@ def test_targets_have_those_of_the_main_one_until_they_are_released(scene, manoe
     assert found["sat11"] == []
 
 
+@pytest.mark.slow
 def test_access_breaks_are_those_of_both_bodies_and_of_the_camera(scene, manoeuvre, monkeypatch):
     bodies = ws.ListedSatellites([
         {"name": "own", "orbit": ws.EphemerisOrbit(manoeuvre)},

@@ -40,6 +40,7 @@ def cluster(address, tmp_path, checkout_environment):
         process.wait(TIMEOUT_S)
 
 
+@pytest.mark.slow
 def test_dask_workers_write_the_same_bytes(recipe, whole, tmp_path):
     folder = tmp_path / "data"
     with (

@@ -117,6 +117,7 @@ def _runs(number):
     return status.exists() and status.read_text().rpartition(")")[2].split()[0] != "Z"
 
 
+@pytest.mark.slow
 def test_when_a_worker_is_killed_others_do_its_work(recipe_path, whole, tmp_path, checkout_environment):
     folder = tmp_path / "data"
     process = subprocess.Popen(command(recipe_path, folder, "--workers", "2"), env=checkout_environment)

@@ -427,6 +427,7 @@ def light_in_reach(xy_px, flux, half_width_px, shape):
     return (rows * flux[:, None]).T @ columns
 
 
+@pytest.mark.slow
 def test_a_million_sources_in_one_frame(device):
     """A thousand a pixel: the float32 sum still errs by less than each source may by itself."""
     rng = np.random.default_rng(SEED)

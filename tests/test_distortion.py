@@ -159,6 +159,7 @@ def test_direction_is_the_inverse_of_project(camera, record_accuracy):
 numbers = st.floats(-1, 1)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=300)
 @given(
     n_row=st.integers(1, 300), n_col=st.integers(1, 300), fov_deg=st.floats(0.01, 110), aspect=st.floats(0.1, 10),
@@ -290,6 +291,7 @@ def stars_by_brute_force(scene, frames, catalog, index):
     return np.flatnonzero(in_front & in_frame(scene.camera, xy)), xy
 
 
+@pytest.mark.slow
 @seen_by
 def test_every_star_is_on_the_image_where_the_camera_has_it(scene, device, camera):
     """The whole chain against brute force over the sky: none lost, none doubled, places to 1e-6 px."""

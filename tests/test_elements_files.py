@@ -142,7 +142,7 @@ def test_many_satellites_in_one_file(tmp_path):
     assert [s.norad_id for s in parse_element_sets("\n".join([*ISS, *second]))] == [25544, 25545]
     mixed = parse_element_sets("\n".join(["A", *ISS, *second, "0 2 EYES", *ISS]))
     assert [s.name for s in mixed] == ["A", "", "2 EYES"]
-    assert [s.place for s in mixed] == ["line 2", "line 4", "line 7"]
+    assert [s.location for s in mixed] == ["line 2", "line 4", "line 7"]
     other = {**ISS_FIELDS, "OBJECT_NAME": "B"}
     assert [s.name for s in parse_element_sets(kvn(ISS_FIELDS) + "\n" + kvn(other))] == ["ISS (ZARYA)", "B"]
     del other["CCSDS_OMM_VERS"]

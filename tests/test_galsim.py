@@ -64,6 +64,7 @@ def airy(radius_px, obscuration, gsparams):
     return galsim.Airy(lam_over_diam=radius_px / FIRST_DARK_RING, obscuration=obscuration, gsparams=gsparams)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma_px", [0.12, 0.35, 0.7, 2.0, 5.0])
 def test_gaussian(sigma_px, record_accuracy):
     profile = galsim.Gaussian(sigma=sigma_px, gsparams=params())
@@ -78,6 +79,7 @@ def test_airy(radius_px, obscuration, record_accuracy):
     assert_agree(ws.PsfAiry(radius_px, obscuration), profile, TABLE_ATOL, record_accuracy)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("band", "n_pixel", "changes"), [("A", 512, {}), ("E", 512, {"folding_threshold": 9e-4}), ("C", 1024, {})]
 )

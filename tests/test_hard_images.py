@@ -334,6 +334,7 @@ def test_two_stars_closer_than_a_thousandth_of_a_pixel(scene, device, psf, apart
         np.testing.assert_allclose(signal[0, 0, 0], expected, rtol=0, atol=SHARE * 3e-15)
 
 
+@pytest.mark.slow
 def test_a_million_stars_in_one_frame(scene, device):
     """The list grows to hold them all; the sum of their light is exact to float32 rounding in every pixel."""
     n_star, n_row, n_col = 1_000_000, 200, 256

@@ -54,6 +54,7 @@ def test_cooling_in_the_dark(settling_s, start_k):
     assert len(course.time_s) < 8000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settling_s", [0.1, 10.0, 3e3])
 def test_heating_that_swings_and_jumps_against_scipy(settling_s):
     """Smooth swings, kinks at no known time, and two bodies whose kinks differ."""
@@ -223,6 +224,7 @@ def body_kind(rates, span_s):
     return "one" if len(fast) < 2 else ("in-step" if rates["precession"] == 3.0 else "both")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
 @pytest.mark.parametrize("fields", MOTIONS.values(), ids=MOTIONS)
 def test_area_is_the_mean_over_fast_turns_at_the_slow_ones_phase(shape, fields):

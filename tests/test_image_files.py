@@ -336,6 +336,7 @@ write_preview(sys.argv[2], np.load(sys.argv[1]), Levels(1e-15, 1e-12, float(sys.
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["a.gif", "a.mp4"])
 def test_films_do_not_depend_on_what_lay_in_memory(scene, tmp_path, checkout_environment, name):
     """Where x264 chooses the quality itself they do."""

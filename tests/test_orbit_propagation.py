@@ -109,6 +109,7 @@ END_TIMES = {  # state, length of the longest flight
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", END_TIMES)
 @pytest.mark.parametrize("sign", [1.0, -1.0], ids=["after", "before"])
 def test_every_end_time_has_its_state(name, sign):

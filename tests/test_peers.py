@@ -37,6 +37,7 @@ def test_sources_are_those_of_the_image(work):
         assert light[inside].sum() * 0.95 < total < light.sum()
 
 
+@pytest.mark.slow
 def test_noiseless_images_agree(work, peer):
     for frame in (0, 2):
         exact = work.signal_nei(frame, **EXACT)

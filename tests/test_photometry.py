@@ -126,6 +126,7 @@ def measure_gaussian(scene, n_frame, sigma_px):
     return assert_unbiased_and_at_the_bound(fitted(images, model, labels, flux), labels, flux, bounds)
 
 
+@pytest.mark.slow
 def test_gaussian_stars_of_the_renderer_are_unbiased_and_at_the_bound(scene, record_accuracy):
     bias, scatter = measure_gaussian(scene, 7, sigma_px=0.7)
     record_accuracy("Flux of rendered stars, bias", abs(bias), UNBIASED / 2, "of the flux", "photutils")
@@ -175,6 +176,7 @@ def measure_airy(n_frame, radius_px):
     return assert_unbiased_and_at_the_bound(fitted(images, model, xy, flux), xy, flux, bounds)
 
 
+@pytest.mark.slow
 def test_airy_stars_are_unbiased_and_at_the_bound():
     """Noise by NumPy; the model that photutils fits is made from the transfer function, not from warpsim's tables."""
     measure_airy(7, radius_px=1.8)

@@ -108,6 +108,7 @@ def lit_and_seen(shape, view, sun):
         return total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in BODIES if name != "sphere"])
 def test_reflected_area_matches_mpmath(name, record_accuracy):
     shape = BODIES[name]

@@ -221,6 +221,7 @@ def test_sunlight_by_way_of_the_earth_is_that_of_patches(day, device, record_acc
     assert short.terms_w_cm2["albedo"].item() == pytest.approx(expected, rel=day.lighting.albedo_error, abs=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("error", "degree"), [(1e-2, 4), (5e-3, 8), (2e-3, 12), (1e-3, 0)])
 def test_albedo_by_its_fast_series(day, device, error, degree):
     """Each target, with and without exposure, against the finest rule; shares of the most the term can be there."""
@@ -426,6 +427,7 @@ def test_micromotion_of_the_papers_targets(scene, lighting):
     assert fastest["cylinder01"] == pytest.approx(2.0, abs=0.34)  # twice its rolling: both ends are alike
 
 
+@pytest.mark.slow
 def test_an_exposure_with_too_many_turns_is_refused(day):
     mad = day.replace(detector__exposure_s=10.0, targets__3__attitude__precession_rev_s=300.0)
     with pytest.raises(ws.InputError, match=r"detector.exposure_s: targets must turn less often .* 1025 instants"):

@@ -183,6 +183,7 @@ def test_faint_sources_may_err_by_what_their_stamps_leave_out(device):
     assert errors[0] > 1e-4  # not wasted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2, 4, 8, 16, 32, 64, 128])
 def test_lengths_that_rules_serve(count):
     """The table of LONGEST_STREAK anew: the light on one side of an edge, sampled at the nodes of each rule."""

@@ -76,8 +76,8 @@ class DatasetDirectory:
             InputError: The folder holds another data set and overwrite is not set, or files that warpsim did not write,
                 or another run is writing to it.
         """
+        self._check_no_rendered_run()
         with locked(self.folder, self.parts):
-            self._check_no_rendered_run()
             try:
                 self._make_room(overwrite)
                 write_json({"key": self.key, "files": {}, **self.identity}, self.parts / RUN, lasting=True)
