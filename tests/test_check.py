@@ -183,7 +183,9 @@ def test_reasons_without_access_are_of_what_a_sensor_tracks(scene):
         "exists_s": [0.0, 807.0],
     }
     looking = scene.replace(
-        groups=[scene.to_dict()["groups"][0], far], access_rules={"max_range_km": 20000.0}, sensors__0__pointing={"track": "moon"}
+        groups=[scene.to_dict()["groups"][0], far],
+        access_rules={"max_range_km": 20000.0},
+        sensors__0__pointing={"track": "moon"},
     )
     reasons = line(scene_report(looking.scenario), "no access")
     n_frame = looking.frames.count

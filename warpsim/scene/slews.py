@@ -43,7 +43,7 @@ class SlewTurn:
     settle_s: float
     """After the turn [s]."""
     vector: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Axis times angle of the rotation at its beginning [rad]: says which way round a turn of about half a turn goes."""
+    """Axis times angle of the rotation at its beginning [rad]: which way round it goes where that is half a turn."""
 
     @property
     def total_s(self) -> float:
@@ -81,8 +81,8 @@ def between(before: F64, after: F64, part: F64, near: npt.ArrayLike = (0.0, 0.0,
     """
     vector = rotation_vector(np.einsum("nij,nkj->nik", after, before))
     length = np.linalg.norm(vector, axis=-1, keepdims=True)
-    other = vector * (1.0 - 2.0 * np.pi / np.where(length > 0.0, length, 1.0))
-    nearer = np.linalg.norm(other - near, axis=-1) < np.linalg.norm(vector - near, axis=-1)
+    other, wanted = vector * (1.0 - 2.0 * np.pi / np.where(length > 0.0, length, 1.0)), np.asarray(near, np.float64)
+    nearer = np.linalg.norm(other - wanted, axis=-1) < np.linalg.norm(vector - wanted, axis=-1)
     vector = np.where(nearer[:, None] & (length > 0.0), other, vector) * part[:, None]
     return np.asarray(np.einsum("nij,njk->nik", _matrix(vector), before))
 
@@ -144,6 +144,7 @@ def turn_between(
     """
     rate, acceleration = math.radians(slew.max_rate_deg_s), math.radians(slew.max_acceleration_deg_s2)
     vector = rotation_vector(_rotation(before, after, np.array([start_s])))[0]
+    x, y, z = vector
     angle = float(np.linalg.norm(vector))
     duration_s = _shortest_s(angle, rate, acceleration)
     ramp = 0.5
@@ -151,7 +152,7 @@ def turn_between(
         if start_s + duration_s + slew.settle_s > end_s:
             break
         ramp = min(0.5, rate / acceleration / max(duration_s, _LEAST_S)) if duration_s > 0 else 0.5
-        turn = SlewTurn(duration_s, max(ramp, 1e-6), slew.settle_s, (float(vector[0]), float(vector[1]), float(vector[2])))
+        turn = SlewTurn(duration_s, max(ramp, 1e-6), slew.settle_s, (float(x), float(y), float(z)))
         looked_at_s = min(duration_s, last_s - start_s)
         times = start_s + np.linspace(0.0, 1.0, _N_SAMPLE) * looked_at_s
         part = slew_part(max(duration_s, _LEAST_S), turn.ramp, times - start_s)
