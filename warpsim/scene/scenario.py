@@ -52,6 +52,9 @@ class Scenario:
     """
 
     def __init__(self, scene: SceneDescription) -> None:
+        if not isinstance(scene, SceneDescription):
+            rule = f"must be a Scene, got {type(scene).__name__}; Scene.load reads presets and files"
+            raise InputError(rule, "scene")
         self.scene = scene
         self.epoch: Instant = instant(scene.epoch_utc)
         """What all times count from."""
