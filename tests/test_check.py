@@ -172,3 +172,22 @@ def test_light_and_heat_are_reported(scene):
     assert "light      albedo: off" in report
     assert re.search(r"exposure   0.02 s at \d+ instants, error \de-0\d", report)
     assert re.search(r"heat       center: [\d.]+ to [\d.]+ K, error \S+ K", report)
+
+
+def test_reasons_without_access_are_of_what_a_sensor_tracks(scene):
+    """The other group is too far from all sensors; the first, which no sensor tracks, breaks no rule."""
+    far = {
+        "name": "far",
+        "trajectory": {"kind": "elements", "altitude_km": 36000.0, "inclination_deg": 0.0},
+        "targets": [{**scene.to_dict()["groups"][0]["targets"][0], "name": "moon"}],
+        "exists_s": [0.0, 807.0],
+    }
+    looking = scene.replace(
+        groups=[scene.to_dict()["groups"][0], far],
+        access_rules={"max_range_km": 20000.0},
+        sensors__0__pointing={"track": "moon"},
+    )
+    reasons = line(scene_report(looking.scenario), "no access")
+    n_frame = looking.frames.count
+    n_there = sum(looking.frames.start_s + k * looking.frames.interval_s <= 807.0 for k in range(n_frame))
+    assert f"too far {n_there / n_frame:.0%}" in reasons and f"absent {1 - n_there / n_frame:.0%}" in reasons

@@ -205,6 +205,19 @@ def test_all_starts_that_are_possible_are_as_likely():
     assert stats.kstest(drawn_s, lambda x: np.searchsorted(possible, x) / len(possible)).statistic < 0.08
 
 
+def test_a_sequence_may_lie_across_a_step_to_another_target():
+    """Access goes on while a camera turns to its next target at once."""
+    scene = ws.Scene.load("stss")
+    whole = max(scene.access(sensors="sat27"), key=lambda row: row["duration_s"])
+    start_s, end_s = float(whole["start_s"]), float(whole["end_s"])
+    steps = [{"start_s": 0.0, "track": "center"}, {"start_s": 0.5 * (start_s + end_s), "track": "sphere03"}]
+    both = scene.replace(pointing={"kind": "schedule", "steps": steps})
+    table = both.access(sensors="sat27")
+    assert {"center", "sphere03"} == set(table["target"]) and table["duration_s"].max() < 0.6 * (end_s - start_s)
+    sequence = draw_sequence(recipe(scene=both, sensors=["sat27"], n_frame=2, interval_s=0.9 * (end_s - start_s)), 0)
+    assert start_s <= sequence.scene.frames.start_s < steps[1]["start_s"]
+
+
 def test_without_access_any_sensor_and_time_will_do():
     made = recipe(every_frame=True, n_sequence=60, n_sensor=2)
     sequences = [draw_sequence(made, number) for number in range(60)]

@@ -88,6 +88,28 @@ def test_light_curves_know_absence(two):
     curves = ws.light_curves(two, [100.0, 600.0, 1600.0], sensors=["sat11"], targets=["ball", "center"])
     assert curves.absent[:, 0].tolist() == [[True, False], [False, False], [True, False]]
     assert (curves.irradiance_w_cm2[0, 0, :, 0] == 0).all() and (curves.irradiance_w_cm2[1, 0, :, 0] > 0).all()
+    for name in ("range_km", "aspect_deg", "projected_area_m2", "temperature_k", "sunlit_fraction"):
+        np.testing.assert_array_equal(np.isnan(getattr(curves, name)), curves.absent)  # as in truth
+
+
+def test_targets_that_are_gone_before_their_release_are_never_seen(two):
+    second = two.to_dict()["groups"][1]
+    second |= {"targets": [*second["targets"], {**second["targets"][0], "name": "late", "count": 2}]}
+    second |= {"exists_s": [500.0, 700.0], "release": {"time_s": 800.0}}
+    late = two.replace(groups__1=second, frames__count=100)
+    truth = ws.Renderer(late, device="cpu").render([60, 69], ["sat11"], ["A"]).truth
+    own = truth[np.isin(truth["target"], late.groups[1].names[1:])]
+    assert len(own) and own["not_deployed"].all() and not own["irradiance_w_cm2"].any()
+
+
+def test_scenes_with_spread_numbers_have_a_hash_and_do_not_change(scene):
+    spread = {"shape.radius_m": {"uniform": [0.2, 0.4]}}
+    one, other = (scene.replace(targets__1__spread=spread) for _ in range(2))
+    assert one == other and hash(one) == hash(other) and one != scene
+    with pytest.raises(TypeError):
+        one.targets[1].spread["shape.radius_m"] = None
+    empty = scene.replace(targets__1__spread={}, detector__exposure_s=0.1, sky__catalog="none")
+    assert hash(empty) and ws.Renderer(empty, device="cpu").render([60], ["sat11"], ["A"]).counts.shape[0] == 1
 
 
 def test_orbits_are_groups_of_many_targets(scene):
@@ -214,7 +236,8 @@ def spread_over(field, low, high):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"start_s": 2000.0}, r"Scene: groups\[1\].start_s: must be within duration_s \(1614\), got 2000"),
+        ({"start_s": 2000.0}, r"Scene: groups\[1\].start_s: must be below duration_s \(1614\), got 2000"),
+        ({"start_s": 1614.0}, r"Scene: groups\[1\].start_s: must be below duration_s \(1614\), got 1614"),
         ({"start_s": -5.0}, r"Scene: groups\[1\].start_s: must be >= 0, got -5.0"),
         ({"exists_s": [900.0, 300.0]}, r"groups\[1\].exists_s: must be \[first, last\], the first before .* got \[900"),
         ({"exists_s": [100.0, 900.0]}, r"groups\[1\].exists_s\[0\]: must not begin before start_s \(180\), got 100"),

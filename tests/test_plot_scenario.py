@@ -736,6 +736,22 @@ def test_attitudes_are_in_the_frame_of_a_group_that_is_there(later_group):
     assert "axes of bus at 500 s" in ws.plot.plot_attitudes(alone, 100.0).get_title()
 
 
+def test_access_to_a_group_is_drawn_to_its_targets(later_group):
+    """Not to what the sensors track."""
+    table = later_group.access("second", sensors=["sat11"])
+    ax = ws.plot.plot_range(later_group, ["sat11"], access=table)
+    assert ax.get_ylabel() == "range to second [km]"
+    time_s, range_km = ax.get_lines()[0].get_xydata().T
+    observer_m, nearest_km = later_group.position_m("sat11", time_s), np.full(len(time_s), np.inf)
+    for target in later_group.scenario.targets:
+        if target.group == 1:
+            gap_km = np.linalg.norm(later_group.position_m(target.name, time_s) - observer_m, axis=1) / 1e3
+            nearest_km = np.minimum(nearest_km, gap_km)
+    there = np.isfinite(range_km)
+    np.testing.assert_allclose(range_km[there], nearest_km[there], rtol=1e-12)
+    assert "access to second" in ws.plot.plot_access(later_group, sensors=["sat11"], access=table).get_title()
+
+
 def test_ranges_end_with_the_targets(later_group):
     """Of a target that is not there all the time, and to the nearest of all where access counts by any."""
     ax = ws.plot.plot_range(later_group, ["sat11"], access=later_group.access("bus"))

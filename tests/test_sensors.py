@@ -210,6 +210,25 @@ def test_bad_sensors_are_one_line_with_the_place(scene, sensors, message):
     assert "\n" not in str(caught.value)
 
 
+def test_no_sensor_has_the_name_of_another_body(scene):
+    """Satellites a, with two sensors, and a.wide; a target called as a sensor; names that a file gives."""
+    low = {"kind": "elements", "altitude_km": 700.0, "inclination_deg": 50.0}
+    listed = {"kind": "listed", "satellites": [{"name": "a", "orbit": low}, {"name": "a.wide", "orbit": low}]}
+    text = r"sensors\[0\].name: must not make the name of another sensor, satellite or target \(a.wide\), got 'wide'"
+    two = [{**SENSOR, "on": "a"}, {**NARROW, "on": "a"}]
+    with pytest.raises(ws.InputError, match=text):
+        with_sensors(scene, *two, constellation=listed)
+    called = scene.to_dict()["groups"][0]["targets"]
+    with pytest.raises(ws.InputError, match=r"\(sat11.wide\), got 'wide'"):
+        with_sensors(scene, SENSOR, NARROW, targets=[{**called[0], "name": "sat11.wide"}])
+
+
+def test_files_of_satellites_that_cannot_be_read_are_the_constellations(scene, tmp_path):
+    missing = with_sensors(scene, SENSOR, NARROW, constellation={"kind": "tle", "file": str(tmp_path / "no.tle")})
+    with pytest.raises(ws.InputError, match=r"^constellation: .*no.tle: cannot be read"):
+        missing.scenario  # noqa: B018
+
+
 def test_the_short_form_stands_beside_no_list(scene):
     with pytest.raises(ws.InputError, match="camera: must not be given beside sensors, which hold it"):
         ws.Scene.from_dict({**scene.to_dict(), "camera": SENSOR["camera"]})

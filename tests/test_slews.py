@@ -168,3 +168,39 @@ def test_slews_that_cannot_be_made_are_one_line(scene, steps, slew, message):
     with pytest.raises(ws.InputError, match=message) as caught:
         slewing(scene, steps, slew).scenario  # noqa: B018
     assert "\n" not in str(caught.value)
+
+
+def test_slews_of_others_do_not_change_an_exposure(scene, device):
+    """A camera without a slew keeps the law of the exposure's middle, whether others of its kind slew or not."""
+    steps = [{"start_s": 0.0, "track": "main"}, {"start_s": 700.05, "track": "main", "offset_px": [3.0, 2.0]}]
+    jumping = {"kind": "schedule", "steps": steps, "up": "north"}
+    signals = []
+    for slew in (None, SLEW):
+        entries = [{**jumping, "on": "sat1?"}, {**jumping, **({"slew": slew} if slew else {})}]
+        mixed = scene.replace(
+            pointing=entries, camera=SMALL, sky__catalog="none", detector__exposure_s=0.4, frames__start_s=0.0
+        ).replace(frames={"count": 800, "interval_s": 1.0})
+        frames = ws.Renderer(mixed, device=device).render([700], ["sat11"], ["A"], keep_signal=True)
+        signals.append(frames.signal_w_cm2.numpy())
+        truth = frames.truth[frames.truth["target"] == "center"]
+        assert abs(truth["dx_px"][0]) < 0.5
+    np.testing.assert_array_equal(*signals)
+
+
+@pytest.mark.parametrize("back_deg", [180.0, 179.9, -179.9])
+def test_half_a_turn_goes_one_way_round(scene, device, back_deg):
+    """From ahead to behind: rounding must not choose the way anew at each instant."""
+    steps = [{"start_s": 0.0, "azimuth_elevation_deg": [0.0, -22.0]},
+             {"start_s": 700.0, "azimuth_elevation_deg": [back_deg, -22.0]}]  # fmt: skip
+    turning = slewing(scene, steps, up="zenith")
+    limits = SLEW["max_rate_deg_s"], SLEW["max_acceleration_deg_s2"]
+    for sensor in ("sat11", "sat27"):
+        turn = turn_of(turning, sensor)
+        assert turn.duration_s == pytest.approx(abs(back_deg) / limits[0] + limits[0] / limits[1], rel=0.1)
+        rates = rates_deg_s(turning, sensor, 700.0 + np.linspace(0, turn.duration_s, 2001))
+        assert np.linalg.norm(rates, axis=1).max() < limits[0] * ROOM
+    fast = turning.replace(frames={"count": 2500, "interval_s": 0.1, "start_s": 695.0})
+    frames = ws.Renderer(fast, device=device).render(range(0, 2500, 11), ["sat11", "sat27"], ["A"])
+    for j, sensor in enumerate(frames.sensors):
+        expected = fast.scenario.view_axes(sensor, frames.time_s)
+        np.testing.assert_allclose(frames.axes_icrs[:, j], expected, rtol=0, atol=TWIN_RAD)

@@ -251,6 +251,7 @@ def _check(options: argparse.Namespace) -> int:
     from warpsim.output.check import scene_report
     from warpsim.scene.scene_files import read_scene_data
 
+    _start_warp()  # areas of some shapes come from kernels
     if "scene" not in read_scene_data(options.scene):
         print(scene_report(_scenario(options.scene)))
         return 0

@@ -45,7 +45,9 @@ class Pointing:
     step_law: wp.array[wp.int32]  # (n_step,)
     turn_s: wp.array[wp.float64]  # (n_step,) duration of the turn that it begins with, 0 for none
     turn_ramp: wp.array[wp.float64]  # (n_step,)
+    turn_vector: wp.array[wp.vec3d]  # (n_step,) axis times angle of the turn at its beginning [rad]
     unsettled_s: wp.array[wp.float64]  # (n_step,) until the camera is settled
+    slews: wp.array[wp.int32]  # (n_sensor,) not 0: it turns from step to step, within an exposure too
     rows: ScanRows
     errors: wp.array[PointingError]  # (n_sensor,)
     jitters: wp.array[Jitter]  # (n_sensor,)
@@ -90,7 +92,8 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
         if wp.static(features.steps):
             step_s = view_middle_s[view]
             if wp.static(features.slews):
-                step_s = time_s
+                if pointing.slews[sensor] != 0:
+                    step_s = time_s
             step = row_before(pointing.step_start_s, pointing.step_first[sensor], pointing.step_count[sensor], step_s)
             number = pointing.step_law[step]
         else:
@@ -128,7 +131,7 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
                     observer,
                 )
                 part = slew_part(since_s, pointing.turn_s[step], pointing.turn_ramp[step])
-                axes = axes_between(before.axes, axes, part)
+                axes = axes_between(before.axes, axes, part, pointing.turn_vector[step])
         if wp.static(features.steady_errors):
             axes = turned_axes(axes, steady_error_rad(pointing.errors[sensor], time_s, view_middle_s[view]))
         if wp.static(features.jitter):

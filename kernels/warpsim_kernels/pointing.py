@@ -1,6 +1,7 @@
 """Laws of pointing: what a boresight follows, and the camera axes that come of it, float64."""
 
 import functools
+import math
 
 import warp as wp
 
@@ -278,9 +279,15 @@ def rotation_vector(rotation: wp.mat33d) -> wp.vec3d:
 
 
 @wp.func
-def axes_between(before: wp.mat33d, after: wp.mat33d, part: wp.float64) -> wp.mat33d:
-    """Camera axes (rows) a part of the rotation from some to others."""
-    vector = rotation_vector(after * wp.transpose(before)) * part
+def axes_between(before: wp.mat33d, after: wp.mat33d, part: wp.float64, near: wp.vec3d) -> wp.mat33d:
+    """Camera axes (rows) a part of the rotation from some to others, the one of the two ways round nearer to `near`."""
+    vector = rotation_vector(after * wp.transpose(before))
+    length = wp.length(vector)
+    if length > wp.float64(0.0):
+        other = vector * (wp.float64(1.0) - wp.float64(wp.static(2.0 * math.pi)) / length)
+        if wp.length_sq(other - near) < wp.length_sq(vector - near):
+            vector = other
+    vector = vector * part
     angle = wp.length(vector)
     if angle == wp.float64(0.0):
         return before

@@ -149,13 +149,14 @@ def _any_time(recipe: Recipe, scene: Scene) -> list[tuple[float, float, list[str
 
 def _clips(recipe: Recipe, scene: Scene) -> list[tuple[float, float, list[str]]]:
     """Earliest and latest start of sequences that the same sensors see whole, and these sensors; enough of them."""
-    table = scene.scenario.access()
-    latest_s = np.asarray(table["end_s"]) - recipe.clip_s
     pool = recipe.pool_of(scene.scenario)
     seen = [
-        (str(row["sensor"]), float(row["start_s"]), float(end_s))
-        for row, end_s in zip(table, latest_s, strict=True)
-        if row["sensor"] in pool and end_s >= row["start_s"]
+        (instrument.names[sensor], float(start_s), float(end_s - recipe.clip_s))
+        for instrument in scene.scenario.instruments.values()
+        for sensor, start_s, end_s in zip(
+            instrument.access.row, instrument.access.start_s, instrument.access.end_s, strict=True
+        )
+        if instrument.names[sensor] in pool and end_s - recipe.clip_s >= start_s
     ]
     edges = sorted({edge for _, *edge_s in seen for edge in edge_s})
     clips = []

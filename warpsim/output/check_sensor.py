@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from warpsim.detector.electron import ElectronDetector
 from warpsim.detector.levels import ElectronLevels
@@ -17,6 +18,10 @@ from warpsim.output.wording import counted
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.pointing import ALL, FixedPointing, Pointing, SchedulePointing, TrackPointing
 from warpsim.scene.scenario import Scenario
+from warpsim.scene.target_access import target_margins
+
+MOST_TARGETS_LOOKED_AT = 50
+"""Targets that are asked why a sensor has no access, spread over those that access counts by."""
 
 RULE_NAMES = {
     "earth_km": "behind the Earth",
@@ -180,16 +185,44 @@ def _access_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping
     if seen:
         lines.append("             " + ", ".join(f"{name} {count}" for name, count in seen.items()))
         lines.append(f"  output     {counted(n_image, 'image')}, {size_mb:,.0f} MB of FITS cubes")
-    blind = [name for name, frames in frames_of.items() if not frames]
+    blind = [index for index, name in enumerate(instrument.names) if not frames_of[name]]
     if blind and scenario.targets:
-        times = instrument.frame_time_s(np.arange(instrument.frames.count))
-        margins = scenario.access_margins(times, sensors=blind)
-        broken = {RULE_NAMES[rule]: np.mean(margin < 0) for rule, margin in margins.items()}
+        broken = _broken_rules(instrument, scenario, blind)
         rules = ", ".join(f"{rule} {part:.0%}" for rule, part in sorted(broken.items(), key=lambda kv: -kv[1]))
         lines.append(f"  no access  {counted(len(blind), 'sensor')}; part of their frames: {rules}")
     if not seen:
         lines.append("  warning    nothing would be rendered: no sensor has access in any frame")
     return lines
+
+
+def _broken_rules(instrument: Instrument, scenario: Scenario, sensors: Sequence[int]) -> dict[str, float]:
+    """Part of the frames of sensors in which each rule excludes all targets that access counts by then."""
+    times, tracks = instrument.frame_time_s(np.arange(instrument.frames.count)), scenario.tracks
+    alike: dict[tuple[tuple[float, tuple[int, ...]], ...], list[int]] = {}
+    for sensor in sensors:
+        alike.setdefault(tuple(instrument.access_targets(sensor)), []).append(sensor)
+    n_broken: dict[str, int] = {}
+    for steps, own in alike.items():
+        observers = instrument.observers(own)
+        ends = [start_s for start_s, _ in steps[1:]] + [np.inf]
+        for (start_s, targets), end_s in zip(steps, ends, strict=True):
+            then = times[(times >= start_s) & (times < end_s)]
+            if not then.size:
+                continue
+            there = np.zeros(len(then), dtype=bool)
+            best: dict[str, npt.NDArray[np.float64]] = {}
+            for target in targets[:: -(-len(targets) // MOST_TARGETS_LOOKED_AT)]:
+                exists = tracks.exist(target, then)
+                there |= exists
+                margins = target_margins(tracks, observers, target, instrument.access_rules, then)
+                for rule, margin in margins.items():
+                    best[rule] = np.maximum(best.get(rule, -np.inf), np.where(exists, margin, -np.inf))
+            for rule, margin in best.items():
+                n_broken[RULE_NAMES[rule]] = n_broken.get(RULE_NAMES[rule], 0) + int((margin[:, there] < 0).sum())
+            n_broken["absent"] = n_broken.get("absent", 0) + len(own) * int((~there).sum())
+    n_absent = n_broken.pop("absent", 0)
+    n_broken |= {"absent": n_absent} if n_absent else {}
+    return {rule: number / (len(sensors) * len(times)) for rule, number in n_broken.items()}
 
 
 def _pointing_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> list[str]:

@@ -42,7 +42,7 @@ def write_preview(path: str | Path, counts: npt.NDArray[np.uint16], levels: Leve
     Args:
         path: File to write: .gif, or .mp4 with the extra `video`.
         counts: Shape (n, row, column), uint16.
-        levels: Scale of the counts: `scene.levels[band]`.
+        levels: Scale of the counts: `frames.instrument.levels[band]`.
         fps: Frames a second.
 
     Raises:

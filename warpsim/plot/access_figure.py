@@ -111,7 +111,7 @@ def counted_words(scenario: Scenario, sensors: Sequence[str], access: Table) -> 
         sensors: Names of sensors.
         access: What `scene.access` gave.
     """
-    if access.meta["target"] in scenario.target_names:
+    if access.meta["target"] in (*scenario.target_names, *scenario.group_names):
         return str(access.meta["target"])
     counted = {tuple(targets) for sensor in sensors for _, targets in _counted(scenario, sensor, access)}
     if len(counted) != 1:
@@ -125,8 +125,8 @@ def counted_words(scenario: Scenario, sensors: Sequence[str], access: Table) -> 
 
 def _counted(scenario: Scenario, sensor: str, access: Table) -> list[tuple[float, Sequence[int]]]:
     """The targets that a table of access counts by for a sensor, with start times [s]."""
-    if access.meta["target"] in scenario.target_names:
-        return [(-np.inf, (scenario.target_names.index(access.meta["target"]),))]
+    if access.meta["target"] in (*scenario.target_names, *scenario.group_names):
+        return [(-np.inf, scenario.roster.members(access.meta["target"]))]
     instrument = scenario.instrument_of(sensor)
     return [(start_s, targets) for start_s, targets in instrument.access_targets(instrument.index(sensor))]
 

@@ -41,7 +41,10 @@ _PIECES_PER_THREAD = 16
 
 @dataclass(frozen=True, repr=False)
 class LightCurves:
-    """Brightness of targets over time; axes (time, sensor, target), or (time, sensor, band, target)."""
+    """Brightness of targets over time; axes (time, sensor, target), or (time, sensor, band, target).
+
+    Where a target is absent its numbers are NaN, as in truth, and its light is 0.
+    """
 
     scenario: Scenario
     instrument: Instrument
@@ -158,6 +161,11 @@ def light_curves(
         return values.reshape(len(times), len(rows), *array.shape[1:])[..., columns]
 
     flags = shaped(seen.flags)
+    absent = (flags & int(ABSENT)) != 0
+
+    def known(values: Any) -> F64:
+        return np.where(absent, np.nan, values)
+
     shape = (N_TERM, len(times), len(rows), bodies.n_band, bodies.n_target)
     split = np.asarray(terms.numpy()).reshape(shape)[..., columns]
     return LightCurves(
@@ -167,15 +175,15 @@ def light_curves(
         sensor_list,
         band_list,
         target_list,
-        shaped(seen.range_m) / 1e3,
-        np.degrees(shaped(seen.aspect_rad)),
-        shaped(seen.area_m2),
-        shaped(seen.temperature_k),
-        sunlit_fraction(bodies, seen).reshape(len(times), len(rows), bodies.n_target)[..., columns],
+        known(shaped(seen.range_m) / 1e3),
+        known(np.degrees(shaped(seen.aspect_rad))),
+        known(shaped(seen.area_m2)),
+        known(shaped(seen.temperature_k)),
+        known(sunlit_fraction(bodies, seen).reshape(len(times), len(rows), bodies.n_target)[..., columns]),
         (flags & int(IN_FOV)) != 0,
         (flags & int(OCCULTED)) != 0,
         (flags & int(NOT_DEPLOYED)) != 0,
-        (flags & int(ABSENT)) != 0,
+        absent,
         dict(zip(("emitted", *TERMS), split, strict=True)),
     )
 

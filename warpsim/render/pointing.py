@@ -111,19 +111,19 @@ def _put_steps(struct: Any, instrument: Instrument, device: wp.Device) -> None:
     known: dict[Any, int] = {}
     first: list[int] = []
     count: list[int] = []
-    rows: list[tuple[float, ...]] = []
+    rows: list[tuple[Any, ...]] = []
     for sensor, own in enumerate(instrument.program.sensors):
         turns = instrument.turns(sensor)
         key = (id(own.steps), turns)
         if key not in known:
             known[key] = len(rows)
             rows += [
-                (max(step.start_s, -1e300), step.law, turn.duration_s, turn.ramp, turn.total_s)
+                (max(step.start_s, -1e300), step.law, turn.duration_s, turn.ramp, turn.total_s, turn.vector)
                 for step, turn in zip(own.steps, turns, strict=True)
             ]
         first.append(known[key])
         count.append(len(own.steps))
-    start_s, law, turn_s, ramp, unsettled_s = zip(*rows, strict=True)
+    start_s, law, turn_s, ramp, unsettled_s, vector = zip(*rows, strict=True)
 
     def put(values: Any, dtype: Any) -> wp.array:
         return wp.array(np.asarray(values), dtype=dtype, device=device)
@@ -131,7 +131,8 @@ def _put_steps(struct: Any, instrument: Instrument, device: wp.Device) -> None:
     struct.step_first, struct.step_count = put(first, wp.int32), put(count, wp.int32)
     struct.step_start_s, struct.step_law = put(start_s, wp.float64), put(law, wp.int32)
     struct.turn_s, struct.turn_ramp = put(turn_s, wp.float64), put(ramp, wp.float64)
-    struct.unsettled_s = put(unsettled_s, wp.float64)
+    struct.unsettled_s, struct.turn_vector = put(unsettled_s, wp.float64), put(vector, wp.vec3d)
+    struct.slews = put([int(own.slew is not None) for own in instrument.program.sensors], wp.int32)
 
 
 def _scan_rows(tables: Sequence[DirectionRows | None], device: wp.Device) -> Any:

@@ -39,7 +39,8 @@ def target_attitudes(
         if isinstance(attitude, AttitudeTable):
             found.append(tables[target.group, target.entry])
             continue
-        begin_s = max(0.0, target.release_s, target.exists_s[0])
+        first_s, last_s = target.exists_s
+        begin_s = max(0.0, first_s, min(target.release_s, last_s))  # some are gone before their release
         velocity_m_s = tracks.targets[number].state(begin_s)[1]
         try:
             frame = attitude_frame(attitude, velocity_m_s, seed, number)

@@ -23,7 +23,7 @@ class Lighting:
     """Light that targets reflect, besides what they emit.
 
     A term that stays below `leave_out_nei` for the whole scene, by a bound, is left out, as are terms switched off: the
-    kernels are compiled without them. `scene.light_terms` reports which, and why.
+    kernels are compiled without them. `Instrument.light_terms` reports which, and why.
 
     Args:
         sun: Whether targets reflect sunlight.

@@ -296,7 +296,8 @@ def commanded_axes(
         step = step_of[turning]
         before = _steps_axes(program, own, satellite, tracks, time_s[turning], step - 1).axes
         part = slew_part(duration_s[step], ramp[step], since_s[turning])
-        axes[turning] = between(before, axes[turning], part)
+        near = np.array([turn.vector for turn in turns])[step]
+        axes[turning] = between(before, axes[turning], part, near)
     return commanded
 
 

@@ -31,7 +31,7 @@ from warpsim.scene.target_access import ACCESS_STEP_S, target_margins
 from warpsim.scene.targets import SceneTarget, scene_targets
 from warpsim.scene.temperatures import target_temperatures, temperature_tables
 from warpsim.scene.tracks import Tracks, build_tracks
-from warpsim.scene.validation import check_access_target, check_satellites
+from warpsim.scene.validation import check_access_target, check_instances, check_satellites
 from warpsim.target.temperature import TemperatureRows
 from warpsim.target.timed_rows import END_SLACK_S
 
@@ -52,6 +52,9 @@ class Scenario:
     """
 
     def __init__(self, scene: SceneDescription) -> None:
+        if not isinstance(scene, SceneDescription):
+            rule = f"must be a Scene, got {type(scene).__name__}; Scene.load reads presets and files"
+            raise InputError(rule, "scene")
         self.scene = scene
         self.epoch: Instant = instant(scene.epoch_utc)
         """What all times count from."""
@@ -64,15 +67,17 @@ class Scenario:
 
     def _check_names(self) -> None:
         """Check that names given by files are unique, and that sensors are on existing satellites."""
+        satellites = self.satellite_names
         for number, sensor in enumerate(self.scene.sensors):
             try:
-                check_satellites(sensor, self.satellite_names)
+                check_satellites(sensor, satellites)
             except InputError as error:
                 raise error.within(item_path("sensors", number, len(self.scene.sensors))) from None
-        names = [*self.satellite_names, *self.target_names, "sun"]
+        names = [*satellites, *self.target_names, "sun"]
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)
             raise InputError(f"names must be unique among satellites and targets, got {twice} twice", "targets")
+        check_instances(self.scene.sensors, satellites, names)
 
     def _check_instruments(self) -> None:
         """Check that pointing is possible and covers the frames, and that PSF images can be read."""
@@ -369,7 +374,9 @@ class Scenario:
         instrument = self.instrument_of(chosen[0])
         if any(name not in instrument.names for name in chosen):
             raise InputError(f"must be of one kind ({', '.join(self.instruments)})", "sensors", chosen)
-        index = 0 if target is None and self.targets else self.roster.target(str(target), "target")
+        if not self.targets:
+            raise InputError("must be a target of the scene, which has none", "target", target)
+        index = 0 if target is None else self.roster.target(target, "target")
         observers = instrument.observers([instrument.index(name) for name in chosen])
         return target_margins(self.tracks, observers, index, rules or instrument.access_rules, times, custom)
 

@@ -42,6 +42,8 @@ class SlewTurn:
     """Part of it in which the rate grows, and in which it sinks, (0, 0.5]."""
     settle_s: float
     """After the turn [s]."""
+    vector: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Axis times angle of the rotation at its beginning [rad]: which way round it goes where that is half a turn."""
 
     @property
     def total_s(self) -> float:
@@ -67,10 +69,21 @@ def slew_part(duration_s: npt.ArrayLike, ramp: npt.ArrayLike, since_s: F64) -> F
     return np.asarray(np.where(u <= 0.5, begun, 1.0 - begun))
 
 
-def between(before: F64, after: F64, part: F64) -> F64:
-    """Return axes a part of the rotation from some to others: rows as axes, (n, 3, 3) each, part (n,)."""
-    rotation = np.einsum("nij,nkj->nik", after, before)
-    vector = rotation_vector(rotation) * part[:, None]
+def between(before: F64, after: F64, part: F64, near: npt.ArrayLike = (0.0, 0.0, 0.0)) -> F64:
+    """Return axes a part of the rotation from some to others.
+
+    Args:
+        before: Rows as axes, shape (n, 3, 3).
+        after: The same.
+        part: Part of the rotation, shape (n,).
+        near: Axis times angle [rad], (3,) or (n, 3): of the two ways round, the nearer one is taken. The shorter one
+            changes sides where the rotation passes half a turn.
+    """
+    vector = rotation_vector(np.einsum("nij,nkj->nik", after, before))
+    length = np.linalg.norm(vector, axis=-1, keepdims=True)
+    other, wanted = vector * (1.0 - 2.0 * np.pi / np.where(length > 0.0, length, 1.0)), np.asarray(near, np.float64)
+    nearer = np.linalg.norm(other - wanted, axis=-1) < np.linalg.norm(vector - wanted, axis=-1)
+    vector = np.where(nearer[:, None] & (length > 0.0), other, vector) * part[:, None]
     return np.asarray(np.einsum("nij,njk->nik", _matrix(vector), before))
 
 
@@ -130,18 +143,20 @@ def turn_between(
         InputError: The turn takes longer than that, or the laws themselves turn faster.
     """
     rate, acceleration = math.radians(slew.max_rate_deg_s), math.radians(slew.max_acceleration_deg_s2)
-    angle = float(np.linalg.norm(rotation_vector(_rotation(before, after, np.array([start_s])))[0]))
+    vector = rotation_vector(_rotation(before, after, np.array([start_s])))[0]
+    x, y, z = vector
+    angle = float(np.linalg.norm(vector))
     duration_s = _shortest_s(angle, rate, acceleration)
     ramp = 0.5
     for _ in range(_MOST_ROUNDS):
         if start_s + duration_s + slew.settle_s > end_s:
             break
         ramp = min(0.5, rate / acceleration / max(duration_s, _LEAST_S)) if duration_s > 0 else 0.5
-        turn = SlewTurn(duration_s, max(ramp, 1e-6), slew.settle_s)
+        turn = SlewTurn(duration_s, max(ramp, 1e-6), slew.settle_s, (float(x), float(y), float(z)))
         looked_at_s = min(duration_s, last_s - start_s)
         times = start_s + np.linspace(0.0, 1.0, _N_SAMPLE) * looked_at_s
         part = slew_part(max(duration_s, _LEAST_S), turn.ramp, times - start_s)
-        axes = between(before(times), after(times), part)
+        axes = between(before(times), after(times), part, vector)
         rate_now, acceleration_now = _measured(axes, looked_at_s)
         slower = max(rate_now / rate, math.sqrt(acceleration_now / acceleration))
         if slower <= 1.0 + 1e-3 or angle < 1e-9:

@@ -94,6 +94,8 @@ def check_names(constellation: AnyConstellation, sensors: Sequence[Sensor], grou
         if len(sensors) > 1 and sensor.name in taken:
             path = item_path("sensors", number, len(sensors))
             raise InputError("must be no name of a satellite or target", "name", sensor.name).within(path)
+    if satellites:
+        check_instances(sensors, satellites, names)
     taken |= {"group", TRACKED, ANY}
     for number, group in enumerate(groups):
         first = number == 0 and group.name == "main"  # the name it has unless given; a target's goes before it
@@ -104,6 +106,27 @@ def check_names(constellation: AnyConstellation, sensors: Sequence[Sensor], grou
         taken.add(group.name)
 
 
+def check_instances(sensors: Sequence[Sensor], satellites: Sequence[str], names: Sequence[str]) -> None:
+    """Check that no sensor of a satellite with several has the name of another body or sensor.
+
+    Args:
+        sensors: The kinds.
+        satellites: Names of the satellites.
+        names: Those of all satellites and targets, and the Sun's.
+
+    Raises:
+        InputError: One has; the path begins with the kind's.
+    """
+    taken = set(names)
+    for number, own in enumerate(sensor_instances(sensors, satellites)):
+        for name, index in own:
+            if name != satellites[index] and name in taken:
+                rule = f"must not make the name of another sensor, satellite or target ({name})"
+                path = item_path("sensors", number, len(sensors))
+                raise InputError(rule, "name", sensors[number].name).within(path)
+            taken.add(name)
+
+
 def check_times(constellation: AnyConstellation, groups: Sequence[TargetGroup], duration_s: float) -> None:
     """Check that groups and releases are within the scene, and that the scene is not too long for its bodies."""
     n_body = len(known_names(constellation) or [])
@@ -111,8 +134,8 @@ def check_times(constellation: AnyConstellation, groups: Sequence[TargetGroup], 
         path = item_path("groups", number, len(groups))
         n_body += len(known_names(group.path) or []) if group.orbits else len(group.names)
         first_s, last_s = group.span_s
-        if group.start_s > duration_s:
-            rule = f"must be within duration_s ({duration_s:g})"
+        if group.start_s >= duration_s:
+            rule = f"must be below duration_s ({duration_s:g})"
             raise InputError(rule, "start_s", group.start_s, "g").within(path)
         if first_s >= duration_s or last_s <= 0.0:
             rule = f"must have a part within the scene, 0 to {duration_s:g} s"
