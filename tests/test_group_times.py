@@ -270,3 +270,17 @@ def test_bad_groups_are_one_line_with_the_place(scene, changes, message):
 def test_access_target_is_there(scene, value):
     with pytest.raises(ws.InputError, match=rf"access_target: must be .* got '{value}'"):
         scene.replace(access_target=value).scenario  # noqa: B018
+
+
+def test_a_camera_without_anything_to_track_looks_along_its_motion(two, device):
+    """Before the launch of what it tracks, and on the host as in the kernel."""
+    waiting = two.replace(pointing={"track": "ball"})
+    frames = ws.Renderer(waiting, device=device).render([0, 10, 30, 60], ["sat11"], ["A"])
+    assert frames.boresight_replaced[:, 0].tolist() == [True, True, False, False]
+    axes = waiting.scenario.view_axes("sat11", frames.time_s)
+    np.testing.assert_allclose(frames.axes_icrs[:, 0], axes, rtol=0, atol=1e-10)
+    position_m, velocity_m_s = waiting.scenario.tracks.state("sat11", frames.time_s[:2])
+    normal = np.cross(position_m, velocity_m_s)
+    forward = np.cross(normal, position_m)
+    forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
+    np.testing.assert_allclose(axes[:2, 2], forward, rtol=0, atol=1e-12)

@@ -267,3 +267,16 @@ def test_runs_and_tables_hold_all_kinds(both, tmp_path):
     assert one.n_image == 2
     with pytest.raises(ws.InputError, match=r"bands: sat11.wide has none of them, but A, C, got 'E'"):
         ws.render_to_folder(few, tmp_path / "none", frames=[60], sensors=["sat11.wide"], bands=["E"], device="cpu")
+
+
+def test_fields_of_the_only_sensor_are_absent_where_there_are_several():
+    several = ws.Scene.load("two_cameras")
+    assert not hasattr(several, "camera") and getattr(several, "detector", None) is None
+    with pytest.raises(ws.InputError, match=r"^camera: the scene has 2 sensors \(wide, narrow\); take scene.sensors"):
+        _ = several.camera
+
+
+@pytest.mark.parametrize("names", [["sat11.wide", "sat11.wide"], ["wide", "sat11.wide"]])
+def test_sensors_are_not_rendered_twice(names):
+    with pytest.raises(ws.InputError, match=r"^sensors: must not repeat, got 'sat11\.wide'$"):
+        ws.Scene.load("two_cameras").scenario.select_sensors(names)

@@ -204,3 +204,10 @@ def test_half_a_turn_goes_one_way_round(scene, device, back_deg):
     for j, sensor in enumerate(frames.sensors):
         expected = fast.scenario.view_axes(sensor, frames.time_s)
         np.testing.assert_allclose(frames.axes_icrs[:, j], expected, rtol=0, atol=TWIN_RAD)
+
+
+def test_slews_do_not_begin_before_the_scene():
+    steps = [{"start_s": -100.0, "track": "main"}, {"start_s": -1.0, "azimuth_elevation_deg": [0.0, -20.0]}]
+    with pytest.raises(ws.InputError, match=r"steps\[1\].start_s: must be >= 0 where cameras slew to it, got -1$"):
+        ws.SchedulePointing(steps=steps, slew=ws.Slew(max_rate_deg_s=1.0, max_acceleration_deg_s2=0.1))
+    assert len(ws.SchedulePointing(steps=steps).steps) == 2

@@ -155,3 +155,22 @@ def test_bad_options_of_bench(capsys, arguments, message):
     code, out, err = run(capsys, "bench", *arguments)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert message in err
+
+
+def test_bench_measures_each_kind_of_a_scene(capsys, tmp_path):
+    stss = ws.Scene.load("stss")
+    wide = {**stss.to_dict()["sensors"][0], "name": "wide", "on": ["sat4?"], "bands": ["A"]}
+    both = stss.replace(sensors=[{**stss.to_dict()["sensors"][0], "name": "narrow"}, wide], sky__catalog="none")
+    small = both.replace(sensors__0__camera__n_row=16, sensors__0__camera__n_col=24, frames__count=4)
+    small.save(tmp_path / "both.toml")
+    code, out, _ = run(
+        capsys, "bench", tmp_path / "both.toml", "--quick", "--device", "cpu", "--json", tmp_path / "x.json"
+    )
+    assert code == 0
+    assert re.findall(r"^cpu +(\w+) +(\d+ x \d+) +(\d) ", out, re.MULTILINE) == [
+        ("narrow", "16 x 24", "3"), ("wide", "128 x 128", "1"),
+    ]  # fmt: skip
+    cases = json.loads((tmp_path / "x.json").read_text())["cases"]
+    assert [case["kind"] for case in cases] == ["narrow", "wide"] and all(case["images_per_s"] > 0 for case in cases)
+    code, _, err = run(capsys, "bench", tmp_path / "both.toml", "--pixels", "16")
+    assert (code, err) == (2, "warpsim: --pixels: must not be given with a scene, which has its own\n")

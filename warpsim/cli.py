@@ -144,6 +144,7 @@ def _add_catalog(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_bench(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", nargs="?", help="preset or file: measure each kind of its sensors as it is")
     parser.add_argument("--device", metavar="NAMES", help="Warp devices: cpu, cuda:0, ...; all if left out")
     parser.add_argument("--pixels", metavar="N,N", help="rows and columns; 128,256,512,1024 if left out")
     parser.add_argument("--sensors", metavar="N,N", help="numbers of sensors; 1,20 if left out")
@@ -384,7 +385,33 @@ def _number(where: str, text: str) -> float:
         raise InputError("must be a number", value=text).of(where) from None
 
 
+def _bench_scene(options: argparse.Namespace) -> int:
+    """Measure a scene as it is: its own images, bands and stars."""
+    from dataclasses import asdict
+
+    from warpsim.files import check_new_file, write_json
+    from warpsim.speed.scene_speed import scene_speed_table, scene_speeds
+
+    for name in ("pixels", "sensors", "stars", "psf"):
+        if getattr(options, name) is not None:
+            raise InputError("must not be given with a scene, which has its own", f"--{name}")
+    path = Path(options.json) if options.json else None
+    if path:
+        check_new_file(path, (".json",), options.overwrite)
+    _start_warp()
+    scenario = _scenario(options.scene)
+    devices = () if options.device is None else tuple(_names(options.device) or ())
+    speeds = list(scene_speeds(scenario, devices, 3 if options.quick else 9))
+    print(scene_speed_table(scenario, speeds))
+    if path:
+        write_json({"scene": scenario.scene.name, "cases": [asdict(speed) for speed in speeds]}, path)
+        print(f"\nfigures in {path}")
+    return 0
+
+
 def _bench(options: argparse.Namespace) -> int:
+    if options.scene is not None:
+        return _bench_scene(options)
     from warpsim.files import check_new_file, write_json
     from warpsim.speed.report import BenchmarkPlan, as_json, heading, measured, row, stage_table
     from warpsim.speed.work import PSFS

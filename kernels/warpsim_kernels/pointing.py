@@ -98,20 +98,12 @@ def tracked_direction(
     grid: NodeGrid,
     observer: Observer,
 ) -> wp.vec3d:
-    """Mean apparent direction of the tracked targets that are there, of all where none is; 0 where there is none."""
+    """Mean apparent direction of the tracked targets that exist; 0 where there is none."""
     towards = wp.vec3d()
-    there = wp.vec3d()
-    n_there = int(0)
     for body in range(law.first_tracked, law.first_tracked + law.n_tracked):
         path = path_from_target(position_m, velocity_m_s, presence, body, grid, observer)
-        if path.range_m > _NEAREST_M:
+        if path.range_m > _NEAREST_M and path.absent == 0:
             towards += path.apparent
-            if path.absent == 0:
-                there += path.apparent
-        if path.absent == 0:
-            n_there += 1
-    if n_there > 0:
-        towards = there
     if wp.length(towards) < wp.float64(1.0e-9):
         return wp.vec3d()
     return wp.normalize(towards)

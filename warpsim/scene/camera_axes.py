@@ -130,7 +130,7 @@ def law_axes(law: PointingLaw, scan: DirectionRows | None, tracks: Tracks, at: S
 def apparent_mean(tracks: Tracks, targets: Sequence[int], at: SatelliteState) -> F64:
     """Return the mean apparent direction of targets, light time and aberration included; 0 where there is none.
 
-    Of several targets those count that are there; where none is, all of them.
+    Of several targets those count that exist.
 
     Args:
         tracks: Of the scene.
@@ -138,8 +138,7 @@ def apparent_mean(tracks: Tracks, targets: Sequence[int], at: SatelliteState) ->
         at: The observer.
     """
     earth_velocity = _earth_velocity(tracks, at.time_s)
-    all_of_them, there = np.zeros_like(at.position_m), np.zeros_like(at.position_m)
-    n_there = np.zeros(len(at.time_s), dtype=np.int64)
+    towards = np.zeros_like(at.position_m)
     for target in targets:
         emitted = at.time_s
         for _ in range(3):
@@ -151,11 +150,7 @@ def apparent_mean(tracks: Tracks, targets: Sequence[int], at: SatelliteState) ->
         barycentric = apparent_direction(normalised(vector), -earth_velocity)
         seen = apparent_direction(barycentric, earth_velocity + at.velocity_m_s)
         seen = np.where(here[:, None], 0.0, seen)
-        exists = tracks.exist(target, emitted)
-        all_of_them += seen
-        there += np.where(exists[:, None], seen, 0.0)
-        n_there += exists
-    towards = np.where((n_there > 0)[:, None], there, all_of_them)
+        towards += np.where(tracks.exist(target, emitted)[:, None], seen, 0.0)
     towards[np.linalg.norm(towards, axis=-1) < 1e-9] = 0.0
     return normalised(towards)
 

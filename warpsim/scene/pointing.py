@@ -238,6 +238,8 @@ class SchedulePointing(_AnyPointing):
             if step.start_s <= before.start_s:
                 rule = f"must be above that of the step before ({before.start_s:g})"
                 raise InputError(rule, f"steps[{number}].start_s", step.start_s, "g")
+            if self.slew is not None and step.start_s < 0.0:
+                raise InputError("must be >= 0 where cameras slew to it", f"steps[{number}].start_s", step.start_s, "g")
         return self
 
 

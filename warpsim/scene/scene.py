@@ -159,7 +159,7 @@ class Scene(SceneDescription):
         """Fields of the only kind of sensor, or of the only group.
 
         Raises:
-            InputError: There are several.
+            InputError: There are several; an AttributeError too, as for `hasattr`.
         """
         part = next((part for part, fields in SHORT_FORMS.items() if name in fields), None)
         if part is None:
@@ -167,8 +167,12 @@ class Scene(SceneDescription):
         items = getattr(self, part)
         if len(items) != 1:
             names = ", ".join(item.name for item in items) or "none"
-            raise InputError(f"the scene has {len(items)} {part} ({names}); take scene.{part}[0].{name}", name)
+            raise _NoOnlyPartError(f"the scene has {len(items)} {part} ({names}); take scene.{part}[0].{name}", name)
         return getattr(items[0], name)
+
+
+class _NoOnlyPartError(InputError, AttributeError):
+    """A field of the only sensor or group, where there are several."""
 
 
 def scenario_of(scene: Scene | Scenario) -> Scenario:
