@@ -611,3 +611,20 @@ def test_the_package_is_the_command(checkout_environment):
         [sys.executable, "-m", "warpsim", "--version"], env=checkout_environment, capture_output=True, text=True
     )
     assert done.returncode == 0 and done.stdout.strip() == f"warpsim {ws.__version__}"
+
+
+def test_render_says_which_named_sensors_it_leaves_out(capsys, tmp_path):
+    code, out, _ = run(
+        capsys, "render", "stss", "-o", tmp_path / "o", "--frames", "60:61", "--sensors", "sat11,sat13", "--bands", "A"
+    )
+    assert code == 0 and out.endswith("left out, as they have no access in these frames: sat13\n")
+
+
+def test_check_warns_of_targets_that_are_never_deployed(capsys, tmp_path):
+    first = ws.Scene.load("stss").to_dict()["groups"][0]
+    ws.Scene.load("stss").replace(groups=[{**first, "exists_s": [0.0, 100.0], "release": {"time_s": 300.0}}]).save(
+        tmp_path / "late.toml"
+    )
+    code, out, _ = run(capsys, "check", tmp_path / "late.toml")
+    assert code == 0
+    assert "warning    sphere is never deployed: released at 300 s, absent from 100 s" in out

@@ -263,3 +263,8 @@ def test_every_public_name_exists():
         assert getattr(ws, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         ws.nonsense  # noqa: B018
+
+
+def test_moved_names_are_said(scene):
+    with pytest.raises(AttributeError, match=r"no attribute 'has_access'; scene.scenario.has_access is it$"):
+        _ = scene.has_access

@@ -144,6 +144,12 @@ def _group_lines(group: TargetGroup, scenario: Scenario) -> list[str]:
     ]
     spread = {spec.name: spec.spread for spec in group.targets if spec.spread}
     lines += [f"  spread     {name}: {', '.join(fields)}" for name, fields in spread.items()]
+    for spec in group.targets[1:]:
+        release = spec.release or group.release
+        released_s = -np.inf if release is None or group.orbits is not None else group.start_s + release.time_s
+        if released_s >= last_s:
+            words = f"released at {released_s:g} s, absent from {last_s:g} s"
+            lines.append(f"  warning    {spec.name} is never deployed: {words}")
     if arc and speeds[0] > ESCAPE_SPEED_M_S:
         lines.append(f"  warning    the flight starts faster than escape speed ({ESCAPE_SPEED_M_S:.0f} m/s)")
     if arc and altitude_km.min() < arc.endpoint_altitude_km - 0.1:

@@ -45,6 +45,8 @@ class RunPlan:
     """Tables beside the images: "truth" (targets), and "stars" when requested."""
     formats: dict[str, Format] = field(default_factory=lambda: {name: FORMATS[name] for name in USUAL_FORMATS})
     """How images are stored, by name."""
+    without_access: tuple[str, ...] = ()
+    """Sensors that were named, and have no access in these frames."""
 
     @property
     def n_image(self) -> int:
@@ -145,9 +147,10 @@ def make_plan(
             "frames",
         )
     tables = ("truth", "stars") if stars else ("truth",)
+    without = () if sensors is None else tuple(sensor for sensor in bands_of if sensor not in frames_of)
     bands_of = {sensor: bands_of[sensor] for sensor in frames_of}
     key = _run_key(renderer, bands_of, frames_of, tables, tuple(chosen))
-    return RunPlan(scenario, folder, bands_of, frames_of, key, tables, chosen)
+    return RunPlan(scenario, folder, bands_of, frames_of, key, tables, chosen, without)
 
 
 def _bands_of(

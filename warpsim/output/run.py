@@ -28,6 +28,7 @@ from warpsim.output.run_folder import has_checkpoint, is_complete, working_on, w
 from warpsim.render.renderer import Renderer
 from warpsim.scene.inputs import input_checksums
 from warpsim.scene.instrument import Instrument
+from warpsim.scene.roster import some_names
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 
@@ -53,10 +54,15 @@ class RunReport:
     bands: list[str]
     warning: str | None = None
     """What had to be replaced in the cameras' axes."""
+    without_access: tuple[str, ...] = ()
+    """Sensors that were named, and have no access in these frames."""
 
     def text(self) -> str:
-        """One to three lines for a person."""
-        return self._summary() + (f"\nwarning: {self.warning}" if self.warning else "")
+        """A few lines for a person."""
+        text = self._summary() + (f"\nwarning: {self.warning}" if self.warning else "")
+        if self.without_access:
+            text += f"\nleft out, as they have no access in these frames: {some_names(self.without_access)}"
+        return text
 
     def _summary(self) -> str:
         sensors = "1 sensor" if self.n_sensor == 1 else f"{self.n_sensor} sensors"
@@ -129,7 +135,17 @@ def render_to_folder(
             raise OSError(f"{plan.folder}: writing failed, the same command goes on from here: {error}") from error
     total_s = time.perf_counter() - begin
     warning = pointing_warning(renderer.scenario, plan.frames_of)
-    return RunReport(plan.folder, len(plan.frames_of), plan.n_image, n_done, render_s, total_s, plan.bands, warning)
+    return RunReport(
+        plan.folder,
+        len(plan.frames_of),
+        plan.n_image,
+        n_done,
+        render_s,
+        total_s,
+        plan.bands,
+        warning,
+        plan.without_access,
+    )
 
 
 def _render_missing(plan: RunPlan, renderer: Renderer, progress: bool) -> tuple[int, float]:

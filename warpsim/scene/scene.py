@@ -163,7 +163,8 @@ class Scene(SceneDescription):
         """
         part = next((part for part, fields in SHORT_FORMS.items() if name in fields), None)
         if part is None:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            hint = f"; scene.scenario.{name} is it" if not name.startswith("_") and hasattr(Scenario, name) else ""
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}{hint}")
         items = getattr(self, part)
         if len(items) != 1:
             names = ", ".join(item.name for item in items) or "none"
