@@ -271,6 +271,7 @@ def aimed(scene, mode, every_s, across, beside, fov_deg):
     return scene.replace(pointing=pointing, optics=optics, camera__fov_deg=fov_deg)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step_s", [60.0, 10.0, 1.0])
 def test_step_and_stare_shows_the_target_in_every_other_row(scene, step_s):
     table = aimed(scene, "stare", 6.0, [0.0, 1.0], [0.0], 5.0).access(sensors=[SENSOR], rules=WHOLE, step_s=step_s)

@@ -85,6 +85,7 @@ def test_the_worst_of_several_cases_is_kept():
         records.add("t::c", dict(other.user_properties)[KEY])
 
 
+@pytest.mark.slow
 def test_workers_send_what_they_record(tmp_path):
     """Through pytest-xdist; -m accuracy runs just the tests that record."""
     pytest.importorskip("xdist")

@@ -511,6 +511,7 @@ def test_plot_draws_every_picture(capsys, tmp_path):
     assert "scene.png: is there already" in err
 
 
+@pytest.mark.slow
 def test_plot_draws_named_sensors_and_every_group(capsys, tmp_path, scene):
     pytest.importorskip("matplotlib")
     (first,) = scene.to_dict()["groups"]

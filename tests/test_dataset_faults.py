@@ -100,6 +100,7 @@ def test_a_killed_run_is_finished_by_the_same_command(recipe_path, whole, tmp_pa
     assert content(folder) == complete
 
 
+@pytest.mark.slow
 def test_workers_do_not_outlive_their_parent(recipe_path, tmp_path, checkout_environment):
     folder = tmp_path / "data"
     process = subprocess.Popen(command(recipe_path, folder, "--workers", "2"), env=checkout_environment)
@@ -218,6 +219,7 @@ def test_a_folder_that_takes_no_files_is_told_before_the_work(recipe):
         ws.write_dataset(recipe, "/proc/data", device="cpu")
 
 
+@pytest.mark.slow
 def test_two_runs_do_not_write_into_one_folder(recipe_path, recipe, whole, tmp_path, checkout_environment):
     folder = tmp_path / "data"
     process = subprocess.Popen(command(recipe_path, folder, "--workers", "1"), env=checkout_environment)
@@ -338,6 +340,7 @@ def test_what_a_killed_run_left_is_gone_once_another_replaces_it(recipe, tmp_pat
     assert content(tmp_path / "data") == content(tmp_path / "fresh")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_interrupt", [1, 2])
 def test_interrupts_end_a_pool_at_once(recipe_path, tmp_path, checkout_environment, n_interrupt):
     folder = tmp_path / "data"

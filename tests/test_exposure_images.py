@@ -132,6 +132,7 @@ def test_targets_streak_through_a_still_camera(scene, device, field):
     np.testing.assert_allclose([main["dx_px"], main["dy_px"]], expected, rtol=0, atol=PLACE_ATOL_PX)
 
 
+@pytest.mark.slow
 def test_brightness_follows_the_spin_along_a_streak(scene, device, field):
     """A plate that flashes five times: the streak is a row of spots, and the light still the mean of the instants."""
     flash = {

@@ -92,6 +92,7 @@ def test_band_average(band, n_pixel, changes, record_accuracy):
     assert_agree(psf, galsim.Sum(parts, gsparams=params(**changes)), TABLE_ATOL, record_accuracy)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("radius_px", "obscuration", "smear_px"), [(0.478, 0.0, 0.1), (0.478, 0.25, 0.3), (1.5, 0.0, 1.0), (4.0, 0.25, 0.5)]
 )

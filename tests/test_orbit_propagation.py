@@ -86,6 +86,7 @@ def test_j2_matches_dop853_over_a_flight(name, sign, record_accuracy):
     assert np.abs(velocity[:, 0] - expected_v).max() < 1e-2 * J2_FLIGHT_M
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["walker-1598-km", "low-orbit", "eccentric"])
 def test_j2_matches_dop853_over_a_day(name, record_accuracy):
     r, v = STATES[name]

@@ -44,6 +44,7 @@ def offsets_to_try(aspect, scale_px, n=30):
     return np.concatenate([exact, edges, near, rng.uniform(-3.5, 3.5, (n, 2))]).astype(np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blur", BLURS.values(), ids=BLURS)
 def test_blurred_patterns_on_any_pixel(blur, record_accuracy):
     radius_px, obscuration, smear_px, aspect = blur
@@ -65,6 +66,7 @@ def test_the_spectrum_is_an_oracle():
     np.testing.assert_allclose(got, expected, rtol=0, atol=SPECTRUM_ATOL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aspect", [0.4, 1.6])
 @pytest.mark.parametrize("radius_px", [0.05, 0.3, 2.0])
 def test_sharp_patterns_on_pixels_that_are_not_square(radius_px, aspect):
@@ -131,6 +133,7 @@ def test_wings_of_blurs(aspect, rel):
         assert share(table, dx, dy / aspect) == pytest.approx(expected, rel=rel)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("smear_px", [0.0, 0.003, 0.1, 5.0, 50.0])
 @pytest.mark.parametrize("radius_px", [0.01, 0.3, 50.0])
 def test_stated_errors_over_the_range_of_blurs(radius_px, smear_px):

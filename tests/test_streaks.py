@@ -111,6 +111,7 @@ def test_gaussian_streak_against_ten_thousand_samples(device, sigma_px, movement
     record_accuracy("Streak of a Gaussian", error, STREAK_ATOL, "of the flux", "10,000 samples")
 
 
+@pytest.mark.slow
 @each_streak
 @pytest.mark.parametrize("sigma_px", [0.01, 0.064])
 def test_sharp_gaussian_streak_against_fine_panels(device, sigma_px, movement, xy, brightness):
@@ -122,6 +123,7 @@ def test_sharp_gaussian_streak_against_fine_panels(device, sigma_px, movement, x
     np.testing.assert_allclose(image, expected, rtol=0, atol=FINE_ATOL)
 
 
+@pytest.mark.slow
 @each_streak
 @pytest.mark.parametrize(("radius_px", "obscuration"), [(0.185, 0.0), (0.478, 0.3), (1.5, 0.0)])
 def test_airy_streak_against_its_transform(device, radius_px, obscuration, movement, xy, brightness, record_accuracy):
@@ -158,6 +160,7 @@ def random_streaks():
     return streaks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5])
 def test_error_is_within_what_is_allowed(device, random_streaks, error):
     """Random streaks; and coarse bounds are made use of: fewer nodes than the finest takes leave a larger error."""

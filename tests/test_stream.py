@@ -276,6 +276,7 @@ if sys.argv[1] == "work":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["interrupt", "work", "end"])
 def test_a_program_ends_in_the_middle_of_a_stream(how, tmp_path, checkout_environment):
     """By Ctrl-C while it waits for a frame or works on one, or because it is through."""
