@@ -30,6 +30,9 @@ TESTS = (
 )  # fmt: skip
 """Where much is summed, solved or integrated: orbits, apparent places, optics, heat, magnitudes."""
 
+WHICH = "not slow or accuracy"
+"""Of them, with the long ones that record an error."""
+
 NEEDS = {"Haswell": {"avx2", "fma"}, "Sandybridge": {"avx"}}
 """OpenBLAS's names of processors, and what its kernels for them need, in the words of /proc/cpuinfo."""
 
@@ -71,7 +74,7 @@ def test_limits_hold_with_the_arithmetic_of(core, checkout_environment):
     """Sandybridge stands for older ones: nothing has fused multiplication and addition, and NumPy its least code."""
     skip_unless_it_runs(core)
     names = [f"tests/test_{name}.py" for name in TESTS]
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--tb=short", *names]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--tb=short", "-m", WHICH, *names]
     environment = as_on(core, checkout_environment)
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, f"with the arithmetic of {core}:\n{done.stdout[-8000:]}\n{done.stderr[-2000:]}"
