@@ -274,9 +274,3 @@ def test_fields_of_the_only_sensor_are_absent_where_there_are_several():
     assert not hasattr(several, "camera") and getattr(several, "detector", None) is None
     with pytest.raises(ws.InputError, match=r"^camera: the scene has 2 sensors \(wide, narrow\); take scene.sensors"):
         _ = several.camera
-
-
-@pytest.mark.parametrize("names", [["sat11.wide", "sat11.wide"], ["wide", "sat11.wide"]])
-def test_sensors_are_not_rendered_twice(names):
-    with pytest.raises(ws.InputError, match=r"^sensors: must not repeat, got 'sat11\.wide'$"):
-        ws.Scene.load("two_cameras").scenario.select_sensors(names)

@@ -63,8 +63,6 @@ class Roster:
                 raise InputError(f"must be sensors of the scene ({some_names(known)}{kinds})", "sensors", name)
         if not chosen:
             raise InputError("must name at least one", "sensors")
-        if len(set(chosen)) < len(chosen):
-            raise InputError("must not repeat", "sensors", next(name for name in chosen if chosen.count(name) > 1))
         return chosen
 
     def target(self, name: str, field: str = "name") -> int:
