@@ -33,6 +33,12 @@ def test_places_are_added_in_front():
     assert error.within("") is error and error.of("") is error
 
 
+def test_the_field_of_an_error_without_one_is_what_it_is_within():
+    error = ws.InputError("must leave time").within("steps[2].start_s").within("pointing").of("sat11")
+    assert (error.field, error.place) == ("steps[2].start_s", "sat11: pointing.steps[2].start_s")
+    assert ws.InputError("must be > 0", "n_row").within("camera").field == "n_row"
+
+
 def test_several_fields_stand_behind_a_colon():
     error = InputError("exactly one must be given", "file, time_s")
     assert str(error.within("attitude")) == "attitude: file, time_s: exactly one must be given"

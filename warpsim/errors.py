@@ -52,7 +52,7 @@ class InputError(ValueError):
 
     Attributes:
         rule: As given.
-        field: As given.
+        field: As given; where none was, the first that it was found within.
         value: As given; NO_VALUE where there is none.
         row: As given; None where there is none.
         errors: The single errors, where several are reported at once.
@@ -93,7 +93,11 @@ class InputError(ValueError):
 
     def within(self, field: str) -> Self:
         """Return the error with a field's path before the place."""
-        return self._with_steps((_Step(field, True),)) if field else self
+        if not field:
+            return self
+        error = self._with_steps((_Step(field, True),))
+        error.field = self.field or field
+        return error
 
     def of(self, name: str | os.PathLike[str]) -> Self:
         """Return the error with the name of a file, a line or a body before the place."""
