@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from warpsim.errors import InputError
-from warpsim.radiometry.bands import BANDS, Band, as_band, band_radiance_w_m2_sr
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import BANDS, as_band, band_radiance_w_m2_sr
 
 RADIANCE_RTOL = 1e-12  # rounding of float64 sums over up to 900 nodes, exponents up to 80 (50 K, 4 um)
 COLD_RTOL = 1e-7  # below 10 K the exponential falls by decades inside one quadrature piece

@@ -13,7 +13,8 @@ import pytest
 from warpsim_catalogs import path as shipped_path
 
 from warpsim.errors import InputError
-from warpsim.radiometry.bands import BANDS, Band
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import BANDS
 from warpsim.sky.catalog import StarCatalog
 
 RECIPE = Path(__file__).parents[1] / "catalogs" / "build_hip_gaia_ir.py"

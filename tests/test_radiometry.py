@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from warpsim.errors import InputError
-from warpsim.radiometry.bands import BANDS, Band
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import BANDS
 from warpsim.radiometry.magnitudes import PHYSICS, as_radiometry
 from warpsim.sky.catalog import StarCatalog
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from warpsim.errors import InputError
-from warpsim.radiometry.bands import BANDS, Band
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import BANDS
 from warpsim.sky import stellar_spectrum
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.colours import CLASS_TEMPERATURE_K, flux_from_magnitude_a

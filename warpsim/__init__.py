@@ -57,8 +57,8 @@ if TYPE_CHECKING:
     from warpsim.output.image_files import write_signal as write_signal
     from warpsim.output.preview import write_preview as write_preview
     from warpsim.output.run import render_to_folder as render_to_folder
+    from warpsim.radiometry.band import Band as Band
     from warpsim.radiometry.bands import BANDS as BANDS
-    from warpsim.radiometry.bands import Band as Band
     from warpsim.radiometry.bands import band_radiance_w_m2_sr as band_radiance_w_m2_sr
     from warpsim.radiometry.magnitudes import PHYSICS as PHYSICS
     from warpsim.render.deposit import deposit as deposit
@@ -134,7 +134,7 @@ _HOME = {
     "BandIndex": "warpsim.sky.band_index",
     "apparent_direction": "warpsim.sky.apparent",
     "PHYSICS": "warpsim.radiometry.magnitudes",
-    "Band": "warpsim.radiometry.bands",
+    "Band": "warpsim.radiometry.band",
     "BANDS": "warpsim.radiometry.bands",
     "band_radiance_w_m2_sr": "warpsim.radiometry.bands",
     "Camera": "warpsim.optics.camera",

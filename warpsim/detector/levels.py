@@ -75,7 +75,7 @@ def electron_levels(detector: ElectronDetector, optics: Optics, camera: Camera, 
         InputError: A table lacks the band, or background and dark current alone saturate a pixel.
     """
     area_cm2 = 1e4 * math.pi / 4 * optics.aperture_m**2 * (1 - optics.obscuration**2)
-    photon_j = PLANCK_J_S * SPEED_OF_LIGHT_M_S / (BANDS[band].peak_um * 1e-6)
+    photon_j = PLANCK_J_S * SPEED_OF_LIGHT_M_S / (BANDS[band].photon_um * 1e-6)
     transmission = _given(detector, "transmission", band)
     e_per_j = _given(detector, "quantum_efficiency", band) / photon_j
     e_per_w_cm2 = area_cm2 * transmission * e_per_j * detector.exposure_s

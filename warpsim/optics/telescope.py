@@ -18,7 +18,8 @@ from warpsim.optics.pattern import FIRST_DARK_RING
 from warpsim.optics.psf import MAX_N_WAVELENGTH, MAX_OBSCURATION, MAX_OVERSAMPLE, Psf, PsfAiry, PsfGaussian, PsfTable
 from warpsim.optics.psf_file import FileByBand, read_psf_file
 from warpsim.optics.tables import DEFAULT_ERROR, ERROR_RANGE
-from warpsim.radiometry.bands import Band, as_band
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import as_band
 
 GAUSSIAN_PER_LAMBDA_F = 0.42
 """Sigma of the Gaussian that resembles an Airy pattern's core, in units of lambda * F."""

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
-from warpsim.radiometry.bands import BANDS, Band
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import BANDS
 
 if TYPE_CHECKING:
     from astropy.table import Table

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from warpsim.constants import ASTRONOMICAL_UNIT_M, SUN_RADIUS_M, SUN_TEMPERATURE_K
-from warpsim.radiometry.bands import Band, band_radiance_w_m2_sr
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import band_radiance_w_m2_sr
 
 
 def sun_irradiance_w_m2(band: Band | str) -> float:

@@ -12,7 +12,8 @@ import warp as wp
 from warpsim_kernels.emission import RadianceTable
 from warpsim_kernels.temperature import TemperatureTables
 
-from warpsim.radiometry.bands import Band, as_band, band_radiance_w_m2_sr
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr
 from warpsim.target.temperature import TemperatureRows
 
 LN_TEMPERATURE_STEP = 0.005

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
-from warpsim.radiometry.bands import BANDS, Band, as_band
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import BANDS, as_band
 from warpsim.radiometry.magnitudes import PHYSICS, Physics, as_radiometry
 from warpsim.sky.catalog_columns import (
     BAND_NAMES,

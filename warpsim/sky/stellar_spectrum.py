@@ -21,7 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
-from warpsim.radiometry.bands import BANDS, RADIATION_1_W_M2_SR, RADIATION_2_M_K, Band, as_band
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import BANDS, RADIATION_1_W_M2_SR, RADIATION_2_M_K, as_band
 from warpsim.radiometry.quadrature import composite_rule, gauss_rule
 from warpsim.sky.colours import CLASS_TEMPERATURE_K, UNKNOWN_COLOUR_CLASS
 

@@ -1,0 +1,311 @@
+"""A spectral band: relative response against wavelength, by energy or by photon, and quadratures over it."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from warpsim.errors import InputError
+from warpsim.radiometry.quadrature import composite_rule, gauss_rule
+
+Array = NDArray[np.float64]
+
+# 12 nodes on pieces no wider than 2 % of their wavelength: exact to rounding above 50 K, 1e-8 at 3 K and 4 um, where
+# the exponential falls by 10 decades within one piece.
+_NODES_PER_PIECE = 12
+_MAX_PIECE_LOG_WIDTH = 0.02
+LARGEST_N_INTERVAL = 32
+"""Spectral intervals of a band: far beyond what any smooth spectrum needs."""
+
+_PRODUCT_ERROR = 1e-6
+"""Largest error of the linear pieces that stand for a product of curves, as a fraction of the peaks."""
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """A spectral band: relative response against wavelength, linear between its nodes and zero outside.
+
+    `Band(name, wavelength_um, response)` is enough; the wavelengths and the half-power points then follow from the
+    response, and the zero points are NaN (not known). The response is scaled to peak 1. Two bands are equal when all
+    their numbers are.
+
+    In-band irradiance is the integral of the energy response times the spectral irradiance. The energy response has
+    peak 1: it is the response given, or with `per_photon` the response given times wavelength over `photon_um`. So a
+    detector that counts photons collects in every spectrum the same number of electrons per in-band energy, its peak
+    quantum efficiency times `photon_um` / (h c).
+
+    Raises:
+        InputError: Fewer than two nodes, shapes that differ, wavelengths not positive and increasing, values that are
+            not finite, negative response, or no response at all.
+    """
+
+    name: str
+
+    wavelength_um: Array
+    """Nodes [um], shape (n,), increasing."""
+
+    response: Array
+    """Response relative to the peak, shape (n,): by energy (as amperes per watt), or by photon (as a quantum
+    efficiency) with `per_photon`."""
+
+    isophotal_um: float = math.nan
+    """Isophotal wavelength [um]; if not given, the mean wavelength weighted by the energy response."""
+
+    half_power_um: tuple[float, float] = (math.nan, math.nan)
+    """Lower and upper half-power wavelength [um]; if not given, the outermost crossings of half the peak."""
+
+    zero_mag_jy: float = math.nan
+    """Flux density of a star of magnitude 0 [Jy]; of an MSX band, the mean over it by frequency."""
+
+    zero_mag_w_cm2: float = math.nan
+    """In-band irradiance of a star of magnitude 0 [W/cm2]."""
+
+    w_cm2_per_jy: float = math.nan
+    """In-band irradiance per flux density, for a stellar spectrum [W/cm2 per Jy]."""
+
+    per_photon: bool = False
+    """Whether `response` is that per photon; per energy otherwise."""
+
+    photon_um: float = field(init=False, repr=False)
+    """Wavelength whose photons have the energy that the detector's electrons cost at peak quantum efficiency [um]: the
+    ratio of photon response (peak 1) times wavelength to energy response (peak 1), the same at all wavelengths."""
+
+    _quadrature_um: tuple[Array, Array] = field(init=False, repr=False)
+    """Quadrature nodes [um] and weights [um] (energy response included), shape (m,) each."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise InputError("must be a text that is not empty", "name", self.name).of("band")
+        try:
+            wavelength_um, response = checked_curve(self.wavelength_um, self.response, "response")
+            if response.max() == 0.0:
+                raise InputError("must be > 0 somewhere, got 0 everywhere", "response")
+            if not isinstance(self.per_photon, bool):
+                raise InputError("must be true or false", "per_photon", self.per_photon)
+        except InputError as error:
+            raise error.of(f"band {self.name}") from None
+        response /= response.max()
+
+        def put(attribute: str, value: Any) -> None:
+            object.__setattr__(self, attribute, value)  # the dataclass is frozen for everybody else
+
+        put("wavelength_um", _frozen(wavelength_um))
+        put("response", _frozen(response))
+        put("photon_um", _photon_um(wavelength_um, response, self.per_photon))
+        node_um, weight_um = composite_rule(wavelength_um, response, _NODES_PER_PIECE, _MAX_PIECE_LOG_WIDTH)
+        put("_quadrature_um", (_frozen(node_um), _frozen(self._by_energy(node_um, weight_um))))
+        if math.isnan(self.isophotal_um):
+            node_um, weight_um = self._quadrature_um
+            put("isophotal_um", float(np.sum(weight_um * node_um) / np.sum(weight_um)))
+        if math.isnan(self.half_power_um[0]):
+            put("half_power_um", _half_power(wavelength_um, response))
+
+    @classmethod
+    def top_hat(cls, name: str, lower_um: float, upper_um: float, *, per_photon: bool = False) -> Band:
+        """Return the band of response 1 between two wavelengths and 0 outside.
+
+        Args:
+            name: Of the band.
+            lower_um: Lower edge [um], > 0.
+            upper_um: Upper edge [um].
+            per_photon: Whether the response is flat per photon, as of a constant quantum efficiency; per energy
+                otherwise.
+
+        Raises:
+            InputError: The edges are not finite, positive and increasing.
+        """
+        return cls(name, np.array([lower_um, upper_um]), np.ones(2), per_photon=per_photon)
+
+    @classmethod
+    def from_curves(
+        cls, name: str, *curves: tuple[ArrayLike, ArrayLike], per_photon: bool = True
+    ) -> tuple[Band, float]:
+        """Return the band of a product of curves, such as filter, telescope and quantum efficiency, and its peak.
+
+        Args:
+            name: Of the band.
+            curves: Pairs of wavelengths [um], increasing, and values there, linear between them and 0 outside.
+            per_photon: Whether the product is a response per photon, as with a quantum efficiency among the curves;
+                per energy, as with a responsivity, otherwise.
+
+        Returns:
+            The band, scaled to peak 1 and within 1e-6 of the product, and the largest value of the product, which is
+            the peak of quantum efficiency times transmission.
+
+        Raises:
+            InputError: No curve, one that breaks a rule of Band, or a product that is zero everywhere.
+        """
+        checked = []
+        for number, curve in enumerate(curves):
+            try:
+                wavelength, values = curve
+                checked.append(checked_curve(wavelength, values, "values"))
+            except (TypeError, ValueError) as error:
+                if not isinstance(error, InputError):
+                    error = InputError("must be a pair of wavelengths and values")
+                raise error.within(f"curves[{number}]").of(f"band {name}") from None
+        if not checked:
+            raise InputError("must be at least one", "curves").of(f"band {name}")
+        wavelength_um, product = _product(checked)
+        if len(wavelength_um) < 2 or product.max() == 0.0:
+            raise InputError("must overlap, got a product of 0 everywhere", "curves").of(f"band {name}")
+        return cls(name, wavelength_um, product, per_photon=per_photon), float(product.max())
+
+    @property
+    def lit_um(self) -> tuple[float, float]:
+        """First and last wavelength [um] next to which the response is above 0."""
+        lit = np.flatnonzero(self.response > 0.0)
+        low, high = max(lit[0] - 1, 0), min(lit[-1] + 1, len(self.response) - 1)
+        return float(self.wavelength_um[low]), float(self.wavelength_um[high])
+
+    def energy_response(self, wavelength_um: ArrayLike) -> Array:
+        """Response by energy, of peak 1, at wavelengths [um] of any shape."""
+        at_um = np.asarray(wavelength_um, dtype=np.float64)
+        response = np.interp(at_um, self.wavelength_um, self.response, left=0.0, right=0.0)
+        return self._by_energy(at_um, response)
+
+    def intervals(self, n: int) -> tuple[Array, Array]:
+        """Split the band into n spectral intervals, each of one wavelength and one weight.
+
+        They are the Gauss quadrature with the energy response as weight function: sum(weight_um * f(wavelength_um)) is
+        the integral of response times f, exact for polynomials f of degree 2n - 1, and close for smooth spectra (a
+        table of errors is in docs/physics.md). The one interval of n = 1 sits at the mean wavelength weighted by the
+        response. Where a response has a gap, an interval may fall into it.
+
+        Args:
+            n: How many, 1 to 32; the paper's sensor has 6.
+
+        Returns:
+            Wavelengths [um], increasing and inside the band, and weights [um], > 0, shape (n,) each; read-only.
+
+        Raises:
+            InputError: n is not a whole number from 1 to 32.
+        """
+        if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 1 <= n <= LARGEST_N_INTERVAL:
+            raise InputError(f"must be a whole number from 1 to {LARGEST_N_INTERVAL}", "n", n).of(f"band {self.name}")
+        return _intervals(self, int(n))
+
+    def _by_energy(self, wavelength_um: Array, values: Array) -> Array:
+        """Values proportional to the given response, as those of the energy response."""
+        return values * (wavelength_um / self.photon_um) if self.per_photon else values
+
+    def _key(self) -> tuple[object, ...]:
+        numbers = (self.isophotal_um, *self.half_power_um, self.zero_mag_jy, self.zero_mag_w_cm2, self.w_cm2_per_jy)
+        nodes = (self.wavelength_um.tobytes(), self.response.tobytes(), self.per_photon)
+        return self.name, nodes, np.array(numbers).tobytes()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Band) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+
+def _frozen(values: Array) -> Array:
+    values.setflags(write=False)
+    return values
+
+
+@functools.lru_cache(maxsize=64)
+def _intervals(band: Band, n: int) -> tuple[Array, Array]:
+    """Gauss rule of n nodes for a band's response, relative to its first wavelength while at work.
+
+    Differences of wavelengths keep their digits, however narrow the band. n + 1 nodes per linear piece are exact for
+    every polynomial that the rule has to integrate, one more where the response is per photon.
+    """
+    first_um = band.wavelength_um[0]
+    offset_um, weight_um = composite_rule(band.wavelength_um - first_um, band.response, n + 1 + band.per_photon)
+    node_um, weight_um = gauss_rule(offset_um, band._by_energy(first_um + offset_um, weight_um), n)
+    return _frozen(first_um + node_um), _frozen(weight_um)
+
+
+def checked_curve(wavelength: ArrayLike, values: ArrayLike, what: str) -> tuple[Array, Array]:
+    """Nodes of a curve over wavelength [um], and its values there, as given; copies.
+
+    Args:
+        wavelength: Nodes [um], shape (n,), n >= 2.
+        values: Values there, >= 0.
+        what: Name of the values in errors.
+
+    Raises:
+        InputError: Fewer than two nodes, shapes that differ, values that are not finite numbers, wavelengths not
+            positive and increasing, or negative values.
+    """
+    wavelength_um, numbers = _nodes(wavelength, "wavelength_um"), _nodes(values, what)
+    if wavelength_um.shape != numbers.shape:
+        got = f"{len(numbers)} and {len(wavelength_um)} nodes"
+        raise InputError("must be as long as wavelength_um", what, got, "s")
+    if wavelength_um[0] <= 0.0:
+        raise InputError("must be > 0", "wavelength_um", wavelength_um[0], "g")
+    falls = np.flatnonzero(np.diff(wavelength_um) <= 0.0)
+    if falls.size:
+        k = int(falls[0])
+        raise InputError(f"must increase, got {wavelength_um[k]:g} then {wavelength_um[k + 1]:g}", "wavelength_um")
+    if numbers.min() < 0.0:
+        raise InputError("must be >= 0", what, numbers.min(), "g")
+    return wavelength_um, numbers
+
+
+def _nodes(values: ArrayLike, where: str) -> Array:
+    """Copy to a float64 vector of at least two finite values."""
+    try:
+        vector = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"must be numbers, got {type(values).__name__}", where) from None
+    if vector.ndim != 1 or vector.size < 2:
+        raise InputError(f"must be a vector of at least 2 nodes, got shape {vector.shape}", where)
+    if not np.isfinite(vector).all():
+        node = int(np.flatnonzero(~np.isfinite(vector))[0])
+        raise InputError(f"must be finite, got {vector[node]} at node {node}", where)
+    return vector
+
+
+def _half_power(wavelength_um: Array, response: Array) -> tuple[float, float]:
+    """Return the outermost wavelengths at which the response is half its peak, or the ends if it stays above."""
+    above = np.flatnonzero(response >= 0.5)
+    low, high = int(above[0]), int(above[-1])
+    low_um, high_um = float(wavelength_um[low]), float(wavelength_um[high])
+    if low > 0:
+        low_um = float(np.interp(0.5, response[low - 1 : low + 1], wavelength_um[low - 1 : low + 1]))
+    if high < len(response) - 1:
+        falling = slice(high + 1, high - 1 if high else None, -1)
+        high_um = float(np.interp(0.5, response[falling], wavelength_um[falling]))
+    return low_um, high_um
+
+
+def _photon_um(wavelength_um: Array, response: Array, per_photon: bool) -> float:
+    """Photon response times wavelength over energy response [um], both of peak 1."""
+    if not per_photon:  # response / wavelength has its peak at a node
+        return float(1.0 / np.max(response / wavelength_um))
+    # Response times wavelength is a parabola in each piece; its vertex may be the peak.
+    slope = np.diff(response) / np.diff(wavelength_um)
+    start = response[:-1] - slope * wavelength_um[:-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        vertex_um = np.clip(np.nan_to_num(-0.5 * start / slope), wavelength_um[:-1], wavelength_um[1:])
+    return float(max(np.max(response * wavelength_um), np.max((start + slope * vertex_um) * vertex_um)))
+
+
+def _product(curves: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Nodes [um] and values of a product of curves, where all of them have values."""
+    low_um = max(wavelength_um[0] for wavelength_um, _ in curves)
+    high_um = min(wavelength_um[-1] for wavelength_um, _ in curves)
+    nodes = np.unique(np.concatenate([wavelength_um for wavelength_um, _ in curves]))
+    nodes = nodes[(nodes >= low_um) & (nodes <= high_um)]
+    if len(nodes) < 2:
+        return nodes, np.zeros(len(nodes))
+    # Between nodes a product bends away from its chord by the steps of its factors, a quarter of their product.
+    steps = np.stack([np.abs(np.diff(np.interp(nodes, *curve))) / max(curve[1].max(), 1e-300) for curve in curves])
+    bend = (np.sum(steps, axis=0) ** 2 - np.sum(steps**2, axis=0)) / 8.0
+    n_part = np.maximum(np.ceil(np.sqrt(bend / _PRODUCT_ERROR)), 1).astype(int)
+    parts = [np.linspace(nodes[k], nodes[k + 1], n + 1)[:-1] for k, n in enumerate(n_part)]
+    fine = np.concatenate([*parts, nodes[-1:]])
+    product = np.ones_like(fine)
+    for curve in curves:
+        product *= np.interp(fine, *curve)
+    return fine, product
