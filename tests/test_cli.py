@@ -137,7 +137,7 @@ BAD_SCENES = {
     "NaN": ("fov_deg = 1.0", "fov_deg = nan", "camera.fov_deg: must be finite, got nan"),
     "infinity": ("aperture_m = 0.4", "aperture_m = inf", "optics.aperture_m: must be finite, got inf"),
     "text": ("aperture_m = 0.4", 'aperture_m = "big"', "optics.aperture_m: must be a number, got 'big'"),
-    "unknown band": ('"C"', '"Z"', "bands[1]: must be one of B1, B2, A, C, D, E, got 'Z'"),
+    "unknown band": ('"C"', '"Z"', "bands[1]: must be a shipped band (B1, "),
     "misspelt field": ("aperture_m = 0.4", "apertur_m = 0.4", "optics.apertur_m: is not a known field (did you mean"),
     "missing field": ("duration_s = 1614.0\n", "", "duration_s: is required"),
     "unknown shape": ('kind = "sphere"', 'kind = "cube"', "targets[1].shape.kind: must be one of"),

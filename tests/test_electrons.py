@@ -365,7 +365,7 @@ BROKEN = [
     (lambda: ws.ElectronDetector(), "ElectronDetector: exposure_s: is required; full_well_e: is required"),
     (lambda: dataclasses.replace(WARM, exposure_s=0.0), "exposure_s: must be > 0, got 0.0"),
     (lambda: dataclasses.replace(WARM, quantum_efficiency=1.2), r"quantum_efficiency: must be in \(0, 1\], got 1.2"),
-    (lambda: dataclasses.replace(WARM, transmission={"Q": 0.5}), "transmission: must name bands among B1"),
+    (lambda: dataclasses.replace(WARM, transmission={0: 0.5}), "transmission: must be a table of numbers by names of"),
     (lambda: dataclasses.replace(WARM, optics_emissivity=0.1), "optics_emissivity: must be given together"),
     (lambda: dataclasses.replace(WARM, prnu=0.2), r"prnu: must be in \[0, 0.1\], got 0.2"),
     (lambda: dataclasses.replace(WARM, offset_counts=2e5), r"must be below 2\*\*bits \(16384\), got 200000"),

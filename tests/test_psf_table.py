@@ -222,8 +222,8 @@ def test_a_file_for_each_band(tmp_path):
         ({"psf": "table", "psf_file": "x.npy"}, "psf_oversample: is required with psf = 'table'"),
         ({"psf_file": "x.npy"}, "psf_file: belongs to psf = 'table', got psf = 'airy'"),
         ({"psf_oversample": 3.0}, "psf_oversample: belongs to psf = 'table'"),
-        ({"psf": "table", "psf_file": {}, "psf_oversample": 3.0}, "psf_file: must name bands among"),
-        ({"psf": "table", "psf_file": {"Z": "a.npy"}, "psf_oversample": 3.0}, "psf_file: must name bands among"),
+        ({"psf": "table", "psf_file": {}, "psf_oversample": 3.0}, "psf_file: must be the path of a file, or a table"),
+        ({"psf": "table", "psf_file": {"Z!": "a.npy"}, "psf_oversample": 3.0}, "psf_file: must be the path"),
         (
             {"psf": "table", "psf_file": {"A": 3}, "psf_oversample": 3.0},
             "psf_file: A: must be the path of a file, got 3",

@@ -143,7 +143,7 @@ class Recipe:
         scenario = self.scenario
         for what, names, known in (
             ("sensors", self.sensors, [*scenario.instruments, *scenario.sensor_names]),
-            ("bands", self.bands, scenario.bands),
+            ("bands", self.bands, list(scenario.bands)),
         ):
             for name in names or ():
                 if name not in known:

@@ -13,12 +13,13 @@ from warpsim.constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from warpsim.detector.electron import ElectronDetector
 from warpsim.detector.nei import NeiDetector
 from warpsim.errors import InputError
-from warpsim.radiometry.bands import BANDS, band_radiance_w_m2_sr
+from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr
 from warpsim.radiometry.by_band import in_band
 
 if TYPE_CHECKING:
     from warpsim.optics.camera import Camera
     from warpsim.optics.telescope import Optics
+    from warpsim.radiometry.band import Band
 
 _W_CM2_PER_W_M2 = 1e-4
 _JY_W_M2_HZ = 1e-26
@@ -52,30 +53,31 @@ class ElectronLevels(Levels):
     """Standard deviation of a pixel on blank sky, as electrons before the non-linearity [e]."""
 
 
-def levels(detector: NeiDetector | ElectronDetector, optics: Optics, camera: Camera, band: str) -> Levels:
+def levels(detector: NeiDetector | ElectronDetector, optics: Optics, camera: Camera, band: Band | str) -> Levels:
     """What a detector's noise and saturation are in a band.
 
     Raises:
-        InputError: A table lacks the band, or background and dark current alone saturate a pixel.
+        InputError: Unknown band, a table lacks it, or background and dark current alone saturate a pixel.
     """
     if isinstance(detector, ElectronDetector):
         return electron_levels(detector, optics, camera, band)
+    band = as_band(band)
     nei, sei = (_given(detector, name, band) for name in ("nei_w_cm2", "sei_w_cm2"))
     return Levels(nei, sei, detector.offset_counts, detector.counts_per_nei)
 
 
-def electron_levels(detector: ElectronDetector, optics: Optics, camera: Camera, band: str) -> ElectronLevels:
+def electron_levels(detector: ElectronDetector, optics: Optics, camera: Camera, band: Band | str) -> ElectronLevels:
     """What a detector in electrons collects and how well it reads it.
 
-    The bands' responses are those of energy, of peak 1: a detector that counts photons has in them a number of
-    electrons that is proportional to the in-band irradiance, whatever the spectrum, with the transmission, the quantum
-    efficiency and the photons of the wavelength where the response has its peak.
+    Photons count by the band's photon response, of which `quantum_efficiency` is the peak: in every spectrum the
+    electrons are in-band energy times that peak times `Band.photon_um` / (h c).
 
     Raises:
-        InputError: A table lacks the band, or background and dark current alone saturate a pixel.
+        InputError: Unknown band, a table lacks it, or background and dark current alone saturate a pixel.
     """
+    band = as_band(band)
     area_cm2 = 1e4 * math.pi / 4 * optics.aperture_m**2 * (1 - optics.obscuration**2)
-    photon_j = PLANCK_J_S * SPEED_OF_LIGHT_M_S / (BANDS[band].photon_um * 1e-6)
+    photon_j = PLANCK_J_S * SPEED_OF_LIGHT_M_S / (band.photon_um * 1e-6)
     transmission = _given(detector, "transmission", band)
     e_per_j = _given(detector, "quantum_efficiency", band) / photon_j
     e_per_w_cm2 = area_cm2 * transmission * e_per_j * detector.exposure_s
@@ -89,8 +91,8 @@ def electron_levels(detector: ElectronDetector, optics: Optics, camera: Camera, 
     full_e = min(detector.full_well_e, _charge_e(detector, _converter_end_e(detector)))
     if blank_e >= full_e:
         raise InputError(
-            f"background and dark current must not saturate a pixel in band {band}, got {blank_e:.3g} electrons where "
-            f"{full_e:.3g} do",
+            f"background and dark current must not saturate a pixel in band {band.name}, got {blank_e:.3g} electrons "
+            f"where {full_e:.3g} do",
             "detector",
         )
     slope = 1 - 2 * detector.nonlinearity * blank_e / detector.full_well_e
@@ -110,23 +112,23 @@ def electron_levels(detector: ElectronDetector, optics: Optics, camera: Camera, 
     )
 
 
-def _given(detector: NeiDetector | ElectronDetector, name: str, band: str) -> float:
+def _given(detector: NeiDetector | ElectronDetector, name: str, band: Band) -> float:
     given: float | Mapping[str, float] = getattr(detector, name)
-    value = in_band(given, band)
+    value = in_band(given, band.name)
     if value is None:
-        raise InputError(f"must name every band of the scene, got none for {band}", f"detector.{name}")
+        raise InputError(f"must name every band of the scene, got none for {band.name}", f"detector.{name}")
     return float(value)
 
 
-def _sky_w_cm2_sr(detector: ElectronDetector, band: str) -> float:
+def _sky_w_cm2_sr(detector: ElectronDetector, band: Band) -> float:
     """Radiance of the sky in a band [W/cm2/sr]."""
-    node_um, weight_um = BANDS[band]._quadrature_um
+    node_um, weight_um = band.quadrature_um
     width_hz = float(np.sum(weight_um * SPEED_OF_LIGHT_M_S / node_um**2)) * 1e6  # of the response over frequency
     zodiacal_w_m2_sr = _given(detector, "zodiacal_mjy_sr", band) * 1e6 * _JY_W_M2_HZ * width_hz
     return _given(detector, "background_w_cm2_sr", band) + zodiacal_w_m2_sr * _W_CM2_PER_W_M2
 
 
-def _optics_w_cm2_sr(detector: ElectronDetector, band: str) -> float:
+def _optics_w_cm2_sr(detector: ElectronDetector, band: Band) -> float:
     """Radiance of the optics themselves [W/cm2/sr]."""
     if detector.optics_temperature_k is None:
         return 0.0

@@ -10,8 +10,7 @@ from warpsim.config.fields import Integer, NonNegative, Positive, Switch, closed
 from warpsim.config.model import config_model
 from warpsim.detector.fields import BadShare, Bits, Diffusion, Exposure, GainSpread, Nonlinearity
 from warpsim.errors import InputError
-from warpsim.radiometry.bands import BANDS
-from warpsim.radiometry.by_band import PositiveByBand, in_band
+from warpsim.radiometry.by_band import PositiveByBand, in_band, named_bands
 
 
 @config_model
@@ -63,10 +62,10 @@ class NeiDetector:
 
     @model_validator(mode="after")
     def _ordered(self) -> NeiDetector:
-        for band in BANDS:
+        for band in named_bands(self.nei_w_cm2, self.sei_w_cm2) or [""]:
             nei, sei = in_band(self.nei_w_cm2, band), in_band(self.sei_w_cm2, band)
             if nei is not None and sei is not None and sei <= nei:
-                where = "" if isinstance(self.nei_w_cm2, float) and isinstance(self.sei_w_cm2, float) else f" in {band}"
+                where = f" in {band}" if band else ""
                 raise InputError(f"must be above nei_w_cm2 ({nei:g}){where}", "sei_w_cm2", sei, "g")
         if self.offset_counts >= 2**self.bits:
             raise InputError(f"must be below 2**bits ({2**self.bits})", "offset_counts", self.offset_counts, "g")

@@ -113,11 +113,11 @@ def _value_column(table: FileTable, wavelength: str, column: str | None) -> str:
         found = table.find(column)
         if found is None or found == wavelength:
             raise InputError(f"must be a column of the file ({', '.join(others)})", "column", column)
-        return found
+        return str(found)
     if len(others) != 1:
         rule = "must have one column of values, or column must say which"
         raise InputError(rule, value=", ".join(others) or "none", form="s")
-    return others[0]
+    return str(others[0])
 
 
 def _um_per(unit: str) -> float:

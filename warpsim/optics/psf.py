@@ -20,7 +20,11 @@ from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.optics.pattern import FIRST_DARK_RING as FIRST_DARK_RING
 
-RADIUS_RANGE_PX = (0.01, 50.0)
+RADIUS_RANGE_PX = (1e-3, 50.0)
+TIGHT_RADIUS_PX = 0.01
+"""Patterns of a smaller radius are drawn with a blurred core."""
+TIGHT_BLUR_PX = 0.008
+"""Standard deviation of that blur: as wide as the core of a pattern of TIGHT_RADIUS_PX."""
 SIGMA_RANGE_PX = (1e-4, 64.0)
 MAX_OBSCURATION = 0.6
 MAX_SMEAR_PX = 50.0
@@ -67,9 +71,13 @@ AS_LIST = PlainSerializer(lambda value: list(value) if isinstance(value, tuple) 
 class PsfAiry:
     """The diffraction pattern of a round pupil, of unit total flux: of one wavelength, or a sum over several.
 
+    A pattern far tighter than a pixel, with a radius below 0.01 px, is drawn with its core blurred by 0.008 px; its
+    wings, which alone reach pixels that the source is not in or next to, stay as they are. Light of a source within
+    some 0.03 px of a pixel's edge is then split as if the source lay up to 0.01 px elsewhere.
+
     Args:
-        radius_px: Radius of the first dark ring of the unobscured pupil, 1.22 lambda F / pitch [px], 0.01 to 50; a list
-            for light of several wavelengths.
+        radius_px: Radius of the first dark ring of the unobscured pupil, 1.22 lambda F / pitch [px], 0.001 to 50; a
+            list for light of several wavelengths.
         obscuration: Diameter of the central obscuration over that of the pupil.
         smear_px: Standard deviation of each axis of a Gaussian blur on top [px].
         weights: Parts of the light at each of the radii, of any sum; equal ones when left out.
@@ -91,6 +99,12 @@ class PsfAiry:
     def radii_px(self) -> tuple[float, ...]:
         """Radius of each wavelength [px]."""
         return self.radius_px if isinstance(self.radius_px, tuple) else (self.radius_px,)
+
+    @property
+    def blur_px(self) -> float:
+        """Standard deviation of each axis of the Gaussian blur that the pattern is drawn with [px]."""
+        tight = min(self.radii_px) < TIGHT_RADIUS_PX
+        return math.hypot(self.smear_px, TIGHT_BLUR_PX) if tight else self.smear_px
 
     @property
     def parts(self) -> tuple[float, ...]:

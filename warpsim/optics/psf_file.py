@@ -18,16 +18,15 @@ from pydantic_core import PydanticCustomError
 from warpsim.config.fields import rule_error, whole_path
 from warpsim.errors import InputError, one_line
 from warpsim.exchange.source import Source, read_source
-from warpsim.radiometry.bands import BANDS
-from warpsim.radiometry.by_band import AS_DICT, ByBand
+from warpsim.radiometry.by_band import AS_DICT, ByBand, are_names
 
 
 def _file_or_table(value: Any) -> str | ByBand[str]:
     """One path for all bands, or a table of them."""
     if not isinstance(value, Mapping):
         return whole_path(value, "must be the path of a file, or a table of paths by band")
-    if not value or any(band not in BANDS for band in value):
-        raise rule_error(f"must name bands among {', '.join(BANDS)}")
+    if not value or not are_names(value):
+        raise rule_error("must be the path of a file, or a table of paths by names of bands")
     paths = {}
     for band, path in value.items():
         try:

@@ -33,7 +33,7 @@ def sharpness(psf: PsfAiry | PsfTable) -> tuple[float, float]:
         part * annular_transfer(lamf * frequency, psf.obscuration)
         for part, lamf in zip(psf.parts, lamf_px, strict=True)
     )
-    blur = np.exp(-2.0 * (np.pi * psf.smear_px * frequency) ** 2)
+    blur = np.exp(-2.0 * (np.pi * psf.blur_px * frequency) ** 2)
     return _bounding_sigma_px(frequency, transfer * blur), 1.0 / min(lamf_px)
 
 

@@ -136,7 +136,7 @@ def _hot_px2(psf: TabulatedPsf) -> int:
 
 def _airy_pattern(psf: PsfAiry) -> AiryPattern:
     lamf_px = tuple(radius / FIRST_DARK_RING for radius in psf.radii_px)
-    return AiryPattern(lamf_px, psf.parts, psf.obscuration, psf.smear_px)
+    return AiryPattern(lamf_px, psf.parts, psf.obscuration, psf.blur_px)
 
 
 @lru_cache(maxsize=4)

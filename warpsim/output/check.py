@@ -68,7 +68,7 @@ def _sky_lines(scenario: Scenario) -> list[str]:
     """Stars with light in each band; effects in their positions, and the size of disabled ones."""
     sky, bands = scenario.scene.sky, scenario.bands
     catalog = load_catalog(sky)
-    bright = {name: int(np.count_nonzero(catalog.irradiance_w_cm2(name, sky.physics))) for name in bands}
+    bright = {name: int(np.count_nonzero(catalog.irradiance_w_cm2(band, sky.physics))) for name, band in bands.items()}
     numbers = ", ".join(f"{name} {n:,}" for name, n in bright.items())
     papers = ", the paper's physics" if sky.physics == "paper" else ""
     stars = counted(len(catalog), "star")

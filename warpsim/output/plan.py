@@ -161,7 +161,7 @@ def _bands_of(
     Raises:
         InputError: An unknown name, or a sensor that is asked for has none of the bands.
     """
-    asked = None if bands is None else list(dict.fromkeys(chosen_names("bands", bands, scenario.bands)))
+    asked = None if bands is None else list(dict.fromkeys(chosen_names("bands", bands, list(scenario.bands))))
     found = {}
     for sensor in dict.fromkeys(scenario.select_sensors(sensors)):
         known = scenario.instrument_of(sensor).sensor.bands

@@ -76,7 +76,7 @@ class Band:
     """Wavelength whose photons have the energy that the detector's electrons cost at peak quantum efficiency [um]: the
     ratio of photon response (peak 1) times wavelength to energy response (peak 1), the same at all wavelengths."""
 
-    _quadrature_um: tuple[Array, Array] = field(init=False, repr=False)
+    quadrature_um: tuple[Array, Array] = field(init=False, repr=False)
     """Quadrature nodes [um] and weights [um] (energy response included), shape (m,) each."""
 
     def __post_init__(self) -> None:
@@ -99,9 +99,9 @@ class Band:
         put("response", _frozen(response))
         put("photon_um", _photon_um(wavelength_um, response, self.per_photon))
         node_um, weight_um = composite_rule(wavelength_um, response, _NODES_PER_PIECE, _MAX_PIECE_LOG_WIDTH)
-        put("_quadrature_um", (_frozen(node_um), _frozen(self._by_energy(node_um, weight_um))))
+        put("quadrature_um", (_frozen(node_um), _frozen(self._by_energy(node_um, weight_um))))
         if math.isnan(self.isophotal_um):
-            node_um, weight_um = self._quadrature_um
+            node_um, weight_um = self.quadrature_um
             put("isophotal_um", float(np.sum(weight_um * node_um) / np.sum(weight_um)))
         if math.isnan(self.half_power_um[0]):
             put("half_power_um", _half_power(wavelength_um, response))

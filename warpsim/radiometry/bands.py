@@ -85,7 +85,7 @@ def band_radiance_w_m2_sr(temperature_k: ArrayLike, band: Band | str) -> Any:
     Raises:
         InputError: A temperature that is not finite and > 0, or an unknown band.
     """
-    node_um, weight_um = as_band(band)._quadrature_um
+    node_um, weight_um = as_band(band).quadrature_um
     try:
         temperature = np.asarray(temperature_k, dtype=np.float64)
     except (TypeError, ValueError):

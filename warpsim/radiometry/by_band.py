@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from math import inf
 from typing import Annotated, Any, TypeVar
 
@@ -11,9 +12,11 @@ from pydantic_core import PydanticCustomError
 
 from warpsim.config.fields import number_within, rule_error
 from warpsim.errors import InputError
-from warpsim.radiometry.bands import BANDS
 
 V = TypeVar("V")
+
+BAND_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+"""Names of bands; they are parts of file names too."""
 
 
 class ByBand(Mapping[str, V]):
@@ -42,9 +45,8 @@ def band_table(value: Any, info: ValidationInfo, low: float, high: float, open_l
     """A table of numbers by band, each from low to high, as pydantic's validators give it."""
     if not isinstance(value, Mapping):
         raise rule_error("must be a table of numbers by band")
-    for band in value:
-        if band not in BANDS:
-            raise rule_error(f"must name bands among {', '.join(BANDS)}")
+    if not are_names(value):
+        raise rule_error("must be a table of numbers by names of bands")
     numbers = {}
     for band, given in value.items():
         try:
@@ -52,6 +54,16 @@ def band_table(value: Any, info: ValidationInfo, low: float, high: float, open_l
         except PydanticCustomError as error:
             raise InputError(error.message(), value=given).of(band) from None
     return ByBand(numbers)
+
+
+def are_names(bands: Iterable[Any]) -> bool:
+    """Return whether all can be names of bands; a scene checks that it has such bands."""
+    return all(isinstance(band, str) and BAND_NAME.fullmatch(band) for band in bands)
+
+
+def named_bands(*values: Any) -> list[str]:
+    """Return the bands that some numbers or tables by band name, each once."""
+    return list(dict.fromkeys(band for value in values if isinstance(value, Mapping) for band in value))
 
 
 def within(low: float, high: float) -> PlainValidator:

@@ -97,7 +97,7 @@ def make_device_scene(
     band_id = wp.array([sensor.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
     cut = stamp_rule([sensor.optics.stamp_cut_nei * instrument.nei_w_cm2(band) for band in bands], 0.0, device)
     loading.wait()
-    stars = make_stars(scenario, sensor, bands, index, psf, cut, bodies.tracks.grid)
+    stars = make_stars(scenario, instrument, bands, index, psf, cut, bodies.tracks.grid)
     held = {field.name: getattr(bodies, field.name) for field in dataclasses.fields(bodies)}
     return DeviceScene(
         **held, psf=psf, read_out=read_out, stars=stars, band_id=band_id, stamp_rule=cut, observation_rows=rows

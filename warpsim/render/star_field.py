@@ -16,6 +16,7 @@ from warpsim.constants import JULIAN_YEAR_DAYS
 from warpsim.errors import InputError
 from warpsim.instant import Instant
 from warpsim.optics.psf_bank import PsfBank
+from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.sensors import Sensor
 from warpsim.scene.sky import Sky
@@ -76,7 +77,7 @@ def star_index(sky: Sky, epoch: Instant, catalog: StarCatalog, device: wp.Device
 
 def make_stars(
     scenario: Scenario,
-    sensor: Sensor,
+    instrument: Instrument,
     bands: Sequence[str],
     index: BandIndex,
     psf: PsfBank,
@@ -87,15 +88,15 @@ def make_stars(
 
     Args:
         scenario: What the scene gives.
-        sensor: The kind of sensor.
+        instrument: The kind of sensor.
         bands: Names of the bands, in the order of the images.
         index: Index of the scene's catalog at its epoch.
         psf: Point spread functions of the bands; with stamp_rule they say how far a star's light reaches.
         stamp_rule: When light is left out.
         grid: Nodes of the scene's tracks.
     """
-    sky, rows, device = scenario.scene.sky, index.star_row, index.device
-    irradiance = np.stack([index.catalog.irradiance_w_cm2(name, sky.physics)[rows] for name in bands])
+    sensor, sky, rows, device = instrument.sensor, scenario.scene.sky, index.star_row, index.device
+    irradiance = np.stack([index.catalog.irradiance_w_cm2(instrument.bands[name], sky.physics)[rows] for name in bands])
     light = wp.array(irradiance.astype(np.float32), dtype=wp.float32, device=device)
     half_width = _half_width_px(light, psf, stamp_rule)
     parallax_rad = np.zeros(0)

@@ -11,7 +11,9 @@ from warpsim.config.fields import Integer, Positive, as_tuple, closed_interval
 from warpsim.config.model import adapter, config_model
 from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.orbit.arc import UtcText
+from warpsim.radiometry.by_band import ByBand
 from warpsim.scene import validation
+from warpsim.scene.bands import BandDescriptions, with_names
 from warpsim.scene.groups import AnyConstellation, TargetGroup, Text
 from warpsim.scene.instrument import TRACKED
 from warpsim.scene.lighting import Lighting
@@ -35,6 +37,7 @@ class SceneDescription:
     groups: Annotated[tuple[TargetGroup, ...], BeforeValidator(as_tuple)]
     access_rules: AccessConstraints = Field(default_factory=AccessConstraints)
     access_target: str = TRACKED
+    band: BandDescriptions = ByBand({})
     sky: Sky = Field(default_factory=Sky)
     lighting: Lighting = Field(default_factory=Lighting)
     seed: Seed = 0
@@ -45,10 +48,10 @@ class SceneDescription:
     @model_validator(mode="before")
     @classmethod
     def _with_lists(cls, data: Any) -> Any:
-        """Expand the short form of one sensor and one group."""
+        """Expand the short form of one sensor and one group, and collect the bands that sensors bring along."""
         if isinstance(data, dict):
-            return with_lists(data)
-        return ArgsKwargs(data.args, with_lists(data.kwargs or {}))
+            return with_names(with_lists(data))
+        return ArgsKwargs(data.args, with_names(with_lists(data.kwargs or {})))
 
     @model_validator(mode="after")
     def _consistent(self) -> SceneDescription:
@@ -56,7 +59,8 @@ class SceneDescription:
         validation.check_names(self.constellation, self.sensors, self.groups)
         validation.check_times(self.constellation, self.groups, self.duration_s)
         validation.check_frames(self.sensors, self.frames, self.duration_s)
-        validation.check_instruments(self.sensors)
+        validation.check_bands(self.band, self.sensors, self.groups, self.lighting)
+        validation.check_instruments(self.sensors, self.band)
         validation.check_targets(self.groups, self.sensors, self.epoch_utc, self.duration_s)
         validation.check_pointing(self.constellation, self.sensors, self.groups, self.access_target, self.frames)
         return self

@@ -28,7 +28,7 @@ def input_checksums(scenario: Scenario) -> dict[str, str]:
         for field in dataclasses.fields(part):
             walk(getattr(part, field.name))
 
-    walk((scene.constellation, scene.groups))
+    walk((scene.constellation, scene.groups, tuple(scene.band.values())))
     for instrument in scenario.instruments.values():
         found |= instrument.sensor.optics.file_checksums | _table_checksums(instrument)
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -16,6 +16,7 @@ from warpsim.errors import InputError
 from warpsim.optics.psf import Psf
 from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.orbit.intervals import Intervals
+from warpsim.radiometry.band import Band
 from warpsim.scene.attitudes import AnyAttitude
 from warpsim.scene.camera_axes import CommandedAxes
 from warpsim.scene.exposure import ExposureRule, exposure_rule
@@ -94,6 +95,7 @@ class Instrument:
         sensor: Its description.
         names: Names of the sensors of this kind.
         satellites: Index and name of the satellite of each.
+        bands: Spectral bands by name, those of the sensor among them.
         scene: Fields of the scene common to all its sensors.
         bodies: The observed bodies.
     """
@@ -103,10 +105,12 @@ class Instrument:
         sensor: Sensor,
         names: Sequence[str],
         satellites: Sequence[tuple[int, str]],
+        bands: Mapping[str, Band],
         scene: SceneWide,
         bodies: SceneBodies,
     ) -> None:
         self.sensor, self.names, self._scene, self._bodies = sensor, list(names), scene, bodies
+        self.bands: dict[str, Band] = {name: bands[name] for name in sensor.bands}
         self.satellites = [index for index, _ in satellites]
         self.satellite_names = [name for _, name in satellites]
         self.frames = sensor.frames or scene.frames
@@ -148,7 +152,7 @@ class Instrument:
     def levels(self) -> dict[str, Levels]:
         """The detector's noise, saturation and gain in each band, as irradiance and counts."""
         sensor = self.sensor
-        return {band: levels(sensor.detector, sensor.optics, sensor.camera, band) for band in sensor.bands}
+        return {name: levels(sensor.detector, sensor.optics, sensor.camera, band) for name, band in self.bands.items()}
 
     def nei_w_cm2(self, band: str) -> float:
         """Return the noise equivalent irradiance of a pixel in a band [W/cm2]."""
@@ -164,7 +168,7 @@ class Instrument:
         Raises:
             InputError: Its file cannot be read.
         """
-        return self.sensor.optics.psf_for(band, self.sensor.camera, self.sensor.detector.diffusion_px)
+        return self.sensor.optics.psf_for(self.bands[band], self.sensor.camera, self.sensor.detector.diffusion_px)
 
     def noise_key(self, sensor: int) -> int:
         """Return the 64-bit key of a sensor's noise: no other sensor, and no scene of another name or seed, has it."""

@@ -17,9 +17,11 @@ from warpsim.orbit.eclipse import eclipses, sunlit_fraction
 from warpsim.orbit.epoch import instant
 from warpsim.orbit.sun import sun_position_m
 from warpsim.quaternion import rotated
+from warpsim.radiometry.band import Band
 from warpsim.scene.access_report import access_report, check_rules, chosen_sensors
 from warpsim.scene.access_tables import eclipse_table
 from warpsim.scene.attitudes import AnyAttitude, attitude_tables, target_attitudes
+from warpsim.scene.bands import find_band, needs_file
 from warpsim.scene.breakpoints import breakpoints_s
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument, SceneWide
@@ -31,7 +33,7 @@ from warpsim.scene.target_access import ACCESS_STEP_S, target_margins
 from warpsim.scene.targets import SceneTarget, scene_targets
 from warpsim.scene.temperatures import target_temperatures, temperature_tables
 from warpsim.scene.tracks import Tracks, build_tracks
-from warpsim.scene.validation import check_access_target, check_instances, check_satellites
+from warpsim.scene.validation import check_access_target, check_instances, check_instrument, check_satellites
 from warpsim.target.temperature import TemperatureRows
 from warpsim.target.timed_rows import END_SLACK_S
 
@@ -82,8 +84,11 @@ class Scenario:
     def _check_instruments(self) -> None:
         """Check that pointing is possible and covers the frames, and that PSF images can be read."""
         check_access_target(self.scene.access_target, self.targets, self.group_names)
+        own = self.scene.band
         for number, instrument in enumerate(self.instruments.values()):
             frames = instrument.frames
+            from_files = [band for name, band in instrument.bands.items() if needs_file(name, own)]
+            check_instrument(instrument.sensor, from_files, item_path("sensors", number, len(self.instruments)))
             try:
                 instrument.check_frames(instrument.frame_time_s([0, frames.count - 1]))
                 if instrument.slews:
@@ -120,7 +125,12 @@ class Scenario:
         instances = sensor_instances(scene.sensors, satellites)
         return {
             sensor.name: Instrument(
-                sensor, [name for name, _ in own], [(index, satellites[index]) for _, index in own], wide, self
+                sensor,
+                [name for name, _ in own],
+                [(index, satellites[index]) for _, index in own],
+                self.bands,
+                wide,
+                self,
             )
             for sensor, own in zip(scene.sensors, instances, strict=True)
         }
@@ -177,9 +187,14 @@ class Scenario:
         return {*self.satellite_names, *self.sensor_names}
 
     @cached_property
-    def bands(self) -> list[str]:
-        """Names of the bands of all sensors."""
-        return list(dict.fromkeys(band for sensor in self.scene.sensors for band in sensor.bands))
+    def bands(self) -> dict[str, Band]:
+        """Spectral bands of all sensors, by name.
+
+        Raises:
+            InputError: The file of one cannot be read, or holds no response.
+        """
+        names = dict.fromkeys(name for sensor in self.scene.sensors for name in sensor.bands)
+        return {name: find_band(name, self.scene.band) for name in names}
 
     @cached_property
     def tracks(self) -> Tracks:
@@ -203,7 +218,7 @@ class Scenario:
         """Temperature of each single target; `.at(time_s)` gives it."""
         scene = self.scene
         return target_temperatures(
-            self.targets, self.tracks, self.attitudes, self._temperature_tables, self.bands, scene.duration_s,
+            self.targets, self.tracks, self.attitudes, self._temperature_tables, list(self.bands), scene.duration_s,
             len(scene.groups),
         )  # fmt: skip
 

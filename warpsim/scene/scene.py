@@ -50,6 +50,7 @@ class Scene(SceneDescription):
         access_target: What a sensor's access counts by: "tracked", the target that it tracks, of a group its main
             target, and where it tracks none the main targets of all groups; "any" target; or the name of a target or of
             a group, any of which makes access.
+        band: Spectral bands that the scene describes itself, by name: BandDescription or Band.
         sky: The star background.
         lighting: Which light the targets reflect.
         seed: Seed of the world: releases, attitudes, what is spread over members, errors of pointing; 0 to 2**63 - 1

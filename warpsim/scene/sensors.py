@@ -4,33 +4,22 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Annotated
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from warpsim.config.fields import Count, Name, NonNegative, Positive, as_tuple, rule_error
+from warpsim.config.fields import Count, Name, NonNegative, Positive
 from warpsim.config.model import config_model
 from warpsim.detector.kinds import Detector
 from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
 from warpsim.optics.telescope import Optics
 from warpsim.orbit.access_constraints import AccessConstraints
-from warpsim.radiometry.bands import BANDS
+from warpsim.scene.bands import BandNames
 from warpsim.scene.pointing import ALL, Pointings, Satellites, TrackPointing, satellites_of
 from warpsim.scene.short_form import item_path
 
 LARGEST_VIEW = 2**29
 """Pixels of one sensor's image in all bands: array strides are 32-bit numbers of bytes."""
-
-
-def _known_band(name: str) -> str:
-    if name not in BANDS:
-        raise rule_error(f"must be one of {', '.join(BANDS)}")
-    return name
-
-
-BandName = Annotated[str, AfterValidator(_known_band)]
-BandNames = Annotated[tuple[BandName, ...], BeforeValidator(as_tuple)]
 
 
 @config_model
@@ -60,7 +49,8 @@ class Sensor:
         camera: Array and field of view.
         optics: Telescope.
         detector: Detector.
-        bands: Names of the spectral bands that it records.
+        bands: The spectral bands that it records: names of shipped ones (`warpsim.bands()`) and of those that the
+            scene describes (`band`), or Band objects, which join these.
         pointing: Where it looks: one kind of pointing, or several of which each says on which satellites.
         on: Satellites that carry one: "all", names, or patterns with * and ?.
         frames: When it takes frames; as the scene's when left out.
@@ -82,7 +72,8 @@ class Sensor:
         if not self.bands:
             raise InputError("must name at least one band", "bands")
         if len(set(self.bands)) != len(self.bands):
-            raise InputError(f"must not repeat, got {', '.join(self.bands)}", "bands")
+            names = ", ".join(str(getattr(band, "name", band)) for band in self.bands)
+            raise InputError(f"must not repeat, got {names}", "bands")
         n_value = self.camera.n_row * self.camera.n_col * len(self.bands)
         if n_value >= LARGEST_VIEW:
             raise InputError("n_row * n_col * number of bands must be below 2**29", "camera", n_value)

@@ -12,9 +12,13 @@ import numpy as np
 from warpsim.detector.levels import levels
 from warpsim.errors import InputError
 from warpsim.orbit.epoch import instant
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import BANDS as SHIPPED
 from warpsim.scene.attitudes import attitude_tables
+from warpsim.scene.bands import BandDescription, find_band, needs_file, tables_by_band, unknown_rule
 from warpsim.scene.groups import AnyConstellation, TargetGroup
 from warpsim.scene.instrument import ANY, TRACKED
+from warpsim.scene.lighting import Lighting
 from warpsim.scene.pointing import satellites_of
 from warpsim.scene.pointing_program import check_frames as check_covered
 from warpsim.scene.pointing_program import entry_path, make_program, tracked_targets
@@ -162,29 +166,50 @@ def check_frames(sensors: Sequence[Sensor], frames: Frames, duration_s: float) -
             raise InputError(rule, "frames").within(path)
 
 
-def check_instruments(sensors: Sequence[Sensor]) -> None:
-    """Check that every band of a sensor has a point spread function, and that blank sky does not saturate."""
+def check_bands(
+    own: Mapping[str, BandDescription], sensors: Sequence[Sensor], groups: Sequence[TargetGroup], lighting: Lighting
+) -> None:
+    """Check that all bands that a scene names are its own or shipped ones."""
+    known = {*own, *SHIPPED}
+    parts: list[tuple[str, Any]] = [(item_path("sensors", k, len(sensors)), part) for k, part in enumerate(sensors)]
+    parts += [(item_path("groups", k, len(groups)), part) for k, part in enumerate(groups)]
+    for start, part in [*parts, ("lighting", lighting)]:
+        named = [(path, band) for path, table in tables_by_band(part) for band in table]
+        if isinstance(part, Sensor):
+            named = [*((f"bands[{number}]", band) for number, band in enumerate(part.bands)), *named]
+        unknown = next(((path, band) for path, band in named if band not in known), None)
+        if unknown is not None:
+            raise InputError(unknown_rule(unknown[1], own), *unknown).within(start)
+
+
+def check_instruments(sensors: Sequence[Sensor], own: Mapping[str, BandDescription]) -> None:
+    """Check the instruments in the bands that no file must be read for."""
     for number, sensor in enumerate(sensors):
-        path = item_path("sensors", number, len(sensors))
-        try:
-            for band in sensor.bands:
-                _check_optics(sensor, band)
-                levels(sensor.detector, sensor.optics, sensor.camera, band)
-        except InputError as error:
-            raise error.within(path) from None
+        bands = [find_band(name, own) for name in sensor.bands if not needs_file(name, own)]
+        check_instrument(sensor, bands, item_path("sensors", number, len(sensors)))
 
 
-def _check_optics(sensor: Sensor, band: str) -> None:
+def check_instrument(sensor: Sensor, bands: Sequence[Band], path: str) -> None:
+    """Check that a sensor has a point spread function in bands, and that blank sky does not saturate."""
+    try:
+        for band in bands:
+            _check_optics(sensor, band)
+            levels(sensor.detector, sensor.optics, sensor.camera, band)
+    except InputError as error:
+        raise error.within(path) from None
+
+
+def _check_optics(sensor: Sensor, band: Band) -> None:
     """Check that a band has a point spread function; image files are read on its first use."""
     optics = sensor.optics
-    if isinstance(optics.psf_file, Mapping) and band not in optics.psf_file:
-        raise InputError(f"must name a file for every band, got none for {band}", "optics.psf_file")
+    if isinstance(optics.psf_file, Mapping) and band.name not in optics.psf_file:
+        raise InputError(f"must name a file for every band, got none for {band.name}", "optics.psf_file")
     if optics.psf_file is not None:
         return
     try:
         optics.psf_for(band, sensor.camera, sensor.detector.diffusion_px)
     except InputError as error:
-        raise error.of(f"in band {band}").within("optics") from None
+        raise error.of(f"in band {band.name}").within("optics") from None
 
 
 def check_targets(groups: Sequence[TargetGroup], sensors: Sequence[Sensor], epoch_utc: str, duration_s: float) -> None:
@@ -193,7 +218,7 @@ def check_targets(groups: Sequence[TargetGroup], sensors: Sequence[Sensor], epoc
     for number, group in enumerate(groups):
         path = item_path("groups", number, len(groups))
         for entry, spec in enumerate(group.targets):
-            missing = next((band for band in bands if band not in spec.surface.bands), None)
+            missing = next((band for band in bands if not spec.surface.describes(band)), None)
             if missing is not None:
                 rule = (
                     f"must give reflectance or emissivity of {spec.name} in every band of the scene, got none in band "

@@ -10,8 +10,7 @@ from pydantic import PlainValidator, ValidationInfo, model_validator
 from warpsim.config.fields import number_within, rule_error
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
-from warpsim.radiometry.bands import BANDS
-from warpsim.radiometry.by_band import AS_DICT, ByBand, band_table
+from warpsim.radiometry.by_band import AS_DICT, ByBand, band_table, in_band, named_bands
 
 OPAQUE_TOLERANCE = 1e-9
 """How far from 1 the sum of a given emissivity and reflectance may be."""
@@ -49,21 +48,18 @@ class Graybody:
     def _opaque(self) -> Graybody:
         if self.reflectance is None and self.emissivity is None:
             raise InputError("give reflectance or emissivity")
-        for band in BANDS:
+        for band in named_bands(self.reflectance, self.emissivity) or [""]:
             reflected, emitted = _in_band(self.reflectance, band), _in_band(self.emissivity, band)
             if reflected is None or emitted is None or abs(reflected + emitted - 1) <= OPAQUE_TOLERANCE:
                 continue
-            tables = any(isinstance(given, Mapping) for given in (self.reflectance, self.emissivity))
-            where = f" in band {band}" if tables else ""
+            where = f" in band {band}" if band else ""
             rule, total = f"must be 1 (opaque graybody){where}", reflected + emitted
             raise InputError(rule, value=total, form="g").of("emissivity + reflectance")
         return self
 
-    @property
-    def bands(self) -> tuple[str, ...]:
-        """Names of the bands in which the surface is described."""
-        given = (self.reflectance, self.emissivity)
-        return tuple(band for band in BANDS if any(_in_band(value, band) is not None for value in given))
+    def describes(self, band: str) -> bool:
+        """Return whether the surface is described in a band."""
+        return _in_band(self.emissivity, band) is not None or _in_band(self.reflectance, band) is not None
 
     def emissivity_in(self, band: str) -> float:
         """Emissivity in a band, whichever of the two was given.
@@ -86,13 +82,10 @@ class Graybody:
     def _needed(self, value: float | Mapping[str, float] | None, band: str) -> float:
         fraction = _in_band(value, band)
         if fraction is None:
-            raise InputError(
-                f"must give reflectance or emissivity in band {band}, got them in {', '.join(self.bands)}", "surface"
-            )
+            found = ", ".join(named_bands(self.reflectance, self.emissivity))
+            raise InputError(f"must give reflectance or emissivity in band {band}, got them in {found}", "surface")
         return fraction
 
 
 def _in_band(value: float | Mapping[str, float] | None, band: str) -> float | None:
-    if band not in BANDS:
-        raise InputError(f"must be one of {', '.join(BANDS)}", "band", band)
-    return value.get(band) if isinstance(value, Mapping) else value
+    return None if value is None else in_band(value, band)
