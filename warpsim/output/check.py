@@ -17,6 +17,7 @@ from warpsim.render.star_field import load_catalog
 from warpsim.scene.attitudes import within_scene
 from warpsim.scene.groups import TargetGroup
 from warpsim.scene.scenario import Scenario
+from warpsim.sky.catalog import StarCatalog
 from warpsim.target.mesh import Mesh
 from warpsim.target.temperature import HeatBalance, TemperatureRows
 
@@ -40,11 +41,12 @@ def scene_report(scenario: Scenario) -> str:
         InputError: The star catalog cannot be read, or a path cannot be propagated.
     """
     scene = scenario.scene
+    catalog = load_catalog(scene.sky)
     things = f"{counted(len(scenario.sensor_names), 'sensor')}, {counted(len(scenario.target_names), 'target')}"
     lines = [
         f"{scene.name}: valid. {things}, bands {' '.join(scenario.bands)}",
         f"  epoch      {scenario.epoch.isot} UTC, {scene.duration_s:g} s",
-        *_sky_lines(scenario),
+        *_sky_lines(scenario, catalog),
         *_orbit_lines(scenario),
     ]
     for group in scene.groups:
@@ -54,7 +56,7 @@ def scene_report(scenario: Scenario) -> str:
     for instrument in scenario.instruments.values():
         carried = f"  sensor     {instrument.sensor.name} on {counted(len(instrument.names), 'satellite')}"
         lines += ["", carried] if several else []
-        lines += sensor_lines(instrument, scenario)
+        lines += sensor_lines(instrument, scenario, catalog)
     return "\n".join(lines)
 
 
@@ -64,10 +66,9 @@ def pointing_warning(scenario: Scenario, frames_of: Mapping[str, Sequence[int]])
     return replaced_text(*(sum(column) for column in zip(*counts, strict=True)))
 
 
-def _sky_lines(scenario: Scenario) -> list[str]:
+def _sky_lines(scenario: Scenario, catalog: StarCatalog) -> list[str]:
     """Stars with light in each band; effects in their positions, and the size of disabled ones."""
     sky, bands = scenario.scene.sky, scenario.bands
-    catalog = load_catalog(sky)
     bright = {name: int(np.count_nonzero(catalog.irradiance_w_cm2(band, sky.physics))) for name, band in bands.items()}
     numbers = ", ".join(f"{name} {n:,}" for name, n in bright.items())
     papers = ", the paper's physics" if sky.physics == "paper" else ""

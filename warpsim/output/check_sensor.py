@@ -13,12 +13,14 @@ from warpsim.detector.terms import detector_terms
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf import PsfAiry, PsfGaussian
 from warpsim.optics.sip import ERROR_PX, sip_polynomials
+from warpsim.output.check_bands import band_lines
 from warpsim.output.check_views import FieldContents, count_replaced, field_contents, longest_streaks_px, replaced_text
 from warpsim.output.wording import counted
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.pointing import ALL, FixedPointing, Pointing, SchedulePointing, TrackPointing
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.target_access import target_margins
+from warpsim.sky.catalog import StarCatalog
 
 MOST_TARGETS_LOOKED_AT = 50
 """Targets that are asked why a sensor has no access, spread over those that access counts by."""
@@ -37,12 +39,13 @@ RULE_NAMES = {
 }
 
 
-def sensor_lines(instrument: Instrument, scenario: Scenario) -> list[str]:
+def sensor_lines(instrument: Instrument, scenario: Scenario, catalog: StarCatalog) -> list[str]:
     """Return the lines of a report about one kind of sensor.
 
     Args:
         instrument: The kind of sensor.
         scenario: What it is in.
+        catalog: Stars of its sky.
     """
     times = instrument.frame_time_s(np.arange(instrument.frames.count))
     frames_of = {
@@ -51,6 +54,7 @@ def sensor_lines(instrument: Instrument, scenario: Scenario) -> list[str]:
     }
     return [
         *_camera_lines(instrument, scenario),
+        *band_lines(instrument, catalog, scenario.scene.sky.physics),
         *_optics_lines(instrument),
         *_detector_lines(instrument),
         *_light_lines(instrument, scenario, frames_of),

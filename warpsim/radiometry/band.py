@@ -282,7 +282,8 @@ def _half_power(wavelength_um: Array, response: Array) -> tuple[float, float]:
 def _photon_um(wavelength_um: Array, response: Array, per_photon: bool) -> float:
     """Photon response times wavelength over energy response [um], both of peak 1."""
     if not per_photon:  # response / wavelength has its peak at a node
-        return float(1.0 / np.max(response / wavelength_um))
+        node = np.argmax(response / wavelength_um)
+        return float(wavelength_um[node] / response[node])
     # Response times wavelength is a parabola in each piece; its vertex may be the peak.
     slope = np.diff(response) / np.diff(wavelength_um)
     start = response[:-1] - slope * wavelength_um[:-1]

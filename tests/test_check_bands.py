@@ -1,0 +1,41 @@
+"""What `warpsim check` says of a scene's bands."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from scipy import integrate
+
+import warpsim as ws
+from warpsim.constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
+from warpsim.output.check import scene_report
+from warpsim.output.check_bands import AB_ZERO_JY, ab_zero_w_cm2, mean_photon_j
+
+QUADRATURE_RTOL = 1e-9
+
+
+@pytest.mark.parametrize("per_photon", [False, True])
+def test_zero_point_and_photons_against_quadrature(per_photon):
+    band = ws.Band.top_hat("x", 0.4, 0.9, per_photon=per_photon)
+    light_um_s = SPEED_OF_LIGHT_M_S * 1e6
+
+    def mean(function):
+        return integrate.quad(lambda um: function(um) * band.energy_response(um), 0.4, 0.9, epsabs=0, epsrel=1e-11)[0]
+
+    ab_w_cm2 = mean(lambda um: AB_ZERO_JY * 1e-26 * light_um_s / um**2) * 1e-4
+    assert ab_zero_w_cm2(band) == pytest.approx(ab_w_cm2, rel=QUADRATURE_RTOL)
+    photon_j = PLANCK_J_S * light_um_s * mean(lambda um: 1.0) / mean(lambda um: um)
+    assert mean_photon_j(band) == pytest.approx(photon_j, rel=QUADRATURE_RTOL)
+
+
+def test_each_band_has_its_lines():
+    scene = ws.Scene.load("stss").replace(bands=["A", "C"], detector__nei_w_cm2=2e-18)
+    text = scene_report(scene.scenario)
+    assert "  band       A: 6.8 to 10.8 um at half power, response by energy, mean photon " in text
+    assert "magnitude 0 is 8.196e-16 W/cm2, 58.49 Jy" in text
+    counts = [int(n.replace(",", "")) for n in re.search(r"stars ([\d,]+) above 1 NEI", text).groups()]
+    in_nei = ws.StarCatalog.default().irradiance_w_cm2("A") / 2e-18
+    assert counts == [np.count_nonzero(in_nei >= 1)]
+    assert f"{counts[0] / (360**2 / np.pi):.3g} per deg2 above the noise" in text

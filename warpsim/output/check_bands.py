@@ -1,0 +1,67 @@
+"""Reports about the spectral bands of a kind of sensor: response, zero point, photons, stars above the noise."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from warpsim.constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.magnitudes import Physics
+from warpsim.scene.instrument import Instrument
+from warpsim.sky.catalog import StarCatalog
+
+AB_ZERO_JY = 3631.0
+"""Flux density of AB magnitude 0 at all wavelengths [Jy] (Oke and Gunn 1983)."""
+
+LEVELS_NEI = (1, 10, 100, 1000)
+"""Irradiances above which stars are counted [NEI]."""
+
+SPHERE_DEG2 = 360.0**2 / math.pi
+"""Area of the sky [deg2]."""
+
+_W_CM2_UM_PER_JY_UM2 = 1e-26 * SPEED_OF_LIGHT_M_S * 1e12 * 1e-10
+
+
+def band_lines(instrument: Instrument, catalog: StarCatalog, physics: Physics) -> list[str]:
+    """Return two lines for each band: what it is, and how many stars are brighter than its noise.
+
+    Args:
+        instrument: The kind of sensor.
+        catalog: Stars of its sky.
+        physics: "physical" or "paper", as the sky has it.
+    """
+    lines = []
+    for name, band in instrument.bands.items():
+        low_um, high_um = band.half_power_um
+        response = "photon" if band.per_photon else "energy"
+        lines.append(
+            f"  band       {name}: {low_um:.4g} to {high_um:.4g} um at half power, response by {response}, mean photon "
+            f"{mean_photon_j(band):.3g} J; {_zero_point(band)}"
+        )
+        if len(catalog):
+            in_nei = catalog.irradiance_w_cm2(band, physics) / instrument.nei_w_cm2(name)
+            counts = ", ".join(f"{np.count_nonzero(in_nei >= level):,} above {level} NEI" for level in LEVELS_NEI)
+            per_deg2 = np.count_nonzero(in_nei >= 1.0) / SPHERE_DEG2
+            lines.append(f"             stars {counts}; {per_deg2:.3g} per deg2 above the noise")
+    return lines
+
+
+def mean_photon_j(band: Band) -> float:
+    """Return the mean energy of the photons that a band detects of a spectrum flat in wavelength [J]."""
+    node_um, weight_um = band.quadrature_um
+    mean_um = float(np.sum(weight_um * node_um) / np.sum(weight_um))
+    return PLANCK_J_S * SPEED_OF_LIGHT_M_S / (mean_um * 1e-6)
+
+
+def ab_zero_w_cm2(band: Band) -> float:
+    """Return the in-band irradiance of AB magnitude 0 [W/cm2]: 3631 Jy at all wavelengths."""
+    node_um, weight_um = band.quadrature_um
+    return float(np.sum(weight_um * _W_CM2_UM_PER_JY_UM2 * AB_ZERO_JY / node_um**2))
+
+
+def _zero_point(band: Band) -> str:
+    if math.isnan(band.zero_mag_w_cm2):
+        return f"AB magnitude 0 is {ab_zero_w_cm2(band):.4g} W/cm2"
+    return f"magnitude 0 is {band.zero_mag_w_cm2:.4g} W/cm2, {band.zero_mag_jy:.4g} Jy"
