@@ -65,6 +65,7 @@ SECTIONS = {
     "`drift`": [ws.Drift],
     "`jitter`": [ws.Jitter],
     "`[access_rules]`": [ws.AccessConstraints],
+    "`[band]`": [ws.BandDescription],
     "`[sky]`": [ws.Sky],
     "`[lighting]`": [ws.Lighting],
     "`synthetic`": [SyntheticStars],

@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from warpsim.render.light_curves import light_curves as light_curves
     from warpsim.render.renderer import Renderer as Renderer
     from warpsim.render.stream import StreamStats as StreamStats
+    from warpsim.scene.bands import BandDescription as BandDescription
     from warpsim.scene.groups import Release as Release
     from warpsim.scene.groups import TargetGroup as TargetGroup
     from warpsim.scene.groups import TargetSpec as TargetSpec
@@ -135,6 +136,7 @@ _HOME = {
     "apparent_direction": "warpsim.sky.apparent",
     "PHYSICS": "warpsim.radiometry.magnitudes",
     "Band": "warpsim.radiometry.band",
+    "BandDescription": "warpsim.scene.bands",
     "BANDS": "warpsim.radiometry.bands",
     "band_radiance_w_m2_sr": "warpsim.radiometry.bands",
     "Camera": "warpsim.optics.camera",

@@ -68,7 +68,10 @@ class SceneDescription:
     def to_dict(self) -> dict[str, Any]:
         """Return nested dicts and lists of plain values, without what is None; `from_dict` gives an equal scene."""
         plain: dict[str, Any] = adapter(type(self)).dump_python(self, mode="json", by_alias=True)
-        return {name: _without_none(value) for name, value in plain.items() if value is not None}
+        left_out = ("band",) if not self.band else ()
+        return {
+            name: _without_none(value) for name, value in plain.items() if value is not None and name not in left_out
+        }
 
     @staticmethod
     def shortened_path(values: dict[str, Any]) -> Any:
