@@ -51,6 +51,8 @@ LINES = {
         "Band radiance, 50 to 6000 K",
         "Band radiance, in the kernel",
         "Six spectral intervals of a band, 200 to 6000 K",
+        "Band radiance, 31 shipped bands, 300 to 5800 K",
+        "Irradiance of magnitude 0, WISE and 2MASS",
         "Projected area",
         "Projected area, as a mesh",
         "Mean projected area",

@@ -32,9 +32,11 @@ def test_top_level_names(wheel):
     [
         "warpsim/py.typed",
         "warpsim/scene/presets/stss.toml",
-        "warpsim/radiometry/msx_responses.csv",
         "warpsim_catalogs/hip_gaia_ir_v1.npz",
         "warpsim_catalogs/LICENSE-hip-gaia-ir.md",
+        "warpsim_catalogs/responses_v1.csv",
+        "warpsim_catalogs/responses_v1.toml",
+        "warpsim_catalogs/LICENSE-responses.md",
         "warpsim_kernels/deposit_table.py",
     ],
 )

@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from warpsim.radiometry.band import Band as Band
     from warpsim.radiometry.bands import BANDS as BANDS
     from warpsim.radiometry.bands import band_radiance_w_m2_sr as band_radiance_w_m2_sr
+    from warpsim.radiometry.bands import bands as bands
     from warpsim.radiometry.magnitudes import PHYSICS as PHYSICS
     from warpsim.render.deposit import deposit as deposit
     from warpsim.render.frameset import FrameSet as FrameSet
@@ -138,6 +139,7 @@ _HOME = {
     "Band": "warpsim.radiometry.band",
     "BandDescription": "warpsim.scene.bands",
     "BANDS": "warpsim.radiometry.bands",
+    "bands": "warpsim.radiometry.bands",
     "band_radiance_w_m2_sr": "warpsim.radiometry.bands",
     "Camera": "warpsim.optics.camera",
     "Distortion": "warpsim.optics.distortion",

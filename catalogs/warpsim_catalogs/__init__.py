@@ -1,9 +1,11 @@
-"""Star tables that ship with warpsim. Recipe and provenance: catalogs/README.md in the source tree."""
+"""Star tables and spectral responses that ship with warpsim; recipes and sources: catalogs/README.md."""
 
 from __future__ import annotations
 
 from importlib.resources import files
 from importlib.resources.abc import Traversable
+
+_DATA = (".csv", ".npz", ".toml")
 
 
 def path(name: str) -> Traversable:
@@ -14,6 +16,6 @@ def path(name: str) -> Traversable:
     """
     resource = files(__name__).joinpath(name)
     if not resource.is_file():
-        known = sorted(entry.name for entry in files(__name__).iterdir() if entry.name.endswith(".npz"))
+        known = sorted(entry.name for entry in files(__name__).iterdir() if entry.name.endswith(_DATA))
         raise FileNotFoundError(f"warpsim_catalogs has no file {name!r}; it has {', '.join(known)}")
     return resource

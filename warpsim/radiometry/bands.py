@@ -1,16 +1,13 @@
 """The bands known by name, and Planck radiance in a band.
 
 Zero points of the MSX bands follow the MSX absolute calibration (Egan et al. 2003, MSX6 Explanatory Guide). Their
-responses (`msx_responses.csv`) are piecewise-linear nodes of the published relative spectral responses, energy based
-and with peak 1; in-band integrals of blackbodies of 200-5800 K agree with the full curves to 0.3 %.
+responses are piecewise-linear nodes of the published relative spectral responses, energy based and with peak 1; in-band
+integrals of blackbodies of 200-5800 K agree with the full curves to 0.3 %. docs/reference/bands.md lists all bands.
 """
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
-from importlib.resources import files
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,6 +16,7 @@ from numpy.typing import ArrayLike
 from warpsim.constants import BOLTZMANN_J_K, PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
+from warpsim.radiometry.shipped_bands import ShippedBands
 
 RADIATION_1_W_M2_SR = 2.0 * PLANCK_J_S * SPEED_OF_LIGHT_M_S**2
 """2 h c^2 [W m2 / sr]: L = RADIATION_1 / lambda^5 / (exp(RADIATION_2 / (lambda T)) - 1)."""
@@ -28,45 +26,31 @@ RADIATION_2_M_K = PLANCK_J_S * SPEED_OF_LIGHT_M_S / BOLTZMANN_J_K
 _CHUNK_ELEMENTS = 2_000_000
 """Temperatures times nodes evaluated at once, to bound memory (16 MB per temporary)."""
 
-_MSX_ZERO_POINTS = {
-    # isophotal um, half power um, zero magnitude Jy, zero magnitude W/cm2, W/cm2 per Jy
-    "B1": (4.29, (4.22, 4.36), 194.6, 3.30e-16, 1.70e-18),
-    "B2": (4.35, (4.24, 4.45), 188.8, 5.4e-16, 2.87e-18),
-    "A": (8.28, (6.8, 10.8), 58.49, 8.196e-16, 1.401e-17),
-    "C": (12.13, (11.1, 13.2), 26.51, 9.26e-17, 3.493e-18),
-    "D": (14.65, (13.5, 15.9), 18.29, 5.69e-17, 3.109e-18),
-    "E": (21.34, (18.2, 25.1), 8.80, 3.55e-17, 4.04e-18),
-}
-
-
-def _msx_bands() -> dict[str, Band]:
-    """Join the shipped responses and the zero points."""
-    nodes: dict[str, list[tuple[float, float]]] = {}
-    text = files("warpsim.radiometry").joinpath("msx_responses.csv").read_text(encoding="ascii")
-    for row in csv.DictReader(text.splitlines()):
-        nodes.setdefault(row["band"], []).append((float(row["wavelength_um"]), float(row["response"])))
-    bands = {}
-    for name, zero_points in _MSX_ZERO_POINTS.items():
-        wavelength_um, response = np.array(nodes[name]).T
-        bands[name] = Band(name, wavelength_um, response, *zero_points)
-    return bands
-
-
-BANDS: Mapping[str, Band] = MappingProxyType(_msx_bands())
+BANDS: Mapping[str, Band] = ShippedBands("B1", "B2", "A", "C", "D", "E")
 """The MSX bands B1, B2, A, C, D, E by name."""
+
+_SHIPPED = ShippedBands()
+
+
+def bands() -> ShippedBands:
+    """Return all bands that ship with warpsim, by name: MSX, WISE, IRAC, AKARI, IRAS, Gaia, 2MASS and so on.
+
+    It is a read-only mapping that lists itself when shown, and `to_table()` makes an astropy Table of it.
+    """
+    return _SHIPPED
 
 
 def as_band(band: Band | str) -> Band:
-    """Return a band as it is, or the MSX band of that name.
+    """Return a band as it is, or the shipped band of that name.
 
     Raises:
         InputError: There is no band of that name.
     """
     if isinstance(band, Band):
         return band
-    if not isinstance(band, str) or band not in BANDS:
-        raise InputError(f"must be one of {', '.join(BANDS)} or a Band", "band", band)
-    return BANDS[band]
+    if band not in _SHIPPED:
+        raise InputError(f"must be one of {', '.join(_SHIPPED)} or a Band", "band", band)
+    return _SHIPPED[band]
 
 
 def band_radiance_w_m2_sr(temperature_k: ArrayLike, band: Band | str) -> Any:
@@ -77,7 +61,7 @@ def band_radiance_w_m2_sr(temperature_k: ArrayLike, band: Band | str) -> Any:
 
     Args:
         temperature_k: Temperature [K], any shape, > 0 and finite.
-        band: A Band, or the name of one in BANDS.
+        band: A Band, or the name of a shipped one.
 
     Returns:
         Radiance [W/m2/sr], float64, shape of temperature_k (a float for a single number).
