@@ -106,7 +106,7 @@ def width_hz(band: Band, flux: str, nominal_um: float) -> float:
     "mean": the width of the energy response in frequency. "nominal": the width that nu F_nu = constant fills, at the
     wavelength nominal_um.
     """
-    node_um, weight_um = band._quadrature_um
+    node_um, weight_um = band.quadrature_um
     if flux == "mean":
         return float(np.sum(weight_um * _LIGHT_UM_S / node_um**2))
     return float(np.sum(weight_um / node_um) * _LIGHT_UM_S / nominal_um)

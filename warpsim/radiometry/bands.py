@@ -29,7 +29,8 @@ _CHUNK_ELEMENTS = 2_000_000
 BANDS: Mapping[str, Band] = ShippedBands("B1", "B2", "A", "C", "D", "E")
 """The MSX bands B1, B2, A, C, D, E by name."""
 
-_SHIPPED = ShippedBands()
+SHIPPED = ShippedBands()
+"""All bands that ship with warpsim, by name."""
 
 
 def bands() -> ShippedBands:
@@ -37,7 +38,7 @@ def bands() -> ShippedBands:
 
     It is a read-only mapping that lists itself when shown, and `to_table()` makes an astropy Table of it.
     """
-    return _SHIPPED
+    return SHIPPED
 
 
 def as_band(band: Band | str) -> Band:
@@ -48,9 +49,9 @@ def as_band(band: Band | str) -> Band:
     """
     if isinstance(band, Band):
         return band
-    if band not in _SHIPPED:
-        raise InputError(f"must be one of {', '.join(_SHIPPED)} or a Band", "band", band)
-    return _SHIPPED[band]
+    if band not in SHIPPED:
+        raise InputError(f"must be one of {', '.join(SHIPPED)} or a Band", "band", band)
+    return SHIPPED[band]
 
 
 def band_radiance_w_m2_sr(temperature_k: ArrayLike, band: Band | str) -> Any:

@@ -16,7 +16,7 @@ from warpsim.config.model import adapter, config_model, input_error
 from warpsim.errors import InputError
 from warpsim.exchange.curve_file import read_curve
 from warpsim.radiometry.band import Band
-from warpsim.radiometry.bands import BANDS as SHIPPED
+from warpsim.radiometry.bands import SHIPPED
 from warpsim.radiometry.by_band import AS_DICT, BAND_NAME, ByBand
 
 RANGE_UM = (0.3, 30.0)

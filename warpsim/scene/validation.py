@@ -13,7 +13,7 @@ from warpsim.detector.levels import levels
 from warpsim.errors import InputError
 from warpsim.orbit.epoch import instant
 from warpsim.radiometry.band import Band
-from warpsim.radiometry.bands import BANDS as SHIPPED
+from warpsim.radiometry.bands import SHIPPED
 from warpsim.scene.attitudes import attitude_tables
 from warpsim.scene.bands import BandDescription, find_band, needs_file, tables_by_band, unknown_rule
 from warpsim.scene.groups import AnyConstellation, TargetGroup
