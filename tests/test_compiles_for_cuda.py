@@ -14,7 +14,7 @@ from warpsim_kernels.signature import Features
 ARCH = 75  # Turing: the oldest that Warp's CUDA 13 supports; PTX runs on everything newer
 
 EVERYTHING = Features(
-    attitude_tables=True, meshes=True, sun=True, earth=True, albedo=True, profile=True, distortion=True
+    attitude_tables=True, meshes=True, sun=True, earth=True, albedo=True, profile=True, distortion=True, spectral=True
 )
 SERIES = EVERYTHING._replace(albedo_degree=12, earth_degree=14)
 NEI_TERMS = ReadOutFeatures(bad_pixels=True, prnu=True, dsnu=True, column_noise=True, nonlinearity=True)

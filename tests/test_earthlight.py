@@ -13,10 +13,9 @@ from warpsim_kernels import earth as earth_kernels
 from warpsim_kernels.earthlight import view_factor_kernel
 
 import warpsim as ws
-from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, SUN_RADIUS_M
+from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
 from warpsim.errors import InputError
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, geocentric_radius_m
-from warpsim.radiometry.sunlight import sun_irradiance_w_m2
 from warpsim.target import earth_radiation
 from warpsim.target.earth_radiation import absorbed_area_m2, albedo_area_m2, earth_area_m2, view_factor
 
@@ -502,21 +501,3 @@ def test_radius_below_a_target(device):
     inputs = [wp.array(1.7 * place, dtype=wp.vec3d, device=device), earth]
     wp.launch(radius_kernel, dim=len(lat), inputs=inputs, outputs=[radius], device=device)
     np.testing.assert_allclose(radius.numpy(), expected, rtol=0, atol=RADIUS_ATOL_M)
-
-
-def test_sunlight_in_bands():
-    """The solar constant in a band that holds nearly all, and Planck's integral in 30 digits."""
-    wide = ws.Band("wide", np.geomspace(0.05, 1000, 2000), np.ones(2000))
-    assert sun_irradiance_w_m2(wide) == pytest.approx(1361, rel=0, abs=0.5)
-    band = ws.BANDS["A"]
-    with mpmath.workdps(30):
-        h, c, k = mpmath.mpf("6.62607015e-34"), mpmath.mpf(299792458), mpmath.mpf("1.380649e-23")
-
-        def spectral(micron):
-            x = mpmath.mpf(micron) * mpmath.mpf("1e-6")
-            response = mpmath.mpf(float(np.interp(float(micron), band.wavelength_um, band.response)))
-            return response * 2 * h * c**2 / x**5 / mpmath.expm1(h * c / (x * k * 5772)) * mpmath.mpf("1e-6")
-
-        radiance = mpmath.quad(spectral, [float(x) for x in band.wavelength_um], maxdegree=5)
-        expected = float(mpmath.pi * radiance * mpmath.mpf(SUN_RADIUS_M / ASTRONOMICAL_UNIT_M) ** 2)
-    assert sun_irradiance_w_m2("A") == pytest.approx(expected, rel=1e-10, abs=0)

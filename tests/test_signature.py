@@ -14,6 +14,7 @@ from warpsim_kernels.signature import Features
 
 import warpsim as ws
 from warpsim.orbit.eclipse import sunlit_fraction
+from warpsim.radiometry.sunlight import sun_irradiance_w_m2
 from warpsim.render import stages
 from warpsim.render.attitude_arrays import motion_struct
 from warpsim.render.buffers import SEEN, new_observations, new_views, seen_struct
@@ -211,7 +212,7 @@ def test_sunlight_by_way_of_the_earth_is_that_of_patches(day, device, record_acc
     cosine = np.clip(-way @ view / np.linalg.norm(view) / far, -1, 1)
     phase = np.arccos(cosine)
     reflected = 2 / 3 * 0.5**2 * (np.sin(phase) + (np.pi - phase) * cosine)
-    sunlight = np.pi * ws.band_radiance_w_m2_sr(5772.0, "A") * (6.957e8 / 149597870700.0 / au) ** 2
+    sunlight = sun_irradiance_w_m2("A") / au**2
     irradiance = np.sum(0.3 / np.pi * sunlight * shine * patch / far**2 * reflected) * 0.95 / np.pi
     expected = irradiance / np.sum(view**2) * 1e-4
     assert row.terms_w_cm2["albedo"].item() == pytest.approx(expected, rel=2e-3, abs=0)  # patches at the terminator
@@ -230,7 +231,7 @@ def test_albedo_by_its_fast_series(day, device, error, degree):
     fine = asked.replace(lighting__albedo_error=5e-5, lighting__leave_out_nei=0.0)
     where = {"time_s": np.linspace(0, 1600, 17), "sensors": ["sat11", "sat47"], "bands": ["A"], "device": device}
     found, right = (ws.light_curves(s, **where) for s in (asked, fine))
-    reflected = 0.3 / np.pi * day.lighting.sun_w_m2_in("A") * 1.04 * 1e-4 / (found.range_km * 1e3) ** 2
+    reflected = 0.3 / np.pi * day.lighting.sun_w_m2_in(ws.BANDS["A"]) * 1.04 * 1e-4 / (found.range_km * 1e3) ** 2
     most = np.array(
         [
             spec.surface.reflectance_in("A") * spec.shape.surface_m2 / 2
@@ -270,7 +271,7 @@ def test_sun_and_earth_of_ones_own(day, device):
     own = day.replace(lighting={"sun_w_cm2": {"A": 1.75e-4}, "earth_k": {"E": 255.0}, "earth_albedo": 0.6})
     both = [ws.light_curves(s, [300.0, 900.0], ["sat11"], ["sphere04"], device=device) for s in (own, day)]
     ratio = {name: both[0].terms_w_cm2[name] / both[1].terms_w_cm2[name] for name in ("sun", "earth", "albedo")}
-    sunlight = [1.75 / (ws.Lighting().sun_w_m2_in("A")), 1.0, 1.0]
+    sunlight = [1.75 / ws.Lighting().sun_w_m2_in(ws.BANDS["A"]), 1.0, 1.0]
     heat = [1.0, 1.0, ws.band_radiance_w_m2_sr(255.0, "E") / ws.band_radiance_w_m2_sr(260.0, "E")]
     np.testing.assert_allclose(ratio["sun"][:, 0, :, 0], np.broadcast_to(sunlight, (2, 3)), rtol=1e-12)
     np.testing.assert_allclose(ratio["earth"][:, 0, :, 0], np.broadcast_to(heat, (2, 3)), rtol=1e-12)

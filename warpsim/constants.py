@@ -11,7 +11,6 @@ STEFAN_BOLTZMANN_W_M2_K4 = (
 )
 ASTRONOMICAL_UNIT_M = 149_597_870_700.0
 SUN_RADIUS_M = 695_700_000.0  # nominal, IAU 2015 resolution B3
-SUN_TEMPERATURE_K = 5_772.0  # effective, the same
 SOLAR_CONSTANT_W_M2 = 1361.0  # at 1 au, nominal, IAU 2015 resolution B3
 
 EARTH_GM_M3_S2 = 3.986_004_418e14

@@ -12,24 +12,27 @@ _W_CM2_PER_W_M2 = wp.constant(wp.float64(1.0e-4))
 
 @wp.struct
 class RadianceTable:
-    """In-band radiance of blackbodies as a cubic Hermite table of ln(radiance) against ln(T)."""
+    """In-band radiance as a cubic Hermite table of ln(radiance) against ln(T).
 
-    ln_radiance: wp.array2d[wp.float64]  # (n_band, n_node)
-    slope: wp.array2d[wp.float64]  # (n_band, n_node) d ln(radiance) / d ln(T) times the node step
+    The first rows are those of blackbodies, one for each band; as many follow for each surface given by wavelength.
+    """
+
+    ln_radiance: wp.array2d[wp.float64]  # (n_row, n_node)
+    slope: wp.array2d[wp.float64]  # (n_row, n_node) d ln(radiance) / d ln(T) times the node step
     ln_temperature_start: wp.float64
     ln_temperature_step: wp.float64
 
 
 @wp.func
-def band_radiance_w_m2_sr(table: RadianceTable, band: int, temperature_k: wp.float64) -> wp.float64:
-    """In-band radiance of a blackbody."""
+def band_radiance_w_m2_sr(table: RadianceTable, row: int, temperature_k: wp.float64) -> wp.float64:
+    """In-band radiance of a blackbody, or of a surface given by wavelength."""
     x = (wp.log(temperature_k) - table.ln_temperature_start) / table.ln_temperature_step
     node = wp.clamp(int(wp.floor(x)), 0, table.ln_radiance.shape[1] - 2)
     u = x - wp.float64(node)
     w = wp.float64(1.0) - u
-    a = table.ln_radiance[band, node]
-    b = table.ln_radiance[band, node + 1]
-    bend = table.slope[band, node] * (u * w * w) - table.slope[band, node + 1] * (u * u * w)
+    a = table.ln_radiance[row, node]
+    b = table.ln_radiance[row, node + 1]
+    bend = table.slope[row, node] * (u * w * w) - table.slope[row, node + 1] * (u * u * w)
     return wp.exp(a + (b - a) * (u * u * (wp.float64(3.0) - wp.float64(2.0) * u)) + bend)
 
 
@@ -37,7 +40,8 @@ def band_radiance_w_m2_sr(table: RadianceTable, band: int, temperature_k: wp.flo
 class Surfaces:
     """What the targets' surfaces do with light, each (n_band, n_target)."""
 
-    emissivity: wp.array2d[wp.float64]
+    emissivity: wp.array2d[wp.float64]  # 1 for a surface given by wavelength, whose radiances include it
+    radiance_row: wp.array2d[wp.int32]  # of the radiance table; (0, 0) where no surface is given by wavelength
     sun_w_m2_sr: wp.array2d[wp.float64]  # reflectance / pi times the Sun's irradiance at 1 au
     earth_w_m2_sr: wp.array2d[wp.float64]  # reflectance times the Earth's radiance
     albedo_w_m2_sr2: wp.array2d[wp.float64]  # reflectance / pi times albedo / pi times the Sun's irradiance at 1 au
@@ -65,13 +69,22 @@ def irradiance_per_intensity(seen: Seen, view: int, target: int) -> wp.float64:
     return _W_CM2_PER_W_M2 / (distance_m * distance_m)
 
 
-@wp.func
-def emitted_w_m2_sr(
-    surfaces: Surfaces, table: RadianceTable, seen: Seen, view: int, band: int, target: int
-) -> wp.float64:
-    """Intensity of the target's own light for each square metre of its outline."""
-    radiance = band_radiance_w_m2_sr(table, band, seen.temperature_k[view, target])
-    return surfaces.emissivity[band, target] * radiance
+@functools.cache
+def emitted_of(spectral: bool) -> wp.Function:
+    """The function that finds the target's own light."""
+
+    @wp.func
+    def emitted_w_m2_sr(
+        surfaces: Surfaces, table: RadianceTable, seen: Seen, view: int, band: int, target: int
+    ) -> wp.float64:
+        """Intensity of the target's own light for each square metre of its outline."""
+        row = band
+        if wp.static(spectral):
+            row = surfaces.radiance_row[band, target]
+        radiance = band_radiance_w_m2_sr(table, row, seen.temperature_k[view, target])
+        return surfaces.emissivity[band, target] * radiance
+
+    return emitted_w_m2_sr
 
 
 @functools.cache
@@ -104,7 +117,7 @@ def intensity_of(features: Features) -> wp.Function:
 @functools.cache
 def make_emit_kernel(features: Features) -> wp.Kernel:
     """Kernel of the stage: intensity over range squared, summed over the terms that the scene keeps."""
-    intensity_w_sr = intensity_of(features)
+    emitted_w_m2_sr, intensity_w_sr = emitted_of(features.spectral), intensity_of(features)
 
     @wp.kernel(module="unique", enable_backward=False)
     def emit_kernel(
@@ -139,7 +152,7 @@ def make_emit_kernel(features: Features) -> wp.Kernel:
 @functools.cache
 def make_profile_kernel(features: Features) -> wp.Kernel:
     """Kernel that turns the series of areas into one of brightness, in shares of its mean."""
-    intensity_w_sr = intensity_of(features)
+    emitted_w_m2_sr, intensity_w_sr = emitted_of(features.spectral), intensity_of(features)
 
     @wp.kernel(module="unique", enable_backward=False)
     def profile_kernel(
@@ -179,6 +192,7 @@ def make_profile_kernel(features: Features) -> wp.Kernel:
 @functools.cache
 def make_split_kernel(features: Features) -> wp.Kernel:
     """Kernel that gives the terms of the irradiance one by one, for the truth; those left out stay as they are."""
+    emitted_w_m2_sr = emitted_of(features.spectral)
 
     @wp.kernel(module="unique", enable_backward=False)
     def split_kernel(

@@ -38,6 +38,7 @@ class Features(NamedTuple):
     albedo_degree: int = 0  # that by harmonics up to this degree; 0: by quadrature
     profile: bool = False  # how areas change during the exposure, not their means alone
     distortion: bool = False  # the camera's lens distorts
+    spectral: bool = False  # a target's surface is given by wavelength
 
 
 @wp.struct

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import BOLTZMANN_J_K, PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
@@ -52,6 +52,15 @@ def as_band(band: Band | str) -> Band:
     if band not in SHIPPED:
         raise InputError(f"must be one of {', '.join(SHIPPED)} or a Band", "band", band)
     return SHIPPED[band]
+
+
+def planck_w_m2_sr_um(wavelength_um: ArrayLike, temperature_k: ArrayLike) -> NDArray[np.float64]:
+    """Spectral radiance of a blackbody [W/m2/sr/um]; wavelengths [um] and temperatures [K] broadcast."""
+    metres = np.asarray(wavelength_um, dtype=np.float64) * 1e-6
+    # exp(-x) / (1 - exp(-x)) rather than 1 / (exp(x) - 1): it underflows to 0 where the other overflows.
+    x = RADIATION_2_M_K / (metres * np.asarray(temperature_k))
+    with np.errstate(under="ignore"):
+        return np.asarray(RADIATION_1_W_M2_SR * 1e-6 / metres**5 * (np.exp(-x) / -np.expm1(-x)))
 
 
 def band_radiance_w_m2_sr(temperature_k: ArrayLike, band: Band | str) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,8 @@ from warpsim_kernels.targets import make_observe_targets_kernel
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.legendre import series_matrix
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M
-from warpsim.radiometry.bands import band_radiance_w_m2_sr
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr
 from warpsim.render.attitude_arrays import AttitudeArrays, make_attitudes, motion_struct
 from warpsim.render.temperature_arrays import TemperatureArrays, make_radiance, make_temperatures
 from warpsim.scene.exposure import ExposureRule
@@ -32,6 +33,9 @@ from warpsim.target.areas import body_struct
 from warpsim.target.earth_radiation import albedo_method, rule_struct
 from warpsim.target.facets import facets_of
 from warpsim.target.heat_table import heat_method, heat_tables
+from warpsim.target.surface import Graybody, Light
+
+F64 = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -80,6 +84,7 @@ def make_target_field(
     lighting = scenario.scene.lighting
     earth_degree, n_earth = earth_method(lighting, terms["earth"], limb_sine)
     albedo_degree, n_albedo = albedo_series(lighting, terms["albedo"], limb_sine)
+    spectral = list(dict.fromkeys(target.spec.surface for target in targets if target.spec.surface.is_spectral))
     streaks = instrument.sensor.streaks
     features = Features(
         attitude_tables=any(attitudes.table_count),
@@ -88,6 +93,7 @@ def make_target_field(
         albedo_degree=albedo_degree,
         profile=with_profiles and streaks,
         distortion=instrument.sensor.camera.lens is not None,
+        spectral=bool(spectral),
         **{name: term.kept for name, term in terms.items()},
     )
     exposure = _exposure(instrument.exposure_rule, device)
@@ -103,11 +109,11 @@ def make_target_field(
         tables,
         exposure,
         _surroundings(scenario.tracks, (earth_degree, n_earth), (albedo_degree, n_albedo), device),
-        _surfaces(targets, lighting, bands, device),
-        make_radiance(bands, temperatures.span_k, device),
+        _surfaces(targets, spectral, lighting, bands, device),
+        make_radiance(bands, temperatures.span_k, device, spectral),
         int(exposure.weight.shape[0]) if features.profile else 0,
         max(len(targets), 1) if device.is_cuda else 1,
-        make_observe_targets_kernel(features),
+        make_observe_targets_kernel(features._replace(spectral=False)),  # it knows no band
         make_emit_kernel(features),
         make_profile_kernel(features) if features.profile else None,
     )
@@ -163,17 +169,49 @@ def _surroundings(tracks: Tracks, heat: tuple[int, int], albedo: tuple[int, int]
     return surroundings
 
 
-def _surfaces(targets: Sequence[SceneTarget], lighting: Lighting, bands: Sequence[str], device: wp.Device) -> Any:
-    emissivity = np.array([[target.spec.surface.emissivity_in(name) for target in targets] for name in bands])
-    reflectance = 1.0 - emissivity
-    sunlight = np.array([lighting.sun_w_m2_in(name) for name in bands])[:, None]
-    heat = np.array([band_radiance_w_m2_sr(lighting.earth_k_in(name), name) for name in bands])[:, None]
+def _surfaces(
+    targets: Sequence[SceneTarget],
+    spectral: Sequence[Graybody],
+    lighting: Lighting,
+    names: Sequence[str],
+    device: wp.Device,
+) -> Any:
+    """What the targets' surfaces do with light; `spectral` are the different ones by wavelength among them."""
+    bands = [as_band(name) for name in names]
+    own = [target.spec.surface for target in targets]
+    different = {surface: number for number, surface in enumerate(dict.fromkeys(own))}
+    which = np.array([different[surface] for surface in own], dtype=np.intp)
+
+    def per_band(value: Callable[[Graybody, Band], float]) -> F64:
+        values = np.array([[value(surface, band) for surface in different] for band in bands])
+        return values.reshape(len(bands), len(different))[:, which]
+
+    def reflectance(light: Light) -> F64:
+        return per_band(
+            lambda surface, band: (
+                surface.reflectance_in(band, light) if surface.is_spectral else 1.0 - surface.emissivity_in(band)
+            )
+        )
+
+    sunlight = np.array([lighting.sun_w_m2_in(band) for band in bands])[:, None]
+    albedo = np.array([lighting.earth_albedo_in(band) for band in bands])[:, None]
+    heat = np.array([band_radiance_w_m2_sr(lighting.earth_k_in(band), band) for band in bands])[:, None]
     surfaces: Any = Surfaces()
-    surfaces.emissivity = _doubles(emissivity, device)
-    surfaces.sun_w_m2_sr = _doubles(reflectance / np.pi * sunlight, device)
-    surfaces.earth_w_m2_sr = _doubles(reflectance * heat, device)
-    surfaces.albedo_w_m2_sr2 = _doubles(reflectance / np.pi * lighting.earth_albedo / np.pi * sunlight, device)
+    surfaces.emissivity = _doubles(per_band(lambda s, band: 1.0 if s.is_spectral else s.emissivity_in(band)), device)
+    surfaces.radiance_row = wp.array(_radiance_rows(own, spectral, len(bands)), dtype=wp.int32, device=device)
+    surfaces.sun_w_m2_sr = _doubles(reflectance("sun") / np.pi * sunlight, device)
+    surfaces.earth_w_m2_sr = _doubles(reflectance("earth") * heat, device)
+    surfaces.albedo_w_m2_sr2 = _doubles(reflectance("albedo") / np.pi * albedo / np.pi * sunlight, device)
     return surfaces
+
+
+def _radiance_rows(own: Sequence[Graybody], spectral: Sequence[Graybody], n_band: int) -> npt.NDArray[np.int32]:
+    """Rows of the radiance table, (n_band, n_target); empty where no surface is given by wavelength."""
+    if not spectral:
+        return np.zeros((0, 0), dtype=np.int32)
+    first_row = {surface: n_band * (1 + number) for number, surface in enumerate(spectral)}
+    first = [first_row.get(surface, 0) for surface in own]
+    return np.asarray(np.arange(n_band)[:, None] + np.array(first), dtype=np.int32)
 
 
 def earth_struct(pole_icrs: npt.NDArray[np.float64]) -> Any:

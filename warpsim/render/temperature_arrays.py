@@ -14,6 +14,7 @@ from warpsim_kernels.temperature import TemperatureTables
 
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr
+from warpsim.target.surface import Graybody
 from warpsim.target.temperature import TemperatureRows
 
 LN_TEMPERATURE_STEP = 0.005
@@ -62,8 +63,17 @@ def make_temperatures(temperatures: Sequence[TemperatureRows], device: wp.Device
     )
 
 
-def make_radiance(bands: Sequence[Band | str], span_k: tuple[float, float], device: wp.Device) -> Any:
-    """ln(radiance) and its scaled slope at nodes of ln(T) that span the temperatures given, each (n_band, n_node)."""
+def make_radiance(
+    bands: Sequence[Band | str], span_k: tuple[float, float], device: wp.Device, surfaces: Sequence[Graybody] = ()
+) -> Any:
+    """Put ln(radiance) and its scaled slope at nodes of ln(T) on a device, each (n_row, n_node).
+
+    Args:
+        bands: Bands; the first rows are those of blackbodies in them.
+        span_k: Lowest and highest temperature that the nodes span [K].
+        device: Where they are put.
+        surfaces: Surfaces by wavelength; rows of the radiance that each emits in the bands follow.
+    """
     start = float(np.log(span_k[0])) - LN_TEMPERATURE_STEP
     n_node = int(np.ceil((np.log(span_k[1]) - start) / LN_TEMPERATURE_STEP)) + 2
     ln_temperature = start + LN_TEMPERATURE_STEP * np.arange(n_node)
@@ -71,8 +81,9 @@ def make_radiance(bands: Sequence[Band | str], span_k: tuple[float, float], devi
 
     def ln_radiance(shift: float) -> npt.NDArray[np.float64]:
         kelvin = np.exp(ln_temperature + shift)
-        radiance = np.stack([band_radiance_w_m2_sr(kelvin, band) for band in chosen])
-        return np.asarray(np.log(np.maximum(radiance, DARKEST_W_M2_SR)))
+        black = [band_radiance_w_m2_sr(kelvin, band) for band in chosen]
+        own = [surface.emitted_w_m2_sr(kelvin, band) for surface in surfaces for band in chosen]
+        return np.asarray(np.log(np.maximum(np.stack([*black, *own]), DARKEST_W_M2_SR)))
 
     h = 1e-3  # fourth-order difference: its error stays below the table's own
     slope = (8 * (ln_radiance(h) - ln_radiance(-h)) - (ln_radiance(2 * h) - ln_radiance(-2 * h))) / (12 * h)

@@ -11,14 +11,15 @@ import numpy.typing as npt
 
 from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M
 from warpsim.orbit.eclipse import sunlit_depth
-from warpsim.radiometry.bands import band_radiance_w_m2_sr
+from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr
 from warpsim.scene.lighting import Lighting
 from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
+from warpsim.target.surface import Light
 
 F64 = npt.NDArray[np.float64]
 
-TERMS = ("sun", "earth", "albedo")
+TERMS: tuple[Light, ...] = ("sun", "earth", "albedo")
 """Terms of reflected light, besides the target's own."""
 
 _SURELY_DARK_SUNS = -3.0
@@ -62,7 +63,7 @@ def light_terms(
     """
     near_m = _nearest_m(tracks, targets, satellites)
     bounds = {} if near_m <= 0.0 else _bounds_nei(lighting, tracks, targets, nei_w_cm2, near_m)
-    terms = {}
+    terms: dict[str, LightTerm] = {}
     for name in TERMS:
         bound = bounds.get(name, np.inf)
         if not getattr(lighting, name):
@@ -106,18 +107,20 @@ def _bounds_nei(
     sun_au = np.linalg.norm(tracks.sun.position_m, axis=1).min() / ASTRONOMICAL_UNIT_M - 1e-3
     low_m = min((float(np.linalg.norm(track.position_m, axis=1).min()) for track in tracks.targets), default=np.inf)
     disc = min(EARTH_EQUATORIAL_RADIUS_M / low_m, 1.0) ** 2
-    most = dict.fromkeys(TERMS, 0.0)
-    for band, nei in nei_w_cm2.items():
+    most: dict[str, float] = dict.fromkeys(TERMS, 0.0)
+    for name, nei in nei_w_cm2.items():
+        band = as_band(name)
         sunlight = lighting.sun_w_m2_in(band) / sun_au**2
         heat = np.pi * band_radiance_w_m2_sr(lighting.earth_k_in(band), band)
-        falling = {"sun": sunlight, "earth": heat * disc, "albedo": lighting.earth_albedo * sunlight * disc}
+        falling = {"sun": sunlight, "earth": heat * disc, "albedo": lighting.earth_albedo_in(band) * sunlight * disc}
         for spec in {target.spec for target in targets}:
             # No projection of a convex body is larger than half its surface; facets that hide others count in full.
             largest = 0.5 if getattr(spec.shape, "convex", True) else 1.0
-            across_m2 = (1.0 - spec.surface.emissivity_in(band)) * largest * spec.shape.surface_m2
-            for name in TERMS:
-                irradiance_w_cm2 = falling[name] / np.pi * across_m2 / near_m**2 * 1e-4
-                most[name] = max(most[name], irradiance_w_cm2 / nei)
+            across_m2 = largest * spec.shape.surface_m2
+            for term in TERMS:
+                reflectance = spec.surface.reflectance_in(band, term)
+                irradiance_w_cm2 = falling[term] / np.pi * (reflectance * across_m2) / near_m**2 * 1e-4
+                most[term] = max(most[term], irradiance_w_cm2 / nei)
     return most
 
 

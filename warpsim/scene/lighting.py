@@ -8,12 +8,19 @@ from typing import Annotated
 
 from warpsim.config.fields import NonNegative, Number, Switch, closed_interval
 from warpsim.config.model import config_model
-from warpsim.radiometry.by_band import AS_DICT, ByBand, within
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import BANDS
+from warpsim.radiometry.by_band import AS_DICT, ByBand, in_band, within
+from warpsim.radiometry.earth_spectrum import earth_albedo, earth_brightness_temperature_k
 from warpsim.radiometry.sunlight import sun_irradiance_w_m2
+from warpsim.target.surface import UnitFractionByBand
 
 EARTH_K = MappingProxyType({"B1": 235.0, "B2": 235.0, "A": 275.0, "C": 275.0, "D": 225.0, "E": 260.0})
 """Brightness temperature of the Earth seen from space [K], a mean over regions and weather: B1 and B2 look at carbon
 dioxide high in the air, D at that of its 15 um band, A and C mostly at ground and clouds, E at water vapour."""
+
+MSX_EARTH_ALBEDO = 0.3
+"""Fraction of sunlight that the Earth reflects, as taken in the MSX bands: that of all sunlight."""
 
 _W_CM2_PER_W_M2 = 1e-4
 
@@ -30,10 +37,12 @@ class Lighting:
         earth: Whether targets reflect the Earth's thermal radiation.
         albedo: Whether targets reflect the sunlight that the Earth reflects.
         leave_out_nei: Largest irradiance of a term that may be left out [NEI]; 0 leaves out what is exactly 0.
-        earth_albedo: Fraction of sunlight that the Earth reflects, as a Lambertian surface.
-        earth_k: Brightness temperature of the Earth by band [K]; `EARTH_K` in bands that are not named.
-        sun_w_cm2: Irradiance of the Sun in a band at 1 au by band [W/cm2]; that of a blackbody of 5772 K in bands that
-            are not named.
+        earth_albedo: Fraction of sunlight that the Earth reflects, as a Lambertian surface, for all bands or by band;
+            in bands that are not named 0.3 in those of MSX, by the Earth's mean spectrum in others.
+        earth_k: Brightness temperature of the Earth by band [K]; in bands that are not named `EARTH_K` in those of MSX,
+            by the Earth's mean spectrum in others.
+        sun_w_cm2: Irradiance of the Sun in a band at 1 au by band [W/cm2]; that of the Sun's spectrum in bands that are
+            not named.
         quadrature_error: Largest error of quadratures, and of the polynomials that stand for them, as a fraction of
             the largest value of what is integrated: over a body's side and the Earth's disc, and over the exposure.
         albedo_error: Largest error of Earth albedo, as a fraction of the most that it can be at the
@@ -44,17 +53,31 @@ class Lighting:
     earth: Switch = True
     albedo: Switch = True
     leave_out_nei: NonNegative = 0.01
-    earth_albedo: Annotated[NonNegative, closed_interval(0, 1)] = 0.3
+    earth_albedo: UnitFractionByBand | None = None
     earth_k: Annotated[Mapping[str, float], within(2.7, 1000.0), AS_DICT] = ByBand({})
     sun_w_cm2: Annotated[Mapping[str, float], within(0.0, 1.0), AS_DICT] = ByBand({})
     quadrature_error: Annotated[Number, closed_interval(1e-5, 0.1)] = 1e-3
     albedo_error: Annotated[Number, closed_interval(1e-5, 0.1)] = 1e-2
 
-    def earth_k_in(self, band: str) -> float:
+    def earth_k_in(self, band: Band) -> float:
         """Brightness temperature of the Earth in a band [K]."""
-        return self.earth_k.get(band, EARTH_K[band])
+        given = self.earth_k.get(band.name)
+        if given is not None:
+            return given
+        return EARTH_K[band.name] if _is_msx(band) else earth_brightness_temperature_k(band)
 
-    def sun_w_m2_in(self, band: str) -> float:
+    def earth_albedo_in(self, band: Band) -> float:
+        """Fraction of sunlight in a band that the Earth reflects."""
+        given = None if self.earth_albedo is None else in_band(self.earth_albedo, band.name)
+        if given is not None:
+            return given
+        return MSX_EARTH_ALBEDO if _is_msx(band) else earth_albedo(band)
+
+    def sun_w_m2_in(self, band: Band) -> float:
         """Irradiance of the Sun in a band at 1 au [W/m2]."""
-        given = self.sun_w_cm2.get(band)
+        given = self.sun_w_cm2.get(band.name)
         return sun_irradiance_w_m2(band) if given is None else given / _W_CM2_PER_W_M2
+
+
+def _is_msx(band: Band) -> bool:
+    return BANDS.get(band.name) == band

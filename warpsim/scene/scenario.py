@@ -28,7 +28,7 @@ from warpsim.scene.instrument import Instrument, SceneWide
 from warpsim.scene.roster import Roster, some_names
 from warpsim.scene.sensors import sensor_instances
 from warpsim.scene.short_form import item_path
-from warpsim.scene.solved import check_paths, check_psf_files, check_shapes
+from warpsim.scene.solved import check_paths, check_psf_files, check_shapes, check_surfaces
 from warpsim.scene.target_access import ACCESS_STEP_S, target_margins
 from warpsim.scene.targets import SceneTarget, scene_targets
 from warpsim.scene.temperatures import target_temperatures, temperature_tables
@@ -63,6 +63,7 @@ class Scenario:
         self._check_names()
         check_paths(scene.constellation, scene.groups, self.epoch, scene.duration_s)
         check_shapes(scene.groups)
+        check_surfaces(scene.groups)
         self._attitude_tables = attitude_tables(scene.groups, self.epoch, scene.duration_s)
         self._temperature_tables = temperature_tables(scene.groups, self.epoch, scene.duration_s)
         self._check_instruments()

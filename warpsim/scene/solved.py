@@ -81,6 +81,22 @@ def check_shapes(groups: Sequence[TargetGroup]) -> None:
                     raise error.within(f"targets[{entry}].shape").within(path) from None
 
 
+def check_surfaces(groups: Sequence[TargetGroup]) -> None:
+    """Check that surfaces in files can be read.
+
+    Raises:
+        InputError: One cannot; the path begins with the field.
+    """
+    for number, group in enumerate(groups):
+        for entry, spec in enumerate(group.targets):
+            if spec.surface.is_spectral:
+                try:
+                    spec.surface.emissivity_curve  # noqa: B018  # reads the file
+                except InputError as error:
+                    path = item_path("groups", number, len(groups))
+                    raise error.within(f"targets[{entry}].surface").within(path) from None
+
+
 def check_psf_files(optics: Optics) -> None:
     """Check that images of point spread functions can be read.
 

@@ -22,7 +22,7 @@ from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
 from warpsim.target.attitude_table import AttitudeRows
 from warpsim.target.cooling import ThermalNodes, integrate
-from warpsim.target.heat_balance import lumped_node
+from warpsim.target.heat_balance import lumped_node, surface_coefficients
 from warpsim.target.rotating_area import RotatingArea, SteadyArea, steady_area
 from warpsim.target.temperature import HeatBalance, Temperature, TemperatureRows, TemperatureTable
 
@@ -43,8 +43,8 @@ class _Run:
     """Targets of one description, integrated side by side."""
 
     spec: TargetSpec
-    emissivity: float
-    """Mean over the scene's bands, for what the description leaves out."""
+    coefficients: tuple[float, float]
+    """Solar absorptance and infrared emissivity, where the description leaves them out."""
     tracks: Tracks
     first: int
     attitudes: Sequence[AnyAttitude]
@@ -91,11 +91,11 @@ def target_temperatures(
             found += [tables[target.group, target.entry]] * len(members)
         else:
             begin_s = min(max(begin_s, target.release_s), end_s)
-            emissivity = float(np.mean([spec.surface.emissivity_in(band) for band in bands]))
+            coefficients = surface_coefficients(spec.surface, bands)
             try:
                 for start in range(first, first + len(members), BODIES_AT_ONCE):
                     some = attitudes[start : min(start + BODIES_AT_ONCE, first + len(members))]
-                    found += _balanced(_Run(spec, emissivity, tracks, start, some, (begin_s, end_s)))
+                    found += _balanced(_Run(spec, coefficients, tracks, start, some, (begin_s, end_s)))
             except InputError as error:
                 path = item_path("groups", target.group, n_group)
                 raise error.within(f"targets[{target.entry}].temperature").within(path) from None
@@ -109,7 +109,7 @@ def _balanced(run: _Run) -> list[TemperatureRows]:
     start_s, end_s = run.span_s
     own = tracks.targets[run.first : run.first + n_body]
     stack, pole = TrackStack(own), tracks.pole_icrs
-    node = lumped_node(model, run.spec.shape.surface_m2, run.emissivity)
+    node = lumped_node(model, run.spec.shape.surface_m2, run.coefficients)
     attitudes: Any = run.attitudes[0] if isinstance(run.attitudes[0], AttitudeRows) else run.attitudes
     area = RotatingArea(run.spec.shape, attitudes, end_s - start_s)
     projected = _tabulated(area, n_body, run)

@@ -12,6 +12,7 @@ zenith angle there.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,9 +27,14 @@ from warpsim.constants import (
 )
 from warpsim.errors import InputError
 from warpsim.orbit.eclipse import sunlit_fraction
+from warpsim.radiometry.band import Band
+from warpsim.target.surface import Graybody
 from warpsim.target.temperature import HeatBalance
 
 F64 = npt.NDArray[np.float64]
+
+_ALL = Band.top_hat("all", 0.2, 100.0)
+_ROOM_K = 300.0
 
 
 @dataclass(frozen=True)
@@ -91,17 +97,26 @@ def mean_view_factor(position_m: F64, pole_icrs: F64) -> F64:
     return np.asarray(0.5 * ratio / (1.0 + np.sqrt(1.0 - ratio)))
 
 
-def lumped_node(model: HeatBalance, surface_m2: float, mean_emissivity: float) -> LumpedNode:
-    """Return the node of a described body; coefficients left out are its surface's mean emissivity over the bands."""
+def surface_coefficients(surface: Graybody, bands: Sequence[str]) -> tuple[float, float]:
+    """Return the solar absorptance and infrared emissivity of a surface, for a heat balance that leaves them out.
 
-    def coefficient(given: float | None) -> float:
-        return mean_emissivity if given is None else given
+    By wavelength: means over all sunlight, and over the emission of a blackbody of 300 K. Otherwise both are the mean
+    emissivity over the bands.
+    """
+    if surface.is_spectral:
+        return 1.0 - surface.reflectance_in(_ALL, "sun"), surface.emissivity_in(_ALL, _ROOM_K)
+    mean = float(np.mean([surface.emissivity_in(band) for band in bands]))
+    return mean, mean
 
+
+def lumped_node(model: HeatBalance, surface_m2: float, coefficients: tuple[float, float]) -> LumpedNode:
+    """Return the node of a described body; its surface_coefficients() stand for those that are left out."""
+    absorptance, emissivity = coefficients
     return LumpedNode(
         model.mass_kg * model.heat_capacity_j_kg_k,
         surface_m2,
-        coefficient(model.solar_absorptance),
-        coefficient(model.infrared_emissivity),
+        absorptance if model.solar_absorptance is None else model.solar_absorptance,
+        emissivity if model.infrared_emissivity is None else model.infrared_emissivity,
         model.earth_w_m2,
         model.albedo,
     )

@@ -1,22 +1,38 @@
-"""Emissivity and reflectance of a target's surface by band."""
+"""Emissivity and reflectance of a target's surface: the same at all wavelengths, by band, or by wavelength."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import PlainValidator, ValidationInfo, model_validator
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import PlainSerializer, PlainValidator, ValidationError, ValidationInfo, model_validator
 
 from warpsim.config.fields import number_within, rule_error
-from warpsim.config.model import config_model
+from warpsim.config.model import adapter, config_model, input_error
 from warpsim.errors import InputError
-from warpsim.radiometry.by_band import AS_DICT, ByBand, band_table, in_band, named_bands
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import BANDS, as_band, band_radiance_w_m2_sr, planck_w_m2_sr_um
+from warpsim.radiometry.by_band import AS_DICT, band_table, named_bands
+from warpsim.radiometry.curve import Curve, band_rule
+from warpsim.radiometry.earth_spectrum import earth_rule, earthshine_rule
+from warpsim.radiometry.sunlight import sunlight_rule
+from warpsim.target.by_wavelength import FIELDS, ByWavelength, as_dict
 
 OPAQUE_TOLERANCE = 1e-9
 """How far from 1 the sum of a given emissivity and reflectance may be."""
 
+Light = Literal["sun", "earth", "albedo"]
+"""Light that falls on a surface: sunlight, the Earth's infrared, sunlight that the Earth reflects."""
 
-def _unit_fraction(value: Any, info: ValidationInfo) -> float | ByBand[float]:
+_RULES = {"sun": sunlight_rule, "earth": earth_rule, "albedo": earthshine_rule}
+
+_NODES_PER_PIECE = 12
+_MAX_PIECE_LOG_WIDTH = 0.02
+
+
+def _unit_fraction(value: Any, info: ValidationInfo) -> Any:
     """One number from 0 to 1 for all bands, or a table of them."""
     if not isinstance(value, Mapping):
         return number_within(value, info, 0, 1)
@@ -25,30 +41,60 @@ def _unit_fraction(value: Any, info: ValidationInfo) -> float | ByBand[float]:
     return band_table(value, info, 0, 1)
 
 
-UnitFraction = Annotated[float | Mapping[str, float], PlainValidator(_unit_fraction), AS_DICT]
+def _spectral_fraction(value: Any, info: ValidationInfo) -> Any:
+    """A number, a table by band, or a fraction by wavelength."""
+    if isinstance(value, ByWavelength):
+        return value
+    if not (isinstance(value, Mapping) and FIELDS & set(value)):
+        return _unit_fraction(value, info)
+    try:
+        return adapter(ByWavelength).validate_python(dict(value))
+    except ValidationError as report:
+        raise input_error(report) from None
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, ByWavelength):
+        return as_dict(value)
+    return dict(value) if isinstance(value, Mapping) else value
+
+
+UnitFractionByBand = Annotated[float | Mapping[str, float], PlainValidator(_unit_fraction), AS_DICT]
 """A fraction from 0 to 1, one for all bands or a table by band."""
+
+SpectralFraction = Annotated[
+    float | Mapping[str, float] | ByWavelength, PlainValidator(_spectral_fraction), PlainSerializer(_plain)
+]
+"""A fraction from 0 to 1, one for all bands, a table by band, or by wavelength."""
 
 
 @config_model
 class Graybody:
-    """Opaque surface that emits and reflects alike in all directions, within a band at all wavelengths.
+    """Opaque surface that emits and reflects alike in all directions.
 
-    In every band emissivity = 1 - reflectance. Each is a number for all bands, or a table by band like
-    {"A": 0.9, "C": 0.85}. A band in which both are given and do not add up to 1 is an error.
+    Emissivity = 1 - reflectance, at every wavelength. Each is a number for all wavelengths, a table by band like
+    {"A": 0.9, "C": 0.85}, or a ByWavelength (in files a table of its fields), which serves any band: its emissivity in
+    a band then depends on the body's temperature, and its reflectance on the light. A band in which both are given and
+    do not add up to 1 is an error; of a surface by wavelength one is given.
 
     Args:
         reflectance: Diffuse reflectance, 0 to 1.
         emissivity: Emissivity, 0 to 1.
     """
 
-    reflectance: UnitFraction | None = None
-    emissivity: UnitFraction | None = None
+    reflectance: SpectralFraction | None = None
+    emissivity: SpectralFraction | None = None
 
     @model_validator(mode="after")
     def _opaque(self) -> Graybody:
-        if self.reflectance is None and self.emissivity is None:
+        both = (self.reflectance, self.emissivity)
+        if both == (None, None):
             raise InputError("give reflectance or emissivity")
-        for band in named_bands(self.reflectance, self.emissivity) or [""]:
+        if self.is_spectral:
+            if None not in both:
+                raise InputError("one of them must be given where it is by wavelength", "reflectance, emissivity")
+            return self
+        for band in named_bands(*both) or [""]:
             reflected, emitted = _in_band(self.reflectance, band), _in_band(self.emissivity, band)
             if reflected is None or emitted is None or abs(reflected + emitted - 1) <= OPAQUE_TOLERANCE:
                 continue
@@ -57,29 +103,81 @@ class Graybody:
             raise InputError(rule, value=total, form="g").of("emissivity + reflectance")
         return self
 
-    def describes(self, band: str) -> bool:
-        """Return whether the surface is described in a band."""
-        return _in_band(self.emissivity, band) is not None or _in_band(self.reflectance, band) is not None
+    @property
+    def is_spectral(self) -> bool:
+        """Whether the surface is described by wavelength."""
+        return isinstance(self.reflectance, ByWavelength) or isinstance(self.emissivity, ByWavelength)
 
-    def emissivity_in(self, band: str) -> float:
+    @property
+    def emissivity_curve(self) -> Curve:
+        """Emissivity of a surface by wavelength.
+
+        Raises:
+            InputError: The surface is not described by wavelength, or its file cannot be read.
+        """
+        if isinstance(self.emissivity, ByWavelength):
+            return self.emissivity.curve
+        if isinstance(self.reflectance, ByWavelength):
+            wavelength_um, reflectance = self.reflectance.curve
+            return Curve(wavelength_um, 1.0 - reflectance)
+        raise InputError("must be described by wavelength", "surface")
+
+    def describes(self, band: Band | str) -> bool:
+        """Return whether the surface is described in a band."""
+        return any(
+            value is not None and (not isinstance(value, Mapping) or _name(band) in value)
+            for value in (self.reflectance, self.emissivity)
+        )
+
+    def emissivity_in(self, band: Band | str, temperature_k: float | None = None) -> float:
         """Emissivity in a band, whichever of the two was given.
 
+        Args:
+            band: A Band, or its name.
+            temperature_k: Of the body [K]; needed for a surface by wavelength, whose emissivity is averaged with the
+                weight of Planck's law.
+
+        Raises:
+            InputError: The surface is not described in that band, or needs a temperature.
+        """
+        if self.is_spectral:
+            if temperature_k is None:
+                raise InputError("must be given for a surface by wavelength", "temperature_k")
+            weighted, plain = _emitted(as_band(band), temperature_k, self.emissivity_curve)
+            return float(weighted / plain)
+        emitted = _in_band(self.emissivity, _name(band))
+        return emitted if emitted is not None else 1.0 - self._needed(self.reflectance, _name(band))
+
+    def emitted_w_m2_sr(self, temperature_k: ArrayLike, band: Band | str) -> NDArray[np.float64]:
+        """Radiance that the surface emits in a band [W/m2/sr], for temperatures [K] of any shape.
+
         Raises:
             InputError: The surface is not described in that band.
         """
-        emitted = _in_band(self.emissivity, band)
-        return emitted if emitted is not None else 1.0 - self._needed(self.reflectance, band)
+        if self.is_spectral:
+            return np.asarray(_emitted(as_band(band), temperature_k, self.emissivity_curve)[0])
+        return np.asarray(self.emissivity_in(band) * band_radiance_w_m2_sr(temperature_k, band))
 
-    def reflectance_in(self, band: str) -> float:
+    def reflectance_in(self, band: Band | str, light: Light = "sun") -> float:
         """Reflectance in a band, whichever of the two was given.
 
+        Args:
+            band: A Band, or its name.
+            light: What falls on the surface; with its spectrum a surface by wavelength is averaged.
+
         Raises:
             InputError: The surface is not described in that band.
         """
-        reflected = _in_band(self.reflectance, band)
-        return reflected if reflected is not None else 1.0 - self._needed(self.emissivity, band)
+        if self.is_spectral:
+            wavelength_um, emissivity = self.emissivity_curve
+            node_um, weight = _RULES[light](as_band(band), wavelength_um)
+            if weight.sum() == 0.0:  # beyond the light's spectrum
+                node_um, weight = band_rule(as_band(band), wavelength_um)
+            return float(weight @ np.interp(node_um, wavelength_um, 1.0 - emissivity) / weight.sum())
+        reflected = _in_band(self.reflectance, _name(band))
+        return reflected if reflected is not None else 1.0 - self._needed(self.emissivity, _name(band))
 
-    def _needed(self, value: float | Mapping[str, float] | None, band: str) -> float:
+    def _needed(self, value: Any, band: str) -> float:
         fraction = _in_band(value, band)
         if fraction is None:
             found = ", ".join(named_bands(self.reflectance, self.emissivity))
@@ -87,5 +185,18 @@ class Graybody:
         return fraction
 
 
-def _in_band(value: float | Mapping[str, float] | None, band: str) -> float | None:
-    return None if value is None else in_band(value, band)
+def _emitted(band: Band, temperature_k: ArrayLike, emissivity: Curve) -> tuple[Any, Any]:
+    """In-band radiance [W/m2/sr] of a surface, and of a blackbody, at temperatures of any shape."""
+    node_um, weight_um = band_rule(
+        band, emissivity.wavelength_um, n_node=_NODES_PER_PIECE, max_log_width=_MAX_PIECE_LOG_WIDTH
+    )
+    radiance = planck_w_m2_sr_um(node_um, np.asarray(temperature_k, dtype=np.float64)[..., None])
+    return radiance @ (weight_um * emissivity.at(node_um)), radiance @ weight_um
+
+
+def _name(band: Band | str) -> str:
+    return band.name if isinstance(band, Band) else band
+
+
+def _in_band(value: Any, band: str) -> float | None:
+    return value.get(band) if isinstance(value, Mapping) else value

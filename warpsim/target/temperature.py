@@ -233,8 +233,9 @@ class HeatBalance:
         mass_kg: Mass that takes part [kg].
         heat_capacity_j_kg_k: Its specific heat capacity [J/(kg K)].
         solar_absorptance: Fraction of sunlight that is absorbed; if left out, the mean of the surface's 1 - reflectance
-            over the scene's bands.
-        infrared_emissivity: Emissivity over all thermal radiation; if left out, the same mean.
+            over the scene's bands, or over all sunlight where the surface is described by wavelength.
+        infrared_emissivity: Emissivity over all thermal radiation; if left out, the same mean over the bands, or that
+            over the emission of a blackbody of 300 K.
         earth_w_m2: Thermal exitance of the Earth [W/m2].
         albedo: Fraction of sunlight that the Earth reflects.
     """

@@ -1,0 +1,79 @@
+"""Curves over wavelength, linear between their nodes, and quadratures of products of them over a band."""
+
+from __future__ import annotations
+
+import functools
+import math
+from importlib.resources.abc import Traversable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from warpsim.radiometry.band import Band
+
+Array = NDArray[np.float64]
+
+N_EXACT = 3
+"""Gauss nodes per piece: exact for a product of up to five linear factors, as of a response per photon (two: response
+and wavelength), a spectrum and a reflectance."""
+
+
+class Curve(NamedTuple):
+    """Values over wavelength, linear between nodes and constant beyond the ends."""
+
+    wavelength_um: Array
+    """Nodes [um], shape (n,), increasing; read-only."""
+
+    value: Array
+    """Values there, shape (n,); read-only."""
+
+    def at(self, wavelength_um: ArrayLike) -> Array:
+        """Values at wavelengths [um] of any shape."""
+        return np.asarray(np.interp(np.asarray(wavelength_um, dtype=np.float64), self.wavelength_um, self.value))
+
+
+def read_curves(file: Traversable) -> tuple[Curve, ...]:
+    """Curves of a shipped CSV file: a line of names, then wavelengths [um] and the values of each curve."""
+    with file.open(encoding="ascii") as text:
+        wavelength_um, *columns = np.loadtxt(text, delimiter=",", skiprows=1, unpack=True)
+    for array in (wavelength_um, *columns):
+        array.setflags(write=False)
+    return tuple(Curve(wavelength_um, values) for values in columns)
+
+
+def band_rule(
+    band: Band, *splits_um: Array, n_node: int = N_EXACT, max_log_width: float = math.inf
+) -> tuple[Array, Array]:
+    """Gauss-Legendre rule over a band: sum(weight_um * f(wavelength_um)) is the integral of energy response times f.
+
+    Exact where f is a polynomial of degree 2 n_node - 3 in each piece, between neighbours among the nodes of the band
+    and the wavelengths given.
+
+    Args:
+        band: The band.
+        splits_um: Wavelengths at which f is not smooth [um], in any number of vectors.
+        n_node: Quadrature nodes per piece.
+        max_log_width: Pieces wider than this in ln(wavelength) are cut into equal parts.
+
+    Returns:
+        Wavelengths [um] and weights [um], shape (m,) each; nodes without response are left out.
+    """
+    first_um, last_um = band.lit_um
+    edge_um = np.unique(np.concatenate([band.wavelength_um, *splits_um]))
+    edge_um = edge_um[(edge_um >= first_um) & (edge_um <= last_um)]
+    if math.isfinite(max_log_width):
+        n_part = np.maximum(np.ceil(np.diff(np.log(edge_um)) / max_log_width), 1).astype(int)
+        pieces = zip(edge_um[:-1], edge_um[1:], n_part, strict=True)
+        edge_um = np.concatenate([*(np.linspace(a, b, n + 1)[:-1] for a, b, n in pieces), edge_um[-1:]])
+    abscissa, weight = _legendre(n_node)
+    half_um = np.diff(edge_um)[:, None] / 2.0
+    node_um = (edge_um[:-1, None] + half_um * (1.0 + abscissa)).ravel()
+    weight_um = (half_um * weight).ravel() * band.energy_response(node_um)
+    used = weight_um > 0.0
+    return node_um[used], weight_um[used]
+
+
+@functools.cache
+def _legendre(n: int) -> tuple[Array, Array]:
+    return np.polynomial.legendre.leggauss(n)

@@ -1,0 +1,117 @@
+"""The Earth's light in a band: brightness temperature and albedo by wavelength, a mean over the globe and the year.
+
+The spectrum (`catalogs/build_earth_spectrum.py` tells how it is made, catalogs/README.md from what) is that of the
+whole Earth, clouds included, as a Lambert sphere that looks alike from everywhere. Its exitance is 240 W/m2 and its
+mean albedo in sunlight 0.29, as CERES measures them. One place differs by far more: clear desert at noon has 320 K in
+the windows, a storm's top 200 K.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from warpsim_catalogs import path
+
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr, planck_w_m2_sr_um
+from warpsim.radiometry.curve import Curve, band_rule, read_curves
+from warpsim.radiometry.sunlight import sunlight_rule
+
+Array = NDArray[np.float64]
+
+_NODES_PER_PIECE = 10
+_MAX_PIECE_LOG_WIDTH = 0.02
+_TEMPERATURE_RTOL = 1e-13
+
+
+class EarthSpectrum(NamedTuple):
+    """The Earth by wavelength, from 0.25 to 100 um; linear between nodes and constant beyond."""
+
+    brightness_temperature_k: Curve
+    albedo: Curve
+    """Fraction of sunlight that is reflected, as by a Lambertian surface."""
+
+    def radiance_w_m2_sr_um(self, wavelength_um: ArrayLike) -> Array:
+        """Spectral radiance of the Earth's emission [W/m2/sr/um] at wavelengths [um] of any shape."""
+        return planck_w_m2_sr_um(wavelength_um, self.brightness_temperature_k.at(wavelength_um))
+
+
+@functools.cache
+def earth_spectrum() -> EarthSpectrum:
+    """Return the Earth's mean spectrum."""
+    return EarthSpectrum(*read_curves(path("earth_spectrum_v1.csv")))
+
+
+def earth_rule(band: Band, *splits_um: Array) -> tuple[Array, Array]:
+    """Quadrature of the Earth's emission over a band: wavelengths [um] and radiance that each stands for [W/m2/sr].
+
+    Args:
+        band: The band.
+        splits_um: Nodes of curves that are to be averaged [um].
+    """
+    spectrum = earth_spectrum()
+    own_um = spectrum.brightness_temperature_k.wavelength_um
+    node_um, weight_um = band_rule(
+        band, own_um, *splits_um, n_node=_NODES_PER_PIECE, max_log_width=_MAX_PIECE_LOG_WIDTH
+    )
+    return node_um, weight_um * spectrum.radiance_w_m2_sr_um(node_um)
+
+
+def earthshine_rule(band: Band, *splits_um: Array) -> tuple[Array, Array]:
+    """Quadrature of sunlight that the Earth reflects: wavelengths [um] and sunlight times albedo [W/m2].
+
+    Args:
+        band: The band.
+        splits_um: Nodes of curves that are to be averaged [um].
+    """
+    albedo = earth_spectrum().albedo
+    node_um, irradiance_w_m2 = sunlight_rule(band, albedo.wavelength_um, *splits_um)
+    return node_um, irradiance_w_m2 * albedo.at(node_um)
+
+
+def earth_brightness_temperature_k(band: Band | str) -> float:
+    """Temperature of the blackbody that has the Earth's mean radiance in a band [K].
+
+    Args:
+        band: A Band, or the name of one in BANDS.
+
+    Raises:
+        InputError: An unknown band.
+    """
+    return _brightness_temperature_k(as_band(band))
+
+
+@functools.lru_cache(maxsize=256)
+def _brightness_temperature_k(band: Band) -> float:
+    """Solve by the secant method in ln(radiance) against 1 / T, which is nearly a straight line."""
+    target = math.log(earth_rule(band)[1].sum())
+    x = [1 / 240.0, 1 / 290.0]
+    y = [math.log(band_radiance_w_m2_sr(1 / inverse, band)) - target for inverse in x]
+    while y[1] != 0.0 and abs(x[1] / x[0] - 1) > _TEMPERATURE_RTOL and y[1] != y[0]:
+        inverse = x[1] - y[1] * (x[1] - x[0]) / (y[1] - y[0])
+        x, y = [x[1], inverse], [y[1], math.log(band_radiance_w_m2_sr(1 / inverse, band)) - target]
+    return 1 / x[1]
+
+
+def earth_albedo(band: Band | str) -> float:
+    """Albedo of the Earth in a band: the mean weighted with sunlight and energy response.
+
+    Args:
+        band: A Band, or the name of one in BANDS.
+
+    Raises:
+        InputError: An unknown band.
+    """
+    return _albedo(as_band(band))
+
+
+@functools.lru_cache(maxsize=256)
+def _albedo(band: Band) -> float:
+    sunlight = sunlight_rule(band, earth_spectrum().albedo.wavelength_um)[1].sum()
+    if sunlight == 0.0:  # beyond the solar spectrum
+        return float(earth_spectrum().albedo.at(band.isophotal_um))
+    return float(earthshine_rule(band)[1].sum() / sunlight)
