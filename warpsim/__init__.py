@@ -95,6 +95,7 @@ if TYPE_CHECKING:
     from warpsim.speed.clock import measure_fps as measure_fps
     from warpsim.target.attitude import Attitude as Attitude
     from warpsim.target.attitude_table import AttitudeTable as AttitudeTable
+    from warpsim.target.by_wavelength import ByWavelength as ByWavelength
     from warpsim.target.mesh import Mesh as Mesh
     from warpsim.target.shapes import Cone as Cone
     from warpsim.target.shapes import Cylinder as Cylinder
@@ -155,6 +156,7 @@ _HOME = {
     "Plate": "warpsim.target.shapes",
     "Mesh": "warpsim.target.mesh",
     "Graybody": "warpsim.target.surface",
+    "ByWavelength": "warpsim.target.by_wavelength",
     "Temperature": "warpsim.target.temperature",
     "TemperatureTable": "warpsim.target.temperature",
     "HeatBalance": "warpsim.target.temperature",
