@@ -50,6 +50,7 @@ SECTIONS = {
     "`[[targets]]`": [ws.TargetSpec],
     "`shape`": [ws.Sphere, ws.Cylinder, ws.Cone, ws.Frustum, ws.Plate, ws.Mesh],
     "`surface`": [ws.Graybody],
+    "`surface` by wavelength": [ws.ByWavelength],
     "`temperature`": [ws.Temperature],
     "`temperature` from a table": [ws.TemperatureTable],
     "`temperature` by heat balance": [ws.HeatBalance],

@@ -116,7 +116,7 @@ def test_reflected_sunlight_is_that_of_a_mesh(day, device, target, record_accura
         sun = day.position_m("sun", [emitted_s])[0] - place
         turned = Rotation.from_quat(day.scenario.attitude_quaternion(target, [emitted_s])[0]).apply(normal)
         lit = np.maximum(turned @ view / np.linalg.norm(view), 0) * np.maximum(turned @ sun / np.linalg.norm(sun), 0)
-        sunlight = np.pi * ws.band_radiance_w_m2_sr(5772.0, row["band"]) * (6.957e8 / np.linalg.norm(sun)) ** 2
+        sunlight = sun_irradiance_w_m2(row["band"]) * (149597870700.0 / np.linalg.norm(sun)) ** 2
         reflectance = spec.surface.reflectance_in(row["band"])
         expected = reflectance / np.pi * sunlight * np.sum(lit * area) / np.sum(view**2) * 1e-4
         assert row["sun_w_cm2"] == pytest.approx(expected, rel=FACET_RTOL, abs=1e-6 * row["emitted_w_cm2"])

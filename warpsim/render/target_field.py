@@ -18,7 +18,7 @@ from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.legendre import series_matrix
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M
 from warpsim.radiometry.band import Band
-from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr
+from warpsim.radiometry.bands import band_radiance_w_m2_sr
 from warpsim.render.attitude_arrays import AttitudeArrays, make_attitudes, motion_struct
 from warpsim.render.temperature_arrays import TemperatureArrays, make_radiance, make_temperatures
 from warpsim.scene.exposure import ExposureRule
@@ -78,6 +78,7 @@ def make_target_field(
     attitudes = make_attitudes(scenario.attitudes, device)
     temperatures = make_temperatures(scenario.temperatures, device)
     targets, terms = scenario.targets, instrument.light_terms
+    own_bands = [instrument.bands[name] for name in bands]
     facets = facets_of([target.spec.shape for target in targets], device)
     farthest_m = [float(np.linalg.norm(track.position_m, axis=1).max()) for track in scenario.tracks.targets]
     limb_sine = EARTH_POLAR_RADIUS_M / max(farthest_m, default=EARTH_EQUATORIAL_RADIUS_M)
@@ -109,8 +110,8 @@ def make_target_field(
         tables,
         exposure,
         _surroundings(scenario.tracks, (earth_degree, n_earth), (albedo_degree, n_albedo), device),
-        _surfaces(targets, spectral, lighting, bands, device),
-        make_radiance(bands, temperatures.span_k, device, spectral),
+        _surfaces(targets, spectral, lighting, own_bands, device),
+        make_radiance(own_bands, temperatures.span_k, device, spectral),
         int(exposure.weight.shape[0]) if features.profile else 0,
         max(len(targets), 1) if device.is_cuda else 1,
         make_observe_targets_kernel(features._replace(spectral=False)),  # it knows no band
@@ -173,11 +174,10 @@ def _surfaces(
     targets: Sequence[SceneTarget],
     spectral: Sequence[Graybody],
     lighting: Lighting,
-    names: Sequence[str],
+    bands: Sequence[Band],
     device: wp.Device,
 ) -> Any:
     """What the targets' surfaces do with light; `spectral` are the different ones by wavelength among them."""
-    bands = [as_band(name) for name in names]
     own = [target.spec.surface for target in targets]
     different = {surface: number for number, surface in enumerate(dict.fromkeys(own))}
     which = np.array([different[surface] for surface in own], dtype=np.intp)

@@ -227,7 +227,7 @@ class Instrument:
     @cached_property
     def light_terms(self) -> dict[str, LightTerm]:
         """Terms of the targets' reflected light (sun, earth, albedo): presence, upper bound and reason."""
-        nei_w_cm2 = {band: self.nei_w_cm2(band) for band in self.sensor.bands}
+        nei_w_cm2 = {band: self.nei_w_cm2(name) for name, band in self.bands.items()}
         bodies = self._bodies
         return light_terms(self._scene.lighting, bodies.tracks, bodies.targets, self.satellites, nei_w_cm2)
 

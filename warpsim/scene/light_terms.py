@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M
 from warpsim.orbit.eclipse import sunlit_depth
-from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import band_radiance_w_m2_sr
 from warpsim.scene.lighting import Lighting
 from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
@@ -50,7 +51,7 @@ def light_terms(
     tracks: Tracks,
     targets: Sequence[SceneTarget],
     satellites: Sequence[int],
-    nei_w_cm2: Mapping[str, float],
+    nei_w_cm2: Mapping[Band, float],
 ) -> dict[str, LightTerm]:
     """Decide which terms to include, the same for all frames and bands of a kind of sensor.
 
@@ -100,7 +101,7 @@ def _bounds_nei(
     lighting: Lighting,
     tracks: Tracks,
     targets: Sequence[SceneTarget],
-    nei_w_cm2: Mapping[str, float],
+    nei_w_cm2: Mapping[Band, float],
     near_m: float,
 ) -> dict[str, float]:
     """Largest irradiance of each term [NEI]: incident light times reflectance over the largest projected area."""
@@ -108,8 +109,7 @@ def _bounds_nei(
     low_m = min((float(np.linalg.norm(track.position_m, axis=1).min()) for track in tracks.targets), default=np.inf)
     disc = min(EARTH_EQUATORIAL_RADIUS_M / low_m, 1.0) ** 2
     most: dict[str, float] = dict.fromkeys(TERMS, 0.0)
-    for name, nei in nei_w_cm2.items():
-        band = as_band(name)
+    for band, nei in nei_w_cm2.items():
         sunlight = lighting.sun_w_m2_in(band) / sun_au**2
         heat = np.pi * band_radiance_w_m2_sr(lighting.earth_k_in(band), band)
         falling = {"sun": sunlight, "earth": heat * disc, "albedo": lighting.earth_albedo_in(band) * sunlight * disc}

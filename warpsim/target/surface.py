@@ -13,7 +13,7 @@ from warpsim.config.fields import number_within, rule_error
 from warpsim.config.model import adapter, config_model, input_error
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
-from warpsim.radiometry.bands import BANDS, as_band, band_radiance_w_m2_sr, planck_w_m2_sr_um
+from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr, planck_w_m2_sr_um
 from warpsim.radiometry.by_band import AS_DICT, band_table, named_bands
 from warpsim.radiometry.curve import Curve, band_rule
 from warpsim.radiometry.earth_spectrum import earth_rule, earthshine_rule
