@@ -72,6 +72,17 @@ LINES = {
         "Sunlight by way of the Earth, on a sphere",
         "Temperature by heat balance",
     ),
+    "Light of stars": (
+        "Light of stellar templates in bands",
+        "W1 to W4 of FGK dwarfs from G, median",
+        "W1 to W4 of FGK dwarfs from G, scatter",
+        "W1 to W4 of M dwarfs from G, median",
+        "W1 to W4 of M dwarfs from G, scatter",
+        "W1 to W4 of giants from G, median",
+        "W1 to W4 of giants from G, scatter",
+        "G of stars from Ks, median",
+        "Stars of quality 2 off by more than 0.45 mag",
+    ),
     "Motion": (
         "Attitude after 1e6 s at 5 rev/s",
         "Body axis after 1e6 s at 5 rev/s, in the kernel",

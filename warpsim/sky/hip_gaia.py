@@ -132,7 +132,7 @@ def match(star: Hipparcos, gaia: Gaia) -> tuple[Rows, NDArray[np.bool_]]:
     """
     years = GAIA_EPOCH_JYEAR - HIPPARCOS_EPOCH_JYEAR
     ra_deg, dec_deg, *_ = rigorous_motion(star.ra_deg, star.dec_deg, star.pm_ra_mas_yr, star.pm_dec_mas_yr, years)
-    star_row, gaia_row, separation_arcsec = _close_pairs(ra_deg, dec_deg, gaia.ra_deg, gaia.dec_deg)
+    star_row, gaia_row, separation_arcsec = close_pairs(ra_deg, dec_deg, gaia.ra_deg, gaia.dec_deg)
     companion = (gaia.g_mag[gaia_row] - star.hp_mag[star_row] > COMPANION_MAG) & (separation_arcsec > SAME_PLACE_ARCSEC)
 
     partner = np.full(len(gaia.g_mag), -1, dtype=np.int64)
@@ -147,7 +147,7 @@ def match(star: Hipparcos, gaia: Gaia) -> tuple[Rows, NDArray[np.bool_]]:
     return partner, disputed & ~star_taken
 
 
-def _close_pairs(
+def close_pairs(
     left_ra_deg: Array, left_dec_deg: Array, right_ra_deg: Array, right_dec_deg: Array
 ) -> tuple[Rows, Rows, Array]:
     """Rows in two lists of all pairs closer than MATCH_RADIUS_ARCSEC, and their separation [arcsec]; (n_pair,) each."""

@@ -1,0 +1,141 @@
+"""Temperature, luminosity class and quality of stars known by visible photometry, of Gaia or of Hipparcos.
+
+The quality says how well the infrared light follows: FAIR stars are within 0.15 mag (one standard deviation; within
+0.45 mag in 99 %), UNCERTAIN ones may be off by a magnitude.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from warpsim.radiometry.bands import BANDS
+from warpsim.sky.stellar_templates import (
+    DWARF,
+    GIANT,
+    colour,
+    colour_temperature_k,
+    luminosity_class,
+    magnitude_light,
+    mixed,
+)
+
+Array = NDArray[np.float64]
+
+UNCERTAIN, FAIR = 1, 2
+"""Values of StarCatalog.quality."""
+
+FAIR_BP_RP_MAG = (-0.4, 3.6)
+FAIR_GIANT_BP_RP_MAG = 2.3
+"""Colours of stars whose infrared light follows from them. Redder giants may be dusty or carbon stars: of bright ones a
+fourth is off by more than 0.45 mag."""
+
+SAME_STAR_MAG = 0.2
+"""Hp and G of one star differ as its colour tells, within 0.01 mag. Where they do not by as much, one of them has the
+light of two stars, or the star varies."""
+
+FAIR_HP_MAG = 4.5
+"""Fainter stars that Gaia does not list with a colour are close pairs, or fainter than G = 10."""
+
+SAME_TEMPERATURE = 0.04
+"""Largest difference of the temperatures by V-I and by B-V of a star whose colours are trusted, as a ratio minus 1."""
+
+RED_V_I_MAG = 1.3
+FAINT_DWARF_HP_MAG = 7.0
+"""Dwarfs as red and as faint, at 10 pc, have a V-I that Hipparcos guessed for many; their absolute magnitude tells the
+temperature better (the infrared light within 0.18 mag, instead of 0.24)."""
+
+# Main sequence (Mamajek 2022, see catalogs/README.md), brighter by 0.2 mag, which puts the middle of Hipparcos' stars,
+# some of them pairs, upon it: Hp at 10 pc [mag] and temperature [K] of M dwarfs.
+_DWARF_HP_MAG = (6.89, 7.54, 8.05, 8.67, 9.07, 9.49, 10.04, 10.42, 10.95, 11.85, 12.33, 13.26, 13.80, 14.86, 16.37)
+_DWARF_K = (4600, 4300, 4100, 3850, 3770, 3660, 3560, 3470, 3430, 3270, 3210, 3110, 3060, 2930, 2740)
+
+
+@dataclass(frozen=True)
+class VisibleStars:
+    """What visible photometry tells of stars; shape (n,) each."""
+
+    temperature_k: Array
+    """Colour temperature [K]; NaN for stars without a colour."""
+
+    luminosity: NDArray[np.int8]
+    """DWARF or GIANT."""
+
+    quality: NDArray[np.int64]
+    """UNCERTAIN or FAIR."""
+
+
+def by_gaia(
+    g_mag: ArrayLike, bp_rp_mag: ArrayLike, parallax_mas: ArrayLike, pm_mas_yr: ArrayLike, hp_mag: ArrayLike
+) -> VisibleStars:
+    """Stars with G and BP-RP.
+
+    Args:
+        g_mag: G.
+        bp_rp_mag: BP-RP; NaN where unknown.
+        parallax_mas: Parallax [mas]; NaN where unknown.
+        pm_mas_yr: Proper motion [mas/yr]; NaN where unknown.
+        hp_mag: Hp of the same star; NaN where unknown.
+    """
+    bp_rp = np.asarray(bp_rp_mag, dtype=np.float64)
+    luminosity = luminosity_class(g_mag, bp_rp, parallax_mas, pm_mas_yr)
+    temperature_k = colour_temperature_k(bp_rp, "BP-RP", luminosity)
+    reddest = np.where(luminosity == GIANT, FAIR_GIANT_BP_RP_MAG, FAIR_BP_RP_MAG[1])
+    fair = (bp_rp > FAIR_BP_RP_MAG[0]) & (bp_rp < reddest)  # of a NaN, not
+    excess = np.asarray(hp_mag) - np.asarray(g_mag) - colour("Hp", "G", luminosity, temperature_k)
+    fair &= ~(np.abs(excess) > SAME_STAR_MAG)
+    return VisibleStars(temperature_k, luminosity.astype(np.int8), np.where(fair, FAIR, UNCERTAIN))
+
+
+def by_hipparcos(
+    hp_mag: ArrayLike, v_i_mag: ArrayLike, b_v_mag: ArrayLike, parallax_mas: ArrayLike, pm_mas_yr: ArrayLike
+) -> VisibleStars:
+    """Stars with Hp and V-I, or B-V where V-I is unknown.
+
+    Args:
+        hp_mag: Hp.
+        v_i_mag: V-I; NaN where unknown.
+        b_v_mag: B-V; NaN where unknown.
+        parallax_mas: Parallax [mas]; NaN where unknown.
+        pm_mas_yr: Proper motion [mas/yr]; NaN where unknown.
+    """
+    hp, v_i, b_v, parallax = (
+        np.asarray(values, dtype=np.float64) for values in (hp_mag, v_i_mag, b_v_mag, parallax_mas)
+    )
+    luminosity = luminosity_class(hp, np.where(np.isnan(v_i), b_v, v_i), parallax, pm_mas_yr)
+    by_v_i = colour_temperature_k(v_i, "V-I", luminosity)
+    by_b_v = colour_temperature_k(b_v, "B-V", luminosity)
+    temperature_k = np.where(np.isnan(by_v_i), by_b_v, by_v_i)
+    fair = np.abs(by_b_v / by_v_i - 1.0) < SAME_TEMPERATURE  # of a NaN, not
+
+    with np.errstate(invalid="ignore", divide="ignore"):
+        absolute_mag = hp + 5.0 * np.log10(parallax / 100.0)
+        faint = (luminosity == DWARF) & (absolute_mag > FAINT_DWARF_HP_MAG) & (v_i > RED_V_I_MAG)
+    temperature_k = np.where(faint, np.interp(absolute_mag, _DWARF_HP_MAG, _DWARF_K), temperature_k)
+    reddest_k = colour_temperature_k(FAIR_GIANT_BP_RP_MAG, "BP-RP", GIANT)
+    # B-V of cool giants says nothing, so that they cannot be told by two colours.
+    cool_giant = (luminosity == GIANT) & (by_v_i < 4000.0) & (by_v_i > reddest_k)
+    fair = (fair | cool_giant) & (hp < FAIR_HP_MAG)
+    return VisibleStars(temperature_k, luminosity.astype(np.int8), np.where(fair, FAIR, UNCERTAIN))
+
+
+def msx_flux_jy(
+    g_mag: ArrayLike, hp_mag: ArrayLike, temperature_k: ArrayLike, luminosity: ArrayLike
+) -> dict[str, Array]:
+    """Predicted flux densities in the MSX bands [Jy], shape (n,) each.
+
+    Args:
+        g_mag: G; NaN where Hp tells.
+        hp_mag: Hp; NaN where G tells.
+        temperature_k: Colour temperature [K]; NaN where unknown.
+        luminosity: DWARF or GIANT.
+    """
+    # Light in units of that of magnitude 0, all bands at once: finding the mixture of templates is most of the work.
+    names = ("G", "Hp", *BANDS)
+    of_templates = np.stack([magnitude_light(name) for name in names], axis=-1)
+    light = dict(zip(names, np.moveaxis(mixed(of_templates, luminosity, temperature_k), -1, 0), strict=True))
+    magnitude = np.where(np.isnan(g_mag), hp_mag, g_mag)
+    scale = 10.0 ** (-0.4 * magnitude) / np.where(np.isnan(g_mag), light["Hp"], light["G"])
+    return {name: band.zero_mag_jy * scale * light[name] for name, band in BANDS.items()}
