@@ -16,6 +16,9 @@ from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.catalog import StarCatalog
+from warpsim.sky.photometric_bands import photometric_bands
+
+BAND_LIST = ", ".join(photometric_bands())
 
 RECIPE = Path(__file__).parents[1] / "catalogs" / "build_hip_gaia_ir.py"
 
@@ -213,15 +216,22 @@ def test_flux_irradiance_and_magnitude():
     assert np.isnan(catalog.magnitude("A")[1])
     assert catalog.magnitude("E")[1] == np.inf
     assert np.isnan(catalog.flux_jy("C")).all()
-    assert (catalog.irradiance_w_cm2("C") == 0.0).all()
+    # The spectrum gives light in C: between that of A and E, by magnitude; none to the star that has none in E.
+    light = catalog.irradiance_w_cm2("C") / BANDS["C"].zero_mag_w_cm2
+    assert 1 / 58.49 < light[0] < 0.5 / 8.80
+    assert light[1] == 0.0
+    assert (StarCatalog.from_arrays([1.0], [2.0], {"A": [np.nan]}).irradiance_w_cm2("C") == 0.0).all()
 
 
-def test_flux_needs_an_msx_band():
+def test_flux_needs_a_photometric_band():
     catalog = small_catalog()
-    with pytest.raises(InputError, match=r"band: must be one of .* got 'F'"):
-        catalog.flux_jy("F")
-    with pytest.raises(InputError, match="a catalog has fluxes in B1, B2, A, C, D, E only, got 'own'"):
-        catalog.flux_jy(Band("own", [3.0, 4.0], [1.0, 1.0]))
+    for band, name in (("F", "F"), (Band("own", [3.0, 4.0], [1.0, 1.0]), "own"), (Band("A", [3.0, 4.0], [1, 1]), "A")):
+        for call in (catalog.flux_jy, catalog.flux_flag):
+            with pytest.raises(InputError) as error:
+                call(band)
+            assert str(error.value) == f"band: must be one of {BAND_LIST}, in which catalogs have fluxes, got '{name}'"
+    assert np.isnan(catalog.flux_jy("V")).all()
+    assert catalog.flux_flag("V").tolist() == [0, 0, 0]
 
 
 def test_catalog_is_immutable():
@@ -404,7 +414,7 @@ def test_filled_fluxes_keep_to_their_limits():
         ({"A": [[1.0, 1.0, 1.0]]}, "limit_jy.A: must be a vector, got shape (1, 3)"),
         ({"A": 1.0}, "limit_jy.A: must be a vector, got shape ()"),
         ({"A": "little"}, "limit_jy.A: must be numbers, got str"),
-        ({"Z": [1.0] * 3}, "limit_jy: band must be one of B1, B2, A, C, D, E, got 'Z'"),
+        ({"Z": [1.0] * 3}, f"limit_jy: band must be one of {BAND_LIST}, got 'Z'"),
     ],
 )
 def test_bad_limits_are_errors_of_one_line(limit_jy, text):
@@ -432,7 +442,7 @@ def test_table_has_the_public_columns():
     assert small_catalog().to_table().colnames == [
         "ra_deg", "dec_deg", "pm_ra_mas_yr", "pm_dec_mas_yr", "parallax_mas",
         "flux_B1_jy", "flux_B2_jy", "flux_A_jy", "flux_C_jy", "flux_D_jy", "flux_E_jy", "quality", "id",
-        "temperature_k",
+        "temperature_k", "luminosity",
         "flux_B1_flag", "flux_B2_flag", "flux_A_flag", "flux_C_flag", "flux_D_flag", "flux_E_flag",
     ]  # fmt: skip
 
@@ -517,12 +527,15 @@ def test_a_flux_that_is_there_is_measured_unless_said_to_be_predicted():
         ({"ra_deg": [0.0, 1.0, 361.0]}, "ra_deg: must be in [-180, 360], got 361 in row 2"),
         ({"flux_jy": {"A": [1.0, -1.0, 1.0]}}, "flux_A_jy: must be in [0, 1e+15], got -1 in row 1"),
         ({"flux_jy": {"A": [1.0, 1.0, np.inf]}}, "flux_A_jy: must be in [0, 1e+15], got inf in row 2"),
-        ({"flux_jy": {"F": [1.0] * 3}}, "flux_jy: band must be one of B1, B2, A, C, D, E, got 'F'"),
+        ({"flux_jy": {"F": [1.0] * 3}}, f"flux_jy: band must be one of {BAND_LIST}, got 'F'"),
+        ({"flux_jy": {"W1": [1.0, -1.0, 1.0]}}, "flux_W1_jy: must be in [0, 1e+15], got -1 in row 1"),
+        ({"luminosity": [0, 2, 1]}, "luminosity: must be in [-1, 1], got 2 in row 1"),
+        ({"luminosity": [0, 0.5, 1]}, "luminosity: must be whole numbers, got 0.5 in row 1"),
         ({"flux_jy": {"A": [1.0]}}, "flux_A_jy: must have shape (3,) like ra_deg, got (1,)"),
         ({"pm_ra_mas_yr": [0, 0, np.inf]}, "pm_ra_mas_yr: must be in [-1e+09, 1e+09], got inf in row 2"),
         ({"flux_flag": {"A": [1, 1, 1.5]}}, "flux_A_flag: must be whole numbers, got 1.5 in row 2"),
         ({"flux_flag": {"A": [1, 3, 1]}}, "flux_A_flag: must be in [0, 2], got 3 in row 1"),
-        ({"flux_flag": {"Z": [1, 1, 1]}}, "flux_flag: band must be one of B1, B2, A, C, D, E, got 'Z'"),
+        ({"flux_flag": {"Z": [1, 1, 1]}}, f"flux_flag: band must be one of {BAND_LIST}, got 'Z'"),
         ({"quality": [1.5, 0, 0]}, "quality: must be whole numbers, got 1.5 in row 0"),
         ({"ra_deg": "here"}, "ra_deg: must be numbers, got str"),
         ({"ra_deg": 1.0}, "ra_deg: must be a vector, got shape ()"),
@@ -541,8 +554,21 @@ def test_missing_columns_are_named():
     with pytest.raises(InputError, match="table: must have the column dec_deg, got ra_deg, pm_ra_mas_yr"):
         StarCatalog.from_table(table)
     table = small_catalog().to_table()[["ra_deg", "dec_deg", "id"]]
-    with pytest.raises(InputError, match=r"must have the column one of flux_B1_jy, .* got ra_deg, dec_deg, id"):
+    with pytest.raises(InputError, match=r"must have the column flux_X_jy or mag_X with X one of B1, .* got ra_deg, dec"):
         StarCatalog.from_table(table)
+
+
+def test_tables_of_unknown_and_repeated_bands_are_named():
+    table = small_catalog().to_table()
+    table["flux_Z_jy"] = [1.0] * 3
+    with pytest.raises(InputError) as error:
+        StarCatalog.from_table(table)
+    assert str(error.value) == f"flux_Z_jy: must be of one of the bands {BAND_LIST}"
+    table = small_catalog().to_table()
+    table["mag_A"] = [1.0] * 3
+    with pytest.raises(InputError) as error:
+        StarCatalog.from_table(table)
+    assert str(error.value) == "columns: must be one of flux_A_jy and mag_A, got both"
 
 
 def test_wrong_unit_is_named():

@@ -134,8 +134,8 @@ def test_own_names_need_no_columns_and_fill_only_what_has_no_flags(tmp_path):
     catalog = ws.StarCatalog.read(save(tmp_path / "a.csv", text))
     assert catalog.flux_jy("A")[0] == BANDS["A"].zero_mag_jy
     assert [int(catalog.flux_flag(band)[0]) for band in BANDS] == [2, 2, 1, 2, 2, 2]
-    # A K giant has the same magnitude in D as in A.
-    assert catalog.flux_jy("D")[0] == pytest.approx(18.29, rel=RTOL)
+    # A K giant has nearly the same magnitude in D as in A.
+    assert catalog.flux_jy("D")[0] == pytest.approx(18.29, rel=0.03)
     catalog = ws.StarCatalog.read(save(tmp_path / "b.csv", text), fill=False)
     assert np.isnan(catalog.flux_jy("D")[0])
     flagged = save(tmp_path / "c.csv", "ra_deg,dec_deg,flux_A_jy,flux_A_flag\n1,2,3,2\n")
@@ -153,8 +153,9 @@ def test_epoch_of_ones_own_table(tmp_path):
 
 def test_a_table_survives_every_format(tmp_path):
     catalog = ws.StarCatalog.from_arrays(
-        [10.0, 359.999999], [-45.0, 89.9], {"A": [1.0, np.nan], "E": [0.5, 0.0]}, parallax_mas=[np.nan, 5.0],
-        temperature_k=[4000.0, np.nan], id=["a", "b b"], flux_flag={"A": [2, 0]},
+        [10.0, 359.999999], [-45.0, 89.9], {"A": [1.0, np.nan], "E": [0.5, 0.0], "Ks": [np.nan, 0.25], "V": [1.5, 2.0]},
+        parallax_mas=[np.nan, 5.0], temperature_k=[4000.0, np.nan], luminosity=[1, -1], id=["a", "b b"],
+        flux_flag={"A": [2, 0]},
     )  # fmt: skip
     for suffix, format in FORMATS.items():
         if suffix == "parquet" and importlib.util.find_spec("pyarrow") is None:
@@ -163,9 +164,10 @@ def test_a_table_survives_every_format(tmp_path):
             warnings.simplefilter("ignore")  # what formats leave out of the meta
             catalog.to_table().write(tmp_path / f"stars.{suffix}", format=format)
         again = ws.StarCatalog.read(tmp_path / f"stars.{suffix}")
-        for key in ("ra_deg", "dec_deg", "parallax_mas", "temperature_k", "quality", "id"):
+        for key in ("ra_deg", "dec_deg", "parallax_mas", "temperature_k", "luminosity", "quality", "id"):
             np.testing.assert_array_equal(getattr(again, key), getattr(catalog, key), err_msg=f"{suffix} {key}")
-        for band in BANDS:
+        assert set(again.bands) == {*BANDS, "Ks", "V"}
+        for band in again.bands:
             np.testing.assert_array_equal(again.flux_jy(band), catalog.flux_jy(band), err_msg=f"{suffix} {band}")
             np.testing.assert_array_equal(again.flux_flag(band), catalog.flux_flag(band))
 
@@ -347,7 +349,8 @@ def test_iras_by_its_bytes_matches_its_parts_in_columns(tmp_path):
     table.write(tmp_path / "iras.ecsv")
     same = ws.StarCatalog.read(tmp_path / "iras.ecsv", fill=False)
     np.testing.assert_allclose(catalog.direction_icrs, same.direction_icrs, rtol=0, atol=1e-14)
-    for band in BANDS:
+    assert catalog.bands == ("IRAS12", "IRAS25")
+    for band in catalog.bands:
         np.testing.assert_array_equal(catalog.flux_jy(band), same.flux_jy(band))
     assert catalog.name == "iras-psc (main.dat)"
     assert catalog.id.tolist() == same.id.tolist() == ["IRAS 00000-0359", "IRAS 14133+1926"]
@@ -387,9 +390,8 @@ def test_hipparcos_by_its_bytes(tmp_path):
     np.testing.assert_allclose(catalog.dec_deg, [-0.25 - 43.75 / 3600, 60.5], rtol=0, atol=1e-6)
     np.testing.assert_array_equal(catalog.at_epoch(1991.25).ra_deg, [0.5, 120.25])
     np.testing.assert_allclose(catalog.parallax_mas, [3.54, np.nan], atol=1e-4)
-    # Hp - [A] = -0.0695 + 2.8869 x - 0.3278 x^2 + 0.0427 x^3 - 0.0011 x^4 at x = V-I = 0.55
-    magnitude = 9.2043 - (-0.0695 + 2.8869 * 0.55 - 0.3278 * 0.55**2 + 0.0427 * 0.55**3 - 0.0011 * 0.55**4)
-    np.testing.assert_allclose(catalog.magnitude("A"), [magnitude, np.nan], rtol=1e-12)
+    for band, magnitudes in {"Hp": [9.2043, 8.1], "V": [9.10, 8.0], "B": [9.582, np.nan], "Ic": [8.55, np.nan]}.items():
+        np.testing.assert_allclose(catalog.magnitude(band), magnitudes, rtol=0, atol=1e-12, err_msg=band)
 
 
 def test_hipparcos_2_by_its_bytes_matches_the_whole_file():
@@ -425,9 +427,9 @@ def test_akari_by_its_bytes(tmp_path):
     assert catalog.name == "akari-irc (irc.dat)"
     np.testing.assert_array_equal(catalog.ra_deg, [0.00421, 0.04211])
     np.testing.assert_array_equal(catalog.dec_deg, [-0.96672, 88.20944])
-    # Zero points 56.26 Jy and 58.49 Jy: magnitudes 5 and 2.5.
-    np.testing.assert_allclose(catalog.flux_jy("A"), [0.5849, 5.849], rtol=RTOL)
-    assert np.isfinite(catalog.flux_jy("E")).tolist() == [False, True]
+    # The survey's zero point is 56.26 Jy: magnitudes 5 and 2.5.
+    np.testing.assert_allclose(catalog.magnitude("S9W"), [5.0, 2.5], rtol=RTOL)
+    assert np.isfinite(catalog.flux_jy("L18W")).tolist() == [False, True]
     assert catalog.id[0] == "AKARI-IRC-V1 J0000001-005800"
 
 

@@ -124,7 +124,9 @@ def test_the_epoch_of_gaia_dr2_from_viziers_comments(read):
 
 def test_codes_for_missing_magnitudes_are_no_light(read):
     hipparcos = "HIP,RAdeg,DEdeg,Vmag,Hpmag,B-V,V-I\n1,10,20,5,5.1,99.999,99.999\n2,11,20,5,5.1,0.5,0.6\n"
-    assert np.isfinite(read(hipparcos).flux_jy("A")).tolist() == [False, True]
+    for band in ("B", "Ic"):
+        assert np.isfinite(read(hipparcos, fill=False).flux_jy(band)).tolist() == [False, True]
+    assert read(hipparcos).quality.tolist() == [1, 2]
     own = read("ra_deg,dec_deg,mag_A\n10,20,99.999\n11,20,5\n")
     assert np.isfinite(own.flux_jy("A")).tolist() == [False, True]
 
@@ -202,7 +204,7 @@ def test_gaias_bulk_files_write_null(read):
     for start in ("", "\ufeff"):
         catalog = read(start + text, "GaiaSource.csv")
         assert catalog.pm_ra_mas_yr.tolist() == pytest.approx([0.0, 3.5], rel=1e-6)
-        assert np.isfinite(catalog.flux_jy("A")).tolist() == [True, False]
+        assert catalog.quality.tolist() == [2, 1]
 
 
 def test_rows_behind_a_hash_are_spoken_of(read):

@@ -51,6 +51,9 @@ def test_a_run_hangs_on_the_stars_themselves():
         {"pm_dec_mas_yr": [0.0, 1.0]},
         {"parallax_mas": [0.0, 1.0]},
         {"id": ["1", "3"]},
+        {"flux_jy": {"A": [5.0, np.nan], "W1": [2.0, 3.0]}},
+        {"temperature_k": [4000.0, np.nan]},
+        {"luminosity": [1, 0]},
         {"epoch_jyear": 2001.0},
     ]
     sums = {ws.StarCatalog.from_arrays(**columns | change).checksum for change in changed}

@@ -1,244 +1,293 @@
-"""Spectra of stars: the continuum, shares of spectral intervals, and light in bands of one's own."""
+"""Light of stars in any band: the spectrum through their fluxes, against its definition integrated by scipy."""
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
 
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
-from warpsim.radiometry.bands import BANDS
 from warpsim.sky import stellar_spectrum
-from warpsim.sky.catalog import StarCatalog
-from warpsim.sky.colours import CLASS_TEMPERATURE_K, flux_from_magnitude_a
-from warpsim.sky.stellar_spectrum import band_irradiance_w_cm2, engelke_temperature_k, interval_shares
+from warpsim.sky.photometric_bands import photometric_bands
+from warpsim.sky.stellar_spectrum import N_CORRECTION, SAME_WAVELENGTH, band_irradiance_w_cm2
+from warpsim.sky.stellar_templates import template_temperature_k, template_wavelength_um, templates
 
-QUAD_RTOL = 1e-8  # quadrature of the reference, cut at every kink, and of the code (2e-9 over 2 to 60 um)
-GRID_RTOL = 1e-6  # asked of a band's radiance: the code interpolates between temperatures, 7e-7 off at most
-SUM_RTOL = 1e-14  # rounding of sums of up to 32 shares
+BANDS = photometric_bands()
 
-# A band of one's own with the response of an MSX band, against the calibration's W/cm2 per Jy: the nodes of the
-# responses against the full curves (B1 3.8 %, B2 1.3 %), and in band A the factor that leads from B2 to C (3 %).
-SAME_BAND_ATOL = {"B1": 0.04, "B2": 0.02, "A": 0.031, "C": 0.008, "D": 0.005, "E": 0.016}
-ALONE_ATOL = {"B1": 0.038, "B2": 0.013, "A": 0.003, "C": 0.001, "D": 0.003, "E": 0.006}
+ORACLE_RTOL = 1e-6  # asked for; measured 1e-9: both integrate the same pieces
+PASS_RTOL = 0.01  # asked for: 99 of 100 stars meet their fluxes
+SUM_RTOL = 1e-13  # rounding of sums in another order
+MAX_PEAK_BYTES = 150  # per star, of tables and temporaries
 
 OWN = Band("own", [3.5, 4.0, 9.0, 14.0], [0.0, 1.0, 0.7, 0.2])
+PHOTON = Band("photon", [0.4, 0.45, 0.7, 0.9], [0.0, 0.6, 1.0, 0.0], per_photon=True)
 
 
-def star(wavelength_um, temperature_k):
-    """Engelke's continuum per wavelength, up to a factor, from the equations alone."""
-    brightness_k = 0.738 * temperature_k * (1 + 79450 / (wavelength_um * temperature_k)) ** 0.182
-    c2_um_k = 6.62607015e-34 * 299792458.0 / 1.380649e-23 * 1e6
-    return wavelength_um**-5 / math.expm1(c2_um_k / (wavelength_um * brightness_k))
+# --- the definition, one star at a time ---
 
 
-def response_at(band, wavelength_um):
-    return float(np.interp(wavelength_um, band.wavelength_um, band.response, left=0.0, right=0.0))
+def response_at(band, um):
+    response = float(np.interp(um, band.wavelength_um, band.response, left=0.0, right=0.0))
+    return response * um / band.photon_um if band.per_photon else response
 
 
 def integral(function, band, cuts_um=()):
-    """Integral of response times function over a band, piece by piece between nodes and cuts."""
+    """Integral of energy response times function over a band, piece by piece between all kinks."""
     quad = pytest.importorskip("scipy.integrate").quad
     low_um, high_um = band.wavelength_um[[0, -1]]
-    edges = sorted({*band.wavelength_um.tolist(), *(cut for cut in cuts_um if low_um < cut < high_um)})
+    kinks = (*band.wavelength_um, *template_wavelength_um(), *cuts_um)
+    edges = sorted({float(kink) for kink in kinks if low_um <= kink <= high_um})
     return sum(
-        quad(lambda um: response_at(band, um) * function(um), a, b, epsabs=0, epsrel=1e-11)[0]
+        quad(lambda um: response_at(band, um) * function(um), a, b, epsabs=0, epsrel=1e-9)[0]
         for a, b in itertools.pairwise(edges)
         if response_at(band, a) + response_at(band, (a + b) / 2) + response_at(band, b) > 0
     )
 
 
-def expected_irradiance_w_cm2(band, flux_jy, temperature_k):
-    """The definition for one star: fluxes are means over their bands by frequency, factors linear in ln(wavelength)."""
-    known = sorted((BANDS[name].isophotal_um, name) for name, flux in flux_jy.items() if math.isfinite(flux))
-    places = [math.log(um) for um, _ in known]
-    factors = []
-    for _, name in known:
-        mean = integral(lambda um: star(um, temperature_k), BANDS[name]) / integral(lambda um: um**-2, BANDS[name])
-        factors.append(flux_jy[name] / mean)
-
-    def w_cm2_um(um):
-        factor = np.interp(math.log(um), places, factors)
-        return factor * star(um, temperature_k) * 1e-26 * 299792458.0 * 1e12 * 1e-10
-
-    return integral(w_cm2_um, band, [um for um, _ in known])
+def template_at(um, temperature_k, luminosity):
+    """The mixture of the two neighbouring templates, linear in ln T and, between its nodes, in wavelength."""
+    grid_k, grid_um = template_temperature_k(), template_wavelength_um()
+    row = int(np.clip(np.searchsorted(grid_k, temperature_k) - 1, 0, len(grid_k) - 2))
+    part = math.log(temperature_k / grid_k[row]) / math.log(grid_k[row + 1] / grid_k[row])
+    low, high = templates()[luminosity, row : row + 2]
+    return (1.0 - part) * np.interp(um, grid_um, low) + part * np.interp(um, grid_um, high)
 
 
-@pytest.mark.parametrize(
-    ("wavelength_um", "temperature_k", "expected_k"),
-    # By hand: 79450 / (10 * 7945) = 1, so T_b = 0.738 * 7945 * 2^0.182; and a factor 16 at a fifteenth of lambda T.
-    [(10.0, 7945.0, 0.738 * 7945.0 * 2**0.182), (79450 / 15 / 4000, 4000.0, 0.738 * 4000.0 * 16**0.182)],
-)
-def test_brightness_temperature_is_engelkes(wavelength_um, temperature_k, expected_k):
-    assert engelke_temperature_k(wavelength_um, temperature_k) == pytest.approx(expected_k, rel=1e-14)
+@functools.cache
+def light_by_knot(band, temperature_k, luminosity, knots_um):
+    """Light of a template in a band with a factor that is 1 at one knot and 0 at the others, for each knot."""
+    return np.array([
+        integral(
+            lambda um, hat=hat: template_at(um, temperature_k, luminosity)
+            * np.interp(math.log(um), np.log(knots_um), hat),
+            band,
+            knots_um,
+        )
+        for hat in np.eye(len(knots_um))
+    ])  # fmt: skip
 
 
-# --- shares of spectral intervals ---
+def expected_w_cm2(band, flux_jy, temperature_k, luminosity):
+    """The definition for one star: the integral of energy response, template and factor."""
+    known = {name: flux for name, flux in flux_jy.items() if math.isfinite(flux)}
+    if {"BP", "RP"} <= known.keys():
+        known.pop("G", None)
+    names = sorted(known, key=lambda name: BANDS[name].isophotal_um)
+    groups = []
+    for name in names:
+        if groups and BANDS[name].isophotal_um <= SAME_WAVELENGTH * BANDS[groups[-1][0]].isophotal_um:
+            groups[-1].append(name)
+        else:
+            groups.append([name])
+    knots_um = tuple(BANDS[group[0]].isophotal_um for group in groups)
+    wanted, mixing = [], []
+    for group in groups:
+        by_knot = [light_by_knot(BANDS[name], temperature_k, luminosity, knots_um) for name in group]
+        lights = [known[name] * BANDS[name].w_cm2_per_jy for name in group]
+        wanted.append(np.mean([light / np.sum(parts) for light, parts in zip(lights, by_knot, strict=True)]))
+        mixing.append(np.mean([parts / np.sum(parts) for parts in by_knot], axis=0))
+    wanted, mixing = np.array(wanted), np.array(mixing)
+    factor = wanted
+    for _ in range(N_CORRECTION):
+        found = mixing @ factor
+        factor = factor * np.where(found > 0, wanted / np.where(found > 0, found, 1), 1)
+
+    def spectrum(um):
+        return template_at(um, temperature_k, luminosity) * np.interp(math.log(um), np.log(knots_um), factor)
+
+    return integral(spectrum, band, knots_um)
 
 
-@pytest.mark.parametrize("temperature_k", [2600.0, 4150.0, 9600.0])
-@pytest.mark.parametrize("name", list(BANDS))
-def test_shares_give_means_over_the_light_of_the_band(name, temperature_k):
-    band = BANDS[name]
-    wavelength_um, share = interval_shares(name, 6, [temperature_k])
-    total = integral(lambda um: star(um, temperature_k), band)
-    for function in (lambda um: um, lambda um: um**2, lambda um: np.exp(-((um - band.isophotal_um) ** 2) / 50)):
-        expected = integral(lambda um, f=function: f(um) * star(um, temperature_k), band) / total
-        assert share[0] @ function(wavelength_um) == pytest.approx(expected, rel=1e-6)  # 6 intervals over band A
+def light(band, stars):
+    """Irradiance of stars given as (fluxes, temperature, luminosity), in one call."""
+    names = sorted({name for fluxes, _, _ in stars for name in fluxes})
+    flux_jy = {name: np.array([fluxes.get(name, math.nan) for fluxes, _, _ in stars]) for name in names}
+    temperature_k = np.array([float(kelvin) for _, kelvin, _ in stars])
+    return band_irradiance_w_cm2(band, flux_jy, temperature_k, np.array([c for *_, c in stars], dtype=np.int8))
 
 
-def test_shares_are_positive_and_of_sum_one():
-    wavelength_um, share = interval_shares(OWN, 6, np.array([[1e-3, 2600.0, 4150.0], [9600.0, 1e8, np.nan]]).ravel())
-    assert wavelength_um.shape == (6,)
-    assert share.shape == (6, 6)
-    assert (share > 0).all()
-    np.testing.assert_allclose(share.sum(axis=1), 1.0, rtol=SUM_RTOL)
-    # Hot stars are bluer; beyond 1000 ... 100,000 K nothing changes, and an unknown star is a K giant of 4850 K.
-    assert share[4, 0] > share[3, 0] > share[2, 0] > share[1, 0]
-    np.testing.assert_array_equal(share[[0, 4, 5]], interval_shares(OWN, 6, [1000.0, 1e5, 4850.0])[1])
+def magnitudes(**mags):
+    return {name: BANDS[name].zero_mag_jy * 10 ** (-0.4 * magnitude) for name, magnitude in mags.items()}
 
 
-def test_one_interval_takes_everything():
-    np.testing.assert_array_equal(interval_shares("A", 1, [3000.0, 5000.0])[1], [[1.0], [1.0]])
-    assert interval_shares("A", 4, [])[1].shape == (0, 4)
-
-
-# --- bands of one's own ---
+GRID_K = [float(kelvin) for kelvin in template_temperature_k()]
+STARS = [
+    (magnitudes(BP=8.0, RP=7.0, G=7.6, A=5.0), GRID_K[len(GRID_K) // 3], 1),
+    (magnitudes(V=4.1, Ks=1.2, W3=1.3, E=1.0), 4321.0, 1),
+    (magnitudes(B=9.0, V=8.4, J=7.1), 5900.0, 0),
+    (magnitudes(A=3.0), 3333.0, 1),
+    (magnitudes(V=3.0) | {"E": 0.0}, 9000.0, 0),
+]
 
 
 @pytest.mark.parametrize(
     "band",
     [
+        *(BANDS[name] for name in ("V", "BP", "G", "J", "Ks", "W1", "W2", "W3", "W4", "S9W", "IRAS12", "A", "B1", "D")),
         OWN,
-        Band("blue", [2.0, 3.0], [1.0, 0.5]),
-        Band("red", [25.0, 60.0], [1.0, 1.0]),
+        PHOTON,
         Band("narrow", [8.0, 8.001], [1.0, 1.0]),
-        Band("across-a-knot", [8.2, 8.3], [0.3, 1.0]),
         Band("gap", [4.0, 4.3, 4.4, 9.0, 10.0], [0.0, 1.0, 0.0, 0.0, 1.0]),
-        Band("all", [2.0, 60.0], [1.0, 1.0]),
+        Band("most", [0.31, 29.0], [1.0, 1.0]),
     ],
     ids=lambda band: band.name,
 )
-def test_light_in_a_band_of_ones_own_follows_the_definition(band):
-    fluxes = {
-        "B1": [np.nan, 190.0, np.nan, 0.0],
-        "B2": [np.nan, 150.0, 180.0, 0.0],
-        "A": [2.5, 58.0, np.nan, 3.0],
-        "C": [np.nan, 26.0, np.nan, 1.0],
-        "D": [np.nan, 20.0, 17.0, np.nan],
-        "E": [np.nan, 12.0, np.nan, 0.4],
+def test_light_in_a_band_follows_the_definition(band):
+    # Sure to look past the exact conversion of a catalog: a band of another name and the same response.
+    twin = Band("twin", band.wavelength_um, band.response, per_photon=band.per_photon)
+    found = light(twin, STARS)
+    for value, star in zip(found, STARS, strict=True):
+        assert value == pytest.approx(expected_w_cm2(twin, *star), rel=ORACLE_RTOL, abs=0)
+
+
+def test_a_flux_alone_gives_the_templates_shape():
+    """Ratios of two bands are those of the template, whatever the flux."""
+    row, luminosity = len(GRID_K) // 2, 0
+    spectrum = templates()[luminosity, row]
+    for flux in (1e-6, 1.0, 1e6):
+        near, far = (light(BANDS[name], [({"A": flux}, GRID_K[row], luminosity)])[0] for name in ("J", "W4"))
+        expected = [
+            integral(lambda um: np.interp(um, template_wavelength_um(), spectrum), BANDS[name]) for name in ("J", "W4")
+        ]
+        assert near / far == pytest.approx(expected[0] / expected[1], rel=ORACLE_RTOL)
+
+
+KINDS = [
+    ("BP", "RP"),
+    ("BP", "RP", "A"),
+    ("B", "V", "Ic"),
+    ("V", "J", "H", "Ks", "W1", "W2", "W3", "W4"),
+    ("J", "Ks"),
+    ("B2", "A", "C", "D", "E"),
+    ("V", "S9W", "L18W"),
+]
+
+
+@pytest.mark.parametrize("names", KINDS, ids="-".join)
+def test_the_spectrum_meets_the_fluxes(names):
+    """Stars whose colours are off their template's by 0.2 mag in each band, as reddened and dusty ones are."""
+    random = np.random.default_rng(3)
+    n_star = 400
+    kelvin = 10 ** random.uniform(np.log10(2800.0), np.log10(12_000.0), n_star)
+    giant = random.integers(0, 2, n_star).astype(np.int8)
+    template = {
+        name: band_irradiance_w_cm2(BANDS[name], {"A": np.ones(n_star)}, kelvin, giant) / BANDS[name].w_cm2_per_jy
+        for name in names
     }
-    temperature_k = np.array([4321.0, 2777.0, 9600.0, np.nan])
-    got = band_irradiance_w_cm2(band, {name: np.array(flux) for name, flux in fluxes.items()}, temperature_k)
-    for k, kelvin in enumerate([4321.0, 2777.0, 9600.0, 4850.0]):
-        expected = expected_irradiance_w_cm2(band, {name: flux[k] for name, flux in fluxes.items()}, kelvin)
-        assert got[k] == pytest.approx(expected, rel=GRID_RTOL + QUAD_RTOL, abs=0)
+    slope = random.normal(0.0, 0.3, n_star)  # mag per e-fold of wavelength
+    flux_jy = {
+        name: values * 10 ** (-0.4 * (slope * np.log(BANDS[name].isophotal_um) + random.normal(0.0, 0.02, n_star)))
+        for name, values in template.items()
+    }
+    for name in names:
+        band = BANDS[name]
+        twin = Band("twin", band.wavelength_um, band.response, per_photon=band.per_photon)
+        ratio = band_irradiance_w_cm2(twin, flux_jy, kelvin, giant) / (flux_jy[name] * band.w_cm2_per_jy)
+        assert np.quantile(np.abs(ratio - 1.0), 0.99) < PASS_RTOL, name
 
 
-def test_a_flat_star_of_ones_own_band_is_flux_times_width():
-    # With the same factor everywhere the narrow band sees the continuum: between hot stars' lambda^-4 and its own.
-    narrow = Band("narrow", [11.99, 12.01], [1.0, 1.0])
-    light = band_irradiance_w_cm2(narrow, {"C": np.array([26.51])}, np.array([1e5]))
-    width_hz = 299792458.0 * 1e6 * (1 / 11.99 - 1 / 12.01)
-    rayleigh_jeans_jy = 26.51 * (12.09 / 12.0) ** 2  # 12.09 um: where the flux of band C is met
-    assert light[0] == pytest.approx(rayleigh_jeans_jy * 1e-30 * width_hz, rel=2e-3, abs=0)
+def test_light_is_never_negative_and_scales():
+    random = np.random.default_rng(4)
+    names = ("B", "V", "BP", "RP", "Ks", "W1", "A", "C", "W3", "E")
+    flux_jy = {name: BANDS[name].zero_mag_jy * 10 ** random.uniform(-2, 2, 500) for name in names}
+    kelvin, giant = np.full(500, 4000.0), np.ones(500, dtype=np.int8)
+    for band in (OWN, PHOTON, BANDS["J"]):
+        found = band_irradiance_w_cm2(band, flux_jy, kelvin, giant)
+        assert (found > 0.0).all()
+        brighter = band_irradiance_w_cm2(band, {name: 10 * flux for name, flux in flux_jy.items()}, kelvin, giant)
+        np.testing.assert_allclose(brighter, 10 * found, rtol=SUM_RTOL)
 
 
-@pytest.mark.parametrize("name", list(BANDS))
-def test_the_response_of_an_msx_band_gives_nearly_the_calibrations_light(name):
-    band = BANDS[name]
-    twin = Band("twin", band.wavelength_um, band.response)
-    fluxes = flux_from_magnitude_a(np.zeros(6), np.arange(6))
-    ratio = band_irradiance_w_cm2(twin, fluxes, CLASS_TEMPERATURE_K) / (fluxes[name] * band.w_cm2_per_jy)
-    # The reddest class is dusty: its colours are not those of any photosphere (E: 5 %).
-    np.testing.assert_allclose(ratio[:5], 1.0, rtol=0, atol=SAME_BAND_ATOL[name])
-    alone = band_irradiance_w_cm2(twin, {name: fluxes[name]}, CLASS_TEMPERATURE_K) / (fluxes[name] * band.w_cm2_per_jy)
-    np.testing.assert_allclose(alone, 1.0, rtol=0, atol=ALONE_ATOL[name])
+def test_anchors_at_one_wavelength_are_averaged():
+    """C at 12.1 um and IRAS12 within 10 % of it: the spectrum goes through the middle of the two."""
+    band = Band.top_hat("at-12", 12.1, 12.3)
+    alone = light(band, [(magnitudes(C=5.0), 5000.0, 1), (magnitudes(C=5.0, IRAS12=5.0), 5000.0, 1)])
+    # 20 % more in one of them is 10 % more in the mean.
+    brighter = magnitudes(C=5.0 - 2.5 * math.log10(1.2), IRAS12=5.0)
+    found = light(band, [(brighter, 5000.0, 1)])[0]
+    assert found / alone[1] - 1.0 == pytest.approx(0.2 * alone[0] / alone[1] / 2, rel=1e-9)
 
 
-def test_continuum_colours_are_those_of_giants():
-    """Against A, from 4500 to 3000 K: C, D, E within 0.05 mag of 0, B1 from +0.03 to +0.10 (published zero points)."""
-    for kelvin in (4500.0, 3750.0, 3000.0):
-        magnitude = {}
-        for name, band in BANDS.items():
-            mean = integral(lambda um, t=kelvin: star(um, t), band) / integral(lambda um: um**-2, band)
-            magnitude[name] = -2.5 * math.log10(mean / band.zero_mag_jy)
-        for name in "CDE":
-            assert abs(magnitude[name] - magnitude["A"]) < 0.05
-        assert 0.03 < magnitude["B1"] - magnitude["A"] < 0.105
+def test_g_adds_nothing_to_bp_and_rp():
+    both = light(OWN, [(magnitudes(BP=8, RP=7, G=g), 5000.0, 1) for g in (5.0, 9.0)])
+    assert both[0] == both[1]
+    alone = light(OWN, [(magnitudes(RP=7, G=g), 5000.0, 1) for g in (5.0, 9.0)])
+    assert alone[0] != alone[1]
 
 
-@pytest.mark.parametrize(
-    ("wavelength_um", "text"),
-    [
-        ([1.9, 4.0], "got 1.9 to 4 um"),
-        ([40.0, 61.0], "got 40 to 61 um"),
-    ],
-)
-def test_a_band_beyond_the_continuum_is_an_error(wavelength_um, text):
-    band = Band("far", wavelength_um, [1.0, 1.0])
-    for call in (lambda: interval_shares(band, 3, [4000.0]), lambda: band_irradiance_w_cm2(band, {}, [4000.0])):
-        with pytest.raises(InputError) as error:
-            call()
-        rule = "band far: must lie within 2 to 60 um, where the spectrum of stars is known, "
-        assert str(error.value) == rule + text
+def test_unknown_stars_are_k_giants():
+    star = magnitudes(A=5.0, W1=5.0)
+    values = light(PHOTON, [(star, math.nan, -1), (star, 4850.0, 1), (star, 4850.0, 0), (star, 1.0, 1), (star, 1e9, 1)])
+    assert values[0] == values[1] != values[2]
+    ends = light(PHOTON, [(star, GRID_K[0], 1), (star, GRID_K[-1], 1)])
+    np.testing.assert_array_equal(values[3:], ends)
 
 
-def test_ends_without_response_may_lie_beyond():
-    band = Band("padded", [0.5, 3.0, 4.0, 5.0, 100.0], [0.0, 0.0, 1.0, 0.0, 0.0])
-    trimmed = Band("trimmed", [3.0, 4.0, 5.0], [0.0, 1.0, 0.0])
-    flux = {"A": np.array([1.0])}
-    assert band_irradiance_w_cm2(band, flux, [4000.0]) == pytest.approx(
-        band_irradiance_w_cm2(trimmed, flux, [4000.0]), rel=1e-12, abs=0
-    )
+def test_stars_without_light_and_without_fluxes():
+    values = light(OWN, [({"A": 0.0}, 4000.0, 1), ({"A": 0.0, "V": 0.0}, 4000.0, 1), ({}, 4000.0, 1), ({"A": math.nan}, 1e4, 0)])
+    np.testing.assert_array_equal(values, [0.0, 0.0, np.nan, np.nan])
+    assert band_irradiance_w_cm2(OWN, {}, np.zeros(0), np.zeros(0, dtype=np.int8)).shape == (0,)
 
 
-# --- catalogs ---
-
-
-@pytest.fixture(scope="module")
-def stars():
-    flux_jy = {"A": [1.0, np.nan, 3.0, np.nan], "E": [0.5, 0.0, 2.0, np.nan]}
-    temperature_k = [3000.0, 9000.0, np.nan, 4000.0]
-    return StarCatalog.from_arrays([1.0, 2.0, 3.0, 4.0], [0.0] * 4, flux_jy, temperature_k=temperature_k)
-
-
-@pytest.mark.parametrize("physics", ["physical", "paper"])
-def test_interval_irradiances_add_up_to_the_bands(stars, physics):
-    for name in ("A", "C", "E"):
-        for n_interval in (1, 6, 32):
-            wavelength_um, light = stars.interval_irradiance_w_cm2(name, n_interval, physics)
-            np.testing.assert_array_equal(wavelength_um, BANDS[name].intervals(n_interval)[0])
-            assert light.shape == (4, n_interval)
-            np.testing.assert_allclose(light.sum(axis=1), stars.irradiance_w_cm2(name, physics), rtol=SUM_RTOL)
-
-
-def test_interval_irradiances_of_a_band_of_ones_own(stars):
-    _, light = stars.interval_irradiance_w_cm2(OWN, 6)
-    np.testing.assert_allclose(light.sum(axis=1), stars.irradiance_w_cm2(OWN), rtol=SUM_RTOL)
-    with pytest.raises(InputError, match="band own: n: must be a whole number from 1 to 32, got 40"):
-        stars.interval_irradiance_w_cm2(OWN, 40)
-    with pytest.raises(InputError, match=r"band: must be one of .*, got 'own'"):
-        stars.interval_irradiance_w_cm2(OWN, 6, "paper")
-
-
-def test_catalog_light_in_a_band_of_ones_own(stars):
-    light = stars.irradiance_w_cm2(OWN)
-    expected = expected_irradiance_w_cm2(OWN, {"A": 1.0, "E": 0.5}, 3000.0)
-    assert light[0] == pytest.approx(expected, rel=GRID_RTOL + QUAD_RTOL, abs=0)
-    assert light[1] == 0.0  # its only flux is 0
-    assert light[3] == 0.0  # no flux at all
-    # A response of one's own that only bears the name of an MSX band is no MSX band.
-    false_a = Band("A", OWN.wavelength_um, OWN.response)
-    np.testing.assert_array_equal(stars.irradiance_w_cm2(false_a), light)
-    assert StarCatalog.from_arrays([], [], {}).irradiance_w_cm2(OWN).shape == (0,)
+def random_stars(n_star):
+    random = np.random.default_rng(5)
+    flux_jy = {}
+    for name in ("V", "BP", "G", "RP", "J", "Ks", "W1", "A", "W3"):
+        values = BANDS[name].zero_mag_jy * 10 ** random.uniform(-4, -2, n_star)
+        flux_jy[name] = np.where(random.random(n_star) < 0.4, np.nan, values)
+    return flux_jy, random.uniform(2500, 9000, n_star), random.integers(-1, 2, n_star).astype(np.int8)
 
 
 def test_work_in_chunks_equals_work_one_by_one(monkeypatch):
-    temperature_k = np.geomspace(1500.0, 50_000.0, 23)
-    whole = interval_shares("A", 6, temperature_k)[1]
-    monkeypatch.setattr(stellar_spectrum, "_CHUNK_ELEMENTS", 6 * 5)
-    np.testing.assert_allclose(interval_shares("A", 6, temperature_k)[1], whole, rtol=SUM_RTOL)
+    flux_jy, kelvin, luminosity = random_stars(60)
+    whole = band_irradiance_w_cm2(OWN, flux_jy, kelvin, luminosity)
+    assert np.isfinite(whole).sum() > 50
+    for row in range(60):
+        one = {name: values[row : row + 1] for name, values in flux_jy.items()}
+        found = band_irradiance_w_cm2(OWN, one, kelvin[row : row + 1], luminosity[row : row + 1])
+        np.testing.assert_allclose(found, whole[row], rtol=SUM_RTOL)
+    monkeypatch.setattr(stellar_spectrum, "_CHUNK_ELEMENTS", 100)
+    np.testing.assert_allclose(band_irradiance_w_cm2(OWN, flux_jy, kelvin, luminosity), whole, rtol=SUM_RTOL)
+
+
+def test_memory_is_bounded():
+    n_star = 1_000_000
+    flux_jy = {name: np.ones(n_star) for name in ("BP", "RP", "A")}
+    kelvin, luminosity = np.full(n_star, 4000.0), np.ones(n_star, dtype=np.int8)
+    band_irradiance_w_cm2(OWN, {name: values[:1] for name, values in flux_jy.items()}, kelvin[:1], luminosity[:1])
+    tracemalloc.start()
+    band_irradiance_w_cm2(OWN, flux_jy, kelvin, luminosity)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak / n_star < MAX_PEAK_BYTES
+
+
+@pytest.mark.parametrize(
+    ("band", "text"),
+    [
+        (Band.top_hat("blue", 0.29, 0.4), "half_power_um: must lie within 0.3 to 30 um, where the spectra of stars are known, "
+         "got 0.29 to 0.4 um"),
+        (Band.top_hat("far", 20.0, 31.0), "half_power_um: must lie within 0.3 to 30 um, where the spectra of stars are known, "
+         "got 20 to 31 um"),
+    ],
+)  # fmt: skip
+def test_a_band_beyond_the_spectra_is_an_error(band, text):
+    with pytest.raises(InputError) as error:
+        light(band, [({"A": 1.0}, 4000.0, 1)])
+    assert str(error.value) == f"band {band.name}: {text}"
+
+
+def test_a_response_beyond_the_templates_is_an_error():
+    last_um = float(template_wavelength_um()[-1])
+    band = Band("leak", [10.0, 11.0, 12.0, 20.0, 1.5 * last_um], [0.0, 1.0, 0.01, 0.01, 0.001])
+    with pytest.raises(InputError, match=r"^band leak: must lie within 0.28 to 45 um, where the spectrum of stars is known"):
+        light(band, [({"A": 1.0}, 4000.0, 1)])
+    padded = Band("padded", [0.01, 3.0, 4.0, 5.0, 1000.0], [0.0, 0.0, 1.0, 0.0, 0.0])
+    trimmed = Band("trimmed", [3.0, 4.0, 5.0], [0.0, 1.0, 0.0])
+    star = [(magnitudes(V=3.0, A=2.0), 4000.0, 1)]
+    assert light(padded, star) == pytest.approx(light(trimmed, star), rel=1e-12)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.output.wording import counted
-from warpsim.radiometry.bands import BANDS
+from warpsim.radiometry.bands import as_band
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_MEASURED, FLUX_NONE, FLUX_PREDICTED
 from warpsim.sky.star_counts import magnitude_counts
@@ -23,6 +23,7 @@ MOST_WARNINGS = 8
 
 _QUALITY_WORDS = ("unknown", "uncertain", "fair", "good", "excellent")
 _LABEL, _WIDTH = 13, 100
+_BANDS_PER_TABLE = 9
 
 
 def catalog_report(catalog: StarCatalog, warnings: Sequence[str] = ()) -> str:
@@ -90,12 +91,12 @@ def _quality_text(quality: NDArray[np.int64]) -> str:
 def _band_lines(catalog: StarCatalog) -> list[str]:
     """A table: for each band, where its fluxes are from, and their range."""
     lines = [
-        f"  {'band':4} {'um':>6} {'measured':>10} {'predicted':>10} {'unknown':>10} {'flux [Jy]':>24} {'magnitude':>16}"
+        f"  {'band':6} {'um':>6} {'measured':>10} {'predicted':>10} {'unknown':>10} {'flux [Jy]':>24} {'magnitude':>16}"
     ]
-    for band in BAND_NAMES:
+    for band in _bands_of(catalog):
         flag, flux_jy = catalog.flux_flag(band), catalog.flux_jy(band)
         counts = [np.count_nonzero(flag == kind) for kind in (FLUX_MEASURED, FLUX_PREDICTED, FLUX_NONE)]
-        line = f"  {band:4} {BANDS[band].isophotal_um:6.2f} " + " ".join(f"{n:10,}" for n in counts)
+        line = f"  {band:6} {as_band(band).isophotal_um:6.2f} " + " ".join(f"{n:10,}" for n in counts)
         bright = flux_jy > 0
         if bright.any():
             magnitude = catalog.magnitude(band)[bright] + 0.0  # -0 becomes 0
@@ -107,20 +108,28 @@ def _band_lines(catalog: StarCatalog) -> list[str]:
 
 
 def _magnitude_lines(catalog: StarCatalog) -> list[str]:
-    """A table: stars by band and whole magnitude, magnitudes without any left out."""
+    """Tables: stars by band and whole magnitude, magnitudes without any left out."""
     counts: dict[str, dict[int, int]] = {}
-    for band in BAND_NAMES:
+    for band in _bands_of(catalog):
         magnitudes, n_star = magnitude_counts(catalog, band)
         if len(magnitudes):
             counts[band] = dict(zip(magnitudes.tolist(), n_star.tolist(), strict=True))
     if not counts:
         return ["  no star has a flux"]
-    lines = [f"  {'magnitude':12}" + "".join(f"{band:>9}" for band in counts)]
-    for magnitude in sorted(set().union(*counts.values())):
-        row = [of_band.get(magnitude, 0) for of_band in counts.values()]
-        if any(row):
-            lines.append(f"  {f'{magnitude} to {magnitude + 1}':12}" + "".join(f"{n:9,}" for n in row))
+    lines: list[str] = []
+    for first in range(0, len(counts), _BANDS_PER_TABLE):
+        of_bands = dict(list(counts.items())[first : first + _BANDS_PER_TABLE])
+        lines += [""] * bool(lines) + [f"  {'magnitude':12}" + "".join(f"{band:>9}" for band in of_bands)]
+        for magnitude in sorted(set().union(*of_bands.values())):
+            row = [of_band.get(magnitude, 0) for of_band in of_bands.values()]
+            if any(row):
+                lines.append(f"  {f'{magnitude} to {magnitude + 1}':12}" + "".join(f"{n:9,}" for n in row))
     return lines
+
+
+def _bands_of(catalog: StarCatalog) -> list[str]:
+    """The MSX bands, and those in which the catalog has fluxes."""
+    return [*BAND_NAMES, *(band for band in catalog.bands if band not in BAND_NAMES)]
 
 
 def _one_each(warnings: Sequence[str]) -> list[str]:

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.plot.figure import new_axes
-from warpsim.radiometry.bands import BANDS
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import BANDS, as_band
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.space_motion import place_of
-from warpsim.sky.star_counts import magnitude_counts
+from warpsim.sky.star_counts import has_zero_point, irradiance_counts, magnitude_counts
 from warpsim.sky.synthetic import GALACTIC_OF_ICRS
 
 if TYPE_CHECKING:
@@ -31,17 +32,16 @@ PIXEL_DEG_RANGE = (1.0, 10.0)
 FEW_STARS = 300
 """Drawn as points in a density map, where a count per square would not show them."""
 
-_BY_WAVELENGTH = ("B1", "B2", "A", "C", "D", "E")
-
-
 def plot_star_counts(
-    catalog: StarCatalog, bands: Sequence[str] = ("B1", "B2", "A", "C", "D", "E"), ax: Axes | None = None
+    catalog: StarCatalog, bands: Sequence[Band | str] = ("B1", "B2", "A", "C", "D", "E"), ax: Axes | None = None
 ) -> Axes:
     """Draw the number of stars by band and whole magnitude (the paper's Fig. 5); m counts from m to below m + 1.
 
+    If one of the bands has no zero point, stars are counted by decades of in-band irradiance, the brightest first.
+
     Args:
         catalog: The stars.
-        bands: Names of MSX bands, drawn in this order.
+        bands: Bands or their names, drawn in this order.
         ax: Where to draw.
 
     Raises:
@@ -49,29 +49,43 @@ def plot_star_counts(
     """
     if not bands:
         raise InputError("must name at least one", "bands")
-    counts = {band: magnitude_counts(catalog, band) for band in bands}
+    chosen = [as_band(band) for band in bands]
+    by_magnitude = all(has_zero_point(band) for band in chosen)
+    counts = []
+    for band in chosen:
+        steps, n_star = (magnitude_counts if by_magnitude else irradiance_counts)(catalog, band)
+        counts.append((steps, n_star) if by_magnitude else (-1 - steps[::-1], n_star[::-1]))
     ax = ax or new_axes(8.5, 4.8)
     width = 0.86 / len(counts)
-    for number, (band, (magnitudes, n_star)) in enumerate(counts.items()):
-        left = magnitudes + 0.07 + number * width
-        label = f"{band}, {BANDS[band].isophotal_um:.2f} um" + ("" if len(n_star) else ": no fluxes")
-        # A band has its colour whatever it is drawn with; short wavelengths are dark.
-        colour = _colour_map("plasma")(0.05 + 0.85 * _BY_WAVELENGTH.index(band) / (len(_BY_WAVELENGTH) - 1))
-        ax.bar(left, n_star, width, align="edge", color=colour, label=label)
-    drawn = [magnitudes for magnitudes, _ in counts.values() if len(magnitudes)]
+    for number, (band, (steps, n_star)) in enumerate(zip(chosen, counts, strict=True)):
+        left = steps + 0.07 + number * width
+        label = f"{band.name}, {band.isophotal_um:.2f} um" + ("" if len(n_star) else ": no fluxes")
+        ax.bar(left, n_star, width, align="edge", color=_colour_map("plasma")(_darkness(band, chosen)), label=label)
+    drawn = [steps for steps, _ in counts if len(steps)]
     if drawn:
-        first, last = min(m[0] for m in drawn), max(m[-1] for m in drawn) + 1
+        first, last = int(min(s[0] for s in drawn)), int(max(s[-1] for s in drawn)) + 1
         step = max(1, -(-(last - first) // 25))
-        ax.set(xlim=(first, last), xticks=range(first, last + 1, step), yscale="log", ylim=(0.7, None))
+        ticks = range(first, last + 1, step)
+        ax.set(xlim=(first, last), xticks=ticks, yscale="log", ylim=(0.7, None))
+        if not by_magnitude:
+            ax.set_xticklabels([f"1e{-tick}" for tick in ticks])
     else:
         ax.text(0.5, 0.5, "no star has a flux", ha="center", transform=ax.transAxes)
         ax.set(xticks=[], yticks=[])
-    ax.set(xlabel="magnitude in the band (one group of bars per whole magnitude)", ylabel="number of stars")
+    group = "magnitude in the band" if by_magnitude else "in-band irradiance [W/cm2]"
+    step_name = "whole magnitude" if by_magnitude else "decade"
+    ax.set(xlabel=f"{group} (one group of bars per {step_name})", ylabel="number of stars")
     ax.set_title(f"{catalog.name}: {len(catalog):,} stars")
     ax.grid(axis="y", alpha=0.3)
     ax.set_axisbelow(True)
     ax.legend(loc="upper left", ncols=2 if len(counts) > 3 else 1, fontsize=9)
     return ax
+
+
+def _darkness(band: Band, drawn: Sequence[Band]) -> float:
+    """Position of a band in the colour map: short wavelengths are dark, and MSX bands have one colour always."""
+    order = sorted(BANDS.values() if band.name in BANDS else drawn, key=lambda other: other.isophotal_um)
+    return 0.05 + 0.85 * [other.name for other in order].index(band.name) / max(1, len(order) - 1)
 
 
 def plot_sky_density(

@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
-from warpsim.radiometry.bands import BANDS, as_band
-from warpsim.radiometry.magnitudes import PHYSICS, Physics, as_radiometry
+from warpsim.radiometry.magnitudes import Physics
 from warpsim.sky.catalog_columns import (
     BAND_NAMES,
     J2000_JYEAR,
@@ -26,10 +25,9 @@ from warpsim.sky.catalog_columns import (
     columns_of_table,
     table_of,
 )
-from warpsim.sky.colours import fill_missing_bands
 from warpsim.sky.space_motion import paper_motion, rigorous_motion
 from warpsim.sky.star_columns import StarColumns
-from warpsim.sky.stellar_spectrum import band_irradiance_w_cm2, interval_shares
+from warpsim.sky.star_photometry import StarPhotometry
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -42,7 +40,10 @@ LONGEST_MOTION_YR = 1e5
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StarCatalog:
-    """Stars with place, motion and flux in the MSX bands; immutable, all arrays read-only.
+    """Stars with place, motion and fluxes in photometric bands; immutable, all arrays read-only.
+
+    The light of a star in any band from 0.3 to 30 um follows from a template spectrum of its temperature and luminosity
+    class that meets its fluxes.
 
     Make one with `default`, `from_arrays`, `from_table`, `read`, `union` or `synthetic`. A catalog may be empty.
     """
@@ -63,10 +64,14 @@ class StarCatalog:
     """Parallax [mas], shape (n,); NaN where unknown."""
 
     temperature_k: Array
-    """Colour temperature [K], shape (n,); NaN where unknown."""
+    """Colour temperature as given [K], shape (n,); NaN where it was not (see `spectrum_temperature_k`)."""
+
+    luminosity: NDArray[np.int8]
+    """Luminosity class, shape (n,): 0 dwarf, 1 giant, -1 unknown."""
 
     quality: NDArray[np.int64]
-    """0 unknown, 1 uncertain (1-2 mag), 2 fair (predicted, 0.15 mag), 3 good, 4 excellent (measured), shape (n,)."""
+    """Of the infrared flux, shape (n,): 0 unknown, 1 uncertain (1-2 mag), 2 fair (predicted, 0.15 mag), 3 good, 4
+    excellent (measured)."""
 
     epoch_jyear: float
     """Julian year of the places (2000.0 is J2000)."""
@@ -74,8 +79,7 @@ class StarCatalog:
     name: str
     provenance: str
 
-    _flux_jy: Mapping[str, Array]
-    _flux_flag: Mapping[str, NDArray[np.uint8]]
+    _photometry: StarPhotometry
     _id: NDArray[np.str_] | NDArray[np.int64]
     """Identifiers; whole numbers are spelled out by _spell_id when `id` is asked for."""
 
@@ -104,6 +108,7 @@ class StarCatalog:
         pm_dec_mas_yr: ArrayLike | None = None,
         parallax_mas: ArrayLike | None = None,
         temperature_k: ArrayLike | None = None,
+        luminosity: ArrayLike | None = None,
         quality: ArrayLike | None = None,
         id: ArrayLike | None = None,
         flux_flag: Mapping[str, ArrayLike] | None = None,
@@ -118,11 +123,12 @@ class StarCatalog:
         Args:
             ra_deg: Right ascension [deg], ICRS, from -180 to 360.
             dec_deg: Declination [deg], ICRS, from -90 to 90.
-            flux_jy: Flux density [Jy] by band name (B1, B2, A, C, D, E); NaN where unknown, like bands left out.
+            flux_jy: Flux density [Jy] by name of a photometric band (A, V, G, Ks, W1, ...); NaN where unknown.
             pm_ra_mas_yr: Proper motion in right ascension, cos(dec) included [mas/yr]; 0 if left out or NaN.
             pm_dec_mas_yr: Proper motion in declination [mas/yr]; 0 if left out or NaN.
             parallax_mas: Parallax [mas]; NaN if left out.
-            temperature_k: Colour temperature [K]; NaN if left out.
+            temperature_k: Colour temperature [K]; NaN if left out. Where it is, the fluxes tell it if they can.
+            luminosity: 0 dwarf, 1 giant, -1 unknown; -1 if left out or NaN.
             quality: 0 unknown, 1 uncertain, 2 fair, 3 good, 4 excellent; 0 if left out.
             id: Names; "1", "2", ... in the order given if left out.
             flux_flag: By band, 1 for a measured and 2 for a predicted flux; measured if left out.
@@ -141,6 +147,7 @@ class StarCatalog:
             "pm_dec_mas_yr": pm_dec_mas_yr,
             "parallax_mas": parallax_mas,
             "temperature_k": temperature_k,
+            "luminosity": luminosity,
             "quality": quality,
         }
         return _made(
@@ -151,17 +158,19 @@ class StarCatalog:
     def from_table(cls, table: Table, name: str | None = None) -> StarCatalog:
         """Make a catalog from an astropy Table, as to_table() returns it.
 
-        Columns: ra_deg, dec_deg and at least one of flux_A_jy ... flux_E_jy must be there; pm_ra_mas_yr (cos(dec)
-        included), pm_dec_mas_yr, parallax_mas, temperature_k, quality, id and flux_A_flag ... flux_E_flag may. A
-        column with a unit is converted from it; one without is taken to be in the unit of its name. Masked values
-        count as NaN. The epoch is meta["epoch_jyear"], or 2000.0.
+        Columns: ra_deg, dec_deg and at least one flux or magnitude, such as flux_A_jy or mag_V, must be there, with the
+        name of a photometric band between; pm_ra_mas_yr (cos(dec) included), pm_dec_mas_yr, parallax_mas,
+        temperature_k, luminosity, quality, id and flags of the fluxes (flux_A_flag) may. A column with a unit is
+        converted from it; one without is taken to be in the unit of its name. Masked values count as NaN. The epoch is
+        meta["epoch_jyear"], or 2000.0.
 
         Args:
             table: Stars, one a row; no rows are legal.
             name: Name of the catalog; meta["name"] if left out.
 
         Raises:
-            InputError: A column is missing, has another kind of unit, or breaks a rule of from_arrays.
+            InputError: A column is missing, has another kind of unit, is of an unknown band, or breaks a rule of
+                from_arrays; or a band has both flux and magnitude.
         """
         columns = columns_of_table(table)
         meta = {str(key).lower(): value for key, value in table.meta.items()}
@@ -190,8 +199,8 @@ class StarCatalog:
             columns: For a table of one's own: which of its columns holds what, such as {"ra_deg": "RAJ2000",
                 "flux_A_jy": "F8"}, by the column names of from_table().
             readme: ReadMe of a CDS file; a file ReadMe beside it is found by itself.
-            fill: Whether bands without a flux are filled by colour relations (flux_flag tells them apart). A table
-                with flux_A_flag ... columns, such as to_table() writes, is taken as it is.
+            fill: Whether flux_jy() of bands without a flux is predicted from the spectrum (flux_flag tells them apart).
+                A table with flux_A_flag ... columns, such as to_table() writes, is taken as it is.
 
         Raises:
             InputError: The file is missing, cannot be read, or its content breaks a rule; the text names file, line
@@ -234,53 +243,63 @@ class StarCatalog:
         """
         from warpsim.sky.synthetic import synthetic_columns
 
-        return _made(synthetic_columns(n_star, limit_jy, sky, seed))
+        return _made(synthetic_columns(n_star, limit_jy, sky, seed)).filled()
 
     def filled(self, limit_jy: Mapping[str, Array] | None = None) -> StarCatalog:
-        """Return the catalog with unknown fluxes filled from the nearest known band, by the star's colour.
+        """Return the catalog with unknown fluxes predicted from the spectrum; their flux_flag is 2.
 
-        A star without a temperature_k is taken for a K giant. Filled fluxes have flux_flag 2.
+        Predictions follow from the fluxes given alone; a star without any stays without.
 
         Args:
-            limit_jy: Upper limits by band [Jy], NaN for none, shape (n,): a filled flux is no larger.
+            limit_jy: Upper limits by band [Jy], NaN for none, shape (n,): a prediction is no larger.
 
         Raises:
             InputError: Limits of an unknown band, of another shape, negative or no numbers.
         """
         limits = checked_limits(limit_jy or {}, len(self))
-        flux_jy, flux_flag = fill_missing_bands(self._flux_jy, self._flux_flag, self.temperature_k, limits)
-        fluxes: dict[str, Any] = {
-            "_flux_jy": {band: _frozen(values) for band, values in flux_jy.items()},
-            "_flux_flag": {band: _frozen(values) for band, values in flux_flag.items()},
-        }
-        origin = None if self._origin is None else replace(self._origin, **fluxes)
-        return replace(self, **fluxes, _origin=origin)
+        photometry = replace(self._photometry, filled=True, limit_jy=limits)
+        origin = None if self._origin is None else replace(self._origin, _photometry=photometry)
+        return replace(self, _photometry=photometry, _origin=origin)
 
     def to_table(self) -> Table:
         """Return an astropy Table that from_table() reads back: places at epoch_jyear, which is in its meta.
 
+        The MSX bands have columns always, with predictions if the catalog is filled; others where fluxes were given.
         Formats that keep no meta (CSV, VOTable) lose the epoch: write those from a catalog at 2000.0.
         """
-        return table_of(replace(self._columns, id=self.id))
+        given = self._photometry
+        columns = StarColumns(
+            ra_deg=self.ra_deg,
+            dec_deg=self.dec_deg,
+            pm_ra_mas_yr=self.pm_ra_mas_yr,
+            pm_dec_mas_yr=self.pm_dec_mas_yr,
+            parallax_mas=self.parallax_mas,
+            temperature_k=self.temperature_k,
+            luminosity=self.luminosity,
+            quality=self.quality,
+            epoch_jyear=self.epoch_jyear,
+            name=self.name,
+            provenance=self.provenance,
+            flux_jy={**given.given_jy, **{band: self.flux_jy(band) for band in BAND_NAMES}},
+            flux_flag={**given.given_flag, **{band: self.flux_flag(band) for band in BAND_NAMES}},
+            id=self.id,
+        )
+        return table_of(columns)
 
     @property
-    def _columns(self) -> StarColumns:
-        return StarColumns(
-            self.ra_deg,
-            self.dec_deg,
-            self.pm_ra_mas_yr,
-            self.pm_dec_mas_yr,
-            self.parallax_mas,
-            self.temperature_k,
-            self.quality,
-            self.epoch_jyear,
-            self.name,
-            self.provenance,
-            self._flux_jy,
-            self._flux_flag,
-            self._id,
-            self._spell_id,
-        )
+    def bands(self) -> tuple[str, ...]:
+        """Names of the photometric bands in which fluxes were given."""
+        return tuple(self._photometry.given_jy)
+
+    @property
+    def spectrum_luminosity(self) -> NDArray[np.int64]:
+        """Luminosity class of the spectrum, shape (n,): as given, or from colour and parallax; 1 where unknown."""
+        return self._photometry.spectrum_luminosity
+
+    @property
+    def spectrum_temperature_k(self) -> Array:
+        """Colour temperature of the spectrum [K], shape (n,): as given, or from the fluxes; NaN for a K giant's."""
+        return self._photometry.spectrum_temperature_k
 
     @functools.cached_property
     def direction_icrs(self) -> Array:
@@ -308,90 +327,70 @@ class StarCatalog:
 
     @functools.cached_property
     def checksum(self) -> str:
-        """SHA-256 of the stars as the catalog was made (places, motions, fluxes, names), in hexadecimal."""
+        """SHA-256 of the stars as the catalog was made (places, motions, light, names), in hexadecimal."""
         origin = self._origin or self
-        digest = hashlib.sha256(f"{origin.epoch_jyear} {origin._spell_id}".encode())
+        light = origin._photometry
+        bands = f"{list(light.given_jy)} {list(light.limit_jy)}"
+        digest = hashlib.sha256(f"{origin.epoch_jyear} {origin._spell_id} {bands}".encode())
         for values in (
             origin.ra_deg,
             origin.dec_deg,
             origin.pm_ra_mas_yr,
             origin.pm_dec_mas_yr,
             origin.parallax_mas,
-            *origin._flux_jy.values(),
+            origin.temperature_k,
+            origin.luminosity,
+            *light.given_jy.values(),
+            *light.limit_jy.values(),
             origin._id,
         ):
             digest.update(np.ascontiguousarray(values).tobytes())
         return digest.hexdigest()
 
     def flux_jy(self, band: Band | str) -> Array:
-        """Flux density [Jy], shape (n,); NaN where the catalog has none.
+        """Flux density [Jy], shape (n,), as given, or predicted if the catalog is filled; NaN where there is none.
 
         Raises:
-            InputError: The band is not one of the MSX bands.
+            InputError: The band is not a photometric one that ships with warpsim.
         """
-        return self._flux_jy[_msx_band(band).name]
+        return self._photometry.flux_jy(band)
 
     def flux_flag(self, band: Band | str) -> NDArray[np.uint8]:
-        """What the flux in a band is, shape (n,): 0 unknown, 1 measured, 2 predicted by a colour relation.
+        """What the flux in a band is, shape (n,): 0 unknown, 1 measured, 2 predicted.
 
         Raises:
-            InputError: The band is not one of the MSX bands.
+            InputError: The band is not a photometric one that ships with warpsim.
         """
-        return self._flux_flag[_msx_band(band).name]
+        return self._photometry.flux_flag(band)
 
     def irradiance_w_cm2(self, band: Band | str, physics: Physics = "physical") -> Array:
         """In-band irradiance above the atmosphere [W/cm2], shape (n,).
 
-        In an MSX band: the flux density times the band's w_cm2_per_jy, or with physics "paper" the paper's irradiance
-        of the magnitude. In any other band: the integral of response times spectrum; the spectrum is a star's
-        continuum of the given colour temperature that meets the flux densities of the MSX bands
-        (`warpsim.sky.stellar_spectrum`). A star without a flux gives 0: it is there, and adds no light.
+        In a photometric band in which the star has a flux: the flux density times the band's w_cm2_per_jy, or with
+        physics "paper" the paper's irradiance of the magnitude. In any other band: the integral of energy response
+        times spectrum; the spectrum is the template of the star's temperature and luminosity class times a smooth
+        factor that meets the fluxes given (`warpsim.sky.stellar_spectrum`). A star without a flux gives 0: it is there,
+        and adds no light.
 
         Args:
-            band: Name of an MSX band, or a Band; one of the user's own must lie within 2 to 60 um.
+            band: Name of a band, or a Band; its half-power points must lie within 0.3 to 30 um.
             physics: "physical" or "paper"; the paper knows the MSX bands only.
 
         Raises:
-            InputError: Unknown band or physics, a band beyond 2 to 60 um, or one of the user's own with "paper".
+            InputError: Unknown band or physics, a band beyond 0.3 to 30 um, or one that is not MSX's with "paper".
         """
-        radiometry = as_radiometry(physics)
-        band = as_band(band)
-        if radiometry.name == "physical" and band != BANDS.get(band.name):
-            return band_irradiance_w_cm2(band, self._flux_jy, self.temperature_k)
-        msx_band = radiometry.band_name(band)
-        irradiance_w_cm2 = radiometry.flux_irradiance_w_cm2(self.flux_jy(msx_band), msx_band)
-        return np.where(np.isnan(irradiance_w_cm2), 0.0, irradiance_w_cm2)
-
-    def interval_irradiance_w_cm2(
-        self, band: Band | str, n_interval: int, physics: Physics = "physical"
-    ) -> tuple[Array, Array]:
-        """In-band irradiance by spectral interval: irradiance_w_cm2() shared out by each star's continuum.
-
-        The shares follow the colour temperature (`warpsim.sky.stellar_spectrum.interval_shares`); a star without one
-        is taken for a K giant of 4850 K.
-
-        Args:
-            band: Name of an MSX band, or a Band within 2 to 60 um.
-            n_interval: How many intervals, 1 to 32; the paper's sensor has 6.
-            physics: "physical" or "paper", as in irradiance_w_cm2().
-
-        Returns:
-            Wavelengths [um], shape (n_interval,), as Band.intervals() has them, and irradiances [W/cm2], shape
-            (n, n_interval), whose sum over the intervals is irradiance_w_cm2().
-
-        Raises:
-            InputError: As in irradiance_w_cm2(), or n_interval out of range.
-        """
-        wavelength_um, share = interval_shares(band, n_interval, self.temperature_k)
-        return wavelength_um, share * self.irradiance_w_cm2(band, physics)[:, None]
+        return self._photometry.irradiance_w_cm2(band, physics)
 
     def magnitude(self, band: Band | str) -> Array:
-        """Magnitude against the band's zero_mag_jy (Eq. 4), shape (n,); NaN where there is no flux, inf where it is 0.
+        """Magnitude, shape (n,); NaN where there is no flux, inf where it is 0.
+
+        In a photometric band that of flux_jy() against the band's zero_mag_jy (Eq. 4); in any other that of the
+        irradiance against the band's zero_mag_w_cm2.
 
         Raises:
-            InputError: The band is not one of the MSX bands.
+            InputError: The band is unknown or has no zero point.
         """
-        return np.asarray(PHYSICS["physical"].magnitude(self.flux_jy(band), _msx_band(band)))
+        return self._photometry.magnitude(band)
 
     def at_epoch(self, jyear: float, physics: Physics = "physical") -> StarCatalog:
         """Return the catalog with its stars moved to another epoch; fluxes and names stay.
@@ -423,16 +422,15 @@ class StarCatalog:
         else:
             ra_deg, dec_deg, pm_ra, pm_dec, distance = rigorous_motion(*start, years)
             parallax_mas = origin.parallax_mas / distance
-        columns = replace(
-            origin._columns,
-            ra_deg=ra_deg,
-            dec_deg=dec_deg,
-            pm_ra_mas_yr=pm_ra,
-            pm_dec_mas_yr=pm_dec,
-            parallax_mas=parallax_mas,
-            epoch_jyear=epoch_jyear,
-        )
-        return _made(columns, origin)
+        moved = {
+            "ra_deg": ra_deg,
+            "dec_deg": dec_deg,
+            "pm_ra_mas_yr": pm_ra,
+            "pm_dec_mas_yr": pm_dec,
+            "parallax_mas": parallax_mas,
+        }
+        arrays: dict[str, Any] = {key: _frozen(values) for key, values in moved.items()}
+        return replace(origin, **arrays, epoch_jyear=epoch_jyear, _origin=origin)
 
 
 def _checked_jyear(jyear: Any) -> float:
@@ -451,45 +449,45 @@ def _checked_jyear(jyear: Any) -> float:
 def _default() -> StarCatalog:
     from warpsim.sky.default_catalog import default_columns
 
-    return _made(default_columns())
+    return _made(default_columns()).filled()
 
 
 @functools.cache
 def _union() -> StarCatalog:
     from warpsim.sky.union_catalog import union_columns
 
-    return _made(union_columns())
+    return _made(union_columns()).filled()
 
 
-def _made(columns: StarColumns, origin: StarCatalog | None = None) -> StarCatalog:
+def _made(columns: StarColumns) -> StarCatalog:
     """The catalog of columns; every array becomes read-only."""
+    photometry = StarPhotometry(
+        given_jy={band: _frozen(values) for band, values in columns.flux_jy.items()},
+        given_flag={band: _frozen(values) for band, values in columns.flux_flag.items()},
+        temperature_k=_frozen(columns.temperature_k),
+        luminosity=_frozen(columns.luminosity),
+        parallax_mas=columns.parallax_mas,
+        pm_mas_yr=np.hypot(columns.pm_ra_mas_yr, columns.pm_dec_mas_yr),
+    )
     return StarCatalog(
         ra_deg=_frozen(columns.ra_deg),
         dec_deg=_frozen(columns.dec_deg),
         pm_ra_mas_yr=_frozen(columns.pm_ra_mas_yr),
         pm_dec_mas_yr=_frozen(columns.pm_dec_mas_yr),
         parallax_mas=_frozen(columns.parallax_mas),
-        temperature_k=_frozen(columns.temperature_k),
+        temperature_k=photometry.temperature_k,
+        luminosity=photometry.luminosity,
         quality=_frozen(columns.quality),
         epoch_jyear=columns.epoch_jyear,
         name=columns.name,
         provenance=columns.provenance,
-        _flux_jy={band: _frozen(values) for band, values in columns.flux_jy.items()},
-        _flux_flag={band: _frozen(values) for band, values in columns.flux_flag.items()},
+        _photometry=photometry,
         _id=_frozen(columns.id),
         _spell_id=columns.spell_id,
-        _origin=origin,
+        _origin=None,
     )
 
 
 def _frozen(values: NDArray[Any]) -> NDArray[Any]:
     values.setflags(write=False)
     return values
-
-
-def _msx_band(band: Band | str) -> Band:
-    """Return the MSX band meant; catalogs hold no flux in any other."""
-    msx_band = as_band(band)
-    if msx_band != BANDS.get(msx_band.name):
-        raise InputError(f"a catalog has fluxes in {', '.join(BAND_NAMES)} only", "band", msx_band.name)
-    return BANDS[msx_band.name]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
+from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.sky.space_motion import wrapped_deg
 from warpsim.sky.star_columns import StarColumns
 from warpsim.tables.columns import number_column
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 BAND_NAMES = tuple(BANDS)
+"""The MSX bands, whose columns every table has."""
+
 J2000_JYEAR = 2000.0
 
 LARGEST_FLUX_JY = 1e15
@@ -31,7 +35,13 @@ LARGEST_PARALLAX_MAS = 1e5
 """A hundred times the nearest star's; every view would have to look that far beyond its field."""
 
 FLUX_NONE, FLUX_MEASURED, FLUX_PREDICTED = 0, 1, 2
-"""What a star's flux in a band is: unknown (NaN), as given by the catalog, or filled in by a colour relation."""
+"""What a star's flux in a band is: unknown (NaN), measured, or predicted (by the catalog, or from the spectrum)."""
+
+LUMINOSITY_UNKNOWN = -1
+"""Where neither 0 (dwarf) nor 1 (giant) is known."""
+
+_UNKNOWN = {"parallax_mas": math.nan, "temperature_k": math.nan, "luminosity": LUMINOSITY_UNKNOWN}
+"""What stands for numbers that are not known; 0 for all others."""
 
 NUMBER_UNITS = {
     "ra_deg": "deg",
@@ -40,6 +50,7 @@ NUMBER_UNITS = {
     "pm_dec_mas_yr": "mas / yr",
     "parallax_mas": "mas",
     "temperature_k": "K",
+    "luminosity": "",
     "quality": "",
 }
 """Columns of numbers other than fluxes, with their units, as to_table() names them."""
@@ -48,6 +59,11 @@ NUMBER_UNITS = {
 def flux_column(band: str) -> str:
     """Name of the flux column of a band in a table."""
     return f"flux_{band}_jy"
+
+
+def magnitude_column(band: str) -> str:
+    """Name of a column of magnitudes in a band, against its zero_mag_jy."""
+    return f"mag_{band}"
 
 
 def flag_column(band: str) -> str:
@@ -69,7 +85,7 @@ def checked_columns(
 
     Args:
         numbers: Columns of NUMBER_UNITS, each (n,); ra_deg and dec_deg must be there, None stands for unknown.
-        flux_jy: Flux density [Jy] by band.
+        flux_jy: Flux density [Jy] by photometric band.
         flux_flag: What the fluxes are, by band; measured where left out.
         id: Names; "1", "2", ... if left out.
         epoch_jyear: Julian year of the coordinates.
@@ -101,12 +117,13 @@ def checked_columns(
         pm_dec_mas_yr=columns["pm_dec_mas_yr"],
         parallax_mas=columns["parallax_mas"],
         temperature_k=columns["temperature_k"],
+        luminosity=columns["luminosity"].astype(np.int8),
         quality=columns["quality"].astype(np.int64),
         epoch_jyear=epoch,
         name=name,
         provenance=provenance,
-        flux_jy={band: columns[flux_column(band)] for band in BAND_NAMES},
-        flux_flag=_checked_flags(columns, rows),
+        flux_jy={band: columns[flux_column(band)] for band in flux_jy},
+        flux_flag=_checked_flags(columns, flux_jy, rows),
         id=names,
     )
 
@@ -120,38 +137,47 @@ def _vectors(
     for key in NUMBER_UNITS:
         values = numbers.get(key)
         if key != "ra_deg":
-            unknown = np.nan if key in ("parallax_mas", "temperature_k") else 0.0
-            columns[key] = np.full(n_star, unknown) if values is None else _vector(values, key)
+            columns[key] = np.full(n_star, _UNKNOWN.get(key, 0.0)) if values is None else _vector(values, key)
     for what, bands in (("flux_jy", flux_jy), ("flux_flag", flux_flag)):
         for band in bands:
-            if band not in BANDS:
-                raise InputError(f"band must be one of {', '.join(BAND_NAMES)}", what, band)
-    for band in BAND_NAMES:
-        key = flux_column(band)
-        columns[key] = _vector(flux_jy[band], key) if band in flux_jy else np.full(n_star, np.nan)
+            check_flux_band(band, what)
+    for band in flux_jy:
+        columns[flux_column(band)] = _vector(flux_jy[band], flux_column(band))
         if band in flux_flag:
             columns[flag_column(band)] = _vector(flux_flag[band], flag_column(band))
     return columns
 
 
+def check_flux_band(band: str, where: str) -> None:
+    """Raise InputError unless a catalog may have fluxes in a band of that name."""
+    if band not in photometric_bands():
+        raise InputError(f"band must be one of {', '.join(photometric_bands())}", where, band)
+
+
 def _check_ranges(columns: dict[str, Array], rows: NDArray[np.int64]) -> None:
-    """Check the numbers of stars; unknown motions and qualities become 0."""
+    """Check the numbers of stars; unknown motions, classes and qualities become the value that stands for it."""
     _check_range(columns["dec_deg"], -90.0, 90.0, "dec_deg", rows)
     _check_range(columns["ra_deg"], -180.0, 360.0, "ra_deg", rows)
+    for key in ("pm_ra_mas_yr", "pm_dec_mas_yr", "luminosity", "quality"):
+        columns[key] = np.where(np.isnan(columns[key]), _UNKNOWN.get(key, 0.0), columns[key])
     for key in ("pm_ra_mas_yr", "pm_dec_mas_yr", "quality"):
-        columns[key] = np.where(np.isnan(columns[key]), 0.0, columns[key])
         _check_range(columns[key], -1e9, 1e9, key, rows)
+    _check_range(columns["luminosity"], -1.0, 1.0, "luminosity", rows)
+    _check_whole(columns["luminosity"], "luminosity", rows)
     _check_range(columns["parallax_mas"], -LARGEST_PARALLAX_MAS, LARGEST_PARALLAX_MAS, "parallax_mas", rows)
     _check_range(columns["temperature_k"], 1.0, 1e9, "temperature_k", rows)
-    for band in BAND_NAMES:
-        _check_range(columns[flux_column(band)], 0.0, LARGEST_FLUX_JY, flux_column(band), rows)
+    for band in photometric_bands():
+        if flux_column(band) in columns:
+            _check_range(columns[flux_column(band)], 0.0, LARGEST_FLUX_JY, flux_column(band), rows)
     _check_whole(columns["quality"], "quality", rows)
 
 
-def _checked_flags(columns: Mapping[str, Array], rows: NDArray[np.int64]) -> dict[str, NDArray[np.uint8]]:
+def _checked_flags(
+    columns: Mapping[str, Array], bands: Iterable[str], rows: NDArray[np.int64]
+) -> dict[str, NDArray[np.uint8]]:
     """What the flux of each band is; one that is known is measured, unless it is said to be predicted."""
     flags = {}
-    for band in BAND_NAMES:
+    for band in bands:
         given = columns.get(flag_column(band), np.full(len(rows), float(FLUX_MEASURED)))
         _check_range(given, FLUX_NONE, FLUX_PREDICTED, flag_column(band), rows)
         _check_whole(given, flag_column(band), rows)
@@ -168,8 +194,7 @@ def checked_limits(limit_jy: Mapping[str, ArrayLike], n_star: int) -> dict[str, 
     """
     limits = {}
     for band, values in limit_jy.items():
-        if band not in BANDS:
-            raise InputError(f"band must be one of {', '.join(BAND_NAMES)}", "limit_jy", band)
+        check_flux_band(band, "limit_jy")
         try:
             limits[band] = _vector(values, band)
             if limits[band].shape != (n_star,):
@@ -194,10 +219,11 @@ def columns_of_table(table: Table) -> dict[str, Any]:
         InputError: A column is missing, or has another kind of unit.
     """
     known = set(table.colnames)
-    fluxes = [flux_column(band) for band in BAND_NAMES]
+    check_flux_columns(table.colnames)
+    fluxes = brightness_columns(table.colnames)
     missing = [key for key in ("ra_deg", "dec_deg") if key not in known]
-    if not known.intersection(fluxes):
-        missing.append("one of " + ", ".join(fluxes))
+    if not fluxes:
+        missing.append(f"flux_X_jy or mag_X with X one of {', '.join(photometric_bands())}")
     if missing:
         found = ", ".join(table.colnames) or "no columns"
         raise InputError(f"must have the column {' and '.join(missing)}", "table", found, "s")
@@ -205,15 +231,53 @@ def columns_of_table(table: Table) -> dict[str, Any]:
     columns: dict[str, Any] = {
         key: number_column(table, key, unit) for key, unit in NUMBER_UNITS.items() if key in known
     }
-    flags = {band: flag_column(band) for band in BAND_NAMES if flag_column(band) in known}
+    flags = {band: flag_column(band) for band in fluxes if flag_column(band) in known}
     return columns | {
-        "flux_jy": {band: number_column(table, flux_column(band), "Jy") for band in BAND_NAMES
-                    if flux_column(band) in known},
+        "flux_jy": {
+            band: number_column(table, name, "Jy")
+            if name == flux_column(band)
+            else flux_of_magnitude_jy(band, number_column(table, name, "mag"))
+            for band, name in fluxes.items()
+        },
         "flux_flag": {band: number_column(table, key, "") for band, key in flags.items()} or None,
         "id": np.asarray(table["id"]).astype(np.str_) if "id" in known else None,
         "epoch_jyear": meta.get("epoch_jyear", J2000_JYEAR),
         "provenance": str(meta.get("provenance", "")),
-    }  # fmt: skip
+    }
+
+
+def brightness_columns(names: Iterable[str]) -> dict[str, str]:
+    """The column of fluxes or magnitudes of each band that a table has, by band.
+
+    Args:
+        names: Names of the table's columns, in warpsim's spelling.
+
+    Raises:
+        InputError: A band comes twice, as flux and as magnitude.
+    """
+    found = {}
+    names = set(names)
+    for band in photometric_bands():
+        both = [name for name in (flux_column(band), magnitude_column(band)) if name in names]
+        if len(both) == 2:
+            raise InputError(f"must be one of {both[0]} and {both[1]}, got both", "columns")
+        if both:
+            found[band] = both[0]
+    return found
+
+
+def check_flux_columns(names: Iterable[str]) -> None:
+    """Raise InputError for a column of fluxes by its name that is of no photometric band: flux_Z_jy."""
+    known = {band.lower() for band in photometric_bands()}
+    for name in names:
+        flux = re.fullmatch(r"flux_([a-z0-9]+)_jy", name.lower())
+        if flux and flux[1] not in known:
+            raise InputError(f"must be of one of the bands {', '.join(photometric_bands())}", name)
+
+
+def flux_of_magnitude_jy(band: str, magnitude: Array) -> Array:
+    """Flux density [Jy] of magnitudes in a photometric band, against its zero_mag_jy; NaN in, NaN out."""
+    return np.asarray(photometric_bands()[band].zero_mag_jy * 10.0 ** (-0.4 * magnitude))
 
 
 def table_of(columns: StarColumns) -> Table:
@@ -221,18 +285,22 @@ def table_of(columns: StarColumns) -> Table:
     from astropy.table import Table
 
     table = Table(meta={"name": columns.name, "epoch_jyear": columns.epoch_jyear, "provenance": columns.provenance})
-    for key, unit in NUMBER_UNITS.items():
-        if key not in ("quality", "temperature_k"):
-            table[key] = getattr(columns, key)
-            table[key].unit = unit
-    for band in BAND_NAMES:
+
+    def put(key: str, values: NDArray[Any]) -> None:
+        table[key] = values
+        table[key].unit = NUMBER_UNITS.get(key) or None
+
+    for key in ("ra_deg", "dec_deg", "pm_ra_mas_yr", "pm_dec_mas_yr", "parallax_mas"):
+        put(key, getattr(columns, key))
+    bands = sorted(columns.flux_jy, key=list(photometric_bands()).index)
+    for band in bands:
         table[flux_column(band)] = columns.flux_jy[band]
         table[flux_column(band)].unit = "Jy"
-    table["quality"] = columns.quality
+    put("quality", columns.quality)
     table["id"] = columns.id
-    table["temperature_k"] = columns.temperature_k
-    table["temperature_k"].unit = "K"
-    for band in BAND_NAMES:
+    put("temperature_k", columns.temperature_k)
+    put("luminosity", columns.luminosity.astype(np.int16))  # VOTable has no shorter signed numbers
+    for band in bands:
         table[flag_column(band)] = columns.flux_flag[band]
     return table
 

@@ -52,6 +52,7 @@ def default_columns() -> StarColumns:
         name=_NAME,
         provenance=_PROVENANCE,
         temperature_k=CLASS_TEMPERATURE_K[colour_class],
+        luminosity=np.full(len(flags), 1, dtype=np.int8),
         flux_jy=flux_jy,
         flux_flag=dict.fromkeys(flux_jy, np.full(len(flags), FLUX_PREDICTED, dtype=np.uint8)),
         id=hip,

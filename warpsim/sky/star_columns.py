@@ -22,14 +22,17 @@ class StarColumns:
     pm_dec_mas_yr: Array
     parallax_mas: Array
     temperature_k: Array
+    luminosity: NDArray[np.int8]
     quality: NDArray[np.int64]
     epoch_jyear: float
     name: str
     provenance: str
     flux_jy: Mapping[str, Array]
-    """Flux density [Jy] by band, all bands; NaN where unknown."""
+    """Flux density [Jy] by photometric band, those that the catalog has; NaN where unknown."""
 
     flux_flag: Mapping[str, NDArray[np.uint8]]
+    """What the fluxes are, for the same bands: 0 unknown, 1 measured, 2 predicted."""
+
     id: NDArray[Any]
     """Names, or whole numbers that spell_id spells out."""
 

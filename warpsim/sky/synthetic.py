@@ -24,10 +24,11 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
-from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_PREDICTED, J2000_JYEAR
-from warpsim.sky.colours import CLASS_TEMPERATURE_K, flux_from_magnitude_a
+from warpsim.sky.catalog_columns import FLUX_PREDICTED, J2000_JYEAR
+from warpsim.sky.colours import CLASS_TEMPERATURE_K
 from warpsim.sky.space_motion import place_of
 from warpsim.sky.star_columns import StarColumns
+from warpsim.sky.stellar_templates import GIANT
 from warpsim.streams import uniforms
 
 Array = NDArray[np.float64]
@@ -133,22 +134,19 @@ def synthetic_columns(n_star: int | None, limit_jy: float | None, sky: str, seed
     seed = _checked_integer(seed, "seed", 0, _LARGEST_SEED)
     n = _checked_n_star(model, n_star, limit_jy)
 
-    ra_deg, dec_deg, temperature_k = np.empty(n), np.empty(n), np.empty(n)
-    flux_jy = {band: np.empty(n) for band in BAND_NAMES}
+    ra_deg, dec_deg, temperature_k, flux_jy = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     for chunk, start in enumerate(range(0, n, _CHUNK_STARS)):
         rows = slice(start, min(start + _CHUNK_STARS, n))
         n_row = rows.stop - rows.start
         u = uniforms(seed, f"synthetic {sky} sky", chunk, 4 * n_row).reshape(n_row, 4)
         ra_deg[rows], dec_deg[rows] = _places(model, u[:, 0], u[:, 1])
         magnitude_a = model.magnitude_a(np.arange(rows.start, rows.stop) + u[:, 2])
-        classes = _colour_classes(magnitude_a, u[:, 3])
-        temperature_k[rows] = CLASS_TEMPERATURE_K[classes]
-        for band, values in flux_from_magnitude_a(magnitude_a, classes).items():
-            flux_jy[band][rows] = values.astype(np.float32)
+        temperature_k[rows] = CLASS_TEMPERATURE_K[_colour_classes(magnitude_a, u[:, 3])]
+        flux_jy[rows] = (BANDS["A"].zero_mag_jy * 10.0 ** (-0.4 * magnitude_a)).astype(np.float32)
 
     # What is the same for all stars takes no memory.
     still: Array = np.broadcast_to(0.0, (n,))
-    depth = f"the {n} brightest stars, down to {flux_jy['A'][-1]:.4g} Jy at 8.3 um"
+    depth = f"the {n} brightest stars, down to {flux_jy[-1]:.4g} Jy at 8.3 um"
     return StarColumns(
         ra_deg=ra_deg,
         dec_deg=dec_deg,
@@ -156,12 +154,13 @@ def synthetic_columns(n_star: int | None, limit_jy: float | None, sky: str, seed
         pm_dec_mas_yr=still,
         parallax_mas=np.broadcast_to(np.nan, (n,)),
         temperature_k=temperature_k,
+        luminosity=np.broadcast_to(np.int8(GIANT), (n,)),
         quality=np.broadcast_to(np.int64(0), (n,)),
         epoch_jyear=J2000_JYEAR,
         name=f"synthetic {sky}",
         provenance=f"made up by warpsim: {sky} sky, seed {seed}, {depth}",
-        flux_jy=flux_jy,
-        flux_flag=dict.fromkeys(BAND_NAMES, np.broadcast_to(np.uint8(FLUX_PREDICTED), (n,))),
+        flux_jy={"A": flux_jy},
+        flux_flag={"A": np.broadcast_to(np.uint8(FLUX_PREDICTED), (n,))},
         id=np.broadcast_to(np.int64(0), (n,)),
         spell_id=("", "SYN "),
     )

@@ -150,6 +150,7 @@ def union_columns() -> StarColumns:
         pm_dec_mas_yr=stars.pm_dec_mas_yr,
         parallax_mas=stars.parallax_mas,
         temperature_k=stars.temperature_k,
+        luminosity=np.full(len(known), -1, dtype=np.int8),
         quality=np.where(known, fair, _UNKNOWN),
         epoch_jyear=J2000_JYEAR,
         name=_NAME,

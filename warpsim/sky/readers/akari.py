@@ -1,11 +1,10 @@
-"""AKARI/IRC all-sky survey (II/297): 9 and 18 um to bands A and E."""
+"""AKARI/IRC all-sky survey (II/297): 9 and 18 um, bands S9W and L18W."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.sky.catalog_columns import FLUX_PREDICTED
 from warpsim.sky.readers.angles import place_deg
 from warpsim.sky.readers.photometry import (
     UNCERTAIN,
@@ -47,22 +46,11 @@ def _convert(table: ColumnTable) -> SurveyStars:
     return SurveyStars(
         ra_deg=ra_deg,
         dec_deg=dec_deg,
-        flux_jy={
-            "A": band_flux_jy("A", mag_9),
-            # L18W reaches from 14 to 26 um, over both bands. Its mean wavelength is next to E's; D lies half way from
-            # S9W to it, also in the magnitudes of stars with dust.
-            "D": band_flux_jy("D", (mag_9 + mag_18) / 2.0),
-            "E": band_flux_jy("E", mag_18),
-        },
-        flux_flag={"D": np.full(len(table), FLUX_PREDICTED)},
+        flux_jy={"S9W": band_flux_jy("S9W", mag_9), "L18W": band_flux_jy("L18W", mag_18)},
         quality=np.where(quality_9 == UNKNOWN, quality_18, quality_9),
         id=star_names(table, "AKARI-IRC-V1 J", "objName"),
         epoch_jyear=EPOCH_JYEAR,
-        notes=(
-            f"{OFFSET_18_MAG} mag added to [18]: calibration offset",
-            "D half way from S9W to L18W in magnitude",
-            *doubtful,
-        ),
+        notes=(f"{OFFSET_18_MAG} mag added to [18]: calibration offset", *doubtful),
     )
 
 

@@ -1,4 +1,4 @@
-"""Gaia DR2 and DR3, as the Gaia archive and VizieR (I/345, I/355) name their columns: band A from G and BP-RP."""
+"""Gaia DR2 and DR3, as the Gaia archive and VizieR (I/345, I/355) name their columns: G, BP and RP."""
 
 from __future__ import annotations
 
@@ -6,11 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.catalog_columns import FLUX_PREDICTED
-from warpsim.sky.colours import colour_temperature_k
 from warpsim.sky.readers.angles import Pair, epoch_of_place, place_deg
-from warpsim.sky.readers.photometry import FAIR, UNCERTAIN, count_note, predicted_flux_a_jy, star_names
+from warpsim.sky.readers.photometry import (
+    band_flux_jy,
+    count_note,
+    predicted_quality,
+    real_colours,
+    real_magnitudes,
+    star_names,
+)
 from warpsim.sky.readers.survey import Survey, SurveyStars
+from warpsim.sky.visible_photometry import gaia_bp_rp_mag
 from warpsim.tables.columns import ColumnTable
 
 Array = NDArray[np.float64]
@@ -23,6 +29,9 @@ DR2_EPOCH_JYEAR = 2015.5
 SATURATED_G_MAG = 3.5
 """Gaia's magnitudes of brighter stars are saturated."""
 
+REDDEST_MAG = 6.7
+"""Redder stars in BP-RP are dust more than star."""
+
 _G, _BP, _RP = ("phot_g_mean_mag", "Gmag"), ("phot_bp_mean_mag", "BPmag"), ("phot_rp_mean_mag", "RPmag")
 _BP_RP = ("bp_rp", "BP-RP")
 _PLACES: tuple[Pair, ...] = (("ra", "dec"), ("RA_ICRS", "DE_ICRS"), ("RAJ2000", "DEJ2000"))
@@ -31,26 +40,32 @@ _PLACES: tuple[Pair, ...] = (("ra", "dec"), ("RA_ICRS", "DE_ICRS"), ("RAJ2000", 
 def _convert(table: ColumnTable) -> SurveyStars:
     ra_deg, dec_deg, ra_name = place_deg(table, *_PLACES)
     g_mag = table.needed(*_G, unit="mag")
-    colour = table.number(*_BP_RP, unit="mag")
-    colour = np.where(np.isnan(colour), table.number(*_BP, unit="mag") - table.number(*_RP, unit="mag"), colour)
-    flux_jy, quality = predicted_flux_a_jy("G", g_mag, colour)
-    saturated = (g_mag <= SATURATED_G_MAG) & (quality == FAIR)
+    bp_mag, rp_mag = (real_magnitudes(table.number(*names, unit="mag")) for names in (_BP, _RP))
+    from_colour = np.isnan(bp_mag) | np.isnan(rp_mag)
+    by_colour = gaia_bp_rp_mag(real_magnitudes(g_mag), real_colours(table.number(*_BP_RP, unit="mag")))
+    magnitudes = {
+        "G": real_magnitudes(g_mag),
+        "BP": np.where(from_colour, by_colour[0], bp_mag),
+        "RP": np.where(from_colour, by_colour[1], rp_mag),
+    }
+    colour = magnitudes["BP"] - magnitudes["RP"]
+    has_colour, has_flux = ~np.isnan(colour), np.any(~np.isnan(list(magnitudes.values())), axis=0)
+    doubtful = (g_mag <= SATURATED_G_MAG) | (colour > REDDEST_MAG)
     return SurveyStars(
         ra_deg=ra_deg,
         dec_deg=dec_deg,
-        flux_jy={"A": flux_jy},
-        flux_flag={"A": np.full(len(table), FLUX_PREDICTED)},
+        flux_jy={band: band_flux_jy(band, values) for band, values in magnitudes.items()},
         pm_ra_mas_yr=table.number("pmra", unit="mas / yr"),
         pm_dec_mas_yr=table.number("pmdec", "pmDE", unit="mas / yr"),
         parallax_mas=table.number("parallax", "Plx", unit="mas"),
-        temperature_k=colour_temperature_k(colour, "BP-RP"),
-        quality=np.where(saturated, UNCERTAIN, quality),
+        quality=predicted_quality(has_flux, has_colour, doubtful),
         id=star_names(table, "Gaia ", "designation", "DR3Name", "DR2Name", "source_id", "Source"),
         epoch_jyear=epoch_of_place(ra_name, _epoch_jyear(table)),
         notes=(
-            "A from G and BP-RP",
             *_assumed_epoch(table),
-            *count_note(np.isnan(flux_jy), "have no G, BP or RP, so no flux"),
+            *count_note(has_flux & from_colour & has_colour, "have no BP or RP: from G and BP-RP"),
+            *count_note(has_flux & ~has_colour, "have no BP-RP, so no colour"),
+            *count_note(~has_flux, "have no G, BP or RP, so no flux"),
         ),
     )
 

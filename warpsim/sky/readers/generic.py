@@ -9,31 +9,40 @@ from typing import Any
 import numpy as np
 
 from warpsim.errors import InputError
-from warpsim.radiometry.bands import BANDS
-from warpsim.sky.catalog_columns import BAND_NAMES, J2000_JYEAR, NUMBER_UNITS, flag_column, flux_column
+from warpsim.sky.catalog_columns import (
+    J2000_JYEAR,
+    NUMBER_UNITS,
+    brightness_columns,
+    flag_column,
+    flux_column,
+    flux_of_magnitude_jy,
+    magnitude_column,
+)
+from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.sky.readers.angles import angle_deg, has_parts, place_deg
 from warpsim.sky.readers.photometry import real_magnitudes
 from warpsim.tables.columns import plain_name
 from warpsim.tables.file_table import FileTable
 
 _ANGLES = ("ra_deg", "dec_deg")
+_SHORT = ", ".join([*NUMBER_UNITS, "flux_<band>_jy", "mag_<band>", "flux_<band>_flag", "id", "epoch_jyear"])
 
 
-def magnitude_column(band: str) -> str:
-    """Name of a column of magnitudes in a band, against its zero_mag_jy."""
-    return f"mag_{band}"
+def known_columns() -> tuple[str, ...]:
+    """Names that the argument `columns` knows; a table that uses them needs no such argument."""
+    bands = photometric_bands()
+    return (*NUMBER_UNITS, *_brightnesses(), *map(flag_column, bands), "id", "epoch_jyear")
 
 
-_BRIGHTNESSES = tuple(name(band) for name in (flux_column, magnitude_column) for band in BAND_NAMES)
-COLUMNS = (*NUMBER_UNITS, *_BRIGHTNESSES, *map(flag_column, BAND_NAMES), "id", "epoch_jyear")
-"""Names that the argument `columns` knows; a table that uses them needs no such argument."""
+def _brightnesses() -> tuple[str, ...]:
+    return tuple(name(band) for name in (flux_column, magnitude_column) for band in photometric_bands())
 
 
 def own_columns(table: FileTable) -> dict[str, str]:
     """The table's columns that go by warpsim's names, whatever their case."""
     names = {name.lower(): name for name in reversed(table.table.colnames)}
     names |= {name: name for name in table.table.colnames}  # spelled just so
-    spelled = {column: column if column in names else column.lower() for column in COLUMNS}
+    spelled = {column: column if column in names else column.lower() for column in known_columns()}
     return {column: names[name] for column, name in spelled.items() if name in names}
 
 
@@ -41,7 +50,7 @@ def is_own(columns: Mapping[str, str], table: FileTable) -> bool:
     """Whether columns hold places (in one column each, or in the CDS's parts) and a brightness."""
     in_parts = has_parts(table) and not columns.keys() & set(_ANGLES)
     has_place = in_parts or all(name in columns for name in _ANGLES)
-    return has_place and any(name in columns for name in _BRIGHTNESSES)
+    return has_place and not columns.keys().isdisjoint(_brightnesses())
 
 
 def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
@@ -58,8 +67,8 @@ def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
     found = ", ".join(table.table.colnames)
     checked: dict[str, str] = {}
     for name, column in columns.items():
-        if name not in COLUMNS:
-            raise InputError(f"must be of {', '.join(COLUMNS)}", "columns", name)
+        if name not in known_columns():
+            raise InputError(f"must be of {_SHORT}", "columns", name)
         own_name = _own_name(table, str(column))
         if own_name is None:
             raise InputError(f"must be a column of the file ({found})", value=column).of(name).within("columns")
@@ -73,11 +82,9 @@ def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
             rule = f"must be a column of its own, got {own_name!r} a second time"
             raise InputError(rule).of(name).within("columns")
         checked[name] = own_name
-    for band in BAND_NAMES:
-        if flux_column(band) in checked and magnitude_column(band) in checked:
-            raise InputError(f"must be one of {flux_column(band)} and {magnitude_column(band)}, got both", "columns")
+    brightness_columns(checked)
     # What the argument does not speak of, and the table names as warpsim does.
-    spoken_of = {name for band in BAND_NAMES for name in _names_of(band) if checked.keys() & _names_of(band)}
+    spoken_of = {name for band in photometric_bands() for name in _names_of(band) if checked.keys() & _names_of(band)}
     checked |= {
         name: column
         for name, column in own_columns(table).items()
@@ -117,14 +124,14 @@ def arrays_of_columns(table: FileTable, columns: Mapping[str, str]) -> dict[str,
     """Arguments of StarCatalog.from_arrays from a table's columns.
 
     Units of columns are converted; a column without one is in the unit of warpsim's name for it. Right ascension and
-    declination may be sexagesimal text. A flux goes before a magnitude of the same band.
+    declination may be sexagesimal text.
 
     Args:
         table: The file's table; its meta may hold epoch_jyear, name and provenance.
         columns: Name of the table's column by warpsim's name.
 
     Raises:
-        InputError: A column holds no numbers, or is in a unit that does not convert.
+        InputError: A column holds no numbers, or is in a unit that does not convert; or a band has flux and magnitude.
     """
     meta = {str(key).lower(): value for key, value in table.table.meta.items()}  # FITS turns keys to capitals
     arrays: dict[str, Any] = {"flux_jy": {}, "flux_flag": {}}
@@ -135,12 +142,12 @@ def arrays_of_columns(table: FileTable, columns: Mapping[str, str]) -> dict[str,
             arrays[name] = angle_deg(table, column, hours=name == "ra_deg")
         elif name in NUMBER_UNITS:
             arrays[name] = table.number(column, unit=NUMBER_UNITS[name])
-    for band in BAND_NAMES:
-        if flux_column(band) in columns:
-            arrays["flux_jy"][band] = table.number(columns[flux_column(band)], unit="Jy")
-        elif magnitude_column(band) in columns:
-            magnitudes = real_magnitudes(table.number(columns[magnitude_column(band)], unit="mag"))
-            arrays["flux_jy"][band] = BANDS[band].zero_mag_jy * 10.0 ** (-0.4 * magnitudes)
+    for band, name in brightness_columns(columns).items():
+        if name == flux_column(band):
+            arrays["flux_jy"][band] = table.number(columns[name], unit="Jy")
+        else:
+            magnitudes = real_magnitudes(table.number(columns[name], unit="mag"))
+            arrays["flux_jy"][band] = flux_of_magnitude_jy(band, magnitudes)
         if flag_column(band) in columns:
             arrays["flux_flag"][band] = table.number(columns[flag_column(band)])
     if "id" in columns:

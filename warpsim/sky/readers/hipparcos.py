@@ -1,4 +1,4 @@
-"""Hipparcos (I/239, ESA 1997) and its new reduction (I/311, van Leeuwen 2007): band A from the visible."""
+"""Hipparcos (I/239, ESA 1997) and its new reduction (I/311, van Leeuwen 2007): Hp, V, and B and Ic by the colours."""
 
 from __future__ import annotations
 
@@ -7,16 +7,25 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.sky.catalog_columns import FLUX_PREDICTED
-from warpsim.sky.colours import colour_temperature_k
 from warpsim.sky.readers.angles import Pair, angle_deg, epoch_of_place, place_deg
-from warpsim.sky.readers.photometry import count_note, predicted_flux_a_jy, star_names
+from warpsim.sky.readers.photometry import (
+    band_flux_jy,
+    count_note,
+    predicted_quality,
+    real_colours,
+    real_magnitudes,
+    star_names,
+)
 from warpsim.sky.readers.survey import Survey, SurveyStars
+from warpsim.sky.visible_photometry import hipparcos_v_mag
 from warpsim.tables.columns import ColumnTable
 
 Array = NDArray[np.float64]
 
 EPOCH_JYEAR = 1991.25
+
+REDDEST_B_MINUS_V_MAG = 1.45
+"""Beyond, B-V says nothing of a star's temperature."""
 
 _PLACES: tuple[Pair, ...] = (
     ("RA_ICRS", "DE_ICRS"),
@@ -42,36 +51,39 @@ def _convert_1997(table: ColumnTable) -> SurveyStars:
 def _convert_2007(table: ColumnTable) -> SurveyStars:
     place = place_deg(table, *_PLACES, radians=_in_radians(table))
     b_minus_v = table.number("B-V", unit="mag", null=(0.0,))
-    # V is not in the table; Hp stands for it beside B-V (they differ by less than 0.2 mag).
-    return _stars(table, place, table.number("Hpmag", unit="mag"), b_minus_v, _v_minus_i(table, null=(0.0,)))
+    v_minus_i = _v_minus_i(table, null=(0.0,))
+    v_mag = hipparcos_v_mag(table.number("Hpmag", unit="mag"), v_minus_i, b_minus_v)  # V is not in the table
+    return _stars(table, place, v_mag, b_minus_v, v_minus_i)
 
 
 def _stars(
     table: ColumnTable, place: tuple[Array, Array, str], v_mag: Array, b_minus_v: Array, v_minus_i: Array
 ) -> SurveyStars:
     ra_deg, dec_deg, ra_name = place
-    flux_jy, quality = predicted_flux_a_jy("Hp", table.number("Hpmag", unit="mag"), v_minus_i)
-    flux_b_v_jy, quality_b_v = predicted_flux_a_jy("V", v_mag, b_minus_v)
-    use_b_v = np.isnan(flux_jy)
-    flux_jy, quality = np.where(use_b_v, flux_b_v_jy, flux_jy), np.where(use_b_v, quality_b_v, quality)
-    temperature_k = colour_temperature_k(v_minus_i, "V-I")
-    temperature_k = np.where(np.isnan(temperature_k), colour_temperature_k(b_minus_v, "B-V"), temperature_k)
+    b_minus_v, v_minus_i = real_colours(b_minus_v), real_colours(v_minus_i)
+    magnitudes = {
+        "Hp": real_magnitudes(table.number("Hpmag", unit="mag")),
+        "V": real_magnitudes(v_mag),
+        "B": v_mag + b_minus_v,
+        "Ic": v_mag - v_minus_i,
+    }
+    has_b_v, has_v_i = ~np.isnan(b_minus_v), ~np.isnan(v_minus_i)
+    has_flux = np.any(~np.isnan(list(magnitudes.values())), axis=0)
+    doubtful = ~has_v_i & (b_minus_v > REDDEST_B_MINUS_V_MAG)
     return SurveyStars(
         ra_deg=ra_deg,
         dec_deg=dec_deg,
-        flux_jy={"A": flux_jy},
-        flux_flag={"A": np.full(len(table), FLUX_PREDICTED)},
+        flux_jy={band: band_flux_jy(band, values) for band, values in magnitudes.items()},
         pm_ra_mas_yr=table.number("pmRA", unit="mas / yr"),
         pm_dec_mas_yr=table.number("pmDE", unit="mas / yr"),
         parallax_mas=table.number("Plx", unit="mas"),
-        temperature_k=temperature_k,
-        quality=quality,
+        quality=predicted_quality(has_flux, has_b_v | has_v_i, doubtful),
         id=star_names(table, "HIP ", "HIP"),
         epoch_jyear=epoch_of_place(ra_name, EPOCH_JYEAR),
         notes=(
-            "A from Hp and V-I",
-            *count_note(use_b_v & ~np.isnan(flux_jy), "have no V-I: A from B-V"),
-            *count_note(np.isnan(flux_jy), "have no colour, so no flux"),
+            *count_note(has_flux & has_b_v & ~has_v_i, "have B-V as their only colour"),
+            *count_note(has_flux & ~has_b_v & ~has_v_i, "have no colour"),
+            *count_note(~has_flux, "have no magnitude, so no flux"),
         ),
     )
 

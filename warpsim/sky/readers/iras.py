@@ -1,7 +1,7 @@
-"""IRAS: the Point Source Catalog (II/125) and the Faint Source Catalog (II/156), 12 and 25 um to bands C and E.
+"""IRAS: the Point Source Catalog (II/125) and the Faint Source Catalog (II/156), bands IRAS12 and IRAS25.
 
 IRAS quotes flux densities for a spectrum that falls as 1 / frequency. Those of a star follow by division with a colour
-correction; magnitudes follow from the zero points, and equal magnitudes stand for the neighbouring MSX band.
+correction, and magnitudes from the zero points.
 """
 
 from __future__ import annotations
@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.catalog_columns import FLUX_PREDICTED
-from warpsim.sky.colours import colour_class, magnitude_minus_a
 from warpsim.sky.readers.angles import PARTS, Pair, place_deg
 from warpsim.sky.readers.photometry import (
     GOOD,
@@ -36,7 +34,10 @@ Those of stars of 3000 to 10,000 K lie within 2 % of it."""
 ZERO_MAG_JY = {12: 28.3, 25: 6.73}
 """Flux density of magnitude 0, colour corrected (same, VI.C.2)."""
 
-_BAND_UM = {"C": 12, "E": 25}
+_BAND_UM = {"IRAS12": 12, "IRAS25": 25}
+_LIMIT_BANDS = {"IRAS12": "C", "IRAS25": "E"}
+"""Upper limits hold for predictions in the neighbouring MSX band, at equal magnitude."""
+
 _LIMIT, _MODERATE, _HIGH = 1.0, 2.0, 3.0  # q_Fnu
 
 _J2000_PLACES: tuple[Pair, ...] = (
@@ -71,18 +72,15 @@ def _convert(table: ColumnTable) -> SurveyStars:
         error_percent = positive(table.number(f"e_Fnu_{um}", f"relunc_{um}", unit="%"))
         quality[band] = np.where(flag == _HIGH, measured_quality(error_percent / 100.0), GOOD)
 
-    classes = colour_class(np.full(len(table), np.nan))  # IRAS has no colour that tells a star's temperature
-    star_mag["A"] = star_mag["C"] - magnitude_minus_a("C", classes)
     corrections = ", ".join(f"F{um} divided by {factor:.2f}" for um, factor in COLOUR_CORRECTION.items())
     notes.append(f"{corrections} (a star of 5000 K; IRAS Explanatory Supplement, table VI.C.6)")
-    quality_e = np.where(np.isnan(star_mag["E"]), UNKNOWN, quality["E"])
+    quality_25 = np.where(np.isnan(star_mag["IRAS25"]), UNKNOWN, quality["IRAS25"])
     return SurveyStars(
         ra_deg=ra_deg,
         dec_deg=dec_deg,
         flux_jy={band: band_flux_jy(band, values) for band, values in star_mag.items()},
-        limit_jy={band: band_flux_jy(band, values) for band, values in limit_mag.items()},
-        flux_flag={"A": np.full(len(table), FLUX_PREDICTED)},
-        quality=np.where(np.isnan(star_mag["C"]), quality_e, quality["C"]),
+        limit_jy={_LIMIT_BANDS[band]: band_flux_jy(_LIMIT_BANDS[band], values) for band, values in limit_mag.items()},
+        quality=np.where(np.isnan(star_mag["IRAS12"]), quality_25, quality["IRAS12"]),
         id=star_names(table, "IRAS ", "IRAS", "pscname", "fscname"),
         epoch_jyear=EPOCH_JYEAR,
         notes=tuple(notes),

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_PREDICTED
 from warpsim.sky.readers.angles import Pair, place_deg
+from warpsim.sky.readers.photometry import FAIR, UNCERTAIN, UNKNOWN, band_flux_jy
 from warpsim.sky.readers.survey import Survey, SurveyStars
 from warpsim.tables.columns import ColumnTable, plain_name
 
@@ -15,7 +16,6 @@ Array = NDArray[np.float64]
 
 _MAS_PER_TIME_S = 15_000.0  # a second of right ascension is 15 arcsec
 _CENTURY_YR = 100.0
-_FAIR = 2  # a value of StarCatalog.quality
 
 _NONE, _LIMIT, _EXCELLENT = 0, 1, 4
 """Flux quality of the Point Source Catalog: none, upper limit, and from fair (2) to excellent."""
@@ -33,15 +33,19 @@ def _convert_irac(table: ColumnTable) -> SurveyStars:
     pm_dec = _rate(table, "pmDE", "0.01 arcsec / yr") / _CENTURY_YR * 1000.0
     flux_jy = {band: table.number(f"FSIII{band}", unit="Jy", null=(0.0,)) for band in BAND_NAMES}
     known = np.any([np.isfinite(values) for values in flux_jy.values()], axis=0)
+    visible_jy = band_flux_jy("V", table.number("Vmag", unit="mag"))
     return SurveyStars(
         ra_deg=ra_deg,
         dec_deg=dec_deg,
-        flux_jy=flux_jy,
+        flux_jy=flux_jy | {"V": visible_jy},
         flux_flag={band: np.full(len(table), FLUX_PREDICTED) for band in BAND_NAMES},
         pm_ra_mas_yr=pm_ra,
         pm_dec_mas_yr=pm_dec,
-        quality=np.where(known, _FAIR, 0),
-        notes=("fluxes are the catalog's predictions", "pmRA times 150 cos(dec), pmDE times 10: per century to mas/yr"),
+        quality=np.where(known, FAIR, np.where(np.isnan(visible_jy), UNKNOWN, UNCERTAIN)),
+        notes=(
+            "infrared fluxes are the catalog's predictions",
+            "pmRA times 150 cos(dec), pmDE times 10: per century to mas/yr",
+        ),
     )
 
 

@@ -1,4 +1,4 @@
-"""What the surveys' readers share in photometry: magnitudes to MSX fluxes, quality, and flags a letter a band."""
+"""What the surveys' readers share in photometry: magnitudes to fluxes, quality, and flags a letter a band."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.radiometry.bands import BANDS
-from warpsim.sky.colours import RELATIONS
+from warpsim.sky.catalog_columns import flux_of_magnitude_jy
 from warpsim.tables.columns import ColumnTable
 
 Array = NDArray[np.float64]
 Quality = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 UNKNOWN, UNCERTAIN, FAIR, GOOD, EXCELLENT = range(5)
 """Values of StarCatalog.quality."""
@@ -20,8 +20,8 @@ EXCELLENT_ERROR = 0.10
 """Relative error of a flux up to which a measurement is excellent."""
 
 LARGEST_MAG = 40.0
-LARGEST_STRAY_MAG = 2.0
-"""A colour farther than this beyond a relation's range is no colour, but a code for a missing one."""
+LARGEST_COLOUR_MAG = 8.0
+"""A colour beyond is none, but a code for a missing one."""
 
 SATURATED_K_MAG = 4.0
 """2MASS saturates above this brightness: magnitudes are from the wings of the image, and good to 0.2-0.4 mag."""
@@ -33,8 +33,8 @@ def magnitude(flux_jy: Array, zero_mag_jy: float) -> Array:
 
 
 def band_flux_jy(band: str, magnitudes: Array) -> Array:
-    """Flux density in an MSX band [Jy] of a star of the given magnitude in it; NaN in, NaN out."""
-    return BANDS[band].zero_mag_jy * 10.0 ** (-0.4 * real_magnitudes(magnitudes))
+    """Flux density in a photometric band [Jy] of a star of the given magnitude in it; NaN in, NaN out."""
+    return flux_of_magnitude_jy(band, real_magnitudes(magnitudes))
 
 
 def positive(values: Array) -> Array:
@@ -47,16 +47,17 @@ def real_magnitudes(values: Array) -> Array:
     return np.where(np.abs(values) < LARGEST_MAG, values, np.nan)
 
 
-def predicted_flux_a_jy(relation: str, magnitudes: Array, colour: Array) -> tuple[Array, Quality]:
-    """Flux density in A [Jy] by one of RELATIONS, and its quality, shape (n,) each.
+def real_colours(values: Array) -> Array:
+    """Colours that a star can have, NaN elsewhere."""
+    return np.where(np.abs(values) < LARGEST_COLOUR_MAG, values, np.nan)
 
-    The quality is FAIR, UNCERTAIN where the colour was clipped, UNKNOWN (with a flux of NaN) where one is missing.
+
+def predicted_quality(has_flux: Flags, has_colour: Flags, is_doubtful: Flags) -> Quality:
+    """Quality of an infrared flux predicted from shorter waves.
+
+    FAIR with a colour that is not in doubt, UNKNOWN without any flux, UNCERTAIN otherwise.
     """
-    low, high = RELATIONS[relation].colour_range
-    colour = np.where((colour > low - LARGEST_STRAY_MAG) & (colour < high + LARGEST_STRAY_MAG), colour, np.nan)
-    magnitude_a, clipped = RELATIONS[relation].magnitude_a(real_magnitudes(magnitudes), colour)
-    quality = np.where(clipped, UNCERTAIN, FAIR)
-    return band_flux_jy("A", magnitude_a), np.where(np.isnan(magnitude_a), UNKNOWN, quality)
+    return np.where(has_flux, np.where(has_colour & ~is_doubtful, FAIR, UNCERTAIN), UNKNOWN)
 
 
 def measured_quality(relative_error: Array) -> Quality:
@@ -84,7 +85,7 @@ def star_names(table: ColumnTable, prefix: str, *names: str) -> NDArray[np.str_]
     return np.array(texts, dtype=np.str_)
 
 
-def count_note(mask: NDArray[np.bool_], what: str) -> tuple[str, ...]:
+def count_note(mask: Flags, what: str) -> tuple[str, ...]:
     """A note "3 of 10 stars ...", or none if it is true of no star."""
     n_star = int(np.count_nonzero(mask))
     return (f"{n_star} of {len(mask)} stars {what}",) if n_star else ()

@@ -15,6 +15,7 @@ from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import (
     J2000_JYEAR,
     NUMBER_UNITS,
+    check_flux_columns,
     checked_columns,
     checked_limits,
     flag_column,
@@ -40,13 +41,13 @@ class StarsOfFile:
 
     columns: StarColumns
     may_be_filled: bool
-    """Whether unknown fluxes may be filled by colour relations: not in a table that flags its fluxes."""
+    """Whether unknown fluxes may be predicted: not in a table that flags its fluxes."""
 
     target_epoch_jyear: float
     """Julian year to move the stars to: J2000 for a survey, its own for a custom table."""
 
     limit_jy: Mapping[str, Array] = field(default_factory=dict)
-    """Upper limits by band [Jy], NaN for none: a filled flux is no larger."""
+    """Upper limits by band [Jy], NaN for none: a predicted flux is no larger."""
 
 
 def read_stars(
@@ -123,6 +124,7 @@ def _own_stars(table: FileTable, columns: Mapping[str, str], where: str) -> Star
     if table.open_end is not None:  # people write such files, archives do not
         warnings.warn(str(table.open_end.of(where)), stacklevel=4)
     meta = {str(key).lower(): value for key, value in table.table.meta.items()}
+    check_flux_columns(name for name in table.table.colnames if name not in columns.values())
     arrays = _rows_read(table, lambda: arrays_of_columns(table, columns))
     checked = _checked(table, arrays, where, str(meta.get("name", Path(where).name)), columns)[0]
     flagged = any(name in columns for name in map(flag_column, arrays["flux_jy"]))
@@ -152,7 +154,6 @@ def _survey_stars(table: FileTable, survey: Survey, where: str) -> StarsOfFile:
         "pm_ra_mas_yr": stars.pm_ra_mas_yr,
         "pm_dec_mas_yr": stars.pm_dec_mas_yr,
         "parallax_mas": stars.parallax_mas,
-        "temperature_k": stars.temperature_k,
         "quality": stars.quality,
         "id": stars.id,
         "epoch_jyear": stars.epoch_jyear,

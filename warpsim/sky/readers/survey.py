@@ -43,18 +43,17 @@ class SurveyStars:
     ra_deg: Array
     dec_deg: Array
     flux_jy: dict[str, Array]
-    """NaN where there is none, or only an upper limit."""
+    """By photometric band; NaN where there is none, or only an upper limit."""
 
     limit_jy: dict[str, Array] = field(default_factory=dict)
     """Upper limits [Jy], NaN where there is none."""
 
     flux_flag: dict[str, NDArray[Any]] | None = None
-    """1 measured, 2 predicted by a colour relation; measured where left out."""
+    """1 measured, 2 predicted; measured where left out."""
 
     pm_ra_mas_yr: Array | None = None
     pm_dec_mas_yr: Array | None = None
     parallax_mas: Array | None = None
-    temperature_k: Array | None = None
     quality: NDArray[Any] | None = None
     id: NDArray[np.str_] | None = None
     epoch_jyear: float = J2000_JYEAR

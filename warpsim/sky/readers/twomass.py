@@ -1,21 +1,19 @@
-"""2MASS point sources (II/246): band A from K and J-K."""
+"""2MASS point sources (II/246): J, H and Ks."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.sky.catalog_columns import FLUX_PREDICTED
-from warpsim.sky.colours import colour_temperature_k
 from warpsim.sky.readers.angles import place_deg
 from warpsim.sky.readers.photometry import (
-    FAIR,
     SATURATED_K_MAG,
-    UNCERTAIN,
+    band_flux_jy,
     count_note,
     flag_letters,
     need,
-    predicted_flux_a_jy,
+    predicted_quality,
+    real_magnitudes,
     star_names,
 )
 from warpsim.sky.readers.survey import Survey, SurveyStars
@@ -26,9 +24,9 @@ Array = NDArray[np.float64]
 EPOCH_JYEAR = 2000.0
 """Observed from June 1997 to February 2001; there are no proper motions."""
 
-_J, _K = ("Jmag", "j_m"), ("Kmag", "k_m")
+_J, _H, _K = ("Jmag", "j_m"), ("Hmag", "h_m"), ("Kmag", "k_m")
 _FLAGS, _ARTEFACTS = ("Qflg", "ph_qual"), ("Cflg", "cc_flg")
-_J_LETTER, _K_LETTER = 0, 2  # places in the flags, which go J, H, K
+_J_LETTER, _H_LETTER, _K_LETTER = 0, 1, 2  # positions in the flags
 _NO_MEASUREMENT = ("U", "X")  # an upper limit, a detection without a brightness
 _POOR = ("E", "F")
 
@@ -38,18 +36,21 @@ def _convert(table: ColumnTable) -> SurveyStars:
     ra_deg, dec_deg, _ = place_deg(table)
     j_mag, poor_j = _filter(table, _J, _J_LETTER)
     k_mag, poor_k = _filter(table, _K, _K_LETTER)
-    flux_jy, quality = predicted_flux_a_jy("K", k_mag, j_mag - k_mag)
-    uncertain = poor_j | poor_k | (k_mag < SATURATED_K_MAG)
+    h_mag, _ = _filter(table, _H, _H_LETTER) if table.find(*_H) else (np.full(len(table), np.nan), poor_k)
+    has_j, has_h, has_k = (~np.isnan(real_magnitudes(values)) for values in (j_mag, h_mag, k_mag))
+    measured = has_j | has_h | has_k
+    doubtful = poor_j | poor_k | (k_mag < SATURATED_K_MAG)
     return SurveyStars(
         ra_deg=ra_deg,
         dec_deg=dec_deg,
-        flux_jy={"A": flux_jy},
-        flux_flag={"A": np.full(len(table), FLUX_PREDICTED)},
-        temperature_k=colour_temperature_k(j_mag - k_mag, "J-K"),
-        quality=np.where(uncertain & (quality == FAIR), UNCERTAIN, quality),
+        flux_jy={band: band_flux_jy(band, values) for band, values in (("J", j_mag), ("H", h_mag), ("Ks", k_mag))},
+        quality=predicted_quality(measured, has_j & has_k, doubtful),
         id=star_names(table, "2MASS J", "2MASS", "designation"),
         epoch_jyear=EPOCH_JYEAR,
-        notes=("A from K and J-K", *count_note(np.isnan(flux_jy), "were not measured in J and K, so have no flux")),
+        notes=(
+            *count_note(measured & ~(has_j & has_k), "were not measured in both J and K, so have no colour"),
+            *count_note(~measured, "were not measured, so have no flux"),
+        ),
     )
 
 

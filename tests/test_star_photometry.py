@@ -1,0 +1,323 @@
+"""Fluxes of a catalog: as given, predicted where asked for, and light and magnitudes in any band."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from warpsim.errors import InputError
+from warpsim.output.catalog_report import catalog_report
+from warpsim.radiometry.band import Band
+from warpsim.sky.catalog import StarCatalog
+from warpsim.sky.photometric_bands import photometric_bands
+from warpsim.sky.star_counts import has_zero_point, irradiance_counts, magnitude_counts
+from warpsim.sky.star_photometry import COLOURS
+from warpsim.sky.stellar_templates import DWARF, GIANT, colour_temperature_k
+from warpsim.sky.visible_photometry import gaia_bp_rp_mag, hipparcos_v_mag
+
+BANDS = photometric_bands()
+MSX = ("B1", "B2", "A", "C", "D", "E")
+MWIR = Band.top_hat("mwir", 3.5, 5.0)
+
+
+def flux(name, magnitude):
+    return BANDS[name].zero_mag_jy * 10 ** (-0.4 * np.asarray(magnitude))
+
+
+def catalog(**columns):
+    fluxes = {
+        "V": flux("V", [5.0, 9.0, np.nan, np.nan]),
+        "Ks": flux("Ks", [2.0, np.nan, 6.0, np.nan]),
+        "W3": flux("W3", [1.9, 4.0, np.nan, np.nan]),
+    }
+    return StarCatalog.from_arrays([1.0, 2.0, 3.0, 4.0], [0.0] * 4, fluxes, **columns)
+
+
+# --- given and predicted ---
+
+
+def test_given_fluxes_stay_what_they_are():
+    stars = catalog()
+    assert stars.bands == ("V", "Ks", "W3")
+    for full in (stars, stars.filled(), stars.filled().at_epoch(2020.0), stars.at_epoch(2020.0)):
+        for name in stars.bands:
+            known = np.isfinite(stars.flux_jy(name))
+            np.testing.assert_array_equal(full.flux_jy(name)[known], stars.flux_jy(name)[known])
+            assert (full.flux_flag(name)[known] == 1).all()
+            # Exactly the band's conversion, in every bit.
+            light = full.irradiance_w_cm2(name)[known]
+            np.testing.assert_array_equal(light, stars.flux_jy(name)[known] * BANDS[name].w_cm2_per_jy)
+
+
+def test_filling_predicts_every_photometric_band():
+    stars = catalog().filled()
+    for name in BANDS:
+        np.testing.assert_array_equal(np.isfinite(stars.flux_jy(name)), [True, True, True, False], err_msg=name)
+        given = np.isfinite(catalog().flux_jy(name))
+        assert stars.flux_flag(name).tolist() == np.where(given, 1, [2, 2, 2, 0]).tolist()
+        assert (catalog().flux_flag(name) == given).all()
+    # A star as bright in V-K as a K giant has nearly one magnitude from K to 12 um.
+    assert stars.magnitude("A")[0] == pytest.approx(1.95, abs=0.1)
+
+
+def test_light_follows_from_given_fluxes_alone():
+    """Filling, limits and what was asked for before change no light in a band without limits."""
+    stars = catalog()
+    expected = stars.irradiance_w_cm2(MWIR)
+    full = stars.filled({"A": np.full(4, 1e-6), "W3": np.full(4, 1e-6)})
+    for name in MSX:
+        full.flux_jy(name)
+    np.testing.assert_array_equal(full.irradiance_w_cm2(MWIR), expected)
+    for name in ("B1", "C", "J"):
+        np.testing.assert_array_equal(full.irradiance_w_cm2(name), stars.irradiance_w_cm2(name))
+    assert full.flux_jy("A")[:3].tolist() == [1e-6] * 3
+    assert full.irradiance_w_cm2("A")[0] == 1e-6 * BANDS["A"].w_cm2_per_jy
+    assert full.irradiance_w_cm2("A", "paper")[0] == pytest.approx(1e-6 / 58.49 * 510.651e-18, rel=2e-3)
+    assert np.isnan(full.flux_jy("A")[3])  # a limit is no flux
+    assert full.flux_jy("W3")[2] == 1e-6
+    assert full.flux_jy("W3")[0] == stars.flux_jy("W3")[0]
+
+
+def test_light_of_an_msx_band_without_a_flux_is_predicted():
+    stars = catalog()
+    for physics in ("physical", "paper"):
+        light = stars.irradiance_w_cm2("A", physics)
+        np.testing.assert_array_equal(light, stars.filled().irradiance_w_cm2("A", physics))
+        assert (light[:3] > 0).all()
+        assert light[3] == 0.0
+    assert np.isnan(stars.flux_jy("A")).all()
+    assert np.isnan(stars.magnitude("A")).all()
+    with pytest.raises(InputError, match=r"band: must be one of A, B1, .*, got 'mwir'"):
+        stars.irradiance_w_cm2(MWIR, "paper")
+
+
+def test_a_band_that_only_bears_a_photometric_name_is_another():
+    stars = catalog()
+    false_a = Band("A", MWIR.wavelength_um, MWIR.response)
+    np.testing.assert_array_equal(stars.irradiance_w_cm2(false_a), stars.irradiance_w_cm2(MWIR))
+
+
+def test_arrays_are_read_only():
+    stars = catalog().filled()
+    for values in (stars.flux_jy("A"), stars.flux_flag("A"), stars.flux_jy("V"), stars.luminosity, stars.temperature_k):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 1
+
+
+def test_memory_is_in_proportion_to_the_bands():
+    n_star = 1000
+    columns = StarCatalog.from_arrays(np.zeros(n_star), np.zeros(n_star), {"V": np.ones(n_star)})
+    assert columns.flux_jy("W1").strides == (0,)
+    assert columns.flux_flag("W1").strides == (0,)
+
+
+# --- temperature and class ---
+
+
+def star(temperature_k=None, luminosity=None, **magnitudes):
+    fluxes = {name: [flux(name, value)] for name, value in magnitudes.items()}
+    return StarCatalog.from_arrays(
+        [0.0], [0.0], fluxes,
+        temperature_k=None if temperature_k is None else [temperature_k],
+        luminosity=None if luminosity is None else [luminosity],
+    )  # fmt: skip
+
+
+ALL = {"BP": 8.0, "RP": 7.0, "V": 7.6, "Ks": 4.2, "Ic": 6.4, "J": 5.0, "B": 9.0, "W3": 4.2, "A": 4.1}
+
+
+@pytest.mark.parametrize(
+    ("kind", "blue", "red", "without"),
+    [
+        ("BP-RP", "BP", "RP", ()),
+        ("V-K", "V", "Ks", ("BP",)),
+        ("V-I", "V", "Ic", ("BP", "Ks")),
+        ("J-K", "J", "Ks", ("BP", "V")),
+        ("B-V", "B", "V", ("BP", "Ks", "Ic")),
+        ("V-K", "V", "W3", ("BP", "Ks", "Ic", "B")),
+        ("V-K", "V", "A", ("BP", "Ks", "Ic", "B", "W3")),
+    ],
+)
+def test_the_surest_colour_tells_the_temperature(kind, blue, red, without):
+    assert (kind, blue, red) in COLOURS
+    known = {name: magnitude for name, magnitude in ALL.items() if name not in without}
+    expected = np.ravel(colour_temperature_k(np.array([known[blue] - known[red]]), kind, np.array([GIANT])))[0]
+    assert star(**known).spectrum_temperature_k[0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_temperature_given_goes_first():
+    assert star(**ALL, temperature_k=3210.0).spectrum_temperature_k[0] == 3210.0
+    assert np.isnan(star(**ALL).temperature_k[0])
+    assert np.isnan(star(V=5.0).spectrum_temperature_k[0])
+
+
+def test_each_star_has_its_own_colour():
+    nan = np.nan
+    stars = StarCatalog.from_arrays(
+        [0.0] * 3,
+        [0.0] * 3,
+        {"BP": flux("BP", [8.0, nan, nan]), "RP": flux("RP", [7.0, 7.0, nan]), "V": flux("V", [9.0, 9.0, 9.0]),
+         "Ks": flux("Ks", [1.0, 6.0, nan])},
+        temperature_k=[nan, nan, 5000.0],
+    )  # fmt: skip
+    found = stars.spectrum_temperature_k
+    assert found[0] == pytest.approx(star(BP=8.0, RP=7.0).spectrum_temperature_k[0])
+    assert found[1] == pytest.approx(star(V=9.0, Ks=6.0).spectrum_temperature_k[0])
+    assert found[2] == 5000.0
+
+
+def test_a_flux_of_0_has_no_colour():
+    stars = StarCatalog.from_arrays([0.0], [0.0], {"BP": [0.0], "RP": [1.0]})
+    assert np.isnan(stars.spectrum_temperature_k[0])
+    assert np.isfinite(stars.irradiance_w_cm2(MWIR)[0])
+
+
+def test_parallax_and_motion_tell_dwarfs_from_giants():
+    """Proxima Centauri and Arcturus, by Gaia's, Hipparcos's and 2MASS's magnitudes."""
+    proxima = {"G": 8.985, "BP": 11.373, "RP": 7.569, "V": 11.01, "Ic": 7.38, "B": 12.82, "Ks": 4.38, "J": 5.36}
+    arcturus = {"G": -0.3, "BP": 0.4, "RP": -0.9, "V": -0.05, "Ic": -1.28, "B": 1.19, "Ks": -2.91, "J": -2.25}
+    for magnitudes, parallax_mas, pm_mas_yr, expected in ((proxima, 768.1, 3859.0, DWARF), (arcturus, 88.8, 2279.0, GIANT)):
+        fluxes = {name: [flux(name, value)] for name, value in magnitudes.items()}
+        for names in (("G", "BP", "RP"), ("V", "Ic"), ("V", "B"), ("V", "Ks"), ("V", "J", "Ks"), tuple(fluxes)):
+            given = {name: fluxes[name] for name in names}
+            for motion in ({"parallax_mas": [parallax_mas]}, {"pm_dec_mas_yr": [pm_mas_yr]}):
+                stars = StarCatalog.from_arrays([0.0], [0.0], given, **motion)
+                if expected == DWARF or "parallax_mas" in motion:  # Arcturus is too fast for a giant
+                    assert stars.spectrum_luminosity[0] == expected, (names, motion)
+            assert StarCatalog.from_arrays([0.0], [0.0], given).spectrum_luminosity[0] == GIANT
+            told = StarCatalog.from_arrays([0.0], [0.0], given, luminosity=[0], parallax_mas=[1e-3])
+            assert told.spectrum_luminosity[0] == DWARF
+
+
+def test_dwarfs_and_giants_differ():
+    values = [star(V=8.0, temperature_k=3300.0, luminosity=c).irradiance_w_cm2(MWIR)[0] for c in (0, 1, -1)]
+    assert values[0] != values[1] == values[2]
+
+
+# --- tables ---
+
+
+def test_tables_hold_every_band_given():
+    stars = catalog(luminosity=[0, 1, -1, 1], temperature_k=[4000.0, np.nan, 3000.0, np.nan])
+    table = stars.to_table()
+    assert {f"flux_{name}_jy" for name in (*MSX, "V", "Ks", "W3")} <= set(table.colnames)
+    assert "flux_J_jy" not in table.colnames
+    again = StarCatalog.from_table(table)
+    for name in (*MSX, *stars.bands):
+        np.testing.assert_array_equal(again.flux_jy(name), stars.flux_jy(name))
+        np.testing.assert_array_equal(again.flux_flag(name), stars.flux_flag(name))
+    np.testing.assert_array_equal(again.luminosity, [0, 1, -1, 1])
+    np.testing.assert_array_equal(again.temperature_k, stars.temperature_k)
+    np.testing.assert_array_equal(again.irradiance_w_cm2(MWIR), stars.irradiance_w_cm2(MWIR))
+
+
+def test_a_filled_table_keeps_its_light():
+    """Predictions become anchors; they lie on the spectrum, so that it hardly changes."""
+    stars = catalog().filled()
+    again = StarCatalog.from_table(stars.to_table())
+    assert again.flux_flag("A").tolist() == [2, 2, 2, 0]
+    for name in MSX:
+        np.testing.assert_array_equal(again.irradiance_w_cm2(name), stars.irradiance_w_cm2(name))
+    np.testing.assert_allclose(again.irradiance_w_cm2(MWIR), stars.irradiance_w_cm2(MWIR), rtol=0.02)
+
+
+def test_tables_of_magnitudes(tmp_path):
+    from astropy.table import Table
+
+    table = Table({"ra_deg": [1.0], "dec_deg": [2.0], "mag_V": [5.0], "mag_W1": [3.0]})
+    table["mag_W1"].unit = "mag"
+    stars = StarCatalog.from_table(table)
+    assert stars.flux_jy("V")[0] == pytest.approx(BANDS["V"].zero_mag_jy * 0.01, rel=1e-14)
+    assert stars.magnitude("W1")[0] == pytest.approx(3.0, abs=1e-12)
+    (tmp_path / "stars.csv").write_text("RA_DEG,dec_deg,MAG_v,flux_w1_jy,luminosity\n1,2,5,0.5,0\n1,2,,,\n")
+    read = StarCatalog.read(tmp_path / "stars.csv")
+    assert read.magnitude("V")[0] == pytest.approx(5.0, abs=1e-12)
+    assert read.flux_jy("W1")[0] == 0.5
+    assert read.luminosity.tolist() == [0, -1]
+    assert read.flux_flag("A").tolist() == [2, 0]
+
+
+@pytest.mark.parametrize(
+    ("header", "rule"),
+    [
+        ("flux_Z_jy,flux_A_jy", "flux_Z_jy: must be of one of the bands B1, B2, A, C, D, E, "),
+        ("flux_V_jy,mag_V", "columns: must be one of flux_V_jy and mag_V, got both"),
+    ],
+)
+def test_files_of_unknown_and_repeated_bands_are_refused(tmp_path, header, rule):
+    file = tmp_path / "stars.csv"
+    file.write_text(f"ra_deg,dec_deg,{header}\n1,2,3,4\n")
+    with pytest.raises(InputError) as error:
+        StarCatalog.read(file)
+    assert str(error.value).startswith(f"{file}: {rule}")
+    assert "\n" not in str(error.value)
+
+
+def test_a_column_may_be_mapped_to_another_band(tmp_path):
+    (tmp_path / "stars.csv").write_text("ra_deg,dec_deg,flux_Z_jy\n1,2,3\n")
+    assert StarCatalog.read(tmp_path / "stars.csv", columns={"flux_J_jy": "flux_Z_jy"}).flux_jy("J")[0] == 3.0
+
+
+# --- magnitudes and counts ---
+
+
+def test_magnitudes_in_a_band_with_a_zero_point():
+    own = Band("own", MWIR.wavelength_um, MWIR.response, zero_mag_w_cm2=1e-15)
+    stars = catalog()
+    with np.errstate(divide="ignore"):
+        expected = -2.5 * np.log10(stars.irradiance_w_cm2(MWIR)[:3] / 1e-15)
+    np.testing.assert_allclose(stars.magnitude(own)[:3], expected, rtol=1e-12)
+    assert np.isnan(stars.magnitude(own)[3])
+    with pytest.raises(InputError) as error:
+        stars.magnitude(MWIR)
+    assert str(error.value) == "band mwir: zero_mag_w_cm2: must be known for magnitudes, got nan"
+
+
+def test_counts_by_magnitude_and_by_irradiance():
+    stars = catalog().filled()
+    steps, n_star = magnitude_counts(stars, "V")
+    assert steps[0] == 5
+    assert n_star.sum() == 3
+    assert has_zero_point("V")
+    assert not has_zero_point(MWIR)
+    light = stars.irradiance_w_cm2(MWIR)[:3]
+    decades, n_star = irradiance_counts(stars, MWIR)
+    assert n_star.sum() == 3
+    for decade, n in zip(decades, n_star, strict=True):
+        assert n == np.sum((light >= 10.0**decade) & (light < 10.0 ** (decade + 1)))
+    exact = StarCatalog.from_arrays([1.0], [2.0], {"A": [1e-16 / BANDS["A"].w_cm2_per_jy]})
+    assert irradiance_counts(exact, "A")[0].tolist() == [-16]
+
+
+def test_the_report_has_every_band_given():
+    report = catalog_report(catalog().filled())
+    lines = report.splitlines()
+    for name in (*MSX, "V", "Ks", "W3"):
+        assert sum(line.split()[:1] == [name] for line in lines) == 1, name
+    (row,) = (line for line in lines if line.split()[:1] == ["Ks"])
+    assert row.split()[2:5] == ["2", "1", "1"]  # measured, predicted, unknown
+
+
+# --- visible magnitudes from broad bands ---
+
+
+@pytest.mark.parametrize(
+    ("g_mag", "bp_mag", "rp_mag"),
+    [(8.0, 8.0, 8.0), (9.00, 9.22, 8.62), (8.985, 11.373, 7.569)],
+    ids=["colour-0", "HIP-1", "Proxima"],
+)
+def test_bp_and_rp_of_g_and_a_colour(g_mag, bp_mag, rp_mag):
+    bp, rp = gaia_bp_rp_mag(np.array([g_mag]), np.array([bp_mag - rp_mag]))
+    assert bp[0] - rp[0] == pytest.approx(bp_mag - rp_mag, abs=1e-12)
+    assert rp[0] == pytest.approx(rp_mag, abs=0.03)  # scatter of the relation at the colour of Proxima
+
+
+@pytest.mark.parametrize(
+    ("hp_mag", "v_minus_i", "b_minus_v", "v_mag"),
+    # I/239: HIP 1, 2, 3, 70890 (Proxima), 91262 (Vega), 27989 (Betelgeuse)
+    [(9.2043, 0.55, 0.482, 9.10), (9.4017, np.nan, 0.999, 9.27), (6.6081, 0.04, -0.019, 6.61),
+     (0.0868, 0.01, -0.001, 0.03), (0.6080, 2.32, 1.500, 0.45)],
+)  # fmt: skip
+def test_v_of_hp_and_a_colour(hp_mag, v_minus_i, b_minus_v, v_mag):
+    found = hipparcos_v_mag(np.array([hp_mag]), np.array([v_minus_i]), np.array([b_minus_v]))[0]
+    assert found == pytest.approx(v_mag, abs=0.05 if hp_mag > 1 else 0.12)  # the last two vary, or saturate

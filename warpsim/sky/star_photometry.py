@@ -1,0 +1,221 @@
+"""Photometry of stars: the fluxes that a catalog holds, and from them the light in any other band."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.errors import InputError
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import as_band
+from warpsim.radiometry.magnitudes import Physics, as_radiometry
+from warpsim.sky.catalog_columns import FLUX_NONE, FLUX_PREDICTED
+from warpsim.sky.photometric_bands import photometric_bands
+from warpsim.sky.stellar_spectrum import band_irradiance_w_cm2
+from warpsim.sky.stellar_templates import DWARF, colour_temperature_k, luminosity_class
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.uint8]
+Whole = NDArray[np.int64]
+
+COLOURS = (
+    ("BP-RP", "BP", "RP"),
+    ("V-K", "V", "Ks"),
+    ("V-I", "V", "Ic"),
+    ("J-K", "J", "Ks"),
+    ("B-V", "B", "V"),
+    *(("V-K", "V", infrared) for infrared in ("S9W", "W3", "IRAS12", "C", "A")),
+)
+"""Colours that tell a temperature, and the bands they are taken from; the surest first. Of stars without dust the
+magnitudes at 8 to 12 um are within 0.1 of that in K."""
+
+_BP_RP_PER_COLOUR = {"BP-RP": 1.0, "V-K": 0.43, "V-I": 1.0, "J-K": 1.5, "B-V": 1.15}
+"""About, where dwarfs and giants part (BP-RP = 0.95)."""
+
+
+@dataclass(frozen=True, eq=False)
+class StarPhotometry:
+    """Fluxes of stars as given, and the light in other bands that follows from them; arrays are (n,), read-only.
+
+    Light is predicted from the fluxes given alone, never from predictions. What was computed once is kept.
+    """
+
+    given_jy: Mapping[str, Array]
+    """Flux density [Jy] by photometric band; NaN where unknown."""
+
+    given_flag: Mapping[str, Flags]
+    """What the fluxes given are, for the same bands."""
+
+    temperature_k: Array
+    """Colour temperature [K]; NaN where not given."""
+
+    luminosity: NDArray[np.int8]
+    """Luminosity class: 0 dwarf, 1 giant, -1 unknown."""
+
+    parallax_mas: Array
+    """Parallax [mas]; NaN where unknown."""
+
+    pm_mas_yr: Array
+    """Proper motion [mas/yr]; 0 where unknown."""
+
+    filled: bool = False
+    """Whether flux_jy() gives predictions where no flux was given."""
+
+    limit_jy: Mapping[str, Array] = field(default_factory=dict)
+    """Upper limits of predicted fluxes by band [Jy], NaN for none."""
+
+    _flux_jy: dict[str, Array] = field(default_factory=dict, init=False, repr=False)
+
+    def flux_jy(self, band: Band | str) -> Array:
+        """Flux density as given [Jy], or predicted if `filled`; NaN where there is none.
+
+        Raises:
+            InputError: The band is not a photometric one that ships with warpsim.
+        """
+        name = flux_band(band).name
+        if self.filled:
+            return self._known_jy(name)
+        return self.given_jy[name] if name in self.given_jy else np.broadcast_to(np.nan, self.temperature_k.shape)
+
+    def flux_flag(self, band: Band | str) -> Flags:
+        """What flux_jy() is: 0 unknown, 1 measured, 2 predicted.
+
+        Raises:
+            InputError: As in flux_jy().
+        """
+        name = flux_band(band).name
+        none = np.broadcast_to(np.uint8(FLUX_NONE), self.temperature_k.shape)
+        given = self.given_flag.get(name, none)
+        if not self.filled:
+            return given
+        predicted = (given == FLUX_NONE) & np.isfinite(self._known_jy(name))
+        return _frozen(np.where(predicted, np.uint8(FLUX_PREDICTED), given))
+
+    def irradiance_w_cm2(self, band: Band | str, physics: Physics = "physical") -> Array:
+        """In-band irradiance [W/cm2]; 0 for stars without any flux. See StarCatalog.irradiance_w_cm2()."""
+        radiometry = as_radiometry(physics)
+        band = as_band(band)
+        if radiometry.name == "paper":
+            name = radiometry.band_name(band)
+            light = np.asarray(radiometry.flux_irradiance_w_cm2(self._known_jy(name), name))
+        elif photometric_bands().get(band.name) == band:
+            light = self._known_jy(band.name) * band.w_cm2_per_jy
+        else:
+            light = self._spectral_w_cm2(band)
+        return np.where(np.isnan(light), 0.0, light)
+
+    def magnitude(self, band: Band | str) -> Array:
+        """Magnitude: of flux_jy() in a photometric band, in any other that has a zero point of the irradiance.
+
+        Raises:
+            InputError: The band has no zero point.
+        """
+        band = as_band(band)
+        if photometric_bands().get(band.name) == band:
+            ratio = self.flux_jy(band) / band.zero_mag_jy
+        elif band.zero_mag_w_cm2 > 0.0:
+            ratio = self._spectral_w_cm2(band) / band.zero_mag_w_cm2
+        else:
+            error = InputError("must be known for magnitudes", "zero_mag_w_cm2", band.zero_mag_w_cm2)
+            raise error.of(f"band {band.name}")
+        with np.errstate(divide="ignore"):
+            return np.asarray(-2.5 * np.log10(ratio))
+
+    @functools.cached_property
+    def spectrum_luminosity(self) -> Whole:
+        """Luminosity classes of the spectra: as given, else by colour and parallax or motion, else giants."""
+        luminosity = self.luminosity.astype(np.int64)
+        rows = np.flatnonzero(luminosity < DWARF)
+        if len(rows):
+            luminosity[rows] = luminosity_class(
+                self._first_magnitude(("G", "V", "Hp"), rows),
+                self._bp_rp_mag(rows),
+                self.parallax_mas[rows],
+                self.pm_mas_yr[rows],
+            )
+        return _frozen(luminosity)
+
+    @functools.cached_property
+    def spectrum_temperature_k(self) -> Array:
+        """Colour temperatures of the spectra [K]: as given, else by the first of COLOURS that is known, else NaN."""
+        temperature_k = self.temperature_k
+        for kind, blue, red in COLOURS:
+            missing = np.isnan(temperature_k)
+            if missing.any() and blue in self.given_jy and red in self.given_jy:
+                rows = np.flatnonzero(missing)
+                colour = self._magnitude(blue, rows) - self._magnitude(red, rows)
+                temperature_k = temperature_k.copy()
+                temperature_k[rows] = colour_temperature_k(colour, kind, self.spectrum_luminosity[rows])
+        return _frozen(temperature_k)
+
+    def _bp_rp_mag(self, rows: Whole) -> Array:
+        """BP-RP, or what another colour makes of it [mag]; NaN where there is none."""
+        bp_rp_mag = np.full(len(rows), np.nan)
+        for kind, blue, red in COLOURS:
+            colour = self._magnitude(blue, rows) - self._magnitude(red, rows)
+            bp_rp_mag = np.where(np.isnan(bp_rp_mag), colour * _BP_RP_PER_COLOUR[kind], bp_rp_mag)
+        return bp_rp_mag
+
+    def _first_magnitude(self, names: tuple[str, ...], rows: Whole) -> Array:
+        """Magnitude in the first of some bands in which there is one; NaN without."""
+        magnitude = np.full(len(rows), np.nan)
+        for name in names:
+            magnitude = np.where(np.isnan(magnitude), self._magnitude(name, rows), magnitude)
+        return magnitude
+
+    def _magnitude(self, name: str, rows: Whole) -> Array:
+        """Magnitude of the flux given in a band; NaN where there is none, or it is 0."""
+        if name not in self.given_jy:
+            return np.full(len(rows), np.nan)
+        flux_jy = self.given_jy[name][rows]
+        return np.asarray(
+            -2.5 * np.log10(np.where(flux_jy > 0.0, flux_jy, np.nan) / photometric_bands()[name].zero_mag_jy)
+        )
+
+    def _known_jy(self, name: str) -> Array:
+        """Flux density given or predicted [Jy]; NaN for stars without any flux."""
+        if name not in self._flux_jy:
+            flux_jy = self.given_jy.get(name)
+            if flux_jy is None:
+                flux_jy = self._predicted_jy(name, slice(None))
+            elif np.isnan(flux_jy).any():
+                rows = np.flatnonzero(np.isnan(flux_jy))
+                flux_jy = flux_jy.copy()
+                flux_jy[rows] = self._predicted_jy(name, rows)
+            self._flux_jy[name] = _frozen(flux_jy)
+        return self._flux_jy[name]
+
+    def _predicted_jy(self, name: str, rows: slice | NDArray[np.int64]) -> Array:
+        band = photometric_bands()[name]
+        flux_jy = self._spectral_w_cm2(band, rows) / band.w_cm2_per_jy
+        if name not in self.limit_jy:
+            return flux_jy
+        return np.where(np.isnan(flux_jy), np.nan, np.fmin(flux_jy, self.limit_jy[name][rows]))
+
+    def _spectral_w_cm2(self, band: Band, rows: slice | NDArray[np.int64] = slice(None)) -> Array:
+        """Irradiance of the spectra in a band [W/cm2]; NaN for stars without any flux."""
+        given_jy = {name: flux_jy[rows] for name, flux_jy in self.given_jy.items()}
+        return band_irradiance_w_cm2(band, given_jy, self.spectrum_temperature_k[rows], self.spectrum_luminosity[rows])
+
+
+def flux_band(band: Band | str) -> Band:
+    """The photometric band meant.
+
+    Raises:
+        InputError: There is none of that name, or it differs from the one that ships with warpsim.
+    """
+    known = photometric_bands()
+    name = band.name if isinstance(band, Band) else band
+    if not isinstance(name, str) or name not in known or (isinstance(band, Band) and band != known[name]):
+        raise InputError(f"must be one of {', '.join(known)}, in which catalogs have fluxes", "band", name)
+    return known[name]
+
+
+def _frozen(values: NDArray[Any]) -> NDArray[Any]:
+    values.setflags(write=False)
+    return values
