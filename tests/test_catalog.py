@@ -554,7 +554,9 @@ def test_missing_columns_are_named():
     with pytest.raises(InputError, match="table: must have the column dec_deg, got ra_deg, pm_ra_mas_yr"):
         StarCatalog.from_table(table)
     table = small_catalog().to_table()[["ra_deg", "dec_deg", "id"]]
-    with pytest.raises(InputError, match=r"must have the column flux_X_jy or mag_X with X one of B1, .* got ra_deg, dec"):
+    with pytest.raises(
+        InputError, match=r"must have the column flux_X_jy or mag_X with X one of B1, .* got ra_deg, dec"
+    ):
         StarCatalog.from_table(table)
 
 

@@ -1,4 +1,4 @@
-"""Colours of stars: relations, colour temperatures, offsets between bands, and the filling of bands without a flux.
+"""Colours of stars: relations, colour temperatures, offsets between bands.
 
 The numbers are written out once more here: the published fits as they were printed, sums by hand.
 """
@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from warpsim.radiometry.bands import BANDS
-from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.colours import (
     CLASS_EDGES_K,
     CLASS_TEMPERATURE_K,
@@ -171,58 +170,3 @@ def test_colour_temperatures_of_b_minus_v_are_near_a_blackbodys():
     b_v = np.linspace(0.0, 1.4, 30)
     expected = 4600 * (1 / (0.92 * b_v + 1.7) + 1 / (0.92 * b_v + 0.62))
     np.testing.assert_allclose(colour_temperature_k(b_v, "B-V"), expected, DWARF_RTOL)
-
-
-# --- filling ---
-
-
-def one_star(temperature_k, **flux_jy):
-    fluxes = {band: [value] for band, value in flux_jy.items()}
-    return StarCatalog.from_arrays([0.0], [0.0], fluxes, temperature_k=[temperature_k])
-
-
-# Which known band fills which, by the ratio of wavelengths: 4.29, 4.35, 8.28, 12.13, 14.65 and 21.34 um.
-NEAREST = [
-    # unknown, known, and the one that serves
-    ("A", ["B2", "D"], "D"),  # ln(14.65 / 8.28) = 0.571 < ln(8.28 / 4.35) = 0.644, though 6.4 um > 3.9 um
-    ("A", ["B1", "B2"], "B2"),
-    ("A", ["B2", "E"], "B2"),  # 0.644 < 0.947
-    ("A", ["B2", "C", "D", "E"], "C"),
-    ("B1", ["B2", "A"], "B2"),
-    ("B2", ["B1", "A"], "B1"),
-    ("C", ["A", "D"], "D"),
-    ("C", ["A", "E"], "A"),  # 0.382 < 0.565
-    ("D", ["C", "E"], "C"),
-    ("D", ["A", "E"], "E"),  # 0.376 < 0.571
-    ("E", ["B1", "D"], "D"),
-]
-
-
-@pytest.mark.parametrize("temperature_k", [7000.0, 4150.0, 3650.0, 3100.0, 2600.0, np.nan])
-@pytest.mark.parametrize(("unknown", "known", "serves"), NEAREST, ids=lambda value: "".join(value))
-def test_the_nearest_band_fills(unknown, known, serves, temperature_k):
-    # Known bands are given fluxes whose colours are nobody's: it shows which one was taken.
-    star = one_star(temperature_k, **{band: 3.0 + 7.0 * k for k, band in enumerate(known)})
-    full = star.filled()
-    number = 1 if np.isnan(temperature_k) else [7000.0, 4850.0, 4150.0, 3650.0, 3100.0, 2600.0].index(temperature_k)
-    colour = OFFSETS[unknown][number] - OFFSETS[serves][number]
-    ratio = ZERO_MAG_JY[unknown] / ZERO_MAG_JY[serves] * 10 ** (-0.4 * colour)
-    assert full.flux_jy(unknown)[0] == pytest.approx((3.0 + 7.0 * known.index(serves)) * ratio, rel=EXACT)
-    assert full.flux_flag(unknown)[0] == 2
-    for band in known:
-        assert full.flux_jy(band)[0] == star.flux_jy(band)[0]
-        assert full.flux_flag(band)[0] == 1
-
-
-def test_each_star_is_filled_from_what_it_has():
-    nan = np.nan
-    catalog = StarCatalog.from_arrays(
-        [1.0, 2.0, 3.0], [0.0] * 3, {"A": [2.0, nan, nan], "E": [9.0, 4.0, nan]}, temperature_k=[7000.0, 2600.0, 7000.0]
-    )
-    full = catalog.filled()
-    c_from_a = 2.0 * 26.51 / 58.49 * 10 ** (-0.4 * 0.02)
-    c_from_e = 4.0 * 26.51 / 8.80 * 10 ** (-0.4 * (-0.05 + 0.85))
-    np.testing.assert_allclose(full.flux_jy("C"), [c_from_a, c_from_e, nan], rtol=EXACT)
-    for band in BANDS:
-        assert np.isnan(full.flux_jy(band)[2])
-        assert full.flux_flag(band)[2] == 0

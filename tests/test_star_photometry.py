@@ -176,7 +176,10 @@ def test_parallax_and_motion_tell_dwarfs_from_giants():
     """Proxima Centauri and Arcturus, by Gaia's, Hipparcos's and 2MASS's magnitudes."""
     proxima = {"G": 8.985, "BP": 11.373, "RP": 7.569, "V": 11.01, "Ic": 7.38, "B": 12.82, "Ks": 4.38, "J": 5.36}
     arcturus = {"G": -0.3, "BP": 0.4, "RP": -0.9, "V": -0.05, "Ic": -1.28, "B": 1.19, "Ks": -2.91, "J": -2.25}
-    for magnitudes, parallax_mas, pm_mas_yr, expected in ((proxima, 768.1, 3859.0, DWARF), (arcturus, 88.8, 2279.0, GIANT)):
+    for magnitudes, parallax_mas, pm_mas_yr, expected in (
+        (proxima, 768.1, 3859.0, DWARF),
+        (arcturus, 88.8, 2279.0, GIANT),
+    ):
         fluxes = {name: [flux(name, value)] for name, value in magnitudes.items()}
         for names in (("G", "BP", "RP"), ("V", "Ic"), ("V", "B"), ("V", "Ks"), ("V", "J", "Ks"), tuple(fluxes)):
             given = {name: fluxes[name] for name in names}

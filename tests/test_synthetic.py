@@ -218,7 +218,9 @@ def test_other_bands_follow_from_the_spectrum(catalog):
     for temperature_k in (7000.0, 4150.0, 3100.0):
         rows = catalog.temperature_k == temperature_k
         assert rows.sum() > 1000
-        one = StarCatalog.from_arrays([0.0], [0.0], {"A": [1.0]}, temperature_k=[temperature_k], luminosity=[1]).filled()
+        one = StarCatalog.from_arrays(
+            [0.0], [0.0], {"A": [1.0]}, temperature_k=[temperature_k], luminosity=[1]
+        ).filled()
         for band in ("B1", "E", "V"):
             found = catalog.magnitude(band)[rows] - catalog.magnitude("A")[rows]
             np.testing.assert_allclose(found, one.magnitude(band)[0] - one.magnitude("A")[0], rtol=0, atol=1e-9)

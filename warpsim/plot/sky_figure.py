@@ -32,6 +32,7 @@ PIXEL_DEG_RANGE = (1.0, 10.0)
 FEW_STARS = 300
 """Drawn as points in a density map, where a count per square would not show them."""
 
+
 def plot_star_counts(
     catalog: StarCatalog, bands: Sequence[Band | str] = ("B1", "B2", "A", "C", "D", "E"), ax: Axes | None = None
 ) -> Axes:
@@ -83,8 +84,9 @@ def plot_star_counts(
 
 
 def _darkness(band: Band, drawn: Sequence[Band]) -> float:
-    """Position of a band in the colour map: short wavelengths are dark, and MSX bands have one colour always."""
-    order = sorted(BANDS.values() if band.name in BANDS else drawn, key=lambda other: other.isophotal_um)
+    """Position of a band in the colour map: short wavelengths are dark; MSX bands among themselves have one always."""
+    all_msx = all(other.name in BANDS for other in drawn)
+    order = sorted(BANDS.values() if all_msx else drawn, key=lambda other: other.isophotal_um)
     return 0.05 + 0.85 * [other.name for other in order].index(band.name) / max(1, len(order) - 1)
 
 

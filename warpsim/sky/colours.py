@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.radiometry.bands import BANDS
-from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_NONE, FLUX_PREDICTED
+from warpsim.sky.catalog_columns import BAND_NAMES
 
 Array = NDArray[np.float64]
 
@@ -105,43 +104,3 @@ def flux_from_magnitude_a(magnitude_a: Array, classes: NDArray[np.int64]) -> dic
         band: BANDS[band].zero_mag_jy * 10.0 ** (-0.4 * (magnitude_a + magnitude_minus_a(band, classes)))
         for band in BAND_NAMES
     }
-
-
-def fill_missing_bands(
-    flux_jy: Mapping[str, Array],
-    flux_flag: Mapping[str, NDArray[np.uint8]],
-    temperature_k: Array,
-    limit_jy: Mapping[str, Array] | None = None,
-) -> tuple[dict[str, Array], dict[str, NDArray[np.uint8]]]:
-    """Fill unknown fluxes from the known band nearest in wavelength, by the star's colour class.
-
-    Args:
-        flux_jy: Flux densities by band [Jy], all bands, NaN where unknown, shape (n,).
-        flux_flag: What they are (FLUX_NONE, ...), by band.
-        temperature_k: Colour temperatures [K], NaN where unknown.
-        limit_jy: Upper limits by band [Jy], NaN for none: a filled flux is no larger.
-
-    Returns:
-        New fluxes and flags; filled ones are FLUX_PREDICTED. A star without any flux stays as it is.
-    """
-    classes = colour_class(temperature_k)
-    flux, flag = {}, {}
-    for band in BAND_NAMES:
-        nearest = sorted(BAND_NAMES, key=lambda other: abs(np.log(_isophotal_um(other) / _isophotal_um(band))))
-        flux[band], flag[band] = flux_jy[band].copy(), flux_flag[band].copy()
-        for other in nearest[1:]:
-            missing = np.isnan(flux[band]) & ~np.isnan(flux_jy[other])
-            if not missing.any():
-                continue
-            colour = (magnitude_minus_a(band, classes) - magnitude_minus_a(other, classes))[missing]
-            ratio = BANDS[band].zero_mag_jy / BANDS[other].zero_mag_jy * 10.0 ** (-0.4 * colour)
-            flux[band][missing] = flux_jy[other][missing] * ratio
-            flag[band][missing] = FLUX_PREDICTED
-        if limit_jy is not None and band in limit_jy:
-            predicted = (flag[band] == FLUX_PREDICTED) & (flux_flag[band] == FLUX_NONE)
-            flux[band] = np.where(predicted, np.fmin(flux[band], limit_jy[band]), flux[band])
-    return flux, flag
-
-
-def _isophotal_um(band: str) -> Any:
-    return BANDS[band].isophotal_um

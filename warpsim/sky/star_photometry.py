@@ -16,7 +16,7 @@ from warpsim.radiometry.bands import as_band
 from warpsim.radiometry.magnitudes import Physics, as_radiometry
 from warpsim.sky.catalog_columns import FLUX_NONE, FLUX_PREDICTED
 from warpsim.sky.photometric_bands import photometric_bands
-from warpsim.sky.stellar_spectrum import band_irradiance_w_cm2
+from warpsim.sky.stellar_spectrum import band_irradiance_w_cm2, calibration_w_cm2_per_jy
 from warpsim.sky.stellar_templates import DWARF, colour_temperature_k, luminosity_class
 
 Array = NDArray[np.float64]
@@ -192,7 +192,7 @@ class StarPhotometry:
 
     def _predicted_jy(self, name: str, rows: slice | NDArray[np.int64]) -> Array:
         band = photometric_bands()[name]
-        flux_jy = self._spectral_w_cm2(band, rows) / band.w_cm2_per_jy
+        flux_jy = self._spectral_w_cm2(band, rows) / calibration_w_cm2_per_jy(name)
         if name not in self.limit_jy:
             return flux_jy
         return np.where(np.isnan(flux_jy), np.nan, np.fmin(flux_jy, self.limit_jy[name][rows]))

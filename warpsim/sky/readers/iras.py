@@ -1,7 +1,6 @@
 """IRAS: the Point Source Catalog (II/125) and the Faint Source Catalog (II/156), bands IRAS12 and IRAS25.
 
-IRAS quotes flux densities for a spectrum that falls as 1 / frequency. Those of a star follow by division with a colour
-correction, and magnitudes from the zero points.
+IRAS quotes flux densities for a spectrum that falls as 1 / frequency. So do the bands: no colour correction is needed.
 """
 
 from __future__ import annotations
@@ -26,13 +25,6 @@ from warpsim.tables.columns import ColumnTable
 Array = NDArray[np.float64]
 
 EPOCH_JYEAR = 1983.5
-
-COLOUR_CORRECTION = {12: 1.43, 25: 1.40}
-"""Flux quoted over flux of a star of 5000 K, by wavelength [um]: IRAS Explanatory Supplement (1988), table VI.C.6.
-Those of stars of 3000 to 10,000 K lie within 2 % of it."""
-
-ZERO_MAG_JY = {12: 28.3, 25: 6.73}
-"""Flux density of magnitude 0, colour corrected (same, VI.C.2)."""
 
 _BAND_UM = {"IRAS12": 12, "IRAS25": 25}
 _LIMIT_BANDS = {"IRAS12": "C", "IRAS25": "E"}
@@ -61,26 +53,25 @@ def _convert(table: ColumnTable) -> SurveyStars:
         ra_deg, dec_deg = icrs_of_b1950_deg(ra_deg, dec_deg)
         notes.append(f"places carried from FK4 B1950, epoch {EPOCH_JYEAR}, to ICRS")
 
-    star_mag, limit_mag, quality = {}, {}, {}
+    flux_jy, limit_jy, quality = {}, {}, {}
     for band, um in _BAND_UM.items():
-        quoted_mag = magnitude(table.number(f"Fnu_{um}", unit="Jy") / COLOUR_CORRECTION[um], ZERO_MAG_JY[um])
+        quoted_jy = positive(table.number(f"Fnu_{um}", unit="Jy"))
         flag_names = (f"q_Fnu_{um}", f"fqual_{um}")
         # Without its flag a flux may be an upper limit: a table with the flux must have the flag.
         flag = table.needed(*flag_names) if table.find(f"Fnu_{um}") else table.number(*flag_names)
-        star_mag[band] = np.where(flag >= _MODERATE, quoted_mag, np.nan)
-        limit_mag[band] = np.where(flag == _LIMIT, quoted_mag, np.nan)
+        flux_jy[band] = np.where(flag >= _MODERATE, quoted_jy, np.nan)
+        limit_mag = magnitude(np.where(flag == _LIMIT, quoted_jy, np.nan), band)
+        limit_jy[_LIMIT_BANDS[band]] = band_flux_jy(_LIMIT_BANDS[band], limit_mag)
         error_percent = positive(table.number(f"e_Fnu_{um}", f"relunc_{um}", unit="%"))
         quality[band] = np.where(flag == _HIGH, measured_quality(error_percent / 100.0), GOOD)
 
-    corrections = ", ".join(f"F{um} divided by {factor:.2f}" for um, factor in COLOUR_CORRECTION.items())
-    notes.append(f"{corrections} (a star of 5000 K; IRAS Explanatory Supplement, table VI.C.6)")
-    quality_25 = np.where(np.isnan(star_mag["IRAS25"]), UNKNOWN, quality["IRAS25"])
+    quality_25 = np.where(np.isnan(flux_jy["IRAS25"]), UNKNOWN, quality["IRAS25"])
     return SurveyStars(
         ra_deg=ra_deg,
         dec_deg=dec_deg,
-        flux_jy={band: band_flux_jy(band, values) for band, values in star_mag.items()},
-        limit_jy={_LIMIT_BANDS[band]: band_flux_jy(_LIMIT_BANDS[band], values) for band, values in limit_mag.items()},
-        quality=np.where(np.isnan(star_mag["IRAS12"]), quality_25, quality["IRAS12"]),
+        flux_jy=flux_jy,
+        limit_jy=limit_jy,
+        quality=np.where(np.isnan(flux_jy["IRAS12"]), quality_25, quality["IRAS12"]),
         id=star_names(table, "IRAS ", "IRAS", "pscname", "fscname"),
         epoch_jyear=EPOCH_JYEAR,
         notes=tuple(notes),

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import flux_of_magnitude_jy
+from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.tables.columns import ColumnTable
 
 Array = NDArray[np.float64]
@@ -27,9 +28,9 @@ SATURATED_K_MAG = 4.0
 """2MASS saturates above this brightness: magnitudes are from the wings of the image, and good to 0.2-0.4 mag."""
 
 
-def magnitude(flux_jy: Array, zero_mag_jy: float) -> Array:
-    """Magnitude of a flux density against that of magnitude 0; NaN where the flux is not positive."""
-    return -2.5 * np.log10(positive(flux_jy) / zero_mag_jy)
+def magnitude(flux_jy: Array, band: str) -> Array:
+    """Magnitude of a flux density in a photometric band; NaN where the flux is not positive."""
+    return -2.5 * np.log10(positive(flux_jy) / photometric_bands()[band].zero_mag_jy)
 
 
 def band_flux_jy(band: str, magnitudes: Array) -> Array:
