@@ -59,6 +59,7 @@ LINES = {
         "Emissivity by wavelength, in a band",
         "Reflectance by wavelength, in a band",
         "Emission by wavelength, in the kernel",
+        "Irradiance of stars, 19 bands",
         "Projected area",
         "Projected area, as a mesh",
         "Mean projected area",

@@ -209,10 +209,11 @@ def _light_by_knot(band: Band, knots_um: Array) -> Array:
 
 @functools.lru_cache(maxsize=64)
 def _template_light(band: Band) -> tuple[Array, Array]:
-    """Quadrature nodes over a band [um], (m,), and weight times energy response times template, (..., m).
-
-    Cut at every wavelength at which a factor may have a knot.
-    """
+    """Quadrature nodes over a band [um], (m,), and weight times energy response times template, (..., m)."""
+    # Nodes wherever a factor may have a knot: quadratures end their pieces at the nodes.
     knots_um = [anchor.isophotal_um for anchor in photometric_bands().values()]
-    node_um, weight_um, spectra = band_nodes(band, cuts_um=knots_um)
+    inside = [um for um in knots_um if band.wavelength_um[0] < um < band.wavelength_um[-1]]
+    edge_um = np.union1d(band.wavelength_um, inside)
+    response = np.interp(edge_um, band.wavelength_um, band.response)
+    node_um, weight_um, spectra = band_nodes(Band(band.name, edge_um, response, per_photon=band.per_photon))
     return node_um, weight_um * spectra
