@@ -324,3 +324,33 @@ def test_bp_and_rp_of_g_and_a_colour(g_mag, bp_mag, rp_mag):
 def test_v_of_hp_and_a_colour(hp_mag, v_minus_i, b_minus_v, v_mag):
     found = hipparcos_v_mag(np.array([hp_mag]), np.array([v_minus_i]), np.array([b_minus_v]))[0]
     assert found == pytest.approx(v_mag, abs=0.05 if hp_mag > 1 else 0.12)  # the last two vary, or saturate
+
+
+# --- the default catalog by band ---
+
+
+def test_the_default_catalog_for_a_visible_band(monkeypatch):
+    """The brightest in the band, with the names of the whole table; those at 8.3 um for infrared bands."""
+    from warpsim.sky import catalog as catalog_module
+
+    whole = StarCatalog.default()
+    assert StarCatalog.default("A") is StarCatalog.default(MWIR) is whole
+    monkeypatch.setattr(catalog_module, "DEFAULT_N_STAR", 1000)
+    catalog_module._default_in.cache_clear()
+    band = Band.top_hat("visible", 0.45, 0.9)
+    stars = StarCatalog.default(band)
+    assert stars is StarCatalog.default(band)
+    catalog_module._default_in.cache_clear()
+    light = whole.irradiance_w_cm2(band)
+    brightest = np.sort(np.argsort(-light)[:1000])
+    assert len(stars) == 1000
+    np.testing.assert_array_equal(stars.irradiance_w_cm2(band), light[brightest])
+    np.testing.assert_array_equal(stars.ra_deg, whole.ra_deg[brightest])
+    assert stars.id.tolist() == whole.id_of(brightest).tolist()
+    assert stars.flux_flag("A").tolist() == whole.flux_flag("A")[brightest].tolist()
+    moved = stars.at_epoch(2030.0)
+    np.testing.assert_array_equal(moved.dec_deg, whole.at_epoch(2030.0).dec_deg[brightest])
+    assert moved.id.tolist() == stars.id.tolist()
+    assert stars.checksum != whole.checksum
+    with pytest.raises(InputError, match=r"^band: must be one of .* got 'visible'$"):
+        StarCatalog.default("visible")

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import as_band
 from warpsim.radiometry.magnitudes import Physics
 from warpsim.sky.catalog_columns import (
     BAND_NAMES,
@@ -33,6 +34,12 @@ if TYPE_CHECKING:
     from astropy.table import Table
 
 Array = NDArray[np.float64]
+
+DEFAULT_N_STAR = 177_860
+"""Stars of the default catalog, as many as the paper's has."""
+
+INFRARED_UM = 2.5
+"""Stars for bands below are chosen by brightness in the band, not at 8.3 um."""
 
 LONGEST_MOTION_YR = 1e5
 """Beyond, a straight line is no model of a star's way, even in jest."""
@@ -84,18 +91,26 @@ class StarCatalog:
     """Identifiers; whole numbers are spelled out by _spell_id when `id` is asked for."""
 
     _spell_id: tuple[str, str]
-    """Prefix of a whole number in _id, and prefix of the row where that number is 0: ("HIP ", "HGI ")."""
+    """Prefix of a whole number in _id, and prefix of the row where that number is 0, or -1 - row: ("HIP ", "HGI ")."""
 
     _origin: StarCatalog | None
     """The catalog as it was made; every at_epoch() starts there, so that no error builds up."""
 
     @staticmethod
-    def default() -> StarCatalog:
+    def default(band: Band | str | None = None) -> StarCatalog:
         """Return the catalog that ships with warpsim: 177,860 stars down to magnitude 6.76 at 8.3 um (0.116 Jy).
 
         Fluxes are predicted from visible colours (scatter 0.15 mag; variables 1-2 mag). Made once, then shared.
+
+        Args:
+            band: What the stars are for. For one whose half-power points lie below 2.5 um they are the embedded stars
+                brightest in it; for any other, or none, those brightest at 8.3 um.
+
+        Raises:
+            InputError: The band is unknown, or beyond 0.3 to 30 um.
         """
-        return _default()
+        one = None if band is None else as_band(band)
+        return _default() if one is None or one.half_power_um[1] >= INFRARED_UM else _default_in(one)
 
     @classmethod
     def from_arrays(
@@ -306,6 +321,25 @@ class StarCatalog:
         """Unit vectors at epoch_jyear, ICRS axes, shape (n, 3)."""
         return _frozen(unit_vectors(self.ra_deg, self.dec_deg))
 
+    def _rows(self, rows: NDArray[np.int64]) -> StarCatalog:
+        """The stars in some rows, with the names that they have here."""
+        photometry = self._photometry.rows(rows)
+        numbers = ("ra_deg", "dec_deg", "pm_ra_mas_yr", "pm_dec_mas_yr", "parallax_mas", "quality")
+        arrays: dict[str, Any] = {key: _frozen(getattr(self, key)[rows]) for key in numbers}
+        names = self._id[rows]
+        if self._id.dtype.kind != "U":
+            names = np.where(names == 0, -1 - rows, names)
+        origin = None if self._origin is None else self._origin._rows(rows)
+        return replace(
+            self,
+            **arrays,
+            temperature_k=photometry.temperature_k,
+            luminosity=photometry.luminosity,
+            _photometry=photometry,
+            _id=_frozen(names),
+            _origin=origin,
+        )
+
     def __len__(self) -> int:
         return len(self.ra_deg)
 
@@ -323,7 +357,13 @@ class StarCatalog:
             return self._id[rows].astype(np.str_)
         named, unnamed = self._spell_id
         pairs = zip(rows.tolist(), self._id[rows].tolist(), strict=True)
-        return np.array([f"{named}{number}" if number else f"{unnamed}{row}" for row, number in pairs], dtype=np.str_)
+        return np.array(
+            [
+                f"{named}{number}" if number > 0 else f"{unnamed}{-1 - number if number else row}"
+                for row, number in pairs
+            ],
+            dtype=np.str_,
+        )
 
     @functools.cached_property
     def checksum(self) -> str:
@@ -450,6 +490,16 @@ def _default() -> StarCatalog:
     from warpsim.sky.default_catalog import default_columns
 
     return _made(default_columns()).filled()
+
+
+@functools.lru_cache(maxsize=4)
+def _default_in(band: Band) -> StarCatalog:
+    """The embedded stars brightest in a band, in the order of the embedded table."""
+    embedded = _default()
+    if len(embedded) <= DEFAULT_N_STAR:
+        return embedded
+    light = embedded.irradiance_w_cm2(band)
+    return embedded._rows(np.sort(np.argpartition(-light, DEFAULT_N_STAR)[:DEFAULT_N_STAR]))
 
 
 @functools.cache

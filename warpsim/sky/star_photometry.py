@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -152,6 +152,23 @@ class StarPhotometry:
                 temperature_k = temperature_k.copy()
                 temperature_k[rows] = colour_temperature_k(colour, kind, self.spectrum_luminosity[rows])
         return _frozen(temperature_k)
+
+    def rows(self, rows: Whole) -> StarPhotometry:
+        """Return the photometry of the stars in some rows."""
+
+        def of_rows(values: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+            return {name: _frozen(column[rows]) for name, column in values.items()}
+
+        return replace(
+            self,
+            given_jy=of_rows(self.given_jy),
+            given_flag=of_rows(self.given_flag),
+            temperature_k=_frozen(self.temperature_k[rows]),
+            luminosity=_frozen(self.luminosity[rows]),
+            parallax_mas=self.parallax_mas[rows],
+            pm_mas_yr=self.pm_mas_yr[rows],
+            limit_jy=of_rows(self.limit_jy),
+        )
 
     def _bp_rp_mag(self, rows: Whole) -> Array:
         """BP-RP, or what another colour makes of it [mag]; NaN where there is none."""
