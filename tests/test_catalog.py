@@ -195,7 +195,7 @@ def test_building_again_gives_the_same_bytes(packed):
 
 
 def test_missing_shipped_file_is_named():
-    with pytest.raises(FileNotFoundError, match=r"no file 'x\.npz'; it has hip_gaia_ir_v1\.npz"):
+    with pytest.raises(FileNotFoundError, match=r"no file 'x\.npz'; it has .*hip_gaia_ir_v1\.npz"):
         shipped_path("x.npz")
 
 

@@ -20,7 +20,7 @@ from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.sky.readers import akari, allwise, gaia, hipparcos, iras, twomass
 from warpsim.sky.readers.angles import epoch_of_place, place_deg, sexagesimal_deg
-from warpsim.sky.stellar_templates import GIANT, colour_temperature_k
+from warpsim.sky.stellar_templates import GIANT, colour, colour_temperature_k
 from warpsim.tables.columns import ColumnTable
 
 SURVEYS = {
@@ -455,6 +455,14 @@ def test_allwise_by_the_names_of_irsa():
 # --- Hipparcos ---
 
 
+def v_minus_ic(v_minus_i, luminosity):
+    """V-Ic of the template that has a V-I as Hipparcos lists it."""
+    kelvin = colour_temperature_k(np.array([v_minus_i]), "V-I", np.array([luminosity]))
+    found = float(colour("V", "Ic", np.array([luminosity]), kelvin)[0])
+    assert found == pytest.approx(v_minus_i, abs=0.12)
+    return found
+
+
 def hipparcos_table(**changes):
     """I/239 by its ReadMe; the last star has no solution, so no RAdeg."""
     gap = [False, False, False, True]
@@ -483,12 +491,14 @@ def test_hipparcos():
         "Hp": [9.2043, 9.4017, 6.6081, 8.1],
         "V": [9.10, 9.27, 6.61, 8.0],
         "B": [9.582, 10.269, 8.21, nan],
-        "Ic": [8.55, 9.27, nan, nan],
+        # V-I as listed tells the template, which tells V-Ic; a few hundredths apart.
+        "Ic": [9.10 - v_minus_ic(0.55, 1), 9.27 - v_minus_ic(0.0, 1), nan, nan],
     }
     assert stars.flux_jy.keys() == expected.keys()
     for band, magnitudes in expected.items():
         assert stars.flux_jy[band] == close(band_jy(band, magnitudes)), band
-    assert stars.quality.tolist() == [2, 2, 1, 1]  # the third's B-V says little; the last has no colour
+    # The colours of the second contradict each other, the third's B-V says little, the last has no colour.
+    assert stars.quality.tolist() == [2, 1, 1, 1]
     assert stars.epoch_jyear == 1991.25
     assert stars.id.tolist() == ["HIP 1", "HIP 2", "HIP 3", "HIP 55"]
     assert stars.pm_ra_mas_yr[:3] == close([-5.20, 181.21, 5.24])
@@ -511,6 +521,18 @@ def test_hipparcos_with_units_and_other_places():
     assert convert("hipparcos", table).epoch_jyear == 2000.0
 
 
+def test_hipparcos_distrusts_v_minus_i_of_faint_red_dwarfs():
+    """Proxima Centauri: a dwarf of absolute magnitude 15 at whatever V-I."""
+    changes = {"Hpmag": [10.76] * 4, "Vmag": [11.01] * 4, "B-V": [1.807] * 4, "V-I": [3.62, 2.0, 1.5, 1.2]}
+    stars = convert("hipparcos", hipparcos_table(Plx=[772.3] * 4, **changes))
+    assert stars.luminosity.tolist() == [0] * 4
+    np.testing.assert_allclose(stars.temperature_k[:3], stars.temperature_k[0])
+    assert 2700 < stars.temperature_k[0] < 3100
+    assert np.isnan(stars.flux_jy["Ic"]).tolist() == [True, True, True, False]
+    assert stars.quality.tolist()[:3] == [1, 1, 1]
+    assert "3 of 4 stars have a guessed V-I: temperature from the absolute magnitude" in stars.notes
+
+
 def hipparcos_2_table(**changes):
     """I/311: radians; 0 stands for a colour that is missing."""
     return Table({
@@ -529,7 +551,7 @@ def test_hipparcos_2_reads_radians_and_zeros():
     v_mag = -2.5 * np.log10(stars.flux_jy["V"] / band_jy("V", 0.0))
     assert v_mag == pytest.approx([9.10, 9.27, 6.61], abs=0.015)
     assert stars.flux_jy["B"] == close(band_jy("B", v_mag + [0.482, 0.999, math.nan]))
-    assert stars.flux_jy["Ic"] == close(band_jy("Ic", v_mag - [0.55, math.nan, math.nan]))
+    assert stars.flux_jy["Ic"] == close(band_jy("Ic", v_mag - [v_minus_ic(0.55, 1), math.nan, math.nan]))
     assert stars.quality.tolist() == [2, 2, 1]
     assert stars.epoch_jyear == 1991.25
     assert len(catalog_of(stars)) == 3
@@ -629,7 +651,7 @@ def test_gaia_with_the_colour_alone():
     np.testing.assert_allclose(found[0] - found[1], bp - rp, rtol=0, atol=1e-12)
     np.testing.assert_allclose(found[1], rp, rtol=0, atol=0.03)  # scatter of the relation for red stars
     assert "3 of 3 stars have no BP or RP: from G and BP-RP" in stars.notes
-    assert stars.quality.tolist() == [2, 2, 2]
+    assert stars.quality.tolist() == [2, 2, 1]  # the last is redder than what the templates are sure of
 
 
 def test_gaia_epochs():

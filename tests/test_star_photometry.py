@@ -11,8 +11,8 @@ from warpsim.radiometry.band import Band
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.sky.star_counts import has_zero_point, irradiance_counts, magnitude_counts
-from warpsim.sky.star_photometry import COLOURS
-from warpsim.sky.stellar_templates import DWARF, GIANT, colour_temperature_k
+from warpsim.sky.star_photometry import COLOURS, band_colour_temperature_k
+from warpsim.sky.stellar_templates import DWARF, GIANT, colour, colour_temperature_k, template_temperature_k
 from warpsim.sky.visible_photometry import gaia_bp_rp_mag, hipparcos_v_mag
 
 BANDS = photometric_bands()
@@ -127,22 +127,38 @@ ALL = {"BP": 8.0, "RP": 7.0, "V": 7.6, "Ks": 4.2, "Ic": 6.4, "J": 5.0, "B": 9.0,
 
 
 @pytest.mark.parametrize(
-    ("kind", "blue", "red", "without"),
+    ("blue", "red", "without"),
     [
-        ("BP-RP", "BP", "RP", ()),
-        ("V-K", "V", "Ks", ("BP",)),
-        ("V-I", "V", "Ic", ("BP", "Ks")),
-        ("J-K", "J", "Ks", ("BP", "V")),
-        ("B-V", "B", "V", ("BP", "Ks", "Ic")),
-        ("V-K", "V", "W3", ("BP", "Ks", "Ic", "B")),
-        ("V-K", "V", "A", ("BP", "Ks", "Ic", "B", "W3")),
+        ("BP", "RP", ()),
+        ("V", "Ks", ("BP",)),
+        ("V", "Ic", ("BP", "Ks")),
+        ("J", "Ks", ("BP", "V")),
+        ("B", "V", ("BP", "Ks", "Ic")),
+        ("V", "W3", ("BP", "Ks", "Ic", "B")),
+        ("V", "A", ("BP", "Ks", "Ic", "B", "W3")),
     ],
 )
-def test_the_surest_colour_tells_the_temperature(kind, blue, red, without):
-    assert (kind, blue, red) in COLOURS
+def test_the_surest_colour_tells_the_temperature(blue, red, without):
+    """The template at that temperature has the star's colour, and the star has no fluxes bluer or redder than that."""
+    assert (blue, red) in COLOURS
     known = {name: magnitude for name, magnitude in ALL.items() if name not in without}
-    expected = np.ravel(colour_temperature_k(np.array([known[blue] - known[red]]), kind, np.array([GIANT])))[0]
-    assert star(**known).spectrum_temperature_k[0] == pytest.approx(expected, rel=1e-9)
+    kelvin = star(**known).spectrum_temperature_k[0]
+    found = colour(blue, red, np.array([GIANT]), np.array([kelvin]))[0]
+    assert found == pytest.approx(known[blue] - known[red], abs=1e-9)
+
+
+def test_colour_temperatures_beyond_the_templates():
+    coolest, hottest = template_temperature_k()[[0, -1]]
+    beyond = band_colour_temperature_k("V", "Ks", np.array([50.0, -50.0, np.nan]), np.array([1, 0, 0]))
+    np.testing.assert_allclose(beyond, [coolest, hottest, np.nan], rtol=1e-12)
+    # J-K of dwarfs turns back at 3,900 K: of two temperatures the hotter one is meant.
+    dwarf = band_colour_temperature_k("J", "Ks", np.array([0.8]), np.array([DWARF]))[0]
+    assert 3500.0 < dwarf < 5000.0
+    np.testing.assert_allclose(
+        band_colour_temperature_k("BP", "RP", np.array([0.5, 1.2, 2.5]), np.array([0, 1, 0])),
+        colour_temperature_k(np.array([0.5, 1.2, 2.5]), "BP-RP", np.array([0, 1, 0])),
+        rtol=1e-9,
+    )
 
 
 def test_the_temperature_given_goes_first():

@@ -17,25 +17,21 @@ from warpsim.radiometry.magnitudes import Physics, as_radiometry
 from warpsim.sky.catalog_columns import FLUX_NONE, FLUX_PREDICTED
 from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.sky.stellar_spectrum import band_irradiance_w_cm2, calibration_w_cm2_per_jy
-from warpsim.sky.stellar_templates import DWARF, colour_temperature_k, luminosity_class
+from warpsim.sky.stellar_templates import DWARF, GIANT, band_light, luminosity_class, template_temperature_k
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.uint8]
 Whole = NDArray[np.int64]
 
-COLOURS = (
-    ("BP-RP", "BP", "RP"),
-    ("V-K", "V", "Ks"),
-    ("V-I", "V", "Ic"),
-    ("J-K", "J", "Ks"),
-    ("B-V", "B", "V"),
-    *(("V-K", "V", infrared) for infrared in ("S9W", "W3", "IRAS12", "C", "A")),
-)
-"""Colours that tell a temperature, and the bands they are taken from; the surest first. Of stars without dust the
-magnitudes at 8 to 12 um are within 0.1 of that in K."""
-
-_BP_RP_PER_COLOUR = {"BP-RP": 1.0, "V-K": 0.43, "V-I": 1.0, "J-K": 1.5, "B-V": 1.15}
-"""About, where dwarfs and giants part (BP-RP = 0.95)."""
+COLOURS = {
+    ("BP", "RP"): 1.0,
+    ("V", "Ks"): 0.43,
+    ("V", "Ic"): 1.0,
+    ("J", "Ks"): 1.5,
+    ("B", "V"): 1.15,
+    **{("V", infrared): 0.43 for infrared in ("S9W", "W3", "IRAS12", "C", "A")},
+}
+"""Colours that tell a temperature, the surest first, and BP-RP over them where dwarfs and giants part, BP-RP = 0.95."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,13 +140,13 @@ class StarPhotometry:
     def spectrum_temperature_k(self) -> Array:
         """Colour temperatures of the spectra [K]: as given, else by the first of COLOURS that is known, else NaN."""
         temperature_k = self.temperature_k
-        for kind, blue, red in COLOURS:
+        for blue, red in COLOURS:
             missing = np.isnan(temperature_k)
             if missing.any() and blue in self.given_jy and red in self.given_jy:
                 rows = np.flatnonzero(missing)
-                colour = self._magnitude(blue, rows) - self._magnitude(red, rows)
+                colour_mag = self._magnitude(blue, rows) - self._magnitude(red, rows)
                 temperature_k = temperature_k.copy()
-                temperature_k[rows] = colour_temperature_k(colour, kind, self.spectrum_luminosity[rows])
+                temperature_k[rows] = band_colour_temperature_k(blue, red, colour_mag, self.spectrum_luminosity[rows])
         return _frozen(temperature_k)
 
     def rows(self, rows: Whole) -> StarPhotometry:
@@ -173,9 +169,9 @@ class StarPhotometry:
     def _bp_rp_mag(self, rows: Whole) -> Array:
         """BP-RP, or what another colour makes of it [mag]; NaN where there is none."""
         bp_rp_mag = np.full(len(rows), np.nan)
-        for kind, blue, red in COLOURS:
-            colour = self._magnitude(blue, rows) - self._magnitude(red, rows)
-            bp_rp_mag = np.where(np.isnan(bp_rp_mag), colour * _BP_RP_PER_COLOUR[kind], bp_rp_mag)
+        for (blue, red), bp_rp_per_colour in COLOURS.items():
+            colour_mag = self._magnitude(blue, rows) - self._magnitude(red, rows)
+            bp_rp_mag = np.where(np.isnan(bp_rp_mag), colour_mag * bp_rp_per_colour, bp_rp_mag)
         return bp_rp_mag
 
     def _first_magnitude(self, names: tuple[str, ...], rows: Whole) -> Array:
@@ -231,6 +227,29 @@ def flux_band(band: Band | str) -> Band:
     if not isinstance(name, str) or name not in known or (isinstance(band, Band) and band != known[name]):
         raise InputError(f"must be one of {', '.join(known)}, in which catalogs have fluxes", "band", name)
     return known[name]
+
+
+def band_colour_temperature_k(blue: str, red: str, colour_mag: Array, luminosity: Whole) -> Array:
+    """Temperature [K] at which the templates have a colour between two photometric bands, shape (n,); NaN in, NaN out.
+
+    Colours beyond those of the templates are taken for the nearest. Where two temperatures have one, the hotter is
+    meant.
+    """
+    ln_k = np.log(template_temperature_k())
+    temperature_k = np.full(len(colour_mag), np.nan)
+    for number in (DWARF, GIANT):
+        rows = np.flatnonzero((luminosity == number) & ~np.isnan(colour_mag))
+        light = [band_light(name)[number] / photometric_bands()[name].zero_mag_w_cm2 for name in (blue, red)]
+        ratio = light[0] / light[1]
+        # From the hottest template down, as long as colours grow.
+        first = len(ratio) - 1 - int(np.argmin(np.append(np.diff(ratio)[::-1] > 0.0, False)))
+        wanted = np.clip(10.0 ** (-0.4 * colour_mag[rows]), ratio[first], ratio[-1])
+        lower = np.minimum(np.searchsorted(ratio[first:], wanted, side="right") - 1 + first, len(ratio) - 2)
+        # Light is mixed linearly between two templates: so is this difference, which is 0 at the colour.
+        excess, next_excess = (light[0][row] - wanted * light[1][row] for row in (lower, lower + 1))
+        part = excess / (excess - next_excess)
+        temperature_k[rows] = np.exp(ln_k[lower] + part * (ln_k[lower + 1] - ln_k[lower]))
+    return temperature_k
 
 
 def _frozen(values: NDArray[Any]) -> NDArray[Any]:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.sky.readers.angles import Pair, epoch_of_place, place_deg
 from warpsim.sky.readers.photometry import (
+    FAIR,
     band_flux_jy,
     count_note,
     predicted_quality,
@@ -17,6 +18,7 @@ from warpsim.sky.readers.photometry import (
 )
 from warpsim.sky.readers.survey import Survey, SurveyStars
 from warpsim.sky.visible_photometry import gaia_bp_rp_mag
+from warpsim.sky.visible_stars import by_gaia
 from warpsim.tables.columns import ColumnTable
 
 Array = NDArray[np.float64]
@@ -28,9 +30,6 @@ DR2_EPOCH_JYEAR = 2015.5
 
 SATURATED_G_MAG = 3.5
 """Gaia's magnitudes of brighter stars are saturated."""
-
-REDDEST_MAG = 6.7
-"""Redder stars in BP-RP are dust more than star."""
 
 _G, _BP, _RP = ("phot_g_mean_mag", "Gmag"), ("phot_bp_mean_mag", "BPmag"), ("phot_rp_mean_mag", "RPmag")
 _BP_RP = ("bp_rp", "BP-RP")
@@ -50,14 +49,19 @@ def _convert(table: ColumnTable) -> SurveyStars:
     }
     colour = magnitudes["BP"] - magnitudes["RP"]
     has_colour, has_flux = ~np.isnan(colour), np.any(~np.isnan(list(magnitudes.values())), axis=0)
-    doubtful = (g_mag <= SATURATED_G_MAG) | (colour > REDDEST_MAG)
+    parallax_mas = table.number("parallax", "Plx", unit="mas")
+    motion = table.number("pmra", unit="mas / yr"), table.number("pmdec", "pmDE", unit="mas / yr")
+    seen = by_gaia(magnitudes["G"], colour, parallax_mas, np.hypot(*motion), np.nan)
+    doubtful = (g_mag <= SATURATED_G_MAG) | (seen.quality != FAIR)
     return SurveyStars(
         ra_deg=ra_deg,
         dec_deg=dec_deg,
         flux_jy={band: band_flux_jy(band, values) for band, values in magnitudes.items()},
-        pm_ra_mas_yr=table.number("pmra", unit="mas / yr"),
-        pm_dec_mas_yr=table.number("pmdec", "pmDE", unit="mas / yr"),
-        parallax_mas=table.number("parallax", "Plx", unit="mas"),
+        pm_ra_mas_yr=motion[0],
+        pm_dec_mas_yr=motion[1],
+        parallax_mas=parallax_mas,
+        temperature_k=seen.temperature_k,
+        luminosity=seen.luminosity,
         quality=predicted_quality(has_flux, has_colour, doubtful),
         id=star_names(table, "Gaia ", "designation", "DR3Name", "DR2Name", "source_id", "Source"),
         epoch_jyear=epoch_of_place(ra_name, _epoch_jyear(table)),

@@ -154,6 +154,8 @@ def _survey_stars(table: FileTable, survey: Survey, where: str) -> StarsOfFile:
         "pm_ra_mas_yr": stars.pm_ra_mas_yr,
         "pm_dec_mas_yr": stars.pm_dec_mas_yr,
         "parallax_mas": stars.parallax_mas,
+        "temperature_k": stars.temperature_k,
+        "luminosity": stars.luminosity,
         "quality": stars.quality,
         "id": stars.id,
         "epoch_jyear": stars.epoch_jyear,

@@ -54,6 +54,8 @@ class SurveyStars:
     pm_ra_mas_yr: Array | None = None
     pm_dec_mas_yr: Array | None = None
     parallax_mas: Array | None = None
+    temperature_k: Array | None = None
+    luminosity: NDArray[Any] | None = None
     quality: NDArray[Any] | None = None
     id: NDArray[np.str_] | None = None
     epoch_jyear: float = J2000_JYEAR
