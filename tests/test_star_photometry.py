@@ -11,7 +11,7 @@ from warpsim.radiometry.band import Band
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.sky.star_counts import has_zero_point, irradiance_counts, magnitude_counts
-from warpsim.sky.star_photometry import COLOURS, band_colour_temperature_k
+from warpsim.sky.star_photometry import COLOURS
 from warpsim.sky.stellar_templates import DWARF, GIANT, colour, colour_temperature_k, template_temperature_k
 from warpsim.sky.visible_photometry import gaia_bp_rp_mag, hipparcos_v_mag
 
@@ -149,16 +149,11 @@ def test_the_surest_colour_tells_the_temperature(blue, red, without):
 
 def test_colour_temperatures_beyond_the_templates():
     coolest, hottest = template_temperature_k()[[0, -1]]
-    beyond = band_colour_temperature_k("V", "Ks", np.array([50.0, -50.0, np.nan]), np.array([1, 0, 0]))
+    beyond = colour_temperature_k([50.0, -50.0, np.nan], ("V", "Ks"), [1, 0, 0])
     np.testing.assert_allclose(beyond, [coolest, hottest, np.nan], rtol=1e-12)
     # J-K of dwarfs turns back at 3,900 K: of two temperatures the hotter one is meant.
-    dwarf = band_colour_temperature_k("J", "Ks", np.array([0.8]), np.array([DWARF]))[0]
+    dwarf = colour_temperature_k([0.8], ("J", "Ks"), [DWARF])[0]
     assert 3500.0 < dwarf < 5000.0
-    np.testing.assert_allclose(
-        band_colour_temperature_k("BP", "RP", np.array([0.5, 1.2, 2.5]), np.array([0, 1, 0])),
-        colour_temperature_k(np.array([0.5, 1.2, 2.5]), "BP-RP", np.array([0, 1, 0])),
-        rtol=1e-9,
-    )
 
 
 def test_the_temperature_given_goes_first():

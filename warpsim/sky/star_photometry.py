@@ -17,7 +17,7 @@ from warpsim.radiometry.magnitudes import Physics, as_radiometry
 from warpsim.sky.catalog_columns import FLUX_NONE, FLUX_PREDICTED
 from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.sky.stellar_spectrum import band_irradiance_w_cm2, calibration_w_cm2_per_jy
-from warpsim.sky.stellar_templates import DWARF, GIANT, band_light, luminosity_class, template_temperature_k
+from warpsim.sky.stellar_templates import DWARF, colour_temperature_k, luminosity_class
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.uint8]
@@ -146,7 +146,7 @@ class StarPhotometry:
                 rows = np.flatnonzero(missing)
                 colour_mag = self._magnitude(blue, rows) - self._magnitude(red, rows)
                 temperature_k = temperature_k.copy()
-                temperature_k[rows] = band_colour_temperature_k(blue, red, colour_mag, self.spectrum_luminosity[rows])
+                temperature_k[rows] = colour_temperature_k(colour_mag, (blue, red), self.spectrum_luminosity[rows])
         return _frozen(temperature_k)
 
     def rows(self, rows: Whole) -> StarPhotometry:
@@ -227,29 +227,6 @@ def flux_band(band: Band | str) -> Band:
     if not isinstance(name, str) or name not in known or (isinstance(band, Band) and band != known[name]):
         raise InputError(f"must be one of {', '.join(known)}, in which catalogs have fluxes", "band", name)
     return known[name]
-
-
-def band_colour_temperature_k(blue: str, red: str, colour_mag: Array, luminosity: Whole) -> Array:
-    """Temperature [K] at which the templates have a colour between two photometric bands, shape (n,); NaN in, NaN out.
-
-    Colours beyond those of the templates are taken for the nearest. Where two temperatures have one, the hotter is
-    meant.
-    """
-    ln_k = np.log(template_temperature_k())
-    temperature_k = np.full(len(colour_mag), np.nan)
-    for number in (DWARF, GIANT):
-        rows = np.flatnonzero((luminosity == number) & ~np.isnan(colour_mag))
-        light = [band_light(name)[number] / photometric_bands()[name].zero_mag_w_cm2 for name in (blue, red)]
-        ratio = light[0] / light[1]
-        # From the hottest template down, as long as colours grow.
-        first = len(ratio) - 1 - int(np.argmin(np.append(np.diff(ratio)[::-1] > 0.0, False)))
-        wanted = np.clip(10.0 ** (-0.4 * colour_mag[rows]), ratio[first], ratio[-1])
-        lower = np.minimum(np.searchsorted(ratio[first:], wanted, side="right") - 1 + first, len(ratio) - 2)
-        # Light is mixed linearly between two templates: so is this difference, which is 0 at the colour.
-        excess, next_excess = (light[0][row] - wanted * light[1][row] for row in (lower, lower + 1))
-        part = excess / (excess - next_excess)
-        temperature_k[rows] = np.exp(ln_k[lower] + part * (ln_k[lower + 1] - ln_k[lower]))
-    return temperature_k
 
 
 def _frozen(values: NDArray[Any]) -> NDArray[Any]:

@@ -194,26 +194,27 @@ def colour(band: Band | str, other: Band | str, luminosity: ArrayLike, temperatu
     return np.asarray(-2.5 * np.log10(ratio))
 
 
-def colour_temperature_k(colour_mag: ArrayLike, kind: str, luminosity: ArrayLike = GIANT) -> Array:
+def colour_temperature_k(colour_mag: ArrayLike, kind: str | tuple[str, str], luminosity: ArrayLike = GIANT) -> Array:
     """Temperature [K] of the template that has a colour, (n_star,); NaN in, NaN out.
 
-    "BP-RP", "V-K" and "J-K" are met exactly; "V-I" and "B-V", as Hipparcos lists them, on average. A colour beyond
+    Colours between two bands are met exactly; "V-I" and "B-V", as Hipparcos lists them, on average. A colour beyond
     those of the templates is taken for the nearest. Where two temperatures have it, the hotter one is meant (J-K of
     dwarfs below 3,900 K, B-V of giants below 3,700 K): better use another colour of such stars.
 
     Args:
         colour_mag: Colours [mag].
-        kind: "BP-RP", "V-I", "V-K", "J-K" (K is 2MASS Ks) or "B-V".
+        kind: "BP-RP", "V-I", "V-K", "J-K" (K is 2MASS Ks) or "B-V"; or a pair of names of bands with zero points.
         luminosity: DWARF or GIANT, (n_star,).
     """
     given = np.asarray(colour_mag, dtype=np.float64)
     of_class = np.broadcast_to(np.where(np.asarray(luminosity) == DWARF, DWARF, GIANT), given.shape)
     ln_k = np.log(template_temperature_k())
+    pair = _PAIRS.get(kind) if isinstance(kind, str) else kind
     result = np.full(given.shape, np.nan)
     for number in (DWARF, GIANT):
         rows = (of_class == number) & ~np.isnan(given)
-        if kind in _PAIRS:
-            blue, red = (magnitude_light(name)[number] for name in _PAIRS[kind])
+        if pair is not None:
+            blue, red = (magnitude_light(name)[number] for name in pair)
             index, weight = _at_ratio(10.0 ** (-0.4 * given[rows]), blue, red)
         else:
             listed = _load().v_i_mag if kind == "V-I" else _load().b_v_mag
