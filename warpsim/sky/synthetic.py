@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.catalog_columns import FLUX_PREDICTED, J2000_JYEAR
-from warpsim.sky.colours import CLASS_TEMPERATURE_K
 from warpsim.sky.space_motion import place_of
 from warpsim.sky.star_columns import StarColumns
 from warpsim.sky.stellar_templates import GIANT
@@ -56,7 +55,10 @@ GALACTIC_OF_ICRS = np.array(
 _BREAK_MAG, _FLOOR_MAG = 2.0, -6.0
 _BRIGHT_SLOPE, _FAINT_SLOPE = 0.5, 0.33  # dex per magnitude
 
-# Share of the colour classes 0 (hot) to 5 (red) by [A], measured in the default catalog: the bright stars are late M.
+_CLASS_TEMPERATURE_K = np.array([7000.0, 4850.0, 4150.0, 3650.0, 3100.0, 2600.0])
+"""Typical colour temperatures of six classes, from hot to red; they part at 5250, 4500, 3850, 3500 and 2800 K."""
+
+# Fraction of the classes by [A], measured in the default catalog: the bright stars are late M.
 _CLASS_EDGES_MAG = (2.0, 4.0, 5.0, 6.0)
 _CLASS_SHARE = (
     (0.013, 0.053, 0.088, 0.109, 0.550, 0.187),
@@ -141,7 +143,7 @@ def synthetic_columns(n_star: int | None, limit_jy: float | None, sky: str, seed
         u = uniforms(seed, f"synthetic {sky} sky", chunk, 4 * n_row).reshape(n_row, 4)
         ra_deg[rows], dec_deg[rows] = _places(model, u[:, 0], u[:, 1])
         magnitude_a = model.magnitude_a(np.arange(rows.start, rows.stop) + u[:, 2])
-        temperature_k[rows] = CLASS_TEMPERATURE_K[_colour_classes(magnitude_a, u[:, 3])]
+        temperature_k[rows] = _CLASS_TEMPERATURE_K[_colour_classes(magnitude_a, u[:, 3])]
         flux_jy[rows] = (BANDS["A"].zero_mag_jy * 10.0 ** (-0.4 * magnitude_a)).astype(np.float32)
 
     # What is the same for all stars takes no memory.
