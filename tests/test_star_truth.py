@@ -42,7 +42,7 @@ def test_the_run_writes_them_when_asked(scene, run):
     order = np.lexsort((written["x_px"], written["frame"], written["sensor"]))
     expected = frames.stars[np.lexsort((frames.stars["x_px"], frames.stars["frame"], frames.stars["sensor"]))]
     assert written["irradiance_w_cm2"].unit == "W / cm2"
-    assert (written.meta["BANDS"], written.meta["CATALOG"]) == ("A,E", "hip-gaia-ir v1")
+    assert (written.meta["BANDS"], written.meta["CATALOG"]) == ("A,E", "hip-gaia-ir v2")
     for name in expected.colnames:
         np.testing.assert_array_equal(written[name][order], expected[name], err_msg=name)
     manifest = json.loads((run / "manifest.json").read_text())

@@ -233,7 +233,7 @@ def luminosity_class(
 
     Args:
         g_mag: G, or V of a star without it.
-        bp_rp_mag: BP-RP, or V-I; a star without a colour is GIANT.
+        bp_rp_mag: BP-RP, or V-I; of a star without a colour the brightness alone tells.
         parallax_mas: Parallax [mas]; NaN or <= 0 where unknown.
         pm_mas_yr: Proper motion [mas/yr]; NaN or 0 where unknown.
     """

@@ -55,17 +55,18 @@ GALACTIC_OF_ICRS = np.array(
 _BREAK_MAG, _FLOOR_MAG = 2.0, -6.0
 _BRIGHT_SLOPE, _FAINT_SLOPE = 0.5, 0.33  # dex per magnitude
 
-_CLASS_TEMPERATURE_K = np.array([7000.0, 4850.0, 4150.0, 3650.0, 3100.0, 2600.0])
-"""Typical colour temperatures of six classes, from hot to red; they part at 5250, 4500, 3850, 3500 and 2800 K."""
+CLASS_TEMPERATURE_K = np.array([7000.0, 4850.0, 4150.0, 3650.0, 3100.0, 2600.0])
+"""Colour temperature of each colour class [K], 0 (hot) to 5 (red): of stars above 5250, 4500, 3850, 3500 and 2800 K,
+and below."""
 
-# Fraction of the classes by [A], measured in the default catalog: the bright stars are late M.
+# Fraction of the colour classes by [A], measured in the default catalog: the bright stars are late M.
 _CLASS_EDGES_MAG = (2.0, 4.0, 5.0, 6.0)
 _CLASS_SHARE = (
-    (0.013, 0.053, 0.088, 0.109, 0.550, 0.187),
-    (0.026, 0.096, 0.161, 0.169, 0.530, 0.018),
-    (0.044, 0.169, 0.253, 0.223, 0.311, 0.000),
-    (0.078, 0.250, 0.350, 0.256, 0.066, 0.000),
-    (0.130, 0.345, 0.449, 0.075, 0.001, 0.000),
+    (0.012, 0.043, 0.067, 0.128, 0.605, 0.145),
+    (0.025, 0.088, 0.137, 0.205, 0.540, 0.005),
+    (0.046, 0.161, 0.230, 0.283, 0.280, 0.000),
+    (0.082, 0.240, 0.332, 0.309, 0.037, 0.000),
+    (0.131, 0.321, 0.434, 0.113, 0.001, 0.000),
 )
 
 
@@ -143,7 +144,7 @@ def synthetic_columns(n_star: int | None, limit_jy: float | None, sky: str, seed
         u = uniforms(seed, f"synthetic {sky} sky", chunk, 4 * n_row).reshape(n_row, 4)
         ra_deg[rows], dec_deg[rows] = _places(model, u[:, 0], u[:, 1])
         magnitude_a = model.magnitude_a(np.arange(rows.start, rows.stop) + u[:, 2])
-        temperature_k[rows] = _CLASS_TEMPERATURE_K[_colour_classes(magnitude_a, u[:, 3])]
+        temperature_k[rows] = CLASS_TEMPERATURE_K[_colour_classes(magnitude_a, u[:, 3])]
         flux_jy[rows] = (BANDS["A"].zero_mag_jy * 10.0 ** (-0.4 * magnitude_a)).astype(np.float32)
 
     # What is the same for all stars takes no memory.

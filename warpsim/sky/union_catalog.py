@@ -7,23 +7,37 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.sky.catalog_columns import FLUX_NONE, FLUX_PREDICTED, J2000_JYEAR
-from warpsim.sky.colours import RELATIONS, colour_class, colour_temperature_k, flux_from_magnitude_a
-from warpsim.sky.hip_gaia import HIPPARCOS_EPOCH_JYEAR, Hipparcos, match, read_gaia, read_hipparcos
+from warpsim.sky.catalog_columns import J2000_JYEAR
+from warpsim.sky.hip_gaia import (
+    GAIA_EPOCH_JYEAR,
+    HIPPARCOS_EPOCH_JYEAR,
+    Gaia,
+    Hipparcos,
+    close_pairs,
+    match,
+    read_gaia,
+    read_hipparcos,
+)
 from warpsim.sky.space_motion import rigorous_motion
 from warpsim.sky.star_columns import StarColumns
+from warpsim.sky.visible_stars import UNCERTAIN, by_gaia, by_hipparcos, measured_flux_jy
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
 
-GAIA_BRIGHT_LIMIT_MAG = 3.5
-"""Gaia saturates: stars as bright as this in G take their magnitude from Hipparcos."""
+GAIA_BRIGHT_LIMIT_MAG = 4.0
+GAIA_RED_BRIGHT_LIMIT_MAG = 3.2
+GAIA_RED_BP_RP_MAG = 1.6
+"""Gaia saturates: stars as bright as these in G take their magnitude and colour from Hipparcos, whose V-I of red giants
+is the worse, so that those change over later."""
 
-_UNKNOWN, _UNCERTAIN, _FAIR = 0, 1, 2  # values of StarCatalog.quality
+BESIDE_ARCSEC = 3.0
+"""Hipparcos measured the light of closer pairs as that of one star."""
 
 _NAME = "hip-gaia-ir union"
 _PROVENANCE = (
-    "hip-gaia-ir union: 8.3 um magnitudes predicted from Gaia DR3 (G, BP-RP) and Hipparcos-2 (Hp, V-I), other bands "
-    "from the colour. Gaia-derived data: CC BY-SA 3.0 IGO, ESA/Gaia/DPAC; Hipparcos: ESA 1997, van Leeuwen 2007."
+    "hip-gaia-ir union: G and BP-RP of Gaia DR3, Hp and V-I of Hipparcos-2, infrared fluxes predicted from them by "
+    "stellar templates. Gaia-derived data: CC BY-SA 3.0 IGO, ESA/Gaia/DPAC; Hipparcos: ESA 1997, van Leeuwen 2007."
 )
 
 
@@ -48,25 +62,31 @@ class UnionStars:
     parallax_mas: Array
     """NaN without Hipparcos astrometry."""
 
-    magnitude_a: Array
-    """Predicted [A]; NaN for stars without a colour."""
+    g_mag: Array
+    """G, where Gaia gives the magnitude; NaN elsewhere."""
+
+    hp_mag: Array
+    """Hp, where Hipparcos does; NaN elsewhere."""
+
+    bp_rp_mag: Array
+    """BP-RP, where Gaia gives the magnitude; elsewhere, and for stars without a colour, NaN."""
 
     temperature_k: Array
     """Colour temperature [K]; NaN for stars without a colour."""
 
-    clipped: NDArray[np.bool_]
-    """Whether the colour lies outside the range of its relation."""
+    luminosity: NDArray[np.int8]
+    """Luminosity class: 0 dwarf, 1 giant."""
 
-    disputed: NDArray[np.bool_]
-    """Whether Gaia's star at this place was taken for a companion, and none for the star itself."""
+    quality: NDArray[np.int64]
+    """Of the infrared light: 1 uncertain, 2 fair."""
 
 
 def union_stars() -> UnionStars:
     """Join the two catalogs.
 
     Gaia gives the magnitude of a star where it has a colour and is fainter than GAIA_BRIGHT_LIMIT_MAG; Hipparcos that
-    of all other stars it has. Gaia stars that are neither in Hipparcos nor have a colour stay, with a place only; the
-    brighter ones among them do not, since Hipparcos has their light in that of the star beside them.
+    of all other stars it has. Gaia stars that are neither in Hipparcos nor have a colour stay; those as bright as the
+    limit, or within BESIDE_ARCSEC of a star that Hipparcos gives, do not: Hipparcos has their light in that star's.
 
     Raises:
         InputError: The packages of the extra `catalogs` are not installed, or not of the version known.
@@ -74,11 +94,13 @@ def union_stars() -> UnionStars:
     star, gaia = read_hipparcos(), read_gaia()
     partner, disputed = match(star, gaia)
 
-    faint, has_colour = gaia.g_mag > GAIA_BRIGHT_LIMIT_MAG, ~np.isnan(gaia.bp_rp_mag)
+    red, has_colour = gaia.bp_rp_mag > GAIA_RED_BP_RP_MAG, ~np.isnan(gaia.bp_rp_mag)
+    faint = gaia.g_mag > np.where(red, GAIA_RED_BRIGHT_LIMIT_MAG, GAIA_BRIGHT_LIMIT_MAG)
     gaia_row = np.flatnonzero(faint & (has_colour | (partner < 0)))
     represented = np.zeros(len(star.hip), dtype=bool)
     represented[partner[gaia_row][partner[gaia_row] >= 0]] = True
     star_only = np.flatnonzero(~represented)
+    gaia_row = gaia_row[~_beside(star, star_only, gaia, gaia_row)]
     of_star = np.concatenate([partner[gaia_row], star_only])
     has_star = of_star >= 0
 
@@ -93,10 +115,14 @@ def union_stars() -> UnionStars:
     def of_gaia_first(gaia_values: Array, star_values: Array) -> Array:
         return np.concatenate([gaia_values, star_values[star_only]])
 
-    gaia_mag_a, gaia_clipped = RELATIONS["G"].magnitude_a(gaia.g_mag[gaia_row], gaia.bp_rp_mag[gaia_row])
-    gaia_temperature_k = colour_temperature_k(gaia.bp_rp_mag[gaia_row], "BP-RP")
-    star_mag_a, star_temperature_k, star_clipped = hipparcos_magnitude_a(star)
-    magnitude_a = of_gaia_first(gaia_mag_a, star_mag_a)
+    n_gaia, n_star = len(gaia_row), len(star_only)
+    by_star = {"hp_mag": star.hp_mag, "parallax_mas": star.parallax_mas}
+    by_star["pm_mas_yr"] = np.hypot(star.pm_ra_mas_yr, star.pm_dec_mas_yr)
+    of_gaia = {name: of_hipparcos(values, np.nan)[:n_gaia] for name, values in by_star.items()}
+    of_star_only = {name: values[star_only] for name, values in by_star.items()}
+    seen = by_gaia(g_mag=gaia.g_mag[gaia_row], bp_rp_mag=gaia.bp_rp_mag[gaia_row], **of_gaia)
+    others = by_hipparcos(v_i_mag=star.v_i_mag[star_only], b_v_mag=star.b_v_mag[star_only], **of_star_only)
+    quality = np.where(disputed[star_only], UNCERTAIN, others.quality)
     columns = {
         "hip": np.where(has_star, star.hip[of_star], 0),
         "source_id": np.concatenate([gaia.source_id[gaia_row], np.zeros(len(star_only), dtype=np.int64)]),
@@ -105,27 +131,26 @@ def union_stars() -> UnionStars:
         "pm_ra_mas_yr": of_hipparcos(star_pm_ra, 0.0),
         "pm_dec_mas_yr": of_hipparcos(star_pm_dec, 0.0),
         "parallax_mas": of_hipparcos(star.parallax_mas, np.nan),
-        "magnitude_a": magnitude_a,
-        "temperature_k": of_gaia_first(gaia_temperature_k, star_temperature_k),
-        "clipped": np.concatenate([gaia_clipped, star_clipped[star_only]]) & ~np.isnan(magnitude_a),
-        "disputed": np.concatenate([np.zeros(len(gaia_row), dtype=bool), disputed[star_only]]),
+        "g_mag": np.concatenate([gaia.g_mag[gaia_row], np.full(n_star, np.nan)]),
+        "hp_mag": np.concatenate([np.full(n_gaia, np.nan), star.hp_mag[star_only]]),
+        "bp_rp_mag": np.concatenate([gaia.bp_rp_mag[gaia_row], np.full(n_star, np.nan)]),
+        "temperature_k": np.concatenate([seen.temperature_k, others.temperature_k]),
+        "luminosity": np.concatenate([seen.luminosity, others.luminosity]),
+        "quality": np.concatenate([seen.quality, quality]),
     }
     order = np.lexsort((columns["ra_deg"], columns["dec_deg"]))
     return UnionStars(**{key: values[order] for key, values in columns.items()})
 
 
-def hipparcos_magnitude_a(star: Hipparcos) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Predict [A] and colour temperature [K] from Hp and V-I, or from B-V where V-I is missing; tell clipped colours.
-
-    V is not in Hipparcos-2: with B-V, Hp stands for it (they differ by less than 0.2 mag).
-    """
-    has_v_i = ~np.isnan(star.v_i_mag)
-    by_v_i, clipped_v_i = RELATIONS["Hp"].magnitude_a(star.hp_mag, star.v_i_mag)
-    by_b_v, clipped_b_v = RELATIONS["V"].magnitude_a(star.hp_mag, star.b_v_mag)
-    temperature_k = np.where(
-        has_v_i, colour_temperature_k(star.v_i_mag, "V-I"), colour_temperature_k(star.b_v_mag, "B-V")
-    )
-    return np.where(has_v_i, by_v_i, by_b_v), temperature_k, np.where(has_v_i, clipped_v_i, clipped_b_v)
+def _beside(star: Hipparcos, star_row: Rows, gaia: Gaia, gaia_row: Rows) -> NDArray[np.bool_]:
+    """Whether each of the given Gaia stars lies beside one of the given Hipparcos stars when Gaia saw it."""
+    at, years = star_row, GAIA_EPOCH_JYEAR - HIPPARCOS_EPOCH_JYEAR
+    motion = rigorous_motion(star.ra_deg[at], star.dec_deg[at], star.pm_ra_mas_yr[at], star.pm_dec_mas_yr[at], years)
+    ra_deg, dec_deg, *_ = motion
+    _, near, arcsec = close_pairs(ra_deg, dec_deg, gaia.ra_deg[gaia_row], gaia.dec_deg[gaia_row])
+    beside = np.zeros(len(gaia_row), dtype=bool)
+    beside[near[arcsec < BESIDE_ARCSEC]] = True
+    return beside
 
 
 def union_columns() -> StarColumns:
@@ -135,10 +160,7 @@ def union_columns() -> StarColumns:
         InputError: The packages of the extra `catalogs` are not installed, or not of the version known.
     """
     stars = union_stars()
-    known = ~np.isnan(stars.magnitude_a)
-    flux_jy = flux_from_magnitude_a(stars.magnitude_a, colour_class(stars.temperature_k))
-    flag = np.where(known, FLUX_PREDICTED, FLUX_NONE).astype(np.uint8)
-    fair = np.where(stars.clipped | stars.disputed, _UNCERTAIN, _FAIR)
+    flux_jy, flux_flag = measured_flux_jy(stars.g_mag, stars.hp_mag)
     names = [
         f"HIP {hip}" if hip else f"Gaia DR3 {source}"
         for hip, source in zip(stars.hip.tolist(), stars.source_id.tolist(), strict=True)
@@ -150,12 +172,12 @@ def union_columns() -> StarColumns:
         pm_dec_mas_yr=stars.pm_dec_mas_yr,
         parallax_mas=stars.parallax_mas,
         temperature_k=stars.temperature_k,
-        luminosity=np.full(len(known), -1, dtype=np.int8),
-        quality=np.where(known, fair, _UNKNOWN),
+        luminosity=stars.luminosity,
+        quality=stars.quality,
         epoch_jyear=J2000_JYEAR,
         name=_NAME,
         provenance=_PROVENANCE,
         flux_jy=flux_jy,
-        flux_flag=dict.fromkeys(flux_jy, flag),
+        flux_flag=flux_flag,
         id=np.array(names, dtype=np.str_),
     )

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from warpsim.radiometry.bands import BANDS
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import as_band
+from warpsim.sky.catalog_columns import FLUX_MEASURED, FLUX_NONE
 from warpsim.sky.stellar_templates import (
     DWARF,
     GIANT,
     colour,
     colour_temperature_k,
     luminosity_class,
-    magnitude_light,
-    mixed,
 )
 
 Array = NDArray[np.float64]
@@ -121,21 +121,29 @@ def by_hipparcos(
     return VisibleStars(temperature_k, luminosity.astype(np.int8), np.where(fair, FAIR, UNCERTAIN))
 
 
-def msx_flux_jy(
-    g_mag: ArrayLike, hp_mag: ArrayLike, temperature_k: ArrayLike, luminosity: ArrayLike
-) -> dict[str, Array]:
-    """Predicted flux densities in the MSX bands [Jy], shape (n,) each.
+def measured_flux_jy(g_mag: Array, hp_mag: Array) -> tuple[dict[str, Array], dict[str, NDArray[np.uint8]]]:
+    """Flux densities [Jy] of magnitudes G and Hp, and what they are, by band; (n,) each, NaN and unknown for NaN."""
+    flux_jy = {
+        name: as_band(name).zero_mag_jy * 10.0 ** (-0.4 * magnitude)
+        for name, magnitude in (("G", g_mag), ("Hp", hp_mag))
+    }
+    flags = {
+        name: np.where(np.isnan(values), FLUX_NONE, FLUX_MEASURED).astype(np.uint8) for name, values in flux_jy.items()
+    }
+    return flux_jy, flags
+
+
+def magnitude_in(
+    band: Band | str, g_mag: ArrayLike, hp_mag: ArrayLike, temperature_k: ArrayLike, luminosity: ArrayLike
+) -> Array:
+    """Predicted magnitude in a band, shape (n,).
 
     Args:
+        band: A Band with a zero point, or the name of a known one.
         g_mag: G; NaN where Hp tells.
         hp_mag: Hp; NaN where G tells.
         temperature_k: Colour temperature [K]; NaN where unknown.
         luminosity: DWARF or GIANT.
     """
-    # Light in units of that of magnitude 0, all bands at once: finding the mixture of templates is most of the work.
-    names = ("G", "Hp", *BANDS)
-    of_templates = np.stack([magnitude_light(name) for name in names], axis=-1)
-    light = dict(zip(names, np.moveaxis(mixed(of_templates, luminosity, temperature_k), -1, 0), strict=True))
-    magnitude = np.where(np.isnan(g_mag), hp_mag, g_mag)
-    scale = 10.0 ** (-0.4 * magnitude) / np.where(np.isnan(g_mag), light["Hp"], light["G"])
-    return {name: band.zero_mag_jy * scale * light[name] for name, band in BANDS.items()}
+    by_g = np.asarray(g_mag) - colour("G", band, luminosity, temperature_k)
+    return np.where(np.isnan(g_mag), np.asarray(hp_mag) - colour("Hp", band, luminosity, temperature_k), by_g)
