@@ -23,7 +23,7 @@ from warpsim.render import stages
 from warpsim.render.buffers import Chunk, new_light, new_observations, new_sources, new_views
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.device_upload import make_device_scene
-from warpsim.render.star_field import load_catalog, star_index
+from warpsim.render.skies import load_catalog, star_index
 
 SWITCHES = list(itertools.product([False, True], repeat=3))
 SENSORS = ("sat11", "sat12", "sat27", "sat47")

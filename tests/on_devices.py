@@ -5,7 +5,7 @@ from __future__ import annotations
 import warp as wp
 
 from warpsim.render.device_upload import make_device_bodies, make_device_scene
-from warpsim.render.star_field import load_catalog, star_index
+from warpsim.render.skies import load_catalog, star_index
 from warpsim.render.target_field import make_target_field
 
 

@@ -318,7 +318,7 @@ def test_cheapest_points():
     assert cheapest_points([ws.PsfAiry(0.02), ws.PsfAiry(50.0)]) >= 6  # one kernel for both
 
 
-@pytest.mark.parametrize("radius_px", [0.0, 0.009, 51.0, float("nan"), [], [0.1, 0.0], "wide"])
+@pytest.mark.parametrize("radius_px", [0.0, 0.0009, 51.0, float("nan"), [], [0.1, 0.0], "wide"])
 def test_radius_out_of_range(radius_px):
     with pytest.raises(InputError, match="radius_px"):
         ws.PsfAiry(radius_px)

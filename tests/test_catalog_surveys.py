@@ -550,7 +550,7 @@ def test_hipparcos_2_reads_radians_and_zeros():
     # Hipparcos-1 has V = 9.10, 9.27 and 6.61 of these; without a colour Hp stands for V.
     v_mag = -2.5 * np.log10(stars.flux_jy["V"] / band_jy("V", 0.0))
     assert v_mag == pytest.approx([9.10, 9.27, 6.61], abs=0.015)
-    assert stars.flux_jy["B"] == close(band_jy("B", v_mag + [0.482, 0.999, math.nan]))
+    assert stars.flux_jy["B"] == close(band_jy("B", v_mag + np.array([0.482, 0.999, math.nan])))
     assert stars.flux_jy["Ic"] == close(band_jy("Ic", v_mag - [v_minus_ic(0.55, 1), math.nan, math.nan]))
     assert stars.quality.tolist() == [2, 2, 1]
     assert stars.epoch_jyear == 1991.25

@@ -174,7 +174,7 @@ def test_bad_scene_files(capsys, tmp_path, case):
 def test_missing_and_wrong_files(capsys, tmp_path):
     for name, message in (
         (tmp_path / "none.toml", "none.toml: cannot be read: No such file"),
-        ("stsss", "stsss: must be a preset (stss, two_cameras) or a .toml or .json file"),
+        ("stsss", "stsss: must be a preset (stss, two_cameras, visible_to_lwir) or a .toml or .json file"),
         (tmp_path, "must be a preset"),
     ):
         code, _, err = run(capsys, "render", name, "-o", tmp_path / "out")
@@ -504,8 +504,9 @@ def test_plot_draws_every_picture(capsys, tmp_path):
     folder = tmp_path / "new" / "pictures"
     code, out, _ = run(capsys, "plot", "stss", "-o", folder, "--time", "1300")
     assert code == 0
-    assert out.startswith(f"8 figures of stss in {folder}: scene.png, ground_tracks.png, group.png")
-    names = {"scene", "ground_tracks", "group", "attitudes", "access", "view_sat11", "view_sat12", "view_sat27"}
+    assert out.startswith(f"9 figures of stss in {folder}: scene.png, ground_tracks.png, group.png")
+    views = {"view_sat11", "view_sat12", "view_sat27"}
+    names = {"scene", "ground_tracks", "group", "attitudes", "bands", "access", *views}
     assert {path.name for path in folder.iterdir()} == {f"{name}.png" for name in names}
     for path in folder.iterdir():
         assert len(np.unique(image.imread(path)[..., :3])) > 20

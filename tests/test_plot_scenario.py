@@ -16,7 +16,7 @@ from warpsim.plot.globe import globe_from
 from warpsim.plot.ground_tracks import broken_at_date_line
 from warpsim.plot.group_panels import group_offsets_m
 from warpsim.plot.overview import osculating_ellipse_m
-from warpsim.render.star_field import load_catalog, star_index
+from warpsim.render.skies import load_catalog, star_index
 
 pytest.importorskip("matplotlib").use("Agg")
 
@@ -796,7 +796,7 @@ def test_a_scene_without_targets_is_drawn(scene, tmp_path):
     pointing = {"kind": "fixed", "azimuth_elevation_deg": [0.0, -20.0]}
     empty = scene.replace(groups=[], sensors__0__pointing=pointing, sky__catalog="none")
     paths = draw_scenario(empty, tmp_path, sensors=["sat11"])
-    assert [path.name for path in paths] == ["scene.png", "ground_tracks.png", "access.png", "view_sat11.png"]
+    assert [path.stem for path in paths] == ["scene", "ground_tracks", "bands", "access", "view_sat11"]
     for draw, message in ((ws.plot.plot_group, "^group: must be a group"), (ws.plot.plot_attitudes, "with targets")):
         with pytest.raises(ws.InputError, match=message):
             draw(empty, 0.0)
@@ -897,11 +897,12 @@ def test_views_are_of_some_sensors_of_each_kind(two_kinds, later_group, tmp_path
     monkeypatch.setattr("warpsim.plot.figure_files.save_figure", lambda figure, path: None)
     paths = draw_scenario(two_kinds.scenario, tmp_path, TIME_S)
     names = [path.stem for path in paths]
-    assert names[:5] == ["scene", "ground_tracks", "group", "attitudes", "access"]
-    assert names[5:8] == ["view_sat11.narrow", "view_sat12.narrow", "view_sat21.narrow"]
-    assert names[8:] and all(name.endswith(".wide") for name in names[8:])
+    assert names[:6] == ["scene", "ground_tracks", "group", "attitudes", "bands", "access"]
+    assert names[6:9] == ["view_sat11.narrow", "view_sat12.narrow", "view_sat21.narrow"]
+    assert names[9:] and all(name.endswith(".wide") for name in names[9:])
     names = [path.stem for path in draw_scenario(later_group, tmp_path, 100.0, sensors=["sat31"])]
-    assert names == ["scene", "ground_tracks", "group_main", "group_second", "attitudes", "access", "view_sat31"]
+    groups = ["group_main", "group_second"]
+    assert names == ["scene", "ground_tracks", *groups, "attitudes", "bands", "access", "view_sat31"]
 
 
 # --- labels, given axes, bad input ---

@@ -17,7 +17,7 @@ TRACK_M = 1e-3
 
 
 def test_presets():
-    assert ws.presets() == ["stss", "two_cameras"]
+    assert ws.presets() == ["stss", "two_cameras", "visible_to_lwir"]
 
 
 def test_stss_is_the_papers_scene(scene):

@@ -12,7 +12,7 @@ from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.samples import choices_with_files
 from warpsim.dataset.sequences import varied
 from warpsim.output.manifest import package_versions
-from warpsim.render.star_field import load_catalog
+from warpsim.render.skies import load_catalog
 from warpsim.scene.inputs import input_checksums
 from warpsim.scene.scene import Scene
 from warpsim.scene.scene_files import named_files

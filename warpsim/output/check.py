@@ -13,7 +13,7 @@ from warpsim.orbit.sampling import TRACK_ERROR_M
 from warpsim.output.check_sensor import sensor_lines
 from warpsim.output.check_views import count_replaced, replaced_text
 from warpsim.output.wording import counted
-from warpsim.render.star_field import load_catalog
+from warpsim.render.skies import load_catalog
 from warpsim.scene.attitudes import within_scene
 from warpsim.scene.groups import TargetGroup
 from warpsim.scene.scenario import Scenario
@@ -41,12 +41,12 @@ def scene_report(scenario: Scenario) -> str:
         InputError: The star catalog cannot be read, or a path cannot be propagated.
     """
     scene = scenario.scene
-    catalog = load_catalog(scene.sky)
+    catalogs = {name: load_catalog(scene.sky, one.bands.values()) for name, one in scenario.instruments.items()}
     things = f"{counted(len(scenario.sensor_names), 'sensor')}, {counted(len(scenario.target_names), 'target')}"
     lines = [
         f"{scene.name}: valid. {things}, bands {' '.join(scenario.bands)}",
         f"  epoch      {scenario.epoch.isot} UTC, {scene.duration_s:g} s",
-        *_sky_lines(scenario, catalog),
+        *_sky_lines(scenario, catalogs),
         *_orbit_lines(scenario),
     ]
     for group in scene.groups:
@@ -56,7 +56,7 @@ def scene_report(scenario: Scenario) -> str:
     for instrument in scenario.instruments.values():
         carried = f"  sensor     {instrument.sensor.name} on {counted(len(instrument.names), 'satellite')}"
         lines += ["", carried] if several else []
-        lines += sensor_lines(instrument, scenario, catalog)
+        lines += sensor_lines(instrument, scenario, catalogs[instrument.sensor.name])
     return "\n".join(lines)
 
 
@@ -66,12 +66,20 @@ def pointing_warning(scenario: Scenario, frames_of: Mapping[str, Sequence[int]])
     return replaced_text(*(sum(column) for column in zip(*counts, strict=True)))
 
 
-def _sky_lines(scenario: Scenario, catalog: StarCatalog) -> list[str]:
-    """Stars with light in each band; effects in their positions, and the size of disabled ones."""
-    sky, bands = scenario.scene.sky, scenario.bands
-    bright = {name: int(np.count_nonzero(catalog.irradiance_w_cm2(band, sky.physics))) for name, band in bands.items()}
+def _sky_lines(scenario: Scenario, catalogs: Mapping[str, StarCatalog]) -> list[str]:
+    """Stars with light in each band; effects in their positions, and the size of disabled ones.
+
+    Args:
+        scenario: The scenario.
+        catalogs: Stars by kind of sensor.
+    """
+    sky, bright = scenario.scene.sky, {}
+    for kind, instrument in scenario.instruments.items():
+        for name, band in instrument.bands.items():
+            bright[name] = int(np.count_nonzero(catalogs[kind].irradiance_w_cm2(band, sky.physics)))
     numbers = ", ".join(f"{name} {n:,}" for name, n in bright.items())
     papers = ", the paper's physics" if sky.physics == "paper" else ""
+    catalog = next(iter(catalogs.values()))
     stars = counted(len(catalog), "star")
     lines = [f"  sky        catalog {sky.catalog}: {stars}, with light in band {numbers}{papers}"]
     if sky.catalog != "none" and not any(bright.values()):

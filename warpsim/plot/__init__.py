@@ -2,6 +2,7 @@
 
 from warpsim.plot.access_figure import plot_access as plot_access
 from warpsim.plot.access_figure import plot_range as plot_range
+from warpsim.plot.bands_figure import plot_bands as plot_bands
 from warpsim.plot.bodies import plot_attitudes as plot_attitudes
 from warpsim.plot.ground_tracks import plot_ground_tracks as plot_ground_tracks
 from warpsim.plot.group_panels import plot_group as plot_group

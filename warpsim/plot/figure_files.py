@@ -10,6 +10,7 @@ import numpy as np
 
 from warpsim.files import check_new_file, prepare_folder
 from warpsim.plot.access_figure import plot_access, plot_range
+from warpsim.plot.bands_figure import plot_bands
 from warpsim.plot.bodies import plot_attitudes
 from warpsim.plot.drawn_targets import target_kinds
 from warpsim.plot.figure import FIGURE_SUFFIXES, checked_time_s, need_matplotlib, save_figure
@@ -104,7 +105,7 @@ def draw_scenario(
     prepare_folder(folder)
     views = _observing(scenario, time) if sensors is None else list(dict.fromkeys(scenario.select_sensors(sensors)))
     groups = {"group" if len(scenario.group_names) == 1 else f"group_{name}": name for name in scenario.group_names}
-    names = ["scene", "ground_tracks", *groups, *(["attitudes"] if scenario.targets else []), "access"]
+    names = ["scene", "ground_tracks", *groups, *(["attitudes"] if scenario.targets else []), "bands", "access"]
     paths = {name: folder / f"{name}.png" for name in [*names, *(f"view_{name}" for name in views)]}
     for path in paths.values():
         check_new_file(path, FIGURE_SUFFIXES, overwrite)
@@ -120,7 +121,7 @@ def draw_scenario(
 
 
 def _draw_outside(scenario: Scenario, time_s: float, paths: Mapping[str, Path], groups: Mapping[str, str]) -> None:
-    """Draw the scene, ground tracks, groups and attitudes.
+    """Draw the scene, ground tracks, groups, bands and attitudes.
 
     Args:
         scenario: The scenario.
@@ -138,6 +139,9 @@ def _draw_outside(scenario: Scenario, time_s: float, paths: Mapping[str, Path], 
         figure = _figure(8.2, 8.0)
         plot_group(scenario, time_s, list(figure.subplots(2, 2).flat), group)
         save_figure(figure, paths[name])
+    figure = _figure(10.0, 5.6)
+    plot_bands(scenario, figure.add_subplot())
+    save_figure(figure, paths["bands"])
     if "attitudes" in paths:
         figure = _figure(9.2, 1.3 + 1.25 * len(target_kinds(scenario)))
         plot_attitudes(scenario, time_s, figure.add_subplot())

@@ -14,6 +14,7 @@ from warpsim_kernels.stamp_sizes import size_table_stamps_kernel
 
 from warpsim.arguments import chosen_names, whole_number
 from warpsim.errors import InputError
+from warpsim.radiometry.band import Band
 from warpsim.render.crew import Crew
 from warpsim.render.device import chosen_devices, worker_count
 from warpsim.render.device_upload import make_device_scene
@@ -22,14 +23,13 @@ from warpsim.render.image_stack import ImageStack
 from warpsim.render.job import Job, new_job
 from warpsim.render.kernel_loading import kernel_loading
 from warpsim.render.pool import POOL_BYTES, Pool
-from warpsim.render.star_field import load_catalog, star_index
+from warpsim.render.skies import Skies
 from warpsim.render.streaks import Streaks
 from warpsim.render.stream import Stream, StreamStats, stream_sizes
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
-from warpsim.sky.band_index import BandIndex
 from warpsim.sky.catalog import StarCatalog
 
 LEAST_RATE_HZ = 1e-6
@@ -66,7 +66,7 @@ class Renderer:
         chunk_bytes: int | None = None,
         pool_bytes: int = POOL_BYTES,
         *,
-        _stars: tuple[StarCatalog, list[BandIndex] | None] | None = None,
+        _skies: Skies | None = None,
     ) -> None:
         if catalog is not None and not isinstance(catalog, StarCatalog):
             raise InputError(
@@ -83,8 +83,8 @@ class Renderer:
         self._given: dict[str, Any] = {"device": device, "n_thread": n_thread, "catalog": catalog}
         self._given |= {"chunk_bytes": chunk_bytes, "pool_bytes": pool_bytes}
         sky, epoch = self.scene.sky, self.scenario.epoch
-        self._catalog, indices = _stars or (load_catalog(sky) if catalog is None else catalog, None)
-        self._indices = indices or [star_index(sky, epoch, self._catalog, each) for each in self.devices]
+        self._skies = Skies(sky, epoch, self.devices, catalog) if _skies is None else _skies
+        self._skies.indices(self._first_bands)  # a catalog that cannot be read is found here
         where = wp.get_device("cpu") if self._to_host else self.device
         most_bytes = whole_number("pool_bytes", pool_bytes, 0)
         self._pool = Pool(where, pinned=self._to_host and self.device.is_cuda, most_bytes=most_bytes)
@@ -109,13 +109,27 @@ class Renderer:
         scenario = scenario_of(scene)
         if scenario.scene.sky != self.scene.sky:
             return Renderer(scenario, **self._given)
-        same_epoch = scenario.scene.epoch_utc == self.scene.epoch_utc
-        return Renderer(scenario, **self._given, _stars=(self._catalog, self._indices if same_epoch else None))
+        return Renderer(scenario, **self._given, _skies=self._skies.at(scenario.epoch))
 
     @property
     def catalog(self) -> StarCatalog:
-        """The stars, at the scene's epoch."""
-        return self._indices[0].catalog
+        """The stars of the first kind of sensor, at the scene's epoch; see `catalog_of`."""
+        return self._skies.indices(self._first_bands)[0].catalog
+
+    def catalog_of(self, sensor: str) -> StarCatalog:
+        """Return the stars of a sensor, at the scene's epoch: of the default catalog those brightest in its bands.
+
+        Args:
+            sensor: Name of a sensor, or of a kind.
+
+        Raises:
+            InputError: There is no such sensor.
+        """
+        return self._skies.indices(self.scenario.instrument_of(sensor).bands.values())[0].catalog
+
+    @property
+    def _first_bands(self) -> list[Band]:
+        return list(next(iter(self.scenario.instruments.values())).bands.values())
 
     @property
     def buffer_bytes(self) -> int:
@@ -300,7 +314,8 @@ class Renderer:
         key = instrument.sensor.name, bands
         if key not in self._crews:
             scenario = self.scenario
-            scenes = [make_device_scene(scenario, instrument, bands, index.device, index) for index in self._indices]
+            indices = self._skies.indices(instrument.bands.values())
+            scenes = [make_device_scene(scenario, instrument, bands, index.device, index) for index in indices]
             shape = (instrument.sensor.camera.n_row, instrument.sensor.camera.n_col)
             self._crews[key] = Crew(scenes, self.n_thread, shape, self._to_host)
         return self._crews[key]

@@ -12,9 +12,6 @@ import warp as wp
 from warpsim_kernels.motion import NodeGrid
 from warpsim_kernels.stars import EarthOrbit, StarField, make_gather_stars_kernel
 
-from warpsim.constants import JULIAN_YEAR_DAYS
-from warpsim.errors import InputError
-from warpsim.instant import Instant
 from warpsim.optics.psf_bank import PsfBank
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
@@ -22,7 +19,6 @@ from warpsim.scene.sensors import Sensor
 from warpsim.scene.sky import Sky
 from warpsim.scene.tracks import Tracks
 from warpsim.sky.band_index import BandIndex
-from warpsim.sky.catalog import StarCatalog
 
 LARGEST_SHIFT_RAD = 2.0e-4
 """41 arcsec, how far apparent places lie from those of the index: 28.5 of aberration (the Earth's 30.3 km/s and an
@@ -46,33 +42,6 @@ class Stars:
         field = self.field
         arrays = (field.cell_start, field.direction, field.irradiance_w_cm2, field.half_width_px, field.parallax_rad)
         return sum(int(array.capacity) for array in arrays)
-
-
-def load_catalog(sky: Sky) -> StarCatalog:
-    """Return the star catalog of a scene's sky.
-
-    Raises:
-        InputError: It cannot be read, or needs packages that are not installed.
-    """
-    try:
-        if sky.catalog == "none":
-            return StarCatalog.from_arrays([], [], {})
-        if sky.catalog == "default":
-            return StarCatalog.default()
-        if sky.catalog == "union":
-            return StarCatalog.union()
-        if sky.synthetic is not None:
-            wanted = sky.synthetic
-            return StarCatalog.synthetic(wanted.n_star, limit_jy=wanted.limit_jy, sky=wanted.sky, seed=wanted.seed)
-        return StarCatalog.read(sky.catalog)
-    except InputError as error:
-        raise error.within("sky.catalog") from None
-
-
-def star_index(sky: Sky, epoch: Instant, catalog: StarCatalog, device: wp.Device) -> BandIndex:
-    """Return the index of a catalog, its stars moved to an epoch by the sky's physics."""
-    jyear = 2000.0 + (epoch.tt.jd - 2451545.0) / JULIAN_YEAR_DAYS
-    return BandIndex(catalog.at_epoch(jyear, sky.physics), device)
 
 
 def make_stars(

@@ -97,20 +97,21 @@ class StarCatalog:
     """The catalog as it was made; every at_epoch() starts there, so that no error builds up."""
 
     @staticmethod
-    def default(band: Band | str | None = None) -> StarCatalog:
+    def default(*bands: Band | str) -> StarCatalog:
         """Return the catalog that ships with warpsim: 177,860 stars down to magnitude 6.70 at 8.3 um (0.122 Jy).
 
         Fluxes are predicted from visible colours (scatter 0.15 mag; variables 1-2 mag). Made once, then shared.
 
         Args:
-            band: What the stars are for. For one whose half-power points lie below 2.5 um they are the embedded stars
-                brightest in it; for any other, or none, those brightest at 8.3 um.
+            bands: What the stars are for. For one whose half-power points lie below 2.5 um they are the embedded stars
+                brightest in it; for any other, or none, those brightest at 8.3 um; for several those of any of them.
 
         Raises:
-            InputError: The band is unknown, or beyond 0.3 to 30 um.
+            InputError: A band is unknown, or beyond 0.3 to 30 um.
         """
-        one = None if band is None else as_band(band)
-        return _default() if one is None or one.half_power_um[1] >= INFRARED_UM else _default_in(one)
+        known = [as_band(band) for band in bands]
+        visible = tuple(band for band in known if band.half_power_um[1] < INFRARED_UM)
+        return _default_in(visible, len(visible) < len(known)) if visible else _default()
 
     @classmethod
     def from_arrays(
@@ -501,11 +502,14 @@ def _default() -> StarCatalog:
 
 
 @functools.lru_cache(maxsize=4)
-def _default_in(band: Band) -> StarCatalog:
-    """The embedded stars brightest in a band, in the order of the embedded table."""
-    embedded, _ = _embedded()
-    light = embedded.irradiance_w_cm2(band)
-    return embedded._rows(np.sort(np.argpartition(-light, DEFAULT_N_STAR)[:DEFAULT_N_STAR]))
+def _default_in(bands: tuple[Band, ...], infrared: bool) -> StarCatalog:
+    """The embedded stars brightest in any of some bands, or also at 8.3 um, in the order of the embedded table."""
+    embedded, brightest = _embedded()
+    chosen = np.zeros(len(embedded), dtype=bool)
+    chosen[brightest] = infrared
+    for band in bands:
+        chosen[np.argpartition(-embedded.irradiance_w_cm2(band), DEFAULT_N_STAR)[:DEFAULT_N_STAR]] = True
+    return embedded._rows(np.flatnonzero(chosen))
 
 
 @functools.cache
