@@ -26,8 +26,8 @@ def best_view(scenario: ws.Scenario) -> tuple[int, str]:
     """Frame and satellite with the brightest visible light of the white cone."""
     time_s = scenario.instruments["visible"].frame_time_s(range(scenario.scene.frames.count))
     curves = ws.light_curves(scenario, time_s, "visible", targets=["white"])
-    brightest = np.where(np.isnan(curves.snr), 0.0, curves.snr)
-    frame, sensor = np.unravel_index(brightest.max(axis=(2, 3)).argmax(), brightest.shape[:2])
+    seen = np.stack([scenario.has_access(name, time_s) for name in curves.sensors], axis=1)
+    frame, sensor = np.unravel_index(np.where(seen, curves.snr[:, :, 0, 0], 0.0).argmax(), seen.shape)
     return int(frame), curves.sensors[sensor].split(".")[0]
 
 

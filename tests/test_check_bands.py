@@ -38,4 +38,7 @@ def test_each_band_has_its_lines():
     counts = [int(n.replace(",", "")) for n in re.search(r"stars ([\d,]+) above 1 NEI", text).groups()]
     in_nei = ws.StarCatalog.default().irradiance_w_cm2("A") / 2e-18
     assert counts == [np.count_nonzero(in_nei >= 1)]
-    assert f"{counts[0] / (360**2 / np.pi):.3g} per deg2 above the noise" in text
+    assert f"{counts[0] / (360**2 / np.pi):.3g} per deg2 above the noise\n" in text
+    sensitive = scene_report(scene.replace(detector__nei_w_cm2=1e-20).scenario)
+    faintest = ws.StarCatalog.default().irradiance_w_cm2("A").min() / 1e-20
+    assert f"per deg2 above the noise; the catalog ends at {faintest:.2g} NEI\n" in sensitive

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from warpsim.constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from warpsim.radiometry.band import Band
@@ -44,8 +45,14 @@ def band_lines(instrument: Instrument, catalog: StarCatalog, physics: Physics) -
             in_nei = catalog.irradiance_w_cm2(band, physics) / instrument.nei_w_cm2(name)
             counts = ", ".join(f"{np.count_nonzero(in_nei >= level):,} above {level} NEI" for level in LEVELS_NEI)
             per_deg2 = np.count_nonzero(in_nei >= 1.0) / SPHERE_DEG2
-            lines.append(f"             stars {counts}; {per_deg2:.3g} per deg2 above the noise")
+            lines.append(f"             stars {counts}; {per_deg2:.3g} per deg2 above the noise{_end(in_nei)}")
     return lines
+
+
+def _end(in_nei: NDArray[np.float64]) -> str:
+    """Return the words that say that a catalog ends above the noise; empty where it does not."""
+    faintest = in_nei[in_nei > 0.0].min(initial=math.inf)
+    return f"; the catalog ends at {faintest:.2g} NEI" if 1.0 < faintest < math.inf else ""
 
 
 def mean_photon_j(band: Band) -> float:
