@@ -537,7 +537,7 @@ def test_plot_without_access_has_no_views(capsys, tmp_path):
     ws.Scene.load("stss").replace(access_rules__max_range_km=10.0).save(path)
     code, out, _ = run(capsys, "plot", path, "-o", tmp_path / "o")
     assert code == 0
-    assert "5 figures" in out
+    assert "6 figures" in out
 
 
 def test_czml_reports_what_it_wrote(capsys, tmp_path):
