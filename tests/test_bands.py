@@ -306,3 +306,21 @@ def test_bad_band_is_an_error(wavelength_um, response, text):
 def test_band_needs_a_name():
     with pytest.raises(InputError, match=r"^band: name: must be a text"):
         Band("", [3.0, 4.0], [1.0, 1.0])
+
+
+def test_quantities_are_converted():
+    from astropy import units as u
+
+    in_nm = Band("x", [450.0, 850.0] * u.nm, [50.0, 100.0] * u.percent)
+    assert in_nm == Band("x", [0.45, 0.85], [0.5, 1.0])
+    assert Band.top_hat("x", 450.0 * u.nm, 0.85) == Band.top_hat("x", 0.45, 0.85)
+    product, peak = Band.from_curves("x", ([0.45, 0.85], [0.5, 0.5]), ([450.0, 850.0] * u.nm, [0.4, 0.4]))
+    assert product.half_power_um == (0.45, 0.85)
+    assert peak == pytest.approx(0.2)
+    for make in (lambda: Band("x", [1.0, 2.0] * u.kg, [1.0, 1.0]), lambda: Band.top_hat("x", 1.0 * u.kg, 2.0)):
+        with pytest.raises(InputError, match=r"_um: must be convertible to um, got kg$"):
+            make()
+
+
+def test_bands_print_on_one_line():
+    assert repr(Band.top_hat("x", 3.5, 5.0, per_photon=True)) == "Band('x', 3.5 to 5 um, 2 nodes by photon)"

@@ -42,3 +42,21 @@ def test_each_band_has_its_lines():
     sensitive = scene_report(scene.replace(detector__nei_w_cm2=1e-20).scenario)
     faintest = ws.StarCatalog.default().irradiance_w_cm2("A").min() / 1e-20
     assert f"per deg2 above the noise; the catalog ends at {faintest:.2g} NEI\n" in sensitive
+
+
+def test_surfaces_that_end_within_a_band_are_noted():
+    paint = {"reflectance": {"wavelength_um": [0.4, 9.0], "value": [0.9, 0.1]}}
+    scene = ws.Scene.load("stss").replace(bands=["A", "C", "V"], targets__0__surface=paint, **{
+        f"targets__{k}__surface": {"reflectance": 0.5} for k in (1, 2, 3)
+    })  # fmt: skip
+    name = scene.targets[0].name
+    note = f"  note       {name}: its surface is given from 0.4 to 9 um and constant beyond, as in band A C\n"
+    assert note in scene_report(scene.scenario)
+
+
+def test_electrons_cost_the_energy_that_is_printed():
+    band = ws.Band.top_hat("x", 3.5, 5.0, per_photon=True)
+    text = scene_report(ws.Scene.load("stss").replace(bands=[band], **{
+        f"targets__{k}__surface": {"reflectance": 0.5} for k in range(4)
+    }).scenario)  # fmt: skip
+    assert f", {PLANCK_J_S * SPEED_OF_LIGHT_M_S / 5e-6:.3g} J an electron; AB magnitude 0 is " in text

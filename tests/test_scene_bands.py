@@ -115,6 +115,10 @@ def test_a_scene_opens_no_file_of_a_band(tmp_path):
         ({"wavelength_um": [3, 4, 5], "response": [1, 1]}, r"band.x.response: must be as long as wavelength_um"),
         ({"shipped": "Z"}, r"band.x.shipped: must be a shipped band \(.*\), got 'Z'$"),
         ({"shipped": "A", "per_photon": True}, r"band.x.per_photon: must be left out with shipped"),
+        (
+            {"wavelength_um": [0.25, 0.4, 0.8], "response": [0, 1, 1]},
+            r"band.x.response: must be 0 outside 0.28",
+        ),
         ({"half_power": [3, 4]}, r"band.x.half_power: is not a known field \(did you mean half_power_um\?\)"),
     ],
 )
@@ -131,6 +135,8 @@ def test_bad_descriptions_give_one_line(band, words):
         ({"bands": ["mwri"], "band": {"mwir": MWIR}}, r"\(did you mean mwir\?\), got 'mwri'$"),
         ({"band": {"A": MWIR}}, r"band.A: must be no shipped band's name$"),
         ({"band": {"a/b": MWIR}}, r"band: must be names of letters"),
+        ({"band": {"x": Band.top_hat("x", 0.2, 0.4)}, "bands": ["x"]}, r"band.x.half_power_um: must lie within 0.3"),
+        ({"band": 3, "bands": [Band.top_hat("x", 3, 4)]}, r"band: must be a table of bands by name"),
         ({"band": {"y": Band.top_hat("x", 3, 4)}}, r"band.y: must be the band's own name, x$"),
         ({"detector__nei_w_cm2": {"A": 1e-18, "Q": 1e-18}}, r"detector.nei_w_cm2: must be a shipped .*, got 'Q'$"),
         ({"lighting__earth_k": {"Q": 250.0}}, r"lighting.earth_k: must be a shipped band .*, got 'Q'$"),
@@ -177,3 +183,15 @@ def test_electrons_count_photons_over_the_response(per_photon):
         assert in_band_w_cm2 * found.e_per_w_cm2 == pytest.approx(
             photons * area_cm2 * detector.exposure_s, rel=QUADRATURE_RTOL
         )
+
+
+def test_another_name_of_a_shipped_band_is_the_same_band():
+    scene = stss(band={"z": {"shipped": "A"}}, bands=["A", "z"])
+    (first, other), lighting = scene.scenario.bands.values(), scene.lighting
+    for value in (lighting.earth_k_in, lighting.earth_albedo_in, lighting.sun_w_m2_in):
+        assert value(other) == value(first)
+
+
+def test_the_papers_physics_knows_its_own_bands_only():
+    with pytest.raises(ws.InputError, match=r"bands\[1\]: must be one of .*E with sky.physics = 'paper', got 'W1'$"):
+        stss(bands=["A", "W1"], sky__physics="paper")

@@ -34,6 +34,7 @@ def test_default_stars_are_those_brightest_in_the_bands():
     assert len(infrared) == len(visible) == 177_860
     assert rows(both) == rows(infrared) | rows(visible)
     assert ws.StarCatalog.default("A", "E") is infrared
+    assert ws.StarCatalog.default("SWIR") is not infrared  # it ends at 2.5 um
     assert ws.StarCatalog.default(VISIBLE) is visible
     light, left_out = both.irradiance_w_cm2(VISIBLE), ~np.isin(both.id, visible.id)
     assert light[left_out].max() <= light[~left_out].min()

@@ -112,6 +112,21 @@ def _sky_lines(scenario: Scenario, catalogs: Mapping[str, StarCatalog]) -> list[
     return lines
 
 
+def _surface_notes(scenario: Scenario) -> list[str]:
+    """Bands beyond the wavelengths at which a target's surface is given."""
+    notes = []
+    for spec in {spec.name: spec for group in scenario.scene.groups for spec in group.targets}.values():
+        if not spec.surface.is_spectral:
+            continue
+        low_um, high_um = spec.surface.emissivity_curve.wavelength_um[[0, -1]]
+        ends = {name: band.half_power_um for name, band in scenario.bands.items()}
+        beyond = [name for name, (first_um, last_um) in ends.items() if first_um < low_um or last_um > high_um]
+        if beyond:
+            given = f"its surface is given from {low_um:g} to {high_um:g} um and constant beyond"
+            notes.append(f"{spec.name}: {given}, as in band {' '.join(beyond)}")
+    return notes
+
+
 def _short(value: float) -> str:
     """Two digits, without an exponent where they are before the point."""
     return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
@@ -124,6 +139,7 @@ def _orbit_lines(scenario: Scenario) -> list[str]:
     for propagator in (scene.constellation, *(group.path for group in scene.groups)):
         notes = getattr(propagator, "notes", None)
         lines += [f"  note       {note}" for note in (notes(scenario.epoch, scene.duration_s) if notes else [])]
+    lines += [f"  note       {note}" for note in _surface_notes(scenario)]
     shapes = {spec.name: spec.shape for group in scene.groups for spec in group.targets}
     for name, shape in shapes.items():
         lines += [f"  note       {name}: {note}" for note in (shape.notes() if isinstance(shape, Mesh) else [])]

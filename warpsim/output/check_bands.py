@@ -39,7 +39,7 @@ def band_lines(instrument: Instrument, catalog: StarCatalog, physics: Physics) -
         response = "photon" if band.per_photon else "energy"
         lines.append(
             f"  band       {name}: {low_um:.4g} to {high_um:.4g} um at half power, response by {response}, mean photon "
-            f"{mean_photon_j(band):.3g} J; {_zero_point(band)}"
+            f"{mean_photon_j(band):.3g} J, {_electron_j(band):.3g} J an electron; {_zero_point(band)}"
         )
         if len(catalog):
             in_nei = catalog.irradiance_w_cm2(band, physics) / instrument.nei_w_cm2(name)
@@ -60,6 +60,11 @@ def mean_photon_j(band: Band) -> float:
     node_um, weight_um = band.quadrature_um
     mean_um = float(np.sum(weight_um * node_um) / np.sum(weight_um))
     return PLANCK_J_S * SPEED_OF_LIGHT_M_S / (mean_um * 1e-6)
+
+
+def _electron_j(band: Band) -> float:
+    """Return the in-band energy for each electron at peak quantum efficiency, the same in every spectrum [J]."""
+    return PLANCK_J_S * SPEED_OF_LIGHT_M_S / (band.photon_um * 1e-6)
 
 
 def ab_zero_w_cm2(band: Band) -> float:

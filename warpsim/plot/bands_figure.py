@@ -55,7 +55,7 @@ def plot_bands(scene: Scene | Scenario, ax: Axes | None = None) -> Axes:
     for label, style, values in [*_background(wavelength_um), *_targets(scenario, wavelength_um)]:
         power = values * wavelength_um
         spectra.plot(wavelength_um, power / power.max(), label=label, linewidth=1.3, **style)
-    spectra.set(yscale="log", ylim=(10.0**-DECADES, 20.0), ylabel="power per ln(wavelength) over its peak (lines)")
+    spectra.set(yscale="log", ylim=(10.0**-DECADES, 20.0), ylabel="power per ln(wavelength) over peak (lines)")
     spectra.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=4, fontsize=8, frameon=False)
     ax.set_title(f"Bands of {scenario.scene.name}")
     return ax

@@ -120,7 +120,8 @@ class Band:
         Raises:
             InputError: The edges are not finite, positive and increasing.
         """
-        return cls(name, np.array([lower_um, upper_um]), np.ones(2), per_photon=per_photon)
+        edges_um: Any = [in_unit(lower_um, "um", "lower_um"), in_unit(upper_um, "um", "upper_um")]
+        return cls(name, edges_um, np.ones(2), per_photon=per_photon)
 
     @classmethod
     def from_curves(
@@ -156,6 +157,11 @@ class Band:
         if len(wavelength_um) < 2 or product.max() == 0.0:
             raise InputError("must overlap, got a product of 0 everywhere", "curves").of(f"band {name}")
         return cls(name, wavelength_um, product, per_photon=per_photon), float(product.max())
+
+    def __repr__(self) -> str:
+        low_um, high_um = self.half_power_um
+        kind = "photon" if self.per_photon else "energy"
+        return f"Band({self.name!r}, {low_um:.4g} to {high_um:.4g} um, {len(self.response)} nodes by {kind})"
 
     @property
     def lit_um(self) -> tuple[float, float]:
@@ -237,7 +243,8 @@ def checked_curve(wavelength: ArrayLike, values: ArrayLike, what: str) -> tuple[
         InputError: Fewer than two nodes, shapes that differ, values that are not finite numbers, wavelengths not
             positive and increasing, or negative values.
     """
-    wavelength_um, numbers = _nodes(wavelength, "wavelength_um"), _nodes(values, what)
+    wavelength_um = _nodes(in_unit(wavelength, "um", "wavelength_um"), "wavelength_um")
+    numbers = _nodes(in_unit(values, "", what), what)
     if wavelength_um.shape != numbers.shape:
         got = f"{len(numbers)} and {len(wavelength_um)} nodes"
         raise InputError("must be as long as wavelength_um", what, got, "s")
@@ -250,6 +257,20 @@ def checked_curve(wavelength: ArrayLike, values: ArrayLike, what: str) -> tuple[
     if numbers.min() < 0.0:
         raise InputError("must be >= 0", what, numbers.min(), "g")
     return wavelength_um, numbers
+
+
+def in_unit(values: Any, unit: str, where: str) -> Any:
+    """Return numbers as they are, an astropy Quantity converted to a unit.
+
+    Raises:
+        InputError: It is in a unit that does not convert.
+    """
+    if not hasattr(values, "to_value"):
+        return values
+    try:
+        return values.to_value(unit)
+    except Exception:  # astropy's own
+        raise InputError(f"must be convertible to {unit or 'plain numbers'}", where, str(values.unit), "s") from None
 
 
 def _nodes(values: ArrayLike, where: str) -> Array:

@@ -22,6 +22,9 @@ from warpsim.radiometry.by_band import AS_DICT, BAND_NAME, ByBand
 RANGE_UM = (0.3, 30.0)
 """Wavelengths within which the half-power points of a scene's bands lie [um]: where spectra of stars are known."""
 
+RESPONSE_UM = (0.28, 45.0)
+"""Wavelengths outside which responses are 0 [um]: those of the templates of stars."""
+
 _POINTS = ("isophotal_um", "zero_mag_jy", "zero_mag_w_cm2", "w_cm2_per_jy")
 """Fields that a band has besides its response; NaN where unknown."""
 
@@ -82,16 +85,16 @@ class BandDescription:
             self.band("band")  # a response that is none is found here
         return self
 
-    @classmethod
-    def of(cls, band: Band) -> BandDescription:
-        """Return the description of a band."""
+    @staticmethod
+    def fields_of(band: Band) -> dict[str, Any]:
+        """Return the fields of a band's description."""
         points = {name: getattr(band, name) for name in _POINTS}
-        return cls(
-            wavelength_um=tuple(band.wavelength_um.tolist()),
-            response=tuple(band.response.tolist()),
-            per_photon=band.per_photon,
+        return {
+            "wavelength_um": tuple(band.wavelength_um.tolist()),
+            "response": tuple(band.response.tolist()),
+            "per_photon": band.per_photon,
             **{name: value for name, value in points.items() if not math.isnan(value)},
-        )
+        }
 
     def band(self, name: str) -> Band:
         """Return the band under a name; its file is read.
@@ -116,6 +119,10 @@ class BandDescription:
         if low_um < RANGE_UM[0] or high_um > RANGE_UM[1]:
             rule = f"must lie within {RANGE_UM[0]:g} to {RANGE_UM[1]:g} um, got {low_um:g} to {high_um:g} um"
             raise InputError(rule, "half_power_um").of(self.file or "")
+        first_um, last_um = band.lit_um
+        if first_um < RESPONSE_UM[0] or last_um > RESPONSE_UM[1]:
+            rule = f"must be 0 outside {RESPONSE_UM[0]:g} to {RESPONSE_UM[1]:g} um, got {first_um:g} to {last_um:g} um"
+            raise InputError(rule, "response").of(self.file or "")
         return band
 
     @property
@@ -143,7 +150,7 @@ def _descriptions(value: Any) -> ByBand[BandDescription]:
         if isinstance(given, Band):
             if given.name != name:
                 raise InputError(f"must be the band's own name, {given.name}", name)
-            given = BandDescription.of(given)
+            given = BandDescription.fields_of(given)
         try:
             found[name] = adapter(BandDescription).validate_python(given)
         except ValidationError as error:
@@ -202,8 +209,9 @@ def with_names(values: Mapping[str, Any]) -> dict[str, Any]:
             {**sensor, "bands": names} if isinstance(sensor, Mapping) else dataclasses.replace(sensor, bands=names)
         )
     own = {name: band for name, band in found.items() if SHIPPED.get(name) != band}
-    if own:
-        result["band"] = {**(result.get("band") or {}), **own}
+    given = {} if result.get("band") is None else result["band"]
+    if own and isinstance(given, Mapping):  # what is no table is refused later
+        result["band"] = {**given, **own}
     return {**result, "sensors": named} if found else result
 
 

@@ -59,7 +59,7 @@ class SceneDescription:
         validation.check_names(self.constellation, self.sensors, self.groups)
         validation.check_times(self.constellation, self.groups, self.duration_s)
         validation.check_frames(self.sensors, self.frames, self.duration_s)
-        validation.check_bands(self.band, self.sensors, self.groups, self.lighting)
+        validation.check_bands(self.band, self.sensors, self.groups, self.lighting, self.sky)
         validation.check_instruments(self.sensors, self.band)
         validation.check_targets(self.groups, self.sensors, self.epoch_utc, self.duration_s)
         validation.check_pointing(self.constellation, self.sensors, self.groups, self.access_target, self.frames)

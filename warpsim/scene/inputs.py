@@ -28,7 +28,8 @@ def input_checksums(scenario: Scenario) -> dict[str, str]:
         for field in dataclasses.fields(part):
             walk(getattr(part, field.name))
 
-    walk((scene.constellation, scene.groups, tuple(scene.band.values())))
+    used = tuple(scene.band[name] for name in scenario.bands if name in scene.band)
+    walk((scene.constellation, scene.groups, used))
     for instrument in scenario.instruments.values():
         found |= instrument.sensor.optics.file_checksums | _table_checksums(instrument)
     return found

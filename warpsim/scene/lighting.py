@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Annotated
 
@@ -64,14 +65,15 @@ class Lighting:
         given = self.earth_k.get(band.name)
         if given is not None:
             return given
-        return EARTH_K[band.name] if _is_msx(band) else earth_brightness_temperature_k(band)
+        msx = _msx_name(band)
+        return earth_brightness_temperature_k(band) if msx is None else EARTH_K[msx]
 
     def earth_albedo_in(self, band: Band) -> float:
         """Fraction of sunlight in a band that the Earth reflects."""
         given = None if self.earth_albedo is None else in_band(self.earth_albedo, band.name)
         if given is not None:
             return given
-        return MSX_EARTH_ALBEDO if _is_msx(band) else earth_albedo(band)
+        return earth_albedo(band) if _msx_name(band) is None else MSX_EARTH_ALBEDO
 
     def sun_w_m2_in(self, band: Band) -> float:
         """Irradiance of the Sun in a band at 1 au [W/m2]."""
@@ -79,5 +81,6 @@ class Lighting:
         return sun_irradiance_w_m2(band) if given is None else given / _W_CM2_PER_W_M2
 
 
-def _is_msx(band: Band) -> bool:
-    return BANDS.get(band.name) == band
+def _msx_name(band: Band) -> str | None:
+    """Name of the MSX band that has a band's response; None for any other."""
+    return next((name for name, msx in BANDS.items() if replace(band, name=name) == msx), None)

@@ -13,7 +13,7 @@ from warpsim.detector.levels import levels
 from warpsim.errors import InputError
 from warpsim.orbit.epoch import instant
 from warpsim.radiometry.band import Band
-from warpsim.radiometry.bands import SHIPPED
+from warpsim.radiometry.bands import BANDS, SHIPPED
 from warpsim.scene.attitudes import attitude_tables
 from warpsim.scene.bands import BandDescription, find_band, needs_file, tables_by_band, unknown_rule
 from warpsim.scene.groups import AnyConstellation, TargetGroup
@@ -24,6 +24,7 @@ from warpsim.scene.pointing_program import check_frames as check_covered
 from warpsim.scene.pointing_program import entry_path, make_program, tracked_targets
 from warpsim.scene.sensors import Frames, Sensor, sensor_instances
 from warpsim.scene.short_form import item_path
+from warpsim.scene.sky import Sky
 from warpsim.scene.targets import SceneTarget, with_values
 from warpsim.scene.temperatures import temperature_tables
 
@@ -167,9 +168,13 @@ def check_frames(sensors: Sequence[Sensor], frames: Frames, duration_s: float) -
 
 
 def check_bands(
-    own: Mapping[str, BandDescription], sensors: Sequence[Sensor], groups: Sequence[TargetGroup], lighting: Lighting
+    own: Mapping[str, BandDescription],
+    sensors: Sequence[Sensor],
+    groups: Sequence[TargetGroup],
+    lighting: Lighting,
+    sky: Sky,
 ) -> None:
-    """Check that all bands that a scene names are its own or shipped ones."""
+    """Check that all bands that a scene names are its own or shipped ones, or known to the paper if its sky is."""
     known = {*own, *SHIPPED}
     parts: list[tuple[str, Any]] = [(item_path("sensors", k, len(sensors)), part) for k, part in enumerate(sensors)]
     parts += [(item_path("groups", k, len(groups)), part) for k, part in enumerate(groups)]
@@ -180,6 +185,10 @@ def check_bands(
         unknown = next(((path, band) for path, band in named if band not in known), None)
         if unknown is not None:
             raise InputError(unknown_rule(unknown[1], own), *unknown).within(start)
+        for number, band in enumerate(part.bands if isinstance(part, Sensor) and sky.physics == "paper" else ()):
+            if band not in BANDS:
+                rule = f"must be one of {', '.join(BANDS)} with sky.physics = 'paper'"
+                raise InputError(rule, f"bands[{number}]", band).within(start)
 
 
 def check_instruments(sensors: Sequence[Sensor], own: Mapping[str, BandDescription]) -> None:

@@ -103,14 +103,14 @@ class StarCatalog:
         Fluxes are predicted from visible colours (scatter 0.15 mag; variables 1-2 mag). Made once, then shared.
 
         Args:
-            bands: What the stars are for. For one whose half-power points lie below 2.5 um they are the embedded stars
+            bands: What the stars are for. For one whose half-power points lie up to 2.5 um they are the embedded stars
                 brightest in it; for any other, or none, those brightest at 8.3 um; for several those of any of them.
 
         Raises:
             InputError: A band is unknown, or beyond 0.3 to 30 um.
         """
         known = [as_band(band) for band in bands]
-        visible = tuple(band for band in known if band.half_power_um[1] < INFRARED_UM)
+        visible = tuple(band for band in known if band.half_power_um[1] <= INFRARED_UM)
         return _default_in(visible, len(visible) < len(known)) if visible else _default()
 
     @classmethod
