@@ -365,3 +365,16 @@ def test_the_default_catalog_for_a_visible_band(monkeypatch):
     assert stars.checksum != whole.checksum
     with pytest.raises(InputError, match=r"^band: must be one of .* got 'visible'$"):
         StarCatalog.default("visible")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("V", "W1"), ("G", "Ks"), ("Hp", "J"), ("BP", "W2"), ("G", "RP"), ("BP", "G"), ("B", "Ks"), ("V", "IRAC4")],
+)
+@pytest.mark.parametrize("temperature_k", [9600.0, 5200.0])
+def test_any_colour_from_the_visible_tells_a_temperature(names, temperature_k):
+    star = StarCatalog.from_arrays([0.0], [0.0], {"V": [1.0]}, temperature_k=[temperature_k], luminosity=[0]).filled()
+    fluxes = {name: star.flux_jy(name) for name in names}
+    found = StarCatalog.from_arrays([0.0], [0.0], fluxes, luminosity=[0])
+    assert found.spectrum_temperature_k[0] == pytest.approx(temperature_k, rel=0.02)
+    assert found.filled().flux_jy("H")[0] == pytest.approx(star.flux_jy("H")[0], rel=0.02)

@@ -33,6 +33,14 @@ COLOURS = {
 }
 """Colours that tell a temperature, the surest first, and BP-RP over them where dwarfs and giants part, BP-RP = 0.95."""
 
+_VISIBLE = ("V", "G", "Hp", "BP", "RP", "Ic", "B")
+_INFRARED = ("Ks", "H", "J", "W1", "IRAC1", "W2", "IRAC2", "IRAC3", "IRAC4", "S9W", "W3", "IRAS12", "C", "A")
+OTHER_COLOURS = (
+    *((visible, infrared) for visible in _VISIBLE for infrared in _INFRARED if (visible, infrared) not in COLOURS),
+    *(("G", "RP"), ("BP", "G"), ("B", "Ic"), ("Hp", "Ic")),
+)
+"""Colours that tell a temperature where none of COLOURS is known."""
+
 
 @dataclass(frozen=True, eq=False)
 class StarPhotometry:
@@ -138,11 +146,13 @@ class StarPhotometry:
 
     @functools.cached_property
     def spectrum_temperature_k(self) -> Array:
-        """Colour temperatures of the spectra [K]: as given, else by the first of COLOURS that is known, else NaN."""
+        """Colour temperatures of the spectra [K]: as given, else by the first colour that is known, else NaN."""
         temperature_k = self.temperature_k
-        for blue, red in COLOURS:
+        for blue, red in (*COLOURS, *OTHER_COLOURS):
+            if blue not in self.given_jy or red not in self.given_jy:
+                continue
             missing = np.isnan(temperature_k)
-            if missing.any() and blue in self.given_jy and red in self.given_jy:
+            if missing.any():
                 rows = np.flatnonzero(missing)
                 colour_mag = self._magnitude(blue, rows) - self._magnitude(red, rows)
                 temperature_k = temperature_k.copy()
