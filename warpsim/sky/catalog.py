@@ -407,8 +407,9 @@ class StarCatalog:
     def irradiance_w_cm2(self, band: Band | str, physics: Physics = "physical") -> Array:
         """In-band irradiance above the atmosphere [W/cm2], shape (n,).
 
-        In a photometric band in which the star has a flux: the flux density times the band's w_cm2_per_jy, or with
-        physics "paper" the paper's irradiance of the magnitude. In any other band: the integral of energy response
+        In a photometric band in which the star has a flux: the flux density times the band's w_cm2_per_jy (in those of
+        IRAS on the scale of the other surveys), or with physics "paper" the paper's irradiance of the magnitude. In any
+        other band: the integral of energy response
         times spectrum; the spectrum is the template of the star's temperature and luminosity class times a smooth
         factor that meets the fluxes given (`warpsim.sky.stellar_spectrum`). A star without a flux gives 0: it is there,
         and adds no light.

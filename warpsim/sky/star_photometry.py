@@ -108,7 +108,7 @@ class StarPhotometry:
             name = radiometry.band_name(band)
             light = np.asarray(radiometry.flux_irradiance_w_cm2(self._known_jy(name), name))
         elif photometric_bands().get(band.name) == band:
-            light = self._known_jy(band.name) * band.w_cm2_per_jy
+            light = self._known_jy(band.name) * calibration_w_cm2_per_jy(band.name)
         else:
             light = self._spectral_w_cm2(band)
         return np.where(np.isnan(light), 0.0, light)
