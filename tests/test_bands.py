@@ -324,3 +324,18 @@ def test_quantities_are_converted():
 
 def test_bands_print_on_one_line():
     assert repr(Band.top_hat("x", 3.5, 5.0, per_photon=True)) == "Band('x', 3.5 to 5 um, 2 nodes by photon)"
+
+
+@pytest.mark.parametrize(
+    ("numbers", "rule"),
+    [
+        ({"isophotal_um": 100.0}, r"isophotal_um: must be in \[3, 5\], got 100.0"),
+        ({"half_power_um": (4.5, 3.5)}, r"half_power_um: must rise in \[3, 5\], got \(4.5, 3.5\)"),
+        ({"half_power_um": (2.0, 4.0)}, r"half_power_um: must rise in \[3, 5\]"),
+        ({"zero_mag_jy": -3.0}, r"zero_mag_jy: must be > 0 and finite, or NaN, got -3.0"),
+        ({"zero_mag_w_cm2": np.inf}, r"zero_mag_w_cm2: must be > 0 and finite, or NaN, got inf"),
+    ],
+)
+def test_numbers_of_a_band_are_possible(numbers, rule):
+    with pytest.raises(InputError, match=rf"^band x: {rule}"):
+        Band("x", [3.0, 4.0, 5.0], [0.0, 1.0, 0.0], **numbers)

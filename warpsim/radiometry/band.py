@@ -42,7 +42,7 @@ class Band:
 
     Raises:
         InputError: Fewer than two nodes, shapes that differ, wavelengths not positive and increasing, values that are
-            not finite, negative response, or no response at all.
+            not finite, negative response, or no response at all; wavelengths outside the nodes, zero points not > 0.
     """
 
     name: str
@@ -105,6 +105,25 @@ class Band:
             put("isophotal_um", float(np.sum(weight_um * node_um) / np.sum(weight_um)))
         if math.isnan(self.half_power_um[0]):
             put("half_power_um", _half_power(wavelength_um, response))
+        self._check_numbers()
+
+    def _check_numbers(self) -> None:
+        """Check the numbers that go with the response."""
+        first_um, last_um = (float(end) for end in self.wavelength_um[[0, -1]])
+        low_um, high_um = self.half_power_um
+        rules = {
+            "isophotal_um": (first_um <= self.isophotal_um <= last_um, f"must be in [{first_um:g}, {last_um:g}]"),
+            "half_power_um": (
+                first_um <= low_um <= high_um <= last_um,
+                f"must rise in [{first_um:g}, {last_um:g}]",
+            ),
+        }
+        for name in ("zero_mag_jy", "zero_mag_w_cm2", "w_cm2_per_jy"):
+            value = getattr(self, name)
+            rules[name] = (math.isnan(value) or 0.0 < value < math.inf, "must be > 0 and finite, or NaN")
+        for name, (is_kept, rule) in rules.items():
+            if not is_kept:
+                raise InputError(rule, name, getattr(self, name)).of(f"band {self.name}")
 
     @classmethod
     def top_hat(cls, name: str, lower_um: float, upper_um: float, *, per_photon: bool = False) -> Band:
