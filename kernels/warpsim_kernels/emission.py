@@ -71,13 +71,13 @@ def irradiance_per_intensity(seen: Seen, view: int, target: int) -> wp.float64:
 
 @functools.cache
 def emitted_of(spectral: bool) -> wp.Function:
-    """The function that finds the target's own light."""
+    """Return the function of a target's thermal emission."""
 
     @wp.func
     def emitted_w_m2_sr(
         surfaces: Surfaces, table: RadianceTable, seen: Seen, view: int, band: int, target: int
     ) -> wp.float64:
-        """Intensity of the target's own light for each square metre of its outline."""
+        """Intensity of the thermal emission for each square metre of projected area."""
         row = band
         if wp.static(spectral):
             row = surfaces.radiance_row[band, target]

@@ -71,7 +71,7 @@ class Optics:
         """The point spread function in a band, in pixel widths of the camera.
 
         Args:
-            band: A Band, or the name of one in BANDS.
+            band: A Band, or the name of a shipped one.
             camera: Gives the size of a pixel.
             diffusion_px: Standard deviation of each axis of the charge's diffusion in the detector [px]; it adds to
                 smear_urad in quadrature.

@@ -77,7 +77,7 @@ def earth_brightness_temperature_k(band: Band | str) -> float:
     """Temperature of the blackbody that has the Earth's mean radiance in a band [K].
 
     Args:
-        band: A Band, or the name of one in BANDS.
+        band: A Band, or the name of a shipped one.
 
     Raises:
         InputError: An unknown band.
@@ -101,7 +101,7 @@ def earth_albedo(band: Band | str) -> float:
     """Albedo of the Earth in a band: the mean weighted with sunlight and energy response.
 
     Args:
-        band: A Band, or the name of one in BANDS.
+        band: A Band, or the name of a shipped one.
 
     Raises:
         InputError: An unknown band.

@@ -43,7 +43,7 @@ def sun_irradiance_w_m2(band: Band | str) -> float:
     """In-band irradiance of the Sun at 1 au [W/m2]: the integral of energy response times solar_spectrum().
 
     Args:
-        band: A Band, or the name of one in BANDS.
+        band: A Band, or the name of a shipped one.
 
     Raises:
         InputError: An unknown band.

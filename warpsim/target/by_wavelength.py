@@ -78,7 +78,7 @@ class ByWavelength:
 
 
 FIELDS = frozenset(ByWavelength.__dataclass_fields__)
-"""Names by which a table is told from one by band."""
+"""Names that tell such a table from one by band."""
 
 
 def as_dict(given: ByWavelength) -> dict[str, Any]:
