@@ -284,3 +284,23 @@ def test_a_camera_without_anything_to_track_looks_along_its_motion(two, device):
     forward = np.cross(normal, position_m)
     forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
     np.testing.assert_allclose(axes[:2, 2], forward, rtol=0, atol=1e-12)
+
+
+def test_a_camera_keeps_its_target_through_the_exposure_in_which_it_ends(scene, device):
+    still = {"start_k": 300.0, "end_k": 300.0}
+    group = scene.to_dict()["groups"][0]
+    group |= {"exists_s": [0.0, 300.0], "targets": [{**one, "temperature": still} for one in group["targets"]]}
+    ending = scene.replace(
+        groups=[group], sky__catalog="none", duration_s=320.0, frames__count=33,
+        detector__exposure_s=2.0, detector__streaks=True, pointing=[{"track": "main"}],
+    )  # fmt: skip
+    endless = ending.replace(groups=[{**group, "exists_s": [0.0, 320.0]}])
+    frames, whole = (
+        ws.Renderer(one, device=device).render([29, 30, 31], "sat11", keep_signal=True) for one in (ending, endless)
+    )
+    absent = rows_of(frames.truth, ending.target_names[0])["absent"]
+    assert absent.tolist() == [False, False, True]  # light that left before 300 s comes later
+    np.testing.assert_array_equal(frames.signal_w_cm2.numpy()[:2], whole.signal_w_cm2.numpy()[:2])
+    assert frames.boresight_replaced.ravel().tolist() == [False, False, True]
+    boresight = frames.instrument.commanded_axes(0, np.array([299.0, 301.0, 301.0]), [-0.5, 1.5, 0.5]).axes[:, 2]
+    assert boresight[0] @ boresight[1] > 0.99 > boresight[0] @ boresight[2]

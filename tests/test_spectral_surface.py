@@ -311,3 +311,11 @@ def test_the_spread_of_members_leaves_curves_alone(scene):
     targets = [scene.to_dict()["groups"][0]["targets"][0], spread]
     painted = scene.replace(targets=targets)
     assert {target.spec.surface for target in painted.scenario.targets[1:]} == {WHITE}
+
+
+def test_a_surface_too_cold_to_emit_has_the_emissivity_of_the_longest_wavelength():
+    paint = ws.Graybody(emissivity={"wavelength_um": [0.4, 0.6, 0.8], "value": [0.2, 0.4, 0.9]})
+    green = ws.Band.top_hat("green", 0.5, 0.6)
+    assert paint.emissivity_in(green, 3.0) == pytest.approx(0.4, rel=1e-12)
+    assert paint.emissivity_in(green, 60.0) == pytest.approx(0.4, rel=1e-3)  # Planck's law nears that limit
+    assert paint.emitted_w_m2_sr(3.0, green) == 0.0

@@ -62,7 +62,7 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
     def aim_kernel(
         # in
         view_time_s: wp.array[wp.float64],  # (n_view,)
-        view_middle_s: wp.array[wp.float64],  # (n_view,) middle of the exposure: its drift period holds for all of it
+        view_middle_s: wp.array[wp.float64],  # (n_view,) middle of the exposure: what exists then, and its drift period, hold for all of it
         view_sensor: wp.array[wp.uint32],  # (n_view,) index of the sensor, and its row in the tracks
         position_m: wp.array2d[wp.vec3d],  # (n_body, n_node) sensors first, then targets
         velocity_m_s: wp.array2d[wp.vec3d],  # (n_body, n_node)
@@ -87,6 +87,8 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
         frame = local_frame(place, orbital_velocity)
         observer = observer_of(time_s, grid, place, earth_velocity, velocity)
 
+        since_middle_s = time_s - view_middle_s[view]
+
         number = int(0)
         step = int(0)
         if wp.static(features.steps):
@@ -109,6 +111,7 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
             presence,
             grid,
             observer,
+            since_middle_s,
         )
         axes = commanded.axes
         flags = commanded.flags
@@ -129,6 +132,7 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
                     presence,
                     grid,
                     observer,
+                    since_middle_s,
                 )
                 part = slew_part(since_s, pointing.turn_s[step], pointing.turn_ramp[step])
                 axes = axes_between(before.axes, axes, part, pointing.turn_vector[step])

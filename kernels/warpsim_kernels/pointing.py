@@ -97,12 +97,18 @@ def tracked_direction(
     law: PointingLaw,
     grid: NodeGrid,
     observer: Observer,
+    since_middle_s: wp.float64,
 ) -> wp.vec3d:
-    """Mean apparent direction of the tracked targets that exist; 0 where there is none."""
+    """Mean apparent direction of the tracked targets that exist; 0 where there is none.
+
+    Those that exist in the middle of the exposure count in all of it: one that ends meanwhile does not turn the camera.
+    """
     towards = wp.vec3d()
     for body in range(law.first_tracked, law.first_tracked + law.n_tracked):
         path = path_from_target(position_m, velocity_m_s, presence, body, grid, observer)
-        if path.range_m > _NEAREST_M and path.absent == 0:
+        middle_s = path.emission_time_s - since_middle_s
+        exists_s = presence.exists_s[body]
+        if path.range_m > _NEAREST_M and middle_s >= exists_s[0] and middle_s <= exists_s[1]:
             towards += path.apparent
     if wp.length(towards) < wp.float64(1.0e-9):
         return wp.vec3d()
@@ -179,12 +185,15 @@ def law_axes_of(track: bool, fixed: bool, scan: bool) -> wp.Function:
         presence: Presence,
         grid: NodeGrid,
         observer: Observer,
+        since_middle_s: wp.float64,
     ) -> CommandedAxes:
         boresight = law.direction
         roll_rad = law.roll_rad
         if wp.static(track):
             if wp.static(alone) or law.kind == LAW_TRACK:
-                boresight = tracked_direction(position_m, velocity_m_s, presence, law, grid, observer)
+                boresight = tracked_direction(
+                    position_m, velocity_m_s, presence, law, grid, observer, since_middle_s
+                )
         if wp.static(scan):
             if wp.static(alone) or law.kind == LAW_SCAN:
                 sight = scan_sight(rows, sensor, time_s)

@@ -63,7 +63,7 @@ def field_contents(instrument: Instrument, tracks: Tracks, frames_of: Mapping[st
         for targets, then in _counted(instrument, sensor, time_s):
             found.counted |= set(targets)
             for target in targets:
-                seen[then] |= target_in_field(instrument.sensor.camera, tracks, target, _at(at, then), axes[then])
+                seen[then] |= target_in_field(instrument.sensor.camera, tracks, target, at.rows(then), axes[then])
         found.n_view += len(time_s)
         found.target += int(seen.sum())
         found.earth += int(earth_in_field(instrument.sensor.camera, at.position_m, axes, tracks.pole_icrs).sum())
@@ -121,16 +121,12 @@ def _counted(instrument: Instrument, sensor: int, time_s: F64) -> Iterator[tuple
             yield targets, then
 
 
-def _at(at: SatelliteState, some: Mask) -> SatelliteState:
-    return SatelliteState(at.time_s[some], at.position_m[some], at.velocity_m_s[some])
-
-
 def target_in_field(camera: Camera, tracks: Tracks, target: int, at: SatelliteState, axes: F64) -> Mask:
     """Return whether a target is there, in the frame and not behind the Earth, shape (n,)."""
     seen = np.einsum("nij,nj->ni", axes, apparent_mean(tracks, [target], at))
     target_m = tracks.target_state(target, at.time_s)[0]
     free = earth_clearance_m(at.position_m, target_m, tracks.pole_icrs) >= 0.0
-    return np.asarray((camera.frame_margin_deg(seen) >= 0.0) & tracks.exist(target, at.time_s) & free)
+    return np.asarray((camera.frame_margin_deg(seen) >= 0.0) & tracks.exist(target, at.time_s - at.since_middle_s) & free)
 
 
 def earth_in_field(camera: Camera, position_m: F64, axes: F64, pole_icrs: F64) -> Mask:
@@ -174,8 +170,8 @@ def longest_streaks_px(
         ends = []
         for offset_s in (-half_s, half_s):
             end_s = np.clip(time_s + offset_s, 0.0, duration_s)
-            at = satellite_state(tracks, instrument.satellites[sensor], end_s)
-            ends.append((at, instrument.commanded_axes(sensor, end_s).axes))
+            at = satellite_state(tracks, instrument.satellites[sensor], end_s, end_s - time_s)
+            ends.append((at, instrument.commanded_axes(sensor, end_s, end_s - time_s).axes))
         longest = np.maximum(longest, _streaks_px(instrument.sensor.camera, tracks, ends))
     return float(longest[0]), float(longest[1])
 
@@ -189,7 +185,7 @@ def _streaks_px(camera: Camera, tracks: Tracks, ends: list[tuple[SatelliteState,
         shown = [target_in_field(camera, tracks, target, at, axes) for at, axes in ends]
         some = shown[0] | shown[1]
         if some.any():
-            own = [(_at(at, some), axes[some]) for at, axes in ends]
+            own = [(at.rows(some), axes[some]) for at, axes in ends]
             lines = [apparent_mean(tracks, [target], at) for at, _ in own]
             target_px = max(target_px, _way_px(camera, lines, own).max(initial=0.0))
     return np.array([star_px, target_px])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
-from warpsim.radiometry.quadrature import composite_rule, gauss_rule
+from warpsim.radiometry.quadrature import response_rule, gauss_rule
 
 Array = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ class Band:
         put("wavelength_um", _frozen(wavelength_um))
         put("response", _frozen(response))
         put("photon_um", _photon_um(wavelength_um, response, self.per_photon))
-        node_um, weight_um = composite_rule(wavelength_um, response, _NODES_PER_PIECE, _MAX_PIECE_LOG_WIDTH)
+        node_um, weight_um = response_rule(wavelength_um, response, _NODES_PER_PIECE, _MAX_PIECE_LOG_WIDTH)
         put("quadrature_um", (_frozen(node_um), _frozen(self._by_energy(node_um, weight_um))))
         if math.isnan(self.isophotal_um):
             node_um, weight_um = self.quadrature_um
@@ -245,7 +245,7 @@ def _intervals(band: Band, n: int) -> tuple[Array, Array]:
     every polynomial that the rule has to integrate, one more where the response is per photon.
     """
     first_um = band.wavelength_um[0]
-    offset_um, weight_um = composite_rule(band.wavelength_um - first_um, band.response, n + 1 + band.per_photon)
+    offset_um, weight_um = response_rule(band.wavelength_um - first_um, band.response, n + 1 + band.per_photon)
     node_um, weight_um = gauss_rule(offset_um, band._by_energy(first_um + offset_um, weight_um), n)
     return _frozen(first_um + node_um), _frozen(weight_um)
 

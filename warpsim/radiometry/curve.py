@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from importlib.resources.abc import Traversable
 from typing import NamedTuple
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.radiometry.band import Band
+from warpsim.radiometry.quadrature import piecewise_rule
 
 Array = NDArray[np.float64]
 
@@ -62,18 +62,8 @@ def band_rule(
     first_um, last_um = band.lit_um
     edge_um = np.unique(np.concatenate([band.wavelength_um, *splits_um]))
     edge_um = edge_um[(edge_um >= first_um) & (edge_um <= last_um)]
-    if math.isfinite(max_log_width):
-        n_part = np.maximum(np.ceil(np.diff(np.log(edge_um)) / max_log_width), 1).astype(int)
-        pieces = zip(edge_um[:-1], edge_um[1:], n_part, strict=True)
-        edge_um = np.concatenate([*(np.linspace(a, b, n + 1)[:-1] for a, b, n in pieces), edge_um[-1:]])
-    abscissa, weight = _legendre(n_node)
-    half_um = np.diff(edge_um)[:, None] / 2.0
-    node_um = (edge_um[:-1, None] + half_um * (1.0 + abscissa)).ravel()
-    weight_um = (half_um * weight).ravel() * band.energy_response(node_um)
+    node_um, weight_um = piecewise_rule(edge_um, n_node, max_log_width)
+    weight_um = weight_um * band.energy_response(node_um)
     used = weight_um > 0.0
     return node_um[used], weight_um[used]
 
-
-@functools.cache
-def _legendre(n: int) -> tuple[Array, Array]:
-    return np.polynomial.legendre.leggauss(n)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -10,7 +11,32 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def composite_rule(
+def piecewise_rule(edge: Array, n_node: int, max_log_width: float = math.inf) -> tuple[Array, Array]:
+    """Gauss-Legendre rule on each piece between neighbouring edges.
+
+    Args:
+        edge: Where the pieces meet, shape (n,), increasing.
+        n_node: Quadrature nodes per piece.
+        max_log_width: Pieces wider than this in ln(edge) are cut into equal parts; edges must then be > 0.
+
+    Returns:
+        Nodes and weights, shape (m,) each.
+    """
+    if math.isfinite(max_log_width):
+        n_part = np.maximum(np.ceil(np.diff(np.log(edge)) / max_log_width), 1).astype(int)
+        pieces = zip(edge[:-1], edge[1:], n_part, strict=True)
+        edge = np.concatenate([*(np.linspace(left, right, n + 1)[:-1] for left, right, n in pieces), edge[-1:]])
+    abscissa, weight = _legendre(n_node)
+    half_width = np.diff(edge)[:, None] / 2.0
+    return (edge[:-1, None] + half_width * (1.0 + abscissa)).ravel(), (half_width * weight).ravel()
+
+
+@functools.cache
+def _legendre(n: int) -> tuple[Array, Array]:
+    return np.polynomial.legendre.leggauss(n)
+
+
+def response_rule(
     wavelength_um: Array, response: Array, n_node: int, max_log_width: float = math.inf
 ) -> tuple[Array, Array]:
     """Gauss-Legendre rule on every linear piece of a response.
@@ -21,23 +47,13 @@ def composite_rule(
         wavelength_um: Nodes of the response [um], shape (n,), increasing.
         response: Its values, shape (n,), >= 0.
         n_node: Quadrature nodes per piece.
-        max_log_width: Pieces wider than this in ln(wavelength) are cut into equal parts; wavelengths must then be > 0.
+        max_log_width: As of piecewise_rule().
 
     Returns:
         Wavelengths [um] and weights times response [um], shape (m,) each; nodes without weight are left out.
     """
-    edges = [wavelength_um[:1]]
-    for left_um, right_um, peak in zip(
-        wavelength_um[:-1], wavelength_um[1:], np.maximum(response[:-1], response[1:]), strict=True
-    ):
-        cut = peak > 0.0 and math.isfinite(max_log_width)
-        n_part = max(1, math.ceil(math.log(right_um / left_um) / max_log_width)) if cut else 1
-        edges.append(np.linspace(left_um, right_um, n_part + 1)[1:])
-    edge_um = np.concatenate(edges)
-    abscissa, weight = np.polynomial.legendre.leggauss(n_node)
-    half_width_um = np.diff(edge_um)[:, None] / 2.0
-    node_um = (edge_um[:-1, None] + half_width_um * (1.0 + abscissa)).ravel()
-    weight_um = (half_width_um * weight).ravel() * np.interp(node_um, wavelength_um, response)
+    node_um, weight_um = piecewise_rule(wavelength_um, n_node, max_log_width)
+    weight_um = weight_um * np.interp(node_um, wavelength_um, response)
     used = weight_um > 0.0
     return node_um[used], weight_um[used]
 

@@ -65,11 +65,20 @@ class SatelliteState:
     """Geocentric [m], shape (n, 3)."""
     velocity_m_s: F64
     """Geocentric [m/s], shape (n, 3)."""
+    since_middle_s: F64
+    """After the middle of the exposure [s], shape (n,): the targets that exist then are tracked in all of it."""
+
+    def rows(self, some: Mask | npt.NDArray[np.int64]) -> SatelliteState:
+        """Return the state at some of the times."""
+        return SatelliteState(
+            self.time_s[some], self.position_m[some], self.velocity_m_s[some], self.since_middle_s[some]
+        )
 
 
-def satellite_state(tracks: Tracks, satellite: int, time_s: F64) -> SatelliteState:
-    """Return the state of a satellite at times after the epoch [s], shape (n,)."""
-    return SatelliteState(time_s, *tracks.satellites[satellite].state(time_s))
+def satellite_state(tracks: Tracks, satellite: int, time_s: F64, since_middle_s: npt.ArrayLike = 0.0) -> SatelliteState:
+    """Return the state of a satellite at times after the epoch and the middle of exposures [s], shape (n,)."""
+    since_s = np.broadcast_to(np.asarray(since_middle_s, dtype=np.float64), time_s.shape)
+    return SatelliteState(time_s, *tracks.satellites[satellite].state(time_s), since_s)
 
 
 def image_turn(roll_deg: float, offset_px: tuple[float, float], camera: Camera) -> F64:
@@ -150,7 +159,7 @@ def apparent_mean(tracks: Tracks, targets: Sequence[int], at: SatelliteState) ->
         barycentric = apparent_direction(normalised(vector), -earth_velocity)
         seen = apparent_direction(barycentric, earth_velocity + at.velocity_m_s)
         seen = np.where(here[:, None], 0.0, seen)
-        towards += np.where(tracks.exist(target, emitted)[:, None], seen, 0.0)
+        towards += np.where(tracks.exist(target, emitted - at.since_middle_s)[:, None], seen, 0.0)
     towards[np.linalg.norm(towards, axis=-1) < 1e-9] = 0.0
     return normalised(towards)
 

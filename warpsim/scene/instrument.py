@@ -215,10 +215,16 @@ class Instrument:
                 raise error.within(path).of(self.names[sensor]) from None
         return self._turns[sensor]
 
-    def commanded_axes(self, sensor: int, time_s: F64) -> CommandedAxes:
-        """Return the axes that a sensor is commanded to take at times after the epoch [s], shape (n,)."""
+    def commanded_axes(self, sensor: int, time_s: F64, since_middle_s: npt.ArrayLike = 0.0) -> CommandedAxes:
+        """Return the axes that a sensor is commanded to take.
+
+        Args:
+            sensor: Index of the sensor.
+            time_s: After the epoch [s], shape (n,).
+            since_middle_s: After the middle of the exposure that the time belongs to [s], (n,).
+        """
         tracks, satellite = self._bodies.tracks, self.satellites[sensor]
-        return commanded_axes(self.program, sensor, satellite, tracks, self.turns(sensor), time_s)
+        return commanded_axes(self.program, sensor, satellite, tracks, self.turns(sensor), time_s, since_middle_s)
 
     def settled(self, sensor: int, time_s: F64) -> Mask:
         """Return whether a sensor's camera neither slews nor settles at times, shape (n,)."""

@@ -12,7 +12,14 @@ import numpy.typing as npt
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
-from warpsim.scene.camera_axes import CommandedAxes, PointingLaw, image_turn, law_axes, satellite_state
+from warpsim.scene.camera_axes import (
+    CommandedAxes,
+    PointingLaw,
+    SatelliteState,
+    image_turn,
+    law_axes,
+    satellite_state,
+)
 from warpsim.scene.pointing import (
     ALL,
     Bias,
@@ -282,19 +289,25 @@ def commanded_axes(
     tracks: Tracks,
     turns: Sequence[SlewTurn],
     time_s: F64,
+    since_middle_s: npt.ArrayLike = 0.0,
 ) -> CommandedAxes:
-    """Return the axes that a sensor is commanded to take at times after the epoch [s], shape (n,)."""
+    """Return the axes that a sensor is commanded to take at times after the epoch and the middle of exposures [s], (n,).
+
+    One step, and the targets that exist in the middle, hold for all of an exposure; a camera that slews turns in it.
+    """
     own = program.sensors[sensor]
     starts = np.array([step.start_s for step in own.steps])
-    step_of = np.clip(np.searchsorted(starts, time_s, side="right") - 1, 0, len(starts) - 1)
-    commanded = _steps_axes(program, own, satellite, tracks, time_s, step_of)
+    at = satellite_state(tracks, satellite, time_s, since_middle_s)
+    step_s = time_s - at.since_middle_s if own.slew is None else time_s
+    step_of = np.clip(np.searchsorted(starts, step_s, side="right") - 1, 0, len(starts) - 1)
+    commanded = _steps_axes(program, own, tracks, at, step_of)
     axes = commanded.axes
     duration_s, ramp = np.array([(turn.duration_s, turn.ramp) for turn in turns]).T
     since_s = time_s - starts[step_of]
     turning = (since_s >= 0.0) & (since_s < duration_s[step_of])  # the first step holds before its start, too
     if turning.any():
         step = step_of[turning]
-        before = _steps_axes(program, own, satellite, tracks, time_s[turning], step - 1).axes
+        before = _steps_axes(program, own, tracks, at.rows(turning), step - 1).axes
         part = slew_part(duration_s[step], ramp[step], since_s[turning])
         near = np.array([turn.vector for turn in turns])[step]
         axes[turning] = between(before, axes[turning], part, near)
@@ -302,16 +315,16 @@ def commanded_axes(
 
 
 def _steps_axes(
-    program: PointingProgram, own: SensorProgram, satellite: int, tracks: Tracks, time_s: F64, step_of: Rows
+    program: PointingProgram, own: SensorProgram, tracks: Tracks, at: SatelliteState, step_of: Rows
 ) -> CommandedAxes:
     """Axes by the law of a step at each time; those of all directions of a table are found at once."""
+    n = len(at.time_s)
     laws = [program.laws[step.law] for step in own.steps]
     alike: dict[object, list[int]] = {}
     for number in np.unique(step_of).tolist():
         law = laws[number]
         alike.setdefault((law.up, law.local, id(law.turn)) if law.kind == "fixed" else number, []).append(number)
-    axes, up_lost = np.empty((len(time_s), 3, 3)), np.zeros(len(time_s), dtype=bool)
-    lost = np.zeros(len(time_s), dtype=bool)
+    axes, up_lost, lost = np.empty((n, 3, 3)), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     for numbers in alike.values():
         rows = np.flatnonzero(np.isin(step_of, numbers))
         law = laws[numbers[0]]
@@ -320,7 +333,7 @@ def _steps_axes(
             direction = np.array([laws[number].direction for number in numbers])[of_row]
             roll_rad = np.array([laws[number].roll_rad for number in numbers])[of_row]
             law = replace(law, direction=direction, roll_rad=roll_rad)
-        found = law_axes(law, own.scan, tracks, satellite_state(tracks, satellite, time_s[rows]))
+        found = law_axes(law, own.scan, tracks, at.rows(rows))
         axes[rows], up_lost[rows], lost[rows] = found.axes, found.up_replaced, found.boresight_replaced
     return CommandedAxes(axes, up_lost, lost)
 

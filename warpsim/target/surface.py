@@ -143,7 +143,10 @@ class Graybody:
         if self.is_spectral:
             if temperature_k is None:
                 raise InputError("must be given for a surface by wavelength", "temperature_k")
-            weighted, plain = _emitted(as_band(band), temperature_k, self.emissivity_curve)
+            band = as_band(band)
+            weighted, plain = _emitted(band, temperature_k, self.emissivity_curve)
+            if plain == 0.0:  # so cold that only the band's longest wavelength would be seen
+                return float(self.emissivity_curve.at(band.lit_um[1]))
             return float(weighted / plain)
         emitted = _in_band(self.emissivity, _name(band))
         return emitted if emitted is not None else 1.0 - self._needed(self.reflectance, _name(band))
