@@ -62,7 +62,7 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
     def aim_kernel(
         # in
         view_time_s: wp.array[wp.float64],  # (n_view,)
-        view_middle_s: wp.array[wp.float64],  # (n_view,) middle of the exposure: what exists then, and its drift period, hold for all of it
+        view_middle_s: wp.array[wp.float64],  # (n_view,) middle of the exposure, for what holds in all of it
         view_sensor: wp.array[wp.uint32],  # (n_view,) index of the sensor, and its row in the tracks
         position_m: wp.array2d[wp.vec3d],  # (n_body, n_node) sensors first, then targets
         velocity_m_s: wp.array2d[wp.vec3d],  # (n_body, n_node)

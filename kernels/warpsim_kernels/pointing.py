@@ -191,9 +191,7 @@ def law_axes_of(track: bool, fixed: bool, scan: bool) -> wp.Function:
         roll_rad = law.roll_rad
         if wp.static(track):
             if wp.static(alone) or law.kind == LAW_TRACK:
-                boresight = tracked_direction(
-                    position_m, velocity_m_s, presence, law, grid, observer, since_middle_s
-                )
+                boresight = tracked_direction(position_m, velocity_m_s, presence, law, grid, observer, since_middle_s)
         if wp.static(scan):
             if wp.static(alone) or law.kind == LAW_SCAN:
                 sight = scan_sight(rows, sensor, time_s)

@@ -126,7 +126,9 @@ def target_in_field(camera: Camera, tracks: Tracks, target: int, at: SatelliteSt
     seen = np.einsum("nij,nj->ni", axes, apparent_mean(tracks, [target], at))
     target_m = tracks.target_state(target, at.time_s)[0]
     free = earth_clearance_m(at.position_m, target_m, tracks.pole_icrs) >= 0.0
-    return np.asarray((camera.frame_margin_deg(seen) >= 0.0) & tracks.exist(target, at.time_s - at.since_middle_s) & free)
+    return np.asarray(
+        (camera.frame_margin_deg(seen) >= 0.0) & tracks.exist(target, at.time_s - at.since_middle_s) & free
+    )
 
 
 def earth_in_field(camera: Camera, position_m: F64, axes: F64, pole_icrs: F64) -> Mask:

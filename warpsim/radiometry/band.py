@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
-from warpsim.radiometry.quadrature import response_rule, gauss_rule
+from warpsim.radiometry.quadrature import gauss_rule, response_rule
 
 Array = NDArray[np.float64]
 

@@ -66,4 +66,3 @@ def band_rule(
     weight_um = weight_um * band.energy_response(node_um)
     used = weight_um > 0.0
     return node_um[used], weight_um[used]
-

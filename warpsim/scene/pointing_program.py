@@ -291,9 +291,10 @@ def commanded_axes(
     time_s: F64,
     since_middle_s: npt.ArrayLike = 0.0,
 ) -> CommandedAxes:
-    """Return the axes that a sensor is commanded to take at times after the epoch and the middle of exposures [s], (n,).
+    """Return the axes that a sensor is commanded to take at times after the epoch [s], shape (n,).
 
-    One step, and the targets that exist in the middle, hold for all of an exposure; a camera that slews turns in it.
+    One step, and the targets that exist in the middle, hold for all of an exposure (whose middle was since_middle_s
+    before); a camera that slews turns in it.
     """
     own = program.sensors[sensor]
     starts = np.array([step.start_s for step in own.steps])
