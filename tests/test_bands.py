@@ -13,6 +13,7 @@ import pytest
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, as_band, band_radiance_w_m2_sr
+from warpsim.radiometry.curve_nodes import PRODUCT_ERROR
 
 RADIANCE_RTOL = 1e-12  # rounding of float64 sums over up to 900 nodes, exponents up to 80 (50 K, 4 um)
 COLD_RTOL = 1e-7  # below 10 K the exponential falls by decades inside one quadrature piece
@@ -339,3 +340,62 @@ def test_bands_print_on_one_line():
 def test_numbers_of_a_band_are_possible(numbers, rule):
     with pytest.raises(InputError, match=rf"^band x: {rule}"):
         Band("x", [3.0, 4.0, 5.0], [0.0, 1.0, 0.0], **numbers)
+
+
+# --- products of curves ---
+
+FILTER = [0.40, 0.45, 0.85, 0.90], [0.0, 0.92, 0.92, 0.0]
+EFFICIENCY = [0.35, 0.60, 0.80, 1.00], [0.4, 0.95, 0.75, 0.1]
+MIRROR = np.linspace(0.3, 1.1, 801), np.full(801, 0.8)
+PRODUCTS = {
+    "filter, efficiency": (FILTER, EFFICIENCY),
+    "with a mirror of many nodes": (FILTER, EFFICIENCY, MIRROR),
+    "ramps": (([1.0, 2.0], [0.0, 1.0]), ([1.0, 2.0], [1.0, 0.0])),
+    "tails": (([1.0, 2.0, 3.0], [1.0, 1e-5, 0.0]), ([2.0, 2.9, 4.0], [1e-4, 1e-3, 1.0])),
+    "three ramps": (([1.0, 2.0], [0.0, 1.0]), ([1.0, 3.0], [0.2, 1.0]), ([0.5, 2.0], [1.0, 0.3])),
+}
+
+
+@pytest.mark.parametrize("curves", PRODUCTS.values(), ids=list(PRODUCTS))
+def test_a_product_of_curves_is_within_its_error(curves):
+    band, peak = Band.from_curves("x", *curves)
+    at_um = np.linspace(*band.wavelength_um[[0, -1]], 200_001)
+    product = np.prod([np.interp(at_um, *curve, left=0.0, right=0.0) for curve in curves], axis=0)
+    assert peak == pytest.approx(product.max(), rel=PRODUCT_ERROR)
+    found = np.interp(at_um, band.wavelength_um, band.response) * peak
+    assert np.abs(found - product).max() <= PRODUCT_ERROR * product.max() * (1.0 + 1e-6)  # and rounding
+
+
+def test_a_product_has_few_nodes():
+    """Those of a parabola's chords: the square of their width is 8 errors over the second derivative."""
+    n_piece = len(Band.from_curves("x", *PRODUCTS["ramps"])[0].response) - 1
+    fewest = np.sqrt(2.0 / (8.0 * PRODUCT_ERROR * 0.25))  # over 1 um; the second derivative is 2
+    assert fewest <= n_piece <= 1.05 * fewest
+    plain, mirrored = (Band.from_curves("x", *PRODUCTS[name])[0] for name in list(PRODUCTS)[:2])
+    assert len(mirrored.response) <= 1.05 * len(plain.response)
+    assert len(Band.from_curves("x", FILTER, MIRROR)[0].response) == 4
+
+
+@pytest.mark.parametrize(
+    ("curves", "rule"),
+    [
+        (
+            (([0.4, 0.9], [1.0, 1.0]), ([0.3, 2.0], [1.0, 1.0]), ([1.2, 2.0], [1.0, 1.0])),
+            "must overlap, got curves[0] to 0.9 um and curves[2] from 1.2 um",
+        ),
+        ((([1, 2], [1, 1]), ([2, 3], [1, 1])), "must overlap, got curves[0] to 2 um and curves[1] from 2 um"),
+        (
+            (([1.0, 2.0, 3.0], [0.0, 0.0, 1.0]), ([0.5, 1.5], [1.0, 1.0])),
+            "must have a product above 0, got 0 everywhere from 1 to 1.5 um, where curves[0] is 0",
+        ),
+        (
+            (([1.0, 2.0, 3.0], [0.0, 0.0, 1.0]), ([1.0, 2.0, 3.0], [1.0, 0.0, 0.0])),
+            "must have a product above 0, got 0 everywhere from 1 to 3 um",
+        ),
+        ((), "must be at least one"),
+    ],
+)
+def test_curves_without_a_product_are_named(curves, rule):
+    with pytest.raises(InputError) as error:
+        Band.from_curves("x", *curves)
+    assert str(error.value) == f"band x: curves: {rule}"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.radiometry.band import checked_curve
+from warpsim.radiometry.curve_nodes import checked_curve
 from warpsim.tables.columns import plain_name
 from warpsim.tables.file_table import FileTable
 from warpsim.tables.read_table import read_table

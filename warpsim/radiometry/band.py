@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
+from warpsim.radiometry.curve_nodes import checked_curve, in_unit, product
 from warpsim.radiometry.quadrature import gauss_rule, response_rule
 
 Array = NDArray[np.float64]
@@ -22,9 +22,6 @@ _NODES_PER_PIECE = 12
 _MAX_PIECE_LOG_WIDTH = 0.02
 LARGEST_N_INTERVAL = 32
 """Spectral intervals of a band: far beyond what any smooth spectrum needs."""
-
-_PRODUCT_ERROR = 1e-6
-"""Largest error of the linear pieces that stand for a product of curves, as a fraction of the peaks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,11 +152,12 @@ class Band:
                 per energy, as with a responsivity, otherwise.
 
         Returns:
-            The band, scaled to peak 1 and within 1e-6 of the product, and the largest value of the product, which is
-            the peak of quantum efficiency times transmission.
+            The band, scaled to peak 1 and within 1e-6 of the product, of the fewest nodes that keep it there; and the
+            largest value of the product, which is the peak of quantum efficiency times transmission.
 
         Raises:
-            InputError: No curve, one that breaks a rule of Band, or a product that is zero everywhere.
+            InputError: No curve, one that breaks a rule of Band, curves that do not overlap, or a product that is zero
+                everywhere.
         """
         checked = []
         for number, curve in enumerate(curves):
@@ -172,10 +170,11 @@ class Band:
                 raise error.within(f"curves[{number}]").of(f"band {name}") from None
         if not checked:
             raise InputError("must be at least one", "curves").of(f"band {name}")
-        wavelength_um, product = _product(checked)
-        if len(wavelength_um) < 2 or product.max() == 0.0:
-            raise InputError("must overlap, got a product of 0 everywhere", "curves").of(f"band {name}")
-        return cls(name, wavelength_um, product, per_photon=per_photon), float(product.max())
+        try:
+            wavelength_um, values = product(checked, [f"curves[{number}]" for number in range(len(checked))])
+        except InputError as error:
+            raise error.within("curves").of(f"band {name}") from None
+        return cls(name, wavelength_um, values, per_photon=per_photon), float(values.max())
 
     def __repr__(self) -> str:
         low_um, high_um = self.half_power_um
@@ -250,62 +249,6 @@ def _intervals(band: Band, n: int) -> tuple[Array, Array]:
     return _frozen(first_um + node_um), _frozen(weight_um)
 
 
-def checked_curve(wavelength: ArrayLike, values: ArrayLike, what: str) -> tuple[Array, Array]:
-    """Nodes of a curve over wavelength [um], and its values there, as given; copies.
-
-    Args:
-        wavelength: Nodes [um], shape (n,), n >= 2.
-        values: Values there, >= 0.
-        what: Name of the values in errors.
-
-    Raises:
-        InputError: Fewer than two nodes, shapes that differ, values that are not finite numbers, wavelengths not
-            positive and increasing, or negative values.
-    """
-    wavelength_um = _nodes(in_unit(wavelength, "um", "wavelength_um"), "wavelength_um")
-    numbers = _nodes(in_unit(values, "", what), what)
-    if wavelength_um.shape != numbers.shape:
-        got = f"{len(numbers)} and {len(wavelength_um)} nodes"
-        raise InputError("must be as long as wavelength_um", what, got, "s")
-    if wavelength_um[0] <= 0.0:
-        raise InputError("must be > 0", "wavelength_um", wavelength_um[0], "g")
-    falls = np.flatnonzero(np.diff(wavelength_um) <= 0.0)
-    if falls.size:
-        k = int(falls[0])
-        raise InputError(f"must increase, got {wavelength_um[k]:g} then {wavelength_um[k + 1]:g}", "wavelength_um")
-    if numbers.min() < 0.0:
-        raise InputError("must be >= 0", what, numbers.min(), "g")
-    return wavelength_um, numbers
-
-
-def in_unit(values: Any, unit: str, where: str) -> Any:
-    """Return numbers as they are, an astropy Quantity converted to a unit.
-
-    Raises:
-        InputError: It is in a unit that does not convert.
-    """
-    if not hasattr(values, "to_value"):
-        return values
-    try:
-        return values.to_value(unit)
-    except Exception:  # astropy's own
-        raise InputError(f"must be convertible to {unit or 'plain numbers'}", where, str(values.unit), "s") from None
-
-
-def _nodes(values: ArrayLike, where: str) -> Array:
-    """Copy to a float64 vector of at least two finite values."""
-    try:
-        vector = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"must be numbers, got {type(values).__name__}", where) from None
-    if vector.ndim != 1 or vector.size < 2:
-        raise InputError(f"must be a vector of at least 2 nodes, got shape {vector.shape}", where)
-    if not np.isfinite(vector).all():
-        node = int(np.flatnonzero(~np.isfinite(vector))[0])
-        raise InputError(f"must be finite, got {vector[node]} at node {node}", where)
-    return vector
-
-
 def _half_power(wavelength_um: Array, response: Array) -> tuple[float, float]:
     """Return the outermost wavelengths at which the response is half its peak, or the ends if it stays above."""
     above = np.flatnonzero(response >= 0.5)
@@ -330,23 +273,3 @@ def _photon_um(wavelength_um: Array, response: Array, per_photon: bool) -> float
     with np.errstate(divide="ignore", invalid="ignore"):
         vertex_um = np.clip(np.nan_to_num(-0.5 * start / slope), wavelength_um[:-1], wavelength_um[1:])
     return float(max(np.max(response * wavelength_um), np.max((start + slope * vertex_um) * vertex_um)))
-
-
-def _product(curves: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Nodes [um] and values of a product of curves, where all of them have values."""
-    low_um = max(wavelength_um[0] for wavelength_um, _ in curves)
-    high_um = min(wavelength_um[-1] for wavelength_um, _ in curves)
-    nodes = np.unique(np.concatenate([wavelength_um for wavelength_um, _ in curves]))
-    nodes = nodes[(nodes >= low_um) & (nodes <= high_um)]
-    if len(nodes) < 2:
-        return nodes, np.zeros(len(nodes))
-    # Between nodes a product bends away from its chord by the steps of its factors, a quarter of their product.
-    steps = np.stack([np.abs(np.diff(np.interp(nodes, *curve))) / max(curve[1].max(), 1e-300) for curve in curves])
-    bend = (np.sum(steps, axis=0) ** 2 - np.sum(steps**2, axis=0)) / 8.0
-    n_part = np.maximum(np.ceil(np.sqrt(bend / _PRODUCT_ERROR)), 1).astype(int)
-    parts = [np.linspace(nodes[k], nodes[k + 1], n + 1)[:-1] for k, n in enumerate(n_part)]
-    fine = np.concatenate([*parts, nodes[-1:]])
-    product = np.ones_like(fine)
-    for curve in curves:
-        product *= np.interp(fine, *curve)
-    return fine, product

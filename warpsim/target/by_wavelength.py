@@ -12,8 +12,8 @@ from warpsim.config.fields import FileName, NonNegative, Number, closed_interval
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.exchange.curve_file import CurveFile, read_curve
-from warpsim.radiometry.band import checked_curve
 from warpsim.radiometry.curve import Curve
+from warpsim.radiometry.curve_nodes import checked_curve
 
 Wavelengths = Annotated[tuple[Number, ...], rows_in("um")]
 Fractions = Annotated[tuple[Annotated[NonNegative, closed_interval(0, 1)], ...], rows_in("")]

@@ -1,0 +1,147 @@
+"""Nodes of curves over wavelength: checks, products, and polylines of few nodes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from warpsim.errors import InputError
+
+Array = NDArray[np.float64]
+
+PRODUCT_ERROR = 1e-6
+"""Largest error of the linear pieces that stand for a product of curves, as a fraction of its peak."""
+
+_SAMPLING_PART = 1e-3
+"""Part of that error which goes into samples of the product, some 30 for each node that is kept of them."""
+
+
+def checked_curve(wavelength: ArrayLike, values: ArrayLike, what: str) -> tuple[Array, Array]:
+    """Nodes of a curve over wavelength [um], and its values there, as given; copies.
+
+    Args:
+        wavelength: Nodes [um], shape (n,), n >= 2.
+        values: Values there, >= 0.
+        what: Name of the values in errors.
+
+    Raises:
+        InputError: Fewer than two nodes, shapes that differ, values that are not finite numbers, wavelengths not
+            positive and increasing, or negative values.
+    """
+    wavelength_um = _nodes(in_unit(wavelength, "um", "wavelength_um"), "wavelength_um")
+    numbers = _nodes(in_unit(values, "", what), what)
+    if wavelength_um.shape != numbers.shape:
+        got = f"{len(numbers)} and {len(wavelength_um)} nodes"
+        raise InputError("must be as long as wavelength_um", what, got, "s")
+    if wavelength_um[0] <= 0.0:
+        raise InputError("must be > 0", "wavelength_um", wavelength_um[0], "g")
+    falls = np.flatnonzero(np.diff(wavelength_um) <= 0.0)
+    if falls.size:
+        k = int(falls[0])
+        raise InputError(f"must increase, got {wavelength_um[k]:g} then {wavelength_um[k + 1]:g}", "wavelength_um")
+    if numbers.min() < 0.0:
+        raise InputError("must be >= 0", what, numbers.min(), "g")
+    return wavelength_um, numbers
+
+
+def in_unit(values: Any, unit: str, where: str) -> Any:
+    """Return numbers as they are, an astropy Quantity converted to a unit.
+
+    Raises:
+        InputError: It is in a unit that does not convert.
+    """
+    if not hasattr(values, "to_value"):
+        return values
+    try:
+        return values.to_value(unit)
+    except Exception:  # astropy's own
+        raise InputError(f"must be convertible to {unit or 'plain numbers'}", where, str(values.unit), "s") from None
+
+
+def _nodes(values: ArrayLike, where: str) -> Array:
+    """Copy to a float64 vector of at least two finite values."""
+    try:
+        vector = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"must be numbers, got {type(values).__name__}", where) from None
+    if vector.ndim != 1 or vector.size < 2:
+        raise InputError(f"must be a vector of at least 2 nodes, got shape {vector.shape}", where)
+    if not np.isfinite(vector).all():
+        node = int(np.flatnonzero(~np.isfinite(vector))[0])
+        raise InputError(f"must be finite, got {vector[node]} at node {node}", where)
+    return vector
+
+
+def product(curves: Sequence[tuple[Array, Array]], names: Sequence[str]) -> tuple[Array, Array]:
+    """Return few nodes [um] and values of a product of curves, within PRODUCT_ERROR, where all of them have values.
+
+    Args:
+        curves: Wavelengths [um] and values of each, linear between them.
+        names: Of the curves, in errors.
+
+    Raises:
+        InputError: The curves do not overlap, or their product is 0 everywhere.
+    """
+    first = max(range(len(curves)), key=lambda k: curves[k][0][0])
+    last = min(range(len(curves)), key=lambda k: curves[k][0][-1])
+    low_um, high_um = curves[first][0][0], curves[last][0][-1]
+    if low_um >= high_um:
+        raise InputError(f"must overlap, got {names[last]} to {high_um:g} um and {names[first]} from {low_um:g} um")
+    nodes = np.unique(np.concatenate([wavelength_um for wavelength_um, _ in curves]))
+    nodes = nodes[(nodes >= low_um) & (nodes <= high_um)]
+    values = np.stack([np.interp(nodes, *curve) for curve in curves])
+    peak = max(values.prod(axis=0).max(), _middles(values).prod(axis=0).max())
+    if peak == 0.0:
+        zero = [name for name, own in zip(names, values, strict=True) if own.max() == 0.0]
+        where = f"{low_um:g} to {high_um:g} um" + (f", where {' and '.join(zero)} is 0" if zero else "")
+        raise InputError(f"must have a product above 0, got 0 everywhere from {where}")
+    fine = _sampled(nodes, values, _SAMPLING_PART * PRODUCT_ERROR * peak)
+    result = np.prod([np.interp(fine, *curve) for curve in curves], axis=0)
+    kept = thinned(fine, result, (1.0 - _SAMPLING_PART) * PRODUCT_ERROR * peak)
+    return fine[kept], result[kept]
+
+
+def _middles(values: Array) -> Array:
+    """Values in the middle of pieces, along the last axis."""
+    return 0.5 * (values[..., 1:] + values[..., :-1])
+
+
+def _sampled(nodes: Array, values: Array, error: float) -> Array:
+    """Nodes with further ones between, whose chords stay within an error of the product of linear curves.
+
+    Between nodes a product of linear factors is off its chord by at most an eighth of its second derivative: the sum
+    over pairs of their steps, times the other factors, over 4.
+    """
+    largest = np.maximum(values[:, 1:], values[:, :-1])
+    steps = np.abs(np.diff(values)) / np.where(largest > 0.0, largest, 1.0)
+    off = (np.sum(steps, axis=0) ** 2 - np.sum(steps**2, axis=0)) / 8.0 * largest.prod(axis=0)
+    n_part = np.maximum(np.ceil(np.sqrt(off / error)), 1).astype(int)
+    parts = [np.linspace(nodes[k], nodes[k + 1], n + 1)[:-1] for k, n in enumerate(n_part)]
+    return np.concatenate([*parts, nodes[-1:]])
+
+
+def thinned(x: Array, y: Array, error: float) -> list[int]:
+    """Return rows of a polyline whose chords pass all its nodes within an error; each reaches as far as it can.
+
+    Args:
+        x: Of the nodes, increasing, shape (n,).
+        y: Of the nodes, shape (n,).
+        error: Largest distance in y.
+
+    Returns:
+        Rows that are kept, the first and the last among them.
+    """
+    abscissa, ordinate = x.tolist(), y.tolist()
+    kept, low, high = [0], -math.inf, math.inf  # slopes of the chords that pass all nodes since the last row kept
+    for row in range(1, len(abscissa)):
+        width, rise = abscissa[row] - abscissa[kept[-1]], ordinate[row] - ordinate[kept[-1]]
+        if not low <= rise / width <= high:
+            kept.append(row - 1)
+            width, rise = abscissa[row] - abscissa[row - 1], ordinate[row] - ordinate[row - 1]
+            low, high = -math.inf, math.inf
+        low, high = max(low, (rise - error) / width), min(high, (rise + error) / width)
+    return [*kept, len(abscissa) - 1]
