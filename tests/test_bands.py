@@ -11,15 +11,17 @@ import numpy as np
 import pytest
 
 from warpsim.errors import InputError
-from warpsim.radiometry.band import Band
-from warpsim.radiometry.bands import BANDS, as_band, band_radiance_w_m2_sr
+from warpsim.radiometry.band import AB_ZERO_JY, Band
+from warpsim.radiometry.bands import BANDS, as_band, band_radiance_w_m2_sr, bands
 from warpsim.radiometry.curve_nodes import PRODUCT_ERROR
+from warpsim.sky.catalog import StarCatalog
 
 RADIANCE_RTOL = 1e-12  # rounding of float64 sums over up to 900 nodes, exponents up to 80 (50 K, 4 um)
 COLD_RTOL = 1e-7  # below 10 K the exponential falls by decades inside one quadrature piece
 HALF_POWER_ATOL_UM = 0.1  # published half-power points are rounded, and of the full curves
 ISOPHOTAL_RTOL = 0.07  # isophotal wavelength of Vega against the plain mean: band A is wide
 SIX_RTOL = 1e-6  # asked of a band's radiance, six intervals or all wavelengths
+SHIPPED_ZERO_RTOL = 1e-5  # those facts were integrated by a trapezoid rule, and have six digits
 MOMENT_RTOL = 3e-13  # sums of 32 terms of powers up to 63, and nodes good to an ulp
 
 # The nodes of the responses against the full curves that the calibration used: 4 % in B1, 0.14 um wide.
@@ -399,3 +401,49 @@ def test_curves_without_a_product_are_named(curves, rule):
     with pytest.raises(InputError) as error:
         Band.from_curves("x", *curves)
     assert str(error.value) == f"band x: curves: {rule}"
+
+
+# --- zero points ---
+
+ZERO_RTOL = 1e-12  # Gauss nodes on pieces of 2 %, against logarithms
+
+
+@pytest.mark.parametrize("per_photon", [False, True])
+def test_ab_zero_point_of_a_top_hat(per_photon):
+    """3631 Jy over 3.5 to 5 um; by photon the energy response is wavelength / 5 um."""
+    light_um_s = 299792458e6
+    width_hz = light_um_s * (np.log(5.0 / 3.5) / 5.0 if per_photon else 1.0 / 3.5 - 1.0 / 5.0)
+    band = Band.top_hat("x", 3.5, 5.0, per_photon=per_photon)
+    assert band.ab_zero_mag_w_cm2 == pytest.approx(3631.0 * 1e-30 * width_hz, rel=ZERO_RTOL)
+    assert np.isnan([band.zero_mag_jy, band.zero_mag_w_cm2, band.w_cm2_per_jy]).all()
+    by_ab = Band("x", band.wavelength_um, band.response, per_photon=per_photon, zero_mag_jy=AB_ZERO_JY)
+    assert by_ab.zero_mag_w_cm2 == band.ab_zero_mag_w_cm2
+    assert by_ab.w_cm2_per_jy == band.flat_w_cm2_per_jy
+
+
+def test_a_zero_point_follows_from_the_other():
+    nodes = [3.0, 4.0, 5.0], [0.0, 1.0, 0.5]
+    by_jy = Band("x", *nodes, zero_mag_jy=200.0)
+    by_w_cm2 = Band("x", *nodes, zero_mag_w_cm2=by_jy.zero_mag_w_cm2)
+    assert by_w_cm2.zero_mag_jy == pytest.approx(200.0, rel=ZERO_RTOL)
+    assert Band("x", *nodes, zero_mag_jy=200.0, w_cm2_per_jy=1e-17).zero_mag_w_cm2 == 200.0 * 1e-17
+    assert Band("x", *nodes, zero_mag_jy=200.0, zero_mag_w_cm2=4e-15).w_cm2_per_jy == 4e-15 / 200.0
+    assert np.isnan(Band("x", *nodes, w_cm2_per_jy=1e-17).zero_mag_jy)
+
+
+@pytest.mark.parametrize("name", ["W1", "W3", "J", "V", "Hp"])
+def test_shipped_zero_points_are_of_the_same_definition(name):
+    """The surveys that quote the mean over the band by frequency, but for the condensing of the curves."""
+    band = bands()[name]
+    plain = Band(name, band.wavelength_um, band.response, per_photon=band.per_photon, zero_mag_jy=band.zero_mag_jy)
+    assert plain.zero_mag_w_cm2 == pytest.approx(band.zero_mag_w_cm2, rel=SHIPPED_ZERO_RTOL)
+
+
+def test_stars_have_magnitudes_in_a_band_with_either_zero_point():
+    stars = StarCatalog.from_arrays([10.0, 20.0], [5.0, 6.0], {"A": [5.0, 50.0]})
+    nodes = [3.0, 4.0, 5.0], [0.0, 1.0, 0.5]
+    by_jy = Band("x", *nodes, zero_mag_jy=200.0)
+    magnitude = stars.magnitude(by_jy)
+    np.testing.assert_allclose(10.0 ** (-0.4 * magnitude) * by_jy.zero_mag_w_cm2, stars.irradiance_w_cm2(by_jy))
+    by_w_cm2 = Band("x", *nodes, zero_mag_w_cm2=by_jy.zero_mag_w_cm2)
+    np.testing.assert_array_equal(stars.magnitude(by_w_cm2), magnitude)

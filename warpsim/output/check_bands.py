@@ -13,16 +13,11 @@ from warpsim.radiometry.magnitudes import Physics
 from warpsim.scene.instrument import Instrument
 from warpsim.sky.catalog import StarCatalog
 
-AB_ZERO_JY = 3631.0
-"""Flux density of AB magnitude 0 at all wavelengths [Jy] (Oke and Gunn 1983)."""
-
 LEVELS_NEI = (1, 10, 100, 1000)
 """Irradiances above which stars are counted [NEI]."""
 
 SPHERE_DEG2 = 360.0**2 / math.pi
 """Area of the sky [deg2]."""
-
-_W_CM2_UM_PER_JY_UM2 = 1e-26 * SPEED_OF_LIGHT_M_S * 1e12 * 1e-10
 
 
 def band_lines(instrument: Instrument, catalog: StarCatalog, physics: Physics) -> list[str]:
@@ -67,13 +62,7 @@ def _electron_j(band: Band) -> float:
     return PLANCK_J_S * SPEED_OF_LIGHT_M_S / (band.photon_um * 1e-6)
 
 
-def ab_zero_w_cm2(band: Band) -> float:
-    """Return the in-band irradiance of AB magnitude 0 [W/cm2]: 3631 Jy at all wavelengths."""
-    node_um, weight_um = band.quadrature_um
-    return float(np.sum(weight_um * _W_CM2_UM_PER_JY_UM2 * AB_ZERO_JY / node_um**2))
-
-
 def _zero_point(band: Band) -> str:
     if math.isnan(band.zero_mag_w_cm2):
-        return f"AB magnitude 0 is {ab_zero_w_cm2(band):.4g} W/cm2"
+        return f"AB magnitude 0 is {band.ab_zero_mag_w_cm2:.4g} W/cm2"
     return f"magnitude 0 is {band.zero_mag_w_cm2:.4g} W/cm2, {band.zero_mag_jy:.4g} Jy"

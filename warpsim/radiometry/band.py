@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
-from warpsim.radiometry.curve_nodes import checked_curve, in_unit, product
+from warpsim.radiometry.curve_nodes import checked_curve, half_power_um, in_unit, product
 from warpsim.radiometry.quadrature import gauss_rule, response_rule
 
 Array = NDArray[np.float64]
@@ -23,6 +24,12 @@ _MAX_PIECE_LOG_WIDTH = 0.02
 LARGEST_N_INTERVAL = 32
 """Spectral intervals of a band: far beyond what any smooth spectrum needs."""
 
+AB_ZERO_JY = 3631.0
+"""Flux density of AB magnitude 0 at all wavelengths [Jy] (Oke and Gunn 1983)."""
+
+_W_CM2_UM_PER_JY = 1e-26 * SPEED_OF_LIGHT_M_S * 1e6 * 1e-4
+"""Irradiance per wavelength of 1 Jy, times the wavelength squared [W um/cm2]: F_lambda = F_nu c / lambda^2."""
+
 
 @dataclass(frozen=True, eq=False)
 class Band:
@@ -31,6 +38,10 @@ class Band:
     `Band(name, wavelength_um, response)` is enough; the wavelengths and the half-power points then follow from the
     response, and the zero points are NaN (not known). The response is scaled to peak 1. Two bands are equal when all
     their numbers are.
+
+    Of a zero point one number is enough, zero_mag_jy or zero_mag_w_cm2: their ratio is w_cm2_per_jy. If that is not
+    given either, the flux density is the mean over the energy response by frequency, as most surveys quote it, so that
+    `zero_mag_jy=AB_ZERO_JY` (3631) makes AB magnitudes.
 
     In-band irradiance is the integral of the energy response times the spectral irradiance. The energy response has
     peak 1: it is the response given, or with `per_photon` the response given times wavelength over `photon_um`. So a
@@ -64,7 +75,8 @@ class Band:
     """In-band irradiance of a star of magnitude 0 [W/cm2]."""
 
     w_cm2_per_jy: float = math.nan
-    """In-band irradiance per flux density, for a stellar spectrum [W/cm2 per Jy]."""
+    """In-band irradiance per flux density [W/cm2 per Jy], NaN without a zero point; if not given with one, that of the
+    mean flux density by frequency."""
 
     per_photon: bool = False
     """Whether `response` is that per photon; per energy otherwise."""
@@ -101,8 +113,23 @@ class Band:
             node_um, weight_um = self.quadrature_um
             put("isophotal_um", float(np.sum(weight_um * node_um) / np.sum(weight_um)))
         if math.isnan(self.half_power_um[0]):
-            put("half_power_um", _half_power(wavelength_um, response))
+            put("half_power_um", half_power_um(wavelength_um, response))
         self._check_numbers()
+        for name, value in self._zero_point().items():
+            put(name, value)
+
+    def _zero_point(self) -> dict[str, float]:
+        """Zero points and their ratio, each from the others where it is not given."""
+        jy, w_cm2, per_jy = self.zero_mag_jy, self.zero_mag_w_cm2, self.w_cm2_per_jy
+        if math.isnan(jy) and math.isnan(w_cm2):
+            return {}
+        if math.isnan(per_jy):
+            per_jy = self.flat_w_cm2_per_jy if math.isnan(jy) or math.isnan(w_cm2) else w_cm2 / jy
+        return {
+            "zero_mag_jy": w_cm2 / per_jy if math.isnan(jy) else jy,
+            "zero_mag_w_cm2": jy * per_jy if math.isnan(w_cm2) else w_cm2,
+            "w_cm2_per_jy": per_jy,
+        }
 
     def _check_numbers(self) -> None:
         """Check the numbers that go with the response."""
@@ -188,6 +215,17 @@ class Band:
         low, high = max(lit[0] - 1, 0), min(lit[-1] + 1, len(self.response) - 1)
         return float(self.wavelength_um[low]), float(self.wavelength_um[high])
 
+    @property
+    def flat_w_cm2_per_jy(self) -> float:
+        """In-band irradiance per flux density of a spectrum flat in frequency [W/cm2 per Jy]."""
+        node_um, weight_um = self.quadrature_um
+        return float(np.sum(weight_um * _W_CM2_UM_PER_JY / node_um**2))
+
+    @property
+    def ab_zero_mag_w_cm2(self) -> float:
+        """In-band irradiance of AB magnitude 0 [W/cm2]: 3631 Jy at all wavelengths."""
+        return AB_ZERO_JY * self.flat_w_cm2_per_jy
+
     def energy_response(self, wavelength_um: ArrayLike) -> Array:
         """Response by energy, of peak 1, at wavelengths [um] of any shape."""
         at_um = np.asarray(wavelength_um, dtype=np.float64)
@@ -247,19 +285,6 @@ def _intervals(band: Band, n: int) -> tuple[Array, Array]:
     offset_um, weight_um = response_rule(band.wavelength_um - first_um, band.response, n + 1 + band.per_photon)
     node_um, weight_um = gauss_rule(offset_um, band._by_energy(first_um + offset_um, weight_um), n)
     return _frozen(first_um + node_um), _frozen(weight_um)
-
-
-def _half_power(wavelength_um: Array, response: Array) -> tuple[float, float]:
-    """Return the outermost wavelengths at which the response is half its peak, or the ends if it stays above."""
-    above = np.flatnonzero(response >= 0.5)
-    low, high = int(above[0]), int(above[-1])
-    low_um, high_um = float(wavelength_um[low]), float(wavelength_um[high])
-    if low > 0:
-        low_um = float(np.interp(0.5, response[low - 1 : low + 1], wavelength_um[low - 1 : low + 1]))
-    if high < len(response) - 1:
-        falling = slice(high + 1, high - 1 if high else None, -1)
-        high_um = float(np.interp(0.5, response[falling], wavelength_um[falling]))
-    return low_um, high_um
 
 
 def _photon_um(wavelength_um: Array, response: Array, per_photon: bool) -> float:

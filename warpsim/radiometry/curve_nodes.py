@@ -76,6 +76,19 @@ def _nodes(values: ArrayLike, where: str) -> Array:
     return vector
 
 
+def half_power_um(wavelength_um: Array, response: Array) -> tuple[float, float]:
+    """Return the outermost wavelengths at which the response is half its peak, or the ends if it stays above."""
+    above = np.flatnonzero(response >= 0.5)
+    low, high = int(above[0]), int(above[-1])
+    low_um, high_um = float(wavelength_um[low]), float(wavelength_um[high])
+    if low > 0:
+        low_um = float(np.interp(0.5, response[low - 1 : low + 1], wavelength_um[low - 1 : low + 1]))
+    if high < len(response) - 1:
+        falling = slice(high + 1, high - 1 if high else None, -1)
+        high_um = float(np.interp(0.5, response[falling], wavelength_um[falling]))
+    return low_um, high_um
+
+
 def product(curves: Sequence[tuple[Array, Array]], names: Sequence[str]) -> tuple[Array, Array]:
     """Return few nodes [um] and values of a product of curves, within PRODUCT_ERROR, where all of them have values.
 
