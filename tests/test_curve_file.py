@@ -34,6 +34,12 @@ def write(folder, name, text):
         ("b.csv", "Wavelength [nm],QE\n3000,0.5\n4000,1\n5000,0\n"),
         ("c.txt", "# of a filter\nlambda_nm transmission\n3000 0.5\n4000 1\n5000 0\n"),
         ("d.csv", "WAVELENGTH (Angstrom),T\n30000,0.5\n40000,1\n50000,0\n"),
+        ("e.csv", "Wavelength (ANGSTROMS),T [%]\n30000,50\n40000,100\n50000,0\n"),
+        ("f.csv", "wavelength_micrometers,T_percent\n3,50\n4,100\n5,0\n"),
+        ("g.csv", "wave [\u00b5m],QE (%)\n3,50\n4,100\n5,0\n"),
+        ("h.csv", "wave [\u03bcm],QE %\n3,50\n4,100\n5,0\n"),
+        ("i.txt", "lambda_nanometer T_pct\n3000 50\n4000 100\n5000 0\n"),
+        ("j.csv", "wl [mm],T\n0.003,0.5\n0.004,1\n0.005,0\n"),
     ],
 )
 def test_units_are_those_of_the_file(tmp_path, name, text):
@@ -44,21 +50,44 @@ def test_units_are_those_of_the_file(tmp_path, name, text):
     assert curve.sha256 == hashlib.sha256(text.encode()).hexdigest()
 
 
-@pytest.mark.parametrize(("unit", "first", "last"), [("nm", 300, 400), ("um", 0.3, 0.4), ("Angstrom", 3000, 4000)])
-def test_ecsv_states_units_of_both_columns(tmp_path, unit, first, last):
-    text = ECSV.format(unit=unit, of_response="%", first=first, last=last)
+@pytest.mark.parametrize("of_response", ["%", "percent"])
+@pytest.mark.parametrize(
+    ("unit", "first", "last"),
+    [
+        ("nm", 300, 400),
+        ("um", 0.3, 0.4),
+        ("Angstrom", 3000, 4000),
+        ("ANGSTROMS", 3000, 4000),
+        ("Microns", 0.3, 0.4),
+        ("µm", 0.3, 0.4),
+        ("nanometers", 300, 400),
+    ],
+)
+def test_ecsv_states_units_of_both_columns(tmp_path, unit, first, last, of_response):
+    text = ECSV.format(unit=unit, of_response=of_response, first=first, last=last)
     curve = read_curve(write(tmp_path, "curve.ecsv", text))
     np.testing.assert_allclose(curve.wavelength_um, [0.3, 0.4], rtol=1e-15)
     np.testing.assert_allclose(curve.value, [0.1, 0.8], rtol=1e-15)
 
 
-def test_fits_table(tmp_path):
-    from astropy.table import Table
+@pytest.mark.parametrize("unit", ["Angstrom", "ANGSTROMS"])
+def test_fits_table(tmp_path, unit):
+    from astropy.io import fits
 
-    table = Table({"wavelength": [300.0, 400.0], "response": [0.25, 1.0]}, units={"wavelength": "nm"})
     path = str(tmp_path / "curve.fits")
-    table.write(path)
+    columns = [
+        fits.Column("wavelength", "D", unit, array=[3000.0, 4000.0]),
+        fits.Column("response", "D", "percent", array=[25.0, 100.0]),
+    ]
+    fits.BinTableHDU.from_columns(columns).writeto(path)
     np.testing.assert_allclose(read_curve(path).wavelength_um, [0.3, 0.4], rtol=1e-15)
+    np.testing.assert_array_equal(read_curve(path).value, [0.25, 1.0])
+
+
+def test_latin_1_micro_sign(tmp_path):
+    path = tmp_path / "curve.csv"
+    path.write_bytes("wavelength [µm],response\n3,1\n4,1\n".encode("latin-1"))
+    np.testing.assert_array_equal(read_curve(str(path)).wavelength_um, [3.0, 4.0])
 
 
 def test_column_says_which_values(tmp_path):
@@ -100,9 +129,14 @@ def test_bad_files_give_one_line(tmp_path, text, rule):
     assert "\n" not in str(caught.value)
 
 
-def test_unit_that_is_no_length(tmp_path):
-    path = write(tmp_path, "curve.ecsv", ECSV.format(unit="kg", of_response="", first=1, last=2))
-    with pytest.raises(InputError, match=r"column wavelength: must be in a unit of length, got 'kg'$"):
+@pytest.mark.parametrize("unit", ["kg", "furlong"])
+def test_unit_that_is_no_length(tmp_path, unit):
+    path = write(tmp_path, "curve.ecsv", ECSV.format(unit=unit, of_response="", first=1, last=2))
+    rule = rf"unknown unit '{unit}'; must be a length such as um, nm or Angstrom$"
+    with pytest.raises(InputError, match=rf"column wavelength: {rule}"):
+        read_curve(path)
+    path = write(tmp_path, "curve.csv", f"wavelength [{unit}],response\n1,1\n2,1\n")
+    with pytest.raises(InputError, match=rf"column wavelength \[{unit}\]: {rule}"):
         read_curve(path)
 
 

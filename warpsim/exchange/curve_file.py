@@ -22,10 +22,19 @@ F64 = NDArray[np.float64]
 WAVELENGTHS = ("wavelength", "wavelen", "wave", "wl", "lambda", "lam")
 """Names of a column of wavelengths, without case, punctuation and unit."""
 
-_UNITS = {"um": "um", "micron": "um", "microns": "um", "nm": "nm", "angstrom": "Angstrom", "aa": "Angstrom", "m": "m"}
-"""Units at the end of a column's name, and astropy's names of them."""
+_SPELLINGS = {
+    "um": ("um", "μm", "micron", "microns", "micrometer", "micrometers", "micrometre", "micrometres"),
+    "nm": ("nm", "nanometer", "nanometers", "nanometre", "nanometres"),
+    "Angstrom": ("aa", "å", "angstrom", "angstroms"),
+    "m": ("m",),
+    "%": ("%", "percent", "pct"),
+}
+"""Spellings of units without case, by astropy's names of them; both micro signs have one lower case."""
 
-_WITH_UNIT = re.compile(r"(?P<name>.+?)[\s_]*[\[\(_\s]\s*(?P<unit>" + "|".join(_UNITS) + r")\s*[\]\)]?", re.IGNORECASE)
+_UNITS = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings}
+
+_IN_BRACKETS = re.compile(r"(?P<name>.+?)[\s_]*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]")
+_AT_END = re.compile(rf"(?P<name>.+?)[\s_]+(?P<unit>{'|'.join(_UNITS)})")
 
 
 class CurveFile(NamedTuple):
@@ -38,14 +47,15 @@ class CurveFile(NamedTuple):
     """Values there, >= 0, as fractions where the file gives per cent; read-only."""
 
     sha256: str
-    """Of the file."""
+    """Of the bytes of the file that this was read from."""
 
 
 def read_curve(path: str, column: str | None = None) -> CurveFile:
     """Read a curve over wavelength: a table of two columns or more (CSV, ECSV, FITS, VOTable, text).
 
     The wavelengths are in a column called so (`wavelength`, `lambda`, ...); their unit is stated by the file, or by the
-    column's name as in `wavelength_um` or `Wavelength [nm]`. A file that has changed is read again.
+    column's name as in `wavelength_um` or `Wavelength [nm]`. Values in per cent, as in `QE [%]`, become fractions. A
+    file that has changed is read again.
 
     Args:
         path: File name.
@@ -66,8 +76,8 @@ def read_curve(path: str, column: str | None = None) -> CurveFile:
 
 @lru_cache(maxsize=64)
 def _read(path: str, column: str | None, mtime_ns: int, size: int) -> CurveFile:
-    sha256 = hashlib.sha256(Path(path).read_bytes()).hexdigest()
-    table = read_table(Path(path), what="a table of a curve over wavelength")
+    data = Path(path).read_bytes()
+    table = read_table(Path(path), what="a table of a curve over wavelength", data=data)
     name, unit = _wavelength_column(table)
     values_name = _value_column(table, name, column)
     given, values = table.number(name), _fractions(table, values_name)
@@ -75,11 +85,11 @@ def _read(path: str, column: str | None, mtime_ns: int, size: int) -> CurveFile:
         checked_curve(given, values, values_name)
         wavelength_um, values = checked_curve(given * _um_per(unit), values, values_name)
     except InputError as error:
-        column = name if error.field == "wavelength_um" else values_name
+        column = values_name if error.field == values_name else name
         raise InputError(error.rule, f"column {column}", error.value, "g") from None
     for array in (wavelength_um, values):
         array.setflags(write=False)
-    return CurveFile(wavelength_um, values, sha256)
+    return CurveFile(wavelength_um, values, hashlib.sha256(data).hexdigest())
 
 
 def _wavelength_column(table: FileTable) -> tuple[str, str]:
@@ -101,9 +111,10 @@ def _wavelength_column(table: FileTable) -> tuple[str, str]:
 
 
 def _split(name: str) -> tuple[str, str | None]:
-    """Name of a column without its unit, and the unit; None where it names none."""
-    match = _WITH_UNIT.fullmatch(name.strip())
-    return (name, None) if match is None else (match["name"], _UNITS[match["unit"].lower()])
+    """Name of a column without case and unit, and the unit; None where it names none."""
+    text = name.strip().casefold()
+    match = _IN_BRACKETS.fullmatch(text) or _AT_END.fullmatch(text)
+    return (text, None) if match is None else (match["name"], match["unit"])
 
 
 def _value_column(table: FileTable, wavelength: str, column: str | None) -> str:
@@ -125,9 +136,9 @@ def _um_per(unit: str) -> float:
     from astropy.units import Unit
 
     try:
-        return float(Unit(unit).to("um"))
+        return float(Unit(_UNITS.get(unit.strip().casefold(), unit)).to("um"))
     except (TypeError, ValueError):  # no unit, or none of length
-        raise InputError("must be in a unit of length", "wavelength_um", unit) from None
+        raise InputError(f"unknown unit {unit!r}; must be a length such as um, nm or Angstrom") from None
 
 
 def _fractions(table: FileTable, name: str) -> F64:
@@ -135,4 +146,5 @@ def _fractions(table: FileTable, name: str) -> F64:
     stated: Any = table.table[name].unit
     table.table[name].unit = None
     values = table.number(name)
-    return values / 100.0 if str(stated) == "%" else values
+    unit = _split(name)[1] if stated is None else str(stated)
+    return values / 100.0 if _UNITS.get((unit or "").strip().casefold()) == "%" else values

@@ -54,6 +54,15 @@ def read_bytes(path: Path) -> bytes:
         raise InputError("must be a file, got a folder") from None
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror or error})") from None
+    return unpacked(data)
+
+
+def unpacked(data: bytes) -> bytes:
+    """Return a file's bytes unpacked where they are gzip, without a byte order mark.
+
+    Raises:
+        InputError: They cannot be unpacked, or there are none.
+    """
     if data[:2] == b"\x1f\x8b":
         try:
             data = gzip.decompress(data)

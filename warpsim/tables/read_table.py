@@ -25,7 +25,7 @@ from warpsim.tables.by_astropy import (
 from warpsim.tables.cds_readme import layout_from_readme, split_self_described
 from warpsim.tables.cells import decoded
 from warpsim.tables.delimited import names_columns, read_delimited
-from warpsim.tables.file_kinds import KINDS, N_HEAD, check_foreign, kind_of, read_bytes
+from warpsim.tables.file_kinds import KINDS, N_HEAD, check_foreign, kind_of, read_bytes, unpacked
 from warpsim.tables.file_table import FileTable
 from warpsim.tables.fixed_width import Layout, read_fixed_width, recognised
 from warpsim.tables.lines import lines_after, lines_of, open_end
@@ -52,6 +52,7 @@ def read_table(
     readme: Path | None = None,
     layouts: Sequence[Layout] = (),
     likely: Layout | None = None,
+    data: bytes | None = None,
 ) -> FileTable:
     """Table of a file.
 
@@ -62,11 +63,12 @@ def read_table(
         readme: ReadMe of a CDS file; one beside the file is found by itself.
         layouts: Byte layouts that a text without names of columns is compared with.
         likely: The layout to blame such a text by, where it follows none of them.
+        data: Bytes of the file, where they have been read.
 
     Raises:
         InputError: The file cannot be read, or is no table.
     """
-    data = read_bytes(path)
+    data = read_bytes(path) if data is None else unpacked(data)
     if format is not None and format not in KINDS:
         return FileTable(read_by_name(path, format))
     check_foreign(data, what)
