@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +14,11 @@ from scipy import integrate
 import warpsim as ws
 from warpsim.constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from warpsim.detector.levels import electron_levels
+from warpsim.files import sha256_of
 from warpsim.radiometry.band import Band
+from warpsim.radiometry.curve_nodes import PRODUCT_ERROR
 from warpsim.scene.inputs import input_checksums
+from warpsim.scene.scenario import Scenario
 
 QUADRATURE_RTOL = 1e-9
 """scipy's own tolerance; both sides are exact otherwise."""
@@ -68,6 +73,56 @@ def test_band_objects_of_sensors_join_the_scene(tmp_path):
     assert scene.replace(sensors=[sensor]).sensors[0].bands == ("mwir", "A")
 
 
+@pytest.mark.parametrize(
+    ("band", "fields"),
+    [
+        (Band.top_hat("x", 3.5, 5.0, per_photon=True), {"half_power_um": [3.5, 5.0], "per_photon": True}),
+        (Band("x", [3.5, 5.0], [1, 1], zero_mag_jy=200.0), None),
+        (Band("x", [3.5, 5.0], [1, 1], half_power_um=(3.6, 4.9)), None),
+        (Band("x", [3.5, 5.0], [1, 0.5]), {"wavelength_um": [3.5, 5.0], "response": [1.0, 0.5], "per_photon": False}),
+        (Band("x", [3.0, 4.0, 5.0], [0.0, 2.0, 0.0], half_power_um=(3.4, 4.7), isophotal_um=4.1), None),
+        (Band("x", [3.0, 4.0, 5.0], [0.0, 2.0, 0.0], zero_mag_w_cm2=1e-15, per_photon=True), None),
+        (dataclasses.replace(ws.bands()["W1"], name="x"), None),
+    ],
+    ids=["top-hat", "with-zero-point", "other-points", "slope", "wavelengths", "photon", "shipped"],
+)
+def test_objects_are_saved_and_loaded_as_they_are(tmp_path, band, fields):
+    scene = stss(bands=[band])
+    scene.save(tmp_path / "scene.toml")
+    assert ws.Scene.load(tmp_path / "scene.toml").scenario.bands == {"x": band}
+    if fields is not None:
+        assert scene.to_dict()["band"]["x"] == fields
+
+
+def test_half_power_points_may_stand_beside_a_file(tmp_path):
+    (tmp_path / "filter.csv").write_text(CSV)
+    entry = {"file": str(tmp_path / "filter.csv"), "half_power_um": [3.5, 4.8]}
+    assert stss(band={"x": entry}, bands=["x"]).scenario.bands["x"].half_power_um == (3.5, 4.8)
+
+
+@pytest.mark.parametrize(
+    "entry", [{"half_power_um": [3.5, 5.1]}, {"shipped": "W1"}, {"file": "filter.csv"}, Band.top_hat("x", 3.5, 5.1)]
+)
+def test_an_object_must_agree_with_a_description_of_its_name(entry):
+    with pytest.raises(ws.InputError, match=r"^Scene: band.x: must be the Band of that name in bands, or be left out$"):
+        stss(band={"x": entry}, bands=[Band.top_hat("x", 3.5, 5.0)])
+    nodes = {"wavelength_um": [3.5, 5.0], "response": [2.0, 2.0]}
+    for same in (nodes, {"half_power_um": [3.5, 5.0]}, Band.top_hat("x", 3.5, 5.0)):
+        assert list(stss(band={"x": same}, bands=[Band.top_hat("x", 3.5, 5.0)]).scenario.bands) == ["x"]
+    with pytest.raises(ws.InputError, match=r"^Scene: band.x.half_power_um: must increase"):
+        stss(band={"x": {"half_power_um": [5.0, 3.5]}}, bands=[Band.top_hat("x", 3.5, 5.0)])
+
+
+def test_a_changed_object_replaces_the_band_of_its_name_unless_others_have_it():
+    wide, narrow = Band.top_hat("x", 3.5, 5.0), Band.top_hat("x", 3.6, 4.9)
+    sensor = ws.Scene.load("stss").sensors[0]
+    scene = stss(sensors=[dataclasses.replace(sensor, name=name, bands=(wide,)) for name in "ab"])
+    with pytest.raises(ws.InputError, match=r"band.x: must be the Band of that name in bands, or be left out$"):
+        scene.replace(sensors__0__bands=[narrow])
+    both = scene.replace(sensors__0__bands=[narrow], sensors__1__bands=[narrow])
+    assert both.scenario.bands == {"x": narrow}
+
+
 def test_two_objects_of_a_name_must_agree():
     sensor = ws.Scene.load("stss").sensors[0]
     sensors = [
@@ -91,6 +146,51 @@ def test_files_travel_with_the_scene_and_identify_it(tmp_path):
     assert input_checksums(stss(band={"x": {"file": str(path)}}, bands=["x"]).scenario) != before
 
 
+def test_the_checksum_is_that_of_the_file_as_it_was_read(tmp_path):
+    path = tmp_path / "filter.csv"
+    path.write_text(CSV)
+    scene = stss(band={"x": {"file": str(path)}}, bands=["x"])
+    band = scene.scenario.bands["x"]
+    path.write_text(CSV.replace("0.25", "0.26"))
+    assert input_checksums(scene.scenario) == {str(path): hashlib.sha256(CSV.encode()).hexdigest()}
+    assert Scenario(scene).bands["x"] == band  # a description keeps what it has read
+
+
+def test_files_are_multiplied(tmp_path):
+    curves = {
+        "filter.csv": ([3.4, 3.5, 4.9, 5.0], [0.0, 0.9, 0.9, 0.0]),
+        "qe.csv": ([3.0, 4.5, 5.5], [0.4, 0.8, 0.2]),
+    }
+    for name, (wavelength_um, values) in curves.items():
+        rows = [f"{um},{value * 100}" for um, value in zip(wavelength_um, values, strict=True)]
+        (tmp_path / name).write_text("\n".join(["wavelength_um,value [%]", *rows, ""]))
+    paths = [str(tmp_path / name) for name in curves]
+    scene = stss(band={"x": {"files": paths, "per_photon": True}}, bands=["x"])
+    scene.save(tmp_path / "scene.toml")
+    assert 'files = ["filter.csv", "qe.csv"]' in (tmp_path / "scene.toml").read_text()
+    scene = ws.Scene.load(tmp_path / "scene.toml")
+    expected, _ = Band.from_curves("x", *curves.values())
+    found, at_um = scene.scenario.bands["x"], np.linspace(3.4, 5.0, 1000)
+    np.testing.assert_allclose(
+        np.interp(at_um, found.wavelength_um, found.response),
+        np.interp(at_um, expected.wavelength_um, expected.response),
+        rtol=0,
+        atol=2 * PRODUCT_ERROR,
+    )
+    assert input_checksums(scene.scenario) == {path: sha256_of(Path(path)) for path in paths}
+    (tmp_path / "qe.csv").write_text("wavelength_um,value\n6,1\n7,1\n")
+    with pytest.raises(
+        ws.InputError, match=r"band.x.files: must overlap, got .*filter.csv to 5 um and .*qe.csv from 6 um$"
+    ):
+        _ = ws.Scene.load(tmp_path / "scene.toml").scenario
+
+
+def test_a_table_bands_beside_sensors_is_hinted_at():
+    data = ws.Scene.load("stss").to_dict()
+    with pytest.raises(ws.InputError, match=r"bands: must not be given beside sensors, .* \(did you mean band\?\)$"):
+        ws.Scene.from_dict({**data, "bands": {"mwir": MWIR}})
+
+
 def test_a_scene_opens_no_file_of_a_band(tmp_path):
     scene = stss(band={"x": {"file": str(tmp_path / "none.csv")}}, bands=["x"])
     with pytest.raises(ws.InputError, match=r"^band.x: .*none.csv: cannot be read: No such file or directory$"):
@@ -100,7 +200,14 @@ def test_a_scene_opens_no_file_of_a_band(tmp_path):
 @pytest.mark.parametrize(
     ("band", "words"),
     [
-        ({}, r"band.x: half_power_um, wavelength_um, file, shipped: exactly one must be given, got none"),
+        ({}, r"band.x: half_power_um, wavelength_um, file, files, shipped: exactly one must be given, got none"),
+        ({"file": "a.csv", "files": ["b.csv"]}, r"band.x: .*exactly one must be given, got file, files$"),
+        ({"files": []}, r"band.x.files: must name at least one"),
+        ({"files": ["a.csv", "b.csv"], "column": "QE"}, r"band.x.column: belongs to file$"),
+        (
+            {"wavelength_um": [3, 4], "response": [1, 1], "half_power_um": [3.5, 4.5]},
+            r"band.x.half_power_um: must rise in \[3, 4\]",
+        ),
         ({**MWIR, "shipped": "A"}, r"band.x: .*exactly one must be given, got half_power_um, shipped$"),
         ({"half_power_um": [5.0, 3.5]}, r"band.x.half_power_um: must increase"),
         ({"half_power_um": [3.5]}, r"band.x.half_power_um"),
@@ -131,8 +238,13 @@ def test_bad_descriptions_give_one_line(band, words):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"bands": ["mwri"], "band": {"mwir": MWIR}}, r"bands\[0\]: must be one of the scene's \(mwir\) or a shipped "),
-        ({"bands": ["mwri"], "band": {"mwir": MWIR}}, r"\(did you mean mwir\?\), got 'mwri'$"),
+        (
+            {"bands": ["mwri"], "band": {"mwir": MWIR}},
+            r"bands\[0\]: is no band \(did you mean mwir\?\); must be one of the scene's \(mwir\) or a shipped ",
+        ),
+        ({"bands": ["mwir"]}, r"bands\[0\]: is no band \(did you mean MWIR\?\); must be a shipped band \(B1, "),
+        ({"bands": ["zzz"]}, r"bands\[0\]: must be a shipped band \(B1, .*\), got 'zzz'$"),
+        ({"bands": {"mwir": MWIR}}, r"bands: must be a list of names, .* \(did you mean band\?\)"),
         ({"band": {"A": MWIR}}, r"band.A: must be no shipped band's name$"),
         ({"band": {"a/b": MWIR}}, r"band: must be names of letters"),
         ({"band": {"x": Band.top_hat("x", 0.2, 0.4)}, "bands": ["x"]}, r"band.x.half_power_um: must lie within 0.3"),

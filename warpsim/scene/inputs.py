@@ -28,8 +28,9 @@ def input_checksums(scenario: Scenario) -> dict[str, str]:
         for field in dataclasses.fields(part):
             walk(getattr(part, field.name))
 
-    used = tuple(scene.band[name] for name in scenario.bands if name in scene.band)
-    walk((scene.constellation, scene.groups, used))
+    walk((scene.constellation, scene.groups))
+    for name in scenario.bands:
+        found |= scene.band[name].checksums if name in scene.band else {}
     for instrument in scenario.instruments.values():
         found |= instrument.sensor.optics.file_checksums | _table_checksums(instrument)
     return found

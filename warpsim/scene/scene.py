@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from warpsim.config.model import adapter, config_model, input_error
 from warpsim.errors import InputError
 from warpsim.orbit.epoch import utc_time
+from warpsim.scene.band_names import without_superseded
 from warpsim.scene.changes import changed
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.scenario import Scenario
@@ -102,7 +103,8 @@ class Scene(SceneDescription):
         Fields of parts are reached by double underscores, items of lists by their number, which may be left out for an
         only one: `scene.replace(sensors__0__camera__n_row=256, groups__1__targets__0__count=5)`. The short form serves
         where there is one kind of sensor, or one group: `scene.replace(camera__n_row=256, targets__1__count=5)`. None
-        takes an optional value away.
+        takes an optional value away. Band objects in `bands` replace the scene's bands of their names, if no other
+        sensor has those.
 
         Raises:
             InputError: A field is unknown or the new scene is not valid.
@@ -118,6 +120,8 @@ class Scene(SceneDescription):
             data = changed(data, named)
         except InputError as error:
             raise error.of("Scene") from None
+        if not any(name.partition("__")[0] == "band" for name in changes):
+            data = without_superseded(data)
         return Scene.from_dict(data)
 
     @property

@@ -33,7 +33,9 @@ def with_lists(values: Mapping[str, Any]) -> dict[str, Any]:
     for name, fields in SHORT_FORMS.items():
         given = {field: result.pop(field) for field in fields if field in result}
         if given and name in result:
-            raise InputError(f"must not be given beside {name}, which hold it", next(iter(given)))
+            field, value = next(iter(given.items()))
+            hint = " (did you mean band?)" if field == "bands" and isinstance(value, Mapping) else ""
+            raise InputError(f"must not be given beside {name}, which hold it{hint}", field)
         if given:
             result[name] = [{"name": NAMES[name], **given}]
     return result
