@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 import warpsim as ws
+from warpsim.dataset.identity import identity_of
+from warpsim.output.plan import make_plan
 from warpsim.radiometry.band import Band
+from warpsim.render.skies import catalog_checksums
 
 VISIBLE = Band.top_hat("visible", 0.4, 0.9, per_photon=True)
 
@@ -66,3 +69,34 @@ def test_a_renderer_of_another_epoch_moves_the_same_stars(mixed_scene):
     assert later.catalog.epoch_jyear == pytest.approx(renderer.catalog.epoch_jyear + 10.0, abs=0.01)
     same = renderer.with_scene(mixed_scene.replace(noise_seed=5))
     assert same.catalog is renderer.catalog
+
+
+def test_identities_cover_the_stars_of_all_kinds(mixed_scene, monkeypatch, tmp_path):
+    """Of a data set and of a run: other stars of a kind that is not the first make other keys."""
+    kinds = ("infrared", "visible", "both")
+    found = catalog_checksums(mixed_scene.scenario)
+    renderer = ws.Renderer(mixed_scene, device="cpu")
+    assert found == {kind: renderer.catalog_of(kind).checksum for kind in kinds}
+    assert len(set(found.values())) == 3
+
+    def keys():
+        inputs = identity_of(ws.Recipe(scene=mixed_scene), "cpu")["inputs"]
+        renderer = ws.Renderer(mixed_scene, device="cpu")
+        plans = [make_plan(renderer, tmp_path, [60], f"sat11.{kind}", None, False) for kind in kinds[:2]]
+        return [inputs, *(plan.key for plan in plans)]
+
+    before = keys()
+    assert before[0] == {f"star catalog of {kind}": checksum for kind, checksum in found.items()}
+    default = ws.StarCatalog.default
+
+    def fewer(*bands):
+        return ws.StarCatalog.synthetic(100) if bands == (VISIBLE,) else default(*bands)
+
+    monkeypatch.setattr(ws.StarCatalog, "default", fewer)
+    after = keys()
+    assert [one != other for one, other in zip(before, after, strict=True)] == [True, False, True]
+
+
+def test_one_catalog_for_all_kinds_is_named_once():
+    scene = ws.Scene.load("two_cameras")
+    assert list(identity_of(ws.Recipe(scene=scene), "cpu")["inputs"]) == ["star catalog"]

@@ -12,15 +12,16 @@ from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.samples import choices_with_files
 from warpsim.dataset.sequences import varied
 from warpsim.output.manifest import package_versions
-from warpsim.render.skies import load_catalog
+from warpsim.render.skies import catalog_checksums
 from warpsim.scene.inputs import input_checksums
+from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 from warpsim.scene.scene_files import named_files
 from warpsim.scene.sky import BUILT_IN_CATALOGS
 from warpsim.version import __version__
 
 STAR_CATALOG = "star catalog"
-"""Among the inputs: the scene's, whether it came from a file or not."""
+"""Among the inputs: the scene's, whether it came from a file or not; of each kind of sensor with stars of its own."""
 
 Identity = dict[str, Any]
 
@@ -100,7 +101,7 @@ def stamp_of(path: str) -> Stamp:
 
 
 def _inputs(recipe: Recipe) -> dict[str, str]:
-    """Checksums of all files that sequences may be made from, by path, and of the star catalog."""
+    """Checksums of all files that sequences may be made from, by path, and of star catalogs."""
     found = _inputs_of(recipe.scene)
     for name, number, value, _ in choices_with_files(recipe.distributions):
         for path, checksum in _inputs_of(varied(recipe, {name: value}, f"sample.{name}")).items():
@@ -110,4 +111,12 @@ def _inputs(recipe: Recipe) -> dict[str, str]:
 
 
 def _inputs_of(scene: Scene) -> dict[str, str]:
-    return {STAR_CATALOG: load_catalog(scene.sky).checksum} | input_checksums(scene.scenario)
+    return _catalogs(scene.scenario) | input_checksums(scene.scenario)
+
+
+def _catalogs(scenario: Scenario) -> dict[str, str]:
+    """Checksums of the star catalog: one for all kinds of sensors, or one of each."""
+    found = catalog_checksums(scenario)
+    if len(set(found.values())) == 1:
+        return {STAR_CATALOG: next(iter(found.values()))}
+    return {f"{STAR_CATALOG} of {kind}": checksum for kind, checksum in found.items()}

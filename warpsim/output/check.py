@@ -13,7 +13,7 @@ from warpsim.orbit.sampling import TRACK_ERROR_M
 from warpsim.output.check_sensor import sensor_lines
 from warpsim.output.check_views import count_replaced, replaced_text
 from warpsim.output.wording import counted
-from warpsim.render.skies import load_catalog
+from warpsim.render.skies import Skies
 from warpsim.scene.attitudes import within_scene
 from warpsim.scene.groups import TargetGroup
 from warpsim.scene.scenario import Scenario
@@ -41,7 +41,8 @@ def scene_report(scenario: Scenario) -> str:
         InputError: The star catalog cannot be read, or a path cannot be propagated.
     """
     scene = scenario.scene
-    catalogs = {name: load_catalog(scene.sky, one.bands.values()) for name, one in scenario.instruments.items()}
+    skies = Skies(scene.sky, scenario.epoch, ())
+    catalogs = {name: skies.catalog(one.bands.values()) for name, one in scenario.instruments.items()}
     things = f"{counted(len(scenario.sensor_names), 'sensor')}, {counted(len(scenario.target_names), 'target')}"
     lines = [
         f"{scene.name}: valid. {things}, bands {' '.join(scenario.bands)}",

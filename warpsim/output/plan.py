@@ -192,6 +192,8 @@ def _run_key(
     """Return the hash of all that the files of a run depend on."""
     scenario = renderer.scenario
     device = "cuda" if renderer.device.is_cuda else "cpu"
-    made_from = [scenario.scene.to_dict(), input_checksums(scenario), renderer.catalog.checksum]
+    kinds = dict.fromkeys(scenario.instrument_of(sensor).sensor.name for sensor in frames_of)
+    catalogs = {kind: renderer.catalog_of(kind).checksum for kind in kinds}
+    made_from = [scenario.scene.to_dict(), input_checksums(scenario), catalogs]
     facts = [*made_from, frames_of, bands_of, device, tables, formats, __version__]
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()

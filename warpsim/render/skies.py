@@ -9,6 +9,7 @@ from warpsim.constants import JULIAN_YEAR_DAYS
 from warpsim.errors import InputError
 from warpsim.instant import Instant
 from warpsim.radiometry.band import Band
+from warpsim.scene.scenario import Scenario
 from warpsim.scene.sky import Sky
 from warpsim.sky.band_index import BandIndex
 from warpsim.sky.catalog import StarCatalog
@@ -66,7 +67,7 @@ class Skies:
         Raises:
             InputError: The catalog cannot be read.
         """
-        catalog = self._catalog(bands)
+        catalog = self.catalog(bands)
         if id(catalog) not in self._indices:
             self._indices[id(catalog)] = [star_index(self._sky, self._epoch, catalog, one) for one in self._devices]
         return self._indices[id(catalog)]
@@ -79,8 +80,12 @@ class Skies:
         other._read = self._read
         return other
 
-    def _catalog(self, bands: Iterable[Band]) -> StarCatalog:
-        """Return the catalog for a sensor, the same object for the same stars."""
+    def catalog(self, bands: Iterable[Band]) -> StarCatalog:
+        """Return the catalog for a sensor of some bands as it was read, the same object for the same stars.
+
+        Raises:
+            InputError: It cannot be read.
+        """
         if self._given is not None:
             return self._given
         if self._sky.catalog == "default":
@@ -88,3 +93,13 @@ class Skies:
         if self._read is None:
             self._read = load_catalog(self._sky)
         return self._read
+
+
+def catalog_checksums(scenario: Scenario) -> dict[str, str]:
+    """Return the checksum of the stars of each kind of sensor, by its name; a file is read once.
+
+    Raises:
+        InputError: The catalog cannot be read.
+    """
+    skies = Skies(scenario.scene.sky, scenario.epoch, ())
+    return {kind: skies.catalog(one.bands.values()).checksum for kind, one in scenario.instruments.items()}
