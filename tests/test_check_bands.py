@@ -55,6 +55,13 @@ def test_surfaces_that_end_within_a_band_are_noted():
     assert note in scene_report(scene.scenario)
 
 
+def test_bands_that_no_sensor_uses_are_noted():
+    mwir = {"half_power_um": [3.0, 5.0]}
+    scene = ws.Scene.load("stss").replace(bands=["A"], band={"mwir": mwir, "x": {"file": "none.csv"}})
+    assert "\n  note       band mwir x: described, but in the bands of no sensor\n" in scene_report(scene.scenario)
+    assert "described, but" not in scene_report(scene.replace(band={}).scenario)
+
+
 def test_electrons_cost_the_energy_that_is_printed():
     band = ws.Band.top_hat("x", 3.5, 5.0, per_photon=True)
     text = scene_report(ws.Scene.load("stss").replace(bands=[band], **{

@@ -88,6 +88,21 @@ def test_manifest(scene, folder):
     assert manifest["orbit_interpolation"]["measured_error_m"] < 1e-3
 
 
+def test_files_tell_the_response_of_a_custom_band(tmp_path):
+    band = ws.Band("notch", [8.0, 8.2, 9.3, 9.5], [0.0, 1.0, 1.0, 0.0], per_photon=True, zero_mag_jy=50.0)
+    surface = {f"targets__{k}__surface": {"reflectance": 0.5} for k in range(4)}
+    scene = ws.Scene.load("stss").replace(bands=[band, "A"], **surface)
+    ws.render_to_folder(scene, tmp_path, [60], ["sat11"], device="cpu")
+    header = read_cube(tmp_path / "sat11_notch.fits").header
+    edges_um = [header[key] for key in ("WAVEMIN", "WAVELNTH", "WAVEMAX")]
+    assert edges_um == [band.half_power_um[0], band.isophotal_um, band.half_power_um[1]]
+    assert header["RESPONSE"] == "photon"
+    msx = read_cube(tmp_path / "sat11_A.fits").header
+    assert [msx[key] for key in ("WAVEMIN", "WAVELNTH", "WAVEMAX", "RESPONSE")] == [6.8, 8.28, 10.8, "energy"]
+    found = json.loads((tmp_path / "manifest.json").read_text())["responses"]
+    assert {name: ws.Band(name, **facts) for name, facts in found.items()} == {"notch": band, "A": ws.BANDS["A"]}
+
+
 def test_the_same_run_again_does_nothing(scene, folder):
     before = {name: (folder / name).stat().st_mtime_ns for name in listing(folder)}
     report = ws.render_to_folder(scene, folder, range(60, 66), ["sat11", "sat47"], ["A", "E"], device="cpu")

@@ -52,6 +52,15 @@ def test_patterns_choose_satellites(scene):
         assert all("." not in name for name in one.sensor_names)
 
 
+def test_patterns_choose_sensors(both):
+    choose = both.scenario.select_sensors
+    assert choose("sat11.*") == ["sat11.wide", "sat11.narrow"]
+    assert choose(["*.narrow"]) == choose("narrow") == both.scenario.instruments["narrow"].names
+    assert choose(["sat2[1-3]", "sat4?.wide"]) == ["sat21", "sat22", "sat23", *(f"sat4{k}.wide" for k in range(1, 8))]
+    with pytest.raises(ws.InputError, match=r"^sensors: must be sensors of the scene \(.*\), got 'sat11.x\*'$"):
+        choose(["sat11.*", "sat11.x*"])
+
+
 def test_each_kind_has_images_of_its_own(both, device):
     renderer = ws.Renderer(both, device=device)
     wide = renderer.render([60, 61], sensors="wide")

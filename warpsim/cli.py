@@ -107,7 +107,9 @@ def _add_scene(parser: argparse.ArgumentParser) -> None:
 def _add_render(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to write to")
     parser.add_argument("--frames", metavar="A:B[:STEP]", help="frame numbers, like a Python slice")
-    parser.add_argument("--sensors", metavar="NAMES", help="comma-separated names of sensors or of kinds of them")
+    parser.add_argument(
+        "--sensors", metavar="NAMES", help="comma-separated sensors, kinds of them, or patterns like 'sat1*'"
+    )
     parser.add_argument("--bands", metavar="NAMES", help="comma-separated band names")
     parser.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
     parser.add_argument("--every-frame", action="store_true", help="also frames without access to a target")
@@ -121,7 +123,9 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
 
 def _add_access(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--target", metavar="NAME", help="what the scene's access_target says if left out")
-    parser.add_argument("--sensors", metavar="NAMES", help="comma-separated names of sensors or of kinds of them")
+    parser.add_argument(
+        "--sensors", metavar="NAMES", help="comma-separated sensors, kinds of them, or patterns like 'sat1*'"
+    )
     parser.add_argument("--format", default="table", metavar="NAME", help="table (the default), csv or ecsv")
     parser.add_argument("--step", metavar="S", help="step of the scan for changes [s], 10 if left out")
     parser.add_argument("--plot", metavar="FILE", help="also draw the intervals and the ranges: .png, .pdf or .svg")

@@ -47,6 +47,7 @@ def scene_report(scenario: Scenario) -> str:
     lines = [
         f"{scene.name}: valid. {things}, bands {' '.join(scenario.bands)}",
         f"  epoch      {scenario.epoch.isot} UTC, {scene.duration_s:g} s",
+        *_unused_lines(scenario),
         *_sky_lines(scenario, catalogs),
         *_orbit_lines(scenario),
     ]
@@ -59,6 +60,12 @@ def scene_report(scenario: Scenario) -> str:
         lines += ["", carried] if several else []
         lines += sensor_lines(instrument, scenario, catalogs[instrument.sensor.name])
     return "\n".join(lines)
+
+
+def _unused_lines(scenario: Scenario) -> list[str]:
+    """Note of the bands that are described and not used."""
+    unused = [name for name in scenario.scene.band if name not in scenario.bands]
+    return [f"  note       band {' '.join(unused)}: described, but in the bands of no sensor"] if unused else []
 
 
 def pointing_warning(scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> str | None:

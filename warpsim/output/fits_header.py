@@ -34,7 +34,8 @@ _FLAG_WORDS = {
 
 def scene_cards(scene: SceneDescription, instrument: Instrument, sensor: str, band: str) -> list[Card]:
     """Return the keywords common to all images of a sensor and band, without the lens."""
-    levels = instrument.levels[band]
+    levels, response = instrument.levels[band], instrument.bands[band]
+    low_um, high_um = response.half_power_um
     return [
         ("BUNIT", "adu", "counts"),
         ("SCENE", scene.name, ""),
@@ -42,6 +43,10 @@ def scene_cards(scene: SceneDescription, instrument: Instrument, sensor: str, ba
         ("INSTRUME", instrument.sensor.name, "kind of sensor"),
         ("SENSOR", sensor, ""),
         ("FILTER", band, "spectral band"),
+        ("WAVELNTH", response.isophotal_um, "[um] isophotal, or mean over the response"),
+        ("WAVEMIN", low_um, "[um] lower half-power wavelength"),
+        ("WAVEMAX", high_um, "[um] upper half-power wavelength"),
+        ("RESPONSE", "photon" if response.per_photon else "energy", "what the response is relative to"),
         ("TIMESYS", "UTC", ""),
         ("DATEREF", scene.epoch_utc, "instant of TIME_S = 0"),
         ("NEI", levels.nei_w_cm2, "[W/cm2] noise equivalent irradiance"),

@@ -1,11 +1,13 @@
-"""Versions of programs, for manifests."""
+"""Parts of manifests: versions of programs, responses of bands."""
 
 from __future__ import annotations
 
+import math
 import sys
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from warpsim.radiometry.band import Band
 from warpsim.version import __version__
 
 PACKAGES = ("numpy", "warp-lang", "astropy", "skyfield", "sgp4", "OpenImageIO", "pydantic")
@@ -32,3 +34,15 @@ def _installed(package: str) -> str | None:
         return version(package)
     except PackageNotFoundError:
         return None
+
+
+def response_facts(band: Band) -> dict[str, Any]:
+    """Return all numbers of a band as plain values: nodes, wavelengths, and the zero points that are known."""
+    names = ("isophotal_um", "zero_mag_jy", "zero_mag_w_cm2", "w_cm2_per_jy")
+    return {
+        "half_power_um": list(band.half_power_um),
+        **{name: value for name in names if not math.isnan(value := getattr(band, name))},
+        "per_photon": band.per_photon,
+        "wavelength_um": band.wavelength_um.tolist(),
+        "response": band.response.tolist(),
+    }

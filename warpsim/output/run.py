@@ -21,7 +21,7 @@ from warpsim.files import prepare_folder, sha256_of, whole_file, write_fits_tabl
 from warpsim.output.check import pointing_warning
 from warpsim.output.checkpoints import tidy
 from warpsim.output.contact_sheet import SheetRow, draw_contact_sheet
-from warpsim.output.manifest import made_with
+from warpsim.output.manifest import made_with, response_facts
 from warpsim.output.plan import USUAL_FORMATS, RunPlan, make_plan
 from warpsim.output.progress import progress_bar
 from warpsim.output.run_folder import has_checkpoint, is_complete, working_on, write_checkpoint
@@ -238,6 +238,7 @@ def _manifest(plan: RunPlan, renderer: Renderer) -> dict[str, Any]:
         "device": {"name": renderer.device.name, "alias": str(renderer.device)},
         "seed": scenario.scene.seed,
         "bands": plan.bands,
+        "responses": {name: response_facts(scenario.bands[name]) for name in plan.bands},
         "frames": plan.frames_of,
         "orbit_interpolation": {"node_step_s": tracks.step_s, "measured_error_m": tracks.error_m},
         "sensors": {kind: _sensor_facts(plan, renderer, one) for kind, one in plan.instruments.items()},

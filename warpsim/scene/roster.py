@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -42,7 +43,7 @@ class Roster:
         raise InputError(f"must be a sensor of the scene ({some_names(self.sensor_names)})", "sensor", sensor)
 
     def select_sensors(self, names: str | Sequence[str] | None) -> list[str]:
-        """Return names of sensors for names of sensors and of kinds; all for None.
+        """Return names of sensors for names of sensors and of kinds, and for patterns like "sat11.*"; all for None.
 
         Raises:
             InputError: There is no such sensor, or none at all.
@@ -58,6 +59,8 @@ class Roster:
                 chosen.append(name)
             elif name in self.instruments:
                 chosen += self.instruments[name].names
+            elif matches := [one for one in known if fnmatch.fnmatchcase(one, str(name))]:
+                chosen += matches
             else:
                 kinds = "" if len(self.instruments) == 1 else f", or of the kinds {', '.join(self.instruments)}"
                 raise InputError(f"must be sensors of the scene ({some_names(known)}{kinds})", "sensors", name)

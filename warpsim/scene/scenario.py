@@ -329,7 +329,7 @@ class Scenario:
             raise InputError(rule, "time_s", times[outside][0], "g").of(name)
 
     def select_sensors(self, names: str | Sequence[str] | None) -> list[str]:
-        """Return names of sensors for names of sensors and of kinds; all for None.
+        """Return names of sensors for names of sensors and of kinds, and for patterns like "sat11.*"; all for None.
 
         Raises:
             InputError: There is no such sensor, or none at all.
