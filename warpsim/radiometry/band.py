@@ -41,7 +41,7 @@ class Band:
 
     Of a zero point one number is enough, zero_mag_jy or zero_mag_w_cm2: their ratio is w_cm2_per_jy. If that is not
     given either, the flux density is the mean over the energy response by frequency, as most surveys quote it, so that
-    `zero_mag_jy=AB_ZERO_JY` (3631) makes AB magnitudes.
+    `zero_mag_jy=3631` makes AB magnitudes.
 
     In-band irradiance is the integral of the energy response times the spectral irradiance. The energy response has
     peak 1: it is the response given, or with `per_photon` the response given times wavelength over `photon_um`. So a

@@ -241,7 +241,10 @@ def _physical() -> Radiometry:
 
 
 PHYSICS: Mapping[str, Radiometry] = MappingProxyType({"physical": _physical(), "paper": _paper()})
-"""The presets by name: "physical" (the default everywhere) and "paper" (reproduces the paper's Tables 1 and 2)."""
+"""The presets by name: "physical" (the default everywhere) and "paper" (reproduces the paper's Tables 1 and 2).
+
+Both know the six bands of MSX only: A, B1, B2, C, D, E.
+"""
 
 
 def as_radiometry(physics: str) -> Radiometry:

@@ -50,7 +50,8 @@ class Sky:
         catalog: "default" (embedded), "union" (all of its sources, needs the extra `catalogs`), "synthetic", "none", or
             the path of a catalog file.
         synthetic: What to make, for catalog = "synthetic".
-        physics: "physical", or "paper": motion by its Eq. 5 and irradiance by its zero points.
+        physics: "physical", or "paper": motion by its Eq. 5 and irradiance by its zero points, which are known in the
+            bands of MSX only.
         aberration: Whether apparent positions include the aberration of the sensor's motion.
         parallax: Whether they include the parallax of nearby stars.
         light_deflection: Whether they include the bending of light by the Sun.
