@@ -207,6 +207,8 @@ def test_the_manifest_has_every_file_and_the_recipe(folders):
         checksums |= manifest["files"]
         files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
         assert set(checksums) == set(files) - {"manifest.json"}
+        bands = {band: ws.Band(band, **facts) for band, facts in manifest["responses"].items()}
+        assert bands == recipe().scene.scenario.bands
         for file, checksum in checksums.items():
             assert hashlib.sha256(files[file].read_bytes()).hexdigest() == checksum
         assert ws.Recipe.from_dict(manifest["recipe"]) == recipe(format=name, sequences_per_shard=2)

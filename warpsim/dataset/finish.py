@@ -15,7 +15,7 @@ from warpsim.dataset.sequences import split_of
 from warpsim.dataset.shard import FINISH, CheckpointRecord, planned_path
 from warpsim.files import sha256_of, write_json
 from warpsim.labels.coco import coco_categories, write_coco_parts
-from warpsim.output.manifest import python_version
+from warpsim.output.manifest import python_version, response_facts
 
 
 def finish(directory: DatasetDirectory, records: dict[str, CheckpointRecord]) -> None:
@@ -30,6 +30,7 @@ def finish(directory: DatasetDirectory, records: dict[str, CheckpointRecord]) ->
         **directory.identity,
         "python": python_version(),
         "splits": split_of(recipe),
+        "responses": {name: response_facts(band) for name, band in recipe.scene.scenario.bands.items()},
         "files": {path.relative_to(folder).as_posix(): sha256_of(path) for path in files},
         "shards": {shard.name: records[shard.name] for shard in shards_of(recipe)},
     }
