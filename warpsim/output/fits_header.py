@@ -46,7 +46,7 @@ def scene_cards(scene: SceneDescription, instrument: Instrument, sensor: str, ba
         ("WAVELNTH", response.isophotal_um, "[um] isophotal, or mean over the response"),
         ("WAVEMIN", low_um, "[um] lower half-power wavelength"),
         ("WAVEMAX", high_um, "[um] upper half-power wavelength"),
-        ("RESPONSE", "photon" if response.per_photon else "energy", "what the response is relative to"),
+        ("RESPONSE", "photon" if response.per_photon else "energy", "response per energy, or per photon"),
         ("TIMESYS", "UTC", ""),
         ("DATEREF", scene.epoch_utc, "instant of TIME_S = 0"),
         ("NEI", levels.nei_w_cm2, "[W/cm2] noise equivalent irradiance"),
