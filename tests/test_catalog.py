@@ -251,7 +251,7 @@ def test_filled_fluxes_keep_to_their_limits():
     limit_jy = [1e-3, np.nan, 1e15]
     full, free = small_catalog().filled({"C": limit_jy, "A": [1e-3] * 3}), small_catalog().filled()
     np.testing.assert_array_equal(full.flux_jy("C"), [1e-3, *free.flux_jy("C")[1:]])
-    assert full.flux_flag("C").tolist() == [2, 2, 2]
+    assert full.flux_flag("C").tolist() == [3, 3, 3]
     # What is measured is no limit's business; the flux filled in is.
     np.testing.assert_array_equal(full.flux_jy("A")[[0, 2]], [1.0, 3.0])
     assert full.flux_jy("A")[1] == min(free.flux_jy("A")[1], 1e-3)
@@ -386,7 +386,7 @@ def test_a_flux_that_is_there_is_measured_unless_said_to_be_predicted():
         ({"flux_jy": {"A": [1.0]}}, "flux_A_jy: must have shape (3,) like ra_deg, got (1,)"),
         ({"pm_ra_mas_yr": [0, 0, np.inf]}, "pm_ra_mas_yr: must be in [-1e+09, 1e+09], got inf in row 2"),
         ({"flux_flag": {"A": [1, 1, 1.5]}}, "flux_A_flag: must be whole numbers, got 1.5 in row 2"),
-        ({"flux_flag": {"A": [1, 3, 1]}}, "flux_A_flag: must be in [0, 2], got 3 in row 1"),
+        ({"flux_flag": {"A": [1, 4, 1]}}, "flux_A_flag: must be in [0, 3], got 4 in row 1"),
         ({"flux_flag": {"Z": [1, 1, 1]}}, f"flux_flag: band must be one of {BAND_LIST}, got 'Z'"),
         ({"quality": [1.5, 0, 0]}, "quality: must be whole numbers, got 1.5 in row 0"),
         ({"ra_deg": "here"}, "ra_deg: must be numbers, got str"),

@@ -133,7 +133,7 @@ def test_own_names_need_no_columns_and_fill_only_what_has_no_flags(tmp_path):
     text = "ra_deg,dec_deg,mag_A\n1,2,0\n"
     catalog = ws.StarCatalog.read(save(tmp_path / "a.csv", text))
     assert catalog.flux_jy("A")[0] == BANDS["A"].zero_mag_jy
-    assert [int(catalog.flux_flag(band)[0]) for band in BANDS] == [2, 2, 1, 2, 2, 2]
+    assert [int(catalog.flux_flag(band)[0]) for band in BANDS] == [3, 3, 1, 3, 3, 3]
     # A K giant has nearly the same magnitude in D as in A.
     assert catalog.flux_jy("D")[0] == pytest.approx(18.29, rel=0.03)
     catalog = ws.StarCatalog.read(save(tmp_path / "b.csv", text), fill=False)

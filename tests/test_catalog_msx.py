@@ -86,7 +86,7 @@ def test_v98_missing_bands_are_filled_and_flagged(tmp_path):
     catalog = ws.StarCatalog.read(written(tmp_path / "msx.dat", v98_lines()))
     for band in BANDS:
         assert np.isfinite(catalog.flux_jy(band)).all()
-    assert catalog.flux_flag("B1")[1] == 2
+    assert catalog.flux_flag("B1")[1] == 3
     # A star of V = 6.54 and 0.125 Jy in A has V-K of 0; B1 and A alike; zero points 194.6 and 58.49 Jy.
     assert catalog.flux_jy("B1")[1] == pytest.approx(0.125 * 194.6 / 58.49, rel=0.1)
     assert catalog.magnitude("V") == pytest.approx([6.54] * 3)
@@ -136,6 +136,18 @@ def v107_line(name, ra, dec, groups):
     return text
 
 
+def test_v98_is_the_same_when_written_and_read(tmp_path):
+    """Its own predictions are flagged 2 and stay anchors; what is filled in beside them does not become one."""
+    catalog = ws.StarCatalog.read(written(tmp_path / "msx.dat", v98_lines()))
+    catalog.to_table().write(tmp_path / "msx.fits")
+    again = ws.StarCatalog.read(tmp_path / "msx.fits")
+    for band in ws.bands():
+        np.testing.assert_array_equal(again.irradiance_w_cm2(band), catalog.irradiance_w_cm2(band), err_msg=band)
+    for band in ("A", "B1", "V", "W1"):
+        np.testing.assert_array_equal(again.flux_flag(band), catalog.flux_flag(band))
+        np.testing.assert_array_equal(again.flux_jy(band), catalog.flux_jy(band))
+
+
 def psc_rows():
     """Name, place and (flux, quality) in the order B1, B2, A, C, D, E."""
     return [
@@ -178,7 +190,7 @@ def test_limits_hold_for_filled_bands(tmp_path):
     assert catalog.flux_jy("E")[0] == pytest.approx(2.125 * 8.80 / 18.29, rel=0.05)
     # D of the second: about 0.1125 * 18.29 / 58.49 = 0.035 Jy, below the limit, which has a minus sign.
     assert catalog.flux_jy("D")[1] == pytest.approx(0.1125 * 18.29 / 58.49, rel=0.05)
-    assert catalog.flux_flag("E").tolist() == [2, 2]
+    assert catalog.flux_flag("E").tolist() == [3, 3]
 
 
 @pytest.mark.parametrize("suffix", ["csv", "fits", "vot", "ecsv"])

@@ -341,7 +341,7 @@ def test_akari_filters_are_bands():
     assert stars.id.tolist()[0] == "AKARI-IRC-V1 J0000000+000000"
     catalog = catalog_of(stars)
     assert catalog.flux_flag("S9W").tolist() == [1, 0, 1, 0]
-    assert catalog.filled().flux_flag("D").tolist() == [2, 2, 2, 2]
+    assert catalog.filled().flux_flag("D").tolist() == [3, 3, 3, 3]
 
 
 def test_akari_fluxes_of_low_quality_are_counted():
@@ -614,7 +614,7 @@ def test_gaia():
     assert catalog.pm_ra_mas_yr.tolist() == [-3.4, 6.9, -3781.7, 0.0]
     assert np.isnan(catalog.parallax_mas[3])
     assert catalog.flux_flag("BP").tolist() == [1, 1, 0, 1]
-    assert catalog.filled().flux_flag("A").tolist() == [2, 2, 2, 2]
+    assert catalog.filled().flux_flag("A").tolist() == [3, 3, 3, 3]
     # Parallaxes of 1.3 and -0.4 mas, and motions as small, make both giants.
     assert catalog.spectrum_luminosity[:2].tolist() == [1, 1]
     assert catalog.spectrum_temperature_k[:2] == pytest.approx([float(colour_temperature_k(1.0, "BP-RP", GIANT))] * 2)

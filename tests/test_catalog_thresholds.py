@@ -25,8 +25,8 @@ def test_2mass_saturates_at_k_4_and_its_letters_count(read):
     text = "2MASS,RAJ2000,DEJ2000,Jmag,Hmag,Kmag,Qflg\n"
     catalog = read(text + "".join(f"s,1,2,{float(k) + 0.5},{k},{k},{flags}\n" for k, flags in rows))
     assert catalog.quality.tolist() == [1, 2, 1, 1, 1, 1, 1]  # with J or K alone there is no colour
-    assert [int(flag) for flag in catalog.flux_flag("Ks")] == [1, 1, 2, 2, 1, 1, 1]
-    assert [int(flag) for flag in catalog.flux_flag("J")] == [1, 1, 1, 1, 1, 1, 2]
+    assert [int(flag) for flag in catalog.flux_flag("Ks")] == [1, 1, 3, 3, 1, 1, 1]
+    assert [int(flag) for flag in catalog.flux_flag("J")] == [1, 1, 1, 1, 1, 1, 3]
 
 
 def test_wise_saturates_at_its_limits(read):
@@ -68,7 +68,7 @@ def test_limits_belong_to_their_rows_when_others_are_left_out(read):
     free = 58.49 / 26.51 * 1.0  # by equal magnitude, nearly: a K giant
     assert catalog.flux_jy("A")[0] == 0.5
     assert catalog.flux_jy("A")[1] == pytest.approx(free, rel=0.03)
-    assert catalog.flux_flag("A").tolist() == [2, 2]
+    assert catalog.flux_flag("A").tolist() == [3, 3]
 
 
 def test_a_measured_band_of_low_quality_is_none(read):

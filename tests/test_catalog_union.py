@@ -362,7 +362,7 @@ def test_stars_without_a_colour_are_taken_for_k_stars(union, stars):
     assert np.abs(seen - union.magnitude("A")[grey] - 2.3).max() < 0.5
     for band in BANDS:
         assert np.isfinite(union.flux_jy(band)).all()
-        np.testing.assert_array_equal(union.flux_flag(band), 2)
+        np.testing.assert_array_equal(union.flux_flag(band), 3)
     np.testing.assert_array_equal(union.quality, stars.quality)
     assert set(np.unique(union.quality)) == {1, 2}
     assert np.mean(union.quality == 2) == pytest.approx(0.90, abs=0.01)

@@ -275,7 +275,7 @@ def test_synthetic_stars_are_a_catalog():
     assert not catalog.pm_ra_mas_yr.any()
     assert not catalog.pm_dec_mas_yr.any()
     assert np.isnan(catalog.parallax_mas).all()
-    assert (catalog.flux_flag("D") == 2).all()
+    assert (catalog.flux_flag("D") == 3).all()
     assert "infrared sky, seed 2, the 500 brightest stars" in catalog.provenance
     moved = catalog.at_epoch(2030.0)
     np.testing.assert_array_equal(moved.direction_icrs, catalog.direction_icrs)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from warpsim.output.wording import counted
 from warpsim.radiometry.bands import as_band
 from warpsim.sky.catalog import StarCatalog
-from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_MEASURED, FLUX_NONE, FLUX_PREDICTED
+from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_FILLED, FLUX_MEASURED, FLUX_NONE, FLUX_PREDICTED
 from warpsim.sky.star_counts import magnitude_counts
 from warpsim.sky.synthetic import GALACTIC_OF_ICRS
 
@@ -95,7 +95,8 @@ def _band_lines(catalog: StarCatalog) -> list[str]:
     ]
     for band in _bands_of(catalog):
         flag, flux_jy = catalog.flux_flag(band), catalog.flux_jy(band)
-        counts = [np.count_nonzero(flag == kind) for kind in (FLUX_MEASURED, FLUX_PREDICTED, FLUX_NONE)]
+        kinds = ([FLUX_MEASURED], [FLUX_PREDICTED, FLUX_FILLED], [FLUX_NONE])
+        counts = [np.count_nonzero(np.isin(flag, of_kind)) for of_kind in kinds]
         line = f"  {band:6} {as_band(band).isophotal_um:6.2f} " + " ".join(f"{n:10,}" for n in counts)
         bright = flux_jy > 0
         if bright.any():

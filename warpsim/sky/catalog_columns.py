@@ -1,12 +1,11 @@
-"""Columns of a star catalog: from what a user has, arrays or a table, to checked numbers, and back to a table."""
+"""Columns of a star catalog: their names, and arrays of a user's to checked numbers."""
 
 from __future__ import annotations
 
 import math
-import re
 import warnings
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,11 +14,8 @@ from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.sky.space_motion import wrapped_deg
+from warpsim.sky.spectral_types import of_spectral_types, warn_unknown_types
 from warpsim.sky.star_columns import StarColumns
-from warpsim.tables.columns import number_column
-
-if TYPE_CHECKING:
-    from astropy.table import Table
 
 Array = NDArray[np.float64]
 
@@ -34,8 +30,11 @@ LARGEST_FLUX_JY = 1e15
 LARGEST_PARALLAX_MAS = 1e5
 """A hundred times the nearest star's; every view would have to look that far beyond its field."""
 
-FLUX_NONE, FLUX_MEASURED, FLUX_PREDICTED = 0, 1, 2
-"""What a star's flux in a band is: unknown (NaN), measured, or predicted (by the catalog, or from the spectrum)."""
+FLUX_NONE, FLUX_MEASURED, FLUX_PREDICTED, FLUX_FILLED = 0, 1, 2, 3
+"""What a star's flux in a band is: unknown (NaN), measured, predicted by the catalog, or filled in from the spectrum.
+
+The first three are given, and the spectrum meets them. What was filled in follows from them, and is left out and
+predicted anew when a table is read."""
 
 LUMINOSITY_UNKNOWN = -1
 """Where neither 0 (dwarf) nor 1 (giant) is known."""
@@ -67,8 +66,13 @@ def magnitude_column(band: str) -> str:
 
 
 def flag_column(band: str) -> str:
-    """Name of the column that says what the flux of a band is (FLUX_NONE, FLUX_MEASURED, FLUX_PREDICTED)."""
+    """Name of the column that says what the flux of a band is (FLUX_NONE to FLUX_FILLED)."""
     return f"flux_{band}_flag"
+
+
+def limit_column(band: str) -> str:
+    """Name of the column of upper limits of the flux predicted in a band; NaN for none."""
+    return f"flux_{band}_limit_jy"
 
 
 def checked_columns(
@@ -77,6 +81,8 @@ def checked_columns(
     flux_flag: Mapping[str, ArrayLike] | None = None,
     id: ArrayLike | None = None,
     *,
+    spectral_type: ArrayLike | None = None,
+    limit_jy: Mapping[str, ArrayLike] | None = None,
     epoch_jyear: float = J2000_JYEAR,
     name: str = "stars",
     provenance: str = "",
@@ -88,6 +94,8 @@ def checked_columns(
         flux_jy: Flux density [Jy] by photometric band.
         flux_flag: What the fluxes are, by band; measured where left out.
         id: Names; "1", "2", ... if left out.
+        spectral_type: Spectral types, which tell temperature and luminosity class where unknown.
+        limit_jy: Upper limits of predicted fluxes by band [Jy]; NaN for none.
         epoch_jyear: Julian year of the coordinates.
         name: Name of the catalog, also for the warning about stars without finite coordinates.
         provenance: Source of the stars.
@@ -98,18 +106,25 @@ def checked_columns(
     epoch = _checked_epoch(epoch_jyear)
     columns = _vectors(numbers, flux_jy, flux_flag or {})
     n_star = len(columns["ra_deg"])
-    names = np.arange(1, n_star + 1).astype(np.str_) if id is None else np.array(id).astype(np.str_)
-    for key, values in {**columns, "id": names}.items():
+    texts = {"id": np.array(np.arange(1, n_star + 1) if id is None else id).astype(np.str_)}
+    if spectral_type is not None:
+        texts["spectral_type"] = np.array(spectral_type).astype(np.str_)
+    for key, values in {**columns, **texts}.items():
         if values.shape != (n_star,):
             raise InputError(f"must have shape ({n_star},) like ra_deg", key, values.shape)
+    limits = checked_limits(limit_jy or {}, n_star)
 
     placed = np.isfinite(columns["ra_deg"]) & np.isfinite(columns["dec_deg"])
     rows = np.flatnonzero(placed)
     if len(rows) < n_star:
         warn_left_out(name, n_star, "rows", np.flatnonzero(~placed).tolist())
         columns = {key: values[placed] for key, values in columns.items()}
-        names = names[placed]
+        texts = {key: values[placed] for key, values in texts.items()}
+        limits = {band: values[placed] for band, values in limits.items()}
     _check_ranges(columns, rows)
+    if "spectral_type" in texts:
+        _tell_by_type(columns, texts["spectral_type"], name)
+    given_jy, given_flag, filled = _given_fluxes(columns, flux_jy, rows)
     return StarColumns(
         ra_deg=wrapped_deg(columns["ra_deg"]),
         dec_deg=columns["dec_deg"],
@@ -122,10 +137,21 @@ def checked_columns(
         epoch_jyear=epoch,
         name=name,
         provenance=provenance,
-        flux_jy={band: columns[flux_column(band)] for band in flux_jy},
-        flux_flag=_checked_flags(columns, flux_jy, rows),
-        id=names,
+        flux_jy=given_jy,
+        flux_flag=given_flag,
+        id=texts["id"],
+        filled=filled,
+        limit_jy=limits,
     )
+
+
+def _tell_by_type(columns: dict[str, Array], spectral_type: NDArray[np.str_], name: str) -> None:
+    """Set unknown temperatures and luminosity classes by the spectral types."""
+    temperature_k, luminosity = of_spectral_types(spectral_type)
+    warn_unknown_types(name, spectral_type, temperature_k)
+    columns["temperature_k"] = np.where(np.isnan(columns["temperature_k"]), temperature_k, columns["temperature_k"])
+    unknown = columns["luminosity"] == LUMINOSITY_UNKNOWN
+    columns["luminosity"] = np.where(unknown, luminosity, columns["luminosity"])
 
 
 def _vectors(
@@ -172,18 +198,31 @@ def _check_ranges(columns: dict[str, Array], rows: NDArray[np.int64]) -> None:
     _check_whole(columns["quality"], "quality", rows)
 
 
-def _checked_flags(
+def _given_fluxes(
     columns: Mapping[str, Array], bands: Iterable[str], rows: NDArray[np.int64]
-) -> dict[str, NDArray[np.uint8]]:
-    """What the flux of each band is; one that is known is measured, unless it is said to be predicted."""
+) -> tuple[dict[str, Array], dict[str, NDArray[np.uint8]], bool]:
+    """Fluxes given and what they are, by band, and whether there were others, filled in from the spectrum.
+
+    Those are left out, unless a star has no other: then they are its catalog's predictions.
+    """
+    flux_jy = {band: columns[flux_column(band)] for band in bands}
     flags = {}
-    for band in bands:
-        given = columns.get(flag_column(band), np.full(len(rows), float(FLUX_MEASURED)))
-        _check_range(given, FLUX_NONE, FLUX_PREDICTED, flag_column(band), rows)
-        _check_whole(given, flag_column(band), rows)
-        kind = np.where(given == FLUX_PREDICTED, FLUX_PREDICTED, FLUX_MEASURED)
-        flags[band] = np.where(np.isfinite(columns[flux_column(band)]), kind, FLUX_NONE).astype(np.uint8)
-    return flags
+    for band, values in flux_jy.items():
+        flag = columns.get(flag_column(band), np.full(len(rows), float(FLUX_MEASURED)))
+        _check_range(flag, FLUX_NONE, FLUX_FILLED, flag_column(band), rows)
+        _check_whole(flag, flag_column(band), rows)
+        kind = np.where((flag == FLUX_PREDICTED) | (flag == FLUX_FILLED), flag, FLUX_MEASURED)
+        flags[band] = np.where(np.isfinite(values), kind, FLUX_NONE).astype(np.uint8)
+    filled = {band: flag == FLUX_FILLED for band, flag in flags.items()}
+    if not any(some.any() for some in filled.values()):
+        return flux_jy, flags, False
+    alone = ~np.any([(flag != FLUX_NONE) & (flag != FLUX_FILLED) for flag in flags.values()], axis=0)
+    given_jy, given_flag = {}, {}
+    for band, some in filled.items():
+        if np.any(known := (flags[band] != FLUX_NONE) & (~some | alone)):
+            given_jy[band] = np.where(known, flux_jy[band], np.nan)
+            given_flag[band] = np.where(known, np.where(some, FLUX_PREDICTED, flags[band]), FLUX_NONE).astype(np.uint8)
+    return given_jy, given_flag, True
 
 
 def checked_limits(limit_jy: Mapping[str, ArrayLike], n_star: int) -> dict[str, Array]:
@@ -210,99 +249,6 @@ def warn_left_out(name: str, n_star: int, unit: str, places: list[int]) -> None:
     shown = ", ".join(str(place) for place in places[:5]) + (", ..." if len(places) > 5 else "")
     text = f"{name}: left out {len(places)} of {n_star} stars without a finite place ({unit} {shown})"
     warnings.warn(text, stacklevel=2)
-
-
-def columns_of_table(table: Table) -> dict[str, Any]:
-    """Arguments of StarCatalog.from_arrays held by an astropy Table; units are converted, masked values are NaN.
-
-    Raises:
-        InputError: A column is missing, or has another kind of unit.
-    """
-    known = set(table.colnames)
-    check_flux_columns(table.colnames)
-    fluxes = brightness_columns(table.colnames)
-    missing = [key for key in ("ra_deg", "dec_deg") if key not in known]
-    if not fluxes:
-        missing.append(f"flux_X_jy or mag_X with X one of {', '.join(photometric_bands())}")
-    if missing:
-        found = ", ".join(table.colnames) or "no columns"
-        raise InputError(f"must have the column {' and '.join(missing)}", "table", found, "s")
-    meta = {str(key).lower(): value for key, value in table.meta.items()}  # FITS turns keys to capitals
-    columns: dict[str, Any] = {
-        key: number_column(table, key, unit) for key, unit in NUMBER_UNITS.items() if key in known
-    }
-    flags = {band: flag_column(band) for band in fluxes if flag_column(band) in known}
-    return columns | {
-        "flux_jy": {
-            band: number_column(table, name, "Jy")
-            if name == flux_column(band)
-            else flux_of_magnitude_jy(band, number_column(table, name, "mag"))
-            for band, name in fluxes.items()
-        },
-        "flux_flag": {band: number_column(table, key, "") for band, key in flags.items()} or None,
-        "id": np.asarray(table["id"]).astype(np.str_) if "id" in known else None,
-        "epoch_jyear": meta.get("epoch_jyear", J2000_JYEAR),
-        "provenance": str(meta.get("provenance", "")),
-    }
-
-
-def brightness_columns(names: Iterable[str]) -> dict[str, str]:
-    """The column of fluxes or magnitudes of each band that a table has, by band.
-
-    Args:
-        names: Names of the table's columns, in warpsim's spelling.
-
-    Raises:
-        InputError: A band comes twice, as flux and as magnitude.
-    """
-    found = {}
-    names = set(names)
-    for band in photometric_bands():
-        both = [name for name in (flux_column(band), magnitude_column(band)) if name in names]
-        if len(both) == 2:
-            raise InputError(f"must be one of {both[0]} and {both[1]}, got both", "columns")
-        if both:
-            found[band] = both[0]
-    return found
-
-
-def check_flux_columns(names: Iterable[str]) -> None:
-    """Raise InputError for a column of fluxes by its name that is of no photometric band: flux_Z_jy."""
-    known = {band.lower() for band in photometric_bands()}
-    for name in names:
-        flux = re.fullmatch(r"flux_([a-z0-9]+)_jy", name.lower())
-        if flux and flux[1] not in known:
-            raise InputError(f"must be of one of the bands {', '.join(photometric_bands())}", name)
-
-
-def flux_of_magnitude_jy(band: str, magnitude: Array) -> Array:
-    """Flux density [Jy] of magnitudes in a photometric band, against its zero_mag_jy; NaN in, NaN out."""
-    return np.asarray(photometric_bands()[band].zero_mag_jy * 10.0 ** (-0.4 * magnitude))
-
-
-def table_of(columns: StarColumns) -> Table:
-    """Return columns as an astropy Table that columns_of_table() reads back; their names must be spelled out."""
-    from astropy.table import Table
-
-    table = Table(meta={"name": columns.name, "epoch_jyear": columns.epoch_jyear, "provenance": columns.provenance})
-
-    def put(key: str, values: NDArray[Any]) -> None:
-        table[key] = values
-        table[key].unit = NUMBER_UNITS.get(key) or None
-
-    for key in ("ra_deg", "dec_deg", "pm_ra_mas_yr", "pm_dec_mas_yr", "parallax_mas"):
-        put(key, getattr(columns, key))
-    bands = sorted(columns.flux_jy, key=list(photometric_bands()).index)
-    for band in bands:
-        table[flux_column(band)] = columns.flux_jy[band]
-        table[flux_column(band)].unit = "Jy"
-    put("quality", columns.quality)
-    table["id"] = columns.id
-    put("temperature_k", columns.temperature_k)
-    put("luminosity", columns.luminosity.astype(np.int16))  # VOTable has no shorter signed numbers
-    for band in bands:
-        table[flag_column(band)] = columns.flux_flag[band]
-    return table
 
 
 def _checked_epoch(epoch_jyear: Any) -> float:

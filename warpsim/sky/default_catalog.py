@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from warpsim_catalogs import path
 
-from warpsim.sky.catalog_columns import J2000_JYEAR
+from warpsim.sky.hip_gaia_stars import HipGaiaStars
 from warpsim.sky.star_columns import StarColumns
 from warpsim.sky.stellar_templates import DWARF, GIANT, colour_temperature_k
-from warpsim.sky.visible_stars import FAIR, UNCERTAIN, measured_flux_jy
+from warpsim.sky.visible_stars import FAIR, UNCERTAIN
 
 Array = NDArray[np.float64]
 
@@ -32,42 +32,11 @@ NO_COLOUR = -(1 << 15)
 """Value of the column `bp_rp_mmag` for a star without a colour."""
 
 _NAME = "hip-gaia-ir v2"
-_PROVENANCE = (
-    "hip-gaia-ir v2: G and BP-RP of Gaia DR3, Hp and V-I of Hipparcos-2, infrared fluxes predicted from them by "
-    "stellar templates. Gaia-derived data: CC BY-SA 3.0 IGO, ESA/Gaia/DPAC; Hipparcos: ESA 1997, van Leeuwen 2007."
-)
 
 
 @dataclass(frozen=True)
-class DefaultStars:
-    """The shipped stars at J2000, sorted by declination; shape (n,) each."""
-
-    hip: NDArray[np.int64]
-    """Hipparcos number; 0 for none."""
-
-    ra_deg: Array
-    dec_deg: Array
-    pm_ra_mas_yr: Array
-    """cos(dec) included; 0 without Hipparcos astrometry, like pm_dec_mas_yr."""
-
-    pm_dec_mas_yr: Array
-    parallax_mas: Array
-    """NaN without Hipparcos astrometry."""
-
-    g_mag: Array
-    """G, where Gaia gives the magnitude; NaN elsewhere."""
-
-    hp_mag: Array
-    """Hp, where Hipparcos does; NaN elsewhere."""
-
-    temperature_k: Array
-    """Colour temperature [K]; NaN for stars without a colour."""
-
-    luminosity: NDArray[np.int8]
-    """Luminosity class: 0 dwarf, 1 giant."""
-
-    quality: NDArray[np.int64]
-    """Of the infrared light: 1 uncertain, 2 fair."""
+class DefaultStars(HipGaiaStars):
+    """The shipped stars."""
 
     infrared: NDArray[np.bool_]
     """Whether the star is one of the 177,860 brightest at 8.3 um."""
@@ -113,22 +82,4 @@ def unpacked(packed: Mapping[str, NDArray[Any]]) -> DefaultStars:
 def default_columns() -> tuple[StarColumns, NDArray[np.int64]]:
     """Return the columns of all shipped stars, and the rows of the 177,860 brightest at 8.3 um."""
     stars = default_stars()
-    flux_jy, flux_flag = measured_flux_jy(stars.g_mag, stars.hp_mag)
-    columns = StarColumns(
-        ra_deg=stars.ra_deg,
-        dec_deg=stars.dec_deg,
-        pm_ra_mas_yr=stars.pm_ra_mas_yr,
-        pm_dec_mas_yr=stars.pm_dec_mas_yr,
-        parallax_mas=stars.parallax_mas,
-        temperature_k=stars.temperature_k,
-        luminosity=stars.luminosity,
-        quality=stars.quality,
-        epoch_jyear=J2000_JYEAR,
-        name=_NAME,
-        provenance=_PROVENANCE,
-        flux_jy=flux_jy,
-        flux_flag=flux_flag,
-        id=stars.hip,
-        spell_id=("HIP ", "HGI "),
-    )
-    return columns, np.flatnonzero(stars.infrared)
+    return stars.columns(_NAME, stars.hip, ("HIP ", "HGI ")), np.flatnonzero(stars.infrared)

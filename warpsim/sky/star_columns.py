@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -31,10 +31,16 @@ class StarColumns:
     """Flux density [Jy] by photometric band, those that the catalog has; NaN where unknown."""
 
     flux_flag: Mapping[str, NDArray[np.uint8]]
-    """What the fluxes are, for the same bands: 0 unknown, 1 measured, 2 predicted."""
+    """What the fluxes are, for the same bands: 0 unknown, 1 measured, 2 predicted by the catalog."""
 
     id: NDArray[Any]
     """Names, or whole numbers that spell_id spells out."""
 
     spell_id: tuple[str, str] = ("", "")
     """Prefix of a whole number in id, and prefix of the row where that number is 0: ("HIP ", "HGI ")."""
+
+    filled: bool = False
+    """Whether the other fluxes are to be predicted from the spectrum."""
+
+    limit_jy: Mapping[str, Array] = field(default_factory=dict)
+    """Upper limits of predicted fluxes by band [Jy], NaN for none."""

@@ -14,7 +14,7 @@ from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band
 from warpsim.radiometry.magnitudes import Physics, as_radiometry
-from warpsim.sky.catalog_columns import FLUX_NONE, FLUX_PREDICTED
+from warpsim.sky.catalog_columns import FLUX_FILLED, FLUX_NONE
 from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.sky.stellar_spectrum import band_irradiance_w_cm2, calibration_w_cm2_per_jy
 from warpsim.sky.stellar_templates import DWARF, colour_temperature_k, luminosity_class
@@ -87,7 +87,7 @@ class StarPhotometry:
         return self.given_jy[name] if name in self.given_jy else np.broadcast_to(np.nan, self.temperature_k.shape)
 
     def flux_flag(self, band: Band | str) -> Flags:
-        """What flux_jy() is: 0 unknown, 1 measured, 2 predicted.
+        """What flux_jy() is: 0 unknown, 1 measured, 2 predicted by the catalog, 3 filled in from the spectrum.
 
         Raises:
             InputError: As in flux_jy().
@@ -98,7 +98,7 @@ class StarPhotometry:
         if not self.filled:
             return given
         predicted = (given == FLUX_NONE) & np.isfinite(self._known_jy(name))
-        return _frozen(np.where(predicted, np.uint8(FLUX_PREDICTED), given))
+        return _frozen(np.where(predicted, np.uint8(FLUX_FILLED), given))
 
     def irradiance_w_cm2(self, band: Band | str, physics: Physics = "physical") -> Array:
         """In-band irradiance [W/cm2]; 0 for stars without any flux. See StarCatalog.irradiance_w_cm2()."""

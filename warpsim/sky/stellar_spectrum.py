@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.sky.photometric_bands import photometric_bands
-from warpsim.sky.stellar_templates import DWARF, GIANT, band_nodes, mixture
+from warpsim.sky.stellar_templates import DWARF, GIANT, band_nodes, check_reach, mixture
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -79,10 +79,7 @@ def band_irradiance_w_cm2(
     Raises:
         InputError: A band out of range.
     """
-    low_um, high_um = band.half_power_um
-    if low_um < VALID_UM[0] or high_um > VALID_UM[1]:
-        rule = f"must lie within {VALID_UM[0]:g} to {VALID_UM[1]:g} um, where the spectra of stars are known, got "
-        raise InputError(f"{rule}{low_um:g} to {high_um:g} um", "half_power_um").of(f"band {band.name}")
+    check_band(band)
     known_bands = photometric_bands()
     names = sorted(flux_jy, key=lambda name: known_bands[name].isophotal_um)
     light = np.full(len(temperature_k), np.nan)
@@ -95,6 +92,15 @@ def band_irradiance_w_cm2(
             of_class = np.where(luminosity[rows][stars] == DWARF, DWARF, GIANT)
             light[rows][stars] = _light(tables, irradiance, temperature_k[rows][stars], of_class)
     return light
+
+
+def check_band(band: Band) -> None:
+    """Raise InputError unless the light of stars is known in a band, within its half-power points and without."""
+    low_um, high_um = band.half_power_um
+    if low_um < VALID_UM[0] or high_um > VALID_UM[1]:
+        rule = f"must lie within {VALID_UM[0]:g} to {VALID_UM[1]:g} um, where the spectra of stars are known, got "
+        raise InputError(f"{rule}{low_um:g} to {high_um:g} um", "half_power_um").of(f"band {band.name}")
+    check_reach(band)
 
 
 def calibration_w_cm2_per_jy(name: str) -> float:

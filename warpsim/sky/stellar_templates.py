@@ -135,11 +135,9 @@ def band_nodes(band: Band | str) -> tuple[Array, Array, Array]:
         InputError: Unknown band, or one that reaches beyond the templates.
     """
     band = as_band(band)
+    check_reach(band)
     grid_um = template_wavelength_um()
     low_um, high_um = band.lit_um
-    if low_um < grid_um[0] or high_um > grid_um[-1]:
-        rule = f"must lie within {grid_um[0]:g} to {grid_um[-1]:g} um, where the spectrum of stars is known"
-        raise InputError(f"{rule}, got {low_um:g} to {high_um:g} um").of(f"band {band.name}")
     edge_um = np.union1d(band.wavelength_um, grid_um)
     edge_um = edge_um[(edge_um >= low_um) & (edge_um <= high_um)]
     abscissa, weight = np.polynomial.legendre.leggauss(_N_GAUSS)
@@ -150,6 +148,15 @@ def band_nodes(band: Band | str) -> tuple[Array, Array, Array]:
     part = (node_um - grid_um[right - 1]) / (grid_um[right] - grid_um[right - 1])
     spectrum = templates()
     return node_um, weight_um, (1.0 - part) * spectrum[..., right - 1] + part * spectrum[..., right]
+
+
+def check_reach(band: Band) -> None:
+    """Raise InputError for a band whose response reaches beyond the templates."""
+    grid_um = template_wavelength_um()
+    low_um, high_um = band.lit_um
+    if low_um < grid_um[0] or high_um > grid_um[-1]:
+        rule = f"must lie within {grid_um[0]:g} to {grid_um[-1]:g} um, where the spectrum of stars is known"
+        raise InputError(f"{rule}, got {low_um:g} to {high_um:g} um").of(f"band {band.name}")
 
 
 def band_light(band: Band | str) -> Array:

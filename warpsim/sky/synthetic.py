@@ -166,6 +166,7 @@ def synthetic_columns(n_star: int | None, limit_jy: float | None, sky: str, seed
         flux_flag={"A": np.broadcast_to(np.uint8(FLUX_PREDICTED), (n,))},
         id=np.broadcast_to(np.int64(0), (n,)),
         spell_id=("", "SYN "),
+        filled=True,
     )
 
 

@@ -18,9 +18,10 @@ from warpsim.sky.hip_gaia import (
     read_gaia,
     read_hipparcos,
 )
+from warpsim.sky.hip_gaia_stars import HipGaiaStars
 from warpsim.sky.space_motion import rigorous_motion
 from warpsim.sky.star_columns import StarColumns
-from warpsim.sky.visible_stars import UNCERTAIN, by_gaia, by_hipparcos, measured_flux_jy
+from warpsim.sky.visible_stars import UNCERTAIN, by_gaia, by_hipparcos
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -35,50 +36,17 @@ BESIDE_ARCSEC = 3.0
 """Hipparcos measured the light of closer pairs as that of one star."""
 
 _NAME = "hip-gaia-ir union"
-_PROVENANCE = (
-    "hip-gaia-ir union: G and BP-RP of Gaia DR3, Hp and V-I of Hipparcos-2, infrared fluxes predicted from them by "
-    "stellar templates. Gaia-derived data: CC BY-SA 3.0 IGO, ESA/Gaia/DPAC; Hipparcos: ESA 1997, van Leeuwen 2007."
-)
 
 
 @dataclass(frozen=True)
-class UnionStars:
-    """Stars of both catalogs at J2000, one row each, sorted by declination; shape (n,) each."""
-
-    hip: NDArray[np.int64]
-    """Hipparcos number; 0 for none."""
+class UnionStars(HipGaiaStars):
+    """Stars of both catalogs."""
 
     source_id: NDArray[np.int64]
     """Gaia DR3 source that gives the magnitude; 0 where Hipparcos does."""
 
-    ra_deg: Array
-    """ICRS: by Hipparcos astrometry if there is any, or else where Gaia saw the star in 2016."""
-
-    dec_deg: Array
-    pm_ra_mas_yr: Array
-    """cos(dec) included; 0 without Hipparcos astrometry."""
-
-    pm_dec_mas_yr: Array
-    parallax_mas: Array
-    """NaN without Hipparcos astrometry."""
-
-    g_mag: Array
-    """G, where Gaia gives the magnitude; NaN elsewhere."""
-
-    hp_mag: Array
-    """Hp, where Hipparcos does; NaN elsewhere."""
-
     bp_rp_mag: Array
     """BP-RP, where Gaia gives the magnitude; elsewhere, and for stars without a colour, NaN."""
-
-    temperature_k: Array
-    """Colour temperature [K]; NaN for stars without a colour."""
-
-    luminosity: NDArray[np.int8]
-    """Luminosity class: 0 dwarf, 1 giant."""
-
-    quality: NDArray[np.int64]
-    """Of the infrared light: 1 uncertain, 2 fair."""
 
 
 def union_stars() -> UnionStars:
@@ -160,24 +128,8 @@ def union_columns() -> StarColumns:
         InputError: The packages of the extra `catalogs` are not installed, or not of the version known.
     """
     stars = union_stars()
-    flux_jy, flux_flag = measured_flux_jy(stars.g_mag, stars.hp_mag)
     names = [
         f"HIP {hip}" if hip else f"Gaia DR3 {source}"
         for hip, source in zip(stars.hip.tolist(), stars.source_id.tolist(), strict=True)
     ]
-    return StarColumns(
-        ra_deg=stars.ra_deg,
-        dec_deg=stars.dec_deg,
-        pm_ra_mas_yr=stars.pm_ra_mas_yr,
-        pm_dec_mas_yr=stars.pm_dec_mas_yr,
-        parallax_mas=stars.parallax_mas,
-        temperature_k=stars.temperature_k,
-        luminosity=stars.luminosity,
-        quality=stars.quality,
-        epoch_jyear=J2000_JYEAR,
-        name=_NAME,
-        provenance=_PROVENANCE,
-        flux_jy=flux_jy,
-        flux_flag=flux_flag,
-        id=np.array(names, dtype=np.str_),
-    )
+    return stars.columns(_NAME, np.array(names, dtype=np.str_))

@@ -12,12 +12,12 @@ from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import (
     J2000_JYEAR,
     NUMBER_UNITS,
-    brightness_columns,
     flag_column,
     flux_column,
-    flux_of_magnitude_jy,
+    limit_column,
     magnitude_column,
 )
+from warpsim.sky.catalog_table import brightness_columns, flux_of_magnitude_jy
 from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.sky.readers.angles import angle_deg, has_parts, place_deg
 from warpsim.sky.readers.photometry import real_magnitudes
@@ -25,13 +25,16 @@ from warpsim.tables.columns import plain_name
 from warpsim.tables.file_table import FileTable
 
 _ANGLES = ("ra_deg", "dec_deg")
-_SHORT = ", ".join([*NUMBER_UNITS, "flux_<band>_jy", "mag_<band>", "flux_<band>_flag", "id", "epoch_jyear"])
+_OTHERS = ("id", "spectral_type", "epoch_jyear")
+_SHORT = ", ".join(
+    [*NUMBER_UNITS, "flux_<band>_jy", "mag_<band>", "flux_<band>_flag", "flux_<band>_limit_jy", *_OTHERS]
+)
 
 
 def known_columns() -> tuple[str, ...]:
     """Names that the argument `columns` knows; a table that uses them needs no such argument."""
     bands = photometric_bands()
-    return (*NUMBER_UNITS, *_brightnesses(), *map(flag_column, bands), "id", "epoch_jyear")
+    return (*NUMBER_UNITS, *_brightnesses(), *map(flag_column, bands), *map(limit_column, bands), *_OTHERS)
 
 
 def _brightnesses() -> tuple[str, ...]:
@@ -96,7 +99,7 @@ def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
 
 
 def _names_of(band: str) -> set[str]:
-    return {flux_column(band), magnitude_column(band), flag_column(band)}
+    return {flux_column(band), magnitude_column(band), flag_column(band), limit_column(band)}
 
 
 def _own_name(table: FileTable, column: str) -> str | None:
@@ -134,7 +137,7 @@ def arrays_of_columns(table: FileTable, columns: Mapping[str, str]) -> dict[str,
         InputError: A column holds no numbers, or is in a unit that does not convert; or a band has flux and magnitude.
     """
     meta = {str(key).lower(): value for key, value in table.table.meta.items()}  # FITS turns keys to capitals
-    arrays: dict[str, Any] = {"flux_jy": {}, "flux_flag": {}}
+    arrays: dict[str, Any] = {"flux_jy": {}, "flux_flag": {}, "limit_jy": {}}
     if not any(name in columns for name in _ANGLES):
         arrays["ra_deg"], arrays["dec_deg"], _ = place_deg(table)
     for name, column in columns.items():
@@ -150,8 +153,12 @@ def arrays_of_columns(table: FileTable, columns: Mapping[str, str]) -> dict[str,
             arrays["flux_jy"][band] = flux_of_magnitude_jy(band, magnitudes)
         if flag_column(band) in columns:
             arrays["flux_flag"][band] = table.number(columns[flag_column(band)])
-    if "id" in columns:
-        arrays["id"] = table.text(columns["id"])
+    for band in photometric_bands():
+        if limit_column(band) in columns:
+            arrays["limit_jy"][band] = table.number(columns[limit_column(band)], unit="Jy")
+    for name in ("id", "spectral_type"):
+        if name in columns:
+            arrays[name] = table.text(columns[name])
     epoch = meta.get("epoch_jyear", J2000_JYEAR)
     return arrays | {
         "epoch_jyear": _epoch_jyear(table, columns["epoch_jyear"]) if "epoch_jyear" in columns else epoch,

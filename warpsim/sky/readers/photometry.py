@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.catalog_columns import flux_of_magnitude_jy
+from warpsim.sky.catalog_table import flux_of_magnitude_jy
 from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.tables.columns import ColumnTable
 

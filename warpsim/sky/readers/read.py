@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -15,17 +15,16 @@ from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import (
     J2000_JYEAR,
     NUMBER_UNITS,
-    check_flux_columns,
     checked_columns,
-    checked_limits,
     flag_column,
     warn_left_out,
 )
+from warpsim.sky.catalog_table import check_flux_columns
 from warpsim.sky.readers import akari, allwise, gaia, hipparcos, iras, msx, twomass
 from warpsim.sky.readers.generic import arrays_of_columns, check_columns, is_own, own_columns
 from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
 from warpsim.sky.readers.survey import Survey, SurveyStars
-from warpsim.sky.star_columns import Array, StarColumns
+from warpsim.sky.star_columns import StarColumns
 from warpsim.tables.file_table import FileTable
 from warpsim.tables.read_table import read_table
 
@@ -40,14 +39,10 @@ class StarsOfFile:
     """What a catalog file says, and what is still to be done to its stars."""
 
     columns: StarColumns
-    may_be_filled: bool
-    """Whether unknown fluxes may be predicted: not in a table that flags its fluxes."""
+    """Filled, unless a table flags its fluxes and says of none that it was filled in."""
 
     target_epoch_jyear: float
     """Julian year to move the stars to: J2000 for a survey, its own for a custom table."""
-
-    limit_jy: Mapping[str, Array] = field(default_factory=dict)
-    """Upper limits by band [Jy], NaN for none: a predicted flux is no larger."""
 
 
 def read_stars(
@@ -126,9 +121,10 @@ def _own_stars(table: FileTable, columns: Mapping[str, str], where: str) -> Star
     meta = {str(key).lower(): value for key, value in table.table.meta.items()}
     check_flux_columns(name for name in table.table.colnames if name not in columns.values())
     arrays = _rows_read(table, lambda: arrays_of_columns(table, columns))
-    checked = _checked(table, arrays, where, str(meta.get("name", Path(where).name)), columns)[0]
+    checked = _checked(table, arrays, where, str(meta.get("name", Path(where).name)), columns)
     flagged = any(name in columns for name in map(flag_column, arrays["flux_jy"]))
-    return StarsOfFile(checked, may_be_filled=not flagged, target_epoch_jyear=checked.epoch_jyear)
+    filled = checked.filled or not flagged or meta.get("filled") is True
+    return StarsOfFile(replace(checked, filled=filled), checked.epoch_jyear)
 
 
 def _survey_stars(table: FileTable, survey: Survey, where: str) -> StarsOfFile:
@@ -158,18 +154,18 @@ def _survey_stars(table: FileTable, survey: Survey, where: str) -> StarsOfFile:
         "luminosity": stars.luminosity,
         "quality": stars.quality,
         "id": stars.id,
+        "limit_jy": stars.limit_jy,
         "epoch_jyear": stars.epoch_jyear,
         "provenance": "; ".join([f"{survey.title}, {survey.reference}", *notes]),
     }
-    checked, rows = _checked(table, arrays, where, f"{survey.name} ({Path(where).name})")
-    limits = checked_limits({band: limit_jy[rows] for band, limit_jy in stars.limit_jy.items()}, len(rows))
-    return StarsOfFile(checked, may_be_filled=True, target_epoch_jyear=J2000_JYEAR, limit_jy=limits)
+    checked = _checked(table, arrays, where, f"{survey.name} ({Path(where).name})")
+    return StarsOfFile(replace(checked, filled=True), J2000_JYEAR)
 
 
 def _checked(
     table: FileTable, arrays: dict[str, Any], where: str, name: str, columns: Mapping[str, str] | None = None
-) -> tuple[StarColumns, Any]:
-    """Columns of the rows that have finite coordinates, and these rows; a warning names the others.
+) -> StarColumns:
+    """Columns of the rows that have finite coordinates; a warning names the others.
 
     Errors name the file's own column, which `columns` tells by warpsim's name for it.
     """
@@ -192,12 +188,11 @@ def _checked(
     arguments = {key: kept(values) for key, values in arrays.items()}
     numbers = {key: arguments.pop(key, None) for key in NUMBER_UNITS}
     try:
-        checked = checked_columns(numbers, **arguments, name=name)
+        return checked_columns(numbers, **arguments, name=name)
     except InputError as error:
         own_name = (columns or {}).get(error.field, error.field)
         named = error if own_name == error.field else error.of(f"column {own_name}")
         raise table.located(named, rows) from None
-    return checked, rows
 
 
 def _rows_read(table: FileTable, read: Any) -> Any:
