@@ -1,0 +1,90 @@
+"""Spectral types as an input: their temperatures and luminosity classes, and how columns of them are read."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from astropy.table import MaskedColumn, Table
+
+from warpsim.sky.catalog import StarCatalog
+from warpsim.sky.spectral_types import of_spectral_types
+from warpsim.sky.stellar_templates import DWARF, GIANT
+
+
+def told(*types):
+    temperature_k, luminosity = of_spectral_types(np.array(types, dtype=np.str_))
+    return temperature_k.tolist(), luminosity.tolist()
+
+
+@pytest.mark.parametrize(
+    ("text", "temperature_k", "luminosity"),
+    [  # Mamajek's scale of dwarfs; Pickles' giants on the scale of the templates
+        ("G2V", 5770, DWARF),
+        ("G2 V", 5770, DWARF),
+        (" G2V ", 5770, DWARF),
+        ("M2.5V", 3470, DWARF),
+        ("M4.5Ve", 3110, DWARF),
+        ("A1Vm", 9300, DWARF),
+        ("B8/9V", 12300, DWARF),
+        ("dM3", 3430, DWARF),
+        ("sdF8", 6180, DWARF),
+        ("G8IV", 5480, DWARF),
+        ("K0IV", 4870, GIANT),
+        ("K3III", 4510, GIANT),
+        ("K0III-IV", 4870, GIANT),
+        ("K1.5III", 4660, GIANT),
+        ("gK5", 4030, GIANT),
+        ("M1-2Ia-Iab", 3850, GIANT),
+        ("B0.5Iab", 29000, GIANT),
+        ("F8:Ib-II", 6180, GIANT),
+        ("G5III+G0V", 5080, GIANT),
+        ("M9III", 2960, GIANT),
+        ("F5", 6550, -1),
+        ("M2", 3770, -1),
+    ],
+)
+def test_types_tell_temperature_and_class(text, temperature_k, luminosity):
+    assert told(text) == ([temperature_k], [luminosity])
+
+
+@pytest.mark.parametrize("text", ["", "DA2", "C5,4", "S4/6", "WN5", "L2", "G", "pec", "K", "??", "3III"])
+def test_types_that_are_not_understood_tell_nothing(text):
+    temperature_k, luminosity = told(text)
+    assert np.isnan(temperature_k).all()
+    assert luminosity == [-1]
+
+
+def test_temperature_falls_along_the_types():
+    for roman in ("V", "III"):
+        temperature_k, _ = told(*(f"{letter}{digit}{roman}" for letter in "OBAFGKM" for digit in range(10)))
+        assert (np.diff(temperature_k) <= 0).all()
+
+
+def test_columns_of_types(tmp_path):
+    """What is given beats the type; the spectrum is that of the temperature told."""
+    types = ["K3III", "G2V", "M2V", "F5", ""]
+    columns = {"temperature_k": [np.nan, 5000.0, np.nan, np.nan, np.nan], "luminosity": [0, -1, -1, 1, -1]}
+    place = ([1.0, 2.0, 3.0, 4.0, 5.0], [0.0] * 5)
+    stars = StarCatalog.from_arrays(*place, {"V": [1.0] * 5}, spectral_type=types, **columns)
+    np.testing.assert_array_equal(stars.temperature_k, [4510, 5000, 3560, 6550, np.nan])
+    assert stars.luminosity.tolist() == [0, 0, 0, 1, -1]
+
+    names = {"ra_deg": place[0], "dec_deg": place[1], "flux_V_jy": [1.0] * 5, **columns}
+    table = Table({**names, "spectral_type": MaskedColumn([*types[:4], "X"], mask=[False] * 4 + [True])})
+    assert StarCatalog.from_table(table).checksum == stars.checksum
+    table.write(tmp_path / "stars.ecsv")
+    assert StarCatalog.read(tmp_path / "stars.ecsv").checksum == stars.checksum
+    table.rename_column("spectral_type", "SpType")
+    table.write(tmp_path / "own.fits")
+    read = StarCatalog.read(tmp_path / "own.fits", columns={"spectral_type": "SpType"})
+    assert read.checksum == stars.checksum
+    red = read.irradiance_w_cm2("W1")
+    assert red[2] > red[0] > red[3]
+
+
+def test_unknown_types_are_counted_in_a_warning():
+    with pytest.warns(UserWarning, match=r"^mine: 2 of 4 spectral types are unknown \(DA2, C5\)$"):
+        stars = StarCatalog.from_arrays(
+            [1.0] * 4, [0.0] * 4, {"V": [1.0] * 4}, spectral_type=["DA2", "", "C5", "K0V"], name="mine"
+        )
+    np.testing.assert_array_equal(stars.temperature_k, [np.nan, np.nan, np.nan, 5270])
