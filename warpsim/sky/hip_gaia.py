@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
 from warpsim.sky.space_motion import rigorous_motion
+from warpsim.sky.visible_photometry import hipparcos_v_mag
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -39,6 +40,11 @@ COMPANION_MAG = 2.0
 brighter by 0.75 mag than each. There is no limit on the other side: red stars are brighter in G by up to 5 mag."""
 
 
+SATURATED_V_MAG = {32349: -1.44, 91262: 0.03}
+"""V of Sirius and Vega by Hipparcos number, as the Hipparcos Catalogue lists it, from the ground (ESA 1997, CDS I/239,
+field H5): its own Hp of them is 0.36 and 0.06 mag too faint. Of all other stars Hp agrees with V within 0.04 mag."""
+
+
 @dataclass(frozen=True)
 class Hipparcos:
     """Columns of Hipparcos-2 (van Leeuwen 2007, CDS I/311), epoch 1991.25, ICRS; shape (n,) each."""
@@ -52,6 +58,8 @@ class Hipparcos:
 
     pm_dec_mas_yr: Array
     hp_mag: Array
+    """Those of SATURATED_V_MAG by their V."""
+
     b_v_mag: Array
     """NaN where missing."""
 
@@ -88,6 +96,9 @@ def read_hipparcos() -> Hipparcos:
     )
     parallax_mas, pm_ra_mas_yr, pm_dec_mas_yr, hp_mag, b_v_mag = columns
     no_v_i = (v_i_mag == 0.0) & (e_b_v_mag == 0.0)
+    for number, v_mag in SATURATED_V_MAG.items():
+        row = hip == number
+        hp_mag[row] = v_mag - hipparcos_v_mag(np.zeros(1), v_i_mag[row], b_v_mag[row])
     return Hipparcos(
         hip=hip.astype(np.int64),
         ra_deg=np.degrees(ra_rad),

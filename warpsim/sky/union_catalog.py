@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,9 @@ from warpsim.sky.hip_gaia import (
 )
 from warpsim.sky.hip_gaia_stars import HipGaiaStars
 from warpsim.sky.space_motion import rigorous_motion
+from warpsim.sky.spectral_types import of_spectral_types
 from warpsim.sky.star_columns import StarColumns
-from warpsim.sky.visible_stars import UNCERTAIN, by_gaia, by_hipparcos
+from warpsim.sky.visible_stars import UNCERTAIN, VisibleStars, by_gaia, by_hipparcos
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -31,6 +32,10 @@ GAIA_RED_BRIGHT_LIMIT_MAG = 3.2
 GAIA_RED_BP_RP_MAG = 1.6
 """Gaia saturates: stars as bright as these in G take their magnitude and colour from Hipparcos, whose V-I of red giants
 is the worse, so that those change over later."""
+
+COMPOSITE_TYPE = {84345: "M5Ib-II"}
+"""Spectral type by Hipparcos number of alpha Herculis: its V-I of 1.13 is no M5 star's, but one of the sum with its
+companions (G8III and A9IV), which makes it 3.4 mag too faint in the infrared."""
 
 BESIDE_ARCSEC = 3.0
 """Hipparcos measured the light of closer pairs as that of one star."""
@@ -84,13 +89,14 @@ def union_stars() -> UnionStars:
         return np.concatenate([gaia_values, star_values[star_only]])
 
     n_gaia, n_star = len(gaia_row), len(star_only)
-    by_star = {"hp_mag": star.hp_mag, "parallax_mas": star.parallax_mas}
-    by_star["pm_mas_yr"] = np.hypot(star.pm_ra_mas_yr, star.pm_dec_mas_yr)
-    of_gaia = {name: of_hipparcos(values, np.nan)[:n_gaia] for name, values in by_star.items()}
-    of_star_only = {name: values[star_only] for name, values in by_star.items()}
-    seen = by_gaia(g_mag=gaia.g_mag[gaia_row], bp_rp_mag=gaia.bp_rp_mag[gaia_row], **of_gaia)
-    others = by_hipparcos(v_i_mag=star.v_i_mag[star_only], b_v_mag=star.b_v_mag[star_only], **of_star_only)
-    quality = np.where(disputed[star_only], UNCERTAIN, others.quality)
+    seen = by_gaia(
+        g_mag=gaia.g_mag[gaia_row],
+        bp_rp_mag=gaia.bp_rp_mag[gaia_row],
+        parallax_mas=of_hipparcos(star.parallax_mas, np.nan)[:n_gaia],
+        pm_mas_yr=of_hipparcos(np.hypot(star.pm_ra_mas_yr, star.pm_dec_mas_yr), np.nan)[:n_gaia],
+        hp_mag=of_hipparcos(star.hp_mag, np.nan)[:n_gaia],
+    )
+    others = _by_hipparcos(star, star_only, disputed)
     columns = {
         "hip": np.where(has_star, star.hip[of_star], 0),
         "source_id": np.concatenate([gaia.source_id[gaia_row], np.zeros(len(star_only), dtype=np.int64)]),
@@ -104,10 +110,26 @@ def union_stars() -> UnionStars:
         "bp_rp_mag": np.concatenate([gaia.bp_rp_mag[gaia_row], np.full(n_star, np.nan)]),
         "temperature_k": np.concatenate([seen.temperature_k, others.temperature_k]),
         "luminosity": np.concatenate([seen.luminosity, others.luminosity]),
-        "quality": np.concatenate([seen.quality, quality]),
+        "quality": np.concatenate([seen.quality, others.quality]),
     }
     order = np.lexsort((columns["ra_deg"], columns["dec_deg"]))
     return UnionStars(**{key: values[order] for key, values in columns.items()})
+
+
+def _by_hipparcos(star: Hipparcos, rows: Rows, disputed: NDArray[np.bool_]) -> VisibleStars:
+    """What Hipparcos tells of the stars in some rows."""
+    seen = by_hipparcos(
+        hp_mag=star.hp_mag[rows],
+        v_i_mag=star.v_i_mag[rows],
+        b_v_mag=star.b_v_mag[rows],
+        parallax_mas=star.parallax_mas[rows],
+        pm_mas_yr=np.hypot(star.pm_ra_mas_yr[rows], star.pm_dec_mas_yr[rows]),
+    )
+    for number, kind in COMPOSITE_TYPE.items():
+        composite = star.hip[rows] == number
+        seen.temperature_k[composite], seen.luminosity[composite] = of_spectral_types(np.array([kind]))
+    composite = np.isin(star.hip[rows], list(COMPOSITE_TYPE))
+    return replace(seen, quality=np.where(disputed[rows] | composite, UNCERTAIN, seen.quality))
 
 
 def _beside(star: Hipparcos, star_row: Rows, gaia: Gaia, gaia_row: Rows) -> NDArray[np.bool_]:
