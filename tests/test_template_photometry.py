@@ -26,9 +26,16 @@ CLASSES = {"FGK dwarfs": (DWARF, 0.5, 1.7), "M dwarfs": (DWARF, 1.7, 3.6), "gian
 FEWEST = 10  # a median of fewer stars says little
 RECORDED = {
     "FGK dwarfs": ("W1 to W4 of FGK dwarfs from G, median", "W1 to W4 of FGK dwarfs from G, scatter"),
-    "M dwarfs": ("W1 to W4 of M dwarfs from G, median", "W1 to W4 of M dwarfs from G, scatter"),
-    "giants": ("W1 to W4 of giants from G, median", "W1 to W4 of giants from G, scatter"),
+    "M dwarfs": ("W2 to W4 of M dwarfs from G, median", "W2 to W4 of M dwarfs from G, scatter"),
+    "giants": ("W3 and W4 of giants from G, median", "W3 and W4 of giants from G, scatter"),
 }
+N_STAR = {
+    "FGK dwarfs": {"W1": 48, "W2": 116, "W3": 280, "W4": 173},
+    "M dwarfs": {"W2": 17, "W3": 34, "W4": 26},
+    "giants": {"W3": 47, "W4": 57},
+}
+"""Stars that the lines of docs/accuracy.md stand on, as its note (benchmarks/accuracy.py) has them. W1 and W2 of giants
+are saturated; three M dwarfs have a W1."""
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +64,7 @@ def residual(measured, stars, band):
 @pytest.mark.parametrize("name", CLASSES)
 def test_infrared_of_classes(name, measured, stars, record_accuracy):
     chosen = of_class(name, stars, measured["BP-RP"])
-    bands = []
+    bands, n_star = [], {}
     for band in ("J", "H", "Ks", "W1", "W2", "W3", "W4"):
         deviation = residual(measured, stars, band)[chosen]
         deviation = deviation[np.isfinite(deviation)]
@@ -69,9 +76,11 @@ def test_infrared_of_classes(name, measured, stars, record_accuracy):
         assert abs(median) < MEDIAN_LIMIT_MAG
         assert scatter < SCATTER_LIMIT_MAG
         if band.startswith("W"):
+            n_star[band] = len(deviation)
             record_accuracy(RECORDED[name][0], abs(median), MEDIAN_LIMIT_MAG, "mag", "WISE")
             record_accuracy(RECORDED[name][1], scatter, SCATTER_LIMIT_MAG, "mag", "WISE")
-    assert {"J", "H", "Ks", "W3", "W4"} <= set(bands)
+    assert {"J", "H", "Ks"} <= set(bands)
+    assert n_star == N_STAR[name]
 
 
 @pytest.mark.parametrize("name", CLASSES)
