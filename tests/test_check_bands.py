@@ -42,7 +42,8 @@ def test_each_band_has_its_lines():
     assert f"{counts[0] / (360**2 / np.pi):.3g} per deg2 above the noise\n" in text
     sensitive = scene_report(scene.replace(detector__nei_w_cm2=1e-20).scenario)
     faintest = ws.StarCatalog.default().irradiance_w_cm2("A").min() / 1e-20
-    assert f"per deg2 above the noise; the catalog ends at {faintest:.2g} NEI\n" in sensitive
+    end = f"the catalog ends at {faintest:.2g} NEI: more in sky.catalog union, synthetic, or a file"
+    assert f"per deg2 above the noise; {end}\n" in sensitive
 
 
 def test_surfaces_that_end_within_a_band_are_noted():

@@ -47,7 +47,8 @@ def band_lines(instrument: Instrument, catalog: StarCatalog, physics: Physics) -
 def _end(in_nei: NDArray[np.float64]) -> str:
     """Return the words that say that a catalog ends above the noise; empty where it does not."""
     faintest = in_nei[in_nei > 0.0].min(initial=math.inf)
-    return f"; the catalog ends at {faintest:.2g} NEI" if 1.0 < faintest < math.inf else ""
+    end = f"; the catalog ends at {faintest:.2g} NEI: more in sky.catalog union, synthetic, or a file"
+    return end if 1.0 < faintest < math.inf else ""
 
 
 def mean_photon_j(band: Band) -> float:
