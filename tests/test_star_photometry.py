@@ -442,6 +442,19 @@ def test_the_default_catalog_does_not_depend_on_the_order_of_the_bands():
 
 
 @pytest.mark.parametrize(
+    ("band", "other", "added"), [("V", "A", 0.025), ("A", "V", 0.012), ("G", "A", 0.046), ("A", "W1", 0.0)]
+)
+def test_stars_of_the_other_bands_add_little_light(band, other, added):
+    """What docs/howto/bands.md states: all of them are fainter than the band's own limit."""
+    alone, both = (
+        StarCatalog.default(band).irradiance_w_cm2(band),
+        StarCatalog.default(band, other).irradiance_w_cm2(band),
+    )
+    assert both.sum() / alone.sum() - 1.0 == pytest.approx(added, abs=1e-3)
+    np.testing.assert_array_equal(np.sort(both)[::-1][: len(alone)], np.sort(alone)[::-1])
+
+
+@pytest.mark.parametrize(
     ("edges_um", "rule"),
     [
         ((40.0, 50.0), "half_power_um: must lie within 0.3 to 30 um, where the spectra of stars are known, got 40 to"),

