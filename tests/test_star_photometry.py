@@ -251,6 +251,8 @@ def test_a_filled_catalog_is_the_same_when_read_again(suffix, tmp_path):
     flagged = catalog().filled().to_table()
     assert flagged["flux_A_flag"].tolist() == [3, 3, 3, 0]
     assert flagged["flux_V_flag"].tolist() == [1, 1, 0, 0]
+    limited = StarCatalog.read(tmp_path / f"1.{suffix}", fill=False)
+    assert limited.filled().flux_jy("A")[0] == 1e-6
     bare = StarCatalog.read(tmp_path / f"0.{suffix}", fill=False)
     assert np.isnan(bare.flux_jy("A")).all()
 

@@ -119,7 +119,7 @@ for name, ra_deg, dec_deg, flux, flag in zip(
 ):
     print(
         f"{name:7} {ra_deg:9.4f} {dec_deg:9.4f} deg, band A {flux:7.3f} Jy, "
-        f"{('unknown', 'measured', 'predicted')[flag]}"
+        f"{('unknown', 'measured', 'predicted', 'filled in')[flag]}"
     )
 
 # %% [markdown]

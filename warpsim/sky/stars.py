@@ -78,7 +78,7 @@ class Stars:
             parallax_mas=columns.parallax_mas,
             pm_mas_yr=np.hypot(columns.pm_ra_mas_yr, columns.pm_dec_mas_yr),
             filled=columns.filled,
-            limit_jy=columns.limit_jy if columns.filled else {},
+            limit_jy=columns.limit_jy,
         )
         return cls(
             ra_deg=frozen(columns.ra_deg),
