@@ -99,18 +99,19 @@ def _background(wavelength_um: Array) -> list[tuple[str, dict[str, Any], Array]]
 def _targets(scenario: Scenario, wavelength_um: Array) -> list[tuple[str, dict[str, Any], Array]]:
     """Label, style and spectrum per wavelength of light from targets, emitted and reflected."""
     sun, lines = solar_spectrum().at(wavelength_um), []
-    for number, target in enumerate({target.spec.name: target for target in scenario.targets}.values()):
-        if number == _MOST_SURFACES:
-            break
-        surface, rows = target.spec.surface, scenario.temperatures[scenario.targets.index(target)]
+    alike: dict[tuple[Any, int], dict[str, float]] = {}  # names and temperatures by what is drawn as one line
+    for target, rows in zip(scenario.targets, scenario.temperatures, strict=True):
         kelvin = float(rows.temperature_k[0])
+        alike.setdefault((target.spec.surface, round(kelvin)), {}).setdefault(target.spec.name, kelvin)
+    for number, ((surface, _), named) in enumerate(list(alike.items())[:_MOST_SURFACES]):
+        kelvin, label = next(iter(named.values())), ", ".join(named)
         emissivity = np.ones_like(wavelength_um)
         if surface.is_spectral:
             emissivity = surface.emissivity_curve.at(wavelength_um)
         colour = (GREEN, PURPLE, GREY)[number]
         emitted = emissivity * planck_w_m2_sr_um(wavelength_um, kelvin)
-        lines.append((f"{target.spec.name}, {kelvin:.0f} K", {"color": colour}, emitted))
+        lines.append((f"{label}, {kelvin:.0f} K", {"color": colour}, emitted))
         if surface.is_spectral:
             reflected = (1.0 - emissivity) * sun
-            lines.append((f"{target.spec.name}, reflected", {"color": colour, "linestyle": ":"}, reflected))
+            lines.append((f"{label}, reflected", {"color": colour, "linestyle": ":"}, reflected))
     return lines

@@ -1,9 +1,9 @@
 """The Earth's light in a band: brightness temperature and albedo by wavelength, a mean over the globe and the year.
 
-The spectrum (`catalogs/build_earth_spectrum.py` tells how it is made, catalogs/README.md from what) is that of the
-whole Earth, clouds included, as a Lambert sphere that looks alike from everywhere. Its exitance is 240 W/m2 and its
-mean albedo in sunlight 0.29, as CERES measures them. One place differs by far more: clear desert at noon has 320 K in
-the windows, a storm's top 200 K.
+The spectrum (made by `catalogs/build_earth_spectrum.py`; sources in catalogs/README.md) is that of the whole Earth,
+clouds included, as a Lambert sphere that looks alike from everywhere. Its exitance is 240 W/m2 and its mean albedo in
+sunlight 0.29, as CERES measures them. A single scene differs by far more: clear desert at noon has 320 K in the
+windows, a storm's top 200 K.
 """
 
 from __future__ import annotations

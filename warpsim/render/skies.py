@@ -1,4 +1,4 @@
-"""Star catalogs of a scene's sensors with their indices on devices; kinds of sensors with the same stars share them."""
+"""Star catalogs of a scene's sensors with their indices on devices; kinds with the same stars have one."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ class StarCatalog(Stars):
     ) -> StarCatalog:
         """Make a catalog from plain arrays, all of shape (n,); they are copied.
 
-        Rows whose place is not finite are left out, with a warning that counts and names them.
+        Rows whose position is not finite are left out, with a warning that counts and names them.
 
         Args:
             ra_deg: Right ascension [deg], ICRS, from -180 to 360.
@@ -158,7 +158,7 @@ class StarCatalog(Stars):
         """Read a catalog file: a survey as its archive gives it, or a table of one's own.
 
         The surveys and layouts known are in `warpsim.sky.readers`; they are recognised by their columns. Places are
-        carried to J2000 where the catalog has proper motions. Rows without a place are left out, with a warning that
+        carried to J2000 where the catalog has proper motions. Rows without a position are left out, with a warning that
         counts and names them.
 
         Args:
@@ -168,7 +168,7 @@ class StarCatalog(Stars):
             columns: For a table of one's own: which of its columns holds what, such as {"ra_deg": "RAJ2000",
                 "flux_A_jy": "F8"}, by the column names of from_table().
             readme: ReadMe of a CDS file; a file ReadMe beside it is found by itself.
-            fill: Whether flux_jy() of bands without a flux is predicted from the spectrum (flux_flag tells them apart).
+            fill: Whether flux_jy() of bands without a flux is predicted from the spectrum, with flux_flag 3.
                 A table that flags its fluxes (flux_A_flag ...) and none of them as filled in is taken as it is.
 
         Raises:

@@ -8,7 +8,7 @@ temperatures of one grid; a star between two of them has the mixture
 so that every integral over its spectrum is the same mixture of two numbers, exactly. All templates have the same light
 over all wavelengths. Their shapes are those of Pickles (1998, PASP 110, 863) to 2.3 um and Engelke's continuum (1992,
 AJ 104, 1248) beyond, bent to the mean colours of measured stars; `catalogs/build_stellar_templates.py` makes them and
-catalogs/README.md tells how well they do.
+catalogs/README.md has their errors.
 
 Temperatures are those of the mean star of a colour (`colour_temperature_k`): a star's template has the star's colour.
 """
@@ -240,7 +240,7 @@ def luminosity_class(
 
     Args:
         g_mag: G, or V of a star without it.
-        bp_rp_mag: BP-RP, or V-I; of a star without a colour the brightness alone tells.
+        bp_rp_mag: BP-RP, or V-I; without a colour the brightness alone decides.
         parallax_mas: Parallax [mas]; NaN or <= 0 where unknown.
         pm_mas_yr: Proper motion [mas/yr]; NaN or 0 where unknown.
     """
