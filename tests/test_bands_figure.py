@@ -35,8 +35,8 @@ def test_spectra_are_powers_over_their_peak(drawn):
     (spectra,) = (other for other in ax.figure.axes if other is not ax)
     lines = {line.get_label(): line.get_xydata() for line in spectra.lines}
     assert list(lines)[:1] == ["Sun"] and "Earth, emitted" in lines
-    name = scene.targets[0].name
-    assert f"{name}, 350 K" in lines and f"{name}, reflected" in lines
+    names = ", ".join(dict.fromkeys(target.spec.name for target in scene.scenario.targets))  # all alike: one line
+    assert f"{names}, 350 K" in lines and f"{names}, reflected" in lines
     for label, spectrum in (("Sun", solar_spectrum().at), ("Earth, emitted", earth_spectrum().radiance_w_m2_sr_um)):
         wavelength_um, drawn_power = lines[label].T
         power = wavelength_um * spectrum(wavelength_um)

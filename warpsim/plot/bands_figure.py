@@ -72,7 +72,7 @@ def _draw_responses(ax: Axes, bands: dict[str, Band]) -> None:
         ax.plot(edge_um, np.pad(band.response, 1), color=colour, linewidth=1.0)
         low_um, high_um = band.half_power_um
         middle = np.log(np.sqrt(low_um * high_um) / RANGE_UM[0]) / np.log(RANGE_UM[1] / RANGE_UM[0])
-        above = (middle, 0.93 + 0.04 * (number % 2))
+        above = (middle, 0.90 + 0.045 * (number % 2))
         ax.annotate(name, above, xycoords="axes fraction", ha="center", fontsize=9, color=colour)
     ax.set(xscale="log", xlim=RANGE_UM, ylim=(0.0, 1.3))
     ax.set(xlabel="wavelength [um]", ylabel="response over its peak (areas)")

@@ -138,8 +138,8 @@ def _light(tables: BandTables, irradiance_w_cm2: Sequence[Array], temperature_k:
         scale = part / sum(of_knots.values())
         wanted[knot] = wanted[knot] + irradiance_w_cm2[anchor] * scale
         for k, light in of_knots.items():
-            part = light * scale
-            mixing[knot, k] = mixing[knot, k] + part if (knot, k) in mixing else part
+            added = light * scale
+            mixing[knot, k] = mixing[knot, k] + added if (knot, k) in mixing else added
     factor = _factor(wanted, mixing)
     return np.asarray(sum(by_knot[0, k] * factor[k] for k in range(n_knot) if (0, k) in by_knot))
 
