@@ -59,6 +59,26 @@ def test_patterns_choose_sensors(both):
     assert choose(["sat2[1-3]", "sat4?.wide"]) == ["sat21", "sat22", "sat23", *(f"sat4{k}.wide" for k in range(1, 8))]
     with pytest.raises(ws.InputError, match=r"^sensors: must be sensors of the scene \(.*\), got 'sat11.x\*'$"):
         choose(["sat11.*", "sat11.x*"])
+    assert choose("na*") == choose("?arrow") == choose("narrow")
+    assert choose(["na*", "*"]) == [*choose("narrow"), *choose("wide")]
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["sat21", "sat2[12]"], ["sat21", "sat22"]),
+        (["sat2[12]", "sat21"], ["sat21", "sat22"]),
+        (["sat2[23]", "sat2[12]", "sat22"], ["sat22", "sat23", "sat21"]),
+        (["sat11.narrow", "sat11.*"], ["sat11.narrow", "sat11.wide"]),
+        (["sat21", "sat21"], ["sat21", "sat21"]),
+    ],
+)
+def test_overlapping_patterns_choose_a_sensor_once(both, names, expected):
+    assert both.scenario.select_sensors(names) == expected
+
+
+def test_overlapping_patterns_render_a_sensor_once(scene):
+    assert ws.Renderer(scene, device="cpu").render([1], sensors=["sat21", "sat2[12]"]).sensors == ["sat21", "sat22"]
 
 
 def test_each_kind_has_images_of_its_own(both, device):

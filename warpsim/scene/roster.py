@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -43,7 +44,9 @@ class Roster:
         raise InputError(f"must be a sensor of the scene ({some_names(self.sensor_names)})", "sensor", sensor)
 
     def select_sensors(self, names: str | Sequence[str] | None) -> list[str]:
-        """Return names of sensors for names of sensors and of kinds, and for patterns like "sat11.*"; all for None.
+        """Return names of sensors for names of sensors and kinds, and patterns of either like "sat11.*"; all for None.
+
+        A sensor that a kind or a pattern means besides comes once; plain names of sensors stay as they are.
 
         Raises:
             InputError: There is no such sensor, or none at all.
@@ -53,20 +56,24 @@ class Roster:
             return known
         if not isinstance(names, str | Sequence):
             raise InputError("must be a list of names", "sensors", names)
-        chosen: list[str] = []
-        for name in [names] if isinstance(names, str) else names:
-            if name in known:
-                chosen.append(name)
-            elif name in self.instruments:
-                chosen += self.instruments[name].names
-            elif matches := [one for one in known if fnmatch.fnmatchcase(one, str(name))]:
-                chosen += matches
-            else:
-                kinds = "" if len(self.instruments) == 1 else f", or of the kinds {', '.join(self.instruments)}"
-                raise InputError(f"must be sensors of the scene ({some_names(known)}{kinds})", "sensors", name)
+        asked = [names] if isinstance(names, str) else names
+        chosen = [sensor for name in asked for sensor in self._meant_by(name, known)]
         if not chosen:
             raise InputError("must name at least one", "sensors")
-        return chosen
+        return chosen if all(name in known for name in asked) else list(dict.fromkeys(chosen))
+
+    def _meant_by(self, name: str, known: Sequence[str]) -> list[str]:
+        """Return those of the known sensors that a name or a pattern of names means."""
+        if name in known:
+            return [name]
+        if name in self.instruments:
+            return self.instruments[name].names
+        matches = functools.partial(fnmatch.fnmatchcase, pat=str(name))
+        found = [one for kind, own in self.instruments.items() for one in own.names if matches(kind) or matches(one)]
+        if not found:
+            kinds = "" if len(self.instruments) == 1 else f", or of the kinds {', '.join(self.instruments)}"
+            raise InputError(f"must be sensors of the scene ({some_names(known)}{kinds})", "sensors", name)
+        return found
 
     def target(self, name: str, field: str = "name") -> int:
         """Return the index of a target.
