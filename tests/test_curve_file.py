@@ -40,6 +40,12 @@ def write(folder, name, text):
         ("h.csv", "wave [\u03bcm],QE %\n3,50\n4,100\n5,0\n"),
         ("i.txt", "lambda_nanometer T_pct\n3000 50\n4000 100\n5000 0\n"),
         ("j.csv", "wl [mm],T\n0.003,0.5\n0.004,1\n0.005,0\n"),
+        ("k.csv", "Wavelength [A],T\n30000,0.5\n40000,1\n50000,0\n"),
+        ("l.csv", "Wavelength (A),QE%\n30000,50\n40000,100\n50000,0\n"),
+        ("m.csv", "wavelength_A,QE_%\n30000,50\n40000,100\n50000,0\n"),
+        ("n.csv", "WAVELENGTH [\u212b],T_PCT\n30000,50\n40000,100\n50000,0\n"),
+        ("o.csv", "WAVELENGTH_\u00b5M,QE [ % ]\n3,50\n4,100\n5,0\n"),
+        ("p.csv", "wl [Mm],T\n3e-12,0.5\n4e-12,1\n5e-12,0\n"),
     ],
 )
 def test_units_are_those_of_the_file(tmp_path, name, text):
@@ -129,7 +135,7 @@ def test_bad_files_give_one_line(tmp_path, text, rule):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("unit", ["kg", "furlong"])
+@pytest.mark.parametrize("unit", ["kg", "furlong", "K"])
 def test_unit_that_is_no_length(tmp_path, unit):
     path = write(tmp_path, "curve.ecsv", ECSV.format(unit=unit, of_response="", first=1, last=2))
     rule = rf"unknown unit '{unit}'; must be a length such as um, nm or Angstrom$"

@@ -34,7 +34,7 @@ _SPELLINGS = {
 _UNITS = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings}
 
 _IN_BRACKETS = re.compile(r"(?P<name>.+?)[\s_]*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]")
-_AT_END = re.compile(rf"(?P<name>.+?)[\s_]+(?P<unit>{'|'.join(_UNITS)})")
+_AT_END = re.compile(rf"(?P<name>.+?)(?:[\s_]+|(?=%))(?P<unit>A|(?i:{'|'.join(_UNITS)}))")
 
 
 class CurveFile(NamedTuple):
@@ -111,8 +111,8 @@ def _wavelength_column(table: FileTable) -> tuple[str, str]:
 
 
 def _split(name: str) -> tuple[str, str | None]:
-    """Name of a column without case and unit, and the unit; None where it names none."""
-    text = name.strip().casefold()
+    """Name of a column without its unit, and the unit as written; None where it names none."""
+    text = name.strip()
     match = _IN_BRACKETS.fullmatch(text) or _AT_END.fullmatch(text)
     return (text, None) if match is None else (match["name"], match["unit"])
 
@@ -131,12 +131,18 @@ def _value_column(table: FileTable, wavelength: str, column: str | None) -> str:
     return str(others[0])
 
 
+def _known_unit(text: str) -> str:
+    """Name of a unit for astropy, the text itself where it is no spelling known; the case tells mm from Mm."""
+    text = text.strip()
+    return "Angstrom" if text == "A" else _UNITS.get(text.casefold(), text)
+
+
 def _um_per(unit: str) -> float:
     """Micrometres in a unit of length."""
     from astropy.units import Unit
 
     try:
-        return float(Unit(_UNITS.get(unit.strip().casefold(), unit)).to("um"))
+        return float(Unit(_known_unit(unit)).to("um"))
     except (TypeError, ValueError):  # no unit, or none of length
         raise InputError(f"unknown unit {unit!r}; must be a length such as um, nm or Angstrom") from None
 
@@ -147,4 +153,4 @@ def _fractions(table: FileTable, name: str) -> F64:
     table.table[name].unit = None
     values = table.number(name)
     unit = _split(name)[1] if stated is None else str(stated)
-    return values / 100.0 if _UNITS.get((unit or "").strip().casefold()) == "%" else values
+    return values / 100.0 if _known_unit(unit or "") == "%" else values
