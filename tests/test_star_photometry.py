@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from warpsim.errors import InputError
 from warpsim.output.catalog_report import catalog_report
 from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import SHIPPED
 from warpsim.sky.catalog import StarCatalog
-from warpsim.sky.photometric_bands import photometric_bands
+from warpsim.sky.photometric_bands import photometric_bands, photometric_name
 from warpsim.sky.star_counts import has_zero_point, irradiance_counts, magnitude_counts
 from warpsim.sky.star_photometry import COLOURS
 from warpsim.sky.stellar_templates import DWARF, GIANT, colour, colour_temperature_k, template_temperature_k
@@ -95,6 +98,19 @@ def test_a_band_that_only_bears_a_photometric_name_is_another():
     stars = catalog()
     false_a = Band("A", MWIR.wavelength_um, MWIR.response)
     np.testing.assert_array_equal(stars.irradiance_w_cm2(false_a), stars.irradiance_w_cm2(MWIR))
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_another_name_for_a_band_changes_nothing(name):
+    band, alias = SHIPPED[name], replace(SHIPPED[name], name="alias")
+    for stars in (catalog(), catalog().filled()):
+        photometry = (stars.magnitude, stars.flux_jy, stars.flux_flag) if name in BANDS else ()
+        for of_stars in (stars.irradiance_w_cm2, *photometry):
+            np.testing.assert_array_equal(of_stars(alias), of_stars(band))
+
+
+def test_a_band_with_a_zero_point_of_its_own_is_another():
+    assert photometric_name(replace(BANDS["IRAS25"], zero_mag_jy=7.0)) is None
 
 
 def test_arrays_are_read_only():

@@ -8,6 +8,7 @@ integrals of blackbodies of 200-5800 K agree with the full curves to 0.3 %. docs
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,12 @@ def as_band(band: Band | str) -> Band:
     if band not in SHIPPED:
         raise InputError(f"must be one of {', '.join(SHIPPED)} or a Band", "band", band)
     return SHIPPED[band]
+
+
+def name_among(band: Band, known: Mapping[str, Band]) -> str | None:
+    """Return the name that a band has among known ones, whatever its own; None where it is none of them."""
+    alike = (name for name, one in known.items() if one.isophotal_um == band.isophotal_um)
+    return next((name for name in alike if replace(band, name=name) == known[name]), None)
 
 
 def planck_w_m2_sr_um(wavelength_um: ArrayLike, temperature_k: ArrayLike) -> NDArray[np.float64]:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from types import MappingProxyType
 from typing import Annotated
 
 from warpsim.config.fields import NonNegative, Number, Switch, closed_interval
 from warpsim.config.model import config_model
 from warpsim.radiometry.band import Band
-from warpsim.radiometry.bands import BANDS
+from warpsim.radiometry.bands import BANDS, name_among
 from warpsim.radiometry.by_band import AS_DICT, ByBand, in_band, within
 from warpsim.radiometry.earth_spectrum import earth_albedo, earth_brightness_temperature_k
 from warpsim.radiometry.sunlight import sun_irradiance_w_m2
@@ -65,7 +64,7 @@ class Lighting:
         given = self.earth_k.get(band.name)
         if given is not None:
             return given
-        msx = _msx_name(band)
+        msx = name_among(band, BANDS)
         return earth_brightness_temperature_k(band) if msx is None else EARTH_K[msx]
 
     def earth_albedo_in(self, band: Band) -> float:
@@ -73,14 +72,9 @@ class Lighting:
         given = None if self.earth_albedo is None else in_band(self.earth_albedo, band.name)
         if given is not None:
             return given
-        return earth_albedo(band) if _msx_name(band) is None else MSX_EARTH_ALBEDO
+        return earth_albedo(band) if name_among(band, BANDS) is None else MSX_EARTH_ALBEDO
 
     def sun_w_m2_in(self, band: Band) -> float:
         """Irradiance of the Sun in a band at 1 au [W/m2]."""
         given = self.sun_w_cm2.get(band.name)
         return sun_irradiance_w_m2(band) if given is None else given / _W_CM2_PER_W_M2
-
-
-def _msx_name(band: Band) -> str | None:
-    """Name of the MSX band that has a band's response; None for any other."""
-    return next((name for name, msx in BANDS.items() if replace(band, name=name) == msx), None)

@@ -15,7 +15,7 @@ from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band
 from warpsim.radiometry.magnitudes import Physics, as_radiometry
 from warpsim.sky.catalog_columns import FLUX_FILLED, FLUX_NONE
-from warpsim.sky.photometric_bands import photometric_bands
+from warpsim.sky.photometric_bands import photometric_bands, photometric_name
 from warpsim.sky.stellar_spectrum import band_irradiance_w_cm2, calibration_w_cm2_per_jy
 from warpsim.sky.stellar_templates import DWARF, colour_temperature_k, luminosity_class
 
@@ -107,8 +107,8 @@ class StarPhotometry:
         if radiometry.name == "paper":
             name = radiometry.band_name(band)
             light = np.asarray(radiometry.flux_irradiance_w_cm2(self._known_jy(name), name))
-        elif photometric_bands().get(band.name) == band:
-            light = self._known_jy(band.name) * calibration_w_cm2_per_jy(band.name)
+        elif (name := photometric_name(band)) is not None:
+            light = self._known_jy(name) * calibration_w_cm2_per_jy(name)
         else:
             light = self._spectral_w_cm2(band)
         return np.where(np.isnan(light), 0.0, light)
@@ -120,7 +120,7 @@ class StarPhotometry:
             InputError: The band has no zero point.
         """
         band = as_band(band)
-        if photometric_bands().get(band.name) == band:
+        if photometric_name(band) is not None:
             ratio = self.flux_jy(band) / band.zero_mag_jy
         elif band.zero_mag_w_cm2 > 0.0:
             ratio = self._spectral_w_cm2(band) / band.zero_mag_w_cm2
@@ -227,15 +227,16 @@ class StarPhotometry:
 
 
 def flux_band(band: Band | str) -> Band:
-    """The photometric band meant.
+    """The photometric band meant; a Band may have another name.
 
     Raises:
-        InputError: There is none of that name, or it differs from the one that ships with warpsim.
+        InputError: There is none of that name, or the Band is none of those that ship with warpsim.
     """
     known = photometric_bands()
-    name = band.name if isinstance(band, Band) else band
-    if not isinstance(name, str) or name not in known or (isinstance(band, Band) and band != known[name]):
-        raise InputError(f"must be one of {', '.join(known)}, in which catalogs have fluxes", "band", name)
+    name = photometric_name(band) if isinstance(band, Band) else band
+    if not isinstance(name, str) or name not in known:
+        given = band.name if isinstance(band, Band) else band
+        raise InputError(f"must be one of {', '.join(known)}, in which catalogs have fluxes", "band", given)
     return known[name]
 
 
