@@ -39,7 +39,22 @@ def told(*types):
         ("F8:Ib-II", 6180, GIANT),
         ("G5III+G0V", 5080, GIANT),
         ("M9III", 2960, GIANT),
+        ("K3iii", 4510, GIANT),
+        ("M2iab", 3770, GIANT),
+        ("G2 v", 5770, DWARF),
+        ("F0IVvar", 7220, DWARF),
+        ("M5 IIIvar", 3390, GIANT),
+        ("M6e-M9eIII", 3250, GIANT),
+        ("G8/K0(III)", 4950, GIANT),
+        ("M3-M4III", 3660, GIANT),
+        ("A0Vpec", 9700, DWARF),
+        ("K2IIICN1", 4590, GIANT),
+        ("A0VpSiCr", 9700, DWARF),
+        ("O5V((f))", 41400, DWARF),
         ("F5", 6550, -1),
+        ("F5VII", 6550, -1),
+        ("A0p Var", 9700, -1),
+        ("A0 interstellar", 9700, -1),
         ("M2", 3770, -1),
     ],
 )
@@ -80,6 +95,12 @@ def test_columns_of_types(tmp_path):
     assert read.checksum == stars.checksum
     red = read.irradiance_w_cm2("W1")
     assert red[2] > red[0] > red[3]
+
+
+def test_masked_types_are_unknown():
+    types = np.ma.masked_array(["K3III", "G2V"], mask=[False, True])
+    stars = StarCatalog.from_arrays([1.0, 2.0], [0.0] * 2, {"V": [1.0] * 2}, spectral_type=types)
+    assert stars.luminosity.tolist() == [GIANT, -1]
 
 
 def test_unknown_types_are_counted_in_a_warning():

@@ -108,7 +108,7 @@ def checked_columns(
     n_star = len(columns["ra_deg"])
     texts = {"id": np.array(np.arange(1, n_star + 1) if id is None else id).astype(np.str_)}
     if spectral_type is not None:
-        texts["spectral_type"] = np.array(spectral_type).astype(np.str_)
+        texts["spectral_type"] = np.ma.asarray(spectral_type).astype(np.str_).filled("")
     for key, values in {**columns, **texts}.items():
         if values.shape != (n_star,):
             raise InputError(f"must have shape ({n_star},) like ra_deg", key, values.shape)

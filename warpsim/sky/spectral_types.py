@@ -43,7 +43,13 @@ _GIANT_K = {
 _TYPE = re.compile(r"(?P<prefix>sd|d|g)?(?P<letter>[OBAFGKM])(?P<subtype>\d(?:\.\d+)?)(?P<rest>[^+]*)")
 """Of a composite spectrum the first part; white dwarfs, carbon stars and letters alone do not fit."""
 
-_CLASS = re.compile(r"VI|IV|V|I{1,3}")
+_CLASS = re.compile(
+    r"(?:[^A-Za-z]|[OBAFGKM](?=\d)|[efmnpsw])*"  # "/9" of a range, "-M4" of another, "e" of emission
+    r"(?P<roman>[IV]++(?=[a-hk-pswz]*(?:var)?(?![a-z]))|[iv]++(?=(?:ab?|b)?(?![a-z])))"
+)
+"""Follows the subtype. Letters behind it are those of peculiarities: "IIIvar" is a class, the V of "Var" is none."""
+
+_ROMAN = ("I", "II", "III", "IV", "V", "VI")
 _CLASS_OF_PREFIX = {"sd": "VI", "d": "V", "g": "III"}
 
 
@@ -74,12 +80,12 @@ def _of_type(text: str) -> tuple[float, int]:
     if parts is None:
         return np.nan, CLASS_UNKNOWN
     number = 10.0 * _LETTERS.index(parts["letter"]) + float(parts["subtype"])
-    found = _CLASS.search(parts["rest"])
-    roman = found[0] if found else _CLASS_OF_PREFIX.get(parts["prefix"] or "", "")
+    found = _CLASS.match(parts["rest"])
+    roman = found["roman"].upper() if found else _CLASS_OF_PREFIX.get(parts["prefix"] or "")
     dwarf = roman in ("V", "VI") or (roman == "IV" and parts["letter"] in "OBAFG")
     hot = number < _number("G0")
     numbers, scale_k = _scale(_DWARF_K if dwarf or hot else _GIANT_K)
-    luminosity = CLASS_UNKNOWN if not roman else DWARF if dwarf else GIANT
+    luminosity = CLASS_UNKNOWN if roman not in _ROMAN else DWARF if dwarf else GIANT
     return float(np.interp(number, numbers, scale_k)), luminosity
 
 
