@@ -14,8 +14,9 @@ from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.sky.space_motion import wrapped_deg
-from warpsim.sky.spectral_types import of_spectral_types, warn_unknown_types
+from warpsim.sky.spectral_types import CLASS_UNKNOWN, of_spectral_types, warn_unknown_types
 from warpsim.sky.star_columns import StarColumns
+from warpsim.sky.stellar_templates import DWARF
 
 Array = NDArray[np.float64]
 
@@ -108,7 +109,7 @@ def checked_columns(
     n_star = len(columns["ra_deg"])
     texts = {"id": np.array(np.arange(1, n_star + 1) if id is None else id).astype(np.str_)}
     if spectral_type is not None:
-        texts["spectral_type"] = np.ma.asarray(spectral_type).astype(np.str_).filled("")
+        texts["spectral_type"] = np.ma.filled(np.ma.asarray(spectral_type).astype(np.str_), "")
     for key, values in {**columns, **texts}.items():
         if values.shape != (n_star,):
             raise InputError(f"must have shape ({n_star},) like ra_deg", key, values.shape)
@@ -122,8 +123,7 @@ def checked_columns(
         texts = {key: values[placed] for key, values in texts.items()}
         limits = {band: values[placed] for band, values in limits.items()}
     _check_ranges(columns, rows)
-    if "spectral_type" in texts:
-        _tell_by_type(columns, texts["spectral_type"], name)
+    type_k = _tell_by_type(columns, texts["spectral_type"], name) if "spectral_type" in texts else None
     given_jy, given_flag, filled = _given_fluxes(columns, flux_jy, rows)
     return StarColumns(
         ra_deg=wrapped_deg(columns["ra_deg"]),
@@ -141,17 +141,20 @@ def checked_columns(
         flux_flag=given_flag,
         id=texts["id"],
         filled=filled,
+        type_temperature_k=type_k,
         limit_jy=limits,
     )
 
 
-def _tell_by_type(columns: dict[str, Array], spectral_type: NDArray[np.str_], name: str) -> None:
-    """Set unknown temperatures and luminosity classes by the spectral types."""
-    temperature_k, luminosity = of_spectral_types(spectral_type)
-    warn_unknown_types(name, spectral_type, temperature_k)
-    columns["temperature_k"] = np.where(np.isnan(columns["temperature_k"]), temperature_k, columns["temperature_k"])
+def _tell_by_type(columns: dict[str, Array], spectral_type: NDArray[np.str_], name: str) -> Array:
+    """Set unknown temperatures and classes by spectral types with a class; return the type_temperature_k of all."""
+    type_k, luminosity = of_spectral_types(spectral_type)
+    warn_unknown_types(name, spectral_type, type_k)
+    told = np.isnan(columns["temperature_k"]) & (luminosity != CLASS_UNKNOWN)
+    columns["temperature_k"] = np.where(told, type_k[:, DWARF], columns["temperature_k"])
     unknown = columns["luminosity"] == LUMINOSITY_UNKNOWN
     columns["luminosity"] = np.where(unknown, luminosity, columns["luminosity"])
+    return type_k
 
 
 def _vectors(

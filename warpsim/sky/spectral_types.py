@@ -54,39 +54,46 @@ _CLASS_OF_PREFIX = {"sd": "VI", "d": "V", "g": "III"}
 
 
 def of_spectral_types(types: NDArray[np.str_]) -> tuple[Array, NDArray[np.int8]]:
-    """Return temperatures [K] and luminosity classes of spectral types, (n,) each; NaN and -1 where not understood.
+    """Return temperatures and luminosity classes of spectral types; NaN and CLASS_UNKNOWN where not understood.
 
-    Subgiants (IV) count as dwarfs up to G9 and as giants from K0 on, as their absolute magnitudes do. A type without a
-    class has the temperature of a giant, and the class CLASS_UNKNOWN.
+    Subgiants (IV) count as dwarfs up to G9 and as giants from K0 on, as their absolute magnitudes do.
+
+    Returns:
+        Temperatures [K] of a dwarf and of a giant of the type, (n, 2), the same for a type with a class; and the
+        classes, (n,): DWARF, GIANT, or CLASS_UNKNOWN of a type without.
     """
     kinds, kind = np.unique(np.char.strip(types.astype(np.str_)), return_inverse=True)
     known = [_of_type(str(one)) for one in kinds]
-    temperature_k = np.array([temperature for temperature, _ in known], dtype=np.float64)
+    temperature_k = np.array([of_class_k for of_class_k, _ in known], dtype=np.float64).reshape(-1, 2)
     luminosity = np.array([luminosity for _, luminosity in known], dtype=np.int8)
     return temperature_k[kind], luminosity[kind]
 
 
 def warn_unknown_types(name: str, types: NDArray[np.str_], temperature_k: Array) -> None:
     """Warn about stars whose type is not understood: how many, and the first types; blanks are no types."""
-    unknown = types[np.isnan(temperature_k) & (np.char.strip(types.astype(np.str_)) != "")]
+    unknown = types[np.isnan(temperature_k[:, DWARF]) & (np.char.strip(types.astype(np.str_)) != "")]
     if len(unknown):
         kinds = list(dict.fromkeys(unknown.tolist()))
         shown = ", ".join(kinds[:5]) + (", ..." if len(kinds) > 5 else "")
         warnings.warn(f"{name}: {len(unknown)} of {len(types)} spectral types are unknown ({shown})", stacklevel=2)
 
 
-def _of_type(text: str) -> tuple[float, int]:
+def _of_type(text: str) -> tuple[tuple[float, float], int]:
+    """Temperatures of a dwarf and of a giant of a type [K], and its luminosity class."""
     parts = _TYPE.match(text)
     if parts is None:
-        return np.nan, CLASS_UNKNOWN
+        return (np.nan, np.nan), CLASS_UNKNOWN
     number = 10.0 * _LETTERS.index(parts["letter"]) + float(parts["subtype"])
     found = _CLASS.match(parts["rest"])
     roman = found["roman"].upper() if found else _CLASS_OF_PREFIX.get(parts["prefix"] or "")
-    dwarf = roman in ("V", "VI") or (roman == "IV" and parts["letter"] in "OBAFG")
-    hot = number < _number("G0")
-    numbers, scale_k = _scale(_DWARF_K if dwarf or hot else _GIANT_K)
-    luminosity = CLASS_UNKNOWN if roman not in _ROMAN else DWARF if dwarf else GIANT
-    return float(np.interp(number, numbers, scale_k)), luminosity
+    dwarf_k, giant_k = (float(np.interp(number, *_scale(scale_k))) for scale_k in (_DWARF_K, _GIANT_K))
+    if number < _number("G0"):
+        giant_k = dwarf_k
+    if roman not in _ROMAN:
+        return (dwarf_k, giant_k), CLASS_UNKNOWN
+    if roman in ("V", "VI") or (roman == "IV" and parts["letter"] in "OBAFG"):
+        return (dwarf_k, dwarf_k), DWARF
+    return (giant_k, giant_k), GIANT
 
 
 def _number(type_name: str) -> float:

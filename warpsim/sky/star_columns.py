@@ -42,5 +42,9 @@ class StarColumns:
     filled: bool = False
     """Whether the other fluxes are to be predicted from the spectrum."""
 
+    type_temperature_k: Array | None = None
+    """Temperatures of a dwarf and of a giant of the star's spectral type [K], (n, 2), NaN without a type: for stars of
+    whose temperature neither temperature_k nor a colour tells."""
+
     limit_jy: Mapping[str, Array] = field(default_factory=dict)
     """Upper limits of predicted fluxes by band [Jy], NaN for none."""

@@ -56,7 +56,7 @@ class StarPhotometry:
     """What the fluxes given are, for the same bands."""
 
     temperature_k: Array
-    """Colour temperature [K]; NaN where not given."""
+    """Colour temperature as given, or as the spectral type tells [K]; NaN where neither does."""
 
     luminosity: NDArray[np.int8]
     """Luminosity class: 0 dwarf, 1 giant, -1 unknown."""
@@ -105,8 +105,8 @@ class StarPhotometry:
         radiometry = as_radiometry(physics)
         band = as_band(band)
         if radiometry.name == "paper":
-            name = radiometry.band_name(band)
-            light = np.asarray(radiometry.flux_irradiance_w_cm2(self._known_jy(name), name))
+            msx = radiometry.band_name(band)
+            light = np.asarray(radiometry.flux_irradiance_w_cm2(self._known_jy(msx), msx))
         elif (name := photometric_name(band)) is not None:
             light = self._known_jy(name) * calibration_w_cm2_per_jy(name)
         else:
@@ -158,6 +158,18 @@ class StarPhotometry:
                 temperature_k = temperature_k.copy()
                 temperature_k[rows] = colour_temperature_k(colour_mag, (blue, red), self.spectrum_luminosity[rows])
         return _frozen(temperature_k)
+
+    def with_types(self, type_temperature_k: Array) -> StarPhotometry:
+        """Return the photometry with temperatures of spectral types where none is given and no colour in COLOURS known.
+
+        Args:
+            type_temperature_k: Temperatures of a dwarf and of a giant of the type [K], (n, 2); NaN without a type.
+        """
+        rows = np.flatnonzero(np.isnan(self.temperature_k) & np.isfinite(type_temperature_k[:, DWARF]))
+        rows = rows[np.isnan(self._bp_rp_mag(rows))]
+        temperature_k = self.temperature_k.copy()
+        temperature_k[rows] = type_temperature_k[rows, self.spectrum_luminosity[rows]]
+        return replace(self, temperature_k=_frozen(temperature_k))
 
     def rows(self, rows: Whole) -> StarPhotometry:
         """Return the photometry of the stars in some rows."""

@@ -42,7 +42,8 @@ class Stars:
     """Parallax [mas], shape (n,); NaN where unknown."""
 
     temperature_k: Array
-    """Colour temperature as given [K], shape (n,); NaN where it was not (see `spectrum_temperature_k`)."""
+    """Colour temperature as given, or as the spectral type tells [K], shape (n,); NaN where neither does (see
+    `spectrum_temperature_k`)."""
 
     luminosity: NDArray[np.int8]
     """Luminosity class, shape (n,): 0 dwarf, 1 giant, -1 unknown."""
@@ -80,6 +81,8 @@ class Stars:
             filled=columns.filled,
             limit_jy=columns.limit_jy,
         )
+        if columns.type_temperature_k is not None:
+            photometry = photometry.with_types(columns.type_temperature_k)
         return cls(
             ra_deg=frozen(columns.ra_deg),
             dec_deg=frozen(columns.dec_deg),

@@ -22,6 +22,7 @@ from warpsim.sky.hip_gaia_stars import HipGaiaStars
 from warpsim.sky.space_motion import rigorous_motion
 from warpsim.sky.spectral_types import of_spectral_types
 from warpsim.sky.star_columns import StarColumns
+from warpsim.sky.stellar_templates import GIANT
 from warpsim.sky.visible_stars import UNCERTAIN, VisibleStars, by_gaia, by_hipparcos
 
 Array = NDArray[np.float64]
@@ -127,7 +128,8 @@ def _by_hipparcos(star: Hipparcos, rows: Rows, disputed: NDArray[np.bool_]) -> V
     )
     for number, kind in COMPOSITE_TYPE.items():
         composite = star.hip[rows] == number
-        seen.temperature_k[composite], seen.luminosity[composite] = of_spectral_types(np.array([kind]))
+        type_k, seen.luminosity[composite] = of_spectral_types(np.array([kind]))
+        seen.temperature_k[composite] = type_k[:, GIANT]
     composite = np.isin(star.hip[rows], list(COMPOSITE_TYPE))
     return replace(seen, quality=np.where(disputed[rows] | composite, UNCERTAIN, seen.quality))
 
