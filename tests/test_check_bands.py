@@ -13,6 +13,7 @@ from warpsim.constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from warpsim.output.check import scene_report
 from warpsim.output.check_bands import mean_photon_j
 from warpsim.radiometry.band import AB_ZERO_JY
+from warpsim.sky.star_counts import complete_to
 
 QUADRATURE_RTOL = 1e-9
 
@@ -39,11 +40,28 @@ def test_each_band_has_its_lines():
     counts = [int(n.replace(",", "")) for n in re.search(r"stars ([\d,]+) above 1 NEI", text).groups()]
     in_nei = ws.StarCatalog.default().irradiance_w_cm2("A") / 2e-18
     assert counts == [np.count_nonzero(in_nei >= 1)]
-    assert f"{counts[0] / (360**2 / np.pi):.3g} per deg2 above the noise\n" in text
-    sensitive = scene_report(scene.replace(detector__nei_w_cm2=1e-20).scenario)
-    faintest = ws.StarCatalog.default().irradiance_w_cm2("A").min() / 1e-20
-    end = f"the catalog ends at {faintest:.2g} NEI: more in sky.catalog union, synthetic, or a file"
-    assert f"per deg2 above the noise; {end}\n" in sensitive
+    complete = f"complete to {complete_to(in_nei):.2g} NEI"
+    assert f"{counts[0] / (360**2 / np.pi):.3g} per deg2 above the noise; {complete}\n" in text
+
+
+def test_stars_are_complete_to_the_same_irradiance_whatever_other_bands_add():
+    def ends(*bands: str) -> list[str]:
+        surface = {f"targets__{k}__surface": {"reflectance": 0.5} for k in range(4)}
+        scene = ws.Scene.load("stss").replace(bands=bands, detector__nei_w_cm2=4e-20, **surface)
+        return re.findall(r"above the noise; (.*)", scene_report(scene.scenario))
+
+    assert ends("A", "V") == [*ends("A"), *ends("V")]
+    assert ends("A") == ["complete to 45 NEI: more in sky.catalog union, synthetic, or a file"]
+
+
+def test_completeness_is_where_counts_turn_over():
+    steep = 10.0 ** -(np.linspace(0.0, 3.0, 20_001) ** 0.5)  # denser and denser as it fades
+    cut = steep.min()
+    few_fainter = cut * 10.0 ** -np.linspace(0.1, 2.0, 300)
+    for light in (steep, np.concatenate([steep, few_fainter, np.zeros(9)])):
+        assert cut <= complete_to(light) < 1.13 * cut
+    assert complete_to(np.array([2.0, 3.0])) >= 2.0
+    assert np.isnan(complete_to(np.zeros(3)))
 
 
 def test_surfaces_that_end_within_a_band_are_noted():

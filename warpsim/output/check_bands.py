@@ -12,6 +12,7 @@ from warpsim.radiometry.band import Band
 from warpsim.radiometry.magnitudes import Physics
 from warpsim.scene.instrument import Instrument
 from warpsim.sky.catalog import StarCatalog
+from warpsim.sky.star_counts import complete_to
 
 LEVELS_NEI = (1, 10, 100, 1000)
 """Irradiances above which stars are counted [NEI]."""
@@ -40,15 +41,17 @@ def band_lines(instrument: Instrument, catalog: StarCatalog, physics: Physics) -
             in_nei = catalog.irradiance_w_cm2(band, physics) / instrument.nei_w_cm2(name)
             counts = ", ".join(f"{np.count_nonzero(in_nei >= level):,} above {level} NEI" for level in LEVELS_NEI)
             per_deg2 = np.count_nonzero(in_nei >= 1.0) / SPHERE_DEG2
-            lines.append(f"             stars {counts}; {per_deg2:.3g} per deg2 above the noise{_end(in_nei)}")
+            lines.append(f"             stars {counts}; {per_deg2:.3g} per deg2 above the noise{_complete(in_nei)}")
     return lines
 
 
-def _end(in_nei: NDArray[np.float64]) -> str:
-    """Return the words that say that a catalog ends above the noise; empty where it does not."""
-    faintest = in_nei[in_nei > 0.0].min(initial=math.inf)
-    end = f"; the catalog ends at {faintest:.2g} NEI: more in sky.catalog union, synthetic, or a file"
-    return end if 1.0 < faintest < math.inf else ""
+def _complete(in_nei: NDArray[np.float64]) -> str:
+    """Return the words that say how faint a catalog goes, and what goes further where that is above the noise."""
+    faintest = complete_to(in_nei)
+    if math.isnan(faintest):
+        return ""
+    more = ": more in sky.catalog union, synthetic, or a file" if faintest > 1.0 else ""
+    return f"; complete to {faintest:.2g} NEI{more}"
 
 
 def mean_photon_j(band: Band) -> float:

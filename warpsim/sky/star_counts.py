@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +16,9 @@ Counts = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 # A magnitude of 3 exactly belongs to 3, and 1e-16 W/cm2 to its own decade, whatever the rounding of a flux.
 _ROUNDING = 1e-9
+
+_FINEST_DEX = 0.05
+"""Narrowest bins of irradiance in which counts of stars are compared."""
 
 
 def has_zero_point(band: Band | str) -> bool:
@@ -54,6 +59,29 @@ def irradiance_counts(catalog: StarCatalog, band: Band | str) -> Counts:
     """
     with np.errstate(divide="ignore"):
         return _counts(np.log10(catalog.irradiance_w_cm2(band)))
+
+
+def complete_to(irradiance: Array) -> float:
+    """Return the irradiance down to which stars are complete: that of the faintest in the fullest bin of its logarithm.
+
+    Stars become ever more numerous as they fade; where a catalog's do not, it misses some. Bins follow Freedman and
+    Diaconis (1981), and are no narrower than 0.05 dex.
+
+    Args:
+        irradiance: Of the stars, in any unit, shape (n,); those of 0 are not counted.
+
+    Returns:
+        NaN where no star has light.
+    """
+    light = irradiance[irradiance > 0.0]
+    if not light.size:
+        return math.nan
+    dex = np.log10(light)
+    quartile = np.percentile(dex, [25.0, 75.0])
+    width = max(_FINEST_DEX, 2.0 * float(quartile[1] - quartile[0]) / len(dex) ** (1 / 3))
+    number = np.floor(dex / width + _ROUNDING)
+    bins, counts = np.unique(number, return_counts=True)
+    return float(light[number == bins[np.argmax(counts)]].min())
 
 
 def _counts(values: Array) -> Counts:
