@@ -87,3 +87,28 @@ def test_electrons_cost_the_energy_that_is_printed():
         f"targets__{k}__surface": {"reflectance": 0.5} for k in range(4)
     }).scenario)  # fmt: skip
     assert f", {PLANCK_J_S * SPEED_OF_LIGHT_M_S / 5e-6:.3g} J an electron; AB magnitude 0 is " in text
+
+
+def _electron_lines(tmp_path, quantum_efficiency, **band):
+    """Lines about the band x of a camera that counts electrons."""
+    (tmp_path / "filter.csv").write_text("wavelength_um,t\n3.5,0.9\n5.0,0.9\n")
+    (tmp_path / "qe.csv").write_text("wavelength_um,qe\n3.0,0.5\n4.0,0.8\n6.0,0.2\n")
+    detector = {"kind": "electron", "exposure_s": 0.1, "full_well_e": 1e6, "gain_e_per_count": 100.0}
+    fields = {f"targets__{k}__surface": {"reflectance": 0.5} for k in range(4)}
+    scene = ws.Scene.load("stss").replace(
+        band={"x": band}, bands=["x"], detector=detector | {"quantum_efficiency": quantum_efficiency}, **fields
+    )
+    lines = scene_report(scene.scenario).splitlines()
+    return [line for line in lines if "peaks at" in line or "quantum_efficiency" in line]
+
+
+def test_peak_of_a_product_of_files_is_shown(tmp_path):
+    files = [str(tmp_path / name) for name in ("filter.csv", "qe.csv")]
+    shown = "             the product of its files peaks at 0.72, and is scaled to 1"
+    note = "  note       detector.quantum_efficiency is 1 in band x, whose response peaks at 0.72: give it the peak"
+    assert _electron_lines(tmp_path, 0.72, files=files, per_photon=True) == [shown]
+    assert _electron_lines(tmp_path, {"x": 1.0}, files=files, per_photon=True) == [shown, note]
+    assert _electron_lines(tmp_path, 1.0, files=files) == [shown]  # by energy: no quantum efficiency
+    single = "             its response peaks at 0.8, and is scaled to 1"
+    assert _electron_lines(tmp_path, 0.8, file=files[1], per_photon=True) == [single]
+    assert not _electron_lines(tmp_path, 1.0, half_power_um=[3.5, 5.0], per_photon=True)

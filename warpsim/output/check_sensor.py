@@ -54,7 +54,7 @@ def sensor_lines(instrument: Instrument, scenario: Scenario, catalog: StarCatalo
     }
     return [
         *_camera_lines(instrument, scenario),
-        *band_lines(instrument, catalog, scenario.scene.sky.physics),
+        *band_lines(instrument, catalog, scenario.scene),
         *_optics_lines(instrument),
         *_detector_lines(instrument),
         *_light_lines(instrument, scenario, frames_of),

@@ -150,6 +150,15 @@ class BandDescription:
         return np.array(self.half_power_um), np.ones(2)
 
     @property
+    def peak(self) -> float:
+        """Largest value of the response as given, which the band scales to 1; 1 for a top hat and a shipped band.
+
+        Raises:
+            InputError: A file cannot be read.
+        """
+        return 1.0 if self.shipped is not None else float(self._curve[1].max())
+
+    @property
     def paths(self) -> tuple[str, ...]:
         """Paths of the files."""
         return (self.file,) if self.file is not None else self.files or ()
