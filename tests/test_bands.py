@@ -431,6 +431,15 @@ def test_a_zero_point_follows_from_the_other():
     assert np.isnan(Band("x", *nodes, w_cm2_per_jy=1e-17).zero_mag_jy)
 
 
+@pytest.mark.parametrize("zero", [{"zero_mag_jy": 3631.0}, {"zero_mag_w_cm2": 4e-15}], ids=str)
+def test_makers_of_bands_take_zero_points(zero):
+    hat = Band.top_hat("x", 3.5, 5.0, **zero)
+    assert hat == Band("x", [3.5, 5.0], [1.0, 1.0], **zero)
+    assert Band.from_curves("x", ([3.5, 5.0], [0.5, 0.5]), per_photon=False, **zero) == (hat, 0.5)
+    with pytest.raises(InputError, match="band x: zero_mag_jy: must be > 0"):
+        Band.top_hat("x", 3.5, 5.0, zero_mag_jy=0.0)
+
+
 @pytest.mark.parametrize("name", ["W1", "W3", "J", "V", "Hp"])
 def test_shipped_zero_points_are_of_the_same_definition(name):
     """The surveys that quote the mean over the band by frequency, but for the condensing of the curves."""

@@ -348,7 +348,10 @@ def test_magnitudes_in_a_band_with_a_zero_point():
     assert np.isnan(stars.magnitude(own)[3])
     with pytest.raises(InputError) as error:
         stars.magnitude(MWIR)
-    assert str(error.value) == "band mwir: zero_mag_w_cm2: must be known for magnitudes, got nan"
+    assert (
+        str(error.value)
+        == "band mwir: zero_mag_jy: must be known for magnitudes: give the band zero_mag_jy, 3631 for AB"
+    )
 
 
 def test_counts_by_magnitude_and_by_irradiance():

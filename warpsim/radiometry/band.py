@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
-from warpsim.radiometry.curve_nodes import checked_curve, half_power_um, in_unit, product
+from warpsim.radiometry.curve_nodes import checked_curve, half_power_um, in_unit, photon_um, product_of_curves
 from warpsim.radiometry.quadrature import gauss_rule, response_rule
 
 Array = NDArray[np.float64]
@@ -106,7 +106,7 @@ class Band:
 
         put("wavelength_um", _frozen(wavelength_um))
         put("response", _frozen(response))
-        put("photon_um", _photon_um(wavelength_um, response, self.per_photon))
+        put("photon_um", photon_um(wavelength_um, response, self.per_photon))
         node_um, weight_um = response_rule(wavelength_um, response, _NODES_PER_PIECE, _MAX_PIECE_LOG_WIDTH)
         put("quadrature_um", (_frozen(node_um), _frozen(self._by_energy(node_um, weight_um))))
         if math.isnan(self.isophotal_um):
@@ -150,7 +150,16 @@ class Band:
                 raise InputError(rule, name, getattr(self, name)).of(f"band {self.name}")
 
     @classmethod
-    def top_hat(cls, name: str, lower_um: float, upper_um: float, *, per_photon: bool = False) -> Band:
+    def top_hat(
+        cls,
+        name: str,
+        lower_um: float,
+        upper_um: float,
+        *,
+        per_photon: bool = False,
+        zero_mag_jy: float = math.nan,
+        zero_mag_w_cm2: float = math.nan,
+    ) -> Band:
         """Return the band of response 1 between two wavelengths and 0 outside.
 
         Args:
@@ -159,16 +168,24 @@ class Band:
             upper_um: Upper edge [um].
             per_photon: Whether the response is flat per photon, as of a constant quantum efficiency; per energy
                 otherwise.
+            zero_mag_jy: Flux density of a star of magnitude 0 [Jy]; 3631 for AB magnitudes.
+            zero_mag_w_cm2: Its in-band irradiance [W/cm2]; each follows from the other.
 
         Raises:
-            InputError: The edges are not finite, positive and increasing.
+            InputError: The edges are not finite, positive and increasing, or a zero point is not > 0.
         """
         edges_um: Any = [in_unit(lower_um, "um", "lower_um"), in_unit(upper_um, "um", "upper_um")]
-        return cls(name, edges_um, np.ones(2), per_photon=per_photon)
+        zero: Any = {"zero_mag_jy": zero_mag_jy, "zero_mag_w_cm2": zero_mag_w_cm2}
+        return cls(name, edges_um, np.ones(2), per_photon=per_photon, **zero)
 
     @classmethod
     def from_curves(
-        cls, name: str, *curves: tuple[ArrayLike, ArrayLike], per_photon: bool = True
+        cls,
+        name: str,
+        *curves: tuple[ArrayLike, ArrayLike],
+        per_photon: bool = True,
+        zero_mag_jy: float = math.nan,
+        zero_mag_w_cm2: float = math.nan,
     ) -> tuple[Band, float]:
         """Return the band of a product of curves, such as filter, telescope and quantum efficiency, and its peak.
 
@@ -177,6 +194,8 @@ class Band:
             curves: Pairs of wavelengths [um], increasing, and values there, linear between them and 0 outside.
             per_photon: Whether the product is a response per photon, as with a quantum efficiency among the curves;
                 per energy, as with a responsivity, otherwise.
+            zero_mag_jy: Flux density of a star of magnitude 0 [Jy]; 3631 for AB magnitudes.
+            zero_mag_w_cm2: Its in-band irradiance [W/cm2]; each follows from the other.
 
         Returns:
             The band, scaled to peak 1 and within 1e-6 of the product, of the fewest nodes that keep it there; and the
@@ -186,22 +205,12 @@ class Band:
             InputError: No curve, one that breaks a rule of Band, curves that do not overlap, or a product that is zero
                 everywhere.
         """
-        checked = []
-        for number, curve in enumerate(curves):
-            try:
-                wavelength, values = curve
-                checked.append(checked_curve(wavelength, values, "values"))
-            except (TypeError, ValueError) as error:
-                if not isinstance(error, InputError):
-                    error = InputError("must be a pair of wavelengths and values")
-                raise error.within(f"curves[{number}]").of(f"band {name}") from None
-        if not checked:
-            raise InputError("must be at least one", "curves").of(f"band {name}")
         try:
-            wavelength_um, values = product(checked, [f"curves[{number}]" for number in range(len(checked))])
+            wavelength_um, values = product_of_curves(curves)
         except InputError as error:
-            raise error.within("curves").of(f"band {name}") from None
-        return cls(name, wavelength_um, values, per_photon=per_photon), float(values.max())
+            raise error.of(f"band {name}") from None
+        zero: Any = {"zero_mag_jy": zero_mag_jy, "zero_mag_w_cm2": zero_mag_w_cm2}
+        return cls(name, wavelength_um, values, per_photon=per_photon, **zero), float(values.max())
 
     def __repr__(self) -> str:
         low_um, high_um = self.half_power_um
@@ -285,16 +294,3 @@ def _intervals(band: Band, n: int) -> tuple[Array, Array]:
     offset_um, weight_um = response_rule(band.wavelength_um - first_um, band.response, n + 1 + band.per_photon)
     node_um, weight_um = gauss_rule(offset_um, band._by_energy(first_um + offset_um, weight_um), n)
     return _frozen(first_um + node_um), _frozen(weight_um)
-
-
-def _photon_um(wavelength_um: Array, response: Array, per_photon: bool) -> float:
-    """Photon response times wavelength over energy response [um], both of peak 1."""
-    if not per_photon:  # response / wavelength has its peak at a node
-        node = np.argmax(response / wavelength_um)
-        return float(wavelength_um[node] / response[node])
-    # Response times wavelength is a parabola in each piece; its vertex may be the peak.
-    slope = np.diff(response) / np.diff(wavelength_um)
-    start = response[:-1] - slope * wavelength_um[:-1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        vertex_um = np.clip(np.nan_to_num(-0.5 * start / slope), wavelength_um[:-1], wavelength_um[1:])
-    return float(max(np.max(response * wavelength_um), np.max((start + slope * vertex_um) * vertex_um)))

@@ -35,8 +35,8 @@ def checked_curve(wavelength: ArrayLike, values: ArrayLike, what: str) -> tuple[
     wavelength_um = _nodes(in_unit(wavelength, "um", "wavelength_um"), "wavelength_um")
     numbers = _nodes(in_unit(values, "", what), what)
     if wavelength_um.shape != numbers.shape:
-        got = f"{len(numbers)} and {len(wavelength_um)} nodes"
-        raise InputError("must be as long as wavelength_um", what, got, "s")
+        rule = f"must be as long as wavelength_um, got {len(numbers)} and {len(wavelength_um)} nodes"
+        raise InputError(rule, what)
     if wavelength_um[0] <= 0.0:
         raise InputError("must be > 0", "wavelength_um", wavelength_um[0], "g")
     falls = np.flatnonzero(np.diff(wavelength_um) <= 0.0)
@@ -87,6 +87,45 @@ def half_power_um(wavelength_um: Array, response: Array) -> tuple[float, float]:
         falling = slice(high + 1, high - 1 if high else None, -1)
         high_um = float(np.interp(0.5, response[falling], wavelength_um[falling]))
     return low_um, high_um
+
+
+def photon_um(wavelength_um: Array, response: Array, per_photon: bool) -> float:
+    """Return photon response times wavelength over energy response [um], both of peak 1."""
+    if not per_photon:  # response / wavelength has its peak at a node
+        node = np.argmax(response / wavelength_um)
+        return float(wavelength_um[node] / response[node])
+    # Response times wavelength is a parabola in each piece; its vertex may be the peak.
+    slope = np.diff(response) / np.diff(wavelength_um)
+    start = response[:-1] - slope * wavelength_um[:-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        vertex_um = np.clip(np.nan_to_num(-0.5 * start / slope), wavelength_um[:-1], wavelength_um[1:])
+    return float(max(np.max(response * wavelength_um), np.max((start + slope * vertex_um) * vertex_um)))
+
+
+def product_of_curves(curves: Sequence[tuple[ArrayLike, ArrayLike]]) -> tuple[Array, Array]:
+    """Return nodes [um] and values of a product of curves as a user gives them; see product().
+
+    Args:
+        curves: Pairs of wavelengths [um] and values.
+
+    Raises:
+        InputError: No curve, one that is none, or no product; the path begins with `curves`.
+    """
+    checked = []
+    for number, curve in enumerate(curves):
+        try:
+            wavelength, values = curve
+            checked.append(checked_curve(wavelength, values, "values"))
+        except (TypeError, ValueError) as error:
+            if not isinstance(error, InputError):
+                error = InputError("must be a pair of wavelengths and values")
+            raise error.within(f"curves[{number}]") from None
+    if not checked:
+        raise InputError("must be at least one", "curves")
+    try:
+        return product(checked, [f"curves[{number}]" for number in range(len(checked))])
+    except InputError as error:
+        raise error.within("curves") from None
 
 
 def product(curves: Sequence[tuple[Array, Array]], names: Sequence[str]) -> tuple[Array, Array]:

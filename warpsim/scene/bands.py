@@ -29,6 +29,9 @@ RANGE_UM = (0.3, 30.0)
 RESPONSE_UM = (0.28, 45.0)
 """Wavelengths outside which responses are 0 [um]: those of the templates of stars."""
 
+_LEAST_NM = 100.0
+"""Wavelengths beyond are far from any band's in um, and usual in nm."""
+
 _POINTS = ("isophotal_um", "zero_mag_jy", "zero_mag_w_cm2", "w_cm2_per_jy")
 """Fields that a band has besides its response and half-power points; NaN where unknown."""
 
@@ -182,6 +185,7 @@ def _check_range(band: Band, files: str) -> None:
     low_um, high_um = band.half_power_um
     if low_um < RANGE_UM[0] or high_um > RANGE_UM[1]:
         rule = f"must lie within {RANGE_UM[0]:g} to {RANGE_UM[1]:g} um, got {low_um:g} to {high_um:g} um"
+        rule += "; are these nm?" if low_um > _LEAST_NM else ""
         raise InputError(rule, "half_power_um").of(files)
     first_um, last_um = band.lit_um
     if first_um < RESPONSE_UM[0] or last_um > RESPONSE_UM[1]:
@@ -225,10 +229,15 @@ def unknown_rule(name: str, own: Iterable[str]) -> str:
     """Return the rule that a name of a band breaks which is neither a scene's own nor shipped."""
     own = list(own)
     mine = f"one of the scene's ({', '.join(own)}) or " if own else ""
-    known = {band.casefold(): band for band in (*SHIPPED, *own)}
-    close = difflib.get_close_matches(name.casefold(), known, n=1)
-    hint = f"is no band (did you mean {known[close[0]]}?); " if close else ""
+    close = [*_close(name, own), *_close(name, SHIPPED)]
+    hint = f"is no band (did you mean {close[0]}?); " if close else ""
     return f"{hint}must be {mine}a shipped band ({', '.join(SHIPPED)})"
+
+
+def _close(name: str, bands: Iterable[str]) -> list[str]:
+    """The band whose name is closest to another name, whatever the case; none if no name is close."""
+    known = {band.casefold(): band for band in bands}
+    return [known[found] for found in difflib.get_close_matches(name.casefold(), known, n=1)]
 
 
 def find_band(name: str, descriptions: Mapping[str, BandDescription]) -> Band:

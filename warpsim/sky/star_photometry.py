@@ -125,8 +125,8 @@ class StarPhotometry:
         elif band.zero_mag_w_cm2 > 0.0:
             ratio = self._spectral_w_cm2(band) / band.zero_mag_w_cm2
         else:
-            error = InputError("must be known for magnitudes", "zero_mag_w_cm2", band.zero_mag_w_cm2)
-            raise error.of(f"band {band.name}")
+            rule = "must be known for magnitudes: give the band zero_mag_jy, 3631 for AB"
+            raise InputError(rule, "zero_mag_jy").of(f"band {band.name}")
         with np.errstate(divide="ignore"):
             return np.asarray(-2.5 * np.log10(ratio))
 
