@@ -81,6 +81,14 @@ def test_bands_that_no_sensor_uses_are_noted():
     assert "described, but" not in scene_report(scene.replace(band={}).scenario)
 
 
+def test_shipped_bands_in_tables_that_no_sensor_uses_are_noted():
+    scene = ws.Scene.load("stss").replace(bands=["A"], detector__nei_w_cm2={"A": 1e-18, "W1": 1e-18})
+    note = "\n  note       band W1: in detector.nei_w_cm2, but in the bands of no sensor\n"
+    assert note in scene_report(scene.scenario)
+    warm = scene.replace(detector__nei_w_cm2=1e-18, lighting__earth_k={"W1": 250.0})
+    assert note.replace("detector.nei_w_cm2", "lighting.earth_k") in scene_report(warm.scenario)
+
+
 def test_electrons_cost_the_energy_that_is_printed():
     band = ws.Band.top_hat("x", 3.5, 5.0, per_photon=True)
     text = scene_report(ws.Scene.load("stss").replace(bands=[band], **{

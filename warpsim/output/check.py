@@ -15,6 +15,7 @@ from warpsim.output.check_views import count_replaced, replaced_text
 from warpsim.output.wording import counted
 from warpsim.render.skies import Skies
 from warpsim.scene.attitudes import within_scene
+from warpsim.scene.bands import parts_with_bands, tables_by_band
 from warpsim.scene.groups import TargetGroup
 from warpsim.scene.scenario import Scenario
 from warpsim.sky.catalog import StarCatalog
@@ -63,9 +64,15 @@ def scene_report(scenario: Scenario) -> str:
 
 
 def _unused_lines(scenario: Scenario) -> list[str]:
-    """Note of the bands that are described and not used."""
-    unused = [name for name in scenario.scene.band if name not in scenario.bands]
-    return [f"  note       band {' '.join(unused)}: described, but in the bands of no sensor"] if unused else []
+    """Notes of the bands that are described, or named by tables by band, and not used."""
+    scene = scenario.scene
+    unused = {" ".join(name for name in scene.band if name not in scenario.bands): "described"}
+    for start, part in parts_with_bands(scene.sensors, scene.groups, scene.lighting):
+        for path, table in tables_by_band(part, start):
+            names = (name for name in table if name not in {*scenario.bands, *scene.band})
+            unused.setdefault(" ".join(names), f"in {path}")
+    end = "but in the bands of no sensor"
+    return [f"  note       band {names}: {where}, {end}" for names, where in unused.items() if names]
 
 
 def pointing_warning(scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> str | None:

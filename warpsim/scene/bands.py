@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Annotated, Any
 
@@ -20,6 +20,7 @@ from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import SHIPPED
 from warpsim.radiometry.by_band import AS_DICT, BAND_NAME, ByBand
 from warpsim.radiometry.curve_nodes import product
+from warpsim.scene.short_form import item_path
 
 Array = NDArray[np.float64]
 
@@ -259,6 +260,13 @@ def find_band(name: str, descriptions: Mapping[str, BandDescription]) -> Band:
 def needs_file(name: str, descriptions: Mapping[str, BandDescription]) -> bool:
     """Return whether a file must be read to know a band."""
     return name in descriptions and bool(descriptions[name].paths)
+
+
+def parts_with_bands(sensors: Sequence[Any], groups: Sequence[Any], lighting: Any) -> list[tuple[str, Any]]:
+    """Return the parts of a scene that may hold tables by band, each with its field path."""
+    parts = [(item_path("sensors", number, len(sensors)), sensor) for number, sensor in enumerate(sensors)]
+    parts += [(item_path("groups", number, len(groups)), group) for number, group in enumerate(groups)]
+    return [*parts, ("lighting", lighting)]
 
 
 def tables_by_band(part: Any, path: str = "") -> Iterator[tuple[str, ByBand[Any]]]:

@@ -15,7 +15,7 @@ from warpsim.orbit.epoch import instant
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, SHIPPED
 from warpsim.scene.attitudes import attitude_tables
-from warpsim.scene.bands import BandDescription, find_band, needs_file, tables_by_band, unknown_rule
+from warpsim.scene.bands import BandDescription, find_band, needs_file, parts_with_bands, tables_by_band, unknown_rule
 from warpsim.scene.groups import AnyConstellation, TargetGroup
 from warpsim.scene.instrument import ANY, TRACKED
 from warpsim.scene.lighting import Lighting
@@ -176,9 +176,7 @@ def check_bands(
 ) -> None:
     """Check that all bands that a scene names are its own or shipped ones, or known to the paper if its sky is."""
     known = {*own, *SHIPPED}
-    parts: list[tuple[str, Any]] = [(item_path("sensors", k, len(sensors)), part) for k, part in enumerate(sensors)]
-    parts += [(item_path("groups", k, len(groups)), part) for k, part in enumerate(groups)]
-    for start, part in [*parts, ("lighting", lighting)]:
+    for start, part in parts_with_bands(sensors, groups, lighting):
         named = [(path, band) for path, table in tables_by_band(part) for band in table]
         if isinstance(part, Sensor):
             named = [*((f"bands[{number}]", band) for number, band in enumerate(part.bands)), *named]
