@@ -213,7 +213,7 @@ def test_rows_behind_a_hash_are_spoken_of(read):
         assert len(read(text)) == 1
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        read("# a remark, of, four, words\nid,ra_deg,dec_deg,flux_A_jy\n# another\n2,4,5,6\n")
+        read("# a remark, of, four, words\nid,ra_deg,dec_deg,flux_A_jy,temperature_k\n# another\n2,4,5,6,4e3\n")
 
 
 @pytest.mark.parametrize(

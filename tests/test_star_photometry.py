@@ -15,7 +15,14 @@ from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.photometric_bands import photometric_bands, photometric_name
 from warpsim.sky.star_counts import has_zero_point, irradiance_counts, magnitude_counts
 from warpsim.sky.star_photometry import COLOURS
-from warpsim.sky.stellar_templates import DWARF, GIANT, colour, colour_temperature_k, template_temperature_k
+from warpsim.sky.stellar_templates import (
+    DWARF,
+    GIANT,
+    UNKNOWN_TEMPERATURE_K,
+    colour,
+    colour_temperature_k,
+    template_temperature_k,
+)
 from warpsim.sky.visible_photometry import gaia_bp_rp_mag, hipparcos_v_mag
 
 BANDS = photometric_bands()
@@ -175,7 +182,7 @@ def test_colour_temperatures_beyond_the_templates():
 def test_the_temperature_given_goes_first():
     assert star(**ALL, temperature_k=3210.0).spectrum_temperature_k[0] == 3210.0
     assert np.isnan(star(**ALL).temperature_k[0])
-    assert np.isnan(star(V=5.0).spectrum_temperature_k[0])
+    assert star(V=5.0).spectrum_temperature_k[0] == UNKNOWN_TEMPERATURE_K
 
 
 def test_each_star_has_its_own_colour():
@@ -195,7 +202,7 @@ def test_each_star_has_its_own_colour():
 
 def test_a_flux_of_0_has_no_colour():
     stars = StarCatalog.from_arrays([0.0], [0.0], {"BP": [0.0], "RP": [1.0]})
-    assert np.isnan(stars.spectrum_temperature_k[0])
+    assert stars.spectrum_temperature_k[0] == UNKNOWN_TEMPERATURE_K
     assert np.isfinite(stars.irradiance_w_cm2(MWIR)[0])
 
 
@@ -334,6 +341,62 @@ def test_files_of_unknown_and_repeated_bands_are_refused(tmp_path, header, rule)
 def test_a_column_may_be_mapped_to_another_band(tmp_path):
     (tmp_path / "stars.csv").write_text("ra_deg,dec_deg,flux_Z_jy\n1,2,3\n")
     assert StarCatalog.read(tmp_path / "stars.csv", columns={"flux_J_jy": "flux_Z_jy"}).flux_jy("J")[0] == 3.0
+
+
+# --- colours of custom tables ---
+
+
+@pytest.mark.parametrize(("name", "columns"), [("b_v_mag", None), ("B-V", None), ("BmV", {"B-V": "BmV"})])
+def test_b_v_is_read_with_v(tmp_path, name, columns):
+    file = tmp_path / "stars.csv"
+    file.write_text(f"ra_deg,dec_deg,mag_V,{name}\n1,2,5,0.65\n1,2,6,\n1,2,7,99.9\n")
+    with pytest.warns(UserWarning, match=r"2 of 3 stars have no colour"):
+        stars = StarCatalog.read(file, columns=columns)
+    np.testing.assert_allclose(stars.magnitude("B")[0], 5.65, rtol=1e-12)
+    assert stars.flux_flag("B").tolist() == [1, 3, 3]
+    assert stars.spectrum_temperature_k[0] == pytest.approx(star(V=5.0, B=5.65).spectrum_temperature_k[0])
+    if name == "b_v_mag":
+        from astropy.table import Table
+
+        table = Table({"ra_deg": [1.0], "dec_deg": [2.0], "mag_V": [5.0], "b_v_mag": [0.65]})
+        assert StarCatalog.from_table(table).flux_jy("B")[0] == stars.flux_jy("B")[0]
+
+
+@pytest.mark.parametrize(
+    ("columns", "rule"),
+    [
+        ({"B-V": "x"}, "columns: must name mag_V or flux_V_jy with b_v_mag: B is V + (B-V)"),
+        ({"B-V": "x", "mag_B": "y"}, "columns: must be one of mag_B and b_v_mag, got both"),
+        ({"V-Ks": "x"}, "columns: a colour but B-V is no column, give both magnitudes; must be of ra_deg, "),
+    ],
+)
+def test_other_colours_are_refused(tmp_path, columns, rule):
+    file = tmp_path / "stars.csv"
+    file.write_text("ra_deg,dec_deg,flux_A_jy,x,y\n1,2,3,4,5\n")
+    with pytest.raises(InputError) as error:
+        StarCatalog.read(file, columns=columns)
+    assert str(error.value).startswith(f"{file}: {rule}")
+
+
+def test_stars_that_nothing_tells_the_temperature_of_are_counted(tmp_path, recwarn):
+    file = tmp_path / "stars.csv"
+    file.write_text(
+        "ra_deg,dec_deg,mag_V,mag_B,temperature_k,spectral_type\n1,2,5,5.6,,\n1,2,5,,4000,\n1,2,5,,,K0III\n"
+    )
+    StarCatalog.read(file)
+    assert not recwarn.list
+    file.write_text(file.read_text() + "1,2,5,,,\n1,2,,,,\n")
+    StarCatalog.read(file)
+    text = "1 of 5 stars have no colour, type or temperature: their spectra are a K giant's of 4850 K"
+    assert [str(one.message) for one in recwarn] == [f"{file}: {text}"]
+
+
+def test_a_colour_mapped_to_a_magnitude_is_noticed(tmp_path):
+    file = tmp_path / "stars.csv"
+    file.write_text("ra_deg,dec_deg,mag_V,B-V\n1,2,10,0.6\n1,2,4,1.4\n")
+    rule = r"2 of 2 stars have colours more than 0.5 mag beyond those of known spectra \(B-V -9.40\)$"
+    with pytest.warns(UserWarning, match=rule):
+        StarCatalog.read(file, columns={"mag_B": "B-V"})
 
 
 # --- magnitudes and counts ---

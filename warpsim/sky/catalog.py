@@ -16,6 +16,7 @@ from warpsim.radiometry.band import Band
 from warpsim.radiometry.magnitudes import Physics
 from warpsim.sky.catalog_columns import BAND_NAMES, J2000_JYEAR, checked_columns, checked_limits
 from warpsim.sky.catalog_table import columns_of_table, table_of
+from warpsim.sky.colour_warnings import warn_colours
 from warpsim.sky.default_choice import brightest_rows, visible_bands
 from warpsim.sky.star_columns import StarColumns
 from warpsim.sky.star_motion import checked_jyear, moved
@@ -160,7 +161,7 @@ class StarCatalog(Stars):
 
         The surveys and layouts known are in `warpsim.sky.readers`; they are recognised by their columns. Places are
         carried to J2000 where the catalog has proper motions. Rows without a position are left out, with a warning that
-        counts and names them.
+        counts and names them; stars of a custom table without colour, type or temperature are counted if filled.
 
         Args:
             path: File name.
@@ -180,6 +181,8 @@ class StarCatalog(Stars):
 
         stars = read_stars(path, format, columns=columns, readme=readme)
         catalog = cls._of_columns(stars.columns if fill else replace(stars.columns, filled=False))
+        if stars.is_own and fill:
+            warn_colours(str(path), catalog._photometry)
         return catalog.at_epoch(stars.target_epoch_jyear)
 
     @staticmethod

@@ -56,6 +56,10 @@ NUMBER_UNITS = {
 """Columns of numbers other than fluxes, with their units, as to_table() names them."""
 
 
+COLOUR = "b_v_mag"
+"""Column of B-V, which makes a flux in B of one in V."""
+
+
 def flux_column(band: str) -> str:
     """Name of the flux column of a band in a table."""
     return f"flux_{band}_jy"

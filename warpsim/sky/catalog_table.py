@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import (
+    COLOUR,
     J2000_JYEAR,
     NUMBER_UNITS,
     checked_columns,
@@ -56,14 +57,15 @@ def columns_of_table(table: Table, name: str | None = None) -> StarColumns:
         return ColumnTable(table).text(key) if key in known else None
 
     magnitudes = numbers_by_band(magnitude_column, "mag")
+    flux_jy = {
+        band: flux_of_magnitude_jy(band, magnitudes[band]) if band in magnitudes else number_column(table, column, "Jy")
+        for band, column in fluxes.items()
+    }
+    if COLOUR in known and "V" in flux_jy and "B" not in flux_jy:
+        flux_jy["B"] = flux_of_colour_jy(flux_jy["V"], number_column(table, COLOUR, "mag"))
     checked = checked_columns(
         {key: number_column(table, key, unit) for key, unit in NUMBER_UNITS.items() if key in known},
-        {
-            band: flux_of_magnitude_jy(band, magnitudes[band])
-            if band in magnitudes
-            else number_column(table, column, "Jy")
-            for band, column in fluxes.items()
-        },
+        flux_jy,
         {band: flags for band, flags in numbers_by_band(flag_column, "").items() if band in fluxes},
         texts("id"),
         spectral_type=texts("spectral_type"),
@@ -107,6 +109,12 @@ def check_flux_columns(names: Iterable[str]) -> None:
 def flux_of_magnitude_jy(band: str, magnitude: Array) -> Array:
     """Flux density [Jy] of magnitudes in a photometric band, against its zero_mag_jy; NaN in, NaN out."""
     return np.asarray(photometric_bands()[band].zero_mag_jy * 10.0 ** (-0.4 * magnitude))
+
+
+def flux_of_colour_jy(v_flux_jy: Array, b_v_mag: Array) -> Array:
+    """Flux density in B [Jy] of stars with a flux density in V [Jy] and B-V [mag]; NaN in, NaN out."""
+    bands = photometric_bands()
+    return np.asarray(v_flux_jy * bands["B"].zero_mag_jy / bands["V"].zero_mag_jy * 10.0 ** (-0.4 * b_v_mag))
 
 
 def table_of(columns: StarColumns) -> Table:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -17,7 +17,7 @@ from warpsim.radiometry.magnitudes import Physics, as_radiometry
 from warpsim.sky.catalog_columns import FLUX_FILLED, FLUX_NONE
 from warpsim.sky.photometric_bands import photometric_bands, photometric_name
 from warpsim.sky.stellar_spectrum import band_irradiance_w_cm2, calibration_w_cm2_per_jy
-from warpsim.sky.stellar_templates import DWARF, colour_temperature_k, luminosity_class
+from warpsim.sky.stellar_templates import DWARF, UNKNOWN_TEMPERATURE_K, colour_temperature_k, luminosity_class
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.uint8]
@@ -146,18 +146,22 @@ class StarPhotometry:
 
     @functools.cached_property
     def spectrum_temperature_k(self) -> Array:
-        """Colour temperatures of the spectra [K]: as given, else by the first colour that is known, else NaN."""
-        temperature_k = self.temperature_k
+        """Colour temperatures of the spectra [K]: as given, else by the first colour known, else a K giant's."""
+        temperature_k = self.temperature_k.copy()
+        for colour, rows, colour_mag in self.telling_colours():
+            temperature_k[rows] = colour_temperature_k(colour_mag, colour, self.spectrum_luminosity[rows])
+        return _frozen(np.where(np.isnan(temperature_k), UNKNOWN_TEMPERATURE_K, temperature_k))
+
+    def telling_colours(self) -> Iterator[tuple[tuple[str, str], Whole, Array]]:
+        """Yield the colours that tell temperatures, the surest first: bands, rows of stars told, colours [mag]."""
+        missing = np.isnan(self.temperature_k)
         for blue, red in (*COLOURS, *OTHER_COLOURS):
-            if blue not in self.given_jy or red not in self.given_jy:
-                continue
-            missing = np.isnan(temperature_k)
-            if missing.any():
+            if blue in self.given_jy and red in self.given_jy and missing.any():
                 rows = np.flatnonzero(missing)
                 colour_mag = self._magnitude(blue, rows) - self._magnitude(red, rows)
-                temperature_k = temperature_k.copy()
-                temperature_k[rows] = colour_temperature_k(colour_mag, (blue, red), self.spectrum_luminosity[rows])
-        return _frozen(temperature_k)
+                known = np.isfinite(colour_mag)
+                missing[rows[known]] = False
+                yield (blue, red), rows[known], colour_mag[known]
 
     def with_types(self, type_temperature_k: Array) -> StarPhotometry:
         """Return the photometry with temperatures of spectral types where none is given and no colour in COLOURS known.

@@ -139,7 +139,7 @@ class Stars:
 
     @property
     def spectrum_temperature_k(self) -> Array:
-        """Colour temperature of the spectrum [K], shape (n,): as given, or from the fluxes; NaN for a K giant's."""
+        """Colour temperature of the spectrum [K], shape (n,): as given, or from a colour; 4850 without one."""
         return self._photometry.spectrum_temperature_k
 
     @functools.cached_property

@@ -10,6 +10,7 @@ import numpy as np
 
 from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import (
+    COLOUR,
     J2000_JYEAR,
     NUMBER_UNITS,
     flag_column,
@@ -17,15 +18,15 @@ from warpsim.sky.catalog_columns import (
     limit_column,
     magnitude_column,
 )
-from warpsim.sky.catalog_table import brightness_columns, flux_of_magnitude_jy
+from warpsim.sky.catalog_table import brightness_columns, flux_of_colour_jy, flux_of_magnitude_jy
 from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.sky.readers.angles import angle_deg, has_parts, place_deg
-from warpsim.sky.readers.photometry import real_magnitudes
+from warpsim.sky.readers.photometry import real_colours, real_magnitudes
 from warpsim.tables.columns import plain_name
 from warpsim.tables.file_table import FileTable
 
 _ANGLES = ("ra_deg", "dec_deg")
-_OTHERS = ("id", "spectral_type", "epoch_jyear")
+_OTHERS = (COLOUR, "id", "spectral_type", "epoch_jyear")
 _SHORT = ", ".join(
     [*NUMBER_UNITS, "flux_<band>_jy", "mag_<band>", "flux_<band>_flag", "flux_<band>_limit_jy", *_OTHERS]
 )
@@ -42,11 +43,13 @@ def _brightnesses() -> tuple[str, ...]:
 
 
 def own_columns(table: FileTable) -> dict[str, str]:
-    """The table's columns that go by warpsim's names, whatever their case."""
+    """The table's columns that go by warpsim's names, whatever their case, and one of B-V."""
     names = {name.lower(): name for name in reversed(table.table.colnames)}
     names |= {name: name for name in table.table.colnames}  # spelled just so
     spelled = {column: column if column in names else column.lower() for column in known_columns()}
-    return {column: names[name] for column, name in spelled.items() if name in names}
+    found = {column: names[name] for column, name in spelled.items() if name in names}
+    b_v = table.find(COLOUR, "B-V")
+    return found if b_v is None else {**found, COLOUR: b_v}
 
 
 def is_own(columns: Mapping[str, str], table: FileTable) -> bool:
@@ -69,9 +72,11 @@ def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
         raise InputError(f"must be a mapping such as {{'ra_deg': 'RAJ2000'}}, got {type(columns).__name__}", "columns")
     found = ", ".join(table.table.colnames)
     checked: dict[str, str] = {}
-    for name, column in columns.items():
+    for given, column in columns.items():
+        name = COLOUR if given == "B-V" else given
         if name not in known_columns():
-            raise InputError(f"must be of {_SHORT}", "columns", name)
+            hint = "a colour but B-V is no column, give both magnitudes; " if "-" in str(name) else ""
+            raise InputError(f"{hint}must be of {_SHORT}", "columns", name)
         own_name = _own_name(table, str(column))
         if own_name is None:
             raise InputError(f"must be a column of the file ({found})", value=column).of(name).within("columns")
@@ -85,7 +90,9 @@ def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
             rule = f"must be a column of its own, got {own_name!r} a second time"
             raise InputError(rule).of(name).within("columns")
         checked[name] = own_name
-    brightness_columns(checked)
+    bands, by_colour = brightness_columns(checked), COLOUR in checked
+    if by_colour and "B" in bands:
+        raise InputError(f"must be one of {bands['B']} and {COLOUR}, got both", "columns")
     # What the argument does not speak of, and the table names as warpsim does.
     spoken_of = {name for band in photometric_bands() for name in _names_of(band) if checked.keys() & _names_of(band)}
     checked |= {
@@ -93,6 +100,8 @@ def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
         for name, column in own_columns(table).items()
         if name not in checked and name not in spoken_of and column not in checked.values()
     }
+    if by_colour and "V" not in brightness_columns(checked):
+        raise InputError(f"must name mag_V or flux_V_jy with {COLOUR}: B is V + (B-V)", "columns")
     if not is_own(checked, table):
         raise InputError(f"must name ra_deg, dec_deg and a flux or magnitude, got {', '.join(checked)}", "columns")
     return checked
@@ -153,6 +162,9 @@ def arrays_of_columns(table: FileTable, columns: Mapping[str, str]) -> dict[str,
             arrays["flux_jy"][band] = flux_of_magnitude_jy(band, magnitudes)
         if flag_column(band) in columns:
             arrays["flux_flag"][band] = table.number(columns[flag_column(band)])
+    if COLOUR in columns and "V" in arrays["flux_jy"] and "B" not in arrays["flux_jy"]:
+        b_v_mag = real_colours(table.number(columns[COLOUR], unit="mag"))
+        arrays["flux_jy"]["B"] = flux_of_colour_jy(arrays["flux_jy"]["V"], b_v_mag)
     for band in photometric_bands():
         if limit_column(band) in columns:
             arrays["limit_jy"][band] = table.number(columns[limit_column(band)], unit="Jy")

@@ -44,6 +44,9 @@ class StarsOfFile:
     target_epoch_jyear: float
     """Julian year to move the stars to: J2000 for a survey, its own for a custom table."""
 
+    is_own: bool = False
+    """Whether they are from a custom table, in which columns may be other than their names say."""
+
 
 def read_stars(
     path: str | PathLike[str],
@@ -109,8 +112,8 @@ def _survey_of(table: FileTable) -> Survey:
                 needed = ", ".join(" or ".join(names) for names in missing)
                 rule = f"looks like {survey.name}, which must have the column {needed}"
                 raise InputError(rule, value=found, form="s")
-        rule = f"the columns ra_deg, dec_deg and flux_A_jy or the like (argument columns), or those of {known}"
-        raise InputError(f"must have {rule}", value=found, form="s")
+        named = "ra_deg, dec_deg and flux_A_jy or the like (argument columns, --columns on the command line)"
+        raise InputError(f"must have the columns {named}, or those of {known}", value=found, form="s")
     return max(fitting, key=lambda survey: len(survey.needs))
 
 
@@ -124,7 +127,7 @@ def _own_stars(table: FileTable, columns: Mapping[str, str], where: str) -> Star
     checked = _checked(table, arrays, where, str(meta.get("name", Path(where).name)), columns)
     flagged = any(name in columns for name in map(flag_column, arrays["flux_jy"]))
     filled = checked.filled or not flagged or meta.get("filled") is True
-    return StarsOfFile(replace(checked, filled=filled), checked.epoch_jyear)
+    return StarsOfFile(replace(checked, filled=filled), checked.epoch_jyear, is_own=True)
 
 
 def _survey_stars(table: FileTable, survey: Survey, where: str) -> StarsOfFile:
