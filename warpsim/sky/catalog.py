@@ -6,7 +6,7 @@ import functools
 from collections.abc import Mapping
 from dataclasses import replace
 from os import PathLike
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.magnitudes import Physics
-from warpsim.sky.catalog_columns import BAND_NAMES, J2000_JYEAR, checked_columns, checked_limits
+from warpsim.sky.catalog_columns import BAND_NAMES, J2000_JYEAR, NUMBER_UNITS, checked_columns, checked_limits
 from warpsim.sky.catalog_table import columns_of_table, table_of
 from warpsim.sky.colour_warnings import warn_colours
 from warpsim.sky.default_choice import brightest_rows, visible_bands
@@ -241,15 +241,9 @@ class StarCatalog(Stars):
         Formats that keep no meta (CSV, VOTable) lose the epoch: write those from a catalog at 2000.0.
         """
         given = self._photometry
+        numbers: dict[str, Any] = {key: getattr(self, key) for key in NUMBER_UNITS}
         columns = StarColumns(
-            ra_deg=self.ra_deg,
-            dec_deg=self.dec_deg,
-            pm_ra_mas_yr=self.pm_ra_mas_yr,
-            pm_dec_mas_yr=self.pm_dec_mas_yr,
-            parallax_mas=self.parallax_mas,
-            temperature_k=self.temperature_k,
-            luminosity=self.luminosity,
-            quality=self.quality,
+            **numbers,
             epoch_jyear=self.epoch_jyear,
             name=self.name,
             provenance=self.provenance,
