@@ -1,5 +1,8 @@
 """Zero points and effective wavelengths of the shipped bands against those that the surveys publish."""
 
+import dataclasses
+
+import astropy.units as u
 import build_responses
 import numpy as np
 import pytest
@@ -161,3 +164,49 @@ def test_isophotal_flux_densities():
     for name, w_cm2_um in published.items():
         rtol = IN_BAND_RTOL if name.startswith("W") else 3e-3
         assert ws.bands()[name].zero_mag_w_cm2 / moment(name, 0.0) == pytest.approx(w_cm2_um, rel=rtol)
+
+
+@pytest.mark.parametrize(
+    "given", [{"zero_mag_jy": 3631.0}, {"zero_mag_w_cm2": 2e-13}, {"zero_mag_jy": 300.0, "w_cm2_per_jy": 3e-16}]
+)
+def test_a_saved_zero_point_can_be_changed(scene, tmp_path, given):
+    band = ws.Band("q", [3.0, 3.3, 4.7, 5.0], [0.0, 1.0, 0.9, 0.0], **given)
+    saved = scene.replace(bands=[band], detector={"kind": "nei", "nei_w_cm2": 1e-18, "sei_w_cm2": 1e-14})
+    saved.save(tmp_path / "scene.toml")
+    assert ws.Scene.load(tmp_path / "scene.toml").scenario.bands["q"] == band
+    name = next(iter(given))
+    brighter = saved.replace(**{f"band__q__{name}": 2.0 * given[name]})
+    star = ws.StarCatalog.default()
+    fainter_mag = star.magnitude(brighter.scenario.bands["q"])[:3] - star.magnitude(band)[:3]
+    np.testing.assert_allclose(fainter_mag, 2.5 * np.log10(2.0), rtol=0, atol=1e-9)
+
+
+def test_a_zero_point_that_contradicts_itself_is_refused():
+    with pytest.raises(ws.InputError, match=r"band q: zero_mag_w_cm2: must be zero_mag_jy times w_cm2_per_jy, 10,"):
+        ws.Band("q", [3.0, 4.0], [1.0, 1.0], zero_mag_jy=10.0, zero_mag_w_cm2=1e-10, w_cm2_per_jy=1.0)
+    band = ws.Band.top_hat("q", 3.0, 4.0, zero_mag_jy=3631.0)
+    with pytest.raises(ws.InputError, match="leave out one of them"):
+        dataclasses.replace(band, zero_mag_jy=300.0)
+
+
+def test_numbers_of_a_band_take_units():
+    plain = ws.Band("q", [3.0, 5.0], [1.0, 1.0], 3.9, (3.2, 4.8), 3631.0)
+    with_units = ws.Band("q", [3.0, 5.0], [1.0, 1.0], 3900 * u.nm, [3.2, 4.8] * u.um, 3.631 * u.kJy)
+    for name in ("isophotal_um", "half_power_um", "zero_mag_jy", "zero_mag_w_cm2"):
+        np.testing.assert_allclose(getattr(with_units, name), getattr(plain, name), rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"zero_mag_jy": "3631"}, "zero_mag_jy: must be a number, got '3631'"),
+        ({"zero_mag_jy": True}, "zero_mag_jy: must be a number, got True"),
+        ({"isophotal_um": None}, "isophotal_um: must be a number, got None"),
+        ({"zero_mag_jy": 3.0 * u.um}, "zero_mag_jy: must be convertible to Jy, got um"),
+        ({"half_power_um": 3.5}, "half_power_um: must be two numbers, got 3.5"),
+        ({"half_power_um": (np.nan, 3.5)}, "half_power_um: must be two numbers, or left out"),
+    ],
+)
+def test_numbers_of_a_band_that_are_none(given, message):
+    with pytest.raises(ws.InputError, match=f"band q: {message}"):
+        ws.Band("q", [3.0, 5.0], [1.0, 1.0], **given)

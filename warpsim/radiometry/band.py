@@ -12,7 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
-from warpsim.radiometry.curve_nodes import checked_curve, half_power_um, in_unit, photon_um, product_of_curves
+from warpsim.radiometry.curve_nodes import (
+    checked_curve,
+    half_power_um,
+    in_unit,
+    one_number,
+    photon_um,
+    product_of_curves,
+    two_numbers,
+)
 from warpsim.radiometry.quadrature import gauss_rule, response_rule
 
 Array = NDArray[np.float64]
@@ -21,6 +29,14 @@ Array = NDArray[np.float64]
 # the exponential falls by 10 decades within one piece.
 _NODES_PER_PIECE = 12
 _MAX_PIECE_LOG_WIDTH = 0.02
+ZERO_POINT = ("zero_mag_jy", "zero_mag_w_cm2", "w_cm2_per_jy")
+"""Numbers of a band's zero point, of which the others follow from one."""
+
+_ZERO_POINT_RTOL = 0.01
+"""Published ones are rounded."""
+
+_UNITS = {"isophotal_um": "um", "zero_mag_jy": "Jy", "zero_mag_w_cm2": "W / cm2", "w_cm2_per_jy": "W / (cm2 Jy)"}
+
 LARGEST_N_INTERVAL = 32
 """Spectral intervals of a band: far beyond what any smooth spectrum needs."""
 
@@ -97,6 +113,8 @@ class Band:
                 raise InputError("must be > 0 somewhere, got 0 everywhere", "response")
             if not isinstance(self.per_photon, bool):
                 raise InputError("must be true or false", "per_photon", self.per_photon)
+            numbers = {name: one_number(getattr(self, name), unit, name) for name, unit in _UNITS.items()}
+            edges_um = two_numbers(self.half_power_um, "um", "half_power_um")
         except InputError as error:
             raise error.of(f"band {self.name}") from None
         response /= response.max()
@@ -106,6 +124,9 @@ class Band:
 
         put("wavelength_um", _frozen(wavelength_um))
         put("response", _frozen(response))
+        put("half_power_um", edges_um)
+        for name, number in numbers.items():
+            put(name, number)
         put("photon_um", photon_um(wavelength_um, response, self.per_photon))
         node_um, weight_um = response_rule(wavelength_um, response, _NODES_PER_PIECE, _MAX_PIECE_LOG_WIDTH)
         put("quadrature_um", (_frozen(node_um), _frozen(self._by_energy(node_um, weight_um))))
@@ -142,9 +163,16 @@ class Band:
                 f"must rise in [{first_um:g}, {last_um:g}]",
             ),
         }
-        for name in ("zero_mag_jy", "zero_mag_w_cm2", "w_cm2_per_jy"):
+        for name in ZERO_POINT:
             value = getattr(self, name)
             rules[name] = (math.isnan(value) or 0.0 < value < math.inf, "must be > 0 and finite, or NaN")
+        jy_w_cm2 = self.zero_mag_jy * self.w_cm2_per_jy
+        agrees = not abs(self.zero_mag_w_cm2 / jy_w_cm2 - 1.0) > _ZERO_POINT_RTOL  # or one of them is NaN
+        rules["zero_mag_w_cm2"] = (
+            (agrees, f"must be zero_mag_jy times w_cm2_per_jy, {jy_w_cm2:.4g}, within 1 %; leave out one of them")
+            if rules["zero_mag_w_cm2"][0]
+            else rules["zero_mag_w_cm2"]
+        )
         for name, (is_kept, rule) in rules.items():
             if not is_kept:
                 raise InputError(rule, name, getattr(self, name)).of(f"band {self.name}")

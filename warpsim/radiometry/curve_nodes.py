@@ -62,6 +62,36 @@ def in_unit(values: Any, unit: str, where: str) -> Any:
         raise InputError(f"must be convertible to {unit or 'plain numbers'}", where, str(values.unit), "s") from None
 
 
+def one_number(value: Any, unit: str, where: str) -> float:
+    """Return a number as float, an astropy Quantity in a unit.
+
+    Raises:
+        InputError: It is no number, or in a unit that does not convert.
+    """
+    number = in_unit(value, unit, where)
+    if isinstance(number, bool | str) or np.ndim(number) != 0:
+        raise InputError("must be a number", where, value)
+    try:
+        return float(number)
+    except (TypeError, ValueError):
+        raise InputError("must be a number", where, value) from None
+
+
+def two_numbers(values: Any, unit: str, where: str) -> tuple[float, float]:
+    """Return two numbers as floats, both NaN or none.
+
+    Raises:
+        InputError: They are not two, no numbers, one of them is NaN, or in a unit that does not convert.
+    """
+    pair = in_unit(values, unit, where)
+    if isinstance(pair, str) or np.shape(pair) != (2,):
+        raise InputError("must be two numbers", where, values)
+    low, high = (one_number(value, unit, where) for value in pair)
+    if math.isnan(low) != math.isnan(high):
+        raise InputError("must be two numbers, or left out", where, values)
+    return low, high
+
+
 def _nodes(values: ArrayLike, where: str) -> Array:
     """Copy to a float64 vector of at least two finite values."""
     try:

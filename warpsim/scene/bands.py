@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Annotated, Any
@@ -16,7 +17,7 @@ from warpsim.config.fields import FileName, Number, Positive, Switch, as_tuple, 
 from warpsim.config.model import adapter, config_model, input_error
 from warpsim.errors import InputError
 from warpsim.exchange.curve_file import CurveFile, read_curve
-from warpsim.radiometry.band import Band
+from warpsim.radiometry.band import ZERO_POINT, Band
 from warpsim.radiometry.bands import SHIPPED
 from warpsim.radiometry.by_band import AS_DICT, BAND_NAME, ByBand
 from warpsim.radiometry.curve_nodes import product
@@ -112,9 +113,9 @@ class BandDescription:
         """Return the fields of a band's description: of a plain top hat its edges, else the nodes."""
         plain = Band(band.name, band.wavelength_um, band.response, per_photon=band.per_photon)
         nodes_um, response = band.wavelength_um.tolist(), band.response.tolist()
-        points = {name: getattr(band, name) for name in ("half_power_um", *_POINTS)}
+        points = {name: getattr(band, name) for name in ("half_power_um", "isophotal_um")}
         points = {name: value for name, value in points.items() if value != getattr(plain, name)}
-        points = {name: value for name, value in points.items() if value == value}  # NaN where unknown
+        points |= _fewest_zero_points(plain, band)
         top_hat = response == [1.0, 1.0] and "half_power_um" not in points
         curve = {"half_power_um": nodes_um} if top_hat else {"wavelength_um": nodes_um, "response": response}
         return {**curve, "per_photon": band.per_photon, **points}
@@ -208,6 +209,18 @@ def description_of(name: str, given: Any) -> BandDescription:
         return adapter(BandDescription).validate_python(given)  # type: ignore[no-any-return]
     except ValidationError as error:
         raise input_error(error).within(name) from None
+
+
+def _fewest_zero_points(plain: Band, band: Band) -> dict[str, float]:
+    """Numbers that a band's zero point follows from, so that a change of one is no contradiction to the others."""
+    known = {name: value for name in ZERO_POINT if not math.isnan(value := getattr(band, name))}
+    jy, w_cm2, per_jy = ZERO_POINT
+    for names in ((), (jy,), (w_cm2,), (jy, per_jy), (w_cm2, per_jy), (jy, w_cm2)):
+        points = {name: known[name] for name in names if name in known}
+        made = dataclasses.replace(plain, **points)
+        if all(getattr(made, name) == value for name, value in known.items()):
+            return points
+    return known
 
 
 def _descriptions(value: Any) -> ByBand[BandDescription]:
