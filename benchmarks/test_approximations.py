@@ -7,9 +7,8 @@ Time is that of the whole chain per image of `stss` with about 100 stars. The er
 pixel of noiseless images, in units of a pixel's noise, against the same scene at the setting's finest. What stages do
 on their own is in test_deposit.py, test_read_out.py, test_signatures.py, test_star_places.py and test_star_query.py.
 
-Noise from a template repeats: its error is the largest correlation of two images at any shift, where fresh noise shows
-some 5 / sqrt(pixels) by chance. Nodes of tracks are found once per scene: their time is that of the scene, their error
-the distance from the propagator at the worst of 2,000 random times.
+Nodes of tracks are found once per scene: their time is that of the scene, their error the distance from the propagator
+at the worst of 2,000 random times.
 """
 
 from __future__ import annotations
@@ -52,8 +51,6 @@ SETTINGS = {
 }
 CASES = [(name, value) for name, setting in SETTINGS.items() for value in setting[3]]
 
-TEMPLATES = {"fresh": {}, **{f"template of 2^{n}": {"noise": "template", "template_size": 2**n} for n in (16, 20, 24)}}
-
 
 def changed(work: SpeedWork, changes: dict) -> SpeedWork:
     """Another scene over the same time, for which there are stars."""
@@ -89,28 +86,6 @@ def test_setting(benchmark, name, value):
     if us_per_image is not None:
         error = np.abs(signal_nei(work) - signal_nei(changed(plain, {field: finest}))).max()
         note(benchmark, name, value, us_per_image, error_nei=float(error), n_pixel=n_pixel)
-
-
-@pytest.mark.parametrize("noise", TEMPLATES)
-def test_noise(benchmark, noise):
-    full = benchmark.enabled
-    changes = {f"detector__{key}": value for key, value in TEMPLATES[noise].items()}
-    work = changed(speed_work(256 if full else 32, 0, psf="gaussian", n_frame=None if full else 2), changes)
-    us_per_image = timed(benchmark, work)
-    if us_per_image is not None:
-        note(benchmark, "detector.noise", noise, us_per_image, correlation=largest_correlation(work), n_pixel=256)
-
-
-def largest_correlation(work: SpeedWork, n_image: int = 24) -> float:
-    """Largest correlation coefficient of the noise of two images, read row by row, at any shift."""
-    renderer = ws.Renderer(work.scene, "cpu", 1, work.catalog)
-    counts = renderer.render(range(n_image), work.sensors, [BAND]).counts.numpy().reshape(n_image, -1)
-    noise = counts - np.median(counts)
-    noise[np.abs(noise) > 5 * np.median(np.abs(noise)) / 0.6745] = 0.0  # targets
-    n = noise.shape[1]
-    spectrum = np.fft.rfft(noise / noise.std(), 2 * n)
-    pairs = itertools.combinations(range(n_image), 2)
-    return max(float(np.abs(np.fft.irfft(spectrum[a] * spectrum[b].conj())).max()) / n for a, b in pairs)
 
 
 @pytest.mark.parametrize("error_m", [1.0, 1e-1, 1e-2, 1e-3, 1e-4])

@@ -35,7 +35,6 @@ SHOT = {"read_noise_e": 100.0}
 
 DETECTORS = {
     "NEI": NeiDetector(**NEI),
-    "NEI, template": NeiDetector(**NEI, noise="template"),
     "NEI, non-linearity": NeiDetector(**NEI, nonlinearity=0.05),
     "NEI, PRNU": NeiDetector(**NEI, prnu=0.01),
     "NEI, DSNU": NeiDetector(**NEI, dsnu_nei=1.0),

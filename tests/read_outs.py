@@ -81,7 +81,7 @@ def instrument_of(detector, known, seed, shape):
     camera = SimpleNamespace(n_row=shape[0], n_col=shape[1])
     return SimpleNamespace(
         sensor=SimpleNamespace(detector=detector, camera=camera), levels=known, names=range(N_SENSOR),
-        noise_key=lambda sensor: sensor_key(seed, sensor), template_key=seed,
+        noise_key=lambda sensor: sensor_key(seed, sensor),
     )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ EVERYTHING = Features(
 SERIES = EVERYTHING._replace(albedo_degree=12, earth_degree=14)
 NEI_TERMS = ReadOutFeatures(bad_pixels=True, prnu=True, dsnu=True, column_noise=True, nonlinearity=True)
 ELECTRON_TERMS = NEI_TERMS._replace(electrons=True, shot_noise=True, small_means=True, read_noise=True)
-READ_OUTS = [ReadOutFeatures(), NEI_TERMS._replace(template=True), ELECTRON_TERMS]
+READ_OUTS = [ReadOutFeatures(), NEI_TERMS, ELECTRON_TERMS]
 FACTORY_ARGUMENTS = {
     "make_aim_kernel": [(AimFeatures(track=True),), (AimFeatures(*[True] * len(AimFeatures._fields)),)],
     "make_observe_targets_kernel": [(Features(),), (EVERYTHING,), (SERIES,)],
@@ -112,4 +112,4 @@ def test_no_kernel_is_forgotten():
     made = {name for module in MODULES for name in factories(module)}
     assert made == set(FACTORY_ARGUMENTS)
     names = {module.__name__.rpartition(".")[2] for module in PLAIN}
-    assert names >= {"emission", "stamp_sizes", "read_out", "shapes"}
+    assert names >= {"emission", "stamp_sizes", "shapes"}

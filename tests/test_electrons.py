@@ -320,7 +320,7 @@ def test_scene_with_electrons(warm_scene):
 def test_threads_and_bands_make_no_difference(scene, warm_scene):
     plain = scene.replace(
         detector=ALL_TERMS | {"kind": "nei", "nei_w_cm2": {"A": 1e-18, "C": 2e-18}, "sei_w_cm2": 3e-15, "dsnu_nei": 1.0,
-                              "column_noise_nei": 1.0, "noise": "template", "template_size": 4096},
+                              "column_noise_nei": 1.0},
         bands=["A", "C"], camera__n_row=40, camera__n_col=61,
     )  # fmt: skip
     changed = {f"detector__{name}": value for name, value in ALL_TERMS.items()}
@@ -369,7 +369,8 @@ BROKEN = [
     (lambda: dataclasses.replace(WARM, optics_emissivity=0.1), "optics_emissivity: must be given together"),
     (lambda: dataclasses.replace(WARM, prnu=0.2), r"prnu: must be in \[0, 0.1\], got 0.2"),
     (lambda: dataclasses.replace(WARM, offset_counts=2e5), r"must be below 2\*\*bits \(16384\), got 200000"),
-    (lambda: ws.ElectronDetector(0.1, 1e5, 1.0, noise="template"), "noise: is not a known field here"),
+    (lambda: ws.ElectronDetector(0.1, 1e5, 1.0, dsnu_nei=1.0), "dsnu_nei: is not a known field here"),
+    (lambda: ws.NeiDetector(1e-18, 1e-15, noise="template"), "NeiDetector: noise: is not a known field"),
     (lambda: ws.NeiDetector({"A": 1e-18, "C": 2e-18}, {"C": 1e-18}), r"\(2e-18\) in C, got 1e-18"),
     (lambda: ws.NeiDetector({}, 1e-15), "nei_w_cm2: must be a number or a table that names a band, got {}"),
     (lambda: ws.NeiDetector({"A": 0.0}, 1e-15), "nei_w_cm2: A: must be > 0, got 0.0"),

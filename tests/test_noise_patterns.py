@@ -1,12 +1,10 @@
-"""What stays with pixels, what columns share, and noise from a template: statistics, persistence, independence."""
+"""Patterns that stay with pixels and noise common to a column: statistics, persistence, independence."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 from read_outs import (
-    FINE,
-    FINE_GAIN,
     N_SIGMA,
     N_SIGMA_TAIL,
     SEED,
@@ -159,80 +157,12 @@ def test_all_pixels_may_be_bad(device):
     assert ((counts == 500 + 50 * 200) | (counts < 500 + 50 * 7)).all()
 
 
-TEMPLATE_SIZE = 2**16
-TEMPLATE = dataclasses.replace(FINE, noise="template", template_size=TEMPLATE_SIZE)
-
-
-@pytest.fixture(scope="module")
-def template_frames():
-    """Deviates of 2,000 small frames."""
-    return deviates("cpu", (2000, 1, 16, 100), TEMPLATE).reshape(2000, -1)
-
-
-def test_template_noise_is_normal(device):
-    z = deviates(device, (1, 1, 1024, 1024), dataclasses.replace(TEMPLATE, template_size=2**22)).ravel()
-    n = z.size
-    assert abs(z.mean()) < N_SIGMA / np.sqrt(n)
-    assert abs(z.var() - 1) < N_SIGMA * np.sqrt(2 / n)
-    assert stats.kstest(z, "norm").pvalue > 2 * N_SIGMA_TAIL
-    image = z.reshape(1024, 1024)
-    assert_uncorrelated(image[:, 1:], image[:, :-1])
-    assert_uncorrelated(image[1:], image[:-1])
-
-
-def test_whole_strips_and_ragged_ends_of_a_template_agree(device):
-    signal = np.random.default_rng(5).uniform(-2e-18, 6e-18, (3, 2, 31, 77))
-    whole, ragged = (read_out(TEMPLATE, signal, device, ragged=ragged) for ragged in (False, True))
-    np.testing.assert_array_equal(whole, ragged)
-
-
-def test_template_frames_repeat_as_often_as_is_told(template_frames):
-    """A pixel of two frames shows the same deviate, but for its sign, for one pair of frames in template_size."""
-    same = np.sort(np.abs(template_frames[:, 0]))
-    n_pair = 2000 * 1999 / 2
-    equal = np.count_nonzero(np.diff(same) == 0)  # pairs; three alike are too rare to matter
-    chance = equal - n_pair / TEMPLATE_SIZE
-    # Different deviates that round to the same count add some: their density squared, times a count.
-    by_rounding = n_pair * 2 / (2 * np.sqrt(np.pi)) / FINE_GAIN
-    assert abs(chance - by_rounding) < N_SIGMA * np.sqrt(n_pair / TEMPLATE_SIZE + by_rounding)
-
-
-def test_mean_of_template_frames_falls_as_that_of_fresh_noise(device):
-    """The random sign sees to it, also for more frames than the template has deviates: mean square times K is 1."""
-    n_frame = 16_000
-    small = dataclasses.replace(TEMPLATE, template_size=4096)
-    frames = deviates(device, (n_frame, 1, 16, 16), small).reshape(n_frame, -1)
-    for k in (100, 4000, 16_000):
-        means = frames.reshape(-1, k, frames.shape[1]).mean(axis=1)
-        # At least as sure as 256 independent means: pixels of a frame are pieces of one row of deviates.
-        assert abs((means**2).mean() * k - 1) < N_SIGMA * np.sqrt(2 / 256)
-    # Frames that begin at the same deviate: as many have its sign as the other one.
-    _, group = np.unique(np.abs(frames[:, :3]), axis=0, return_inverse=True)
-    first = np.full(group.max() + 1, n_frame)
-    np.minimum.at(first, group.ravel(), np.arange(n_frame))
-    later = np.flatnonzero(first[group.ravel()] < np.arange(n_frame))
-    alike = frames[later, 0] == frames[first[group.ravel()[later]], 0]
-    assert len(later) > 10_000
-    assert abs(alike.mean() - 0.5) < N_SIGMA * 0.5 / np.sqrt(len(later) / 4)  # those of a group share one frame
-
-
-def test_template_frames_are_shifted_copies(template_frames):
-    """What a template cannot do: two frames in 2 n_pixel / template_size overlap, and are the same there."""
-    n_frame, n_pixel = 120, template_frames.shape[1]
-    values = np.abs(template_frames[:n_frame])
-    begins = values[:, :8]  # rounded to counts, all eight are elsewhere by chance in three frames of a million
-    overlaps = sum(np.isin(begins[i], values[j]).all() for i in range(n_frame) for j in range(n_frame) if i != j)
-    expected = n_frame * (n_frame - 1) / 2 * 2 * n_pixel / TEMPLATE_SIZE
-    assert abs(overlaps - expected) < N_SIGMA * np.sqrt(expected)
-
-
 TERMS = {
     "prnu": {"prnu": 0.02},
     "dsnu": {"dsnu_nei": 1.0},
     "column": {"column_noise_nei": 1.0},
     "bad": {"dead_fraction": 0.01, "hot_fraction": 0.01},
     "nonlinearity": {"nonlinearity": 0.2},
-    "template": {"noise": "template"},
     "all": {"prnu": 0.02, "dsnu_nei": 1.0, "column_noise_nei": 1.0, "dead_fraction": 0.01, "nonlinearity": 0.2},
 }
 

@@ -31,7 +31,6 @@ SAMPLES = {
     ],
     "approximations": [
         {"setting": "optics.psf_error", "value": 1e-3, "us_per_image": 7.0, "error_nei": 1e-2, "n_pixel": 256},
-        {"setting": "detector.noise", "value": "fresh", "us_per_image": 8.0, "correlation": 0.02, "n_pixel": 256},
         {"setting": "error of tracks [m]", "value": 1e-3, "scene_s": 0.1, "error_m": 9e-4, "n_node": 6000},
     ],
     "another": [{"first_s": 2.5, "cold": True}, {"first_s": 0.4}],

@@ -107,7 +107,6 @@ def peers_table(cases: list[Case]) -> list[str]:
 def settings_table(cases: list[Case]) -> list[str]:
     """Time against error for each setting of accuracy."""
     images = [c for c in cases if "error_nei" in c]
-    noise = [c for c in cases if "correlation" in c]
     nodes = [c for c in cases if "n_node" in c]
     lines = table(
         "setting | value | pixels | us per image | error of the worst pixel [noise]",
@@ -116,9 +115,6 @@ def settings_table(cases: list[Case]) -> list[str]:
             for c in images
         ),
     )
-    if noise:
-        rows = ((c["value"], f"{c['us_per_image']:,.1f}", f"{c['correlation']:.3f}") for c in noise)
-        lines += ["", *table("noise | us per image | largest correlation of two images", rows)]
     if nodes:
         rows = ((f"{c['value']:g}", c["n_node"], f"{c['scene_s']:.2f}", f"{c['error_m']:.1e}") for c in nodes)
         head = "error of tracks asked [m] | nodes a day | seconds per scene, 28 satellites | error [m]"

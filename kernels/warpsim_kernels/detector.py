@@ -9,7 +9,6 @@ class ReadOutFeatures(NamedTuple):
     """What a read-out kernel holds."""
 
     electrons: bool = False  # in electrons, else in NEI terms
-    template: bool = False  # deviates from a template, else fresh ones; in NEI terms only
     bad_pixels: bool = False
     prnu: bool = False
     dsnu: bool = False
@@ -57,7 +56,5 @@ class Detector:
 
     pixels: wp.array[PixelScalars]  # (n_band,)
     keys: wp.array[wp.vec2ui]  # (n_sensor,) of all noise: each sensor has its own
-    deviates: wp.array[float]  # (n_deviate + STRIP_PIXELS,) the template; its first ones stand again at its end
-    n_deviate: int
     n_pixel: int  # of an image
     n_col: int

@@ -7,8 +7,8 @@ A detector is a row of steps (pixel.py), of which a kernel holds those that a sc
                    -> read noise -> column -> converter
 
 An image is cut into strips of neighbouring pixels, row after row, and blocks of strips, which share random keys
-(streams.py). The deviates of a pixel pair are the cosine and the sine of one angle (normal.py), or come from a
-template. The first half of a strip takes the cosines, the second half the sines.
+(streams.py). The deviates of a pixel pair are the cosine and the sine of one angle (normal.py). The first half of a
+strip takes the cosines, the second half the sines.
 
 Point sources leave most strips dark. The stage `deposit` flags those that it adds light to; only they are read, and
 made dark again for the next image, so a sparse image's light stays in the cache.
@@ -42,16 +42,12 @@ from warpsim_kernels.streams import (
     STREAM_NOISE,
     STREAM_OFFSET,
     STREAM_READ_NOISE,
-    STREAM_TEMPLATE,
     column_of,
     hashed,
     numbered,
-    sign_of,
-    signed,
     stream_key,
-    template_place,
 )
-from warpsim_kernels.strips import N_PAIR, PAIRS_PER_BLOCK, STRIP_PIXELS, STRIPS_PER_BLOCK, flags_of_image
+from warpsim_kernels.strips import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK, flags_of_image
 
 Floats = wp.tile(dtype=float, shape=(N_PAIR,))
 Words = wp.tile(dtype=wp.uint32, shape=(N_PAIR,))
@@ -63,7 +59,7 @@ def mapped_functions():
     _a, _b, _c, _d, _e, _f = numbered, column_of, hashed, normal_radius, normal_cosine, normal_sine
     _g, _h, _i, _j, _k = without_dead, with_hot, scaled, shifted, bent
     _l, _m, _n, _o = photo_electrons, with_dark, with_uneven_dark, held
-    _p, _q, _r, _s, _t = poisson, poisson_of_normal, counts_of, counts_of_charge, signed
+    _p, _q, _r, _s = poisson, poisson_of_normal, counts_of, counts_of_charge
 
 
 @wp.func
@@ -195,7 +191,6 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
         bad_key = key
         few_key = key
         column_key = key
-        template_key = key
         if wp.static(features.read_noise):
             read_key = stream_key(frame, number, STREAM_READ_NOISE, block, sensor_key)
         if wp.static(features.prnu):
@@ -208,8 +203,6 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
             few_key = stream_key(frame, number, STREAM_FEW, block, sensor_key)
         if wp.static(features.column_noise):
             column_key = stream_key(frame, number, STREAM_COLUMN, 0, sensor_key)
-        if wp.static(features.template):
-            template_key = stream_key(frame, number, STREAM_NOISE, 0, sensor_key)
 
         flag_place = image * flags_of_image(detector.n_pixel)
         for strip in range(
@@ -217,15 +210,7 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
         ):
             first = wp.uint32((strip - block * STRIPS_PER_BLOCK) * N_PAIR)
             pixel = strip * STRIP_PIXELS
-            if wp.static(features.template):
-                start = template_place(template_key[0], detector.n_deviate, pixel)
-                sign = sign_of(template_key[1])
-                noise_1 = wp.tile_load(detector.deviates, shape=N_PAIR, offset=start, bounds_check=False)
-                noise_2 = wp.tile_load(detector.deviates, shape=N_PAIR, offset=start + N_PAIR, bounds_check=False)
-                noise_1 = wp.tile_map(signed, noise_1, sign)
-                noise_2 = wp.tile_map(signed, noise_2, sign)
-            else:
-                noise_1, noise_2 = deviates_of_strip(key, first)
+            noise_1, noise_2 = deviates_of_strip(key, first)
             read_1 = noise_1
             read_2 = noise_2
             gain_1 = noise_1
@@ -277,26 +262,3 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
                     wp.tile_store(signal_w_cm2, dark, offset=place, bounds_check=False)
 
     return read_out_kernel
-
-
-@wp.kernel(enable_backward=False)
-def fill_template_kernel(
-    # in
-    n_deviate: int,
-    key: wp.vec2ui,
-    # out
-    deviates: wp.array[float],  # (n_deviate + STRIP_PIXELS,)
-):
-    """The template's unit normal deviates; its first ones stand again at its end."""
-    index = wp.tid()
-    number = index % n_deviate
-    pair = number // 2
-    none = wp.uint32(0)
-    words = stream_key(none, none, STREAM_TEMPLATE, pair // PAIRS_PER_BLOCK, key)
-    in_block = wp.uint32(pair % PAIRS_PER_BLOCK)
-    radius = normal_radius(hashed(in_block, words[0], words[1]))
-    angle = hashed(in_block, words[2], words[3])
-    if number % 2 == 0:
-        deviates[index] = normal_cosine(radius, angle)
-    else:
-        deviates[index] = normal_sine(radius, angle)

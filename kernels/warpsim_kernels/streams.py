@@ -26,8 +26,6 @@ STREAM_GAIN = wp.constant(wp.uint32(6))
 STREAM_OFFSET = wp.constant(wp.uint32(7))
 STREAM_BAD = wp.constant(wp.uint32(8))
 """What stays with a pixel: its gain, its offset, and whether it is bad."""
-STREAM_TEMPLATE = wp.constant(wp.uint32(9))
-"""Deviates that are made once and used again."""
 
 # The two-round hash with the least bias that Wellons (2018, "Prospecting for hash functions") lists.
 _FIRST_MULTIPLIER = wp.constant(wp.uint32(0x21F0AAAD))
@@ -68,22 +66,3 @@ def column_of(pixel: wp.uint32, n_col: wp.uint32, per_col: wp.float64) -> wp.uin
     """Column of a pixel of an image; in float64, as whole numbers are not divided in vector instructions."""
     row = wp.uint32(wp.floor((wp.float64(pixel) + wp.float64(0.5)) * per_col))
     return pixel - row * n_col
-
-
-@wp.func
-def template_place(word: wp.uint32, n_deviate: int, pixel: int) -> int:
-    """Where in the template a pixel of an image finds its deviate; the image starts at a random place."""
-    start = (wp.uint64(word) * wp.uint64(n_deviate)) >> wp.uint64(32)
-    return int((start + wp.uint64(pixel)) % wp.uint64(n_deviate))
-
-
-@wp.func
-def sign_of(word: wp.uint32) -> float:
-    """-1 or 1 by a random word."""
-    return 1.0 - 2.0 * float(wp.int32(word & wp.uint32(1)))
-
-
-@wp.func
-def signed(deviate: float, sign: float) -> float:
-    """A deviate, or its mirror image."""
-    return sign * deviate

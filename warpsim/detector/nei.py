@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field, model_validator
 
-from warpsim.config.fields import Integer, NonNegative, Positive, Switch, closed_interval
+from warpsim.config.fields import NonNegative, Positive, Switch
 from warpsim.config.model import config_model
 from warpsim.detector.fields import BadShare, Bits, Diffusion, Exposure, GainSpread, Nonlinearity
 from warpsim.errors import InputError
@@ -37,9 +37,6 @@ class NeiDetector:
         hot_fraction: Share of pixels that are always saturated.
         nonlinearity: Share of its response that a pixel has lost at SEI: a signal S, at most SEI, reads
             S (1 - nonlinearity * S / SEI).
-        noise: "fresh" for every pixel of every frame, or from a "template" of deviates that is made once: faster, but
-            it repeats.
-        template_size: Deviates in the template.
     """
 
     nei_w_cm2: PositiveByBand
@@ -56,8 +53,6 @@ class NeiDetector:
     dead_fraction: BadShare = 0.0
     hot_fraction: BadShare = 0.0
     nonlinearity: Nonlinearity = 0.0
-    noise: Literal["fresh", "template"] = "fresh"
-    template_size: Annotated[Integer, closed_interval(2**12, 2**26)] = 2**22
     kind: Literal["nei"] = Field(default="nei", kw_only=True)
 
     @model_validator(mode="after")

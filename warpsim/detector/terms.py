@@ -25,8 +25,6 @@ def detector_terms(detector: NeiDetector | ElectronDetector) -> dict[str, str]:
             "column_noise_nei": f"{detector.column_noise_nei:g} NEI rms by column",
         }
     terms = {name: words for name, words in shares.items() if getattr(detector, name) > 0}
-    if isinstance(detector, NeiDetector) and detector.noise == "template":
-        terms["noise"] = f"from a template of {detector.template_size:,} deviates"
     if isinstance(detector, ElectronDetector) and not detector.shot_noise:
         terms["shot_noise"] = "no shot noise"
     return terms

@@ -121,7 +121,6 @@ _TERM_KEYWORDS = {
     "dead_fraction": "DEADFRAC",
     "hot_fraction": "HOTFRAC",
     "nonlinearity": "NONLIN",
-    "noise": "NOISE",
     "shot_noise": "SHOT",
 }
 """FITS keywords of detector terms; the unit stands in the comment."""

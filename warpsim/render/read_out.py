@@ -10,8 +10,7 @@ from typing import Any
 import warp as wp
 from warpsim_kernels.detector import Detector, PixelScalars, ReadOutFeatures
 from warpsim_kernels.poisson import SMALLEST_EXPANDED_MEAN
-from warpsim_kernels.read_out import fill_template_kernel, make_read_out_kernel
-from warpsim_kernels.strips import STRIP_PIXELS
+from warpsim_kernels.read_out import make_read_out_kernel
 
 from warpsim.detector.electron import ElectronDetector
 from warpsim.detector.levels import ElectronLevels, Levels
@@ -55,9 +54,6 @@ def make_read_out(instrument: Instrument, bands: Sequence[str], device: wp.Devic
     arrays.pixels = wp.array(pixels, dtype=PixelScalars, device=device)
     keys = [_key(instrument.noise_key(sensor)) for sensor in range(len(instrument.names))]
     arrays.keys = wp.array(keys, dtype=wp.vec2ui, device=device)
-    if isinstance(detector, NeiDetector) and features.template:
-        arrays.deviates = template_deviates(detector.template_size, instrument.template_key, device)
-        arrays.n_deviate = detector.template_size
     arrays.n_pixel, arrays.n_col = camera.n_row * camera.n_col, camera.n_col
     return ReadOut(features, arrays, make_read_out_kernel(features))
 
@@ -81,7 +77,6 @@ def read_out_features(detector: NeiDetector | ElectronDetector, levels: Mapping[
         }
     else:
         own = {
-            "template": detector.noise == "template",
             "dsnu": detector.dsnu_nei > 0,
             "column_noise": detector.column_noise_nei > 0,
         }
@@ -136,16 +131,3 @@ def _scalars(detector: NeiDetector | ElectronDetector, levels: Levels) -> Any:
 def _words(fraction: float) -> int:
     """How many of the 2**32 random words are a fraction of them."""
     return round(fraction * 2**32)
-
-
-def template_deviates(size: int, key: int, device: wp.Device) -> wp.array:
-    """Return unit normal deviates to be used again and again, (size + STRIP_PIXELS,); the first stand again at the end.
-
-    Args:
-        size: How many.
-        key: 64 bits that they follow from.
-        device: Where they are put.
-    """
-    deviates = wp.empty(size + STRIP_PIXELS, dtype=float, device=device)
-    wp.launch(fill_template_kernel, deviates.size, [size, _key(key)], [deviates], device=device)
-    return deviates

@@ -174,11 +174,6 @@ class Instrument:
         """Return the 64-bit key of a sensor's noise: no other sensor, and no scene of another name or seed, has it."""
         return _key("noise", self._scene.noise_seed, self._scene.name, self.satellite_names[sensor], self.sensor.name)
 
-    @property
-    def template_key(self) -> int:
-        """64-bit key of a template of noise, which the sensors of the kind have in common."""
-        return _key("template", self._scene.noise_seed, self._scene.name, self.sensor.name)
-
     def pointing_key(self, sensor: int) -> int:
         """Return the 64-bit key of the random errors of a sensor's pointing."""
         return _key("pointing", self._scene.seed, self.satellite_names[sensor], self.sensor.name)
