@@ -37,7 +37,7 @@ SETTINGS = {
     "optics.stamp_cut_nei, Gaussian": ("gaussian", 256, {}, (3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 0.001), 1e-5),
     "optics.stamp_cut_nei, Airy": ("airy", 1024, {}, (3.0, 1.0, 0.3, 0.1, 0.03, 0.01), 1e-3),
     "optics.psf_error": ("airy", 1024, WIDE, (1e-2, 1e-3, 1e-4, 1e-5, 1e-6), 6e-7),
-    "optics.psf_points": ("airy", 1024, {**WIDE, "optics__psf_error": 1e-4}, (2, 4, 6), 8),
+    "optics.psf_error, narrow pattern": ("airy", 128, WIDE, (1e-2, 1e-3, 1e-4, 1e-5, 1e-6), 6e-7),
     "optics.n_interval": ("airy", 1024, WIDE, (1, 2, 4, 6, 12), 32),
     "detector.streaks": ("gaussian", 256, EXPOSED, (False, True), True),
     "lighting.leave_out_nei": ("gaussian", 256, SUNLIT, (1000.0, 100.0, 10.0, 0.01), 0.0),

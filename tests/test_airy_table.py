@@ -315,6 +315,7 @@ def test_cheapest_points():
     assert cheapest_points([ws.PsfAiry(0.185, 0.3)]) == 6
     assert cheapest_points([ws.PsfAiry(50.0)]) == 2
     assert cheapest_points([ws.PsfAiry(0.185, 0.3)], error=1e-3) == 2
+    assert cheapest_points([ws.PsfAiry(0.185, 0.3)], error=1e-4) == 4  # so many nodes that their reads count
     assert cheapest_points([ws.PsfAiry(0.02), ws.PsfAiry(50.0)]) >= 6  # one kernel for both
 
 

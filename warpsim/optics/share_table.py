@@ -204,6 +204,5 @@ def check_size(n_row: int, n_col: int, what: str) -> None:
     """
     if n_row * n_col > LARGEST_N_NODE:
         raise InputError(
-            f"needs a table of {n_row} x {n_col} nodes, more than {LARGEST_N_NODE}; more points of interpolation or a "
-            "larger error make it smaller"
+            f"needs a table of {n_row} x {n_col} nodes, more than {LARGEST_N_NODE}; a larger error makes it smaller"
         ).of(what)

@@ -41,7 +41,6 @@ class Optics:
         smear_urad: Standard deviation of each axis of the line of sight, moving faster than the exposure [urad].
         stamp_cut_nei: Light left out of a source's stamp stays below this in every pixel [NEI].
         psf_error: Largest error per pixel of the tables behind "airy" and "table", as a part of the source's light.
-        psf_points: Points per axis with which tables are interpolated (2, 4, 6, 8); the cheapest when left out.
     """
 
     aperture_m: Positive
@@ -54,7 +53,6 @@ class Optics:
     smear_urad: NonNegative = 0.0
     stamp_cut_nei: Positive = 0.1
     psf_error: Annotated[Number, closed_interval(*ERROR_RANGE)] = DEFAULT_ERROR
-    psf_points: Literal[2, 4, 6, 8] | None = None
 
     @model_validator(mode="after")
     def _file_of_a_table(self) -> Optics:

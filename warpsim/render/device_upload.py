@@ -150,8 +150,7 @@ def table_accuracy(instrument: Instrument) -> TableAccuracy:
     """
     optics, camera = instrument.sensor.optics, instrument.sensor.camera
     psfs = [instrument.psf(name) for name in instrument.sensor.bands]
-    n_point = optics.psf_points or points_of(psfs, camera.pixel_aspect, optics.psf_error)
-    return TableAccuracy(optics.psf_error, n_point)
+    return TableAccuracy(optics.psf_error, points_of(psfs, camera.pixel_aspect, optics.psf_error))
 
 
 def points_of(psfs: Sequence[Psf], pixel_aspect: float, error: float) -> int | None:
