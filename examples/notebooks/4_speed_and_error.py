@@ -260,8 +260,9 @@ Markdown(f"""
 - The setting that matters for speed is where stamps end. From `stamp_cut_nei` = {cuts[-1]:g} to {cuts[0]:g} an image
   goes from {together.us_per_image[same[-1]]:.0f} to {together.us_per_image[same[0]]:.0f} us, and the error from
   {together.error_nei[same[-1]]:.2g} to {together.error_nei[same[0]]:.2g} NEI.
-- A looser `psf_error` hardly helps: at the default cut images take {means}, on the mean over `n_interval`, which only
-  changes what is built once. One wavelength instead of six errs by {one:.1f} NEI at the brightest star; a Gaussian by
+- A looser `psf_error` saves less, and most where the pattern is narrow against a pixel: at the default cut images take
+  {means}, on the mean over `n_interval`, which only changes what is built once.
+- One wavelength instead of six errs by {one:.1f} NEI at the brightest star; a Gaussian by
   {alone.error_nei["psf", "gaussian"]:.0f} NEI.
 - The fastest combination takes {together.us_per_image[fastest]:.0f} us at {together.error_nei[fastest]:.2g} NEI.
 """)
