@@ -19,12 +19,12 @@ if __package__ in (None, ""):  # run as a script
 
 from benchmarks.pictures import picture_of  # noqa: E402
 from benchmarks.tables.known import tables_of  # noqa: E402
-from benchmarks.tables.markdown import cases_of  # noqa: E402
+from benchmarks.tables.markdown import Case, cases_of  # noqa: E402
 
 RESULTS = TOP / "benchmarks" / "results"
 ORDER = (
-    "fps", "peers", "stages", "savings", "scaling", "approximations", "first_frame", "deposit", "read_out",
-    "datasets", "signatures", "earth_areas", "star_query", "star_places", "orbits", "access",
+    "fps", "peers", "stages", "machine_code", "savings", "scaling", "approximations", "first_frame", "deposit",
+    "read_out", "datasets", "signatures", "earth_areas", "star_query", "star_places", "orbits", "access",
 )  # fmt: skip
 """Of the sections; others come behind."""
 
@@ -38,21 +38,28 @@ has the command that measured its figures, and the machine. Where the time of an
 
 
 def report(path: Path) -> str:
-    """Machine and date, then the tables of a result of one of the benchmarks here."""
+    """Machine, or compiler, and date, then the tables of a result of one of the benchmarks here."""
     data = json.loads(path.read_text("utf-8"))
-    machine = data["machine_info"]
     cases = cases_of(data)
+    return "\n".join([f"{made_by(data, cases)}, {data['datetime'][:10]}", "", *tables_of(cases)])
+
+
+def made_by(data: dict[str, Any], cases: list[Case]) -> str:
+    """What figures hang on: the compiler of those that nothing was run for, the machine of others."""
+    if "compiler" in data:
+        return str(data["compiler"])
+    machine = data["machine_info"]
     threads = {c["n_thread"] for c in cases if "n_thread" in c}
     told = f"{threads.pop()} threads, " if len(threads) == 1 and threads != {1} else ""
     cpu = machine["cpu"].get("brand_raw", machine["processor"])
-    lines = [f"{cpu}, {told}Python {machine['python_version']}, {data['datetime'][:10]}", "", *tables_of(cases)]
-    return "\n".join(lines)
+    return f"{cpu}, {told}Python {machine['python_version']}"
 
 
 def words_of(name: str) -> tuple[str, str, str]:
     """Title, command and description of a benchmark: the parts of its module's docstring."""
-    path = TOP / "benchmarks" / f"test_{name}.py"
-    if not path.exists():
+    paths = [TOP / "benchmarks" / f"{stem}.py" for stem in (f"test_{name}", name)]
+    path = next((path for path in paths if path.exists()), None)
+    if path is None:
         return name, "", ""
     parts = (ast.get_docstring(ast.parse(path.read_text("utf-8"))) or name).split("\n\n")
     commands = [part for part in parts if part.startswith("    ")]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from benchmarks.tables.drawing import deposit_table, read_out_table
+from benchmarks.tables.machine_code import machine_code_table
 from benchmarks.tables.markdown import Case, table
 from benchmarks.tables.orbits import access_table, orbits_table
 from benchmarks.tables.sky import places_table, star_tables
@@ -12,6 +13,7 @@ from benchmarks.tables.speed import fps_table, peers_table, scaling_table, setti
 from benchmarks.tables.targets import earthlight_table, signatures_table
 
 TABLES: dict[str, Callable[[list[Case]], list[str]]] = {
+    "registers": machine_code_table,
     "light_error": signatures_table,
     "ns_per_pixel": read_out_table,
     "deposit_error": deposit_table,

@@ -1,0 +1,109 @@
+"""Kernels that a frame launches on CUDA, found and compiled without a GPU.
+
+The stages of a worker are called with a scene on the CPU whose device says that it is a GPU, and with launches that are
+only noted: so the list is that of the stages themselves, and what is new in them is in it. Warp's own compiler then
+makes the machine code of a GPU that need not be there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest import mock
+
+import warp as wp
+
+import warpsim as ws
+from warpsim.render import worker
+from warpsim.render.device_upload import make_device_scene
+from warpsim.render.skies import load_catalog, star_index
+
+BAND = "A"
+N_SLOT = 128
+DEFAULT_BLOCK = 256
+"""Threads of a block where a launch does not say."""
+
+EXPOSED: dict[str, Any] = {"detector__exposure_s": 0.05, "epoch_utc": "2025-03-20T00:00:00"}
+GAUSSIAN: dict[str, Any] = {"optics__psf": "gaussian", "optics__sigma_px": 0.7}
+ELECTRONS = ws.ElectronDetector(
+    exposure_s=0.1, full_well_e=2e4, gain_e_per_count=1.0, bits=16, transmission=0.6, quantum_efficiency=0.5,
+    dark_e_s=40.0, read_noise_e=2.0, prnu=0.01, dsnu=0.3, column_noise_e=3.0, dead_fraction=0.01, hot_fraction=0.01,
+    nonlinearity=0.1, streaks=False,
+)  # fmt: skip
+
+SCENES: dict[str, dict[str, Any]] = {
+    "stss, Gaussian": GAUSSIAN,
+    "stss, Airy": {},
+    "in sunlight, exposure, Gaussian": {**EXPOSED, **GAUSSIAN},
+    "in sunlight, exposure, Airy": EXPOSED,
+    "pixels behind the last whole strip": {"camera__n_row": 40, "camera__n_col": 61},
+    "electrons, all terms": {"detector": ELECTRONS},
+}
+"""By name, what is changed of `stss`; a kernel of several scenes counts for the first."""
+
+
+@dataclass(frozen=True)
+class FrameKernel:
+    """A kernel of the frame path, as it would be launched on CUDA."""
+
+    scene: str
+    """The first of SCENES that needs it."""
+    stage: str
+    kernel: wp.Kernel
+    block_dim: int
+    """Threads of a block."""
+
+    @property
+    def name(self) -> str:
+        """Its name without that of the function that made it."""
+        return str(self.kernel.key).rpartition("__locals__")[2].removesuffix("_kernel")
+
+
+def frame_kernels(scenes: dict[str, dict[str, Any]] = SCENES) -> list[FrameKernel]:
+    """Kernels of all scenes, in the order of the stages, each once."""
+    found: dict[tuple[wp.Kernel, int], FrameKernel] = {}
+    for name, changes in scenes.items():
+        for stage, kernel, block_dim in _launched(ws.Scene.load("stss").replace(**changes)):
+            found.setdefault((kernel, block_dim), FrameKernel(name, stage, kernel, block_dim))
+    return list(found.values())
+
+
+def _launched(scene: ws.Scene) -> Iterator[tuple[str, wp.Kernel, int]]:
+    """Stage, kernel and threads of a block of each launch that a chunk would make on CUDA."""
+    scenario, cpu = scene.scenario, wp.get_device("cpu")
+    index = star_index(scene.sky, scenario.epoch, load_catalog(scene.sky), cpu)
+    on_cpu = make_device_scene(scenario, scenario.instrument, [BAND], cpu, index)
+    chunk = worker.Worker(on_cpu, (scene.camera.n_row, scene.camera.n_col), 2, N_SLOT).chunk
+    on_cuda = dataclasses.replace(on_cpu, device=SimpleNamespace(is_cuda=True, is_cpu=False))
+    launches: list[tuple[wp.Kernel, int]] = []
+
+    def note(kernel: wp.Kernel, *_: Any, block_dim: int | None = None, **__: Any) -> None:
+        launches.append((kernel, block_dim or DEFAULT_BLOCK))
+
+    with mock.patch.object(wp, "launch", note), mock.patch.object(wp, "launch_tiled", note):
+        for stage in (*worker.VIEW_STAGES, *worker.IMAGE_STAGES):
+            launches.clear()
+            stage(on_cuda, chunk)
+            yield from [(stage.__name__, kernel, block_dim) for kernel, block_dim in launches]
+
+
+def compiled(kernel: FrameKernel, arch: int, folder: Path) -> Path:
+    """Compile the module of a kernel to a cubin in a folder of its own.
+
+    Args:
+        kernel: What is compiled.
+        arch: 90 for sm_90.
+        folder: Where the cubin is put.
+    """
+    module = kernel.kernel.module
+    before = module.options["block_dim"]
+    module.options["block_dim"] = kernel.block_dim
+    try:
+        (path,) = wp.compile_aot_module(module, arch=arch, module_dir=folder, use_ptx=False)
+    finally:
+        module.options["block_dim"] = before
+    return Path(path)
