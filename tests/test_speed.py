@@ -5,11 +5,13 @@ import re
 
 import numpy as np
 import pytest
+import warp as wp
 
 import warpsim as ws
 from warpsim.cli import main
+from warpsim.render.image_stack import ImageStack
 from warpsim.render.stages import IMAGE_STAGES, VIEW_STAGES
-from warpsim.speed.clock import render_call, stage_times_us, timed_stages, work_fps
+from warpsim.speed.clock import render_call, stage_times_us, synchronised_s, timed_stages, work_fps
 from warpsim.speed.report import PAPER_FPS, Speed, row
 from warpsim.speed.work import BAND, FLUX_RANGE_NEI, N_CALL, power_law_nei, speed_catalog, speed_work
 
@@ -107,6 +109,7 @@ def test_measures_are_positive(work):
     assert work_fps(work, ws.Renderer(work.scene, "cpu", 1, work.catalog), 1) > 0
     assert min(stage_times_us(work, "cpu", 1).values()) > 0
     assert ws.measure_fps(16, "cpu", "gaussian", 1, n_star=3, n_sensor=2, n_thread=1) > 0
+    assert ws.measure_fps(16, "cpu", n_round=1, n_star=3, n_frame=4, resident=True) > 0
 
 
 def test_bench_prints_both_tables_and_writes_the_figures(capsys, tmp_path):
@@ -114,8 +117,8 @@ def test_bench_prints_both_tables_and_writes_the_figures(capsys, tmp_path):
     code, out, _ = run(capsys, "bench", *TINY, "--sensors", "1,3", "--stars", "7", "--psf", "gaussian", "--json", path)
     assert code == 0
     assert "about 7 stars in view, a Gaussian of 0.7 px" in out
-    assert re.findall(r"^cpu +(\d+)\^2 +(\d+) +[\d,]+ +- ", out, re.MULTILINE) == [
-        ("16", "1"), ("16", "3"), ("24", "1"), ("24", "3"),
+    assert re.findall(r"^cpu +(\d+)\^2 +(\d+) +(\d+) +[\d,]+ +- ", out, re.MULTILINE) == [
+        ("16", "1", "64"), ("16", "3", "21"), ("24", "1", "64"), ("24", "3", "21"),
     ]  # fmt: skip
     stages = [stage.__name__ for stage in (*VIEW_STAGES, *IMAGE_STAGES)]
     assert re.findall(r"^(\w+) +[\d.,]+ +[\d.,]+$", out, re.MULTILINE) == [*stages, "sum", "whole"]
@@ -130,10 +133,37 @@ def test_bench_prints_both_tables_and_writes_the_figures(capsys, tmp_path):
     assert (code, out, err.count("\n")) == (2, "", 1) and "is there already" in err
 
 
+def test_bench_leaves_counts_on_the_device_and_takes_frames_of_a_call(capsys, tmp_path, monkeypatch, device):
+    copied = []
+    numpy = ImageStack.numpy
+    monkeypatch.setattr(ImageStack, "numpy", lambda images: copied.append(images.shape) or numpy(images))
+    size = ("--pixels", "16", "--sensors", "2", "--stars", "3", "--frames", "5", "--quick", "--device", device)
+    code, out, _ = run(capsys, "bench", *size, "--resident", "--json", tmp_path / "resident.json")
+    assert code == 0 and not copied and "counts left on the device" in out
+    data = json.loads((tmp_path / "resident.json").read_text())
+    assert data["plan"]["resident"] and [case["n_frame"] for case in data["cases"]] == [5]
+    code, out, _ = run(capsys, "bench", *size)
+    assert code == 0 and set(copied) == {(5, 2, 1, 16, 16)} and "counts in host memory" in out
+
+
+def test_time_between_idle_moments_holds_what_is_launched(monkeypatch, device):
+    events = []
+    monkeypatch.setattr(wp, "synchronize_device", lambda where: events.append(str(where)))
+    assert synchronised_s(lambda: events.append("call"), wp.get_device(device)) > 0
+    assert events == [device, "call", device]
+
+
+def test_resident_counts_are_those_of_the_host(work, device):
+    renderer = ws.Renderer(work.scene, device, 1, work.catalog)
+    resident = render_call(work, renderer, 1, resident=True)
+    assert str(resident.device) == device
+    np.testing.assert_array_equal(resident.numpy(), render_call(work, renderer, 1))
+
+
 def test_rows_have_the_papers_figures_beside_ours():
     assert {n: int(fps // 30) for n, fps in PAPER_FPS.items()} == {128: 20, 256: 10, 512: 2, 1024: 1}
-    text = row(Speed("cpu", 2, 128, 20, 100, "airy", 60_700.0, None))
-    assert text.split() == ["cpu", "128^2", "20", "60,700", "607", "100.0", "2,023", "20"]
+    text = row(Speed("cpu", 2, 128, 20, 100, "airy", 60_700.0, None, 1024))
+    assert text.split() == ["cpu", "128^2", "20", "1,024", "60,700", "607", "100.0", "2,023", "20"]
 
 
 @pytest.mark.parametrize(
@@ -147,6 +177,9 @@ def test_rows_have_the_papers_figures_beside_ours():
         (["--sensors", "1,"], "--sensors: must be a whole number, got ''"),
         (["--stars", "-1"], "--stars: must be >= 0, got -1"),
         (["--psf", "table"], "--psf: must be airy or gaussian, got 'table'"),
+        (["--frames", "0"], "--frames: must be whole numbers >= 1, got '0'"),
+        (["--frames", "2,4"], "--frames: must be one number, got '2,4'"),
+        (["--frames", "25001"], "--frames: must be <= 25000, got 25001"),
         (["--device", "tpu"], "device: must be one of cpu"),
         (["--json", "speed.txt"], "speed.txt: must end in .json"),
     ],
@@ -172,5 +205,11 @@ def test_bench_measures_each_kind_of_a_scene(capsys, tmp_path):
     ]  # fmt: skip
     cases = json.loads((tmp_path / "x.json").read_text())["cases"]
     assert [case["kind"] for case in cases] == ["narrow", "wide"] and all(case["images_per_s"] > 0 for case in cases)
+    assert [case["n_frame"] for case in cases] == [4, 4] and not cases[0]["resident"]
+    code, out, _ = run(
+        capsys, "bench", tmp_path / "both.toml", "--quick", "--device", "cpu", "--resident", "--frames", 2
+    )
+    assert code == 0 and "counts left on the device" in out
+    assert re.findall(r"^cpu +\w+ +\d+ x \d+ +\d +\d+ +(\d) ", out, re.MULTILINE) == ["2", "2"]
     code, _, err = run(capsys, "bench", tmp_path / "both.toml", "--pixels", "16")
     assert (code, err) == (2, "warpsim: --pixels: must not be given with a scene, which has its own\n")

@@ -154,6 +154,8 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--sensors", metavar="N,N", help="numbers of sensors; 1,20 if left out")
     parser.add_argument("--stars", metavar="N", help="stars in view, about; 100 if left out")
     parser.add_argument("--psf", metavar="NAME", help="airy (the default), or gaussian: of 0.7 px")
+    parser.add_argument("--frames", metavar="N", help="frames of a call; as many as 64 MB of counts hold if left out")
+    parser.add_argument("--resident", action="store_true", help="leave counts on the device: nothing is copied")
     parser.add_argument("--quick", action="store_true", help="fewer and shorter calls: good to a factor, in seconds")
     parser.add_argument("--json", metavar="FILE", help="also write the figures: .json")
     parser.add_argument("--overwrite", action="store_true", help="replace an existing file")
@@ -405,7 +407,8 @@ def _bench_scene(options: argparse.Namespace) -> int:
     _start_warp()
     scenario = _scenario(options.scene)
     devices = () if options.device is None else tuple(_names(options.device) or ())
-    speeds = list(scene_speeds(scenario, devices, 3 if options.quick else 9))
+    n_frame = _frames_of_call(options.frames)
+    speeds = list(scene_speeds(scenario, devices, 3 if options.quick else 9, n_frame, options.resident))
     print(scene_speed_table(scenario, speeds))
     if path:
         write_json({"scene": scenario.scene.name, "cases": [asdict(speed) for speed in speeds]}, path)
@@ -436,8 +439,10 @@ def _bench(options: argparse.Namespace) -> int:
         "sensors": _counts("--sensors", options.sensors),
         "n_star": n_star,
         "psf": options.psf,
+        "frames": _frames_of_call(options.frames),
     }
-    plan = BenchmarkPlan(**{name: value for name, value in given.items() if value is not None}, quick=options.quick)
+    switches = {"quick": options.quick, "resident": options.resident}
+    plan = BenchmarkPlan(**{name: value for name, value in given.items() if value is not None}, **switches)
     _check_sizes(plan)
     _start_warp()
     speeds: list[Speed] = []
@@ -452,9 +457,19 @@ def _bench(options: argparse.Namespace) -> int:
     return 0
 
 
+def _frames_of_call(text: str | None) -> int | None:
+    """Frames of a measured call of bench."""
+    numbers = _counts("--frames", text)
+    if numbers is None:
+        return None
+    if len(numbers) > 1:
+        raise InputError("must be one number", "--frames", text)
+    return numbers[0]
+
+
 def _check_sizes(plan: BenchmarkPlan) -> None:
     """Check the scenes of all sizes, before the first is measured."""
-    from warpsim.speed.work import speed_scene
+    from warpsim.speed.work import N_CALL, speed_scene
 
     cases = [("--pixels", n_pixel, n_pixel, 1) for n_pixel in plan.pixels]
     cases += [("--sensors", n_sensor, min(plan.pixels), n_sensor) for n_sensor in plan.sensors]
@@ -463,6 +478,9 @@ def _check_sizes(plan: BenchmarkPlan) -> None:
             speed_scene(n_pixel, plan.psf, n_sensor)
         except InputError as error:
             raise InputError(f"{number} is not possible: {error}", option) from None
+    most = speed_scene(min(plan.pixels), plan.psf).frames.count // N_CALL
+    if plan.frames is not None and plan.frames > most:
+        raise InputError(f"must be <= {most}", "--frames", plan.frames)
 
 
 def _counts(where: str, text: str | None) -> tuple[int, ...] | None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import warp as wp
@@ -29,8 +30,10 @@ def measure_fps(
     n_star: int = 100,
     n_sensor: int = 1,
     n_thread: int | None = None,
+    n_frame: int | None = None,
+    resident: bool = False,
 ) -> float:
-    """Median frames per second of one band of `stss`, counts in host memory: images per second over all sensors.
+    """Median frames per second of one band of `stss`: images per second over all sensors.
 
     Args:
         n_pixel: Rows and columns.
@@ -40,39 +43,61 @@ def measure_fps(
         n_star: Stars in view, about.
         n_sensor: Sensors.
         n_thread: CPU threads; all cores when left out.
+        n_frame: Frames of a call; 64 MB of counts, but no more than 2048 images, when left out.
+        resident: Whether counts stay on the device; otherwise each call ends with them in host memory.
 
     Raises:
         InputError: An unknown psf, or a number that is out of range.
     """
-    work = speed_work(n_pixel, n_star, n_sensor, psf)
-    return work_fps(work, Renderer(work.scene, device, n_thread, work.catalog), n_round)
+    work = speed_work(n_pixel, n_star, n_sensor, psf, n_frame)
+    return work_fps(work, Renderer(work.scene, device, n_thread, work.catalog), n_round, resident)
 
 
-def work_fps(work: SpeedWork, renderer: Renderer, n_round: int) -> float:
+def work_fps(work: SpeedWork, renderer: Renderer, n_round: int, resident: bool = False) -> float:
     """Median images per second of a renderer that was made for the work."""
-    render_call(work, renderer, 0)  # compiles, and finds how long source lists are
-    seconds = []
-    for number in range(1, n_round + 1):
-        begin = time.perf_counter()
-        render_call(work, renderer, number)
-        seconds.append(time.perf_counter() - begin)
+    render_call(work, renderer, 0, resident)  # compiles, and finds how long source lists are
+    calls = [partial(render_call, work, renderer, number, resident) for number in range(1, n_round + 1)]
+    seconds = [synchronised_s(call, renderer.device) for call in calls]
     return work.n_view / statistics.median(seconds)
 
 
-def render_call(work: SpeedWork, renderer: Renderer, call: int) -> Any:
-    """One call of the work; its counts in host memory, (frame, sensor, 1, n_pixel, n_pixel)."""
-    return renderer.render(work.frames(call), sensors=work.sensors, bands=[BAND]).counts.numpy()
+def synchronised_s(call: Callable[[], Any], device: wp.Device) -> float:
+    """Seconds of a call, from when the device is idle until it is idle again."""
+    wp.synchronize_device(device)
+    begin = time.perf_counter()
+    call()
+    wp.synchronize_device(device)
+    return time.perf_counter() - begin
 
 
-def stage_times_us(work: SpeedWork, device: Any = None, n_round: int = 3) -> dict[str, float]:
+def render_call(work: SpeedWork, renderer: Renderer, call: int, resident: bool = False) -> Any:
+    """Make one call of the work and wait for it.
+
+    Args:
+        work: Whose frames are rendered.
+        renderer: Made for the work.
+        call: Number of the call.
+        resident: Whether counts stay on the device, and nothing of them is copied.
+
+    Returns:
+        Counts, (frame, sensor, 1, n_pixel, n_pixel): a NumPy array in host memory, or the images on the device.
+    """
+    counts = renderer.render(work.frames(call), sensors=work.sensors, bands=[BAND]).counts
+    if not resident:
+        return counts.numpy()
+    wp.synchronize_device(renderer.device)
+    return counts
+
+
+def stage_times_us(work: SpeedWork, device: Any = None, n_round: int = 3, resident: bool = False) -> dict[str, float]:
     """Microseconds per image of each stage, in order: the median over the full chunks of some calls, one thread."""
     with timed_stages() as times:
         renderer = Renderer(work.scene, device, 1, work.catalog)
-        render_call(work, renderer, 0)
+        render_call(work, renderer, 0, resident)
         for spans in times.values():
             spans.clear()
         for number in range(1, n_round + 1):
-            render_call(work, renderer, number)
+            render_call(work, renderer, number, resident)
     return {name: _per_image_us(spans) for name, spans in times.items()}
 
 
