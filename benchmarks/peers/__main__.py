@@ -1,6 +1,6 @@
 """A quick look on a machine that is not idle: processor time of an image, one thread each, by turns.
 
-    python -m benchmarks.peers [NumPy | Numba | GalSim]
+    python -m benchmarks.peers [NumPy | Numba | GalSim | sdasim]
 
 Least of some turns, about 100 stars. What counts is benchmarks/test_peers.py, on an idle machine.
 """
@@ -10,10 +10,11 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from functools import partial
 
 import warp as wp
 
-from benchmarks.peers.pairs import PEERS, is_installed, make_peer
+from benchmarks.peers.pairs import PEERS, draws, is_installed, make_peer
 from benchmarks.peers.work import PSFS, peer_work
 from warpsim.speed.clock import render_call
 
@@ -51,6 +52,6 @@ if __name__ == "__main__":
     name = parser.parse_args().peer
     wp.config.log_level = wp.LOG_ERROR
     print(f"{'PSF':<9} {'pixels':>7} {'ours [us]':>12} {f'{name} [us]':>12} {'ratio':>7}")
-    for psf in PSFS:
+    for psf in filter(partial(draws, name), PSFS):
         for n_pixel in (128, 256, 512, 1024):
             print(look(name, psf, n_pixel), flush=True)

@@ -16,8 +16,16 @@ import numpy as np
 from benchmarks.peers.work import EXACT, Peer, PeerWork
 from warpsim.speed.clock import render_call
 
-PEERS = {"NumPy": ("numpy", "NumpyPeer"), "Numba": ("numba", "NumbaPeer"), "GalSim": ("galsim", "GalsimPeer")}
+PEERS = {
+    "NumPy": ("numpy", "NumpyPeer"),
+    "Numba": ("numba", "NumbaPeer"),
+    "GalSim": ("galsim", "GalsimPeer"),
+    "sdasim": ("sdasim", "SdasimPeer"),
+}
 """Package and class of each."""
+
+GAUSSIANS_ONLY = ("sdasim",)
+"""Peers that draw no other pattern."""
 
 TURN_S = 0.2
 """Each has its turn for so long."""
@@ -26,6 +34,11 @@ TURN_S = 0.2
 def is_installed(name: str) -> bool:
     """Whether a peer can be made."""
     return all(importlib.util.find_spec(package) for package in (PEERS[name][0], "scipy"))
+
+
+def draws(name: str, psf: str) -> bool:
+    """Whether a peer has a point spread function, one of PSFS."""
+    return psf == "gaussian" or name not in GAUSSIANS_ONLY
 
 
 def make_peer(name: str, work: PeerWork, n_thread: int | None = None) -> Peer:
