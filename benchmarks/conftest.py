@@ -1,8 +1,29 @@
-"""Results tell of the machine what speed hangs on, and nothing else."""
+"""What benchmarks share: the devices to run on; and of the machine, results have what speed hangs on, nothing else."""
 
 from __future__ import annotations
 
 from typing import Any
+
+import pytest
+
+from benchmarks.devices import benchmark_devices
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """`--device=cuda:0`: where benchmarks run that take the fixture `device`."""
+    text = "comma-separated Warp devices; the CPU and, where there is one, the first GPU if left out"
+    parser.addoption("--device", metavar="NAMES", help=text)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Refuse a device that is not there before anything is collected."""
+    benchmark_devices(config)
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Run a benchmark that asks for `device` on each."""
+    if "device" in metafunc.fixturenames:
+        metafunc.parametrize("device", benchmark_devices(metafunc.config))
 
 
 def pytest_benchmark_update_machine_info(machine_info: dict[str, Any]) -> None:

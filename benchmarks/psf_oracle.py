@@ -10,11 +10,11 @@ from scipy.special import erf, j1
 import warpsim as ws
 
 
-def psf_error(psf: ws.PsfGaussian | ws.PsfAiry) -> float:
+def psf_error(psf: ws.PsfGaussian | ws.PsfAiry, device: str = "cpu") -> float:
     """Worst pixel of a unit source over a few phases, against float64 quadrature over 7 x 7 pixels."""
     worst = 0.0
     for dx, dy in [(0.0, 0.0), (0.31, -0.27), (0.5, 0.5), (-0.44, 0.12)]:
-        image = ws.deposit([[8 + dx, 8 + dy]], [1.0], psf, (17, 17), device="cpu").astype(np.float64)
+        image = ws.deposit([[8 + dx, 8 + dy]], [1.0], psf, (17, 17), device=device).astype(np.float64)
         for row, column in itertools.product(range(5, 12), repeat=2):
             exact = pixel_share(psf, column - 8 - dx, row - 8 - dy)
             worst = max(worst, abs(image[row, column] - exact))

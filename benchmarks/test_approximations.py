@@ -59,33 +59,34 @@ def changed(work: SpeedWork, changes: dict) -> SpeedWork:
     return replace(work, scene=scene, n_frame=n_frame)
 
 
-def timed(benchmark, work: SpeedWork) -> float | None:
+def timed(benchmark, work: SpeedWork, device: str) -> float | None:
     """Microseconds per image; None where benchmarks are disabled."""
-    renderer, calls = ws.Renderer(work.scene, "cpu", 1, work.catalog), itertools.count()
+    renderer, calls = ws.Renderer(work.scene, device, 1, work.catalog), itertools.count()
     rounds = 7 if benchmark.enabled else 1
     benchmark.pedantic(lambda: render_call(work, renderer, next(calls)), rounds=rounds, warmup_rounds=1)
     return None if benchmark.stats is None else benchmark.stats.stats.median / work.n_view * 1e6
 
 
-def signal_nei(work: SpeedWork) -> np.ndarray:
+def signal_nei(work: SpeedWork, device: str) -> np.ndarray:
     """Noiseless images of some frames, spread over all calls."""
     frames = np.linspace(0, 4 * work.n_frame - 1, N_CHECKED).astype(int).tolist()
-    renderer = ws.Renderer(work.scene, "cpu", 1, work.catalog)
+    renderer = ws.Renderer(work.scene, device, 1, work.catalog)
     signal = renderer.render(frames, work.sensors, [BAND], keep_signal=True).signal_w_cm2.numpy()
     return signal.astype(np.float64) / work.scene.scenario.instrument.nei_w_cm2(BAND)
 
 
 @pytest.mark.parametrize(("name", "value"), CASES, ids=[f"{name}-{value}" for name, value in CASES])
-def test_setting(benchmark, name, value):
+def test_setting(benchmark, name, value, device):
     psf, n_pixel, changes, _, finest = SETTINGS[name]
     field = name.partition(",")[0].replace(".", "__")
     shape = (n_pixel, 100, None) if benchmark.enabled else (32, 5, 2)
     plain = changed(speed_work(shape[0], shape[1], psf=psf, n_frame=shape[2]), changes)
     work = changed(plain, {field: value})
-    us_per_image = timed(benchmark, work)
+    us_per_image = timed(benchmark, work, device)
     if us_per_image is not None:
-        error = np.abs(signal_nei(work) - signal_nei(changed(plain, {field: finest}))).max()
-        note(benchmark, name, value, us_per_image, error_nei=float(error), n_pixel=n_pixel)
+        finest_work = changed(plain, {field: finest})
+        error = np.abs(signal_nei(work, device) - signal_nei(finest_work, device)).max()
+        note(benchmark, device, name, value, us_per_image, error_nei=float(error), n_pixel=n_pixel)
 
 
 @pytest.mark.parametrize("error_m", [1.0, 1e-1, 1e-2, 1e-3, 1e-4])
@@ -112,12 +113,12 @@ def test_track_nodes(benchmark, error_m):
         track.position_at_m(time_s)
     host_us = (time.perf_counter() - begin) / len(make) / len(time_s) * 1e6
     note(
-        benchmark, "error of tracks [m]", error_m, None, scene_s=benchmark.stats.stats.median, host_us=host_us,
+        benchmark, "cpu", "error of tracks [m]", error_m, None, scene_s=benchmark.stats.stats.median, host_us=host_us,
         error_m=float(np.linalg.norm(found_m - exact_m, axis=-1).max()), n_node=make[0].n_node,
     )  # fmt: skip
 
 
-def note(benchmark, setting: str, value: object, us_per_image: float | None, **facts: object) -> None:
+def note(benchmark, device: str, setting: str, value: object, us_per_image: float | None, **facts: object) -> None:
     benchmark.extra_info.update(
-        setting=setting, value=value, us_per_image=us_per_image, device="cpu", n_thread=1, **facts
+        setting=setting, value=value, us_per_image=us_per_image, device=device, n_thread=1, **facts
     )

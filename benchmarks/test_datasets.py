@@ -42,7 +42,7 @@ def recipe(format: str, full: bool) -> dict[str, Any]:
     return given | size
 
 
-def write(given: dict[str, Any], folder: str, n_worker: int, dask: bool) -> None:
+def write(given: dict[str, Any], folder: str, n_worker: int, dask: bool, device: str) -> None:
     """The program that is measured: what it did, as JSON on its standard output."""
     if dask:
         import distributed
@@ -51,22 +51,22 @@ def write(given: dict[str, Any], folder: str, n_worker: int, dask: bool) -> None
             distributed.LocalCluster(n_workers=n_worker, threads_per_worker=1, dashboard_address=None) as cluster,
             distributed.Client(cluster) as client,
         ):
-            report = ws.write_dataset(ws.Recipe(**given), folder, client.get_executor(), device="cpu")
+            report = ws.write_dataset(ws.Recipe(**given), folder, client.get_executor(), device=device)
     else:
-        report = ws.write_dataset(ws.Recipe(**given), folder, n_worker=n_worker, device="cpu")
+        report = ws.write_dataset(ws.Recipe(**given), folder, n_worker=n_worker, device=device)
     print(json.dumps({"n_image": report.n_image, "n_byte": report.n_byte, "total_s": report.total_s}))
 
 
-def start(given: dict[str, Any], folder: Path, n_worker: int, dask: bool = False) -> subprocess.Popen[str]:
-    arguments = [json.dumps(given), str(folder), str(n_worker), str(int(dask))]
+def start(given: dict[str, Any], folder: Path, n_worker: int, device: str, dask: bool = False) -> subprocess.Popen[str]:
+    arguments = [json.dumps(given), str(folder), str(n_worker), str(int(dask)), device]
     command = [sys.executable, __file__, *arguments]
     path = os.pathsep.join(filter(None, sys.path))
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": path})
 
 
-def run(given: dict[str, Any], folder: Path, n_worker: int, dask: bool = False) -> dict[str, Any]:
+def run(given: dict[str, Any], folder: Path, n_worker: int, device: str, dask: bool = False) -> dict[str, Any]:
     """What a program did, and the peak memory of its processes."""
-    process = start(given, folder, n_worker, dask)
+    process = start(given, folder, n_worker, device, dask)
     assert process.stdout is not None
     words = process.stdout.read()
     _, status, usage = os.wait4(process.pid, 0)
@@ -74,11 +74,12 @@ def run(given: dict[str, Any], folder: Path, n_worker: int, dask: bool = False) 
     return json.loads(words.splitlines()[-1]) | {"peak_memory_mb": usage.ru_maxrss * 1024 / MB}
 
 
-def record(benchmark: Any, format: str, workers: str, done: dict[str, Any]) -> None:
+def record(benchmark: Any, format: str, workers: str, device: str, done: dict[str, Any]) -> None:
     n_image = done["n_image"]
     benchmark.extra_info |= {
         "format": format,
         "workers": workers,
+        "device": device,
         "images": n_image,
         "s": done["total_s"],
         "images per s": n_image / done["total_s"],
@@ -89,42 +90,42 @@ def record(benchmark: Any, format: str, workers: str, done: dict[str, Any]) -> N
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_processes(benchmark, tmp_path, format):
+def test_processes(benchmark, tmp_path, format, device):
     if not benchmark.enabled and format != "fits":
         pytest.skip("is measured, or not run")
     given = recipe(format, benchmark.enabled)
-    done = benchmark.pedantic(lambda: run(given, tmp_path / "data", 2 if benchmark.enabled else 1), rounds=1)
+    done = benchmark.pedantic(lambda: run(given, tmp_path / "data", 2 if benchmark.enabled else 1, device), rounds=1)
     shutil.rmtree(tmp_path / "data")
-    record(benchmark, format, "2 processes", done)
+    record(benchmark, format, "2 processes", device, done)
 
 
 @pytest.mark.parametrize("format", ["fits", "zarr"])
-def test_dask(benchmark, tmp_path, format):
+def test_dask(benchmark, tmp_path, format, device):
     pytest.importorskip("distributed")
     if not benchmark.enabled and format != "zarr":
         pytest.skip("is measured, or not run")
     given = recipe(format, benchmark.enabled)
-    done = benchmark.pedantic(lambda: run(given, tmp_path / "data", 2, dask=True), rounds=1)
+    done = benchmark.pedantic(lambda: run(given, tmp_path / "data", 2, device, dask=True), rounds=1)
     shutil.rmtree(tmp_path / "data")
-    record(benchmark, format, "2 of Dask", done)
+    record(benchmark, format, "2 of Dask", device, done)
 
 
-def test_killed_and_resumed(benchmark, tmp_path):
+def test_killed_and_resumed(benchmark, tmp_path, device):
     """Killed at a random moment; the rest is written by a second run, and the bytes are those of an undisturbed one."""
     if not benchmark.enabled:
         pytest.skip("is measured, or not run")
     given = recipe("fits", True)
-    whole = run(given, tmp_path / "whole", 2)
+    whole = run(given, tmp_path / "whole", 2, device)
     moment_s = random.uniform(0.2, 0.8) * whole["total_s"]
 
     def disturbed() -> dict[str, Any]:
         begin = time.perf_counter()
-        process = start(given, tmp_path / "data", 2)
+        process = start(given, tmp_path / "data", 2, device)
         time.sleep(moment_s)
         process.send_signal(signal.SIGKILL)
         process.wait()
         before_s = time.perf_counter() - begin
-        again = run(given, tmp_path / "data", 2)
+        again = run(given, tmp_path / "data", 2, device)
         return again | {"total_s": before_s + again["total_s"]}
 
     done = benchmark.pedantic(disturbed, rounds=1)
@@ -133,8 +134,8 @@ def test_killed_and_resumed(benchmark, tmp_path):
     assert subprocess.run(["diff", "-r", tmp_path / "whole", tmp_path / "data"]).returncode == 0
     for name in ("whole", "data"):
         shutil.rmtree(tmp_path / name)
-    record(benchmark, "fits", f"2 processes, killed after {moment_s:.1f} s and run again", done)
+    record(benchmark, "fits", f"2 processes, killed after {moment_s:.1f} s and run again", device, done)
 
 
 if __name__ == "__main__":
-    write(json.loads(sys.argv[1]), sys.argv[2], int(sys.argv[3]), sys.argv[4] == "1")
+    write(json.loads(sys.argv[1]), sys.argv[2], int(sys.argv[3]), sys.argv[4] == "1", sys.argv[5])

@@ -26,6 +26,7 @@ from benchmarks.deposit_variants import VARIANTS, Variant, draw_by_error_functio
 from benchmarks.psf_oracle import pixel_share
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
 from warpsim.optics.tables import TableAccuracy
+from warpsim.render.device import rows_per_block
 from warpsim.render.streaks import paths_struct
 
 N_SOURCE = 4000
@@ -60,28 +61,30 @@ WAYS |= {
 
 
 class Drawing:
-    """Sources of unit light, ready to be drawn."""
+    """Sources of unit light, ready to be drawn where the rule of their stamps is."""
 
     def __init__(self, psf: Any, accuracy: TableAccuracy | None, xy_px: Any, rule: Any, path_px: Any = None) -> None:
         n = len(xy_px)
-        self.bank = psf_bank([psf], "cpu", 1.0, accuracy)
+        self.device = device = rule.cut_w_cm2.device
+        self.bank = psf_bank([psf], device, 1.0, accuracy)
         self.rule = rule
         self.sources = [
-            wp.array([n], dtype=wp.int32, device="cpu"),
-            wp.array(xy_px[None], dtype=wp.vec2d, device="cpu"),
-            wp.array(np.ones((1, 1, n)), dtype=wp.float32, device="cpu"),
+            wp.array([n], dtype=wp.int32, device=device),
+            wp.array(xy_px[None], dtype=wp.vec2d, device=device),
+            wp.array(np.ones((1, 1, n)), dtype=wp.float32, device=device),
         ]
-        self.signal = wp.zeros((1, 1, N_PIXEL, N_PIXEL), dtype=wp.float32, device="cpu")
-        self.lit = wp.zeros((1, 1, n_flag(N_PIXEL * N_PIXEL)), dtype=wp.uint8, device="cpu")
+        self.signal = wp.zeros((1, 1, N_PIXEL, N_PIXEL), dtype=wp.float32, device=device)
+        self.lit = wp.zeros((1, 1, n_flag(N_PIXEL * N_PIXEL)), dtype=wp.uint8, device=device)
         self.paths = None
         if path_px is not None:
             series = np.broadcast_to(np.asarray(path_px, np.float32), (1, n, len(path_px), 2))
-            still = wp.zeros((1, 1, 0, 0), dtype=wp.float32, device="cpu")
-            self.paths = paths_struct(wp.array(series.copy(), dtype=wp.vec2, device="cpu"), still, 0)
+            still = wp.zeros((1, 1, 0, 0), dtype=wp.float32, device=device)
+            self.paths = paths_struct(wp.array(series.copy(), dtype=wp.vec2, device=device), still, 0)
 
     def draw(self) -> None:
         """Add the light of the sources to the image."""
-        self.bank.deposit(self.sources, self.rule, N_PIXEL, self.signal, self.paths, self.lit)
+        n_row_per_block = rows_per_block(self.device, N_PIXEL)
+        self.bank.deposit(self.sources, self.rule, n_row_per_block, self.signal, self.paths, self.lit)
 
     def __call__(self) -> Any:
         """The image, float64."""
@@ -129,12 +132,17 @@ def gaussian_axis(offset: Any) -> Any:
     return ndtr((offset + 0.5) / SIGMA_PX) - ndtr((offset - 0.5) / SIGMA_PX)
 
 
-def timed(benchmark: Any, draw: Any) -> bool:
+def timed(benchmark: Any, draw: Any, device: str) -> bool:
     """Time what draws, its launches recorded; whether there is a time."""
     draw()  # compiles
-    with wp.ScopedCapture("cpu") as capture:
+    with wp.ScopedCapture(device) as capture:
         draw()
-    benchmark.pedantic(lambda: wp.capture_launch(capture.graph), rounds=15 if benchmark.enabled else 1, warmup_rounds=1)
+
+    def launch() -> None:
+        wp.capture_launch(capture.graph)
+        wp.synchronize_device(device)
+
+    benchmark.pedantic(launch, rounds=15 if benchmark.enabled else 1, warmup_rounds=1)
     return benchmark.stats is not None
 
 
@@ -143,14 +151,15 @@ def ns_per_source(benchmark: Any, n_source: int = N_SOURCE) -> float:
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_ways(benchmark, way):
+def test_ways(benchmark, way, device):
     psf, accuracy = WAYS[way]
     # The same stamps for all: 7 x 7 pixels hold what is above 1e-5 of a source's light, or nearly so.
-    rule = stamp_rule([0.0], 1e-5, "cpu")
-    if timed(benchmark, Drawing(psf, accuracy, places(N_SOURCE), rule).draw):
+    rule = stamp_rule([0.0], 1e-5, device)
+    if timed(benchmark, Drawing(psf, accuracy, places(N_SOURCE), rule).draw, device):
         kind, _, how = way.partition(", ")
-        fine = stamp_rule([0.0], 1e-9, "cpu")
+        fine = stamp_rule([0.0], 1e-9, device)
         benchmark.extra_info.update(
+            device=device,
             group=f"{kind}, shares",
             way=how,
             ns_per_source=ns_per_source(benchmark),
@@ -158,18 +167,19 @@ def test_ways(benchmark, way):
         )
 
 
-def test_error_functions(benchmark):
+def test_error_functions(benchmark, device):
     """The same Gaussian stamps without tables or vectors."""
-    lists = Drawing(ws.PsfGaussian(SIGMA_PX), None, places(N_SOURCE), None).sources
-    xy_px, irradiance, image = lists[1][0], lists[2][0, 0], wp.zeros((N_PIXEL, N_PIXEL), dtype=float, device="cpu")
-    rule = stamp_rule([0.0], 1e-5, "cpu")
-    if timed(benchmark, lambda: draw_by_error_functions(xy_px, irradiance, SIGMA_PX, rule, image)):
-        fine, worst = stamp_rule([0.0], 1e-9, "cpu"), 0.0
+    rule = stamp_rule([0.0], 1e-5, device)
+    lists = Drawing(ws.PsfGaussian(SIGMA_PX), None, places(N_SOURCE), rule).sources
+    xy_px, irradiance, image = lists[1][0], lists[2][0, 0], wp.zeros((N_PIXEL, N_PIXEL), dtype=float, device=device)
+    if timed(benchmark, lambda: draw_by_error_functions(xy_px, irradiance, SIGMA_PX, rule, image), device):
+        fine, worst = stamp_rule([0.0], 1e-9, device), 0.0
         for place in places(N_CHECKED):
-            one = wp.array(place[None], dtype=wp.vec2d, device="cpu")
+            one = wp.array(place[None], dtype=wp.vec2d, device=device)
             draw_by_error_functions(one, irradiance[:1], SIGMA_PX, fine, image)
             worst = max(worst, error_near(image.numpy(), ws.PsfGaussian(SIGMA_PX), place, 4))
         benchmark.extra_info.update(
+            device=device,
             group="Gaussian, shares",
             way="error functions",
             ns_per_source=ns_per_source(benchmark),
@@ -179,11 +189,12 @@ def test_error_functions(benchmark):
 
 @pytest.mark.parametrize("n_source", [100, 1000, 10_000, 100_000])
 @pytest.mark.parametrize("name", ["Gaussian", "Airy"])
-def test_number_of_sources(benchmark, name, n_source):
+def test_number_of_sources(benchmark, name, n_source, device):
     """Time grows with the number of sources, and with nothing else."""
-    psf, rule = ws.PsfGaussian(SIGMA_PX) if name == "Gaussian" else AIRY, stamp_rule([0.0], 1e-3, "cpu")
-    if timed(benchmark, Drawing(psf, None, places(n_source), rule).draw):
+    psf, rule = ws.PsfGaussian(SIGMA_PX) if name == "Gaussian" else AIRY, stamp_rule([0.0], 1e-3, device)
+    if timed(benchmark, Drawing(psf, None, places(n_source), rule).draw, device):
         benchmark.extra_info.update(
+            device=device,
             group=f"{name}, number of sources",
             way=f"{n_source:,} sources",
             ns_per_source=ns_per_source(benchmark, n_source),
@@ -193,14 +204,15 @@ def test_number_of_sources(benchmark, name, n_source):
 
 @pytest.mark.parametrize("cut", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
 @pytest.mark.parametrize("name", ["Gaussian", "Airy"])
-def test_stamp_rules(benchmark, name, cut):
+def test_stamp_rules(benchmark, name, cut, device):
     psf = ws.PsfGaussian(SIGMA_PX) if name == "Gaussian" else AIRY
-    rule = stamp_rule([0.0], cut, "cpu")
+    rule = stamp_rule([0.0], cut, device)
     drawing = Drawing(psf, None, places(N_SOURCE), rule)
-    if timed(benchmark, drawing.draw):
-        shares = [wp.empty((1, 1, N_SOURCE), dtype=wp.float32, device="cpu") for _ in range(2)]
+    if timed(benchmark, drawing.draw, device):
+        shares = [wp.empty((1, 1, N_SOURCE), dtype=wp.float32, device=device) for _ in range(2)]
         drawing.bank.measure_stamps(drawing.sources[1:], rule, shares)
         benchmark.extra_info.update(
+            device=device,
             group=f"{name}, stamps",
             way=f"cut at {cut:g} of the light per pixel",
             ns_per_source=ns_per_source(benchmark),
@@ -210,37 +222,40 @@ def test_stamp_rules(benchmark, name, cut):
 
 
 @pytest.mark.parametrize("error", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
-def test_streaks(benchmark, error):
+def test_streaks(benchmark, error, device):
     psf, path_px = ws.PsfGaussian(SIGMA_PX), [(0.0, 0.0), (0.4 * STREAK_PX, 0.3 * STREAK_PX)]
-    rule = stamp_rule([0.0], 1e-6, "cpu", error)
-    if timed(benchmark, Drawing(psf, None, places(N_SOURCE), rule, path_px).draw):
+    rule = stamp_rule([0.0], 1e-6, device, error)
+    if timed(benchmark, Drawing(psf, None, places(N_SOURCE), rule, path_px).draw, device):
         benchmark.extra_info.update(
+            device=device,
             group=f"Gaussian, streak of {STREAK_PX:g} px",
             way=f"nodes for {error:g}",
             ns_per_source=ns_per_source(benchmark),
-            deposit_error=worst_pixel(psf, None, stamp_rule([0.0], 1e-9, "cpu", error), path_px),
+            deposit_error=worst_pixel(psf, None, stamp_rule([0.0], 1e-9, device, error), path_px),
         )
 
 
 @pytest.mark.parametrize("n_source", [1000, 100_000])
 @pytest.mark.parametrize("name", [PRODUCT, *VARIANTS])
-def test_sums(benchmark, name, n_source):
+def test_sums(benchmark, name, n_source, device):
     """Gathered or scattered, in float32, float64 or fixed point; errors are those of the sums, against float64."""
-    psf, rule = AIRY, stamp_rule([0.0], 1e-4, "cpu")
+    psf, rule = AIRY, stamp_rule([0.0], 1e-4, device)
     rng = np.random.default_rng(1)
-    xy_px = wp.array(rng.uniform(MARGIN, N_PIXEL - MARGIN, (n_source, 2)), dtype=wp.vec2d, device="cpu")
-    strength = wp.array(rng.uniform(0.1, 1.0, n_source), dtype=wp.float32, device="cpu")
-    exact = Variant("gather float64", psf, (N_PIXEL, N_PIXEL), "cpu", N_PIXEL)
+    xy_px = wp.array(rng.uniform(MARGIN, N_PIXEL - MARGIN, (n_source, 2)), dtype=wp.vec2d, device=device)
+    strength = wp.array(rng.uniform(0.1, 1.0, n_source), dtype=wp.float32, device=device)
+    n_row_per_block = rows_per_block(wp.get_device(device), N_PIXEL)
+    exact = Variant("gather float64", psf, (N_PIXEL, N_PIXEL), device, n_row_per_block)
     if name == PRODUCT:
         product = Drawing(psf, None, xy_px.numpy(), rule)
         product.sources[2] = strength.reshape((1, 1, n_source))
         draw, values = product.draw, product
     else:
-        way = Variant(name, psf, (N_PIXEL, N_PIXEL), "cpu", N_PIXEL)
+        way = Variant(name, psf, (N_PIXEL, N_PIXEL), device, n_row_per_block)
         draw, values = (lambda: way.draw(xy_px, strength, rule)), way.values
-    if timed(benchmark, draw):
+    if timed(benchmark, draw, device):
         exact.draw(xy_px, strength, rule)
         benchmark.extra_info.update(
+            device=device,
             group=f"sums of {n_source:,} sources",
             way=name,
             ns_per_source=ns_per_source(benchmark, n_source),

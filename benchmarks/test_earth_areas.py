@@ -36,9 +36,9 @@ METHODS = [
 
 @pytest.mark.parametrize(("light", "degree", "n_node"), METHODS)
 @pytest.mark.parametrize("name", SHAPES)
-def test_earthlight(benchmark, name, light, degree, n_node):
+def test_earthlight(benchmark, name, light, degree, n_node, device):
     n_view = 5_000 if benchmark.enabled else 200
-    geometry = random_geometry(n_view)
+    geometry = random_geometry(n_view, device)
     area = areas(light, name, degree, n_node, geometry)
     benchmark.pedantic(area, rounds=5, warmup_rounds=1)
     if benchmark.stats is None:
@@ -46,6 +46,7 @@ def test_earthlight(benchmark, name, light, degree, n_node):
     largest_m2 = SHAPES[name].projected_area_m2(np.linspace(0, np.pi, 721)).max()
     largest = LIMB_SINE**2 * largest_m2 * (np.pi if light == "albedo" else 1.0)
     benchmark.extra_info.update(
+        device=device,
         light=light,
         shape=name,
         degree=degree,
@@ -56,22 +57,23 @@ def test_earthlight(benchmark, name, light, degree, n_node):
     )
 
 
-def random_geometry(n_view: int) -> dict[str, Any]:
-    """Views, nadirs and Suns in body axes, on the CPU."""
+def random_geometry(n_view: int, device: str) -> dict[str, Any]:
+    """Views, nadirs and Suns in body axes, on a device."""
     rng = np.random.default_rng(577)
     vectors = rng.normal(size=(3, n_view, 3))
     view, nadir, sun = vectors / np.linalg.norm(vectors, axis=2, keepdims=True)
     sun *= -np.sign(np.sum(sun * nadir, axis=1))[:, None]
     rows = {"view": view, "nadir": nadir, "sun": sun}
-    return {key: wp.array(value, dtype=wp.vec3d, device="cpu") for key, value in rows.items()}
+    return {key: wp.array(value, dtype=wp.vec3d, device=device) for key, value in rows.items()}
 
 
 def areas(light: str, name: str, degree: int, n_node: int, geometry: dict[str, Any]) -> Any:
     """A call that computes the areas of all views."""
     view, nadir, sun = geometry["view"], geometry["nadir"], geometry["sun"]
-    limb_sine = wp.array(np.full(len(view), LIMB_SINE), dtype=wp.float64, device="cpu")
-    facets = facets_of([SHAPES[name]], "cpu").facets
-    inputs = [rule_struct(n_node, "cpu"), body_struct(SHAPES[name]), facets, view, nadir, limb_sine]
+    device = view.device
+    limb_sine = wp.array(np.full(len(view), LIMB_SINE), dtype=wp.float64, device=device)
+    facets = facets_of([SHAPES[name]], device).facets
+    inputs = [rule_struct(n_node, device), body_struct(SHAPES[name]), facets, view, nadir, limb_sine]
     area = wp.empty_like(limb_sine)
     kernel = earth_area_kernel
     if light == "albedo":
@@ -79,7 +81,7 @@ def areas(light: str, name: str, degree: int, n_node: int, geometry: dict[str, A
         inputs.append(sun)
 
     def run() -> Any:
-        wp.launch(kernel, dim=len(view), inputs=inputs, outputs=[area], device="cpu")
+        wp.launch(kernel, dim=len(view), inputs=inputs, outputs=[area], device=device)
         return area.numpy().copy()
 
     return run

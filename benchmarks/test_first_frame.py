@@ -33,7 +33,7 @@ def lap(step):
     steps[step], before = now - before, now
 
 scene = ws.Scene.load("stss"); lap("load_s")
-renderer = ws.Renderer(scene, "cpu", n_thread=int(os.environ["N_THREAD"])); lap("renderer_s")
+renderer = ws.Renderer(scene, os.environ["DEVICE"], n_thread=int(os.environ["N_THREAD"])); lap("renderer_s")
 renderer.render([60]).counts.numpy(); lap("render_s")
 steps["wall_s"] = sum(steps.values())
 now = resource.getrusage(resource.RUSAGE_SELF)
@@ -43,30 +43,31 @@ print(json.dumps(steps))
 
 
 @pytest.mark.parametrize("kernels", ["cold", "warm"])
-def test_first_frame(benchmark, tmp_path, kernels):
+def test_first_frame(benchmark, tmp_path, kernels, device):
     if not benchmark.enabled and kernels == "cold":
         pytest.skip("the other case compiles them, too")
     rounds = (5 if kernels == "cold" else 15) if benchmark.enabled else 1
     folder = tmp_path / "python"
     found: list[dict[str, float]] = []
     if benchmark.enabled or kernels == "warm":
-        first_frame(tmp_path / "warm", folder)
+        first_frame(tmp_path / "warm", folder, device)
 
     def one(number: int) -> None:
-        found.append(first_frame(tmp_path / ("warm" if kernels == "warm" else f"cold{number}"), folder))
+        found.append(first_frame(tmp_path / ("warm" if kernels == "warm" else f"cold{number}"), folder, device))
 
     numbers = iter(range(rounds))
     benchmark.pedantic(one, setup=lambda: ((next(numbers),), {}), rounds=rounds)
     steps = {step: statistics.median(each[step] for each in found) for step in found[0]}
-    benchmark.extra_info.update(device="cpu", kernels=kernels, n_cpu=len(os.sched_getaffinity(0)), **steps)
+    benchmark.extra_info.update(device=device, kernels=kernels, n_cpu=len(os.sched_getaffinity(0)), **steps)
 
 
-def first_frame(kernel_folder: Path, python_folder: Path) -> dict[str, float]:
+def first_frame(kernel_folder: Path, python_folder: Path, device: str) -> dict[str, float]:
     """Seconds of the steps up to the first frame, in a process that finds these folders."""
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join(str(ROOT / name) for name in (".", "kernels", "catalogs")),
         "PYTHONPYCACHEPREFIX": str(python_folder),
         "WARP_CACHE_PATH": str(kernel_folder),
+        "DEVICE": device,
         "N_THREAD": str(len(os.sched_getaffinity(0))),
     }
     environment.pop("PYTHONDONTWRITEBYTECODE", None)

@@ -50,8 +50,8 @@ DETECTORS = {
 
 
 @pytest.mark.parametrize("name", DETECTORS)
-def test_read_out(benchmark, name):
-    detector, device = DETECTORS[name], wp.get_device("cpu")
+def test_read_out(benchmark, name, device):
+    detector, device = DETECTORS[name], wp.get_device(device)
     n_view = 4 if benchmark.enabled else 1
     sensor = {"camera__n_row": N_PIXEL, "camera__n_col": N_PIXEL, "optics": Optics(aperture_m=0.4), "bands": ["A"]}
     instrument = ws.Scene.load("stss").replace(detector=detector, **sensor).scenario.instrument
@@ -72,12 +72,17 @@ def test_read_out(benchmark, name):
         keep_light=False,
         views=views,
     )
-    benchmark.pedantic(stages.read_out, args=(on_device, chunk), rounds=9, warmup_rounds=1)
+
+    def read_out() -> None:
+        stages.read_out(on_device, chunk)
+        wp.synchronize_device(device)
+
+    benchmark.pedantic(read_out, rounds=9, warmup_rounds=1)
     if benchmark.stats is None:
         return
     z = (chunk.counts.numpy().astype(np.float64) - known.blank_counts) / known.counts_per_nei
     benchmark.extra_info.update(
-        device="cpu",
+        device=str(device),
         device_name=device.name,
         detector=name,
         ns_per_pixel=benchmark.stats.stats.median / z.size * 1e9,

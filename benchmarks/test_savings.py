@@ -61,12 +61,12 @@ def clocked(work: SpeedWork, renderer: ws.Renderer, calls: Any) -> Callable[[], 
 
 @pytest.mark.parametrize("n_pixel", [128, 1024])
 @pytest.mark.parametrize("saving", SAVINGS)
-def test_saving(benchmark, monkeypatch, saving, n_pixel):
+def test_saving(benchmark, monkeypatch, saving, n_pixel, device):
     size = (n_pixel, 100, 1, "gaussian") if benchmark.enabled else (32, 5, 1, "gaussian", 2)
     work = speed_work(*size)
     change, arguments = SAVINGS[saving]
-    with_it = ws.Renderer(work.scene, "cpu", 1, work.catalog)
-    without = ws.Renderer(work.scene, "cpu", 1, work.catalog, **arguments)
+    with_it = ws.Renderer(work.scene, device, 1, work.catalog)
+    without = ws.Renderer(work.scene, device, 1, work.catalog, **arguments)
     with monkeypatch.context() as patch:
         if change:
             patch.setattr(*change)
@@ -80,6 +80,7 @@ def test_saving(benchmark, monkeypatch, saving, n_pixel):
     median_us = np.median(times, axis=0) * 1e6
     low, ratio, high = np.percentile([b / a for a, b in times], [25, 50, 75])
     benchmark.extra_info |= {
+        "device": device,
         "saving": saving,
         "pixels": f"{n_pixel}^2",
         "us per image": round(float(median_us[0]), 1),

@@ -41,37 +41,37 @@ def work_of(benchmark, n_pixel: int, n_star: int) -> SpeedWork:
     return speed_work(n_pixel, n_star, psf="gaussian", **small)
 
 
-def note(benchmark, scaling: str, x: float, us_per_image: float | None, **facts: Any) -> None:
+def note(benchmark, scaling: str, x: float, us_per_image: float | None, device: str, **facts: Any) -> None:
     if us_per_image is not None:
         benchmark.extra_info.update(
-            scaling=scaling, x=x, us_per_image=us_per_image, device="cpu", n_thread=1, **facts
+            scaling=scaling, x=x, us_per_image=us_per_image, device=device, n_thread=1, **facts
         )  # fmt: skip
 
 
 @pytest.mark.parametrize("n_pixel", [64, 128, 256, 512, 1024, 2048])
-def test_pixels(benchmark, n_pixel):
+def test_pixels(benchmark, n_pixel, device):
     work = work_of(benchmark, n_pixel, 100)
-    us = timed(benchmark, work, ws.Renderer(work.scene, "cpu", 1, work.catalog))
-    note(benchmark, "pixels of an image", n_pixel**2, us)
+    us = timed(benchmark, work, ws.Renderer(work.scene, device, 1, work.catalog))
+    note(benchmark, "pixels of an image", n_pixel**2, us, device)
 
 
 @pytest.mark.parametrize("n_star", [0, 100, 300, 1_000, 3_000, 10_000])
-def test_sources(benchmark, n_star):
+def test_sources(benchmark, n_star, device):
     work = work_of(benchmark, 256, n_star)
-    us = timed(benchmark, work, ws.Renderer(work.scene, "cpu", 1, work.catalog))
-    note(benchmark, "sources in view", n_star + len(work.scene.target_names), us)
+    us = timed(benchmark, work, ws.Renderer(work.scene, device, 1, work.catalog))
+    note(benchmark, "sources in view", n_star + len(work.scene.target_names), us, device)
 
 
 @pytest.mark.parametrize("n_star", [10_000, 100_000, 1_000_000, SKY_STARS])
-def test_catalog(benchmark, n_star):
+def test_catalog(benchmark, n_star, device):
     full = benchmark.enabled
     work = work_of(benchmark, 128, 0)
     catalog = even_sky(work, n_star if full else n_star // 1000)
     work = replace(work, catalog=catalog, n_star=242)
-    us = timed(benchmark, work, ws.Renderer(work.scene, "cpu", 1, catalog))
+    us = timed(benchmark, work, ws.Renderer(work.scene, device, 1, catalog))
     if us is not None:
-        stage_us = stage_times_us(work, "cpu")["gather_stars"]
-        note(benchmark, "stars in the catalog", n_star, us, gather_stars_us=stage_us)
+        stage_us = stage_times_us(work, device)["gather_stars"]
+        note(benchmark, "stars in the catalog", n_star, us, device, gather_stars_us=stage_us)
 
 
 def even_sky(work: SpeedWork, n_star: int) -> ws.StarCatalog:
@@ -95,14 +95,19 @@ def even_sky(work: SpeedWork, n_star: int) -> ws.StarCatalog:
 
 @pytest.mark.parametrize("chunk_mb", [1, 2, 4, 8, 16, 32, 64])
 @pytest.mark.parametrize("n_pixel", [128, 1024])
-def test_chunk(benchmark, n_pixel, chunk_mb):
+def test_chunk(benchmark, n_pixel, chunk_mb, device):
     """Time and memory against the memory that a chunk may take."""
     if "chunk_bytes" not in inspect.signature(ws.Renderer).parameters:
         pytest.skip("this Renderer has chunks of one size only")
     work = work_of(benchmark, n_pixel, 100)
     settings: dict[str, Any] = {"chunk_bytes": chunk_mb * MB}
-    renderer = ws.Renderer(work.scene, "cpu", 1, work.catalog, **settings)
+    renderer = ws.Renderer(work.scene, device, 1, work.catalog, **settings)
     us = timed(benchmark, work, renderer)
     note(
-        benchmark, f"memory of a chunk [MB], {n_pixel} x {n_pixel}", chunk_mb, us, buffer_mb=renderer.buffer_bytes / MB
+        benchmark,
+        f"memory of a chunk [MB], {n_pixel} x {n_pixel}",
+        chunk_mb,
+        us,
+        device,
+        buffer_mb=renderer.buffer_bytes / MB,
     )

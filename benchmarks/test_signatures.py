@@ -33,32 +33,36 @@ def sunlit() -> ws.Scene:
 
 @pytest.mark.parametrize("n_thread", [1, 2])
 @pytest.mark.parametrize("terms", TERMS)
-def test_terms(benchmark, terms, n_thread):
+def test_terms(benchmark, terms, n_thread, device):
     scene = sunlit().replace(lighting={**TERMS[terms], "leave_out_nei": 0.0})
-    measure(benchmark, scene, n_thread, kind="terms", terms=terms, light_error=0.0)
+    measure(benchmark, scene, n_thread, device, kind="terms", terms=terms, light_error=0.0)
 
 
 @pytest.mark.parametrize("error", ERRORS)
 @pytest.mark.parametrize("exposure_s", [0.0, EXPOSURE_S])
-def test_error(benchmark, error, exposure_s):
+def test_error(benchmark, error, exposure_s, device):
     scene = sunlit().replace(
         lighting={"quadrature_error": error, "leave_out_nei": 0.0}, detector__exposure_s=exposure_s
     )
     finest = scene.replace(lighting__quadrature_error=FINEST)
     times = np.linspace(0, scene.duration_s, 12)
-    light, exact = (ws.light_curves(s, times, ["sat11", "sat47"]).irradiance_w_cm2 for s in (scene, finest))
+    light, exact = (
+        ws.light_curves(s, times, ["sat11", "sat47"], device=device).irradiance_w_cm2 for s in (scene, finest)
+    )
     share = np.abs(light - exact).max(axis=(0, 1, 2)) / exact.max(axis=(0, 1, 2))
-    measure(benchmark, scene, 1, kind="error", asked=error, exposure_s=exposure_s, light_error=float(share.max()))
+    measure(
+        benchmark, scene, 1, device, kind="error", asked=error, exposure_s=exposure_s, light_error=float(share.max())
+    )
 
 
-def measure(benchmark, scene: ws.Scene, n_thread: int, **info: object) -> None:
+def measure(benchmark, scene: ws.Scene, n_thread: int, device: str, **info: object) -> None:
     """Time light curves, and note how many observations a second that is."""
     n_time = 1500 if benchmark.enabled else 1
     times = np.linspace(0, scene.duration_s, n_time)
-    sensors = ws.Renderer(scene, device="cpu").sensors_with_access
+    sensors = ws.Renderer(scene, device=device).sensors_with_access
 
     def run() -> ws.LightCurves:
-        return ws.light_curves(scene, times, sensors, device="cpu", n_thread=n_thread)
+        return ws.light_curves(scene, times, sensors, device=device, n_thread=n_thread)
 
     run()  # compiled
     curves = benchmark.pedantic(run, rounds=5 if benchmark.enabled else 1, warmup_rounds=0)
@@ -66,7 +70,7 @@ def measure(benchmark, scene: ws.Scene, n_thread: int, **info: object) -> None:
         return
     n_observation = curves.range_km.size
     benchmark.extra_info.update(
-        device="cpu",
+        device=device,
         n_thread=n_thread,
         n_band=len(curves.bands),
         n_observation=n_observation,

@@ -21,8 +21,6 @@ from warpsim.speed.clock import render_call, stage_times_us
 from warpsim.speed.report import PAPER_FPS
 from warpsim.speed.work import speed_work
 
-DEVICES = ["cpu", *(["cuda:0"] if wp.is_cuda_available() else [])]
-
 # Pixels, stars in view, point spread function.
 CASES = [
     *itertools.product(PAPER_FPS, [100], ["gaussian", "airy"]),
@@ -30,7 +28,6 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize(("n_pixel", "n_star", "psf"), CASES)
 def test_stages(benchmark, n_pixel, n_star, psf, device):
     full = benchmark.enabled

@@ -26,8 +26,8 @@ from scipy.spatial import cKDTree
 from warpsim_kernels.band_index import cone_cover, run_of_stars
 
 import warpsim as ws
+from benchmarks.devices import benchmark_devices
 
-DEVICES = ["cpu", *(["cuda:0"] if wp.is_cuda_available() else [])]
 SIZES = {"1e5": 100_000, "1e6": 1_000_000, "1e7": 10_000_000}
 N_CONE, RADIUS_RAD = 2_000, np.radians(0.72)
 N_CONE_BRUTE = 10
@@ -37,14 +37,24 @@ SEED = 8280
 SMALLER = 5_000
 """What sizes are divided by when benchmarks are disabled: only to see that it runs."""
 
-INDEXES = [f"index {dtype}, {device}" for device in DEVICES for dtype in ("float64", "float32")]
-METHODS = [*INDEXES, "k-d tree", "brute force"]
+DTYPES = ("float64", "float32")
+OTHER_METHODS = {"test_query": ["k-d tree", "brute force"], "test_build": ["k-d tree"]}
+"""What is compared with the index, by test; on the host only."""
 
 # A hundredth of the sky: 18 degrees wide, sin(dec) from -0.2 to 0.2. A tenth: ten times as wide.
 ZONES = {"1e5": (18.0, 0.2), "1e6": (180.0, 0.2), "1e7": (360.0, 1.0)}
 
-by_method = pytest.mark.parametrize("method", METHODS)
 by_size = pytest.mark.parametrize("size", SIZES)
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Ask an index of either kind of directions on each device, and the other methods."""
+    indexes = [f"index {dtype}, {device}" for device in benchmark_devices(metafunc.config) for dtype in DTYPES]
+    metafunc.parametrize("method", [*indexes, *OTHER_METHODS.get(metafunc.function.__name__, [])])
+
+
+def is_index(method: str) -> bool:
+    return method.startswith("index ")
 
 
 @dataclass(frozen=True)
@@ -119,12 +129,11 @@ def sizes(benchmark, size: str) -> tuple[int, int]:
     return (SIZES[size], N_CONE) if benchmark.enabled else (SIZES[size] // SMALLER, 20)
 
 
-@by_method
 @by_size
 def test_query(benchmark, size, method):
     n_star, n_cone = sizes(benchmark, size)
     case = case_of(n_star, n_cone)
-    index = make_index(case.catalog, method) if method in INDEXES else None
+    index = make_index(case.catalog, method) if is_index(method) else None
     if index:
         radius = np.full(n_cone, RADIUS_RAD)
         ask = functools.partial(index.query_many, case.axis, radius)
@@ -203,7 +212,6 @@ def make_count_tested_kernel(direction_type: Any) -> wp.Kernel:
     return count_tested_kernel
 
 
-@pytest.mark.parametrize("method", [*INDEXES, "k-d tree"])
 @by_size
 def test_build(benchmark, size, method):
     """From directions in host memory to the first possible query."""
@@ -219,7 +227,6 @@ def test_build(benchmark, size, method):
     )
 
 
-@pytest.mark.parametrize("method", INDEXES)
 @by_size
 def test_fixed_density(benchmark, size, method):
     """The same views of the same stars, in catalogs that go on beyond them or do not."""
@@ -264,4 +271,4 @@ def zone_catalog(size: str, full: bool) -> ws.StarCatalog:
 
 def device_name(method: str) -> str:
     """Warp's name of the device, "host" for SciPy and NumPy."""
-    return wp.get_device(method.split(", ")[1]).name if method in INDEXES else "host"
+    return wp.get_device(method.split(", ")[1]).name if is_index(method) else "host"

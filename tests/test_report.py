@@ -87,6 +87,14 @@ def test_figures_are_in_the_tables(results):
     assert plain_table(SAMPLES["another"])[2:] == ["| 2.5 | True |", "| 0.4 | - |"]
 
 
+def test_devices_have_tables_of_their_own():
+    cases = [{"detector": "NEI", "ns_per_pixel": 1.5, "distance": None, "device": name} for name in ("cpu", "cuda:0")]
+    lines = tables_of(cases)
+    assert [line for line in lines if line.startswith("On ")] == ["On cpu:", "On cuda:0:"]
+    assert lines.count("| NEI | 1.50 | - |") == 2 and len(lines) == 11
+    assert not any(line.startswith("On ") for line in [*tables_of(cases[:1]), *tables_of(SAMPLES["fps"])])
+
+
 def test_every_kind_of_table_has_a_result():
     kinds = [
         *SAMPLES.values(),

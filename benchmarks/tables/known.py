@@ -30,11 +30,21 @@ TABLES: dict[str, Callable[[list[Case]], list[str]]] = {
 }
 """What a case says only in one benchmark, and how it is shown."""
 
+WITH_DEVICE = ("stage_us", "psf_error", "n_cone")
+"""Those whose tables have a column for the device."""
+
 
 def tables_of(cases: list[Case]) -> list[str]:
-    """Lines of the tables of a result."""
-    known = (show for key, show in TABLES.items() if any(key in c for c in cases))
-    return next(known, plain_table)(cases)
+    """Lines of the tables of a result; those without a column for it are made for each device apart."""
+    key = next((key for key in TABLES if any(key in c for c in cases)), None)
+    show = TABLES[key] if key else plain_table
+    devices = list(dict.fromkeys(c.get("device", "cpu") for c in cases))
+    if devices == ["cpu"] or key in WITH_DEVICE:
+        return show(cases)
+    lines: list[str] = []
+    for device in devices:
+        lines += [f"On {device}:", "", *show([c for c in cases if c.get("device", "cpu") == device]), ""]
+    return lines[:-1]
 
 
 def plain_table(cases: list[Case]) -> list[str]:
