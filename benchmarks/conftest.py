@@ -10,14 +10,21 @@ from benchmarks.devices import benchmark_devices
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """`--device=cuda:0`: where benchmarks run that take the fixture `device`."""
+    """`--device=cuda:0`: where benchmarks run that take the fixture `device`; `--resident`: where counts end."""
     text = "comma-separated Warp devices; the CPU and, where there is one, the first GPU if left out"
     parser.addoption("--device", metavar="NAMES", help=text)
+    parser.addoption("--resident", action="store_true", help="test_fps and test_stages leave counts on the device")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Refuse a device that is not there before anything is collected."""
     benchmark_devices(config)
+
+
+@pytest.fixture
+def resident(request: pytest.FixtureRequest) -> bool:
+    """Whether counts stay on the device, instead of being copied to host memory in every timed call."""
+    return bool(request.config.getoption("--resident"))
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -4,8 +4,9 @@
     python benchmarks/report.py benchmarks/results/fps.json
 
 Each round renders other frames of `stss`, 10 ms apart: aim, star query, 30 targets, deposit, fresh noise, 14-bit
-uint16. Kernels are compiled and buffers warm before the clock starts. Beside its time each case carries the error of
-its point spread function: the worst pixel of a unit source against float64 quadrature.
+uint16. With `--resident` counts stay on the device. Kernels are compiled and buffers warm before the clock starts.
+Beside its time each case carries the error of its point spread function: the worst pixel of a unit source against
+float64 quadrature.
 """
 
 from __future__ import annotations
@@ -31,13 +32,13 @@ SMALL_FRAMES = 2
 
 
 @pytest.mark.parametrize(("n_pixel", "n_sensor", "n_star", "psf"), CASES)
-def test_fps(benchmark, n_pixel, n_sensor, n_star, psf, device):
+def test_fps(benchmark, n_pixel, n_sensor, n_star, psf, device, resident):
     work = speed_work(n_pixel, n_star, n_sensor, psf, None if benchmark.enabled else SMALL_FRAMES)
     renderer = ws.Renderer(work.scene, device, catalog=work.catalog)
     calls = itertools.count()
 
     def one_call():
-        counts = render_call(work, renderer, next(calls))
+        counts = render_call(work, renderer, next(calls), resident)
         assert counts.shape == (work.n_frame, n_sensor, 1, n_pixel, n_pixel)
 
     benchmark.pedantic(one_call, rounds=9, warmup_rounds=2, iterations=1)
@@ -51,6 +52,7 @@ def test_fps(benchmark, n_pixel, n_sensor, n_star, psf, device):
         device=str(wp.get_device(device)),
         device_name=wp.get_device(device).name,
         n_thread=renderer.n_thread,
+        resident=resident,
         frames_per_call=work.n_frame,
         fps=work.n_view / benchmark.stats.stats.median,
         paper_fps=PAPER_FPS[n_pixel],

@@ -1,6 +1,7 @@
 """Ours against sdasim on PyTorch, on the CPU, by turns: median of the ratios, and the error of either image.
 
     python -m pip install -e '.[test,peer-sdasim]'
+    export MALLOC_MMAP_THRESHOLD_=1000000000 MALLOC_TRIM_THRESHOLD_=2000000000
     python -m pytest benchmarks/test_peer_sdasim.py -k one --benchmark-json=benchmarks/results/peer_sdasim.json
     python benchmarks/report.py benchmarks/results/peer_sdasim.json
 
@@ -9,7 +10,8 @@ and ours does the whole chain of `stss` in that time. sdasim takes a Gaussian at
 integrate it over them, within 3 sigma; the error of its worst pixel against the float64 integral stands beside its
 speed. Its own functions with its own defaults draw, add noise and convert; both leave uint16 in host memory.
 
-One thread each, which a busy machine slows down alike; without `-k one` also all cores, on an idle machine. The extra
+The C library is told to keep memory that was freed: without that PyTorch gets new pages for each image of 1024 x 1024
+pixels, which halves its speed. One thread each, which a busy machine slows down alike; without `-k one` also all cores, on an idle machine. The extra
 is apart from `peers`, as PyTorch takes 5 GB with the CUDA libraries that its wheels for Linux bring.
 """
 

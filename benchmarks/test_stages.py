@@ -29,13 +29,13 @@ CASES = [
 
 
 @pytest.mark.parametrize(("n_pixel", "n_star", "psf"), CASES)
-def test_stages(benchmark, n_pixel, n_star, psf, device):
+def test_stages(benchmark, n_pixel, n_star, psf, device, resident):
     full = benchmark.enabled
     work = speed_work(n_pixel, n_star, psf=psf, n_frame=None if full else 2)
     renderer = ws.Renderer(work.scene, device, 1, work.catalog)
     calls = itertools.count()
     rounds = 7 if full else 1
-    benchmark.pedantic(lambda: render_call(work, renderer, next(calls)), rounds=rounds, warmup_rounds=1)
+    benchmark.pedantic(lambda: render_call(work, renderer, next(calls), resident), rounds=rounds, warmup_rounds=1)
     if benchmark.stats is None:
         return
     benchmark.extra_info.update(
@@ -45,6 +45,7 @@ def test_stages(benchmark, n_pixel, n_star, psf, device):
         device=device,
         device_name=wp.get_device(device).name,
         n_thread=1,
-        stage_us=stage_times_us(work, device, n_round=7),
+        resident=resident,
+        stage_us=stage_times_us(work, device, n_round=7, resident=resident),
         whole_us=benchmark.stats.stats.median / work.n_view * 1e6,
     )

@@ -83,6 +83,8 @@ def test_figures_are_in_the_tables(results):
     text = "\n".join(tables_of(SAMPLES["peers"]))
     assert "| **1.50** (1.40 to 1.70) |" in text and "| 30,000 | 20,000 |" in text
     assert "| 128^2 | 20 | 100 | airy | cpu | 121,400 | 607 | 200.0 | 4,046 |" in "\n".join(tables_of(SAMPLES["fps"]))
+    resident = {**SAMPLES["fps"][0], "device": "cuda:0", "resident": True}
+    assert "| airy | cuda:0, resident |" in "\n".join(tables_of([resident]))
     assert "| 16 | 18.0 | 1e+03 |" in "\n".join(tables_of(SAMPLES["scaling"]))
     assert plain_table(SAMPLES["another"])[2:] == ["| 2.5 | True |", "| 0.4 | - |"]
 

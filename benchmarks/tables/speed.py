@@ -19,7 +19,7 @@ def fps_table(cases: list[Case]) -> list[str]:
                 c.get("n_sensor", 1),
                 shown(c.get("n_star"), ","),
                 c["psf"],
-                c["device"],
+                device_of(c),
                 f"{c['fps']:,.0f}",
                 c["paper_fps"],
                 f"{c['fps'] / c['paper_fps']:.1f}",
@@ -29,6 +29,11 @@ def fps_table(cases: list[Case]) -> list[str]:
             for c in order
         ),
     )
+
+
+def device_of(case: Case) -> str:
+    """Name of the device, with a word on counts that stay there."""
+    return f"{case['device']}, resident" if case.get("resident") else str(case["device"])
 
 
 def stages_table(cases: list[Case]) -> list[str]:
@@ -42,7 +47,7 @@ def stages_table(cases: list[Case]) -> list[str]:
                 f"{c['n_pixel']}^2",
                 f"{c['n_star']:,}",
                 c["psf"],
-                c["device"],
+                device_of(c),
                 *(f"{c['stage_us'].get(name, 0.0):,.1f}" for name in names),
                 f"{sum(c['stage_us'].values()):,.1f}",
                 f"{c['whole_us']:,.1f}",
