@@ -153,8 +153,9 @@ def plot_peers(cases: list[Case], path: Path) -> None:
     """Draw how many times as fast as each peer, against image size, with quartiles."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(13, 6.5), layout="constrained")
-    for axes, psf in zip(figure.subplots(1, 2), ("gaussian", "airy"), strict=True):
+    psfs = [psf for psf in ("gaussian", "airy") if any(c["psf"] == psf for c in cases)]
+    figure = Figure(figsize=(6.5 * len(psfs), 6.5), layout="constrained")
+    for axes, psf in zip(figure.subplots(1, len(psfs), squeeze=False)[0], psfs, strict=True):
         groups: dict[str, list[Case]] = {}
         for c in cases:
             if c["psf"] == psf:
@@ -171,7 +172,7 @@ def plot_peers(cases: list[Case], path: Path) -> None:
         axes.set_xticks([128, 256, 512, 1024], ["128", "256", "512", "1024"])
         axes.minorticks_off()
         axes.grid(alpha=0.3)
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(psfs), fontsize=8)
     figure.savefig(path, dpi=130)
 
 

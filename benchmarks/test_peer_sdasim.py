@@ -11,8 +11,9 @@ integrate it over them, within 3 sigma; the error of its worst pixel against the
 speed. Its own functions with its own defaults draw, add noise and convert; both leave uint16 in host memory.
 
 The C library is told to keep memory that was freed: without that PyTorch gets new pages for each image of 1024 x 1024
-pixels, which halves its speed. One thread each, which a busy machine slows down alike; without `-k one` also all cores, on an idle machine. The extra
-is apart from `peers`, as PyTorch takes 5 GB with the CUDA libraries that its wheels for Linux bring.
+pixels, which halves its speed. One thread each, which a busy machine slows down alike; without `-k one` also all cores,
+on an idle machine. The extra is apart from `peers`, as PyTorch takes 5 GB with the CUDA libraries that its wheels for
+Linux bring.
 """
 
 from __future__ import annotations
