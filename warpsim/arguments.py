@@ -79,3 +79,10 @@ def above_zero(what: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, kinds) or not 0 < value < np.inf:
         raise InputError("must be a number above 0", what, value)
     return float(value)
+
+
+def frame_numbers(frames: Sequence[int] | npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return frame numbers as an array; a range is not made a list on the way."""
+    if isinstance(frames, range):
+        return np.arange(frames.start, frames.stop, frames.step)
+    return np.asarray(frames, dtype=np.int64)

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import warp as wp
 
-from warpsim_kernels.apparent import Presence, observer_of
+from warpsim_kernels.apparent import Tracks, observer_of
 from warpsim_kernels.jitter import Jitter, jitter_rad, turned_axes
-from warpsim_kernels.motion import NodeGrid, hermite_position_m, hermite_velocity_m_s, linear_vector
+from warpsim_kernels.motion import hermite_position_m, hermite_velocity_m_s, linear_vector
 from warpsim_kernels.pointing import (
     SLEWING,
     PointingLaw,
@@ -19,6 +19,7 @@ from warpsim_kernels.pointing import (
     slew_part,
 )
 from warpsim_kernels.pointing_errors import PointingError, steady_error_rad
+from warpsim_kernels.records import View
 
 
 class AimFeatures(NamedTuple):
@@ -64,28 +65,21 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
         view_time_s: wp.array[wp.float64],  # (n_view,)
         view_middle_s: wp.array[wp.float64],  # (n_view,) middle of the exposure, for what holds in all of it
         view_sensor: wp.array[wp.uint32],  # (n_view,) index of the sensor, and its row in the tracks
-        position_m: wp.array2d[wp.vec3d],  # (n_body, n_node) sensors first, then targets
-        velocity_m_s: wp.array2d[wp.vec3d],  # (n_body, n_node)
-        earth_velocity_m_s: wp.array[wp.vec3d],  # (n_node,) barycentric
-        presence: Presence,
-        grid: NodeGrid,
+        tracks: Tracks,
         pointing: Pointing,
         # out
-        view_axes: wp.array[wp.mat33d],  # (n_view,) rows x, y, z, ICRS axes
-        view_position_m: wp.array[wp.vec3d],  # (n_view,) geocentric
-        view_velocity_m_s: wp.array[wp.vec3d],  # (n_view,) barycentric
-        view_flags: wp.array[wp.int32],  # (n_view,) UP_REPLACED | BORESIGHT_REPLACED | SLEWING
+        views: wp.array[View],  # (n_view,) axes, position, velocity, flags
     ):
         """Point each camera."""
         view = wp.tid()
         time_s = view_time_s[view]
         sensor = int(view_sensor[view])
-        place = hermite_position_m(position_m, velocity_m_s, sensor, time_s, grid)
-        orbital_velocity = hermite_velocity_m_s(position_m, velocity_m_s, sensor, time_s, grid)
-        earth_velocity = linear_vector(earth_velocity_m_s, time_s, grid)
-        velocity = earth_velocity + orbital_velocity
-        frame = local_frame(place, orbital_velocity)
-        observer = observer_of(time_s, grid, place, earth_velocity, velocity)
+        position_m = hermite_position_m(tracks.position_m, tracks.velocity_m_s, sensor, time_s, tracks.grid)
+        orbital_m_s = hermite_velocity_m_s(tracks.position_m, tracks.velocity_m_s, sensor, time_s, tracks.grid)
+        earth_m_s = linear_vector(tracks.earth_velocity_m_s, time_s, tracks.grid)
+        velocity_m_s = earth_m_s + orbital_m_s
+        frame = local_frame(position_m, orbital_m_s)
+        observer = observer_of(time_s, tracks.grid, position_m, earth_m_s, velocity_m_s)
 
         since_middle_s = time_s - view_middle_s[view]
 
@@ -106,10 +100,7 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
             sensor,
             time_s,
             frame,
-            position_m,
-            velocity_m_s,
-            presence,
-            grid,
+            tracks,
             observer,
             since_middle_s,
         )
@@ -127,10 +118,7 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
                     sensor,
                     time_s,
                     frame,
-                    position_m,
-                    velocity_m_s,
-                    presence,
-                    grid,
+                    tracks,
                     observer,
                     since_middle_s,
                 )
@@ -142,9 +130,9 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
             jitter = pointing.jitters[sensor]
             if jitter.step_s > wp.float64(0.0):
                 axes = turned_axes(axes, jitter_rad(jitter, time_s))
-        view_axes[view] = axes
-        view_position_m[view] = place
-        view_velocity_m_s[view] = velocity
-        view_flags[view] = flags
+        views[view].axes = axes
+        views[view].position_m = position_m
+        views[view].velocity_m_s = velocity_m_s
+        views[view].flags = flags
 
     return aim_kernel

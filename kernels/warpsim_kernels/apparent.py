@@ -113,10 +113,29 @@ class LightPath:
     absent: int  # not 0: the body was not there
 
 
+@wp.struct
+class Presence:
+    """When bodies leave what carries them, and when they are there at all."""
+
+    release_s: wp.array[wp.float64]  # (n_body,) far in the past where nothing carries the body
+    carrier: wp.array[wp.int32]  # (n_body,) row in the tracks
+    exists_s: wp.array[wp.vec2d]  # (n_body,) from when to when
+
+
+@wp.struct
+class Tracks:
+    """Where all bodies are, sensors first, then targets, at the nodes of a grid."""
+
+    position_m: wp.array2d[wp.vec3d]  # (n_body, n_node) geocentric
+    velocity_m_s: wp.array2d[wp.vec3d]  # (n_body, n_node)
+    earth_velocity_m_s: wp.array[wp.vec3d]  # (n_node,) barycentric
+    presence: Presence
+    grid: NodeGrid
+    first_target: int  # row of the first target
+
+
 @wp.func
-def path_from_body(
-    position_m: wp.array2d[wp.vec3d], velocity_m_s: wp.array2d[wp.vec3d], body: int, grid: NodeGrid, observer: Observer
-) -> LightPath:
+def path_from_body(tracks: Tracks, body: int, observer: Observer) -> LightPath:
     """Where an observer sees a body.
 
     In the geocentric frame of the tracks the light time is exactly range / c. It is found in three steps, each of which
@@ -126,11 +145,11 @@ def path_from_body(
     """
     path = LightPath()
     node = observer.node
-    way = cubic_after(position_m, velocity_m_s, body, node, grid)
+    way = cubic_after(tracks.position_m, tracks.velocity_m_s, body, node, tracks.grid)
     part = observer.part - wp.length(cubic_at(way, observer.part) - observer.position_m) * observer.part_per_m
     if part < wp.float64(0.0) and node > 0:  # the light left before the node
         node = wp.max(node + int(wp.floor(part)), 0)
-        way = cubic_after(position_m, velocity_m_s, body, node, grid)
+        way = cubic_after(tracks.position_m, tracks.velocity_m_s, body, node, tracks.grid)
     since_node = observer.part + wp.float64(observer.node - node)
     part = part + wp.float64(observer.node - node)
     for _ in range(2):
@@ -147,30 +166,14 @@ def path_from_body(
     return path
 
 
-@wp.struct
-class Presence:
-    """When bodies leave what carries them, and when they are there at all."""
-
-    release_s: wp.array[wp.float64]  # (n_body,) far in the past where nothing carries the body
-    carrier: wp.array[wp.int32]  # (n_body,) row in the tracks
-    exists_s: wp.array[wp.vec2d]  # (n_body,) from when to when
-
-
 @wp.func
-def path_from_target(
-    position_m: wp.array2d[wp.vec3d],
-    velocity_m_s: wp.array2d[wp.vec3d],
-    presence: Presence,
-    body: int,
-    grid: NodeGrid,
-    observer: Observer,
-) -> LightPath:
+def path_from_target(tracks: Tracks, body: int, observer: Observer) -> LightPath:
     """As path_from_body, with a target at the position of its carrier until its release."""
-    path = path_from_body(position_m, velocity_m_s, body, grid, observer)
-    if path.emission_time_s < presence.release_s[body]:
-        path = path_from_body(position_m, velocity_m_s, presence.carrier[body], grid, observer)
+    path = path_from_body(tracks, body, observer)
+    if path.emission_time_s < tracks.presence.release_s[body]:
+        path = path_from_body(tracks, tracks.presence.carrier[body], observer)
         path.not_deployed = 1
-    exists_s = presence.exists_s[body]
+    exists_s = tracks.presence.exists_s[body]
     if path.emission_time_s < exists_s[0] or path.emission_time_s > exists_s[1]:
         path.absent = 1
     return path

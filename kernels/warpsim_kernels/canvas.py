@@ -25,11 +25,14 @@ class CanvasFunctions(NamedTuple):
     """Vector of n_lane floats. Signal and tables come as arrays of such vectors that overlap: one begins at every
     float."""
 
+    Images: Any
+    """Struct: all images of a launch."""
+
     Canvas: Any
-    """Struct: one image among those of a chunk."""
+    """Struct: one of them."""
 
     canvas_of: Any
-    """(image: int, n_row: int, n_col: int, pixels, lanes, lit) -> canvas."""
+    """(images, image: int) -> canvas."""
 
     lanes_between: Any
     """(tables, first: int, end: int) -> 1 in the lanes from the first up to the end, else 0; tables begin with
@@ -48,6 +51,14 @@ def canvas_functions(n_lane: int) -> CanvasFunctions:
     """The functions that draw n_lane pixels at a time."""
     Lanes = wp.types.vector(length=n_lane, dtype=wp.float32)
 
+    class Images:
+        pixels: wp.array[float]  # (n_image * n_row * n_col,)
+        lanes: wp.array[Lanes]  # the same, with a vector from every pixel on
+        lit: wp.array[wp.uint8]  # (n_image * n_flag,) 1 for a strip that light was added to
+        n_row: int
+        n_col: int
+        n_row_per_block: int  # rows that one thread owns
+
     class Canvas:
         pixels: wp.array[float]  # of all images, flat
         lanes: wp.array[Lanes]  # the same, with a vector from every pixel on
@@ -57,20 +68,18 @@ def canvas_functions(n_lane: int) -> CanvasFunctions:
         n_row: int
         n_col: int
 
-    canvas_type = wp.struct(Canvas)
+    images_type, canvas_type = wp.struct(Images), wp.struct(Canvas)
 
     @wp.func
-    def canvas_of(
-        image: int, n_row: int, n_col: int, pixels: wp.array[float], lanes: wp.array[Lanes], lit: wp.array[wp.uint8]
-    ) -> canvas_type:
+    def canvas_of(images: images_type, image: int) -> canvas_type:
         canvas = canvas_type()
-        canvas.pixels = pixels
-        canvas.lanes = lanes
-        canvas.lit = lit
-        canvas.first = image * n_row * n_col
-        canvas.first_strip = image * flags_of_image(n_row * n_col)
-        canvas.n_row = n_row
-        canvas.n_col = n_col
+        canvas.pixels = images.pixels
+        canvas.lanes = images.lanes
+        canvas.lit = images.lit
+        canvas.first = image * images.n_row * images.n_col
+        canvas.first_strip = image * flags_of_image(images.n_row * images.n_col)
+        canvas.n_row = images.n_row
+        canvas.n_col = images.n_col
         return canvas
 
     @wp.func
@@ -98,4 +107,4 @@ def canvas_functions(n_lane: int) -> CanvasFunctions:
             canvas.lit[canvas.first_strip + strip] = wp.uint8(1)
             strip += 1
 
-    return CanvasFunctions(Lanes, canvas_type, canvas_of, lanes_between, add_light, flag_strips)
+    return CanvasFunctions(Lanes, images_type, canvas_type, canvas_of, lanes_between, add_light, flag_strips)

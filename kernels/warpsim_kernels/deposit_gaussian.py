@@ -12,6 +12,7 @@ import warp as wp
 from warpsim_kernels.canvas import canvas_functions
 from warpsim_kernels.paths import Paths
 from warpsim_kernels.psf import gaussian_reach_px
+from warpsim_kernels.records import Sources
 from warpsim_kernels.stamps import (
     ROUND_FROM_PX,
     Stamp,
@@ -26,7 +27,7 @@ from warpsim_kernels.streaks import NO_LIMIT, Blur, StreakRules, is_streak_near,
 GAUSSIAN_LANE = 16
 """Pixels that are drawn at a time."""
 
-Lanes, Canvas, canvas_of, lanes_between, add_light, _ = canvas_functions(GAUSSIAN_LANE)
+Lanes, Images, Canvas, canvas_of, lanes_between, add_light, _ = canvas_functions(GAUSSIAN_LANE)
 
 
 @wp.struct
@@ -49,6 +50,14 @@ class GaussianPsf:
     sigma_px: wp.vec2  # along columns [pixel widths] and along rows [pixel heights]
     columns: EdgeTable
     rows: EdgeTable
+
+
+@wp.struct
+class GaussianTables:
+    """The Gaussians of all bands."""
+
+    psfs: wp.array[GaussianPsf]  # (n_band,)
+    shares: wp.array[Lanes]  # lane_mask and the tables of all bands, flat, with a vector from every float on
 
 
 @wp.func
@@ -119,33 +128,26 @@ def make_deposit_gaussian_kernel(streaks: bool) -> wp.Kernel:
     @wp.kernel(module="unique", enable_backward=False)
     def deposit_gaussian_kernel(
         # in
-        n_source: wp.array[wp.int32],  # (n_view,)
-        source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
-        source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
-        psfs: wp.array[GaussianPsf],  # (n_band,)
-        shares: wp.array[Lanes],  # lane_mask and the tables of all bands, flat, with a vector from every float on
+        sources: Sources,  # n_source, xy_px, irradiance_w_cm2
+        tables: GaussianTables,
         rule: StampRule,
         paths: Paths,
         rules: StreakRules,
-        n_row: int,
-        n_col: int,
-        n_row_per_block: int,
         # out (accumulated)
-        signal_w_cm2: wp.array[float],  # (n_view * n_band * n_row * n_col,)
-        signal_lanes: wp.array[Lanes],  # the same, with a vector from every pixel on
-        lit: wp.array[wp.uint8],  # (n_view * n_band * n_flag,)
+        images: Images,  # of all views and bands
     ):
         view, band, block = wp.tid()
-        canvas = canvas_of(view * psfs.shape[0] + band, n_row, n_col, signal_w_cm2, signal_lanes, lit)
-        window = block_window(n_row, n_col, block, n_row_per_block)
-        psf = psfs[band]
+        canvas = canvas_of(images, view * tables.psfs.shape[0] + band)
+        window = block_window(images.n_row, images.n_col, block, images.n_row_per_block)
+        psf = tables.psfs[band]
+        shares = tables.shares
         sigma = psf.sigma_px
         aspect = sigma[0] / sigma[1]
-        for slot in range(n_source[view]):
-            irradiance = source_irradiance_w_cm2[view, band, slot]
+        for slot in range(sources.n_source[view]):
+            irradiance = sources.irradiance_w_cm2[view, band, slot]
             if irradiance == 0.0:
                 continue
-            xy_px = source_xy_px[view, slot]
+            xy_px = sources.xy_px[view, slot]
             cut = stamp_cut(irradiance, band, rule)
             reach_px = gaussian_reach_px(sigma, cut)
             if wp.static(streaks):

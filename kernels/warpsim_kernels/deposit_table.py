@@ -8,6 +8,7 @@ import warp as wp
 from warpsim_kernels.canvas import canvas_functions
 from warpsim_kernels.paths import Paths
 from warpsim_kernels.psf import TABLE_LANE, TablePsf, table_functions, table_reach_px, table_wing
+from warpsim_kernels.records import Sources
 from warpsim_kernels.stamps import (
     Stamp,
     StampRule,
@@ -132,11 +133,26 @@ def part_around(stamp: Stamp, hole: Window, number: int) -> Stamp:
 
 
 @functools.cache
+def pattern_tables(n_point: int) -> Any:
+    """The struct of the patterns of all bands, for an interpolation of n_point x n_point nodes."""
+    Lanes, Nodes = canvas_functions(TABLE_LANE).Lanes, table_functions(n_point).Nodes
+
+    class PatternTables:
+        psfs: wp.array[TablePsf]  # (n_band,)
+        blurs: wp.array[Blur]  # (n_band,)
+        table: wp.array[float]  # lane_mask, pixel fractions and envelopes of all bands, flat
+        lanes: wp.array[Lanes]  # the same, with a vector from every float on
+        nodes: wp.array[Nodes]  # the same
+
+    return wp.struct(PatternTables)
+
+
+@functools.cache
 def make_deposit_table_kernel(n_point: int, streaks: bool) -> wp.Kernel:
     """Kernel of the stage; without streaks it looks at no paths."""
     draw = canvas_functions(TABLE_LANE)
-    Lanes, Canvas, canvas_of = draw.Lanes, draw.Canvas, draw.canvas_of
-    Nodes = table_functions(n_point).Nodes
+    Lanes, Images, Canvas, canvas_of = draw.Lanes, draw.Images, draw.Canvas, draw.canvas_of
+    Nodes, Tables = table_functions(n_point).Nodes, pattern_tables(n_point)
     add_stamp = table_stamp_function(n_point)
 
     @wp.func
@@ -179,43 +195,36 @@ def make_deposit_table_kernel(n_point: int, streaks: bool) -> wp.Kernel:
     @wp.kernel(module="unique", enable_backward=False)
     def deposit_table_kernel(
         # in
-        n_source: wp.array[wp.int32],  # (n_view,)
-        source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
-        source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
-        psfs: wp.array[TablePsf],  # (n_band,)
-        blurs: wp.array[Blur],  # (n_band,)
-        table: wp.array[float],  # lane_mask, pixel shares and envelopes of all bands, flat
-        lanes: wp.array[Lanes],  # the same, with a vector from every float on
-        nodes: wp.array[Nodes],  # the same
+        sources: Sources,  # n_source, xy_px, irradiance_w_cm2
+        tables: Tables,
         rule: StampRule,
         paths: Paths,
         rules: StreakRules,
-        n_row: int,
-        n_col: int,
-        n_row_per_block: int,
         # out (accumulated)
-        signal_w_cm2: wp.array[float],  # (n_view * n_band * n_row * n_col,)
-        signal_lanes: wp.array[Lanes],  # the same, with a vector from every pixel on
-        lit: wp.array[wp.uint8],  # (n_view * n_band * n_flag,)
+        images: Images,  # of all views and bands
     ):
         view, band, block = wp.tid()
-        canvas = canvas_of(view * psfs.shape[0] + band, n_row, n_col, signal_w_cm2, signal_lanes, lit)
-        window = block_window(n_row, n_col, block, n_row_per_block)
-        psf = psfs[band]
-        for slot in range(n_source[view]):
-            irradiance = source_irradiance_w_cm2[view, band, slot]
+        canvas = canvas_of(images, view * tables.psfs.shape[0] + band)
+        window = block_window(images.n_row, images.n_col, block, images.n_row_per_block)
+        psf = tables.psfs[band]
+        nodes = tables.nodes
+        lanes = tables.lanes
+        for slot in range(sources.n_source[view]):
+            irradiance = sources.irradiance_w_cm2[view, band, slot]
             if irradiance == 0.0:
                 continue
-            xy_px = source_xy_px[view, slot]
+            xy_px = sources.xy_px[view, slot]
             cut = stamp_cut(irradiance, band, rule)
-            reach_px = table_reach_px(table, psf, cut)
+            reach_px = table_reach_px(tables.table, psf, cut)
             if wp.static(streaks):
                 source = source_of(view, band, slot, xy_px, irradiance)
                 if is_streak_near(paths, source, reach_px, psf.pixel_aspect, window):
                     longest_px = NO_LIMIT
                     if reach_px > WIDE_PX:
                         longest_px = PANEL_PX
-                    streak = streak_of(paths, source, wp.max(cut, rule.streak_error), longest_px, blurs[band], rules)
+                    streak = streak_of(
+                        paths, source, wp.max(cut, rule.streak_error), longest_px, tables.blurs[band], rules
+                    )
                     add_streak(canvas, source, reach_px, streak, psf, nodes, lanes, paths, rules, window)
             else:
                 stamp = stamp_around(xy_px, reach_px, psf.pixel_aspect, window)

@@ -1,11 +1,11 @@
-"""Stage observe_targets, second half: how bright each target is in each band."""
+"""How bright targets are in each band."""
 
 import functools
 
 import warp as wp
 
+from warpsim_kernels.records import Observation
 from warpsim_kernels.signature import ALBEDO, EARTH, EMITTED, SUN, Features
-from warpsim_kernels.targets import DARK
 
 _W_CM2_PER_W_M2 = wp.constant(wp.float64(1.0e-4))
 
@@ -47,25 +47,21 @@ class Surfaces:
     albedo_w_m2_sr2: wp.array2d[wp.float64]  # reflectance / pi times albedo / pi times the Sun's irradiance at 1 au
 
 
-@wp.struct
-class Seen:
-    """What is seen of the targets, each (n_view, n_target)."""
-
-    range_m: wp.array2d[wp.float64]
-    area_m2: wp.array2d[wp.float64]
-    sun_area_m2: wp.array2d[wp.float64]
-    earth_area_m2: wp.array2d[wp.float64]
-    albedo_area_m2_sr: wp.array2d[wp.float64]
-    temperature_k: wp.array2d[wp.float64]
-    flags: wp.array2d[wp.int32]
+IN_FOV = wp.constant(1)
+OCCULTED = wp.constant(2)
+BEHIND = wp.constant(4)
+NOT_DEPLOYED = wp.constant(8)
+ABSENT = wp.constant(16)
+DARK = wp.constant(26)
+"""Bits of the flag word of an observation; DARK is OCCULTED | NOT_DEPLOYED | ABSENT. An absent target has no other."""
 
 
 @wp.func
-def irradiance_per_intensity(seen: Seen, view: int, target: int) -> wp.float64:
+def irradiance_per_intensity(seen: Observation) -> wp.float64:
     """W/cm2 at the pupil for each W/sr; 0 when the target is occulted, not deployed or absent."""
-    if (seen.flags[view, target] & DARK) != 0:
+    if (seen.flags & DARK) != 0:
         return wp.float64(0.0)
-    distance_m = wp.max(seen.range_m[view, target], wp.float64(1.0))
+    distance_m = wp.max(seen.range_m, wp.float64(1.0))
     return _W_CM2_PER_W_M2 / (distance_m * distance_m)
 
 
@@ -75,13 +71,13 @@ def emitted_of(spectral: bool) -> wp.Function:
 
     @wp.func
     def emitted_w_m2_sr(
-        surfaces: Surfaces, table: RadianceTable, seen: Seen, view: int, band: int, target: int
+        surfaces: Surfaces, table: RadianceTable, temperature_k: wp.float64, band: int, target: int
     ) -> wp.float64:
         """Intensity of the thermal emission for each square metre of projected area."""
         row = band
         if wp.static(spectral):
             row = surfaces.radiance_row[band, target]
-        radiance = band_radiance_w_m2_sr(table, row, seen.temperature_k[view, target])
+        radiance = band_radiance_w_m2_sr(table, row, temperature_k)
         return surfaces.emissivity[band, target] * radiance
 
     return emitted_w_m2_sr
@@ -115,38 +111,27 @@ def intensity_of(features: Features) -> wp.Function:
 
 
 @functools.cache
-def make_emit_kernel(features: Features) -> wp.Kernel:
-    """Kernel of the stage: intensity over range squared, summed over the terms that the scene keeps."""
+def irradiance_of(features: Features) -> wp.Function:
+    """The function of a target's irradiance: intensity over range squared, summed over the terms that a scene keeps."""
     emitted_w_m2_sr, intensity_w_sr = emitted_of(features.spectral), intensity_of(features)
 
-    @wp.kernel(module="unique", enable_backward=False)
-    def emit_kernel(
-        # in
-        surfaces: Surfaces,
-        table: RadianceTable,
-        seen: Seen,
-        n_lane: int,  # threads that share a view
-        # out
-        source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot) targets take the first slots
-    ):
-        """In-band irradiance at the pupil; the threads of a view take its targets in turn."""
-        view, lane = wp.tid()
-        for target in range(lane, seen.flags.shape[1], n_lane):
-            per_intensity = irradiance_per_intensity(seen, view, target)
-            for band in range(surfaces.emissivity.shape[0]):
-                light_w_sr = intensity_w_sr(
-                    surfaces,
-                    emitted_w_m2_sr(surfaces, table, seen, view, band, target),
-                    band,
-                    target,
-                    seen.area_m2[view, target],
-                    seen.sun_area_m2[view, target],
-                    seen.earth_area_m2[view, target],
-                    seen.albedo_area_m2_sr[view, target],
-                )
-                source_irradiance_w_cm2[view, band, target] = float(light_w_sr * per_intensity)
+    @wp.func
+    def irradiance_w_cm2(
+        surfaces: Surfaces, table: RadianceTable, seen: Observation, band: int, target: int
+    ) -> wp.float64:
+        light_w_sr = intensity_w_sr(
+            surfaces,
+            emitted_w_m2_sr(surfaces, table, seen.temperature_k, band, target),
+            band,
+            target,
+            seen.area_m2,
+            seen.sun_area_m2,
+            seen.earth_area_m2,
+            seen.albedo_area_m2_sr,
+        )
+        return light_w_sr * irradiance_per_intensity(seen)
 
-    return emit_kernel
+    return irradiance_w_cm2
 
 
 @functools.cache
@@ -159,14 +144,14 @@ def make_profile_kernel(features: Features) -> wp.Kernel:
         # in
         surfaces: Surfaces,
         table: RadianceTable,
-        seen: Seen,
+        seen: wp.array2d[Observation],  # (n_view, n_target)
         area_series: wp.array4d[wp.float64],  # (n_view, n_target, N_TERM, n_exposure)
         # out
         brightness: wp.array4d[float],  # (n_view, n_band, n_target, n_exposure) Legendre coefficients, the first 1
     ):
         """How each target's brightness changes during the exposure."""
         view, band, target = wp.tid()
-        emitted = emitted_w_m2_sr(surfaces, table, seen, view, band, target)
+        emitted = emitted_w_m2_sr(surfaces, table, seen[view, target].temperature_k, band, target)
         mean_w_sr = wp.float64(0.0)
         for l in range(brightness.shape[3]):
             light_w_sr = intensity_w_sr(
@@ -199,45 +184,24 @@ def make_split_kernel(features: Features) -> wp.Kernel:
         # in
         surfaces: Surfaces,
         table: RadianceTable,
-        seen: Seen,
+        seen: wp.array2d[Observation],  # (n_view, n_target)
         # out
         irradiance_w_cm2: wp.array4d[wp.float64],  # (N_TERM, n_view, n_band, n_target)
     ):
         """Irradiance at the pupil by each term."""
         view, band, target = wp.tid()
-        scale = irradiance_per_intensity(seen, view, target)
-        emitted = emitted_w_m2_sr(surfaces, table, seen, view, band, target)
-        irradiance_w_cm2[EMITTED, view, band, target] = scale * (emitted * seen.area_m2[view, target])
+        target_seen = seen[view, target]
+        scale = irradiance_per_intensity(target_seen)
+        emitted = emitted_w_m2_sr(surfaces, table, target_seen.temperature_k, band, target)
+        irradiance_w_cm2[EMITTED, view, band, target] = scale * (emitted * target_seen.area_m2)
         if wp.static(features.sun):
-            sun_w_sr = surfaces.sun_w_m2_sr[band, target] * seen.sun_area_m2[view, target]
+            sun_w_sr = surfaces.sun_w_m2_sr[band, target] * target_seen.sun_area_m2
             irradiance_w_cm2[SUN, view, band, target] = scale * sun_w_sr
         if wp.static(features.earth):
-            earth_w_sr = surfaces.earth_w_m2_sr[band, target] * seen.earth_area_m2[view, target]
+            earth_w_sr = surfaces.earth_w_m2_sr[band, target] * target_seen.earth_area_m2
             irradiance_w_cm2[EARTH, view, band, target] = scale * earth_w_sr
         if wp.static(features.albedo):
-            albedo_w_sr = surfaces.albedo_w_m2_sr2[band, target] * seen.albedo_area_m2_sr[view, target]
+            albedo_w_sr = surfaces.albedo_w_m2_sr2[band, target] * target_seen.albedo_area_m2_sr
             irradiance_w_cm2[ALBEDO, view, band, target] = scale * albedo_w_sr
 
     return split_kernel
-
-
-@wp.kernel(enable_backward=False)
-def record_targets_kernel(
-    # in
-    source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
-    source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
-    source_offset_px: wp.array3d[wp.vec2],  # (n_view, n_slot, n_path)
-    n_lane: int,  # threads that share a view
-    # out
-    xy_px: wp.array2d[wp.vec2d],  # (n_view, n_target)
-    irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_target)
-    offset_px: wp.array3d[wp.vec2],  # (n_view, n_target, n_path)
-):
-    """Keep, for the truth, the very numbers that the deposit draws: label and light cannot differ."""
-    view, lane = wp.tid()
-    for target in range(lane, xy_px.shape[1], n_lane):
-        xy_px[view, target] = source_xy_px[view, target]
-        for l in range(offset_px.shape[2]):
-            offset_px[view, target, l] = source_offset_px[view, target, l]
-        for band in range(irradiance_w_cm2.shape[1]):
-            irradiance_w_cm2[view, band, target] = source_irradiance_w_cm2[view, band, target]

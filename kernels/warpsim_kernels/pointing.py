@@ -5,9 +5,8 @@ import math
 
 import warp as wp
 
-from warpsim_kernels.apparent import Observer, Presence, path_from_target
+from warpsim_kernels.apparent import Observer, Tracks, path_from_target
 from warpsim_kernels.camera import camera_axes, up_is_lost
-from warpsim_kernels.motion import NodeGrid
 
 UP_ZENITH = wp.constant(0)
 UP_NORTH = wp.constant(1)
@@ -90,24 +89,16 @@ def local_frame(position_m: wp.vec3d, velocity_m_s: wp.vec3d) -> LocalFrame:
 
 
 @wp.func
-def tracked_direction(
-    position_m: wp.array2d[wp.vec3d],
-    velocity_m_s: wp.array2d[wp.vec3d],
-    presence: Presence,
-    law: PointingLaw,
-    grid: NodeGrid,
-    observer: Observer,
-    since_middle_s: wp.float64,
-) -> wp.vec3d:
+def tracked_direction(tracks: Tracks, law: PointingLaw, observer: Observer, since_middle_s: wp.float64) -> wp.vec3d:
     """Mean apparent direction of the tracked targets that exist; 0 where there is none.
 
     Those that exist in the middle of the exposure count in all of it: one that ends meanwhile does not turn the camera.
     """
     towards = wp.vec3d()
     for body in range(law.first_tracked, law.first_tracked + law.n_tracked):
-        path = path_from_target(position_m, velocity_m_s, presence, body, grid, observer)
+        path = path_from_target(tracks, body, observer)
         middle_s = path.emission_time_s - since_middle_s
-        exists_s = presence.exists_s[body]
+        exists_s = tracks.presence.exists_s[body]
         if path.range_m > _NEAREST_M and middle_s >= exists_s[0] and middle_s <= exists_s[1]:
             towards += path.apparent
     if wp.length(towards) < wp.float64(1.0e-9):
@@ -180,10 +171,7 @@ def law_axes_of(track: bool, fixed: bool, scan: bool) -> wp.Function:
         sensor: int,
         time_s: wp.float64,
         frame: LocalFrame,
-        position_m: wp.array2d[wp.vec3d],
-        velocity_m_s: wp.array2d[wp.vec3d],
-        presence: Presence,
-        grid: NodeGrid,
+        tracks: Tracks,
         observer: Observer,
         since_middle_s: wp.float64,
     ) -> CommandedAxes:
@@ -191,7 +179,7 @@ def law_axes_of(track: bool, fixed: bool, scan: bool) -> wp.Function:
         roll_rad = law.roll_rad
         if wp.static(track):
             if wp.static(alone) or law.kind == LAW_TRACK:
-                boresight = tracked_direction(position_m, velocity_m_s, presence, law, grid, observer, since_middle_s)
+                boresight = tracked_direction(tracks, law, observer, since_middle_s)
         if wp.static(scan):
             if wp.static(alone) or law.kind == LAW_SCAN:
                 sight = scan_sight(rows, sensor, time_s)

@@ -162,12 +162,12 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
         first_strip: int,  # of each image
         end_strip: int,
         dark_place: int,  # where signal_w_cm2 has a strip that is always dark; not read if ragged
-        keep_light: int,  # 0 makes strips dark again; their flags stay, as other threads may still want to see them
-        # in and out
-        signal_w_cm2: Light,  # (n_view * n_band * n_pixel + STRIP_PIXELS,), or (n_view * n_band, n_pixel)
+        first_image: int,  # among the counts
         lit: wp.array[wp.uint8],  # (n_view * n_band * n_flag,) strips with light; not read if ragged
         # out
-        counts: Counts,  # (n_view * n_band * n_pixel,), or (n_view * n_band, n_pixel)
+        counts: Counts,  # (n_image * n_pixel,), or (n_image, n_pixel)
+        # in and out
+        signal_w_cm2: Light,  # (n_view * n_band * n_pixel + STRIP_PIXELS,), or (n_view * n_band, n_pixel); made dark
     ):
         if wp.static(False):
             mapped_functions()
@@ -250,15 +250,15 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
             counts_2 = half_read_out(light_2, d, noise_2, gain_2, offset_2, read_2, column_2, bad_2, few_2)
             dark = wp.tile_zeros(shape=STRIP_PIXELS, dtype=float)
             if wp.static(ragged):
-                read = counts[image]
+                read = counts[first_image + image]
                 wp.tile_store(read, counts_1, offset=pixel)
                 wp.tile_store(read, counts_2, offset=pixel + N_PAIR)
-                if keep_light == 0:
-                    wp.tile_store(light, dark, offset=pixel)
+                wp.tile_store(light, dark, offset=pixel)
             else:
-                wp.tile_store(counts, counts_1, offset=place, bounds_check=False)
-                wp.tile_store(counts, counts_2, offset=place + N_PAIR, bounds_check=False)
-                if is_lit and keep_light == 0:
+                counts_place = (first_image + image) * detector.n_pixel + pixel
+                wp.tile_store(counts, counts_1, offset=counts_place, bounds_check=False)
+                wp.tile_store(counts, counts_2, offset=counts_place + N_PAIR, bounds_check=False)
+                if is_lit:
                     wp.tile_store(signal_w_cm2, dark, offset=place, bounds_check=False)
 
     return read_out_kernel

@@ -10,6 +10,7 @@ from warpsim_kernels.band_index import cone_cover, run_of_stars
 from warpsim_kernels.camera import Camera, depth, projection, within_frame
 from warpsim_kernels.earth import Earth, is_earth_near, is_star_occulted
 from warpsim_kernels.motion import NodeGrid, linear_vector
+from warpsim_kernels.records import Sources, View
 
 
 @wp.struct
@@ -49,46 +50,39 @@ def make_gather_stars_kernel(
     def gather_stars_kernel(
         # in
         view_time_s: wp.array[wp.float64],  # (n_view,)
-        view_axes: wp.array[wp.mat33d],  # (n_view,)
-        view_position_m: wp.array[wp.vec3d],  # (n_view,) geocentric
-        view_velocity_m_s: wp.array[wp.vec3d],  # (n_view,) barycentric
         stars: StarField,
         orbit: EarthOrbit,
         camera: Camera,
         earth: Earth,
         n_target: int,  # slots already taken by targets
-        view_reach: wp.array[wp.vec2d],  # (n_view,) how far stars move in the exposure [px], [rad]; not read if still
-        # out
-        source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
-        source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
-        source_star: wp.array2d[wp.int32],  # (n_view, n_slot) star in cell order, -1 for a target
-        source_direction: wp.array2d[wp.vec3d],  # (n_view, n_slot) apparent; empty if stars do not move
-        n_source: wp.array[wp.int32],  # (n_view,) filled slots
-        n_wanted: wp.array[wp.int32],  # (n_view,) slots needed; above n_slot when the list is full
+        # in and out
+        views: wp.array[View],  # (n_view,) n_wanted
+        sources: Sources,  # all but offset_px
     ):
         """Append every star in front of the Earth whose stamp touches the frame, in cell order; one thread per view."""
         view = wp.tid()
-        axes = view_axes[view]
+        camera_at = views[view]
+        axes = camera_at.axes
         boresight = wp.vec3d(axes[2, 0], axes[2, 1], axes[2, 2])
         observer_m = wp.vec3d()
         from_sun_m = wp.vec3d()
         if wp.static(with_parallax):
-            observer_m = linear_vector(orbit.barycentric_m, view_time_s[view], orbit.grid) + view_position_m[view]
+            observer_m = linear_vector(orbit.barycentric_m, view_time_s[view], orbit.grid) + camera_at.position_m
         if wp.static(with_deflection):
-            from_sun_m = linear_vector(orbit.heliocentric_m, view_time_s[view], orbit.grid) + view_position_m[view]
-        n_slot = source_xy_px.shape[1]
+            from_sun_m = linear_vector(orbit.heliocentric_m, view_time_s[view], orbit.grid) + camera_at.position_m
+        n_slot = sources.xy_px.shape[1]
         n = int(n_target)
         for target in range(n_target):
-            source_star[view, target] = -1
+            sources.star[view, target] = -1
         radius_rad = stars.radius_rad
         cosine = stars.cosine
         reach_px = wp.float64(0.0)
         if wp.static(with_streaks):
-            reach_px = view_reach[view][0]
-            radius_rad = wp.min(radius_rad + view_reach[view][1], wp.float64(wp.static(math.pi)))
+            reach_px = camera_at.reach[0]
+            radius_rad = wp.min(radius_rad + camera_at.reach[1], wp.float64(wp.static(math.pi)))
             cosine = wp.cos(radius_rad)
-        boost = boost_by(view_velocity_m_s[view])
-        at_limb = is_earth_near(view_position_m[view], boresight, radius_rad, earth)
+        boost = boost_by(camera_at.velocity_m_s)
+        at_limb = is_earth_near(camera_at.position_m, boresight, radius_rad, earth)
         cover = cone_cover(boresight, radius_rad)
         for band in range(cover.first_band, cover.last_band + 1):
             for part in range(2):
@@ -98,7 +92,7 @@ def make_gather_stars_kernel(
                     if wp.dot(seen, boresight) < cosine:
                         continue
                     if at_limb:
-                        if is_star_occulted(view_position_m[view], seen, earth):
+                        if is_star_occulted(camera_at.position_m, seen, earth):
                             continue
                     if wp.static(with_parallax):
                         seen = seen_from(seen, wp.float64(stars.parallax_rad[star]), observer_m)
@@ -113,14 +107,14 @@ def make_gather_stars_kernel(
                     if not within_frame(camera, xy_px, margin_px):
                         continue
                     if n < n_slot:
-                        source_xy_px[view, n] = xy_px
-                        source_star[view, n] = star
+                        sources.xy_px[view, n] = xy_px
+                        sources.star[view, n] = star
                         if wp.static(with_streaks):
-                            source_direction[view, n] = wp.normalize(seen)
-                        for channel in range(source_irradiance_w_cm2.shape[1]):
-                            source_irradiance_w_cm2[view, channel, n] = stars.irradiance_w_cm2[channel, star]
+                            sources.direction[view, n] = wp.normalize(seen)
+                        for channel in range(sources.irradiance_w_cm2.shape[1]):
+                            sources.irradiance_w_cm2[view, channel, n] = stars.irradiance_w_cm2[channel, star]
                     n += 1
-        n_wanted[view] = n
-        n_source[view] = wp.min(n, n_slot)
+        views[view].n_wanted = n
+        sources.n_source[view] = wp.min(n, n_slot)
 
     return gather_stars_kernel

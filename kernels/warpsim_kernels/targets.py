@@ -1,90 +1,104 @@
-"""Stage observe_targets, first half: where each target is seen, and what of it."""
+"""Stage observe_targets: where each target is seen, what of it, and how bright it is."""
 
 import functools
 
 import warp as wp
 
-from warpsim_kernels.apparent import Presence, observer_of, path_from_target
+from warpsim_kernels.apparent import LightPath, Observer, Tracks, observer_of, path_from_target
 from warpsim_kernels.camera import Camera, depth, projection, within_frame
 from warpsim_kernels.earth import is_occulted
-from warpsim_kernels.motion import NodeGrid, hermite_velocity_m_s, linear_rate, linear_vector
+from warpsim_kernels.emission import (
+    ABSENT,
+    BEHIND,
+    IN_FOV,
+    NOT_DEPLOYED,
+    OCCULTED,
+    RadianceTable,
+    Surfaces,
+    irradiance_of,
+)
+from warpsim_kernels.motion import hermite_velocity_m_s, linear_rate, linear_vector
+from warpsim_kernels.records import Observation, Sources, View
 from warpsim_kernels.signature import Exposure, Features, Passing, Surroundings, Tables, Target, signature_of
 from warpsim_kernels.temperature import temperature_k
 
-IN_FOV = wp.constant(1)
-OCCULTED = wp.constant(2)
-BEHIND = wp.constant(4)
-NOT_DEPLOYED = wp.constant(8)
-ABSENT = wp.constant(16)
-DARK = wp.constant(26)
-"""Bits of the flag word of an observation; DARK is OCCULTED | NOT_DEPLOYED | ABSENT. An absent target has no other."""
+
+@wp.struct
+class Bodies:
+    """The targets of a scene and what surrounds them."""
+
+    targets: wp.array[Target]  # (n_target,)
+    tables: Tables
+    exposure: Exposure
+    surroundings: Surroundings
+    surfaces: Surfaces
+    radiance: RadianceTable
+
+
+@functools.cache
+def projected_target_of(distortion: bool) -> wp.Function:
+    """The function that begins a target's observation: where it is seen."""
+    projected_px = projection(distortion)
+
+    @wp.func
+    def projected_target(
+        camera: Camera, axes: wp.mat33d, observer: Observer, path: LightPath, bodies: Bodies
+    ) -> Observation:
+        seen = Observation()
+        seen.range_m = path.range_m
+        seen.xy_px = wp.vec2d(wp.float64(-1.0e9), wp.float64(-1.0e9))
+        if path.absent != 0:
+            seen.flags = ABSENT
+            return seen
+        if depth(axes, path.apparent) > wp.float64(0.0):
+            seen.xy_px = projected_px(camera, axes, path.apparent)
+            if within_frame(camera, seen.xy_px, wp.float64(0.0)):
+                seen.flags = IN_FOV
+        else:
+            seen.flags = BEHIND
+        if is_occulted(observer.position_m, path.vector_m, bodies.surroundings.earth):
+            seen.flags = seen.flags | OCCULTED
+        if path.not_deployed != 0:
+            seen.flags = seen.flags | NOT_DEPLOYED
+        return seen
+
+    return projected_target
 
 
 @functools.cache
 def make_observe_targets_kernel(features: Features) -> wp.Kernel:
     """Kernel of the stage; its code holds what the scene's targets need."""
-    signature = signature_of(features)
-    projected_px = projection(features.distortion)
+    projected_target = projected_target_of(features.distortion)
+    signature, irradiance_w_cm2 = signature_of(features), irradiance_of(features)
 
     @wp.kernel(module="unique", enable_backward=False)
     def observe_targets_kernel(
         # in
         view_time_s: wp.array[wp.float64],  # (n_view,)
-        view_axes: wp.array[wp.mat33d],  # (n_view,)
-        view_position_m: wp.array[wp.vec3d],  # (n_view,)
-        view_velocity_m_s: wp.array[wp.vec3d],  # (n_view,) barycentric
-        position_m: wp.array2d[wp.vec3d],  # (n_body, n_node)
-        velocity_m_s: wp.array2d[wp.vec3d],  # (n_body, n_node)
-        earth_velocity_m_s: wp.array[wp.vec3d],  # (n_node,)
-        presence: Presence,
-        grid: NodeGrid,
-        first_target: int,  # row of the first target in the tracks
-        targets: wp.array[Target],  # (n_target,)
-        tables: Tables,
-        exposure: Exposure,
-        surroundings: Surroundings,
+        views: wp.array[View],  # (n_view,)
+        tracks: Tracks,
+        bodies: Bodies,
         camera: Camera,
-        n_lane: int,  # threads that share a view
+        threads_per_view: int,
         # out
-        source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot) first slots; far outside the frame if behind the camera
-        range_m: wp.array2d[wp.float64],  # (n_view, n_target)
-        aspect_rad: wp.array2d[wp.float64],  # (n_view, n_target)
-        area_m2: wp.array2d[wp.float64],  # (n_view, n_target)
-        sun_area_m2: wp.array2d[wp.float64],  # (n_view, n_target)
-        earth_area_m2: wp.array2d[wp.float64],  # (n_view, n_target)
-        albedo_area_m2_sr: wp.array2d[wp.float64],  # (n_view, n_target)
-        sunlit: wp.array2d[wp.float64],  # (n_view, n_target)
-        temperature: wp.array2d[wp.float64],  # (n_view, n_target) [K]
-        flags: wp.array2d[wp.int32],  # (n_view, n_target) IN_FOV | OCCULTED | BEHIND | NOT_DEPLOYED, or ABSENT
+        sources: Sources,  # first slots: xy_px, irradiance_w_cm2
+        observations: wp.array2d[Observation],  # (n_view, n_target)
+        irradiance: wp.array3d[float],  # (n_view, n_band, n_target) as in sources, for the truth
         area_series: wp.array4d[wp.float64],  # (n_view, n_target, N_TERM, n_exposure); empty unless profiles are kept
     ):
-        """Geometry of every (view, target); the threads of a view take its targets in turn."""
-        view, lane = wp.tid()
+        """Geometry and light of every (view, target); the threads of a view take its targets in turn."""
+        view, thread = wp.tid()
         time_s = view_time_s[view]
-        axes = view_axes[view]
-        earth_velocity = linear_vector(earth_velocity_m_s, time_s, grid)
-        observer = observer_of(time_s, grid, view_position_m[view], earth_velocity, view_velocity_m_s[view])
-        sun_m = linear_vector(surroundings.sun_m, time_s, grid)
-        sun_m_s = linear_rate(surroundings.sun_m, time_s, grid)
-        for target_id in range(lane, targets.shape[0], n_lane):
-            target = targets[target_id]
-            path = path_from_target(position_m, velocity_m_s, presence, first_target + target_id, grid, observer)
-            flag = int(0)
-            place_px = wp.vec2d(wp.float64(-1.0e9), wp.float64(-1.0e9))
-            if depth(axes, path.apparent) > wp.float64(0.0):
-                place_px = projected_px(camera, axes, path.apparent)
-                if within_frame(camera, place_px, wp.float64(0.0)):
-                    flag = IN_FOV
-            else:
-                flag = BEHIND
-            if is_occulted(observer.position_m, path.vector_m, surroundings.earth):
-                flag = flag | OCCULTED
-            if path.not_deployed != 0:
-                flag = flag | NOT_DEPLOYED
-            if path.absent != 0:
-                flag = ABSENT
-                place_px = wp.vec2d(wp.float64(-1.0e9), wp.float64(-1.0e9))
-
+        camera_at = views[view]
+        earth_m_s = linear_vector(tracks.earth_velocity_m_s, time_s, tracks.grid)
+        observer = observer_of(time_s, tracks.grid, camera_at.position_m, earth_m_s, camera_at.velocity_m_s)
+        sun_m = linear_vector(bodies.surroundings.sun_m, time_s, tracks.grid)
+        sun_m_s = linear_rate(bodies.surroundings.sun_m, time_s, tracks.grid)
+        for number in range(thread, bodies.targets.shape[0], threads_per_view):
+            target = bodies.targets[number]
+            body = tracks.first_target + number
+            path = path_from_target(tracks, body, observer)
+            seen = projected_target(camera, camera_at.axes, observer, path, bodies)
             towards_sensor = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))  # of a sensor at the target
             if path.range_m > wp.float64(0.0):
                 towards_sensor = -path.vector_m / path.range_m
@@ -92,34 +106,34 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
             if wp.static(features.profile):
                 passing.vector_m = path.vector_m
                 passing.velocity_m_s = hermite_velocity_m_s(
-                    position_m, velocity_m_s, first_target + target_id, path.emission_time_s, grid
-                ) - (view_velocity_m_s[view] - earth_velocity)
-            seen = signature(
+                    tracks.position_m, tracks.velocity_m_s, body, path.emission_time_s, tracks.grid
+                ) - (camera_at.velocity_m_s - earth_m_s)
+            areas = signature(
                 target,
-                tables,
-                exposure,
-                surroundings,
+                bodies.tables,
+                bodies.exposure,
+                bodies.surroundings,
                 sun_m + sun_m_s * (path.emission_time_s - time_s),
                 observer.position_m + path.vector_m,
                 towards_sensor,
                 path.emission_time_s,
                 passing,
-                area_series[view, target_id],
+                area_series[view, number],
             )
-            source_xy_px[view, target_id] = place_px
-            range_m[view, target_id] = path.range_m
-            aspect_rad[view, target_id] = seen.aspect_rad
-            area_m2[view, target_id] = seen.area_m2
-            if wp.static(features.sun):
-                sun_area_m2[view, target_id] = seen.sun_area_m2
-                sunlit[view, target_id] = seen.sunlit
-            if wp.static(features.earth):
-                earth_area_m2[view, target_id] = seen.earth_area_m2
-            if wp.static(features.albedo):
-                albedo_area_m2_sr[view, target_id] = seen.albedo_area_m2_sr
-            temperature[view, target_id] = temperature_k(
-                tables.temperatures, target.temperature_first, target.temperature_count, path.emission_time_s
+            seen.aspect_rad = areas.aspect_rad
+            seen.area_m2 = areas.area_m2
+            seen.sunlit = areas.sunlit
+            seen.sun_area_m2 = areas.sun_area_m2
+            seen.earth_area_m2 = areas.earth_area_m2
+            seen.albedo_area_m2_sr = areas.albedo_area_m2_sr
+            seen.temperature_k = temperature_k(
+                bodies.tables.temperatures, target.temperature_first, target.temperature_count, path.emission_time_s
             )
-            flags[view, target_id] = flag
+            observations[view, number] = seen
+            sources.xy_px[view, number] = seen.xy_px
+            for band in range(irradiance.shape[1]):
+                light = float(irradiance_w_cm2(bodies.surfaces, bodies.radiance, seen, band, number))
+                sources.irradiance_w_cm2[view, band, number] = light
+                irradiance[view, band, number] = light
 
     return observe_targets_kernel

@@ -8,9 +8,10 @@ import functools
 
 import warp as wp
 
-from warpsim_kernels.apparent import Presence, observer_of, path_from_target
+from warpsim_kernels.apparent import Tracks, observer_of, path_from_target
 from warpsim_kernels.camera import Camera, depth, projection
-from warpsim_kernels.motion import NodeGrid, linear_vector
+from warpsim_kernels.motion import linear_vector
+from warpsim_kernels.records import Sources, View
 
 REACH_SAFETY = wp.constant(wp.float64(2.0))
 """The ends of an exposure lie beyond its outermost node: up to 1.7 times as far for three nodes on a parabola."""
@@ -28,6 +29,24 @@ class Instants:
     series: wp.array2d[wp.float64]  # (n_path, n_path) what makes coefficient l of the value at instant k
 
 
+@wp.kernel(enable_backward=False)
+def spread_views_kernel(
+    # in
+    view_time_s: wp.array[wp.float64],  # (n_view,) middle of the exposure
+    view_sensor: wp.array[wp.uint32],  # (n_view,)
+    offset_s: wp.array[wp.float64],  # (n_path,)
+    # out
+    time_s: wp.array2d[wp.float64],  # (n_view, n_path)
+    middle_s: wp.array2d[wp.float64],  # (n_view, n_path)
+    sensor: wp.array2d[wp.uint32],  # (n_view, n_path)
+):
+    """Views at the instants of the exposure."""
+    view, k = wp.tid()
+    time_s[view, k] = view_time_s[view] + offset_s[k]
+    middle_s[view, k] = view_time_s[view]
+    sensor[view, k] = view_sensor[view]
+
+
 @functools.cache
 def make_reach_kernel(distortion: bool) -> wp.Kernel:
     """Kernel that finds how far the sky moves over the frame."""
@@ -36,22 +55,21 @@ def make_reach_kernel(distortion: bool) -> wp.Kernel:
     @wp.kernel(module="unique", enable_backward=False)
     def reach_kernel(
         # in
-        view_axes: wp.array[wp.mat33d],  # (n_view,) in the middle of the exposure
-        path_axes: wp.array2d[wp.mat33d],  # (n_view, n_path) at its nodes
+        path: wp.array2d[View],  # (n_view, n_path) at the nodes of the exposure
         camera: Camera,
-        landmark: wp.array[wp.vec3d],  # (n_landmark,) unit directions of corners and the like, in camera axes
-        # out
-        reach: wp.array[wp.vec2d],  # (n_view,) how far stars move at most: [px], [rad]
+        sample_point: wp.array[wp.vec3d],  # (n_point,) unit directions of corners and the like, in camera axes
+        # in and out
+        views: wp.array[View],  # (n_view,) in its middle; reach
     ):
-        """Largest movement of the landmarks, with a margin."""
+        """Largest movement of the sample points, with a margin."""
         view = wp.tid()
         still = wp.identity(n=3, dtype=wp.float64)
         far_px = wp.float64(0.0)
         far_rad = wp.float64(0.0)
-        for k in range(path_axes.shape[1]):
-            turn = path_axes[view, k] * wp.transpose(view_axes[view])
-            for point in range(landmark.shape[0]):
-                before = landmark[point]
+        for k in range(path.shape[1]):
+            turn = path[view, k].axes * wp.transpose(views[view].axes)
+            for point in range(sample_point.shape[0]):
+                before = sample_point[point]
                 after = turn * before
                 far_rad = wp.max(far_rad, wp.asin(wp.min(wp.length(wp.cross(before, after)), wp.float64(1.0))))
                 if after[2] > _ASIDE:
@@ -59,7 +77,7 @@ def make_reach_kernel(distortion: bool) -> wp.Kernel:
                     far_px = wp.max(far_px, wp.length(shift))
                 else:
                     far_px = _NOWHERE_PX
-        reach[view] = wp.vec2d(REACH_SAFETY * far_px, REACH_SAFETY * far_rad)
+        views[view].reach = wp.vec2d(REACH_SAFETY * far_px, REACH_SAFETY * far_rad)
 
     return reach_kernel
 
@@ -73,7 +91,7 @@ def add_to_series(offset_px: wp.array3d[wp.vec2], view: int, slot: int, k: int, 
 
 
 @wp.func
-def forget_series(offset_px: wp.array3d[wp.vec2], view: int, slot: int, n_path: int):
+def clear_series(offset_px: wp.array3d[wp.vec2], view: int, slot: int, n_path: int):
     """Set a source's series to zero."""
     for l in range(n_path):
         offset_px[view, slot, l] = wp.vec2(0.0, 0.0)
@@ -88,37 +106,38 @@ def make_trace_targets_kernel(distortion: bool) -> wp.Kernel:
     def trace_targets_kernel(
         # in
         path_time_s: wp.array2d[wp.float64],  # (n_view, n_path)
-        path_axes: wp.array2d[wp.mat33d],  # (n_view, n_path)
-        path_position_m: wp.array2d[wp.vec3d],  # (n_view, n_path)
-        path_velocity_m_s: wp.array2d[wp.vec3d],  # (n_view, n_path) barycentric
-        position_m: wp.array2d[wp.vec3d],  # (n_body, n_node)
-        velocity_m_s: wp.array2d[wp.vec3d],  # (n_body, n_node)
-        earth_velocity_m_s: wp.array[wp.vec3d],  # (n_node,)
-        presence: Presence,
-        grid: NodeGrid,
-        first_target: int,  # row of the first target in the tracks
+        path: wp.array2d[View],  # (n_view, n_path)
+        tracks: Tracks,
         camera: Camera,
         instants: Instants,
-        source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot) places in the middle
+        # in and out
+        sources: Sources,  # offset_px
         # out
-        offset_px: wp.array3d[wp.vec2],  # (n_view, n_slot, n_path)
+        offset_px: wp.array3d[wp.vec2],  # (n_view, n_target, n_path) the same, for the truth
     ):
         """Series of every (view, target); none for a target that is, or comes, behind the camera."""
         view, target = wp.tid()
-        forget_series(offset_px, view, target, instants.n_path)
-        middle_px = source_xy_px[view, target]
+        clear_series(sources.offset_px, view, target, instants.n_path)
+        middle_px = sources.xy_px[view, target]
+        n_followed = instants.n_path
         if wp.max(wp.abs(middle_px[0]), wp.abs(middle_px[1])) > _NOWHERE_PX:
-            return
-        for k in range(instants.n_path):
+            n_followed = int(0)
+        k = int(0)
+        while k < n_followed:
             time_s = path_time_s[view, k]
-            earth_velocity = linear_vector(earth_velocity_m_s, time_s, grid)
-            observer = observer_of(time_s, grid, path_position_m[view, k], earth_velocity, path_velocity_m_s[view, k])
-            path = path_from_target(position_m, velocity_m_s, presence, first_target + target, grid, observer)
-            if depth(path_axes[view, k], path.apparent) <= _ASIDE:
-                forget_series(offset_px, view, target, instants.n_path)
-                return
-            moved_px = projected_px(camera, path_axes[view, k], path.apparent) - middle_px
-            add_to_series(offset_px, view, target, k, instants, moved_px)
+            earth_m_s = linear_vector(tracks.earth_velocity_m_s, time_s, tracks.grid)
+            camera_at = path[view, k]
+            observer = observer_of(time_s, tracks.grid, camera_at.position_m, earth_m_s, camera_at.velocity_m_s)
+            light = path_from_target(tracks, tracks.first_target + target, observer)
+            if depth(camera_at.axes, light.apparent) <= _ASIDE:
+                clear_series(sources.offset_px, view, target, instants.n_path)
+                n_followed = int(0)
+            else:
+                moved_px = projected_px(camera, camera_at.axes, light.apparent) - middle_px
+                add_to_series(sources.offset_px, view, target, k, instants, moved_px)
+            k += 1
+        for l in range(instants.n_path):
+            offset_px[view, target, l] = sources.offset_px[view, target, l]
 
     return trace_targets_kernel
 
@@ -131,29 +150,26 @@ def make_trace_stars_kernel(distortion: bool) -> wp.Kernel:
     @wp.kernel(module="unique", enable_backward=False)
     def trace_stars_kernel(
         # in
-        path_axes: wp.array2d[wp.mat33d],  # (n_view, n_path)
+        path: wp.array2d[View],  # (n_view, n_path)
         camera: Camera,
         instants: Instants,
         n_target: int,
-        n_source: wp.array[wp.int32],  # (n_view,)
-        source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot) places in the middle
-        source_direction: wp.array2d[wp.vec3d],  # (n_view, n_slot) apparent, unit, ICRS axes
-        # out
-        offset_px: wp.array3d[wp.vec2],  # (n_view, n_slot, n_path)
+        # in and out
+        sources: Sources,  # offset_px
     ):
         """Series of every star; none for one that comes behind the camera."""
         view, star = wp.tid()
         slot = n_target + star
-        if slot >= n_source[view]:
+        if slot >= sources.n_source[view]:
             return
-        forget_series(offset_px, view, slot, instants.n_path)
-        seen = source_direction[view, slot]
+        clear_series(sources.offset_px, view, slot, instants.n_path)
+        seen = sources.direction[view, slot]
         for k in range(instants.n_path):
-            axes = path_axes[view, k]
+            axes = path[view, k].axes
             if depth(axes, seen) <= _ASIDE:
-                forget_series(offset_px, view, slot, instants.n_path)
+                clear_series(sources.offset_px, view, slot, instants.n_path)
                 return
-            moved_px = projected_px(camera, axes, seen) - source_xy_px[view, slot]
-            add_to_series(offset_px, view, slot, k, instants, moved_px)
+            moved_px = projected_px(camera, axes, seen) - sources.xy_px[view, slot]
+            add_to_series(sources.offset_px, view, slot, k, instants, moved_px)
 
     return trace_stars_kernel

@@ -7,17 +7,19 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 import warp as wp
-from warpsim_kernels.deposit_gaussian import GAUSSIAN_LANE, make_deposit_gaussian_kernel
-from warpsim_kernels.deposit_table import make_deposit_table_kernel
+from warpsim_kernels.canvas import canvas_functions
+from warpsim_kernels.deposit_gaussian import GAUSSIAN_LANE, GaussianTables, make_deposit_gaussian_kernel
+from warpsim_kernels.deposit_table import make_deposit_table_kernel, pattern_tables
 from warpsim_kernels.paths import Paths
 from warpsim_kernels.psf import TABLE_LANE
+from warpsim_kernels.records import Sources
 from warpsim_kernels.stamp_light import make_gaussian_light_kernel, make_table_light_kernel
 from warpsim_kernels.stamp_sizes import size_gaussian_stamps_kernel, size_table_stamps_kernel
 from warpsim_kernels.stamps import StampRule
 from warpsim_kernels.streaks import Blur
 from warpsim_kernels.strips import n_flag
 
-from warpsim.launches import launch
+from warpsim.launches import Launch
 from warpsim.optics.gaussian_table import upload_gaussians
 from warpsim.optics.psf import Psf, PsfGaussian, check_one_family
 from warpsim.optics.sharpness import sharpness
@@ -40,8 +42,8 @@ class PsfBank(Protocol):
         signal_w_cm2: wp.array,
         paths: Any = None,
         lit: wp.array | None = None,
-    ) -> None:
-        """Add the light of all sources to signal, shape (n_view, n_band, n_row, n_col).
+    ) -> Launch:
+        """Return the launch that adds the light of all sources to signal, shape (n_view, n_band, n_row, n_col).
 
         Args:
             sources: n_source (n_view,), xy_px (n_view, n_slot), irradiance_w_cm2 (n_view, n_band, n_slot).
@@ -97,12 +99,13 @@ class GaussianBank:
         signal_w_cm2: wp.array,
         paths: Any = None,
         lit: wp.array | None = None,
-    ) -> None:
+    ) -> Launch:
         """See PsfBank."""
-        tables = [self._psf, overlapping(self._shares, GAUSSIAN_LANE)]
-        inputs = [*sources, *tables, rule, Paths() if paths is None else paths, self._rules]
+        tables: Any = GaussianTables()
+        tables.psfs, tables.shares = self._psf, overlapping(self._shares, GAUSSIAN_LANE)
+        inputs = [_lists(sources), tables, rule, Paths() if paths is None else paths, self._rules]
         kernel = self.deposit_kernel(paths is not None)
-        _launch_deposit(kernel, inputs, GAUSSIAN_LANE, n_row_per_block, signal_w_cm2, lit)
+        return _deposit(kernel, inputs, GAUSSIAN_LANE, n_row_per_block, signal_w_cm2, lit)
 
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
         """See PsfBank."""
@@ -143,12 +146,14 @@ class TableBank:
         signal_w_cm2: wp.array,
         paths: Any = None,
         lit: wp.array | None = None,
-    ) -> None:
+    ) -> Launch:
         """See PsfBank."""
-        tables = [self._psf, self._blur, self._table, overlapping(self._table, TABLE_LANE), self._nodes()]
-        inputs = [*sources, *tables, rule, Paths() if paths is None else paths, self._rules]
+        tables: Any = pattern_tables(self._n_point)()
+        tables.psfs, tables.blurs, tables.table = self._psf, self._blur, self._table
+        tables.lanes, tables.nodes = overlapping(self._table, TABLE_LANE), self._nodes()
+        inputs = [_lists(sources), tables, rule, Paths() if paths is None else paths, self._rules]
         kernel = self.deposit_kernel(paths is not None)
-        _launch_deposit(kernel, inputs, TABLE_LANE, n_row_per_block, signal_w_cm2, lit)
+        return _deposit(kernel, inputs, TABLE_LANE, n_row_per_block, signal_w_cm2, lit)
 
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
         """See PsfBank."""
@@ -229,21 +234,25 @@ def rule_of_band(rule: Any, band: int) -> Any:
     return one
 
 
-def _launch_deposit(
+def _deposit(
     kernel: wp.Kernel, inputs: list[Any], n_lane: int, n_row_per_block: int, signal: wp.array, lit: wp.array | None
-) -> None:
+) -> Launch:
     n_view, n_band, n_row, n_col = signal.shape
     if lit is None:
         lit = wp.empty((n_view, n_band, n_flag(n_row * n_col)), dtype=wp.uint8, device=signal.device)
-    flat = signal.flatten()
-    launch(
-        kernel,
-        (n_view, n_band, -(-n_row // n_row_per_block)),
-        [*inputs, n_row, n_col, n_row_per_block],
-        [flat, overlapping(flat, n_lane), lit.flatten()],
-        device=signal.device,
-    )
+    images: Any = canvas_functions(n_lane).Images()
+    images.pixels = signal.flatten()
+    images.lanes, images.lit = overlapping(images.pixels, n_lane), lit.flatten()
+    images.n_row, images.n_col, images.n_row_per_block = n_row, n_col, n_row_per_block
+    return Launch(kernel, (n_view, n_band, -(-n_row // n_row_per_block)), inputs, [images], signal.device)
+
+
+def _lists(sources: Sequence[wp.array]) -> Any:
+    """Number, position and light of sources as the kernels' struct."""
+    lists: Any = Sources()
+    lists.n_source, lists.xy_px, lists.irradiance_w_cm2 = sources
+    return lists
 
 
 def _launch(kernel: wp.Kernel, inputs: list[Any], outputs: list[wp.array]) -> None:
-    launch(kernel, outputs[0].shape, inputs, outputs, device=outputs[0].device)
+    wp.launch(kernel, outputs[0].shape, inputs, outputs, device=outputs[0].device)

@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.targets import BEHIND
+from warpsim_kernels.emission import BEHIND
 
 from warpsim.optics.psf_bank import rule_of_band, stamp_rule
-from warpsim.render.buffers import Observations
+from warpsim.render.batch import HostColumns
 from warpsim.render.device import rows_per_block
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.streaks import paths_struct
+from warpsim.transfers import to_numpy
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
@@ -53,21 +54,21 @@ class TargetLight:
 
     Args:
         scene: That the views were rendered in.
-        seen: Observations of the views.
+        seen: Columns of the views.
         shape: Rows and columns of the array.
     """
 
-    def __init__(self, scene: DeviceScene, seen: Observations, shape: tuple[int, int]) -> None:
+    def __init__(self, scene: DeviceScene, seen: HostColumns, shape: tuple[int, int]) -> None:
         self._device_scene, self.shape = scene, shape
-        self.xy_px: F64 = np.asarray(seen.xy_px.numpy())
+        self.xy_px: F64 = np.ascontiguousarray(seen.observations["xy_px"])
         """Place in the middle of the exposure, shape (n_view, n_target, 2)."""
-        self.irradiance_w_cm2: F32 = np.asarray(seen.irradiance_w_cm2.numpy())
+        self.irradiance_w_cm2: F32 = seen.irradiance_w_cm2
         """Shape (n_view, n_band, n_target)."""
-        self.offset_px: F32 = np.asarray(seen.offset_px.numpy())
+        self.offset_px: F32 = seen.offset_px
         """Movement about that place: Legendre coefficients, shape (n_view, n_target, n_path, 2)."""
-        self.is_behind: npt.NDArray[np.bool_] = (np.asarray(seen.flags.numpy()) & int(BEHIND)) != 0
+        self.is_behind: npt.NDArray[np.bool_] = (seen.observations["flags"] & int(BEHIND)) != 0
         """Whether the target is behind the camera, shape (n_view, n_target)."""
-        self._brightness: F32 = np.asarray(seen.brightness.numpy())
+        self._brightness: F32 = seen.brightness
 
     def planes(
         self, band: int, view: Sequence[int] | Ints, target: Sequence[int] | Ints, origin_px: Ints, shape: Any
@@ -101,8 +102,8 @@ class TargetLight:
             paths = paths_struct(moving, brightness, n_target=1)
         signal = wp.zeros((n_plane, 1, *shape), dtype=wp.float32, device=device)
         rule = rule_of_band(scene.stamp_rule, band)
-        scene.psf.of_band(band).deposit(sources, rule, rows_per_block(device, shape[0]), signal, paths)
-        return np.asarray(signal.numpy())[:, 0]
+        scene.psf.of_band(band).deposit(sources, rule, rows_per_block(device, shape[0]), signal, paths).run()
+        return to_numpy(signal)[:, 0]
 
     def contributions(self, band: int, view: int, chunk_bytes: int = CHUNK_BYTES) -> F32:
         """Light of every target over a whole image, shape (n_target, n_row, n_col)."""
@@ -164,7 +165,7 @@ class TargetLight:
         light = wp.array(irradiance_w_cm2[None], dtype=wp.float32, device=scene.device)
         reach_px = wp.empty((1, n), dtype=wp.int32, device=scene.device)
         scene.psf.of_band(band).size_stamps(light, stamp_rule([least_w_cm2], 0.0, scene.device), reach_px)
-        return np.asarray(reach_px.numpy()[0])
+        return np.asarray(to_numpy(reach_px)[0])
 
 
 def brightest_targets(light: TargetLight, band: int, views: Ints, least_w_cm2: float) -> npt.NDArray[np.uint16]:

@@ -14,6 +14,7 @@ from warpsim.optics.psf import Psf
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
 from warpsim.optics.tables import ERROR_RANGE, TableAccuracy
 from warpsim.render.device import default_device, rows_per_block
+from warpsim.transfers import to_numpy
 
 F64 = npt.NDArray[np.float64]
 
@@ -89,8 +90,10 @@ def deposit(
     paths = None if movement_px is None and brightness is None else _paths(moves, changes, where)
     low, high = ERROR_RANGE
     accuracy = TableAccuracy(min(max(0.5 * flux_error, low), high))
-    psf_bank([psf], where, accuracy=accuracy).deposit(sources, rule, rows_per_block(where, shape[0]), signal, paths)
-    image = signal.numpy()[0, 0]
+    psf_bank([psf], where, accuracy=accuracy).deposit(
+        sources, rule, rows_per_block(where, shape[0]), signal, paths
+    ).run()
+    image = to_numpy(signal)[0, 0]
     if scale == 1.0:
         return np.asarray(image)
     scaled = image * np.float64(scale)

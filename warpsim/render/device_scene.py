@@ -10,22 +10,10 @@ import warp as wp
 from warpsim.optics.psf_bank import PsfBank
 from warpsim.render.pointing import PointingArrays
 from warpsim.render.read_out import ReadOut
-from warpsim.render.rows import RowLayout
 from warpsim.render.star_field import Stars
 from warpsim.render.streaks import Streaks
 from warpsim.render.target_field import TargetField
 from warpsim.scene.instrument import Instrument
-
-
-@dataclass(frozen=True)
-class DeviceTracks:
-    """Tracks on the device: a row for each sensor, then one for each target."""
-
-    position_m: wp.array
-    velocity_m_s: wp.array
-    earth_velocity_m_s: wp.array
-    presence: Any
-    grid: Any
 
 
 @dataclass(frozen=True)
@@ -37,7 +25,8 @@ class DeviceBodies:
     n_band: int
     n_target: int
     pointing: PointingArrays
-    tracks: DeviceTracks
+    tracks: Any
+    """The kernels' Tracks."""
     field: TargetField
     camera: Any
     sample_points: wp.array
@@ -56,5 +45,3 @@ class DeviceScene(DeviceBodies):
     band_id: wp.array
     """Index of each band among the instrument's, (n_band,)."""
     stamp_rule: Any
-    observation_rows: RowLayout
-    """What is recorded of each target in a view."""

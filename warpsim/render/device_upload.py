@@ -9,21 +9,19 @@ from typing import Any
 import numpy as np
 import warp as wp
 from warpsim_kernels.apparent import Presence
+from warpsim_kernels.apparent import Tracks as TracksStruct
 from warpsim_kernels.camera import Camera as CameraStruct
 from warpsim_kernels.camera import Distortion as LensStruct
-from warpsim_kernels.emission import record_targets_kernel
 from warpsim_kernels.motion import NodeGrid
 
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf import Psf, PsfGaussian
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
 from warpsim.optics.tables import TableAccuracy, cheapest_points
-from warpsim.render.buffers import observation_columns
-from warpsim.render.device_scene import DeviceBodies, DeviceScene, DeviceTracks
+from warpsim.render.device_scene import DeviceBodies, DeviceScene
 from warpsim.render.kernel_loading import kernel_loading
 from warpsim.render.pointing import make_pointing
 from warpsim.render.read_out import make_read_out
-from warpsim.render.rows import RowLayout
 from warpsim.render.star_field import make_stars, star_kernel
 from warpsim.render.streak_rule import choose_streaks
 from warpsim.render.streaks import no_streaks
@@ -59,7 +57,7 @@ def make_device_bodies(
         len(bands),
         len(scenario.targets),
         make_pointing(instrument, device),
-        _device_tracks(scenario.tracks, instrument.satellites, device),
+        tracks_struct(scenario.tracks, instrument.satellites, device),
         make_target_field(scenario, instrument, bands, device, with_streaks),
         camera_struct(camera),
         wp.array(camera.sample_points, dtype=wp.vec3d, device=device),
@@ -92,19 +90,16 @@ def make_device_scene(
     loading.share_headers()
     bodies = make_device_bodies(scenario, instrument, bands, device, with_streaks=True)
     loading.start(bodies.field.observe_kernel, psf.deposit_kernel(bodies.streaks.wanted), bodies.pointing.kernel)
-    loading.start(bodies.field.emit_kernel, record_targets_kernel)
-    rows = RowLayout(observation_columns(bodies))
     band_id = wp.array([sensor.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
     cut = stamp_rule([sensor.optics.stamp_cut_nei * instrument.nei_w_cm2(band) for band in bands], 0.0, device)
     loading.wait()
     stars = make_stars(scenario, instrument, bands, index, psf, cut, bodies.tracks.grid)
     held = {field.name: getattr(bodies, field.name) for field in dataclasses.fields(bodies)}
-    return DeviceScene(
-        **held, psf=psf, read_out=read_out, stars=stars, band_id=band_id, stamp_rule=cut, observation_rows=rows
-    )
+    return DeviceScene(**held, psf=psf, read_out=read_out, stars=stars, band_id=band_id, stamp_rule=cut)
 
 
-def _device_tracks(tracks: Tracks, satellites: Sequence[int], device: wp.Device) -> DeviceTracks:
+def tracks_struct(tracks: Tracks, satellites: Sequence[int], device: wp.Device) -> Any:
+    """Return tracks as the kernels' struct: a row for each sensor, then one for each target."""
     bodies = [*(tracks.satellites[index] for index in satellites), *tracks.targets]
     grid: Any = NodeGrid()
     grid.start_s, grid.step_s, grid.n_node = tracks.start_s, tracks.step_s, tracks.n_node
@@ -120,13 +115,12 @@ def _device_tracks(tracks: Tracks, satellites: Sequence[int], device: wp.Device)
     carrier = np.concatenate([np.arange(n_sensor), n_sensor + tracks.carrier])
     presence.carrier = wp.array(carrier, dtype=wp.int32, device=device)
     presence.exists_s = wp.array(np.clip(exists_s, -_ENDLESS_S, _ENDLESS_S), dtype=wp.vec2d, device=device)
-    return DeviceTracks(
-        upload(np.stack([track.position_m for track in bodies])),
-        upload(np.stack([track.velocity_m_s for track in bodies])),
-        upload(tracks.earth_velocity_m_s),
-        presence,
-        grid,
-    )
+    struct: Any = TracksStruct()
+    struct.position_m = upload(np.stack([track.position_m for track in bodies]))
+    struct.velocity_m_s = upload(np.stack([track.velocity_m_s for track in bodies]))
+    struct.earth_velocity_m_s = upload(tracks.earth_velocity_m_s)
+    struct.presence, struct.grid, struct.first_target = presence, grid, n_sensor
+    return struct
 
 
 def camera_struct(camera: Camera) -> Any:

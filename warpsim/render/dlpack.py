@@ -51,12 +51,17 @@ class _Memory:
         }
 
     def __del__(self) -> None:
-        if self._array.device.is_cuda:
-            _released.append(self._array)
+        release_later(self._array)
 
 
 _released: deque[wp.array] = deque()
 """Memory on CUDA that its last foreign holder has let go of, while work that reads it may still be queued."""
+
+
+def release_later(array: wp.array) -> None:
+    """Keep memory on CUDA that others have read, as their work may still be queued, until `take_released`."""
+    if array.device.is_cuda:
+        _released.append(array)
 
 
 def device_of(array: wp.array) -> tuple[int, int]:

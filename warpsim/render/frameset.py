@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -13,11 +14,10 @@ from warpsim_kernels.pointing import BORESIGHT_REPLACED, SLEWING, UP_REPLACED
 from warpsim.arguments import above_zero, whole_number
 from warpsim.errors import InputError
 from warpsim.orbit.sun import earth_position_m
-from warpsim.render.buffers import Observations
+from warpsim.render.batch import Columns, HostColumns
 from warpsim.render.contributions import CHUNK_BYTES, MOST_TARGETS, TargetLight, brightest_targets
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.image_stack import ImageStack
-from warpsim.render.records import Records
 from warpsim.render.truth import ImageAxes, star_table, truth_table
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
@@ -35,8 +35,7 @@ class FrameSet:
     scenario: Scenario
     instrument: Instrument
     """The kind of the sensors."""
-    frames: list[int]
-    """Frame numbers along the first axis, in the order asked for."""
+    _numbers: Sequence[int]
     sensors: list[str]
     """Sensor names along the second axis."""
     bands: list[str]
@@ -46,7 +45,7 @@ class FrameSet:
     signal_w_cm2: ImageStack | None
     """Noiseless irradiance per pixel [W/cm2], float32, same shape; None unless keep_signal."""
     _device_scene: DeviceScene
-    _records: Records
+    _columns: Columns
     _star_lists: list[tuple[npt.NDArray[Any], ...]] | None
 
     def one_frame(self, place: int) -> FrameSet:
@@ -60,15 +59,20 @@ class FrameSet:
         return FrameSet(
             self.scenario,
             self.instrument,
-            self.frames[place : place + 1],
+            self._numbers[place : place + 1],
             self.sensors,
             self.bands,
             part(self.counts),
             self.signal_w_cm2 and part(self.signal_w_cm2),
             self._device_scene,
-            self._records.part(first, end),
+            self._columns.part(first, end),
             self._star_lists and self._star_lists[first:end],
         )
+
+    @cached_property
+    def frames(self) -> list[int]:
+        """Frame numbers along the first axis, in the order asked for."""
+        return list(self._numbers)
 
     @property
     def scene(self) -> SceneDescription:
@@ -87,7 +91,7 @@ class FrameSet:
     @property
     def axes_icrs(self) -> npt.NDArray[np.float64]:
         """Camera axes as rows x, y, z, errors of pointing included, shape (frame, sensor, 3, 3)."""
-        return self._records.view_column("axes").reshape(len(self.frames), len(self.sensors), 3, 3)
+        return self._host.views["axes"].reshape(len(self.frames), len(self.sensors), 3, 3)
 
     @property
     def up_replaced(self) -> npt.NDArray[np.bool_]:
@@ -109,13 +113,13 @@ class FrameSet:
         return ImageAxes(self.scenario, self.instrument, self.frames, self.sensors, self.bands)
 
     def _view_flag(self, bit: int) -> npt.NDArray[np.bool_]:
-        word = self._records.view_column("flags").reshape(len(self.frames), len(self.sensors))
+        word = self._host.views["flags"].reshape(len(self.frames), len(self.sensors))
         return np.asarray((word & bit) != 0)
 
     @property
     def velocity_m_s(self) -> npt.NDArray[np.float64]:
         """Barycentric velocity of the sensors, ICRS axes [m/s], shape (frame, sensor, 3)."""
-        return self._records.view_column("velocity_m_s").reshape(len(self.frames), len(self.sensors), 3)
+        return self._host.views["velocity_m_s"].reshape(len(self.frames), len(self.sensors), 3)
 
     @property
     def barycentric_m(self) -> npt.NDArray[np.float64]:
@@ -128,7 +132,7 @@ class FrameSet:
         return self._from_earth(earth_position_m(self.scenario.epoch, self.time_s)[1])
 
     def _from_earth(self, earth_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        geocentric = self._records.view_column("position_m").reshape(len(self.frames), len(self.sensors), 3)
+        geocentric = self._host.views["position_m"].reshape(len(self.frames), len(self.sensors), 3)
         return np.asarray(earth_m[:, None] + geocentric)
 
     def wcs(self, frame: int, sensor: str) -> WCS:
@@ -151,7 +155,7 @@ class FrameSet:
         x_px and y_px are the very numbers that the light was drawn at. snr is irradiance / NEI; snr_peak counts only
         the light in the target's own pixel. left_out_w_cm2 is the light beyond the target's stamp.
         """
-        return truth_table(self._axes, self._device_scene, self._observations)
+        return truth_table(self._axes, self._device_scene, self._host)
 
     @cached_property
     def stars(self) -> Table:
@@ -238,8 +242,8 @@ class FrameSet:
     def target_light(self) -> TargetLight:
         """What draws each target alone."""
         camera = self.instrument.sensor.camera
-        return TargetLight(self._device_scene, self._observations, (camera.n_row, camera.n_col))
+        return TargetLight(self._device_scene, self._host, (camera.n_row, camera.n_col))
 
     @cached_property
-    def _observations(self) -> Observations:
-        return self._records.observations(self._device_scene)
+    def _host(self) -> HostColumns:
+        return HostColumns(self._columns)

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from warpsim.render.dlpack import CPU, capsule, device_of, wait_for_images
+from warpsim.render.dlpack import CPU, capsule, device_of, release_later, wait_for_images
+from warpsim.transfers import to_numpy
 
 
 class ImageStack:
@@ -28,6 +29,7 @@ class ImageStack:
         self.array = array
         """The Warp array itself, shape (frame * sensor, band, row, column)."""
         self.shape: tuple[int, ...] = (n_frame, n_sensor, *array.shape[1:])
+        self._is_lent = False
 
     @property
     def dtype(self) -> Any:
@@ -52,7 +54,7 @@ class ImageStack:
 
     def numpy(self) -> npt.NDArray[Any]:
         """NumPy array of all five axes: a view on the CPU, a copy from CUDA (which waits for the device)."""
-        return np.asarray(self.array.numpy()).reshape(self.shape)
+        return to_numpy(self.array).reshape(self.shape)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
         return np.array(self.numpy(), dtype=dtype, copy=copy)
@@ -64,7 +66,14 @@ class ImageStack:
     def __cuda_array_interface__(self) -> dict[str, Any]:
         if not self.device.is_cuda:
             raise AttributeError("__cuda_array_interface__: the images are on the CPU")
-        return {**self.array.__cuda_array_interface__, "shape": self.shape, "strides": None}
+        self._is_lent = True
+        stream = wp.get_stream(self.device).cuda_stream or 1  # 1: the default stream
+        own = self.array.__cuda_array_interface__
+        return {**own, "shape": self.shape, "strides": None, "version": 3, "stream": int(stream)}
+
+    def __del__(self) -> None:
+        if self._is_lent:
+            release_later(self.array)
 
     def __dlpack__(
         self,
@@ -78,7 +87,8 @@ class ImageStack:
 
         What the consumer makes of it can be written to, and keeps the memory from being used again. On CUDA the
         consumer's stream waits for Warp's; memory that a consumer has let go of serves the renderer again once the
-        device has done what was asked of it until then.
+        device has done what was asked of it until then. Pinned host memory looks like any other: who copies from it
+        asynchronously must hold it until that is done.
 
         Args:
             stream: On CUDA, the consumer's stream as the standard numbers them (None and 1: the default stream; 2: that
@@ -100,7 +110,7 @@ class ImageStack:
         if copy is False:
             raise BufferError(f"copy: must not be False to bring images from device {here} to {wanted}")
         if wanted == (CPU, 0):
-            return capsule(wp.array(self.array.numpy(), dtype=self.dtype, device="cpu"), self.shape, max_version)
+            return capsule(wp.array(to_numpy(self.array), dtype=self.dtype, device="cpu"), self.shape, max_version)
         copied = wp.clone(self.array)
         wait_for_images(copied, stream)
         return capsule(copied, self.shape, max_version)

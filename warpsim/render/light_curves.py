@@ -4,27 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
+from warpsim_kernels.emission import ABSENT, IN_FOV, NOT_DEPLOYED, OCCULTED
 from warpsim_kernels.signature import N_TERM
-from warpsim_kernels.targets import ABSENT, IN_FOV, NOT_DEPLOYED, OCCULTED
 
 from warpsim.arguments import chosen_names, times_s
 from warpsim.errors import InputError
-from warpsim.render.buffers import new_observations, new_views, part_of
+from warpsim.render.batch import Columns, Inputs, new_columns, new_inputs
+from warpsim.render.buffers import new_sources
 from warpsim.render.device import default_device, worker_count
 from warpsim.render.device_scene import DeviceBodies
 from warpsim.render.device_upload import make_device_bodies
-from warpsim.render.stages import aim_views, look_at_targets, split_light
+from warpsim.render.stages import aim, observe_targets, split_light
 from warpsim.render.truth import sunlit_fraction
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import TERMS
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
+from warpsim.transfers import to_numpy
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -145,29 +147,30 @@ def light_curves(
     if n_number > MOST_NUMBERS:
         raise InputError(f"these curves would be {n_number:.2g} numbers, more than {MOST_NUMBERS:.2g}", "time_s")
     rows = [instrument.index(name) for name in sensor_list]
-    views = new_views(
-        bodies,
+    inputs = new_inputs(
+        bodies.device,
         np.repeat(times, len(rows)),
         np.zeros(n_view, dtype=np.uint32),
         np.tile(np.asarray(rows, dtype=np.uint32), len(times)),
     )
-    seen = new_observations(bodies, n_view)
+    no_light = wp.empty((n_view, 0, bodies.n_target), dtype=wp.float32, device=bodies.device)  # but its terms
+    columns = replace(new_columns(bodies, n_view), irradiance_w_cm2=no_light)
     terms = wp.zeros((N_TERM, n_view, bodies.n_band, bodies.n_target), dtype=wp.float64, device=bodies.device)
-    _observe(bodies, views, seen, terms, n_worker)
-    columns = [scenario.target_names.index(name) for name in target_list]
+    _observe(bodies, inputs, columns, terms, n_worker)
+    chosen = [scenario.target_names.index(name) for name in target_list]
+    observations = to_numpy(columns.observations)
 
-    def shaped(array: wp.array) -> Any:
-        values = np.asarray(array.numpy())
-        return values.reshape(len(times), len(rows), *array.shape[1:])[..., columns]
+    def seen(name: str) -> npt.NDArray[Any]:
+        return np.asarray(observations[name].reshape(len(times), len(rows), bodies.n_target)[..., chosen])
 
-    flags = shaped(seen.flags)
+    flags = seen("flags")
     absent = (flags & int(ABSENT)) != 0
 
     def known(values: Any) -> F64:
         return np.where(absent, np.nan, values)
 
     shape = (N_TERM, len(times), len(rows), bodies.n_band, bodies.n_target)
-    split = np.asarray(terms.numpy()).reshape(shape)[..., columns]
+    split = to_numpy(terms).reshape(shape)[..., chosen]
     return LightCurves(
         scenario,
         instrument,
@@ -175,11 +178,11 @@ def light_curves(
         sensor_list,
         band_list,
         target_list,
-        known(shaped(seen.range_m) / 1e3),
-        known(np.degrees(shaped(seen.aspect_rad))),
-        known(shaped(seen.area_m2)),
-        known(shaped(seen.temperature_k)),
-        known(sunlit_fraction(bodies, seen).reshape(len(times), len(rows), bodies.n_target)[..., columns]),
+        known(seen("range_m") / 1e3),
+        known(np.degrees(seen("aspect_rad"))),
+        known(seen("area_m2")),
+        known(seen("temperature_k")),
+        known(sunlit_fraction(bodies, seen("sunlit"))),
         (flags & int(IN_FOV)) != 0,
         (flags & int(OCCULTED)) != 0,
         (flags & int(NOT_DEPLOYED)) != 0,
@@ -188,20 +191,24 @@ def light_curves(
     )
 
 
-def _observe(bodies: DeviceBodies, views: Any, seen: Any, terms: wp.array, n_worker: int) -> None:
+def _observe(bodies: DeviceBodies, inputs: Inputs, columns: Columns, terms: wp.array, n_worker: int) -> None:
     """All views, in pieces that threads take in turn."""
-    n_view = int(views.time_s.shape[0])
+    n_view = len(columns.views)
     if n_view == 0 or terms.size == 0:
         return
-
-    no_series = wp.empty((0, 0, 0, 0), dtype=wp.float64, device=bodies.device)  # the kernel does not write it
+    device = bodies.device
+    no_series = wp.empty((0, 0, 0, 0), dtype=wp.float64, device=device)  # the kernel does not write it
 
     def one(first: int) -> None:
         end = min(first + size, n_view)
-        part, looked = part_of(views, first, end), part_of(seen, first, end)
-        aim_views(bodies, part)
-        look_at_targets(bodies, part, looked, looked.xy_px, no_series)
-        split_light(bodies, looked, terms[:, first:end])
+        views, seen = Inputs(*(array[first:end] for array in vars(inputs).values())), columns.part(first, end)
+        sources = new_sources(bodies, end - first, bodies.n_target)
+        for stage in (
+            aim(bodies, views, seen.views),
+            observe_targets(bodies, views, seen, sources, no_series),
+            split_light(bodies, seen.observations, terms[:, first:end]),
+        ):
+            stage.run()
 
     # Enough pieces that the first, which is done alone, costs the threads little.
     size = n_view if n_worker == 1 else min(-(-n_view // (_PIECES_PER_THREAD * n_worker)), _VIEWS_PER_LAUNCH)

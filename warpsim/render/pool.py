@@ -12,8 +12,8 @@ import warp as wp
 
 from warpsim.render.dlpack import take_released
 
-POOL_BYTES = 256 * 2**20
-"""Memory that waits for a result to need it, at most."""
+POOL_BYTES, POOL_BYTES_CUDA = 256 * 2**20, 8 * 2**30
+"""Memory that waits for a result to need it, at most: on the CPU, and on CUDA."""
 
 ALIGNMENT_BYTES = 64
 """Host memory begins at a multiple: JAX shares no other, but copies it."""

@@ -1,4 +1,4 @@
-"""The renderer: takes what is asked for, owns crews, memory and threads."""
+"""The renderer: takes what is asked for, owns pipelines, memory and threads."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from warpsim_kernels.stamp_sizes import size_table_stamps_kernel
 from warpsim.arguments import chosen_names, whole_number
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
-from warpsim.render.crew import Crew
+from warpsim.render.batch import new_batch
 from warpsim.render.device import chosen_devices, worker_count
 from warpsim.render.device_upload import make_device_scene
 from warpsim.render.frameset import FrameSet
 from warpsim.render.image_stack import ImageStack
-from warpsim.render.job import Job, new_job
 from warpsim.render.kernel_loading import kernel_loading
-from warpsim.render.pool import POOL_BYTES, Pool
+from warpsim.render.pipelines import Pipelines
+from warpsim.render.pool import POOL_BYTES, POOL_BYTES_CUDA, Pool
 from warpsim.render.skies import Skies
 from warpsim.render.streaks import Streaks
 from warpsim.render.stream import Stream, StreamStats, stream_sizes
@@ -34,9 +34,6 @@ from warpsim.sky.catalog import StarCatalog
 
 LEAST_RATE_HZ = 1e-6
 """A frame in twelve days."""
-
-SPARE_SLOTS = 64
-"""Stars that source lists hold to begin with, besides the targets."""
 
 
 class Renderer:
@@ -51,7 +48,8 @@ class Renderer:
         chunk_bytes: Cuts the views that a thread works on at a time: neither all their noiseless images nor what else
             is known of them would take more (but one view may); 32 MiB on the CPU and 512 MiB on CUDA when left out.
             The CPU holds far fewer of these images at a time: 1 MiB, or one. Results do not depend on it.
-        pool_bytes: Memory of results that are no longer held, kept for later ones, at most.
+        pool_bytes: Memory of results that are no longer held, kept for later ones, at most; 256 MiB on the CPU and
+            8 GiB on CUDA when left out.
 
     Raises:
         InputError: No such device, a bad number, or a star catalog that cannot be read.
@@ -64,7 +62,7 @@ class Renderer:
         n_thread: int | None = None,
         catalog: StarCatalog | None = None,
         chunk_bytes: int | None = None,
-        pool_bytes: int = POOL_BYTES,
+        pool_bytes: int | None = None,
         *,
         _skies: Skies | None = None,
     ) -> None:
@@ -86,11 +84,11 @@ class Renderer:
         self._skies = Skies(sky, epoch, self.devices, catalog) if _skies is None else _skies
         self._skies.indices(self._first_bands)  # a catalog that cannot be read is found here
         where = wp.get_device("cpu") if self._to_host else self.device
-        most_bytes = whole_number("pool_bytes", pool_bytes, 0)
+        chosen = POOL_BYTES_CUDA if where.is_cuda else POOL_BYTES
+        most_bytes = chosen if pool_bytes is None else whole_number("pool_bytes", pool_bytes, 0)
         self._pool = Pool(where, pinned=self._to_host and self.device.is_cuda, most_bytes=most_bytes)
-        self._crews: dict[tuple[str, tuple[str, ...]], Crew] = {}
+        self._pipelines: dict[tuple[str, tuple[str, ...]], Pipelines] = {}
         self._lock = threading.Lock()  # buffers serve one call at a time
-        self._n_slot = 0
         self._stream: Stream | None = None
 
     @property
@@ -138,7 +136,7 @@ class Renderer:
         Besides them there are the scene (stars, tables of the optics) and the results that somebody holds. Each choice
         of bands that was rendered has workers of its own.
         """
-        return sum(crew.n_byte for crew in self._crews.values()) + self._pool.n_byte
+        return sum(pipelines.n_byte for pipelines in self._pipelines.values()) + self._pool.n_byte
 
     @property
     def sensors_with_access(self) -> list[str]:
@@ -216,9 +214,9 @@ class Renderer:
             raise InputError(f"must be a number of at least {LEAST_RATE_HZ:g}", "rate_hz", rate_hz)
         ahead = None if n_ahead is None else whole_number("n_ahead", n_ahead, 1)
         camera = instrument.sensor.camera
-        n_view, n_lane = len(sensor_list), max(self.n_thread, len(self.devices))
+        n_view, n_pipeline = len(sensor_list), max(self.n_thread, len(self.devices))
         frame_bytes = 2 * n_view * len(band_list) * camera.n_row * camera.n_col
-        sizes = stream_sizes(rate_hz, n_view, frame_bytes, n_lane, ahead)
+        sizes = stream_sizes(rate_hz, n_view, frame_bytes, n_pipeline, ahead)
         self._stream = Stream(
             lambda some: self._render(instrument, some, sensor_list, band_list, keep_signal, keep_stars),
             frame_list,
@@ -261,16 +259,16 @@ class Renderer:
     def _render(
         self,
         instrument: Instrument,
-        frames: list[int],
+        frames: Sequence[int],
         sensors: list[str],
         bands: list[str],
         keep_signal: bool,
         keep_stars: bool,
     ) -> FrameSet:
         with self._lock:
-            crew = self._crew(instrument, tuple(bands))
-            job = new_job(crew.scene, frames, sensors, self._pool, keep_signal, keep_stars)
-            self._run(crew, job)
+            pipelines = self._pipelines_of(instrument, tuple(bands))
+            batch = new_batch(pipelines.scene, frames, sensors, self._pool, keep_signal, keep_stars)
+            pipelines.render(batch, self._threads)
         n_frame, n_sensor = len(frames), len(sensors)
         return FrameSet(
             self.scenario,
@@ -278,23 +276,22 @@ class Renderer:
             frames,
             sensors,
             bands,
-            ImageStack(job.counts, n_frame, n_sensor),
-            None if job.signal_w_cm2 is None else ImageStack(job.signal_w_cm2, n_frame, n_sensor),
-            crew.scene,
-            job.records,
-            job.star_lists,
+            ImageStack(batch.counts, n_frame, n_sensor),
+            None if batch.signal_w_cm2 is None else ImageStack(batch.signal_w_cm2, n_frame, n_sensor),
+            pipelines.scene,
+            batch.columns,
+            batch.stars,
         )
 
-    def checked_frames(self, frames: Iterable[int], instrument: Instrument) -> list[int]:
-        """Return frame numbers as a list of int; InputError when one is no frame of a kind of sensor."""
+    def checked_frames(self, frames: Iterable[int], instrument: Instrument) -> Sequence[int]:
+        """Return frame numbers as a range or a list of int; InputError when one is no frame of a kind of sensor."""
         if frames is None or isinstance(frames, int | np.integer):
             raise InputError("must be a list or range of frame numbers", "frames", frames)
-        numbers = list(frames)
-        kinds = set(map(type, numbers))  # a quick look first: this is done in every call
-        if not kinds <= {int} or min(numbers, default=0) < 0 or max(numbers, default=0) >= 2**32:
-            for number in numbers:
-                if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < 2**32:
-                    raise InputError("must be whole numbers from 0 to 2**32 - 1", "frames", number)
+        numbers = frames if isinstance(frames, range) else _whole_numbers(frames)
+        ends = (numbers[0], numbers[-1]) if isinstance(numbers, range) and numbers else numbers
+        for number in ends:
+            if not 0 <= number < 2**32:
+                raise InputError("must be whole numbers from 0 to 2**32 - 1", "frames", number)
         times = instrument.frame_time_s(numbers)
         late = np.flatnonzero(times > self.scene.duration_s)
         if late.size:
@@ -304,31 +301,32 @@ class Renderer:
                 "frames",
             )
         instrument.check_frames(times)
-        return numbers if kinds <= {int} else [int(number) for number in numbers]
+        return numbers
 
     def streaks(self, instrument: Instrument, bands: Sequence[str]) -> Streaks:
         """Return how sources are followed through the exposure of a kind of sensor."""
-        return self._crew(instrument, tuple(bands)).scene.streaks
+        return self._pipelines_of(instrument, tuple(bands)).scene.streaks
 
-    def _crew(self, instrument: Instrument, bands: tuple[str, ...]) -> Crew:
+    def _pipelines_of(self, instrument: Instrument, bands: tuple[str, ...]) -> Pipelines:
         key = instrument.sensor.name, bands
-        if key not in self._crews:
-            scenario = self.scenario
+        if key not in self._pipelines:
             indices = self._skies.indices(instrument.bands.values())
-            scenes = [make_device_scene(scenario, instrument, bands, index.device, index) for index in indices]
-            shape = (instrument.sensor.camera.n_row, instrument.sensor.camera.n_col)
-            self._crews[key] = Crew(scenes, self.n_thread, shape, self._to_host)
-        return self._crews[key]
+            scenes = [make_device_scene(self.scenario, instrument, bands, index.device, index) for index in indices]
+            self._pipelines[key] = Pipelines(scenes, self.n_thread, self._to_host, self.chunk_bytes)
+        return self._pipelines[key]
 
     @cached_property
     def _threads(self) -> ThreadPoolExecutor:
-        """Threads that wait for chunks; they end with the renderer."""
-        return ThreadPoolExecutor(max(self.n_thread, len(self.devices)), thread_name_prefix="warpsim")
+        """Threads that wait for work; they end with the renderer."""
+        return ThreadPoolExecutor(max(self.n_thread, 2 * len(self.devices)), thread_name_prefix="warpsim")
 
-    def _run(self, crew: Crew, job: Job) -> None:
-        """Render a job; once more with longer source lists should a view have needed them."""
-        if job.n_view == 0:
-            return
-        self._n_slot = max(self._n_slot, crew.scene.n_target + SPARE_SLOTS)
-        while (wanted := crew.render(job, self._n_slot, self.chunk_bytes, self._threads)) > self._n_slot:
-            self._n_slot = wanted + wanted // 4
+
+def _whole_numbers(numbers: Iterable[Any]) -> list[int]:
+    """Numbers as a list of int."""
+    listed = list(numbers)
+    if set(map(type, listed)) <= {int}:  # a quick look first: this is done in every call
+        return listed
+    for number in listed:
+        if isinstance(number, bool) or not isinstance(number, int | np.integer):
+            raise InputError("must be whole numbers from 0 to 2**32 - 1", "frames", number)
+    return [int(number) for number in listed]

@@ -1,20 +1,27 @@
-"""The stages of a frame: each one launches, and does nothing else.
+"""The stages of a frame: each function returns the launches of one, over arrays that are there.
 
-aim -> observe_targets -> gather_stars -> trace -> record_targets -> deposit -> read_out. A stage reads the scene, reads
-and writes a chunk, allocates nothing and never waits.
+aim -> observe_targets -> gather_stars -> trace -> deposit -> read_out. A stage launches, and does nothing else: it
+allocates nothing and never waits.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import warp as wp
-from warpsim_kernels.emission import make_split_kernel, record_targets_kernel
+from warpsim_kernels.emission import make_split_kernel
 from warpsim_kernels.strips import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK
-from warpsim_kernels.trace import make_reach_kernel, make_trace_stars_kernel, make_trace_targets_kernel
+from warpsim_kernels.trace import (
+    make_reach_kernel,
+    make_trace_stars_kernel,
+    make_trace_targets_kernel,
+    spread_views_kernel,
+)
 
-from warpsim.launches import clear, launch, launch_tiled
-from warpsim.render.buffers import Chunk, Observations, PathViews, Sources, Views, seen_struct
+from warpsim.launches import Launch, Stage
+from warpsim.render.batch import Columns, Inputs
+from warpsim.render.buffers import Exposure, Signal
 from warpsim.render.device import rows_per_block
 from warpsim.render.streaks import Streaks, paths_struct
 
@@ -24,253 +31,151 @@ if TYPE_CHECKING:
 TILE_THREADS_CUDA = N_PAIR
 
 
-def aim(scene: DeviceScene, chunk: Chunk) -> None:
+def aim(scene: DeviceBodies, inputs: Inputs, views: wp.array, exposure: Exposure | None = None) -> Stage:
     """Views: camera axes, position and velocity from the tracks and the pointing; where light moves, in between too."""
-    views = chunk.views
-    aim_views(scene, views)
-    if views.path is not None:
-        aim_views(scene, views.path)
-        inputs = [views.axes, views.path.axes, scene.camera, scene.sample_points]
-        kernel = make_reach_kernel(scene.field.features.distortion)
-        launch(kernel, dim=chunk.n_view, inputs=inputs, outputs=[views.reach], device=scene.device)
+    launches = [_aim(scene, inputs.time_s, inputs.time_s, inputs.sensor, views)]
+    if exposure is not None:
+        launches += [
+            Launch(
+                spread_views_kernel,
+                exposure.time_s.shape,
+                [inputs.time_s, inputs.sensor, exposure.offset_s],
+                [exposure.time_s, exposure.middle_s, exposure.sensor],
+                scene.device,
+            ),
+            _aim(scene, exposure.time_s, exposure.middle_s, exposure.sensor, exposure.views),
+            Launch(
+                make_reach_kernel(scene.field.features.distortion),
+                views.shape,
+                [exposure.views, scene.camera, scene.sample_points],
+                [views],
+                scene.device,
+            ),
+        ]
+    return Stage("aim", len(views), launches)
 
 
-def aim_views(scene: DeviceBodies, views: Views | PathViews) -> None:
-    """The first launch of `aim`, which needs no images."""
-    tracks = scene.tracks
-    launch(
-        scene.pointing.kernel,
-        dim=views.time_s.size,
-        inputs=[
-            _flat(views.time_s),
-            _flat(views.middle_s),
-            _flat(views.sensor),
-            tracks.position_m,
-            tracks.velocity_m_s,
-            tracks.earth_velocity_m_s,
-            tracks.presence,
-            tracks.grid,
-            scene.pointing.struct,
-        ],
-        outputs=[_flat(array) for array in (views.axes, views.position_m, views.velocity_m_s, views.flags)],
-        device=scene.device,
-    )
+def _aim(scene: DeviceBodies, time_s: wp.array, middle_s: wp.array, sensor: wp.array, views: wp.array) -> Launch:
+    inputs = [time_s.flatten(), middle_s.flatten(), sensor.flatten(), scene.tracks, scene.pointing.struct]
+    return Launch(scene.pointing.kernel, (time_s.size,), inputs, [views.flatten()], scene.device)
 
 
-def _flat(array: wp.array) -> wp.array:
-    return array if array.ndim == 1 else array.flatten()
-
-
-def observe_targets(scene: DeviceScene, chunk: Chunk) -> None:
-    """What is seen of each target, and the first source slots: its place and light."""
-    seen, sources = chunk.observations, chunk.sources
-    look_at_targets(scene, chunk.views, seen, sources.xy_px, sources.area_series)
-    launch(
-        scene.field.emit_kernel,
-        dim=(chunk.n_view, scene.field.n_lane),
-        inputs=[scene.field.surfaces, scene.field.radiance, seen_struct(seen), scene.field.n_lane],
-        outputs=[sources.irradiance_w_cm2],
-        device=scene.device,
-    )
-    if scene.field.features.profile:
-        launch(
-            scene.field.profile_kernel,
-            dim=(chunk.n_view, scene.n_band, scene.n_target),
-            inputs=[scene.field.surfaces, scene.field.radiance, seen_struct(seen), sources.area_series],
-            outputs=[seen.brightness],
-            device=scene.device,
+def observe_targets(
+    scene: DeviceBodies, inputs: Inputs, columns: Columns, sources: Any, area_series: wp.array
+) -> Stage:
+    """What is seen of each target, and the first source slots: its position and light."""
+    field, n_view = scene.field, len(columns.views)
+    launches = [
+        Launch(
+            field.observe_kernel,
+            (n_view, field.threads_per_view),
+            [inputs.time_s, columns.views, scene.tracks, field.bodies, scene.camera, field.threads_per_view],
+            [sources, columns.observations, columns.irradiance_w_cm2, area_series],
+            scene.device,
         )
+    ]
+    if field.profile_kernel is not None:
+        launches.append(
+            Launch(
+                field.profile_kernel,
+                (n_view, scene.n_band, scene.n_target),
+                [field.bodies.surfaces, field.bodies.radiance, columns.observations, area_series],
+                [columns.brightness],
+                scene.device,
+            )
+        )
+    return Stage("observe_targets", n_view, launches)
 
 
-def look_at_targets(
-    scene: DeviceBodies, views: Views, seen: Observations, xy_px: wp.array, area_series: wp.array
-) -> None:
-    """The first launch of `observe_targets`, which needs no images; places go to xy_px, (n_view, >= n_target)."""
-    tracks, field = scene.tracks, scene.field
-    launch(
-        field.observe_kernel,
-        dim=(views.time_s.shape[0], field.n_lane),
-        inputs=[
-            views.time_s,
-            views.axes,
-            views.position_m,
-            views.velocity_m_s,
-            tracks.position_m,
-            tracks.velocity_m_s,
-            tracks.earth_velocity_m_s,
-            tracks.presence,
-            tracks.grid,
-            field.first_row,
-            field.targets,
-            field.tables,
-            field.exposure,
-            field.surroundings,
-            scene.camera,
-            field.n_lane,
-        ],
-        outputs=[
-            xy_px,
-            seen.range_m,
-            seen.aspect_rad,
-            seen.area_m2,
-            seen.sun_area_m2,
-            seen.earth_area_m2,
-            seen.albedo_area_m2_sr,
-            seen.sunlit,
-            seen.temperature_k,
-            seen.flags,
-            area_series,
-        ],
-        device=scene.device,
-    )
-
-
-def split_light(scene: DeviceBodies, seen: Observations, irradiance_w_cm2: wp.array) -> None:
+def split_light(scene: DeviceBodies, observations: wp.array, irradiance_w_cm2: wp.array) -> Stage:
     """Irradiance by each term into (N_TERM, n_view, n_band, n_target); for the truth, not part of a frame."""
-    launch(
-        make_split_kernel(scene.field.features),
-        dim=irradiance_w_cm2.shape[1:],
-        inputs=[scene.field.surfaces, scene.field.radiance, seen_struct(seen)],
-        outputs=[irradiance_w_cm2],
-        device=scene.device,
-    )
+    _, n_view, n_band, n_target = irradiance_w_cm2.shape
+    kernel = make_split_kernel(scene.field.features)
+    inputs = [scene.field.bodies.surfaces, scene.field.bodies.radiance, observations]
+    launch = Launch(kernel, (n_view, n_band, n_target), inputs, [irradiance_w_cm2], scene.device)
+    return Stage("split_light", n_view, [launch])
 
 
-def gather_stars(scene: DeviceScene, chunk: Chunk) -> None:
+def gather_stars(scene: DeviceScene, inputs: Inputs, views: wp.array, sources: Any) -> Stage:
     """The source slots behind the targets: every star whose stamp touches the frame."""
-    views, sources = chunk.views, chunk.sources
-    launch(
-        scene.stars.kernel,
-        dim=chunk.n_view,
-        inputs=[
-            views.time_s,
-            views.axes,
-            views.position_m,
-            views.velocity_m_s,
-            scene.stars.field,
-            scene.stars.orbit,
-            scene.camera,
-            scene.field.surroundings.earth,
-            scene.n_target,
-            views.reach,
-        ],
-        outputs=[
-            sources.xy_px,
-            sources.irradiance_w_cm2,
-            sources.star,
-            sources.direction,
-            sources.n_source,
-            views.n_wanted,
-        ],
-        device=scene.device,
-    )
+    stars, earth = scene.stars, scene.field.bodies.surroundings.earth
+    reads = [inputs.time_s, stars.field, stars.orbit, scene.camera, earth, scene.n_target]
+    launch = Launch(stars.kernel, views.shape, reads, [views, sources], scene.device)
+    return Stage("gather_stars", len(views), [launch])
 
 
-def trace(scene: DeviceScene, chunk: Chunk) -> None:
-    """Sources: how they move during the exposure, where they do."""
-    path = chunk.views.path
-    if path is not None:
-        trace_sources(scene, scene.streaks, path, chunk.sources)
+def trace(scene: DeviceBodies, streaks: Streaks, exposure: Exposure, sources: Any, offset_px: wp.array | None) -> Stage:
+    """Sources: how they move during the exposure."""
+    n_view, n_slot = sources.xy_px.shape
+    distortion = scene.field.features.distortion
+    launches = [
+        Launch(
+            make_trace_targets_kernel(distortion),
+            (n_view, scene.n_target),
+            [exposure.time_s, exposure.views, scene.tracks, scene.camera, streaks.instants],
+            [sources, offset_px],
+            scene.device,
+        ),
+        Launch(
+            make_trace_stars_kernel(distortion),
+            (n_view, n_slot - scene.n_target),
+            [exposure.views, scene.camera, streaks.instants, scene.n_target],
+            [sources],
+            scene.device,
+        ),
+    ]
+    return Stage("trace", n_view, launches)
 
 
-def trace_sources(scene: DeviceBodies, streaks: Streaks, path: PathViews, sources: Sources) -> None:
-    """The launches of `trace`."""
-    tracks, (n_view, n_slot) = scene.tracks, sources.xy_px.shape
-    launch(
-        make_trace_targets_kernel(scene.field.features.distortion),
-        dim=(n_view, scene.n_target),
-        inputs=[
-            path.time_s,
-            path.axes,
-            path.position_m,
-            path.velocity_m_s,
-            tracks.position_m,
-            tracks.velocity_m_s,
-            tracks.earth_velocity_m_s,
-            tracks.presence,
-            tracks.grid,
-            scene.field.first_row,
-            scene.camera,
-            streaks.instants,
-            sources.xy_px,
-        ],
-        outputs=[sources.offset_px],
-        device=scene.device,
-    )
-    launch(
-        make_trace_stars_kernel(scene.field.features.distortion),
-        dim=(n_view, n_slot - scene.n_target),
-        inputs=[
-            path.axes,
-            scene.camera,
-            streaks.instants,
-            scene.n_target,
-            sources.n_source,
-            sources.xy_px,
-            sources.direction,
-        ],
-        outputs=[sources.offset_px],
-        device=scene.device,
-    )
-
-
-def record_targets(scene: DeviceScene, chunk: Chunk) -> None:
-    """Observations: what of the source list belongs to targets."""
-    sources, seen = chunk.sources, chunk.observations
-    launch(
-        record_targets_kernel,
-        dim=(chunk.n_view, scene.field.n_lane),
-        inputs=[sources.xy_px, sources.irradiance_w_cm2, sources.offset_px, scene.field.n_lane],
-        outputs=[seen.xy_px, seen.irradiance_w_cm2, seen.offset_px],
-        device=scene.device,
-    )
-
-
-def deposit(scene: DeviceScene, chunk: Chunk) -> None:
+def deposit(scene: DeviceScene, sources: Any, brightness: wp.array | None, signal: Signal) -> Stage:
     """Signal: the light of all sources, integrated over pixels."""
-    sources, signal = chunk.sources, chunk.light.signal_w_cm2  # dark
     lists = [sources.n_source, sources.xy_px, sources.irradiance_w_cm2]
     paths = None
     if scene.streaks.wanted:
-        paths = paths_struct(sources.offset_px, chunk.observations.brightness, scene.n_target)
-    n_row_per_block = rows_per_block(scene.device, signal.shape[2])
-    scene.psf.deposit(lists, scene.stamp_rule, n_row_per_block, signal, paths, chunk.light.lit)
+        paths = paths_struct(sources.offset_px, brightness, scene.n_target)
+    images = signal.images  # dark
+    n_row_per_block = rows_per_block(scene.device, images.shape[2])
+    launch = scene.psf.deposit(lists, scene.stamp_rule, n_row_per_block, images, paths, signal.lit)
+    return Stage("deposit", len(images), [launch])
 
 
-def read_out(scene: DeviceScene, chunk: Chunk) -> None:
-    """Counts: what the detector makes of the signal."""
-    n_view, n_band, n_row, n_col = chunk.counts.shape
+def read_out(scene: DeviceScene, inputs: Inputs, signal: Signal, counts: wp.array, first_view: int) -> Stage:
+    """Counts, from first_view on: what the detector makes of the signal, which is dark afterwards."""
+    n_view, n_band, n_row, n_col = signal.images.shape
     n_image, n_pixel = n_view * n_band, n_row * n_col
     n_strip = n_pixel // STRIP_PIXELS
-    light, counts = chunk.light, chunk.counts
-    inputs = [chunk.views.frame, chunk.views.sensor, scene.band_id, scene.read_out.detector]
-    keep = int(chunk.keep_light)
+    views = [inputs.frame, inputs.sensor, scene.band_id, scene.read_out.detector]
+    first_image, lit = first_view * n_band, signal.lit.flatten()
     block_dim = TILE_THREADS_CUDA if scene.device.is_cuda else 1
+    launches = []
     if n_strip:
-        launch_tiled(
-            scene.read_out.kernel,
-            dim=[n_image * -(-n_strip // STRIPS_PER_BLOCK)],
-            inputs=[*inputs, 0, n_strip, light.dark_place, keep, light.flat, light.lit.flatten()],
-            outputs=[counts.flatten()],
-            block_dim=block_dim,
-            device=scene.device,
-        )
+        dim = [n_image * -(-n_strip // STRIPS_PER_BLOCK)]
+        reads = [*views, 0, n_strip, signal.dark_strip, first_image, lit]
+        writes = [counts.flatten(), signal.flat]
+        launches.append(Launch(scene.read_out.kernel, dim, reads, writes, scene.device, block_dim))
     if n_strip * STRIP_PIXELS < n_pixel:
-        shape = (n_image, n_pixel)
-        launch_tiled(
-            scene.read_out.rest_kernel,
-            dim=[n_image],
-            inputs=[*inputs, n_strip, n_strip + 1, 0, keep, light.signal_w_cm2.reshape(shape), light.lit.flatten()],
-            outputs=[counts.reshape(shape)],
-            block_dim=block_dim,
-            device=scene.device,
-        )
-    if not chunk.keep_light:
-        clear(light.lit)
+        reads = [*views, n_strip, n_strip + 1, 0, first_image, lit]
+        writes = [counts.reshape(_image_shape(counts)), signal.images.reshape((n_image, n_pixel))]
+        launches.append(Launch(scene.read_out.rest_kernel, [n_image], reads, writes, scene.device, block_dim))
+    return Stage("read_out", n_view, launches)
 
 
-VIEW_STAGES = (aim, observe_targets, gather_stars, trace, record_targets)
-"""What is done for all views of a chunk at a time."""
+def counts_for(stage: Stage, counts: wp.array) -> list[wp.array]:
+    """Return counts, (n_view, n_band, n_row, n_col), as each launch of a read-out takes them.
 
-IMAGE_STAGES = (deposit, read_out)
-"""What is done for few images at a time, whose light then stays in the cache from one to the other."""
+    They do not keep the memory: a launch holds its arguments until the next pass, a result only as long as its owner.
+    """
+    flat, by_image = (counts.size,), _image_shape(counts)
+    shapes = [flat if launch.outputs[0].ndim == 1 else by_image for launch in stage.launches]
+    return [wp.array(ptr=counts.ptr, dtype=counts.dtype, shape=shape, device=counts.device) for shape in shapes]
+
+
+def _image_shape(counts: wp.array) -> tuple[int, int]:
+    n_view, n_band, n_row, n_col = counts.shape
+    return n_view * n_band, n_row * n_col
+
+
+def read_out_into(stage: Stage, counts: Sequence[wp.array]) -> None:
+    """Have a read-out write other counts, given as `counts_for` does."""
+    for launch, array in zip(stage.launches, counts, strict=True):
+        launch.set_output(0, array)

@@ -19,6 +19,7 @@ from warpsim.scene.sensors import Sensor
 from warpsim.scene.sky import Sky
 from warpsim.scene.tracks import Tracks
 from warpsim.sky.band_index import BandIndex
+from warpsim.transfers import to_numpy
 
 LARGEST_SHIFT_RAD = 2.0e-4
 """41 arcsec, how far apparent places lie from those of the index: 28.5 of aberration (the Earth's 30.3 km/s and an
@@ -107,4 +108,4 @@ def _half_width_px(irradiance: wp.array, psf: PsfBank, stamp_rule: Any) -> npt.N
         return np.zeros(irradiance.shape[1], dtype=np.int32)
     half_width = wp.empty(irradiance.shape, dtype=wp.int32, device=irradiance.device)
     psf.size_stamps(irradiance, stamp_rule, half_width)
-    return np.asarray(half_width.numpy().max(axis=0))
+    return np.asarray(to_numpy(half_width).max(axis=0))

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
+from warpsim_kernels.records import Sources, View
 
 from warpsim.legendre import series_at
-from warpsim.render.buffers import Sources, new_path_views
-from warpsim.render.stages import aim_views, trace_sources
+from warpsim.render.batch import new_inputs
+from warpsim.render.buffers import new_exposure
+from warpsim.render.stages import aim, trace
 from warpsim.render.streaks import Streaks, streaks_at
+from warpsim.transfers import to_numpy
 
 if TYPE_CHECKING:
     from warpsim.optics.camera import Camera
@@ -67,29 +70,22 @@ def _sample(instrument: Instrument, duration_s: float) -> tuple[F64, npt.NDArray
 
 
 def _paths_px(camera: Camera, scene: DeviceBodies, rule: Streaks, time_s: F64, sensor: npt.NDArray[np.uint32]) -> F64:
-    """Paths of all targets, and of stars at the landmarks of the frame, (n_view, n_source, 2, n_instant)."""
+    """Paths of all targets, and of stars at the sample points of the frame, (n_view, n_source, 2, n_instant)."""
     device, n_view = scene.device, len(time_s)
-    middle, path = (
-        new_path_views(device, np.zeros(1), time_s, sensor),
-        new_path_views(device, rule.offset_s, time_s, sensor),
-    )
-    aim_views(scene, middle)
-    aim_views(scene, path)
-    stars = np.einsum("ci,vij->vcj", camera.sample_points, middle.axes.numpy()[:, 0])
+    inputs = new_inputs(device, time_s, np.zeros(n_view), sensor)
+    views, exposure = wp.zeros(n_view, dtype=View, device=device), new_exposure(device, rule.offset_s, n_view)
+    aim(scene, inputs, views, exposure).run()
+    stars = np.einsum("ci,vij->vcj", camera.sample_points, to_numpy(views)["axes"])
     n_source = scene.n_target + stars.shape[1]
+    sources: Any = Sources()
+    sources.n_source = wp.full(n_view, n_source, dtype=wp.int32, device=device)
+    sources.xy_px = wp.zeros((n_view, n_source), dtype=wp.vec2d, device=device)  # series are of positions themselves
     direction = np.concatenate([np.zeros((n_view, scene.n_target, 3)), stars], axis=1)
-    none = wp.empty((0, 0, 0, 0), dtype=wp.float64, device=device)
-    sources = Sources(
-        wp.full(n_view, n_source, dtype=wp.int32, device=device),
-        wp.zeros((n_view, n_source), dtype=wp.vec2d, device=device),  # so that the series are of places themselves
-        none,
-        none,
-        wp.array(direction, dtype=wp.vec3d, device=device),
-        wp.empty((n_view, n_source, rule.n_path), dtype=wp.vec2, device=device),
-        none,
-    )
-    trace_sources(scene, rule, path, sources)
-    series = np.asarray(sources.offset_px.numpy(), dtype=np.float64)
+    sources.direction = wp.array(direction, dtype=wp.vec3d, device=device)
+    sources.offset_px = wp.empty((n_view, n_source, rule.n_path), dtype=wp.vec2, device=device)
+    targets = wp.empty((n_view, scene.n_target, rule.n_path), dtype=wp.vec2, device=device)
+    trace(scene, rule, exposure, sources, targets).run()
+    series = np.asarray(to_numpy(sources.offset_px), dtype=np.float64)
     return series_at(np.moveaxis(series, -1, -2), _INSTANTS)
 
 

@@ -212,7 +212,7 @@ class Stream:
 
 
 def stream_sizes(
-    rate_hz: float | None, n_view: int, frame_bytes: int, n_lane: int, n_ahead: int | None
+    rate_hz: float | None, n_view: int, frame_bytes: int, n_pipeline: int, n_ahead: int | None
 ) -> tuple[int, int]:
     """Frames rendered ahead, and in one call.
 
@@ -220,12 +220,12 @@ def stream_sizes(
         rate_hz: Frames per second; None: as fast as possible.
         n_view: Views of a frame.
         frame_bytes: Of the images of a frame.
-        n_lane: Threads and devices that render at a time; each is to have a view.
+        n_pipeline: Threads and devices that render at a time; each is to have a view.
         n_ahead: Frames rendered ahead at most, if that was asked for.
     """
     fitting = max(1, GROUP_BYTES // frame_bytes)
     together = fitting if rate_hz is None else min(math.ceil(rate_hz * GROUP_S), fitting)
-    together = max(1, together, -(-n_lane // n_view))
+    together = max(1, together, -(-n_pipeline // n_view))
     if n_ahead is None:
         return max(USUAL_AHEAD, 2 * together), together
     return n_ahead, max(1, min(together, n_ahead // 2))

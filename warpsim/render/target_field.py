@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.earth import Earth
-from warpsim_kernels.emission import Surfaces, make_emit_kernel, make_profile_kernel
+from warpsim_kernels.emission import Surfaces, make_profile_kernel
 from warpsim_kernels.signature import Exposure, Features, Surroundings, Tables, Target
-from warpsim_kernels.targets import make_observe_targets_kernel
+from warpsim_kernels.targets import Bodies, make_observe_targets_kernel
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.legendre import series_matrix
@@ -42,24 +42,16 @@ F64 = npt.NDArray[np.float64]
 class TargetField:
     """What the stage observe_targets launches and reads, for some of a scene's bands."""
 
-    n_target: int
-    first_row: int
-    """Row of the first target in the tracks."""
     features: Features
     in_shadow: bool
     """All targets are in the Earth's shadow throughout, so that the kernel does not ask."""
-    targets: wp.array
-    tables: Any
-    exposure: Any
-    surroundings: Any
-    surfaces: Any
-    radiance: Any
+    bodies: Any
+    """The kernels' Bodies."""
     n_profile: int
     """Coefficients of each target's brightness over the exposure; 0 where nothing asks for them."""
-    n_lane: int
-    """Threads that share the targets of a view: on the CPU one, which finds once what they have in common."""
+    threads_per_view: int
+    """On the CPU one, which finds once what a view's targets have in common."""
     observe_kernel: wp.Kernel
-    emit_kernel: wp.Kernel
     profile_kernel: wp.Kernel | None
 
 
@@ -101,21 +93,19 @@ def make_target_field(
     tables: Any = Tables()
     tables.attitudes, tables.facets, tables.temperatures = attitudes.tables, facets.facets, temperatures.tables
     structs = _target_structs(scenario, attitudes, temperatures, facets.first)
+    bodies: Any = Bodies()
+    bodies.targets = wp.array(structs, dtype=Target, device=device)
+    bodies.tables, bodies.exposure = tables, exposure
+    bodies.surroundings = _surroundings(scenario.tracks, (earth_degree, n_earth), (albedo_degree, n_albedo), device)
+    bodies.surfaces = _surfaces(targets, spectral, lighting, own_bands, device)
+    bodies.radiance = make_radiance(own_bands, temperatures.span_k, device, spectral)
     return TargetField(
-        len(targets),
-        len(instrument.names),
         features,
         lighting.sun and terms["sun"].bound_nei == 0.0,
-        wp.array(structs, dtype=Target, device=device),
-        tables,
-        exposure,
-        _surroundings(scenario.tracks, (earth_degree, n_earth), (albedo_degree, n_albedo), device),
-        _surfaces(targets, spectral, lighting, own_bands, device),
-        make_radiance(own_bands, temperatures.span_k, device, spectral),
+        bodies,
         int(exposure.weight.shape[0]) if features.profile else 0,
         max(len(targets), 1) if device.is_cuda else 1,
-        make_observe_targets_kernel(features._replace(spectral=False)),  # it knows no band
-        make_emit_kernel(features),
+        make_observe_targets_kernel(features),
         make_profile_kernel(features) if features.profile else None,
     )
 

@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
+from warpsim_kernels.emission import ABSENT, BEHIND, IN_FOV, NOT_DEPLOYED, OCCULTED
 from warpsim_kernels.signature import N_TERM
-from warpsim_kernels.targets import ABSENT, BEHIND, IN_FOV, NOT_DEPLOYED, OCCULTED
 
-from warpsim.render.buffers import Observations
+from warpsim.render.batch import HostColumns
 from warpsim.render.device_scene import DeviceBodies, DeviceScene
 from warpsim.render.stages import split_light
 from warpsim.render.streaks import moved, paths_struct
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import TERMS
 from warpsim.scene.scenario import Scenario
+from warpsim.transfers import to_numpy
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -45,7 +46,7 @@ class ImageAxes:
         return np.array([self.instrument.nei_w_cm2(band) for band in self.bands])
 
 
-def truth_table(frames: ImageAxes, scene: DeviceScene, seen: Observations) -> Table:
+def truth_table(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> Table:
     """Return one row per frame x sensor x band x target.
 
     Columns: frame, time_s, sensor, band, target, class; access (the sensor may observe this target), in_fov, occulted,
@@ -91,9 +92,9 @@ _UNITS = {
 }  # fmt: skip
 
 
-def _flags(frames: ImageAxes, scene: DeviceScene, seen: Observations) -> dict[str, npt.NDArray[np.bool_]]:
+def _flags(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np.bool_]]:
     """What can be said of each target with yes or no, each (frame, sensor, target)."""
-    word = np.asarray(seen.flags.numpy()).reshape(len(frames.frames), len(frames.sensors), scene.n_target)
+    word = seen.observations["flags"].reshape(len(frames.frames), len(frames.sensors), scene.n_target)
     absent = (word & int(ABSENT)) != 0
     rows = [frames.instrument.index(name) for name in frames.sensors]
     return {
@@ -105,67 +106,71 @@ def _flags(frames: ImageAxes, scene: DeviceScene, seen: Observations) -> dict[st
     }
 
 
-def _geometry(scene: DeviceScene, seen: Observations) -> dict[str, npt.NDArray[np.float64]]:
+def _geometry(scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
     """Where and how each target is seen, each (view, target); NaN for absent ones."""
-    flags = np.asarray(seen.flags.numpy())
+    observed = seen.observations
+    flags = observed["flags"]
     there = (flags & int(ABSENT)) == 0
     in_front = there & ((flags & int(BEHIND)) == 0)
 
     def known(values: Any, mask: npt.NDArray[np.bool_] = there) -> npt.NDArray[np.float64]:
         return np.where(mask, np.asarray(values, dtype=np.float64), np.nan)
 
-    xy_px, moved_px = seen.xy_px.numpy(), moved(np.asarray(seen.offset_px.numpy()))
+    xy_px, moved_px = observed["xy_px"], moved(seen.offset_px)
     return {
         "x_px": known(xy_px[..., 0], in_front),
         "y_px": known(xy_px[..., 1], in_front),
         "dx_px": known(moved_px[..., 0], in_front),
         "dy_px": known(moved_px[..., 1], in_front),
-        "range_km": known(seen.range_m.numpy() / 1e3),
-        "aspect_deg": known(np.degrees(seen.aspect_rad.numpy())),
-        "projected_area_m2": known(seen.area_m2.numpy()),
-        "temperature_k": known(seen.temperature_k.numpy()),
-        "sunlit_fraction": known(sunlit_fraction(scene, seen)),
+        "range_km": known(observed["range_m"] / 1e3),
+        "aspect_deg": known(np.degrees(observed["aspect_rad"])),
+        "projected_area_m2": known(observed["area_m2"]),
+        "temperature_k": known(observed["temperature_k"]),
+        "sunlit_fraction": known(sunlit_fraction(scene, observed["sunlit"])),
     }
 
 
-def _light(frames: ImageAxes, scene: DeviceScene, seen: Observations) -> dict[str, npt.NDArray[np.float64]]:
+def _light(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
     """How bright each target is, each (view, band, target)."""
     peak_part, stamp_part = _stamp_parts(scene, seen)
-    irradiance = np.asarray(seen.irradiance_w_cm2.numpy(), dtype=np.float64)
+    irradiance = seen.irradiance_w_cm2.astype(np.float64)
     snr = irradiance / frames.nei_w_cm2[:, None]
+    terms = split_irradiance_w_cm2(scene, seen.columns.observations)
     return {
         "irradiance_w_cm2": irradiance,
-        **{f"{name}_w_cm2": values for name, values in split_irradiance_w_cm2(scene, seen).items()},
+        **{f"{name}_w_cm2": values for name, values in terms.items()},
         "snr": snr,
         "snr_peak": snr * peak_part,
         "left_out_w_cm2": irradiance * np.maximum(1 - stamp_part, 0),
     }
 
 
-def sunlit_fraction(scene: DeviceBodies, seen: Observations) -> npt.NDArray[np.float64]:
+def sunlit_fraction(scene: DeviceBodies, sunlit: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Return the part of the Sun's disc that targets see, (n_view, n_target); NaN with sunlight off, or left out."""
     if scene.field.features.sun:
-        return np.asarray(seen.sunlit.numpy())
-    return np.full(seen.sunlit.shape, 0.0 if scene.field.in_shadow else np.nan)
+        return sunlit
+    return np.full(sunlit.shape, 0.0 if scene.field.in_shadow else np.nan)
 
 
-def split_irradiance_w_cm2(scene: DeviceBodies, seen: Observations) -> dict[str, npt.NDArray[np.float64]]:
+def split_irradiance_w_cm2(scene: DeviceBodies, observations: wp.array) -> dict[str, npt.NDArray[np.float64]]:
     """Return the irradiance by each term (emitted, sun, earth, albedo), each (n_view, n_band, n_target)."""
-    shape = (N_TERM, *seen.irradiance_w_cm2.shape)
-    terms = wp.zeros(shape, dtype=wp.float64, device=scene.device)
+    n_view, n_target = observations.shape
+    terms = wp.zeros((N_TERM, n_view, scene.n_band, n_target), dtype=wp.float64, device=scene.device)
     if terms.size:
-        split_light(scene, seen, terms)
-    return dict(zip(("emitted", *TERMS), np.asarray(terms.numpy()), strict=True))
+        split_light(scene, observations.to(scene.device), terms).run()
+    return dict(zip(("emitted", *TERMS), to_numpy(terms), strict=True))
 
 
-def _stamp_parts(scene: DeviceScene, seen: Observations) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _stamp_parts(scene: DeviceScene, seen: HostColumns) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Parts of each target's light in its own pixel and in its stamp, each (n_view, n_band, n_target)."""
     shape = seen.irradiance_w_cm2.shape
     parts = [wp.empty(shape, dtype=wp.float32, device=scene.device) for _ in range(2)]
     if parts[0].size:
-        paths = paths_struct(seen.offset_px, seen.brightness, scene.n_target) if scene.streaks.wanted else None
-        scene.psf.measure_stamps([seen.xy_px, seen.irradiance_w_cm2], scene.stamp_rule, parts, paths)
-    peak, stamp = (np.asarray(array.numpy(), dtype=np.float64) for array in parts)
+        here = seen.columns.to(scene.device)
+        paths = paths_struct(here.offset_px, here.brightness, scene.n_target) if scene.streaks.wanted else None
+        xy_px = wp.array(np.ascontiguousarray(seen.observations["xy_px"]), dtype=wp.vec2d, device=scene.device)
+        scene.psf.measure_stamps([xy_px, here.irradiance_w_cm2], scene.stamp_rule, parts, paths)
+    peak, stamp = (to_numpy(array).astype(np.float64) for array in parts)
     return peak, stamp
 
 

@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arguments import frame_numbers
 from warpsim.detector.levels import Levels, levels
 from warpsim.errors import InputError
 from warpsim.optics.psf import Psf
@@ -146,7 +147,7 @@ class Instrument:
 
     def frame_time_s(self, frames: Sequence[int] | npt.NDArray[np.int64]) -> F64:
         """Return times of frames after the epoch [s], shape (n,)."""
-        return self.frames.start_s + np.asarray(frames, dtype=np.float64) * self.frames.interval_s
+        return self.frames.start_s + frame_numbers(frames).astype(np.float64) * self.frames.interval_s
 
     @cached_property
     def levels(self) -> dict[str, Levels]:

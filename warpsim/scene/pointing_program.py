@@ -356,11 +356,12 @@ def check_frames(program: PointingProgram, names: Sequence[str], time_s: F64) ->
     """
     if not time_s.size:
         return
+    earliest_s = time_s.min()
     for name, own in zip(names, program.sensors, strict=True):
         if own.scan is not None:
             check_cover(own.scan, True, name, time_s)
-        elif own.steps[0].start_s > time_s.min():
+        elif own.steps[0].start_s > earliest_s:
             first_s = own.steps[0].start_s
             what = "rows" if own.steps[0].field.startswith("rows") else "steps"
-            rule = f"the {what} of {name} cover from {first_s:g} s on, not the frame at {time_s.min():g} s"
+            rule = f"the {what} of {name} cover from {first_s:g} s on, not the frame at {earliest_s:g} s"
             raise InputError(rule, "pointing")

@@ -17,6 +17,7 @@ from warpsim_kernels.band_index import N_BAND, N_COLUMN, POLAR_LATITUDE_DEG, mak
 
 from warpsim.errors import InputError
 from warpsim.sky.catalog import StarCatalog
+from warpsim.transfers import to_numpy
 
 
 class BandIndex:
@@ -106,12 +107,12 @@ class BandIndex:
             begin = wp.array(start[:-1], dtype=wp.int64, device=self.device)
             inputs = [self.cell_start_array, self.direction_array, cones, radii, begin]
             wp.launch(self._query_kernel, dim=n, inputs=inputs, outputs=[n_found, found], device=self.device)
-            start[1:] = np.cumsum(n_found.numpy())
+            start[1:] = np.cumsum(to_numpy(n_found))
             if start[-1] == 0:
                 break
             if found.shape[0] == 0:
                 found = wp.empty(int(start[-1]), dtype=wp.int32, device=self.device)
-        rows = self.star_row[found.numpy()]
+        rows = self.star_row[to_numpy(found)]
         # One sort of cone and row in one number: three times as fast as sorting by two keys.
         list_start = np.repeat(np.arange(n, dtype=np.int64) * len(self), np.diff(start))
         key = np.sort(list_start + rows)

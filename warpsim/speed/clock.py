@@ -8,18 +8,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
+from unittest import mock
 
 import warp as wp
 
-from warpsim.launches import call
-from warpsim.render import worker as worker_module
+from warpsim.launches import Stage
 from warpsim.render.renderer import Renderer
 from warpsim.speed.work import BAND, SpeedWork, speed_work
 
-_WORKING: Any = worker_module  # to mypy, the stages that it imports are not for others
-
 StageTimes = dict[str, list[tuple[int, float]]]
-"""By stage, what each chunk took: images, and seconds."""
+"""By stage, what each pass took: images, and seconds."""
 
 
 def measure_fps(
@@ -90,57 +88,41 @@ def render_call(work: SpeedWork, renderer: Renderer, call: int, resident: bool =
 
 
 def stage_times_us(work: SpeedWork, device: Any = None, n_round: int = 3, resident: bool = False) -> dict[str, float]:
-    """Microseconds per image of each stage, in order: the median over the full chunks of some calls, one thread."""
+    """Microseconds per image of each stage, in order: the median over the full passes of some calls, one thread."""
     with timed_stages() as times:
         renderer = Renderer(work.scene, device, 1, work.catalog)
         render_call(work, renderer, 0, resident)
-        for spans in times.values():
-            spans.clear()
+        times.clear()
         for number in range(1, n_round + 1):
             render_call(work, renderer, number, resident)
     return {name: _per_image_us(spans) for name, spans in times.items()}
 
 
 def _per_image_us(spans: list[tuple[int, float]]) -> float:
-    """Median time per image of the largest chunks: a short one has more launches to an image."""
+    """Median time per image of the largest passes: a short one has more launches to an image."""
     largest = max(n_view for n_view, _ in spans)
     return statistics.median(seconds for n_view, seconds in spans if n_view == largest) / largest * 1e6
 
 
 @contextmanager
 def timed_stages() -> Iterator[StageTimes]:
-    """Time every stage of every chunk, by one thread, of renderers that are made and used meanwhile.
+    """Time every stage of every pass, by one thread, of renderers that are used meanwhile.
 
-    The only code that knows how the renderer runs its stages: it puts a clock about each of those that a worker
-    records. On the CPU it is the thread's own time, without what the thread waits for others; on CUDA the launches are
-    not made as one graph.
+    On the CPU it is the thread's own time, without what the thread waits for others.
     """
-    lists = {name: getattr(_WORKING, name) for name in ("VIEW_STAGES", "IMAGE_STAGES")}
-    times: StageTimes = {stage.__name__: [] for stages in lists.values() for stage in stages}
+    times: StageTimes = {}
+    run = Stage.run
 
-    def clocked(stage: Any) -> Any:
-        def run(world: Any, chunk: Any) -> None:
-            now = time.perf_counter if world.device.is_cuda else time.thread_time
-            begin = [0.0]
+    def timed(stage: Stage, n_view: int | None = None, stream: wp.Stream | None = None) -> None:
+        now = time.thread_time if stream is None else time.perf_counter
+        if stream is not None:
+            wp.synchronize_stream(stream)
+        begin = now()
+        run(stage, n_view, stream)
+        if stream is not None:
+            wp.synchronize_stream(stream)
+        done = stage.n_view if n_view is None else n_view
+        times.setdefault(stage.name, []).append((done, now() - begin))
 
-            def start(n_view: int) -> None:
-                wp.synchronize_device(world.device)
-                begin[0] = now()
-
-            def stop(n_view: int) -> None:
-                wp.synchronize_device(world.device)
-                times[stage.__name__].append((n_view, now() - begin[0]))
-
-            call(start)
-            stage(world, chunk)
-            call(stop)
-
-        return run
-
-    for name, stages in lists.items():
-        setattr(_WORKING, name, tuple(clocked(stage) for stage in stages))
-    try:
+    with mock.patch.object(Stage, "run", timed):
         yield times
-    finally:
-        for name, stages in lists.items():
-            setattr(_WORKING, name, stages)

@@ -1,0 +1,219 @@
+"""What a render call asks for and gets: columns of its views, and their images."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+from warpsim_kernels.records import Observation, View
+
+from warpsim.arguments import frame_numbers
+from warpsim.render.device_scene import DeviceBodies, DeviceScene
+from warpsim.render.pool import Pool
+from warpsim.transfers import to_numpy
+
+StarList = tuple[npt.NDArray[Any], ...]
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What views are told, each (n_view,).
+
+    They are arrays of their own, not records: the compiler makes vector instructions of `read_out` for arrays without
+    gaps only, even of those that it reads one number of.
+    """
+
+    time_s: wp.array
+    """Middle of the exposure, after the epoch."""
+    frame: wp.array
+    sensor: wp.array
+    """Index of the sensor among those of its kind."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What is found out about views; the first axis is that of views."""
+
+    views: wp.array
+    """View records, (n_view,)."""
+    observations: wp.array
+    """Observation records, (n_view, n_target)."""
+    irradiance_w_cm2: wp.array
+    """Of targets at the pupil, (n_view, n_band, n_target)."""
+    offset_px: wp.array | None
+    """Movement of targets during the exposure: Legendre coefficients, (n_view, n_target, n_path); None where still."""
+    brightness: wp.array | None
+    """Change of their brightness: Legendre coefficients over the mean, (n_view, n_band, n_target, n_profile)."""
+
+    @property
+    def arrays(self) -> tuple[wp.array, ...]:
+        """All arrays that there are."""
+        given = (self.views, self.observations, self.irradiance_w_cm2, self.offset_px, self.brightness)
+        return tuple(array for array in given if array is not None)
+
+    def part(self, first: int, end: int) -> Columns:
+        """Columns of some consecutive views."""
+        return self._each(lambda array: array[first:end] if array.size else array)
+
+    def to(self, device: wp.Device) -> Columns:
+        """The same on a device."""
+        return self._each(lambda array: array.to(device))
+
+    def _each(self, change: Callable[[wp.array], wp.array]) -> Columns:
+        given = (getattr(self, field.name) for field in fields(self))
+        return Columns(*(None if array is None else change(array) for array in given))
+
+
+class HostColumns:
+    """Columns as NumPy arrays; each is read when it is first asked for."""
+
+    def __init__(self, columns: Columns) -> None:
+        self.columns = columns
+
+    @cached_property
+    def views(self) -> npt.NDArray[Any]:
+        """View records by name of field, (n_view,)."""
+        return to_numpy(self.columns.views)
+
+    @cached_property
+    def observations(self) -> npt.NDArray[Any]:
+        """Observation records by name of field, (n_view, n_target)."""
+        return to_numpy(self.columns.observations)
+
+    @cached_property
+    def irradiance_w_cm2(self) -> npt.NDArray[np.float32]:
+        """Of targets at the pupil, (n_view, n_band, n_target)."""
+        return to_numpy(self.columns.irradiance_w_cm2)
+
+    @cached_property
+    def offset_px(self) -> npt.NDArray[np.float32]:
+        """Movement of targets: Legendre coefficients, (n_view, n_target, n_path, 2)."""
+        if self.columns.offset_px is None:
+            return np.zeros((*self.observations.shape, 0, 2), dtype=np.float32)
+        return to_numpy(self.columns.offset_px)
+
+    @cached_property
+    def brightness(self) -> npt.NDArray[np.float32]:
+        """Change of their brightness: Legendre coefficients over the mean, (n_view, n_band, n_target, n_profile)."""
+        if self.columns.brightness is None:
+            return np.zeros((*self.irradiance_w_cm2.shape, 0), dtype=np.float32)
+        return to_numpy(self.columns.brightness)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Views, frame by frame and sensor by sensor within it, and what a render call makes of them."""
+
+    time_s: npt.NDArray[np.float64]
+    frame: npt.NDArray[np.uint32]
+    sensor: npt.NDArray[np.uint32]
+    columns: Columns
+    counts: wp.array
+    """(n_view, n_band, n_row, n_col)."""
+    signal_w_cm2: wp.array | None
+    stars: list[StarList] | None
+    """Position, movement, irradiance and number of the stars of each view."""
+
+    @property
+    def inputs(self) -> tuple[npt.NDArray[Any], ...]:
+        """What pipelines have to know of the views."""
+        return self.time_s, self.frame, self.sensor
+
+    @property
+    def n_view(self) -> int:
+        """Views."""
+        return len(self.time_s)
+
+
+def new_batch(
+    scene: DeviceScene,
+    frames: Sequence[int],
+    sensors: Sequence[str],
+    pool: Pool,
+    keep_signal: bool = False,
+    keep_stars: bool = False,
+) -> Batch:
+    """Return a batch of frames and sensors with memory from the pool, uninitialised, on the pool's device."""
+    n_sensor, instrument = len(sensors), scene.instrument
+    n_view, numbers = len(frames) * n_sensor, frame_numbers(frames)
+    rows = [instrument.index(name) for name in sensors]
+    camera = instrument.sensor.camera
+    shape = (n_view, scene.n_band, camera.n_row, camera.n_col)
+    return Batch(
+        np.repeat(instrument.frame_time_s(numbers), n_sensor),
+        np.repeat(numbers.astype(np.uint32), n_sensor),
+        np.tile(np.asarray(rows, dtype=np.uint32), len(frames)),
+        _columns(pool.new(shape, dtype) for shape, dtype in _column_kinds(scene, n_view)),
+        pool.new(shape, wp.uint16),
+        pool.new(shape, wp.float32) if keep_signal else None,
+        [()] * n_view if keep_stars else None,
+    )
+
+
+def new_inputs(device: wp.Device, time_s: Any, frame: Any, sensor: Any) -> Inputs:
+    """Return the inputs of views on a device; on the CPU without a copy."""
+    return Inputs(
+        wp.array(np.asarray(time_s, dtype=np.float64), dtype=wp.float64, device=device, copy=False),
+        wp.array(np.asarray(frame, dtype=np.uint32), dtype=wp.uint32, device=device, copy=False),
+        wp.array(np.asarray(sensor, dtype=np.uint32), dtype=wp.uint32, device=device, copy=False),
+    )
+
+
+def new_columns(scene: DeviceBodies, n_view: int) -> Columns:
+    """Return columns for stages to write into, 0 where none writes."""
+    kinds = _column_kinds(scene, n_view)
+    return _columns(wp.zeros(shape, dtype=dtype, device=scene.device) for shape, dtype in kinds)
+
+
+def _column_kinds(scene: DeviceBodies, n_view: int) -> list[tuple[tuple[int, ...], Any]]:
+    """Shape and type of each of the columns that there are."""
+    n_band, n_target = scene.n_band, scene.n_target
+    kinds: list[tuple[tuple[int, ...], Any]] = [
+        ((n_view,), View),
+        ((n_view, n_target), Observation),
+        ((n_view, n_band, n_target), wp.float32),
+    ]
+    if scene.streaks.wanted:
+        kinds.append(((n_view, n_target, scene.streaks.n_path), wp.vec2))
+        kinds.append(((n_view, n_band, n_target, scene.field.n_profile), wp.float32))
+    return kinds
+
+
+def _columns(arrays: Iterable[wp.array]) -> Columns:
+    given = [*arrays, None, None]
+    return Columns(*given[:5])
+
+
+def column_bytes(scene: DeviceBodies) -> int:
+    """Return the memory that the columns of a view take."""
+    return sum(math.prod(shape) * wp.types.type_size_in_bytes(dtype) for shape, dtype in _column_kinds(scene, 1))
+
+
+def copy_views(
+    to: wp.array, to_first: int, source: wp.array, first: int, n_view: int, stream: wp.Stream | None = None
+) -> None:
+    """Copy consecutive views between contiguous arrays that are alike, of any devices.
+
+    Args:
+        to: Copied to.
+        to_first: First view there.
+        source: Copied from.
+        first: First view there.
+        n_view: How many.
+        stream: On CUDA; the device's current one when left out.
+    """
+    if not n_view or not source.size:
+        return
+    if to.device.is_cpu and source.device.is_cpu:
+        step = source.strides[0]  # a quarter of the Python that wp.copy is
+        ctypes.memmove(to.ptr + to_first * step, source.ptr + first * step, n_view * step)
+    else:
+        length = source.size // source.shape[0]
+        wp.copy(to, source, to_first * length, first * length, n_view * length, stream=stream)

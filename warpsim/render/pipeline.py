@@ -1,0 +1,207 @@
+"""A pipeline: device arrays for n views, and the stages bound to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from warpsim.launches import Stage
+from warpsim.render.batch import Batch, Inputs, StarList, copy_views, new_columns, new_inputs
+from warpsim.render.buffers import (
+    SOURCE_ARRAYS,
+    bytes_of,
+    new_area_series,
+    new_exposure,
+    new_signal,
+    new_sources,
+    part_of_sources,
+)
+from warpsim.render.device_scene import DeviceScene
+from warpsim.render.schedule import images_at_a_time
+from warpsim.render.stages import (
+    aim,
+    counts_for,
+    deposit,
+    gather_stars,
+    observe_targets,
+    read_out,
+    read_out_into,
+    trace,
+)
+from warpsim.render.streaks import moved
+from warpsim.transfers import host_arrays, to_numpy
+
+
+@dataclass(frozen=True)
+class _Images:
+    """The stages that draw and read out some of the pipeline's images, views first to end."""
+
+    first: int
+    end: int
+    deposit: Stage
+    read_out: Stage
+
+
+class Pipeline:
+    """Renders up to n_view views at a time, on a stream of its own.
+
+    View stages run once for all of them, image stages for few at a time, whose signal then stays in the cache. Counts
+    are written straight into the batch; only from a GPU to the host they go by way of an array of the pipeline, and the
+    copy then runs beside another pipeline's work.
+
+    Args:
+        scene: What the stages read.
+        n_view: Views at a time, at most.
+        n_slot: Sources of a view, at most.
+        to_host: Whether what a GPU renders lands in host memory.
+    """
+
+    def __init__(self, scene: DeviceScene, n_view: int, n_slot: int, to_host: bool = False) -> None:
+        self.scene, self.n_view, self.n_slot = scene, n_view, n_slot
+        device, camera = scene.device, scene.instrument.sensor.camera
+        nothing = np.zeros(n_view)
+        self._inputs = new_inputs(device, nothing, nothing, nothing)
+        self._host_inputs = host_arrays(vars(self._inputs).values())
+        self._host_views: list[npt.NDArray[Any]] = [array.numpy() for array in self._host_inputs]
+        self._taken: wp.Event | None = None
+        self.columns = new_columns(scene, n_view)
+        self._n_wanted = to_numpy(self.columns.views)["n_wanted"]  # on the CPU as it is at any time
+        self.sources = new_sources(scene, n_view, n_slot)
+        self._series = new_area_series(scene, n_view)
+        streaks = scene.streaks
+        self._exposure = new_exposure(device, streaks.offset_s, n_view) if streaks.wanted else None
+        image = (scene.n_band, camera.n_row, camera.n_col)
+        self._n_image = images_at_a_time(scene, n_view)
+        self.signal = new_signal((self._n_image, *image), device)
+        self._is_dark = True
+        self._counts = (
+            wp.empty((n_view, *image), dtype=wp.uint16, device=device) if to_host and device.is_cuda else None
+        )
+        self._stand_in = wp.empty((1, *image), dtype=wp.uint16, device=device)  # until a batch brings its own
+        self.stream = wp.Stream(device) if device.is_cuda else None
+        self._view_stages = self._bound_to_views()
+        self._image_stages = self._bound_to_images()
+
+    def _bound_to_views(self) -> list[Stage]:
+        scene, inputs, columns, sources = self.scene, self._inputs, self.columns, self.sources
+        streaks, exposure = scene.streaks, self._exposure
+        stages = [
+            aim(scene, inputs, columns.views, exposure),
+            observe_targets(scene, inputs, columns, sources, self._series),
+            gather_stars(scene, inputs, columns.views, sources),
+        ]
+        if exposure is not None:
+            stages.append(trace(scene, streaks, exposure, sources, columns.offset_px))
+        return stages
+
+    def _bound_to_images(self) -> list[_Images]:
+        """The image stages, for few images at a time."""
+        parts = []
+        for first in range(0, self.n_view, self._n_image):
+            end = min(first + self._n_image, self.n_view)
+            signal, sources = self.signal.part(end - first), part_of_sources(self.sources, first, end)
+            inputs = Inputs(*(array[first:end] for array in vars(self._inputs).values()))
+            drawn = deposit(self.scene, sources, self.columns.part(first, end).brightness, signal)
+            parts.append(_Images(first, end, drawn, read_out(self.scene, inputs, signal, self._stand_in, first)))
+        return parts
+
+    @property
+    def n_byte(self) -> int:
+        """Memory of the arrays that grow with the views."""
+        signal = self.signal
+        arrays = [*vars(self._inputs).values(), *self.columns.arrays, self._series, self._stand_in]
+        arrays += [getattr(self.sources, name) for name in SOURCE_ARRAYS]
+        arrays += [signal.flat, signal.lit, signal.unlit]
+        if self._exposure is not None:
+            arrays += vars(self._exposure).values()
+        if self._counts is not None:
+            arrays.append(self._counts)
+        return bytes_of(arrays)
+
+    def begin(self) -> None:
+        """Have the stream wait for what was asked of the device: others may have read a batch's memory before."""
+        if self.stream is not None:
+            self.stream.wait_event(wp.get_stream(self.scene.device).record_event())
+
+    def _take(self, batch: Batch, first: int, n_view: int) -> None:
+        """Put what a batch asks for into the inputs."""
+        if self._taken is not None:
+            wp.synchronize_event(self._taken)
+        for mine, theirs in zip(self._host_views, batch.inputs, strict=True):
+            mine[:n_view] = theirs[first : first + n_view]
+        if self.stream is not None:
+            for here, mine in zip(vars(self._inputs).values(), self._host_inputs, strict=True):
+                copy_views(here, 0, mine, 0, n_view, self.stream)
+            self._taken = self.stream.record_event()
+
+    def render(self, batch: Batch, first: int, end: int) -> int:
+        """Render views first to end of a batch; on CUDA, only ask for it.
+
+        Returns:
+            The longest source list wanted, 0 where that is not known yet; above n_slot, the views are incomplete.
+        """
+        n_view, stream = end - first, self.stream
+        self._take(batch, first, n_view)
+        for stage in self._view_stages:
+            stage.run(n_view, stream)
+        self._render_images(batch, first, n_view)
+        for theirs, mine in zip(batch.columns.arrays, self.columns.arrays, strict=True):
+            copy_views(theirs, first, mine, 0, n_view, stream)
+        if batch.stars is not None:
+            batch.stars[first:end] = self._stars(n_view)
+        if stream is not None:
+            return 0  # to read it would be to wait
+        return int(self._n_wanted[:n_view].max())
+
+    def _render_images(self, batch: Batch, first: int, n_view: int) -> None:
+        signal, stream = self.signal, self.stream
+        if not self._is_dark:  # a pass was broken off
+            self.finish()
+            signal.flat.zero_()
+            signal.lit.zero_()
+            self.begin()
+        self._is_dark = False
+        counts = batch.counts if self._counts is None else self._counts
+        if len(counts) != n_view and self._counts is None:
+            counts = counts[first : first + n_view]
+        pieces = counts_for(self._image_stages[0].read_out, counts)
+        for images in self._image_stages:
+            n_image = min(images.end, n_view) - images.first
+            if n_image <= 0:
+                break
+            images.deposit.run(n_image, stream)
+            if batch.signal_w_cm2 is not None:
+                copy_views(batch.signal_w_cm2, first + images.first, signal.images, 0, n_image, stream)
+            read_out_into(images.read_out, pieces)
+            images.read_out.run(n_image, stream)
+            copy_views(signal.lit, 0, signal.unlit, 0, n_image, stream)
+        self._is_dark = True
+        if self._counts is not None:
+            copy_views(batch.counts, first, self._counts, 0, n_view, stream)
+
+    def finish(self) -> None:
+        """Wait until all is done."""
+        if self.stream is not None:
+            wp.synchronize_stream(self.stream)
+
+    def _stars(self, n_view: int) -> list[StarList]:
+        """Position, movement, irradiance and number of the stars of each view, copied to the host."""
+        self.finish()
+        sources = self.sources
+        filled = to_numpy(sources.n_source)[:n_view]
+        offset_px = to_numpy(sources.offset_px)
+        xy, light, star = (to_numpy(array) for array in (sources.xy_px, sources.irradiance_w_cm2, sources.star))
+        spans: list[tuple[int, Any]] = [(view, slice(self.scene.n_target, n)) for view, n in enumerate(filled)]
+        return [
+            (
+                xy[view, part].copy(),
+                moved(offset_px[view, part]),
+                light[view, :, part].T.copy(),
+                star[view, part].copy(),
+            )
+            for view, part in spans
+        ]

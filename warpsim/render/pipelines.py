@@ -1,0 +1,118 @@
+"""The pipelines of all threads and devices, which take the passes of a batch one by one."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import Executor, Future, wait
+
+import warp as wp
+
+from warpsim.render.batch import Batch
+from warpsim.render.device_scene import DeviceScene
+from warpsim.render.pipeline import Pipeline
+from warpsim.render.schedule import most_views, views_of_a_pass
+from warpsim.transfers import to_numpy
+
+SPARE_SLOTS = 64
+"""Stars that source lists hold to begin with, besides the targets."""
+
+
+class Pipelines:
+    """Renders batches of one choice of bands.
+
+    Args:
+        scenes: One for each device.
+        n_thread: Pipelines in all, on the CPU; at least one for each device.
+        to_host: Whether what GPUs render lands in host memory; each then has two pipelines, of which one copies while
+            the other renders.
+        chunk_bytes: Memory of a pass; chosen by the device when left out.
+    """
+
+    def __init__(
+        self, scenes: Sequence[DeviceScene], n_thread: int, to_host: bool, chunk_bytes: int | None = None
+    ) -> None:
+        self.scene = scenes[0]
+        self._to_host = to_host
+        n_device, is_cuda = len(scenes), scenes[0].device.is_cuda
+        n_pipeline = n_device * (2 if to_host else 1) if is_cuda else max(n_thread, n_device)
+        self._scenes = [scenes[number % n_device] for number in range(n_pipeline)]
+        self._pipelines: list[Pipeline | None] = [None] * n_pipeline
+        self._busy = [threading.Lock() for _ in self._scenes]  # an interrupted call may have left one to a thread
+        self._chunk_bytes = chunk_bytes
+        self._set_slots(self.scene.n_target + SPARE_SLOTS)
+
+    @property
+    def n_byte(self) -> int:
+        """Memory of their arrays."""
+        return sum(pipeline.n_byte for pipeline in self._pipelines if pipeline is not None)
+
+    def _set_slots(self, n_slot: int) -> None:
+        self._n_slot = n_slot
+        self._most_views = most_views(self.scene, n_slot, self._chunk_bytes, self._to_host)
+
+    def render(self, batch: Batch, threads: Executor) -> None:
+        """Render a batch; once more with longer source lists should a view have needed them."""
+        if batch.n_view == 0:
+            return
+        while (wanted := self._render(batch, threads)) > self._n_slot:
+            self._set_slots(wanted + wanted // 4)
+
+    def _render(self, batch: Batch, threads: Executor) -> int:
+        """The longest source list wanted."""
+        most = self._most_views
+        size = views_of_a_pass(self.scene, batch.n_view, most, len(self._scenes))
+        spans = deque((first, min(first + size, batch.n_view)) for first in range(0, batch.n_view, size))
+        numbers = range(min(len(self._scenes), len(spans)))
+        room = max(size, min(1 << (size - 1).bit_length(), most))  # calls that grow little by little need no new ones
+        for number in numbers:
+            self._prepare(number, room)  # by this thread: kernels are compiled here
+        others: list[Future[int]] = []
+        try:
+            for number in numbers[1:]:
+                others.append(threads.submit(self._work, number, batch, spans))
+            longest = self._work(0, batch, spans)
+        finally:
+            spans.clear()  # of an exception, too
+            if others:
+                wait(others)
+        longest = max([longest, *(other.result() for other in others)])
+        if not self.scene.device.is_cuda:
+            return longest
+        self._hand_over(numbers)
+        return int(to_numpy(batch.columns.views)["n_wanted"].max())
+
+    def _prepare(self, number: int, room: int) -> None:
+        """Make a pipeline for passes of up to `room` views, unless there is one."""
+        with self._busy[number]:
+            pipeline = self._pipelines[number]
+            if pipeline is None or pipeline.n_view < room or pipeline.n_slot != self._n_slot:
+                self._pipelines[number] = pipeline = None  # first, so that old and new ones are not there at a time
+                self._pipelines[number] = Pipeline(self._scenes[number], room, self._n_slot, self._to_host)
+
+    def _work(self, number: int, batch: Batch, spans: deque[tuple[int, int]]) -> int:
+        """Render passes until none is left, or a source list is too long; the longest wanted."""
+        longest = 0
+        with self._busy[number]:
+            pipeline = self._pipelines[number]
+            assert pipeline is not None
+            pipeline.begin()
+            while longest <= pipeline.n_slot:
+                try:
+                    first, end = spans.popleft()
+                except IndexError:
+                    return longest
+                longest = max(longest, pipeline.render(batch, first, end))
+        spans.clear()
+        return longest
+
+    def _hand_over(self, numbers: range) -> None:
+        """Have what is asked of the devices' current streams from now on wait for the pipelines."""
+        for number in numbers:
+            pipeline = self._pipelines[number]
+            assert pipeline is not None and pipeline.stream is not None
+            if self._to_host:
+                wp.synchronize_stream(pipeline.stream)
+            else:
+                wp.get_stream(pipeline.stream.device).wait_event(pipeline.stream.record_event())

@@ -1,0 +1,77 @@
+"""How much is rendered at a time: views of a pass, images of a part of it."""
+
+from __future__ import annotations
+
+from warpsim_kernels.signature import N_TERM
+
+from warpsim.render.batch import column_bytes
+from warpsim.render.device_scene import DeviceScene
+
+BYTES_PER_PASS = 32 * 2**20
+"""What the signal of all images of a pass would take on the CPU, so much that the Python of a pass, 50 to 150 us, does
+not count; and what its source lists take."""
+
+BYTES_PER_PASS_CUDA = 512 * 2**20
+"""Signal that a CUDA pipeline holds, and what its source lists take: launches should be large."""
+
+SIGNAL_BYTES_AT_A_TIME = 2**20
+"""Signal that one CPU pipeline holds, but an image at least: it is to stay in the cache from deposit to read-out."""
+
+MOST_FLOATS = 2**31 - 129
+"""Of the signal of a pass: longer arrays are beyond Warp."""
+
+PASSES_PER_PIPELINE = 4
+"""Pieces that a short call is cut into for each of several pipelines, so that none waits long for another."""
+
+PIXELS_PER_PASS = 2**19
+"""A pass of fewer pixels is not cut further: it is about a millisecond of work, and 50 to 150 us of Python."""
+
+PIXELS_PER_PASS_CUDA = 2**25
+"""The same on CUDA."""
+
+
+def n_pixel_of(scene: DeviceScene) -> int:
+    """Return the pixels of a view's images."""
+    camera = scene.instrument.sensor.camera
+    return int(scene.n_band * camera.n_row * camera.n_col)
+
+
+def images_at_a_time(scene: DeviceScene, n_view: int) -> int:
+    """Return the views of a pass whose images are drawn and read out together."""
+    room = BYTES_PER_PASS_CUDA if scene.device.is_cuda else SIGNAL_BYTES_AT_A_TIME
+    n_pixel = n_pixel_of(scene)
+    return max(1, min(n_view, room // (4 * n_pixel), MOST_FLOATS // n_pixel))
+
+
+def most_views(scene: DeviceScene, n_slot: int, chunk_bytes: int | None = None, to_host: bool = False) -> int:
+    """Return the views whose source lists and columns fit the memory of a pass, and whose signal would; at least one.
+
+    On CUDA views may be more than the images that are held, unless their counts go by way of the pipeline.
+    """
+    room = chunk_bytes or (BYTES_PER_PASS_CUDA if scene.device.is_cuda else BYTES_PER_PASS)
+    slot_bytes = 16 + 4 * scene.n_band + 4  # position, irradiance, star
+    if scene.streaks.wanted:
+        slot_bytes += 24 + 8 * scene.streaks.n_path  # direction, movement
+    series_bytes = 8 * N_TERM * scene.field.n_profile * scene.n_target
+    view_bytes = slot_bytes * n_slot + series_bytes + column_bytes(scene)
+    n_pixel = n_pixel_of(scene)
+    n_image = MOST_FLOATS // n_pixel
+    if chunk_bytes or to_host or not scene.device.is_cuda:
+        n_image = min(n_image, room // (4 * n_pixel))
+    return max(1, int(min(n_image, room // view_bytes)))
+
+
+def views_of_a_pass(scene: DeviceScene, n_view: int, most: int, n_pipeline: int) -> int:
+    """Return as many views as memory allows, but so few that every pipeline has something to do until the end.
+
+    Args:
+        scene: What is rendered.
+        n_view: Views in all.
+        most: Views that memory allows.
+        n_pipeline: Pipelines that share them.
+    """
+    if n_pipeline == 1:
+        return min(n_view, most)
+    least = (PIXELS_PER_PASS_CUDA if scene.device.is_cuda else PIXELS_PER_PASS) // n_pixel_of(scene)
+    fair = max(-(-n_view // (PASSES_PER_PIPELINE * n_pipeline)), least)
+    return max(1, min(most, fair, -(-n_view // n_pipeline)))

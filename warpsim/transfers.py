@@ -1,0 +1,32 @@
+"""Arrays from devices to the host, on streams that are named."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+
+def to_numpy(array: wp.array) -> npt.NDArray[Any]:
+    """Return an array on the host: a view on the CPU; from CUDA a copy, in the order of the device's current stream.
+
+    Warp's own `numpy` changes the current stream of the whole process while it copies.
+    """
+    if not array.device.is_cuda:
+        return np.asarray(array.numpy())
+    host = wp.empty(array.shape, dtype=array.dtype, device="cpu", pinned=True)
+    stream = wp.get_stream(array.device)
+    wp.copy(host, array, stream=stream)
+    wp.synchronize_stream(stream)
+    return np.asarray(host.numpy())
+
+
+def host_arrays(arrays: Iterable[wp.array]) -> list[wp.array]:
+    """Return arrays in host memory that are like others: pinned for those of GPUs, themselves on the CPU."""
+    return [
+        wp.empty(array.shape, dtype=array.dtype, device="cpu", pinned=True) if array.device.is_cuda else array
+        for array in arrays
+    ]
