@@ -84,7 +84,7 @@ class Drawing:
     def draw(self) -> None:
         """Add the light of the sources to the image."""
         n_row_per_block = rows_per_block(self.device, N_PIXEL)
-        self.bank.deposit(self.sources, self.rule, n_row_per_block, self.signal, self.paths, self.lit)
+        self.bank.deposit(self.sources, self.rule, n_row_per_block, self.signal, self.paths, self.lit).run()
 
     def __call__(self) -> Any:
         """The image, float64."""

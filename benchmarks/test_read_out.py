@@ -21,7 +21,8 @@ from warpsim.detector.electron import ElectronDetector
 from warpsim.detector.nei import NeiDetector
 from warpsim.optics.telescope import Optics
 from warpsim.render import stages
-from warpsim.render.buffers import new_light
+from warpsim.render.batch import new_inputs
+from warpsim.render.buffers import new_signal
 from warpsim.render.read_out import make_read_out
 
 N_PIXEL = 1024
@@ -61,26 +62,19 @@ def test_read_out(benchmark, name, device):
         read_out=make_read_out(instrument, ["A"], device),
         device=device,
     )
-    views = SimpleNamespace(
-        frame=wp.array(np.arange(n_view), dtype=wp.uint32, device=device),
-        sensor=wp.zeros(n_view, dtype=wp.uint32, device=device),
-    )
+    inputs = new_inputs(device, np.zeros(n_view), np.arange(n_view), np.zeros(n_view))
     shape = (n_view, 1, N_PIXEL, N_PIXEL)
-    chunk = SimpleNamespace(
-        counts=wp.zeros(shape, dtype=wp.uint16, device=device),
-        light=new_light(shape, device),
-        keep_light=False,
-        views=views,
-    )
+    counts = wp.zeros(shape, dtype=wp.uint16, device=device)
+    stage = stages.read_out(on_device, inputs, new_signal(shape, device), counts, 0)
 
     def read_out() -> None:
-        stages.read_out(on_device, chunk)
+        stage.run()
         wp.synchronize_device(device)
 
     benchmark.pedantic(read_out, rounds=9, warmup_rounds=1)
     if benchmark.stats is None:
         return
-    z = (chunk.counts.numpy().astype(np.float64) - known.blank_counts) / known.counts_per_nei
+    z = (counts.numpy().astype(np.float64) - known.blank_counts) / known.counts_per_nei
     benchmark.extra_info.update(
         device=str(device),
         device_name=device.name,

@@ -19,8 +19,9 @@ import pytest
 import warp as wp
 
 import warpsim as ws
-from warpsim import launches
-from warpsim.render import buffers, stages, worker
+from warpsim.launches import Launch, Stage
+from warpsim.render import pipeline, schedule, stages
+from warpsim.render.buffers import Signal
 from warpsim.render.device_scene import DeviceScene
 from warpsim.speed.clock import render_call
 from warpsim.speed.work import N_CALL, SpeedWork, speed_work
@@ -33,18 +34,18 @@ def light_all_kernel(lit: wp.array[wp.uint8]):
     lit[wp.tid()] = wp.uint8(1)
 
 
-def light_all(scene: DeviceScene, chunk: buffers.Chunk) -> None:
-    """A stage after which no strip counts as dark."""
-    lit = chunk.light.lit.flatten()
-    launches.launch(light_all_kernel, lit.size, [], [lit], scene.device)
+def deposit_and_light_all(scene: DeviceScene, sources: Any, brightness: wp.array | None, signal: Signal) -> Stage:
+    """A deposit after which no strip counts as dark."""
+    stage, lit = stages.deposit(scene, sources, brightness, signal), signal.lit.flatten()
+    light_all = Launch(light_all_kernel, (lit.size,), [], [lit], scene.device)
+    return Stage(stage.name, stage.n_view, [*stage.launches, light_all])
 
 
-# What is done, and how it is left out: what to change while a renderer makes its buffers, or an argument of it.
+# What is done, and how it is left out: what to change while a renderer makes its pipelines, or an argument of it.
 SAVINGS: dict[str, tuple[tuple[Any, str, Any] | None, dict[str, Any]]] = {
-    "dark strips are not read": ((worker, "IMAGE_STAGES", (stages.deposit, light_all, stages.read_out)), {}),
-    "images few at a time": ((buffers, "SIGNAL_BYTES_AT_A_TIME", 2**62), {}),
+    "dark strips are not read": ((pipeline, "deposit", deposit_and_light_all), {}),
+    "images few at a time": ((schedule, "SIGNAL_BYTES_AT_A_TIME", 2**62), {}),
     "memory of results used again": (None, {"pool_bytes": 0}),
-    "arguments packed once": ((launches, "PACKED_BY_WARP", "never"), {}),
 }
 
 
@@ -70,7 +71,7 @@ def test_saving(benchmark, monkeypatch, saving, n_pixel, device):
     with monkeypatch.context() as patch:
         if change:
             patch.setattr(*change)
-        for call in range(N_CALL):  # all, so that buffers are as large as any call needs
+        for call in range(N_CALL):  # all, so that pipelines are as large as any call needs
             render_call(work, without, call)
     for call in range(N_CALL):
         np.testing.assert_array_equal(render_call(work, without, call), render_call(work, with_it, call))

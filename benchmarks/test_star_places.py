@@ -10,6 +10,7 @@ The stage `gather_stars` alone, one thread: index query, apparent places, projec
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,11 +20,13 @@ from astropy.coordinates import GCRS, CartesianRepresentation, SkyCoord
 from astropy.time import TimeDelta
 
 import warpsim as ws
-from warpsim.render import stages
-from warpsim.render.buffers import Chunk, new_light, new_observations, new_sources, new_views
+from warpsim.launches import Stage
+from warpsim.render.batch import new_columns, new_inputs
+from warpsim.render.buffers import new_area_series, new_sources
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.device_upload import make_device_scene
 from warpsim.render.skies import load_catalog, star_index
+from warpsim.render.stages import aim, gather_stars, observe_targets
 
 SWITCHES = list(itertools.product([False, True], repeat=3))
 SENSORS = ("sat11", "sat12", "sat27", "sat47")
@@ -42,10 +45,10 @@ def test_star_places(benchmark, aberration, parallax, light_deflection, device):
     scenario = scene.scenario
     index = star_index(scene.sky, scenario.epoch, load_catalog(scene.sky), device)
     on_device = make_device_scene(scenario, scenario.instrument, ["A"], device, index)
-    chunk = views_of(on_device, "sat11", n_view)
+    stage, sources = star_stage(on_device, "sat11", n_view)
 
     def gather() -> None:
-        stages.gather_stars(on_device, chunk)
+        stage.run()
         wp.synchronize_device(device)
 
     benchmark.pedantic(gather, rounds=15, warmup_rounds=2)
@@ -61,24 +64,21 @@ def test_star_places(benchmark, aberration, parallax, light_deflection, device):
             if on
         ) or "none",
         us_per_view=benchmark.stats.stats.median / n_view * 1e6,
-        stars_per_view=float(chunk.sources.n_source.numpy().mean()) - on_device.n_target,
+        stars_per_view=float(sources.n_source.numpy().mean()) - on_device.n_target,
         error_arcsec=place_error_arcsec(scene, device),
         bytes_per_star=on_device.stars.device_bytes / len(on_device.stars.index),
     )  # fmt: skip
 
 
-def views_of(scene: DeviceScene, sensor: str, n_view: int) -> Chunk:
-    """Aimed views of one sensor, targets observed, ready for the star stage."""
+def star_stage(scene: DeviceScene, sensor: str, n_view: int) -> tuple[Stage, Any]:
+    """The star stage over aimed views of one sensor, with targets observed; and its source lists."""
     frames, instrument = np.arange(n_view), scene.instrument
     rows = np.full(n_view, instrument.index(sensor))
-    views = new_views(scene, instrument.frame_time_s(frames), frames, rows)
-    light = new_light((n_view, 1, 16, 16), scene.device)
-    counts = wp.empty((n_view, 1, 16, 16), dtype=wp.uint16, device=scene.device)
-    sources = new_sources(scene, n_view, scene.n_target + 64)
-    chunk = Chunk(views, new_observations(scene, n_view), sources, light, counts, keep_light=False)
-    stages.aim(scene, chunk)
-    stages.observe_targets(scene, chunk)
-    return chunk
+    inputs = new_inputs(scene.device, instrument.frame_time_s(frames), frames, rows)
+    columns, sources = new_columns(scene, n_view), new_sources(scene, n_view, scene.n_target + 64)
+    aim(scene, inputs, columns.views).run()
+    observe_targets(scene, inputs, columns, sources, new_area_series(scene, n_view)).run()
+    return gather_stars(scene, inputs, columns.views, sources), sources
 
 
 def place_error_arcsec(scene: ws.Scene, device: wp.Device) -> float:

@@ -15,7 +15,8 @@ from warpsim.optics.camera import Camera
 from warpsim.optics.telescope import Optics
 from warpsim.radiometry.bands import BANDS
 from warpsim.render import stages
-from warpsim.render.buffers import new_light
+from warpsim.render.batch import new_inputs
+from warpsim.render.buffers import new_signal
 from warpsim.render.read_out import make_read_out
 
 N_SIGMA = 5.0
@@ -35,41 +36,51 @@ FINE_GAIN, FINE_OFFSET = 4500.0, 32768.0
 FINE = NeiDetector(nei_w_cm2=1e-18, sei_w_cm2=3e-15, bits=16, offset_counts=FINE_OFFSET, counts_per_nei=FINE_GAIN)
 
 
-def read_out(detector, signal, device, *, frames=None, sensors=None, bands=None, seed=SEED, ragged=False, light=None):
-    """Counts of signal (n_view, n_band, n_row, n_col), by the renderer's stage or the kernel of ragged ends alone."""
-    n_view, n_band, n_row, n_col = signal.shape
+def read_out(
+    detector,
+    light,
+    device,
+    *,
+    frames=None,
+    sensors=None,
+    bands=None,
+    seed=SEED,
+    ragged=False,
+    signal=None,
+    first_view=0,
+    n_counts=None,
+):
+    """Counts of light (n_view, n_band, n_row, n_col), by the renderer's stage or the kernel of ragged ends alone."""
+    n_view, n_band, n_row, n_col = light.shape
 
     def numbers(values, n):
         return np.arange(n) if values is None else np.asarray(values)
 
-    def upload(values):
-        return wp.array(values, dtype=wp.uint32, device=device)
-
     band_numbers = numbers(bands, n_band)
     names = [BAND_NAMES[number % len(BAND_NAMES)] for number in band_numbers]
     known = {name: levels(detector, OPTICS, CAMERA, name) for name in names}
-    views = SimpleNamespace(
-        frame=upload(numbers(frames, n_view)), sensor=upload(numbers(sensors or [0] * n_view, n_view))
-    )
+    where = wp.get_device(device)
+    inputs = new_inputs(where, np.zeros(n_view), numbers(frames, n_view), numbers(sensors or [0] * n_view, n_view))
     world = SimpleNamespace(
-        band_id=upload(band_numbers),
-        read_out=make_read_out(instrument_of(detector, known, seed, (n_row, n_col)), names, wp.get_device(device)),
-        device=wp.get_device(device),
+        band_id=wp.array(band_numbers, dtype=wp.uint32, device=device),
+        read_out=make_read_out(instrument_of(detector, known, seed, (n_row, n_col)), names, where),
+        device=where,
     )
-    counts = wp.zeros(signal.shape, dtype=wp.uint16, device=device)
-    light = lit_everywhere(signal, wp.get_device(device)) if light is None else light
+    counts = wp.zeros((n_counts or n_view, *light.shape[1:]), dtype=wp.uint16, device=device)
+    signal = lit_everywhere(light, where) if signal is None else signal
     if ragged:
         n_image, n_pixel = n_view * n_band, n_row * n_col
         n_strip = -(-n_pixel // STRIP_PIXELS)
-        inputs = [views.frame, views.sensor, world.band_id, world.read_out.detector, 0, n_strip, 0, 1]
-        inputs += [light.signal_w_cm2.reshape((n_image, n_pixel)), light.lit.flatten()]
-        outputs = [counts.reshape((n_image, n_pixel))]
+        reads = [inputs.frame, inputs.sensor, world.band_id, world.read_out.detector, 0, n_strip, 0, 0]
+        reads.append(signal.lit.flatten())
+        writes = [counts.reshape((n_image, n_pixel)), signal.images.reshape((n_image, n_pixel))]
         dim = [n_image * -(-n_strip // STRIPS_PER_BLOCK)]
-        wp.launch_tiled(
-            world.read_out.rest_kernel, dim=dim, inputs=inputs, outputs=outputs, block_dim=64, device=device
-        )
+        wp.launch_tiled(world.read_out.rest_kernel, dim=dim, inputs=reads, outputs=writes, block_dim=64, device=device)
     else:
-        stages.read_out(world, SimpleNamespace(counts=counts, light=light, views=views, keep_light=False))
+        elsewhere = wp.zeros(light.shape, dtype=wp.uint16, device=device)
+        stage = stages.read_out(world, inputs, signal, elsewhere, first_view)
+        stages.read_out_into(stage, stages.counts_for(stage, counts))
+        stage.run()
     return counts.numpy()
 
 
@@ -90,12 +101,12 @@ def sensor_key(seed, sensor):
     return (int(seed) + 0x9E3779B97F4A7C15 * int(sensor)) % 2**64
 
 
-def lit_everywhere(signal, device):
-    """Light of any images, every strip of them flagged."""
-    light = new_light(signal.shape, device)
-    light.signal_w_cm2.assign(np.asarray(signal, dtype=np.float32))
-    light.lit.fill_(1)
-    return light
+def lit_everywhere(light, device):
+    """Signal of any images, every strip of them flagged."""
+    signal = new_signal(light.shape, device)
+    signal.images.assign(np.asarray(light, dtype=np.float32))
+    signal.lit.fill_(1)
+    return signal
 
 
 def deviates(device, shape=(1, 1, 512, 512), detector=FINE, **numbers):

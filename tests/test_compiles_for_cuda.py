@@ -25,7 +25,6 @@ FACTORY_ARGUMENTS = {
     "make_observe_targets_kernel": [(Features(),), (EVERYTHING,), (SERIES,)],
     "make_albedo_series_kernel": [(4,), (12,)],
     "make_albedo_table_kernel": [(4,), (12,)],
-    "make_emit_kernel": [(Features(),), (EVERYTHING,)],
     "make_split_kernel": [(EVERYTHING,)],
     "make_profile_kernel": [(Features(profile=True),), (EVERYTHING,)],
     "make_reach_kernel": [(False,), (True,)],
@@ -112,4 +111,4 @@ def test_no_kernel_is_forgotten():
     made = {name for module in MODULES for name in factories(module)}
     assert made == set(FACTORY_ARGUMENTS)
     names = {module.__name__.rpartition(".")[2] for module in PLAIN}
-    assert names >= {"emission", "stamp_sizes", "shapes"}
+    assert names >= {"trace", "stamp_sizes", "shapes"}

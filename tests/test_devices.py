@@ -1,4 +1,4 @@
-"""Threads, devices and chunks share the work out; images do not depend on how."""
+"""Threads, devices and passes share the work out; images do not depend on how."""
 
 import gc
 import itertools
@@ -10,16 +10,21 @@ import pytest
 import warp as wp
 
 import warpsim as ws
-from warpsim import launches as launches_module
-from warpsim.launches import Launches
+from warpsim.launches import Launch, Stage
+from warpsim.render import schedule
 from warpsim.render.device import chosen_devices
 
 
 @pytest.fixture(scope="module")
 def expected(scene):
-    """Counts by one thread, one chunk a call."""
+    """Counts by one thread, one pass a call."""
     renderer = ws.Renderer(scene, device="cpu", n_thread=1)
     return np.concatenate([renderer.render([k], bands=["A", "C"]).counts.numpy() for k in range(7)])
+
+
+def pipelines_of(renderer, bands):
+    """The pipelines of a renderer that have had work."""
+    return [pipeline for pipeline in renderer._pipelines["sensor", bands]._pipelines if pipeline is not None]
 
 
 @pytest.mark.parametrize("devices", [["cpu"], ["cpu", "cpu"], ("cpu", "cpu", "cpu")])
@@ -32,8 +37,9 @@ def test_a_list_of_devices_shares_the_views(scene, expected, devices, n_thread, 
     differ = np.count_nonzero(frames.counts.numpy() != expected)
     record_accuracy("Counts with any list of devices", differ, 0, "pixels differ", "each other")
     assert frames.counts.device.is_cpu
-    worlds = {id(lane.scene) for lane in renderer._crews["sensor", ("A", "C")].lanes}
-    assert len(worlds) == len(devices)
+    pipelines = pipelines_of(renderer, ("A", "C"))
+    assert len(pipelines) == max(n_thread, len(devices))
+    assert len({id(pipeline.scene) for pipeline in pipelines}) == len(devices)
     one = ws.Renderer(scene, device="cpu").render(range(7), bands=["A", "C"], keep_signal=True, keep_stars=True)
     np.testing.assert_array_equal(frames.signal_w_cm2.numpy(), one.signal_w_cm2.numpy())
     for name in ("x_px", "irradiance_w_cm2", "albedo_w_cm2", "snr_peak"):
@@ -44,7 +50,7 @@ def test_a_list_of_devices_shares_the_views(scene, expected, devices, n_thread, 
 @pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
 @pytest.mark.parametrize("devices", [["cuda:0"], ["cuda:0", "cuda:0"]])
 def test_images_of_gpus_land_in_host_memory(scene, devices):
-    """The same bits as those that stay on the GPU, over many chunks, so that copies overlap with work."""
+    """The same bits as those that stay on the GPU, over many passes, so that copies overlap with work."""
     resident = ws.Renderer(scene, device="cuda:0").render(range(30), keep_signal=True)
     landed = ws.Renderer(scene, device=devices, chunk_bytes=4 * 3 * 128 * 128 * 8)
     for _ in range(2):
@@ -57,7 +63,7 @@ def test_images_of_gpus_land_in_host_memory(scene, devices):
 
 @pytest.mark.parametrize("n_thread", [2, 5])
 def test_calls_of_all_sizes_and_from_several_threads(scene, expected, n_thread):
-    """Workers are used again with fewer views, more views, and by calls that come at once."""
+    """Pipelines are used again with fewer views, more views, and by calls that come at once."""
     renderer = ws.Renderer(scene, device="cpu", n_thread=n_thread)
     wrong = []
 
@@ -100,7 +106,7 @@ def test_threads_end_with_the_renderer(scene):
 def test_an_error_in_a_thread_reaches_the_caller(scene, monkeypatch):
     renderer = ws.Renderer(scene, device="cpu", n_thread=2)
     counts = renderer.render(range(30), ["sat11"], ["A"]).counts.numpy().copy()
-    mine, other = (lane.workers[0] for lane in renderer._crews["sensor", ("A",)].lanes)
+    mine, other = pipelines_of(renderer, ("A",))
     failed, render = threading.Event(), mine.render
 
     def fail(*arguments):
@@ -126,43 +132,56 @@ def test_bad_lists_of_devices():
         assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("place", ["between-sizes", "beside-another-thread", "behind-the-light"])
-def test_an_interrupt_spoils_nothing_that_comes_after(scene, expected, monkeypatch, place):
+INTERRUPTS = {
+    # Of what, before or after which call of all threads.
+    "before-a-size": (wp.Launch, "set_dim", "before", 7),
+    "behind-a-size": (wp.Launch, "set_dim", "after", 7),
+    "before-an-output": (Launch, "set_output", "before", 2),
+    "between-launches": (Launch, "run", "before", 9),
+    "beside-another-thread": (ThreadPoolExecutor, "submit", "after", 1),
+    "behind-the-first-stage": (Stage, "run", "after", 1),
+    "behind-the-light": (Stage, "run", "after", 4),
+    "in-the-other-thread-too": (Stage, "run", "after", 8),
+}
+
+
+@pytest.mark.parametrize(("owner", "name", "when", "at"), INTERRUPTS.values(), ids=INTERRUPTS)
+def test_an_interrupt_spoils_nothing_that_comes_after(scene, expected, monkeypatch, owner, name, when, at):
     """Ctrl-C while launches get their sizes, while another thread works on, or when light lies on the images."""
+    monkeypatch.setattr(schedule, "PIXELS_PER_PASS", 2 * 128 * 128)  # several passes for each thread
     renderer = ws.Renderer(scene, device="cpu", n_thread=2)
     renderer.render(range(7), bands=["A", "C"])
-    real, numbers = {}, itertools.count(1)
+    real, numbers = getattr(owner, name), itertools.count(1)
 
-    def interrupted(owner, name, after, at):
-        real[owner, name] = getattr(owner, name)
+    def method(self, *arguments):
+        number = next(numbers)  # of several threads
+        result = real(self, *arguments) if when == "after" or number != at else None
+        if number == at:
+            raise KeyboardInterrupt
+        return result
 
-        def method(self, *arguments):
-            number = next(numbers)  # of several threads
-            result = real[owner, name](self, *arguments) if after or number != at else None
-            if number == at:
-                raise KeyboardInterrupt
-            return result
-
-        monkeypatch.setattr(owner, name, method)
-
-    if place == "between-sizes":
-        interrupted(launches_module._Entry, "set_views", False, 7)
-    elif place == "beside-another-thread":
-        interrupted(ThreadPoolExecutor, "submit", True, 1)
-    else:
-        interrupted(Launches, "run", True, 1)
-    with pytest.raises(KeyboardInterrupt):
-        [renderer.render(range(n_frame), bands=["A", "C"]) for n_frame in (1, 4)]
-    monkeypatch.undo()
+    with monkeypatch.context() as patch:
+        patch.setattr(owner, name, method)
+        with pytest.raises(KeyboardInterrupt):
+            [renderer.render(range(n_frame), bands=["A", "C"]) for n_frame in (1, 4, 2, 5)]
     for _ in range(3):
         np.testing.assert_array_equal(renderer.render(range(7), bands=["A", "C"]).counts.numpy(), expected)
 
 
-def test_light_of_a_chunk_that_broke_off_is_put_out(scene, expected):
+def test_light_of_a_pass_that_broke_off_is_put_out(scene, expected):
     renderer = ws.Renderer(scene, device="cpu", n_thread=1)
     renderer.render(range(7), bands=["A", "C"])
-    (worker,) = renderer._crew(scene.scenario.instrument, ("A", "C")).lanes[0].workers
-    worker.chunk.light.flat.fill_(1e-15)
-    worker.chunk.light.lit.fill_(1)
-    worker._is_dark = False
+    (pipeline,) = pipelines_of(renderer, ("A", "C"))
+    pipeline.signal.flat.fill_(1e-15)
+    pipeline.signal.lit.fill_(1)
+    pipeline._is_dark = False
     np.testing.assert_array_equal(renderer.render(range(7), bands=["A", "C"]).counts.numpy(), expected)
+
+
+def test_signal_is_dark_between_passes(scene, device):
+    renderer = ws.Renderer(scene, device=device, n_thread=1)
+    for n_frame in (7, 2):
+        renderer.render(range(n_frame), bands=["A", "C"]).counts.numpy()
+        (pipeline,) = pipelines_of(renderer, ("A", "C"))
+        for array in (pipeline.signal.flat, pipeline.signal.lit, pipeline.signal.unlit):
+            assert not array.numpy().any()

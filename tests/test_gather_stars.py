@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 import warp as wp
 from astropy.time import TimeDelta
-from on_devices import device_scene
+from on_devices import arrays_of_views, device_scene
 from scipy.special import ndtr
 from warpsim_kernels.earth import Earth, is_earth_near, is_star_occulted
 
 import warpsim as ws
-from warpsim.render import stages
-from warpsim.render.buffers import Chunk, new_light, new_observations, new_sources, new_views
+from warpsim.render.stages import aim, gather_stars
 from warpsim.render.target_field import earth_struct
 
 ARCSEC_RAD = np.pi / 180 / 3600
@@ -72,18 +71,14 @@ def earth_velocity_m_s(scene, time_s):
     return earth_state(scene, time_s)[1]["v"] * AU_M / 86400.0
 
 
-def hand_made_views(scene, world, axes, n_slot):
-    """Views with given axes, one a second, of an observer with the Earth behind the camera: nothing is hidden."""
-    n_view, frames = len(axes), np.arange(len(axes))
-    views = new_views(world, scene.scenario.instrument.frame_time_s(frames), frames, np.zeros(n_view))
-    light = new_light((n_view, 1, 1, 1), world.device)
-    counts = wp.empty((n_view, 1, 1, 1), dtype=wp.uint16, device=world.device)
-    sources = new_sources(world, n_view, n_slot)
-    chunk = Chunk(views, new_observations(world, n_view), sources, light, counts, keep_light=False)
-    stages.aim(world, chunk)  # velocities
-    views.axes.assign(np.asarray(axes))
-    views.position_m.assign(np.asarray(axes)[:, 2] * 8e6)
-    return chunk
+def hand_made_views(world, time_s, axes, n_slot):
+    """Views with given axes of an observer with the Earth behind the camera: nothing is hidden."""
+    inputs, columns, sources = arrays_of_views(world, time_s, n_slot=n_slot)
+    aim(world, inputs, columns.views).run()  # velocities
+    views = columns.views.numpy().copy()
+    views["axes"], views["position_m"] = axes, np.asarray(axes)[:, 2] * 8e6
+    columns.views.assign(views)
+    return inputs, columns.views, sources
 
 
 def stars_on_the_rim(
@@ -285,15 +280,15 @@ def assert_stage_is_complete(scene, device, axes, n_star, light, **far_off):
     barycentric_au = np.stack([earth_state(scene, time)[1]["p"] for time in time_s]) * scene.sky.parallax
     catalog = stars_on_the_rim(scene.camera, axes, carried, barycentric_au, n_star, light, n_star, **far_off)
     world = device_scene(scene, scene.bands, on, catalog)
-    chunk = hand_made_views(scene, world, axes, world.n_target + len(catalog))
-    stages.gather_stars(world, chunk)
-    n_source, star = chunk.sources.n_source.numpy(), chunk.sources.star.numpy()
-    np.testing.assert_array_equal(chunk.views.n_wanted.numpy(), n_source)
+    inputs, views, sources = hand_made_views(world, time_s, axes, world.n_target + len(catalog))
+    gather_stars(world, inputs, views, sources).run()
+    n_source, star, seen = sources.n_source.numpy(), sources.star.numpy(), views.numpy()
+    np.testing.assert_array_equal(seen["n_wanted"], n_source)
     lists = [world.stars.index.star_row[star[view, world.n_target : n]] for view, n in enumerate(n_source)]
-    position_m, velocity_m_s = chunk.views.position_m.numpy(), chunk.views.velocity_m_s.numpy()
+    position_m, velocity_m_s = seen["position_m"], seen["velocity_m_s"]
     np.testing.assert_allclose(velocity_m_s * scene.sky.aberration, carried, rtol=0, atol=VELOCITY_M_S)
-    views = zip(axes, position_m, velocity_m_s, time_s, lists, strict=True)
-    n_inside, n_beside = assert_lists_are_complete(scene, catalog, views)
+    listed = zip(axes, position_m, velocity_m_s, time_s, lists, strict=True)
+    n_inside, n_beside = assert_lists_are_complete(scene, catalog, listed)
     assert n_inside > 0.2 * len(catalog)
     assert n_beside > 0.05 * len(catalog)
 

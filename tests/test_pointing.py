@@ -2,19 +2,20 @@
 
 import numpy as np
 import pytest
-import warp as wp
 from astropy import units as u
 from astropy.coordinates import GCRS, CartesianRepresentation, SkyCoord
 from astropy.table import Table
 from astropy.time import TimeDelta
 from astropy.wcs import WCS
-from on_devices import device_scene
+from on_devices import arrays_of_views, device_scene
 from scipy.spatial.transform import Rotation, Slerp
 
 import warpsim as ws
 from warpsim.output.check import pointing_warning, scene_report
-from warpsim.render import stages
-from warpsim.render.buffers import Chunk, new_light, new_observations, new_sources, new_views
+from warpsim.render.batch import new_batch
+from warpsim.render.pipelines import Pipelines
+from warpsim.render.pool import Pool
+from warpsim.render.stages import aim
 
 STAR_PX = 1e-5
 """Star rows against astropy's apparent place and WCS: 1e-5 arcsec is 4e-7 px here, the observer's velocity the rest."""
@@ -361,19 +362,20 @@ def test_host_axes_are_the_devices(scene, device, pointing):
 
 
 def world_with(scene, device, change):
-    """A world whose bodies' positions and velocities are changed in place, and a chunk of views of frames FRAME, 71."""
-    small = scene.replace(camera=SMALL, sky__catalog="none")
-    warp_device = wp.get_device(device)
-    world = device_scene(small, ["A"], device)
+    """A world whose bodies' positions and velocities are changed in place."""
+    world = device_scene(scene.replace(camera=SMALL, sky__catalog="none"), ["A"], device)
     arrays = [np.array(array.numpy()) for array in (world.tracks.position_m, world.tracks.velocity_m_s)]
-    change(*arrays, world.field.first_row)
+    change(*arrays, world.tracks.first_target)
     for array, values in zip((world.tracks.position_m, world.tracks.velocity_m_s), arrays, strict=True):
         array.assign(values)
-    views = new_views(world, small.scenario.instrument.frame_time_s([FRAME, 71]), [FRAME, 71], [0, 0])
-    light = new_light((2, 1, 8, 8), warp_device)
-    counts = wp.empty((2, 1, 8, 8), dtype=wp.uint16, device=device)
-    sources = new_sources(world, 2, 64)
-    return world, Chunk(views, new_observations(world, 2), sources, light, counts, keep_light=True)
+    return world
+
+
+def aimed(world):
+    """View records of the first sensor in frames FRAME and 71, after the first stage."""
+    inputs, columns, _ = arrays_of_views(world, world.instrument.frame_time_s([FRAME, 71]))
+    aim(world, inputs, columns.views).run()
+    return columns.views.numpy()
 
 
 def test_a_target_at_the_sensor_has_no_direction(scene, device):
@@ -382,19 +384,20 @@ def test_a_target_at_the_sensor_has_no_direction(scene, device):
     def meet(position, velocity, first_target):
         position[first_target], velocity[first_target] = position[0], velocity[0]
 
-    world, chunk = world_with(scene, device, meet)
-    for stage in (*stages.VIEW_STAGES, *stages.IMAGE_STAGES):
-        stage(world, chunk)
-    assert list(chunk.views.flags.numpy()) == [2, 2]
-    axes = chunk.views.axes.numpy()
-    for i, time_s in enumerate(chunk.views.time_s.numpy()):
+    world = world_with(scene, device, meet)
+    batch = new_batch(world, [FRAME, 71], ["sat11"], Pool(world.device), keep_signal=True)
+    Pipelines([world], n_thread=1, to_host=False).render(batch, None)
+    views, seen = batch.columns.views.numpy(), batch.columns.observations.numpy()
+    assert list(views["flags"]) == [2, 2]
+    axes = views["axes"]
+    for i, time_s in enumerate(world.instrument.frame_time_s([FRAME, 71])):
         np.testing.assert_allclose(axes[i, 2], local_axes(scene, "sat11", time_s)[0], rtol=0, atol=1e-9)
         np.testing.assert_allclose(axes[i] @ axes[i].T, np.eye(3), rtol=0, atol=AXES_ATOL)
-    seen = chunk.observations
-    known = (seen.xy_px, seen.range_m, seen.aspect_rad, seen.area_m2, seen.irradiance_w_cm2)
-    for array in (*known, chunk.light.signal_w_cm2):
+    for name in seen.dtype.names:
+        assert np.isfinite(seen[name]).all(), name
+    for array in (batch.columns.irradiance_w_cm2, batch.signal_w_cm2):
         assert np.isfinite(array.numpy()).all()
-    assert seen.range_m.numpy()[:, 0].max() == 0.0
+    assert seen["range_m"][:, 0].max() == 0.0
 
 
 def test_a_target_close_by_is_tracked(scene, device):
@@ -404,10 +407,9 @@ def test_a_target_close_by_is_tracked(scene, device):
     def meet(position, velocity, first_target):
         position[first_target], velocity[first_target] = position[0] + direction, velocity[0]
 
-    world, chunk = world_with(scene, device, meet)
-    stages.aim(world, chunk)
-    assert not chunk.views.flags.numpy().any()
-    for axes in chunk.views.axes.numpy():
+    views = aimed(world_with(scene, device, meet))
+    assert not views["flags"].any()
+    for axes in views["axes"]:
         np.testing.assert_allclose(axes[2], direction, rtol=0, atol=CLOSE_RAD)
 
 
@@ -419,11 +421,10 @@ def test_a_sensor_at_rest_keeps_finite_axes(scene, device):
         position[first_target:], velocity[first_target:] = position[0, 0], 0.0
 
     for up in ("zenith", "orbit_normal", "north"):
-        world, chunk = world_with(scene.replace(pointing__up=up), device, stop)
-        stages.aim(world, chunk)
-        axes = chunk.views.axes.numpy()
+        views = aimed(world_with(scene.replace(pointing__up=up), device, stop))
+        axes = views["axes"]
         np.testing.assert_allclose(axes @ axes.transpose(0, 2, 1), np.broadcast_to(np.eye(3), (2, 3, 3)), atol=1e-14)
-        assert (chunk.views.flags.numpy() & 2).all()
+        assert (views["flags"] & 2).all()
 
 
 def test_the_hosts_twin_of_a_meeting(scene):

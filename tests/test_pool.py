@@ -1,15 +1,17 @@
 """Memory is used again only when nobody holds it any more, and only so much of it is kept."""
 
+import ctypes
 import gc
 import threading
 
 import numpy as np
 import pytest
 import warp as wp
+from warpsim_kernels.records import Observation
 
 import warpsim as ws
+from warpsim.render.batch import copy_views
 from warpsim.render.pool import Pool
-from warpsim.render.rows import RowLayout, copy_rows
 
 SHAPE = (3, 4, 5)
 
@@ -113,24 +115,38 @@ def test_threads_may_take_and_give_back_at_once():
     assert pool.n_byte <= 4_000
 
 
-def test_columns_of_rows(device):
-    kinds = {"word": (wp.int32, ()), "place": (wp.vec3d, (2,)), "none": (wp.float32, (0,)), "end": (wp.float32, (3,))}
-    layout = RowLayout(kinds)
-    assert layout.n_byte == 8 + 48 + 16
-    rows = wp.zeros((4, layout.n_byte), dtype=wp.uint8, device=device)
-    columns = layout.columns(rows)
-    assert {name: column.shape for name, column in columns.items()} == {
-        "word": (4,), "place": (4, 2), "none": (4, 0), "end": (4, 3)
-    }  # fmt: skip
-    if device == "cpu":
-        columns["place"].numpy()[2, 1] = [1.0, 2.0, 3.0]
-        columns["end"].numpy()[:] = 5.0
-    other = wp.zeros((6, layout.n_byte), dtype=wp.uint8, device=device)
-    copy_rows(other, 3, rows, 2, 2)
-    del rows  # the columns hold it
-    copied = layout.column(other, "place").numpy()
-    assert (copied[3] == columns["place"].numpy()[2]).all()
-    assert not copied[:3].any()
+KINDS = {
+    "numbers": (wp.float32, ()),
+    "vectors": (wp.vec3d, (2, 3)),
+    "records": (Observation, (5,)),
+    "none": (wp.vec2, (0,)),
+}
+
+
+@pytest.mark.parametrize(("dtype", "shape"), KINDS.values(), ids=KINDS)
+@pytest.mark.parametrize("via", ["device", "cpu"])
+def test_consecutive_views_are_copied(device, via, dtype, shape):
+    """Of arrays on one device, and to and from the host; what lies beside them stays."""
+    source = wp.zeros((6, *shape), dtype=dtype, device="cpu")
+    n_byte = source.strides[0] * 6 if source.size else 0
+    values = np.random.default_rng(5).integers(0, 256, n_byte, dtype=np.uint8)
+    memory_of(source)[:] = values
+    there = source.to(device)
+    middle = wp.zeros((4, *shape), dtype=dtype, device=device if via == "device" else "cpu")
+    back = wp.zeros((9, *shape), dtype=dtype, device=device)
+    copy_views(middle, 1, there, 3, 3)
+    copy_views(back, 7, middle, 2, 2)
+    copy_views(back, 0, middle, 0, 0)
+    wp.synchronize_device(device)
+    found, expected = memory_of(back.to("cpu")).reshape(9, -1), values.reshape(6, -1)
+    np.testing.assert_array_equal(found[7:], expected[4:6])
+    assert not found[:7].any()
+
+
+def memory_of(array):
+    """Bytes of an array in host memory."""
+    n_byte = array.size * wp.types.type_size_in_bytes(array.dtype)
+    return np.ctypeslib.as_array((ctypes.c_uint8 * n_byte).from_address(array.ptr or 0)) if n_byte else np.empty(0)
 
 
 def test_results_that_are_held_are_never_overwritten(scene):
@@ -152,7 +168,18 @@ def test_results_that_are_held_are_never_overwritten(scene):
         assert set(frames.truth["frame"]) == set(frames.frames)
     del held, truths, frames, kept, array
     gc.collect()
-    assert renderer.buffer_bytes > renderer._crews["sensor", ("A",)].n_byte
+    assert renderer.buffer_bytes > renderer._pipelines["sensor", ("A",)].n_byte
+
+
+def test_a_renderer_does_not_hold_its_latest_result(scene):
+    renderer = ws.Renderer(scene, device="cpu", n_thread=2)
+    frames = renderer.render(range(3), ["sat11", "sat27"], ["A"], keep_signal=True)
+    n_byte = sum(images.array.size * wp.types.type_size_in_bytes(images.array.dtype) for images in
+                 (frames.counts, frames.signal_w_cm2))  # fmt: skip
+    waiting = renderer.buffer_bytes
+    del frames
+    gc.collect()
+    assert renderer.buffer_bytes >= waiting + n_byte
 
 
 def test_memory_is_bounded_by_the_chunk_and_stated(scene):

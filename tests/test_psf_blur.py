@@ -159,7 +159,7 @@ def test_device_and_twin_agree(device, n_point, aspect):
     ]
     signal = wp.zeros((n, 1, 30, 40), dtype=wp.float32, device=device)
     rule = stamp_rule([0.0], 1e-9, device)
-    psf_bank([psf], wp.get_device(device), aspect, accuracy).deposit(sources, rule, 30, signal)
+    psf_bank([psf], wp.get_device(device), aspect, accuracy).deposit(sources, rule, 30, signal).run()
     dx = np.arange(40) - xy[:, 0, None, None]
     dy = np.arange(30)[:, None] - xy[:, 1, None, None]
     np.testing.assert_allclose(signal.numpy()[:, 0], share(table, dx, dy), rtol=0, atol=DEVICE_ATOL)
@@ -178,7 +178,7 @@ def test_stamps_leave_out_what_the_rule_allows(device):
     images = []
     for allowed in (cut, 1e-9):
         signal = wp.zeros((1, 1, 101, 61), dtype=wp.float32, device=device)
-        bank.deposit(sources, stamp_rule([0.0], allowed, device), 101, signal)
+        bank.deposit(sources, stamp_rule([0.0], allowed, device), 101, signal).run()
         images.append(signal.numpy()[0, 0])
     left_out = images[0] == 0
     assert left_out.any() and images[1][left_out].max() <= cut

@@ -20,7 +20,7 @@ from read_outs import (
 )
 
 from warpsim.detector.nei import NeiDetector
-from warpsim.render.buffers import new_light
+from warpsim.render.buffers import new_signal
 
 COUNTS_RTOL = 4e-7  # six float32 roundings of 6e-8 from signal to counts: where a rounding edge may be missed
 DEVIATE_ATOL = 2e-6  # of the float32 deviates, see normal.py
@@ -109,12 +109,32 @@ def test_dark_strips_count_as_lit_ones_without_light(device):
     shape, where = (2, 2, 40, 160), wp.get_device(device)
     rng = np.random.default_rng(4)
     flags = rng.random((2, 2, 50)) < 0.3
-    signal = np.where(np.repeat(flags, 128, axis=2), rng.uniform(1e-18, 9e-18, (2, 2, 6400)), 0.0).reshape(shape)
-    light = new_light(shape, where)
-    light.signal_w_cm2.assign(signal.astype(np.float32))
-    light.lit.assign(np.pad(flags, ((0, 0), (0, 0), (0, light.lit.shape[2] - 50))).astype(np.uint8))
-    np.testing.assert_array_equal(read_out(FINE, signal, device, light=light), read_out(FINE, signal, device))
-    assert not light.flat.numpy().any() and not light.lit.numpy().any()
+    light = np.where(np.repeat(flags, 128, axis=2), rng.uniform(1e-18, 9e-18, (2, 2, 6400)), 0.0).reshape(shape)
+    signal = new_signal(shape, where)
+    signal.images.assign(light.astype(np.float32))
+    signal.lit.assign(np.pad(flags, ((0, 0), (0, 0), (0, signal.lit.shape[2] - 50))).astype(np.uint8))
+    np.testing.assert_array_equal(read_out(FINE, light, device, signal=signal), read_out(FINE, light, device))
+    assert not signal.flat.numpy().any()
+
+
+def test_a_strip_that_is_not_flagged_counts_as_dark(device):
+    """Whatever is in it; it is not read."""
+    signal = new_signal((1, 1, 40, 160), wp.get_device(device))
+    signal.images.fill_(1e-15)
+    dark = np.zeros((1, 1, 40, 160))
+    np.testing.assert_array_equal(read_out(FINE, dark, device, signal=signal), read_out(FINE, dark, device))
+
+
+@pytest.mark.parametrize("shape", [(7, 30), (16, 16), (40, 60)], ids=lambda s: f"{s[0]}x{s[1]}")
+def test_images_land_where_they_belong(device, shape):
+    """Those of some views among the counts of all; and through a replaced output."""
+    light = np.random.default_rng(6).uniform(0, 9e-18, (2, 2, *shape))
+    numbers = {"frames": [4, 2], "sensors": [1, 3]}
+    alone = read_out(FINE, light, device, **numbers)
+    for first_view in (0, 1, 3):
+        counts = read_out(FINE, light, device, **numbers, first_view=first_view, n_counts=5)
+        np.testing.assert_array_equal(counts[first_view : first_view + 2], alone)
+        assert not np.delete(counts, [first_view, first_view + 1], axis=0).any()
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda s: f"{s[0]}x{s[1]}")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 from astropy import units as u
-from on_devices import device_bodies, target_field
+from on_devices import arrays_of_views, device_bodies, target_field
 from scipy.spatial.transform import Rotation
 from warpsim_kernels import motion
 from warpsim_kernels.shadow import sunlit_fraction_kernel
@@ -15,9 +15,9 @@ from warpsim_kernels.signature import Features
 import warpsim as ws
 from warpsim.orbit.eclipse import sunlit_fraction
 from warpsim.radiometry.sunlight import sun_irradiance_w_m2
-from warpsim.render import stages
 from warpsim.render.attitude_arrays import motion_struct
-from warpsim.render.buffers import SEEN, new_observations, new_views, seen_struct
+from warpsim.render.buffers import new_area_series
+from warpsim.render.stages import aim, observe_targets
 from warpsim.render.target_field import earth_struct
 from warpsim.target.attitude import BodyMotion, attitude_frame
 
@@ -466,16 +466,14 @@ def test_threads_share_the_targets_of_a_view(day, device):
     """Whether one thread takes all targets of a view or each takes one, every bit is the same."""
     bodies = device_bodies(day, ["A", "E"], device)
     found = []
-    for n_lane in (1, 7, bodies.n_target):
-        world = dataclasses.replace(bodies, field=dataclasses.replace(bodies.field, n_lane=n_lane))
-        views = new_views(world, np.linspace(0, 1600, 9), np.zeros(9, np.uint32), np.arange(9, dtype=np.uint32))
-        seen = new_observations(world, 9)
-        stages.aim_views(world, views)
-        stages.look_at_targets(world, views, seen, seen.xy_px, wp.empty((0, 0, 0, 0), dtype=wp.float64, device=device))
-        emit = world.field.emit_kernel
-        inputs = [world.field.surfaces, world.field.radiance, seen_struct(seen), n_lane]
-        wp.launch(emit, (9, n_lane), inputs=inputs, outputs=[seen.irradiance_w_cm2], device=device)
-        found.append([getattr(seen, name).numpy() for name in (*SEEN, "xy_px", "aspect_rad", "irradiance_w_cm2")])
+    for threads_per_view in (1, 7, bodies.n_target):
+        field = dataclasses.replace(bodies.field, threads_per_view=threads_per_view)
+        world = dataclasses.replace(bodies, field=field)
+        inputs, columns, sources = arrays_of_views(world, np.linspace(0, 1600, 9), sensor=np.arange(9))
+        aim(world, inputs, columns.views).run()
+        observe_targets(world, inputs, columns, sources, new_area_series(world, 9)).run()
+        seen = columns.observations.numpy()
+        found.append([*(seen[name] for name in seen.dtype.names), columns.irradiance_w_cm2.numpy()])
     assert (found[0][-1] > 0).any()
     for other in found[1:]:
         for one, two in zip(found[0], other, strict=True):

@@ -10,11 +10,11 @@ import warp as wp
 import warpsim as ws
 from warpsim.cli import main
 from warpsim.render.image_stack import ImageStack
-from warpsim.render.stages import IMAGE_STAGES, VIEW_STAGES
 from warpsim.speed.clock import render_call, stage_times_us, synchronised_s, timed_stages, work_fps
 from warpsim.speed.report import PAPER_FPS, Speed, row
 from warpsim.speed.work import BAND, FLUX_RANGE_NEI, N_CALL, power_law_nei, speed_catalog, speed_work
 
+STAGES = ["aim", "observe_targets", "gather_stars", "deposit", "read_out"]
 TINY = ("--device", "cpu", "--pixels", "16,24", "--quick")
 
 # Counts of stars in single views scatter like their square root; the bounds leave 5 standard deviations.
@@ -94,15 +94,25 @@ def test_bad_work(changes, message):
         speed_work(16, **{"n_frame": 1, **changes})
 
 
-def test_every_stage_is_timed_for_every_chunk_and_then_no_more(work):
+def test_every_stage_is_timed_for_every_pass_and_then_no_more(work):
     with timed_stages() as times:
         renderer = ws.Renderer(work.scene, "cpu", 1, work.catalog)
         counts = render_call(work, renderer, 0)
     render_call(work, ws.Renderer(work.scene, "cpu", 1, work.catalog), 0)
     assert counts.shape == (40, 5, 1, 32, 32)
-    assert list(times) == [stage.__name__ for stage in (*VIEW_STAGES, *IMAGE_STAGES)]
+    assert list(times) == STAGES
     views = {name: sum(n_view for n_view, _ in spans) for name, spans in times.items()}
     assert set(views.values()) <= {work.n_view, 2 * work.n_view}  # twice where source lists were too short
+
+
+def test_trace_is_timed_where_light_moves():
+    moving = ws.Scene.load("stss").replace(sky__catalog="none", detector__exposure_s=0.1, detector__streaks=True)
+    renderer = ws.Renderer(moving, "cpu", 1)
+    renderer.render([0], ["sat11"], [BAND])  # chooses how light is followed, by stages too
+    with timed_stages() as times:
+        renderer.render(range(3), ["sat11"], [BAND])
+    assert list(times) == [*STAGES[:3], "trace", *STAGES[3:]]
+    assert [n_view for n_view, _ in times["trace"]] == [3]
 
 
 def test_measures_are_positive(work):
@@ -120,13 +130,12 @@ def test_bench_prints_both_tables_and_writes_the_figures(capsys, tmp_path):
     assert re.findall(r"^cpu +(\d+)\^2 +(\d+) +(\d+) +[\d,]+ +- ", out, re.MULTILINE) == [
         ("16", "1", "64"), ("16", "3", "21"), ("24", "1", "64"), ("24", "3", "21"),
     ]  # fmt: skip
-    stages = [stage.__name__ for stage in (*VIEW_STAGES, *IMAGE_STAGES)]
-    assert re.findall(r"^(\w+) +[\d.,]+ +[\d.,]+$", out, re.MULTILINE) == [*stages, "sum", "whole"]
+    assert re.findall(r"^(\w+) +[\d.,]+ +[\d.,]+$", out, re.MULTILINE) == [*STAGES, "sum", "whole"]
     data = json.loads(path.read_text())
     assert [(case["n_pixel"], case["n_sensor"]) for case in data["cases"]] == [(16, 1), (16, 3), (24, 1), (24, 3)]
     case = data["cases"][0]
     assert case["n_sensor_at_30_hz"] == case["fps"] // 30 and case["paper_fps"] is None
-    assert list(case["stage_us"]) == stages and data["cases"][1]["stage_us"] is None
+    assert list(case["stage_us"]) == STAGES and data["cases"][1]["stage_us"] is None
     assert data["warpsim"] == ws.__version__ and set(data["device_names"]) == {"cpu"}
 
     code, out, err = run(capsys, "bench", *TINY, "--json", path)

@@ -34,7 +34,7 @@ def drawn(xy_px, flux, psf, shape, device, rule, n_row_per_block=None, lit=None)
     ]
     signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=device)
     bank = psf_bank([psf], wp.get_device(device))
-    bank.deposit(sources, rule, n_row_per_block or shape[0], signal, lit=lit)
+    bank.deposit(sources, rule, n_row_per_block or shape[0], signal, lit=lit).run()
     return signal.numpy()[0, 0]
 
 
@@ -142,8 +142,9 @@ def test_flags_of_many_images(device):
     signal = wp.zeros((n_view, 2, *shape), dtype=wp.float32, device=device)
     lit = wp.zeros((n_view, 2, n_flag(shape[0] * shape[1])), dtype=wp.uint8, device=device)
     bank = psf_bank([ws.PsfGaussian(0.5)] * 2, wp.get_device(device))
+    launch = bank.deposit(sources, stamp_rule([0.0, 0.0], 1e-3, device), shape[0], signal, lit=lit)
     for _ in range(2):
-        bank.deposit(sources, stamp_rule([0.0, 0.0], 1e-3, device), shape[0], signal, lit=lit)
+        launch.run()
         assert lit.numpy()[..., :5].tolist() == [
             [[1, 1, 0, 0, 0], [0, 0, 0, 0, 0]],
             [[0, 0, 0, 0, 0], [0, 0, 0, 0, 0]],

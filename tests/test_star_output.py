@@ -6,7 +6,9 @@ from astropy.table import Table
 from on_devices import device_scene
 
 import warpsim as ws
-from warpsim.render.buffers import SIGNAL_BYTES_PER_CHUNK, new_sources, views_per_chunk
+from warpsim.render.batch import new_columns
+from warpsim.render.buffers import bytes_of, new_sources
+from warpsim.render.schedule import BYTES_PER_PASS, most_views
 
 
 def greek_csv(folder):
@@ -68,13 +70,15 @@ def test_the_renderer_shows_its_stars(scene):
         ws.Renderer(scene, device="cpu", catalog="union")
 
 
+@pytest.mark.parametrize("n_pixel", [32, 128])
 @pytest.mark.parametrize("n_slot", [100, 10_000, 1_000_000])
-def test_long_source_lists_count_in_the_memory_budget(scene, n_slot):
-    world = device_scene(scene, ("A", "C"))
-    n_view = views_per_chunk(world, 32 * 32, n_slot)
+def test_long_source_lists_count_in_the_memory_budget(scene, n_slot, n_pixel):
+    world = device_scene(scene.replace(camera__n_row=n_pixel, camera__n_col=n_pixel), ("A", "C"))
+    camera = world.instrument.sensor.camera
     sources = new_sources(world, 1, n_slot)
-    held = sum(array.size * array.strides[-1] for array in (sources.xy_px, sources.irradiance_w_cm2, sources.star))
-    held += world.observation_rows.n_byte
-    signal = 2 * 4 * 32 * 32
-    assert n_view == 1 or n_view * max(held, signal) <= SIGNAL_BYTES_PER_CHUNK
-    assert (n_view + 1) * max(held, signal) > SIGNAL_BYTES_PER_CHUNK
+    held = bytes_of([sources.xy_px, sources.irradiance_w_cm2, sources.star, *new_columns(world, 1).arrays])
+    signal = 2 * 4 * camera.n_row * camera.n_col
+    for chunk_bytes in (None, 2**20):
+        n_view, room = most_views(world, n_slot, chunk_bytes), chunk_bytes or BYTES_PER_PASS
+        assert n_view == 1 or n_view * max(held, signal) <= room
+        assert (n_view + 1) * max(held, signal) > room

@@ -66,7 +66,7 @@ def draw(xy_px, flux, psf, shape, device, rule, paths=None, n_row_per_block=None
     """The kernels' own interface: one image."""
     signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=device)
     bank = psf_bank([psf], wp.get_device(device), aspect)
-    bank.deposit(sources_of(xy_px, flux, device), rule, n_row_per_block or shape[0], signal, paths)
+    bank.deposit(sources_of(xy_px, flux, device), rule, n_row_per_block or shape[0], signal, paths).run()
     return signal.numpy()[0, 0]
 
 

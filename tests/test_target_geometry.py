@@ -281,37 +281,35 @@ def orbit_tracks(n_node=40, step_s=12.0, start_s=-12.0):
 
 
 def upload_tracks(tracks, device):
-    """Position and velocity arrays and the node grid, as the renderer keeps them."""
-    grid = motion.NodeGrid()
-    grid.start_s, grid.step_s, grid.n_node = tracks[0].start_s, tracks[0].step_s, tracks[0].n_node
-    position, velocity = (
-        wp.array(np.stack([getattr(track, name) for track in tracks]), dtype=wp.vec3d, device=device)
-        for name in ("position_m", "velocity_m_s")
-    )
-    return position, velocity, grid
+    """The kernels' Tracks, of bodies only."""
+    struct = apparent.Tracks()
+    struct.grid = motion.NodeGrid()
+    struct.grid.start_s, struct.grid.step_s, struct.grid.n_node = tracks[0].start_s, tracks[0].step_s, tracks[0].n_node
+    for name in ("position_m", "velocity_m_s"):
+        values = np.stack([getattr(track, name) for track in tracks])
+        setattr(struct, name, wp.array(values, dtype=wp.vec3d, device=device))
+    return struct
 
 
 @wp.kernel(enable_backward=False)
 def hermite_kernel(
-    position_m: wp.array2d[wp.vec3d],
-    velocity_m_s: wp.array2d[wp.vec3d],
-    grid: motion.NodeGrid,
+    tracks: apparent.Tracks,
     time_s: wp.array[wp.float64],
     place: wp.array2d[wp.vec3d],
     speed: wp.array2d[wp.vec3d],
     linear: wp.array2d[wp.vec3d],
 ):
     body, i = wp.tid()
-    place[body, i] = motion.hermite_position_m(position_m, velocity_m_s, body, time_s[i], grid)
-    speed[body, i] = motion.hermite_velocity_m_s(position_m, velocity_m_s, body, time_s[i], grid)
-    linear[body, i] = motion.linear_vector(position_m[body], time_s[i], grid)
+    place[body, i] = motion.hermite_position_m(tracks.position_m, tracks.velocity_m_s, body, time_s[i], tracks.grid)
+    speed[body, i] = motion.hermite_velocity_m_s(tracks.position_m, tracks.velocity_m_s, body, time_s[i], tracks.grid)
+    linear[body, i] = motion.linear_vector(tracks.position_m[body], time_s[i], tracks.grid)
 
 
 def test_tracks_between_nodes_are_the_hosts(device):
     tracks = orbit_tracks()
     time = np.concatenate([np.random.default_rng(SEED).uniform(-12, 456, 2000), [-12.0, 0.0, 12.0, 456.0, 455.9999]])
     outputs = [wp.empty((2, len(time)), dtype=wp.vec3d, device=device) for _ in range(3)]
-    inputs = [*upload_tracks(tracks, device), wp.array(time, dtype=wp.float64, device=device)]
+    inputs = [upload_tracks(tracks, device), wp.array(time, dtype=wp.float64, device=device)]
     wp.launch(hermite_kernel, (2, len(time)), inputs=inputs, outputs=outputs, device=device)
     place, speed, linear = (x.numpy() for x in outputs)
     nodes_s = -12 + 12 * np.arange(40)
@@ -325,9 +323,7 @@ def test_tracks_between_nodes_are_the_hosts(device):
 
 @wp.kernel(enable_backward=False)
 def light_path_kernel(
-    position_m: wp.array2d[wp.vec3d],
-    velocity_m_s: wp.array2d[wp.vec3d],
-    grid: motion.NodeGrid,
+    tracks: apparent.Tracks,
     time_s: wp.array[wp.float64],
     observer_m: wp.array[wp.vec3d],
     earth_velocity_m_s: wp.vec3d,
@@ -337,8 +333,8 @@ def light_path_kernel(
     apparent_dir: wp.array[wp.vec3d],
 ):
     i = wp.tid()
-    observer = apparent.observer_of(time_s[i], grid, observer_m[i], earth_velocity_m_s, observer_velocity_m_s[i])
-    path = apparent.path_from_body(position_m, velocity_m_s, 1, grid, observer)
+    observer = apparent.observer_of(time_s[i], tracks.grid, observer_m[i], earth_velocity_m_s, observer_velocity_m_s[i])
+    path = apparent.path_from_body(tracks, 1, observer)
     range_m[i] = path.range_m
     emission_s[i] = path.emission_time_s
     apparent_dir[i] = path.apparent
@@ -348,7 +344,7 @@ def launch_light_path(tracks, time, observer, earth_m_s, observer_m_s, device):
     n = len(time)
     outputs = [wp.empty(n, dtype=kind, device=device) for kind in (wp.float64, wp.float64, wp.vec3d)]
     inputs = [
-        *upload_tracks(tracks, device),
+        upload_tracks(tracks, device),
         wp.array(time, dtype=wp.float64, device=device),
         wp.array(observer, dtype=wp.vec3d, device=device),
         wp.vec3d(*earth_m_s),
