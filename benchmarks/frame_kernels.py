@@ -1,7 +1,7 @@
 """Kernels that a frame launches on CUDA, found and compiled without a GPU.
 
-The stages of a worker are called with a scene on the CPU whose device says that it is a GPU, and with launches that are
-only noted: so the list is that of the stages themselves, and what is new in them is in it. Warp's own compiler then
+The stages are bound to arrays of the CPU, for a scene whose device says that it is a GPU, and with launches that are
+not prepared: so the list is that of the stages themselves, and what is new in them is in it. Warp's own compiler then
 makes the machine code of a GPU that need not be there.
 """
 
@@ -15,15 +15,20 @@ from types import SimpleNamespace
 from typing import Any
 from unittest import mock
 
+import numpy as np
 import warp as wp
 
 import warpsim as ws
-from warpsim.render import worker
+from warpsim.launches import Stage
+from warpsim.render import stages
+from warpsim.render.batch import new_columns, new_inputs
+from warpsim.render.buffers import new_area_series, new_exposure, new_signal, new_sources
+from warpsim.render.device_scene import DeviceScene
 from warpsim.render.device_upload import make_device_scene
 from warpsim.render.skies import load_catalog, star_index
 
 BAND = "A"
-N_SLOT = 128
+N_VIEW, N_SLOT = 2, 128
 DEFAULT_BLOCK = 256
 """Threads of a block where a launch does not say."""
 
@@ -73,22 +78,34 @@ def frame_kernels(scenes: dict[str, dict[str, Any]] = SCENES) -> list[FrameKerne
 
 
 def _launched(scene: ws.Scene) -> Iterator[tuple[str, wp.Kernel, int]]:
-    """Stage, kernel and threads of a block of each launch that a chunk would make on CUDA."""
+    """Stage, kernel and threads of a block of each launch that a pass would make on CUDA."""
     scenario, cpu = scene.scenario, wp.get_device("cpu")
     index = star_index(scene.sky, scenario.epoch, load_catalog(scene.sky), cpu)
     on_cpu = make_device_scene(scenario, scenario.instrument, [BAND], cpu, index)
-    chunk = worker.Worker(on_cpu, (scene.camera.n_row, scene.camera.n_col), 2, N_SLOT).chunk
-    on_cuda = dataclasses.replace(on_cpu, device=SimpleNamespace(is_cuda=True, is_cpu=False))
-    launches: list[tuple[wp.Kernel, int]] = []
+    for stage in cuda_stages(on_cpu):
+        for launch in stage.launches:
+            yield stage.name, launch.kernel, launch.block_dim or DEFAULT_BLOCK
 
-    def note(kernel: wp.Kernel, *_: Any, block_dim: int | None = None, **__: Any) -> None:
-        launches.append((kernel, block_dim or DEFAULT_BLOCK))
 
-    with mock.patch.object(wp, "launch", note), mock.patch.object(wp, "launch_tiled", note):
-        for stage in (*worker.VIEW_STAGES, *worker.IMAGE_STAGES):
-            launches.clear()
-            stage(on_cuda, chunk)
-            yield from [(stage.__name__, kernel, block_dim) for kernel, block_dim in launches]
+def cuda_stages(scene: DeviceScene) -> list[Stage]:
+    """The stages of a pass as CUDA would have them, of a scene on the CPU; they cannot be run."""
+    inputs, columns = new_inputs(scene.device, *np.zeros((3, N_VIEW))), new_columns(scene, N_VIEW)
+    sources, series = new_sources(scene, N_VIEW, N_SLOT), new_area_series(scene, N_VIEW)
+    camera, streaks = scene.instrument.sensor.camera, scene.streaks
+    shape = (N_VIEW, scene.n_band, camera.n_row, camera.n_col)
+    signal, counts = new_signal(shape, scene.device), wp.empty(shape, dtype=wp.uint16, device=scene.device)
+    exposure = new_exposure(scene.device, streaks.offset_s, N_VIEW) if streaks.wanted else None
+    cuda: Any = dataclasses.replace(scene, device=SimpleNamespace(is_cuda=True, is_cpu=False))
+    with mock.patch.object(wp, "launch"), mock.patch.object(wp, "launch_tiled"):
+        moving = [] if exposure is None else [stages.trace(cuda, streaks, exposure, sources, columns.offset_px)]
+        return [
+            stages.aim(cuda, inputs, columns.views, exposure),
+            stages.observe_targets(cuda, inputs, columns, sources, series),
+            stages.gather_stars(cuda, inputs, columns.views, sources),
+            *moving,
+            stages.deposit(cuda, sources, columns.brightness, signal),
+            stages.read_out(cuda, inputs, signal, counts, 0),
+        ]
 
 
 def compiled(kernel: FrameKernel, arch: int, folder: Path) -> Path:

@@ -55,14 +55,13 @@ class Unit:
 
 UNITS = {
     "aim": Unit("view"),
+    "spread_views": Unit("instant of a view"),
     "reach": Unit("view"),
     "observe_targets": Unit("target", 1),
-    "emit": Unit("target", 1),
     "profile": Unit("target and band"),
     "gather_stars": Unit("star", 2),
     "trace_targets": Unit("target"),
     "trace_stars": Unit("star"),
-    "record_targets": Unit("target", 1),
     "deposit_gaussian": Unit("source", 1),
     "deposit_table": Unit("source", 1),
     "read_out": Unit("pixel pair", 1, N_PAIR),

@@ -29,6 +29,7 @@ class Launch:
         device: wp.Device,
         block_dim: int | None = None,
     ) -> None:
+        self.kernel, self.block_dim = kernel, block_dim
         self._dim: tuple[int, ...] = (*dim, *([] if block_dim is None else [block_dim]))
         self._set_dim = self._dim
         self._n_input = len(inputs)
