@@ -16,7 +16,7 @@ from warpsim_kernels.records import Sources
 from warpsim_kernels.stamp_light import make_gaussian_light_kernel, make_table_light_kernel
 from warpsim_kernels.stamp_sizes import size_gaussian_stamps_kernel, size_table_stamps_kernel
 from warpsim_kernels.stamps import StampRule
-from warpsim_kernels.streaks import Blur
+from warpsim_kernels.streaks import Blur, StreakRules
 from warpsim_kernels.strips import n_flag
 
 from warpsim.launches import Launch
@@ -89,7 +89,6 @@ class GaussianBank:
         sigma_px = [(psf.sigma_px, psf.sigma_px / pixel_aspect) for psf in psfs]
         self._sigma_px = wp.array(sigma_px, dtype=wp.vec2, device=device)
         self._psf, self._shares = upload_gaussians(sigma_px, device)
-        self._rules = streak_rules(device)
 
     def deposit(
         self,
@@ -103,7 +102,7 @@ class GaussianBank:
         """See PsfBank."""
         tables: Any = GaussianTables()
         tables.psfs, tables.shares = self._psf, overlapping(self._shares, GAUSSIAN_LANE)
-        inputs = [_lists(sources), tables, rule, Paths() if paths is None else paths, self._rules]
+        inputs = [_lists(sources), tables, rule, *_movement(paths, signal_w_cm2.device)]
         kernel = self.deposit_kernel(paths is not None)
         return _deposit(kernel, inputs, GAUSSIAN_LANE, n_row_per_block, signal_w_cm2, lit)
 
@@ -118,7 +117,7 @@ class GaussianBank:
     def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array], paths: Any = None) -> None:
         """See PsfBank."""
         kernel = make_gaussian_light_kernel(paths is not None)
-        _launch(kernel, [*sources, self._sigma_px, rule, Paths() if paths is None else paths, self._rules], outputs)
+        _launch(kernel, [*sources, self._sigma_px, rule, *_movement(paths, outputs[0].device)], outputs)
 
     def of_band(self, band: int) -> PsfBank:
         """See PsfBank."""
@@ -135,7 +134,6 @@ class TableBank:
         tables = [share_table(psf, pixel_aspect, accuracy.error, n_point) for psf in psfs]
         self._psf, self._table = upload_tables(tables, device)
         self._blur = wp.array([_blur(psf, pixel_aspect) for psf in psfs], dtype=Blur, device=device)
-        self._rules = streak_rules(device)
         self._n_point = n_point
 
     def deposit(
@@ -151,7 +149,7 @@ class TableBank:
         tables: Any = pattern_tables(self._n_point)()
         tables.psfs, tables.blurs, tables.table = self._psf, self._blur, self._table
         tables.lanes, tables.nodes = overlapping(self._table, TABLE_LANE), self._nodes()
-        inputs = [_lists(sources), tables, rule, Paths() if paths is None else paths, self._rules]
+        inputs = [_lists(sources), tables, rule, *_movement(paths, signal_w_cm2.device)]
         kernel = self.deposit_kernel(paths is not None)
         return _deposit(kernel, inputs, TABLE_LANE, n_row_per_block, signal_w_cm2, lit)
 
@@ -167,7 +165,7 @@ class TableBank:
         """See PsfBank."""
         kernel = make_table_light_kernel(self._n_point, paths is not None)
         tables = [self._psf, self._blur, self._table, self._nodes()]
-        inputs = [*sources, *tables, rule, Paths() if paths is None else paths, self._rules]
+        inputs = [*sources, *tables, rule, *_movement(paths, outputs[0].device)]
         _launch(kernel, inputs, outputs)
 
     def of_band(self, band: int) -> PsfBank:
@@ -245,6 +243,11 @@ def _deposit(
     images.lanes, images.lit = overlapping(images.pixels, n_lane), lit.flatten()
     images.n_row, images.n_col, images.n_row_per_block = n_row, n_col, n_row_per_block
     return Launch(kernel, (n_view, n_band, -(-n_row // n_row_per_block)), inputs, [images], signal.device)
+
+
+def _movement(paths: Any, device: wp.Device) -> tuple[Any, Any]:
+    """Paths and StreakRules of a kernel; empty where nothing moves, as the rules take 0.1 s to find."""
+    return (Paths(), StreakRules()) if paths is None else (paths, streak_rules(device))
 
 
 def _lists(sources: Sequence[wp.array]) -> Any:
