@@ -18,6 +18,7 @@ from warpsim.arguments import chosen_names
 from warpsim.errors import InputError
 from warpsim.output.formats import FORMATS, Format, Images, chosen_formats
 from warpsim.render.renderer import Renderer
+from warpsim.render.request import checked_frames
 from warpsim.scene.inputs import input_checksums
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
@@ -175,7 +176,7 @@ def _frame_numbers(renderer: Renderer, instrument: Instrument, frames: Sequence[
     """Return the frame numbers of a kind of sensor, each once: a slice is one of all its frames."""
     every = range(instrument.frames.count)
     requested = every if frames is None else every[frames] if isinstance(frames, slice) else frames
-    numbers = renderer.checked_frames(requested, instrument)
+    numbers = checked_frames(requested, instrument, renderer.scene.duration_s)
     if not numbers:
         raise InputError("must name at least one", "frames")
     # Frames of a cube and files of a run are written once each, however often they are named.

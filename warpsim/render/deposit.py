@@ -53,27 +53,8 @@ def deposit(
     Raises:
         InputError: Wrong shapes, values that are not finite, an impossible shape or error bound.
     """
-    if not isinstance(psf, Psf):
-        raise InputError("must be a PsfGaussian, PsfAiry or PsfTable", "psf", psf)
-    xy, strength = _numbers("xy_px", xy_px), _numbers("flux", flux)
-    if xy.size == 0:
-        xy = xy.reshape(-1, 2)
-    if xy.ndim != 2 or xy.shape[1] != 2:
-        raise InputError("must have shape (n, 2)", "xy_px", np.shape(xy_px))
-    if strength.shape != (len(xy),):
-        raise InputError(f"must have shape ({len(xy)},) like xy_px", "flux", np.shape(flux))
-    moves = _coefficients("movement_px", movement_px, (len(xy), None, 2))
-    changes = _coefficients("brightness", brightness, (len(xy), None))
-    for name, values in (("xy_px", xy), ("flux", strength), ("movement_px", moves), ("brightness", changes)):
-        if not np.isfinite(values).all():
-            raise InputError(f"must be finite, got {np.count_nonzero(~np.isfinite(values))} bad values", name)
-    if changes.size and not (changes[:, 0] == 1.0).all():
-        raise InputError("the first coefficient, the mean, must be 1", "brightness")
-    whole = isinstance(shape, tuple | list) and all(type(n) is int or isinstance(n, np.integer) for n in shape)
-    if not whole or len(shape) != 2 or min(shape) < 1 or shape[0] * shape[1] >= 2**29:
-        raise InputError("must be (n_row, n_col) of at least 1, and below 2**29 pixels", "shape", shape)
-    if isinstance(flux_error, bool) or not isinstance(flux_error, int | float) or not 1e-9 <= flux_error < 1:
-        raise InputError("must be in [1e-9, 1)", "flux_error", flux_error)
+    xy, strength, moves, changes = _checked_sources(xy_px, flux, movement_px, brightness)
+    _check_image(psf, shape, flux_error)
     # Far away sources cannot touch the image; bringing them near keeps pixel numbers within 32 bits.
     reach = np.abs(moves).sum(axis=(0, 1)).max(initial=0.0)
     xy = np.clip(xy, -1e6 - reach, 1e6 + max(shape) + reach)
@@ -88,11 +69,9 @@ def deposit(
     ]
     rule = stamp_rule([0.0], flux_error, where, 0.5 * flux_error)
     paths = None if movement_px is None and brightness is None else _paths(moves, changes, where)
-    low, high = ERROR_RANGE
-    accuracy = TableAccuracy(min(max(0.5 * flux_error, low), high))
-    psf_bank([psf], where, accuracy=accuracy).deposit(
-        sources, rule, rows_per_block(where, shape[0]), signal, paths
-    ).run()
+    accuracy = TableAccuracy(float(np.clip(0.5 * flux_error, *ERROR_RANGE)))
+    bank, n_row = psf_bank([psf], where, accuracy=accuracy), rows_per_block(where, shape[0])
+    bank.deposit(sources, rule, n_row, signal, paths).run()
     image = to_numpy(signal)[0, 0]
     if scale == 1.0:
         return np.asarray(image)
@@ -100,6 +79,38 @@ def deposit(
     if np.abs(scaled).max(initial=0.0) > np.finfo(np.float32).max:
         raise InputError(f"must leave pixels below 3.4e38, got up to {scale:.3g}", "flux")
     return np.asarray(scaled.astype(np.float32))
+
+
+def _checked_sources(
+    xy_px: npt.ArrayLike, flux: npt.ArrayLike, movement_px: npt.ArrayLike | None, brightness: npt.ArrayLike | None
+) -> tuple[F64, F64, F64, F64]:
+    """Arguments of `deposit` that describe the sources, as arrays."""
+    xy, strength = _numbers("xy_px", xy_px), _numbers("flux", flux)
+    if xy.size == 0:
+        xy = xy.reshape(-1, 2)
+    if xy.ndim != 2 or xy.shape[1] != 2:
+        raise InputError("must have shape (n, 2)", "xy_px", np.shape(xy_px))
+    if strength.shape != (len(xy),):
+        raise InputError(f"must have shape ({len(xy)},) like xy_px", "flux", np.shape(flux))
+    moves = _coefficients("movement_px", movement_px, (len(xy), None, 2))
+    changes = _coefficients("brightness", brightness, (len(xy), None))
+    for name, values in (("xy_px", xy), ("flux", strength), ("movement_px", moves), ("brightness", changes)):
+        if not np.isfinite(values).all():
+            raise InputError(f"must be finite, got {np.count_nonzero(~np.isfinite(values))} bad values", name)
+    if changes.size and not (changes[:, 0] == 1.0).all():
+        raise InputError("the first coefficient, the mean, must be 1", "brightness")
+    return xy, strength, moves, changes
+
+
+def _check_image(psf: Psf, shape: tuple[int, int], flux_error: float) -> None:
+    """Check the arguments of `deposit` that describe the image."""
+    if not isinstance(psf, Psf):
+        raise InputError("must be a PsfGaussian, PsfAiry or PsfTable", "psf", psf)
+    whole = isinstance(shape, tuple | list) and all(type(n) is int or isinstance(n, np.integer) for n in shape)
+    if not whole or len(shape) != 2 or min(shape) < 1 or shape[0] * shape[1] >= 2**29:
+        raise InputError("must be (n_row, n_col) of at least 1, and below 2**29 pixels", "shape", shape)
+    if isinstance(flux_error, bool) or not isinstance(flux_error, int | float) or not 1e-9 <= flux_error < 1:
+        raise InputError("must be in [1e-9, 1)", "flux_error", flux_error)
 
 
 def _numbers(name: str, values: npt.ArrayLike) -> F64:

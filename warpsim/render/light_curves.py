@@ -20,6 +20,7 @@ from warpsim.render.buffers import new_sources
 from warpsim.render.device import default_device, worker_count
 from warpsim.render.device_scene import DeviceBodies
 from warpsim.render.device_upload import make_device_bodies
+from warpsim.render.request import checked_names
 from warpsim.render.stages import aim, observe_targets, split_light
 from warpsim.render.truth import sunlit_fraction
 from warpsim.scene.instrument import Instrument
@@ -136,32 +137,19 @@ def light_curves(
         InputError: An unknown name, a time outside the scene, no sensor with access, or too much at once.
     """
     scenario = scenario_of(scene)
-    instrument, sensor_list = _chosen(scenario, sensors)
+    instrument, sensor_list, band_list = checked_names(scenario, sensors, bands)
     times = _checked_times(scenario, instrument, time_s)
     target_list = chosen_names("targets", targets, scenario.target_names)
-    band_list = chosen_names("bands", bands, list(instrument.sensor.bands))
     bodies = make_device_bodies(scenario, instrument, band_list, default_device(device))
     n_worker = worker_count(bodies.device, n_thread)
-    n_view = len(times) * len(sensor_list)
-    n_number = n_view * bodies.n_target * (len(band_list) * N_TERM + 8)
+    n_number = len(times) * len(sensor_list) * bodies.n_target * (len(band_list) * N_TERM + 8)
     if n_number > MOST_NUMBERS:
         raise InputError(f"these curves would be {n_number:.2g} numbers, more than {MOST_NUMBERS:.2g}", "time_s")
-    rows = [instrument.index(name) for name in sensor_list]
-    inputs = new_inputs(
-        bodies.device,
-        np.repeat(times, len(rows)),
-        np.zeros(n_view, dtype=np.uint32),
-        np.tile(np.asarray(rows, dtype=np.uint32), len(times)),
-    )
-    no_light = wp.empty((n_view, 0, bodies.n_target), dtype=wp.float32, device=bodies.device)  # but its terms
-    columns = replace(new_columns(bodies, n_view), irradiance_w_cm2=no_light)
-    terms = wp.zeros((N_TERM, n_view, bodies.n_band, bodies.n_target), dtype=wp.float64, device=bodies.device)
-    _observe(bodies, inputs, columns, terms, n_worker)
+    observations, terms = _observed(bodies, times, [instrument.index(name) for name in sensor_list], n_worker)
     chosen = [scenario.target_names.index(name) for name in target_list]
-    observations = to_numpy(columns.observations)
 
     def seen(name: str) -> npt.NDArray[Any]:
-        return np.asarray(observations[name].reshape(len(times), len(rows), bodies.n_target)[..., chosen])
+        return np.asarray(observations[name][..., chosen])
 
     flags = seen("flags")
     absent = (flags & int(ABSENT)) != 0
@@ -169,8 +157,6 @@ def light_curves(
     def known(values: Any) -> F64:
         return np.where(absent, np.nan, values)
 
-    shape = (N_TERM, len(times), len(rows), bodies.n_band, bodies.n_target)
-    split = to_numpy(terms).reshape(shape)[..., chosen]
     return LightCurves(
         scenario,
         instrument,
@@ -187,8 +173,25 @@ def light_curves(
         (flags & int(OCCULTED)) != 0,
         (flags & int(NOT_DEPLOYED)) != 0,
         absent,
-        dict(zip(("emitted", *TERMS), split, strict=True)),
+        dict(zip(("emitted", *TERMS), terms[..., chosen], strict=True)),
     )
+
+
+def _observed(bodies: DeviceBodies, times: F64, rows: list[int], n_worker: int) -> tuple[npt.NDArray[Any], F64]:
+    """Observations, (n_time, n_sensor, n_target), and light by term, (N_TERM, n_time, n_sensor, n_band, n_target)."""
+    shape, n_view = (len(times), len(rows)), len(times) * len(rows)
+    inputs = new_inputs(
+        bodies.device,
+        np.repeat(times, len(rows)),
+        np.zeros(n_view, dtype=np.uint32),
+        np.tile(np.asarray(rows, dtype=np.uint32), len(times)),
+    )
+    no_light = wp.empty((n_view, 0, bodies.n_target), dtype=wp.float32, device=bodies.device)  # but its terms
+    columns = replace(new_columns(bodies, n_view), irradiance_w_cm2=no_light)
+    terms = wp.zeros((N_TERM, n_view, bodies.n_band, bodies.n_target), dtype=wp.float64, device=bodies.device)
+    _observe(bodies, inputs, columns, terms, n_worker)
+    observations = to_numpy(columns.observations).reshape(*shape, bodies.n_target)
+    return observations, to_numpy(terms).reshape(N_TERM, *shape, bodies.n_band, bodies.n_target)
 
 
 def _observe(bodies: DeviceBodies, inputs: Inputs, columns: Columns, terms: wp.array, n_worker: int) -> None:
@@ -215,17 +218,6 @@ def _observe(bodies: DeviceBodies, inputs: Inputs, columns: Columns, terms: wp.a
     one(0)  # kernels are compiled by one thread
     with ThreadPoolExecutor(n_worker) as pool:
         list(pool.map(one, range(size, n_view, size)))
-
-
-def _chosen(scenario: Scenario, sensors: str | Sequence[str] | None) -> tuple[Instrument, list[str]]:
-    """Sensors, of one kind."""
-    chosen = scenario.sensors_with_access if sensors is None else scenario.select_sensors(sensors)
-    if not chosen:
-        raise InputError("none has access to a target under the access_rules; name sensors", "sensors")
-    instrument = scenario.instrument_of(chosen[0])
-    if any(name not in instrument.names for name in chosen):
-        raise InputError(f"must be of one kind ({', '.join(scenario.instruments)}); name it", "sensors")
-    return instrument, chosen
 
 
 def _checked_times(scenario: Scenario, instrument: Instrument, time_s: npt.ArrayLike | None) -> F64:

@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 from warpsim_kernels.stamp_sizes import size_table_stamps_kernel
 
-from warpsim.arguments import chosen_names, whole_number
+from warpsim.arguments import whole_number
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.render.batch import new_batch
@@ -23,6 +23,7 @@ from warpsim.render.image_stack import ImageStack
 from warpsim.render.kernel_loading import kernel_loading
 from warpsim.render.pipelines import Pipelines
 from warpsim.render.pool import POOL_BYTES, POOL_BYTES_CUDA, Pool
+from warpsim.render.request import checked_frames, checked_names
 from warpsim.render.skies import Skies
 from warpsim.render.streaks import Streaks
 from warpsim.render.stream import Stream, StreamStats, stream_sizes
@@ -170,8 +171,8 @@ class Renderer:
         Raises:
             InputError: An unknown name, sensors of several kinds, a frame outside the scene, or no sensor with access.
         """
-        instrument, sensor_list, band_list = self.checked_names(sensors, bands)
-        frame_list = self.checked_frames(frames, instrument)
+        instrument, sensor_list, band_list = checked_names(self.scenario, sensors, bands)
+        frame_list = checked_frames(frames, instrument, self.scene.duration_s)
         return self._render(instrument, frame_list, sensor_list, band_list, keep_signal, keep_stars)
 
     def stream(
@@ -206,8 +207,9 @@ class Renderer:
         Raises:
             InputError: As in `render`; a rate or a number of frames that is not above 0.
         """
-        instrument, sensor_list, band_list = self.checked_names(sensors, bands)
-        frame_list = self.checked_frames(range(instrument.frames.count) if frames is None else frames, instrument)
+        instrument, sensor_list, band_list = checked_names(self.scenario, sensors, bands)
+        numbers = range(instrument.frames.count) if frames is None else frames
+        frame_list = checked_frames(numbers, instrument, self.scene.duration_s)
         kinds = int | float | np.integer | np.floating
         is_number = isinstance(rate_hz, kinds) and not isinstance(rate_hz, bool)
         if rate_hz is not None and not (is_number and LEAST_RATE_HZ <= rate_hz < np.inf):
@@ -230,31 +232,6 @@ class Renderer:
     def stats(self) -> StreamStats | None:
         """How the latest stream goes, or went; None before the first."""
         return None if self._stream is None else self._stream.stats
-
-    def checked_names(
-        self, sensors: str | Sequence[str] | None, bands: str | Sequence[str] | None
-    ) -> tuple[Instrument, list[str], list[str]]:
-        """Return the kind of the sensors to render, the sensors and the bands.
-
-        Raises:
-            InputError: An unknown name, sensors of several kinds, or no sensor with access.
-        """
-        scenario = self.scenario
-        chosen = self.sensors_with_access if sensors is None else scenario.select_sensors(sensors)
-        if not chosen:
-            raise InputError(
-                "none has access to a target under the access_rules; name sensors to render them all the same",
-                "sensors",
-            )
-        instrument = scenario.instrument_of(chosen[0])
-        others = {scenario.instrument_of(name).sensor.name: name for name in chosen if name not in instrument.names}
-        if others:
-            kinds = [instrument.sensor.name, *others]
-            shapes = [scenario.instruments[kind].sensor.camera for kind in kinds]
-            sizes = ", ".join(f"{kind} {c.n_row} x {c.n_col}" for kind, c in zip(kinds, shapes, strict=True))
-            rule = f"must be of one kind, got several ({sizes} pixels); call once for each, as in sensors={kinds[0]!r}"
-            raise InputError(rule, "sensors")
-        return instrument, chosen, chosen_names("bands", bands, list(instrument.sensor.bands))
 
     def _render(
         self,
@@ -283,26 +260,6 @@ class Renderer:
             batch.stars,
         )
 
-    def checked_frames(self, frames: Iterable[int], instrument: Instrument) -> Sequence[int]:
-        """Return frame numbers as a range or a list of int; InputError when one is no frame of a kind of sensor."""
-        if frames is None or isinstance(frames, int | np.integer):
-            raise InputError("must be a list or range of frame numbers", "frames", frames)
-        numbers = frames if isinstance(frames, range) else _whole_numbers(frames)
-        ends = (numbers[0], numbers[-1]) if isinstance(numbers, range) and numbers else numbers
-        for number in ends:
-            if not 0 <= number < 2**32:
-                raise InputError("must be whole numbers from 0 to 2**32 - 1", "frames", number)
-        times = instrument.frame_time_s(numbers)
-        late = np.flatnonzero(times > self.scene.duration_s)
-        if late.size:
-            raise InputError(
-                f"frame {numbers[late[0]]} is at {times[late[0]]:g} s, after the scene's end (duration_s = "
-                f"{self.scene.duration_s:g})",
-                "frames",
-            )
-        instrument.check_frames(times)
-        return numbers
-
     def streaks(self, instrument: Instrument, bands: Sequence[str]) -> Streaks:
         """Return how sources are followed through the exposure of a kind of sensor."""
         return self._pipelines_of(instrument, tuple(bands)).scene.streaks
@@ -319,14 +276,3 @@ class Renderer:
     def _threads(self) -> ThreadPoolExecutor:
         """Threads that wait for work; they end with the renderer."""
         return ThreadPoolExecutor(max(self.n_thread, 2 * len(self.devices)), thread_name_prefix="warpsim")
-
-
-def _whole_numbers(numbers: Iterable[Any]) -> list[int]:
-    """Numbers as a list of int."""
-    listed = list(numbers)
-    if set(map(type, listed)) <= {int}:  # a quick look first: this is done in every call
-        return listed
-    for number in listed:
-        if isinstance(number, bool) or not isinstance(number, int | np.integer):
-            raise InputError("must be whole numbers from 0 to 2**32 - 1", "frames", number)
-    return [int(number) for number in listed]

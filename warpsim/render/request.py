@@ -1,0 +1,85 @@
+"""What a render call may ask for: sensors of one kind, bands, frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from warpsim.arguments import chosen_names
+from warpsim.errors import InputError
+from warpsim.scene.instrument import Instrument
+from warpsim.scene.scenario import Scenario
+
+MOST_FRAMES = 2**32
+"""Frame numbers are 32 bits of random keys."""
+
+
+def checked_names(
+    scenario: Scenario, sensors: str | Sequence[str] | None, bands: str | Sequence[str] | None
+) -> tuple[Instrument, list[str], list[str]]:
+    """Return the kind of the sensors to render, the sensors and the bands.
+
+    Args:
+        scenario: What the scene gives.
+        sensors: Names of sensors, or the name of a kind; those with access when left out.
+        bands: Band names; all of the kind when left out.
+
+    Raises:
+        InputError: An unknown name, sensors of several kinds, or no sensor with access.
+    """
+    chosen = scenario.sensors_with_access if sensors is None else scenario.select_sensors(sensors)
+    if not chosen:
+        raise InputError(
+            "none has access to a target under the access_rules; name sensors to render them all the same", "sensors"
+        )
+    instrument = scenario.instrument_of(chosen[0])
+    others = {scenario.instrument_of(name).sensor.name: name for name in chosen if name not in instrument.names}
+    if others:
+        kinds = [instrument.sensor.name, *others]
+        shapes = [scenario.instruments[kind].sensor.camera for kind in kinds]
+        sizes = ", ".join(f"{kind} {c.n_row} x {c.n_col}" for kind, c in zip(kinds, shapes, strict=True))
+        rule = f"must be of one kind, got several ({sizes} pixels); call once for each, as in sensors={kinds[0]!r}"
+        raise InputError(rule, "sensors")
+    return instrument, chosen, chosen_names("bands", bands, list(instrument.sensor.bands))
+
+
+def checked_frames(frames: Iterable[int], instrument: Instrument, duration_s: float) -> Sequence[int]:
+    """Return frame numbers as a range or a list of int.
+
+    Args:
+        frames: Frame numbers.
+        instrument: The kind of sensor that they are of.
+        duration_s: Length of the scene [s].
+
+    Raises:
+        InputError: One is no frame of the kind of sensor.
+    """
+    if frames is None or isinstance(frames, int | np.integer):
+        raise InputError("must be a list or range of frame numbers", "frames", frames)
+    numbers = frames if isinstance(frames, range) else _whole_numbers(frames)
+    ends = (numbers[0], numbers[-1]) if isinstance(numbers, range) and numbers else numbers
+    for number in ends:
+        if not 0 <= number < MOST_FRAMES:
+            raise InputError("must be whole numbers from 0 to 2**32 - 1", "frames", number)
+    times = instrument.frame_time_s(numbers)
+    late = np.flatnonzero(times > duration_s)
+    if late.size:
+        raise InputError(
+            f"frame {numbers[late[0]]} is at {times[late[0]]:g} s, after the scene's end (duration_s = {duration_s:g})",
+            "frames",
+        )
+    instrument.check_frames(times)
+    return numbers
+
+
+def _whole_numbers(numbers: Iterable[Any]) -> list[int]:
+    """Numbers as a list of int."""
+    listed = list(numbers)
+    if set(map(type, listed)) <= {int}:  # a quick look first: this is done in every call
+        return listed
+    for number in listed:
+        if isinstance(number, bool) or not isinstance(number, int | np.integer):
+            raise InputError("must be whole numbers from 0 to 2**32 - 1", "frames", number)
+    return [int(number) for number in listed]
