@@ -25,17 +25,38 @@ PSFS = [ws.PsfGaussian(0.01), ws.PsfGaussian(0.7), ws.PsfGaussian(3.0), ws.PsfAi
 every_psf = pytest.mark.parametrize("psf", PSFS, ids=["sharp", "gauss", "wide", "airy-sharp", "airy-annular"])
 
 
-def drawn(xy_px, flux, psf, shape, device, rule, n_row_per_block=None, lit=None):
-    """Image of one view and band by the kernels' own interface."""
-    sources = [
+def sources_of(xy_px, flux, device):
+    """Lists of one view and band."""
+    return [
         wp.array([len(xy_px)], dtype=wp.int32, device=device),
         wp.array(np.asarray(xy_px)[None], dtype=wp.vec2d, device=device),
         wp.array(np.asarray(flux)[None, None], dtype=wp.float32, device=device),
     ]
+
+
+def drawn(xy_px, flux, psf, shape, device, rule, n_row_per_block=None, lit=None):
+    """Image of one view and band by the kernels' own interface."""
     signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=device)
     bank = psf_bank([psf], wp.get_device(device))
-    bank.deposit(sources, rule, n_row_per_block or shape[0], signal, lit=lit).run()
+    bank.deposit(sources_of(xy_px, flux, device), rule, n_row_per_block or shape[0], signal, lit=lit).run()
     return signal.numpy()[0, 0]
+
+
+@every_psf
+def test_a_launch_keeps_the_tables_of_its_bank(device, psf):
+    """Others may take the memory of what is held no more."""
+    xy, rule, shape = [[7.3, 8.1]], stamp_rule([0.0], 1e-4, device), (16, 17)
+    expected = drawn(xy, [1.0], psf, shape, device, rule)
+    bank = psf_bank([psf], wp.get_device(device))
+    tables = [value for value in vars(bank).values() if isinstance(value, wp.array)]
+    sizes = [table.size * wp.types.type_size_in_bytes(table.dtype) for table in tables]
+    signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=device)
+    launch = bank.deposit(sources_of(xy, [1.0], device), rule, shape[0], signal)
+    del bank, tables
+    others = [wp.full(size, 255, dtype=wp.uint8, device=device) for size in sizes for _ in range(20)]
+    launch.run()
+    np.testing.assert_array_equal(signal.numpy()[0, 0], expected)
+    del others
 
 
 @wp.kernel(enable_backward=False)

@@ -68,11 +68,12 @@ def by_block(table: ShareTable) -> tuple[npt.NDArray[np.float32], int]:
 
 
 def overlapping(flat: wp.array, n_lane: int) -> wp.array:
-    """The same memory as an array of vectors of n_lane floats, one from every float on; it does not keep the memory."""
+    """The same memory as an array of vectors of n_lane floats, one from every float on."""
     return wp.array(
         ptr=flat.ptr,
         dtype=wp.types.vector(length=n_lane, dtype=wp.float32),
         shape=(max(flat.size - n_lane + 1, 0),),
         strides=(4,),
         device=flat.device,
+        deleter=lambda address, size: flat.ptr,  # keeps the memory as long as this array is held
     )
