@@ -69,12 +69,14 @@ def test_a_choice_of_sensors_and_bands_changes_no_bit(renderer, batch):
                 np.testing.assert_array_equal(chosen.counts.numpy()[i, j, k], whole)
 
 
-def test_chunks_and_list_growth_change_no_bit(scene, batch, monkeypatch):
-    import warpsim.render.buffers as buffers
+def test_passes_and_list_growth_change_no_bit(scene, batch, monkeypatch):
+    from warpsim.render import schedule
 
-    monkeypatch.setattr(buffers, "SIGNAL_BYTES_PER_CHUNK", 4 * 3 * 128 * 128)  # one view at a time
+    monkeypatch.setattr(schedule, "SIGNAL_BYTES_PER_PASS", 4 * 3 * 128 * 128)  # one view at a time
     renderer = ws.Renderer(scene, device="cpu")
     np.testing.assert_array_equal(renderer.render(range(8)).counts.numpy(), batch.counts.numpy())
+    (pipelines,) = renderer._pipelines.values()
+    assert {pipeline.n_view for pipeline in pipelines._pipelines} == {1}
 
 
 def test_source_lists_grow_until_no_star_is_lost():
@@ -85,7 +87,8 @@ def test_source_lists_grow_until_no_star_is_lost():
     renderer = ws.Renderer(wide, device="cpu")
     frames = renderer.render([60], sensors=["sat11"], keep_stars=True)
     assert len(frames.stars) > 1000
-    assert renderer._n_slot > len(frames.stars)
+    (pipelines,) = renderer._pipelines.values()
+    assert pipelines._pipelines[0].n_slot > len(frames.stars)
     again = renderer.render([60], sensors=["sat11"])
     np.testing.assert_array_equal(again.counts.numpy(), frames.counts.numpy())
 
