@@ -19,7 +19,7 @@ import numpy as np
 import warp as wp
 
 import warpsim as ws
-from warpsim.launches import Stage
+from warpsim.launches import THREADS_PER_BLOCK_CUDA, Stage
 from warpsim.render import stages
 from warpsim.render.batch import new_columns, new_inputs
 from warpsim.render.buffers import new_area_series, new_exposure, new_signal, new_sources
@@ -29,9 +29,6 @@ from warpsim.render.skies import load_catalog, star_index
 
 BAND = "A"
 N_VIEW, N_SLOT = 2, 128
-DEFAULT_BLOCK = 256
-"""Threads of a block where a launch does not say."""
-
 EXPOSED: dict[str, Any] = {"detector__exposure_s": 0.05, "epoch_utc": "2025-03-20T00:00:00"}
 GAUSSIAN: dict[str, Any] = {"optics__psf": "gaussian", "optics__sigma_px": 0.7}
 ELECTRONS = ws.ElectronDetector(
@@ -84,7 +81,7 @@ def _launched(scene: ws.Scene) -> Iterator[tuple[str, wp.Kernel, int]]:
     on_cpu = make_device_scene(scenario, scenario.instrument, [BAND], cpu, index)
     for stage in cuda_stages(on_cpu):
         for launch in stage.launches:
-            yield stage.name, launch.kernel, launch.block_dim or DEFAULT_BLOCK
+            yield stage.name, launch.kernel, launch.block_dim or THREADS_PER_BLOCK_CUDA
 
 
 def cuda_stages(scene: DeviceScene) -> list[Stage]:

@@ -7,6 +7,10 @@ from typing import Any
 
 import warp as wp
 
+THREADS_PER_BLOCK_CUDA = 64
+"""Of launches that say nothing else: the few threads of some stages are spread over many multiprocessors, and as many
+blocks as one of those holds, 32, still are all of its 2,048 threads."""
+
 
 class Launch:
     """A kernel launch with its arguments; preparing it costs some 20 us of Python, making it 5.
@@ -29,16 +33,16 @@ class Launch:
         device: wp.Device,
         block_dim: int | None = None,
     ) -> None:
-        self.kernel, self.block_dim = kernel, block_dim
+        self.kernel = kernel
+        self.block_dim = THREADS_PER_BLOCK_CUDA if block_dim is None and device.is_cuda else block_dim
+        """Threads of a block; the CPU has none in ordinary launches."""
         self._dim: tuple[int, ...] = (*dim, *([] if block_dim is None else [block_dim]))
         self._set_dim = self._dim
         self._n_input = len(inputs)
         self.outputs = list(outputs)
         given: dict[str, Any] = {"dim": list(dim), "inputs": inputs, "outputs": outputs, "device": device}
-        if block_dim is None:
-            self._command = wp.launch(kernel, **given, record_cmd=True)
-        else:
-            self._command = wp.launch_tiled(kernel, **given, block_dim=block_dim, record_cmd=True)
+        launch = wp.launch if block_dim is None else wp.launch_tiled
+        self._command = launch(kernel, **given, block_dim=self.block_dim, record_cmd=True)
 
     def set_output(self, number: int, array: wp.array) -> None:
         """Put another array in the place of one of the outputs."""
