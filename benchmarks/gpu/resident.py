@@ -1,0 +1,79 @@
+"""Speed with counts left on the device: over image sizes, point spread functions and frames of a call; by stage."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import warpsim as ws
+from benchmarks.gpu.plan import Plan, Row, rows_of
+from warpsim.speed.clock import stage_times_us, work_fps
+from warpsim.speed.work import PSFS, SpeedWork, speed_work
+
+FRAMES = {128: (64, 512, 2048, 8192), 256: (64, 512, 2048), 512: (64, 512), 1024: (16, 64, 128, 256)}
+"""Frames of a call by rows and columns of an image; of the largest the stages are timed, too."""
+
+SMALL_FRAMES = {32: (4,)}
+N_ROUND = 7
+POOL_BYTES = 8 * 2**30
+
+SETTINGS: dict[str, dict[str, Any]] = {
+    "more memory kept": {"pool_bytes": POOL_BYTES},
+    "passes of 64 MiB": {"chunk_bytes": 64 * 2**20, "pool_bytes": POOL_BYTES},
+    "passes of 2 GiB": {"chunk_bytes": 2**31, "pool_bytes": POOL_BYTES},
+}
+"""Arguments of a renderer that are tried besides the defaults."""
+
+
+def _work(plan: Plan, n_pixel: int, psf: str, n_frame: int) -> SpeedWork:
+    return speed_work(n_pixel, 5 if plan.quick else 100, 1, psf, n_frame)
+
+
+def _rounds(plan: Plan) -> int:
+    return 2 if plan.quick else N_ROUND
+
+
+def _sizes(plan: Plan) -> dict[int, tuple[int, ...]]:
+    return SMALL_FRAMES if plan.quick else FRAMES
+
+
+def speed(plan: Plan) -> Iterator[Row]:
+    """Images per second by size, point spread function and frames of a call; then with other settings."""
+
+    def fps(n_pixel: int, psf: str, n_frame: int, resident: bool = True, **arguments: Any) -> Row:
+        work = _work(plan, n_pixel, psf, n_frame)
+        renderer = ws.Renderer(work.scene, plan.device, catalog=work.catalog, **arguments)
+        found = work_fps(work, renderer, _rounds(plan), resident)
+        size = {"n_pixel": n_pixel, "psf": psf, "n_frame": n_frame, "resident": resident}
+        return {**size, "fps": found, "us_per_image": 1e6 / found, "buffer_mb": renderer.buffer_bytes / 1e6}
+
+    sizes = _sizes(plan)
+    cases: list[tuple[str, Any]] = [
+        (f"{psf} {n_pixel}, {n_frame} frames", partial(fps, n_pixel, psf, n_frame))
+        for n_pixel, frames in sizes.items()
+        for psf in PSFS
+        for n_frame in frames
+    ]
+    for n_pixel in sorted({min(sizes), max(sizes)}):
+        n_frame = sizes[n_pixel][-1]
+        name = f"gaussian {n_pixel}, {n_frame} frames"
+        cases.append((f"{name}, counts in host memory", partial(fps, n_pixel, "gaussian", n_frame, False)))
+        for setting, arguments in SETTINGS.items():
+            cases.append((f"{name}, {setting}", partial(fps, n_pixel, "gaussian", n_frame, **arguments)))
+    return rows_of(cases)
+
+
+def stage_times(plan: Plan) -> Iterator[Row]:
+    """Microseconds of an image by stage, the device waited for after each."""
+
+    def times(n_pixel: int, psf: str, n_frame: int) -> Row:
+        work = _work(plan, n_pixel, psf, n_frame)
+        us = stage_times_us(work, plan.device, _rounds(plan), resident=True)
+        return {"n_pixel": n_pixel, "psf": psf, "n_frame": n_frame, "stage_us": us, "sum_us": sum(us.values())}
+
+    return rows_of(
+        (f"{psf} {n_pixel}, {frames[-1]} frames", partial(times, n_pixel, psf, frames[-1]))
+        for n_pixel, frames in _sizes(plan).items()
+        for psf in PSFS
+    )
