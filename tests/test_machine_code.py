@@ -14,7 +14,7 @@ from benchmarks.machine_code import ARCH, UNITS, Unit, loop_of, machine_code, ma
 from warpsim.render.pipeline import Pipeline
 
 MOST_REGISTERS = 128
-"""Two blocks of 256 threads fill a multiprocessor's 65,536 registers; with more a kernel waits for its memory alone."""
+"""So 512 threads fill a multiprocessor's 65,536 registers; with more a kernel waits for its memory alone."""
 
 MEASURED_WITH = "1.19."
 """Versions of Warp whose compiler the figures below are of."""
