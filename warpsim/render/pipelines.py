@@ -93,17 +93,26 @@ class Pipelines:
 
     def _work(self, number: int, batch: Batch, spans: deque[tuple[int, int]]) -> int:
         """Render passes until none is left, or a source list is too long; the longest wanted."""
-        longest = 0
         with self._busy[number]:
             pipeline = self._pipelines[number]
             assert pipeline is not None
-            pipeline.begin()
-            while longest <= pipeline.n_slot:
-                try:
-                    first, end = spans.popleft()
-                except IndexError:
-                    return longest
-                longest = max(longest, pipeline.render(batch, first, end))
+            try:
+                longest = self._passes(pipeline, batch, spans)
+            except BaseException:
+                pipeline.finish()  # it writes to the batch, whose memory will serve others
+                raise
+        return longest
+
+    @staticmethod
+    def _passes(pipeline: Pipeline, batch: Batch, spans: deque[tuple[int, int]]) -> int:
+        longest = 0
+        pipeline.begin()
+        while longest <= pipeline.n_slot:
+            try:
+                first, end = spans.popleft()
+            except IndexError:
+                return longest
+            longest = max(longest, pipeline.render(batch, first, end))
         spans.clear()
         return longest
 
