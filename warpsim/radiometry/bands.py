@@ -7,7 +7,8 @@ integrals of blackbodies of 200-5800 K agree with the full curves to 0.3 %. docs
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -53,6 +54,17 @@ def as_band(band: Band | str) -> Band:
     if band not in SHIPPED:
         raise InputError(f"must be one of {', '.join(SHIPPED)} or a Band", "band", band)
     return SHIPPED[band]
+
+
+def of_band(number: Callable[[Band], float]) -> Callable[[Band | str], float]:
+    """Make a function of a band take the name of a shipped one too, and find each number once."""
+    known = functools.lru_cache(maxsize=256)(number)
+
+    @functools.wraps(number)
+    def found(band: Band | str) -> float:
+        return known(as_band(band))
+
+    return found
 
 
 def name_among(band: Band, known: Mapping[str, Band]) -> str | None:

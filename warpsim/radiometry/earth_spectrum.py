@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim_catalogs import path
 
 from warpsim.radiometry.band import Band
-from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr, planck_w_m2_sr_um
+from warpsim.radiometry.bands import band_radiance_w_m2_sr, of_band, planck_w_m2_sr_um
 from warpsim.radiometry.curve import Curve, band_rule, read_curves
 from warpsim.radiometry.sunlight import sunlight_rule
 
@@ -73,8 +73,11 @@ def earthshine_rule(band: Band, *splits_um: Array) -> tuple[Array, Array]:
     return node_um, irradiance_w_m2 * albedo.at(node_um)
 
 
-def earth_brightness_temperature_k(band: Band | str) -> float:
+@of_band
+def earth_brightness_temperature_k(band: Band) -> float:
     """Temperature of the blackbody that has the Earth's mean radiance in a band [K].
+
+    By the secant method in ln(radiance) against 1 / T, which is nearly a straight line.
 
     Args:
         band: A Band, or the name of a shipped one.
@@ -82,12 +85,6 @@ def earth_brightness_temperature_k(band: Band | str) -> float:
     Raises:
         InputError: An unknown band.
     """
-    return _brightness_temperature_k(as_band(band))
-
-
-@functools.lru_cache(maxsize=256)
-def _brightness_temperature_k(band: Band) -> float:
-    """Solve by the secant method in ln(radiance) against 1 / T, which is nearly a straight line."""
     target = math.log(earth_rule(band)[1].sum())
     x = [1 / 240.0, 1 / 290.0]
     y = [math.log(band_radiance_w_m2_sr(1 / inverse, band)) - target for inverse in x]
@@ -97,7 +94,8 @@ def _brightness_temperature_k(band: Band) -> float:
     return 1 / x[1]
 
 
-def earth_albedo(band: Band | str) -> float:
+@of_band
+def earth_albedo(band: Band) -> float:
     """Albedo of the Earth in a band: the mean weighted with sunlight and energy response.
 
     Args:
@@ -106,11 +104,6 @@ def earth_albedo(band: Band | str) -> float:
     Raises:
         InputError: An unknown band.
     """
-    return _albedo(as_band(band))
-
-
-@functools.lru_cache(maxsize=256)
-def _albedo(band: Band) -> float:
     sunlight = sunlight_rule(band, earth_spectrum().albedo.wavelength_um)[1].sum()
     if sunlight == 0.0:  # beyond the solar spectrum
         return float(earth_spectrum().albedo.at(band.isophotal_um))

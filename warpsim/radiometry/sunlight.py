@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from warpsim_catalogs import path
 
 from warpsim.radiometry.band import Band
-from warpsim.radiometry.bands import as_band
+from warpsim.radiometry.bands import of_band
 from warpsim.radiometry.curve import Curve, band_rule, read_curves
 
 Array = NDArray[np.float64]
@@ -39,7 +39,8 @@ def sunlight_rule(band: Band, *splits_um: Array) -> tuple[Array, Array]:
     return node_um[known], weight_um[known] * spectrum.at(node_um[known])
 
 
-def sun_irradiance_w_m2(band: Band | str) -> float:
+@of_band
+def sun_irradiance_w_m2(band: Band) -> float:
     """In-band irradiance of the Sun at 1 au [W/m2]: the integral of energy response times solar_spectrum().
 
     Args:
@@ -48,9 +49,4 @@ def sun_irradiance_w_m2(band: Band | str) -> float:
     Raises:
         InputError: An unknown band.
     """
-    return _irradiance_w_m2(as_band(band))
-
-
-@functools.lru_cache(maxsize=256)
-def _irradiance_w_m2(band: Band) -> float:
     return float(sunlight_rule(band)[1].sum())
