@@ -156,16 +156,23 @@ def test_memory_on_cuda_waits_for_its_readers(monkeypatch):
         is_cuda, ordinal = True, 1
 
     class Array:
-        device, dtype, ptr = Device(), wp.uint16, 1 << 40
+        device, dtype, ptr, pinned = Device(), wp.uint16, 1 << 40, False
 
     waited = []
-    monkeypatch.setattr(wp, "synchronize_device", waited.append)
+
+    def refuse(device):
+        raise RuntimeError("a graph is captured")
+
     made = capsule(Array(), (1, 2, 1, 4, 4), (1, 0))
     assert tensor_of(made)[1]["device"] == (2, 1)
     del made
     gc.collect()
     assert len(dlpack._released) == 1
-    assert waited == []
+    monkeypatch.setattr(wp, "synchronize_device", refuse)
+    with pytest.raises(RuntimeError, match="captured"):
+        take_released()
+    assert len(dlpack._released) == 1  # it still waits
+    monkeypatch.setattr(wp, "synchronize_device", waited.append)
     Pool(wp.get_device("cpu")).new((3,), wp.uint16)
     assert waited == [Array.device]
     assert len(dlpack._released) == 0

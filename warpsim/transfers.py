@@ -9,6 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+PINNED_FROM_BYTES = 2**22
+"""Smaller arrays are copied to ordinary memory: pinned memory costs more to make and free than they take."""
+
 
 def to_numpy(array: wp.array) -> npt.NDArray[Any]:
     """Return an array on the host: a view on the CPU; from CUDA a copy, in the order of the device's current stream.
@@ -17,7 +20,8 @@ def to_numpy(array: wp.array) -> npt.NDArray[Any]:
     """
     if not array.device.is_cuda:
         return np.asarray(array.numpy())
-    host = wp.empty(array.shape, dtype=array.dtype, device="cpu", pinned=True)
+    n_byte = array.size * wp.types.type_size_in_bytes(array.dtype)
+    host = wp.empty(array.shape, dtype=array.dtype, device="cpu", pinned=n_byte >= PINNED_FROM_BYTES)
     stream = wp.get_stream(array.device)
     wp.copy(host, array, stream=stream)
     wp.synchronize_stream(stream)

@@ -59,8 +59,8 @@ _released: deque[wp.array] = deque()
 
 
 def release_later(array: wp.array) -> None:
-    """Keep memory on CUDA that others have read, as their work may still be queued, until `take_released`."""
-    if array.device.is_cuda:
+    """Keep memory that CUDA may still read, as work of others may be queued, until `take_released`."""
+    if array.device.is_cuda or array.pinned:
         _released.append(array)
 
 
@@ -112,5 +112,12 @@ def take_released() -> None:
     may be anywhere: in a destructor, or amid the capture of a graph.
     """
     held = [_released.popleft() for _ in range(len(_released))]
-    for device in {array.device for array in held}:
-        wp.synchronize_device(device)
+    devices = {array.device for array in held if array.device.is_cuda}
+    if any(array.pinned for array in held):
+        devices |= set(wp.get_cuda_devices())
+    try:
+        for device in devices:
+            wp.synchronize_device(device)
+    except BaseException:  # as amid the capture of a graph
+        _released.extend(held)
+        raise

@@ -25,11 +25,12 @@ class ImageStack:
         n_sensor: Sensors.
     """
 
+    _is_lent = False
+
     def __init__(self, array: wp.array, n_frame: int, n_sensor: int) -> None:
         self.array = array
         """The Warp array itself, shape (frame * sensor, band, row, column)."""
         self.shape: tuple[int, ...] = (n_frame, n_sensor, *array.shape[1:])
-        self._is_lent = False
 
     @property
     def dtype(self) -> Any:

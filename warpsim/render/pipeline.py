@@ -69,7 +69,7 @@ class Pipeline:
         self._host_views: list[npt.NDArray[Any]] = [array.numpy() for array in self._host_inputs]
         self._taken: wp.Event | None = None
         self.columns = new_columns(scene, n_view)
-        self._n_wanted = to_numpy(self.columns.views)["n_wanted"]  # on the CPU as it is at any time
+        self._n_wanted = to_numpy(self.columns.views)["n_wanted"] if device.is_cpu else None  # as it is at any time
         self.sources = new_sources(scene, n_view, n_slot)
         self._series = new_area_series(scene, n_view)
         streaks = scene.streaks
@@ -123,9 +123,12 @@ class Pipeline:
         return bytes_of(arrays)
 
     def begin(self) -> None:
-        """Have the stream wait for what was asked of the device: others may have read a batch's memory before."""
+        """Have the stream wait for what was asked of the device: others may have read a batch's memory before.
+
+        The null stream comes after all blocking ones, those of Warp and PyTorch's default one.
+        """
         if self.stream is not None:
-            self.stream.wait_event(wp.get_stream(self.scene.device).record_event())
+            self.stream.wait_event(self.scene.device.null_stream.record_event())
 
     def _take(self, batch: Batch, first: int, n_view: int) -> None:
         """Put what a batch asks for into the inputs."""
@@ -153,7 +156,7 @@ class Pipeline:
             copy_views(theirs, first, mine, 0, n_view, stream)
         if batch.stars is not None:
             batch.stars[first:end] = self._stars(n_view)
-        if stream is not None:
+        if self._n_wanted is None:
             return 0  # to read it would be to wait
         return int(self._n_wanted[:n_view].max())
 
@@ -192,9 +195,8 @@ class Pipeline:
         """Position, movement, irradiance and number of the stars of each view, copied to the host."""
         self.finish()
         sources = self.sources
-        filled = to_numpy(sources.n_source)[:n_view]
-        offset_px = to_numpy(sources.offset_px)
-        xy, light, star = (to_numpy(array) for array in (sources.xy_px, sources.irradiance_w_cm2, sources.star))
+        arrays = (sources.n_source, sources.offset_px, sources.xy_px, sources.irradiance_w_cm2, sources.star)
+        filled, offset_px, xy, light, star = (to_numpy(array[:n_view] if array.size else array) for array in arrays)
         spans: list[tuple[int, Any]] = [(view, slice(self.scene.n_target, n)) for view, n in enumerate(filled)]
         return [
             (

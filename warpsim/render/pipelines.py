@@ -67,7 +67,7 @@ class Pipelines:
         numbers = range(min(len(self._scenes), len(spans)))
         room = max(size, min(1 << (size - 1).bit_length(), most))  # calls that grow little by little need no new ones
         for number in numbers:
-            self._prepare(number, room)  # by this thread: kernels are compiled here
+            self._prepare(number, room).begin()  # by this thread: kernels are compiled here
         others: list[Future[int]] = []
         try:
             for number in numbers[1:]:
@@ -83,13 +83,17 @@ class Pipelines:
         self._hand_over(numbers)
         return int(to_numpy(batch.columns.views)["n_wanted"].max())
 
-    def _prepare(self, number: int, room: int) -> None:
-        """Make a pipeline for passes of up to `room` views, unless there is one."""
+    def _prepare(self, number: int, room: int) -> Pipeline:
+        """Return a pipeline for passes of up to `room` views, a new one unless there is one."""
         with self._busy[number]:
             pipeline = self._pipelines[number]
             if pipeline is None or pipeline.n_view < room or pipeline.n_slot != self._n_slot:
+                if pipeline is not None:
+                    pipeline.finish()
                 self._pipelines[number] = pipeline = None  # first, so that old and new ones are not there at a time
-                self._pipelines[number] = Pipeline(self._scenes[number], room, self._n_slot, self._to_host)
+                pipeline = Pipeline(self._scenes[number], room, self._n_slot, self._to_host)
+                self._pipelines[number] = pipeline
+            return pipeline
 
     def _work(self, number: int, batch: Batch, spans: deque[tuple[int, int]]) -> int:
         """Render passes until none is left, or a source list is too long; the longest wanted."""
@@ -106,7 +110,6 @@ class Pipelines:
     @staticmethod
     def _passes(pipeline: Pipeline, batch: Batch, spans: deque[tuple[int, int]]) -> int:
         longest = 0
-        pipeline.begin()
         while longest <= pipeline.n_slot:
             try:
                 first, end = spans.popleft()

@@ -26,7 +26,7 @@ from warpsim.render.pool import POOL_BYTES, POOL_BYTES_CUDA, Pool
 from warpsim.render.request import checked_frames, checked_names
 from warpsim.render.skies import Skies
 from warpsim.render.streaks import Streaks
-from warpsim.render.stream import Stream, StreamStats, stream_sizes
+from warpsim.render.stream import GROUP_BYTES, GROUP_BYTES_CUDA, Stream, StreamStats, stream_sizes
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
@@ -87,6 +87,9 @@ class Renderer:
         where = wp.get_device("cpu") if self._to_host else self.device
         chosen = POOL_BYTES_CUDA if where.is_cuda else POOL_BYTES
         most_bytes = chosen if pool_bytes is None else whole_number("pool_bytes", pool_bytes, 0)
+        for each in self.devices:
+            if each.is_cuda:
+                wp.set_mempool_release_threshold(each, most_bytes)  # else it is given back at each wait
         self._pool = Pool(where, pinned=self._to_host and self.device.is_cuda, most_bytes=most_bytes)
         self._pipelines: dict[tuple[str, tuple[str, ...]], Pipelines] = {}
         self._lock = threading.Lock()  # buffers serve one call at a time
@@ -217,8 +220,9 @@ class Renderer:
         ahead = None if n_ahead is None else whole_number("n_ahead", n_ahead, 1)
         camera = instrument.sensor.camera
         n_view, n_pipeline = len(sensor_list), max(self.n_thread, len(self.devices))
+        group_bytes = GROUP_BYTES_CUDA if self.device.is_cuda else GROUP_BYTES
         frame_bytes = 2 * n_view * len(band_list) * camera.n_row * camera.n_col
-        sizes = stream_sizes(rate_hz, n_view, frame_bytes, n_pipeline, ahead)
+        sizes = stream_sizes(rate_hz, n_view, frame_bytes, n_pipeline, ahead, group_bytes)
         self._stream = Stream(
             lambda some: self._render(instrument, some, sensor_list, band_list, keep_signal, keep_stars),
             frame_list,

@@ -21,8 +21,8 @@ from warpsim.render.frameset import FrameSet
 GROUP_S = 0.005
 """Frames of a fast stream are rendered together, as many as are due within this time: calls cost some 0.2 ms each."""
 
-GROUP_BYTES = 8 * 2**20
-"""They fill this much memory at most; those of a stream without rate do."""
+GROUP_BYTES, GROUP_BYTES_CUDA = 8 * 2**20, 256 * 2**20
+"""They fill this much memory at most, on the CPU and on CUDA; those of a stream without rate do."""
 
 USUAL_AHEAD = 4
 """Frames rendered ahead, where they are rendered one by one."""
@@ -212,7 +212,12 @@ class Stream:
 
 
 def stream_sizes(
-    rate_hz: float | None, n_view: int, frame_bytes: int, n_pipeline: int, n_ahead: int | None
+    rate_hz: float | None,
+    n_view: int,
+    frame_bytes: int,
+    n_pipeline: int,
+    n_ahead: int | None,
+    group_bytes: int = GROUP_BYTES,
 ) -> tuple[int, int]:
     """Frames rendered ahead, and in one call.
 
@@ -222,8 +227,9 @@ def stream_sizes(
         frame_bytes: Of the images of a frame.
         n_pipeline: Threads and devices that render at a time; each is to have a view.
         n_ahead: Frames rendered ahead at most, if that was asked for.
+        group_bytes: Memory of the frames of one call at most.
     """
-    fitting = max(1, GROUP_BYTES // frame_bytes)
+    fitting = max(1, group_bytes // frame_bytes)
     together = fitting if rate_hz is None else min(math.ceil(rate_hz * GROUP_S), fitting)
     together = max(1, together, -(-n_pipeline // n_view))
     if n_ahead is None:
