@@ -72,7 +72,7 @@ def test_a_choice_of_sensors_and_bands_changes_no_bit(renderer, batch):
 def test_passes_and_list_growth_change_no_bit(scene, batch, monkeypatch):
     from warpsim.render import schedule
 
-    monkeypatch.setattr(schedule, "SIGNAL_BYTES_PER_PASS", 4 * 3 * 128 * 128)  # one view at a time
+    monkeypatch.setattr(schedule, "BYTES_PER_PASS", 4 * 3 * 128 * 128)  # one view at a time
     renderer = ws.Renderer(scene, device="cpu")
     np.testing.assert_array_equal(renderer.render(range(8)).counts.numpy(), batch.counts.numpy())
     (pipelines,) = renderer._pipelines.values()
