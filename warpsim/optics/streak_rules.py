@@ -43,17 +43,22 @@ LONGEST_STREAK = {
 integral, wherever the edge lies; tests/test_streaks.py does it again."""
 
 
-def streak_rules(device: Any) -> Any:
-    """The kernels' StreakRules on a device."""
+def streak_rules(device: wp.Device | str) -> Any:
+    """Return the kernels' StreakRules on a device; made once."""
+    return _rules_on(str(device))
+
+
+@cache
+def _rules_on(device: str) -> Any:
     counts = list(LONGEST_STREAK)
     node, weight = _all_nodes()
-    longest = np.minimum(np.array([(np.inf, *LONGEST_STREAK[count]) for count in counts]).T, NO_LIMIT)
+    longest = np.array([(np.inf, *LONGEST_STREAK[count]) for count in counts]).T
     rules: Any = StreakRules()
     rules.count = wp.array(counts, dtype=wp.int32, device=device)
     rules.first = wp.array(np.cumsum([0, *counts[:-1]]), dtype=wp.int32, device=device)
     rules.node = wp.array(node, dtype=wp.float64, device=device)
     rules.weight = wp.array(weight, dtype=wp.float64, device=device)
-    rules.longest = wp.array(longest, dtype=wp.float32, device=device)
+    rules.longest = wp.array(np.minimum(longest, NO_LIMIT).copy(), dtype=wp.float32, device=device)
     return rules
 
 
