@@ -1,4 +1,4 @@
-"""What benchmarks share: the devices to run on; and of the machine, results have what speed hangs on, nothing else."""
+"""Fixtures of all benchmarks: the devices to run on, and the facts about the machine that speed depends on."""
 
 from __future__ import annotations
 

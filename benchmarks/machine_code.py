@@ -8,11 +8,11 @@ is run. A kernel stands with the first scene that needs it.
 
 **Spilled** are accesses to fixed addresses of a thread's stack, stores and loads as they stand in the code, in a kernel
 that uses all the registers that it may: 255, or what its launch bounds leave. Arrays that are addressed by index lie on
-the stack, too. In a kernel with registers to spare they are all there is; in one without, the two cannot be told apart.
+the stack, too. In a kernel with registers to spare they are all there is; in one without, the two look alike.
 
 **Instructions of a unit** are those of one pass through the loop that takes a unit, for the units of a pass, or of a
 thread's whole work where it has one unit. They are counted as they stand in the code: both sides of every branch, inner
-loops once, subroutines for rare cases of divisions and roots not at all. A pixel pair is one thread's share of a pass
+loops once, subroutines for rare cases of divisions and roots not at all. A pixel pair is one thread's part of a pass
 through the loop over strips, with reading light and putting it out again; random keys, once for 16 strips, come before
 the loop. That loop has no inner one, so the figure is an upper bound. For targets and sources it is the size of the
 code, as the rows and columns of a stamp are passed many times. **At least** is the shortest way through the same loop:
@@ -135,7 +135,7 @@ def spills(function: Function) -> tuple[int, int]:
 
 
 def result(rows: list[MachineCode]) -> dict[str, Any]:
-    """Return the rows as the other benchmarks keep theirs, with the compiler in place of the machine."""
+    """Return the rows as the other benchmarks keep theirs, with the compiler instead of the machine."""
     toolkit = ".".join(map(str, wp.get_cuda_toolkit_version()))
     return {
         "compiler": f"sm_{ARCH}, Warp {wp.__version__}, CUDA {toolkit}",

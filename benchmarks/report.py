@@ -50,9 +50,9 @@ def made_by(data: dict[str, Any], cases: list[Case]) -> str:
         return str(data["compiler"])
     machine = data["machine_info"]
     threads = {c["n_thread"] for c in cases if "n_thread" in c}
-    told = f"{threads.pop()} threads, " if len(threads) == 1 and threads != {1} else ""
+    count = f"{threads.pop()} threads, " if len(threads) == 1 and threads != {1} else ""
     cpu = machine["cpu"].get("brand_raw", machine["processor"])
-    return f"{cpu}, {told}Python {machine['python_version']}"
+    return f"{cpu}, {count}Python {machine['python_version']}"
 
 
 def words_of(name: str) -> tuple[str, str, str]:

@@ -5,12 +5,12 @@
     python -m pytest benchmarks/test_peer_sdasim.py -k one --benchmark-json=benchmarks/results/peer_sdasim.json
     python benchmarks/report.py benchmarks/results/peer_sdasim.json
 
-As with the other peers, sdasim 0.5.0 gets the place and the light of each source of each frame before the clock starts,
+As with the other peers, sdasim 0.5.0 gets position and light of each source of each frame before the clock starts,
 and ours does the whole chain of `stss` in that time. sdasim takes a Gaussian at the centres of pixels and does not
 integrate it over them, within 3 sigma; the error of its worst pixel against the float64 integral stands beside its
 speed. Its own functions with its own defaults draw, add noise and convert; both leave uint16 in host memory.
 
-The C library is told to keep memory that was freed: without that PyTorch gets new pages for each image of 1024 x 1024
+The C library is set to keep memory that was freed: without that PyTorch gets new pages for each image of 1024 x 1024
 pixels, which halves its speed. One thread each, which a busy machine slows down alike; without `-k one` also all cores,
 on an idle machine. The extra is apart from `peers`, as PyTorch takes 5 GB with the CUDA libraries that its wheels for
 Linux bring.

@@ -119,11 +119,11 @@ def test_frames_alone_and_in_another_order(small, device, expected):
     renderer = ws.Renderer(small, device=device)
     everything = expected(device)
     for frames in (FRAMES[::-1], *([frame] for frame in FRAMES)):
-        place = [FRAMES.index(frame) for frame in frames]
+        chosen = [FRAMES.index(frame) for frame in frames]
         found = rendered(renderer, frames)
         for name in ("counts", "signal"):
-            np.testing.assert_array_equal(found[name], everything[name][place])
-        rows = (np.array(place)[:, None] * len(SENSORS) + np.arange(len(SENSORS))).ravel()
+            np.testing.assert_array_equal(found[name], everything[name][chosen])
+        rows = (np.array(chosen)[:, None] * len(SENSORS) + np.arange(len(SENSORS))).ravel()
         for name in ("axes", "target_xy_px", "target_temperature_k", "irradiance_w_cm2"):
             np.testing.assert_array_equal(found[name], everything[name][rows])
 
@@ -154,14 +154,14 @@ def test_calls_that_grow_little_by_little_need_few_new_arrays(small, monkeypatch
 
 
 def test_label_and_light_are_one(small, device):
-    """What truth tells of targets is what is drawn: the first source slots hold the same bits."""
+    """What truth reports of targets is what is drawn: the first source slots hold the same bits."""
     world = device_scene(small, ["A", "C"], device)
     batch, group = new_batch(world, FRAMES, SENSORS, Pool(world.device)), pipelines.Pipelines([world], 1, False)
     group.render(batch, None)
     (pipeline,) = group._pipelines
-    told, sources, n_target = contents(batch.columns), pipeline.sources, world.n_target
+    reported, sources, n_target = contents(batch.columns), pipeline.sources, world.n_target
     n_source = sources.n_source.numpy()[:N_VIEW]
-    np.testing.assert_array_equal(n_source, told["n_wanted"])
+    np.testing.assert_array_equal(n_source, reported["n_wanted"])
     assert (n_target < n_source).any() and (n_source <= pipeline.n_slot).all()
     drawn = {"target_xy_px": sources.xy_px.numpy()[:N_VIEW, :n_target]}
     drawn["irradiance_w_cm2"] = sources.irradiance_w_cm2.numpy()[:N_VIEW, :, :n_target]
@@ -169,8 +169,8 @@ def test_label_and_light_are_one(small, device):
         drawn["offset_px"] = sources.offset_px.numpy()[:N_VIEW, :n_target]
         assert np.abs(drawn["offset_px"]).max() > 1
     assert (sources.star.numpy()[:N_VIEW, :n_target] == -1).all()
-    assert told["irradiance_w_cm2"].max() > 0
+    assert reported["irradiance_w_cm2"].max() > 0
     for name, values in drawn.items():
-        assert told[name].dtype == values.dtype and told[name].tobytes() == values.tobytes(), name
+        assert reported[name].dtype == values.dtype and reported[name].tobytes() == values.tobytes(), name
     own = contents(pipeline.columns)
-    assert_same({name: values[:N_VIEW] for name, values in own.items()}, told)
+    assert_same({name: values[:N_VIEW] for name, values in own.items()}, reported)

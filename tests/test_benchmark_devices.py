@@ -1,4 +1,4 @@
-"""Benchmarks run on the devices that they are told."""
+"""Benchmarks run on the devices asked for."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Threads, devices and passes share the work out; images do not depend on how."""
+"""Threads, devices and passes divide the work; images do not depend on how."""
 
 import gc
 import itertools

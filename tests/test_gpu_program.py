@@ -96,7 +96,7 @@ def test_unknown_device_is_refused(tmp_path, capsys):
     ],
 )
 def test_disagreement_is_seen(scene, monkeypatch, changes, what):
-    """Another scene in the place of the device's: each limit is passed by something."""
+    """Another scene instead of the device's: each limit is passed by something."""
     scenes, make = [scene, scene.replace(**changes)], ws.Renderer
 
     def renderer(_, device, catalog):

@@ -53,7 +53,7 @@ def test_errors_are_counted_from_the_float64_integral(work):
     edges = np.arange(work.n_pixel + 1) - 0.5
     sources = zip(work.x_px[0], work.y_px[0], work.light_nei[0], strict=True)
     exact = sum(
-        light * np.outer(*(np.diff(ndtr((edges - place) / SIGMA_PX)) for place in (y, x))) for x, y, light in sources
+        light * np.outer(*(np.diff(ndtr((edges - centre) / SIGMA_PX)) for centre in (y, x))) for x, y, light in sources
     )
     np.testing.assert_allclose(work.signal_nei(0, **EXACT), exact, rtol=0, atol=FLOAT32 * exact.max())
 

@@ -12,7 +12,7 @@ from warpsim.sky.spectral_types import of_spectral_types
 from warpsim.sky.stellar_templates import DWARF, GIANT
 
 
-def told(*types):
+def found_of(*types):
     """Temperatures of dwarfs, and classes."""
     temperature_k, luminosity = of_spectral_types(np.array(types, dtype=np.str_))
     return temperature_k[:, DWARF].tolist(), luminosity.tolist()
@@ -61,19 +61,19 @@ def told(*types):
     ],
 )
 def test_types_tell_temperature_and_class(text, temperature_k, luminosity):
-    assert told(text) == ([temperature_k], [luminosity])
+    assert found_of(text) == ([temperature_k], [luminosity])
 
 
 @pytest.mark.parametrize("text", ["", "DA2", "C5,4", "S4/6", "WN5", "L2", "G", "pec", "K", "??", "3III"])
 def test_types_that_are_not_understood_tell_nothing(text):
-    temperature_k, luminosity = told(text)
+    temperature_k, luminosity = found_of(text)
     assert np.isnan(temperature_k).all()
     assert luminosity == [-1]
 
 
 def test_temperature_falls_along_the_types():
     for roman in ("V", "III"):
-        temperature_k, _ = told(*(f"{letter}{digit}{roman}" for letter in "OBAFGKM" for digit in range(10)))
+        temperature_k, _ = found_of(*(f"{letter}{digit}{roman}" for letter in "OBAFGKM" for digit in range(10)))
         assert (np.diff(temperature_k) <= 0).all()
 
 
@@ -98,8 +98,8 @@ def ks_mag(types, b_v_mag=np.nan, **known):
         for name, magnitude in (("V", 6.0), ("B", 6.0 + np.asarray(b_v_mag)))
     }
     columns = {name: np.full(n_star, value) for name, value in known.items()}
-    place = (np.zeros(n_star), np.zeros(n_star))
-    return StarCatalog.from_arrays(*place, fluxes, spectral_type=types, **columns).filled().magnitude("Ks")
+    ra_dec_deg = (np.zeros(n_star), np.zeros(n_star))
+    return StarCatalog.from_arrays(*ra_dec_deg, fluxes, spectral_type=types, **columns).filled().magnitude("Ks")
 
 
 @pytest.mark.parametrize(
@@ -130,17 +130,17 @@ def test_a_class_given_tells_the_temperature_of_a_type_without_one():
 
 
 def test_columns_of_types(tmp_path):
-    """What is given beats the type; the spectrum is that of the temperature told."""
+    """What is given beats the type; the spectrum is that of the temperature given."""
     types = ["K3III", "G2V", "M2V", "F5", "K2", ""]
     columns = {"temperature_k": [np.nan, 5000.0, *[np.nan] * 4], "luminosity": [0, -1, -1, 1, -1, -1]}
     columns["parallax_mas"] = [*[np.nan] * 4, 300.0, np.nan]
-    place = ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [0.0] * 6)
-    stars = StarCatalog.from_arrays(*place, {"V": [1.0] * 6}, spectral_type=types, **columns)
+    ra_dec_deg = ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [0.0] * 6)
+    stars = StarCatalog.from_arrays(*ra_dec_deg, {"V": [1.0] * 6}, spectral_type=types, **columns)
     np.testing.assert_array_equal(stars.temperature_k, [4510, 5000, 3560, 6550, 5100, np.nan])
     assert stars.luminosity.tolist() == [0, 0, 0, 1, -1, -1]
     assert StarCatalog.from_table(stars.to_table()).checksum == stars.checksum
 
-    names = {"ra_deg": place[0], "dec_deg": place[1], "flux_V_jy": [1.0] * 6, **columns}
+    names = {"ra_deg": ra_dec_deg[0], "dec_deg": ra_dec_deg[1], "flux_V_jy": [1.0] * 6, **columns}
     table = Table({**names, "spectral_type": MaskedColumn([*types[:5], "X"], mask=[False] * 5 + [True])})
     assert StarCatalog.from_table(table).checksum == stars.checksum
     table.write(tmp_path / "stars.ecsv")

@@ -21,7 +21,7 @@ class Launch:
         inputs: Arguments that are read.
         outputs: Arguments that are written.
         device: Where it runs.
-        block_dim: Threads that share a tile, of a tiled launch; an ordinary one when left out.
+        block_dim: Threads of a tile, of a tiled launch; an ordinary one when left out.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Launch:
         self._command = launch(kernel, **given, block_dim=self.block_dim, record_cmd=True)
 
     def set_output(self, number: int, array: wp.array) -> None:
-        """Put another array in the place of one of the outputs."""
+        """Replace one of the outputs by another array."""
         if self._command is not None:
             self._command.set_param_at_index(self._n_input + number, array)
             self.outputs[number] = array

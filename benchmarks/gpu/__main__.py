@@ -98,8 +98,8 @@ def run_all(plan: Plan, folder: Path) -> bool:
         _write(folder / "summary.json", {"device": plan.device, "quick": plan.quick, "steps": results})
     print(f"\n{'step':<12} {'rows':>5} {'failed':>7} {'seconds':>8}")
     for row in results:
-        told = "; ".join(filter(None, [row["why"], *row["failed"]]))
-        print(f"{row['name']:<12} {row['rows']:>5} {len(row['failed']):>7} {row['seconds']:>8} {told}".rstrip())
+        reasons = "; ".join(filter(None, [row["why"], *row["failed"]]))
+        print(f"{row['name']:<12} {row['rows']:>5} {len(row['failed']):>7} {row['seconds']:>8} {reasons}".rstrip())
     is_fine = all(row["ok"] for row in results)
     print("all went well" if is_fine else "FAILED", f"in {time.perf_counter() - begin:.0f} s; figures in {folder}")
     return is_fine

@@ -1,4 +1,4 @@
-"""What the steps of the program are told, and the rows that they return."""
+"""Settings of the program's steps, and the rows that they return."""
 
 from __future__ import annotations
 

@@ -132,7 +132,7 @@ def _value_column(table: FileTable, wavelength: str, column: str | None) -> str:
 
 
 def _known_unit(text: str) -> str:
-    """Name of a unit for astropy, the text itself where it is no spelling known; the case tells mm from Mm."""
+    """Name of a unit for astropy, the text itself where it is no spelling known; the case distinguishes mm from Mm."""
     text = text.strip()
     return "Angstrom" if text == "A" else _UNITS.get(text.casefold(), text)
 

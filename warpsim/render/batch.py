@@ -24,7 +24,7 @@ StarList = tuple[npt.NDArray[Any], ...]
 
 @dataclass(frozen=True)
 class Inputs:
-    """What views are told, each (n_view,).
+    """Inputs of views, each (n_view,).
 
     They are arrays of their own, not records: the compiler makes vector instructions of `read_out` for arrays without
     gaps only, even of those that it reads one number of.

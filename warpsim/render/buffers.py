@@ -1,4 +1,4 @@
-"""Arrays that stages share with each other and nobody else sees: sources, instants of the exposure, signal."""
+"""Arrays that only stages read and write: sources, instants of the exposure, signal."""
 
 from __future__ import annotations
 

@@ -48,10 +48,10 @@ class FrameSet:
     _columns: Columns
     _star_lists: list[tuple[npt.NDArray[Any], ...]] | None
 
-    def one_frame(self, place: int) -> FrameSet:
-        """The frame at a place along the first axis, as a set of its own that shares the memory."""
+    def one_frame(self, index: int) -> FrameSet:
+        """The frame at an index along the first axis, as a set of its own that shares the memory."""
         n_sensor = len(self.sensors)
-        first, end = place * n_sensor, (place + 1) * n_sensor
+        first, end = index * n_sensor, (index + 1) * n_sensor
 
         def part(stack: ImageStack) -> ImageStack:
             return ImageStack(stack.array[first:end], 1, n_sensor)
@@ -59,7 +59,7 @@ class FrameSet:
         return FrameSet(
             self.scenario,
             self.instrument,
-            self._numbers[place : place + 1],
+            self._numbers[index : index + 1],
             self.sensors,
             self.bands,
             part(self.counts),

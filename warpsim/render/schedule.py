@@ -68,7 +68,7 @@ def views_of_a_pass(scene: DeviceScene, n_view: int, most: int, n_pipeline: int)
         scene: What is rendered.
         n_view: Views in all.
         most: Views that memory allows.
-        n_pipeline: Pipelines that share them.
+        n_pipeline: Pipelines that render them.
     """
     if n_pipeline == 1:
         return min(n_view, most)

@@ -91,7 +91,7 @@ class StarCatalog(Stars):
             quality: 0 unknown, 1 uncertain, 2 fair, 3 good, 4 excellent; 0 if left out.
             id: Names; "1", "2", ... in the order given if left out.
             spectral_type: Such as "K3III" or "M2.5V": tell temperature and luminosity class where these are unknown;
-                without a class ("K2") a temperature where no colour tells one either, that of the star's class.
+                without a class ("K2") a temperature where no colour gives one either, that of the star's class.
                 Types that are not understood tell nothing, with a warning that counts them.
             flux_flag: By band, 1 for a measured flux, 2 for one that the catalog predicts, 3 for one filled in from the
                 spectrum, which is left out and predicted anew; measured if left out.

@@ -154,8 +154,8 @@ def _tell_by_type(columns: dict[str, Array], spectral_type: NDArray[np.str_], na
     """Set unknown temperatures and classes by spectral types with a class; return the type_temperature_k of all."""
     type_k, luminosity = of_spectral_types(spectral_type)
     warn_unknown_types(name, spectral_type, type_k)
-    told = np.isnan(columns["temperature_k"]) & (luminosity != CLASS_UNKNOWN)
-    columns["temperature_k"] = np.where(told, type_k[:, DWARF], columns["temperature_k"])
+    by_type = np.isnan(columns["temperature_k"]) & (luminosity != CLASS_UNKNOWN)
+    columns["temperature_k"] = np.where(by_type, type_k[:, DWARF], columns["temperature_k"])
     unknown = columns["luminosity"] == LUMINOSITY_UNKNOWN
     columns["luminosity"] = np.where(unknown, luminosity, columns["luminosity"])
     return type_k

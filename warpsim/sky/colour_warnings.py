@@ -14,7 +14,7 @@ BEYOND_MAG = 0.5
 
 
 def warn_colours(name: str, photometry: StarPhotometry) -> None:
-    """Warn about stars that nothing tells the temperature of, and about colours far beyond those of stars.
+    """Warn about stars of unknown temperature, and about colours far beyond those of stars.
 
     Args:
         name: Name of the catalog's file.

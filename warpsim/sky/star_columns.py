@@ -44,7 +44,7 @@ class StarColumns:
 
     type_temperature_k: Array | None = None
     """Temperatures of a dwarf and of a giant of the star's spectral type [K], (n, 2), NaN without a type: for stars of
-    whose temperature neither temperature_k nor a colour tells."""
+    whose temperature neither temperature_k nor a colour gives."""
 
     limit_jy: Mapping[str, Array] = field(default_factory=dict)
     """Upper limits of predicted fluxes by band [Jy], NaN for none."""

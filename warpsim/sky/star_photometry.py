@@ -56,7 +56,7 @@ class StarPhotometry:
     """What the fluxes given are, for the same bands."""
 
     temperature_k: Array
-    """Colour temperature as given, or as the spectral type tells [K]; NaN where neither does."""
+    """Colour temperature as given, or of the spectral type [K]; NaN where neither does."""
 
     luminosity: NDArray[np.int8]
     """Luminosity class: 0 dwarf, 1 giant, -1 unknown."""
@@ -153,7 +153,7 @@ class StarPhotometry:
         return _frozen(np.where(np.isnan(temperature_k), UNKNOWN_TEMPERATURE_K, temperature_k))
 
     def telling_colours(self) -> Iterator[tuple[tuple[str, str], Whole, Array]]:
-        """Yield the colours that tell temperatures, the surest first: bands, rows of stars told, colours [mag]."""
+        """Yield the colours that temperatures follow from, the surest first: bands, rows of stars, colours [mag]."""
         missing = np.isnan(self.temperature_k)
         for blue, red in (*COLOURS, *OTHER_COLOURS):
             if blue in self.given_jy and red in self.given_jy and missing.any():

@@ -42,7 +42,7 @@ class Stars:
     """Parallax [mas], shape (n,); NaN where unknown."""
 
     temperature_k: Array
-    """Colour temperature as given, or as the spectral type tells [K], shape (n,); NaN where neither does (see
+    """Colour temperature as given, or of the spectral type [K], shape (n,); NaN where neither does (see
     `spectrum_temperature_k`)."""
 
     luminosity: NDArray[np.int8]
@@ -53,7 +53,7 @@ class Stars:
     excellent (measured)."""
 
     epoch_jyear: float
-    """Julian year of the places (2000.0 is J2000)."""
+    """Julian year of the positions (2000.0 is J2000)."""
 
     name: str
     provenance: str

@@ -118,7 +118,7 @@ def union_stars() -> UnionStars:
 
 
 def _by_hipparcos(star: Hipparcos, rows: Rows, disputed: NDArray[np.bool_]) -> VisibleStars:
-    """What Hipparcos tells of the stars in some rows."""
+    """Return what Hipparcos has of the stars in some rows."""
     seen = by_hipparcos(
         hp_mag=star.hp_mag[rows],
         v_i_mag=star.v_i_mag[rows],
