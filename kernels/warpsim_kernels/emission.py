@@ -4,7 +4,7 @@ import functools
 
 import warp as wp
 
-from warpsim_kernels.records import Observation
+from warpsim_kernels.records import DARK, Observation
 from warpsim_kernels.signature import ALBEDO, EARTH, EMITTED, SUN, Features
 
 _W_CM2_PER_W_M2 = wp.constant(wp.float64(1.0e-4))
@@ -45,15 +45,6 @@ class Surfaces:
     sun_w_m2_sr: wp.array2d[wp.float64]  # reflectance / pi times the Sun's irradiance at 1 au
     earth_w_m2_sr: wp.array2d[wp.float64]  # reflectance times the Earth's radiance
     albedo_w_m2_sr2: wp.array2d[wp.float64]  # reflectance / pi times albedo / pi times the Sun's irradiance at 1 au
-
-
-IN_FOV = wp.constant(1)
-OCCULTED = wp.constant(2)
-BEHIND = wp.constant(4)
-NOT_DEPLOYED = wp.constant(8)
-ABSENT = wp.constant(16)
-DARK = wp.constant(26)
-"""Bits of the flag word of an observation; DARK is OCCULTED | NOT_DEPLOYED | ABSENT. An absent target has no other."""
 
 
 @wp.func

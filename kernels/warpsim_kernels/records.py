@@ -15,6 +15,15 @@ class View:
     n_wanted: int  # source slots needed, more than there are where the list is too short
 
 
+IN_FOV = wp.constant(1)
+OCCULTED = wp.constant(2)
+BEHIND = wp.constant(4)
+NOT_DEPLOYED = wp.constant(8)
+ABSENT = wp.constant(16)
+DARK = wp.constant(26)
+"""Bits of the flag word of an observation; DARK is OCCULTED | NOT_DEPLOYED | ABSENT. An absent target has no other."""
+
+
 @wp.struct
 class Observation:
     """A target as a view sees it."""

@@ -84,19 +84,19 @@ class Surroundings:
 
 
 @wp.struct
-class Passing:
-    """How a target passes a sensor."""
+class RelativeMotion:
+    """Motion of a target against a sensor."""
 
     vector_m: wp.vec3d  # sensor -> target in the middle of the exposure
     velocity_m_s: wp.vec3d  # of the target against the sensor
 
 
 @wp.func
-def nearness(passing: Passing, offset_s: wp.float64) -> wp.float64:
+def range_factor(motion: RelativeMotion, offset_s: wp.float64) -> wp.float64:
     """By how much more light arrives than in the middle of the exposure, as the range changes."""
-    then_m = passing.vector_m + passing.velocity_m_s * offset_s
+    then_m = motion.vector_m + motion.velocity_m_s * offset_s
     nearest_m2 = wp.float64(1.0)
-    now_m2 = wp.max(wp.dot(passing.vector_m, passing.vector_m), nearest_m2)
+    now_m2 = wp.max(wp.dot(motion.vector_m, motion.vector_m), nearest_m2)
     return now_m2 / wp.max(wp.dot(then_m, then_m), nearest_m2)
 
 
@@ -105,8 +105,8 @@ class Signature:
     """What is seen of a target."""
 
     aspect_rad: wp.float64  # in the middle of the exposure
-    area_m2: wp.float64  # outline
-    sunlit: wp.float64  # share of the Sun's disc that the target sees
+    area_m2: wp.float64  # projected
+    sunlit: wp.float64  # fraction of the Sun's disc that the target sees
     sun_area_m2: wp.float64  # reflects sunlight, per irradiance at 1 au
     earth_area_m2: wp.float64  # reflects the Earth's heat, per pi times radiance
     albedo_area_m2_sr: wp.float64  # reflects the Earth's sunlight, per albedo / pi times irradiance at 1 au
@@ -155,13 +155,13 @@ def signature_of(features: Features) -> wp.Function:
         return axes
 
     @wp.func
-    def outline_m2(body: Body, tables: Tables, view: wp.vec3d) -> wp.float64:
+    def projected_m2(body: Body, tables: Tables, view: wp.vec3d) -> wp.float64:
         if wp.static(features.meshes):
             return body_projected_area_m2(body, tables.facets, view)
         return projected_area_m2(body, view[2], wp.sqrt(view[0] * view[0] + view[1] * view[1]))
 
     @wp.func
-    def lit_m2(body: Body, tables: Tables, view: wp.vec3d, sun: wp.vec3d) -> wp.float64:
+    def illuminated_m2(body: Body, tables: Tables, view: wp.vec3d, sun: wp.vec3d) -> wp.float64:
         if wp.static(features.meshes):
             return body_reflected_area_m2(body, tables.facets, view, sun)
         return reflected_area_m2(body, view, sun)
@@ -204,7 +204,7 @@ def signature_of(features: Features) -> wp.Function:
         place_m: wp.vec3d,  # of the target, geocentric
         towards_sensor: wp.vec3d,  # unit
         time_s: wp.float64,  # when the light left in the middle of the exposure
-        passing: Passing,  # read if profiles are kept
+        motion: RelativeMotion,  # read if profiles are kept
         series: wp.array2d[wp.float64],  # (N_TERM, n_exposure) of this target's areas; written if profiles are kept
     ) -> Signature:
         seen = Signature()
@@ -234,26 +234,26 @@ def signature_of(features: Features) -> wp.Function:
         for k in range(n_exposure):
             weight = exposure.weight[k]
             if wp.static(features.profile):
-                nearer = nearness(passing, exposure.offset_s[k])
+                factor = range_factor(motion, exposure.offset_s[k])
             axes = body_axes(target, tables, time_s + exposure.offset_s[k])
             view = axes * towards_sensor
-            area_m2 = outline_m2(target.body, tables, view)
+            area_m2 = projected_m2(target.body, tables, view)
             seen.area_m2 += weight * area_m2
             if wp.static(features.profile):
-                add_to_series(series, EMITTED, exposure, k, nearer * area_m2)
+                add_to_series(series, EMITTED, exposure, k, factor * area_m2)
             if 2 * k + 1 == n_exposure:
                 seen.aspect_rad = angle_from_x(wp.sqrt(view[0] * view[0] + view[1] * view[1]), view[2])
             if wp.static(features.sun):
                 if seen.sunlit > wp.float64(0.0):
-                    sun_area_m2 = lit_m2(target.body, tables, view, axes * towards_sun)
+                    sun_area_m2 = illuminated_m2(target.body, tables, view, axes * towards_sun)
                     seen.sun_area_m2 += weight * sun_area_m2
                     if wp.static(features.profile):
-                        add_to_series(series, SUN, exposure, k, nearer * sun_area_m2)
+                        add_to_series(series, SUN, exposure, k, factor * sun_area_m2)
             if wp.static(features.earth):
                 earth_area_m2 = heat_m2(target.body, tables, surroundings, view, axes * nadir, limb_sine)
                 seen.earth_area_m2 += weight * earth_area_m2
                 if wp.static(features.profile):
-                    add_to_series(series, EARTH, exposure, k, nearer * earth_area_m2)
+                    add_to_series(series, EARTH, exposure, k, factor * earth_area_m2)
             if wp.static(features.albedo):
                 if not dark:
                     albedo_area_m2_sr = earthshine_m2_sr(
@@ -268,7 +268,7 @@ def signature_of(features: Features) -> wp.Function:
                     )
                     seen.albedo_area_m2_sr += weight * albedo_area_m2_sr
                     if wp.static(features.profile):
-                        add_to_series(series, ALBEDO, exposure, k, nearer * albedo_area_m2_sr)
+                        add_to_series(series, ALBEDO, exposure, k, factor * albedo_area_m2_sr)
         if wp.static(features.albedo):
             seen.albedo_area_m2_sr /= distance_au * distance_au
             if wp.static(features.profile):

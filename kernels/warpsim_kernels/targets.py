@@ -7,19 +7,19 @@ import warp as wp
 from warpsim_kernels.apparent import LightPath, Observer, Tracks, observer_of, path_from_target
 from warpsim_kernels.camera import Camera, depth, projection, within_frame
 from warpsim_kernels.earth import is_occulted
-from warpsim_kernels.emission import (
-    ABSENT,
-    BEHIND,
-    IN_FOV,
-    NOT_DEPLOYED,
-    OCCULTED,
-    RadianceTable,
-    Surfaces,
-    irradiance_of,
-)
+from warpsim_kernels.emission import RadianceTable, Surfaces, irradiance_of
 from warpsim_kernels.motion import hermite_velocity_m_s, linear_rate, linear_vector
-from warpsim_kernels.records import Observation, Sources, View
-from warpsim_kernels.signature import Exposure, Features, Passing, Surroundings, Tables, Target, signature_of
+from warpsim_kernels.records import ABSENT, BEHIND, IN_FOV, NOT_DEPLOYED, OCCULTED, Observation, Sources, View
+from warpsim_kernels.signature import (
+    Exposure,
+    Features,
+    RelativeMotion,
+    Signature,
+    Surroundings,
+    Tables,
+    Target,
+    signature_of,
+)
 from warpsim_kernels.temperature import temperature_k
 
 
@@ -33,6 +33,27 @@ class Bodies:
     surroundings: Surroundings
     surfaces: Surfaces
     radiance: RadianceTable
+
+
+@wp.func
+def towards_sensor(path: LightPath) -> wp.vec3d:
+    """Unit vector from a target to the sensor; any for a sensor at the target."""
+    if path.range_m > wp.float64(0.0):
+        return -path.vector_m / path.range_m
+    return wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
+
+
+@wp.func
+def with_areas(seen: Observation, areas: Signature) -> Observation:
+    """An observation with the areas of a signature."""
+    result = seen
+    result.aspect_rad = areas.aspect_rad
+    result.area_m2 = areas.area_m2
+    result.sunlit = areas.sunlit
+    result.sun_area_m2 = areas.sun_area_m2
+    result.earth_area_m2 = areas.earth_area_m2
+    result.albedo_area_m2_sr = areas.albedo_area_m2_sr
+    return result
 
 
 @functools.cache
@@ -99,13 +120,10 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
             body = tracks.first_target + number
             path = path_from_target(tracks, body, observer)
             seen = projected_target(camera, camera_at.axes, observer, path, bodies)
-            towards_sensor = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))  # of a sensor at the target
-            if path.range_m > wp.float64(0.0):
-                towards_sensor = -path.vector_m / path.range_m
-            passing = Passing()
+            motion = RelativeMotion()
             if wp.static(features.profile):
-                passing.vector_m = path.vector_m
-                passing.velocity_m_s = hermite_velocity_m_s(
+                motion.vector_m = path.vector_m
+                motion.velocity_m_s = hermite_velocity_m_s(
                     tracks.position_m, tracks.velocity_m_s, body, path.emission_time_s, tracks.grid
                 ) - (camera_at.velocity_m_s - earth_m_s)
             areas = signature(
@@ -115,17 +133,12 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
                 bodies.surroundings,
                 sun_m + sun_m_s * (path.emission_time_s - time_s),
                 observer.position_m + path.vector_m,
-                towards_sensor,
+                towards_sensor(path),
                 path.emission_time_s,
-                passing,
+                motion,
                 area_series[view, number],
             )
-            seen.aspect_rad = areas.aspect_rad
-            seen.area_m2 = areas.area_m2
-            seen.sunlit = areas.sunlit
-            seen.sun_area_m2 = areas.sun_area_m2
-            seen.earth_area_m2 = areas.earth_area_m2
-            seen.albedo_area_m2_sr = areas.albedo_area_m2_sr
+            seen = with_areas(seen, areas)
             seen.temperature_k = temperature_k(
                 bodies.tables.temperatures, target.temperature_first, target.temperature_count, path.emission_time_s
             )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -47,9 +47,9 @@ class Columns:
     """Observation records, (n_view, n_target)."""
     irradiance_w_cm2: wp.array
     """Of targets at the pupil, (n_view, n_band, n_target)."""
-    offset_px: wp.array | None
+    offset_px: wp.array | None = None
     """Movement of targets during the exposure: Legendre coefficients, (n_view, n_target, n_path); None where still."""
-    brightness: wp.array | None
+    brightness: wp.array | None = None
     """Change of their brightness: Legendre coefficients over the mean, (n_view, n_band, n_target, n_profile)."""
 
     @property
@@ -150,7 +150,7 @@ def new_batch(
         np.repeat(instrument.frame_time_s(numbers), n_sensor),
         np.repeat(numbers.astype(np.uint32), n_sensor),
         np.tile(np.asarray(rows, dtype=np.uint32), len(frames)),
-        _columns(pool.new(shape, dtype) for shape, dtype in _column_kinds(scene, n_view)),
+        Columns(*(pool.new(shape, dtype) for shape, dtype in _column_kinds(scene, n_view))),
         pool.new(shape, wp.uint16),
         pool.new(shape, wp.float32) if keep_signal else None,
         [()] * n_view if keep_stars else None,
@@ -169,7 +169,7 @@ def new_inputs(device: wp.Device, time_s: Any, frame: Any, sensor: Any) -> Input
 def new_columns(scene: DeviceBodies, n_view: int) -> Columns:
     """Return columns for stages to write into, 0 where none writes."""
     kinds = _column_kinds(scene, n_view)
-    return _columns(wp.zeros(shape, dtype=dtype, device=scene.device) for shape, dtype in kinds)
+    return Columns(*(wp.zeros(shape, dtype=dtype, device=scene.device) for shape, dtype in kinds))
 
 
 def _column_kinds(scene: DeviceBodies, n_view: int) -> list[tuple[tuple[int, ...], Any]]:
@@ -184,11 +184,6 @@ def _column_kinds(scene: DeviceBodies, n_view: int) -> list[tuple[tuple[int, ...
         kinds.append(((n_view, n_target, scene.streaks.n_path), wp.vec2))
         kinds.append(((n_view, n_band, n_target, scene.field.n_profile), wp.float32))
     return kinds
-
-
-def _columns(arrays: Iterable[wp.array]) -> Columns:
-    given = [*arrays, None, None]
-    return Columns(*given[:5])
 
 
 def column_bytes(scene: DeviceBodies) -> int:

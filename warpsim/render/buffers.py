@@ -20,7 +20,7 @@ SOURCE_ARRAYS = ("n_source", "xy_px", "irradiance_w_cm2", "star", "direction", "
 
 
 @dataclass(frozen=True)
-class Exposure:
+class ExposureViews:
     """Views at the instants of the exposure at which positions are found; each array is (n_view, n_path)."""
 
     offset_s: wp.array
@@ -65,10 +65,10 @@ def new_signal(shape: tuple[int, int, int, int], device: wp.Device) -> Signal:
     return Signal(flat, flat[:size].reshape(shape), lit, unlit)
 
 
-def new_exposure(device: wp.Device, offset_s: npt.NDArray[np.float64], n_view: int) -> Exposure:
+def new_exposure(device: wp.Device, offset_s: npt.NDArray[np.float64], n_view: int) -> ExposureViews:
     """Return room for views at instants from the middle of the exposure [s], (n_path,)."""
     shape = (n_view, len(offset_s))
-    return Exposure(
+    return ExposureViews(
         wp.array(offset_s, dtype=wp.float64, device=device),
         wp.empty(shape, dtype=wp.float64, device=device),
         wp.empty(shape, dtype=wp.float64, device=device),

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.emission import BEHIND
+from warpsim_kernels.records import BEHIND
 
 from warpsim.optics.psf_bank import rule_of_band, stamp_rule
 from warpsim.render.batch import HostColumns

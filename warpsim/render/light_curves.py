@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.emission import ABSENT, IN_FOV, NOT_DEPLOYED, OCCULTED
+from warpsim_kernels.records import ABSENT, IN_FOV, NOT_DEPLOYED, OCCULTED
 from warpsim_kernels.signature import N_TERM
 
 from warpsim.arguments import chosen_names, times_s

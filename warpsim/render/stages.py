@@ -21,7 +21,7 @@ from warpsim_kernels.trace import (
 
 from warpsim.launches import Launch, Stage
 from warpsim.render.batch import Columns, Inputs
-from warpsim.render.buffers import Exposure, Signal
+from warpsim.render.buffers import ExposureViews, Signal
 from warpsim.render.device import rows_per_block
 from warpsim.render.streaks import Streaks, paths_struct
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 TILE_THREADS_CUDA = N_PAIR
 
 
-def aim(scene: DeviceBodies, inputs: Inputs, views: wp.array, exposure: Exposure | None = None) -> Stage:
+def aim(scene: DeviceBodies, inputs: Inputs, views: wp.array, exposure: ExposureViews | None = None) -> Stage:
     """Views: camera axes, position and velocity from the tracks and the pointing; where light moves, in between too."""
     launches = [_aim(scene, inputs.time_s, inputs.time_s, inputs.sensor, views)]
     if exposure is not None:
@@ -104,7 +104,9 @@ def gather_stars(scene: DeviceScene, inputs: Inputs, views: wp.array, sources: A
     return Stage("gather_stars", len(views), [launch])
 
 
-def trace(scene: DeviceBodies, streaks: Streaks, exposure: Exposure, sources: Any, offset_px: wp.array | None) -> Stage:
+def trace(
+    scene: DeviceBodies, streaks: Streaks, exposure: ExposureViews, sources: Any, offset_px: wp.array | None
+) -> Stage:
     """Sources: how they move during the exposure."""
     n_view, n_slot = sources.xy_px.shape
     distortion = scene.field.features.distortion

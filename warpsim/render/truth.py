@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.emission import ABSENT, BEHIND, IN_FOV, NOT_DEPLOYED, OCCULTED
+from warpsim_kernels.records import ABSENT, BEHIND, IN_FOV, NOT_DEPLOYED, OCCULTED
 from warpsim_kernels.signature import N_TERM
 
 from warpsim.render.batch import HostColumns
