@@ -33,6 +33,22 @@ def plain_array(value: Any, unit: str, where: str) -> npt.NDArray[np.float64]:
         raise InputError(f"must be numbers, got {type(value).__name__}", where) from None
 
 
+def plain_number(value: Any, unit: str, where: str) -> float:
+    """One number in a unit; NaN is one.
+
+    Args:
+        value: A number, taken to be in the unit, or a Quantity.
+        unit: Of the result.
+        where: Name of the argument, for messages.
+
+    Raises:
+        InputError: It is no number, or cannot be converted to the unit.
+    """
+    if value is None or isinstance(value, bool | str) or np.ndim(value) != 0:
+        raise InputError("must be a number", where, value)
+    return float(plain_array(value, unit, where))
+
+
 def times_s(value: Any) -> npt.NDArray[np.float64]:
     """Times after the epoch [s] as an array of one axis or more."""
     return np.atleast_1d(plain_array(value, "s", "time_s"))

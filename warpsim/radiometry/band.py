@@ -10,16 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.arguments import plain_array, plain_number
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
 from warpsim.radiometry.curve_nodes import (
     checked_curve,
     half_power_um,
-    in_unit,
-    one_number,
     photon_um,
     product_of_curves,
-    two_numbers,
 )
 from warpsim.radiometry.quadrature import gauss_rule, response_rule
 
@@ -113,8 +111,8 @@ class Band:
                 raise InputError("must be > 0 somewhere, got 0 everywhere", "response")
             if not isinstance(self.per_photon, bool):
                 raise InputError("must be true or false", "per_photon", self.per_photon)
-            numbers = {name: one_number(getattr(self, name), unit, name) for name, unit in _UNITS.items()}
-            edges_um = two_numbers(self.half_power_um, "um", "half_power_um")
+            numbers = {name: plain_number(getattr(self, name), unit, name) for name, unit in _UNITS.items()}
+            edges_um = _edges_um(self.half_power_um)
         except InputError as error:
             raise error.of(f"band {self.name}") from None
         response /= response.max()
@@ -202,7 +200,7 @@ class Band:
         Raises:
             InputError: The edges are not finite, positive and increasing, or a zero point is not > 0.
         """
-        edges_um: Any = [in_unit(lower_um, "um", "lower_um"), in_unit(upper_um, "um", "upper_um")]
+        edges_um: Any = [plain_number(lower_um, "um", "lower_um"), plain_number(upper_um, "um", "upper_um")]
         zero: Any = {"zero_mag_jy": zero_mag_jy, "zero_mag_w_cm2": zero_mag_w_cm2}
         return cls(name, edges_um, np.ones(2), per_photon=per_photon, **zero)
 
@@ -304,6 +302,17 @@ class Band:
 
     def __hash__(self) -> int:
         return hash(self._key())
+
+
+def _edges_um(values: Any) -> tuple[float, float]:
+    """Half-power wavelengths as given [um], both NaN or none."""
+    edges_um = plain_array(values, "um", "half_power_um")
+    if edges_um.shape != (2,):
+        raise InputError("must be two numbers", "half_power_um", values)
+    low_um, high_um = edges_um.tolist()
+    if math.isnan(low_um) != math.isnan(high_um):
+        raise InputError("must be two numbers, or left out", "half_power_um", values)
+    return low_um, high_um
 
 
 def _frozen(values: Array) -> Array:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.arguments import plain_array
 from warpsim.errors import InputError
 
 Array = NDArray[np.float64]
@@ -32,8 +32,8 @@ def checked_curve(wavelength: ArrayLike, values: ArrayLike, what: str) -> tuple[
         InputError: Fewer than two nodes, shapes that differ, values that are not finite numbers, wavelengths not
             positive and increasing, or negative values.
     """
-    wavelength_um = _nodes(in_unit(wavelength, "um", "wavelength_um"), "wavelength_um")
-    numbers = _nodes(in_unit(values, "", what), what)
+    wavelength_um = _nodes(wavelength, "um", "wavelength_um")
+    numbers = _nodes(values, "", what)
     if wavelength_um.shape != numbers.shape:
         rule = f"must be as long as wavelength_um, got {len(numbers)} and {len(wavelength_um)} nodes"
         raise InputError(rule, what)
@@ -48,56 +48,9 @@ def checked_curve(wavelength: ArrayLike, values: ArrayLike, what: str) -> tuple[
     return wavelength_um, numbers
 
 
-def in_unit(values: Any, unit: str, where: str) -> Any:
-    """Return numbers as they are, an astropy Quantity converted to a unit.
-
-    Raises:
-        InputError: It is in a unit that does not convert.
-    """
-    if not hasattr(values, "to_value"):
-        return values
-    try:
-        return values.to_value(unit)
-    except Exception:  # astropy's own
-        raise InputError(f"must be convertible to {unit or 'plain numbers'}", where, str(values.unit), "s") from None
-
-
-def one_number(value: Any, unit: str, where: str) -> float:
-    """Return a number as float, an astropy Quantity in a unit.
-
-    Raises:
-        InputError: It is no number, or in a unit that does not convert.
-    """
-    number = in_unit(value, unit, where)
-    if isinstance(number, bool | str) or np.ndim(number) != 0:
-        raise InputError("must be a number", where, value)
-    try:
-        return float(number)
-    except (TypeError, ValueError):
-        raise InputError("must be a number", where, value) from None
-
-
-def two_numbers(values: Any, unit: str, where: str) -> tuple[float, float]:
-    """Return two numbers as floats, both NaN or none.
-
-    Raises:
-        InputError: They are not two, no numbers, one of them is NaN, or in a unit that does not convert.
-    """
-    pair = in_unit(values, unit, where)
-    if isinstance(pair, str) or np.shape(pair) != (2,):
-        raise InputError("must be two numbers", where, values)
-    low, high = (one_number(value, unit, where) for value in pair)
-    if math.isnan(low) != math.isnan(high):
-        raise InputError("must be two numbers, or left out", where, values)
-    return low, high
-
-
-def _nodes(values: ArrayLike, where: str) -> Array:
-    """Copy to a float64 vector of at least two finite values."""
-    try:
-        vector = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"must be numbers, got {type(values).__name__}", where) from None
+def _nodes(values: ArrayLike, unit: str, where: str) -> Array:
+    """Copy to a float64 vector of at least two finite values in a unit."""
+    vector = plain_array(values, unit, where).copy()
     if vector.ndim != 1 or vector.size < 2:
         raise InputError(f"must be a vector of at least 2 nodes, got shape {vector.shape}", where)
     if not np.isfinite(vector).all():
