@@ -210,3 +210,10 @@ def test_numbers_of_a_band_take_units():
 def test_numbers_of_a_band_that_are_none(given, message):
     with pytest.raises(ws.InputError, match=f"band q: {message}"):
         ws.Band("q", [3.0, 5.0], [1.0, 1.0], **given)
+
+
+@pytest.mark.parametrize("name", ["zero_mag_jy", "zero_mag_w_cm2", "w_cm2_per_jy"])
+def test_zero_points_of_zero_are_refused(name):
+    given = {"zero_mag_jy": 10.0, "zero_mag_w_cm2": 1e-15, "w_cm2_per_jy": 1e-16, name: 0.0}
+    with pytest.raises(ws.InputError, match=f"band q: {name}: must be > 0 and finite, or NaN, got 0"):
+        ws.Band("q", [3.0, 4.0], [1.0, 1.0], **given)

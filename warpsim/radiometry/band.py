@@ -20,6 +20,7 @@ from warpsim.radiometry.curve_nodes import (
     product_of_curves,
 )
 from warpsim.radiometry.quadrature import gauss_rule, response_rule
+from warpsim.radiometry.zero_point import complete_zero_point
 
 Array = NDArray[np.float64]
 
@@ -27,11 +28,6 @@ Array = NDArray[np.float64]
 # the exponential falls by 10 decades within one piece.
 _NODES_PER_PIECE = 12
 _MAX_PIECE_LOG_WIDTH = 0.02
-ZERO_POINT = ("zero_mag_jy", "zero_mag_w_cm2", "w_cm2_per_jy")
-"""Numbers of a band's zero point, of which the others follow from one."""
-
-_ZERO_POINT_RTOL = 0.01
-"""Published ones are rounded."""
 
 _UNITS = {"isophotal_um": "um", "zero_mag_jy": "Jy", "zero_mag_w_cm2": "W / cm2", "w_cm2_per_jy": "W / (cm2 Jy)"}
 
@@ -133,47 +129,21 @@ class Band:
             put("isophotal_um", float(np.sum(weight_um * node_um) / np.sum(weight_um)))
         if math.isnan(self.half_power_um[0]):
             put("half_power_um", half_power_um(wavelength_um, response))
-        self._check_numbers()
-        for name, value in self._zero_point().items():
-            put(name, value)
+        try:
+            self._check_wavelengths()
+            for name, value in complete_zero_point(numbers, self.flat_w_cm2_per_jy).items():
+                put(name, value)
+        except InputError as error:
+            raise error.of(f"band {self.name}") from None
 
-    def _zero_point(self) -> dict[str, float]:
-        """Zero points and their ratio, each from the others where it is not given."""
-        jy, w_cm2, per_jy = self.zero_mag_jy, self.zero_mag_w_cm2, self.w_cm2_per_jy
-        if math.isnan(jy) and math.isnan(w_cm2):
-            return {}
-        if math.isnan(per_jy):
-            per_jy = self.flat_w_cm2_per_jy if math.isnan(jy) or math.isnan(w_cm2) else w_cm2 / jy
-        return {
-            "zero_mag_jy": w_cm2 / per_jy if math.isnan(jy) else jy,
-            "zero_mag_w_cm2": jy * per_jy if math.isnan(w_cm2) else w_cm2,
-            "w_cm2_per_jy": per_jy,
-        }
-
-    def _check_numbers(self) -> None:
-        """Check the numbers that go with the response."""
+    def _check_wavelengths(self) -> None:
+        """Check that wavelengths lie within the nodes."""
         first_um, last_um = (float(end) for end in self.wavelength_um[[0, -1]])
         low_um, high_um = self.half_power_um
-        rules = {
-            "isophotal_um": (first_um <= self.isophotal_um <= last_um, f"must be in [{first_um:g}, {last_um:g}]"),
-            "half_power_um": (
-                first_um <= low_um <= high_um <= last_um,
-                f"must rise in [{first_um:g}, {last_um:g}]",
-            ),
-        }
-        for name in ZERO_POINT:
-            value = getattr(self, name)
-            rules[name] = (math.isnan(value) or 0.0 < value < math.inf, "must be > 0 and finite, or NaN")
-        jy_w_cm2 = self.zero_mag_jy * self.w_cm2_per_jy
-        agrees = not abs(self.zero_mag_w_cm2 / jy_w_cm2 - 1.0) > _ZERO_POINT_RTOL  # or one of them is NaN
-        rules["zero_mag_w_cm2"] = (
-            (agrees, f"must be zero_mag_jy times w_cm2_per_jy, {jy_w_cm2:.4g}, within 1 %; leave out one of them")
-            if rules["zero_mag_w_cm2"][0]
-            else rules["zero_mag_w_cm2"]
-        )
-        for name, (is_kept, rule) in rules.items():
-            if not is_kept:
-                raise InputError(rule, name, getattr(self, name)).of(f"band {self.name}")
+        if not first_um <= self.isophotal_um <= last_um:
+            raise InputError(f"must be in [{first_um:g}, {last_um:g}]", "isophotal_um", self.isophotal_um)
+        if not first_um <= low_um <= high_um <= last_um:
+            raise InputError(f"must rise in [{first_um:g}, {last_um:g}]", "half_power_um", self.half_power_um)
 
     @classmethod
     def top_hat(
