@@ -102,6 +102,7 @@ def cuda_stages(scene: DeviceScene) -> list[Stage]:
             *moving,
             stages.deposit(cuda, sources, columns.brightness, signal),
             stages.read_out(cuda, inputs, signal, counts, 0),
+            *([stages.deposit_read_out(cuda, inputs, sources, counts)] if stages.is_read_out_at_once(cuda) else []),
         ]
 
 

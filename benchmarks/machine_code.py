@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import warp as wp
-from warpsim_kernels.strips import N_PAIR
+from warpsim_kernels.strips import N_PAIR, PAIRS_PER_BLOCK
 
 from benchmarks.cubin import PACKAGES, Function, ToolMissingError, read_function, tool
 from benchmarks.frame_kernels import SCENES, FrameKernel, compiled, frame_kernels
@@ -51,6 +51,8 @@ class Unit:
     as deep, the one with most code counts."""
     per_block: int | None = None
     """Units that a block of threads takes in a pass; one for each thread where left out."""
+    is_last: bool = False
+    """Of several loops as deep, the last one in the code counts."""
 
 
 UNITS = {
@@ -65,6 +67,7 @@ UNITS = {
     "deposit_gaussian": Unit("source", 1),
     "deposit_table": Unit("source", 1),
     "read_out": Unit("pixel pair", 1, N_PAIR),
+    "deposit_read_out": Unit("pixel pair", 0, PAIRS_PER_BLOCK, is_last=True),
 }
 """By the name of the kernel; of others, a thread's whole work."""
 
@@ -123,7 +126,7 @@ def loop_of(unit: Unit, loops: list[Loop]) -> Loop:
     as_deep = [loop for loop in loops if loop.depth == unit.depth]
     if not as_deep:
         raise ValueError(f"no loop of depth {unit.depth} for a {unit.name}")
-    return max(as_deep, key=lambda loop: loop.n_all)
+    return max(as_deep, key=lambda loop: loop.first if unit.is_last else loop.n_all)
 
 
 def spills(function: Function) -> tuple[int, int]:

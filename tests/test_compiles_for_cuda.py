@@ -10,6 +10,10 @@ import warpsim_kernels
 from warpsim_kernels.aim import AimFeatures
 from warpsim_kernels.detector import ReadOutFeatures
 from warpsim_kernels.signature import Features
+from warpsim_kernels.spots import gaussian_spots, table_spots
+from warpsim_kernels.stars import StarFeatures
+
+from warpsim.render.stages import RUN_THREADS
 
 ARCH = 75  # Turing: the oldest that Warp's CUDA 13 supports; PTX runs on everything newer
 
@@ -30,14 +34,21 @@ FACTORY_ARGUMENTS = {
     "make_reach_kernel": [(False,), (True,)],
     "make_trace_targets_kernel": [(False,), (True,)],
     "make_trace_stars_kernel": [(False,), (True,)],
-    "make_gather_stars_kernel": [(False, False, True), (True, True, True, True, True)],
+    "make_star_functions": [],  # functions of the kernels below
+    "make_gather_stars_kernel": [(StarFeatures(aberration=True), 1), (StarFeatures(*[True] * 5), 32)],
     "make_query_cone_kernel": [(wp.vec3d,), (wp.vec3f,)],
     "make_deposit_gaussian_kernel": [(False,), (True,)],
     "make_deposit_table_kernel": [(2, False), (4, False), (6, False), (8, False), (6, True)],
     "make_gaussian_light_kernel": [(False,), (True,)],
     "make_table_light_kernel": [(6, False), (6, True)],
-    "make_half_read_out": [],  # a function of the kernels below
+    "make_half_read_out": [],  # functions of the kernels below
+    "make_noise_keys": [],
+    "make_counts_of_pairs": [],
     "make_read_out_kernel": [(features, ragged) for features in READ_OUTS for ragged in (False, True)],
+    "make_deposit_read_out_kernel": [
+        *((gaussian_spots(), features, RUN_THREADS) for features in READ_OUTS),
+        *((table_spots(n_point), ReadOutFeatures(), RUN_THREADS) for n_point in (2, 4, 6, 8)),
+    ],
 }
 
 MODULES = [
@@ -95,7 +106,8 @@ def _case(factory, arguments):
     """By rules, light from the Earth takes ten seconds to compile."""
     is_long = factory.__name__ == "make_observe_targets_kernel" and arguments == (EVERYTHING,)
     marks = pytest.mark.slow if is_long else ()
-    return pytest.param(factory, arguments, id=f"{factory.__name__}{arguments}", marks=marks)
+    number = FACTORY_ARGUMENTS[factory.__name__].index(arguments)
+    return pytest.param(factory, arguments, id=f"{factory.__name__}-{number}", marks=marks)
 
 
 @pytest.mark.parametrize(("factory", "arguments"), [_case(*made) for made in MADE])

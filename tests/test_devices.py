@@ -172,16 +172,17 @@ def test_light_of_a_pass_that_broke_off_is_put_out(scene, expected):
     renderer = ws.Renderer(scene, device="cpu", n_thread=1)
     renderer.render(range(7), bands=["A", "C"])
     (pipeline,) = pipelines_of(renderer, ("A", "C"))
-    pipeline.signal.flat.fill_(1e-15)
-    pipeline.signal.lit.fill_(1)
-    pipeline._is_dark = False
+    images = pipeline._images
+    images.signal.flat.fill_(1e-15)
+    images.signal.lit.fill_(1)
+    images._is_dark = False
     np.testing.assert_array_equal(renderer.render(range(7), bands=["A", "C"]).counts.numpy(), expected)
 
 
 def test_signal_is_dark_between_passes(scene, device):
     renderer = ws.Renderer(scene, device=device, n_thread=1)
     for n_frame in (7, 2):
-        renderer.render(range(n_frame), bands=["A", "C"]).counts.numpy()
+        renderer.render(range(n_frame), bands=["A", "C"], keep_signal=True).counts.numpy()
         (pipeline,) = pipelines_of(renderer, ("A", "C"))
-        for array in (pipeline.signal.flat, pipeline.signal.lit, pipeline.signal.unlit):
+        for array in pipeline._images.signal.arrays:
             assert not array.numpy().any()

@@ -217,6 +217,8 @@ def test_the_error_names_its_place_in_a_scene(scene):
 
 
 def test_without_distortion_nothing_changes(scene):
+    from warpsim_kernels.stars import StarFeatures
+
     from warpsim.render.star_field import make_gather_stars_kernel
 
     zero = scene.replace(camera__distortion={}, bands=["A"])
@@ -227,7 +229,7 @@ def test_without_distortion_nothing_changes(scene):
     np.testing.assert_array_equal(
         ours.render([FRAME], ["sat11"]).counts.numpy(), plain.render([FRAME], ["sat11"]).counts.numpy()
     )
-    assert make_gather_stars_kernel(False, False, True, False) is not make_gather_stars_kernel(False, False, True, True)
+    assert make_gather_stars_kernel(StarFeatures(), 1) is not make_gather_stars_kernel(StarFeatures(distortion=True), 1)
 
 
 @cameras

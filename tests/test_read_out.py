@@ -18,6 +18,7 @@ from read_outs import (
     read_out,
     twin_deviates,
 )
+from warpsim_kernels import pixel_pairs
 
 from warpsim.detector.nei import NeiDetector
 from warpsim.render.buffers import new_signal
@@ -207,8 +208,9 @@ def test_infinite_signal_saturates(device):
 
 def test_warps_cache_sees_every_function_of_a_tile_map():
     """The hash of a kernel leaves out functions that are given to tile_map: a changed one would find an old binary."""
-    tree = ast.parse(inspect.getsource(warpsim_kernels.read_out))
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == "wp.tile_map"]
+    trees = [ast.parse(inspect.getsource(module)) for module in (pixel_pairs, warpsim_kernels.read_out)]
+    nodes = [node for tree in trees for node in ast.walk(tree)]
+    calls = [node for node in nodes if isinstance(node, ast.Call) and ast.unparse(node.func) == "wp.tile_map"]
     given = {ast.unparse(call.args[0]) for call in calls}
-    (named,) = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "mapped_functions"]
+    (named,) = [node for node in nodes if isinstance(node, ast.FunctionDef) and node.name == "mapped_functions"]
     assert given == {node.id for node in ast.walk(named) if isinstance(node, ast.Name) and node.id[0] != "_"} - {"wp"}

@@ -70,16 +70,33 @@ def gaussian_blur(sigma_px: wp.vec2) -> Blur:
     return blur
 
 
+@wp.struct
+class EdgePlace:
+    """Where a source stands between the rows of an edge table."""
+
+    start: int  # of the row before it in the flat array, for pixel 0 of the image
+    u: float  # part of the way to the next row
+
+
 @wp.func
-def axis_shares(shares: wp.array[Lanes], table: EdgeTable, source_px: wp.float64, first: int) -> Lanes:
-    """Shares of the pixels from the first on, along one axis: cubic interpolation between four rows of the table."""
+def edge_place(table: EdgeTable, source_px: wp.float64) -> EdgePlace:
+    """Place of a source along one axis."""
     pixel = wp.floor(source_px + wp.float64(1.0))
     offset_px = pixel - wp.float64(0.5) - source_px
     position = offset_px * wp.float64(table.per_px)
     position = wp.clamp(position, -wp.float64(table.n_step), wp.float64(table.n_step))
     node = wp.floor(position)
-    u = float(position - node)
-    at = table.start + int(node) * table.n_pixel + first - int(pixel)
+    place = EdgePlace()
+    place.u = float(position - node)
+    place.start = table.start + int(node) * table.n_pixel - int(pixel)
+    return place
+
+
+@wp.func
+def axis_shares(shares: wp.array[Lanes], table: EdgeTable, place: EdgePlace, first: int) -> Lanes:
+    """Shares of the pixels from the first on, along one axis: cubic interpolation between four rows of the table."""
+    at = place.start + first
+    u = place.u
     # Newton's form: differences of neighbouring rows are small and hardly add rounding.
     here = shares[at]
     after = shares[at + table.n_pixel]
@@ -95,17 +112,19 @@ def add_gaussian_stamp(
 ):
     """The Gaussian separates: a row of the stamp is the shares of its columns times that of the row."""
     widest = columns_of_row(stamp, stamp.row)
+    across_place = edge_place(psf.columns, xy_px[0])
+    down_place = edge_place(psf.rows, xy_px[1])
     is_round = stamp.reach_px > ROUND_FROM_PX
     first = widest[0]
     while first < widest[1] and stamp.window.first_row < stamp.window.end_row:
         vector = wp.min(first, canvas.n_col - GAUSSIAN_LANE)  # not over the end of the row, if it is long enough
         end = wp.min(vector + GAUSSIAN_LANE, widest[1])
-        across = axis_shares(shares, psf.columns, xy_px[0], vector)
+        across = axis_shares(shares, psf.columns, across_place, vector)
         across = strength * wp.cw_mul(across, lanes_between(shares, first - vector, end - vector))
         row = stamp.window.first_row
         while row < stamp.window.end_row:
             above = row
-            down = axis_shares(shares, psf.rows, xy_px[1], above)
+            down = axis_shares(shares, psf.rows, down_place, above)
             while row < wp.min(above + GAUSSIAN_LANE, stamp.window.end_row):
                 light = down[row - above] * across
                 if is_round:

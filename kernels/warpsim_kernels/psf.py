@@ -154,6 +154,12 @@ class TableFunctions(NamedTuple):
     Nodes: Any
     """Vector of n_point * TABLE_LANE floats."""
 
+    Place: Any
+    """Struct: where a source stands between the nodes."""
+
+    Row: Any
+    """Struct: a row of its pixels."""
+
     place_in: Any
     """(dx_px: float64, dy_px: float64, psf: TablePsf) -> place; the centre of the source's own pixel minus the source,
     along columns and along rows [pixel heights]. It tells which columns the table serves: from place.first_step up to
@@ -167,6 +173,10 @@ class TableFunctions(NamedTuple):
     """(nodes, psf: TablePsf, place, row, block: int) -> shares of a block's pixels in that row; numbers without meaning
     where the table does not serve. The nodes are the flat array as overlapping vectors of n_point * TABLE_LANE floats,
     one from every float on."""
+
+    share: Any
+    """(table: array of float, psf: TablePsf, place, row, pixel: int) -> share of one pixel, counted from the first one
+    of the first block; from the flat array itself."""
 
 
 @functools.cache
@@ -278,4 +288,17 @@ def table_functions(n_point: int) -> TableFunctions:
             j += 1
         return total
 
-    return TableFunctions(Nodes, place_in, row_in, shares)
+    @wp.func
+    def share(table: wp.array[float], psf: TablePsf, place: place_type, row: row_type, pixel: int) -> float:
+        block = pixel // TABLE_LANE
+        at = row.first + (block * psf.n_phase - block) * TABLE_LANE + pixel
+        total = float(0.0)
+        for j in range(wp.static(n_point)):
+            line = place.across[0] * table[at]
+            for k in range(1, wp.static(n_point)):
+                line = line + place.across[k] * table[at + TABLE_LANE * k]
+            total = total + row.down[j] * line
+            at += psf.n_block * psf.n_phase * TABLE_LANE
+        return total
+
+    return TableFunctions(Nodes, place_type, row_type, place_in, row_in, shares, share)

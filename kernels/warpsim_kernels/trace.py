@@ -102,7 +102,8 @@ def make_trace_targets_kernel(distortion: bool) -> wp.Kernel:
     """Kernel that follows the targets."""
     projected_px = projection(distortion)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    # 128 registers; what does not fit goes to shared memory.
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(64, 8), enable_cuda_smem_spilling=True)
     def trace_targets_kernel(
         # in
         path_time_s: wp.array2d[wp.float64],  # (n_view, n_path)

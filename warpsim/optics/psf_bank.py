@@ -13,6 +13,7 @@ from warpsim_kernels.deposit_table import make_deposit_table_kernel, pattern_tab
 from warpsim_kernels.paths import Paths
 from warpsim_kernels.psf import TABLE_LANE
 from warpsim_kernels.records import Sources
+from warpsim_kernels.spots import SpotFunctions, gaussian_spots, table_spots
 from warpsim_kernels.stamp_light import make_gaussian_light_kernel, make_table_light_kernel
 from warpsim_kernels.stamp_sizes import size_gaussian_stamps_kernel, size_table_stamps_kernel
 from warpsim_kernels.stamps import StampRule
@@ -57,6 +58,14 @@ class PsfBank(Protocol):
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
         """What `deposit` launches, with or without movement during the exposure."""
 
+    @property
+    def tables(self) -> Any:
+        """The kernels' struct of the functions of all bands."""
+
+    @property
+    def spots(self) -> SpotFunctions:
+        """The kernels' functions that draw single pixels from those tables."""
+
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
         """Half-width of the stamp of each source; both arrays (n_band, n_source)."""
 
@@ -100,15 +109,25 @@ class GaussianBank:
         lit: wp.array | None = None,
     ) -> Launch:
         """See PsfBank."""
-        tables: Any = GaussianTables()
-        tables.psfs, tables.shares = self._psf, overlapping(self._shares, GAUSSIAN_LANE)
-        inputs = [_lists(sources), tables, rule, *_movement(paths, signal_w_cm2.device)]
+        inputs = [_lists(sources), self.tables, rule, *_movement(paths, signal_w_cm2.device)]
         kernel = self.deposit_kernel(paths is not None)
         return _deposit(kernel, inputs, GAUSSIAN_LANE, n_row_per_block, signal_w_cm2, lit)
 
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
         """See PsfBank."""
         return make_deposit_gaussian_kernel(moving)
+
+    @property
+    def tables(self) -> Any:
+        """See PsfBank."""
+        tables: Any = GaussianTables()
+        tables.psfs, tables.shares = self._psf, overlapping(self._shares, GAUSSIAN_LANE)
+        return tables
+
+    @property
+    def spots(self) -> SpotFunctions:
+        """See PsfBank."""
+        return gaussian_spots()
 
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
         """See PsfBank."""
@@ -146,16 +165,26 @@ class TableBank:
         lit: wp.array | None = None,
     ) -> Launch:
         """See PsfBank."""
-        tables: Any = pattern_tables(self._n_point)()
-        tables.psfs, tables.blurs, tables.table = self._psf, self._blur, self._table
-        tables.lanes, tables.nodes = overlapping(self._table, TABLE_LANE), self._nodes()
-        inputs = [_lists(sources), tables, rule, *_movement(paths, signal_w_cm2.device)]
+        inputs = [_lists(sources), self.tables, rule, *_movement(paths, signal_w_cm2.device)]
         kernel = self.deposit_kernel(paths is not None)
         return _deposit(kernel, inputs, TABLE_LANE, n_row_per_block, signal_w_cm2, lit)
 
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
         """See PsfBank."""
         return make_deposit_table_kernel(self._n_point, moving)
+
+    @property
+    def tables(self) -> Any:
+        """See PsfBank."""
+        tables: Any = pattern_tables(self._n_point)()
+        tables.psfs, tables.blurs, tables.table = self._psf, self._blur, self._table
+        tables.lanes, tables.nodes = overlapping(self._table, TABLE_LANE), self._nodes()
+        return tables
+
+    @property
+    def spots(self) -> SpotFunctions:
+        """See PsfBank."""
+        return table_spots(self._n_point)
 
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
         """See PsfBank."""

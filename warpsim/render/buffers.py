@@ -51,6 +51,11 @@ class Signal:
         """Where the dark strip begins."""
         return int(self.flat.size - STRIP_PIXELS)
 
+    @property
+    def arrays(self) -> list[wp.array]:
+        """What takes memory."""
+        return [self.flat, self.lit, self.unlit]
+
     def part(self, n_view: int) -> Signal:
         """The images of the first views."""
         return Signal(self.flat, self.images[:n_view], self.lit[:n_view], self.unlit)

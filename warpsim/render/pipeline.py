@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,25 +9,17 @@ import numpy.typing as npt
 import warp as wp
 
 from warpsim.launches import Stage
-from warpsim.render.batch import Batch, Inputs, StarList, copy_views, new_columns, new_inputs
-from warpsim.render.buffers import (
-    SOURCE_ARRAYS,
-    bytes_of,
-    new_area_series,
-    new_exposure,
-    new_signal,
-    new_sources,
-    part_of_sources,
-)
+from warpsim.render.batch import Batch, StarList, copy_views, new_columns, new_inputs
+from warpsim.render.buffers import SOURCE_ARRAYS, bytes_of, new_area_series, new_exposure, new_sources
 from warpsim.render.device_scene import DeviceScene
-from warpsim.render.schedule import images_at_a_time
+from warpsim.render.image_stages import ImageStages
 from warpsim.render.stages import (
     aim,
     counts_for,
-    deposit,
+    deposit_read_out,
     gather_stars,
+    is_read_out_at_once,
     observe_targets,
-    read_out,
     read_out_into,
     trace,
 )
@@ -36,22 +27,13 @@ from warpsim.render.streaks import moved
 from warpsim.transfers import host_arrays, to_numpy
 
 
-@dataclass(frozen=True)
-class _Images:
-    """The stages that draw and read out some of the pipeline's images, views first to end."""
-
-    first: int
-    end: int
-    deposit: Stage
-    read_out: Stage
-
-
 class Pipeline:
     """Renders up to n_view views at a time, on a stream of its own.
 
-    View stages run once for all of them, image stages for few at a time, whose signal then stays in the cache. Counts
-    are written straight into the batch; only from a GPU to the host they go by way of an array of the pipeline, and the
-    copy then runs beside another pipeline's work.
+    View stages run once for all of them. So does the stage that draws and reads out at once, where there is one, unless
+    signal is to be kept; else image stages follow, for few views at a time. Counts are written straight into the batch;
+    only from a GPU to the host they go by way of an array of the pipeline, and the copy then runs beside another
+    pipeline's work.
 
     Args:
         scene: What the stages read.
@@ -75,16 +57,15 @@ class Pipeline:
         streaks = scene.streaks
         self._exposure = new_exposure(device, streaks.offset_s, n_view) if streaks.wanted else None
         image = (scene.n_band, camera.n_row, camera.n_col)
-        self._n_image = images_at_a_time(scene, n_view)
-        self.signal = new_signal((self._n_image, *image), device)
-        self._is_dark = True
         self._counts = (
             wp.empty((n_view, *image), dtype=wp.uint16, device=device) if to_host and device.is_cuda else None
         )
         self._stand_in = wp.empty((1, *image), dtype=wp.uint16, device=device)  # until a batch brings its own
         self.stream = wp.Stream(device) if device.is_cuda else None
         self._view_stages = self._bound_to_views()
-        self._image_stages = self._bound_to_images()
+        at_once = is_read_out_at_once(scene)
+        self._at_once = deposit_read_out(scene, self._inputs, self.sources, self._stand_in) if at_once else None
+        self._images: ImageStages | None = None  # where signal is held
 
     def _bound_to_views(self) -> list[Stage]:
         scene, inputs, columns, sources = self.scene, self._inputs, self.columns, self.sources
@@ -98,35 +79,27 @@ class Pipeline:
             stages.append(trace(scene, streaks, exposure, sources, columns.offset_px))
         return stages
 
-    def _bound_to_images(self) -> list[_Images]:
-        """The image stages, for few images at a time."""
-        parts = []
-        for first in range(0, self.n_view, self._n_image):
-            end = min(first + self._n_image, self.n_view)
-            signal, sources = self.signal.part(end - first), part_of_sources(self.sources, first, end)
-            inputs = Inputs(*(array[first:end] for array in vars(self._inputs).values()))
-            drawn = deposit(self.scene, sources, self.columns.part(first, end).brightness, signal)
-            parts.append(_Images(first, end, drawn, read_out(self.scene, inputs, signal, self._stand_in, first)))
-        return parts
-
     @property
     def n_byte(self) -> int:
         """Memory of the arrays that grow with the views."""
-        signal = self.signal
         arrays = [*vars(self._inputs).values(), *self.columns.arrays, self._series, self._stand_in]
         arrays += [getattr(self.sources, name) for name in SOURCE_ARRAYS]
-        arrays += [signal.flat, signal.lit, signal.unlit]
+        if self._images is not None:
+            arrays += self._images.signal.arrays
         if self._exposure is not None:
             arrays += vars(self._exposure).values()
         if self._counts is not None:
             arrays.append(self._counts)
         return bytes_of(arrays)
 
-    def begin(self) -> None:
-        """Have the stream wait for what was asked of the device: others may have read a batch's memory before.
+    def begin(self, batch: Batch) -> None:
+        """Prepare for a batch; by one thread for all pipelines, since Warp loads kernels where launches are prepared.
 
-        The null stream comes after all blocking ones, those of Warp and PyTorch's default one.
+        The stream waits for what was asked of the device: others may have read the batch's memory before. The null
+        stream comes after all blocking ones, those of Warp and PyTorch's default one.
         """
+        if self._images is None and self._at_once_for(batch) is None:
+            self._images = ImageStages(self.scene, self._inputs, self.columns, self.sources, self._stand_in)
         if self.stream is not None:
             self.stream.wait_event(self.scene.device.null_stream.record_event())
 
@@ -160,31 +133,20 @@ class Pipeline:
             return 0  # to read it would be to wait
         return int(self._n_wanted[:n_view].max())
 
+    def _at_once_for(self, batch: Batch) -> Stage | None:
+        return self._at_once if batch.signal_w_cm2 is None else None
+
     def _render_images(self, batch: Batch, first: int, n_view: int) -> None:
-        signal, stream = self.signal, self.stream
-        if not self._is_dark:  # a pass was broken off
-            self.finish()
-            signal.flat.zero_()
-            signal.lit.zero_()
-            self.begin()
-        self._is_dark = False
         counts = batch.counts if self._counts is None else self._counts
         if len(counts) != n_view and self._counts is None:
             counts = counts[first : first + n_view]
-        pieces = counts_for(self._image_stages[0].read_out, counts)
-        for images in self._image_stages:
-            n_image = min(images.end, n_view) - images.first
-            if n_image <= 0:
-                break
-            images.deposit.run(n_image, stream)
-            if batch.signal_w_cm2 is not None:
-                copy_views(batch.signal_w_cm2, first + images.first, signal.images, 0, n_image, stream)
-            read_out_into(images.read_out, pieces)
-            images.read_out.run(n_image, stream)
-            copy_views(signal.lit, 0, signal.unlit, 0, n_image, stream)
-        self._is_dark = True
+        if (at_once := self._at_once_for(batch)) is not None:
+            read_out_into(at_once, counts_for(at_once, counts))
+            at_once.run(n_view, self.stream)
+        elif self._images is not None:
+            self._images.run(counts, batch.signal_w_cm2, first, n_view, self.stream)
         if self._counts is not None:
-            copy_views(batch.counts, first, self._counts, 0, n_view, stream)
+            copy_views(batch.counts, first, self._counts, 0, n_view, self.stream)
 
     def finish(self) -> None:
         """Wait until all is done."""

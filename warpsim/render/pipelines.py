@@ -67,7 +67,7 @@ class Pipelines:
         numbers = range(min(len(self._scenes), len(spans)))
         room = max(size, min(1 << (size - 1).bit_length(), most))  # calls that grow little by little need no new ones
         for number in numbers:
-            self._prepare(number, room).begin()  # by this thread: kernels are compiled here
+            self._prepare(number, room).begin(batch)
         others: list[Future[int]] = []
         try:
             for number in numbers[1:]:

@@ -1,6 +1,7 @@
 """The stages of a frame: each function returns the launches of one, over arrays that are there.
 
-aim -> observe_targets -> gather_stars -> trace -> deposit -> read_out. A stage launches, and does nothing else: it
+aim -> observe_targets -> gather_stars -> trace -> deposit -> read_out. Where the threads of a block share memory, and
+nothing moves during the exposure, deposit_read_out stands for the last two. A stage launches, and does nothing else: it
 allocates nothing and never waits.
 """
 
@@ -10,6 +11,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import warp as wp
+from warpsim_kernels.deposit_read_out import RUN_PIXELS, make_deposit_read_out_kernel
 from warpsim_kernels.emission import make_split_kernel
 from warpsim_kernels.strips import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK
 from warpsim_kernels.trace import (
@@ -23,12 +25,16 @@ from warpsim.launches import Launch, Stage
 from warpsim.render.batch import Columns, Inputs
 from warpsim.render.buffers import ExposureViews, Signal
 from warpsim.render.device import rows_per_block
+from warpsim.render.star_field import star_kernel, star_threads
 from warpsim.render.streaks import Streaks, paths_struct
 
 if TYPE_CHECKING:
     from warpsim.render.device_scene import DeviceBodies, DeviceScene
 
 TILE_THREADS_CUDA = N_PAIR
+
+RUN_THREADS = 256
+"""Threads that draw and read out a run of pixels: three blocks of them fit a multiprocessor of sm_90."""
 
 
 def aim(scene: DeviceBodies, inputs: Inputs, views: wp.array, exposure: ExposureViews | None = None) -> Stage:
@@ -100,7 +106,8 @@ def gather_stars(scene: DeviceScene, inputs: Inputs, views: wp.array, sources: A
     """The source slots behind the targets: every star whose stamp touches the frame."""
     stars, earth = scene.stars, scene.field.bodies.surroundings.earth
     reads = [inputs.time_s, stars.field, stars.orbit, scene.camera, earth, scene.n_target]
-    launch = Launch(stars.kernel, views.shape, reads, [views, sources], scene.device)
+    kernel, n_thread = star_kernel(stars.features, scene.device), star_threads(scene.device)
+    launch = Launch(kernel, views.shape, reads, [views, sources], scene.device, n_thread)
     return Stage("gather_stars", len(views), [launch])
 
 
@@ -160,6 +167,23 @@ def read_out(scene: DeviceScene, inputs: Inputs, signal: Signal, counts: wp.arra
         writes = [counts.reshape(_image_shape(counts)), signal.images.reshape((n_image, n_pixel))]
         launches.append(Launch(scene.read_out.rest_kernel, [n_image], reads, writes, scene.device, block_dim))
     return Stage("read_out", n_view, launches)
+
+
+def is_read_out_at_once(scene: DeviceScene) -> bool:
+    """Whether deposit_read_out can stand for deposit and read_out: on CUDA, for still sources and whole strips."""
+    camera = scene.instrument.sensor.camera
+    return scene.device.is_cuda and not scene.streaks.wanted and camera.n_row * camera.n_col % STRIP_PIXELS == 0
+
+
+def deposit_read_out(scene: DeviceScene, inputs: Inputs, sources: Any, counts: wp.array) -> Stage:
+    """Counts of all views at once; their signal is never kept."""
+    n_view, n_band, camera = len(inputs.frame), scene.n_band, scene.instrument.sensor.camera
+    n_run = -(-camera.n_row * camera.n_col // RUN_PIXELS)
+    kernel = make_deposit_read_out_kernel(scene.psf.spots, scene.read_out.features, RUN_THREADS)
+    views = [inputs.frame, inputs.sensor, scene.band_id, scene.read_out.detector]
+    reads = [*views, sources, scene.psf.tables, scene.stamp_rule]
+    launch = Launch(kernel, [n_view * n_band * n_run], reads, [counts.flatten()], scene.device, RUN_THREADS)
+    return Stage("deposit_read_out", n_view, [launch])
 
 
 def counts_for(stage: Stage, counts: wp.array) -> list[wp.array]:

@@ -1,4 +1,4 @@
-"""The stars of a scene on a device: catalog, index, and the kernel that reads what the scene's sky has switched on."""
+"""The stars of a scene on a device: catalog, index, and which effects the scene's sky has switched on."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.motion import NodeGrid
-from warpsim_kernels.stars import EarthOrbit, StarField, make_gather_stars_kernel
+from warpsim_kernels.stars import EarthOrbit, StarFeatures, StarField, make_gather_stars_kernel
 
 from warpsim.optics.psf_bank import PsfBank
 from warpsim.scene.instrument import Instrument
@@ -30,12 +30,12 @@ _MAS_RAD = np.pi / 180 / 3.6e6
 
 @dataclass(frozen=True)
 class Stars:
-    """The star catalog on the device, in cell order, and the kernel that gathers it."""
+    """The star catalog on the device, in cell order, and what of a star's place is looked at."""
 
     index: BandIndex
     field: Any
     orbit: Any
-    kernel: wp.Kernel
+    features: StarFeatures
 
     @property
     def device_bytes(self) -> int:
@@ -85,13 +85,23 @@ def make_stars(
         sensor.camera.half_diagonal_rad(margin_px) + LARGEST_SHIFT_RAD + 1.1 * parallax_rad.max(initial=0.0)
     )
     field.cosine = float(np.cos(min(field.radius_rad, np.pi)))
-    return Stars(index, field, _earth_orbit(scenario.tracks, grid, device), star_kernel(sky, sensor))
+    return Stars(index, field, _earth_orbit(scenario.tracks, grid, device), star_features(sky, sensor))
 
 
-def star_kernel(sky: Sky, sensor: Sensor) -> wp.Kernel:
-    """Return the kernel of the stage `gather_stars` for a sky and a kind of sensor."""
+def star_threads(device: wp.Device) -> int:
+    """Return the threads of the block that gathers the stars of a view: as many as run in step on CUDA."""
+    return 32 if device.is_cuda else 1
+
+
+def star_features(sky: Sky, sensor: Sensor) -> StarFeatures:
+    """Return what the stage `gather_stars` holds for a sky and a kind of sensor."""
     distorted = sensor.camera.lens is not None
-    return make_gather_stars_kernel(sky.parallax, sky.light_deflection, sky.aberration, distorted, sensor.streaks)
+    return StarFeatures(sky.parallax, sky.light_deflection, sky.aberration, distorted, sensor.streaks)
+
+
+def star_kernel(features: StarFeatures, device: wp.Device) -> wp.Kernel:
+    """Return the kernel of the stage for a device."""
+    return make_gather_stars_kernel(features, star_threads(device))
 
 
 def _earth_orbit(tracks: Tracks, grid: NodeGrid, device: wp.Device) -> Any:

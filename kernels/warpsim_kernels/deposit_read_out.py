@@ -1,0 +1,151 @@
+"""Deposit and read-out at once, for blocks of threads: light never leaves the memory that a block shares.
+
+A block takes a run of neighbouring pixels of one image. Its threads look at a source each; those whose stamps touch the
+run are listed, in the order of the source list. Each thread then owns pixels, and adds the light of all that is listed
+to them in that order; so no two threads add to one pixel, and the sums are those of the stage `deposit`. The counts are
+those of the stage `read_out`: both read pixel pairs by the same functions (pixel_pairs.py).
+"""
+
+import functools
+
+import warp as wp
+
+from warpsim_kernels.detector import Detector, ReadOutFeatures
+from warpsim_kernels.pixel_pairs import NoiseKeys, make_counts_of_pairs, make_noise_keys, mapped_functions
+from warpsim_kernels.records import Sources
+from warpsim_kernels.shared_memory import address_function, element_function, store, wait_for_block
+from warpsim_kernels.spots import SpotFunctions
+from warpsim_kernels.stamps import StampRule, Window, columns_of_row
+from warpsim_kernels.strips import N_PAIR, PAIRS_PER_BLOCK
+
+RUN_PIXELS = 8192
+"""Pixels of a run; 32 KiB of light."""
+
+BLOCK_PIXELS = 2 * PAIRS_PER_BLOCK
+"""Pixels that share random keys."""
+
+BLOCKS_PER_RUN = RUN_PIXELS // BLOCK_PIXELS
+
+PAIR_MASK = wp.constant(wp.uint32(N_PAIR - 1))
+
+COLUMN_THREADS = 16
+"""Threads that draw a row of a stamp together, each every sixteenth column of the image."""
+
+
+@functools.cache
+def make_deposit_read_out_kernel(spots: SpotFunctions, features: ReadOutFeatures, n_thread: int) -> wp.Kernel:
+    """Kernel over the runs of all images, for blocks of n_thread threads, a multiple of N_PAIR."""
+    Tables, Spot = spots.Tables, spots.Spot
+    spot_of, row_of, light_at = spots.spot_of, spots.row_of, spots.light_at
+    n_row = n_thread // COLUMN_THREADS
+    noise_keys = make_noise_keys(features)
+    counts_of_pairs = make_counts_of_pairs(features, n_thread)
+    light_address = address_function(float, RUN_PIXELS)
+    light_at_pixel = element_function(float, RUN_PIXELS)
+    spot_address = address_function(Spot, n_thread)
+    list_address = address_function(int, n_thread)
+    keys_address = address_function(NoiseKeys, BLOCKS_PER_RUN)
+
+    @wp.func
+    def add_spot(
+        light: wp.array[float], tables: Tables, band: int, spot: Spot, first_pixel: int, n_col: int, thread: int
+    ):
+        """Add the light of a spot to those pixels of the run that a thread owns."""
+        own = thread // COLUMN_THREADS
+        first_row = spot.stamp.window.first_row
+        row = first_row + ((own - first_row) & wp.static(n_row - 1))
+        while row < spot.stamp.window.end_row:
+            columns = columns_of_row(spot.stamp, row)
+            before = row * n_col - first_pixel  # place of the row's first pixel in the run
+            first = wp.max(columns[0], -before)
+            end = wp.min(columns[1], RUN_PIXELS - before)
+            column = first + ((thread - first) & wp.static(COLUMN_THREADS - 1))
+            in_row = row_of(tables, band, spot, row)
+            while column < end:
+                light[before + column] = light[before + column] + light_at(tables, band, spot, in_row, column)
+                column += COLUMN_THREADS
+            row += wp.static(n_row)
+
+    @wp.kernel(module="unique", enable_backward=False, grid_stride=False, launch_bounds=(n_thread, spots.n_block))
+    def deposit_read_out_kernel(
+        # in
+        view_frame: wp.array[wp.uint32],  # (n_view,)
+        view_sensor: wp.array[wp.uint32],  # (n_view,) index among the detector's keys
+        band_id: wp.array[wp.uint32],  # (n_band,)
+        detector: Detector,
+        sources: Sources,  # n_source, xy_px, irradiance_w_cm2
+        tables: Tables,
+        rule: StampRule,
+        # out
+        counts: wp.array[wp.uint16],  # (n_image * n_pixel,)
+    ):
+        if wp.static(False):
+            mapped_functions()
+        item, thread = wp.tid()
+        n_pixel = detector.n_pixel
+        n_run = (n_pixel + wp.static(RUN_PIXELS - 1)) // RUN_PIXELS
+        image = item // n_run
+        run = item - image * n_run
+        view = image // band_id.shape[0]
+        band = image - view * band_id.shape[0]
+        first_pixel = run * RUN_PIXELS
+        n = wp.min(n_pixel - first_pixel, RUN_PIXELS)
+        light_tile = wp.tile_zeros(shape=wp.static(RUN_PIXELS), dtype=float, storage="shared")
+        light = wp.array(ptr=light_address(light_tile), shape=(RUN_PIXELS,), dtype=float)
+        spot_tile = wp.tile_empty(shape=wp.static(n_thread), dtype=Spot, storage="shared")
+        spots = wp.array(ptr=spot_address(spot_tile), shape=(n_thread,), dtype=Spot)
+        list_tile = wp.tile_empty(shape=wp.static(n_thread), dtype=int, storage="shared")
+        listed = wp.array(ptr=list_address(list_tile), shape=(n_thread,), dtype=int)
+        keys_tile = wp.tile_empty(shape=wp.static(BLOCKS_PER_RUN), dtype=NoiseKeys, storage="shared")
+        keys = wp.array(ptr=keys_address(keys_tile), shape=(BLOCKS_PER_RUN,), dtype=NoiseKeys)
+
+        sensor_key = detector.keys[int(view_sensor[view])]
+        for block in range(thread, BLOCKS_PER_RUN, n_thread):
+            keys[block] = noise_keys(view_frame[view], band_id[band], run * BLOCKS_PER_RUN + block, sensor_key)
+        window = Window()
+        window.first_column = 0
+        window.end_column = detector.n_col
+        window.first_row = first_pixel // detector.n_col
+        window.end_row = (first_pixel + n - 1) // detector.n_col + 1
+        n_source = sources.n_source[view]
+        for first_slot in range(0, n_source, n_thread):
+            slot = first_slot + thread
+            hit = int(0)
+            if slot < n_source:
+                irradiance = sources.irradiance_w_cm2[view, band, slot]
+                if irradiance != 0.0:
+                    spot = spot_of(tables, band, sources.xy_px[view, slot], irradiance, rule, window)
+                    if spot.stamp.window.first_row < spot.stamp.window.end_row:
+                        spots[thread] = spot
+                        hit = 1
+            ranks = wp.tile_scan_inclusive(wp.tile(hit))
+            if hit == 1:
+                listed[wp.untile(ranks) - 1] = thread
+            n_listed = wp.tile_extract(ranks, wp.static(n_thread - 1))
+            wait_for_block()
+            for k in range(n_listed):
+                add_spot(light, tables, band, spots[listed[k]], first_pixel, detector.n_col, thread)
+            wait_for_block()
+
+        d = detector.pixels[band]
+        first_count = wp.uint64(image) * wp.uint64(n_pixel) + wp.uint64(first_pixel)
+        own = wp.uint32(thread)
+        for block in range((n + wp.static(BLOCK_PIXELS - 1)) // BLOCK_PIXELS):
+            key = keys[block]
+            for step in range(wp.static(PAIRS_PER_BLOCK // n_thread)):
+                # Threads are whole strips: a step further is twice as many pixels further.
+                at = wp.uint32(block * BLOCK_PIXELS + 2 * n_thread * step) + own + (own & ~PAIR_MASK)
+                if at < wp.uint32(n):
+                    counts_1, counts_2 = counts_of_pairs(
+                        wp.tile(own + wp.uint32(n_thread * step)),
+                        wp.tile(wp.uint32(first_pixel) + at),
+                        wp.tile(light_at_pixel(light_tile, at)),
+                        wp.tile(light_at_pixel(light_tile, at + wp.uint32(N_PAIR))),
+                        d,
+                        key,
+                        detector.n_col,
+                    )
+                    store(counts, first_count + wp.uint64(at), wp.untile(counts_1))
+                    store(counts, first_count + wp.uint64(at) + wp.uint64(N_PAIR), wp.untile(counts_2))
+
+    return deposit_read_out_kernel

@@ -1,0 +1,45 @@
+"""Memory that the threads of a block share: what Warp's tiles leave out.
+
+A shared tile as an array, whose elements single threads read and write, and a barrier. Between what one thread writes
+and another reads there must be a barrier, which all threads of the block must reach. On the CPU a block is one thread,
+but with `warp.config.enable_cpu_blocks`.
+
+Arrays of Warp count negative indices from the end and may have gaps. What is read and written most goes without.
+"""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+
+@wp.func_native(snippet="WP_TILE_SYNC();")
+def wait_for_block():
+    """Wait until all threads of the block are here, and what they wrote is there."""
+
+
+@functools.cache
+def address_function(dtype: Any, length: int) -> Any:
+    """Function that returns the address of a shared tile; `wp.array(ptr=...)` makes an array of it."""
+
+    @wp.func_native(snippet="return (wp::uint64)tile.data.ptr;")
+    def address(tile: wp.tile(dtype=dtype, shape=(length,), storage="shared")) -> wp.uint64:
+        """Address of the first element."""
+
+    return address
+
+
+@functools.cache
+def element_function(dtype: Any, length: int) -> Any:
+    """Function that reads an element of a shared tile."""
+
+    @wp.func_native(snippet="return tile.data.ptr[i];")
+    def element(tile: wp.tile(dtype=dtype, shape=(length,), storage="shared"), i: wp.uint32) -> dtype:
+        """Element i, from 0 on."""
+
+    return element
+
+
+@wp.func_native(snippet="array.data[i] = value;")
+def store(array: wp.array[wp.uint16], i: wp.uint64, value: wp.uint16):
+    """Set element i, from 0 on, of an array without gaps."""
