@@ -22,6 +22,7 @@ from warpsim.render.device_scene import DeviceBodies, DeviceScene
 from warpsim.render.kernel_loading import kernel_loading
 from warpsim.render.pointing import make_pointing
 from warpsim.render.read_out import make_read_out
+from warpsim.render.stages import TILE_THREADS_CUDA
 from warpsim.render.star_field import make_stars, star_kernel
 from warpsim.render.streak_rule import choose_streaks
 from warpsim.render.streaks import no_streaks
@@ -86,7 +87,8 @@ def make_device_scene(
     psf = psf_bank(psfs, device, sensor.camera.pixel_aspect, table_accuracy(instrument))
     read_out = make_read_out(instrument, bands, device)
     loading = kernel_loading(device)
-    loading.start(read_out.kernel, star_kernel(scenario.scene.sky, sensor))
+    loading.start(star_kernel(scenario.scene.sky, sensor))
+    loading.start(read_out.kernel, block_dim=TILE_THREADS_CUDA)
     loading.share_headers()
     bodies = make_device_bodies(scenario, instrument, bands, device, with_streaks=True)
     loading.start(bodies.field.observe_kernel, psf.deposit_kernel(bodies.streaks.wanted), bodies.pointing.kernel)
