@@ -21,6 +21,7 @@ from warpsim.render.buffers import (
     part_of_sources,
 )
 from warpsim.render.device_scene import DeviceScene
+from warpsim.render.dlpack import release_later
 from warpsim.render.schedule import images_at_a_time
 from warpsim.render.stages import (
     aim,
@@ -185,6 +186,10 @@ class Pipeline:
         self._is_dark = True
         if self._counts is not None:
             copy_views(batch.counts, first, self._counts, 0, n_view, stream)
+
+    def __del__(self) -> None:
+        for array in getattr(self, "_host_inputs", ()):
+            release_later(array)  # pinned memory, from which the GPU may still copy
 
     def finish(self) -> None:
         """Wait until all is done."""

@@ -6,16 +6,24 @@ from warpsim_kernels.signature import N_TERM
 
 from warpsim.render.batch import column_bytes
 from warpsim.render.device_scene import DeviceScene
+from warpsim.sky.star_density import most_stars_in_cone
 
 BYTES_PER_PASS = 32 * 2**20
 """What the signal of all images of a pass would take on the CPU, so much that the Python of a pass, 50 to 150 us, does
 not count; and what its source lists take."""
 
 BYTES_PER_PASS_CUDA = 512 * 2**20
-"""Signal that a CUDA pipeline holds, and what its source lists take: launches should be large."""
+"""What the source lists of a pass take on CUDA: launches over views should be large. What the signal would take, too,
+where counts go to the host by way of the pipeline."""
 
 SIGNAL_BYTES_AT_A_TIME = 2**20
 """Signal that one CPU pipeline holds, but an image at least: it is to stay in the cache from deposit to read-out."""
+
+SIGNAL_BYTES_AT_A_TIME_CUDA = 32 * 2**20
+"""The same on CUDA, whose cache holds 50 MB on an H100 or H200."""
+
+MOST_CERTAIN_STARS = 8192
+"""Stars of a view for which lists are made that are certain to hold all: 0.2 MB a view in one band."""
 
 MOST_FLOATS = 2**31 - 129
 """Of the signal of a pass: longer arrays are beyond Warp."""
@@ -38,9 +46,23 @@ def n_pixel_of(scene: DeviceScene) -> int:
 
 def images_at_a_time(scene: DeviceScene, n_view: int) -> int:
     """Return the views of a pass whose images are drawn and read out together."""
-    room = BYTES_PER_PASS_CUDA if scene.device.is_cuda else SIGNAL_BYTES_AT_A_TIME
+    room = SIGNAL_BYTES_AT_A_TIME_CUDA if scene.device.is_cuda else SIGNAL_BYTES_AT_A_TIME
     n_pixel = n_pixel_of(scene)
     return max(1, min(n_view, room // (4 * n_pixel), MOST_FLOATS // n_pixel))
+
+
+def certain_slots(scene: DeviceScene) -> int | None:
+    """Return a length of source lists that no view can exceed, wherever its camera looks.
+
+    Returns:
+        Targets, and the stars that any cone may hold of the radius which `gather_stars` searches; None where these are
+        more than MOST_CERTAIN_STARS, or where views differ in radius, as light moves during the exposure.
+    """
+    if scene.streaks.wanted:
+        return None
+    stars = scene.stars
+    n_star = most_stars_in_cone(stars.index.direction_icrs, stars.field.radius_rad)
+    return scene.n_target + max(n_star, 1) if n_star <= MOST_CERTAIN_STARS else None
 
 
 def most_views(scene: DeviceScene, n_slot: int, chunk_bytes: int | None = None, to_host: bool = False) -> int:
