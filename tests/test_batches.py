@@ -179,8 +179,8 @@ def test_label_and_light_are_one(small, device):
     assert_same({name: values[:N_VIEW] for name, values in own.items()}, reported)
 
 
-def test_images_at_a_time_fit_the_cache_of_the_device(small):
-    """On CUDA far more of them than on the CPU, but no more than views, and one at least."""
+def test_images_at_a_time_fit_the_cache_of_the_device(small, monkeypatch):
+    """On CUDA 32 MiB, but at least so many that `deposit` has threads for the device: 20 for a view of two bands."""
     scene = device_scene(small, ["A", "C"], "cpu")
     gpu = dataclasses.replace(scene, device=SimpleNamespace(is_cuda=True))
     for where, room in ((scene, 2**20), (gpu, 2**25)):
@@ -188,3 +188,7 @@ def test_images_at_a_time_fit_the_cache_of_the_device(small):
         assert n_image * IMAGE_BYTES <= room < (n_image + 1) * IMAGE_BYTES
         assert schedule.images_at_a_time(where, 5) == 5
     assert schedule.most_views(gpu, 100) > schedule.images_at_a_time(gpu, 10**6)
+    monkeypatch.setattr(schedule, "SIGNAL_BYTES_AT_A_TIME_CUDA", 10 * IMAGE_BYTES)
+    assert schedule.images_at_a_time(gpu, 10_000) == -(-(2**15) // 20)
+    monkeypatch.setattr(schedule, "BYTES_PER_PASS_CUDA", 100 * IMAGE_BYTES)
+    assert schedule.images_at_a_time(gpu, 10_000) == 100

@@ -12,10 +12,12 @@ import pytest
 import warp as wp
 from warpsim_kernels.records import Observation, View
 
+import warpsim as ws
 from warpsim.render import batch as batches
 from warpsim.render import dlpack, pipelines
 from warpsim.render.batch import Columns, HostColumns
 from warpsim.render.image_stack import ImageStack, frames_of_key
+from warpsim.render.pipeline import Pipeline
 from warpsim.render.pipelines import Pipelines
 
 READY = "ready"
@@ -206,8 +208,24 @@ def test_images_in_host_memory_are_waited_for(on_gpu, current):
 
 
 def test_batches_of_the_cpu_have_no_event(scene):
-    import warpsim as ws
-
     frames = ws.Renderer(scene, "cpu").render([60], ["sat11"], ["A"], keep_signal=True)
     assert frames.counts.ready is None and frames.signal_w_cm2.ready is None and frames._host._ready is None
     frames.counts.wait()
+
+
+def test_a_pipeline_leaves_its_pinned_memory_to_the_copies_under_way(nothing_released):
+    """It may go while its last call is on its way."""
+    pipeline = object.__new__(Pipeline)
+    pipeline._host_inputs = [SimpleNamespace(device=SimpleNamespace(is_cuda=False), pinned=pinned) for pinned in (1, 0)]
+    pinned = pipeline._host_inputs[0]
+    del pipeline
+    assert list(dlpack._released) == [pinned]
+
+
+def test_streams_hand_over_complete_frames(scene, monkeypatch):
+    """Latencies are of frames that are there: the thread that renders waits for each group."""
+    waited = []
+    monkeypatch.setattr(ImageStack, "wait", lambda images: waited.append(len(images)))
+    frames = list(ws.Renderer(scene, "cpu").stream(range(60, 66), ["sat11"], ["A"], n_ahead=4))
+    assert [frame.frames[0] for frame in frames] == list(range(60, 66))
+    assert sum(waited) == 6

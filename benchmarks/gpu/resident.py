@@ -28,7 +28,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
 }
 """Arguments of a renderer that are tried besides the defaults."""
 
-SIGNAL_MIB = (8, 128, 512)
+SIGNAL_MIB = (8, 32, 128, 512)
 """Light that is drawn and read out at a time, tried besides the default: less than the cache holds, and more."""
 
 
@@ -76,7 +76,7 @@ def speed(plan: Plan) -> Iterator[Row]:
 
 
 def _signal_at_a_time(mib: int) -> AbstractContextManager[Any]:
-    return mock.patch.object(schedule, "SIGNAL_BYTES_AT_A_TIME_CUDA", mib * 2**20)
+    return mock.patch.multiple(schedule, SIGNAL_BYTES_AT_A_TIME_CUDA=mib * 2**20, LEAST_DEPOSIT_THREADS_CUDA=1)
 
 
 def stage_times(plan: Plan) -> Iterator[Row]:

@@ -48,7 +48,8 @@ class Renderer:
         catalog: Stars to use instead of those that the scene's sky names.
         chunk_bytes: Cuts the views that a thread works on at a time: neither all their noiseless images nor what else
             is known of them would take more (but one view may); 32 MiB on the CPU and 512 MiB on CUDA when left out.
-            The CPU holds far fewer of these images at a time: 1 MiB, or one. Results do not depend on it.
+            Far fewer of these images are held at a time: on the CPU 1 MiB, or one; on CUDA 32 MiB, or as many as keep
+            the device busy. Results do not depend on it.
         pool_bytes: Memory of results that are no longer held, kept for later ones, at most; 256 MiB on the CPU and
             8 GiB on CUDA when left out.
 
