@@ -7,6 +7,7 @@ from on_devices import device_scene
 import warpsim as ws
 from warpsim.render import schedule
 from warpsim.render.schedule import certain_slots
+from warpsim.sky import star_density
 from warpsim.sky.star_density import most_stars_in_cone
 
 LOOSE = 2.5
@@ -29,7 +30,9 @@ def clumped(axis, rng, n=3000, width=0.05):
 
 @pytest.mark.parametrize("radius_deg", [0.05, 0.7, 3.0, 20.0, 60.0])
 @pytest.mark.parametrize(
-    "axis", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, 1e-9, 0), (0.3, -0.2, 0.9), (1, 1, -1)], ids=str
+    "axis",
+    [(0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, 1e-9, 0), (0.3, -0.2, 0.9), (1, 1, -1), (0, 1, 1), (1, 0, 1)],
+    ids=str,
 )
 def test_no_cone_holds_more(axis, radius_deg):
     """Cones about stars, and about points near them: about poles, where right ascension begins, and anywhere."""
@@ -38,6 +41,14 @@ def test_no_cone_holds_more(axis, radius_deg):
     near = unit(stars[::7] + 0.7 * radius_rad * rng.normal(size=stars[::7].shape))
     found = largest_found(stars, np.concatenate([stars[::7], near, unit(np.array([axis], dtype=float))]), radius_rad)
     assert found <= most_stars_in_cone(stars, radius_rad) <= len(stars)
+
+
+def test_windows_go_on_where_right_ascension_begins():
+    """Asked of one pole alone, as another one would have them in the middle."""
+    rng, radius_rad = np.random.default_rng(2), np.radians(3.0)
+    stars = unit(np.array([1.0, 0.0, 0.0]) + 0.03 * rng.normal(size=(500, 3)))
+    found = largest_found(stars, stars, radius_rad)
+    assert found <= star_density._most_near_equator(stars, radius_rad) <= LOOSE * found
 
 
 def test_stars_on_the_rim_count():
