@@ -59,11 +59,12 @@ def checked_frames(frames: Iterable[int], instrument: Instrument, duration_s: fl
     if frames is None or isinstance(frames, int | np.integer):
         raise InputError("must be a list or range of frame numbers", "frames", frames)
     numbers = frames if isinstance(frames, range) else _whole_numbers(frames)
-    ends = [numbers[0], numbers[-1]] if isinstance(numbers, range) and numbers else numbers
-    if ends and not 0 <= min(ends) <= max(ends) < MOST_FRAMES:
-        wrong = next(number for number in ends if not 0 <= number < MOST_FRAMES)
+    is_range = isinstance(numbers, range)
+    values = np.asarray([numbers[0], numbers[-1]] if is_range and numbers else numbers)
+    if values.size and not 0 <= values.min() <= values.max() < MOST_FRAMES:
+        wrong = next(number for number in values.tolist() if not 0 <= number < MOST_FRAMES)
         raise InputError("must be whole numbers from 0 to 2**32 - 1", "frames", wrong)
-    times = instrument.frame_time_s(numbers)
+    times = instrument.frame_time_s(numbers if is_range else values)
     late = np.flatnonzero(times > duration_s)
     if late.size:
         raise InputError(
