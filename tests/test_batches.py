@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from on_devices import device_scene
@@ -174,3 +177,18 @@ def test_label_and_light_are_one(small, device):
         assert reported[name].dtype == values.dtype and reported[name].tobytes() == values.tobytes(), name
     own = contents(pipeline.columns)
     assert_same({name: values[:N_VIEW] for name, values in own.items()}, reported)
+
+
+def test_images_at_a_time_fit_the_cache_of_the_device(small, monkeypatch):
+    """On CUDA 32 MiB, but at least so many that `deposit` has threads for the device: 20 for a view of two bands."""
+    scene = device_scene(small, ["A", "C"], "cpu")
+    gpu = dataclasses.replace(scene, device=SimpleNamespace(is_cuda=True))
+    for where, room in ((scene, 2**20), (gpu, 2**25)):
+        n_image = schedule.images_at_a_time(where, 10_000)
+        assert n_image * IMAGE_BYTES <= room < (n_image + 1) * IMAGE_BYTES
+        assert schedule.images_at_a_time(where, 5) == 5
+    assert schedule.most_views(gpu, 100) > schedule.images_at_a_time(gpu, 10**6)
+    monkeypatch.setattr(schedule, "SIGNAL_BYTES_AT_A_TIME_CUDA", 10 * IMAGE_BYTES)
+    assert schedule.images_at_a_time(gpu, 10_000) == -(-(2**15) // 20)
+    monkeypatch.setattr(schedule, "BYTES_PER_PASS_CUDA", 100 * IMAGE_BYTES)
+    assert schedule.images_at_a_time(gpu, 10_000) == 100

@@ -149,16 +149,17 @@ def test_capsules_say_where_the_memory_is(frames, monkeypatch, place):
     assert versioned == fields
 
 
+class Device:
+    is_cuda, ordinal = True, 1
+
+
+class Array:
+    device, dtype, ptr, pinned = Device(), wp.uint16, 1 << 40, False
+
+
 def test_memory_on_cuda_waits_for_its_readers(monkeypatch):
-    """What was let go of is kept until the device has been waited for, which the next result does."""
-
-    class Device:
-        is_cuda, ordinal = True, 1
-
-    class Array:
-        device, dtype, ptr, pinned = Device(), wp.uint16, 1 << 40, False
-
-    waited = []
+    """What was let go of is kept until the device has been ordered after its readers, which the next result does."""
+    ordered = []
 
     def refuse(device):
         raise RuntimeError("a graph is captured")
@@ -168,16 +169,35 @@ def test_memory_on_cuda_waits_for_its_readers(monkeypatch):
     del made
     gc.collect()
     assert len(dlpack._released) == 1
-    monkeypatch.setattr(wp, "synchronize_device", refuse)
+    monkeypatch.setattr(dlpack, "come_after_all", refuse)
     with pytest.raises(RuntimeError, match="captured"):
         take_released()
     assert len(dlpack._released) == 1  # it still waits
-    monkeypatch.setattr(wp, "synchronize_device", waited.append)
+    monkeypatch.setattr(dlpack, "come_after_all", ordered.append)
+    monkeypatch.setattr(wp, "synchronize_device", refuse)  # the host does not wait
     Pool(wp.get_device("cpu")).new((3,), wp.uint16)
-    assert waited == [Array.device]
+    assert ordered == [Array.device]
     assert len(dlpack._released) == 0
     take_released()
-    assert len(waited) == 1
+    assert len(ordered) == 1
+
+
+def test_pinned_memory_waits_for_all_devices(monkeypatch):
+    """The host waits: any device may copy from it."""
+
+    class Host:
+        is_cuda = False
+
+    class Pinned(Array):
+        device, pinned = Host(), True
+
+    waited, devices = [], [Device(), Device()]
+    monkeypatch.setattr(wp, "get_cuda_devices", lambda: devices)
+    monkeypatch.setattr(wp, "synchronize_device", waited.append)
+    dlpack.release_later(Pinned())
+    take_released()
+    assert waited == devices
+    assert len(dlpack._released) == 0
 
 
 def test_what_the_standard_lets_a_consumer_ask_for(frames):

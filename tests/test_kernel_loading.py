@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import pytest
 import warp as wp
+from on_devices import device_scene
 
-from warpsim.render import kernel_loading
+from benchmarks.frame_kernels import EXPOSED, compiled, cuda_stages, frame_kernels
+from warpsim.launches import THREADS_PER_BLOCK_CUDA
+from warpsim.render import device_upload, kernel_loading
 from warpsim.render.kernel_loading import KernelLoading
+from warpsim.render.stages import image_kernels
+from warpsim.render.star_field import star_kernel, star_threads
 
-CPU = SimpleNamespace(is_cuda=False)
+CPU, GPU = SimpleNamespace(is_cuda=False), SimpleNamespace(is_cuda=True)
 
 
 def kernels_of(*modules: str) -> list[SimpleNamespace]:
@@ -26,7 +33,8 @@ def loaded(monkeypatch):
     events: list[str] = []
     begun = threading.Event()
 
-    def load(module: str, device: object) -> None:
+    def load(module: str, device: object, block_dim: int | None) -> None:
+        module = module if block_dim is None else f"{module} {block_dim}"
         events.append(f"begin {module}")
         if module == "first":
             begun.wait(0.2)
@@ -66,11 +74,69 @@ def test_one_that_fails_leaves_the_others_alone(loaded, broken):
     assert {"end a", "end b"} < set(loaded)
 
 
-def test_nothing_is_begun_on_cuda(loaded):
-    loading = KernelLoading(SimpleNamespace(is_cuda=True))
-    loading.start(*kernels_of("a"))
+def test_on_cuda_a_module_is_loaded_once_for_each_size_of_blocks(loaded):
+    loading = KernelLoading(GPU)
+    loading.start(*kernels_of("a", "b"))
+    loading.start(*kernels_of("a"), block_dim=64)
+    loading.start(*kernels_of("a"), block_dim=128)
     loading.wait()
-    assert loaded == []
+    assert THREADS_PER_BLOCK_CUDA == 64
+    assert sorted(event for event in loaded if event.startswith("end")) == ["end a 128", "end a 64", "end b 64"]
+
+
+def test_on_cuda_none_waits_for_the_first(monkeypatch):
+    """Two that wait for each other: both are on their way at a time, the first one, too."""
+    together = threading.Barrier(2, timeout=20)
+    monkeypatch.setattr(kernel_loading, "n_usable_cpu", lambda: 2)
+    monkeypatch.setattr(wp, "load_module", lambda module, device, block_dim: together.wait())
+    loading = KernelLoading(GPU)
+    loading.start(*kernels_of("a", "b"))
+    loading.share_headers()
+    loading.wait()
+    assert not together.broken
+
+
+@pytest.mark.parametrize("changes", [{}, {"optics__psf": "gaussian", **EXPOSED}], ids=["Airy", "Gaussian, exposure"])
+def test_what_is_begun_is_what_frames_launch(scene, monkeypatch, changes):
+    """With the same threads of a block; those of the long stages among them."""
+    begun = set()
+
+    def start(self, *kernels, block_dim=THREADS_PER_BLOCK_CUDA):
+        begun.update((kernel, block_dim) for kernel in kernels)
+
+    monkeypatch.setattr(KernelLoading, "start", start)
+    monkeypatch.setattr(device_upload, "kernel_loading", lambda device: KernelLoading(CPU))
+    made = device_scene(scene.replace(**changes), ["A"])
+    on_cuda = {
+        *image_kernels(dataclasses.replace(made, device=GPU), made.psf, made.read_out),
+        (star_kernel(made.stars.features, GPU), star_threads(GPU)),
+    }
+    launched = {
+        stage.name: {(launch.kernel, launch.block_dim or THREADS_PER_BLOCK_CUDA) for launch in stage.launches}
+        for stage in cuda_stages(made)
+    }
+    assert on_cuda <= set().union(*launched.values())
+    drawing = ("deposit", "read_out") if changes else ("deposit_read_out",)
+    assert {name for name, kernels in launched.items() if on_cuda & kernels} == {"gather_stars", *drawing}
+    kernels = {kernel for kernel, _ in begun}
+    for stage in ("aim", "observe_targets", "deposit", "read_out"):
+        assert kernels & {kernel for kernel, _ in launched[stage]}, stage
+    assert star_kernel(made.stars.features, CPU) in kernels
+
+
+def test_cuda_modules_are_compiled_side_by_side_to_the_same_bytes(tmp_path):
+    """Kernels of a frame, by Warp's compiler for GPUs, which needs none: one after the other, then in threads."""
+    short = [kernel for kernel in frame_kernels({"Airy": {}}) if kernel.stage in ("aim", "gather_stars", "read_out")]
+    alone = [compiled(kernel, 90, tmp_path / f"alone{k}").read_bytes() for k, kernel in enumerate(short)]
+    together = threading.Barrier(len(short), timeout=60)
+
+    def compile_in_thread(number):
+        together.wait()
+        return compiled(short[number], 90, tmp_path / f"together{number}").read_bytes()
+
+    with ThreadPoolExecutor(len(short)) as threads:
+        assert list(threads.map(compile_in_thread, range(len(short)))) == alone
+    assert len(set(alone)) == len(short) == 3
 
 
 COLD = """
@@ -126,3 +192,14 @@ def test_a_second_process_compiles_nothing(tmp_path, checkout_environment):
 def test_devices_have_one_loading_each():
     cpu = wp.get_device("cpu")
     assert kernel_loading.kernel_loading(cpu) is kernel_loading.kernel_loading(cpu)
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
+def test_on_a_gpu_launches_find_what_was_loaded(tmp_path, checkout_environment):
+    """A process with an empty cache: each module is compiled once, however it is begun, and the context is kept."""
+    environment = checkout_environment | {"WARP_CACHE_PATH": str(tmp_path)}
+    code = "import warpsim as ws; ws.Renderer(ws.Scene.load('stss'), 'cuda:0').render([60], sensors=['sat11'])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    modules = [line.split(" load on device")[0] for line in done.stdout.splitlines() if "'cuda:0'" in line]
+    assert len(modules) == len(set(modules)) >= 5

@@ -1,4 +1,4 @@
-"""Arrays from devices to the host, on streams that are named."""
+"""Arrays from devices to the host, on streams that are named, after the events that they hang on."""
 
 from __future__ import annotations
 
@@ -26,6 +26,15 @@ def to_numpy(array: wp.array) -> npt.NDArray[Any]:
     wp.copy(host, array, stream=stream)
     wp.synchronize_stream(stream)
     return np.asarray(host.numpy())
+
+
+def wait_on_current_stream(ready: wp.Event | None, device: wp.Device) -> None:
+    """Have what is asked of a device's current stream from now on come after an event; without one do nothing.
+
+    The current stream may be another one with each call: somebody may have set it since the event was recorded.
+    """
+    if ready is not None:
+        wp.get_stream(device).wait_event(ready)
 
 
 def host_arrays(arrays: Iterable[wp.array]) -> list[wp.array]:

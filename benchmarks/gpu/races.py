@@ -6,6 +6,7 @@ import importlib.util
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from functools import partial
 from typing import Any
 
@@ -135,6 +136,40 @@ def full_against_part(device: str, n: int) -> Row:
     return {"frames": n}
 
 
+def other_current_stream(device: str, n: int) -> Row:
+    """Images, light, truth and parts are read at once, while the current stream is another one than at the call."""
+    where, renderer = wp.get_device(device), ws.Renderer(scene(), device)
+    whole = _light(renderer, 0, n)
+    wanted = [whole.counts.numpy().copy(), whole.signal_w_cm2.numpy().copy(), np.asarray(whole.truth["snr"]).copy()]
+    readers: dict[str, Callable[[Any], npt.NDArray[Any]]] = {
+        "counts": lambda frames: frames.counts.numpy(),
+        "light": lambda frames: frames.signal_w_cm2.numpy(),
+        "truth": lambda frames: np.asarray(frames.truth["snr"]),
+    }
+    for (name, read), expected in zip(readers.items(), wanted, strict=True):
+        frames = _light(renderer, 0, n)
+        other = wp.ScopedStream(wp.Stream(where), sync_enter=False) if where.is_cuda else nullcontext()
+        with ThreadPoolExecutor(1) as threads, other:
+            expect(f"{name} on another stream", threads.submit(read, frames).result(LONGEST_S), expected)
+    frames = _light(renderer, 0, n)
+    expect("one frame", frames.counts[n - 1], wanted[0][n - 1])
+    expect("some frames", frames.counts[n - 1 : 0 : -2, 0], wanted[0][n - 1 : 0 : -2, 0])
+    return {"frames": n}
+
+
+def dropped_unread(device: str, n: int) -> Row:
+    """Calls whose frames nobody reads, and whose memory serves the next; renderers that go before they are done."""
+    expected = counts_of(ws.Renderer(scene(), device), range(n))
+    for _ in range(3):
+        renderer = ws.Renderer(scene(), device)
+        for size in (n, 1, n // 2, n):
+            renderer.render(range(size), SENSORS, BANDS)
+        frames = renderer.render(range(n), SENSORS, BANDS)
+        del renderer
+        expect("the last call", frames.counts.numpy(), expected)
+    return {"frames": n}
+
+
 def side_stream(device: str, n: int) -> Row:
     """PyTorch reads images late, on a stream of its own, lets go of them at once, and others are rendered meanwhile."""
     return _read_late(device, n, lambda torch, frames: torch.from_dlpack(frames.signal_w_cm2))
@@ -216,6 +251,8 @@ RACES: dict[str, Callable[[str, int], Row]] = {
     "the device twice in a list": devices_in_a_list,
     "alone against batch": alone_against_batch,
     "full against part passes": full_against_part,
+    "readers on another current stream": other_current_stream,
+    "frames that nobody reads": dropped_unread,
     "PyTorch on a side stream": side_stream,
     "PyTorch by the array interface": array_interface,
     "PyTorch on its default stream": default_stream,

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from typing import Any
+from unittest import mock
 
 import warpsim as ws
 from benchmarks.gpu.plan import Plan, Row, rows_of
+from warpsim.render import schedule
 from warpsim.speed.clock import stage_times_us, work_fps
 from warpsim.speed.work import PSFS, SpeedWork, speed_work
 
@@ -25,6 +28,9 @@ SETTINGS: dict[str, dict[str, Any]] = {
 }
 """Arguments of a renderer that are tried besides the defaults."""
 
+SIGNAL_MIB = (8, 32, 128, 512)
+"""Light that is drawn and read out at a time, tried besides the default: less than the cache holds, and more."""
+
 
 def _work(plan: Plan, n_pixel: int, psf: str, n_frame: int) -> SpeedWork:
     return speed_work(n_pixel, 5 if plan.quick else 100, 1, psf, n_frame)
@@ -41,10 +47,13 @@ def _sizes(plan: Plan) -> dict[int, tuple[int, ...]]:
 def speed(plan: Plan) -> Iterator[Row]:
     """Images per second by size, point spread function and frames of a call; then with other settings."""
 
-    def fps(n_pixel: int, psf: str, n_frame: int, resident: bool = True, **arguments: Any) -> Row:
+    def fps(
+        n_pixel: int, psf: str, n_frame: int, resident: bool = True, signal_mib: int | None = None, **arguments: Any
+    ) -> Row:
         work = _work(plan, n_pixel, psf, n_frame)
-        renderer = ws.Renderer(work.scene, plan.device, catalog=work.catalog, **arguments)
-        found = work_fps(work, renderer, _rounds(plan), resident)
+        with nullcontext() if signal_mib is None else _signal_at_a_time(signal_mib):
+            renderer = ws.Renderer(work.scene, plan.device, catalog=work.catalog, **arguments)
+            found = work_fps(work, renderer, _rounds(plan), resident)
         size = {"n_pixel": n_pixel, "psf": psf, "n_frame": n_frame, "resident": resident}
         return {**size, "fps": found, "us_per_image": 1e6 / found, "buffer_mb": renderer.buffer_bytes / 1e6}
 
@@ -61,7 +70,13 @@ def speed(plan: Plan) -> Iterator[Row]:
         cases.append((f"{name}, counts in host memory", partial(fps, n_pixel, "gaussian", n_frame, False)))
         for setting, arguments in SETTINGS.items():
             cases.append((f"{name}, {setting}", partial(fps, n_pixel, "gaussian", n_frame, **arguments)))
+        for mib in SIGNAL_MIB:
+            cases.append((f"{name}, light of {mib} MiB", partial(fps, n_pixel, "gaussian", n_frame, signal_mib=mib)))
     return rows_of(cases)
+
+
+def _signal_at_a_time(mib: int) -> AbstractContextManager[Any]:
+    return mock.patch.multiple(schedule, SIGNAL_BYTES_AT_A_TIME_CUDA=mib * 2**20, LEAST_DEPOSIT_THREADS_CUDA=1)
 
 
 def stage_times(plan: Plan) -> Iterator[Row]:

@@ -287,4 +287,4 @@ def _lists(sources: Sequence[wp.array]) -> Any:
 
 
 def _launch(kernel: wp.Kernel, inputs: list[Any], outputs: list[wp.array]) -> None:
-    wp.launch(kernel, outputs[0].shape, inputs, outputs, device=outputs[0].device)
+    Launch(kernel, outputs[0].shape, inputs, outputs, outputs[0].device).run()

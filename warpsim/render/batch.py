@@ -17,7 +17,7 @@ from warpsim_kernels.records import Observation, View
 from warpsim.arguments import frame_numbers
 from warpsim.render.device_scene import DeviceBodies, DeviceScene
 from warpsim.render.pool import Pool
-from warpsim.transfers import to_numpy
+from warpsim.transfers import to_numpy, wait_on_current_stream
 
 StarList = tuple[npt.NDArray[Any], ...]
 
@@ -72,10 +72,21 @@ class Columns:
 
 
 class HostColumns:
-    """Columns as NumPy arrays; each is read when it is first asked for."""
+    """Columns as NumPy arrays; each is read when it is first asked for.
 
-    def __init__(self, columns: Columns) -> None:
-        self.columns = columns
+    Args:
+        columns: The columns.
+        ready: Event after which they are complete; None where they are already.
+    """
+
+    def __init__(self, columns: Columns, ready: wp.Event | None = None) -> None:
+        self._columns, self._ready = columns, ready
+
+    @property
+    def columns(self) -> Columns:
+        """The columns themselves; what is asked of their device's current stream from now on finds them complete."""
+        wait_on_current_stream(self._ready, self._columns.views.device)
+        return self._columns
 
     @cached_property
     def views(self) -> npt.NDArray[Any]:

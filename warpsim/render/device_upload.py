@@ -22,7 +22,8 @@ from warpsim.render.device_scene import DeviceBodies, DeviceScene
 from warpsim.render.kernel_loading import kernel_loading
 from warpsim.render.pointing import make_pointing
 from warpsim.render.read_out import make_read_out
-from warpsim.render.star_field import make_stars, star_features, star_kernel
+from warpsim.render.stages import image_kernels
+from warpsim.render.star_field import make_stars, star_features, star_kernel, star_threads
 from warpsim.render.streak_rule import choose_streaks
 from warpsim.render.streaks import no_streaks
 from warpsim.render.target_field import make_target_field
@@ -86,10 +87,14 @@ def make_device_scene(
     psf = psf_bank(psfs, device, sensor.camera.pixel_aspect, table_accuracy(instrument))
     read_out = make_read_out(instrument, bands, device)
     loading = kernel_loading(device)
-    loading.start(read_out.kernel, star_kernel(star_features(scenario.scene.sky, sensor), device))
+    loading.start(star_kernel(star_features(scenario.scene.sky, sensor), device), block_dim=star_threads(device))
+    if device.is_cpu:  # which has no other
+        loading.start(read_out.kernel)
     loading.share_headers()
     bodies = make_device_bodies(scenario, instrument, bands, device, with_streaks=True)
-    loading.start(bodies.field.observe_kernel, psf.deposit_kernel(bodies.streaks.wanted), bodies.pointing.kernel)
+    loading.start(bodies.field.observe_kernel, bodies.pointing.kernel)
+    for kernel, n_thread in image_kernels(bodies, psf, read_out):
+        loading.start(kernel, block_dim=n_thread)
     band_id = wp.array([sensor.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
     cut = stamp_rule([sensor.optics.stamp_cut_nei * instrument.nei_w_cm2(band) for band in bands], 0.0, device)
     loading.wait()

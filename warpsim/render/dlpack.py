@@ -15,6 +15,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from warpsim.device_order import come_after_all
+
 CPU, CUDA = 1, 2
 """Kinds of device in DLPack."""
 
@@ -105,19 +107,20 @@ def wait_for_images(array: wp.array, stream: int | None) -> None:
 
 
 def take_released() -> None:
-    """Let memory go that others have let go of, once their work with it is done.
+    """Let memory go that others have let go of; what is done with it from now on comes after their work with it.
 
-    A consumer may drop an array while kernels that read it wait on a stream of its own. So its memory is not used again
-    before the device has done everything that was asked of it. It waits here, rather than where the array died, as that
-    may be anywhere: in a destructor, or amid the capture of a graph.
+    A consumer may drop an array while kernels that read it wait on a stream of its own, whichever that is. So its
+    memory is not used again before the device has done everything that was asked of it: the device itself waits. For
+    pinned memory the host waits, as any device may copy from it. This is done here, rather than where the array died,
+    as that may be anywhere: in a destructor, or amid the capture of a graph.
     """
     held = [_released.popleft() for _ in range(len(_released))]
-    devices = {array.device for array in held if array.device.is_cuda}
-    if any(array.pinned for array in held):
-        devices |= set(wp.get_cuda_devices())
     try:
-        for device in devices:
-            wp.synchronize_device(device)
+        for device in {array.device for array in held if array.device.is_cuda}:
+            come_after_all(device)
+        if any(array.pinned for array in held):
+            for device in wp.get_cuda_devices():
+                wp.synchronize_device(device)
     except BaseException:  # as amid the capture of a graph
         _released.extend(held)
         raise

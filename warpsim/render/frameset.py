@@ -53,17 +53,14 @@ class FrameSet:
         n_sensor = len(self.sensors)
         first, end = index * n_sensor, (index + 1) * n_sensor
 
-        def part(stack: ImageStack) -> ImageStack:
-            return ImageStack(stack.array[first:end], 1, n_sensor)
-
         return FrameSet(
             self.scenario,
             self.instrument,
             self._numbers[index : index + 1],
             self.sensors,
             self.bands,
-            part(self.counts),
-            self.signal_w_cm2 and part(self.signal_w_cm2),
+            self.counts.part(index, index + 1),
+            None if self.signal_w_cm2 is None else self.signal_w_cm2.part(index, index + 1),
             self._device_scene,
             self._columns.part(first, end),
             self._star_lists and self._star_lists[first:end],
@@ -246,4 +243,4 @@ class FrameSet:
 
     @cached_property
     def _host(self) -> HostColumns:
-        return HostColumns(self._columns)
+        return HostColumns(self._columns, self.counts.ready)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import warp as wp
 
 from warpsim.render.dlpack import CPU, capsule, device_of, release_later, wait_for_images
-from warpsim.transfers import to_numpy
+from warpsim.transfers import to_numpy, wait_on_current_stream
 
 
 class ImageStack:
@@ -23,24 +23,43 @@ class ImageStack:
         array: Warp array of shape (frame * sensor, band, row, column), contiguous.
         n_frame: Frames.
         n_sensor: Sensors.
+        ready: Event after which the images are complete; None where they are already.
     """
 
     _is_lent = False
 
-    def __init__(self, array: wp.array, n_frame: int, n_sensor: int) -> None:
-        self.array = array
-        """The Warp array itself, shape (frame * sensor, band, row, column)."""
+    def __init__(self, array: wp.array, n_frame: int, n_sensor: int, ready: wp.Event | None = None) -> None:
+        self._array, self.ready = array, ready
         self.shape: tuple[int, ...] = (n_frame, n_sensor, *array.shape[1:])
+
+    @property
+    def array(self) -> wp.array:
+        """The Warp array itself, shape (frame * sensor, band, row, column).
+
+        On CUDA it may still be written to; what is asked of the device's current stream from now on comes after that.
+        """
+        wait_on_current_stream(self.ready, self.device)
+        return self._array
+
+    def wait(self) -> None:
+        """Return when the images are complete."""
+        if self.ready is not None:
+            wp.synchronize_event(self.ready)
+
+    def part(self, first: int, end: int) -> ImageStack:
+        """Return some consecutive frames, which share the memory."""
+        n_sensor = self.shape[1]
+        return ImageStack(self._array[first * n_sensor : end * n_sensor], end - first, n_sensor, self.ready)
 
     @property
     def dtype(self) -> Any:
         """Warp scalar type: uint16 for counts, float32 for signal."""
-        return self.array.dtype
+        return self._array.dtype
 
     @property
     def device(self) -> wp.Device:
         """Where the images are."""
-        return self.array.device
+        return self._array.device
 
     @property
     def ndim(self) -> int:
@@ -61,6 +80,10 @@ class ImageStack:
         return np.array(self.numpy(), dtype=dtype, copy=copy)
 
     def __getitem__(self, key: Any) -> Any:
+        if self.device.is_cuda:
+            first, end, rest = frames_of_key(key, len(self))
+            if first < end and (first, end) != (0, len(self)):
+                return self.part(first, end).numpy()[rest]
         return self.numpy()[key]
 
     @property
@@ -68,13 +91,13 @@ class ImageStack:
         if not self.device.is_cuda:
             raise AttributeError("__cuda_array_interface__: the images are on the CPU")
         self._is_lent = True
-        stream = wp.get_stream(self.device).cuda_stream or 1  # 1: the default stream
         own = self.array.__cuda_array_interface__
+        stream = wp.get_stream(self.device).cuda_stream or 1  # 1: the default stream
         return {**own, "shape": self.shape, "strides": None, "version": 3, "stream": int(stream)}
 
     def __del__(self) -> None:
         if self._is_lent:
-            release_later(self.array)
+            release_later(self._array)
 
     def __dlpack__(
         self,
@@ -107,7 +130,7 @@ class ImageStack:
             raise BufferError(f"dl_device: must be {here}, where the images are, or {(CPU, 0)}, the CPU, got {wanted}")
         if wanted == here and not copy:
             wait_for_images(self.array, stream)
-            return capsule(self.array, self.shape, max_version)
+            return capsule(self._array, self.shape, max_version)
         if copy is False:
             raise BufferError(f"copy: must not be False to bring images from device {here} to {wanted}")
         if wanted == (CPU, 0):
@@ -117,4 +140,23 @@ class ImageStack:
         return capsule(copied, self.shape, max_version)
 
     def __dlpack_device__(self) -> tuple[int, int]:
-        return device_of(self.array)
+        return device_of(self._array)
+
+
+def frames_of_key(key: Any, n_frame: int) -> tuple[int, int, Any]:
+    """Return the frames that an index into images needs, first and end, and the index into these alone.
+
+    Args:
+        key: As NumPy takes it; where its first axis is neither a number nor a slice all frames are needed.
+        n_frame: Frames that there are.
+    """
+    head, *rest = key if isinstance(key, tuple) and key else (key,)
+    if isinstance(head, int | np.integer) and not isinstance(head, bool) and -n_frame <= head < n_frame:
+        first = int(head) % n_frame
+        return first, first + 1, (0, *rest)
+    if isinstance(head, slice):
+        chosen = range(n_frame)[head]
+        if chosen:
+            ends = sorted((chosen[0], chosen[-1]))
+            return ends[0], ends[1] + 1, (slice(None, None, chosen.step), *rest)
+    return 0, n_frame, key

@@ -1,8 +1,14 @@
 """Kernels are compiled ahead, side by side, while the host prepares what they read.
 
-Left alone, Warp compiles the module of a kernel at its first launch, one after the other. Its compiler does not hold
-Python's lock, so threads can do that meanwhile, and what is not loaded ahead is still loaded at its launch. Only for
-the CPU: on CUDA modules are compiled for a number of threads that the launch says.
+Left alone, Warp compiles the module of a kernel at its first launch, one after the other. Its compilers do not hold
+Python's lock, so threads can do that meanwhile, and what is not loaded ahead is still loaded at its launch.
+
+On CUDA a module is compiled for the threads of a block that its launches have, and one that has launches of several
+sizes once for each. That threads may do it side by side follows from Warp's source: `Module.load` makes source code
+under a lock and compiles without one, in a folder of each thread's own; NVRTC lets threads compile at a time (they take
+turns with the source code, not with the machine code, which takes longer); the binary is loaded into the device's
+context, whatever the thread's own current one is, and `load_module` leaves that one as it was. Only the CPU's compiler
+has headers to translate first: NVRTC keeps its own.
 """
 
 from __future__ import annotations
@@ -15,6 +21,7 @@ from typing import Any
 
 import warp as wp
 
+from warpsim.launches import THREADS_PER_BLOCK_CUDA
 from warpsim.render.device import n_usable_cpu
 
 MOST_THREADS = 4
@@ -30,26 +37,36 @@ class KernelLoading:
 
     def __init__(self, device: wp.Device) -> None:
         self._device = device
-        self._loads: dict[Any, Future[None]] = {}
+        self._loads: dict[tuple[Any, int | None], Future[None]] = {}  # by module and threads of a block
         self._first: Future[None] | None = None
         self._compiler: int | None = None
         self._pool: ThreadPoolExecutor | None = None
         self._lock = threading.Lock()
 
-    def start(self, *kernels: wp.Kernel) -> None:
-        """Begin to compile and load the modules of kernels; those begun before are left alone."""
-        if self._device.is_cuda:
-            return
+    def start(self, *kernels: wp.Kernel, block_dim: int = THREADS_PER_BLOCK_CUDA) -> None:
+        """Begin to compile and load the modules of kernels; those begun before are left alone.
+
+        Args:
+            kernels: The kernels.
+            block_dim: Threads of a block of their launches on CUDA; the CPU has none.
+        """
+        size = block_dim if self._device.is_cuda else None
         with self._lock:
             if self._pool is None:
                 self._pool = ThreadPoolExecutor(min(n_usable_cpu(), MOST_THREADS), thread_name_prefix="warpsim-compile")
             for kernel in kernels:
-                if kernel.module not in self._loads:
-                    self._loads[kernel.module] = self._pool.submit(self._load, kernel.module, self._first)
-                    self._first = self._first or self._loads[kernel.module]
+                module = kernel.module
+                if (module, size) not in self._loads:
+                    begun = self._pool.submit(self._load, module, size, self._first)
+                    self._loads[module, size] = begun
+                    if not self._device.is_cuda:
+                        self._first = self._first or begun
 
     def share_headers(self) -> None:
-        """Let what this thread compiles from now on use Warp's headers as they were translated for the first module."""
+        """Let what this thread compiles from now on use Warp's headers as they were translated for the first module.
+
+        On CUDA there is nothing to do.
+        """
         if self._first is not None:
             self._first.exception()  # waits
             _use_headers_of(self._compiler)
@@ -65,12 +82,12 @@ class KernelLoading:
             pool.shutdown()
         self.share_headers()  # for what is compiled at its launch
 
-    def _load(self, module: Any, first: Future[None] | None) -> None:
+    def _load(self, module: Any, block_dim: int | None, first: Future[None] | None) -> None:
         if first is None:
             self._compiler = threading.get_ident()
         else:
             self.share_headers()
-        wp.load_module(module, self._device)
+        wp.load_module(module, self._device, block_dim=block_dim)
 
 
 _OF_DEVICE: dict[str, KernelLoading] = {}

@@ -12,6 +12,7 @@ from warpsim.launches import Stage
 from warpsim.render.batch import Batch, StarList, copy_views, new_columns, new_inputs
 from warpsim.render.buffers import SOURCE_ARRAYS, bytes_of, new_area_series, new_exposure, new_sources
 from warpsim.render.device_scene import DeviceScene
+from warpsim.render.dlpack import release_later
 from warpsim.render.image_stages import ImageStages
 from warpsim.render.stages import (
     aim,
@@ -147,6 +148,10 @@ class Pipeline:
             self._images.run(counts, batch.signal_w_cm2, first, n_view, self.stream)
         if self._counts is not None:
             copy_views(batch.counts, first, self._counts, 0, n_view, self.stream)
+
+    def __del__(self) -> None:
+        for array in getattr(self, "_host_inputs", ()):
+            release_later(array)  # pinned memory, from which the GPU may still copy
 
     def finish(self) -> None:
         """Wait until all is done."""

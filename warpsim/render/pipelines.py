@@ -12,11 +12,11 @@ import warp as wp
 from warpsim.render.batch import Batch
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.pipeline import Pipeline
-from warpsim.render.schedule import most_views, views_of_a_pass
-from warpsim.transfers import to_numpy
+from warpsim.render.schedule import certain_slots, most_views, views_of_a_pass
+from warpsim.transfers import to_numpy, wait_on_current_stream
 
 SPARE_SLOTS = 64
-"""Stars that source lists hold to begin with, besides the targets."""
+"""Stars that source lists hold to begin with, besides the targets; unless they are certain to hold all."""
 
 
 class Pipelines:
@@ -41,7 +41,10 @@ class Pipelines:
         self._pipelines: list[Pipeline | None] = [None] * n_pipeline
         self._busy = [threading.Lock() for _ in self._scenes]  # an interrupted call may have left one to a thread
         self._chunk_bytes = chunk_bytes
-        self._set_slots(self.scene.n_target + SPARE_SLOTS)
+        certain = certain_slots(self.scene) if is_cuda else None  # the CPU need not wait for what was wanted
+        self._is_certain = certain is not None
+        self._ready: wp.Event | None = None
+        self._set_slots(certain or self.scene.n_target + SPARE_SLOTS)
 
     @property
     def n_byte(self) -> int:
@@ -52,12 +55,17 @@ class Pipelines:
         self._n_slot = n_slot
         self._most_views = most_views(self.scene, n_slot, self._chunk_bytes, self._to_host)
 
-    def render(self, batch: Batch, threads: Executor) -> None:
-        """Render a batch; once more with longer source lists should a view have needed them."""
+    def render(self, batch: Batch, threads: Executor) -> wp.Event | None:
+        """Render a batch; once more with longer source lists should a view have needed them.
+
+        Returns:
+            Event after which the batch is complete, on a GPU; None where it is complete already.
+        """
         if batch.n_view == 0:
-            return
+            return None
         while (wanted := self._render(batch, threads)) > self._n_slot:
             self._set_slots(wanted + wanted // 4)
+        return self._ready
 
     def _render(self, batch: Batch, threads: Executor) -> int:
         """The longest source list wanted."""
@@ -81,6 +89,9 @@ class Pipelines:
         if not self.scene.device.is_cuda:
             return longest
         self._hand_over(numbers)
+        if self._is_certain:
+            return 0
+        wait_on_current_stream(self._ready, batch.columns.views.device)
         return int(to_numpy(batch.columns.views)["n_wanted"].max())
 
     def _prepare(self, number: int, room: int) -> Pipeline:
@@ -120,11 +131,11 @@ class Pipelines:
         return longest
 
     def _hand_over(self, numbers: range) -> None:
-        """Have what is asked of the devices' current streams from now on wait for the pipelines."""
+        """Wait where the batch is in host memory; else note the event after which it is complete."""
         for number in numbers:
             pipeline = self._pipelines[number]
             assert pipeline is not None and pipeline.stream is not None
             if self._to_host:
-                wp.synchronize_stream(pipeline.stream)
-            else:
-                wp.get_stream(pipeline.stream.device).wait_event(pipeline.stream.record_event())
+                pipeline.finish()
+            else:  # there is one pipeline only
+                self._ready = pipeline.stream.record_event()

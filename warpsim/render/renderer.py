@@ -48,7 +48,8 @@ class Renderer:
         catalog: Stars to use instead of those that the scene's sky names.
         chunk_bytes: Cuts the views that a thread works on at a time: neither all their noiseless images nor what else
             is known of them would take more (but one view may); 32 MiB on the CPU and 512 MiB on CUDA when left out.
-            The CPU holds far fewer of these images at a time: 1 MiB, or one. Results do not depend on it.
+            Far fewer of these images are held at a time: on the CPU 1 MiB, or one; on CUDA 32 MiB, or as many as keep
+            the device busy. Results do not depend on it.
         pool_bytes: Memory of results that are no longer held, kept for later ones, at most; 256 MiB on the CPU and
             8 GiB on CUDA when left out.
 
@@ -155,7 +156,7 @@ class Renderer:
         keep_signal: bool = False,
         keep_stars: bool = False,
     ) -> FrameSet:
-        """Render frames of sensors of one kind.
+        """Render frames of sensors of one kind; on a GPU, ask for it: what reads them waits until they are complete.
 
         A frame does not depend on the others: alone, in any batch, in any order, on any number of threads its counts
         are bit-identical.
@@ -223,8 +224,14 @@ class Renderer:
         group_bytes = GROUP_BYTES_CUDA if self.device.is_cuda else GROUP_BYTES
         frame_bytes = 2 * n_view * len(band_list) * camera.n_row * camera.n_col
         sizes = stream_sizes(rate_hz, n_view, frame_bytes, n_pipeline, ahead, group_bytes)
+
+        def rendered(some: Sequence[int]) -> FrameSet:
+            frames = self._render(instrument, some, sensor_list, band_list, keep_signal, keep_stars)
+            frames.counts.wait()  # what is handed over is complete, and latencies are those of complete frames
+            return frames
+
         self._stream = Stream(
-            lambda some: self._render(instrument, some, sensor_list, band_list, keep_signal, keep_stars),
+            rendered,
             frame_list,
             rate_hz,
             drop,
@@ -249,7 +256,7 @@ class Renderer:
         with self._lock:
             pipelines = self._pipelines_of(instrument, tuple(bands))
             batch = new_batch(pipelines.scene, frames, sensors, self._pool, keep_signal, keep_stars)
-            pipelines.render(batch, self._threads)
+            ready = pipelines.render(batch, self._threads)
         n_frame, n_sensor = len(frames), len(sensors)
         return FrameSet(
             self.scenario,
@@ -257,8 +264,8 @@ class Renderer:
             frames,
             sensors,
             bands,
-            ImageStack(batch.counts, n_frame, n_sensor),
-            None if batch.signal_w_cm2 is None else ImageStack(batch.signal_w_cm2, n_frame, n_sensor),
+            ImageStack(batch.counts, n_frame, n_sensor, ready),
+            None if batch.signal_w_cm2 is None else ImageStack(batch.signal_w_cm2, n_frame, n_sensor, ready),
             pipelines.scene,
             batch.columns,
             batch.stars,

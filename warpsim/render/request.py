@@ -46,7 +46,7 @@ def checked_names(
 
 
 def checked_frames(frames: Iterable[int], instrument: Instrument, duration_s: float) -> Sequence[int]:
-    """Return frame numbers as a range or a list of int.
+    """Return frame numbers as a range, or a list of int where they are not evenly spaced.
 
     Args:
         frames: Frame numbers.
@@ -59,11 +59,12 @@ def checked_frames(frames: Iterable[int], instrument: Instrument, duration_s: fl
     if frames is None or isinstance(frames, int | np.integer):
         raise InputError("must be a list or range of frame numbers", "frames", frames)
     numbers = frames if isinstance(frames, range) else _whole_numbers(frames)
-    ends = (numbers[0], numbers[-1]) if isinstance(numbers, range) and numbers else numbers
-    for number in ends:
-        if not 0 <= number < MOST_FRAMES:
-            raise InputError("must be whole numbers from 0 to 2**32 - 1", "frames", number)
-    times = instrument.frame_time_s(numbers)
+    is_range = isinstance(numbers, range)
+    values = np.asarray([numbers[0], numbers[-1]] if is_range and numbers else numbers)
+    if values.size and not 0 <= values.min() <= values.max() < MOST_FRAMES:
+        wrong = next(number for number in values.tolist() if not 0 <= number < MOST_FRAMES)
+        raise InputError("must be whole numbers from 0 to 2**32 - 1", "frames", wrong)
+    times = instrument.frame_time_s(numbers if is_range else values)
     late = np.flatnonzero(times > duration_s)
     if late.size:
         raise InputError(
@@ -74,12 +75,23 @@ def checked_frames(frames: Iterable[int], instrument: Instrument, duration_s: fl
     return numbers
 
 
-def _whole_numbers(numbers: Iterable[Any]) -> list[int]:
-    """Numbers as a list of int."""
+def _whole_numbers(numbers: Iterable[Any]) -> Sequence[int]:
+    """Numbers as a range, or a list of int; quick looks first, as this is done in every call."""
+    if isinstance(numbers, np.ndarray) and numbers.ndim == 1 and numbers.dtype.kind in "iu":
+        return _as_range(numbers.tolist())
     listed = list(numbers)
-    if set(map(type, listed)) <= {int}:  # a quick look first: this is done in every call
-        return listed
-    for number in listed:
-        if isinstance(number, bool) or not isinstance(number, int | np.integer):
-            raise InputError("must be whole numbers from 0 to 2**32 - 1", "frames", number)
-    return [int(number) for number in listed]
+    if not set(map(type, listed)) <= {int}:
+        for number in listed:
+            if isinstance(number, bool) or not isinstance(number, int | np.integer):
+                raise InputError("must be whole numbers from 0 to 2**32 - 1", "frames", number)
+        listed = [int(number) for number in listed]
+    return _as_range(listed)
+
+
+def _as_range(numbers: list[int]) -> Sequence[int]:
+    """The same numbers as a range, which takes no time afterwards, if they are one."""
+    if len(numbers) < 2 or numbers[0] == numbers[1]:
+        return numbers
+    step = numbers[1] - numbers[0]
+    even = range(numbers[0], numbers[0] + step * len(numbers), step)
+    return even if numbers[-1] == even[-1] and numbers == list(even) else numbers

@@ -5,17 +5,30 @@ from __future__ import annotations
 from warpsim_kernels.signature import N_TERM
 
 from warpsim.render.batch import column_bytes
+from warpsim.render.device import rows_per_block
 from warpsim.render.device_scene import DeviceScene
+from warpsim.sky.star_density import most_stars_in_cone
 
 BYTES_PER_PASS = 32 * 2**20
 """What the signal of all images of a pass would take on the CPU, so much that the Python of a pass, 50 to 150 us, does
 not count; and what its source lists take."""
 
 BYTES_PER_PASS_CUDA = 512 * 2**20
-"""Signal that a CUDA pipeline holds, and what its source lists take: launches should be large."""
+"""What the source lists of a pass take on CUDA: launches over views should be large. What the signal would take, too,
+where counts go to the host by way of the pipeline."""
 
 SIGNAL_BYTES_AT_A_TIME = 2**20
 """Signal that one CPU pipeline holds, but an image at least: it is to stay in the cache from deposit to read-out."""
+
+SIGNAL_BYTES_AT_A_TIME_CUDA = 32 * 2**20
+"""The same on CUDA, whose cache holds 50 MB on an H100 or H200; more where `deposit` would have too few threads."""
+
+LEAST_DEPOSIT_THREADS_CUDA = 2**15
+"""Of a launch, each for few rows of an image: with fewer most multiprocessors wait, and the launch takes as long. An
+H100 or H200 runs some 50,000 at a time."""
+
+MOST_CERTAIN_STARS = 8192
+"""Stars of a view for which lists are made that are certain to hold all: 0.2 MB a view in one band."""
 
 MOST_FLOATS = 2**31 - 129
 """Of the signal of a pass: longer arrays are beyond Warp."""
@@ -38,9 +51,27 @@ def n_pixel_of(scene: DeviceScene) -> int:
 
 def images_at_a_time(scene: DeviceScene, n_view: int) -> int:
     """Return the views of a pass whose images are drawn and read out together."""
-    room = BYTES_PER_PASS_CUDA if scene.device.is_cuda else SIGNAL_BYTES_AT_A_TIME
-    n_pixel = n_pixel_of(scene)
-    return max(1, min(n_view, room // (4 * n_pixel), MOST_FLOATS // n_pixel))
+    n_pixel, n_row = n_pixel_of(scene), scene.instrument.sensor.camera.n_row
+    n_image = SIGNAL_BYTES_AT_A_TIME // (4 * n_pixel)
+    if scene.device.is_cuda:
+        n_thread = scene.n_band * -(-n_row // rows_per_block(scene.device, n_row))
+        busy = min(-(-LEAST_DEPOSIT_THREADS_CUDA // n_thread), BYTES_PER_PASS_CUDA // (4 * n_pixel))
+        n_image = max(SIGNAL_BYTES_AT_A_TIME_CUDA // (4 * n_pixel), busy)
+    return max(1, min(n_view, n_image, MOST_FLOATS // n_pixel))
+
+
+def certain_slots(scene: DeviceScene) -> int | None:
+    """Return a length of source lists that no view can exceed, wherever its camera looks.
+
+    Returns:
+        Targets, and the stars that any cone may hold of the radius which `gather_stars` searches; None where these are
+        more than MOST_CERTAIN_STARS, or where views differ in radius, as light moves during the exposure.
+    """
+    if scene.streaks.wanted:
+        return None
+    stars = scene.stars
+    n_star = most_stars_in_cone(stars.index.direction_icrs, stars.field.radius_rad)
+    return scene.n_target + max(n_star, 1) if n_star <= MOST_CERTAIN_STARS else None
 
 
 def most_views(scene: DeviceScene, n_slot: int, chunk_bytes: int | None = None, to_host: bool = False) -> int:

@@ -21,7 +21,7 @@ from warpsim_kernels.trace import (
     spread_views_kernel,
 )
 
-from warpsim.launches import Launch, Stage
+from warpsim.launches import THREADS_PER_BLOCK_CUDA, Launch, Stage
 from warpsim.render.batch import Columns, Inputs
 from warpsim.render.buffers import ExposureViews, Signal
 from warpsim.render.device import rows_per_block
@@ -29,7 +29,9 @@ from warpsim.render.star_field import star_kernel, star_threads
 from warpsim.render.streaks import Streaks, paths_struct
 
 if TYPE_CHECKING:
+    from warpsim.optics.psf_bank import PsfBank
     from warpsim.render.device_scene import DeviceBodies, DeviceScene
+    from warpsim.render.read_out import ReadOut
 
 TILE_THREADS_CUDA = N_PAIR
 
@@ -169,10 +171,18 @@ def read_out(scene: DeviceScene, inputs: Inputs, signal: Signal, counts: wp.arra
     return Stage("read_out", n_view, launches)
 
 
-def is_read_out_at_once(scene: DeviceScene) -> bool:
+def is_read_out_at_once(scene: DeviceBodies) -> bool:
     """Whether deposit_read_out can stand for deposit and read_out: on CUDA, for still sources and whole strips."""
     camera = scene.instrument.sensor.camera
     return scene.device.is_cuda and not scene.streaks.wanted and camera.n_row * camera.n_col % STRIP_PIXELS == 0
+
+
+def image_kernels(scene: DeviceBodies, psf: PsfBank, read_out: ReadOut) -> list[tuple[wp.Kernel, int]]:
+    """Kernels that make counts of sources, unless signal is kept, and the threads of their blocks on CUDA."""
+    if is_read_out_at_once(scene):
+        return [(make_deposit_read_out_kernel(psf.spots, read_out.features, RUN_THREADS), RUN_THREADS)]
+    drawn = psf.deposit_kernel(scene.streaks.wanted)
+    return [(drawn, THREADS_PER_BLOCK_CUDA), (read_out.kernel, TILE_THREADS_CUDA)]
 
 
 def deposit_read_out(scene: DeviceScene, inputs: Inputs, sources: Any, counts: wp.array) -> Stage:

@@ -90,7 +90,7 @@ class Stream:
 
     def __init__(
         self,
-        render: Callable[[list[int]], FrameSet],
+        render: Callable[[Sequence[int]], FrameSet],
         frames: Sequence[int],
         rate_hz: float | None,
         drop: bool,
@@ -98,7 +98,7 @@ class Stream:
         n_together: int,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
-        self._render, self._frames = render, list(frames)
+        self._render, self._frames = render, frames
         self._drop, self._n_ahead, self._n_together = drop, n_ahead, min(n_together, n_ahead)
         self._clock = clock
         self._pace = Pace(rate_hz, math.inf)
