@@ -48,6 +48,10 @@ SCENES: dict[str, dict[str, Any]] = {
 """By name, what is changed of `stss`; a kernel of several scenes counts for the first."""
 
 
+STAND_IN = SimpleNamespace(is_cuda=True, is_cpu=False, max_shared_memory_per_block=227 * 1024)
+"""Says of itself what the stages ask a GPU for; with the memory of sm_90."""
+
+
 @dataclass(frozen=True)
 class FrameKernel:
     """A kernel of the frame path, as it would be launched on CUDA."""
@@ -92,7 +96,7 @@ def cuda_stages(scene: DeviceScene) -> list[Stage]:
     shape = (N_VIEW, scene.n_band, camera.n_row, camera.n_col)
     signal, counts = new_signal(shape, scene.device), wp.empty(shape, dtype=wp.uint16, device=scene.device)
     exposure = new_exposure(scene.device, streaks.offset_s, N_VIEW) if streaks.wanted else None
-    cuda: Any = dataclasses.replace(scene, device=SimpleNamespace(is_cuda=True, is_cpu=False))
+    cuda: Any = dataclasses.replace(scene, device=STAND_IN)
     with mock.patch.object(wp, "launch"), mock.patch.object(wp, "launch_tiled"):
         moving = [] if exposure is None else [stages.trace(cuda, streaks, exposure, sources, columns.offset_px)]
         return [
@@ -102,7 +106,11 @@ def cuda_stages(scene: DeviceScene) -> list[Stage]:
             *moving,
             stages.deposit(cuda, sources, columns.brightness, signal),
             stages.read_out(cuda, inputs, signal, counts, 0),
-            *([stages.deposit_read_out(cuda, inputs, sources, counts)] if stages.is_read_out_at_once(cuda) else []),
+            *(
+                [stages.deposit_read_out(cuda, inputs, sources, counts)]
+                if stages.is_read_out_at_once(cuda, cuda.psf)
+                else []
+            ),
         ]
 
 

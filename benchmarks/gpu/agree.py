@@ -101,15 +101,16 @@ def _presets() -> dict[str, Case]:
 
 
 def compared(case: Case, device: str) -> Row:
-    """Render a case on the CPU and on a device, and compare."""
+    """Render a case on the CPU and on a device, there also without signal that is kept, and compare."""
     one, two = (
         ws.Renderer(case.scene, where, catalog=case.catalog).render(
             case.frames, case.sensors, keep_signal=True, keep_stars=True
         )
         for where in ("cpu", device)
     )
-    counts, others = (frames.counts.numpy().astype(np.int64) for frames in (one, two))
-    differ = np.abs(counts - others)
+    without = ws.Renderer(case.scene, device, catalog=case.catalog).render(case.frames, case.sensors)
+    counts, *others = (frames.counts.numpy().astype(np.int64) for frames in (one, two, without))
+    differ = np.abs(counts - np.stack(others))
     part, by = float((differ > 0).mean()), int(differ.max(initial=0))
     stars = _same_stars(one, two)
     worst, error = _worst_of_truth(one, two)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from typing import Any
 from unittest import mock
 
 import warpsim as ws
 from benchmarks.gpu.plan import Plan, Row, rows_of
-from warpsim.render import schedule
+from warpsim.render import pipeline, schedule, stages
 from warpsim.speed.clock import stage_times_us, work_fps
 from warpsim.speed.work import PSFS, SpeedWork, speed_work
 
@@ -28,8 +28,11 @@ SETTINGS: dict[str, dict[str, Any]] = {
 }
 """Arguments of a renderer that are tried besides the defaults."""
 
+RUN_THREADS = (128, 512)
+"""Threads that draw and read out a run of pixels, tried besides the default."""
+
 SIGNAL_MIB = (8, 32, 128, 512)
-"""Light that is drawn and read out at a time, tried besides the default: less than the cache holds, and more."""
+"""Light that goes by way of memory at a time, tried besides none: less than the cache holds, and more."""
 
 
 def _work(plan: Plan, n_pixel: int, psf: str, n_frame: int) -> SpeedWork:
@@ -48,10 +51,15 @@ def speed(plan: Plan) -> Iterator[Row]:
     """Images per second by size, point spread function and frames of a call; then with other settings."""
 
     def fps(
-        n_pixel: int, psf: str, n_frame: int, resident: bool = True, signal_mib: int | None = None, **arguments: Any
+        n_pixel: int,
+        psf: str,
+        n_frame: int,
+        resident: bool = True,
+        patch: AbstractContextManager[Any] | None = None,
+        **arguments: Any,
     ) -> Row:
         work = _work(plan, n_pixel, psf, n_frame)
-        with nullcontext() if signal_mib is None else _signal_at_a_time(signal_mib):
+        with patch or nullcontext():
             renderer = ws.Renderer(work.scene, plan.device, catalog=work.catalog, **arguments)
             found = work_fps(work, renderer, _rounds(plan), resident)
         size = {"n_pixel": n_pixel, "psf": psf, "n_frame": n_frame, "resident": resident}
@@ -70,13 +78,31 @@ def speed(plan: Plan) -> Iterator[Row]:
         cases.append((f"{name}, counts in host memory", partial(fps, n_pixel, "gaussian", n_frame, False)))
         for setting, arguments in SETTINGS.items():
             cases.append((f"{name}, {setting}", partial(fps, n_pixel, "gaussian", n_frame, **arguments)))
+        for n_thread in RUN_THREADS:
+            threads = _run_threads(n_thread)
+            cases.append(
+                (f"{name}, {n_thread} threads a run", partial(fps, n_pixel, "gaussian", n_frame, patch=threads))
+            )
         for mib in SIGNAL_MIB:
-            cases.append((f"{name}, light of {mib} MiB", partial(fps, n_pixel, "gaussian", n_frame, signal_mib=mib)))
+            patch = _drawn_and_read_out_apart(mib)
+            cases.append(
+                (f"{name}, light of {mib} MiB in memory", partial(fps, n_pixel, "gaussian", n_frame, patch=patch))
+            )
     return rows_of(cases)
 
 
-def _signal_at_a_time(mib: int) -> AbstractContextManager[Any]:
-    return mock.patch.multiple(schedule, SIGNAL_BYTES_AT_A_TIME_CUDA=mib * 2**20, LEAST_DEPOSIT_THREADS_CUDA=1)
+def _run_threads(n_thread: int) -> AbstractContextManager[Any]:
+    return mock.patch.object(stages, "RUN_THREADS", n_thread)
+
+
+@contextmanager
+def _drawn_and_read_out_apart(mib: int) -> Iterator[None]:
+    """Light goes by way of memory, so much at a time."""
+    with (
+        mock.patch.multiple(schedule, SIGNAL_BYTES_AT_A_TIME_CUDA=mib * 2**20, LEAST_DEPOSIT_THREADS_CUDA=1),
+        mock.patch.object(pipeline, "is_read_out_at_once", return_value=False),
+    ):
+        yield
 
 
 def stage_times(plan: Plan) -> Iterator[Row]:

@@ -32,6 +32,17 @@ COLUMN_THREADS = 16
 """Threads that draw a row of a stamp together, each every sixteenth column of the image."""
 
 
+OTHER_BYTES = 4096
+"""Memory that Warp's scan of a tile shares, or somewhat more."""
+
+
+def shared_bytes(spots: SpotFunctions, n_thread: int) -> int:
+    """Return the memory that a block shares."""
+    per_thread = wp.types.type_size_in_bytes(spots.Spot) + 4
+    keys = BLOCKS_PER_RUN * wp.types.type_size_in_bytes(NoiseKeys)
+    return 4 * RUN_PIXELS + n_thread * per_thread + keys + OTHER_BYTES
+
+
 @functools.cache
 def make_deposit_read_out_kernel(spots: SpotFunctions, features: ReadOutFeatures, n_thread: int) -> wp.Kernel:
     """Kernel over the runs of all images, for blocks of n_thread threads, a multiple of N_PAIR."""
@@ -102,6 +113,7 @@ def make_deposit_read_out_kernel(spots: SpotFunctions, features: ReadOutFeatures
         sensor_key = detector.keys[int(view_sensor[view])]
         for block in range(thread, BLOCKS_PER_RUN, n_thread):
             keys[block] = noise_keys(view_frame[view], band_id[band], run * BLOCKS_PER_RUN + block, sensor_key)
+        wait_for_block()
         window = Window()
         window.first_column = 0
         window.end_column = detector.n_col

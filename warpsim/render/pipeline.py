@@ -64,7 +64,7 @@ class Pipeline:
         self._stand_in = wp.empty((1, *image), dtype=wp.uint16, device=device)  # until a batch brings its own
         self.stream = wp.Stream(device) if device.is_cuda else None
         self._view_stages = self._bound_to_views()
-        at_once = is_read_out_at_once(scene)
+        at_once = is_read_out_at_once(scene, scene.psf)
         self._at_once = deposit_read_out(scene, self._inputs, self.sources, self._stand_in) if at_once else None
         self._images: ImageStages | None = None  # where signal is held
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import warp as wp
-from warpsim_kernels.deposit_read_out import RUN_PIXELS, make_deposit_read_out_kernel
+from warpsim_kernels.deposit_read_out import RUN_PIXELS, make_deposit_read_out_kernel, shared_bytes
 from warpsim_kernels.emission import make_split_kernel
 from warpsim_kernels.strips import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK
 from warpsim_kernels.trace import (
@@ -171,15 +171,20 @@ def read_out(scene: DeviceScene, inputs: Inputs, signal: Signal, counts: wp.arra
     return Stage("read_out", n_view, launches)
 
 
-def is_read_out_at_once(scene: DeviceBodies) -> bool:
-    """Whether deposit_read_out can stand for deposit and read_out: on CUDA, for still sources and whole strips."""
-    camera = scene.instrument.sensor.camera
-    return scene.device.is_cuda and not scene.streaks.wanted and camera.n_row * camera.n_col % STRIP_PIXELS == 0
+def is_read_out_at_once(scene: DeviceBodies, psf: PsfBank) -> bool:
+    """Whether deposit_read_out can stand for deposit and read_out: on CUDA, for still sources and whole strips.
+
+    Besides, a block must have the memory to share: 54 KB for Gaussians, 75 KB for patterns. All GPUs since Ampere do.
+    """
+    device, camera = scene.device, scene.instrument.sensor.camera
+    if not device.is_cuda or scene.streaks.wanted or camera.n_row * camera.n_col % STRIP_PIXELS:
+        return False
+    return shared_bytes(psf.spots, RUN_THREADS) <= int(device.max_shared_memory_per_block)
 
 
 def image_kernels(scene: DeviceBodies, psf: PsfBank, read_out: ReadOut) -> list[tuple[wp.Kernel, int]]:
     """Kernels that make counts of sources, unless signal is kept, and the threads of their blocks on CUDA."""
-    if is_read_out_at_once(scene):
+    if is_read_out_at_once(scene, psf):
         return [(make_deposit_read_out_kernel(psf.spots, read_out.features, RUN_THREADS), RUN_THREADS)]
     drawn = psf.deposit_kernel(scene.streaks.wanted)
     return [(drawn, THREADS_PER_BLOCK_CUDA), (read_out.kernel, TILE_THREADS_CUDA)]
