@@ -32,8 +32,32 @@ COLUMN_THREADS = 16
 """Threads that draw a row of a stamp together, each every sixteenth column of the image."""
 
 
+SharedLight = wp.tile(dtype=float, shape=(RUN_PIXELS,), storage="shared")
+
 OTHER_BYTES = 4096
 """Memory that Warp's scan of a tile shares, or somewhat more."""
+
+
+@wp.struct
+class Run:
+    """Neighbouring pixels of an image, row after row and over their ends."""
+
+    first_pixel: int
+    n_pixel: int
+    window: Window  # the rows that hold them, all columns
+
+
+@wp.func
+def run_of(number: int, n_pixel: int, n_col: int) -> Run:
+    """A run of an image by its number."""
+    run = Run()
+    run.first_pixel = number * RUN_PIXELS
+    run.n_pixel = wp.min(n_pixel - run.first_pixel, RUN_PIXELS)
+    run.window.first_column = 0
+    run.window.end_column = n_col
+    run.window.first_row = run.first_pixel // n_col
+    run.window.end_row = (run.first_pixel + run.n_pixel - 1) // n_col + 1
+    return run
 
 
 def shared_bytes(spots: SpotFunctions, n_thread: int) -> int:
@@ -58,16 +82,14 @@ def make_deposit_read_out_kernel(spots: SpotFunctions, features: ReadOutFeatures
     keys_address = address_function(NoiseKeys, BLOCKS_PER_RUN)
 
     @wp.func
-    def add_spot(
-        light: wp.array[float], tables: Tables, band: int, spot: Spot, first_pixel: int, n_col: int, thread: int
-    ):
+    def add_spot(light: wp.array[float], tables: Tables, band: int, spot: Spot, run: Run, thread: int):
         """Add the light of a spot to those pixels of the run that a thread owns."""
         own = thread // COLUMN_THREADS
         first_row = spot.stamp.window.first_row
         row = first_row + ((own - first_row) & wp.static(n_row - 1))
         while row < spot.stamp.window.end_row:
             columns = columns_of_row(spot.stamp, row)
-            before = row * n_col - first_pixel  # place of the row's first pixel in the run
+            before = row * run.window.end_column - run.first_pixel  # place of the row's first pixel in the run
             first = wp.max(columns[0], -before)
             end = wp.min(columns[1], RUN_PIXELS - before)
             column = first + ((thread - first) & wp.static(COLUMN_THREADS - 1))
@@ -76,6 +98,73 @@ def make_deposit_read_out_kernel(spots: SpotFunctions, features: ReadOutFeatures
                 light[before + column] = light[before + column] + light_at(tables, band, spot, in_row, column)
                 column += COLUMN_THREADS
             row += wp.static(n_row)
+
+    @wp.func
+    def add_sources(
+        light: wp.array[float],
+        spots: wp.array[Spot],
+        listed: wp.array[int],
+        sources: Sources,
+        tables: Tables,
+        rule: StampRule,
+        view: int,
+        band: int,
+        run: Run,
+        thread: int,
+    ):
+        """Add the light of all sources, n_thread of them at a time."""
+        n_source = sources.n_source[view]
+        for first_slot in range(0, n_source, n_thread):
+            slot = first_slot + thread
+            hit = int(0)
+            if slot < n_source:
+                irradiance = sources.irradiance_w_cm2[view, band, slot]
+                if irradiance != 0.0:
+                    spot = spot_of(tables, band, sources.xy_px[view, slot], irradiance, rule, run.window)
+                    if spot.stamp.window.first_row < spot.stamp.window.end_row:
+                        spots[thread] = spot
+                        hit = 1
+            ranks = wp.tile_scan_inclusive(wp.tile(hit))
+            if hit == 1:
+                listed[wp.untile(ranks) - 1] = thread
+            n_listed = wp.tile_extract(ranks, wp.static(n_thread - 1))
+            wait_for_block()
+            for k in range(n_listed):
+                add_spot(light, tables, band, spots[listed[k]], run, thread)
+            wait_for_block()
+
+    @wp.func
+    def read_out_run(
+        light: SharedLight,
+        keys: wp.array[NoiseKeys],
+        detector: Detector,
+        image: int,
+        band: int,
+        run: Run,
+        thread: int,
+        counts: wp.array[wp.uint16],
+    ):
+        """Counts of the run's pixels."""
+        d = detector.pixels[band]
+        first_count = wp.uint64(image) * wp.uint64(detector.n_pixel) + wp.uint64(run.first_pixel)
+        own = wp.uint32(thread)
+        for block in range((run.n_pixel + wp.static(BLOCK_PIXELS - 1)) // BLOCK_PIXELS):
+            key = keys[block]
+            for step in range(wp.static(PAIRS_PER_BLOCK // n_thread)):
+                # Threads are whole strips: a step further is twice as many pixels further.
+                at = wp.uint32(block * BLOCK_PIXELS + 2 * n_thread * step) + own + (own & ~PAIR_MASK)
+                if at < wp.uint32(run.n_pixel):
+                    counts_1, counts_2 = counts_of_pairs(
+                        wp.tile(own + wp.uint32(n_thread * step)),
+                        wp.tile(wp.uint32(run.first_pixel) + at),
+                        wp.tile(light_at_pixel(light, at)),
+                        wp.tile(light_at_pixel(light, at + wp.uint32(N_PAIR))),
+                        d,
+                        key,
+                        detector.n_col,
+                    )
+                    store(counts, first_count + wp.uint64(at), wp.untile(counts_1))
+                    store(counts, first_count + wp.uint64(at) + wp.uint64(N_PAIR), wp.untile(counts_2))
 
     @wp.kernel(module="unique", enable_backward=False, grid_stride=False, launch_bounds=(n_thread, spots.n_block))
     def deposit_read_out_kernel(
@@ -93,14 +182,12 @@ def make_deposit_read_out_kernel(spots: SpotFunctions, features: ReadOutFeatures
         if wp.static(False):
             mapped_functions()
         item, thread = wp.tid()
-        n_pixel = detector.n_pixel
-        n_run = (n_pixel + wp.static(RUN_PIXELS - 1)) // RUN_PIXELS
+        n_run = (detector.n_pixel + wp.static(RUN_PIXELS - 1)) // RUN_PIXELS
         image = item // n_run
-        run = item - image * n_run
+        number = item - image * n_run
         view = image // band_id.shape[0]
         band = image - view * band_id.shape[0]
-        first_pixel = run * RUN_PIXELS
-        n = wp.min(n_pixel - first_pixel, RUN_PIXELS)
+        run = run_of(number, detector.n_pixel, detector.n_col)
         light_tile = wp.tile_zeros(shape=wp.static(RUN_PIXELS), dtype=float, storage="shared")
         light = wp.array(ptr=light_address(light_tile), shape=(RUN_PIXELS,), dtype=float)
         spot_tile = wp.tile_empty(shape=wp.static(n_thread), dtype=Spot, storage="shared")
@@ -112,52 +199,9 @@ def make_deposit_read_out_kernel(spots: SpotFunctions, features: ReadOutFeatures
 
         sensor_key = detector.keys[int(view_sensor[view])]
         for block in range(thread, BLOCKS_PER_RUN, n_thread):
-            keys[block] = noise_keys(view_frame[view], band_id[band], run * BLOCKS_PER_RUN + block, sensor_key)
+            keys[block] = noise_keys(view_frame[view], band_id[band], number * BLOCKS_PER_RUN + block, sensor_key)
         wait_for_block()
-        window = Window()
-        window.first_column = 0
-        window.end_column = detector.n_col
-        window.first_row = first_pixel // detector.n_col
-        window.end_row = (first_pixel + n - 1) // detector.n_col + 1
-        n_source = sources.n_source[view]
-        for first_slot in range(0, n_source, n_thread):
-            slot = first_slot + thread
-            hit = int(0)
-            if slot < n_source:
-                irradiance = sources.irradiance_w_cm2[view, band, slot]
-                if irradiance != 0.0:
-                    spot = spot_of(tables, band, sources.xy_px[view, slot], irradiance, rule, window)
-                    if spot.stamp.window.first_row < spot.stamp.window.end_row:
-                        spots[thread] = spot
-                        hit = 1
-            ranks = wp.tile_scan_inclusive(wp.tile(hit))
-            if hit == 1:
-                listed[wp.untile(ranks) - 1] = thread
-            n_listed = wp.tile_extract(ranks, wp.static(n_thread - 1))
-            wait_for_block()
-            for k in range(n_listed):
-                add_spot(light, tables, band, spots[listed[k]], first_pixel, detector.n_col, thread)
-            wait_for_block()
-
-        d = detector.pixels[band]
-        first_count = wp.uint64(image) * wp.uint64(n_pixel) + wp.uint64(first_pixel)
-        own = wp.uint32(thread)
-        for block in range((n + wp.static(BLOCK_PIXELS - 1)) // BLOCK_PIXELS):
-            key = keys[block]
-            for step in range(wp.static(PAIRS_PER_BLOCK // n_thread)):
-                # Threads are whole strips: a step further is twice as many pixels further.
-                at = wp.uint32(block * BLOCK_PIXELS + 2 * n_thread * step) + own + (own & ~PAIR_MASK)
-                if at < wp.uint32(n):
-                    counts_1, counts_2 = counts_of_pairs(
-                        wp.tile(own + wp.uint32(n_thread * step)),
-                        wp.tile(wp.uint32(first_pixel) + at),
-                        wp.tile(light_at_pixel(light_tile, at)),
-                        wp.tile(light_at_pixel(light_tile, at + wp.uint32(N_PAIR))),
-                        d,
-                        key,
-                        detector.n_col,
-                    )
-                    store(counts, first_count + wp.uint64(at), wp.untile(counts_1))
-                    store(counts, first_count + wp.uint64(at) + wp.uint64(N_PAIR), wp.untile(counts_2))
+        add_sources(light, spots, listed, sources, tables, rule, view, band, run, thread)
+        read_out_run(light_tile, keys, detector, image, band, run, thread, counts)
 
     return deposit_read_out_kernel

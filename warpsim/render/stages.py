@@ -179,7 +179,7 @@ def is_read_out_at_once(scene: DeviceBodies, psf: PsfBank) -> bool:
     device, camera = scene.device, scene.instrument.sensor.camera
     if not device.is_cuda or scene.streaks.wanted or camera.n_row * camera.n_col % STRIP_PIXELS:
         return False
-    return shared_bytes(psf.spots, RUN_THREADS) <= int(device.max_shared_memory_per_block)
+    return bool(shared_bytes(psf.spots, RUN_THREADS) <= device.max_shared_memory_per_block)
 
 
 def image_kernels(scene: DeviceBodies, psf: PsfBank, read_out: ReadOut) -> list[tuple[wp.Kernel, int]]:
