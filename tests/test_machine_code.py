@@ -28,7 +28,9 @@ PRESENT = {
     ("gather_stars", "in sunlight, exposure, Gaussian"): (149, 0, 0),
     ("trace_targets", "in sunlight, exposure, Gaussian"): (144, 0, 0),
     ("deposit_gaussian", "in sunlight, exposure, Gaussian"): (168, 0, 0),
-    ("deposit_table", "in sunlight, exposure, Airy"): (254, 4, 6),
+    ("deposit_table", "stss, Airy"): (168, 0, 0),
+    ("deposit_table", "pixels behind the last whole strip"): (168, 0, 0),
+    ("deposit_table", "in sunlight, exposure, Airy"): (255, 4, 0),
 }
 PRESENT_PER_PAIR = 157
 """Instructions of a pixel pair of the plain read-out, as measured: it may not get worse, either."""
