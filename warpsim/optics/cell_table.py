@@ -34,6 +34,9 @@ ROUNDING = 1e-7
 CORE_PX = 2
 """Pixels to each side of the source's own on which the number of cells is judged."""
 
+CELLS_PER_NODE = {3: 1.0, 5: 0.3, 7: 0.15, 9: 0.1}
+"""Cells per pixel over nodes per pixel, by degree, that are tried first."""
+
 MOST_CELLS = 512
 """Cells per pixel, beyond which none are tried."""
 
@@ -99,7 +102,8 @@ def cells_for(table: ShareTable, degree: int, error: float) -> tuple[int, int] |
     most = error - table.error - ROUNDING
     if most <= 0.0:
         return None
-    n, n_row = 2, 2
+    # Nodes are as dense as the pattern is sharp; by experience, and not too many to begin with.
+    n = 2 * max(1, int(0.5 * CELLS_PER_NODE[degree] * table.per_px[1]))
     for _ in range(6):
         n_row = 2 * math.ceil(0.5 * n * table.pixel_aspect)
         if max(n, n_row) > MOST_CELLS:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from warpsim_kernels.psf_cells import CELL_DEGREES, TableLayout, n_term_of
+from warpsim_kernels.psf_cells import TableLayout, n_term_of
 
 from warpsim.errors import InputError
 from warpsim.optics.airy import airy_table, airy_table_shapes
@@ -29,6 +29,9 @@ NODE_PART, NODE_POINTS = 0.6, 8
 
 LARGEST_CELL_BYTES = 24_000_000
 """Of the polynomials of a pattern."""
+
+FEW_CELLS, MANY_BYTES = 4, 8_000_000
+"""So few cells of the fifth degree per pixel that the third may do; so large tables that higher ones may be better."""
 
 HOT_CELL_PX2 = 72
 """Pixels whose polynomials most stamps read, of half the cells: those of 9 rows of 16."""
@@ -153,30 +156,42 @@ def cheapest_layout(
     """
     accuracy = accuracy or TableAccuracy()
     _check(pixel_aspect, accuracy.error, POINTS[0])
-    if accuracy.n_point is None and accuracy.degree is None:
-        costs = {}
-        for degree in CELL_DEGREES:
-            sizes = [_cell_sizes(psf, pixel_aspect, accuracy.error).get(degree) for psf in psfs]
-            if all(sizes):
-                costs[degree] = sum(_cell_cost_ns(degree, *size) for size in sizes if size)
-        if costs:
-            return TableLayout(min(costs, key=lambda degree: costs[degree]))
-    elif accuracy.degree:
+    if accuracy.degree:
         return TableLayout(accuracy.degree)
+    if accuracy.degree is None and accuracy.n_point is None:
+        degree = _cheapest_degree(psfs, pixel_aspect, accuracy.error)
+        if degree:
+            return TableLayout(degree)
     return TableLayout(0, accuracy.n_point or cheapest_points(psfs, pixel_aspect, accuracy.error))
 
 
+def _cheapest_degree(psfs: Sequence[TabulatedPsf], pixel_aspect: float, error: float) -> int:
+    """Return the degree of polynomials with which drawing costs least; 0 where all take too many cells.
+
+    Each degree takes time to judge: those beside the first are where it says that they may be better.
+    """
+    costs, middle = {}, [_cell_size(psf, pixel_aspect, error, 5) for psf in psfs]
+    degrees = [5]
+    if all(size is not None and size[0] <= FEW_CELLS for size in middle):
+        degrees.append(3)
+    if any(size is None or size[1] > MANY_BYTES for size in middle):
+        degrees += [7, 9]
+    for degree in degrees:
+        sizes = [_cell_size(psf, pixel_aspect, error, degree) for psf in psfs]
+        found = [size for size in sizes if size is not None]
+        if len(found) == len(sizes):
+            costs[degree] = sum(_cell_cost_ns(degree, *size) for size in found)
+    return min(costs, key=lambda degree: costs[degree], default=0)
+
+
 @lru_cache(maxsize=64)
-def _cell_sizes(psf: TabulatedPsf, pixel_aspect: float, error: float) -> dict[int, tuple[int, int]]:
-    """Return cells per pixel [px-2] and bytes of the polynomials of each degree that are not too large."""
-    nodes, sizes = fitted_nodes(psf, pixel_aspect, error), {}
-    if nodes is None:
-        return {}
-    for degree in CELL_DEGREES:
-        n_cell = cells_for(nodes, degree, error)
-        if n_cell is not None and cell_bytes(nodes, degree, n_cell) <= LARGEST_CELL_BYTES:
-            sizes[degree] = (n_cell[0] * n_cell[1], cell_bytes(nodes, degree, n_cell))
-    return sizes
+def _cell_size(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: int) -> tuple[int, int] | None:
+    """Return cells per pixel [px-2] and bytes of the polynomials of a degree; None if they are too large."""
+    nodes = fitted_nodes(psf, pixel_aspect, error)
+    n_cell = None if nodes is None else cells_for(nodes, degree, error)
+    if nodes is None or n_cell is None or cell_bytes(nodes, degree, n_cell) > LARGEST_CELL_BYTES:
+        return None
+    return n_cell[0] * n_cell[1], cell_bytes(nodes, degree, n_cell)
 
 
 def _cell_cost_ns(degree: int, n_cell: int, n_byte: int) -> float:
