@@ -61,8 +61,7 @@ def smooth_from_px(psf: TablePsf) -> wp.vec2d:
 def table_stamp_function(layout: TableLayout) -> Any:
     """The function that adds a source to the pixels of its stamp, by tables of a layout."""
     draw, read = canvas_functions(TABLE_LANE), layout.functions()
-    Lanes, Nodes, Canvas, lanes_between = draw.Lanes, read.Nodes, draw.Canvas, draw.lanes_between
-    add_light, flag_strips = draw.add_light, draw.flag_strips
+    Nodes, Canvas, add_light, flag_strips = read.Nodes, draw.Canvas, draw.add_light, draw.flag_strips
     Place, place_in, row_in, pixel_shares = read.Place, read.place_in, read.row_in, read.shares
 
     @wp.func
@@ -98,7 +97,6 @@ def table_stamp_function(layout: TableLayout) -> Any:
         strength: float,
         psf: TablePsf,
         nodes: wp.array[Nodes],
-        masks: wp.array[Lanes],
         stamp: Stamp,
     ):
         """All pixels of a stamp; rows have as many blocks as the widest, so that loops are as long for each of them."""
@@ -125,7 +123,9 @@ def table_stamp_function(layout: TableLayout) -> Any:
                     first = wp.clamp(left - vector, 0, TABLE_LANE)
                     end = wp.clamp(right - vector, 0, TABLE_LANE)
                     light = strength * pixel_shares(nodes, psf, place, in_row, block)
-                    add_light(canvas, row, vector, wp.cw_mul(light, lanes_between(masks, first, end)), first, end)
+                    for lane in range(TABLE_LANE):  # the others have numbers without meaning
+                        light[lane] = wp.where(lane >= first and lane < end, light[lane], 0.0)
+                    add_light(canvas, row, vector, light, first, end)
                     block += TABLE_LANE // psf.block_px
                     vector += TABLE_LANE
                 flag_strips(canvas, row, left, right)
@@ -157,14 +157,13 @@ def part_around(stamp: Stamp, hole: Window, number: int) -> Stamp:
 @functools.cache
 def pattern_tables(layout: TableLayout) -> Any:
     """The struct of the patterns of all bands, with tables of a layout."""
-    Lanes, Nodes = canvas_functions(TABLE_LANE).Lanes, layout.functions().Nodes
+    Nodes = layout.functions().Nodes
 
     class PatternTables:
         psfs: wp.array[TablePsf]  # (n_band,)
         blurs: wp.array[Blur]  # (n_band,)
-        table: wp.array[float]  # lane_mask, pixel fractions and envelopes of all bands, flat
-        lanes: wp.array[Lanes]  # the same, with a vector from every float on
-        nodes: wp.array[Nodes]  # the same
+        table: wp.array[float]  # pixel fractions and envelopes of all bands, flat
+        nodes: wp.array[Nodes]  # the same, with a vector from every float on
 
     return wp.struct(PatternTables)
 
@@ -173,7 +172,7 @@ def pattern_tables(layout: TableLayout) -> Any:
 def make_deposit_table_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
     """Kernel of the stage; without streaks it looks at no paths."""
     draw = canvas_functions(TABLE_LANE)
-    Lanes, Images, Canvas, canvas_of = draw.Lanes, draw.Images, draw.Canvas, draw.canvas_of
+    Images, Canvas, canvas_of = draw.Images, draw.Canvas, draw.canvas_of
     Nodes, Tables = layout.functions().Nodes, pattern_tables(layout)
     add_stamp = table_stamp_function(layout)
 
@@ -185,7 +184,6 @@ def make_deposit_table_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
         streak: Streak,
         psf: TablePsf,
         nodes: wp.array[Nodes],
-        masks: wp.array[Lanes],
         paths: Paths,
         rules: StreakRules,
         window: Window,
@@ -211,7 +209,7 @@ def make_deposit_table_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
                     moment = moment_of(paths, source, smooth, panel, far // N_AROUND, rules)
                     stamp = stamp_around(moment.xy_px, reach_px, psf.pixel_aspect, window)
                     stamp = part_around(stamp, near, far % N_AROUND)
-                add_stamp(canvas, moment.xy_px, moment.irradiance_w_cm2, psf, nodes, masks, stamp)
+                add_stamp(canvas, moment.xy_px, moment.irradiance_w_cm2, psf, nodes, stamp)
                 draw += 1
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -230,7 +228,6 @@ def make_deposit_table_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
         window = block_window(images.n_row, images.n_col, block, images.n_row_per_block)
         psf = tables.psfs[band]
         nodes = tables.nodes
-        lanes = tables.lanes
         for slot in range(sources.n_source[view]):
             irradiance = sources.irradiance_w_cm2[view, band, slot]
             if irradiance == 0.0:
@@ -247,9 +244,9 @@ def make_deposit_table_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
                     streak = streak_of(
                         paths, source, wp.max(cut, rule.streak_error), longest_px, tables.blurs[band], rules
                     )
-                    add_streak(canvas, source, reach_px, streak, psf, nodes, lanes, paths, rules, window)
+                    add_streak(canvas, source, reach_px, streak, psf, nodes, paths, rules, window)
             else:
                 stamp = stamp_around(xy_px, reach_px, psf.pixel_aspect, window)
-                add_stamp(canvas, xy_px, irradiance, psf, nodes, lanes, stamp)
+                add_stamp(canvas, xy_px, irradiance, psf, nodes, stamp)
 
     return deposit_table_kernel

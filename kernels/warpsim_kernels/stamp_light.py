@@ -215,7 +215,7 @@ def make_table_light_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
         source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
         psfs: wp.array[TablePsf],  # (n_band,)
         blurs: wp.array[Blur],  # (n_band,)
-        table: wp.array[float],  # lane_mask, pixel shares and envelopes of all bands, flat
+        table: wp.array[float],  # pixel shares and envelopes of all bands, flat
         nodes: wp.array[Nodes],  # the same, with a vector from every float on
         rule: StampRule,
         paths: Paths,

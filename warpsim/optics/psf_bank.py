@@ -153,7 +153,7 @@ class TableBank:
         """See PsfBank."""
         tables: Any = pattern_tables(self._layout)()
         tables.psfs, tables.blurs, tables.table = self._psf, self._blur, self._table
-        tables.lanes, tables.nodes = overlapping(self._table, TABLE_LANE), self._nodes()
+        tables.nodes = self._nodes()
         inputs = [_lists(sources), tables, rule, *_movement(paths, signal_w_cm2.device)]
         kernel = self.deposit_kernel(paths is not None)
         return _deposit(kernel, inputs, TABLE_LANE, n_row_per_block, signal_w_cm2, lit)

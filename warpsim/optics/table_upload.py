@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.canvas import lane_mask
 from warpsim_kernels.psf import TABLE_LANE, TablePsf
 
 from warpsim.optics.cell_table import BLOCK_PX, CellTable, n_side_block
@@ -22,11 +21,11 @@ def upload_tables(tables: Sequence[ShareTable | CellTable], device: Any) -> tupl
     """Put tables on a device.
 
     Returns:
-        The tables' structs (TablePsf), shape (n_table,), and the flat array of lane_mask, shares and envelopes.
+        The tables' structs (TablePsf), shape (n_table,), and the flat array of shares and envelopes.
     """
-    mask = np.array(lane_mask(TABLE_LANE), dtype=np.float32)
-    structs, parts, start = [], [mask, np.zeros(-len(mask) % ALIGNED, dtype=np.float32)], len(mask)
-    start += len(parts[-1])
+    structs: list[Any] = []
+    parts: list[npt.NDArray[np.float32]] = []
+    start = 0
     for table in tables:
         struct, share = _polynomials(table) if isinstance(table, CellTable) else _nodes(table)
         source = table.nodes if isinstance(table, CellTable) else table
