@@ -5,10 +5,10 @@
 
 The deposit alone, one thread, thousands of sources at random places of one image; launches are recorded, so that no
 Python is timed. Ways to draw: a Gaussian by tables of one axis and by error functions, share tables of several orders
-and errors for Gaussian and Airy patterns; stamps that leave out more or less; few and many sources; streaks by more or
-fewer nodes; sums in float32, float64 and fixed point. The error is that of the worst pixel of single sources of unit
-light at random places, against float64 quadrature written here; of sums, that of the worst pixel of a crowd, as a share
-of the brightest one.
+and errors, and polynomials of several degrees, for Gaussian and Airy patterns; stamps that leave out more or less; few
+and many sources; streaks by more or fewer nodes; sums in float32, float64 and fixed point. The error is that of the
+worst pixel of single sources of unit light at random places, against float64 quadrature written here; of sums, that of
+the worst pixel of a crowd, as a share of the brightest one.
 """
 
 from __future__ import annotations
@@ -57,6 +57,13 @@ WAYS |= {
     for n_point in (2, 4, 6, 8)
     for error in ERRORS
     if n_point > 2 or error > 1e-5  # tables of two points for less would not fit
+}
+WAYS |= {
+    f"{name}, polynomials of degree {degree}, {error:g}": (psf, TableAccuracy(error, None, degree))
+    for name, psf in (("Gaussian", gaussian_image()), ("Airy", AIRY))
+    for degree in (3, 5, 7)
+    for error in ERRORS
+    if degree > 3 or error > 1e-6  # of the third degree for less would not fit
 }
 
 

@@ -9,6 +9,8 @@ import warp as wp
 import warpsim_kernels
 from warpsim_kernels.aim import AimFeatures
 from warpsim_kernels.detector import ReadOutFeatures
+from warpsim_kernels.psf import TABLE_POINTS
+from warpsim_kernels.psf_cells import CELL_DEGREES, TableLayout
 from warpsim_kernels.signature import Features
 from warpsim_kernels.spots import gaussian_spots, table_spots
 from warpsim_kernels.stars import StarFeatures
@@ -24,6 +26,8 @@ SERIES = EVERYTHING._replace(albedo_degree=12, earth_degree=14)
 NEI_TERMS = ReadOutFeatures(bad_pixels=True, prnu=True, dsnu=True, column_noise=True, nonlinearity=True)
 ELECTRON_TERMS = NEI_TERMS._replace(electrons=True, shot_noise=True, small_means=True, read_noise=True)
 READ_OUTS = [ReadOutFeatures(), NEI_TERMS, ELECTRON_TERMS]
+NODES = TableLayout(0, 6)
+LAYOUTS = [*(TableLayout(degree) for degree in CELL_DEGREES), *(TableLayout(0, n_point) for n_point in TABLE_POINTS)]
 FACTORY_ARGUMENTS = {
     "make_aim_kernel": [(AimFeatures(track=True),), (AimFeatures(*[True] * len(AimFeatures._fields)),)],
     "make_observe_targets_kernel": [(Features(),), (EVERYTHING,), (SERIES,)],
@@ -38,16 +42,16 @@ FACTORY_ARGUMENTS = {
     "make_gather_stars_kernel": [(StarFeatures(aberration=True), 1), (StarFeatures(*[True] * 5), 32)],
     "make_query_cone_kernel": [(wp.vec3d,), (wp.vec3f,)],
     "make_deposit_gaussian_kernel": [(False,), (True,)],
-    "make_deposit_table_kernel": [(2, False), (4, False), (6, False), (8, False), (6, True)],
+    "make_deposit_table_kernel": [*((layout, False) for layout in LAYOUTS), (NODES, True), (LAYOUTS[0], True)],
     "make_gaussian_light_kernel": [(False,), (True,)],
-    "make_table_light_kernel": [(6, False), (6, True)],
+    "make_table_light_kernel": [(NODES, False), (NODES, True), (LAYOUTS[1], False), (LAYOUTS[1], True)],
     "make_half_read_out": [],  # functions of the kernels below
     "make_noise_keys": [],
     "make_counts_of_pairs": [],
     "make_read_out_kernel": [(features, ragged) for features in READ_OUTS for ragged in (False, True)],
     "make_deposit_read_out_kernel": [
         *((gaussian_spots(), features, RUN_THREADS) for features in READ_OUTS),
-        *((table_spots(n_point), ReadOutFeatures(), RUN_THREADS) for n_point in (2, 4, 6, 8)),
+        *((table_spots(layout), ReadOutFeatures(), RUN_THREADS) for layout in LAYOUTS),
     ],
 }
 

@@ -28,7 +28,9 @@ PRESENT = {
     ("gather_stars", "stss, Gaussian"): (164, 0, 0),
     ("gather_stars", "in sunlight, exposure, Gaussian"): (187, 0, 0),
     ("deposit_gaussian", "in sunlight, exposure, Gaussian"): (168, 0, 0),
-    ("deposit_table", "in sunlight, exposure, Airy"): (254, 4, 6),
+    ("deposit_table", "stss, Airy"): (168, 0, 0),
+    ("deposit_table", "pixels behind the last whole strip"): (168, 0, 0),
+    ("deposit_table", "in sunlight, exposure, Airy"): (255, 4, 0),
 }
 MOST_PER_PAIR = 100
 """Instructions of a pixel pair where deposit and read-out are one kernel."""

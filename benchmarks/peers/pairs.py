@@ -47,6 +47,11 @@ def make_peer(name: str, work: PeerWork, n_thread: int | None = None) -> Peer:
     return getattr(importlib.import_module(f"benchmarks.peers.{package}_peer"), kind)(work, n_thread)
 
 
+def peer_error_nei(work: PeerWork, peer: Peer) -> float:
+    """Error of a peer's worst pixel in the first frame [noise]."""
+    return float(np.abs(peer.image_nei(0) - work.signal_nei(0, **EXACT)).max())
+
+
 @dataclass
 class Pairs:
     """Turns of the product and of a peer."""
@@ -86,8 +91,9 @@ class Pairs:
             "n_pair": len(ours),
             "cores_of_others": max(0.0, busy_s / wall_s),
             "n_source": self.work.n_source,
+            "stamp_cut_nei": self.work.speed.scene.optics.stamp_cut_nei,
             "error_nei": float(np.abs(self.work.signal_nei(0) - exact).max()),
-            "peer_error_nei": float(np.abs(self.peer.image_nei(0) - exact).max()),
+            "peer_error_nei": peer_error_nei(self.work, self.peer),
         }
 
 

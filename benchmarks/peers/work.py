@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,11 +19,14 @@ PSFS = ("gaussian", "airy")
 EXACT = {"optics__stamp_cut_nei": 1e-4, "optics__psf_error": 1e-6}
 """What images are compared with: the product at an accuracy that tests hold against quadrature."""
 
-STAMPS = {
-    "default": {"gaussian": {}, "airy": {}},
-    "as the peers": {"gaussian": {"optics__stamp_cut_nei": 3e-4}, "airy": {"optics__stamp_cut_nei": 3e-3}},
-}
-"""Where the product's stamps end: by its default, or so far out that its worst pixel is about as good as a peer's."""
+STAMPS = ("default", "as exact")
+"""Where the product's stamps end: by its default, or where its worst pixel is as good as the peer's."""
+
+CUTS_NEI = tuple(float(f"{0.2 * 10 ** (-0.125 * step):.2g}") for step in range(24))
+"""Values of optics.stamp_cut_nei that are tried for it, 0.2 to 2.7e-4."""
+
+LIST_CUT_NEI = 3e-3
+"""With which sources outside the frame are listed, for the peers too."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,19 @@ class PeerWork:
         """Sources of the fullest frame."""
         return max(map(len, self.x_px))
 
+    def as_exact(self, peer_error_nei: float) -> PeerWork:
+        """Return the work with the product's largest stamp cut that errs by no more than a peer.
+
+        Args:
+            peer_error_nei: Error of the peer's worst pixel in the first frame [noise].
+        """
+        exact = self.signal_nei(0, **EXACT)
+        for cut_nei in CUTS_NEI:
+            if np.abs(self.signal_nei(0, optics__stamp_cut_nei=cut_nei) - exact).max() <= peer_error_nei:
+                break
+        speed = replace(self.speed, scene=self.speed.scene.replace(optics__stamp_cut_nei=cut_nei))
+        return replace(self, speed=speed)
+
     def renderer(self, n_thread: int | None = None, **changes: Any) -> ws.Renderer:
         """The product, for this work, on the CPU; with changes to the scene."""
         return ws.Renderer(self.speed.scene.replace(**changes), "cpu", n_thread, self.speed.catalog)
@@ -86,24 +102,24 @@ class Peer(Protocol):
         """The image as it is read out, uint16, (n_pixel, n_pixel)."""
 
 
-def peer_work(n_pixel: int, n_star: int, psf: str, stamps: str = "default", n_frame: int | None = None) -> PeerWork:
+def peer_work(n_pixel: int, n_star: int, psf: str, n_frame: int | None = None) -> PeerWork:
     """One sensor; a Gaussian of 0.7 px, or an Airy pattern of 1.5 px and one wavelength, at every image size.
 
     Args:
         n_pixel: Rows and columns.
         n_star: Stars in view, about.
         psf: One of PSFS.
-        stamps: One of STAMPS.
         n_frame: Frames of a call; those of the SpeedWork when left out.
     """
     speed = speed_work(n_pixel, n_star, psf=psf, n_frame=n_frame)
-    scene = speed.scene.replace(**STAMPS[stamps][psf])
+    scene = speed.scene
     if psf == "airy":
         one = scene.replace(optics__n_interval=1)
         scale = one.scenario.instrument.psf(BAND).radii_px[0] / AIRY_RADIUS_PX
         scene = one.replace(optics__aperture_m=one.optics.aperture_m * scale)
     speed = SpeedWork(scene, speed.sensors, speed.catalog, speed.n_frame, n_star, psf)
-    frames = ws.Renderer(scene, "cpu", catalog=speed.catalog).render(
+    listed = scene.replace(optics__stamp_cut_nei=LIST_CUT_NEI)
+    frames = ws.Renderer(listed, "cpu", catalog=speed.catalog).render(
         speed.frames(0), speed.sensors, [BAND], keep_stars=True
     )
     stars, truth, nei_w_cm2 = frames.stars, frames.truth, scene.scenario.instrument.nei_w_cm2(BAND)

@@ -40,10 +40,10 @@ class CanvasFunctions(NamedTuple):
 
     add_light: Any
     """(canvas, row: int, vector: int, light, first: int, end: int): add to pixels of a row from the column `vector` on;
-    light is 0 but in the columns from first up to end."""
+    light is 0 but in the lanes from first up to end."""
 
     flag_strips: Any
-    """(canvas, row: int, first: int, end: int): flag pixels of a row that were added to singly."""
+    """(canvas, row: int, first: int, end: int): flag the strips of the columns of a row from first up to end."""
 
 
 @functools.cache
@@ -88,23 +88,22 @@ def canvas_functions(n_lane: int) -> CanvasFunctions:
 
     @wp.func
     def add_light(canvas: canvas_type, row: int, vector: int, light: Lanes, first: int, end: int):
-        begin = row * canvas.n_col
-        pixel = canvas.first + begin + vector
+        pixel = canvas.first + row * canvas.n_col + vector
         if vector >= 0 and vector + wp.static(n_lane) <= canvas.n_col:
             canvas.lanes[pixel] = canvas.lanes[pixel] + light
         else:
-            for lane in range(first - vector, end - vector):
+            for lane in range(first, end):
                 canvas.pixels[pixel + lane] = canvas.pixels[pixel + lane] + light[lane]
-        # Vectors are shorter than strips: they touch two at most.
-        canvas.lit[canvas.first_strip + ((begin + first) >> STRIP_SHIFT)] = wp.uint8(1)
-        canvas.lit[canvas.first_strip + ((begin + end - 1) >> STRIP_SHIFT)] = wp.uint8(1)
 
     @wp.func
     def flag_strips(canvas: canvas_type, row: int, first: int, end: int):
-        begin = row * canvas.n_col
-        strip = (begin + first) >> STRIP_SHIFT
-        while first < end and strip <= (begin + end - 1) >> STRIP_SHIFT:
-            canvas.lit[canvas.first_strip + strip] = wp.uint8(1)
-            strip += 1
+        if first < end:
+            begin = row * canvas.n_col
+            strip = canvas.first_strip + ((begin + first) >> STRIP_SHIFT)
+            last = canvas.first_strip + ((begin + end - 1) >> STRIP_SHIFT)
+            canvas.lit[last] = wp.uint8(1)
+            while strip < last:
+                canvas.lit[strip] = wp.uint8(1)
+                strip += 1
 
     return CanvasFunctions(Lanes, images_type, canvas_type, canvas_of, lanes_between, add_light, flag_strips)

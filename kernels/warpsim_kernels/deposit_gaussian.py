@@ -27,7 +27,7 @@ from warpsim_kernels.streaks import NO_LIMIT, Blur, StreakRules, is_streak_near,
 GAUSSIAN_LANE = 16
 """Pixels that are drawn at a time."""
 
-Lanes, Images, Canvas, canvas_of, lanes_between, add_light, _ = canvas_functions(GAUSSIAN_LANE)
+Lanes, Images, Canvas, canvas_of, lanes_between, add_light, flag_strips = canvas_functions(GAUSSIAN_LANE)
 
 
 @wp.struct
@@ -133,9 +133,11 @@ def add_gaussian_stamp(
                     right = wp.min(columns[1], end)
                     if left < right:
                         light = wp.cw_mul(light, lanes_between(shares, left - vector, right - vector))
-                        add_light(canvas, row, vector, light, left, right)
+                        add_light(canvas, row, vector, light, left - vector, right - vector)
+                        flag_strips(canvas, row, left, right)
                 else:
-                    add_light(canvas, row, vector, light, first, end)
+                    add_light(canvas, row, vector, light, first - vector, end - vector)
+                    flag_strips(canvas, row, first, end)
                 row += 1
         first = end
 

@@ -7,7 +7,8 @@ import warp as wp
 
 from warpsim_kernels.canvas import canvas_functions
 from warpsim_kernels.paths import Paths
-from warpsim_kernels.psf import TABLE_LANE, TablePsf, table_functions, table_reach_px, table_wing
+from warpsim_kernels.psf import TABLE_LANE, TablePsf, table_reach_px, table_wing
+from warpsim_kernels.psf_cells import TableLayout
 from warpsim_kernels.records import Sources
 from warpsim_kernels.stamps import (
     Stamp,
@@ -57,12 +58,11 @@ def smooth_from_px(psf: TablePsf) -> wp.vec2d:
 
 
 @functools.cache
-def table_stamp_function(n_point: int) -> Any:
-    """The function that adds a source to the pixels of its stamp, by an interpolation of n_point x n_point nodes."""
-    draw, read = canvas_functions(TABLE_LANE), table_functions(n_point)
-    Lanes, Nodes, Canvas, lanes_between = draw.Lanes, read.Nodes, draw.Canvas, draw.lanes_between
-    add_light, flag_strips = draw.add_light, draw.flag_strips
-    place_in, row_in, pixel_shares = read.place_in, read.row_in, read.shares
+def table_stamp_function(layout: TableLayout) -> Any:
+    """The function that adds a source to the pixels of its stamp, by tables of a layout."""
+    draw, read = canvas_functions(TABLE_LANE), layout.functions()
+    Nodes, Canvas, add_light, flag_strips = read.Nodes, draw.Canvas, draw.add_light, draw.flag_strips
+    Place, place_in, row_in, pixel_shares = read.Place, read.place_in, read.row_in, read.shares
 
     @wp.func
     def add_wing(
@@ -76,40 +76,62 @@ def table_stamp_function(n_point: int) -> Any:
         flag_strips(canvas, row, first, end)
 
     @wp.func
+    def add_wings(canvas: Canvas, strength: float, psf: TablePsf, place: Place, stamp: Stamp, served: Window):
+        """All pixels of a stamp beyond what the table serves."""
+        dx = place.dx_px
+        for row in range(stamp.window.first_row, stamp.window.end_row):
+            columns = columns_of_row(stamp, row)
+            left = columns[0]
+            right = columns[0]
+            if row >= served.first_row and row < served.end_row:
+                left = wp.clamp(served.first_column, columns[0], columns[1])
+                right = wp.clamp(served.end_column, left, columns[1])
+            dy = place.dy_px + float(row - stamp.row) * psf.pixel_aspect
+            add_wing(canvas, row, columns[0], left, stamp.column, strength, psf, dx, dy)
+            add_wing(canvas, row, right, columns[1], stamp.column, strength, psf, dx, dy)
+
+    @wp.func
     def add(
         canvas: Canvas,
         xy_px: wp.vec2d,
         strength: float,
         psf: TablePsf,
         nodes: wp.array[Nodes],
-        masks: wp.array[Lanes],
         stamp: Stamp,
     ):
+        """All pixels of a stamp; rows have as many blocks as the widest, so that loops are as long for each of them."""
         if stamp.window.first_row < stamp.window.end_row:
             place = place_in(wp.float64(stamp.column) - xy_px[0], wp.float64(stamp.row) - xy_px[1], psf)
+            served = Window()
+            served.first_column = stamp.column + place.first_step
+            served.end_column = stamp.column + place.end_step
+            served.first_row = stamp.row + place.first_row_step
+            served.end_row = stamp.row + place.end_row_step
+            widest = columns_of_row(stamp, stamp.row)
             zero = stamp.column - psf.zero_pixel  # first pixel of the first block
-            row = stamp.window.first_row
-            while row < stamp.window.end_row:
-                in_row = row_in(place, row - stamp.row, psf)
+            first_block = (wp.max(widest[0], served.first_column) - zero) // psf.block_px
+            end_vector = wp.min(widest[1], served.end_column)
+            window = stamp.window
+            for row in range(wp.max(window.first_row, served.first_row), wp.min(window.end_row, served.end_row)):
                 columns = columns_of_row(stamp, row)
-                first = columns[0]
-                end = columns[0]
-                if in_row.first >= 0:
-                    first = wp.clamp(stamp.column + place.first_step, columns[0], columns[1])
-                    end = wp.clamp(stamp.column + place.end_step, first, columns[1])
-                dx = place.dx_px
-                dy = in_row.distance_px
-                add_wing(canvas, row, columns[0], first, stamp.column, strength, psf, dx, dy)
-                add_wing(canvas, row, end, columns[1], stamp.column, strength, psf, dx, dy)
-                while first < end:
-                    block = (first - zero) // TABLE_LANE
-                    vector = zero + block * TABLE_LANE
-                    last = wp.min(vector + TABLE_LANE, end)
+                left = wp.max(columns[0], served.first_column)
+                right = wp.min(columns[1], served.end_column)
+                in_row = row_in(place, row - stamp.row, psf)
+                block = first_block
+                vector = zero + block * psf.block_px
+                while vector < end_vector:
+                    first = wp.clamp(left - vector, 0, TABLE_LANE)
+                    end = wp.clamp(right - vector, 0, TABLE_LANE)
                     light = strength * pixel_shares(nodes, psf, place, in_row, block)
-                    light = wp.cw_mul(light, lanes_between(masks, first - vector, last - vector))
-                    add_light(canvas, row, vector, light, first, last)
-                    first = last
-                row += 1
+                    for lane in range(TABLE_LANE):  # the others have numbers without meaning
+                        light[lane] = wp.where(lane >= first and lane < end, light[lane], 0.0)
+                    add_light(canvas, row, vector, light, first, end)
+                    block += TABLE_LANE // psf.block_px
+                    vector += TABLE_LANE
+                flag_strips(canvas, row, left, right)
+            within = widest[0] >= served.first_column and widest[1] <= served.end_column
+            if not (within and window.first_row >= served.first_row and window.end_row <= served.end_row):
+                add_wings(canvas, strength, psf, place, stamp, served)
 
     return add
 
@@ -133,27 +155,26 @@ def part_around(stamp: Stamp, hole: Window, number: int) -> Stamp:
 
 
 @functools.cache
-def pattern_tables(n_point: int) -> Any:
-    """The struct of the patterns of all bands, for an interpolation of n_point x n_point nodes."""
-    Lanes, Nodes = canvas_functions(TABLE_LANE).Lanes, table_functions(n_point).Nodes
+def pattern_tables(layout: TableLayout) -> Any:
+    """The struct of the patterns of all bands, with tables of a layout."""
+    Nodes = layout.functions().Nodes
 
     class PatternTables:
         psfs: wp.array[TablePsf]  # (n_band,)
         blurs: wp.array[Blur]  # (n_band,)
-        table: wp.array[float]  # lane_mask, pixel fractions and envelopes of all bands, flat
-        lanes: wp.array[Lanes]  # the same, with a vector from every float on
-        nodes: wp.array[Nodes]  # the same
+        table: wp.array[float]  # pixel fractions and envelopes of all bands, flat
+        nodes: wp.array[Nodes]  # the same, with a vector from every float on
 
     return wp.struct(PatternTables)
 
 
 @functools.cache
-def make_deposit_table_kernel(n_point: int, streaks: bool) -> wp.Kernel:
+def make_deposit_table_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
     """Kernel of the stage; without streaks it looks at no paths."""
     draw = canvas_functions(TABLE_LANE)
-    Lanes, Images, Canvas, canvas_of = draw.Lanes, draw.Images, draw.Canvas, draw.canvas_of
-    Nodes, Tables = table_functions(n_point).Nodes, pattern_tables(n_point)
-    add_stamp = table_stamp_function(n_point)
+    Images, Canvas, canvas_of = draw.Images, draw.Canvas, draw.canvas_of
+    Nodes, Tables = layout.functions().Nodes, pattern_tables(layout)
+    add_stamp = table_stamp_function(layout)
 
     @wp.func
     def add_streak(
@@ -163,7 +184,6 @@ def make_deposit_table_kernel(n_point: int, streaks: bool) -> wp.Kernel:
         streak: Streak,
         psf: TablePsf,
         nodes: wp.array[Nodes],
-        masks: wp.array[Lanes],
         paths: Paths,
         rules: StreakRules,
         window: Window,
@@ -189,7 +209,7 @@ def make_deposit_table_kernel(n_point: int, streaks: bool) -> wp.Kernel:
                     moment = moment_of(paths, source, smooth, panel, far // N_AROUND, rules)
                     stamp = stamp_around(moment.xy_px, reach_px, psf.pixel_aspect, window)
                     stamp = part_around(stamp, near, far % N_AROUND)
-                add_stamp(canvas, moment.xy_px, moment.irradiance_w_cm2, psf, nodes, masks, stamp)
+                add_stamp(canvas, moment.xy_px, moment.irradiance_w_cm2, psf, nodes, stamp)
                 draw += 1
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -208,7 +228,6 @@ def make_deposit_table_kernel(n_point: int, streaks: bool) -> wp.Kernel:
         window = block_window(images.n_row, images.n_col, block, images.n_row_per_block)
         psf = tables.psfs[band]
         nodes = tables.nodes
-        lanes = tables.lanes
         for slot in range(sources.n_source[view]):
             irradiance = sources.irradiance_w_cm2[view, band, slot]
             if irradiance == 0.0:
@@ -225,9 +244,9 @@ def make_deposit_table_kernel(n_point: int, streaks: bool) -> wp.Kernel:
                     streak = streak_of(
                         paths, source, wp.max(cut, rule.streak_error), longest_px, tables.blurs[band], rules
                     )
-                    add_streak(canvas, source, reach_px, streak, psf, nodes, lanes, paths, rules, window)
+                    add_streak(canvas, source, reach_px, streak, psf, nodes, paths, rules, window)
             else:
                 stamp = stamp_around(xy_px, reach_px, psf.pixel_aspect, window)
-                add_stamp(canvas, xy_px, irradiance, psf, nodes, lanes, stamp)
+                add_stamp(canvas, xy_px, irradiance, psf, nodes, stamp)
 
     return deposit_table_kernel

@@ -98,6 +98,7 @@ class TablePsf:
     start: int  # where the shares begin in the flat array
     n_row: int
     n_block: int
+    block_px: int  # pixels from a block to the next; TABLE_LANE, or half of it where blocks overlap
     n_phase: int
     column_per_px: int  # nodes per pixel along columns
     row_per_px: int
@@ -152,18 +153,18 @@ class TableFunctions(NamedTuple):
     """What a kernel needs to read tables by an interpolation of n_point x n_point nodes."""
 
     Nodes: Any
-    """Vector of n_point * TABLE_LANE floats."""
+    """Vector of all floats that TABLE_LANE pixels take at a time: n_point * TABLE_LANE of a row of nodes."""
 
     Place: Any
-    """Struct: where a source stands between the nodes."""
+    """Struct: where a source lies in a table."""
 
     Row: Any
     """Struct: a row of its pixels."""
 
     place_in: Any
     """(dx_px: float64, dy_px: float64, psf: TablePsf) -> place; the centre of the source's own pixel minus the source,
-    along columns and along rows [pixel heights]. It tells which columns the table serves: from place.first_step up to
-    place.end_step pixels from the source's own."""
+    along columns and along rows [pixel heights]. It tells what the table serves: columns from place.first_step up to
+    place.end_step pixels from the source's own, rows from place.first_row_step up to place.end_row_step."""
 
     row_in: Any
     """(place, step: int, psf: TablePsf) -> row that is step pixels from the source's own; row.first is -1 where the
@@ -218,6 +219,8 @@ def table_functions(n_point: int) -> TableFunctions:
         phase: int  # first node of the interpolation along dx
         first_step: int  # columns that the table serves, in pixels from the source's own
         end_step: int
+        first_row_step: int  # rows likewise
+        end_row_step: int
         across: Weights
         node: int  # the one before dy, counted from dy = 0
         down: Weights
@@ -246,6 +249,9 @@ def table_functions(n_point: int) -> TableFunctions:
         reach_px = wp.float64(psf.reach_column_px)
         place.first_step = int(wp.floor(-reach_px - dx_px)) + 1
         place.end_step = int(wp.ceil(reach_px - dx_px))
+        reach_px = wp.float64(psf.reach_row_px)
+        place.first_row_step = int(wp.floor(-reach_px - dy_px)) + 1
+        place.end_row_step = int(wp.ceil(reach_px - dy_px))
         position = dy_px * wp.float64(psf.row_per_px)
         node = wp.floor(position)
         place.node = int(node)

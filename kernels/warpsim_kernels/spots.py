@@ -7,7 +7,8 @@ import warp as wp
 
 from warpsim_kernels.deposit_gaussian import EdgePlace, EdgeTable, GaussianTables, Lanes, edge_place
 from warpsim_kernels.deposit_table import pattern_tables
-from warpsim_kernels.psf import gaussian_reach_px, table_functions, table_reach_px, table_wing
+from warpsim_kernels.psf import gaussian_reach_px, table_reach_px, table_wing
+from warpsim_kernels.psf_cells import TableLayout
 from warpsim_kernels.stamps import Stamp, StampRule, Window, stamp_around, stamp_cut
 
 
@@ -83,9 +84,9 @@ def gaussian_spots() -> SpotFunctions:
 
 
 @functools.cache
-def table_spots(n_point: int) -> SpotFunctions:
-    """Spots of tabulated patterns, by an interpolation of n_point x n_point nodes."""
-    read, Tables = table_functions(n_point), pattern_tables(n_point)
+def table_spots(layout: TableLayout) -> SpotFunctions:
+    """Spots of tabulated patterns, by tables of a layout."""
+    read, Tables = layout.functions(), pattern_tables(layout)
     Place, Row = read.Place, read.Row
     place_in, row_in, share = read.place_in, read.row_in, read.share
 

@@ -14,10 +14,10 @@ from warpsim_kernels.psf import (
     gaussian_pixel_share,
     gaussian_reach_px,
     share_between,
-    table_functions,
     table_reach_px,
     table_wing,
 )
+from warpsim_kernels.psf_cells import TableLayout
 from warpsim_kernels.stamps import (
     Stamp,
     StampRule,
@@ -138,9 +138,9 @@ def core_of(psf: TablePsf, stamp: Stamp) -> Window:
 
 
 @functools.cache
-def make_table_light_kernel(n_point: int, streaks: bool) -> wp.Kernel:
+def make_table_light_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
     """Kernel for tabulated images; without streaks it looks at no paths."""
-    read = table_functions(n_point)
+    read = layout.functions()
     Nodes, place_in, row_in, pixel_shares = read.Nodes, read.place_in, read.row_in, read.shares
 
     @wp.func
@@ -153,9 +153,9 @@ def make_table_light_kernel(n_point: int, streaks: bool) -> wp.Kernel:
         step = column - own_column
         if in_row.first < 0 or step < place.first_step or step >= place.end_step:
             return wp.float64(table_wing(psf, place.dx_px + float(step), in_row.distance_px))
-        block = (psf.zero_pixel + step) // TABLE_LANE
+        block = (psf.zero_pixel + step) // psf.block_px
         found = pixel_shares(nodes, psf, place, in_row, block)
-        return wp.float64(found[psf.zero_pixel + step - block * TABLE_LANE])
+        return wp.float64(found[psf.zero_pixel + step - block * psf.block_px])
 
     @wp.func
     def core_share(nodes: wp.array[Nodes], psf: TablePsf, xy_px: wp.vec2d, stamp: Stamp, core: Window) -> wp.float64:
@@ -174,9 +174,9 @@ def make_table_light_kernel(n_point: int, streaks: bool) -> wp.Kernel:
                     total += wp.float64(table_wing(psf, place.dx_px + float(step), in_row.distance_px))
                     column += 1
                 else:
-                    block = (column - zero) // TABLE_LANE
+                    block = (column - zero) // psf.block_px
                     found = pixel_shares(nodes, psf, place, in_row, block)
-                    vector = zero + block * TABLE_LANE
+                    vector = zero + block * psf.block_px
                     last = wp.min(wp.min(vector + TABLE_LANE, stamp.column + place.end_step), end)
                     while column < last:
                         total += wp.float64(found[column - vector])
@@ -215,7 +215,7 @@ def make_table_light_kernel(n_point: int, streaks: bool) -> wp.Kernel:
         source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
         psfs: wp.array[TablePsf],  # (n_band,)
         blurs: wp.array[Blur],  # (n_band,)
-        table: wp.array[float],  # lane_mask, pixel shares and envelopes of all bands, flat
+        table: wp.array[float],  # pixel shares and envelopes of all bands, flat
         nodes: wp.array[Nodes],  # the same, with a vector from every float on
         rule: StampRule,
         paths: Paths,

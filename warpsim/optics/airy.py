@@ -42,7 +42,9 @@ ROUNDING = 2.5e-8
 N_REFINE = 6
 
 
-def airy_table(pattern: AiryPattern, pixel_aspect: float, error: float, n_point: int) -> ShareTable:
+def airy_table(
+    pattern: AiryPattern, pixel_aspect: float, error: float, n_point: int, real: type = np.float32
+) -> ShareTable:
     """Build the table of an Airy pattern.
 
     Args:
@@ -50,6 +52,7 @@ def airy_table(pattern: AiryPattern, pixel_aspect: float, error: float, n_point:
         pixel_aspect: Height of a pixel over its width.
         error: Largest error per pixel and unit flux.
         n_point: Points per axis of the interpolation.
+        real: Of the weights and sums with which the table is read, np.float32 or np.float64.
 
     Returns:
         The table, with its error measured on sampled offsets; it is at most `error`.
@@ -61,7 +64,7 @@ def airy_table(pattern: AiryPattern, pixel_aspect: float, error: float, n_point:
     step_px = _step_px(pattern, pixel_aspect, error, n_point)
     for _ in range(N_REFINE):
         table = _table(flow, pattern, pixel_aspect, reach_px, step_px, n_point)
-        inside, outside = _measured_errors(table, flow)
+        inside, outside = _measured_errors(table, flow, real)
         worst = stated_error(max(inside, outside))
         if worst <= error:
             return replace(table, error=worst)
@@ -240,8 +243,8 @@ def _table(
     )
 
 
-def _measured_errors(table: ShareTable, flow: FlowProfile) -> tuple[float, float]:
-    """Return the largest errors of the float32 scheme inside and outside the table, on sampled offsets."""
+def _measured_errors(table: ShareTable, flow: FlowProfile, real: type) -> tuple[float, float]:
+    """Return the largest errors inside and outside the table, on sampled offsets that float32 holds."""
     rng = np.random.default_rng(0)
     reach = np.array(table.reach_px)[:, None]  # rows, columns
     scale = np.array([1.0 / table.pixel_aspect, 1.0])[:, None] * flow.scale_px
@@ -249,7 +252,7 @@ def _measured_errors(table: ShareTable, flow: FlowProfile) -> tuple[float, float
     for offsets in (_inside(table, rng, reach, scale), _outside(rng, reach)):
         dy_px, dx_px = offsets.astype(np.float32)
         exact = pixel_shares(flow, dx_px.astype(np.float64), dy_px.astype(np.float64), table.pixel_aspect)
-        worst.append(float(np.max(np.abs(share(table, dx_px, dy_px) - exact))))
+        worst.append(float(np.max(np.abs(share(table, dx_px.astype(real), dy_px.astype(real)) - exact))))
     return worst[0], worst[1]
 
 

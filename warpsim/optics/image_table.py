@@ -21,13 +21,14 @@ N_PROBE = 24
 """The same to find the distance of its nodes."""
 
 
-def image_table(pattern: SplineImage, error: float, n_point: int) -> ShareTable:
+def image_table(pattern: SplineImage, error: float, n_point: int, real: type = np.float32) -> ShareTable:
     """Build the table of an image.
 
     Args:
         pattern: The spline through the image.
         error: Largest error per pixel and unit flux, against the spline.
         n_point: Points per axis of the interpolation.
+        real: Of the weights and sums with which the table is read, np.float32 or np.float64.
 
     Raises:
         InputError: The table would be too large, or the error is too small for float32.
@@ -37,7 +38,7 @@ def image_table(pattern: SplineImage, error: float, n_point: int) -> ShareTable:
         table = _table(pattern, step_px, n_point)
         x, y = (axis.astype(np.float32) for axis in _samples(pattern, N_SAMPLE))
         exact = pattern.shares_on_grid(x.astype(np.float64), y.astype(np.float64))
-        found = float(np.max(np.abs(share(table, *np.meshgrid(x, y)) - exact)))
+        found = float(np.max(np.abs(share(table, *np.meshgrid(x.astype(real), y.astype(real))) - exact)))
         if stated_error(found) <= error:
             return replace(table, error=stated_error(found))
         step_px *= 0.95 * min(1.0, (0.75 * error / found) ** (1.0 / min(n_point, 5)))

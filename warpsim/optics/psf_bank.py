@@ -26,7 +26,7 @@ from warpsim.optics.psf import Psf, PsfGaussian, check_one_family
 from warpsim.optics.sharpness import sharpness
 from warpsim.optics.streak_rules import STREAK_ERROR, streak_rules
 from warpsim.optics.table_upload import overlapping, upload_tables
-from warpsim.optics.tables import TableAccuracy, TabulatedPsf, cheapest_points, share_table
+from warpsim.optics.tables import TableAccuracy, TabulatedPsf, cheapest_layout, polynomials, share_table
 
 SMALLEST_STAMP_CUT = 1e-15
 """Stamps never grow beyond where a pixel holds this fraction of a source's light."""
@@ -149,11 +149,16 @@ class TableBank:
     """Patterns as tables of pixel shares."""
 
     def __init__(self, psfs: Sequence[TabulatedPsf], device: Any, pixel_aspect: float, accuracy: TableAccuracy) -> None:
-        n_point = accuracy.n_point or cheapest_points(psfs, pixel_aspect, accuracy.error)
-        tables = [share_table(psf, pixel_aspect, accuracy.error, n_point) for psf in psfs]
+        layout, error = cheapest_layout(psfs, pixel_aspect, accuracy), accuracy.error
+        tables = [
+            polynomials(psf, pixel_aspect, error, layout.degree)
+            if layout.degree
+            else share_table(psf, pixel_aspect, error, layout.n_point)
+            for psf in psfs
+        ]
         self._psf, self._table = upload_tables(tables, device)
         self._blur = wp.array([_blur(psf, pixel_aspect) for psf in psfs], dtype=Blur, device=device)
-        self._n_point = n_point
+        self._layout = layout
 
     def deposit(
         self,
@@ -171,20 +176,20 @@ class TableBank:
 
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
         """See PsfBank."""
-        return make_deposit_table_kernel(self._n_point, moving)
+        return make_deposit_table_kernel(self._layout, moving)
 
     @property
     def tables(self) -> Any:
         """See PsfBank."""
-        tables: Any = pattern_tables(self._n_point)()
+        tables: Any = pattern_tables(self._layout)()
         tables.psfs, tables.blurs, tables.table = self._psf, self._blur, self._table
-        tables.lanes, tables.nodes = overlapping(self._table, TABLE_LANE), self._nodes()
+        tables.nodes = self._nodes()
         return tables
 
     @property
     def spots(self) -> SpotFunctions:
         """See PsfBank."""
-        return table_spots(self._n_point)
+        return table_spots(self._layout)
 
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
         """See PsfBank."""
@@ -192,7 +197,7 @@ class TableBank:
 
     def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array], paths: Any = None) -> None:
         """See PsfBank."""
-        kernel = make_table_light_kernel(self._n_point, paths is not None)
+        kernel = make_table_light_kernel(self._layout, paths is not None)
         tables = [self._psf, self._blur, self._table, self._nodes()]
         inputs = [*sources, *tables, rule, *_movement(paths, outputs[0].device)]
         _launch(kernel, inputs, outputs)
@@ -204,7 +209,7 @@ class TableBank:
         return bank
 
     def _nodes(self) -> wp.array:
-        return overlapping(self._table, self._n_point * TABLE_LANE)
+        return overlapping(self._table, len(self._layout.functions().Nodes()))
 
 
 def _blur(psf: TabulatedPsf, pixel_aspect: float) -> Any:

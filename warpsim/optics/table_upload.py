@@ -2,50 +2,66 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.canvas import lane_mask
 from warpsim_kernels.psf import TABLE_LANE, TablePsf
 
+from warpsim.optics.cell_table import BLOCK_PX, CellTable, n_side_block
 from warpsim.optics.share_table import ShareTable
 
 ALIGNED = 16
 """Floats of a cache line: tables begin with one."""
 
 
-def upload_tables(tables: Sequence[ShareTable], device: Any) -> tuple[wp.array, wp.array]:
+def upload_tables(tables: Sequence[ShareTable | CellTable], device: Any) -> tuple[wp.array, wp.array]:
     """Put tables on a device.
 
     Returns:
-        The tables' structs (TablePsf), shape (n_table,), and the flat array of lane_mask, shares and envelopes.
+        The tables' structs (TablePsf), shape (n_table,), and the flat array of shares and envelopes.
     """
-    mask = np.array(lane_mask(TABLE_LANE), dtype=np.float32)
-    structs, parts, start = [], [mask, np.zeros(-len(mask) % ALIGNED, dtype=np.float32)], len(mask)
-    start += len(parts[-1])
+    structs: list[Any] = []
+    parts: list[npt.NDArray[np.float32]] = []
+    start = 0
     for table in tables:
-        share, zero_pixel = by_block(table)
-        struct: Any = TablePsf()
-        struct.start = start
-        struct.n_row, struct.n_block, struct.n_phase, _ = share.shape
-        struct.row_per_px, struct.column_per_px = table.per_px
-        struct.zero_row, struct.zero_phase, struct.zero_pixel = table.zero[0], table.per_px[1] // 2, zero_pixel
-        struct.mirrored = int(table.mirrored)
-        struct.reach_row_px, struct.reach_column_px = table.reach_px
-        struct.pixel_aspect = table.pixel_aspect
-        struct.wing_px3, struct.wing_next_px2, struct.wing_aspect_px2, struct.wing_last_px4 = table.wing
-        struct.envelope = start + share.size
-        struct.n_envelope = len(table.envelope)
-        struct.tail_px3 = table.tail_px3
+        struct, share = _polynomials(table) if isinstance(table, CellTable) else _nodes(table)
+        source = table.nodes if isinstance(table, CellTable) else table
+        struct.start, struct.envelope = start, start + share.size
+        struct.mirrored = int(source.mirrored)
+        struct.reach_row_px, struct.reach_column_px = source.reach_px
+        struct.pixel_aspect = source.pixel_aspect
+        struct.wing_px3, struct.wing_next_px2, struct.wing_aspect_px2, struct.wing_last_px4 = source.wing
+        struct.n_envelope = len(source.envelope)
+        struct.tail_px3 = source.tail_px3
         structs.append(struct)
-        parts += [share.ravel(), table.envelope, np.zeros(-len(table.envelope) % ALIGNED, dtype=np.float32)]
-        start += sum(len(part) for part in parts[-3:])
+        parts += [share.ravel(), source.envelope]
+        parts.append(np.zeros(-sum(map(len, parts[-2:])) % ALIGNED, dtype=np.float32))
+        start += sum(map(len, parts[-3:]))
     flat = wp.array(np.concatenate(parts), dtype=wp.float32, device=device)
     return wp.array(structs, dtype=TablePsf, device=device), flat
+
+
+def _nodes(table: ShareTable) -> tuple[Any, npt.NDArray[np.float32]]:
+    """Return the struct of a table of nodes, and the shares in the order in which stamps are drawn."""
+    share, zero_pixel = by_block(table)
+    struct: Any = TablePsf()
+    struct.n_row, struct.n_block, struct.n_phase, struct.block_px = share.shape
+    struct.row_per_px, struct.column_per_px = table.per_px
+    struct.zero_row, struct.zero_phase, struct.zero_pixel = table.zero[0], table.per_px[1] // 2, zero_pixel
+    return struct, share
+
+
+def _polynomials(table: CellTable) -> tuple[Any, npt.NDArray[np.float32]]:
+    """Return the struct of a table of polynomials, and their coefficients."""
+    struct: Any = TablePsf()
+    struct.n_block, struct.n_row = table.coefficient.shape[2:4]
+    struct.block_px = BLOCK_PX
+    struct.row_per_px, struct.column_per_px = table.n_cell
+    struct.zero_row, struct.zero_pixel = table.zero
+    return struct, table.coefficient
 
 
 def by_block(table: ShareTable) -> tuple[npt.NDArray[np.float32], int]:
@@ -57,8 +73,7 @@ def by_block(table: ShareTable) -> tuple[npt.NDArray[np.float32], int]:
         a pixel from the pixel's centre; there are as many as it takes at most.
     """
     per_px, zero = table.per_px[1], table.zero[1]
-    n_pixel = math.ceil(table.reach_px[1] + 0.5)  # to each side
-    n_side = math.ceil((n_pixel + 1 - TABLE_LANE // 2) / TABLE_LANE)
+    n_side = n_side_block(table)
     zero_pixel = n_side * TABLE_LANE + TABLE_LANE // 2
     pixel = np.arange((2 * n_side + 1) * TABLE_LANE).reshape(-1, TABLE_LANE) - zero_pixel
     phase = np.arange(per_px + table.n_point) - per_px // 2 - (table.n_point // 2 - 1)

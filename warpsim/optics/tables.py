@@ -1,4 +1,4 @@
-"""Share tables for point spread functions: which order of interpolation is cheapest, and a small store of tables."""
+"""Share tables for point spread functions: how they are drawn at the least cost, and a small store of tables."""
 
 from __future__ import annotations
 
@@ -8,8 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
+import numpy as np
+from warpsim_kernels.psf_cells import TableLayout, n_term_of
+
 from warpsim.errors import InputError
 from warpsim.optics.airy import airy_table, airy_table_shapes
+from warpsim.optics.cell_table import CellTable, cell_bytes, cell_table, cells_for
 from warpsim.optics.image_table import image_table, image_table_shape
 from warpsim.optics.pattern import FIRST_DARK_RING, AiryPattern
 from warpsim.optics.psf import PsfAiry, PsfTable
@@ -19,6 +23,18 @@ from warpsim.optics.spline_image import SplineImage, spline_of
 ERROR_RANGE = (6e-7, 1e-2)
 """Fraction of the flux per pixel; float32 shares, weights and sums allow no less."""
 DEFAULT_ERROR = 6e-7
+
+NODE_PART, NODE_POINTS = 0.6, 8
+"""Part of the error that the nodes may have to which polynomials are fitted, and their points per axis."""
+
+LARGEST_CELL_BYTES = 24_000_000
+"""Of the polynomials of a pattern."""
+
+FEW_CELLS, MANY_BYTES = 4, 8_000_000
+"""So few cells of the fifth degree per pixel that the third may do; so large tables that higher ones may be better."""
+
+HOT_CELL_PX2 = 72
+"""Pixels whose polynomials most stamps read, of half the cells: those of 9 rows of 16."""
 
 STORE_BYTES = 128 * 2**20
 """Tables kept for the next renderer; the largest single one has 48 MB."""
@@ -30,16 +46,16 @@ class _Store:
     """The tables used last, up to STORE_BYTES."""
 
     def __init__(self) -> None:
-        self._tables: OrderedDict[tuple[object, ...], ShareTable] = OrderedDict()
+        self._tables: OrderedDict[tuple[object, ...], ShareTable | CellTable] = OrderedDict()
         self._lock = threading.Lock()
 
-    def get(self, key: tuple[object, ...]) -> ShareTable | None:
+    def get(self, key: tuple[object, ...]) -> ShareTable | CellTable | None:
         with self._lock:
             if key in self._tables:
                 self._tables.move_to_end(key)
             return self._tables.get(key)
 
-    def put(self, key: tuple[object, ...], table: ShareTable) -> None:
+    def put(self, key: tuple[object, ...], table: ShareTable | CellTable) -> None:
         with self._lock:
             self._tables[key] = table
             while len(self._tables) > 1 and sum(kept.n_byte for kept in self._tables.values()) > STORE_BYTES:
@@ -57,7 +73,10 @@ class TableAccuracy:
     """Largest error per pixel and unit flux."""
 
     n_point: int | None = None
-    """Points per axis of the interpolation; None is the cheapest."""
+    """Points per axis of an interpolation between nodes; None is the cheapest."""
+
+    degree: int | None = None
+    """Total degree of the polynomials that are drawn, 0 to draw by nodes; None: the cheapest, or nodes with n_point."""
 
 
 def share_table(
@@ -76,15 +95,110 @@ def share_table(
     """
     n_point = cheapest_points([psf], pixel_aspect, error) if n_point is None else n_point
     _check(pixel_aspect, error, n_point)
-    key = psf, pixel_aspect, error, n_point
+    return _nodes(psf, pixel_aspect, error, n_point, np.float32)
+
+
+def _nodes(psf: TabulatedPsf, pixel_aspect: float, error: float, n_point: int, real: type) -> ShareTable:
+    key = psf, pixel_aspect, error, n_point, real
     table = _STORE.get(key)
     if table is None:
         if isinstance(psf, PsfAiry):
-            table = airy_table(_airy_pattern(psf), pixel_aspect, error, n_point)
+            table = airy_table(_airy_pattern(psf), pixel_aspect, error, n_point, real)
         else:
-            table = image_table(_spline(psf, pixel_aspect), error, n_point)
+            table = image_table(_spline(psf, pixel_aspect), error, n_point, real)
         _STORE.put(key, table)
+    assert isinstance(table, ShareTable)
     return table
+
+
+def fitted_nodes(psf: TabulatedPsf, pixel_aspect: float, error: float) -> ShareTable | None:
+    """Return the table of nodes that polynomials are fitted to; None where there is none."""
+    try:
+        return _nodes(psf, pixel_aspect, NODE_PART * error, NODE_POINTS, np.float64)
+    except InputError:
+        return None
+
+
+def polynomials(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: int) -> CellTable:
+    """Return the polynomials that a point spread function is drawn with; they are fitted once, as long as in use.
+
+    Args:
+        psf: Pattern, lengths in pixel widths.
+        pixel_aspect: Height of a pixel over its width.
+        error: Largest error per pixel and unit flux, 6e-7 to 0.01.
+        degree: Total degree, one of CELL_DEGREES.
+
+    Raises:
+        InputError: A value breaks its rule, or the tables would be too large.
+    """
+    _check(pixel_aspect, error, NODE_POINTS)
+    key = psf, pixel_aspect, error, degree, "cells"
+    table = _STORE.get(key)
+    if table is None:
+        nodes = fitted_nodes(psf, pixel_aspect, error)
+        table = None if nodes is None else cell_table(nodes, degree, error)
+        if table is None:
+            raise InputError(f"an error of {error:g} needs too many cells; allow more").of("psf tables")
+        _STORE.put(key, table)
+    assert isinstance(table, CellTable)
+    return table
+
+
+def cheapest_layout(
+    psfs: Sequence[TabulatedPsf], pixel_aspect: float = 1.0, accuracy: TableAccuracy | None = None
+) -> TableLayout:
+    """Return what tables hold with which drawing costs least, for patterns that are drawn with one kernel.
+
+    Polynomials, and nodes for patterns so sharp that polynomials would fill too many cells.
+
+    Raises:
+        InputError: Nothing does with tables that are not too large.
+    """
+    accuracy = accuracy or TableAccuracy()
+    _check(pixel_aspect, accuracy.error, POINTS[0])
+    if accuracy.degree:
+        return TableLayout(accuracy.degree)
+    if accuracy.degree is None and accuracy.n_point is None:
+        degree = _cheapest_degree(psfs, pixel_aspect, accuracy.error)
+        if degree:
+            return TableLayout(degree)
+    return TableLayout(0, accuracy.n_point or cheapest_points(psfs, pixel_aspect, accuracy.error))
+
+
+def _cheapest_degree(psfs: Sequence[TabulatedPsf], pixel_aspect: float, error: float) -> int:
+    """Return the degree of polynomials with which drawing costs least; 0 where all take too many cells.
+
+    Each degree takes time to judge: those beside the first are where it says that they may be better.
+    """
+    costs, middle = {}, [_cell_size(psf, pixel_aspect, error, 5) for psf in psfs]
+    degrees = [5]
+    if all(size is not None and size[0] <= FEW_CELLS for size in middle):
+        degrees.append(3)
+    if any(size is None or size[1] > MANY_BYTES for size in middle):
+        degrees += [7, 9]
+    for degree in degrees:
+        sizes = [_cell_size(psf, pixel_aspect, error, degree) for psf in psfs]
+        found = [size for size in sizes if size is not None]
+        if len(found) == len(sizes):
+            costs[degree] = sum(_cell_cost_ns(degree, *size) for size in found)
+    return min(costs, key=lambda degree: costs[degree], default=0)
+
+
+@lru_cache(maxsize=64)
+def _cell_size(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: int) -> tuple[int, int] | None:
+    """Return cells per pixel [px-2] and bytes of the polynomials of a degree; None if they are too large."""
+    nodes = fitted_nodes(psf, pixel_aspect, error)
+    n_cell = None if nodes is None else cells_for(nodes, degree, error)
+    if nodes is None or n_cell is None or cell_bytes(nodes, degree, n_cell) > LARGEST_CELL_BYTES:
+        return None
+    return n_cell[0] * n_cell[1], cell_bytes(nodes, degree, n_cell)
+
+
+def _cell_cost_ns(degree: int, n_cell: int, n_byte: int) -> float:
+    """Time of TABLE_LANE pixels, from measurements on a CPU; polynomials beyond the caches cost more."""
+    n_term: int = n_term_of(degree)
+    hot = min(n_byte, 4 * n_term * n_cell * HOT_CELL_PX2)
+    return (10.0 + 0.25 * n_term) * (1.0 + hot / 3e6 + n_byte / 6e7)
 
 
 def cheapest_points(psfs: Sequence[TabulatedPsf], pixel_aspect: float = 1.0, error: float = DEFAULT_ERROR) -> int:

@@ -15,9 +15,9 @@ from warpsim_kernels.camera import Distortion as LensStruct
 from warpsim_kernels.motion import NodeGrid
 
 from warpsim.optics.camera import Camera
-from warpsim.optics.psf import Psf, PsfGaussian
+from warpsim.optics.psf import PsfGaussian
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
-from warpsim.optics.tables import TableAccuracy, cheapest_points
+from warpsim.optics.tables import TableAccuracy, cheapest_layout
 from warpsim.render.device_scene import DeviceBodies, DeviceScene
 from warpsim.render.kernel_loading import kernel_loading
 from warpsim.render.pointing import make_pointing
@@ -148,11 +148,10 @@ def table_accuracy(instrument: Instrument) -> TableAccuracy:
     By all its bands: a frame must not depend on which of them are rendered.
     """
     optics, camera = instrument.sensor.optics, instrument.sensor.camera
+    accuracy = TableAccuracy(optics.psf_error)
     psfs = [instrument.psf(name) for name in instrument.sensor.bands]
-    return TableAccuracy(optics.psf_error, points_of(psfs, camera.pixel_aspect, optics.psf_error))
-
-
-def points_of(psfs: Sequence[Psf], pixel_aspect: float, error: float) -> int | None:
-    """Return the points per axis between which patterns are interpolated; None for Gaussians, with their own tables."""
     patterns = [psf for psf in psfs if not isinstance(psf, PsfGaussian)]
-    return cheapest_points(patterns, pixel_aspect, error) if patterns else None
+    if not patterns:  # Gaussians have tables of their own
+        return accuracy
+    layout = cheapest_layout(patterns, camera.pixel_aspect, accuracy)
+    return TableAccuracy(optics.psf_error, layout.n_point or None, layout.degree)
