@@ -22,7 +22,7 @@ import warpsim as ws
 from warpsim.launches import THREADS_PER_BLOCK_CUDA, Stage
 from warpsim.render import stages
 from warpsim.render.batch import new_columns, new_inputs
-from warpsim.render.buffers import new_area_series, new_exposure, new_signal, new_sources
+from warpsim.render.buffers import new_area_series, new_exposure, new_signal, new_sources, new_spots
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.device_upload import make_device_scene
 from warpsim.render.skies import load_catalog, star_index
@@ -48,8 +48,8 @@ SCENES: dict[str, dict[str, Any]] = {
 """By name, what is changed of `stss`; a kernel of several scenes counts for the first."""
 
 
-STAND_IN = SimpleNamespace(is_cuda=True, is_cpu=False, max_shared_memory_per_block=227 * 1024)
-"""Says of itself what the stages ask a GPU for; with the memory of sm_90."""
+STAND_IN = SimpleNamespace(is_cuda=True, is_cpu=False)
+"""Says of itself what the stages ask a device for."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +97,10 @@ def cuda_stages(scene: DeviceScene) -> list[Stage]:
     signal, counts = new_signal(shape, scene.device), wp.empty(shape, dtype=wp.uint16, device=scene.device)
     exposure = new_exposure(scene.device, streaks.offset_s, N_VIEW) if streaks.wanted else None
     cuda: Any = dataclasses.replace(scene, device=STAND_IN)
+    spots = new_spots(scene, N_VIEW, N_SLOT)
     with mock.patch.object(wp, "launch"), mock.patch.object(wp, "launch_tiled"):
         moving = [] if exposure is None else [stages.trace(cuda, streaks, exposure, sources, columns.offset_px)]
+        both = stages.find_spots(cuda, sources, spots), stages.deposit_read_out(cuda, inputs, sources, spots, counts)
         return [
             stages.aim(cuda, inputs, columns.views, exposure),
             stages.observe_targets(cuda, inputs, columns, sources, series),
@@ -106,11 +108,7 @@ def cuda_stages(scene: DeviceScene) -> list[Stage]:
             *moving,
             stages.deposit(cuda, sources, columns.brightness, signal),
             stages.read_out(cuda, inputs, signal, counts, 0),
-            *(
-                [stages.deposit_read_out(cuda, inputs, sources, counts)]
-                if stages.is_read_out_at_once(cuda, cuda.psf)
-                else []
-            ),
+            *(both if stages.is_read_out_at_once(cuda) else []),
         ]
 
 

@@ -67,6 +67,7 @@ UNITS = {
     "deposit_gaussian": Unit("source", 1),
     "deposit_table": Unit("source", 1),
     "read_out": Unit("pixel pair", 1, N_PAIR),
+    "find_spots": Unit("source"),
     "deposit_read_out": Unit("pixel pair", 0, PAIRS_PER_BLOCK, is_last=True),
 }
 """By the name of the kernel; of others, a thread's whole work."""

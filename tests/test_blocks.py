@@ -57,7 +57,7 @@ def blocks(monkeypatch):
 def at_once(blocks, monkeypatch):
     """Makes the CPU render as CUDA would."""
 
-    def is_read_out_at_once(scene, psf):
+    def is_read_out_at_once(scene):
         camera = scene.instrument.sensor.camera
         return not scene.streaks.wanted and camera.n_row * camera.n_col % stages.STRIP_PIXELS == 0
 
@@ -79,7 +79,7 @@ def test_counts_are_those_of_deposit_and_read_out(name, at_once, monkeypatch):
     counts, made = counts_of(scene)
     assert made._at_once is not None and made._images is None
     with monkeypatch.context() as patch:
-        patch.setattr(pipeline, "is_read_out_at_once", lambda scene, psf: False)
+        patch.setattr(pipeline, "is_read_out_at_once", lambda scene: False)
         expected, other = counts_of(scene)
     assert other._at_once is None
     np.testing.assert_array_equal(counts, expected)

@@ -116,7 +116,7 @@ def test_what_is_begun_is_what_frames_launch(scene, monkeypatch, changes):
         for stage in cuda_stages(made)
     }
     assert on_cuda <= set().union(*launched.values())
-    drawing = ("deposit", "read_out") if changes else ("deposit_read_out",)
+    drawing = ("deposit", "read_out") if changes else ("find_spots", "deposit_read_out")
     assert {name for name, kernels in launched.items() if on_cuda & kernels} == {"gather_stars", *drawing}
     kernels = {kernel for kernel, _ in begun}
     for stage in ("aim", "observe_targets", "deposit", "read_out"):

@@ -103,7 +103,7 @@ def test_stages_are_those_of_a_pipeline(scene, changes):
     bound = pipeline._inputs, pipeline.columns, pipeline.sources, pipeline._stand_in
     (images,) = ImageStages(on_cpu, *bound)._parts
     theirs = [*pipeline._view_stages, images.deposit, images.read_out]
-    added = [] if changes else ["deposit_read_out"]
+    added = [] if changes else ["find_spots", "deposit_read_out"]
     assert [stage.name for stage in on_cuda] == [stage.name for stage in theirs] + added
     for stage, other in zip(on_cuda, theirs, strict=False):
         if stage.name == "gather_stars":  # by other numbers of threads
@@ -120,7 +120,16 @@ def test_stages_are_those_of_a_pipeline(scene, changes):
 def test_list_is_that_of_the_scenes():
     """Every stage has a kernel in it, and what each takes is known."""
     kernels = frame_kernels()
-    stages = ["aim", "observe_targets", "gather_stars", "trace", "deposit", "read_out", "deposit_read_out"]
+    stages = [
+        "aim",
+        "observe_targets",
+        "gather_stars",
+        "trace",
+        "deposit",
+        "read_out",
+        "find_spots",
+        "deposit_read_out",
+    ]
     assert {kernel.stage for kernel in kernels} == set(stages)
     assert {kernel.scene for kernel in kernels} == set(SCENES)
     assert {kernel.name for kernel in kernels} <= set(UNITS)

@@ -12,10 +12,9 @@ import warp as wp
 
 from warpsim_kernels.detector import Detector, ReadOutFeatures
 from warpsim_kernels.pixel_pairs import NoiseKeys, make_counts_of_pairs, make_noise_keys, mapped_functions
-from warpsim_kernels.records import Sources
-from warpsim_kernels.shared_memory import address_function, element_function, store, wait_for_block
+from warpsim_kernels.shared_memory import address_function, element_functions, store, wait_for_block
 from warpsim_kernels.spots import SpotFunctions
-from warpsim_kernels.stamps import StampRule, Window, columns_of_row
+from warpsim_kernels.stamps import columns_of_row
 from warpsim_kernels.strips import N_PAIR, PAIRS_PER_BLOCK
 
 RUN_PIXELS = 8192
@@ -34,9 +33,6 @@ COLUMN_THREADS = 16
 
 SharedLight = wp.tile(dtype=float, shape=(RUN_PIXELS,), storage="shared")
 
-OTHER_BYTES = 4096
-"""Memory that Warp's scan of a tile shares, or somewhat more."""
-
 
 @wp.struct
 class Run:
@@ -44,7 +40,9 @@ class Run:
 
     first_pixel: int
     n_pixel: int
-    window: Window  # the rows that hold them, all columns
+    first_row: int  # the rows that hold them
+    end_row: int
+    n_col: int
 
 
 @wp.func
@@ -53,84 +51,69 @@ def run_of(number: int, n_pixel: int, n_col: int) -> Run:
     run = Run()
     run.first_pixel = number * RUN_PIXELS
     run.n_pixel = wp.min(n_pixel - run.first_pixel, RUN_PIXELS)
-    run.window.first_column = 0
-    run.window.end_column = n_col
-    run.window.first_row = run.first_pixel // n_col
-    run.window.end_row = (run.first_pixel + run.n_pixel - 1) // n_col + 1
+    run.first_row = run.first_pixel // n_col
+    run.end_row = (run.first_pixel + run.n_pixel - 1) // n_col + 1
+    run.n_col = n_col
     return run
 
 
-def shared_bytes(spots: SpotFunctions, n_thread: int) -> int:
-    """Return the memory that a block shares."""
-    per_thread = wp.types.type_size_in_bytes(spots.Spot) + 4
-    keys = BLOCKS_PER_RUN * wp.types.type_size_in_bytes(NoiseKeys)
-    return 4 * RUN_PIXELS + n_thread * per_thread + keys + OTHER_BYTES
-
-
 @functools.cache
-def make_deposit_read_out_kernel(spots: SpotFunctions, features: ReadOutFeatures, n_thread: int) -> wp.Kernel:
+def make_deposit_read_out_kernel(drawing: SpotFunctions, features: ReadOutFeatures, n_thread: int) -> wp.Kernel:
     """Kernel over the runs of all images, for blocks of n_thread threads, a multiple of N_PAIR."""
-    Tables, Spot = spots.Tables, spots.Spot
-    spot_of, row_of, light_at = spots.spot_of, spots.row_of, spots.light_at
+    Tables, Spot, row_of, light_at = drawing.Tables, drawing.Spot, drawing.row_of, drawing.light_at
     n_row = n_thread // COLUMN_THREADS
     noise_keys = make_noise_keys(features)
     counts_of_pairs = make_counts_of_pairs(features, n_thread)
-    light_address = address_function(float, RUN_PIXELS)
-    light_at_pixel = element_function(float, RUN_PIXELS)
-    spot_address = address_function(Spot, n_thread)
+    light_at_pixel, add_to_pixel = element_functions(RUN_PIXELS)
     list_address = address_function(int, n_thread)
     keys_address = address_function(NoiseKeys, BLOCKS_PER_RUN)
 
     @wp.func
-    def add_spot(light: wp.array[float], tables: Tables, band: int, spot: Spot, run: Run, thread: int):
+    def add_spot(light: SharedLight, tables: Tables, band: int, spot: Spot, run: Run, thread: int):
         """Add the light of a spot to those pixels of the run that a thread owns."""
         own = thread // COLUMN_THREADS
-        first_row = spot.stamp.window.first_row
+        first_row = wp.max(spot.stamp.window.first_row, run.first_row)
+        end_row = wp.min(spot.stamp.window.end_row, run.end_row)
         row = first_row + ((own - first_row) & wp.static(n_row - 1))
-        while row < spot.stamp.window.end_row:
+        while row < end_row:
             columns = columns_of_row(spot.stamp, row)
-            before = row * run.window.end_column - run.first_pixel  # place of the row's first pixel in the run
+            before = row * run.n_col - run.first_pixel  # place of the row's first pixel in the run
             first = wp.max(columns[0], -before)
             end = wp.min(columns[1], RUN_PIXELS - before)
             column = first + ((thread - first) & wp.static(COLUMN_THREADS - 1))
             in_row = row_of(tables, band, spot, row)
             while column < end:
-                light[before + column] = light[before + column] + light_at(tables, band, spot, in_row, column)
+                add_to_pixel(light, before + column, light_at(tables, band, spot, in_row, column))
                 column += COLUMN_THREADS
             row += wp.static(n_row)
 
     @wp.func
     def add_sources(
-        light: wp.array[float],
-        spots: wp.array[Spot],
+        light: SharedLight,
         listed: wp.array[int],
-        sources: Sources,
+        n_source: int,
+        spots: wp.array3d[Spot],
         tables: Tables,
-        rule: StampRule,
         view: int,
         band: int,
         run: Run,
         thread: int,
     ):
         """Add the light of all sources, n_thread of them at a time."""
-        n_source = sources.n_source[view]
         for first_slot in range(0, n_source, n_thread):
             slot = first_slot + thread
             hit = int(0)
             if slot < n_source:
-                irradiance = sources.irradiance_w_cm2[view, band, slot]
-                if irradiance != 0.0:
-                    spot = spot_of(tables, band, sources.xy_px[view, slot], irradiance, rule, run.window)
-                    if spot.stamp.window.first_row < spot.stamp.window.end_row:
-                        spots[thread] = spot
-                        hit = 1
+                window = spots[view, band, slot].stamp.window
+                if window.first_row < run.end_row and window.end_row > run.first_row:
+                    hit = 1
             ranks = wp.tile_scan_inclusive(wp.tile(hit))
             if hit == 1:
-                listed[wp.untile(ranks) - 1] = thread
+                listed[wp.untile(ranks) - 1] = slot
             n_listed = wp.tile_extract(ranks, wp.static(n_thread - 1))
             wait_for_block()
             for k in range(n_listed):
-                add_spot(light, tables, band, spots[listed[k]], run, thread)
+                add_spot(light, tables, band, spots[view, band, listed[k]], run, thread)
             wait_for_block()
 
     @wp.func
@@ -166,16 +149,16 @@ def make_deposit_read_out_kernel(spots: SpotFunctions, features: ReadOutFeatures
                     store(counts, first_count + wp.uint64(at), wp.untile(counts_1))
                     store(counts, first_count + wp.uint64(at) + wp.uint64(N_PAIR), wp.untile(counts_2))
 
-    @wp.kernel(module="unique", enable_backward=False, grid_stride=False, launch_bounds=(n_thread, spots.n_block))
+    @wp.kernel(module="unique", enable_backward=False, grid_stride=False, launch_bounds=(n_thread, 2))
     def deposit_read_out_kernel(
         # in
         view_frame: wp.array[wp.uint32],  # (n_view,)
         view_sensor: wp.array[wp.uint32],  # (n_view,) index among the detector's keys
         band_id: wp.array[wp.uint32],  # (n_band,)
         detector: Detector,
-        sources: Sources,  # n_source, xy_px, irradiance_w_cm2
+        n_source: wp.array[wp.int32],  # (n_view,)
+        spots: wp.array3d[Spot],  # (n_view, n_band, n_slot)
         tables: Tables,
-        rule: StampRule,
         # out
         counts: wp.array[wp.uint16],  # (n_image * n_pixel,)
     ):
@@ -188,10 +171,7 @@ def make_deposit_read_out_kernel(spots: SpotFunctions, features: ReadOutFeatures
         view = image // band_id.shape[0]
         band = image - view * band_id.shape[0]
         run = run_of(number, detector.n_pixel, detector.n_col)
-        light_tile = wp.tile_zeros(shape=wp.static(RUN_PIXELS), dtype=float, storage="shared")
-        light = wp.array(ptr=light_address(light_tile), shape=(RUN_PIXELS,), dtype=float)
-        spot_tile = wp.tile_empty(shape=wp.static(n_thread), dtype=Spot, storage="shared")
-        spots = wp.array(ptr=spot_address(spot_tile), shape=(n_thread,), dtype=Spot)
+        light = wp.tile_zeros(shape=wp.static(RUN_PIXELS), dtype=float, storage="shared")
         list_tile = wp.tile_empty(shape=wp.static(n_thread), dtype=int, storage="shared")
         listed = wp.array(ptr=list_address(list_tile), shape=(n_thread,), dtype=int)
         keys_tile = wp.tile_empty(shape=wp.static(BLOCKS_PER_RUN), dtype=NoiseKeys, storage="shared")
@@ -201,7 +181,7 @@ def make_deposit_read_out_kernel(spots: SpotFunctions, features: ReadOutFeatures
         for block in range(thread, BLOCKS_PER_RUN, n_thread):
             keys[block] = noise_keys(view_frame[view], band_id[band], number * BLOCKS_PER_RUN + block, sensor_key)
         wait_for_block()
-        add_sources(light, spots, listed, sources, tables, rule, view, band, run, thread)
-        read_out_run(light_tile, keys, detector, image, band, run, thread, counts)
+        add_sources(light, listed, n_source[view], spots, tables, view, band, run, thread)
+        read_out_run(light, keys, detector, image, band, run, thread, counts)
 
     return deposit_read_out_kernel

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
+from warpsim_kernels.shared_memory import load
 from warpsim_kernels.stamps import FAR_PX
 
 ENVELOPE_STEP_PX = wp.constant(0.25)
@@ -300,9 +301,9 @@ def table_functions(n_point: int) -> TableFunctions:
         at = row.first + (block * psf.n_phase - block) * TABLE_LANE + pixel
         total = float(0.0)
         for j in range(wp.static(n_point)):
-            line = place.across[0] * table[at]
+            line = place.across[0] * load(table, at)
             for k in range(1, wp.static(n_point)):
-                line = line + place.across[k] * table[at + TABLE_LANE * k]
+                line = line + place.across[k] * load(table, at + TABLE_LANE * k)
             total = total + row.down[j] * line
             at += psf.n_block * psf.n_phase * TABLE_LANE
         return total

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import warp as wp
 
 from warpsim_kernels.psf import TABLE_LANE, TableFunctions, TablePsf, table_functions
+from warpsim_kernels.shared_memory import load
 
 CELL_DEGREES = (3, 5, 7, 9)
 """Total degrees of polynomials."""
@@ -168,7 +169,7 @@ def cell_functions(degree: int) -> TableFunctions:
                 if i + j <= wp.static(degree):
                     k = j * wp.static(degree + 1) - j * (j - 1) // 2 + i
                     term = place.down[j] * place.across[i]
-                    sums[k % 3] = sums[k % 3] + term * table[at + TABLE_LANE * k]
+                    sums[k % 3] = sums[k % 3] + term * load(table, at + TABLE_LANE * k)
         return sums[0] + (sums[1] + sums[2])
 
     return TableFunctions(Nodes, place_type, row_type, place_in, row_in, shares, share)

@@ -8,7 +8,7 @@ Arrays of Warp count negative indices from the end and may have gaps. What is re
 """
 
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import warp as wp
 
@@ -29,15 +29,34 @@ def address_function(dtype: Any, length: int) -> Any:
     return address
 
 
+class ElementFunctions(NamedTuple):
+    """How single threads read and write a shared tile of floats; elements are counted from 0."""
+
+    element: Any
+    """(tile, i: uint32) -> float."""
+
+    add_to: Any
+    """(tile, i: int, more: float): add to an element, which no other thread may do at the time."""
+
+
 @functools.cache
-def element_function(dtype: Any, length: int) -> Any:
-    """Function that reads an element of a shared tile."""
+def element_functions(length: int) -> ElementFunctions:
+    """The functions of tiles of a length."""
 
     @wp.func_native(snippet="return tile.data.ptr[i];")
-    def element(tile: wp.tile(dtype=dtype, shape=(length,), storage="shared"), i: wp.uint32) -> dtype:
-        """Element i, from 0 on."""
+    def element(tile: wp.tile(dtype=float, shape=(length,), storage="shared"), i: wp.uint32) -> float:
+        """Element i."""
 
-    return element
+    @wp.func_native(snippet="tile.data.ptr[i] += more;")
+    def add_to(tile: wp.tile(dtype=float, shape=(length,), storage="shared"), i: int, more: float):
+        """Add to element i."""
+
+    return ElementFunctions(element, add_to)
+
+
+@wp.func_native(snippet="return array.data[i];")
+def load(array: wp.array[float], i: int) -> float:
+    """Element i, from 0 on, of an array without gaps."""
 
 
 @wp.func_native(snippet="array.data[i] = value;")

@@ -9,7 +9,8 @@ from warpsim_kernels.deposit_gaussian import EdgePlace, EdgeTable, GaussianTable
 from warpsim_kernels.deposit_table import pattern_tables
 from warpsim_kernels.psf import gaussian_reach_px, table_reach_px, table_wing
 from warpsim_kernels.psf_cells import TableLayout
-from warpsim_kernels.stamps import Stamp, StampRule, Window, stamp_around, stamp_cut
+from warpsim_kernels.records import Sources
+from warpsim_kernels.stamps import Stamp, StampRule, Window, stamp_around, stamp_cut, whole_image
 
 
 class SpotFunctions(NamedTuple):
@@ -22,8 +23,8 @@ class SpotFunctions(NamedTuple):
     """Struct: a source in one band. Its field `stamp` says which pixels it is drawn on."""
 
     spot_of: Any
-    """(tables, band, xy_px, irradiance, rule: StampRule, window: Window) -> spot; it has no rows if it does not touch
-    the window."""
+    """(tables, band, xy_px, irradiance, rule: StampRule, image: Window) -> spot; it has no rows if it does not touch
+    the image."""
 
     row_of: Any
     """(tables, band, spot, row) -> what the pixels of the spot in a row have in common."""
@@ -31,8 +32,10 @@ class SpotFunctions(NamedTuple):
     light_at: Any
     """(tables, band, spot, what row_of returned, column) -> light of a pixel of that row."""
 
-    n_block: int
-    """Blocks of 256 threads that a multiprocessor of CUDA may hold at a time without spilled registers."""
+
+@wp.func_native(snippet="return reinterpret_cast<const float*>(shares.data)[i];")
+def load_share(shares: wp.array[Lanes], i: int) -> float:
+    """The first float of vector i, from 0 on, of overlapping ones."""
 
 
 @functools.cache
@@ -48,13 +51,13 @@ def gaussian_spots() -> SpotFunctions:
 
     @wp.func
     def spot_of(
-        tables: GaussianTables, band: int, xy_px: wp.vec2d, irradiance: float, rule: StampRule, window: Window
+        tables: GaussianTables, band: int, xy_px: wp.vec2d, irradiance: float, rule: StampRule, image: Window
     ) -> GaussianSpot:
         psf = tables.psfs[band]
         sigma = psf.sigma_px
         spot = GaussianSpot()
         spot.stamp = stamp_around(
-            xy_px, gaussian_reach_px(sigma, stamp_cut(irradiance, band, rule)), sigma[0] / sigma[1], window
+            xy_px, gaussian_reach_px(sigma, stamp_cut(irradiance, band, rule)), sigma[0] / sigma[1], image
         )
         spot.strength = irradiance
         spot.across = edge_place(psf.columns, xy_px[0])
@@ -64,11 +67,11 @@ def gaussian_spots() -> SpotFunctions:
     @wp.func
     def axis_share(shares: wp.array[Lanes], table: EdgeTable, place: EdgePlace, pixel: int) -> float:
         at = place.start + pixel
-        here = shares[at][0]
-        after = shares[at + table.n_pixel][0]
+        here = load_share(shares, at)
+        after = load_share(shares, at + table.n_pixel)
         step = after - here
-        bend = step - (here - shares[at - table.n_pixel][0])
-        twist = (shares[at + 2 * table.n_pixel][0] - after) - step - bend
+        bend = step - (here - load_share(shares, at - table.n_pixel))
+        twist = (load_share(shares, at + 2 * table.n_pixel) - after) - step - bend
         u = place.u
         return here + u * (step + (0.5 * (u - 1.0)) * (bend + ((u + 1.0) * wp.static(1.0 / 3.0)) * twist))
 
@@ -80,7 +83,7 @@ def gaussian_spots() -> SpotFunctions:
     def light_at(tables: GaussianTables, band: int, spot: GaussianSpot, in_row: float, column: int) -> float:
         return in_row * (spot.strength * axis_share(tables.shares, tables.psfs[band].columns, spot.across, column))
 
-    return SpotFunctions(GaussianTables, GaussianSpot, spot_of, row_of, light_at, n_block=3)
+    return SpotFunctions(GaussianTables, GaussianSpot, spot_of, row_of, light_at)
 
 
 @functools.cache
@@ -98,11 +101,11 @@ def table_spots(layout: TableLayout) -> SpotFunctions:
     Spot = wp.struct(TableSpot)
 
     @wp.func
-    def spot_of(tables: Tables, band: int, xy_px: wp.vec2d, irradiance: float, rule: StampRule, window: Window) -> Spot:
+    def spot_of(tables: Tables, band: int, xy_px: wp.vec2d, irradiance: float, rule: StampRule, image: Window) -> Spot:
         psf = tables.psfs[band]
         spot = Spot()
         reach_px = table_reach_px(tables.table, psf, stamp_cut(irradiance, band, rule))
-        spot.stamp = stamp_around(xy_px, reach_px, psf.pixel_aspect, window)
+        spot.stamp = stamp_around(xy_px, reach_px, psf.pixel_aspect, image)
         spot.strength = irradiance
         spot.place = place_in(wp.float64(spot.stamp.column) - xy_px[0], wp.float64(spot.stamp.row) - xy_px[1], psf)
         return spot
@@ -119,4 +122,31 @@ def table_spots(layout: TableLayout) -> SpotFunctions:
             return spot.strength * share(tables.table, psf, spot.place, in_row, step + psf.zero_pixel)
         return spot.strength * table_wing(psf, spot.place.dx_px + float(step), in_row.distance_px)
 
-    return SpotFunctions(Tables, Spot, spot_of, row_of, light_at, n_block=2)
+    return SpotFunctions(Tables, Spot, spot_of, row_of, light_at)
+
+
+@functools.cache
+def make_find_spots_kernel(spots: SpotFunctions) -> wp.Kernel:
+    """Kernel that finds the spots of all sources."""
+    Tables, Spot, spot_of = spots.Tables, spots.Spot, spots.spot_of
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_spots_kernel(
+        # in
+        sources: Sources,  # n_source, xy_px, irradiance_w_cm2
+        tables: Tables,
+        rule: StampRule,
+        n_row: int,
+        n_col: int,
+        # out
+        found: wp.array3d[Spot],  # (n_view, n_band, n_slot); no rows for a source without light
+    ):
+        view, band, slot = wp.tid()
+        if slot < sources.n_source[view]:
+            irradiance = sources.irradiance_w_cm2[view, band, slot]
+            image = whole_image(n_row, n_col)
+            if irradiance == 0.0:
+                image.end_row = 0
+            found[view, band, slot] = spot_of(tables, band, sources.xy_px[view, slot], irradiance, rule, image)
+
+    return find_spots_kernel

@@ -14,7 +14,7 @@ from warpsim_kernels.signature import N_TERM
 from warpsim_kernels.strips import STRIP_PIXELS, n_flag
 
 if TYPE_CHECKING:
-    from warpsim.render.device_scene import DeviceBodies
+    from warpsim.render.device_scene import DeviceBodies, DeviceScene
 
 SOURCE_ARRAYS = ("n_source", "xy_px", "irradiance_w_cm2", "star", "direction", "offset_px")
 
@@ -93,6 +93,11 @@ def new_sources(scene: DeviceBodies, n_view: int, n_slot: int) -> Any:
     sources.direction = wp.empty((n_view, n_slot if n_path else 0), dtype=wp.vec3d, device=device)
     sources.offset_px = wp.empty((n_view, n_slot, n_path), dtype=wp.vec2, device=device)
     return sources
+
+
+def new_spots(scene: DeviceScene, n_view: int, n_slot: int) -> wp.array:
+    """Return room for the spots of sources, (n_view, n_band, n_slot)."""
+    return wp.empty((n_view, scene.n_band, n_slot), dtype=scene.psf.spots.Spot, device=scene.device)
 
 
 def new_area_series(scene: DeviceBodies, n_view: int) -> wp.array:

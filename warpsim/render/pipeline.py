@@ -10,7 +10,7 @@ import warp as wp
 
 from warpsim.launches import Stage
 from warpsim.render.batch import Batch, StarList, copy_views, new_columns, new_inputs
-from warpsim.render.buffers import SOURCE_ARRAYS, bytes_of, new_area_series, new_exposure, new_sources
+from warpsim.render.buffers import SOURCE_ARRAYS, bytes_of, new_area_series, new_exposure, new_sources, new_spots
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.dlpack import release_later
 from warpsim.render.image_stages import ImageStages
@@ -18,6 +18,7 @@ from warpsim.render.stages import (
     aim,
     counts_for,
     deposit_read_out,
+    find_spots,
     gather_stars,
     is_read_out_at_once,
     observe_targets,
@@ -64,9 +65,12 @@ class Pipeline:
         self._stand_in = wp.empty((1, *image), dtype=wp.uint16, device=device)  # until a batch brings its own
         self.stream = wp.Stream(device) if device.is_cuda else None
         self._view_stages = self._bound_to_views()
-        at_once = is_read_out_at_once(scene, scene.psf)
-        self._at_once = deposit_read_out(scene, self._inputs, self.sources, self._stand_in) if at_once else None
+        self._at_once: Stage | None = None
         self._images: ImageStages | None = None  # where signal is held
+        self._spots = new_spots(scene, n_view if is_read_out_at_once(scene) else 0, n_slot)
+        if self._spots.size:
+            self._view_stages.append(find_spots(scene, self.sources, self._spots))
+            self._at_once = deposit_read_out(scene, self._inputs, self.sources, self._spots, self._stand_in)
 
     def _bound_to_views(self) -> list[Stage]:
         scene, inputs, columns, sources = self.scene, self._inputs, self.columns, self.sources
@@ -83,7 +87,7 @@ class Pipeline:
     @property
     def n_byte(self) -> int:
         """Memory of the arrays that grow with the views."""
-        arrays = [*vars(self._inputs).values(), *self.columns.arrays, self._series, self._stand_in]
+        arrays = [*vars(self._inputs).values(), *self.columns.arrays, self._series, self._spots, self._stand_in]
         arrays += [getattr(self.sources, name) for name in SOURCE_ARRAYS]
         if self._images is not None:
             arrays += self._images.signal.arrays

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warp as wp
 from warpsim_kernels.signature import N_TERM
 
 from warpsim.render.batch import column_bytes
 from warpsim.render.device import rows_per_block
 from warpsim.render.device_scene import DeviceScene
+from warpsim.render.stages import is_read_out_at_once
 from warpsim.sky.star_density import most_stars_in_cone
 
 BYTES_PER_PASS = 32 * 2**20
@@ -81,6 +83,8 @@ def most_views(scene: DeviceScene, n_slot: int, chunk_bytes: int | None = None, 
     """
     room = chunk_bytes or (BYTES_PER_PASS_CUDA if scene.device.is_cuda else BYTES_PER_PASS)
     slot_bytes = 16 + 4 * scene.n_band + 4  # position, irradiance, star
+    if is_read_out_at_once(scene):
+        slot_bytes += scene.n_band * wp.types.type_size_in_bytes(scene.psf.spots.Spot)
     if scene.streaks.wanted:
         slot_bytes += 24 + 8 * scene.streaks.n_path  # direction, movement
     series_bytes = 8 * N_TERM * scene.field.n_profile * scene.n_target

@@ -1,8 +1,8 @@
 """The stages of a frame: each function returns the launches of one, over arrays that are there.
 
 aim -> observe_targets -> gather_stars -> trace -> deposit -> read_out. Where the threads of a block share memory, and
-nothing moves during the exposure, deposit_read_out stands for the last two. A stage launches, and does nothing else: it
-allocates nothing and never waits.
+nothing moves during the exposure, find_spots -> deposit_read_out stand for the last two. A stage launches, and does
+nothing else: it allocates nothing and never waits.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import warp as wp
-from warpsim_kernels.deposit_read_out import RUN_PIXELS, make_deposit_read_out_kernel, shared_bytes
+from warpsim_kernels.deposit_read_out import RUN_PIXELS, make_deposit_read_out_kernel
 from warpsim_kernels.emission import make_split_kernel
+from warpsim_kernels.spots import make_find_spots_kernel
 from warpsim_kernels.strips import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK
 from warpsim_kernels.trace import (
     make_reach_kernel,
@@ -171,34 +172,37 @@ def read_out(scene: DeviceScene, inputs: Inputs, signal: Signal, counts: wp.arra
     return Stage("read_out", n_view, launches)
 
 
-def is_read_out_at_once(scene: DeviceBodies, psf: PsfBank) -> bool:
-    """Whether deposit_read_out can stand for deposit and read_out: on CUDA, for still sources and whole strips.
-
-    Besides, a block must have the memory to share: 54 KB for Gaussians, 75 KB for patterns. All GPUs since Ampere do.
-    """
-    device, camera = scene.device, scene.instrument.sensor.camera
-    if not device.is_cuda or scene.streaks.wanted or camera.n_row * camera.n_col % STRIP_PIXELS:
-        return False
-    return bool(shared_bytes(psf.spots, RUN_THREADS) <= device.max_shared_memory_per_block)
+def is_read_out_at_once(scene: DeviceBodies) -> bool:
+    """Whether deposit_read_out can stand for deposit and read_out: on CUDA, for still sources and whole strips."""
+    camera = scene.instrument.sensor.camera
+    return scene.device.is_cuda and not scene.streaks.wanted and camera.n_row * camera.n_col % STRIP_PIXELS == 0
 
 
 def image_kernels(scene: DeviceBodies, psf: PsfBank, read_out: ReadOut) -> list[tuple[wp.Kernel, int]]:
     """Kernels that make counts of sources, unless signal is kept, and the threads of their blocks on CUDA."""
-    if is_read_out_at_once(scene, psf):
-        return [(make_deposit_read_out_kernel(psf.spots, read_out.features, RUN_THREADS), RUN_THREADS)]
+    if is_read_out_at_once(scene):
+        at_once = make_deposit_read_out_kernel(psf.spots, read_out.features, RUN_THREADS)
+        return [(make_find_spots_kernel(psf.spots), THREADS_PER_BLOCK_CUDA), (at_once, RUN_THREADS)]
     drawn = psf.deposit_kernel(scene.streaks.wanted)
     return [(drawn, THREADS_PER_BLOCK_CUDA), (read_out.kernel, TILE_THREADS_CUDA)]
 
 
-def deposit_read_out(scene: DeviceScene, inputs: Inputs, sources: Any, counts: wp.array) -> Stage:
+def find_spots(scene: DeviceScene, sources: Any, spots: wp.array) -> Stage:
+    """Spots: what deposit_read_out has to know of each source, found once for all the pixels that it reaches."""
+    camera = scene.instrument.sensor.camera
+    reads = [sources, scene.psf.tables, scene.stamp_rule, camera.n_row, camera.n_col]
+    launch = Launch(make_find_spots_kernel(scene.psf.spots), spots.shape, reads, [spots], scene.device)
+    return Stage("find_spots", len(spots), [launch])
+
+
+def deposit_read_out(scene: DeviceScene, inputs: Inputs, sources: Any, spots: wp.array, counts: wp.array) -> Stage:
     """Counts of all views at once; their signal is never kept."""
-    n_view, n_band, camera = len(inputs.frame), scene.n_band, scene.instrument.sensor.camera
-    n_run = -(-camera.n_row * camera.n_col // RUN_PIXELS)
+    camera = scene.instrument.sensor.camera
     kernel = make_deposit_read_out_kernel(scene.psf.spots, scene.read_out.features, RUN_THREADS)
-    views = [inputs.frame, inputs.sensor, scene.band_id, scene.read_out.detector]
-    reads = [*views, sources, scene.psf.tables, scene.stamp_rule]
-    launch = Launch(kernel, [n_view * n_band * n_run], reads, [counts.flatten()], scene.device, RUN_THREADS)
-    return Stage("deposit_read_out", n_view, [launch])
+    n_run = len(spots) * scene.n_band * -(-camera.n_row * camera.n_col // RUN_PIXELS)
+    reads = [inputs.frame, inputs.sensor, scene.band_id, scene.read_out.detector, sources.n_source, spots]
+    launch = Launch(kernel, [n_run], [*reads, scene.psf.tables], [counts.flatten()], scene.device, RUN_THREADS)
+    return Stage("deposit_read_out", len(spots), [launch])
 
 
 def counts_for(stage: Stage, counts: wp.array) -> list[wp.array]:
