@@ -5,13 +5,13 @@ import functools
 import numpy as np
 import pytest
 import warp as wp
-from warpsim_kernels.psf_cells import CELL_DEGREES, TableLayout, n_term_of
 from warpsim_kernels.spots import table_spots
 from warpsim_kernels.stamps import StampRule, columns_of_row, whole_image
+from warpsim_kernels.table_layout import CELL_DEGREES, TableLayout, n_term_of
 
 import warpsim as ws
 from warpsim.errors import InputError
-from warpsim.optics.cell_table import BLOCK_PX, cell_bytes, cell_table
+from warpsim.optics.cell_table import BLOCK_PX, MOST_CELLS, cell_bytes, cell_table, cells_for
 from warpsim.optics.flow import pixel_shares
 from warpsim.optics.pattern import FIRST_DARK_RING, AiryPattern
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
@@ -121,7 +121,8 @@ def test_cheapest_layout():
 
 def test_too_many_cells_are_refused():
     nodes = fitted_nodes(ws.PsfAiry(0.02), 1.0, 6e-7)
-    assert nodes is not None and cell_table(nodes, 3, 6e-7) is None
+    assert nodes is not None and cells_for(nodes, 3, 6e-7) is None
+    assert cell_table(nodes, 3, 6e-7, (MOST_CELLS + 2, MOST_CELLS)) is None
     with pytest.raises(InputError, match="needs too many cells"):
         polynomials(ws.PsfAiry(0.02), 1.0, 6e-7, 3)
 

@@ -10,10 +10,10 @@ import warpsim_kernels
 from warpsim_kernels.aim import AimFeatures
 from warpsim_kernels.detector import ReadOutFeatures
 from warpsim_kernels.psf import TABLE_POINTS
-from warpsim_kernels.psf_cells import CELL_DEGREES, TableLayout
 from warpsim_kernels.signature import Features
 from warpsim_kernels.spots import gaussian_spots, table_spots
 from warpsim_kernels.stars import StarFeatures
+from warpsim_kernels.table_layout import CELL_DEGREES, TableLayout
 
 from warpsim.render.stages import RUN_THREADS
 

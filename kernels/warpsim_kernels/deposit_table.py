@@ -8,7 +8,7 @@ import warp as wp
 from warpsim_kernels.canvas import canvas_functions
 from warpsim_kernels.paths import Paths
 from warpsim_kernels.psf import TABLE_LANE, TablePsf, table_reach_px, table_wing
-from warpsim_kernels.psf_cells import TableLayout
+from warpsim_kernels.psf_cells import layout_functions
 from warpsim_kernels.records import Sources
 from warpsim_kernels.stamps import (
     Stamp,
@@ -33,6 +33,7 @@ from warpsim_kernels.streaks import (
     streak_of,
     with_rule,
 )
+from warpsim_kernels.table_layout import TableLayout
 
 WIDE_PX = wp.constant(48.0)
 """Streaks of sources that reach farther are drawn in two parts: near the path, and the smooth light farther away."""
@@ -60,7 +61,7 @@ def smooth_from_px(psf: TablePsf) -> wp.vec2d:
 @functools.cache
 def table_stamp_function(layout: TableLayout) -> Any:
     """The function that adds a source to the pixels of its stamp, by tables of a layout."""
-    draw, read = canvas_functions(TABLE_LANE), layout.functions()
+    draw, read = canvas_functions(TABLE_LANE), layout_functions(layout)
     Nodes, Canvas, add_light, flag_strips = read.Nodes, draw.Canvas, draw.add_light, draw.flag_strips
     Place, place_in, row_in, pixel_shares = read.Place, read.place_in, read.row_in, read.shares
 
@@ -157,7 +158,7 @@ def part_around(stamp: Stamp, hole: Window, number: int) -> Stamp:
 @functools.cache
 def pattern_tables(layout: TableLayout) -> Any:
     """The struct of the patterns of all bands, with tables of a layout."""
-    Nodes = layout.functions().Nodes
+    Nodes = layout_functions(layout).Nodes
 
     class PatternTables:
         psfs: wp.array[TablePsf]  # (n_band,)
@@ -173,7 +174,7 @@ def make_deposit_table_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
     """Kernel of the stage; without streaks it looks at no paths."""
     draw = canvas_functions(TABLE_LANE)
     Images, Canvas, canvas_of = draw.Images, draw.Canvas, draw.canvas_of
-    Nodes, Tables = layout.functions().Nodes, pattern_tables(layout)
+    Nodes, Tables = layout_functions(layout).Nodes, pattern_tables(layout)
     add_stamp = table_stamp_function(layout)
 
     @wp.func

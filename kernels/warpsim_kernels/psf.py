@@ -12,12 +12,10 @@ import warp as wp
 
 from warpsim_kernels.shared_memory import load
 from warpsim_kernels.stamps import FAR_PX
+from warpsim_kernels.table_layout import TABLE_LANE
 
 ENVELOPE_STEP_PX = wp.constant(0.25)
 """Step of the radius in TablePsf.envelope, in pixel widths."""
-
-TABLE_LANE = 8
-"""Pixels of a row that stand next to each other in a table of shares, and are drawn at a time."""
 
 TABLE_POINTS = (2, 4, 6, 8)
 """Points per axis that an interpolation in a table of shares may use."""

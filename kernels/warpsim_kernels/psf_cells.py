@@ -6,34 +6,17 @@ row, and takes half the arithmetic of an interpolation between nodes (psf.py) th
 """
 
 import functools
-from typing import NamedTuple
 
 import warp as wp
 
 from warpsim_kernels.psf import TABLE_LANE, TableFunctions, TablePsf, table_functions
 from warpsim_kernels.shared_memory import load
-
-CELL_DEGREES = (3, 5, 7, 9)
-"""Total degrees of polynomials."""
+from warpsim_kernels.table_layout import CELL_DEGREES, TableLayout, n_term_of
 
 
-class TableLayout(NamedTuple):
-    """What the tables of a kernel hold."""
-
-    degree: int
-    """Total degree of polynomials in cells, one of CELL_DEGREES; 0: nodes."""
-
-    n_point: int = 0
-    """Points per axis of the interpolation between nodes."""
-
-    def functions(self) -> TableFunctions:
-        """Return the functions that read them."""
-        return cell_functions(self.degree) if self.degree else table_functions(self.n_point)
-
-
-def n_term_of(degree: int) -> int:
-    """Return the number of terms of a polynomial of two variables up to a total degree."""
-    return (degree + 1) * (degree + 2) // 2
+def layout_functions(layout: TableLayout) -> TableFunctions:
+    """Return the functions that read tables of a layout."""
+    return cell_functions(layout.degree) if layout.degree else table_functions(layout.n_point)
 
 
 @functools.cache

@@ -8,9 +8,10 @@ import warp as wp
 from warpsim_kernels.deposit_gaussian import EdgePlace, EdgeTable, GaussianTables, Lanes, edge_place
 from warpsim_kernels.deposit_table import pattern_tables
 from warpsim_kernels.psf import gaussian_reach_px, table_reach_px, table_wing
-from warpsim_kernels.psf_cells import TableLayout
+from warpsim_kernels.psf_cells import layout_functions
 from warpsim_kernels.records import Sources
 from warpsim_kernels.stamps import Stamp, StampRule, Window, stamp_around, stamp_cut, whole_image
+from warpsim_kernels.table_layout import TableLayout
 
 
 class SpotFunctions(NamedTuple):
@@ -89,7 +90,7 @@ def gaussian_spots() -> SpotFunctions:
 @functools.cache
 def table_spots(layout: TableLayout) -> SpotFunctions:
     """Spots of tabulated patterns, by tables of a layout."""
-    read, Tables = layout.functions(), pattern_tables(layout)
+    read, Tables = layout_functions(layout), pattern_tables(layout)
     Place, Row = read.Place, read.Row
     place_in, row_in, share = read.place_in, read.row_in, read.share
 

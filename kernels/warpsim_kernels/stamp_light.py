@@ -17,7 +17,7 @@ from warpsim_kernels.psf import (
     table_reach_px,
     table_wing,
 )
-from warpsim_kernels.psf_cells import TableLayout
+from warpsim_kernels.psf_cells import layout_functions
 from warpsim_kernels.stamps import (
     Stamp,
     StampRule,
@@ -29,6 +29,7 @@ from warpsim_kernels.stamps import (
     whole_plane,
 )
 from warpsim_kernels.streaks import NO_LIMIT, Blur, StreakRules, moment_of, source_of, streak_of
+from warpsim_kernels.table_layout import TableLayout
 
 N_CORE = wp.constant(32)
 """Pixels to each side of a source, at least, that are summed one by one; farther out light is smooth."""
@@ -140,7 +141,7 @@ def core_of(psf: TablePsf, stamp: Stamp) -> Window:
 @functools.cache
 def make_table_light_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
     """Kernel for tabulated images; without streaks it looks at no paths."""
-    read = layout.functions()
+    read = layout_functions(layout)
     Nodes, place_in, row_in, pixel_shares = read.Nodes, read.place_in, read.row_in, read.shares
 
     @wp.func

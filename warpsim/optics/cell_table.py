@@ -15,8 +15,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
-from warpsim_kernels.psf import TABLE_LANE
-from warpsim_kernels.psf_cells import n_term_of
+from warpsim_kernels.table_layout import TABLE_LANE, n_term_of
 
 from warpsim.optics.share_table import ShareTable, lagrange_weights
 
@@ -115,16 +114,16 @@ def cells_for(table: ShareTable, degree: int, error: float) -> tuple[int, int] |
     return None
 
 
-def cell_table(table: ShareTable, degree: int, error: float) -> CellTable | None:
+def cell_table(table: ShareTable, degree: int, error: float, n_cell: tuple[int, int]) -> CellTable | None:
     """Fit polynomials to a table of nodes; None where more than MOST_CELLS would be needed.
 
     Args:
         table: What they are fitted to.
         degree: Total degree, one of CELL_DEGREES.
         error: Largest error per unit flux, that of the nodes included.
+        n_cell: Cells per pixel along rows and columns, as `cells_for` found them; more where these do not do.
     """
-    n_cell = cells_for(table, degree, error)
-    while n_cell is not None and max(n_cell) <= MOST_CELLS:
+    while max(n_cell) <= MOST_CELLS:
         zero = side_pixels(table)[0], n_side_block(table) * TABLE_LANE + TABLE_LANE // 2
         coefficient, found = _all_fitted(table, degree, n_cell, zero)
         if table.error + found + ROUNDING <= error:

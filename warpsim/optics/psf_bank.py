@@ -12,6 +12,7 @@ from warpsim_kernels.deposit_gaussian import GAUSSIAN_LANE, GaussianTables, make
 from warpsim_kernels.deposit_table import make_deposit_table_kernel, pattern_tables
 from warpsim_kernels.paths import Paths
 from warpsim_kernels.psf import TABLE_LANE
+from warpsim_kernels.psf_cells import layout_functions
 from warpsim_kernels.records import Sources
 from warpsim_kernels.spots import SpotFunctions, gaussian_spots, table_spots
 from warpsim_kernels.stamp_light import make_gaussian_light_kernel, make_table_light_kernel
@@ -26,7 +27,7 @@ from warpsim.optics.psf import Psf, PsfGaussian, check_one_family
 from warpsim.optics.sharpness import sharpness
 from warpsim.optics.streak_rules import STREAK_ERROR, streak_rules
 from warpsim.optics.table_upload import overlapping, upload_tables
-from warpsim.optics.tables import TableAccuracy, TabulatedPsf, cheapest_layout, polynomials, share_table
+from warpsim.optics.tables import TableAccuracy, TabulatedPsf, drawn_tables
 
 SMALLEST_STAMP_CUT = 1e-15
 """Stamps never grow beyond where a pixel holds this fraction of a source's light."""
@@ -149,13 +150,7 @@ class TableBank:
     """Patterns as tables of pixel shares."""
 
     def __init__(self, psfs: Sequence[TabulatedPsf], device: Any, pixel_aspect: float, accuracy: TableAccuracy) -> None:
-        layout, error = cheapest_layout(psfs, pixel_aspect, accuracy), accuracy.error
-        tables = [
-            polynomials(psf, pixel_aspect, error, layout.degree)
-            if layout.degree
-            else share_table(psf, pixel_aspect, error, layout.n_point)
-            for psf in psfs
-        ]
+        layout, tables = drawn_tables(psfs, pixel_aspect, accuracy)
         self._psf, self._table = upload_tables(tables, device)
         self._blur = wp.array([_blur(psf, pixel_aspect) for psf in psfs], dtype=Blur, device=device)
         self._layout = layout
@@ -209,7 +204,7 @@ class TableBank:
         return bank
 
     def _nodes(self) -> wp.array:
-        return overlapping(self._table, len(self._layout.functions().Nodes()))
+        return overlapping(self._table, len(layout_functions(self._layout).Nodes()))
 
 
 def _blur(psf: TabulatedPsf, pixel_aspect: float) -> Any:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from warpsim_kernels.psf_cells import TableLayout, n_term_of
+from warpsim_kernels.table_layout import TableLayout, n_term_of
 
 from warpsim.errors import InputError
 from warpsim.optics.airy import airy_table, airy_table_shapes
@@ -135,13 +135,27 @@ def polynomials(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: in
     key = psf, pixel_aspect, error, degree, "cells"
     table = _STORE.get(key)
     if table is None:
-        nodes = fitted_nodes(psf, pixel_aspect, error)
-        table = None if nodes is None else cell_table(nodes, degree, error)
+        nodes, n_cell = fitted_nodes(psf, pixel_aspect, error), _cells(psf, pixel_aspect, error, degree)
+        table = None if nodes is None or n_cell is None else cell_table(nodes, degree, error, n_cell)
         if table is None:
             raise InputError(f"an error of {error:g} needs too many cells; allow more").of("psf tables")
         _STORE.put(key, table)
     assert isinstance(table, CellTable)
     return table
+
+
+def drawn_tables(
+    psfs: Sequence[TabulatedPsf], pixel_aspect: float, accuracy: TableAccuracy
+) -> tuple[TableLayout, list[ShareTable | CellTable]]:
+    """Return the tables that patterns are drawn with by one kernel, and their layout; made once, as long as in use.
+
+    Raises:
+        InputError: A value breaks its rule, or the tables would be too large.
+    """
+    layout, error = cheapest_layout(psfs, pixel_aspect, accuracy), accuracy.error
+    if layout.degree:
+        return layout, [polynomials(psf, pixel_aspect, error, layout.degree) for psf in psfs]
+    return layout, [share_table(psf, pixel_aspect, error, layout.n_point) for psf in psfs]
 
 
 def cheapest_layout(
@@ -185,10 +199,15 @@ def _cheapest_degree(psfs: Sequence[TabulatedPsf], pixel_aspect: float, error: f
 
 
 @lru_cache(maxsize=64)
+def _cells(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: int) -> tuple[int, int] | None:
+    """Return the cells per pixel that a degree takes, along rows and columns; None if there is no table of nodes."""
+    nodes = fitted_nodes(psf, pixel_aspect, error)
+    return None if nodes is None else cells_for(nodes, degree, error)
+
+
 def _cell_size(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: int) -> tuple[int, int] | None:
     """Return cells per pixel [px-2] and bytes of the polynomials of a degree; None if they are too large."""
-    nodes = fitted_nodes(psf, pixel_aspect, error)
-    n_cell = None if nodes is None else cells_for(nodes, degree, error)
+    nodes, n_cell = fitted_nodes(psf, pixel_aspect, error), _cells(psf, pixel_aspect, error, degree)
     if nodes is None or n_cell is None or cell_bytes(nodes, degree, n_cell) > LARGEST_CELL_BYTES:
         return None
     return n_cell[0] * n_cell[1], cell_bytes(nodes, degree, n_cell)

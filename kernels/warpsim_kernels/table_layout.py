@@ -1,0 +1,24 @@
+"""What tables of patterns hold: polynomials in cells of the source's pixel, or nodes. Needs no Warp."""
+
+from typing import NamedTuple
+
+TABLE_LANE = 8
+"""Pixels of a row that stand next to each other in a table of shares, and are drawn at a time."""
+
+CELL_DEGREES = (3, 5, 7, 9)
+"""Total degrees of polynomials."""
+
+
+class TableLayout(NamedTuple):
+    """What the tables of a kernel hold."""
+
+    degree: int
+    """Total degree of polynomials in cells, one of CELL_DEGREES; 0: nodes."""
+
+    n_point: int = 0
+    """Points per axis of the interpolation between nodes."""
+
+
+def n_term_of(degree: int) -> int:
+    """Return the number of terms of a polynomial of two variables up to a total degree."""
+    return (degree + 1) * (degree + 2) // 2
