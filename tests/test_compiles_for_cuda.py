@@ -49,6 +49,7 @@ FACTORY_ARGUMENTS = {
     "make_noise_keys": [],
     "make_counts_of_pairs": [],
     "make_read_out_kernel": [(features, ragged) for features in READ_OUTS for ragged in (False, True)],
+    "make_find_spots_kernel": [(gaussian_spots(),), (table_spots(TableLayout(5)),), (table_spots(TableLayout(0, 6)),)],
     "make_deposit_read_out_kernel": [
         *((gaussian_spots(), features, RUN_THREADS) for features in READ_OUTS),
         *((table_spots(layout), ReadOutFeatures(), RUN_THREADS) for layout in LAYOUTS),
