@@ -4,11 +4,11 @@
     python benchmarks/report.py benchmarks/results/deposit.json --plot deposit.png
 
 The deposit alone, one thread, thousands of sources at random places of one image; launches are recorded, so that no
-Python is timed. Ways to draw: a Gaussian by tables of one axis and by error functions, share tables of several orders
-and errors, and polynomials of several degrees, for Gaussian and Airy patterns; stamps that leave out more or less; few
-and many sources; streaks by more or fewer nodes; sums in float32, float64 and fixed point. The error is that of the
-worst pixel of single sources of unit light at random places, against float64 quadrature written here; of sums, that of
-the worst pixel of a crowd, as a share of the brightest one.
+Python is timed. Ways to draw: a Gaussian by tables of one axis and by error functions, effective PSF tables of several
+orders and errors, and polynomials of several degrees, for Gaussian and Airy patterns; stamps that leave out more or
+less; few and many sources; streaks by more or fewer nodes; sums in float32, float64 and fixed point. The error is that
+of the worst pixel of single sources of unit light at random places, against float64 quadrature written here; of sums,
+that of the worst pixel of a crowd, as a fraction of the brightest one.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from warpsim_kernels.strips import n_flag
 
 import warpsim as ws
 from benchmarks.deposit_variants import VARIANTS, Variant, draw_by_error_functions
-from benchmarks.psf_oracle import pixel_share
+from benchmarks.psf_oracle import pixel_fraction
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
 from warpsim.optics.tables import TableAccuracy
 from warpsim.render.device import rows_per_block
@@ -119,19 +119,19 @@ def error_near(image: Any, psf: Any, xy_px: Any, reach: int, path_px: Any = None
     middle = np.round(xy_px).astype(int)
     near = range(-reach, reach + 1)
     pixels = [(middle[0] + dx, middle[1] + dy) for dy in near for dx in near]
-    exact = [exact_share(psf, column - xy_px[0], row - xy_px[1], path_px) for column, row in pixels]
+    exact = [exact_fraction(psf, column - xy_px[0], row - xy_px[1], path_px) for column, row in pixels]
     found = [image[row, column] for column, row in pixels]
     return float(np.abs(np.subtract(found, exact)).max())
 
 
-def exact_share(psf: Any, dx: float, dy: float, path_px: Any = None) -> float:
-    """Share of the pixel at an offset from the source, or of a straight, even streak about it."""
+def exact_fraction(psf: Any, dx: float, dy: float, path_px: Any = None) -> float:
+    """Fraction of the pixel at an offset from the source, or of a straight, even streak about it."""
     if path_px is not None:
         t = (np.arange(10_000) + 0.5) / 5000 - 1
         x, y = dx - path_px[1][0] * t, dy - path_px[1][1] * t
         return float((gaussian_axis(x) * gaussian_axis(y)).mean())
     if isinstance(psf, ws.PsfAiry):
-        return pixel_share(psf, dx, dy)
+        return pixel_fraction(psf, dx, dy)
     return float(gaussian_axis(dx) * gaussian_axis(dy))
 
 
@@ -167,7 +167,7 @@ def test_ways(benchmark, way, device):
         fine = stamp_rule([0.0], 1e-9, device)
         benchmark.extra_info.update(
             device=device,
-            group=f"{kind}, shares",
+            group=f"{kind}, pixel fractions",
             way=how,
             ns_per_source=ns_per_source(benchmark),
             deposit_error=worst_pixel(psf, accuracy, fine, reach=4),
@@ -187,7 +187,7 @@ def test_error_functions(benchmark, device):
             worst = max(worst, error_near(image.numpy(), ws.PsfGaussian(SIGMA_PX), place, 4))
         benchmark.extra_info.update(
             device=device,
-            group="Gaussian, shares",
+            group="Gaussian, pixel fractions",
             way="error functions",
             ns_per_source=ns_per_source(benchmark),
             deposit_error=worst,
@@ -216,15 +216,15 @@ def test_stamp_rules(benchmark, name, cut, device):
     rule = stamp_rule([0.0], cut, device)
     drawing = Drawing(psf, None, places(N_SOURCE), rule)
     if timed(benchmark, drawing.draw, device):
-        shares = [wp.empty((1, 1, N_SOURCE), dtype=wp.float32, device=device) for _ in range(2)]
-        drawing.bank.measure_stamps(drawing.sources[1:], rule, shares)
+        fractions = [wp.empty((1, 1, N_SOURCE), dtype=wp.float32, device=device) for _ in range(2)]
+        drawing.bank.measure_stamps(drawing.sources[1:], rule, fractions)
         benchmark.extra_info.update(
             device=device,
             group=f"{name}, stamps",
             way=f"cut at {cut:g} of the light per pixel",
             ns_per_source=ns_per_source(benchmark),
             deposit_error=worst_pixel(psf, None, rule),
-            left_out=float(1 - shares[1].numpy().mean()),
+            left_out=float(1 - fractions[1].numpy().mean()),
         )
 
 

@@ -23,8 +23,8 @@ def even_times(n=10_000):
     return (2 * np.arange(n) + 1) / n - 1, np.full(n, 1 / n)
 
 
-def axis_shares(position_px, n_pixel, sigma_px):
-    """Shares of n_pixel columns (or rows) of a unit Gaussian at each position, shape (n, n_pixel)."""
+def axis_fractions(position_px, n_pixel, sigma_px):
+    """Fractions of n_pixel columns (or rows) of a unit Gaussian at each position, shape (n, n_pixel)."""
     edge = (np.arange(n_pixel + 1) - 0.5 - np.asarray(position_px)[:, None]) / sigma_px
     left, right = edge[:, :-1], edge[:, 1:]
     # Differences of the smaller tail keep their leading digits.
@@ -37,9 +37,9 @@ def gaussian_streak(xy_px, movement_px, brightness, sigma_px, shape, times, aspe
     image = np.zeros(shape)
     for part in np.array_split(np.arange(len(t)), max(1, len(t) // 5000)):
         place = np.asarray(xy_px) + legendre(movement_px, t[part])
-        rows = axis_shares(place[:, 1], shape[0], sigma_px / aspect)
+        rows = axis_fractions(place[:, 1], shape[0], sigma_px / aspect)
         rows *= (weight[part] * legendre(brightness, t[part]))[:, None]
-        image += rows.T @ axis_shares(place[:, 0], shape[1], sigma_px)
+        image += rows.T @ axis_fractions(place[:, 0], shape[1], sigma_px)
     return image
 
 

@@ -12,7 +12,7 @@ from warpsim_kernels.table_layout import CELL_DEGREES, TableLayout, n_term_of
 import warpsim as ws
 from warpsim.errors import InputError
 from warpsim.optics.cell_table import BLOCK_PX, MOST_CELLS, cell_bytes, cell_table, cells_for
-from warpsim.optics.flow import pixel_shares
+from warpsim.optics.flow import pixel_fractions
 from warpsim.optics.pattern import FIRST_DARK_RING, AiryPattern
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
 from warpsim.optics.spline_image import spline_of
@@ -64,7 +64,7 @@ def test_pixels_keep_the_error_asked_for(device, degree, radius_px, aspect, reco
     found = images_of(psf, TableAccuracy(error, None, degree), xy, device, aspect)
     pattern = AiryPattern((radius_px / FIRST_DARK_RING,), (1.0,), 0.3, 0.0)
     dx, dy = offsets(xy)
-    exact = pixel_shares(pattern.flow(60.0), dx, dy, aspect).reshape(found.shape)
+    exact = pixel_fractions(pattern.flow(60.0), dx, dy, aspect).reshape(found.shape)
     table = polynomials(psf, aspect, error, degree)
     assert table.degree == degree and table.error <= error
     worst = np.abs(found - exact).max()
@@ -83,7 +83,7 @@ def test_images_without_symmetry(device, degree):
     psf, error = ws.PsfTable(samples, 5.0), 1e-4 if degree == 3 else 1e-5
     xy = hard_and_random_places(N_SOURCE, np.random.default_rng(SEED))
     found = images_of(psf, TableAccuracy(error, None, degree), xy, device)
-    exact = spline_of(psf.image, 5.0, 0.0, 1.0).shares(*offsets(xy)).reshape(found.shape)
+    exact = spline_of(psf.image, 5.0, 0.0, 1.0).fractions(*offsets(xy)).reshape(found.shape)
     assert np.abs(found - exact).max() <= error
 
 

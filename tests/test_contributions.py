@@ -16,7 +16,7 @@ SUM_RTOL = 1e-6
 STREAK_SUM_RTOL = 1e-5
 """The same where a source is the sum of a hundred nodes, whose roundings lean to one side."""
 LIGHT_RTOL = 1e-5
-"""Of a target's light: the tables' error, 6e-7 a pixel, over the few pixels that hold it; and float32 shares."""
+"""Of a target's light: the tables' error, 6e-7 a pixel, over the few pixels that hold it; and float32 fractions."""
 THRESHOLD_RTOL = 1e-5
 """A pixel so near to a threshold may fall on either side: patches are drawn from shifted places."""
 

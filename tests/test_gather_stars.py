@@ -131,12 +131,12 @@ def stamp_half_width_px(irradiance_w_cm2, scene):
 
 def light_on_the_frame(xy_px, irradiance_w_cm2, camera):
     """Most light that a star leaves in one pixel of the frame, (n_band, n_star): its nearest pixel, by scipy."""
-    share = 1.0
+    fraction = 1.0
     for axis, n_pixel in enumerate((camera.n_col, camera.n_row)):
         pixel = np.clip(np.rint(xy_px[:, axis]), 0, n_pixel - 1)
         offset = np.abs(pixel - xy_px[:, axis])
-        share = share * (ndtr(-(offset - 0.5) / SIGMA_PX) - ndtr(-(offset + 0.5) / SIGMA_PX))
-    return irradiance_w_cm2 * share
+        fraction = fraction * (ndtr(-(offset - 0.5) / SIGMA_PX) - ndtr(-(offset + 0.5) / SIGMA_PX))
+    return irradiance_w_cm2 * fraction
 
 
 def assert_lists_are_complete(scene, catalog, views):

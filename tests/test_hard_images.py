@@ -17,8 +17,8 @@ NEI, SEI = 1e-18, 3e-15
 W_CM2_PER_JY = ws.BANDS["A"].w_cm2_per_jy
 SIGMA_PX = 0.8
 
-SHARE = 3e-7
-"""Of a star's light, in a pixel: float32 shares and sums."""
+FRACTION = 3e-7
+"""Of a star's light, in a pixel: float32 fractions and sums."""
 PLACE_PX = 1e-8
 """Of a star put at a place: rounding of degrees in the catalog, times the focal length."""
 NOISE_SIGMAS = 7.0
@@ -108,7 +108,7 @@ def test_a_source_a_million_times_above_saturation(scene, device, psf, detector)
     if psf == "gaussian":
         expected = gaussian_image(xy, 1e6 * SEI, 96, 128)
         # What is left out is below 1e-11 of the star, the smallest cut there is.
-        np.testing.assert_allclose(signal, expected, rtol=0, atol=SHARE * 1e6 * SEI)
+        np.testing.assert_allclose(signal, expected, rtol=0, atol=FRACTION * 1e6 * SEI)
         np.testing.assert_allclose(signal, expected, rtol=2e-5, atol=1e-11 * 1e6 * SEI)
         assert n_full == np.count_nonzero(expected > SEI)
     else:
@@ -130,7 +130,7 @@ def test_light_from_1e_minus_25_to_1e_minus_10_in_one_frame(device, scene):
         clean = others < 1e-3 * own  # where a brighter neighbour's wing does not come first
         assert clean.any()
         cut = 16 * 1e-9 * NEI + 1e-11 * own
-        np.testing.assert_allclose((signal[box] - others)[clean], expected[clean], rtol=0, atol=SHARE * own + cut)
+        np.testing.assert_allclose((signal[box] - others)[clean], expected[clean], rtol=0, atol=FRACTION * own + cut)
     assert_counts_follow(images.counts.numpy()[0, 0, 0].astype(float), signal, faint.detector)
     assert len(images.stars) == 16
     by_row = images.stars["irradiance_w_cm2"][np.argsort(images.stars["catalog_row"]), 0]
@@ -157,7 +157,7 @@ def test_an_image_of_one_pixel(scene, device, xy):
     images = rendered(single, catalog_at(single, [xy], 1e-15), device)
     assert images.counts.shape == (1, 1, 1, 1, 1)
     expected = gaussian_image([xy], 1e-15, 1, 1)
-    np.testing.assert_allclose(images.signal_w_cm2.numpy()[0, 0, 0], expected, rtol=0, atol=SHARE * 1e-15)
+    np.testing.assert_allclose(images.signal_w_cm2.numpy()[0, 0, 0], expected, rtol=0, atol=FRACTION * 1e-15)
     assert_counts_follow(images.counts.numpy()[0, 0, 0].astype(float), expected, single.detector)
     np.testing.assert_allclose([images.stars["x_px"][0], images.stars["y_px"][0]], xy, rtol=0, atol=PLACE_PX)
     if xy != (0.5, -0.5):  # where rounding decides
@@ -189,7 +189,7 @@ def test_arrays_and_pixels_that_are_not_square(scene, device, camera):
         signal = images.signal_w_cm2.numpy()[0, 0, 0].astype(float)
         sigmas_px = (0.45, 0.45 / odd.camera.pixel_aspect)
         expected = gaussian_image(place[None], 1e-14, n_row, n_col, sigmas_px)
-        np.testing.assert_allclose(signal, expected, rtol=0, atol=SHARE * 1e-14)
+        np.testing.assert_allclose(signal, expected, rtol=0, atol=FRACTION * 1e-14)
         sky = images.wcs(FRAME, SENSOR).pixel_to_world_values(*label)
         star = odd.camera.direction(place[None], images.axes_icrs[0, 0])[0]
         lon, lat = np.radians(sky)
@@ -212,7 +212,7 @@ def test_a_field_of_60_degrees(scene, device, lens):
     near = np.flatnonzero(in_front & (np.abs(xy - wide.camera.centre_px) < [140, 112]).all(axis=1))
     expected = gaussian_image(xy[near], light[near], 200, 256)
     signal = images.signal_w_cm2.numpy()[0, 0, 0]
-    np.testing.assert_allclose(signal, expected, rtol=0, atol=SHARE * light.max())
+    np.testing.assert_allclose(signal, expected, rtol=0, atol=FRACTION * light.max())
     assert images.stars["in_fov"].sum() > 1500
     assert_counts_follow(images.counts.numpy()[0, 0, 0].astype(float), signal, wide.detector)
 
@@ -284,7 +284,7 @@ def frame_that_sees(scene, boresight):
 
 
 EDGES = {
-    # place on an image of 40 x 64 pixels, share of the light on it
+    # place on an image of 40 x 64 pixels, fraction of the light on it
     "left": ((-0.5, 20.0), 0.5),
     "right": ((63.5, 11.3), 0.5),
     "top": ((30.25, -0.5), 0.5),
@@ -296,9 +296,9 @@ EDGES = {
 }
 
 
-@pytest.mark.parametrize(("xy", "share"), EDGES.values(), ids=EDGES)
+@pytest.mark.parametrize(("xy", "fraction"), EDGES.values(), ids=EDGES)
 @pytest.mark.parametrize("sigma_px", [0.01, 0.8, 2.0])
-def test_a_star_on_the_edge_of_the_field_and_on_a_corner(scene, device, xy, share, sigma_px):
+def test_a_star_on_the_edge_of_the_field_and_on_a_corner(scene, device, xy, fraction, sigma_px):
     """Half or a quarter of its light is on the array; a sharp one on a corner is shared by four pixels alike."""
     edge = sky_scene(scene, {"n_row": 40, "n_col": 64}, sigma_px=sigma_px)
     images = rendered(edge, catalog_at(edge, [xy], 1e-15), device)
@@ -306,9 +306,9 @@ def test_a_star_on_the_edge_of_the_field_and_on_a_corner(scene, device, xy, shar
     np.testing.assert_allclose(label, xy, rtol=0, atol=PLACE_PX)
     signal = images.signal_w_cm2.numpy()[0, 0, 0].astype(float)
     rounding = PLACE_PX / sigma_px  # of the place, where the light is steepest
-    assert signal.sum() == pytest.approx(share * 1e-15, rel=0, abs=(2e-6 + rounding) * 1e-15)
+    assert signal.sum() == pytest.approx(fraction * 1e-15, rel=0, abs=(2e-6 + rounding) * 1e-15)
     expected = gaussian_image([xy], 1e-15, 40, 64, (sigma_px, sigma_px))
-    np.testing.assert_allclose(signal, expected, rtol=0, atol=(SHARE + rounding) * 1e-15)
+    np.testing.assert_allclose(signal, expected, rtol=0, atol=(FRACTION + rounding) * 1e-15)
     if xy == (20.5, 10.5):
         four = signal[10:12, 20:22]
         np.testing.assert_allclose(four, four.mean(), rtol=2e-6 + 4 * rounding)
@@ -331,7 +331,7 @@ def test_two_stars_closer_than_a_thousandth_of_a_pixel(scene, device, psf, apart
     np.testing.assert_allclose(signal, parts[0] + parts[1], rtol=2e-6, atol=1e-12 * 1e-15)
     if psf == "gaussian":
         expected = gaussian_image(xy, [1e-15, 3e-15], 32, 40)
-        np.testing.assert_allclose(signal[0, 0, 0], expected, rtol=0, atol=SHARE * 3e-15)
+        np.testing.assert_allclose(signal[0, 0, 0], expected, rtol=0, atol=FRACTION * 3e-15)
 
 
 @pytest.mark.slow
@@ -357,13 +357,13 @@ def crowd_image(xy_px, irradiance_w_cm2, n_row, n_col, sigma_px, reach=3):
     """The same as gaussian_image for many sharp stars: stamps of 7 x 7 pixels."""
     image = np.zeros((n_row + 2 * reach) * (n_col + 2 * reach))
     own = np.floor(xy_px + 0.5).astype(int)
-    shares = [
+    fractions = [
         [ndtr((own[:, axis] + step + 0.5 - xy_px[:, axis]) / sigma_px)
          - ndtr((own[:, axis] + step - 0.5 - xy_px[:, axis]) / sigma_px) for step in range(-reach, reach + 1)]
         for axis in (0, 1)
     ]  # fmt: skip
-    for j, down in enumerate(shares[1]):
-        for i, across in enumerate(shares[0]):
+    for j, down in enumerate(fractions[1]):
+        for i, across in enumerate(fractions[0]):
             flat = (own[:, 1] + j) * (n_col + 2 * reach) + own[:, 0] + i
             image += np.bincount(flat, irradiance_w_cm2 * down * across, len(image))
     return image.reshape(n_row + 2 * reach, -1)[reach:-reach, reach:-reach]

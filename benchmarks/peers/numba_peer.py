@@ -73,7 +73,7 @@ def sort_by_band(row, n_pixel, n_band):
 
 @njit(parallel=True, fastmath=True)
 def weigh(x_px, y_px, light, table, column, row, across, down):
-    """Nearest pixel of each source, and its shares along both axes."""
+    """Nearest pixel of each source, and its fractions along both axes."""
     n_phase = table.shape[0] - 1
     for source in prange(x_px.size):
         i, j = int(np.rint(x_px[source])), int(np.rint(y_px[source]))

@@ -63,7 +63,7 @@ def table_stamp_function(layout: TableLayout) -> Any:
     """The function that adds a source to the pixels of its stamp, by tables of a layout."""
     draw, read = canvas_functions(TABLE_LANE), layout_functions(layout)
     Nodes, Canvas, add_light, flag_strips = read.Nodes, draw.Canvas, draw.add_light, draw.flag_strips
-    Place, place_in, row_in, pixel_shares = read.Place, read.place_in, read.row_in, read.shares
+    Place, place_in, row_in, pixel_fractions = read.Place, read.place_in, read.row_in, read.fractions
 
     @wp.func
     def add_wing(
@@ -72,8 +72,8 @@ def table_stamp_function(layout: TableLayout) -> Any:
         """Pixels of a row beyond the table; dx is that of the source's own column [pixel widths]."""
         for column in range(first, end):
             pixel = canvas.first + row * canvas.n_col + column
-            share = table_wing(psf, dx + float(column - own), dy)
-            canvas.pixels[pixel] = canvas.pixels[pixel] + strength * share
+            fraction = table_wing(psf, dx + float(column - own), dy)
+            canvas.pixels[pixel] = canvas.pixels[pixel] + strength * fraction
         flag_strips(canvas, row, first, end)
 
     @wp.func
@@ -123,7 +123,7 @@ def table_stamp_function(layout: TableLayout) -> Any:
                 while vector < end_vector:
                     first = wp.clamp(left - vector, 0, TABLE_LANE)
                     end = wp.clamp(right - vector, 0, TABLE_LANE)
-                    light = strength * pixel_shares(nodes, psf, place, in_row, block)
+                    light = strength * pixel_fractions(nodes, psf, place, in_row, block)
                     for lane in range(TABLE_LANE):  # the others have numbers without meaning
                         light[lane] = wp.where(lane >= first and lane < end, light[lane], 0.0)
                     add_light(canvas, row, vector, light, first, end)

@@ -32,7 +32,7 @@ class PixelScalars:
     zero_counts: float  # of no level, and half a count more, for rounding
     most_counts: float  # of the converter, or of saturation where that is less
     prnu: float  # rms of gains
-    dsnu: float  # rms of offsets [W/cm2], or of dark currents as a share of their mean
+    dsnu: float  # rms of offsets [W/cm2], or of dark currents as a fraction of their mean
     column_noise: float  # rms, a level
     full_level: float  # SEI or full well: where a pixel saturates
     loss_per_level: float  # of the response, relative to a linear one

@@ -35,7 +35,7 @@ def shifted(level: float, deviate: float, rms: float) -> float:
 
 @wp.func
 def bent(level: float, most: float, loss_per_level: float) -> float:
-    """A response that falls short of linear by the share level * loss_per_level; the level is at most `most`."""
+    """A response that falls short of linear by the fraction level * loss_per_level; the level is at most `most`."""
     held = wp.min(level, most)
     return held * (1.0 - held * loss_per_level)
 
@@ -63,7 +63,7 @@ def with_dark(electrons: float, dark_e: float) -> float:
 
 @wp.func
 def with_uneven_dark(electrons: float, deviate: float, dark_e: float, rms: float) -> float:
-    """The same, of a pixel whose dark current differs from the mean by a share; it is never negative."""
+    """The same, of a pixel whose dark current differs from the mean by a fraction; it is never negative."""
     return fma(dark_e, wp.max(fma(rms, deviate, 1.0), 0.0), electrons)
 
 

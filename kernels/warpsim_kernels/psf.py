@@ -1,4 +1,4 @@
-"""Shares of a point source's light that single pixels collect, and how wide a stamp has to be.
+"""Fractions of a point source's light that single pixels collect (pixel fractions), and how wide a stamp has to be.
 
 A pixel integrates the point spread function over its area; sampling at the pixel centre would be wrong by factors
 where the blur is smaller than a pixel.
@@ -18,7 +18,7 @@ ENVELOPE_STEP_PX = wp.constant(0.25)
 """Step of the radius in TablePsf.envelope, in pixel widths."""
 
 TABLE_POINTS = (2, 4, 6, 8)
-"""Points per axis that an interpolation in a table of shares may use."""
+"""Points per axis that an interpolation in a table of pixel fractions may use."""
 
 _SQRT_HALF = wp.constant(0.7071067811865476)
 _LN2 = wp.constant(0.6931471805599453)
@@ -43,16 +43,16 @@ def gaussian_edge(offset_px: wp.float64, sigma_px: float) -> wp.vec2:
 
 
 @wp.func
-def share_between(left: wp.vec2, right: wp.vec2) -> float:
-    """Part of a unit one-dimensional Gaussian between two edges (the paper's Eq. 7, integrated over the pixel)."""
+def fraction_between(left: wp.vec2, right: wp.vec2) -> float:
+    """Fraction of a unit one-dimensional Gaussian between two edges (the paper's Eq. 7, integrated over the pixel)."""
     return 0.5 * ((right[0] - left[0]) + (right[1] - left[1]))
 
 
 @wp.func
-def gaussian_pixel_share(offset_px: wp.float64, sigma_px: float) -> float:
-    """Part of a unit one-dimensional Gaussian inside the pixel whose centre is offset_px from the source."""
+def gaussian_pixel_fraction(offset_px: wp.float64, sigma_px: float) -> float:
+    """Fraction of a unit one-dimensional Gaussian inside the pixel whose centre is offset_px from the source."""
     half = wp.float64(0.5)
-    return share_between(gaussian_edge(offset_px - half, sigma_px), gaussian_edge(offset_px + half, sigma_px))
+    return fraction_between(gaussian_edge(offset_px - half, sigma_px), gaussian_edge(offset_px + half, sigma_px))
 
 
 @wp.func
@@ -87,14 +87,14 @@ def gaussian_reach_px(sigma_px: wp.vec2, cut: float) -> float:
 
 @wp.struct
 class TablePsf:
-    """A point spread function as a table of pixel shares over the offset (dy, dx), and what lies beyond it.
+    """A point spread function as a table of pixel fractions over the offset (dy, dx), and what lies beyond it.
 
-    The flat array of all bands holds, for each, its shares and its envelope. All that an interpolation takes for
+    The flat array of all bands holds, for each, its fractions and its envelope. All that an interpolation takes for
     TABLE_LANE pixels next to each other stands together: the table is (n_row, n_block, n_phase, TABLE_LANE), rows being
     nodes along dy, phases those along dx within a pixel (and some to either side), and pixels whole steps of dx.
     """
 
-    start: int  # where the shares begin in the flat array
+    start: int  # where the fractions begin in the flat array
     n_row: int
     n_block: int
     block_px: int  # pixels from a block to the next; TABLE_LANE, or half of it where blocks overlap
@@ -108,11 +108,13 @@ class TablePsf:
     reach_column_px: float  # offsets up to here lie inside the table
     reach_row_px: float  # in pixel heights
     pixel_aspect: float  # height of a pixel over its width
-    wing_px3: float  # beyond, share = wing / r^3 * (1 + (next + aspect * dx^2 / r^2 + last / r^2) / r^2), r in widths
+    wing_px3: (
+        float  # beyond, fraction = wing / r^3 * (1 + (next + aspect * dx^2 / r^2 + last / r^2) / r^2), r in widths
+    )
     wing_next_px2: float
     wing_aspect_px2: float
     wing_last_px4: float
-    envelope: int  # where the envelope begins: largest share that a disc of radius 0, 1/4, 1/2 ... does not touch
+    envelope: int  # where the envelope begins: largest fraction that a disc of radius 0, 1/4, 1/2 ... does not touch
     n_envelope: int
     tail_px3: float  # farther out no pixel holds more than tail / r^3, r = distance of its centre; 0: nothing
 
@@ -141,7 +143,7 @@ def table_reach_px(table: wp.array[float], psf: TablePsf, cut: float) -> float:
 
 @wp.func
 def table_wing(psf: TablePsf, x_px: float, y_px: float) -> float:
-    """Share of a pixel beyond the table, at a distance from the source in pixel widths along both axes."""
+    """Fraction of a pixel beyond the table, at a distance from the source in pixel widths along both axes."""
     x2 = x_px * x_px
     inverse2 = 1.0 / (x2 + y_px * y_px)
     more = (psf.wing_next_px2 + (psf.wing_aspect_px2 * x2 + psf.wing_last_px4) * inverse2) * inverse2
@@ -169,14 +171,14 @@ class TableFunctions(NamedTuple):
     """(place, step: int, psf: TablePsf) -> row that is step pixels from the source's own; row.first is -1 where the
     table does not serve it, row.distance_px the distance of its centre in pixel widths."""
 
-    shares: Any
-    """(nodes, psf: TablePsf, place, row, block: int) -> shares of a block's pixels in that row; numbers without meaning
-    where the table does not serve. The nodes are the flat array as overlapping vectors of n_point * TABLE_LANE floats,
-    one from every float on."""
+    fractions: Any
+    """(nodes, psf: TablePsf, place, row, block: int) -> fractions of a block's pixels in that row; numbers without
+    meaning where the table does not serve. The nodes are the flat array as overlapping vectors of n_point * TABLE_LANE
+    floats, one from every float on."""
 
-    share: Any
-    """(table: array of float, psf: TablePsf, place, row, pixel: int) -> share of one pixel, counted from the first one
-    of the first block; from the flat array itself."""
+    fraction: Any
+    """(table: array of float, psf: TablePsf, place, row, pixel: int) -> fraction of one pixel, counted from the first
+    one of the first block; from the flat array itself."""
 
 
 @functools.cache
@@ -279,7 +281,7 @@ def table_functions(n_point: int) -> TableFunctions:
         return row
 
     @wp.func
-    def shares(nodes: wp.array[Nodes], psf: TablePsf, place: place_type, row: row_type, block: int) -> Lanes:
+    def fractions(nodes: wp.array[Nodes], psf: TablePsf, place: place_type, row: row_type, block: int) -> Lanes:
         at = row.first + block * psf.n_phase * TABLE_LANE
         total = Lanes()
         j = int(0)
@@ -294,7 +296,7 @@ def table_functions(n_point: int) -> TableFunctions:
         return total
 
     @wp.func
-    def share(table: wp.array[float], psf: TablePsf, place: place_type, row: row_type, pixel: int) -> float:
+    def fraction(table: wp.array[float], psf: TablePsf, place: place_type, row: row_type, pixel: int) -> float:
         block = pixel // TABLE_LANE
         at = row.first + (block * psf.n_phase - block) * TABLE_LANE + pixel
         total = float(0.0)
@@ -306,4 +308,4 @@ def table_functions(n_point: int) -> TableFunctions:
             at += psf.n_block * psf.n_phase * TABLE_LANE
         return total
 
-    return TableFunctions(Nodes, place_type, row_type, place_in, row_in, shares, share)
+    return TableFunctions(Nodes, place_type, row_type, place_in, row_in, fractions, fraction)

@@ -125,7 +125,7 @@ def cell_functions(degree: int) -> TableFunctions:
         return row
 
     @wp.func
-    def shares(nodes: wp.array[Nodes], psf: TablePsf, place: place_type, row: row_type, block: int) -> Lanes:
+    def fractions(nodes: wp.array[Nodes], psf: TablePsf, place: place_type, row: row_type, block: int) -> Lanes:
         near = nodes[row.first + block * psf.n_row * wp.static(n_term * TABLE_LANE)]
         terms = terms_of(place.across, place.down)
         # Three sums, as each addition waits for the one before.
@@ -143,7 +143,7 @@ def cell_functions(degree: int) -> TableFunctions:
         return one + (two + three)
 
     @wp.func
-    def share(table: wp.array[float], psf: TablePsf, place: place_type, row: row_type, pixel: int) -> float:
+    def fraction(table: wp.array[float], psf: TablePsf, place: place_type, row: row_type, pixel: int) -> float:
         block = wp.min(pixel // psf.block_px, psf.n_block - 1)
         at = row.first + block * psf.n_row * wp.static(n_term * TABLE_LANE) + pixel - block * psf.block_px
         sums = wp.vec3()
@@ -155,4 +155,4 @@ def cell_functions(degree: int) -> TableFunctions:
                     sums[k % 3] = sums[k % 3] + term * load(table, at + TABLE_LANE * k)
         return sums[0] + (sums[1] + sums[2])
 
-    return TableFunctions(Nodes, place_type, row_type, place_in, row_in, shares, share)
+    return TableFunctions(Nodes, place_type, row_type, place_in, row_in, fractions, fraction)

@@ -34,8 +34,8 @@ class SpotFunctions(NamedTuple):
     """(tables, band, spot, what row_of returned, column) -> light of a pixel of that row."""
 
 
-@wp.func_native(snippet="return reinterpret_cast<const float*>(shares.data)[i];")
-def load_share(shares: wp.array[Lanes], i: int) -> float:
+@wp.func_native(snippet="return reinterpret_cast<const float*>(fractions.data)[i];")
+def load_fraction(fractions: wp.array[Lanes], i: int) -> float:
     """The first float of vector i, from 0 on, of overlapping ones."""
 
 
@@ -66,23 +66,25 @@ def gaussian_spots() -> SpotFunctions:
         return spot
 
     @wp.func
-    def axis_share(shares: wp.array[Lanes], table: EdgeTable, place: EdgePlace, pixel: int) -> float:
+    def axis_fraction(fractions: wp.array[Lanes], table: EdgeTable, place: EdgePlace, pixel: int) -> float:
         at = place.start + pixel
-        here = load_share(shares, at)
-        after = load_share(shares, at + table.n_pixel)
+        here = load_fraction(fractions, at)
+        after = load_fraction(fractions, at + table.n_pixel)
         step = after - here
-        bend = step - (here - load_share(shares, at - table.n_pixel))
-        twist = (load_share(shares, at + 2 * table.n_pixel) - after) - step - bend
+        bend = step - (here - load_fraction(fractions, at - table.n_pixel))
+        twist = (load_fraction(fractions, at + 2 * table.n_pixel) - after) - step - bend
         u = place.u
         return here + u * (step + (0.5 * (u - 1.0)) * (bend + ((u + 1.0) * wp.static(1.0 / 3.0)) * twist))
 
     @wp.func
     def row_of(tables: GaussianTables, band: int, spot: GaussianSpot, row: int) -> float:
-        return axis_share(tables.shares, tables.psfs[band].rows, spot.down, row)
+        return axis_fraction(tables.fractions, tables.psfs[band].rows, spot.down, row)
 
     @wp.func
     def light_at(tables: GaussianTables, band: int, spot: GaussianSpot, in_row: float, column: int) -> float:
-        return in_row * (spot.strength * axis_share(tables.shares, tables.psfs[band].columns, spot.across, column))
+        return in_row * (
+            spot.strength * axis_fraction(tables.fractions, tables.psfs[band].columns, spot.across, column)
+        )
 
     return SpotFunctions(GaussianTables, GaussianSpot, spot_of, row_of, light_at)
 
@@ -92,7 +94,7 @@ def table_spots(layout: TableLayout) -> SpotFunctions:
     """Spots of tabulated patterns, by tables of a layout."""
     read, Tables = layout_functions(layout), pattern_tables(layout)
     Place, Row = read.Place, read.Row
-    place_in, row_in, share = read.place_in, read.row_in, read.share
+    place_in, row_in, fraction = read.place_in, read.row_in, read.fraction
 
     class TableSpot:
         stamp: Stamp
@@ -120,7 +122,7 @@ def table_spots(layout: TableLayout) -> SpotFunctions:
         psf = tables.psfs[band]
         step = column - spot.stamp.column
         if in_row.first >= 0 and step >= spot.place.first_step and step < spot.place.end_step:
-            return spot.strength * share(tables.table, psf, spot.place, in_row, step + psf.zero_pixel)
+            return spot.strength * fraction(tables.table, psf, spot.place, in_row, step + psf.zero_pixel)
         return spot.strength * table_wing(psf, spot.place.dx_px + float(step), in_row.distance_px)
 
     return SpotFunctions(Tables, Spot, spot_of, row_of, light_at)

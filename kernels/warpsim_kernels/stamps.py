@@ -18,17 +18,17 @@ class StampRule:
     """How much of a source may be left out of its stamp, per pixel: the larger of the two limits."""
 
     cut_w_cm2: wp.array[float]  # (n_band,) absolute
-    cut_share: float  # relative to the source's irradiance
+    cut_fraction: float  # relative to the source's irradiance
     streak_error: float  # the same for the error of a streak's quadrature in time; the larger of it and the stamp's cut
 
 
 @wp.func
 def stamp_cut(irradiance_w_cm2: float, band: int, rule: StampRule) -> float:
-    """Largest share of a source that a pixel outside its stamp may hold; 1 for a source without light."""
+    """Largest fraction of a source that a pixel outside its stamp may hold; 1 for a source without light."""
     strength = wp.abs(irradiance_w_cm2)
     cut_w_cm2 = rule.cut_w_cm2[band]
-    if strength * rule.cut_share >= cut_w_cm2:
-        return rule.cut_share
+    if strength * rule.cut_fraction >= cut_w_cm2:
+        return rule.cut_fraction
     if strength <= cut_w_cm2:
         return 1.0
     return cut_w_cm2 / strength

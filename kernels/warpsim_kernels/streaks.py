@@ -1,6 +1,6 @@
 """Quadrature in time: a source that moves or changes during the exposure is drawn as a few still ones.
 
-A pixel's light is the mean over the exposure of brightness times the pixel's share at the source's place. Gauss-
+A pixel's light is the mean over the exposure of brightness times the pixel fraction at the source's position. Gauss-
 Legendre nodes take that mean; how many it takes follows from the length of the streak against the width of the image,
 and from the error allowed.
 """
@@ -148,13 +148,13 @@ def light_centre_px(paths: Paths, source: Source) -> wp.vec2d:
     n_term = n_profile(paths, source)
     centre = source.xy_px
     for k in range(paths.offset_px.shape[2]):
-        share = wp.float64(0.0)
+        weight = wp.float64(0.0)
         if k == 0:
-            share = wp.float64(1.0)
+            weight = wp.float64(1.0)
         elif k < n_term:
-            share = wp.float64(paths.brightness[source.view, source.band, source.slot, k]) / wp.float64(2 * k + 1)
+            weight = wp.float64(paths.brightness[source.view, source.band, source.slot, k]) / wp.float64(2 * k + 1)
         term = paths.offset_px[source.view, source.slot, k]
-        centre += share * wp.vec2d(wp.float64(term[0]), wp.float64(term[1]))
+        centre += weight * wp.vec2d(wp.float64(term[0]), wp.float64(term[1]))
     return centre
 
 
@@ -228,7 +228,7 @@ def streak_of(
     """The fewest nodes that keep a source's pixels within `error` of its light.
 
     Where even the largest rule is too short, and where parts longer than longest_panel_px are not wanted, the exposure
-    is cut into panels, which share out the light and the error.
+    is cut into panels, which divide the light and the error.
     """
     streak = Streak()
     streak.n_panel = 1
@@ -268,7 +268,7 @@ def moment_of(paths: Paths, source: Source, streak: Streak, panel: int, node: in
         return moment
     width = wp.float64(1.0) / wp.float64(streak.n_panel)
     t = (wp.float64(2 * panel - streak.n_panel + 1) + rules.node[streak.first + node]) * width
-    share = rules.weight[streak.first + node] * width * brightness_at(paths, source, t)
+    weight = rules.weight[streak.first + node] * width * brightness_at(paths, source, t)
     moment.xy_px = place_px(paths, source, t)
-    moment.irradiance_w_cm2 = source.irradiance_w_cm2 * float(share)
+    moment.irradiance_w_cm2 = source.irradiance_w_cm2 * float(weight)
     return moment

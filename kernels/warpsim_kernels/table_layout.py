@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 TABLE_LANE = 8
-"""Pixels of a row that stand next to each other in a table of shares, and are drawn at a time."""
+"""Pixels of a row that stand next to each other in a table of pixel fractions, and are drawn at a time."""
 
 CELL_DEGREES = (3, 5, 7, 9)
 """Total degrees of polynomials."""

@@ -20,7 +20,7 @@ F64 = npt.NDArray[np.float64]
 MARGIN = 1.1
 """The polynomial serves the array and a tenth beyond, counted from the centre."""
 SMALLEST_STRETCH = 0.1
-"""Within that, no short line may shrink to less than this share of its length on the pinhole's image."""
+"""Within that, no short line may shrink to less than this fraction of its length on the pinhole's image."""
 FARTHEST = 4.0
 """The array's corners must look at most so many times as far from the boresight as without distortion, or as near."""
 
@@ -138,14 +138,14 @@ def undistorted(distortion: Distortion, limit: float, place: F64) -> F64:
         if not len(todo):
             break
         step = -np.linalg.solve(_continued_slopes(distortion, limit, xy[todo]), missed[todo][..., None])[..., 0]
-        share = np.ones(len(todo))
+        fraction = np.ones(len(todo))
         for _ in range(30):
-            trial = xy[todo] + share[:, None] * step
+            trial = xy[todo] + fraction[:, None] * step
             left = _continued(distortion, limit, trial) - place[todo]
             worse = np.linalg.norm(left, axis=-1) >= np.linalg.norm(missed[todo], axis=-1)
             if not worse.any():
                 break
-            share[worse] *= 0.5
+            fraction[worse] *= 0.5
         better = todo[~worse]
         xy[better], missed[better] = trial[~worse], left[~worse]
         wanted[todo[worse]] = np.inf  # rounding is all that is left

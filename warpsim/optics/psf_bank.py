@@ -71,14 +71,14 @@ class PsfBank(Protocol):
         """Half-width of the stamp of each source; both arrays (n_band, n_source)."""
 
     def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array], paths: Any = None) -> None:
-        """Shares of a source's light in its own pixel and in its whole stamp, for the first sources of each view.
+        """Fractions of a source's light in its own pixel and in its whole stamp, for the first sources of each view.
 
-        With paths, the own pixel is that of the middle of the exposure, and shares are means over the exposure.
+        With paths, the own pixel is that of the middle of the exposure, and fractions are means over the exposure.
 
         Args:
             sources: xy_px (n_view, n_slot), irradiance_w_cm2 (n_view, n_band, n_slot).
             rule: StampRule.
-            outputs: peak_share, stamp_share, each (n_view, n_band, n_source).
+            outputs: peak_fraction, stamp_fraction, each (n_view, n_band, n_source).
             paths: As in deposit.
         """
 
@@ -98,7 +98,7 @@ class GaussianBank:
     def __init__(self, psfs: Sequence[PsfGaussian], device: Any, pixel_aspect: float = 1.0) -> None:
         sigma_px = [(psf.sigma_px, psf.sigma_px / pixel_aspect) for psf in psfs]
         self._sigma_px = wp.array(sigma_px, dtype=wp.vec2, device=device)
-        self._psf, self._shares = upload_gaussians(sigma_px, device)
+        self._psf, self._fractions = upload_gaussians(sigma_px, device)
 
     def deposit(
         self,
@@ -122,7 +122,7 @@ class GaussianBank:
     def tables(self) -> Any:
         """See PsfBank."""
         tables: Any = GaussianTables()
-        tables.psfs, tables.shares = self._psf, overlapping(self._shares, GAUSSIAN_LANE)
+        tables.psfs, tables.fractions = self._psf, overlapping(self._fractions, GAUSSIAN_LANE)
         return tables
 
     @property
@@ -147,7 +147,7 @@ class GaussianBank:
 
 
 class TableBank:
-    """Patterns as tables of pixel shares."""
+    """Patterns as tables of pixel fractions."""
 
     def __init__(self, psfs: Sequence[TabulatedPsf], device: Any, pixel_aspect: float, accuracy: TableAccuracy) -> None:
         layout, tables = drawn_tables(psfs, pixel_aspect, accuracy)
@@ -236,19 +236,19 @@ def psf_bank(
     return TableBank(tabulated, device, pixel_aspect, accuracy or TableAccuracy())
 
 
-def stamp_rule(cut_w_cm2: Sequence[float], cut_share: float, device: Any, streak_error: float = STREAK_ERROR) -> Any:
+def stamp_rule(cut_w_cm2: Sequence[float], cut_fraction: float, device: Any, streak_error: float = STREAK_ERROR) -> Any:
     """The kernels' StampRule on a device.
 
     Args:
         cut_w_cm2: What a source may leave out per pixel in each band [W/cm2].
-        cut_share: The same as a share of its light; the larger of the two holds.
+        cut_fraction: The same as a fraction of its light; the larger of the two holds.
         device: Where the rule is put.
-        streak_error: Error of a streak's quadrature in time per pixel, as a share of a source's light; where the stamp
-            may leave out more, it may err by as much.
+        streak_error: Error of a streak's quadrature in time per pixel, as a fraction of a source's light; where the
+            stamp may leave out more, it may err by as much.
     """
     rule: Any = StampRule()
     rule.cut_w_cm2 = wp.array(cut_w_cm2, dtype=wp.float32, device=device)
-    rule.cut_share = max(cut_share, SMALLEST_STAMP_CUT)
+    rule.cut_fraction = max(cut_fraction, SMALLEST_STAMP_CUT)
     rule.streak_error = streak_error
     return rule
 
@@ -257,7 +257,7 @@ def rule_of_band(rule: Any, band: int) -> Any:
     """The StampRule of one of the bands alone."""
     one: Any = StampRule()
     one.cut_w_cm2 = rule.cut_w_cm2[band : band + 1]
-    one.cut_share, one.streak_error = rule.cut_share, rule.streak_error
+    one.cut_fraction, one.streak_error = rule.cut_fraction, rule.streak_error
     return one
 
 

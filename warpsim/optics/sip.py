@@ -116,9 +116,9 @@ def _to_image_px(camera: Camera, lens: Distortion) -> tuple[F64, F64]:
     x, y = np.zeros((order + 1, order + 1)), np.zeros((order + 1, order + 1))
     for power, k in enumerate((lens.k1, lens.k2, lens.k3), start=1):
         for j in range(power + 1 if k else 0):  # k r^(2 power), r^2 = x^2 + y^2
-            share = k * math.comb(power, j)
-            x[2 * j + 1, 2 * (power - j)] += share
-            y[2 * j, 2 * (power - j) + 1] += share
+            coefficient = k * math.comb(power, j)
+            x[2 * j + 1, 2 * (power - j)] += coefficient
+            y[2 * j, 2 * (power - j) + 1] += coefficient
     x[1, 1] += 2 * lens.p1
     x[2, 0] += 3 * lens.p2
     x[0, 2] += lens.p2

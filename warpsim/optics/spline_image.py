@@ -2,7 +2,7 @@
 
 Between samples the pattern is the cubic spline sum_kl C_kl B(u - l) B(v - k) (Unser 1999, "Splines: a perfect fit for
 signal and image processing"), u and v counted in samples; beyond the image it is zero. B integrates to a piecewise
-quartic in closed form, so the share of a pixel is a^T C b with no error but the spline's own, and a blur by a Gaussian
+quartic in closed form, so the pixel fraction is a^T C b with no error but the spline's own, and a blur by a Gaussian
 acts on B alone.
 """
 
@@ -51,8 +51,8 @@ class SplineImage:
         height_px = 0.5 * (n_row - 1) / self.oversample + beyond
         return height_px / self.pixel_aspect + 0.5, 0.5 * (n_col - 1) / self.oversample + beyond + 0.5
 
-    def shares(self, dx_px: F64, dy_px: F64) -> F64:
-        """Return the shares of pixels at offsets along columns [px] and rows [pixel heights], shape (n,) each."""
+    def fractions(self, dx_px: F64, dy_px: F64) -> F64:
+        """Return the pixel fractions at offsets along columns [px] and rows [pixel heights], shape (n,) each."""
         first_row, down = self._band(0, dy_px)
         first_col, across = self._band(1, dx_px)
         padded = np.pad(self.coefficient, ((down.shape[1],) * 2, (across.shape[1],) * 2))
@@ -67,8 +67,8 @@ class SplineImage:
             total[here] = np.einsum("nrc,nr,nc->n", block, down[here], across[here], optimize=True)
         return total
 
-    def shares_on_grid(self, dx_px: F64, dy_px: F64) -> F64:
-        """Return the shares of pixels at all pairs of offsets, shape (len(dy_px), len(dx_px))."""
+    def fractions_on_grid(self, dx_px: F64, dy_px: F64) -> F64:
+        """Return the pixel fractions at all pairs of offsets, shape (len(dy_px), len(dx_px))."""
         down, across = self._matrix(0, dy_px), self._matrix(1, dx_px)
         return np.asarray(down @ self.coefficient @ across.T)
 
