@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 from warpsim_kernels.psf import (
-    TABLE_LANE,
+    TABLE_SIMD_WIDTH,
     TablePsf,
     gaussian_pixel_fraction,
     gaussian_reach_px,
@@ -42,7 +42,7 @@ def make_add_stamp(n_point: int, sum_type: Any, scatters: bool) -> wp.Function:
     """The function that adds a stamp to an image of sums: float32, float64, or int64 in units of QUANTUM."""
     read = table_functions(n_point)
     nodes_type, place_in, row_in, pixel_fractions = read.Nodes, read.place_in, read.row_in, read.fractions
-    lanes_type = wp.types.vector(length=TABLE_LANE, dtype=wp.float32)
+    vector_type = wp.types.vector(length=TABLE_SIMD_WIDTH, dtype=wp.float32)
     fixed_point = sum_type is wp.int64
 
     @wp.func
@@ -55,7 +55,7 @@ def make_add_stamp(n_point: int, sum_type: Any, scatters: bool) -> wp.Function:
         stamp: Stamp,
     ):
         place = place_in(wp.float64(stamp.column) - place_px[0], wp.float64(stamp.row) - place_px[1], psf)
-        fractions = lanes_type()
+        fractions = vector_type()
         for row in range(stamp.window.first_row, stamp.window.end_row):
             in_row = row_in(place, row - stamp.row, psf)
             columns = columns_of_row(stamp, row)
@@ -66,11 +66,11 @@ def make_add_stamp(n_point: int, sum_type: Any, scatters: bool) -> wp.Function:
                 if in_row.first < 0 or step < place.first_step or step >= place.end_step:
                     fraction = table_wing(psf, place.dx_px + float(step), in_row.distance_px)
                 else:
-                    block = (psf.zero_pixel + step) // TABLE_LANE
+                    block = (psf.zero_pixel + step) // TABLE_SIMD_WIDTH
                     if block != served:
                         fractions = pixel_fractions(nodes, psf, place, in_row, block)
                         served = block
-                    fraction = fractions[psf.zero_pixel + step - block * TABLE_LANE]
+                    fraction = fractions[psf.zero_pixel + step - block * TABLE_SIMD_WIDTH]
                 if wp.static(fixed_point):
                     light = wp.float64(strength) * wp.float64(fraction)
                     wp.atomic_add(image, row, column, wp.int64(wp.round(light * wp.static(wp.float64(1.0 / QUANTUM)))))
@@ -156,7 +156,7 @@ class Variant:
     def __init__(self, name: str, psf: ws.PsfAiry, shape: tuple[int, int], device: Any, n_row_per_block: int) -> None:
         table = epsf_table(psf)
         self._psf, self._table = upload_tables([table], device)
-        self._nodes = overlapping(self._table, table.n_point * TABLE_LANE)
+        self._nodes = overlapping(self._table, table.n_point * TABLE_SIMD_WIDTH)
         self._gathers, self._fixed = name.startswith("gather"), name.endswith("fixed point")
         real = wp.float64 if name.endswith("float64") else wp.float32
         if self._gathers:

@@ -91,9 +91,9 @@ def test_layout():
     table = polynomials(ws.PsfAiry(1.5), 1.0, 6e-7, 5)
     n_row, n_column = table.n_cell
     assert n_row % 2 == n_column % 2 == 0 and table.nodes.mirrored
-    cells_down, cells_across, n_block, rows, n_term, lane = table.coefficient.shape
+    cells_down, cells_across, n_block, rows, n_term, simd_width = table.coefficient.shape
     assert (cells_down, cells_across) == (n_row // 2, n_column)
-    assert (n_term, lane) == (n_term_of(5), 2 * BLOCK_PX)
+    assert (n_term, simd_width) == (n_term_of(5), 2 * BLOCK_PX)
     assert table.coefficient.nbytes == table.n_byte == cell_bytes(table.nodes, 5, table.n_cell)
     reach_row, reach_column = table.nodes.reach_px
     assert table.zero[0] >= reach_row and rows - 1 - table.zero[0] >= reach_row

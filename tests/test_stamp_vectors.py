@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 from scipy import special
 from streak_oracles import axis_fractions
-from warpsim_kernels.psf import TABLE_LANE, natural_log
+from warpsim_kernels.psf import TABLE_SIMD_WIDTH, natural_log
 from warpsim_kernels.strips import STRIP_PIXELS, flags_of_image, n_flag
 
 import warpsim as ws
@@ -99,16 +99,19 @@ def test_every_pixel_of_a_gaussian_stamp_keeps_its_digits(device, sigma_px):
 def test_blocks_hold_the_table(psf):
     table = epsf_table(psf)
     fraction, zero_pixel = by_block(table)
-    n_row, n_block, n_phase, n_lane = fraction.shape
-    assert (n_row, n_lane) == (table.fraction.shape[0], TABLE_LANE)
+    n_row, n_block, n_phase, simd_width = fraction.shape
+    assert (n_row, simd_width) == (table.fraction.shape[0], TABLE_SIMD_WIDTH)
     rng, per_px, before = np.random.default_rng(SEED), table.per_px[1], table.n_point // 2 - 1
     for _ in range(200):
-        row, pixel, phase = rng.integers(n_row), rng.integers(n_block * n_lane), rng.integers(n_phase)
+        row, pixel, phase = rng.integers(n_row), rng.integers(n_block * simd_width), rng.integers(n_phase)
         node = abs((pixel - zero_pixel) * per_px + phase - per_px // 2 - before)
         if node + table.zero[1] < table.fraction.shape[1]:
-            assert fraction[row, pixel // n_lane, phase, pixel % n_lane] == table.fraction[row, table.zero[1] + node]
+            assert (
+                fraction[row, pixel // simd_width, phase, pixel % simd_width]
+                == table.fraction[row, table.zero[1] + node]
+            )
     steps = math.ceil(table.reach_px[1] + 0.5)
-    assert zero_pixel >= steps and n_block * n_lane - zero_pixel > steps
+    assert zero_pixel >= steps and n_block * simd_width - zero_pixel > steps
 
 
 @every_psf

@@ -128,7 +128,7 @@ def test_pace():
 
 
 @pytest.mark.parametrize(
-    ("rate_hz", "n_view", "frame_bytes", "n_lane", "n_ahead", "expected"),
+    ("rate_hz", "n_view", "frame_bytes", "n_pipeline", "n_ahead", "expected"),
     [
         (30.0, 20, 655_360, 2, None, (4, 1)),
         (30.0, 1, 32_768, 2, None, (4, 2)),  # two threads, one view a frame
@@ -139,8 +139,8 @@ def test_pace():
         (None, 1, 32_768, 2, 6, (6, 3)),
     ],
 )
-def test_sizes_follow_rate_and_memory(rate_hz, n_view, frame_bytes, n_lane, n_ahead, expected):
-    assert stream_sizes(rate_hz, n_view, frame_bytes, n_lane, n_ahead) == expected
+def test_sizes_follow_rate_and_memory(rate_hz, n_view, frame_bytes, n_pipeline, n_ahead, expected):
+    assert stream_sizes(rate_hz, n_view, frame_bytes, n_pipeline, n_ahead) == expected
 
 
 def test_an_error_of_the_renderer_comes_after_the_frames_before_it():

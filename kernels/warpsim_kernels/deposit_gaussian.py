@@ -24,10 +24,10 @@ from warpsim_kernels.stamps import (
 )
 from warpsim_kernels.streaks import NO_LIMIT, Blur, StreakRules, is_streak_near, moment_of, source_of, streak_of
 
-GAUSSIAN_LANE = 16
+GAUSSIAN_SIMD_WIDTH = 16
 """Pixels that are drawn at a time."""
 
-Lanes, Images, Canvas, canvas_of, lanes_between, add_light, flag_strips = canvas_functions(GAUSSIAN_LANE)
+PixelVector, Images, Canvas, canvas_of, mask_between, add_light, flag_strips = canvas_functions(GAUSSIAN_SIMD_WIDTH)
 
 
 @wp.struct
@@ -58,7 +58,7 @@ class GaussianTables:
     """The Gaussians of all bands."""
 
     psfs: wp.array[GaussianPsf]  # (n_band,)
-    fractions: wp.array[Lanes]  # lane_mask and the tables of all bands, flat, with a vector from every float on
+    fractions: wp.array[PixelVector]  # mask_table and the tables of all bands, flat, with a vector from every float on
 
 
 @wp.func
@@ -94,7 +94,7 @@ def edge_place(table: EdgeTable, source_px: wp.float64) -> EdgePlace:
 
 
 @wp.func
-def axis_fractions(fractions: wp.array[Lanes], table: EdgeTable, place: EdgePlace, first: int) -> Lanes:
+def axis_fractions(fractions: wp.array[PixelVector], table: EdgeTable, place: EdgePlace, first: int) -> PixelVector:
     """Pixel fractions from the first on, along one axis: cubic interpolation between four rows of the table."""
     at = place.start + first
     u = place.u
@@ -109,7 +109,7 @@ def axis_fractions(fractions: wp.array[Lanes], table: EdgeTable, place: EdgePlac
 
 @wp.func
 def add_gaussian_stamp(
-    canvas: Canvas, xy_px: wp.vec2d, strength: float, psf: GaussianPsf, fractions: wp.array[Lanes], stamp: Stamp
+    canvas: Canvas, xy_px: wp.vec2d, strength: float, psf: GaussianPsf, fractions: wp.array[PixelVector], stamp: Stamp
 ):
     """The Gaussian separates: a row of the stamp is the fractions of its columns times that of the row."""
     widest = columns_of_row(stamp, stamp.row)
@@ -118,22 +118,22 @@ def add_gaussian_stamp(
     is_round = stamp.reach_px > ROUND_FROM_PX
     first = widest[0]
     while first < widest[1] and stamp.window.first_row < stamp.window.end_row:
-        vector = wp.min(first, canvas.n_col - GAUSSIAN_LANE)  # not over the end of the row, if it is long enough
-        end = wp.min(vector + GAUSSIAN_LANE, widest[1])
+        vector = wp.min(first, canvas.n_col - GAUSSIAN_SIMD_WIDTH)  # not over the end of the row, if it is long enough
+        end = wp.min(vector + GAUSSIAN_SIMD_WIDTH, widest[1])
         across = axis_fractions(fractions, psf.columns, across_place, vector)
-        across = strength * wp.cw_mul(across, lanes_between(fractions, first - vector, end - vector))
+        across = strength * wp.cw_mul(across, mask_between(fractions, first - vector, end - vector))
         row = stamp.window.first_row
         while row < stamp.window.end_row:
             above = row
             down = axis_fractions(fractions, psf.rows, down_place, above)
-            while row < wp.min(above + GAUSSIAN_LANE, stamp.window.end_row):
+            while row < wp.min(above + GAUSSIAN_SIMD_WIDTH, stamp.window.end_row):
                 light = down[row - above] * across
                 if is_round:
                     columns = columns_of_row(stamp, row)
                     left = wp.max(columns[0], first)
                     right = wp.min(columns[1], end)
                     if left < right:
-                        light = wp.cw_mul(light, lanes_between(fractions, left - vector, right - vector))
+                        light = wp.cw_mul(light, mask_between(fractions, left - vector, right - vector))
                         add_light(canvas, row, vector, light, left - vector, right - vector)
                         flag_strips(canvas, row, left, right)
                 else:

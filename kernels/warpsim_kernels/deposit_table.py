@@ -7,7 +7,7 @@ import warp as wp
 
 from warpsim_kernels.canvas import canvas_functions
 from warpsim_kernels.paths import Paths
-from warpsim_kernels.psf import TABLE_LANE, TablePsf, table_reach_px, table_wing
+from warpsim_kernels.psf import TABLE_SIMD_WIDTH, TablePsf, table_reach_px, table_wing
 from warpsim_kernels.psf_cells import layout_functions
 from warpsim_kernels.records import Sources
 from warpsim_kernels.stamps import (
@@ -61,7 +61,7 @@ def smooth_from_px(psf: TablePsf) -> wp.vec2d:
 @functools.cache
 def table_stamp_function(layout: TableLayout) -> Any:
     """The function that adds a source to the pixels of its stamp, by tables of a layout."""
-    draw, read = canvas_functions(TABLE_LANE), layout_functions(layout)
+    draw, read = canvas_functions(TABLE_SIMD_WIDTH), layout_functions(layout)
     Nodes, Canvas, add_light, flag_strips = read.Nodes, draw.Canvas, draw.add_light, draw.flag_strips
     Place, place_in, row_in, pixel_fractions = read.Place, read.place_in, read.row_in, read.fractions
 
@@ -121,14 +121,14 @@ def table_stamp_function(layout: TableLayout) -> Any:
                 block = first_block
                 vector = zero + block * psf.block_px
                 while vector < end_vector:
-                    first = wp.clamp(left - vector, 0, TABLE_LANE)
-                    end = wp.clamp(right - vector, 0, TABLE_LANE)
+                    first = wp.clamp(left - vector, 0, TABLE_SIMD_WIDTH)
+                    end = wp.clamp(right - vector, 0, TABLE_SIMD_WIDTH)
                     light = strength * pixel_fractions(nodes, psf, place, in_row, block)
-                    for lane in range(TABLE_LANE):  # the others have numbers without meaning
-                        light[lane] = wp.where(lane >= first and lane < end, light[lane], 0.0)
+                    for i in range(TABLE_SIMD_WIDTH):  # the others have numbers without meaning
+                        light[i] = wp.where(i >= first and i < end, light[i], 0.0)
                     add_light(canvas, row, vector, light, first, end)
-                    block += TABLE_LANE // psf.block_px
-                    vector += TABLE_LANE
+                    block += TABLE_SIMD_WIDTH // psf.block_px
+                    vector += TABLE_SIMD_WIDTH
                 flag_strips(canvas, row, left, right)
             within = widest[0] >= served.first_column and widest[1] <= served.end_column
             if not (within and window.first_row >= served.first_row and window.end_row <= served.end_row):
@@ -172,7 +172,7 @@ def pattern_tables(layout: TableLayout) -> Any:
 @functools.cache
 def make_deposit_table_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
     """Kernel of the stage; without streaks it looks at no paths."""
-    draw = canvas_functions(TABLE_LANE)
+    draw = canvas_functions(TABLE_SIMD_WIDTH)
     Images, Canvas, canvas_of = draw.Images, draw.Canvas, draw.canvas_of
     Nodes, Tables = layout_functions(layout).Nodes, pattern_tables(layout)
     add_stamp = table_stamp_function(layout)

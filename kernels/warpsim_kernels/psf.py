@@ -12,7 +12,7 @@ import warp as wp
 
 from warpsim_kernels.shared_memory import load
 from warpsim_kernels.stamps import FAR_PX
-from warpsim_kernels.table_layout import TABLE_LANE
+from warpsim_kernels.table_layout import TABLE_SIMD_WIDTH
 
 ENVELOPE_STEP_PX = wp.constant(0.25)
 """Step of the radius in TablePsf.envelope, in pixel widths."""
@@ -90,14 +90,15 @@ class TablePsf:
     """A point spread function as a table of pixel fractions over the offset (dy, dx), and what lies beyond it.
 
     The flat array of all bands holds, for each, its fractions and its envelope. All that an interpolation takes for
-    TABLE_LANE pixels next to each other stands together: the table is (n_row, n_block, n_phase, TABLE_LANE), rows being
-    nodes along dy, phases those along dx within a pixel (and some to either side), and pixels whole steps of dx.
+    TABLE_SIMD_WIDTH pixels next to each other stands together: the table is (n_row, n_block, n_phase,
+    TABLE_SIMD_WIDTH), rows being nodes along dy, phases those along dx within a pixel (and some to either side), and
+    pixels whole steps of dx.
     """
 
     start: int  # where the fractions begin in the flat array
     n_row: int
     n_block: int
-    block_px: int  # pixels from a block to the next; TABLE_LANE, or half of it where blocks overlap
+    block_px: int  # pixels from a block to the next; TABLE_SIMD_WIDTH, or half of it where blocks overlap
     n_phase: int
     column_per_px: int  # nodes per pixel along columns
     row_per_px: int
@@ -154,7 +155,7 @@ class TableFunctions(NamedTuple):
     """What a kernel needs to read tables by an interpolation of n_point x n_point nodes."""
 
     Nodes: Any
-    """Vector of all floats that TABLE_LANE pixels take at a time: n_point * TABLE_LANE of a row of nodes."""
+    """Vector of the floats that TABLE_SIMD_WIDTH pixels take at a time: n_point * TABLE_SIMD_WIDTH of a node row."""
 
     Place: Any
     """Struct: where a source lies in a table."""
@@ -173,8 +174,8 @@ class TableFunctions(NamedTuple):
 
     fractions: Any
     """(nodes, psf: TablePsf, place, row, block: int) -> fractions of a block's pixels in that row; numbers without
-    meaning where the table does not serve. The nodes are the flat array as overlapping vectors of n_point * TABLE_LANE
-    floats, one from every float on."""
+    meaning where the table does not serve. The nodes are the flat array as overlapping vectors, of
+    n_point * TABLE_SIMD_WIDTH floats, one from every float on."""
 
     fraction: Any
     """(table: array of float, psf: TablePsf, place, row, pixel: int) -> fraction of one pixel, counted from the first
@@ -194,8 +195,8 @@ def table_functions(n_point: int) -> TableFunctions:
     if n_point not in TABLE_POINTS:
         raise ValueError(f"n_point: must be one of {TABLE_POINTS}, got {n_point}")
     n_before = n_point // 2 - 1  # nodes before the cell that holds the point
-    Lanes = wp.types.vector(length=TABLE_LANE, dtype=wp.float32)
-    Nodes = wp.types.vector(length=n_point * TABLE_LANE, dtype=wp.float32)
+    PixelVector = wp.types.vector(length=TABLE_SIMD_WIDTH, dtype=wp.float32)
+    Nodes = wp.types.vector(length=n_point * TABLE_SIMD_WIDTH, dtype=wp.float32)
     Weights = wp.types.vector(length=n_point, dtype=wp.float32)
     places = range(-n_before, n_point - n_before)
     scale = Weights(*(1.0 / math.prod(k - j for j in places if j != k) for k in places))
@@ -277,35 +278,38 @@ def table_functions(n_point: int) -> TableFunctions:
         row.first = -1
         if node < n_reach and node >= -n_reach:
             first = (node + psf.zero_row - wp.static(n_before)) * psf.n_block * psf.n_phase + place.phase
-            row.first = psf.start + first * TABLE_LANE
+            row.first = psf.start + first * TABLE_SIMD_WIDTH
         return row
 
     @wp.func
-    def fractions(nodes: wp.array[Nodes], psf: TablePsf, place: place_type, row: row_type, block: int) -> Lanes:
-        at = row.first + block * psf.n_phase * TABLE_LANE
-        total = Lanes()
+    def fractions(nodes: wp.array[Nodes], psf: TablePsf, place: place_type, row: row_type, block: int) -> PixelVector:
+        at = row.first + block * psf.n_phase * TABLE_SIMD_WIDTH
+        total = PixelVector()
         j = int(0)
         while j < wp.static(n_point):  # not unrolled, so that all stays in registers
             near = nodes[at]
-            line = place.across[0] * near[0:TABLE_LANE]
+            line = place.across[0] * near[0:TABLE_SIMD_WIDTH]
             for k in range(1, wp.static(n_point)):
-                line = line + place.across[k] * near[wp.static(TABLE_LANE * k) : wp.static(TABLE_LANE * (k + 1))]
+                line = (
+                    line
+                    + place.across[k] * near[wp.static(TABLE_SIMD_WIDTH * k) : wp.static(TABLE_SIMD_WIDTH * (k + 1))]
+                )
             total = total + row.down[j] * line
-            at += psf.n_block * psf.n_phase * TABLE_LANE
+            at += psf.n_block * psf.n_phase * TABLE_SIMD_WIDTH
             j += 1
         return total
 
     @wp.func
     def fraction(table: wp.array[float], psf: TablePsf, place: place_type, row: row_type, pixel: int) -> float:
-        block = pixel // TABLE_LANE
-        at = row.first + (block * psf.n_phase - block) * TABLE_LANE + pixel
+        block = pixel // TABLE_SIMD_WIDTH
+        at = row.first + (block * psf.n_phase - block) * TABLE_SIMD_WIDTH + pixel
         total = float(0.0)
         for j in range(wp.static(n_point)):
             line = place.across[0] * load(table, at)
             for k in range(1, wp.static(n_point)):
-                line = line + place.across[k] * load(table, at + TABLE_LANE * k)
+                line = line + place.across[k] * load(table, at + TABLE_SIMD_WIDTH * k)
             total = total + row.down[j] * line
-            at += psf.n_block * psf.n_phase * TABLE_LANE
+            at += psf.n_block * psf.n_phase * TABLE_SIMD_WIDTH
         return total
 
     return TableFunctions(Nodes, place_type, row_type, place_in, row_in, fractions, fraction)

@@ -9,7 +9,7 @@ import functools
 
 import warp as wp
 
-from warpsim_kernels.psf import TABLE_LANE, TableFunctions, TablePsf, table_functions
+from warpsim_kernels.psf import TABLE_SIMD_WIDTH, TableFunctions, TablePsf, table_functions
 from warpsim_kernels.shared_memory import load
 from warpsim_kernels.table_layout import CELL_DEGREES, TableLayout, n_term_of
 
@@ -24,8 +24,8 @@ def cell_functions(degree: int) -> TableFunctions:
     """Return the functions that read tables of polynomials, with the interface of `table_functions`.
 
     Of a TablePsf, n_row counts rows of pixels, zero_row is that of the source's own pixel, column_per_px and row_per_px
-    count cells. A table is (n_cell_row, n_cell_column, n_block, n_row, n_term, TABLE_LANE); a mirrored one holds the
-    cells of dy >= 0 only. Terms are in the order of `terms_of`.
+    count cells. A table is (n_cell_row, n_cell_column, n_block, n_row, n_term, TABLE_SIMD_WIDTH); a mirrored one holds
+    the cells of dy >= 0 only. Terms are in the order of `terms_of`.
 
     Args:
         degree: Total degree, one of CELL_DEGREES, as the tables were fitted.
@@ -33,8 +33,8 @@ def cell_functions(degree: int) -> TableFunctions:
     if degree not in CELL_DEGREES:
         raise ValueError(f"degree: must be one of {CELL_DEGREES}, got {degree}")
     n_term = n_term_of(degree)
-    Lanes = wp.types.vector(length=TABLE_LANE, dtype=wp.float32)
-    Nodes = wp.types.vector(length=n_term * TABLE_LANE, dtype=wp.float32)
+    PixelVector = wp.types.vector(length=TABLE_SIMD_WIDTH, dtype=wp.float32)
+    Nodes = wp.types.vector(length=n_term * TABLE_SIMD_WIDTH, dtype=wp.float32)
     Terms = wp.types.vector(length=n_term, dtype=wp.float32)
     Powers = wp.types.vector(length=degree + 1, dtype=wp.float32)
 
@@ -94,7 +94,7 @@ def cell_functions(degree: int) -> TableFunctions:
         steps = served_steps(dy_px, psf.reach_row_px)
         place.first_row_step = steps[0]
         place.end_row_step = steps[1]
-        place.pitch = wp.static(n_term * TABLE_LANE)
+        place.pitch = wp.static(n_term * TABLE_SIMD_WIDTH)
         y_px = dy_px
         first_cell_row = int(0)
         if psf.mirrored != 0:
@@ -112,7 +112,7 @@ def cell_functions(degree: int) -> TableFunctions:
         place.down = chebyshev(2.0 * float(y - wp.float64(row)) - 1.0)
         cell = (row - first_cell_row) * psf.column_per_px + column
         rows = cell * psf.n_block * psf.n_row + psf.zero_row
-        place.start = psf.start + rows * wp.static(n_term * TABLE_LANE)
+        place.start = psf.start + rows * wp.static(n_term * TABLE_SIMD_WIDTH)
         return place
 
     @wp.func
@@ -125,15 +125,15 @@ def cell_functions(degree: int) -> TableFunctions:
         return row
 
     @wp.func
-    def fractions(nodes: wp.array[Nodes], psf: TablePsf, place: place_type, row: row_type, block: int) -> Lanes:
-        near = nodes[row.first + block * psf.n_row * wp.static(n_term * TABLE_LANE)]
+    def fractions(nodes: wp.array[Nodes], psf: TablePsf, place: place_type, row: row_type, block: int) -> PixelVector:
+        near = nodes[row.first + block * psf.n_row * wp.static(n_term * TABLE_SIMD_WIDTH)]
         terms = terms_of(place.across, place.down)
         # Three sums, as each addition waits for the one before.
-        one = terms[0] * near[0:TABLE_LANE]
-        two = terms[1] * near[TABLE_LANE : wp.static(2 * TABLE_LANE)]
-        three = terms[2] * near[wp.static(2 * TABLE_LANE) : wp.static(3 * TABLE_LANE)]
+        one = terms[0] * near[0:TABLE_SIMD_WIDTH]
+        two = terms[1] * near[TABLE_SIMD_WIDTH : wp.static(2 * TABLE_SIMD_WIDTH)]
+        three = terms[2] * near[wp.static(2 * TABLE_SIMD_WIDTH) : wp.static(3 * TABLE_SIMD_WIDTH)]
         for k in range(3, wp.static(n_term)):
-            part = terms[k] * near[wp.static(TABLE_LANE * k) : wp.static(TABLE_LANE * (k + 1))]
+            part = terms[k] * near[wp.static(TABLE_SIMD_WIDTH * k) : wp.static(TABLE_SIMD_WIDTH * (k + 1))]
             if wp.static(k % 3 == 0):
                 one = one + part
             elif wp.static(k % 3 == 1):
@@ -145,14 +145,14 @@ def cell_functions(degree: int) -> TableFunctions:
     @wp.func
     def fraction(table: wp.array[float], psf: TablePsf, place: place_type, row: row_type, pixel: int) -> float:
         block = wp.min(pixel // psf.block_px, psf.n_block - 1)
-        at = row.first + block * psf.n_row * wp.static(n_term * TABLE_LANE) + pixel - block * psf.block_px
+        at = row.first + block * psf.n_row * wp.static(n_term * TABLE_SIMD_WIDTH) + pixel - block * psf.block_px
         sums = wp.vec3()
         for j in range(wp.static(degree + 1)):
             for i in range(wp.static(degree + 1)):
                 if i + j <= wp.static(degree):
                     k = j * wp.static(degree + 1) - j * (j - 1) // 2 + i
                     term = place.down[j] * place.across[i]
-                    sums[k % 3] = sums[k % 3] + term * load(table, at + TABLE_LANE * k)
+                    sums[k % 3] = sums[k % 3] + term * load(table, at + TABLE_SIMD_WIDTH * k)
         return sums[0] + (sums[1] + sums[2])
 
     return TableFunctions(Nodes, place_type, row_type, place_in, row_in, fractions, fraction)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from warpsim_kernels.deposit_gaussian import EdgePlace, EdgeTable, GaussianTables, Lanes, edge_place
+from warpsim_kernels.deposit_gaussian import EdgePlace, EdgeTable, GaussianTables, PixelVector, edge_place
 from warpsim_kernels.deposit_table import pattern_tables
 from warpsim_kernels.psf import gaussian_reach_px, table_reach_px, table_wing
 from warpsim_kernels.psf_cells import layout_functions
@@ -35,7 +35,7 @@ class SpotFunctions(NamedTuple):
 
 
 @wp.func_native(snippet="return reinterpret_cast<const float*>(fractions.data)[i];")
-def load_fraction(fractions: wp.array[Lanes], i: int) -> float:
+def load_fraction(fractions: wp.array[PixelVector], i: int) -> float:
     """The first float of vector i, from 0 on, of overlapping ones."""
 
 
@@ -66,7 +66,7 @@ def gaussian_spots() -> SpotFunctions:
         return spot
 
     @wp.func
-    def axis_fraction(fractions: wp.array[Lanes], table: EdgeTable, place: EdgePlace, pixel: int) -> float:
+    def axis_fraction(fractions: wp.array[PixelVector], table: EdgeTable, place: EdgePlace, pixel: int) -> float:
         at = place.start + pixel
         here = load_fraction(fractions, at)
         after = load_fraction(fractions, at + table.n_pixel)

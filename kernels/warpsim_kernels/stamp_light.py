@@ -8,7 +8,7 @@ import warp as wp
 from warpsim_kernels.deposit_gaussian import gaussian_blur
 from warpsim_kernels.paths import Paths
 from warpsim_kernels.psf import (
-    TABLE_LANE,
+    TABLE_SIMD_WIDTH,
     TablePsf,
     fraction_between,
     gaussian_edge,
@@ -180,7 +180,7 @@ def make_table_light_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
                     block = (column - zero) // psf.block_px
                     found = pixel_fractions(nodes, psf, place, in_row, block)
                     vector = zero + block * psf.block_px
-                    last = wp.min(wp.min(vector + TABLE_LANE, stamp.column + place.end_step), end)
+                    last = wp.min(wp.min(vector + TABLE_SIMD_WIDTH, stamp.column + place.end_step), end)
                     while column < last:
                         total += wp.float64(found[column - vector])
                         column += 1

@@ -56,9 +56,9 @@ def hashed(number: wp.uint32, key: wp.uint32, second_key: wp.uint32) -> wp.uint3
 
 
 @wp.func
-def numbered(lane: wp.uint32, first: wp.uint32) -> wp.uint32:
-    """Number of a lane of a tile."""
-    return lane + first
+def numbered(element: wp.uint32, first: wp.uint32) -> wp.uint32:
+    """Number of an element of a tile."""
+    return element + first
 
 
 @wp.func

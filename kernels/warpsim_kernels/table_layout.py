@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-TABLE_LANE = 8
-"""Pixels of a row that stand next to each other in a table of pixel fractions, and are drawn at a time."""
+TABLE_SIMD_WIDTH = 8
+"""Pixels of a row that lie next to each other in a table of pixel fractions, and are drawn at a time."""
 
 CELL_DEGREES = (3, 5, 7, 9)
 """Total degrees of polynomials."""

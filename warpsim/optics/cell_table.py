@@ -15,7 +15,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
-from warpsim_kernels.table_layout import TABLE_LANE, n_term_of
+from warpsim_kernels.table_layout import TABLE_SIMD_WIDTH, n_term_of
 
 from warpsim.optics.epsf_table import EpsfTable, lagrange_weights
 
@@ -24,8 +24,8 @@ F64 = NDArray[np.float64]
 N_MORE = 3
 """Points per axis of a fit, beyond the degree."""
 
-BLOCK_PX: int = TABLE_LANE // 2
-"""Pixels from a block of TABLE_LANE pixels to the next: they overlap, so that a stamp needs few of them."""
+BLOCK_PX: int = TABLE_SIMD_WIDTH // 2
+"""Pixels from a block of TABLE_SIMD_WIDTH pixels to the next: they overlap, so that a stamp needs few of them."""
 
 ROUNDING = 1e-7
 """What float32 coefficients, terms and sums may add to an error."""
@@ -54,7 +54,7 @@ class CellTable:
     """Cells per pixel along rows and columns; even, so that the reach and the pixel's middle lie between cells."""
 
     coefficient: NDArray[np.float32]
-    """Shape (n_cell_row, n_cell_column, n_block, n_row, n_term, TABLE_LANE); cells of dy >= 0 only where mirrored."""
+    """Shape (n_cell_row, n_cell_column, n_block, n_row, n_term, TABLE_SIMD_WIDTH); cells of dy >= 0 if mirrored."""
 
     zero: tuple[int, int]
     """The source's own pixel: its row, and its column counted from the first of the first block."""
@@ -74,7 +74,7 @@ def side_pixels(table: EpsfTable) -> tuple[int, int]:
 
 
 def n_side_block(table: EpsfTable) -> int:
-    """Blocks of TABLE_LANE pixels to each side of the one that has the source's own pixel in its middle."""
+    """Blocks of TABLE_SIMD_WIDTH pixels to each side of the one that has the source's own pixel in its middle."""
     return -(-(side_pixels(table)[1] + 1 - BLOCK_PX) // (2 * BLOCK_PX))
 
 
@@ -82,12 +82,12 @@ def cell_bytes(table: EpsfTable, degree: int, n_cell: tuple[int, int]) -> int:
     """Return the size of the polynomials [B]."""
     n_cells = n_cell[0] * n_cell[1] // (2 if table.mirrored else 1)
     n_block = _n_column(table) // BLOCK_PX - 1
-    return int(4 * n_cells * (2 * side_pixels(table)[0] + 1) * n_block * TABLE_LANE * n_term_of(degree))
+    return int(4 * n_cells * (2 * side_pixels(table)[0] + 1) * n_block * TABLE_SIMD_WIDTH * n_term_of(degree))
 
 
 def _n_column(table: EpsfTable) -> int:
     """Return the pixels of a row of all blocks; the last begins with the last BLOCK_PX that a stamp may need."""
-    return int((2 * n_side_block(table) + 1) * TABLE_LANE + BLOCK_PX)
+    return int((2 * n_side_block(table) + 1) * TABLE_SIMD_WIDTH + BLOCK_PX)
 
 
 def cells_for(table: EpsfTable, degree: int, error: float) -> tuple[int, int] | None:
@@ -124,10 +124,10 @@ def cell_table(table: EpsfTable, degree: int, error: float, n_cell: tuple[int, i
         n_cell: Cells per pixel along rows and columns, as `cells_for` found them; more where these do not do.
     """
     while max(n_cell) <= MOST_CELLS:
-        zero = side_pixels(table)[0], n_side_block(table) * TABLE_LANE + TABLE_LANE // 2
+        zero = side_pixels(table)[0], n_side_block(table) * TABLE_SIMD_WIDTH + TABLE_SIMD_WIDTH // 2
         coefficient, found = _all_fitted(table, degree, n_cell, zero)
         if table.error + found + ROUNDING <= error:
-            blocks = sliding_window_view(coefficient, TABLE_LANE, axis=3)[:, :, :, ::BLOCK_PX].swapaxes(2, 3)
+            blocks = sliding_window_view(coefficient, TABLE_SIMD_WIDTH, axis=3)[:, :, :, ::BLOCK_PX].swapaxes(2, 3)
             return CellTable(table, degree, n_cell, np.ascontiguousarray(blocks), zero, table.error + found + ROUNDING)
         n_cell = n_cell[0] + 2, n_cell[1] + 2
     return None

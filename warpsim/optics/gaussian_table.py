@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.canvas import lane_mask
-from warpsim_kernels.deposit_gaussian import GAUSSIAN_LANE, EdgeTable, GaussianPsf
+from warpsim_kernels.canvas import mask_table
+from warpsim_kernels.deposit_gaussian import GAUSSIAN_SIMD_WIDTH, EdgeTable, GaussianPsf
 
 F64 = npt.NDArray[np.float64]
 
@@ -70,10 +70,10 @@ def upload_gaussians(sigmas_px: Sequence[tuple[float, float]], device: Any) -> t
         device: Where they are put.
 
     Returns:
-        The bands' structs (GaussianPsf), shape (n_band,), and the flat array of lane_mask and fractions, float32.
+        The bands' structs (GaussianPsf), shape (n_band,), and the flat array of mask_table and fractions, float32.
     """
     # The mask is a margin, too: vectors may begin before a table and end behind it.
-    mask = np.array(lane_mask(GAUSSIAN_LANE), dtype=np.float32)
+    mask = np.array(mask_table(GAUSSIAN_SIMD_WIDTH), dtype=np.float32)
     starts, parts, n = {}, [mask], len(mask)
     for sigma_px in sorted({sigma for pair in sigmas_px for sigma in pair}):
         fraction = axis_table(sigma_px)[0]

@@ -8,10 +8,10 @@ from typing import Any, Protocol
 
 import warp as wp
 from warpsim_kernels.canvas import canvas_functions
-from warpsim_kernels.deposit_gaussian import GAUSSIAN_LANE, GaussianTables, make_deposit_gaussian_kernel
+from warpsim_kernels.deposit_gaussian import GAUSSIAN_SIMD_WIDTH, GaussianTables, make_deposit_gaussian_kernel
 from warpsim_kernels.deposit_table import make_deposit_table_kernel, pattern_tables
 from warpsim_kernels.paths import Paths
-from warpsim_kernels.psf import TABLE_LANE
+from warpsim_kernels.psf import TABLE_SIMD_WIDTH
 from warpsim_kernels.psf_cells import layout_functions
 from warpsim_kernels.records import Sources
 from warpsim_kernels.spots import SpotFunctions, gaussian_spots, table_spots
@@ -112,7 +112,7 @@ class GaussianBank:
         """See PsfBank."""
         inputs = [_lists(sources), self.tables, rule, *_movement(paths, signal_w_cm2.device)]
         kernel = self.deposit_kernel(paths is not None)
-        return _deposit(kernel, inputs, GAUSSIAN_LANE, n_row_per_block, signal_w_cm2, lit)
+        return _deposit(kernel, inputs, GAUSSIAN_SIMD_WIDTH, n_row_per_block, signal_w_cm2, lit)
 
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
         """See PsfBank."""
@@ -122,7 +122,7 @@ class GaussianBank:
     def tables(self) -> Any:
         """See PsfBank."""
         tables: Any = GaussianTables()
-        tables.psfs, tables.fractions = self._psf, overlapping(self._fractions, GAUSSIAN_LANE)
+        tables.psfs, tables.fractions = self._psf, overlapping(self._fractions, GAUSSIAN_SIMD_WIDTH)
         return tables
 
     @property
@@ -167,7 +167,7 @@ class TableBank:
         """See PsfBank."""
         inputs = [_lists(sources), self.tables, rule, *_movement(paths, signal_w_cm2.device)]
         kernel = self.deposit_kernel(paths is not None)
-        return _deposit(kernel, inputs, TABLE_LANE, n_row_per_block, signal_w_cm2, lit)
+        return _deposit(kernel, inputs, TABLE_SIMD_WIDTH, n_row_per_block, signal_w_cm2, lit)
 
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
         """See PsfBank."""
@@ -262,14 +262,14 @@ def rule_of_band(rule: Any, band: int) -> Any:
 
 
 def _deposit(
-    kernel: wp.Kernel, inputs: list[Any], n_lane: int, n_row_per_block: int, signal: wp.array, lit: wp.array | None
+    kernel: wp.Kernel, inputs: list[Any], simd_width: int, n_row_per_block: int, signal: wp.array, lit: wp.array | None
 ) -> Launch:
     n_view, n_band, n_row, n_col = signal.shape
     if lit is None:
         lit = wp.empty((n_view, n_band, n_flag(n_row * n_col)), dtype=wp.uint8, device=signal.device)
-    images: Any = canvas_functions(n_lane).Images()
+    images: Any = canvas_functions(simd_width).Images()
     images.pixels = signal.flatten()
-    images.lanes, images.lit = overlapping(images.pixels, n_lane), lit.flatten()
+    images.vectors, images.lit = overlapping(images.pixels, simd_width), lit.flatten()
     images.n_row, images.n_col, images.n_row_per_block = n_row, n_col, n_row_per_block
     return Launch(kernel, (n_view, n_band, -(-n_row // n_row_per_block)), inputs, [images], signal.device)
 

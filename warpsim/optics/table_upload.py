@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.psf import TABLE_LANE, TablePsf
+from warpsim_kernels.psf import TABLE_SIMD_WIDTH, TablePsf
 
 from warpsim.optics.cell_table import BLOCK_PX, CellTable, n_side_block
 from warpsim.optics.epsf_table import EpsfTable
@@ -68,26 +68,26 @@ def by_block(table: EpsfTable) -> tuple[npt.NDArray[np.float32], int]:
     """A table in the order in which stamps are drawn.
 
     Returns:
-        Pixel fractions (n_row, n_block, n_phase, TABLE_LANE), and the index of the source's own pixel in all blocks:
-        the pixels of a small stamp lie about the middle of one. Phase 0 is the first node that an interpolation takes
-        for a source half a pixel from the pixel's centre; there are as many as it takes at most.
+        Pixel fractions (n_row, n_block, n_phase, TABLE_SIMD_WIDTH), and the index of the source's own pixel in all
+        blocks: the pixels of a small stamp lie about the middle of one. Phase 0 is the first node that an interpolation
+        takes for a source half a pixel from the pixel's centre; there are as many as it takes at most.
     """
     per_px, zero = table.per_px[1], table.zero[1]
     n_side = n_side_block(table)
-    zero_pixel = n_side * TABLE_LANE + TABLE_LANE // 2
-    pixel = np.arange((2 * n_side + 1) * TABLE_LANE).reshape(-1, TABLE_LANE) - zero_pixel
+    zero_pixel = n_side * TABLE_SIMD_WIDTH + TABLE_SIMD_WIDTH // 2
+    pixel = np.arange((2 * n_side + 1) * TABLE_SIMD_WIDTH).reshape(-1, TABLE_SIMD_WIDTH) - zero_pixel
     phase = np.arange(per_px + table.n_point) - per_px // 2 - (table.n_point // 2 - 1)
     node = phase[:, None] + per_px * pixel[:, None, :]
     column = np.clip((np.abs(node) if table.mirrored else node) + zero, 0, table.fraction.shape[1] - 1)
     return table.fraction[:, column], zero_pixel
 
 
-def overlapping(flat: wp.array, n_lane: int) -> wp.array:
-    """The same memory as an array of vectors of n_lane floats, one from every float on."""
+def overlapping(flat: wp.array, length: int) -> wp.array:
+    """The same memory as an array of vectors of length floats, one from every float on."""
     return wp.array(
         ptr=flat.ptr,
-        dtype=wp.types.vector(length=n_lane, dtype=wp.float32),
-        shape=(max(flat.size - n_lane + 1, 0),),
+        dtype=wp.types.vector(length=length, dtype=wp.float32),
+        shape=(max(flat.size - length + 1, 0),),
         strides=(4,),
         device=flat.device,
         deleter=lambda address, size: flat.ptr,  # keeps the memory as long as this array is held

@@ -214,7 +214,7 @@ def _cell_size(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: int
 
 
 def _cell_cost_ns(degree: int, n_cell: int, n_byte: int) -> float:
-    """Time of TABLE_LANE pixels, from measurements on a CPU; polynomials beyond the caches cost more."""
+    """Time of TABLE_SIMD_WIDTH pixels, from measurements on a CPU; polynomials beyond the caches cost more."""
     n_term: int = n_term_of(degree)
     hot = min(n_byte, 4 * n_term * n_cell * HOT_CELL_PX2)
     return (10.0 + 0.25 * n_term) * (1.0 + hot / 3e6 + n_byte / 6e7)
