@@ -41,34 +41,34 @@ QUANTUM = 2.0**-40
 def make_add_stamp(n_point: int, sum_type: Any, scatters: bool) -> wp.Function:
     """The function that adds a stamp to an image of sums: float32, float64, or int64 in units of QUANTUM."""
     read = table_functions(n_point)
-    nodes_type, place_in, row_in, pixel_fractions = read.Nodes, read.place_in, read.row_in, read.fractions
+    nodes_type, offset_in, row_in, pixel_fractions = read.Nodes, read.offset_in, read.row_in, read.fractions
     vector_type = wp.types.vector(length=TABLE_SIMD_WIDTH, dtype=wp.float32)
     fixed_point = sum_type is wp.int64
 
     @wp.func
     def add_stamp(
         image: wp.array2d[sum_type],
-        place_px: wp.vec2d,
+        position_px: wp.vec2d,
         strength: float,
         psf: TablePsf,
         nodes: wp.array[nodes_type],
         stamp: Stamp,
     ):
-        place = place_in(wp.float64(stamp.column) - place_px[0], wp.float64(stamp.row) - place_px[1], psf)
+        offset = offset_in(wp.float64(stamp.column) - position_px[0], wp.float64(stamp.row) - position_px[1], psf)
         fractions = vector_type()
         for row in range(stamp.window.first_row, stamp.window.end_row):
-            in_row = row_in(place, row - stamp.row, psf)
+            in_row = row_in(offset, row - stamp.row, psf)
             columns = columns_of_row(stamp, row)
             served = wp.int32(-1)
             for column in range(columns[0], columns[1]):
                 step = column - stamp.column
                 fraction = wp.float32(0.0)
-                if in_row.first < 0 or step < place.first_step or step >= place.end_step:
-                    fraction = table_wing(psf, place.dx_px + float(step), in_row.distance_px)
+                if in_row.first < 0 or step < offset.first_step or step >= offset.end_step:
+                    fraction = table_wing(psf, offset.dx_px + float(step), in_row.distance_px)
                 else:
                     block = (psf.zero_pixel + step) // TABLE_SIMD_WIDTH
                     if block != served:
-                        fractions = pixel_fractions(nodes, psf, place, in_row, block)
+                        fractions = pixel_fractions(nodes, psf, offset, in_row, block)
                         served = block
                     fraction = fractions[psf.zero_pixel + step - block * TABLE_SIMD_WIDTH]
                 if wp.static(fixed_point):
@@ -199,14 +199,14 @@ def error_function_kernel(
     sigma = wp.vec2(sigma_px, sigma_px)
     window = whole_image(image.shape[0], image.shape[1])
     for source in range(xy_px.shape[0]):
-        place_px = xy_px[source]
+        position_px = xy_px[source]
         reach_px = gaussian_reach_px(sigma, stamp_cut(irradiance[source], 0, rule))
-        stamp = stamp_around(place_px, reach_px, 1.0, window)
+        stamp = stamp_around(position_px, reach_px, 1.0, window)
         columns = columns_of_row(stamp, stamp.row)
         for column in range(columns[0], columns[1]):
-            fractions[column - columns[0]] = gaussian_pixel_fraction(wp.float64(column) - place_px[0], sigma_px)
+            fractions[column - columns[0]] = gaussian_pixel_fraction(wp.float64(column) - position_px[0], sigma_px)
         for row in range(stamp.window.first_row, stamp.window.end_row):
-            light = irradiance[source] * gaussian_pixel_fraction(wp.float64(row) - place_px[1], sigma_px)
+            light = irradiance[source] * gaussian_pixel_fraction(wp.float64(row) - position_px[1], sigma_px)
             for column in range(columns[0], columns[1]):
                 image[row, column] = image[row, column] + light * fractions[column - columns[0]]
 

@@ -3,12 +3,12 @@
     python -m pytest benchmarks/test_deposit.py --benchmark-json=benchmarks/results/deposit.json
     python benchmarks/report.py benchmarks/results/deposit.json --plot deposit.png
 
-The deposit alone, one thread, thousands of sources at random places of one image; launches are recorded, so that no
+The deposit alone, one thread, thousands of sources at random positions of one image; launches are recorded, so that no
 Python is timed. Ways to draw: a Gaussian by tables of one axis and by error functions, effective PSF tables of several
 orders and errors, and polynomials of several degrees, for Gaussian and Airy patterns; stamps that leave out more or
 less; few and many sources; streaks by more or fewer nodes; sums in float32, float64 and fixed point. The error is that
-of the worst pixel of single sources of unit light at random places, against float64 quadrature written here; of sums,
-that of the worst pixel of a crowd, as a fraction of the brightest one.
+of the worst pixel of single sources of unit light at random positions, against float64 quadrature written here; of
+sums, that of the worst pixel of a crowd, as a fraction of the brightest one.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ PRODUCT = "gather float32 by vectors, the product"
 
 def gaussian_image() -> ws.PsfTable:
     """The Gaussian as samples of a user."""
-    place = np.arange(-6 * GAUSSIAN_IMAGE_STEP, 6 * GAUSSIAN_IMAGE_STEP + 1) / GAUSSIAN_IMAGE_STEP
-    profile = np.exp(-0.5 * (place / SIGMA_PX) ** 2)
+    position = np.arange(-6 * GAUSSIAN_IMAGE_STEP, 6 * GAUSSIAN_IMAGE_STEP + 1) / GAUSSIAN_IMAGE_STEP
+    profile = np.exp(-0.5 * (position / SIGMA_PX) ** 2)
     return ws.PsfTable(np.outer(profile, profile), GAUSSIAN_IMAGE_STEP)
 
 
@@ -100,15 +100,15 @@ class Drawing:
         return self.signal.numpy()[0, 0].astype(np.float64)
 
 
-def places(n: int) -> Any:
-    """Random places away from the image's edges."""
+def random_positions(n: int) -> Any:
+    """Random positions away from the image's edges."""
     return np.random.default_rng(271).uniform(MARGIN, N_PIXEL - MARGIN, (n, 2))
 
 
 def worst_pixel(psf: Any, accuracy: TableAccuracy | None, rule: Any, path_px: Any = None, reach: int = 6) -> float:
     """Largest error of a pixel, of single sources."""
     worst = 0.0
-    for xy_px in places(N_CHECKED):
+    for xy_px in random_positions(N_CHECKED):
         image = Drawing(psf, accuracy, xy_px[None], rule, path_px)()
         worst = max(worst, error_near(image, psf, xy_px, reach, path_px))
     return worst
@@ -162,7 +162,7 @@ def test_ways(benchmark, way, device):
     psf, accuracy = WAYS[way]
     # The same stamps for all: 7 x 7 pixels hold what is above 1e-5 of a source's light, or nearly so.
     rule = stamp_rule([0.0], 1e-5, device)
-    if timed(benchmark, Drawing(psf, accuracy, places(N_SOURCE), rule).draw, device):
+    if timed(benchmark, Drawing(psf, accuracy, random_positions(N_SOURCE), rule).draw, device):
         kind, _, how = way.partition(", ")
         fine = stamp_rule([0.0], 1e-9, device)
         benchmark.extra_info.update(
@@ -177,14 +177,14 @@ def test_ways(benchmark, way, device):
 def test_error_functions(benchmark, device):
     """The same Gaussian stamps without tables or vectors."""
     rule = stamp_rule([0.0], 1e-5, device)
-    lists = Drawing(ws.PsfGaussian(SIGMA_PX), None, places(N_SOURCE), rule).sources
+    lists = Drawing(ws.PsfGaussian(SIGMA_PX), None, random_positions(N_SOURCE), rule).sources
     xy_px, irradiance, image = lists[1][0], lists[2][0, 0], wp.zeros((N_PIXEL, N_PIXEL), dtype=float, device=device)
     if timed(benchmark, lambda: draw_by_error_functions(xy_px, irradiance, SIGMA_PX, rule, image), device):
         fine, worst = stamp_rule([0.0], 1e-9, device), 0.0
-        for place in places(N_CHECKED):
-            one = wp.array(place[None], dtype=wp.vec2d, device=device)
+        for position in random_positions(N_CHECKED):
+            one = wp.array(position[None], dtype=wp.vec2d, device=device)
             draw_by_error_functions(one, irradiance[:1], SIGMA_PX, fine, image)
-            worst = max(worst, error_near(image.numpy(), ws.PsfGaussian(SIGMA_PX), place, 4))
+            worst = max(worst, error_near(image.numpy(), ws.PsfGaussian(SIGMA_PX), position, 4))
         benchmark.extra_info.update(
             device=device,
             group="Gaussian, pixel fractions",
@@ -199,7 +199,7 @@ def test_error_functions(benchmark, device):
 def test_number_of_sources(benchmark, name, n_source, device):
     """Time grows with the number of sources, and with nothing else."""
     psf, rule = ws.PsfGaussian(SIGMA_PX) if name == "Gaussian" else AIRY, stamp_rule([0.0], 1e-3, device)
-    if timed(benchmark, Drawing(psf, None, places(n_source), rule).draw, device):
+    if timed(benchmark, Drawing(psf, None, random_positions(n_source), rule).draw, device):
         benchmark.extra_info.update(
             device=device,
             group=f"{name}, number of sources",
@@ -214,7 +214,7 @@ def test_number_of_sources(benchmark, name, n_source, device):
 def test_stamp_rules(benchmark, name, cut, device):
     psf = ws.PsfGaussian(SIGMA_PX) if name == "Gaussian" else AIRY
     rule = stamp_rule([0.0], cut, device)
-    drawing = Drawing(psf, None, places(N_SOURCE), rule)
+    drawing = Drawing(psf, None, random_positions(N_SOURCE), rule)
     if timed(benchmark, drawing.draw, device):
         fractions = [wp.empty((1, 1, N_SOURCE), dtype=wp.float32, device=device) for _ in range(2)]
         drawing.bank.measure_stamps(drawing.sources[1:], rule, fractions)
@@ -232,7 +232,7 @@ def test_stamp_rules(benchmark, name, cut, device):
 def test_streaks(benchmark, error, device):
     psf, path_px = ws.PsfGaussian(SIGMA_PX), [(0.0, 0.0), (0.4 * STREAK_PX, 0.3 * STREAK_PX)]
     rule = stamp_rule([0.0], 1e-6, device, error)
-    if timed(benchmark, Drawing(psf, None, places(N_SOURCE), rule, path_px).draw, device):
+    if timed(benchmark, Drawing(psf, None, random_positions(N_SOURCE), rule, path_px).draw, device):
         benchmark.extra_info.update(
             device=device,
             group=f"Gaussian, streak of {STREAK_PX:g} px",

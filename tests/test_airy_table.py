@@ -262,7 +262,7 @@ def test_what_lies_outside_a_disc(radius_px, obscuration):
     pick = np.unique(np.concatenate([np.arange(min(8, len(radius))), rng.integers(0, len(radius), 12)]))
     held = reference(offsets[pick], radius_px, obscuration)
     assert np.all(held <= table.envelope[pick])
-    # Twice the largest fraction found on the rims is room for the places between the radii and the angles tried here.
+    # Twice the largest fraction found on the rims is room for those between the radii and the angles tried here.
     rim = reference(np.stack([0.5 + radius[pick], np.zeros(len(pick))], axis=-1), radius_px, obscuration)
     assert np.all(table.envelope[pick] <= np.maximum(2.0 * rim, 4.0 * table.wing.px3 / (0.5 + radius[pick]) ** 3))
     far = table.reach_px[0] * rng.uniform(1.0, 3.0, (30, 2))

@@ -37,7 +37,7 @@ def images_of(psf, accuracy, xy, device, aspect=1.0, cut=1e-9):
     return signal.numpy()[:, 0]
 
 
-def hard_and_random_places(n, rng):
+def hard_and_random_positions(n, rng):
     """On corners, edges and middles of pixels and cells and next to them, and anywhere; some off the image."""
     near = rng.choice([-0.5, -0.25, 0.0, 0.25, 0.5], (n, 2)) + rng.choice([-1e-6, 0.0, 1e-6], (n, 2))
     middle = rng.integers(-2, [SHAPE[1] + 2, SHAPE[0] + 2], (n, 2))
@@ -60,7 +60,7 @@ def test_pixels_keep_the_error_asked_for(device, degree, radius_px, aspect, reco
     if degree == 5 and radius_px < 0.2:
         error = 1e-5
     psf = ws.PsfAiry(radius_px, 0.3)
-    xy = hard_and_random_places(N_SOURCE, np.random.default_rng(SEED))
+    xy = hard_and_random_positions(N_SOURCE, np.random.default_rng(SEED))
     found = images_of(psf, TableAccuracy(error, None, degree), xy, device, aspect)
     pattern = AiryPattern((radius_px / FIRST_DARK_RING,), (1.0,), 0.3, 0.0)
     dx, dy = offsets(xy)
@@ -81,7 +81,7 @@ def test_images_without_symmetry(device, degree):
         -((x - 14.0) ** 2) / 9 - (y - 25.0) ** 2 / 20
     )
     psf, error = ws.PsfTable(samples, 5.0), 1e-4 if degree == 3 else 1e-5
-    xy = hard_and_random_places(N_SOURCE, np.random.default_rng(SEED))
+    xy = hard_and_random_positions(N_SOURCE, np.random.default_rng(SEED))
     found = images_of(psf, TableAccuracy(error, None, degree), xy, device)
     exact = spline_of(psf.image, 5.0, 0.0, 1.0).fractions(*offsets(xy)).reshape(found.shape)
     assert np.abs(found - exact).max() <= error
@@ -151,8 +151,8 @@ def test_single_pixels_are_those_of_the_stamp(layout):
     psf, cut = ws.PsfAiry(1.5), 1e-7
     accuracy = TableAccuracy(1e-4, layout.n_point or None, layout.degree)
     bank, rule = psf_bank([psf], "cpu", 1.0, accuracy), stamp_rule([0.0], cut, "cpu")
-    xy = hard_and_random_places(20, np.random.default_rng(SEED))
-    for place, expected in zip(xy, images_of(psf, accuracy, xy, "cpu", cut=cut), strict=True):
+    xy = hard_and_random_positions(20, np.random.default_rng(SEED))
+    for position, expected in zip(xy, images_of(psf, accuracy, xy, "cpu", cut=cut), strict=True):
         image = wp.zeros(SHAPE, dtype=wp.float32, device="cpu")
-        wp.launch(make_light_kernel(layout), SHAPE, [bank.tables, wp.vec2d(*place), rule], [image], device="cpu")
+        wp.launch(make_light_kernel(layout), SHAPE, [bank.tables, wp.vec2d(*position), rule], [image], device="cpu")
         np.testing.assert_array_equal(image.numpy(), expected)

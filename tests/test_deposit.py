@@ -126,7 +126,7 @@ def test_wide_gaussian_is_right_against_its_own_peak(device):
 
 
 def airy_offsets(rng):
-    """Source places, and for each the pixels to look at: near ones and some far out."""
+    """Source positions, and for each the pixels to look at: near ones and some far out."""
     for x, y in [*HARD_POINTS.values(), *rng.uniform(4, 20, (4, 2))]:
         near = [(round(y) + j, round(x) + i) for j in range(-1, 2) for i in range(-1, 2)]
         far = zip(rng.integers(0, SHAPE[0], 8), rng.integers(0, SHAPE[1], 8), strict=True)
@@ -330,8 +330,8 @@ def test_stamps_of_faint_and_bright_sources_in_one_frame(device, psf):
 def test_two_sources_within_a_thousandth_of_a_pixel(device):
     for psf in PSFS:
         near = ws.deposit([[10.4999, 7.5], [10.5003, 7.5001]], [1.0, 2.0], psf, SHAPE, device=device)
-        places = ([10.4999, 7.5], 1.0), ([10.5003, 7.5001], 2.0)
-        alone = [ws.deposit([place], [flux], psf, SHAPE, device=device) for place, flux in places]
+        positions = ([10.4999, 7.5], 1.0), ([10.5003, 7.5001], 2.0)
+        alone = [ws.deposit([position], [flux], psf, SHAPE, device=device) for position, flux in positions]
         np.testing.assert_allclose(near, alone[0] + alone[1], rtol=0, atol=3 * GAUSSIAN_ATOL)
 
 

@@ -87,10 +87,10 @@ def stars_on_the_rim(
     """Stars about the border of each frame, half of them at its corners, one in nine without a parallax.
 
     Distances from the border: a third within 1 px, a third within shift_arcsec, a third within REACH_PX, of apparent
-    places; the inverse Lorentz transformation and the parallax carry them back. Half the parallaxes are the largest.
+    positions; the inverse Lorentz transformation and the parallax carry them back. Half the parallaxes are the largest.
     """
     rng = np.random.default_rng(seed)
-    places, parallaxes = [], []
+    positions, parallaxes = [], []
     for view_axes, velocity, observer_au in zip(axes, velocities_m_s, observers_au, strict=True):
         size = np.array([camera.n_col, camera.n_row])
         xy = rng.uniform(-0.5, size - 0.5, (n_star, 2))
@@ -105,14 +105,14 @@ def stars_on_the_rim(
         parallax = np.where(rng.random(n_star) < 0.5, parallax_mas, rng.uniform(0, parallax_mas, n_star))
         parallax[::9] = np.nan
         unmoved = ws.apparent_direction(seen, -velocity)
-        places.append(unmoved + np.nan_to_num(parallax)[:, None] * ARCSEC_RAD / 1e3 * observer_au)
+        positions.append(unmoved + np.nan_to_num(parallax)[:, None] * ARCSEC_RAD / 1e3 * observer_au)
         parallaxes.append(parallax)
-    place = np.concatenate(places)
-    place /= np.linalg.norm(place, axis=1, keepdims=True)
+    position = np.concatenate(positions)
+    position /= np.linalg.norm(position, axis=1, keepdims=True)
     return ws.StarCatalog.from_arrays(
-        np.degrees(np.arctan2(place[:, 1], place[:, 0])),
-        np.degrees(np.arcsin(np.clip(place[:, 2], -1, 1))),
-        light(rng, len(place)),
+        np.degrees(np.arctan2(position[:, 1], position[:, 0])),
+        np.degrees(np.arcsin(np.clip(position[:, 2], -1, 1))),
+        light(rng, len(position)),
         parallax_mas=np.concatenate(parallaxes),
     )
 

@@ -294,8 +294,8 @@ def test_far_light_of_bright_streaks(device, psf, length_px):
     rule = stamp_rule([0.0], cut, device)
     image = draw([xy], [1.0], psf, shape, device, rule, paths_of([movement], [brightness], device))
     t, weight = fine_times(max(4, int(6 * length_px / psf.radius_px)), 6)
-    places = xy + legendre(movement, t)
-    still = draw(places, weight * legendre(brightness, t), psf, shape, device, rule)
+    positions = xy + legendre(movement, t)
+    still = draw(positions, weight * legendre(brightness, t), psf, shape, device, rule)
     np.testing.assert_allclose(image, still, rtol=0, atol=SUM_ATOL)
     near = max(30.0, 1.0 + np.hypot(*epsf_table(psf).reach_px))  # the corners of the table
     away = np.hypot(*np.meshgrid(np.arange(180) - xy[0], np.arange(160) - xy[1])) > near + length_px / 2
@@ -332,8 +332,8 @@ def test_fractions_and_sizes_on_pixels_that_are_not_square(device, psf, aspect, 
     light = wp.ones((1, 1), dtype=wp.float32, device=device)
     psf_bank([psf], wp.get_device(device), aspect).size_stamps(light, rule, half)
     margin = int(half.numpy()[0, 0])
-    for place in ([-0.5 - margin - 1e-6, 20.0], [20.0, 300.5 + margin + 1e-6]):
-        assert not draw([place], [1.0], psf, shape, device, rule, aspect=aspect).any()
+    for position in ([-0.5 - margin - 1e-6, 20.0], [20.0, 300.5 + margin + 1e-6]):
+        assert not draw([position], [1.0], psf, shape, device, rule, aspect=aspect).any()
     rows, columns = np.nonzero(image)
     assert max(np.abs(columns - 150.3).max(), np.abs(rows - 150.2).max()) > margin - 1  # no wider than it must be
 
@@ -347,12 +347,12 @@ def crooked(rng):
 
 @each_streak
 def test_streaks_of_a_crooked_image(device, movement, xy, brightness):
-    """Against itself, drawn still at many places."""
+    """Against itself, drawn still at many positions."""
     psf = crooked(np.random.default_rng(SEED))
     image = ws.deposit([xy], [1.0], psf, SHAPE, device=device, movement_px=[movement], brightness=[brightness])
     t, weight = fine_times(60)
-    places = xy + legendre(movement, t)
-    still = ws.deposit(places, weight * legendre(brightness, t), psf, SHAPE, device=device, flux_error=1e-7)
+    positions = xy + legendre(movement, t)
+    still = ws.deposit(positions, weight * legendre(brightness, t), psf, SHAPE, device=device, flux_error=1e-7)
     np.testing.assert_allclose(image, still, rtol=0, atol=SUM_ATOL)
 
 

@@ -1,4 +1,4 @@
-"""Tables of what falls into each pixel of a stamp, by the place of the source within its pixel."""
+"""Tables of what falls into each pixel of a stamp, by the position of the source within its pixel."""
 
 from __future__ import annotations
 

@@ -63,8 +63,8 @@ def canvas_functions(simd_width: int) -> CanvasFunctions:
         pixels: wp.array[float]  # of all images, flat
         vectors: wp.array[PixelVector]  # the same, with a vector from every pixel on
         lit: wp.array[wp.uint8]  # flags of all images, flat: 1 for a strip that light was added to
-        first: int  # where the image begins in pixels
-        first_strip: int  # where it begins in lit
+        first: int  # index of the image's first pixel in pixels
+        first_strip: int  # index of its first flag in lit
         n_row: int
         n_col: int
 

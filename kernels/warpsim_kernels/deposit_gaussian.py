@@ -72,32 +72,32 @@ def gaussian_blur(sigma_px: wp.vec2) -> Blur:
 
 
 @wp.struct
-class EdgePlace:
-    """Where a source stands between the rows of an edge table."""
+class EdgeOffset:
+    """Offset of a source between the rows of an edge table."""
 
     start: int  # of the row before it in the flat array, for pixel 0 of the image
     u: float  # part of the way to the next row
 
 
 @wp.func
-def edge_place(table: EdgeTable, source_px: wp.float64) -> EdgePlace:
-    """Place of a source along one axis."""
+def edge_offset(table: EdgeTable, source_px: wp.float64) -> EdgeOffset:
+    """Return the offset of a source along one axis."""
     pixel = wp.floor(source_px + wp.float64(1.0))
     offset_px = pixel - wp.float64(0.5) - source_px
     position = offset_px * wp.float64(table.per_px)
     position = wp.clamp(position, -wp.float64(table.n_step), wp.float64(table.n_step))
     node = wp.floor(position)
-    place = EdgePlace()
-    place.u = float(position - node)
-    place.start = table.start + int(node) * table.n_pixel - int(pixel)
-    return place
+    offset = EdgeOffset()
+    offset.u = float(position - node)
+    offset.start = table.start + int(node) * table.n_pixel - int(pixel)
+    return offset
 
 
 @wp.func
-def axis_fractions(fractions: wp.array[PixelVector], table: EdgeTable, place: EdgePlace, first: int) -> PixelVector:
+def axis_fractions(fractions: wp.array[PixelVector], table: EdgeTable, offset: EdgeOffset, first: int) -> PixelVector:
     """Pixel fractions from the first on, along one axis: cubic interpolation between four rows of the table."""
-    at = place.start + first
-    u = place.u
+    at = offset.start + first
+    u = offset.u
     # Newton's form: differences of neighbouring rows are small and hardly add rounding.
     here = fractions[at]
     after = fractions[at + table.n_pixel]
@@ -113,19 +113,19 @@ def add_gaussian_stamp(
 ):
     """The Gaussian separates: a row of the stamp is the fractions of its columns times that of the row."""
     widest = columns_of_row(stamp, stamp.row)
-    across_place = edge_place(psf.columns, xy_px[0])
-    down_place = edge_place(psf.rows, xy_px[1])
+    across_offset = edge_offset(psf.columns, xy_px[0])
+    down_offset = edge_offset(psf.rows, xy_px[1])
     is_round = stamp.reach_px > ROUND_FROM_PX
     first = widest[0]
     while first < widest[1] and stamp.window.first_row < stamp.window.end_row:
         vector = wp.min(first, canvas.n_col - GAUSSIAN_SIMD_WIDTH)  # not over the end of the row, if it is long enough
         end = wp.min(vector + GAUSSIAN_SIMD_WIDTH, widest[1])
-        across = axis_fractions(fractions, psf.columns, across_place, vector)
+        across = axis_fractions(fractions, psf.columns, across_offset, vector)
         across = strength * wp.cw_mul(across, mask_between(fractions, first - vector, end - vector))
         row = stamp.window.first_row
         while row < stamp.window.end_row:
             above = row
-            down = axis_fractions(fractions, psf.rows, down_place, above)
+            down = axis_fractions(fractions, psf.rows, down_offset, above)
             while row < wp.min(above + GAUSSIAN_SIMD_WIDTH, stamp.window.end_row):
                 light = down[row - above] * across
                 if is_round:

@@ -95,7 +95,7 @@ class TablePsf:
     pixels whole steps of dx.
     """
 
-    start: int  # where the fractions begin in the flat array
+    start: int  # index of the first fraction in the flat array
     n_row: int
     n_block: int
     block_px: int  # pixels from a block to the next; TABLE_SIMD_WIDTH, or half of it where blocks overlap
@@ -115,7 +115,7 @@ class TablePsf:
     wing_next_px2: float
     wing_aspect_px2: float
     wing_last_px4: float
-    envelope: int  # where the envelope begins: largest fraction that a disc of radius 0, 1/4, 1/2 ... does not touch
+    envelope: int  # index of the envelope: largest fraction that a disc of radius 0, 1/4, 1/2 ... does not touch
     n_envelope: int
     tail_px3: float  # farther out no pixel holds more than tail / r^3, r = distance of its centre; 0: nothing
 
@@ -157,28 +157,28 @@ class TableFunctions(NamedTuple):
     Nodes: Any
     """Vector of the floats that TABLE_SIMD_WIDTH pixels take at a time: n_point * TABLE_SIMD_WIDTH of a node row."""
 
-    Place: Any
-    """Struct: where a source lies in a table."""
+    Offset: Any
+    """Struct: offset of a source in its pixel, and its interpolation in a table."""
 
     Row: Any
     """Struct: a row of its pixels."""
 
-    place_in: Any
-    """(dx_px: float64, dy_px: float64, psf: TablePsf) -> place; the centre of the source's own pixel minus the source,
-    along columns and along rows [pixel heights]. It tells what the table serves: columns from place.first_step up to
-    place.end_step pixels from the source's own, rows from place.first_row_step up to place.end_row_step."""
+    offset_in: Any
+    """(dx_px: float64, dy_px: float64, psf: TablePsf) -> offset; the centre of the source's own pixel minus the source,
+    along columns and along rows [pixel heights]. The table serves columns from offset.first_step up to offset.end_step
+    pixels from the source's own, rows from offset.first_row_step up to offset.end_row_step."""
 
     row_in: Any
-    """(place, step: int, psf: TablePsf) -> row that is step pixels from the source's own; row.first is -1 where the
+    """(offset, step: int, psf: TablePsf) -> row that is step pixels from the source's own; row.first is -1 where the
     table does not serve it, row.distance_px the distance of its centre in pixel widths."""
 
     fractions: Any
-    """(nodes, psf: TablePsf, place, row, block: int) -> fractions of a block's pixels in that row; numbers without
+    """(nodes, psf: TablePsf, offset, row, block: int) -> fractions of a block's pixels in that row; numbers without
     meaning where the table does not serve. The nodes are the flat array as overlapping vectors, of
     n_point * TABLE_SIMD_WIDTH floats, one from every float on."""
 
     fraction: Any
-    """(table: array of float, psf: TablePsf, place, row, pixel: int) -> fraction of one pixel, counted from the first
+    """(table: array of float, psf: TablePsf, offset, row, pixel: int) -> fraction of one pixel, counted from the first
     one of the first block; from the flat array itself."""
 
 
@@ -198,8 +198,8 @@ def table_functions(n_point: int) -> TableFunctions:
     PixelVector = wp.types.vector(length=TABLE_SIMD_WIDTH, dtype=wp.float32)
     Nodes = wp.types.vector(length=n_point * TABLE_SIMD_WIDTH, dtype=wp.float32)
     Weights = wp.types.vector(length=n_point, dtype=wp.float32)
-    places = range(-n_before, n_point - n_before)
-    scale = Weights(*(1.0 / math.prod(k - j for j in places if j != k) for k in places))
+    node_numbers = range(-n_before, n_point - n_before)
+    scale = Weights(*(1.0 / math.prod(k - j for j in node_numbers if j != k) for k in node_numbers))
 
     @wp.func
     def lagrange_weights(u: float) -> Weights:
@@ -215,7 +215,7 @@ def table_functions(n_point: int) -> TableFunctions:
             above = above * (u - float(wp.static(n_point - 1 - n_before) - k))
         return weights
 
-    class TablePlace:
+    class TableOffset:
         dx_px: float  # of the source's own pixel [pixel widths]
         dy_px: float
         phase: int  # first node of the interpolation along dx
@@ -231,68 +231,68 @@ def table_functions(n_point: int) -> TableFunctions:
 
     class TableRow:
         distance_px: float
-        first: int  # where the interpolation's nodes for the first block begin in the flat array
+        first: int  # index in the flat array of the interpolation's nodes for the first block
         down: Weights
 
-    place_type = wp.struct(TablePlace)
+    offset_type = wp.struct(TableOffset)
     row_type = wp.struct(TableRow)
 
     @wp.func
-    def place_in(dx_px: wp.float64, dy_px: wp.float64, psf: TablePsf) -> place_type:
+    def offset_in(dx_px: wp.float64, dy_px: wp.float64, psf: TablePsf) -> offset_type:
         # In float64 up to the fraction of a cell: P is steep where the source crosses the pixel's edge.
-        place = place_type()
-        place.dx_px = float(dx_px)
-        place.dy_px = float(dy_px) * psf.pixel_aspect
+        offset = offset_type()
+        offset.dx_px = float(dx_px)
+        offset.dy_px = float(dy_px) * psf.pixel_aspect
         position = dx_px * wp.float64(psf.column_per_px)
         node = wp.floor(position)
-        place.across = lagrange_weights(float(position - node))
-        place.phase = psf.zero_phase + int(node)
+        offset.across = lagrange_weights(float(position - node))
+        offset.phase = psf.zero_phase + int(node)
         # An offset that equals the reach lies beyond it on either side.
         reach_px = wp.float64(psf.reach_column_px)
-        place.first_step = int(wp.floor(-reach_px - dx_px)) + 1
-        place.end_step = int(wp.ceil(reach_px - dx_px))
+        offset.first_step = int(wp.floor(-reach_px - dx_px)) + 1
+        offset.end_step = int(wp.ceil(reach_px - dx_px))
         reach_px = wp.float64(psf.reach_row_px)
-        place.first_row_step = int(wp.floor(-reach_px - dy_px)) + 1
-        place.end_row_step = int(wp.ceil(reach_px - dy_px))
+        offset.first_row_step = int(wp.floor(-reach_px - dy_px)) + 1
+        offset.end_row_step = int(wp.ceil(reach_px - dy_px))
         position = dy_px * wp.float64(psf.row_per_px)
         node = wp.floor(position)
-        place.node = int(node)
-        place.down = lagrange_weights(float(position - node))
-        place.mirror_down = place.down
+        offset.node = int(node)
+        offset.down = lagrange_weights(float(position - node))
+        offset.mirror_down = offset.down
         if position > node:  # else on the node, as its mirror image is
-            place.mirror = -1
+            offset.mirror = -1
             for k in range(wp.static(n_point)):
-                place.mirror_down[k] = place.down[wp.static(n_point - 1) - k]
-        return place
+                offset.mirror_down[k] = offset.down[wp.static(n_point - 1) - k]
+        return offset
 
     @wp.func
-    def row_in(place: place_type, step: int, psf: TablePsf) -> row_type:
+    def row_in(offset: offset_type, step: int, psf: TablePsf) -> row_type:
         row = row_type()
-        row.distance_px = place.dy_px + float(step) * psf.pixel_aspect
-        row.down = place.down
-        node = place.node + step * psf.row_per_px
+        row.distance_px = offset.dy_px + float(step) * psf.pixel_aspect
+        row.down = offset.down
+        node = offset.node + step * psf.row_per_px
         if psf.mirrored != 0 and node < 0:
-            node = place.mirror - node
-            row.down = place.mirror_down
+            node = offset.mirror - node
+            row.down = offset.mirror_down
         n_reach = int(psf.reach_row_px * float(psf.row_per_px))
         row.first = -1
         if node < n_reach and node >= -n_reach:
-            first = (node + psf.zero_row - wp.static(n_before)) * psf.n_block * psf.n_phase + place.phase
+            first = (node + psf.zero_row - wp.static(n_before)) * psf.n_block * psf.n_phase + offset.phase
             row.first = psf.start + first * TABLE_SIMD_WIDTH
         return row
 
     @wp.func
-    def fractions(nodes: wp.array[Nodes], psf: TablePsf, place: place_type, row: row_type, block: int) -> PixelVector:
+    def fractions(nodes: wp.array[Nodes], psf: TablePsf, offset: offset_type, row: row_type, block: int) -> PixelVector:
         at = row.first + block * psf.n_phase * TABLE_SIMD_WIDTH
         total = PixelVector()
         j = int(0)
         while j < wp.static(n_point):  # not unrolled, so that all stays in registers
             near = nodes[at]
-            line = place.across[0] * near[0:TABLE_SIMD_WIDTH]
+            line = offset.across[0] * near[0:TABLE_SIMD_WIDTH]
             for k in range(1, wp.static(n_point)):
                 line = (
                     line
-                    + place.across[k] * near[wp.static(TABLE_SIMD_WIDTH * k) : wp.static(TABLE_SIMD_WIDTH * (k + 1))]
+                    + offset.across[k] * near[wp.static(TABLE_SIMD_WIDTH * k) : wp.static(TABLE_SIMD_WIDTH * (k + 1))]
                 )
             total = total + row.down[j] * line
             at += psf.n_block * psf.n_phase * TABLE_SIMD_WIDTH
@@ -300,16 +300,16 @@ def table_functions(n_point: int) -> TableFunctions:
         return total
 
     @wp.func
-    def fraction(table: wp.array[float], psf: TablePsf, place: place_type, row: row_type, pixel: int) -> float:
+    def fraction(table: wp.array[float], psf: TablePsf, offset: offset_type, row: row_type, pixel: int) -> float:
         block = pixel // TABLE_SIMD_WIDTH
         at = row.first + (block * psf.n_phase - block) * TABLE_SIMD_WIDTH + pixel
         total = float(0.0)
         for j in range(wp.static(n_point)):
-            line = place.across[0] * load(table, at)
+            line = offset.across[0] * load(table, at)
             for k in range(1, wp.static(n_point)):
-                line = line + place.across[k] * load(table, at + TABLE_SIMD_WIDTH * k)
+                line = line + offset.across[k] * load(table, at + TABLE_SIMD_WIDTH * k)
             total = total + row.down[j] * line
             at += psf.n_block * psf.n_phase * TABLE_SIMD_WIDTH
         return total
 
-    return TableFunctions(Nodes, place_type, row_type, place_in, row_in, fractions, fraction)
+    return TableFunctions(Nodes, offset_type, row_type, offset_in, row_in, fractions, fraction)

@@ -38,7 +38,7 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
         detector: Detector,
         first_strip: int,  # of each image
         end_strip: int,
-        dark_place: int,  # where signal_w_cm2 has a strip that is always dark; not read if ragged
+        zero_offset: int,  # offset in signal_w_cm2 of a strip that is always 0; not read if ragged
         first_image: int,  # among the counts
         lit: wp.array[wp.uint8],  # (n_view * n_band * n_flag,) strips with light; not read if ragged
         # out
@@ -60,7 +60,7 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
         number = band_id[band]
         d = detector.pixels[band]
         keys = noise_keys(frame, number, block, sensor_key)
-        flag_place = image * flags_of_image(detector.n_pixel)
+        flag_offset = image * flags_of_image(detector.n_pixel)
         for strip in range(
             wp.max(block * STRIPS_PER_BLOCK, first_strip), wp.min((block + 1) * STRIPS_PER_BLOCK, end_strip)
         ):
@@ -74,11 +74,11 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
                 light_1 = wp.tile_load(light, shape=N_PAIR, offset=pixel)
                 light_2 = wp.tile_load(light, shape=N_PAIR, offset=pixel + N_PAIR)
             else:
-                place = image * detector.n_pixel + pixel
-                is_lit = lit[flag_place + strip] != wp.uint8(0)
-                light_place = wp.where(is_lit, place, dark_place)
-                light_1 = wp.tile_load(signal_w_cm2, shape=N_PAIR, offset=light_place, bounds_check=False)
-                light_2 = wp.tile_load(signal_w_cm2, shape=N_PAIR, offset=light_place + N_PAIR, bounds_check=False)
+                pixel_offset = image * detector.n_pixel + pixel
+                is_lit = lit[flag_offset + strip] != wp.uint8(0)
+                light_offset = wp.where(is_lit, pixel_offset, zero_offset)
+                light_1 = wp.tile_load(signal_w_cm2, shape=N_PAIR, offset=light_offset, bounds_check=False)
+                light_2 = wp.tile_load(signal_w_cm2, shape=N_PAIR, offset=light_offset + N_PAIR, bounds_check=False)
             counts_1, counts_2 = counts_of_pairs(pairs, pixels, light_1, light_2, d, keys, detector.n_col)
             dark = wp.tile_zeros(shape=STRIP_PIXELS, dtype=float)
             if wp.static(ragged):
@@ -87,10 +87,10 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
                 wp.tile_store(read, counts_2, offset=pixel + N_PAIR)
                 wp.tile_store(light, dark, offset=pixel)
             else:
-                counts_place = (first_image + image) * detector.n_pixel + pixel
-                wp.tile_store(counts, counts_1, offset=counts_place, bounds_check=False)
-                wp.tile_store(counts, counts_2, offset=counts_place + N_PAIR, bounds_check=False)
+                counts_offset = (first_image + image) * detector.n_pixel + pixel
+                wp.tile_store(counts, counts_1, offset=counts_offset, bounds_check=False)
+                wp.tile_store(counts, counts_2, offset=counts_offset + N_PAIR, bounds_check=False)
                 if is_lit:
-                    wp.tile_store(signal_w_cm2, dark, offset=place, bounds_check=False)
+                    wp.tile_store(signal_w_cm2, dark, offset=pixel_offset, bounds_check=False)
 
     return read_out_kernel

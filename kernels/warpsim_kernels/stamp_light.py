@@ -144,43 +144,43 @@ def core_of(psf: TablePsf, stamp: Stamp) -> Window:
 def make_table_light_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
     """Kernel for tabulated images; without streaks it looks at no paths."""
     read = layout_functions(layout)
-    Nodes, place_in, row_in, pixel_fractions = read.Nodes, read.place_in, read.row_in, read.fractions
+    Nodes, offset_in, row_in, pixel_fractions = read.Nodes, read.offset_in, read.row_in, read.fractions
 
     @wp.func
     def table_fraction(nodes: wp.array[Nodes], psf: TablePsf, xy_px: wp.vec2d, column: int, row: int) -> wp.float64:
         """Fraction of a pixel of a source."""
         own_column = nearest_pixel(xy_px[0])
         own_row = nearest_pixel(xy_px[1])
-        place = place_in(wp.float64(own_column) - xy_px[0], wp.float64(own_row) - xy_px[1], psf)
-        in_row = row_in(place, row - own_row, psf)
+        offset = offset_in(wp.float64(own_column) - xy_px[0], wp.float64(own_row) - xy_px[1], psf)
+        in_row = row_in(offset, row - own_row, psf)
         step = column - own_column
-        if in_row.first < 0 or step < place.first_step or step >= place.end_step:
-            return wp.float64(table_wing(psf, place.dx_px + float(step), in_row.distance_px))
+        if in_row.first < 0 or step < offset.first_step or step >= offset.end_step:
+            return wp.float64(table_wing(psf, offset.dx_px + float(step), in_row.distance_px))
         block = (psf.zero_pixel + step) // psf.block_px
-        found = pixel_fractions(nodes, psf, place, in_row, block)
+        found = pixel_fractions(nodes, psf, offset, in_row, block)
         return wp.float64(found[psf.zero_pixel + step - block * psf.block_px])
 
     @wp.func
     def core_fraction(nodes: wp.array[Nodes], psf: TablePsf, xy_px: wp.vec2d, stamp: Stamp, core: Window) -> wp.float64:
         """Fraction of a source's light in the pixels of its stamp within a window, one by one."""
-        place = place_in(wp.float64(stamp.column) - xy_px[0], wp.float64(stamp.row) - xy_px[1], psf)
+        offset = offset_in(wp.float64(stamp.column) - xy_px[0], wp.float64(stamp.row) - xy_px[1], psf)
         zero = stamp.column - psf.zero_pixel
         total = wp.float64(0.0)
         for row in range(wp.max(stamp.window.first_row, core.first_row), wp.min(stamp.window.end_row, core.end_row)):
-            in_row = row_in(place, row - stamp.row, psf)
+            in_row = row_in(offset, row - stamp.row, psf)
             columns = columns_of_row(stamp, row)
             column = wp.max(columns[0], core.first_column)
             end = wp.min(columns[1], core.end_column)
             while column < end:
                 step = column - stamp.column
-                if in_row.first < 0 or step < place.first_step or step >= place.end_step:
-                    total += wp.float64(table_wing(psf, place.dx_px + float(step), in_row.distance_px))
+                if in_row.first < 0 or step < offset.first_step or step >= offset.end_step:
+                    total += wp.float64(table_wing(psf, offset.dx_px + float(step), in_row.distance_px))
                     column += 1
                 else:
                     block = (column - zero) // psf.block_px
-                    found = pixel_fractions(nodes, psf, place, in_row, block)
+                    found = pixel_fractions(nodes, psf, offset, in_row, block)
                     vector = zero + block * psf.block_px
-                    last = wp.min(wp.min(vector + TABLE_SIMD_WIDTH, stamp.column + place.end_step), end)
+                    last = wp.min(wp.min(vector + TABLE_SIMD_WIDTH, stamp.column + offset.end_step), end)
                     while column < last:
                         total += wp.float64(found[column - vector])
                         column += 1

@@ -23,7 +23,7 @@ class StarField:
     irradiance_w_cm2: wp.array2d[float]  # (n_band, n_star)
     half_width_px: wp.array[wp.int32]  # (n_star,) widest stamp over the bands
     parallax_rad: wp.array[float]  # (n_star,); empty where parallax is off
-    radius_rad: wp.float64  # of the cone to search: half diagonal, widest stamp, largest shift of apparent places
+    radius_rad: wp.float64  # of the cone to search: half diagonal, widest stamp, largest shift of apparent positions
     cosine: wp.float64  # of radius_rad
 
 

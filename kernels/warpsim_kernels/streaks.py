@@ -30,7 +30,7 @@ class StreakRules:
     """Gauss-Legendre rules of several counts, and how long a streak each can serve."""
 
     count: wp.array[wp.int32]  # (n_rule,) nodes, growing
-    first: wp.array[wp.int32]  # (n_rule,) where a rule begins in node and weight
+    first: wp.array[wp.int32]  # (n_rule,) index of its first node in node and weight
     node: wp.array[wp.float64]  # in (-1, 1)
     weight: wp.array[wp.float64]  # the weights of a rule sum to 1
     longest: wp.array2d[float]  # (n_level, n_rule) streak over blur width, for an error of 10^(-level / 2)
@@ -94,18 +94,18 @@ def next_legendre(k: int, t: wp.float64, legendre: wp.float64, before: wp.float6
 
 
 @wp.func
-def place_px(paths: Paths, source: Source, t: wp.float64) -> wp.vec2d:
-    """Place at the time t in [-1, 1] of the exposure."""
-    place = source.xy_px
+def position_px(paths: Paths, source: Source, t: wp.float64) -> wp.vec2d:
+    """Position at the time t in [-1, 1] of the exposure."""
+    position = source.xy_px
     before = wp.float64(0.0)
     legendre = wp.float64(1.0)
     for k in range(paths.offset_px.shape[2]):
         term = paths.offset_px[source.view, source.slot, k]
-        place += legendre * wp.vec2d(wp.float64(term[0]), wp.float64(term[1]))
+        position += legendre * wp.vec2d(wp.float64(term[0]), wp.float64(term[1]))
         after = next_legendre(k, t, legendre, before)
         before = legendre
         legendre = after
-    return place
+    return position
 
 
 @wp.func
@@ -144,7 +144,7 @@ def highest_brightness(paths: Paths, source: Source) -> float:
 
 @wp.func
 def light_centre_px(paths: Paths, source: Source) -> wp.vec2d:
-    """Mean place over the exposure, weighted with brightness."""
+    """Mean position over the exposure, weighted with brightness."""
     n_term = n_profile(paths, source)
     centre = source.xy_px
     for k in range(paths.offset_px.shape[2]):
@@ -254,8 +254,8 @@ def streak_of(
 
 @wp.func
 def panel_edge_px(paths: Paths, source: Source, streak: Streak, panel: int) -> wp.vec2d:
-    """Place where a panel begins."""
-    return place_px(paths, source, wp.float64(2 * panel - streak.n_panel) / wp.float64(streak.n_panel))
+    """Position at the start of a panel."""
+    return position_px(paths, source, wp.float64(2 * panel - streak.n_panel) / wp.float64(streak.n_panel))
 
 
 @wp.func
@@ -269,6 +269,6 @@ def moment_of(paths: Paths, source: Source, streak: Streak, panel: int, node: in
     width = wp.float64(1.0) / wp.float64(streak.n_panel)
     t = (wp.float64(2 * panel - streak.n_panel + 1) + rules.node[streak.first + node]) * width
     weight = rules.weight[streak.first + node] * width * brightness_at(paths, source, t)
-    moment.xy_px = place_px(paths, source, t)
+    moment.xy_px = position_px(paths, source, t)
     moment.irradiance_w_cm2 = source.irradiance_w_cm2 * float(weight)
     return moment

@@ -184,8 +184,8 @@ def _line_error(flow: FlowProfile, pixel_aspect: float, step_px: float, n_point:
     weights = np.array([float(weight[0]) for weight in lagrange_weights(u, n_point)])
     worst = 0.0
     for first_px in (0.5 - n_cell * step_px, 0.0):
-        place: F64 = first_px + step_px * 0.5 * np.arange(-2.0 * half, 4.0 * n_cell + 2.0 * half)
-        exact = pixel_fractions(flow, place, np.zeros_like(place), pixel_aspect)
+        offset_px: F64 = first_px + step_px * 0.5 * np.arange(-2.0 * half, 4.0 * n_cell + 2.0 * half)
+        exact = pixel_fractions(flow, offset_px, np.zeros_like(offset_px), pixel_aspect)
         nodes, middles = exact[0::2], exact[1::2]
         windows = np.lib.stride_tricks.sliding_window_view(nodes, n_point)
         found = windows @ weights - middles[half - 1 : half - 1 + len(windows)]

@@ -147,7 +147,7 @@ class Camera:
 
         The edges lie on great circles, and the frame is where a direction is on the inner side of all four: outside,
         the margin is that of the circle farthest away, and it is negative behind the camera too. With a distortion it
-        is the angle that a pinhole would see between the same places of the image.
+        is the angle that a pinhole would see between the same positions of the image.
 
         Args:
             direction: Vectors in camera axes (x right, y down, z boresight), not 0, shape (..., 3).
@@ -201,9 +201,9 @@ class Camera:
         return seen if self.lens is None else distorted(self.lens, self.distortion_radius, seen)
 
     def _tangent(self, xy_px: F64) -> F64:
-        """Tangent-plane coordinates of what is seen at places of the image, shape (n, 2)."""
-        place = (xy_px - self.centre_px) / self._focal
-        return place if self.lens is None else undistorted(self.lens, self.distortion_radius, place)
+        """Tangent-plane coordinates of what is seen at positions of the image, shape (n, 2)."""
+        position = (xy_px - self.centre_px) / self._focal
+        return position if self.lens is None else undistorted(self.lens, self.distortion_radius, position)
 
 
 def _border(half_x: float, half_y: float) -> F64:

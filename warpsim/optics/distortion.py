@@ -2,7 +2,7 @@
 
 All in tangent-plane coordinates of the pinhole, x = X / Z and y = Y / Z in camera axes. Out to a checked radius the
 polynomial is the distortion; beyond, it goes on in proportion along each ray from the boresight, so that nothing folds
-back into the image and every direction has one place.
+back into the image and every direction has one position.
 """
 
 from __future__ import annotations
@@ -96,15 +96,15 @@ def checked_radius(distortion: Distortion, half_x: float, half_y: float) -> tupl
     angle = np.linspace(0.0, 2.0 * np.pi, 128, endpoint=False)
     ray = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     with np.errstate(over="ignore", invalid="ignore"):
-        place = polynomial(distortion, radius[:, None, None] * ray)
+        position = polynomial(distortion, radius[:, None, None] * ray)
         slope = slopes(distortion, radius[:, None, None] * ray)
         middle = 0.5 * (slope[..., 0, 0] + slope[..., 1, 1])
         stretch = middle - np.hypot(0.5 * (slope[..., 0, 0] - slope[..., 1, 1]), slope[..., 0, 1])
         turned = np.stack([-ray[:, 1], ray[:, 0]], axis=-1)
-        onward = np.einsum("...ij,...j->...i", slope, np.broadcast_to(turned, place.shape))
-        turns = place[..., 0] * onward[..., 1] - place[..., 1] * onward[..., 0]
+        onward = np.einsum("...ij,...j->...i", slope, np.broadcast_to(turned, position.shape))
+        turns = position[..., 0] * onward[..., 1] - position[..., 1] * onward[..., 0]
         sound = np.all((stretch >= SMALLEST_STRETCH) & (turns > 0), axis=1)
-        outside = np.all(np.abs(place / [half_x, half_y]).max(axis=-1) >= MARGIN, axis=1)
+        outside = np.all(np.abs(position / [half_x, half_y]).max(axis=-1) >= MARGIN, axis=1)
     n_sound = len(radius) if sound.all() else int(np.argmin(sound))
     reached = np.flatnonzero(outside[:n_sound])
     if len(reached) and radius[reached[0]] * FARTHEST >= corner:
@@ -117,22 +117,22 @@ def checked_radius(distortion: Distortion, half_x: float, half_y: float) -> tupl
 
 
 def distorted(distortion: Distortion, limit: float, seen: F64) -> F64:
-    """Vectors in camera axes (..., 3), as the pinhole would have to see them for the same place on the image.
+    """Vectors in camera axes (..., 3), as the pinhole would have to see them for the same position on the image.
 
     For all directions of the sphere, behind the camera too; of the same component along the boresight. `limit` is the
     checked radius.
     """
     x, y, z = np.moveaxis(seen, -1, 0)
     scale = np.maximum(np.maximum(z, np.hypot(x, y) / limit), _TINY)[..., None]
-    place = scale * polynomial(distortion, seen[..., :2] / scale)
-    return np.concatenate([place, z[..., None]], axis=-1)
+    position = scale * polynomial(distortion, seen[..., :2] / scale)
+    return np.concatenate([position, z[..., None]], axis=-1)
 
 
-def undistorted(distortion: Distortion, limit: float, place: F64) -> F64:
+def undistorted(distortion: Distortion, limit: float, position: F64) -> F64:
     """The inverse on the tangent plane, shape (n, 2): Newton's method with steps halved until they help."""
-    xy = place.copy()
-    missed = _continued(distortion, limit, xy) - place
-    wanted = 4e-16 * np.linalg.norm(place, axis=-1)  # a residual that is good enough
+    xy = position.copy()
+    missed = _continued(distortion, limit, xy) - position
+    wanted = 4e-16 * np.linalg.norm(position, axis=-1)  # a residual that is good enough
     for _ in range(100):
         todo = np.flatnonzero(np.linalg.norm(missed, axis=-1) > wanted)
         if not len(todo):
@@ -141,7 +141,7 @@ def undistorted(distortion: Distortion, limit: float, place: F64) -> F64:
         fraction = np.ones(len(todo))
         for _ in range(30):
             trial = xy[todo] + fraction[:, None] * step
-            left = _continued(distortion, limit, trial) - place[todo]
+            left = _continued(distortion, limit, trial) - position[todo]
             worse = np.linalg.norm(left, axis=-1) >= np.linalg.norm(missed[todo], axis=-1)
             if not worse.any():
                 break

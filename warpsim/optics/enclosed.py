@@ -24,7 +24,7 @@ def box_half_width_px(
 ) -> float:
     """Half the width of the box about a point that holds a fraction of its light, as pixels collect it.
 
-    The pattern is blurred by the pixel: the mean over all places that a point may have in its pixel. The box is as
+    The pattern is blurred by the pixel: the mean over all positions that a point may have in its pixel. The box is as
     high as it is wide, in widths of a pixel; even of a point without any blur it is about a pixel wide.
 
     Args:

@@ -129,8 +129,8 @@ def _cell_and_weights(
     table: EpsfTable, axis: int, offset_px: F64, real: type
 ) -> tuple[NDArray[np.int64], list[Floats]]:
     """Return the first of the nodes around an offset, and the weights of all."""
-    place = np.abs(offset_px) if table.mirrored else offset_px
-    position = place * table.per_px[axis] + table.zero[axis]
+    folded_px = np.abs(offset_px) if table.mirrored else offset_px
+    position = folded_px * table.per_px[axis] + table.zero[axis]
     before = table.n_point // 2 - 1
     node = np.clip(np.floor(position).astype(np.int64), before, table.fraction.shape[axis] - table.n_point + before)
     return node - before, lagrange_weights((position - node).astype(real), table.n_point)
@@ -191,7 +191,7 @@ def envelope(
     for row, line in zip(rows, np.abs(fraction64), strict=True):
         disc = np.minimum(ENVELOPE_PER_PX * (np.hypot(row, cols) + half_cell), n_disc).astype(np.int64)
         np.maximum.at(largest, disc, line)
-    # The smallest disc touches the source's own pixel, whatever its place in it.
+    # The smallest disc touches the source's own pixel, whatever its offset in it.
     outside = (offset[0] > -0.75 / per_px[0])[:, None] | (offset[1] > -0.75 / per_px[1])
     largest[0] = np.max(np.abs(fraction64), where=outside, initial=far)
     largest = np.maximum.accumulate(largest[::-1])[::-1][:n_disc]

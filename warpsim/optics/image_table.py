@@ -53,16 +53,16 @@ def image_table_shape(pattern: SplineImage, error: float, n_point: int) -> tuple
 
 
 def _samples(pattern: SplineImage, n: int) -> tuple[F64, F64]:
-    """Offsets dx and dy to try, in all pairs, shape (n,) each: most of them near the brightest places."""
+    """Offsets dx and dy to try, in all pairs, shape (n,) each: most of them near the brightest pixels."""
     rng = np.random.default_rng(0)
     brightness = np.abs(pattern.coefficient)
     offsets = []
     for axis, half in enumerate(pattern.half_size_px):
         bright = np.argsort(brightness.sum(axis=1 - axis))[::-1][:8]
-        place = (rng.choice(bright, n) - 0.5 * (brightness.shape[axis] - 1)) / pattern.oversample
-        place += rng.choice([-0.5, 0.0, 0.5], n) + rng.normal(0.0, 1.0, n) / pattern.oversample
-        place[: n // 4] = rng.uniform(-half, half, n // 4)
-        offsets.append(np.clip(place / (pattern.pixel_aspect if axis == 0 else 1.0), -half, half))
+        position_px = (rng.choice(bright, n) - 0.5 * (brightness.shape[axis] - 1)) / pattern.oversample
+        position_px += rng.choice([-0.5, 0.0, 0.5], n) + rng.normal(0.0, 1.0, n) / pattern.oversample
+        position_px[: n // 4] = rng.uniform(-half, half, n // 4)
+        offsets.append(np.clip(position_px / (pattern.pixel_aspect if axis == 0 else 1.0), -half, half))
     return offsets[1], offsets[0]
 
 
@@ -73,10 +73,10 @@ def _step_px(pattern: SplineImage, error: float, n_point: int) -> float:
     dx_px, dy_px = _samples(pattern, N_PROBE)
     exact = pattern.fractions_on_grid(dx_px, dy_px)
     weight = np.array([w[0] for w in lagrange_weights(np.array([0.5]), n_point)])
-    place = np.arange(n_point) - (0.5 * n_point - 0.5)
+    number = np.arange(n_point) - (0.5 * n_point - 0.5)
     for _ in range(8):
-        x = (dx_px[:, None] + step_px * place).ravel()
-        y = (dy_px[:, None] + step_px / pattern.pixel_aspect * place).ravel()
+        x = (dx_px[:, None] + step_px * number).ravel()
+        y = (dy_px[:, None] + step_px / pattern.pixel_aspect * number).ravel()
         nodes = pattern.fractions_on_grid(x, y).reshape(N_PROBE, n_point, N_PROBE, n_point)
         found = float(np.abs(np.einsum("ajbi,j,i->ab", nodes, weight, weight, optimize=True) - exact).max())
         factor = min(2.0, (goal / max(found, 1e-300)) ** (1.0 / min(n_point, 5)))

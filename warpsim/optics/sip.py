@@ -40,7 +40,7 @@ class SipPolynomials:
     error_px: float
     """Largest distance on the array between what A, B say and the camera [px]."""
     moved_px: float
-    """Largest distance on the array that the distortion moves a place [px]."""
+    """Largest distance on the array that the distortion moves a position [px]."""
 
     def keywords(self) -> dict[str, float]:
         """FITS keywords: orders, coefficients that are not 0, and SIPERR, the error [px]."""
@@ -81,7 +81,7 @@ def _grid(node: F64) -> F64:
 
 
 def _to_pinhole_px(camera: Camera, uv: F64) -> F64:
-    """How far the pinhole's places are from those of the image [px], shape (n, 2)."""
+    """How far the pinhole's positions are from those of the image [px], shape (n, 2)."""
     seen = camera.direction(uv + camera.centre_px)
     return np.asarray(seen[:, :2] / seen[:, 2:] * [camera.focal_px, camera.focal_row_px] - uv)
 

@@ -61,11 +61,11 @@ class TargetLight:
     def __init__(self, scene: DeviceScene, seen: HostColumns, shape: tuple[int, int]) -> None:
         self._device_scene, self.shape = scene, shape
         self.xy_px: F64 = np.ascontiguousarray(seen.observations["xy_px"])
-        """Place in the middle of the exposure, shape (n_view, n_target, 2)."""
+        """Position in the middle of the exposure, shape (n_view, n_target, 2)."""
         self.irradiance_w_cm2: F32 = seen.irradiance_w_cm2
         """Shape (n_view, n_band, n_target)."""
         self.offset_px: F32 = seen.offset_px
-        """Movement about that place: Legendre coefficients, shape (n_view, n_target, n_path, 2)."""
+        """Movement about that position: Legendre coefficients, shape (n_view, n_target, n_path, 2)."""
         self.is_behind: npt.NDArray[np.bool_] = (seen.observations["flags"] & int(BEHIND)) != 0
         """Whether the target is behind the camera, shape (n_view, n_target)."""
         self._brightness: F32 = seen.brightness
@@ -76,7 +76,7 @@ class TargetLight:
         """Planes of targets in one launch, shape (n, *shape).
 
         Args:
-            band: Place of the band in the images.
+            band: Index of the band in the images.
             view: Number of the view of each plane, shape (n,).
             target: Number of its target, shape (n,).
             origin_px: Column and row at which each plane begins, shape (n, 2).
@@ -123,7 +123,7 @@ class TargetLight:
         """Planes of targets, cut to where a pixel may hold a given light; targets that reach no pixel are left out.
 
         Args:
-            band: Place of the band in the images.
+            band: Index of the band in the images.
             view: Number of the view of each target asked for, shape (n,).
             target: Its number, shape (n,).
             least_w_cm2: Pixels outside a patch hold less than this of the target's light.
@@ -173,7 +173,7 @@ def brightest_targets(light: TargetLight, band: int, views: Ints, least_w_cm2: f
 
     Args:
         light: Of the targets.
-        band: Place of the band in the images.
+        band: Index of the band in the images.
         views: Numbers of views, shape (n,).
         least_w_cm2: Light in a pixel that counts.
 

@@ -31,7 +31,7 @@ _VERSIONED_HEAD = 32
 """Bytes before the tensor in DLManagedTensorVersioned: version, context, deleter, flags."""
 
 _NAMES = {b"dltensor": 0, b"dltensor_versioned": _VERSIONED_HEAD}
-"""Names of capsules, and where the tensor lies in what they hold."""
+"""Names of capsules, and the byte offset of the tensor in what they hold."""
 
 # Prototypes of our own: others set those of ctypes.pythonapi.
 _is_valid = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.py_object, ctypes.c_char_p)(("PyCapsule_IsValid", ctypes.pythonapi))
@@ -81,9 +81,9 @@ def capsule(array: wp.array, shape: tuple[int, ...], max_version: tuple[int, int
     """
     stand_in: npt.NDArray[Any] = np.asarray(_Memory(array, shape))
     made = stand_in.__dlpack__() if max_version is None else stand_in.__dlpack__(max_version=max_version)
-    for name, place in _NAMES.items():
+    for name, offset in _NAMES.items():
         if _is_valid(made, name):
-            tensor = _DLTensor.from_address(_pointer(made, name) + place)
+            tensor = _DLTensor.from_address(_pointer(made, name) + offset)
             tensor.device_type, tensor.device_id = device_of(array)
     return made
 
