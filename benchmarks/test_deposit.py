@@ -81,7 +81,7 @@ class Drawing:
             wp.array(np.ones((1, 1, n)), dtype=wp.float32, device=device),
         ]
         self.signal = wp.zeros((1, 1, N_PIXEL, N_PIXEL), dtype=wp.float32, device=device)
-        self.lit = wp.zeros((1, 1, n_flag(N_PIXEL * N_PIXEL)), dtype=wp.uint8, device=device)
+        self.touched = wp.zeros((1, 1, n_flag(N_PIXEL * N_PIXEL)), dtype=wp.uint8, device=device)
         self.paths = None
         if path_px is not None:
             series = np.broadcast_to(np.asarray(path_px, np.float32), (1, n, len(path_px), 2))
@@ -91,7 +91,7 @@ class Drawing:
     def draw(self) -> None:
         """Add the light of the sources to the image."""
         n_row_per_block = rows_per_block(self.device, N_PIXEL)
-        self.bank.deposit(self.sources, self.rule, n_row_per_block, self.signal, self.paths, self.lit).run()
+        self.bank.deposit(self.sources, self.rule, n_row_per_block, self.signal, self.paths, self.touched).run()
 
     def __call__(self) -> Any:
         """The image, float64."""

@@ -34,11 +34,11 @@ def sources_of(xy_px, flux, device):
     ]
 
 
-def drawn(xy_px, flux, psf, shape, device, rule, n_row_per_block=None, lit=None):
+def drawn(xy_px, flux, psf, shape, device, rule, n_row_per_block=None, touched=None):
     """Image of one view and band by the kernels' own interface."""
     signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=device)
     bank = psf_bank([psf], wp.get_device(device))
-    bank.deposit(sources_of(xy_px, flux, device), rule, n_row_per_block or shape[0], signal, lit=lit).run()
+    bank.deposit(sources_of(xy_px, flux, device), rule, n_row_per_block or shape[0], signal, touched=touched).run()
     return signal.numpy()[0, 0]
 
 
@@ -147,12 +147,12 @@ def test_flags_tell_which_strips_have_light(device, psf, shape):
     for n_row_per_block in (shape[0], 4):
         for cut, n_source in ((1e-2, 6), (1e-2, 1), (1e-6, 1), (1e-9, 1)):
             xy = rng.uniform(-2, [shape[1] + 1, shape[0] + 1], (n_source, 2))
-            lit = wp.zeros((1, 1, n_flag(shape[0] * shape[1])), dtype=wp.uint8, device=device)
+            touched = wp.zeros((1, 1, n_flag(shape[0] * shape[1])), dtype=wp.uint8, device=device)
             rule = stamp_rule([0.0], cut, device)
-            image = drawn(xy, np.ones(n_source), psf, shape, device, rule, n_row_per_block, lit)
-            strips = np.zeros((lit.size, STRIP_PIXELS))
+            image = drawn(xy, np.ones(n_source), psf, shape, device, rule, n_row_per_block, touched)
+            strips = np.zeros((touched.size, STRIP_PIXELS))
             strips.ravel()[: image.size] = image.ravel()
-            np.testing.assert_array_equal(lit.numpy()[0, 0], (strips != 0).any(axis=1))
+            np.testing.assert_array_equal(touched.numpy()[0, 0], (strips != 0).any(axis=1))
 
 
 def test_flags_of_many_images(device):
@@ -164,12 +164,12 @@ def test_flags_of_many_images(device):
         wp.array([[[1.0], [0.0]], [[0.0], [0.0]], [[1.0], [2.0]]], dtype=wp.float32, device=device),
     ]
     signal = wp.zeros((n_view, 2, *shape), dtype=wp.float32, device=device)
-    lit = wp.zeros((n_view, 2, n_flag(shape[0] * shape[1])), dtype=wp.uint8, device=device)
+    touched = wp.zeros((n_view, 2, n_flag(shape[0] * shape[1])), dtype=wp.uint8, device=device)
     bank = psf_bank([ws.PsfGaussian(0.5)] * 2, wp.get_device(device))
-    launch = bank.deposit(sources, stamp_rule([0.0, 0.0], 1e-3, device), shape[0], signal, lit=lit)
+    launch = bank.deposit(sources, stamp_rule([0.0, 0.0], 1e-3, device), shape[0], signal, touched=touched)
     for _ in range(2):
         launch.run()
-        assert lit.numpy()[..., :5].tolist() == [
+        assert touched.numpy()[..., :5].tolist() == [
             [[1, 1, 0, 0, 0], [0, 0, 0, 0, 0]],
             [[0, 0, 0, 0, 0], [0, 0, 0, 0, 0]],
             [[0, 0, 0, 1, 1], [0, 0, 0, 1, 1]],

@@ -54,7 +54,7 @@ def canvas_functions(simd_width: int) -> CanvasFunctions:
     class Images:
         pixels: wp.array[float]  # (n_image * n_row * n_col,)
         vectors: wp.array[PixelVector]  # the same, with a vector from every pixel on
-        lit: wp.array[wp.uint8]  # (n_image * n_flag,) 1 for a strip that light was added to
+        touched: wp.array[wp.uint8]  # (n_image * n_flag,) 1 for a strip that light was added to
         n_row: int
         n_col: int
         n_row_per_block: int  # rows that one thread owns
@@ -62,9 +62,9 @@ def canvas_functions(simd_width: int) -> CanvasFunctions:
     class Canvas:
         pixels: wp.array[float]  # of all images, flat
         vectors: wp.array[PixelVector]  # the same, with a vector from every pixel on
-        lit: wp.array[wp.uint8]  # flags of all images, flat: 1 for a strip that light was added to
+        touched: wp.array[wp.uint8]  # flags of all images, flat: 1 for a strip that light was added to
         first: int  # index of the image's first pixel in pixels
-        first_strip: int  # index of its first flag in lit
+        first_strip: int  # index of its first flag in touched
         n_row: int
         n_col: int
 
@@ -75,7 +75,7 @@ def canvas_functions(simd_width: int) -> CanvasFunctions:
         canvas = canvas_type()
         canvas.pixels = images.pixels
         canvas.vectors = images.vectors
-        canvas.lit = images.lit
+        canvas.touched = images.touched
         canvas.first = image * images.n_row * images.n_col
         canvas.first_strip = image * flags_of_image(images.n_row * images.n_col)
         canvas.n_row = images.n_row
@@ -101,9 +101,9 @@ def canvas_functions(simd_width: int) -> CanvasFunctions:
             begin = row * canvas.n_col
             strip = canvas.first_strip + ((begin + first) >> STRIP_SHIFT)
             last = canvas.first_strip + ((begin + end - 1) >> STRIP_SHIFT)
-            canvas.lit[last] = wp.uint8(1)
+            canvas.touched[last] = wp.uint8(1)
             while strip < last:
-                canvas.lit[strip] = wp.uint8(1)
+                canvas.touched[strip] = wp.uint8(1)
                 strip += 1
 
     return CanvasFunctions(PixelVector, images_type, canvas_type, canvas_of, mask_between, add_light, flag_strips)

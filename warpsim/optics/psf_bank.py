@@ -43,7 +43,7 @@ class PsfBank(Protocol):
         n_row_per_block: int,
         signal_w_cm2: wp.array,
         paths: Any = None,
-        lit: wp.array | None = None,
+        touched: wp.array | None = None,
     ) -> Launch:
         """Return the launch that adds the light of all sources to signal, shape (n_view, n_band, n_row, n_col).
 
@@ -53,7 +53,7 @@ class PsfBank(Protocol):
             n_row_per_block: Rows that one thread owns.
             signal_w_cm2: Added to.
             paths: The kernels' Paths, how sources move and change during the exposure; None: they do not.
-            lit: Flags, shape (n_view, n_band, n_flag), of strips: set to 1 where light was added.
+            touched: Flags, shape (n_view, n_band, n_flag), of strips: set to 1 where light was added.
         """
 
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
@@ -107,12 +107,12 @@ class GaussianBank:
         n_row_per_block: int,
         signal_w_cm2: wp.array,
         paths: Any = None,
-        lit: wp.array | None = None,
+        touched: wp.array | None = None,
     ) -> Launch:
         """See PsfBank."""
         inputs = [_lists(sources), self.tables, rule, *_movement(paths, signal_w_cm2.device)]
         kernel = self.deposit_kernel(paths is not None)
-        return _deposit(kernel, inputs, GAUSSIAN_SIMD_WIDTH, n_row_per_block, signal_w_cm2, lit)
+        return _deposit(kernel, inputs, GAUSSIAN_SIMD_WIDTH, n_row_per_block, signal_w_cm2, touched)
 
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
         """See PsfBank."""
@@ -162,12 +162,12 @@ class TableBank:
         n_row_per_block: int,
         signal_w_cm2: wp.array,
         paths: Any = None,
-        lit: wp.array | None = None,
+        touched: wp.array | None = None,
     ) -> Launch:
         """See PsfBank."""
         inputs = [_lists(sources), self.tables, rule, *_movement(paths, signal_w_cm2.device)]
         kernel = self.deposit_kernel(paths is not None)
-        return _deposit(kernel, inputs, TABLE_SIMD_WIDTH, n_row_per_block, signal_w_cm2, lit)
+        return _deposit(kernel, inputs, TABLE_SIMD_WIDTH, n_row_per_block, signal_w_cm2, touched)
 
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
         """See PsfBank."""
@@ -262,14 +262,19 @@ def rule_of_band(rule: Any, band: int) -> Any:
 
 
 def _deposit(
-    kernel: wp.Kernel, inputs: list[Any], simd_width: int, n_row_per_block: int, signal: wp.array, lit: wp.array | None
+    kernel: wp.Kernel,
+    inputs: list[Any],
+    simd_width: int,
+    n_row_per_block: int,
+    signal: wp.array,
+    touched: wp.array | None,
 ) -> Launch:
     n_view, n_band, n_row, n_col = signal.shape
-    if lit is None:
-        lit = wp.empty((n_view, n_band, n_flag(n_row * n_col)), dtype=wp.uint8, device=signal.device)
+    if touched is None:
+        touched = wp.empty((n_view, n_band, n_flag(n_row * n_col)), dtype=wp.uint8, device=signal.device)
     images: Any = canvas_functions(simd_width).Images()
     images.pixels = signal.flatten()
-    images.vectors, images.lit = overlapping(images.pixels, simd_width), lit.flatten()
+    images.vectors, images.touched = overlapping(images.pixels, simd_width), touched.flatten()
     images.n_row, images.n_col, images.n_row_per_block = n_row, n_col, n_row_per_block
     return Launch(kernel, (n_view, n_band, -(-n_row // n_row_per_block)), inputs, [images], signal.device)
 

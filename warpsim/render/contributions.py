@@ -109,10 +109,10 @@ class TargetLight:
         """Light of every target over a whole image, shape (n_target, n_row, n_col)."""
         n_target = self.xy_px.shape[1]
         light = np.zeros((n_target, *self.shape), dtype=np.float32)
-        lit = np.flatnonzero(self.irradiance_w_cm2[view, band])
+        bright = np.flatnonzero(self.irradiance_w_cm2[view, band])
         at_a_time = max(1, chunk_bytes // (4 * self.shape[0] * self.shape[1]))
-        for first in range(0, len(lit), at_a_time):
-            target = lit[first : first + at_a_time]
+        for first in range(0, len(bright), at_a_time):
+            target = bright[first : first + at_a_time]
             origin_px = np.zeros((len(target), 2), dtype=np.int64)
             light[target] = self.planes(band, np.full(len(target), view), target, origin_px, self.shape)
         return light
@@ -149,10 +149,10 @@ class TargetLight:
         reach_px = self._reach_px(self.irradiance_w_cm2[view, band, target], band, least_w_cm2)
         xy_px = self.xy_px[view, target]
         margin_px = np.abs(self.offset_px[view, target]).sum(axis=1, dtype=np.float64) + reach_px[:, None]
-        is_lit = (self.irradiance_w_cm2[view, band, target] != 0.0) & ~self.is_behind[view, target]
+        has_light = (self.irradiance_w_cm2[view, band, target] != 0.0) & ~self.is_behind[view, target]
         n_px = np.array(self.shape[::-1])
-        middle = np.where(is_lit[:, None], xy_px, -1e9)
-        margin_px = np.where(is_lit[:, None], margin_px, 0.0)
+        middle = np.where(has_light[:, None], xy_px, -1e9)
+        margin_px = np.where(has_light[:, None], margin_px, 0.0)
         low = np.clip(np.ceil(middle - margin_px - 0.5), 0, n_px).astype(np.int64)
         high = np.clip(np.floor(middle + margin_px + 0.5) + 1, 0, n_px).astype(np.int64)
         return low, high
