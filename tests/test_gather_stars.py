@@ -283,7 +283,7 @@ def assert_stage_is_complete(scene, device, axes, n_star, light, **far_off):
     inputs, views, sources = hand_made_views(world, time_s, axes, world.n_target + len(catalog))
     gather_stars(world, inputs, views, sources).run()
     n_source, star, seen = sources.n_source.numpy(), sources.star.numpy(), views.numpy()
-    np.testing.assert_array_equal(seen["n_wanted"], n_source)
+    np.testing.assert_array_equal(seen["n_required"], n_source)
     lists = [world.stars.index.star_row[star[view, world.n_target : n]] for view, n in enumerate(n_source)]
     position_m, velocity_m_s = seen["position_m"], seen["velocity_m_s"]
     np.testing.assert_allclose(velocity_m_s * scene.sky.aberration, carried, rtol=0, atol=VELOCITY_M_S)

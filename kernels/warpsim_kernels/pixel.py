@@ -36,8 +36,8 @@ def shifted(level: float, deviate: float, rms: float) -> float:
 @wp.func
 def bent(level: float, most: float, loss_per_level: float) -> float:
     """A response that falls short of linear by the fraction level * loss_per_level; the level is at most `most`."""
-    held = wp.min(level, most)
-    return held * (1.0 - held * loss_per_level)
+    clipped_level = wp.min(level, most)
+    return clipped_level * (1.0 - clipped_level * loss_per_level)
 
 
 @wp.func
@@ -68,7 +68,7 @@ def with_uneven_dark(electrons: float, deviate: float, dark_e: float, rms: float
 
 
 @wp.func
-def held(electrons: float, full_well_e: float) -> float:
+def clipped(electrons: float, full_well_e: float) -> float:
     """Electrons that a pixel's well keeps."""
     return wp.min(electrons, full_well_e)
 

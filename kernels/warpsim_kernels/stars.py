@@ -138,7 +138,7 @@ def make_gather_stars_kernel(features: StarFeatures, n_thread: int) -> wp.Kernel
         earth: Earth,
         n_target: int,  # slots already taken by targets
         # in and out
-        views: wp.array[View],  # (n_view,) n_wanted
+        views: wp.array[View],  # (n_view,) n_required
         sources: Sources,  # all but offset_px
     ):
         """Append every star in front of the Earth whose stamp touches the frame, in cell order."""
@@ -173,7 +173,7 @@ def make_gather_stars_kernel(features: StarFeatures, n_thread: int) -> wp.Kernel
                         if wp.static(n_thread == 1):
                             n += 1
         if thread == 0:
-            views[view].n_wanted = n
+            views[view].n_required = n
             sources.n_source[view] = wp.min(n, n_slot)
 
     return gather_stars_kernel

@@ -227,7 +227,7 @@ def streak_of(
 ) -> Streak:
     """The fewest nodes that keep a source's pixels within `error` of its light.
 
-    Where even the largest rule is too short, and where parts longer than longest_panel_px are not wanted, the exposure
+    Where even the largest rule is too short, and where parts longer than longest_panel_px are not allowed, the exposure
     is cut into panels, which divide the light and the error.
     """
     streak = Streak()

@@ -216,10 +216,12 @@ def _border(half_x: float, half_y: float) -> F64:
 
 def _finite_array(name: str, value: Any, shape: tuple[int | None, ...]) -> npt.NDArray[np.float64]:
     array = np.asarray(value, dtype=np.float64)
-    fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
+    fits = array.ndim == len(shape) and all(
+        length in (None, have) for length, have in zip(shape, array.shape, strict=True)
+    )
     if not fits:
-        wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ")"
-        raise InputError(f"must have shape {wanted}", name, array.shape)
+        expected = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ")"
+        raise InputError(f"must have shape {expected}", name, array.shape)
     if not np.isfinite(array).all():
         raise InputError(f"must be finite, got {np.count_nonzero(~np.isfinite(array))} NaN or infinite values", name)
     return array

@@ -132,9 +132,9 @@ def undistorted(distortion: Distortion, limit: float, position: F64) -> F64:
     """The inverse on the tangent plane, shape (n, 2): Newton's method with steps halved until they help."""
     xy = position.copy()
     missed = _continued(distortion, limit, xy) - position
-    wanted = 4e-16 * np.linalg.norm(position, axis=-1)  # a residual that is good enough
+    tolerance = 4e-16 * np.linalg.norm(position, axis=-1)  # a residual that is good enough
     for _ in range(100):
-        todo = np.flatnonzero(np.linalg.norm(missed, axis=-1) > wanted)
+        todo = np.flatnonzero(np.linalg.norm(missed, axis=-1) > tolerance)
         if not len(todo):
             break
         step = -np.linalg.solve(_continued_slopes(distortion, limit, xy[todo]), missed[todo][..., None])[..., 0]
@@ -148,7 +148,7 @@ def undistorted(distortion: Distortion, limit: float, position: F64) -> F64:
             fraction[worse] *= 0.5
         better = todo[~worse]
         xy[better], missed[better] = trial[~worse], left[~worse]
-        wanted[todo[worse]] = np.inf  # rounding is all that is left
+        tolerance[todo[worse]] = np.inf  # rounding is all that is left
     return xy
 
 

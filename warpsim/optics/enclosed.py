@@ -48,8 +48,8 @@ def _of_gaussian(sigma_px: float, fraction: float, pixel_aspect: float) -> float
     low, high = 0.0, 10.0 * sigma_px + max(pixel_aspect, 1.0)
     while high - low > 1e-9 * high:
         middle = 0.5 * (low + high)
-        held = _within(middle, sigma_px, 1.0) * _within(middle, sigma_px, pixel_aspect)
-        low, high = (middle, high) if held < fraction else (low, middle)
+        enclosed = _within(middle, sigma_px, 1.0) * _within(middle, sigma_px, pixel_aspect)
+        low, high = (middle, high) if enclosed < fraction else (low, middle)
     return high
 
 
@@ -82,10 +82,10 @@ def _of_table(table: EpsfTable, fraction: float) -> float:
     across = np.abs(columns) + 0.5 / table.per_px[1]
     distance = np.maximum(down[:, None], across).ravel()
     order = np.argsort(distance, kind="stable")
-    held = np.cumsum(light.ravel()[order])
+    enclosed = np.cumsum(light.ravel()[order])
     distance = distance[order]
     last = np.flatnonzero(np.diff(distance, append=np.inf) > 1e-12)  # cells of one distance come together
-    held, distance = np.maximum.accumulate(held[last]), distance[last]
-    if held[-1] < fraction:
+    enclosed, distance = np.maximum.accumulate(enclosed[last]), distance[last]
+    if enclosed[-1] < fraction:
         return max(float(distance[-1]), _SQUARE_TAIL * table.wing.px3 / aspect / (1.0 - fraction))
-    return float(np.interp(fraction, np.concatenate([[0.0], held]), np.concatenate([[0.0], distance])))
+    return float(np.interp(fraction, np.concatenate([[0.0], enclosed]), np.concatenate([[0.0], distance])))

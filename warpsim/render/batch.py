@@ -191,7 +191,7 @@ def _column_kinds(scene: DeviceBodies, n_view: int) -> list[tuple[tuple[int, ...
         ((n_view, n_target), Observation),
         ((n_view, n_band, n_target), wp.float32),
     ]
-    if scene.streaks.wanted:
+    if scene.streaks.enabled:
         kinds.append(((n_view, n_target, scene.streaks.n_path), wp.vec2))
         kinds.append(((n_view, n_band, n_target, scene.field.n_profile), wp.float32))
     return kinds

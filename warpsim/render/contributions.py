@@ -1,7 +1,7 @@
 """Each target's own light: the images of a frame set once more, every target on a plane of its own.
 
 A plane is drawn as the image was: by the same kernel, from the same numbers, with the same stamps and streaks. So the
-planes of all targets, and the stars, add up to the noiseless image. Where only the pixels above some level are wanted,
+planes of all targets, and the stars, add up to the noiseless image. Where only pixels above some level are required,
 a plane is a patch about the target, which is far smaller than the image.
 """
 
@@ -34,7 +34,7 @@ LEAST_SIDE_PX = 8
 """Of a patch; the sides of larger ones are powers of two, so that few shapes serve all targets."""
 
 MOST_TARGETS = 2**16 - 1
-"""Targets that a mask can tell apart."""
+"""Targets that a mask can distinguish."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class TargetLight:
             upload(self.irradiance_w_cm2[view, band, target][:, None, None], wp.float32),
         ]
         paths = None
-        if scene.streaks.wanted:
+        if scene.streaks.enabled:
             moving = upload(self.offset_px[view, target][:, None], wp.vec2)
             brightness = upload(self._brightness[view, band, target][:, None, None], wp.float32)
             paths = paths_struct(moving, brightness, n_target=1)

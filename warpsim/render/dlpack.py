@@ -1,7 +1,7 @@
 """DLPack capsules of images with any number of axes, on the CPU and on CUDA, without a copy.
 
 Warp's own capsules have at most four axes, and NumPy's are of the CPU only. A capsule is made here by NumPy, over an
-array that stands for the memory and is never read, and is then told where the memory is. So it is NumPy's code, which
+array that stands for the memory and is never read, and then gets the address of the memory. So it is NumPy's code, which
 knows about threads, pending exceptions and the end of the interpreter, that hands the memory back.
 """
 
@@ -114,13 +114,13 @@ def take_released() -> None:
     pinned memory the host waits, as any device may copy from it. This is done here, rather than where the array died,
     as that may be anywhere: in a destructor, or amid the capture of a graph.
     """
-    held = [_released.popleft() for _ in range(len(_released))]
+    arrays = [_released.popleft() for _ in range(len(_released))]
     try:
-        for device in {array.device for array in held if array.device.is_cuda}:
+        for device in {array.device for array in arrays if array.device.is_cuda}:
             come_after_all(device)
-        if any(array.pinned for array in held):
+        if any(array.pinned for array in arrays):
             for device in wp.get_cuda_devices():
                 wp.synchronize_device(device)
     except BaseException:  # as amid the capture of a graph
-        _released.extend(held)
+        _released.extend(arrays)
         raise

@@ -69,7 +69,7 @@ def certain_slots(scene: DeviceScene) -> int | None:
         Targets, and the stars that any cone may hold of the radius which `gather_stars` searches; None where these are
         more than MOST_CERTAIN_STARS, or where views differ in radius, as light moves during the exposure.
     """
-    if scene.streaks.wanted:
+    if scene.streaks.enabled:
         return None
     stars = scene.stars
     n_star = most_stars_in_cone(stars.index.direction_icrs, stars.field.radius_rad)
@@ -85,7 +85,7 @@ def most_views(scene: DeviceScene, n_slot: int, chunk_bytes: int | None = None, 
     slot_bytes = 16 + 4 * scene.n_band + 4  # position, irradiance, star
     if is_read_out_at_once(scene):
         slot_bytes += scene.n_band * wp.types.type_size_in_bytes(scene.psf.spots.Spot)
-    if scene.streaks.wanted:
+    if scene.streaks.enabled:
         slot_bytes += 24 + 8 * scene.streaks.n_path  # direction, movement
     series_bytes = 8 * N_TERM * scene.field.n_profile * scene.n_target
     view_bytes = slot_bytes * n_slot + series_bytes + column_bytes(scene)

@@ -143,7 +143,7 @@ def deposit(scene: DeviceScene, sources: Any, brightness: wp.array | None, signa
     """Signal: the light of all sources, integrated over pixels."""
     lists = [sources.n_source, sources.xy_px, sources.irradiance_w_cm2]
     paths = None
-    if scene.streaks.wanted:
+    if scene.streaks.enabled:
         paths = paths_struct(sources.offset_px, brightness, scene.n_target)
     images = signal.images  # zeros
     n_row_per_block = rows_per_block(scene.device, images.shape[2])
@@ -175,7 +175,7 @@ def read_out(scene: DeviceScene, inputs: Inputs, signal: Signal, counts: wp.arra
 def is_read_out_at_once(scene: DeviceBodies) -> bool:
     """Whether deposit_read_out can stand for deposit and read_out: on CUDA, for still sources and whole strips."""
     camera = scene.instrument.sensor.camera
-    return scene.device.is_cuda and not scene.streaks.wanted and camera.n_row * camera.n_col % STRIP_PIXELS == 0
+    return scene.device.is_cuda and not scene.streaks.enabled and camera.n_row * camera.n_col % STRIP_PIXELS == 0
 
 
 def image_kernels(scene: DeviceBodies, psf: PsfBank, read_out: ReadOut) -> list[tuple[wp.Kernel, int]]:
@@ -183,7 +183,7 @@ def image_kernels(scene: DeviceBodies, psf: PsfBank, read_out: ReadOut) -> list[
     if is_read_out_at_once(scene):
         at_once = make_deposit_read_out_kernel(psf.spots, read_out.features, RUN_THREADS)
         return [(make_find_spots_kernel(psf.spots), THREADS_PER_BLOCK_CUDA), (at_once, RUN_THREADS)]
-    drawn = psf.deposit_kernel(scene.streaks.wanted)
+    drawn = psf.deposit_kernel(scene.streaks.enabled)
     return [(drawn, THREADS_PER_BLOCK_CUDA), (read_out.kernel, TILE_THREADS_CUDA)]
 
 

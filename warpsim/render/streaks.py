@@ -28,7 +28,7 @@ class Streaks:
     """The same for the kernels."""
 
     @property
-    def wanted(self) -> bool:
+    def enabled(self) -> bool:
         """Whether sources move."""
         return self.n_path > 0
 

@@ -167,7 +167,7 @@ def _stamp_parts(scene: DeviceScene, seen: HostColumns) -> tuple[npt.NDArray[np.
     parts = [wp.empty(shape, dtype=wp.float32, device=scene.device) for _ in range(2)]
     if parts[0].size:
         here = seen.columns.to(scene.device)
-        paths = paths_struct(here.offset_px, here.brightness, scene.n_target) if scene.streaks.wanted else None
+        paths = paths_struct(here.offset_px, here.brightness, scene.n_target) if scene.streaks.enabled else None
         xy_px = wp.array(np.ascontiguousarray(seen.observations["xy_px"]), dtype=wp.vec2d, device=scene.device)
         scene.psf.measure_stamps([xy_px, here.irradiance_w_cm2], scene.stamp_rule, parts, paths)
     peak, stamp = (to_numpy(array).astype(np.float64) for array in parts)
