@@ -63,7 +63,7 @@ class GaussianTables:
 
 @wp.func
 def gaussian_blur(sigma_px: wp.vec2) -> Blur:
-    """What the count of a streak's nodes follows from."""
+    """Width and shape that decide the count of a streak's nodes."""
     blur = Blur()
     blur.width_px = sigma_px[0]
     blur.band_limit_per_px = NO_LIMIT

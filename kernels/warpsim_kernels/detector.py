@@ -6,7 +6,7 @@ import warp as wp
 
 
 class ReadOutFeatures(NamedTuple):
-    """What a read-out kernel holds."""
+    """Features of a read-out kernel."""
 
     electrons: bool = False  # in electrons, else in NEI terms
     bad_pixels: bool = False
@@ -20,7 +20,7 @@ class ReadOutFeatures(NamedTuple):
 
     @property
     def pattern(self) -> bool:
-        """Whether anything stays with a pixel from frame to frame."""
+        """Return whether any property stays with a pixel from frame to frame."""
         return self.bad_pixels or self.prnu or self.dsnu
 
 

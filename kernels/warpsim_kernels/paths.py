@@ -1,4 +1,4 @@
-"""How point sources move and change while an exposure lasts.
+"""Movement and change of brightness of point sources during an exposure.
 
 Over the exposure, time runs as t in [-1, 1]. Position and brightness are series of Legendre polynomials in t; a source
 that stands still at constant light has none of them.

@@ -1,4 +1,4 @@
-"""What a detector's pixel does, step by step: small branch-free functions of scalars.
+"""Steps of a detector's pixel: small branch-free functions of scalars.
 
 `wp.tile_map` over each becomes vector instructions on the CPU; a read-out puts those together that a scene needs.
 Struct fields are handed over as scalars, because with a struct the CPU compiler does not vectorise.
@@ -63,7 +63,7 @@ def with_dark(electrons: float, dark_e: float) -> float:
 
 @wp.func
 def with_uneven_dark(electrons: float, deviate: float, dark_e: float, rms: float) -> float:
-    """The same, of a pixel whose dark current differs from the mean by a fraction; it is never negative."""
+    """Mean electrons of a pixel whose dark current differs from the mean by a fraction; it is never negative."""
     return fma(dark_e, wp.max(fma(rms, deviate, 1.0), 0.0), electrons)
 
 

@@ -152,7 +152,7 @@ def table_wing(psf: TablePsf, x_px: float, y_px: float) -> float:
 
 
 class TableFunctions(NamedTuple):
-    """What a kernel needs to read tables by an interpolation of n_point x n_point nodes."""
+    """Functions that read tables by an interpolation of n_point x n_point nodes."""
 
     Nodes: Any
     """Vector of the floats that TABLE_SIMD_WIDTH pixels take at a time: n_point * TABLE_SIMD_WIDTH of a node row."""
@@ -184,7 +184,7 @@ class TableFunctions(NamedTuple):
 
 @functools.cache
 def table_functions(n_point: int) -> TableFunctions:
-    """The functions that interpolate tables by Lagrange's polynomials through n_point nodes per axis.
+    """Return the functions that interpolate tables by Lagrange's polynomials through n_point nodes per axis.
 
     All pixels of a stamp lie alike between the nodes, since there is a whole number of nodes per pixel: the weights are
     those of the source's own pixel, or along dy in a mirrored table, on its other side, the same in reverse.

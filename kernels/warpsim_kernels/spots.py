@@ -15,13 +15,13 @@ from warpsim_kernels.table_layout import TableLayout
 
 
 class SpotFunctions(NamedTuple):
-    """How the sources of one family of point spread functions are drawn."""
+    """Functions that draw the sources of one family of point spread functions."""
 
     Tables: Any
     """Struct: the functions of all bands."""
 
     Spot: Any
-    """Struct: a source in one band. Its field `stamp` says which pixels it is drawn on."""
+    """Struct: a source in one band. Its field `stamp` holds the pixels that it is drawn on."""
 
     spot_of: Any
     """(tables, band, xy_px, irradiance, rule: StampRule, image: Window) -> spot; it has no rows if it does not touch

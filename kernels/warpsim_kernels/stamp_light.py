@@ -1,4 +1,4 @@
-"""How much of a source's light its stamp holds: what truth reports of left-out light."""
+"""Fraction of a source's light within its stamp, from which truth reports left-out light."""
 
 import functools
 import math

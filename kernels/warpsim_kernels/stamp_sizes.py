@@ -1,4 +1,4 @@
-"""How far the stamps of sources reach, for those who look for sources that touch an image."""
+"""Half-widths of stamps, for the search of sources that touch an image."""
 
 import warp as wp
 

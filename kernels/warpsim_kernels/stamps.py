@@ -1,4 +1,4 @@
-"""Which pixels a point source is drawn on: those that a disc about it touches.
+"""Stamps: the pixels that a point source is drawn on, those that a disc about it touches.
 
 The disc's radius, a source's reach, follows from its brightness: a pixel that the disc does not touch holds less of
 the source's light than the rule lets go. Discs, since the wings of a bright source are round.
@@ -15,7 +15,7 @@ ROUND_FROM_PX = wp.constant(4.0)
 
 @wp.struct
 class StampRule:
-    """How much of a source may be left out of its stamp, per pixel: the larger of the two limits."""
+    """Part of a source that may be left out of its stamp, per pixel: the larger of the two limits."""
 
     cut_w_cm2: wp.array[float]  # (n_band,) absolute
     cut_fraction: float  # relative to the source's irradiance
@@ -102,7 +102,7 @@ def clamped(position_px: wp.float64, lowest: int, highest: int) -> int:
 
 @wp.func
 def touches(window: Window, xy_px: wp.vec2d, reach_px: wp.vec2d) -> bool:
-    """Whether a box of half-widths reach_px about a point meets the window; false for a point that is no number."""
+    """Return whether a box of half-widths reach_px about a point meets the window; false for a point that is NaN."""
     half = wp.float64(0.5)
     return (
         xy_px[0] + reach_px[0] >= wp.float64(window.first_column) - half

@@ -38,7 +38,7 @@ class StreakRules:
 
 @wp.struct
 class Blur:
-    """How sharp a point's image is, for the count of nodes."""
+    """Sharpness of a point's image, for the count of nodes."""
 
     width_px: float  # sigma of a Gaussian whose transfer function is nowhere below the image's [pixel widths]
     band_limit_per_px: float  # highest spatial frequency of the image; NO_LIMIT where there is none
@@ -160,7 +160,7 @@ def light_centre_px(paths: Paths, source: Source) -> wp.vec2d:
 
 @wp.func
 def is_streak_near(paths: Paths, source: Source, reach_px: float, aspect: float, window: Window) -> bool:
-    """Whether a disc that follows the path may touch the window."""
+    """Return whether a disc that follows the path may touch the window."""
     box_px = wp.vec2d(wp.float64(reach_px), wp.float64(reach_px / aspect))
     for k in range(paths.offset_px.shape[2]):
         term = paths.offset_px[source.view, source.slot, k]
@@ -201,7 +201,7 @@ def extra_nodes(paths: Paths, source: Source, length_px: float, error: float, bl
 
 @wp.func
 def rule_reaches(rules: StreakRules, error: float, rule: int, length_px: float, blur: Blur) -> bool:
-    """Whether a rule serves a streak of this length."""
+    """Return whether a rule serves a streak of this length."""
     step = int(wp.ceil(-wp.log10(wp.clamp(error, 1.0e-30, 1.0)) * STEPS_PER_DECADE))
     level = wp.min(step, rules.longest.shape[0] - 1)
     return length_px <= rules.longest[level, rule] * blur.width_px or (
@@ -211,7 +211,7 @@ def rule_reaches(rules: StreakRules, error: float, rule: int, length_px: float, 
 
 @wp.func
 def with_rule(streak: Streak, n_node: int, rules: StreakRules) -> Streak:
-    """The same panels with the smallest rule of n_node nodes or more."""
+    """Return the same panels with the smallest rule of n_node nodes or more."""
     rule = int(0)
     while rule < rules.count.shape[0] - 1 and rules.count[rule] < n_node:
         rule += 1

@@ -1,4 +1,4 @@
-"""What tables of patterns hold: polynomials in cells of the source's pixel, or nodes. Needs no Warp."""
+"""Contents of tables of patterns: polynomials in cells of the source's pixel, or nodes. Needs no Warp."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ CELL_DEGREES = (3, 5, 7, 9)
 
 
 class TableLayout(NamedTuple):
-    """What the tables of a kernel hold."""
+    """Contents of the tables of a kernel."""
 
     degree: int
     """Total degree of polynomials in cells, one of CELL_DEGREES; 0: nodes."""

@@ -38,7 +38,7 @@ SAMPLE_MARGIN = 1.2
 ROUNDING_MARGIN = 5e-8
 """Samples may miss the worst offset: see stated_error()."""
 ROUNDING = 2.5e-8
-"""What float32 fractions, weights and sums may add, per point of the interpolation."""
+"""Error that float32 fractions, weights and sums may add, per point of the interpolation."""
 N_REFINE = 6
 
 

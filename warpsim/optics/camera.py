@@ -91,7 +91,7 @@ class Camera:
 
     @property
     def centre_px(self) -> tuple[float, float]:
-        """Where the boresight falls: (x, y) [px]."""
+        """Position of the boresight on the array: (x, y) [px]."""
         return (self.n_col - 1) / 2, (self.n_row - 1) / 2
 
     @property
@@ -143,7 +143,7 @@ class Camera:
         return math.atan((1 + _BULGE) * float(np.linalg.norm(self._tangent(border), axis=1).max()))
 
     def frame_margin_deg(self, direction: npt.ArrayLike) -> F64:
-        """How far directions are within the frame: angle from the nearest edge [deg], negative outside.
+        """Angle of directions from the nearest edge of the frame [deg], positive within, negative outside.
 
         The edges lie on great circles, and the frame is where a direction is on the inner side of all four: outside,
         the margin is that of the circle farthest away, and it is negative behind the camera too. With a distortion it

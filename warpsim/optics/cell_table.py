@@ -28,7 +28,7 @@ BLOCK_PX: int = TABLE_SIMD_WIDTH // 2
 """Pixels from a block of TABLE_SIMD_WIDTH pixels to the next: they overlap, so that a stamp needs few of them."""
 
 ROUNDING = 1e-7
-"""What float32 coefficients, terms and sums may add to an error."""
+"""Error that float32 coefficients, terms and sums may add."""
 
 CORE_PX = 2
 """Pixels to each side of the source's own on which the number of cells is judged."""
@@ -199,7 +199,7 @@ class _Interpolation:
     weight: F64
     """Shape (n_point, cell, step, point)."""
     served: NDArray[np.bool_]
-    """Which pixels the table serves, shape (cell, step)."""
+    """Mask of the pixels that the table serves, shape (cell, step)."""
 
     def of_cell(self, cell: int, first: int) -> _Interpolation:
         """Return that of one of the cells alone, of values from a first node on."""

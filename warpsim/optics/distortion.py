@@ -51,7 +51,7 @@ class Distortion:
 
     @property
     def is_off(self) -> bool:
-        """Whether it changes nothing."""
+        """Whether the distortion changes nothing."""
         return not any((self.k1, self.k2, self.k3, self.p1, self.p2))
 
 
@@ -85,7 +85,7 @@ def slopes(distortion: Distortion, xy: F64) -> F64:
 
 @functools.lru_cache(maxsize=64)
 def checked_radius(distortion: Distortion, half_x: float, half_y: float) -> tuple[float, str]:
-    """How far the polynomial serves an array: radius on the tangent plane, and what is wrong with it ("" if nothing).
+    """Largest radius on the tangent plane that the polynomial serves, and what is wrong with it ("" if nothing).
 
     The array spans half_x and half_y on the distorted plane. The radius is the smallest whose circle lies wholly
     outside the array and its margin. Derivatives that are positive definite on the disc make a gradient one-to-one

@@ -1,4 +1,4 @@
-"""How large the image of a point is: the box about it that holds a given part of the light, pixels included."""
+"""Size of the image of a point: the box about it that encloses a given fraction of the light, pixels included."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _integrated(z: float) -> float:
 
 
 def _of_table(table: EpsfTable, fraction: float) -> float:
-    """By the nodes of a table of pixel fractions, each of which stands for its cell; beyond the table by its wing."""
+    """Sum the nodes of a table of pixel fractions, each for its cell; beyond the table integrate its wing."""
     aspect = table.pixel_aspect
     axes = zip(table.fraction.shape, table.zero, table.per_px, strict=True)
     offset_px = [(np.arange(n_node) - zero) / per_px for n_node, zero, per_px in axes]

@@ -72,7 +72,7 @@ class EpsfTable:
     """Height of a pixel over its width."""
 
     wing: Wing
-    """What P follows beyond the reach."""
+    """Power law of P beyond the reach."""
 
     envelope: NDArray[np.float32]
     """Largest fraction of a pixel wholly outside a disc about the source of radius 0, 1/4, 1/2 ... pixel widths."""

@@ -57,7 +57,7 @@ class PsfBank(Protocol):
         """
 
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
-        """What `deposit` launches, with or without movement during the exposure."""
+        """Return the kernel that `deposit` launches, with or without movement during the exposure."""
 
     @property
     def tables(self) -> Any:

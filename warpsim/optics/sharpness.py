@@ -1,4 +1,4 @@
-"""How sharp images of points are: what the count of nodes along a streak follows from."""
+"""Sharpness of the images of points, which decides the count of nodes along a streak."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ F64 = npt.NDArray[np.float64]
 ERROR_PX = 1e-6
 """The order is the lowest that reaches this."""
 LARGEST_ORDER = 9
-"""Of the SIP convention."""
+"""Largest order in the SIP convention."""
 
 _BEYOND = 1.02
 """The fit takes in so much more than the array."""
@@ -81,7 +81,7 @@ def _grid(node: F64) -> F64:
 
 
 def _to_pinhole_px(camera: Camera, uv: F64) -> F64:
-    """How far the pinhole's positions are from those of the image [px], shape (n, 2)."""
+    """Difference of the pinhole's positions from those of the image [px], shape (n, 2)."""
     seen = camera.direction(uv + camera.centre_px)
     return np.asarray(seen[:, :2] / seen[:, 2:] * [camera.focal_px, camera.focal_row_px] - uv)
 

@@ -65,7 +65,7 @@ def _polynomials(table: CellTable) -> tuple[Any, npt.NDArray[np.float32]]:
 
 
 def by_block(table: EpsfTable) -> tuple[npt.NDArray[np.float32], int]:
-    """A table in the order in which stamps are drawn.
+    """Return a table in the order in which stamps are drawn.
 
     Returns:
         Pixel fractions (n_row, n_block, n_phase, TABLE_SIMD_WIDTH), and the index of the source's own pixel in all
@@ -83,7 +83,7 @@ def by_block(table: EpsfTable) -> tuple[npt.NDArray[np.float32], int]:
 
 
 def overlapping(flat: wp.array, length: int) -> wp.array:
-    """The same memory as an array of vectors of length floats, one from every float on."""
+    """Return the same memory as an array of vectors of `length` floats, one from every float on."""
     return wp.array(
         ptr=flat.ptr,
         dtype=wp.types.vector(length=length, dtype=wp.float32),

@@ -28,7 +28,7 @@ NODE_PART, NODE_POINTS = 0.6, 8
 """Part of the error that the nodes may have to which polynomials are fitted, and their points per axis."""
 
 LARGEST_CELL_BYTES = 24_000_000
-"""Of the polynomials of a pattern."""
+"""Largest size of the polynomials of a pattern."""
 
 FEW_CELLS, MANY_BYTES = 4, 8_000_000
 """So few cells of the fifth degree per pixel that the third may do; so large tables that higher ones may be better."""
@@ -67,7 +67,7 @@ _STORE = _Store()
 
 @dataclass(frozen=True, slots=True)
 class TableAccuracy:
-    """How good tables have to be."""
+    """Accuracy required of tables."""
 
     error: float = DEFAULT_ERROR
     """Largest error per pixel and unit flux."""

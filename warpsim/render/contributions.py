@@ -31,7 +31,7 @@ CHUNK_BYTES = 32 * 2**20
 """Planes drawn at a time, at least one."""
 
 LEAST_SIDE_PX = 8
-"""Of a patch; the sides of larger ones are powers of two, so that few shapes serve all targets."""
+"""Smallest side of a patch; the sides of larger ones are powers of two, so that few shapes serve all targets."""
 
 MOST_TARGETS = 2**16 - 1
 """Targets that a mask can distinguish."""
@@ -42,7 +42,7 @@ class Patches:
     """Planes of some targets, each cut out about its target."""
 
     number: Ints
-    """Which of the targets asked for, shape (n,)."""
+    """Number among the requested targets, shape (n,)."""
     origin_px: Ints
     """Column and row of the first pixel on the array, shape (n, 2); patches lie within the array."""
     light_w_cm2: F32
@@ -158,7 +158,7 @@ class TargetLight:
         return low, high
 
     def _reach_px(self, irradiance_w_cm2: F32, band: int, least_w_cm2: float) -> npt.NDArray[np.int32]:
-        """How far from a target pixels may hold least_w_cm2, shape (n,): as stamps are sized."""
+        """Largest distance from a target at which pixels may hold least_w_cm2, shape (n,): as stamps are sized."""
         scene, n = self._device_scene, len(irradiance_w_cm2)
         if n == 0:
             return np.zeros(0, dtype=np.int32)

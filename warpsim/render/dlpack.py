@@ -1,7 +1,7 @@
 """DLPack capsules of images with any number of axes, on the CPU and on CUDA, without a copy.
 
 Warp's own capsules have at most four axes, and NumPy's are of the CPU only. A capsule is made here by NumPy, over an
-array that stands for the memory and is never read, and then gets the address of the memory. So it is NumPy's code, which
+array that stands for the memory and is never read, and then gets its address. So it is NumPy's code, which
 knows about threads, pending exceptions and the end of the interpreter, that hands the memory back.
 """
 

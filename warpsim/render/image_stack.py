@@ -58,7 +58,7 @@ class ImageStack:
 
     @property
     def device(self) -> wp.Device:
-        """Where the images are."""
+        """Device of the images."""
         return self._array.device
 
     @property

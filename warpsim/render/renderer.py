@@ -241,7 +241,7 @@ class Renderer:
 
     @property
     def stats(self) -> StreamStats | None:
-        """How the latest stream goes, or went; None before the first."""
+        """Statistics of the latest stream, so far; None before the first."""
         return None if self._stream is None else self._stream.stats
 
     def _render(

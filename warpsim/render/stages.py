@@ -72,7 +72,7 @@ def _aim(scene: DeviceBodies, time_s: wp.array, middle_s: wp.array, sensor: wp.a
 def observe_targets(
     scene: DeviceBodies, inputs: Inputs, columns: Columns, sources: Any, area_series: wp.array
 ) -> Stage:
-    """What is seen of each target, and the first source slots: its position and light."""
+    """Observe each target, and fill the first source slots: its position and light."""
     field, n_view = scene.field, len(columns.views)
     launches = [
         Launch(
@@ -173,7 +173,7 @@ def read_out(scene: DeviceScene, inputs: Inputs, signal: Signal, counts: wp.arra
 
 
 def is_read_out_at_once(scene: DeviceBodies) -> bool:
-    """Whether deposit_read_out can stand for deposit and read_out: on CUDA, for still sources and whole strips."""
+    """Return whether deposit_read_out replaces deposit and read_out: on CUDA, for still sources and whole strips."""
     camera = scene.instrument.sensor.camera
     return scene.device.is_cuda and not scene.streaks.enabled and camera.n_row * camera.n_col % STRIP_PIXELS == 0
 

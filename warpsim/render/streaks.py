@@ -16,7 +16,7 @@ from warpsim.legendre import gauss_legendre, series_matrix
 
 @dataclass(frozen=True)
 class Streaks:
-    """How a scene's sources are followed through the exposure; nothing is followed where n_path is 0."""
+    """Instants at which a scene's sources are followed through the exposure; nothing is followed where n_path is 0."""
 
     n_path: int
     """Instants at which positions are found."""

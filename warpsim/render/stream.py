@@ -33,7 +33,7 @@ MOST_LATENCIES = 100_000
 
 @dataclass(frozen=True)
 class StreamStats:
-    """How a stream went, up to now."""
+    """Statistics of a stream, so far."""
 
     n_frame: int
     """Frames handed over."""
@@ -59,19 +59,19 @@ class StreamStats:
 
 @dataclass(frozen=True)
 class Pace:
-    """When frames of a stream are due."""
+    """Times at which frames of a stream are due."""
 
     rate_hz: float | None
     """None: at once."""
     start_s: float
-    """Of the clock, when the first frame is due; infinite until it is ready."""
+    """Time of the clock at which the first frame is due; infinite until it is ready."""
 
     def due_s(self, index: int) -> float:
-        """When a frame is due."""
+        """Time at which a frame is due."""
         return self.start_s + index / self.rate_hz if self.rate_hz else -math.inf
 
     def over(self, index: int, now_s: float) -> bool:
-        """Whether a frame's time is over."""
+        """Return whether a frame's time is over."""
         return self.rate_hz is not None and now_s > self.due_s(index + 1)
 
 
@@ -115,7 +115,7 @@ class Stream:
 
     @property
     def stats(self) -> StreamStats:
-        """How it went, up to now."""
+        """Statistics, so far."""
         with self._changed:
             latency_s = np.array(self._latency_s) if self._latency_s else np.array([math.nan])
             p50, p99 = np.percentile(latency_s, [50, 99])
