@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 from warpsim_kernels.psf import (
-    TABLE_LANE,
+    TABLE_SIMD_WIDTH,
     TablePsf,
-    gaussian_pixel_share,
+    gaussian_pixel_fraction,
     gaussian_reach_px,
     table_functions,
     table_reach_px,
@@ -31,7 +31,7 @@ from warpsim_kernels.stamps import (
 
 import warpsim as ws
 from warpsim.optics.table_upload import overlapping, upload_tables
-from warpsim.optics.tables import share_table
+from warpsim.optics.tables import epsf_table
 
 QUANTUM = 2.0**-40
 """Of fixed-point sums, where the brightest source has the irradiance 1: 8e6 of them fit, and 1e-12 of one shows."""
@@ -41,43 +41,43 @@ QUANTUM = 2.0**-40
 def make_add_stamp(n_point: int, sum_type: Any, scatters: bool) -> wp.Function:
     """The function that adds a stamp to an image of sums: float32, float64, or int64 in units of QUANTUM."""
     read = table_functions(n_point)
-    nodes_type, place_in, row_in, pixel_shares = read.Nodes, read.place_in, read.row_in, read.shares
-    lanes_type = wp.types.vector(length=TABLE_LANE, dtype=wp.float32)
+    nodes_type, offset_in, row_in, pixel_fractions = read.Nodes, read.offset_in, read.row_in, read.fractions
+    vector_type = wp.types.vector(length=TABLE_SIMD_WIDTH, dtype=wp.float32)
     fixed_point = sum_type is wp.int64
 
     @wp.func
     def add_stamp(
         image: wp.array2d[sum_type],
-        place_px: wp.vec2d,
+        position_px: wp.vec2d,
         strength: float,
         psf: TablePsf,
         nodes: wp.array[nodes_type],
         stamp: Stamp,
     ):
-        place = place_in(wp.float64(stamp.column) - place_px[0], wp.float64(stamp.row) - place_px[1], psf)
-        shares = lanes_type()
+        offset = offset_in(wp.float64(stamp.column) - position_px[0], wp.float64(stamp.row) - position_px[1], psf)
+        fractions = vector_type()
         for row in range(stamp.window.first_row, stamp.window.end_row):
-            in_row = row_in(place, row - stamp.row, psf)
+            in_row = row_in(offset, row - stamp.row, psf)
             columns = columns_of_row(stamp, row)
             served = wp.int32(-1)
             for column in range(columns[0], columns[1]):
                 step = column - stamp.column
-                share = wp.float32(0.0)
-                if in_row.first < 0 or step < place.first_step or step >= place.end_step:
-                    share = table_wing(psf, place.dx_px + float(step), in_row.distance_px)
+                fraction = wp.float32(0.0)
+                if in_row.first < 0 or step < offset.first_step or step >= offset.end_step:
+                    fraction = table_wing(psf, offset.dx_px + float(step), in_row.distance_px)
                 else:
-                    block = (psf.zero_pixel + step) // TABLE_LANE
+                    block = (psf.zero_pixel + step) // TABLE_SIMD_WIDTH
                     if block != served:
-                        shares = pixel_shares(nodes, psf, place, in_row, block)
+                        fractions = pixel_fractions(nodes, psf, offset, in_row, block)
                         served = block
-                    share = shares[psf.zero_pixel + step - block * TABLE_LANE]
+                    fraction = fractions[psf.zero_pixel + step - block * TABLE_SIMD_WIDTH]
                 if wp.static(fixed_point):
-                    light = wp.float64(strength) * wp.float64(share)
+                    light = wp.float64(strength) * wp.float64(fraction)
                     wp.atomic_add(image, row, column, wp.int64(wp.round(light * wp.static(wp.float64(1.0 / QUANTUM)))))
                 elif wp.static(scatters):
-                    wp.atomic_add(image, row, column, strength * share)
+                    wp.atomic_add(image, row, column, strength * fraction)
                 else:
-                    image[row, column] += sum_type(strength) * sum_type(share)
+                    image[row, column] += sum_type(strength) * sum_type(fraction)
 
     return add_stamp
 
@@ -154,9 +154,9 @@ class Variant:
     """
 
     def __init__(self, name: str, psf: ws.PsfAiry, shape: tuple[int, int], device: Any, n_row_per_block: int) -> None:
-        table = share_table(psf)
+        table = epsf_table(psf)
         self._psf, self._table = upload_tables([table], device)
-        self._nodes = overlapping(self._table, table.n_point * TABLE_LANE)
+        self._nodes = overlapping(self._table, table.n_point * TABLE_SIMD_WIDTH)
         self._gathers, self._fixed = name.startswith("gather"), name.endswith("fixed point")
         real = wp.float64 if name.endswith("float64") else wp.float32
         if self._gathers:
@@ -181,7 +181,7 @@ class Variant:
         return np.asarray(self.image.numpy(), dtype=np.float64) * (QUANTUM if self._fixed else 1.0)
 
 
-ManyShares = wp.types.vector(length=32, dtype=wp.float32)
+ManyFractions = wp.types.vector(length=32, dtype=wp.float32)
 
 
 @wp.kernel(enable_backward=False)
@@ -195,20 +195,20 @@ def error_function_kernel(
     image: wp.array2d[float],  # (n_row, n_col)
 ):
     """Gaussians by error functions at the edges of pixels, pixel by pixel."""
-    shares = ManyShares()
+    fractions = ManyFractions()
     sigma = wp.vec2(sigma_px, sigma_px)
     window = whole_image(image.shape[0], image.shape[1])
     for source in range(xy_px.shape[0]):
-        place_px = xy_px[source]
+        position_px = xy_px[source]
         reach_px = gaussian_reach_px(sigma, stamp_cut(irradiance[source], 0, rule))
-        stamp = stamp_around(place_px, reach_px, 1.0, window)
+        stamp = stamp_around(position_px, reach_px, 1.0, window)
         columns = columns_of_row(stamp, stamp.row)
         for column in range(columns[0], columns[1]):
-            shares[column - columns[0]] = gaussian_pixel_share(wp.float64(column) - place_px[0], sigma_px)
+            fractions[column - columns[0]] = gaussian_pixel_fraction(wp.float64(column) - position_px[0], sigma_px)
         for row in range(stamp.window.first_row, stamp.window.end_row):
-            light = irradiance[source] * gaussian_pixel_share(wp.float64(row) - place_px[1], sigma_px)
+            light = irradiance[source] * gaussian_pixel_fraction(wp.float64(row) - position_px[1], sigma_px)
             for column in range(columns[0], columns[1]):
-                image[row, column] = image[row, column] + light * shares[column - columns[0]]
+                image[row, column] = image[row, column] + light * fractions[column - columns[0]]
 
 
 def draw_by_error_functions(xy_px: wp.array, irradiance: wp.array, sigma_px: float, rule: Any, image: wp.array) -> None:

@@ -95,7 +95,7 @@ def cuda_stages(scene: DeviceScene) -> list[Stage]:
     camera, streaks = scene.instrument.sensor.camera, scene.streaks
     shape = (N_VIEW, scene.n_band, camera.n_row, camera.n_col)
     signal, counts = new_signal(shape, scene.device), wp.empty(shape, dtype=wp.uint16, device=scene.device)
-    exposure = new_exposure(scene.device, streaks.offset_s, N_VIEW) if streaks.wanted else None
+    exposure = new_exposure(scene.device, streaks.offset_s, N_VIEW) if streaks.enabled else None
     cuda: Any = dataclasses.replace(scene, device=STAND_IN)
     spots = new_spots(scene, N_VIEW, N_SLOT)
     with mock.patch.object(wp, "launch"), mock.patch.object(wp, "launch_tiled"):

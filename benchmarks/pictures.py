@@ -61,11 +61,15 @@ def plot_star_query(cases: list[Case], path: Path) -> None:
 
 
 def plot_deposit(cases: list[Case], path: Path) -> None:
-    """Draw time per source against the error of the worst pixel: ways to find shares, stamps, streaks."""
+    """Draw time per source against the error of the worst pixel: ways to find pixel fractions, stamps, streaks."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(16, 5), layout="constrained")
-    panels = {"shares": "how shares are found", "stamps": "where stamps end", "streak": "nodes along streaks"}
+    panels = {
+        "fractions": "how pixel fractions are found",
+        "stamps": "where stamps end",
+        "streak": "nodes along streaks",
+    }
     others = [c for c in cases if not any(word in c["group"] for word in panels)]
     columns = [*panels.items(), *([("", "how light is added up")] if others else [])]
     for axes, (word, title) in zip(figure.subplots(1, len(columns)), columns, strict=True):
@@ -73,10 +77,10 @@ def plot_deposit(cases: list[Case], path: Path) -> None:
         for label in sorted({_line(c) for c in shown}):
             line = [(max(c["deposit_error"], 1e-13), c["ns_per_source"]) for c in shown if _line(c) == label]
             axes.loglog(*zip(*sorted(line), strict=True), "o-" if word else "o", label=label)
-        axes.set(xlabel="error of the worst pixel, share of the light", ylabel="ns per source", title=title)
+        axes.set(xlabel="error of the worst pixel, fraction of the light", ylabel="ns per source", title=title)
         axes.margins(y=0.35 if word != "stamps" else 0.1)
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=6, ncols=2 if word == "shares" else 1, loc="upper right")
+        axes.legend(fontsize=6, ncols=2 if word == "fractions" else 1, loc="upper right")
     figure.savefig(path, dpi=130)
 
 
@@ -86,7 +90,7 @@ def _line(case: Case) -> str:
         return f"{case['way']}, {case['group'].removeprefix('sums of ')}"
     kind = case["group"].partition(",")[0]
     way = case["way"].rpartition(", ")[0] or case["way"]
-    return f"{kind}, {way}" if "shares" in case["group"] else case["group"]
+    return f"{kind}, {way}" if "fractions" in case["group"] else case["group"]
 
 
 def plot_read_out(cases: list[Case], path: Path) -> None:
@@ -177,7 +181,7 @@ def plot_peers(cases: list[Case], path: Path) -> None:
 
 
 def plot_stages(cases: list[Case], path: Path) -> None:
-    """Draw the share of each stage in the time of an image."""
+    """Draw the fraction of each stage in the time of an image."""
     from matplotlib.figure import Figure
 
     cases = sorted(cases, key=lambda c: (c["device"], c["psf"], c["n_star"], c["n_pixel"]), reverse=True)

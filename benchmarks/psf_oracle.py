@@ -16,21 +16,21 @@ def psf_error(psf: ws.PsfGaussian | ws.PsfAiry, device: str = "cpu") -> float:
     for dx, dy in [(0.0, 0.0), (0.31, -0.27), (0.5, 0.5), (-0.44, 0.12)]:
         image = ws.deposit([[8 + dx, 8 + dy]], [1.0], psf, (17, 17), device=device).astype(np.float64)
         for row, column in itertools.product(range(5, 12), repeat=2):
-            exact = pixel_share(psf, column - 8 - dx, row - 8 - dy)
+            exact = pixel_fraction(psf, column - 8 - dx, row - 8 - dy)
             worst = max(worst, abs(image[row, column] - exact))
     return worst
 
 
-def pixel_share(psf: ws.PsfGaussian | ws.PsfAiry, x: float, y: float) -> float:
-    """Share of a unit source in the pixel at offset (x, y)."""
+def pixel_fraction(psf: ws.PsfGaussian | ws.PsfAiry, x: float, y: float) -> float:
+    """Fraction of a unit source in the pixel at offset (x, y)."""
     if isinstance(psf, ws.PsfAiry):
-        return sum(part * airy_share(radius, x, y) for radius, part in zip(psf.radii_px, psf.parts, strict=True))
+        return sum(part * airy_fraction(radius, x, y) for radius, part in zip(psf.radii_px, psf.parts, strict=True))
     a = np.array([x - 0.5, x + 0.5, y - 0.5, y + 0.5]) / (psf.sigma_px * np.sqrt(2))
     return float((erf(a[1]) - erf(a[0])) * (erf(a[3]) - erf(a[2])) / 4)
 
 
-def airy_share(radius_px: float, x: float, y: float) -> float:
-    """Share of a unit Airy pattern of one wavelength in the pixel at offset (x, y)."""
+def airy_fraction(radius_px: float, x: float, y: float) -> float:
+    """Fraction of a unit Airy pattern of one wavelength in the pixel at offset (x, y)."""
     node, weight = np.polynomial.legendre.leggauss(16)
     # Panels no longer than the core is wide, bounded at the source, where the pattern bends most.
     panels = [

@@ -3,12 +3,12 @@
     python -m pytest benchmarks/test_deposit.py --benchmark-json=benchmarks/results/deposit.json
     python benchmarks/report.py benchmarks/results/deposit.json --plot deposit.png
 
-The deposit alone, one thread, thousands of sources at random places of one image; launches are recorded, so that no
-Python is timed. Ways to draw: a Gaussian by tables of one axis and by error functions, share tables of several orders
-and errors, and polynomials of several degrees, for Gaussian and Airy patterns; stamps that leave out more or less; few
-and many sources; streaks by more or fewer nodes; sums in float32, float64 and fixed point. The error is that of the
-worst pixel of single sources of unit light at random places, against float64 quadrature written here; of sums, that of
-the worst pixel of a crowd, as a share of the brightest one.
+The deposit alone, one thread, thousands of sources at random positions of one image; launches are recorded, so that no
+Python is timed. Ways to draw: a Gaussian by tables of one axis and by error functions, effective PSF tables of several
+orders and errors, and polynomials of several degrees, for Gaussian and Airy patterns; stamps that leave out more or
+less; few and many sources; streaks by more or fewer nodes; sums in float32, float64 and fixed point. The error is that
+of the worst pixel of single sources of unit light at random positions, against float64 quadrature written here; of
+sums, that of the worst pixel of a crowd, as a fraction of the brightest one.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from warpsim_kernels.strips import n_flag
 
 import warpsim as ws
 from benchmarks.deposit_variants import VARIANTS, Variant, draw_by_error_functions
-from benchmarks.psf_oracle import pixel_share
+from benchmarks.psf_oracle import pixel_fraction
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
 from warpsim.optics.tables import TableAccuracy
 from warpsim.render.device import rows_per_block
@@ -45,8 +45,8 @@ PRODUCT = "gather float32 by vectors, the product"
 
 def gaussian_image() -> ws.PsfTable:
     """The Gaussian as samples of a user."""
-    place = np.arange(-6 * GAUSSIAN_IMAGE_STEP, 6 * GAUSSIAN_IMAGE_STEP + 1) / GAUSSIAN_IMAGE_STEP
-    profile = np.exp(-0.5 * (place / SIGMA_PX) ** 2)
+    position = np.arange(-6 * GAUSSIAN_IMAGE_STEP, 6 * GAUSSIAN_IMAGE_STEP + 1) / GAUSSIAN_IMAGE_STEP
+    profile = np.exp(-0.5 * (position / SIGMA_PX) ** 2)
     return ws.PsfTable(np.outer(profile, profile), GAUSSIAN_IMAGE_STEP)
 
 
@@ -81,7 +81,7 @@ class Drawing:
             wp.array(np.ones((1, 1, n)), dtype=wp.float32, device=device),
         ]
         self.signal = wp.zeros((1, 1, N_PIXEL, N_PIXEL), dtype=wp.float32, device=device)
-        self.lit = wp.zeros((1, 1, n_flag(N_PIXEL * N_PIXEL)), dtype=wp.uint8, device=device)
+        self.touched = wp.zeros((1, 1, n_flag(N_PIXEL * N_PIXEL)), dtype=wp.uint8, device=device)
         self.paths = None
         if path_px is not None:
             series = np.broadcast_to(np.asarray(path_px, np.float32), (1, n, len(path_px), 2))
@@ -91,7 +91,7 @@ class Drawing:
     def draw(self) -> None:
         """Add the light of the sources to the image."""
         n_row_per_block = rows_per_block(self.device, N_PIXEL)
-        self.bank.deposit(self.sources, self.rule, n_row_per_block, self.signal, self.paths, self.lit).run()
+        self.bank.deposit(self.sources, self.rule, n_row_per_block, self.signal, self.paths, self.touched).run()
 
     def __call__(self) -> Any:
         """The image, float64."""
@@ -100,15 +100,15 @@ class Drawing:
         return self.signal.numpy()[0, 0].astype(np.float64)
 
 
-def places(n: int) -> Any:
-    """Random places away from the image's edges."""
+def random_positions(n: int) -> Any:
+    """Random positions away from the image's edges."""
     return np.random.default_rng(271).uniform(MARGIN, N_PIXEL - MARGIN, (n, 2))
 
 
 def worst_pixel(psf: Any, accuracy: TableAccuracy | None, rule: Any, path_px: Any = None, reach: int = 6) -> float:
     """Largest error of a pixel, of single sources."""
     worst = 0.0
-    for xy_px in places(N_CHECKED):
+    for xy_px in random_positions(N_CHECKED):
         image = Drawing(psf, accuracy, xy_px[None], rule, path_px)()
         worst = max(worst, error_near(image, psf, xy_px, reach, path_px))
     return worst
@@ -119,19 +119,19 @@ def error_near(image: Any, psf: Any, xy_px: Any, reach: int, path_px: Any = None
     middle = np.round(xy_px).astype(int)
     near = range(-reach, reach + 1)
     pixels = [(middle[0] + dx, middle[1] + dy) for dy in near for dx in near]
-    exact = [exact_share(psf, column - xy_px[0], row - xy_px[1], path_px) for column, row in pixels]
+    exact = [exact_fraction(psf, column - xy_px[0], row - xy_px[1], path_px) for column, row in pixels]
     found = [image[row, column] for column, row in pixels]
     return float(np.abs(np.subtract(found, exact)).max())
 
 
-def exact_share(psf: Any, dx: float, dy: float, path_px: Any = None) -> float:
-    """Share of the pixel at an offset from the source, or of a straight, even streak about it."""
+def exact_fraction(psf: Any, dx: float, dy: float, path_px: Any = None) -> float:
+    """Fraction of the pixel at an offset from the source, or of a straight, even streak about it."""
     if path_px is not None:
         t = (np.arange(10_000) + 0.5) / 5000 - 1
         x, y = dx - path_px[1][0] * t, dy - path_px[1][1] * t
         return float((gaussian_axis(x) * gaussian_axis(y)).mean())
     if isinstance(psf, ws.PsfAiry):
-        return pixel_share(psf, dx, dy)
+        return pixel_fraction(psf, dx, dy)
     return float(gaussian_axis(dx) * gaussian_axis(dy))
 
 
@@ -162,12 +162,12 @@ def test_ways(benchmark, way, device):
     psf, accuracy = WAYS[way]
     # The same stamps for all: 7 x 7 pixels hold what is above 1e-5 of a source's light, or nearly so.
     rule = stamp_rule([0.0], 1e-5, device)
-    if timed(benchmark, Drawing(psf, accuracy, places(N_SOURCE), rule).draw, device):
+    if timed(benchmark, Drawing(psf, accuracy, random_positions(N_SOURCE), rule).draw, device):
         kind, _, how = way.partition(", ")
         fine = stamp_rule([0.0], 1e-9, device)
         benchmark.extra_info.update(
             device=device,
-            group=f"{kind}, shares",
+            group=f"{kind}, pixel fractions",
             way=how,
             ns_per_source=ns_per_source(benchmark),
             deposit_error=worst_pixel(psf, accuracy, fine, reach=4),
@@ -177,17 +177,17 @@ def test_ways(benchmark, way, device):
 def test_error_functions(benchmark, device):
     """The same Gaussian stamps without tables or vectors."""
     rule = stamp_rule([0.0], 1e-5, device)
-    lists = Drawing(ws.PsfGaussian(SIGMA_PX), None, places(N_SOURCE), rule).sources
+    lists = Drawing(ws.PsfGaussian(SIGMA_PX), None, random_positions(N_SOURCE), rule).sources
     xy_px, irradiance, image = lists[1][0], lists[2][0, 0], wp.zeros((N_PIXEL, N_PIXEL), dtype=float, device=device)
     if timed(benchmark, lambda: draw_by_error_functions(xy_px, irradiance, SIGMA_PX, rule, image), device):
         fine, worst = stamp_rule([0.0], 1e-9, device), 0.0
-        for place in places(N_CHECKED):
-            one = wp.array(place[None], dtype=wp.vec2d, device=device)
+        for position in random_positions(N_CHECKED):
+            one = wp.array(position[None], dtype=wp.vec2d, device=device)
             draw_by_error_functions(one, irradiance[:1], SIGMA_PX, fine, image)
-            worst = max(worst, error_near(image.numpy(), ws.PsfGaussian(SIGMA_PX), place, 4))
+            worst = max(worst, error_near(image.numpy(), ws.PsfGaussian(SIGMA_PX), position, 4))
         benchmark.extra_info.update(
             device=device,
-            group="Gaussian, shares",
+            group="Gaussian, pixel fractions",
             way="error functions",
             ns_per_source=ns_per_source(benchmark),
             deposit_error=worst,
@@ -199,7 +199,7 @@ def test_error_functions(benchmark, device):
 def test_number_of_sources(benchmark, name, n_source, device):
     """Time grows with the number of sources, and with nothing else."""
     psf, rule = ws.PsfGaussian(SIGMA_PX) if name == "Gaussian" else AIRY, stamp_rule([0.0], 1e-3, device)
-    if timed(benchmark, Drawing(psf, None, places(n_source), rule).draw, device):
+    if timed(benchmark, Drawing(psf, None, random_positions(n_source), rule).draw, device):
         benchmark.extra_info.update(
             device=device,
             group=f"{name}, number of sources",
@@ -214,17 +214,17 @@ def test_number_of_sources(benchmark, name, n_source, device):
 def test_stamp_rules(benchmark, name, cut, device):
     psf = ws.PsfGaussian(SIGMA_PX) if name == "Gaussian" else AIRY
     rule = stamp_rule([0.0], cut, device)
-    drawing = Drawing(psf, None, places(N_SOURCE), rule)
+    drawing = Drawing(psf, None, random_positions(N_SOURCE), rule)
     if timed(benchmark, drawing.draw, device):
-        shares = [wp.empty((1, 1, N_SOURCE), dtype=wp.float32, device=device) for _ in range(2)]
-        drawing.bank.measure_stamps(drawing.sources[1:], rule, shares)
+        fractions = [wp.empty((1, 1, N_SOURCE), dtype=wp.float32, device=device) for _ in range(2)]
+        drawing.bank.measure_stamps(drawing.sources[1:], rule, fractions)
         benchmark.extra_info.update(
             device=device,
             group=f"{name}, stamps",
             way=f"cut at {cut:g} of the light per pixel",
             ns_per_source=ns_per_source(benchmark),
             deposit_error=worst_pixel(psf, None, rule),
-            left_out=float(1 - shares[1].numpy().mean()),
+            left_out=float(1 - fractions[1].numpy().mean()),
         )
 
 
@@ -232,7 +232,7 @@ def test_stamp_rules(benchmark, name, cut, device):
 def test_streaks(benchmark, error, device):
     psf, path_px = ws.PsfGaussian(SIGMA_PX), [(0.0, 0.0), (0.4 * STREAK_PX, 0.3 * STREAK_PX)]
     rule = stamp_rule([0.0], 1e-6, device, error)
-    if timed(benchmark, Drawing(psf, None, places(N_SOURCE), rule, path_px).draw, device):
+    if timed(benchmark, Drawing(psf, None, random_positions(N_SOURCE), rule, path_px).draw, device):
         benchmark.extra_info.update(
             device=device,
             group=f"Gaussian, streak of {STREAK_PX:g} px",

@@ -30,20 +30,20 @@ N_TURN = 15
 
 
 @wp.kernel(enable_backward=False)
-def light_all_kernel(lit: wp.array[wp.uint8]):
-    lit[wp.tid()] = wp.uint8(1)
+def touch_all_kernel(touched: wp.array[wp.uint8]):
+    touched[wp.tid()] = wp.uint8(1)
 
 
-def deposit_and_light_all(scene: DeviceScene, sources: Any, brightness: wp.array | None, signal: Signal) -> Stage:
+def deposit_and_touch_all(scene: DeviceScene, sources: Any, brightness: wp.array | None, signal: Signal) -> Stage:
     """A deposit after which no strip counts as dark."""
-    stage, lit = stages.deposit(scene, sources, brightness, signal), signal.lit.flatten()
-    light_all = Launch(light_all_kernel, (lit.size,), [], [lit], scene.device)
-    return Stage(stage.name, stage.n_view, [*stage.launches, light_all])
+    stage, touched = stages.deposit(scene, sources, brightness, signal), signal.touched.flatten()
+    touch_all = Launch(touch_all_kernel, (touched.size,), [], [touched], scene.device)
+    return Stage(stage.name, stage.n_view, [*stage.launches, touch_all])
 
 
 # What is done, and how it is left out: what to change while a renderer makes its pipelines, or an argument of it.
 SAVINGS: dict[str, tuple[tuple[Any, str, Any] | None, dict[str, Any]]] = {
-    "dark strips are not read": ((pipeline, "deposit", deposit_and_light_all), {}),
+    "dark strips are not read": ((pipeline, "deposit", deposit_and_touch_all), {}),
     "images few at a time": ((schedule, "SIGNAL_BYTES_AT_A_TIME", 2**62), {}),
     "memory of results used again": (None, {"pool_bytes": 0}),
 }

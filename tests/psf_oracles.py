@@ -11,8 +11,8 @@ FIRST_DARK_RING = special.jn_zeros(1, 1)[0] / np.pi
 ORACLE_ATOL = 1e-11
 
 
-def airy_share(dx_px, dy_px, radius_px, obscuration, order, aspect=1.0):
-    """Share of one pixel by a tensor Gauss-Legendre rule of the given order on the diffraction pattern."""
+def airy_fraction(dx_px, dy_px, radius_px, obscuration, order, aspect=1.0):
+    """Fraction of one pixel by a tensor Gauss-Legendre rule of the given order on the diffraction pattern."""
     lamf_px = radius_px / FIRST_DARK_RING
     node, weight = np.polynomial.legendre.leggauss(order)
     r_px = np.hypot(dx_px + 0.5 * node, aspect * (dy_px + 0.5 * node)[:, None])
@@ -24,13 +24,13 @@ def airy_share(dx_px, dy_px, radius_px, obscuration, order, aspect=1.0):
     return float(0.25 * aspect * weight @ irradiance @ weight)
 
 
-def converged_airy_share(dx_px, dy_px, radius_px, obscuration, aspect=1.0):
+def converged_airy_fraction(dx_px, dy_px, radius_px, obscuration, aspect=1.0):
     """Raise the order until two rules agree."""
     order = 24 + int(2.0 * max(1.0, aspect) / radius_px)
-    coarse = airy_share(dx_px, dy_px, radius_px, obscuration, order, aspect)
+    coarse = airy_fraction(dx_px, dy_px, radius_px, obscuration, order, aspect)
     while True:
         order += 16
-        fine = airy_share(dx_px, dy_px, radius_px, obscuration, order, aspect)
+        fine = airy_fraction(dx_px, dy_px, radius_px, obscuration, order, aspect)
         if abs(fine - coarse) < ORACLE_ATOL:
             return fine
         coarse = fine
@@ -55,8 +55,8 @@ def annulus_transfer(x, eps):
     return (disk_transfer(x) + inner + cross) / (1.0 - eps**2)
 
 
-def shares_by_spectrum(offsets_px, radii_px, weights, obscuration, smear_px, aspect, n_node=280, n_angle=220):
-    """Shares at offsets (dx [px], dy [pixel heights]) by the Fourier integral over the frequency plane."""
+def fractions_by_spectrum(offsets_px, radii_px, weights, obscuration, smear_px, aspect, n_node=280, n_angle=220):
+    """Fractions at offsets (dx [px], dy [pixel heights]) by the Fourier integral over the frequency plane."""
     node, gauss = np.polynomial.legendre.leggauss(n_node)
     turn, turn_gauss = np.polynomial.legendre.leggauss(n_angle)
     angle, angle_weight = 0.25 * np.pi * (1.0 + turn), 0.25 * np.pi * turn_gauss

@@ -72,7 +72,7 @@ def read_out(
         n_image, n_pixel = n_view * n_band, n_row * n_col
         n_strip = -(-n_pixel // STRIP_PIXELS)
         reads = [inputs.frame, inputs.sensor, world.band_id, world.read_out.detector, 0, n_strip, 0, 0]
-        reads.append(signal.lit.flatten())
+        reads.append(signal.touched.flatten())
         writes = [counts.reshape((n_image, n_pixel)), signal.images.reshape((n_image, n_pixel))]
         dim = [n_image * -(-n_strip // STRIPS_PER_BLOCK)]
         wp.launch_tiled(world.read_out.rest_kernel, dim=dim, inputs=reads, outputs=writes, block_dim=64, device=device)
@@ -105,7 +105,7 @@ def lit_everywhere(light, device):
     """Signal of any images, every strip of them flagged."""
     signal = new_signal(light.shape, device)
     signal.images.assign(np.asarray(light, dtype=np.float32))
-    signal.lit.fill_(1)
+    signal.touched.fill_(1)
     return signal
 
 

@@ -23,8 +23,8 @@ def even_times(n=10_000):
     return (2 * np.arange(n) + 1) / n - 1, np.full(n, 1 / n)
 
 
-def axis_shares(position_px, n_pixel, sigma_px):
-    """Shares of n_pixel columns (or rows) of a unit Gaussian at each position, shape (n, n_pixel)."""
+def axis_fractions(position_px, n_pixel, sigma_px):
+    """Fractions of n_pixel columns (or rows) of a unit Gaussian at each position, shape (n, n_pixel)."""
     edge = (np.arange(n_pixel + 1) - 0.5 - np.asarray(position_px)[:, None]) / sigma_px
     left, right = edge[:, :-1], edge[:, 1:]
     # Differences of the smaller tail keep their leading digits.
@@ -36,10 +36,10 @@ def gaussian_streak(xy_px, movement_px, brightness, sigma_px, shape, times, aspe
     t, weight = times
     image = np.zeros(shape)
     for part in np.array_split(np.arange(len(t)), max(1, len(t) // 5000)):
-        place = np.asarray(xy_px) + legendre(movement_px, t[part])
-        rows = axis_shares(place[:, 1], shape[0], sigma_px / aspect)
+        position = np.asarray(xy_px) + legendre(movement_px, t[part])
+        rows = axis_fractions(position[:, 1], shape[0], sigma_px / aspect)
         rows *= (weight[part] * legendre(brightness, t[part]))[:, None]
-        image += rows.T @ axis_shares(place[:, 0], shape[1], sigma_px)
+        image += rows.T @ axis_fractions(position[:, 0], shape[1], sigma_px)
     return image
 
 
@@ -68,8 +68,8 @@ def airy_streak(xy_px, movement_px, brightness, radius_px, obscuration, shape, t
     transfer = disc_overlap(2 * frequency, 1, 1) - 2 * disc_overlap(2 * frequency, 1, obscuration)
     transfer = (transfer + disc_overlap(2 * frequency, obscuration, obscuration)) / (np.pi * (1 - obscuration**2))
     transfer *= np.sinc(number / period_px) * np.sinc(number / period_px)[:, None]
-    place = np.asarray(xy_px) + legendre(movement_px, t)
-    waves = [np.exp(-2j * np.pi / period_px * np.outer(place[:, axis], number)) for axis in (0, 1)]
+    position = np.asarray(xy_px) + legendre(movement_px, t)
+    waves = [np.exp(-2j * np.pi / period_px * np.outer(position[:, axis], number)) for axis in (0, 1)]
     field = transfer * (waves[1].T @ (waves[0] * (weight * legendre(brightness, t))[:, None]))
     pixels = [np.exp(2j * np.pi / period_px * np.outer(np.arange(size), number)) for size in shape]
     wing_px3 = lamf_px / np.pi**3 / (1 - obscuration)

@@ -7,19 +7,19 @@ import dataclasses
 import mpmath
 import numpy as np
 import pytest
-from psf_oracles import ORACLE_ATOL, converged_airy_share
+from psf_oracles import ORACLE_ATOL, converged_airy_fraction
 from scipy import special
 
 import warpsim as ws
 from warpsim.errors import InputError
 from warpsim.optics import tables
 from warpsim.optics.bessel import jinc, scaled_i1_over_x
-from warpsim.optics.flow import pixel_shares
+from warpsim.optics.epsf_table import ENVELOPE_PER_PX, POINTS, lagrange_weights, table_fraction
+from warpsim.optics.flow import pixel_fractions
 from warpsim.optics.pattern import FIRST_DARK_RING, AiryPattern
-from warpsim.optics.share_table import ENVELOPE_PER_PX, POINTS, lagrange_weights, share
-from warpsim.optics.tables import cheapest_points, share_table
+from warpsim.optics.tables import cheapest_points, epsf_table
 
-SHARE_ATOL = 1e-6
+FRACTION_ATOL = 1e-6
 """Asked for, per pixel and unit flux, and of the sum of a stamp (8e-7 at most). Tables are built for 6e-7: the error
 that a table states is 1.2 times the largest found on sampled offsets, and 5e-8 for the rounding of other devices."""
 CLOSURE_ATOL = 2e-6
@@ -28,7 +28,7 @@ JINC_ATOL = 1e-13
 WING_RTOL = 2e-3
 """The incomplete last ring of a thousand."""
 ROUNDING_ATOL = 1e-7
-"""Two float32 roundings of a share up to 1."""
+"""Two float32 roundings of a fraction up to 1."""
 
 I1_RTOL = 1e-13
 TABLE_LINE = "Table of an Airy pattern, radius 0.01 to 50 px, against its stated error"
@@ -48,22 +48,24 @@ def every_pattern(test):
 
 
 def airy(radius_px: float, obscuration: float = 0.0, **accuracy):
-    return share_table(ws.PsfAiry(radius_px, obscuration), **accuracy)
+    return epsf_table(ws.PsfAiry(radius_px, obscuration), **accuracy)
 
 
 def reference(offsets_px: np.ndarray, radius_px: float, obscuration: float) -> np.ndarray:
-    return np.array([converged_airy_share(dx, dy, radius_px, obscuration) for dx, dy in offsets_px.astype(np.float64)])
+    return np.array(
+        [converged_airy_fraction(dx, dy, radius_px, obscuration) for dx, dy in offsets_px.astype(np.float64)]
+    )
 
 
 def assert_matches_reference(offsets_px: np.ndarray, radius_px: float, obscuration: float, record) -> None:
     """Compare at offsets that float32 holds exactly, in float32 as on the device and in float64."""
     table = airy(radius_px, obscuration)
-    assert table.error <= SHARE_ATOL
+    assert table.error <= FRACTION_ATOL
     offsets_px = offsets_px.astype(np.float32)
     expected = reference(offsets_px, radius_px, obscuration)
     for real in (np.float32, np.float64):
         dx_px, dy_px = offsets_px.T.astype(real)
-        got = share(table, dx_px, dy_px)
+        got = table_fraction(table, dx_px, dy_px)
         assert got.dtype == real
         np.testing.assert_allclose(got, expected, rtol=0, atol=table.error)
         record(TABLE_LINE, np.abs(got - expected).max(), table.error, "of the flux", "quadrature")
@@ -102,7 +104,9 @@ def test_reference_matches_mpmath(dx_px, dy_px, obscuration):
 
     box = ([dx_px - 0.5, dx_px + 0.5], [dy_px - 0.5, dy_px + 0.5])
     expected = mpmath.quad(irradiance, *box, method="gauss-legendre", maxdegree=4)
-    assert converged_airy_share(dx_px, dy_px, radius_px, obscuration) == pytest.approx(float(expected), abs=ORACLE_ATOL)
+    assert converged_airy_fraction(dx_px, dy_px, radius_px, obscuration) == pytest.approx(
+        float(expected), abs=ORACLE_ATOL
+    )
 
 
 @every_pattern
@@ -151,7 +155,7 @@ def test_both_sides_of_the_reach(radius_px, obscuration, record_accuracy):
 def test_stated_error_holds_on_random_phases(radius_px, obscuration):
     """On many more offsets than those that the build measures it on, against its own quadrature of the edges."""
     table = airy(radius_px, obscuration)
-    assert table.error <= SHARE_ATOL
+    assert table.error <= FRACTION_ATOL
     assert worst_error(table, radius_px, obscuration) <= table.error
 
 
@@ -181,8 +185,8 @@ def worst_error(table, radius_px, obscuration):
     near = rng.uniform(-2.5, 2.5, (2, n)) * max(1.0, radius_px)
     offsets = np.clip(np.concatenate([edges, mixed, wide, near], axis=1), *1.3 * table.reach_px[0] * np.array([-1, 1]))
     dx_px, dy_px = offsets.astype(np.float32)
-    exact = pixel_shares(flow, dx_px.astype(np.float64), dy_px.astype(np.float64), 1.0)
-    return np.abs(share(table, dx_px, dy_px) - exact).max()
+    exact = pixel_fractions(flow, dx_px.astype(np.float64), dy_px.astype(np.float64), 1.0)
+    return np.abs(table_fraction(table, dx_px, dy_px) - exact).max()
 
 
 @pytest.mark.slow
@@ -190,7 +194,7 @@ def worst_error(table, radius_px, obscuration):
 @pytest.mark.parametrize("radius_px", [0.01, 0.02, 50.0])
 def test_ends_of_the_range(radius_px, obscuration, record_accuracy):
     table = airy(radius_px, obscuration)
-    assert table.error <= SHARE_ATOL
+    assert table.error <= FRACTION_ATOL
     assert table.n_byte < 32e6
     rng = np.random.default_rng(8)
     width = min(2.0 * radius_px, 0.5)
@@ -200,7 +204,7 @@ def test_ends_of_the_range(radius_px, obscuration, record_accuracy):
     exact = np.array([[0.5, 0.0], [0.5, 0.5], [0.0, 0.0], [1.0, 0.5]])
     offsets = np.concatenate([exact, corner, edge, far]).astype(np.float32)
     expected = reference(offsets, radius_px, obscuration)
-    got = share(table, *offsets.T)
+    got = table_fraction(table, *offsets.T)
     np.testing.assert_allclose(got, expected, rtol=0, atol=table.error)
     record_accuracy(TABLE_LINE, np.abs(got - expected).max(), table.error, "of the flux", "quadrature")
 
@@ -223,7 +227,7 @@ def test_flux_of_a_stamp(radius_px, obscuration):
     pixel = np.arange(-8, 9)
     dx_px, dy_px = np.meshgrid(pixel - 0.37, pixel + 0.21)
     expected = reference(np.stack([dx_px.ravel(), dy_px.ravel()], axis=-1), radius_px, obscuration).sum()
-    assert share(table, dx_px, dy_px).sum() == pytest.approx(expected, abs=SHARE_ATOL)
+    assert table_fraction(table, dx_px, dy_px).sum() == pytest.approx(expected, abs=FRACTION_ATOL)
 
 
 @pytest.mark.parametrize("radius_px", [0.03, 0.185, 0.272, 0.478])
@@ -232,7 +236,7 @@ def test_flux_of_the_whole_plane(radius_px, obscuration):
     """Where rings average away over a pixel, the table and the wing hold all the flux.
 
     Wider rings stay in phase over many pixels, so that cutting them at the reach moves the sum by up to 2e-4 at 10 px
-    although each pixel is within SHARE_ATOL; the stamp test above covers those radii.
+    although each pixel is within FRACTION_ATOL; the stamp test above covers those radii.
     """
     table = airy(radius_px, obscuration)
     n_side = 300
@@ -240,7 +244,7 @@ def test_flux_of_the_whole_plane(radius_px, obscuration):
     dx_px, dy_px = np.meshgrid(pixel - 0.37, pixel + 0.21)
     # The w / r^3 law outside a square of half side L: 8 int_0^{pi/4} w cos(a) / L da.
     outside = table.wing.px3 * 4.0 * np.sqrt(2.0) / (n_side + 0.5)
-    assert share(table, dx_px, dy_px).sum() + outside == pytest.approx(1.0, abs=CLOSURE_ATOL)
+    assert table_fraction(table, dx_px, dy_px).sum() + outside == pytest.approx(1.0, abs=CLOSURE_ATOL)
 
 
 @every_pattern
@@ -258,7 +262,7 @@ def test_what_lies_outside_a_disc(radius_px, obscuration):
     pick = np.unique(np.concatenate([np.arange(min(8, len(radius))), rng.integers(0, len(radius), 12)]))
     held = reference(offsets[pick], radius_px, obscuration)
     assert np.all(held <= table.envelope[pick])
-    # Twice the largest share found on the rims is room for the places between the radii and the angles tried here.
+    # Twice the largest fraction found on the rims is room for those between the radii and the angles tried here.
     rim = reference(np.stack([0.5 + radius[pick], np.zeros(len(pick))], axis=-1), radius_px, obscuration)
     assert np.all(table.envelope[pick] <= np.maximum(2.0 * rim, 4.0 * table.wing.px3 / (0.5 + radius[pick]) ** 3))
     far = table.reach_px[0] * rng.uniform(1.0, 3.0, (30, 2))
@@ -269,32 +273,32 @@ def test_what_lies_outside_a_disc(radius_px, obscuration):
 def test_symmetry():
     table = airy(0.185, 0.3)
     dx_px, dy_px = np.random.default_rng(5).uniform(0.0, 1.5 * table.reach_px[0], (2, 500))
-    value = share(table, dx_px, dy_px)
-    np.testing.assert_array_equal(share(table, -dx_px, dy_px), value)
-    np.testing.assert_array_equal(share(table, dx_px, -dy_px), value)
-    np.testing.assert_allclose(share(table, dy_px, dx_px), value, rtol=0, atol=ROUNDING_ATOL)
-    np.testing.assert_allclose(table.share, table.share.T, rtol=0, atol=ROUNDING_ATOL)
+    value = table_fraction(table, dx_px, dy_px)
+    np.testing.assert_array_equal(table_fraction(table, -dx_px, dy_px), value)
+    np.testing.assert_array_equal(table_fraction(table, dx_px, -dy_px), value)
+    np.testing.assert_allclose(table_fraction(table, dy_px, dx_px), value, rtol=0, atol=ROUNDING_ATOL)
+    np.testing.assert_allclose(table.fraction, table.fraction.T, rtol=0, atol=ROUNDING_ATOL)
 
 
 def test_layout():
     table = airy(0.478)
-    (q, per_col), (zero, zero_col), n = table.per_px, table.zero, table.share.shape[0]
+    (q, per_col), (zero, zero_col), n = table.per_px, table.zero, table.fraction.shape[0]
     assert table.mirrored and per_col == q and zero_col == zero
-    assert table.share.shape == (n, n)
-    assert table.share.dtype == np.float32
+    assert table.fraction.shape == (n, n)
+    assert table.fraction.dtype == np.float32
     assert q % 2 == 0
     assert (2.0 * table.reach_px[0]).is_integer()
     assert n - zero > table.reach_px[0] * q + table.n_point // 2
-    np.testing.assert_array_equal(table.share[:zero], table.share[2 * zero : zero : -1])
+    np.testing.assert_array_equal(table.fraction[:zero], table.fraction[2 * zero : zero : -1])
     row, col = zero + q // 2, zero + 2 * q
-    assert table.share[row, col] == pytest.approx(converged_airy_share(2.0, 0.5, 0.478, 0.0), abs=1e-7)
+    assert table.fraction[row, col] == pytest.approx(converged_airy_fraction(2.0, 0.5, 0.478, 0.0), abs=1e-7)
 
 
 def test_tables_are_shared_and_read_only():
     table = airy(0.478, 0.3)
     assert airy(0.478, 0.3) is table
     with pytest.raises(ValueError, match="read-only"):
-        table.share[0, 0] = 1.0
+        table.fraction[0, 0] = 1.0
     with pytest.raises(dataclasses.FrozenInstanceError):
         table.tail_px3 = 1.0
 
@@ -355,8 +359,8 @@ def test_tight_patterns_are_exact_away_from_edges(radius_px):
     edge_px = np.abs(np.abs(offsets_px) - 0.5).min(axis=1)
     offsets_px = offsets_px[edge_px > 0.05]
     sharp = AiryPattern((radius_px / FIRST_DARK_RING,), (1.0,), 0.0, 0.0).flow(8.0)
-    exact = pixel_shares(sharp, offsets_px[:, 0], offsets_px[:, 1], 1.0)
-    found = share(airy(radius_px), offsets_px[:, 0], offsets_px[:, 1])
+    exact = pixel_fractions(sharp, offsets_px[:, 0], offsets_px[:, 1], 1.0)
+    found = table_fraction(airy(radius_px), offsets_px[:, 0], offsets_px[:, 1])
     np.testing.assert_allclose(found, exact, rtol=0, atol=TIGHT_ATOL[radius_px])
     outside = np.abs(offsets_px).max(axis=1) > 0.55
     wing = exact[outside].sum()

@@ -35,7 +35,7 @@ def small(request, scene):
 def contents(columns):
     """What is known of views, by name, on the host."""
     views, observations = columns.views.numpy(), columns.observations.numpy()
-    found = {name: views[name] for name in ("axes", "position_m", "velocity_m_s", "flags", "n_wanted")}
+    found = {name: views[name] for name in ("axes", "position_m", "velocity_m_s", "flags", "n_required")}
     found |= {f"target_{name}": observations[name] for name in observations.dtype.names}
     for name in ("irradiance_w_cm2", "offset_px", "brightness"):
         array = getattr(columns, name)
@@ -133,12 +133,12 @@ def test_frames_alone_and_in_another_order(small, device, expected):
 
 @pytest.mark.parametrize("n_thread", [1, 2])
 def test_source_lists_grow_until_they_hold_all(small, device, expected, monkeypatch, n_thread):
-    monkeypatch.setattr(pipelines, "SPARE_SLOTS", 1)
+    monkeypatch.setattr(pipelines, "EXTRA_SLOTS", 1)
     monkeypatch.setattr(schedule, "PIXELS_PER_PASS", 1)
     renderer = ws.Renderer(small, device=device, n_thread=n_thread)
     assert_same(rendered(renderer), expected(device))
-    wanted = expected(device)["n_wanted"].max()
-    assert all(wanted <= pipeline.n_slot <= wanted + wanted // 4 for pipeline in pipelines_in(renderer))
+    required = expected(device)["n_required"].max()
+    assert all(required <= pipeline.n_slot <= required + required // 4 for pipeline in pipelines_in(renderer))
 
 
 def test_calls_that_grow_little_by_little_need_few_new_arrays(small, monkeypatch):
@@ -164,11 +164,11 @@ def test_label_and_light_are_one(small, device):
     (pipeline,) = group._pipelines
     reported, sources, n_target = contents(batch.columns), pipeline.sources, world.n_target
     n_source = sources.n_source.numpy()[:N_VIEW]
-    np.testing.assert_array_equal(n_source, reported["n_wanted"])
+    np.testing.assert_array_equal(n_source, reported["n_required"])
     assert (n_target < n_source).any() and (n_source <= pipeline.n_slot).all()
     drawn = {"target_xy_px": sources.xy_px.numpy()[:N_VIEW, :n_target]}
     drawn["irradiance_w_cm2"] = sources.irradiance_w_cm2.numpy()[:N_VIEW, :, :n_target]
-    if world.streaks.wanted:
+    if world.streaks.enabled:
         drawn["offset_px"] = sources.offset_px.numpy()[:N_VIEW, :n_target]
         assert np.abs(drawn["offset_px"]).max() > 1
     assert (sources.star.numpy()[:N_VIEW, :n_target] == -1).all()

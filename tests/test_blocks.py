@@ -59,7 +59,7 @@ def at_once(blocks, monkeypatch):
 
     def is_read_out_at_once(scene):
         camera = scene.instrument.sensor.camera
-        return not scene.streaks.wanted and camera.n_row * camera.n_col % stages.STRIP_PIXELS == 0
+        return not scene.streaks.enabled and camera.n_row * camera.n_col % stages.STRIP_PIXELS == 0
 
     monkeypatch.setattr(pipeline, "is_read_out_at_once", is_read_out_at_once)
 

@@ -12,7 +12,7 @@ from warpsim_kernels.table_layout import CELL_DEGREES, TableLayout, n_term_of
 import warpsim as ws
 from warpsim.errors import InputError
 from warpsim.optics.cell_table import BLOCK_PX, MOST_CELLS, cell_bytes, cell_table, cells_for
-from warpsim.optics.flow import pixel_shares
+from warpsim.optics.flow import pixel_fractions
 from warpsim.optics.pattern import FIRST_DARK_RING, AiryPattern
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
 from warpsim.optics.spline_image import spline_of
@@ -37,7 +37,7 @@ def images_of(psf, accuracy, xy, device, aspect=1.0, cut=1e-9):
     return signal.numpy()[:, 0]
 
 
-def hard_and_random_places(n, rng):
+def hard_and_random_positions(n, rng):
     """On corners, edges and middles of pixels and cells and next to them, and anywhere; some off the image."""
     near = rng.choice([-0.5, -0.25, 0.0, 0.25, 0.5], (n, 2)) + rng.choice([-1e-6, 0.0, 1e-6], (n, 2))
     middle = rng.integers(-2, [SHAPE[1] + 2, SHAPE[0] + 2], (n, 2))
@@ -60,11 +60,11 @@ def test_pixels_keep_the_error_asked_for(device, degree, radius_px, aspect, reco
     if degree == 5 and radius_px < 0.2:
         error = 1e-5
     psf = ws.PsfAiry(radius_px, 0.3)
-    xy = hard_and_random_places(N_SOURCE, np.random.default_rng(SEED))
+    xy = hard_and_random_positions(N_SOURCE, np.random.default_rng(SEED))
     found = images_of(psf, TableAccuracy(error, None, degree), xy, device, aspect)
     pattern = AiryPattern((radius_px / FIRST_DARK_RING,), (1.0,), 0.3, 0.0)
     dx, dy = offsets(xy)
-    exact = pixel_shares(pattern.flow(60.0), dx, dy, aspect).reshape(found.shape)
+    exact = pixel_fractions(pattern.flow(60.0), dx, dy, aspect).reshape(found.shape)
     table = polynomials(psf, aspect, error, degree)
     assert table.degree == degree and table.error <= error
     worst = np.abs(found - exact).max()
@@ -81,9 +81,9 @@ def test_images_without_symmetry(device, degree):
         -((x - 14.0) ** 2) / 9 - (y - 25.0) ** 2 / 20
     )
     psf, error = ws.PsfTable(samples, 5.0), 1e-4 if degree == 3 else 1e-5
-    xy = hard_and_random_places(N_SOURCE, np.random.default_rng(SEED))
+    xy = hard_and_random_positions(N_SOURCE, np.random.default_rng(SEED))
     found = images_of(psf, TableAccuracy(error, None, degree), xy, device)
-    exact = spline_of(psf.image, 5.0, 0.0, 1.0).shares(*offsets(xy)).reshape(found.shape)
+    exact = spline_of(psf.image, 5.0, 0.0, 1.0).fractions(*offsets(xy)).reshape(found.shape)
     assert np.abs(found - exact).max() <= error
 
 
@@ -91,9 +91,9 @@ def test_layout():
     table = polynomials(ws.PsfAiry(1.5), 1.0, 6e-7, 5)
     n_row, n_column = table.n_cell
     assert n_row % 2 == n_column % 2 == 0 and table.nodes.mirrored
-    cells_down, cells_across, n_block, rows, n_term, lane = table.coefficient.shape
+    cells_down, cells_across, n_block, rows, n_term, simd_width = table.coefficient.shape
     assert (cells_down, cells_across) == (n_row // 2, n_column)
-    assert (n_term, lane) == (n_term_of(5), 2 * BLOCK_PX)
+    assert (n_term, simd_width) == (n_term_of(5), 2 * BLOCK_PX)
     assert table.coefficient.nbytes == table.n_byte == cell_bytes(table.nodes, 5, table.n_cell)
     reach_row, reach_column = table.nodes.reach_px
     assert table.zero[0] >= reach_row and rows - 1 - table.zero[0] >= reach_row
@@ -151,8 +151,8 @@ def test_single_pixels_are_those_of_the_stamp(layout):
     psf, cut = ws.PsfAiry(1.5), 1e-7
     accuracy = TableAccuracy(1e-4, layout.n_point or None, layout.degree)
     bank, rule = psf_bank([psf], "cpu", 1.0, accuracy), stamp_rule([0.0], cut, "cpu")
-    xy = hard_and_random_places(20, np.random.default_rng(SEED))
-    for place, expected in zip(xy, images_of(psf, accuracy, xy, "cpu", cut=cut), strict=True):
+    xy = hard_and_random_positions(20, np.random.default_rng(SEED))
+    for position, expected in zip(xy, images_of(psf, accuracy, xy, "cpu", cut=cut), strict=True):
         image = wp.zeros(SHAPE, dtype=wp.float32, device="cpu")
-        wp.launch(make_light_kernel(layout), SHAPE, [bank.tables, wp.vec2d(*place), rule], [image], device="cpu")
+        wp.launch(make_light_kernel(layout), SHAPE, [bank.tables, wp.vec2d(*position), rule], [image], device="cpu")
         np.testing.assert_array_equal(image.numpy(), expected)

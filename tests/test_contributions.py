@@ -16,9 +16,9 @@ SUM_RTOL = 1e-6
 STREAK_SUM_RTOL = 1e-5
 """The same where a source is the sum of a hundred nodes, whose roundings lean to one side."""
 LIGHT_RTOL = 1e-5
-"""Of a target's light: the tables' error, 6e-7 a pixel, over the few pixels that hold it; and float32 shares."""
+"""Of a target's light: the tables' error, 6e-7 a pixel, over the few pixels that hold it; and float32 fractions."""
 THRESHOLD_RTOL = 1e-5
-"""A pixel so near to a threshold may fall on either side: patches are drawn from shifted places."""
+"""A pixel so near to a threshold may fall on either side: patches are drawn from shifted positions."""
 
 GAUSSIAN = {"aperture_m": 0.4, "psf": "gaussian", "sigma_px": 0.9, "stamp_cut_nei": 0.1}
 OBSCURED = {"aperture_m": 0.4, "obscuration": 0.4, "psf": "airy", "smear_urad": 120.0, "stamp_cut_nei": 0.01}
@@ -32,8 +32,8 @@ OPTICS = {
 def shaking(scene):
     """Pointing at where the group is, jitter of several pixels included."""
     z = scene.scenario.view_axes(SENSOR, scene.scenario.instrument.frame_time_s([FRAME]))[0, 2]
-    place = [float(np.degrees(np.arctan2(z[1], z[0])) % 360), float(np.degrees(np.arcsin(z[2])))]
-    return {"kind": "fixed", "ra_dec_deg": place, "jitter": {"rms_urad": 400.0, "correlation_s": 0.1}}
+    position = [float(np.degrees(np.arctan2(z[1], z[0])) % 360), float(np.degrees(np.arcsin(z[2])))]
+    return {"kind": "fixed", "ra_dec_deg": position, "jitter": {"rms_urad": 400.0, "correlation_s": 0.1}}
 
 
 @pytest.fixture(scope="module", params=OPTICS)
@@ -55,11 +55,11 @@ def changed(request, scene, optics):
 def stars(scene):
     """A thousand within two degrees of where the cameras look in either frame."""
     rng = np.random.default_rng(5)
-    places = []
+    positions = []
     for x, y, z in scene.scenario.view_axes(SENSOR, scene.scenario.instrument.frame_time_s([FRAME, LATER])):
         angles = np.radians(rng.uniform(-2, 2, (2, 1000)))
-        places.append(z + angles[0, :, None] * x + angles[1, :, None] * y)
-    x, y, z = np.concatenate(places).T
+        positions.append(z + angles[0, :, None] * x + angles[1, :, None] * y)
+    x, y, z = np.concatenate(positions).T
     ra_deg, dec_deg = np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arctan2(z, np.hypot(x, y)))
     flux_jy = {band: 10 ** rng.uniform(-1, 1, len(x)) for band in ("A", "C")}
     return ws.StarCatalog.from_arrays(ra_deg, dec_deg, flux_jy)

@@ -1,4 +1,4 @@
-"""Point sources on pixels: every share against error functions or direct quadrature in float64."""
+"""Point sources on pixels: every fraction against error functions or direct quadrature in float64."""
 
 import functools
 import time
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import warp as wp
 from scipy import special
-from streak_oracles import airy_streak, axis_shares
+from streak_oracles import airy_streak, axis_fractions
 
 import warpsim as ws
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
@@ -18,12 +18,12 @@ N_PHASE = 12_500  # per sigma; 1e5 over the eight
 GAUSSIAN_ATOL = 2e-7
 """Asked for, per unit flux. Float32 offsets, error functions and products: 1.2e-7 over 1e5 phases, on any processor."""
 DEFAULT_ATOL = 1e-6
-"""Asked for, and what flux_error's default promises. Stamps leave out just the pixels whose shares are sure to be below
-it, which may come close to it; no rounding adds to those."""
+"""Asked for, and what flux_error's default promises. Stamps leave out just the pixels whose fractions are sure to be
+below it, which may come close to it; no rounding adds to those."""
 AIRY_ATOL = 1e-6
 """Asked for, per unit flux, of table interpolation and wing, and with the default of what stamps leave out."""
 ORACLE_ATOL = 1e-9  # the Airy quadrature's own error, checked by doubling its order
-WIDE_RTOL = 1e-5  # against the peak: per axis, two float32 error functions rounded to 3e-8 leave a share of 8e-3
+WIDE_RTOL = 1e-5  # against the peak: per axis, two float32 error functions rounded to 3e-8 leave a fraction of 8e-3
 CLOSURE_ATOL = 1e-6  # a stamp and what the oracle says lies outside it
 
 CUT_LINE = "Stamps as large as an error of 1e-6 asks for"
@@ -48,8 +48,8 @@ HARD_POINTS = {
 def gaussian_image(xy_px, flux, sigma_px, shape):
     """All sources at once: sum over sources of flux * rows * columns."""
     xy = np.atleast_2d(xy_px)
-    rows = axis_shares(xy[:, 1], shape[0], sigma_px) * np.asarray(flux, dtype=np.float64)[:, None]
-    return rows.T @ axis_shares(xy[:, 0], shape[1], sigma_px)
+    rows = axis_fractions(xy[:, 1], shape[0], sigma_px) * np.asarray(flux, dtype=np.float64)[:, None]
+    return rows.T @ axis_fractions(xy[:, 0], shape[1], sigma_px)
 
 
 @functools.cache
@@ -61,7 +61,7 @@ def panels(lamf_px, order):
     return (starts[:, None] + (node + 1) / (2 * n_panel)).ravel(), np.tile(weight / (2 * n_panel), n_panel)
 
 
-def airy_share(dx_px, dy_px, radius_px, obscuration, order=8):
+def airy_fraction(dx_px, dy_px, radius_px, obscuration, order=8):
     """Integral of the annular pupil's pattern over the pixel at (dx, dy) from the source."""
     lamf_px = radius_px * np.pi / special.jn_zeros(1, 1)[0]
     node, weight = panels(lamf_px, order)
@@ -73,7 +73,7 @@ def airy_share(dx_px, dy_px, radius_px, obscuration, order=8):
     return np.pi / 4 / (1 - obscuration**2) / lamf_px**2 * (weight @ amplitude**2 @ weight)
 
 
-def one_source_images(xy_px, psf, shape, device, cut_share):
+def one_source_images(xy_px, psf, shape, device, cut_fraction):
     """One image for each position, unit flux: the kernels' own interface, many views in one launch."""
     n = len(xy_px)
     sources = [
@@ -82,7 +82,7 @@ def one_source_images(xy_px, psf, shape, device, cut_share):
         wp.array(np.ones((n, 1, 1)), dtype=wp.float32, device=device),
     ]
     signal = wp.zeros((n, 1, *shape), dtype=wp.float32, device=device)
-    rule = stamp_rule([0.0], cut_share, device)
+    rule = stamp_rule([0.0], cut_fraction, device)
     psf_bank([psf], wp.get_device(device)).deposit(sources, rule, shape[0], signal).run()
     return signal.numpy()[:, 0].astype(np.float64)
 
@@ -93,7 +93,7 @@ def test_gaussian_at_random_phases(device, sigma_px, record_accuracy):
     rng = np.random.default_rng(SEED)
     xy = rng.uniform(-2, [19, 15], (N_PHASE, 2))
     xy[: N_PHASE // 10] = np.round(2 * xy[: N_PHASE // 10]) / 2  # a tenth exactly on centres, edges and corners
-    rows, columns = axis_shares(xy[:, 1], shape[0], sigma_px), axis_shares(xy[:, 0], shape[1], sigma_px)
+    rows, columns = axis_fractions(xy[:, 1], shape[0], sigma_px), axis_fractions(xy[:, 0], shape[1], sigma_px)
     expected = rows[:, :, None] * columns[:, None, :]
     fine = one_source_images(xy, ws.PsfGaussian(sigma_px), shape, device, 1e-9)
     np.testing.assert_allclose(fine, expected, rtol=0, atol=GAUSSIAN_ATOL)
@@ -126,7 +126,7 @@ def test_wide_gaussian_is_right_against_its_own_peak(device):
 
 
 def airy_offsets(rng):
-    """Source places, and for each the pixels to look at: near ones and some far out."""
+    """Source positions, and for each the pixels to look at: near ones and some far out."""
     for x, y in [*HARD_POINTS.values(), *rng.uniform(4, 20, (4, 2))]:
         near = [(round(y) + j, round(x) + i) for j in range(-1, 2) for i in range(-1, 2)]
         far = zip(rng.integers(0, SHAPE[0], 8), rng.integers(0, SHAPE[1], 8), strict=True)
@@ -139,7 +139,7 @@ def airy_offsets(rng):
 def test_airy_at_hard_and_random_points(device, radius_px, obscuration, record_accuracy):
     psf = ws.PsfAiry(radius_px, obscuration)
     for (x, y), pixels in airy_offsets(np.random.default_rng(SEED)):
-        expected = [airy_share(c - x, r - y, radius_px, obscuration) for r, c in pixels]
+        expected = [airy_fraction(c - x, r - y, radius_px, obscuration) for r, c in pixels]
         for flux_error in (1e-6, 1e-9):
             image = ws.deposit([(x, y)], [1.0], psf, SHAPE, device=device, flux_error=flux_error)
             np.testing.assert_allclose(image[tuple(pixels.T)], expected, rtol=0, atol=AIRY_ATOL)
@@ -153,7 +153,7 @@ def test_airy_at_hard_and_random_points(device, radius_px, obscuration, record_a
 @pytest.mark.parametrize("radius_px", AIRY_RADII_PX)
 def test_airy_oracle_is_converged(radius_px):
     for dx, dy in [(0.0, 0.0), (0.31, -0.48), (0.5, 0.5), (7.2, 3.3)]:
-        coarse, fine = (airy_share(dx, dy, radius_px, 0.3, order) for order in (8, 16))
+        coarse, fine = (airy_fraction(dx, dy, radius_px, 0.3, order) for order in (8, 16))
         assert coarse == pytest.approx(fine, rel=0, abs=ORACLE_ATOL)
 
 
@@ -162,7 +162,7 @@ def test_flux_closes_gaussian(device, sigma_px, record_accuracy):
     shape = (80, 90)
     xy = np.random.default_rng(SEED).uniform(-3, [92, 82], (50, 2))
     images = one_source_images(xy, ws.PsfGaussian(sigma_px), shape, device, 1e-10)
-    inside = axis_shares(xy[:, 1], 80, sigma_px).sum(1) * axis_shares(xy[:, 0], 90, sigma_px).sum(1)
+    inside = axis_fractions(xy[:, 1], 80, sigma_px).sum(1) * axis_fractions(xy[:, 0], 90, sigma_px).sum(1)
     np.testing.assert_allclose(images.sum((1, 2)), inside, rtol=0, atol=CLOSURE_ATOL)
     error = np.abs(images.sum((1, 2)) - inside).max()
     record_accuracy("Sum of a stamp", error, CLOSURE_ATOL, "of the flux", "flux less what falls outside")
@@ -181,7 +181,7 @@ def drawn(xy_px, irradiance_w_cm2, psf, shape, device, rule):
 
 
 def reported(xy_px, psf, device, rule):
-    """Peak and stamp shares of sources of unit irradiance."""
+    """Peak and stamp fractions of sources of unit irradiance."""
     n = len(xy_px)
     peak, stamp = (wp.empty((1, 1, n), dtype=wp.float32, device=device) for _ in range(2))
     lists = [
@@ -202,7 +202,7 @@ def test_no_pixel_outside_a_gaussian_stamp_holds_more_than_the_cut(device, sigma
     xy[:50] = np.round(2 * xy[:50]) / 2
     for cut in CUTS:
         images = one_source_images(xy, ws.PsfGaussian(sigma_px), shape, device, cut)
-        rows, columns = axis_shares(xy[:, 1], 60, sigma_px), axis_shares(xy[:, 0], 64, sigma_px)
+        rows, columns = axis_fractions(xy[:, 1], 60, sigma_px), axis_fractions(xy[:, 0], 64, sigma_px)
         left_out = (rows[:, :, None] * columns[:, None, :])[images == 0].max()
         assert left_out <= cut
         worst.append(left_out / cut)
@@ -251,9 +251,11 @@ def test_a_very_bright_source_fills_a_wide_image(device, psf):
     assert (image > 0).all()
     for row, column in [(324, 900), (1480, 1380), (0, 1380), (700, 201)]:
         rows, columns = np.arange(row, row + 20), np.arange(column, column + 20)
-        shares = [[airy_share(c - xy[0], r - xy[1], psf.radius_px, psf.obscuration) for c in columns] for r in rows]
+        fractions = [
+            [airy_fraction(c - xy[0], r - xy[1], psf.radius_px, psf.obscuration) for c in columns] for r in rows
+        ]
         found = image[row : row + 20, column : column + 20].mean()
-        assert found == pytest.approx(np.mean(shares), rel=0.05, abs=0)
+        assert found == pytest.approx(np.mean(fractions), rel=0.05, abs=0)
 
 
 def test_a_wide_gaussian_fills_a_wide_image(device):
@@ -268,7 +270,7 @@ def test_a_wide_gaussian_fills_a_wide_image(device):
     "psf", [ws.PsfGaussian(0.35), ws.PsfGaussian(5.0), ws.PsfAiry(0.478, 0.3), ws.PsfAiry(4.0)], ids=str
 )
 @pytest.mark.parametrize("cut", [1e-2, 1e-4, 3e-7, 1e-8])
-def test_reported_shares_are_those_of_the_image(device, psf, cut):
+def test_reported_fractions_are_those_of_the_image(device, psf, cut):
     shape, rule = (901, 901), stamp_rule([0.0], cut, device)
     xy = 450 + np.random.default_rng(SEED).uniform(-0.5, 0.5, (3, 2))
     peak, stamp = reported(xy, psf, device, rule)
@@ -279,7 +281,7 @@ def test_reported_shares_are_those_of_the_image(device, psf, cut):
 
 
 @pytest.mark.parametrize("psf", [ws.PsfAiry(0.185), ws.PsfAiry(0.478, 0.3)], ids=str)
-def test_reported_share_of_stamps_of_thousands_of_pixels(device, psf):
+def test_reported_fraction_of_stamps_of_thousands_of_pixels(device, psf):
     """Beyond a radius r lies 2 pi w / r of the light, w = lambda F / (pi^3 (1 - eps))."""
     wing_px3 = psf.radius_px / 1.2196698912665045 / np.pi**3 / (1 - psf.obscuration)
     for cut in (1e-11, 1e-13, 1e-15):
@@ -328,8 +330,8 @@ def test_stamps_of_faint_and_bright_sources_in_one_frame(device, psf):
 def test_two_sources_within_a_thousandth_of_a_pixel(device):
     for psf in PSFS:
         near = ws.deposit([[10.4999, 7.5], [10.5003, 7.5001]], [1.0, 2.0], psf, SHAPE, device=device)
-        places = ([10.4999, 7.5], 1.0), ([10.5003, 7.5001], 2.0)
-        alone = [ws.deposit([place], [flux], psf, SHAPE, device=device) for place, flux in places]
+        positions = ([10.4999, 7.5], 1.0), ([10.5003, 7.5001], 2.0)
+        alone = [ws.deposit([position], [flux], psf, SHAPE, device=device) for position, flux in positions]
         np.testing.assert_allclose(near, alone[0] + alone[1], rtol=0, atol=3 * GAUSSIAN_ATOL)
 
 

@@ -174,12 +174,12 @@ def test_light_of_a_pass_that_broke_off_is_put_out(scene, expected):
     (pipeline,) = pipelines_of(renderer, ("A", "C"))
     images = pipeline._images
     images.signal.flat.fill_(1e-15)
-    images.signal.lit.fill_(1)
-    images._is_dark = False
+    images.signal.touched.fill_(1)
+    images._is_zero = False
     np.testing.assert_array_equal(renderer.render(range(7), bands=["A", "C"]).counts.numpy(), expected)
 
 
-def test_signal_is_dark_between_passes(scene, device):
+def test_signal_is_zero_between_passes(scene, device):
     renderer = ws.Renderer(scene, device=device, n_thread=1)
     for n_frame in (7, 2):
         renderer.render(range(n_frame), bands=["A", "C"], keep_signal=True).counts.numpy()

@@ -21,7 +21,7 @@ from warpsim.render.device_upload import camera_struct
 FRAME = 75
 
 SIP_OFF_GRID = 1.02
-"""Largest error of A and B anywhere over the one stated, which is that of a grid of 61 x 61 places: 1.012 at most. The
+"""Largest error of A and B anywhere over the one stated, that of a grid of 61 x 61 positions: 1.012 at most. The
 order is raised until it is below 1e-6 px; rounding of degrees is 2e-9 px."""
 FORMULA_ATOL = 1e-15
 """float64 rounding of numbers below 1; OpenCV's are printed with 15 digits."""
@@ -45,7 +45,7 @@ CAMERAS = {
 }
 cameras = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 
-lens_places = camera_kernels.projection(True)
+lens_positions = camera_kernels.projection(True)
 
 
 @wp.kernel(enable_backward=False)
@@ -53,7 +53,7 @@ def project_kernel(
     camera: camera_kernels.Camera, axes: wp.mat33d, direction: wp.array[wp.vec3d], xy_px: wp.array[wp.vec2d]
 ):
     i = wp.tid()
-    xy_px[i] = lens_places(camera, axes, direction[i])
+    xy_px[i] = lens_positions(camera, axes, direction[i])
 
 
 def unit(vectors):
@@ -207,7 +207,7 @@ def test_what_is_not_one_to_one_is_refused(lens, wrong):
         ws.Camera(100, 100, fov_deg=60, distortion=lens)
 
 
-def test_the_error_names_its_place_in_a_scene(scene):
+def test_the_error_names_its_field_in_a_scene(scene):
     with pytest.raises(ws.InputError, match=r"camera\.distortion: must be one-to-one"):
         scene.replace(camera__distortion={"k1": -1e4})
     with pytest.raises(ws.InputError, match=r"camera\.pixel_aspect: must be in \[0.1, 10\], got 11"):
@@ -234,19 +234,21 @@ def test_without_distortion_nothing_changes(scene):
 
 @cameras
 @pytest.mark.parametrize("margin_px", [0.0, 20.0, 300.0])
-def test_half_diagonal_is_the_farthest_place_of_the_border(camera, margin_px):
+def test_half_diagonal_is_the_farthest_position_of_the_border(camera, margin_px):
     """By scipy's root finder, along the border and at its corners."""
     half = np.array([camera.n_col, camera.n_row]) / 2 + margin_px
     along = np.linspace(-1, 1, 41)
     sides = [np.column_stack(pair) for one in (-1, 1) for pair in ((along, 0 * along + one), (0 * along + one, along))]
-    place = np.concatenate(sides) * half + camera.centre_px
+    position = np.concatenate(sides) * half + camera.centre_px
     focal = np.array([camera.focal_px, camera.focal_row_px])
 
     def missed(tangent, wanted):
         seen = unit(np.append(tangent, 1.0))[None]
         return camera.project(seen, np.eye(3))[0][0] - wanted
 
-    farthest = max(np.linalg.norm(fsolve(missed, (one - camera.centre_px) / focal, one, xtol=1e-11)) for one in place)
+    farthest = max(
+        np.linalg.norm(fsolve(missed, (one - camera.centre_px) / focal, one, xtol=1e-11)) for one in position
+    )
     given_rad = camera.half_diagonal_rad(margin_px)
     assert np.arctan(farthest) <= given_rad * (1 + 1e-12)
     assert np.tan(given_rad) <= farthest * (1.0011 if camera.lens else 1 + 1e-12)
@@ -286,7 +288,7 @@ seen_by = pytest.mark.parametrize("camera", SEEN_BY.values(), ids=SEEN_BY)
 
 
 def stars_by_brute_force(scene, frames, catalog, index):
-    """Rows of all stars on one image of a scene, by project alone; and their places."""
+    """Rows of all stars on one image of a scene, by project alone; and their positions."""
     velocity = frames.velocity_m_s[index]
     seen = ws.apparent_direction(catalog.direction_icrs, velocity)
     xy, in_front = scene.camera.project(seen, frames.axes_icrs[index])
@@ -296,10 +298,10 @@ def stars_by_brute_force(scene, frames, catalog, index):
 @pytest.mark.slow
 @seen_by
 def test_every_star_is_on_the_image_where_the_camera_has_it(scene, device, camera):
-    """The whole chain against brute force over the sky: none lost, none doubled, places to 1e-6 px."""
+    """The whole chain against brute force over the sky: none lost, none doubled, positions to 1e-6 px."""
     rng = np.random.default_rng(6)
-    place = unit(rng.normal(size=(400_000, 3)))
-    ra, dec = np.degrees(np.arctan2(place[:, 1], place[:, 0])), np.degrees(np.arcsin(place[:, 2]))
+    position = unit(rng.normal(size=(400_000, 3)))
+    ra, dec = np.degrees(np.arctan2(position[:, 1], position[:, 0])), np.degrees(np.arcsin(position[:, 2]))
     catalog = ws.StarCatalog.from_arrays(ra, dec, {"A": np.full(len(ra), 1e-3)})  # far below the noise: no wide stamps
     wide = scene.replace(camera=camera, bands=["A"], optics__psf="gaussian", optics__sigma_px=0.3,
                          pointing={"kind": "fixed", "azimuth_elevation_deg": [30.0, 25.0]})  # fmt: skip
@@ -323,8 +325,8 @@ def test_what_is_tracked_stands_at_its_offset(scene, device, camera, offset):
     frames = ws.Renderer(tracking, device=device).render([FRAME], ["sat11", "sat27"], ["A"])
     for index, sensor in enumerate(frames.sensors):
         row = frames.truth[(frames.truth["sensor"] == sensor) & (frames.truth["target"] == "center")][0]
-        place = np.array([row["x_px"], row["y_px"]])
-        np.testing.assert_allclose(place, np.add(tracking.camera.centre_px, offset), rtol=0, atol=OFFSET_PX)
+        position = np.array([row["x_px"], row["y_px"]])
+        np.testing.assert_allclose(position, np.add(tracking.camera.centre_px, offset), rtol=0, atol=OFFSET_PX)
         told = tracking.scenario.view_axes(sensor, frames.time_s)
         np.testing.assert_allclose(frames.axes_icrs[0, index], told[0], rtol=0, atol=1e-10)
 
@@ -398,8 +400,8 @@ def test_a_cube_of_a_distorted_camera(scene, tmp_path):
     stars = np.column_stack([frames.stars["x_px"], frames.stars["y_px"]])
     inside = np.asarray(frames.stars["in_fov"])
     for wcs in (frames.wcs(FRAME, "sat11"), ws.read_cube(tmp_path / "sat11_A.fits").wcs(0), WCS(alone)):
-        places = np.column_stack(wcs.all_world2pix(*sky_deg(seen[inside]), 0, tolerance=1e-9, maxiter=50))
-        np.testing.assert_allclose(places, stars[inside], rtol=0, atol=1e-5)
+        positions = np.column_stack(wcs.all_world2pix(*sky_deg(seen[inside]), 0, tolerance=1e-9, maxiter=50))
+        np.testing.assert_allclose(positions, stars[inside], rtol=0, atol=1e-5)
     assert inside.sum() > 5
 
 
@@ -415,7 +417,7 @@ def test_the_report_says_what_the_lens_does(scene):
 
 @seen_by
 def test_the_picture_of_a_view_has_the_limb_where_the_camera_sees_it(scene, camera):
-    """Rays of a grid of places, by project and the ellipsoid's equation."""
+    """Rays of a grid of positions, by project and the ellipsoid's equation."""
     low = scene.replace(camera=camera, optics__psf="gaussian", sky__catalog="none",
                         pointing={"kind": "fixed", "azimuth_elevation_deg": [0.0, -38.0]})  # fmt: skip
     view = camera_view(low.scenario, "sat11", low.scenario.instrument.frame_time_s([FRAME])[0])
@@ -424,13 +426,13 @@ def test_the_picture_of_a_view_has_the_limb_where_the_camera_sees_it(scene, came
     clearance = earth_clearance(view, pole, xy)
     assert clearance.shape == (30, 30)
     seen = np.random.default_rng(1).normal(size=(400_000, 3)) * [0.25, 0.25, 0] + [0, 0, 1]
-    place, _ = low.camera.project(unit(seen), np.eye(3))
+    position, _ = low.camera.project(unit(seen), np.eye(3))
     ray = ws.apparent_direction(unit(seen) @ view.axes_icrs, -view.velocity_m_s)
     a, b = 6378137.0, 6378137.0 * (1 - 1 / 298.257223563)
     m = np.eye(3) / a**2 + np.outer(pole, pole) * (1 / b**2 - 1 / a**2)
     half = ray @ m @ view.position_m
     root = half**2 - np.einsum("ni,ij,nj->n", ray, m, ray) * (view.position_m @ m @ view.position_m - 1)
     meets = (root > 0) & (half < 0)
-    inside = in_frame(low.camera, place)
-    by_place = earth_clearance(view, pole, place[inside]) < 0
-    assert np.count_nonzero(by_place != meets[inside]) <= 1
+    inside = in_frame(low.camera, position)
+    by_position = earth_clearance(view, pole, position[inside]) < 0
+    assert np.count_nonzero(by_position != meets[inside]) <= 1

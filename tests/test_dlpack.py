@@ -135,12 +135,12 @@ def tensor_of(made):
     }
 
 
-@pytest.mark.parametrize("place", [(1, 0), (2, 0), (2, 3)])
-def test_capsules_say_where_the_memory_is(frames, monkeypatch, place):
+@pytest.mark.parametrize("on_device", [(1, 0), (2, 0), (2, 3)])
+def test_capsules_say_where_the_memory_is(frames, monkeypatch, on_device):
     """As on a machine with GPUs: nothing reads the memory on the way."""
-    monkeypatch.setattr(dlpack, "device_of", lambda array: place)
+    monkeypatch.setattr(dlpack, "device_of", lambda array: on_device)
     array, shape = frames.counts.array, frames.counts.shape
-    fields = {"data": array.ptr, "device": place, "type": (1, 16), "shape": shape, "byte_offset": 0}
+    fields = {"data": array.ptr, "device": on_device, "type": (1, 16), "shape": shape, "byte_offset": 0}
     assert tensor_of(capsule(array, shape)) == (b"dltensor", fields)
     name, versioned = tensor_of(capsule(array, shape, (1, 3)))
     assert name == b"dltensor_versioned"

@@ -6,7 +6,7 @@ it is right to 1e-8. Phases include centres, edges, corners, and sources half ou
 
 import numpy as np
 import pytest
-from psf_oracles import FIRST_DARK_RING, converged_airy_share
+from psf_oracles import FIRST_DARK_RING, converged_airy_fraction
 
 import warpsim as ws
 
@@ -164,7 +164,7 @@ def test_who_is_nearer_to_the_airy_pattern(radius_px):
     """Both are within 1e-6; GalSim at its defaults is nearer, in float64 and through an FFT for each image."""
 
     def exact(dx, dy):
-        return converged_airy_share(dx, dy, radius_px, 0.3)
+        return converged_airy_fraction(dx, dy, radius_px, 0.3)
 
     ours, theirs = errors_of_both(ws.PsfAiry(radius_px, 0.3), airy(radius_px, 0.3, galsim.GSParams()), exact)
     assert ours < 6e-7

@@ -87,10 +87,10 @@ def stars_on_the_rim(
     """Stars about the border of each frame, half of them at its corners, one in nine without a parallax.
 
     Distances from the border: a third within 1 px, a third within shift_arcsec, a third within REACH_PX, of apparent
-    places; the inverse Lorentz transformation and the parallax carry them back. Half the parallaxes are the largest.
+    positions; the inverse Lorentz transformation and the parallax carry them back. Half the parallaxes are the largest.
     """
     rng = np.random.default_rng(seed)
-    places, parallaxes = [], []
+    positions, parallaxes = [], []
     for view_axes, velocity, observer_au in zip(axes, velocities_m_s, observers_au, strict=True):
         size = np.array([camera.n_col, camera.n_row])
         xy = rng.uniform(-0.5, size - 0.5, (n_star, 2))
@@ -105,14 +105,14 @@ def stars_on_the_rim(
         parallax = np.where(rng.random(n_star) < 0.5, parallax_mas, rng.uniform(0, parallax_mas, n_star))
         parallax[::9] = np.nan
         unmoved = ws.apparent_direction(seen, -velocity)
-        places.append(unmoved + np.nan_to_num(parallax)[:, None] * ARCSEC_RAD / 1e3 * observer_au)
+        positions.append(unmoved + np.nan_to_num(parallax)[:, None] * ARCSEC_RAD / 1e3 * observer_au)
         parallaxes.append(parallax)
-    place = np.concatenate(places)
-    place /= np.linalg.norm(place, axis=1, keepdims=True)
+    position = np.concatenate(positions)
+    position /= np.linalg.norm(position, axis=1, keepdims=True)
     return ws.StarCatalog.from_arrays(
-        np.degrees(np.arctan2(place[:, 1], place[:, 0])),
-        np.degrees(np.arcsin(np.clip(place[:, 2], -1, 1))),
-        light(rng, len(place)),
+        np.degrees(np.arctan2(position[:, 1], position[:, 0])),
+        np.degrees(np.arcsin(np.clip(position[:, 2], -1, 1))),
+        light(rng, len(position)),
         parallax_mas=np.concatenate(parallaxes),
     )
 
@@ -131,12 +131,12 @@ def stamp_half_width_px(irradiance_w_cm2, scene):
 
 def light_on_the_frame(xy_px, irradiance_w_cm2, camera):
     """Most light that a star leaves in one pixel of the frame, (n_band, n_star): its nearest pixel, by scipy."""
-    share = 1.0
+    fraction = 1.0
     for axis, n_pixel in enumerate((camera.n_col, camera.n_row)):
         pixel = np.clip(np.rint(xy_px[:, axis]), 0, n_pixel - 1)
         offset = np.abs(pixel - xy_px[:, axis])
-        share = share * (ndtr(-(offset - 0.5) / SIGMA_PX) - ndtr(-(offset + 0.5) / SIGMA_PX))
-    return irradiance_w_cm2 * share
+        fraction = fraction * (ndtr(-(offset - 0.5) / SIGMA_PX) - ndtr(-(offset + 0.5) / SIGMA_PX))
+    return irradiance_w_cm2 * fraction
 
 
 def assert_lists_are_complete(scene, catalog, views):
@@ -283,7 +283,7 @@ def assert_stage_is_complete(scene, device, axes, n_star, light, **far_off):
     inputs, views, sources = hand_made_views(world, time_s, axes, world.n_target + len(catalog))
     gather_stars(world, inputs, views, sources).run()
     n_source, star, seen = sources.n_source.numpy(), sources.star.numpy(), views.numpy()
-    np.testing.assert_array_equal(seen["n_wanted"], n_source)
+    np.testing.assert_array_equal(seen["n_required"], n_source)
     lists = [world.stars.index.star_row[star[view, world.n_target : n]] for view, n in enumerate(n_source)]
     position_m, velocity_m_s = seen["position_m"], seen["velocity_m_s"]
     np.testing.assert_allclose(velocity_m_s * scene.sky.aberration, carried, rtol=0, atol=VELOCITY_M_S)

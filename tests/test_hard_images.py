@@ -17,10 +17,10 @@ NEI, SEI = 1e-18, 3e-15
 W_CM2_PER_JY = ws.BANDS["A"].w_cm2_per_jy
 SIGMA_PX = 0.8
 
-SHARE = 3e-7
-"""Of a star's light, in a pixel: float32 shares and sums."""
-PLACE_PX = 1e-8
-"""Of a star put at a place: rounding of degrees in the catalog, times the focal length."""
+FRACTION = 3e-7
+"""Of a star's light, in a pixel: float32 fractions and sums."""
+POSITION_PX = 1e-8
+"""Of a star put at a position: rounding of degrees in the catalog, times the focal length."""
 NOISE_SIGMAS = 7.0
 """No pixel of these few images is farther off: 2e-12 each."""
 
@@ -38,7 +38,7 @@ def sky_scene(scene, camera, pointing=(30.0, 40.0), detector=(), **optics):
 
 
 def catalog_at(scene, xy_px, irradiance_w_cm2, **columns):
-    """Stars at places of the image in the frame FRAME."""
+    """Stars at positions of the image in the frame FRAME."""
     axes = scene.scenario.view_axes(SENSOR, scene.scenario.instrument.frame_time_s([FRAME]))[0]
     direction = scene.camera.direction(np.asarray(xy_px, dtype=float).reshape(-1, 2), axes)
     flux_jy = np.broadcast_to(irradiance_w_cm2, len(direction)) / W_CM2_PER_JY
@@ -54,8 +54,8 @@ def rendered(scene, catalog, device="cpu", frames=(FRAME,)):
     signal, counts = images.signal_w_cm2.numpy(), images.counts.numpy()
     assert np.isfinite(signal).all() and (signal >= 0).all()
     assert counts.dtype == np.uint16 and counts.max() <= 2**scene.detector.bits - 1
-    places = np.column_stack([images.stars["x_px"], images.stars["y_px"]])
-    assert np.isfinite(places).all()
+    positions = np.column_stack([images.stars["x_px"], images.stars["y_px"]])
+    assert np.isfinite(positions).all()
     return images
 
 
@@ -108,7 +108,7 @@ def test_a_source_a_million_times_above_saturation(scene, device, psf, detector)
     if psf == "gaussian":
         expected = gaussian_image(xy, 1e6 * SEI, 96, 128)
         # What is left out is below 1e-11 of the star, the smallest cut there is.
-        np.testing.assert_allclose(signal, expected, rtol=0, atol=SHARE * 1e6 * SEI)
+        np.testing.assert_allclose(signal, expected, rtol=0, atol=FRACTION * 1e6 * SEI)
         np.testing.assert_allclose(signal, expected, rtol=2e-5, atol=1e-11 * 1e6 * SEI)
         assert n_full == np.count_nonzero(expected > SEI)
     else:
@@ -124,13 +124,13 @@ def test_light_from_1e_minus_25_to_1e_minus_10_in_one_frame(device, scene):
     images = rendered(faint, catalog_at(faint, xy, light[order]), device)
     signal = images.signal_w_cm2.numpy()[0, 0, 0]
     near = [np.s_[max(0, int(y) - 6) : int(y) + 8, max(0, int(x) - 6) : int(x) + 8] for x, y in xy]
-    for place, box, own in zip(xy, near, light[order], strict=True):
-        expected = gaussian_image([place], own, 64, 256)[box]
+    for position, box, own in zip(xy, near, light[order], strict=True):
+        expected = gaussian_image([position], own, 64, 256)[box]
         others = gaussian_image(xy[light[order] != own], light[order][light[order] != own], 64, 256)[box]
         clean = others < 1e-3 * own  # where a brighter neighbour's wing does not come first
         assert clean.any()
         cut = 16 * 1e-9 * NEI + 1e-11 * own
-        np.testing.assert_allclose((signal[box] - others)[clean], expected[clean], rtol=0, atol=SHARE * own + cut)
+        np.testing.assert_allclose((signal[box] - others)[clean], expected[clean], rtol=0, atol=FRACTION * own + cut)
     assert_counts_follow(images.counts.numpy()[0, 0, 0].astype(float), signal, faint.detector)
     assert len(images.stars) == 16
     by_row = images.stars["irradiance_w_cm2"][np.argsort(images.stars["catalog_row"]), 0]
@@ -157,9 +157,9 @@ def test_an_image_of_one_pixel(scene, device, xy):
     images = rendered(single, catalog_at(single, [xy], 1e-15), device)
     assert images.counts.shape == (1, 1, 1, 1, 1)
     expected = gaussian_image([xy], 1e-15, 1, 1)
-    np.testing.assert_allclose(images.signal_w_cm2.numpy()[0, 0, 0], expected, rtol=0, atol=SHARE * 1e-15)
+    np.testing.assert_allclose(images.signal_w_cm2.numpy()[0, 0, 0], expected, rtol=0, atol=FRACTION * 1e-15)
     assert_counts_follow(images.counts.numpy()[0, 0, 0].astype(float), expected, single.detector)
-    np.testing.assert_allclose([images.stars["x_px"][0], images.stars["y_px"][0]], xy, rtol=0, atol=PLACE_PX)
+    np.testing.assert_allclose([images.stars["x_px"][0], images.stars["y_px"][0]], xy, rtol=0, atol=POSITION_PX)
     if xy != (0.5, -0.5):  # where rounding decides
         assert images.stars["in_fov"][0] == (max(np.abs(xy)) < 0.5)
 
@@ -181,17 +181,17 @@ def test_arrays_and_pixels_that_are_not_square(scene, device, camera):
     odd = sky_scene(scene, camera, sigma_px=0.45)
     n_row, n_col = camera["n_row"], camera["n_col"]
     xy = np.random.default_rng(8).uniform(0, 1, (12, 2)) * [n_col, n_row] - 0.5
-    for place in xy:
-        images = rendered(odd, catalog_at(odd, [place], 1e-14), device)
+    for position in xy:
+        images = rendered(odd, catalog_at(odd, [position], 1e-14), device)
         label = np.array([images.stars["x_px"][0], images.stars["y_px"][0]])
-        np.testing.assert_allclose(label, place, rtol=0, atol=PLACE_PX)
+        np.testing.assert_allclose(label, position, rtol=0, atol=POSITION_PX)
         assert images.stars["in_fov"][0]
         signal = images.signal_w_cm2.numpy()[0, 0, 0].astype(float)
         sigmas_px = (0.45, 0.45 / odd.camera.pixel_aspect)
-        expected = gaussian_image(place[None], 1e-14, n_row, n_col, sigmas_px)
-        np.testing.assert_allclose(signal, expected, rtol=0, atol=SHARE * 1e-14)
+        expected = gaussian_image(position[None], 1e-14, n_row, n_col, sigmas_px)
+        np.testing.assert_allclose(signal, expected, rtol=0, atol=FRACTION * 1e-14)
         sky = images.wcs(FRAME, SENSOR).pixel_to_world_values(*label)
-        star = odd.camera.direction(place[None], images.axes_icrs[0, 0])[0]
+        star = odd.camera.direction(position[None], images.axes_icrs[0, 0])[0]
         lon, lat = np.radians(sky)
         read = [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]
         assert np.linalg.norm(read - star) * odd.camera.focal_px < 1e-2
@@ -202,17 +202,17 @@ def test_a_field_of_60_degrees(scene, device, lens):
     """Stars all over the sky: those of a brute-force projection, each lighting its pixel."""
     wide = sky_scene(scene, {"n_row": 200, "n_col": 256, "fov_deg": 60.0, "distortion": lens}, pointing=(10.0, 45.0))
     rng = np.random.default_rng(12)
-    place = rng.normal(size=(40_000, 3))
-    place /= np.linalg.norm(place, axis=1, keepdims=True)
-    ra_deg, dec_deg = np.degrees(np.arctan2(place[:, 1], place[:, 0])), np.degrees(np.arcsin(place[:, 2]))
-    light = 10.0 ** rng.uniform(-18, -14, len(place))
+    position = rng.normal(size=(40_000, 3))
+    position /= np.linalg.norm(position, axis=1, keepdims=True)
+    ra_deg, dec_deg = np.degrees(np.arctan2(position[:, 1], position[:, 0])), np.degrees(np.arcsin(position[:, 2]))
+    light = 10.0 ** rng.uniform(-18, -14, len(position))
     catalog = ws.StarCatalog.from_arrays(ra_deg, dec_deg, {"A": light / W_CM2_PER_JY})
     images = rendered(wide, catalog, device)
     xy, in_front = wide.camera.project(catalog.direction_icrs, images.axes_icrs[0, 0])
     near = np.flatnonzero(in_front & (np.abs(xy - wide.camera.centre_px) < [140, 112]).all(axis=1))
     expected = gaussian_image(xy[near], light[near], 200, 256)
     signal = images.signal_w_cm2.numpy()[0, 0, 0]
-    np.testing.assert_allclose(signal, expected, rtol=0, atol=SHARE * light.max())
+    np.testing.assert_allclose(signal, expected, rtol=0, atol=FRACTION * light.max())
     assert images.stars["in_fov"].sum() > 1500
     assert_counts_follow(images.counts.numpy()[0, 0, 0].astype(float), signal, wide.detector)
 
@@ -241,10 +241,13 @@ def test_boresight_on_a_pole_and_at_right_ascension_0(scene, device, boresight):
     step = np.radians(1.8) * rng.uniform(-1, 1, (300, 2))
     z = direction_of(*boresight)
     aside = np.linalg.qr(np.column_stack([z, np.eye(3)[np.argsort(np.abs(z))[:2]].T]))[0][:, 1:]
-    place = z + step @ aside.T
-    place = np.concatenate([place / np.linalg.norm(place, axis=1, keepdims=True), [z]])
-    ra_deg, dec_deg = np.degrees(np.arctan2(place[:, 1], place[:, 0])), np.degrees(np.arcsin(place[:, 2].clip(-1, 1)))
-    catalog = ws.StarCatalog.from_arrays(ra_deg, dec_deg, {"A": np.full(len(place), 50.0)})
+    position = z + step @ aside.T
+    position = np.concatenate([position / np.linalg.norm(position, axis=1, keepdims=True), [z]])
+    ra_deg, dec_deg = (
+        np.degrees(np.arctan2(position[:, 1], position[:, 0])),
+        np.degrees(np.arcsin(position[:, 2].clip(-1, 1))),
+    )
+    catalog = ws.StarCatalog.from_arrays(ra_deg, dec_deg, {"A": np.full(len(position), 50.0)})
     images = ws.Renderer(described, device=device, catalog=catalog).render([frame], [sensor], keep_stars=True)
     assert images.up_replaced[0, 0] == (abs(boresight[1]) == 90.0)
     xi, eta = textbook_gnomonic(ra_deg, dec_deg, boresight)
@@ -263,7 +266,7 @@ def test_boresight_on_a_pole_and_at_right_ascension_0(scene, device, boresight):
     np.testing.assert_allclose(stars["x_px"], x_px[rows], rtol=0, atol=1e-7)
     np.testing.assert_allclose(stars["y_px"], y_px[rows], rtol=0, atol=1e-7)
     (own,) = np.flatnonzero(rows == 300)  # the star at the boresight
-    np.testing.assert_allclose([stars["x_px"][own], stars["y_px"][own]], [79.5, 63.5], rtol=0, atol=PLACE_PX)
+    np.testing.assert_allclose([stars["x_px"][own], stars["y_px"][own]], [79.5, 63.5], rtol=0, atol=POSITION_PX)
     assert inside.sum() > 200
     if abs(dec0) < np.pi / 2:
         np.testing.assert_allclose([east @ x, north @ y], [-1.0, -1.0], rtol=0, atol=1e-12)
@@ -284,7 +287,7 @@ def frame_that_sees(scene, boresight):
 
 
 EDGES = {
-    # place on an image of 40 x 64 pixels, share of the light on it
+    # position on an image of 40 x 64 pixels, fraction of the light on it
     "left": ((-0.5, 20.0), 0.5),
     "right": ((63.5, 11.3), 0.5),
     "top": ((30.25, -0.5), 0.5),
@@ -296,19 +299,19 @@ EDGES = {
 }
 
 
-@pytest.mark.parametrize(("xy", "share"), EDGES.values(), ids=EDGES)
+@pytest.mark.parametrize(("xy", "fraction"), EDGES.values(), ids=EDGES)
 @pytest.mark.parametrize("sigma_px", [0.01, 0.8, 2.0])
-def test_a_star_on_the_edge_of_the_field_and_on_a_corner(scene, device, xy, share, sigma_px):
+def test_a_star_on_the_edge_of_the_field_and_on_a_corner(scene, device, xy, fraction, sigma_px):
     """Half or a quarter of its light is on the array; a sharp one on a corner is shared by four pixels alike."""
     edge = sky_scene(scene, {"n_row": 40, "n_col": 64}, sigma_px=sigma_px)
     images = rendered(edge, catalog_at(edge, [xy], 1e-15), device)
     label = [images.stars["x_px"][0], images.stars["y_px"][0]]
-    np.testing.assert_allclose(label, xy, rtol=0, atol=PLACE_PX)
+    np.testing.assert_allclose(label, xy, rtol=0, atol=POSITION_PX)
     signal = images.signal_w_cm2.numpy()[0, 0, 0].astype(float)
-    rounding = PLACE_PX / sigma_px  # of the place, where the light is steepest
-    assert signal.sum() == pytest.approx(share * 1e-15, rel=0, abs=(2e-6 + rounding) * 1e-15)
+    rounding = POSITION_PX / sigma_px  # of the position, where the light is steepest
+    assert signal.sum() == pytest.approx(fraction * 1e-15, rel=0, abs=(2e-6 + rounding) * 1e-15)
     expected = gaussian_image([xy], 1e-15, 40, 64, (sigma_px, sigma_px))
-    np.testing.assert_allclose(signal, expected, rtol=0, atol=(SHARE + rounding) * 1e-15)
+    np.testing.assert_allclose(signal, expected, rtol=0, atol=(FRACTION + rounding) * 1e-15)
     if xy == (20.5, 10.5):
         four = signal[10:12, 20:22]
         np.testing.assert_allclose(four, four.mean(), rtol=2e-6 + 4 * rounding)
@@ -317,7 +320,7 @@ def test_a_star_on_the_edge_of_the_field_and_on_a_corner(scene, device, xy, shar
 @pytest.mark.parametrize("apart_px", [9e-4, 1e-6, 0.0])
 @pytest.mark.parametrize("psf", ["gaussian", "airy"])
 def test_two_stars_closer_than_a_thousandth_of_a_pixel(scene, device, psf, apart_px):
-    """Both are drawn, both are labelled, and the light is the sum; even at the same place."""
+    """Both are drawn, both are labelled, and the light is the sum; even at the same position."""
     optics = {"psf": psf} if psf == "gaussian" else {"psf": psf, "sigma_px": None}
     close = sky_scene(scene, {"n_row": 32, "n_col": 40}, **optics)
     xy = np.array([[20.31, 15.77], [20.31 + apart_px, 15.77]])
@@ -326,12 +329,12 @@ def test_two_stars_closer_than_a_thousandth_of_a_pixel(scene, device, psf, apart
     assert len(both.stars) == 2 and both.stars["in_fov"].all()
     order = np.argsort(both.stars["catalog_row"])
     gap = np.diff(both.stars["x_px"][order])[0]
-    assert gap == pytest.approx(apart_px, rel=0, abs=2 * PLACE_PX)
+    assert gap == pytest.approx(apart_px, rel=0, abs=2 * POSITION_PX)
     signal, parts = (both.signal_w_cm2.numpy(), [one.signal_w_cm2.numpy() for one in alone])
     np.testing.assert_allclose(signal, parts[0] + parts[1], rtol=2e-6, atol=1e-12 * 1e-15)
     if psf == "gaussian":
         expected = gaussian_image(xy, [1e-15, 3e-15], 32, 40)
-        np.testing.assert_allclose(signal[0, 0, 0], expected, rtol=0, atol=SHARE * 3e-15)
+        np.testing.assert_allclose(signal[0, 0, 0], expected, rtol=0, atol=FRACTION * 3e-15)
 
 
 @pytest.mark.slow
@@ -345,7 +348,7 @@ def test_a_million_stars_in_one_frame(scene, device):
     images = rendered(crowd, catalog_at(crowd, xy, light), device)
     assert len(images.stars) == n_star
     found = np.column_stack([images.stars["x_px"], images.stars["y_px"]])[np.argsort(images.stars["catalog_row"])]
-    np.testing.assert_allclose(found, xy, rtol=0, atol=PLACE_PX)
+    np.testing.assert_allclose(found, xy, rtol=0, atol=POSITION_PX)
     signal = images.signal_w_cm2.numpy()[0, 0, 0]
     expected = crowd_image(xy, light, n_row, n_col, 0.3)
     # 20 stars a pixel and 9 stamps each: what is cut is below 1e-5 NEI a star and pixel, float32 adds up to 200 times.
@@ -357,13 +360,13 @@ def crowd_image(xy_px, irradiance_w_cm2, n_row, n_col, sigma_px, reach=3):
     """The same as gaussian_image for many sharp stars: stamps of 7 x 7 pixels."""
     image = np.zeros((n_row + 2 * reach) * (n_col + 2 * reach))
     own = np.floor(xy_px + 0.5).astype(int)
-    shares = [
+    fractions = [
         [ndtr((own[:, axis] + step + 0.5 - xy_px[:, axis]) / sigma_px)
          - ndtr((own[:, axis] + step - 0.5 - xy_px[:, axis]) / sigma_px) for step in range(-reach, reach + 1)]
         for axis in (0, 1)
     ]  # fmt: skip
-    for j, down in enumerate(shares[1]):
-        for i, across in enumerate(shares[0]):
+    for j, down in enumerate(fractions[1]):
+        for i, across in enumerate(fractions[0]):
             flat = (own[:, 1] + j) * (n_col + 2 * reach) + own[:, 0] + i
             image += np.bincount(flat, irradiance_w_cm2 * down * across, len(image))
     return image.reshape(n_row + 2 * reach, -1)[reach:-reach, reach:-reach]
@@ -385,7 +388,7 @@ def test_a_row_without_numbers_in_a_catalog(scene, device):
     assert (dark["irradiance_w_cm2"] == 0).all()
 
 
-def test_a_row_without_a_place_in_a_catalog(scene, device):
+def test_a_row_without_a_position_in_a_catalog(scene, device):
     """It is left out, with a warning; the image is that of the others."""
     clean = sky_scene(scene, {"n_row": 32, "n_col": 40})
     table = catalog_at(clean, [[10.2, 8.3], [20.0, 16.0], [30.4, 25.1]], 1e-15).to_table()

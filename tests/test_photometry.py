@@ -143,7 +143,7 @@ def test_gaussian_stars_in_100_frames(scene, sigma_px):
     assert (np.abs(scatter - 1) < 0.03).all(), scatter  # by 5 sigma of the sample, 0.024
 
 
-def airy_pixel_shares(radius_px, reach_px, oversampling):
+def airy_pixel_fractions(radius_px, reach_px, oversampling):
     """Share of a pixel of an Airy pattern, by its centre's place, from the transfer functions of pupil and pixel.
 
     The pattern is band-limited, so that a sum over its spectrum is exact but for the period of 512 px.
@@ -160,8 +160,8 @@ def airy_pixel_shares(radius_px, reach_px, oversampling):
 
 def measure_airy(n_frame, radius_px):
     oversampling, reach = 6, 12
-    shares = airy_pixel_shares(radius_px, reach, oversampling)
-    model = psf_tools.ImagePSF(shares, oversampling=oversampling)
+    fractions = airy_pixel_fractions(radius_px, reach, oversampling)
+    model = psf_tools.ImagePSF(fractions, oversampling=oversampling)
     xy = grid_places(560, 600, seed=5, spacing_px=2 * SPACING_PX)  # neighbours' wings: 1e-4 of the flux
     flux = np.full(len(xy), FLUX_NEI)
     clean = ws.deposit(xy, flux, ws.PsfAiry(radius_px), (560, 600), device="cpu", flux_error=1e-7)

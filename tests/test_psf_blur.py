@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import warp as wp
-from psf_oracles import FIRST_DARK_RING, converged_airy_share, shares_by_spectrum
+from psf_oracles import FIRST_DARK_RING, converged_airy_fraction, fractions_by_spectrum
 
 import warpsim as ws
 from warpsim.errors import InputError
+from warpsim.optics.epsf_table import POINTS, table_fraction
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
-from warpsim.optics.share_table import POINTS, share
-from warpsim.optics.tables import TableAccuracy, share_table
+from warpsim.optics.tables import TableAccuracy, epsf_table
 
 CLOSURE_ATOL = 1e-5
 """Interpolation errors of the few bright pixels, and what the wing leaves out summed over the plane: terms of the
@@ -48,11 +48,11 @@ def offsets_to_try(aspect, scale_px, n=30):
 @pytest.mark.parametrize("blur", BLURS.values(), ids=BLURS)
 def test_blurred_patterns_on_any_pixel(blur, record_accuracy):
     radius_px, obscuration, smear_px, aspect = blur
-    table = share_table(ws.PsfAiry(radius_px, obscuration, smear_px), aspect)
+    table = epsf_table(ws.PsfAiry(radius_px, obscuration, smear_px), aspect)
     offsets = offsets_to_try(aspect, min(max(radius_px, smear_px), 1.5))
-    expected = shares_by_spectrum(offsets.astype(float), [radius_px], [1.0], obscuration, smear_px, aspect)
-    np.testing.assert_allclose(share(table, *offsets.T), expected, rtol=0, atol=table.error)
-    error = np.abs(share(table, *offsets.T) - expected).max()
+    expected = fractions_by_spectrum(offsets.astype(float), [radius_px], [1.0], obscuration, smear_px, aspect)
+    np.testing.assert_allclose(table_fraction(table, *offsets.T), expected, rtol=0, atol=table.error)
+    error = np.abs(table_fraction(table, *offsets.T) - expected).max()
     record_accuracy(
         "Blurred pattern on any pixel, against its stated error", error, table.error, "of the flux", "Fourier integrals"
     )
@@ -61,8 +61,8 @@ def test_blurred_patterns_on_any_pixel(blur, record_accuracy):
 def test_the_spectrum_is_an_oracle():
     """The Fourier integral agrees with direct quadrature in space, on pixels that are not square."""
     offsets = np.array([[0.0, 0.0], [0.5, 0.3], [1.2, -0.5], [3.0, 2.0]])
-    got = shares_by_spectrum(offsets, [0.478], [1.0], 0.3, 0.0, 1.7)
-    expected = [converged_airy_share(dx, dy, 0.478, 0.3, 1.7) for dx, dy in offsets]
+    got = fractions_by_spectrum(offsets, [0.478], [1.0], 0.3, 0.0, 1.7)
+    expected = [converged_airy_fraction(dx, dy, 0.478, 0.3, 1.7) for dx, dy in offsets]
     np.testing.assert_allclose(got, expected, rtol=0, atol=SPECTRUM_ATOL)
 
 
@@ -70,45 +70,45 @@ def test_the_spectrum_is_an_oracle():
 @pytest.mark.parametrize("aspect", [0.4, 1.6])
 @pytest.mark.parametrize("radius_px", [0.05, 0.3, 2.0])
 def test_sharp_patterns_on_pixels_that_are_not_square(radius_px, aspect):
-    table = share_table(ws.PsfAiry(radius_px, 0.2), aspect)
+    table = epsf_table(ws.PsfAiry(radius_px, 0.2), aspect)
     offsets = offsets_to_try(aspect, min(radius_px, 1.0), n=15)
     far = np.random.default_rng(2).uniform(-1.4, 1.4, (20, 2)) * table.reach_px[::-1]
     axes = np.array([[1.05 * table.reach_px[1], 0.0], [0.0, 1.05 * table.reach_px[0]]])
     offsets = np.concatenate([offsets, far, axes]).astype(np.float32)
-    expected = [converged_airy_share(dx, dy, radius_px, 0.2, aspect) for dx, dy in offsets.astype(float)]
-    np.testing.assert_allclose(share(table, *offsets.T), expected, rtol=0, atol=table.error)
+    expected = [converged_airy_fraction(dx, dy, radius_px, 0.2, aspect) for dx, dy in offsets.astype(float)]
+    np.testing.assert_allclose(table_fraction(table, *offsets.T), expected, rtol=0, atol=table.error)
 
 
 @pytest.mark.parametrize("obscuration", [0.0, 0.3])
 @pytest.mark.parametrize("radii_px", [(0.14, 0.185, 0.22), (1.0, 1.5), (9.0, 10.0, 12.0)])
 def test_sum_over_wavelengths(radii_px, obscuration):
     weights = np.arange(1.0, len(radii_px) + 1)
-    table = share_table(ws.PsfAiry(radii_px, obscuration, weights=tuple(weights)))
+    table = epsf_table(ws.PsfAiry(radii_px, obscuration, weights=tuple(weights)))
     rng = np.random.default_rng(3)
     offsets = np.concatenate([offsets_to_try(1.0, 0.3, n=8), 1.3 * table.reach_px[0] * rng.uniform(-1, 1, (12, 2))])
     offsets = offsets.astype(np.float32)
-    parts = [[converged_airy_share(dx, dy, r, obscuration) for dx, dy in offsets.astype(float)] for r in radii_px]
+    parts = [[converged_airy_fraction(dx, dy, r, obscuration) for dx, dy in offsets.astype(float)] for r in radii_px]
     expected = weights @ parts / weights.sum()
-    np.testing.assert_allclose(share(table, *offsets.T), expected, rtol=0, atol=table.error)
+    np.testing.assert_allclose(table_fraction(table, *offsets.T), expected, rtol=0, atol=table.error)
 
 
 @pytest.mark.parametrize("blur", [BLURS[name] for name in ("wider-than-the-core", "far-wider", "flat-pixels")])
 def test_flux_of_the_whole_plane(blur):
     radius_px, obscuration, smear_px, aspect = blur
-    table = share_table(ws.PsfAiry(radius_px, obscuration, smear_px), aspect)
+    table = epsf_table(ws.PsfAiry(radius_px, obscuration, smear_px), aspect)
     n_col, n_row = 300, round(300 / aspect)
     dx, dy = np.meshgrid(np.arange(-n_col, n_col + 1) - 0.37, np.arange(-n_row, n_row + 1) + 0.21)
     # The w / r^3 law outside a square of half side L: 8 int_0^{pi/4} w cos(a) / L da.
     outside = table.wing.px3 / aspect * 4.0 * np.sqrt(2.0) / (n_col + 0.5)
-    assert share(table, dx, dy).sum() + outside == pytest.approx(1.0, abs=CLOSURE_ATOL)
+    assert table_fraction(table, dx, dy).sum() + outside == pytest.approx(1.0, abs=CLOSURE_ATOL)
 
 
 def test_a_blur_far_wider_than_the_rings_makes_a_gaussian_with_wings():
     """The core tends to the Gaussian; the wing stays that of the pupil."""
-    table = share_table(ws.PsfAiry(0.012, 0.0, 3.0))
+    table = epsf_table(ws.PsfAiry(0.012, 0.0, 3.0))
     gauss = ws.deposit([(20.0, 20.0)], [1.0], ws.PsfGaussian(3.0), (41, 41), device="cpu", flux_error=1e-9)
     dx, dy = np.meshgrid(np.arange(-20.0, 21.0), np.arange(-20.0, 21.0))
-    assert np.abs(share(table, dx, dy) - gauss).max() < 2e-3 * gauss.max()
+    assert np.abs(table_fraction(table, dx, dy) - gauss).max() < 2e-3 * gauss.max()
     assert table.wing.px3 == pytest.approx(0.012 / FIRST_DARK_RING / np.pi**3, rel=1e-12)
 
 
@@ -120,7 +120,7 @@ def test_wings_of_blurs(aspect, rel):
     1.4e-4; of which twice is allowed.
     """
     smear_px = 1.0
-    table = share_table(ws.PsfAiry(0.02, 0.0, smear_px), aspect)
+    table = epsf_table(ws.PsfAiry(0.02, 0.0, smear_px), aspect)
     node, weight = np.polynomial.hermite_e.hermegauss(40)
     inside, part = np.polynomial.legendre.leggauss(6)
     x = smear_px * node[:, None, None, None] + 0.5 * inside[:, None]
@@ -130,14 +130,14 @@ def test_wings_of_blurs(aspect, rel):
         dx, dy = 14.0 * np.cos(angle), 14.0 * np.sin(angle)
         expected = table.wing.px3 * np.sum(law / np.hypot(dx + x, dy + y) ** 3)
         assert max(table.reach_px[1], table.reach_px[0] * aspect) < 9.9
-        assert share(table, dx, dy / aspect) == pytest.approx(expected, rel=rel)
+        assert table_fraction(table, dx, dy / aspect) == pytest.approx(expected, rel=rel)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("smear_px", [0.0, 0.003, 0.1, 5.0, 50.0])
 @pytest.mark.parametrize("radius_px", [0.01, 0.3, 50.0])
 def test_stated_errors_over_the_range_of_blurs(radius_px, smear_px):
-    table = share_table(ws.PsfAiry(radius_px, 0.3, smear_px))
+    table = epsf_table(ws.PsfAiry(radius_px, 0.3, smear_px))
     assert table.error <= 6e-7
     assert table.n_byte < 32e6
 
@@ -147,7 +147,7 @@ def test_stated_errors_over_the_range_of_blurs(radius_px, smear_px):
 def test_device_and_twin_agree(device, n_point, aspect):
     """Images of single sources, inside the table and on its wing, at every order."""
     psf, accuracy = ws.PsfAiry((0.5, 0.7), 0.3, 0.1), TableAccuracy(1e-4, n_point)
-    table = share_table(psf, aspect, accuracy.error, n_point)
+    table = epsf_table(psf, aspect, accuracy.error, n_point)
     assert max(table.reach_px) < 16
     rng = np.random.default_rng(5)
     xy = np.concatenate([[[20.0, 12.0], [20.5, 12.5], [-0.5, -0.5], [44.3, 30.2]], rng.uniform(0, [40, 30], (16, 2))])
@@ -162,7 +162,7 @@ def test_device_and_twin_agree(device, n_point, aspect):
     psf_bank([psf], wp.get_device(device), aspect, accuracy).deposit(sources, rule, 30, signal).run()
     dx = np.arange(40) - xy[:, 0, None, None]
     dy = np.arange(30)[:, None] - xy[:, 1, None, None]
-    np.testing.assert_allclose(signal.numpy()[:, 0], share(table, dx, dy), rtol=0, atol=DEVICE_ATOL)
+    np.testing.assert_allclose(signal.numpy()[:, 0], table_fraction(table, dx, dy), rtol=0, atol=DEVICE_ATOL)
 
 
 def test_stamps_leave_out_what_the_rule_allows(device):

@@ -11,9 +11,9 @@ from scipy import interpolate, special
 
 import warpsim as ws
 from warpsim.errors import InputError
-from warpsim.optics.share_table import POINTS, share
+from warpsim.optics.epsf_table import POINTS, table_fraction
 from warpsim.optics.spline_image import spline_of
-from warpsim.optics.tables import share_table
+from warpsim.optics.tables import epsf_table
 from warpsim.scene.scene_files import named_files
 
 SPLINE_ATOL = 1e-12
@@ -34,7 +34,7 @@ def gauss_image(shape, oversample, sigma_px, centre_px=(0.0, 0.0)):
     return np.exp(-0.5 * ((x / sigma_px[0]) ** 2 + (y / sigma_px[1]) ** 2))
 
 
-def gauss_shares(dx, dy, sigma_px, centre_px, aspect=1.0):
+def gauss_fractions(dx, dy, sigma_px, centre_px, aspect=1.0):
     def part(low, high, sigma, centre):
         return special.ndtr((high - centre) / sigma) - special.ndtr((low - centre) / sigma)
 
@@ -58,9 +58,9 @@ def test_spline_is_integrated_exactly(shape, oversample):
     # Ends of the image swing out by 1e-7 of an end sample beyond what is kept.
     half = np.array([-0.5, 0.5])
     expected = [spline.integral(*(oversample * (dy + half)), *(oversample * (dx + half))) for dx, dy in offsets]
-    np.testing.assert_allclose(pattern.shares(*offsets.T), expected, rtol=0, atol=3e-7)
-    grid = pattern.shares_on_grid(offsets[:, 0], offsets[:, 1])
-    np.testing.assert_allclose(np.diag(grid), pattern.shares(*offsets.T), rtol=0, atol=SPLINE_ATOL)
+    np.testing.assert_allclose(pattern.fractions(*offsets.T), expected, rtol=0, atol=3e-7)
+    grid = pattern.fractions_on_grid(offsets[:, 0], offsets[:, 1])
+    np.testing.assert_allclose(np.diag(grid), pattern.fractions(*offsets.T), rtol=0, atol=SPLINE_ATOL)
 
 
 @pytest.mark.parametrize("aspect", [1.0, 0.6, 1.5])
@@ -70,11 +70,11 @@ def test_a_gaussian_image_is_a_gaussian(shape, smear_px, aspect, record_accuracy
     """Off the middle, of two widths, blurred, on any pixel; arrays of odd and even sides."""
     sigma, centre = np.array([0.7, 0.62]), (0.31, -0.17)
     image = gauss_image(shape, 8.0, sigma, centre)
-    table = share_table(ws.PsfTable(image, 8.0, smear_px), aspect)
+    table = epsf_table(ws.PsfTable(image, 8.0, smear_px), aspect)
     dx, dy = np.random.default_rng(3).uniform(-4.0, 4.0, (2, 2000))
-    expected = gauss_shares(dx, dy, np.hypot(sigma, smear_px), centre, aspect)
-    np.testing.assert_allclose(share(table, dx, dy), expected, rtol=0, atol=GAUSS_ATOL)
-    error = np.abs(share(table, dx, dy) - expected).max()
+    expected = gauss_fractions(dx, dy, np.hypot(sigma, smear_px), centre, aspect)
+    np.testing.assert_allclose(table_fraction(table, dx, dy), expected, rtol=0, atol=GAUSS_ATOL)
+    error = np.abs(table_fraction(table, dx, dy) - expected).max()
     record_accuracy("Image of a Gaussian as point spread function", error, GAUSS_ATOL, "of the flux", "error functions")
 
 
@@ -83,11 +83,11 @@ def test_stated_error_holds_at_every_order(n_point):
     error = 1e-3 if n_point == 2 else 1e-6
     image = gauss_image((41, 47), 5.0, (0.8, 0.5), (0.4, 0.3)) + 0.3 * gauss_image((41, 47), 5.0, (0.4, 0.9), (-2, 1))
     psf = ws.PsfTable(image, 5.0)
-    table = share_table(psf, 1.0, error, n_point)
+    table = epsf_table(psf, 1.0, error, n_point)
     offsets = np.random.default_rng(4).uniform(-6.0, 6.0, (2, 30_000)).astype(np.float32)
     offsets[:, :15_000] *= 0.4
-    exact = spline_of(psf.image, 5.0, 0.0, 1.0).shares(*offsets.astype(np.float64))
-    assert np.abs(share(table, *offsets) - exact).max() <= table.error <= error
+    exact = spline_of(psf.image, 5.0, 0.0, 1.0).fractions(*offsets.astype(np.float64))
+    assert np.abs(table_fraction(table, *offsets) - exact).max() <= table.error <= error
 
 
 def test_images_follow_the_pattern(device):
@@ -96,7 +96,7 @@ def test_images_follow_the_pattern(device):
     image = ws.deposit([(10.0, 10.0)], [2.0], psf, (21, 21), device=device)
     assert np.unravel_index(image.argmax(), image.shape) == (9, 12)
     dx, dy = np.meshgrid(np.arange(21.0) - 10.0, np.arange(21.0) - 10.0)
-    expected = 2.0 * gauss_shares(dx, dy, (0.5, 0.5), (2.0, -1.0))
+    expected = 2.0 * gauss_fractions(dx, dy, (0.5, 0.5), (2.0, -1.0))
     np.testing.assert_allclose(image, expected, rtol=0, atol=COARSE_ATOL)
     assert image.sum() == pytest.approx(2.0, abs=2e-6)
 
@@ -106,7 +106,7 @@ def test_sources_on_corners_and_half_outside(device):
     for xy in [(7.5, 5.5), (-0.5, -0.5), (15.5, 11.5), (-1.3, 4.2), (8.0, 11.9)]:
         image = ws.deposit([xy], [1.0], psf, (12, 16), device=device)
         dx, dy = np.meshgrid(np.arange(16.0) - xy[0], np.arange(12.0) - xy[1])
-        np.testing.assert_allclose(image, gauss_shares(dx, dy, (0.8, 0.6), (0, 0)), rtol=0, atol=GAUSS_ATOL)
+        np.testing.assert_allclose(image, gauss_fractions(dx, dy, (0.8, 0.6), (0, 0)), rtol=0, atol=GAUSS_ATOL)
 
 
 def test_light_stays_within_the_image(device):
@@ -125,10 +125,10 @@ def test_scale_of_the_image_does_not_matter():
 
 
 def test_one_sample_is_a_spline():
-    table = share_table(ws.PsfTable([[3.0]], 1.0))
-    assert share(table, np.zeros(1), np.zeros(1))[0] == pytest.approx(0.68, abs=0.1)
+    table = epsf_table(ws.PsfTable([[3.0]], 1.0))
+    assert table_fraction(table, np.zeros(1), np.zeros(1))[0] == pytest.approx(0.68, abs=0.1)
     dx, dy = np.meshgrid(np.arange(-20.0, 21.0) + 0.3, np.arange(-20.0, 21.0))
-    assert share(table, dx, dy).sum() == pytest.approx(1.0, abs=2e-6)
+    assert table_fraction(table, dx, dy).sum() == pytest.approx(1.0, abs=2e-6)
 
 
 def test_a_psf_does_not_change():
@@ -168,7 +168,7 @@ def test_an_image_too_rough_for_a_table_says_so():
     spike = np.zeros((1500, 1500))
     spike[750, 750] = 1.0
     with pytest.raises(InputError, match="needs more than 12000000 nodes"):
-        share_table(ws.PsfTable(spike, 2.0))
+        epsf_table(ws.PsfTable(spike, 2.0))
 
 
 def write_npy(path, image):

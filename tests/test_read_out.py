@@ -105,25 +105,25 @@ def test_whole_strips_and_ragged_ends_give_the_same_counts(device, shape):
     np.testing.assert_array_equal(whole, read_out(FINE, signal, device, bands=[4, 0, 2], ragged=True))
 
 
-def test_dark_strips_count_as_lit_ones_without_light(device):
-    """Only flagged strips are read; they are dark afterwards."""
+def test_untouched_strips_count_as_touched_ones_without_light(device):
+    """Only flagged strips are read; they are 0 afterwards."""
     shape, where = (2, 2, 40, 160), wp.get_device(device)
     rng = np.random.default_rng(4)
     flags = rng.random((2, 2, 50)) < 0.3
     light = np.where(np.repeat(flags, 128, axis=2), rng.uniform(1e-18, 9e-18, (2, 2, 6400)), 0.0).reshape(shape)
     signal = new_signal(shape, where)
     signal.images.assign(light.astype(np.float32))
-    signal.lit.assign(np.pad(flags, ((0, 0), (0, 0), (0, signal.lit.shape[2] - 50))).astype(np.uint8))
+    signal.touched.assign(np.pad(flags, ((0, 0), (0, 0), (0, signal.touched.shape[2] - 50))).astype(np.uint8))
     np.testing.assert_array_equal(read_out(FINE, light, device, signal=signal), read_out(FINE, light, device))
     assert not signal.flat.numpy().any()
 
 
-def test_a_strip_that_is_not_flagged_counts_as_dark(device):
+def test_a_strip_that_is_not_flagged_counts_as_zero(device):
     """Whatever is in it; it is not read."""
     signal = new_signal((1, 1, 40, 160), wp.get_device(device))
     signal.images.fill_(1e-15)
-    dark = np.zeros((1, 1, 40, 160))
-    np.testing.assert_array_equal(read_out(FINE, dark, device, signal=signal), read_out(FINE, dark, device))
+    zeros = np.zeros((1, 1, 40, 160))
+    np.testing.assert_array_equal(read_out(FINE, zeros, device, signal=signal), read_out(FINE, zeros, device))
 
 
 @pytest.mark.parametrize("shape", [(7, 30), (16, 16), (40, 60)], ids=lambda s: f"{s[0]}x{s[1]}")

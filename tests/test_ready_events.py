@@ -164,7 +164,7 @@ class FakePipeline:
 def on_gpu(monkeypatch, current):
     """Make pipelines of a GPU, of source lists that are certain or not, and a batch of 5 views for them."""
 
-    def make(certain, n_wanted=7, to_host=False):
+    def make(certain, n_required=7, to_host=False):
         device = SimpleNamespace(is_cuda=True)
         scene = SimpleNamespace(device=device, n_target=2, log=[])
         monkeypatch.setattr(pipelines, "Pipeline", FakePipeline)
@@ -174,7 +174,7 @@ def on_gpu(monkeypatch, current):
 
         def read(array):
             scene.log.append("read")
-            return {"n_wanted": np.array([3, n_wanted])}
+            return {"n_required": np.array([3, n_required])}
 
         monkeypatch.setattr(pipelines, "to_numpy", read)
         batch = SimpleNamespace(n_view=5, columns=SimpleNamespace(views=SimpleNamespace(device=device)))
@@ -192,8 +192,8 @@ def test_nothing_is_read_where_source_lists_are_certain_to_be_long_enough(on_gpu
 
 def test_lengths_are_read_after_the_event_where_they_are_not(on_gpu, current):
     """And too short lists are made longer, as everywhere."""
-    group, batch, log = on_gpu(certain=None, n_wanted=80)
-    n_slot = 2 + pipelines.SPARE_SLOTS
+    group, batch, log = on_gpu(certain=None, n_required=80)
+    n_slot = 2 + pipelines.EXTRA_SLOTS
     assert group.render(batch, None) == f"event of {80 + 20}"
     once = ["begin", (0, 5), "record", "read"]
     assert log == [*once, "finish", *once]

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 import warp as wp
 from scipy import special
-from streak_oracles import axis_shares
-from warpsim_kernels.psf import TABLE_LANE, natural_log
+from streak_oracles import axis_fractions
+from warpsim_kernels.psf import TABLE_SIMD_WIDTH, natural_log
 from warpsim_kernels.strips import STRIP_PIXELS, flags_of_image, n_flag
 
 import warpsim as ws
 from warpsim.optics.gaussian_table import axis_table
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
 from warpsim.optics.table_upload import by_block
-from warpsim.optics.tables import share_table
+from warpsim.optics.tables import epsf_table
 
 SEED = 577215
 LOG_ATOL = 3e-7  # five float32 roundings, of two terms and their sum, relative to logarithms above 1; measured 1.1e-7
-SHARE_ATOL = 1e-7  # a table's own rounding to float32, at most 3e-8, and interpolation
+FRACTION_ATOL = 1e-7  # a table's own rounding to float32, at most 3e-8, and interpolation
 WING_RTOL = 2e-5  # of each pixel of a stamp: interpolation at 8 sigma, 6e-6, along both axes; the rest is float32
 
 PSFS = [ws.PsfGaussian(0.01), ws.PsfGaussian(0.7), ws.PsfGaussian(3.0), ws.PsfAiry(0.185), ws.PsfAiry(1.5, 0.3)]
@@ -34,11 +34,11 @@ def sources_of(xy_px, flux, device):
     ]
 
 
-def drawn(xy_px, flux, psf, shape, device, rule, n_row_per_block=None, lit=None):
+def drawn(xy_px, flux, psf, shape, device, rule, n_row_per_block=None, touched=None):
     """Image of one view and band by the kernels' own interface."""
     signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=device)
     bank = psf_bank([psf], wp.get_device(device))
-    bank.deposit(sources_of(xy_px, flux, device), rule, n_row_per_block or shape[0], signal, lit=lit).run()
+    bank.deposit(sources_of(xy_px, flux, device), rule, n_row_per_block or shape[0], signal, touched=touched).run()
     return signal.numpy()[0, 0]
 
 
@@ -73,15 +73,15 @@ def test_logarithm(device):
 
 
 @pytest.mark.parametrize("sigma_px", [1e-4, 0.01, 0.064, 0.35, 0.7, 5.0, 64.0])
-def test_table_of_a_gaussian_holds_its_shares(sigma_px):
-    share, n_step, per_px, n_pixel = axis_table(sigma_px)
-    assert share.shape == (2 * n_step + 4, n_pixel)
-    assert share.nbytes < 2e5
-    row = np.random.default_rng(SEED).integers(0, len(share), 50)
+def test_table_of_a_gaussian_holds_its_fractions(sigma_px):
+    fraction, n_step, per_px, n_pixel = axis_table(sigma_px)
+    assert fraction.shape == (2 * n_step + 4, n_pixel)
+    assert fraction.nbytes < 2e5
+    row = np.random.default_rng(SEED).integers(0, len(fraction), 50)
     offset_px = (row - n_step - 1) / per_px  # of the edge before the pixel n_pixel / 2
     low = (offset_px[:, None] + np.arange(n_pixel) - n_pixel // 2) / sigma_px
     exact = special.ndtr(low + 1 / sigma_px) - special.ndtr(low)
-    np.testing.assert_allclose(share[row], exact, rtol=0, atol=SHARE_ATOL)
+    np.testing.assert_allclose(fraction[row], exact, rtol=0, atol=FRACTION_ATOL)
 
 
 @pytest.mark.parametrize("sigma_px", [0.03, 0.35, 0.7, 2.0, 20.0])
@@ -90,25 +90,28 @@ def test_every_pixel_of_a_gaussian_stamp_keeps_its_digits(device, sigma_px):
     shape = (220, 230) if sigma_px > 10 else (60, 64)
     for xy in np.random.default_rng(SEED).uniform(0.4, 0.6, (6, 2)) * shape[::-1]:
         image = drawn([xy], [1.0], ws.PsfGaussian(sigma_px), shape, device, stamp_rule([0.0], 1e-14, device))
-        expected = np.outer(axis_shares([xy[1]], shape[0], sigma_px), axis_shares([xy[0]], shape[1], sigma_px))
+        expected = np.outer(axis_fractions([xy[1]], shape[0], sigma_px), axis_fractions([xy[0]], shape[1], sigma_px))
         bright = expected > 1e-13
         np.testing.assert_allclose(image[bright], expected[bright], rtol=WING_RTOL, atol=0)
 
 
 @pytest.mark.parametrize("psf", [ws.PsfAiry(0.478), ws.PsfAiry(1.5, 0.3)], ids=str)
 def test_blocks_hold_the_table(psf):
-    table = share_table(psf)
-    share, zero_pixel = by_block(table)
-    n_row, n_block, n_phase, n_lane = share.shape
-    assert (n_row, n_lane) == (table.share.shape[0], TABLE_LANE)
+    table = epsf_table(psf)
+    fraction, zero_pixel = by_block(table)
+    n_row, n_block, n_phase, simd_width = fraction.shape
+    assert (n_row, simd_width) == (table.fraction.shape[0], TABLE_SIMD_WIDTH)
     rng, per_px, before = np.random.default_rng(SEED), table.per_px[1], table.n_point // 2 - 1
     for _ in range(200):
-        row, pixel, phase = rng.integers(n_row), rng.integers(n_block * n_lane), rng.integers(n_phase)
+        row, pixel, phase = rng.integers(n_row), rng.integers(n_block * simd_width), rng.integers(n_phase)
         node = abs((pixel - zero_pixel) * per_px + phase - per_px // 2 - before)
-        if node + table.zero[1] < table.share.shape[1]:
-            assert share[row, pixel // n_lane, phase, pixel % n_lane] == table.share[row, table.zero[1] + node]
+        if node + table.zero[1] < table.fraction.shape[1]:
+            assert (
+                fraction[row, pixel // simd_width, phase, pixel % simd_width]
+                == table.fraction[row, table.zero[1] + node]
+            )
     steps = math.ceil(table.reach_px[1] + 0.5)
-    assert zero_pixel >= steps and n_block * n_lane - zero_pixel > steps
+    assert zero_pixel >= steps and n_block * simd_width - zero_pixel > steps
 
 
 @every_psf
@@ -144,12 +147,12 @@ def test_flags_tell_which_strips_have_light(device, psf, shape):
     for n_row_per_block in (shape[0], 4):
         for cut, n_source in ((1e-2, 6), (1e-2, 1), (1e-6, 1), (1e-9, 1)):
             xy = rng.uniform(-2, [shape[1] + 1, shape[0] + 1], (n_source, 2))
-            lit = wp.zeros((1, 1, n_flag(shape[0] * shape[1])), dtype=wp.uint8, device=device)
+            touched = wp.zeros((1, 1, n_flag(shape[0] * shape[1])), dtype=wp.uint8, device=device)
             rule = stamp_rule([0.0], cut, device)
-            image = drawn(xy, np.ones(n_source), psf, shape, device, rule, n_row_per_block, lit)
-            strips = np.zeros((lit.size, STRIP_PIXELS))
+            image = drawn(xy, np.ones(n_source), psf, shape, device, rule, n_row_per_block, touched)
+            strips = np.zeros((touched.size, STRIP_PIXELS))
             strips.ravel()[: image.size] = image.ravel()
-            np.testing.assert_array_equal(lit.numpy()[0, 0], (strips != 0).any(axis=1))
+            np.testing.assert_array_equal(touched.numpy()[0, 0], (strips != 0).any(axis=1))
 
 
 def test_flags_of_many_images(device):
@@ -161,12 +164,12 @@ def test_flags_of_many_images(device):
         wp.array([[[1.0], [0.0]], [[0.0], [0.0]], [[1.0], [2.0]]], dtype=wp.float32, device=device),
     ]
     signal = wp.zeros((n_view, 2, *shape), dtype=wp.float32, device=device)
-    lit = wp.zeros((n_view, 2, n_flag(shape[0] * shape[1])), dtype=wp.uint8, device=device)
+    touched = wp.zeros((n_view, 2, n_flag(shape[0] * shape[1])), dtype=wp.uint8, device=device)
     bank = psf_bank([ws.PsfGaussian(0.5)] * 2, wp.get_device(device))
-    launch = bank.deposit(sources, stamp_rule([0.0, 0.0], 1e-3, device), shape[0], signal, lit=lit)
+    launch = bank.deposit(sources, stamp_rule([0.0, 0.0], 1e-3, device), shape[0], signal, touched=touched)
     for _ in range(2):
         launch.run()
-        assert lit.numpy()[..., :5].tolist() == [
+        assert touched.numpy()[..., :5].tolist() == [
             [[1, 1, 0, 0, 0], [0, 0, 0, 0, 0]],
             [[0, 0, 0, 0, 0], [0, 0, 0, 0, 0]],
             [[0, 0, 0, 1, 1], [0, 0, 0, 1, 1]],

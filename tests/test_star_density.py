@@ -82,8 +82,8 @@ def test_no_view_wants_more_slots_than_are_certain(scene, changes):
     scene = scene.replace(**changes)
     slots = certain_slots(device_scene(scene, ["A"]))
     frames = ws.Renderer(scene, "cpu").render(range(0, 160, 4))
-    wanted = frames._host.views["n_wanted"]
-    assert len(scene.scenario.targets) < wanted.max() <= slots
+    required = frames._host.views["n_required"]
+    assert len(scene.scenario.targets) < required.max() <= slots
 
 
 def test_slots_are_not_certain_where_too_many_stars_or_moving_light_are(scene, monkeypatch):

@@ -12,14 +12,14 @@ from warpsim.optics.pattern import annular_transfer
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
 from warpsim.optics.sharpness import sharpness
 from warpsim.optics.streak_rules import LONGEST_STREAK
-from warpsim.optics.tables import share_table
+from warpsim.optics.tables import epsf_table
 
 SEED = 271828
 STREAK_ATOL = 1e-5  # per unit flux, of the 10,000 samples
 FINE_ATOL = 2e-6
 """A fifth of what is asked for. With flux_error = 1e-6 the nodes may err by half of it and a table by 6e-7; sums of
 float32 come on top. Measured 9e-7."""
-CLOSURE_ATOL = 1e-6  # shares reported against the sum of the image
+CLOSURE_ATOL = 1e-6  # reported fractions against the sum of the image
 SUM_ATOL = 2e-6  # float32 images that are summed in another order: one rounding of 6e-8 for each of 30 nodes at a pixel
 SHAPE = (24, 32)
 STILL = np.zeros((1, 2))
@@ -70,8 +70,8 @@ def draw(xy_px, flux, psf, shape, device, rule, paths=None, n_row_per_block=None
     return signal.numpy()[0, 0]
 
 
-def shares(xy_px, flux, psf, device, rule, paths=None, aspect=1.0):
-    """Peak and stamp shares."""
+def fractions(xy_px, flux, psf, device, rule, paths=None, aspect=1.0):
+    """Peak and stamp fractions."""
     outputs = [wp.empty((1, 1, len(xy_px)), dtype=wp.float32, device=device) for _ in range(2)]
     bank = psf_bank([psf], wp.get_device(device), aspect)
     bank.measure_stamps(sources_of(xy_px, flux, device)[1:], rule, outputs, paths)
@@ -227,11 +227,11 @@ every_psf = pytest.mark.parametrize("psf", PSFS, ids=["gauss-sharp", "gauss", "a
 
 
 @every_psf
-@pytest.mark.parametrize("cut_share", [1e-3, 1e-9], ids=["small-stamps", "wide-stamps"])
-def test_no_movement_is_no_streak_bit_by_bit(device, psf, cut_share):
+@pytest.mark.parametrize("cut_fraction", [1e-3, 1e-9], ids=["small-stamps", "wide-stamps"])
+def test_no_movement_is_no_streak_bit_by_bit(device, psf, cut_fraction):
     rng = np.random.default_rng(SEED)
     xy, flux = rng.uniform(-2, [34, 26], (30, 2)), rng.uniform(0.1, 5, 30)
-    rule = stamp_rule([0.0], cut_share, device)
+    rule = stamp_rule([0.0], cut_fraction, device)
     plain = draw(xy, flux, psf, SHAPE, device, rule)
     for n_movement, n_brightness in ((1, 0), (0, 1), (3, 4)):
         brightness = np.zeros((30, n_brightness))
@@ -240,34 +240,34 @@ def test_no_movement_is_no_streak_bit_by_bit(device, psf, cut_share):
         paths = paths_of(np.zeros((30, n_movement, 2)), brightness, device)
         np.testing.assert_array_equal(draw(xy, flux, psf, SHAPE, device, rule, paths), plain)
         for one, other in zip(
-            shares(xy, flux, psf, device, rule), shares(xy, flux, psf, device, rule, paths), strict=True
+            fractions(xy, flux, psf, device, rule), fractions(xy, flux, psf, device, rule, paths), strict=True
         ):
             np.testing.assert_array_equal(other, one)
 
 
 @every_psf
 @pytest.mark.parametrize("n_row_per_block", [1, 4, 23])
-@pytest.mark.parametrize("cut_share", [1e-6, 3e-9], ids=["near", "near-and-far"])
-def test_row_blocks_do_not_change_a_bit(device, psf, n_row_per_block, cut_share):
+@pytest.mark.parametrize("cut_fraction", [1e-6, 3e-9], ids=["near", "near-and-far"])
+def test_row_blocks_do_not_change_a_bit(device, psf, n_row_per_block, cut_fraction):
     rng, n = np.random.default_rng(SEED), 6
     xy, flux = rng.uniform(-2, [34, 26], (n, 2)), rng.uniform(0.1, 5, n)
     paths = paths_of(rng.normal(size=(n, 3, 2)) * [[[0], [4], [1]]], [[1, 0.4, -0.2]] * n, device)
-    rule = stamp_rule([0.0], cut_share, device, 1e-4)
+    rule = stamp_rule([0.0], cut_fraction, device, 1e-4)
     whole = draw(xy, flux, psf, SHAPE, device, rule, paths)
     np.testing.assert_array_equal(draw(xy, flux, psf, SHAPE, device, rule, paths, n_row_per_block), whole)
 
 
 @every_psf
-def test_reported_shares_are_those_of_the_image(device, psf):
+def test_reported_fractions_are_those_of_the_image(device, psf):
     rng, shape = np.random.default_rng(SEED), (241, 241)
-    for cut_share in (1e-2, 1e-4, 1e-6):
+    for cut_fraction in (1e-2, 1e-4, 1e-6):
         xy = [[120 + rng.uniform(-0.5, 0.5), 120 + rng.uniform(-0.5, 0.5)]]
         paths = paths_of([[[0, 0], [3, 1], [0.5, -1]]], [[1, 0.5, 0.1]], device)
-        rule = stamp_rule([0.0], cut_share, device)
+        rule = stamp_rule([0.0], cut_fraction, device)
         image = draw(xy, [1.0], psf, shape, device, rule, paths).astype(np.float64)
-        peak, stamp = shares(xy, [1.0], psf, device, rule, paths)
+        peak, stamp = fractions(xy, [1.0], psf, device, rule, paths)
         assert stamp[0] == pytest.approx(image.sum(), rel=0, abs=CLOSURE_ATOL)
-        assert peak[0] == pytest.approx(image[120, 120], rel=0, abs=max(cut_share, CLOSURE_ATOL))
+        assert peak[0] == pytest.approx(image[120, 120], rel=0, abs=max(cut_fraction, CLOSURE_ATOL))
 
 
 @pytest.mark.parametrize("psf", [ws.PsfGaussian(0.3), ws.PsfGaussian(5.0)], ids=str)
@@ -294,10 +294,10 @@ def test_far_light_of_bright_streaks(device, psf, length_px):
     rule = stamp_rule([0.0], cut, device)
     image = draw([xy], [1.0], psf, shape, device, rule, paths_of([movement], [brightness], device))
     t, weight = fine_times(max(4, int(6 * length_px / psf.radius_px)), 6)
-    places = xy + legendre(movement, t)
-    still = draw(places, weight * legendre(brightness, t), psf, shape, device, rule)
+    positions = xy + legendre(movement, t)
+    still = draw(positions, weight * legendre(brightness, t), psf, shape, device, rule)
     np.testing.assert_allclose(image, still, rtol=0, atol=SUM_ATOL)
-    near = max(30.0, 1.0 + np.hypot(*share_table(psf).reach_px))  # the corners of the table
+    near = max(30.0, 1.0 + np.hypot(*epsf_table(psf).reach_px))  # the corners of the table
     away = np.hypot(*np.meshgrid(np.arange(180) - xy[0], np.arange(160) - xy[1])) > near + length_px / 2
     # Few nodes do not average where single stamps end, and where the table passes into its wing.
     assert np.abs(image - still)[away].max() <= cut
@@ -323,17 +323,17 @@ def test_gaussians_on_pixels_that_are_not_square(device, sigma_px, aspect):
 @pytest.mark.parametrize("aspect", [0.5, 1.4])
 @pytest.mark.parametrize("psf", [ws.PsfGaussian(1.5), ws.PsfAiry(0.478, 0.3)], ids=["gauss", "airy"])
 @pytest.mark.parametrize("cut", [1e-3, 1e-6])
-def test_shares_and_sizes_on_pixels_that_are_not_square(device, psf, aspect, cut):
+def test_fractions_and_sizes_on_pixels_that_are_not_square(device, psf, aspect, cut):
     rule, shape, xy = stamp_rule([0.0], cut, device), (301, 301), [[150.3, 150.2]]
     image = draw(xy, [1.0], psf, shape, device, rule, aspect=aspect)
-    _, stamp = shares(xy, [1.0], psf, device, rule, aspect=aspect)
+    _, stamp = fractions(xy, [1.0], psf, device, rule, aspect=aspect)
     assert stamp[0] == pytest.approx(image.sum(dtype=np.float64), rel=0, abs=CLOSURE_ATOL)
     half = wp.zeros((1, 1), dtype=wp.int32, device=device)
     light = wp.ones((1, 1), dtype=wp.float32, device=device)
     psf_bank([psf], wp.get_device(device), aspect).size_stamps(light, rule, half)
     margin = int(half.numpy()[0, 0])
-    for place in ([-0.5 - margin - 1e-6, 20.0], [20.0, 300.5 + margin + 1e-6]):
-        assert not draw([place], [1.0], psf, shape, device, rule, aspect=aspect).any()
+    for position in ([-0.5 - margin - 1e-6, 20.0], [20.0, 300.5 + margin + 1e-6]):
+        assert not draw([position], [1.0], psf, shape, device, rule, aspect=aspect).any()
     rows, columns = np.nonzero(image)
     assert max(np.abs(columns - 150.3).max(), np.abs(rows - 150.2).max()) > margin - 1  # no wider than it must be
 
@@ -347,12 +347,12 @@ def crooked(rng):
 
 @each_streak
 def test_streaks_of_a_crooked_image(device, movement, xy, brightness):
-    """Against itself, drawn still at many places."""
+    """Against itself, drawn still at many positions."""
     psf = crooked(np.random.default_rng(SEED))
     image = ws.deposit([xy], [1.0], psf, SHAPE, device=device, movement_px=[movement], brightness=[brightness])
     t, weight = fine_times(60)
-    places = xy + legendre(movement, t)
-    still = ws.deposit(places, weight * legendre(brightness, t), psf, SHAPE, device=device, flux_error=1e-7)
+    positions = xy + legendre(movement, t)
+    still = ws.deposit(positions, weight * legendre(brightness, t), psf, SHAPE, device=device, flux_error=1e-7)
     np.testing.assert_allclose(image, still, rtol=0, atol=SUM_ATOL)
 
 

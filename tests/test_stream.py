@@ -26,8 +26,8 @@ class Fake:
     def __init__(self, frames):
         self.frames = frames
 
-    def one_frame(self, place):
-        return Fake(self.frames[place : place + 1])
+    def one_frame(self, index):
+        return Fake(self.frames[index : index + 1])
 
 
 def fake_stream(n, rate_hz=None, drop=True, n_ahead=4, n_together=1, cost_s=0.0, calls=None):
@@ -128,7 +128,7 @@ def test_pace():
 
 
 @pytest.mark.parametrize(
-    ("rate_hz", "n_view", "frame_bytes", "n_lane", "n_ahead", "expected"),
+    ("rate_hz", "n_view", "frame_bytes", "n_pipeline", "n_ahead", "expected"),
     [
         (30.0, 20, 655_360, 2, None, (4, 1)),
         (30.0, 1, 32_768, 2, None, (4, 2)),  # two threads, one view a frame
@@ -139,8 +139,8 @@ def test_pace():
         (None, 1, 32_768, 2, 6, (6, 3)),
     ],
 )
-def test_sizes_follow_rate_and_memory(rate_hz, n_view, frame_bytes, n_lane, n_ahead, expected):
-    assert stream_sizes(rate_hz, n_view, frame_bytes, n_lane, n_ahead) == expected
+def test_sizes_follow_rate_and_memory(rate_hz, n_view, frame_bytes, n_pipeline, n_ahead, expected):
+    assert stream_sizes(rate_hz, n_view, frame_bytes, n_pipeline, n_ahead) == expected
 
 
 def test_an_error_of_the_renderer_comes_after_the_frames_before_it():
@@ -198,9 +198,9 @@ def test_twenty_sensors_at_30_hz(moving, renderer, n_frame):
         assert frames.counts.shape == (1, 20, 1, 128, 128)
         seen += frames.frames
         if frames.frames[0] in sample:
-            place = sample.index(frames.frames[0])
-            np.testing.assert_array_equal(frames.counts.numpy()[0], expected.counts.numpy()[place])
-            np.testing.assert_array_equal(frames.axes_icrs[0], expected.axes_icrs[place])
+            index = sample.index(frames.frames[0])
+            np.testing.assert_array_equal(frames.counts.numpy()[0], expected.counts.numpy()[index])
+            np.testing.assert_array_equal(frames.axes_icrs[0], expected.axes_icrs[index])
     assert seen == list(range(n_frame))
     stats = renderer.stats
     assert (stats.n_frame, stats.n_dropped) == (n_frame, 0)

@@ -8,8 +8,8 @@ from typing import Any
 import warp as wp
 
 THREADS_PER_BLOCK_CUDA = 64
-"""Of launches that say nothing else: the few threads of some stages are spread over many multiprocessors, and as many
-blocks as one of those holds, 32, still are all of its 2,048 threads."""
+"""Threads of a block, unless a launch says otherwise: the few threads of some stages are spread over many
+multiprocessors, and as many blocks as one of those holds, 32, still are all of its 2,048 threads."""
 
 
 class Launch:

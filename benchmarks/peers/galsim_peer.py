@@ -10,7 +10,7 @@ from benchmarks.peers.work import AIRY_RADIUS_PX, SIGMA_PX, PeerWork
 
 
 class GalsimPeer:
-    """The pattern is convolved with the pixel once; each source is that profile with its light, at its place."""
+    """The pattern is convolved with the pixel once; each source is that profile with its light, at its position."""
 
     n_thread = 1
 

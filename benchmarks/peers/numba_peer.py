@@ -73,7 +73,7 @@ def sort_by_band(row, n_pixel, n_band):
 
 @njit(parallel=True, fastmath=True)
 def weigh(x_px, y_px, light, table, column, row, across, down):
-    """Nearest pixel of each source, and its shares along both axes."""
+    """Nearest pixel of each source, and its fractions along both axes."""
     n_phase = table.shape[0] - 1
     for source in prange(x_px.size):
         i, j = int(np.rint(x_px[source])), int(np.rint(y_px[source]))
@@ -94,8 +94,8 @@ def draw_gaussians(image, column, row, across, down, start, order):
         first, end = band * BAND_ROWS, min((band + 1) * BAND_ROWS, n_pixel)
         image[first:end] = float32(0)
         for near in range(max(band - 1, 0), min(band + 2, n_band)):
-            for place in range(start[near], start[near + 1]):
-                source = order[place]
+            for number in range(start[near], start[near + 1]):
+                source = order[number]
                 left, top = column[source] - GAUSSIAN_HALF_PX, row[source] - GAUSSIAN_HALF_PX
                 whole = left >= 0 and left + SIDE <= n_pixel
                 for r in range(max(top, first), min(top + SIDE, end)):
@@ -118,8 +118,8 @@ def draw_patterns(image, x_px, y_px, light, column, row, table, start, order):
         first, end = band * BAND_ROWS, min((band + 1) * BAND_ROWS, n_pixel)
         image[first:end] = float32(0)
         for near in range(max(band - reach, 0), min(band + reach + 1, n_band)):
-            for place in range(start[near], start[near + 1]):
-                source = order[place]
+            for number in range(start[near], start[near + 1]):
+                source = order[number]
                 left, top = column[source] - AIRY_HALF_PX, row[source] - AIRY_HALF_PX
                 top_seen, end_seen = max(top, first), min(top + side, end)
                 if top_seen >= end_seen:

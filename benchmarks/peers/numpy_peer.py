@@ -71,6 +71,6 @@ class NumpyPeer:
         side = n_pixel + 2 * border
         pixels = np.arange(2 * half + 1)
         offset = (pixels[:, None] * side + pixels).ravel()
-        place = ((row - half + border) * side + column - half + border)[:, None] + offset
-        image = np.bincount(place.ravel(), stamps.reshape(-1), minlength=side * side).reshape(side, side)
+        index = ((row - half + border) * side + column - half + border)[:, None] + offset
+        image = np.bincount(index.ravel(), stamps.reshape(-1), minlength=side * side).reshape(side, side)
         return image[border : border + n_pixel, border : border + n_pixel].astype(np.float32)

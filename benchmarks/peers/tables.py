@@ -1,4 +1,4 @@
-"""Tables of what falls into each pixel of a stamp, by the place of the source within its pixel."""
+"""Tables of what falls into each pixel of a stamp, by the position of the source within its pixel."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _FIRST_DARK_RING = 1.2196698912665045
 
 @functools.cache
 def gaussian_table(n_phase: int = 1024, half_px: int = GAUSSIAN_HALF_PX) -> np.ndarray:
-    """Shares of the pixels of an axis, (n_phase + 1, 2 half_px + 1), for sources from -0.5 to 0.5 px off centre."""
+    """Pixel fractions of an axis, (n_phase + 1, 2 half_px + 1), for sources from -0.5 to 0.5 px off centre."""
     offset = np.linspace(-0.5, 0.5, n_phase + 1)[:, None]
     edges = np.arange(-half_px, half_px + 2) - 0.5
     return np.ascontiguousarray(np.diff(ndtr((edges - offset) / SIGMA_PX), axis=1), dtype=np.float32)
@@ -27,7 +27,7 @@ def gaussian_table(n_phase: int = 1024, half_px: int = GAUSSIAN_HALF_PX) -> np.n
 
 @functools.cache
 def airy_table(n_phase: int = 32, half_px: int = AIRY_HALF_PX, n_node: int = 3) -> np.ndarray:
-    """Shares of the pixels of a stamp, (n_phase + 1, n_phase + 1, side, side): y and x offset, row, column.
+    """Pixel fractions of a stamp, (n_phase + 1, n_phase + 1, side, side): y and x offset, row, column.
 
     Cells of 1 / n_phase px, by Gauss-Legendre rules of n_node^2 points, summed to pixels that begin at any cell.
     """

@@ -13,16 +13,16 @@ import warp as wp
 from warpsim_kernels.strips import STRIP_SHIFT, flags_of_image
 
 
-def lane_mask(n_lane: int) -> tuple[float, ...]:
-    """What flat arrays of tables begin with: vectors of n_lane from it are 1 in some lanes, and 0 in the others."""
-    return (0.0,) * n_lane + (1.0,) * n_lane + (0.0,) * n_lane
+def mask_table(simd_width: int) -> tuple[float, ...]:
+    """Return the floats at the start of flat tables: vectors of them are 1 in a run of elements, and 0 elsewhere."""
+    return (0.0,) * simd_width + (1.0,) * simd_width + (0.0,) * simd_width
 
 
 class CanvasFunctions(NamedTuple):
-    """How n_lane pixels of an image are drawn at a time."""
+    """Functions that draw simd_width pixels of an image at a time."""
 
-    Lanes: Any
-    """Vector of n_lane floats. Signal and tables come as arrays of such vectors that overlap: one begins at every
+    PixelVector: Any
+    """Vector of simd_width floats. Signal and tables come as arrays of such vectors that overlap: one begins at every
     float."""
 
     Images: Any
@@ -34,37 +34,37 @@ class CanvasFunctions(NamedTuple):
     canvas_of: Any
     """(images, image: int) -> canvas."""
 
-    lanes_between: Any
-    """(tables, first: int, end: int) -> 1 in the lanes from the first up to the end, else 0; tables begin with
-    lane_mask."""
+    mask_between: Any
+    """(tables, first: int, end: int) -> vector: 1 in the elements from first up to end, else 0; tables begin with
+    mask_table."""
 
     add_light: Any
     """(canvas, row: int, vector: int, light, first: int, end: int): add to pixels of a row from the column `vector` on;
-    light is 0 but in the lanes from first up to end."""
+    light is 0 but in the elements from first up to end."""
 
     flag_strips: Any
     """(canvas, row: int, first: int, end: int): flag the strips of the columns of a row from first up to end."""
 
 
 @functools.cache
-def canvas_functions(n_lane: int) -> CanvasFunctions:
-    """The functions that draw n_lane pixels at a time."""
-    Lanes = wp.types.vector(length=n_lane, dtype=wp.float32)
+def canvas_functions(simd_width: int) -> CanvasFunctions:
+    """Return the functions that draw simd_width pixels at a time."""
+    PixelVector = wp.types.vector(length=simd_width, dtype=wp.float32)
 
     class Images:
         pixels: wp.array[float]  # (n_image * n_row * n_col,)
-        lanes: wp.array[Lanes]  # the same, with a vector from every pixel on
-        lit: wp.array[wp.uint8]  # (n_image * n_flag,) 1 for a strip that light was added to
+        vectors: wp.array[PixelVector]  # the same, with a vector from every pixel on
+        touched: wp.array[wp.uint8]  # (n_image * n_flag,) 1 for a strip that light was added to
         n_row: int
         n_col: int
         n_row_per_block: int  # rows that one thread owns
 
     class Canvas:
         pixels: wp.array[float]  # of all images, flat
-        lanes: wp.array[Lanes]  # the same, with a vector from every pixel on
-        lit: wp.array[wp.uint8]  # flags of all images, flat: 1 for a strip that light was added to
-        first: int  # where the image begins in pixels
-        first_strip: int  # where it begins in lit
+        vectors: wp.array[PixelVector]  # the same, with a vector from every pixel on
+        touched: wp.array[wp.uint8]  # flags of all images, flat: 1 for a strip that light was added to
+        first: int  # index of the image's first pixel in pixels
+        first_strip: int  # index of its first flag in touched
         n_row: int
         n_col: int
 
@@ -74,8 +74,8 @@ def canvas_functions(n_lane: int) -> CanvasFunctions:
     def canvas_of(images: images_type, image: int) -> canvas_type:
         canvas = canvas_type()
         canvas.pixels = images.pixels
-        canvas.lanes = images.lanes
-        canvas.lit = images.lit
+        canvas.vectors = images.vectors
+        canvas.touched = images.touched
         canvas.first = image * images.n_row * images.n_col
         canvas.first_strip = image * flags_of_image(images.n_row * images.n_col)
         canvas.n_row = images.n_row
@@ -83,17 +83,17 @@ def canvas_functions(n_lane: int) -> CanvasFunctions:
         return canvas
 
     @wp.func
-    def lanes_between(tables: wp.array[Lanes], first: int, end: int) -> Lanes:
-        return wp.cw_mul(tables[wp.static(n_lane) - first], tables[wp.static(2 * n_lane) - end])
+    def mask_between(tables: wp.array[PixelVector], first: int, end: int) -> PixelVector:
+        return wp.cw_mul(tables[wp.static(simd_width) - first], tables[wp.static(2 * simd_width) - end])
 
     @wp.func
-    def add_light(canvas: canvas_type, row: int, vector: int, light: Lanes, first: int, end: int):
+    def add_light(canvas: canvas_type, row: int, vector: int, light: PixelVector, first: int, end: int):
         pixel = canvas.first + row * canvas.n_col + vector
-        if vector >= 0 and vector + wp.static(n_lane) <= canvas.n_col:
-            canvas.lanes[pixel] = canvas.lanes[pixel] + light
+        if vector >= 0 and vector + wp.static(simd_width) <= canvas.n_col:
+            canvas.vectors[pixel] = canvas.vectors[pixel] + light
         else:
-            for lane in range(first, end):
-                canvas.pixels[pixel + lane] = canvas.pixels[pixel + lane] + light[lane]
+            for i in range(first, end):
+                canvas.pixels[pixel + i] = canvas.pixels[pixel + i] + light[i]
 
     @wp.func
     def flag_strips(canvas: canvas_type, row: int, first: int, end: int):
@@ -101,9 +101,9 @@ def canvas_functions(n_lane: int) -> CanvasFunctions:
             begin = row * canvas.n_col
             strip = canvas.first_strip + ((begin + first) >> STRIP_SHIFT)
             last = canvas.first_strip + ((begin + end - 1) >> STRIP_SHIFT)
-            canvas.lit[last] = wp.uint8(1)
+            canvas.touched[last] = wp.uint8(1)
             while strip < last:
-                canvas.lit[strip] = wp.uint8(1)
+                canvas.touched[strip] = wp.uint8(1)
                 strip += 1
 
-    return CanvasFunctions(Lanes, images_type, canvas_type, canvas_of, lanes_between, add_light, flag_strips)
+    return CanvasFunctions(PixelVector, images_type, canvas_type, canvas_of, mask_between, add_light, flag_strips)

@@ -24,17 +24,18 @@ from warpsim_kernels.stamps import (
 )
 from warpsim_kernels.streaks import NO_LIMIT, Blur, StreakRules, is_streak_near, moment_of, source_of, streak_of
 
-GAUSSIAN_LANE = 16
+GAUSSIAN_SIMD_WIDTH = 16
 """Pixels that are drawn at a time."""
 
-Lanes, Images, Canvas, canvas_of, lanes_between, add_light, flag_strips = canvas_functions(GAUSSIAN_LANE)
+PixelVector, Images, Canvas, canvas_of, mask_between, add_light, flag_strips = canvas_functions(GAUSSIAN_SIMD_WIDTH)
 
 
 @wp.struct
 class EdgeTable:
-    """Shares of pixels next to each other along one axis, over the offset of the pixel edge nearest to the source.
+    """Pixel fractions next to each other along one axis, over the offset of the pixel edge nearest to the source.
 
-    Rows of n_pixel shares, one for every 1 / per_px of offset; beyond n_step of them on either side they stay the same.
+    Rows of n_pixel fractions, one for every 1 / per_px of offset; beyond n_step of them on either side they stay the
+    same.
     """
 
     start: int  # of the row of offset 0, at the pixel after that edge, in the flat array
@@ -57,12 +58,12 @@ class GaussianTables:
     """The Gaussians of all bands."""
 
     psfs: wp.array[GaussianPsf]  # (n_band,)
-    shares: wp.array[Lanes]  # lane_mask and the tables of all bands, flat, with a vector from every float on
+    fractions: wp.array[PixelVector]  # mask_table and the tables of all bands, flat, with a vector from every float on
 
 
 @wp.func
 def gaussian_blur(sigma_px: wp.vec2) -> Blur:
-    """What the count of a streak's nodes follows from."""
+    """Width and shape that decide the count of a streak's nodes."""
     blur = Blur()
     blur.width_px = sigma_px[0]
     blur.band_limit_per_px = NO_LIMIT
@@ -71,68 +72,68 @@ def gaussian_blur(sigma_px: wp.vec2) -> Blur:
 
 
 @wp.struct
-class EdgePlace:
-    """Where a source stands between the rows of an edge table."""
+class EdgeOffset:
+    """Offset of a source between the rows of an edge table."""
 
     start: int  # of the row before it in the flat array, for pixel 0 of the image
     u: float  # part of the way to the next row
 
 
 @wp.func
-def edge_place(table: EdgeTable, source_px: wp.float64) -> EdgePlace:
-    """Place of a source along one axis."""
+def edge_offset(table: EdgeTable, source_px: wp.float64) -> EdgeOffset:
+    """Return the offset of a source along one axis."""
     pixel = wp.floor(source_px + wp.float64(1.0))
     offset_px = pixel - wp.float64(0.5) - source_px
     position = offset_px * wp.float64(table.per_px)
     position = wp.clamp(position, -wp.float64(table.n_step), wp.float64(table.n_step))
     node = wp.floor(position)
-    place = EdgePlace()
-    place.u = float(position - node)
-    place.start = table.start + int(node) * table.n_pixel - int(pixel)
-    return place
+    offset = EdgeOffset()
+    offset.u = float(position - node)
+    offset.start = table.start + int(node) * table.n_pixel - int(pixel)
+    return offset
 
 
 @wp.func
-def axis_shares(shares: wp.array[Lanes], table: EdgeTable, place: EdgePlace, first: int) -> Lanes:
-    """Shares of the pixels from the first on, along one axis: cubic interpolation between four rows of the table."""
-    at = place.start + first
-    u = place.u
+def axis_fractions(fractions: wp.array[PixelVector], table: EdgeTable, offset: EdgeOffset, first: int) -> PixelVector:
+    """Pixel fractions from the first on, along one axis: cubic interpolation between four rows of the table."""
+    at = offset.start + first
+    u = offset.u
     # Newton's form: differences of neighbouring rows are small and hardly add rounding.
-    here = shares[at]
-    after = shares[at + table.n_pixel]
+    here = fractions[at]
+    after = fractions[at + table.n_pixel]
     step = after - here
-    bend = step - (here - shares[at - table.n_pixel])
-    twist = (shares[at + 2 * table.n_pixel] - after) - step - bend
+    bend = step - (here - fractions[at - table.n_pixel])
+    twist = (fractions[at + 2 * table.n_pixel] - after) - step - bend
     return here + u * (step + (0.5 * (u - 1.0)) * (bend + ((u + 1.0) * wp.static(1.0 / 3.0)) * twist))
 
 
 @wp.func
 def add_gaussian_stamp(
-    canvas: Canvas, xy_px: wp.vec2d, strength: float, psf: GaussianPsf, shares: wp.array[Lanes], stamp: Stamp
+    canvas: Canvas, xy_px: wp.vec2d, strength: float, psf: GaussianPsf, fractions: wp.array[PixelVector], stamp: Stamp
 ):
-    """The Gaussian separates: a row of the stamp is the shares of its columns times that of the row."""
+    """The Gaussian separates: a row of the stamp is the fractions of its columns times that of the row."""
     widest = columns_of_row(stamp, stamp.row)
-    across_place = edge_place(psf.columns, xy_px[0])
-    down_place = edge_place(psf.rows, xy_px[1])
+    across_offset = edge_offset(psf.columns, xy_px[0])
+    down_offset = edge_offset(psf.rows, xy_px[1])
     is_round = stamp.reach_px > ROUND_FROM_PX
     first = widest[0]
     while first < widest[1] and stamp.window.first_row < stamp.window.end_row:
-        vector = wp.min(first, canvas.n_col - GAUSSIAN_LANE)  # not over the end of the row, if it is long enough
-        end = wp.min(vector + GAUSSIAN_LANE, widest[1])
-        across = axis_shares(shares, psf.columns, across_place, vector)
-        across = strength * wp.cw_mul(across, lanes_between(shares, first - vector, end - vector))
+        vector = wp.min(first, canvas.n_col - GAUSSIAN_SIMD_WIDTH)  # not over the end of the row, if it is long enough
+        end = wp.min(vector + GAUSSIAN_SIMD_WIDTH, widest[1])
+        across = axis_fractions(fractions, psf.columns, across_offset, vector)
+        across = strength * wp.cw_mul(across, mask_between(fractions, first - vector, end - vector))
         row = stamp.window.first_row
         while row < stamp.window.end_row:
             above = row
-            down = axis_shares(shares, psf.rows, down_place, above)
-            while row < wp.min(above + GAUSSIAN_LANE, stamp.window.end_row):
+            down = axis_fractions(fractions, psf.rows, down_offset, above)
+            while row < wp.min(above + GAUSSIAN_SIMD_WIDTH, stamp.window.end_row):
                 light = down[row - above] * across
                 if is_round:
                     columns = columns_of_row(stamp, row)
                     left = wp.max(columns[0], first)
                     right = wp.min(columns[1], end)
                     if left < right:
-                        light = wp.cw_mul(light, lanes_between(shares, left - vector, right - vector))
+                        light = wp.cw_mul(light, mask_between(fractions, left - vector, right - vector))
                         add_light(canvas, row, vector, light, left - vector, right - vector)
                         flag_strips(canvas, row, left, right)
                 else:
@@ -161,7 +162,7 @@ def make_deposit_gaussian_kernel(streaks: bool) -> wp.Kernel:
         canvas = canvas_of(images, view * tables.psfs.shape[0] + band)
         window = block_window(images.n_row, images.n_col, block, images.n_row_per_block)
         psf = tables.psfs[band]
-        shares = tables.shares
+        fractions = tables.fractions
         sigma = psf.sigma_px
         aspect = sigma[0] / sigma[1]
         for slot in range(sources.n_source[view]):
@@ -180,9 +181,9 @@ def make_deposit_gaussian_kernel(streaks: bool) -> wp.Kernel:
                         for node in range(streak.count):
                             moment = moment_of(paths, source, streak, panel, node, rules)
                             stamp = stamp_around(moment.xy_px, reach_px, aspect, window)
-                            add_gaussian_stamp(canvas, moment.xy_px, moment.irradiance_w_cm2, psf, shares, stamp)
+                            add_gaussian_stamp(canvas, moment.xy_px, moment.irradiance_w_cm2, psf, fractions, stamp)
             else:
                 stamp = stamp_around(xy_px, reach_px, aspect, window)
-                add_gaussian_stamp(canvas, xy_px, irradiance, psf, shares, stamp)
+                add_gaussian_stamp(canvas, xy_px, irradiance, psf, fractions, stamp)
 
     return deposit_gaussian_kernel

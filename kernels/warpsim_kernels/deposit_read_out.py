@@ -77,7 +77,7 @@ def make_deposit_read_out_kernel(drawing: SpotFunctions, features: ReadOutFeatur
         row = first_row + ((own - first_row) & wp.static(n_row - 1))
         while row < end_row:
             columns = columns_of_row(spot.stamp, row)
-            before = row * run.n_col - run.first_pixel  # place of the row's first pixel in the run
+            before = row * run.n_col - run.first_pixel  # index of the row's first pixel in the run
             first = wp.max(columns[0], -before)
             end = wp.min(columns[1], RUN_PIXELS - before)
             column = first + ((thread - first) & wp.static(COLUMN_THREADS - 1))

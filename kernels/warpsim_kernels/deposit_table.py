@@ -7,7 +7,7 @@ import warp as wp
 
 from warpsim_kernels.canvas import canvas_functions
 from warpsim_kernels.paths import Paths
-from warpsim_kernels.psf import TABLE_LANE, TablePsf, table_reach_px, table_wing
+from warpsim_kernels.psf import TABLE_SIMD_WIDTH, TablePsf, table_reach_px, table_wing
 from warpsim_kernels.psf_cells import layout_functions
 from warpsim_kernels.records import Sources
 from warpsim_kernels.stamps import (
@@ -61,9 +61,9 @@ def smooth_from_px(psf: TablePsf) -> wp.vec2d:
 @functools.cache
 def table_stamp_function(layout: TableLayout) -> Any:
     """The function that adds a source to the pixels of its stamp, by tables of a layout."""
-    draw, read = canvas_functions(TABLE_LANE), layout_functions(layout)
+    draw, read = canvas_functions(TABLE_SIMD_WIDTH), layout_functions(layout)
     Nodes, Canvas, add_light, flag_strips = read.Nodes, draw.Canvas, draw.add_light, draw.flag_strips
-    Place, place_in, row_in, pixel_shares = read.Place, read.place_in, read.row_in, read.shares
+    Offset, offset_in, row_in, pixel_fractions = read.Offset, read.offset_in, read.row_in, read.fractions
 
     @wp.func
     def add_wing(
@@ -72,14 +72,14 @@ def table_stamp_function(layout: TableLayout) -> Any:
         """Pixels of a row beyond the table; dx is that of the source's own column [pixel widths]."""
         for column in range(first, end):
             pixel = canvas.first + row * canvas.n_col + column
-            share = table_wing(psf, dx + float(column - own), dy)
-            canvas.pixels[pixel] = canvas.pixels[pixel] + strength * share
+            fraction = table_wing(psf, dx + float(column - own), dy)
+            canvas.pixels[pixel] = canvas.pixels[pixel] + strength * fraction
         flag_strips(canvas, row, first, end)
 
     @wp.func
-    def add_wings(canvas: Canvas, strength: float, psf: TablePsf, place: Place, stamp: Stamp, served: Window):
+    def add_wings(canvas: Canvas, strength: float, psf: TablePsf, offset: Offset, stamp: Stamp, served: Window):
         """All pixels of a stamp beyond what the table serves."""
-        dx = place.dx_px
+        dx = offset.dx_px
         for row in range(stamp.window.first_row, stamp.window.end_row):
             columns = columns_of_row(stamp, row)
             left = columns[0]
@@ -87,7 +87,7 @@ def table_stamp_function(layout: TableLayout) -> Any:
             if row >= served.first_row and row < served.end_row:
                 left = wp.clamp(served.first_column, columns[0], columns[1])
                 right = wp.clamp(served.end_column, left, columns[1])
-            dy = place.dy_px + float(row - stamp.row) * psf.pixel_aspect
+            dy = offset.dy_px + float(row - stamp.row) * psf.pixel_aspect
             add_wing(canvas, row, columns[0], left, stamp.column, strength, psf, dx, dy)
             add_wing(canvas, row, right, columns[1], stamp.column, strength, psf, dx, dy)
 
@@ -102,12 +102,12 @@ def table_stamp_function(layout: TableLayout) -> Any:
     ):
         """All pixels of a stamp; rows have as many blocks as the widest, so that loops are as long for each of them."""
         if stamp.window.first_row < stamp.window.end_row:
-            place = place_in(wp.float64(stamp.column) - xy_px[0], wp.float64(stamp.row) - xy_px[1], psf)
+            offset = offset_in(wp.float64(stamp.column) - xy_px[0], wp.float64(stamp.row) - xy_px[1], psf)
             served = Window()
-            served.first_column = stamp.column + place.first_step
-            served.end_column = stamp.column + place.end_step
-            served.first_row = stamp.row + place.first_row_step
-            served.end_row = stamp.row + place.end_row_step
+            served.first_column = stamp.column + offset.first_step
+            served.end_column = stamp.column + offset.end_step
+            served.first_row = stamp.row + offset.first_row_step
+            served.end_row = stamp.row + offset.end_row_step
             widest = columns_of_row(stamp, stamp.row)
             zero = stamp.column - psf.zero_pixel  # first pixel of the first block
             first_block = (wp.max(widest[0], served.first_column) - zero) // psf.block_px
@@ -117,22 +117,22 @@ def table_stamp_function(layout: TableLayout) -> Any:
                 columns = columns_of_row(stamp, row)
                 left = wp.max(columns[0], served.first_column)
                 right = wp.min(columns[1], served.end_column)
-                in_row = row_in(place, row - stamp.row, psf)
+                in_row = row_in(offset, row - stamp.row, psf)
                 block = first_block
                 vector = zero + block * psf.block_px
                 while vector < end_vector:
-                    first = wp.clamp(left - vector, 0, TABLE_LANE)
-                    end = wp.clamp(right - vector, 0, TABLE_LANE)
-                    light = strength * pixel_shares(nodes, psf, place, in_row, block)
-                    for lane in range(TABLE_LANE):  # the others have numbers without meaning
-                        light[lane] = wp.where(lane >= first and lane < end, light[lane], 0.0)
+                    first = wp.clamp(left - vector, 0, TABLE_SIMD_WIDTH)
+                    end = wp.clamp(right - vector, 0, TABLE_SIMD_WIDTH)
+                    light = strength * pixel_fractions(nodes, psf, offset, in_row, block)
+                    for i in range(TABLE_SIMD_WIDTH):  # the others have numbers without meaning
+                        light[i] = wp.where(i >= first and i < end, light[i], 0.0)
                     add_light(canvas, row, vector, light, first, end)
-                    block += TABLE_LANE // psf.block_px
-                    vector += TABLE_LANE
+                    block += TABLE_SIMD_WIDTH // psf.block_px
+                    vector += TABLE_SIMD_WIDTH
                 flag_strips(canvas, row, left, right)
             within = widest[0] >= served.first_column and widest[1] <= served.end_column
             if not (within and window.first_row >= served.first_row and window.end_row <= served.end_row):
-                add_wings(canvas, strength, psf, place, stamp, served)
+                add_wings(canvas, strength, psf, offset, stamp, served)
 
     return add
 
@@ -172,7 +172,7 @@ def pattern_tables(layout: TableLayout) -> Any:
 @functools.cache
 def make_deposit_table_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
     """Kernel of the stage; without streaks it looks at no paths."""
-    draw = canvas_functions(TABLE_LANE)
+    draw = canvas_functions(TABLE_SIMD_WIDTH)
     Images, Canvas, canvas_of = draw.Images, draw.Canvas, draw.canvas_of
     Nodes, Tables = layout_functions(layout).Nodes, pattern_tables(layout)
     add_stamp = table_stamp_function(layout)

@@ -6,7 +6,7 @@ import warp as wp
 
 
 class ReadOutFeatures(NamedTuple):
-    """What a read-out kernel holds."""
+    """Features of a read-out kernel."""
 
     electrons: bool = False  # in electrons, else in NEI terms
     bad_pixels: bool = False
@@ -20,7 +20,7 @@ class ReadOutFeatures(NamedTuple):
 
     @property
     def pattern(self) -> bool:
-        """Whether anything stays with a pixel from frame to frame."""
+        """Return whether any property stays with a pixel from frame to frame."""
         return self.bad_pixels or self.prnu or self.dsnu
 
 
@@ -32,7 +32,7 @@ class PixelScalars:
     zero_counts: float  # of no level, and half a count more, for rounding
     most_counts: float  # of the converter, or of saturation where that is less
     prnu: float  # rms of gains
-    dsnu: float  # rms of offsets [W/cm2], or of dark currents as a share of their mean
+    dsnu: float  # rms of offsets [W/cm2], or of dark currents as a fraction of their mean
     column_noise: float  # rms, a level
     full_level: float  # SEI or full well: where a pixel saturates
     loss_per_level: float  # of the response, relative to a linear one

@@ -1,6 +1,6 @@
-"""How point sources move and change while an exposure lasts.
+"""Movement and change of brightness of point sources during an exposure.
 
-Over the exposure, time runs as t in [-1, 1]. Place and brightness are series of Legendre polynomials in t; a source
+Over the exposure, time runs as t in [-1, 1]. Position and brightness are series of Legendre polynomials in t; a source
 that stands still at constant light has none of them.
 """
 
@@ -11,6 +11,6 @@ import warp as wp
 class Paths:
     """Movement and change of brightness of a chunk's sources over the exposure; empty arrays where nothing moves."""
 
-    offset_px: wp.array3d[wp.vec2]  # (n_view, n_slot, n_path) place minus the source's xy_px: coefficients
+    offset_px: wp.array3d[wp.vec2]  # (n_view, n_slot, n_path) position minus the source's xy_px: coefficients
     brightness: wp.array4d[float]  # (n_view, n_band, n_target, n_profile) over the mean (first is 1); stars: constant
     n_target: int  # slots before stars begin

@@ -1,4 +1,4 @@
-"""What a detector's pixel does, step by step: small branch-free functions of scalars.
+"""Steps of a detector's pixel: small branch-free functions of scalars.
 
 `wp.tile_map` over each becomes vector instructions on the CPU; a read-out puts those together that a scene needs.
 Struct fields are handed over as scalars, because with a struct the CPU compiler does not vectorise.
@@ -35,9 +35,9 @@ def shifted(level: float, deviate: float, rms: float) -> float:
 
 @wp.func
 def bent(level: float, most: float, loss_per_level: float) -> float:
-    """A response that falls short of linear by the share level * loss_per_level; the level is at most `most`."""
-    held = wp.min(level, most)
-    return held * (1.0 - held * loss_per_level)
+    """A response that falls short of linear by the fraction level * loss_per_level; the level is at most `most`."""
+    clipped_level = wp.min(level, most)
+    return clipped_level * (1.0 - clipped_level * loss_per_level)
 
 
 @wp.func
@@ -63,12 +63,12 @@ def with_dark(electrons: float, dark_e: float) -> float:
 
 @wp.func
 def with_uneven_dark(electrons: float, deviate: float, dark_e: float, rms: float) -> float:
-    """The same, of a pixel whose dark current differs from the mean by a share; it is never negative."""
+    """Mean electrons of a pixel whose dark current differs from the mean by a fraction; it is never negative."""
     return fma(dark_e, wp.max(fma(rms, deviate, 1.0), 0.0), electrons)
 
 
 @wp.func
-def held(electrons: float, full_well_e: float) -> float:
+def clipped(electrons: float, full_well_e: float) -> float:
     """Electrons that a pixel's well keeps."""
     return wp.min(electrons, full_well_e)
 

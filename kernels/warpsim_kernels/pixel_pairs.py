@@ -1,4 +1,4 @@
-"""Pixel pairs read out: light in, counts out, by the steps (pixel.py) that a detector has; what is off costs nothing.
+"""Pixel pairs read out: light in, counts out, by the steps (pixel.py) that a detector has enabled.
 
     in NEI terms   dead -> gain -> non-linearity -> offset -> column -> hot -> noise, saturation, converter
     in electrons   light + background -> dead -> gain -> dark current -> hot -> shot noise -> well, non-linearity
@@ -15,9 +15,9 @@ from warpsim_kernels.detector import PixelScalars, ReadOutFeatures
 from warpsim_kernels.normal import normal_cosine, normal_radius, normal_sine
 from warpsim_kernels.pixel import (
     bent,
+    clipped,
     counts_of,
     counts_of_charge,
-    held,
     photo_electrons,
     scaled,
     shifted,
@@ -45,10 +45,10 @@ from warpsim_kernels.strips import N_PAIR
 
 @wp.func
 def mapped_functions():
-    """What is handed to tile_map, which Warp's hash of a kernel leaves out; assignments are in it. Never called."""
+    """Name the functions passed to tile_map, which Warp's hash of a kernel omits but for assignments. Never called."""
     _a, _b, _c, _d, _e, _f = numbered, column_of, hashed, normal_radius, normal_cosine, normal_sine
     _g, _h, _i, _j, _k = without_dead, with_hot, scaled, shifted, bent
-    _l, _m, _n, _o = photo_electrons, with_dark, with_uneven_dark, held
+    _l, _m, _n, _o = photo_electrons, with_dark, with_uneven_dark, clipped
     _p, _q, _r, _s = poisson, poisson_of_normal, counts_of, counts_of_charge
 
 
@@ -90,7 +90,7 @@ def make_half_read_out(features: ReadOutFeatures, n_pair: int) -> wp.Function:
         if wp.static(features.nonlinearity):
             level = wp.tile_map(bent, level, d.full_level, d.loss_per_level)
         if wp.static(features.electrons and not features.nonlinearity):
-            level = wp.tile_map(held, level, d.full_level)
+            level = wp.tile_map(clipped, level, d.full_level)
         if wp.static(features.dsnu and not features.electrons):
             level = wp.tile_map(shifted, level, offset, d.dsnu)
         if wp.static(features.read_noise):
@@ -183,7 +183,7 @@ def make_counts_of_pairs(features: ReadOutFeatures, n_pair: int) -> wp.Function:
         number: Words, pixel: Words, light_1: Floats, light_2: Floats, d: PixelScalars, keys: NoiseKeys, n_col: int
     ):
         noise_1, noise_2 = deviates_of(number, keys.noise)
-        # What is off is stood in for by what is there, and not read.
+        # Disabled terms get another argument, which is not read.
         read_1 = noise_1
         read_2 = noise_2
         gain_1 = noise_1

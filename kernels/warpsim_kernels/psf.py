@@ -1,4 +1,4 @@
-"""Shares of a point source's light that single pixels collect, and how wide a stamp has to be.
+"""Fractions of a point source's light that single pixels collect (pixel fractions), and how wide a stamp has to be.
 
 A pixel integrates the point spread function over its area; sampling at the pixel centre would be wrong by factors
 where the blur is smaller than a pixel.
@@ -12,13 +12,13 @@ import warp as wp
 
 from warpsim_kernels.shared_memory import load
 from warpsim_kernels.stamps import FAR_PX
-from warpsim_kernels.table_layout import TABLE_LANE
+from warpsim_kernels.table_layout import TABLE_SIMD_WIDTH
 
 ENVELOPE_STEP_PX = wp.constant(0.25)
 """Step of the radius in TablePsf.envelope, in pixel widths."""
 
 TABLE_POINTS = (2, 4, 6, 8)
-"""Points per axis that an interpolation in a table of shares may use."""
+"""Points per axis that an interpolation in a table of pixel fractions may use."""
 
 _SQRT_HALF = wp.constant(0.7071067811865476)
 _LN2 = wp.constant(0.6931471805599453)
@@ -43,16 +43,16 @@ def gaussian_edge(offset_px: wp.float64, sigma_px: float) -> wp.vec2:
 
 
 @wp.func
-def share_between(left: wp.vec2, right: wp.vec2) -> float:
-    """Part of a unit one-dimensional Gaussian between two edges (the paper's Eq. 7, integrated over the pixel)."""
+def fraction_between(left: wp.vec2, right: wp.vec2) -> float:
+    """Fraction of a unit one-dimensional Gaussian between two edges (the paper's Eq. 7, integrated over the pixel)."""
     return 0.5 * ((right[0] - left[0]) + (right[1] - left[1]))
 
 
 @wp.func
-def gaussian_pixel_share(offset_px: wp.float64, sigma_px: float) -> float:
-    """Part of a unit one-dimensional Gaussian inside the pixel whose centre is offset_px from the source."""
+def gaussian_pixel_fraction(offset_px: wp.float64, sigma_px: float) -> float:
+    """Fraction of a unit one-dimensional Gaussian inside the pixel whose centre is offset_px from the source."""
     half = wp.float64(0.5)
-    return share_between(gaussian_edge(offset_px - half, sigma_px), gaussian_edge(offset_px + half, sigma_px))
+    return fraction_between(gaussian_edge(offset_px - half, sigma_px), gaussian_edge(offset_px + half, sigma_px))
 
 
 @wp.func
@@ -87,17 +87,18 @@ def gaussian_reach_px(sigma_px: wp.vec2, cut: float) -> float:
 
 @wp.struct
 class TablePsf:
-    """A point spread function as a table of pixel shares over the offset (dy, dx), and what lies beyond it.
+    """A point spread function as a table of pixel fractions over the offset (dy, dx), and what lies beyond it.
 
-    The flat array of all bands holds, for each, its shares and its envelope. All that an interpolation takes for
-    TABLE_LANE pixels next to each other stands together: the table is (n_row, n_block, n_phase, TABLE_LANE), rows being
-    nodes along dy, phases those along dx within a pixel (and some to either side), and pixels whole steps of dx.
+    The flat array of all bands holds, for each, its fractions and its envelope. All that an interpolation takes for
+    TABLE_SIMD_WIDTH pixels next to each other stands together: the table is (n_row, n_block, n_phase,
+    TABLE_SIMD_WIDTH), rows being nodes along dy, phases those along dx within a pixel (and some to either side), and
+    pixels whole steps of dx.
     """
 
-    start: int  # where the shares begin in the flat array
+    start: int  # index of the first fraction in the flat array
     n_row: int
     n_block: int
-    block_px: int  # pixels from a block to the next; TABLE_LANE, or half of it where blocks overlap
+    block_px: int  # pixels from a block to the next; TABLE_SIMD_WIDTH, or half of it where blocks overlap
     n_phase: int
     column_per_px: int  # nodes per pixel along columns
     row_per_px: int
@@ -108,11 +109,13 @@ class TablePsf:
     reach_column_px: float  # offsets up to here lie inside the table
     reach_row_px: float  # in pixel heights
     pixel_aspect: float  # height of a pixel over its width
-    wing_px3: float  # beyond, share = wing / r^3 * (1 + (next + aspect * dx^2 / r^2 + last / r^2) / r^2), r in widths
+    wing_px3: (
+        float  # beyond, fraction = wing / r^3 * (1 + (next + aspect * dx^2 / r^2 + last / r^2) / r^2), r in widths
+    )
     wing_next_px2: float
     wing_aspect_px2: float
     wing_last_px4: float
-    envelope: int  # where the envelope begins: largest share that a disc of radius 0, 1/4, 1/2 ... does not touch
+    envelope: int  # index of the envelope: largest fraction that a disc of radius 0, 1/4, 1/2 ... does not touch
     n_envelope: int
     tail_px3: float  # farther out no pixel holds more than tail / r^3, r = distance of its centre; 0: nothing
 
@@ -141,7 +144,7 @@ def table_reach_px(table: wp.array[float], psf: TablePsf, cut: float) -> float:
 
 @wp.func
 def table_wing(psf: TablePsf, x_px: float, y_px: float) -> float:
-    """Share of a pixel beyond the table, at a distance from the source in pixel widths along both axes."""
+    """Fraction of a pixel beyond the table, at a distance from the source in pixel widths along both axes."""
     x2 = x_px * x_px
     inverse2 = 1.0 / (x2 + y_px * y_px)
     more = (psf.wing_next_px2 + (psf.wing_aspect_px2 * x2 + psf.wing_last_px4) * inverse2) * inverse2
@@ -149,39 +152,39 @@ def table_wing(psf: TablePsf, x_px: float, y_px: float) -> float:
 
 
 class TableFunctions(NamedTuple):
-    """What a kernel needs to read tables by an interpolation of n_point x n_point nodes."""
+    """Functions that read tables by an interpolation of n_point x n_point nodes."""
 
     Nodes: Any
-    """Vector of all floats that TABLE_LANE pixels take at a time: n_point * TABLE_LANE of a row of nodes."""
+    """Vector of the floats that TABLE_SIMD_WIDTH pixels take at a time: n_point * TABLE_SIMD_WIDTH of a node row."""
 
-    Place: Any
-    """Struct: where a source lies in a table."""
+    Offset: Any
+    """Struct: offset of a source in its pixel, and its interpolation in a table."""
 
     Row: Any
     """Struct: a row of its pixels."""
 
-    place_in: Any
-    """(dx_px: float64, dy_px: float64, psf: TablePsf) -> place; the centre of the source's own pixel minus the source,
-    along columns and along rows [pixel heights]. It tells what the table serves: columns from place.first_step up to
-    place.end_step pixels from the source's own, rows from place.first_row_step up to place.end_row_step."""
+    offset_in: Any
+    """(dx_px: float64, dy_px: float64, psf: TablePsf) -> offset; the centre of the source's own pixel minus the source,
+    along columns and along rows [pixel heights]. The table serves columns from offset.first_step up to offset.end_step
+    pixels from the source's own, rows from offset.first_row_step up to offset.end_row_step."""
 
     row_in: Any
-    """(place, step: int, psf: TablePsf) -> row that is step pixels from the source's own; row.first is -1 where the
+    """(offset, step: int, psf: TablePsf) -> row that is step pixels from the source's own; row.first is -1 where the
     table does not serve it, row.distance_px the distance of its centre in pixel widths."""
 
-    shares: Any
-    """(nodes, psf: TablePsf, place, row, block: int) -> shares of a block's pixels in that row; numbers without meaning
-    where the table does not serve. The nodes are the flat array as overlapping vectors of n_point * TABLE_LANE floats,
-    one from every float on."""
+    fractions: Any
+    """(nodes, psf: TablePsf, offset, row, block: int) -> fractions of a block's pixels in that row; numbers without
+    meaning where the table does not serve. The nodes are the flat array as overlapping vectors, of
+    n_point * TABLE_SIMD_WIDTH floats, one from every float on."""
 
-    share: Any
-    """(table: array of float, psf: TablePsf, place, row, pixel: int) -> share of one pixel, counted from the first one
-    of the first block; from the flat array itself."""
+    fraction: Any
+    """(table: array of float, psf: TablePsf, offset, row, pixel: int) -> fraction of one pixel, counted from the first
+    one of the first block; from the flat array itself."""
 
 
 @functools.cache
 def table_functions(n_point: int) -> TableFunctions:
-    """The functions that interpolate tables by Lagrange's polynomials through n_point nodes per axis.
+    """Return the functions that interpolate tables by Lagrange's polynomials through n_point nodes per axis.
 
     All pixels of a stamp lie alike between the nodes, since there is a whole number of nodes per pixel: the weights are
     those of the source's own pixel, or along dy in a mirrored table, on its other side, the same in reverse.
@@ -192,11 +195,11 @@ def table_functions(n_point: int) -> TableFunctions:
     if n_point not in TABLE_POINTS:
         raise ValueError(f"n_point: must be one of {TABLE_POINTS}, got {n_point}")
     n_before = n_point // 2 - 1  # nodes before the cell that holds the point
-    Lanes = wp.types.vector(length=TABLE_LANE, dtype=wp.float32)
-    Nodes = wp.types.vector(length=n_point * TABLE_LANE, dtype=wp.float32)
+    PixelVector = wp.types.vector(length=TABLE_SIMD_WIDTH, dtype=wp.float32)
+    Nodes = wp.types.vector(length=n_point * TABLE_SIMD_WIDTH, dtype=wp.float32)
     Weights = wp.types.vector(length=n_point, dtype=wp.float32)
-    places = range(-n_before, n_point - n_before)
-    scale = Weights(*(1.0 / math.prod(k - j for j in places if j != k) for k in places))
+    node_numbers = range(-n_before, n_point - n_before)
+    scale = Weights(*(1.0 / math.prod(k - j for j in node_numbers if j != k) for k in node_numbers))
 
     @wp.func
     def lagrange_weights(u: float) -> Weights:
@@ -212,7 +215,7 @@ def table_functions(n_point: int) -> TableFunctions:
             above = above * (u - float(wp.static(n_point - 1 - n_before) - k))
         return weights
 
-    class TablePlace:
+    class TableOffset:
         dx_px: float  # of the source's own pixel [pixel widths]
         dy_px: float
         phase: int  # first node of the interpolation along dx
@@ -228,82 +231,85 @@ def table_functions(n_point: int) -> TableFunctions:
 
     class TableRow:
         distance_px: float
-        first: int  # where the interpolation's nodes for the first block begin in the flat array
+        first: int  # index in the flat array of the interpolation's nodes for the first block
         down: Weights
 
-    place_type = wp.struct(TablePlace)
+    offset_type = wp.struct(TableOffset)
     row_type = wp.struct(TableRow)
 
     @wp.func
-    def place_in(dx_px: wp.float64, dy_px: wp.float64, psf: TablePsf) -> place_type:
+    def offset_in(dx_px: wp.float64, dy_px: wp.float64, psf: TablePsf) -> offset_type:
         # In float64 up to the fraction of a cell: P is steep where the source crosses the pixel's edge.
-        place = place_type()
-        place.dx_px = float(dx_px)
-        place.dy_px = float(dy_px) * psf.pixel_aspect
+        offset = offset_type()
+        offset.dx_px = float(dx_px)
+        offset.dy_px = float(dy_px) * psf.pixel_aspect
         position = dx_px * wp.float64(psf.column_per_px)
         node = wp.floor(position)
-        place.across = lagrange_weights(float(position - node))
-        place.phase = psf.zero_phase + int(node)
+        offset.across = lagrange_weights(float(position - node))
+        offset.phase = psf.zero_phase + int(node)
         # An offset that equals the reach lies beyond it on either side.
         reach_px = wp.float64(psf.reach_column_px)
-        place.first_step = int(wp.floor(-reach_px - dx_px)) + 1
-        place.end_step = int(wp.ceil(reach_px - dx_px))
+        offset.first_step = int(wp.floor(-reach_px - dx_px)) + 1
+        offset.end_step = int(wp.ceil(reach_px - dx_px))
         reach_px = wp.float64(psf.reach_row_px)
-        place.first_row_step = int(wp.floor(-reach_px - dy_px)) + 1
-        place.end_row_step = int(wp.ceil(reach_px - dy_px))
+        offset.first_row_step = int(wp.floor(-reach_px - dy_px)) + 1
+        offset.end_row_step = int(wp.ceil(reach_px - dy_px))
         position = dy_px * wp.float64(psf.row_per_px)
         node = wp.floor(position)
-        place.node = int(node)
-        place.down = lagrange_weights(float(position - node))
-        place.mirror_down = place.down
+        offset.node = int(node)
+        offset.down = lagrange_weights(float(position - node))
+        offset.mirror_down = offset.down
         if position > node:  # else on the node, as its mirror image is
-            place.mirror = -1
+            offset.mirror = -1
             for k in range(wp.static(n_point)):
-                place.mirror_down[k] = place.down[wp.static(n_point - 1) - k]
-        return place
+                offset.mirror_down[k] = offset.down[wp.static(n_point - 1) - k]
+        return offset
 
     @wp.func
-    def row_in(place: place_type, step: int, psf: TablePsf) -> row_type:
+    def row_in(offset: offset_type, step: int, psf: TablePsf) -> row_type:
         row = row_type()
-        row.distance_px = place.dy_px + float(step) * psf.pixel_aspect
-        row.down = place.down
-        node = place.node + step * psf.row_per_px
+        row.distance_px = offset.dy_px + float(step) * psf.pixel_aspect
+        row.down = offset.down
+        node = offset.node + step * psf.row_per_px
         if psf.mirrored != 0 and node < 0:
-            node = place.mirror - node
-            row.down = place.mirror_down
+            node = offset.mirror - node
+            row.down = offset.mirror_down
         n_reach = int(psf.reach_row_px * float(psf.row_per_px))
         row.first = -1
         if node < n_reach and node >= -n_reach:
-            first = (node + psf.zero_row - wp.static(n_before)) * psf.n_block * psf.n_phase + place.phase
-            row.first = psf.start + first * TABLE_LANE
+            first = (node + psf.zero_row - wp.static(n_before)) * psf.n_block * psf.n_phase + offset.phase
+            row.first = psf.start + first * TABLE_SIMD_WIDTH
         return row
 
     @wp.func
-    def shares(nodes: wp.array[Nodes], psf: TablePsf, place: place_type, row: row_type, block: int) -> Lanes:
-        at = row.first + block * psf.n_phase * TABLE_LANE
-        total = Lanes()
+    def fractions(nodes: wp.array[Nodes], psf: TablePsf, offset: offset_type, row: row_type, block: int) -> PixelVector:
+        at = row.first + block * psf.n_phase * TABLE_SIMD_WIDTH
+        total = PixelVector()
         j = int(0)
         while j < wp.static(n_point):  # not unrolled, so that all stays in registers
             near = nodes[at]
-            line = place.across[0] * near[0:TABLE_LANE]
+            line = offset.across[0] * near[0:TABLE_SIMD_WIDTH]
             for k in range(1, wp.static(n_point)):
-                line = line + place.across[k] * near[wp.static(TABLE_LANE * k) : wp.static(TABLE_LANE * (k + 1))]
+                line = (
+                    line
+                    + offset.across[k] * near[wp.static(TABLE_SIMD_WIDTH * k) : wp.static(TABLE_SIMD_WIDTH * (k + 1))]
+                )
             total = total + row.down[j] * line
-            at += psf.n_block * psf.n_phase * TABLE_LANE
+            at += psf.n_block * psf.n_phase * TABLE_SIMD_WIDTH
             j += 1
         return total
 
     @wp.func
-    def share(table: wp.array[float], psf: TablePsf, place: place_type, row: row_type, pixel: int) -> float:
-        block = pixel // TABLE_LANE
-        at = row.first + (block * psf.n_phase - block) * TABLE_LANE + pixel
+    def fraction(table: wp.array[float], psf: TablePsf, offset: offset_type, row: row_type, pixel: int) -> float:
+        block = pixel // TABLE_SIMD_WIDTH
+        at = row.first + (block * psf.n_phase - block) * TABLE_SIMD_WIDTH + pixel
         total = float(0.0)
         for j in range(wp.static(n_point)):
-            line = place.across[0] * load(table, at)
+            line = offset.across[0] * load(table, at)
             for k in range(1, wp.static(n_point)):
-                line = line + place.across[k] * load(table, at + TABLE_LANE * k)
+                line = line + offset.across[k] * load(table, at + TABLE_SIMD_WIDTH * k)
             total = total + row.down[j] * line
-            at += psf.n_block * psf.n_phase * TABLE_LANE
+            at += psf.n_block * psf.n_phase * TABLE_SIMD_WIDTH
         return total
 
-    return TableFunctions(Nodes, place_type, row_type, place_in, row_in, shares, share)
+    return TableFunctions(Nodes, offset_type, row_type, offset_in, row_in, fractions, fraction)

@@ -9,7 +9,7 @@ import functools
 
 import warp as wp
 
-from warpsim_kernels.psf import TABLE_LANE, TableFunctions, TablePsf, table_functions
+from warpsim_kernels.psf import TABLE_SIMD_WIDTH, TableFunctions, TablePsf, table_functions
 from warpsim_kernels.shared_memory import load
 from warpsim_kernels.table_layout import CELL_DEGREES, TableLayout, n_term_of
 
@@ -24,8 +24,8 @@ def cell_functions(degree: int) -> TableFunctions:
     """Return the functions that read tables of polynomials, with the interface of `table_functions`.
 
     Of a TablePsf, n_row counts rows of pixels, zero_row is that of the source's own pixel, column_per_px and row_per_px
-    count cells. A table is (n_cell_row, n_cell_column, n_block, n_row, n_term, TABLE_LANE); a mirrored one holds the
-    cells of dy >= 0 only. Terms are in the order of `terms_of`.
+    count cells. A table is (n_cell_row, n_cell_column, n_block, n_row, n_term, TABLE_SIMD_WIDTH); a mirrored one holds
+    the cells of dy >= 0 only. Terms are in the order of `terms_of`.
 
     Args:
         degree: Total degree, one of CELL_DEGREES, as the tables were fitted.
@@ -33,8 +33,8 @@ def cell_functions(degree: int) -> TableFunctions:
     if degree not in CELL_DEGREES:
         raise ValueError(f"degree: must be one of {CELL_DEGREES}, got {degree}")
     n_term = n_term_of(degree)
-    Lanes = wp.types.vector(length=TABLE_LANE, dtype=wp.float32)
-    Nodes = wp.types.vector(length=n_term * TABLE_LANE, dtype=wp.float32)
+    PixelVector = wp.types.vector(length=TABLE_SIMD_WIDTH, dtype=wp.float32)
+    Nodes = wp.types.vector(length=n_term * TABLE_SIMD_WIDTH, dtype=wp.float32)
     Terms = wp.types.vector(length=n_term, dtype=wp.float32)
     Powers = wp.types.vector(length=degree + 1, dtype=wp.float32)
 
@@ -58,23 +58,23 @@ def cell_functions(degree: int) -> TableFunctions:
                     terms[j * wp.static(degree + 1) - j * (j - 1) // 2 + i] = down[j] * across[i]
         return terms
 
-    class CellPlace:
+    class CellOffset:
         dx_px: float  # of the source's own pixel [pixel widths]
         dy_px: float
         first_step: int  # columns that the table serves, in pixels from the source's own
         end_step: int
         first_row_step: int  # rows likewise
         end_row_step: int
-        start: int  # where the polynomials of the source's own row begin in the flat array
+        start: int  # index in the flat array of the polynomials of the source's own row
         pitch: int  # from there to those of the next row; negative where the table is read upside down
         across: Powers
         down: Powers
 
     class CellRow:
         distance_px: float
-        first: int  # where the polynomials of the row begin in the flat array
+        first: int  # index in the flat array of the polynomials of the row
 
-    place_type = wp.struct(CellPlace)
+    offset_type = wp.struct(CellOffset)
     row_type = wp.struct(CellRow)
 
     @wp.func
@@ -84,56 +84,56 @@ def cell_functions(degree: int) -> TableFunctions:
         return wp.vec2i(int(wp.floor(-reach - offset_px)) + 1, int(wp.ceil(reach - offset_px)))
 
     @wp.func
-    def place_in(dx_px: wp.float64, dy_px: wp.float64, psf: TablePsf) -> place_type:
-        place = place_type()
-        place.dx_px = float(dx_px)
-        place.dy_px = float(dy_px) * psf.pixel_aspect
+    def offset_in(dx_px: wp.float64, dy_px: wp.float64, psf: TablePsf) -> offset_type:
+        offset = offset_type()
+        offset.dx_px = float(dx_px)
+        offset.dy_px = float(dy_px) * psf.pixel_aspect
         steps = served_steps(dx_px, psf.reach_column_px)
-        place.first_step = steps[0]
-        place.end_step = steps[1]
+        offset.first_step = steps[0]
+        offset.end_step = steps[1]
         steps = served_steps(dy_px, psf.reach_row_px)
-        place.first_row_step = steps[0]
-        place.end_row_step = steps[1]
-        place.pitch = wp.static(n_term * TABLE_LANE)
+        offset.first_row_step = steps[0]
+        offset.end_row_step = steps[1]
+        offset.pitch = wp.static(n_term * TABLE_SIMD_WIDTH)
         y_px = dy_px
         first_cell_row = int(0)
         if psf.mirrored != 0:
             first_cell_row = psf.row_per_px // 2
             if dy_px < wp.float64(0.0):
                 y_px = -dy_px
-                place.pitch = -place.pitch
+                offset.pitch = -offset.pitch
         # In float64 up to the fraction of a cell: P is steep where the source crosses the pixel's edge.
         half = wp.float64(0.5)
         x = (dx_px + half) * wp.float64(psf.column_per_px)
         y = (y_px + half) * wp.float64(psf.row_per_px)
         column = wp.clamp(int(x), 0, psf.column_per_px - 1)
         row = wp.clamp(int(y), first_cell_row, psf.row_per_px - 1)
-        place.across = chebyshev(2.0 * float(x - wp.float64(column)) - 1.0)
-        place.down = chebyshev(2.0 * float(y - wp.float64(row)) - 1.0)
+        offset.across = chebyshev(2.0 * float(x - wp.float64(column)) - 1.0)
+        offset.down = chebyshev(2.0 * float(y - wp.float64(row)) - 1.0)
         cell = (row - first_cell_row) * psf.column_per_px + column
         rows = cell * psf.n_block * psf.n_row + psf.zero_row
-        place.start = psf.start + rows * wp.static(n_term * TABLE_LANE)
-        return place
+        offset.start = psf.start + rows * wp.static(n_term * TABLE_SIMD_WIDTH)
+        return offset
 
     @wp.func
-    def row_in(place: place_type, step: int, psf: TablePsf) -> row_type:
+    def row_in(offset: offset_type, step: int, psf: TablePsf) -> row_type:
         row = row_type()
-        row.distance_px = place.dy_px + float(step) * psf.pixel_aspect
+        row.distance_px = offset.dy_px + float(step) * psf.pixel_aspect
         row.first = -1
-        if step >= place.first_row_step and step < place.end_row_step:
-            row.first = place.start + step * place.pitch
+        if step >= offset.first_row_step and step < offset.end_row_step:
+            row.first = offset.start + step * offset.pitch
         return row
 
     @wp.func
-    def shares(nodes: wp.array[Nodes], psf: TablePsf, place: place_type, row: row_type, block: int) -> Lanes:
-        near = nodes[row.first + block * psf.n_row * wp.static(n_term * TABLE_LANE)]
-        terms = terms_of(place.across, place.down)
+    def fractions(nodes: wp.array[Nodes], psf: TablePsf, offset: offset_type, row: row_type, block: int) -> PixelVector:
+        near = nodes[row.first + block * psf.n_row * wp.static(n_term * TABLE_SIMD_WIDTH)]
+        terms = terms_of(offset.across, offset.down)
         # Three sums, as each addition waits for the one before.
-        one = terms[0] * near[0:TABLE_LANE]
-        two = terms[1] * near[TABLE_LANE : wp.static(2 * TABLE_LANE)]
-        three = terms[2] * near[wp.static(2 * TABLE_LANE) : wp.static(3 * TABLE_LANE)]
+        one = terms[0] * near[0:TABLE_SIMD_WIDTH]
+        two = terms[1] * near[TABLE_SIMD_WIDTH : wp.static(2 * TABLE_SIMD_WIDTH)]
+        three = terms[2] * near[wp.static(2 * TABLE_SIMD_WIDTH) : wp.static(3 * TABLE_SIMD_WIDTH)]
         for k in range(3, wp.static(n_term)):
-            part = terms[k] * near[wp.static(TABLE_LANE * k) : wp.static(TABLE_LANE * (k + 1))]
+            part = terms[k] * near[wp.static(TABLE_SIMD_WIDTH * k) : wp.static(TABLE_SIMD_WIDTH * (k + 1))]
             if wp.static(k % 3 == 0):
                 one = one + part
             elif wp.static(k % 3 == 1):
@@ -143,16 +143,16 @@ def cell_functions(degree: int) -> TableFunctions:
         return one + (two + three)
 
     @wp.func
-    def share(table: wp.array[float], psf: TablePsf, place: place_type, row: row_type, pixel: int) -> float:
+    def fraction(table: wp.array[float], psf: TablePsf, offset: offset_type, row: row_type, pixel: int) -> float:
         block = wp.min(pixel // psf.block_px, psf.n_block - 1)
-        at = row.first + block * psf.n_row * wp.static(n_term * TABLE_LANE) + pixel - block * psf.block_px
+        at = row.first + block * psf.n_row * wp.static(n_term * TABLE_SIMD_WIDTH) + pixel - block * psf.block_px
         sums = wp.vec3()
         for j in range(wp.static(degree + 1)):
             for i in range(wp.static(degree + 1)):
                 if i + j <= wp.static(degree):
                     k = j * wp.static(degree + 1) - j * (j - 1) // 2 + i
-                    term = place.down[j] * place.across[i]
-                    sums[k % 3] = sums[k % 3] + term * load(table, at + TABLE_LANE * k)
+                    term = offset.down[j] * offset.across[i]
+                    sums[k % 3] = sums[k % 3] + term * load(table, at + TABLE_SIMD_WIDTH * k)
         return sums[0] + (sums[1] + sums[2])
 
-    return TableFunctions(Nodes, place_type, row_type, place_in, row_in, shares, share)
+    return TableFunctions(Nodes, offset_type, row_type, offset_in, row_in, fractions, fraction)

@@ -3,8 +3,8 @@
 An image is cut into strips of neighbouring pixels, row after row, and blocks of strips, which share random keys
 (streams.py). Pixels of the first half of a strip make pairs with those of the second (pixel_pairs.py).
 
-Point sources leave most strips dark. The stage `deposit` flags those that it adds light to; only they are read, and
-made dark again for the next image, so a sparse image's light stays in the cache.
+Point sources touch few strips. The stage `deposit` flags those that it adds light to; only they are read, and
+set back to 0 for the next image, so a sparse image's light stays in the cache.
 """
 
 import functools
@@ -38,13 +38,13 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
         detector: Detector,
         first_strip: int,  # of each image
         end_strip: int,
-        dark_place: int,  # where signal_w_cm2 has a strip that is always dark; not read if ragged
+        zero_offset: int,  # offset in signal_w_cm2 of a strip that is always 0; not read if ragged
         first_image: int,  # among the counts
-        lit: wp.array[wp.uint8],  # (n_view * n_band * n_flag,) strips with light; not read if ragged
+        touched: wp.array[wp.uint8],  # (n_view * n_band * n_flag,) 1 for a strip with light; not read if ragged
         # out
         counts: Counts,  # (n_image * n_pixel,), or (n_image, n_pixel)
         # in and out
-        signal_w_cm2: Light,  # (n_view * n_band * n_pixel + STRIP_PIXELS,), or (n_view * n_band, n_pixel); made dark
+        signal_w_cm2: Light,  # (n_view * n_band * n_pixel + STRIP_PIXELS,), or (n_view * n_band, n_pixel); set to 0
     ):
         if wp.static(False):
             mapped_functions()
@@ -60,7 +60,7 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
         number = band_id[band]
         d = detector.pixels[band]
         keys = noise_keys(frame, number, block, sensor_key)
-        flag_place = image * flags_of_image(detector.n_pixel)
+        flag_offset = image * flags_of_image(detector.n_pixel)
         for strip in range(
             wp.max(block * STRIPS_PER_BLOCK, first_strip), wp.min((block + 1) * STRIPS_PER_BLOCK, end_strip)
         ):
@@ -74,23 +74,23 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
                 light_1 = wp.tile_load(light, shape=N_PAIR, offset=pixel)
                 light_2 = wp.tile_load(light, shape=N_PAIR, offset=pixel + N_PAIR)
             else:
-                place = image * detector.n_pixel + pixel
-                is_lit = lit[flag_place + strip] != wp.uint8(0)
-                light_place = wp.where(is_lit, place, dark_place)
-                light_1 = wp.tile_load(signal_w_cm2, shape=N_PAIR, offset=light_place, bounds_check=False)
-                light_2 = wp.tile_load(signal_w_cm2, shape=N_PAIR, offset=light_place + N_PAIR, bounds_check=False)
+                pixel_offset = image * detector.n_pixel + pixel
+                is_touched = touched[flag_offset + strip] != wp.uint8(0)
+                light_offset = wp.where(is_touched, pixel_offset, zero_offset)
+                light_1 = wp.tile_load(signal_w_cm2, shape=N_PAIR, offset=light_offset, bounds_check=False)
+                light_2 = wp.tile_load(signal_w_cm2, shape=N_PAIR, offset=light_offset + N_PAIR, bounds_check=False)
             counts_1, counts_2 = counts_of_pairs(pairs, pixels, light_1, light_2, d, keys, detector.n_col)
-            dark = wp.tile_zeros(shape=STRIP_PIXELS, dtype=float)
+            zeros = wp.tile_zeros(shape=STRIP_PIXELS, dtype=float)
             if wp.static(ragged):
                 read = counts[first_image + image]
                 wp.tile_store(read, counts_1, offset=pixel)
                 wp.tile_store(read, counts_2, offset=pixel + N_PAIR)
-                wp.tile_store(light, dark, offset=pixel)
+                wp.tile_store(light, zeros, offset=pixel)
             else:
-                counts_place = (first_image + image) * detector.n_pixel + pixel
-                wp.tile_store(counts, counts_1, offset=counts_place, bounds_check=False)
-                wp.tile_store(counts, counts_2, offset=counts_place + N_PAIR, bounds_check=False)
-                if is_lit:
-                    wp.tile_store(signal_w_cm2, dark, offset=place, bounds_check=False)
+                counts_offset = (first_image + image) * detector.n_pixel + pixel
+                wp.tile_store(counts, counts_1, offset=counts_offset, bounds_check=False)
+                wp.tile_store(counts, counts_2, offset=counts_offset + N_PAIR, bounds_check=False)
+                if is_touched:
+                    wp.tile_store(signal_w_cm2, zeros, offset=pixel_offset, bounds_check=False)
 
     return read_out_kernel

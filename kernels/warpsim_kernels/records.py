@@ -12,7 +12,7 @@ class View:
     velocity_m_s: wp.vec3d  # barycentric
     reach: wp.vec2d  # how far stars move at most during the exposure [px], [rad]; read where they do
     flags: int  # UP_REPLACED | BORESIGHT_REPLACED | SLEWING
-    n_wanted: int  # source slots needed, more than there are where the list is too short
+    n_required: int  # source slots needed, more than there are where the list is too short
 
 
 IN_FOV = wp.constant(1)

@@ -1,4 +1,4 @@
-"""Memory that the threads of a block share: what Warp's tiles leave out.
+"""Memory that the threads of a block share: access that Warp's tiles lack.
 
 A shared tile as an array, whose elements single threads read and write, and a barrier. Between what one thread writes
 and another reads there must be a barrier, which all threads of the block must reach. On the CPU a block is one thread,
@@ -30,7 +30,7 @@ def address_function(dtype: Any, length: int) -> Any:
 
 
 class ElementFunctions(NamedTuple):
-    """How single threads read and write a shared tile of floats; elements are counted from 0."""
+    """Functions by which single threads read and write a shared tile of floats; elements are counted from 0."""
 
     element: Any
     """(tile, i: uint32) -> float."""

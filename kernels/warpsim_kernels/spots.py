@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from warpsim_kernels.deposit_gaussian import EdgePlace, EdgeTable, GaussianTables, Lanes, edge_place
+from warpsim_kernels.deposit_gaussian import EdgeOffset, EdgeTable, GaussianTables, PixelVector, edge_offset
 from warpsim_kernels.deposit_table import pattern_tables
 from warpsim_kernels.psf import gaussian_reach_px, table_reach_px, table_wing
 from warpsim_kernels.psf_cells import layout_functions
@@ -15,13 +15,13 @@ from warpsim_kernels.table_layout import TableLayout
 
 
 class SpotFunctions(NamedTuple):
-    """How the sources of one family of point spread functions are drawn."""
+    """Functions that draw the sources of one family of point spread functions."""
 
     Tables: Any
     """Struct: the functions of all bands."""
 
     Spot: Any
-    """Struct: a source in one band. Its field `stamp` says which pixels it is drawn on."""
+    """Struct: a source in one band. Its field `stamp` holds the pixels that it is drawn on."""
 
     spot_of: Any
     """(tables, band, xy_px, irradiance, rule: StampRule, image: Window) -> spot; it has no rows if it does not touch
@@ -34,8 +34,8 @@ class SpotFunctions(NamedTuple):
     """(tables, band, spot, what row_of returned, column) -> light of a pixel of that row."""
 
 
-@wp.func_native(snippet="return reinterpret_cast<const float*>(shares.data)[i];")
-def load_share(shares: wp.array[Lanes], i: int) -> float:
+@wp.func_native(snippet="return reinterpret_cast<const float*>(fractions.data)[i];")
+def load_fraction(fractions: wp.array[PixelVector], i: int) -> float:
     """The first float of vector i, from 0 on, of overlapping ones."""
 
 
@@ -47,8 +47,8 @@ def gaussian_spots() -> SpotFunctions:
     class GaussianSpot:
         stamp: Stamp
         strength: float
-        across: EdgePlace
-        down: EdgePlace
+        across: EdgeOffset
+        down: EdgeOffset
 
     @wp.func
     def spot_of(
@@ -61,28 +61,30 @@ def gaussian_spots() -> SpotFunctions:
             xy_px, gaussian_reach_px(sigma, stamp_cut(irradiance, band, rule)), sigma[0] / sigma[1], image
         )
         spot.strength = irradiance
-        spot.across = edge_place(psf.columns, xy_px[0])
-        spot.down = edge_place(psf.rows, xy_px[1])
+        spot.across = edge_offset(psf.columns, xy_px[0])
+        spot.down = edge_offset(psf.rows, xy_px[1])
         return spot
 
     @wp.func
-    def axis_share(shares: wp.array[Lanes], table: EdgeTable, place: EdgePlace, pixel: int) -> float:
-        at = place.start + pixel
-        here = load_share(shares, at)
-        after = load_share(shares, at + table.n_pixel)
+    def axis_fraction(fractions: wp.array[PixelVector], table: EdgeTable, offset: EdgeOffset, pixel: int) -> float:
+        at = offset.start + pixel
+        here = load_fraction(fractions, at)
+        after = load_fraction(fractions, at + table.n_pixel)
         step = after - here
-        bend = step - (here - load_share(shares, at - table.n_pixel))
-        twist = (load_share(shares, at + 2 * table.n_pixel) - after) - step - bend
-        u = place.u
+        bend = step - (here - load_fraction(fractions, at - table.n_pixel))
+        twist = (load_fraction(fractions, at + 2 * table.n_pixel) - after) - step - bend
+        u = offset.u
         return here + u * (step + (0.5 * (u - 1.0)) * (bend + ((u + 1.0) * wp.static(1.0 / 3.0)) * twist))
 
     @wp.func
     def row_of(tables: GaussianTables, band: int, spot: GaussianSpot, row: int) -> float:
-        return axis_share(tables.shares, tables.psfs[band].rows, spot.down, row)
+        return axis_fraction(tables.fractions, tables.psfs[band].rows, spot.down, row)
 
     @wp.func
     def light_at(tables: GaussianTables, band: int, spot: GaussianSpot, in_row: float, column: int) -> float:
-        return in_row * (spot.strength * axis_share(tables.shares, tables.psfs[band].columns, spot.across, column))
+        return in_row * (
+            spot.strength * axis_fraction(tables.fractions, tables.psfs[band].columns, spot.across, column)
+        )
 
     return SpotFunctions(GaussianTables, GaussianSpot, spot_of, row_of, light_at)
 
@@ -91,13 +93,13 @@ def gaussian_spots() -> SpotFunctions:
 def table_spots(layout: TableLayout) -> SpotFunctions:
     """Spots of tabulated patterns, by tables of a layout."""
     read, Tables = layout_functions(layout), pattern_tables(layout)
-    Place, Row = read.Place, read.Row
-    place_in, row_in, share = read.place_in, read.row_in, read.share
+    Offset, Row = read.Offset, read.Row
+    offset_in, row_in, fraction = read.offset_in, read.row_in, read.fraction
 
     class TableSpot:
         stamp: Stamp
         strength: float
-        place: Place
+        offset: Offset
 
     Spot = wp.struct(TableSpot)
 
@@ -108,20 +110,20 @@ def table_spots(layout: TableLayout) -> SpotFunctions:
         reach_px = table_reach_px(tables.table, psf, stamp_cut(irradiance, band, rule))
         spot.stamp = stamp_around(xy_px, reach_px, psf.pixel_aspect, image)
         spot.strength = irradiance
-        spot.place = place_in(wp.float64(spot.stamp.column) - xy_px[0], wp.float64(spot.stamp.row) - xy_px[1], psf)
+        spot.offset = offset_in(wp.float64(spot.stamp.column) - xy_px[0], wp.float64(spot.stamp.row) - xy_px[1], psf)
         return spot
 
     @wp.func
     def row_of(tables: Tables, band: int, spot: Spot, row: int) -> Row:
-        return row_in(spot.place, row - spot.stamp.row, tables.psfs[band])
+        return row_in(spot.offset, row - spot.stamp.row, tables.psfs[band])
 
     @wp.func
     def light_at(tables: Tables, band: int, spot: Spot, in_row: Row, column: int) -> float:
         psf = tables.psfs[band]
         step = column - spot.stamp.column
-        if in_row.first >= 0 and step >= spot.place.first_step and step < spot.place.end_step:
-            return spot.strength * share(tables.table, psf, spot.place, in_row, step + psf.zero_pixel)
-        return spot.strength * table_wing(psf, spot.place.dx_px + float(step), in_row.distance_px)
+        if in_row.first >= 0 and step >= spot.offset.first_step and step < spot.offset.end_step:
+            return spot.strength * fraction(tables.table, psf, spot.offset, in_row, step + psf.zero_pixel)
+        return spot.strength * table_wing(psf, spot.offset.dx_px + float(step), in_row.distance_px)
 
     return SpotFunctions(Tables, Spot, spot_of, row_of, light_at)
 

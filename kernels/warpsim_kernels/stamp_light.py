@@ -1,4 +1,4 @@
-"""How much of a source's light its stamp holds: what truth reports of left-out light."""
+"""Fraction of a source's light within its stamp, from which truth reports left-out light."""
 
 import functools
 import math
@@ -8,12 +8,12 @@ import warp as wp
 from warpsim_kernels.deposit_gaussian import gaussian_blur
 from warpsim_kernels.paths import Paths
 from warpsim_kernels.psf import (
-    TABLE_LANE,
+    TABLE_SIMD_WIDTH,
     TablePsf,
+    fraction_between,
     gaussian_edge,
-    gaussian_pixel_share,
+    gaussian_pixel_fraction,
     gaussian_reach_px,
-    share_between,
     table_reach_px,
     table_wing,
 )
@@ -43,14 +43,16 @@ GAUSS_WEIGHT = wp.constant(wp.vec4(0.17392742256872693, 0.32607257743127307, 0.3
 
 
 @wp.func
-def gaussian_share(dx_px: wp.float64, dy_px: wp.float64, sigma_px: wp.vec2) -> wp.float64:
-    """Share of the pixel at an offset from the source."""
-    return wp.float64(gaussian_pixel_share(dx_px, sigma_px[0])) * wp.float64(gaussian_pixel_share(dy_px, sigma_px[1]))
+def gaussian_fraction(dx_px: wp.float64, dy_px: wp.float64, sigma_px: wp.vec2) -> wp.float64:
+    """Fraction of the pixel at an offset from the source."""
+    return wp.float64(gaussian_pixel_fraction(dx_px, sigma_px[0])) * wp.float64(
+        gaussian_pixel_fraction(dy_px, sigma_px[1])
+    )
 
 
 @wp.func
-def gaussian_stamp_share(xy_px: wp.vec2d, sigma_px: wp.vec2, reach_px: float) -> wp.float64:
-    """Share of a source's light in its stamp, row by row."""
+def gaussian_stamp_fraction(xy_px: wp.vec2d, sigma_px: wp.vec2, reach_px: float) -> wp.float64:
+    """Fraction of a source's light in its stamp, row by row."""
     half = wp.float64(0.5)
     stamp = stamp_around(xy_px, reach_px, sigma_px[0] / sigma_px[1], whole_plane())
     total = wp.float64(0.0)
@@ -58,8 +60,8 @@ def gaussian_stamp_share(xy_px: wp.vec2d, sigma_px: wp.vec2, reach_px: float) ->
         columns = columns_of_row(stamp, row)
         left = gaussian_edge(wp.float64(columns[0]) - half - xy_px[0], sigma_px[0])
         right = gaussian_edge(wp.float64(columns[1]) - half - xy_px[0], sigma_px[0])
-        row_share = gaussian_pixel_share(wp.float64(row) - xy_px[1], sigma_px[1])
-        total += wp.float64(row_share) * wp.float64(share_between(left, right))
+        row_fraction = gaussian_pixel_fraction(wp.float64(row) - xy_px[1], sigma_px[1])
+        total += wp.float64(row_fraction) * wp.float64(fraction_between(left, right))
     return total
 
 
@@ -77,8 +79,8 @@ def make_gaussian_light_kernel(streaks: bool) -> wp.Kernel:
         paths: Paths,
         rules: StreakRules,
         # out
-        peak_share: wp.array3d[float],  # (n_view, n_band, n_source) share of the pixel that xy_px lies in
-        stamp_share: wp.array3d[float],  # (n_view, n_band, n_source) share inside the whole stamp
+        peak_fraction: wp.array3d[float],  # (n_view, n_band, n_source) fraction of the pixel that xy_px lies in
+        stamp_fraction: wp.array3d[float],  # (n_view, n_band, n_source) fraction inside the whole stamp
     ):
         view, band, slot = wp.tid()
         sigma = sigma_px[band]
@@ -96,20 +98,20 @@ def make_gaussian_light_kernel(streaks: bool) -> wp.Kernel:
                 for node in range(streak.count):
                     moment = moment_of(paths, source, streak, panel, node, rules)
                     weight = wp.float64(moment.irradiance_w_cm2)
-                    peak += weight * gaussian_share(column - moment.xy_px[0], row - moment.xy_px[1], sigma)
-                    total += weight * gaussian_stamp_share(moment.xy_px, sigma, reach_px)
+                    peak += weight * gaussian_fraction(column - moment.xy_px[0], row - moment.xy_px[1], sigma)
+                    total += weight * gaussian_stamp_fraction(moment.xy_px, sigma, reach_px)
         else:
-            peak = gaussian_share(column - xy_px[0], row - xy_px[1], sigma)
-            total = gaussian_stamp_share(xy_px, sigma, reach_px)
-        peak_share[view, band, slot] = float(peak)
-        stamp_share[view, band, slot] = float(total)
+            peak = gaussian_fraction(column - xy_px[0], row - xy_px[1], sigma)
+            total = gaussian_stamp_fraction(xy_px, sigma, reach_px)
+        peak_fraction[view, band, slot] = float(peak)
+        stamp_fraction[view, band, slot] = float(total)
 
     return gaussian_light_kernel
 
 
 @wp.func
-def smooth_share(psf: TablePsf, near_px: float, far_px: float, down_px: float) -> wp.float64:
-    """Sum of the shares of a row's pixels from one distance along it to another, both edges of pixels on one side.
+def smooth_fraction(psf: TablePsf, near_px: float, far_px: float, down_px: float) -> wp.float64:
+    """Sum of the fractions of a row's pixels from one distance along it to another, both edges of pixels on one side.
 
     Beyond the table the sum is the integral, which is taken over stretches that grow with the distance.
     """
@@ -142,54 +144,54 @@ def core_of(psf: TablePsf, stamp: Stamp) -> Window:
 def make_table_light_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
     """Kernel for tabulated images; without streaks it looks at no paths."""
     read = layout_functions(layout)
-    Nodes, place_in, row_in, pixel_shares = read.Nodes, read.place_in, read.row_in, read.shares
+    Nodes, offset_in, row_in, pixel_fractions = read.Nodes, read.offset_in, read.row_in, read.fractions
 
     @wp.func
-    def table_share(nodes: wp.array[Nodes], psf: TablePsf, xy_px: wp.vec2d, column: int, row: int) -> wp.float64:
-        """Share of a pixel of a source."""
+    def table_fraction(nodes: wp.array[Nodes], psf: TablePsf, xy_px: wp.vec2d, column: int, row: int) -> wp.float64:
+        """Fraction of a pixel of a source."""
         own_column = nearest_pixel(xy_px[0])
         own_row = nearest_pixel(xy_px[1])
-        place = place_in(wp.float64(own_column) - xy_px[0], wp.float64(own_row) - xy_px[1], psf)
-        in_row = row_in(place, row - own_row, psf)
+        offset = offset_in(wp.float64(own_column) - xy_px[0], wp.float64(own_row) - xy_px[1], psf)
+        in_row = row_in(offset, row - own_row, psf)
         step = column - own_column
-        if in_row.first < 0 or step < place.first_step or step >= place.end_step:
-            return wp.float64(table_wing(psf, place.dx_px + float(step), in_row.distance_px))
+        if in_row.first < 0 or step < offset.first_step or step >= offset.end_step:
+            return wp.float64(table_wing(psf, offset.dx_px + float(step), in_row.distance_px))
         block = (psf.zero_pixel + step) // psf.block_px
-        found = pixel_shares(nodes, psf, place, in_row, block)
+        found = pixel_fractions(nodes, psf, offset, in_row, block)
         return wp.float64(found[psf.zero_pixel + step - block * psf.block_px])
 
     @wp.func
-    def core_share(nodes: wp.array[Nodes], psf: TablePsf, xy_px: wp.vec2d, stamp: Stamp, core: Window) -> wp.float64:
-        """Share of a source's light in the pixels of its stamp within a window, one by one."""
-        place = place_in(wp.float64(stamp.column) - xy_px[0], wp.float64(stamp.row) - xy_px[1], psf)
+    def core_fraction(nodes: wp.array[Nodes], psf: TablePsf, xy_px: wp.vec2d, stamp: Stamp, core: Window) -> wp.float64:
+        """Fraction of a source's light in the pixels of its stamp within a window, one by one."""
+        offset = offset_in(wp.float64(stamp.column) - xy_px[0], wp.float64(stamp.row) - xy_px[1], psf)
         zero = stamp.column - psf.zero_pixel
         total = wp.float64(0.0)
         for row in range(wp.max(stamp.window.first_row, core.first_row), wp.min(stamp.window.end_row, core.end_row)):
-            in_row = row_in(place, row - stamp.row, psf)
+            in_row = row_in(offset, row - stamp.row, psf)
             columns = columns_of_row(stamp, row)
             column = wp.max(columns[0], core.first_column)
             end = wp.min(columns[1], core.end_column)
             while column < end:
                 step = column - stamp.column
-                if in_row.first < 0 or step < place.first_step or step >= place.end_step:
-                    total += wp.float64(table_wing(psf, place.dx_px + float(step), in_row.distance_px))
+                if in_row.first < 0 or step < offset.first_step or step >= offset.end_step:
+                    total += wp.float64(table_wing(psf, offset.dx_px + float(step), in_row.distance_px))
                     column += 1
                 else:
                     block = (column - zero) // psf.block_px
-                    found = pixel_shares(nodes, psf, place, in_row, block)
+                    found = pixel_fractions(nodes, psf, offset, in_row, block)
                     vector = zero + block * psf.block_px
-                    last = wp.min(wp.min(vector + TABLE_LANE, stamp.column + place.end_step), end)
+                    last = wp.min(wp.min(vector + TABLE_SIMD_WIDTH, stamp.column + offset.end_step), end)
                     while column < last:
                         total += wp.float64(found[column - vector])
                         column += 1
         return total
 
     @wp.func
-    def table_stamp_share(nodes: wp.array[Nodes], psf: TablePsf, xy_px: wp.vec2d, reach_px: float) -> wp.float64:
-        """Share of a source's light in its stamp: pixel by pixel within the table, then by rows, then as a ring."""
+    def table_stamp_fraction(nodes: wp.array[Nodes], psf: TablePsf, xy_px: wp.vec2d, reach_px: float) -> wp.float64:
+        """Fraction of a source's light in its stamp: pixel by pixel within the table, then by rows, then as a ring."""
         stamp = stamp_around(xy_px, wp.min(reach_px, N_ROW), psf.pixel_aspect, whole_plane())
         core = core_of(psf, stamp)
-        total = core_share(nodes, psf, xy_px, stamp, core)
+        total = core_fraction(nodes, psf, xy_px, stamp, core)
         if psf.wing_px3 == 0.0:
             return total
         for row in range(stamp.window.first_row, stamp.window.end_row):
@@ -202,8 +204,8 @@ def make_table_light_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
                 from_left_px = float(xy_px[0] - wp.float64(core.first_column)) + 0.5
                 from_right_px = float(wp.float64(core.end_column) - xy_px[0]) - 0.5
             down_px = float(wp.float64(row) - xy_px[1]) * psf.pixel_aspect
-            total += smooth_share(psf, from_left_px, left_px, down_px)
-            total += smooth_share(psf, from_right_px, right_px, down_px)
+            total += smooth_fraction(psf, from_left_px, left_px, down_px)
+            total += smooth_fraction(psf, from_right_px, right_px, down_px)
         if reach_px > N_ROW:
             ring = psf.wing_px3 / psf.pixel_aspect * wp.static(2.0 * math.pi) * (1.0 / N_ROW - 1.0 / reach_px)
             total += wp.float64(ring)
@@ -216,14 +218,14 @@ def make_table_light_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
         source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
         psfs: wp.array[TablePsf],  # (n_band,)
         blurs: wp.array[Blur],  # (n_band,)
-        table: wp.array[float],  # pixel shares and envelopes of all bands, flat
+        table: wp.array[float],  # pixel fractions and envelopes of all bands, flat
         nodes: wp.array[Nodes],  # the same, with a vector from every float on
         rule: StampRule,
         paths: Paths,
         rules: StreakRules,
         # out
-        peak_share: wp.array3d[float],  # (n_view, n_band, n_source) share of the pixel that xy_px lies in
-        stamp_share: wp.array3d[float],  # (n_view, n_band, n_source) share inside the whole stamp
+        peak_fraction: wp.array3d[float],  # (n_view, n_band, n_source) fraction of the pixel that xy_px lies in
+        stamp_fraction: wp.array3d[float],  # (n_view, n_band, n_source) fraction inside the whole stamp
     ):
         view, band, slot = wp.tid()
         psf = psfs[band]
@@ -241,12 +243,12 @@ def make_table_light_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
                 for node in range(streak.count):
                     moment = moment_of(paths, source, streak, panel, node, rules)
                     weight = wp.float64(moment.irradiance_w_cm2)
-                    peak += weight * table_share(nodes, psf, moment.xy_px, column, row)
-                    total += weight * table_stamp_share(nodes, psf, moment.xy_px, reach_px)
+                    peak += weight * table_fraction(nodes, psf, moment.xy_px, column, row)
+                    total += weight * table_stamp_fraction(nodes, psf, moment.xy_px, reach_px)
         else:
-            peak = table_share(nodes, psf, xy_px, column, row)
-            total = table_stamp_share(nodes, psf, xy_px, reach_px)
-        peak_share[view, band, slot] = float(peak)
-        stamp_share[view, band, slot] = float(total)
+            peak = table_fraction(nodes, psf, xy_px, column, row)
+            total = table_stamp_fraction(nodes, psf, xy_px, reach_px)
+        peak_fraction[view, band, slot] = float(peak)
+        stamp_fraction[view, band, slot] = float(total)
 
     return table_light_kernel

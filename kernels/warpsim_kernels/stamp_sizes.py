@@ -1,4 +1,4 @@
-"""How far the stamps of sources reach, for those who look for sources that touch an image."""
+"""Half-widths of stamps, for the search of sources that touch an image."""
 
 import warp as wp
 
@@ -33,7 +33,7 @@ def size_table_stamps_kernel(
     # in
     irradiance_w_cm2: wp.array2d[float],  # (n_band, n_source)
     psfs: wp.array[TablePsf],  # (n_band,)
-    table: wp.array[float],  # pixel shares and envelopes of all bands, flat
+    table: wp.array[float],  # pixel fractions and envelopes of all bands, flat
     rule: StampRule,
     # out
     half_width_px: wp.array2d[wp.int32],  # (n_band, n_source)

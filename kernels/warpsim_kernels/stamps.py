@@ -1,4 +1,4 @@
-"""Which pixels a point source is drawn on: those that a disc about it touches.
+"""Stamps: the pixels that a point source is drawn on, those that a disc about it touches.
 
 The disc's radius, a source's reach, follows from its brightness: a pixel that the disc does not touch holds less of
 the source's light than the rule lets go. Discs, since the wings of a bright source are round.
@@ -15,20 +15,20 @@ ROUND_FROM_PX = wp.constant(4.0)
 
 @wp.struct
 class StampRule:
-    """How much of a source may be left out of its stamp, per pixel: the larger of the two limits."""
+    """Part of a source that may be left out of its stamp, per pixel: the larger of the two limits."""
 
     cut_w_cm2: wp.array[float]  # (n_band,) absolute
-    cut_share: float  # relative to the source's irradiance
+    cut_fraction: float  # relative to the source's irradiance
     streak_error: float  # the same for the error of a streak's quadrature in time; the larger of it and the stamp's cut
 
 
 @wp.func
 def stamp_cut(irradiance_w_cm2: float, band: int, rule: StampRule) -> float:
-    """Largest share of a source that a pixel outside its stamp may hold; 1 for a source without light."""
+    """Largest fraction of a source that a pixel outside its stamp may hold; 1 for a source without light."""
     strength = wp.abs(irradiance_w_cm2)
     cut_w_cm2 = rule.cut_w_cm2[band]
-    if strength * rule.cut_share >= cut_w_cm2:
-        return rule.cut_share
+    if strength * rule.cut_fraction >= cut_w_cm2:
+        return rule.cut_fraction
     if strength <= cut_w_cm2:
         return 1.0
     return cut_w_cm2 / strength
@@ -102,7 +102,7 @@ def clamped(position_px: wp.float64, lowest: int, highest: int) -> int:
 
 @wp.func
 def touches(window: Window, xy_px: wp.vec2d, reach_px: wp.vec2d) -> bool:
-    """Whether a box of half-widths reach_px about a point meets the window; false for a point that is no number."""
+    """Return whether a box of half-widths reach_px about a point meets the window; false for a point that is NaN."""
     half = wp.float64(0.5)
     return (
         xy_px[0] + reach_px[0] >= wp.float64(window.first_column) - half

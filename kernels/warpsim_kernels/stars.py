@@ -22,14 +22,14 @@ class StarField:
     direction: wp.array[wp.vec3d]  # (n_star,) ICRS
     irradiance_w_cm2: wp.array2d[float]  # (n_band, n_star)
     half_width_px: wp.array[wp.int32]  # (n_star,) widest stamp over the bands
-    parallax_rad: wp.array[float]  # (n_star,); empty where parallax is off
-    radius_rad: wp.float64  # of the cone to search: half diagonal, widest stamp, largest shift of apparent places
+    parallax_rad: wp.array[float]  # (n_star,); empty where parallax is disabled
+    radius_rad: wp.float64  # of the cone to search: half diagonal, widest stamp, largest shift of apparent positions
     cosine: wp.float64  # of radius_rad
 
 
 @wp.struct
 class EarthOrbit:
-    """Where the Earth is, at the nodes of the tracks; ICRS axes."""
+    """Positions of the Earth at the nodes of the tracks; ICRS axes."""
 
     barycentric_m: wp.array[wp.vec3d]  # (n_node,)
     heliocentric_m: wp.array[wp.vec3d]  # (n_node,)
@@ -38,7 +38,7 @@ class EarthOrbit:
 
 @wp.struct
 class SkyView:
-    """What of a view decides which stars it sees, and where."""
+    """The part of a view that decides which stars it sees, and where."""
 
     axes: wp.mat33d
     position_m: wp.vec3d  # geocentric
@@ -62,7 +62,7 @@ class ApparentStar:
 
 
 class StarFeatures(NamedTuple):
-    """What the kernel of the stage holds."""
+    """Features of the kernel of the stage."""
 
     parallax: bool = False
     deflection: bool = False
@@ -125,7 +125,7 @@ def make_star_functions(features: StarFeatures) -> tuple[wp.Function, wp.Functio
 
 @functools.cache
 def make_gather_stars_kernel(features: StarFeatures, n_thread: int) -> wp.Kernel:
-    """Kernel of the stage, for blocks of n_thread threads, one block per view; what is off is not in its code."""
+    """Kernel of the stage, for blocks of n_thread threads, one block per view, without disabled features."""
     sky_view, apparent_star = make_star_functions(features)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -138,7 +138,7 @@ def make_gather_stars_kernel(features: StarFeatures, n_thread: int) -> wp.Kernel
         earth: Earth,
         n_target: int,  # slots already taken by targets
         # in and out
-        views: wp.array[View],  # (n_view,) n_wanted
+        views: wp.array[View],  # (n_view,) n_required
         sources: Sources,  # all but offset_px
     ):
         """Append every star in front of the Earth whose stamp touches the frame, in cell order."""
@@ -173,7 +173,7 @@ def make_gather_stars_kernel(features: StarFeatures, n_thread: int) -> wp.Kernel
                         if wp.static(n_thread == 1):
                             n += 1
         if thread == 0:
-            views[view].n_wanted = n
+            views[view].n_required = n
             sources.n_source[view] = wp.min(n, n_slot)
 
     return gather_stars_kernel

@@ -1,6 +1,6 @@
 """Quadrature in time: a source that moves or changes during the exposure is drawn as a few still ones.
 
-A pixel's light is the mean over the exposure of brightness times the pixel's share at the source's place. Gauss-
+A pixel's light is the mean over the exposure of brightness times the pixel fraction at the source's position. Gauss-
 Legendre nodes take that mean; how many it takes follows from the length of the streak against the width of the image,
 and from the error allowed.
 """
@@ -30,7 +30,7 @@ class StreakRules:
     """Gauss-Legendre rules of several counts, and how long a streak each can serve."""
 
     count: wp.array[wp.int32]  # (n_rule,) nodes, growing
-    first: wp.array[wp.int32]  # (n_rule,) where a rule begins in node and weight
+    first: wp.array[wp.int32]  # (n_rule,) index of its first node in node and weight
     node: wp.array[wp.float64]  # in (-1, 1)
     weight: wp.array[wp.float64]  # the weights of a rule sum to 1
     longest: wp.array2d[float]  # (n_level, n_rule) streak over blur width, for an error of 10^(-level / 2)
@@ -38,7 +38,7 @@ class StreakRules:
 
 @wp.struct
 class Blur:
-    """How sharp a point's image is, for the count of nodes."""
+    """Sharpness of a point's image, for the count of nodes."""
 
     width_px: float  # sigma of a Gaussian whose transfer function is nowhere below the image's [pixel widths]
     band_limit_per_px: float  # highest spatial frequency of the image; NO_LIMIT where there is none
@@ -94,18 +94,18 @@ def next_legendre(k: int, t: wp.float64, legendre: wp.float64, before: wp.float6
 
 
 @wp.func
-def place_px(paths: Paths, source: Source, t: wp.float64) -> wp.vec2d:
-    """Place at the time t in [-1, 1] of the exposure."""
-    place = source.xy_px
+def position_px(paths: Paths, source: Source, t: wp.float64) -> wp.vec2d:
+    """Position at the time t in [-1, 1] of the exposure."""
+    position = source.xy_px
     before = wp.float64(0.0)
     legendre = wp.float64(1.0)
     for k in range(paths.offset_px.shape[2]):
         term = paths.offset_px[source.view, source.slot, k]
-        place += legendre * wp.vec2d(wp.float64(term[0]), wp.float64(term[1]))
+        position += legendre * wp.vec2d(wp.float64(term[0]), wp.float64(term[1]))
         after = next_legendre(k, t, legendre, before)
         before = legendre
         legendre = after
-    return place
+    return position
 
 
 @wp.func
@@ -144,23 +144,23 @@ def highest_brightness(paths: Paths, source: Source) -> float:
 
 @wp.func
 def light_centre_px(paths: Paths, source: Source) -> wp.vec2d:
-    """Mean place over the exposure, weighted with brightness."""
+    """Mean position over the exposure, weighted with brightness."""
     n_term = n_profile(paths, source)
     centre = source.xy_px
     for k in range(paths.offset_px.shape[2]):
-        share = wp.float64(0.0)
+        weight = wp.float64(0.0)
         if k == 0:
-            share = wp.float64(1.0)
+            weight = wp.float64(1.0)
         elif k < n_term:
-            share = wp.float64(paths.brightness[source.view, source.band, source.slot, k]) / wp.float64(2 * k + 1)
+            weight = wp.float64(paths.brightness[source.view, source.band, source.slot, k]) / wp.float64(2 * k + 1)
         term = paths.offset_px[source.view, source.slot, k]
-        centre += share * wp.vec2d(wp.float64(term[0]), wp.float64(term[1]))
+        centre += weight * wp.vec2d(wp.float64(term[0]), wp.float64(term[1]))
     return centre
 
 
 @wp.func
 def is_streak_near(paths: Paths, source: Source, reach_px: float, aspect: float, window: Window) -> bool:
-    """Whether a disc that follows the path may touch the window."""
+    """Return whether a disc that follows the path may touch the window."""
     box_px = wp.vec2d(wp.float64(reach_px), wp.float64(reach_px / aspect))
     for k in range(paths.offset_px.shape[2]):
         term = paths.offset_px[source.view, source.slot, k]
@@ -201,7 +201,7 @@ def extra_nodes(paths: Paths, source: Source, length_px: float, error: float, bl
 
 @wp.func
 def rule_reaches(rules: StreakRules, error: float, rule: int, length_px: float, blur: Blur) -> bool:
-    """Whether a rule serves a streak of this length."""
+    """Return whether a rule serves a streak of this length."""
     step = int(wp.ceil(-wp.log10(wp.clamp(error, 1.0e-30, 1.0)) * STEPS_PER_DECADE))
     level = wp.min(step, rules.longest.shape[0] - 1)
     return length_px <= rules.longest[level, rule] * blur.width_px or (
@@ -211,7 +211,7 @@ def rule_reaches(rules: StreakRules, error: float, rule: int, length_px: float, 
 
 @wp.func
 def with_rule(streak: Streak, n_node: int, rules: StreakRules) -> Streak:
-    """The same panels with the smallest rule of n_node nodes or more."""
+    """Return the same panels with the smallest rule of n_node nodes or more."""
     rule = int(0)
     while rule < rules.count.shape[0] - 1 and rules.count[rule] < n_node:
         rule += 1
@@ -227,8 +227,8 @@ def streak_of(
 ) -> Streak:
     """The fewest nodes that keep a source's pixels within `error` of its light.
 
-    Where even the largest rule is too short, and where parts longer than longest_panel_px are not wanted, the exposure
-    is cut into panels, which share out the light and the error.
+    Where even the largest rule is too short, and where parts longer than longest_panel_px are not allowed, the exposure
+    is cut into panels, which divide the light and the error.
     """
     streak = Streak()
     streak.n_panel = 1
@@ -254,8 +254,8 @@ def streak_of(
 
 @wp.func
 def panel_edge_px(paths: Paths, source: Source, streak: Streak, panel: int) -> wp.vec2d:
-    """Place where a panel begins."""
-    return place_px(paths, source, wp.float64(2 * panel - streak.n_panel) / wp.float64(streak.n_panel))
+    """Position at the start of a panel."""
+    return position_px(paths, source, wp.float64(2 * panel - streak.n_panel) / wp.float64(streak.n_panel))
 
 
 @wp.func
@@ -268,7 +268,7 @@ def moment_of(paths: Paths, source: Source, streak: Streak, panel: int, node: in
         return moment
     width = wp.float64(1.0) / wp.float64(streak.n_panel)
     t = (wp.float64(2 * panel - streak.n_panel + 1) + rules.node[streak.first + node]) * width
-    share = rules.weight[streak.first + node] * width * brightness_at(paths, source, t)
-    moment.xy_px = place_px(paths, source, t)
-    moment.irradiance_w_cm2 = source.irradiance_w_cm2 * float(share)
+    weight = rules.weight[streak.first + node] * width * brightness_at(paths, source, t)
+    moment.xy_px = position_px(paths, source, t)
+    moment.irradiance_w_cm2 = source.irradiance_w_cm2 * float(weight)
     return moment

@@ -25,7 +25,7 @@ STREAM_COLUMN = wp.constant(wp.uint32(5))
 STREAM_GAIN = wp.constant(wp.uint32(6))
 STREAM_OFFSET = wp.constant(wp.uint32(7))
 STREAM_BAD = wp.constant(wp.uint32(8))
-"""What stays with a pixel: its gain, its offset, and whether it is bad."""
+"""Properties that stay with a pixel: its gain, its offset, and whether it is bad."""
 
 # The two-round hash with the least bias that Wellons (2018, "Prospecting for hash functions") lists.
 _FIRST_MULTIPLIER = wp.constant(wp.uint32(0x21F0AAAD))
@@ -56,9 +56,9 @@ def hashed(number: wp.uint32, key: wp.uint32, second_key: wp.uint32) -> wp.uint3
 
 
 @wp.func
-def numbered(lane: wp.uint32, first: wp.uint32) -> wp.uint32:
-    """Number of a lane of a tile."""
-    return lane + first
+def numbered(element: wp.uint32, first: wp.uint32) -> wp.uint32:
+    """Number of an element of a tile."""
+    return element + first
 
 
 @wp.func

@@ -1,4 +1,4 @@
-"""How an image is cut for the read-out: into strips of neighbouring pixels, counted along its rows and over their ends.
+"""Strips of an image for the read-out: neighbouring pixels, counted along its rows and over their ends.
 
 A strip is what one tile takes, a block the strips that share random keys (streams.py). Every strip has a flag that says
 whether light was added to it; an image has flags for whole blocks.
@@ -26,5 +26,5 @@ def n_flag(n_pixel: int) -> int:
 
 @wp.func
 def flags_of_image(n_pixel: int) -> int:
-    """The same in a kernel."""
+    """Flags of an image, in a kernel."""
     return (((n_pixel - 1) >> _BLOCK_SHIFT) + 1) * STRIPS_PER_BLOCK

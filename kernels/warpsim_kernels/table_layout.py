@@ -1,16 +1,16 @@
-"""What tables of patterns hold: polynomials in cells of the source's pixel, or nodes. Needs no Warp."""
+"""Contents of tables of patterns: polynomials in cells of the source's pixel, or nodes. Needs no Warp."""
 
 from typing import NamedTuple
 
-TABLE_LANE = 8
-"""Pixels of a row that stand next to each other in a table of shares, and are drawn at a time."""
+TABLE_SIMD_WIDTH = 8
+"""Pixels of a row that lie next to each other in a table of pixel fractions, and are drawn at a time."""
 
 CELL_DEGREES = (3, 5, 7, 9)
 """Total degrees of polynomials."""
 
 
 class TableLayout(NamedTuple):
-    """What the tables of a kernel hold."""
+    """Contents of the tables of a kernel."""
 
     degree: int
     """Total degree of polynomials in cells, one of CELL_DEGREES; 0: nodes."""

@@ -1,6 +1,6 @@
 """Stage trace: how sources move over the focal plane while the exposure lasts.
 
-Places are found at the Gauss-Legendre nodes of the exposure and turned into Legendre series (see paths.py). A star's
+Positions are found at the Gauss-Legendre nodes of the exposure and turned into Legendre series (see paths.py). A star's
 apparent direction is that of the middle: its aberration changes by 0.006 arcsec a second at most.
 """
 
@@ -18,12 +18,12 @@ REACH_SAFETY = wp.constant(wp.float64(2.0))
 
 _NOWHERE_PX = wp.constant(wp.float64(1.0e6))
 _ASIDE = wp.constant(wp.float64(1.0e-3))
-"""Of a unit vector along the boresight, below which a place is not followed: it is beside or behind the camera."""
+"""Of a unit vector along the boresight, below which a position is not followed: it is beside or behind the camera."""
 
 
 @wp.struct
 class Instants:
-    """When during the exposure places are found."""
+    """Instants of the exposure at which positions are found."""
 
     n_path: int
     series: wp.array2d[wp.float64]  # (n_path, n_path) what makes coefficient l of the value at instant k

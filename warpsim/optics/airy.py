@@ -1,9 +1,9 @@
-"""Share tables of Airy patterns: how far they reach, how fine they are, and how wrong.
+"""Effective PSF tables of Airy patterns: how far they reach, how fine they are, and how wrong.
 
-The pupil's autocorrelation ends at the frequency 1 / lamF (see pattern.py), so the pixel's share is band-limited. Far
+The pupil's autocorrelation ends at the frequency 1 / lamF (see pattern.py), so the pixel fraction is band-limited. Far
 out the rings average away over a pixel and it follows w / r^3. Rings wider than a pixel are cut at the table's reach,
 where each pixel is within the error, but the sum over a field beyond it may be off by up to 2e-4 at a radius of
-10 px. Report the flux left out of a stamp as one minus the sum of its shares.
+10 px. Report the flux left out of a stamp as one minus the sum of its fractions.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.optics.flow import FlowProfile, pixel_shares, shares_on_grid
-from warpsim.optics.pattern import AiryPattern
-from warpsim.optics.share_table import (
+from warpsim.optics.epsf_table import (
     N_MARGIN,
     POINTS,
-    ShareTable,
+    EpsfTable,
     check_size,
     envelope,
     lagrange_weights,
     pixel_wing,
-    share,
+    table_fraction,
 )
+from warpsim.optics.flow import FlowProfile, fractions_on_grid, pixel_fractions
+from warpsim.optics.pattern import AiryPattern
 
 F64 = NDArray[np.float64]
 
@@ -38,13 +38,13 @@ SAMPLE_MARGIN = 1.2
 ROUNDING_MARGIN = 5e-8
 """Samples may miss the worst offset: see stated_error()."""
 ROUNDING = 2.5e-8
-"""What float32 shares, weights and sums may add, per point of the interpolation."""
+"""Error that float32 fractions, weights and sums may add, per point of the interpolation."""
 N_REFINE = 6
 
 
 def airy_table(
     pattern: AiryPattern, pixel_aspect: float, error: float, n_point: int, real: type = np.float32
-) -> ShareTable:
+) -> EpsfTable:
     """Build the table of an Airy pattern.
 
     Args:
@@ -150,7 +150,7 @@ def _measured_reach_px(
     for axis, height in ((0, pixel_aspect), (1, 1.0)):
         offset = [np.zeros_like(r_px), np.zeros_like(r_px)]
         offset[axis] = r_px / height
-        exact = pixel_shares(flow, offset[1], offset[0], pixel_aspect)
+        exact = pixel_fractions(flow, offset[1], offset[0], pixel_aspect)
         x2 = (offset[1] / r_px) ** 2
         law = wing.px3 / r_px**3 * (1.0 + (wing.next_px2 + wing.aspect_px2 * x2 + wing.last_px4 / r_px**2) / r_px**2)
         wrong = np.flatnonzero(np.abs(exact - law) > tolerance)
@@ -184,8 +184,8 @@ def _line_error(flow: FlowProfile, pixel_aspect: float, step_px: float, n_point:
     weights = np.array([float(weight[0]) for weight in lagrange_weights(u, n_point)])
     worst = 0.0
     for first_px in (0.5 - n_cell * step_px, 0.0):
-        place: F64 = first_px + step_px * 0.5 * np.arange(-2.0 * half, 4.0 * n_cell + 2.0 * half)
-        exact = pixel_shares(flow, place, np.zeros_like(place), pixel_aspect)
+        offset_px: F64 = first_px + step_px * 0.5 * np.arange(-2.0 * half, 4.0 * n_cell + 2.0 * half)
+        exact = pixel_fractions(flow, offset_px, np.zeros_like(offset_px), pixel_aspect)
         nodes, middles = exact[0::2], exact[1::2]
         windows = np.lib.stride_tricks.sliding_window_view(nodes, n_point)
         found = windows @ weights - middles[half - 1 : half - 1 + len(windows)]
@@ -212,24 +212,24 @@ def _table(
     reach_px: tuple[float, float],
     step_px: float,
     n_point: int,
-) -> ShareTable:
+) -> EpsfTable:
     """Fill a table; its error is yet to be measured."""
     per_px = _nodes_per_px(step_px, pixel_aspect)
     shape = _n_node(reach_px[0], per_px[0]), _n_node(reach_px[1], per_px[1])
     check_size(*shape, "airy table")
     stored = shape[0] - N_MARGIN, shape[1] - N_MARGIN
-    half = shares_on_grid(flow, per_px, stored, pixel_aspect)
+    half = fractions_on_grid(flow, per_px, stored, pixel_aspect)
     mirror = [np.abs(np.arange(-N_MARGIN, n)) for n in stored]
-    share64 = half[np.ix_(*mirror)]
-    share32 = share64.astype(np.float32)
-    share32.flags.writeable = False
+    fraction64 = half[np.ix_(*mirror)]
+    fraction32 = fraction64.astype(np.float32)
+    fraction32.flags.writeable = False
     wing = pixel_wing(pattern.wing_px3, pattern.smear_px, pixel_aspect)
     small, least_px = min(1.0, pixel_aspect), min(reach_px[0] * pixel_aspect, reach_px[1])
     next_px2 = max(wing.next_px2, 0.0) + max(wing.aspect_px2, 0.0) + wing.last_px4 / least_px**2
     ripple_px3 = pixel_aspect * pattern.ripples_px3(math.inf, small)
     far_px3 = 1.05 * (wing.px3 * (1.0 + next_px2 / least_px**2) + ripple_px3)
-    return ShareTable(
-        share=share32,
+    return EpsfTable(
+        fraction=fraction32,
         n_point=n_point,
         per_px=per_px,
         zero=(N_MARGIN, N_MARGIN),
@@ -237,13 +237,15 @@ def _table(
         reach_px=reach_px,
         pixel_aspect=pixel_aspect,
         wing=wing,
-        envelope=envelope(share64, per_px, (N_MARGIN, N_MARGIN), pixel_aspect, least_px - 0.5, far_px3 / least_px**3),
+        envelope=envelope(
+            fraction64, per_px, (N_MARGIN, N_MARGIN), pixel_aspect, least_px - 0.5, far_px3 / least_px**3
+        ),
         tail_px3=far_px3,
         error=math.nan,
     )
 
 
-def _measured_errors(table: ShareTable, flow: FlowProfile, real: type) -> tuple[float, float]:
+def _measured_errors(table: EpsfTable, flow: FlowProfile, real: type) -> tuple[float, float]:
     """Return the largest errors inside and outside the table, on sampled offsets that float32 holds."""
     rng = np.random.default_rng(0)
     reach = np.array(table.reach_px)[:, None]  # rows, columns
@@ -251,12 +253,12 @@ def _measured_errors(table: ShareTable, flow: FlowProfile, real: type) -> tuple[
     worst = []
     for offsets in (_inside(table, rng, reach, scale), _outside(rng, reach)):
         dy_px, dx_px = offsets.astype(np.float32)
-        exact = pixel_shares(flow, dx_px.astype(np.float64), dy_px.astype(np.float64), table.pixel_aspect)
-        worst.append(float(np.max(np.abs(share(table, dx_px.astype(real), dy_px.astype(real)) - exact))))
+        exact = pixel_fractions(flow, dx_px.astype(np.float64), dy_px.astype(np.float64), table.pixel_aspect)
+        worst.append(float(np.max(np.abs(table_fraction(table, dx_px.astype(real), dy_px.astype(real)) - exact))))
     return worst[0], worst[1]
 
 
-def _inside(table: ShareTable, rng: np.random.Generator, reach: F64, scale: F64) -> F64:
+def _inside(table: EpsfTable, rng: np.random.Generator, reach: F64, scale: F64) -> F64:
     """Return offsets within a table: with the source near the pixel's edges and corners, near its centre, anywhere."""
     n = 1000
     sharp = np.minimum(scale, 1.0)

@@ -91,7 +91,7 @@ class Camera:
 
     @property
     def centre_px(self) -> tuple[float, float]:
-        """Where the boresight falls: (x, y) [px]."""
+        """Position of the boresight on the array: (x, y) [px]."""
         return (self.n_col - 1) / 2, (self.n_row - 1) / 2
 
     @property
@@ -143,11 +143,11 @@ class Camera:
         return math.atan((1 + _BULGE) * float(np.linalg.norm(self._tangent(border), axis=1).max()))
 
     def frame_margin_deg(self, direction: npt.ArrayLike) -> F64:
-        """How far directions are within the frame: angle from the nearest edge [deg], negative outside.
+        """Angle of directions from the nearest edge of the frame [deg], positive within, negative outside.
 
         The edges lie on great circles, and the frame is where a direction is on the inner side of all four: outside,
         the margin is that of the circle farthest away, and it is negative behind the camera too. With a distortion it
-        is the angle that a pinhole would see between the same places of the image.
+        is the angle that a pinhole would see between the same positions of the image.
 
         Args:
             direction: Vectors in camera axes (x right, y down, z boresight), not 0, shape (..., 3).
@@ -201,9 +201,9 @@ class Camera:
         return seen if self.lens is None else distorted(self.lens, self.distortion_radius, seen)
 
     def _tangent(self, xy_px: F64) -> F64:
-        """Tangent-plane coordinates of what is seen at places of the image, shape (n, 2)."""
-        place = (xy_px - self.centre_px) / self._focal
-        return place if self.lens is None else undistorted(self.lens, self.distortion_radius, place)
+        """Tangent-plane coordinates of what is seen at positions of the image, shape (n, 2)."""
+        position = (xy_px - self.centre_px) / self._focal
+        return position if self.lens is None else undistorted(self.lens, self.distortion_radius, position)
 
 
 def _border(half_x: float, half_y: float) -> F64:
@@ -216,10 +216,12 @@ def _border(half_x: float, half_y: float) -> F64:
 
 def _finite_array(name: str, value: Any, shape: tuple[int | None, ...]) -> npt.NDArray[np.float64]:
     array = np.asarray(value, dtype=np.float64)
-    fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
+    fits = array.ndim == len(shape) and all(
+        length in (None, have) for length, have in zip(shape, array.shape, strict=True)
+    )
     if not fits:
-        wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ")"
-        raise InputError(f"must have shape {wanted}", name, array.shape)
+        expected = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ")"
+        raise InputError(f"must have shape {expected}", name, array.shape)
     if not np.isfinite(array).all():
         raise InputError(f"must be finite, got {np.count_nonzero(~np.isfinite(array))} NaN or infinite values", name)
     return array

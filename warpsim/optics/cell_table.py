@@ -15,20 +15,20 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
-from warpsim_kernels.table_layout import TABLE_LANE, n_term_of
+from warpsim_kernels.table_layout import TABLE_SIMD_WIDTH, n_term_of
 
-from warpsim.optics.share_table import ShareTable, lagrange_weights
+from warpsim.optics.epsf_table import EpsfTable, lagrange_weights
 
 F64 = NDArray[np.float64]
 
 N_MORE = 3
 """Points per axis of a fit, beyond the degree."""
 
-BLOCK_PX: int = TABLE_LANE // 2
-"""Pixels from a block of TABLE_LANE pixels to the next: they overlap, so that a stamp needs few of them."""
+BLOCK_PX: int = TABLE_SIMD_WIDTH // 2
+"""Pixels from a block of TABLE_SIMD_WIDTH pixels to the next: they overlap, so that a stamp needs few of them."""
 
 ROUNDING = 1e-7
-"""What float32 coefficients, terms and sums may add to an error."""
+"""Error that float32 coefficients, terms and sums may add."""
 
 CORE_PX = 2
 """Pixels to each side of the source's own on which the number of cells is judged."""
@@ -44,7 +44,7 @@ MOST_CELLS = 512
 class CellTable:
     """Polynomials of the fraction that each pixel of a stamp collects, by the cell that the source lies in."""
 
-    nodes: ShareTable
+    nodes: EpsfTable
     """The table that they are fitted to: reach, envelope and wing are its own."""
 
     degree: int
@@ -54,7 +54,7 @@ class CellTable:
     """Cells per pixel along rows and columns; even, so that the reach and the pixel's middle lie between cells."""
 
     coefficient: NDArray[np.float32]
-    """Shape (n_cell_row, n_cell_column, n_block, n_row, n_term, TABLE_LANE); cells of dy >= 0 only where mirrored."""
+    """Shape (n_cell_row, n_cell_column, n_block, n_row, n_term, TABLE_SIMD_WIDTH); cells of dy >= 0 if mirrored."""
 
     zero: tuple[int, int]
     """The source's own pixel: its row, and its column counted from the first of the first block."""
@@ -68,29 +68,29 @@ class CellTable:
         return self.coefficient.nbytes
 
 
-def side_pixels(table: ShareTable) -> tuple[int, int]:
+def side_pixels(table: EpsfTable) -> tuple[int, int]:
     """Pixels to each side of the source's own that a table can serve, along rows and columns."""
     return math.ceil(table.reach_px[0] + 0.5), math.ceil(table.reach_px[1] + 0.5)
 
 
-def n_side_block(table: ShareTable) -> int:
-    """Blocks of TABLE_LANE pixels to each side of the one that has the source's own pixel in its middle."""
+def n_side_block(table: EpsfTable) -> int:
+    """Blocks of TABLE_SIMD_WIDTH pixels to each side of the one that has the source's own pixel in its middle."""
     return -(-(side_pixels(table)[1] + 1 - BLOCK_PX) // (2 * BLOCK_PX))
 
 
-def cell_bytes(table: ShareTable, degree: int, n_cell: tuple[int, int]) -> int:
+def cell_bytes(table: EpsfTable, degree: int, n_cell: tuple[int, int]) -> int:
     """Return the size of the polynomials [B]."""
     n_cells = n_cell[0] * n_cell[1] // (2 if table.mirrored else 1)
     n_block = _n_column(table) // BLOCK_PX - 1
-    return int(4 * n_cells * (2 * side_pixels(table)[0] + 1) * n_block * TABLE_LANE * n_term_of(degree))
+    return int(4 * n_cells * (2 * side_pixels(table)[0] + 1) * n_block * TABLE_SIMD_WIDTH * n_term_of(degree))
 
 
-def _n_column(table: ShareTable) -> int:
+def _n_column(table: EpsfTable) -> int:
     """Return the pixels of a row of all blocks; the last begins with the last BLOCK_PX that a stamp may need."""
-    return int((2 * n_side_block(table) + 1) * TABLE_LANE + BLOCK_PX)
+    return int((2 * n_side_block(table) + 1) * TABLE_SIMD_WIDTH + BLOCK_PX)
 
 
-def cells_for(table: ShareTable, degree: int, error: float) -> tuple[int, int] | None:
+def cells_for(table: EpsfTable, degree: int, error: float) -> tuple[int, int] | None:
     """Return the cells per pixel with which polynomials keep an error about the source's pixel; None for too many.
 
     Args:
@@ -114,7 +114,7 @@ def cells_for(table: ShareTable, degree: int, error: float) -> tuple[int, int] |
     return None
 
 
-def cell_table(table: ShareTable, degree: int, error: float, n_cell: tuple[int, int]) -> CellTable | None:
+def cell_table(table: EpsfTable, degree: int, error: float, n_cell: tuple[int, int]) -> CellTable | None:
     """Fit polynomials to a table of nodes; None where more than MOST_CELLS would be needed.
 
     Args:
@@ -124,17 +124,17 @@ def cell_table(table: ShareTable, degree: int, error: float, n_cell: tuple[int, 
         n_cell: Cells per pixel along rows and columns, as `cells_for` found them; more where these do not do.
     """
     while max(n_cell) <= MOST_CELLS:
-        zero = side_pixels(table)[0], n_side_block(table) * TABLE_LANE + TABLE_LANE // 2
+        zero = side_pixels(table)[0], n_side_block(table) * TABLE_SIMD_WIDTH + TABLE_SIMD_WIDTH // 2
         coefficient, found = _all_fitted(table, degree, n_cell, zero)
         if table.error + found + ROUNDING <= error:
-            blocks = sliding_window_view(coefficient, TABLE_LANE, axis=3)[:, :, :, ::BLOCK_PX].swapaxes(2, 3)
+            blocks = sliding_window_view(coefficient, TABLE_SIMD_WIDTH, axis=3)[:, :, :, ::BLOCK_PX].swapaxes(2, 3)
             return CellTable(table, degree, n_cell, np.ascontiguousarray(blocks), zero, table.error + found + ROUNDING)
         n_cell = n_cell[0] + 2, n_cell[1] + 2
     return None
 
 
 def _all_fitted(
-    table: ShareTable, degree: int, n_cell: tuple[int, int], zero: tuple[int, int]
+    table: EpsfTable, degree: int, n_cell: tuple[int, int], zero: tuple[int, int]
 ) -> tuple[NDArray[np.float32], float]:
     """Return what _fitted does, of all cells that a table of polynomials holds and all its pixels."""
     rows = np.arange(-zero[0], zero[0] + 1)
@@ -150,7 +150,7 @@ def _all_fitted(
     return np.concatenate([left, right], axis=1)[:, :, :, side - zero[1] :], found
 
 
-def _core_error(table: ShareTable, degree: int, n_cell: tuple[int, int]) -> float:
+def _core_error(table: EpsfTable, degree: int, n_cell: tuple[int, int]) -> float:
     """Return the largest error of fits for pixels about the source, in cells in the middle and by the pixel's edge."""
     side = [min(CORE_PX, pixels) for pixels in side_pixels(table)]
     cells = [np.unique(np.clip([n // 2, n // 2 + 1, n - 3, n - 2, n - 1], 0, n - 1)) for n in n_cell]
@@ -162,7 +162,7 @@ def _core_error(table: ShareTable, degree: int, n_cell: tuple[int, int]) -> floa
 
 
 def _fitted(
-    table: ShareTable,
+    table: EpsfTable,
     degree: int,
     n_cell: tuple[int, int],
     cells: tuple[NDArray[np.int64], NDArray[np.int64]],
@@ -176,7 +176,7 @@ def _fitted(
         for axis in (0, 1)
     )
     first, end = int(down.node.min()), int(down.node.max()) + table.n_point
-    lines = across.apply(np.ascontiguousarray(table.share[first:end].T, dtype=np.float64)).T
+    lines = across.apply(np.ascontiguousarray(table.fraction[first:end].T, dtype=np.float64)).T
     coefficient = np.empty((len(cells[0]), len(cells[1]), len(steps[0]), len(steps[1]), fit.shape[1]), np.float32)
     worst = 0.0
     for cell in range(len(cells[0])):
@@ -199,7 +199,7 @@ class _Interpolation:
     weight: F64
     """Shape (n_point, cell, step, point)."""
     served: NDArray[np.bool_]
-    """Which pixels the table serves, shape (cell, step)."""
+    """Mask of the pixels that the table serves, shape (cell, step)."""
 
     def of_cell(self, cell: int, first: int) -> _Interpolation:
         """Return that of one of the cells alone, of values from a first node on."""
@@ -219,7 +219,7 @@ class _Interpolation:
         return total
 
 
-def _interpolation(table: ShareTable, axis: int, offset_px: F64, step: NDArray[np.int64]) -> _Interpolation:
+def _interpolation(table: EpsfTable, axis: int, offset_px: F64, step: NDArray[np.int64]) -> _Interpolation:
     """Return the interpolation of a table along one of its axes.
 
     Args:
@@ -231,7 +231,7 @@ def _interpolation(table: ShareTable, axis: int, offset_px: F64, step: NDArray[n
     offset = offset_px[:, None, :] + step[:, None]
     served = np.abs(offset[..., offset.shape[2] // 2]) < table.reach_px[axis]
     position = (np.abs(offset) if table.mirrored else offset) * table.per_px[axis] + table.zero[axis]
-    before, n_node = table.n_point // 2 - 1, table.share.shape[axis]
+    before, n_node = table.n_point // 2 - 1, table.fraction.shape[axis]
     node = np.clip(np.floor(position).astype(np.int64), before, n_node - table.n_point + before)
     weight = lagrange_weights(np.clip(position - node, 0.0, 1.0), table.n_point)
     return _Interpolation(node - before, np.stack(weight), served)

@@ -2,7 +2,7 @@
 
 All in tangent-plane coordinates of the pinhole, x = X / Z and y = Y / Z in camera axes. Out to a checked radius the
 polynomial is the distortion; beyond, it goes on in proportion along each ray from the boresight, so that nothing folds
-back into the image and every direction has one place.
+back into the image and every direction has one position.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ F64 = npt.NDArray[np.float64]
 MARGIN = 1.1
 """The polynomial serves the array and a tenth beyond, counted from the centre."""
 SMALLEST_STRETCH = 0.1
-"""Within that, no short line may shrink to less than this share of its length on the pinhole's image."""
+"""Within that, no short line may shrink to less than this fraction of its length on the pinhole's image."""
 FARTHEST = 4.0
 """The array's corners must look at most so many times as far from the boresight as without distortion, or as near."""
 
@@ -51,7 +51,7 @@ class Distortion:
 
     @property
     def is_off(self) -> bool:
-        """Whether it changes nothing."""
+        """Whether the distortion changes nothing."""
         return not any((self.k1, self.k2, self.k3, self.p1, self.p2))
 
 
@@ -85,7 +85,7 @@ def slopes(distortion: Distortion, xy: F64) -> F64:
 
 @functools.lru_cache(maxsize=64)
 def checked_radius(distortion: Distortion, half_x: float, half_y: float) -> tuple[float, str]:
-    """How far the polynomial serves an array: radius on the tangent plane, and what is wrong with it ("" if nothing).
+    """Largest radius on the tangent plane that the polynomial serves, and what is wrong with it ("" if nothing).
 
     The array spans half_x and half_y on the distorted plane. The radius is the smallest whose circle lies wholly
     outside the array and its margin. Derivatives that are positive definite on the disc make a gradient one-to-one
@@ -96,15 +96,15 @@ def checked_radius(distortion: Distortion, half_x: float, half_y: float) -> tupl
     angle = np.linspace(0.0, 2.0 * np.pi, 128, endpoint=False)
     ray = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     with np.errstate(over="ignore", invalid="ignore"):
-        place = polynomial(distortion, radius[:, None, None] * ray)
+        position = polynomial(distortion, radius[:, None, None] * ray)
         slope = slopes(distortion, radius[:, None, None] * ray)
         middle = 0.5 * (slope[..., 0, 0] + slope[..., 1, 1])
         stretch = middle - np.hypot(0.5 * (slope[..., 0, 0] - slope[..., 1, 1]), slope[..., 0, 1])
         turned = np.stack([-ray[:, 1], ray[:, 0]], axis=-1)
-        onward = np.einsum("...ij,...j->...i", slope, np.broadcast_to(turned, place.shape))
-        turns = place[..., 0] * onward[..., 1] - place[..., 1] * onward[..., 0]
+        onward = np.einsum("...ij,...j->...i", slope, np.broadcast_to(turned, position.shape))
+        turns = position[..., 0] * onward[..., 1] - position[..., 1] * onward[..., 0]
         sound = np.all((stretch >= SMALLEST_STRETCH) & (turns > 0), axis=1)
-        outside = np.all(np.abs(place / [half_x, half_y]).max(axis=-1) >= MARGIN, axis=1)
+        outside = np.all(np.abs(position / [half_x, half_y]).max(axis=-1) >= MARGIN, axis=1)
     n_sound = len(radius) if sound.all() else int(np.argmin(sound))
     reached = np.flatnonzero(outside[:n_sound])
     if len(reached) and radius[reached[0]] * FARTHEST >= corner:
@@ -117,38 +117,38 @@ def checked_radius(distortion: Distortion, half_x: float, half_y: float) -> tupl
 
 
 def distorted(distortion: Distortion, limit: float, seen: F64) -> F64:
-    """Vectors in camera axes (..., 3), as the pinhole would have to see them for the same place on the image.
+    """Vectors in camera axes (..., 3), as the pinhole would have to see them for the same position on the image.
 
     For all directions of the sphere, behind the camera too; of the same component along the boresight. `limit` is the
     checked radius.
     """
     x, y, z = np.moveaxis(seen, -1, 0)
     scale = np.maximum(np.maximum(z, np.hypot(x, y) / limit), _TINY)[..., None]
-    place = scale * polynomial(distortion, seen[..., :2] / scale)
-    return np.concatenate([place, z[..., None]], axis=-1)
+    position = scale * polynomial(distortion, seen[..., :2] / scale)
+    return np.concatenate([position, z[..., None]], axis=-1)
 
 
-def undistorted(distortion: Distortion, limit: float, place: F64) -> F64:
+def undistorted(distortion: Distortion, limit: float, position: F64) -> F64:
     """The inverse on the tangent plane, shape (n, 2): Newton's method with steps halved until they help."""
-    xy = place.copy()
-    missed = _continued(distortion, limit, xy) - place
-    wanted = 4e-16 * np.linalg.norm(place, axis=-1)  # a residual that is good enough
+    xy = position.copy()
+    missed = _continued(distortion, limit, xy) - position
+    tolerance = 4e-16 * np.linalg.norm(position, axis=-1)  # a residual that is good enough
     for _ in range(100):
-        todo = np.flatnonzero(np.linalg.norm(missed, axis=-1) > wanted)
+        todo = np.flatnonzero(np.linalg.norm(missed, axis=-1) > tolerance)
         if not len(todo):
             break
         step = -np.linalg.solve(_continued_slopes(distortion, limit, xy[todo]), missed[todo][..., None])[..., 0]
-        share = np.ones(len(todo))
+        fraction = np.ones(len(todo))
         for _ in range(30):
-            trial = xy[todo] + share[:, None] * step
-            left = _continued(distortion, limit, trial) - place[todo]
+            trial = xy[todo] + fraction[:, None] * step
+            left = _continued(distortion, limit, trial) - position[todo]
             worse = np.linalg.norm(left, axis=-1) >= np.linalg.norm(missed[todo], axis=-1)
             if not worse.any():
                 break
-            share[worse] *= 0.5
+            fraction[worse] *= 0.5
         better = todo[~worse]
         xy[better], missed[better] = trial[~worse], left[~worse]
-        wanted[todo[worse]] = np.inf  # rounding is all that is left
+        tolerance[todo[worse]] = np.inf  # rounding is all that is left
     return xy
 
 

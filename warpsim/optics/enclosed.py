@@ -1,4 +1,4 @@
-"""How large the image of a point is: the box about it that holds a given part of the light, pixels included."""
+"""Size of the image of a point: the box about it that encloses a given fraction of the light, pixels included."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from warpsim.optics.epsf_table import EpsfTable
 from warpsim.optics.psf import Psf, PsfGaussian
-from warpsim.optics.share_table import ShareTable
-from warpsim.optics.tables import TableAccuracy, share_table
+from warpsim.optics.tables import TableAccuracy, epsf_table
 
 _SQUARE_TAIL = 8.0 * math.sin(0.25 * math.pi)
 """Integral of 1 / r^3 outside a square, times half its side."""
@@ -20,16 +20,16 @@ STEP_PX = 1e-3
 
 @lru_cache(maxsize=64)
 def box_half_width_px(
-    psf: Psf, share: float, pixel_aspect: float = 1.0, accuracy: TableAccuracy | None = None
+    psf: Psf, fraction: float, pixel_aspect: float = 1.0, accuracy: TableAccuracy | None = None
 ) -> float:
-    """Half the width of the box about a point that holds a share of its light, as pixels collect it.
+    """Half the width of the box about a point that holds a fraction of its light, as pixels collect it.
 
-    The pattern is blurred by the pixel: the mean over all places that a point may have in its pixel. The box is as
+    The pattern is blurred by the pixel: the mean over all positions that a point may have in its pixel. The box is as
     high as it is wide, in widths of a pixel; even of a point without any blur it is about a pixel wide.
 
     Args:
         psf: Point spread function, lengths in pixel widths.
-        share: Share of the light, in (0, 1).
+        fraction: Fraction of the light, in (0, 1).
         pixel_aspect: Height of a pixel over its width.
         accuracy: Of the table of an Airy pattern or an image: best that with which it is drawn, which then is at hand.
 
@@ -37,19 +37,19 @@ def box_half_width_px(
         Half-width [pixel widths], a multiple of 0.001.
     """
     if isinstance(psf, PsfGaussian):
-        half_px = _of_gaussian(psf.sigma_px, share, pixel_aspect)
+        half_px = _of_gaussian(psf.sigma_px, fraction, pixel_aspect)
     else:
         accuracy = accuracy or TableAccuracy()
-        half_px = _of_table(share_table(psf, pixel_aspect, accuracy.error, accuracy.n_point), share)
+        half_px = _of_table(epsf_table(psf, pixel_aspect, accuracy.error, accuracy.n_point), fraction)
     return math.ceil(half_px / STEP_PX - 1e-6) * STEP_PX
 
 
-def _of_gaussian(sigma_px: float, share: float, pixel_aspect: float) -> float:
+def _of_gaussian(sigma_px: float, fraction: float, pixel_aspect: float) -> float:
     low, high = 0.0, 10.0 * sigma_px + max(pixel_aspect, 1.0)
     while high - low > 1e-9 * high:
         middle = 0.5 * (low + high)
-        held = _within(middle, sigma_px, 1.0) * _within(middle, sigma_px, pixel_aspect)
-        low, high = (middle, high) if held < share else (low, middle)
+        enclosed = _within(middle, sigma_px, 1.0) * _within(middle, sigma_px, pixel_aspect)
+        low, high = (middle, high) if enclosed < fraction else (low, middle)
     return high
 
 
@@ -65,16 +65,16 @@ def _integrated(z: float) -> float:
     return z * below + math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
 
 
-def _of_table(table: ShareTable, share: float) -> float:
-    """By the nodes of a table of pixel shares, each of which stands for its cell; beyond the table by its wing."""
+def _of_table(table: EpsfTable, fraction: float) -> float:
+    """Sum the nodes of a table of pixel fractions, each for its cell; beyond the table integrate its wing."""
     aspect = table.pixel_aspect
-    axes = zip(table.share.shape, table.zero, table.per_px, strict=True)
+    axes = zip(table.fraction.shape, table.zero, table.per_px, strict=True)
     offset_px = [(np.arange(n_node) - zero) / per_px for n_node, zero, per_px in axes]
     inside = [np.abs(offset) < reach + 1e-9 for offset, reach in zip(offset_px, table.reach_px, strict=True)]
     if table.mirrored:
         inside = [kept & (offset >= 0) for kept, offset in zip(inside, offset_px, strict=True)]
     rows, columns = (offset[kept] for offset, kept in zip(offset_px, inside, strict=True))
-    light = table.share[np.ix_(*inside)].astype(np.float64) / (table.per_px[0] * table.per_px[1])
+    light = table.fraction[np.ix_(*inside)].astype(np.float64) / (table.per_px[0] * table.per_px[1])
     if table.mirrored:
         light *= np.where(rows > 0, 2.0, 1.0)[:, None] * np.where(columns > 0, 2.0, 1.0)
     # Distance of a cell's far side, as the box grows.
@@ -82,10 +82,10 @@ def _of_table(table: ShareTable, share: float) -> float:
     across = np.abs(columns) + 0.5 / table.per_px[1]
     distance = np.maximum(down[:, None], across).ravel()
     order = np.argsort(distance, kind="stable")
-    held = np.cumsum(light.ravel()[order])
+    enclosed = np.cumsum(light.ravel()[order])
     distance = distance[order]
     last = np.flatnonzero(np.diff(distance, append=np.inf) > 1e-12)  # cells of one distance come together
-    held, distance = np.maximum.accumulate(held[last]), distance[last]
-    if held[-1] < share:
-        return max(float(distance[-1]), _SQUARE_TAIL * table.wing.px3 / aspect / (1.0 - share))
-    return float(np.interp(share, np.concatenate([[0.0], held]), np.concatenate([[0.0], distance])))
+    enclosed, distance = np.maximum.accumulate(enclosed[last]), distance[last]
+    if enclosed[-1] < fraction:
+        return max(float(distance[-1]), _SQUARE_TAIL * table.wing.px3 / aspect / (1.0 - fraction))
+    return float(np.interp(fraction, np.concatenate([[0.0], enclosed]), np.concatenate([[0.0], distance])))

@@ -88,7 +88,7 @@ def blurred(flow: FlowProfile, smear_px: float, max_radius_px: float) -> FlowPro
     scale_px = max(flow.scale_px, 0.9 * smear_px)  # exp(-2 pi^2 0.9^-2) is 3e-11
     step_px = STEP * scale_px
     r_px = step_px * np.arange(int(max_radius_px / step_px) + 6)
-    # The window holds 15 s / scale periods at most, and a Gaussian; as in pixel_shares, with room to spare.
+    # The window holds 15 s / scale periods at most, and a Gaussian; as in pixel_fractions, with a margin.
     node, weight = gauss_legendre(48 + int(2.2 * 2.0 * BLUR_REACH * smear_px / flow.scale_px))
     value = np.empty_like(r_px)
     n_chunk = max(1, CHUNK // len(node))
@@ -104,7 +104,7 @@ def blurred(flow: FlowProfile, smear_px: float, max_radius_px: float) -> FlowPro
     return profile_from_values(value, step_px, scale_px)
 
 
-def pixel_shares(flow: FlowProfile, dx_px: F64, dy_px: F64, pixel_aspect: float) -> F64:
+def pixel_fractions(flow: FlowProfile, dx_px: F64, dy_px: F64, pixel_aspect: float) -> F64:
     """Return the integral of f over pixels at any offsets, by Gauss-Legendre quadrature along their four edges.
 
     Args:
@@ -132,7 +132,7 @@ def pixel_shares(flow: FlowProfile, dx_px: F64, dy_px: F64, pixel_aspect: float)
     return total
 
 
-def shares_on_grid(flow: FlowProfile, per_px: tuple[int, int], n_node: tuple[int, int], pixel_aspect: float) -> F64:
+def fractions_on_grid(flow: FlowProfile, per_px: tuple[int, int], n_node: tuple[int, int], pixel_aspect: float) -> F64:
     """Return the integrals of f over pixels centred on a grid of offsets >= 0.
 
     Args:

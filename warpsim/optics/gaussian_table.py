@@ -1,7 +1,7 @@
-"""Shares of pixels along one axis of a Gaussian, as tables over the offset of a pixel edge from the source.
+"""Pixel fractions along one axis of a Gaussian, as tables over the offset of a pixel edge from the source.
 
 Pixels next to each other stand next to each other, so that one vector load brings those of a whole stamp. Where the
-Gaussian is much sharper than a pixel, shares change only while an edge passes the source, and the table ends there.
+Gaussian is much sharper than a pixel, fractions change only while an edge passes the source, and the table ends there.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.canvas import lane_mask
-from warpsim_kernels.deposit_gaussian import GAUSSIAN_LANE, EdgeTable, GaussianPsf
+from warpsim_kernels.canvas import mask_table
+from warpsim_kernels.deposit_gaussian import GAUSSIAN_SIMD_WIDTH, EdgeTable, GaussianPsf
 
 F64 = npt.NDArray[np.float64]
 
@@ -24,7 +24,7 @@ STEPS_PER_SIGMA = 64
 is there: 6e-6 at z = 8.2."""
 MOST_SIGMA = 8.5
 """Stamps end before: 1e-15 of the light lies beyond 8 sigma."""
-LEAST_SHARE = 1e-25
+LEAST_FRACTION = 1e-25
 """Smaller ones are zero: products of such numbers are slow on CPUs."""
 LEAST_STEPS = 4
 """Per pixel, for the widest Gaussians."""
@@ -32,13 +32,13 @@ LEAST_STEPS = 4
 
 @lru_cache(maxsize=64)
 def axis_table(sigma_px: float) -> tuple[npt.NDArray[np.float32], int, int, int]:
-    """Shares of pixels, by offset of the edge nearest to the source, and how to read them.
+    """Pixel fractions, by offset of the edge nearest to the source, and how to read them.
 
     Args:
         sigma_px: Standard deviation [px].
 
     Returns:
-        Shares (2 n_step + 4, n_pixel), read-only; the row of the offset k / per_px is n_step + 1 + k, and the pixel
+        Fractions (2 n_step + 4, n_pixel), read-only; the row of the offset k / per_px is n_step + 1 + k, and the pixel
         after the edge is n_pixel / 2. Then n_step, per_px, n_pixel.
     """
     per_px = max(math.ceil(STEPS_PER_SIGMA / sigma_px), LEAST_STEPS)
@@ -49,9 +49,9 @@ def axis_table(sigma_px: float) -> tuple[npt.NDArray[np.float32], int, int, int]
     tail = _tail(np.abs(edge))
     low, high = edge[:, :-1], edge[:, 1:]
     between = np.where(low * high > 0.0, np.abs(tail[:, 1:] - tail[:, :-1]), 1.0 - tail[:, 1:] - tail[:, :-1])
-    share = np.where(between < LEAST_SHARE, 0.0, between).astype(np.float32)
-    share.setflags(write=False)
-    return share, n_step, per_px, 2 * half
+    fraction = np.where(between < LEAST_FRACTION, 0.0, between).astype(np.float32)
+    fraction.setflags(write=False)
+    return fraction, n_step, per_px, 2 * half
 
 
 def _tail(z: F64) -> F64:
@@ -70,16 +70,16 @@ def upload_gaussians(sigmas_px: Sequence[tuple[float, float]], device: Any) -> t
         device: Where they are put.
 
     Returns:
-        The bands' structs (GaussianPsf), shape (n_band,), and the flat array of lane_mask and shares, float32.
+        The bands' structs (GaussianPsf), shape (n_band,), and the flat array of mask_table and fractions, float32.
     """
     # The mask is a margin, too: vectors may begin before a table and end behind it.
-    mask = np.array(lane_mask(GAUSSIAN_LANE), dtype=np.float32)
+    mask = np.array(mask_table(GAUSSIAN_SIMD_WIDTH), dtype=np.float32)
     starts, parts, n = {}, [mask], len(mask)
     for sigma_px in sorted({sigma for pair in sigmas_px for sigma in pair}):
-        share = axis_table(sigma_px)[0]
+        fraction = axis_table(sigma_px)[0]
         starts[sigma_px] = n
-        parts.append(share.ravel())
-        n += share.size
+        parts.append(fraction.ravel())
+        n += fraction.size
     flat = wp.array(np.concatenate([*parts, mask]), dtype=wp.float32, device=device)
     structs = []
     for pair in sigmas_px:

@@ -8,10 +8,10 @@ from typing import Any, Protocol
 
 import warp as wp
 from warpsim_kernels.canvas import canvas_functions
-from warpsim_kernels.deposit_gaussian import GAUSSIAN_LANE, GaussianTables, make_deposit_gaussian_kernel
+from warpsim_kernels.deposit_gaussian import GAUSSIAN_SIMD_WIDTH, GaussianTables, make_deposit_gaussian_kernel
 from warpsim_kernels.deposit_table import make_deposit_table_kernel, pattern_tables
 from warpsim_kernels.paths import Paths
-from warpsim_kernels.psf import TABLE_LANE
+from warpsim_kernels.psf import TABLE_SIMD_WIDTH
 from warpsim_kernels.psf_cells import layout_functions
 from warpsim_kernels.records import Sources
 from warpsim_kernels.spots import SpotFunctions, gaussian_spots, table_spots
@@ -43,7 +43,7 @@ class PsfBank(Protocol):
         n_row_per_block: int,
         signal_w_cm2: wp.array,
         paths: Any = None,
-        lit: wp.array | None = None,
+        touched: wp.array | None = None,
     ) -> Launch:
         """Return the launch that adds the light of all sources to signal, shape (n_view, n_band, n_row, n_col).
 
@@ -53,11 +53,11 @@ class PsfBank(Protocol):
             n_row_per_block: Rows that one thread owns.
             signal_w_cm2: Added to.
             paths: The kernels' Paths, how sources move and change during the exposure; None: they do not.
-            lit: Flags, shape (n_view, n_band, n_flag), of strips: set to 1 where light was added.
+            touched: Flags, shape (n_view, n_band, n_flag), of strips: set to 1 where light was added.
         """
 
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
-        """What `deposit` launches, with or without movement during the exposure."""
+        """Return the kernel that `deposit` launches, with or without movement during the exposure."""
 
     @property
     def tables(self) -> Any:
@@ -71,14 +71,14 @@ class PsfBank(Protocol):
         """Half-width of the stamp of each source; both arrays (n_band, n_source)."""
 
     def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array], paths: Any = None) -> None:
-        """Shares of a source's light in its own pixel and in its whole stamp, for the first sources of each view.
+        """Fractions of a source's light in its own pixel and in its whole stamp, for the first sources of each view.
 
-        With paths, the own pixel is that of the middle of the exposure, and shares are means over the exposure.
+        With paths, the own pixel is that of the middle of the exposure, and fractions are means over the exposure.
 
         Args:
             sources: xy_px (n_view, n_slot), irradiance_w_cm2 (n_view, n_band, n_slot).
             rule: StampRule.
-            outputs: peak_share, stamp_share, each (n_view, n_band, n_source).
+            outputs: peak_fraction, stamp_fraction, each (n_view, n_band, n_source).
             paths: As in deposit.
         """
 
@@ -98,7 +98,7 @@ class GaussianBank:
     def __init__(self, psfs: Sequence[PsfGaussian], device: Any, pixel_aspect: float = 1.0) -> None:
         sigma_px = [(psf.sigma_px, psf.sigma_px / pixel_aspect) for psf in psfs]
         self._sigma_px = wp.array(sigma_px, dtype=wp.vec2, device=device)
-        self._psf, self._shares = upload_gaussians(sigma_px, device)
+        self._psf, self._fractions = upload_gaussians(sigma_px, device)
 
     def deposit(
         self,
@@ -107,12 +107,12 @@ class GaussianBank:
         n_row_per_block: int,
         signal_w_cm2: wp.array,
         paths: Any = None,
-        lit: wp.array | None = None,
+        touched: wp.array | None = None,
     ) -> Launch:
         """See PsfBank."""
         inputs = [_lists(sources), self.tables, rule, *_movement(paths, signal_w_cm2.device)]
         kernel = self.deposit_kernel(paths is not None)
-        return _deposit(kernel, inputs, GAUSSIAN_LANE, n_row_per_block, signal_w_cm2, lit)
+        return _deposit(kernel, inputs, GAUSSIAN_SIMD_WIDTH, n_row_per_block, signal_w_cm2, touched)
 
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
         """See PsfBank."""
@@ -122,7 +122,7 @@ class GaussianBank:
     def tables(self) -> Any:
         """See PsfBank."""
         tables: Any = GaussianTables()
-        tables.psfs, tables.shares = self._psf, overlapping(self._shares, GAUSSIAN_LANE)
+        tables.psfs, tables.fractions = self._psf, overlapping(self._fractions, GAUSSIAN_SIMD_WIDTH)
         return tables
 
     @property
@@ -147,7 +147,7 @@ class GaussianBank:
 
 
 class TableBank:
-    """Patterns as tables of pixel shares."""
+    """Patterns as tables of pixel fractions."""
 
     def __init__(self, psfs: Sequence[TabulatedPsf], device: Any, pixel_aspect: float, accuracy: TableAccuracy) -> None:
         layout, tables = drawn_tables(psfs, pixel_aspect, accuracy)
@@ -162,12 +162,12 @@ class TableBank:
         n_row_per_block: int,
         signal_w_cm2: wp.array,
         paths: Any = None,
-        lit: wp.array | None = None,
+        touched: wp.array | None = None,
     ) -> Launch:
         """See PsfBank."""
         inputs = [_lists(sources), self.tables, rule, *_movement(paths, signal_w_cm2.device)]
         kernel = self.deposit_kernel(paths is not None)
-        return _deposit(kernel, inputs, TABLE_LANE, n_row_per_block, signal_w_cm2, lit)
+        return _deposit(kernel, inputs, TABLE_SIMD_WIDTH, n_row_per_block, signal_w_cm2, touched)
 
     def deposit_kernel(self, moving: bool) -> wp.Kernel:
         """See PsfBank."""
@@ -236,19 +236,19 @@ def psf_bank(
     return TableBank(tabulated, device, pixel_aspect, accuracy or TableAccuracy())
 
 
-def stamp_rule(cut_w_cm2: Sequence[float], cut_share: float, device: Any, streak_error: float = STREAK_ERROR) -> Any:
+def stamp_rule(cut_w_cm2: Sequence[float], cut_fraction: float, device: Any, streak_error: float = STREAK_ERROR) -> Any:
     """The kernels' StampRule on a device.
 
     Args:
         cut_w_cm2: What a source may leave out per pixel in each band [W/cm2].
-        cut_share: The same as a share of its light; the larger of the two holds.
+        cut_fraction: The same as a fraction of its light; the larger of the two holds.
         device: Where the rule is put.
-        streak_error: Error of a streak's quadrature in time per pixel, as a share of a source's light; where the stamp
-            may leave out more, it may err by as much.
+        streak_error: Error of a streak's quadrature in time per pixel, as a fraction of a source's light; where the
+            stamp may leave out more, it may err by as much.
     """
     rule: Any = StampRule()
     rule.cut_w_cm2 = wp.array(cut_w_cm2, dtype=wp.float32, device=device)
-    rule.cut_share = max(cut_share, SMALLEST_STAMP_CUT)
+    rule.cut_fraction = max(cut_fraction, SMALLEST_STAMP_CUT)
     rule.streak_error = streak_error
     return rule
 
@@ -257,19 +257,24 @@ def rule_of_band(rule: Any, band: int) -> Any:
     """The StampRule of one of the bands alone."""
     one: Any = StampRule()
     one.cut_w_cm2 = rule.cut_w_cm2[band : band + 1]
-    one.cut_share, one.streak_error = rule.cut_share, rule.streak_error
+    one.cut_fraction, one.streak_error = rule.cut_fraction, rule.streak_error
     return one
 
 
 def _deposit(
-    kernel: wp.Kernel, inputs: list[Any], n_lane: int, n_row_per_block: int, signal: wp.array, lit: wp.array | None
+    kernel: wp.Kernel,
+    inputs: list[Any],
+    simd_width: int,
+    n_row_per_block: int,
+    signal: wp.array,
+    touched: wp.array | None,
 ) -> Launch:
     n_view, n_band, n_row, n_col = signal.shape
-    if lit is None:
-        lit = wp.empty((n_view, n_band, n_flag(n_row * n_col)), dtype=wp.uint8, device=signal.device)
-    images: Any = canvas_functions(n_lane).Images()
+    if touched is None:
+        touched = wp.empty((n_view, n_band, n_flag(n_row * n_col)), dtype=wp.uint8, device=signal.device)
+    images: Any = canvas_functions(simd_width).Images()
     images.pixels = signal.flatten()
-    images.lanes, images.lit = overlapping(images.pixels, n_lane), lit.flatten()
+    images.vectors, images.touched = overlapping(images.pixels, simd_width), touched.flatten()
     images.n_row, images.n_col, images.n_row_per_block = n_row, n_col, n_row_per_block
     return Launch(kernel, (n_view, n_band, -(-n_row // n_row_per_block)), inputs, [images], signal.device)
 

@@ -1,4 +1,4 @@
-"""How sharp images of points are: what the count of nodes along a streak follows from."""
+"""Sharpness of the images of points, which decides the count of nodes along a streak."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _bounding_sigma_px(frequency_per_px: F64, transfer: F64) -> float:
 
 
 def _image_transfer(psf: PsfTable) -> tuple[F64, F64]:
-    """Frequencies [1/px] up to twice those that the samples can tell apart, and the spline's transfer function."""
+    """Frequencies [1/px] up to twice those that the samples resolve, and the spline's transfer function."""
     spline = spline_of(psf.image, psf.oversample, psf.smear_px, 1.0)
     whole = np.abs(np.fft.fft2(spline.coefficient))
     rows, cols = (np.arange(n) / n for n in whole.shape)  # the spectrum of samples repeats: 0 to 1 covers it

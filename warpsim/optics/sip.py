@@ -22,7 +22,7 @@ F64 = npt.NDArray[np.float64]
 ERROR_PX = 1e-6
 """The order is the lowest that reaches this."""
 LARGEST_ORDER = 9
-"""Of the SIP convention."""
+"""Largest order in the SIP convention."""
 
 _BEYOND = 1.02
 """The fit takes in so much more than the array."""
@@ -40,7 +40,7 @@ class SipPolynomials:
     error_px: float
     """Largest distance on the array between what A, B say and the camera [px]."""
     moved_px: float
-    """Largest distance on the array that the distortion moves a place [px]."""
+    """Largest distance on the array that the distortion moves a position [px]."""
 
     def keywords(self) -> dict[str, float]:
         """FITS keywords: orders, coefficients that are not 0, and SIPERR, the error [px]."""
@@ -81,7 +81,7 @@ def _grid(node: F64) -> F64:
 
 
 def _to_pinhole_px(camera: Camera, uv: F64) -> F64:
-    """How far the pinhole's places are from those of the image [px], shape (n, 2)."""
+    """Difference of the pinhole's positions from those of the image [px], shape (n, 2)."""
     seen = camera.direction(uv + camera.centre_px)
     return np.asarray(seen[:, :2] / seen[:, 2:] * [camera.focal_px, camera.focal_row_px] - uv)
 
@@ -116,9 +116,9 @@ def _to_image_px(camera: Camera, lens: Distortion) -> tuple[F64, F64]:
     x, y = np.zeros((order + 1, order + 1)), np.zeros((order + 1, order + 1))
     for power, k in enumerate((lens.k1, lens.k2, lens.k3), start=1):
         for j in range(power + 1 if k else 0):  # k r^(2 power), r^2 = x^2 + y^2
-            share = k * math.comb(power, j)
-            x[2 * j + 1, 2 * (power - j)] += share
-            y[2 * j, 2 * (power - j) + 1] += share
+            coefficient = k * math.comb(power, j)
+            x[2 * j + 1, 2 * (power - j)] += coefficient
+            y[2 * j, 2 * (power - j) + 1] += coefficient
     x[1, 1] += 2 * lens.p1
     x[2, 0] += 3 * lens.p2
     x[0, 2] += lens.p2

@@ -2,7 +2,7 @@
 
 Between samples the pattern is the cubic spline sum_kl C_kl B(u - l) B(v - k) (Unser 1999, "Splines: a perfect fit for
 signal and image processing"), u and v counted in samples; beyond the image it is zero. B integrates to a piecewise
-quartic in closed form, so the share of a pixel is a^T C b with no error but the spline's own, and a blur by a Gaussian
+quartic in closed form, so the pixel fraction is a^T C b with no error but the spline's own, and a blur by a Gaussian
 acts on B alone.
 """
 
@@ -51,8 +51,8 @@ class SplineImage:
         height_px = 0.5 * (n_row - 1) / self.oversample + beyond
         return height_px / self.pixel_aspect + 0.5, 0.5 * (n_col - 1) / self.oversample + beyond + 0.5
 
-    def shares(self, dx_px: F64, dy_px: F64) -> F64:
-        """Return the shares of pixels at offsets along columns [px] and rows [pixel heights], shape (n,) each."""
+    def fractions(self, dx_px: F64, dy_px: F64) -> F64:
+        """Return the pixel fractions at offsets along columns [px] and rows [pixel heights], shape (n,) each."""
         first_row, down = self._band(0, dy_px)
         first_col, across = self._band(1, dx_px)
         padded = np.pad(self.coefficient, ((down.shape[1],) * 2, (across.shape[1],) * 2))
@@ -67,8 +67,8 @@ class SplineImage:
             total[here] = np.einsum("nrc,nr,nc->n", block, down[here], across[here], optimize=True)
         return total
 
-    def shares_on_grid(self, dx_px: F64, dy_px: F64) -> F64:
-        """Return the shares of pixels at all pairs of offsets, shape (len(dy_px), len(dx_px))."""
+    def fractions_on_grid(self, dx_px: F64, dy_px: F64) -> F64:
+        """Return the pixel fractions at all pairs of offsets, shape (len(dy_px), len(dx_px))."""
         down, across = self._matrix(0, dy_px), self._matrix(1, dx_px)
         return np.asarray(down @ self.coefficient @ across.T)
 
@@ -76,7 +76,7 @@ class SplineImage:
         """Length of a pixel along an axis [samples]."""
         return self.oversample * (self.pixel_aspect if axis == 0 else 1.0)
 
-    def _place(self, axis: int, offset_px: F64) -> F64:
+    def _position(self, axis: int, offset_px: F64) -> F64:
         """Centres of pixels in numbers of coefficients."""
         return np.asarray(offset_px * self._box(axis) + 0.5 * (self.coefficient.shape[axis] - 1))
 
@@ -85,11 +85,11 @@ class SplineImage:
 
     def _band(self, axis: int, offset_px: F64) -> tuple[NDArray[np.int64], F64]:
         """Return the first coefficient that matters to each pixel, and the integrals over the pixel of all that do."""
-        place = self._place(axis, offset_px)
+        position = self._position(axis, offset_px)
         half = self._half_band(axis)
-        first = np.ceil(place - half).astype(np.int64)
+        first = np.ceil(position - half).astype(np.int64)
         number = np.arange(int(2.0 * half) + 1)
-        return first, self._integral(axis, place[:, None] - first[:, None] - number)
+        return first, self._integral(axis, position[:, None] - first[:, None] - number)
 
     def _matrix(self, axis: int, offset_px: F64) -> F64:
         """Return the integrals over each pixel of each coefficient's spline, shape (n, n_coefficient)."""
@@ -168,10 +168,10 @@ def _spline_primitive(x: F64) -> F64:
     return np.sign(x) * np.where(u < 1.0, inner, outer)
 
 
-def _cubic_through(value: F64, place: F64) -> F64:
-    """Return four-point Lagrange interpolation of an even function; value[k] lies at place k - 3, and 0 beyond all."""
-    cell = np.minimum(place.astype(np.int64), len(value) - 7)
-    t = np.minimum(place - cell, 1.0)
+def _cubic_through(value: F64, position: F64) -> F64:
+    """Return four-point Lagrange interpolation of an even function; value[k] is at position k - 3; 0 beyond all."""
+    cell = np.minimum(position.astype(np.int64), len(value) - 7)
+    t = np.minimum(position - cell, 1.0)
     low, here, up, top = (value[cell + k] for k in (2, 3, 4, 5))
     return np.asarray(
         low * (-t * (t - 1.0) * (t - 2.0) / 6.0)

@@ -16,7 +16,7 @@ F64 = npt.NDArray[np.float64]
 INF = float("inf")
 
 STREAK_ERROR = 1e-6
-"""Error of a streak's quadrature in time, per pixel, as a share of the source's light."""
+"""Error of a streak's quadrature in time, per pixel, as a fraction of the source's light."""
 
 # fmt: off
 LONGEST_STREAK = {

@@ -1,4 +1,4 @@
-"""Share tables for point spread functions: how they are drawn at the least cost, and a small store of tables."""
+"""Effective PSF tables: how point spread functions are drawn at the least cost, and a small store of tables."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from warpsim_kernels.table_layout import TableLayout, n_term_of
 from warpsim.errors import InputError
 from warpsim.optics.airy import airy_table, airy_table_shapes
 from warpsim.optics.cell_table import CellTable, cell_bytes, cell_table, cells_for
+from warpsim.optics.epsf_table import LARGEST_N_NODE, POINTS, EpsfTable
 from warpsim.optics.image_table import image_table, image_table_shape
 from warpsim.optics.pattern import FIRST_DARK_RING, AiryPattern
 from warpsim.optics.psf import PsfAiry, PsfTable
-from warpsim.optics.share_table import LARGEST_N_NODE, POINTS, ShareTable
 from warpsim.optics.spline_image import SplineImage, spline_of
 
 ERROR_RANGE = (6e-7, 1e-2)
-"""Fraction of the flux per pixel; float32 shares, weights and sums allow no less."""
+"""Fraction of the flux per pixel; float32 fractions, weights and sums allow no less."""
 DEFAULT_ERROR = 6e-7
 
 NODE_PART, NODE_POINTS = 0.6, 8
 """Part of the error that the nodes may have to which polynomials are fitted, and their points per axis."""
 
 LARGEST_CELL_BYTES = 24_000_000
-"""Of the polynomials of a pattern."""
+"""Largest size of the polynomials of a pattern."""
 
 FEW_CELLS, MANY_BYTES = 4, 8_000_000
 """So few cells of the fifth degree per pixel that the third may do; so large tables that higher ones may be better."""
@@ -46,16 +46,16 @@ class _Store:
     """The tables used last, up to STORE_BYTES."""
 
     def __init__(self) -> None:
-        self._tables: OrderedDict[tuple[object, ...], ShareTable | CellTable] = OrderedDict()
+        self._tables: OrderedDict[tuple[object, ...], EpsfTable | CellTable] = OrderedDict()
         self._lock = threading.Lock()
 
-    def get(self, key: tuple[object, ...]) -> ShareTable | CellTable | None:
+    def get(self, key: tuple[object, ...]) -> EpsfTable | CellTable | None:
         with self._lock:
             if key in self._tables:
                 self._tables.move_to_end(key)
             return self._tables.get(key)
 
-    def put(self, key: tuple[object, ...], table: ShareTable | CellTable) -> None:
+    def put(self, key: tuple[object, ...], table: EpsfTable | CellTable) -> None:
         with self._lock:
             self._tables[key] = table
             while len(self._tables) > 1 and sum(kept.n_byte for kept in self._tables.values()) > STORE_BYTES:
@@ -67,7 +67,7 @@ _STORE = _Store()
 
 @dataclass(frozen=True, slots=True)
 class TableAccuracy:
-    """How good tables have to be."""
+    """Accuracy required of tables."""
 
     error: float = DEFAULT_ERROR
     """Largest error per pixel and unit flux."""
@@ -79,10 +79,10 @@ class TableAccuracy:
     """Total degree of the polynomials that are drawn, 0 to draw by nodes; None: the cheapest, or nodes with n_point."""
 
 
-def share_table(
+def epsf_table(
     psf: TabulatedPsf, pixel_aspect: float = 1.0, error: float = DEFAULT_ERROR, n_point: int | None = None
-) -> ShareTable:
-    """Return the table of pixel shares of a point spread function; it is built once, as long as it is in use.
+) -> EpsfTable:
+    """Return the table of pixel fractions of a point spread function; it is built once, as long as it is in use.
 
     Args:
         psf: Pattern, lengths in pixel widths.
@@ -98,7 +98,7 @@ def share_table(
     return _nodes(psf, pixel_aspect, error, n_point, np.float32)
 
 
-def _nodes(psf: TabulatedPsf, pixel_aspect: float, error: float, n_point: int, real: type) -> ShareTable:
+def _nodes(psf: TabulatedPsf, pixel_aspect: float, error: float, n_point: int, real: type) -> EpsfTable:
     key = psf, pixel_aspect, error, n_point, real
     table = _STORE.get(key)
     if table is None:
@@ -107,11 +107,11 @@ def _nodes(psf: TabulatedPsf, pixel_aspect: float, error: float, n_point: int, r
         else:
             table = image_table(_spline(psf, pixel_aspect), error, n_point, real)
         _STORE.put(key, table)
-    assert isinstance(table, ShareTable)
+    assert isinstance(table, EpsfTable)
     return table
 
 
-def fitted_nodes(psf: TabulatedPsf, pixel_aspect: float, error: float) -> ShareTable | None:
+def fitted_nodes(psf: TabulatedPsf, pixel_aspect: float, error: float) -> EpsfTable | None:
     """Return the table of nodes that polynomials are fitted to; None where there is none."""
     try:
         return _nodes(psf, pixel_aspect, NODE_PART * error, NODE_POINTS, np.float64)
@@ -146,7 +146,7 @@ def polynomials(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: in
 
 def drawn_tables(
     psfs: Sequence[TabulatedPsf], pixel_aspect: float, accuracy: TableAccuracy
-) -> tuple[TableLayout, list[ShareTable | CellTable]]:
+) -> tuple[TableLayout, list[EpsfTable | CellTable]]:
     """Return the tables that patterns are drawn with by one kernel, and their layout; made once, as long as in use.
 
     Raises:
@@ -155,7 +155,7 @@ def drawn_tables(
     layout, error = cheapest_layout(psfs, pixel_aspect, accuracy), accuracy.error
     if layout.degree:
         return layout, [polynomials(psf, pixel_aspect, error, layout.degree) for psf in psfs]
-    return layout, [share_table(psf, pixel_aspect, error, layout.n_point) for psf in psfs]
+    return layout, [epsf_table(psf, pixel_aspect, error, layout.n_point) for psf in psfs]
 
 
 def cheapest_layout(
@@ -214,7 +214,7 @@ def _cell_size(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: int
 
 
 def _cell_cost_ns(degree: int, n_cell: int, n_byte: int) -> float:
-    """Time of TABLE_LANE pixels, from measurements on a CPU; polynomials beyond the caches cost more."""
+    """Time of TABLE_SIMD_WIDTH pixels, from measurements on a CPU; polynomials beyond the caches cost more."""
     n_term: int = n_term_of(degree)
     hot = min(n_byte, 4 * n_term * n_cell * HOT_CELL_PX2)
     return (10.0 + 0.25 * n_term) * (1.0 + hot / 3e6 + n_byte / 6e7)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def tan_keywords(axes_icrs: npt.NDArray[np.float64], camera: Camera) -> dict[str, float]:
     """FITS keywords of the TAN projection for camera axes (rows x, y, z).
 
-    The reference point is the boresight's apparent place; CD turns pixel offsets into degrees east and north there
+    The reference point is the boresight's apparent position; CD turns pixel offsets into degrees east and north there
     (Calabretta and Greisen 2002). CRPIX counts from 1, as FITS does.
     """
     x, y, z = axes_icrs

@@ -1,4 +1,4 @@
-"""What a render call asks for and gets: columns of its views, and their images."""
+"""Request and result of a render call: columns of its views, and their images."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Columns:
-    """What is found out about views; the first axis is that of views."""
+    """Results of views as device arrays; the first axis is that of views."""
 
     views: wp.array
     """View records, (n_view,)."""
     observations: wp.array
     """Observation records, (n_view, n_target)."""
     irradiance_w_cm2: wp.array
-    """Of targets at the pupil, (n_view, n_band, n_target)."""
+    """In-band irradiance of targets at the pupil, (n_view, n_band, n_target)."""
     offset_px: wp.array | None = None
     """Movement of targets during the exposure: Legendre coefficients, (n_view, n_target, n_path); None where still."""
     brightness: wp.array | None = None
@@ -63,7 +63,7 @@ class Columns:
         return self._each(lambda array: array[first:end] if array.size else array)
 
     def to(self, device: wp.Device) -> Columns:
-        """The same on a device."""
+        """Return the same on a device."""
         return self._each(lambda array: array.to(device))
 
     def _each(self, change: Callable[[wp.array], wp.array]) -> Columns:
@@ -100,7 +100,7 @@ class HostColumns:
 
     @cached_property
     def irradiance_w_cm2(self) -> npt.NDArray[np.float32]:
-        """Of targets at the pupil, (n_view, n_band, n_target)."""
+        """In-band irradiance of targets at the pupil, (n_view, n_band, n_target)."""
         return to_numpy(self.columns.irradiance_w_cm2)
 
     @cached_property
@@ -134,7 +134,7 @@ class Batch:
 
     @property
     def inputs(self) -> tuple[npt.NDArray[Any], ...]:
-        """What pipelines have to know of the views."""
+        """Columns that pipelines read of the views."""
         return self.time_s, self.frame, self.sensor
 
     @property
@@ -191,7 +191,7 @@ def _column_kinds(scene: DeviceBodies, n_view: int) -> list[tuple[tuple[int, ...
         ((n_view, n_target), Observation),
         ((n_view, n_band, n_target), wp.float32),
     ]
-    if scene.streaks.wanted:
+    if scene.streaks.enabled:
         kinds.append(((n_view, n_target, scene.streaks.n_path), wp.vec2))
         kinds.append(((n_view, n_band, n_target, scene.field.n_profile), wp.float32))
     return kinds

@@ -34,40 +34,42 @@ class ExposureViews:
 
 @dataclass(frozen=True)
 class Signal:
-    """Noiseless images. Between frames they are dark, so that a frame touches those strips only that sources reach."""
+    """Noiseless images. Between frames they are 0, so that a frame touches those strips only that sources reach."""
 
     flat: wp.array
-    """All images, and behind them a strip that stays dark; shape (n_view * n_band * n_pixel + STRIP_PIXELS,)."""
+    """All images, and behind them a strip that stays 0; shape (n_view * n_band * n_pixel + STRIP_PIXELS,)."""
     images: wp.array
     """The images [W/cm2], shape (n_view, n_band, n_row, n_col)."""
-    lit: wp.array
-    """Which strips of neighbouring pixels have light, shape (n_view, n_band, n_flag): strips of whole blocks."""
+    touched: wp.array
+    """Flags of strips of neighbouring pixels with light, shape (n_view, n_band, n_flag): strips of whole blocks."""
 
-    unlit: wp.array
-    """What `lit` is when there is no light."""
+    untouched: wp.array
+    """The same without any light."""
 
     @property
-    def dark_strip(self) -> int:
-        """Where the dark strip begins."""
+    def zero_strip(self) -> int:
+        """Index of the first pixel of the strip that stays 0."""
         return int(self.flat.size - STRIP_PIXELS)
 
     @property
     def arrays(self) -> list[wp.array]:
-        """What takes memory."""
-        return [self.flat, self.lit, self.unlit]
+        """Arrays that take memory."""
+        return [self.flat, self.touched, self.untouched]
 
     def part(self, n_view: int) -> Signal:
         """The images of the first views."""
-        return Signal(self.flat, self.images[:n_view], self.lit[:n_view], self.unlit)
+        return Signal(self.flat, self.images[:n_view], self.touched[:n_view], self.untouched)
 
 
 def new_signal(shape: tuple[int, int, int, int], device: wp.Device) -> Signal:
-    """Return dark images of the shape (n_view, n_band, n_row, n_col)."""
+    """Return images of zeros of the shape (n_view, n_band, n_row, n_col)."""
     n_view, n_band, n_row, n_col = shape
     size = n_view * n_band * n_row * n_col
     flat = wp.zeros(size + STRIP_PIXELS, dtype=wp.float32, device=device)
-    lit, unlit = (wp.zeros((n_view, n_band, n_flag(n_row * n_col)), dtype=wp.uint8, device=device) for _ in range(2))
-    return Signal(flat, flat[:size].reshape(shape), lit, unlit)
+    touched, untouched = (
+        wp.zeros((n_view, n_band, n_flag(n_row * n_col)), dtype=wp.uint8, device=device) for _ in range(2)
+    )
+    return Signal(flat, flat[:size].reshape(shape), touched, untouched)
 
 
 def new_exposure(device: wp.Device, offset_s: npt.NDArray[np.float64], n_view: int) -> ExposureViews:

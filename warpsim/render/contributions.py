@@ -1,7 +1,7 @@
 """Each target's own light: the images of a frame set once more, every target on a plane of its own.
 
 A plane is drawn as the image was: by the same kernel, from the same numbers, with the same stamps and streaks. So the
-planes of all targets, and the stars, add up to the noiseless image. Where only the pixels above some level are wanted,
+planes of all targets, and the stars, add up to the noiseless image. Where only pixels above some level are required,
 a plane is a patch about the target, which is far smaller than the image.
 """
 
@@ -31,10 +31,10 @@ CHUNK_BYTES = 32 * 2**20
 """Planes drawn at a time, at least one."""
 
 LEAST_SIDE_PX = 8
-"""Of a patch; the sides of larger ones are powers of two, so that few shapes serve all targets."""
+"""Smallest side of a patch; the sides of larger ones are powers of two, so that few shapes serve all targets."""
 
 MOST_TARGETS = 2**16 - 1
-"""Targets that a mask can tell apart."""
+"""Targets that a mask can distinguish."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Patches:
     """Planes of some targets, each cut out about its target."""
 
     number: Ints
-    """Which of the targets asked for, shape (n,)."""
+    """Number among the requested targets, shape (n,)."""
     origin_px: Ints
     """Column and row of the first pixel on the array, shape (n, 2); patches lie within the array."""
     light_w_cm2: F32
@@ -61,11 +61,11 @@ class TargetLight:
     def __init__(self, scene: DeviceScene, seen: HostColumns, shape: tuple[int, int]) -> None:
         self._device_scene, self.shape = scene, shape
         self.xy_px: F64 = np.ascontiguousarray(seen.observations["xy_px"])
-        """Place in the middle of the exposure, shape (n_view, n_target, 2)."""
+        """Position in the middle of the exposure, shape (n_view, n_target, 2)."""
         self.irradiance_w_cm2: F32 = seen.irradiance_w_cm2
         """Shape (n_view, n_band, n_target)."""
         self.offset_px: F32 = seen.offset_px
-        """Movement about that place: Legendre coefficients, shape (n_view, n_target, n_path, 2)."""
+        """Movement about that position: Legendre coefficients, shape (n_view, n_target, n_path, 2)."""
         self.is_behind: npt.NDArray[np.bool_] = (seen.observations["flags"] & int(BEHIND)) != 0
         """Whether the target is behind the camera, shape (n_view, n_target)."""
         self._brightness: F32 = seen.brightness
@@ -76,7 +76,7 @@ class TargetLight:
         """Planes of targets in one launch, shape (n, *shape).
 
         Args:
-            band: Place of the band in the images.
+            band: Index of the band in the images.
             view: Number of the view of each plane, shape (n,).
             target: Number of its target, shape (n,).
             origin_px: Column and row at which each plane begins, shape (n, 2).
@@ -96,7 +96,7 @@ class TargetLight:
             upload(self.irradiance_w_cm2[view, band, target][:, None, None], wp.float32),
         ]
         paths = None
-        if scene.streaks.wanted:
+        if scene.streaks.enabled:
             moving = upload(self.offset_px[view, target][:, None], wp.vec2)
             brightness = upload(self._brightness[view, band, target][:, None, None], wp.float32)
             paths = paths_struct(moving, brightness, n_target=1)
@@ -109,10 +109,10 @@ class TargetLight:
         """Light of every target over a whole image, shape (n_target, n_row, n_col)."""
         n_target = self.xy_px.shape[1]
         light = np.zeros((n_target, *self.shape), dtype=np.float32)
-        lit = np.flatnonzero(self.irradiance_w_cm2[view, band])
+        bright = np.flatnonzero(self.irradiance_w_cm2[view, band])
         at_a_time = max(1, chunk_bytes // (4 * self.shape[0] * self.shape[1]))
-        for first in range(0, len(lit), at_a_time):
-            target = lit[first : first + at_a_time]
+        for first in range(0, len(bright), at_a_time):
+            target = bright[first : first + at_a_time]
             origin_px = np.zeros((len(target), 2), dtype=np.int64)
             light[target] = self.planes(band, np.full(len(target), view), target, origin_px, self.shape)
         return light
@@ -123,7 +123,7 @@ class TargetLight:
         """Planes of targets, cut to where a pixel may hold a given light; targets that reach no pixel are left out.
 
         Args:
-            band: Place of the band in the images.
+            band: Index of the band in the images.
             view: Number of the view of each target asked for, shape (n,).
             target: Its number, shape (n,).
             least_w_cm2: Pixels outside a patch hold less than this of the target's light.
@@ -149,16 +149,16 @@ class TargetLight:
         reach_px = self._reach_px(self.irradiance_w_cm2[view, band, target], band, least_w_cm2)
         xy_px = self.xy_px[view, target]
         margin_px = np.abs(self.offset_px[view, target]).sum(axis=1, dtype=np.float64) + reach_px[:, None]
-        is_lit = (self.irradiance_w_cm2[view, band, target] != 0.0) & ~self.is_behind[view, target]
+        has_light = (self.irradiance_w_cm2[view, band, target] != 0.0) & ~self.is_behind[view, target]
         n_px = np.array(self.shape[::-1])
-        middle = np.where(is_lit[:, None], xy_px, -1e9)
-        margin_px = np.where(is_lit[:, None], margin_px, 0.0)
+        middle = np.where(has_light[:, None], xy_px, -1e9)
+        margin_px = np.where(has_light[:, None], margin_px, 0.0)
         low = np.clip(np.ceil(middle - margin_px - 0.5), 0, n_px).astype(np.int64)
         high = np.clip(np.floor(middle + margin_px + 0.5) + 1, 0, n_px).astype(np.int64)
         return low, high
 
     def _reach_px(self, irradiance_w_cm2: F32, band: int, least_w_cm2: float) -> npt.NDArray[np.int32]:
-        """How far from a target pixels may hold least_w_cm2, shape (n,): as stamps are sized."""
+        """Largest distance from a target at which pixels may hold least_w_cm2, shape (n,): as stamps are sized."""
         scene, n = self._device_scene, len(irradiance_w_cm2)
         if n == 0:
             return np.zeros(0, dtype=np.int32)
@@ -173,7 +173,7 @@ def brightest_targets(light: TargetLight, band: int, views: Ints, least_w_cm2: f
 
     Args:
         light: Of the targets.
-        band: Place of the band in the images.
+        band: Index of the band in the images.
         views: Numbers of views, shape (n,).
         least_w_cm2: Light in a pixel that counts.
 

@@ -127,8 +127,8 @@ def _coefficients(name: str, values: npt.ArrayLike | None, shape: tuple[int | No
         return np.zeros([0 if n is None else n for n in shape])
     array = _numbers(name, values)
     if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
-        wanted = ", ".join("n_coefficient" if n is None else str(n) for n in shape)
-        raise InputError(f"must have shape ({wanted})", name, array.shape)
+        expected = ", ".join("n_coefficient" if n is None else str(n) for n in shape)
+        raise InputError(f"must have shape ({expected})", name, array.shape)
     return array
 
 

@@ -1,4 +1,4 @@
-"""Which device, and how work is cut for it."""
+"""Choice of the device, and the division of work for it."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from warpsim.scene.instrument import Instrument
 
 @dataclass(frozen=True)
 class DeviceBodies:
-    """What the stages read that need no images, for some bands of an instrument."""
+    """Structs and arrays of the stages that need no images, for some bands of an instrument."""
 
     instrument: Instrument
     device: wp.Device
@@ -32,12 +32,12 @@ class DeviceBodies:
     sample_points: wp.array
     """Directions of corners and the like in camera axes, (n_point,)."""
     streaks: Streaks
-    """How sources are followed through the exposure."""
+    """Instants at which sources are followed through the exposure."""
 
 
 @dataclass(frozen=True)
 class DeviceScene(DeviceBodies):
-    """What all stages read: stars, optics and detector besides."""
+    """Structs and arrays of all stages: stars, optics and detector besides."""
 
     psf: PsfBank
     read_out: ReadOut

@@ -99,8 +99,8 @@ def make_device_scene(
     cut = stamp_rule([sensor.optics.stamp_cut_nei * instrument.nei_w_cm2(band) for band in bands], 0.0, device)
     loading.wait()
     stars = make_stars(scenario, instrument, bands, index, psf, cut, bodies.tracks.grid)
-    held = {field.name: getattr(bodies, field.name) for field in dataclasses.fields(bodies)}
-    return DeviceScene(**held, psf=psf, read_out=read_out, stars=stars, band_id=band_id, stamp_rule=cut)
+    of_bodies = {field.name: getattr(bodies, field.name) for field in dataclasses.fields(bodies)}
+    return DeviceScene(**of_bodies, psf=psf, read_out=read_out, stars=stars, band_id=band_id, stamp_rule=cut)
 
 
 def tracks_struct(tracks: Tracks, satellites: Sequence[int], device: wp.Device) -> Any:

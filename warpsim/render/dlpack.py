@@ -1,7 +1,7 @@
 """DLPack capsules of images with any number of axes, on the CPU and on CUDA, without a copy.
 
 Warp's own capsules have at most four axes, and NumPy's are of the CPU only. A capsule is made here by NumPy, over an
-array that stands for the memory and is never read, and is then told where the memory is. So it is NumPy's code, which
+array that stands for the memory and is never read, and then gets its address. So it is NumPy's code, which
 knows about threads, pending exceptions and the end of the interpreter, that hands the memory back.
 """
 
@@ -31,7 +31,7 @@ _VERSIONED_HEAD = 32
 """Bytes before the tensor in DLManagedTensorVersioned: version, context, deleter, flags."""
 
 _NAMES = {b"dltensor": 0, b"dltensor_versioned": _VERSIONED_HEAD}
-"""Names of capsules, and where the tensor lies in what they hold."""
+"""Names of capsules, and the byte offset of the tensor in what they hold."""
 
 # Prototypes of our own: others set those of ctypes.pythonapi.
 _is_valid = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.py_object, ctypes.c_char_p)(("PyCapsule_IsValid", ctypes.pythonapi))
@@ -81,9 +81,9 @@ def capsule(array: wp.array, shape: tuple[int, ...], max_version: tuple[int, int
     """
     stand_in: npt.NDArray[Any] = np.asarray(_Memory(array, shape))
     made = stand_in.__dlpack__() if max_version is None else stand_in.__dlpack__(max_version=max_version)
-    for name, place in _NAMES.items():
+    for name, offset in _NAMES.items():
         if _is_valid(made, name):
-            tensor = _DLTensor.from_address(_pointer(made, name) + place)
+            tensor = _DLTensor.from_address(_pointer(made, name) + offset)
             tensor.device_type, tensor.device_id = device_of(array)
     return made
 
@@ -114,13 +114,13 @@ def take_released() -> None:
     pinned memory the host waits, as any device may copy from it. This is done here, rather than where the array died,
     as that may be anywhere: in a destructor, or amid the capture of a graph.
     """
-    held = [_released.popleft() for _ in range(len(_released))]
+    arrays = [_released.popleft() for _ in range(len(_released))]
     try:
-        for device in {array.device for array in held if array.device.is_cuda}:
+        for device in {array.device for array in arrays if array.device.is_cuda}:
             come_after_all(device)
-        if any(array.pinned for array in held):
+        if any(array.pinned for array in arrays):
             for device in wp.get_cuda_devices():
                 wp.synchronize_device(device)
     except BaseException:  # as amid the capture of a graph
-        _released.extend(held)
+        _released.extend(arrays)
         raise

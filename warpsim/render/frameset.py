@@ -1,4 +1,4 @@
-"""What a render call returns: images, and the truth beside them."""
+"""Result of a render call: images, and the truth beside them."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ class FrameSet:
         return self.target_light.contributions(number, view, whole_number("chunk_bytes", chunk_bytes, 1))
 
     def target_mask(self, frame: int, sensor: str, band: str, least_nei: float = 1.0) -> npt.NDArray[np.uint16]:
-        """Which target gives most light to each pixel of one image, among those that give enough of it.
+        """The target that gives most light to each pixel of one image, among those that give enough of it.
 
         Args:
             frame: One of `frames`.
@@ -237,7 +237,7 @@ class FrameSet:
 
     @cached_property
     def target_light(self) -> TargetLight:
-        """What draws each target alone."""
+        """Light of each target alone."""
         camera = self.instrument.sensor.camera
         return TargetLight(self._device_scene, self._host, (camera.n_row, camera.n_col))
 

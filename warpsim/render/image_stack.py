@@ -58,7 +58,7 @@ class ImageStack:
 
     @property
     def device(self) -> wp.Device:
-        """Where the images are."""
+        """Device of the images."""
         return self._array.device
 
     @property
@@ -125,15 +125,17 @@ class ImageStack:
             BufferError: Another device, a copy that copy=False forbids, or a stream on the CPU.
         """
         here = self.__dlpack_device__()
-        wanted = here if dl_device is None else (int(dl_device[0]), int(dl_device[1]))
-        if wanted not in (here, (CPU, 0)):
-            raise BufferError(f"dl_device: must be {here}, where the images are, or {(CPU, 0)}, the CPU, got {wanted}")
-        if wanted == here and not copy:
+        requested = here if dl_device is None else (int(dl_device[0]), int(dl_device[1]))
+        if requested not in (here, (CPU, 0)):
+            raise BufferError(
+                f"dl_device: must be {here}, where the images are, or {(CPU, 0)}, the CPU, got {requested}"
+            )
+        if requested == here and not copy:
             wait_for_images(self.array, stream)
             return capsule(self._array, self.shape, max_version)
         if copy is False:
-            raise BufferError(f"copy: must not be False to bring images from device {here} to {wanted}")
-        if wanted == (CPU, 0):
+            raise BufferError(f"copy: must not be False to bring images from device {here} to {requested}")
+        if requested == (CPU, 0):
             return capsule(wp.array(to_numpy(self.array), dtype=self.dtype, device="cpu"), self.shape, max_version)
         copied = wp.clone(self.array)
         wait_for_images(copied, stream)

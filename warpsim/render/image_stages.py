@@ -40,7 +40,7 @@ class ImageStages:
         n_view = len(inputs.frame)
         n_at_a_time = images_at_a_time(scene, n_view)
         self.signal = new_signal((n_at_a_time, *counts.shape[1:]), scene.device)
-        self._is_dark = True
+        self._is_zero = True
         self._parts = []
         for first in range(0, n_view, n_at_a_time):
             end = min(first + n_at_a_time, n_view)
@@ -62,9 +62,9 @@ class ImageStages:
             stream: On CUDA.
         """
         signal = self.signal
-        if not self._is_dark:  # a pass was broken off
-            self._darken(stream)
-        self._is_dark = False
+        if not self._is_zero:  # a pass was broken off
+            self._clear(stream)
+        self._is_zero = False
         pieces = counts_for(self._parts[0].read_out, counts)
         for part in self._parts:
             n = min(part.end, n_view) - part.first
@@ -75,14 +75,14 @@ class ImageStages:
                 copy_views(kept_w_cm2, kept_first + part.first, signal.images, 0, n, stream)
             read_out_into(part.read_out, pieces)
             part.read_out.run(n, stream)
-            copy_views(signal.lit, 0, signal.unlit, 0, n, stream)
-        self._is_dark = True
+            copy_views(signal.touched, 0, signal.untouched, 0, n, stream)
+        self._is_zero = True
 
-    def _darken(self, stream: wp.Stream | None) -> None:
-        """Make all signal dark, between what the stream did before and what it does next."""
+    def _clear(self, stream: wp.Stream | None) -> None:
+        """Set all signal to 0, between what the stream did before and what it does next."""
         if stream is not None:
             wp.synchronize_stream(stream)
         self.signal.flat.zero_()
-        self.signal.lit.zero_()
+        self.signal.touched.zero_()
         if stream is not None:
             wp.synchronize_stream(wp.get_stream(stream.device))

@@ -94,7 +94,7 @@ _OF_DEVICE: dict[str, KernelLoading] = {}
 
 
 def kernel_loading(device: wp.Device) -> KernelLoading:
-    """What loads kernels for a device; one for all renderers, as modules belong to the process."""
+    """Return the loader of kernels for a device; one for all renderers, as modules belong to the process."""
     return _OF_DEVICE.setdefault(str(device), KernelLoading(device))
 
 

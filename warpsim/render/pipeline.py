@@ -53,11 +53,11 @@ class Pipeline:
         self._host_views: list[npt.NDArray[Any]] = [array.numpy() for array in self._host_inputs]
         self._taken: wp.Event | None = None
         self.columns = new_columns(scene, n_view)
-        self._n_wanted = to_numpy(self.columns.views)["n_wanted"] if device.is_cpu else None  # as it is at any time
+        self._n_required = to_numpy(self.columns.views)["n_required"] if device.is_cpu else None  # as it is at any time
         self.sources = new_sources(scene, n_view, n_slot)
         self._series = new_area_series(scene, n_view)
         streaks = scene.streaks
-        self._exposure = new_exposure(device, streaks.offset_s, n_view) if streaks.wanted else None
+        self._exposure = new_exposure(device, streaks.offset_s, n_view) if streaks.enabled else None
         image = (scene.n_band, camera.n_row, camera.n_col)
         self._counts = (
             wp.empty((n_view, *image), dtype=wp.uint16, device=device) if to_host and device.is_cuda else None
@@ -123,7 +123,7 @@ class Pipeline:
         """Render views first to end of a batch; on CUDA, only ask for it.
 
         Returns:
-            The longest source list wanted, 0 where that is not known yet; above n_slot, the views are incomplete.
+            The longest source list required, 0 where that is not known yet; above n_slot, the views are incomplete.
         """
         n_view, stream = end - first, self.stream
         self._take(batch, first, n_view)
@@ -134,9 +134,9 @@ class Pipeline:
             copy_views(theirs, first, mine, 0, n_view, stream)
         if batch.stars is not None:
             batch.stars[first:end] = self._stars(n_view)
-        if self._n_wanted is None:
+        if self._n_required is None:
             return 0  # to read it would be to wait
-        return int(self._n_wanted[:n_view].max())
+        return int(self._n_required[:n_view].max())
 
     def _at_once_for(self, batch: Batch) -> Stage | None:
         return self._at_once if batch.signal_w_cm2 is None else None

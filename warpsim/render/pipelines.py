@@ -15,7 +15,7 @@ from warpsim.render.pipeline import Pipeline
 from warpsim.render.schedule import certain_slots, most_views, views_of_a_pass
 from warpsim.transfers import to_numpy, wait_on_current_stream
 
-SPARE_SLOTS = 64
+EXTRA_SLOTS = 64
 """Stars that source lists hold to begin with, besides the targets; unless they are certain to hold all."""
 
 
@@ -41,10 +41,10 @@ class Pipelines:
         self._pipelines: list[Pipeline | None] = [None] * n_pipeline
         self._busy = [threading.Lock() for _ in self._scenes]  # an interrupted call may have left one to a thread
         self._chunk_bytes = chunk_bytes
-        certain = certain_slots(self.scene) if is_cuda else None  # the CPU need not wait for what was wanted
+        certain = certain_slots(self.scene) if is_cuda else None  # the CPU need not wait for what was required
         self._is_certain = certain is not None
         self._ready: wp.Event | None = None
-        self._set_slots(certain or self.scene.n_target + SPARE_SLOTS)
+        self._set_slots(certain or self.scene.n_target + EXTRA_SLOTS)
 
     @property
     def n_byte(self) -> int:
@@ -63,12 +63,12 @@ class Pipelines:
         """
         if batch.n_view == 0:
             return None
-        while (wanted := self._render(batch, threads)) > self._n_slot:
-            self._set_slots(wanted + wanted // 4)
+        while (required := self._render(batch, threads)) > self._n_slot:
+            self._set_slots(required + required // 4)
         return self._ready
 
     def _render(self, batch: Batch, threads: Executor) -> int:
-        """The longest source list wanted."""
+        """Length of the longest source list required."""
         most = self._most_views
         size = views_of_a_pass(self.scene, batch.n_view, most, len(self._scenes))
         spans = deque((first, min(first + size, batch.n_view)) for first in range(0, batch.n_view, size))
@@ -92,7 +92,7 @@ class Pipelines:
         if self._is_certain:
             return 0
         wait_on_current_stream(self._ready, batch.columns.views.device)
-        return int(to_numpy(batch.columns.views)["n_wanted"].max())
+        return int(to_numpy(batch.columns.views)["n_required"].max())
 
     def _prepare(self, number: int, room: int) -> Pipeline:
         """Return a pipeline for passes of up to `room` views, a new one unless there is one."""
@@ -107,7 +107,7 @@ class Pipelines:
             return pipeline
 
     def _work(self, number: int, batch: Batch, spans: deque[tuple[int, int]]) -> int:
-        """Render passes until none is left, or a source list is too long; the longest wanted."""
+        """Render passes until none is left, or a source list is too long; return the longest."""
         with self._busy[number]:
             pipeline = self._pipelines[number]
             assert pipeline is not None

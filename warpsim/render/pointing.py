@@ -38,7 +38,7 @@ _RAD_PER_URAD = 1e-6
 
 @dataclass(frozen=True)
 class PointingArrays:
-    """What the stage aim launches and reads."""
+    """Kernel and arrays of the stage aim."""
 
     kernel: wp.Kernel
     struct: Any
@@ -88,7 +88,7 @@ def aim_features(instrument: Instrument) -> AimFeatures:
 
 
 def _errs(error: Bias | Drift | None) -> bool:
-    """Whether an error is not 0."""
+    """Return whether an error is not 0."""
     if error is None:
         return False
     given = (error.rms_urad, error.urad) if isinstance(error, Bias) else (error.rms_urad_s, error.urad_s)

@@ -18,23 +18,23 @@ from warpsim.detector.nei import NeiDetector
 from warpsim.scene.instrument import Instrument
 
 LARGEST_DEVIATE = 6.67
-"""Of a unit normal deviate."""
+"""Largest value of a unit normal deviate."""
 
 _BEYOND_ANY_LEVEL_W_CM2 = 3e38
 
 
 @dataclass(frozen=True)
 class ReadOut:
-    """What the stage `read_out` launches, and with what."""
+    """Kernels and arguments of the stage `read_out`."""
 
     features: ReadOutFeatures
     detector: Any
     kernel: wp.Kernel
-    """Of whole strips."""
+    """Kernel of whole strips."""
 
     @cached_property
     def rest_kernel(self) -> wp.Kernel:
-        """Of the pixels behind the last whole strip of an image; most images have none."""
+        """Kernel of the pixels behind the last whole strip of an image; most images have none."""
         return make_read_out_kernel(self.features, ragged=True)
 
 
@@ -129,5 +129,5 @@ def _scalars(detector: NeiDetector | ElectronDetector, levels: Levels) -> Any:
 
 
 def _words(fraction: float) -> int:
-    """How many of the 2**32 random words are a fraction of them."""
+    """Return the number of the 2**32 random words that are a fraction of them."""
     return round(fraction * 2**32)

@@ -162,7 +162,7 @@ class Renderer:
         are bit-identical.
 
         Args:
-            frames: Frame numbers, in the order wanted.
+            frames: Frame numbers, in the requested order.
             sensors: Names of sensors, or the name of a kind, which stands for all of it; those that have access at some
                 time of the scene when left out. Those of several kinds have images of their own: one call for each.
             bands: Band names; all of the kind when left out.
@@ -196,7 +196,7 @@ class Renderer:
         the next one is due. Ending the loop, or an exception in it, ends the stream.
 
         Args:
-            frames: Frame numbers, in the order wanted; all of the scene when left out.
+            frames: Frame numbers, in the requested order; all of the scene when left out.
             sensors: As in `render`.
             bands: As in `render`.
             rate_hz: Frames (times, with all sensors) per second; as fast as possible when left out.
@@ -241,7 +241,7 @@ class Renderer:
 
     @property
     def stats(self) -> StreamStats | None:
-        """How the latest stream goes, or went; None before the first."""
+        """Statistics of the latest stream, so far; None before the first."""
         return None if self._stream is None else self._stream.stats
 
     def _render(

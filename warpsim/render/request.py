@@ -1,4 +1,4 @@
-"""What a render call may ask for: sensors of one kind, bands, frames."""
+"""Arguments of a render call: sensors of one kind, bands, frames."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _whole_numbers(numbers: Iterable[Any]) -> Sequence[int]:
 
 
 def _as_range(numbers: list[int]) -> Sequence[int]:
-    """The same numbers as a range, which takes no time afterwards, if they are one."""
+    """Return the same numbers as a range, which takes no time afterwards, if they are one."""
     if len(numbers) < 2 or numbers[0] == numbers[1]:
         return numbers
     step = numbers[1] - numbers[0]

@@ -1,4 +1,4 @@
-"""How much is rendered at a time: views of a pass, images of a part of it."""
+"""Amount rendered at a time: views of a pass, images of a part of it."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from warpsim.render.stages import is_read_out_at_once
 from warpsim.sky.star_density import most_stars_in_cone
 
 BYTES_PER_PASS = 32 * 2**20
-"""What the signal of all images of a pass would take on the CPU, so much that the Python of a pass, 50 to 150 us, does
-not count; and what its source lists take."""
+"""Size of the signal of all images of a pass on the CPU, so large that the Python of a pass, 50 to 150 us, does
+not count; and size of its source lists."""
 
 BYTES_PER_PASS_CUDA = 512 * 2**20
-"""What the source lists of a pass take on CUDA: launches over views should be large. What the signal would take, too,
+"""Size of the source lists of a pass on CUDA: launches over views should be large. That of the signal, too,
 where counts go to the host by way of the pipeline."""
 
 SIGNAL_BYTES_AT_A_TIME = 2**20
@@ -26,14 +26,14 @@ SIGNAL_BYTES_AT_A_TIME_CUDA = 32 * 2**20
 """The same on CUDA, whose cache holds 50 MB on an H100 or H200; more where `deposit` would have too few threads."""
 
 LEAST_DEPOSIT_THREADS_CUDA = 2**15
-"""Of a launch, each for few rows of an image: with fewer most multiprocessors wait, and the launch takes as long. An
-H100 or H200 runs some 50,000 at a time."""
+"""Threads of a launch, each for few rows of an image: with fewer most multiprocessors wait, and the launch takes as
+long. An H100 or H200 runs some 50,000 at a time."""
 
 MOST_CERTAIN_STARS = 8192
 """Stars of a view for which lists are made that are certain to hold all: 0.2 MB a view in one band."""
 
 MOST_FLOATS = 2**31 - 129
-"""Of the signal of a pass: longer arrays are beyond Warp."""
+"""Largest signal of a pass: longer arrays are beyond Warp."""
 
 PASSES_PER_PIPELINE = 4
 """Pieces that a short call is cut into for each of several pipelines, so that none waits long for another."""
@@ -69,7 +69,7 @@ def certain_slots(scene: DeviceScene) -> int | None:
         Targets, and the stars that any cone may hold of the radius which `gather_stars` searches; None where these are
         more than MOST_CERTAIN_STARS, or where views differ in radius, as light moves during the exposure.
     """
-    if scene.streaks.wanted:
+    if scene.streaks.enabled:
         return None
     stars = scene.stars
     n_star = most_stars_in_cone(stars.index.direction_icrs, stars.field.radius_rad)
@@ -85,7 +85,7 @@ def most_views(scene: DeviceScene, n_slot: int, chunk_bytes: int | None = None, 
     slot_bytes = 16 + 4 * scene.n_band + 4  # position, irradiance, star
     if is_read_out_at_once(scene):
         slot_bytes += scene.n_band * wp.types.type_size_in_bytes(scene.psf.spots.Spot)
-    if scene.streaks.wanted:
+    if scene.streaks.enabled:
         slot_bytes += 24 + 8 * scene.streaks.n_path  # direction, movement
     series_bytes = 8 * N_TERM * scene.field.n_profile * scene.n_target
     view_bytes = slot_bytes * n_slot + series_bytes + column_bytes(scene)

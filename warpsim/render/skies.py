@@ -33,8 +33,10 @@ def load_catalog(sky: Sky, bands: Iterable[Band] = ()) -> StarCatalog:
         if sky.catalog == "union":
             return StarCatalog.union()
         if sky.synthetic is not None:
-            wanted = sky.synthetic
-            return StarCatalog.synthetic(wanted.n_star, limit_jy=wanted.limit_jy, sky=wanted.sky, seed=wanted.seed)
+            synthetic = sky.synthetic
+            return StarCatalog.synthetic(
+                synthetic.n_star, limit_jy=synthetic.limit_jy, sky=synthetic.sky, seed=synthetic.seed
+            )
         return StarCatalog.read(sky.catalog)
     except InputError as error:
         raise error.within("sky.catalog") from None

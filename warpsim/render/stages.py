@@ -72,7 +72,7 @@ def _aim(scene: DeviceBodies, time_s: wp.array, middle_s: wp.array, sensor: wp.a
 def observe_targets(
     scene: DeviceBodies, inputs: Inputs, columns: Columns, sources: Any, area_series: wp.array
 ) -> Stage:
-    """What is seen of each target, and the first source slots: its position and light."""
+    """Observe each target, and fill the first source slots: its position and light."""
     field, n_view = scene.field, len(columns.views)
     launches = [
         Launch(
@@ -143,39 +143,39 @@ def deposit(scene: DeviceScene, sources: Any, brightness: wp.array | None, signa
     """Signal: the light of all sources, integrated over pixels."""
     lists = [sources.n_source, sources.xy_px, sources.irradiance_w_cm2]
     paths = None
-    if scene.streaks.wanted:
+    if scene.streaks.enabled:
         paths = paths_struct(sources.offset_px, brightness, scene.n_target)
-    images = signal.images  # dark
+    images = signal.images  # zeros
     n_row_per_block = rows_per_block(scene.device, images.shape[2])
-    launch = scene.psf.deposit(lists, scene.stamp_rule, n_row_per_block, images, paths, signal.lit)
+    launch = scene.psf.deposit(lists, scene.stamp_rule, n_row_per_block, images, paths, signal.touched)
     return Stage("deposit", len(images), [launch])
 
 
 def read_out(scene: DeviceScene, inputs: Inputs, signal: Signal, counts: wp.array, first_view: int) -> Stage:
-    """Counts, from first_view on: what the detector makes of the signal, which is dark afterwards."""
+    """Counts, from first_view on: what the detector makes of the signal, which is 0 afterwards."""
     n_view, n_band, n_row, n_col = signal.images.shape
     n_image, n_pixel = n_view * n_band, n_row * n_col
     n_strip = n_pixel // STRIP_PIXELS
     views = [inputs.frame, inputs.sensor, scene.band_id, scene.read_out.detector]
-    first_image, lit = first_view * n_band, signal.lit.flatten()
+    first_image, touched = first_view * n_band, signal.touched.flatten()
     block_dim = TILE_THREADS_CUDA if scene.device.is_cuda else 1
     launches = []
     if n_strip:
         dim = [n_image * -(-n_strip // STRIPS_PER_BLOCK)]
-        reads = [*views, 0, n_strip, signal.dark_strip, first_image, lit]
+        reads = [*views, 0, n_strip, signal.zero_strip, first_image, touched]
         writes = [counts.flatten(), signal.flat]
         launches.append(Launch(scene.read_out.kernel, dim, reads, writes, scene.device, block_dim))
     if n_strip * STRIP_PIXELS < n_pixel:
-        reads = [*views, n_strip, n_strip + 1, 0, first_image, lit]
+        reads = [*views, n_strip, n_strip + 1, 0, first_image, touched]
         writes = [counts.reshape(_image_shape(counts)), signal.images.reshape((n_image, n_pixel))]
         launches.append(Launch(scene.read_out.rest_kernel, [n_image], reads, writes, scene.device, block_dim))
     return Stage("read_out", n_view, launches)
 
 
 def is_read_out_at_once(scene: DeviceBodies) -> bool:
-    """Whether deposit_read_out can stand for deposit and read_out: on CUDA, for still sources and whole strips."""
+    """Return whether deposit_read_out replaces deposit and read_out: on CUDA, for still sources and whole strips."""
     camera = scene.instrument.sensor.camera
-    return scene.device.is_cuda and not scene.streaks.wanted and camera.n_row * camera.n_col % STRIP_PIXELS == 0
+    return scene.device.is_cuda and not scene.streaks.enabled and camera.n_row * camera.n_col % STRIP_PIXELS == 0
 
 
 def image_kernels(scene: DeviceBodies, psf: PsfBank, read_out: ReadOut) -> list[tuple[wp.Kernel, int]]:
@@ -183,7 +183,7 @@ def image_kernels(scene: DeviceBodies, psf: PsfBank, read_out: ReadOut) -> list[
     if is_read_out_at_once(scene):
         at_once = make_deposit_read_out_kernel(psf.spots, read_out.features, RUN_THREADS)
         return [(make_find_spots_kernel(psf.spots), THREADS_PER_BLOCK_CUDA), (at_once, RUN_THREADS)]
-    drawn = psf.deposit_kernel(scene.streaks.wanted)
+    drawn = psf.deposit_kernel(scene.streaks.enabled)
     return [(drawn, THREADS_PER_BLOCK_CUDA), (read_out.kernel, TILE_THREADS_CUDA)]
 
 

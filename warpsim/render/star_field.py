@@ -22,7 +22,7 @@ from warpsim.sky.band_index import BandIndex
 from warpsim.transfers import to_numpy
 
 LARGEST_SHIFT_RAD = 2.0e-4
-"""41 arcsec, how far apparent places lie from those of the index: 28.5 of aberration (the Earth's 30.3 km/s and an
+"""41 arcsec, how far apparent positions lie from those of the index: 28.5 of aberration (the Earth's 30.3 km/s and an
 orbit at escape speed) and, close to the Sun, 6 of deflection. Parallaxes are added from the catalog."""
 
 _MAS_RAD = np.pi / 180 / 3.6e6
@@ -30,7 +30,7 @@ _MAS_RAD = np.pi / 180 / 3.6e6
 
 @dataclass(frozen=True)
 class Stars:
-    """The star catalog on the device, in cell order, and what of a star's place is looked at."""
+    """The star catalog on the device, in cell order, and what of a star's position is looked at."""
 
     index: BandIndex
     field: Any

@@ -28,7 +28,7 @@ NODE_COUNTS = (3, 5, 9, 17, 33, 65)
 """Odd, so that one node lies in the middle; all but the last may be chosen."""
 
 PATH_ERROR_PX = 1e-3
-"""How far a source may be from its path at any time of the exposure."""
+"""Largest distance of a source from its path at any time of the exposure."""
 
 _MOST_FRAMES, _MOST_SENSORS = 24, 12
 _INSTANTS = np.linspace(-1.0, 1.0, 65)

@@ -1,4 +1,4 @@
-"""Movement during the exposure on a device: when places are found, and what the kernels read of it."""
+"""Movement during the exposure on a device: when positions are found, and what the kernels read of it."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from warpsim.legendre import gauss_legendre, series_matrix
 
 @dataclass(frozen=True)
 class Streaks:
-    """How a scene's sources are followed through the exposure; nothing is followed where n_path is 0."""
+    """Instants at which a scene's sources are followed through the exposure; nothing is followed where n_path is 0."""
 
     n_path: int
-    """Instants at which places are found."""
+    """Instants at which positions are found."""
     error_px: float
-    """Largest error of a place met between them [px]."""
+    """Largest error of a position met between them [px]."""
     offset_s: npt.NDArray[np.float64]
     """The instants, from the middle of the exposure [s], (n_path,)."""
     instants: Any
     """The same for the kernels."""
 
     @property
-    def wanted(self) -> bool:
+    def enabled(self) -> bool:
         """Whether sources move."""
         return self.n_path > 0
 
@@ -39,7 +39,7 @@ def no_streaks() -> Streaks:
 
 
 def streaks_at(n_path: int, exposure_s: float, device: wp.Device, error_px: float = 0.0) -> Streaks:
-    """Streaks with places at the nodes of a Gauss-Legendre rule."""
+    """Streaks with positions at the nodes of a Gauss-Legendre rule."""
     instants: Any = Instants()
     instants.n_path = n_path
     instants.series = wp.array(series_matrix(n_path), dtype=wp.float64, device=device)

@@ -33,7 +33,7 @@ MOST_LATENCIES = 100_000
 
 @dataclass(frozen=True)
 class StreamStats:
-    """How a stream went, up to now."""
+    """Statistics of a stream, so far."""
 
     n_frame: int
     """Frames handed over."""
@@ -59,20 +59,20 @@ class StreamStats:
 
 @dataclass(frozen=True)
 class Pace:
-    """When frames of a stream are due."""
+    """Times at which frames of a stream are due."""
 
     rate_hz: float | None
     """None: at once."""
     start_s: float
-    """Of the clock, when the first frame is due; infinite until it is ready."""
+    """Time of the clock at which the first frame is due; infinite until it is ready."""
 
-    def due_s(self, place: int) -> float:
-        """When a frame is due."""
-        return self.start_s + place / self.rate_hz if self.rate_hz else -math.inf
+    def due_s(self, index: int) -> float:
+        """Time at which a frame is due."""
+        return self.start_s + index / self.rate_hz if self.rate_hz else -math.inf
 
-    def over(self, place: int, now_s: float) -> bool:
-        """Whether a frame's time is over."""
-        return self.rate_hz is not None and now_s > self.due_s(place + 1)
+    def over(self, index: int, now_s: float) -> bool:
+        """Return whether a frame's time is over."""
+        return self.rate_hz is not None and now_s > self.due_s(index + 1)
 
 
 class Stream:
@@ -102,7 +102,7 @@ class Stream:
         self._drop, self._n_ahead, self._n_together = drop, n_ahead, min(n_together, n_ahead)
         self._clock = clock
         self._pace = Pace(rate_hz, math.inf)
-        self._ring: deque[tuple[int, FrameSet]] = deque()  # place in the stream, frame
+        self._ring: deque[tuple[int, FrameSet]] = deque()  # index in the stream, frame
         self._changed = threading.Condition()  # guards all below, and the ring
         self._closed = self._finished = False
         self._error: BaseException | None = None
@@ -115,7 +115,7 @@ class Stream:
 
     @property
     def stats(self) -> StreamStats:
-        """How it went, up to now."""
+        """Statistics, so far."""
         with self._changed:
             latency_s = np.array(self._latency_s) if self._latency_s else np.array([math.nan])
             p50, p99 = np.percentile(latency_s, [50, 99])
@@ -157,40 +157,40 @@ class Stream:
             while self._drop and len(self._ring) > 1 and self._pace.over(self._ring[0][0], self._clock()):
                 self._ring.popleft()
                 self._n_dropped += 1
-            place, frame = self._ring.popleft()
+            index, frame = self._ring.popleft()
             self._changed.notify_all()
-        due_s = self._pace.due_s(place)
+        due_s = self._pace.due_s(index)
         while (wait_s := due_s - self._clock()) > 0:
             time.sleep(wait_s)
-        self._note(place, self._clock(), asked_s if self._pace.rate_hz is None else due_s)
+        self._note(index, self._clock(), asked_s if self._pace.rate_hz is None else due_s)
         return frame
 
-    def _note(self, place: int, now_s: float, since_s: float) -> None:
+    def _note(self, index: int, now_s: float, since_s: float) -> None:
         """Count a frame that is handed over now."""
         with self._changed:
             self._first_s, self._last_s = (self._first_s if self._n_frame else now_s), now_s
             self._n_frame += 1
-            self._n_late += self._pace.over(place, now_s)
+            self._n_late += self._pace.over(index, now_s)
             self._latency_s.append(now_s - since_s)
             self._max_s = now_s - since_s if math.isnan(self._max_s) else max(self._max_s, now_s - since_s)
 
     def _produce(self) -> None:
         """Render ahead until all is done or the consumer has gone."""
-        place, n_frame = 0, len(self._frames)
+        index, n_frame = 0, len(self._frames)
         try:
-            while place < n_frame:
+            while index < n_frame:
                 with self._changed:
                     self._changed.wait_for(lambda: self._closed or self._room() > 0)
                     if self._closed:
                         return
-                    place = self._next_place(place)
-                    end = min(place + self._room(), n_frame)
-                frames = self._render(self._frames[place:end])
+                    index = self._next_index(index)
+                    end = min(index + self._room(), n_frame)
+                frames = self._render(self._frames[index:end])
                 with self._changed:
-                    self._ring += [(place + number, frames.one_frame(number)) for number in range(end - place)]
+                    self._ring += [(index + number, frames.one_frame(number)) for number in range(end - index)]
                     self._changed.notify_all()
                 del frames  # its memory is to return once the consumer has let go
-                place = end
+                index = end
         except BaseException as error:
             self._error = error  # for the consumer to see
         finally:
@@ -202,13 +202,13 @@ class Stream:
         """Frames to render now; none until a whole group has room."""
         return self._n_together if self._n_ahead - len(self._ring) >= self._n_together else 0
 
-    def _next_place(self, place: int) -> int:
-        """The first frame from a place on whose time is not over; the last one at the latest."""
-        now_s, first = self._clock(), place
-        while self._drop and place < len(self._frames) - 1 and self._pace.over(place, now_s):
-            place += 1
-        self._n_dropped += place - first
-        return place
+    def _next_index(self, index: int) -> int:
+        """The first frame from an index on whose time is not over; the last one at the latest."""
+        now_s, first = self._clock(), index
+        while self._drop and index < len(self._frames) - 1 and self._pace.over(index, now_s):
+            index += 1
+        self._n_dropped += index - first
+        return index
 
 
 def stream_sizes(

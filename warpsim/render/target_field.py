@@ -40,7 +40,7 @@ F64 = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TargetField:
-    """What the stage observe_targets launches and reads, for some of a scene's bands."""
+    """Kernel and arrays of the stage observe_targets, for some of a scene's bands."""
 
     features: Features
     in_shadow: bool
@@ -167,7 +167,7 @@ def _surfaces(
     bands: Sequence[Band],
     device: wp.Device,
 ) -> Any:
-    """What the targets' surfaces do with light; `spectral` are the different ones by wavelength among them."""
+    """Return the optical properties of the targets' surfaces; `spectral` are the different ones by wavelength."""
     own = [target.spec.surface for target in targets]
     different = {surface: number for number, surface in enumerate(dict.fromkeys(own))}
     which = np.array([different[surface] for surface in own], dtype=np.intp)

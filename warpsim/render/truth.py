@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ImageAxes:
-    """What the axes of rendered images stand for."""
+    """Labels of the axes of rendered images."""
 
     scenario: Scenario
     instrument: Instrument
@@ -93,7 +93,7 @@ _UNITS = {
 
 
 def _flags(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np.bool_]]:
-    """What can be said of each target with yes or no, each (frame, sensor, target)."""
+    """Return the yes-or-no columns of each target, each (frame, sensor, target)."""
     word = seen.observations["flags"].reshape(len(frames.frames), len(frames.sensors), scene.n_target)
     absent = (word & int(ABSENT)) != 0
     rows = [frames.instrument.index(name) for name in frames.sensors]
@@ -107,7 +107,7 @@ def _flags(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> dict[str
 
 
 def _geometry(scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
-    """Where and how each target is seen, each (view, target); NaN for absent ones."""
+    """Return position and aspect of each target, each (view, target); NaN for absent ones."""
     observed = seen.observations
     flags = observed["flags"]
     there = (flags & int(ABSENT)) == 0
@@ -131,7 +131,7 @@ def _geometry(scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np
 
 
 def _light(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
-    """How bright each target is, each (view, band, target)."""
+    """Return the brightness of each target, each (view, band, target)."""
     peak_part, stamp_part = _stamp_parts(scene, seen)
     irradiance = seen.irradiance_w_cm2.astype(np.float64)
     snr = irradiance / frames.nei_w_cm2[:, None]
@@ -167,7 +167,7 @@ def _stamp_parts(scene: DeviceScene, seen: HostColumns) -> tuple[npt.NDArray[np.
     parts = [wp.empty(shape, dtype=wp.float32, device=scene.device) for _ in range(2)]
     if parts[0].size:
         here = seen.columns.to(scene.device)
-        paths = paths_struct(here.offset_px, here.brightness, scene.n_target) if scene.streaks.wanted else None
+        paths = paths_struct(here.offset_px, here.brightness, scene.n_target) if scene.streaks.enabled else None
         xy_px = wp.array(np.ascontiguousarray(seen.observations["xy_px"]), dtype=wp.vec2d, device=scene.device)
         scene.psf.measure_stamps([xy_px, here.irradiance_w_cm2], scene.stamp_rule, parts, paths)
     peak, stamp = (to_numpy(array).astype(np.float64) for array in parts)

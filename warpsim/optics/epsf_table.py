@@ -1,4 +1,4 @@
-"""Tables of the share of a point source's flux that a pixel collects, over the pixel's offset from the source.
+"""Effective PSF tables: the fraction of a point source's flux that a pixel collects, over its offset from the source.
 
 A pixel centred (dx, dy) from the source collects P(dx, dy), the integral over that pixel of the pattern. P is smooth
 on the scale of the pattern however small that is compared with the pixel, so a grid of a few nodes per scale and
@@ -27,7 +27,7 @@ N_MARGIN = 4
 """Nodes stored before zero of a mirrored table and beyond the reach, for the ends of the widest interpolation."""
 
 ENVELOPE_PER_PX = 4
-"""Discs per pixel of radius in ShareTable.envelope; the kernels' own number."""
+"""Discs per pixel of radius in EpsfTable.envelope; the kernels' own number."""
 
 LARGEST_N_NODE = 12_000_000
 """Nodes of the largest table (48 MB)."""
@@ -43,14 +43,15 @@ class Wing(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ShareTable:
-    """Pixel share of a unit-flux pattern on a uniform grid of pixel offsets, and what lies beyond it.
+class EpsfTable:
+    """Pixel fractions of a unit-flux pattern on a uniform grid of pixel offsets, and what lies beyond it.
 
     Pairs are in the order of array axes: rows, columns.
     """
 
-    share: NDArray[np.float32]
-    """Shares at dy = (row - zero[0]) / per_px[0], dx = (col - zero[1]) / per_px[1], shape (n_row, n_col); read-only."""
+    fraction: NDArray[np.float32]
+    """Pixel fractions at dy = (row - zero[0]) / per_px[0], dx = (col - zero[1]) / per_px[1], shape (n_row, n_col);
+    read-only."""
 
     n_point: int
     """Points per axis of the interpolation."""
@@ -71,25 +72,26 @@ class ShareTable:
     """Height of a pixel over its width."""
 
     wing: Wing
-    """What P follows beyond the reach."""
+    """Power law of P beyond the reach."""
 
     envelope: NDArray[np.float32]
-    """Largest share of a pixel wholly outside a disc about the source of radius 0, 1/4, 1/2 ... pixel widths."""
+    """Largest fraction of a pixel wholly outside a disc about the source of radius 0, 1/4, 1/2 ... pixel widths."""
 
     tail_px3: float
     """Beyond the envelope no pixel holds more than tail / r^3, r = distance of its centre [px3]."""
 
     error: float
-    """Bound of the absolute error of `share()` per unit flux: the largest found on sampled offsets, and a margin."""
+    """Bound of the absolute error of `table_fraction()` per unit flux: the largest found on sampled offsets, and a
+    margin."""
 
     @property
     def n_byte(self) -> int:
-        """Bytes of the shares."""
-        return self.share.nbytes
+        """Bytes of the fractions."""
+        return self.fraction.nbytes
 
 
-def share(table: ShareTable, dx_px: ArrayLike, dy_px: ArrayLike) -> Floats:
-    """Return the flux share of pixels: the readable twin of the device function.
+def table_fraction(table: EpsfTable, dx_px: ArrayLike, dy_px: ArrayLike) -> Floats:
+    """Return pixel fractions: the readable twin of the device function.
 
     Nodes are counted in float64. Weights and sums are float32, as on the device, if both offsets are; else float64.
 
@@ -99,7 +101,7 @@ def share(table: ShareTable, dx_px: ArrayLike, dy_px: ArrayLike) -> Floats:
         dy_px: Pixel centre minus source along rows [pixel heights]; same shape as dx_px.
 
     Returns:
-        Shares of the unit flux.
+        Fractions of the unit flux.
     """
     x, y = np.asarray(dx_px), np.asarray(dy_px)
     real = np.float32 if x.dtype == y.dtype == np.float32 else np.float64
@@ -111,26 +113,26 @@ def share(table: ShareTable, dx_px: ArrayLike, dy_px: ArrayLike) -> Floats:
     return value
 
 
-def _interpolated(table: ShareTable, dx_px: F64, dy_px: F64, real: type) -> Floats:
+def _interpolated(table: EpsfTable, dx_px: F64, dy_px: F64, real: type) -> Floats:
     row, down = _cell_and_weights(table, 0, dy_px, real)
     col, across = _cell_and_weights(table, 1, dx_px, real)
     total: Floats = np.zeros(dx_px.shape, dtype=real)
     for j in range(table.n_point):
         line: Floats = np.zeros(dx_px.shape, dtype=real)
         for i in range(table.n_point):
-            line += across[i] * table.share[row + j, col + i]
+            line += across[i] * table.fraction[row + j, col + i]
         total += down[j] * line
     return total
 
 
 def _cell_and_weights(
-    table: ShareTable, axis: int, offset_px: F64, real: type
+    table: EpsfTable, axis: int, offset_px: F64, real: type
 ) -> tuple[NDArray[np.int64], list[Floats]]:
     """Return the first of the nodes around an offset, and the weights of all."""
-    place = np.abs(offset_px) if table.mirrored else offset_px
-    position = place * table.per_px[axis] + table.zero[axis]
+    folded_px = np.abs(offset_px) if table.mirrored else offset_px
+    position = folded_px * table.per_px[axis] + table.zero[axis]
     before = table.n_point // 2 - 1
-    node = np.clip(np.floor(position).astype(np.int64), before, table.share.shape[axis] - table.n_point + before)
+    node = np.clip(np.floor(position).astype(np.int64), before, table.fraction.shape[axis] - table.n_point + before)
     return node - before, lagrange_weights((position - node).astype(real), table.n_point)
 
 
@@ -147,7 +149,7 @@ def lagrange_weights(u: Floats, n_point: int) -> list[Floats]:
     return weights
 
 
-def _beyond(table: ShareTable, dx_px: F64, dy_px: F64) -> F64:
+def _beyond(table: EpsfTable, dx_px: F64, dy_px: F64) -> F64:
     """Return the wing."""
     x2 = dx_px * dx_px
     inverse2 = 1.0 / (x2 + (table.pixel_aspect * dy_px) ** 2)
@@ -168,30 +170,30 @@ def pixel_wing(wing_px3: float, smear_px: float, pixel_aspect: float) -> Wing:
 
 
 def envelope(
-    share64: F64, per_px: tuple[int, int], zero: tuple[int, int], pixel_aspect: float, reach_px: float, far: float
+    fraction64: F64, per_px: tuple[int, int], zero: tuple[int, int], pixel_aspect: float, reach_px: float, far: float
 ) -> NDArray[np.float32]:
-    """Return ShareTable.envelope, for discs up to a radius.
+    """Return EpsfTable.envelope, for discs up to a radius.
 
     Args:
-        share64: Shares on the nodes.
+        fraction64: Fractions on the nodes.
         per_px: Nodes per pixel.
         zero: Node of the offset 0.
         pixel_aspect: Height of a pixel over its width.
         reach_px: Radius of the last disc [px].
-        far: Largest share beyond the table.
+        far: Largest fraction beyond the table.
     """
-    offset = [np.abs(np.arange(n) - zero[axis]) / per_px[axis] - 0.5 for axis, n in enumerate(share64.shape)]
+    offset = [np.abs(np.arange(n) - zero[axis]) / per_px[axis] - 0.5 for axis, n in enumerate(fraction64.shape)]
     rows, cols = pixel_aspect * np.maximum(offset[0], 0.0), np.maximum(offset[1], 0.0)
     n_disc = int(ENVELOPE_PER_PX * reach_px) + 1
     largest = np.full(n_disc + 1, far)
     # A node stands for its surroundings: it counts as half a cell farther out than it is.
     half_cell = 0.5 * math.hypot(pixel_aspect / per_px[0], 1.0 / per_px[1])
-    for row, line in zip(rows, np.abs(share64), strict=True):
+    for row, line in zip(rows, np.abs(fraction64), strict=True):
         disc = np.minimum(ENVELOPE_PER_PX * (np.hypot(row, cols) + half_cell), n_disc).astype(np.int64)
         np.maximum.at(largest, disc, line)
-    # The smallest disc touches the source's own pixel, whatever its place in it.
+    # The smallest disc touches the source's own pixel, whatever its offset in it.
     outside = (offset[0] > -0.75 / per_px[0])[:, None] | (offset[1] > -0.75 / per_px[1])
-    largest[0] = np.max(np.abs(share64), where=outside, initial=far)
+    largest[0] = np.max(np.abs(fraction64), where=outside, initial=far)
     largest = np.maximum.accumulate(largest[::-1])[::-1][:n_disc]
     return np.where(largest > 0.0, 1.02 * largest, 0.0).astype(np.float32)  # 2 %: maxima between the nodes
 
