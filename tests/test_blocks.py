@@ -8,6 +8,9 @@ One launch at a time: two that run beside each other crash Warp's blocks on the 
 import numpy as np
 import pytest
 import warp as wp
+from warpsim_kernels.deposit_read_out import make_deposit_read_out_kernel
+from warpsim_kernels.detector import ReadOutFeatures
+from warpsim_kernels.spots import gaussian_spots
 
 import warpsim as ws
 from warpsim.render import pipeline, stages, star_field
@@ -134,3 +137,9 @@ def test_stars_gathered_by_32_threads(changes, blocks, monkeypatch):
     assert one.colnames == many.colnames and len(one) > 500
     for name in one.colnames:
         np.testing.assert_array_equal(many[name], one[name], err_msg=name)
+
+
+@pytest.mark.parametrize("n_thread", [1, 32, 192, 2048])
+def test_threads_that_do_not_own_pixels_evenly_are_refused(n_thread):
+    with pytest.raises(ValueError, match=f"n_thread: must be one of .*, got {n_thread}"):
+        make_deposit_read_out_kernel(gaussian_spots(), ReadOutFeatures(), n_thread)

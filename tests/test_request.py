@@ -53,3 +53,14 @@ def test_frames_beyond_the_scene_are_named(checked):
     for frames in (range(160, 170), [0, 165, 3], np.array([165, 166])):
         with pytest.raises(InputError, match=r"frame 16[25] is at 16[25]0 s, after the scene's end"):
             checked(frames)
+
+
+@pytest.mark.parametrize("frames", [b"ab", "12", np.array(3), np.float64(2.0)])
+def test_what_is_no_list_of_numbers_is_refused(checked, frames):
+    with pytest.raises(InputError, match="frames: must be a list or range of frame numbers"):
+        checked(frames)
+
+
+def test_endless_ranges_are_refused_by_their_ends(checked):
+    with pytest.raises(InputError, match="after the scene's end"):
+        checked(range(2**32))

@@ -14,7 +14,7 @@ from warpsim_kernels.strips import STRIP_SHIFT, flags_of_image
 
 
 def mask_table(simd_width: int) -> tuple[float, ...]:
-    """Return the floats at the start of flat tables: vectors of them are 1 in a run of elements, and 0 elsewhere."""
+    """Return the floats that flat tables of Gaussians begin with: vectors of them are 1 in some elements, else 0."""
     return (0.0,) * simd_width + (1.0,) * simd_width + (0.0,) * simd_width
 
 

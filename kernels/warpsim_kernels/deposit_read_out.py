@@ -23,6 +23,9 @@ RUN_PIXELS = 8192
 BLOCK_PIXELS = 2 * PAIRS_PER_BLOCK
 """Pixels that share random keys."""
 
+BLOCK_SIZES = (64, 128, 256, 512, 1024)
+"""Threads that a block may have: whole strips, and powers of two."""
+
 BLOCKS_PER_RUN = RUN_PIXELS // BLOCK_PIXELS
 
 PAIR_MASK = wp.constant(wp.uint32(N_PAIR - 1))
@@ -59,7 +62,13 @@ def run_of(number: int, n_pixel: int, n_col: int) -> Run:
 
 @functools.cache
 def make_deposit_read_out_kernel(drawing: SpotFunctions, features: ReadOutFeatures, n_thread: int) -> wp.Kernel:
-    """Kernel over the runs of all images, for blocks of n_thread threads, a multiple of N_PAIR."""
+    """Kernel over the runs of all images, for blocks of n_thread threads: 64, 128, 256, 512 or 1024.
+
+    Raises:
+        ValueError: Another number of threads.
+    """
+    if n_thread not in BLOCK_SIZES:
+        raise ValueError(f"n_thread: must be one of {BLOCK_SIZES}, got {n_thread}")
     Tables, Spot, row_of, light_at = drawing.Tables, drawing.Spot, drawing.row_of, drawing.light_at
     n_row = n_thread // COLUMN_THREADS
     noise_keys = make_noise_keys(features)

@@ -152,7 +152,7 @@ def table_wing(psf: TablePsf, x_px: float, y_px: float) -> float:
 
 
 class TableFunctions(NamedTuple):
-    """Functions that read tables by an interpolation of n_point x n_point nodes."""
+    """Functions that read tables: by an interpolation of n_point x n_point nodes, or by polynomials in cells."""
 
     Nodes: Any
     """Vector of the floats that TABLE_SIMD_WIDTH pixels take at a time: n_point * TABLE_SIMD_WIDTH of a node row."""

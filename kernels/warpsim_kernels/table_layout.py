@@ -5,7 +5,7 @@ from typing import NamedTuple
 TABLE_SIMD_WIDTH = 8
 """Pixels of a row that lie next to each other in a table of pixel fractions, and are drawn at a time."""
 
-CELL_DEGREES = (3, 5, 7, 9)
+CELL_DEGREES = (3, 5, 7)
 """Total degrees of polynomials."""
 
 

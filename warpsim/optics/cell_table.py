@@ -21,8 +21,12 @@ from warpsim.optics.epsf_table import EpsfTable, lagrange_weights
 
 F64 = NDArray[np.float64]
 
-N_MORE = 3
-"""Points per axis of a fit, beyond the degree."""
+N_MORE = 2
+"""Points per axis of a fit, beyond the degree: there Chebyshev's next polynomial, which a fit leaves out first, is
+largest; the middle of a cell is among them."""
+
+MARGIN = 1.25
+"""Largest error anywhere over that at the points of a fit, for errors of degrees beyond the next."""
 
 BLOCK_PX: int = TABLE_SIMD_WIDTH // 2
 """Pixels from a block of TABLE_SIMD_WIDTH pixels to the next: they overlap, so that a stamp needs few of them."""
@@ -33,7 +37,7 @@ ROUNDING = 1e-7
 CORE_PX = 2
 """Pixels to each side of the source's own on which the number of cells is judged."""
 
-CELLS_PER_NODE = {3: 1.0, 5: 0.3, 7: 0.15, 9: 0.1}
+CELLS_PER_NODE = {3: 1.0, 5: 0.3, 7: 0.15}
 """Cells per pixel over nodes per pixel, by degree, that are tried first."""
 
 MOST_CELLS = 512
@@ -107,7 +111,7 @@ def cells_for(table: EpsfTable, degree: int, error: float) -> tuple[int, int] | 
         n_row = 2 * math.ceil(0.5 * n * table.pixel_aspect)
         if max(n, n_row) > MOST_CELLS:
             return None
-        found = _core_error(table, degree, (n_row, n))
+        found = MARGIN * _core_error(table, degree, (n_row, n))
         if found <= most:
             return n_row, n
         n = max(n + 2, 2 * math.ceil(0.5 * n * min(8.0, (found / most) ** (1.0 / (degree + 1)))))
@@ -126,9 +130,10 @@ def cell_table(table: EpsfTable, degree: int, error: float, n_cell: tuple[int, i
     while max(n_cell) <= MOST_CELLS:
         zero = side_pixels(table)[0], n_side_block(table) * TABLE_SIMD_WIDTH + TABLE_SIMD_WIDTH // 2
         coefficient, found = _all_fitted(table, degree, n_cell, zero)
-        if table.error + found + ROUNDING <= error:
+        found = table.error + MARGIN * found + ROUNDING
+        if found <= error:
             blocks = sliding_window_view(coefficient, TABLE_SIMD_WIDTH, axis=3)[:, :, :, ::BLOCK_PX].swapaxes(2, 3)
-            return CellTable(table, degree, n_cell, np.ascontiguousarray(blocks), zero, table.error + found + ROUNDING)
+            return CellTable(table, degree, n_cell, np.ascontiguousarray(blocks), zero, found)
         n_cell = n_cell[0] + 2, n_cell[1] + 2
     return None
 

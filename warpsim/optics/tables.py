@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from warpsim_kernels.table_layout import TableLayout, n_term_of
+from warpsim_kernels.table_layout import CELL_DEGREES, TableLayout, n_term_of
 
 from warpsim.errors import InputError
 from warpsim.optics.airy import airy_table, airy_table_shapes
-from warpsim.optics.cell_table import CellTable, cell_bytes, cell_table, cells_for
+from warpsim.optics.cell_table import CELLS_PER_NODE, CellTable, cell_bytes, cell_table, cells_for
 from warpsim.optics.epsf_table import LARGEST_N_NODE, POINTS, EpsfTable
 from warpsim.optics.image_table import image_table, image_table_shape
 from warpsim.optics.pattern import FIRST_DARK_RING, AiryPattern
@@ -30,11 +30,8 @@ NODE_PART, NODE_POINTS = 0.6, 8
 LARGEST_CELL_BYTES = 24_000_000
 """Largest size of the polynomials of a pattern."""
 
-FEW_CELLS, MANY_BYTES = 4, 8_000_000
-"""So few cells of the fifth degree per pixel that the third may do; so large tables that higher ones may be better."""
-
-HOT_CELL_PX2 = 72
-"""Pixels whose polynomials most stamps read, of half the cells: those of 9 rows of 16."""
+LEAST_OVER_GUESS = 4.0
+"""That size over the guess from the nodes per pixel, at least: 4 to 15 for patterns of 0.1 to 10 px."""
 
 STORE_BYTES = 128 * 2**20
 """Tables kept for the next renderer; the largest single one has 48 MB."""
@@ -163,7 +160,7 @@ def cheapest_layout(
 ) -> TableLayout:
     """Return what tables hold with which drawing costs least, for patterns that are drawn with one kernel.
 
-    Polynomials, and nodes for patterns so sharp that polynomials would fill too many cells.
+    Polynomials of the lowest degree that does not fill too many cells; where all do, nodes.
 
     Raises:
         InputError: Nothing does with tables that are not too large.
@@ -173,29 +170,31 @@ def cheapest_layout(
     if accuracy.degree:
         return TableLayout(accuracy.degree)
     if accuracy.degree is None and accuracy.n_point is None:
-        degree = _cheapest_degree(psfs, pixel_aspect, accuracy.error)
+        degree = _lowest_degree(psfs, pixel_aspect, accuracy.error)
         if degree:
             return TableLayout(degree)
     return TableLayout(0, accuracy.n_point or cheapest_points(psfs, pixel_aspect, accuracy.error))
 
 
-def _cheapest_degree(psfs: Sequence[TabulatedPsf], pixel_aspect: float, error: float) -> int:
-    """Return the degree of polynomials with which drawing costs least; 0 where all take too many cells.
+def _lowest_degree(psfs: Sequence[TabulatedPsf], pixel_aspect: float, error: float) -> int:
+    """Return the lowest degree with which polynomials are not too large, as fewer terms are faster; 0 where none is."""
+    degree: int
+    for degree in CELL_DEGREES:
+        if all(_have_cells(psf, pixel_aspect, error, degree) for psf in psfs):
+            return degree
+    return 0
 
-    Each degree takes time to judge: those beside the first are where it says that they may be better.
-    """
-    costs, middle = {}, [_cell_size(psf, pixel_aspect, error, 5) for psf in psfs]
-    degrees = [5]
-    if all(size is not None and size[0] <= FEW_CELLS for size in middle):
-        degrees.append(3)
-    if any(size is None or size[1] > MANY_BYTES for size in middle):
-        degrees += [7, 9]
-    for degree in degrees:
-        sizes = [_cell_size(psf, pixel_aspect, error, degree) for psf in psfs]
-        found = [size for size in sizes if size is not None]
-        if len(found) == len(sizes):
-            costs[degree] = sum(_cell_cost_ns(degree, *size) for size in found)
-    return min(costs, key=lambda degree: costs[degree], default=0)
+
+def _have_cells(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: int) -> bool:
+    """Return whether the polynomials of a degree are not too large; a guess first, as fits take time."""
+    (n_row, n_column), per_px = _node_shapes(psf, pixel_aspect, error)[NODE_POINTS]
+    quadrants = 4 if isinstance(psf, PsfAiry) else 1  # a table of nodes is one of four
+    n_cell = CELLS_PER_NODE[degree] ** 2 * per_px[0] * per_px[1]
+    n_pixel = quadrants * n_row * n_column / (per_px[0] * per_px[1])
+    if 4.0 * n_term_of(degree) * 2.0 * n_cell / min(quadrants, 2) * n_pixel > LARGEST_CELL_BYTES / LEAST_OVER_GUESS:
+        return False
+    nodes, cells = fitted_nodes(psf, pixel_aspect, error), _cells(psf, pixel_aspect, error, degree)
+    return nodes is not None and cells is not None and cell_bytes(nodes, degree, cells) <= LARGEST_CELL_BYTES
 
 
 @lru_cache(maxsize=64)
@@ -203,21 +202,6 @@ def _cells(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: int) ->
     """Return the cells per pixel that a degree takes, along rows and columns; None if there is no table of nodes."""
     nodes = fitted_nodes(psf, pixel_aspect, error)
     return None if nodes is None else cells_for(nodes, degree, error)
-
-
-def _cell_size(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: int) -> tuple[int, int] | None:
-    """Return cells per pixel [px-2] and bytes of the polynomials of a degree; None if they are too large."""
-    nodes, n_cell = fitted_nodes(psf, pixel_aspect, error), _cells(psf, pixel_aspect, error, degree)
-    if nodes is None or n_cell is None or cell_bytes(nodes, degree, n_cell) > LARGEST_CELL_BYTES:
-        return None
-    return n_cell[0] * n_cell[1], cell_bytes(nodes, degree, n_cell)
-
-
-def _cell_cost_ns(degree: int, n_cell: int, n_byte: int) -> float:
-    """Time of TABLE_SIMD_WIDTH pixels, from measurements on a CPU; polynomials beyond the caches cost more."""
-    n_term: int = n_term_of(degree)
-    hot = min(n_byte, 4 * n_term * n_cell * HOT_CELL_PX2)
-    return (10.0 + 0.25 * n_term) * (1.0 + hot / 3e6 + n_byte / 6e7)
 
 
 def cheapest_points(psfs: Sequence[TabulatedPsf], pixel_aspect: float = 1.0, error: float = DEFAULT_ERROR) -> int:
@@ -255,15 +239,20 @@ HOT_PX = 4.0
 
 
 @lru_cache(maxsize=64)
+def _node_shapes(
+    psf: TabulatedPsf, pixel_aspect: float, error: float
+) -> dict[int, tuple[tuple[int, int], tuple[int, int]]]:
+    """Return shape and nodes per pixel of the tables of each order, by estimate."""
+    if isinstance(psf, PsfAiry):
+        return airy_table_shapes(_airy_pattern(psf), pixel_aspect, error)
+    return {n: image_table_shape(_spline(psf, pixel_aspect), error, n) for n in POINTS}
+
+
 def _shapes(psf: TabulatedPsf, pixel_aspect: float, error: float) -> dict[int, tuple[int, int, int]]:
     """Return rows, columns and hot nodes of the tables of each order, by estimate."""
-    if isinstance(psf, PsfAiry):
-        shapes = airy_table_shapes(_airy_pattern(psf), pixel_aspect, error)
-    else:
-        shapes = {n: image_table_shape(_spline(psf, pixel_aspect), error, n) for n in POINTS}
     return {
         n: (*shape, min(shape[0] * shape[1], per_px[0] * per_px[1] * _hot_px2(psf)))
-        for n, (shape, per_px) in shapes.items()
+        for n, (shape, per_px) in _node_shapes(psf, pixel_aspect, error).items()
     }
 
 

@@ -49,10 +49,9 @@ class FrameSet:
     _star_lists: list[tuple[npt.NDArray[Any], ...]] | None
 
     def one_frame(self, index: int) -> FrameSet:
-        """The frame at an index along the first axis, as a set of its own that shares the memory."""
-        n_sensor = len(self.sensors)
+        """The frame at an index along the first axis, as a set of its own that shares the memory; -1 for the last."""
+        n_sensor, index = len(self.sensors), range(len(self.counts))[index]
         first, end = index * n_sensor, (index + 1) * n_sensor
-
         return FrameSet(
             self.scenario,
             self.instrument,

@@ -6,11 +6,15 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from warpsim.arguments import chosen_names
 from warpsim.errors import InputError
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
+
+MOST_SURE_FRAMES = 2**20
+"""Frames of a call that is looked at whole, whatever it asks for."""
 
 MOST_FRAMES = 2**32
 """Frame numbers are 32 bits of random keys."""
@@ -56,30 +60,41 @@ def checked_frames(frames: Iterable[int], instrument: Instrument, duration_s: fl
     Raises:
         InputError: One is no frame of the kind of sensor.
     """
-    if frames is None or isinstance(frames, int | np.integer):
+    if frames is None or isinstance(frames, int | np.integer | str | bytes | bytearray):
         raise InputError("must be a list or range of frame numbers", "frames", frames)
     numbers = frames if isinstance(frames, range) else _whole_numbers(frames)
     is_range = isinstance(numbers, range)
-    values = np.asarray([numbers[0], numbers[-1]] if is_range and numbers else numbers)
-    if values.size and not 0 <= values.min() <= values.max() < MOST_FRAMES:
-        wrong = next(number for number in values.tolist() if not 0 <= number < MOST_FRAMES)
+    ends = [numbers[0], numbers[-1]] if is_range and numbers else list(numbers)
+    if ends and not 0 <= min(ends) <= max(ends) < MOST_FRAMES:
+        wrong = next(number for number in ends if not 0 <= number < MOST_FRAMES)
         raise InputError("must be whole numbers from 0 to 2**32 - 1", "frames", wrong)
-    times = instrument.frame_time_s(numbers if is_range else values)
+    if len(numbers) > MOST_SURE_FRAMES:  # else to look at all of them may take all memory
+        _checked_times(ends, instrument, duration_s)
+    instrument.check_frames(_checked_times(numbers, instrument, duration_s))
+    return numbers
+
+
+def _checked_times(numbers: Sequence[int], instrument: Instrument, duration_s: float) -> npt.NDArray[np.float64]:
+    """Return the times of frames after the epoch [s], shape (n,), none of them after the scene's end."""
+    times = instrument.frame_time_s(numbers)
     late = np.flatnonzero(times > duration_s)
     if late.size:
+        first = late[0]
         raise InputError(
-            f"frame {numbers[late[0]]} is at {times[late[0]]:g} s, after the scene's end (duration_s = {duration_s:g})",
+            f"frame {numbers[first]} is at {times[first]:g} s, after the scene's end (duration_s = {duration_s:g})",
             "frames",
         )
-    instrument.check_frames(times)
-    return numbers
+    return times
 
 
 def _whole_numbers(numbers: Iterable[Any]) -> Sequence[int]:
     """Numbers as a range, or a list of int; quick looks first, as this is done in every call."""
     if isinstance(numbers, np.ndarray) and numbers.ndim == 1 and numbers.dtype.kind in "iu":
         return _as_range(numbers.tolist())
-    listed = list(numbers)
+    try:
+        listed = list(numbers)
+    except TypeError:  # as of an array without axes
+        raise InputError("must be a list or range of frame numbers", "frames", numbers) from None
     if not set(map(type, listed)) <= {int}:
         for number in listed:
             if isinstance(number, bool) or not isinstance(number, int | np.integer):

@@ -30,7 +30,8 @@ LEAST_DEPOSIT_THREADS_CUDA = 2**15
 long. An H100 or H200 runs some 50,000 at a time."""
 
 MOST_CERTAIN_STARS = 8192
-"""Stars of a view for which lists are made that are certain to hold all: 0.2 MB a view in one band."""
+"""Stars of a view for which lists are made that are certain to hold all: in one band 0.7 MB a view for Gaussians and
+1.3 MB for patterns, most of it their spots."""
 
 MOST_FLOATS = 2**31 - 129
 """Largest signal of a pass: longer arrays are beyond Warp."""

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 TILE_THREADS_CUDA = N_PAIR
 
 RUN_THREADS = 256
-"""Threads that draw and read out a run of pixels: three blocks of them fit a multiprocessor of sm_90."""
+"""Threads that draw and read out a run of pixels: two blocks of them fit the registers of a multiprocessor of sm_90."""
 
 
 def aim(scene: DeviceBodies, inputs: Inputs, views: wp.array, exposure: ExposureViews | None = None) -> Stage:

@@ -24,7 +24,8 @@ def most_stars_in_cone(direction_icrs: npt.NDArray[np.floating], radius_rad: flo
     The sky is cut into declination zones and columns of right ascension. A cone about a point of a cell lies within the
     zones and columns about that cell that are counted together, and the bound is the largest of these counts. As they
     are far too wide near poles, each of the three axes serves as the pole in turn, for the cells about its equator:
-    every point is there for one of them. The bound is up to twice the largest number that there is.
+    every point is there for one of them. The bound is about twice the largest number that there is, and at most four
+    times.
 
     Args:
         direction_icrs: Directions of the stars, shape (n_star, 3); need not be of unit length.
