@@ -69,7 +69,7 @@ def test_drivers_without_it_are_found_out(monkeypatch, library):
 @pytest.mark.gpu
 @pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
 def test_a_blocking_stream_comes_after_a_non_blocking_one():
-    """Numbers are added on a PyTorch side stream, late; a Warp stream that nobody told reads them afterwards."""
+    """Numbers are added on a PyTorch side stream, late; a Warp stream that does not wait for it reads them."""
     torch = pytest.importorskip("torch")
     where = wp.get_device("cuda:0")
     assert device_order._record_of_context() is not None, "the driver is older than CUDA 12.5"

@@ -227,9 +227,9 @@ def test_what_is_tracked_stands_at_its_offset(scene, device, track, offset, roll
 def test_pixel_corner_and_pixel_centre(scene):
     """On an even array the tracked target is on a corner of four pixels, all alike; half a pixel off, in one."""
     sharp = scene.replace(sky__catalog="none", targets=[scene.to_dict()["groups"][0]["targets"][0]], bands=["A"])
-    frames = ws.Renderer(sharp, device="cpu").render([FRAME], ["sat11"], keep_signal=True)
-    corner, flux_w_cm2 = frames.signal_w_cm2.numpy(), frames.truth["irradiance_w_cm2"][0]
-    assert np.ptp(corner[0, 0, 0, 63:65, 63:65]) < sharp.optics.psf_error * flux_w_cm2
+    corner = ws.Renderer(sharp, device="cpu").render([FRAME], ["sat11"], keep_signal=True).signal_w_cm2.numpy()
+    four = corner[0, 0, 0, 63:65, 63:65]
+    assert four.min() / four.max() > 1 - 1e-6
     centred = sharp.replace(pointing__offset_px=[0.5, 0.5])
     image = ws.Renderer(centred, device="cpu").render([FRAME], ["sat11"], keep_signal=True).signal_w_cm2.numpy()
     assert np.unravel_index(image[0, 0, 0].argmax(), (128, 128)) == (64, 64)

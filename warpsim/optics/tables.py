@@ -188,10 +188,11 @@ def _lowest_degree(psfs: Sequence[TabulatedPsf], pixel_aspect: float, error: flo
 def _have_cells(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: int) -> bool:
     """Return whether the polynomials of a degree are not too large; a guess first, as fits take time."""
     (n_row, n_column), per_px = _node_shapes(psf, pixel_aspect, error)[NODE_POINTS]
-    quadrants = 4 if isinstance(psf, PsfAiry) else 1  # a table of nodes is one of four
-    n_cell = CELLS_PER_NODE[degree] ** 2 * per_px[0] * per_px[1]
-    n_pixel = quadrants * n_row * n_column / (per_px[0] * per_px[1])
-    if 4.0 * n_term_of(degree) * 2.0 * n_cell / min(quadrants, 2) * n_pixel > LARGEST_CELL_BYTES / LEAST_OVER_GUESS:
+    is_airy, nodes_per_px2 = isinstance(psf, PsfAiry), per_px[0] * per_px[1]
+    n_pixel = (4 if is_airy else 1) * n_row * n_column / nodes_per_px2  # an Airy pattern's nodes are a quadrant
+    n_cell = CELLS_PER_NODE[degree] ** 2 * nodes_per_px2 / (2 if is_airy else 1)  # and its cells a half
+    guess_bytes = 2 * 4 * n_term_of(degree) * n_cell * n_pixel  # blocks of pixels overlap by half
+    if LEAST_OVER_GUESS * guess_bytes > LARGEST_CELL_BYTES:
         return False
     nodes, cells = fitted_nodes(psf, pixel_aspect, error), _cells(psf, pixel_aspect, error, degree)
     return nodes is not None and cells is not None and cell_bytes(nodes, degree, cells) <= LARGEST_CELL_BYTES

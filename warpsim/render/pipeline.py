@@ -67,8 +67,9 @@ class Pipeline:
         self._view_stages = self._bound_to_views()
         self._at_once: Stage | None = None
         self._images: ImageStages | None = None  # where signal is held
-        self._spots = new_spots(scene, n_view if is_read_out_at_once(scene) else 0, n_slot)
-        if self._spots.size:
+        self._spots: wp.array | None = None  # only where they are read: to make their functions takes time
+        if is_read_out_at_once(scene):
+            self._spots = new_spots(scene, n_view, n_slot)
             self._view_stages.append(find_spots(scene, self.sources, self._spots))
             self._at_once = deposit_read_out(scene, self._inputs, self.sources, self._spots, self._stand_in)
 
@@ -87,8 +88,10 @@ class Pipeline:
     @property
     def n_byte(self) -> int:
         """Memory of the arrays that grow with the views."""
-        arrays = [*vars(self._inputs).values(), *self.columns.arrays, self._series, self._spots, self._stand_in]
+        arrays = [*vars(self._inputs).values(), *self.columns.arrays, self._series, self._stand_in]
         arrays += [getattr(self.sources, name) for name in SOURCE_ARRAYS]
+        if self._spots is not None:
+            arrays.append(self._spots)
         if self._images is not None:
             arrays += self._images.signal.arrays
         if self._exposure is not None:
