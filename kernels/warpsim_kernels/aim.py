@@ -59,6 +59,15 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
     """Kernel of the stage; what is off is not in its code."""
     law_axes = law_axes_of(features.track, features.fixed, features.scan)
 
+    @wp.func
+    def step_of(pointing: Pointing, sensor: int, time_s: wp.float64, middle_s: wp.float64):
+        """Index of the step of a sensor: that of the middle of its exposure, unless it turns from step to step."""
+        step_s = middle_s
+        if wp.static(features.slews):
+            if pointing.slews[sensor] != 0:
+                step_s = time_s
+        return row_before(pointing.step_start_s, pointing.step_first[sensor], pointing.step_count[sensor], step_s)
+
     @wp.kernel(module="unique", enable_backward=False)
     def aim_kernel(
         # in
@@ -82,27 +91,13 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
         observer = observer_of(time_s, tracks.grid, position_m, earth_m_s, velocity_m_s)
 
         since_middle_s = time_s - view_middle_s[view]
-
-        number = int(0)
         step = int(0)
+        number = pointing.law[sensor]
         if wp.static(features.steps):
-            step_s = view_middle_s[view]
-            if wp.static(features.slews):
-                if pointing.slews[sensor] != 0:
-                    step_s = time_s
-            step = row_before(pointing.step_start_s, pointing.step_first[sensor], pointing.step_count[sensor], step_s)
+            step = step_of(pointing, sensor, time_s, view_middle_s[view])
             number = pointing.step_law[step]
-        else:
-            number = pointing.law[sensor]
         commanded = law_axes(
-            pointing.laws[number],
-            pointing.rows,
-            sensor,
-            time_s,
-            frame,
-            tracks,
-            observer,
-            since_middle_s,
+            pointing.laws[number], pointing.rows, sensor, time_s, frame, tracks, observer, since_middle_s
         )
         axes = commanded.axes
         flags = commanded.flags

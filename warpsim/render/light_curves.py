@@ -142,9 +142,6 @@ def light_curves(
     target_list = chosen_names("targets", targets, scenario.target_names)
     bodies = make_device_bodies(scenario, instrument, band_list, default_device(device))
     n_worker = worker_count(bodies.device, n_thread)
-    n_number = len(times) * len(sensor_list) * bodies.n_target * (len(band_list) * N_TERM + 8)
-    if n_number > MOST_NUMBERS:
-        raise InputError(f"these curves would be {n_number:.2g} numbers, more than {MOST_NUMBERS:.2g}", "time_s")
     observations, terms = _observed(bodies, times, [instrument.index(name) for name in sensor_list], n_worker)
     chosen = [scenario.target_names.index(name) for name in target_list]
 
@@ -180,6 +177,9 @@ def light_curves(
 def _observed(bodies: DeviceBodies, times: F64, rows: list[int], n_worker: int) -> tuple[npt.NDArray[Any], F64]:
     """Observations, (n_time, n_sensor, n_target), and light by term, (N_TERM, n_time, n_sensor, n_band, n_target)."""
     shape, n_view = (len(times), len(rows)), len(times) * len(rows)
+    n_number = n_view * bodies.n_target * (bodies.n_band * N_TERM + 8)
+    if n_number > MOST_NUMBERS:
+        raise InputError(f"these curves would be {n_number:.2g} numbers, more than {MOST_NUMBERS:.2g}", "time_s")
     inputs = new_inputs(
         bodies.device,
         np.repeat(times, len(rows)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -82,6 +83,23 @@ class Pool:
         if self.device.is_cpu and not self._pinned:
             return wp.array(_aligned(shape), dtype=wp.uint8, device=self.device, copy=False)
         return wp.empty(shape, dtype=wp.uint8, device=self.device, pinned=self._pinned)
+
+
+def pool_of(devices: Sequence[wp.Device], to_host: bool, most_bytes: int | None) -> Pool:
+    """Return the pool of what devices render.
+
+    Args:
+        devices: They share the work.
+        to_host: Whether results are in host memory, pinned where the devices are GPUs.
+        most_bytes: Memory kept for later arrays; chosen by the device when left out.
+    """
+    where = wp.get_device("cpu") if to_host else devices[0]
+    if most_bytes is None:
+        most_bytes = POOL_BYTES_CUDA if where.is_cuda else POOL_BYTES
+    for device in devices:
+        if device.is_cuda:
+            wp.set_mempool_release_threshold(device, most_bytes)  # else it is given back at each wait
+    return Pool(where, to_host and devices[0].is_cuda, most_bytes)
 
 
 def _aligned(shape: tuple[int, ...]) -> npt.NDArray[np.uint8]:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-import warp as wp
 from warpsim_kernels.stamp_sizes import size_table_stamps_kernel
 
 from warpsim.arguments import whole_number
@@ -22,8 +21,8 @@ from warpsim.render.frameset import FrameSet
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.kernel_loading import kernel_loading
 from warpsim.render.pipelines import Pipelines
-from warpsim.render.pool import POOL_BYTES, POOL_BYTES_CUDA, Pool
-from warpsim.render.request import checked_frames, checked_names
+from warpsim.render.pool import pool_of
+from warpsim.render.request import Request, checked_rate, checked_request
 from warpsim.render.skies import Skies
 from warpsim.render.streaks import Streaks
 from warpsim.render.stream import GROUP_BYTES, GROUP_BYTES_CUDA, Stream, StreamStats, stream_sizes
@@ -32,9 +31,6 @@ from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 from warpsim.sky.catalog import StarCatalog
-
-LEAST_RATE_HZ = 1e-6
-"""A frame in twelve days."""
 
 
 class Renderer:
@@ -69,9 +65,8 @@ class Renderer:
         _skies: Skies | None = None,
     ) -> None:
         if catalog is not None and not isinstance(catalog, StarCatalog):
-            raise InputError(
-                f"must be a StarCatalog, got {type(catalog).__name__}; files are for sky.catalog", "catalog"
-            )
+            kind = type(catalog).__name__
+            raise InputError(f"must be a StarCatalog, got {kind}; files are for sky.catalog", "catalog")
         self.chunk_bytes = None if chunk_bytes is None else whole_number("chunk_bytes", chunk_bytes, 1)
         self.scenario = scenario_of(scene)
         self.devices = chosen_devices(device)
@@ -82,16 +77,10 @@ class Renderer:
             kernel_loading(each).start(size_table_stamps_kernel)
         self._given: dict[str, Any] = {"device": device, "n_thread": n_thread, "catalog": catalog}
         self._given |= {"chunk_bytes": chunk_bytes, "pool_bytes": pool_bytes}
-        sky, epoch = self.scene.sky, self.scenario.epoch
-        self._skies = Skies(sky, epoch, self.devices, catalog) if _skies is None else _skies
+        self._skies = _skies or Skies(self.scene.sky, self.scenario.epoch, self.devices, catalog)
         self._skies.indices(self._first_bands)  # a catalog that cannot be read is found here
-        where = wp.get_device("cpu") if self._to_host else self.device
-        chosen = POOL_BYTES_CUDA if where.is_cuda else POOL_BYTES
-        most_bytes = chosen if pool_bytes is None else whole_number("pool_bytes", pool_bytes, 0)
-        for each in self.devices:
-            if each.is_cuda:
-                wp.set_mempool_release_threshold(each, most_bytes)  # else it is given back at each wait
-        self._pool = Pool(where, pinned=self._to_host and self.device.is_cuda, most_bytes=most_bytes)
+        most_bytes = None if pool_bytes is None else whole_number("pool_bytes", pool_bytes, 0)
+        self._pool = pool_of(self.devices, self._to_host, most_bytes)
         self._pipelines: dict[tuple[str, tuple[str, ...]], Pipelines] = {}
         self._lock = threading.Lock()  # buffers serve one call at a time
         self._stream: Stream | None = None
@@ -175,9 +164,9 @@ class Renderer:
         Raises:
             InputError: An unknown name, sensors of several kinds, a frame outside the scene, or no sensor with access.
         """
-        instrument, sensor_list, band_list = checked_names(self.scenario, sensors, bands)
-        frame_list = checked_frames(frames, instrument, self.scene.duration_s)
-        return self._render(instrument, frame_list, sensor_list, band_list, keep_signal, keep_stars)
+        if frames is None:
+            raise InputError("must be a list or range of frame numbers", "frames", frames)
+        return self._render(checked_request(self.scenario, frames, sensors, bands, (keep_signal, keep_stars)))
 
     def stream(
         self,
@@ -211,32 +200,19 @@ class Renderer:
         Raises:
             InputError: As in `render`; a rate or a number of frames that is not above 0.
         """
-        instrument, sensor_list, band_list = checked_names(self.scenario, sensors, bands)
-        numbers = range(instrument.frames.count) if frames is None else frames
-        frame_list = checked_frames(numbers, instrument, self.scene.duration_s)
-        kinds = int | float | np.integer | np.floating
-        is_number = isinstance(rate_hz, kinds) and not isinstance(rate_hz, bool)
-        if rate_hz is not None and not (is_number and LEAST_RATE_HZ <= rate_hz < np.inf):
-            raise InputError(f"must be a number of at least {LEAST_RATE_HZ:g}", "rate_hz", rate_hz)
+        request = checked_request(self.scenario, frames, sensors, bands, (keep_signal, keep_stars))
+        rate_hz = checked_rate(rate_hz)
         ahead = None if n_ahead is None else whole_number("n_ahead", n_ahead, 1)
-        camera = instrument.sensor.camera
-        n_view, n_pipeline = len(sensor_list), max(self.n_thread, len(self.devices))
+        n_pipeline = max(self.n_thread, len(self.devices))
         group_bytes = GROUP_BYTES_CUDA if self.device.is_cuda else GROUP_BYTES
-        frame_bytes = 2 * n_view * len(band_list) * camera.n_row * camera.n_col
-        sizes = stream_sizes(rate_hz, n_view, frame_bytes, n_pipeline, ahead, group_bytes)
+        sizes = stream_sizes(rate_hz, len(request.sensors), request.bytes_per_frame, n_pipeline, ahead, group_bytes)
 
         def rendered(some: Sequence[int]) -> FrameSet:
-            frames = self._render(instrument, some, sensor_list, band_list, keep_signal, keep_stars)
+            frames = self._render(replace(request, frames=some))
             frames.counts.wait()  # what is handed over is complete, and latencies are those of complete frames
             return frames
 
-        self._stream = Stream(
-            rendered,
-            frame_list,
-            rate_hz,
-            drop,
-            *sizes,
-        )
+        self._stream = Stream(rendered, request.frames, rate_hz, drop, *sizes)
         return self._stream.frames()
 
     @property
@@ -244,32 +220,17 @@ class Renderer:
         """Statistics of the latest stream, so far; None before the first."""
         return None if self._stream is None else self._stream.stats
 
-    def _render(
-        self,
-        instrument: Instrument,
-        frames: Sequence[int],
-        sensors: list[str],
-        bands: list[str],
-        keep_signal: bool,
-        keep_stars: bool,
-    ) -> FrameSet:
+    def _render(self, request: Request) -> FrameSet:
+        frames, sensors, bands = request.frames, request.sensors, request.bands
         with self._lock:
-            pipelines = self._pipelines_of(instrument, tuple(bands))
-            batch = new_batch(pipelines.scene, frames, sensors, self._pool, keep_signal, keep_stars)
+            pipelines = self._pipelines_of(request.instrument, tuple(bands))
+            batch = new_batch(pipelines.scene, frames, sensors, self._pool, request.keep_signal, request.keep_stars)
             ready = pipelines.render(batch, self._threads)
-        n_frame, n_sensor = len(frames), len(sensors)
-        return FrameSet(
-            self.scenario,
-            instrument,
-            frames,
-            sensors,
-            bands,
-            ImageStack(batch.counts, n_frame, n_sensor, ready),
-            None if batch.signal_w_cm2 is None else ImageStack(batch.signal_w_cm2, n_frame, n_sensor, ready),
-            pipelines.scene,
-            batch.columns,
-            batch.stars,
-        )
+        shape = len(frames), len(sensors)
+        counts = ImageStack(batch.counts, *shape, ready)
+        signal = None if batch.signal_w_cm2 is None else ImageStack(batch.signal_w_cm2, *shape, ready)
+        drawn = counts, signal, pipelines.scene, batch.columns, batch.stars
+        return FrameSet(self.scenario, request.instrument, frames, sensors, bands, *drawn)
 
     def streaks(self, instrument: Instrument, bands: Sequence[str]) -> Streaks:
         """Return how sources are followed through the exposure of a kind of sensor."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,70 @@ MOST_SURE_FRAMES = 2**20
 
 MOST_FRAMES = 2**32
 """Frame numbers are 32 bits of random keys."""
+
+LEAST_RATE_HZ = 1e-6
+"""A frame in twelve days."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """Arguments of a render call, checked."""
+
+    instrument: Instrument
+    """Kind of the sensors."""
+    frames: Sequence[int]
+    """Frame numbers, a range or a list."""
+    sensors: list[str]
+    """Names."""
+    bands: list[str]
+    """Names."""
+    keep_signal: bool
+    """Whether the noiseless irradiance per pixel is kept."""
+    keep_stars: bool
+    """Whether the stars in each view are listed."""
+
+    @property
+    def bytes_per_frame(self) -> int:
+        """Bytes of the counts of a frame of all sensors."""
+        camera = self.instrument.sensor.camera
+        return 2 * len(self.sensors) * len(self.bands) * camera.n_row * camera.n_col
+
+
+def checked_request(
+    scenario: Scenario,
+    frames: Iterable[int] | None,
+    sensors: str | Sequence[str] | None,
+    bands: str | Sequence[str] | None,
+    keep: tuple[bool, bool],
+) -> Request:
+    """Return the arguments of a render call.
+
+    Args:
+        scenario: What the scene gives.
+        frames: Frame numbers; all of the scene when left out.
+        sensors: As in checked_names.
+        bands: As in checked_names.
+        keep: Whether to keep the signal, and the stars.
+
+    Raises:
+        InputError: As in checked_names; a frame outside the scene.
+    """
+    instrument, sensor_list, band_list = checked_names(scenario, sensors, bands)
+    numbers = range(instrument.frames.count) if frames is None else frames
+    frame_list = checked_frames(numbers, instrument, scenario.scene.duration_s)
+    return Request(instrument, frame_list, sensor_list, band_list, *keep)
+
+
+def checked_rate(rate_hz: float | None) -> float | None:
+    """Return the frames per second of a stream; None for as many as can be.
+
+    Raises:
+        InputError: It is not a number of at least LEAST_RATE_HZ.
+    """
+    is_number = isinstance(rate_hz, int | float | np.integer | np.floating) and not isinstance(rate_hz, bool)
+    if rate_hz is not None and not (is_number and LEAST_RATE_HZ <= rate_hz < np.inf):
+        raise InputError(f"must be a number of at least {LEAST_RATE_HZ:g}", "rate_hz", rate_hz)
+    return rate_hz
 
 
 def checked_names(
