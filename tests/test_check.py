@@ -191,3 +191,12 @@ def test_reasons_without_access_are_of_what_a_sensor_tracks(scene):
     n_frame = looking.frames.count
     n_there = sum(looking.frames.start_s + k * looking.frames.interval_s <= 807.0 for k in range(n_frame))
     assert f"too far {n_there / n_frame:.0%}" in reasons and f"absent {1 - n_there / n_frame:.0%}" in reasons
+
+
+def test_a_converter_that_ends_below_sei_is_noted(scene):
+    """16,383 counts less the offset of 100 at 5 counts per NEI are 3,256.6 NEI, 54 % of 6,000."""
+    noted = "the converter ends below SEI, at 54 % of it in band A: pixels saturate there"
+    detector = {"nei_w_cm2": {"A": 5e-19, "C": 1e-18, "E": 1e-18}, "sei_w_cm2": 3e-15}
+    report = scene_report(scene.replace(detector=detector).scenario)
+    assert line(report, "note") == noted
+    assert "converter" not in scene_report(scene.scenario)

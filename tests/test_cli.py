@@ -204,7 +204,7 @@ def test_output_that_cannot_be_written(capsys, tmp_path):
         (["--frames", "5:x"], "--frames: must be A:B"),
         (["--frames", "1:2:3:4"], "--frames: must be A:B"),
         (["--frames", "9999"], "frames: frame 9999 is at 99990 s"),
-        (["--frames", "170:9999"], "frames: must name at least one"),
+        (["--frames", "170:9999"], "frames: must name at least one; the scene has 0 to 161"),
         (["--frames", "5:5"], "frames: must name at least one"),
         (["--frames", "0:3"], "no sensor has access"),
         (["--sensors", "sat99"], "sensors: must be sensors of the scene"),

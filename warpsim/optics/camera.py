@@ -67,6 +67,12 @@ class Camera:
         lens_given = self.focal_length_m is not None or self.pixel_pitch_m is not None
         if (self.fov_deg is None) == (not lens_given) or (lens_given and not by_lens):
             raise InputError("give either fov_deg, or focal_length_m and pixel_pitch_m")
+        if by_lens:
+            width_deg = 2.0 * math.degrees(math.atan(0.5 * self.n_col / self.focal_px))
+            if not 1e-6 <= width_deg < 120.0:
+                hint = "; are these um?" if width_deg >= 120.0 else ""
+                rule = f"gives a field of view of {width_deg:.3g} deg, which must be in [1e-6, 120){hint}"
+                raise InputError(rule, "pixel_pitch_m", self.pixel_pitch_m, "g")
         if self.n_row * self.n_col >= 2**29:
             raise InputError("must be below 2**29", value=self.n_row * self.n_col).of("n_row * n_col")
         if self.lens is not None:

@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.detector.electron import ElectronDetector
-from warpsim.detector.levels import ElectronLevels
+from warpsim.detector.levels import ElectronLevels, Levels
+from warpsim.detector.nei import NeiDetector
 from warpsim.detector.terms import detector_terms
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf import PsfAiry, PsfGaussian
@@ -147,6 +148,8 @@ def _level_warnings(instrument: Instrument) -> list[str]:
     full = [band for band, levels in all_levels.items() if levels.sei_w_cm2 < 5 * levels.nei_w_cm2]
     if full:
         lines.append(f"  warning    blank sky is within 5 sigma of saturation in band {' '.join(full)}")
+    if isinstance(instrument.sensor.detector, NeiDetector):
+        lines += _converter_notes(instrument.sensor.detector, all_levels)
     clipped = [band for band, item in all_levels.items() if item.blank_counts < 5 * item.counts_per_nei]
     coarse = [band for band, item in all_levels.items() if item.counts_per_nei < 0.5]
     for bands, words in (
@@ -156,6 +159,16 @@ def _level_warnings(instrument: Instrument) -> list[str]:
         where = "" if len(bands) == len(all_levels) else f" in band {' '.join(bands)}"
         lines += [f"  warning    {words}{where}"] if bands else []
     return lines
+
+
+def _converter_notes(detector: NeiDetector, all_levels: Mapping[str, Levels]) -> list[str]:
+    """Note about bands in which the converter's last count comes before SEI."""
+    ends = {
+        band: (2.0**detector.bits - 1.0 - item.blank_counts) / item.counts_per_nei * item.nei_w_cm2 / item.sei_w_cm2
+        for band, item in all_levels.items()
+    }
+    short = ", ".join(f"{100 * end:.2g} % of it in band {band}" for band, end in ends.items() if end < 0.99)
+    return [f"  note       the converter ends below SEI, at {short}: pixels saturate there"] if short else []
 
 
 def _light_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> list[str]:

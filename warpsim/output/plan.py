@@ -178,7 +178,7 @@ def _frame_numbers(renderer: Renderer, instrument: Instrument, frames: Sequence[
     requested = every if frames is None else every[frames] if isinstance(frames, slice) else frames
     numbers = checked_frames(requested, instrument, renderer.scene.duration_s)
     if not numbers:
-        raise InputError("must name at least one", "frames")
+        raise InputError(f"must name at least one; the scene has 0 to {instrument.frames.count - 1}", "frames")
     # Frames of a cube and files of a run are written once each, however often they are named.
     return list(dict.fromkeys(numbers))
 
