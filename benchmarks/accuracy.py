@@ -135,7 +135,7 @@ Counts are those of the embedded stars over the whole sky: 1 % fewer to 2.5 % mo
 than Tycho-2 and UCAC4, as much as 0.05 mag between the scales of V makes.
 """,
 }
-"""What is said below the lines of a section."""
+"""Text below the lines of a section."""
 
 NEEDS_A_GPU = ("Signal on CUDA and on the CPU",)
 

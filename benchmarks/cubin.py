@@ -30,7 +30,7 @@ class Instruction:
     """One machine instruction."""
 
     predicate: str | None
-    """What it hangs on, "P0" or "!P0"."""
+    """Predicate, "P0" or "!P0"."""
     opcode: str
     """Without its modifiers."""
     operands: str
@@ -47,7 +47,7 @@ class Function:
 
     n_register: int
     most_registers: int
-    """What the compiler might have used."""
+    """Limits of the compiler."""
     stack_bytes: int
     instructions: list[Instruction]
     """In order, padding behind the last one included."""
@@ -104,6 +104,6 @@ def parse(text: str) -> tuple[list[Instruction], dict[str, int]]:
 
 
 def _output(name: str, option: str, cubin: Path) -> str:
-    """What a tool prints of a file."""
+    """Output of a tool for a file."""
     done = subprocess.run([tool(name), option, cubin], capture_output=True, text=True, check=True)
     return done.stdout

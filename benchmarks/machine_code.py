@@ -43,7 +43,7 @@ ARCH = 90
 
 @dataclass(frozen=True)
 class Unit:
-    """What a kernel does again and again."""
+    """Loop of a kernel, and what one pass is for."""
 
     name: str
     depth: int = 0

@@ -85,7 +85,7 @@ def plot_deposit(cases: list[Case], path: Path) -> None:
 
 
 def _line(case: Case) -> str:
-    """What a case's line is called: the way without its error."""
+    """Name of a case's line: the way without its error."""
     if "sums" in case["group"]:
         return f"{case['way']}, {case['group'].removeprefix('sums of ')}"
     kind = case["group"].partition(",")[0]
@@ -208,10 +208,10 @@ PICTURES: dict[str, Callable[[list[Case], Path], None]] = {
     "stage_us": plot_stages,
     "n_cone": plot_star_query,
 }
-"""What a case says only in one benchmark, and how it is drawn."""
+"""Columns of single benchmarks, and how they are drawn."""
 
 
 def picture_of(cases: list[Case]) -> Callable[[Path], None] | None:
-    """What draws the picture of a result to a file; None where there is none."""
+    """Return the function that draws a result to a file; None where there is none."""
     draw = next((draw for key, draw in PICTURES.items() if any(key in c for c in cases)), None)
     return None if draw is None else partial(draw, cases)

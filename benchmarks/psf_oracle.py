@@ -1,4 +1,4 @@
-"""What point spread functions should draw, by float64 quadrature that shares no code with the product."""
+"""Pixels of point spread functions by float64 quadrature that shares no code with the product."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ def report(path: Path) -> str:
 
 
 def made_by(data: dict[str, Any], cases: list[Case]) -> str:
-    """What figures hang on: the compiler of those that nothing was run for, the machine of others."""
+    """Origin of figures: the compiler of those that nothing was run for, the machine of others."""
     if "compiler" in data:
         return str(data["compiler"])
     machine = data["machine_info"]

@@ -1,4 +1,4 @@
-"""How long access takes: many satellites over a day, one target in low orbit; and what a fine scan says of it.
+"""Time of access: many satellites over a day, one target in low orbit; beside a fine scan.
 
     python -m pytest benchmarks/test_access.py --benchmark-json=benchmarks/results/access.json
     python benchmarks/report.py benchmarks/results/access.json

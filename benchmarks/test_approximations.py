@@ -1,4 +1,4 @@
-"""What each setting of accuracy saves, on whole images: speed against error, one thread.
+"""Savings of each setting of accuracy on whole images: speed against error, one thread.
 
     python -m pytest benchmarks/test_approximations.py --benchmark-json=benchmarks/results/approximations.json
     python benchmarks/report.py benchmarks/results/approximations.json --plot approximations.png

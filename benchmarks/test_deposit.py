@@ -1,4 +1,4 @@
-"""What drawing a point source costs, and how far off its pixels are: speed against error.
+"""Time and error of drawing a point source.
 
     python -m pytest benchmarks/test_deposit.py --benchmark-json=benchmarks/results/deposit.json
     python benchmarks/report.py benchmarks/results/deposit.json --plot deposit.png

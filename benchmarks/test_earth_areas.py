@@ -1,4 +1,4 @@
-"""What the light of the Earth on a target costs, for each method, and how far off it is.
+"""Time and error of the Earth's light on a target, by method.
 
     python -m pytest benchmarks/test_earth_areas.py --benchmark-json=benchmarks/results/earth_areas.json
     python benchmarks/report.py benchmarks/results/earth_areas.json

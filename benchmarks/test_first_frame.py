@@ -1,4 +1,4 @@
-"""How long the first frame of a process takes: with an empty cache of compiled kernels, and with a full one.
+"""Time of the first frame of a process: with an empty cache of compiled kernels, and with a full one.
 
     python -m pytest benchmarks/test_first_frame.py --benchmark-json=benchmarks/results/first_frame.json
 

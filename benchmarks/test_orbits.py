@@ -1,4 +1,4 @@
-"""How long orbits take and how far they are off: Chebyshev-Picard iteration, SGP4, and scipy's DOP853 beside them.
+"""Time and error of orbits: Chebyshev-Picard iteration, SGP4, and scipy's DOP853 beside them.
 
     python -m pytest benchmarks/test_orbits.py --benchmark-json=benchmarks/results/orbits.json
     python benchmarks/report.py benchmarks/results/orbits.json
@@ -88,7 +88,7 @@ def reference(gravity: str, duration_s: float) -> np.ndarray:
 
 
 def by_dop853(gravity: str, duration_s: float, tolerance: float) -> np.ndarray:
-    """Where the first satellite ends."""
+    """End position of the first satellite."""
 
     def force(_, y: np.ndarray) -> np.ndarray:
         r = np.sqrt(y[:3] @ y[:3])

@@ -1,4 +1,4 @@
-"""What each term of a detector costs, and how good its noise is.
+"""Time of each term of a detector, and quality of its noise.
 
     python -m pytest benchmarks/test_read_out.py --benchmark-json=benchmarks/results/read_out.json
     python benchmarks/report.py benchmarks/results/read_out.json

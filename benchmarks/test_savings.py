@@ -1,4 +1,4 @@
-"""What some of the renderer's tricks save: the same work with and without each, by turns, one thread.
+"""Savings of some of the renderer's tricks: the same work with and without each, by turns, one thread.
 
     python -m pytest benchmarks/test_savings.py --benchmark-json=benchmarks/results/savings.json
     python benchmarks/report.py benchmarks/results/savings.json

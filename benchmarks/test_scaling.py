@@ -1,4 +1,4 @@
-"""How cost grows: linear in pixels and in sources, not at all in the size of the catalog; memory by chunk.
+"""Growth of cost: linear in pixels and in sources, not at all in the size of the catalog; memory by chunk.
 
     python -m pytest benchmarks/test_scaling.py --benchmark-json=benchmarks/results/scaling.json
     python benchmarks/report.py benchmarks/results/scaling.json --plot scaling.png

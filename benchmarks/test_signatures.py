@@ -1,4 +1,4 @@
-"""How many targets a second are observed, with which terms of their light, and by how many threads.
+"""Targets observed a second, by terms of their light and by threads.
 
     python -m pytest benchmarks/test_signatures.py --benchmark-json=benchmarks/results/signatures.json
     python benchmarks/report.py benchmarks/results/signatures.json --plot signatures.png

@@ -1,4 +1,4 @@
-"""Where the time of an image goes: every stage apart, by image size, stars, and point spread function.
+"""Time of each stage of an image, by image size, stars, and point spread function.
 
     python -m pytest benchmarks/test_stages.py --benchmark-json=benchmarks/results/stages.json
     python benchmarks/report.py benchmarks/results/stages.json

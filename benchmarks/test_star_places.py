@@ -1,4 +1,4 @@
-"""What each step of a star's apparent place costs, and how far off places are without it.
+"""Time of each step of a star's apparent position, and the error without it.
 
     python -m pytest benchmarks/test_star_places.py --benchmark-json=benchmarks/results/star_places.json
     python benchmarks/report.py benchmarks/results/star_places.json

@@ -35,11 +35,11 @@ N_CONE_CHECKED = 20
 """Cones in which the reference itself is checked by brute force."""
 SEED = 8280
 SMALLER = 5_000
-"""What sizes are divided by when benchmarks are disabled: only to see that it runs."""
+"""Divisor of sizes when benchmarks are disabled: only to see that it runs."""
 
 DTYPES = ("float64", "float32")
 OTHER_METHODS = {"test_query": ["k-d tree", "brute force"], "test_build": ["k-d tree"]}
-"""What is compared with the index, by test; on the host only."""
+"""Catalogs that the index is compared with, by test; on the host only."""
 
 # A hundredth of the sky: 18 degrees wide, sin(dec) from -0.2 to 0.2. A tenth: ten times as wide.
 ZONES = {"1e5": (18.0, 0.2), "1e6": (180.0, 0.2), "1e7": (360.0, 1.0)}

@@ -5,6 +5,9 @@ Stand-ins for streams note in which order they are asked; arrays of the CPU stan
 
 import contextlib
 import gc
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import numpy as np
@@ -181,6 +184,42 @@ def on_gpu(monkeypatch, current):
         return Pipelines([scene], 1, to_host), batch, scene.log
 
     return make
+
+
+def test_a_pipeline_that_breaks_off_is_waited_for_before_its_memory_serves_others(on_gpu, monkeypatch):
+    group, batch, log = on_gpu(certain=50)
+
+    def broken(self, batch, first, end):
+        self.log.append("render")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(FakePipeline, "render", broken)
+    with pytest.raises(KeyboardInterrupt):
+        group.render(batch, None)
+    assert log == ["begin", "render", "finish"]
+
+
+def test_other_threads_are_waited_for_when_the_callers_own_breaks_off(on_gpu, monkeypatch):
+    """They write to the batch's memory until they are done."""
+    begun, log = threading.Event(), []
+    caller = threading.current_thread()
+
+    def one_slow_one_broken(self, batch, first, end):
+        if threading.current_thread() is caller:
+            assert begun.wait(10)
+            raise KeyboardInterrupt
+        begun.set()
+        time.sleep(0.2)
+        log.append("slow one done")
+        return 0
+
+    group, batch, _ = on_gpu(certain=None, to_host=True)
+    monkeypatch.setattr(pipelines, "views_of_a_pass", lambda scene, n_view, most, n: 1)
+    monkeypatch.setattr(FakePipeline, "render", one_slow_one_broken)
+    with ThreadPoolExecutor(2) as threads:
+        with pytest.raises(KeyboardInterrupt):
+            group.render(batch, threads)
+        assert log == ["slow one done"]
 
 
 def test_nothing_is_read_where_source_lists_are_certain_to_be_long_enough(on_gpu, current):

@@ -484,7 +484,7 @@ def _check_sizes(plan: BenchmarkPlan) -> None:
 
 
 def _counts(where: str, text: str | None) -> tuple[int, ...] | None:
-    """Whole numbers >= 1 of a comma-separated list."""
+    """Return whole numbers >= 1 of a comma-separated list."""
     if text is None:
         return None
     numbers = tuple(_whole_number(where, item) for item in text.split(","))

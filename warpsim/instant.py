@@ -64,7 +64,7 @@ def instant_after(start: Instant, time_s: float) -> Instant:
 
 
 Epoch: TypeAlias = "Time | Instant"
-"""What scene times count from: both have `utc`, `tai` and `tt` with `jd1` and `jd2`."""
+"""Origin of scene times: both have `utc`, `tai` and `tt` with `jd1` and `jd2`."""
 
 
 @contextmanager

@@ -24,7 +24,7 @@ def gauss_legendre(count: int) -> tuple[F64, F64]:
 
 @cache
 def series_matrix(count: int) -> F64:
-    """What makes the coefficients of P_0 ... P_(count-1) of values at the nodes, shape (count, count).
+    """Return the matrix from values at the nodes to coefficients of P_0 ... P_(count-1), shape (count, count).
 
     The series passes through the values, and its first coefficient is their mean by the rule.
     """

@@ -44,7 +44,7 @@ ODD: dict[str, Any] = {"bands": ["A", "C"], "camera__n_row": 40, "camera__n_col"
 
 @dataclass(frozen=True)
 class Case:
-    """What is rendered on both."""
+    """Case that is rendered on both."""
 
     scene: ws.Scene
     frames: Sequence[int]

@@ -15,7 +15,7 @@ Check = Callable[[], Row]
 
 @dataclass(frozen=True)
 class Plan:
-    """Where the steps run, and how much they do."""
+    """Device and amount of work of the steps."""
 
     device: str
     quick: bool = False

@@ -1,4 +1,4 @@
-"""What threads, streams and passes may not change: the bits of images and truth, whoever works beside them."""
+"""Checks that threads, streams and passes change no bit of images and truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a user could pick instead, given the same work: NumPy, a tuned Numba program, GalSim, sdasim.
+"""Programs that a user could pick instead, given the same work: NumPy, a tuned Numba program, GalSim, sdasim.
 
 They are told where each source of each frame is and how bright, before the clock starts; ours works it out from orbits,
 catalog and attitudes. All draw point sources, integrated over pixels but by sdasim, add fresh Gaussian noise, clip, and

@@ -57,7 +57,7 @@ class NumbaPeer:
 
 @njit
 def sort_by_band(row, n_pixel, n_band):
-    """Where each band of rows begins in the order of sources, and that order."""
+    """First source of each band of rows in the order of sources, and that order."""
     start = np.zeros(n_band + 1, np.int64)
     for source in range(row.size):
         start[min(max(row[source], 0), n_pixel - 1) // BAND_ROWS + 1] += 1

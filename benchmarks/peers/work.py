@@ -17,10 +17,10 @@ AIRY_RADIUS_PX = 1.5
 PSFS = ("gaussian", "airy")
 
 EXACT = {"optics__stamp_cut_nei": 1e-4, "optics__psf_error": 1e-6}
-"""What images are compared with: the product at an accuracy that tests hold against quadrature."""
+"""Reference for images: the product at an accuracy that tests hold against quadrature."""
 
 STAMPS = ("default", "as exact")
-"""Where the product's stamps end: by its default, or where its worst pixel is as good as the peer's."""
+"""Size of the product's stamps: its default, or that with which its worst pixel is as good as the peer's."""
 
 CUTS_NEI = tuple(float(f"{0.2 * 10 ** (-0.125 * step):.2g}") for step in range(24))
 """Values of optics.stamp_cut_nei that are tried for it, 0.2 to 2.7e-4."""

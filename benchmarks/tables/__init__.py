@@ -1,1 +1,1 @@
-"""What each benchmark's cases say, as Markdown tables."""
+"""Results of each benchmark as Markdown tables."""

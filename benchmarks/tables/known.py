@@ -1,4 +1,4 @@
-"""Which table belongs to which result."""
+"""Table of each result."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TABLES: dict[str, Callable[[list[Case]], list[str]]] = {
     "error_bound": earthlight_table,
     "n_cone": star_tables,
 }
-"""What a case says only in one benchmark, and how it is shown."""
+"""Columns of single benchmarks, and how they are shown."""
 
 WITH_DEVICE = ("stage_us", "psf_error", "n_cone")
 """Those whose tables have a column for the device."""

@@ -26,5 +26,5 @@ def shown(value: float | None, form: str) -> str:
 
 
 def cases_of(data: dict[str, Any]) -> list[Case]:
-    """What each benchmark of a result says of itself."""
+    """Facts that each benchmark of a result records."""
     return [case for benchmark in data["benchmarks"] if (case := benchmark["extra_info"])]

@@ -63,5 +63,5 @@ def _found(case: Case) -> str:
 
 
 def _key(case: Case) -> tuple[int, str, str]:
-    """What a query and the building of its index have in common."""
+    """Columns common to a query and the building of its index."""
     return case["n_star"], case["method"], case["device"]

@@ -75,7 +75,7 @@ def scaling_table(cases: list[Case]) -> list[str]:
 
 
 LINEAR = ("pixels of an image", "sources in view")
-"""What cost should grow with evenly."""
+"""Quantity that cost should grow with evenly."""
 
 MORE_OF_SCALING = {"gather_stars_us": "of that, gather_stars", "buffer_mb": "buffers [MB]"}
 

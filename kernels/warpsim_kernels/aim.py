@@ -23,7 +23,7 @@ from warpsim_kernels.records import View
 
 
 class AimFeatures(NamedTuple):
-    """What a kernel of the stage holds."""
+    """Ways of pointing that a kernel of the stage holds."""
 
     track: bool = False  # cameras that follow targets
     fixed: bool = False  # that look in one direction
@@ -36,7 +36,7 @@ class AimFeatures(NamedTuple):
 
 @wp.struct
 class Pointing:
-    """What the sensors of a scene are commanded to follow, and how they err; indices are those of sensors."""
+    """Pointing laws and errors of the sensors of a scene; indices are those of sensors."""
 
     laws: wp.array[PointingLaw]  # (n_law,)
     law: wp.array[wp.int32]  # (n_sensor,) without steps

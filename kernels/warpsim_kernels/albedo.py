@@ -178,7 +178,7 @@ def _side_arc(
 
 @wp.func
 def _side_albedo_m2_sr(rule: Rule, cap: Cap, body: Body, view: wp.vec3d) -> wp.float64:
-    """What the side of a turned body adds to `albedo_area_m2`; azimuth counts from the view's, towards the nadir's."""
+    """Part of the side of a turned body in `albedo_area_m2`; azimuth counts from the view's, towards the nadir's."""
     zero = wp.float64(0.0)
     across = wp.sqrt(view[0] * view[0] + view[1] * view[1])
     ahead = wp.vec3d(wp.float64(1.0), zero, zero)
@@ -208,7 +208,7 @@ def _side_albedo_m2_sr(rule: Rule, cap: Cap, body: Body, view: wp.vec3d) -> wp.f
 
 @wp.func
 def _sphere_share(cosine: wp.float64) -> wp.float64:
-    """What a unit sphere reflects from one direction into another: 2/3 (sin p + (pi - p) cos p) [m2]."""
+    """Reflected area of a unit sphere between two directions: 2/3 (sin p + (pi - p) cos p) [m2]."""
     c = wp.clamp(cosine, wp.float64(-1.0), wp.float64(1.0))
     sine = wp.sqrt((wp.float64(1.0) - c) * (wp.float64(1.0) + c))
     return (sine + (_PI - wp.atan2(sine, c)) * c) * (wp.float64(2.0) / wp.float64(3.0))

@@ -62,7 +62,7 @@ def step(degree: int, order: int) -> float:
 
 
 def norm(degree: int, order: int) -> float:
-    """What the integral of light times q_l sin^m cos(m azimuth) is multiplied with, A_l included."""
+    """Factor of the integral of light times q_l sin^m cos(m azimuth), A_l included."""
     highest = math.prod(range(1, 2 * degree, 2)) / math.factorial(degree - order)
     share = math.factorial(degree - order) / math.factorial(degree + order) * (1 if order == 0 else 2)
     return damping(degree) * (2 * degree + 1) / (4.0 * math.pi) * share * highest * highest

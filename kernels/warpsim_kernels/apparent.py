@@ -37,7 +37,7 @@ class Boost:
 
     beta: wp.vec3d  # in units of the speed of light
     inverse_gamma: wp.float64
-    share: wp.float64  # 1 / (1 + inverse_gamma)
+    along_factor: wp.float64  # 1 / (1 + inverse_gamma)
 
 
 @wp.func
@@ -47,7 +47,7 @@ def boost_by(velocity_m_s: wp.vec3d) -> Boost:
     one = wp.float64(1.0)
     boost.beta = velocity_m_s / SPEED_OF_LIGHT_M_S
     boost.inverse_gamma = wp.sqrt(one - wp.dot(boost.beta, boost.beta))
-    boost.share = one / (one + boost.inverse_gamma)
+    boost.along_factor = one / (one + boost.inverse_gamma)
     return boost
 
 
@@ -59,7 +59,7 @@ def boosted(vector: wp.vec3d, length: wp.float64, boost: Boost) -> wp.vec3d:
     times the vector's length: light's four-vector transforms linearly, so lengths need no root.
     """
     along = wp.dot(vector, boost.beta)
-    return vector * boost.inverse_gamma + boost.beta * (length + along * boost.share)
+    return vector * boost.inverse_gamma + boost.beta * (length + along * boost.along_factor)
 
 
 @wp.func
@@ -70,7 +70,7 @@ def boosted_length(vector: wp.vec3d, length: wp.float64, boost: Boost) -> wp.flo
 
 @wp.struct
 class Observer:
-    """Who looks, from where and when: what the ways of light from all bodies to one view share."""
+    """Position, velocity and time of the sensor of a view, common to the light of all bodies."""
 
     time_s: wp.float64
     position_m: wp.vec3d  # geocentric
@@ -115,7 +115,7 @@ class LightPath:
 
 @wp.struct
 class Presence:
-    """When bodies leave what carries them, and when they are there at all."""
+    """Times at which bodies leave what carries them, and in which they exist."""
 
     release_s: wp.array[wp.float64]  # (n_body,) far in the past where nothing carries the body
     carrier: wp.array[wp.int32]  # (n_body,) row in the tracks
@@ -124,7 +124,7 @@ class Presence:
 
 @wp.struct
 class Tracks:
-    """Where all bodies are, sensors first, then targets, at the nodes of a grid."""
+    """Positions of all bodies, sensors first, then targets, at the nodes of a grid."""
 
     position_m: wp.array2d[wp.vec3d]  # (n_body, n_node) geocentric
     velocity_m_s: wp.array2d[wp.vec3d]  # (n_body, n_node)
@@ -136,7 +136,7 @@ class Tracks:
 
 @wp.func
 def path_from_body(tracks: Tracks, body: int, observer: Observer) -> LightPath:
-    """Where an observer sees a body.
+    """Apparent position of a body for an observer.
 
     In the geocentric frame of the tracks the light time is exactly range / c. It is found in three steps, each of which
     leaves v / c of the error, 3e-5 or so: what is left is below rounding. The direction is then taken to the

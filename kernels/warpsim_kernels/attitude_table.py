@@ -1,4 +1,4 @@
-"""How a target is turned by a table of quaternions, in float64."""
+"""Attitude of a target by a table of quaternions, in float64."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""Which stars of the index a cone on the sky may hold.
+"""Stars of the index that a cone on the sky may hold.
 
 The index cuts the sky into 180 latitude bands of one degree. Bands below 60 degrees latitude hold 360 cells of one
 degree of right ascension each; every band above is one cell. Stars are sorted by band, and by right ascension within

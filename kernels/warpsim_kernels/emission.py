@@ -1,4 +1,4 @@
-"""How bright targets are in each band."""
+"""Irradiance of targets in each band."""
 
 import functools
 
@@ -38,7 +38,7 @@ def band_radiance_w_m2_sr(table: RadianceTable, row: int, temperature_k: wp.floa
 
 @wp.struct
 class Surfaces:
-    """What the targets' surfaces do with light, each (n_band, n_target)."""
+    """Emissivity and reflectance of the targets' surfaces, each (n_band, n_target)."""
 
     emissivity: wp.array2d[wp.float64]  # 1 for a surface given by wavelength, whose radiances include it
     radiance_row: wp.array2d[wp.int32]  # of the radiance table; (0, 0) where no surface is given by wavelength
@@ -127,7 +127,7 @@ def irradiance_of(features: Features) -> wp.Function:
 
 @functools.cache
 def make_profile_kernel(features: Features) -> wp.Kernel:
-    """Kernel that turns the series of areas into one of brightness, in shares of its mean."""
+    """Kernel that turns the series of areas into one of brightness, in parts of its mean."""
     emitted_w_m2_sr, intensity_w_sr = emitted_of(features.spectral), intensity_of(features)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -140,7 +140,7 @@ def make_profile_kernel(features: Features) -> wp.Kernel:
         # out
         brightness: wp.array4d[float],  # (n_view, n_band, n_target, n_exposure) Legendre coefficients, the first 1
     ):
-        """How each target's brightness changes during the exposure."""
+        """Write each target's brightness over the exposure."""
         view, band, target = wp.tid()
         emitted = emitted_w_m2_sr(surfaces, table, seen[view, target].temperature_k, band, target)
         mean_w_sr = wp.float64(0.0)

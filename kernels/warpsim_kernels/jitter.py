@@ -42,7 +42,7 @@ class Jitter:
 
 @wp.func
 def jitter_shock(jitter: Jitter, step: wp.int64) -> wp.mat22d:
-    """What is added to the state in one step; columns are the axes."""
+    """Noise of the state in one step; columns are the axes."""
     low = wp.uint32(step & wp.int64(0xFFFFFFFF))
     high = wp.uint32((step >> wp.int64(32)) & wp.int64(0xFFFFFFFF))
     words = philox4x32(wp.vec4ui(low, high, wp.uint32(0), STREAM_JITTER), jitter.seed_low, jitter.seed_high)

@@ -1,4 +1,4 @@
-"""Where things are and how they are turned at an instant, in float64.
+"""Positions and attitudes at an instant, in float64.
 
 Tracks are positions and velocities at uniform nodes; between nodes the cubic Hermite polynomial is used.
 """

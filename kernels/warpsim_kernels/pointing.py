@@ -15,7 +15,7 @@ UP_ORBIT_NORMAL = wp.constant(2)
 LAW_TRACK = wp.constant(0)
 LAW_FIXED = wp.constant(1)
 LAW_SCAN = wp.constant(2)
-"""What the boresight follows: targets, one direction, or the rows of a table."""
+"""Kinds of pointing laws: targets, one direction, or the rows of a table."""
 
 UP_REPLACED = wp.constant(1)
 BORESIGHT_REPLACED = wp.constant(2)
@@ -28,7 +28,7 @@ _NEAREST_M = wp.constant(wp.float64(1.0e-3))
 
 @wp.struct
 class PointingLaw:
-    """What a boresight follows, and how the image is turned about it."""
+    """Pointing law: direction of the boresight, and roll about it."""
 
     kind: int
     up_rule: int
@@ -132,7 +132,7 @@ def row_before(time_s: wp.array[wp.float64], first: int, count: int, at_s: wp.fl
 
 @wp.func
 def scan_sight(rows: ScanRows, sensor: int, time_s: wp.float64) -> Sight:
-    """What a table says for a sensor and a time; beyond its ends, the row at the end."""
+    """Direction by the table for a sensor and a time; beyond its ends, that of the row at the end."""
     first = rows.first[sensor]
     row = row_before(rows.time_s, first, rows.count[sensor], time_s)
     row = wp.min(row, first + rows.count[sensor] - 2)

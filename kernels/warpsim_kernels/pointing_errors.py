@@ -15,7 +15,7 @@ STREAM_DRIFT = wp.constant(wp.uint32(10))
 
 @wp.struct
 class PointingError:
-    """How one sensor's pointing errs, about the camera's x and y axes."""
+    """Pointing error of a sensor about the camera's x and y axes."""
 
     bias_rad: wp.vec2d
     drift_rad_s: wp.vec2d  # the same in every period

@@ -1,4 +1,4 @@
-"""How much of the Sun a place near the Earth sees, float64."""
+"""Part of the Sun's disc that is seen from a position near the Earth, float64."""
 
 import warp as wp
 

@@ -1,7 +1,7 @@
-"""What of a target a sensor sees, and what light falls on that: areas, float64.
+"""Projected and reflected areas of targets, float64.
 
 Each term of a target's intensity is a radiance times an area, and only the radiance depends on the band. So the areas
-are found once for all bands: the outline for the target's own light, the reflected areas for light from outside. They
+are found once for all bands: the projected area for thermal emission, the reflected areas for light from outside. They
 are means over the exposure, as a body that spins or tumbles changes its face during it.
 """
 
@@ -27,7 +27,7 @@ from warpsim_kernels.temperature import TemperatureTables
 
 
 class Features(NamedTuple):
-    """What the stage's code holds: a scene does not pay for what none of its targets needs."""
+    """Parts of the stage that a kernel holds: a scene does not pay for what none of its targets needs."""
 
     attitude_tables: bool = False  # a target turns by a table
     meshes: bool = False  # a target is a mesh
@@ -43,7 +43,7 @@ class Features(NamedTuple):
 
 @wp.struct
 class Target:
-    """What a target is, apart from where it is."""
+    """Shape, attitude and temperature of a target."""
 
     body: Body
     attitude: Attitude
@@ -73,7 +73,7 @@ class Exposure:
 
 @wp.struct
 class Surroundings:
-    """What lights a target from outside."""
+    """Light from outside on a target."""
 
     sun_m: wp.array[wp.vec3d]  # (n_node,) geocentric
     earth: Earth
@@ -102,7 +102,7 @@ def range_factor(motion: RelativeMotion, offset_s: wp.float64) -> wp.float64:
 
 @wp.struct
 class Signature:
-    """What is seen of a target."""
+    """Areas of a target towards a sensor."""
 
     aspect_rad: wp.float64  # in the middle of the exposure
     area_m2: wp.float64  # projected
@@ -117,7 +117,7 @@ SUN = wp.constant(1)
 EARTH = wp.constant(2)
 ALBEDO = wp.constant(3)
 N_TERM = 4
-"""Places of the terms of a target's light along axes that hold all of them."""
+"""Indices of the terms of a target's light along axes that hold all of them."""
 
 
 @wp.func

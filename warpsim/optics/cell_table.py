@@ -8,7 +8,7 @@ interpolated in float64 at Lobatto's points, ends and corners of cells among the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -49,7 +49,7 @@ class CellTable:
     """Polynomials of the fraction that each pixel of a stamp collects, by the cell that the source lies in."""
 
     nodes: EpsfTable
-    """The table that they are fitted to: reach, envelope and wing are its own."""
+    """The table that they are fitted to, without its fractions: reach, envelope and wing are its own."""
 
     degree: int
     """Total degree."""
@@ -133,7 +133,8 @@ def cell_table(table: EpsfTable, degree: int, error: float, n_cell: tuple[int, i
         found = table.error + MARGIN * found + ROUNDING
         if found <= error:
             blocks = sliding_window_view(coefficient, TABLE_SIMD_WIDTH, axis=3)[:, :, :, ::BLOCK_PX].swapaxes(2, 3)
-            return CellTable(table, degree, n_cell, np.ascontiguousarray(blocks), zero, found)
+            shape_only = replace(table, fraction=table.fraction[:0])
+            return CellTable(shape_only, degree, n_cell, np.ascontiguousarray(blocks), zero, found)
         n_cell = n_cell[0] + 2, n_cell[1] + 2
     return None
 

@@ -1,4 +1,4 @@
-"""Each target's own light: the images of a frame set once more, every target on a plane of its own.
+"""Light of each target alone: the images of a frame set once more, every target on a separate plane.
 
 A plane is drawn as the image was: by the same kernel, from the same numbers, with the same stamps and streaks. So the
 planes of all targets, and the stars, add up to the noiseless image. Where only pixels above some level are required,

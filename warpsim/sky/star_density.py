@@ -1,4 +1,4 @@
-"""How many stars a cone on the sky may hold, wherever it points."""
+"""Upper bound of the stars in a cone on the sky, wherever it points."""
 
 from __future__ import annotations
 
