@@ -1,5 +1,7 @@
 """The wheel: three import packages, with their data, and nothing else at the top level."""
 
+import hashlib
+import json
 import os
 import re
 import shutil
@@ -9,6 +11,8 @@ import zipfile
 from pathlib import Path
 
 import pytest
+
+import warpsim as ws
 
 ROOT = Path(__file__).parents[1]
 
@@ -45,6 +49,23 @@ def test_top_level_names(wheel):
 )
 def test_data_travels(wheel, name):
     assert name in wheel.namelist()
+
+
+def test_bill_of_materials(wheel):
+    """Every data file of the wheel, with the checksum that it has, a licence and a source."""
+    name = next(name for name in wheel.namelist() if name.endswith("dist-info/sboms/sbom.cdx.json"))
+    listed = {item["name"]: item for item in json.loads(wheel.read(name))["components"]}
+    shipped = [name for name in wheel.namelist() if re.match(r"warpsim_catalogs/[^/]*\.(csv|npz|toml)$", name)]
+    assert {f"warpsim_catalogs/{name}" for name in listed} == set(shipped)
+    for path in shipped:
+        item = listed[path.split("/")[1]]
+        assert item["hashes"][0]["content"] == hashlib.sha256(wheel.read(path)).hexdigest()
+        assert item["licenses"] and item["properties"]
+
+
+def test_one_version():
+    cited = re.search(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.M)
+    assert cited and cited[1] == ws.__version__
 
 
 def test_metadata(wheel):
