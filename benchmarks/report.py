@@ -52,7 +52,9 @@ def made_by(data: dict[str, Any], cases: list[Case]) -> str:
     threads = {c["n_thread"] for c in cases if "n_thread" in c}
     count = f"{threads.pop()} threads, " if len(threads) == 1 and threads != {1} else ""
     cpu = machine["cpu"].get("brand_raw", machine["processor"])
-    return f"{cpu}, {count}Python {machine['python_version']}"
+    flags = machine["cpu"].get("flags", [])
+    simd = "AVX-512, " if "avx512f" in flags else "AVX2, " if "avx2" in flags else ""
+    return f"{cpu}, {simd}{count}Python {machine['python_version']}"
 
 
 def words_of(name: str) -> tuple[str, str, str]:
