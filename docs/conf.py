@@ -42,5 +42,6 @@ html_copy_source = False
 
 def setup(app):  # noqa: D103
     site_pages.copy_pages()
+    app.connect("source-read", site_pages.add_names)
     app.connect("source-read", site_pages.fit_links)
     tidy_docstrings.connect(app)

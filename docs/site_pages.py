@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import re
 import shutil
@@ -35,6 +36,37 @@ def copy_pages() -> None:
         copy.parent.mkdir(exist_ok=True)
         if not copy.exists() or copy.read_bytes() != source.read_bytes():
             shutil.copyfile(source, copy)
+
+
+def names_of(page: str) -> list[str]:
+    """Return the public names of a page of the reference, by the stub in which they are registered."""
+    stub = (TOP / "warpsim" / "__init__.pyi").read_text()
+    section = re.search(rf"^# {page}\n((?:from .*\n)*)", stub, re.MULTILINE)
+    return re.findall(r"import (\w+) as", section[1]) if section else []
+
+
+def directives(page: str) -> str:
+    """Return the directives of autodoc for the public names of a page; data are written there, with their words."""
+    import warpsim
+
+    lines = []
+    for name in names_of(page):
+        thing = getattr(warpsim, name)
+        if inspect.isclass(thing):
+            kind = "exception" if issubclass(thing, Exception) else "class"
+            lines += [f".. auto{kind}:: {name}", "   :members:"]
+            if any(base.__module__.startswith("warpsim.") for base in thing.__mro__[1:]):
+                lines.append("   :inherited-members:")
+            lines.append("")
+        elif callable(thing):
+            lines += [f".. autofunction:: {name}", ""]
+    return "\n".join(lines)
+
+
+def add_names(app: Any, docname: str, source: list[str]) -> None:
+    """Put the public names of a page of the reference where it asks for them."""
+    if ".. public-names::" in source[0]:
+        source[0] = source[0].replace(".. public-names::", directives(docname.rpartition("/")[2]))
 
 
 def fit_links(app: Any, docname: str, source: list[str]) -> None:

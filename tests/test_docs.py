@@ -12,6 +12,7 @@ import pytest
 from pydantic import TypeAdapter
 
 import warpsim as ws
+from docs import site_pages
 from warpsim.cli import main
 from warpsim.config.distributions import KINDS
 from warpsim.dataset.sequences import check_extremes
@@ -242,7 +243,8 @@ def reference():
     names = []
     for page in sorted((DOCS / "reference").glob("*.md")):
         module = ""
-        for kind, name in re.findall(r"^\.\. (?:py:|auto)?(\w+):: (\S+)", page.read_text(), re.MULTILINE):
+        text = page.read_text().replace(".. public-names::", site_pages.directives(page.stem))
+        for kind, name in re.findall(r"^\.\. (?:py:|auto)?(\w+):: (\S+)", text, re.MULTILINE):
             if kind == "currentmodule":
                 module = f"{name}."
             elif kind == "module":
@@ -257,6 +259,13 @@ def test_reference_has_every_public_name_and_no_other():
     public = {f"warpsim.{name}" for name in ws.__all__}
     own = {name for name in reference() if name.count(".") == 1}
     assert own == public
+
+
+def test_every_page_of_the_stub_asks_for_its_names():
+    pages = re.findall(r"^# (\w+)$", (TOP / "warpsim" / "__init__.pyi").read_text(), re.MULTILINE)
+    asking = {page.stem for page in (DOCS / "reference").glob("*.md") if ".. public-names::" in page.read_text()}
+    assert set(pages) == asking
+    assert [name for page in pages for name in site_pages.names_of(page)] == ws.__all__[4:]
 
 
 def test_reference_names_what_there_is():
