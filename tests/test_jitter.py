@@ -12,7 +12,7 @@ from warpsim_kernels.jitter import N_STEP, STEPS_PER_CORRELATION, STREAM_JITTER,
 from warpsim_kernels.pointing_errors import STREAM_DRIFT
 
 import warpsim as ws
-from warpsim.render.pointing import jitter_struct
+from warpsim.render.pointing_arrays import jitter_struct
 
 RMS_URAD, CORRELATION_S = 5.0, 0.05
 RMS_RAD = RMS_URAD * 1e-6

@@ -120,7 +120,7 @@ def test_an_exposure_lies_in_one_period(scene):
 
 
 def test_errors_that_are_zero_are_not_in_the_kernel(scene):
-    from warpsim.render.pointing import aim_features
+    from warpsim.render.pointing_arrays import aim_features
 
     zero = erring(scene, bias={"rms_urad": 0.0}, drift={"urad_s": [0.0, 0.0]})
     assert not aim_features(zero.scenario.instrument).steady_errors

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 IMAGE_UNITS = {"time_s": "s", "nei_w_cm2": "W / cm2", "sei_w_cm2": "W / cm2"}
 
 
-class Tables:
+class ShardTables:
     """Collects the rows of a shard and writes them: by sequence, or, in sharded formats, all at once.
 
     Args:

@@ -15,7 +15,7 @@ from typing import Any
 
 from warpsim.dataset.annotations import keep_texts, write_satnet
 from warpsim.dataset.identity import Stamp, difference, identity_of, input_files, key_of, stamp_of
-from warpsim.dataset.image_tables import Tables
+from warpsim.dataset.image_tables import ShardTables
 from warpsim.dataset.layout import CHECKPOINTS, PARTS, PLANNED, RUN, WORK, Shard, folder_of
 from warpsim.dataset.planes import bytes_per_view, planes_of
 from warpsim.dataset.previews import sequence_animations
@@ -182,7 +182,7 @@ def _write_files(work: Work, task: Task, scratch: Path) -> list[dict[str, Any]]:
     """Write all files of a shard; return the drawn values of each sequence."""
     recipe = work.recipe
     writer = shard_writer(recipe, task.shard, scratch)
-    tables = Tables(recipe, task.shard, scratch, writer.locate)
+    tables = ShardTables(recipe, task.shard, scratch, writer.locate)
     drawn = []
     try:
         for position, number in enumerate(task.shard.sequences):
@@ -206,7 +206,7 @@ def _write_sequence(
     position: int,
     renderer: Renderer,
     writer: ShardWriter,
-    tables: Tables,
+    tables: ShardTables,
     folder: Path,
 ) -> None:
     """Render a sequence, some frames at a time, and write its images and tables."""

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from warpsim.config.fields import NonNegative, Positive, Switch, closed_interval
 from warpsim.config.model import config_model
-from warpsim.detector.fields import BadShare, Bits, Diffusion, GainSpread, Nonlinearity, PositiveExposure
+from warpsim.detector.detector_fields import BadShare, Bits, Diffusion, GainSpread, Nonlinearity, PositiveExposure
 from warpsim.errors import InputError
 from warpsim.radiometry.by_band import FractionByBand, NonNegativeByBand
 

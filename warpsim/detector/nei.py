@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from warpsim.config.fields import NonNegative, Positive, Switch
 from warpsim.config.model import config_model
-from warpsim.detector.fields import BadShare, Bits, Diffusion, Exposure, GainSpread, Nonlinearity
+from warpsim.detector.detector_fields import BadShare, Bits, Diffusion, Exposure, GainSpread, Nonlinearity
 from warpsim.errors import InputError
 from warpsim.radiometry.by_band import PositiveByBand, in_band, named_bands
 

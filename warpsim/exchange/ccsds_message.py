@@ -12,7 +12,7 @@ from typing import Any
 from xml.parsers import expat
 
 from warpsim.errors import InputError
-from warpsim.exchange.source import Rows, Source
+from warpsim.exchange.source import Rows, SourceFile
 
 _ASSIGNMENT = re.compile(r"([A-Za-z_0-9]+)\s*=\s*(.*)")
 _VERSION = re.compile(r"CCSDS_([A-Z]+)_VERS")
@@ -48,13 +48,13 @@ class Message:
     segments: list[MessageSegment] = field(default_factory=list)
 
 
-def is_ccsds(source: Source) -> bool:
+def is_ccsds(source: SourceFile) -> bool:
     """Return whether a file looks like a CCSDS message, in either notation."""
     head = source.data[:4096].lstrip(b"\xef\xbb\xbf \t\r\n")
     return head.startswith(b"<") or re.match(rb"(COMMENT[^\n]*\n\s*)*CCSDS_[A-Z]+_VERS", head) is not None
 
 
-def read_message(source: Source, kind: str, known: Mapping[str, bool]) -> Message:
+def read_message(source: SourceFile, kind: str, known: Mapping[str, bool]) -> Message:
     """Header, metadata and rows of a message.
 
     Args:
@@ -86,7 +86,7 @@ def read_message(source: Source, kind: str, known: Mapping[str, bool]) -> Messag
 class _KvnReader:
     """Reads the keyword = value notation line by line."""
 
-    def __init__(self, source: Source, kind: str, known: Mapping[str, bool]) -> None:
+    def __init__(self, source: SourceFile, kind: str, known: Mapping[str, bool]) -> None:
         self.source, self.kind, self.known = source, kind, known
         self.section = "header"
         """"header", "meta", "before data", "data", "covariance" or "after data"."""
@@ -170,7 +170,7 @@ class _KvnReader:
             raise self.source.error(number, "must be META_START", value=line[:40])
 
 
-def _new_message(source: Source, line: int, found: str, version: str, kind: str) -> Message:
+def _new_message(source: SourceFile, line: int, found: str, version: str, kind: str) -> Message:
     if found != kind:
         raise source.error(line, f"must be an {kind}, got an {found}")
     if not re.fullmatch(r"[0-9]\.[0-9]+", version.strip(), re.ASCII) or not 1.0 <= float(version) < 4.0:
@@ -202,7 +202,7 @@ class _Element:
 class _XmlReader:
     """Reads NDM/XML: expat rather than ElementTree, since it knows the lines."""
 
-    def __init__(self, source: Source, kind: str) -> None:
+    def __init__(self, source: SourceFile, kind: str) -> None:
         self.source, self.kind = source, kind
         self.open: list[_Element] = [_Element("", 1, {})]
         self.parser: Any = expat.ParserCreate()

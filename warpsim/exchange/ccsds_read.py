@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from warpsim.exchange.ccsds_message import KeywordValue, Message, MessageSegment, read_message
 from warpsim.exchange.frame_names import ccsds_frame, known_ccsds_frame
-from warpsim.exchange.instants import Instants, check_time_system
+from warpsim.exchange.instants import FileInstants, check_time_system
 from warpsim.exchange.rotations import euler_quaternion
 from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame, Interpolation
-from warpsim.exchange.source import Source, check_cells, dates_of, numbers_of, whole_number_of
+from warpsim.exchange.source import SourceFile, check_cells, dates_of, numbers_of, whole_number_of
 from warpsim.quaternion import conjugate
 
 F64 = NDArray[np.float64]
@@ -45,7 +45,7 @@ _SPAN_SLACK_S = 1.0
 """How far the data may miss START_TIME and STOP_TIME, which some programs round."""
 
 
-def read_oem(source: Source) -> list[EphemerisSegment]:
+def read_oem(source: SourceFile) -> list[EphemerisSegment]:
     """Segments of an OEM.
 
     Raises:
@@ -55,7 +55,7 @@ def read_oem(source: Source) -> list[EphemerisSegment]:
     return [_ephemeris(source, segment) for segment in message.segments]
 
 
-def read_aem(source: Source) -> list[AttitudeSegment]:
+def read_aem(source: SourceFile) -> list[AttitudeSegment]:
     """Segments of an AEM.
 
     Raises:
@@ -65,7 +65,7 @@ def read_aem(source: Source) -> list[AttitudeSegment]:
     return [_attitude(source, segment, message) for segment in message.segments]
 
 
-def _ephemeris(source: Source, segment: MessageSegment) -> EphemerisSegment:
+def _ephemeris(source: SourceFile, segment: MessageSegment) -> EphemerisSegment:
     meta, rows = segment.meta, segment.rows
     _check_center(source, meta["CENTER_NAME"])
     with source.at(meta["REF_FRAME"].line, "REF_FRAME"):
@@ -93,7 +93,7 @@ def _ephemeris(source: Source, segment: MessageSegment) -> EphemerisSegment:
     )
 
 
-def _attitude(source: Source, segment: MessageSegment, message: Message) -> AttitudeSegment:
+def _attitude(source: SourceFile, segment: MessageSegment, message: Message) -> AttitudeSegment:
     meta, rows = segment.meta, segment.rows
     if "CENTER_NAME" in meta:
         _check_center(source, meta["CENTER_NAME"])
@@ -127,12 +127,12 @@ def _attitude(source: Source, segment: MessageSegment, message: Message) -> Atti
     )
 
 
-def _check_center(source: Source, center: KeywordValue) -> None:
+def _check_center(source: SourceFile, center: KeywordValue) -> None:
     if center.text.upper() != "EARTH":
         raise source.error(center.line, "must be EARTH", "CENTER_NAME", center.text)
 
 
-def _times(source: Source, segment: MessageSegment) -> tuple[str, Instants, Instants | None]:
+def _times(source: SourceFile, segment: MessageSegment) -> tuple[str, FileInstants, FileInstants | None]:
     """Time system, times of the rows, and the useable span; the rows must fill START_TIME to STOP_TIME."""
     meta, rows = segment.meta, segment.rows
     with source.at(meta["TIME_SYSTEM"].line, "TIME_SYSTEM"):
@@ -153,15 +153,15 @@ def _times(source: Source, segment: MessageSegment) -> tuple[str, Instants, Inst
         for keyword, end in (("USEABLE_START_TIME", 0), ("USEABLE_STOP_TIME", -1))
     ]
     day, second = (np.concatenate([getattr(end, part) for end in ends]) for part in ("day", "second"))
-    useable = Instants(day, second)
+    useable = FileInstants(day, second)
     return system, instants, useable
 
 
-def _date(source: Source, keyword: str, value: KeywordValue, system: str) -> Instants:
+def _date(source: SourceFile, keyword: str, value: KeywordValue, system: str) -> FileInstants:
     return dates_of(source, [value.text], [value.line], system, keyword)
 
 
-def _method(source: Source, meta: dict[str, KeywordValue], keyword: str) -> Interpolation | None:
+def _method(source: SourceFile, meta: dict[str, KeywordValue], keyword: str) -> Interpolation | None:
     value = meta.get(keyword)
     if value is None:
         return None
@@ -170,11 +170,11 @@ def _method(source: Source, meta: dict[str, KeywordValue], keyword: str) -> Inte
     return _METHODS[value.text.upper()]
 
 
-def _degree(source: Source, value: KeywordValue | None) -> int | None:
+def _degree(source: SourceFile, value: KeywordValue | None) -> int | None:
     return None if value is None else whole_number_of(source, value.line, value.text, "INTERPOLATION_DEGREE")
 
 
-def _attitude_frames(source: Source, meta: dict[str, KeywordValue]) -> tuple[Frame, str, bool]:
+def _attitude_frames(source: SourceFile, meta: dict[str, KeywordValue]) -> tuple[Frame, str, bool]:
     """Reference frame, the body's name for its own, and whether the body is frame A."""
     a, b = meta["REF_FRAME_A"], meta["REF_FRAME_B"]
     known = ccsds_frame(a.text), ccsds_frame(b.text)
@@ -190,7 +190,7 @@ def _attitude_frames(source: Source, meta: dict[str, KeywordValue]) -> tuple[Fra
     return known[1], a.text, True
 
 
-def _goes_backwards(source: Source, meta: dict[str, KeywordValue], segment: MessageSegment, version: float) -> bool:
+def _goes_backwards(source: SourceFile, meta: dict[str, KeywordValue], segment: MessageSegment, version: float) -> bool:
     """Return whether the data lead from frame B to frame A."""
     direction = meta.get("ATTITUDE_DIR")
     if direction is None:
@@ -202,7 +202,7 @@ def _goes_backwards(source: Source, meta: dict[str, KeywordValue], segment: Mess
     return direction.text.upper() == "B2A"
 
 
-def _quaternions(source: Source, segment: MessageSegment, kind: str, version: float) -> F64:
+def _quaternions(source: SourceFile, segment: MessageSegment, kind: str, version: float) -> F64:
     """Quaternions of the rows, scalar last; rates beside them are checked and left out."""
     rows, order = segment.rows, segment.meta.get("QUATERNION_TYPE")
     n_cell = (5,) if segment.rows.cells and _is_xml(source) else (_N_QUATERNION_CELLS[kind],)
@@ -219,11 +219,11 @@ def _quaternions(source: Source, segment: MessageSegment, kind: str, version: fl
     return values[:, [1, 2, 3, 0]] if first else values[:, :4]
 
 
-def _is_xml(source: Source) -> bool:
+def _is_xml(source: SourceFile) -> bool:
     return source.data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
 
 
-def _from_euler_angles(source: Source, segment: MessageSegment) -> F64:
+def _from_euler_angles(source: SourceFile, segment: MessageSegment) -> F64:
     sequence = segment.meta.get("EULER_ROT_SEQ")
     if sequence is None:
         raise source.error(segment.line, "must have EULER_ROT_SEQ", "metadata")

@@ -44,7 +44,7 @@ _GREGORIAN = re.compile(rf"(\d{{1,2}}) +([A-Za-z]{{3}})[a-z]* +(\d{{4}}) +{_CLOC
 
 
 @dataclass(frozen=True, eq=False)
-class Instants:
+class FileInstants:
     """Instants as whole TAI days and TAI seconds of the day, each (n,); or seconds since a scene's epoch."""
 
     day: F64
@@ -59,8 +59,8 @@ class Instants:
     def __len__(self) -> int:
         return len(self.day)
 
-    def __getitem__(self, rows: Any) -> Instants:
-        return Instants(np.atleast_1d(self.day[rows]), np.atleast_1d(self.second[rows]), self.relative)
+    def __getitem__(self, rows: Any) -> FileInstants:
+        return FileInstants(np.atleast_1d(self.day[rows]), np.atleast_1d(self.second[rows]), self.relative)
 
     def steps_s(self) -> F64:
         """Time from each instant to the next [s], (n - 1,)."""
@@ -72,7 +72,7 @@ class Instants:
             return self.second.copy()
         return self.since_instant(instants_of_time(epoch))
 
-    def since_instant(self, first: Instants) -> F64:
+    def since_instant(self, first: FileInstants) -> F64:
         """SI seconds since one other instant, (n,)."""
         if self.relative != first.relative:
             raise InputError("must count from the same origin, got seconds since the scene's epoch and dates", "times")
@@ -91,7 +91,7 @@ class Instants:
         shift_s = {"GPS": -_TAI_MINUS_GPS_S}.get(system, 0.0)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # years far ahead, whose leap seconds nobody knows
-            time: Any = to_time(Instants(self.day, self.second + shift_s), precision)
+            time: Any = to_time(FileInstants(self.day, self.second + shift_s), precision)
             scale = {"GPS": "tai"}.get(system, system.lower())
             return [str(text) for text in getattr(time, scale).isot]
 
@@ -103,7 +103,7 @@ def check_time_system(name: str) -> str:
     return name.upper()
 
 
-def instants_of_time(time: Epoch) -> Instants:
+def instants_of_time(time: Epoch) -> FileInstants:
     """Instants of an astropy Time, or of an Instant."""
     tai: Any = time.tai
     jd1, jd2 = np.atleast_1d(tai.jd1), np.atleast_1d(tai.jd2)
@@ -111,19 +111,19 @@ def instants_of_time(time: Epoch) -> Instants:
     return _carried(day, ((jd1 - _JD_OF_MJD_ZERO - day) + jd2) * DAY_S)
 
 
-def to_time(instants: Instants, precision: int = 9) -> Time:
+def to_time(instants: FileInstants, precision: int = 9) -> Time:
     """Instants as an astropy Time of scale TAI."""
     from astropy.time import Time
 
     return Time(instants.day, instants.second / DAY_S, format="mjd", scale="tai", precision=precision)
 
 
-def later(first: Instants, seconds: F64) -> Instants:
+def later(first: FileInstants, seconds: F64) -> FileInstants:
     """Instants that many SI seconds after one instant."""
     return _carried(np.full_like(seconds, first.day[0]), first.second[0] + seconds)
 
 
-def parse_dates(texts: Sequence[str], system: str) -> Instants:
+def parse_dates(texts: Sequence[str], system: str) -> FileInstants:
     """Instants of calendar (2025-03-20T12:00:00.5) or day-of-year (2025-079T12:00:00.5) dates.
 
     Args:
@@ -212,7 +212,7 @@ def _tai_minus_utc_s(day: F64, second: F64) -> F64:
 _DATE_PARTS = ("year", "month", "day")
 
 
-def _carried(day: F64, second: F64) -> Instants:
+def _carried(day: F64, second: F64) -> FileInstants:
     """With whole days carried out of the seconds."""
     carry = np.floor(second / DAY_S)
-    return Instants(day + carry, second - carry * DAY_S)
+    return FileInstants(day + carry, second - carry * DAY_S)

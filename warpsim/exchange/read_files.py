@@ -14,7 +14,7 @@ from warpsim.exchange.ccsds_message import is_ccsds
 from warpsim.exchange.ccsds_read import read_aem, read_oem
 from warpsim.exchange.names import plain_name
 from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment
-from warpsim.exchange.source import Source, read_source
+from warpsim.exchange.source import SourceFile, read_source
 from warpsim.exchange.stk_read import is_stk, read_stk_attitude, read_stk_ephemeris
 
 _TLE = re.compile(r"^1 ([A-Z\d ][\d ]{4})[ A-Z] .{50,}\n2 \1 .{50,}$", re.MULTILINE)
@@ -33,7 +33,7 @@ def read_ephemeris(path: str | os.PathLike[str], object: str | None = None) -> l
     return ephemeris_of(read_source(path), object)
 
 
-def ephemeris_of(source: Source, object: str | None = None) -> list[EphemerisSegment]:
+def ephemeris_of(source: SourceFile, object: str | None = None) -> list[EphemerisSegment]:
     """Like read_ephemeris(), of a file that has been read."""
     with np.errstate(over="ignore"):  # infinity is refused with its line
         segments = _ephemeris_segments(source)
@@ -46,7 +46,7 @@ def ephemeris_of(source: Source, object: str | None = None) -> list[EphemerisSeg
     return chosen
 
 
-def _ephemeris_segments(source: Source) -> list[EphemerisSegment]:
+def _ephemeris_segments(source: SourceFile) -> list[EphemerisSegment]:
     if is_ccsds(source):
         return read_oem(source)
     if is_stk(source):
@@ -66,13 +66,13 @@ def read_attitude(path: str | os.PathLike[str]) -> list[AttitudeSegment]:
     return attitude_of(read_source(path))
 
 
-def attitude_of(source: Source) -> list[AttitudeSegment]:
+def attitude_of(source: SourceFile) -> list[AttitudeSegment]:
     """Like read_attitude(), of a file that has been read."""
     with np.errstate(over="ignore"):
         return _attitude_segments(source)
 
 
-def _attitude_segments(source: Source) -> list[AttitudeSegment]:
+def _attitude_segments(source: SourceFile) -> list[AttitudeSegment]:
     if is_ccsds(source):
         return read_aem(source)
     if is_stk(source):
@@ -84,7 +84,7 @@ def _attitude_segments(source: Source) -> list[AttitudeSegment]:
 
 
 @contextlib.contextmanager
-def _hint_at_elements(source: Source, requested: str) -> Iterator[None]:
+def _hint_at_elements(source: SourceFile, requested: str) -> Iterator[None]:
     """Explain that a file holds element sets, where it is no table."""
     try:
         yield

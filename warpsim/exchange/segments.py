@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
-from warpsim.exchange.instants import TIME_SYSTEMS, Instants, instants_of_time, later, parse_dates
+from warpsim.exchange.instants import TIME_SYSTEMS, FileInstants, instants_of_time, later, parse_dates
 
 if TYPE_CHECKING:
     from astropy.time import Time
@@ -57,7 +57,7 @@ class EphemerisSegment:
     frame: Frame
     """Axes of position and velocity."""
 
-    instants: Instants
+    instants: FileInstants
     position_m: F64
     """Geocentric positions [m], shape (n, 3)."""
 
@@ -70,7 +70,7 @@ class EphemerisSegment:
     degree: int | None = None
     """Degree of the polynomials that the file asks for."""
 
-    useable: Instants | None = None
+    useable: FileInstants | None = None
     """First and last useable instant; None: all of it."""
 
     time_system: str = "UTC"
@@ -160,14 +160,14 @@ class AttitudeSegment:
     body_frame: str
     """What the file calls the body's axes."""
 
-    instants: Instants
+    instants: FileInstants
     quaternion: F64
     """Unit quaternions (x, y, z, scalar), Hamilton's, shape (n, 4): they turn a vector's components in body axes into
     those in the reference axes, as scipy's Rotation.from_quat(q).apply does."""
 
     interpolation: Interpolation | None = None
     degree: int | None = None
-    useable: Instants | None = None
+    useable: FileInstants | None = None
     time_system: str = "UTC"
     file: str = ""
     line: int = 0
@@ -194,7 +194,7 @@ _SAME_TIME_S = 0.5e-9
 """Times this close are one: files are kept to 1e-9 s."""
 
 
-def _epoch_of(text: str) -> Instants:
+def _epoch_of(text: str) -> FileInstants:
     try:
         return parse_dates([text], "UTC")
     except InputError as error:

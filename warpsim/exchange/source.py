@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import NO_VALUE, InputError
-from warpsim.exchange.instants import Instants, parse_dates
+from warpsim.exchange.instants import FileInstants, parse_dates
 
 F64 = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ _END_OF_BLOCK = re.compile(r"(?i:END\s+(Ephemeris|Attitude))|DATA_STOP|COVARIANC
 
 
 @dataclass(frozen=True)
-class Source:
+class SourceFile:
     """A file's name and content."""
 
     file: str
@@ -68,7 +68,7 @@ class Source:
             raise self.located(error.within(field), line) from None
 
 
-def read_source(path: str | os.PathLike[str]) -> Source:
+def read_source(path: str | os.PathLike[str]) -> SourceFile:
     """Read a file.
 
     Raises:
@@ -84,7 +84,7 @@ def read_source(path: str | os.PathLike[str]) -> Source:
         raise InputError(f"cannot be read: {reason}").of(file) from None
     if not data.strip():
         raise InputError("must hold data, got an empty file").of(file)
-    return Source(file, data)
+    return SourceFile(file, data)
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Rows:
     lines: list[int]
 
 
-def numbers_of(source: Source, rows: Rows, first: int, count: int) -> F64:
+def numbers_of(source: SourceFile, rows: Rows, first: int, count: int) -> F64:
     """Numbers in columns first to first + count of each row, (n, count).
 
     Raises:
@@ -114,7 +114,7 @@ def numbers_of(source: Source, rows: Rows, first: int, count: int) -> F64:
     raise source.error(rows.lines[0] if rows.lines else 0, "must hold numbers")
 
 
-def number_of(source: Source, line: int, text: str, field: str = "") -> float:
+def number_of(source: SourceFile, line: int, text: str, field: str = "") -> float:
     """One finite number.
 
     Raises:
@@ -129,7 +129,7 @@ def number_of(source: Source, line: int, text: str, field: str = "") -> float:
     return value
 
 
-def whole_number_of(source: Source, line: int, text: str, field: str) -> int:
+def whole_number_of(source: SourceFile, line: int, text: str, field: str) -> int:
     """One whole number.
 
     Raises:
@@ -140,7 +140,9 @@ def whole_number_of(source: Source, line: int, text: str, field: str) -> int:
     return int(text)
 
 
-def dates_of(source: Source, texts: Sequence[str], lines: Sequence[int], system: str, field: str = "") -> Instants:
+def dates_of(
+    source: SourceFile, texts: Sequence[str], lines: Sequence[int], system: str, field: str = ""
+) -> FileInstants:
     """Instants of dates that stand on these lines.
 
     Raises:
@@ -152,7 +154,7 @@ def dates_of(source: Source, texts: Sequence[str], lines: Sequence[int], system:
         raise error.within(field).at_row(f"line {lines[error.row or 0]}").of(source.file) from None
 
 
-def check_cells(source: Source, rows: Rows, counts: tuple[int, ...], what: str) -> int:
+def check_cells(source: SourceFile, rows: Rows, counts: tuple[int, ...], what: str) -> int:
     """The number of cells that every row has, one of counts.
 
     Raises:

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.exchange.frame_names import known_stk_frame
-from warpsim.exchange.instants import Instants, later
+from warpsim.exchange.instants import FileInstants, later
 from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame, Interpolation
 from warpsim.exchange.source import (
     Rows,
-    Source,
+    SourceFile,
     check_cells,
     dates_of,
     number_of,
@@ -58,12 +58,12 @@ class _Block:
     rows: Rows = field(default_factory=lambda: Rows([], []))
 
 
-def is_stk(source: Source) -> bool:
+def is_stk(source: SourceFile) -> bool:
     """Return whether a file looks like one of STK's."""
     return re.match(rb"(\s*#[^\n]*\n)*\s*stk\.v\.", source.data[:4096], re.IGNORECASE) is not None
 
 
-def read_stk_ephemeris(source: Source) -> list[EphemerisSegment]:
+def read_stk_ephemeris(source: SourceFile) -> list[EphemerisSegment]:
     """Segments of an ephemeris file, cut at its segment boundaries. The object is called as the file is.
 
     Raises:
@@ -97,7 +97,7 @@ def read_stk_ephemeris(source: Source) -> list[EphemerisSegment]:
     return segments
 
 
-def read_stk_attitude(source: Source) -> list[AttitudeSegment]:
+def read_stk_attitude(source: SourceFile) -> list[AttitudeSegment]:
     """The segment of an attitude file. Rates are left out.
 
     Raises:
@@ -126,7 +126,7 @@ def read_stk_attitude(source: Source) -> list[AttitudeSegment]:
     ]
 
 
-def _read_block(source: Source, name: str, keywords: tuple[str, ...], data: dict[str, int]) -> _Block:
+def _read_block(source: SourceFile, name: str, keywords: tuple[str, ...], data: dict[str, int]) -> _Block:
     """Keywords and rows of the block BEGIN name ... END name."""
     lines = [(number, line) for number, line in source.lines() if not line.startswith("#")]
     if not lines or not _VERSION.fullmatch(lines[0][1]):
@@ -168,7 +168,7 @@ def _read_block(source: Source, name: str, keywords: tuple[str, ...], data: dict
     return block
 
 
-def _read_inside(source: Source, block: _Block, inside: str, number: int, line: str) -> str:
+def _read_inside(source: SourceFile, block: _Block, inside: str, number: int, line: str) -> str:
     """One line of the boundary times, or of covariances, which are passed over."""
     if inside == "covariance":
         return inside
@@ -179,7 +179,7 @@ def _read_inside(source: Source, block: _Block, inside: str, number: int, line: 
 
 
 def _read_keyword(
-    source: Source, block: _Block, known: dict[str, str], data: dict[str, int], number: int, line: str
+    source: SourceFile, block: _Block, known: dict[str, str], data: dict[str, int], number: int, line: str
 ) -> None:
     word, _, value = line.partition(" ") if "\t" not in line else line.replace("\t", " ").partition(" ")
     keyword = known.get(word.lower())
@@ -207,7 +207,7 @@ def _looks_like_number(word: str) -> bool:
     return word[0] in "+-.0123456789"
 
 
-def _frame_and_epoch(source: Source, block: _Block, name: str, epoch_name: str) -> tuple[Frame, Instants]:
+def _frame_and_epoch(source: SourceFile, block: _Block, name: str, epoch_name: str) -> tuple[Frame, FileInstants]:
     """Frame and scenario epoch, after a look at the keywords that only one value is read of."""
     for keyword, allowed in (("CentralBody", "Earth"), ("TimeFormat", "EpSec")):
         value, line = block.keywords.get(keyword.lower(), (allowed, 0))
@@ -226,14 +226,14 @@ def _frame_and_epoch(source: Source, block: _Block, name: str, epoch_name: str) 
     return frame, dates_of(source, [text], [line], "UTC", "ScenarioEpoch")
 
 
-def _unit_m(source: Source, block: _Block) -> float:
+def _unit_m(source: SourceFile, block: _Block) -> float:
     text, line = block.keywords.get("distanceunit", ("meters", 0))
     if text.lower() not in _UNITS:
         raise source.error(line, "must be Meters or Kilometers", "DistanceUnit", text)
     return _UNITS[text.lower()]
 
 
-def _check_count(source: Source, block: _Block, keyword: str) -> None:
+def _check_count(source: SourceFile, block: _Block, keyword: str) -> None:
     if keyword.lower() not in block.keywords:
         return
     text, line = block.keywords[keyword.lower()]
@@ -242,7 +242,7 @@ def _check_count(source: Source, block: _Block, keyword: str) -> None:
         raise source.error(line, f"must be the number of rows, {found}, got {stated}", keyword)
 
 
-def _interpolation(source: Source, block: _Block) -> tuple[Interpolation, int]:
+def _interpolation(source: SourceFile, block: _Block) -> tuple[Interpolation, int]:
     """Method and degree; STK counts samples less one, under two names."""
     text, line = block.keywords.get("interpolationmethod", ("Lagrange", 0))
     if text.lower() not in _METHODS:

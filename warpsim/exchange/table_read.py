@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError, one_line
 from warpsim.exchange.frame_names import known_ccsds_frame
-from warpsim.exchange.instants import Instants, parse_dates
+from warpsim.exchange.instants import FileInstants, parse_dates
 from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame
-from warpsim.exchange.source import Source
+from warpsim.exchange.source import SourceFile
 from warpsim.tables.by_astropy import read_ecsv
 from warpsim.tables.delimited import read_delimited
 from warpsim.tables.file_table import FileTable
@@ -24,7 +24,7 @@ _FRAME_NOTE = re.compile(r"#\s*frame\s*[:=]\s*(\S+)\s*", re.IGNORECASE)
 _AXES = ("x", "y", "z")
 
 
-def read_ephemeris_table(source: Source) -> list[EphemerisSegment]:
+def read_ephemeris_table(source: SourceFile) -> list[EphemerisSegment]:
     """One segment for each object of a table.
 
     Columns: `time_s` (since the scene's epoch) or `time_utc`; `x_m`, `y_m`, `z_m` or `x_km`, ...; if there are
@@ -65,7 +65,7 @@ def read_ephemeris_table(source: Source) -> list[EphemerisSegment]:
     return segments
 
 
-def read_attitude_table(source: Source) -> list[AttitudeSegment]:
+def read_attitude_table(source: SourceFile) -> list[AttitudeSegment]:
     """The segment of a table with `time_s` or `time_utc` and `qx`, `qy`, `qz`, `qw` (body to the frame's axes).
 
     Raises:
@@ -92,7 +92,7 @@ def read_attitude_table(source: Source) -> list[AttitudeSegment]:
     ]
 
 
-def read_temperature_table(source: Source) -> tuple[Instants, F64, list[str]]:
+def read_temperature_table(source: SourceFile) -> tuple[FileInstants, F64, list[str]]:
     """Times, temperatures [K] and locations ("line 3") of a table with `time_s` or `time_utc` and `temperature_k`.
 
     Raises:
@@ -110,7 +110,7 @@ def read_temperature_table(source: Source) -> tuple[Instants, F64, list[str]]:
     return instants, temperature_k, locations
 
 
-def _read(source: Source) -> FileTable:
+def _read(source: SourceFile) -> FileTable:
     """The table of a file, whose last line must be closed."""
     source.lines()
     with source.at(0):
@@ -133,7 +133,7 @@ def _check_columns(table: FileTable, what: str, needed: str, one_of: tuple[str, 
         raise InputError(f"must have columns of {what} ({needed})", value=found, form="s")
 
 
-def _instants(source: Source, table: FileTable) -> Instants:
+def _instants(source: SourceFile, table: FileTable) -> FileInstants:
     """Times of the rows: seconds since the scene's epoch, or dates."""
     has_s, has_utc = table.find("time_s") is not None, table.find("time_utc") is not None
     if has_s == has_utc:
@@ -142,7 +142,7 @@ def _instants(source: Source, table: FileTable) -> Instants:
         raise InputError(rule, value=got, form="s")
     if has_s:
         time_s = table.number("time_s", unit="s")
-        return Instants(np.zeros(len(time_s)), time_s, relative=True)
+        return FileInstants(np.zeros(len(time_s)), time_s, relative=True)
     texts = [text.replace(" ", "T") for text in table.text("time_utc").tolist()]
     try:
         return parse_dates(texts, "UTC")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.exchange.frame_names import CCSDS_NAME, STK_NAME
-from warpsim.exchange.instants import Instants, parse_dates
+from warpsim.exchange.instants import FileInstants, parse_dates
 from warpsim.exchange.segments import DEFAULT_DEGREE, AttitudeSegment, EphemerisSegment, Segment
 from warpsim.files import check_new_file, whole_file
 
@@ -149,7 +149,7 @@ def _stk_row(time_s: float, values: F64, form: str) -> str:
     return f"{time_s:.9f} " + " ".join(f % v for f, v in zip(form.split(), values.tolist(), strict=False))
 
 
-def _stk_epoch(segment: Segment) -> tuple[str, Instants]:
+def _stk_epoch(segment: Segment) -> tuple[str, FileInstants]:
     """The first instant as a scenario epoch, as text and as that text reads."""
     date, clock = segment.instants[0].dates("UTC")[0].split("T")
     year, month, day = date.split("-")

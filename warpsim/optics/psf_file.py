@@ -17,7 +17,7 @@ from pydantic_core import PydanticCustomError
 
 from warpsim.config.fields import rule_error, whole_path
 from warpsim.errors import InputError, one_line
-from warpsim.exchange.source import Source, read_source
+from warpsim.exchange.source import SourceFile, read_source
 from warpsim.radiometry.by_band import AS_DICT, ByBand, are_names
 
 
@@ -64,14 +64,14 @@ def _read(path: str, mtime_ns: int, size: int) -> tuple[npt.NDArray[np.float64],
     return values, hashlib.sha256(source.data).hexdigest()
 
 
-def _npy(source: Source) -> npt.NDArray[Any]:
+def _npy(source: SourceFile) -> npt.NDArray[Any]:
     try:
         return np.asarray(np.load(io.BytesIO(source.data), allow_pickle=False))
     except (ValueError, EOFError, OSError) as error:
         raise source.error(0, f"cannot be read as a NumPy array: {one_line(error)}") from None
 
 
-def _fits(source: Source) -> npt.NDArray[Any]:
+def _fits(source: SourceFile) -> npt.NDArray[Any]:
     """The first image of two axes."""
     from astropy.io import fits
 

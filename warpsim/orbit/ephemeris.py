@@ -23,11 +23,11 @@ from pydantic import BeforeValidator, model_validator
 from warpsim.config.fields import FileName, as_tuple
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
-from warpsim.exchange.instants import Instants, instants_of_time, later
+from warpsim.exchange.instants import FileInstants, instants_of_time, later
 from warpsim.exchange.names import plain_name, unique_names
 from warpsim.exchange.read_files import ephemeris_of
 from warpsim.exchange.segments import DEFAULT_DEGREE, EphemerisSegment, Frame, Interpolation
-from warpsim.exchange.source import Source, read_source
+from warpsim.exchange.source import SourceFile, read_source
 from warpsim.orbit.earth import pole_of_date
 from warpsim.orbit.frames import states_to_gcrs
 from warpsim.orbit.gravity import propagate
@@ -74,7 +74,7 @@ class EphemerisOrbit:
     kind: Literal["ephemeris"] = "ephemeris"
 
     @cached_property
-    def _source(self) -> Source:
+    def _source(self) -> SourceFile:
         return read_source(self.file)
 
     @cached_property
@@ -161,7 +161,7 @@ class EphemerisSatellites:
         return self
 
     @cached_property
-    def _sources(self) -> list[Source]:
+    def _sources(self) -> list[SourceFile]:
         return [read_source(file) for file in self.files]
 
     @cached_property
@@ -218,7 +218,7 @@ class _Path:
             raise self.error("must all be dates, or all seconds since the scene's epoch", "times")
         first = segments[0].instants[0]
 
-        def since_first(instants: Instants) -> F64:
+        def since_first(instants: FileInstants) -> F64:
             return instants.since_instant(first)
 
         self.segments = sorted(segments, key=lambda s: _useable_s(s, since_first)[0])
@@ -305,7 +305,7 @@ class _Path:
         return index
 
 
-def _useable_s(segment: EphemerisSegment, since: Callable[[Instants], F64]) -> tuple[float, float]:
+def _useable_s(segment: EphemerisSegment, since: Callable[[FileInstants], F64]) -> tuple[float, float]:
     """First and last useable time of a segment, as `since` counts."""
     instants = segment.useable if segment.useable is not None else segment.instants[[0, -1]]
     time_s = since(instants)

@@ -15,7 +15,7 @@ from warpsim.output.check_views import count_replaced, replaced_text
 from warpsim.output.wording import counted
 from warpsim.render.skies import Skies
 from warpsim.scene.attitudes import within_scene
-from warpsim.scene.bands import parts_with_bands, tables_by_band
+from warpsim.scene.band_descriptions import parts_with_bands, tables_by_band
 from warpsim.scene.groups import TargetGroup
 from warpsim.scene.scenario import Scenario
 from warpsim.sky.catalog import StarCatalog

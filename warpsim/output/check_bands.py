@@ -11,7 +11,7 @@ from warpsim.constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from warpsim.detector.electron import ElectronDetector
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.by_band import in_band
-from warpsim.scene.bands import BandDescription
+from warpsim.scene.band_descriptions import BandDescription
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.sky.catalog import StarCatalog

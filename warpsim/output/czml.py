@@ -18,7 +18,7 @@ import numpy as np
 
 from warpsim.errors import InputError
 from warpsim.files import check_new_file, whole_file
-from warpsim.output.czml_packets import MAIN, SATELLITE, TARGET, Body, body_packet, field_packets, line_packet
+from warpsim.output.czml_packets import MAIN, SATELLITE, TARGET, CzmlBody, body_packet, field_packets, line_packet
 from warpsim.output.czml_samples import DATE_S, Piece, sampled_track
 from warpsim.output.czml_views import fields_of_view, lines_of_sight
 from warpsim.output.dates import utc_dates
@@ -98,7 +98,7 @@ def body_span_s(scenario: Scenario, name: str) -> tuple[float, float]:
     return max(0.0, target.exists_s[0], target.release_s), min(duration_s, target.exists_s[1])
 
 
-def _bodies(scenario: Scenario, step_s: float | None) -> Iterator[tuple[Body, float]]:
+def _bodies(scenario: Scenario, step_s: float | None) -> Iterator[tuple[CzmlBody, float]]:
     """The satellites and targets that are there at some time, and the errors of interpolating between samples [m]."""
     sensors = dict.fromkeys(scenario.satellite_names, "")
     for instrument in scenario.instruments.values():
@@ -106,7 +106,7 @@ def _bodies(scenario: Scenario, step_s: float | None) -> Iterator[tuple[Body, fl
             sensors[satellite] += f", {name}" if name != satellite else ""
     for name, carried in sensors.items():
         pieces, error_m = _track(scenario, name, step_s)
-        yield Body(name, f"satellite{carried}", pieces, body_span_s(scenario, name), SATELLITE, True, 1), error_m
+        yield CzmlBody(name, f"satellite{carried}", pieces, body_span_s(scenario, name), SATELLITE, True, 1), error_m
     for target in scenario.targets:
         first_s, last_s = body_span_s(scenario, target.name)
         if last_s - first_s < 2 * DATE_S:
@@ -114,7 +114,7 @@ def _bodies(scenario: Scenario, step_s: float | None) -> Iterator[tuple[Body, fl
         pieces, error_m = _track(scenario, target.name, step_s)
         colour = TARGET if target.is_released else MAIN
         description, is_named = f"target, {target.spec.shape.kind}", not target.is_released
-        yield Body(target.name, description, pieces, (first_s, last_s), colour, is_named, 2), error_m
+        yield CzmlBody(target.name, description, pieces, (first_s, last_s), colour, is_named, 2), error_m
 
 
 def _track(scenario: Scenario, name: str, step_s: float | None) -> tuple[list[Piece], float]:
@@ -126,7 +126,7 @@ def _track(scenario: Scenario, name: str, step_s: float | None) -> tuple[list[Pi
         raise error.of(name) from None
 
 
-def _document(scenario: Scenario, bodies: list[Body]) -> Any:
+def _document(scenario: Scenario, bodies: list[CzmlBody]) -> Any:
     """The document: clock, satellites, targets, lines of sight, fields of view."""
     from czml3 import CZML_VERSION, Document, Packet
     from czml3.enums import ClockRanges, ClockSteps

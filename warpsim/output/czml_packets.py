@@ -24,7 +24,7 @@ _FIELD_EDGES = (1, 2, 3, 4, 1, 0, 2, 3, 0, 4)  # corners, 0 the sensor: all edge
 
 
 @dataclass(frozen=True)
-class Body:
+class CzmlBody:
     """A satellite or target that is drawn."""
 
     name: str
@@ -38,7 +38,7 @@ class Body:
     path_width: int
 
 
-def body_packet(body: Body, dates: Dates, duration_s: float) -> Any:
+def body_packet(body: CzmlBody, dates: Dates, duration_s: float) -> Any:
     """Return the packet of a body: positions, point, name and path.
 
     Args:

@@ -8,9 +8,9 @@ from typing import Any
 import warp as wp
 
 from warpsim.optics.psf_bank import PsfBank
-from warpsim.render.pointing import PointingArrays
+from warpsim.render.pointing_arrays import PointingArrays
 from warpsim.render.read_out import ReadOut
-from warpsim.render.star_field import Stars
+from warpsim.render.star_field import SceneStars
 from warpsim.render.streaks import Streaks
 from warpsim.render.target_field import TargetField
 from warpsim.scene.instrument import Instrument
@@ -41,7 +41,7 @@ class DeviceScene(DeviceBodies):
 
     psf: PsfBank
     read_out: ReadOut
-    stars: Stars
+    stars: SceneStars
     band_id: wp.array
     """Index of each band among the instrument's, (n_band,)."""
     stamp_rule: Any

@@ -20,7 +20,7 @@ from warpsim.optics.psf_bank import psf_bank, stamp_rule
 from warpsim.optics.tables import TableAccuracy, cheapest_layout
 from warpsim.render.device_scene import DeviceBodies, DeviceScene
 from warpsim.render.kernel_loading import kernel_loading
-from warpsim.render.pointing import make_pointing
+from warpsim.render.pointing_arrays import make_pointing
 from warpsim.render.read_out import make_read_out
 from warpsim.render.stages import image_kernels
 from warpsim.render.star_field import make_stars, star_features, star_kernel, star_threads

@@ -29,7 +29,7 @@ _MAS_RAD = np.pi / 180 / 3.6e6
 
 
 @dataclass(frozen=True)
-class Stars:
+class SceneStars:
     """The star catalog on the device, in cell order, and what of a star's position is looked at."""
 
     index: BandIndex
@@ -53,7 +53,7 @@ def make_stars(
     psf: PsfBank,
     stamp_rule: Any,
     grid: NodeGrid,
-) -> Stars:
+) -> SceneStars:
     """Put what the star stage reads on the index's device.
 
     Args:
@@ -85,7 +85,7 @@ def make_stars(
         sensor.camera.half_diagonal_rad(margin_px) + LARGEST_SHIFT_RAD + 1.1 * parallax_rad.max(initial=0.0)
     )
     field.cosine = float(np.cos(min(field.radius_rad, np.pi)))
-    return Stars(index, field, _earth_orbit(scenario.tracks, grid, device), star_features(sky, sensor))
+    return SceneStars(index, field, _earth_orbit(scenario.tracks, grid, device), star_features(sky, sensor))
 
 
 def star_threads(device: wp.Device) -> int:

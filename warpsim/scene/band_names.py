@@ -12,7 +12,7 @@ from warpsim.config.fields import rule_error
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import SHIPPED
-from warpsim.scene.bands import description_of
+from warpsim.scene.band_descriptions import description_of
 
 
 def _name_or_band(value: Any) -> Any:

@@ -13,8 +13,8 @@ from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.orbit.arc import UtcText
 from warpsim.radiometry.by_band import ByBand
 from warpsim.scene import validation
+from warpsim.scene.band_descriptions import BandDescriptions
 from warpsim.scene.band_names import with_names
-from warpsim.scene.bands import BandDescriptions
 from warpsim.scene.groups import AnyConstellation, TargetGroup, Text
 from warpsim.scene.instrument import TRACKED
 from warpsim.scene.lighting import Lighting

@@ -21,7 +21,7 @@ from warpsim.radiometry.band import Band
 from warpsim.scene.access_report import access_report, check_rules, chosen_sensors
 from warpsim.scene.access_tables import eclipse_table
 from warpsim.scene.attitudes import AnyAttitude, attitude_tables, target_attitudes
-from warpsim.scene.bands import find_band, needs_file
+from warpsim.scene.band_descriptions import find_band, needs_file
 from warpsim.scene.breakpoints import breakpoints_s
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument, SceneWide

@@ -15,7 +15,14 @@ from warpsim.orbit.epoch import instant
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, SHIPPED
 from warpsim.scene.attitudes import attitude_tables
-from warpsim.scene.bands import BandDescription, find_band, needs_file, parts_with_bands, tables_by_band, unknown_rule
+from warpsim.scene.band_descriptions import (
+    BandDescription,
+    find_band,
+    needs_file,
+    parts_with_bands,
+    tables_by_band,
+    unknown_rule,
+)
 from warpsim.scene.groups import AnyConstellation, TargetGroup
 from warpsim.scene.instrument import ANY, TRACKED
 from warpsim.scene.lighting import Lighting

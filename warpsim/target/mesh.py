@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from warpsim.config.fields import FileName, Positive, rule_error
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
-from warpsim.exchange.source import Source, read_source
+from warpsim.exchange.source import SourceFile, read_source
 from warpsim.target.areas import Areas
 from warpsim.target.closed_surface import ClosedSurface, closed_surface
 from warpsim.target.mesh_file import read_mesh
@@ -87,7 +87,7 @@ class Mesh(Areas):
         return self
 
     @cached_property
-    def _source(self) -> Source:
+    def _source(self) -> SourceFile:
         return read_source(str(self.file))
 
     @property

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError, one_line
-from warpsim.exchange.source import Source, number_of
+from warpsim.exchange.source import SourceFile, number_of
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -19,7 +19,7 @@ _OBJ_CORNER = re.compile(r"(-?\d+)(/(-?\d+)?)?(/-?\d+)?")
 _STL_HEAD, _STL_FACET = 84, 50  # bytes
 
 
-def read_mesh(source: Source) -> tuple[F64, I64]:
+def read_mesh(source: SourceFile) -> tuple[F64, I64]:
     """Vertices, in the file's units, shape (n_vertex, 3), and faces, shape (n_face, 3), numbers counted from 0.
 
     Raises:
@@ -46,7 +46,7 @@ def read_mesh(source: Source) -> tuple[F64, I64]:
     return vertices.reshape(len(vertices), -1)[:, :3], faces
 
 
-def _check_obj(source: Source) -> None:
+def _check_obj(source: SourceFile) -> None:
     """Check what trimesh accepts silently: short lines, and vertex numbers that count backwards.
 
     Raises:
@@ -78,7 +78,7 @@ def _check_obj(source: Source) -> None:
             raise source.error(number, f"face names vertex {vertex} of {n_vertex}")
 
 
-def _check_stl(source: Source) -> None:
+def _check_stl(source: SourceFile) -> None:
     """Make sure that the file is whole.
 
     Raises:
