@@ -83,6 +83,7 @@ def occulted_kernel(
 
 
 @pytest.mark.parametrize("pole", [Z, np.array([0.3, 0.4, np.sqrt(0.75)])], ids=["upright", "tilted"])
+@pytest.mark.ci
 def test_a_metre_over_the_horizon_is_free_and_a_metre_under_it_is_hidden(device, pole):
     """Lines that touch the ellipsoid raised by h metres: the lowest point is known. Kernel, rule and erfa agree."""
     rng = np.random.default_rng(6)
@@ -203,6 +204,7 @@ def test_each_camera_has_axes_of_its_own():
     assert 0 < (margin >= 0).sum() < margin.size
 
 
+@pytest.mark.ci
 def test_apparent_direction_is_where_the_image_shows_it(scene):
     frames = ws.Renderer(scene, device="cpu").render([60, 90], ["sat11", "sat27"], ["A"])
     tracks = scene.scenario.tracks
@@ -239,6 +241,7 @@ def test_a_scene_asks_its_cameras(scene):
         assert not seen[3] or end_s == wide.duration_s
 
 
+@pytest.mark.ci
 def test_in_fov_agrees_with_the_truth_of_images(scene):
     """A frame so narrow that targets of the group leave it."""
     scene = scene.replace(camera__fov_deg=0.05, optics={"aperture_m": 0.4, "psf": "gaussian", "sigma_px": 0.8})

@@ -284,6 +284,7 @@ def test_step_and_stare_shows_the_target_in_every_other_row(scene, step_s):
 
 
 @pytest.mark.parametrize("step_s", [60.0, 10.0, 1.0])
+@pytest.mark.ci
 def test_fast_sweeps_over_the_target_are_all_seen(scene, step_s):
     """A camera of 2 degrees that sweeps 120 degrees and back every 5 s, for tens of milliseconds over the target."""
     beside = np.random.default_rng(1).normal(size=700) * 0.02

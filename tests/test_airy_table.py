@@ -110,12 +110,14 @@ def test_reference_matches_mpmath(dx_px, dy_px, obscuration):
 
 
 @every_pattern
+@pytest.mark.ci
 def test_near_pixels_at_random_phases(radius_px, obscuration, record_accuracy):
     rng = np.random.default_rng(1)
     assert_matches_reference(rng.uniform(-2.5, 2.5, (120, 2)), radius_px, obscuration, record_accuracy)
 
 
 @every_pattern
+@pytest.mark.ci
 def test_source_on_and_beside_edges_and_corners(radius_px, obscuration, record_accuracy):
     rng = np.random.default_rng(2)
     lamf_px = radius_px / FIRST_DARK_RING
@@ -128,6 +130,7 @@ def test_source_on_and_beside_edges_and_corners(radius_px, obscuration, record_a
 
 
 @every_pattern
+@pytest.mark.ci
 def test_far_pixels_on_axes_and_diagonals(radius_px, obscuration, record_accuracy):
     rng = np.random.default_rng(3)
     reach_px = airy(radius_px, obscuration).reach_px[0]
@@ -152,6 +155,7 @@ def test_both_sides_of_the_reach(radius_px, obscuration, record_accuracy):
 
 @pytest.mark.parametrize("obscuration", [0.0, 0.02, 0.15, 0.3, 0.6])
 @pytest.mark.parametrize("radius_px", [0.03, 0.1, 0.35, 0.7, 1.22, 2.5, 7.0])
+@pytest.mark.ci
 def test_stated_error_holds_on_random_phases(radius_px, obscuration):
     """On many more offsets than those that the build measures it on, against its own quadrature of the edges."""
     table = airy(radius_px, obscuration)
@@ -162,6 +166,7 @@ def test_stated_error_holds_on_random_phases(radius_px, obscuration):
 @pytest.mark.parametrize("n_point", POINTS)
 @pytest.mark.parametrize("error", ERRORS)
 @pytest.mark.parametrize("radius_px", [0.6, 1.5])
+@pytest.mark.ci
 def test_every_order_keeps_the_error_asked_for(radius_px, error, n_point):
     if n_point == 2 and error < 1e-6:
         with pytest.raises(InputError, match=r"needs a table of \d+ x \d+ nodes"):
@@ -354,6 +359,7 @@ TIGHT_ATOL = {0.009: 4e-4, 0.004: 2e-4, 0.001: 5e-5}
 
 
 @pytest.mark.parametrize("radius_px", list(TIGHT_ATOL))
+@pytest.mark.ci
 def test_tight_patterns_are_exact_away_from_edges(radius_px):
     offsets_px = np.random.default_rng(5).uniform(-3.0, 3.0, (3000, 2))
     edge_px = np.abs(np.abs(offsets_px) - 0.5).min(axis=1)

@@ -83,6 +83,7 @@ def test_series_of_an_element(degree, limb_sine):
 
 @every_degree
 @pytest.mark.parametrize("name", ["sphere", "cylinder", "cone", "flat-cone"])
+@pytest.mark.ci
 def test_series_of_bodies_are_those_of_their_meshes(degree, name):
     """Ends, the side's arc and the sphere in closed form, against sums over facets by the same series."""
     shape, rng = SHAPES[name], np.random.default_rng(SEED)
@@ -135,6 +136,7 @@ def right():
 
 
 @every_degree
+@pytest.mark.ci
 def test_errors_of_the_series(right, degree):
     """No body exceeds the table, near or far, and some body comes near it; nothing is negative."""
     geometry, areas = right

@@ -102,6 +102,7 @@ def shares(area, shape, limb_sine):
 
 @every_degree
 @pytest.mark.parametrize("low", [0.5, 0.0166], ids=["near", "anywhere"])
+@pytest.mark.ci
 def test_the_table_stands_for_the_series(degree, low):
     view, nadir, limb_sine, sun = geometries(low)
     missed = []

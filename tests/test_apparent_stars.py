@@ -179,6 +179,7 @@ SWITCHES = list(itertools.product([False, True], repeat=3))
 
 
 @pytest.mark.parametrize(("aberration", "parallax", "light_deflection"), SWITCHES)
+@pytest.mark.ci
 def test_each_switch_does_its_part_and_no_more(scene, device, aberration, parallax, light_deflection):
     """Star rows of the renderer against ERFA's proper motion and the host's twin with the same steps on."""
     axes = ws.Renderer(scene, device=device).render([70], ["sat11"], ["A"]).axes_icrs[0, 0]

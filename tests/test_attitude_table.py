@@ -295,6 +295,7 @@ def test_scenes_say_where_an_attitude_is_wrong(scene, attitude, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.ci
 def test_rendered_aspect_is_the_tables(tabled, device):
     truth = ws.Renderer(tabled, device=device).render(range(40), ["sat11", "sat27"], ["A"]).truth
     for name in ("center", "cylinder01", "cylinder04", "cone03"):

@@ -205,6 +205,7 @@ def test_a_rim_that_just_touches_a_star_on_a_border_finds_it(device, dtype, side
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.ci
 def test_dense_fields(device, dtype):
     """Cones centred on and beside stars of clusters; float32 directions are exact for themselves."""
     index = ws.BandIndex(dense_catalog(), device=device, dtype=dtype)

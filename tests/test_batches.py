@@ -79,6 +79,7 @@ def pipelines_in(renderer):
     return [pipeline for pipeline in group._pipelines if pipeline is not None]
 
 
+@pytest.mark.ci
 def test_there_is_something_to_compare(small, expected):
     found = expected("cpu")
     assert len(found["star_x_px"]) > N_VIEW
@@ -89,6 +90,7 @@ def test_there_is_something_to_compare(small, expected):
 
 @pytest.mark.parametrize("n_thread", [1, 3])
 @pytest.mark.parametrize(("n_view", "n_image"), [(1, 1), (3, 1), (3, 2), (4, 3), (7, 7), (99, 2)])
+@pytest.mark.ci
 def test_passes_and_images_at_a_time_of_any_size(small, device, expected, monkeypatch, n_view, n_image, n_thread):
     """Signal, star lists and columns too: of several passes they are those of one."""
     monkeypatch.setattr(schedule, "SIGNAL_BYTES_AT_A_TIME", n_image * IMAGE_BYTES)
@@ -112,12 +114,14 @@ def test_chunk_bytes_change_nothing(small, device, expected, chunk_bytes):
 
 
 @pytest.mark.parametrize("kept", [{"keep_signal": True}, {"keep_stars": True}, {"keep_signal": False}], ids=str)
+@pytest.mark.ci
 def test_what_is_kept_changes_nothing_else(small, device, expected, kept):
     found = rendered(ws.Renderer(small, device=device, chunk_bytes=2 * IMAGE_BYTES), **kept)
     assert ("signal" in found, "star_x_px" in found) == (kept.get("keep_signal", False), "keep_stars" in kept)
     assert_same(found, {name: values for name, values in expected(device).items() if name in found})
 
 
+@pytest.mark.ci
 def test_frames_alone_and_in_another_order(small, device, expected):
     renderer = ws.Renderer(small, device=device)
     everything = expected(device)
@@ -132,6 +136,7 @@ def test_frames_alone_and_in_another_order(small, device, expected):
 
 
 @pytest.mark.parametrize("n_thread", [1, 2])
+@pytest.mark.ci
 def test_source_lists_grow_until_they_hold_all(small, device, expected, monkeypatch, n_thread):
     monkeypatch.setattr(pipelines, "EXTRA_SLOTS", 1)
     monkeypatch.setattr(schedule, "PIXELS_PER_PASS", 1)
@@ -141,6 +146,7 @@ def test_source_lists_grow_until_they_hold_all(small, device, expected, monkeypa
     assert all(required <= pipeline.n_slot <= required + required // 4 for pipeline in pipelines_in(renderer))
 
 
+@pytest.mark.ci
 def test_calls_that_grow_little_by_little_need_few_new_arrays(small, monkeypatch):
     made = []
 

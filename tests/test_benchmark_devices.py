@@ -18,6 +18,7 @@ def collected(*options):
     return done.returncode, [line for line in done.stdout.splitlines() if "::" in line], done.stdout + done.stderr
 
 
+@pytest.mark.ci
 def test_every_benchmark_of_kernels_takes_the_device():
     pytest.importorskip("pytest_benchmark")
     code, names, text = collected("benchmarks", "--device", "cpu")
@@ -31,6 +32,7 @@ def test_every_benchmark_of_kernels_takes_the_device():
     }
 
 
+@pytest.mark.ci
 def test_a_device_that_is_not_there_is_named():
     code, names, text = collected("benchmarks/test_read_out.py", "--device", "tpu")
     assert code == 4 and not names

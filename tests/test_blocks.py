@@ -77,6 +77,7 @@ def counts_of(scene, **arguments):
 
 
 @pytest.mark.parametrize("name", CASES)
+@pytest.mark.ci
 def test_counts_are_those_of_deposit_and_read_out(name, at_once, monkeypatch):
     scene = ws.Scene.load("stss").replace(**CASES[name])
     counts, made = counts_of(scene)
@@ -108,6 +109,7 @@ def test_frames_are_the_same_alone_and_in_any_batch(at_once):
     np.testing.assert_array_equal(renderer.render([9], sensors[1]).counts.numpy()[0, 0], batch[1, 1])
 
 
+@pytest.mark.ci
 def test_images_that_strips_do_not_fill_take_both_stages(at_once):
     _, made = counts_of(ws.Scene.load("stss").replace(**shape(33, 57)))
     assert made._at_once is None
@@ -122,6 +124,7 @@ def test_images_that_strips_do_not_fill_take_both_stages(at_once):
     ],
     ids=["stss", "all shifts", "a lens, streaks"],
 )
+@pytest.mark.ci
 def test_stars_gathered_by_32_threads(changes, blocks, monkeypatch):
     """The same stars, in the same order and with the same bits: more than a round of threads can take."""
     work = speed_work(128, 300, 1, "gaussian")

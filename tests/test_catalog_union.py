@@ -238,6 +238,7 @@ def test_match_agrees_with_a_tree_search(hipparcos, gaia):
 # --- the union ---
 
 
+@pytest.mark.ci
 def test_union_has_every_star_once(union, stars):
     assert len(union) == 490_206
     assert len(np.unique(union.id)) == len(union)

@@ -55,6 +55,7 @@ def offsets(xy):
 @pytest.mark.parametrize(
     ("radius_px", "aspect"), [(0.1, 1.0), (0.478, 1.0), (0.478, 1.4), (1.5, 0.7), (1.5, 1.0), (10.0, 1.0)]
 )
+@pytest.mark.ci
 def test_pixels_keep_the_error_asked_for(device, degree, radius_px, aspect, record_accuracy):
     error = 6e-7 if degree > 3 or radius_px > 1 else 1e-4
     if degree == 5 and radius_px < 0.2:
@@ -76,6 +77,7 @@ def test_pixels_keep_the_error_asked_for(device, degree, radius_px, aspect, reco
 @pytest.mark.parametrize(
     ("degree", "oversample", "smear_px"), [(3, 5.0, 0.0), (5, 5.0, 0.0), (7, 5.0, 0.0), (3, 7.0, 0.3), (3, 9.0, 0.4)]
 )
+@pytest.mark.ci
 def test_images_without_symmetry(device, degree, oversample, smear_px):
     """A table that is not mirrored, off its middle: against the spline through the same samples."""
     y, x = np.mgrid[:41, :47]

@@ -110,6 +110,7 @@ def _electron_lines(tmp_path, quantum_efficiency, **band):
     return [line for line in lines if "peaks at" in line or "quantum_efficiency" in line]
 
 
+@pytest.mark.ci
 def test_peak_of_a_product_of_files_is_shown(tmp_path):
     files = [str(tmp_path / name) for name in ("filter.csv", "qe.csv")]
     shown = "             the product of its files peaks at 0.72, and is scaled to 1"

@@ -187,6 +187,7 @@ def test_missing_and_wrong_files(capsys, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.ci
 def test_output_that_cannot_be_written(capsys, tmp_path):
     """A path through a file can never be a folder, not even for root."""
     (tmp_path / "file").write_text("")
@@ -219,6 +220,7 @@ def test_bad_options(capsys, tmp_path, arguments, message):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.ci
 def test_render_writes_the_stars_when_asked(capsys, tmp_path):
     from astropy.table import Table
 
@@ -487,6 +489,7 @@ def test_unknown_command_and_version(capsys):
 # --- pictures and CZML of scenes ---
 
 
+@pytest.mark.ci
 def test_access_draws_beside_the_table(capsys, tmp_path):
     image = pytest.importorskip("matplotlib.image")
     _, table, _ = run(capsys, "access", "stss")
@@ -499,6 +502,7 @@ def test_access_draws_beside_the_table(capsys, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["chart.pdf", "chart.png", "chart.svg"]
 
 
+@pytest.mark.ci
 def test_plot_draws_every_picture(capsys, tmp_path):
     image = pytest.importorskip("matplotlib.image")
     folder = tmp_path / "new" / "pictures"
@@ -531,6 +535,7 @@ def test_plot_draws_named_sensors_and_every_group(capsys, tmp_path, scene):
     assert "sensors: must be sensors of the scene (sat11" in err
 
 
+@pytest.mark.ci
 def test_plot_without_access_has_no_views(capsys, tmp_path):
     pytest.importorskip("matplotlib")
     path = tmp_path / "blind.toml"
@@ -540,6 +545,7 @@ def test_plot_without_access_has_no_views(capsys, tmp_path):
     assert "6 figures" in out
 
 
+@pytest.mark.ci
 def test_czml_reports_what_it_wrote(capsys, tmp_path):
     pytest.importorskip("czml3")
     path = tmp_path / "stss.czml"

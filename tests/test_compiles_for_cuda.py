@@ -100,6 +100,7 @@ def compiled_text(warp_module, folder):
 
 
 @pytest.mark.parametrize("module", PLAIN, ids=lambda module: module.__name__.rpartition(".")[2])
+@pytest.mark.ci
 def test_kernels_of_a_module_build(module, tmp_path):
     text = compiled_text(plain_kernels(module)[0].module, tmp_path)
     assert f".target sm_{ARCH}" in text
@@ -116,6 +117,7 @@ def _case(factory, arguments):
 
 
 @pytest.mark.parametrize(("factory", "arguments"), [_case(*made) for made in MADE])
+@pytest.mark.ci
 def test_made_kernels_build(factory, arguments, tmp_path):
     kernel = factory(*arguments)
     text = compiled_text(kernel.module, tmp_path)

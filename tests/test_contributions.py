@@ -78,6 +78,7 @@ def dark(scene):
     return scene.replace(lighting=lights_off, **mirrors)
 
 
+@pytest.mark.ci
 def test_planes_and_stars_add_up_to_the_image(changed, frames, stars):
     renderer = ws.Renderer(dark(changed), device="cpu", catalog=stars)
     without = renderer.render(frames.frames, [SENSOR], frames.bands, keep_signal=True)
@@ -101,6 +102,7 @@ def test_a_plane_is_the_image_of_the_target_alone(changed, frames):
         np.testing.assert_array_equal(frames.contributions_w_cm2(FRAME, SENSOR, band)[0], signal[k])
 
 
+@pytest.mark.ci
 def test_a_plane_holds_the_targets_light(changed, frames):
     margin_px = 40
     n_inside = 0

@@ -166,6 +166,7 @@ def test_czml3_takes_it_back(written):
     assert path.stat().st_size < STSS_BYTES
 
 
+@pytest.mark.ci
 def test_a_step_of_ones_own(scene, tmp_path):
     coarse = ws.write_czml(scene, tmp_path / "coarse.czml", step_s=270.0)
     fine = ws.write_czml(scene, tmp_path / "fine.czml", step_s=30.0)
@@ -280,6 +281,7 @@ def test_motion_is_cut_at_known_breakpoints(step_s):
     assert step_s or told_m < POSITION_ATOL_M
 
 
+@pytest.mark.ci
 def test_what_is_returned_holds_after_a_release(tmp_path):
     """Half a day of an orbit, and cubes that leave it at 900 s."""
     body = {"shape": ws.Sphere(0.8), "surface": {"emissivity": 0.9}, "temperature": {"start_k": 300.0}}
@@ -306,6 +308,7 @@ def test_what_is_returned_holds_after_a_release(tmp_path):
     assert worst_m == pytest.approx(told_m, rel=0.02)
 
 
+@pytest.mark.ci
 def test_targets_are_available_from_their_release_on(scene, tmp_path):
     late = scene.replace(release__time_s=500.0)
     assert ws.write_czml(late, tmp_path / "late.czml") < POSITION_ATOL_M
@@ -373,6 +376,7 @@ def packets_of_two(two, tmp_path_factory):
     return read(path)
 
 
+@pytest.mark.ci
 def test_satellites_with_several_sensors_are_packets_once(two, packets_of_two):
     bodies = {name for name in packets_of_two if "/" not in name}
     assert bodies == {"document", *two.scenario.satellite_names, *two.target_names}
@@ -464,6 +468,7 @@ def test_a_camera_that_steps_has_a_field_in_pieces(scene, tmp_path):
     check_corners(stepping, packets, "sat13", 6e6, np.array([1.0, 600.0, 639.999, 640.001, 700.0, 1600.0]))
 
 
+@pytest.mark.ci
 def test_a_line_of_sight_follows_the_steps_of_a_sensor(two, tmp_path):
     steps = [{"start_s": 0.0, "track": "main"}, {"start_s": 900.0, "track": "second"}]
     data = two.to_dict()["sensors"]

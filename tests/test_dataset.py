@@ -87,6 +87,7 @@ def read_counts(folder, row):
 
 
 @pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.ci
 def test_images_are_where_the_tables_say_and_are_those_of_the_renderer(folders, rendered, name):
     rows = list(itertools.chain(*tables(folders / name, "images").values()))
     assert sorted(row["image_id"] for row in rows) == list(range(1, 5 * 3 * 2 * 2 + 1))
@@ -98,6 +99,7 @@ def test_images_are_where_the_tables_say_and_are_those_of_the_renderer(folders, 
 
 
 @pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.ci
 def test_tables_are_the_same_in_all_formats(folders, name):
     for table in ("truth", "stars"):
         assert_same(tables(folders / name, table), tables(folders / "fits", table))

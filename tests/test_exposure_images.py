@@ -208,6 +208,7 @@ def test_truth_counts_the_light_of_a_streak(scene, device):
     assert signal.sum() == pytest.approx(held, rel=2e-6)
 
 
+@pytest.mark.ci
 def test_light_grows_along_the_streak_of_a_target_that_comes_near(scene, device):
     """A pass at 20 km and 5 km/s: the range changes by a few percent from one end of the streak to the other."""
     passing = scene.replace(

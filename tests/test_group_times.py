@@ -70,6 +70,7 @@ def test_targets_are_absent_before_and_after(two, device):
     assert total[0] > total[1]
 
 
+@pytest.mark.ci
 def test_exists_s_bounds_what_there_is(scene, device):
     short = scene.replace(groups=[{**scene.to_dict()["groups"][0], "exists_s": [300.0, 900.0]}], sky__catalog="none")
     frames = ws.Renderer(short, device=device).render([10, 31, 60, 90, 100], ["sat11"], ["A"])
@@ -286,6 +287,7 @@ def test_a_camera_without_anything_to_track_looks_along_its_motion(two, device):
     np.testing.assert_allclose(axes[:2, 2], forward, rtol=0, atol=1e-12)
 
 
+@pytest.mark.ci
 def test_a_camera_keeps_its_target_through_the_exposure_in_which_it_ends(scene, device):
     still = {"start_k": 300.0, "end_k": 300.0}
     group = scene.to_dict()["groups"][0]

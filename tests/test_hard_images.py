@@ -138,6 +138,7 @@ def test_light_from_1e_minus_25_to_1e_minus_10_in_one_frame(device, scene):
 
 
 @pytest.mark.parametrize("shape", [(64, 64), (1, 1), (37, 5)])
+@pytest.mark.ci
 def test_nothing_in_the_frame(scene, device, shape):
     """An empty catalog, and targets behind or beside the camera: exactly dark, and the detector's own noise."""
     empty = sky_scene(scene, {"n_row": shape[0], "n_col": shape[1]})
@@ -176,6 +177,7 @@ ODD_CAMERAS = {
 
 
 @pytest.mark.parametrize("camera", ODD_CAMERAS.values(), ids=ODD_CAMERAS)
+@pytest.mark.ci
 def test_arrays_and_pixels_that_are_not_square(scene, device, camera):
     """The light of each star is where its label and astropy's WCS say, whatever the array."""
     odd = sky_scene(scene, camera, sigma_px=0.45)
@@ -319,6 +321,7 @@ def test_a_star_on_the_edge_of_the_field_and_on_a_corner(scene, device, xy, frac
 
 @pytest.mark.parametrize("apart_px", [9e-4, 1e-6, 0.0])
 @pytest.mark.parametrize("psf", ["gaussian", "airy"])
+@pytest.mark.ci
 def test_two_stars_closer_than_a_thousandth_of_a_pixel(scene, device, psf, apart_px):
     """Both are drawn, both are labelled, and the light is the sum; even at the same position."""
     optics = {"psf": psf} if psf == "gaussian" else {"psf": psf, "sigma_px": None}

@@ -400,6 +400,7 @@ def test_scene_against_scipy(scene, matter, shape, attitude, record_accuracy):
     assert swing_k > (5.0 if matter is HEAVY else 60.0)
 
 
+@pytest.mark.ci
 def test_energy_is_kept(scene):
     """What a body holds changes by what goes in less what goes out, summed by Simpson's rule from the power alone."""
     model = ws.HeatBalance(300.0, **HEAVY, **COEFFICIENTS)
@@ -434,6 +435,7 @@ def test_eclipse_entry(scene):
     np.testing.assert_allclose(orbit.scenario.temperature_k("main", time), exact, rtol=0, atol=2 * PASS_K)
 
 
+@pytest.mark.ci
 def test_mean_over_fast_turns_is_the_motion_within_the_ripple_told(scene):
     """Rolling 4 rev/s, followed turn by turn by scipy, swings about the mean by no more than `ripple_k` says."""
     model = ws.HeatBalance(290.0, 0.002, 900.0, **COEFFICIENTS)
@@ -479,6 +481,7 @@ def test_targets_of_a_group_have_courses_of_their_own(scene):
     assert np.abs(seen).max() < 2 * PASS_K  # whoever goes beside it
 
 
+@pytest.mark.ci
 def test_later_releases_hold_their_temperature_until_then(scene):
     model = ws.HeatBalance(333.0, **FOIL, **COEFFICIENTS)
     late = low_orbit(scene, model, {}, SPHERE, release={"time_s": 600.0, "speed_m_s": [1.0, 2.0]}, duration_s=1500.0)

@@ -99,6 +99,7 @@ def worst_error(degree, limb_sines):
 
 
 @every_degree
+@pytest.mark.ci
 def test_errors_of_the_ladder(degree):
     """No body exceeds the table, near the Earth and anywhere, and some body comes near it."""
     near, anywhere = HEAT_ERRORS[degree]
@@ -165,6 +166,7 @@ def test_methods_for_an_error():
         heat_method(1e-9, 0.9)
 
 
+@pytest.mark.ci
 def test_a_scene_takes_what_it_asks_for(scene):
     """Light of frames within the error asked for, by either method."""
     shares = {}

@@ -113,6 +113,7 @@ def test_views_of_other_arrays_are_written_as_they_look(tmp_path):
         np.testing.assert_array_equal(read_image(tmp_path / f"{number}.png")[0], view)
 
 
+@pytest.mark.ci
 def test_bytes_do_not_depend_on_time(tmp_path):
     small = EVERY_COUNT[:40]
     writers = {
@@ -214,6 +215,7 @@ CAMERAS = {
 
 @pytest.mark.parametrize("camera", CAMERAS)
 @pytest.mark.parametrize("way", ["fits", "png"])
+@pytest.mark.ci
 def test_the_header_leads_where_the_camera_sees(scene, tmp_path, camera, way):
     """Astropy alone, from the file alone, jitter on; without a warning. PNG: the facts in it are such a header."""
     shaken = scene.replace(camera=CAMERAS[camera], pointing__jitter={"rms_urad": 100.0, "correlation_s": 3.0})
@@ -237,6 +239,7 @@ def test_the_header_leads_where_the_camera_sees(scene, tmp_path, camera, way):
     np.testing.assert_allclose(places, xy, rtol=0, atol=PLACE_PX)
 
 
+@pytest.mark.ci
 def test_a_single_fits_image(scene, tmp_path):
     described = scene.replace(detector={"kind": "nei", "nei_w_cm2": 1e-15, "sei_w_cm2": 1e-12, "exposure_s": 0.1})
     frames = ws.Renderer(described, device="cpu").render([FRAME, 63], ["sat11", "sat47"], ["A", "C"])
@@ -310,6 +313,7 @@ def pictures_of(path):
 
 
 @pytest.mark.parametrize("name", ["a.gif", "a.mp4"])
+@pytest.mark.ci
 def test_films_show_every_image(scene, tmp_path, name):
     pytest.importorskip("av") if name == "a.mp4" else None
     counts, places = film(scene)

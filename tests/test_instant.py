@@ -28,6 +28,7 @@ def random_dates(count: int) -> list[str]:
     return [*texts, "2024-02-29T23:59:59", "1972-06-30T23:59:59", "2016-12-31T23:59:59", "2017-01-01T00:00:00"]
 
 
+@pytest.mark.ci
 def test_numbers_are_astropys_to_the_last_bit():
     for text in random_dates(2000):
         with warnings.catch_warnings():
@@ -89,6 +90,7 @@ def test_leap_seconds_of_the_list_are_taken(checkout_environment):
     assert float(shown) + 43200.0 == pytest.approx(last, abs=1e-6, rel=0)
 
 
+@pytest.mark.ci
 def test_a_first_frame_needs_no_astropy(checkout_environment):
     code = (
         "import sys, warpsim as ws\n"

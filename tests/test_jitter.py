@@ -168,6 +168,7 @@ def draws():
 LAGS = (0.0, 0.1, 0.5, 1.0, 2.0, 4.0)
 
 
+@pytest.mark.ci
 def test_mean_and_rms(draws):
     n = draws[0].size
     assert abs(draws[0].mean()) < SIGMA_GATE / math.sqrt(n)
@@ -270,6 +271,7 @@ def test_jitter_is_the_same_alone_in_any_batch_and_order(shaken):
         np.testing.assert_array_equal(alone.counts.numpy()[0, 0, 0], batch.counts.numpy()[i, 1, 0])
 
 
+@pytest.mark.ci
 def test_no_jitter_and_none_of_zero_rms_are_one(scene):
     small = scene.replace(camera__n_row=16, camera__n_col=16)
     still = ws.Renderer(small, device="cpu").render([60], ["sat11"])

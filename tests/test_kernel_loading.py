@@ -124,6 +124,7 @@ def test_what_is_begun_is_what_frames_launch(scene, monkeypatch, changes):
     assert star_kernel(made.stars.features, CPU) in kernels
 
 
+@pytest.mark.ci
 def test_cuda_modules_are_compiled_side_by_side_to_the_same_bytes(tmp_path):
     """Kernels of a frame, by Warp's compiler for GPUs, which needs none: one after the other, then in threads."""
     short = [kernel for kernel in frame_kernels({"Airy": {}}) if kernel.stage in ("aim", "gather_stars", "read_out")]
@@ -164,6 +165,7 @@ print(a.numpy().tolist(), before)
 """
 
 
+@pytest.mark.ci
 def test_headers_are_translated_once(tmp_path, checkout_environment):
     script = tmp_path / "cold.py"  # Warp reads the source of its kernels
     script.write_text(COLD)

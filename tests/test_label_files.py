@@ -241,6 +241,7 @@ def test_coco_without_images(scene, tmp_path):
     assert data["images"] == data["annotations"] == []
 
 
+@pytest.mark.ci
 def test_coco_is_written_as_it_comes(frames, table, tmp_path):
     """Memory does not grow with the file: ten times the annotations take no more, but for the images' ids."""
     categories, (image, rows) = ws.labels.coco_categories(frames.scene), next(images_of(frames, table))

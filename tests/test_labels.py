@@ -114,6 +114,7 @@ PSFS = {
 
 
 @pytest.mark.parametrize("psf", PSFS.values(), ids=PSFS)
+@pytest.mark.ci
 def test_box_holds_its_share(psf):
     half_px = box_half_width_px(psf, BOX_FRACTION)
     assert abs(held(psf, half_px) - BOX_FRACTION) < SHARE_ATOL

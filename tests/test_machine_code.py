@@ -116,6 +116,7 @@ def test_stages_are_those_of_a_pipeline(scene, changes):
     assert set(blocks[0]) == {1} and 1 not in blocks[1]
 
 
+@pytest.mark.ci
 def test_list_is_that_of_the_scenes():
     """Every stage has a kernel in it, and what each takes is known."""
     kernels = frame_kernels()
@@ -135,6 +136,7 @@ def test_list_is_that_of_the_scenes():
     assert {kernel.block_dim for kernel in kernels if kernel.stage == "read_out"} != {1}
 
 
+@pytest.mark.ci
 def test_kernels_of_a_frame_stay_within_the_line():
     needs_tools()
     if not wp.__version__.startswith(MEASURED_WITH):

@@ -72,6 +72,7 @@ def test_patterns_of_others_are_independent(device, term, other):
     assert_uncorrelated(pattern(device, term), pattern(device, term, **other))
 
 
+@pytest.mark.ci
 def test_terms_are_independent_of_each_other_and_of_the_noise(device):
     gain, offset, column = (pattern(device, term) for term in ("prnu", "dsnu_nei", "column_noise_nei"))
     noise = deviates(device, SHAPE)
@@ -100,6 +101,7 @@ def test_patterns_of_100_sensors_are_normal(device, term):
 
 
 @pytest.mark.parametrize("shape", [(300, 70), (40, 128), (1, 3000), (500, 1)], ids=str)
+@pytest.mark.ci
 def test_columns_share_a_deviate(device, shape):
     z = pattern(device, "column_noise_nei", (1, 1, *shape), frames=[9], sensors=[2], bands=[4])[0, 0]
     assert np.ptp(z, axis=0).max() <= 2.01 / 3000
@@ -168,6 +170,7 @@ TERMS = {
 
 
 @pytest.mark.parametrize("terms", TERMS.values(), ids=TERMS)
+@pytest.mark.ci
 def test_an_image_does_not_depend_on_its_batch(device, terms):
     detector = NeiDetector(NEI, 3000 * NEI, bits=16, counts_per_nei=20.0, **terms)
     signal = np.random.default_rng(1).uniform(0, 100 * NEI, (3, 2, 40, 61))

@@ -116,6 +116,7 @@ def places_in_penumbra(n, pole, seed):
 
 
 @pytest.mark.parametrize("pole", [None, Z, TILTED], ids=["sphere", "upright", "tilted"])
+@pytest.mark.ci
 def test_share_against_rays_at_the_earth(pole, record_accuracy):
     bound = QUADRATURE + (0 if pole is None else OBLATE)
     error = [

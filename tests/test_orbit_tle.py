@@ -232,6 +232,7 @@ def test_states_beyond_all_reason_are_refused():
             part.states(utc_time("1990-01-01"), [10.0])
 
 
+@pytest.mark.ci
 def test_tracks_of_molniya_take_long_steps():
     """SGP4's velocities are off by more than 1 m/s there; those of the positions serve."""
     lines = (

@@ -136,6 +136,7 @@ def test_osculating_ellipse_has_the_vis_viva_size(eccentricity):
 # --- the scene ---
 
 
+@pytest.mark.ci
 def test_title_and_legend_are_within_the_figure(scene, tmp_path):
     """A flight far away, whose numbers at the axis are wide, so that the square takes all of the figure's height."""
     image = pytest.importorskip("matplotlib.image")
@@ -664,6 +665,7 @@ def test_each_group_is_drawn_about_its_own_main_target(two_groups):
         ws.plot.plot_group(two_groups, 0.0, group="third")
 
 
+@pytest.mark.ci
 def test_figures_show_all_groups(two_groups):
     ax = ws.plot.plot_scene(two_groups, TIME_S)
     assert by_label(ax, "flight of center") and by_label(ax, "flight of bus")
@@ -771,6 +773,7 @@ def test_ranges_end_with_the_targets(later_group):
     assert ax.get_ylabel() == "range to any target [km]"
 
 
+@pytest.mark.ci
 def test_a_group_on_orbits_of_its_own(scene):
     orbits = {
         "kind": "listed",
@@ -792,6 +795,7 @@ def test_a_group_on_orbits_of_its_own(scene):
     assert "d0\nsphere, r 0.3 m\none of 3" in [text.get_text() for text in ws.plot.plot_attitudes(both, 0.0).texts]
 
 
+@pytest.mark.ci
 def test_a_scene_without_targets_is_drawn(scene, tmp_path):
     pointing = {"kind": "fixed", "azimuth_elevation_deg": [0.0, -20.0]}
     empty = scene.replace(groups=[], sensors__0__pointing=pointing, sky__catalog="none")
@@ -837,6 +841,7 @@ def test_satellites_are_drawn_once(two_kinds):
     assert len(orbits.get_segments()) == 28
 
 
+@pytest.mark.ci
 def test_ground_tracks_mark_the_access_of_each_kind(two_kinds):
     ax = ws.plot.plot_ground_tracks(two_kinds)
     legend = [text.get_text() for text in ax.get_legend().get_texts()]
@@ -893,6 +898,7 @@ def test_views_are_of_the_sensors_own_camera(two_kinds, time_s):
         camera_view(two_kinds.scenario, "wide", time_s)
 
 
+@pytest.mark.ci
 def test_views_are_of_some_sensors_of_each_kind(two_kinds, later_group, tmp_path, monkeypatch):
     monkeypatch.setattr("warpsim.plot.figure_files.save_figure", lambda figure, path: None)
     paths = draw_scenario(two_kinds.scenario, tmp_path, TIME_S)
@@ -942,6 +948,7 @@ def test_a_single_target_and_many_satellites(scene, recwarn):
     assert [str(warning.message) for warning in recwarn] == []
 
 
+@pytest.mark.ci
 def test_functions_draw_on_given_axes(scene):
     from matplotlib.figure import Figure
 

@@ -214,6 +214,7 @@ def cells_touched(ra_deg, dec_deg, radius_deg, n=20_001):
     return set(np.floor(latitude + 90).clip(0, 179).astype(int).flat), set((np.floor(longitude) % 360).astype(int).flat)
 
 
+@pytest.mark.ci
 def test_a_cover_is_what_the_cone_touches():
     ra, dec = random_views(90)
     radius_deg = 0.75
@@ -335,6 +336,7 @@ def test_bad_input_is_named_in_one_line(draw, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.ci
 def test_matplotlib_is_loaded_only_to_draw(checkout_environment):
     script = "import sys, warpsim.plot, warpsim.output.catalog_report; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", script], env=checkout_environment, check=False).returncode == 0

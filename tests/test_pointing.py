@@ -172,6 +172,7 @@ LOST = {
 
 
 @pytest.mark.parametrize(("direction", "up", "spare"), LOST.values(), ids=LOST)
+@pytest.mark.ci
 def test_up_along_the_boresight_is_replaced_and_said(scene, device, tmp_path, direction, up, spare):
     described = scene.replace(pointing={"kind": "fixed", "up": up, **direction}, camera=SMALL, bands=["A"])
     frames = ws.Renderer(described, device=device).render([FRAME], ["sat11"])

@@ -35,6 +35,7 @@ def errors_rad(scene, frames, sensors, device="cpu"):
     return rendered.time_s, found
 
 
+@pytest.mark.ci
 def test_a_given_bias_turns_every_camera(scene, device):
     one = erring(scene, bias={"urad": [120.0, -40.0]})
     _, found = errors_rad(one, [0, 70, 161], scene.sensor_names[::9], device)
@@ -70,6 +71,7 @@ def test_drawn_drifts_are_the_twins(scene, device):
             np.testing.assert_allclose(found[i, j], expected, rtol=1e-5, atol=SECOND_ORDER)
 
 
+@pytest.mark.ci
 def test_statistics_over_sensors_and_periods(scene):
     """Standard deviation, independence of axes and sensors, and normality of what is drawn."""
     many = erring(scene, bias={"rms_urad": 50.0}).replace(constellation__n_satellite=1120)
@@ -92,6 +94,7 @@ def test_statistics_over_sensors_and_periods(scene):
     assert abs(np.mean(values[:, 1:] * values[:, :-1])) < N_SIGMA / np.sqrt(n)
 
 
+@pytest.mark.ci
 def test_errors_do_not_depend_on_other_sensors(scene):
     errors = {"bias": {"rms_urad": 50.0}, "drift": {"rms_urad_s": 3.0, "reset_s": 70.0}}
     one = erring(scene, **errors, jitter={"rms_urad": 20.0, "correlation_s": 2.0})
@@ -105,6 +108,7 @@ def test_errors_do_not_depend_on_other_sensors(scene):
     np.testing.assert_array_equal(found, same)
 
 
+@pytest.mark.ci
 def test_an_exposure_lies_in_one_period(scene):
     """A period ends in the middle of the exposures: they are drawn without the jump, along one line."""
     gaussian = {"aperture_m": 0.4, "psf": "gaussian", "sigma_px": 0.7}

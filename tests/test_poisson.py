@@ -109,6 +109,7 @@ MEANS = (1e-3, 1e-2, 0.1, 0.7, 3.0, 11.9, 12.0, 20.5, 100.0, 1e3, 1e4, 1e5, 1e6,
 
 
 @pytest.mark.parametrize("mean", MEANS)
+@pytest.mark.ci
 def test_draws(device, mean, record_accuracy):
     mean = float(np.float32(mean))
     histogram, first = draws(device, mean, N_DRAW)

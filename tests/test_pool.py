@@ -45,6 +45,7 @@ def test_memory_comes_back_with_the_array(pool):
     ],
     ids=["slice", "flat", "numpy", "numpy-part", "dlpack-numpy", "dlpack-warp", "memoryview", "capsule"],
 )
+@pytest.mark.ci
 def test_what_is_held_is_not_used_again(hold):
     pool = Pool(wp.get_device("cpu"))
     array = pool.new(SHAPE, wp.uint16)

@@ -144,6 +144,7 @@ def test_stated_errors_over_the_range_of_blurs(radius_px, smear_px):
 
 @pytest.mark.parametrize("n_point", POINTS)
 @pytest.mark.parametrize("aspect", [1.0, 1.6])
+@pytest.mark.ci
 def test_device_and_twin_agree(device, n_point, aspect):
     """Images of single sources, inside the table and on its wing, at every order."""
     psf, accuracy = ws.PsfAiry((0.5, 0.7), 0.3, 0.1), TableAccuracy(1e-4, n_point)

@@ -189,6 +189,7 @@ def count_cells(histograms, name, words):
     histograms[name] = histograms.get(name, 0) + found
 
 
+@pytest.mark.ci
 def test_words_near_each_other_are_independent(device):
     check_words_are_even(device, 1, 4096)
 

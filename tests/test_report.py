@@ -65,6 +65,7 @@ def test_committed_results_have_tables(path, capsys):
     check_tables(capsys.readouterr().out)
 
 
+@pytest.mark.ci
 def test_page_has_a_section_and_a_picture_for_each_result(results, tmp_path):
     pytest.importorskip("matplotlib")
     page = tmp_path / "page.md"

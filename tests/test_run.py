@@ -121,6 +121,7 @@ def test_a_damaged_file_is_made_again(scene, tmp_path):
     assert cube.read_bytes() == good
 
 
+@pytest.mark.ci
 def test_only_the_sensor_of_a_damaged_file_is_made_again(scene, folder, tmp_path):
     arguments = (range(60, 66), ["sat11", "sat47"], ["A", "E"])
     ws.render_to_folder(scene, tmp_path, *arguments, device="cpu")
@@ -135,6 +136,7 @@ def test_only_the_sensor_of_a_damaged_file_is_made_again(scene, folder, tmp_path
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes(), name
 
 
+@pytest.mark.ci
 def test_a_different_run_is_refused_unless_told(scene, tmp_path):
     ws.render_to_folder(scene, tmp_path, [60], ["sat11"], ["A"], device="cpu")
     before = {name: (tmp_path / name).read_bytes() for name in listing(tmp_path)}
@@ -149,6 +151,7 @@ SMALL_RUN = ([60], ["sat11"], ["A"])
 
 
 @pytest.mark.parametrize("name", ["sat11_A.fits", "truth.fits", "contact_sheet.png", "manifest.json"])
+@pytest.mark.ci
 def test_files_of_others_are_never_touched(scene, tmp_path, name):
     (tmp_path / name).write_text('{"key": "no", "files": {"precious.txt": 1, "../other.fits": 2}}')
     (tmp_path / "precious.txt").write_text("mine")
@@ -207,6 +210,7 @@ def test_files_do_not_depend_on_the_batch(scene, folder, tmp_path, monkeypatch):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes(), name
 
 
+@pytest.mark.ci
 def test_killed_halfway_then_completed(tmp_path, checkout_environment, record_accuracy):
     """SIGKILL after the first sensor: no half file under a final name; the same command then gives the same bytes."""
     command = [*COMMAND, "stss", "--bands", "A", "--sensors", "sat11,sat12,sat27,sat47", "--quiet", "-o"]

@@ -52,6 +52,7 @@ def each_image(frames):
             yield f"{sensor}_{band}", (slice(None), i, j)
 
 
+@pytest.mark.ci
 def test_the_folder_holds_what_was_promised(folder):
     expected = {"contact_sheet.png", "manifest.json", "truth.fits"}
     for stem in ("sat11_A", "sat11_E", "sat47_A", "sat47_E"):
@@ -109,6 +110,7 @@ def test_every_image_says_what_it_is(folder, frames):
         assert WCS(fits.Header(lists)).world_to_pixel_values(*sky) == pytest.approx((20.0, 100.0), abs=1e-6)
 
 
+@pytest.mark.ci
 def test_cubes_are_those_of_a_run_without_other_formats(scene, folder, tmp_path):
     run(scene, tmp_path, formats=["fits"])
     written = files_of(tmp_path)
@@ -120,6 +122,7 @@ def test_cubes_are_those_of_a_run_without_other_formats(scene, folder, tmp_path)
     assert json.loads((tmp_path / "manifest.json").read_text()) == plain
 
 
+@pytest.mark.ci
 def test_files_do_not_depend_on_the_batch(scene, folder, tmp_path, monkeypatch):
     monkeypatch.setattr("warpsim.output.run.COUNTS_BYTES_PER_CALL", 1)  # one frame a call
     run(scene, tmp_path, formats=EVERY, preview="gif")
@@ -133,6 +136,7 @@ def test_the_same_run_again_does_nothing(scene, folder):
 
 
 @pytest.mark.parametrize("n_frame", [1, 4, 6, 100])
+@pytest.mark.ci
 def test_arrays_of_several_shards(scene, frames, tmp_path, monkeypatch, n_frame):
     """A call may end amid a shard, and the last shard need not be full."""
     import zarr
@@ -152,6 +156,7 @@ def test_arrays_of_several_shards(scene, frames, tmp_path, monkeypatch, n_frame)
 
 
 @pytest.mark.parametrize("kinds", [["png"], ["zarr"], ["exr"]])
+@pytest.mark.ci
 def test_one_format_alone_has_a_contact_sheet(scene, folder, tmp_path, kinds):
     """That of the noiseless images has no noise between the targets."""
     import OpenImageIO as oiio
@@ -168,6 +173,7 @@ def test_one_format_alone_has_a_contact_sheet(scene, folder, tmp_path, kinds):
     "name", ["sat47_E/000063.png", "sat47_E.zarr/c/0/0/0", "sat47_E.zarr/zarr.json", "sat47_E.gif"]
 )
 @pytest.mark.parametrize("damage", ["changed", "missing"])
+@pytest.mark.ci
 def test_only_the_sensor_of_a_damaged_file_is_made_again(scene, tmp_path, name, damage):
     options = {"formats": ["png", "zarr"], "preview": "gif"}
     run(scene, tmp_path, [60, 61, 63], *PICKS[1:], **options)
@@ -180,6 +186,7 @@ def test_only_the_sensor_of_a_damaged_file_is_made_again(scene, tmp_path, name, 
     assert files_of(tmp_path) == before
 
 
+@pytest.mark.ci
 def test_another_format_is_another_run(scene, tmp_path):
     run(scene, tmp_path, [60], ["sat11"], ["A"], formats=["png"])
     before = files_of(tmp_path)
@@ -189,6 +196,7 @@ def test_another_format_is_another_run(scene, tmp_path):
     assert files_of(tmp_path) == before
 
 
+@pytest.mark.ci
 def test_overwrite_removes_the_old_runs_files_and_nothing_else(scene, tmp_path):
     run(scene, tmp_path, [60, 61], ["sat11", "sat47"], ["A"], formats=["png", "zarr"], preview="gif")
     (tmp_path / "sat11_A" / "notes.txt").write_text("mine")
@@ -208,6 +216,7 @@ def test_overwrite_removes_the_old_runs_files_and_nothing_else(scene, tmp_path):
     ],
 )
 @pytest.mark.parametrize("earlier", [False, True], ids=["alone", "with-an-earlier-run"])
+@pytest.mark.ci
 def test_files_of_others_are_never_touched(scene, tmp_path, name, earlier):
     if earlier:
         run(scene, tmp_path, [60], ["sat47"], ["A"])
@@ -262,6 +271,7 @@ def test_killed_halfway_then_completed(tmp_path, checkout_environment):
     assert not list(killed.rglob(".*"))
 
 
+@pytest.mark.ci
 def test_a_run_that_fails_leaves_no_half_array(scene, tmp_path, monkeypatch):
     real = formats.image_cards
 
@@ -304,6 +314,7 @@ def test_missing_packages_are_named(scene, tmp_path, monkeypatch):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.ci
 def test_names_given_twice_are_written_once(scene, tmp_path):
     run(scene, tmp_path, [60], ["sat11"], ["A"], formats=["png", "png"])
     run(scene, tmp_path, [60], ["sat11"], ["A"], formats="png")

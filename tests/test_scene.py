@@ -82,6 +82,7 @@ plain = st.recursive(
 
 @settings(max_examples=150, deadline=None)
 @given(st.dictionaries(st.from_regex(r"\A[a-z_]{1,6}\Z"), plain, max_size=4))
+@pytest.mark.ci
 def test_toml_text_reads_back_equal(data):
     import tomllib
 

@@ -81,6 +81,7 @@ def test_overlapping_patterns_render_a_sensor_once(scene):
     assert ws.Renderer(scene, device="cpu").render([1], sensors=["sat21", "sat2[12]"]).sensors == ["sat21", "sat22"]
 
 
+@pytest.mark.ci
 def test_each_kind_has_images_of_its_own(both, device):
     renderer = ws.Renderer(both, device=device)
     wide = renderer.render([60, 61], sensors="wide")
@@ -128,6 +129,7 @@ def test_access_rules_of_a_kind(scene):
         np.testing.assert_array_equal(own["start_s"], expected["start_s"])
 
 
+@pytest.mark.ci
 def test_pointing_by_satellite(both, scene):
     """A satellite takes the first entry that chooses it."""
     fixed = {"kind": "fixed", "ra_dec_deg": [10.0, 20.0]}
@@ -277,6 +279,7 @@ def test_scenes_of_several_kinds_load_back_equal(both, tmp_path):
     assert ws.Scene.load(tmp_path / "both.toml") == both
 
 
+@pytest.mark.ci
 def test_runs_and_tables_hold_all_kinds(both, tmp_path):
     from astropy.table import Table
 

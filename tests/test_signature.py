@@ -171,6 +171,7 @@ def test_reflected_heat_of_the_earth_is_that_of_a_mesh(day, device, target, reco
     assert (rows["earth_w_cm2"] > 1e-19).all()
 
 
+@pytest.mark.ci
 def test_earth_term_to_its_quadrature(day, device):
     """The finest rule against the default: within what was asked."""
     day = day.replace(lighting__albedo_error=1e-3)
@@ -384,6 +385,7 @@ def test_curves_say_what_they_are(day):
     assert curves.snr.shape == (1, 1, 3, 1)
 
 
+@pytest.mark.ci
 def test_a_mesh_gives_the_light_of_the_body_it_is_made_after(day, device):
     """A cube without spin against a closed form; a fine cone against the cone; spin turns a brick."""
     corner = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
@@ -455,6 +457,7 @@ def test_times_may_be_quantities(day):
     assert ws.light_curves(day, [], ["sat11"]).snr.shape == (0, 1, 3, 30)
 
 
+@pytest.mark.ci
 def test_sunlit_fraction_is_not_made_up(day, scene):
     off = ws.light_curves(day.replace(lighting__sun=False), [100.0], ["sat11"])
     assert np.isnan(off.sunlit_fraction).all()
@@ -498,6 +501,7 @@ def test_a_spread_group_is_lit_where_its_main_target_is_not(scene):
     np.testing.assert_allclose(curves.sunlit_fraction[:, 0], told, rtol=0, atol=1e-2)  # 3e-3 in a light time of ms
 
 
+@pytest.mark.ci
 def test_attitude_tables_hold_their_ends_through_an_exposure(day):
     table = {"kind": "table", "time_s": [0.0, 1600.0], "quaternion": [[0, 0, 0, 1], [0, 0.6, 0, 0.8]]}
     tabled = day.replace(targets__0__attitude=table, detector__exposure_s=4.0)

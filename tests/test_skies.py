@@ -31,6 +31,7 @@ def rows(catalog):
     return set(catalog.id.tolist())
 
 
+@pytest.mark.ci
 def test_default_stars_are_those_brightest_in_the_bands():
     infrared, visible = ws.StarCatalog.default(), ws.StarCatalog.default(VISIBLE)
     both = ws.StarCatalog.default(VISIBLE, "A")
@@ -43,6 +44,7 @@ def test_default_stars_are_those_brightest_in_the_bands():
     assert light[left_out].max() <= light[~left_out].min()
 
 
+@pytest.mark.ci
 def test_kinds_of_sensors_have_stars_of_their_own(mixed_scene):
     renderer = ws.Renderer(mixed_scene, device="cpu")
     names = {kind: rows(renderer.catalog_of(kind)) for kind in ("infrared", "visible", "both")}
@@ -71,6 +73,7 @@ def test_a_renderer_of_another_epoch_moves_the_same_stars(mixed_scene):
     assert same.catalog is renderer.catalog
 
 
+@pytest.mark.ci
 def test_identities_cover_the_stars_of_all_kinds(mixed_scene, monkeypatch, tmp_path):
     """Of a data set and of a run: other stars of a kind that is not the first make other keys."""
     kinds = ("infrared", "visible", "both")

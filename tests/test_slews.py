@@ -78,6 +78,7 @@ def test_angle_and_rate_are_continuous(scene):
     assert np.linalg.norm(rates_deg_s(jumping, "sat11", np.array([700.0 - h, 700.0]))) > 1e3
 
 
+@pytest.mark.ci
 def test_kernel_follows_the_hosts_path(scene, device):
     turning = slewing(scene).replace(frames={"count": 200, "interval_s": 1.0, "start_s": 660.0})
     frames = ws.Renderer(turning, device=device).render(range(0, 200, 3), ["sat11", "sat27"], ["A"])
@@ -90,6 +91,7 @@ def test_kernel_follows_the_hosts_path(scene, device):
         assert 5 < moving.sum() < 60
 
 
+@pytest.mark.ci
 def test_the_first_step_holds_before_its_start(scene, device):
     """An exposure about the first frame begins before the epoch: no turn is made there, by host or kernel."""
     turning = slewing(scene, STARS).replace(detector__exposure_s=0.2, sky__catalog="default")
@@ -133,6 +135,7 @@ def test_tables_slew_from_row_to_row(scene):
         scene.replace(pointing=quick).scenario  # noqa: B018
 
 
+@pytest.mark.ci
 def test_images_are_those_of_the_turning_camera(scene):
     """A target of the step before leaves the image along the path."""
     near = [{"start_s": 0.0, "track": "main"}, {"start_s": 700.0, "track": "main", "offset_px": [6.0, 0.0]}]
@@ -170,6 +173,7 @@ def test_slews_that_cannot_be_made_are_one_line(scene, steps, slew, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.ci
 def test_slews_of_others_do_not_change_an_exposure(scene, device):
     """A camera without a slew keeps the law of the exposure's middle, whether others of its kind slew or not."""
     steps = [{"start_s": 0.0, "track": "main"}, {"start_s": 700.05, "track": "main", "offset_px": [3.0, 2.0]}]

@@ -138,6 +138,7 @@ def curves(scene, device):
     return ws.light_curves(scene, np.linspace(300, 1200, 4), ["sat11", "sat47"], device=device)
 
 
+@pytest.mark.ci
 def test_each_term_of_a_scene(day, device):
     """A black and a mirror body tell emission and reflection apart; gray targets beside are as they were."""
     painted, black = (

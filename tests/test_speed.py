@@ -199,6 +199,7 @@ def test_bad_options_of_bench(capsys, arguments, message):
     assert message in err
 
 
+@pytest.mark.ci
 def test_bench_measures_each_kind_of_a_scene(capsys, tmp_path):
     stss = ws.Scene.load("stss")
     wide = {**stss.to_dict()["sensors"][0], "name": "wide", "on": ["sat4?"], "bands": ["A"]}

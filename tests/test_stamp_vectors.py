@@ -43,6 +43,7 @@ def drawn(xy_px, flux, psf, shape, device, rule, n_row_per_block=None, touched=N
 
 
 @every_psf
+@pytest.mark.ci
 def test_a_launch_keeps_the_tables_of_its_bank(device, psf):
     """Others may take the memory of what is held no more."""
     xy, rule, shape = [[7.3, 8.1]], stamp_rule([0.0], 1e-4, device), (16, 17)

@@ -61,6 +61,7 @@ def test_stars_on_the_rim_count():
             assert most_stars_in_cone(np.array(rim), radius) == 4
 
 
+@pytest.mark.ci
 def test_the_bound_is_not_much_too_large():
     rng = np.random.default_rng(3)
     for radius_deg in (1.0, 5.0, 20.0):
@@ -78,6 +79,7 @@ def test_ends():
 @pytest.mark.parametrize(
     "changes", [{}, {"camera__fov_deg": 12.0}, {"camera__distortion": {"k1": -0.05, "k2": 0.01}}], ids=str
 )
+@pytest.mark.ci
 def test_no_view_wants_more_slots_than_are_certain(scene, changes):
     scene = scene.replace(**changes)
     slots = certain_slots(device_scene(scene, ["A"]))

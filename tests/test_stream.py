@@ -156,6 +156,7 @@ def test_an_error_of_the_renderer_comes_after_the_frames_before_it():
     assert not stream_threads()
 
 
+@pytest.mark.ci
 def test_leaving_early_ends_the_thread():
     for _ in range(3):
         for frame in fake_stream(1000, rate_hz=1000.0).frames():

@@ -34,15 +34,19 @@ _BLANK = "must be blank"
 _NUMBER = "must be five digits, or a letter (not I or O) and four digits"
 _POWER = "must be a sign, five digits, a sign and a digit, like ' 38792-4'"
 
+_THREE_DIGITS = r"(?:  \d| \d\d|\d{3})"
+_ANGLE = rf"{_THREE_DIGITS}\.\d{{4}}"
+_CATALOG_NUMBER = r"    \d|   \d\d|  \d{3}| \d{4}|\d{5}|[A-HJ-NP-Z]\d{4}"
+
 _LINE_1 = (
     _Field(1, 2, "line number", "1 ", "must be '1 '"),
-    _Field(3, 7, "catalog number", r"[ \d]{4}\d|[A-HJ-NP-Z]\d{4}", _NUMBER),
+    _Field(3, 7, "catalog number", _CATALOG_NUMBER, _NUMBER),
     _Field(8, 8, "classification", "[ A-Z]", "must be a letter"),
     _Field(9, 9, "column", " ", _BLANK),
     _Field(10, 17, "international designator", "[ -~]{8}", "must be printable"),
     _Field(18, 18, "column", " ", _BLANK),
     _Field(19, 20, "epoch year", r"\d\d", "must be two digits"),
-    _Field(21, 32, "epoch day", r"[ \d][ \d]\d\.\d{8}", "must be a day of the year like 264.51782528"),
+    _Field(21, 32, "epoch day", rf"{_THREE_DIGITS}\.\d{{8}}", "must be a day of the year like 264.51782528"),
     _Field(33, 33, "column", " ", _BLANK),
     _Field(34, 43, "first derivative of mean motion", r"[ +0-]\.\d{8}", "must be a number like ' .00001764'"),
     _Field(44, 44, "column", " ", _BLANK),
@@ -58,17 +62,17 @@ _LINE_1 = (
 
 _LINE_2 = (
     _Field(1, 2, "line number", "2 ", "must be '2 '"),
-    _Field(3, 7, "catalog number", r"[ \d]{4}\d|[A-HJ-NP-Z]\d{4}", _NUMBER),
+    _Field(3, 7, "catalog number", _CATALOG_NUMBER, _NUMBER),
     _Field(8, 8, "column", " ", _BLANK),
-    _Field(9, 16, "inclination", r"[ \d][ \d]\d\.\d{4}", "must be degrees like ' 51.6439'"),
+    _Field(9, 16, "inclination", _ANGLE, "must be degrees like ' 51.6439'"),
     _Field(17, 17, "column", " ", _BLANK),
-    _Field(18, 25, "right ascension of the node", r"[ \d][ \d]\d\.\d{4}", "must be degrees like '211.2001'"),
+    _Field(18, 25, "right ascension of the node", _ANGLE, "must be degrees like '211.2001'"),
     _Field(26, 26, "column", " ", _BLANK),
     _Field(27, 33, "eccentricity", r"\d{7}", "must be seven digits"),
     _Field(34, 34, "column", " ", _BLANK),
-    _Field(35, 42, "argument of perigee", r"[ \d][ \d]\d\.\d{4}", "must be degrees like ' 17.6667'"),
+    _Field(35, 42, "argument of perigee", _ANGLE, "must be degrees like ' 17.6667'"),
     _Field(43, 43, "column", " ", _BLANK),
-    _Field(44, 51, "mean anomaly", r"[ \d][ \d]\d\.\d{4}", "must be degrees like ' 85.6398'"),
+    _Field(44, 51, "mean anomaly", _ANGLE, "must be degrees like ' 85.6398'"),
     _Field(52, 52, "column", " ", _BLANK),
     _Field(53, 63, "mean motion", r"[ \d]\d\.\d{8}", "must be revolutions per day like '15.50103472'"),
     _Field(64, 68, "revolution number", r"[ \d]{5}", "must be digits"),
