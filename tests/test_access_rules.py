@@ -41,6 +41,7 @@ def test_limits_from_both_sides():
     np.testing.assert_allclose(low["elevation_deg"] + high["max_elevation_deg"], 50, rtol=0, atol=1e-9)
 
 
+@pytest.mark.ci
 def test_background_altitude_against_sampled_rays():
     rng = np.random.default_rng(8)
     sensor = rng.normal(size=(300, 3))

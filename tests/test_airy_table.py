@@ -144,6 +144,7 @@ def test_far_pixels_on_axes_and_diagonals(radius_px, obscuration, record_accurac
 
 
 @every_pattern
+@pytest.mark.ci
 def test_both_sides_of_the_reach(radius_px, obscuration, record_accuracy):
     reach_px = np.float32(airy(radius_px, obscuration).reach_px[0])
     above, below = np.nextafter(reach_px, np.float32(1e9)), np.nextafter(reach_px, np.float32(0.0))

@@ -153,12 +153,14 @@ def test_errors_of_the_series(right, degree):
 
 @every_degree
 @every_shape
+@pytest.mark.ci
 def test_nothing_over_the_night(shape, degree):
     nadir, sun = UP, np.array([0.43, 0.0, np.sqrt(1 - 0.43**2)])  # the horizon is at a cosine of 0.4359
     assert series_area_m2(shape, np.array([0.6, 0.0, 0.8]), nadir, 0.9, sun, degree) == 0
     assert series_area_m2(shape, -UP, nadir, 0.9, sun, degree) == 0
 
 
+@pytest.mark.ci
 def test_no_azimuth_of_the_sun(right):
     """The Sun in the zenith: no direction is its azimuth, and none counts."""
     for name in ("cone", "box"):

@@ -115,6 +115,7 @@ def test_the_table_stands_for_the_series(degree, low):
 
 
 @every_degree
+@pytest.mark.ci
 def test_the_table_is_finite(degree):
     """The Sun on the horizon of the point below is a column: ring and terminator meet at one angle."""
     table = albedo_table(degree, SERIES_RINGS[degree], "cpu").numpy()
@@ -124,6 +125,7 @@ def test_the_table_is_finite(degree):
 
 @every_degree
 @pytest.mark.parametrize(("low", "place"), [(0.5, 0), (0.0166, 1)], ids=["near", "anywhere"])
+@pytest.mark.ci
 def test_errors_with_the_table_are_those_promised(degree, low, place):
     """Against the quadrature, with faces straight up and down under the Sun in the zenith among them: the worst."""
     view, nadir, limb_sine, sun = geometries(low, 1500)

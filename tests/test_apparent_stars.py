@@ -211,6 +211,7 @@ SUN_VIEWS = {
 
 
 @pytest.mark.parametrize(("epoch_utc", "sensor", "frame", "angle_deg"), SUN_VIEWS.values(), ids=SUN_VIEWS)
+@pytest.mark.ci
 def test_stars_around_the_sun_are_erfas(scene, device, epoch_utc, sensor, frame, angle_deg):
     """The kernel with the Sun in the frame: parallax, deflection with its fade, and aberration, each by ERFA."""
     described = scene.replace(
@@ -263,6 +264,7 @@ def centroid(image, x, y, half):
 
 
 @pytest.mark.parametrize("n_pixel", [1024, 6000])
+@pytest.mark.ci
 def test_light_falls_where_astropy_says(scene, device, n_pixel, record_accuracy):
     """Centroids of rendered stars against astropy's apparent places through astropy.wcs; noiseless, no targets near."""
     # Stamps that leave next to nothing out: the light beyond a disc of pixels is not centred on the star.

@@ -264,6 +264,7 @@ def test_signs_are_made_continuous():
 
 
 @pytest.mark.parametrize("target", ["center", "sphere02", "cylinder04", "cone03"])
+@pytest.mark.ci
 def test_aspect_is_that_of_the_scenes_body_axis_at_emission(scene, target):
     quick = scene.replace(frames={"count": 40, "interval_s": 0.037, "start_s": 1600.0})
     rows = ws.Renderer(quick, device="cpu").render(range(40), ["sat11"], ["A"]).truth

@@ -265,6 +265,7 @@ def test_attitudes_without_a_kind_are_motions(scene, tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["toml", "json"])
+@pytest.mark.ci
 def test_scenes_with_tables_load_back_equal(tabled, tmp_path, ending):
     tabled.save(tmp_path / f"t.{ending}")
     again = ws.Scene.load(tmp_path / f"t.{ending}")
@@ -311,6 +312,7 @@ def test_rendered_aspect_is_the_tables(tabled, device):
     assert rotation_error_rad(tabled.scenario.attitude_quaternion("cylinder04", [3.3, 1200.0]), expected).max() < 1e-13
 
 
+@pytest.mark.ci
 def test_frames_alone_and_in_a_batch_are_the_same(tabled, device):
     batch = ws.Renderer(tabled, device=device).render(range(12), ["sat11", "sat27"], ["A", "C"], keep_signal=True)
     alone = ws.Renderer(tabled, device=device, n_thread=1).render([7], ["sat27"], ["C"], keep_signal=True)

@@ -62,6 +62,7 @@ def exact_radiance(temperature_k, wavelength_um, response):
 
 @pytest.mark.parametrize("temperature_k", [50.0, 300.0, 6000.0])
 @pytest.mark.parametrize("name", list(BANDS))
+@pytest.mark.ci
 def test_radiance_matches_mpmath(name, temperature_k, record_accuracy):
     band = BANDS[name]
     expected = exact_radiance(temperature_k, band.wavelength_um, band.response)

@@ -107,6 +107,7 @@ def test_passes_and_images_at_a_time_of_any_size(small, device, expected, monkey
 
 
 @pytest.mark.parametrize("chunk_bytes", [1, IMAGE_BYTES, 10 * IMAGE_BYTES])
+@pytest.mark.ci
 def test_chunk_bytes_change_nothing(small, device, expected, chunk_bytes):
     renderer = ws.Renderer(small, device=device, n_thread=2, chunk_bytes=chunk_bytes)
     assert_same(rendered(renderer), expected(device))
@@ -162,6 +163,7 @@ def test_calls_that_grow_little_by_little_need_few_new_arrays(small, monkeypatch
     assert made == [2, 4, 8, 16]
 
 
+@pytest.mark.ci
 def test_label_and_light_are_one(small, device):
     """What truth reports of targets is what is drawn: the first source slots hold the same bits."""
     world = device_scene(small, ["A", "C"], device)

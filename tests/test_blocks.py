@@ -91,6 +91,7 @@ def test_counts_are_those_of_deposit_and_read_out(name, at_once, monkeypatch):
 
 
 @pytest.mark.parametrize("psf", ["airy", "gaussian"])
+@pytest.mark.ci
 def test_more_sources_than_threads(psf, at_once):
     """They are looked at some at a time, in order; sums of overlapping stars are those of the signal that is kept."""
     work = speed_work(96, 700, 1, psf)
@@ -102,6 +103,7 @@ def test_more_sources_than_threads(psf, at_once):
     np.testing.assert_array_equal(counts.counts.numpy(), kept.counts.numpy())
 
 
+@pytest.mark.ci
 def test_frames_are_the_same_alone_and_in_any_batch(at_once):
     renderer = ws.Renderer(ws.Scene.load("stss"), device="cpu", n_thread=1)
     sensors = renderer.sensors_with_access[:2]

@@ -278,6 +278,7 @@ def test_bad_limits_are_errors_of_one_line(limit_jy, text):
 # --- tables and files ---
 
 
+@pytest.mark.ci
 def test_table_round_trip_is_exact(default):
     catalog = small_catalog()
     again = StarCatalog.from_table(catalog.to_table())

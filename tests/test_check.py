@@ -158,6 +158,7 @@ def test_pointing_is_reported_with_the_views_that_have_the_target(scene):
     assert "warning    no view has center in the field" in report
 
 
+@pytest.mark.ci
 def test_light_and_heat_are_reported(scene):
     report = scene_report(scene.scenario)
     assert re.search(r"light      sun: kept: up to \S+ NEI", report)

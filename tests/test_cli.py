@@ -115,6 +115,7 @@ def test_a_catalog_path_counts_from_the_scene_file(capsys, tmp_path, monkeypatch
     assert f"sky.catalog: {path.parent / 'stars.csv'}: " in err
 
 
+@pytest.mark.ci
 def test_render_reports_what_where_and_how_fast(capsys, tmp_path):
     code, out, _ = run(capsys, "render", "stss", "-o", tmp_path / "o", "--frames", "60:62", "--sensors", "sat11")
     assert code == 0

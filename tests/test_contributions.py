@@ -92,6 +92,7 @@ def test_planes_and_stars_add_up_to_the_image(changed, frames, stars):
             np.testing.assert_allclose(frames.signal_w_cm2[i, 0, k], total, rtol=rtol, atol=0)
 
 
+@pytest.mark.ci
 def test_a_plane_is_the_image_of_the_target_alone(changed, frames):
     """Bit for bit: no target but the main one is deployed, and there are no stars."""
     alone = changed.replace(release__time_s=1600.0)
@@ -124,6 +125,7 @@ def test_a_plane_holds_the_targets_light(changed, frames):
 
 
 @pytest.mark.parametrize("least_nei", [0.3, 1.0, 20.0])
+@pytest.mark.ci
 def test_mask_is_that_of_the_planes(frames, least_nei):
     for frame in frames.frames:
         planes = frames.contributions_w_cm2(frame, SENSOR, "A").astype(np.float64)

@@ -96,6 +96,7 @@ def shown_off_m(scene, packet, times):
     return np.linalg.norm(shown_m(scene, packet, times) - scene.position_m(packet["id"], times), axis=1)
 
 
+@pytest.mark.ci
 def test_positions_are_the_scenes_where_cesium_interpolates(scene, packets, written):
     times = np.concatenate([np.arange(0.0, scene.duration_s, 7.3), [1e-3, scene.duration_s - 1e-3, scene.duration_s]])
     worst_m = 0.0
@@ -177,6 +178,7 @@ def test_a_step_of_ones_own(scene, tmp_path):
     np.testing.assert_allclose(position_m, scene.position_m("sat11", time_s), rtol=0, atol=0.6e-3)
 
 
+@pytest.mark.ci
 def test_dates_count_leap_seconds(tmp_path):
     before = {"epoch_utc": "2016-12-31T23:50:00", "access_rules": {}}
     leap = ws.Scene.load("stss").replace(**before)
@@ -188,6 +190,7 @@ def test_dates_count_leap_seconds(tmp_path):
     ]  # fmt: skip
 
 
+@pytest.mark.ci
 def test_a_file_that_cannot_be_finished_is_not_there(scene, tmp_path, monkeypatch):
     def fail(document, path, **_):
         path.write_text("[")
@@ -238,6 +241,7 @@ def pushed(monkeypatch, jump_m=0.0):
     monkeypatch.setattr(ws.Scenario, "position_m", position_m)
 
 
+@pytest.mark.ci
 def test_a_breakpoint_is_between_intervals(scene, monkeypatch, tmp_path):
     pushed(monkeypatch)
     error_m = ws.write_czml(scene, tmp_path / "pushed.czml")
@@ -322,6 +326,7 @@ def test_targets_are_available_from_their_release_on(scene, tmp_path):
     assert "cylinder01" in packets and "cone01" not in packets
 
 
+@pytest.mark.ci
 def test_a_jump_is_named(scene, monkeypatch, tmp_path):
     pushed(monkeypatch, jump_m=50.0)
     with pytest.raises(ws.InputError, match=r"^sphere01: jumps at 700\.[23]\d* s: samples are .* m off") as caught:
@@ -384,6 +389,7 @@ def test_satellites_with_several_sensors_are_packets_once(two, packets_of_two):
     assert packets_of_two["sat21"]["description"] == "satellite"
 
 
+@pytest.mark.ci
 def test_targets_are_available_while_they_exist(two, packets_of_two):
     spans = {"bus": (400, 1400), "ball02": (500, 1400), "center": (0, 1614), "sat11": (0, 1614)}
     for name, span in spans.items():
@@ -403,6 +409,7 @@ def shown_spans(scene, packet):
     return [interval(scene, item["interval"]) for item in shown]
 
 
+@pytest.mark.ci
 def test_lines_of_sight_are_those_of_each_sensor(two, packets_of_two):
     lines = {name for name in packets_of_two if name.startswith("access/")}
     expected = {}
@@ -456,6 +463,7 @@ def check_corners(scene, packets, sensor, reach_m, times):
             np.testing.assert_allclose(xy_px[0], expected_px, rtol=0, atol=2 * FIELD_RTOL * camera.n_col)
 
 
+@pytest.mark.ci
 def test_a_camera_that_steps_has_a_field_in_pieces(scene, tmp_path):
     """Before and after a step the corners are those of the one direction and the other, up to the step itself."""
     steps = [{"start_s": 0.0, "ra_dec_deg": [10.0, 80.0]}, {"start_s": 640.0, "ra_dec_deg": [200.0, -30.0]}]
@@ -481,6 +489,7 @@ def test_a_line_of_sight_follows_the_steps_of_a_sensor(two, tmp_path):
     assert after[0][0] == pytest.approx(900.0, abs=TIME_ATOL_S) and after[-1][1] <= 1400.0 + TIME_ATOL_S
 
 
+@pytest.mark.ci
 def test_a_scene_without_targets_is_written(scene, tmp_path):
     pointing = {"kind": "fixed", "azimuth_elevation_deg": [0, -20]}
     empty = scene.replace(groups=[], sensors__0__pointing=pointing)

@@ -116,6 +116,7 @@ def assert_same(first, other):
             np.testing.assert_equal(one, two)
 
 
+@pytest.mark.ci
 def test_wcs_of_the_table_of_images_is_that_of_the_frames(folders, rendered):
     for row in tables(folders / "fits", "images")["train"]:
         wcs, frames = WCS(json.loads(row["wcs"])), rendered[row["sequence"]]

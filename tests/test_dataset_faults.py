@@ -234,6 +234,7 @@ def test_two_runs_do_not_write_into_one_folder(recipe_path, recipe, whole, tmp_p
 
 
 @pytest.mark.parametrize("damage", ["changed", "missing", "manifest cut", "annotations", "left behind"])
+@pytest.mark.ci
 def test_damage_is_found_and_only_that_is_made_again(recipe, whole, tmp_path, damage):
     folder = tmp_path / "data"
     shutil.copytree(whole, folder)
@@ -366,6 +367,7 @@ def test_interrupts_end_a_pool_at_once(recipe_path, tmp_path, checkout_environme
         assert "interrupted; the same command goes on where it stopped" in words
 
 
+@pytest.mark.ci
 def test_a_late_worker_does_not_write_into_another_data_set(recipe, tmp_path, monkeypatch):
     tasks = []
     monkeypatch.setattr(
@@ -616,6 +618,7 @@ def test_films_are_the_same_in_whatever_calls_frames_come(recipe, tmp_path, monk
     assert pytest.importorskip("PIL.Image").open(film).n_frames == 3
 
 
+@pytest.mark.ci
 def test_runs_of_render_and_data_sets_do_not_replace_each_other(recipe, whole, tmp_path):
     scene = ws.Scene.load("stss")
     with pytest.raises(ws.InputError, match="holds a data set, no rendered run; choose another folder"):

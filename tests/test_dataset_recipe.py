@@ -182,6 +182,7 @@ def test_drawn_scenes_hold_the_values_and_seeds_of_their_own():
 
 
 @pytest.mark.parametrize("n_sensor", [1, 3])
+@pytest.mark.ci
 def test_sensors_see_the_targets_from_the_first_frame_to_the_last(n_sensor):
     made = recipe(n_frame=200, n_sensor=n_sensor)
     for number in range(8):

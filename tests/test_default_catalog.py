@@ -220,6 +220,7 @@ def test_default_is_made_once(default):
 
 
 @pytest.mark.parametrize("band", ["V", Band.top_hat("survey", 0.4, 0.9)], ids=["V", "survey"])
+@pytest.mark.ci
 def test_default_of_a_visible_band_is_bright_in_it(band, default, stars):
     visible = StarCatalog.default(band)
     assert len(visible) == N_INFRARED

@@ -270,6 +270,7 @@ def test_a_wide_gaussian_fills_a_wide_image(device):
     "psf", [ws.PsfGaussian(0.35), ws.PsfGaussian(5.0), ws.PsfAiry(0.478, 0.3), ws.PsfAiry(4.0)], ids=str
 )
 @pytest.mark.parametrize("cut", [1e-2, 1e-4, 3e-7, 1e-8])
+@pytest.mark.ci
 def test_reported_fractions_are_those_of_the_image(device, psf, cut):
     shape, rule = (901, 901), stamp_rule([0.0], cut, device)
     xy = 450 + np.random.default_rng(SEED).uniform(-0.5, 0.5, (3, 2))

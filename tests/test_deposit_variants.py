@@ -20,6 +20,7 @@ def sources(device, n=400):
 
 
 @pytest.mark.parametrize("name", VARIANTS)
+@pytest.mark.ci
 def test_variants_draw_the_same_image(device, name):
     xy, irradiance = sources(device)
     psf = ws.PsfAiry(0.478)
@@ -29,6 +30,7 @@ def test_variants_draw_the_same_image(device, name):
     np.testing.assert_allclose(variant.values(), product, rtol=0, atol=FLOAT32_RTOL * product.max())
 
 
+@pytest.mark.ci
 def test_fixed_point_does_not_ask_for_the_order(device):
     xy, irradiance = sources(device)
     rule = stamp_rule([0.0], 1e-6, device)

@@ -29,6 +29,7 @@ def pipelines_of(renderer, bands):
 
 @pytest.mark.parametrize("devices", [["cpu"], ["cpu", "cpu"], ("cpu", "cpu", "cpu")])
 @pytest.mark.parametrize("n_thread", [1, 2])
+@pytest.mark.ci
 def test_a_list_of_devices_shares_the_views(scene, expected, devices, n_thread, record_accuracy):
     renderer = ws.Renderer(scene, device=devices, n_thread=n_thread, chunk_bytes=4 * 2 * 128 * 128 * 3)
     assert [str(device) for device in renderer.devices] == list(devices)

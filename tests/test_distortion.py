@@ -234,6 +234,7 @@ def test_without_distortion_nothing_changes(scene):
 
 @cameras
 @pytest.mark.parametrize("margin_px", [0.0, 20.0, 300.0])
+@pytest.mark.ci
 def test_half_diagonal_is_the_farthest_position_of_the_border(camera, margin_px):
     """By scipy's root finder, along the border and at its corners."""
     half = np.array([camera.n_col, camera.n_row]) / 2 + margin_px
@@ -418,6 +419,7 @@ def test_the_report_says_what_the_lens_does(scene):
 
 
 @seen_by
+@pytest.mark.ci
 def test_the_picture_of_a_view_has_the_limb_where_the_camera_sees_it(scene, camera):
     """Rays of a grid of positions, by project and the ellipsoid's equation."""
     low = scene.replace(camera=camera, optics__psf="gaussian", sky__catalog="none",

@@ -211,6 +211,7 @@ def test_every_table_of_a_scene_has_a_section():
 
 
 @pytest.mark.parametrize("kind", ["truth", "stars"])
+@pytest.mark.ci
 def test_output_page_lists_every_column(kind):
     frames = ws.Renderer(Scene.load("stss"), device="cpu").render([60], ["sat11"], ["A"], keep_stars=True)
     listed = first_column(sections(TOP / "docs" / "output.md")["Truth"])

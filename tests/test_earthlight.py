@@ -85,6 +85,7 @@ def hard_elements(limb_sine):
 
 
 @pytest.mark.parametrize("limb_sine", [1.0, 1 - 1e-12, 0.995, 0.9, 0.5, 0.0166])
+@pytest.mark.ci
 def test_view_factor_in_thirty_digits(limb_sine, record_accuracy):
     cosine = np.array([*hard_elements(limb_sine), *np.random.default_rng(SEED).uniform(-1, 1, 25)])
     expected = [float(ring_factor(c, limb_sine)) for c in cosine]
@@ -207,6 +208,7 @@ def nested_earth_area(shape, view, nadir, limb_sine):
 
 
 @pytest.mark.parametrize("name", ["cylinder", "cone", "flat-cone"])
+@pytest.mark.ci
 def test_earth_area_by_nested_quadrature(name):
     shape, rng = SHAPES[name], np.random.default_rng(SEED)
     view, nadir = directions(rng, 3), directions(rng, 3)
@@ -271,6 +273,7 @@ def patch_albedo_area(shape, view, nadir, limb_sine, sun, n=300):
 
 @pytest.mark.parametrize("name", ["sphere", "cylinder", "cone", "flat-cone"])
 @pytest.mark.parametrize("zenith_deg", [0, 60, 85, 95, 110])
+@pytest.mark.ci
 def test_albedo_area_over_patches(name, zenith_deg):
     """Day, night and the terminator on the seen disc; the Earth high, rising and with its limb on an end's horizon."""
     shape, rng = SHAPES[name], np.random.default_rng(SEED + zenith_deg)
@@ -320,6 +323,7 @@ def nested_element(normal, nadir, limb_sine, sun):
     ("tilt_deg", "zenith_deg", "limb_sine"),
     [(0, 30, 0.9), (70, 100, 0.9), (150, 80, 0.9), (110, 95, 0.5), (64.158067236, 90, 0.9), (90, 60, 0.98)],
 )
+@pytest.mark.ci
 def test_albedo_of_an_element(tilt_deg, zenith_deg, limb_sine):
     tilt, rng = np.radians(tilt_deg), np.random.default_rng(SEED)
     normal = np.array([np.sin(tilt), 0, np.cos(tilt)])
@@ -330,6 +334,7 @@ def test_albedo_of_an_element(tilt_deg, zenith_deg, limb_sine):
 
 
 @every_shape
+@pytest.mark.ci
 def test_far_from_the_earth(shape):
     """The Earth as a point: a body lit from one side, by heat and by a Lambertian sphere's light at the Sun's phase."""
     rng, s = np.random.default_rng(SEED), 1e-5

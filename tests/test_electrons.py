@@ -173,6 +173,7 @@ def test_blank_frames_show_the_implied_nei(device):
         assert abs(rise - 0.5) < N_SIGMA * np.sqrt(2 / n) + 2e-4  # the curve's own, at half an NEI
 
 
+@pytest.mark.ci
 def test_counts_are_distributed_as_those_of_the_nei_detector_it_implies(device):
     """On blank sky and for faint sources, where shot noise is that of the background."""
     known = levels_of(WARM)
@@ -192,6 +193,7 @@ def test_counts_are_distributed_as_those_of_the_nei_detector_it_implies(device):
         assert statistic * np.sqrt(n / 2) < np.sqrt(-0.5 * np.log(N_SIGMA_TAIL)) + 0.002 * np.sqrt(n / 2)
 
 
+@pytest.mark.ci
 def test_saturated_electrons_read_full_well_with_read_noise(device):
     counts = read_out(WARM, np.full(SHAPE, 1e6 * levels_of(WARM).sei_w_cm2), device).astype(np.float64)
     full = 100 + 5e6 / 320
@@ -221,6 +223,7 @@ def test_any_signal_gives_counts_in_range(device, terms):
             assert counts[9:].mean() < counts[0].mean() + 10 + 0.11 * counts[3].mean()  # hot pixels are among them
 
 
+@pytest.mark.ci
 def test_one_pixel(device):
     counts = np.array([read_out(WARM, np.zeros((1, 1, 1, 1)), device, frames=[k])[0, 0, 0, 0] for k in range(200)])
     known = levels_of(WARM)
@@ -233,6 +236,7 @@ def standardised(device, shape=SHAPE, detector=COLD, **numbers):
     return (counts.astype(np.float64) - 234) / np.sqrt(34 + 4 + 1 / 12)
 
 
+@pytest.mark.ci
 def test_pixels_frames_sensors_bands_and_seeds_are_independent(device):
     z = standardised(device)[0, 0]
     assert_uncorrelated(z[:, :-1], z[:, 1:])

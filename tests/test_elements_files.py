@@ -196,7 +196,7 @@ def tle(number, at, text, fix=True):
         (tle(1, 54, "+3879A"), r"drag term B\* \(column 54-61\): must be a sign, five digits, a sign and a digit"),
         (tle(1, 63, "4"), r"ephemeris type \(column 63\): must be 0 \(SGP4\).*SGP4-XP.*, got '4'$"),
         (tle(1, 18, "x"), r"column 18: must be blank, got 'x'$"),
-        (tle(2, 19, " "), r"right ascension of the node: must be degrees like '211.2001', got '2 1.2001'$"),
+        (tle(2, 19, " "), r"right ascension of the node .* must be degrees like '211.2001', got '2 1.2001'$"),
         (tle(2, 9, "180.0001"), r"^line 3: ISS, 25544: inclination: must be in \[0, 180\] deg, got 180\.0001$"),
         (tle(2, 9, " 51,6439"), r"inclination \(column 9-16\): must be degrees like ' 51\.6439', got ' 51,6439'$"),
         (tle(2, 18, "360.0001"), r"right ascension of the node: must be in \[0, 360\] deg, got 360\.0001$"),
@@ -313,6 +313,7 @@ def damaged(text, seed):
 @pytest.mark.parametrize("layout", LAYOUTS)
 @settings(max_examples=400, deadline=None)
 @given(seed=st.integers(0, 2**32))
+@pytest.mark.ci
 def test_random_damage_is_an_error_of_one_line_or_a_valid_result(layout, seed):
     sets, complaint = [], "line 1: "
     try:

@@ -331,12 +331,14 @@ def test_malformed_attitude_files(attitudes, text, message):
 
 @pytest.mark.parametrize("name", EPHEMERIDES)
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.ci
 def test_damaged_orbit_files_are_read_or_refused_in_one_line(orbits, name):
     check_damage(orbits, EPHEMERIDES[name], name)
 
 
 @pytest.mark.parametrize("name", ATTITUDES)
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.ci
 def test_damaged_attitude_files_are_read_or_refused_in_one_line(attitudes, name):
     check_damage(attitudes, ATTITUDES[name], name)
 

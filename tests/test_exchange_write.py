@@ -93,6 +93,7 @@ def test_oem_written_by_the_package_oem_is_read(tmp_path, segment):
     assert np.abs(got.instants.since(EPOCH) - segment.instants.since(EPOCH)).max() < LIBRARY_S
 
 
+@pytest.mark.ci
 def test_oem_read_by_the_package_ccsds_ndm(tmp_path, segment):
     ndm_io = pytest.importorskip("ccsds_ndm.ndm_io")
     ws.write_oem(tmp_path / "x.oem", segment)

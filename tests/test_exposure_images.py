@@ -105,6 +105,7 @@ def towards_main(scene):
     return float(np.degrees(np.arctan2(seen[1], seen[0]))), float(np.degrees(np.arcsin(seen[2])))
 
 
+@pytest.mark.ci
 def test_stars_streak_while_the_camera_tracks(scene, device, field):
     one, many = compare(exposed(scene, **DARK), device, field, STAR_ATOL)
     assert len(one.stars) >= 3
@@ -122,6 +123,7 @@ def test_stars_streak_while_the_camera_tracks(scene, device, field):
                 np.testing.assert_allclose([row["x_px"], row["y_px"]], place, atol=bend_px)
 
 
+@pytest.mark.ci
 def test_targets_streak_through_a_still_camera(scene, device, field):
     still = exposed(scene, pointing={"kind": "fixed", "ra_dec_deg": towards_main(scene)})
     one, many = compare(still, device, NO_STARS, TARGET_ATOL)
@@ -151,12 +153,14 @@ def test_brightness_follows_the_spin_along_a_streak(scene, device, field):
     compare(still, device, NO_STARS, TARGET_ATOL)
 
 
+@pytest.mark.ci
 def test_jitter_moves_light_within_the_exposure(scene, device, field):
     shaken = exposed(scene, pointing={"track": "main", "jitter": {"rms_urad": 60.0, "correlation_s": 0.4}}, **DARK)
     compare(shaken, device, field, 1e-3)
 
 
 @pytest.mark.parametrize("mode", ["scan", "stare"])
+@pytest.mark.ci
 def test_tables_of_directions(scene, device, field, mode):
     ra_deg, dec_deg = towards_main(scene)
     rows = [

@@ -73,6 +73,7 @@ def test_gaussian(sigma_px, record_accuracy):
 
 @pytest.mark.parametrize("obscuration", [0.0, 0.3])
 @pytest.mark.parametrize("radius_px", [0.185, 0.478, 1.5, 4.0])
+@pytest.mark.ci
 def test_airy(radius_px, obscuration, record_accuracy):
     """At GalSim's defaults: the pattern is band-limited, so they are good to 1e-7."""
     profile = airy(radius_px, obscuration, galsim.GSParams())
@@ -113,6 +114,7 @@ def lopsided(shape, oversample):
 
 @pytest.mark.parametrize("smear_px", [0.0, 0.4])
 @pytest.mark.parametrize("shape", [(71, 80), (80, 71)])
+@pytest.mark.ci
 def test_image(shape, smear_px, record_accuracy):
     image, oversample = lopsided(shape, 8.0), 8.0
     profile = galsim.InterpolatedImage(
@@ -160,6 +162,7 @@ def test_who_is_nearer_to_the_gaussian(sigma_px):
 
 
 @pytest.mark.parametrize("radius_px", [0.185, 0.478, 1.5])
+@pytest.mark.ci
 def test_who_is_nearer_to_the_airy_pattern(radius_px):
     """Both are within 1e-6; GalSim at its defaults is nearer, in float64 and through an FFT for each image."""
 

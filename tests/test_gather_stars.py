@@ -232,6 +232,7 @@ CASES = {
 
 
 @pytest.mark.parametrize(("n_row", "n_col", "fov_deg", "n_star", "light"), CASES.values(), ids=CASES)
+@pytest.mark.ci
 def test_every_star_on_and_about_a_frame(scene, device, n_row, n_col, fov_deg, n_star, light):
     described = sky_scene(scene, n_row, n_col, fov_deg)
     axes = np.concatenate([borders_of_the_sky(), with_the_sun_at_a_corner(described)])
@@ -248,6 +249,7 @@ LENSES = {
 
 
 @pytest.mark.parametrize(("n_row", "n_col", "fov_deg", "lens"), LENSES.values(), ids=LENSES)
+@pytest.mark.ci
 def test_behind_a_lens_that_distorts(scene, device, n_row, n_col, fov_deg, lens):
     described = sky_scene(scene, n_row, n_col, fov_deg, distortion=lens)
     plain = sky_scene(scene, n_row, n_col, fov_deg)
@@ -256,12 +258,14 @@ def test_behind_a_lens_that_distorts(scene, device, n_row, n_col, fov_deg, lens)
 
 
 @pytest.mark.parametrize("on", ["", "aberration", "parallax", "light_deflection"])
+@pytest.mark.ci
 def test_with_switches_off(scene, device, on):
     described = sky_scene(scene, 128, 128, 1.0, {name: name == on for name in ALL_ON})
     assert_stage_is_complete(described, device, borders_of_the_sky()[:4], 600, mixed)
 
 
 @pytest.mark.parametrize("n_pixel", [128, 6000])
+@pytest.mark.ci
 def test_parallaxes_as_large_as_a_catalog_may_hold(scene, device, n_pixel):
     described = sky_scene(scene, n_pixel, n_pixel, 1.0)
     sun = -unit(earth_state(described, START_S)[0]["p"])
@@ -294,6 +298,7 @@ def assert_stage_is_complete(scene, device, axes, n_star, light, **far_off):
 
 
 @pytest.mark.parametrize(("n_pixel", "bands"), [(128, ["A", "E"]), (6000, ["A"])])
+@pytest.mark.ci
 def test_the_renderers_list_is_complete(scene, device, n_pixel, bands):
     """The same through the renderer, where targets are: sensors of the constellation, frames apart in time."""
     described = sky_scene(scene, n_pixel, n_pixel, 1.0).replace(

@@ -17,6 +17,7 @@ DEVICES = ["cpu", pytest.param("cuda:0", marks=GPU)]
 
 @pytest.mark.parametrize("where", DEVICES)
 @pytest.mark.parametrize("name", RACES)
+@pytest.mark.ci
 def test_bits_do_not_depend_on_what_runs_beside(name, where):
     row = RACES[name](where, N_FRAME)
     if "skipped" in row:
@@ -24,6 +25,7 @@ def test_bits_do_not_depend_on_what_runs_beside(name, where):
 
 
 @pytest.mark.parametrize("where", DEVICES)
+@pytest.mark.ci
 def test_device_agrees_with_the_cpu(where):
     """On the CPU with itself, few scenes: that all of it runs."""
     rows = list(agreement(Plan(where, quick=where == "cpu")))

@@ -97,6 +97,7 @@ def test_unknown_device_is_refused(tmp_path, capsys):
         ({"pointing": [{"track": "group", "bias": {"urad": [1.0, 0.0]}}]}, "truth_differs"),
     ],
 )
+@pytest.mark.ci
 def test_disagreement_is_seen(scene, monkeypatch, changes, what):
     """Another scene instead of the device's: each limit is passed by something."""
     other = scene.replace(**changes)

@@ -182,6 +182,7 @@ def intervals(table):
     return [(row["sensor"], round(row["start_s"], 2), round(row["end_s"], 2)) for row in table]
 
 
+@pytest.mark.ci
 def test_access_counts_by_what_a_sensor_tracks(two):
     """Planes 1 and 2 follow the second launch, the others the first."""
     pointing = [{"track": "ball", "on": ["sat1?", "sat2?"]}, {"track": "center"}]

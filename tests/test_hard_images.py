@@ -153,6 +153,7 @@ def test_nothing_in_the_frame(scene, device, shape):
 
 
 @pytest.mark.parametrize("xy", [(0.0, 0.0), (0.5, -0.5), (0.2, 3.0), (-4.0, -4.0)], ids=str)
+@pytest.mark.ci
 def test_an_image_of_one_pixel(scene, device, xy):
     single = sky_scene(scene, {"n_row": 1, "n_col": 1, "fov_deg": 0.01})
     images = rendered(single, catalog_at(single, [xy], 1e-15), device)
@@ -200,6 +201,7 @@ def test_arrays_and_pixels_that_are_not_square(scene, device, camera):
 
 
 @pytest.mark.parametrize("lens", [None, {"k1": -0.12, "k2": 0.01}], ids=["pinhole", "barrel"])
+@pytest.mark.ci
 def test_a_field_of_60_degrees(scene, device, lens):
     """Stars all over the sky: those of a brute-force projection, each lighting its pixel."""
     wide = sky_scene(scene, {"n_row": 200, "n_col": 256, "fov_deg": 60.0, "distortion": lens}, pointing=(10.0, 45.0))
@@ -375,6 +377,7 @@ def crowd_image(xy_px, irradiance_w_cm2, n_row, n_col, sigma_px, reach=3):
     return image.reshape(n_row + 2 * reach, -1)[reach:-reach, reach:-reach]
 
 
+@pytest.mark.ci
 def test_a_row_without_numbers_in_a_catalog(scene, device):
     """A star without a flux gives no light and disturbs no other, whatever else is unknown of it."""
     clean = sky_scene(scene, {"n_row": 32, "n_col": 40}).replace(

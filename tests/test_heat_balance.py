@@ -83,6 +83,7 @@ def test_heating_that_swings_and_jumps_against_scipy(settling_s):
         assert worst_k < PASS_K + ORACLE_K
 
 
+@pytest.mark.ci
 def test_a_rough_heating_is_said_not_smoothed_over():
     """Noise, other at every call, has no course; nor has a swing that is too fast for the steps allowed."""
     rng = np.random.default_rng(SEED)
@@ -500,6 +501,7 @@ def test_coefficients_left_out_are_the_mean_emissivity(scene):
     np.testing.assert_allclose(*kelvin, rtol=0, atol=1e-9)
 
 
+@pytest.mark.ci
 def test_attitude_tables_are_followed(scene):
     """A body that turns by a table is as warm as one that turns so by itself."""
     model = ws.HeatBalance(290.0, **FOIL, **COEFFICIENTS)

@@ -107,6 +107,7 @@ def test_errors_of_the_ladder(degree):
     assert anywhere / 3 < worst_error(degree, FAR) + FINE_RTOL <= anywhere
 
 
+@pytest.mark.ci
 def test_between_the_tables_heights(device):
     """Heights that the table does not hold cost next to nothing: an element against a polynomial of its own."""
     degree, rng = 10, np.random.default_rng(SEED)

@@ -176,12 +176,14 @@ def test_mean_and_rms(draws):
 
 
 @pytest.mark.parametrize("lag", range(1, len(LAGS)), ids=lambda lag: f"{LAGS[lag]}T")
+@pytest.mark.ci
 def test_autocorrelation(draws, lag):
     expected = autocorrelation(LAGS[lag])
     measured = np.mean(draws[0] * draws[lag])
     assert abs(measured - expected) < SIGMA_GATE * math.sqrt((1 + expected**2) / draws[0].size) + COVARIANCE
 
 
+@pytest.mark.ci
 def test_normality(draws):
     assert stats.kstest(draws[0].ravel(), "norm").pvalue > 1e-4
     beyond = np.count_nonzero(np.abs(draws[0]) > 3)
@@ -244,6 +246,7 @@ def shaken(scene):
     return scene.replace(pointing__jitter=SHAKEN, camera__n_row=32, camera__n_col=32)
 
 
+@pytest.mark.ci
 def test_images_are_shaken_by_the_twins_angles(shaken):
     frames = ws.Renderer(shaken, device="cpu").render([60, 61], ["sat27", "sat11"], ["A"])
     for i, time_s in enumerate(frames.time_s):
@@ -262,6 +265,7 @@ def test_images_are_shaken_by_the_twins_angles(shaken):
             assert row["y_px"] - 15.5 == pytest.approx(a * focal, rel=0, abs=1e-4)
 
 
+@pytest.mark.ci
 def test_jitter_is_the_same_alone_in_any_batch_and_order(shaken):
     renderer = ws.Renderer(shaken, device="cpu")
     batch = renderer.render([70, 60, 80], ["sat11", "sat27"], ["A", "C"])

@@ -345,6 +345,7 @@ def test_satnet_stars(frames, table):
     assert light == sorted(light, reverse=True)
 
 
+@pytest.mark.ci
 def test_satnet_lines(scene):
     """A camera that stares: targets are lines from their start to their end."""
     z = scene.scenario.view_axes(SENSOR, scene.scenario.instrument.frame_time_s([FRAME]))[0, 2]

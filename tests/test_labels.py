@@ -183,6 +183,7 @@ def test_boxes_of_still_targets(still):
 
 
 @pytest.mark.parametrize("which", ["still", "streaked"])
+@pytest.mark.ci
 def test_boxes_hold_the_light(which, request):
     """Most of each target's light is in its box, and little of it in a row or column of pixels beside."""
     frames = request.getfixturevalue(which)
@@ -235,6 +236,7 @@ def test_boxes_end_with_the_array(blurred):
     assert np.isnan(hidden["box_x_px"]).all() and (hidden["keypoint_visibility"] == 0).all()
 
 
+@pytest.mark.ci
 def test_targets_whose_streaks_reach_in_are_visible(blurred):
     """Their place in the middle of the exposure is off the array; the box is what is left of the path."""
     time_s = blurred.scenario.instrument.frame_time_s([FRAME])

@@ -154,6 +154,7 @@ def test_kernels_of_a_frame_stay_within_the_line():
         assert plain.unit == "pixel pair" and 70 < plain.instructions_per_unit <= most, name
 
 
+@pytest.mark.ci
 def test_table_and_figures(capsys, monkeypatch, tmp_path):
     needs_tools()
     kernels = [kernel for kernel in frame_kernels({"stss": {}}) if kernel.name == "read_out"]

@@ -49,6 +49,7 @@ def check_normal(z):
 
 @pytest.mark.parametrize(("term", "stream"), [("prnu", STREAM_GAIN), ("dsnu_nei", STREAM_OFFSET)])
 @pytest.mark.parametrize("shape", [(300, 70), (1, 1), (3, 5), (1, 257)], ids=str)
+@pytest.mark.ci
 def test_patterns_are_those_of_the_float64_twin(device, term, stream, shape):
     z = pattern(device, term, (1, 1, *shape), frames=[9], sensors=[11], bands=[4]).ravel()
     expected = twin_deviates(0, 11, 4, SEED, z.size, stream=int(stream))
@@ -57,6 +58,7 @@ def test_patterns_are_those_of_the_float64_twin(device, term, stream, shape):
 
 
 @pytest.mark.parametrize("term", ["prnu", "dsnu_nei"])
+@pytest.mark.ci
 def test_patterns_are_normal_and_stay(device, term):
     z = pattern(device, term)
     check_normal(z.ravel())
@@ -108,6 +110,7 @@ def test_columns_share_a_deviate(device, shape):
     np.testing.assert_allclose(z[0], twin_columns(9, 2, 4, SEED, shape[1]), rtol=0, atol=1.01 / 3000)
 
 
+@pytest.mark.ci
 def test_columns_are_normal_and_new_in_every_frame(device):
     shape = (1, 1, 1, 200_000)
     first = pattern(device, "column_noise_nei", shape, frames=[7])
@@ -128,6 +131,7 @@ def bad_pixels(device, signal_nei=100.0, shape=SHAPE, **numbers):
     return counts, counts < 500 + 50 * 7, counts == 500 + 50 * 200
 
 
+@pytest.mark.ci
 def test_bad_pixels(device):
     counts, dead, hot = bad_pixels(device)
     n = counts.size
@@ -144,6 +148,7 @@ def test_bad_pixels(device):
         assert abs(np.corrcoef(dead.ravel(), there.ravel())[0, 1]) < N_SIGMA / np.sqrt(n)
 
 
+@pytest.mark.ci
 def test_bad_pixels_are_those_of_the_twin(device):
     _, dead, hot = bad_pixels(device, shape=(1, 1, 50, 77), sensors=[6], bands=[2])
     upper, lower, second = twin_words(0, 6, 2, SEED, 50 * 77, stream=int(STREAM_BAD))
@@ -152,6 +157,7 @@ def test_bad_pixels_are_those_of_the_twin(device):
     np.testing.assert_array_equal(hot.ravel(), word >= (1 - HOT) * 2**32)
 
 
+@pytest.mark.ci
 def test_all_pixels_may_be_bad(device):
     detector = NeiDetector(NEI, 200 * NEI, bits=16, offset_counts=500.0, counts_per_nei=50.0)
     detector = dataclasses.replace(detector, dead_fraction=0.5, hot_fraction=0.5)
@@ -181,6 +187,7 @@ def test_an_image_does_not_depend_on_its_batch(device, terms):
 
 
 @pytest.mark.parametrize("terms", TERMS.values(), ids=TERMS)
+@pytest.mark.ci
 def test_whole_strips_and_ragged_ends_agree(device, terms):
     detector = NeiDetector(NEI, 3000 * NEI, bits=16, counts_per_nei=20.0, **terms)
     signal = np.random.default_rng(2).uniform(0, 100 * NEI, (2, 2, 33, 61))

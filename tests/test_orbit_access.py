@@ -223,6 +223,7 @@ ALL_RULES = {
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.ci
 def test_looking_only_where_other_rules_hold_changes_nothing(seed):
     """Every rule alone over the whole time, and its intervals cut with the others', against all of them at once."""
     rng = np.random.default_rng(seed)

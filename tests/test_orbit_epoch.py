@@ -12,6 +12,7 @@ from warpsim.orbit.epoch import tdb_jd, tt_jd, utc_time
 
 
 @pytest.mark.parametrize("action", ["error", "always"])
+@pytest.mark.ci
 def test_years_ahead_are_no_cause_for_warnings(action, tmp_path):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter(action)

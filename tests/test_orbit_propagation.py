@@ -359,6 +359,7 @@ def test_node_grid_covers_a_step_on_either_side(duration_s, step_s):
     assert duration_s + step_s <= end_s + 1e-6 < duration_s + 2 * step_s + 1e-5
 
 
+@pytest.mark.ci
 def test_a_jump_of_velocity_shortens_the_step_until_it_hardly_shows():
     """A manoeuvre of 2 m/s at 700.3 s: the one interval that holds it is off by some tenth of step times jump."""
 

@@ -69,6 +69,7 @@ def by_skyfield(lines, epoch, time_s):
 @pytest.mark.parametrize(
     "start", ["1972-07-01", "2000-01-01T12:00:00", "2016-12-31T23:00:00", "2025-06-01", "2040-01-01"]
 )
+@pytest.mark.ci
 def test_teme_agrees_with_astropy(start):
     epoch, time_s = utc_time(start), np.linspace(0, 20 * 86400, 25)
     directions = np.random.default_rng(1).normal(size=(25, 3))
@@ -380,6 +381,7 @@ def test_no_times_give_no_states():
     anomaly=st.floats(0.0, 360.0),
     days=st.floats(-4e4, 4e4),
 )
+@pytest.mark.ci
 def test_any_elements_in_range_give_finite_states_or_one_clear_line(
     mean_motion, eccentricity, inclination, bstar, anomaly, days
 ):

@@ -130,6 +130,7 @@ def test_the_image_shows_what_the_files_say(folder):
         ("stations.tle", ("85.6398", "85.6389")),
     ],
 )
+@pytest.mark.ci
 def test_a_run_is_another_when_a_file_has_changed(folder, name, change):
     out = folder / "out"
     scene = ws.Scene.load(folder / "own.json").replace(sky__catalog="none")

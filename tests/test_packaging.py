@@ -127,6 +127,7 @@ def test_imports_run_one_way(sources):
         ("render/truth.py", "from warpsim.render.frameset import FrameSet", "No circles"),
     ],
 )
+@pytest.mark.ci
 def test_a_planted_circle_is_found(sources, path, planted, broken):
     """Whether it is for type checkers, in a function, or plain."""
     module = sources / "warpsim" / path

@@ -37,6 +37,7 @@ def peer(request, work):
     return make_peer(request.param, work)
 
 
+@pytest.mark.ci
 def test_sources_are_those_of_the_image(work):
     """All light within the frame is in the list: 30 targets and some 60 stars."""
     assert 30 + 30 < work.n_source < 30 + 120
@@ -47,6 +48,7 @@ def test_sources_are_those_of_the_image(work):
         assert light[inside].sum() * 0.95 < total < light.sum()
 
 
+@pytest.mark.ci
 def test_errors_are_counted_from_the_float64_integral(work):
     if work.psf != "gaussian":
         pytest.skip("Airy patterns have no closed form; test_airy_table.py has their quadrature")
@@ -66,6 +68,7 @@ def test_noiseless_images_agree(work, peer):
         np.testing.assert_allclose(peer.image_nei(frame), exact, rtol=0, atol=limit * exact.max())
 
 
+@pytest.mark.ci
 def test_noise_is_gaussian_and_new_in_every_frame(work, peer):
     noise = []
     for frame in range(3):
@@ -82,6 +85,7 @@ def test_noise_is_gaussian_and_new_in_every_frame(work, peer):
 
 
 @pytest.mark.parametrize("psf", PSFS)
+@pytest.mark.ci
 def test_stamps_end_where_the_product_is_as_exact_as_a_peer(psf):
     """At the largest cut of those tried: the next larger one errs by more."""
     if not is_installed("Numba"):
@@ -97,6 +101,7 @@ def test_stamps_end_where_the_product_is_as_exact_as_a_peer(psf):
     assert np.abs(wider - exact).max() > theirs
 
 
+@pytest.mark.ci
 def test_pairs_take_turns(work):
     pairs = Pairs(work, make_peer("NumPy", work), 1)
     for _ in range(3):

@@ -257,6 +257,7 @@ def test_tracks_break_at_the_date_line():
     np.testing.assert_array_equal(broken_at_date_line(lon[:2], lat[:2]), np.stack([lon[:2], lat[:2]], axis=1))
 
 
+@pytest.mark.ci
 def test_map_marks_access(scene):
     ax = ws.plot.plot_ground_tracks(scene)
     for line in ax.get_lines():
@@ -411,6 +412,7 @@ def test_legend_of_a_view_is_of_what_is_in_the_frame(scene):
 
 
 @pytest.mark.parametrize("roll_deg", range(0, 360, 30))
+@pytest.mark.ci
 def test_words_of_the_compass_are_inside_the_frame(scene, roll_deg):
     rolled = scene.replace(pointing={"roll_deg": float(roll_deg)}, sky__catalog="none")
     ax = ws.plot.plot_satellite_view(rolled, "sat12", TIME_S)
@@ -534,6 +536,7 @@ def test_attitudes_show_one_of_each_kind_at_each_instant(scene):
     assert len(ws.plot.plot_attitudes(still, 0.0).collections) == 6
 
 
+@pytest.mark.ci
 def test_times_are_written_plainly(scene):
     assert [plain(value) for value in (0.0, 10800.0, 0.25, 1234567.0)] == ["0", "10800", "0.25", "1234570"]
     assert plain(10833.4, 4) == "10830" and plain(1 / 6, 4) == "0.1667"
@@ -652,6 +655,7 @@ def two_groups(scene):
     return scene.replace(groups=[scene.to_dict()["groups"][0], SECOND], sky__catalog="none")
 
 
+@pytest.mark.ci
 def test_each_group_is_drawn_about_its_own_main_target(two_groups):
     offset_m = offsets_m(two_groups, 410.0, 1)
     np.testing.assert_allclose(np.linalg.norm(offset_m, axis=1), [0, 10, 10, 10], rtol=0, atol=0.01)  # 1 m/s for 10 s
@@ -689,6 +693,7 @@ def later_group(scene):
 
 
 @pytest.mark.parametrize(("time_s", "there"), [(499.0, False), (501.0, True), (1499.0, True), (1501.0, False)])
+@pytest.mark.ci
 def test_absent_targets_are_not_in_figures(later_group, time_s, there):
     ax = ws.plot.plot_scene(later_group, time_s, view_ra_dec_deg=(0.0, 90.0))
     assert by_label(ax, "center now") and bool(by_label(ax, "bus now")) == there
@@ -880,6 +885,7 @@ def test_access_has_a_row_for_every_sensor(two_kinds):
 
 
 @pytest.mark.parametrize("time_s", [600.0, 602.0, 603.5], ids=["of a narrow frame", "of a wide frame", "of none"])
+@pytest.mark.ci
 def test_views_are_of_the_sensors_own_camera(two_kinds, time_s):
     for sensor, n_row in (("sat27.wide", 60), ("sat27.narrow", 128)):
         camera = two_kinds.scenario.instrument_of(sensor).sensor.camera

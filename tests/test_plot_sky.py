@@ -296,6 +296,7 @@ def test_the_comprehensive_table_is_the_mesh_below_60_degrees_and_the_latitude_t
     assert (costs[SORTED]["stars"] <= costs[COMPREHENSIVE.name]["stars"]).all()
 
 
+@pytest.mark.ci
 def test_stars_in_the_cone_are_as_many_as_brute_force_finds(default):
     """Means over latitudes: both count the same sky."""
     latitude, _, n_inside = costs_by_latitude(default, n_view=10)

@@ -106,6 +106,7 @@ def sensor_above(scene, direction, time_s):
 
 @pytest.mark.parametrize("roll_deg", [0.0, 33.0])
 @pytest.mark.parametrize(("ra", "dec", "up_ra"), PLACES.values(), ids=PLACES)
+@pytest.mark.ci
 def test_stars_of_a_fixed_view_are_astropys(scene, device, ra, dec, up_ra, roll_deg):
     """Boresight, roll and pixels of known stars, from the description to the light on the image."""
     pointing = {"kind": "fixed", "ra_dec_deg": [ra, dec], "up": "north", "roll_deg": roll_deg}
@@ -190,6 +191,7 @@ def test_up_along_the_boresight_is_replaced_and_said(scene, device, tmp_path, di
     assert list(table["BORESIGHT_REPLACED"]) == [False]
 
 
+@pytest.mark.ci
 def test_nothing_is_said_where_nothing_is_replaced(scene, tmp_path):
     small = scene.replace(camera=SMALL)
     report = ws.render_to_folder(small, tmp_path / "run", frames=[FRAME], sensors=["sat11"], bands=["A"], device="cpu")
@@ -203,6 +205,7 @@ def test_nothing_is_said_where_nothing_is_replaced(scene, tmp_path):
 @pytest.mark.parametrize("roll_deg", [0.0, -120.0])
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.5, 0.5), (-31.25, 17.8), (600.0, -2000.0)])
 @pytest.mark.parametrize("track", ["main", "sphere03", "group"])
+@pytest.mark.ci
 def test_what_is_tracked_stands_at_its_offset(scene, device, track, offset, roll_deg):
     """Exactly, under the gnomonic projection, on an even and an odd array."""
     for n_row, n_col in ((128, 128), (63, 128)):
@@ -284,6 +287,7 @@ def test_scan_goes_along_great_circles(scene, device, common_roll_deg):
         np.testing.assert_allclose(-axes[1], up, rtol=0, atol=1e-12)
 
 
+@pytest.mark.ci
 def test_stare_holds_each_row(scene, device):
     rows = [
         {"time_s": 0.0, "azimuth_deg": 30.0, "elevation_deg": 5.0},
@@ -324,6 +328,7 @@ def test_table_from_a_file_is_the_same(scene, tmp_path, suffix):
     assert ws.Scene.load(tmp_path / "scene.toml") == inline
 
 
+@pytest.mark.ci
 def test_a_run_knows_its_table(scene, tmp_path):
     """Another content of the same file is another run."""
     path = tmp_path / "stare.csv"

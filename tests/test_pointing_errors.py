@@ -42,6 +42,7 @@ def test_a_given_bias_turns_every_camera(scene, device):
     np.testing.assert_allclose(found, np.broadcast_to([120e-6, -40e-6], found.shape), rtol=0, atol=SECOND_ORDER)
 
 
+@pytest.mark.ci
 def test_a_given_drift_grows_from_period_to_period(scene, device):
     growing = erring(scene, drift={"urad_s": [0.2, -0.1]})
     time_s, found = errors_rad(growing, [0, 70, 161], ["sat11"], device)
@@ -59,6 +60,7 @@ def twin_rates(key, period):
     return np.array([radius * np.cos(turn), radius * np.sin(turn)])
 
 
+@pytest.mark.ci
 def test_drawn_drifts_are_the_twins(scene, device):
     one = erring(scene, drift={"rms_urad_s": 3.0, "reset_s": 70.0})
     sensors = ["sat11", "sat36"]
@@ -123,6 +125,7 @@ def test_an_exposure_lies_in_one_period(scene):
     np.testing.assert_allclose(main["dx_px"], -2000e-6 / per_px, rtol=2e-2)
 
 
+@pytest.mark.ci
 def test_errors_that_are_zero_are_not_in_the_kernel(scene):
     from warpsim.render.pointing_arrays import aim_features
 

@@ -118,6 +118,7 @@ def test_draws(device, mean, record_accuracy):
     check_probabilities(histogram, first, mean)
 
 
+@pytest.mark.ci
 def test_moments_at_the_largest_full_well(device):
     """Where float32 has steps of 64 electrons, a five-hundredth of the standard deviation."""
     check_moments(*draws(device, 1e9, N_DRAW), 1e9)
@@ -162,6 +163,7 @@ def test_total_variation_of_the_expansion(device, mean, largest, record_accuracy
 
 
 @pytest.mark.parametrize("mean", [0.0, 1e-6, 1e-3, 0.1, 1.0, 5.0, 11.9])
+@pytest.mark.ci
 def test_search_inverts_the_distribution(device, mean):
     ends = [0, 1, 2, 9, 2**24 - 1, 2**24, 2**31 - 1, 2**31, 2**32 - 2, 2**32 - 1]
     words = np.concatenate([ends, np.arange(2000) * 3, np.random.default_rng(2).integers(0, 2**32, 200_000)])

@@ -81,6 +81,7 @@ def test_sharp_patterns_on_pixels_that_are_not_square(radius_px, aspect):
 
 @pytest.mark.parametrize("obscuration", [0.0, 0.3])
 @pytest.mark.parametrize("radii_px", [(0.14, 0.185, 0.22), (1.0, 1.5), (9.0, 10.0, 12.0)])
+@pytest.mark.ci
 def test_sum_over_wavelengths(radii_px, obscuration):
     weights = np.arange(1.0, len(radii_px) + 1)
     table = epsf_table(ws.PsfAiry(radii_px, obscuration, weights=tuple(weights)))
@@ -166,6 +167,7 @@ def test_device_and_twin_agree(device, n_point, aspect):
     np.testing.assert_allclose(signal.numpy()[:, 0], table_fraction(table, dx, dy), rtol=0, atol=DEVICE_ATOL)
 
 
+@pytest.mark.ci
 def test_stamps_leave_out_what_the_rule_allows(device):
     """Pixels that a blurred, stretched pattern's stamp leaves out hold no more than the cut."""
     psf, aspect, cut = ws.PsfAiry(0.4, 0.3, 1.0), 0.6, 1e-4

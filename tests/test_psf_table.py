@@ -66,6 +66,7 @@ def test_spline_is_integrated_exactly(shape, oversample):
 @pytest.mark.parametrize("aspect", [1.0, 0.6, 1.5])
 @pytest.mark.parametrize("smear_px", [0.0, 0.05, 0.7])
 @pytest.mark.parametrize("shape", [(71, 80), (70, 81)])
+@pytest.mark.ci
 def test_a_gaussian_image_is_a_gaussian(shape, smear_px, aspect, record_accuracy):
     """Off the middle, of two widths, blurred, on any pixel; arrays of odd and even sides."""
     sigma, centre = np.array([0.7, 0.62]), (0.31, -0.17)

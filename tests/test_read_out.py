@@ -36,6 +36,7 @@ def histogram_of(device, n_frame):
     return total
 
 
+@pytest.mark.ci
 def test_noise_is_gaussian_over_1e8_draws(device, record_accuracy):
     pull = check_gaussian(histogram_of(device, 100))
     record_accuracy("Gaussian noise, moments of 1e8 draws", pull, N_SIGMA, "sigma", "theory")

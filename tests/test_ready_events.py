@@ -97,6 +97,7 @@ class CudaArray:
 
 
 @pytest.mark.parametrize("stream", [None, 1, 2, 4711])
+@pytest.mark.ci
 def test_a_consumers_stream_is_ordered_after_the_current_one_has_waited(current, nothing_released, stream):
     images = ImageStack(CudaArray(current[0]), 3, 2, READY)
     images.__dlpack__(stream=stream, max_version=(1, 0))

@@ -270,6 +270,7 @@ def test_images_do_not_depend_on_seedless_state_but_on_the_seed(scene, batch):
 
 
 @pytest.mark.parametrize(("n_row", "n_col"), [(1, 1), (3, 200), (127, 129)])
+@pytest.mark.ci
 def test_odd_image_shapes(scene, n_row, n_col):
     odd = scene.replace(camera__n_row=n_row, camera__n_col=n_col, camera__fov_deg=n_col / 128)
     frames = ws.Renderer(odd, device="cpu").render([60, 61], sensors=["sat11"], keep_signal=True)

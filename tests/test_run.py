@@ -33,6 +33,7 @@ def listing(path):
     return sorted(str(item.relative_to(path)) for item in path.rglob("*"))
 
 
+@pytest.mark.ci
 def test_the_folder_holds_what_was_promised(folder):
     cubes = [f"{sensor}_{band}.fits" for sensor in ("sat11", "sat47") for band in "AE"]
     assert listing(folder) == sorted([*cubes, "contact_sheet.png", "manifest.json", "truth.fits"])
@@ -88,6 +89,7 @@ def test_manifest(scene, folder):
     assert manifest["orbit_interpolation"]["measured_error_m"] < 1e-3
 
 
+@pytest.mark.ci
 def test_files_tell_the_response_of_a_custom_band(tmp_path):
     band = ws.Band("notch", [8.0, 8.2, 9.3, 9.5], [0.0, 1.0, 1.0, 0.0], per_photon=True, zero_mag_jy=50.0)
     surface = {f"targets__{k}__surface": {"reflectance": 0.5} for k in range(4)}
@@ -111,6 +113,7 @@ def test_the_same_run_again_does_nothing(scene, folder):
     assert {name: (folder / name).stat().st_mtime_ns for name in listing(folder)} == before
 
 
+@pytest.mark.ci
 def test_a_damaged_file_is_made_again(scene, tmp_path):
     arguments = ([60, 61], ["sat11"], ["A"])
     ws.render_to_folder(scene, tmp_path, *arguments, device="cpu")
@@ -163,6 +166,7 @@ def test_files_of_others_are_never_touched(scene, tmp_path, name):
     assert {item: (tmp_path / item).read_bytes() for item in listing(tmp_path)} == before
 
 
+@pytest.mark.ci
 def test_overwrite_removes_only_the_old_runs_files(scene, tmp_path):
     ws.render_to_folder(scene, tmp_path, *SMALL_RUN, device="cpu")
     (tmp_path / "notes.txt").write_text("mine")
@@ -180,11 +184,13 @@ def test_a_changed_catalog_is_a_different_run(scene, tmp_path):
         ws.render_to_folder(own, tmp_path / "out", *SMALL_RUN, device="cpu")
 
 
+@pytest.mark.ci
 def test_names_given_twice_are_written_once(scene, tmp_path):
     ws.render_to_folder(scene, tmp_path, [60, 60], ["sat11", "sat11"], ["A", "A"], device="cpu")
     assert len(read_cube(tmp_path / "sat11_A.fits").frames) == 1
 
 
+@pytest.mark.ci
 def test_two_runs_do_not_share_a_folder(scene, tmp_path):
     import fcntl
 
@@ -260,6 +266,7 @@ def test_contact_sheet_is_a_picture_with_content(folder):
     assert pixels.std() > 5
 
 
+@pytest.mark.ci
 def test_every_frame_renders_without_access(tmp_path):
     """sat13 never has access; a camera that stares at the sky is rendered all the same."""
     scene = ws.Scene.load("stss").replace(pointing={"kind": "fixed", "ra_dec_deg": [83.8, -5.4], "up": "north"})

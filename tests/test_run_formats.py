@@ -63,6 +63,7 @@ def test_the_folder_holds_what_was_promised(folder):
     assert set(manifest["files"]) == expected - {"manifest.json"}
 
 
+@pytest.mark.ci
 def test_counts_are_the_same_in_every_format(folder, frames):
     import zarr
 
@@ -79,6 +80,7 @@ def test_counts_are_the_same_in_every_format(folder, frames):
             np.testing.assert_array_equal(read.view(np.uint32), signal[place].view(np.uint32))
 
 
+@pytest.mark.ci
 def test_pillow_reads_the_same_counts(folder, frames):
     image = pytest.importorskip("PIL.Image")
     for stem, part in each_image(frames):
@@ -231,6 +233,7 @@ def test_files_of_others_are_never_touched(scene, tmp_path, name, earlier):
 @pytest.mark.parametrize(
     "name", ["../precious.txt", "notes/precious.txt", "a.zarr/c/0/../precious.txt", "/etc/hostname"]
 )
+@pytest.mark.ci
 def test_manifests_of_others_do_not_make_their_files_ours(scene, tmp_path, name):
     """A file that looks like a manifest, but names what no run writes."""
     folder = tmp_path / "run"
@@ -323,6 +326,7 @@ def test_names_given_twice_are_written_once(scene, tmp_path):
     assert run(scene, tmp_path, [60], ["sat11"], ["A"], formats="png").n_image_rendered == 1
 
 
+@pytest.mark.ci
 def test_films_of_a_run_have_every_frame(scene, tmp_path):
     av = pytest.importorskip("av")
     run(scene, tmp_path, *PICKS[:2], ["A"], preview="mp4")

@@ -107,6 +107,7 @@ def test_sensors_of_several_kinds_are_one_clear_error(both):
         renderer.render([60], sensors="sat11")
 
 
+@pytest.mark.ci
 def test_frames_of_a_kind(scene):
     quick = {**NARROW, "frames": {"count": 500, "interval_s": 0.5, "start_s": 600.0}}
     both = with_sensors(scene, SENSOR, quick)

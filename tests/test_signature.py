@@ -185,6 +185,7 @@ def test_earth_term_to_its_quadrature(day, device):
         assert missed.max() > 0
 
 
+@pytest.mark.ci
 def test_sunlight_by_way_of_the_earth_is_that_of_patches(day, device, record_accuracy):
     """A sphere: the Earth's disc in 400 x 400 patches, each a small sun."""
     fine = day.replace(lighting__albedo_error=1e-3)
@@ -244,6 +245,7 @@ def test_albedo_by_its_fast_series(day, device, error, degree):
     assert missed.max() > 0
 
 
+@pytest.mark.ci
 def test_albedo_may_be_rougher_where_it_is_faint_or_near(day):
     """By the error asked for, by what may be left out, and by the distance from the Earth."""
 
@@ -319,6 +321,7 @@ def test_a_term_left_out_is_not_in_the_kernel(day):
 
 
 @pytest.mark.parametrize("exposure_s", [0.01, 0.13, 0.5])
+@pytest.mark.ci
 def test_brightness_is_averaged_over_the_exposure(day, exposure_s):
     """Against the mean of 4001 instants: cone 03 precesses at 5 rev/s, cylinders roll at 1 rev/s."""
     exposed = day.replace(detector__exposure_s=exposure_s)

@@ -104,6 +104,7 @@ def test_the_first_step_holds_before_its_start(scene, device):
     assert len(stars) > 0 and np.hypot(stars["dx_px"], stars["dy_px"]).max() < 1e-6
 
 
+@pytest.mark.ci
 def test_nobody_has_access_while_the_camera_turns(scene):
     turning = slewing(scene).replace(frames={"count": 200, "interval_s": 1.0, "start_s": 660.0})
     still = slewing(scene, slew=None)
@@ -192,6 +193,7 @@ def test_slews_of_others_do_not_change_an_exposure(scene, device):
 
 
 @pytest.mark.parametrize("back_deg", [180.0, 179.9, -179.9])
+@pytest.mark.ci
 def test_half_a_turn_goes_one_way_round(scene, device, back_deg):
     """From ahead to behind: rounding must not choose the way anew at each instant."""
     steps = [{"start_s": 0.0, "azimuth_elevation_deg": [0.0, -22.0]},

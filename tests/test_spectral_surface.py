@@ -163,6 +163,7 @@ def test_each_term_of_a_scene(day, device):
         np.testing.assert_array_equal(values[..., others], gray.terms_w_cm2[name][..., others])
 
 
+@pytest.mark.ci
 def test_a_band_of_the_scene(day, device):
     """A paint, the Sun and the Earth in a band that the scene describes: no table names it."""
     mwir = ws.Band.top_hat("mwir", 3.5, 5.0)
@@ -178,6 +179,7 @@ def test_a_band_of_the_scene(day, device):
         np.testing.assert_allclose(part, ratio, rtol=TABLE_RTOL)
 
 
+@pytest.mark.ci
 def test_a_painted_target_is_rendered(day, device):
     """Images, truth and light curves agree; two targets of one paint share its rows."""
     painted = day.replace(

@@ -40,6 +40,7 @@ def rendered(work):
     return renderer.render(frames, work.sensors, [BAND], keep_stars=True)
 
 
+@pytest.mark.ci
 def test_every_sensor_has_its_stars_and_targets(work, rendered):
     stars, truth = rendered.stars, rendered.truth
     for sensor in work.sensors:

@@ -72,6 +72,7 @@ def test_the_renderer_shows_its_stars(scene):
 
 @pytest.mark.parametrize("n_pixel", [32, 128])
 @pytest.mark.parametrize("n_slot", [100, 10_000, 1_000_000])
+@pytest.mark.ci
 def test_long_source_lists_count_in_the_memory_budget(scene, n_slot, n_pixel):
     world = device_scene(scene.replace(camera__n_row=n_pixel, camera__n_col=n_pixel), ("A", "C"))
     camera = world.instrument.sensor.camera

@@ -260,6 +260,7 @@ def assert_same_light(again, stars):
 
 
 @pytest.mark.parametrize("suffix", ["ecsv", "fits", "csv"])
+@pytest.mark.ci
 def test_a_filled_catalog_is_the_same_when_read_again(suffix, tmp_path):
     """What was filled in from the spectrum is marked in the table, and never an anchor of the next spectrum."""
     from astropy.table import Table

@@ -36,6 +36,7 @@ def test_rows_say_which_star_and_how_bright(scene):
     np.testing.assert_array_equal(stars["in_fov"], inside)
 
 
+@pytest.mark.ci
 def test_the_run_writes_them_when_asked(scene, run):
     frames = ws.Renderer(scene, device="cpu").render(range(60, 64), ["sat11", "sat47"], ["A", "E"], keep_stars=True)
     written = Table.read(run / "stars.fits")
@@ -60,6 +61,7 @@ def test_a_run_with_stars_is_repaired_whole(scene, run, tmp_path):
         ws.render_to_folder(scene, run, range(60, 64), ["sat11", "sat47"], ["A", "E"], device="cpu")
 
 
+@pytest.mark.ci
 def test_without_being_asked_there_are_none(scene, tmp_path):
     ws.render_to_folder(scene, tmp_path / "out", [60], ["sat11"], ["A"], device="cpu")
     assert not (tmp_path / "out" / "stars.fits").exists()

@@ -100,6 +100,7 @@ each_streak = pytest.mark.parametrize(("movement", "xy", "brightness"), STREAKS.
 
 @each_streak
 @pytest.mark.parametrize("sigma_px", [0.35, 0.7, 2.0])
+@pytest.mark.ci
 def test_gaussian_streak_against_ten_thousand_samples(device, sigma_px, movement, xy, brightness, record_accuracy):
     image = ws.deposit(
         [xy], [1.0], ws.PsfGaussian(sigma_px), SHAPE, device=device, movement_px=[movement], brightness=[brightness]
@@ -205,6 +206,7 @@ def test_lengths_that_rules_serve(count):
 
 
 @pytest.mark.parametrize("obscuration", [0.0, 0.2, 0.4, 0.6])
+@pytest.mark.ci
 def test_blur_bounds_the_transfer_function(obscuration):
     """An Airy pattern's transfer function: closed form against the Hankel transform of the pattern; and its bound."""
     v, step = np.linspace(1e-6, 6000, 3_000_001, retstep=True)
@@ -229,6 +231,7 @@ every_psf = pytest.mark.parametrize("psf", PSFS, ids=["gauss-sharp", "gauss", "a
 
 @every_psf
 @pytest.mark.parametrize("cut_fraction", [1e-3, 1e-9], ids=["small-stamps", "wide-stamps"])
+@pytest.mark.ci
 def test_no_movement_is_no_streak_bit_by_bit(device, psf, cut_fraction):
     rng = np.random.default_rng(SEED)
     xy, flux = rng.uniform(-2, [34, 26], (30, 2)), rng.uniform(0.1, 5, 30)
@@ -272,6 +275,7 @@ def test_reported_fractions_are_those_of_the_image(device, psf):
 
 
 @pytest.mark.parametrize("psf", [ws.PsfGaussian(0.3), ws.PsfGaussian(5.0)], ids=str)
+@pytest.mark.ci
 def test_flux_closes(device, psf):
     """Streaks half outside the frame: what is drawn, and what falls outside."""
     rng = np.random.default_rng(SEED)
@@ -286,6 +290,7 @@ def test_flux_closes(device, psf):
 
 @pytest.mark.parametrize("length_px", [0.4, 5.0, 40.0])
 @pytest.mark.parametrize("psf", [ws.PsfAiry(0.185), ws.PsfAiry(1.5, 0.3)], ids=str)
+@pytest.mark.ci
 def test_far_light_of_bright_streaks(device, psf, length_px):
     """Few nodes draw the wings; they are as good as many."""
     shape, xy = (160, 180), [88.3, 79.6]
@@ -324,6 +329,7 @@ def test_gaussians_on_pixels_that_are_not_square(device, sigma_px, aspect):
 @pytest.mark.parametrize("aspect", [0.5, 1.4])
 @pytest.mark.parametrize("psf", [ws.PsfGaussian(1.5), ws.PsfAiry(0.478, 0.3)], ids=["gauss", "airy"])
 @pytest.mark.parametrize("cut", [1e-3, 1e-6])
+@pytest.mark.ci
 def test_fractions_and_sizes_on_pixels_that_are_not_square(device, psf, aspect, cut):
     rule, shape, xy = stamp_rule([0.0], cut, device), (301, 301), [[150.3, 150.2]]
     image = draw(xy, [1.0], psf, shape, device, rule, aspect=aspect)
@@ -347,6 +353,7 @@ def crooked(rng):
 
 
 @each_streak
+@pytest.mark.ci
 def test_streaks_of_a_crooked_image(device, movement, xy, brightness):
     """Against itself, drawn still at many positions."""
     psf = crooked(np.random.default_rng(SEED))
@@ -382,6 +389,7 @@ def test_star_and_target_of_the_same_path_are_the_same(device, psf, record_accur
 
 
 @every_psf
+@pytest.mark.ci
 def test_streaks_of_hard_lists(device, psf):
     movement = [[[0, 0], [1e4, 3e3]], [[0, 0], [2, 2]], [[0, 0], [1e-30, 0]], [[0, 0], [5, 0]], [[0, 0], [1e6, 0]]]
     xy, flux = [[5.0, 5.0], [1e300, 0.0], [16.5, 11.5], [-1e9, 3.0], [3e5, 10.0]], [1e-10, 1.0, 1e-25, 1.0, 1e-12]

@@ -194,6 +194,7 @@ LONG_TIMES_S = np.concatenate([[0.0, 0.5, 1e6, 1e6 + 0.3, 999_999.9999], np.lins
 
 
 @pytest.mark.parametrize("rate_rev_s", [5.0, 4.9, -4.9, 1 / 3, 0.1, 1e-3, 0.0])
+@pytest.mark.ci
 def test_phase_is_kept_over_a_million_seconds(device, rate_rev_s):
     turn, _ = device_attitude(attitude_struct(some_frame(), 0.1, (rate_rev_s, 0.0)), LONG_TIMES_S, device)
     exact = np.array([float(turn_fraction(rate_rev_s, t)) for t in LONG_TIMES_S])
