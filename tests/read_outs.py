@@ -84,7 +84,7 @@ def read_out(
     return counts.numpy()
 
 
-N_SENSOR = 16
+N_SENSOR = 100
 
 
 def instrument_of(detector, known, seed, shape):
