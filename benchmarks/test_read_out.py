@@ -17,8 +17,7 @@ import warp as wp
 from scipy import special
 
 import warpsim as ws
-from warpsim.detector.electron import ElectronDetector
-from warpsim.detector.nei import NeiDetector
+from warpsim.detector.detectors import ElectronDetector, NeiDetector
 from warpsim.optics.telescope import Optics
 from warpsim.render import stages
 from warpsim.render.batch import new_inputs

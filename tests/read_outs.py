@@ -9,8 +9,8 @@ import warp as wp
 from scipy import special, stats
 from warpsim_kernels.strips import STRIP_PIXELS, STRIPS_PER_BLOCK
 
+from warpsim.detector.detectors import NeiDetector
 from warpsim.detector.levels import electron_levels, levels
-from warpsim.detector.nei import NeiDetector
 from warpsim.optics.camera import Camera
 from warpsim.optics.telescope import Optics
 from warpsim.radiometry.bands import BANDS

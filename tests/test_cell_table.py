@@ -13,9 +13,9 @@ import warpsim as ws
 from warpsim.errors import InputError
 from warpsim.optics.cell_table import BLOCK_PX, MOST_CELLS, cell_bytes, cell_table, cells_for
 from warpsim.optics.flow import pixel_fractions
+from warpsim.optics.image_table import spline_of
 from warpsim.optics.pattern import FIRST_DARK_RING, AiryPattern
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
-from warpsim.optics.spline_image import spline_of
 from warpsim.optics.tables import TableAccuracy, cheapest_layout, fitted_nodes, polynomials
 
 SEED = 141421

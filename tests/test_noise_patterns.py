@@ -18,7 +18,7 @@ from read_outs import (
 from scipy import stats
 from warpsim_kernels.streams import STREAM_BAD, STREAM_GAIN, STREAM_OFFSET
 
-from warpsim.detector.nei import NeiDetector
+from warpsim.detector.detectors import NeiDetector
 
 NEI = 1e-18
 SHAPE = (1, 1, 1024, 1024)

@@ -12,7 +12,7 @@ from scipy import interpolate, special
 import warpsim as ws
 from warpsim.errors import InputError
 from warpsim.optics.epsf_table import POINTS, table_fraction
-from warpsim.optics.spline_image import spline_of
+from warpsim.optics.image_table import spline_of
 from warpsim.optics.tables import epsf_table
 from warpsim.scene.scene_files import named_files
 

@@ -20,7 +20,7 @@ from read_outs import (
 )
 from warpsim_kernels import pixel_pairs
 
-from warpsim.detector.nei import NeiDetector
+from warpsim.detector.detectors import NeiDetector
 from warpsim.render.buffers import new_signal
 
 COUNTS_RTOL = 4e-7  # six float32 roundings of 6e-8 from signal to counts: where a rounding edge may be missed

@@ -11,9 +11,8 @@ from warpsim_kernels.psf import TABLE_SIMD_WIDTH, natural_log
 from warpsim_kernels.strips import STRIP_PIXELS, flags_of_image, n_flag
 
 import warpsim as ws
-from warpsim.optics.gaussian_table import axis_table
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
-from warpsim.optics.table_upload import by_block
+from warpsim.optics.table_upload import axis_table, by_block
 from warpsim.optics.tables import epsf_table
 
 SEED = 577215

@@ -10,8 +10,7 @@ from warpsim_kernels.paths import Paths
 import warpsim as ws
 from warpsim.optics.pattern import annular_transfer
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
-from warpsim.optics.sharpness import sharpness
-from warpsim.optics.streak_rules import LONGEST_STREAK
+from warpsim.optics.streak_rules import LONGEST_STREAK, sharpness
 from warpsim.optics.tables import epsf_table
 
 SEED = 271828

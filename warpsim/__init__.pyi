@@ -77,8 +77,8 @@ from warpsim.optics.telescope import Optics as Optics
 from warpsim.optics.psf import PsfGaussian as PsfGaussian
 from warpsim.optics.psf import PsfAiry as PsfAiry
 from warpsim.optics.psf import PsfTable as PsfTable
-from warpsim.detector.nei import NeiDetector as NeiDetector
-from warpsim.detector.electron import ElectronDetector as ElectronDetector
+from warpsim.detector.detectors import NeiDetector as NeiDetector
+from warpsim.detector.detectors import ElectronDetector as ElectronDetector
 
 # stars
 from warpsim.sky.catalog import StarCatalog as StarCatalog

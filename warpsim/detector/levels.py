@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warpsim.constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
-from warpsim.detector.electron import ElectronDetector
-from warpsim.detector.nei import NeiDetector
+from warpsim.detector.detectors import ElectronDetector, NeiDetector
 from warpsim.errors import InputError
 from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr
 from warpsim.radiometry.by_band import in_band

@@ -1,9 +1,15 @@
-"""Effective PSF tables of patterns that are given as images."""
+"""Patterns given as images: cubic splines through their samples, integrated over pixels in closed form.
+
+Between samples the pattern is the cubic spline sum_kl C_kl B(u - l) B(v - k) (Unser 1999, "Splines: a perfect fit for
+signal and image processing"), u and v counted in samples; beyond the image it is zero. B integrates to a piecewise
+quartic in closed form, so the pixel fraction is a^T C b with no error but the spline's own, and a blur by a Gaussian
+acts on B alone.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +17,173 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.optics.airy import N_REFINE, goal_of_interpolation, stated_error
 from warpsim.optics.epsf_table import N_MARGIN, EpsfTable, Wing, check_size, envelope, lagrange_weights, table_fraction
-from warpsim.optics.spline_image import SplineImage
 
 F64 = NDArray[np.float64]
+
+N_RINGING = 12
+"""Samples kept beyond the image, where a spline through a cut-off pattern swings out: 0.27 per sample."""
+BLUR_REACH = 7.0
+N_FINE = 64
+"""Steps per sample of the tabulated blurred spline."""
+CHUNK = 2_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class SplineImage:
+    """A pattern of unit flux as a spline, and its integrals over pixels."""
+
+    coefficient: F64
+    """C, shape (n_row + 24, n_col + 24), of unit sum."""
+
+    oversample: float
+    """Samples per pixel width."""
+
+    smear_px: float
+    """Standard deviation of a Gaussian blur on each axis [px]."""
+
+    pixel_aspect: float
+    """Height of a pixel over its width."""
+
+    blurred: tuple[F64, F64] | None
+    """Integrals of a blurred B over a pixel along rows and columns, 64 per sample of its distance from the pixel."""
+
+    @property
+    def half_size_px(self) -> tuple[float, float]:
+        """Offsets along rows [pixel heights] and columns [px] beyond which a pixel collects nothing."""
+        beyond = 2.0 / self.oversample + BLUR_REACH * self.smear_px
+        n_row, n_col = self.coefficient.shape
+        height_px = 0.5 * (n_row - 1) / self.oversample + beyond
+        return height_px / self.pixel_aspect + 0.5, 0.5 * (n_col - 1) / self.oversample + beyond + 0.5
+
+    def fractions(self, dx_px: F64, dy_px: F64) -> F64:
+        """Return the pixel fractions at offsets along columns [px] and rows [pixel heights], shape (n,) each."""
+        first_row, down = self._band(0, dy_px)
+        first_col, across = self._band(1, dx_px)
+        padded = np.pad(self.coefficient, ((down.shape[1],) * 2, (across.shape[1],) * 2))
+        total: F64 = np.empty(len(dx_px))
+        rows, cols = np.arange(down.shape[1]), np.arange(across.shape[1])
+        n_chunk = max(1, CHUNK // (len(rows) * len(cols)))
+        for start in range(0, len(dx_px), n_chunk):
+            here = slice(start, start + n_chunk)
+            row = np.clip(first_row[here, None] + len(rows) + rows, 0, padded.shape[0] - 1)
+            col = np.clip(first_col[here, None] + len(cols) + cols, 0, padded.shape[1] - 1)
+            block = padded[row[:, :, None], col[:, None, :]]
+            total[here] = np.einsum("nrc,nr,nc->n", block, down[here], across[here], optimize=True)
+        return total
+
+    def fractions_on_grid(self, dx_px: F64, dy_px: F64) -> F64:
+        """Return the pixel fractions at all pairs of offsets, shape (len(dy_px), len(dx_px))."""
+        down, across = self._matrix(0, dy_px), self._matrix(1, dx_px)
+        return np.asarray(down @ self.coefficient @ across.T)
+
+    def _box(self, axis: int) -> float:
+        """Length of a pixel along an axis [samples]."""
+        return self.oversample * (self.pixel_aspect if axis == 0 else 1.0)
+
+    def _position(self, axis: int, offset_px: F64) -> F64:
+        """Centres of pixels in numbers of coefficients."""
+        return np.asarray(offset_px * self._box(axis) + 0.5 * (self.coefficient.shape[axis] - 1))
+
+    def _half_band(self, axis: int) -> float:
+        return half_band(self._box(axis), self.smear_px * self.oversample)
+
+    def _band(self, axis: int, offset_px: F64) -> tuple[NDArray[np.int64], F64]:
+        """Return the first coefficient that matters to each pixel, and the integrals over the pixel of all that do."""
+        position = self._position(axis, offset_px)
+        half = self._half_band(axis)
+        first = np.ceil(position - half).astype(np.int64)
+        number = np.arange(int(2.0 * half) + 1)
+        return first, self._integral(axis, position[:, None] - first[:, None] - number)
+
+    def _matrix(self, axis: int, offset_px: F64) -> F64:
+        """Return the integrals over each pixel of each coefficient's spline, shape (n, n_coefficient)."""
+        first, band = self._band(axis, offset_px)
+        matrix = np.zeros((len(offset_px), self.coefficient.shape[axis]))
+        column = first[:, None] + np.arange(band.shape[1])
+        row = np.broadcast_to(np.arange(len(offset_px))[:, None], column.shape)
+        inside = (column >= 0) & (column < matrix.shape[1])
+        matrix[row[inside], column[inside]] = band[inside]
+        return matrix
+
+    def _integral(self, axis: int, distance: F64) -> F64:
+        """Return the integral of B over a pixel whose centre lies at a distance [samples] from B's."""
+        if self.blurred is None:
+            return _box_integral(distance, self._box(axis))
+        return _cubic_through(self.blurred[axis], np.abs(distance) * N_FINE)
+
+
+def half_band(box: float, blur: float) -> float:
+    """Return the distance from which a blurred B has no part in a pixel [samples]."""
+    return 0.5 * box + 2.0 + BLUR_REACH * blur
+
+
+def spline_of(image: F64, oversample: float, smear_px: float, pixel_aspect: float) -> SplineImage:
+    """Return the spline through an image of positive sum, scaled to unit flux."""
+    pad = 24  # the coefficients fall by 0.27 per sample
+    coefficient = np.pad(image / image.sum(), pad)
+    for _ in range(2):
+        coefficient = _prefiltered(coefficient).T
+    keep = pad - N_RINGING
+    coefficient = coefficient[keep:-keep, keep:-keep]
+    blur = smear_px * oversample
+    blurred = None
+    if blur > 0.0:
+        blurred = _blurred_integrals(oversample * pixel_aspect, blur), _blurred_integrals(oversample, blur)
+    return SplineImage(coefficient / coefficient.sum(), oversample, smear_px, pixel_aspect, blurred)
+
+
+def _blurred_integrals(box: float, blur: float) -> F64:
+    """Return the integral of the blurred B over a box, at the distances (k - 3) / N_FINE for k = 0, 1 ..."""
+    distance = np.arange(-3, math.ceil(half_band(box, blur) * N_FINE) + 6) / N_FINE
+    # Panels of half a sample, or of the blur where that is wider: B is a cubic between its knots.
+    n_panel = max(math.ceil(2.0 * BLUR_REACH * min(blur, 8.0)) + 1, 5)  # fewer do not even hold the Gaussian
+    node, weight = np.polynomial.legendre.leggauss(8)
+    left = -BLUR_REACH + 2.0 * BLUR_REACH / n_panel * np.arange(n_panel)
+    shift = (left[:, None] + BLUR_REACH / n_panel * (1.0 + node)).ravel()
+    gauss = np.exp(-0.5 * shift**2) / math.sqrt(2.0 * math.pi) * np.tile(BLUR_REACH / n_panel * weight, n_panel)
+    total = np.zeros_like(distance)
+    for t, w in zip(shift, gauss, strict=True):
+        total += w * _box_integral(distance - blur * t, box)
+    return total
+
+
+def _prefiltered(sample: F64) -> F64:
+    """Return the coefficients of the cubic splines through the samples along axis 0; zero beyond."""
+    pole = math.sqrt(3.0) - 2.0
+    value = sample.copy()
+    for k in range(1, len(value)):
+        value[k] += pole * value[k - 1]
+    value[-1] *= pole / (pole * pole - 1.0)
+    for k in range(len(value) - 2, -1, -1):
+        value[k] = pole * (value[k + 1] - value[k])
+    return 6.0 * value
+
+
+def _box_integral(distance: F64, box: float) -> F64:
+    """Return the integral of the cubic B-spline over [distance - box / 2, distance + box / 2]."""
+    return _spline_primitive(distance + 0.5 * box) - _spline_primitive(distance - 0.5 * box)
+
+
+def _spline_primitive(x: F64) -> F64:
+    """Return the integral of the cubic B-spline from 0 to x, an odd function."""
+    u = np.minimum(np.abs(x), 2.0)
+    inner = u * (2.0 / 3.0 + u * u * (u / 8.0 - 1.0 / 3.0))
+    outer = 0.5 - (2.0 - u) ** 4 / 24.0
+    return np.sign(x) * np.where(u < 1.0, inner, outer)
+
+
+def _cubic_through(value: F64, position: F64) -> F64:
+    """Return four-point Lagrange interpolation of an even function; value[k] is at position k - 3; 0 beyond all."""
+    cell = np.minimum(position.astype(np.int64), len(value) - 7)
+    t = np.minimum(position - cell, 1.0)
+    low, here, up, top = (value[cell + k] for k in (2, 3, 4, 5))
+    return np.asarray(
+        low * (-t * (t - 1.0) * (t - 2.0) / 6.0)
+        + here * ((t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0)
+        + up * (-(t + 1.0) * t * (t - 2.0) / 2.0)
+        + top * ((t + 1.0) * t * (t - 1.0) / 6.0)
+    )
+
 
 N_SAMPLE = 80
 """Offsets along each axis, in all pairs, on which a table's error is measured."""

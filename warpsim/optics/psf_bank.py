@@ -22,11 +22,9 @@ from warpsim_kernels.streaks import Blur, StreakRules
 from warpsim_kernels.strips import n_flag
 
 from warpsim.launches import Launch
-from warpsim.optics.gaussian_table import upload_gaussians
 from warpsim.optics.psf import Psf, PsfGaussian, check_one_family
-from warpsim.optics.sharpness import sharpness
-from warpsim.optics.streak_rules import STREAK_ERROR, streak_rules
-from warpsim.optics.table_upload import overlapping, upload_tables
+from warpsim.optics.streak_rules import STREAK_ERROR, sharpness, streak_rules
+from warpsim.optics.table_upload import overlapping, upload_gaussians, upload_tables
 from warpsim.optics.tables import TableAccuracy, TabulatedPsf, drawn_tables
 
 SMALLEST_STAMP_CUT = 1e-15

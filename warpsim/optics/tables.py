@@ -15,10 +15,9 @@ from warpsim.errors import InputError
 from warpsim.optics.airy import airy_table, airy_table_shapes
 from warpsim.optics.cell_table import CELLS_PER_NODE, CellTable, cell_bytes, cell_table, cells_for
 from warpsim.optics.epsf_table import LARGEST_N_NODE, POINTS, EpsfTable
-from warpsim.optics.image_table import image_table, image_table_shape
+from warpsim.optics.image_table import SplineImage, image_table, image_table_shape, spline_of
 from warpsim.optics.pattern import FIRST_DARK_RING, AiryPattern
 from warpsim.optics.psf import PsfAiry, PsfTable
-from warpsim.optics.spline_image import SplineImage, spline_of
 
 ERROR_RANGE = (6e-7, 1e-2)
 """Fraction of the flux per pixel; float32 fractions, weights and sums allow no less."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
-from warpsim.detector.electron import ElectronDetector
+from warpsim.detector.detectors import ElectronDetector
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.by_band import in_band
 from warpsim.scene.band_descriptions import BandDescription

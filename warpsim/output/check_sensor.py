@@ -7,13 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.detector.electron import ElectronDetector
+from warpsim.detector.detectors import ElectronDetector, NeiDetector, detector_terms
 from warpsim.detector.levels import ElectronLevels, Levels
-from warpsim.detector.nei import NeiDetector
-from warpsim.detector.terms import detector_terms
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf import PsfAiry, PsfGaussian
-from warpsim.optics.sip import ERROR_PX, sip_polynomials
+from warpsim.optics.wcs import ERROR_PX, sip_polynomials
 from warpsim.output.check_bands import band_lines
 from warpsim.output.check_views import FieldContents, count_replaced, field_contents, longest_streaks_px, replaced_text
 from warpsim.output.wording import counted

@@ -11,10 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.detector.electron import ElectronDetector
-from warpsim.detector.kinds import Detector
+from warpsim.detector.detectors import Detector, ElectronDetector, detector_terms
 from warpsim.detector.levels import ElectronLevels, Levels
-from warpsim.detector.terms import detector_terms
 from warpsim.optics.wcs import lens_keywords, tan_keywords
 from warpsim.output.dates import utc_dates, utc_mjd
 from warpsim.render.frameset import FrameSet

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.detector.terms import detector_terms
+from warpsim.detector.detectors import detector_terms
 from warpsim.files import prepare_folder, sha256_of, whole_file, write_fits_table, write_json
 from warpsim.output.check import pointing_warning
 from warpsim.output.checkpoints import tidy

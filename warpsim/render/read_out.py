@@ -12,9 +12,8 @@ from warpsim_kernels.detector import Detector, PixelScalars, ReadOutFeatures
 from warpsim_kernels.poisson import SMALLEST_EXPANDED_MEAN
 from warpsim_kernels.read_out import make_read_out_kernel
 
-from warpsim.detector.electron import ElectronDetector
+from warpsim.detector.detectors import ElectronDetector, NeiDetector
 from warpsim.detector.levels import ElectronLevels, Levels
-from warpsim.detector.nei import NeiDetector
 from warpsim.scene.instrument import Instrument
 
 LARGEST_DEVIATE = 6.67

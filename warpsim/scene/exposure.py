@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.detector.kinds import Detector
+from warpsim.detector.detectors import Detector
 from warpsim.directions import normalised
 from warpsim.errors import InputError
 from warpsim.legendre import gauss_legendre, series_at, series_matrix

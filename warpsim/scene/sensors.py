@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from warpsim.config.fields import Count, Name, NonNegative, Positive
 from warpsim.config.model import config_model
-from warpsim.detector.kinds import Detector
+from warpsim.detector.detectors import Detector
 from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
 from warpsim.optics.telescope import Optics

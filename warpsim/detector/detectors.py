@@ -1,0 +1,195 @@
+"""Detectors: described by noise-equivalent irradiance (NEI), or by what their electrons go through."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from warpsim.config.fields import Integer, NonNegative, Positive, Switch, closed_interval
+from warpsim.config.model import config_model
+from warpsim.errors import InputError
+from warpsim.radiometry.by_band import FractionByBand, NonNegativeByBand, PositiveByBand, in_band, named_bands
+
+Bits = Annotated[Integer, closed_interval(1, 16)]
+"""Of an analogue-to-digital converter."""
+GainSpread = Annotated[NonNegative, closed_interval(0, 0.1)]
+"""Standard deviation of gains about 1; at most a tenth, so that no gain is negative."""
+BadShare = Annotated[NonNegative, closed_interval(0, 0.5)]
+"""Share of pixels."""
+Nonlinearity = Annotated[NonNegative, closed_interval(0, 0.5)]
+"""Share of the response lost at saturation; at most a half, so that more light is never fewer counts."""
+Exposure = Annotated[NonNegative, closed_interval(0, 10)]
+"""Length of an exposure that may be an instant [s]."""
+PositiveExposure = Annotated[Positive, closed_interval(0, 10)]
+"""Length of an exposure [s]."""
+Diffusion = Annotated[NonNegative, closed_interval(0, 10)]
+"""Standard deviation of how far charge spreads, along rows as along columns [pixel widths]."""
+
+
+@config_model
+class NeiDetector:
+    """Counts = ADC(offset + counts_per_nei * min(signal / NEI + unit Gaussian noise, SEI / NEI)).
+
+    Args:
+        nei_w_cm2: Irradiance whose signal equals one standard deviation of a pixel's noise, one number or a table by
+            band [W/cm2].
+        sei_w_cm2: Irradiance at which a pixel saturates, alike [W/cm2].
+        bits: Bits of the analogue-to-digital converter.
+        offset_counts: Counts of blank sky. At 5 * counts_per_nei or more, the noise of blank sky is not clipped.
+        counts_per_nei: Gain [counts per NEI].
+        exposure_s: Length of the exposure about the frame's time [s], over which targets' brightness is averaged as
+            they turn; 0 is an instant. NEI and SEI are those of this exposure.
+        streaks: Whether light moves over the image during the exposure, as cameras turn and targets pass; without,
+            places are those of its middle.
+        diffusion_px: Standard deviation, along rows as along columns, by which charge spreads before it is collected
+            [px, in widths of a pixel]; it widens the point spread function.
+        prnu: Photo-response non-uniformity: standard deviation of the pixels' gains about 1, the same in every frame.
+        dsnu_nei: Offset non-uniformity: standard deviation of the pixels' offsets [NEI], the same in every frame.
+        column_noise_nei: Standard deviation of an offset that the pixels of a column share, new in every frame [NEI].
+        dead_fraction: Share of pixels that do not respond to light, the same in every frame.
+        hot_fraction: Share of pixels that are always saturated.
+        nonlinearity: Share of its response that a pixel has lost at SEI: a signal S, at most SEI, reads
+            S (1 - nonlinearity * S / SEI).
+    """
+
+    nei_w_cm2: PositiveByBand
+    sei_w_cm2: PositiveByBand
+    bits: Bits = 14
+    offset_counts: NonNegative = 100.0
+    counts_per_nei: Positive = 5.0
+    exposure_s: Exposure = 0.0
+    streaks: Switch = True
+    diffusion_px: Diffusion = 0.0
+    prnu: GainSpread = 0.0
+    dsnu_nei: NonNegative = 0.0
+    column_noise_nei: NonNegative = 0.0
+    dead_fraction: BadShare = 0.0
+    hot_fraction: BadShare = 0.0
+    nonlinearity: Nonlinearity = 0.0
+    kind: Literal["nei"] = Field(default="nei", kw_only=True)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> NeiDetector:
+        for band in named_bands(self.nei_w_cm2, self.sei_w_cm2) or [""]:
+            nei, sei = in_band(self.nei_w_cm2, band), in_band(self.sei_w_cm2, band)
+            if nei is not None and sei is not None and sei <= nei:
+                where = f" in {band}" if band else ""
+                raise InputError(f"must be above nei_w_cm2 ({nei:g}){where}", "sei_w_cm2", sei, "g")
+        if self.offset_counts >= 2**self.bits:
+            raise InputError(f"must be below 2**bits ({2**self.bits})", "offset_counts", self.offset_counts, "g")
+        return self
+
+    @property
+    def dynamic_range(self) -> float:
+        """SEI / NEI.
+
+        Raises:
+            InputError: They differ by band.
+        """
+        if isinstance(self.nei_w_cm2, float) and isinstance(self.sei_w_cm2, float):
+            return self.sei_w_cm2 / self.nei_w_cm2
+        rule = "differs by band; sei_w_cm2 over nei_w_cm2 of a scenario's instrument is that of a band"
+        raise InputError(rule, "dynamic_range").of("NeiDetector")
+
+
+@config_model
+class ElectronDetector:
+    """Light and background become electrons, and electrons counts.
+
+    Fields "by band" are one number for all bands, or a table.
+
+    Args:
+        exposure_s: Length of the exposure about the frame's time [s].
+        full_well_e: Electrons that a pixel holds [e].
+        gain_e_per_count: Electrons per count.
+        bits: Bits of the analogue-to-digital converter.
+        offset_counts: Counts of an empty pixel.
+        streaks: Whether light moves over the image during the exposure, as cameras turn and targets pass; without,
+            places are those of its middle.
+        diffusion_px: Standard deviation, along rows as along columns, by which charge spreads before it is collected
+            [px, in widths of a pixel]; it widens the point spread function.
+        transmission: Of the optics where the band's response has its peak, by band.
+        quantum_efficiency: Electrons per photon where the band's response has its peak, by band.
+        background_w_cm2_sr: Radiance of the sky in the band, by band [W/cm2/sr].
+        zodiacal_mjy_sr: Spectral radiance of the sky, the same at all frequencies of a band, by band [MJy/sr].
+        optics_temperature_k: Temperature of the optics, whose own light does not pass the transmission [K].
+        optics_emissivity: Its emissivity.
+        dark_e_s: Dark current of a pixel [e/s].
+        read_noise_e: Standard deviation of the noise of reading a pixel [e].
+        shot_noise: Whether numbers of electrons are Poisson deviates about their mean.
+        prnu: Photo-response non-uniformity: standard deviation of the pixels' gains about 1, the same in every frame.
+        dsnu: Dark-signal non-uniformity: standard deviation of the pixels' dark currents as a share of dark_e_s, the
+            same in every frame; no current is negative, so that above 0.3 their mean grows and their spread lags.
+        column_noise_e: Standard deviation of an offset that the pixels of a column share, new in every frame [e].
+        dead_fraction: Share of pixels that do not respond to light, the same in every frame.
+        hot_fraction: Share of pixels whose well is always full.
+        nonlinearity: Share of the charge that is lost in reading a full well: N electrons read
+            N (1 - nonlinearity * N / full_well_e).
+    """
+
+    exposure_s: PositiveExposure
+    full_well_e: Annotated[Positive, closed_interval(10, 1e9)]
+    gain_e_per_count: Annotated[Positive, closed_interval(1e-6, 1e9)]
+    bits: Bits = 14
+    offset_counts: NonNegative = 100.0
+    streaks: Switch = True
+    diffusion_px: Diffusion = 0.0
+    transmission: FractionByBand = 1.0
+    quantum_efficiency: FractionByBand = 1.0
+    background_w_cm2_sr: NonNegativeByBand = 0.0
+    zodiacal_mjy_sr: NonNegativeByBand = 0.0
+    optics_temperature_k: Annotated[Positive, closed_interval(1, 1000)] | None = None
+    optics_emissivity: Annotated[NonNegative, closed_interval(0, 1)] = 0.0
+    dark_e_s: Annotated[NonNegative, closed_interval(0, 1e12)] = 0.0
+    read_noise_e: Annotated[NonNegative, closed_interval(0, 1e9)] = 0.0
+    shot_noise: Switch = True
+    prnu: GainSpread = 0.0
+    dsnu: Annotated[NonNegative, closed_interval(0, 1)] = 0.0
+    column_noise_e: Annotated[NonNegative, closed_interval(0, 1e9)] = 0.0
+    dead_fraction: BadShare = 0.0
+    hot_fraction: BadShare = 0.0
+    nonlinearity: Nonlinearity = 0.0
+    kind: Literal["electron"] = Field(default="electron", kw_only=True)
+
+    @model_validator(mode="after")
+    def _complete(self) -> ElectronDetector:
+        if (self.optics_temperature_k is None) != (self.optics_emissivity == 0.0):
+            raise InputError("must be given together", "optics_temperature_k, optics_emissivity")
+        if self.offset_counts >= 2**self.bits:
+            raise InputError(f"must be below 2**bits ({2**self.bits})", "offset_counts", self.offset_counts, "g")
+        return self
+
+
+def _kind_of(value: Any) -> Any:
+    """The kind that a table of a scene file states; "nei" where it states none."""
+    return value.get("kind", "nei") if isinstance(value, dict) else getattr(value, "kind", "nei")
+
+
+Detector = Annotated[
+    Annotated[NeiDetector, Tag("nei")] | Annotated[ElectronDetector, Tag("electron")], Discriminator(_kind_of)
+]
+
+
+def detector_terms(detector: NeiDetector | ElectronDetector) -> dict[str, str]:
+    """What a detector has beyond the plain chain of its kind, by field: a few words about each."""
+    shares = {
+        "prnu": f"{detector.prnu:g} rms of gains",
+        "dead_fraction": f"{detector.dead_fraction:g} of the pixels dead",
+        "hot_fraction": f"{detector.hot_fraction:g} of the pixels hot",
+        "nonlinearity": f"{detector.nonlinearity:g} of the response lost at saturation",
+    }
+    if isinstance(detector, ElectronDetector):
+        shares |= {
+            "dsnu": f"{detector.dsnu:g} rms of dark currents",
+            "column_noise_e": f"{detector.column_noise_e:g} e rms by column",
+        }
+    else:
+        shares |= {
+            "dsnu_nei": f"{detector.dsnu_nei:g} NEI rms of offsets",
+            "column_noise_nei": f"{detector.column_noise_nei:g} NEI rms by column",
+        }
+    terms = {name: words for name, words in shares.items() if getattr(detector, name) > 0}
+    if isinstance(detector, ElectronDetector) and not detector.shot_noise:
+        terms["shot_noise"] = "no shot noise"
+    return terms
