@@ -25,7 +25,7 @@ from warpsim.render.batch import new_columns, new_inputs
 from warpsim.render.buffers import new_area_series, new_exposure, new_signal, new_sources, new_spots
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.device_upload import make_device_scene
-from warpsim.render.skies import load_catalog, star_index
+from warpsim.render.stars import load_catalog, star_index
 
 BAND = "A"
 N_VIEW, N_SLOT = 2, 128

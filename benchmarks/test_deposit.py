@@ -27,7 +27,7 @@ from benchmarks.psf_oracle import pixel_fraction
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
 from warpsim.optics.tables import TableAccuracy
 from warpsim.render.device import rows_per_block
-from warpsim.render.streaks import paths_struct
+from warpsim.render.device_scene import paths_struct
 
 N_SOURCE = 4000
 N_PIXEL = 256

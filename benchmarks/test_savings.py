@@ -20,7 +20,7 @@ import warp as wp
 
 import warpsim as ws
 from warpsim.launches import Launch, Stage
-from warpsim.render import image_stages, schedule, stages
+from warpsim.render import pipeline, schedule, stages
 from warpsim.render.buffers import Signal
 from warpsim.render.device_scene import DeviceScene
 from warpsim.speed.clock import render_call
@@ -43,7 +43,7 @@ def deposit_and_touch_all(scene: DeviceScene, sources: Any, brightness: wp.array
 
 # What is done, and how it is left out: what to change while a renderer makes its pipelines, or an argument of it.
 SAVINGS: dict[str, tuple[tuple[Any, str, Any] | None, dict[str, Any]]] = {
-    "dark strips are not read": ((image_stages, "deposit", deposit_and_touch_all), {}),
+    "dark strips are not read": ((pipeline, "deposit", deposit_and_touch_all), {}),
     "images few at a time": ((schedule, "SIGNAL_BYTES_AT_A_TIME", 2**62), {}),
     "memory of results used again": (None, {"pool_bytes": 0}),
 }

@@ -8,7 +8,7 @@ import warp as wp
 from warpsim.render.batch import new_columns, new_inputs
 from warpsim.render.buffers import new_sources
 from warpsim.render.device_upload import make_device_bodies, make_device_scene
-from warpsim.render.skies import load_catalog, star_index
+from warpsim.render.stars import load_catalog, star_index
 from warpsim.render.target_field import make_target_field
 
 

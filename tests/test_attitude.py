@@ -11,7 +11,7 @@ from warpsim_kernels import motion
 
 import warpsim as ws
 from warpsim import quaternion
-from warpsim.render.attitude_arrays import motion_struct
+from warpsim.render.target_field import motion_struct
 from warpsim.streams import uniforms
 from warpsim.target.attitude import BodyMotion, attitude_frame, attitude_quaternion, turns
 

@@ -11,8 +11,7 @@ from warpsim_kernels import attitude_table
 
 import warpsim as ws
 from warpsim import quaternion
-from warpsim.render.attitude_arrays import make_attitudes
-from warpsim.render.target_field import make_target_field
+from warpsim.render.target_field import make_attitudes, make_target_field
 from warpsim.target.attitude import BodyMotion, attitude_frame
 from warpsim.target.attitude_table import checked_rows
 

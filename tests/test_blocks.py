@@ -13,7 +13,7 @@ from warpsim_kernels.detector import ReadOutFeatures
 from warpsim_kernels.spots import gaussian_spots
 
 import warpsim as ws
-from warpsim.render import pipeline, stages, star_field
+from warpsim.render import pipeline, stages
 from warpsim.speed.work import speed_work
 
 GAUSSIAN = {"optics__psf": "gaussian", "optics__sigma_px": 0.7}
@@ -133,7 +133,7 @@ def test_stars_gathered_by_32_threads(changes, blocks, monkeypatch):
     scene = work.scene.replace(**changes)
 
     def stars(n_thread):
-        for module in (stages, star_field):
+        for module in (stages, stars):
             monkeypatch.setattr(module, "star_threads", lambda device: n_thread)
         renderer = ws.Renderer(scene, device="cpu", n_thread=1, catalog=work.catalog)
         return renderer.render([0, 80, 161], sensors=scene.scenario.instrument.names[:4], keep_stars=True).stars

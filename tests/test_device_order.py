@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import pytest
 import warp as wp
 
-from warpsim import device_order
-from warpsim.device_order import come_after_all
+from warpsim.render import pool as pool_module
+from warpsim.render.pool import come_after_all
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def driver(monkeypatch, log, status):
         log.append((context, event))
         return status
 
-    monkeypatch.setattr(device_order, "_record_of_context", lambda: record)
+    monkeypatch.setattr(pool_module, "_record_of_context", lambda: record)
 
 
 def test_the_device_waits_and_the_host_does_not(monkeypatch, asked):
@@ -47,7 +47,7 @@ def test_the_host_waits_where_the_driver_refuses(monkeypatch, asked):
 
 
 def test_the_host_waits_where_the_driver_has_no_such_events(monkeypatch, asked):
-    monkeypatch.setattr(device_order, "_record_of_context", lambda: None)
+    monkeypatch.setattr(pool_module, "_record_of_context", lambda: None)
     come_after_all(device(asked))
     assert asked == ["host waits"]
 
@@ -62,8 +62,8 @@ def test_the_driver_is_not_asked_amid_a_capture(monkeypatch, asked):
 @pytest.mark.parametrize("library", ["no-such-library.so", None])
 def test_drivers_without_it_are_found_out(monkeypatch, library):
     """A library that is not there, and one (the process itself) without the function."""
-    monkeypatch.setattr(device_order, "_DRIVER", library)
-    assert device_order._record_of_context.__wrapped__() is None
+    monkeypatch.setattr(pool_module, "_DRIVER", library)
+    assert pool_module._record_of_context.__wrapped__() is None
 
 
 @pytest.mark.gpu
@@ -72,7 +72,7 @@ def test_a_blocking_stream_comes_after_a_non_blocking_one():
     """Numbers are added on a PyTorch side stream, late; a Warp stream that does not wait for it reads them."""
     torch = pytest.importorskip("torch")
     where = wp.get_device("cuda:0")
-    assert device_order._record_of_context() is not None, "the driver is older than CUDA 12.5"
+    assert pool_module._record_of_context() is not None, "the driver is older than CUDA 12.5"
     side, own = torch.cuda.Stream("cuda:0"), wp.Stream(where)
     values, seen = torch.zeros(1000, device="cuda:0"), wp.zeros(1000, dtype=float, device=where)
     torch.cuda.synchronize()

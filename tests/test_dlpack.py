@@ -8,10 +8,10 @@ import pytest
 import warp as wp
 
 import warpsim as ws
-from warpsim.render import dlpack
-from warpsim.render.dlpack import capsule, take_released
-from warpsim.render.image_stack import ImageStack
-from warpsim.render.pool import Pool
+from warpsim.render import image_stack
+from warpsim.render import pool as pool_module
+from warpsim.render.image_stack import ImageStack, capsule
+from warpsim.render.pool import Pool, take_released
 
 PICKS = ([60, 61, 62], ["sat11", "sat47"], ["A", "E"])
 WRITABLE = {"numpy", "torch"}
@@ -138,7 +138,7 @@ def tensor_of(made):
 @pytest.mark.parametrize("on_device", [(1, 0), (2, 0), (2, 3)])
 def test_capsules_say_where_the_memory_is(frames, monkeypatch, on_device):
     """As on a machine with GPUs: nothing reads the memory on the way."""
-    monkeypatch.setattr(dlpack, "device_of", lambda array: on_device)
+    monkeypatch.setattr(image_stack, "device_of", lambda array: on_device)
     array, shape = frames.counts.array, frames.counts.shape
     fields = {"data": array.ptr, "device": on_device, "type": (1, 16), "shape": shape, "byte_offset": 0}
     assert tensor_of(capsule(array, shape)) == (b"dltensor", fields)
@@ -168,16 +168,16 @@ def test_memory_on_cuda_waits_for_its_readers(monkeypatch):
     assert tensor_of(made)[1]["device"] == (2, 1)
     del made
     gc.collect()
-    assert len(dlpack._released) == 1
-    monkeypatch.setattr(dlpack, "come_after_all", refuse)
+    assert len(pool_module._released) == 1
+    monkeypatch.setattr(pool_module, "come_after_all", refuse)
     with pytest.raises(RuntimeError, match="captured"):
         take_released()
-    assert len(dlpack._released) == 1  # it still waits
-    monkeypatch.setattr(dlpack, "come_after_all", ordered.append)
+    assert len(pool_module._released) == 1  # it still waits
+    monkeypatch.setattr(pool_module, "come_after_all", ordered.append)
     monkeypatch.setattr(wp, "synchronize_device", refuse)  # the host does not wait
     Pool(wp.get_device("cpu")).new((3,), wp.uint16)
     assert ordered == [Array.device]
-    assert len(dlpack._released) == 0
+    assert len(pool_module._released) == 0
     take_released()
     assert len(ordered) == 1
 
@@ -194,10 +194,10 @@ def test_pinned_memory_waits_for_all_devices(monkeypatch):
     waited, devices = [], [Device(), Device()]
     monkeypatch.setattr(wp, "get_cuda_devices", lambda: devices)
     monkeypatch.setattr(wp, "synchronize_device", waited.append)
-    dlpack.release_later(Pinned())
+    pool_module.release_later(Pinned())
     take_released()
     assert waited == devices
-    assert len(dlpack._released) == 0
+    assert len(pool_module._released) == 0
 
 
 def test_what_the_standard_lets_a_consumer_ask_for(frames):

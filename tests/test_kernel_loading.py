@@ -15,10 +15,10 @@ from on_devices import device_scene
 
 from benchmarks.frame_kernels import EXPOSED, STAND_IN, compiled, cuda_stages, frame_kernels
 from warpsim.launches import THREADS_PER_BLOCK_CUDA
-from warpsim.render import device_upload, kernel_loading
-from warpsim.render.kernel_loading import KernelLoading
+from warpsim.render import device, device_upload
+from warpsim.render.device import KernelLoading
 from warpsim.render.stages import image_kernels
-from warpsim.render.star_field import star_kernel, star_threads
+from warpsim.render.stars import star_kernel, star_threads
 
 CPU, GPU = SimpleNamespace(is_cuda=False), SimpleNamespace(is_cuda=True)
 
@@ -87,7 +87,7 @@ def test_on_cuda_a_module_is_loaded_once_for_each_size_of_blocks(loaded):
 def test_on_cuda_none_waits_for_the_first(monkeypatch):
     """Two that wait for each other: both are on their way at a time, the first one, too."""
     together = threading.Barrier(2, timeout=20)
-    monkeypatch.setattr(kernel_loading, "n_usable_cpu", lambda: 2)
+    monkeypatch.setattr(device, "n_usable_cpu", lambda: 2)
     monkeypatch.setattr(wp, "load_module", lambda module, device, block_dim: together.wait())
     loading = KernelLoading(GPU)
     loading.start(*kernels_of("a", "b"))
@@ -144,7 +144,7 @@ COLD = """
 import threading
 import warp as wp
 import warp._src.context as context
-from warpsim.render.kernel_loading import KernelLoading
+from warpsim.render.device import KernelLoading
 
 @wp.kernel(module="unique", enable_backward=False)
 def one(a: wp.array[float]):
@@ -193,7 +193,7 @@ def test_a_second_process_compiles_nothing(tmp_path, checkout_environment):
 
 def test_devices_have_one_loading_each():
     cpu = wp.get_device("cpu")
-    assert kernel_loading.kernel_loading(cpu) is kernel_loading.kernel_loading(cpu)
+    assert device.kernel_loading(cpu) is device.kernel_loading(cpu)
 
 
 @pytest.mark.gpu

@@ -11,8 +11,7 @@ from benchmarks.cubin import PACKAGES, Function, ToolMissingError, parse, tool
 from benchmarks.frame_kernels import BAND, SCENES, cuda_stages, frame_kernels
 from benchmarks.loops import find_loops
 from benchmarks.machine_code import ARCH, UNITS, Unit, loop_of, machine_code, main, spills
-from warpsim.render.image_stages import ImageStages
-from warpsim.render.pipeline import Pipeline
+from warpsim.render.pipeline import ImageStages, Pipeline
 
 MOST_REGISTERS = 128
 """So 512 threads fill a multiprocessor's 65,536 registers; with more a kernel waits for its memory alone."""

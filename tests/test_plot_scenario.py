@@ -16,7 +16,7 @@ from warpsim.plot.globe import globe_from
 from warpsim.plot.ground_tracks import broken_at_date_line
 from warpsim.plot.group_panels import group_offsets_m
 from warpsim.plot.overview import osculating_ellipse_m
-from warpsim.render.skies import load_catalog, star_index
+from warpsim.render.stars import load_catalog, star_index
 
 pytest.importorskip("matplotlib").use("Agg")
 

@@ -17,7 +17,7 @@ from warpsim_kernels.records import Observation, View
 
 import warpsim as ws
 from warpsim.render import batch as batches
-from warpsim.render import dlpack, pipelines
+from warpsim.render import pipelines, pool
 from warpsim.render.batch import Columns, HostColumns
 from warpsim.render.image_stack import ImageStack, frames_of_key
 from warpsim.render.pipeline import Pipeline
@@ -79,7 +79,7 @@ def nothing_released():
     """Leave no stand-ins behind for others to wait for."""
     yield
     gc.collect()
-    dlpack._released.clear()
+    pool._released.clear()
 
 
 class CudaArray:
@@ -259,7 +259,7 @@ def test_a_pipeline_leaves_its_pinned_memory_to_the_copies_under_way(nothing_rel
     pipeline._host_inputs = [SimpleNamespace(device=SimpleNamespace(is_cuda=False), pinned=pinned) for pinned in (1, 0)]
     pinned = pipeline._host_inputs[0]
     del pipeline
-    assert list(dlpack._released) == [pinned]
+    assert list(pool._released) == [pinned]
 
 
 def test_streams_hand_over_complete_frames(scene, monkeypatch):

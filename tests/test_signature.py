@@ -15,10 +15,9 @@ from warpsim_kernels.signature import Features
 import warpsim as ws
 from warpsim.orbit.eclipse import sunlit_fraction
 from warpsim.radiometry.sunlight import sun_irradiance_w_m2
-from warpsim.render.attitude_arrays import motion_struct
 from warpsim.render.buffers import new_area_series
 from warpsim.render.stages import aim, observe_targets
-from warpsim.render.target_field import earth_struct
+from warpsim.render.target_field import earth_struct, motion_struct
 from warpsim.target.attitude import BodyMotion, attitude_frame
 
 SEED = 31415

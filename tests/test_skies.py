@@ -9,7 +9,7 @@ import warpsim as ws
 from warpsim.dataset.identity import identity_of
 from warpsim.output.plan import make_plan
 from warpsim.radiometry.band import Band
-from warpsim.render.skies import catalog_checksums
+from warpsim.render.stars import catalog_checksums
 
 VISIBLE = Band.top_hat("visible", 0.4, 0.9, per_photon=True)
 

@@ -16,7 +16,7 @@ from warpsim_kernels.earth import Earth, is_occulted
 import warpsim as ws
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, SPEED_OF_LIGHT_M_S
 from warpsim.orbit.track import Track
-from warpsim.render.temperature_arrays import make_radiance
+from warpsim.render.target_field import make_radiance
 from warpsim.target.attitude import attitude_frame
 
 SEED = 577215

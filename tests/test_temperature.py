@@ -7,7 +7,7 @@ import warp as wp
 from warpsim_kernels import temperature
 
 import warpsim as ws
-from warpsim.render.temperature_arrays import make_temperatures
+from warpsim.render.target_field import make_temperatures
 from warpsim.scene.scene_files import named_files
 from warpsim.target.temperature import TemperatureRows, checked_rows
 

@@ -12,7 +12,7 @@ from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.samples import choices_with_files
 from warpsim.dataset.sequences import varied
 from warpsim.output.manifest import package_versions
-from warpsim.render.skies import catalog_checksums
+from warpsim.render.stars import catalog_checksums
 from warpsim.scene.inputs import input_checksums
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene

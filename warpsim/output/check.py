@@ -13,7 +13,7 @@ from warpsim.orbit.sampling import TRACK_ERROR_M
 from warpsim.output.check_sensor import sensor_lines
 from warpsim.output.check_views import count_replaced, replaced_text
 from warpsim.output.wording import counted
-from warpsim.render.skies import Skies
+from warpsim.render.stars import Skies
 from warpsim.scene.attitudes import within_scene
 from warpsim.scene.band_descriptions import parts_with_bands, tables_by_band
 from warpsim.scene.groups import TargetGroup

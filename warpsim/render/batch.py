@@ -15,9 +15,9 @@ import warp as wp
 from warpsim_kernels.records import Observation, View
 
 from warpsim.arguments import frame_numbers
+from warpsim.launches import to_numpy, wait_on_current_stream
 from warpsim.render.device_scene import DeviceBodies, DeviceScene
 from warpsim.render.pool import Pool
-from warpsim.transfers import to_numpy, wait_on_current_stream
 
 StarList = tuple[npt.NDArray[Any], ...]
 

@@ -10,11 +10,11 @@ import warp as wp
 from warpsim_kernels.paths import Paths
 
 from warpsim.errors import InputError
+from warpsim.launches import to_numpy
 from warpsim.optics.psf import Psf
 from warpsim.optics.psf_bank import psf_bank, stamp_rule
 from warpsim.optics.tables import ERROR_RANGE, TableAccuracy
 from warpsim.render.device import default_device, rows_per_block
-from warpsim.transfers import to_numpy
 
 F64 = npt.NDArray[np.float64]
 

@@ -5,13 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import warp as wp
+from warpsim_kernels.paths import Paths
+from warpsim_kernels.trace import Instants
 
+from warpsim.legendre import gauss_legendre, series_matrix
 from warpsim.optics.psf_bank import PsfBank
 from warpsim.render.pointing_arrays import PointingArrays
 from warpsim.render.read_out import ReadOut
-from warpsim.render.star_field import SceneStars
-from warpsim.render.streaks import Streaks
+from warpsim.render.stars import SceneStars
 from warpsim.render.target_field import TargetField
 from warpsim.scene.instrument import Instrument
 
@@ -45,3 +49,50 @@ class DeviceScene(DeviceBodies):
     band_id: wp.array
     """Index of each band among the instrument's, (n_band,)."""
     stamp_rule: Any
+
+
+@dataclass(frozen=True)
+class Streaks:
+    """Instants at which a scene's sources are followed through the exposure; nothing is followed where n_path is 0."""
+
+    n_path: int
+    """Instants at which positions are found."""
+    error_px: float
+    """Largest error of a position met between them [px]."""
+    offset_s: npt.NDArray[np.float64]
+    """The instants, from the middle of the exposure [s], (n_path,)."""
+    instants: Any
+    """The same for the kernels."""
+
+    @property
+    def enabled(self) -> bool:
+        """Whether sources move."""
+        return self.n_path > 0
+
+
+def no_streaks() -> Streaks:
+    """Nothing moves."""
+    return Streaks(0, 0.0, np.zeros(0), Instants())
+
+
+def streaks_at(n_path: int, exposure_s: float, device: wp.Device, error_px: float = 0.0) -> Streaks:
+    """Streaks with positions at the nodes of a Gauss-Legendre rule."""
+    instants: Any = Instants()
+    instants.n_path = n_path
+    instants.series = wp.array(series_matrix(n_path), dtype=wp.float64, device=device)
+    return Streaks(n_path, error_px, 0.5 * exposure_s * gauss_legendre(n_path)[0], instants)
+
+
+def paths_struct(offset_px: wp.array, brightness: wp.array, n_target: int) -> Any:
+    """The kernels' Paths."""
+    paths: Any = Paths()
+    paths.offset_px, paths.brightness, paths.n_target = offset_px, brightness, n_target
+    return paths
+
+
+def moved(offset_px: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """From the start to the end of the exposure: of Legendre coefficients (..., n_path, 2) to (..., 2).
+
+    P_l(1) - P_l(-1) is 2 for odd l and 0 for even ones.
+    """
+    return np.asarray(2.0 * offset_px[..., 1::2, :].sum(axis=-2, dtype=np.float64))

@@ -6,14 +6,15 @@ as a view: nothing is copied on the way to NumPy, DLPack or the CUDA array inter
 
 from __future__ import annotations
 
+import ctypes
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from warpsim.render.dlpack import CPU, capsule, device_of, release_later, wait_for_images
-from warpsim.transfers import to_numpy, wait_on_current_stream
+from warpsim.launches import to_numpy, wait_on_current_stream
+from warpsim.render.pool import release_later
 
 
 class ImageStack:
@@ -162,3 +163,82 @@ def frames_of_key(key: Any, n_frame: int) -> tuple[int, int, Any]:
             ends = sorted((chosen[0], chosen[-1]))
             return ends[0], ends[1] + 1, (slice(None, None, chosen.step), *rest)
     return 0, n_frame, key
+
+
+CPU, CUDA = 1, 2
+"""Kinds of device in DLPack."""
+
+
+class _DLTensor(ctypes.Structure):
+    """The head of DLPack's DLTensor: as much as is changed."""
+
+    _fields_ = (("data", ctypes.c_void_p), ("device_type", ctypes.c_int32), ("device_id", ctypes.c_int32))
+
+
+_VERSIONED_HEAD = 32
+"""Bytes before the tensor in DLManagedTensorVersioned: version, context, deleter, flags."""
+
+_NAMES = {b"dltensor": 0, b"dltensor_versioned": _VERSIONED_HEAD}
+"""Names of capsules, and the byte offset of the tensor in what they hold."""
+
+# Prototypes of our own: others set those of ctypes.pythonapi.
+_is_valid = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.py_object, ctypes.c_char_p)(("PyCapsule_IsValid", ctypes.pythonapi))
+_pointer = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)(
+    ("PyCapsule_GetPointer", ctypes.pythonapi)
+)
+
+
+class _Memory:
+    """Memory of a Warp array that others hold; the array lives as long."""
+
+    def __init__(self, array: wp.array, shape: tuple[int, ...]) -> None:
+        self._array = array
+        self.__array_interface__ = {
+            "version": 3,
+            "shape": shape,
+            "typestr": np.dtype(wp.dtype_to_numpy(array.dtype)).str,
+            "data": (array.ptr or 0, False),
+        }
+
+    def __del__(self) -> None:
+        release_later(self._array)
+
+
+def device_of(array: wp.array) -> tuple[int, int]:
+    """Kind and number of the device, as DLPack has them; pinned memory is the CPU's."""
+    return (CUDA, array.device.ordinal) if array.device.is_cuda else (CPU, 0)
+
+
+def capsule(array: wp.array, shape: tuple[int, ...], max_version: tuple[int, int] | None = None) -> Any:
+    """A capsule of a contiguous Warp array, as an array of another shape.
+
+    Args:
+        array: Kept alive until the consumer has let go of the capsule's memory.
+        shape: Axes that the consumer sees.
+        max_version: The newest version of DLPack that the consumer knows; None: one before 1.0.
+    """
+    stand_in: npt.NDArray[Any] = np.asarray(_Memory(array, shape))
+    made = stand_in.__dlpack__() if max_version is None else stand_in.__dlpack__(max_version=max_version)
+    for name, offset in _NAMES.items():
+        if _is_valid(made, name):
+            tensor = _DLTensor.from_address(_pointer(made, name) + offset)
+            tensor.device_type, tensor.device_id = device_of(array)
+    return made
+
+
+def wait_for_images(array: wp.array, stream: int | None) -> None:
+    """Make a consumer's stream wait for what Warp's stream has still to do with the array.
+
+    Args:
+        array: The images.
+        stream: As DLPack's standard for Python says: None and 1 the default stream, 2 that of the thread, -1 no
+            waiting, else a handle. On the CPU None.
+
+    Raises:
+        BufferError: A stream on the CPU.
+    """
+    if not array.device.is_cuda:
+        if stream not in (None, -1):
+            raise BufferError(f"stream: must be None for images on the CPU, got {stream!r}")
+        return
+    array.__dlpack__(stream=stream)  # Warp orders the streams, and makes a capsule that is not needed

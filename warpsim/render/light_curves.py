@@ -15,6 +15,7 @@ from warpsim_kernels.signature import N_TERM
 
 from warpsim.arguments import chosen_names, times_s
 from warpsim.errors import InputError
+from warpsim.launches import to_numpy
 from warpsim.render.batch import Columns, Inputs, new_columns, new_inputs
 from warpsim.render.buffers import new_sources
 from warpsim.render.device import default_device, worker_count
@@ -27,7 +28,6 @@ from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import TERMS
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
-from warpsim.transfers import to_numpy
 
 if TYPE_CHECKING:
     from astropy.table import Table

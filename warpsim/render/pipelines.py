@@ -9,11 +9,11 @@ from concurrent.futures import Executor, Future, wait
 
 import warp as wp
 
+from warpsim.launches import to_numpy, wait_on_current_stream
 from warpsim.render.batch import Batch
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.pipeline import Pipeline
 from warpsim.render.schedule import certain_slots, most_views, views_of_a_pass
-from warpsim.transfers import to_numpy, wait_on_current_stream
 
 EXTRA_SLOTS = 64
 """Stars that source lists hold to begin with, besides the targets; unless they are certain to hold all."""

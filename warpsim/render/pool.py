@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
+import sys
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-
-from warpsim.render.dlpack import take_released
 
 POOL_BYTES, POOL_BYTES_CUDA = 256 * 2**20, 8 * 2**30
 """Memory that waits for a result to need it, at most: on the CPU, and on CUDA."""
@@ -108,3 +109,65 @@ def _aligned(shape: tuple[int, ...]) -> npt.NDArray[np.uint8]:
     room = np.empty(n_byte + ALIGNMENT_BYTES, dtype=np.uint8)
     first = -room.ctypes.data % ALIGNMENT_BYTES
     return room[first : first + n_byte].reshape(shape)
+
+
+_released: deque[wp.array] = deque()
+"""Memory on CUDA that its last foreign holder has let go of, while work that reads it may still be queued."""
+
+
+def release_later(array: wp.array) -> None:
+    """Keep memory that CUDA may still read, as work of others may be queued, until `take_released`."""
+    if array.device.is_cuda or array.pinned:
+        _released.append(array)
+
+
+def take_released() -> None:
+    """Let memory go that others have let go of; what is done with it from now on comes after their work with it.
+
+    A consumer may drop an array while kernels that read it wait on a stream of its own, whichever that is. So its
+    memory is not used again before the device has done everything that was asked of it: the device itself waits. For
+    pinned memory the host waits, as any device may copy from it. This is done here, rather than where the array died,
+    as that may be anywhere: in a destructor, or amid the capture of a graph.
+    """
+    arrays = [_released.popleft() for _ in range(len(_released))]
+    try:
+        for device in {array.device for array in arrays if array.device.is_cuda}:
+            come_after_all(device)
+        if any(array.pinned for array in arrays):
+            for device in wp.get_cuda_devices():
+                wp.synchronize_device(device)
+    except BaseException:  # as amid the capture of a graph
+        _released.extend(arrays)
+        raise
+
+
+_DRIVER = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
+
+
+def come_after_all(device: wp.Device) -> None:
+    """Have a GPU's work from now on come after all that was asked of it before, by anyone and in any stream.
+
+    From now on means: in blocking streams, such as Warp's, PyTorch's default stream, and the one in which memory is
+    freed; they come after the null stream, which is made to wait here. It does not come after the others' non-blocking
+    streams by itself, so it waits for an event of the whole device. The host waits only where the driver has no such
+    events (before CUDA 12.5), or refuses one.
+
+    Raises:
+        RuntimeError: A graph is captured.
+    """
+    record, event = _record_of_context(), wp.Event(device)
+    if record is None or device.is_capturing or record(device.context, event.cuda_event) != 0:
+        wp.synchronize_device(device)
+    else:
+        device.null_stream.wait_event(event)
+
+
+@cache
+def _record_of_context() -> Callable[[Any, Any], int] | None:
+    """Return the driver's cuCtxRecordEvent(context, event), 0 if it went well; None where the driver has none."""
+    try:
+        record = ctypes.CDLL(_DRIVER).cuCtxRecordEvent
+    except (OSError, AttributeError):
+        return None
+    record.argtypes, record.restype = (ctypes.c_void_p, ctypes.c_void_p), ctypes.c_int
+    return record

@@ -15,16 +15,15 @@ from warpsim.arguments import whole_number
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.render.batch import new_batch
-from warpsim.render.device import chosen_devices, worker_count
+from warpsim.render.device import chosen_devices, kernel_loading, worker_count
+from warpsim.render.device_scene import Streaks
 from warpsim.render.device_upload import make_device_scene
 from warpsim.render.frameset import FrameSet
 from warpsim.render.image_stack import ImageStack
-from warpsim.render.kernel_loading import kernel_loading
 from warpsim.render.pipelines import Pipelines
 from warpsim.render.pool import pool_of
 from warpsim.render.request import Request, checked_rate, checked_request
-from warpsim.render.skies import Skies
-from warpsim.render.streaks import Streaks
+from warpsim.render.stars import Skies
 from warpsim.render.stream import GROUP_BYTES, GROUP_BYTES_CUDA, Stream, StreamStats, stream_sizes
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument

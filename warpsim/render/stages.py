@@ -26,8 +26,8 @@ from warpsim.launches import THREADS_PER_BLOCK_CUDA, Launch, Stage
 from warpsim.render.batch import Columns, Inputs
 from warpsim.render.buffers import ExposureViews, Signal
 from warpsim.render.device import rows_per_block
-from warpsim.render.star_field import star_kernel, star_threads
-from warpsim.render.streaks import Streaks, paths_struct
+from warpsim.render.device_scene import Streaks, paths_struct
+from warpsim.render.stars import star_kernel, star_threads
 
 if TYPE_CHECKING:
     from warpsim.optics.psf_bank import PsfBank

@@ -9,18 +9,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
+from warpsim_kernels.attitude_table import AttitudeTables
 from warpsim_kernels.earth import Earth
-from warpsim_kernels.emission import Surfaces, make_profile_kernel
+from warpsim_kernels.emission import RadianceTable, Surfaces, make_profile_kernel
+from warpsim_kernels.motion import Attitude as AttitudeStruct
 from warpsim_kernels.signature import Exposure, Features, Surroundings, Tables, Target
 from warpsim_kernels.targets import Bodies, make_observe_targets_kernel
+from warpsim_kernels.temperature import TemperatureTables
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.legendre import series_matrix
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M
 from warpsim.radiometry.band import Band
-from warpsim.radiometry.bands import band_radiance_w_m2_sr
-from warpsim.render.attitude_arrays import AttitudeArrays, make_attitudes, motion_struct
-from warpsim.render.temperature_arrays import TemperatureArrays, make_radiance, make_temperatures
+from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr
 from warpsim.scene.exposure import ExposureRule
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import LightTerm
@@ -30,10 +31,13 @@ from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
 from warpsim.target.albedo_table import albedo_table
 from warpsim.target.areas import body_struct
+from warpsim.target.attitude import BodyMotion
+from warpsim.target.attitude_table import AttitudeRows
 from warpsim.target.earth_radiation import albedo_method, rule_struct
 from warpsim.target.facets import facets_of
 from warpsim.target.heat_table import heat_method, heat_tables
 from warpsim.target.surface import Graybody, Light
+from warpsim.target.temperature import TemperatureRows
 
 F64 = npt.NDArray[np.float64]
 
@@ -211,3 +215,130 @@ def earth_struct(pole_icrs: npt.NDArray[np.float64]) -> Any:
     earth.equatorial_radius_m = EARTH_EQUATORIAL_RADIUS_M
     earth.polar_radius_m = EARTH_POLAR_RADIUS_M
     return earth
+
+
+@dataclass(frozen=True)
+class AttitudeArrays:
+    """Attitude tables on the device, and where each target's lies."""
+
+    tables: Any
+    table_first: list[int]
+    """First row of each target's table."""
+    table_count: list[int]
+    """Rows of each target's table; 0 for a target that moves by itself."""
+
+
+def make_attitudes(attitudes: Sequence[BodyMotion | AttitudeRows], device: wp.Device) -> AttitudeArrays:
+    """Put the tables of all targets on a device, each once however many targets share it."""
+    first_row: dict[int, int] = {}
+    distinct: list[AttitudeRows] = []
+    n_row = 0
+    for attitude in attitudes:
+        if isinstance(attitude, AttitudeRows) and id(attitude) not in first_row:
+            first_row[id(attitude)] = n_row
+            distinct.append(attitude)
+            n_row += len(attitude.time_s)
+    tables: Any = AttitudeTables()
+    time_s = np.concatenate([np.zeros(0), *(rows.time_s for rows in distinct)])
+    quaternion = np.concatenate([np.zeros((0, 4)), *(rows.quaternion for rows in distinct)])
+    tables.time_s = wp.array(time_s, dtype=wp.float64, device=device)
+    tables.quaternion = wp.array(quaternion, dtype=wp.quatd, device=device)
+    return AttitudeArrays(
+        tables,
+        [first_row.get(id(attitude), 0) for attitude in attitudes],
+        [len(attitude.time_s) if isinstance(attitude, AttitudeRows) else 0 for attitude in attitudes],
+    )
+
+
+def motion_struct(attitude: BodyMotion | AttitudeRows) -> Any:
+    """A motion as the kernels' struct; for a table, one that is not read."""
+    struct: Any = AttitudeStruct()
+    if isinstance(attitude, AttitudeRows):
+        return struct
+    motion, frame = attitude.attitude, attitude.frame
+    struct.reference, struct.first, struct.second = (wp.vec3d(*axis) for axis in frame.axes)
+    struct.tilt_rad = float(np.radians(motion.precession_angle_deg))
+    struct.precession_rev_s = motion.precession_rev_s
+    struct.precession_phase_rev = frame.precession_phase_rev
+    struct.rolling_rev_s = motion.rolling_rev_s
+    struct.rolling_phase_rev = frame.rolling_phase_rev
+    struct.spin_rev_s = motion.spin_rev_s
+    struct.spin_phase_rev = frame.spin_phase_rev
+    return struct
+
+
+LN_TEMPERATURE_STEP = 0.005
+"""Node spacing of the radiance table in ln(T): the cubic Hermite error is below 1e-9 at 300 K and above."""
+
+DARKEST_W_M2_SR = 1e-300
+"""Stands for less in the radiance table: a body of some kelvin has no light in a short band, which has no logarithm."""
+
+
+_NO_TARGET_K = 300.0  # of a scene without targets, whose radiances nobody asks for
+
+
+@dataclass(frozen=True)
+class TemperatureArrays:
+    """Temperatures on the device, and where each target's lie."""
+
+    tables: Any
+    first: list[int]
+    """First row of each target."""
+    count: list[int]
+    """Rows of each target."""
+    span_k: tuple[float, float]
+    """Lowest and highest temperature of all."""
+
+
+def make_temperatures(temperatures: Sequence[TemperatureRows], device: wp.Device) -> TemperatureArrays:
+    """Put the temperatures of all targets on a device, each once however many targets share it."""
+    first_row: dict[int, int] = {}
+    distinct: list[TemperatureRows] = []
+    n_row = 0
+    for rows in temperatures:
+        if id(rows) not in first_row:
+            first_row[id(rows)] = n_row
+            distinct.append(rows)
+            n_row += len(rows.time_s)
+    time_s = np.concatenate([np.zeros(0), *(rows.time_s for rows in distinct)])
+    kelvin = np.concatenate([np.zeros(0), *(rows.temperature_k for rows in distinct)])
+    tables: Any = TemperatureTables()
+    tables.time_s = wp.array(time_s, dtype=wp.float64, device=device)
+    tables.temperature_k = wp.array(kelvin, dtype=wp.float64, device=device)
+    return TemperatureArrays(
+        tables,
+        [first_row[id(rows)] for rows in temperatures],
+        [len(rows.time_s) for rows in temperatures],
+        (float(kelvin.min()), float(kelvin.max())) if distinct else (_NO_TARGET_K, _NO_TARGET_K),
+    )
+
+
+def make_radiance(
+    bands: Sequence[Band | str], span_k: tuple[float, float], device: wp.Device, surfaces: Sequence[Graybody] = ()
+) -> Any:
+    """Put ln(radiance) and its scaled slope at nodes of ln(T) on a device, each (n_row, n_node).
+
+    Args:
+        bands: Bands; the first rows are those of blackbodies in them.
+        span_k: Lowest and highest temperature that the nodes span [K].
+        device: Where they are put.
+        surfaces: Surfaces by wavelength; rows of the radiance that each emits in the bands follow.
+    """
+    start = float(np.log(span_k[0])) - LN_TEMPERATURE_STEP
+    n_node = int(np.ceil((np.log(span_k[1]) - start) / LN_TEMPERATURE_STEP)) + 2
+    ln_temperature = start + LN_TEMPERATURE_STEP * np.arange(n_node)
+    chosen = [as_band(band) for band in bands]
+
+    def ln_radiance(shift: float) -> npt.NDArray[np.float64]:
+        kelvin = np.exp(ln_temperature + shift)
+        black = [band_radiance_w_m2_sr(kelvin, band) for band in chosen]
+        own = [surface.emitted_w_m2_sr(kelvin, band) for surface in surfaces for band in chosen]
+        return np.asarray(np.log(np.maximum(np.stack([*black, *own]), DARKEST_W_M2_SR)))
+
+    h = 1e-3  # fourth-order difference: its error stays below the table's own
+    slope = (8 * (ln_radiance(h) - ln_radiance(-h)) - (ln_radiance(2 * h) - ln_radiance(-2 * h))) / (12 * h)
+    table: Any = RadianceTable()
+    table.ln_temperature_start, table.ln_temperature_step = start, LN_TEMPERATURE_STEP
+    table.ln_radiance = wp.array(ln_radiance(0.0), dtype=wp.float64, device=device)
+    table.slope = wp.array(slope * LN_TEMPERATURE_STEP, dtype=wp.float64, device=device)
+    return table

@@ -11,14 +11,13 @@ import warp as wp
 from warpsim_kernels.records import ABSENT, BEHIND, IN_FOV, NOT_DEPLOYED, OCCULTED
 from warpsim_kernels.signature import N_TERM
 
+from warpsim.launches import to_numpy
 from warpsim.render.batch import HostColumns
-from warpsim.render.device_scene import DeviceBodies, DeviceScene
+from warpsim.render.device_scene import DeviceBodies, DeviceScene, moved, paths_struct
 from warpsim.render.stages import split_light
-from warpsim.render.streaks import moved, paths_struct
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import TERMS
 from warpsim.scene.scenario import Scenario
-from warpsim.transfers import to_numpy
 
 if TYPE_CHECKING:
     from astropy.table import Table

@@ -16,8 +16,8 @@ import warp as wp
 from warpsim_kernels.band_index import N_BAND, N_COLUMN, POLAR_LATITUDE_DEG, make_query_cone_kernel
 
 from warpsim.errors import InputError
+from warpsim.launches import to_numpy
 from warpsim.sky.catalog import StarCatalog
-from warpsim.transfers import to_numpy
 
 
 class BandIndex:
