@@ -11,6 +11,7 @@ from pathlib import Path
 TOP = Path(__file__).parents[1]
 sys.path[:0] = [str(TOP / folder) for folder in ("docs", ".", "kernels", "catalogs")]
 
+import field_tables  # noqa: E402
 import site_pages  # noqa: E402
 import tidy_docstrings  # noqa: E402
 
@@ -45,3 +46,4 @@ def setup(app):  # noqa: D103
     app.connect("source-read", site_pages.add_names)
     app.connect("source-read", site_pages.fit_links)
     tidy_docstrings.connect(app)
+    field_tables.connect(app)

@@ -4,7 +4,6 @@ import importlib
 import inspect
 import re
 import tomllib
-import typing
 from dataclasses import fields
 from pathlib import Path
 
@@ -12,86 +11,19 @@ import pytest
 from pydantic import TypeAdapter
 
 import warpsim as ws
-from docs import site_pages
-from warpsim.cli import main
+from docs import field_tables, site_pages
 from warpsim.config.distributions import KINDS
 from warpsim.dataset.sequences import check_extremes
-from warpsim.orbit.constellations import Constellation, NamedOrbit
+from warpsim.orbit.constellations import Constellation
 from warpsim.orbit.paths import Orbit
 from warpsim.scene.scene import Scene
-from warpsim.scene.short_form import SHORT_FORMS
-from warpsim.scene.sky import SyntheticStars
 
 TOP = Path(__file__).parents[1]
 DOCS = TOP / "docs"
+MODELS = field_tables.models_within(Scene)
 # Without the pages that the site copies in.
 PAGES = [TOP / "README.md", *sorted(p for p in DOCS.rglob("*.md") if p.parent.name not in ("copied", "notebooks"))]
 MORE_PAGES = [TOP / "CONTRIBUTING.md", TOP / "CHANGELOG.md"]
-
-SECTIONS = {
-    "Top level": [Scene],
-    "`[[sensors]]`": [ws.Sensor],
-    "`[frames]`": [ws.Frames],
-    "`[constellation]`": [ws.Walker],
-    "Satellites by element sets": [ws.TleSatellites],
-    "Satellites by files of states": [ws.EphemerisSatellites],
-    "Satellites by a list": [ws.ListedSatellites, NamedOrbit],
-    "Copies of an orbit": [ws.SeedPattern],
-    "Several constellations": [ws.MixedConstellation],
-    "`[camera]`": [ws.Camera],
-    "`distortion`": [ws.Distortion],
-    "`[optics]`": [ws.Optics],
-    "`[detector]`": [ws.NeiDetector],
-    "Detector in electrons": [ws.ElectronDetector],
-    "`[trajectory]`": [ws.BallisticArc],
-    "Orbit by elements": [ws.KeplerOrbit],
-    "Flight from a state": [ws.StateVector],
-    "Orbit by an element set": [ws.TleOrbit],
-    "Orbit along a file": [ws.EphemerisOrbit],
-    "`[[targets]]`": [ws.TargetSpec],
-    "`shape`": [ws.Sphere, ws.Cylinder, ws.Cone, ws.Frustum, ws.Plate, ws.Mesh],
-    "`surface`": [ws.Graybody],
-    "`surface` by wavelength": [ws.ByWavelength],
-    "`temperature`": [ws.Temperature],
-    "`temperature` from a table": [ws.TemperatureTable],
-    "`temperature` by heat balance": [ws.HeatBalance],
-    "`attitude`": [ws.Attitude],
-    "`attitude` from a table": [ws.AttitudeTable],
-    "`[release]`": [ws.Release],
-    "`[[groups]]`": [ws.TargetGroup],
-    "`[pointing]`": [ws.TrackPointing, ws.FixedPointing, ws.SchedulePointing, ws.TablePointing],
-    "`steps`": [ws.PointingStep],
-    "`slew`": [ws.Slew],
-    "`rows`": [ws.PointingRow],
-    "`bias`": [ws.Bias],
-    "`drift`": [ws.Drift],
-    "`jitter`": [ws.Jitter],
-    "`[access_rules]`": [ws.AccessConstraints],
-    "`[band]`": [ws.BandDescription],
-    "`[sky]`": [ws.Sky],
-    "`[lighting]`": [ws.Lighting],
-    "`synthetic`": [SyntheticStars],
-}
-"""Headings of docs/scene.md and the config models whose fields they list."""
-
-
-def field_names(model):
-    """Names of a config model's fields as files have them."""
-    return [info.alias or name for name, info in model.__pydantic_fields__.items()]
-
-
-def models_within(annotation, found=None):
-    """Config models that an annotation names, and those that their fields name."""
-    found = set() if found is None else found
-    if hasattr(annotation, "__pydantic_fields__"):
-        if annotation not in found:
-            found.add(annotation)
-            for info in annotation.__pydantic_fields__.values():
-                models_within(info.annotation, found)
-        return found
-    for part in typing.get_args(annotation):
-        models_within(part, found)
-    return found
 
 
 def name_of(page):
@@ -101,7 +33,7 @@ def name_of(page):
 
 def blocks(page, language):
     """Fenced code blocks of one language."""
-    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
+    return re.findall(rf"^```{re.escape(language)}\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
 
 
 def recipes(page):
@@ -185,29 +117,28 @@ def test_toml_parts_are_parts_of_scenes(tmp_path, monkeypatch):
         assert states[0].shape[::2] == (1, 3)
 
 
-@pytest.mark.parametrize("heading", SECTIONS)
-def test_scene_page_lists_every_field_and_no_other(heading):
-    listed = first_column(sections(TOP / "docs" / "scene.md")[heading])
-    known = {name for model in SECTIONS[heading] for name in field_names(model)}
-    assert sorted(listed) == sorted(known)
-
-
-def test_every_config_model_of_a_scene_has_a_section():
-    distributions = models_within(ws.Recipe.__pydantic_fields__["sample"].annotation)
+def test_tables_of_the_scene_page_are_those_of_all_config_models():
+    shown = [name for text in blocks(DOCS / "scene.md", "{config-fields}") for name in text.split()]
+    distributions = field_tables.models_within(ws.Recipe.__pydantic_fields__["sample"].annotation)
     assert len(distributions) == len(KINDS)
-    described = {model for models in SECTIONS.values() for model in models}
-    assert models_within(Scene) - distributions == described
+    assert sorted(shown) == sorted(set(MODELS) - set(distributions))
 
 
-def test_every_table_of_a_scene_has_a_section():
-    def tables(data):
-        lists = {name for name, value in data.items() if isinstance(value, list) and isinstance(value[0], dict)}
-        return {f"`[{name}]`" for name in data if isinstance(data[name], dict)} | {f"`[[{name}]]`" for name in lists}
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+def test_every_field_says_what_it_is(model):
+    rows = field_tables.field_rows([model])
+    assert [row.name for row in rows if not (row.meaning or row.name == "kind")] == []
 
-    scene = Scene.load("stss").to_dict()
-    inside = scene["sensors"][0] | scene["groups"][0]
-    short = {name: inside[name] for names in SHORT_FORMS.values() for name in names if name in inside}
-    assert tables(scene) | tables(short) - {"`[[pointing]]`"} <= set(SECTIONS)
+
+def test_fields_say_their_unit_rule_and_default():
+    fov, psf, seed = (
+        next(row for row in field_tables.field_rows([MODELS[model]]) if row.name == name)
+        for model, name in (("Camera", "fov_deg"), ("Optics", "psf"), ("Scene", "seed"))
+    )
+    assert (fov.unit, fov.rule, fov.default) == ("deg", "in (0, 120)", "-")
+    assert (psf.unit, psf.rule, psf.default) == ("", '"airy", "gaussian", "table"', '"airy"')
+    assert (seed.rule, seed.default) == (f"in [0, {2**63 - 1}]", "0")
+    assert field_tables.field_table([ws.Jitter])[2].startswith("| `rms_urad` | urad | in [0, 100000] | required | ")
 
 
 @pytest.mark.parametrize("kind", ["truth", "stars"])
@@ -281,26 +212,13 @@ def test_reference_names_what_there_is():
         assert inspect.isclass(thing) == (kind in ("class", "exception"))
 
 
-def test_command_line_table_is_complete(capsys):
-    """Commands and options of the page are those of the program."""
-    text = sections(DOCS / "command_line.md")["Command line"]
-    commands = re.findall(r"^\| `warpsim (\w+)", text, re.MULTILINE)
-    rows = re.findall(r"^\| (`-[^|]*) \| ([^|]*) \|", text, re.MULTILINE)
-    documented = {
-        (command.strip(), option) for options, of in rows for command in of.split(",")
-        for option in re.findall(r"`(-[-\w]+)`", options)
-    }  # fmt: skip
-    known = set()
-    for command in commands:
-        with pytest.raises(SystemExit):
-            main([command, "--help"])
-        shown = re.findall(r"^  (-.*)", capsys.readouterr().out, re.MULTILINE)
-        options = [option for line in shown for option in re.findall(r"(?<!\S)(-[-\w]+)", line.split("  ")[0])]
-        known |= {(command, option) for option in options}
-    assert documented == {(command, option) for command, option in known if option not in ("-h", "--help")}
-    with pytest.raises(SystemExit):
-        main(["--help"])
-    assert commands == re.findall(r"^    (\w+)  ", capsys.readouterr().out, re.MULTILINE)
+def test_command_line_page_has_every_command():
+    shown = [name for text in blocks(DOCS / "command_line.md", "{command-options}") for name in text.split()]
+    assert shown == list(field_tables.commands())
+    assert "| `--step` S | time between positions [s]; chosen by their error if left out |" in "\n".join(
+        field_tables.command_table("czml")
+    )
+    assert all("None" not in line for name in shown for line in field_tables.command_table(name))
 
 
 def test_first_screen_has_the_two_commands():

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -47,6 +47,11 @@ _UNIT_OF_SUFFIX = {
 }
 
 
+def unit_of(name: str) -> str:
+    """Return the unit that the end of a field's name says, as astropy reads it; empty for plain numbers."""
+    return next((unit for suffix, unit in _UNIT_OF_SUFFIX.items() if name.endswith(suffix)), "")
+
+
 def rule_error(rule: str) -> PydanticCustomError:
     """Return the error to raise from a field's validator: field path and value are added to the rule."""
     return PydanticCustomError("rule", "{rule}", {"rule": rule})
@@ -55,9 +60,7 @@ def rule_error(rule: str) -> PydanticCustomError:
 def _plain_number(value: Any, info: ValidationInfo) -> float:
     """Return value as a Python float, converting a Quantity to the unit its field is named after."""
     if hasattr(value, "unit") and hasattr(value, "to_value"):
-        name = info.field_name or ""
-        suffix = next((s for s in _UNIT_OF_SUFFIX if name.endswith(s)), None)
-        unit = _UNIT_OF_SUFFIX[suffix] if suffix else ""
+        unit = unit_of(info.field_name or "")
         try:
             value = value.to_value(unit)
         except Exception:
@@ -71,33 +74,33 @@ def _plain_number(value: Any, info: ValidationInfo) -> float:
     return float(value)
 
 
-def _in_interval(low: float, high: float, open_low: bool, open_high: bool) -> Callable[[float], float]:
-    if math.isinf(high):
-        rule = f"must be {'>' if open_low else '>='} {low:g}"
-    else:
-        rule = f"must be in {'(' if open_low else '['}{_plain(low)}, {_plain(high)}{')' if open_high else ']'}"
+@dataclass(frozen=True)
+class Interval:
+    """Rule of a number: from low to high, either end included or not."""
 
-    def check(value: float) -> float:
-        above = value > low if open_low else value >= low
-        below = value < high if open_high else value <= high
+    low: float
+    high: float = math.inf
+    open_low: bool = False
+    open_high: bool = False
+
+    def __str__(self) -> str:
+        if math.isinf(self.high):
+            return f"{'>' if self.open_low else '>='} {self.low:g}"
+        low, high = (str(end) if isinstance(end, int) else f"{end:g}" for end in (self.low, self.high))
+        return f"in {'(' if self.open_low else '['}{low}, {high}{')' if self.open_high else ']'}"
+
+    def __call__(self, value: float) -> float:
+        """Return value; rule_error where it is outside."""
+        above = value > self.low if self.open_low else value >= self.low
+        below = value < self.high if self.open_high else value <= self.high
         if not (above and below):
-            raise rule_error(rule)
+            raise rule_error(f"must be {self}")
         return value
-
-    return check
-
-
-def _plain(value: float) -> str:
-    return str(value) if isinstance(value, int) else f"{value:g}"
 
 
 def number_within(value: Any, info: ValidationInfo, low: float, high: float, open_low: bool = False) -> float:
-    """A number from low to high, for validators that decide by hand; its unit by the field's name.
-
-    Raises:
-        PydanticCustomError: It is none.
-    """
-    return _in_interval(low, high, open_low, False)(_plain_number(value, info))
+    """Return a number from low to high, in the unit of its field's name, for validators that decide by hand."""
+    return Interval(low, high, open_low)(_plain_number(value, info))
 
 
 def rows_in(unit: str) -> BeforeValidator:
@@ -134,22 +137,22 @@ def _true_or_false(value: Any) -> Any:
 
 def open_interval(low: float, high: float) -> AfterValidator:
     """Rule: low < value < high."""
-    return AfterValidator(_in_interval(low, high, True, True))
+    return AfterValidator(Interval(low, high, True, True))
 
 
 def closed_interval(low: float, high: float) -> AfterValidator:
     """Rule: low <= value <= high."""
-    return AfterValidator(_in_interval(low, high, False, False))
+    return AfterValidator(Interval(low, high))
 
 
 Number = Annotated[float, BeforeValidator(_plain_number)]
 """Any finite number."""
-Positive = Annotated[Number, AfterValidator(_in_interval(0, math.inf, True, True))]
-NonNegative = Annotated[Number, AfterValidator(_in_interval(0, math.inf, False, True))]
+Positive = Annotated[Number, AfterValidator(Interval(0, open_low=True))]
+NonNegative = Annotated[Number, AfterValidator(Interval(0))]
 Length = Annotated[Positive, closed_interval(0, 1e5)]
 """A body's dimension [m]; far larger ones would overflow float32 irradiances."""
 Integer = Annotated[int, BeforeValidator(_whole_number)]
-Count = Annotated[Integer, AfterValidator(_in_interval(1, math.inf, False, True)), closed_interval(1, 10**9)]
+Count = Annotated[Integer, AfterValidator(Interval(1)), closed_interval(1, 10**9)]
 Group = Annotated[Count, closed_interval(1, 100_000)]
 """A number of satellites or targets."""
 Switch = Annotated[bool, BeforeValidator(_true_or_false)]

@@ -67,9 +67,11 @@ class BallisticArc:
     end_lon_lat_deg: LonLat
     """East longitude and WGS84 geodetic latitude at time duration_s."""
     duration_s: Positive
+    """Time of flight."""
     endpoint_altitude_km: Number
     """Height of both ends above the WGS84 ellipsoid."""
     gravity: Gravity = "j2"
+    """What moves it: J2, J2 to J4, or the point mass alone."""
     epoch_utc: UtcText | None = None
     """The instant of time 0, which sets the Earth's orientation; when left out, the scene's epoch, or
     2000-01-01T12:00:00 where the arc is used by itself."""

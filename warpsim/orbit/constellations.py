@@ -37,7 +37,9 @@ class NamedOrbit:
     """One satellite of a list."""
 
     name: Name
+    """Of the satellite."""
     orbit: Orbit
+    """Of any kind."""
 
 
 @config_model
@@ -45,6 +47,7 @@ class ListedSatellites:
     """Satellites with individual orbits of any kind."""
 
     satellites: Annotated[tuple[NamedOrbit, ...], BeforeValidator(as_tuple)]
+    """At least one; names must differ."""
     kind: Literal["listed"] = "listed"
 
     @model_validator(mode="after")
@@ -194,6 +197,7 @@ class MixedConstellation:
     """Several constellations together; names must be unique among them, those of files on first use."""
 
     parts: Annotated[tuple[Constellation, ...], BeforeValidator(as_tuple)]
+    """Constellations of any kind; names must differ."""
     kind: Literal["mixed"] = "mixed"
 
     @model_validator(mode="after")

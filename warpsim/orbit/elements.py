@@ -192,6 +192,7 @@ class StateVector:
     time_s: Number = 0.0
     """Time of the state after the scene's epoch, of either sign."""
     gravity: Gravity = "j2"
+    """What moves it: J2, J2 to J4, or the point mass alone."""
     kind: Literal["state_vector"] = "state_vector"
 
     @model_validator(mode="after")
@@ -228,7 +229,9 @@ class KeplerOrbit:
     perigee_altitude_km: Number | None = None
     """Above the equatorial radius."""
     semi_major_axis_km: Positive | None = None
+    """Half the longest diameter of the ellipse."""
     eccentricity: Annotated[Number, closed_interval(0, _MAX_ECCENTRICITY)] = 0.0
+    """0 is a circle."""
     raan_deg: Number = 0.0
     """Right ascension of the ascending node."""
     argument_of_perigee_deg: Number = 0.0
@@ -238,6 +241,7 @@ class KeplerOrbit:
     true_anomaly_deg: Number | None = None
     """At the epoch, from the perigee; instead of the mean anomaly."""
     gravity: Gravity = "j2"
+    """What moves it: J2, J2 to J4, or the point mass alone."""
     kind: Literal["elements"] = "elements"
 
     @model_validator(mode="after")

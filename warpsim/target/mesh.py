@@ -60,7 +60,7 @@ class Mesh(Areas):
         file: OBJ, STL, or what else trimesh reads (PLY, OFF, GLB); read and checked on first use, and then kept. Needs
             the extra `mesh`.
         scale_m: Metres per unit of the file. Body axes are the file's axes.
-        vertices_m: Vertices of the vertices, body axes, rows of three [m].
+        vertices_m: Vertices, body axes, rows of three [m].
         faces: Triangles as numbers of vertices, counted from 0, rows of three.
     """
 

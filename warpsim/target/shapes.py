@@ -13,12 +13,15 @@ from warpsim.target.areas import Areas
 from warpsim.target.areas import body_struct as body_struct
 from warpsim.target.mesh import Mesh
 
+Radius = Annotated[Length, Field(description="Of the sphere, or of the base, which is towards -z.")]
+Height = Annotated[Length, Field(description="Along the body axis z.")]
+
 
 @config_model
 class Sphere(Areas):
     """A sphere of radius_m [m]."""
 
-    radius_m: Length
+    radius_m: Radius
     kind: Literal["sphere"] = Field(default="sphere", kw_only=True)
 
     @property
@@ -31,8 +34,8 @@ class Sphere(Areas):
 class Cylinder(Areas):
     """A closed cylinder of radius_m and height_m [m]."""
 
-    radius_m: Length
-    height_m: Length
+    radius_m: Radius
+    height_m: Height
     kind: Literal["cylinder"] = Field(default="cylinder", kw_only=True)
 
     @property
@@ -45,8 +48,8 @@ class Cylinder(Areas):
 class Cone(Areas):
     """A closed cone of base radius_m and height_m [m]."""
 
-    radius_m: Length
-    height_m: Length
+    radius_m: Radius
+    height_m: Height
     kind: Literal["cone"] = Field(default="cone", kw_only=True)
 
     @property
@@ -62,9 +65,10 @@ class Frustum(Areas):
     The top, towards +z, may be the wider end; with top_radius_m = 0 it is the cone.
     """
 
-    radius_m: Length
+    radius_m: Radius
     top_radius_m: Annotated[NonNegative, closed_interval(0, 1e5)]
-    height_m: Length
+    """Of the end towards +z, which may be the wider one; 0 is a cone."""
+    height_m: Height
     kind: Literal["frustum"] = Field(default="frustum", kw_only=True)
 
     @property
@@ -80,7 +84,9 @@ class Plate(Areas):
     """A thin rectangle of width_m (along x) and length_m (along y) [m], its normal along z; both faces count."""
 
     width_m: Length
+    """Along x."""
     length_m: Length
+    """Along y."""
     kind: Literal["plate"] = Field(default="plate", kw_only=True)
 
     @property
