@@ -3,7 +3,7 @@
     pip install '.[catalogs]'                       # in warpsim's source tree
     python catalogs/build_hip_gaia_ir.py            # writes catalogs/warpsim_catalogs/hip_gaia_ir_v2.npz
 
-`warpsim.sky.union_catalog` joins Hipparcos-2 and Gaia DR3; this packs what the shipped table keeps of it. The inputs
+`warpsim.sky.hip_gaia` joins Hipparcos-2 and Gaia DR3; this packs what the shipped table keeps of it. The inputs
 are checked by sha256, and building again gives the same bytes: the container is a zip file with stored
 (uncompressed) entries and a fixed date, so no zlib version enters. catalogs/README.md tells what the columns mean.
 """
@@ -32,11 +32,11 @@ from warpsim.sky.default_catalog import (
     HP_FLAG,
     INFRARED_FLAG,
     NO_COLOUR,
-    DefaultStars,
+    HipGaiaStars,
     unpacked,
 )
+from warpsim.sky.hip_gaia import union_stars
 from warpsim.sky.stellar_templates import GIANT, colour
-from warpsim.sky.union_catalog import UnionStars, union_stars
 from warpsim.sky.visible_stars import FAIR, magnitude_in
 
 Columns = dict[str, NDArray[Any]]
@@ -50,7 +50,7 @@ OUTPUT = Path(__file__).parent / "warpsim_catalogs" / FILE
 DEG_MAS = 3.6e6
 
 
-def table(stars: UnionStars) -> Columns:
+def table(stars: HipGaiaStars) -> Columns:
     """Return the columns of the table: the brightest in the infrared, and all that are bright in G."""
     everything = pack(stars, np.arange(len(stars.hip)))
     seen = unpacked(everything)
@@ -66,7 +66,7 @@ def table(stars: UnionStars) -> Columns:
     return columns
 
 
-def pack(stars: UnionStars, row: NDArray[np.int64]) -> Columns:
+def pack(stars: HipGaiaStars, row: NDArray[np.int64]) -> Columns:
     """Return the columns of stars: all rows sorted by declination, then the Hipparcos columns of its rows."""
     ra_mas = np.rint(stars.ra_deg[row] * DEG_MAS).astype(np.int64) % round(360 * DEG_MAS)
     dec_mas = np.rint(stars.dec_deg[row] * DEG_MAS).astype(np.int64)
@@ -125,7 +125,7 @@ def npz_bytes(columns: Columns) -> bytes:
 
 def describe(columns: Columns) -> str:
     """Return the figures that catalogs/README.md quotes."""
-    stars: DefaultStars = unpacked(columns)
+    stars = unpacked(columns)
     mag_a = magnitude_in("A", stars.g_mag, stars.hp_mag, stars.temperature_k, stars.luminosity)[stars.infrared]
     has_hip, by_hp = stars.hip > 0, np.isnan(stars.g_mag)
     fair = stars.quality == FAIR

@@ -18,14 +18,11 @@ from astropy.table import MaskedColumn, Table
 from warpsim.errors import InputError
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.photometric_bands import photometric_bands
-from warpsim.sky.readers import akari, allwise, gaia, hipparcos, iras, twomass
+from warpsim.sky.readers import infrared
 from warpsim.sky.readers.angles import epoch_of_place, place_deg, sexagesimal_deg
+from warpsim.sky.readers.read import SURVEYS
 from warpsim.sky.stellar_templates import GIANT, colour, colour_temperature_k
 from warpsim.tables.columns import ColumnTable
-
-SURVEYS = {
-    survey.name: survey for module in (iras, akari, allwise, hipparcos, gaia, twomass) for survey in module.SURVEYS
-}
 
 # Flux density of magnitude 0 [Jy]: MSX bands (Cohen, Hammersley and Egan 2000).
 MSX_ZERO_JY = {"C": 26.51, "E": 8.80}
@@ -221,13 +218,13 @@ def test_iras_places_against_erfa():
     """ERFA's own route: fk45z to FK5 at J2000 (no motion against inertial space), fk5hz to the Hipparcos frame."""
     random = np.random.default_rng(3)
     ra_deg, dec_deg = random.uniform(0, 360, 300), np.degrees(np.arcsin(random.uniform(-1, 1, 300)))
-    found = iras.icrs_of_b1950_deg(ra_deg, dec_deg)
+    found = infrared.icrs_of_b1950_deg(ra_deg, dec_deg)
     ra_fk5, dec_fk5 = erfa.fk45z(np.radians(ra_deg), np.radians(dec_deg), 1983.5)
     expected = erfa.fk5hz(ra_fk5, dec_fk5, *erfa.epj2jd(1983.5))
     separation = separation_arcsec(*found, *np.degrees(expected))
     assert separation.max() < FK4_ATOL_ARCSEC
     # What the test can tell apart: without the epoch of observation the places differ by more.
-    assert separation_arcsec(*found, *iras.icrs_of_b1950_deg(ra_deg, dec_deg, 1950.0)).max() > 2 * FK4_ATOL_ARCSEC
+    assert separation_arcsec(*found, *infrared.icrs_of_b1950_deg(ra_deg, dec_deg, 1950.0)).max() > 2 * FK4_ATOL_ARCSEC
 
 
 def test_iras_place_of_arcturus():

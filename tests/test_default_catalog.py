@@ -16,8 +16,7 @@ from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.default_catalog import FILE, default_stars
 from warpsim.sky.hip_gaia import read_hipparcos
 from warpsim.sky.stellar_templates import DWARF, GIANT
-from warpsim.sky.visible_photometry import hipparcos_v_mag
-from warpsim.sky.visible_stars import magnitude_in
+from warpsim.sky.visible_stars import hipparcos_v_mag, magnitude_in
 
 RECIPE = Path(__file__).parents[1] / "catalogs" / "build_hip_gaia_ir.py"
 LARGEST_BYTES = 4_000_000

@@ -7,8 +7,8 @@ from on_devices import device_scene
 import warpsim as ws
 from warpsim.render import schedule
 from warpsim.render.schedule import certain_slots
-from warpsim.sky import star_density
-from warpsim.sky.star_density import most_stars_in_cone
+from warpsim.sky import star_counts
+from warpsim.sky.star_counts import most_stars_in_cone
 
 LOOSE = 2.5
 """Times the largest number found; boxes of cells are 1.5 to 2 times as large as their cone."""
@@ -48,7 +48,7 @@ def test_windows_go_on_where_right_ascension_begins():
     rng, radius_rad = np.random.default_rng(2), np.radians(3.0)
     stars = unit(np.array([1.0, 0.0, 0.0]) + 0.03 * rng.normal(size=(500, 3)))
     found = largest_found(stars, stars, radius_rad)
-    assert found <= star_density._most_near_equator(stars, radius_rad) <= LOOSE * found
+    assert found <= star_counts._most_near_equator(stars, radius_rad) <= LOOSE * found
 
 
 def test_stars_on_the_rim_count():

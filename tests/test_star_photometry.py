@@ -23,7 +23,7 @@ from warpsim.sky.stellar_templates import (
     colour_temperature_k,
     template_temperature_k,
 )
-from warpsim.sky.visible_photometry import gaia_bp_rp_mag, hipparcos_v_mag
+from warpsim.sky.visible_stars import gaia_bp_rp_mag, hipparcos_v_mag
 
 BANDS = photometric_bands()
 MSX = ("B1", "B2", "A", "C", "D", "E")
@@ -475,11 +475,11 @@ def test_v_of_hp_and_a_colour(hp_mag, v_minus_i, b_minus_v, v_mag):
 def test_the_default_catalog_for_a_visible_band(monkeypatch):
     """The brightest in the band, with the names of the whole table; those at 8.3 um for infrared bands."""
     from warpsim.sky import catalog as catalog_module
-    from warpsim.sky import default_choice
+    from warpsim.sky import default_catalog
 
     whole = StarCatalog.default()
     assert StarCatalog.default("A") is StarCatalog.default(MWIR) is whole
-    monkeypatch.setattr(default_choice, "N_STAR", 1000)
+    monkeypatch.setattr(default_catalog, "N_STAR", 1000)
     catalog_module._default_in.cache_clear()
     band = Band.top_hat("visible", 0.45, 0.9)
     stars = StarCatalog.default(band)

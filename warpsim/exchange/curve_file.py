@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.radiometry.curve_nodes import checked_curve
-from warpsim.tables.columns import plain_name
-from warpsim.tables.file_table import FileTable
+from warpsim.tables.columns import ColumnTable, plain_name
 from warpsim.tables.read_table import read_table
 
 F64 = NDArray[np.float64]
@@ -92,7 +91,7 @@ def _read(path: str, column: str | None, mtime_ns: int, size: int) -> CurveFile:
     return CurveFile(wavelength_um, values, hashlib.sha256(data).hexdigest())
 
 
-def _wavelength_column(table: FileTable) -> tuple[str, str]:
+def _wavelength_column(table: ColumnTable) -> tuple[str, str]:
     """Name of the column of wavelengths, and its unit."""
     for name in table.table.colnames:
         stem, unit = _split(name)
@@ -117,7 +116,7 @@ def _split(name: str) -> tuple[str, str | None]:
     return (text, None) if match is None else (match["name"], match["unit"])
 
 
-def _value_column(table: FileTable, wavelength: str, column: str | None) -> str:
+def _value_column(table: ColumnTable, wavelength: str, column: str | None) -> str:
     """Name of the column of values: the one asked for, or the only other one."""
     others = [name for name in table.table.colnames if name != wavelength]
     if column is not None:
@@ -147,7 +146,7 @@ def _um_per(unit: str) -> float:
         raise InputError(f"unknown unit {unit!r}; must be a length such as um, nm or Angstrom") from None
 
 
-def _fractions(table: FileTable, name: str) -> F64:
+def _fractions(table: ColumnTable, name: str) -> F64:
     """Values of a column; per cent become fractions, other units stay."""
     stated: Any = table.table[name].unit
     table.table[name].unit = None

@@ -14,9 +14,8 @@ from warpsim.exchange.frame_names import known_ccsds_frame
 from warpsim.exchange.instants import FileInstants, parse_dates
 from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame
 from warpsim.exchange.source import SourceFile
-from warpsim.tables.by_astropy import read_ecsv
-from warpsim.tables.delimited import read_delimited
-from warpsim.tables.file_table import FileTable
+from warpsim.tables.columns import ColumnTable
+from warpsim.tables.text import read_delimited, read_ecsv
 
 F64 = NDArray[np.float64]
 
@@ -110,30 +109,30 @@ def read_temperature_table(source: SourceFile) -> tuple[FileInstants, F64, list[
     return instants, temperature_k, locations
 
 
-def _read(source: SourceFile) -> FileTable:
+def _read(source: SourceFile) -> ColumnTable:
     """The table of a file, whose last line must be closed."""
     source.lines()
     with source.at(0):
         if b"\x00" in source.data:
             raise InputError("must be an OEM, AEM, STK or table of text, got binary data")
         if re.match(rb"\s*#\s*%ECSV", source.data.removeprefix(b"\xef\xbb\xbf")):
-            table = FileTable(*read_ecsv(source.data))
+            table = read_ecsv(source.data)
             if any(not hasattr(table.table[name], "dtype") for name in table.table.colnames):
                 raise InputError("must have plain columns, got some of ECSV's own kinds (Time, SkyCoord, ...)")
         else:
-            table = FileTable(*read_delimited(source.data))
+            table = read_delimited(source.data)
         if len(table) == 0:
             raise InputError("must hold at least one row, got none")
     return table
 
 
-def _check_columns(table: FileTable, what: str, needed: str, one_of: tuple[str, ...]) -> None:
+def _check_columns(table: ColumnTable, what: str, needed: str, one_of: tuple[str, ...]) -> None:
     if table.find(*one_of) is None:
         found = ", ".join(table.table.colnames)
         raise InputError(f"must have columns of {what} ({needed})", value=found, form="s")
 
 
-def _instants(source: SourceFile, table: FileTable) -> FileInstants:
+def _instants(source: SourceFile, table: ColumnTable) -> FileInstants:
     """Times of the rows: seconds since the scene's epoch, or dates."""
     has_s, has_utc = table.find("time_s") is not None, table.find("time_utc") is not None
     if has_s == has_utc:
@@ -150,11 +149,11 @@ def _instants(source: SourceFile, table: FileTable) -> FileInstants:
         raise table.located(error.within("time_utc")) from None
 
 
-def _lines(table: FileTable) -> NDArray[np.int64]:
+def _lines(table: ColumnTable) -> NDArray[np.int64]:
     return np.zeros(len(table), np.int64) if table.line_of_row is None else np.asarray(table.line_of_row, np.int64)
 
 
-def _frame(table: FileTable) -> Frame:
+def _frame(table: ColumnTable) -> Frame:
     meta: dict[str, Any] = dict(table.table.meta)
     stated = [match[1] for line in meta.get("comments", []) if (match := _FRAME_NOTE.fullmatch(str(line).strip()))]
     if "frame" in meta:
@@ -167,7 +166,7 @@ def _frame(table: FileTable) -> Frame:
         raise error.within("frame") from None
 
 
-def _vector(table: FileTable, names: list[str], names_km: list[str], unit: str) -> F64 | None:
+def _vector(table: ColumnTable, names: list[str], names_km: list[str], unit: str) -> F64 | None:
     """Three columns in metres (per second), given so or in kilometres; None where there are none."""
     plain, kilo = ([table.find(name) for name in group] for group in (names, names_km))
     found = [name for name in (*plain, *kilo) if name is not None]

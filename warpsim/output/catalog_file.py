@@ -6,7 +6,7 @@ from pathlib import Path
 
 from warpsim.files import check_new_file, whole_file, write_fits_table
 from warpsim.sky.catalog import StarCatalog
-from warpsim.sky.catalog_columns import J2000_JYEAR
+from warpsim.sky.space_motion import J2000_JYEAR
 
 FORMAT_OF_SUFFIX = {
     ".fits": "fits",

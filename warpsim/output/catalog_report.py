@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from warpsim.output.wording import counted
 from warpsim.radiometry.bands import as_band
 from warpsim.sky.catalog import StarCatalog
-from warpsim.sky.catalog_columns import BAND_NAMES, FLUX_FILLED, FLUX_MEASURED, FLUX_NONE, FLUX_PREDICTED
+from warpsim.sky.catalog_columns import BAND_NAMES
+from warpsim.sky.photometric_bands import FLUX_FILLED, FLUX_MEASURED, FLUX_NONE, FLUX_PREDICTED
 from warpsim.sky.star_counts import magnitude_counts
 from warpsim.sky.synthetic import GALACTIC_OF_ICRS
 

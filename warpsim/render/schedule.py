@@ -9,7 +9,7 @@ from warpsim.render.batch import column_bytes
 from warpsim.render.device import rows_per_block
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.stages import is_read_out_at_once
-from warpsim.sky.star_density import most_stars_in_cone
+from warpsim.sky.star_counts import most_stars_in_cone
 
 BYTES_PER_PASS = 32 * 2**20
 """Size of the signal of all images of a pass on the CPU, so large that the Python of a pass, 50 to 150 us, does

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
 from warpsim.scene.pointing import Slew, TablePointing
-from warpsim.tables.file_table import FileTable
+from warpsim.tables.columns import ColumnTable
 
 F64 = npt.NDArray[np.float64]
 
@@ -204,7 +204,7 @@ def _rows_of_file(file: str) -> _Rows:
     return replace(rows, file=file)
 
 
-def _rows_of_table(table: FileTable) -> _Rows:
+def _rows_of_table(table: ColumnTable) -> _Rows:
     """Rows of a file's table."""
     names = list(table.table.colnames)
     for name in names:

@@ -14,13 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.magnitudes import Physics
-from warpsim.sky.catalog_columns import BAND_NAMES, J2000_JYEAR, NUMBER_UNITS, checked_columns, checked_limits
+from warpsim.sky.catalog_columns import BAND_NAMES, NUMBER_UNITS, StarColumns, checked_columns, checked_limits
 from warpsim.sky.catalog_table import columns_of_table, table_of
-from warpsim.sky.colour_warnings import warn_colours
-from warpsim.sky.default_choice import brightest_rows, visible_bands
-from warpsim.sky.star_columns import StarColumns
-from warpsim.sky.star_motion import checked_jyear, moved
-from warpsim.sky.stars import Array, Stars
+from warpsim.sky.space_motion import J2000_JYEAR, checked_jyear, paper_motion, rigorous_motion
+from warpsim.sky.star_photometry import warn_colours
+from warpsim.sky.stars import Array, Stars, frozen
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -52,6 +50,8 @@ class StarCatalog(Stars):
         Raises:
             InputError: A band is unknown, or beyond 0.3 to 30 um.
         """
+        from warpsim.sky.default_catalog import visible_bands
+
         visible, infrared = visible_bands(bands)
         return _default_in(visible, infrared) if visible else _default()
 
@@ -275,7 +275,18 @@ class StarCatalog(Stars):
         origin = self if self._origin is None else self._origin
         if epoch_jyear == origin.epoch_jyear:
             return origin
-        return replace(origin, **moved(origin, epoch_jyear, physics), epoch_jyear=epoch_jyear, _origin=origin)
+        moved: dict[str, Array] = {}
+        start = (origin.ra_deg, origin.dec_deg, origin.pm_ra_mas_yr, origin.pm_dec_mas_yr)
+        if np.any(origin.pm_ra_mas_yr) or np.any(origin.pm_dec_mas_yr):
+            years = epoch_jyear - origin.epoch_jyear
+            if physics == "paper":
+                moved = dict(zip(("ra_deg", "dec_deg"), paper_motion(*start, years), strict=True))
+            else:
+                *numbers, distance = rigorous_motion(*start, years)
+                names = ("ra_deg", "dec_deg", "pm_ra_mas_yr", "pm_dec_mas_yr", "parallax_mas")
+                moved = dict(zip(names, (*numbers, origin.parallax_mas / distance), strict=True))
+        columns: dict[str, Any] = {key: frozen(values) for key, values in moved.items()}
+        return replace(origin, **columns, epoch_jyear=epoch_jyear, _origin=origin)
 
 
 @functools.cache
@@ -296,12 +307,14 @@ def _default() -> StarCatalog:
 @functools.lru_cache(maxsize=4)
 def _default_in(bands: frozenset[Band], infrared: bool) -> StarCatalog:
     """The embedded stars brightest in any of some bands, or also at 8.3 um, in the order of the embedded table."""
+    from warpsim.sky.default_catalog import brightest_rows
+
     embedded, brightest = _embedded()
     return embedded._rows(brightest_rows(embedded, bands, brightest if infrared else brightest[:0]))
 
 
 @functools.cache
 def _union() -> StarCatalog:
-    from warpsim.sky.union_catalog import union_columns
+    from warpsim.sky.hip_gaia import union_columns
 
     return StarCatalog._of_columns(union_columns())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
-from warpsim.sky.photometric_bands import photometric_bands
-from warpsim.sky.space_motion import wrapped_deg
+from warpsim.sky.photometric_bands import (
+    FLUX_FILLED,
+    FLUX_MEASURED,
+    FLUX_NONE,
+    FLUX_PREDICTED,
+    check_flux_band,
+    flag_column,
+    flux_column,
+    photometric_bands,
+)
+from warpsim.sky.space_motion import J2000_JYEAR, wrapped_deg
 from warpsim.sky.spectral_types import CLASS_UNKNOWN, of_spectral_types, warn_unknown_types
-from warpsim.sky.star_columns import StarColumns
 from warpsim.sky.stellar_templates import DWARF
 
 Array = NDArray[np.float64]
@@ -23,19 +32,11 @@ Array = NDArray[np.float64]
 BAND_NAMES = tuple(BANDS)
 """The MSX bands, whose columns every table has."""
 
-J2000_JYEAR = 2000.0
-
 LARGEST_FLUX_JY = 1e15
 """A million times the Sun's at 10 um; more would overflow float32 images."""
 
 LARGEST_PARALLAX_MAS = 1e5
 """A hundred times the nearest star's; every view would have to look that far beyond its field."""
-
-FLUX_NONE, FLUX_MEASURED, FLUX_PREDICTED, FLUX_FILLED = 0, 1, 2, 3
-"""What a star's flux in a band is: unknown (NaN), measured, predicted by the catalog, or filled in from the spectrum.
-
-The first three are given, and the spectrum meets them. What was filled in follows from them, and is left out and
-predicted anew when a table is read."""
 
 LUMINOSITY_UNKNOWN = -1
 """Where neither 0 (dwarf) nor 1 (giant) is known."""
@@ -55,29 +56,48 @@ NUMBER_UNITS = {
 }
 """Columns of numbers other than fluxes, with their units, as to_table() names them."""
 
+_TYPES: Mapping[str, type] = {"luminosity": np.int8, "quality": np.int64}
 
 COLOUR = "b_v_mag"
 """Column of B-V, which makes a flux in B of one in V."""
 
 
-def flux_column(band: str) -> str:
-    """Name of the flux column of a band in a table."""
-    return f"flux_{band}_jy"
+@dataclass(frozen=True)
+class StarColumns:
+    """Columns of a catalog, which break no rule; the fields are those of StarCatalog, every array is (n,)."""
 
+    ra_deg: Array
+    dec_deg: Array
+    pm_ra_mas_yr: Array
+    pm_dec_mas_yr: Array
+    parallax_mas: Array
+    temperature_k: Array
+    luminosity: NDArray[np.int8]
+    quality: NDArray[np.int64]
+    epoch_jyear: float
+    name: str
+    provenance: str
+    flux_jy: Mapping[str, Array]
+    """Flux density [Jy] by photometric band, those that the catalog has; NaN where unknown."""
 
-def magnitude_column(band: str) -> str:
-    """Name of a column of magnitudes in a band, against its zero_mag_jy."""
-    return f"mag_{band}"
+    flux_flag: Mapping[str, NDArray[np.uint8]]
+    """What the fluxes are, for the same bands: 0 unknown, 1 measured, 2 predicted by the catalog."""
 
+    id: NDArray[Any]
+    """Names, or whole numbers that spell_id spells out."""
 
-def flag_column(band: str) -> str:
-    """Name of the column that says what the flux of a band is (FLUX_NONE to FLUX_FILLED)."""
-    return f"flux_{band}_flag"
+    spell_id: tuple[str, str] = ("", "")
+    """Prefix of a whole number in id, and prefix of the row where that number is 0: ("HIP ", "HGI ")."""
 
+    filled: bool = False
+    """Whether the other fluxes are to be predicted from the spectrum."""
 
-def limit_column(band: str) -> str:
-    """Name of the column of upper limits of the flux predicted in a band; NaN for none."""
-    return f"flux_{band}_limit_jy"
+    type_temperature_k: Array | None = None
+    """Temperatures of a dwarf and of a giant of the star's spectral type [K], (n, 2), NaN without a type: for stars of
+    whose temperature neither temperature_k nor a colour gives."""
+
+    limit_jy: Mapping[str, Array] = field(default_factory=dict)
+    """Upper limits of predicted fluxes by band [Jy], NaN for none."""
 
 
 def checked_columns(
@@ -97,16 +117,13 @@ def checked_columns(
     Args:
         numbers: Columns of NUMBER_UNITS, each (n,); ra_deg and dec_deg must be there, None stands for unknown.
         flux_jy: Flux density [Jy] by photometric band.
-        flux_flag: What the fluxes are, by band; measured where left out.
+        flux_flag: Kinds of the fluxes, by band; measured where left out.
         id: Names; "1", "2", ... if left out.
         spectral_type: Spectral types, which tell temperature and luminosity class where unknown.
         limit_jy: Upper limits of predicted fluxes by band [Jy]; NaN for none.
         epoch_jyear: Julian year of the coordinates.
         name: Name of the catalog, also for the warning about stars without finite coordinates.
         provenance: Source of the stars.
-
-    Raises:
-        InputError: Shapes that differ, values that are not numbers or out of range, or an unknown band.
     """
     epoch = _checked_epoch(epoch_jyear)
     columns = _vectors(numbers, flux_jy, flux_flag or {})
@@ -129,15 +146,12 @@ def checked_columns(
     _check_ranges(columns, rows)
     type_k = _tell_by_type(columns, texts["spectral_type"], name) if "spectral_type" in texts else None
     given_jy, given_flag, filled = _given_fluxes(columns, flux_jy, rows)
+    columns["ra_deg"] = wrapped_deg(columns["ra_deg"])
+    of_type: dict[str, Any] = {
+        key: columns[key].astype(_TYPES.get(key, np.float64), copy=False) for key in NUMBER_UNITS
+    }
     return StarColumns(
-        ra_deg=wrapped_deg(columns["ra_deg"]),
-        dec_deg=columns["dec_deg"],
-        pm_ra_mas_yr=columns["pm_ra_mas_yr"],
-        pm_dec_mas_yr=columns["pm_dec_mas_yr"],
-        parallax_mas=columns["parallax_mas"],
-        temperature_k=columns["temperature_k"],
-        luminosity=columns["luminosity"].astype(np.int8),
-        quality=columns["quality"].astype(np.int64),
+        **of_type,
         epoch_jyear=epoch,
         name=name,
         provenance=provenance,
@@ -179,12 +193,6 @@ def _vectors(
         if band in flux_flag:
             columns[flag_column(band)] = _vector(flux_flag[band], flag_column(band))
     return columns
-
-
-def check_flux_band(band: str, where: str) -> None:
-    """Raise InputError unless a catalog may have fluxes in a band of that name."""
-    if band not in photometric_bands():
-        raise InputError(f"band must be one of {', '.join(photometric_bands())}", where, band)
 
 
 def _check_ranges(columns: dict[str, Array], rows: NDArray[np.int64]) -> None:
@@ -233,11 +241,7 @@ def _given_fluxes(
 
 
 def checked_limits(limit_jy: Mapping[str, ArrayLike], n_star: int) -> dict[str, Array]:
-    """Upper limits by band [Jy], checked; NaN for none.
-
-    Raises:
-        InputError: An unknown band, another shape than (n_star,), a negative or infinite limit, or no numbers.
-    """
+    """Upper limits by band [Jy], (n_star,) each, checked; NaN for none."""
     limits = {}
     for band, values in limit_jy.items():
         check_flux_band(band, "limit_jy")

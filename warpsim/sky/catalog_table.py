@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,18 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.catalog_columns import (
-    COLOUR,
-    J2000_JYEAR,
-    NUMBER_UNITS,
-    checked_columns,
+from warpsim.sky.catalog_columns import COLOUR, NUMBER_UNITS, Array, StarColumns, checked_columns
+from warpsim.sky.photometric_bands import (
+    brightness_columns,
+    check_flux_columns,
     flag_column,
     flux_column,
+    flux_of_colour_jy,
+    flux_of_magnitude_jy,
     limit_column,
     magnitude_column,
+    photometric_bands,
 )
-from warpsim.sky.photometric_bands import photometric_bands
-from warpsim.sky.star_columns import Array, StarColumns
+from warpsim.sky.space_motion import J2000_JYEAR
 from warpsim.tables.columns import ColumnTable, number_column
 
 if TYPE_CHECKING:
@@ -30,15 +29,7 @@ if TYPE_CHECKING:
 
 
 def columns_of_table(table: Table, name: str | None = None) -> StarColumns:
-    """Columns held by an astropy Table; units are converted, masked values are NaN.
-
-    Args:
-        table: Columns as StarCatalog.from_table() lists them.
-        name: Name of the catalog; meta["name"] if left out.
-
-    Raises:
-        InputError: A column is missing, has another kind of unit, or breaks a rule of checked_columns().
-    """
+    """Columns held by an astropy Table as StarCatalog.from_table() lists them."""
     known = set(table.colnames)
     check_flux_columns(table.colnames)
     fluxes = brightness_columns(table.colnames)
@@ -75,46 +66,6 @@ def columns_of_table(table: Table, name: str | None = None) -> StarColumns:
         provenance=str(meta.get("provenance", "")),
     )
     return replace(checked, filled=checked.filled or meta.get("filled") is True)
-
-
-def brightness_columns(names: Iterable[str]) -> dict[str, str]:
-    """The column of fluxes or magnitudes of each band that a table has, by band.
-
-    Args:
-        names: Names of the table's columns, in warpsim's spelling.
-
-    Raises:
-        InputError: A band comes twice, as flux and as magnitude.
-    """
-    found = {}
-    names = set(names)
-    for band in photometric_bands():
-        both = [name for name in (flux_column(band), magnitude_column(band)) if name in names]
-        if len(both) == 2:
-            raise InputError(f"must be one of {both[0]} and {both[1]}, got both", "columns")
-        if both:
-            found[band] = both[0]
-    return found
-
-
-def check_flux_columns(names: Iterable[str]) -> None:
-    """Raise InputError for a column of fluxes by its name that is of no photometric band: flux_Z_jy."""
-    known = {band.lower() for band in photometric_bands()}
-    for name in names:
-        flux = re.fullmatch(r"flux_([a-z0-9]+)_jy", name.lower())
-        if flux and flux[1] not in known:
-            raise InputError(f"must be of one of the bands {', '.join(photometric_bands())}", name)
-
-
-def flux_of_magnitude_jy(band: str, magnitude: Array) -> Array:
-    """Flux density [Jy] of magnitudes in a photometric band, against its zero_mag_jy; NaN in, NaN out."""
-    return np.asarray(photometric_bands()[band].zero_mag_jy * 10.0 ** (-0.4 * magnitude))
-
-
-def flux_of_colour_jy(v_flux_jy: Array, b_v_mag: Array) -> Array:
-    """Flux density in B [Jy] of stars with a flux density in V [Jy] and B-V [mag]; NaN in, NaN out."""
-    bands = photometric_bands()
-    return np.asarray(v_flux_jy * bands["B"].zero_mag_jy / bands["V"].zero_mag_jy * 10.0 ** (-0.4 * b_v_mag))
 
 
 def table_of(columns: StarColumns) -> Table:

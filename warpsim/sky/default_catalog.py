@@ -1,4 +1,4 @@
-"""The catalog that ships with warpsim, unpacked from `hip_gaia_ir_v2.npz`.
+"""The catalog that ships with warpsim, unpacked from `hip_gaia_ir_v2.npz`, and the choice of its stars for some bands.
 
 The file holds magnitude, colour and flags of every star, and astrometry for those of Hipparcos; catalogs/README.md
 describes its columns and how it was made.
@@ -6,18 +6,22 @@ describes its columns and how it was made.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from warpsim_catalogs import path
 
-from warpsim.sky.hip_gaia_stars import HipGaiaStars
-from warpsim.sky.star_columns import StarColumns
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import as_band
+from warpsim.sky.catalog_columns import StarColumns
+from warpsim.sky.space_motion import J2000_JYEAR
+from warpsim.sky.stars import Stars
+from warpsim.sky.stellar_spectrum import check_band
 from warpsim.sky.stellar_templates import DWARF, GIANT, colour_temperature_k
-from warpsim.sky.visible_stars import FAIR, UNCERTAIN
+from warpsim.sky.visible_stars import FAIR, UNCERTAIN, measured_flux_jy
 
 Array = NDArray[np.float64]
 
@@ -33,22 +37,90 @@ NO_COLOUR = -(1 << 15)
 
 _NAME = "hip-gaia-ir v2"
 
+_PROVENANCE = (
+    "G and BP-RP of Gaia DR3, Hp and V-I of Hipparcos-2, infrared fluxes predicted from them by stellar templates. "
+    "Gaia-derived data: CC BY-SA 3.0 IGO, ESA/Gaia/DPAC; Hipparcos: ESA 1997, van Leeuwen 2007."
+)
+
+N_STAR = 177_860
+"""Stars of the default catalog for a band, as many as the paper's has."""
+
+INFRARED_UM = 2.5
+"""Stars for bands below are chosen by brightness in the band, not at 8.3 um."""
+
 
 @dataclass(frozen=True)
-class DefaultStars(HipGaiaStars):
-    """The shipped stars."""
+class HipGaiaStars:
+    """Stars of Hipparcos or Gaia at J2000, one row each, sorted by declination; shape (n,) each."""
 
-    infrared: NDArray[np.bool_]
-    """Whether the star is one of the 177,860 brightest at 8.3 um."""
+    hip: NDArray[np.int64]
+    """Hipparcos number; 0 for none."""
+
+    ra_deg: Array
+    """ICRS: by Hipparcos astrometry if there is any, or else where Gaia saw the star in 2016."""
+
+    dec_deg: Array
+    pm_ra_mas_yr: Array
+    """cos(dec) included; 0 without Hipparcos astrometry, like pm_dec_mas_yr."""
+
+    pm_dec_mas_yr: Array
+    parallax_mas: Array
+    """NaN without Hipparcos astrometry."""
+
+    g_mag: Array
+    """G, where Gaia gives the magnitude; NaN elsewhere."""
+
+    hp_mag: Array
+    """Hp, where Hipparcos does; NaN elsewhere."""
+
+    temperature_k: Array
+    """Colour temperature [K]; NaN for stars without a colour."""
+
+    luminosity: NDArray[np.int8]
+    """Luminosity class: 0 dwarf, 1 giant."""
+
+    quality: NDArray[np.int64]
+    """Of the infrared light: 1 uncertain, 2 fair."""
+
+    bp_rp_mag: Array
+    """BP-RP, of either catalog in the shipped file, of Gaia alone in the union; NaN where unknown."""
+
+    infrared: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=bool))
+    """Whether the star is one of the 177,860 brightest at 8.3 um; empty in the union."""
+
+    source_id: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    """Gaia DR3 source that gives the magnitude, 0 where Hipparcos does; empty in the shipped file."""
+
+    def columns(self, name: str, id: NDArray[Any], spell_id: tuple[str, str] = ("", "")) -> StarColumns:
+        """Return the columns of a catalog: G and Hp are its fluxes."""
+        flux_jy, flux_flag = measured_flux_jy(self.g_mag, self.hp_mag)
+        return StarColumns(
+            ra_deg=self.ra_deg,
+            dec_deg=self.dec_deg,
+            pm_ra_mas_yr=self.pm_ra_mas_yr,
+            pm_dec_mas_yr=self.pm_dec_mas_yr,
+            parallax_mas=self.parallax_mas,
+            temperature_k=self.temperature_k,
+            luminosity=self.luminosity,
+            quality=self.quality,
+            epoch_jyear=J2000_JYEAR,
+            name=name,
+            provenance=f"{name}: {_PROVENANCE}",
+            flux_jy=flux_jy,
+            flux_flag=flux_flag,
+            id=id,
+            spell_id=spell_id,
+            filled=True,
+        )
 
 
-def default_stars() -> DefaultStars:
+def default_stars() -> HipGaiaStars:
     """Read the shipped stars: the brightest at 8.3 um, and all others brighter than G = 9."""
     with path(FILE).open("rb") as stream, np.load(stream, allow_pickle=False) as columns:
         return unpacked({key: columns[key] for key in columns.files})
 
 
-def unpacked(packed: Mapping[str, NDArray[Any]]) -> DefaultStars:
+def unpacked(packed: Mapping[str, NDArray[Any]]) -> HipGaiaStars:
     """Return the stars of the columns of the shipped file."""
     flags = packed["flags"].astype(np.int64)
     has_hip, by_hp = (flags & HIPPARCOS_FLAG) != 0, (flags & HP_FLAG) != 0
@@ -63,7 +135,7 @@ def unpacked(packed: Mapping[str, NDArray[Any]]) -> DefaultStars:
     luminosity = np.where(flags & GIANT_FLAG, GIANT, DWARF)
     bp_rp_mag = np.where(packed["bp_rp_mmag"] == NO_COLOUR, np.nan, packed["bp_rp_mmag"] * 1e-3)
     high_hip = np.where(flags & HIGH_HIP_FLAG, HIGH_HIP, 0)
-    return DefaultStars(
+    return HipGaiaStars(
         hip=from_hip_rows("hip", 0.0, 1.0).astype(np.int64) + high_hip,
         ra_deg=packed["ra_mas"] / 3.6e6,
         dec_deg=packed["dec_mas"] / 3.6e6,
@@ -75,6 +147,7 @@ def unpacked(packed: Mapping[str, NDArray[Any]]) -> DefaultStars:
         temperature_k=colour_temperature_k(bp_rp_mag, "BP-RP", luminosity),
         luminosity=luminosity.astype(np.int8),
         quality=np.where(flags & FAIR_FLAG, FAIR, UNCERTAIN),
+        bp_rp_mag=bp_rp_mag,
         infrared=(flags & INFRARED_FLAG) != 0,
     )
 
@@ -83,3 +156,25 @@ def default_columns() -> tuple[StarColumns, NDArray[np.int64]]:
     """Return the columns of all shipped stars, and the rows of the 177,860 brightest at 8.3 um."""
     stars = default_stars()
     return stars.columns(_NAME, stars.hip, ("HIP ", "HGI ")), np.flatnonzero(stars.infrared)
+
+
+def visible_bands(bands: Iterable[Band | str]) -> tuple[frozenset[Band], bool]:
+    """Return the bands up to INFRARED_UM, and whether there are others, or none at all.
+
+    Raises:
+        InputError: A band is unknown, or beyond 0.3 to 30 um.
+    """
+    known = {as_band(band) for band in bands}
+    for band in known:
+        check_band(band)
+    visible = frozenset(band for band in known if band.half_power_um[1] <= INFRARED_UM)
+    return visible, len(visible) < len(known) or not known
+
+
+def brightest_rows(stars: Stars, bands: Iterable[Band], others: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the rows of the N_STAR brightest stars in each of some bands, and other rows, in order."""
+    chosen = np.zeros(len(stars), dtype=bool)
+    chosen[others] = True
+    for band in bands:
+        chosen[np.argpartition(-stars.irradiance_w_cm2(band), N_STAR)[:N_STAR]] = True
+    return np.flatnonzero(chosen)

@@ -1,15 +1,22 @@
-"""Where stars are at another epoch: rigorous space motion, and the paper's linear one."""
+"""Positions of stars at another epoch: rigorous space motion, and the paper's linear one."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.directions import unit_vectors
+from warpsim.errors import InputError
 
 Array = NDArray[np.float64]
+
+J2000_JYEAR = 2000.0
+
+LONGEST_MOTION_YR = 1e5
+"""Beyond, a straight line is no model of a star's way, even in jest."""
 
 _MAS_RAD = math.pi / 180.0 / 3.6e6
 
@@ -102,3 +109,16 @@ def _axes(ra_deg: Array, dec_deg: Array) -> tuple[_Components, _Components, _Com
     sin_ra, cos_ra, sin_dec, cos_dec = np.sin(ra_rad), np.cos(ra_rad), np.sin(dec_rad), np.cos(dec_rad)
     place = cos_dec * cos_ra, cos_dec * sin_ra, sin_dec
     return place, (-sin_ra, cos_ra, np.zeros_like(ra_rad)), (-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec)
+
+
+def checked_jyear(jyear: Any) -> float:
+    """A Julian year of a number or an astropy Time; InputError unless it is finite and near enough to 2000."""
+    try:
+        epoch_jyear = float(getattr(jyear, "jyear", jyear))
+    except (TypeError, ValueError):
+        raise InputError("must be a number", "jyear", jyear) from None
+    if not math.isfinite(epoch_jyear):
+        raise InputError("must be finite", "jyear", epoch_jyear)
+    if abs(epoch_jyear - J2000_JYEAR) > LONGEST_MOTION_YR:
+        raise InputError(f"must be within {LONGEST_MOTION_YR:,.0f} years of 2000", "jyear", epoch_jyear, "g")
+    return epoch_jyear

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -14,10 +15,15 @@ from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band
 from warpsim.radiometry.magnitudes import Physics, as_radiometry
-from warpsim.sky.catalog_columns import FLUX_FILLED, FLUX_NONE
-from warpsim.sky.photometric_bands import photometric_bands, photometric_name
+from warpsim.sky.photometric_bands import FLUX_FILLED, FLUX_NONE, flux_band, photometric_bands, photometric_name
 from warpsim.sky.stellar_spectrum import band_irradiance_w_cm2, calibration_w_cm2_per_jy
-from warpsim.sky.stellar_templates import DWARF, UNKNOWN_TEMPERATURE_K, colour_temperature_k, luminosity_class
+from warpsim.sky.stellar_templates import (
+    DWARF,
+    UNKNOWN_TEMPERATURE_K,
+    colour,
+    colour_temperature_k,
+    luminosity_class,
+)
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.uint8]
@@ -40,6 +46,9 @@ OTHER_COLOURS = (
     *(("G", "RP"), ("BP", "G"), ("B", "Ic"), ("Hp", "Ic")),
 )
 """Colours that tell a temperature where none of COLOURS is known."""
+
+BEYOND_MAG = 0.5
+"""Distance from the colours of the templates from which a colour is doubted [mag]: most stars are closer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,8 +157,8 @@ class StarPhotometry:
     def spectrum_temperature_k(self) -> Array:
         """Colour temperatures of the spectra [K]: as given, else by the first colour known, else a K giant's."""
         temperature_k = self.temperature_k.copy()
-        for colour, rows, colour_mag in self.telling_colours():
-            temperature_k[rows] = colour_temperature_k(colour_mag, colour, self.spectrum_luminosity[rows])
+        for bands, rows, colour_mag in self.telling_colours():
+            temperature_k[rows] = colour_temperature_k(colour_mag, bands, self.spectrum_luminosity[rows])
         return _frozen(np.where(np.isnan(temperature_k), UNKNOWN_TEMPERATURE_K, temperature_k))
 
     def telling_colours(self) -> Iterator[tuple[tuple[str, str], Whole, Array]]:
@@ -242,18 +251,26 @@ class StarPhotometry:
         return band_irradiance_w_cm2(band, given_jy, self.spectrum_temperature_k[rows], self.spectrum_luminosity[rows])
 
 
-def flux_band(band: Band | str) -> Band:
-    """The photometric band meant; a Band may have another name.
-
-    Raises:
-        InputError: There is none of that name, or the Band is none of those that ship with warpsim.
-    """
-    known = photometric_bands()
-    name = photometric_name(band) if isinstance(band, Band) else band
-    if not isinstance(name, str) or name not in known:
-        given = band.name if isinstance(band, Band) else band
-        raise InputError(f"must be one of {', '.join(known)}, in which catalogs have fluxes", "band", given)
-    return known[name]
+def warn_colours(name: str, photometry: StarPhotometry) -> None:
+    """Warn about stars of unknown temperature, and about colours far beyond those of stars; `name` is their file's."""
+    n_star = len(photometry.temperature_k)
+    unknown = np.isnan(photometry.temperature_k) & np.any(
+        [np.isfinite(flux_jy) for flux_jy in photometry.given_jy.values()], axis=0
+    )
+    n_beyond, example = 0, ""
+    for bands, rows, colour_mag in photometry.telling_colours():
+        unknown[rows] = False
+        of_templates = colour(*bands, photometry.spectrum_luminosity[rows], photometry.spectrum_temperature_k[rows])
+        beyond = np.flatnonzero(np.abs(colour_mag - of_templates) > BEYOND_MAG)
+        if len(beyond) and not n_beyond:
+            example = f"{'-'.join(bands)} {colour_mag[beyond[0]]:.2f}"
+        n_beyond += len(beyond)
+    if n_unknown := np.count_nonzero(unknown):
+        rule = f"have no colour, type or temperature: their spectra are a K giant's of {UNKNOWN_TEMPERATURE_K:g} K"
+        warnings.warn(f"{name}: {n_unknown} of {n_star} stars {rule}", stacklevel=2)
+    if n_beyond:
+        rule = f"have colours more than {BEYOND_MAG:g} mag beyond those of known spectra ({example})"
+        warnings.warn(f"{name}: {n_beyond} of {n_star} stars {rule}", stacklevel=2)
 
 
 def _frozen(values: NDArray[Any]) -> NDArray[Any]:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim.directions import unit_vectors
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.magnitudes import Physics
-from warpsim.sky.star_columns import StarColumns
+from warpsim.sky.catalog_columns import StarColumns
 from warpsim.sky.star_photometry import StarPhotometry
 
 Array = NDArray[np.float64]

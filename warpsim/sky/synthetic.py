@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
-from warpsim.sky.catalog_columns import FLUX_PREDICTED, J2000_JYEAR
-from warpsim.sky.space_motion import place_of
-from warpsim.sky.star_columns import StarColumns
+from warpsim.sky.catalog_columns import StarColumns
+from warpsim.sky.photometric_bands import FLUX_PREDICTED
+from warpsim.sky.space_motion import J2000_JYEAR, place_of
 from warpsim.sky.stellar_templates import GIANT
 from warpsim.streams import uniforms
 

@@ -1,4 +1,4 @@
-"""Columns of a table by forgiving names, as numbers in a unit or as text."""
+"""Columns of a table by forgiving names, as numbers in a unit or as text; errors name the line of the file."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+MISSING = ("", "nan", "null", "none", "-", "--", "---", "~", "n/a")
+"""Texts, in small letters, that stand for a missing number."""
+
 
 class ColumnTable:
     """A table whose columns are found by any of several names, whatever their case and punctuation.
@@ -23,12 +26,37 @@ class ColumnTable:
     Archives rename columns as they export them: B-V, B_V and b_v are one name here.
     """
 
-    def __init__(self, table: Table) -> None:
-        self.table = table
+    def __init__(
+        self,
+        table: Table,
+        line_of_row: NDArray[np.int64] | None = None,
+        layout: str | None = None,
+        open_end: InputError | None = None,
+    ) -> None:
+        from astropy.table import Table
+
+        self.table = Table(table, copy=False)
+        for name in table.colnames:
+            kind = getattr(getattr(table[name], "dtype", None), "kind", "")
+            if kind and kind in "SUO":
+                self.table.replace_column(name, Table.Column(_plain_texts(table[name]), unit=table[name].unit))
         self._names: Mapping[str, str] = {plain_name(name): name for name in reversed(table.colnames)}
+        self.line_of_row = line_of_row
+        """Line of each row in a text file, counted from 1; None where rows have none."""
+
+        self.layout = layout
+        """Name of the byte layout that the file follows, if any."""
+
+        self.open_end = open_end
+        """The error of a last line that no line break closes; None where it is closed, or known to be whole."""
 
     def __len__(self) -> int:
         return len(self.table)
+
+    @property
+    def names(self) -> str:
+        """Names of all columns, for messages."""
+        return ", ".join(self.table.colnames)
 
     def find(self, *names: str) -> str | None:
         """The table's own name of the first of these columns that it has; one spelled just so goes first."""
@@ -39,26 +67,34 @@ class ColumnTable:
                 return self._names[plain_name(name)]
         return None
 
+    def need(self, *names: str) -> str:
+        """Like find(), of a column that must be there."""
+        name = self.find(*names)
+        if name is None:
+            raise InputError(f"must have the column {' or '.join(names)}", value=self.names, form="s")
+        return name
+
     def number(self, *names: str, unit: str = "", null: tuple[float, ...] = ()) -> Array:
         """A column of numbers in a unit, shape (n,); NaN where masked, one of `null`, or where there is no such column.
 
-        A column that states another unit is converted; one that states none is taken to be in `unit`.
+        A column that states another unit is converted; one that states none is taken to be in `unit`. Numbers that
+        stand as text are read.
 
         Raises:
-            InputError: It holds no numbers, or is in a unit that does not convert.
+            InputError: A value is no number, or the column is in a unit that does not convert.
         """
         name = self.find(*names)
         if name is None:
             return np.full(len(self), np.nan)
+        column = self.table[name]
+        if column.dtype.kind == "U":
+            self.table.replace_column(name, self.table.Column(self._numbers_of_text(name), unit=column.unit))
         values = number_column(self.table, name, unit)
         return np.where(np.isin(values, null), np.nan, values) if null else values
 
     def needed(self, *names: str, unit: str = "", null: tuple[float, ...] = ()) -> Array:
         """Like number(), of a column that must be there."""
-        if self.find(*names) is None:
-            found = ", ".join(self.table.colnames)
-            raise InputError(f"must have the column {' or '.join(names)}", value=found, form="s")
-        return self.number(*names, unit=unit, null=null)
+        return self.number(self.need(*names), unit=unit, null=null)
 
     def text(self, *names: str) -> NDArray[np.str_]:
         """A column as text without blanks at the ends, shape (n,); "" where masked or where there is no such column."""
@@ -68,14 +104,49 @@ class ColumnTable:
         column: Any = self.table[name]
         if column.ndim != 1:
             raise InputError(f"must hold one value a row, got shape {column.shape}", name)
-        texts = np.char.strip(np.asarray(getattr(column, "unmasked", column)).astype(np.str_))
-        mask = getattr(column, "mask", None)
-        return texts if mask is None else np.where(np.asarray(mask), "", texts)
+        return np.char.strip(_plain_texts(column))
+
+    def where(self, row: int) -> str:
+        """Location of a row: "line 3", or "row 2" of a file without lines (counted from 0)."""
+        return f"row {row}" if self.line_of_row is None else f"line {self.line_of_row[row]}"
+
+    def located(self, error: InputError, rows: NDArray[np.int64] | None = None) -> InputError:
+        """The error of a check of whole columns, with the line of the row in the file if it is about one.
+
+        Args:
+            error: What the check raised.
+            rows: Rows of this table that the columns were made of; all of them if left out.
+        """
+        if error.row is None:
+            return error
+        return error.at_row(self.where(error.row if rows is None else int(rows[error.row])))
+
+    def _numbers_of_text(self, name: str) -> Array:
+        """Numbers of a column of text, NaN where a text stands for a missing value."""
+        texts = self.text(name)
+        values = np.full(len(texts), np.nan)
+        given = ~np.isin(np.char.lower(texts), MISSING)
+        try:
+            values[given] = texts[given].astype(np.float64)
+        except ValueError:
+            row = next(row for row in np.flatnonzero(given).tolist() if not is_number(str(texts[row])))
+            error = InputError("must be a number", value=str(texts[row])).of(f"column {name}")
+            raise error.of(self.where(row)) from None
+        return values
 
 
 def plain_name(name: str) -> str:
     """A column name without case and punctuation; the name itself where nothing else is in it."""
     return re.sub(r"[\W_]", "", name.casefold()) or name
+
+
+def is_number(text: str | bytes) -> bool:
+    """Return whether a text is a number; Python's 1_0 is none."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return ("_" if isinstance(text, str) else b"_") not in text  # type: ignore[operator]
 
 
 def number_column(table: Table, key: str, unit: str) -> Array:
@@ -99,3 +170,14 @@ def number_column(table: Table, key: str, unit: str) -> Array:
         raise InputError(f"must be {text}, got {column.dtype.name} in {column.unit or 'no unit'}", key) from None
     mask = getattr(column, "mask", None)
     return values if mask is None else np.where(np.asarray(mask), np.nan, values)
+
+
+def _plain_texts(column: Any) -> NDArray[np.str_]:
+    """Texts of a column, "" where masked: formats give bytes, objects or masked texts."""
+    values = np.asarray(getattr(column, "unmasked", column))
+    if values.dtype.kind == "O":
+        texts = np.array(["" if value is None else str(value) for value in values.tolist()], dtype=np.str_)
+    else:
+        texts = np.char.decode(values, "latin-1") if values.dtype.kind == "S" else values.astype(np.str_)
+    mask = getattr(column, "mask", None)
+    return texts if mask is None else np.where(np.asarray(mask), "", texts)

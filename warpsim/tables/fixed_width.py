@@ -1,25 +1,24 @@
 """Tables whose columns are bytes of a line: layouts, which layout a file follows, and fast parsing.
 
 A layout says what stands in which bytes, counted from 1 as the CDS does. Layouts come from the caller, or are read from
-a ReadMe (`cds_readme`).
+the description that the CDS and the AAS journals put beside a table ("Byte-by-byte ...").
 """
 
 from __future__ import annotations
 
+import fnmatch
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.tables.astropy_calls import cds_unit
-from warpsim.tables.cells import is_number
-from warpsim.tables.lines import Lines
-
-if TYPE_CHECKING:
-    from astropy.table import Table
+from warpsim.tables.by_astropy import cds_unit
+from warpsim.tables.columns import ColumnTable, is_number
+from warpsim.tables.text import Lines
 
 _BLANK = 32
 _NUMBER_BYTES = np.zeros(256, dtype=bool)
@@ -27,7 +26,15 @@ _NUMBER_BYTES[list(b" 0123456789+-.eE")] = True
 """Bytes a number may hold; float() alone also takes "nan", "inf" and "1_0"."""
 
 _UNSIGNED = frozenset({"RAh", "RAm", "RAs", "RAds", "DEd", "DEm", "DEs"})
-"""Parts of an angle, whose sign stands in a byte of its own."""
+"""Parts of an angle, whose sign stands in a byte of its own; the names say the units."""
+
+_TITLE = re.compile(r"^\s*Byte-(?:by|per)-byte Description of file:(?P<files>.*)$", re.IGNORECASE)
+_ROW = re.compile(
+    r"^\s*(?:(?P<first>\d+)\s*-)?\s*(?P<last>\d+)\s+(?P<format>[AIFEDL])\d+(?:\.\d+)?\s+(?P<unit>\S+)"
+    r"\s+(?P<name>\S+)(?P<null>\s+\*?\s*(?:[\[\]]\S*[\[\]])?\s*\?(?:=(?P<null_value>\S+))?)?"
+)
+_RULE = re.compile(r"^[-=]{20,}\s*$")
+_LONGEST_LINE = 100_000
 
 N_SAMPLE = 50
 """Lines looked at to recognise a layout."""
@@ -97,7 +104,7 @@ def recognised(lines: Lines, layouts: Sequence[Layout]) -> Layout | None:
     return best
 
 
-def read_fixed_width(lines: Lines, layout: Layout) -> Table:
+def read_fixed_width(lines: Lines, layout: Layout) -> ColumnTable:
     """Table of the layout's columns, with their units; blanks and nulls are NaN or masked.
 
     Raises:
@@ -118,7 +125,62 @@ def read_fixed_width(lines: Lines, layout: Layout) -> Table:
             table[field.name] = values
         if field.unit:
             table[field.name].unit = cds_unit(field.unit)
-    return table
+    return ColumnTable(table, lines.number, layout.name)
+
+
+def layout_from_readme(text: str, file_name: str) -> Layout:
+    """Layout of a file as a CDS ReadMe describes it; columns without a name are not read.
+
+    Args:
+        text: The ReadMe.
+        file_name: The data file's name, without folder and ".gz".
+
+    Raises:
+        InputError: It describes no file, or not this one and several others.
+    """
+    sections: list[tuple[list[str], list[re.Match[str]]]] = []
+    for line in text.splitlines():
+        if title := _TITLE.match(line):
+            sections.append((title["files"].replace(",", " ").split(), []))
+        elif (row := _ROW.match(line)) and sections:
+            sections[-1][1].append(row)
+    sections = [section for section in sections if section[1]]
+    if not sections:
+        raise InputError("must hold a byte-by-byte description")
+    described = [name for names, _ in sections for name in names]
+    fitting = [rows for names, rows in sections if any(fnmatch.fnmatch(file_name, name) for name in names)]
+    if not fitting and len(sections) > 1:
+        raise InputError(f"must describe {file_name}", value=", ".join(described), form="s")
+    rows = [row for row in (fitting or [sections[0][1]])[0] if row["name"] != "---"]
+    fields = tuple(map(_described_field, rows))
+    # Texts, and numbers that may be blank, may be missing at the end of a line.
+    needed = [
+        field.last_byte for field, row in zip(fields, rows, strict=True) if field.kind != "text" and not row["null"]
+    ]
+    return Layout(fields, shortest=max(needed, default=1), length=max(field.last_byte for field in fields))
+
+
+def n_description(text: str) -> int | None:
+    """Number of lines before the data of a table that holds its own description; None if it holds none."""
+    lines = text.split("\n")
+    if not any(_TITLE.match(line) for line in lines[:2000]):
+        return None
+    return max((number for number, line in enumerate(lines, start=1) if _RULE.match(line)), default=None)
+
+
+def _described_field(row: re.Match[str]) -> ByteField:
+    """Column of a line of a ReadMe."""
+    kinds: dict[str, Literal["number", "whole", "text"]] = {"A": "text", "L": "text", "I": "whole"}
+    kind = kinds.get(row["format"], "number")
+    unit = "" if row["unit"] == "---" or row["name"] in _UNSIGNED or kind == "text" else row["unit"]
+    null = row["null_value"] or ""
+    last = int(row["last"])
+    first = int(row["first"] or last)
+    if not 1 <= first <= last <= _LONGEST_LINE:
+        rule = f"bytes must grow from 1 to at most {_LONGEST_LINE}, got {first}-{last}"
+        raise InputError(rule).of(f"column {row['name']}")
+    # A null may also be written in dashes, or as a text.
+    return ByteField(row["name"], first, last, kind, unit, float(null) if is_number(null) else None)
 
 
 def _follows(line: bytes, layout: Layout) -> bool:

@@ -1,42 +1,60 @@
 """The table of a file of any kind, with the line of each row where the file has lines.
 
-Messages do not name the file: the caller, who knows what it is for, puts its name before them.
+Kinds are recognised by content; files of other well-known kinds are refused by name. Messages do not name the file: the
+caller, who knows what it is for, puts its name before them.
 """
 
 from __future__ import annotations
 
 import functools
+import gzip
+import re
+import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import numpy as np
-from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.tables.by_astropy import (
-    read_by_name,
-    read_ecsv,
-    read_fits,
-    read_ipac,
-    read_parquet,
-    read_votable,
-)
-from warpsim.tables.cds_readme import layout_from_readme, split_self_described
-from warpsim.tables.cells import decoded
-from warpsim.tables.delimited import names_columns, read_delimited
-from warpsim.tables.file_kinds import KINDS, N_HEAD, check_foreign, kind_of, read_bytes, unpacked
-from warpsim.tables.file_table import FileTable
-from warpsim.tables.fixed_width import Layout, read_fixed_width, recognised
-from warpsim.tables.lines import lines_after, lines_of, open_end
+from warpsim.tables.by_astropy import read_by_name, read_fits, read_parquet, read_votable
+from warpsim.tables.columns import ColumnTable
+from warpsim.tables.fixed_width import Layout, layout_from_readme, n_description, read_fixed_width, recognised
+from warpsim.tables.text import decoded, lines_of, names_columns, read_delimited, read_ecsv, read_ipac
 
-if TYPE_CHECKING:
-    from astropy.table import Table
+KINDS = {
+    "fits": "fits",
+    "votable": "votable",
+    "parquet": "parquet",
+    "ecsv": "ecsv",
+    "ascii.ecsv": "ecsv",
+    "ipac": "ipac",
+    "ascii.ipac": "ipac",
+    "csv": "csv",
+    "ascii.csv": "csv",
+    "tsv": "tsv",
+    "ascii.tab": "tsv",
+    "cds": "cds",
+    "ascii.cds": "cds",
+    "ascii.mrt": "cds",
+}
+"""Kinds of files read here, by the names that users give them; those of astropy are among them."""
+
+_FOREIGN = (
+    (b"\x89PNG", "a PNG image"),
+    (b"\xff\xd8\xff", "a JPEG image"),
+    (b"GIF8", "a GIF image"),
+    (b"%PDF", "a PDF document"),
+    (b"PK\x03\x04", "a ZIP archive"),
+    (b"BZh", "a bzip2 archive: unpack it first"),
+    (b"\xfd7zXZ", "an xz archive: unpack it first"),
+    (b"\x89HDF", "an HDF5 file"),
+)
+_N_HEAD = 4096
+"""Bytes that identify the kind."""
 
 _README_NAMES = ("ReadMe", "ReadMe.txt", "README", "readme.txt")
 _DESCRIPTION, _N_DESCRIPTION = b" Description of file:", 200_000
-_BINARY_KINDS: dict[str, Callable[[bytes], Table]] = {"fits": read_fits, "parquet": read_parquet}
-_TEXT_KINDS: dict[str, Callable[[bytes], tuple[Table, NDArray[np.int64]]]] = {
+_READERS: dict[str, Callable[[bytes], ColumnTable]] = {
+    "fits": lambda data: ColumnTable(read_fits(data)),
+    "parquet": lambda data: ColumnTable(read_parquet(data)),
     "ecsv": read_ecsv,
     "ipac": read_ipac,
     "csv": read_delimited,
@@ -53,7 +71,7 @@ def read_table(
     layouts: Sequence[Layout] = (),
     likely: Layout | None = None,
     data: bytes | None = None,
-) -> FileTable:
+) -> ColumnTable:
     """Table of a file.
 
     Args:
@@ -68,61 +86,43 @@ def read_table(
     Raises:
         InputError: The file cannot be read, or is no table.
     """
-    data = read_bytes(path) if data is None else unpacked(data)
+    data = _unpacked(_read_bytes(path) if data is None else data)
     if format is not None and format not in KINDS:
-        return FileTable(read_by_name(path, format))
-    check_foreign(data, what)
-    kind = KINDS[format] if format is not None else kind_of(data, what)
+        return ColumnTable(read_by_name(path, format))
+    _check_foreign(data, what)
+    kind = KINDS[format] if format is not None else _kind_of(data, what)
     if kind == "votable":
-        return FileTable(read_votable(data, what))
-    if kind in _BINARY_KINDS:
-        return FileTable(_BINARY_KINDS[kind](data))
-    if b"\x00" in data[:N_HEAD]:
+        return ColumnTable(read_votable(data, what))
+    if kind not in ("fits", "parquet") and b"\x00" in data[:_N_HEAD]:
         raise InputError("cannot be read as a table: it is binary, of no kind known")
-    if kind in _TEXT_KINDS:
-        text_table = FileTable(*_TEXT_KINDS[kind](data))
-        text_table.open_end = open_end(lines_of(data, skip=(b"#",)))
-        return text_table
-    described = _read_described(data, path, kind, readme)
-    return described or _read_plain(data, path, layouts, likely)
+    if kind in _READERS:
+        return _READERS[kind](data)
+    return _read_text(data, path, readme, layouts, likely, is_cds=kind == "cds")
 
 
-def _read_described(data: bytes, path: Path, kind: str, readme: Path | None) -> FileTable | None:
-    """Table of a text whose bytes the CDS describes: in a ReadMe, or in its first lines; None without a description."""
+def _read_text(
+    data: bytes, path: Path, readme: Path | None, layouts: Sequence[Layout], likely: Layout | None, is_cds: bool
+) -> ColumnTable:
+    """Table of a text: one whose bytes are described, one of a known layout, or one with a line of names."""
     file_name = path.name.removesuffix(".gz")
     if readme is not None:
         return _read_by_readme(data, file_name, readme)
-    n_description = split_self_described(data.decode("latin-1")) if _DESCRIPTION in data[:_N_DESCRIPTION] else None
-    if n_description is not None:
-        lines = lines_after(lines_of(data), n_description)
-        layout = layout_from_readme("\n".join(data.decode("latin-1").split("\n")[:n_description]), file_name)
-        return FileTable(read_fixed_width(lines, layout), lines.number)
-    if kind == "cds":
-        beside = _readme_beside(path)
+    n_line = n_description(data.decode("latin-1")) if _DESCRIPTION in data[:_N_DESCRIPTION] else None
+    if n_line is not None:
+        description = "\n".join(data.decode("latin-1").split("\n")[:n_line])
+        return read_fixed_width(lines_of(data).after(n_line), layout_from_readme(description, file_name))
+    beside = next((path.parent / name for name in _README_NAMES if (path.parent / name).is_file()), None)
+    if is_cds:
         if beside is None:
             raise InputError("must come with its ReadMe: give readme=, or put the file ReadMe beside it")
         return _read_by_readme(data, file_name, beside)
-    return None
-
-
-def _read_plain(data: bytes, path: Path, layouts: Sequence[Layout], likely: Layout | None) -> FileTable:
-    """Table of a text that follows a known layout, has a ReadMe beside it, or a line of names."""
-    file_name, beside = path.name.removesuffix(".gz"), _readme_beside(path)
     lines = lines_of(data, skip=(b"#",))
     layout = recognised(lines, layouts)
     if layout is None and beside is not None and file_name.lower().endswith(".dat") and _describes(beside):
         return _read_by_readme(data, file_name, beside)
     if layout is None and not names_columns(decoded(lines.text[0]) if len(lines) else ""):
         layout = likely  # which says what is wrong
-    if layout is not None:
-        return FileTable(read_fixed_width(lines, layout), lines.number, layout.name)
-    table = FileTable(*read_delimited(data))
-    table.open_end = open_end(lines)
-    return table
-
-
-def _readme_beside(path: Path) -> Path | None:
-    return next((path.parent / name for name in _README_NAMES if (path.parent / name).is_file()), None)
+    return read_delimited(data) if layout is None else read_fixed_width(lines, layout)
 
 
 def _describes(readme: Path) -> bool:
@@ -133,14 +133,70 @@ def _describes(readme: Path) -> bool:
         return False
 
 
-def _read_by_readme(data: bytes, file_name: str, readme: Path) -> FileTable:
+def _read_by_readme(data: bytes, file_name: str, readme: Path) -> ColumnTable:
+    """Table of a text whose bytes a ReadMe describes."""
     try:
-        text = readme.read_text("latin-1")
+        layout = layout_from_readme(readme.read_text("latin-1"), file_name)
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror or error})").of(readme).within("readme") from None
-    try:
-        layout = layout_from_readme(text, file_name)
     except InputError as error:
         raise error.of(readme).within("readme") from None
-    lines = lines_of(data)
-    return FileTable(read_fixed_width(lines, layout), lines.number)
+    return read_fixed_width(lines_of(data), layout)
+
+
+def _read_bytes(path: Path) -> bytes:
+    """Content of a file."""
+    try:
+        return path.read_bytes()
+    except IsADirectoryError:
+        raise InputError("must be a file, got a folder") from None
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror or error})") from None
+
+
+def _unpacked(data: bytes) -> bytes:
+    """Return a file's bytes unpacked where they are gzip, without a byte order mark; raise where there are none."""
+    if data[:2] == b"\x1f\x8b":
+        try:
+            data = gzip.decompress(data)
+        except EOFError:
+            raise InputError("ends early: the gzip data are cut off") from None
+        except (OSError, zlib.error) as error:
+            raise InputError(f"cannot be unpacked ({error})") from None
+    if not data.strip():
+        raise InputError("must hold a table, got an empty file")
+    return data.removeprefix(b"\xef\xbb\xbf")
+
+
+def _check_foreign(data: bytes, what: str) -> None:
+    """Raise for files of well-known other kinds."""
+    for magic, found in _FOREIGN:
+        if data.startswith(magic):
+            raise InputError(f"must be {what}, got {found}")
+    head = data[:_N_HEAD].lstrip().lower()
+    if head.startswith((b"<!doctype html", b"<html")):
+        title = re.search(rb"<title>(.*?)</title>", data[:_N_HEAD], re.IGNORECASE | re.DOTALL)
+        said = f" titled {' '.join(title[1].decode('latin-1').split())!r}" if title else ""
+        raise InputError(f"must be {what}, got a web page{said}")
+    if head.startswith((b"{", b"[{", b"[[")):
+        raise InputError(f"must be {what}, got JSON")
+
+
+def _kind_of(data: bytes, what: str) -> str:
+    """Kind of a file by its first bytes: a value of KINDS, or "text"; raise for XML other than a VOTable."""
+    head = data[:_N_HEAD]
+    if head.startswith((b"SIMPLE ", b"XTENSION")):
+        return "fits"
+    if head.startswith(b"PAR1"):
+        return "parquet"
+    text = head.lstrip(b"\xef\xbb\xbf \t\r\n")
+    if text.startswith(b"<"):
+        if b"VOTABLE" in head.upper():
+            return "votable"
+        raise InputError(f"must be {what}, got XML that is no VOTable")
+    if re.match(rb"#\s*%ECSV", text):
+        return "ecsv"
+    first = next((line for line in data.split(b"\n", 400) if not line.startswith(b"\\")), b"")
+    if first.startswith(b"|") and first.rstrip().endswith(b"|"):
+        return "ipac"
+    return "text"

@@ -1,4 +1,4 @@
-"""Places in tables of surveys: degrees, sexagesimal text, or hours, minutes and seconds in columns of their own."""
+"""Positions in tables of surveys: degrees, sexagesimal text, or hours, minutes and seconds in columns of their own."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.catalog_columns import J2000_JYEAR
-from warpsim.tables.cells import MISSING, is_number
-from warpsim.tables.columns import ColumnTable, plain_name
+from warpsim.sky.space_motion import J2000_JYEAR
+from warpsim.tables.columns import MISSING, ColumnTable, is_number, plain_name
 
 Array = NDArray[np.float64]
 Pair = tuple[str, str]
@@ -25,13 +24,13 @@ PLACES: tuple[Pair, ...] = (
 """Usual names of right ascension and declination, J2000 or ICRS, in the order of preference."""
 
 PARTS = "parts"
-"""What place_deg() calls a place in columns RAh, RAm, RAs, DE-, DEd, DEm, DEs."""
+"""What place_deg() calls a position in columns RAh, RAm, RAs, DE-, DEd, DEm, DEs."""
 
 _NUMBER = re.compile(r"\d+(\.\d*)?|\.\d+")
 
 
 def place_deg(table: ColumnTable, *pairs: Pair, radians: bool = False) -> tuple[Array, Array, str]:
-    """Right ascension and declination of the first pair of columns that the table has.
+    """Right ascension and declination [deg] of the first pair of columns that the table has; NaN where missing.
 
     Args:
         table: The survey's table.
@@ -40,11 +39,7 @@ def place_deg(table: ColumnTable, *pairs: Pair, radians: bool = False) -> tuple[
         radians: Whether numbers whose column states no unit are radians, not degrees.
 
     Returns:
-        Right ascension and declination [deg], NaN where missing, shape (n,) each, and the table's own name of the
-        right ascension, or PARTS.
-
-    Raises:
-        InputError: There are no such columns, or a value is no angle.
+        Both, shape (n,) each, and the table's own name of the right ascension, or PARTS.
     """
     pairs = pairs or PLACES
     for right_ascension, declination in pairs:
@@ -55,54 +50,38 @@ def place_deg(table: ColumnTable, *pairs: Pair, radians: bool = False) -> tuple[
     if has_parts(table):
         return *_parts_deg(table), PARTS
     names = ", ".join(f"{ra} and {dec}" for ra, dec in pairs)
-    found = ", ".join(table.table.colnames)
     rule = f"must have the columns of a place ({names}, or RAh, RAm, RAs, DE-, DEd, DEm, DEs)"
-    raise InputError(rule, value=found, form="s")
+    raise InputError(rule, value=table.names, form="s")
 
 
 def has_parts(table: ColumnTable) -> bool:
-    """Whether the table has places in the parts of the CDS."""
+    """Return whether the table has positions in the parts of the CDS."""
     return bool(table.find("RAh") and table.find("DEd", "decd"))
 
 
 def epoch_of_place(ra_name: str, survey_epoch_jyear: float) -> float:
-    """Julian year of a place: VizieR's own _RAJ2000, _RA.icrs and RAJ2000 are at 2000.0, proper motion applied."""
+    """Julian year of a position: VizieR's own _RAJ2000, _RA.icrs and RAJ2000 are at 2000.0, proper motion applied."""
     computed = ra_name.startswith("_") or plain_name(ra_name) == "raj2000"
     return J2000_JYEAR if computed else survey_epoch_jyear
 
 
 def angle_deg(table: ColumnTable, name: str, *, hours: bool = False, radians: bool = False) -> Array:
-    """A column of angles [deg], shape (n,), NaN where missing.
+    """A column of angles [deg], shape (n,), NaN where missing or where there is no such column.
 
     Args:
         table: The survey's table.
         name: The column: numbers, or text that sexagesimal_deg() reads.
         hours: Whether sexagesimal text counts hours.
         radians: Whether numbers whose column states no unit are radians, not degrees.
-
-    Raises:
-        InputError: A value is no angle.
     """
     own_name = table.find(name)
     if own_name is None:
         return np.full(len(table), np.nan)
-    column = table.table[own_name]
-    if column.dtype.kind in "USO":
+    if table.table[own_name].dtype.kind == "U":
         texts = table.text(own_name)
-        given = [text for text in texts.tolist() if text.lower() not in MISSING]
-        if not all(is_number(text) for text in given):
+        if not all(is_number(text) or text.lower() in MISSING for text in texts.tolist()):
             return sexagesimal_deg(texts, own_name, hours)
-        # Numbers that came as text because some are missing: the column's unit counts.
-        numbers = np.array([np.nan if text.lower() in MISSING else float(text) for text in texts.tolist()])
-        if column.unit is not None:
-            from astropy.units import Unit
-
-            try:
-                return np.asarray(numbers * Unit(column.unit).to("deg"))
-            except (TypeError, ValueError):
-                raise InputError(f"must be an angle, got numbers in {column.unit}", own_name) from None
-        return np.degrees(numbers) if radians else numbers
-    if radians and column.unit is None:
+    if radians and table.table[own_name].unit is None:
         return np.degrees(table.number(own_name))
     return table.number(own_name, unit="deg")
 
@@ -110,15 +89,8 @@ def angle_deg(table: ColumnTable, name: str, *, hours: bool = False, radians: bo
 def sexagesimal_deg(texts: NDArray[np.str_], where: str, hours: bool) -> Array:
     """Angles [deg] of texts such as "14 13 22.8", "-00:12:30", "14h13m22.8s", "+19d26m31s" or "213.345", shape (n,).
 
-    One number alone is in degrees. Blank texts are NaN.
-
-    Args:
-        texts: The angles, shape (n,).
-        where: What an error calls them.
-        hours: Whether the first of two or three numbers counts hours, where no letter h or d says so.
-
-    Raises:
-        InputError: A text is no angle.
+    One number alone is in degrees, blank texts are NaN. `where` is what an error calls them; `hours` says whether the
+    first of two or three numbers counts hours where no letter h or d says so.
     """
     angles = np.full(len(texts), np.nan)
     for row, text in enumerate(texts.tolist()):
@@ -143,12 +115,12 @@ def _angle(text: str, hours: bool) -> float | None:
     if any(number > 60.0 for number in numbers[1:]):  # 60 comes from rounding
         return None
     in_hours = "h" in body or (hours and len(fields) > 1 and "d" not in body and "°" not in body)
-    angle = sum(number / 60.0**place for place, number in enumerate(numbers))
+    angle = sum(number / 60.0**power for power, number in enumerate(numbers))
     return sign * angle * (15.0 if in_hours else 1.0)
 
 
 def _parts_deg(table: ColumnTable) -> tuple[Array, Array]:
-    """Right ascension and declination [deg] of the columns that the CDS splits places into, shape (n,) each.
+    """Right ascension and declination [deg] of the columns that the CDS splits positions into, shape (n,) each.
 
     The names say the units, so stated ones are ignored: FITS has no name for tenths of a second.
     """

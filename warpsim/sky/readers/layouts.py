@@ -29,8 +29,8 @@ def _declination(first_byte: int, seconds: ByteField) -> tuple[ByteField, ...]:
 def _msx_irac() -> Layout:
     """V/98 `msx.dat`, version 4.2.1. Bytes 1-21 and 93-132 hold names and other surveys' data, and are not read."""
     fluxes = tuple(
-        ByteField(f"FSIII{band}", 133 + 9 * place, 141 + 9 * place, unit="Jy")
-        for place, band in enumerate(("A", "B1", "B2", "C", "D", "E"))
+        ByteField(f"FSIII{band}", 133 + 9 * k, 141 + 9 * k, unit="Jy")
+        for k, band in enumerate(("A", "B1", "B2", "C", "D", "E"))
     )
     fields = (
         *_right_ascension(22, ByteField("RAs", 26, 31, unit="s", largest=60)),
@@ -52,8 +52,8 @@ def _msx_psc_v1() -> Layout:
         ByteField("DEdeg", 35, 43, unit="deg"),
     ]
     marks = [(24, " "), (34, " "), (44, " "), (49, " "), (54, " "), (60, " ")]
-    for place, band in enumerate(PSC_BANDS):
-        start = 64 + 45 * place  # of the blank before the flux
+    for k, band in enumerate(PSC_BANDS):
+        start = 64 + 45 * k  # of the blank before the flux
         fields.append(ByteField(band, start + 1, start + 12, unit="Jy"))
         fields.append(ByteField(f"q_{band}", start + 14, start + 14, "whole", largest=4))
         marks += [(start, " "), (start + 13, " "), (start + 15, " ")]
@@ -67,12 +67,9 @@ def _iras_psc() -> Layout:
         ByteField("IRAS", 1, 11, "text"),
         *_right_ascension(12, ByteField("RAds", 16, 18, "whole", largest=600)),  # tenths of a second
         *_declination(19, ByteField("DEs", 24, 25, "whole", "arcsec", largest=60)),
-        *(ByteField(f"Fnu_{band}", 37 + 9 * place, 45 + 9 * place, unit="Jy") for place, band in enumerate(bands)),
-        *(ByteField(f"q_Fnu_{band}", 73 + place, 73 + place, "whole", largest=3) for place, band in enumerate(bands)),
-        *(
-            ByteField(f"e_Fnu_{band}", 81 + 3 * place, 83 + 3 * place, "whole", unit="%")
-            for place, band in enumerate(bands)
-        ),
+        *(ByteField(f"Fnu_{band}", 37 + 9 * k, 45 + 9 * k, unit="Jy") for k, band in enumerate(bands)),
+        *(ByteField(f"q_Fnu_{band}", 73 + k, 73 + k, "whole", largest=3) for k, band in enumerate(bands)),
+        *(ByteField(f"e_Fnu_{band}", 81 + 3 * k, 83 + 3 * k, "whole", unit="%") for k, band in enumerate(bands)),
         ByteField("Var", 117, 118, "whole", unit="%"),
         ByteField("Confuse", 120, 120, "text"),
     )

@@ -3,40 +3,35 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from warpsim.errors import InputError
-from warpsim.sky.catalog_columns import (
-    J2000_JYEAR,
-    NUMBER_UNITS,
-    checked_columns,
-    flag_column,
-    warn_left_out,
-)
-from warpsim.sky.catalog_table import check_flux_columns
-from warpsim.sky.readers import akari, allwise, gaia, hipparcos, iras, msx, twomass
-from warpsim.sky.readers.generic import arrays_of_columns, check_columns, is_own, own_columns
+from warpsim.sky.catalog_columns import NUMBER_UNITS, StarColumns, checked_columns, warn_left_out
+from warpsim.sky.photometric_bands import check_flux_columns, flag_column
+from warpsim.sky.readers import infrared, near_infrared, visible
 from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
-from warpsim.sky.readers.survey import Survey, SurveyStars
-from warpsim.sky.star_columns import StarColumns
-from warpsim.tables.file_table import FileTable
+from warpsim.sky.readers.own_table import arrays_of_columns, check_columns, is_own, own_columns
+from warpsim.sky.readers.survey import Survey
+from warpsim.sky.space_motion import J2000_JYEAR
+from warpsim.tables.columns import ColumnTable
 from warpsim.tables.read_table import read_table
 
+T = TypeVar("T")
+
 SURVEYS: Mapping[str, Survey] = {
-    survey.name: survey for module in (msx, iras, akari, allwise, hipparcos, gaia, twomass) for survey in module.SURVEYS
+    survey.name: survey for module in (infrared, near_infrared, visible) for survey in module.SURVEYS
 }
 """Surveys known, by the name that the argument `format` takes."""
 
 
-@dataclass(frozen=True)
-class StarsOfFile:
-    """What a catalog file says, and what is still to be done to its stars."""
+class StarsOfFile(NamedTuple):
+    """Content of a catalog file, and what is still to be done to its stars."""
 
     columns: StarColumns
     """Filled, unless a table flags its fluxes and says of none that it was filled in."""
@@ -55,17 +50,7 @@ def read_stars(
     columns: Mapping[str, str] | None = None,
     readme: str | PathLike[str] | None = None,
 ) -> StarsOfFile:
-    """Read a catalog file; see StarCatalog.read().
-
-    Args:
-        path: File name.
-        format: Name of a survey, or of a kind of file; None tells both by the content.
-        columns: For a custom table: its column by warpsim's name for it.
-        readme: ReadMe of a CDS file.
-
-    Raises:
-        InputError: One line, beginning with the file's name.
-    """
+    """Read a catalog file as StarCatalog.read() describes it; errors are one line and begin with the file's name."""
     try:
         where = fspath(path)
     except TypeError:
@@ -96,28 +81,27 @@ def read_stars(
         raise error.of(where) from None
 
 
-def _survey_of(table: FileTable) -> Survey:
-    """The survey whose columns a table has; of several, the one that asks for most."""
+def _survey_of(table: ColumnTable) -> Survey:
+    """Return the survey whose columns a table has; of several, the one that asks for most."""
     if table.layout is not None:
         return SURVEYS[table.layout]
     fitting = [survey for survey in SURVEYS.values() if survey.fits(table)]
-    if not fitting:
-        known = ", ".join(SURVEYS)
-        found = ", ".join(table.table.colnames)
-        for survey in SURVEYS.values():
-            missing = [names for names in survey.needs if table.find(*names) is None]
-            # One letter alone ("A" of the MSX catalogs) does not tell a survey.
-            telling = len(table.find(*survey.needs[0]) or "") > 2
-            if telling and 2 * len(missing) <= len(survey.needs):
-                needed = ", ".join(" or ".join(names) for names in missing)
-                rule = f"looks like {survey.name}, which must have the column {needed}"
-                raise InputError(rule, value=found, form="s")
-        named = "ra_deg, dec_deg and flux_A_jy or the like (argument columns, --columns on the command line)"
-        raise InputError(f"must have the columns {named}, or those of {known}", value=found, form="s")
-    return max(fitting, key=lambda survey: len(survey.needs))
+    if fitting:
+        return max(fitting, key=lambda survey: len(survey.needs))
+    for survey in SURVEYS.values():
+        missing = [names for names in survey.needs if table.find(*names) is None]
+        # One letter alone ("A" of the MSX catalogs) does not tell a survey.
+        telling = len(table.find(*survey.needs[0]) or "") > 2
+        if telling and 2 * len(missing) <= len(survey.needs):
+            needed = ", ".join(" or ".join(names) for names in missing)
+            rule = f"looks like {survey.name}, which must have the column {needed}"
+            raise InputError(rule, value=table.names, form="s")
+    named = "ra_deg, dec_deg and flux_A_jy or the like (argument columns, --columns on the command line)"
+    rule = f"must have the columns {named}, or those of {', '.join(SURVEYS)}"
+    raise InputError(rule, value=table.names, form="s")
 
 
-def _own_stars(table: FileTable, columns: Mapping[str, str], where: str) -> StarsOfFile:
+def _own_stars(table: ColumnTable, columns: Mapping[str, str], where: str) -> StarsOfFile:
     """Stars of a custom table, at the table's epoch."""
     if table.open_end is not None:  # people write such files, archives do not
         warnings.warn(str(table.open_end.of(where)), stacklevel=4)
@@ -130,43 +114,28 @@ def _own_stars(table: FileTable, columns: Mapping[str, str], where: str) -> Star
     return StarsOfFile(replace(checked, filled=filled), checked.epoch_jyear, is_own=True)
 
 
-def _survey_stars(table: FileTable, survey: Survey, where: str) -> StarsOfFile:
+def _survey_stars(table: ColumnTable, survey: Survey, where: str) -> StarsOfFile:
     """Stars of a survey's table, to be moved to J2000."""
     if table.open_end is not None:
         raise table.open_end
     for names in survey.needs:
         if table.find(*names) is None:
-            found = ", ".join(table.table.colnames)
             rule = f"must have the column {' or '.join(names)} of {survey.name}"
-            raise InputError(rule, value=found, form="s")
-    stars: SurveyStars = _rows_read(table, lambda: survey.convert(table))
-    notes = list(stars.notes)
+            raise InputError(rule, value=table.names, form="s")
+    stars = _rows_read(table, lambda: survey.convert(table))
+    arrays = vars(stars)
+    notes = list(arrays.pop("notes"))
     if stars.epoch_jyear != J2000_JYEAR:
         moves = stars.pm_ra_mas_yr is not None and stars.pm_dec_mas_yr is not None
         moved = "carried to J2000" if moves else "taken for those of J2000: there are no proper motions"
         notes.append(f"places of {stars.epoch_jyear:g} {moved}")
-    arrays = {
-        "ra_deg": stars.ra_deg,
-        "dec_deg": stars.dec_deg,
-        "flux_jy": stars.flux_jy,
-        "flux_flag": stars.flux_flag,
-        "pm_ra_mas_yr": stars.pm_ra_mas_yr,
-        "pm_dec_mas_yr": stars.pm_dec_mas_yr,
-        "parallax_mas": stars.parallax_mas,
-        "temperature_k": stars.temperature_k,
-        "luminosity": stars.luminosity,
-        "quality": stars.quality,
-        "id": stars.id,
-        "limit_jy": stars.limit_jy,
-        "epoch_jyear": stars.epoch_jyear,
-        "provenance": "; ".join([f"{survey.title}, {survey.reference}", *notes]),
-    }
+    arrays["provenance"] = "; ".join([f"{survey.title}, {survey.reference}", *notes])
     checked = _checked(table, arrays, where, f"{survey.name} ({Path(where).name})")
     return StarsOfFile(replace(checked, filled=True), J2000_JYEAR)
 
 
 def _checked(
-    table: FileTable, arrays: dict[str, Any], where: str, name: str, columns: Mapping[str, str] | None = None
+    table: ColumnTable, arrays: dict[str, Any], where: str, name: str, columns: Mapping[str, str] | None = None
 ) -> StarColumns:
     """Columns of the rows that have finite coordinates; a warning names the others.
 
@@ -177,8 +146,8 @@ def _checked(
     if len(rows) < len(placed):
         lost = np.flatnonzero(~placed)
         lines = table.line_of_row
-        unit, places = ("rows", lost) if lines is None else ("lines", lines[lost])
-        warn_left_out(where, len(placed), unit, places.tolist())
+        unit, numbers = ("rows", lost) if lines is None else ("lines", lines[lost])
+        warn_left_out(where, len(placed), unit, numbers.tolist())
 
     if arrays.get("id") is None:
         arrays["id"] = np.arange(1, len(placed) + 1)  # of the file's rows, whichever of them stay
@@ -189,17 +158,17 @@ def _checked(
         return values[rows] if isinstance(values, np.ndarray) else values
 
     arguments = {key: kept(values) for key, values in arrays.items()}
-    numbers = {key: arguments.pop(key, None) for key in NUMBER_UNITS}
+    columns_of_numbers = {key: arguments.pop(key, None) for key in NUMBER_UNITS}
     try:
-        return checked_columns(numbers, **arguments, name=name)
+        return checked_columns(columns_of_numbers, **arguments, name=name)
     except InputError as error:
         own_name = (columns or {}).get(error.field, error.field)
         named = error if own_name == error.field else error.of(f"column {own_name}")
         raise table.located(named, rows) from None
 
 
-def _rows_read(table: FileTable, read: Any) -> Any:
-    """What `read` returns; its errors say on which line of the file a row is."""
+def _rows_read(table: ColumnTable, read: Callable[[], T]) -> T:
+    """Result of `read`, whose errors say on which line of the file a row is."""
     try:
         return read()
     except InputError as error:

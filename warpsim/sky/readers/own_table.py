@@ -1,4 +1,4 @@
-"""A table of one's own: which of its columns holds what, in which unit."""
+"""A custom table: which of its columns holds what, in which unit."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from typing import Any
 import numpy as np
 
 from warpsim.errors import InputError
-from warpsim.sky.catalog_columns import (
-    COLOUR,
-    J2000_JYEAR,
-    NUMBER_UNITS,
+from warpsim.sky.catalog_columns import COLOUR, NUMBER_UNITS
+from warpsim.sky.photometric_bands import (
+    brightness_columns,
     flag_column,
     flux_column,
+    flux_of_colour_jy,
+    flux_of_magnitude_jy,
     limit_column,
     magnitude_column,
+    photometric_bands,
 )
-from warpsim.sky.catalog_table import brightness_columns, flux_of_colour_jy, flux_of_magnitude_jy
-from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.sky.readers.angles import angle_deg, has_parts, place_deg
-from warpsim.sky.readers.photometry import real_colours, real_magnitudes
-from warpsim.tables.columns import plain_name
-from warpsim.tables.file_table import FileTable
+from warpsim.sky.readers.survey import real_colours, real_magnitudes
+from warpsim.sky.space_motion import J2000_JYEAR
+from warpsim.tables.columns import ColumnTable, plain_name
 
 _ANGLES = ("ra_deg", "dec_deg")
 _OTHERS = (COLOUR, "id", "spectral_type", "epoch_jyear")
@@ -42,7 +42,7 @@ def _brightnesses() -> tuple[str, ...]:
     return tuple(name(band) for name in (flux_column, magnitude_column) for band in photometric_bands())
 
 
-def own_columns(table: FileTable) -> dict[str, str]:
+def own_columns(table: ColumnTable) -> dict[str, str]:
     """The table's columns that go by warpsim's names, whatever their case, and one of B-V."""
     names = {name.lower(): name for name in reversed(table.table.colnames)}
     names |= {name: name for name in table.table.colnames}  # spelled just so
@@ -52,14 +52,14 @@ def own_columns(table: FileTable) -> dict[str, str]:
     return found if b_v is None else {**found, COLOUR: b_v}
 
 
-def is_own(columns: Mapping[str, str], table: FileTable) -> bool:
-    """Whether columns hold places (in one column each, or in the CDS's parts) and a brightness."""
+def is_own(columns: Mapping[str, str], table: ColumnTable) -> bool:
+    """Return whether columns hold positions (in one column each, or in the CDS's parts) and a brightness."""
     in_parts = has_parts(table) and not columns.keys() & set(_ANGLES)
     has_place = in_parts or all(name in columns for name in _ANGLES)
     return has_place and not columns.keys().isdisjoint(_brightnesses())
 
 
-def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
+def check_columns(columns: Any, table: ColumnTable) -> dict[str, str]:
     """The argument `columns`, with the table's own spelling of its columns, and what goes by warpsim's names already.
 
     A column may be followed by its unit, "F8 [mJy]", where the file does not state one.
@@ -70,7 +70,6 @@ def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
     """
     if not isinstance(columns, Mapping):
         raise InputError(f"must be a mapping such as {{'ra_deg': 'RAJ2000'}}, got {type(columns).__name__}", "columns")
-    found = ", ".join(table.table.colnames)
     checked: dict[str, str] = {}
     for given, column in columns.items():
         name = COLOUR if given == "B-V" else given
@@ -79,7 +78,7 @@ def check_columns(columns: Any, table: FileTable) -> dict[str, str]:
             raise InputError(f"{hint}must be of {_SHORT}", "columns", name)
         own_name = _own_name(table, str(column))
         if own_name is None:
-            raise InputError(f"must be a column of the file ({found})", value=column).of(name).within("columns")
+            raise InputError(f"must be a column of the file ({table.names})", value=column).of(name).within("columns")
         if name in _ANGLES and plain_name(own_name) in ("rah", "ded", "decd") and has_parts(table):
             rule = (
                 f"{own_name} is one of RAh, RAm, RAs, DE-, DEd, DEm, DEs; leave ra_deg and dec_deg out, and places are "
@@ -111,7 +110,7 @@ def _names_of(band: str) -> set[str]:
     return {flux_column(band), magnitude_column(band), flag_column(band), limit_column(band)}
 
 
-def _own_name(table: FileTable, column: str) -> str | None:
+def _own_name(table: ColumnTable, column: str) -> str | None:
     """The table's spelling of a column, given as "F8" or with a unit as "F8 [mJy]"; None if it has no such column."""
     own_name = column if column in table.table.colnames else table.find(column)
     with_unit = re.fullmatch(r"(.*\S)\s*\[(.+)\]", column)
@@ -132,18 +131,11 @@ def _own_name(table: FileTable, column: str) -> str | None:
     return own_name
 
 
-def arrays_of_columns(table: FileTable, columns: Mapping[str, str]) -> dict[str, Any]:
-    """Arguments of StarCatalog.from_arrays from a table's columns.
+def arrays_of_columns(table: ColumnTable, columns: Mapping[str, str]) -> dict[str, Any]:
+    """Arguments of StarCatalog.from_arrays from a table's columns, by warpsim's names for them.
 
     Units of columns are converted; a column without one is in the unit of warpsim's name for it. Right ascension and
     declination may be sexagesimal text.
-
-    Args:
-        table: The file's table; its meta may hold epoch_jyear, name and provenance.
-        columns: Name of the table's column by warpsim's name.
-
-    Raises:
-        InputError: A column holds no numbers, or is in a unit that does not convert; or a band has flux and magnitude.
     """
     meta = {str(key).lower(): value for key, value in table.table.meta.items()}  # FITS turns keys to capitals
     arrays: dict[str, Any] = {"flux_jy": {}, "flux_flag": {}, "limit_jy": {}}
@@ -178,7 +170,7 @@ def arrays_of_columns(table: FileTable, columns: Mapping[str, str]) -> dict[str,
     }
 
 
-def _epoch_jyear(table: FileTable, column: str) -> float:
+def _epoch_jyear(table: ColumnTable, column: str) -> float:
     """The one epoch of a column."""
     epochs = np.unique(table.number(column))
     if len(epochs) > 1 or np.isnan(epochs).any():

@@ -1,0 +1,208 @@
+"""Surveys in the visible: Hipparcos (1997, and its new reduction of 2007) and Gaia (DR2 and DR3)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.errors import InputError
+from warpsim.sky.readers.angles import Pair, angle_deg, epoch_of_place, place_deg
+from warpsim.sky.readers.survey import (
+    FAIR,
+    Place,
+    Survey,
+    band_flux_jy,
+    count_note,
+    predicted_quality,
+    real_colours,
+    real_magnitudes,
+)
+from warpsim.sky.stellar_templates import GIANT, colour, colour_temperature_k
+from warpsim.sky.visible_stars import SAME_TEMPERATURE, by_gaia, by_hipparcos, gaia_bp_rp_mag, hipparcos_v_mag
+from warpsim.tables.columns import ColumnTable
+
+Array = NDArray[np.float64]
+
+HIPPARCOS_EPOCH_JYEAR = 1991.25
+COOL_GIANT_K = 4000.0
+REDDEST_B_MINUS_V_MAG = 1.45
+"""Beyond, B-V says nothing of a star's temperature."""
+
+_HIPPARCOS_PLACES: tuple[Pair, ...] = (
+    ("RA_ICRS", "DE_ICRS"),
+    ("RAdeg", "DEdeg"),
+    ("RArad", "DErad"),
+    ("RAhms", "DEdms"),
+    ("ra", "dec"),
+    ("RAJ2000", "DEJ2000"),
+)
+
+
+def _place_1997(table: ColumnTable) -> Place:
+    ra_deg, dec_deg, ra_name = place_deg(table, *_HIPPARCOS_PLACES)
+    if epoch_of_place(ra_name, HIPPARCOS_EPOCH_JYEAR) == HIPPARCOS_EPOCH_JYEAR:
+        # 263 stars without a solution have a rough place only, of the same epoch, in sexagesimal text.
+        unsolved = np.isnan(ra_deg)
+        ra_deg = np.where(unsolved, angle_deg(table, "RAhms", hours=True), ra_deg)
+        dec_deg = np.where(unsolved, angle_deg(table, "DEdms"), dec_deg)
+    return ra_deg, dec_deg, ra_name
+
+
+def _place_2007(table: ColumnTable) -> Place:
+    """Position by RArad and DErad: VizieR exports degrees under these names, and CSV loses the unit."""
+    in_degrees = np.any(np.abs(table.number("DErad")) > math.pi / 2.0) or np.any(
+        np.abs(table.number("RArad")) > 2.0 * math.pi
+    )
+    return place_deg(table, *_HIPPARCOS_PLACES, radians=not in_degrees)
+
+
+def _hipparcos_1997(table: ColumnTable) -> dict[str, Any]:
+    b_minus_v, v_minus_i = table.number("B-V", unit="mag"), table.number("V-I", unit="mag")
+    return _hipparcos(table, table.number("Vmag", unit="mag"), b_minus_v, v_minus_i)
+
+
+def _hipparcos_2007(table: ColumnTable) -> dict[str, Any]:
+    b_minus_v, v_minus_i = (table.number(name, unit="mag", null=(0.0,)) for name in ("B-V", "V-I"))
+    v_mag = hipparcos_v_mag(table.number("Hpmag", unit="mag"), v_minus_i, b_minus_v)  # V is not in the table
+    return _hipparcos(table, v_mag, b_minus_v, v_minus_i)
+
+
+def _hipparcos(table: ColumnTable, v_mag: Array, b_minus_v: Array, v_minus_i: Array) -> dict[str, Any]:
+    """Hp and V, and B and Ic by the colours."""
+    b_minus_v, v_minus_i = real_colours(b_minus_v), real_colours(v_minus_i)
+    hp_mag = real_magnitudes(table.number("Hpmag", unit="mag"))
+    parallax_mas = table.number("Plx", unit="mas")
+    motion = table.number("pmRA", unit="mas / yr"), table.number("pmDE", unit="mas / yr")
+    seen = by_hipparcos(hp_mag, v_minus_i, b_minus_v, parallax_mas, np.hypot(*motion))
+    by_v_i = colour_temperature_k(v_minus_i, "V-I", seen.luminosity)
+    by_b_v = colour_temperature_k(b_minus_v, "B-V", seen.luminosity)
+    guessed = (seen.temperature_k != by_v_i) & ~np.isnan(by_v_i)  # V-I of faint red dwarfs
+    # V-I as listed is bluer than V-Ic by 0.03 to 0.1 mag, of M giants more: the template that has it on average tells
+    # V-Ic.
+    v_minus_ic = np.where(np.isnan(by_v_i) | guessed, np.nan, colour("V", "Ic", seen.luminosity, by_v_i))
+    magnitudes = {"Hp": hp_mag, "V": real_magnitudes(v_mag), "B": v_mag + b_minus_v, "Ic": v_mag - v_minus_ic}
+    has_b_v, has_v_i = ~np.isnan(b_minus_v), ~np.isnan(v_minus_i)
+    has_flux = np.any(~np.isnan(list(magnitudes.values())), axis=0)
+    # B-V of cool giants says nothing.
+    cool_giant = (seen.luminosity == GIANT) & (by_v_i < COOL_GIANT_K)
+    differ = (np.abs(by_b_v / by_v_i - 1.0) > SAME_TEMPERATURE) & ~cool_giant
+    doubtful = guessed | differ | (~has_v_i & (b_minus_v > REDDEST_B_MINUS_V_MAG))
+    return {
+        "flux_jy": {band: band_flux_jy(band, values) for band, values in magnitudes.items()},
+        "pm_ra_mas_yr": motion[0],
+        "pm_dec_mas_yr": motion[1],
+        "parallax_mas": parallax_mas,
+        "temperature_k": seen.temperature_k,
+        "luminosity": seen.luminosity,
+        "quality": predicted_quality(has_flux, has_b_v | has_v_i, doubtful),
+        "notes": (
+            *count_note(guessed, "have a guessed V-I: temperature from the absolute magnitude"),
+            *count_note(has_flux & has_b_v & ~has_v_i, "have B-V as their only colour"),
+            *count_note(has_flux & ~has_b_v & ~has_v_i, "have no colour"),
+            *count_note(~has_flux, "have no magnitude, so no flux"),
+        ),
+    }
+
+
+GAIA_EPOCH_JYEAR = 2016.0
+"""Of DR3 and EDR3."""
+
+GAIA_DR2_EPOCH_JYEAR = 2015.5
+SATURATED_G_MAG = 3.5
+"""Gaia's magnitudes of brighter stars are saturated."""
+
+_G, _BP, _RP = ("phot_g_mean_mag", "Gmag"), ("phot_bp_mean_mag", "BPmag"), ("phot_rp_mean_mag", "RPmag")
+_BP_RP = ("bp_rp", "BP-RP")
+_GAIA_PLACES: tuple[Pair, ...] = (("ra", "dec"), ("RA_ICRS", "DE_ICRS"), ("RAJ2000", "DEJ2000"))
+
+
+def _gaia(table: ColumnTable) -> dict[str, Any]:
+    g_mag = table.needed(*_G, unit="mag")
+    bp_mag, rp_mag = (real_magnitudes(table.number(*names, unit="mag")) for names in (_BP, _RP))
+    from_colour = np.isnan(bp_mag) | np.isnan(rp_mag)
+    by_colour = gaia_bp_rp_mag(real_magnitudes(g_mag), real_colours(table.number(*_BP_RP, unit="mag")))
+    magnitudes = {
+        "G": real_magnitudes(g_mag),
+        "BP": np.where(from_colour, by_colour[0], bp_mag),
+        "RP": np.where(from_colour, by_colour[1], rp_mag),
+    }
+    bp_rp_mag = magnitudes["BP"] - magnitudes["RP"]
+    has_colour, has_flux = ~np.isnan(bp_rp_mag), np.any(~np.isnan(list(magnitudes.values())), axis=0)
+    parallax_mas = table.number("parallax", "Plx", unit="mas")
+    motion = table.number("pmra", unit="mas / yr"), table.number("pmdec", "pmDE", unit="mas / yr")
+    seen = by_gaia(magnitudes["G"], bp_rp_mag, parallax_mas, np.hypot(*motion), np.nan)
+    doubtful = (g_mag <= SATURATED_G_MAG) | (seen.quality != FAIR)
+    # Else nothing but the newest release's habit says the epoch.
+    stated = table.find("ref_epoch", "Epoch", "designation", "DR3Name", "DR2Name") or table.table.meta
+    assumed = () if stated else (f"reference epoch {GAIA_EPOCH_JYEAR:g} assumed, that of DR3",)
+    return {
+        "flux_jy": {band: band_flux_jy(band, values) for band, values in magnitudes.items()},
+        "pm_ra_mas_yr": motion[0],
+        "pm_dec_mas_yr": motion[1],
+        "parallax_mas": parallax_mas,
+        "temperature_k": seen.temperature_k,
+        "luminosity": seen.luminosity,
+        "quality": predicted_quality(has_flux, has_colour, doubtful),
+        "notes": (
+            *assumed,
+            *count_note(has_flux & from_colour & has_colour, "have no BP or RP: from G and BP-RP"),
+            *count_note(has_flux & ~has_colour, "have no BP-RP, so no colour"),
+            *count_note(~has_flux, "have no G, BP or RP, so no flux"),
+        ),
+    }
+
+
+def _gaia_epoch_jyear(table: ColumnTable) -> float:
+    """Reference epoch: the table's own, else that of the release it says it is from, else that of DR3."""
+    name = table.find("ref_epoch", "Epoch")
+    if name is not None:
+        epochs = np.unique(table.number(name))
+        epochs = epochs[~np.isnan(epochs)]
+        if len(epochs) > 1:
+            raise InputError(f"must be the same in all rows, got {epochs[0]:g} and {epochs[-1]:g}", name)
+        if len(epochs) == 1:
+            return float(epochs[0])
+    names = table.text("designation", "DR2Name")
+    described = " ".join(str(value) for value in table.table.meta.values())
+    from_dr2 = (len(names) > 0 and names[0].startswith("Gaia DR2")) or "I/345" in described or "I_345" in described
+    return GAIA_DR2_EPOCH_JYEAR if from_dr2 else GAIA_EPOCH_JYEAR
+
+
+SURVEYS = (
+    Survey(
+        name="hipparcos",
+        title="Hipparcos catalogue",
+        reference="I/239 (ESA 1997, SP-1200)",
+        needs=(("HIP",), ("Hpmag",), ("Vmag",)),
+        light=_hipparcos_1997,
+        epoch_jyear=HIPPARCOS_EPOCH_JYEAR,
+        place=_place_1997,
+        id_columns=("HIP",),
+        id_prefix="HIP ",
+    ),
+    Survey(
+        name="hipparcos-2",
+        title="Hipparcos, the new reduction",
+        reference="I/311 (van Leeuwen 2007, A&A 474, 653)",
+        needs=(("HIP",), ("Hpmag",), ("RArad", "e_RArad", "Sn")),
+        light=_hipparcos_2007,
+        epoch_jyear=HIPPARCOS_EPOCH_JYEAR,
+        place=_place_2007,
+        id_columns=("HIP",),
+        id_prefix="HIP ",
+    ),
+    Survey(
+        name="gaia",
+        title="Gaia",
+        reference="Gaia Collaboration: DR2 I/345, DR3 I/355 (2023, A&A 674, A1)",
+        needs=(_G, (*_BP_RP, *_BP)),
+        light=_gaia,
+        epoch_jyear=_gaia_epoch_jyear,
+        place=lambda table: place_deg(table, *_GAIA_PLACES),
+        id_columns=("designation", "DR3Name", "DR2Name", "source_id", "Source"),
+        id_prefix="Gaia ",
+    ),
+)
