@@ -75,7 +75,7 @@ def test_metadata(wheel):
     assert "Requires-Python: >=3.11" in metadata
     core = [line for line in metadata.splitlines() if line.startswith("Requires-Dist:") and "extra ==" not in line]
     packages = {line.split()[1].split(">")[0].lower() for line in core}
-    assert packages == {"numpy", "warp-lang", "astropy", "skyfield", "sgp4", "openimageio", "pydantic"}
+    assert packages == {"numpy", "warp-lang", "astropy", "skyfield", "sgp4", "openimageio", "pydantic", "scipy"}
 
 
 def test_kernels_import_only_warp():
