@@ -24,7 +24,7 @@ from warpsim_kernels.strips import n_flag
 import warpsim as ws
 from benchmarks.deposit_variants import VARIANTS, Variant, draw_by_error_functions
 from benchmarks.psf_oracle import pixel_fraction
-from warpsim.optics.psf_bank import psf_bank, stamp_rule
+from warpsim.optics.psf_bank import PsfBank, stamp_rule
 from warpsim.optics.tables import TableAccuracy
 from warpsim.render.device import rows_per_block
 from warpsim.render.device_scene import paths_struct
@@ -73,7 +73,7 @@ class Drawing:
     def __init__(self, psf: Any, accuracy: TableAccuracy | None, xy_px: Any, rule: Any, path_px: Any = None) -> None:
         n = len(xy_px)
         self.device = device = rule.cut_w_cm2.device
-        self.bank = psf_bank([psf], device, 1.0, accuracy)
+        self.bank = PsfBank([psf], device, 1.0, accuracy)
         self.rule = rule
         self.sources = [
             wp.array([n], dtype=wp.int32, device=device),

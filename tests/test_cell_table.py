@@ -15,7 +15,7 @@ from warpsim.optics.cell_table import BLOCK_PX, MOST_CELLS, cell_bytes, cell_tab
 from warpsim.optics.flow import pixel_fractions
 from warpsim.optics.image_table import spline_of
 from warpsim.optics.pattern import FIRST_DARK_RING, AiryPattern
-from warpsim.optics.psf_bank import psf_bank, stamp_rule
+from warpsim.optics.psf_bank import PsfBank, stamp_rule
 from warpsim.optics.tables import TableAccuracy, cheapest_layout, fitted_nodes, polynomials
 
 SEED = 141421
@@ -32,7 +32,7 @@ def images_of(psf, accuracy, xy, device, aspect=1.0, cut=1e-9):
         wp.array(np.ones((n, 1, 1)), dtype=wp.float32, device=device),
     ]
     signal = wp.zeros((n, 1, *SHAPE), dtype=wp.float32, device=device)
-    bank = psf_bank([psf], wp.get_device(device), aspect, accuracy)
+    bank = PsfBank([psf], wp.get_device(device), aspect, accuracy)
     bank.deposit(sources, stamp_rule([0.0], cut, device), SHAPE[0], signal).run()
     return signal.numpy()[:, 0]
 
@@ -159,7 +159,7 @@ def test_single_pixels_are_those_of_the_stamp(layout):
     """Bit for bit on the CPU, on both sides of the reach; the kernel for blocks of threads reads pixels one by one."""
     psf, cut = ws.PsfAiry(1.5), 1e-7
     accuracy = TableAccuracy(1e-4, layout.n_point or None, layout.degree)
-    bank, rule = psf_bank([psf], "cpu", 1.0, accuracy), stamp_rule([0.0], cut, "cpu")
+    bank, rule = PsfBank([psf], "cpu", 1.0, accuracy), stamp_rule([0.0], cut, "cpu")
     xy = hard_and_random_positions(20, np.random.default_rng(SEED))
     for position, expected in zip(xy, images_of(psf, accuracy, xy, "cpu", cut=cut), strict=True):
         image = wp.zeros(SHAPE, dtype=wp.float32, device="cpu")

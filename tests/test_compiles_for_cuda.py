@@ -12,6 +12,7 @@ from warpsim_kernels.detector import ReadOutFeatures
 from warpsim_kernels.psf import TABLE_POINTS
 from warpsim_kernels.signature import Features
 from warpsim_kernels.spots import gaussian_spots, table_spots
+from warpsim_kernels.stamp_light import gaussian_light, table_light
 from warpsim_kernels.stars import StarFeatures
 from warpsim_kernels.table_layout import CELL_DEGREES, TableLayout
 
@@ -43,8 +44,11 @@ FACTORY_ARGUMENTS = {
     "make_query_cone_kernel": [(wp.vec3d,), (wp.vec3f,)],
     "make_deposit_gaussian_kernel": [(False,), (True,)],
     "make_deposit_table_kernel": [*((layout, False) for layout in LAYOUTS), (NODES, True), (LAYOUTS[0], True)],
-    "make_gaussian_light_kernel": [(False,), (True,)],
-    "make_table_light_kernel": [(NODES, False), (NODES, True), (LAYOUTS[1], False), (LAYOUTS[1], True)],
+    "make_light_kernel": [
+        (light, streaks)
+        for light in (gaussian_light(), table_light(NODES), table_light(LAYOUTS[1]))
+        for streaks in (False, True)
+    ],
     "make_half_read_out": [],  # functions of the kernels below
     "make_noise_keys": [],
     "make_counts_of_pairs": [],

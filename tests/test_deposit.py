@@ -10,7 +10,7 @@ from scipy import special
 from streak_oracles import airy_streak, axis_fractions
 
 import warpsim as ws
-from warpsim.optics.psf_bank import psf_bank, stamp_rule
+from warpsim.optics.psf_bank import PsfBank, stamp_rule
 
 SEED = 314159
 N_PHASE = 12_500  # per sigma; 1e5 over the eight
@@ -83,7 +83,7 @@ def one_source_images(xy_px, psf, shape, device, cut_fraction):
     ]
     signal = wp.zeros((n, 1, *shape), dtype=wp.float32, device=device)
     rule = stamp_rule([0.0], cut_fraction, device)
-    psf_bank([psf], wp.get_device(device)).deposit(sources, rule, shape[0], signal).run()
+    PsfBank([psf], wp.get_device(device)).deposit(sources, rule, shape[0], signal).run()
     return signal.numpy()[:, 0].astype(np.float64)
 
 
@@ -176,7 +176,7 @@ def drawn(xy_px, irradiance_w_cm2, psf, shape, device, rule):
         wp.array(np.asarray(irradiance_w_cm2)[None, None], dtype=wp.float32, device=device),
     ]
     signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=device)
-    psf_bank([psf], wp.get_device(device)).deposit(sources, rule, shape[0], signal).run()
+    PsfBank([psf], wp.get_device(device)).deposit(sources, rule, shape[0], signal).run()
     return signal.numpy()[0, 0].astype(np.float64)
 
 
@@ -188,7 +188,7 @@ def reported(xy_px, psf, device, rule):
         wp.array(np.asarray(xy_px)[None], dtype=wp.vec2d, device=device),
         wp.array(np.ones((1, 1, n)), dtype=wp.float32, device=device),
     ]
-    psf_bank([psf], wp.get_device(device)).measure_stamps(lists, rule, [peak, stamp])
+    PsfBank([psf], wp.get_device(device)).measure_stamps(lists, rule, [peak, stamp])
     return peak.numpy().ravel(), stamp.numpy().ravel()
 
 
@@ -304,7 +304,7 @@ def test_each_band_has_its_own_cut(device):
     ]
     signal = wp.zeros((1, 2, 24, 32), dtype=wp.float32, device=device)
     cuts = [1e-18, 1e-21]
-    psf_bank([psf, psf], wp.get_device(device)).deposit(sources, stamp_rule(cuts, 0.0, device), 24, signal).run()
+    PsfBank([psf, psf], wp.get_device(device)).deposit(sources, stamp_rule(cuts, 0.0, device), 24, signal).run()
     for image, cut in zip(signal.numpy()[0], cuts, strict=True):
         (expected,) = one_source_images(xy, psf, (24, 32), device, cut / 1e-15)
         np.testing.assert_allclose(image, 1e-15 * expected, rtol=1e-6, atol=0)
@@ -391,7 +391,7 @@ def test_row_blocks_do_not_change_a_bit(device, psf, n_row_per_block):
     images = []
     for n_row in (SHAPE[0], n_row_per_block):
         signal = wp.full((1, 1, *SHAPE), 7.0, dtype=wp.float32, device=device)  # must be overwritten
-        psf_bank([psf], wp.get_device(device)).deposit(sources, stamp_rule([0.0], 1e-6, device), n_row, signal).run()
+        PsfBank([psf], wp.get_device(device)).deposit(sources, stamp_rule([0.0], 1e-6, device), n_row, signal).run()
         images.append(signal.numpy())
     np.testing.assert_array_equal(images[1], images[0])
 

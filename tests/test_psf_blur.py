@@ -10,7 +10,7 @@ from psf_oracles import FIRST_DARK_RING, converged_airy_fraction, fractions_by_s
 import warpsim as ws
 from warpsim.errors import InputError
 from warpsim.optics.epsf_table import POINTS, table_fraction
-from warpsim.optics.psf_bank import psf_bank, stamp_rule
+from warpsim.optics.psf_bank import PsfBank, stamp_rule
 from warpsim.optics.tables import TableAccuracy, epsf_table
 
 CLOSURE_ATOL = 1e-5
@@ -161,7 +161,7 @@ def test_device_and_twin_agree(device, n_point, aspect):
     ]
     signal = wp.zeros((n, 1, 30, 40), dtype=wp.float32, device=device)
     rule = stamp_rule([0.0], 1e-9, device)
-    psf_bank([psf], wp.get_device(device), aspect, accuracy).deposit(sources, rule, 30, signal).run()
+    PsfBank([psf], wp.get_device(device), aspect, accuracy).deposit(sources, rule, 30, signal).run()
     dx = np.arange(40) - xy[:, 0, None, None]
     dy = np.arange(30)[:, None] - xy[:, 1, None, None]
     np.testing.assert_allclose(signal.numpy()[:, 0], table_fraction(table, dx, dy), rtol=0, atol=DEVICE_ATOL)
@@ -171,7 +171,7 @@ def test_device_and_twin_agree(device, n_point, aspect):
 def test_stamps_leave_out_what_the_rule_allows(device):
     """Pixels that a blurred, stretched pattern's stamp leaves out hold no more than the cut."""
     psf, aspect, cut = ws.PsfAiry(0.4, 0.3, 1.0), 0.6, 1e-4
-    bank = psf_bank([psf], wp.get_device(device), aspect)
+    bank = PsfBank([psf], wp.get_device(device), aspect)
     xy = np.array([[30.3, 50.6]])
     sources = [
         wp.array([1], dtype=wp.int32, device=device),

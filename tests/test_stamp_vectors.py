@@ -11,7 +11,7 @@ from warpsim_kernels.psf import TABLE_SIMD_WIDTH, natural_log
 from warpsim_kernels.strips import STRIP_PIXELS, flags_of_image, n_flag
 
 import warpsim as ws
-from warpsim.optics.psf_bank import psf_bank, stamp_rule
+from warpsim.optics.psf_bank import PsfBank, stamp_rule
 from warpsim.optics.table_upload import axis_table, by_block
 from warpsim.optics.tables import epsf_table
 
@@ -36,7 +36,7 @@ def sources_of(xy_px, flux, device):
 def drawn(xy_px, flux, psf, shape, device, rule, n_row_per_block=None, touched=None):
     """Image of one view and band by the kernels' own interface."""
     signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=device)
-    bank = psf_bank([psf], wp.get_device(device))
+    bank = PsfBank([psf], wp.get_device(device))
     bank.deposit(sources_of(xy_px, flux, device), rule, n_row_per_block or shape[0], signal, touched=touched).run()
     return signal.numpy()[0, 0]
 
@@ -47,7 +47,7 @@ def test_a_launch_keeps_the_tables_of_its_bank(device, psf):
     """Others may take the memory of what is held no more."""
     xy, rule, shape = [[7.3, 8.1]], stamp_rule([0.0], 1e-4, device), (16, 17)
     expected = drawn(xy, [1.0], psf, shape, device, rule)
-    bank = psf_bank([psf], wp.get_device(device))
+    bank = PsfBank([psf], wp.get_device(device))
     tables = [value for value in vars(bank).values() if isinstance(value, wp.array)]
     sizes = [table.size * wp.types.type_size_in_bytes(table.dtype) for table in tables]
     signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=device)
@@ -165,7 +165,7 @@ def test_flags_of_many_images(device):
     ]
     signal = wp.zeros((n_view, 2, *shape), dtype=wp.float32, device=device)
     touched = wp.zeros((n_view, 2, n_flag(shape[0] * shape[1])), dtype=wp.uint8, device=device)
-    bank = psf_bank([ws.PsfGaussian(0.5)] * 2, wp.get_device(device))
+    bank = PsfBank([ws.PsfGaussian(0.5)] * 2, wp.get_device(device))
     launch = bank.deposit(sources, stamp_rule([0.0, 0.0], 1e-3, device), shape[0], signal, touched=touched)
     for _ in range(2):
         launch.run()

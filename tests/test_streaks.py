@@ -9,7 +9,7 @@ from warpsim_kernels.paths import Paths
 
 import warpsim as ws
 from warpsim.optics.pattern import annular_transfer
-from warpsim.optics.psf_bank import psf_bank, stamp_rule
+from warpsim.optics.psf_bank import PsfBank, stamp_rule
 from warpsim.optics.streak_rules import LONGEST_STREAK, sharpness
 from warpsim.optics.tables import epsf_table
 
@@ -64,7 +64,7 @@ def sources_of(xy_px, flux, device):
 def draw(xy_px, flux, psf, shape, device, rule, paths=None, n_row_per_block=None, aspect=1.0):
     """The kernels' own interface: one image."""
     signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=device)
-    bank = psf_bank([psf], wp.get_device(device), aspect)
+    bank = PsfBank([psf], wp.get_device(device), aspect)
     bank.deposit(sources_of(xy_px, flux, device), rule, n_row_per_block or shape[0], signal, paths).run()
     return signal.numpy()[0, 0]
 
@@ -72,7 +72,7 @@ def draw(xy_px, flux, psf, shape, device, rule, paths=None, n_row_per_block=None
 def fractions(xy_px, flux, psf, device, rule, paths=None, aspect=1.0):
     """Peak and stamp fractions."""
     outputs = [wp.empty((1, 1, len(xy_px)), dtype=wp.float32, device=device) for _ in range(2)]
-    bank = psf_bank([psf], wp.get_device(device), aspect)
+    bank = PsfBank([psf], wp.get_device(device), aspect)
     bank.measure_stamps(sources_of(xy_px, flux, device)[1:], rule, outputs, paths)
     return [array.numpy().ravel() for array in outputs]
 
@@ -336,7 +336,7 @@ def test_fractions_and_sizes_on_pixels_that_are_not_square(device, psf, aspect, 
     assert stamp[0] == pytest.approx(image.sum(dtype=np.float64), rel=0, abs=CLOSURE_ATOL)
     half = wp.zeros((1, 1), dtype=wp.int32, device=device)
     light = wp.ones((1, 1), dtype=wp.float32, device=device)
-    psf_bank([psf], wp.get_device(device), aspect).size_stamps(light, rule, half)
+    PsfBank([psf], wp.get_device(device), aspect).size_stamps(light, rule, half)
     margin = int(half.numpy()[0, 0])
     for position in ([-0.5 - margin - 1e-6, 20.0], [20.0, 300.5 + margin + 1e-6]):
         assert not draw([position], [1.0], psf, shape, device, rule, aspect=aspect).any()

@@ -2,10 +2,12 @@
 
 import functools
 import math
+from typing import Any, NamedTuple
 
 import warp as wp
 
-from warpsim_kernels.deposit_gaussian import gaussian_blur
+from warpsim_kernels.deposit_gaussian import GaussianTables, gaussian_blur
+from warpsim_kernels.deposit_table import pattern_tables
 from warpsim_kernels.paths import Paths
 from warpsim_kernels.psf import (
     TABLE_SIMD_WIDTH,
@@ -42,71 +44,59 @@ GAUSS_WEIGHT = wp.constant(wp.vec4(0.17392742256872693, 0.32607257743127307, 0.3
 """Gauss-Legendre rule on [0, 1]."""
 
 
-@wp.func
-def gaussian_fraction(dx_px: wp.float64, dy_px: wp.float64, sigma_px: wp.vec2) -> wp.float64:
-    """Fraction of the pixel at an offset from the source."""
-    return wp.float64(gaussian_pixel_fraction(dx_px, sigma_px[0])) * wp.float64(
-        gaussian_pixel_fraction(dy_px, sigma_px[1])
-    )
+class LightFunctions(NamedTuple):
+    """Functions that sum the light of sources of one family of point spread functions."""
 
+    Tables: Any
+    """Struct: the functions of all bands."""
 
-@wp.func
-def gaussian_stamp_fraction(xy_px: wp.vec2d, sigma_px: wp.vec2, reach_px: float) -> wp.float64:
-    """Fraction of a source's light in its stamp, row by row."""
-    half = wp.float64(0.5)
-    stamp = stamp_around(xy_px, reach_px, sigma_px[0] / sigma_px[1], whole_plane())
-    total = wp.float64(0.0)
-    for row in range(stamp.window.first_row, stamp.window.end_row):
-        columns = columns_of_row(stamp, row)
-        left = gaussian_edge(wp.float64(columns[0]) - half - xy_px[0], sigma_px[0])
-        right = gaussian_edge(wp.float64(columns[1]) - half - xy_px[0], sigma_px[0])
-        row_fraction = gaussian_pixel_fraction(wp.float64(row) - xy_px[1], sigma_px[1])
-        total += wp.float64(row_fraction) * wp.float64(fraction_between(left, right))
-    return total
+    reach_of: Any
+    """(tables, band: int, cut: float) -> reach of the stamp [px]."""
+
+    blur_of: Any
+    """(tables, band: int) -> Blur."""
+
+    pixel_fraction: Any
+    """(tables, band: int, xy_px, column: int, row: int) -> fraction of a pixel of a source."""
+
+    stamp_fraction: Any
+    """(tables, band: int, xy_px, reach_px: float) -> fraction of a source's light in its stamp."""
 
 
 @functools.cache
-def make_gaussian_light_kernel(streaks: bool) -> wp.Kernel:
-    """Kernel for Gaussian images; without streaks it looks at no paths."""
+def gaussian_light() -> LightFunctions:
+    """Functions of Gaussians."""
 
-    @wp.kernel(module="unique", enable_backward=False)
-    def gaussian_light_kernel(
-        # in
-        source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
-        source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
-        sigma_px: wp.array[wp.vec2],  # (n_band,)
-        rule: StampRule,
-        paths: Paths,
-        rules: StreakRules,
-        # out
-        peak_fraction: wp.array3d[float],  # (n_view, n_band, n_source) fraction of the pixel that xy_px lies in
-        stamp_fraction: wp.array3d[float],  # (n_view, n_band, n_source) fraction inside the whole stamp
-    ):
-        view, band, slot = wp.tid()
-        sigma = sigma_px[band]
-        xy_px = source_xy_px[view, slot]
-        cut = stamp_cut(source_irradiance_w_cm2[view, band, slot], band, rule)
-        reach_px = gaussian_reach_px(sigma, cut)
-        column = wp.float64(nearest_pixel(xy_px[0]))
-        row = wp.float64(nearest_pixel(xy_px[1]))
-        peak = wp.float64(0.0)
+    @wp.func
+    def reach_of(tables: GaussianTables, band: int, cut: float) -> float:
+        return gaussian_reach_px(tables.psfs[band].sigma_px, cut)
+
+    @wp.func
+    def blur_of(tables: GaussianTables, band: int) -> Blur:
+        return gaussian_blur(tables.psfs[band].sigma_px)
+
+    @wp.func
+    def pixel_fraction(tables: GaussianTables, band: int, xy_px: wp.vec2d, column: int, row: int) -> wp.float64:
+        sigma_px = tables.psfs[band].sigma_px
+        across = gaussian_pixel_fraction(wp.float64(column) - xy_px[0], sigma_px[0])
+        return wp.float64(across) * wp.float64(gaussian_pixel_fraction(wp.float64(row) - xy_px[1], sigma_px[1]))
+
+    @wp.func
+    def stamp_fraction(tables: GaussianTables, band: int, xy_px: wp.vec2d, reach_px: float) -> wp.float64:
+        """Row by row."""
+        half = wp.float64(0.5)
+        sigma_px = tables.psfs[band].sigma_px
+        stamp = stamp_around(xy_px, reach_px, sigma_px[0] / sigma_px[1], whole_plane())
         total = wp.float64(0.0)
-        if wp.static(streaks):
-            source = source_of(view, band, slot, xy_px, 1.0)
-            streak = streak_of(paths, source, wp.max(cut, rule.streak_error), NO_LIMIT, gaussian_blur(sigma), rules)
-            for panel in range(streak.n_panel):
-                for node in range(streak.count):
-                    moment = moment_of(paths, source, streak, panel, node, rules)
-                    weight = wp.float64(moment.irradiance_w_cm2)
-                    peak += weight * gaussian_fraction(column - moment.xy_px[0], row - moment.xy_px[1], sigma)
-                    total += weight * gaussian_stamp_fraction(moment.xy_px, sigma, reach_px)
-        else:
-            peak = gaussian_fraction(column - xy_px[0], row - xy_px[1], sigma)
-            total = gaussian_stamp_fraction(xy_px, sigma, reach_px)
-        peak_fraction[view, band, slot] = float(peak)
-        stamp_fraction[view, band, slot] = float(total)
+        for row in range(stamp.window.first_row, stamp.window.end_row):
+            columns = columns_of_row(stamp, row)
+            left = gaussian_edge(wp.float64(columns[0]) - half - xy_px[0], sigma_px[0])
+            right = gaussian_edge(wp.float64(columns[1]) - half - xy_px[0], sigma_px[0])
+            row_fraction = gaussian_pixel_fraction(wp.float64(row) - xy_px[1], sigma_px[1])
+            total += wp.float64(row_fraction) * wp.float64(fraction_between(left, right))
+        return total
 
-    return gaussian_light_kernel
+    return LightFunctions(GaussianTables, reach_of, blur_of, pixel_fraction, stamp_fraction)
 
 
 @wp.func
@@ -141,14 +131,22 @@ def core_of(psf: TablePsf, stamp: Stamp) -> Window:
 
 
 @functools.cache
-def make_table_light_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
-    """Kernel for tabulated images; without streaks it looks at no paths."""
-    read = layout_functions(layout)
+def table_light(layout: TableLayout) -> LightFunctions:
+    """Functions of patterns, by tables of a layout."""
+    read, Tables = layout_functions(layout), pattern_tables(layout)
     Nodes, offset_in, row_in, pixel_fractions = read.Nodes, read.offset_in, read.row_in, read.fractions
 
     @wp.func
-    def table_fraction(nodes: wp.array[Nodes], psf: TablePsf, xy_px: wp.vec2d, column: int, row: int) -> wp.float64:
-        """Fraction of a pixel of a source."""
+    def reach_of(tables: Tables, band: int, cut: float) -> float:
+        return table_reach_px(tables.table, tables.psfs[band], cut)
+
+    @wp.func
+    def blur_of(tables: Tables, band: int) -> Blur:
+        return tables.blurs[band]
+
+    @wp.func
+    def pixel_fraction(tables: Tables, band: int, xy_px: wp.vec2d, column: int, row: int) -> wp.float64:
+        psf = tables.psfs[band]
         own_column = nearest_pixel(xy_px[0])
         own_row = nearest_pixel(xy_px[1])
         offset = offset_in(wp.float64(own_column) - xy_px[0], wp.float64(own_row) - xy_px[1], psf)
@@ -157,7 +155,7 @@ def make_table_light_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
         if in_row.first < 0 or step < offset.first_step or step >= offset.end_step:
             return wp.float64(table_wing(psf, offset.dx_px + float(step), in_row.distance_px))
         block = (psf.zero_pixel + step) // psf.block_px
-        found = pixel_fractions(nodes, psf, offset, in_row, block)
+        found = pixel_fractions(tables.nodes, psf, offset, in_row, block)
         return wp.float64(found[psf.zero_pixel + step - block * psf.block_px])
 
     @wp.func
@@ -187,11 +185,12 @@ def make_table_light_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
         return total
 
     @wp.func
-    def table_stamp_fraction(nodes: wp.array[Nodes], psf: TablePsf, xy_px: wp.vec2d, reach_px: float) -> wp.float64:
-        """Fraction of a source's light in its stamp: pixel by pixel within the table, then by rows, then as a ring."""
+    def stamp_fraction(tables: Tables, band: int, xy_px: wp.vec2d, reach_px: float) -> wp.float64:
+        """Pixel by pixel within the table, then by rows, then as a ring."""
+        psf = tables.psfs[band]
         stamp = stamp_around(xy_px, wp.min(reach_px, N_ROW), psf.pixel_aspect, whole_plane())
         core = core_of(psf, stamp)
-        total = core_fraction(nodes, psf, xy_px, stamp, core)
+        total = core_fraction(tables.nodes, psf, xy_px, stamp, core)
         if psf.wing_px3 == 0.0:
             return total
         for row in range(stamp.window.first_row, stamp.window.end_row):
@@ -211,44 +210,49 @@ def make_table_light_kernel(layout: TableLayout, streaks: bool) -> wp.Kernel:
             total += wp.float64(ring)
         return total
 
+    return LightFunctions(Tables, reach_of, blur_of, pixel_fraction, stamp_fraction)
+
+
+@functools.cache
+def make_light_kernel(light: LightFunctions, streaks: bool) -> wp.Kernel:
+    """Kernel for one family; without streaks it looks at no paths."""
+    Tables, reach_of, blur_of, pixel_fraction, stamp_fraction = light
+
     @wp.kernel(module="unique", enable_backward=False)
-    def table_light_kernel(
+    def light_kernel(
         # in
         source_xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot)
         source_irradiance_w_cm2: wp.array3d[float],  # (n_view, n_band, n_slot)
-        psfs: wp.array[TablePsf],  # (n_band,)
-        blurs: wp.array[Blur],  # (n_band,)
-        table: wp.array[float],  # pixel fractions and envelopes of all bands, flat
-        nodes: wp.array[Nodes],  # the same, with a vector from every float on
+        tables: Tables,
         rule: StampRule,
         paths: Paths,
         rules: StreakRules,
         # out
         peak_fraction: wp.array3d[float],  # (n_view, n_band, n_source) fraction of the pixel that xy_px lies in
-        stamp_fraction: wp.array3d[float],  # (n_view, n_band, n_source) fraction inside the whole stamp
+        total_fraction: wp.array3d[float],  # (n_view, n_band, n_source) fraction inside the whole stamp
     ):
         view, band, slot = wp.tid()
-        psf = psfs[band]
         xy_px = source_xy_px[view, slot]
         cut = stamp_cut(source_irradiance_w_cm2[view, band, slot], band, rule)
-        reach_px = table_reach_px(table, psf, cut)
+        reach_px = reach_of(tables, band, cut)
         column = nearest_pixel(xy_px[0])
         row = nearest_pixel(xy_px[1])
         peak = wp.float64(0.0)
         total = wp.float64(0.0)
         if wp.static(streaks):
             source = source_of(view, band, slot, xy_px, 1.0)
-            streak = streak_of(paths, source, wp.max(cut, rule.streak_error), NO_LIMIT, blurs[band], rules)
+            error = wp.max(cut, rule.streak_error)
+            streak = streak_of(paths, source, error, NO_LIMIT, blur_of(tables, band), rules)
             for panel in range(streak.n_panel):
                 for node in range(streak.count):
                     moment = moment_of(paths, source, streak, panel, node, rules)
                     weight = wp.float64(moment.irradiance_w_cm2)
-                    peak += weight * table_fraction(nodes, psf, moment.xy_px, column, row)
-                    total += weight * table_stamp_fraction(nodes, psf, moment.xy_px, reach_px)
+                    peak += weight * pixel_fraction(tables, band, moment.xy_px, column, row)
+                    total += weight * stamp_fraction(tables, band, moment.xy_px, reach_px)
         else:
-            peak = table_fraction(nodes, psf, xy_px, column, row)
-            total = table_stamp_fraction(nodes, psf, xy_px, reach_px)
+            peak = pixel_fraction(tables, band, xy_px, column, row)
+            total = stamp_fraction(tables, band, xy_px, reach_px)
         peak_fraction[view, band, slot] = float(peak)
-        stamp_fraction[view, band, slot] = float(total)
+        total_fraction[view, band, slot] = float(total)
 
-    return table_light_kernel
+    return light_kernel

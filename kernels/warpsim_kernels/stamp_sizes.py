@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from warpsim_kernels.deposit_gaussian import GaussianPsf
 from warpsim_kernels.psf import TablePsf, gaussian_reach_px, table_reach_px
 from warpsim_kernels.stamps import StampRule, stamp_cut
 
@@ -16,14 +17,14 @@ def half_width_of(reach_px: float, aspect: float) -> int:
 def size_gaussian_stamps_kernel(
     # in
     irradiance_w_cm2: wp.array2d[float],  # (n_band, n_source)
-    sigma_px: wp.array[wp.vec2],  # (n_band,)
+    psfs: wp.array[GaussianPsf],  # (n_band,)
     rule: StampRule,
     # out
     half_width_px: wp.array2d[wp.int32],  # (n_band, n_source)
 ):
     """Half-widths of Gaussian stamps."""
     band, source = wp.tid()
-    sigma = sigma_px[band]
+    sigma = psfs[band].sigma_px
     reach_px = gaussian_reach_px(sigma, stamp_cut(irradiance_w_cm2[band, source], band, rule))
     half_width_px[band, source] = half_width_of(reach_px, sigma[0] / sigma[1])
 

@@ -1,25 +1,25 @@
-"""Point spread functions on a device: one per band, with the launches that use them."""
+"""Point spread functions on a device, with the launches that use them, and the rule of their stamps."""
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import warp as wp
 from warpsim_kernels.canvas import canvas_functions
 from warpsim_kernels.deposit_gaussian import GAUSSIAN_SIMD_WIDTH, GaussianTables, make_deposit_gaussian_kernel
 from warpsim_kernels.deposit_table import make_deposit_table_kernel, pattern_tables
 from warpsim_kernels.paths import Paths
-from warpsim_kernels.psf import TABLE_SIMD_WIDTH
 from warpsim_kernels.psf_cells import layout_functions
 from warpsim_kernels.records import Sources
 from warpsim_kernels.spots import SpotFunctions, gaussian_spots, table_spots
-from warpsim_kernels.stamp_light import make_gaussian_light_kernel, make_table_light_kernel
+from warpsim_kernels.stamp_light import gaussian_light, make_light_kernel, table_light
 from warpsim_kernels.stamp_sizes import size_gaussian_stamps_kernel, size_table_stamps_kernel
 from warpsim_kernels.stamps import StampRule
 from warpsim_kernels.streaks import Blur, StreakRules
 from warpsim_kernels.strips import n_flag
+from warpsim_kernels.table_layout import TABLE_SIMD_WIDTH, TableLayout
 
 from warpsim.launches import Launch
 from warpsim.optics.psf import Psf, PsfGaussian, check_one_family
@@ -31,12 +31,61 @@ SMALLEST_STAMP_CUT = 1e-15
 """Stamps never grow beyond where a pixel holds this fraction of a source's light."""
 
 
-class PsfBank(Protocol):
-    """The point spread functions of all bands, all of one family."""
+class PsfBank:
+    """The point spread functions of all bands on a device, and the launches that use them.
+
+    Args:
+        psfs: One for each band, all of one family.
+        device: Where they are put.
+        pixel_aspect: Height of a pixel over its width; lengths of the functions count in widths.
+        accuracy: Of the tables of patterns.
+
+    Raises:
+        InputError: Gaussians and others mix, or a table would be too large.
+    """
+
+    def __init__(
+        self, psfs: Sequence[Psf], device: Any, pixel_aspect: float = 1.0, accuracy: TableAccuracy | None = None
+    ) -> None:
+        check_one_family(psfs)
+        patterns = [psf for psf in psfs if not isinstance(psf, PsfGaussian)]
+        self._layout: TableLayout | None = None  # None: Gaussians
+        if patterns:
+            self._layout, tables = drawn_tables(patterns, pixel_aspect, accuracy or TableAccuracy())
+            self._psf, self._floats = upload_tables(tables, device)
+            self._blur = wp.array([_blur(psf, pixel_aspect) for psf in patterns], dtype=Blur, device=device)
+        else:
+            gaussians = [psf for psf in psfs if isinstance(psf, PsfGaussian)]
+            sigma_px = [(psf.sigma_px, psf.sigma_px / pixel_aspect) for psf in gaussians]
+            self._psf, self._floats = upload_gaussians(sigma_px, device)
+
+    @property
+    def tables(self) -> Any:
+        """The kernels' struct of the functions of all bands."""
+        tables: Any
+        if self._layout is None:
+            tables = GaussianTables()
+            tables.psfs, tables.fractions = self._psf, overlapping(self._floats, GAUSSIAN_SIMD_WIDTH)
+            return tables
+        tables = pattern_tables(self._layout)()
+        tables.psfs, tables.blurs, tables.table = self._psf, self._blur, self._floats
+        tables.nodes = overlapping(self._floats, len(layout_functions(self._layout).Nodes()))
+        return tables
+
+    @property
+    def spots(self) -> SpotFunctions:
+        """The kernels' functions that draw single pixels from those tables."""
+        return gaussian_spots() if self._layout is None else table_spots(self._layout)
+
+    def deposit_kernel(self, moving: bool) -> wp.Kernel:
+        """Return the kernel that `deposit` launches, with or without movement during the exposure."""
+        if self._layout is None:
+            return make_deposit_gaussian_kernel(moving)
+        return make_deposit_table_kernel(self._layout, moving)
 
     def deposit(
         self,
-        sources: list[wp.array],
+        sources: Sequence[wp.array],
         rule: Any,
         n_row_per_block: int,
         signal_w_cm2: wp.array,
@@ -53,20 +102,26 @@ class PsfBank(Protocol):
             paths: The kernels' Paths, how sources move and change during the exposure; None: they do not.
             touched: Flags, shape (n_view, n_band, n_flag), of strips: set to 1 where light was added.
         """
-
-    def deposit_kernel(self, moving: bool) -> wp.Kernel:
-        """Return the kernel that `deposit` launches, with or without movement during the exposure."""
-
-    @property
-    def tables(self) -> Any:
-        """The kernels' struct of the functions of all bands."""
-
-    @property
-    def spots(self) -> SpotFunctions:
-        """The kernels' functions that draw single pixels from those tables."""
+        n_view, n_band, n_row, n_col = signal_w_cm2.shape
+        device, simd_width = signal_w_cm2.device, GAUSSIAN_SIMD_WIDTH if self._layout is None else TABLE_SIMD_WIDTH
+        if touched is None:
+            touched = wp.empty((n_view, n_band, n_flag(n_row * n_col)), dtype=wp.uint8, device=device)
+        lists: Any = Sources()
+        lists.n_source, lists.xy_px, lists.irradiance_w_cm2 = sources
+        images: Any = canvas_functions(simd_width).Images()
+        images.pixels = signal_w_cm2.flatten()
+        images.vectors, images.touched = overlapping(images.pixels, simd_width), touched.flatten()
+        images.n_row, images.n_col, images.n_row_per_block = n_row, n_col, n_row_per_block
+        inputs = [lists, self.tables, rule, *_movement(paths, device)]
+        dim = (n_view, n_band, -(-n_row // n_row_per_block))
+        return Launch(self.deposit_kernel(paths is not None), dim, inputs, [images], device)
 
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
         """Half-width of the stamp of each source; both arrays (n_band, n_source)."""
+        if self._layout is None:
+            _launch(size_gaussian_stamps_kernel, [irradiance_w_cm2, self._psf, rule], [half_width_px])
+        else:
+            _launch(size_table_stamps_kernel, [irradiance_w_cm2, self._psf, self._floats, rule], [half_width_px])
 
     def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array], paths: Any = None) -> None:
         """Fractions of a source's light in its own pixel and in its whole stamp, for the first sources of each view.
@@ -76,133 +131,20 @@ class PsfBank(Protocol):
         Args:
             sources: xy_px (n_view, n_slot), irradiance_w_cm2 (n_view, n_band, n_slot).
             rule: StampRule.
-            outputs: peak_fraction, stamp_fraction, each (n_view, n_band, n_source).
+            outputs: peak_fraction, total_fraction, each (n_view, n_band, n_source).
             paths: As in deposit.
         """
+        light = gaussian_light() if self._layout is None else table_light(self._layout)
+        inputs = [*sources, self.tables, rule, *_movement(paths, outputs[0].device)]
+        _launch(make_light_kernel(light, paths is not None), inputs, outputs)
 
     def of_band(self, band: int) -> PsfBank:
-        """The bank of one of the bands alone, with the same tables."""
-
-
-class GaussianBank:
-    """Gaussians.
-
-    Args:
-        psfs: One for each band.
-        device: Where they are put.
-        pixel_aspect: Height of a pixel over its width; sigma counts in widths.
-    """
-
-    def __init__(self, psfs: Sequence[PsfGaussian], device: Any, pixel_aspect: float = 1.0) -> None:
-        sigma_px = [(psf.sigma_px, psf.sigma_px / pixel_aspect) for psf in psfs]
-        self._sigma_px = wp.array(sigma_px, dtype=wp.vec2, device=device)
-        self._psf, self._fractions = upload_gaussians(sigma_px, device)
-
-    def deposit(
-        self,
-        sources: list[wp.array],
-        rule: Any,
-        n_row_per_block: int,
-        signal_w_cm2: wp.array,
-        paths: Any = None,
-        touched: wp.array | None = None,
-    ) -> Launch:
-        """See PsfBank."""
-        inputs = [_lists(sources), self.tables, rule, *_movement(paths, signal_w_cm2.device)]
-        kernel = self.deposit_kernel(paths is not None)
-        return _deposit(kernel, inputs, GAUSSIAN_SIMD_WIDTH, n_row_per_block, signal_w_cm2, touched)
-
-    def deposit_kernel(self, moving: bool) -> wp.Kernel:
-        """See PsfBank."""
-        return make_deposit_gaussian_kernel(moving)
-
-    @property
-    def tables(self) -> Any:
-        """See PsfBank."""
-        tables: Any = GaussianTables()
-        tables.psfs, tables.fractions = self._psf, overlapping(self._fractions, GAUSSIAN_SIMD_WIDTH)
-        return tables
-
-    @property
-    def spots(self) -> SpotFunctions:
-        """See PsfBank."""
-        return gaussian_spots()
-
-    def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
-        """See PsfBank."""
-        _launch(size_gaussian_stamps_kernel, [irradiance_w_cm2, self._sigma_px, rule], [half_width_px])
-
-    def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array], paths: Any = None) -> None:
-        """See PsfBank."""
-        kernel = make_gaussian_light_kernel(paths is not None)
-        _launch(kernel, [*sources, self._sigma_px, rule, *_movement(paths, outputs[0].device)], outputs)
-
-    def of_band(self, band: int) -> PsfBank:
-        """See PsfBank."""
+        """Return the bank of one of the bands alone, with the same tables."""
         bank = copy.copy(self)
-        bank._psf, bank._sigma_px = self._psf[band : band + 1], self._sigma_px[band : band + 1]
+        bank._psf = self._psf[band : band + 1]
+        if self._layout is not None:
+            bank._blur = self._blur[band : band + 1]
         return bank
-
-
-class TableBank:
-    """Patterns as tables of pixel fractions."""
-
-    def __init__(self, psfs: Sequence[TabulatedPsf], device: Any, pixel_aspect: float, accuracy: TableAccuracy) -> None:
-        layout, tables = drawn_tables(psfs, pixel_aspect, accuracy)
-        self._psf, self._table = upload_tables(tables, device)
-        self._blur = wp.array([_blur(psf, pixel_aspect) for psf in psfs], dtype=Blur, device=device)
-        self._layout = layout
-
-    def deposit(
-        self,
-        sources: list[wp.array],
-        rule: Any,
-        n_row_per_block: int,
-        signal_w_cm2: wp.array,
-        paths: Any = None,
-        touched: wp.array | None = None,
-    ) -> Launch:
-        """See PsfBank."""
-        inputs = [_lists(sources), self.tables, rule, *_movement(paths, signal_w_cm2.device)]
-        kernel = self.deposit_kernel(paths is not None)
-        return _deposit(kernel, inputs, TABLE_SIMD_WIDTH, n_row_per_block, signal_w_cm2, touched)
-
-    def deposit_kernel(self, moving: bool) -> wp.Kernel:
-        """See PsfBank."""
-        return make_deposit_table_kernel(self._layout, moving)
-
-    @property
-    def tables(self) -> Any:
-        """See PsfBank."""
-        tables: Any = pattern_tables(self._layout)()
-        tables.psfs, tables.blurs, tables.table = self._psf, self._blur, self._table
-        tables.nodes = self._nodes()
-        return tables
-
-    @property
-    def spots(self) -> SpotFunctions:
-        """See PsfBank."""
-        return table_spots(self._layout)
-
-    def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
-        """See PsfBank."""
-        _launch(size_table_stamps_kernel, [irradiance_w_cm2, self._psf, self._table, rule], [half_width_px])
-
-    def measure_stamps(self, sources: list[wp.array], rule: Any, outputs: list[wp.array], paths: Any = None) -> None:
-        """See PsfBank."""
-        kernel = make_table_light_kernel(self._layout, paths is not None)
-        tables = [self._psf, self._blur, self._table, self._nodes()]
-        inputs = [*sources, *tables, rule, *_movement(paths, outputs[0].device)]
-        _launch(kernel, inputs, outputs)
-
-    def of_band(self, band: int) -> PsfBank:
-        """See PsfBank."""
-        bank = copy.copy(self)
-        bank._psf, bank._blur = self._psf[band : band + 1], self._blur[band : band + 1]
-        return bank
-
-    def _nodes(self) -> wp.array:
-        return overlapping(self._table, len(layout_functions(self._layout).Nodes()))
 
 
 def _blur(psf: TabulatedPsf, pixel_aspect: float) -> Any:
@@ -210,28 +152,6 @@ def _blur(psf: TabulatedPsf, pixel_aspect: float) -> Any:
     blur.width_px, blur.band_limit_per_px = sharpness(psf)
     blur.aspect = pixel_aspect
     return blur
-
-
-def psf_bank(
-    psfs: Sequence[Psf], device: Any, pixel_aspect: float = 1.0, accuracy: TableAccuracy | None = None
-) -> PsfBank:
-    """Upload the point spread functions of all bands.
-
-    Args:
-        psfs: One for each band.
-        device: Where they are used.
-        pixel_aspect: Height of a pixel over its width.
-        accuracy: Of tables.
-
-    Raises:
-        InputError: Gaussians and others mix, or a table would be too large.
-    """
-    check_one_family(psfs)
-    gaussians = [psf for psf in psfs if isinstance(psf, PsfGaussian)]
-    if gaussians:
-        return GaussianBank(gaussians, device, pixel_aspect)
-    tabulated = [psf for psf in psfs if not isinstance(psf, PsfGaussian)]
-    return TableBank(tabulated, device, pixel_aspect, accuracy or TableAccuracy())
 
 
 def stamp_rule(cut_w_cm2: Sequence[float], cut_fraction: float, device: Any, streak_error: float = STREAK_ERROR) -> Any:
@@ -259,34 +179,9 @@ def rule_of_band(rule: Any, band: int) -> Any:
     return one
 
 
-def _deposit(
-    kernel: wp.Kernel,
-    inputs: list[Any],
-    simd_width: int,
-    n_row_per_block: int,
-    signal: wp.array,
-    touched: wp.array | None,
-) -> Launch:
-    n_view, n_band, n_row, n_col = signal.shape
-    if touched is None:
-        touched = wp.empty((n_view, n_band, n_flag(n_row * n_col)), dtype=wp.uint8, device=signal.device)
-    images: Any = canvas_functions(simd_width).Images()
-    images.pixels = signal.flatten()
-    images.vectors, images.touched = overlapping(images.pixels, simd_width), touched.flatten()
-    images.n_row, images.n_col, images.n_row_per_block = n_row, n_col, n_row_per_block
-    return Launch(kernel, (n_view, n_band, -(-n_row // n_row_per_block)), inputs, [images], signal.device)
-
-
 def _movement(paths: Any, device: wp.Device) -> tuple[Any, Any]:
     """Paths and StreakRules of a kernel; empty where nothing moves, as the rules take 0.1 s to find."""
     return (Paths(), StreakRules()) if paths is None else (paths, streak_rules(device))
-
-
-def _lists(sources: Sequence[wp.array]) -> Any:
-    """Number, position and light of sources as the kernels' struct."""
-    lists: Any = Sources()
-    lists.n_source, lists.xy_px, lists.irradiance_w_cm2 = sources
-    return lists
 
 
 def _launch(kernel: wp.Kernel, inputs: list[Any], outputs: list[wp.array]) -> None:

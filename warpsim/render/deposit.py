@@ -12,7 +12,7 @@ from warpsim_kernels.paths import Paths
 from warpsim.errors import InputError
 from warpsim.launches import to_numpy
 from warpsim.optics.psf import Psf
-from warpsim.optics.psf_bank import psf_bank, stamp_rule
+from warpsim.optics.psf_bank import PsfBank, stamp_rule
 from warpsim.optics.tables import ERROR_RANGE, TableAccuracy
 from warpsim.render.device import default_device, rows_per_block
 
@@ -70,7 +70,7 @@ def deposit(
     rule = stamp_rule([0.0], flux_error, where, 0.5 * flux_error)
     paths = None if movement_px is None and brightness is None else _paths(moves, changes, where)
     accuracy = TableAccuracy(float(np.clip(0.5 * flux_error, *ERROR_RANGE)))
-    bank, n_row = psf_bank([psf], where, accuracy=accuracy), rows_per_block(where, shape[0])
+    bank, n_row = PsfBank([psf], where, accuracy=accuracy), rows_per_block(where, shape[0])
     bank.deposit(sources, rule, n_row, signal, paths).run()
     image = to_numpy(signal)[0, 0]
     if scale == 1.0:

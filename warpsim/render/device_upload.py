@@ -21,7 +21,7 @@ from warpsim.launches import to_numpy
 from warpsim.legendre import series_at
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf import PsfGaussian
-from warpsim.optics.psf_bank import psf_bank, stamp_rule
+from warpsim.optics.psf_bank import PsfBank, stamp_rule
 from warpsim.optics.tables import TableAccuracy, cheapest_layout
 from warpsim.render.batch import new_inputs
 from warpsim.render.buffers import new_exposure
@@ -94,7 +94,7 @@ def make_device_scene(
     # What needs no kernel comes first: Warp is still busy with its headers.
     sensor = instrument.sensor
     psfs = [instrument.psf(name) for name in bands]
-    psf = psf_bank(psfs, device, sensor.camera.pixel_aspect, table_accuracy(instrument))
+    psf = PsfBank(psfs, device, sensor.camera.pixel_aspect, table_accuracy(instrument))
     read_out = make_read_out(instrument, bands, device)
     loading = kernel_loading(device)
     loading.start(star_kernel(star_features(scenario.scene.sky, sensor), device), block_dim=star_threads(device))
