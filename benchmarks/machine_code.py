@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import warp as wp
-from warpsim_kernels.strips import N_PAIR, PAIRS_PER_BLOCK
+from warpsim_kernels.canvas import N_PAIR, PAIRS_PER_BLOCK
 
 from benchmarks.cubin import PACKAGES, Function, ToolMissingError, read_function, tool
 from benchmarks.frame_kernels import SCENES, FrameKernel, compiled, frame_kernels

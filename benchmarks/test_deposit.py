@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 import warp as wp
 from scipy.special import ndtr
-from warpsim_kernels.strips import n_flag
+from warpsim_kernels.canvas import n_flag
 
 import warpsim as ws
 from benchmarks.deposit_variants import VARIANTS, Variant, draw_by_error_functions

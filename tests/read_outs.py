@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import warp as wp
 from scipy import special, stats
-from warpsim_kernels.strips import STRIP_PIXELS, STRIPS_PER_BLOCK
+from warpsim_kernels.canvas import STRIP_PIXELS, STRIPS_PER_BLOCK
 
 from warpsim.detector.detectors import NeiDetector
 from warpsim.detector.levels import electron_levels, levels
@@ -141,7 +141,7 @@ def twin_key(frame, sensor, band, seed, purpose):
 
 
 def twin_hash(number, key, second_key):
-    """The hash of streams.py."""
+    """The hash of random_numbers.py."""
     low = np.uint64(0xFFFFFFFF)
     x = (number * (key | np.uint64(1)) + second_key) & low
     x = ((x ^ (x >> np.uint64(16))) * np.uint64(0x21F0AAAD)) & low

@@ -7,9 +7,16 @@ import pytest
 import warp as wp
 from read_outs import sensor_key
 from scipy import integrate, linalg, stats
-from warpsim_kernels import streams
-from warpsim_kernels.jitter import N_STEP, STEPS_PER_CORRELATION, STREAM_JITTER, Jitter, jitter_rad, turned_axes
-from warpsim_kernels.pointing_errors import STREAM_DRIFT
+from warpsim_kernels import random_numbers
+from warpsim_kernels.pointing_errors import (
+    N_STEP,
+    STEPS_PER_CORRELATION,
+    STREAM_DRIFT,
+    STREAM_JITTER,
+    Jitter,
+    jitter_rad,
+    turned_axes,
+)
 
 import warpsim as ws
 from warpsim.render.pointing_arrays import jitter_struct
@@ -217,7 +224,7 @@ def test_angle_and_rate_are_continuous(device):
 
 def test_streams_differ():
     """The read-out's noise and jitter share the key; the last counter word keeps them apart."""
-    numbers = [int(value) for name, value in vars(streams).items() if name.startswith("STREAM_")]
+    numbers = [int(value) for name, value in vars(random_numbers).items() if name.startswith("STREAM_")]
     numbers += [int(STREAM_JITTER), int(STREAM_DRIFT)]
     assert len(set(numbers)) == len(numbers) == 9
 

@@ -16,7 +16,7 @@ from read_outs import (
     twin_words,
 )
 from scipy import stats
-from warpsim_kernels.streams import STREAM_BAD, STREAM_GAIN, STREAM_OFFSET
+from warpsim_kernels.random_numbers import STREAM_BAD, STREAM_GAIN, STREAM_OFFSET
 
 from warpsim.detector.detectors import NeiDetector
 

@@ -5,10 +5,9 @@ import pytest
 import warp as wp
 from read_outs import N_SIGMA, N_SIGMA_TAIL
 from scipy import special, stats
-from warpsim_kernels.normal import normal_cosine, normal_radius
+from warpsim_kernels.canvas import PAIRS_PER_BLOCK
 from warpsim_kernels.poisson import SMALLEST_EXPANDED_MEAN, exp_of_minus, poisson, poisson_of_normal, searched_poisson
-from warpsim_kernels.streams import STREAM_FEW, STREAM_NOISE, hashed, stream_key
-from warpsim_kernels.strips import PAIRS_PER_BLOCK
+from warpsim_kernels.random_numbers import STREAM_FEW, STREAM_NOISE, hashed, normal_cosine, normal_radius, stream_key
 
 THRESHOLD = float(SMALLEST_EXPANDED_MEAN)
 LARGEST_W = 6.67  # of a deviate

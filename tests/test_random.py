@@ -5,16 +5,22 @@ import pytest
 import warp as wp
 from read_outs import N_SIGMA, twin_hash, twin_normals
 from scipy import stats
-from warpsim_kernels.fused import fma
-from warpsim_kernels.normal import normal_cosine, normal_radius, normal_sine
-from warpsim_kernels.philox import philox4x32
-from warpsim_kernels.streams import STREAM_NOISE, hashed, stream_key
-from warpsim_kernels.strips import PAIRS_PER_BLOCK
+from warpsim_kernels.canvas import PAIRS_PER_BLOCK
+from warpsim_kernels.random_numbers import (
+    STREAM_NOISE,
+    fma,
+    hashed,
+    normal_cosine,
+    normal_radius,
+    normal_sine,
+    philox4x32,
+    stream_key,
+)
 
 N_WORD = 1_000_000
 SEED = 20260101
 
-DEVIATE_ATOL = 2e-6  # float32 arithmetic and the short polynomials, as normal.py promises
+DEVIATE_ATOL = 2e-6  # float32 arithmetic and the short polynomials, as random_numbers.py promises
 ANGLE_ATOL = 5e-7  # of a cosine or sine: five float32 roundings and the polynomials' 5e-8; measured 2e-7
 CIRCLE_ATOL = 1e-6  # cosine^2 + sine^2 of one angle: twice the polynomials' error, which is near 2e-7
 

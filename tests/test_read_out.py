@@ -24,7 +24,7 @@ from warpsim.detector.detectors import NeiDetector
 from warpsim.render.buffers import new_signal
 
 COUNTS_RTOL = 4e-7  # six float32 roundings of 6e-8 from signal to counts: where a rounding edge may be missed
-DEVIATE_ATOL = 2e-6  # of the float32 deviates, see normal.py
+DEVIATE_ATOL = 2e-6  # of the float32 deviates, see random_numbers.py
 
 
 def histogram_of(device, n_frame):

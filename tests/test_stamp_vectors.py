@@ -7,8 +7,8 @@ import pytest
 import warp as wp
 from scipy import special
 from streak_oracles import axis_fractions
+from warpsim_kernels.canvas import STRIP_PIXELS, flags_of_image, n_flag
 from warpsim_kernels.psf import TABLE_SIMD_WIDTH, natural_log
-from warpsim_kernels.strips import STRIP_PIXELS, flags_of_image, n_flag
 
 import warpsim as ws
 from warpsim.optics.psf_bank import PsfBank, stamp_rule

@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 from scipy import special
 from streak_oracles import airy_streak, even_times, fine_times, gaussian_streak, legendre
-from warpsim_kernels.paths import Paths
+from warpsim_kernels.streaks import Paths
 
 import warpsim as ws
 from warpsim.optics.pattern import annular_transfer

@@ -10,7 +10,6 @@ import functools
 import warp as wp
 
 from warpsim_kernels.canvas import canvas_functions
-from warpsim_kernels.paths import Paths
 from warpsim_kernels.psf import gaussian_reach_px
 from warpsim_kernels.records import Sources
 from warpsim_kernels.stamps import (
@@ -22,7 +21,7 @@ from warpsim_kernels.stamps import (
     stamp_around,
     stamp_cut,
 )
-from warpsim_kernels.streaks import NO_LIMIT, Blur, StreakRules, is_streak_near, moment_of, source_of, streak_of
+from warpsim_kernels.streaks import NO_LIMIT, Blur, Paths, StreakRules, is_streak_near, moment_of, source_of, streak_of
 
 GAUSSIAN_SIMD_WIDTH = 16
 """Pixels that are drawn at a time."""

@@ -10,12 +10,12 @@ import functools
 
 import warp as wp
 
+from warpsim_kernels.canvas import N_PAIR, PAIRS_PER_BLOCK
 from warpsim_kernels.detector import Detector, ReadOutFeatures
 from warpsim_kernels.pixel_pairs import NoiseKeys, make_counts_of_pairs, make_noise_keys, mapped_functions
 from warpsim_kernels.shared_memory import address_function, element_functions, store, wait_for_block
 from warpsim_kernels.spots import SpotFunctions
 from warpsim_kernels.stamps import columns_of_row
-from warpsim_kernels.strips import N_PAIR, PAIRS_PER_BLOCK
 
 RUN_PIXELS = 8192
 """Pixels of a run; 32 KiB of light."""

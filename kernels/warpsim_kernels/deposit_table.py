@@ -6,7 +6,6 @@ from typing import Any
 import warp as wp
 
 from warpsim_kernels.canvas import canvas_functions
-from warpsim_kernels.paths import Paths
 from warpsim_kernels.psf import TABLE_SIMD_WIDTH, TablePsf, table_reach_px, table_wing
 from warpsim_kernels.psf_cells import layout_functions
 from warpsim_kernels.records import Sources
@@ -23,6 +22,7 @@ from warpsim_kernels.stamps import (
 from warpsim_kernels.streaks import (
     NO_LIMIT,
     Blur,
+    Paths,
     Source,
     Streak,
     StreakRules,

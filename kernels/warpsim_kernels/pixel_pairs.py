@@ -1,19 +1,20 @@
-"""Pixel pairs read out: light in, counts out, by the steps (pixel.py) that a detector has enabled.
+"""Pixel pairs read out: light in, counts out, by the steps (detector.py) that a detector has enabled.
 
     in NEI terms   dead -> gain -> non-linearity -> offset -> column -> hot -> noise, saturation, converter
     in electrons   light + background -> dead -> gain -> dark current -> hot -> shot noise -> well, non-linearity
                    -> read noise -> column -> converter
 
-The deviates of a pair are the cosine and the sine of one angle (normal.py); its first pixel takes the cosine.
+The deviates of a pair are the cosine and the sine of one angle (random_numbers.py); its first pixel takes the cosine.
 """
 
 import functools
 
 import warp as wp
 
-from warpsim_kernels.detector import PixelScalars, ReadOutFeatures
-from warpsim_kernels.normal import normal_cosine, normal_radius, normal_sine
-from warpsim_kernels.pixel import (
+from warpsim_kernels.canvas import N_PAIR
+from warpsim_kernels.detector import (
+    PixelScalars,
+    ReadOutFeatures,
     bent,
     clipped,
     counts_of,
@@ -27,7 +28,7 @@ from warpsim_kernels.pixel import (
     without_dead,
 )
 from warpsim_kernels.poisson import poisson, poisson_of_normal
-from warpsim_kernels.streams import (
+from warpsim_kernels.random_numbers import (
     STREAM_BAD,
     STREAM_COLUMN,
     STREAM_FEW,
@@ -37,10 +38,12 @@ from warpsim_kernels.streams import (
     STREAM_READ_NOISE,
     column_of,
     hashed,
+    normal_cosine,
+    normal_radius,
+    normal_sine,
     numbered,
     stream_key,
 )
-from warpsim_kernels.strips import N_PAIR
 
 
 @wp.func

@@ -1,7 +1,7 @@
 """Read-out: noiseless irradiance per pixel in, counts out.
 
 An image is cut into strips of neighbouring pixels, row after row, and blocks of strips, which share random keys
-(streams.py). Pixels of the first half of a strip make pairs with those of the second (pixel_pairs.py).
+(random_numbers.py). Pixels of the first half of a strip make pairs with those of the second (pixel_pairs.py).
 
 Point sources touch few strips. The stage `deposit` flags those that it adds light to; only they are read, and
 set back to 0 for the next image, so a sparse image's light stays in the cache.
@@ -11,10 +11,10 @@ import functools
 
 import warp as wp
 
+from warpsim_kernels.canvas import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK, flags_of_image
 from warpsim_kernels.detector import Detector, ReadOutFeatures
 from warpsim_kernels.pixel_pairs import make_counts_of_pairs, make_noise_keys, mapped_functions
-from warpsim_kernels.streams import numbered
-from warpsim_kernels.strips import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK, flags_of_image
+from warpsim_kernels.random_numbers import numbered
 
 
 @functools.cache

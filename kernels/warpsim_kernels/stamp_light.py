@@ -8,7 +8,6 @@ import warp as wp
 
 from warpsim_kernels.deposit_gaussian import GaussianTables, gaussian_blur
 from warpsim_kernels.deposit_table import pattern_tables
-from warpsim_kernels.paths import Paths
 from warpsim_kernels.psf import (
     TABLE_SIMD_WIDTH,
     TablePsf,
@@ -30,7 +29,7 @@ from warpsim_kernels.stamps import (
     stamp_cut,
     whole_plane,
 )
-from warpsim_kernels.streaks import NO_LIMIT, Blur, StreakRules, moment_of, source_of, streak_of
+from warpsim_kernels.streaks import NO_LIMIT, Blur, Paths, StreakRules, moment_of, source_of, streak_of
 from warpsim_kernels.table_layout import TableLayout
 
 N_CORE = wp.constant(32)

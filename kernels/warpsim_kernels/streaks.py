@@ -3,11 +3,13 @@
 A pixel's light is the mean over the exposure of brightness times the pixel fraction at the source's position. Gauss-
 Legendre nodes take that mean; how many it takes follows from the length of the streak against the width of the image,
 and from the error allowed.
+
+Over the exposure, time runs as t in [-1, 1]. Position and brightness are series of Legendre polynomials in t; a source
+that stands still at constant light has none of them.
 """
 
 import warp as wp
 
-from warpsim_kernels.paths import Paths
 from warpsim_kernels.stamps import Window, touches
 
 STEPS_PER_DECADE = wp.constant(2.0)
@@ -23,6 +25,15 @@ each wave, and a margin that grows as the cube root; measured for errors down to
 
 MOST_PANELS = wp.constant(1_000_000)
 NO_LIMIT = wp.constant(1.0e30)
+
+
+@wp.struct
+class Paths:
+    """Movement and change of brightness of a chunk's sources over the exposure; empty arrays where nothing moves."""
+
+    offset_px: wp.array3d[wp.vec2]  # (n_view, n_slot, n_path) position minus the source's xy_px: coefficients
+    brightness: wp.array4d[float]  # (n_view, n_band, n_target, n_profile) over the mean (first is 1); stars: constant
+    n_target: int  # slots before stars begin
 
 
 @wp.struct

@@ -1,7 +1,7 @@
 """Stage trace: how sources move over the focal plane while the exposure lasts.
 
-Positions are found at the Gauss-Legendre nodes of the exposure and turned into Legendre series (see paths.py). A star's
-apparent direction is that of the middle: its aberration changes by 0.006 arcsec a second at most.
+Positions are found at the Gauss-Legendre nodes of the exposure and turned into Legendre series (see streaks.py). A
+star's apparent direction is that of the middle: its aberration changes by 0.006 arcsec a second at most.
 """
 
 import functools

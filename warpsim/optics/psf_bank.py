@@ -7,18 +7,16 @@ from collections.abc import Sequence
 from typing import Any
 
 import warp as wp
-from warpsim_kernels.canvas import canvas_functions
+from warpsim_kernels.canvas import canvas_functions, n_flag
 from warpsim_kernels.deposit_gaussian import GAUSSIAN_SIMD_WIDTH, GaussianTables, make_deposit_gaussian_kernel
 from warpsim_kernels.deposit_table import make_deposit_table_kernel, pattern_tables
-from warpsim_kernels.paths import Paths
 from warpsim_kernels.psf_cells import layout_functions
 from warpsim_kernels.records import Sources
 from warpsim_kernels.spots import SpotFunctions, gaussian_spots, table_spots
 from warpsim_kernels.stamp_light import gaussian_light, make_light_kernel, table_light
 from warpsim_kernels.stamp_sizes import size_gaussian_stamps_kernel, size_table_stamps_kernel
 from warpsim_kernels.stamps import StampRule
-from warpsim_kernels.streaks import Blur, StreakRules
-from warpsim_kernels.strips import n_flag
+from warpsim_kernels.streaks import Blur, Paths, StreakRules
 from warpsim_kernels.table_layout import TABLE_SIMD_WIDTH, TableLayout
 
 from warpsim.launches import Launch

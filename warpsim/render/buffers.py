@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
+from warpsim_kernels.canvas import STRIP_PIXELS, n_flag
 from warpsim_kernels.records import Sources, View
 from warpsim_kernels.signature import N_TERM
-from warpsim_kernels.strips import STRIP_PIXELS, n_flag
 
 if TYPE_CHECKING:
     from warpsim.render.device_scene import DeviceBodies, DeviceScene

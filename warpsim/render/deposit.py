@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.paths import Paths
+from warpsim_kernels.streaks import Paths
 
 from warpsim.errors import InputError
 from warpsim.launches import to_numpy

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.paths import Paths
+from warpsim_kernels.streaks import Paths
 from warpsim_kernels.trace import Instants
 
 from warpsim.legendre import gauss_legendre, series_matrix

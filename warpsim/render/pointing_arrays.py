@@ -10,8 +10,6 @@ import numpy as np
 import warp as wp
 from warpsim_kernels.aim import AimFeatures, make_aim_kernel
 from warpsim_kernels.aim import Pointing as PointingStruct
-from warpsim_kernels.jitter import N_STEP, STEPS_PER_CORRELATION
-from warpsim_kernels.jitter import Jitter as JitterStruct
 from warpsim_kernels.pointing import (
     LAW_FIXED,
     LAW_SCAN,
@@ -22,7 +20,8 @@ from warpsim_kernels.pointing import (
     ScanRows,
 )
 from warpsim_kernels.pointing import PointingLaw as LawStruct
-from warpsim_kernels.pointing_errors import PointingError
+from warpsim_kernels.pointing_errors import N_STEP, STEPS_PER_CORRELATION, PointingError
+from warpsim_kernels.pointing_errors import Jitter as JitterStruct
 
 from warpsim.scene.camera_axes import PointingLaw
 from warpsim.scene.instrument import Instrument

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import warp as wp
+from warpsim_kernels.canvas import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK
 from warpsim_kernels.deposit_read_out import RUN_PIXELS, make_deposit_read_out_kernel
 from warpsim_kernels.emission import make_split_kernel
 from warpsim_kernels.spots import make_find_spots_kernel
-from warpsim_kernels.strips import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK
 from warpsim_kernels.trace import (
     make_reach_kernel,
     make_trace_stars_kernel,
