@@ -53,13 +53,7 @@ class Launch:
             self.outputs[number] = array
 
     def run(self, part: int = 1, whole: int = 1, stream: wp.Stream | None = None) -> None:
-        """Launch.
-
-        Args:
-            part: Views to do, the first ones.
-            whole: Views that the first axis stands for.
-            stream: On CUDA; the device's current one when left out.
-        """
+        """Launch for the first `part` of the `whole` views of the first axis; on CUDA on a stream, or the current one."""
         if self._command is None:  # of no threads
             return
         dim = (self._dim[0] // whole * part, *self._dim[1:])

@@ -45,21 +45,7 @@ N_REFINE = 6
 def airy_table(
     pattern: AiryPattern, pixel_aspect: float, error: float, n_point: int, real: type = np.float32
 ) -> EpsfTable:
-    """Build the table of an Airy pattern.
-
-    Args:
-        pattern: Pattern [px].
-        pixel_aspect: Height of a pixel over its width.
-        error: Largest error per pixel and unit flux.
-        n_point: Points per axis of the interpolation.
-        real: Of the weights and sums with which the table is read, np.float32 or np.float64.
-
-    Returns:
-        The table, with its error measured on sampled offsets; it is at most `error`.
-
-    Raises:
-        InputError: The table would be too large, or the error is too small for float32.
-    """
+    """Build the table of an Airy pattern, read with weights and sums of type `real`; its error is at most `error`."""
     flow, reach_px = _flow_and_reach_px(pattern, pixel_aspect, error)
     step_px = _step_px(pattern, pixel_aspect, error, n_point)
     for _ in range(N_REFINE):

@@ -13,14 +13,7 @@ N_ANGLE = 16
 
 
 def jinc(v: ArrayLike) -> NDArray[np.float64]:
-    """Return 2 J1(v) / v, the amplitude of a uniform circular pupil.
-
-    Args:
-        v: Arguments >= 0.
-
-    Returns:
-        Values with an absolute error below 1e-15; 1 at v = 0.
-    """
+    """Return 2 J1(v) / v, the amplitude of a uniform circular pupil, of v >= 0; good to 1e-15."""
     v = np.asarray(v, dtype=np.float64)
     near = v < ASYMPTOTIC_FROM
     value = np.empty_like(v)
@@ -62,14 +55,7 @@ N_I1_TERM = 18
 
 
 def scaled_i1_over_x(x: ArrayLike) -> NDArray[np.float64]:
-    """Return exp(-x) I1(x) / x, of the modified Bessel function.
-
-    Args:
-        x: Arguments >= 0.
-
-    Returns:
-        Values with a relative error below 1e-13; 1 / 2 at x = 0.
-    """
+    """Return exp(-x) I1(x) / x, of the modified Bessel function, of x >= 0; relative error below 1e-13."""
     x = np.asarray(x, dtype=np.float64)
     near = x < I1_ASYMPTOTIC_FROM
     value = np.empty_like(x)

@@ -119,14 +119,7 @@ def cells_for(table: EpsfTable, degree: int, error: float) -> tuple[int, int] | 
 
 
 def cell_table(table: EpsfTable, degree: int, error: float, n_cell: tuple[int, int]) -> CellTable | None:
-    """Fit polynomials to a table of nodes; None where more than MOST_CELLS would be needed.
-
-    Args:
-        table: What they are fitted to.
-        degree: Total degree, one of CELL_DEGREES.
-        error: Largest error per unit flux, that of the nodes included.
-        n_cell: Cells per pixel along rows and columns, as `cells_for` found them; more where these do not do.
-    """
+    """Fit polynomials to a table of nodes; None where more than MOST_CELLS would be needed."""
     while max(n_cell) <= MOST_CELLS:
         zero = side_pixels(table)[0], n_side_block(table) * TABLE_SIMD_WIDTH + TABLE_SIMD_WIDTH // 2
         coefficient, found = _all_fitted(table, degree, n_cell, zero)
@@ -226,14 +219,7 @@ class _Interpolation:
 
 
 def _interpolation(table: EpsfTable, axis: int, offset_px: F64, step: NDArray[np.int64]) -> _Interpolation:
-    """Return the interpolation of a table along one of its axes.
-
-    Args:
-        table: Whose nodes they are.
-        axis: 0 for rows, 1 for columns.
-        offset_px: Offsets of the source's own pixel, shape (cell, point).
-        step: Pixels from the source's own, shape (step,).
-    """
+    """Return the interpolation of a table along one of its axes."""
     offset = offset_px[:, None, :] + step[:, None]
     served = np.abs(offset[..., offset.shape[2] // 2]) < table.reach_px[axis]
     position = (np.abs(offset) if table.mirrored else offset) * table.per_px[axis] + table.zero[axis]

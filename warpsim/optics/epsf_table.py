@@ -199,11 +199,7 @@ def envelope(
 
 
 def check_size(n_row: int, n_col: int, what: str) -> None:
-    """See that a table is not too large.
-
-    Raises:
-        InputError: It is.
-    """
+    """See that a table is not too large."""
     if n_row * n_col > LARGEST_N_NODE:
         raise InputError(
             f"needs a table of {n_row} x {n_col} nodes, more than {LARGEST_N_NODE}; a larger error makes it smaller"

@@ -79,11 +79,6 @@ def blurred(flow: FlowProfile, smear_px: float, max_radius_px: float) -> FlowPro
     The radial component of the flow's convolution is, with x = r q / s^2 and I1 the modified Bessel function,
 
         r g_s(r) = int g(q) q * (q / s^2) exp(-(r^2 + q^2) / (2 s^2)) I1(x) dq.
-
-    Args:
-        flow: To be blurred; known up to max_radius_px + 7.5 smear_px and ten steps of the result.
-        smear_px: Standard deviation s [px].
-        max_radius_px: Largest radius that the result serves [px].
     """
     scale_px = max(flow.scale_px, 0.9 * smear_px)  # exp(-2 pi^2 0.9^-2) is 3e-11
     step_px = STEP * scale_px
@@ -107,11 +102,7 @@ def blurred(flow: FlowProfile, smear_px: float, max_radius_px: float) -> FlowPro
 def pixel_fractions(flow: FlowProfile, dx_px: F64, dy_px: F64, pixel_aspect: float) -> F64:
     """Return the integral of f over pixels at any offsets, by Gauss-Legendre quadrature along their four edges.
 
-    Args:
-        flow: Profile of f.
-        dx_px: Centres of the pixels along columns [px], shape (n,).
-        dy_px: Along rows [pixel heights], shape (n,).
-        pixel_aspect: Height of a pixel over its width.
+    Offsets are along columns [px] and rows [pixel heights], (n,) each.
     """
     height_px = pixel_aspect
     total = np.zeros_like(dx_px)

@@ -192,17 +192,7 @@ N_PROBE = 24
 
 
 def image_table(pattern: SplineImage, error: float, n_point: int, real: type = np.float32) -> EpsfTable:
-    """Build the table of an image.
-
-    Args:
-        pattern: The spline through the image.
-        error: Largest error per pixel and unit flux, against the spline.
-        n_point: Points per axis of the interpolation.
-        real: Of the weights and sums with which the table is read, np.float32 or np.float64.
-
-    Raises:
-        InputError: The table would be too large, or the error is too small for float32.
-    """
+    """Build the table of an image; its error, against the spline, is at most `error`."""
     step_px = _step_px(pattern, error, n_point)
     for _ in range(N_REFINE):
         table = _table(pattern, step_px, n_point)

@@ -178,10 +178,6 @@ Psf = PsfGaussian | PsfAiry | PsfTable
 
 
 def check_one_family(psfs: Sequence[Psf]) -> None:
-    """See that the point spread functions of all bands can share kernels.
-
-    Raises:
-        InputError: Gaussians and others mix.
-    """
+    """See that the point spread functions of all bands can share kernels."""
     if len({isinstance(psf, PsfGaussian) for psf in psfs}) > 1:
         raise InputError(f"must be of one family in all bands, got {', '.join(psf.kind for psf in psfs)}", "psf")

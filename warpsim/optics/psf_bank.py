@@ -153,14 +153,10 @@ def _blur(psf: TabulatedPsf, pixel_aspect: float) -> Any:
 
 
 def stamp_rule(cut_w_cm2: Sequence[float], cut_fraction: float, device: Any, streak_error: float = STREAK_ERROR) -> Any:
-    """The kernels' StampRule on a device.
+    """Return the kernels' StampRule on a device.
 
-    Args:
-        cut_w_cm2: What a source may leave out per pixel in each band [W/cm2].
-        cut_fraction: The same as a fraction of its light; the larger of the two holds.
-        device: Where the rule is put.
-        streak_error: Error of a streak's quadrature in time per pixel, as a fraction of a source's light; where the
-            stamp may leave out more, it may err by as much.
+    A stamp may leave out the larger of cut_w_cm2, (n_band,), and cut_fraction of a source's light per pixel; a streak's
+    quadrature in time may err by streak_error of it, or as much as the stamp may leave out.
     """
     rule: Any = StampRule()
     rule.cut_w_cm2 = wp.array(cut_w_cm2, dtype=wp.float32, device=device)

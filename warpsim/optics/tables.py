@@ -82,17 +82,7 @@ class TableAccuracy:
 def epsf_table(
     psf: TabulatedPsf, pixel_aspect: float = 1.0, error: float = DEFAULT_ERROR, n_point: int | None = None
 ) -> EpsfTable:
-    """Return the table of pixel fractions of a point spread function; it is built once, as long as it is in use.
-
-    Args:
-        psf: Pattern, lengths in pixel widths.
-        pixel_aspect: Height of a pixel over its width.
-        error: Largest error per pixel and unit flux, 6e-7 to 0.01.
-        n_point: Points per axis of the interpolation, 2, 4, 6 or 8; None is the cheapest.
-
-    Raises:
-        InputError: A value breaks its rule, or the table would be too large.
-    """
+    """Return the table of pixel fractions of a point spread function; it is built once, as long as it is in use."""
     n_point = cheapest_points([psf], pixel_aspect, error) if n_point is None else n_point
     _check(pixel_aspect, error, n_point)
     return _nodes(psf, pixel_aspect, error, n_point, np.float32)
@@ -124,17 +114,7 @@ def fitted_nodes(psf: TabulatedPsf, pixel_aspect: float, error: float) -> EpsfTa
 
 
 def polynomials(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: int) -> CellTable:
-    """Return the polynomials that a point spread function is drawn with; they are fitted once, as long as in use.
-
-    Args:
-        psf: Pattern, lengths in pixel widths.
-        pixel_aspect: Height of a pixel over its width.
-        error: Largest error per pixel and unit flux, 6e-7 to 0.01.
-        degree: Total degree, one of CELL_DEGREES.
-
-    Raises:
-        InputError: A value breaks its rule, or the tables would be too large.
-    """
+    """Return the polynomials that a point spread function is drawn with; they are fitted once, as long as in use."""
     _check(pixel_aspect, error, NODE_POINTS)
     key = psf, pixel_aspect, error, degree, "cells"
     table = _STORE.get(key)
@@ -152,11 +132,7 @@ def polynomials(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: in
 def drawn_tables(
     psfs: Sequence[TabulatedPsf], pixel_aspect: float, accuracy: TableAccuracy
 ) -> tuple[TableLayout, list[EpsfTable | CellTable]]:
-    """Return the tables that patterns are drawn with by one kernel, and their layout; made once, as long as in use.
-
-    Raises:
-        InputError: A value breaks its rule, or the tables would be too large.
-    """
+    """Return the tables that patterns are drawn with by one kernel, and their layout; made once, as long as in use."""
     layout, error = cheapest_layout(psfs, pixel_aspect, accuracy), accuracy.error
     if layout.degree:
         return layout, [polynomials(psf, pixel_aspect, error, layout.degree) for psf in psfs]
@@ -172,9 +148,6 @@ def cheapest_layout(
     with which drawing costs least. Polynomials draw most patterns 1.1 to 1.3 times as fast
     (benchmarks/test_deposit.py), and some below 0.1 px or above 10 px, or with errors of 1e-3 and more, up to 15 %
     slower.
-
-    Raises:
-        InputError: Nothing does with tables that are not too large.
     """
     accuracy = accuracy or TableAccuracy()
     _check(pixel_aspect, accuracy.error, POINTS[0])
@@ -218,11 +191,7 @@ def _cells(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: int) ->
 
 
 def cheapest_points(psfs: Sequence[TabulatedPsf], pixel_aspect: float = 1.0, error: float = DEFAULT_ERROR) -> int:
-    """Return the points per axis with which drawing costs least, for patterns that are drawn with one kernel.
-
-    Raises:
-        InputError: No order does with tables that are not too large.
-    """
+    """Return the points per axis with which drawing costs least, for patterns that are drawn with one kernel."""
     _check(pixel_aspect, error, POINTS[0])
     costs = {}
     for n_point in POINTS:

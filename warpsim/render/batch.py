@@ -72,12 +72,7 @@ class Columns:
 
 
 class HostColumns:
-    """Columns as NumPy arrays; each is read when it is first asked for.
-
-    Args:
-        columns: The columns.
-        ready: Event after which they are complete; None where they are already.
-    """
+    """Columns as NumPy arrays, complete after an event; each is read when it is first asked for."""
 
     def __init__(self, columns: Columns, ready: wp.Event | None = None) -> None:
         self._columns, self._ready = columns, ready
@@ -205,16 +200,7 @@ def column_bytes(scene: DeviceBodies) -> int:
 def copy_views(
     to: wp.array, to_first: int, source: wp.array, first: int, n_view: int, stream: wp.Stream | None = None
 ) -> None:
-    """Copy consecutive views between contiguous arrays that are alike, of any devices.
-
-    Args:
-        to: Copied to.
-        to_first: First view there.
-        source: Copied from.
-        first: First view there.
-        n_view: How many.
-        stream: On CUDA; the device's current one when left out.
-    """
+    """Copy consecutive views between contiguous arrays that are alike, of any devices."""
     if not n_view or not source.size:
         return
     if to.device.is_cpu and source.device.is_cpu:

@@ -49,13 +49,7 @@ class Patches:
 
 
 class TargetLight:
-    """Draws targets of rendered views, each alone.
-
-    Args:
-        scene: That the views were rendered in.
-        seen: Columns of the views.
-        shape: Rows and columns of the array.
-    """
+    """Draws targets of rendered views, each alone."""
 
     def __init__(self, scene: DeviceScene, seen: HostColumns, shape: tuple[int, int]) -> None:
         self._device_scene, self.shape = scene, shape

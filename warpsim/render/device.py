@@ -30,11 +30,7 @@ ROWS_PER_BLOCK_CUDA = 4
 
 
 def default_device(device: Any = None) -> wp.Device:
-    """The device asked for; CUDA where present, else the CPU, when None.
-
-    Raises:
-        InputError: No such device.
-    """
+    """The device asked for; CUDA where present, else the CPU, when None."""
     if device is None:
         device = "cuda:0" if wp.is_cuda_available() else "cpu"
     try:
@@ -45,11 +41,7 @@ def default_device(device: Any = None) -> wp.Device:
 
 
 def chosen_devices(device: Any = None) -> list[wp.Device]:
-    """The devices of a list, or the one of `default_device`.
-
-    Raises:
-        InputError: No such device, none at all, or CPUs and GPUs, which round differently, at once.
-    """
+    """The devices of a list, or the one of `default_device`."""
     if not isinstance(device, list | tuple):
         return [default_device(device)]
     devices = [default_device(item) for item in device]
@@ -69,9 +61,6 @@ def worker_count(device: wp.Device, n_thread: int | None) -> int:
     """CPU threads that launch on a device: as many as asked for, all cores for None, one where only one can.
 
     CUDA has one launch queue; and two CPU launches at once crash Warp's debug mode.
-
-    Raises:
-        InputError: Not a whole number >= 1.
     """
     if n_thread is not None and (isinstance(n_thread, bool) or not isinstance(n_thread, int) or n_thread < 1):
         raise InputError("must be a whole number >= 1", "n_thread", n_thread)
@@ -88,11 +77,7 @@ MOST_THREADS = 4
 
 
 class KernelLoading:
-    """Modules of a device on their way; `start` and `wait` may be called from any thread.
-
-    Args:
-        device: Where kernels are to run.
-    """
+    """Modules of a device on their way; `start` and `wait` may be called from any thread."""
 
     def __init__(self, device: wp.Device) -> None:
         self._device = device
@@ -103,12 +88,7 @@ class KernelLoading:
         self._lock = threading.Lock()
 
     def start(self, *kernels: wp.Kernel, block_dim: int = THREADS_PER_BLOCK_CUDA) -> None:
-        """Begin to compile and load the modules of kernels; those begun before are left alone.
-
-        Args:
-            kernels: The kernels.
-            block_dim: Threads of a block of their launches on CUDA; the CPU has none.
-        """
+        """Begin to compile and load the modules of kernels; those begun before are left alone."""
         size = block_dim if self._device.is_cuda else None
         with self._lock:
             if self._pool is None:

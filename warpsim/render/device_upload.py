@@ -52,15 +52,7 @@ def make_device_bodies(
     device: wp.Device,
     with_streaks: bool = False,
 ) -> DeviceBodies:
-    """Put tracks, pointing and targets on a device.
-
-    Args:
-        scenario: What the scene gives.
-        instrument: The kind of sensor.
-        bands: Names of the bands, in the order of the images.
-        device: Where everything is put.
-        with_streaks: Whether movement during the exposure is followed, where the instrument has it.
-    """
+    """Put tracks, pointing and targets on a device."""
     camera = instrument.sensor.camera
     still = DeviceBodies(
         instrument,
@@ -82,15 +74,7 @@ def make_device_bodies(
 def make_device_scene(
     scenario: Scenario, instrument: Instrument, bands: Sequence[str], device: wp.Device, index: BandIndex
 ) -> DeviceScene:
-    """Put all that the stages read on a device.
-
-    Args:
-        scenario: What the scene gives.
-        instrument: The kind of sensor.
-        bands: Names of the bands, in the order of the images.
-        device: Where everything is put.
-        index: Star index of the scene's catalog at its epoch.
-    """
+    """Put all that the stages read on a device."""
     # What needs no kernel comes first: Warp is still busy with its headers.
     sensor = instrument.sensor
     psfs = [instrument.psf(name) for name in bands]
@@ -184,10 +168,6 @@ def choose_streaks(duration_s: float, scene: DeviceBodies) -> Streaks:
 
     A rule is judged by the next finer one, on frames and sensors spread over the scene: with their own axes, so that
     whatever turns the camera counts, its jitter too.
-
-    Args:
-        duration_s: Length of the scene [s].
-        scene: What an instrument looks at.
     """
     instrument = scene.instrument
     camera, exposure_s = instrument.sensor.camera, instrument.sensor.detector.exposure_s

@@ -210,13 +210,7 @@ def device_of(array: wp.array) -> tuple[int, int]:
 
 
 def capsule(array: wp.array, shape: tuple[int, ...], max_version: tuple[int, int] | None = None) -> Any:
-    """A capsule of a contiguous Warp array, as an array of another shape.
-
-    Args:
-        array: Kept alive until the consumer has let go of the capsule's memory.
-        shape: Axes that the consumer sees.
-        max_version: The newest version of DLPack that the consumer knows; None: one before 1.0.
-    """
+    """A capsule of a contiguous Warp array, as an array of another shape."""
     stand_in: npt.NDArray[Any] = np.asarray(_Memory(array, shape))
     made = stand_in.__dlpack__() if max_version is None else stand_in.__dlpack__(max_version=max_version)
     for name, offset in _NAMES.items():

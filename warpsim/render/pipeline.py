@@ -50,15 +50,7 @@ class _Part:
 
 
 class ImageStages:
-    """The stages `deposit` and `read_out` of a pass, bound to signal that serves a few of its views at a time.
-
-    Args:
-        scene: What the stages read.
-        inputs: Of the views of a pass.
-        columns: Of the same views.
-        sources: Of the same views.
-        counts: Of the shape (1, n_band, n_row, n_col); stands in until a pass brings its own.
-    """
+    """The stages `deposit` and `read_out` of a pass, bound to signal that serves a few of its views at a time."""
 
     def __init__(self, scene: DeviceScene, inputs: Inputs, columns: Columns, sources: Any, counts: wp.array) -> None:
         n_view = len(inputs.frame)
@@ -76,14 +68,9 @@ class ImageStages:
     def run(
         self, counts: wp.array, kept_w_cm2: wp.array | None, kept_first: int, n_view: int, stream: wp.Stream | None
     ) -> None:
-        """Draw and read out the first views of a pass.
+        """Draw and read out the first views of a pass into counts, (n_view, n_band, n_row, n_col).
 
-        Args:
-            counts: Of these views, (n_view, n_band, n_row, n_col); written.
-            kept_w_cm2: Where signal is to be kept, of more views, (n, n_band, n_row, n_col); written.
-            kept_first: The first of these views there.
-            n_view: Views.
-            stream: On CUDA.
+        Signal that is to be kept goes to kept_w_cm2, of more views, from kept_first on.
         """
         signal = self.signal
         if not self._is_zero:  # a pass was broken off
@@ -206,10 +193,9 @@ class Pipeline:
             self._taken = self.stream.record_event()
 
     def render(self, batch: Batch, first: int, end: int) -> int:
-        """Render views first to end of a batch; on CUDA, only ask for it.
+        """Render views first to end of a batch; on CUDA, only ask for it. Return the longest source list required.
 
-        Returns:
-            The longest source list required, 0 where that is not known yet; above n_slot, the views are incomplete.
+        It is 0 where it is not known yet; above n_slot, the views are incomplete.
         """
         n_view, stream = end - first, self.stream
         self._take(batch, first, n_view)

@@ -58,8 +58,7 @@ class Pipelines:
     def render(self, batch: Batch, threads: Executor) -> wp.Event | None:
         """Render a batch; once more with longer source lists should a view have needed them.
 
-        Returns:
-            Event after which the batch is complete, on a GPU; None where it is complete already.
+        Return the event after which the batch is complete, on a GPU; None where it is complete already.
         """
         if batch.n_view == 0:
             return None

@@ -171,10 +171,6 @@ def jitter_struct(jitter: Jitter | None, key: int) -> Any:
 
     With d the step in correlation times, a state (angle, change per step) decays by the matrix exponential of
     [[0, 1], [-4 d^2, -4 d]]; the shocks have the covariance that keeps (rms^2, (2 d rms)^2) stationary.
-
-    Args:
-        jitter: The description.
-        key: 64 bits that the shocks follow from.
     """
     struct: Any = JitterStruct()
     if jitter is None or jitter.rms_urad == 0:

@@ -87,13 +87,7 @@ class Pool:
 
 
 def pool_of(devices: Sequence[wp.Device], to_host: bool, most_bytes: int | None) -> Pool:
-    """Return the pool of what devices render.
-
-    Args:
-        devices: They share the work.
-        to_host: Whether results are in host memory, pinned where the devices are GPUs.
-        most_bytes: Memory kept for later arrays; chosen by the device when left out.
-    """
+    """Return the pool of what devices render."""
     where = wp.get_device("cpu") if to_host else devices[0]
     if most_bytes is None:
         most_bytes = POOL_BYTES_CUDA if where.is_cuda else POOL_BYTES
@@ -151,9 +145,6 @@ def come_after_all(device: wp.Device) -> None:
     freed; they come after the null stream, which is made to wait here. It does not come after the others' non-blocking
     streams by itself, so it waits for an event of the whole device. The host waits only where the driver has no such
     events (before CUDA 12.5), or refuses one.
-
-    Raises:
-        RuntimeError: A graph is captured.
     """
     record, event = _record_of_context(), wp.Event(device)
     if record is None or device.is_capturing or record(device.context, event.cuda_event) != 0:

@@ -40,11 +40,7 @@ class ReadOut:
 def make_read_out(instrument: Instrument, bands: Sequence[str], device: wp.Device) -> ReadOut:
     """Choose the kernels of a detector and upload its numbers.
 
-    Args:
-        instrument: The kind of sensor; the kernels hold what any of its bands needs, as a frame must not depend on
-            which of them are rendered.
-        bands: Those rendered, in the order of the images.
-        device: Where the numbers are put.
+    The kernels hold what any band needs: a frame must not depend on which of them are rendered.
     """
     detector, levels, camera = instrument.sensor.detector, instrument.levels, instrument.sensor.camera
     features = read_out_features(detector, levels)

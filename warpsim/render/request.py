@@ -74,11 +74,7 @@ def checked_request(
 
 
 def checked_rate(rate_hz: float | None) -> float | None:
-    """Return the frames per second of a stream; None for as many as can be.
-
-    Raises:
-        InputError: It is not a number of at least LEAST_RATE_HZ.
-    """
+    """Return the frames per second of a stream; None for as many as can be."""
     is_number = isinstance(rate_hz, int | float | np.integer | np.floating) and not isinstance(rate_hz, bool)
     if rate_hz is not None and not (is_number and LEAST_RATE_HZ <= rate_hz < np.inf):
         raise InputError(f"must be a number of at least {LEAST_RATE_HZ:g}", "rate_hz", rate_hz)
@@ -88,16 +84,7 @@ def checked_rate(rate_hz: float | None) -> float | None:
 def checked_names(
     scenario: Scenario, sensors: str | Sequence[str] | None, bands: str | Sequence[str] | None
 ) -> tuple[Instrument, list[str], list[str]]:
-    """Return the kind of the sensors to render, the sensors and the bands.
-
-    Args:
-        scenario: What the scene gives.
-        sensors: Names of sensors, or the name of a kind; those with access when left out.
-        bands: Band names; all of the kind when left out.
-
-    Raises:
-        InputError: An unknown name, sensors of several kinds, or no sensor with access.
-    """
+    """Return the kind of the sensors to render, the sensors and the bands."""
     chosen = scenario.sensors_with_access if sensors is None else scenario.select_sensors(sensors)
     if not chosen:
         raise InputError(
@@ -115,16 +102,7 @@ def checked_names(
 
 
 def checked_frames(frames: Iterable[int], instrument: Instrument, duration_s: float) -> Sequence[int]:
-    """Return frame numbers as a range, or a list of int where they are not evenly spaced.
-
-    Args:
-        frames: Frame numbers.
-        instrument: The kind of sensor that they are of.
-        duration_s: Length of the scene [s].
-
-    Raises:
-        InputError: One is no frame of the kind of sensor.
-    """
+    """Return frame numbers as a range, or a list of int where they are not evenly spaced."""
     if frames is None or isinstance(frames, int | np.integer | str | bytes | bytearray):
         raise InputError("must be a list or range of frame numbers", "frames", frames)
     numbers = frames if isinstance(frames, range) else _whole_numbers(frames)

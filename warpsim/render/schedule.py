@@ -64,11 +64,9 @@ def images_at_a_time(scene: DeviceScene, n_view: int) -> int:
 
 
 def certain_slots(scene: DeviceScene) -> int | None:
-    """Return a length of source lists that no view can exceed, wherever its camera looks.
+    """Return a length of source lists that no view can exceed, by the stars in any cone that `gather_stars` searches.
 
-    Returns:
-        Targets, and the stars that any cone may hold of the radius which `gather_stars` searches; None where these are
-        more than MOST_CERTAIN_STARS, or where views differ in radius, as light moves during the exposure.
+    None where these are more than MOST_CERTAIN_STARS, or views differ in radius, as light moves during the exposure.
     """
     if scene.streaks.enabled:
         return None
@@ -98,14 +96,7 @@ def most_views(scene: DeviceScene, n_slot: int, chunk_bytes: int | None = None, 
 
 
 def views_of_a_pass(scene: DeviceScene, n_view: int, most: int, n_pipeline: int) -> int:
-    """Return as many views as memory allows, but so few that every pipeline has something to do until the end.
-
-    Args:
-        scene: What is rendered.
-        n_view: Views in all.
-        most: Views that memory allows.
-        n_pipeline: Pipelines that render them.
-    """
+    """Return as many views as memory allows, but so few that every pipeline has something to do until the end."""
     if n_pipeline == 1:
         return min(n_view, most)
     least = (PIXELS_PER_PASS_CUDA if scene.device.is_cuda else PIXELS_PER_PASS) // n_pixel_of(scene)

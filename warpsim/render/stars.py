@@ -28,15 +28,7 @@ from warpsim.sky.catalog import StarCatalog
 
 
 def load_catalog(sky: Sky, bands: Iterable[Band] = ()) -> StarCatalog:
-    """Return the star catalog of a sky.
-
-    Args:
-        sky: The sky.
-        bands: Bands of the sensor that it is for: the default catalog holds the stars that are brightest in them.
-
-    Raises:
-        InputError: It cannot be read, or needs packages that are not installed.
-    """
+    """Return the star catalog of a sky."""
     try:
         if sky.catalog == "none":
             return StarCatalog.from_arrays([], [], {})
@@ -61,14 +53,7 @@ def star_index(sky: Sky, epoch: Instant, catalog: StarCatalog, device: Any) -> B
 
 
 class Skies:
-    """Stars by kind of sensor, on some devices.
-
-    Args:
-        sky: The sky.
-        epoch: Instant to which the stars are moved.
-        devices: Where indices are put.
-        catalog: Stars instead of the sky's.
-    """
+    """Stars by kind of sensor, on some devices."""
 
     def __init__(self, sky: Sky, epoch: Instant, devices: Sequence[Any], catalog: StarCatalog | None = None) -> None:
         self._sky, self._epoch, self._devices, self._given = sky, epoch, list(devices), catalog
@@ -76,11 +61,7 @@ class Skies:
         self._indices: dict[int, list[BandIndex]] = {}
 
     def indices(self, bands: Iterable[Band]) -> list[BandIndex]:
-        """Return the index on each device of the stars for a sensor of some bands.
-
-        Raises:
-            InputError: The catalog cannot be read.
-        """
+        """Return the index on each device of the stars for a sensor of some bands."""
         catalog = self.catalog(bands)
         if id(catalog) not in self._indices:
             self._indices[id(catalog)] = [star_index(self._sky, self._epoch, catalog, one) for one in self._devices]
@@ -95,11 +76,7 @@ class Skies:
         return other
 
     def catalog(self, bands: Iterable[Band]) -> StarCatalog:
-        """Return the catalog for a sensor of some bands as it was read, the same object for the same stars.
-
-        Raises:
-            InputError: It cannot be read.
-        """
+        """Return the catalog for a sensor of some bands as it was read, the same object for the same stars."""
         if self._given is not None:
             return self._given
         if self._sky.catalog == "default":
@@ -110,11 +87,7 @@ class Skies:
 
 
 def catalog_checksums(scenario: Scenario) -> dict[str, str]:
-    """Return the checksum of the stars of each kind of sensor, by its name; a file is read once.
-
-    Raises:
-        InputError: The catalog cannot be read.
-    """
+    """Return the checksum of the stars of each kind of sensor, by its name; a file is read once."""
     skies = Skies(scenario.scene.sky, scenario.epoch, ())
     return {kind: skies.catalog(one.bands.values()).checksum for kind, one in scenario.instruments.items()}
 
@@ -152,17 +125,7 @@ def make_stars(
     stamp_rule: Any,
     grid: NodeGrid,
 ) -> SceneStars:
-    """Put what the star stage reads on the index's device.
-
-    Args:
-        scenario: What the scene gives.
-        instrument: The kind of sensor.
-        bands: Names of the bands, in the order of the images.
-        index: Index of the scene's catalog at its epoch.
-        psf: Point spread functions of the bands; with stamp_rule they say how far a star's light reaches.
-        stamp_rule: When light is left out.
-        grid: Nodes of the scene's tracks.
-    """
+    """Put what the star stage reads on the index's device."""
     sensor, sky, rows, device = instrument.sensor, scenario.scene.sky, index.star_row, index.device
     irradiance = np.stack([index.catalog.irradiance_w_cm2(instrument.bands[name], sky.physics)[rows] for name in bands])
     light = wp.array(irradiance.astype(np.float32), dtype=wp.float32, device=device)

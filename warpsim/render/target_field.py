@@ -62,15 +62,7 @@ class TargetField:
 def make_target_field(
     scenario: Scenario, instrument: Instrument, bands: Sequence[str], device: wp.Device, with_profiles: bool = False
 ) -> TargetField:
-    """Put the targets of a scene on a device, as an instrument sees them.
-
-    Args:
-        scenario: What the scene gives.
-        instrument: The kind of sensor.
-        bands: Names of the bands, in the order of the images.
-        device: Where everything is put.
-        with_profiles: Whether brightness is followed through exposures with streaks.
-    """
+    """Put the targets of a scene on a device, as an instrument sees them."""
     attitudes = make_attitudes(scenario.attitudes, device)
     temperatures = make_temperatures(scenario.temperatures, device)
     targets, terms = scenario.targets, instrument.light_terms
