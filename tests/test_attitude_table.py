@@ -42,12 +42,11 @@ def table_kernel(
 
 def on_device(all_rows, number, time_s, device):
     """Quaternion and body axis from one of several tables."""
-    attitudes = make_attitudes(all_rows, wp.get_device(device))
+    tables, spans = make_attitudes(all_rows, wp.get_device(device))
     outputs = [wp.empty(len(time_s), dtype=kind, device=device) for kind in (wp.quatd, wp.vec3d)]
     inputs = [
-        attitudes.tables,
-        attitudes.table_first[number],
-        attitudes.table_count[number],
+        tables,
+        *spans[number],
         wp.array(time_s, dtype=wp.float64, device=device),
     ]
     wp.launch(table_kernel, len(time_s), inputs=inputs, outputs=outputs, device=device)
@@ -334,8 +333,8 @@ def test_tables_are_in_the_kernel_only_where_a_target_has_one(scene, tabled):
     fields = [make_target_field(s.scenario, s.scenario.instrument, ["A"], cpu) for s in (scene, tabled)]
     assert [field.features.attitude_tables for field in fields] == [False, True]
     assert fields[0].observe_kernel is not fields[1].observe_kernel
-    shared = make_attitudes(tabled.scenario.attitudes, cpu)
-    assert shared.tables.time_s.shape == (8000,)  # the targets of a kind share their table
+    shared, _ = make_attitudes(tabled.scenario.attitudes, cpu)
+    assert shared.time_s.shape == (8000,)  # the targets of a kind share their table
 
 
 # Files

@@ -32,9 +32,9 @@ def temperature_kernel(
 
 def on_device(all_rows, number, time_s, device):
     """Temperatures of one of several targets."""
-    arrays = make_temperatures(all_rows, wp.get_device(device))
+    tables, spans, _ = make_temperatures(all_rows, wp.get_device(device))
     out = wp.empty(len(time_s), dtype=wp.float64, device=device)
-    inputs = [arrays.tables, arrays.first[number], arrays.count[number], wp.array(time_s, device=device)]
+    inputs = [tables, *spans[number], wp.array(time_s, device=device)]
     wp.launch(temperature_kernel, len(time_s), inputs=inputs, outputs=[out], device=device)
     return out.numpy()
 
@@ -74,10 +74,10 @@ def test_ends_hold_for_a_second(device):
 
 
 def test_rows_that_are_shared_lie_on_the_device_once(scene):
-    arrays = make_temperatures(scene.scenario.temperatures, wp.get_device("cpu"))
-    assert len(arrays.first) == 30
-    assert arrays.tables.time_s.shape == (2 * 4,)
-    assert arrays.span_k == (328.0, 350.0)
+    tables, spans, span_k = make_temperatures(scene.scenario.temperatures, wp.get_device("cpu"))
+    assert len(spans) == 30
+    assert tables.time_s.shape == (2 * 4,)
+    assert span_k == (328.0, 350.0)
 
 
 # Tables

@@ -53,7 +53,7 @@ class Launch:
             self.outputs[number] = array
 
     def run(self, part: int = 1, whole: int = 1, stream: wp.Stream | None = None) -> None:
-        """Launch for the first `part` of the `whole` views of the first axis; on CUDA on a stream, or the current one."""
+        """Launch for the first `part` of `whole` views of the first axis; on CUDA on a stream, or the current one."""
         if self._command is None:  # of no threads
             return
         dim = (self._dim[0] // whole * part, *self._dim[1:])

@@ -140,7 +140,7 @@ FileByBand = Annotated[str | Mapping[str, str], PlainValidator(_file_or_table), 
 
 
 def read_psf_file(path: str) -> tuple[npt.NDArray[np.float64], str]:
-    """Image of a file (.fits, .fit, .fts or .npy), and the SHA-256 of the file; read again only when that has changed."""
+    """Return the image of a file (.fits or .npy), and its SHA-256; it is read again only when it has changed."""
     try:
         state = Path(path).stat()
     except OSError:

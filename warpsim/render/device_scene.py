@@ -13,7 +13,6 @@ from warpsim_kernels.trace import Instants
 
 from warpsim.legendre import gauss_legendre, series_matrix
 from warpsim.optics.psf_bank import PsfBank
-from warpsim.render.pointing_arrays import PointingArrays
 from warpsim.render.read_out import ReadOut
 from warpsim.render.stars import SceneStars
 from warpsim.render.target_field import TargetField
@@ -28,7 +27,9 @@ class DeviceBodies:
     device: wp.Device
     n_band: int
     n_target: int
-    pointing: PointingArrays
+    aim_kernel: wp.Kernel
+    pointing: Any
+    """The kernels' Pointing."""
     tracks: Any
     """The kernels' Tracks."""
     field: TargetField

@@ -59,7 +59,7 @@ def make_device_bodies(
         device,
         len(bands),
         len(scenario.targets),
-        make_pointing(instrument, device),
+        *make_pointing(instrument, device),
         tracks_struct(scenario.tracks, instrument.satellites, device),
         make_target_field(scenario, instrument, bands, device, with_streaks),
         camera_struct(camera),
@@ -86,7 +86,7 @@ def make_device_scene(
         loading.start(read_out.kernel)
     loading.share_headers()
     bodies = make_device_bodies(scenario, instrument, bands, device, with_streaks=True)
-    loading.start(bodies.field.observe_kernel, bodies.pointing.kernel)
+    loading.start(bodies.field.observe_kernel, bodies.aim_kernel)
     for kernel, n_thread in image_kernels(bodies, psf, read_out):
         loading.start(kernel, block_dim=n_thread)
     band_id = wp.array([sensor.bands.index(name) for name in bands], dtype=wp.uint32, device=device)

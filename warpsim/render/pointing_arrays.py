@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -35,16 +34,8 @@ _UPS = {"zenith": UP_ZENITH, "north": UP_NORTH, "orbit_normal": UP_ORBIT_NORMAL}
 _RAD_PER_URAD = 1e-6
 
 
-@dataclass(frozen=True)
-class PointingArrays:
-    """Kernel and arrays of the stage aim."""
-
-    kernel: wp.Kernel
-    struct: Any
-
-
-def make_pointing(instrument: Instrument, device: wp.Device) -> PointingArrays:
-    """Put the pointing of an instrument's sensors on a device."""
+def make_pointing(instrument: Instrument, device: wp.Device) -> tuple[wp.Kernel, Any]:
+    """Return the kernel of the stage aim, and the pointing of an instrument's sensors on a device."""
     program = instrument.program
     features = aim_features(instrument)
     struct: Any = PointingStruct()
@@ -67,7 +58,7 @@ def make_pointing(instrument: Instrument, device: wp.Device) -> PointingArrays:
             jitter_struct(own.jitter, instrument.pointing_key(sensor)) for sensor, own in enumerate(program.sensors)
         ]
         struct.jitters = wp.array(jitters, dtype=JitterStruct, device=device)
-    return PointingArrays(make_aim_kernel(features), struct)
+    return make_aim_kernel(features), struct
 
 
 def aim_features(instrument: Instrument) -> AimFeatures:

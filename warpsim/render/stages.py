@@ -65,8 +65,8 @@ def aim(scene: DeviceBodies, inputs: Inputs, views: wp.array, exposure: Exposure
 
 
 def _aim(scene: DeviceBodies, time_s: wp.array, middle_s: wp.array, sensor: wp.array, views: wp.array) -> Launch:
-    inputs = [time_s.flatten(), middle_s.flatten(), sensor.flatten(), scene.tracks, scene.pointing.struct]
-    return Launch(scene.pointing.kernel, (time_s.size,), inputs, [views.flatten()], scene.device)
+    inputs = [time_s.flatten(), middle_s.flatten(), sensor.flatten(), scene.tracks, scene.pointing]
+    return Launch(scene.aim_kernel, (time_s.size,), inputs, [views.flatten()], scene.device)
 
 
 def observe_targets(

@@ -63,8 +63,8 @@ def make_target_field(
     scenario: Scenario, instrument: Instrument, bands: Sequence[str], device: wp.Device, with_profiles: bool = False
 ) -> TargetField:
     """Put the targets of a scene on a device, as an instrument sees them."""
-    attitudes = make_attitudes(scenario.attitudes, device)
-    temperatures = make_temperatures(scenario.temperatures, device)
+    attitudes, attitude_spans = make_attitudes(scenario.attitudes, device)
+    temperatures, temperature_spans, span_k = make_temperatures(scenario.temperatures, device)
     targets, terms = scenario.targets, instrument.light_terms
     own_bands = [instrument.bands[name] for name in bands]
     facets = facets_of([target.spec.shape for target in targets], device)
@@ -76,7 +76,7 @@ def make_target_field(
     spectral = list(dict.fromkeys(target.spec.surface for target in targets if target.spec.surface.is_spectral))
     streaks = instrument.sensor.streaks
     features = Features(
-        attitude_tables=any(attitudes.table_count),
+        attitude_tables=any(count for _, count in attitude_spans),
         meshes=any(facets.count),
         earth_degree=earth_degree,
         albedo_degree=albedo_degree,
@@ -87,14 +87,14 @@ def make_target_field(
     )
     exposure = _exposure(instrument.exposure_rule, device)
     tables: Any = Tables()
-    tables.attitudes, tables.facets, tables.temperatures = attitudes.tables, facets.facets, temperatures.tables
-    structs = _target_structs(scenario, attitudes, temperatures, facets.first)
+    tables.attitudes, tables.facets, tables.temperatures = attitudes, facets.facets, temperatures
+    structs = _target_structs(scenario, attitude_spans, temperature_spans, facets.first)
     bodies: Any = Bodies()
     bodies.targets = wp.array(structs, dtype=Target, device=device)
     bodies.tables, bodies.exposure = tables, exposure
     bodies.surroundings = _surroundings(scenario.tracks, (earth_degree, n_earth), (albedo_degree, n_albedo), device)
     bodies.surfaces = _surfaces(targets, spectral, lighting, own_bands, device)
-    bodies.radiance = make_radiance(own_bands, temperatures.span_k, device, spectral)
+    bodies.radiance = make_radiance(own_bands, span_k, device, spectral)
     return TargetField(
         features,
         lighting.sun and terms["sun"].bound_nei == 0.0,
@@ -124,16 +124,18 @@ def _doubles(values: Any, device: wp.Device) -> wp.array:
 
 
 def _target_structs(
-    scenario: Scenario, attitudes: AttitudeArrays, temperatures: TemperatureArrays, first_facet: list[int]
+    scenario: Scenario,
+    attitude_spans: list[tuple[int, int]],
+    temperature_spans: list[tuple[int, int]],
+    first_facet: list[int],
 ) -> list[Any]:
     structs = []
     for number, (one, attitude) in enumerate(zip(scenario.targets, scenario.attitudes, strict=True)):
         target: Any = Target()
         target.body = body_struct(one.spec.shape, first_facet[number])
         target.attitude = motion_struct(attitude)
-        target.table_first, target.table_count = attitudes.table_first[number], attitudes.table_count[number]
-        target.temperature_first = temperatures.first[number]
-        target.temperature_count = temperatures.count[number]
+        target.table_first, target.table_count = attitude_spans[number]
+        target.temperature_first, target.temperature_count = temperature_spans[number]
         structs.append(target)
     return structs
 
@@ -209,37 +211,33 @@ def earth_struct(pole_icrs: npt.NDArray[np.float64]) -> Any:
     return earth
 
 
-@dataclass(frozen=True)
-class AttitudeArrays:
-    """Attitude tables on the device, and where each target's lies."""
+def _rows_once(tables: Sequence[Any]) -> tuple[list[Any], list[tuple[int, int]]]:
+    """Return the different ones of tables of rows in time, and where the rows of each lie among theirs: first, count.
 
-    tables: Any
-    table_first: list[int]
-    """First row of each target's table."""
-    table_count: list[int]
-    """Rows of each target's table; 0 for a target that moves by itself."""
-
-
-def make_attitudes(attitudes: Sequence[BodyMotion | AttitudeRows], device: wp.Device) -> AttitudeArrays:
-    """Put the tables of all targets on a device, each once however many targets share it."""
-    first_row: dict[int, int] = {}
-    distinct: list[AttitudeRows] = []
+    What has no rows, as it moves by itself, is (0, 0).
+    """
+    distinct: dict[int, Any] = {}
+    first: dict[int, int] = {}
     n_row = 0
-    for attitude in attitudes:
-        if isinstance(attitude, AttitudeRows) and id(attitude) not in first_row:
-            first_row[id(attitude)] = n_row
-            distinct.append(attitude)
-            n_row += len(attitude.time_s)
+    for table in tables:
+        if hasattr(table, "time_s") and id(table) not in distinct:
+            distinct[id(table)], first[id(table)] = table, n_row
+            n_row += len(table.time_s)
+    return list(distinct.values()), [
+        (first[id(table)], len(table.time_s)) if id(table) in distinct else (0, 0) for table in tables
+    ]
+
+
+def make_attitudes(
+    attitudes: Sequence[BodyMotion | AttitudeRows], device: wp.Device
+) -> tuple[Any, list[tuple[int, int]]]:
+    """Put the attitude tables of all targets on a device, each once; return them, and first row and count of each."""
+    distinct, spans = _rows_once(attitudes)
     tables: Any = AttitudeTables()
-    time_s = np.concatenate([np.zeros(0), *(rows.time_s for rows in distinct)])
+    tables.time_s = _doubles(np.concatenate([np.zeros(0), *(rows.time_s for rows in distinct)]), device)
     quaternion = np.concatenate([np.zeros((0, 4)), *(rows.quaternion for rows in distinct)])
-    tables.time_s = wp.array(time_s, dtype=wp.float64, device=device)
     tables.quaternion = wp.array(quaternion, dtype=wp.quatd, device=device)
-    return AttitudeArrays(
-        tables,
-        [first_row.get(id(attitude), 0) for attitude in attitudes],
-        [len(attitude.time_s) if isinstance(attitude, AttitudeRows) else 0 for attitude in attitudes],
-    )
+    return tables, spans
 
 
 def motion_struct(attitude: BodyMotion | AttitudeRows) -> Any:
@@ -269,40 +267,19 @@ DARKEST_W_M2_SR = 1e-300
 _NO_TARGET_K = 300.0  # of a scene without targets, whose radiances nobody asks for
 
 
-@dataclass(frozen=True)
-class TemperatureArrays:
-    """Temperatures on the device, and where each target's lie."""
+def make_temperatures(
+    temperatures: Sequence[TemperatureRows], device: wp.Device
+) -> tuple[Any, list[tuple[int, int]], tuple[float, float]]:
+    """Put the temperatures of all targets on a device, each once.
 
-    tables: Any
-    first: list[int]
-    """First row of each target."""
-    count: list[int]
-    """Rows of each target."""
-    span_k: tuple[float, float]
-    """Lowest and highest temperature of all."""
-
-
-def make_temperatures(temperatures: Sequence[TemperatureRows], device: wp.Device) -> TemperatureArrays:
-    """Put the temperatures of all targets on a device, each once however many targets share it."""
-    first_row: dict[int, int] = {}
-    distinct: list[TemperatureRows] = []
-    n_row = 0
-    for rows in temperatures:
-        if id(rows) not in first_row:
-            first_row[id(rows)] = n_row
-            distinct.append(rows)
-            n_row += len(rows.time_s)
-    time_s = np.concatenate([np.zeros(0), *(rows.time_s for rows in distinct)])
+    Return them, first row and count of each target, and the lowest and the highest [K].
+    """
+    distinct, spans = _rows_once(temperatures)
     kelvin = np.concatenate([np.zeros(0), *(rows.temperature_k for rows in distinct)])
     tables: Any = TemperatureTables()
-    tables.time_s = wp.array(time_s, dtype=wp.float64, device=device)
-    tables.temperature_k = wp.array(kelvin, dtype=wp.float64, device=device)
-    return TemperatureArrays(
-        tables,
-        [first_row[id(rows)] for rows in temperatures],
-        [len(rows.time_s) for rows in temperatures],
-        (float(kelvin.min()), float(kelvin.max())) if distinct else (_NO_TARGET_K, _NO_TARGET_K),
-    )
+    tables.time_s = _doubles(np.concatenate([np.zeros(0), *(rows.time_s for rows in distinct)]), device)
+    tables.temperature_k = _doubles(kelvin, device)
+    return tables, spans, (float(kelvin.min()), float(kelvin.max())) if distinct else (_NO_TARGET_K, _NO_TARGET_K)
 
 
 def make_radiance(
