@@ -170,63 +170,54 @@ def _fitted(
     """Return coefficients, shape (cell row, cell column, row, column, n_term), and the largest error at the points."""
     points, basis, fit = _fit(degree)
     n = len(points)
-    down, across = (
-        _interpolation(table, axis, (cells[axis][:, None] + 0.5 * (points + 1.0)) / n_cell[axis] - 0.5, steps[axis])
-        for axis in (0, 1)
+    offsets = ((cells[axis][:, None] + 0.5 * (points + 1.0)) / n_cell[axis] - 0.5 for axis in (0, 1))
+    (row, down, row_served), (column, across, column_served) = (
+        _nodes_and_weights(table, axis, offset, steps[axis]) for axis, offset in enumerate(offsets)
     )
-    first, end = int(down.node.min()), int(down.node.max()) + table.n_point
-    lines = across.apply(np.ascontiguousarray(table.fraction[first:end].T, dtype=np.float64)).T
+    first, end = int(row.min()), int(row.max()) + table.n_point
+    lines = _interpolated(np.ascontiguousarray(table.fraction[first:end].T, dtype=np.float64), column, across).T
     coefficient = np.empty((len(cells[0]), len(cells[1]), len(steps[0]), len(steps[1]), fit.shape[1]), np.float32)
     worst = 0.0
     for cell in range(len(cells[0])):
-        rows = down.of_cell(cell, first).apply(lines).reshape(len(steps[0]), n, len(cells[1]), len(steps[1]), n)
+        rows = _interpolated(lines, row[cell] - first, down[:, cell])
+        rows = rows.reshape(len(steps[0]), n, len(cells[1]), len(steps[1]), n)
         sample = rows.transpose(2, 0, 3, 1, 4).reshape(-1, n * n)
         fitted = (sample @ fit).astype(np.float32)
-        kept = across.served[:, None, :] & down.served[cell][None, :, None]
+        kept = column_served[:, None, :] & row_served[cell][None, :, None]
         off = np.abs(fitted.astype(np.float64) @ basis.T - sample).max(axis=1).reshape(kept.shape)
         worst = max(worst, float(off.max(where=kept, initial=0.0)))
         coefficient[cell] = fitted.reshape(coefficient.shape[1:])
     return coefficient, worst
 
 
-@dataclass(frozen=True)
-class _Interpolation:
-    """Nodes of an axis, and their weights, at offsets in cells."""
-
-    node: NDArray[np.int64]
-    """The first of the nodes, shape (cell, step, point)."""
-    weight: F64
-    """Shape (n_point, cell, step, point)."""
-    served: NDArray[np.bool_]
-    """Mask of the pixels that the table serves, shape (cell, step)."""
-
-    def of_cell(self, cell: int, first: int) -> _Interpolation:
-        """Return that of one of the cells alone, of values from a first node on."""
-        here = slice(cell, cell + 1)
-        return _Interpolation(self.node[here] - first, self.weight[:, here], self.served[here])
-
-    def apply(self, values: F64) -> F64:
-        """Interpolate along axis 0 of values (n_node, n); shape (cell * step * point, n)."""
-        node = self.node.ravel()
-        weight = self.weight.reshape(len(self.weight), -1, 1)
-        total: F64 = values[node]
-        total *= weight[0]
-        for k in range(1, len(weight)):
-            part = values[node + k]
-            part *= weight[k]
-            total += part
-        return total
+def _interpolated(values: F64, node: NDArray[np.int64], weight: F64) -> F64:
+    """Interpolate along axis 0 of values (n_node, n) from nodes on, with weights (n_point, ...); shape (n_node, n)."""
+    first = node.ravel()
+    factor = weight.reshape(len(weight), -1, 1)
+    total: F64 = values[first]
+    total *= factor[0]
+    for k in range(1, len(factor)):
+        part = values[first + k]
+        part *= factor[k]
+        total += part
+    return total
 
 
-def _interpolation(table: EpsfTable, axis: int, offset_px: F64, step: NDArray[np.int64]) -> _Interpolation:
-    """Return the interpolation of a table along one of its axes."""
+def _nodes_and_weights(
+    table: EpsfTable, axis: int, offset_px: F64, step: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], F64, NDArray[np.bool_]]:
+    """Return the interpolation of a table along an axis: first nodes, weights, and the pixels that the table serves.
+
+    Offsets of the source's own pixel are (cell, point), steps the pixels from there; nodes are (cell, step, point),
+    weights (n_point, cell, step, point), the mask is (cell, step).
+    """
     offset = offset_px[:, None, :] + step[:, None]
     served = np.abs(offset[..., offset.shape[2] // 2]) < table.reach_px[axis]
     position = (np.abs(offset) if table.mirrored else offset) * table.per_px[axis] + table.zero[axis]
     before, n_node = table.n_point // 2 - 1, table.fraction.shape[axis]
     node = np.clip(np.floor(position).astype(np.int64), before, n_node - table.n_point + before)
     weight = lagrange_weights(np.clip(position - node, 0.0, 1.0), table.n_point)
-    return _Interpolation(node - before, np.stack(weight), served)
+    return node - before, np.stack(weight), served
 
 
 @lru_cache(maxsize=8)

@@ -63,25 +63,17 @@ def wcs_from_keywords(tan: Mapping[str, float], lens: Mapping[str, Any]) -> WCS:
 
     wcs = WCS(naxis=2)
     wcs.wcs.ctype = [lens["CTYPE1"], lens["CTYPE2"]]
-    wcs.wcs.radesys = "ICRS"
-    wcs.wcs.cunit = ["deg", "deg"]
-    wcs.wcs.crval = [tan["CRVAL1"], tan["CRVAL2"]]
-    wcs.wcs.crpix = [tan["CRPIX1"], tan["CRPIX2"]]
-    wcs.wcs.cd = [[tan["CD1_1"], tan["CD1_2"]], [tan["CD2_1"], tan["CD2_2"]]]
-    wcs.wcs.lonpole = tan["LONPOLE"]
+    wcs.wcs.radesys, wcs.wcs.cunit, wcs.wcs.lonpole = "ICRS", ["deg", "deg"], tan["LONPOLE"]
+    wcs.wcs.crval, wcs.wcs.crpix = ([tan[f"{name}{axis}"] for axis in (1, 2)] for name in ("CRVAL", "CRPIX"))
+    wcs.wcs.cd = [[tan[f"CD{row}_{column}"] for column in (1, 2)] for row in (1, 2)]
     if "A_ORDER" in lens:
-        wcs.sip = Sip(*(_table(lens, name) for name in ("A", "B", "AP", "BP")), wcs.wcs.crpix)
+        tables = []
+        for name in ("A", "B", "AP", "BP"):
+            n = int(lens[f"{name}_ORDER"]) + 1
+            tables.append(np.array([[float(lens.get(f"{name}_{p}_{q}", 0.0)) for q in range(n)] for p in range(n)]))
+        wcs.sip = Sip(*tables, wcs.wcs.crpix)
     wcs.wcs.set()
     return wcs
-
-
-def _table(lens: Mapping[str, Any], name: str) -> npt.NDArray[np.float64]:
-    order = int(lens[f"{name}_ORDER"])
-    table = np.zeros((order + 1, order + 1))
-    for p in range(order + 1):
-        for q in range(order + 1 - p):
-            table[p, q] = float(lens.get(f"{name}_{p}_{q}", 0.0))
-    return table
 
 
 def tan_wcs(axes_icrs: npt.NDArray[np.float64], camera: Camera) -> WCS:

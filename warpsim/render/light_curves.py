@@ -16,7 +16,7 @@ from warpsim_kernels.signature import N_TERM
 from warpsim.arguments import chosen_names, times_s
 from warpsim.errors import InputError
 from warpsim.launches import to_numpy
-from warpsim.render.batch import Columns, Inputs, new_columns, new_inputs
+from warpsim.render.batch import Inputs, new_columns, new_inputs
 from warpsim.render.buffers import new_sources
 from warpsim.render.device import default_device, worker_count
 from warpsim.render.device_scene import DeviceBodies
@@ -176,48 +176,32 @@ def light_curves(
 
 def _observed(bodies: DeviceBodies, times: F64, rows: list[int], n_worker: int) -> tuple[npt.NDArray[Any], F64]:
     """Observations, (n_time, n_sensor, n_target), and light by term, (N_TERM, n_time, n_sensor, n_band, n_target)."""
-    shape, n_view = (len(times), len(rows)), len(times) * len(rows)
+    device, shape, n_view = bodies.device, (len(times), len(rows)), len(times) * len(rows)
     n_number = n_view * bodies.n_target * (bodies.n_band * N_TERM + 8)
     if n_number > MOST_NUMBERS:
         raise InputError(f"these curves would be {n_number:.2g} numbers, more than {MOST_NUMBERS:.2g}", "time_s")
-    inputs = new_inputs(
-        bodies.device,
-        np.repeat(times, len(rows)),
-        np.zeros(n_view, dtype=np.uint32),
-        np.tile(np.asarray(rows, dtype=np.uint32), len(times)),
-    )
-    no_light = wp.empty((n_view, 0, bodies.n_target), dtype=wp.float32, device=bodies.device)  # but its terms
-    columns = replace(new_columns(bodies, n_view), irradiance_w_cm2=no_light)
-    terms = wp.zeros((N_TERM, n_view, bodies.n_band, bodies.n_target), dtype=wp.float64, device=bodies.device)
-    _observe(bodies, inputs, columns, terms, n_worker)
-    observations = to_numpy(columns.observations).reshape(*shape, bodies.n_target)
-    return observations, to_numpy(terms).reshape(N_TERM, *shape, bodies.n_band, bodies.n_target)
-
-
-def _observe(bodies: DeviceBodies, inputs: Inputs, columns: Columns, terms: wp.array, n_worker: int) -> None:
-    """All views, in pieces that threads take in turn."""
-    n_view = len(columns.views)
-    if n_view == 0 or terms.size == 0:
-        return
-    device = bodies.device
+    inputs = new_inputs(device, np.repeat(times, len(rows)), np.zeros(n_view), np.tile(rows, len(times)))
+    no_light = wp.empty((n_view, 0, bodies.n_target), dtype=wp.float32, device=device)  # but its terms
     no_series = wp.empty((0, 0, 0, 0), dtype=wp.float64, device=device)  # the kernel does not write it
+    columns = replace(new_columns(bodies, n_view), irradiance_w_cm2=no_light)
+    terms = wp.zeros((N_TERM, n_view, bodies.n_band, bodies.n_target), dtype=wp.float64, device=device)
 
-    def one(first: int) -> None:
+    def observe(first: int) -> None:
         end = min(first + size, n_view)
         views, seen = Inputs(*(array[first:end] for array in vars(inputs).values())), columns.part(first, end)
         sources = new_sources(bodies, end - first, bodies.n_target)
-        for stage in (
-            aim(bodies, views, seen.views),
-            observe_targets(bodies, views, seen, sources, no_series),
-            split_light(bodies, seen.observations, terms[:, first:end]),
-        ):
-            stage.run()
+        aim(bodies, views, seen.views).run()
+        observe_targets(bodies, views, seen, sources, no_series).run()
+        split_light(bodies, seen.observations, terms[:, first:end]).run()
 
     # Enough pieces that the first, which is done alone, costs the threads little.
     size = n_view if n_worker == 1 else min(-(-n_view // (_PIECES_PER_THREAD * n_worker)), _VIEWS_PER_LAUNCH)
-    one(0)  # kernels are compiled by one thread
-    with ThreadPoolExecutor(n_worker) as pool:
-        list(pool.map(one, range(size, n_view, size)))
+    if terms.size:
+        observe(0)  # kernels are compiled by one thread
+        with ThreadPoolExecutor(n_worker) as pool:
+            list(pool.map(observe, range(size, n_view, size)))
+    observations = to_numpy(columns.observations).reshape(*shape, bodies.n_target)
+    return observations, to_numpy(terms).reshape(N_TERM, *shape, bodies.n_band, bodies.n_target)
 
 
 def _checked_times(scenario: Scenario, instrument: Instrument, time_s: npt.ArrayLike | None) -> F64:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -39,16 +38,6 @@ from warpsim.render.stages import (
 )
 
 
-@dataclass(frozen=True)
-class _Part:
-    """The stages that draw and read out views first to end of a pass."""
-
-    first: int
-    end: int
-    deposit: Stage
-    read_out: Stage
-
-
 class ImageStages:
     """The stages `deposit` and `read_out` of a pass, bound to signal that serves a few of its views at a time."""
 
@@ -57,13 +46,13 @@ class ImageStages:
         n_at_a_time = images_at_a_time(scene, n_view)
         self.signal = new_signal((n_at_a_time, *counts.shape[1:]), scene.device)
         self._is_zero = True
-        self._parts = []
+        self._parts: list[tuple[int, int, Stage, Stage]] = []  # first view and end, deposit, read-out
         for first in range(0, n_view, n_at_a_time):
             end = min(first + n_at_a_time, n_view)
             signal, lists = self.signal.part(end - first), part_of_sources(sources, first, end)
             reads = Inputs(*(array[first:end] for array in vars(inputs).values()))
             drawn = deposit(scene, lists, columns.part(first, end).brightness, signal)
-            self._parts.append(_Part(first, end, drawn, read_out(scene, reads, signal, counts, first)))
+            self._parts.append((first, end, drawn, read_out(scene, reads, signal, counts, first)))
 
     def run(
         self, counts: wp.array, kept_w_cm2: wp.array | None, kept_first: int, n_view: int, stream: wp.Stream | None
@@ -76,16 +65,16 @@ class ImageStages:
         if not self._is_zero:  # a pass was broken off
             self._clear(stream)
         self._is_zero = False
-        pieces = counts_for(self._parts[0].read_out, counts)
-        for part in self._parts:
-            n = min(part.end, n_view) - part.first
+        pieces = counts_for(self._parts[0][3], counts)
+        for first, end, drawn, read in self._parts:
+            n = min(end, n_view) - first
             if n <= 0:
                 break
-            part.deposit.run(n, stream)
+            drawn.run(n, stream)
             if kept_w_cm2 is not None:
-                copy_views(kept_w_cm2, kept_first + part.first, signal.images, 0, n, stream)
-            read_out_into(part.read_out, pieces)
-            part.read_out.run(n, stream)
+                copy_views(kept_w_cm2, kept_first + first, signal.images, 0, n, stream)
+            read_out_into(read, pieces)
+            read.run(n, stream)
             copy_views(signal.touched, 0, signal.untouched, 0, n, stream)
         self._is_zero = True
 
