@@ -5,6 +5,7 @@ import functools
 import numpy as np
 import pytest
 import warp as wp
+from drawing import draw_each
 from warpsim_kernels.spots import table_spots
 from warpsim_kernels.stamps import StampRule, columns_of_row, whole_image
 from warpsim_kernels.table_layout import CELL_DEGREES, TableLayout, n_term_of
@@ -21,20 +22,6 @@ from warpsim.optics.tables import TableAccuracy, cheapest_layout, fitted_nodes, 
 SEED = 141421
 N_SOURCE, SHAPE = 400, (24, 30)
 CELL_LINE = "Polynomials of patterns, radius 0.1 to 10 px, against their stated error"
-
-
-def images_of(psf, accuracy, xy, device, aspect=1.0, cut=1e-9):
-    """One image for each source of unit light."""
-    n = len(xy)
-    sources = [
-        wp.array(np.ones(n), dtype=wp.int32, device=device),
-        wp.array(xy[:, None, :], dtype=wp.vec2d, device=device),
-        wp.array(np.ones((n, 1, 1)), dtype=wp.float32, device=device),
-    ]
-    signal = wp.zeros((n, 1, *SHAPE), dtype=wp.float32, device=device)
-    bank = PsfBank([psf], wp.get_device(device), aspect, accuracy)
-    bank.deposit(sources, stamp_rule([0.0], cut, device), SHAPE[0], signal).run()
-    return signal.numpy()[:, 0]
 
 
 def hard_and_random_positions(n, rng):
@@ -62,7 +49,7 @@ def test_pixels_keep_the_error_asked_for(device, degree, radius_px, aspect, reco
         error = 1e-5
     psf = ws.PsfAiry(radius_px, 0.3)
     xy = hard_and_random_positions(N_SOURCE, np.random.default_rng(SEED))
-    found = images_of(psf, TableAccuracy(error, None, degree), xy, device, aspect)
+    found = draw_each(xy, psf, SHAPE, device, 1e-9, aspect, TableAccuracy(error, None, degree))
     pattern = AiryPattern((radius_px / FIRST_DARK_RING,), (1.0,), 0.3, 0.0)
     dx, dy = offsets(xy)
     exact = pixel_fractions(pattern.flow(60.0), dx, dy, aspect).reshape(found.shape)
@@ -89,7 +76,7 @@ def test_images_without_symmetry(device, degree, oversample, smear_px):
     middles = 8.0 + (np.arange(n_cell[1]) + 0.5) / n_cell[1] - 0.5  # of cells, where errors are large
     grid = np.stack(np.meshgrid(middles, middles), axis=-1).reshape(-1, 2)
     xy = np.concatenate([hard_and_random_positions(N_SOURCE, np.random.default_rng(SEED)), grid])
-    found = images_of(psf, TableAccuracy(error, None, degree), xy, device)
+    found = draw_each(xy, psf, SHAPE, device, 1e-9, accuracy=TableAccuracy(error, None, degree))
     exact = spline_of(psf.image, oversample, smear_px, 1.0).fractions(*offsets(xy)).reshape(found.shape)
     assert np.abs(found - exact).max() <= error
 
@@ -161,7 +148,7 @@ def test_single_pixels_are_those_of_the_stamp(layout):
     accuracy = TableAccuracy(1e-4, layout.n_point or None, layout.degree)
     bank, rule = PsfBank([psf], "cpu", 1.0, accuracy), stamp_rule([0.0], cut, "cpu")
     xy = hard_and_random_positions(20, np.random.default_rng(SEED))
-    for position, expected in zip(xy, images_of(psf, accuracy, xy, "cpu", cut=cut), strict=True):
+    for position, expected in zip(xy, draw_each(xy, psf, SHAPE, "cpu", cut, accuracy=accuracy), strict=True):
         image = wp.zeros(SHAPE, dtype=wp.float32, device="cpu")
         wp.launch(make_light_kernel(layout), SHAPE, [bank.tables, wp.vec2d(*position), rule], [image], device="cpu")
         np.testing.assert_array_equal(image.numpy(), expected)

@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 import warp as wp
+from drawing import draw, draw_each, source_lists, stamp_fractions
 from scipy import special
 from streak_oracles import airy_streak, axis_fractions
 
@@ -73,20 +74,6 @@ def airy_fraction(dx_px, dy_px, radius_px, obscuration, order=8):
     return np.pi / 4 / (1 - obscuration**2) / lamf_px**2 * (weight @ amplitude**2 @ weight)
 
 
-def one_source_images(xy_px, psf, shape, device, cut_fraction):
-    """One image for each position, unit flux: the kernels' own interface, many views in one launch."""
-    n = len(xy_px)
-    sources = [
-        wp.array(np.ones(n), dtype=wp.int32, device=device),
-        wp.array(np.asarray(xy_px)[:, None, :], dtype=wp.vec2d, device=device),
-        wp.array(np.ones((n, 1, 1)), dtype=wp.float32, device=device),
-    ]
-    signal = wp.zeros((n, 1, *shape), dtype=wp.float32, device=device)
-    rule = stamp_rule([0.0], cut_fraction, device)
-    PsfBank([psf], wp.get_device(device)).deposit(sources, rule, shape[0], signal).run()
-    return signal.numpy()[:, 0].astype(np.float64)
-
-
 @pytest.mark.parametrize("sigma_px", SIGMAS_PX)
 def test_gaussian_at_random_phases(device, sigma_px, record_accuracy):
     shape = (14, 18)
@@ -95,9 +82,9 @@ def test_gaussian_at_random_phases(device, sigma_px, record_accuracy):
     xy[: N_PHASE // 10] = np.round(2 * xy[: N_PHASE // 10]) / 2  # a tenth exactly on centres, edges and corners
     rows, columns = axis_fractions(xy[:, 1], shape[0], sigma_px), axis_fractions(xy[:, 0], shape[1], sigma_px)
     expected = rows[:, :, None] * columns[:, None, :]
-    fine = one_source_images(xy, ws.PsfGaussian(sigma_px), shape, device, 1e-9)
+    fine = draw_each(xy, ws.PsfGaussian(sigma_px), shape, device, 1e-9)
     np.testing.assert_allclose(fine, expected, rtol=0, atol=GAUSSIAN_ATOL)
-    coarse = one_source_images(xy, ws.PsfGaussian(sigma_px), shape, device, 1e-6)
+    coarse = draw_each(xy, ws.PsfGaussian(sigma_px), shape, device, 1e-6)
     np.testing.assert_allclose(coarse, expected, rtol=0, atol=DEFAULT_ATOL)
     error = np.abs(coarse - expected).max()
     record_accuracy(CUT_LINE, error, DEFAULT_ATOL, "of the flux", "error functions, quadrature")
@@ -161,35 +148,11 @@ def test_airy_oracle_is_converged(radius_px):
 def test_flux_closes_gaussian(device, sigma_px, record_accuracy):
     shape = (80, 90)
     xy = np.random.default_rng(SEED).uniform(-3, [92, 82], (50, 2))
-    images = one_source_images(xy, ws.PsfGaussian(sigma_px), shape, device, 1e-10)
+    images = draw_each(xy, ws.PsfGaussian(sigma_px), shape, device, 1e-10)
     inside = axis_fractions(xy[:, 1], 80, sigma_px).sum(1) * axis_fractions(xy[:, 0], 90, sigma_px).sum(1)
     np.testing.assert_allclose(images.sum((1, 2)), inside, rtol=0, atol=CLOSURE_ATOL)
     error = np.abs(images.sum((1, 2)) - inside).max()
     record_accuracy("Sum of a stamp", error, CLOSURE_ATOL, "of the flux", "flux less what falls outside")
-
-
-def drawn(xy_px, irradiance_w_cm2, psf, shape, device, rule):
-    """Image of one view and band by the kernels' own interface."""
-    sources = [
-        wp.array([len(xy_px)], dtype=wp.int32, device=device),
-        wp.array(np.asarray(xy_px)[None], dtype=wp.vec2d, device=device),
-        wp.array(np.asarray(irradiance_w_cm2)[None, None], dtype=wp.float32, device=device),
-    ]
-    signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=device)
-    PsfBank([psf], wp.get_device(device)).deposit(sources, rule, shape[0], signal).run()
-    return signal.numpy()[0, 0].astype(np.float64)
-
-
-def reported(xy_px, psf, device, rule):
-    """Peak and stamp fractions of sources of unit irradiance."""
-    n = len(xy_px)
-    peak, stamp = (wp.empty((1, 1, n), dtype=wp.float32, device=device) for _ in range(2))
-    lists = [
-        wp.array(np.asarray(xy_px)[None], dtype=wp.vec2d, device=device),
-        wp.array(np.ones((1, 1, n)), dtype=wp.float32, device=device),
-    ]
-    PsfBank([psf], wp.get_device(device)).measure_stamps(lists, rule, [peak, stamp])
-    return peak.numpy().ravel(), stamp.numpy().ravel()
 
 
 CUTS = [0.3, 0.03, 1e-3, 1e-4, 1e-5, 1e-6]
@@ -201,7 +164,7 @@ def test_no_pixel_outside_a_gaussian_stamp_holds_more_than_the_cut(device, sigma
     xy = np.random.default_rng(SEED).uniform([31.5, 29.5], [32.5, 30.5], (150, 2))
     xy[:50] = np.round(2 * xy[:50]) / 2
     for cut in CUTS:
-        images = one_source_images(xy, ws.PsfGaussian(sigma_px), shape, device, cut)
+        images = draw_each(xy, ws.PsfGaussian(sigma_px), shape, device, cut)
         rows, columns = axis_fractions(xy[:, 1], 60, sigma_px), axis_fractions(xy[:, 0], 64, sigma_px)
         left_out = (rows[:, :, None] * columns[:, None, :])[images == 0].max()
         assert left_out <= cut
@@ -220,7 +183,7 @@ def test_no_pixel_outside_an_airy_stamp_holds_more_than_the_cut(device, radius_p
     xy += [shape[1] // 2, shape[0] // 2]
     exact = np.array([airy_streak(p, [[0, 0]], [1], radius_px, obscuration, shape, still, period_px) for p in xy])
     for cut in CUTS:
-        images = one_source_images(xy, ws.PsfAiry(radius_px, obscuration), shape, device, cut)
+        images = draw_each(xy, ws.PsfAiry(radius_px, obscuration), shape, device, cut)
         left_out = exact[images == 0].max(initial=0.0)
         assert left_out <= cut + 5e-7  # the oracle's own error in a field that repeats
         worst.append(left_out / cut)
@@ -232,7 +195,7 @@ def test_no_pixel_outside_an_airy_stamp_holds_more_than_the_cut(device, radius_p
 def test_stamps_are_alike_left_and_right_and_round(device, psf, cut):
     for n in (80, 81):  # a source on a corner, and one on a centre
         middle = (n - 1) / 2
-        (image,) = one_source_images([[middle, middle]], psf, (n, n), device, cut)
+        (image,) = draw_each([[middle, middle]], psf, (n, n), device, cut)
         for other in (image[:, ::-1], image[::-1], image.T):
             np.testing.assert_array_equal(other != 0, image != 0)
             np.testing.assert_allclose(other, image, rtol=0, atol=GAUSSIAN_ATOL)
@@ -247,7 +210,7 @@ def test_stamps_are_alike_left_and_right_and_round(device, psf, cut):
 def test_a_very_bright_source_fills_a_wide_image(device, psf):
     """1e8 NEI and more: the wings go on to the corners of a frame of 1500 pixels; rings are averaged over 20."""
     shape, xy = (1500, 1400), [201.3, 333.8]
-    image = drawn([xy], [1.0], psf, shape, device, stamp_rule([1e-14], 0.0, device))
+    image = draw([xy], [1.0], psf, shape, device, stamp_rule([1e-14], 0.0, device))
     assert (image > 0).all()
     for row, column in [(324, 900), (1480, 1380), (0, 1380), (700, 201)]:
         rows, columns = np.arange(row, row + 20), np.arange(column, column + 20)
@@ -260,7 +223,7 @@ def test_a_very_bright_source_fills_a_wide_image(device, psf):
 
 def test_a_wide_gaussian_fills_a_wide_image(device):
     shape, xy = (900, 1100), [[20.2, 450.4]]
-    image = drawn(xy, [1.0], ws.PsfGaussian(50.0), shape, device, stamp_rule([1e-15], 0.0, device))
+    image = draw(xy, [1.0], ws.PsfGaussian(50.0), shape, device, stamp_rule([1e-15], 0.0, device))
     expected = gaussian_image(xy, [1.0], 50.0, shape)
     np.testing.assert_allclose(image, expected, rtol=0, atol=WIDE_RTOL * expected.max())
     assert image[450, 360] > 0 and image[450, 385] == 0
@@ -274,9 +237,9 @@ def test_a_wide_gaussian_fills_a_wide_image(device):
 def test_reported_fractions_are_those_of_the_image(device, psf, cut):
     shape, rule = (901, 901), stamp_rule([0.0], cut, device)
     xy = 450 + np.random.default_rng(SEED).uniform(-0.5, 0.5, (3, 2))
-    peak, stamp = reported(xy, psf, device, rule)
+    peak, stamp = stamp_fractions(xy, np.ones(len(xy)), psf, device, rule)
     for number in range(3):
-        image = drawn(xy[number : number + 1], [1.0], psf, shape, device, rule)
+        image = draw(xy[number : number + 1], [1.0], psf, shape, device, rule)
         assert stamp[number] == pytest.approx(image.sum(), rel=0, abs=CLOSURE_ATOL)
         assert peak[number] == pytest.approx(image[450, 450], rel=0, abs=GAUSSIAN_ATOL)
 
@@ -286,27 +249,23 @@ def test_reported_fraction_of_stamps_of_thousands_of_pixels(device, psf):
     """Beyond a radius r lies 2 pi w / r of the light, w = lambda F / (pi^3 (1 - eps))."""
     wing_px3 = psf.radius_px / 1.2196698912665045 / np.pi**3 / (1 - psf.obscuration)
     for cut in (1e-11, 1e-13, 1e-15):
-        _, stamp = reported([[5.2, 5.4]], psf, device, stamp_rule([0.0], cut, device))
+        _, stamp = stamp_fractions([[5.2, 5.4]], [1.0], psf, device, stamp_rule([0.0], cut, device))
         reach_px = np.cbrt(wing_px3 / cut)
         assert 1 - stamp[0] == pytest.approx(2 * np.pi * wing_px3 / reach_px, rel=0, abs=5e-5)
     xy = np.random.default_rng(SEED).uniform(0, 9, (200, 2))
     start = time.perf_counter()
-    reported(xy, psf, device, stamp_rule([0.0], 1e-15, device))
+    stamp_fractions(xy, np.ones(len(xy)), psf, device, stamp_rule([0.0], 1e-15, device))
     assert time.perf_counter() - start < 4  # 20 ms each; by pixels it would be an hour
 
 
 def test_each_band_has_its_own_cut(device):
     psf, xy = ws.PsfGaussian(1.0), [[20.1, 12.3]]
-    sources = [
-        wp.array([1], dtype=wp.int32, device=device),
-        wp.array(np.asarray(xy)[None], dtype=wp.vec2d, device=device),
-        wp.array(np.full((1, 2, 1), 1e-15), dtype=wp.float32, device=device),
-    ]
+    sources = source_lists(xy, np.full(2, 1e-15), device)
     signal = wp.zeros((1, 2, 24, 32), dtype=wp.float32, device=device)
     cuts = [1e-18, 1e-21]
     PsfBank([psf, psf], wp.get_device(device)).deposit(sources, stamp_rule(cuts, 0.0, device), 24, signal).run()
     for image, cut in zip(signal.numpy()[0], cuts, strict=True):
-        (expected,) = one_source_images(xy, psf, (24, 32), device, cut / 1e-15)
+        (expected,) = draw_each(xy, psf, (24, 32), device, cut / 1e-15)
         np.testing.assert_allclose(image, 1e-15 * expected, rtol=1e-6, atol=0)
 
 
@@ -316,7 +275,7 @@ def test_stamps_of_faint_and_bright_sources_in_one_frame(device, psf):
     """Fifteen decades: what is left out stays below the cut everywhere."""
     flux, cut, shape = np.logspace(-25, -10, 16), 1e-19, (120, 130)
     xy = np.random.default_rng(SEED).uniform(10, 110, (16, 2))
-    image = drawn(xy, flux, psf, shape, device, stamp_rule([cut], 0.0, device))
+    image = draw(xy, flux, psf, shape, device, stamp_rule([cut], 0.0, device))
     if isinstance(psf, ws.PsfGaussian):
         expected = gaussian_image(xy, flux, psf.sigma_px, shape)
         np.testing.assert_array_less(np.abs(image - expected), 16 * cut + 1e-6 * expected + 1e-30)
@@ -383,17 +342,9 @@ def test_linear_in_flux_and_independent_of_order(device, psf):
 @pytest.mark.parametrize("n_row_per_block", [1, 3, 4, 23])
 def test_row_blocks_do_not_change_a_bit(device, psf, n_row_per_block):
     xy, flux = field()
-    sources = [
-        wp.array([len(xy)], dtype=wp.int32, device=device),
-        wp.array(xy[None], dtype=wp.vec2d, device=device),
-        wp.array(flux[None, None], dtype=wp.float32, device=device),
-    ]
-    images = []
-    for n_row in (SHAPE[0], n_row_per_block):
-        signal = wp.full((1, 1, *SHAPE), 7.0, dtype=wp.float32, device=device)  # must be overwritten
-        PsfBank([psf], wp.get_device(device)).deposit(sources, stamp_rule([0.0], 1e-6, device), n_row, signal).run()
-        images.append(signal.numpy())
-    np.testing.assert_array_equal(images[1], images[0])
+    rule = stamp_rule([0.0], 1e-6, device)
+    whole, blocks = (draw(xy, flux, psf, SHAPE, device, rule, n_row_per_block=n) for n in (None, n_row_per_block))
+    np.testing.assert_array_equal(blocks, whole)
 
 
 @every_psf

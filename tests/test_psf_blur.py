@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import warp as wp
+from drawing import draw_each
 from psf_oracles import FIRST_DARK_RING, converged_airy_fraction, fractions_by_spectrum
 
 import warpsim as ws
 from warpsim.errors import InputError
 from warpsim.optics.epsf_table import POINTS, table_fraction
-from warpsim.optics.psf_bank import PsfBank, stamp_rule
 from warpsim.optics.tables import TableAccuracy, epsf_table
 
 CLOSURE_ATOL = 1e-5
@@ -153,36 +152,17 @@ def test_device_and_twin_agree(device, n_point, aspect):
     assert max(table.reach_px) < 16
     rng = np.random.default_rng(5)
     xy = np.concatenate([[[20.0, 12.0], [20.5, 12.5], [-0.5, -0.5], [44.3, 30.2]], rng.uniform(0, [40, 30], (16, 2))])
-    n = len(xy)
-    sources = [
-        wp.array(np.ones(n), dtype=wp.int32, device=device),
-        wp.array(xy[:, None, :], dtype=wp.vec2d, device=device),
-        wp.array(np.ones((n, 1, 1)), dtype=wp.float32, device=device),
-    ]
-    signal = wp.zeros((n, 1, 30, 40), dtype=wp.float32, device=device)
-    rule = stamp_rule([0.0], 1e-9, device)
-    PsfBank([psf], wp.get_device(device), aspect, accuracy).deposit(sources, rule, 30, signal).run()
+    found = draw_each(xy, psf, (30, 40), device, 1e-9, aspect, accuracy)
     dx = np.arange(40) - xy[:, 0, None, None]
     dy = np.arange(30)[:, None] - xy[:, 1, None, None]
-    np.testing.assert_allclose(signal.numpy()[:, 0], table_fraction(table, dx, dy), rtol=0, atol=DEVICE_ATOL)
+    np.testing.assert_allclose(found, table_fraction(table, dx, dy), rtol=0, atol=DEVICE_ATOL)
 
 
 @pytest.mark.ci
 def test_stamps_leave_out_what_the_rule_allows(device):
     """Pixels that a blurred, stretched pattern's stamp leaves out hold no more than the cut."""
     psf, aspect, cut = ws.PsfAiry(0.4, 0.3, 1.0), 0.6, 1e-4
-    bank = PsfBank([psf], wp.get_device(device), aspect)
-    xy = np.array([[30.3, 50.6]])
-    sources = [
-        wp.array([1], dtype=wp.int32, device=device),
-        wp.array(xy[None], dtype=wp.vec2d, device=device),
-        wp.array(np.ones((1, 1, 1)), dtype=wp.float32, device=device),
-    ]
-    images = []
-    for allowed in (cut, 1e-9):
-        signal = wp.zeros((1, 1, 101, 61), dtype=wp.float32, device=device)
-        bank.deposit(sources, stamp_rule([0.0], allowed, device), 101, signal).run()
-        images.append(signal.numpy()[0, 0])
+    images = [draw_each([[30.3, 50.6]], psf, (101, 61), device, allowed, aspect)[0] for allowed in (cut, 1e-9)]
     left_out = images[0] == 0
     assert left_out.any() and images[1][left_out].max() <= cut
     np.testing.assert_array_equal(images[0][~left_out], images[1][~left_out])

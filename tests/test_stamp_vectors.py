@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import warp as wp
+from drawing import draw, source_lists
 from scipy import special
 from streak_oracles import axis_fractions
 from warpsim_kernels.canvas import STRIP_PIXELS, flags_of_image, n_flag
@@ -24,34 +25,17 @@ PSFS = [ws.PsfGaussian(0.01), ws.PsfGaussian(0.7), ws.PsfGaussian(3.0), ws.PsfAi
 every_psf = pytest.mark.parametrize("psf", PSFS, ids=["sharp", "gauss", "wide", "airy-sharp", "airy-annular"])
 
 
-def sources_of(xy_px, flux, device):
-    """Lists of one view and band."""
-    return [
-        wp.array([len(xy_px)], dtype=wp.int32, device=device),
-        wp.array(np.asarray(xy_px)[None], dtype=wp.vec2d, device=device),
-        wp.array(np.asarray(flux)[None, None], dtype=wp.float32, device=device),
-    ]
-
-
-def drawn(xy_px, flux, psf, shape, device, rule, n_row_per_block=None, touched=None):
-    """Image of one view and band by the kernels' own interface."""
-    signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=device)
-    bank = PsfBank([psf], wp.get_device(device))
-    bank.deposit(sources_of(xy_px, flux, device), rule, n_row_per_block or shape[0], signal, touched=touched).run()
-    return signal.numpy()[0, 0]
-
-
 @every_psf
 @pytest.mark.ci
 def test_a_launch_keeps_the_tables_of_its_bank(device, psf):
     """Others may take the memory of what is held no more."""
     xy, rule, shape = [[7.3, 8.1]], stamp_rule([0.0], 1e-4, device), (16, 17)
-    expected = drawn(xy, [1.0], psf, shape, device, rule)
+    expected = draw(xy, [1.0], psf, shape, device, rule)
     bank = PsfBank([psf], wp.get_device(device))
     tables = [value for value in vars(bank).values() if isinstance(value, wp.array)]
     sizes = [table.size * wp.types.type_size_in_bytes(table.dtype) for table in tables]
     signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=device)
-    launch = bank.deposit(sources_of(xy, [1.0], device), rule, shape[0], signal)
+    launch = bank.deposit(source_lists(xy, [1.0], device), rule, shape[0], signal)
     del bank, tables
     others = [wp.full(size, 255, dtype=wp.uint8, device=device) for size in sizes for _ in range(20)]
     launch.run()
@@ -89,7 +73,7 @@ def test_every_pixel_of_a_gaussian_stamp_keeps_its_digits(device, sigma_px):
     """Wings of a source 1e13 times brighter than what it may leave out; down to 1e-13 of the light."""
     shape = (220, 230) if sigma_px > 10 else (60, 64)
     for xy in np.random.default_rng(SEED).uniform(0.4, 0.6, (6, 2)) * shape[::-1]:
-        image = drawn([xy], [1.0], ws.PsfGaussian(sigma_px), shape, device, stamp_rule([0.0], 1e-14, device))
+        image = draw([xy], [1.0], ws.PsfGaussian(sigma_px), shape, device, stamp_rule([0.0], 1e-14, device))
         expected = np.outer(axis_fractions([xy[1]], shape[0], sigma_px), axis_fractions([xy[0]], shape[1], sigma_px))
         bright = expected > 1e-13
         np.testing.assert_allclose(image[bright], expected[bright], rtol=WING_RTOL, atol=0)
@@ -121,9 +105,9 @@ def test_edges_of_an_image_cut_stamps_and_change_no_bit(device, psf, cut):
     rng = np.random.default_rng(SEED)
     xy, flux = rng.uniform(-3, [43, 15], (60, 2)), rng.uniform(0.1, 5, 60)
     rule = stamp_rule([0.0], cut, device)
-    wide = drawn(xy, flux, psf, (13, 90), device, rule)
+    wide = draw(xy, flux, psf, (13, 90), device, rule)
     for n_col in (1, 3, 7, 8, 15, 16, 17, 31, 40):
-        np.testing.assert_array_equal(drawn(xy, flux, psf, (13, n_col), device, rule), wide[:, :n_col])
+        np.testing.assert_array_equal(draw(xy, flux, psf, (13, n_col), device, rule), wide[:, :n_col])
 
 
 @wp.kernel(enable_backward=False)
@@ -149,7 +133,9 @@ def test_flags_tell_which_strips_have_light(device, psf, shape):
             xy = rng.uniform(-2, [shape[1] + 1, shape[0] + 1], (n_source, 2))
             touched = wp.zeros((1, 1, n_flag(shape[0] * shape[1])), dtype=wp.uint8, device=device)
             rule = stamp_rule([0.0], cut, device)
-            image = drawn(xy, np.ones(n_source), psf, shape, device, rule, n_row_per_block, touched)
+            image = draw(
+                xy, np.ones(n_source), psf, shape, device, rule, n_row_per_block=n_row_per_block, touched=touched
+            )
             strips = np.zeros((touched.size, STRIP_PIXELS))
             strips.ravel()[: image.size] = image.ravel()
             np.testing.assert_array_equal(touched.numpy()[0, 0], (strips != 0).any(axis=1))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from drawing import draw, stamp_fractions
 from scipy import special
 from streak_oracles import airy_streak, even_times, fine_times, gaussian_streak, legendre
 from warpsim_kernels.streaks import Paths
@@ -51,30 +52,6 @@ def paths_of(movement_px, brightness, device, n_target=None):
     paths.brightness = wp.array(np.asarray(brightness)[None, None], dtype=wp.float32, device=device)
     paths.n_target = len(brightness) if n_target is None else n_target
     return paths
-
-
-def sources_of(xy_px, flux, device):
-    return [
-        wp.array([len(xy_px)], dtype=wp.int32, device=device),
-        wp.array(np.asarray(xy_px)[None], dtype=wp.vec2d, device=device),
-        wp.array(np.asarray(flux, dtype=np.float64)[None, None], dtype=wp.float32, device=device),
-    ]
-
-
-def draw(xy_px, flux, psf, shape, device, rule, paths=None, n_row_per_block=None, aspect=1.0):
-    """The kernels' own interface: one image."""
-    signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=device)
-    bank = PsfBank([psf], wp.get_device(device), aspect)
-    bank.deposit(sources_of(xy_px, flux, device), rule, n_row_per_block or shape[0], signal, paths).run()
-    return signal.numpy()[0, 0]
-
-
-def fractions(xy_px, flux, psf, device, rule, paths=None, aspect=1.0):
-    """Peak and stamp fractions."""
-    outputs = [wp.empty((1, 1, len(xy_px)), dtype=wp.float32, device=device) for _ in range(2)]
-    bank = PsfBank([psf], wp.get_device(device), aspect)
-    bank.measure_stamps(sources_of(xy_px, flux, device)[1:], rule, outputs, paths)
-    return [array.numpy().ravel() for array in outputs]
 
 
 STREAKS = {
@@ -243,7 +220,9 @@ def test_no_movement_is_no_streak_bit_by_bit(device, psf, cut_fraction):
         paths = paths_of(np.zeros((30, n_movement, 2)), brightness, device)
         np.testing.assert_array_equal(draw(xy, flux, psf, SHAPE, device, rule, paths), plain)
         for one, other in zip(
-            fractions(xy, flux, psf, device, rule), fractions(xy, flux, psf, device, rule, paths), strict=True
+            stamp_fractions(xy, flux, psf, device, rule),
+            stamp_fractions(xy, flux, psf, device, rule, paths),
+            strict=True,
         ):
             np.testing.assert_array_equal(other, one)
 
@@ -268,7 +247,7 @@ def test_reported_fractions_are_those_of_the_image(device, psf):
         paths = paths_of([[[0, 0], [3, 1], [0.5, -1]]], [[1, 0.5, 0.1]], device)
         rule = stamp_rule([0.0], cut_fraction, device)
         image = draw(xy, [1.0], psf, shape, device, rule, paths).astype(np.float64)
-        peak, stamp = fractions(xy, [1.0], psf, device, rule, paths)
+        peak, stamp = stamp_fractions(xy, [1.0], psf, device, rule, paths)
         assert stamp[0] == pytest.approx(image.sum(), rel=0, abs=CLOSURE_ATOL)
         assert peak[0] == pytest.approx(image[120, 120], rel=0, abs=max(cut_fraction, CLOSURE_ATOL))
 
@@ -332,7 +311,7 @@ def test_gaussians_on_pixels_that_are_not_square(device, sigma_px, aspect):
 def test_fractions_and_sizes_on_pixels_that_are_not_square(device, psf, aspect, cut):
     rule, shape, xy = stamp_rule([0.0], cut, device), (301, 301), [[150.3, 150.2]]
     image = draw(xy, [1.0], psf, shape, device, rule, aspect=aspect)
-    _, stamp = fractions(xy, [1.0], psf, device, rule, aspect=aspect)
+    _, stamp = stamp_fractions(xy, [1.0], psf, device, rule, aspect=aspect)
     assert stamp[0] == pytest.approx(image.sum(dtype=np.float64), rel=0, abs=CLOSURE_ATOL)
     half = wp.zeros((1, 1), dtype=wp.int32, device=device)
     light = wp.ones((1, 1), dtype=wp.float32, device=device)
