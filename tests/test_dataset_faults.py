@@ -19,8 +19,8 @@ import warpsim as ws
 from warpsim.dataset import annotations, execution
 from warpsim.dataset import shard as shard_module
 from warpsim.dataset.finish import finish
-from warpsim.dataset.layout import PARTS
 from warpsim.files import prepare_folder, read_json, write_fits_table
+from warpsim.output.output_folder import PARTS, OutputFolder
 
 pytest.importorskip("pyarrow")
 
@@ -255,7 +255,7 @@ def test_damage_is_found_and_only_that_is_made_again(recipe, whole, tmp_path, da
         (folder / "manifest.json").write_text((folder / "manifest.json").read_text()[:-100])
     expected = {"annotations": 0}.get(damage, 1)
     if damage == "manifest cut":
-        with pytest.raises(ws.InputError, match=r"manifest.json: is damaged, or not of warpsim; choose another folder"):
+        with pytest.raises(ws.InputError, match=r"manifest.json: is there already, .*, or it is damaged; choose"):
             ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
         return
     assert ws.write_dataset(recipe, folder, n_worker=1, device="cpu").n_shard_written == expected
@@ -269,7 +269,7 @@ def test_a_different_data_set_is_refused_or_replaced(recipe, whole, tmp_path):
     (folder / "train" / "mine.txt").write_text("kept")
     other = ws.Recipe.from_dict(recipe.to_dict() | {"seed": 1, "n_sequence": 2})
     before = content(folder)
-    with pytest.raises(ws.InputError, match=r"holds a different data set or run \(n_sequence: 8 there, 2 here\)"):
+    with pytest.raises(ws.InputError, match=r"holds a different data set \(n_sequence: 8 there, 2 here\)"):
         ws.write_dataset(other, folder, n_worker=1, device="cpu")
     assert content(folder) == before
     ws.write_dataset(other, folder, n_worker=1, device="cpu", overwrite=True)
@@ -311,7 +311,7 @@ def test_a_lost_shard_of_an_array_is_made_again(zarr_recipe, zarr_whole, tmp_pat
 
 
 @pytest.mark.parametrize(
-    "step", ["_write_stores", "_write_annotations", "_write_sequences", "python_version", "write_json"]
+    "step", ["_write_stores", "_write_annotations", "_write_sequences", "python_version", "sha256_of"]
 )
 @pytest.mark.ci
 def test_a_run_that_ends_in_its_last_steps_goes_on(zarr_recipe, zarr_whole, tmp_path, monkeypatch, step):
@@ -338,7 +338,7 @@ def test_what_a_killed_run_left_is_gone_once_another_replaces_it(recipe, tmp_pat
     def broken_off(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("warpsim.dataset.shard.keep_texts", broken_off)
+    monkeypatch.setattr(OutputFolder, "write_record", broken_off)
     with pytest.raises(KeyboardInterrupt):
         ws.write_dataset(bright, tmp_path / "data", n_worker=1, device="cpu")
     monkeypatch.undo()
@@ -401,7 +401,7 @@ def test_a_complete_data_set_is_recognized_where_nothing_can_be_written(recipe, 
     def refused(folder):
         raise ws.InputError(f"{folder}: cannot be written: Read-only file system")
 
-    monkeypatch.setattr("warpsim.dataset.write_dataset.prepare_folder", refused)
+    monkeypatch.setattr("warpsim.output.output_folder.prepare_folder", refused)
     assert ws.write_dataset(recipe, whole, n_worker=1, device="cpu").n_shard_written == 0
 
 
@@ -465,7 +465,7 @@ def test_a_run_killed_in_its_last_moment_is_tidied_up(recipe, whole, tmp_path, m
     folder = tmp_path / "data"
     shutil.copytree(whole, folder)
     (folder / "annotations" / "train.json").unlink()
-    monkeypatch.setattr("warpsim.dataset.directory.clear", _broken_off)
+    monkeypatch.setattr("warpsim.output.output_folder.clear", _broken_off)
     with pytest.raises(KeyboardInterrupt):
         ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
     monkeypatch.undo()
@@ -609,7 +609,7 @@ def test_films_are_the_same_in_whatever_calls_frames_come(recipe, tmp_path, monk
     given = ws.Recipe.from_dict(
         recipe.to_dict() | {"preview": "gif", "n_sequence": 1, "n_frame": 7, "split": {"all": 1}, "coco": False}
     )
-    monkeypatch.setattr("warpsim.dataset.previews.PREVIEW_FRAMES", 3)
+    monkeypatch.setattr("warpsim.dataset.writers.PREVIEW_FRAMES", 3)
     ws.write_dataset(given, tmp_path / "one", n_worker=1, device="cpu")
     monkeypatch.setattr("warpsim.dataset.shard.BYTES_PER_CALL", 1)
     ws.write_dataset(given, tmp_path / "many", n_worker=1, device="cpu")
@@ -632,7 +632,7 @@ def test_runs_of_render_and_data_sets_do_not_replace_each_other(recipe, whole, t
 
 def test_an_unfinished_run_of_render_is_left_as_it_is(recipe, tmp_path, monkeypatch):
     scene, folder = ws.Scene.load("stss"), tmp_path / "run"
-    monkeypatch.setattr("warpsim.output.run._finish", _broken_off)
+    monkeypatch.setattr("warpsim.output.run.Run.finish", _broken_off)
     with pytest.raises(KeyboardInterrupt):
         ws.render_to_folder(scene, folder, range(60, 61), ["sat11"], ["A"])
     monkeypatch.undo()

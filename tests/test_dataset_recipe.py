@@ -13,7 +13,7 @@ from scipy import stats
 import warpsim as ws
 from warpsim.cli import main
 from warpsim.config.distributions import Choice, LogUniform, Normal, Uniform, WholeNumbers
-from warpsim.dataset.identity import difference, identity_of, key_of
+from warpsim.dataset.identity import identity_of
 from warpsim.dataset.layout import ImageKey, image_id, shards_of
 from warpsim.dataset.sequences import (
     _chosen_clip,
@@ -26,6 +26,7 @@ from warpsim.dataset.sequences import (
 )
 from warpsim.dataset.writers import TarArchive
 from warpsim.files import write_fits_table
+from warpsim.output.output_folder import OutputFolder, difference
 
 U = (np.arange(20_000) + 0.5) / 20_000
 
@@ -305,7 +306,7 @@ def test_what_files_depend_on(catalogs, tmp_path):
     assert difference(before, identity_of(ws.Recipe.load(catalogs), "cpu")) is None
     write_fits_table(ws.StarCatalog.synthetic(500, seed=3).to_table(), tmp_path / "two.fits")
     after = identity_of(ws.Recipe.load(catalogs), "cpu")
-    assert key_of(after) != key_of(before)
+    assert after != before
     assert "inputs.star catalog, for sky.catalog 1: " in difference(before, after)
     assert len(before["inputs"]) == 4
     other = identity_of(ws.Recipe.load(catalogs, least_nei=2.0, format="zarr"), "cuda:1")
@@ -313,7 +314,7 @@ def test_what_files_depend_on(catalogs, tmp_path):
     assert difference(before | {"recipe": 0}, other | {"recipe": 0, "inputs": {}}) is not None
     assert "zarr" in other["packages"] and other["device"] == "cuda"
     assert identity_of(made, "cuda:0")["device"] == "cuda"
-    assert key_of(before | {"device": "cuda"}) != key_of(before)
+    assert OutputFolder(tmp_path, before | {"device": "cuda"}).key != OutputFolder(tmp_path, before).key
 
 
 def test_differences_are_told_by_their_place():

@@ -25,7 +25,7 @@ from warpsim_kernels.random_numbers import STREAM_GAIN, STREAM_OFFSET
 
 import warpsim as ws
 from warpsim.output.check import scene_report
-from warpsim.output.fits_cube import _header
+from warpsim.output.fits_header import scene_cards
 from warpsim.output.run import render_to_folder
 from warpsim.render.read_out import read_out_features
 
@@ -364,7 +364,8 @@ def test_reports_tell_the_chain(warm_scene):
 @pytest.mark.ci
 def test_header_and_manifest_tell_the_chain(warm_scene, tmp_path):
     uneven = warm_scene.replace(detector__prnu=0.01)
-    header = _header(uneven.scenario, "sat11", "C", 1)
+    instrument = uneven.scenario.instrument_of("sat11")
+    header = {card[0]: card[1] for card in scene_cards(uneven, instrument, "sat11", "C")}
     known = uneven.scenario.instrument.levels["C"]
     assert header["NEI"] == pytest.approx(known.nei_w_cm2, rel=1e-12)
     assert (header["DETECTOR"], header["EXPTIME"], header["GAIN"]) == ("electron", 0.1, 320.0)

@@ -14,7 +14,8 @@ from astropy.io import fits
 from astropy.wcs import WCS
 
 import warpsim as ws
-from warpsim.output import formats, preview, zarr_array
+from warpsim.output import preview, zarr_array
+from warpsim.output.growing import GrowingFiles
 from warpsim.output.image_files import read_image
 
 pytest.importorskip("zarr")
@@ -202,9 +203,9 @@ def test_another_format_is_another_run(scene, tmp_path):
 def test_overwrite_removes_the_old_runs_files_and_nothing_else(scene, tmp_path):
     run(scene, tmp_path, [60, 61], ["sat11", "sat47"], ["A"], formats=["png", "zarr"], preview="gif")
     (tmp_path / "sat11_A" / "notes.txt").write_text("mine")
-    (tmp_path / ".sat47_A.zarr.partial").mkdir()  # of a run that was killed
-    (tmp_path / ".sat47_A.zarr.partial" / "zarr.json").write_text("{")
-    (tmp_path / "sat47_A" / ".000061.png.partial").write_text("half")
+    (tmp_path / ".warpsim-parts" / "growing" / "sat47").mkdir(parents=True)  # of a run that was killed
+    (tmp_path / ".warpsim-parts" / "growing" / "sat47" / "sat47_A.fits").write_text("half")
+    (tmp_path / ".truth.fits.partial").write_text("half")
     run(scene, tmp_path, [60], ["sat11"], ["A"], overwrite=True)
     expected = {"contact_sheet.png", "manifest.json", "sat11_A", "sat11_A.fits", "sat11_A/notes.txt", "truth.fits"}
     assert {str(item.relative_to(tmp_path)) for item in tmp_path.rglob("*")} == expected
@@ -225,7 +226,8 @@ def test_files_of_others_are_never_touched(scene, tmp_path, name, earlier):
     (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
     (tmp_path / name).write_text("mine")
     before = files_of(tmp_path)
-    with pytest.raises(ws.InputError, match=f"{name}: is there already, and warpsim did not write it"):
+    named = "sat11_A.zarr" if name.endswith("notes.txt") else name
+    with pytest.raises(ws.InputError, match=f"{named}: is there already, and warpsim did not write it"):
         run(scene, tmp_path, [60], ["sat11"], ["A"], formats=["png", "zarr"], preview="gif", overwrite=True)
     assert files_of(tmp_path) == before
 
@@ -264,8 +266,8 @@ def test_killed_halfway_then_completed(tmp_path, checkout_environment):
         finals = {name for name in left if not any(part.startswith(".") for part in Path(name).parts)}
         assert finals
         assert all(left[name] == expected[name] for name in finals), "half a file"
-        # An array is there as a whole or not at all.
-        arrays = {name.split("/")[0] for name in finals if ".zarr/" in name}
+        # An array is there as a whole, or has no description.
+        arrays = {name.split("/")[0] for name in finals if name.endswith(".zarr/zarr.json")}
         assert all(name in finals for name in expected if name.split("/")[0] in arrays)
     result = subprocess.run([*command[:-3], "--format", "png,zarr", "-o", str(killed)], env=checkout_environment,
                             check=True, capture_output=True, text=True)  # fmt: skip
@@ -276,20 +278,102 @@ def test_killed_halfway_then_completed(tmp_path, checkout_environment):
 
 @pytest.mark.ci
 def test_a_run_that_fails_leaves_no_half_array(scene, tmp_path, monkeypatch):
-    real = formats.image_cards
+    real = zarr_array._new_array
 
-    def fail(frames, sensor, band):
-        if band == "E":
+    def fail(path, shape):
+        if path.name == "sat11_E.zarr":
             raise OSError(28, "No space left on device")
-        return real(frames, sensor, band)
+        return real(path, shape)
 
     with monkeypatch.context() as patch:
-        patch.setattr(zarr_array, "image_cards", fail)
+        patch.setattr(zarr_array, "_new_array", fail)
         with pytest.raises(OSError, match=r"writing failed, .*No space left on device: '.*sat11_E\.zarr'"):
             run(scene, tmp_path, formats=["zarr"])
-    assert not list(tmp_path.glob("*.zarr")) and not list(tmp_path.glob(".*.zarr.partial"))
+    assert not list(tmp_path.glob("*.zarr"))
     run(scene, tmp_path, formats=["zarr"])
     assert len(list(tmp_path.glob("*.zarr"))) == 4
+
+
+def broken_off_after(n_step, monkeypatch):
+    """End a run, as a kill would, when so many batches of frames are complete."""
+    real, done = GrowingFiles.end_step, []
+
+    def end_step(self, facts):
+        if len(done) == n_step:
+            raise KeyboardInterrupt
+        done.append(facts)
+        real(self, facts)
+
+    monkeypatch.setattr(GrowingFiles, "end_step", end_step)
+
+
+@pytest.mark.parametrize("n_step", [1, 4, 8])
+@pytest.mark.ci
+def test_a_run_goes_on_in_the_middle_of_a_sensor(scene, folder, tmp_path, monkeypatch, n_step):
+    """Of 2 sensors and 6 frames each, one a call: those that are complete are not rendered again."""
+    monkeypatch.setattr("warpsim.output.run.COUNTS_BYTES_PER_CALL", 1)
+    monkeypatch.setattr(zarr_array, "SHARD_BYTES", 1)
+    options = {"formats": ("fits", "png", "exr", "zarr"), "preview": "gif", "stars": True}
+    with monkeypatch.context() as patch:
+        broken_off_after(n_step, patch)
+        with pytest.raises(KeyboardInterrupt):
+            run(scene, tmp_path / "broken", **options)
+    left = files_of(tmp_path / "broken")
+    assert bool([name for name in left if name.endswith(".fits") and "sat11_A" in name and "parts" not in name]) == (
+        n_step > 6
+    )
+    report = run(scene, tmp_path / "broken", **options)
+    assert report.n_image_rendered == 24 - 2 * n_step
+    run(scene, tmp_path / "whole", **options)
+    assert files_of(tmp_path / "broken") == files_of(tmp_path / "whole")
+    assert (tmp_path / "broken" / "sat47_E.fits").read_bytes() == (folder / "sat47_E.fits").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("damage", "n_kept"), [("tail", 4), ("amid", 2), ("shorter", 3), ("missing", 1), ("journal", 3), ("other", 4)]
+)
+@pytest.mark.ci
+def test_only_whole_frames_are_kept(scene, tmp_path, monkeypatch, damage, n_kept):
+    """What was written beyond the last whole frame is cut off; from the first damaged one on all is rendered again."""
+    monkeypatch.setattr("warpsim.output.run.COUNTS_BYTES_PER_CALL", 1)
+    options = {"formats": ("fits", "png")}
+    with monkeypatch.context() as patch:
+        broken_off_after(4, patch)
+        with pytest.raises(KeyboardInterrupt):
+            run(scene, tmp_path / "broken", **options)
+    growing = tmp_path / "broken" / ".warpsim-parts" / "growing"
+    cube, image_bytes = growing / "sat11" / "sat11_A.fits", 2 * 128 * 128
+    data = bytearray(cube.read_bytes())
+    header_bytes = len(data) - 5 * image_bytes  # that of the fifth frame was not complete
+    if damage == "tail":
+        cube.write_bytes(data + b"half a frame")
+    elif damage == "amid":
+        data[header_bytes + 2 * image_bytes + 5] ^= 1
+        cube.write_bytes(data)
+    elif damage == "shorter":
+        cube.write_bytes(data[: header_bytes + 4 * image_bytes - 1])
+    elif damage == "missing":
+        (growing / "sat11" / "sat11_E" / "000061.png").unlink()
+    elif damage == "journal":
+        journal = growing / "sat11.jsonl"
+        journal.write_text(journal.read_text()[:-30])
+    else:
+        (growing / "sat11" / "sat11_A" / "000099.png").write_text("nobody asked for it")
+    assert run(scene, tmp_path / "broken", **options).n_image_rendered == 24 - 2 * n_kept
+    run(scene, tmp_path / "whole", **options)
+    assert files_of(tmp_path / "broken") == files_of(tmp_path / "whole")
+
+
+@pytest.mark.ci
+def test_another_run_does_not_replace_frames_that_are_complete_unless_told(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr("warpsim.output.run.COUNTS_BYTES_PER_CALL", 1)
+    with monkeypatch.context() as patch:
+        broken_off_after(2, patch)
+        with pytest.raises(KeyboardInterrupt):
+            run(scene, tmp_path)
+    with pytest.raises(ws.InputError, match=r"holds a different run \(scene.seed: 2024 there, 5 here\)"):
+        run(scene.replace(seed=5), tmp_path)
+    assert run(scene.replace(seed=5), tmp_path, overwrite=True).n_image_rendered == 24
 
 
 @pytest.mark.parametrize(

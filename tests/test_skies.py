@@ -85,8 +85,8 @@ def test_identities_cover_the_stars_of_all_kinds(mixed_scene, monkeypatch, tmp_p
     def keys():
         inputs = identity_of(ws.Recipe(scene=mixed_scene), "cpu")["inputs"]
         renderer = ws.Renderer(mixed_scene, device="cpu")
-        plans = [make_plan(renderer, tmp_path, [60], f"sat11.{kind}", None, False) for kind in kinds[:2]]
-        return [inputs, *(plan.key for plan in plans)]
+        plans = [make_plan(renderer, [60], f"sat11.{kind}", None, False) for kind in kinds[:2]]
+        return [inputs, *(plan.identity for plan in plans)]
 
     before = keys()
     assert before[0] == {f"star catalog of {kind}": checksum for kind, checksum in found.items()}

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.dataset.layout import COCO, PARTS, Shard, table_path
+from warpsim.dataset.layout import COCO, Shard, table_path
 from warpsim.dataset.recipe import SHARDED, Recipe
 from warpsim.files import read_json, sha256_of, write_json
 from warpsim.labels.coco import BETWEEN, coco_categories, coco_texts
 from warpsim.labels.parquet import read_parquet
 from warpsim.labels.satnet import satnet_record
+from warpsim.output.output_folder import PARTS
 from warpsim.render.frameset import FrameSet
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ def write_satnet(frames: FrameSet, rows: dict[str, Table], folder: Path) -> None
         folder: Of the sequence.
     """
     home = folder / "Annotations"
-    home.mkdir(exist_ok=True)
+    home.mkdir(parents=True, exist_ok=True)
     ids = np.asarray(rows["truth"]["image_id"])
     for image in rows["images"]:
         frame, sensor, band = int(image["frame"]), str(image["sensor"]), str(image["band"])

@@ -14,7 +14,8 @@ from contextlib import contextmanager
 
 import warp as wp
 
-from warpsim.dataset.shard import CheckpointRecord, Task, work_of_run, write_shard
+from warpsim.dataset.shard import Task, work_of_run, write_shard
+from warpsim.output.output_folder import CheckpointRecord
 
 MOST_WAITING = 4096
 """Tasks that an executor knows of at a time: more than workers of any cluster, and few to hold."""

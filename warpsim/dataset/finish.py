@@ -8,33 +8,30 @@ from pathlib import Path
 from typing import Any
 
 from warpsim.dataset.annotations import shard_texts
-from warpsim.dataset.directory import DatasetDirectory
 from warpsim.dataset.layout import ANNOTATIONS, SEQUENCES, shards_of
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import split_of
-from warpsim.dataset.shard import FINISH, CheckpointRecord, planned_path
-from warpsim.files import sha256_of, write_json
+from warpsim.files import sha256_of
 from warpsim.labels.coco import coco_categories, write_coco_parts
 from warpsim.output.manifest import python_version, response_facts
+from warpsim.output.output_folder import FINISH, CheckpointRecord, OutputFolder
 
 
-def finish(directory: DatasetDirectory, records: dict[str, CheckpointRecord]) -> None:
-    """Write what describes all shards; the manifest last."""
-    recipe, folder = directory.recipe, directory.folder
-    names = planned_names(recipe)
-    write_json({"key": directory.key, "files": dict.fromkeys(names)}, planned_path(folder, FINISH), lasting=True)
-    files = [*_write_stores(recipe, folder, directory.parts), *_write_annotations(directory, records)]
+def finish(recipe: Recipe, output: OutputFolder, records: dict[str, CheckpointRecord]) -> dict[str, Any]:
+    """Write what describes all shards; return the manifest."""
+    folder = output.path
+    output.plan(FINISH, dict.fromkeys(planned_names(recipe)))
+    files = [*_write_stores(recipe, folder, output.parts), *_write_annotations(recipe, folder, records)]
     files.append(_write_sequences(recipe, folder, records))
-    manifest = {
-        "key": directory.key,
-        **directory.identity,
+    return {
+        "key": output.key,
+        **output.identity,
         "python": python_version(),
         "splits": split_of(recipe),
         "responses": {name: response_facts(band) for name, band in recipe.scene.scenario.bands.items()},
         "files": {path.relative_to(folder).as_posix(): sha256_of(path) for path in files},
         "shards": {shard.name: records[shard.name] for shard in shards_of(recipe)},
     }
-    write_json(manifest, directory.manifest_path, lasting=True)
 
 
 def planned_names(recipe: Recipe) -> list[str]:
@@ -70,9 +67,8 @@ def _write_stores(recipe: Recipe, folder: Path, parts: Path) -> list[Path]:
     return paths
 
 
-def _write_annotations(directory: DatasetDirectory, records: dict[str, CheckpointRecord]) -> list[Path]:
+def _write_annotations(recipe: Recipe, folder: Path, records: dict[str, CheckpointRecord]) -> list[Path]:
     """COCO's annotations of each split."""
-    recipe, folder = directory.recipe, directory.folder
     paths = []
     for split in recipe.ratios if recipe.coco else ():
         path = folder / ANNOTATIONS / f"{split}.json"

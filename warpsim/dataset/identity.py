@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import itertools
-import json
 import os
 from typing import Any
 
@@ -54,33 +51,6 @@ def writers_of(recipe: Recipe) -> list[str]:
         *(["zarr"] if recipe.format == "zarr" else []),
         *(["av"] if recipe.preview == "mp4" else []),
     ]
-
-
-def key_of(identity: Identity) -> str:
-    """SHA-256 of an identity."""
-    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
-
-
-def difference(there: Any, here: Any, path: str = "") -> str | None:
-    """Describe the first field in which two identities differ; None where they do not."""
-    if isinstance(there, dict) and isinstance(here, dict):
-        for name in dict.fromkeys([*there, *here]):
-            inner = f"{path}.{name}" if path else str(name)
-            found = difference(there.get(name), here.get(name), inner)
-            if found:
-                return found
-        return None
-    if isinstance(there, list) and isinstance(here, list):
-        items = (difference(a, b, f"{path}[{i}]") for i, (a, b) in enumerate(itertools.zip_longest(there, here)))
-        return next(filter(None, items), None)
-    return None if there == here else f"{path.removeprefix('recipe.')}: {_shown(there)} there, {_shown(here)} here"
-
-
-def _shown(value: Any) -> str:
-    if value is None:
-        return "not set"
-    text = json.dumps(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def input_files(recipe: Recipe) -> list[str]:

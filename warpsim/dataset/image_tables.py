@@ -35,7 +35,7 @@ class ShardTables:
     """
 
     def __init__(
-        self, recipe: Recipe, shard: Shard, folder: Path, locate: Callable[[ImageKey], tuple[str, str]]
+        self, recipe: Recipe, shard: Shard, folder: Path, locate: Callable[[Sequence, ImageKey], tuple[str, str]]
     ) -> None:
         self._recipe, self._shard, self._folder, self._locate = recipe, shard, folder, locate
         self._parts: dict[str, list[Table]] = {}
@@ -61,7 +61,7 @@ class ShardTables:
 
         instrument = frames.instrument
         camera = instrument.sensor.camera
-        locations = [self._locate(key) for key in keys]
+        locations = [self._locate(sequence, key) for key in keys]
         lens = lens_keywords(camera)
         axes = frames.axes_icrs
         n_band = len(frames.bands)

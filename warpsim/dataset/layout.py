@@ -15,19 +15,13 @@ from typing import NamedTuple
 
 from warpsim.dataset.recipe import SHARDED, Recipe
 from warpsim.dataset.sequences import Sequence, split_of
+from warpsim.output.output_folder import MANIFEST
 from warpsim.render.frameset import FrameSet
 
-MANIFEST = "manifest.json"
 SEQUENCES = "sequences.parquet"
 ANNOTATIONS = "annotations"
-RUN = "run.json"
-"""In PARTS: the data set that the folder is locked for."""
-
-PARTS = ".warpsim-parts"
-"""Folder of what a run needs while it is unfinished."""
-
-CHECKPOINTS, PLANNED, COCO, WORK = "checkpoints", "planned", "coco", "work"
-"""Folders there: checkpoint records of shards, names of files to come, texts of annotations, incomplete files."""
+COCO = "coco"
+"""In the folder of parts: texts of annotations."""
 
 
 @dataclass(frozen=True)

@@ -10,18 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from warpsim.arguments import whole_number
-from warpsim.dataset.directory import DatasetDirectory
 from warpsim.dataset.execution import run_tasks
 from warpsim.dataset.finish import finish
 from warpsim.dataset.identity import identity_of, writers_of
-from warpsim.dataset.layout import CHECKPOINTS, COCO, PLANNED, Shard, shards_of
-from warpsim.dataset.previews import FRAMES_PER_S
+from warpsim.dataset.layout import COCO, shards_of, top_names
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import check_extremes
-from warpsim.dataset.shard import CheckpointRecord, Task
+from warpsim.dataset.shard import Task
 from warpsim.errors import InputError
-from warpsim.files import prepare_folder, read_json
-from warpsim.output.checkpoints import tidy
+from warpsim.files import read_json
+from warpsim.output.output_folder import CHECKPOINTS, PLANNED, CheckpointRecord, OutputFolder
 from warpsim.output.preview import check_preview
 from warpsim.output.progress import progress_bar
 from warpsim.output.zarr_array import check_zarr
@@ -97,27 +95,68 @@ def write_dataset(
     n_worker = whole_number("n_worker", n_worker, 1) if n_worker is not None else _workers(alias)
     _check_packages(recipe)
     check_extremes(recipe)
-    directory = DatasetDirectory(Path(folder).absolute(), recipe, identity_of(recipe, alias))
-    n_written = 0
-    if directory.is_complete():
-        tidy(directory.folder, directory.parts, directory.is_complete)
-    else:
-        prepare_folder(directory.folder)
-        try:
-            with directory.locked_for_run(overwrite) as records:
-                missing = [shard for shard in shards_of(recipe) if shard.name not in records]
-                n_written = len(missing)
-                _write_missing(directory, missing, records, alias, executor, n_worker, progress)
-                finish(directory, records)
-        except OSError as error:
-            raise OSError(f"{directory.folder}: writing failed, the same command goes on from here: {error}") from error
-    return _report(directory, n_written, time.perf_counter() - begin)
+    output = OutputFolder(Path(folder).absolute(), identity_of(recipe, alias))
+    dataset = Dataset(recipe, alias, executor, n_worker, progress)
+    output.write(dataset, overwrite)
+    shards = read_json(output.manifest_path)["shards"]
+    n_byte = sum(record["bytes"] for record in shards.values())
+    total_s = time.perf_counter() - begin
+    n_written = dataset.n_shard_written
+    return DatasetReport(output.path, recipe.n_sequence, recipe.n_image, n_byte, len(shards), n_written, total_s)
+
+
+@dataclass
+class Dataset:
+    """The work of a data set."""
+
+    recipe: Recipe
+    device: str
+    executor: Executor | None
+    n_worker: int
+    progress: bool
+    n_shard_written: int = 0
+
+    @property
+    def shard_names(self) -> list[str]:
+        """Some sequences each."""
+        return [shard.name for shard in shards_of(self.recipe)]
+
+    @property
+    def claimed_names(self) -> list[str]:
+        """Top-level entries."""
+        return top_names(self.recipe)
+
+    def records_of(self, folder: OutputFolder, manifest: dict[str, Any]) -> dict[str, CheckpointRecord]:
+        """Return the records in the manifest."""
+        return {name: manifest["shards"][name] for name in self.shard_names if name in manifest.get("shards", {})}
+
+    def write_missing(self, folder: OutputFolder, records: dict[str, CheckpointRecord]) -> None:
+        """Write the missing shards, and collect their records."""
+        missing = [shard for shard in shards_of(self.recipe) if shard.name not in records]
+        self.n_shard_written = len(missing)
+        n_thread = None if self.executor is None and self.n_worker == 1 else 1
+        tasks = [Task(str(folder.path), folder.key, shard, self.device, n_thread) for shard in missing]
+        n_sequence = {shard.name: len(shard.sequences) for shard in missing}
+        for name in (CHECKPOINTS, PLANNED, COCO):
+            (folder.parts / name).mkdir(exist_ok=True)
+        with progress_bar(self.recipe.n_sequence, self.progress) as advance:
+            advance(self.recipe.n_sequence - sum(n_sequence.values()))
+
+            def done(record: CheckpointRecord) -> None:
+                records[record["shard"]] = record
+                advance(n_sequence[record["shard"]])
+
+            run_tasks(tasks, self.executor, self.n_worker, done)
+
+    def finish(self, folder: OutputFolder, records: dict[str, CheckpointRecord]) -> dict[str, Any]:
+        """Write what describes all shards."""
+        return finish(self.recipe, folder, records)
 
 
 def _check_packages(recipe: Recipe) -> None:
     """Check that the packages that write the files are installed, before the work."""
     if recipe.preview:
-        check_preview(Path(f"preview.{recipe.preview}"), FRAMES_PER_S)
+        check_preview(Path(f"preview.{recipe.preview}"))
     if recipe.format == "zarr":
         check_zarr()  # its version matters
     for package in writers_of(recipe):
@@ -127,35 +166,3 @@ def _check_packages(recipe: Recipe) -> None:
 
 def _workers(device: str) -> int:
     return 1 if device.startswith("cuda") else n_usable_cpu()
-
-
-def _write_missing(
-    directory: DatasetDirectory,
-    missing: list[Shard],
-    records: dict[str, CheckpointRecord],
-    device: str,
-    executor: Executor | None,
-    n_worker: int,
-    progress: bool,
-) -> None:
-    """Write the missing shards and collect their checkpoint records."""
-    n_thread = None if executor is None and n_worker == 1 else 1
-    tasks = [Task(str(directory.folder), directory.key, shard, device, n_thread) for shard in missing]
-    n_sequence = {shard.name: len(shard.sequences) for shard in missing}
-    for name in (CHECKPOINTS, PLANNED, COCO):
-        (directory.parts / name).mkdir(exist_ok=True)
-    with progress_bar(directory.recipe.n_sequence, progress) as advance:
-        advance(directory.recipe.n_sequence - sum(n_sequence.values()))
-
-        def done(record: CheckpointRecord) -> None:
-            records[record["shard"]] = record
-            advance(n_sequence[record["shard"]])
-
-        run_tasks(tasks, executor, n_worker, done)
-
-
-def _report(directory: DatasetDirectory, n_written: int, total_s: float) -> DatasetReport:
-    recipe = directory.recipe
-    shards = read_json(directory.manifest_path)["shards"]
-    n_byte = sum(record["bytes"] for record in shards.values())
-    return DatasetReport(directory.folder, recipe.n_sequence, recipe.n_image, n_byte, len(shards), n_written, total_s)

@@ -1,7 +1,6 @@
 """Writers of the images of a shard: one class per kind of format, all with the same methods.
 
-`begin` a sequence, `add` its frames as they are rendered, `end` it; `finish` the shard. `locate` gives an image's file.
-Planes are arrays by name (PLANES), with the axes (frame, sensor, band, ...) of a render call.
+`add` the frames of its sequences as they are rendered, then `finish` the shard. `locate` gives an image's file.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ import contextlib
 import io
 import json
 import tarfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -19,152 +19,111 @@ import numpy.typing as npt
 from warpsim.dataset.layout import ImageKey, Shard, folder_of, image_id, image_keys
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import Sequence
-from warpsim.errors import InputError
-from warpsim.output.fits_cube import CubeWriter
-from warpsim.output.fits_header import image_cards
-from warpsim.output.fits_planes import PlaneWriter
-from warpsim.output.image_files import facts_of, write_counts, write_signal
+from warpsim.output.fits_header import Views
+from warpsim.output.formats import Animations, FitsCubes, Format, ImageFiles, Images
 from warpsim.render.frameset import FrameSet
+from warpsim.scene.instrument import Instrument
 
 if TYPE_CHECKING:
     from astropy.table import Table
 
-Planes = dict[str, npt.NDArray[Any]]
+PREVIEW_FRAMES = 100
+"""Of the animation of a sequence at most, evenly chosen."""
 
-PLANES = {
-    "counts": "counts",
-    "signal_w_cm2": "noiseless irradiance of each pixel [W/cm2]",
-    "mask": "number of the target in each pixel, counted from 1; 0: none",
-    "contributions_w_cm2": "noiseless irradiance of each target apart [W/cm2], one plane per target",
-}
-"""What is written of an image, by name."""
+Planes = dict[str, npt.NDArray[Any]]
+"""By name (PLANES), with the axes (frame, sensor, band, ...) of a render call."""
+
+
+def planes_of(recipe: Recipe, frames: FrameSet) -> Planes:
+    """Return what is written of a render call."""
+    planes: Planes = {"counts": frames.counts.numpy()}
+    if recipe.signal and frames.signal_w_cm2 is not None:
+        planes["signal_w_cm2"] = frames.signal_w_cm2.numpy()
+    if recipe.masks:
+        planes["mask"] = frames.target_masks(recipe.least_nei)
+    if recipe.contributions:
+        images, (n_row, n_col) = frames.counts.shape[:3], frames.counts.shape[3:]
+        light = np.zeros((*images, len(frames.scenario.targets), n_row, n_col), dtype=np.float32)
+        for f, s, b in np.ndindex(light.shape[:3]):
+            light[f, s, b] = frames.contributions_w_cm2(frames.frames[f], frames.sensors[s], frames.bands[b])
+        planes["contributions_w_cm2"] = light
+    return planes
+
+
+def bytes_per_view(recipe: Recipe, instrument: Instrument, n_target: int) -> int:
+    """Return the memory of a view [bytes], with all bands, planes and temporaries."""
+    per_pixel = 2 + 4 * recipe.signal + 2 * recipe.masks + 4 * n_target * (recipe.contributions or recipe.masks)
+    return per_pixel * recipe.pixels_of(instrument)
 
 
 class ShardWriter(Protocol):
     """Writer of the images of a shard, below a folder that mirrors the data set's."""
 
-    def begin(self, sequence: Sequence, position: int) -> None:
-        """Start a sequence, the position-th of the shard."""
-
-    def add(self, frames: FrameSet, planes: Planes, truth: Table) -> None:
-        """Write further frames of the sequence."""
-
-    def end(self) -> None:
-        """End the sequence."""
+    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, truth: Table) -> None:
+        """Write further frames of the position-th sequence of the shard."""
 
     def finish(self) -> None:
         """Finish the shard."""
 
-    def abandon(self) -> None:
-        """Close open files after a failure."""
+    def close(self) -> None:
+        """Close open files, whether the shard is finished or not."""
 
-    def locate(self, key: ImageKey) -> tuple[str, str]:
+    def locate(self, sequence: Sequence, key: ImageKey) -> tuple[str, str]:
         """File of an image, relative to the data set, and its item in it: indices, or a member's name."""
 
 
-class CubeFolder:
-    """FITS cubes in a folder for each sequence: SENSOR_BAND.fits, and SENSOR_BAND.PLANE.fits for other planes."""
+class SequenceFolders:
+    """A folder for each sequence, with the files of a run: cubes, or an image file each, and animations."""
 
     def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
         self._recipe, self._shard, self._folder = recipe, shard, folder
-        self._cubes: dict[str, CubeWriter] = {}
-        self._others: dict[str, PlaneWriter] = {}
+        if recipe.format == "fits":
+            self._format: Format = FitsCubes()
+        else:
+            ending = {"png": ".png", "tiff": ".tif"}[recipe.format]
+            others = {"signal_w_cm2": ".signal_w_cm2.exr", "contributions_w_cm2": ".contributions_w_cm2.npy"}
+            self._format = ImageFiles({"counts": ending, "mask": f".mask{ending}", **others})
+        step = -(-recipe.n_frame // PREVIEW_FRAMES)
+        self._formats = [self._format, *([Animations(f".{recipe.preview}", step)] if recipe.preview else [])]
+        self._written: dict[tuple[int, str], tuple[list[Images], list[dict[str, Any]]]] = {}
+        """Of each sequence and sensor: its images by band, and the views so far."""
 
-    def begin(self, sequence: Sequence, position: int) -> None:
-        """Start a sequence."""
-        self._sequence = sequence
-        self._home = self._folder / folder_of(self._shard, sequence.number)
-        self._home.mkdir(parents=True)
-
-    def add(self, frames: FrameSet, planes: Planes, truth: Table) -> None:
-        """Append frames to each cube."""
+    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, truth: Table) -> None:
+        """Append frames to the files of each sensor and band."""
+        home = self._folder / folder_of(self._shard, sequence.number)
+        home.mkdir(parents=True, exist_ok=True)
         for s, sensor in enumerate(frames.sensors):
-            for b, band in enumerate(frames.bands):
-                stem = f"{sensor}_{band}"
-                if stem not in self._cubes:
-                    path = self._home / f"{stem}.fits"
-                    self._cubes[stem] = CubeWriter(path, self._sequence.scenario, sensor, band, self._recipe.n_frame)
-                self._cubes[stem].add(frames, s, b)
-                for name in planes.keys() - {"counts"}:
-                    self._add_other(name, f"{stem}.{name}", planes[name][:, s, b])
-
-    def _add_other(self, name: str, stem: str, values: npt.NDArray[Any]) -> None:
-        if stem not in self._others:
-            shape = (self._recipe.n_frame, *values.shape[1:])
-            self._others[stem] = PlaneWriter(self._home / f"{stem}.fits", shape, values.dtype, PLANES[name])
-        self._others[stem].add(values)
-
-    def end(self) -> None:
-        """Close the cubes."""
-        for writer in self._open:
-            writer.close()
-        self._cubes, self._others = {}, {}
-
-    @property
-    def _open(self) -> list[CubeWriter | PlaneWriter]:
-        return [*self._cubes.values(), *self._others.values()]
+            views = Views.of(frames, sensor)
+            if (sequence.number, sensor) not in self._written:
+                frame_numbers = range(self._recipe.n_frame)
+                images = [Images(sequence.scenario, sensor, band, frame_numbers) for band in frames.bands]
+                self._written[sequence.number, sensor] = images, []
+            images, before = self._written[sequence.number, sensor]
+            before.append(views.plain)
+            for b, of_band in enumerate(images):
+                for form in self._formats:
+                    form.append(home, of_band, views, {name: values[:, s, b] for name, values in planes.items()})
 
     def finish(self) -> None:
+        """Finish all files."""
+        for (number, sensor), (images, parts) in self._written.items():
+            home = self._folder / folder_of(self._shard, number)
+            views = Views.joined(images[0].instrument, sensor, parts)
+            for of_band in images:
+                for form in self._formats:
+                    form.finish(home, of_band, views)
+        for path in self._folder.rglob("*.grey"):
+            path.unlink()
+
+    def close(self) -> None:
         """Do nothing."""
 
-    def abandon(self) -> None:
-        """Close what is open."""
-        for writer in self._open:
-            with contextlib.suppress(OSError):
-                writer.abandon()
-
-    def locate(self, key: ImageKey) -> tuple[str, str]:
-        """The plane of a cube."""
-        return f"{folder_of(self._shard, key.sequence)}/{key.sensor}_{key.band}.fits", f"[{key.frame}]"
-
-
-class ImageFolder:
-    """An image file each, in a folder for each sensor and band of a sequence: SENSOR_BAND/FRAME.png."""
-
-    def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
-        self._shard, self._folder = shard, folder
-        self._suffix = {"png": ".png", "tiff": ".tif"}[recipe.format]
-
-    def begin(self, sequence: Sequence, position: int) -> None:
-        """Start a sequence."""
-        self._home = self._folder / folder_of(self._shard, sequence.number)
-        self._home.mkdir(parents=True)
-
-    def add(self, frames: FrameSet, planes: Planes, truth: Table) -> None:
-        """Write the images of frames."""
-        for s, sensor in enumerate(frames.sensors):
-            for b, band in enumerate(frames.bands):
-                folder = self._home / f"{sensor}_{band}"
-                folder.mkdir(exist_ok=True)
-                for f, cards in enumerate(image_cards(frames, sensor, band)):
-                    stem = folder / f"{frames.frames[f]:06d}"
-                    self._write(stem, {name: plane[f, s, b] for name, plane in planes.items()}, facts_of(cards))
-
-    def _write(self, stem: Path, planes: Planes, meta: dict[str, Any]) -> None:
-        for name, values in planes.items():
-            if name == "counts":
-                write_counts(stem.with_suffix(self._suffix), values, meta)
-            elif name == "signal_w_cm2":
-                write_signal(stem.with_suffix(".signal_w_cm2.exr"), values, meta | {"BUNIT": "W/cm2"})
-            elif name == "mask":
-                facts = {key: value for key, value in meta.items() if key != "BUNIT"}  # numbers of targets
-                write_counts(stem.with_suffix(f".mask{self._suffix}"), values, facts)
-            else:
-                np.save(stem.with_suffix(f".{name}.npy"), values)
-
-    def end(self) -> None:
-        """Do nothing."""
-
-    def finish(self) -> None:
-        """Do nothing."""
-
-    def abandon(self) -> None:
-        """Do nothing."""
-
-    def locate(self, key: ImageKey) -> tuple[str, str]:
-        """The file of an image."""
-        folder = folder_of(self._shard, key.sequence)
-        return f"{folder}/{key.sensor}_{key.band}/{key.frame:06d}{self._suffix}", ""
+    def locate(self, sequence: Sequence, key: ImageKey) -> tuple[str, str]:
+        """The plane of a cube, or the file of an image."""
+        images = Images(sequence.scenario, key.sensor, key.band, [key.frame])
+        (name,) = self._format.names(images)
+        item = f"[{key.frame}]" if self._recipe.format == "fits" else ""
+        return f"{folder_of(self._shard, key.sequence)}/{name}", item
 
 
 class TarArchive:
@@ -179,16 +138,12 @@ class TarArchive:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._tar = tarfile.open(path, "w", format=tarfile.USTAR_FORMAT)  # noqa: SIM115
 
-    def begin(self, sequence: Sequence, position: int) -> None:
-        """Start a sequence."""
-        self._sequence, self._position = sequence, position
-
-    def add(self, frames: FrameSet, planes: Planes, truth: Table) -> None:
+    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, truth: Table) -> None:
         """Append the samples of frames."""
-        keys = image_keys(self._recipe, self._sequence, self._position, frames)
+        keys = image_keys(self._recipe, sequence, position, frames)
         for f, number in enumerate(frames.frames):
             for s, sensor in enumerate(frames.sensors):
-                key = self._key(self._sequence.number, number, sensor)
+                key = self._key(sequence.number, number, sensor)
                 for name, values in planes.items():
                     data = io.BytesIO()
                     np.save(data, np.ascontiguousarray(values[f, s]))
@@ -222,39 +177,30 @@ class TarArchive:
     def _key(sequence: int, frame: int, sensor: str) -> str:
         return f"{sequence:06d}_{frame:06d}_{sensor.replace('.', '~')}"  # a dot ends a key
 
-    def end(self) -> None:
-        """Do nothing."""
-
     def finish(self) -> None:
         """Write the archive's end."""
         self._tar.close()
 
-    def abandon(self) -> None:
+    def close(self) -> None:
         """Close the file."""
         with contextlib.suppress(OSError):
             self._tar.close()
 
-    def locate(self, key: ImageKey) -> tuple[str, str]:
+    def locate(self, sequence: Sequence, key: ImageKey) -> tuple[str, str]:
         """The member that holds an image's bands."""
         member = self._key(key.sequence, key.frame, key.sensor)
-        own = self._recipe.bands_of(self._sequence.scenario.instrument_of(key.sensor))
+        own = self._recipe.bands_of(sequence.scenario.instrument_of(key.sensor))
         return f"{self._shard.stem}.tar", f"{member}.npy[{own.index(key.band)}]"
 
 
-def shard_writer(recipe: Recipe, shard: Shard, folder: Path) -> ShardWriter:
-    """Return the writer of a recipe's format.
-
-    Raises:
-        InputError: The format needs a package that is not installed.
-    """
+@contextlib.contextmanager
+def shard_writer(recipe: Recipe, shard: Shard, folder: Path) -> Iterator[ShardWriter]:
+    """Return the writer of a recipe's format."""
     if recipe.format == "zarr":
         from warpsim.dataset.zarr_store import ZarrShard
 
-        return ZarrShard(recipe, shard, folder)
-    kinds: dict[str, Any] = {
-        "fits": CubeFolder, "png": ImageFolder, "tiff": ImageFolder, "webdataset": TarArchive,
-    }  # fmt: skip
-    if recipe.format not in kinds:
-        raise InputError(f"must be one of {', '.join([*kinds, 'zarr'])}", "format", recipe.format)
-    writer: ShardWriter = kinds[recipe.format](recipe, shard, folder)
-    return writer
+        writer: ShardWriter = ZarrShard(recipe, shard, folder)
+    else:
+        writer = (TarArchive if recipe.format == "webdataset" else SequenceFolders)(recipe, shard, folder)
+    with contextlib.closing(writer):
+        yield writer

@@ -99,23 +99,19 @@ class ZarrShard:
         self._buffers: dict[str, Any] = {}
         self._first = shard.number * recipe.shard_size
 
-    def begin(self, sequence: Sequence, position: int) -> None:
-        """Start a sequence."""
-        self._position = position
+    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: dict[str, Any], truth: Any) -> None:
+        """Keep frames until a shard of an array is full."""
         if self._recipe.contributions and sequence.scenario.target_names != self._recipe.scenario.target_names:
             raise InputError(
                 "contributions in one Zarr array need the same targets in every sequence; choose another format",
                 f"sequence {sequence.number}",
             )
-
-    def add(self, frames: FrameSet, planes: dict[str, Any], truth: Any) -> None:
-        """Keep frames until a shard of an array is full."""
         n_frame = self._recipe.frames_per_shard
         for name, (shape, dtype) in array_shapes(self._recipe).items():
             for f, number in enumerate(frames.frames):
                 if name not in self._buffers:
                     self._buffers[name] = np.zeros((len(self._shard.sequences), n_frame, *shape[1:]), dtype)
-                self._buffers[name][self._position, number % n_frame] = planes[name][f]
+                self._buffers[name][position, number % n_frame] = planes[name][f]
                 if len(self._shard.sequences) == 1 and (number % n_frame == n_frame - 1 or number == shape[0] - 1):
                     self._flush(name, number // n_frame * n_frame, number + 1)
 
@@ -124,9 +120,6 @@ class ZarrShard:
         last = self._first + len(self._shard.sequences)
         self._arrays[name][self._first : last, first:end] = self._buffers.pop(name)[:, : end - first]
 
-    def end(self) -> None:
-        """Do nothing."""
-
     def finish(self) -> None:
         """Write buffered frames; the group's description is written by the run."""
         for name in list(self._buffers):
@@ -134,11 +127,10 @@ class ZarrShard:
         for path in self._path.rglob("zarr.json"):
             os.unlink(path)  # noqa: PTH108
 
-    def abandon(self) -> None:
-        """Drop buffered frames."""
-        self._buffers = {}
+    def close(self) -> None:
+        """Do nothing: no file is open."""
 
-    def locate(self, key: ImageKey) -> tuple[str, str]:
+    def locate(self, sequence: Sequence, key: ImageKey) -> tuple[str, str]:
         """The array and the index of an image."""
         index = f"[{self._first + key.position}, {key.frame}, {key.sensor_number}, {key.band_number}]"
         return f"{store_path(self._shard.split)}/counts", index

@@ -7,7 +7,7 @@ import fcntl
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -69,22 +69,15 @@ def _is_there(number: int, path: Path) -> bool:
         return False
 
 
-def tidy(folder: Path, parts: Path, is_complete: Callable[[], bool]) -> None:
-    """Remove the folder of parts of a run that was killed at its very end; ignore failures."""
-    if parts.exists():
-        with contextlib.suppress(InputError, OSError), locked(folder, parts):
-            if is_complete():
-                clear(parts)
-
-
-def clear(parts: Path) -> None:
-    """Remove the folder of what an unfinished run needed; call it while its lock is held."""
+def clear(parts: Path, with_lock: bool = True) -> None:
+    """Remove what an unfinished run needed; call it while its lock is held."""
     for path in parts.iterdir():
         if path.name != LOCK:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
-    (parts / LOCK).unlink(missing_ok=True)  # last: from now on others may come
-    with contextlib.suppress(OSError):
-        parts.rmdir()
+    if with_lock:
+        (parts / LOCK).unlink(missing_ok=True)  # last: from now on others may come
+        with contextlib.suppress(OSError):
+            parts.rmdir()
 
 
 def remove_files(folder: Path, names: Iterable[str]) -> None:

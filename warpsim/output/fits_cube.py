@@ -8,6 +8,7 @@ and the SIP polynomials of a distorted camera. `read_cube(path).wcs(plane)` make
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,11 +17,11 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.errors import InputError
+from warpsim.files import naming
 from warpsim.optics.wcs import lens_keywords, tan_keywords, wcs_from_keywords
 from warpsim.output.dates import utc_dates
-from warpsim.output.fits_header import scene_cards, view_flags
-from warpsim.render.frameset import FrameSet
-from warpsim.scene.scenario import Scenario
+from warpsim.output.fits_header import Card, Views
+from warpsim.scene.description import SceneDescription
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 _FLAG_COLUMNS = {"UPREPL": "UP_REPLACED", "BOREPL": "BORESIGHT_REPLACED", "SLEWING": "SLEWING"}
 """Columns of flags of views, by keyword."""
+
+FITS_BLOCK_BYTES = 2880
 
 _WCS_KEYS = ("CRVAL1", "CRVAL2", "CRPIX1", "CRPIX2", "CD1_1", "CD1_2", "CD2_1", "CD2_2", "LONPOLE")
 
@@ -54,60 +57,60 @@ class Cube:
         return wcs_from_keywords({key: float(row[key]) for key in _WCS_KEYS}, self.frames.meta)
 
 
-class CubeWriter:
-    """Writer of the planes of one sensor and band as they are rendered.
+def append_planes(path: Path, planes: npt.NDArray[Any], n_frame: int, cards: Sequence[Card]) -> None:
+    """Append planes to a FITS array of n_frame of them, which is begun with the first.
 
     Args:
-        path: Name to write to (a temporary one; see files.whole_file).
-        scenario: The scene.
-        sensor: Sensor name.
-        band: Band name.
-        n_frame: Planes that will come.
+        path: File to write to.
+        planes: uint16 or float32, shape (n, ...).
+        n_frame: Length of the first axis in the end.
+        cards: Keywords beyond those of the array's form.
     """
+    from astropy.io import fits
 
-    def __init__(self, path: Path, scenario: Scenario, sensor: str, band: str, n_frame: int) -> None:
-        from astropy.io import fits
+    if planes.dtype not in (np.dtype(np.uint16), np.dtype(np.float32)):
+        raise InputError("must be uint16 or float32", "dtype", planes.dtype)
+    with naming(path), path.open("ab") as file:
+        if file.tell() == 0:
+            header = fits.Header([fits.Card(*card) for card in _form_cards(planes.dtype, (n_frame, *planes.shape[1:]))])
+            header.extend([fits.Card(*card) for card in cards], strip=False)
+            file.write(header.tostring().encode("ascii"))
+        # 16-bit integers of FITS have a sign: 32768 is added by the reader.
+        stored = planes ^ np.uint16(0x8000) if planes.dtype == np.uint16 else planes
+        file.write(stored.astype(stored.dtype.newbyteorder(">")).data)
 
-        self._path = path
-        self._epoch_utc = scenario.scene.epoch_utc
-        self._camera = scenario.instrument_of(sensor).sensor.camera
-        self._rows: list[dict[str, Any]] = []
-        path.unlink(missing_ok=True)  # StreamingHDU appends to what is there
-        self._stream = fits.StreamingHDU(str(path), _header(scenario, sensor, band, n_frame))
 
-    def add(self, frames: FrameSet, sensor: int, band: int) -> None:
-        """Append all frames of a render call, for one index along the sensor and band axes."""
-        counts = frames.counts.numpy()[:, sensor, band]
-        self._stream.write((counts.astype(np.int32) - 32768).astype(np.int16))
-        flags = {_FLAG_COLUMNS[word]: values[:, sensor] for word, values in view_flags(frames).items()}
-        for position, number in enumerate(frames.frames):
-            keywords = tan_keywords(frames.axes_icrs[position, sensor], self._camera)
-            row = {"FRAME": number, "TIME_S": float(frames.time_s[position]), **keywords}
-            self._rows.append(row | {name: bool(values[position]) for name, values in flags.items()})
+def finish_cube(path: Path, scene: SceneDescription, views: Views) -> None:
+    """Finish a cube with the table of its frames."""
+    from astropy.io import fits
+    from astropy.table import Table
 
-    def close(self) -> None:
-        """Finish the file with the table of frames."""
-        from astropy.io import fits
-        from astropy.table import Table
+    camera, time_s = views.instrument.sensor.camera, views.time_s
+    rows = [
+        {"FRAME": number, "TIME_S": float(time_s[i]), **tan_keywords(views.axes_icrs[i], camera)}
+        | {_FLAG_COLUMNS[word]: bool(values[i]) for word, values in views.flags.items()}
+        for i, number in enumerate(views.frames)
+    ]
+    table = Table(rows=rows)
+    table.add_column(utc_dates(scene.epoch_utc, table["TIME_S"]), index=2, name="DATE_OBS")
+    table["TIME_S"].unit = "s"
+    for name in _WCS_KEYS[:2]:
+        table[name].unit = "deg"
+    for name in _WCS_KEYS[4:8]:
+        table[name].unit = "deg / pix"
+    extension = fits.table_to_hdu(table)
+    extension.name = "FRAMES"
+    extension.header.update(lens_keywords(camera))
+    extension.header["TIMESYS"] = "UTC"
+    finish_planes(path)
+    with naming(path), fits.open(path, mode="append", memmap=False) as file:
+        file.append(extension)
 
-        self._stream.close()
-        table = Table(rows=self._rows)
-        table.add_column(utc_dates(self._epoch_utc, table["TIME_S"]), index=2, name="DATE_OBS")
-        table["TIME_S"].unit = "s"
-        for name in _WCS_KEYS[:2]:
-            table[name].unit = "deg"
-        for name in _WCS_KEYS[4:8]:
-            table[name].unit = "deg / pix"
-        extension = fits.table_to_hdu(table)
-        extension.name = "FRAMES"
-        extension.header.update(lens_keywords(self._camera))
-        extension.header["TIMESYS"] = "UTC"
-        with fits.open(self._path, mode="append", memmap=False) as file:
-            file.append(extension)
 
-    def abandon(self) -> None:
-        """Close the stream of a file that will not be finished."""
-        self._stream.close()
+def finish_planes(path: Path) -> None:
+    """Fill the last block of a FITS array."""
+    with naming(path), path.open("ab") as file:
+        file.write(bytes(-file.tell() % FITS_BLOCK_BYTES))
 
 
 def read_cube(path: str | Path) -> Cube:
@@ -127,21 +130,25 @@ def read_cube(path: str | Path) -> Cube:
         raise InputError(f"is not a warpsim FITS cube: {error}").of(path) from None
 
 
-def _header(scenario: Scenario, sensor: str, band: str, n_frame: int) -> Any:
+def read_planes(path: Path, frames: Sequence[int]) -> npt.NDArray[np.uint16]:
+    """Read the planes of some frame numbers of a cube, and no others."""
     from astropy.io import fits
 
-    instrument = scenario.instrument_of(sensor)
-    camera = instrument.sensor.camera
-    cards = [
+    with fits.open(path) as file:
+        numbers = np.asarray(file["FRAMES"].data["FRAME"]).tolist()
+        return np.stack([np.asarray(file[0].section[numbers.index(frame)], dtype=np.uint16) for frame in frames])
+
+
+def _form_cards(dtype: Any, shape: tuple[int, ...]) -> list[Card]:
+    """Keywords of the form of an array."""
+    is_whole = dtype == np.uint16
+    cards: list[Card] = [
         ("SIMPLE", True, "conforms to FITS"),
-        ("BITPIX", 16, "16-bit integers"),
-        ("NAXIS", 3, ""),
-        ("NAXIS1", camera.n_col, "columns"),
-        ("NAXIS2", camera.n_row, "rows, first row on top"),
-        ("NAXIS3", n_frame, "frames"),
+        ("BITPIX", 16 if is_whole else -32, "16-bit integers" if is_whole else "32-bit floats"),
+        ("NAXIS", len(shape), ""),
+        ("NAXIS1", shape[-1], "columns"),
+        ("NAXIS2", shape[-2], "rows, first row on top"),
+        *((f"NAXIS{i + 3}", n, "frames" if i == len(shape) - 3 else "targets") for i, n in enumerate(shape[-3::-1])),
         ("EXTEND", True, ""),
-        ("BSCALE", 1, ""),
-        ("BZERO", 32768, "unsigned 16-bit"),
-        *scene_cards(scenario.scene, instrument, sensor, band),
     ]
-    return fits.Header([fits.Card(*card) for card in cards])
+    return [*cards, ("BSCALE", 1, ""), ("BZERO", 32768, "unsigned 16-bit")] if is_whole else cards

@@ -5,7 +5,8 @@ Cubes, single images and the JSON text in other image files say it in the same w
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -58,35 +59,71 @@ def scene_cards(scene: SceneDescription, instrument: Instrument, sensor: str, ba
     ]
 
 
-def image_cards(frames: FrameSet, sensor: str, band: str) -> Iterator[list[Card]]:
-    """Yield all keywords of each image of a sensor and band, frame by frame: the scene's, and its own time and sky."""
-    scene, instrument, index = frames.scene, frames.instrument, frames.sensors.index(sensor)
-    camera, epoch = instrument.sensor.camera, scene.epoch_utc
+@dataclass(frozen=True)
+class Views:
+    """Times, axes and flags of images of one sensor."""
+
+    instrument: Instrument
+    sensor: str
+    frames: list[int]
+    axes_icrs: npt.NDArray[np.float64]
+    """Camera axes as rows x, y, z, shape (frame, 3, 3)."""
+    flags: dict[str, npt.NDArray[np.bool_]]
+    """By keyword, shape (frame,): fallback axes; slews where the sensors make any."""
+
+    @classmethod
+    def of(cls, frames: FrameSet, sensor: str) -> Views:
+        """Return the views of a sensor in a render call."""
+        flags = {"UPREPL": frames.up_replaced, "BOREPL": frames.boresight_replaced}
+        flags |= {"SLEWING": frames.slewing} if frames.instrument.slews else {}
+        index = frames.sensors.index(sensor)
+        own = {word: values[:, index] for word, values in flags.items()}
+        return cls(frames.instrument, sensor, frames.frames, frames.axes_icrs[:, index], own)
+
+    @classmethod
+    def joined(cls, instrument: Instrument, sensor: str, parts: Sequence[dict[str, Any]]) -> Views:
+        """Return the views of several `plain`, one after the other."""
+        frames = [number for part in parts for number in part["frames"]]
+        axes = np.concatenate([np.asarray(part["axes_icrs"], dtype=np.float64) for part in parts])
+        flags = {
+            word: np.concatenate([part["flags"][word] for part in parts]).astype(bool) for word in parts[0]["flags"]
+        }
+        return cls(instrument, sensor, frames, axes, flags)
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        flags = {word: values.tolist() for word, values in self.flags.items()}
+        return {"frames": self.frames, "axes_icrs": self.axes_icrs.tolist(), "flags": flags}
+
+    @property
+    def time_s(self) -> npt.NDArray[np.float64]:
+        """Times after the epoch [s], middle of the exposure."""
+        return self.instrument.frame_time_s(self.frames)
+
+
+def image_cards(scene: SceneDescription, band: str, views: Views) -> Iterator[list[Card]]:
+    """Yield all keywords of each image of a sensor in a band: the scene's, and its own time and sky."""
+    camera, epoch = views.instrument.sensor.camera, scene.epoch_utc
     first = [
-        *scene_cards(scene, instrument, sensor, band),
+        *scene_cards(scene, views.instrument, views.sensor, band),
         ("MJDREF", float(utc_mjd(epoch, [0.0])[0]), "[d] of DATEREF"),
     ]
     last: list[Card] = [(name, value, "") for name, value in lens_keywords(camera).items()]
-    dates, days = utc_dates(epoch, frames.time_s), utc_mjd(epoch, frames.time_s)
-    flags = {word: values[:, index] for word, values in view_flags(frames).items()}
-    for i, number in enumerate(frames.frames):
-        tan = tan_keywords(frames.axes_icrs[i, index], camera)
+    time_s = views.time_s
+    dates, days = utc_dates(epoch, time_s), utc_mjd(epoch, time_s)
+    for i, number in enumerate(views.frames):
+        tan = tan_keywords(views.axes_icrs[i], camera)
         yield [
             *first,
             ("FRAME", number, "frame number in the scene"),
-            ("TIME_S", float(frames.time_s[i]), "[s] after DATEREF, middle of the exposure"),
+            ("TIME_S", float(time_s[i]), "[s] after DATEREF, middle of the exposure"),
             ("DATE-OBS", str(dates[i]), "UTC, middle of the exposure"),
             ("MJD-OBS", float(days[i]), "[d] the same"),
             *((name, value, "") for name, value in tan.items()),
             *last,
-            *((word, bool(values[i]), _FLAG_WORDS[word]) for word, values in flags.items()),
+            *((word, bool(values[i]), _FLAG_WORDS[word]) for word, values in views.flags.items()),
         ]
-
-
-def view_flags(frames: FrameSet) -> dict[str, npt.NDArray[np.bool_]]:
-    """Return flags of views by keyword, each (frame, sensor): fallback axes; slews where the sensors make any."""
-    flags = {"UPREPL": frames.up_replaced, "BOREPL": frames.boresight_replaced}
-    return flags | ({"SLEWING": frames.slewing} if frames.instrument.slews else {})
 
 
 def _detector_cards(detector: Detector, levels: Levels) -> list[Card]:

@@ -1,37 +1,48 @@
 """Formats of images: the files of a sensor's images in a band, their writing and reading.
 
-A format is a small object. It names its files before they are there, so that a run can see what it would touch and say
-which of its files are whole. Its writer takes the frames as they are rendered; files get their names when they are
-whole.
+A format is a small object without state. It names its files before they are there, so that a run can see what it would
+touch and say which of its files are whole. It appends planes to files in a folder, and finishes them when all are
+there: so work that was interrupted goes on where it ended.
 """
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from warpsim.arguments import chosen_names
 from warpsim.errors import InputError
-from warpsim.files import naming, whole_file
-from warpsim.output.fits_cube import CubeWriter, read_cube
-from warpsim.output.fits_header import image_cards
+from warpsim.output.fits_cube import append_planes, finish_cube, finish_planes, read_planes
+from warpsim.output.fits_header import Views, image_cards, scene_cards
+from warpsim.output.grey import grey, grey_shape
 from warpsim.output.image_files import facts_of, read_image, write_counts, write_signal
-from warpsim.output.preview import check_preview, preview_file
-from warpsim.output.zarr_array import check_zarr, read_zarr_counts, zarr_names, zarr_writer
-from warpsim.render.frameset import FrameSet
+from warpsim.output.preview import PREVIEW_FPS, PREVIEW_PX, animation, check_preview
+from warpsim.output.zarr_array import (
+    append_counts,
+    check_zarr,
+    finish_array,
+    read_zarr_counts,
+    shard_frames,
+    zarr_names,
+)
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 
 Counts = npt.NDArray[np.uint16]
-AddFrames = Callable[[FrameSet, int, int], None]
-"""Takes all frames of a render call, for one index along the sensor and band axes."""
+Planes = Mapping[str, npt.NDArray[Any]]
+"""What is written of images, by name (PLANES), shape (frame, ..., row, column)."""
+
+PLANES = {
+    "counts": "counts",
+    "signal_w_cm2": "noiseless irradiance of each pixel [W/cm2]",
+    "mask": "number of the target in each pixel, counted from 1; 0: none",
+    "contributions_w_cm2": "noiseless irradiance of each target apart [W/cm2], one plane per target",
+}
 
 
 @dataclass(frozen=True)
@@ -41,12 +52,18 @@ class Images:
     scenario: Scenario
     sensor: str
     band: str
-    frames: list[int]
+    frames: Sequence[int]
 
     @property
     def instrument(self) -> Instrument:
         """The kind of the sensor."""
         return self.scenario.instrument_of(self.sensor)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Frames, rows and columns."""
+        camera = self.instrument.sensor.camera
+        return len(self.frames), camera.n_row, camera.n_col
 
     @property
     def stem(self) -> str:
@@ -58,17 +75,23 @@ class Format(Protocol):
     """One way of storing images."""
 
     @property
-    def needs_signal(self) -> bool:
-        """Return whether frames must hold the noiseless images."""
+    def plane(self) -> str:
+        """What a run must hand over: counts, or the signal."""
 
     def check(self) -> None:
         """Check that the format can be written here; InputError where a package is missing."""
 
     def names(self, images: Images) -> list[str]:
-        """Files, relative to the folder of the run, parts divided by `/`."""
+        """Files, relative to the folder, parts divided by `/`."""
 
-    def writer(self, folder: Path, images: Images) -> AbstractContextManager[AddFrames]:
-        """Return a context that takes the frames in order; the files are complete at its end."""
+    def n_together(self, images: Images) -> int:
+        """Return the number of frames that must be appended at once, but for the last ones."""
+
+    def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
+        """Append the planes of further frames."""
+
+    def finish(self, folder: Path, images: Images, views: Views) -> None:
+        """Finish the files of images that are all there."""
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts | None:
         """Images read back, shape (n, row, column); None where the format does not keep them."""
@@ -76,9 +99,9 @@ class Format(Protocol):
 
 @dataclass(frozen=True)
 class FitsCubes:
-    """SENSOR_BAND.fits: a cube of counts."""
+    """SENSOR_BAND.fits: a cube of counts; SENSOR_BAND.PLANE.fits of other planes."""
 
-    needs_signal: bool = False
+    plane: str = "counts"
 
     def check(self) -> None:
         """Do nothing: astropy is always installed."""
@@ -87,85 +110,120 @@ class FitsCubes:
         """One file."""
         return [f"{images.stem}.fits"]
 
-    @contextlib.contextmanager
-    def writer(self, folder: Path, images: Images) -> Iterator[AddFrames]:
-        """Append planes."""
-        path = folder / f"{images.stem}.fits"
-        with whole_file(path) as partial, naming(path):
-            cube = CubeWriter(partial, images.scenario, images.sensor, images.band, len(images.frames))
-            try:
-                yield cube.add
-                cube.close()
-            finally:
-                cube.abandon()
+    def n_together(self, images: Images) -> int:
+        """Any number."""
+        return 1
+
+    def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
+        """Append to a cube for each plane."""
+        cards = scene_cards(images.scenario.scene, images.instrument, images.sensor, images.band)
+        for name, values in planes.items():
+            if name == "counts":
+                own = cards
+            else:
+                own = [*(card for card in cards if card[0] != "BUNIT"), ("HISTORY", PLANES[name], "")]
+            append_planes(self._path(folder, images, name), values, len(images.frames), own)
+
+    def finish(self, folder: Path, images: Images, views: Views) -> None:
+        """Add the table of frames to the cube of counts."""
+        paths = {name: path for name in PLANES if (path := self._path(folder, images, name)).exists()}
+        for path in paths.values():
+            finish_planes(path)
+        finish_cube(paths["counts"], images.scenario.scene, views)
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
         """Planes of the cube."""
-        cube = read_cube(folder / f"{images.stem}.fits")
-        return cube.counts[[int(np.flatnonzero(cube.frames["FRAME"] == frame)[0]) for frame in frames]]
+        return read_planes(self._path(folder, images, "counts"), frames)
+
+    def _path(self, folder: Path, images: Images, plane: str) -> Path:
+        return folder / (f"{images.stem}.fits" if plane == "counts" else f"{images.stem}.{plane}.fits")
 
 
 @dataclass(frozen=True)
 class ImageFiles:
-    """SENSOR_BAND/FRAME.png or the like: an image file for each frame, of counts or of the noiseless signal."""
+    """SENSOR_BAND/FRAME.png or the like: a file for each frame and plane."""
 
-    suffix: str
-    needs_signal: bool = False
+    endings: Mapping[str, str]
+    """Of the names of the files, by plane."""
+
+    @property
+    def plane(self) -> str:
+        """The first that has an ending."""
+        return next(iter(self.endings))
 
     def check(self) -> None:
         """Do nothing: OpenImageIO is always installed."""
 
     def names(self, images: Images) -> list[str]:
         """A file for each frame."""
-        return [self._name(images, number) for number in images.frames]
+        return [self._name(images, number, self.plane) for number in images.frames]
 
-    def _name(self, images: Images, number: int) -> str:
-        return f"{images.stem}/{number:06d}{self.suffix}"
+    def n_together(self, images: Images) -> int:
+        """Any number."""
+        return 1
 
-    @contextlib.contextmanager
-    def writer(self, folder: Path, images: Images) -> Iterator[AddFrames]:
+    def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
         """Write file by file."""
-        (folder / images.stem).mkdir(exist_ok=True)
+        (folder / images.stem).mkdir(parents=True, exist_ok=True)
+        for i, cards in enumerate(image_cards(images.scenario.scene, images.band, views)):
+            for name, values in planes.items():
+                _write_plane(folder / self._name(images, views.frames[i], name), name, values[i], facts_of(cards))
 
-        def add(frames: FrameSet, sensor: int, band: int) -> None:
-            stack = frames.signal_w_cm2 if self.needs_signal else frames.counts
-            assert stack is not None
-            write = write_signal if self.needs_signal else write_counts
-            planes, cards = stack.numpy()[:, sensor, band], image_cards(frames, images.sensor, images.band)
-            for number, plane, known in zip(frames.frames, planes, cards, strict=True):
-                write(folder / self._name(images, number), plane, facts_of(known, self.needs_signal))
-
-        yield add
+    def finish(self, folder: Path, images: Images, views: Views) -> None:
+        """Do nothing."""
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
-        """The files' numbers; of a signal, what the detector would count without noise."""
-        read = np.stack([read_image(folder / self._name(images, frame))[0] for frame in frames])
-        if not self.needs_signal:
+        """Read the files; of a signal, what the detector would count without noise."""
+        read = np.stack([read_image(folder / self._name(images, frame, self.plane))[0] for frame in frames])
+        if self.plane == "counts":
             return read
         levels = images.instrument.levels[images.band]
         mean = levels.blank_counts + read.astype(np.float64) / levels.nei_w_cm2 * levels.counts_per_nei
         return np.clip(np.round(mean), 0, 65535).astype(np.uint16)
+
+    def _name(self, images: Images, number: int, plane: str) -> str:
+        return f"{images.stem}/{number:06d}{self.endings[plane]}"
+
+
+def _write_plane(path: Path, name: str, values: npt.NDArray[Any], facts: dict[str, Any]) -> None:
+    if name == "counts":
+        write_counts(path, values, facts)
+    elif name == "signal_w_cm2":
+        write_signal(path, values, facts | {"BUNIT": "W/cm2"})
+    elif name == "mask":
+        del facts["BUNIT"]  # numbers of targets
+        write_counts(path, values, facts)
+    else:
+        np.save(path, values)
 
 
 @dataclass(frozen=True)
 class ZarrArrays:
     """SENSOR_BAND.zarr: an array of counts, Zarr v3."""
 
-    needs_signal: bool = False
+    plane: str = "counts"
 
     def check(self) -> None:
         """Check for the extra `zarr`."""
         check_zarr()
 
     def names(self, images: Images) -> list[str]:
-        """The array's description, and its shards."""
-        camera = images.instrument.sensor.camera
-        return zarr_names(f"{images.stem}.zarr", (len(images.frames), camera.n_row, camera.n_col))
+        """The array's shards, and its description."""
+        return zarr_names(f"{images.stem}.zarr", images.shape)
 
-    def writer(self, folder: Path, images: Images) -> AbstractContextManager[AddFrames]:
+    def n_together(self, images: Images) -> int:
+        """Whole shards."""
+        return shard_frames(images.shape)
+
+    def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
         """Write shard by shard."""
-        path = folder / f"{images.stem}.zarr"
-        return zarr_writer(path, images.scenario, images.sensor, images.band, len(images.frames))
+        first = images.frames.index(views.frames[0])
+        append_counts(folder / f"{images.stem}.zarr", images.shape, first, planes["counts"])
+
+    def finish(self, folder: Path, images: Images, views: Views) -> None:
+        """Add what is known of the images."""
+        facts = [facts_of(cards) for cards in image_cards(images.scenario.scene, images.band, views)]
+        finish_array(folder / f"{images.stem}.zarr", images.shape, facts)
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
         """Planes of the array."""
@@ -174,10 +232,12 @@ class ZarrArrays:
 
 @dataclass(frozen=True)
 class Animations:
-    """SENSOR_BAND.gif or .mp4: an animation for people."""
+    """SENSOR_BAND.gif or .mp4: an animation in grey, for people."""
 
     suffix: str
-    needs_signal: bool = False
+    step: int = 1
+    """Every so many frame numbers are shown."""
+    plane: str = "counts"
 
     def check(self) -> None:
         """Check for the extra `video`, which MP4 needs."""
@@ -187,22 +247,39 @@ class Animations:
         """One file."""
         return [f"{images.stem}{self.suffix}"]
 
-    @contextlib.contextmanager
-    def writer(self, folder: Path, images: Images) -> Iterator[AddFrames]:
-        """Append images."""
-        with preview_file(folder / f"{images.stem}{self.suffix}", images.instrument.levels[images.band]) as add:
-            yield lambda frames, sensor, band: add(frames.counts.numpy()[:, sensor, band])
+    def n_together(self, images: Images) -> int:
+        """Any number."""
+        return 1
+
+    def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
+        """Keep the small grey images until all are there: an animation cannot be gone on with."""
+        levels = images.instrument.levels[images.band]
+        with self._grey_path(folder, images).open("ab") as file:
+            for number, counts in zip(views.frames, planes["counts"], strict=True):
+                if number % self.step == 0:
+                    file.write(grey(counts, levels, PREVIEW_PX).tobytes())
+
+    def finish(self, folder: Path, images: Images, views: Views) -> None:
+        """Write the animation."""
+        shape = grey_shape(images.shape[1:], PREVIEW_PX)
+        shown = np.fromfile(self._grey_path(folder, images), np.uint8).reshape(-1, *shape)
+        with animation(folder / f"{images.stem}{self.suffix}", PREVIEW_FPS) as add:
+            for image in shown:
+                add(image)
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> None:
         """Return None: grey levels are no counts."""
         return
 
+    def _grey_path(self, folder: Path, images: Images) -> Path:
+        return folder / f"{images.stem}{self.suffix}.grey"
+
 
 FORMATS: dict[str, Format] = {
     "fits": FitsCubes(),
-    "tiff": ImageFiles(".tif"),
-    "png": ImageFiles(".png"),
-    "exr": ImageFiles(".exr", needs_signal=True),
+    "tiff": ImageFiles({"counts": ".tif"}),
+    "png": ImageFiles({"counts": ".png"}),
+    "exr": ImageFiles({"signal_w_cm2": ".exr"}),
     "zarr": ZarrArrays(),
 }
 PREVIEWS: dict[str, Format] = {"gif": Animations(".gif"), "mp4": Animations(".mp4")}

@@ -25,9 +25,16 @@ def grey(counts: npt.NDArray[np.uint16], levels: Levels, most_px: int) -> npt.ND
     level = (counts.astype(np.float32) - levels.blank_counts) / levels.counts_per_nei
     block = -(-max(level.shape) // most_px)
     if block > 1:
-        rows, columns = (-(-n // block) * block for n in level.shape)
+        rows, columns = (n * block for n in grey_shape(level.shape, most_px))
         padded = np.full((rows, columns), -np.inf, dtype=np.float32)
         padded[: level.shape[0], : level.shape[1]] = level
         level = padded.reshape(rows // block, block, columns // block, block).max(axis=(1, 3))
     shade = np.arcsinh(np.maximum(level, 0) / SOFTENING_NEI) / np.arcsinh(CEILING_NEI / SOFTENING_NEI)
     return np.asarray(np.minimum(shade, 1) * 255, dtype=np.uint8)
+
+
+def grey_shape(shape: tuple[int, ...], most_px: int) -> tuple[int, int]:
+    """Rows and columns of an image in grey."""
+    block = -(-max(shape) // most_px)
+    n_row, n_col = (-(-n // block) for n in shape)
+    return n_row, n_col

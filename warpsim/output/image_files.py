@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.files import naming, plain_number, whole_file, whole_file_by_memory
-from warpsim.output.fits_header import Card, image_cards
+from warpsim.output.fits_header import Card, Views, image_cards
 from warpsim.output.preview import write_preview as write_preview
 from warpsim.render.frameset import FrameSet
 
@@ -131,7 +131,8 @@ def write_fits_image(path: str | Path, frames: FrameSet, frame: int, sensor: str
 def _cards(frames: FrameSet, frame: int, sensor: str, band: str) -> list[Card]:
     if frame not in frames.frames or sensor not in frames.sensors or band not in frames.bands:
         raise InputError(f"frame {frame} of {sensor!r} in band {band!r} was not rendered", "image")
-    return next(image_cards(frames.one_frame(frames.frames.index(frame)), sensor, band))
+    views = Views.of(frames.one_frame(frames.frames.index(frame)), sensor)
+    return next(image_cards(frames.scene, band, views))
 
 
 def _write(

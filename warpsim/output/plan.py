@@ -1,22 +1,17 @@
-"""Plan of a run: the files to write.
-
-The unit of work is a sensor. All checkpoint records and the manifest carry the key of the run: a hash of everything
-that the files depend on.
-"""
+"""Plan of a run: the sensors, frames and bands to render, and the files to write."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from warpsim.arguments import chosen_names
 from warpsim.errors import InputError
 from warpsim.output.formats import FORMATS, Format, Images, chosen_formats
+from warpsim.output.output_folder import MANIFEST, PARTS
 from warpsim.render.renderer import Renderer
 from warpsim.render.request import checked_frames
 from warpsim.scene.inputs import input_checksums
@@ -25,23 +20,20 @@ from warpsim.scene.scenario import Scenario
 from warpsim.version import __version__
 
 USUAL_FORMATS = ("fits",)
-
-PARTS = ".warpsim-parts"
-"""Folder of temporary files of an unfinished run."""
+SHEET = "contact_sheet.png"
 
 
 @dataclass(frozen=True)
 class RunPlan:
-    """Plan of a run: the files to write."""
+    """Plan of a run: the sensors, frames and bands to render, and the files to write."""
 
     scenario: Scenario
-    folder: Path
     bands_of: dict[str, list[str]]
     """Bands of each sensor."""
     frames_of: dict[str, list[int]]
     """Frames of each sensor: those asked for in which it has access."""
-    key: str
-    """Hash of all that the files depend on."""
+    identity: dict[str, Any]
+    """All that the files depend on."""
     tables: tuple[str, ...] = ("truth",)
     """Tables beside the images: "truth" (targets), and "stars" when requested."""
     formats: dict[str, Format] = field(default_factory=lambda: {name: FORMATS[name] for name in USUAL_FORMATS})
@@ -66,57 +58,45 @@ class RunPlan:
         return {name: instrument for name, instrument in self.scenario.instruments.items() if name in kinds}
 
     @property
-    def parts(self) -> Path:
-        """Folder of temporary files of an unfinished run."""
-        return self.folder / PARTS
-
-    @property
-    def manifest_path(self) -> Path:
-        """Written last: its presence means that the run is complete."""
-        return self.folder / "manifest.json"
-
-    def table_path(self, table: str) -> Path:
-        """A table of all sensors."""
-        return self.folder / f"{table}.fits"
+    def table_names(self) -> list[str]:
+        """File names of the tables of all sensors."""
+        return [f"{table}.fits" for table in self.tables]
 
     @property
     def names(self) -> list[str]:
-        """Names of all files of the finished run, relative to its folder."""
+        """Names of all files of the finished run but the manifest, relative to its folder."""
         images = [name for sensor in self.frames_of for name in self.image_names(sensor)]
-        tables = [self.table_path(table).name for table in self.tables]
-        return [*images, *tables, self.sheet_path.name, self.manifest_path.name]
+        return [*images, *self.table_names, SHEET]
 
     @property
-    def sheet_path(self) -> Path:
-        """The contact sheet."""
-        return self.folder / "contact_sheet.png"
+    def claimed_names(self) -> list[str]:
+        """Files and folders that must be the run's own."""
+        arrays = {name.partition("/")[0] for name in self.names if ".zarr/" in name}
+        return [*self.names, *sorted(arrays), MANIFEST]
 
-    def images(self, sensor: str, band: str) -> Images:
-        """The images of a sensor in a band."""
-        return Images(self.scenario, sensor, band, self.frames_of[sensor])
+    def images_of(self, sensor: str) -> list[Images]:
+        """The images of a sensor, band by band."""
+        return [Images(self.scenario, sensor, band, self.frames_of[sensor]) for band in self.bands_of[sensor]]
 
     def image_names(self, sensor: str) -> list[str]:
         """Names of all files of a sensor's images."""
-        of_bands = [self.images(sensor, band) for band in self.bands_of[sensor]]
-        return [name for form in self.formats.values() for images in of_bands for name in form.names(images)]
+        return [
+            name for form in self.formats.values() for images in self.images_of(sensor) for name in form.names(images)
+        ]
 
     @property
     def needs_signal(self) -> bool:
         """Return whether a format stores noiseless images."""
-        return any(form.needs_signal for form in self.formats.values())
+        return any(form.plane == "signal_w_cm2" for form in self.formats.values())
 
-    def part_paths(self, sensor: str) -> list[Path]:
-        """The tables of one sensor, until all are there."""
-        return [self.parts / f"{sensor}_{table}.fits" for table in self.tables]
 
-    def checkpoint_path(self, sensor: str) -> Path:
-        """Path of the checkpoint record of a sensor."""
-        return self.parts / f"{sensor}.json"
+def part_name(sensor: str, table: str, first_frame: int) -> str:
+    """Name of a part of a table, until all are there: the rows of a sensor from a frame on."""
+    return f"{PARTS}/tables/{sensor}.{table}.{first_frame:09d}.fits"
 
 
 def make_plan(
     renderer: Renderer,
-    folder: Path,
     frames: Sequence[int] | slice | None,
     sensors: str | Sequence[str] | None,
     bands: Sequence[str] | None,
@@ -150,8 +130,8 @@ def make_plan(
     tables = ("truth", "stars") if stars else ("truth",)
     without = () if sensors is None else tuple(sensor for sensor in bands_of if sensor not in frames_of)
     bands_of = {sensor: bands_of[sensor] for sensor in frames_of}
-    key = _run_key(renderer, bands_of, frames_of, tables, tuple(chosen))
-    return RunPlan(scenario, folder, bands_of, frames_of, key, tables, chosen, without)
+    identity = _identity(renderer, bands_of, frames_of, tables, tuple(chosen))
+    return RunPlan(scenario, bands_of, frames_of, identity, tables, chosen, without)
 
 
 def _bands_of(
@@ -183,18 +163,24 @@ def _frame_numbers(renderer: Renderer, instrument: Instrument, frames: Sequence[
     return list(dict.fromkeys(numbers))
 
 
-def _run_key(
+def _identity(
     renderer: Renderer,
     bands_of: dict[str, list[str]],
     frames_of: dict[str, list[int]],
     tables: tuple[str, ...],
     formats: tuple[str, ...],
-) -> str:
-    """Return the hash of all that the files of a run depend on."""
+) -> dict[str, Any]:
+    """Return all that the files of a run depend on, as plain values."""
     scenario = renderer.scenario
-    device = "cuda" if renderer.device.is_cuda else "cpu"
     kinds = dict.fromkeys(scenario.instrument_of(sensor).sensor.name for sensor in frames_of)
-    catalogs = {kind: renderer.catalog_of(kind).checksum for kind in kinds}
-    made_from = [scenario.scene.to_dict(), input_checksums(scenario), catalogs]
-    facts = [*made_from, frames_of, bands_of, device, tables, formats, __version__]
-    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+    return {
+        "scene": scenario.scene.to_dict(),
+        "frames": frames_of,
+        "bands_of": bands_of,
+        "formats": list(formats),
+        "tables": list(tables),
+        "inputs": input_checksums(scenario),
+        "catalogs": {kind: renderer.catalog_of(kind).checksum for kind in kinds},
+        "processor": "cuda" if renderer.device.is_cuda else "cpu",
+        "warpsim": __version__,
+    }

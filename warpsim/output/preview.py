@@ -30,8 +30,6 @@ _MOST_FPS = {".gif": 50.0, ".mp4": 240.0}
 """Players of GIF take shorter times for a mistake."""
 
 GreyImage = npt.NDArray[np.uint8]
-AddCounts = Callable[[npt.NDArray[np.uint16]], None]
-"""Takes counts of shape (n, row, column)."""
 
 
 def write_preview(path: str | Path, counts: npt.NDArray[np.uint16], levels: Levels, fps: float = PREVIEW_FPS) -> None:
@@ -51,22 +49,18 @@ def write_preview(path: str | Path, counts: npt.NDArray[np.uint16], levels: Leve
     """
     if counts.ndim != 3 or 0 in counts.shape:
         raise InputError("must have the shape (n, row, column)", "counts", counts.shape).of(path)
-    with preview_file(Path(path), levels, fps) as add:
-        add(counts)
+    with animation(Path(path), fps) as add:
+        for image in counts:
+            add(grey(image, levels, PREVIEW_PX))
 
 
 @contextlib.contextmanager
-def preview_file(path: Path, levels: Levels, fps: float = PREVIEW_FPS) -> Iterator[AddCounts]:
-    """Open an animation that takes images as they come; it gets its name when it is complete."""
+def animation(path: Path, fps: float = PREVIEW_FPS) -> Iterator[Callable[[GreyImage], None]]:
+    """Open an animation that takes grey images; it gets its name when it is complete."""
     check_preview(path, fps)
     writer = _gif if path.suffix.lower() == ".gif" else _mp4
     with writer(path, Fraction(fps).limit_denominator(1000)) as add:
-
-        def add_counts(counts: npt.NDArray[np.uint16]) -> None:
-            for image in counts:
-                add(grey(image, levels, PREVIEW_PX))
-
-        yield add_counts
+        yield add
 
 
 def check_preview(path: Path, fps: float = PREVIEW_FPS) -> None:

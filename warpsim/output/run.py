@@ -1,14 +1,9 @@
-"""Render a scene into a folder, resumable after an interruption at any moment.
-
-Running the same command again renders sensors without a valid checkpoint record (see run_folder.py). `manifest.json`
-comes last.
-"""
+"""Render a scene into a folder, resumable after an interruption at any moment."""
 
 from __future__ import annotations
 
-import contextlib
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,16 +12,19 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.detector.detectors import detector_terms
-from warpsim.files import prepare_folder, sha256_of, whole_file, write_fits_table, write_json
+from warpsim.files import sha256_of, whole_file, write_fits_table
 from warpsim.output.check import pointing_warning
-from warpsim.output.checkpoints import tidy
+from warpsim.output.checkpoints import files_match
 from warpsim.output.contact_sheet import SheetRow, draw_contact_sheet
+from warpsim.output.fits_header import Views
+from warpsim.output.formats import Images
+from warpsim.output.growing import GrowingFiles
 from warpsim.output.manifest import made_with, response_facts
-from warpsim.output.plan import USUAL_FORMATS, RunPlan, make_plan
+from warpsim.output.output_folder import FINISH, GROWING, PARTS, CheckpointRecord, OutputFolder
+from warpsim.output.plan import SHEET, USUAL_FORMATS, RunPlan, make_plan, part_name
 from warpsim.output.progress import progress_bar
-from warpsim.output.run_folder import has_checkpoint, is_complete, working_on, write_checkpoint
+from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
-from warpsim.scene.inputs import input_checksums
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.roster import some_names
 from warpsim.scene.scenario import Scenario
@@ -121,103 +119,183 @@ def render_to_folder(
     """
     begin = time.perf_counter()
     renderer = Renderer(scene, device)
-    plan = make_plan(renderer, Path(folder), frames, sensors, bands, stars, every_frame, formats, preview)
-    n_done, render_s = 0, 0.0
-    if is_complete(plan):
-        tidy(plan.folder, plan.parts, lambda: is_complete(plan))
-    else:
-        prepare_folder(plan.folder)
-        try:
-            with working_on(plan, overwrite):
-                n_done, render_s = _render_missing(plan, renderer, progress)
-                _finish(plan, renderer)
-        except OSError as error:
-            raise OSError(f"{plan.folder}: writing failed, the same command goes on from here: {error}") from error
-    total_s = time.perf_counter() - begin
-    warning = pointing_warning(renderer.scenario, plan.frames_of)
+    plan = make_plan(renderer, frames, sensors, bands, stars, every_frame, formats, preview)
+    output = OutputFolder(Path(folder), plan.identity)
+    run = Run(plan, renderer, progress)
+    output.write(run, overwrite)
     return RunReport(
-        plan.folder,
+        output.path,
         len(plan.frames_of),
         plan.n_image,
-        n_done,
-        render_s,
-        total_s,
+        run.n_image_rendered,
+        run.render_s,
+        time.perf_counter() - begin,
         plan.bands,
-        warning,
+        pointing_warning(renderer.scenario, plan.frames_of),
         plan.without_access,
     )
 
 
-def _render_missing(plan: RunPlan, renderer: Renderer, progress: bool) -> tuple[int, float]:
-    """Render the sensors without a checkpoint record; number of images and seconds spent rendering."""
-    missing = [sensor for sensor in plan.frames_of if not has_checkpoint(plan, sensor)]
-    firsts = {plan.scenario.instrument_of(sensor).sensor.name: sensor for sensor in reversed(missing)}
-    for sensor in firsts.values():
-        # A first frame, thrown away, compiles the kernels: the speed reported at the end is that of rendering.
-        renderer.render(plan.frames_of[sensor][:1], [sensor], plan.bands_of[sensor])
-    render_s = 0.0
-    n_frame = {sensor: len(numbers) for sensor, numbers in plan.frames_of.items()}
-    with progress_bar(sum(n_frame.values()), progress) as advance:
-        advance(sum(n for sensor, n in n_frame.items() if sensor not in missing))
-        for sensor in missing:
-            render_s += _render_sensor(plan, renderer, sensor, advance)
-    return sum(n_frame[sensor] * len(plan.bands_of[sensor]) for sensor in missing), render_s
+@dataclass
+class Run:
+    """The work of a run; a shard is a sensor."""
 
+    plan: RunPlan
+    renderer: Renderer
+    progress: bool
+    n_image_rendered: int = 0
+    render_s: float = 0.0
+    """Time spent rendering."""
 
-def _render_sensor(plan: RunPlan, renderer: Renderer, sensor: str, advance: Any) -> float:
-    """Render all frames of a sensor, write its images and tables, then the checkpoint; seconds spent rendering."""
-    from astropy.table import vstack
+    @property
+    def shard_names(self) -> list[str]:
+        """The sensors."""
+        return list(self.plan.frames_of)
 
-    numbers, bands = plan.frames_of[sensor], plan.bands_of[sensor]
-    camera = plan.scenario.instrument_of(sensor).sensor.camera
-    bytes_per_pixel = 6 if plan.needs_signal else 2
-    bytes_per_frame = bytes_per_pixel * len(bands) * camera.n_row * camera.n_col
-    batch = max(1, COUNTS_BYTES_PER_CALL // bytes_per_frame)
-    render_s = 0.0
-    with_stars = "stars" in plan.tables
-    batches: list[list[Table]] = []
-    with contextlib.ExitStack() as files:
-        table_files = [files.enter_context(whole_file(path)) for path in plan.part_paths(sensor)]
-        writers = [
-            (files.enter_context(form.writer(plan.folder, plan.images(sensor, band))), index)
-            for form in plan.formats.values()
-            for index, band in enumerate(bands)
-        ]
-        for first in range(0, len(numbers), batch):
-            begin = time.perf_counter()
-            requested = numbers[first : first + batch]
-            frames = renderer.render(requested, [sensor], bands, plan.needs_signal, with_stars)
-            render_s += time.perf_counter() - begin
-            for add, band_index in writers:
-                add(frames, 0, band_index)
-            batches.append([frames.truth, frames.stars] if with_stars else [frames.truth])
+    @property
+    def claimed_names(self) -> list[str]:
+        """All files, and the folders of arrays."""
+        return self.plan.claimed_names
+
+    def records_of(self, folder: OutputFolder, manifest: dict[str, Any]) -> dict[str, CheckpointRecord]:
+        """Return the records of sensors of a finished run, whose rows are taken out of its tables again."""
+        from astropy.table import Table
+
+        checksums = manifest["files"]
+        if not files_match(folder.path, {name: checksums.get(name, "") for name in self.plan.table_names}):
+            return {}
+        tables = {name: Table.read(folder.path / f"{name}.fits") for name in self.plan.tables}
+        (folder.parts / "tables").mkdir(exist_ok=True)
+        records = {}
+        for sensor, numbers in self.plan.frames_of.items():
+            files = {name: checksums.get(name, "") for name in self.plan.image_names(sensor)}
+            for name, table in tables.items():
+                part = part_name(sensor, name, numbers[0])
+                own = table[np.asarray(table["sensor"]).astype(str) == sensor]
+                write_fits_table(own, folder.path / part)
+                files[part] = sha256_of(folder.path / part)
+            records[sensor] = {"key": folder.key, "shard": sensor, "files": files}
+        return records
+
+    def write_missing(self, folder: OutputFolder, records: dict[str, CheckpointRecord]) -> None:
+        """Render the sensors without a record."""
+        plan = self.plan
+        missing = [sensor for sensor in plan.frames_of if sensor not in records]
+        firsts = {plan.scenario.instrument_of(sensor).sensor.name: sensor for sensor in reversed(missing)}
+        for sensor in firsts.values():
+            # A first frame, thrown away, compiles the kernels: the speed reported at the end is that of rendering.
+            self.renderer.render(plan.frames_of[sensor][:1], [sensor], plan.bands_of[sensor])
+        with progress_bar(sum(map(len, plan.frames_of.values())), self.progress) as advance:
+            advance(sum(len(plan.frames_of[sensor]) for sensor in records))
+            for sensor in missing:
+                with folder.naming_full_disk():
+                    records[sensor] = self._write_sensor(folder, sensor, advance)
+
+    def _write_sensor(self, folder: OutputFolder, sensor: str, advance: Callable[[int], None]) -> CheckpointRecord:
+        """Render a sensor from the frame on where an earlier run ended; write its images and tables."""
+        plan, images = self.plan, self.plan.images_of(sensor)
+        numbers = plan.frames_of[sensor]
+        growing = GrowingFiles(folder.parts / GROWING / sensor)
+        n_done = sum(len(views["frames"]) for views in growing.steps)
+        advance(n_done)
+        batch = self._n_together(images)
+        for first in range(n_done, len(numbers), batch):
+            frames = self._render(sensor, numbers[first : first + batch])
+            views = Views.of(frames, sensor)
+            for number, of_band in enumerate(images):
+                planes = {"counts": frames.counts.numpy()[:, 0, number]}
+                if frames.signal_w_cm2 is not None:
+                    planes["signal_w_cm2"] = frames.signal_w_cm2.numpy()[:, 0, number]
+                for form in plan.formats.values():
+                    form.append(growing.path, of_band, views, {form.plane: planes[form.plane]})
+            for table in plan.tables:
+                path = growing.path / part_name(sensor, table, frames.frames[0])
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_fits_table(getattr(frames, table), path)
+            growing.end_step(views.plain)
             advance(len(frames.frames))
-        for tables, partial in zip(zip(*batches, strict=True), table_files, strict=True):
-            write_fits_table(vstack(list(tables), metadata_conflicts="silent"), partial)
-    write_checkpoint(plan, sensor)
-    return render_s
+        views = Views.joined(images[0].instrument, sensor, growing.steps)
+        for form in plan.formats.values():
+            for of_band in images:
+                form.finish(growing.path, of_band, views)
+        parts = sorted(path.relative_to(growing.path).as_posix() for path in growing.path.rglob("*.fits"))
+        names = [*plan.image_names(sensor), *(name for name in parts if name.startswith(PARTS))]
+        record = folder.move_in(sensor, growing.path, names)
+        folder.write_record(record)
+        growing.remove()
+        return record
 
+    def _n_together(self, images: list[Images]) -> int:
+        """Return the number of frames of a render call: what memory is for, in whole shards of arrays."""
+        _, n_row, n_col = images[0].shape
+        bytes_per_frame = (6 if self.plan.needs_signal else 2) * len(images) * n_row * n_col
+        least = max(form.n_together(images[0]) for form in self.plan.formats.values())
+        return max(least, COUNTS_BYTES_PER_CALL // bytes_per_frame // least * least)
 
-def _finish(plan: RunPlan, renderer: Renderer) -> None:
-    """Tables of all sensors, contact sheet, manifest."""
-    from astropy.table import Table, vstack
+    def _render(self, sensor: str, numbers: list[int]) -> FrameSet:
+        begin = time.perf_counter()
+        bands = self.plan.bands_of[sensor]
+        frames = self.renderer.render(numbers, [sensor], bands, self.plan.needs_signal, "stars" in self.plan.tables)
+        self.render_s += time.perf_counter() - begin
+        self.n_image_rendered += len(numbers) * len(bands)
+        return frames
 
-    parts = zip(*(plan.part_paths(sensor) for sensor in plan.frames_of), strict=True)
-    joined = [vstack([Table.read(path) for path in paths], metadata_conflicts="silent") for paths in parts]
-    for name, table in zip(plan.tables, joined, strict=True):
-        with whole_file(plan.table_path(name)) as partial:
-            write_fits_table(table, partial)
+    def finish(self, folder: OutputFolder, records: dict[str, CheckpointRecord]) -> dict[str, Any]:
+        """Write the tables of all sensors and the contact sheet."""
+        from astropy.table import Table, vstack
 
-    def planes(sensor: str, frames: list[int]) -> npt.NDArray[np.uint16]:
-        images = plan.images(sensor, shown[plan.scenario.instrument_of(sensor).sensor.name])
-        read = (form.counts(plan.folder, images, frames) for form in plan.formats.values())
-        return next(counts for counts in read if counts is not None)
+        plan = self.plan
+        names = [*plan.table_names, SHEET]
+        folder.plan(FINISH, dict.fromkeys(names))
+        joined = {}
+        for table in plan.tables:
+            mark = f".{table}."
+            parts = [
+                name
+                for sensor in plan.frames_of
+                for name in sorted(records[sensor]["files"])
+                if name.startswith(PARTS) and mark in name
+            ]
+            joined[table] = vstack([Table.read(folder.path / name) for name in parts], metadata_conflicts="silent")
+            with whole_file(folder.path / f"{table}.fits") as partial:
+                write_fits_table(joined[table], partial)
+        self._draw_sheet(folder.path, joined["truth"])
+        checksums = {name: sha for record in records.values() for name, sha in record["files"].items()}
+        checksums = {name: sha for name, sha in checksums.items() if not name.startswith(PARTS)}
+        return self._manifest(folder.key, checksums | {name: sha256_of(folder.path / name) for name in names})
 
-    shown = {kind: _best_band(plan, instrument, joined[0]) for kind, instrument in plan.instruments.items()}
-    kinds = {sensor: plan.scenario.instrument_of(sensor) for sensor in plan.frames_of}
-    rows = [SheetRow(sensor, kind, shown[kind.sensor.name], plan.frames_of[sensor]) for sensor, kind in kinds.items()]
-    draw_contact_sheet(plan.scenario.scene, rows, planes, plan.sheet_path)
-    write_json(_manifest(plan, renderer), plan.manifest_path)
+    def _draw_sheet(self, folder: Path, truth: Table) -> None:
+        plan = self.plan
+        shown = {kind: _best_band(plan, instrument, truth) for kind, instrument in plan.instruments.items()}
+        kinds = {sensor: plan.scenario.instrument_of(sensor) for sensor in plan.frames_of}
+
+        def planes(sensor: str, frames: list[int]) -> npt.NDArray[np.uint16]:
+            band = shown[kinds[sensor].sensor.name]
+            (images,) = (images for images in plan.images_of(sensor) if images.band == band)
+            read = (form.counts(folder, images, frames) for form in plan.formats.values())
+            return next(counts for counts in read if counts is not None)
+
+        rows = [
+            SheetRow(sensor, kind, shown[kind.sensor.name], plan.frames_of[sensor]) for sensor, kind in kinds.items()
+        ]
+        draw_contact_sheet(plan.scenario.scene, rows, planes, folder / SHEET)
+
+    def _manifest(self, key: str, checksums: dict[str, str]) -> dict[str, Any]:
+        """Manifest: files, inputs and versions."""
+        plan, device = self.plan, self.renderer.device
+        tracks = plan.scenario.tracks
+        return {
+            "key": key,
+            **made_with(),
+            "device": {"name": device.name, "alias": str(device)},
+            "seed": plan.scenario.scene.seed,
+            "bands": plan.bands,
+            "responses": {name: response_facts(plan.scenario.bands[name]) for name in plan.bands},
+            "orbit_interpolation": {"node_step_s": tracks.step_s, "measured_error_m": tracks.error_m},
+            "sensors": {kind: _sensor_facts(plan, self.renderer, one) for kind, one in plan.instruments.items()},
+            **plan.identity,
+            "files": checksums,
+        }
 
 
 def _best_band(plan: RunPlan, instrument: Instrument, truth: Table) -> str:
@@ -226,26 +304,6 @@ def _best_band(plan: RunPlan, instrument: Instrument, truth: Table) -> str:
     names, snr = np.asarray(truth["band"]).astype(str)[own], np.asarray(truth["snr"])[own]
     bands = next(plan.bands_of[sensor] for sensor in plan.frames_of if sensor in instrument.names)
     return max(bands, key=lambda band: np.max(snr[names == band], initial=0.0))
-
-
-def _manifest(plan: RunPlan, renderer: Renderer) -> dict[str, Any]:
-    """Manifest: files, inputs and versions."""
-    scenario = plan.scenario
-    tracks = scenario.tracks
-    return {
-        "key": plan.key,
-        **made_with(),
-        "device": {"name": renderer.device.name, "alias": str(renderer.device)},
-        "seed": scenario.scene.seed,
-        "bands": plan.bands,
-        "responses": {name: response_facts(scenario.bands[name]) for name in plan.bands},
-        "frames": plan.frames_of,
-        "orbit_interpolation": {"node_step_s": tracks.step_s, "measured_error_m": tracks.error_m},
-        "sensors": {kind: _sensor_facts(plan, renderer, one) for kind, one in plan.instruments.items()},
-        "scene": scenario.scene.to_dict(),
-        "inputs": input_checksums(scenario),
-        "files": {name: sha256_of(plan.folder / name) for name in plan.names if name != plan.manifest_path.name},
-    }
 
 
 def _sensor_facts(plan: RunPlan, renderer: Renderer, instrument: Instrument) -> dict[str, Any]:

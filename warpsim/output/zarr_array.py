@@ -6,8 +6,7 @@ shard. What a FITS header says stands in the array's attributes; what changes fr
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.errors import InputError
-from warpsim.files import naming, whole_folder
-from warpsim.output.fits_header import image_cards
-from warpsim.output.image_files import facts_of
-from warpsim.render.frameset import FrameSet
-from warpsim.scene.scenario import Scenario
+from warpsim.files import naming
 
 SHARD_BYTES = 32 * 2**20
 """Largest size of images in a shard, but for a single one: held in memory before it is written."""
@@ -50,34 +45,36 @@ def check_zarr() -> None:
 
 
 def zarr_names(name: str, shape: tuple[int, int, int]) -> list[str]:
-    """Files of an array of images, relative to its folder."""
-    n_shard = -(-shape[0] // _shard_frames(shape))
-    return [f"{name}/zarr.json", *(f"{name}/c/{number}/0/0" for number in range(n_shard))]
+    """Files of an array of images, relative to its folder; its description is the last."""
+    n_shard = -(-shape[0] // shard_frames(shape))
+    return [*(f"{name}/c/{number}/0/0" for number in range(n_shard)), f"{name}/zarr.json"]
 
 
-@contextlib.contextmanager
-def zarr_writer(
-    path: Path, scenario: Scenario, sensor: str, band: str, n_frame: int
-) -> Iterator[Callable[[FrameSet, int, int], None]]:
-    """Open an array that takes frames in order, by index along the sensor and band axes; it appears when complete."""
-    camera = scenario.instrument_of(sensor).sensor.camera
-    shape = (n_frame, camera.n_row, camera.n_col)
-    with whole_folder(path) as partial, naming(path):
-        array = _new_array(partial, shape)
-        waiting = np.zeros((_shard_frames(shape), *shape[1:]), dtype=np.uint16)
-        known: list[dict[str, Any]] = []
+def append_counts(path: Path, shape: tuple[int, int, int], first: int, counts: npt.NDArray[np.uint16]) -> None:
+    """Write images from an index on, in whole shards but for the last; the array has no description yet."""
+    n_together = shard_frames(shape)
+    with naming(path):
+        array = _new_array(path, shape)
+        for begin in range(0, len(counts), n_together):
+            part = counts[begin : begin + n_together]
+            array[first + begin : first + begin + len(part)] = part
+        (path / "zarr.json").unlink()
 
-        def add(frames: FrameSet, sensor_index: int, band_index: int) -> None:
-            counts = frames.counts.numpy()[:, sensor_index, band_index]
-            for image, cards in zip(counts, image_cards(frames, sensor, band), strict=True):
-                waiting[len(known) % len(waiting)] = image
-                known.append(facts_of(cards))
-                if len(known) % len(waiting) == 0 or len(known) == n_frame:
-                    first = (len(known) - 1) // len(waiting) * len(waiting)
-                    array[first : len(known)] = waiting[: len(known) - first]
 
-        yield add
-        array.update_attributes(_attributes(known))
+def finish_array(path: Path, shape: tuple[int, int, int], facts: list[dict[str, Any]]) -> None:
+    """Describe a complete array: common keywords as they are, others as a list with an item for each frame."""
+    known = {
+        name: [of_frame[name] for of_frame in facts] if name in _OF_A_FRAME else value
+        for name, value in facts[0].items()
+    }
+    with naming(path):
+        _new_array(path, shape).update_attributes(known)
+
+
+def shard_frames(shape: tuple[int, int, int]) -> int:
+    """Return the number of images of a shard."""
+    n_frame, n_row, n_col = shape
+    return max(1, min(n_frame, SHARD_BYTES // (2 * n_row * n_col)))
 
 
 def read_zarr_counts(path: Path, frames: Sequence[int]) -> npt.NDArray[np.uint16]:
@@ -97,20 +94,8 @@ def _new_array(path: Path, shape: tuple[int, int, int]) -> Any:
         shape=shape,
         dtype="uint16",
         chunks=(1, *shape[1:]),
-        shards=(_shard_frames(shape), *shape[1:]),
+        shards=(shard_frames(shape), *shape[1:]),
         dimension_names=("frame", "row", "column"),
         zarr_format=3,
         **ARRAY,
     )
-
-
-def _shard_frames(shape: tuple[int, int, int]) -> int:
-    n_frame, n_row, n_col = shape
-    return max(1, min(n_frame, SHARD_BYTES // (2 * n_row * n_col)))
-
-
-def _attributes(known: list[dict[str, Any]]) -> dict[str, Any]:
-    """Keywords common to all images as they are, others as a list with an item for each frame."""
-    return {
-        name: [facts[name] for facts in known] if name in _OF_A_FRAME else value for name, value in known[0].items()
-    }

@@ -1,0 +1,85 @@
+"""Files that only grow, and a journal of how far each has come: work that goes on in the middle after a kill."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+BLOCK_BYTES = 2**22
+
+
+class GrowingFiles:
+    """A folder of files that are appended to, step by step.
+
+    The journal beside it has a line for each step: what the caller tells of it, and the SHA-256 of what each file grew
+    by. After a kill the steps that are whole are kept, and the files are cut to where these end.
+
+    Args:
+        path: The folder; made when missing.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._journal = path.with_name(f"{path.name}.jsonl")
+        self._sizes: dict[str, int] = {}
+        path.mkdir(parents=True, exist_ok=True)
+        self.steps: list[dict[str, Any]] = []
+        """What the caller told of each whole step."""
+        self._resume()
+
+    def end_step(self, facts: dict[str, Any]) -> None:
+        """Write down that a step is complete."""
+        grown = {}
+        sizes = self._current_sizes()
+        for name, size in sizes.items():
+            if size > (first := self._sizes.get(name, 0)):
+                grown[name] = [first, size, self._checksum(name, first, size)]
+        with self._journal.open("a", encoding="utf-8") as file:
+            file.write(json.dumps({"grown": grown, "facts": facts}) + "\n")
+        self._sizes = sizes
+        self.steps.append(facts)
+
+    def remove(self) -> None:
+        """Remove the folder and its journal."""
+        self._journal.unlink(missing_ok=True)
+        shutil.rmtree(self.path, ignore_errors=True)
+
+    def _resume(self) -> None:
+        """Keep the whole steps of an earlier process, and cut off what came after them."""
+        lines = self._journal.read_text("utf-8").splitlines(keepends=True) if self._journal.exists() else []
+        kept = ""
+        for line in lines:
+            try:
+                step = json.loads(line) if line.endswith("\n") else None
+            except ValueError:
+                break
+            if step is None or any(self._checksum(name, *ends) != sha for name, (*ends, sha) in step["grown"].items()):
+                break
+            kept += line
+            self._sizes |= {name: end for name, (_, end, _) in step["grown"].items()}
+            self.steps.append(step["facts"])
+        for name in self._current_sizes():
+            if name in self._sizes:
+                os.truncate(self.path / name, self._sizes[name])
+            else:
+                (self.path / name).unlink()
+        self._journal.write_text(kept, "utf-8")
+
+    def _current_sizes(self) -> dict[str, int]:
+        files = sorted(path for path in self.path.rglob("*") if path.is_file())
+        return {path.relative_to(self.path).as_posix(): path.stat().st_size for path in files}
+
+    def _checksum(self, name: str, first: int, end: int) -> str | None:
+        """SHA-256 of a part of a file; None where the file has no such part."""
+        path, checksum = self.path / name, hashlib.sha256()
+        if not path.is_file() or path.stat().st_size < end:
+            return None
+        with path.open("rb") as file:
+            file.seek(first)
+            for begin in range(first, end, BLOCK_BYTES):
+                checksum.update(file.read(min(BLOCK_BYTES, end - begin)))
+        return checksum.hexdigest()
