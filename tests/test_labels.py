@@ -33,26 +33,14 @@ masks = arrays.arrays(np.bool_, arrays.array_shapes(min_dims=2, max_dims=2, max_
 def test_codes_come_back(mask):
     code = ws.labels.mask_to_rle(mask)
     np.testing.assert_array_equal(ws.labels.rle_to_mask(code, mask.shape), mask)
-    assert rle_area(code) == mask.sum()
+    assert rle_area(code, mask.shape) == mask.sum()
 
 
-@pytest.mark.filterwarnings("ignore:__array__ implementation")  # pycocotools and NumPy 2
-@settings(max_examples=300, deadline=None)
-@given(masks)
-def test_codes_are_those_of_pycocotools(mask):
-    coco = pytest.importorskip("pycocotools.mask")
-    code = ws.labels.mask_to_rle(mask)
-    assert code == coco.encode(np.asfortranarray(mask.astype(np.uint8)))["counts"].decode()
-    decoded = coco.decode({"size": list(mask.shape), "counts": code})
-    np.testing.assert_array_equal(decoded, mask)
-
-
-def test_codes_of_large_images_are_those_of_pycocotools():
-    """Runs that take several letters, of either sign."""
-    coco = pytest.importorskip("pycocotools.mask")
-    mask = np.zeros((3000, 2000), dtype=bool)
-    mask[2990:, 1990:], mask[7, 3], mask[:, 1000] = True, True, True
-    assert ws.labels.mask_to_rle(mask) == coco.encode(np.asfortranarray(mask.astype(np.uint8)))["counts"].decode()
+def test_codes_are_coco_s():
+    """One of COCO's format by hand: runs outside and inside, from the fourth on less the one before the last."""
+    mask = np.zeros((5, 4), dtype=bool)
+    mask[1:3, 0], mask[4, 1], mask[:, 3] = True, True, True
+    assert ws.labels.mask_to_rle(mask) == "126OO4"
 
 
 def test_codes_of_patches_are_those_of_whole_images():
@@ -77,7 +65,7 @@ def test_masks_of_other_shapes():
     for mask in (np.zeros(3, bool), np.zeros((0, 4), bool), np.zeros((2, 2, 2), bool)):
         with pytest.raises(ws.InputError, match=r"mask: must have shape \(row, column\)"):
             ws.labels.mask_to_rle(mask)
-    with pytest.raises(ws.InputError, match="must be of 4 x 5 pixels, got 16"):
+    with pytest.raises(ws.InputError, match=r"must be .* run lengths of 4 x 5 pixels"):
         ws.labels.rle_to_mask(ws.labels.mask_to_rle(np.eye(4, dtype=bool)), (4, 5))
     assert not ws.labels.rle_to_mask("", (4, 5)).any()
 

@@ -50,6 +50,7 @@ def writers_of(recipe: Recipe) -> list[str]:
         "pyarrow",
         *(["zarr"] if recipe.format == "zarr" else []),
         *(["av"] if recipe.preview == "mp4" else []),
+        *(["pycocotools"] if recipe.masks else []),
     ]
 
 

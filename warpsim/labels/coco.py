@@ -179,7 +179,7 @@ def image_annotations(image: Mapping[str, Any], rows: Rows, category_ids: Mappin
         if with_masks:
             counts = row["mask_rle"] or _empty_code(shape)
             annotation["segmentation"] = {"size": list(shape), "counts": counts}
-            annotation["area"] = rle_area(counts) or annotation["area"]
+            annotation["area"] = rle_area(counts, shape) or annotation["area"]
         found.append(annotation)
     return found
 

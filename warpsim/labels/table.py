@@ -43,7 +43,7 @@ def label_table(frames: FrameSet, least_nei: float = 1.0, with_masks: bool = Fal
         The table; its meta holds SCENE and LEAST_NEI.
 
     Raises:
-        InputError: least_nei is not above 0.
+        InputError: least_nei is not above 0, or masks are asked for without the extra `coco` (pycocotools).
     """
     least = above_zero("least_nei", least_nei)
     table = frames.truth.copy()
