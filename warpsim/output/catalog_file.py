@@ -24,18 +24,8 @@ _WITHOUT_META = ("votable", "ascii.csv")
 def write_catalog(catalog: StarCatalog, path: str | Path, overwrite: bool = False) -> StarCatalog:
     """Write a catalog as a table that StarCatalog.read() takes as it is; whole or not at all.
 
-    CSV and VOTable keep no epoch: there the stars are moved to J2000.0, which readers assume.
-
-    Args:
-        catalog: The stars.
-        path: File whose suffix (FORMAT_OF_SUFFIX) says the format.
-        overwrite: Whether an existing file is replaced.
-
-    Returns:
-        The catalog as written.
-
-    Raises:
-        InputError: See check_new_file().
+    The suffix says the format. CSV and VOTable keep no epoch: there the stars are moved to J2000.0, which readers
+    assume. Returns the catalog as written.
     """
     path = Path(path)
     check_new_file(path, tuple(FORMAT_OF_SUFFIX), overwrite)

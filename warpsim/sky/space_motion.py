@@ -45,16 +45,9 @@ def rigorous_motion(
     parallax and light time). Radial velocities are left out: perspective moves Barnard's star, the worst, by 0.6 mas
     times the square of the years.
 
-    Args:
-        ra_deg: Right ascension [deg], shape (n,).
-        dec_deg: Declination [deg].
-        pm_ra_mas_yr: Proper motion in right ascension, cos(dec) included [mas/yr].
-        pm_dec_mas_yr: Proper motion in declination [mas/yr].
-        years: Julian years to move by.
-
     Returns:
-        Right ascension and declination [deg], their proper motions [mas/yr] at the new epoch, and the distance there
-        relative to the one before, shape (n,) each.
+        Right ascension and declination [deg], their proper motions [mas/yr] at the new epoch (cos(dec) included), and
+        the distance there relative to the one before, shape (n,) each.
     """
     # By components, as NumPy is slow along short axes.
     place, east, north = _axes(ra_deg, dec_deg)
@@ -76,16 +69,6 @@ def paper_motion(
     alpha = alpha0 + mu_alpha t, delta = delta0 + mu_delta t, with mu_alpha the rate of the angle itself: the proper
     motion without cos(dec). A fast star close to a pole goes astray: Eq. 5 winds it round the pole on a spiral. A
     declination beyond 90 degrees is read as a way over the pole.
-
-    Args:
-        ra_deg: Right ascension [deg], shape (n,).
-        dec_deg: Declination [deg].
-        pm_ra_mas_yr: Proper motion in right ascension, cos(dec) included [mas/yr].
-        pm_dec_mas_yr: Proper motion in declination [mas/yr].
-        years: Julian years to move by.
-
-    Returns:
-        Right ascension and declination [deg], shape (n,) each.
     """
     rate = np.divide(pm_ra_mas_yr, np.cos(np.radians(dec_deg)), out=np.zeros_like(ra_deg), where=np.abs(dec_deg) < 90.0)
     ra_deg = ra_deg + rate * years / 3.6e6

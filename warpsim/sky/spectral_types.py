@@ -54,13 +54,10 @@ _CLASS_OF_PREFIX = {"sd": "VI", "d": "V", "g": "III"}
 
 
 def of_spectral_types(types: NDArray[np.str_]) -> tuple[Array, NDArray[np.int8]]:
-    """Return temperatures and luminosity classes of spectral types; NaN and CLASS_UNKNOWN where not understood.
+    """Return temperatures [K] of a dwarf and of a giant of each type, (n, 2), and its luminosity class, (n,).
 
-    Subgiants (IV) count as dwarfs up to G9 and as giants from K0 on, as their absolute magnitudes do.
-
-    Returns:
-        Temperatures [K] of a dwarf and of a giant of the type, (n, 2), the same for a type with a class; and the
-        classes, (n,): DWARF, GIANT, or CLASS_UNKNOWN of a type without.
+    Both are the same for a type with a class; NaN and CLASS_UNKNOWN where a type is not understood. Subgiants (IV)
+    count as dwarfs up to G9 and as giants from K0 on, as their absolute magnitudes do.
     """
     kinds, kind = np.unique(np.char.strip(types.astype(np.str_)), return_inverse=True)
     known = [_of_type(str(one)) for one in kinds]

@@ -35,41 +35,17 @@ _SLACK_RAD = 1e-6
 
 
 def has_zero_point(band: Band | str) -> bool:
-    """Whether stars have magnitudes in a band.
-
-    Raises:
-        InputError: The band is unknown.
-    """
+    """Return whether stars have magnitudes in a band."""
     return bool(as_band(band).zero_mag_w_cm2 > 0.0)
 
 
 def magnitude_counts(catalog: StarCatalog, band: Band | str) -> Counts:
-    """Return whole magnitudes without gaps, and the number of stars from each to below the next.
-
-    Stars without light in the band are not counted.
-
-    Args:
-        catalog: The stars.
-        band: A band with a zero point, or the name of one.
-
-    Raises:
-        InputError: The band is unknown or has no zero point.
-    """
+    """Return whole magnitudes without gaps, and the number of stars with light from each to below the next."""
     return _counts(catalog.magnitude(band))
 
 
 def irradiance_counts(catalog: StarCatalog, band: Band | str) -> Counts:
-    """Return whole decades of in-band irradiance without gaps, and the number of stars in each.
-
-    Decade k holds the stars from 10^k to below 10^(k+1) W/cm2; stars without light in the band are not counted.
-
-    Args:
-        catalog: The stars.
-        band: A band, or the name of one.
-
-    Raises:
-        InputError: The band is unknown, or beyond the wavelengths at which the light of stars is known.
-    """
+    """Return decades k of in-band irradiance without gaps, and the number of stars from 10^k up to 10^(k+1) W/cm2."""
     with np.errstate(divide="ignore"):
         return _counts(np.log10(catalog.irradiance_w_cm2(band)))
 
@@ -78,13 +54,7 @@ def complete_to(irradiance: Array) -> float:
     """Return the irradiance down to which stars are complete: that of the faintest in the fullest bin of its logarithm.
 
     Stars become ever more numerous as they fade; where a catalog's do not, it misses some. Bins follow Freedman and
-    Diaconis (1981), and are no narrower than 0.05 dex.
-
-    Args:
-        irradiance: Of the stars, in any unit, shape (n,); those of 0 are not counted.
-
-    Returns:
-        NaN where no star has light.
+    Diaconis (1981), and are no narrower than 0.05 dex. NaN where no star has light.
     """
     light = irradiance[irradiance > 0.0]
     if not light.size:
@@ -105,17 +75,13 @@ def _counts(values: Array) -> Counts:
 
 
 def most_stars_in_cone(direction_icrs: NDArray[np.floating], radius_rad: float) -> int:
-    """Return an upper bound of the stars that lie within any cone of a radius.
+    """Return an upper bound of the stars in any cone of a radius, of directions (n_star, 3) of any length.
 
     The sky is cut into declination zones and columns of right ascension. A cone about a point of a cell lies within the
     zones and columns about that cell that are counted together, and the bound is the largest of these counts. As they
     are far too wide near poles, each of the three axes serves as the pole in turn, for the cells about its equator:
     every point is there for one of them. The bound is about twice the largest number that there is, and at most four
     times.
-
-    Args:
-        direction_icrs: Directions of the stars, shape (n_star, 3); need not be of unit length.
-        radius_rad: Half-angle of the cone [rad].
     """
     n_star, radius = len(direction_icrs), radius_rad + _SLACK_RAD
     if n_star == 0 or radius >= np.pi / 2:

@@ -62,7 +62,7 @@ class StarPhotometry:
     """Flux density [Jy] by photometric band; NaN where unknown."""
 
     given_flag: Mapping[str, Flags]
-    """What the fluxes given are, for the same bands."""
+    """Kinds of the fluxes given, for the same bands."""
 
     temperature_k: Array
     """Colour temperature as given, or of the spectral type [K]; NaN where neither does."""
@@ -85,22 +85,14 @@ class StarPhotometry:
     _flux_jy: dict[str, Array] = field(default_factory=dict, init=False, repr=False)
 
     def flux_jy(self, band: Band | str) -> Array:
-        """Flux density as given [Jy], or predicted if `filled`; NaN where there is none.
-
-        Raises:
-            InputError: The band is not a photometric one that ships with warpsim.
-        """
+        """Flux density as given [Jy], or predicted if `filled`; NaN where there is none."""
         name = flux_band(band).name
         if self.filled:
             return self._known_jy(name)
         return self.given_jy[name] if name in self.given_jy else np.broadcast_to(np.nan, self.temperature_k.shape)
 
     def flux_flag(self, band: Band | str) -> Flags:
-        """What flux_jy() is: 0 unknown, 1 measured, 2 predicted by the catalog, 3 filled in from the spectrum.
-
-        Raises:
-            InputError: As in flux_jy().
-        """
+        """Kind of flux_jy(): 0 unknown, 1 measured, 2 predicted by the catalog, 3 filled in from the spectrum."""
         name = flux_band(band).name
         none = np.broadcast_to(np.uint8(FLUX_NONE), self.temperature_k.shape)
         given = self.given_flag.get(name, none)
@@ -123,11 +115,7 @@ class StarPhotometry:
         return np.where(np.isnan(light), 0.0, light)
 
     def magnitude(self, band: Band | str) -> Array:
-        """Magnitude: of flux_jy() in a photometric band, in any other that has a zero point of the irradiance.
-
-        Raises:
-            InputError: The band has no zero point.
-        """
+        """Magnitude: of flux_jy() in a photometric band, in any other that has a zero point of the irradiance."""
         band = as_band(band)
         if photometric_name(band) is not None:
             ratio = self.flux_jy(band) / band.zero_mag_jy
@@ -175,8 +163,7 @@ class StarPhotometry:
     def with_types(self, type_temperature_k: Array) -> StarPhotometry:
         """Return the photometry with temperatures of spectral types where none is given and no colour in COLOURS known.
 
-        Args:
-            type_temperature_k: Temperatures of a dwarf and of a giant of the type [K], (n, 2); NaN without a type.
+        Those are of a dwarf and of a giant of the type [K], (n, 2); NaN without a type.
         """
         rows = np.flatnonzero(np.isnan(self.temperature_k) & np.isfinite(type_temperature_k[:, DWARF]))
         rows = rows[np.isnan(self._bp_rp_mag(rows))]

@@ -65,19 +65,9 @@ class BandTables:
 def band_irradiance_w_cm2(
     band: Band, flux_jy: Mapping[str, Array], temperature_k: Array, luminosity: NDArray[np.integer]
 ) -> Array:
-    """In-band irradiance of stars from their fluxes in other bands [W/cm2], shape (n_star,).
+    """In-band irradiance of stars [W/cm2], shape (n_star,), from their fluxes in photometric bands; NaN without any.
 
-    Args:
-        band: Any band whose half-power points lie within VALID_UM, and its response within the templates.
-        flux_jy: Flux density [Jy] by photometric band, shape (n_star,) each, NaN where unknown.
-        temperature_k: Colour temperature [K] as mixture() takes it, shape (n_star,).
-        luminosity: DWARF, GIANT, or anything else where unknown, which is taken for a giant.
-
-    Returns:
-        NaN for a star without any flux.
-
-    Raises:
-        InputError: A band out of range.
+    Unknown fluxes are NaN; temperatures are as mixture() takes them, and any luminosity but DWARF is a giant's.
     """
     check_band(band)
     known_bands = photometric_bands()
@@ -163,12 +153,9 @@ def _factor(wanted: list[Array], mixing: Mapping[tuple[int, int], Array]) -> lis
     """Factor at its knots whose means over the anchors are those wanted; never negative.
 
     Each round multiplies it by wanted over found mean, from the wanted means on (as Richardson and Lucy's deconvolution
-    does): what the anchors cannot tell apart, and noise would blow up, is left alone.
-
-    Args:
-        wanted: Mean of irradiance over template irradiance of the anchors of each knot, shape (n,) each.
-        mixing: Weight of the factor's value at knot k in the mean of knot j's anchors, by (j, k), of sum 1; 0 where
-            left out.
+    does): what the anchors cannot tell apart, and noise would blow up, is left alone. `wanted` is the mean of
+    irradiance over template irradiance of the anchors of each knot; `mixing` the weight of the factor at knot k in the
+    mean of knot j's anchors, by (j, k), of sum 1.
     """
     factor = wanted
     for _ in range(N_CORRECTION if len(wanted) > 1 else 0):
@@ -184,11 +171,7 @@ def _factor(wanted: list[Array], mixing: Mapping[tuple[int, int], Array]) -> lis
 
 @functools.lru_cache(maxsize=256)
 def band_tables(band: Band, anchors: tuple[Band, ...]) -> BandTables:
-    """Tables of a band and of the anchors, which are in order of wavelength.
-
-    Raises:
-        InputError: A band that reaches beyond the templates.
-    """
+    """Tables of a band and of the anchors, which are in order of wavelength."""
     knots_um, knot = _knots(anchors)
     part = 1.0 / np.bincount(knot)[knot]
     light = np.stack([_light_by_knot(one, knots_um) for one in (band, *anchors)], axis=-2)

@@ -103,15 +103,9 @@ def mixture(temperature_k: ArrayLike) -> tuple[NDArray[np.int64], Array]:
 
 
 def mixed(values: Array, luminosity: ArrayLike, temperature_k: ArrayLike) -> Array:
-    """Values of stars from those of the templates.
+    """Values of stars, (n_star, ...), from those of the templates: any linear function of them, (n_class, n_t, ...).
 
-    Args:
-        values: Any linear function of the templates, such as band_light(), (n_class, n_t, ...).
-        luminosity: DWARF, (n_star,), or anything else, which is taken for GIANT.
-        temperature_k: Temperatures [K] as mixture() takes them, (n_star,).
-
-    Returns:
-        (n_star, ...).
+    Any luminosity but DWARF is taken for GIANT; temperatures are as mixture() takes them.
     """
     lower, weight = mixture(temperature_k)
     of_class = np.where(np.asarray(luminosity) == DWARF, DWARF, GIANT)
@@ -120,19 +114,10 @@ def mixed(values: Array, luminosity: ArrayLike, temperature_k: ArrayLike) -> Arr
 
 
 def band_nodes(band: Band | str) -> tuple[Array, Array, Array]:
-    """Quadrature over a band, and the templates there.
+    """Quadrature over a band: wavelengths and weights times energy response [um] (m,), templates (n_class, n_t, m).
 
     The nodes are Gauss points between any two neighbours among the nodes of response and templates: exact for the light
     of a template, also times a factor that is a quadratic of wavelength between them.
-
-    Args:
-        band: A Band within the templates' wavelengths, or the name of a known one.
-
-    Returns:
-        Wavelengths [um] (m,), weights times energy response [um] (m,), and the templates there (n_class, n_t, m).
-
-    Raises:
-        InputError: Unknown band, or one that reaches beyond the templates.
     """
     band = as_band(band)
     check_reach(band)
@@ -160,11 +145,7 @@ def check_reach(band: Band) -> None:
 
 
 def band_light(band: Band | str) -> Array:
-    """Integral of energy response times template over wavelength, relative, (n_class, n_t); read-only.
-
-    Raises:
-        InputError: As band_nodes().
-    """
+    """Integral of energy response times template over wavelength, relative, (n_class, n_t); read-only."""
     return _band_light(as_band(band))
 
 
@@ -177,24 +158,13 @@ def _band_light(band: Band) -> Array:
 
 
 def magnitude_light(band: Band | str) -> Array:
-    """Light of the templates in a band in units of that of a star of magnitude 0, relative, (n_class, n_t).
-
-    Args:
-        band: A Band with a zero point (zero_mag_w_cm2), or the name of a known one.
-    """
+    """Light of the templates in a band with a zero point over that of magnitude 0, relative, (n_class, n_t)."""
     band = as_band(band)
     return band_light(band) / band.zero_mag_w_cm2
 
 
 def colour(band: Band | str, other: Band | str, luminosity: ArrayLike, temperature_k: ArrayLike) -> Array:
-    """Magnitude in a band minus that in another one of stars [mag], (n_star,), by the bands' zero points.
-
-    Args:
-        band: A Band with a zero point (zero_mag_w_cm2), or the name of a known one.
-        other: Another one.
-        luminosity: DWARF or GIANT, (n_star,).
-        temperature_k: Temperatures [K] as mixture() takes them, (n_star,).
-    """
+    """Magnitude in a band minus that in another one of stars [mag], (n_star,), by the bands' zero points."""
     ratio = mixed(magnitude_light(band), luminosity, temperature_k) / mixed(
         magnitude_light(other), luminosity, temperature_k
     )
@@ -208,10 +178,7 @@ def colour_temperature_k(colour_mag: ArrayLike, kind: str | tuple[str, str], lum
     those of the templates is taken for the nearest. Where two temperatures have it, the hotter one is meant (J-K of
     dwarfs below 3,900 K, B-V of giants below 3,700 K): better use another colour of such stars.
 
-    Args:
-        colour_mag: Colours [mag].
-        kind: "BP-RP", "V-I", "V-K", "J-K" (K is 2MASS Ks) or "B-V"; or a pair of names of bands with zero points.
-        luminosity: DWARF or GIANT, (n_star,).
+    `kind` is "BP-RP", "V-I", "V-K", "J-K" (K is 2MASS Ks) or "B-V", or a pair of names of bands with zero points.
     """
     given = np.asarray(colour_mag, dtype=np.float64)
     of_class = np.broadcast_to(np.where(np.asarray(luminosity) == DWARF, DWARF, GIANT), given.shape)
@@ -236,13 +203,8 @@ def luminosity_class(
     """DWARF or GIANT, by colour and absolute magnitude; without a parallax, by reduced proper motion.
 
     A red star of which neither is known is taken for a giant: among stars as bright as a catalog of the sky goes they
-    outnumber dwarfs.
-
-    Args:
-        g_mag: G, or V of a star without it.
-        bp_rp_mag: BP-RP, or V-I; without a colour the brightness alone decides.
-        parallax_mas: Parallax [mas]; NaN or <= 0 where unknown.
-        pm_mas_yr: Proper motion [mas/yr]; NaN or 0 where unknown.
+    outnumber dwarfs. V stands for G and V-I for BP-RP where those are unknown; without a colour the brightness alone
+    decides. Parallaxes <= 0 and motions of 0 are unknown, like NaN.
     """
     magnitude, bp_rp, parallax, motion = (
         np.asarray(values, dtype=np.float64) for values in (g_mag, bp_rp_mag, parallax_mas, pm_mas_yr)

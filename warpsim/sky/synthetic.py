@@ -119,17 +119,8 @@ SYNTHETIC_SKIES = {
 def synthetic_columns(n_star: int | None, limit_jy: float | None, sky: str, seed: int) -> StarColumns:
     """Make the columns of the brightest stars of a synthetic sky, brightest first, without proper motions.
 
-    Sine, logarithm and power differ between machines in the last bit. Places are rounded to 0.1 mas and fluxes to
-    float32: about one place in a million may still fall on the other side, by 0.1 mas.
-
-    Args:
-        n_star: How many; None to let limit_jy decide.
-        limit_jy: Flux density of the faintest at 8.3 um [Jy]; None to let n_star decide.
-        sky: Name of one of SYNTHETIC_SKIES.
-        seed: 0 to 2**63 - 1.
-
-    Raises:
-        InputError: Neither or both of n_star and limit_jy, or a value out of range.
+    Sine, logarithm and power differ between machines in the last bit. Positions are rounded to 0.1 mas and fluxes to
+    float32: about one position in a million may still fall on the other side, by 0.1 mas.
     """
     if not isinstance(sky, str) or sky not in SYNTHETIC_SKIES:
         raise InputError(f"must be {' or '.join(map(repr, SYNTHETIC_SKIES))}", "sky", sky)

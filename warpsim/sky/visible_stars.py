@@ -78,15 +78,7 @@ class VisibleStars:
 def by_gaia(
     g_mag: ArrayLike, bp_rp_mag: ArrayLike, parallax_mas: ArrayLike, pm_mas_yr: ArrayLike, hp_mag: ArrayLike
 ) -> VisibleStars:
-    """Stars with G and BP-RP.
-
-    Args:
-        g_mag: G.
-        bp_rp_mag: BP-RP; NaN where unknown.
-        parallax_mas: Parallax [mas]; NaN where unknown.
-        pm_mas_yr: Proper motion [mas/yr]; NaN where unknown.
-        hp_mag: Hp of the same star; NaN where unknown.
-    """
+    """Stars with G and BP-RP, and Hp of the same star where it is known; all but G may be NaN."""
     bp_rp = np.asarray(bp_rp_mag, dtype=np.float64)
     luminosity = luminosity_class(g_mag, bp_rp, parallax_mas, pm_mas_yr)
     temperature_k = colour_temperature_k(bp_rp, "BP-RP", luminosity)
@@ -100,15 +92,7 @@ def by_gaia(
 def by_hipparcos(
     hp_mag: ArrayLike, v_i_mag: ArrayLike, b_v_mag: ArrayLike, parallax_mas: ArrayLike, pm_mas_yr: ArrayLike
 ) -> VisibleStars:
-    """Stars with Hp and V-I, or B-V where V-I is unknown.
-
-    Args:
-        hp_mag: Hp.
-        v_i_mag: V-I; NaN where unknown.
-        b_v_mag: B-V; NaN where unknown.
-        parallax_mas: Parallax [mas]; NaN where unknown.
-        pm_mas_yr: Proper motion [mas/yr]; NaN where unknown.
-    """
+    """Stars with Hp and V-I, or B-V where V-I is unknown; all but Hp may be NaN."""
     hp, v_i, b_v, parallax = (
         np.asarray(values, dtype=np.float64) for values in (hp_mag, v_i_mag, b_v_mag, parallax_mas)
     )
@@ -144,15 +128,7 @@ def measured_flux_jy(g_mag: Array, hp_mag: Array) -> tuple[dict[str, Array], dic
 def magnitude_in(
     band: Band | str, g_mag: ArrayLike, hp_mag: ArrayLike, temperature_k: ArrayLike, luminosity: ArrayLike
 ) -> Array:
-    """Predicted magnitude in a band, shape (n,).
-
-    Args:
-        band: A Band with a zero point, or the name of a known one.
-        g_mag: G; NaN where Hp tells.
-        hp_mag: Hp; NaN where G tells.
-        temperature_k: Colour temperature [K]; NaN where unknown.
-        luminosity: DWARF or GIANT.
-    """
+    """Magnitude in a band with a zero point, shape (n,), predicted from G, or from Hp where G is NaN."""
     by_g = np.asarray(g_mag) - colour("G", band, luminosity, temperature_k)
     return np.where(np.isnan(g_mag), np.asarray(hp_mag) - colour("Hp", band, luminosity, temperature_k), by_g)
 
