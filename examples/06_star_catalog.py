@@ -16,7 +16,7 @@ import numpy as np
 
 import warpsim as ws
 from warpsim.plot import plot_sky_density, plot_sky_partition, plot_star_counts
-from warpsim.plot.partition import costs_by_latitude
+from warpsim.plot.partition_figure import costs_by_latitude
 
 LIMIT_JY, DENSITY_PER_DEG2 = 0.116, (1.0, 150.0)  # of the default catalog in band A; ends of the maps' colour scale
 QUICK_LIMIT_JY, QUICK_DENSITY_PER_DEG2 = 2.0, (0.1, 15.0)

@@ -15,7 +15,7 @@ from warpsim_kernels import camera as camera_kernels
 import warpsim as ws
 from warpsim.optics.wcs import ERROR_PX, sip_polynomials
 from warpsim.output.check import scene_report
-from warpsim.plot.camera_view import camera_view, earth_clearance
+from warpsim.plot.image_figure import camera_view, earth_clearance
 from warpsim.render.device_upload import camera_struct
 
 FRAME = 75

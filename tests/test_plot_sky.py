@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import warpsim as ws
-from warpsim.plot.partition import (
+from warpsim.plot.partition_figure import (
     COMPREHENSIVE,
     LATITUDE,
     MESH,
@@ -15,11 +15,11 @@ from warpsim.plot.partition import (
     SORTED,
     costs_by_latitude,
     cover_of,
+    plot_sky_partition,
     star_table,
     stars_in_window,
     view_costs,
 )
-from warpsim.plot.partition_figure import plot_sky_partition
 from warpsim.plot.sky_figure import density_map, mollweide, plot_sky_density, plot_star_counts
 from warpsim.sky.star_counts import magnitude_counts
 

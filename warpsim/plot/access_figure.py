@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.plot.figure import BLUE, GREY, SERIES, new_axes
+from warpsim.plot.figure import BLUE, DASHES, GREY, PALE, SERIES, new_axes
 from warpsim.scene.instrument import ANY
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
@@ -19,12 +18,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 F64 = NDArray[np.float64]
+Spans = dict[str, list[tuple[float, float, str]]]
+"""Start and end [s] and target of the intervals of each sensor, in the order of time."""
 
 _LABEL_WIDTH = 0.055  # of a label's letters, over that of the axes
-_PALE = "0.6"
 _N_TIME = 801
 _TALLEST_INCH = 40.0
-_MOST_COLOURED = len(SERIES)
 
 
 def plot_access(
@@ -56,61 +55,68 @@ def plot_access(
     names = [name for name in chosen if name in seen or not only_with_access]
     ax = ax or new_axes(9.0, min(1.6 + 0.27 * max(3, len(names)), _TALLEST_INCH))
     duration_s = scenario.scene.duration_s
-    _draw_bars(ax, names, table, duration_s)
+    _draw_bars(ax, names, _spans(table), duration_s)
     if not names:
         ax.text(0.5, 0.5, "no sensor has access", ha="center", transform=ax.transAxes)
     ax.set_yticks(range(len(names)), names, fontsize=8)
     for name, tick in zip(names, ax.get_yticklabels(), strict=True):
-        tick.set_color("black" if name in seen else _PALE)
+        tick.set_color("black" if name in seen else PALE)
     ax.set(xlim=(0, duration_s), ylim=(max(len(names), 1) - 0.4, -0.6), xlabel="time after the epoch [s]")
     number = f"{len(seen.intersection(chosen))} of {len(chosen)} sensors"
-    words = counted_words(scenario, chosen, table)
-    ax.set_title(f"{scenario.scene.name}: access to {words}, {number}", fontsize=10)
+    ax.set_title(f"{scenario.scene.name}: access to {_counted_words(scenario, chosen, table)}, {number}", fontsize=10)
     ax.grid(axis="x", alpha=0.35)
     ax.set_axisbelow(True)
     return ax
 
 
-def _draw_bars(ax: Axes, names: Sequence[str], table: Table, duration_s: float) -> None:
-    """A row of bars for each sensor, with the total on the right, and a legend where they have several colours."""
-    room_s = _LABEL_WIDTH * duration_s
-    targets = list(dict.fromkeys(str(name) for name in table["target"]))
-    coloured = 1 < len(targets) <= _MOST_COLOURED
-    colours = {target: SERIES[number] if coloured else BLUE for number, target in enumerate(targets)}
-    spans_of = _spans(table)
-    for row, name in enumerate(names):
-        spans = spans_of.get(name, [])
-        taken_s = 0.0  # up to here the row is full, of bars and words
-        for number, (start_s, end_s, target) in enumerate(spans):
-            ax.barh(row, end_s - start_s, left=start_s, height=0.68, color=colours[target])
-            next_s = spans[number + 1][0] if number + 1 < len(spans) else duration_s
-            taken_s = _label_bar(ax, row, (start_s, end_s), room_s, (start_s - taken_s, next_s - end_s))
-        total_min = sum(end_s - start_s for start_s, end_s, _ in spans) / 60
-        ax.text(1.01, row, f"{total_min:.1f} min" if spans else "no access", transform=ax.get_yaxis_transform(),
-                va="center", fontsize=8, color="black" if spans else _PALE)  # fmt: skip
-    if coloured:
-        for target, colour in colours.items():
-            ax.barh(0, 0, color=colour, label={ANY: "any target"}.get(target, target))
-        ax.legend(loc="center left", bbox_to_anchor=(1.09, 0.5), fontsize=8, frameon=False)
-
-
-def _spans(table: Table) -> dict[str, list[tuple[float, float, str]]]:
-    """Start and end [s] and target of the intervals of each sensor, in the order of time."""
-    spans: dict[str, list[tuple[float, float, str]]] = {}
+def _spans(table: Table) -> Spans:
+    spans: Spans = {}
     columns = (np.asarray(table[name]).tolist() for name in ("sensor", "start_s", "end_s", "target"))
     for sensor, *span in zip(*columns, strict=True):
         spans.setdefault(sensor, []).append(tuple(span))
     return {sensor: sorted(found) for sensor, found in spans.items()}
 
 
-def counted_words(scenario: Scenario, sensors: Sequence[str], access: Table) -> str:
-    """Return the targets that access counts by, in words: a target, a group, any target, or what each sensor tracks.
+def _draw_bars(ax: Axes, names: Sequence[str], spans_of: Spans, duration_s: float) -> None:
+    """A row of bars for each sensor, with the total on the right, and a legend where they have several colours."""
+    targets = list(dict.fromkeys(target for spans in spans_of.values() for _, _, target in spans))
+    coloured = 1 < len(targets) <= len(SERIES)
+    colours = dict(zip(targets, SERIES, strict=False)) if coloured else dict.fromkeys(targets, BLUE)
+    for row, name in enumerate(names):
+        spans = spans_of.get(name, [])
+        filled_s = 0.0  # up to here the row is full, of bars and words
+        for number, (start_s, end_s, target) in enumerate(spans):
+            ax.barh(row, end_s - start_s, left=start_s, height=0.68, color=colours[target])
+            next_s = spans[number + 1][0] if number + 1 < len(spans) else duration_s
+            filled_s = _label_bar(ax, row, start_s, end_s, (filled_s, next_s), _LABEL_WIDTH * duration_s)
+        total_min = sum(end_s - start_s for start_s, end_s, _ in spans) / 60
+        ax.text(1.01, row, f"{total_min:.1f} min" if spans else "no access", transform=ax.get_yaxis_transform(),
+                va="center", fontsize=8, color="black" if spans else PALE)  # fmt: skip
+    if coloured:
+        for target, colour in colours.items():
+            ax.barh(0, 0, color=colour, label={ANY: "any target"}.get(target, target))
+        ax.legend(loc="center left", bbox_to_anchor=(1.09, 0.5), fontsize=8, frameon=False)
 
-    Args:
-        scenario: The scenario.
-        sensors: Names of sensors.
-        access: What `scene.access` gave.
+
+def _label_bar(ax: Axes, row: int, start_s: float, end_s: float, free_s: tuple[float, float], number_s: float) -> float:
+    """Write start and end of a bar, and return where the bar or its words end.
+
+    They stand inside where they fit (a number is number_s wide), else together behind or before it if it is free there.
     """
+    first, last, inset_s = f"{start_s:.1f}", f"{end_s:.1f}", 0.12 * number_s
+    if end_s - start_s > 2.4 * number_s:
+        ax.text(start_s + inset_s, row, first, va="center", ha="left", color="white", fontsize=8)
+        ax.text(end_s - inset_s, row, last, va="center", ha="right", color="white", fontsize=8)
+    elif free_s[1] - end_s > 2.8 * number_s:
+        ax.text(end_s + inset_s, row, f"{first} to {last}", va="center", ha="left", color=GREY, fontsize=8)
+        return end_s + 2.8 * number_s
+    elif start_s - free_s[0] > 2.8 * number_s:
+        ax.text(start_s - inset_s, row, f"{first} to {last}", va="center", ha="right", color=GREY, fontsize=8)
+    return end_s
+
+
+def _counted_words(scenario: Scenario, sensors: Sequence[str], access: Table) -> str:
+    """Name what access counts by: a target, a group, any target, or what each sensor tracks."""
     if access.meta["target"] in (*scenario.target_names, *scenario.group_names):
         return str(access.meta["target"])
     counted = {tuple(targets) for sensor in sensors for _, targets in _counted(scenario, sensor, access)}
@@ -128,32 +134,7 @@ def _counted(scenario: Scenario, sensor: str, access: Table) -> list[tuple[float
     if access.meta["target"] in (*scenario.target_names, *scenario.group_names):
         return [(-np.inf, scenario.roster.members(access.meta["target"]))]
     instrument = scenario.instrument_of(sensor)
-    return [(start_s, targets) for start_s, targets in instrument.access_targets(instrument.index(sensor))]
-
-
-def _label_bar(ax: Axes, row: int, span_s: tuple[float, float], room_s: float, free_s: tuple[float, float]) -> float:
-    """Write start and end of a bar: inside where they fit, else together behind or before it if it is free there.
-
-    Returns where the bar or its words end.
-
-    Args:
-        ax: Where to write.
-        row: Of the bar.
-        span_s: Its start and end.
-        room_s: Width of one number.
-        free_s: Gaps before and behind the bar.
-    """
-    first, last = (f"{value:.1f}" for value in span_s)
-    inset_s = 0.12 * room_s
-    if span_s[1] - span_s[0] > 2.4 * room_s:
-        ax.text(span_s[0] + inset_s, row, first, va="center", ha="left", color="white", fontsize=8)
-        ax.text(span_s[1] - inset_s, row, last, va="center", ha="right", color="white", fontsize=8)
-    elif free_s[1] > 2.8 * room_s:
-        ax.text(span_s[1] + inset_s, row, f"{first} to {last}", va="center", ha="left", color=GREY, fontsize=8)
-        return span_s[1] + 2.8 * room_s
-    elif free_s[0] > 2.8 * room_s:
-        ax.text(span_s[0] - inset_s, row, f"{first} to {last}", va="center", ha="right", color=GREY, fontsize=8)
-    return span_s[1]
+    return list(instrument.access_targets(instrument.index(sensor)))
 
 
 def plot_range(
@@ -182,19 +163,25 @@ def plot_range(
     else:
         chosen = scenario.select_sensors(sensors)
     ax = ax or new_axes(9.0, 5.0)
-    spans = _spans(table)
+    spans, time_s = _spans(table), np.linspace(0, scenario.scene.duration_s, _N_TIME)
     for number, name in enumerate(chosen):
         # After each round of colours the dashes change.
-        dashes = ("-", "--", ":", "-.")[number // len(SERIES) % 4]
-        distance_km = functools.partial(range_km, scenario, name, _counted(scenario, name, table))
-        style = {"color": SERIES[number % len(SERIES)], "linestyle": dashes}
-        _draw_range(ax, name, distance_km, spans.get(name, []), scenario.scene.duration_s, style)
-    for farthest_km in _farthest_km(table):
+        style: dict[str, Any] = {"color": SERIES[number % len(SERIES)]}
+        style["linestyle"] = DASHES[number // len(SERIES) % len(DASHES)]
+        counted = _counted(scenario, name, table)
+        ax.plot(time_s, _range_km(scenario, name, counted, time_s), linewidth=0.8, **style)
+        for part, (start_s, end_s, _) in enumerate(spans.get(name, [])):
+            span_s, label = np.linspace(start_s, end_s, _N_TIME), None if part else name
+            ax.plot(span_s, _range_km(scenario, name, counted, span_s), linewidth=3, label=label, **style)
+        if name not in spans:
+            ax.plot([], [], linewidth=0.8, label=name, **style)
+    kinds = table.meta["rules_by_kind"].values()
+    for farthest_km in sorted({kind["max_range_km"] for kind in kinds if "max_range_km" in kind}):
         ax.axhline(farthest_km, color=GREY, linestyle=(0, (6, 3)), linewidth=1)
         ax.text(0.995, farthest_km, "farthest allowed", color=GREY, fontsize=8, ha="right", va="bottom",
                 transform=ax.get_yaxis_transform())  # fmt: skip
     ax.set(xlim=(0, scenario.scene.duration_s), ylim=(0, None))
-    words = counted_words(scenario, chosen or scenario.sensor_names, table)
+    words = _counted_words(scenario, chosen or scenario.sensor_names, table)
     ax.set(xlabel="time after the epoch [s]", ylabel=f"range to {words} [km]")
     ax.set_title(f"{scenario.scene.name}: thick lines mark access", fontsize=10)
     ax.grid(alpha=0.3)
@@ -203,42 +190,10 @@ def plot_range(
     return ax
 
 
-def _draw_range(
-    ax: Axes,
-    sensor: str,
-    distance_km: Callable[[F64], F64],
-    spans: Sequence[tuple[float, float, str]],
-    duration_s: float,
-    style: dict[str, Any],
-) -> None:
-    """Range of one sensor: a thin line for the scene, thick ones for the intervals of access."""
-    time_s = np.linspace(0, duration_s, _N_TIME)
-    ax.plot(time_s, distance_km(time_s), linewidth=0.8, **style)
-    for part, (start_s, end_s, _) in enumerate(spans):
-        span_s = np.linspace(start_s, end_s, _N_TIME)
-        ax.plot(span_s, distance_km(span_s), linewidth=3, label=None if part else sensor, **style)
-    if not spans:
-        ax.plot([], [], linewidth=0.8, label=sensor, **style)
+def _range_km(scenario: Scenario, sensor: str, counted: Sequence[tuple[float, Sequence[int]]], time_s: F64) -> F64:
+    """Distance from a sensor to the nearest target that exists [km], (n,), without light time.
 
-
-def _farthest_km(table: Table) -> list[float]:
-    """Largest ranges that the constraints of a table of access allow, each once."""
-    rules = table.meta["rules_by_kind"].values()
-    return sorted({rules_of_kind["max_range_km"] for rules_of_kind in rules if "max_range_km" in rules_of_kind})
-
-
-def range_km(scenario: Scenario, sensor: str, counted: Sequence[tuple[float, Sequence[int]]], time_s: F64) -> F64:
-    """Return the distance from a sensor to the nearest target that exists [km], (n,), without light time.
-
-    Args:
-        scenario: The scenario.
-        sensor: Name of the sensor.
-        counted: Indices of the targets, from when on [s after the epoch].
-        time_s: Times after the epoch [s], shape (n,).
-
-    Returns:
-        Distances; NaN where there is no target, and where the first time lies at which others are there than before, so
-        that lines break between them.
+    NaN where there is no target, and at the first time at which others are there than before, so that lines break.
     """
     sensor_m = scenario.position_m(sensor, time_s)
     nearest_m, changes = np.full(time_s.shape, np.inf), np.zeros(time_s.shape, dtype=bool)

@@ -1,9 +1,10 @@
-"""Common parts of all figures: axes, colours, files, texts, and labels that keep clear of one another."""
+"""Common parts of all figures: axes, colours, texts, names that keep clear of one another, and kinds of targets."""
 
 from __future__ import annotations
 
 import importlib.util
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
 from warpsim.files import whole_file
-from warpsim.instant import Instant, instant_after
+from warpsim.scene.instrument import Instrument
+from warpsim.scene.scenario import Scenario
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,9 +27,10 @@ FIGURE_SUFFIXES = (".png", ".pdf", ".svg")
 BLUE, SKY_BLUE, GREEN, ORANGE, VERMILION, PURPLE, YELLOW = (
     "#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#CC79A7", "#F0E442",
 )  # fmt: skip
-INK, GREY, FAINT = "0.15", "0.45", "0.75"
+INK, GREY, PALE, FAINT = "0.15", "0.45", "0.6", "0.75"
 SERIES = (BLUE, ORANGE, GREEN, PURPLE, SKY_BLUE, VERMILION, "0.3")
 """Colours of series, in this order; the fourth and later need more than colour to be distinguished in print."""
+DASHES = ("-", "--", ":", "-.")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "p")
 
 MOST_LABELS = 40
@@ -35,13 +38,15 @@ MOST_LABELS = 40
 N_PATH = 361
 """Points of a drawn path."""
 
+_SIDES = np.array([
+    *((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)),
+    *((0, 3), (0, -3), (1.3, 2.5), (-1.3, 2.5), (1.3, -2.5), (-1.3, -2.5), (1, 4), (-1, 4), (1, -4), (-1, -4)),
+])  # fmt: skip
+"""Where a label may stand about its point, in halves of its size; the first that is free is taken."""
+
 
 def need_matplotlib(where: str) -> None:
-    """Check that matplotlib is installed, before a figure is begun.
-
-    Raises:
-        InputError: matplotlib is not installed.
-    """
+    """Raise an InputError about `where` if matplotlib is not installed."""
     if importlib.util.find_spec("matplotlib") is None:
         raise InputError("needs matplotlib, which the extra `plot` brings: pip install 'warpsim[plot]'").of(where)
 
@@ -51,8 +56,7 @@ def new_axes(width: float, height: float) -> Axes:
     need_matplotlib("plot")
     from matplotlib import pyplot as plt
 
-    _, ax = plt.subplots(figsize=(width, height), layout="constrained")
-    return ax
+    return plt.subplots(figsize=(width, height), layout="constrained")[1]
 
 
 def save_figure(figure: Any, path: Path) -> None:
@@ -65,75 +69,51 @@ def save_figure(figure: Any, path: Path) -> None:
         figure.savefig(partial, dpi=150, format=path.suffix[1:].lower(), bbox_inches="tight", pad_inches=0.08)
 
 
+def legend_below(ax: Axes, y: float, ncols: int) -> None:
+    """Draw a legend of some columns below the axes, at a height in axes' heights."""
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, y), ncols=ncols, fontsize=8, frameon=False)
+
+
+def draw_arrow(ax: Axes, begin: ArrayLike, end: ArrayLike, zorder: float, **style: Any) -> None:
+    """Draw an arrow between points in data coordinates, in a style of `FancyArrowPatch`."""
+    ax.annotate("", pair(end), pair(begin), arrowprops=style, zorder=zorder)
+
+
 def annotate_points(ax: Axes, xy: ArrayLike, texts: Sequence[str], size: float = 8.0, **style: Any) -> list[Any]:
-    """Write names beside points, each on the side where it covers the least of other names and points.
+    """Write names beside points (n, 2), each on the side where it covers the least of other names and points.
 
     The limits of the axes must be final. Sizes of texts are estimated, so that nothing needs to be drawn.
-
-    Args:
-        ax: Where to write.
-        xy: Points in data coordinates, shape (n, 2).
-        texts: A name for each.
-        size: Of the letters [pt].
-        style: Further arguments of `Axes.annotate`.
     """
     from matplotlib.patheffects import withStroke
 
     points = np.asarray(xy, np.float64).reshape(-1, 2)
     halo = [withStroke(linewidth=2, foreground="white", alpha=0.8)]
     ax.apply_aspect()
-    per_px = 72 / ax.get_figure(root=True).dpi  # type: ignore[union-attr]
-    anchors = ax.transData.transform(points) * per_px
-    frame = np.asarray(ax.bbox.extents, np.float64) * per_px
-    boxes: list[tuple[float, float, float, float]] = []
+    pt_per_px = 72 / ax.get_figure(root=True).dpi  # type: ignore[union-attr]
+    anchors = ax.transData.transform(points) * pt_per_px
+    frame = np.asarray(ax.bbox.extents, np.float64) * pt_per_px
+    lows, highs = np.empty((0, 2)), np.empty((0, 2))  # of the texts written so far
     written = []
     for anchor, point, text in zip(anchors, points, texts, strict=True):
-        options = [_label_box(anchor, text, size, dx, dy) for dx, dy in _SIDES]
-        costs = [_covered(box, boxes, anchors, frame) + 0.01 * number for number, (box, _) in enumerate(options)]
-        box, offset = options[int(np.argmin(costs))]
-        boxes.append(box)
-        is_far = abs(offset[1]) > 1.8 * size  # a name that had to move away is joined to its point
+        half = size * np.array([0.29 * len(text), 0.55])
+        offset = _SIDES * (half + np.array([7.0, 5.0]))
+        low, high = anchor + offset - half, anchor + offset + half
+        margin = 3.0  # half a mark
+        n_hit = ((anchors > low[:, None] - margin) & (anchors < high[:, None] + margin)).all(axis=2).sum(axis=1)
+        outside = ((low < frame[:2]) | (high > frame[2:])).any(axis=1)
+        common = np.maximum(np.minimum(high[:, None], highs) - np.maximum(low[:, None], lows), 0).prod(axis=2)
+        # Points and the edge count as areas of text [pt2].
+        best = np.argmin(40.0 * n_hit + 1000.0 * outside + common.sum(axis=1) + 0.01 * np.arange(len(_SIDES)))
+        lows, highs = np.vstack([lows, low[best]]), np.vstack([highs, high[best]])
+        is_far = abs(offset[best, 1]) > 1.8 * size  # a name that had to move away is joined to its point
         line = {"arrowstyle": "-", "color": FAINT, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 2} if is_far else None
         written.append(
             ax.annotate(
-                text, (point[0], point[1]), xytext=offset, textcoords="offset points", fontsize=size, va="center",
+                text, pair(point), xytext=pair(offset[best]), textcoords="offset points", fontsize=size, va="center",
                 ha="center", annotation_clip=True, arrowprops=line, path_effects=halo, **style,
             )
         )  # fmt: skip
     return written
-
-
-_SIDES = (
-    *((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)),
-    *((0, 3), (0, -3), (1.3, 2.5), (-1.3, 2.5), (1.3, -2.5), (-1.3, -2.5), (1, 4), (-1, 4), (1, -4), (-1, -4)),
-)
-"""Where a label may stand about its point, in halves of its size; the first that is free is taken."""
-
-
-def _label_box(
-    anchor: F64, text: str, size: float, dx: float, dy: float
-) -> tuple[tuple[float, float, float, float], tuple[float, float]]:
-    """Left, bottom, right and top of a text on one side of a point, and the offset of its middle [pt]."""
-    half_width, half_height = 0.29 * size * len(text), 0.55 * size
-    offset = dx * (half_width + 7), dy * (half_height + 5)
-    x, y = anchor[0] + offset[0], anchor[1] + offset[1]
-    return (x - half_width, y - half_height, x + half_width, y + half_height), offset
-
-
-def _covered(
-    box: tuple[float, float, float, float], boxes: list[tuple[float, float, float, float]], points: F64, frame: F64
-) -> float:
-    """Area of other texts and points that a box covers [pt2]; a point counts 40, an end outside the axes 1000."""
-    left, bottom, right, top = box
-    margin = 3.0  # half a mark
-    along, high = points.T
-    hit = (along > left - margin) & (along < right + margin) & (high > bottom - margin) & (high < top + margin)
-    outside = left < frame[0] or bottom < frame[1] or right > frame[2] or top > frame[3]
-    cost = 40.0 * float(np.count_nonzero(hit)) + 1000.0 * outside
-    for other in boxes:
-        width, height = min(right, other[2]) - max(left, other[0]), min(top, other[3]) - max(bottom, other[1])
-        cost += max(0.0, width) * max(0.0, height)
-    return float(cost)
 
 
 def pair(values: ArrayLike) -> tuple[float, float]:
@@ -147,23 +127,78 @@ def plain(value: float, n_digit: int = 6) -> str:
     return np.format_float_positional(value, n_digit, unique=False, fractional=False, trim="-")
 
 
-def utc_text(epoch: Instant, time_s: float) -> str:
-    """Format an instant: 807.0 s (2025-01-01T14:13:27.000 UTC)."""
-    return f"{time_s:.1f} s ({instant_after(epoch, time_s).isot} UTC)"
-
-
 def checked_time_s(time_s: float, duration_s: float) -> float:
-    """Return an instant of a scene [s after the epoch].
-
-    Args:
-        time_s: The instant.
-        duration_s: Length of the scene [s].
-
-    Raises:
-        InputError: It is no number, or outside the scene.
-    """
+    """Return an instant of a scene of some length [s after the epoch]; an InputError if it is none."""
     if isinstance(time_s, bool) or not isinstance(time_s, int | float | np.number):
         raise InputError("must be a number", "time_s", time_s)
     if not 0 <= time_s <= duration_s:
         raise InputError(f"must be in the scene, 0 to {duration_s:g} s", "time_s", time_s, "g")
     return float(time_s)
+
+
+@dataclass(frozen=True)
+class TargetKind:
+    """Targets of one entry of a group; a main target is a kind of its own."""
+
+    number: int
+    """Counts through all groups."""
+    name: str
+    group: int
+    targets: list[int]
+    is_main: bool
+    """Whether it is the main target of its group, which the others leave."""
+
+    @property
+    def label(self) -> str:
+        """Name, and how many there are."""
+        return self.name if len(self.targets) == 1 else f"{self.name} ({len(self.targets)})"
+
+    @property
+    def colour(self) -> str:
+        """Colour; the first kind is vermilion, which no other is."""
+        others = [colour for colour in SERIES if colour != VERMILION]
+        return VERMILION if self.number == 0 else others[(self.number - 1) % len(others)]
+
+    @property
+    def style(self) -> dict[str, Any]:
+        """Mark and colour as arguments of `Axes.plot`; main targets are stars."""
+        if self.is_main:
+            mark = {"marker": "*", "markersize": 13, "markeredgecolor": INK, "zorder": 5}
+        else:
+            mark = {"marker": MARKERS[(self.number - 1) % len(MARKERS)], "markersize": 5.5, "markeredgecolor": "white",
+                    "markeredgewidth": 0.4, "zorder": 3}  # fmt: skip
+        return {"linestyle": "none", "color": self.colour, **mark}
+
+
+def target_kinds(scenario: Scenario) -> list[TargetKind]:
+    """Return the kinds of targets of all groups, in the order of the targets."""
+    members: dict[tuple[int, int], list[int]] = {}
+    for index, target in enumerate(scenario.targets):
+        members.setdefault((target.group, target.entry), []).append(index)
+    kinds = []
+    for number, ((group, entry), targets) in enumerate(members.items()):
+        config = scenario.scene.groups[group]
+        is_main = entry == 0 and config.orbits is None
+        kinds.append(TargetKind(number, config.targets[entry].name, group, targets, is_main))
+    return kinds
+
+
+def counted_targets(instrument: Instrument, sensor: int, time_s: float) -> Sequence[int]:
+    """Return the targets that a sensor's access counts by at a time; none before the first step of its program."""
+    begun = [targets for start_s, targets in instrument.access_targets(sensor) if start_s <= time_s]
+    return begun[-1] if begun else ()
+
+
+def observed_targets(scenario: Scenario, instrument: Instrument, sensor: int, time_s: float) -> list[int]:
+    """Return the targets at the ends of a sensor's lines of sight while it has access.
+
+    They are those that its access counts by and that it can observe: the ones that are on the paths of their groups;
+    one of the others where it can observe none of these.
+    """
+    counted = counted_targets(instrument, sensor, time_s)
+    if len(counted) < 2:
+        return list(counted)
+    can_observe = instrument.can_observe([sensor], np.array([time_s]))[0, 0]
+    seen = [target for target in counted if can_observe[target]]
+    leading = [target for target in seen if not scenario.targets[target].is_released]
+    return leading or seen[:1] or list(counted[:1])  # at the very end of an access none may be left

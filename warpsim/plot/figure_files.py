@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,18 +12,16 @@ import numpy as np
 from warpsim.files import check_new_file, prepare_folder
 from warpsim.plot.access_figure import plot_access, plot_range
 from warpsim.plot.bands_figure import plot_bands
-from warpsim.plot.bodies import plot_attitudes
-from warpsim.plot.drawn_targets import target_kinds
-from warpsim.plot.figure import FIGURE_SUFFIXES, checked_time_s, need_matplotlib, save_figure
-from warpsim.plot.ground_tracks import plot_ground_tracks
-from warpsim.plot.group_panels import plot_group
-from warpsim.plot.overview import SCENE_INCH, plot_scene
-from warpsim.plot.view import VIEW_INCH, plot_satellite_view
+from warpsim.plot.figure import FIGURE_SUFFIXES, checked_time_s, need_matplotlib, save_figure, target_kinds
+from warpsim.plot.group_figure import plot_attitudes, plot_group
+from warpsim.plot.image_figure import VIEW_INCH, plot_satellite_view
+from warpsim.plot.scene_figure import SCENE_INCH, plot_ground_tracks, plot_scene
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 
 if TYPE_CHECKING:
     from astropy.table import Table
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 N_VIEW = 3
@@ -32,11 +31,7 @@ _TALLEST_INCH = 30.0
 
 
 def check_figure_file(path: Path, overwrite: bool, where: str) -> None:
-    """Check that a figure may be written, before the work.
-
-    Raises:
-        InputError: The suffix is none of a figure, the file cannot be written, or matplotlib is not installed.
-    """
+    """Raise an InputError, before the work, if a figure may not be written or matplotlib is not installed."""
     check_new_file(path, FIGURE_SUFFIXES, overwrite)
     need_matplotlib(where)
 
@@ -46,15 +41,8 @@ def draw_access(
 ) -> None:
     """Draw the intervals of sensors, and below them their ranges against time, to a file.
 
-    Args:
-        scene: The scene.
-        path: File to write.
-        access: What `scene.access` gave; the scene's own if left out.
-        sensors: Names of the sensors, or of the kinds, that it is about, drawn with access or without; those with
-            access if left out.
-
-    Raises:
-        InputError: A name is no sensor, or the file cannot be written.
+    Of what `scene.access` gave (the scene's own if left out), for the named sensors or kinds, with access or without
+    (those with access if left out).
     """
     scenario = scenario_of(scene)
     table = scenario.access() if access is None else access
@@ -76,21 +64,11 @@ def draw_scenario(
     overwrite: bool = False,
     sensors: Sequence[str] | None = None,
 ) -> list[Path]:
-    """Draw all figures of a scenario into a folder.
+    """Draw all figures of a scenario into a folder, at an instant (the middle of the scene if left out).
 
     They are scene.png, ground_tracks.png, group.png (group_NAME.png for each of several groups), attitudes.png,
-    access.png and view_SENSOR.png for some sensors; those of groups and attitudes where there are targets.
-
-    Args:
-        scene: The scene.
-        folder: Made where it is missing.
-        time_s: The instant of all but the tracks and access [s after the epoch]; the middle of the scene if left out.
-        overwrite: Whether existing files are replaced.
-        sensors: Names of sensors or of kinds whose views are drawn; up to three of each kind that have access at the
-            instant if left out.
-
-    Returns:
-        The files.
+    bands.png, access.png, and view_SENSOR.png for the named sensors or kinds, or up to three of each kind that have
+    access at the instant; those of groups and attitudes where there are targets.
 
     Raises:
         InputError: No such sensor, the instant is outside the scene, the folder cannot be written, a file is there
@@ -110,42 +88,29 @@ def draw_scenario(
     for path in paths.values():
         check_new_file(path, FIGURE_SUFFIXES, overwrite)
 
-    _draw_outside(scenario, time, paths, groups)
-    draw_access(scenario, paths["access"])
     renderer = Renderer(scenario) if views else None
+    attitudes_inch = 9.2, 1.3 + 1.25 * len(target_kinds(scenario))
+    single: dict[str, tuple[tuple[float, float], Callable[..., Axes]]] = {
+        "scene": (SCENE_INCH, partial(plot_scene, scenario, time)),
+        "ground_tracks": ((11.0, 5.8), partial(plot_ground_tracks, scenario)),
+        "attitudes": (attitudes_inch, partial(plot_attitudes, scenario, time)),
+        "bands": ((10.0, 5.6), partial(plot_bands, scenario)),
+    }
     for name in views:
-        figure = _figure(*VIEW_INCH)
-        plot_satellite_view(scenario, name, time, figure.add_subplot(), renderer)
-        save_figure(figure, paths[f"view_{name}"])
+        single[f"view_{name}"] = VIEW_INCH, partial(plot_satellite_view, scenario, name, time, renderer=renderer)
+    for name, path in paths.items():
+        if name == "access":
+            draw_access(scenario, path)
+            continue
+        if name in groups:
+            figure = _figure(8.2, 8.0)
+            plot_group(scenario, time, list(figure.subplots(2, 2).flat), groups[name])
+        else:
+            size_inch, plot = single[name]
+            figure = _figure(*size_inch)
+            plot(ax=figure.add_subplot())
+        save_figure(figure, path)
     return list(paths.values())
-
-
-def _draw_outside(scenario: Scenario, time_s: float, paths: Mapping[str, Path], groups: Mapping[str, str]) -> None:
-    """Draw the scene, ground tracks, groups, bands and attitudes.
-
-    Args:
-        scenario: The scenario.
-        time_s: The instant [s after the epoch].
-        paths: Files by name; attitudes are drawn where they have one.
-        groups: Names of the groups by those of their files.
-    """
-    figure = _figure(*SCENE_INCH)
-    plot_scene(scenario, time_s, figure.add_subplot())
-    save_figure(figure, paths["scene"])
-    figure = _figure(11.0, 5.8)
-    plot_ground_tracks(scenario, figure.add_subplot())
-    save_figure(figure, paths["ground_tracks"])
-    for name, group in groups.items():
-        figure = _figure(8.2, 8.0)
-        plot_group(scenario, time_s, list(figure.subplots(2, 2).flat), group)
-        save_figure(figure, paths[name])
-    figure = _figure(10.0, 5.6)
-    plot_bands(scenario, figure.add_subplot())
-    save_figure(figure, paths["bands"])
-    if "attitudes" in paths:
-        figure = _figure(9.2, 1.3 + 1.25 * len(target_kinds(scenario)))
-        plot_attitudes(scenario, time_s, figure.add_subplot())
-        save_figure(figure, paths["attitudes"])
 
 
 def _observing(scenario: Scenario, time_s: float) -> list[str]:

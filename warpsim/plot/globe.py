@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
-from warpsim.directions import normalised
+from warpsim.directions import normalised, unit_vectors
 from warpsim.errors import InputError
 from warpsim.instant import Instant
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, geodetic_to_gcrs_m
@@ -31,16 +31,22 @@ _N_SHADE = 241  # pixels across the shaded disc
 _DAY, _NIGHT = np.array([0.87, 0.93, 0.98]), np.array([0.55, 0.60, 0.68])
 
 
+def stretched(vectors: ArrayLike, pole: F64) -> F64:
+    """Return vectors (..., 3) in axes stretched along the pole, in which the WGS84 ellipsoid is a sphere."""
+    array = np.asarray(vectors, np.float64)
+    return np.asarray(array + (array @ pole)[..., None] * pole * (_STRETCH - 1))
+
+
 @dataclass(frozen=True)
 class Globe:
-    """A direction from which the Earth is seen, from infinitely far."""
+    """A direction from which the Earth is seen, from infinitely far; unit vectors (3,) in GCRS axes."""
 
     towards: F64
-    """Unit vector from the Earth to the viewer, GCRS axes, shape (3,)."""
+    """From the Earth to the viewer."""
     up: F64
-    """Unit vector that is upwards in the drawn plane, perpendicular to towards, shape (3,)."""
+    """Upwards in the drawn plane, perpendicular to towards."""
     pole: F64
-    """Axis of the ellipsoid, unit, shape (3,)."""
+    """Axis of the ellipsoid."""
 
     @property
     def right(self) -> F64:
@@ -53,20 +59,13 @@ class Globe:
 
     def is_hidden(self, position_m: ArrayLike, on_surface: bool = False) -> NDArray[np.bool_]:
         """Return whether the Earth hides positions [m] of shape (..., 3); on its surface their side decides."""
-        point, ahead = self._stretched(position_m), normalised(self._stretched(self.towards))
+        point, ahead = stretched(position_m, self.pole), normalised(stretched(self.towards, self.pole))
         along = point @ ahead
-        if on_surface:
-            return np.asarray(along < 0)
         across2 = np.sum(point * point, axis=-1) - along * along
-        return np.asarray((along < 0) & (across2 < EARTH_EQUATORIAL_RADIUS_M**2))
+        return np.asarray((along < 0) & (on_surface | (across2 < EARTH_EQUATORIAL_RADIUS_M**2)))
 
     def visible_line(self, path_m: F64, on_surface: bool = False) -> F64:
-        """Return the visible parts of a path on the drawn plane [1000 km], shape (m, 2); NaN between them.
-
-        Args:
-            path_m: Points of the path [m], shape (n, 3); straight between them.
-            on_surface: The path lies on the ellipsoid.
-        """
+        """Return the visible parts of a path (n, 3) on the drawn plane [1000 km], shape (m, 2); NaN between them."""
         hidden = self.is_hidden(path_m, on_surface)
         change = np.flatnonzero(hidden[1:] != hidden[:-1])
         start, step = path_m[change], path_m[change + 1] - path_m[change]
@@ -83,7 +82,7 @@ class Globe:
 
     def limb(self, n: int = 361) -> F64:
         """Return the limb of the Earth on the drawn plane [1000 km], shape (n, 2)."""
-        ahead = normalised(self._stretched(self.towards))
+        ahead = normalised(stretched(self.towards, self.pole))
         first = normalised(np.cross(ahead, np.eye(3)[np.argmin(np.abs(ahead))]))
         turn = np.linspace(0, 2 * np.pi, n)[:, None]
         circle = EARTH_EQUATORIAL_RADIUS_M * (np.cos(turn) * first + np.sin(turn) * np.cross(ahead, first))
@@ -92,32 +91,22 @@ class Globe:
     def normals(self, xy: F64) -> F64:
         """Return unit normals of the surface at points of the drawn plane [1000 km], (..., 2); NaN beside the disc."""
         origin = SCALE_M * (xy[..., :1] * self.right + xy[..., 1:] * self.up)
-        point, ahead = self._stretched(origin), self._stretched(self.towards)
+        point, ahead = stretched(origin, self.pole), stretched(self.towards, self.pole)
         a, b = ahead @ ahead, point @ ahead
         c = np.sum(point * point, axis=-1) - EARTH_EQUATORIAL_RADIUS_M**2
         root = np.sqrt(np.where(b * b >= a * c, b * b - a * c, np.nan))
         # The gradient of |stretched position|2 stretches the pole's part a second time.
-        return normalised(self._stretched(point + ((root - b) / a)[..., None] * ahead))
-
-    def _stretched(self, position_m: ArrayLike) -> F64:
-        """Positions in axes stretched along the pole, where the ellipsoid is a sphere of its equatorial radius."""
-        position = np.asarray(position_m, np.float64)
-        return np.asarray(position + (position @ self.pole)[..., None] * self.pole * (_STRETCH - 1))
+        return normalised(stretched(point + ((root - b) / a)[..., None] * ahead, self.pole))
 
 
 def globe_from(ra_deg: float, dec_deg: float, pole: F64) -> Globe:
-    """Return the Earth seen from a direction, with its pole upwards.
-
-    Raises:
-        InputError: The declination is outside -90 to 90 or a number is not finite.
-    """
+    """Return the Earth seen from a direction, with its pole upwards; an InputError if it is no direction."""
     if not (np.isfinite(ra_deg) and abs(dec_deg) <= 90):
         raise InputError(f"must be a right ascension and a declination, got {ra_deg}, {dec_deg}", "view_ra_dec_deg")
-    ra, dec = np.radians([ra_deg, dec_deg])
-    towards = np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])
+    towards = unit_vectors(ra_deg, dec_deg)
     up = pole - (pole @ towards) * towards
     if np.linalg.norm(up) < 1e-6:  # seen along the pole: what lies at the right ascension points downwards
-        up = np.array([-np.cos(ra), -np.sin(ra), 0.0])
+        up = -unit_vectors(ra_deg, 0.0)
         up = up - (up @ towards) * towards
     return Globe(towards, normalised(up), pole)
 
@@ -139,14 +128,10 @@ def draw_earth(ax: Axes, globe: Globe, sun_m: F64, epoch: Instant, time_s: float
     colours, extent = day * _DAY + (1 - day) * _NIGHT, (-half[0], half[0], -half[1], half[1])
     image = ax.imshow(colours, origin="lower", extent=extent, interpolation="bilinear", zorder=0.5)
     image.set_clip_path(Polygon(limb, closed=True, transform=ax.transData))
-    for lon_deg, lat_deg in _graticule():
+    along_deg, up_deg = np.linspace(-180, 180, 181), np.linspace(-90, 90, 91)
+    parallels = [(along_deg, np.full_like(along_deg, latitude)) for latitude in range(-60, 61, 30)]
+    meridians = [(np.full_like(up_deg, longitude), up_deg) for longitude in range(-180, 180, 30)]
+    for lon_deg, lat_deg in parallels + meridians:
         line = globe.visible_line(geodetic_to_gcrs_m(lon_deg, lat_deg, 0.0, epoch, time_s), on_surface=True)
         ax.plot(*line.T, color="white", linewidth=0.6, zorder=0.6)
     ax.plot(*limb.T, color="0.3", linewidth=0.9, zorder=0.7)
-
-
-def _graticule() -> list[tuple[F64, F64]]:
-    """Return longitudes and latitudes of meridians and parallels [deg]."""
-    along, up = np.linspace(-180, 180, 181), np.linspace(-90, 90, 91)
-    parallels = [(along, np.full_like(along, latitude)) for latitude in range(-60, 61, 30)]
-    return parallels + [(np.full_like(up, longitude), up) for longitude in range(-180, 180, 30)]

@@ -1,7 +1,4 @@
-"""Figures of star catalogs: counts by magnitude, and density over the sky.
-
-Every function draws on axes that are given to it, or else on a new pyplot figure, and returns the axes.
-"""
+"""Figures of star catalogs: counts by magnitude, and density over the sky."""
 
 from __future__ import annotations
 
@@ -32,6 +29,8 @@ PIXEL_DEG_RANGE = (1.0, 10.0)
 FEW_STARS = 300
 """Drawn as points in a density map, where a count per square would not show them."""
 
+_HALF_X, _HALF_Y = 2 * np.sqrt(2), np.sqrt(2)  # of Mollweide's map of a unit sphere
+
 
 def plot_star_counts(
     catalog: StarCatalog, bands: Sequence[Band | str] = ("B1", "B2", "A", "C", "D", "E"), ax: Axes | None = None
@@ -50,23 +49,24 @@ def plot_star_counts(
     """
     if not bands:
         raise InputError("must name at least one", "bands")
+    from matplotlib import colormaps
+
     chosen = [as_band(band) for band in bands]
     by_magnitude = all(has_zero_point(band) for band in chosen)
-    counts = []
-    for band in chosen:
-        steps, n_star = (magnitude_counts if by_magnitude else irradiance_counts)(catalog, band)
-        counts.append((steps, n_star) if by_magnitude else (-1 - steps[::-1], n_star[::-1]))
+    if by_magnitude:
+        counts = [magnitude_counts(catalog, band) for band in chosen]
+    else:
+        counts = [(-1 - steps[::-1], n[::-1]) for steps, n in (irradiance_counts(catalog, band) for band in chosen)]
     ax = ax or new_axes(8.5, 4.8)
     width = 0.86 / len(counts)
     for number, (band, (steps, n_star)) in enumerate(zip(chosen, counts, strict=True)):
         left = steps + 0.07 + number * width
         label = f"{band.name}, {band.isophotal_um:.2f} um" + ("" if len(n_star) else ": no fluxes")
-        ax.bar(left, n_star, width, align="edge", color=_colour_map("plasma")(_darkness(band, chosen)), label=label)
+        ax.bar(left, n_star, width, align="edge", color=colormaps["plasma"](_darkness(band, chosen)), label=label)
     drawn = [steps for steps, _ in counts if len(steps)]
     if drawn:
         first, last = int(min(s[0] for s in drawn)), int(max(s[-1] for s in drawn)) + 1
-        step = max(1, -(-(last - first) // 25))
-        ticks = range(first, last + 1, step)
+        ticks = range(first, last + 1, max(1, -(-(last - first) // 25)))
         ax.set(xlim=(first, last), xticks=ticks, yscale="log", ylim=(0.7, None))
         if not by_magnitude:
             ax.set_xticklabels([f"1e{-tick}" for tick in ticks])
@@ -124,12 +124,12 @@ def plot_sky_density(
     if range_per_deg2 is None:
         low, high = np.percentile(seen, [1, 99.8]) if len(seen) else (0.1, 1.0)
         range_per_deg2 = (low, max(high, 1.01 * low))
-    low, high = range_per_deg2
     image = ax.imshow(
-        np.clip(density, low, high), origin="lower", extent=extent, cmap="magma", norm=LogNorm(low, high),
+        np.clip(density, *range_per_deg2), origin="lower", extent=extent, cmap="magma", norm=LogNorm(*range_per_deg2),
         interpolation="nearest",
     )  # fmt: skip
-    image.set_clip_path(Ellipse((0, 0), 4 * np.sqrt(2), 2 * np.sqrt(2), transform=ax.transData))
+    limb = ax.add_patch(Ellipse((0, 0), 2 * _HALF_X, 2 * _HALF_Y, fill=False, edgecolor="black", linewidth=0.8))
+    image.set_clip_path(limb)
     if len(catalog) <= FEW_STARS:
         ax.plot(*mollweide(*_longitude_latitude_deg(catalog, frame)), ".", color="white", markersize=4)
     _draw_graticule(ax)
@@ -148,9 +148,8 @@ def density_map(
 ) -> tuple[Array, tuple[float, float, float, float]]:
     """Return stars per square degree in squares of Mollweide's plane, NaN outside the sky, and the map's extent."""
     side_deg = np.clip(np.sqrt(STARS_PER_PIXEL * 41_253 / max(1, len(catalog))), *PIXEL_DEG_RANGE)
-    n_y = int(np.ceil(np.degrees(2 * np.sqrt(2)) / side_deg / 2)) * 2
-    half_y, half_x = np.sqrt(2), 2 * np.sqrt(2)
-    edges = [np.linspace(-half, half, n + 1) for half, n in ((half_y, n_y), (half_x, 2 * n_y))]
+    n_y = int(np.ceil(np.degrees(2 * _HALF_Y) / side_deg / 2)) * 2
+    edges = [np.linspace(-half, half, n + 1) for half, n in ((_HALF_Y, n_y), (_HALF_X, 2 * n_y))]
     x, y = mollweide(*_longitude_latitude_deg(catalog, frame))
     count, _, _ = np.histogram2d(y, x, edges)
     # The fraction of each square within the sky, from 12 x 12 points in it: those on the limb are partly outside.
@@ -158,10 +157,10 @@ def density_map(
     row, column = ((np.arange(n * fine) + 0.5) / (n * fine) * 2 - 1 for n in (n_y, 2 * n_y))
     inside = row[:, None] ** 2 + column[None, :] ** 2 <= 1
     covered = inside.reshape(n_y, fine, 2 * n_y, fine).mean(axis=(1, 3))
-    area_deg2 = covered * (2 * half_y / n_y) ** 2 * np.degrees(1) ** 2
+    area_deg2 = covered * (2 * _HALF_Y / n_y) ** 2 * np.degrees(1) ** 2
     density = np.full(count.shape, np.nan)
     np.divide(count, area_deg2, out=density, where=covered > 0)
-    return density, (-half_x, half_x, -half_y, half_y)
+    return density, (-_HALF_X, _HALF_X, -_HALF_Y, _HALF_Y)
 
 
 def mollweide(longitude_deg: Array, latitude_deg: Array) -> tuple[Array, Array]:
@@ -173,24 +172,21 @@ def mollweide(longitude_deg: Array, latitude_deg: Array) -> tuple[Array, Array]:
     table = np.linspace(-np.pi / 2, np.pi / 2, 20_001)
     t = np.interp(np.sin(np.radians(latitude_deg)), (2 * table + np.sin(2 * table)) / np.pi, table)
     longitude = np.radians((longitude_deg + 180) % 360 - 180)
-    return -2 * np.sqrt(2) / np.pi * longitude * np.cos(t), np.sqrt(2) * np.sin(t)
+    return -_HALF_X / np.pi * longitude * np.cos(t), _HALF_Y * np.sin(t)
 
 
 def _draw_graticule(ax: Axes) -> None:
-    """Limb, meridians every 60 and parallels every 30 degrees, with their longitudes and latitudes."""
+    """Meridians every 60 and parallels every 30 degrees, with their longitudes and latitudes."""
     line: dict[str, Any] = {"color": "white", "linewidth": 0.5, "alpha": 0.6}
-    across = np.linspace(-179.999, 180, 181)
-    up = np.linspace(-90, 90, 181)
+    across, up = np.linspace(-179.999, 180 - 1e-9, 181), np.linspace(-90, 90, 181)
     for latitude in range(-60, 61, 30):
-        ax.plot(*mollweide(across, np.full(181, float(latitude))), **line)
-        x, y = mollweide(np.array([180.0 - 1e-9]), np.array([float(latitude)]))
-        ax.text(x[0] - 0.08, y[0], f"{latitude}", ha="right", va="center", fontsize=8)
+        x, y = mollweide(across, np.full(181, float(latitude)))
+        ax.plot(x, y, **line)
+        ax.text(x[-1] - 0.08, y[-1], f"{latitude}", ha="right", va="center", fontsize=8)
     for longitude in range(-120, 121, 60):
         x, y = mollweide(np.full(181, float(longitude)), up)
         ax.plot(x, y, **line)
         ax.text(x[75], y[75], f"{longitude % 360}", color="white", fontsize=8, ha="center")
-    limb = np.linspace(0, 2 * np.pi, 361)
-    ax.plot(2 * np.sqrt(2) * np.cos(limb), np.sqrt(2) * np.sin(limb), color="black", linewidth=0.8)
 
 
 def _longitude_latitude_deg(catalog: StarCatalog, frame: str) -> tuple[Array, Array]:
@@ -198,9 +194,3 @@ def _longitude_latitude_deg(catalog: StarCatalog, frame: str) -> tuple[Array, Ar
     if frame == "equatorial":
         return catalog.ra_deg, catalog.dec_deg
     return place_of(catalog.direction_icrs @ GALACTIC_OF_ICRS.T)
-
-
-def _colour_map(name: str) -> Any:
-    from matplotlib import colormaps
-
-    return colormaps[name]

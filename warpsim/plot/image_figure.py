@@ -1,0 +1,391 @@
+"""Figures of what a sensor sees: the geometry of a view, and an image with the labels of its targets.
+
+Positions are those of the renderer itself, so the figures agree with the rendered frames.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
+from warpsim.directions import normalised
+from warpsim.errors import InputError
+from warpsim.labels.boxes import CORNER_PX, paths_px
+from warpsim.labels.rle import rle_to_mask
+from warpsim.labels.table import BOX_COLUMNS, label_table
+from warpsim.optics.camera import Camera
+from warpsim.plot.figure import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    MOST_LABELS,
+    ORANGE,
+    PURPLE,
+    SKY_BLUE,
+    VERMILION,
+    YELLOW,
+    annotate_points,
+    checked_time_s,
+    counted_targets,
+    draw_arrow,
+    legend_below,
+    new_axes,
+    observed_targets,
+    pair,
+    plain,
+    target_kinds,
+)
+from warpsim.plot.globe import stretched
+from warpsim.scene.instrument import Instrument
+from warpsim.scene.roster import some_names
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene, scenario_of
+from warpsim.scene.sensors import Frames
+from warpsim.sky.apparent import apparent_direction
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+    from matplotlib.axes import Axes
+
+    from warpsim.render.frameset import FrameSet
+    from warpsim.render.renderer import Renderer
+
+F64 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+VIEW_INCH = (7.4, 7.9)
+"""Size of a figure for `plot_satellite_view`: room for a legend of three rows below a square."""
+
+WHITE_NEI = 60.0
+SOFTENING_NEI = 2.0
+"""Grey is linear below, logarithmic above, as in contact sheets."""
+
+_WORD_PT = 8.0  # letters of the compass
+_N_GRID = 129  # points across the field at which the Earth is looked for
+_INSET_BELOW = 0.2  # of the field: a smaller group is drawn a second time, enlarged
+_ON_BLACK = (ORANGE, SKY_BLUE, GREEN, YELLOW, PURPLE, VERMILION, BLUE)
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """Geometry of one view, from a rendered frame."""
+
+    camera: Camera
+    axes_icrs: F64
+    """Camera axes as rows x, y, z, shape (3, 3)."""
+    position_m: F64
+    """Geocentric position of the sensor, shape (3,)."""
+    velocity_m_s: F64
+    """Its geocentric velocity, shape (3,)."""
+    target_xy_px: F64
+    """Pixel positions of the targets, NaN behind the camera and for absent ones, shape (n_target, 2)."""
+    occulted: Mask
+    """Whether the Earth hides them, shape (n_target,)."""
+    not_deployed: Mask
+    """Whether they are with their main target still, and so give no light, shape (n_target,)."""
+    absent: Mask
+    """Whether they do not exist, shape (n_target,)."""
+    star_xy_px: F64
+    """Pixel positions of the stars whose light reaches the frame, shape (n_star, 2)."""
+    star_snr: F64
+    """Their irradiance over NEI in the sensor's first band, shape (n_star,)."""
+
+    @property
+    def shown(self) -> Mask:
+        """Targets in the frame that can be seen: deployed, and not behind the Earth, shape (n_target,)."""
+        return ~self.occulted & ~self.not_deployed & ~self.absent & self.in_frame(self.target_xy_px)
+
+    def in_frame(self, xy_px: F64) -> Mask:
+        """Return whether points of the image plane lie on the array, shape (n,)."""
+        edge = np.array([self.camera.n_col, self.camera.n_row]) - 0.5
+        return np.asarray(((xy_px >= -0.5) & (xy_px < edge)).all(axis=1))  # NaN is not
+
+    @property
+    def short_side_px(self) -> float:
+        """Shorter side of the array, in widths of a pixel."""
+        return min(self.camera.n_col, self.camera.n_row * self.camera.pixel_aspect)
+
+
+def camera_view(scenario: Scenario, sensor: str, time_s: float, renderer: Renderer | None = None) -> CameraView:
+    """Render one view, of a frame or between frames, and return its geometry; an InputError for no sensor or instant.
+
+    A renderer of this scene lends its catalog and kernels.
+    """
+    from warpsim.render.renderer import Renderer
+
+    time = checked_time_s(time_s, scenario.scene.duration_s)
+    instrument, index = _sensor_index(scenario, sensor)
+    frames = instrument.frames
+    number = round((time - frames.start_s) / frames.interval_s)
+    if not 0 <= number < 2**32 or instrument.frame_time_s([number])[0] != time:
+        # No frame is at this instant: one scene more, in which the sensor's only frame is there.
+        number = 0
+        moved = dataclasses.replace(instrument.sensor, frames=Frames(1, frames.interval_s, time))
+        sensors = tuple(moved if other.name == moved.name else other for other in scenario.scene.sensors)
+        once = Scenario(dataclasses.replace(scenario.scene, sensors=sensors))
+        renderer = renderer.with_scene(once) if renderer else Renderer(once)
+    shown = (renderer or Renderer(scenario)).render([number], [sensor], [instrument.sensor.bands[0]], keep_stars=True)
+    truth, stars = shown.truth, shown.stars
+    position_m, velocity_m_s = scenario.tracks.state(instrument.satellite_names[index], np.array([time]))
+    return CameraView(
+        camera=instrument.sensor.camera,
+        axes_icrs=shown.axes_icrs[0, 0],
+        position_m=position_m[0],
+        velocity_m_s=velocity_m_s[0],
+        target_xy_px=np.stack([np.asarray(truth["x_px"]), np.asarray(truth["y_px"])], axis=1),
+        occulted=np.asarray(truth["occulted"]),
+        not_deployed=np.asarray(truth["not_deployed"]),
+        absent=np.asarray(truth["absent"]),
+        star_xy_px=np.stack([np.asarray(stars["x_px"]), np.asarray(stars["y_px"])], axis=1),
+        star_snr=np.asarray(stars["snr"])[:, 0],
+    )
+
+
+def _sensor_index(scenario: Scenario, sensor: str) -> tuple[Instrument, int]:
+    """The kind of a sensor, and its index in it; the name of a kind is no sensor where several satellites carry one."""
+    if sensor not in scenario.sensor_names:
+        rule = f"must be a sensor of the scene ({some_names(scenario.sensor_names)})"
+        raise InputError(rule, "sensor", sensor)
+    instrument = scenario.instrument_of(sensor)
+    return instrument, instrument.index(sensor)
+
+
+def earth_clearance(view: CameraView, pole: F64, xy_px: F64) -> F64:
+    """Return the clearance of rays through points of the image past the Earth: below 0 where they meet it, shape (...).
+
+    In axes in which the ellipsoid about a pole is a sphere: the ray's smallest distance from the centre over the
+    radius, minus one. The apparent directions are taken back through the aberration.
+    """
+    seen = view.camera.direction(xy_px.reshape(-1, 2), view.axes_icrs)
+    # The Earth comes along: only the motion about it shifts its limb.
+    ray = apparent_direction(seen, -view.velocity_m_s).reshape(*xy_px.shape[:-1], 3)
+    start, ray = stretched(view.position_m, pole), normalised(stretched(ray, pole))
+    nearest = np.linalg.norm(start - np.minimum(ray @ start, 0)[..., None] * ray, axis=-1)
+    return np.asarray(nearest / EARTH_EQUATORIAL_RADIUS_M - 1)
+
+
+def plot_satellite_view(
+    scene: Scene | Scenario, sensor: str, time_s: float, ax: Axes | None = None, renderer: Renderer | None = None
+) -> Axes:
+    """Draw the geometry of a sensor's view: targets and stars at their pixels, the Earth, zenith and north.
+
+    Positions are apparent, with light time and aberration: those of the rendered frame. A group that is small in the
+    field is drawn a second time, enlarged and with names. Targets that are not deployed or absent are left out: they
+    give no light.
+
+    Args:
+        scene: The scene.
+        sensor: Name of the sensor.
+        time_s: The instant [s after the epoch].
+        ax: Where to draw; in pixels, row 0 on top.
+        renderer: Of this scene, to use its catalog and kernels again.
+
+    Raises:
+        InputError: No such sensor, or the instant is outside the scene.
+    """
+    scenario = scenario_of(scene)
+    view = camera_view(scenario, sensor, time_s, renderer)
+    camera = view.camera
+    ax = ax or new_axes(*VIEW_INCH)
+    _set_frame(ax, camera)
+    _draw_limb(ax, view, scenario.tracks.pole_icrs)
+    _draw_stars(ax, view)
+    _draw_targets(ax, view, scenario, with_labels=True)
+    _draw_compass(ax, view)
+    in_field = view.target_xy_px[view.shown]
+    extent_px = float((np.ptp(in_field, axis=0) * [1, camera.pixel_aspect]).max()) if len(in_field) > 1 else 0.0
+    detail = ax
+    if 0 < extent_px < _INSET_BELOW * view.short_side_px:
+        detail = _inset(ax, view, in_field, extent_px)
+        _draw_targets(detail, view, scenario, with_labels=False)
+    shown = np.flatnonzero(view.shown)
+    if len(shown) <= MOST_LABELS:
+        names = [scenario.target_names[number] for number in shown]
+        annotate_points(detail, view.target_xy_px[shown], names, size=6.2, color=INK, zorder=2.5)
+    ax.set_title(
+        f"{scenario.scene.name}: {sensor} at {plain(time_s)} s, {_range_words(scenario, sensor, float(time_s))}\n"
+        f"field of {camera.field_deg[0]:.3g} deg across",
+        fontsize=10,
+    )
+    if ax.get_legend_handles_labels()[0]:
+        legend_below(ax, -0.09, 3)
+    return ax
+
+
+def _set_frame(ax: Axes, camera: Camera) -> None:
+    """Axes in pixels, row 0 on top."""
+    ax.set(xlim=(-0.5, camera.n_col - 0.5), ylim=(camera.n_row - 0.5, -0.5), aspect=camera.pixel_aspect)
+    ax.set(xlabel="column [px]", ylabel="row [px]")
+
+
+def _range_words(scenario: Scenario, sensor: str, time_s: float) -> str:
+    """Range of a target that access counts by, of one that the sensor can observe if there is one; and the access."""
+    instrument, index = _sensor_index(scenario, sensor)
+    at = np.array([time_s])
+    if instrument.has_access(index, at)[0]:
+        words, targets = "access", observed_targets(scenario, instrument, index, time_s)
+    else:
+        words, targets = "no access", list(counted_targets(instrument, index, time_s))
+    there = [target for target in targets if scenario.tracks.exist(target, at)[0]]
+    if not there:
+        return words
+    line_m = scenario.tracks.target_state(there[0], at)[0] - scenario.position_m(sensor, at)
+    return f"{np.linalg.norm(line_m) / 1e3:.0f} km from {scenario.target_names[there[0]]}, {words}"
+
+
+def _draw_stars(ax: Axes, view: CameraView) -> None:
+    inside = view.in_frame(view.star_xy_px)
+    if not inside.any():
+        return
+    size = np.clip(6 + 9 * np.log10(np.maximum(view.star_snr[inside], 0.1)), 3, 60)
+    x, y = view.star_xy_px[inside].T
+    ax.scatter(x, y, s=size, marker="o", facecolors="none", edgecolors=GREY, linewidths=0.9,
+               label=f"stars ({np.count_nonzero(inside)}), by brightness", zorder=2)  # fmt: skip
+
+
+def _draw_targets(ax: Axes, view: CameraView, scenario: Scenario, with_labels: bool) -> None:
+    """Marks of the targets in the frame by kind; those behind the Earth are crosses."""
+    for kind in target_kinds(scenario):
+        chosen = np.array(kind.targets)[view.shown[kind.targets]]
+        if len(chosen):
+            part = len(chosen) < len(kind.targets)
+            label = f"{kind.name} ({len(chosen)} of {len(kind.targets)})" if part else kind.label
+            ax.plot(*view.target_xy_px[chosen].T, label=label if with_labels else None, **kind.style)
+    hidden = view.occulted & ~view.not_deployed & ~view.absent & view.in_frame(view.target_xy_px)
+    if hidden.any():
+        ax.plot(*view.target_xy_px[hidden].T, "x", color=GREY, markersize=5,
+                label=f"behind the Earth ({np.count_nonzero(hidden)})" if with_labels else None)  # fmt: skip
+    for words, left_out in (("not deployed", view.not_deployed & ~view.absent), ("absent", view.absent)):
+        if with_labels and left_out.any():
+            ax.plot([], [], " ", label=f"{words}, not drawn ({np.count_nonzero(left_out)})")
+
+
+def _inset(ax: Axes, view: CameraView, in_field: F64, extent_px: float) -> Any:
+    """Axes that enlarge the group, in the corner that it leaves free; extent_px counts in widths of a pixel."""
+    middle = in_field.min(axis=0) / 2 + in_field.max(axis=0) / 2
+    aspect = view.camera.pixel_aspect
+    low, high = (middle + sign * 0.66 * extent_px / np.array([1.0, aspect]) for sign in (-1, 1))
+    corner_y = 0.05 if middle[1] < (view.camera.n_row - 1) / 2 else 0.58
+    inset: Any = ax.inset_axes((0.58, corner_y, 0.4, 0.4))
+    inset.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]), aspect=aspect)
+    inset.tick_params(labelsize=7)
+    ax.indicate_inset_zoom(inset, edgecolor=INK, alpha=0.6)
+    return inset
+
+
+def _draw_limb(ax: Axes, view: CameraView, pole: F64) -> None:
+    """The Earth's disc and its limb, where they are in the field."""
+    x, y = (np.linspace(-0.5, n - 0.5, _N_GRID) for n in (view.camera.n_col, view.camera.n_row))
+    clearance = earth_clearance(view, pole, np.stack(np.meshgrid(x, y), axis=-1))
+    if clearance.min() >= 0:
+        return
+    ax.contourf(x, y, clearance, levels=[-1.0, 0.0], colors=[SKY_BLUE], alpha=0.35, zorder=0.5)
+    if clearance.max() > 0:
+        ax.contour(x, y, clearance, levels=[0.0], colors=[BLUE], linewidths=1.2, zorder=1)
+    ax.plot([], [], "s", color=SKY_BLUE, alpha=0.35, markeredgecolor=BLUE, markersize=9, label="Earth")
+
+
+def _draw_compass(ax: Axes, view: CameraView) -> None:
+    """Arrows to the sensor's zenith and to celestial north, from a corner."""
+    n, per_width = view.short_side_px, np.array([1.0, 1.0 / view.camera.pixel_aspect])  # pixels in a pixel's width
+    ax.apply_aspect()
+    pt_px = view.camera.n_col * ax.get_figure(root=True).dpi / 72 / ax.bbox.width  # type: ignore[union-attr]
+    # A word to the left or above keeps inside the frame: half its width or height, and some room.
+    corner = (0.125 * n + np.array([2.4, 1.2]) * _WORD_PT * pt_px) * per_width - 0.5
+    zenith, north = view.axes_icrs[:2] @ normalised(view.position_m), view.axes_icrs[:2, 2]
+    together = zenith @ north > 0.9 * np.linalg.norm(zenith) * np.linalg.norm(north)
+    for word, across, colour, word_at in (
+        ("zenith", zenith, GREEN, 0.125),
+        ("north", north, PURPLE, -0.035 if together else 0.125),  # at the arrow's foot where the heads are too close
+    ):
+        length = float(np.linalg.norm(across))
+        if length < 1e-6:
+            continue  # along the boresight
+        tip, text_at = (corner + part * n * across / length * per_width for part in (0.09, word_at))
+        draw_arrow(ax, corner, tip, 4, arrowstyle="-|>", color=colour, linewidth=1.6)
+        ax.text(*pair(text_at), word, color=colour, fontsize=_WORD_PT, ha="center", va="center", zorder=4)
+
+
+def plot_labels(
+    frames: FrameSet, frame: int, sensor: str, band: str, ax: Axes | None = None, least_nei: float = 1.0
+) -> Axes:
+    """Draw an image with the labels of its visible targets.
+
+    Boxes are rectangles, masks the dotted edges of their pixels, centres crosses (slanted where the target's own
+    pixel gets less than least_nei), and movement during the exposure a line. Axes are in pixels whose centres lie on
+    whole numbers, row 0 on top; set their limits to look closer.
+
+    Args:
+        frames: Rendered frames.
+        frame: Number of the frame.
+        sensor: Name of the sensor.
+        band: Name of the band.
+        ax: Where to draw.
+        least_nei: Light of one target in one pixel that counts, over the NEI.
+
+    Raises:
+        InputError: The image was not rendered, or matplotlib is not installed.
+    """
+    frames.image_numbers("plot_labels", frame, sensor, band)
+    ax = ax or new_axes(7.2, 7.4)
+    from matplotlib.colors import AsinhNorm
+
+    scenario, instrument, row = frames.scenario, frames.instrument, frames.frames.index(frame)
+    camera, levels = instrument.sensor.camera, instrument.levels[band]
+    counts = frames.counts.numpy()[row, frames.sensors.index(sensor), frames.bands.index(band)]
+    level_nei = (counts.astype(np.float32) - levels.blank_counts) / levels.counts_per_nei
+    ax.imshow(
+        level_nei, cmap="gray", norm=AsinhNorm(SOFTENING_NEI, 0, WHITE_NEI), origin="upper", interpolation="nearest"
+    )
+    _set_frame(ax, camera)
+    one = frames.one_frame(row)
+    rows = label_table(one, least_nei, with_masks=True)
+    paths = dict(zip(scenario.target_names, paths_px(one, frames.sensors.index(sensor)), strict=True))
+    rows = rows[(rows["sensor"] == sensor) & (rows["band"] == band) & rows["visible"]]
+    classes = list(dict.fromkeys(target.spec.class_name for target in scenario.targets))
+    for number, name in enumerate(classes):
+        of_class = rows[rows["class"] == name]
+        if len(of_class):
+            colour = _ON_BLACK[number % len(_ON_BLACK)]
+            _draw_class(ax, of_class, paths, colour, (camera.n_row, camera.n_col))
+            ax.plot([], [], "s", markerfacecolor="none", color=colour, label=f"{name} ({len(of_class)})")
+    ax.set_title(
+        f"{frames.scene.name}: {sensor}, band {band}, frame {frame} at {plain(float(one.time_s[0]))} s\n"
+        f"masks: at least {plain(least_nei, 3)} NEI of the target's own light; white: {WHITE_NEI:g} NEI",
+        fontsize=10,
+    )
+    if len(rows):
+        legend_below(ax, -0.09, 4)
+    return ax
+
+
+def _draw_class(ax: Axes, rows: Table, paths: dict[str, F64], colour: str, shape: tuple[int, int]) -> None:
+    from matplotlib.collections import LineCollection
+    from matplotlib.patches import Rectangle
+
+    edges: list[Any] = []
+    for row in rows:
+        x, y, width, height = (float(row[name]) for name in BOX_COLUMNS)
+        box = Rectangle((x - CORNER_PX, y - CORNER_PX), width, height, fill=False, edgecolor=colour, linewidth=1.2)
+        ax.add_patch(box)
+        mark = "+" if row["keypoint_visibility"] == 2 else "x"
+        ax.plot(row["x_px"], row["y_px"], mark, color=colour, markersize=6, markeredgewidth=0.8)
+        ax.plot(*paths[row["target"]], color=colour, linewidth=0.7)
+        edges += mask_edges(rle_to_mask(row["mask_rle"], shape)).tolist() if row["mask_rle"] else []
+    ax.add_collection(LineCollection(edges, colors=colour, linewidths=0.9, linestyles="dotted"))
+
+
+def mask_edges(mask: Mask) -> F64:
+    """Return the edges between pixels inside and outside, as pairs of points (x, y), shape (n, 2, 2)."""
+    padded = np.pad(mask, 1)
+    row, column = np.nonzero(padded[:, 1:] != padded[:, :-1])
+    upright = np.stack([column - 0.5, row - 1.5, column - 0.5, row - 0.5], axis=1)
+    row, column = np.nonzero(padded[1:] != padded[:-1])
+    level = np.stack([column - 1.5, row - 0.5, column - 0.5, row - 0.5], axis=1)
+    return np.concatenate([upright, level]).reshape(-1, 2, 2)
