@@ -300,18 +300,6 @@ def test_table_has_the_public_columns():
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("suffix", "format"), [("ecsv", None), ("fits", None), ("csv", None), ("vot", "votable")], ids=str
-)
-@pytest.mark.filterwarnings("ignore:Keyword name")  # FITS: a long keyword, which it keeps
-@pytest.mark.filterwarnings("ignore:Attribute")  # VOTable, CSV: meta is not kept
-def test_file_round_trip(tmp_path, suffix, format):
-    catalog = small_catalog()
-    file = tmp_path / f"stars.{suffix}"
-    catalog.to_table().write(file, format=format)
-    assert_same_stars(StarCatalog.read(file, format=format), catalog, rtol=ROUND_TRIP_RTOL)
-
-
 @pytest.mark.filterwarnings("ignore:Keyword name")
 @pytest.mark.parametrize("suffix", ["ecsv", "fits"])
 def test_epoch_survives_in_files_that_keep_it(tmp_path, suffix):
@@ -424,30 +412,3 @@ def test_tables_of_unknown_and_repeated_bands_are_named():
     with pytest.raises(InputError) as error:
         StarCatalog.from_table(table)
     assert str(error.value) == "columns: must be one of flux_A_jy and mag_A, got both"
-
-
-def test_wrong_unit_is_named():
-    table = small_catalog().to_table()
-    table["flux_A_jy"].unit = "m"
-    with pytest.raises(InputError, match="flux_A_jy: must be numbers in Jy, got float64 in m"):
-        StarCatalog.from_table(table)
-
-
-@pytest.mark.parametrize("content", [None, b"", b"\x00\x01\x02 not a table", b"a,b\n1,2\n"])
-def test_bad_file_is_an_error_of_one_line_that_names_it(tmp_path, content):
-    file = tmp_path / "stars.csv"
-    if content is not None:
-        file.write_bytes(content)
-    with pytest.raises(InputError) as error:
-        StarCatalog.read(file)
-    assert str(error.value).startswith(str(file))
-    assert "\n" not in str(error.value)
-
-
-def test_unknown_format_is_an_error(tmp_path):
-    file = tmp_path / "stars.xyz"
-    file.write_text("hello")
-    with pytest.raises(InputError, match="cannot be read as a table"):
-        StarCatalog.read(file, format="no-such-format")
-    with pytest.raises(InputError, match="cannot be read as a table"):
-        StarCatalog.read(file)

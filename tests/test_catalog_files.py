@@ -154,17 +154,18 @@ def test_epoch_of_ones_own_table(tmp_path):
 def test_a_table_survives_every_format(tmp_path):
     catalog = ws.StarCatalog.from_arrays(
         [10.0, 359.999999], [-45.0, 89.9], {"A": [1.0, np.nan], "E": [0.5, 0.0], "Ks": [np.nan, 0.25], "V": [1.5, 2.0]},
-        parallax_mas=[np.nan, 5.0], temperature_k=[4000.0, np.nan], luminosity=[1, -1], id=["a", "b b"],
-        flux_flag={"A": [2, 0]},
+        pm_ra_mas_yr=[-100.0, 7000.0], pm_dec_mas_yr=[250.0, -0.5], parallax_mas=[np.nan, 5.0],
+        temperature_k=[4000.0, np.nan], luminosity=[1, -1], id=["a", "b b"], flux_flag={"A": [2, 0]},
     )  # fmt: skip
-    for suffix, format in FORMATS.items():
+    for suffix, format in {**FORMATS, "csv": None}.items():
         if suffix == "parquet" and importlib.util.find_spec("pyarrow") is None:
             continue
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what formats leave out of the meta
             catalog.to_table().write(tmp_path / f"stars.{suffix}", format=format)
         again = ws.StarCatalog.read(tmp_path / f"stars.{suffix}")
-        for key in ("ra_deg", "dec_deg", "parallax_mas", "temperature_k", "luminosity", "quality", "id"):
+        for key in ("ra_deg", "dec_deg", "pm_ra_mas_yr", "pm_dec_mas_yr", "parallax_mas", "temperature_k", "luminosity",
+                    "quality", "id"):  # fmt: skip
             np.testing.assert_array_equal(getattr(again, key), getattr(catalog, key), err_msg=f"{suffix} {key}")
         assert set(again.bands) == {*BANDS, "Ks", "V"}
         for band in again.bands:

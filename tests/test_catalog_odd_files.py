@@ -177,7 +177,8 @@ README = """Byte-by-byte Description of file: s.dat
 --------------------------------------------------------------------------------
    1- 6  F6.2   deg     RAdeg     Right ascension
    {0}  F6.2   deg     DEdeg     Declination
-  15- 20 F6.2   Jy      FSIIIA    Flux
+  15- 20 F6.2   Jy      FSIIIA    ? Flux
+  22- 30 A9     ---     Note      A remark
 --------------------------------------------------------------------------------
 """
 
@@ -235,3 +236,20 @@ def test_errors_name_the_files_column(read):
     text = refused(read, "a,b,c\n1,2,3\n1,95,3\n", columns=PLACE)
     assert text == "line 3: column b: dec_deg: must be in [-90, 90], got 95"
     assert refused(read, "ra_deg,dec_deg,flux_A_jy\n1,95,3\n").startswith("line 2: dec_deg: must be")
+
+
+LINE = " 10.50  20.50   1.50 remark 01"
+
+
+def test_a_last_line_that_ends_between_columns_is_cut_off(read, tmp_path):
+    (tmp_path / "ReadMe").write_text(README.format(" 8- 13"))
+    assert len(read(f"{LINE}\n{LINE}\n", "s.dat")) == len(read(f"{LINE}\n{LINE}", "s.dat")) == 2
+    with pytest.raises(ws.InputError, match="line 2: the file ends in the middle of a line, at 13 of 30 bytes"):
+        read(f"{LINE}\n{LINE[:13]}", "s.dat")
+    assert len(read(f"{LINE}\r\n{LINE}\r\n", "s.dat")) == 2
+
+
+def test_text_of_other_alphabets(read, tmp_path):
+    for encoding in ("utf-8", "latin-1", "utf-8-sig"):
+        (tmp_path / "x.csv").write_bytes("id,ra_deg,dec_deg,flux_A_jy\nÖst,1,2,3\n".encode(encoding))
+        assert ws.StarCatalog.read(tmp_path / "x.csv").id.tolist() == ["Öst"]

@@ -23,7 +23,7 @@ from warpsim.sky.stellar_templates import (
     colour_temperature_k,
     template_temperature_k,
 )
-from warpsim.sky.visible_stars import gaia_bp_rp_mag, hipparcos_v_mag
+from warpsim.sky.visible_stars import hipparcos_v_mag
 
 BANDS = photometric_bands()
 MSX = ("B1", "B2", "A", "C", "D", "E")
@@ -445,17 +445,6 @@ def test_the_report_has_every_band_given():
 
 
 # --- visible magnitudes from broad bands ---
-
-
-@pytest.mark.parametrize(
-    ("g_mag", "bp_mag", "rp_mag"),
-    [(8.0, 8.0, 8.0), (9.00, 9.22, 8.62), (8.985, 11.373, 7.569)],
-    ids=["colour-0", "HIP-1", "Proxima"],
-)
-def test_bp_and_rp_of_g_and_a_colour(g_mag, bp_mag, rp_mag):
-    bp, rp = gaia_bp_rp_mag(np.array([g_mag]), np.array([bp_mag - rp_mag]))
-    assert bp[0] - rp[0] == pytest.approx(bp_mag - rp_mag, abs=1e-12)
-    assert rp[0] == pytest.approx(rp_mag, abs=0.03)  # scatter of the relation at the colour of Proxima
 
 
 @pytest.mark.parametrize(

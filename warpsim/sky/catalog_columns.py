@@ -23,7 +23,7 @@ from warpsim.sky.photometric_bands import (
     flux_column,
     photometric_bands,
 )
-from warpsim.sky.space_motion import J2000_JYEAR, wrapped_deg
+from warpsim.sky.space_motion import J2000_JYEAR, checked_jyear, wrapped_deg
 from warpsim.sky.spectral_types import CLASS_UNKNOWN, of_spectral_types, warn_unknown_types
 from warpsim.sky.stellar_templates import DWARF
 
@@ -125,7 +125,6 @@ def checked_columns(
         name: Name of the catalog, also for the warning about stars without finite coordinates.
         provenance: Source of the stars.
     """
-    epoch = _checked_epoch(epoch_jyear)
     columns = _vectors(numbers, flux_jy, flux_flag or {})
     n_star = len(columns["ra_deg"])
     texts = {"id": np.array(np.arange(1, n_star + 1) if id is None else id).astype(np.str_)}
@@ -152,7 +151,7 @@ def checked_columns(
     }
     return StarColumns(
         **of_type,
-        epoch_jyear=epoch,
+        epoch_jyear=checked_jyear(epoch_jyear, "epoch_jyear"),
         name=name,
         provenance=provenance,
         flux_jy=given_jy,
@@ -260,17 +259,6 @@ def warn_left_out(name: str, n_star: int, unit: str, places: list[int]) -> None:
     shown = ", ".join(str(place) for place in places[:5]) + (", ..." if len(places) > 5 else "")
     text = f"{name}: left out {len(places)} of {n_star} stars without a finite place ({unit} {shown})"
     warnings.warn(text, stacklevel=2)
-
-
-def _checked_epoch(epoch_jyear: Any) -> float:
-    """A finite Julian year; InputError otherwise."""
-    try:
-        epoch = float(epoch_jyear)
-    except (TypeError, ValueError):
-        epoch = math.nan
-    if not math.isfinite(epoch):
-        raise InputError("must be a finite number", "epoch_jyear", epoch_jyear)
-    return epoch
 
 
 def _vector(values: Any, where: str) -> Array:

@@ -94,14 +94,14 @@ def _axes(ra_deg: Array, dec_deg: Array) -> tuple[_Components, _Components, _Com
     return place, (-sin_ra, cos_ra, np.zeros_like(ra_rad)), (-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec)
 
 
-def checked_jyear(jyear: Any) -> float:
+def checked_jyear(jyear: Any, where: str = "jyear") -> float:
     """A Julian year of a number or an astropy Time; InputError unless it is finite and near enough to 2000."""
     try:
         epoch_jyear = float(getattr(jyear, "jyear", jyear))
     except (TypeError, ValueError):
-        raise InputError("must be a number", "jyear", jyear) from None
+        epoch_jyear = math.nan
     if not math.isfinite(epoch_jyear):
-        raise InputError("must be finite", "jyear", epoch_jyear)
+        raise InputError("must be a finite number", where, jyear)
     if abs(epoch_jyear - J2000_JYEAR) > LONGEST_MOTION_YR:
-        raise InputError(f"must be within {LONGEST_MOTION_YR:,.0f} years of 2000", "jyear", epoch_jyear, "g")
+        raise InputError(f"must be within {LONGEST_MOTION_YR:,.0f} years of 2000", where, epoch_jyear, "g")
     return epoch_jyear

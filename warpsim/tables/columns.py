@@ -111,12 +111,7 @@ class ColumnTable:
         return f"row {row}" if self.line_of_row is None else f"line {self.line_of_row[row]}"
 
     def located(self, error: InputError, rows: NDArray[np.int64] | None = None) -> InputError:
-        """The error of a check of whole columns, with the line of the row in the file if it is about one.
-
-        Args:
-            error: What the check raised.
-            rows: Rows of this table that the columns were made of; all of them if left out.
-        """
+        """The error of a check of columns made of some `rows`, with the line of its row in the file if it has one."""
         if error.row is None:
             return error
         return error.at_row(self.where(error.row if rows is None else int(rows[error.row])))

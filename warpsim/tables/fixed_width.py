@@ -107,8 +107,7 @@ def recognised(lines: Lines, layouts: Sequence[Layout]) -> Layout | None:
 def read_fixed_width(lines: Lines, layout: Layout) -> ColumnTable:
     """Table of the layout's columns, with their units; blanks and nulls are NaN or masked.
 
-    Raises:
-        InputError: A line is too short, or a value is no number or out of range; line, column and bytes are named.
+    Errors name line, column and bytes.
     """
     from astropy.table import MaskedColumn, Table
 
@@ -129,15 +128,7 @@ def read_fixed_width(lines: Lines, layout: Layout) -> ColumnTable:
 
 
 def layout_from_readme(text: str, file_name: str) -> Layout:
-    """Layout of a file as a CDS ReadMe describes it; columns without a name are not read.
-
-    Args:
-        text: The ReadMe.
-        file_name: The data file's name, without folder and ".gz".
-
-    Raises:
-        InputError: It describes no file, or not this one and several others.
-    """
+    """Layout of a file as the text of a CDS ReadMe describes it; columns without a name are not read."""
     sections: list[tuple[list[str], list[re.Match[str]]]] = []
     for line in text.splitlines():
         if title := _TITLE.match(line):
@@ -232,37 +223,29 @@ def _values(chars: NDArray[np.uint8], field: ByteField, lines: Lines) -> NDArray
     """One column, shape (n,): float64 with NaN for missing, or text without blanks at the ends."""
     block = np.ascontiguousarray(chars[:, field.first_byte - 1 : field.last_byte])
     text = block.view(f"S{block.shape[1]}")[:, 0]
-    if field.kind == "text":
+
+    def check(good: NDArray[np.bool_], rule: str) -> None:
+        if not good.all():
+            row = int(np.argmin(good))
+            error = InputError(f"must be {rule}", value=text[row].decode("latin-1").strip())
+            raise error.of(field.label).of(f"line {lines.number[row]}")
+
+    if field.kind in ("text", "sign"):
+        if field.kind == "sign":
+            check(np.isin(text, (b"+", b"-", b" ", b"")), "+ or -")
         return np.char.strip(np.char.decode(text, "latin-1"))
-    if field.kind == "sign":
-        known = np.isin(text, (b"+", b"-", b" ", b""))
-        if not known.all():
-            raise _bad(field, lines, text, int(np.argmin(known)), "be + or -")
-        return np.char.decode(text, "latin-1")
     values = np.full(len(text), np.nan)
     given = ~(block == _BLANK).all(axis=1)
-    plain = _NUMBER_BYTES[block].all(axis=1)
-    if not plain.all():
-        raise _bad(field, lines, text, int(np.argmin(plain)), "be a number")
+    check(_NUMBER_BYTES[block].all(axis=1), "a number")
     try:
         values[given] = text[given].astype(np.float64)
     except ValueError:
-        row = next(row for row in np.flatnonzero(given).tolist() if not is_number(text[row]))
-        raise _bad(field, lines, text, row, "be a number") from None
+        check(~given | np.array([is_number(cell) for cell in text]), "a number")
+        raise
     if field.null is not None:
         values[values == field.null] = np.nan
     smallest = 0.0 if field.name in _UNSIGNED else -field.largest
-    outside = (values > field.largest) | (values < smallest)
-    if outside.any():
-        raise _bad(field, lines, text, int(np.argmax(outside)), f"be in [{smallest:g}, {field.largest:g}]")
+    check(~((values > field.largest) | (values < smallest)), f"in [{smallest:g}, {field.largest:g}]")
     if field.kind == "whole":
-        broken = values != np.where(np.isnan(values), values, np.round(values))
-        broken &= ~np.isnan(values)
-        if broken.any():
-            raise _bad(field, lines, text, int(np.argmax(broken)), "be a whole number")
+        check(np.asarray(np.isnan(values) | (values == np.round(values))), "a whole number")
     return values
-
-
-def _bad(field: ByteField, lines: Lines, text: NDArray[np.bytes_], row: int, rule: str) -> InputError:
-    shown = text[row].decode("latin-1").strip()
-    return InputError(f"must {rule}", value=shown).of(field.label).of(f"line {lines.number[row]}")

@@ -82,15 +82,7 @@ def decoded(line: bytes) -> str:
 
 
 def read_delimited(data: bytes, delimiter: str | None = None) -> ColumnTable:
-    """Table of delimited text; lines that begin with # are comments, a line of units and one of dashes may follow.
-
-    Args:
-        data: The file's content.
-        delimiter: Delimiter of the columns; None guesses by the header.
-
-    Raises:
-        InputError: The first line names no columns, or a line has more or fewer cells than it.
-    """
+    """Table of delimited text: comments begin with #, a line of units and one of dashes may follow that of names."""
     lines = lines_of(data.removeprefix(b"\xef\xbb\xbf"), skip=(b"#",))
     header = decoded(lines.text[0]) if len(lines) else ""
     delimiter = delimiter or _delimiter_of(header)

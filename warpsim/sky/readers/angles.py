@@ -32,14 +32,8 @@ _NUMBER = re.compile(r"\d+(\.\d*)?|\.\d+")
 def place_deg(table: ColumnTable, *pairs: Pair, radians: bool = False) -> tuple[Array, Array, str]:
     """Right ascension and declination [deg] of the first pair of columns that the table has; NaN where missing.
 
-    Args:
-        table: The survey's table.
-        pairs: Names of right ascension and declination, in the order of preference; PLACES if left out. After them
-            come the parts of the CDS: RAh, RAm, RAs (or RAds, tenths of a second), DE-, DEd, DEm, DEs.
-        radians: Whether numbers whose column states no unit are radians, not degrees.
-
-    Returns:
-        Both, shape (n,) each, and the table's own name of the right ascension, or PARTS.
+    After the pairs (PLACES if left out) come the parts of the CDS: RAh, RAm, RAs (or RAds, tenths of a second), DE-,
+    DEd, DEm, DEs. With them comes the table's own name of the right ascension, or PARTS.
     """
     pairs = pairs or PLACES
     for right_ascension, declination in pairs:
@@ -66,13 +60,9 @@ def epoch_of_place(ra_name: str, survey_epoch_jyear: float) -> float:
 
 
 def angle_deg(table: ColumnTable, name: str, *, hours: bool = False, radians: bool = False) -> Array:
-    """A column of angles [deg], shape (n,), NaN where missing or where there is no such column.
+    """A column of angles [deg], numbers or text that sexagesimal_deg() reads; NaN where missing, or without the column.
 
-    Args:
-        table: The survey's table.
-        name: The column: numbers, or text that sexagesimal_deg() reads.
-        hours: Whether sexagesimal text counts hours.
-        radians: Whether numbers whose column states no unit are radians, not degrees.
+    `radians` says whether numbers whose column states no unit are radians, not degrees.
     """
     own_name = table.find(name)
     if own_name is None:

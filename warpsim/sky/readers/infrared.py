@@ -170,10 +170,7 @@ def _iras(table: ColumnTable) -> dict[str, Any]:
 def icrs_of_b1950_deg(ra_deg: Array, dec_deg: Array, epoch_jyear: float = IRAS_EPOCH_JYEAR) -> tuple[Array, Array]:
     """Carry positions from FK4, equinox B1950, as observed at an epoch, to ICRS; no proper motion is applied.
 
-    Args:
-        ra_deg: Right ascension [deg], shape (n,); NaN passes.
-        dec_deg: Declination [deg].
-        epoch_jyear: Year of observation: FK4 turns slowly against ICRS.
+    FK4 turns slowly against ICRS, so that the epoch counts. NaN passes.
     """
     from astropy import units as u
     from astropy.coordinates import FK4, SkyCoord
