@@ -77,7 +77,7 @@ def test_the_command_runs_on_a_cluster(cluster, address, recipe_path, whole, tmp
 
 
 def test_no_scheduler_is_told(monkeypatch, address, recipe_path, tmp_path, capsys):
-    monkeypatch.setattr("warpsim.dataset.cluster.CONNECT_TIMEOUT_S", 1)
+    monkeypatch.setattr("warpsim.dataset.execution.CONNECT_TIMEOUT_S", 1)
     assert main(command(recipe_path, tmp_path / "data", "--scheduler", address)[3:]) == 2
     error = capsys.readouterr().err
     assert f"--scheduler: must be the address of a Dask scheduler, got '{address}'" in error and error.count("\n") == 1

@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 
 import warpsim as ws
-from warpsim.dataset import annotations, execution
+from warpsim.dataset import execution
 from warpsim.dataset import shard as shard_module
-from warpsim.dataset.finish import finish
+from warpsim.dataset.write_dataset import finish
 from warpsim.files import prepare_folder, read_json, write_fits_table
 from warpsim.output.output_folder import PARTS, OutputFolder
 
@@ -318,7 +318,7 @@ def test_a_run_that_ends_in_its_last_steps_goes_on(zarr_recipe, zarr_whole, tmp_
     def broken_off(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(f"warpsim.dataset.finish.{step}", broken_off)
+    monkeypatch.setattr(f"warpsim.dataset.write_dataset.{step}", broken_off)
     with pytest.raises(KeyboardInterrupt):
         ws.write_dataset(zarr_recipe, tmp_path / "data", n_worker=1, device="cpu")
     monkeypatch.undo()
@@ -407,7 +407,7 @@ def test_a_complete_data_set_is_recognized_where_nothing_can_be_written(recipe, 
 
 def test_workers_that_would_write_other_files_do_not(recipe, whole, tmp_path, monkeypatch):
     """On a cluster: another version of a package, or another file under the same path."""
-    import warpsim.dataset.identity as identity
+    import warpsim.dataset.layout as identity
 
     folder = tmp_path / "data"
     own = identity.package_versions

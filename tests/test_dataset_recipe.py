@@ -13,8 +13,7 @@ from scipy import stats
 import warpsim as ws
 from warpsim.cli import main
 from warpsim.config.distributions import Choice, LogUniform, Normal, Uniform, WholeNumbers
-from warpsim.dataset.identity import identity_of
-from warpsim.dataset.layout import ImageKey, image_id, shards_of
+from warpsim.dataset.layout import ImageKey, identity_of, image_id, shards_of
 from warpsim.dataset.sequences import (
     _chosen_clip,
     _clips,

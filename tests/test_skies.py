@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import warpsim as ws
-from warpsim.dataset.identity import identity_of
+from warpsim.dataset.layout import identity_of
 from warpsim.output.plan import make_plan
 from warpsim.radiometry.band import Band
 from warpsim.render.stars import catalog_checksums

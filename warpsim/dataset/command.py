@@ -63,7 +63,7 @@ def _executor(scheduler: str | None) -> Iterator[Executor | None]:
     if scheduler is None:
         yield None
         return
-    from warpsim.dataset.cluster import dask_executor
+    from warpsim.dataset.execution import dask_executor
 
     with dask_executor(scheduler) as executor:
         yield executor

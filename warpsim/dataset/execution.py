@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import itertools
 import multiprocessing
 import os
@@ -11,10 +12,12 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
+from typing import Any
 
 import warp as wp
 
 from warpsim.dataset.shard import Task, work_of_run, write_shard
+from warpsim.errors import InputError
 from warpsim.output.output_folder import CheckpointRecord
 
 MOST_WAITING = 4096
@@ -151,3 +154,29 @@ def _end_with(parent: int | None) -> None:
     while os.getppid() == parent:
         time.sleep(0.5)
     os._exit(1)
+
+
+CONNECT_TIMEOUT_S = 20
+
+
+@contextmanager
+def dask_executor(address: str) -> Iterator[Executor]:
+    """The workers of a Dask cluster.
+
+    Args:
+        address: Of the scheduler: tcp://HOST:PORT.
+
+    Raises:
+        InputError: Dask is not installed, or no scheduler answers.
+    """
+    try:
+        distributed: Any = importlib.import_module("distributed")
+    except ImportError:
+        raise InputError("needs the package distributed: pip install 'warpsim[cluster]'", "--scheduler") from None
+    try:
+        client = distributed.Client(address, timeout=CONNECT_TIMEOUT_S)
+    except (OSError, ValueError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"must be the address of a Dask scheduler, got {address!r}: {reason}", "--scheduler") from None
+    with client:
+        yield client.get_executor()

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 
-from warpsim.dataset.identity import identity_of
-from warpsim.dataset.layout import shards_of
+from warpsim.dataset.layout import identity_of, shards_of
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import Sequence, check_extremes, draw_sequence, split_of
 

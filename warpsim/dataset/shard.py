@@ -8,12 +8,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from warpsim.dataset.annotations import keep_texts, write_satnet
-from warpsim.dataset.identity import Stamp, identity_of, input_files, stamp_of
-from warpsim.dataset.image_tables import ShardTables
-from warpsim.dataset.layout import Shard, folder_of
+from warpsim.dataset.layout import Shard, Stamp, folder_of, identity_of, input_files, stamp_of
 from warpsim.dataset.recipe import Recipe
 from warpsim.dataset.sequences import Sequence, draw_sequence
+from warpsim.dataset.shard_tables import ShardTables, keep_texts, write_satnet
 from warpsim.dataset.writers import bytes_per_view, planes_of, shard_writer
 from warpsim.errors import InputError
 from warpsim.files import read_json

@@ -22,7 +22,7 @@ from warpsim.output.growing import GrowingFiles
 from warpsim.output.manifest import made_with, response_facts
 from warpsim.output.output_folder import FINISH, GROWING, PARTS, CheckpointRecord, OutputFolder
 from warpsim.output.plan import SHEET, USUAL_FORMATS, RunPlan, make_plan, part_name
-from warpsim.output.progress import progress_bar
+from warpsim.output.wording import progress_bar
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
 from warpsim.scene.instrument import Instrument
