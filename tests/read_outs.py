@@ -127,17 +127,24 @@ def twin_words(frame, sensor, band, seed, n_pixel, stream=1):
     return twin_hash(number, c[0], c[1]), twin_hash(number, c[2], c[3]), pixel % 128 >= 64
 
 
-def twin_key(frame, sensor, band, seed, purpose):
-    """Four words of Philox4x32-10 keyed by the sensor's 64 bits."""
-    low = np.uint64(0xFFFFFFFF)
-    c = [np.asarray(x).astype(np.uint64) for x in (frame, 0 * np.asarray(frame), band, purpose)]
-    key = np.uint64(sensor_key(seed, sensor))
-    k = [key & low, key >> np.uint64(32)]
+def philox(counter, key):
+    """Philox4x32-10 in Python integers."""
+    c0, c1, c2, c3 = counter
+    k0, k1 = key
     for _ in range(10):
-        a, b = np.uint64(0xD2511F53) * c[0], np.uint64(0xCD9E8D57) * c[2]
-        c = [(b >> np.uint64(32)) ^ c[1] ^ k[0], b & low, (a >> np.uint64(32)) ^ c[3] ^ k[1], a & low]
-        k = [(k[0] + np.uint64(0x9E3779B9)) & low, (k[1] + np.uint64(0xBB67AE85)) & low]
-    return c
+        high0, low0 = divmod(0xD2511F53 * c0, 2**32)
+        high1, low1 = divmod(0xCD9E8D57 * c2, 2**32)
+        c0, c1, c2, c3 = high1 ^ c1 ^ k0, low1, high0 ^ c3 ^ k1, low0
+        k0, k1 = (k0 + 0x9E3779B9) % 2**32, (k1 + 0xBB67AE85) % 2**32
+    return c0, c1, c2, c3
+
+
+def twin_key(frame, sensor, band, seed, purpose):
+    """Four words of Philox4x32-10 keyed by the sensor's 64 bits; purposes may be an array."""
+    key = sensor_key(seed, sensor)
+    purposes, inverse = np.unique(purpose, return_inverse=True)
+    words = [philox((int(frame), 0, int(band), int(one)), (key % 2**32, key >> 32)) for one in purposes]
+    return np.moveaxis(np.array(words, dtype=np.uint64)[inverse.reshape(np.shape(purpose))], -1, 0)
 
 
 def twin_hash(number, key, second_key):
@@ -204,3 +211,12 @@ def assert_uncorrelated(a, b):
     pulls = [abs(np.corrcoef(one, other)[0, 1]) * np.sqrt(len(a)) for one, other in pairs]
     assert max(pulls) < N_SIGMA
     return max(pulls)
+
+
+def assert_alone_as_in_batch(detector, signal, device):
+    """An image (3, 2, n_row, n_col) in a batch is as it is alone, and by the kernel of ragged ends."""
+    numbers = {"frames": [4, 2, 9], "sensors": [1, 0, 5], "bands": [3, 1]}
+    batch = read_out(detector, signal, device, **numbers)
+    alone = read_out(detector, signal[1:2, 1:], device, frames=[2], sensors=[0], bands=[1])
+    np.testing.assert_array_equal(batch[1, 1], alone[0, 0])
+    np.testing.assert_array_equal(read_out(detector, signal, device, ragged=True, **numbers), batch)

@@ -1,16 +1,16 @@
 """Point sources on pixels: every fraction against error functions or direct quadrature in float64."""
 
-import functools
 import time
 
 import numpy as np
 import pytest
 import warp as wp
 from drawing import draw, draw_each, source_lists, stamp_fractions
-from scipy import special
+from psf_oracles import converged_airy_fraction
 from streak_oracles import airy_streak, axis_fractions
 
 import warpsim as ws
+from benchmarks.deposit_variants import QUANTUM, VARIANTS, Variant
 from warpsim.optics.psf_bank import PsfBank, stamp_rule
 
 SEED = 314159
@@ -23,7 +23,6 @@ DEFAULT_ATOL = 1e-6
 below it, which may come close to it; no rounding adds to those."""
 AIRY_ATOL = 1e-6
 """Asked for, per unit flux, of table interpolation and wing, and with the default of what stamps leave out."""
-ORACLE_ATOL = 1e-9  # the Airy quadrature's own error, checked by doubling its order
 WIDE_RTOL = 1e-5  # against the peak: per axis, two float32 error functions rounded to 3e-8 leave a fraction of 8e-3
 CLOSURE_ATOL = 1e-6  # a stamp and what the oracle says lies outside it
 
@@ -51,27 +50,6 @@ def gaussian_image(xy_px, flux, sigma_px, shape):
     xy = np.atleast_2d(xy_px)
     rows = axis_fractions(xy[:, 1], shape[0], sigma_px) * np.asarray(flux, dtype=np.float64)[:, None]
     return rows.T @ axis_fractions(xy[:, 0], shape[1], sigma_px)
-
-
-@functools.cache
-def panels(lamf_px, order):
-    """Gauss-Legendre nodes and weights on (-1/2, 1/2), in panels no wider than half a ring period lambda F."""
-    n_panel = max(1, int(np.ceil(2 / lamf_px)))
-    node, weight = np.polynomial.legendre.leggauss(order)
-    starts = np.arange(n_panel) / n_panel - 0.5
-    return (starts[:, None] + (node + 1) / (2 * n_panel)).ravel(), np.tile(weight / (2 * n_panel), n_panel)
-
-
-def airy_fraction(dx_px, dy_px, radius_px, obscuration, order=8):
-    """Integral of the annular pupil's pattern over the pixel at (dx, dy) from the source."""
-    lamf_px = radius_px * np.pi / special.jn_zeros(1, 1)[0]
-    node, weight = panels(lamf_px, order)
-    v = np.pi / lamf_px * np.hypot(dx_px + node, (dy_px + node)[:, None])
-    v = np.maximum(v, 1e-9)
-    amplitude = 2 * special.j1(v) / v
-    if obscuration > 0:
-        amplitude -= 2 * obscuration * special.j1(obscuration * v) / v
-    return np.pi / 4 / (1 - obscuration**2) / lamf_px**2 * (weight @ amplitude**2 @ weight)
 
 
 @pytest.mark.parametrize("sigma_px", SIGMAS_PX)
@@ -126,7 +104,7 @@ def airy_offsets(rng):
 def test_airy_at_hard_and_random_points(device, radius_px, obscuration, record_accuracy):
     psf = ws.PsfAiry(radius_px, obscuration)
     for (x, y), pixels in airy_offsets(np.random.default_rng(SEED)):
-        expected = [airy_fraction(c - x, r - y, radius_px, obscuration) for r, c in pixels]
+        expected = [converged_airy_fraction(c - x, r - y, radius_px, obscuration) for r, c in pixels]
         for flux_error in (1e-6, 1e-9):
             image = ws.deposit([(x, y)], [1.0], psf, SHAPE, device=device, flux_error=flux_error)
             np.testing.assert_allclose(image[tuple(pixels.T)], expected, rtol=0, atol=AIRY_ATOL)
@@ -135,13 +113,6 @@ def test_airy_at_hard_and_random_points(device, radius_px, obscuration, record_a
                 record_accuracy(CUT_LINE, error, AIRY_ATOL, "of the flux", "error functions, quadrature")
             else:
                 record_accuracy("Airy pattern integrated over a pixel", error, AIRY_ATOL, "of the flux", "quadrature")
-
-
-@pytest.mark.parametrize("radius_px", AIRY_RADII_PX)
-def test_airy_oracle_is_converged(radius_px):
-    for dx, dy in [(0.0, 0.0), (0.31, -0.48), (0.5, 0.5), (7.2, 3.3)]:
-        coarse, fine = (airy_fraction(dx, dy, radius_px, 0.3, order) for order in (8, 16))
-        assert coarse == pytest.approx(fine, rel=0, abs=ORACLE_ATOL)
 
 
 @pytest.mark.parametrize("sigma_px", SIGMAS_PX[:-1])
@@ -214,9 +185,8 @@ def test_a_very_bright_source_fills_a_wide_image(device, psf):
     assert (image > 0).all()
     for row, column in [(324, 900), (1480, 1380), (0, 1380), (700, 201)]:
         rows, columns = np.arange(row, row + 20), np.arange(column, column + 20)
-        fractions = [
-            [airy_fraction(c - xy[0], r - xy[1], psf.radius_px, psf.obscuration) for c in columns] for r in rows
-        ]
+        offsets = [(c - xy[0], r - xy[1]) for r in rows for c in columns]
+        fractions = [converged_airy_fraction(*offset, psf.radius_px, psf.obscuration) for offset in offsets]
         found = image[row : row + 20, column : column + 20].mean()
         assert found == pytest.approx(np.mean(fractions), rel=0.05, abs=0)
 
@@ -437,3 +407,40 @@ def test_wrong_kinds_of_values_are_told_in_one_line(name, value):
 def test_light_beyond_float32_is_refused():
     with pytest.raises(ws.InputError, match=r"^flux: must leave pixels below 3.4e38"):
         ws.deposit([[1.0, 1.0]], [1e300], ws.PsfGaussian(1.0), (4, 4))
+
+
+VARIANT_SHAPE = (40, 50)
+FLOAT32_RTOL = 2e-6  # of the brightest pixel: 400 sources, 30 additions at a pixel
+
+
+def sources(device, n=400):
+    rng = np.random.default_rng(SEED)
+    xy = wp.array(rng.uniform(-2, [52, 42], (n, 2)), dtype=wp.vec2d, device=device)
+    return xy, wp.array(rng.uniform(0, 1, n), dtype=wp.float32, device=device)
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+@pytest.mark.ci
+def test_variants_draw_the_same_image(device, name):
+    xy, irradiance = sources(device)
+    psf = ws.PsfAiry(0.478)
+    product = ws.deposit(xy.numpy(), irradiance.numpy(), psf, VARIANT_SHAPE, device=device, flux_error=1e-6)
+    variant = Variant(name, psf, VARIANT_SHAPE, device, 4)
+    variant.draw(xy, irradiance, stamp_rule([0.0], 1e-6, device))
+    np.testing.assert_allclose(variant.values(), product, rtol=0, atol=FLOAT32_RTOL * product.max())
+
+
+@pytest.mark.ci
+def test_fixed_point_does_not_ask_for_the_order(device):
+    xy, irradiance = sources(device)
+    rule = stamp_rule([0.0], 1e-6, device)
+    variant = Variant("scatter fixed point", ws.PsfAiry(0.478), VARIANT_SHAPE, device, 4)
+    variant.draw(xy, irradiance, rule)
+    one = variant.values()
+    order = np.random.default_rng(SEED).permutation(len(xy))
+    mixed = [wp.array(a.numpy()[order], dtype=a.dtype, device=device) for a in (xy, irradiance)]
+    variant.draw(*mixed, rule)
+    np.testing.assert_array_equal(variant.values(), one)
+    exact = Variant("gather float64", ws.PsfAiry(0.478), VARIANT_SHAPE, device, 4)
+    exact.draw(xy, irradiance, rule)
+    np.testing.assert_allclose(one, exact.values(), rtol=0, atol=QUANTUM * len(xy))

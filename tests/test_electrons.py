@@ -13,6 +13,7 @@ from read_outs import (
     N_SIGMA_TAIL,
     OPTICS,
     SEED,
+    assert_alone_as_in_batch,
     assert_uncorrelated,
     levels_of,
     read_out,
@@ -287,11 +288,7 @@ def test_persistent_terms(device):
 def test_an_image_does_not_depend_on_its_batch(device, detector, terms):
     detector = dataclasses.replace(detector, **terms)
     signal, _ = bright(detector, detector.full_well_e / 2, (3, 2, 40, 61))
-    batch = read_out(detector, signal, device, frames=[4, 2, 9], sensors=[1, 0, 5], bands=[3, 1])
-    alone = read_out(detector, signal[1:2, 1:], device, frames=[2], sensors=[0], bands=[1])
-    np.testing.assert_array_equal(batch[1, 1], alone[0, 0])
-    ragged = read_out(detector, signal, device, frames=[4, 2, 9], sensors=[1, 0, 5], bands=[3, 1], ragged=True)
-    np.testing.assert_array_equal(ragged, batch)
+    assert_alone_as_in_batch(detector, signal, device)
 
 
 def test_the_search_is_compiled_only_for_small_means():
