@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 import warpsim as ws
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2, EARTH_J2, EARTH_J3, EARTH_J4
-from warpsim.orbit.epoch import utc_time
+from warpsim.instant import utc_time
 from warpsim.orbit.gravity import propagate
 
 POLE = np.array([0.0, 0.0, 1.0])

@@ -26,7 +26,8 @@ from scipy.spatial.transform import Rotation
 
 import warpsim as ws
 from warpsim.exchange.instants import parse_dates
-from warpsim.exchange.names import plain_name, unique_names
+from warpsim.exchange.segments import plain_name
+from warpsim.orbit.ephemeris import unique_names
 
 EPOCH = Time("2025-03-20T12:00:00", scale="utc")
 CLOCK_S = 2e-11  # rounding of seconds of a day

@@ -13,8 +13,7 @@ from astropy.time import Time
 from astropy.utils.iers import LeapSeconds
 
 import warpsim as ws
-from warpsim.instant import instant_of, plain_instant
-from warpsim.orbit.epoch import instant, tdb_jd, tt_jd, utc_time
+from warpsim.instant import instant, instant_of, plain_instant, tdb_jd, tt_jd, utc_time
 
 
 def random_dates(count: int) -> list[str]:

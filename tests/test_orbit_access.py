@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from warpsim.errors import InputError
+from warpsim.instant import utc_time
 from warpsim.orbit.access import AccessConstraints, access_intervals, grazing_altitude_m, margins
 from warpsim.orbit.arc import BallisticArc
-from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.gravity import propagate
 from warpsim.orbit.sampling import node_grid, sample_tracks
 from warpsim.orbit.sun import sun_state

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from skyfield.api import load, wgs84
 
 from warpsim.errors import InputError
+from warpsim.instant import instant
 from warpsim.orbit.arc import BallisticArc
-from warpsim.orbit.epoch import instant
 from warpsim.orbit.lambert import lambert
 
 MU, RADIUS, J2 = 3.986004418e14, 6378137.0, 1.0826266835e-3

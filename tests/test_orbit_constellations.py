@@ -10,10 +10,10 @@ from pydantic import TypeAdapter
 
 from warpsim.config.model import input_error
 from warpsim.errors import InputError
+from warpsim.instant import utc_time
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.constellations import Constellation, ListedSatellites, MixedConstellation, SeedPattern
 from warpsim.orbit.elements import KeplerOrbit, StateVector, state_to_elements
-from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.gravity import propagate
 from warpsim.orbit.tle import TleOrbit, TleSatellites
 from warpsim.orbit.walker import Walker

@@ -17,6 +17,7 @@ from astropy.utils import iers
 from skyfield.api import load, wgs84
 
 from warpsim.errors import InputError
+from warpsim.instant import tdb_jd, utc_time
 from warpsim.orbit.earth import (
     geodetic_altitude_m,
     geodetic_to_gcrs_m,
@@ -25,7 +26,6 @@ from warpsim.orbit.earth import (
     pole_of_date,
     timescale,
 )
-from warpsim.orbit.epoch import tdb_jd, utc_time
 from warpsim.orbit.sun import earth_velocity_m_s, sun_position_m
 
 EPOCH = "2025-03-20T12:00:00"

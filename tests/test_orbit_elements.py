@@ -12,6 +12,7 @@ from pydantic import TypeAdapter
 from scipy.integrate import solve_ivp
 
 from warpsim.errors import InputError
+from warpsim.instant import utc_time
 from warpsim.orbit.elements import (
     KeplerOrbit,
     StateVector,
@@ -20,7 +21,6 @@ from warpsim.orbit.elements import (
     mean_anomaly_of_true_rad,
     state_to_elements,
 )
-from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.paths import Orbit
 
 MU = 3.986004418e14

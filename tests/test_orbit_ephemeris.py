@@ -11,9 +11,9 @@ from exchange_samples import CSV, EPHEMERIDES, damaged
 
 import warpsim as ws
 from warpsim.constants import EARTH_GM_M3_S2
+from warpsim.instant import utc_time
 from warpsim.orbit.earth import pole_of_date
 from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
-from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.frames import frame_to_gcrs
 from warpsim.orbit.gravity import propagate
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import warpsim as ws
-from warpsim.orbit.epoch import tdb_jd, tt_jd, utc_time
+from warpsim.instant import tdb_jd, tt_jd, utc_time
 
 
 @pytest.mark.parametrize("action", ["error", "always"])

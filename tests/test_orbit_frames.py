@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 import warpsim as ws
 from warpsim.exchange.segments import FRAMES
+from warpsim.instant import tt_jd, utc_time
 from warpsim.orbit.earth import timescale
-from warpsim.orbit.epoch import tt_jd, utc_time
 from warpsim.orbit.frames import (
     attitude_in_gcrs,
     eme2000_to_gcrs,

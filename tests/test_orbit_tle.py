@@ -18,9 +18,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from warpsim.errors import InputError
+from warpsim.instant import utc_time
 from warpsim.orbit.constellations import MixedConstellation
 from warpsim.orbit.earth import timescale
-from warpsim.orbit.epoch import utc_time
 from warpsim.orbit.sampling import make_tracks
 from warpsim.orbit.teme import teme_to_gcrs
 from warpsim.orbit.tle import TleOrbit, TleSatellites

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import warpsim as ws
-from warpsim.orbit.epoch import utc_time
+from warpsim.instant import utc_time
 
 MU = 3.986004418e14
 EPOCH = "2025-03-20T12:00:00"

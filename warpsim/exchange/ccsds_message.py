@@ -1,4 +1,4 @@
-"""CCSDS messages, OEM and AEM: header, and segments of metadata and rows, from keyword = value text or from XML.
+"""CCSDS messages, OEM and AEM: segments of metadata and rows, from keyword = value text or from XML.
 
 Both notations become one `Message`, so that one piece of code gives it a meaning (`ccsds_read`).
 """
@@ -6,22 +6,24 @@ Both notations become one `Message`, so that one piece of code gives it a meanin
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
-from xml.parsers import expat
+from typing import NamedTuple
 
 from warpsim.errors import InputError
 from warpsim.exchange.source import Rows, SourceFile
+from warpsim.exchange.xml_elements import Element, read_xml
 
 _ASSIGNMENT = re.compile(r"([A-Za-z_0-9]+)\s*=\s*(.*)")
 _VERSION = re.compile(r"CCSDS_([A-Z]+)_VERS")
-_HEADER = ("COMMENT", "CLASSIFICATION", "CREATION_DATE", "ORIGINATOR", "MESSAGE_ID")
+_HEADER = ("CLASSIFICATION", "CREATION_DATE", "ORIGINATOR", "MESSAGE_ID")
 _OEM_COLUMNS = ("EPOCH", "X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT", "X_DDOT", "Y_DDOT", "Z_DDOT")
 
+Lines = Iterator[tuple[int, str]]
+"""Line numbers and lines, comments left out."""
 
-@dataclass(frozen=True)
-class KeywordValue:
+
+class KeywordValue(NamedTuple):
     """A value with its line number."""
 
     text: str
@@ -37,25 +39,21 @@ class MessageSegment:
     rows: Rows = field(default_factory=lambda: Rows([], []))
 
 
-@dataclass
-class Message:
+class Message(NamedTuple):
     """A whole message."""
 
-    kind: str
-    """"OEM" or "AEM"."""
-
     version: float
-    segments: list[MessageSegment] = field(default_factory=list)
+    segments: list[MessageSegment]
 
 
 def is_ccsds(source: SourceFile) -> bool:
     """Return whether a file looks like a CCSDS message, in either notation."""
     head = source.data[:4096].lstrip(b"\xef\xbb\xbf \t\r\n")
-    return head.startswith(b"<") or re.match(rb"(COMMENT[^\n]*\n\s*)*CCSDS_[A-Z]+_VERS", head) is not None
+    return source.is_xml or re.match(rb"(COMMENT[^\n]*\n\s*)*CCSDS_[A-Z]+_VERS", head) is not None
 
 
 def read_message(source: SourceFile, kind: str, known: Mapping[str, bool]) -> Message:
-    """Header, metadata and rows of a message.
+    """Read the metadata and rows of a message.
 
     Args:
         source: The file.
@@ -65,8 +63,7 @@ def read_message(source: SourceFile, kind: str, known: Mapping[str, bool]) -> Me
     Raises:
         InputError: It is no such message; file, line and rule.
     """
-    xml = source.data[:4096].lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
-    message = _XmlReader(source, kind).read() if xml else _KvnReader(source, kind, known).read()
+    message = (_read_xml if source.is_xml else _read_kvn)(source, kind)
     if not message.segments:
         raise source.error(0, f"ends early: an {kind} must have a segment")
     for segment in message.segments:
@@ -83,215 +80,138 @@ def read_message(source: SourceFile, kind: str, known: Mapping[str, bool]) -> Me
     return message
 
 
-class _KvnReader:
-    """Reads the keyword = value notation line by line."""
-
-    def __init__(self, source: SourceFile, kind: str, known: Mapping[str, bool]) -> None:
-        self.source, self.kind, self.known = source, kind, known
-        self.section = "header"
-        """"header", "meta", "before data", "data", "covariance" or "after data"."""
-
-        self.opened = 0
-        """Line that began the block now open."""
-
-    def read(self) -> Message:
-        lines = [(n, line) for n, line in self.source.lines() if not re.match(r"COMMENT(\s|$)", line)]
-        message = self._begin(*lines[0]) if lines else None
-        if message is None:
-            raise self.source.error(0, "must hold a message, got comments only")
-        for number, line in lines[1:]:
-            getattr(self, "_" + self.section.replace(" ", "_"))(message, number, line)
-        if self.section in ("meta", "covariance") or (self.section == "data" and self.kind == "AEM"):
-            stop = {"meta": "META_STOP", "covariance": "COVARIANCE_STOP", "data": "DATA_STOP"}[self.section]
-            raise self.source.error(self.opened, f"ends early: {stop} must close what begins here")
-        return message
-
-    def _begin(self, number: int, line: str) -> Message:
-        match = _ASSIGNMENT.fullmatch(line)
-        version = _VERSION.fullmatch(match[1]) if match else None
-        if match is None or version is None:
-            raise self.source.error(number, f"must begin with CCSDS_{self.kind}_VERS = ...", value=line[:40])
-        return _new_message(self.source, number, version[1], match[2], self.kind)
-
-    def _header(self, message: Message, number: int, line: str) -> None:
-        match = _ASSIGNMENT.fullmatch(line)
-        if line == "META_START":
-            self._open(message, number)
-        elif match is None or match[1] not in _HEADER:
-            raise self.source.error(number, "must be a keyword of the header or META_START", value=line[:40])
-
-    def _open(self, message: Message, number: int) -> None:
-        message.segments.append(MessageSegment(number))
-        self.section, self.opened = "meta", number
-
-    def _meta(self, message: Message, number: int, line: str) -> None:
-        if line == "META_STOP":
-            self.section = "before data" if self.kind == "AEM" else "data"
-            return
-        match = _ASSIGNMENT.fullmatch(line)
-        if match is None:
-            raise self.source.error(number, "must be KEYWORD = value or META_STOP", value=line[:40])
-        meta = message.segments[-1].meta
-        if match[1] in meta:
-            raise self.source.error(number, "must stand once in the metadata, got it a second time", match[1])
-        meta[match[1]] = KeywordValue(match[2].strip(), number)
-
-    def _before_data(self, message: Message, number: int, line: str) -> None:
-        if line != "DATA_START":
-            raise self.source.error(number, "must be DATA_START", value=line[:40])
-        self.section, self.opened = "data", number
-
-    def _data(self, message: Message, number: int, line: str) -> None:
-        rows = message.segments[-1].rows
-        if self.kind == "AEM" and line == "DATA_STOP":
-            self.section = "after data"
-        elif self.kind == "OEM" and line == "META_START":
-            self._open(message, number)
-        elif self.kind == "OEM" and line == "COVARIANCE_START":
-            self.section, self.opened = "covariance", number
-        elif not line[0].isdigit() or "=" in line:
-            raise self.source.error(number, "must be a date and numbers", value=line[:40])
-        else:
-            rows.cells.append(line.split())
-            rows.lines.append(number)
-
-    def _covariance(self, message: Message, number: int, line: str) -> None:
-        if line == "COVARIANCE_STOP":
-            self.section = "after data"
-        elif line == "META_START":
-            raise self.source.error(number, "must come after COVARIANCE_STOP, got META_START")
-
-    def _after_data(self, message: Message, number: int, line: str) -> None:
-        if line == "META_START":
-            self._open(message, number)
-        elif line == "COVARIANCE_START" and self.kind == "OEM":
-            self.section, self.opened = "covariance", number
-        else:
-            raise self.source.error(number, "must be META_START", value=line[:40])
-
-
-def _new_message(source: SourceFile, line: int, found: str, version: str, kind: str) -> Message:
+def _checked_version(source: SourceFile, line: int, found: str, version: str, kind: str) -> float:
     if found != kind:
         raise source.error(line, f"must be an {kind}, got an {found}")
     if not re.fullmatch(r"[0-9]\.[0-9]+", version.strip(), re.ASCII) or not 1.0 <= float(version) < 4.0:
         raise source.error(line, "must be 1.0 to 3.0", f"CCSDS_{kind}_VERS", version.strip()[:20])
-    return Message(kind, float(version))
+    return float(version)
 
 
-@dataclass
-class _Element:
-    """An element of XML, with the line it begins on."""
+def _read_kvn(source: SourceFile, kind: str) -> Message:
+    """Read the keyword = value notation: a header, and segments of metadata, rows and covariances."""
+    lines = iter([(number, line) for number, line in source.lines() if not re.match(r"COMMENT(\s|$)", line)])
+    number, line = next(lines, (0, ""))
+    if not line:
+        raise source.error(0, "must hold a message, got comments only")
+    match = _ASSIGNMENT.fullmatch(line)
+    begin = _VERSION.fullmatch(match[1]) if match else None
+    if match is None or begin is None:
+        raise source.error(number, f"must begin with CCSDS_{kind}_VERS = ...", value=line[:40])
+    message = Message(_checked_version(source, number, begin[1], match[2], kind), [])
+    open_rows = False  # whether rows of an OEM may follow
+    for number, line in lines:
+        if line == "META_START":
+            segment = MessageSegment(number)
+            message.segments.append(segment)
+            _read_metadata(source, segment, lines)
+            open_rows = kind == "OEM"
+            if kind == "AEM":
+                _read_attitude_rows(source, segment, lines)
+        elif not message.segments:
+            match = _ASSIGNMENT.fullmatch(line)
+            if match is None or match[1] not in _HEADER:
+                raise source.error(number, "must be a keyword of the header or META_START", value=line[:40])
+        elif line == "COVARIANCE_START" and kind == "OEM":
+            for inner_number, inner in _until(source, "COVARIANCE_STOP", number, lines):
+                if inner == "META_START":
+                    raise source.error(inner_number, "must come after COVARIANCE_STOP, got META_START")
+            open_rows = False
+        elif open_rows:
+            _add_row(source, message.segments[-1], number, line)
+        else:
+            raise source.error(number, "must be META_START", value=line[:40])
+    return message
 
-    tag: str
-    line: int
-    attributes: dict[str, str]
-    text: str = ""
-    children: list[_Element] = field(default_factory=list)
 
-    def find(self, tag: str) -> list[_Element]:
-        """Children of that name."""
-        return [child for child in self.children if child.tag == tag]
-
-    def leaves(self) -> list[_Element]:
-        """Elements without children, in order."""
-        if not self.children:
-            return [self]
-        return [leaf for child in self.children for leaf in child.leaves()]
+def _until(source: SourceFile, stop: str, opened: int, lines: Lines) -> Lines:
+    """Lines before the one that closes a block."""
+    for number, line in lines:
+        if line == stop:
+            return
+        yield number, line
+    raise source.error(opened, f"ends early: {stop} must close what begins here")
 
 
-class _XmlReader:
-    """Reads NDM/XML: expat rather than ElementTree, since it knows the lines."""
+def _read_metadata(source: SourceFile, segment: MessageSegment, lines: Lines) -> None:
+    for number, line in _until(source, "META_STOP", segment.line, lines):
+        match = _ASSIGNMENT.fullmatch(line)
+        if match is None:
+            raise source.error(number, "must be KEYWORD = value or META_STOP", value=line[:40])
+        if match[1] in segment.meta:
+            raise source.error(number, "must stand once in the metadata, got it a second time", match[1])
+        segment.meta[match[1]] = KeywordValue(match[2].strip(), number)
 
-    def __init__(self, source: SourceFile, kind: str) -> None:
-        self.source, self.kind = source, kind
-        self.open: list[_Element] = [_Element("", 1, {})]
-        self.parser: Any = expat.ParserCreate()
-        self.parser.StartElementHandler = self._start
-        self.parser.EndElementHandler = self._end
-        self.parser.CharacterDataHandler = self._characters
-        self.parser.StartDoctypeDeclHandler = self._doctype
 
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        if len(self.open) > 50:
-            raise self._error(self.parser.CurrentLineNumber, "must not be nested so deeply")
-        element = _Element(tag.rpartition(":")[2], self.parser.CurrentLineNumber, attributes)
-        self.open[-1].children.append(element)
-        self.open.append(element)
+def _read_attitude_rows(source: SourceFile, segment: MessageSegment, lines: Lines) -> None:
+    opened, line = next(lines, (0, ""))
+    if opened and line != "DATA_START":
+        raise source.error(opened, "must be DATA_START", value=line[:40])
+    if opened:
+        for number, row in _until(source, "DATA_STOP", opened, lines):
+            _add_row(source, segment, number, row)
 
-    def _end(self, tag: str) -> None:
-        self.open.pop()
 
-    def _characters(self, text: str) -> None:
-        self.open[-1].text += text
+def _add_row(source: SourceFile, segment: MessageSegment, number: int, line: str) -> None:
+    if not line[0].isdigit() or "=" in line:
+        raise source.error(number, "must be a date and numbers", value=line[:40])
+    segment.rows.add(number, line.split())
 
-    def _doctype(self, *_: object) -> None:
-        raise self._error(self.parser.CurrentLineNumber, "must have no document type of its own")
 
-    def _error(self, line: int, rule: str) -> InputError:
-        """The error to raise about the XML on a line."""
-        return self.source.located(InputError(rule).of("XML"), line)
+def _read_xml(source: SourceFile, kind: str) -> Message:
+    """Read NDM/XML: one message, or several of a kind in an <ndm>."""
+    try:
+        root = read_xml(source.data.lstrip())
+    except InputError as error:
+        raise error.of(source.file) from None
+    tops = [child for child in root.children if child.tag in ("oem", "aem")] if root.tag == "ndm" else [root]
+    if not tops or tops[0].tag not in ("oem", "aem"):
+        raise _xml_error(source, root.line, f"must be an {kind}, got <{root.tag}>")
+    versions = [
+        _checked_version(source, top.line, top.tag.upper(), top.attributes.get("version", ""), kind) for top in tops
+    ]
+    segments = [segment for top in tops for body in top.find("body") for segment in body.find("segment")]
+    return Message(versions[0], [_xml_segment(source, kind, segment) for segment in segments])
 
-    def read(self) -> Message:
-        try:
-            self.parser.Parse(self.source.data.lstrip(), True)
-        except InputError:  # of a handler
-            raise
-        except expat.ExpatError as error:
-            reason = expat.errors.messages[error.code]
-            raise self._error(error.lineno, f"{reason} (the file may be cut off)") from None
-        except (LookupError, ValueError) as error:  # an unknown encoding
-            raise self._error(1, str(error)) from None
-        root = self.open[0].children[0]
-        inner = [child for child in root.children if child.tag in ("oem", "aem")] if root.tag == "ndm" else [root]
-        if not inner or inner[0].tag not in ("oem", "aem"):
-            raise self._error(root.line, f"must be an {self.kind}, got <{root.tag}>")
-        message = None
-        for top in inner:
-            version = top.attributes.get("version", "")
-            part = _new_message(self.source, top.line, top.tag.upper(), version, self.kind)
-            part.segments = [self._segment(s) for body in top.find("body") for s in body.find("segment")]
-            message = part if message is None else message
-            if part is not message:
-                message.segments += part.segments
-        assert message is not None
-        return message
 
-    def _segment(self, element: _Element) -> MessageSegment:
-        segment = MessageSegment(element.line)
-        for metadata in element.find("metadata"):
-            for item in metadata.children:
-                if item.tag == "COMMENT":
-                    continue
-                if item.tag in segment.meta:
-                    raise self.source.error(item.line, "must stand once in the metadata", item.tag)
-                segment.meta[item.tag] = KeywordValue(item.text.strip(), item.line)
-        for data in element.find("data"):
-            for item in data.children:
-                if item.tag in ("COMMENT", "covarianceMatrix"):
-                    continue
-                cells = self._state_vector(item) if self.kind == "OEM" else self._attitude(item)
-                segment.rows.cells.append(cells)
-                segment.rows.lines.append(item.line)
-        return segment
+def _xml_error(source: SourceFile, line: int, rule: str) -> InputError:
+    return source.located(InputError(rule).of("XML"), line)
 
-    def _state_vector(self, item: _Element) -> list[str]:
-        if item.tag != "stateVector":
-            raise self._error(item.line, f"must be a <stateVector>, got <{item.tag}>")
-        return self._row(item, _OEM_COLUMNS, 7, ("km", "km/s", "km/s**2"))
 
-    def _attitude(self, item: _Element) -> list[str]:
-        tags = [leaf.tag for leaf in item.leaves()]
-        if item.tag != "attitudeState" or "Q1" not in tags:
-            raise self._error(item.line, "must be an <attitudeState> with a quaternion Q1, Q2, Q3, QC")
-        return self._row(item, ("EPOCH", "Q1", "Q2", "Q3", "QC"), 5, ())
+def _xml_segment(source: SourceFile, kind: str, element: Element) -> MessageSegment:
+    segment = MessageSegment(element.line)
+    for item in (item for metadata in element.find("metadata") for item in metadata.children):
+        if item.tag == "COMMENT":
+            continue
+        if item.tag in segment.meta:
+            raise source.error(item.line, "must stand once in the metadata", item.tag)
+        segment.meta[item.tag] = KeywordValue(item.text.strip(), item.line)
+    for item in (item for data in element.find("data") for item in data.children):
+        if item.tag in ("COMMENT", "covarianceMatrix"):
+            continue
+        if kind == "OEM":
+            if item.tag != "stateVector":
+                raise _xml_error(source, item.line, f"must be a <stateVector>, got <{item.tag}>")
+            cells = _xml_row(source, item, _OEM_COLUMNS, 7, ("km", "km/s", "km/s**2"))
+        else:
+            if item.tag != "attitudeState" or "Q1" not in [leaf.tag for leaf in item.leaves()]:
+                rule = "must be an <attitudeState> with a quaternion Q1, Q2, Q3, QC"
+                raise _xml_error(source, item.line, rule)
+            cells = _xml_row(source, item, ("EPOCH", "Q1", "Q2", "Q3", "QC"), 5, ())
+        segment.rows.add(item.line, cells)
+    return segment
 
-    def _row(self, item: _Element, columns: tuple[str, ...], n_least: int, units: tuple[str, ...]) -> list[str]:
-        found = {leaf.tag: leaf for leaf in item.leaves()}
-        for column in columns[:n_least]:
-            if column not in found:
-                raise self._error(item.line, f"must have <{column}>")
-        for leaf in found.values():
-            unit = leaf.attributes.get("units")
-            if leaf.tag in columns and unit is not None and unit.lower() not in units:
-                raise self.source.error(leaf.line, f"must be in {' or '.join(units)}", leaf.tag, unit)
-        return [found[column].text.strip() for column in columns if column in found]
+
+def _xml_row(
+    source: SourceFile, item: Element, columns: tuple[str, ...], n_least: int, units: tuple[str, ...]
+) -> list[str]:
+    """Texts of the columns, in order, as far as they are there."""
+    found = {leaf.tag: leaf for leaf in item.leaves()}
+    for column in columns[:n_least]:
+        if column not in found:
+            raise _xml_error(source, item.line, f"must have <{column}>")
+    for leaf in found.values():
+        unit = leaf.attributes.get("units")
+        if leaf.tag in columns and unit is not None and unit.lower() not in units:
+            raise source.error(leaf.line, f"must be in {' or '.join(units)}", leaf.tag, unit)
+    return [found[column].text.strip() for column in columns if column in found]

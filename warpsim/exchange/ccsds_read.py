@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.exchange.ccsds_message import KeywordValue, Message, MessageSegment, read_message
-from warpsim.exchange.frame_names import ccsds_frame, known_ccsds_frame
+from warpsim.exchange.ccsds_message import KeywordValue, MessageSegment, read_message
 from warpsim.exchange.instants import FileInstants, check_time_system
-from warpsim.exchange.rotations import euler_quaternion
-from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame, Interpolation
+from warpsim.exchange.segments import (
+    AttitudeSegment,
+    EphemerisSegment,
+    Frame,
+    Interpolation,
+    ccsds_frame,
+    known_ccsds_frame,
+)
 from warpsim.exchange.source import SourceFile, check_cells, dates_of, numbers_of, whole_number_of
 from warpsim.quaternion import conjugate
 
@@ -46,23 +53,14 @@ _SPAN_SLACK_S = 1.0
 
 
 def read_oem(source: SourceFile) -> list[EphemerisSegment]:
-    """Segments of an OEM.
-
-    Raises:
-        InputError: File, line, rule, value.
-    """
-    message = read_message(source, "OEM", _OEM)
-    return [_ephemeris(source, segment) for segment in message.segments]
+    """Segments of an OEM."""
+    return [_ephemeris(source, segment) for segment in read_message(source, "OEM", _OEM).segments]
 
 
 def read_aem(source: SourceFile) -> list[AttitudeSegment]:
-    """Segments of an AEM.
-
-    Raises:
-        InputError: File, line, rule, value.
-    """
+    """Segments of an AEM."""
     message = read_message(source, "AEM", _AEM)
-    return [_attitude(source, segment, message) for segment in message.segments]
+    return [_attitude(source, segment, message.version) for segment in message.segments]
 
 
 def _ephemeris(source: SourceFile, segment: MessageSegment) -> EphemerisSegment:
@@ -84,7 +82,7 @@ def _ephemeris(source: SourceFile, segment: MessageSegment) -> EphemerisSegment:
         position_m=values[:, :3],
         velocity_m_s=values[:, 3:6],
         interpolation=_method(source, meta, "INTERPOLATION"),
-        degree=_degree(source, meta.get("INTERPOLATION_DEGREE")),
+        degree=_degree(source, meta),
         useable=useable,
         time_system=system,
         file=source.file,
@@ -93,7 +91,7 @@ def _ephemeris(source: SourceFile, segment: MessageSegment) -> EphemerisSegment:
     )
 
 
-def _attitude(source: SourceFile, segment: MessageSegment, message: Message) -> AttitudeSegment:
+def _attitude(source: SourceFile, segment: MessageSegment, version: float) -> AttitudeSegment:
     meta, rows = segment.meta, segment.rows
     if "CENTER_NAME" in meta:
         _check_center(source, meta["CENTER_NAME"])
@@ -101,14 +99,14 @@ def _attitude(source: SourceFile, segment: MessageSegment, message: Message) -> 
     system, instants, useable = _times(source, segment)
     kind = meta["ATTITUDE_TYPE"].text.upper().replace(" ", "_").replace("EULER_ANGLES", "EULER_ANGLE")
     if kind in _N_QUATERNION_CELLS:
-        quaternion = _quaternions(source, segment, kind, message.version)
+        quaternion = _quaternions(source, segment, kind, version)
     elif kind == "EULER_ANGLE":
         quaternion = _from_euler_angles(source, segment)
     else:
         known = ", ".join((*_N_QUATERNION_CELLS, "EULER_ANGLE"))
         raise source.error(meta["ATTITUDE_TYPE"].line, f"must be one of {known}", "ATTITUDE_TYPE", kind)
     # A quaternion of A to B turns components in B into those in A (it is the turn that carries A's axes to B's).
-    if a_is_body != _goes_backwards(source, meta, segment, message.version):
+    if a_is_body != _goes_backwards(source, meta, segment, version):
         quaternion = conjugate(quaternion)
     return AttitudeSegment(
         object_name=meta["OBJECT_NAME"].text,
@@ -118,7 +116,7 @@ def _attitude(source: SourceFile, segment: MessageSegment, message: Message) -> 
         instants=instants,
         quaternion=quaternion,
         interpolation=_method(source, meta, "INTERPOLATION_METHOD"),
-        degree=_degree(source, meta.get("INTERPOLATION_DEGREE")),
+        degree=_degree(source, meta),
         useable=useable,
         time_system=system,
         file=source.file,
@@ -139,26 +137,25 @@ def _times(source: SourceFile, segment: MessageSegment) -> tuple[str, FileInstan
         system = check_time_system(meta["TIME_SYSTEM"].text)
     instants = dates_of(source, [row[0] if row else "" for row in rows.cells], rows.lines, system)
     for keyword, end in (("START_TIME", 0), ("STOP_TIME", -1)):
-        stated = _date(source, keyword, meta[keyword], system)
+        stated = _date(source, meta, keyword, system)
         off_s = float(instants[end].since_instant(stated)[0])
         if abs(off_s) > _SPAN_SLACK_S:
             row, side = ("first" if end == 0 else "last"), ("after" if off_s > 0 else "before")
             rule = f"must be the time of the {row} row, which is {abs(off_s):g} s {side} it (a file cut off?)"
             raise source.error(meta[keyword].line, rule, keyword)
-    given = [keyword for keyword in ("USEABLE_START_TIME", "USEABLE_STOP_TIME") if keyword in meta]
-    if not given:
+    keywords = ("USEABLE_START_TIME", "USEABLE_STOP_TIME")
+    if not any(keyword in meta for keyword in keywords):
         return system, instants, None
     ends = [
-        _date(source, keyword, meta[keyword], system) if keyword in meta else instants[end]
-        for keyword, end in (("USEABLE_START_TIME", 0), ("USEABLE_STOP_TIME", -1))
+        _date(source, meta, keyword, system) if keyword in meta else instants[end]
+        for keyword, end in zip(keywords, (0, -1), strict=True)
     ]
     day, second = (np.concatenate([getattr(end, part) for end in ends]) for part in ("day", "second"))
-    useable = FileInstants(day, second)
-    return system, instants, useable
+    return system, instants, FileInstants(day, second)
 
 
-def _date(source: SourceFile, keyword: str, value: KeywordValue, system: str) -> FileInstants:
-    return dates_of(source, [value.text], [value.line], system, keyword)
+def _date(source: SourceFile, meta: dict[str, KeywordValue], keyword: str, system: str) -> FileInstants:
+    return dates_of(source, [meta[keyword].text], [meta[keyword].line], system, keyword)
 
 
 def _method(source: SourceFile, meta: dict[str, KeywordValue], keyword: str) -> Interpolation | None:
@@ -170,7 +167,8 @@ def _method(source: SourceFile, meta: dict[str, KeywordValue], keyword: str) -> 
     return _METHODS[value.text.upper()]
 
 
-def _degree(source: SourceFile, value: KeywordValue | None) -> int | None:
+def _degree(source: SourceFile, meta: dict[str, KeywordValue]) -> int | None:
+    value = meta.get("INTERPOLATION_DEGREE")
     return None if value is None else whole_number_of(source, value.line, value.text, "INTERPOLATION_DEGREE")
 
 
@@ -205,29 +203,31 @@ def _goes_backwards(source: SourceFile, meta: dict[str, KeywordValue], segment: 
 def _quaternions(source: SourceFile, segment: MessageSegment, kind: str, version: float) -> F64:
     """Quaternions of the rows, scalar last; rates beside them are checked and left out."""
     rows, order = segment.rows, segment.meta.get("QUATERNION_TYPE")
-    n_cell = (5,) if segment.rows.cells and _is_xml(source) else (_N_QUATERNION_CELLS[kind],)
-    check_cells(source, rows, n_cell, "a date, a quaternion, and its rate where ATTITUDE_TYPE says so")
-    values = numbers_of(source, rows, 1, n_cell[0] - 1)
+    n_cell = 5 if source.is_xml else _N_QUATERNION_CELLS[kind]
+    check_cells(source, rows, (n_cell,), "a date, a quaternion, and its rate where ATTITUDE_TYPE says so")
+    values = numbers_of(source, rows, 1, n_cell - 1)
     if order is None:
-        if version < 2.0 and not _is_xml(source):
+        if version < 2.0 and not source.is_xml:
             raise source.error(segment.line, "must have QUATERNION_TYPE", "metadata")
         return values[:, :4]
     if order.text.upper() not in ("FIRST", "LAST"):
         raise source.error(order.line, "must be FIRST or LAST", "QUATERNION_TYPE", order.text)
     # In XML the components have names, so their order says nothing.
-    first = order.text.upper() == "FIRST" and not _is_xml(source)
+    first = order.text.upper() == "FIRST" and not source.is_xml
     return values[:, [1, 2, 3, 0]] if first else values[:, :4]
 
 
-def _is_xml(source: SourceFile) -> bool:
-    return source.data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
-
-
 def _from_euler_angles(source: SourceFile, segment: MessageSegment) -> F64:
+    """Quaternions of turns about three axes, one after the other, each about the axes as turned so far."""
+    from scipy.spatial.transform import Rotation
+
     sequence = segment.meta.get("EULER_ROT_SEQ")
     if sequence is None:
         raise source.error(segment.line, "must have EULER_ROT_SEQ", "metadata")
     check_cells(source, segment.rows, (4,), "a date and three angles")
     angle_deg = numbers_of(source, segment.rows, 1, 3)
-    with source.at(sequence.line, "EULER_ROT_SEQ"):
-        return euler_quaternion(sequence.text, angle_deg)
+    axes = sequence.text.strip().upper().translate(str.maketrans("123", "XYZ"))
+    if not re.fullmatch(r"(?!(.)\1)(?!.(.)\2)[XYZ]{3}", axes):
+        rule = "must be three axes like ZXZ or 321"
+        raise source.error(sequence.line, rule, "EULER_ROT_SEQ", sequence.text[:20])
+    return np.asarray(Rotation.from_euler(axes, angle_deg, degrees=True).as_quat(), np.float64)

@@ -1,15 +1,79 @@
-"""Element sets of satellites from files: TLE, 3LE and OMM, detected by content."""
+"""Element sets of satellites from files: TLE, 3LE and OMM (CCSDS 502.0-B), detected by content.
+
+Orbit Mean-Elements Messages come as KVN, XML, JSON and CSV, as CelesTrak and Space-Track give them. Each reader turns a
+text into (keywords and texts, line or record) per satellite. Keywords that say what SGP4 assumes (TEME, UTC, the Earth,
+the theory) may be absent, as they are in JSON and CSV; where they are present they must agree. Units written behind
+values are compared with those of the standard.
+"""
 
 from __future__ import annotations
 
+import csv
+import datetime
+import json
+import math
 import os
+import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from warpsim.errors import InputError
-from warpsim.exchange.element_set import ElementSet
-from warpsim.exchange.omm import element_set
-from warpsim.exchange.omm_layouts import READERS, layout_of
-from warpsim.exchange.tle_lines import looks_like_tle, parse_tle
+from warpsim.exchange.element_set import (
+    MAX_MEAN_MOTION,
+    ElementSet,
+    check_model,
+    label,
+    looks_like_tle,
+    parse_tle,
+    plain_designator,
+    tidy_name,
+)
+from warpsim.exchange.instants import mjd_and_second
+from warpsim.exchange.xml_elements import read_xml
+
+Message = tuple[dict[str, str], str]
+"""Keyword to text, and the line or record of the message."""
+
+_FIRST_YEAR = 1957
+_UNUSED = {"CLASSIFICATION_TYPE": "U", "OBJECT_ID": "", "EPHEMERIS_TYPE": 0, "ELEMENT_SET_NO": 0, "REV_AT_EPOCH": 0}
+"""Keywords that the sgp4 package takes, and that play no part in the motion."""
+
+_REQUIRED = {
+    "REF_FRAME": ("TEME",),
+    "TIME_SYSTEM": ("UTC",),
+    "CENTER_NAME": ("EARTH",),
+    "MEAN_ELEMENT_THEORY": ("SGP4", "SGP/SGP4", "SGP"),
+    "EPHEMERIS_TYPE": ("0", "2", "3"),
+}
+"""What these keywords must say if they are there. Ephemeris types 0, 2 and 3 are SGP4 and its deep-space part."""
+
+
+class _Element(NamedTuple):
+    low: float
+    high: float
+    rule: str
+    units: tuple[str, ...] = ()
+
+
+_ANGLE = _Element(-360.0, 360.0, "must be in [-360, 360] deg", ("deg",))
+_ORDINARY = "must be a number of ordinary size"
+_ELEMENTS = {
+    "MEAN_MOTION": _Element(
+        1e-9, MAX_MEAN_MOTION, f"must be in (0, {MAX_MEAN_MOTION:g}] revolutions per day", ("rev/day",)
+    ),
+    "ECCENTRICITY": _Element(0.0, math.nextafter(1.0, 0.0), "must be in [0, 1)"),
+    "INCLINATION": _Element(0.0, 180.0, "must be in [0, 180] deg", ("deg",)),
+    "RA_OF_ASC_NODE": _ANGLE,
+    "ARG_OF_PERICENTER": _ANGLE,
+    "MEAN_ANOMALY": _ANGLE,
+    "BSTAR": _Element(-1e3, 1e3, "must be in [-1000, 1000]", ("1/er",)),
+    "MEAN_MOTION_DOT": _Element(-1e30, 1e30, _ORDINARY, ("rev/day**2", "rev/day^2")),
+    "MEAN_MOTION_DDOT": _Element(-1e30, 1e30, _ORDINARY, ("rev/day**3", "rev/day^3")),
+}
+_OPTIONAL = ("MEAN_MOTION_DOT", "MEAN_MOTION_DDOT")  # SGP4 does not use them
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 def read_element_sets(path: str | os.PathLike[str]) -> list[ElementSet]:
@@ -23,18 +87,13 @@ def read_element_sets(path: str | os.PathLike[str]) -> list[ElementSet]:
         InputError: The file cannot be read, or is not valid: file, line or record, object, rule and value.
     """
     try:
-        return parse_element_sets(_text_of(Path(path)))
+        return parse_element_sets(Path(path).read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}").of(path) from None
+    except UnicodeDecodeError:
+        raise InputError("is not UTF-8 text").of(path) from None
     except InputError as error:
         raise error.of(path) from None
-
-
-def _text_of(path: Path) -> str:
-    try:
-        return path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}") from None
-    except ValueError:
-        raise InputError("is not UTF-8 text") from None
 
 
 def parse_element_sets(text: str) -> list[ElementSet]:
@@ -44,13 +103,168 @@ def parse_element_sets(text: str) -> list[ElementSet]:
         InputError: As `read_element_sets`, without a file.
     """
     text = text.replace("\r\n", "\n").replace("\r", "\n")
-    layout = layout_of(text)
-    if layout is not None:
-        sets = [element_set(fields, location) for fields, location in READERS[layout](text)]
+    start = text.lstrip()
+    first = start.split("\n", 1)[0]
+    if start.startswith("<"):
+        messages = _read_xml(text)
+    elif start.startswith(("[", "{")):
+        messages = _read_json(text)
+    elif re.search(r"^\s*CCSDS_OMM_VERS\s*=", text, re.MULTILINE):
+        messages = _read_kvn(text)
+    elif "," in first and "MEAN_MOTION" in first.upper():
+        messages = _read_csv(text)
     elif looks_like_tle(text):
-        sets = parse_tle(text)
+        return parse_tle(text)
     else:
         raise InputError("must hold element sets, as TLE or as OMM in KVN, XML, JSON or CSV")
+    sets = [_element_set(fields, location) for fields, location in messages]
     if not sets:
         raise InputError("holds no element sets")
     return sets
+
+
+def _element_set(fields: Mapping[str, str], location: str) -> ElementSet:
+    """Satellite of one message; its errors begin with the location, the object's name and its number."""
+    name, number = tidy_name(fields.get("OBJECT_NAME", "")), fields.get("NORAD_CAT_ID", "").strip()
+    if number and not re.fullmatch(r"\d{1,9}", number, re.ASCII):
+        raise InputError("must be up to nine digits", "NORAD_CAT_ID", number).of(name).of(location)
+    if not (name or number):
+        raise InputError("OBJECT_NAME or NORAD_CAT_ID is required").of(location)
+    norad_id = int(number) if number else None
+    try:
+        satrec = _satrec(fields, norad_id)
+    except InputError as error:
+        raise error.of(label(name, norad_id)).of(location) from None
+    return ElementSet(name, norad_id, plain_designator(tidy_name(fields.get("OBJECT_ID", ""))), satrec, location)
+
+
+def _satrec(fields: Mapping[str, str], norad_id: int | None) -> Any:
+    """The initialised `sgp4.api.Satrec` of a message's fields, which are checked."""
+    from sgp4 import omm
+    from sgp4.api import Satrec
+
+    for keyword, known in _REQUIRED.items():
+        value = fields.get(keyword, "").strip()
+        if value and value.upper() not in known:
+            raise InputError(f"must be {' or '.join(known)}", keyword, value)
+    epoch = _epoch(fields).isoformat(timespec="microseconds")
+    numbers = {keyword: _number(fields, keyword) for keyword in _ELEMENTS}
+    # The catalog number plays no part in the motion, and the package holds none beyond the alpha-5 scheme.
+    number = norad_id if norad_id is not None and norad_id <= 339_999 else 0
+    satrec = Satrec()
+    omm.initialize(satrec, {**_UNUSED, **numbers, "EPOCH": epoch, "NORAD_CAT_ID": number})
+    check_model(satrec)
+    return satrec
+
+
+def _number(fields: Mapping[str, str], keyword: str) -> float:
+    text = fields.get(keyword, "").strip()
+    if not text:
+        if keyword in _OPTIONAL:
+            return 0.0
+        raise InputError("is required", keyword)
+    if not _NUMBER.fullmatch(text):
+        raise InputError("must be a number", keyword, text)
+    value, element = float(text), _ELEMENTS[keyword]
+    if not element.low <= value <= element.high:
+        raise InputError(element.rule, keyword, text)
+    return value
+
+
+def _epoch(fields: Mapping[str, str]) -> datetime.datetime:
+    """The epoch (UTC)."""
+    text = fields.get("EPOCH", "").strip()
+    if not text:
+        raise InputError("is required", "EPOCH")
+    try:
+        day, second = mjd_and_second(text, first_year=_FIRST_YEAR)
+    except InputError:
+        rule = f"must be a UTC instant like 2025-06-01T12:34:56.789, years {_FIRST_YEAR} to 2099"
+        raise InputError(rule, "EPOCH", text) from None
+    return datetime.datetime(1858, 11, 17) + datetime.timedelta(day, second)
+
+
+def _read_kvn(text: str) -> Iterator[Message]:
+    """Messages one behind the other, each begun by CCSDS_OMM_VERS (or by OBJECT_NAME, where that is not repeated)."""
+    fields: dict[str, str] = {}
+    first = 1
+    for number, line in enumerate(text.split("\n"), 1):
+        line = line.strip()
+        if not line or line.startswith(("COMMENT", "USER_DEFINED")) or line in ("META_START", "META_STOP"):
+            continue
+        keyword, equals, value = (part.strip() for part in line.partition("="))
+        if not equals:
+            raise InputError("must be KEYWORD = value", value=line).of(f"line {number}")
+        if keyword == "CCSDS_OMM_VERS" or (keyword == "OBJECT_NAME" and keyword in fields):
+            if "EPOCH" in fields or "OBJECT_NAME" in fields:
+                yield fields, f"line {first}"
+            fields, first = {}, number
+        unit = re.search(r"\s*\[([^\]]*)\]$", value)
+        if unit:
+            value = value[: unit.start()]
+        _add_field(fields, keyword, value, unit[1] if unit else "", f"line {number}")
+    yield fields, f"line {first}"
+
+
+def _read_xml(text: str) -> Iterator[Message]:
+    """`<omm>` elements, alone or in an `<ndm>`, with or without a namespace."""
+    root = read_xml(text)
+    messages = [root] if root.tag == "omm" else root.find("omm")
+    if not messages:
+        raise InputError(f"must hold <omm> elements, got <{root.tag}>")
+    for message in messages:
+        fields: dict[str, str] = {}
+        for leaf in message.leaves():
+            if leaf is not message and leaf.tag not in ("COMMENT", "USER_DEFINED"):
+                _add_field(fields, leaf.tag, leaf.text.strip(), leaf.attributes.get("units", ""), f"line {leaf.line}")
+        yield fields, f"line {message.line}"
+
+
+def _add_field(fields: dict[str, str], keyword: str, value: str, unit: str, location: str) -> None:
+    """Add a field that must be given once, in the unit of the standard."""
+    if keyword in fields:
+        raise InputError("is given twice", keyword).of(location)
+    known = _ELEMENTS[keyword].units if keyword in _ELEMENTS else ()
+    if unit and known and unit.strip().lower() not in known:
+        raise InputError(f"must be in {known[0]}", keyword, unit).of(location)
+    fields[keyword] = value
+
+
+def _read_json(text: str) -> Iterator[Message]:
+    """A list of objects, or one object; numbers may be numbers or texts."""
+    try:
+        data = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError(f"is not valid JSON: {error.msg}").of(f"line {error.lineno}") from None
+    except (RecursionError, ValueError):
+        raise InputError("is not valid JSON: nested too deep, or a number too long") from None
+    for record, item in enumerate(data if isinstance(data, list) else [data], 1):
+        location = f"record {record}"
+        if not isinstance(item, dict):
+            raise InputError("must be an object of keywords", value=item).of(location)
+        for keyword, value in item.items():
+            if isinstance(value, bool | list | dict):
+                raise InputError("must be a number or a text", keyword, value).of(location)
+        given = {keyword: "" if value is None else value for keyword, value in item.items()}
+        yield {keyword: value if isinstance(value, str) else repr(value) for keyword, value in given.items()}, location
+
+
+def _read_csv(text: str) -> Iterator[Message]:
+    """A header of keywords, then a line per satellite."""
+    rows = csv.reader(text.split("\n"), strict=True)
+    header: list[str] = []
+    try:
+        for row in rows:
+            location = f"line {rows.line_num}"
+            if not any(cell.strip() for cell in row):
+                continue
+            if not header:
+                header = [cell.strip().upper() for cell in row]
+                if len(set(header)) != len(header):
+                    raise InputError("column names must be different").of(location)
+                continue
+            if len(row) != len(header):
+                raise InputError(f"must have {len(header)} values, as the header has", value=len(row)).of(location)
+            yield dict(zip(header, row, strict=True)), location
+    except csv.Error as error:
+        raise InputError(f"is not valid CSV: {error}").of(f"line {rows.line_num}") from None

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import datetime
 import re
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -17,30 +16,27 @@ from numpy.typing import NDArray
 
 from warpsim.constants import DAY_S
 from warpsim.errors import InputError
+from warpsim.instant import FIRST_YEAR, LAST_YEAR, years_ahead
 
 if TYPE_CHECKING:
-    from astropy.time import Time
-
     from warpsim.instant import Epoch
 
 F64 = NDArray[np.float64]
 
 TIME_SYSTEMS = ("UTC", "TAI", "TT", "TDB", "GPS")
-"""Time systems of dates that are read and written."""
-
-FIRST_YEAR, LAST_YEAR = 1960, 2100
-"""Dates of the years 1960 to 2099 are read, as those of scenes are."""
+"""Time systems of dates that are read and written; UT1 is not, as it needs tables from the network."""
 
 _TT_MINUS_TAI_S = 32.184
 _TAI_MINUS_GPS_S = 19.0
 _MJD_ZERO = datetime.date(1858, 11, 17).toordinal()
 _JD_OF_MJD_ZERO = 2_400_000.5
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-
-_CLOCK = r"(\d{1,2}):(\d{2}):(\d{1,2}(?:\.\d*)?)"
-_CALENDAR = re.compile(rf"(\d{{4}})-(\d{{2}})-(\d{{2}})[T ]{_CLOCK}Z?", re.ASCII)
-_DAY_OF_YEAR = re.compile(rf"(\d{{4}})-(\d{{3}})[T ]{_CLOCK}Z?", re.ASCII)
-_GREGORIAN = re.compile(rf"(\d{{1,2}}) +([A-Za-z]{{3}})[a-z]* +(\d{{4}}) +{_CLOCK}", re.ASCII)
+_DATE = re.compile(
+    r"(?:(?P<iso_year>\d{4})-(?:(?P<month>\d\d)-(?P<day>\d\d)|(?P<day_of_year>\d{3}))[T ]"
+    r"|(?P<stk_day>\d{1,2}) +(?P<name>[A-Za-z]{3})[a-z]* +(?P<stk_year>\d{4}) +)"
+    r"(?P<hour>\d{1,2}):(?P<minute>\d\d):(?P<second>\d{1,2}(?:\.\d*)?)Z?",
+    re.ASCII,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,16 +64,13 @@ class FileInstants:
 
     def since(self, epoch: Epoch) -> F64:
         """SI seconds since an epoch, (n,)."""
-        if self.relative:
-            return self.second.copy()
-        return self.since_instant(instants_of_time(epoch))
+        return self.second.copy() if self.relative else self.since_instant(instants_of_time(epoch))
 
     def since_instant(self, first: FileInstants) -> F64:
         """SI seconds since one other instant, (n,)."""
         if self.relative != first.relative:
             raise InputError("must count from the same origin, got seconds since the scene's epoch and dates", "times")
-        time_s: F64 = (self.day - first.day[0]) * DAY_S + (self.second - first.second[0])
-        return time_s
+        return np.asarray((self.day - first.day[0]) * DAY_S + (self.second - first.second[0]), np.float64)
 
     def dates(self, system: str, precision: int = 9) -> list[str]:
         """ISO 8601 dates in a time system, with that many digits of the second.
@@ -85,19 +78,19 @@ class FileInstants:
         Raises:
             InputError: The instants are relative to a scene's epoch, or the time system is none of TIME_SYSTEMS.
         """
+        from astropy.time import Time
+
         if self.relative:
             raise InputError("must be instants to be written as dates, got seconds since the scene's epoch", "times")
-        check_time_system(system)
-        shift_s = {"GPS": -_TAI_MINUS_GPS_S}.get(system, 0.0)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # years far ahead, whose leap seconds nobody knows
-            time: Any = to_time(FileInstants(self.day, self.second + shift_s), precision)
-            scale = {"GPS": "tai"}.get(system, system.lower())
-            return [str(text) for text in getattr(time, scale).isot]
+        gps = check_time_system(system) == "GPS"
+        second = self.second - _TAI_MINUS_GPS_S if gps else self.second
+        with years_ahead():
+            time = Time(self.day, second / DAY_S, format="mjd", scale="tai", precision=precision)
+            return [str(text) for text in getattr(time, "tai" if gps else system.lower()).isot]
 
 
 def check_time_system(name: str) -> str:
-    """The time system, in capitals; UT1 and others are refused, as they need tables from the network."""
+    """The time system, in capitals."""
     if name.upper() not in TIME_SYSTEMS:
         raise InputError(f"must be one of {', '.join(TIME_SYSTEMS)}", value=name)
     return name.upper()
@@ -111,20 +104,13 @@ def instants_of_time(time: Epoch) -> FileInstants:
     return _carried(day, ((jd1 - _JD_OF_MJD_ZERO - day) + jd2) * DAY_S)
 
 
-def to_time(instants: FileInstants, precision: int = 9) -> Time:
-    """Instants as an astropy Time of scale TAI."""
-    from astropy.time import Time
-
-    return Time(instants.day, instants.second / DAY_S, format="mjd", scale="tai", precision=precision)
-
-
 def later(first: FileInstants, seconds: F64) -> FileInstants:
     """Instants that many SI seconds after one instant."""
     return _carried(np.full_like(seconds, first.day[0]), first.second[0] + seconds)
 
 
 def parse_dates(texts: Sequence[str], system: str) -> FileInstants:
-    """Instants of calendar (2025-03-20T12:00:00.5) or day-of-year (2025-079T12:00:00.5) dates.
+    """Instants of calendar (2025-03-20T12:00:00.5, 20 Mar 2025 12:00) or day-of-year (2025-079T12:00:00.5) dates.
 
     Args:
         texts: The dates; a closing Z is allowed.
@@ -135,11 +121,10 @@ def parse_dates(texts: Sequence[str], system: str) -> FileInstants:
     """
     import erfa
 
-    fields = np.empty((len(texts), 2))
-    for row, text in enumerate(texts):
-        fields[row] = _mjd_and_second(text, row)
-    day, second = fields.T
-    _check_leap_seconds(texts, day, second, system)
+    day, second = np.array([mjd_and_second(text, row) for row, text in enumerate(texts)], np.float64).reshape(-1, 2).T
+    for row in np.flatnonzero(second >= DAY_S).tolist():
+        if system != "UTC" or np.diff(_tai_minus_utc_s(day[row] + np.arange(2), np.zeros(2)))[0] < 0.5:
+            raise InputError("must be a time of the day (no leap second then)", value=texts[row], row=row)
     if system == "UTC":
         second = second + _tai_minus_utc_s(day, second)
     elif system == "GPS":
@@ -152,64 +137,46 @@ def parse_dates(texts: Sequence[str], system: str) -> FileInstants:
     return _carried(day, second)
 
 
-def _mjd_and_second(text: str, row: int) -> tuple[int, float]:
-    """Modified Julian day and second of a date; the row is for messages."""
-    match = _CALENDAR.fullmatch(text)
-    if match:
-        year, month, day = int(match[1]), int(match[2]), int(match[3])
-        clock = match.groups()[3:]
-    elif match := _DAY_OF_YEAR.fullmatch(text):
-        year, month, day = int(match[1]), 1, int(match[2])
-        clock = match.groups()[2:]
-    elif match := _GREGORIAN.fullmatch(text):
-        name = match[2].lower()
-        if name not in _MONTHS:
-            raise InputError("must have a month like Jan", value=text, row=row)
-        year, month, day = int(match[3]), _MONTHS.index(name) + 1, int(match[1])
-        clock = match.groups()[3:]
-    else:
+def mjd_and_second(text: str, row: int | None = None, first_year: int = FIRST_YEAR) -> tuple[int, float]:
+    """Modified Julian day and second of a date; whether there was a leap second on its day is not looked at.
+
+    Raises:
+        InputError: It is no date of the years that are read; with the row.
+    """
+    match = _DATE.fullmatch(text)
+    if match is None:
         rule = "must be a date like 2025-03-20T12:00:00.0 or 2025-079T12:00:00.0"
         raise InputError(rule, value=text[:40], row=row)
-    if not FIRST_YEAR <= year < LAST_YEAR:
-        raise InputError(f"must be in the years {FIRST_YEAR} to {LAST_YEAR - 1}", value=text, row=row)
-    hour, minute, second = int(clock[0]), int(clock[1]), float(clock[2])
+    year = int(match["iso_year"] or match["stk_year"])
+    if not first_year <= year < LAST_YEAR:
+        raise InputError(f"must be in the years {first_year} to {LAST_YEAR - 1}", value=text, row=row)
+    if match["name"] and match["name"].lower() not in _MONTHS:
+        raise InputError("must have a month like Jan", value=text, row=row)
     try:
-        first = datetime.date(year, month, 1 if match.re is _DAY_OF_YEAR else day)
+        if match["day_of_year"]:
+            date = datetime.date(year, 1, 1) + datetime.timedelta(days=int(match["day_of_year"]) - 1)
+        elif match["name"]:
+            date = datetime.date(year, _MONTHS.index(match["name"].lower()) + 1, int(match["stk_day"]))
+        else:
+            date = datetime.date(year, int(match["month"]), int(match["day"]))
     except ValueError:
-        raise InputError("must be a day of the calendar", value=text, row=row) from None
-    ordinal = first.toordinal() + (day - 1 if match.re is _DAY_OF_YEAR else 0)
-    if match.re is _DAY_OF_YEAR and not (day >= 1 and datetime.date.fromordinal(ordinal).year == year):
+        date = datetime.date.min
+    if date.year != year:  # also day 0, or day 366 of a common year
         raise InputError("must be a day of the calendar", value=text, row=row)
-    leap = hour == 23 and minute == 59  # whether such a second was, _check_leap_seconds says
-    if hour > 23 or minute > 59 or not second < (61.0 if leap else 60.0):
+    hour, minute, second = int(match["hour"]), int(match["minute"]), float(match["second"])
+    longest_s = 61.0 if (hour, minute) == (23, 59) else 60.0  # a leap second
+    if hour > 23 or minute > 59 or not second < longest_s:
         raise InputError("must be a time of the day", value=text, row=row)
-    return ordinal - _MJD_ZERO, 3600.0 * hour + 60.0 * minute + second
-
-
-def _check_leap_seconds(texts: Sequence[str], day: F64, second: F64, system: str) -> None:
-    """Raise for a second 60 on a day that has none."""
-    for row in np.flatnonzero(second >= DAY_S).tolist():
-        ends = day[row : row + 1]
-        zero = np.zeros(1)
-        if system != "UTC" or _tai_minus_utc_s(ends + 1, zero)[0] - _tai_minus_utc_s(ends, zero)[0] < 0.5:
-            raise InputError("must be a time of the day (no leap second then)", value=texts[row], row=row)
+    return date.toordinal() - _MJD_ZERO, 3600.0 * hour + 60.0 * minute + second
 
 
 def _tai_minus_utc_s(day: F64, second: F64) -> F64:
     """TAI - UTC [s] of UTC days; before 1972 it drifts within them."""
     import erfa
 
-    days, inverse = np.unique(day, return_inverse=True)
-    calendar = [datetime.date.fromordinal(int(d) + _MJD_ZERO) for d in days]
-    year, month, date = (np.array([getattr(c, part) for c in calendar], dtype=np.intc) for part in _DATE_PARTS)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # "dubious year": leap seconds not yet announced
-        fraction = np.minimum(second / DAY_S, 1.0)
-        offset_s: F64 = erfa.dat(year[inverse], month[inverse], date[inverse], fraction)
-    return offset_s
-
-
-_DATE_PARTS = ("year", "month", "day")
+    year, month, date, _ = erfa.jd2cal(_JD_OF_MJD_ZERO, day)
+    with years_ahead():
+        return np.asarray(erfa.dat(year, month, date, np.minimum(second / DAY_S, 1.0)), np.float64)
 
 
 def _carried(day: F64, second: F64) -> FileInstants:

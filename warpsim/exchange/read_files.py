@@ -12,8 +12,7 @@ import numpy as np
 from warpsim.errors import InputError
 from warpsim.exchange.ccsds_message import is_ccsds
 from warpsim.exchange.ccsds_read import read_aem, read_oem
-from warpsim.exchange.names import plain_name
-from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment
+from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, plain_name
 from warpsim.exchange.source import SourceFile, read_source
 from warpsim.exchange.stk_read import is_stk, read_stk_attitude, read_stk_ephemeris
 

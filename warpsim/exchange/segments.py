@@ -1,11 +1,12 @@
 """Segments of orbits and of attitudes from files, checked, in SI units.
 
 A segment is one uninterrupted run of states in one frame; an object may have several. Names of frames are warpsim's
-(`FRAMES`); what other programs call them is in `frame_names`.
+(`FRAMES`); here is also what other programs call them.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -26,6 +27,26 @@ Frame = Literal["GCRF", "EME2000", "ITRF", "TEME", "TOD", "MOD"]
 and mean equator of date."""
 
 FRAMES: tuple[str, ...] = get_args(Frame)
+
+_CCSDS: dict[Frame, str] = {
+    "GCRF": r"GCR[FS]|ICRS|ICRF([-_ ]?[123])?",
+    "EME2000": r"EME2000|J2000",
+    "ITRF": r"ITR[FS]([-_ ]?\d{2,4})?",
+    "TEME": r"TEME(OFDATE)?",
+    "TOD": r"TOD(_EARTH)?",
+    "MOD": r"MOD(_EARTH)?",
+}
+CCSDS_NAME: dict[Frame, str] = {frame: "ITRF2000" if frame == "ITRF" else frame for frame in get_args(Frame)}
+"""What writers of CCSDS files call the frames; realisations of ITRF agree within centimetres."""
+
+STK_NAME: dict[Frame, str] = {
+    "GCRF": "ICRF",
+    "EME2000": "J2000",
+    "ITRF": "Fixed",
+    "TEME": "TEMEOfDate",
+    "TOD": "TrueOfDate",
+    "MOD": "MeanOfDate",
+}
 
 Interpolation = Literal["linear", "lagrange", "hermite"]
 
@@ -253,3 +274,32 @@ def _check_useable(segment: Segment) -> None:
         raise _located(InputError("must not end before it begins", "useable span"), segment)
     if first_s < -1e-6 or last_s > end_s + 1e-6:
         raise _located(InputError("must lie within the times of the data", "useable span"), segment)
+
+
+def ccsds_frame(name: str) -> Frame | None:
+    """The frame of a CCSDS name, also in a table's metadata; None where it is none that is read."""
+    return next((frame for frame, pattern in _CCSDS.items() if re.fullmatch(pattern, name.strip().upper())), None)
+
+
+def known_ccsds_frame(name: str) -> Frame:
+    """The frame of a CCSDS name; one that is not read is an error."""
+    frame = ccsds_frame(name)
+    if frame is None:
+        raise InputError(f"must be one of {', '.join(FRAMES)} (or ICRF, J2000, ITRF-97, ...)", value=name)
+    return frame
+
+
+def known_stk_frame(name: str) -> Frame:
+    """The frame of STK's name of a coordinate system; one that is not read is an error."""
+    for frame, known in STK_NAME.items():
+        if known.lower() == name.strip().lower():
+            return frame
+    raise InputError(f"must be one of {', '.join(STK_NAME.values())}", value=name)
+
+
+def plain_name(name: str, otherwise: str = "object") -> str:
+    """Letters, digits and `_ . -`: each run of others becomes one `_`, none at the ends. `otherwise` if none is left.
+
+    `ISS (ZARYA)` becomes `ISS_ZARYA`.
+    """
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", name).strip("_.-") or otherwise

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,11 @@ class SourceFile:
             return data.decode("utf-8")
         except UnicodeDecodeError:
             return data.decode("latin-1")
+
+    @property
+    def is_xml(self) -> bool:
+        """Whether the content begins as XML does."""
+        return self.data[:4096].lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
 
     def lines(self) -> list[tuple[int, str]]:
         """Lines that are not blank, stripped, each with its number counted from 1.
@@ -87,20 +92,20 @@ def read_source(path: str | os.PathLike[str]) -> SourceFile:
     return SourceFile(file, data)
 
 
-@dataclass(frozen=True)
-class Rows:
+class Rows(NamedTuple):
     """Rows of a table of numbers: cells and line numbers."""
 
     cells: list[list[str]]
     lines: list[int]
 
+    def add(self, line: int, cells: list[str]) -> None:
+        """Add a row."""
+        self.cells.append(cells)
+        self.lines.append(line)
+
 
 def numbers_of(source: SourceFile, rows: Rows, first: int, count: int) -> F64:
-    """Numbers in columns first to first + count of each row, (n, count).
-
-    Raises:
-        InputError: A cell is no finite number; file and line are named.
-    """
+    """Numbers in columns first to first + count of each row, (n, count); all must be finite."""
     try:
         values = np.array([[float(cell) for cell in row[first : first + count]] for row in rows.cells], np.float64)
         good = np.isfinite(values).all() and not any("_" in cell for row in rows.cells for cell in row[first:])
@@ -115,11 +120,7 @@ def numbers_of(source: SourceFile, rows: Rows, first: int, count: int) -> F64:
 
 
 def number_of(source: SourceFile, line: int, text: str, field: str = "") -> float:
-    """One finite number.
-
-    Raises:
-        InputError: It is none.
-    """
+    """One finite number."""
     try:
         value = float(text)
     except ValueError:
@@ -130,11 +131,7 @@ def number_of(source: SourceFile, line: int, text: str, field: str = "") -> floa
 
 
 def whole_number_of(source: SourceFile, line: int, text: str, field: str) -> int:
-    """One whole number.
-
-    Raises:
-        InputError: It is none.
-    """
+    """One whole number."""
     if not (text.isascii() and text.isdigit() and len(text) < 12):
         raise source.error(line, "must be a whole number", field, text[:40])
     return int(text)
@@ -143,23 +140,15 @@ def whole_number_of(source: SourceFile, line: int, text: str, field: str) -> int
 def dates_of(
     source: SourceFile, texts: Sequence[str], lines: Sequence[int], system: str, field: str = ""
 ) -> FileInstants:
-    """Instants of dates that stand on these lines.
-
-    Raises:
-        InputError: One is no date; file and line are named.
-    """
+    """Instants of dates that stand on these lines."""
     try:
         return parse_dates(texts, system)
     except InputError as error:
         raise error.within(field).at_row(f"line {lines[error.row or 0]}").of(source.file) from None
 
 
-def check_cells(source: SourceFile, rows: Rows, counts: tuple[int, ...], what: str) -> int:
-    """The number of cells that every row has, one of counts.
-
-    Raises:
-        InputError: A row has another number of cells.
-    """
+def check_cells(source: SourceFile, rows: Rows, counts: tuple[int, ...], what: str) -> None:
+    """Raise unless every row has the same number of cells, one of counts."""
     count = len(rows.cells[0])
     if count not in counts:
         allowed = " or ".join(map(str, counts))
@@ -167,4 +156,3 @@ def check_cells(source: SourceFile, rows: Rows, counts: tuple[int, ...], what: s
     for row, line in zip(rows.cells, rows.lines, strict=True):
         if len(row) != count:
             raise source.error(line, f"must have {count} values ({what}) as the line before", value=len(row))
-    return count

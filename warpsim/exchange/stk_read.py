@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.exchange.frame_names import known_stk_frame
 from warpsim.exchange.instants import FileInstants, later
-from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame, Interpolation
+from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame, Interpolation, known_stk_frame
 from warpsim.exchange.source import (
     Rows,
     SourceFile,

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError, one_line
-from warpsim.exchange.frame_names import known_ccsds_frame
 from warpsim.exchange.instants import FileInstants, parse_dates
-from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame
+from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame, known_ccsds_frame
 from warpsim.exchange.source import SourceFile
 from warpsim.tables.columns import ColumnTable
 from warpsim.tables.text import read_delimited, read_ecsv

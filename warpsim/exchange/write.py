@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.exchange.frame_names import CCSDS_NAME, STK_NAME
 from warpsim.exchange.instants import FileInstants, parse_dates
-from warpsim.exchange.segments import DEFAULT_DEGREE, AttitudeSegment, EphemerisSegment, Segment
+from warpsim.exchange.segments import CCSDS_NAME, DEFAULT_DEGREE, STK_NAME, AttitudeSegment, EphemerisSegment, Segment
 from warpsim.files import check_new_file, whole_file
 
 F64 = NDArray[np.float64]

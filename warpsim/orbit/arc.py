@@ -15,9 +15,8 @@ from warpsim.config.fields import Number, Positive, closed_interval, rule_error
 from warpsim.config.model import config_model
 from warpsim.constants import DAY_S
 from warpsim.errors import InputError
-from warpsim.instant import Instant, instant_of, years_ahead
+from warpsim.instant import Instant, instant, instant_of, years_ahead
 from warpsim.orbit.earth import geodetic_to_itrs_m
-from warpsim.orbit.epoch import instant
 from warpsim.orbit.flight import Flight, FlightTask, flight_of
 from warpsim.orbit.gravity import Gravity
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
 from warpsim.errors import InputError
-from warpsim.orbit.epoch import tt_jd
+from warpsim.instant import tt_jd
 
 if TYPE_CHECKING:
     from warpsim.instant import Epoch

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -24,9 +24,8 @@ from warpsim.config.fields import FileName, as_tuple
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.exchange.instants import FileInstants, instants_of_time, later
-from warpsim.exchange.names import plain_name, unique_names
 from warpsim.exchange.read_files import ephemeris_of
-from warpsim.exchange.segments import DEFAULT_DEGREE, EphemerisSegment, Frame, Interpolation
+from warpsim.exchange.segments import DEFAULT_DEGREE, EphemerisSegment, Frame, Interpolation, plain_name
 from warpsim.exchange.source import SourceFile, read_source
 from warpsim.orbit.earth import pole_of_date
 from warpsim.orbit.frames import states_to_gcrs
@@ -334,6 +333,18 @@ def _paths(segments: Sequence[EphemerisSegment]) -> list[_Path]:
     for path in paths:
         path.name = plain_name(path.name)
     return paths
+
+
+def unique_names(names: Iterable[str]) -> list[str]:
+    """Plain names; one that comes again gets `_2`, `_3`, ..."""
+    result: list[str] = []
+    for name in map(plain_name, names):
+        number, candidate = 1, name
+        while candidate in result:
+            number += 1
+            candidate = f"{name}_{number}"
+        result.append(candidate)
+    return result
 
 
 def _states(

@@ -18,8 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim.constants import DAY_S
 from warpsim.errors import InputError
 from warpsim.exchange.element_set import ElementSet
-from warpsim.instant import Instant, years_ahead
-from warpsim.orbit.epoch import tt_jd, utc_time
+from warpsim.instant import Instant, tt_jd, utc_time, years_ahead
 from warpsim.orbit.teme import teme_to_gcrs
 
 if TYPE_CHECKING:

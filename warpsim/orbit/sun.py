@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import ASTRONOMICAL_UNIT_M, DAY_S
-from warpsim.orbit.epoch import tdb_jd
+from warpsim.instant import tdb_jd
 
 if TYPE_CHECKING:
     from warpsim.instant import Epoch

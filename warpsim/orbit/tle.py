@@ -23,7 +23,7 @@ from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.exchange.element_set import ElementSet
 from warpsim.exchange.elements_files import parse_element_sets, read_element_sets
-from warpsim.exchange.names import plain_name
+from warpsim.exchange.segments import plain_name
 from warpsim.orbit.sgp4_states import Satellite, age_days, age_notes, sgp4_states
 
 if TYPE_CHECKING:

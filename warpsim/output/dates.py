@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.instant import years_ahead
-from warpsim.orbit.epoch import utc_time
+from warpsim.instant import utc_time, years_ahead
 
 if TYPE_CHECKING:
     from astropy.time import Time

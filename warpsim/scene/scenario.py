@@ -11,10 +11,9 @@ import numpy.typing as npt
 
 from warpsim.arguments import times_s
 from warpsim.errors import InputError
-from warpsim.instant import Instant
+from warpsim.instant import Instant, instant
 from warpsim.orbit.access_constraints import AccessConstraints, MarginFunction
 from warpsim.orbit.eclipse import eclipses, sunlit_fraction
-from warpsim.orbit.epoch import instant
 from warpsim.orbit.sun import sun_position_m
 from warpsim.quaternion import rotated
 from warpsim.radiometry.band import Band

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from warpsim.config.model import adapter, config_model, input_error
 from warpsim.errors import InputError
-from warpsim.orbit.epoch import utc_time
+from warpsim.instant import utc_time
 from warpsim.scene.band_names import without_superseded
 from warpsim.scene.changes import changed
 from warpsim.scene.description import SceneDescription

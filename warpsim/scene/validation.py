@@ -11,7 +11,7 @@ import numpy as np
 
 from warpsim.detector.levels import levels
 from warpsim.errors import InputError
-from warpsim.orbit.epoch import instant
+from warpsim.instant import instant
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, SHIPPED
 from warpsim.scene.attitudes import attitude_tables
