@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import warpsim as ws
-from warpsim.orbit.access import AccessInterval, access_intervals, margins
 from warpsim.instant import utc_time
+from warpsim.orbit.access import AccessInterval, access_intervals, margins
 from warpsim.orbit.gravity import propagate
 from warpsim.orbit.sampling import node_grid, sample_tracks
 from warpsim.orbit.sun import sun_state

@@ -14,8 +14,7 @@ import warpsim as ws
 from docs import field_tables, site_pages
 from warpsim.config.distributions import KINDS
 from warpsim.dataset.sequences import check_extremes
-from warpsim.orbit.constellations import Constellation
-from warpsim.orbit.paths import Orbit
+from warpsim.orbit.constellations import Constellation, Orbit
 from warpsim.scene.scene import Scene
 
 TOP = Path(__file__).parents[1]

@@ -9,7 +9,7 @@ from exchange_samples import AEM, CSV_ATTITUDE, ECSV, OEM
 
 import warpsim as ws
 from warpsim.constants import EARTH_GM_M3_S2
-from warpsim.orbit.kepler import propagate_two_body
+from warpsim.orbit.two_body import propagate_two_body
 
 EPOCH = Time("2016-12-31T23:59:30.123456789", scale="utc")  # half a minute before a leap second
 POSITION_M, CLOCK_S, SPEED_M_S = 1e-9, 1e-9, 2e-12  # the digits written: half a unit of the last, and rounding

@@ -13,7 +13,7 @@ from skyfield.api import load, wgs84
 from warpsim.errors import InputError
 from warpsim.instant import instant
 from warpsim.orbit.arc import BallisticArc
-from warpsim.orbit.lambert import lambert
+from warpsim.orbit.two_body import lambert
 
 MU, RADIUS, J2 = 3.986004418e14, 6378137.0, 1.0826266835e-3
 START, END = (129.67, 40.86), (-118.40, 34.10)

@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 from warpsim.errors import InputError
 from warpsim.instant import utc_time
+from warpsim.orbit.constellations import Orbit
 from warpsim.orbit.elements import (
     KeplerOrbit,
     StateVector,
@@ -21,7 +22,6 @@ from warpsim.orbit.elements import (
     mean_anomaly_of_true_rad,
     state_to_elements,
 )
-from warpsim.orbit.paths import Orbit
 
 MU = 3.986004418e14
 EARTH_M = 6378137.0

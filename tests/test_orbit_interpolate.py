@@ -11,7 +11,7 @@ from scipy.interpolate import BarycentricInterpolator, KroghInterpolator
 from warpsim.constants import EARTH_GM_M3_S2
 from warpsim.errors import InputError
 from warpsim.orbit.interpolate import interpolate, window_size
-from warpsim.orbit.kepler import propagate_two_body
+from warpsim.orbit.two_body import propagate_two_body
 
 EXACT_M = 5e-8  # rounding of 7e6 m through ten nodes, in both codes; measured 1e-8
 EXACT_M_S = 2e-8  # the same over the steps; measured 3e-9

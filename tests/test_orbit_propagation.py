@@ -12,10 +12,10 @@ from warpsim.errors import InputError
 from warpsim.orbit import picard, sampling
 from warpsim.orbit.elements import StateVector
 from warpsim.orbit.gravity import propagate
-from warpsim.orbit.kepler import stumpff
 from warpsim.orbit.picard import NoPathError
 from warpsim.orbit.sampling import choose_step_s, make_tracks, node_grid, sample_tracks
 from warpsim.orbit.track import Track
+from warpsim.orbit.two_body import stumpff
 
 MU, RADIUS, J2 = 3.986004418e14, 6378137.0, 1.0826266835e-3
 POLE = np.array([0.0024, -0.00003, 1.0]) / np.linalg.norm([0.0024, -0.00003, 1.0])  # not the z axis, on purpose

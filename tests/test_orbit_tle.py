@@ -21,8 +21,8 @@ from warpsim.errors import InputError
 from warpsim.instant import utc_time
 from warpsim.orbit.constellations import MixedConstellation
 from warpsim.orbit.earth import timescale
+from warpsim.orbit.frames import teme_to_gcrs
 from warpsim.orbit.sampling import make_tracks
-from warpsim.orbit.teme import teme_to_gcrs
 from warpsim.orbit.tle import TleOrbit, TleSatellites
 
 pytestmark = pytest.mark.filterwarnings("ignore:ERFA function")  # leap seconds of the future are not known

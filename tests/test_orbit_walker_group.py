@@ -10,8 +10,8 @@ import pytest
 from astropy import units as u
 
 from warpsim.errors import InputError
-from warpsim.orbit.group import release_velocities
 from warpsim.orbit.walker import Walker
+from warpsim.scene.motion import release_velocities
 
 MU = 3.986004418e14
 ANGLE_DEG = 1e-11  # rounding of a few operations on 360

@@ -20,10 +20,9 @@ from warpsim.orbit.access_constraints import (
     active_constraints,
     earth_margin_km,
 )
-from warpsim.orbit.grazing import grazing_altitude_m as grazing_altitude_m
+from warpsim.orbit.earth import grazing_altitude_m as grazing_altitude_m
 from warpsim.orbit.intervals import Intervals, find_intervals
-from warpsim.orbit.passes import pass_times_s
-from warpsim.orbit.scan import Scan, break_times_s, scan_times_s
+from warpsim.orbit.scan import Scan, break_times_s, pass_times_s, scan_times_s
 from warpsim.orbit.track import PositionFunction, Track, TrackStack
 
 F64 = NDArray[np.float64]

@@ -18,8 +18,8 @@ from pydantic import AfterValidator, model_validator
 from warpsim.config.fields import Number, Positive, Switch, closed_interval, rule_error
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
+from warpsim.orbit.earth import earth_clearance_m, grazing_altitude_m
 from warpsim.orbit.eclipse import sunlit_depth
-from warpsim.orbit.grazing import earth_clearance_m, grazing_altitude_m
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]

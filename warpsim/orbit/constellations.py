@@ -1,10 +1,14 @@
-"""Constellations made of other parts: a list of orbits, copies of one orbit in a pattern, several constellations."""
+"""Kinds of paths, and constellations made of parts: a list of orbits, copies of one in a pattern, constellations.
+
+Parts are distinguished by their field `kind`. Each has `states(epoch, time_s)`, which gives positions [m] and
+velocities [m/s] in GCRS axes, (n_time, n_object, 3), with one object for an orbit. Constellations have `names` as well.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,19 +18,52 @@ from warpsim.config.fields import Group, Integer, Name, as_tuple, rule_error
 from warpsim.config.model import TOO_DEEP, complete, config_model
 from warpsim.constants import EARTH_GM_M3_S2
 from warpsim.errors import InputError
+from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, pole_of_date
 from warpsim.orbit.elements import KeplerOrbit, StateVector, state_to_elements
-from warpsim.orbit.ephemeris import EphemerisSatellites
+from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
 from warpsim.orbit.gravity import Gravity, propagate
-from warpsim.orbit.kepler import propagate_two_body
-from warpsim.orbit.paths import Orbit, Propagator, SimpleConstellation, states_of
-from warpsim.orbit.tle import TleSatellites
-from warpsim.orbit.walker import Pattern, below_planes, pattern_turns, satellite_names
+from warpsim.orbit.tle import TleOrbit, TleSatellites
+from warpsim.orbit.two_body import propagate_two_body
+from warpsim.orbit.walker import Pattern, Walker, below_planes, pattern_turns, satellite_names
 
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
 
 F64 = NDArray[np.float64]
+
+Orbit = Annotated[
+    BallisticArc | StateVector | KeplerOrbit | TleOrbit | EphemerisOrbit,
+    Field(discriminator="kind"),
+]
+"""The path of one object."""
+
+SimpleConstellation = Walker | TleSatellites | EphemerisSatellites
+"""Constellations that hold no other parts; `Constellation` adds those that do."""
+
+
+class Propagator(Protocol):
+    """Source of states: an orbit, a trajectory or a constellation."""
+
+    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_object, 3)."""
+        ...
+
+
+def states_of(
+    propagator: Propagator, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float] | None = None
+) -> tuple[F64, F64]:
+    """States of a propagator, of which only those within a span matter, if one is given.
+
+    What knows its motion for a limited time only has `states_within(epoch, time_s, within_s)`: it must cover the span,
+    and before and after it the motion goes on freely.
+    """
+    limited = None if within_s is None else getattr(propagator, "states_within", None)
+    if limited is None:
+        return propagator.states(epoch, time_s)
+    position, velocity = limited(epoch, time_s, within_s)
+    return position, velocity
+
 
 DEEPEST_MIXTURE = 20
 """Mixtures of constellations within each other."""

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2, EARTH_J2, EARTH_J3, EARTH_J4
 from warpsim.errors import InputError
-from warpsim.orbit.kepler import propagate_two_body
 from warpsim.orbit.picard import NoPathError, integrate
+from warpsim.orbit.two_body import propagate_two_body
 
 F64 = NDArray[np.float64]
 

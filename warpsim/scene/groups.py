@@ -14,8 +14,7 @@ from warpsim.config.fields import Group, Name, NonNegative, Number, as_tuple, cl
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.orbit.arc import BallisticArc
-from warpsim.orbit.constellations import Constellation
-from warpsim.orbit.paths import Orbit
+from warpsim.orbit.constellations import Constellation, Orbit
 from warpsim.target.attitude import Attitude
 from warpsim.target.attitude_table import AttitudeTable
 from warpsim.target.shapes import Shape
