@@ -19,7 +19,7 @@ from warpsim.instant import utc_time
 from warpsim.orbit.access import AccessInterval, access_intervals, margins
 from warpsim.orbit.gravity import propagate
 from warpsim.orbit.sampling import node_grid, sample_tracks
-from warpsim.orbit.sun import sun_state
+from warpsim.orbit.sun import earth_states
 from warpsim.orbit.track import Track
 
 NODE_STEP_S = 14.0
@@ -69,7 +69,7 @@ def orbits(n_satellite: int, duration_s: float) -> tuple[list[Track], Track, Tra
         )
 
     epoch = utc_time("2025-03-01T00:00:00")
-    sun = sample_tracks(["sun"], lambda t: sun_state(epoch, t), start_s, NODE_STEP_S, n_node)[0]
+    sun = sample_tracks(["sun"], lambda t: earth_states(epoch, t)[:2], start_s, NODE_STEP_S, n_node)[0]
     return (
         tracks(ws.Walker(n_satellite, 20, 1, altitude_km=1598, inclination_deg=78)),
         tracks(ws.Walker(1, 1, 0, altitude_km=700, inclination_deg=50))[0],

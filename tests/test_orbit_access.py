@@ -12,7 +12,7 @@ from warpsim.orbit.access import AccessConstraints, access_intervals, grazing_al
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.gravity import propagate
 from warpsim.orbit.sampling import node_grid, sample_tracks
-from warpsim.orbit.sun import sun_state
+from warpsim.orbit.sun import earth_states
 from warpsim.orbit.track import TrackStack
 from warpsim.orbit.walker import Walker
 
@@ -97,7 +97,7 @@ def scenario():
         walker.names, lambda t: propagate(*walker.state(), t, "j2", arc.pole_icrs), grid[0], 15.0, grid[1]
     )
     target = sample_tracks(["center"], arc.state, grid[0], 15.0, grid[1])[0]
-    sun = sample_tracks(["sun"], lambda t: sun_state(epoch, t), grid[0], 15.0, grid[1])[0]
+    sun = sample_tracks(["sun"], lambda t: earth_states(epoch, t)[:2], grid[0], 15.0, grid[1])[0]
     return sensors, target, sun, arc.pole_icrs
 
 

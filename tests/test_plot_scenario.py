@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 import warpsim as ws
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, EARTH_GM_M3_S2, SPEED_OF_LIGHT_M_S
 from warpsim.orbit.earth import gcrs_to_geodetic
-from warpsim.orbit.sun import earth_velocity_m_s
+from warpsim.orbit.sun import earth_states
 from warpsim.plot.figure import annotate_points, plain, save_figure
 from warpsim.plot.figure_files import draw_access, draw_scenario
 from warpsim.plot.globe import globe_from
@@ -279,7 +279,7 @@ def test_map_marks_access(scene):
 def apparent_positions_px(scene, sensor, time_s, axes):
     """Pixels of the targets by a chain written anew: light time, then the two steps of aberration."""
     observer_m, velocity = (part[0] for part in scene.scenario.tracks.of(sensor).state(np.array([time_s])))
-    earth = earth_velocity_m_s(scene.epoch, np.array([time_s]))[0]
+    earth = earth_states(scene.epoch, np.array([time_s])).velocity_m_s[0]
     directions = []
     for name in scene.target_names:
         emitted_s = time_s
@@ -312,7 +312,7 @@ def test_stars_in_the_view_are_those_of_the_catalog(scene, renderer):
     device = ws.BandIndex(ws.StarCatalog.from_arrays([], [], {})).device
     index = star_index(scene.sky, scene.scenario.epoch, load_catalog(scene.sky), device)
     rows = index.query(view.axes_icrs[2], scene.camera.half_diagonal_rad() + 2e-4)
-    observer = earth_velocity_m_s(scene.epoch, np.array([TIME_S]))[0] + view.velocity_m_s
+    observer = earth_states(scene.epoch, np.array([TIME_S])).velocity_m_s[0] + view.velocity_m_s
     seen = ws.apparent_direction(index.catalog.direction_icrs[rows], observer)
     xy_px, _ = scene.camera.project(seen, view.axes_icrs)
     inside = ((xy_px >= -0.5) & (xy_px < 127.5)).all(axis=1)

@@ -1,13 +1,14 @@
 """Ballistic arcs: free flight between two geodetic points in a given time, as a path of a scene.
 
-The description only; `flight` solves it for an epoch.
+The end points are WGS84 geodetic at their own times, so the end point has turned with the Earth during the flight. The
+arc takes the short way about the Earth's centre. Two-body arcs are Lambert's solution; with J2 (or J2 to J4) Newton's
+method corrects its start velocity until the flight hits the end point (shooting).
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -32,6 +33,12 @@ DEFAULT_EPOCH_UTC = "2000-01-01T12:00:00"
 """The instant of time 0 of an arc that is used by itself and states none."""
 
 _SAME_EPOCH_S = 1e-6
+# Newton stops here; the result misses the end point by the rounding of the propagation, some 1e-8 m.
+_MISS_M = 1e-6
+_WORST_MISS_M = 1e-4  # taken where rounding keeps Newton from _MISS_M (long or nearly 180-degree arcs)
+_NUDGE_M_S = 1e-2  # difference step of the shooting; its error only slows Newton down
+_SAMPLE_S = 10.0
+_GROUND_SLACK_KM = 5.0  # the effect of J2 on a long arc
 
 
 def _pair(value: Any) -> Any:
@@ -95,15 +102,15 @@ class BallisticArc:
         Raises:
             InputError: The arc states another epoch.
         """
-        own = instant(self.epoch_utc or DEFAULT_EPOCH_UTC)
-        start = own if epoch is None else _as_instant(epoch)
-        if self.epoch_utc is not None and _apart_s(own, start) > _SAME_EPOCH_S:
+        own = start = instant(self.epoch_utc or DEFAULT_EPOCH_UTC)
+        if epoch is not None:
+            with years_ahead():
+                start = epoch if isinstance(epoch, Instant) else instant_of(epoch)
+        apart_s = abs((own.tt.jd1 - start.tt.jd1) + (own.tt.jd2 - start.tt.jd2)) * DAY_S
+        if self.epoch_utc is not None and apart_s > _SAME_EPOCH_S:
             rule = f"must be left out, or be when the flight starts ({start.isot})"
             raise InputError(rule, "epoch_utc", self.epoch_utc)
-        task = FlightTask(
-            self.start_lon_lat_deg, self.end_lon_lat_deg, self.duration_s, self.endpoint_altitude_km, self.gravity
-        )
-        return flight_of(task, start)
+        return _flight_of(self, start)
 
     @property
     def end_points_m(self) -> tuple[F64, F64]:
@@ -162,55 +169,22 @@ class BallisticArc:
         return self.flight().range_angle_deg
 
 
-def _as_instant(epoch: Epoch) -> Instant:
-    if isinstance(epoch, Instant):
-        return epoch
-    with years_ahead():
-        return instant_of(epoch)
-
-
-def _apart_s(one: Instant, other: Instant) -> float:
-    return abs((one.tt.jd1 - other.tt.jd1) + (one.tt.jd2 - other.tt.jd2)) * DAY_S
-
-
-# Newton stops here; the result misses the end point by the rounding of the propagation, some 1e-8 m.
-_MISS_M = 1e-6
-_WORST_MISS_M = 1e-4  # taken where rounding keeps Newton from _MISS_M (long or nearly 180-degree arcs)
-_NUDGE_M_S = 1e-2  # difference step of the shooting; its error only slows Newton down
-_SAMPLE_S = 10.0
-_GROUND_SLACK_KM = 5.0  # the effect of J2 on a long arc
-
-
-@dataclass(frozen=True)
-class FlightTask:
-    """Boundary conditions of a flight, independent of its epoch."""
-
-    start_lon_lat_deg: tuple[float, float]
-    """East longitude and WGS84 geodetic latitude at time 0."""
-    end_lon_lat_deg: tuple[float, float]
-    """East longitude and WGS84 geodetic latitude at time duration_s."""
-    duration_s: float
-    endpoint_altitude_km: float
-    """Height of both ends above the WGS84 ellipsoid."""
-    gravity: Gravity
-
-
 class Flight:
     """A flight that starts at an epoch; its start velocity is solved for on first use, and then kept.
 
-    Times count from the epoch; states outside [0, duration_s] continue the free flight. Make one with `flight_of`.
+    Times count from the epoch; states outside [0, duration_s] continue the free flight;
+    `BallisticArc.flight` makes one.
     """
 
-    def __init__(self, task: FlightTask, epoch: Instant) -> None:
-        self.task, self.epoch = task, epoch
+    def __init__(self, arc: BallisticArc, epoch: Instant) -> None:
+        self.arc, self.epoch = arc, epoch
 
     @functools.cached_property
     def end_points_m(self) -> tuple[F64, F64]:
         """Start and end points [m], GCRS axes, each (3,), Earth rotation included."""
-        task = self.task
-        lon, lat = np.transpose([task.start_lon_lat_deg, task.end_lon_lat_deg])
-        times_s = np.array([0.0, task.duration_s])
-        ends = geodetic_to_gcrs_m(lon, lat, 1e3 * task.endpoint_altitude_km, self.epoch, times_s)
+        lon, lat = np.transpose([self.arc.start_lon_lat_deg, self.arc.end_lon_lat_deg])
+        times_s = np.array([0.0, self.arc.duration_s])
+        ends = geodetic_to_gcrs_m(lon, lat, 1e3 * self.arc.endpoint_altitude_km, self.epoch, times_s)
         ends.setflags(write=False)  # callers share them
         return ends[0], ends[1]
 
@@ -221,35 +195,30 @@ class Flight:
 
     @functools.cached_property
     def start_velocity_m_s(self) -> F64:
-        """Velocity at time 0 [m/s], GCRS axes, shape (3,).
-
-        Raises:
-            InputError: When the ends are 180 degrees apart, the flight would pass through the Earth (duration too
-                short or too long for free flight), or the shooting does not converge.
-        """
+        """Velocity at time 0 [m/s], GCRS axes, shape (3,)."""
         start, end = self.end_points_m
-        duration_s = self.task.duration_s
+        duration_s = self.arc.duration_s
         try:
             velocity, _ = lambert(start, end, duration_s)
         except InputError as error:
             raise error.of(f"no arc between the end points in {duration_s:g} s") from None
         self._check_above_ground(start, velocity)
-        solved = velocity if self.task.gravity == "two_body" else self._shoot(start, end, velocity)
+        solved = velocity if self.arc.gravity == "two_body" else self._shoot(start, end, velocity)
         solved.setflags(write=False)
         return solved
 
     def _check_above_ground(self, start: F64, velocity: F64) -> None:
         """Refuse conics through the Earth; the two-body one decides, as J2 moves it by kilometres at most."""
-        duration_s = self.task.duration_s
+        duration_s = self.arc.duration_s
         times_s = np.linspace(0.0, duration_s, max(65, math.ceil(duration_s / _SAMPLE_S) + 1))
         path = propagate(start[None], velocity[None], times_s, "two_body", self.pole_icrs)[0][:, 0]
         lowest_km = float(geodetic_altitude_m(path, self.pole_icrs).min()) / 1e3
-        if lowest_km < min(self.task.endpoint_altitude_km, 0.0) - _GROUND_SLACK_KM:
+        if lowest_km < min(self.arc.endpoint_altitude_km, 0.0) - _GROUND_SLACK_KM:
             raise InputError(f"{duration_s:g} s gives a flight {-lowest_km:.0f} km below the ground", "duration_s")
 
     def _shoot(self, start: F64, end: F64, velocity: F64) -> F64:
         """Newton on the start velocity; the derivative comes from three nudged paths flown beside the nominal one."""
-        gravity, duration_s = self.task.gravity, np.array([self.task.duration_s])
+        gravity, duration_s = self.arc.gravity, np.array([self.arc.duration_s])
         nudges = np.vstack([np.zeros(3), _NUDGE_M_S * np.eye(3)])
         miss_m = math.inf
         for _ in range(12):
@@ -264,23 +233,16 @@ class Flight:
         raise InputError(f"the arc does not converge on its end point, last miss {miss_m:.3g} m")
 
     def state(self, time_s: ArrayLike) -> tuple[F64, F64]:
-        """Return position [m] and velocity [m/s], GCRS axes, each of the shape of time_s plus (3,).
-
-        Args:
-            time_s: Times [s since the epoch], any shape and order, also before 0 and after the end.
-
-        Raises:
-            InputError: As `start_velocity_m_s`.
-        """
+        """Return position [m] and velocity [m/s], GCRS axes, each of the shape of time_s plus (3,)."""
         time = np.asarray(time_s, np.float64)
         start, velocity = self.end_points_m[0], self.start_velocity_m_s
-        states = propagate(start[None], velocity[None], time.ravel(), self.task.gravity, self.pole_icrs)
+        states = propagate(start[None], velocity[None], time.ravel(), self.arc.gravity, self.pole_icrs)
         return states[0].reshape(*time.shape, 3), states[1].reshape(*time.shape, 3)
 
     @functools.cached_property
     def apogee_altitude_km(self) -> float:
         """Largest height of the flight above the equatorial radius, 6378.137 km (the paper: 825.45)."""
-        duration_s, gravity = self.task.duration_s, self.task.gravity
+        duration_s, gravity = self.arc.duration_s, self.arc.gravity
         times_s = np.linspace(0.0, duration_s, max(3, math.ceil(duration_s / _SAMPLE_S) + 1))
         position, velocity = self.state(times_s)
         radius = np.linalg.norm(position, axis=1)
@@ -308,6 +270,6 @@ class Flight:
 
 
 @functools.lru_cache(maxsize=256)
-def flight_of(task: FlightTask, epoch: Instant) -> Flight:
-    """Return the flight that starts at an epoch, the same object for the same task and epoch: it is solved once."""
-    return Flight(task, epoch)
+def _flight_of(arc: BallisticArc, epoch: Instant) -> Flight:
+    """The flight that starts at an epoch, the same object for the same arc and epoch: it is solved once."""
+    return Flight(arc, epoch)

@@ -57,8 +57,74 @@ def _some_files(value: Any) -> Any:
     return (value,) if isinstance(value, os.PathLike) else as_tuple(value)
 
 
+class _FileMotion:
+    """Motion of the objects of files of states."""
+
+    if TYPE_CHECKING:
+        frame: Frame | None
+
+        @property
+        def _sources(self) -> Sequence[SourceFile]: ...
+        @property
+        def _all(self) -> Sequence[_Path]: ...
+
+    @cached_property
+    def checksum(self) -> str:
+        """SHA-256 of the files' bytes, one file after the other, in hexadecimal."""
+        return hashlib.sha256(b"".join(source.data for source in self._sources)).hexdigest()
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Names of the objects, in the order of the files: letters, digits, `_ . -`, unique."""
+        return unique_names(path.name for path in self._all)
+
+    def span_s(self, epoch: Epoch) -> tuple[float, float]:
+        """First and last time that all objects have in common [s since epoch]."""
+        spans = [path.span_s(epoch) for path in self._all]
+        return max(first for first, _ in spans), min(last for _, last in spans)
+
+    def breaks_s(self, epoch: Epoch) -> list[float]:
+        """Times at which segments begin, but for each object's first: a velocity may jump there [s since epoch]."""
+        return sorted({start_s for path in self._all for start_s, _ in path.ends_s(epoch)[1:]})
+
+    def gaps_s(self, epoch: Epoch) -> list[float]:
+        """Times half-way between the end of an object's segment and the beginning of its next [s since epoch]."""
+        pairs = [pair for path in self._all for pair in pairwise(path.ends_s(epoch))]
+        return sorted({0.5 * (one[1] + other[0]) for one, other in pairs})
+
+    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_object, 3).
+
+        Raises:
+            InputError: A time is farther than 60 s from an object's span, or in a gap between its segments.
+        """
+        return _states(self._all, epoch, np.asarray(time_s, np.float64), self.frame)
+
+    def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: Span) -> tuple[F64, F64]:
+        """Return states as `states` does; before and after `within_s` the motion goes on, in free flight if need be.
+
+        Args:
+            epoch: The scene's epoch.
+            time_s: Times [s since epoch], shape (n_time,).
+            within_s: The span that the files must cover, a scene's [s since epoch]. Before and after it the motion is
+                that of the segment there, and free flight beyond that segment.
+
+        Raises:
+            InputError: As `states`, for times within the span.
+        """
+        return _states(self._all, epoch, np.asarray(time_s, np.float64), self.frame, within_s)
+
+    def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
+        """Return warnings, one per object: rows so far apart that positions between them are off by a metre or more.
+
+        Raises:
+            InputError: They are off by a kilometre or more.
+        """
+        return [note for note in (path.note(epoch, 0.0, duration_s) for path in self._all) if note]
+
+
 @config_model
-class EphemerisOrbit:
+class EphemerisOrbit(_FileMotion):
     """Path of one object of a file of states.
 
     Args:
@@ -73,73 +139,20 @@ class EphemerisOrbit:
     kind: Literal["ephemeris"] = "ephemeris"
 
     @cached_property
-    def _source(self) -> SourceFile:
-        return read_source(self.file)
+    def _sources(self) -> list[SourceFile]:
+        return [read_source(self.file)]
 
     @cached_property
-    def checksum(self) -> str:
-        """SHA-256 of the file, in hexadecimal."""
-        return hashlib.sha256(self._source.data).hexdigest()
-
-    @cached_property
-    def _path(self) -> _Path:
-        segments = ephemeris_of(self._source, self.object)
-        paths = _paths(segments)
+    def _all(self) -> list[_Path]:
+        paths = _paths(ephemeris_of(self._sources[0], self.object))
         if len(paths) > 1:
             known = ", ".join(path.name for path in paths)
             raise InputError(f"must be given, the file holds {known}", "object").of(self.file)
-        return paths[0]
-
-    @property
-    def names(self) -> list[str]:
-        """Name of the object, one."""
-        return [self._path.name]
-
-    def span_s(self, epoch: Epoch) -> tuple[float, float]:
-        """First and last time of the file [s since epoch]."""
-        return self._path.span_s(epoch)
-
-    def breaks_s(self, epoch: Epoch) -> list[float]:
-        """Times at which segments begin, but for the first: the velocity may jump there [s since epoch]."""
-        return [start_s for start_s, _ in self._path.ends_s(epoch)[1:]]
-
-    def gaps_s(self, epoch: Epoch) -> list[float]:
-        """Times half-way between the end of a segment and the beginning of the next [s since epoch]."""
-        return self._path.middles_s(epoch)
-
-    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
-        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3).
-
-        Raises:
-            InputError: A time is farther than 60 s from the file's span, or in a gap between segments.
-        """
-        return _states([self._path], epoch, np.asarray(time_s, np.float64), self.frame)
-
-    def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: Span) -> tuple[F64, F64]:
-        """Return states as `states` does; before and after `within_s` the motion goes on, in free flight if need be.
-
-        Args:
-            epoch: The scene's epoch.
-            time_s: Times [s since epoch], shape (n_time,).
-            within_s: The span that the file must cover, a scene's [s since epoch]. Before and after it the motion is
-                that of the segment there, and free flight beyond that segment.
-
-        Raises:
-            InputError: As `states`, for times within the span.
-        """
-        return _states([self._path], epoch, np.asarray(time_s, np.float64), self.frame, within_s)
-
-    def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
-        """Return warnings: rows so far apart that positions between them are off by a metre or more.
-
-        Raises:
-            InputError: They are off by a kilometre or more.
-        """
-        return [note for note in [self._path.note(epoch, 0.0, duration_s)] if note]
+        return paths
 
 
 @config_model
-class EphemerisSatellites:
+class EphemerisSatellites(_FileMotion):
     """All objects of files of states. Segments of one object, by name and number, may come in several files.
 
     Args:
@@ -164,47 +177,8 @@ class EphemerisSatellites:
         return [read_source(file) for file in self.files]
 
     @cached_property
-    def checksum(self) -> str:
-        """SHA-256 of the files' bytes, one file after the other, in hexadecimal."""
-        return hashlib.sha256(b"".join(source.data for source in self._sources)).hexdigest()
-
-    @cached_property
     def _all(self) -> list[_Path]:
         return _paths([segment for source in self._sources for segment in ephemeris_of(source)])
-
-    @cached_property
-    def names(self) -> list[str]:
-        """Names of the objects, in the order of the files: letters, digits, `_ . -`, unique."""
-        return unique_names(path.name for path in self._all)
-
-    def span_s(self, epoch: Epoch) -> tuple[float, float]:
-        """First and last time that all objects have in common [s since epoch]."""
-        spans = [path.span_s(epoch) for path in self._all]
-        return max(first for first, _ in spans), min(last for _, last in spans)
-
-    def breaks_s(self, epoch: Epoch) -> list[float]:
-        """Times at which segments begin, but for each object's first: a velocity may jump there [s since epoch]."""
-        return sorted({start_s for path in self._all for start_s, _ in path.ends_s(epoch)[1:]})
-
-    def gaps_s(self, epoch: Epoch) -> list[float]:
-        """Times half-way between the end of an object's segment and the beginning of its next [s since epoch]."""
-        return sorted({time for path in self._all for time in path.middles_s(epoch)})
-
-    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
-        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_object, 3).
-
-        Raises:
-            InputError: A time is farther than 60 s from an object's span, or in a gap between its segments.
-        """
-        return _states(self._all, epoch, np.asarray(time_s, np.float64), self.frame)
-
-    def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: Span) -> tuple[F64, F64]:
-        """Return states as `states` does; before and after a span the motion goes on, as EphemerisOrbit's."""
-        return _states(self._all, epoch, np.asarray(time_s, np.float64), self.frame, within_s)
-
-    def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
-        """Return warnings, as EphemerisOrbit.notes; one line for each object concerned."""
-        return [note for note in (path.note(epoch, 0.0, duration_s) for path in self._all) if note]
 
 
 class _Path:
@@ -239,43 +213,23 @@ class _Path:
         """Useable span of each segment [s since epoch]."""
         return [_useable_s(segment, lambda instants: instants.since(epoch)) for segment in self.segments]
 
-    def middles_s(self, epoch: Epoch) -> list[float]:
-        """Times half-way between segments [s since epoch]."""
-        return [0.5 * (one[1] + other[0]) for one, other in pairwise(self.ends_s(epoch))]
-
     def span_s(self, epoch: Epoch) -> tuple[float, float]:
         """First and last useable time [s since epoch]."""
         ends = self.ends_s(epoch)
         return ends[0][0], ends[-1][1]
 
-    def sparsest(self, epoch: Epoch, first_s: float, last_s: float) -> tuple[float, float, float]:
-        """The interval between rows, within a span, where interpolation is worst: its error [m], start and end [s]."""
-        worst = 0.0, first_s, last_s
+    def note(self, epoch: Epoch, first_s: float, last_s: float) -> str | None:
+        """One line if the rows within a span are so far apart that positions are off by a metre or more."""
+        worst = 0.0, first_s, last_s  # error [m], and the rows' times
         for segment in self.segments:
             row_s = segment.instants.since(epoch)
             rows = np.flatnonzero((row_s[1:] > first_s) & (row_s[:-1] < last_s))
-            if not rows.size:
-                continue
-            usual: Interpolation = "lagrange" if segment.velocity_m_s is None else "hermite"
-            error_m = sampling_error(
-                row_s,
-                segment.position_m,
-                segment.velocity_m_s,
-                segment.interpolation or usual,
-                segment.degree or DEFAULT_DEGREE,
-                0.5 * (row_s[rows] + row_s[rows + 1]),
-            )
-            at = rows[int(np.argmax(error_m))]
-            worst = max(worst, (float(error_m.max()), float(row_s[at]), float(row_s[at + 1])))
-        return worst
-
-    def note(self, epoch: Epoch, first_s: float, last_s: float) -> str | None:
-        """One line if the rows within a span are so far apart that positions are off by a metre or more.
-
-        Raises:
-            InputError: They are off by a kilometre or more: rows are missing.
-        """
-        error_m, start_s, end_s = self.sparsest(epoch, first_s, last_s)
+            if rows.size:
+                middle_s = 0.5 * (row_s[rows] + row_s[rows + 1])
+                missed_m = sampling_error(row_s, *_table(segment), middle_s)
+                at = rows[int(np.argmax(missed_m))]
+                worst = max(worst, (float(missed_m.max()), float(row_s[at]), float(row_s[at + 1])))
+        error_m, start_s, end_s = worst
         between = f"between rows at {_shown(epoch, start_s)} and {_shown(epoch, end_s)}"
         if error_m >= MISSING_ROWS_M:
             raise self.error(f"rows must be close enough to interpolate: {between} that is some {error_m:.1g} m off")
@@ -309,6 +263,13 @@ def _useable_s(segment: EphemerisSegment, since: Callable[[FileInstants], F64]) 
     instants = segment.useable if segment.useable is not None else segment.instants[[0, -1]]
     time_s = since(instants)
     return float(time_s[0]), float(time_s[1])
+
+
+def _table(segment: EphemerisSegment) -> tuple[F64, F64 | None, Interpolation, int]:
+    """Positions, velocities, method and degree, as `interpolate` takes them."""
+    usual: Interpolation = "lagrange" if segment.velocity_m_s is None else "hermite"
+    method = segment.interpolation or usual
+    return segment.position_m, segment.velocity_m_s, method, segment.degree or DEFAULT_DEGREE
 
 
 def _shown(epoch: Epoch, time_s: float) -> str:
@@ -376,15 +337,8 @@ def _along(path: _Path, epoch: Epoch, times: F64, which: NDArray[np.int64]) -> t
     ends = path.ends_s(epoch)
     for index in np.unique(which).tolist():
         rows, segment = which == index, path.segments[index]
-        usual: Interpolation = "lagrange" if segment.velocity_m_s is None else "hermite"
-        position[rows], velocity[rows] = interpolate(
-            segment.instants.since(epoch),
-            segment.position_m,
-            segment.velocity_m_s,
-            segment.interpolation or usual,
-            segment.degree or DEFAULT_DEGREE,
-            np.clip(times[rows], *ends[index]),
-        )
+        within_s = np.clip(times[rows], *ends[index])
+        position[rows], velocity[rows] = interpolate(segment.instants.since(epoch), *_table(segment), within_s)
     return position, velocity
 
 

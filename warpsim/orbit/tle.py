@@ -1,6 +1,10 @@
-"""Satellites by their element sets (TLE, OMM), moved by SGP4 (`sgp4_states`).
+"""Satellites by their element sets (TLE, OMM), moved by SGP4.
 
-Sets that are given as text are read on construction; a file is read on first use, and then kept.
+Sets that are given as text are read on construction; a file is read on first use, and then kept. SGP4 gives states in
+TEME of date; they are turned into GCRS axes, without which they would be some 45 km off in 2025. Element sets date
+themselves in UTC. The time that SGP4 runs on is the elapsed one, in SI seconds: across a leap second it goes on evenly,
+where a difference of UTC dates, which other programs take, would be a second short (7 km along the path, for sets from
+before a leap second and scenes behind it; the last one was at the end of 2016).
 """
 
 from __future__ import annotations
@@ -9,7 +13,6 @@ import difflib
 import fnmatch
 import hashlib
 import re
-import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
@@ -27,7 +30,7 @@ from warpsim.exchange.element_set import ElementSet
 from warpsim.exchange.elements_files import parse_element_sets, read_element_sets
 from warpsim.exchange.segments import plain_name
 from warpsim.instant import Instant, tt_jd, utc_time, years_ahead
-from warpsim.orbit.frames import teme_to_gcrs
+from warpsim.orbit.frames import frame_to_gcrs
 
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
@@ -46,13 +49,90 @@ def _selectors(value: Any) -> Any:
     return as_tuple(str(value) if isinstance(value, int | np.integer) and not isinstance(value, bool) else value)
 
 
+OLD_DAYS = 30.0
+"""Element sets farther than this from the scene are worth a note: SGP4 loses kilometres a day."""
+
+NEAREST_KM, FARTHEST_KM = 6000.0, 1e6
+"""Distances from the Earth's centre at which SGP4's states are believed: far from their epoch, sets give any."""
+
+_TT_MINUS_TAI_S = 32.184
+_PAIRS_PER_CHUNK = 500_000  # (time, satellite) pairs of SGP4 held at once: some 30 MB
+
+
+class Satellite(NamedTuple):
+    """One object with all the element sets that there are of it."""
+
+    name: str
+    """Unique in its source; letters, digits, `_ . -`."""
+    sets: tuple[ElementSet, ...]
+
+    def set_for(self, epoch_jd_utc: float) -> ElementSet:
+        """The element set nearest to an instant."""
+        return min(self.sets, key=lambda item: abs(sum(item.epoch_jd_utc) - epoch_jd_utc))
+
+
 Lines = Annotated[tuple[str, ...], BeforeValidator(as_tuple)]
 Selector = Annotated[str, BeforeValidator(_selector)]
 Selectors = Annotated[tuple[Selector, ...], BeforeValidator(_selectors)]
 
 
+class _FromElementSets:
+    """Motion of satellites by SGP4."""
+
+    if TYPE_CHECKING:
+        file: str | None
+        lines: tuple[str, ...] | None
+
+        @property
+        def satellites(self) -> tuple[Satellite, ...]: ...
+
+    @property
+    def checksum(self) -> str:
+        """SHA-256 of the element sets' numbers as they were read, in hexadecimal."""
+        numbers = [(item.name, *(one.numbers for one in item.sets)) for item in self.satellites]
+        return hashlib.sha256(repr(numbers).encode()).hexdigest()
+
+    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_satellite, 3).
+
+        Args:
+            epoch: The scene's epoch.
+            time_s: Times [s since epoch], shape (n_time,).
+
+        Raises:
+            InputError: SGP4 has no state for some satellite and time, because it has decayed, say, or one that is
+                closer to the Earth's centre than 6,000 km or farther than 1e6 km.
+        """
+        return _sgp4_states(self.satellites, epoch, time_s)
+
+    def age_days(self, epoch: Epoch) -> F64:
+        """Return the ages of the element sets at an epoch [d], negative before theirs, shape (n_satellite,)."""
+        return _age_days(self.satellites, epoch)
+
+    def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
+        """Return warnings: element sets more than 30 days away from some time of the scene."""
+        first = self.age_days(epoch)
+        farthest = np.maximum(np.abs(first), np.abs(first + duration_s / DAY_S))
+        worst = int(np.argmax(farthest))
+        if not farthest[worst] > OLD_DAYS:
+            return []
+        n_old, name = int(np.sum(farthest > OLD_DAYS)), self.satellites[worst].name
+        which = name if n_old == 1 else f"{n_old} satellites, {name} most"
+        return [
+            f"element sets more than {OLD_DAYS:g} days from the scene: {which} ({farthest[worst]:.0f} days); "
+            "SGP4 loses kilometres a day"
+        ]
+
+    def _check_source(self) -> None:
+        """Check that there is one; sets given as text are read, as the field's path is known now."""
+        if (self.file is None) == (self.lines is None):
+            raise InputError("exactly one must be given", "file, lines")
+        if self.lines is not None:
+            self.satellites  # noqa: B018
+
+
 @config_model
-class TleSatellites:
+class TleSatellites(_FromElementSets):
     """A constellation of satellites given by element sets; give `file` or `lines`.
 
     Of several sets of one object, the one nearest to the scene's epoch is taken. A file is read on first use.
@@ -68,11 +148,9 @@ class TleSatellites:
 
     @model_validator(mode="after")
     def _one_source(self) -> TleSatellites:
-        _check_source(self)
         if self.only is not None and not self.only:
             raise InputError("must choose at least one satellite, or be left out", "only")
-        if self.lines is not None:
-            self.satellites  # noqa: B018  # checked here, where the field's path is known
+        self._check_source()
         return self
 
     @cached_property
@@ -93,35 +171,9 @@ class TleSatellites:
         """Names of the satellites; without one in the source, `norad` and the catalog number."""
         return [item.name for item in self.satellites]
 
-    @property
-    def checksum(self) -> str:
-        """SHA-256 of the element sets' numbers as they were read, in hexadecimal."""
-        return _checksum(self.satellites)
-
-    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
-        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_satellite, 3).
-
-        Args:
-            epoch: The scene's epoch.
-            time_s: Times [s since epoch], shape (n_time,).
-
-        Raises:
-            InputError: SGP4 has no state for some satellite and time, because it has decayed, say, or one that is
-                closer to the Earth's centre than 6,000 km or farther than 1e6 km.
-        """
-        return sgp4_states(self.satellites, epoch, time_s)
-
-    def age_days(self, epoch: Epoch) -> F64:
-        """Return the ages of the element sets at an epoch [d], negative before theirs, shape (n_satellite,)."""
-        return age_days(self.satellites, epoch)
-
-    def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
-        """Return warnings: element sets more than 30 days away from some time of the scene."""
-        return age_notes(self.satellites, epoch, duration_s)
-
 
 @config_model
-class TleOrbit:
+class TleOrbit(_FromElementSets):
     """The path of one object given by element sets; give `file` or `lines`. A file is read on first use."""
 
     file: FileName | None = None
@@ -134,51 +186,22 @@ class TleOrbit:
 
     @model_validator(mode="after")
     def _one_source(self) -> TleOrbit:
-        _check_source(self)
-        if self.lines is not None:
-            self.satellite  # noqa: B018  # checked here, where the field's path is known
+        self._check_source()
         return self
 
     @cached_property
-    def satellite(self) -> Satellite:
-        """The object.
+    def satellites(self) -> tuple[Satellite, ...]:
+        """The object, the only one.
 
         Raises:
             InputError: The file cannot be read or is not valid, or `object` names none or several of its objects.
         """
         found = _satellites(self.file, self.lines)
-        chosen = found if self.object is None else _matches(found, self.object, "object")
+        chosen = found if self.object is None else tuple(_matches(found, self.object, "object"))
         if len(chosen) > 1:
             names = ", ".join(item.name for item in chosen[:3]) + (", ..." if len(chosen) > 3 else "")
             raise InputError(f"must choose one of {len(chosen)} objects ({names})", "object", self.object)
-        return chosen[0]
-
-    @property
-    def checksum(self) -> str:
-        """SHA-256 of the element sets' numbers as they were read, in hexadecimal."""
-        return _checksum([self.satellite])
-
-    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
-        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3); as `TleSatellites.states`."""
-        return sgp4_states([self.satellite], epoch, time_s)
-
-    def age_days(self, epoch: Epoch) -> F64:
-        """Return the age of the element set at an epoch [d], negative before its own, shape (1,)."""
-        return age_days([self.satellite], epoch)
-
-    def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
-        """Return warnings: an element set more than 30 days away from some time of the scene."""
-        return age_notes([self.satellite], epoch, duration_s)
-
-
-def _check_source(part: TleSatellites | TleOrbit) -> None:
-    if (part.file is None) == (part.lines is None):
-        raise InputError("exactly one must be given", "file, lines")
-
-
-def _checksum(satellites: Iterable[Satellite]) -> str:
-    numbers = [(item.name, *(one.numbers for one in item.sets)) for item in satellites]
-    return hashlib.sha256(repr(numbers).encode()).hexdigest()
+        return chosen
 
 
 def _satellites(file: str | None, lines: Sequence[str] | None) -> tuple[Satellite, ...]:
@@ -243,28 +266,6 @@ def _matches(found: Sequence[Satellite], pattern: str, field: str) -> list[Satel
     return chosen
 
 
-OLD_DAYS = 30.0
-"""Element sets farther than this from the scene are worth a note: SGP4 loses kilometres a day."""
-
-NEAREST_KM, FARTHEST_KM = 6000.0, 1e6
-"""Distances from the Earth's centre at which SGP4's states are believed: far from their epoch, sets give any."""
-
-_TT_MINUS_TAI_S = 32.184
-_PAIRS_PER_CHUNK = 500_000  # (time, satellite) pairs of SGP4 held at once: some 30 MB
-
-
-class Satellite(NamedTuple):
-    """One object with all the element sets that there are of it."""
-
-    name: str
-    """Unique in its source; letters, digits, `_ . -`."""
-    sets: tuple[ElementSet, ...]
-
-    def set_for(self, epoch_jd_utc: float) -> ElementSet:
-        """The element set nearest to an instant."""
-        return min(self.sets, key=lambda item: abs(sum(item.epoch_jd_utc) - epoch_jd_utc))
-
-
 def _chosen_sets(satellites: Iterable[Satellite], epoch: Epoch) -> list[ElementSet]:
     jd_utc = float(epoch.utc.jd)
     return [item.set_for(jd_utc) for item in satellites]
@@ -275,13 +276,12 @@ def _tai_minus_utc_s(sets: Sequence[ElementSet]) -> F64:
     import erfa
 
     jd = np.array([item.epoch_jd_utc for item in sets])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", erfa.ErfaWarning)  # future leap seconds are not known
+    with years_ahead():
         return np.asarray(erfa.dat(*erfa.jd2cal(jd[:, 0], jd[:, 1])), np.float64)
 
 
-def age_days(satellites: Sequence[Satellite], epoch: Epoch) -> F64:
-    """Ages of the satellites' element sets at an epoch [d], negative before theirs, shape (n_satellite,)."""
+def _age_days(satellites: Sequence[Satellite], epoch: Epoch) -> F64:
+    """Ages of the satellites' element sets at an epoch [d]."""
     sets = _chosen_sets(satellites, epoch)
     whole, fraction = tt_jd(epoch, 0.0)
     jd = np.array([item.epoch_jd_utc for item in sets])
@@ -289,28 +289,8 @@ def age_days(satellites: Sequence[Satellite], epoch: Epoch) -> F64:
     return np.asarray((whole - jd[:, 0]) + (fraction - jd[:, 1] - offset_s / DAY_S), np.float64)
 
 
-def age_notes(satellites: Sequence[Satellite], epoch: Epoch, duration_s: float) -> list[str]:
-    """One line if element sets are more than OLD_DAYS away from some time of a scene."""
-    first = age_days(satellites, epoch)
-    farthest = np.maximum(np.abs(first), np.abs(first + duration_s / DAY_S))
-    worst = int(np.argmax(farthest))
-    if not farthest[worst] > OLD_DAYS:
-        return []
-    n_old = int(np.sum(farthest > OLD_DAYS))
-    which = satellites[worst].name if n_old == 1 else f"{n_old} satellites, {satellites[worst].name} most"
-    return [
-        f"element sets more than {OLD_DAYS:g} days from the scene: {which} ({farthest[worst]:.0f} days); "
-        "SGP4 loses kilometres a day"
-    ]
-
-
-def sgp4_states(satellites: Sequence[Satellite], epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
-    """Positions [m] and velocities [m/s], GCRS axes, each (n_time, n_satellite, 3).
-
-    Raises:
-        InputError: SGP4 has no state for some satellite and time, or one that is not between NEAREST_KM and FARTHEST_KM
-            from the Earth's centre.
-    """
+def _sgp4_states(satellites: Sequence[Satellite], epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
+    """Positions [m] and velocities [m/s], GCRS axes, each (n_time, n_satellite, 3)."""
     times = np.asarray(time_s, np.float64)
     if times.ndim != 1 or not np.isfinite(times).all():
         raise InputError(f"must be finite and of shape (n,), got shape {times.shape}", "time_s")
@@ -321,7 +301,7 @@ def sgp4_states(satellites: Sequence[Satellite], epoch: Epoch, time_s: ArrayLike
     rows = max(1, _PAIRS_PER_CHUNK // len(sets))
     for start in range(0, len(times), rows):
         block = slice(start, start + rows)
-        turn = np.swapaxes(teme_to_gcrs(epoch, times[block]), 1, 2)
+        turn = np.swapaxes(frame_to_gcrs("TEME", epoch, times[block]), 1, 2)
         for value_s in np.unique(offset_s):
             members = np.flatnonzero(offset_s == value_s)
             some = [(satellites[i].name, sets[i]) for i in members.tolist()]
@@ -351,7 +331,7 @@ def _sgp4_block(
         reason = SGP4_ERRORS.get(int(code[row, column]), "the state is not finite")
         if code[row, column] == 0 and finite[row, column]:
             name, item = members[row]
-            days = age_days([Satellite(name, (item,))], epoch)[0] + times[column] / DAY_S
+            days = _age_days([Satellite(name, (item,))], epoch)[0] + times[column] / DAY_S
             reason = (
                 f"{radius_km[row, column]:.3g} km from the Earth's centre, not {NEAREST_KM:,.0f} to {FARTHEST_KM:,.0f} "
                 f"km, {abs(days):.0f} days {'after' if days >= 0 else 'before'} the element set's epoch"

@@ -1,6 +1,7 @@
-"""Two-body motion in closed form: universal variables, any conic, any time.
+"""Two-body motion: states along any conic at any time, and Lambert's problem.
 
-Source: Bate, Mueller and White, Fundamentals of Astrodynamics, sections 4.3-4.5; Conway (1986) for the root finder.
+Universal variables: Bate, Mueller and White, Fundamentals of Astrodynamics, sections 4.3 to 4.5 and 5.3; the root
+finder is Conway's (1986).
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from warpsim_kernels.pointing import BORESIGHT_REPLACED, SLEWING, UP_REPLACED
 
 from warpsim.arguments import above_zero, whole_number
 from warpsim.errors import InputError
-from warpsim.orbit.sun import earth_position_m
+from warpsim.orbit.sun import earth_states
 from warpsim.render.batch import Columns, HostColumns
 from warpsim.render.contributions import CHUNK_BYTES, MOST_TARGETS, TargetLight, brightest_targets
 from warpsim.render.device_scene import DeviceScene
@@ -120,12 +120,12 @@ class FrameSet:
     @property
     def barycentric_m(self) -> npt.NDArray[np.float64]:
         """Barycentric position of the sensors, ICRS axes [m], shape (frame, sensor, 3)."""
-        return self._from_earth(earth_position_m(self.scenario.epoch, self.time_s)[0])
+        return self._from_earth(earth_states(self.scenario.epoch, self.time_s).barycentric_m)
 
     @property
     def heliocentric_m(self) -> npt.NDArray[np.float64]:
         """Heliocentric position of the sensors, ICRS axes [m], shape (frame, sensor, 3)."""
-        return self._from_earth(earth_position_m(self.scenario.epoch, self.time_s)[1])
+        return self._from_earth(earth_states(self.scenario.epoch, self.time_s).heliocentric_m)
 
     def _from_earth(self, earth_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         geocentric = self._host.views["position_m"].reshape(len(self.frames), len(self.sensors), 3)
