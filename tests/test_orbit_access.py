@@ -8,8 +8,10 @@ import pytest
 
 from warpsim.errors import InputError
 from warpsim.instant import utc_time
-from warpsim.orbit.access import AccessConstraints, access_intervals, grazing_altitude_m, margins
+from warpsim.orbit.access import access_intervals, margins
+from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.orbit.arc import BallisticArc
+from warpsim.orbit.earth import grazing_altitude_m
 from warpsim.orbit.gravity import propagate
 from warpsim.orbit.sampling import node_grid, sample_tracks
 from warpsim.orbit.sun import earth_states

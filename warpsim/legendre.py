@@ -34,14 +34,6 @@ def series_matrix(count: int) -> F64:
 
 
 def series_at(coefficients: F64, t: npt.ArrayLike) -> F64:
-    """Values of series at times in [-1, 1].
-
-    Args:
-        coefficients: Shape (..., n).
-        t: Shape (m,).
-
-    Returns:
-        Shape (..., m).
-    """
+    """Values of series, coefficients (..., n), at times (m,) in [-1, 1]; (..., m)."""
     count = coefficients.shape[-1]
     return np.asarray(coefficients @ np.polynomial.legendre.legvander(np.asarray(t, np.float64), count - 1).T)

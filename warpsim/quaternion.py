@@ -69,10 +69,7 @@ def rotation_between_rad(a: npt.ArrayLike, b: npt.ArrayLike) -> F64:
 def slerp(a: npt.ArrayLike, b: npt.ArrayLike, part: npt.ArrayLike) -> F64:
     """Between a (part = 0) and b (part = 1) at a constant rate about one axis (Shoemake 1985).
 
-    Args:
-        a: Unit quaternions, shape (..., 4).
-        b: The same, with a scalar product >= 0 with a.
-        part: Shape (...).
+    The scalar products of a and b are >= 0, shapes (..., 4); part has the shape (...).
     """
     first, second = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
     u = np.asarray(part, dtype=np.float64)[..., None]

@@ -5,14 +5,14 @@ The Earth must never be in the way; other constraints are those of AccessConstra
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from warpsim.orbit.access_constraints import AccessConstraints as AccessConstraints
 from warpsim.orbit.access_constraints import (
+    AccessConstraints,
     AccessGeometry,
     CameraGeometry,
     Constraint,
@@ -20,8 +20,7 @@ from warpsim.orbit.access_constraints import (
     active_constraints,
     earth_margin_km,
 )
-from warpsim.orbit.earth import grazing_altitude_m as grazing_altitude_m
-from warpsim.orbit.intervals import Intervals, find_intervals
+from warpsim.orbit.intervals import Intervals, PairFunction, PointFunction, find_intervals
 from warpsim.orbit.scan import Scan, break_times_s, pass_times_s, scan_times_s
 from warpsim.orbit.track import PositionFunction, Track, TrackStack
 
@@ -52,22 +51,11 @@ def margins(
     custom: Mapping[str, MarginFunction] | None = None,
     fov: CameraGeometry | None = None,
 ) -> dict[str, F64]:
-    """Return the signed margin of each active constraint, >= 0 where it holds.
+    """Return the signed margin of each active constraint by name, >= 0 where it holds, (n_sensor, n_time) each.
 
-    Args:
-        sensor_m: Sensor positions, geocentric, GCRS axes [m], (n_sensor, n_time, 3).
-        target_m: Target positions [m], (n_time, 3) or broadcastable.
-        sun_m: Sun positions [m], (n_time, 3) or broadcastable.
-        constraints: The constraints.
-        pole_icrs: Unit vector of the ellipsoid's axis, the pole of date, (3,).
-        time_s: Times [s], (n_time,), for custom constraints and the field of view.
-        custom: Custom constraints: functions of an AccessGeometry by name.
-        fov: Camera and axes, for the constraint in_fov.
-
-    Returns:
-        Arrays of the broadcast shape, (n_sensor, n_time): "earth_km" (lowest altitude on the segment) always, and
-        those asked for of "range_km", "min_range_km", "elevation_deg", "max_elevation_deg", "solar_exclusion_deg",
-        "grazing_altitude_km", "background_altitude_km", "target_sunlit", "fov_deg" and the custom ones.
+    "earth_km" (lowest altitude on the segment) is always there, the others are those asked for. Positions are
+    geocentric, GCRS axes [m]: sensors (n_sensor, n_time, 3), the others (n_time, 3) or broadcastable; times are for
+    custom constraints and the field of view.
 
     Raises:
         InputError: A custom constraint gives another shape, or NaN; in_fov without fov.
@@ -123,7 +111,6 @@ def access_intervals(
     """
     time_s = scan_times_s(duration_s, step_s)
     active = constraints_by_cost(constraints, custom)
-    pole = np.asarray(pole_icrs, np.float64)
     breaks_s = breaks_s if breaks_s is not None else [()] * len(sensors)
     intervals: list[AccessInterval] = []
     chunk = max(1, _PAIRS_PER_CHUNK // (len(time_s) + 3 * max(map(len, breaks_s), default=0)))
@@ -133,43 +120,13 @@ def access_intervals(
         bodies.add_breakpoints(breaks_s[rows])
         for passed in (target_position_m, *tracked_m):
             bodies.add_passes(passed)
-        within = Intervals.whole(len(sensors[rows]), 0.0, float(time_s[-1]))
-        found = _chunk_intervals(bodies, active, within, pole, first, fov)
+        found = Intervals.whole(len(sensors[rows]), 0.0, float(time_s[-1]))
+        for constraint in active:
+            at = bodies.margin_functions(constraint, np.asarray(pole_icrs, np.float64), first, fov)
+            found = find_intervals(*at, bodies.scan, found)
         ends = zip(found.row.tolist(), found.start_s.tolist(), found.end_s.tolist(), strict=True)
         intervals += [AccessInterval(first + row, start, end) for row, start, end in ends]
     return intervals
-
-
-def _chunk_intervals(
-    bodies: _ScanPositions,
-    active: Sequence[Constraint],
-    within: Intervals,
-    pole: F64,
-    first: int,
-    fov: CameraGeometry | None,
-) -> Intervals:
-    """Return the intervals in which all constraints hold, for some sensors.
-
-    Args:
-        bodies: Positions of these sensors, the target and the Sun.
-        active: The constraints, cheap ones first.
-        within: Intervals to search.
-        pole: Pole of date, (3,).
-        first: Number of the first of these sensors.
-        fov: Camera and axes, for the constraint in_fov.
-    """
-
-    def at(row: I64, time_s: F64) -> AccessGeometry:
-        return _pairs(*bodies.positions_m(row, time_s), pole, time_s, first + row, fov)
-
-    def at_point(point: I64) -> AccessGeometry:
-        scan = bodies.scan
-        return _pairs(*bodies.scanned_m(point), pole, scan.time_s[point], first + scan.row[point], fov)
-
-    found = within
-    for constraint in active:
-        found = find_intervals(_margin_of(constraint, at), _margin_of(constraint, at_point), bodies.scan, found)
-    return found
 
 
 def constraints_by_cost(
@@ -178,25 +135,6 @@ def constraints_by_cost(
     """Return all active constraints, the Earth's margin too, cheap ones first."""
     active = [Constraint("earth_km", earth_margin_km), *active_constraints(constraints, custom)]
     return sorted(active, key=lambda constraint: constraint.name not in _CHEAPER_THAN_THE_EARTH)
-
-
-def _pairs(
-    sensor_m: F64, target_m: F64, sun_m: F64, pole: F64, time_s: F64, number: I64, fov: CameraGeometry | None
-) -> AccessGeometry:
-    """Geometry of single (sensor, time) pairs, as rows of one time each."""
-    return AccessGeometry(
-        sensor_m[:, None], target_m[:, None], sun_m[:, None], pole, time_s[:, None], number[:, None], fov
-    )
-
-
-def _margin_of(constraint: Constraint, view: Callable[..., AccessGeometry]) -> Callable[..., F64]:
-    """Margin of a constraint at pairs of sensor and time, or at points of the scan."""
-
-    def margin(*pairs: Any) -> F64:
-        geometry = view(*pairs)
-        return np.broadcast_to(constraint.margin(geometry), geometry.shape)[:, 0]
-
-    return margin
 
 
 class _ScanPositions:
@@ -231,6 +169,25 @@ class _ScanPositions:
             scan.row, scan.time_s, passed - sensor, lambda row, t: passed_m(t) - self._sensors.at_m(row, t)
         ))  # fmt: skip
 
+    def margin_functions(
+        self, constraint: Constraint, pole: F64, first: int, fov: CameraGeometry | None
+    ) -> tuple[PairFunction, PointFunction]:
+        """Margins of a constraint at pairs of sensor and time, and at points of the scan."""
+
+        def margin(positions_m: tuple[F64, F64, F64], time_s: F64, row: I64) -> F64:
+            # Single pairs are rows of one time each.
+            bodies_m = (position_m[:, None] for position_m in positions_m)
+            geometry = AccessGeometry(*bodies_m, pole, time_s[:, None], first + row[:, None], fov)
+            return np.broadcast_to(constraint.margin(geometry), geometry.shape)[:, 0]
+
+        def at(row: I64, time_s: F64) -> F64:
+            return margin(self.positions_m(row, time_s), time_s, row)
+
+        def at_point(point: I64) -> F64:
+            return margin(self.scanned_m(point), self.scan.time_s[point], self.scan.row[point])
+
+        return at, at_point
+
     def scanned_m(self, point: I64 | slice) -> tuple[F64, F64, F64]:
         """Positions of sensors, target and Sun at points of the scan [m], (n, 3) each."""
         number = self.scan.number[point]
@@ -250,16 +207,12 @@ class _ScanPositions:
 
 
 class _SensorPositions:
-    """Positions of some sensors: at the times of a grid, and of pairs of sensor and time."""
+    """Positions of some sensors, those of tracks of one node grid side by side."""
 
     def __init__(self, sensors: Sequence[Track] | Sequence[PositionFunction]) -> None:
-        self._stack: TrackStack | None = None
-        self._functions: list[PositionFunction] = []
         tracks = [sensor for sensor in sensors if isinstance(sensor, Track)]
-        if len(tracks) == len(sensors):
-            self._stack = TrackStack(tracks)
-        else:
-            self._functions = [s.position_at_m if isinstance(s, Track) else s for s in sensors]
+        self._stack = TrackStack(tracks) if len(tracks) == len(sensors) else None
+        self._functions = [sensor.position_at_m if isinstance(sensor, Track) else sensor for sensor in sensors]
 
     def on_grid_m(self, time_s: F64) -> F64:
         """Positions of all at times (n,) [m], (n_sensor, n, 3)."""
@@ -272,9 +225,6 @@ class _SensorPositions:
         if self._stack is not None:
             return self._stack.position_m(row, time_s)
         position = np.empty((len(row), 3))
-        order = np.argsort(row, kind="stable")
-        edge = np.searchsorted(row[order], np.arange(len(self._functions) + 1))
         for number in np.unique(row):
-            rows = order[edge[number] : edge[number + 1]]
-            position[rows] = self._functions[number](time_s[rows])
+            position[row == number] = self._functions[number](time_s[row == number])
         return position

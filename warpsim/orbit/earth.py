@@ -52,24 +52,16 @@ def timescale() -> Any:
 
 
 def itrs_to_gcrs(epoch: Epoch, time_s: ArrayLike) -> F64:
-    """Return rotations from Earth-fixed (ITRS) to GCRS axes, of the shape of time_s plus (3, 3).
-
-    Args:
-        epoch: The scene's epoch.
-        time_s: Times [s since epoch], any shape.
-    """
+    """Return rotations from Earth-fixed (ITRS) to GCRS axes at times of any shape, with (3, 3) added."""
     from skyfield.framelib import itrs
 
     return skyfield_to_gcrs(itrs.rotation_at, epoch, time_s)
 
 
 def skyfield_to_gcrs(rotation_at: Callable[[Any], Any], epoch: Epoch, time_s: ArrayLike) -> F64:
-    """Return rotations from one of skyfield's frames to GCRS axes, of the shape of time_s plus (3, 3).
+    """Return rotations from one of skyfield's frames to GCRS axes at times of any shape, with (3, 3) added.
 
-    Args:
-        rotation_at: From skyfield's Time, an array of n, to rotations from GCRS to the frame, (3, 3, n).
-        epoch: The scene's epoch.
-        time_s: Times [s since epoch], any shape.
+    `rotation_at` leads from skyfield's Time, an array of n, to rotations from GCRS to the frame, (3, 3, n).
     """
     whole, fraction = tt_jd(epoch, time_s)
     flat = fraction.ravel()
@@ -99,18 +91,7 @@ def geodetic_to_itrs_m(lon_deg: ArrayLike, lat_deg: ArrayLike, altitude_m: Array
 def geodetic_to_gcrs_m(
     lon_deg: ArrayLike, lat_deg: ArrayLike, altitude_m: ArrayLike, epoch: Epoch, time_s: ArrayLike
 ) -> F64:
-    """Return GCRS positions [m] of points that turn with the Earth.
-
-    Args:
-        lon_deg: East longitude [deg].
-        lat_deg: WGS84 geodetic latitude [deg], -90 to 90.
-        altitude_m: Height above the WGS84 ellipsoid [m].
-        epoch: The scene's epoch.
-        time_s: Times [s since epoch]; broadcasts with the coordinates, the result adds (3,).
-
-    Raises:
-        InputError: On a latitude outside [-90, 90] or NaN.
-    """
+    """Return GCRS positions [m] of WGS84 points that turn with the Earth, of the broadcast shape plus (3,)."""
     lat = np.asarray(lat_deg, np.float64)
     if not np.all(np.abs(lat) <= 90.0):
         raise InputError("must be in [-90, 90]", "lat_deg", lat[~(np.abs(lat) <= 90.0)].flat[0], "g")
@@ -120,13 +101,7 @@ def geodetic_to_gcrs_m(
 
 
 def gcrs_to_geodetic(position_m: ArrayLike, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64, F64]:
-    """Return east longitude [deg] (-180 to 180), WGS84 latitude [deg] and height [m] of GCRS positions, shape (...).
-
-    Args:
-        position_m: Geocentric positions, GCRS axes [m], shape (..., 3).
-        epoch: The scene's epoch.
-        time_s: Times [s since epoch], shape (...).
-    """
+    """Return east longitude [deg] (-180 to 180), WGS84 latitude [deg] and height [m] of GCRS positions, shape (...)."""
     position = np.asarray(position_m, np.float64)
     fixed = np.einsum("...ji,...j->...i", itrs_to_gcrs(epoch, time_s), position)
     height, cosine, sine = meridian_altitude_m(np.hypot(fixed[..., 0], fixed[..., 1]), fixed[..., 2])
@@ -135,22 +110,13 @@ def gcrs_to_geodetic(position_m: ArrayLike, epoch: Epoch, time_s: ArrayLike) -> 
 
 
 def geocentric_radius_m(latitude_sine: ArrayLike) -> F64:
-    """Return the distance from the Earth's centre to the WGS84 ellipsoid [m], the shape of latitude_sine.
-
-    Args:
-        latitude_sine: Sine of the geocentric latitude, -1 to 1.
-    """
+    """Return the distance from the Earth's centre to the WGS84 ellipsoid [m] by the sine of the geocentric latitude."""
     stretch = _ECCENTRICITY_SQUARED / (1.0 - _ECCENTRICITY_SQUARED)
     return np.asarray(EARTH_EQUATORIAL_RADIUS_M / np.sqrt(1.0 + stretch * np.square(latitude_sine)))
 
 
 def geodetic_altitude_m(position_m: ArrayLike, pole_icrs: ArrayLike) -> F64:
-    """Return heights above the WGS84 ellipsoid about a pole [m]; negative inside, exact to 1e-7 m from -100 km up.
-
-    Args:
-        position_m: Geocentric positions [m], shape (..., 3).
-        pole_icrs: Unit vector of the ellipsoid's axis, shape (3,).
-    """
+    """Return heights above the WGS84 ellipsoid about a pole [m]; negative inside, exact to 1e-7 m from -100 km up."""
     position, pole = np.asarray(position_m, np.float64), np.asarray(pole_icrs, np.float64)
     along = position @ pole
     across = np.linalg.norm(position - along[..., None] * pole, axis=-1)
@@ -162,10 +128,6 @@ def meridian_altitude_m(across_m: F64, along_m: F64) -> tuple[F64, F64, F64]:
 
     Two rounds of Bowring's formula in the reduced latitude (B. R. Bowring, Survey Review 23, 1976), from the surface to
     any height. Far inside the Earth the height stays negative and finite, but is no longer the distance.
-
-    Args:
-        across_m: Distance from the axis [m], >= 0.
-        along_m: Distance from the equator plane, north positive [m].
     """
     a, b = EARTH_EQUATORIAL_RADIUS_M, EARTH_POLAR_RADIUS_M
     outer, inner = (a * a - b * b) / b, (a * a - b * b) / a
@@ -187,17 +149,11 @@ _STRETCH = 1.0 / (1.0 - EARTH_FLATTENING)
 
 
 def grazing_altitude_m(start_m: ArrayLike, end_m: ArrayLike, pole_icrs: ArrayLike, *, beyond: bool = False) -> F64:
-    """Return the lowest WGS84 altitude on segments [m], broadcast shape of (..., 3) without the last axis.
+    """Return the lowest WGS84 altitude on segments [m], or on rays `beyond` their ends.
 
     Height above an ellipsoid is convex along a straight line, so it has one minimum: found by Newton's method on its
     slope (geodetic normal times direction) from the point nearest the centre in stretched axes, where the ellipsoid is
     a sphere. Error below 1e-6 m for lines above the surface. For lines that pass through the Earth the sign is right.
-
-    Args:
-        start_m: Where the segments begin, geocentric [m], (..., 3).
-        end_m: Where they end [m], (..., 3).
-        pole_icrs: Unit vector of the ellipsoid's axis, (3,).
-        beyond: Whether to go on beyond the end, without limit.
     """
     a, b, pole = (np.asarray(x, np.float64) for x in (start_m, end_m, pole_icrs))
     path = b - a
@@ -227,8 +183,7 @@ def grazing_altitude_m(start_m: ArrayLike, end_m: ArrayLike, pole_icrs: ArrayLik
 def earth_clearance_m(start_m: ArrayLike, end_m: ArrayLike, pole_icrs: ArrayLike, *, beyond: bool = False) -> F64:
     """Return a length whose sign is that of grazing_altitude_m, and which is within 0.4 % of it near the ground [m].
 
-    Lowest height above the sphere that the ellipsoid becomes in axes stretched along the pole: a closed form, several
-    times cheaper. Arguments as those of grazing_altitude_m.
+    Lowest height above the sphere that the ellipsoid becomes in axes stretched along the pole: several times cheaper.
     """
     a, b, pole = (np.asarray(x, np.float64) for x in (start_m, end_m, pole_icrs))
     path = b - a

@@ -37,13 +37,8 @@ class Eclipse(NamedTuple):
 def sunlit_fraction(position_m: ArrayLike, sun_m: ArrayLike, pole_icrs: ArrayLike | None = None) -> F64:
     """Return the fraction of the Sun's disc seen past the Earth, 0 in the umbra to 1 in full light.
 
-    Args:
-        position_m: Positions, geocentric [m], (..., 3). Below the ground counts as on it.
-        sun_m: Positions of the Sun, geocentric, not those 8 minutes ago [m], broadcastable.
-        pole_icrs: Unit vector of the ellipsoid's axis, (3,); None for a sphere of the equatorial radius.
-
-    Returns:
-        Fractions, broadcast shape without the last axis.
+    Positions are geocentric [m], (..., 3), below the ground as on it; the Sun's that of now, not 8 minutes ago. Without
+    a pole the Earth is a sphere of the equatorial radius.
     """
     return np.clip(sunlit_depth(position_m, sun_m, pole_icrs), 0.0, 1.0)
 
@@ -133,15 +128,7 @@ def eclipses(
     duration_s: float,
     step_s: float = 10.0,
 ) -> list[Eclipse]:
-    """Return the passages of one body through the Earth's shadow within [0, duration_s], ends good to 1 ms.
-
-    Args:
-        position_m: The body's positions; `Track.position_at_m` is one.
-        sun_position_m: The Sun's positions.
-        pole_icrs: As for sunlit_fraction.
-        duration_s: Length of the scenario [s], > 0.
-        step_s: Scan step [s], > 0; a twentieth of the fastest orbit or less.
-    """
+    """Return the passages of one body through the Earth's shadow within [0, duration_s], ends good to 1 ms."""
     time_s = scan_times_s(duration_s, step_s)
 
     def depth(t: F64) -> F64:

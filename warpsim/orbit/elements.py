@@ -45,13 +45,9 @@ class Elements(NamedTuple):
 
 
 def eccentric_anomaly_rad(mean_anomaly_rad: ArrayLike, eccentricity: ArrayLike) -> F64:
-    """Solve Kepler's equation M = E - e sin E for E [rad], broadcast shape.
+    """Solve Kepler's equation M = E - e sin E for E [rad], in the turn of M; 0 <= e < 1.
 
     Newton's method with Halley's correction, kept within the bracket [M - e, M + e]. Error below 1e-15 / (1 - e cos E).
-
-    Args:
-        mean_anomaly_rad: M, any; E is in the same turn.
-        eccentricity: e, 0 <= e < 1.
     """
     mean, e = np.broadcast_arrays(np.asarray(mean_anomaly_rad, np.float64), np.asarray(eccentricity, np.float64))
     turns = np.round(mean / (2.0 * np.pi)) * (2.0 * np.pi)
@@ -90,11 +86,7 @@ def elements_to_state(
     argument_of_perigee_deg: ArrayLike,
     mean_anomaly_deg: ArrayLike,
 ) -> tuple[F64, F64]:
-    """Return positions [m] and velocities [m/s] of closed orbits, each of the broadcast shape plus (3,).
-
-    Raises:
-        InputError: The semi-major axis is not positive, the eccentricity outside [0, 1), or a value not finite.
-    """
+    """Return positions [m] and velocities [m/s] of closed orbits, each of the broadcast shape plus (3,)."""
     a, e, *angles = np.broadcast_arrays(
         *(
             np.asarray(x, np.float64)
@@ -141,11 +133,7 @@ def _axes(tilt: F64, node: F64, along: F64) -> tuple[F64, F64]:
 
 
 def state_to_elements(position_m: ArrayLike, velocity_m_s: ArrayLike) -> Elements:
-    """Return osculating elements of states, of their shape (..., 3) without the last axis.
-
-    Raises:
-        InputError: A state is not finite, or its orbit is not closed, or a fall along a straight line.
-    """
+    """Return osculating elements of states of closed orbits, of their shape (..., 3) without the last axis."""
     r, v = np.broadcast_arrays(np.asarray(position_m, np.float64), np.asarray(velocity_m_s, np.float64))
     if r.shape[-1:] != (3,):
         raise InputError("must have shape (..., 3)", "position_m, velocity_m_s", r.shape)

@@ -29,16 +29,7 @@ F64 = NDArray[np.float64]
 
 
 def frame_to_gcrs(frame: str, epoch: Epoch, time_s: ArrayLike) -> F64:
-    """Return rotations from a frame's axes to GCRS axes, (n_time, 3, 3).
-
-    Args:
-        frame: One of warpsim.exchange.segments.FRAMES.
-        epoch: The scene's epoch.
-        time_s: Times [s since epoch], (n_time,).
-
-    Raises:
-        InputError: The frame is unknown.
-    """
+    """Return rotations from the axes of one of FRAMES to GCRS axes, (n_time, 3, 3)."""
     from skyfield import framelib, sgp4lib
 
     times = np.asarray(time_s, np.float64)
@@ -62,9 +53,6 @@ def states_to_gcrs(frame: str, epoch: Epoch, time_s: F64, position_m: F64, veloc
 
     Velocities are relative to the frame's axes, which turn: by the Earth's rotation in ITRF, by precession and nutation
     (5e-5 m/s in low orbit) in TEME, TOD and MOD. The turning is that of the middle of the times.
-
-    Raises:
-        InputError: The frame is unknown.
     """
     if frame == "GCRF" or len(time_s) == 0:
         return position_m, velocity_m_s
@@ -99,7 +87,7 @@ def eme2000_to_gcrs() -> F64:
 def attitude_in_gcrs(segment: AttitudeSegment, epoch: Epoch) -> tuple[F64, F64]:
     """Return times [s since epoch] (n,) and unit quaternions (x, y, z, scalar) from body to GCRS axes (n, 4).
 
-    Signs are chosen so that neighbours lie on the same side, as interpolation along the shorter way needs them.
+    Neighbours have signs as interpolation along the shorter way needs them.
     """
     time_s = segment.instants.since(epoch)
     quaternion = segment.quaternion

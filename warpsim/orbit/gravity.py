@@ -29,14 +29,10 @@ _PATHS_PER_CHUNK = 256  # integrated side by side: their nodes stay in the proce
 
 
 def zonal_acceleration_m_s2(position_m: F64, zonal: tuple[float, ...]) -> F64:
-    """Return the acceleration of the central term and of J2, J3, ... [m/s2], in axes whose z is the pole.
+    """Return the acceleration of the central term and of J2, J3, ... [m/s2], in axes whose z is the pole, (..., 3, n).
 
     The gradient of mu/r (1 - sum of J_n (R/r)^n P_n(s)), s = z/r: with u = r/|r|, each harmonic adds
     mu J_n R^n / r^(n+2) [((n + 1) P_n + s P_n') u - P_n' pole].
-
-    Args:
-        position_m: Positions [m], shape (..., 3, n).
-        zonal: J2 and the following ones, any number.
     """
     square = np.einsum("...in,...in->...n", position_m, position_m)
     inverse = 1.0 / np.sqrt(square)
@@ -66,18 +62,9 @@ def propagate(
     pole_icrs: ArrayLike,
     state_time_s: float = 0.0,
 ) -> tuple[F64, F64]:
-    """Propagate states from time 0 to each of the times.
+    """Propagate states (n, 3) [m], [m/s] from time 0 to times (m,) of either sign, in any order; each (m, n, 3).
 
-    Args:
-        position_m: Geocentric positions at time 0, inertial axes [m], shape (n, 3).
-        velocity_m_s: Velocities at time 0 [m/s], shape (n, 3).
-        time_s: Times in any order, of either sign [s], shape (m,).
-        gravity: "two_body" (closed form), "j2" or "j4" (J2, J3 and J4).
-        pole_icrs: Unit vector of the pole that the harmonics count from, shape (3,); unused by "two_body".
-        state_time_s: When the states hold after the scene's epoch [s], for the times in error texts.
-
-    Returns:
-        Positions [m] and velocities [m/s], each of shape (m, n, 3).
+    `state_time_s` is when the states hold after the scene's epoch, for the times in error texts.
 
     Raises:
         InputError: On wrong shapes, NaN, or (but for "two_body") a path that falls through half the Earth's radius.

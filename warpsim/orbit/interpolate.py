@@ -24,10 +24,7 @@ Method = Literal["linear", "lagrange", "hermite"]
 
 
 def window_size(method: Method, degree: int, n_node: int) -> int:
-    """Nodes of a window: what the degree needs, or all there are where these are fewer (the degree falls).
-
-    Hermite's degrees are odd; an even one is lowered by one.
-    """
+    """Nodes of a window: what the degree needs (Hermite's are odd), or all where these are fewer (the degree falls)."""
     required = {"linear": 2, "lagrange": degree + 1, "hermite": (degree + 1) // 2}[method]
     return min(max(required, 1), n_node)
 
@@ -37,16 +34,7 @@ def interpolate(
 ) -> tuple[F64, F64]:
     """Return values and their rates between (or a little beyond) the nodes of a table, both (n_time, n_column).
 
-    Args:
-        node_s: Times of the nodes, ascending [s], (n_node,).
-        value: Values there, (n_node, n_column).
-        rate: Their rates [1/s], the same shape; used, and needed, by "hermite" only.
-        method: "linear", "lagrange" or "hermite".
-        degree: Of the polynomials, >= 1; see window_size() for tables too short for it.
-        time_s: Times asked for [s], (n_time,), any order.
-
-    Raises:
-        InputError: On wrong shapes, times not ascending, or "hermite" without rates.
+    Rates of the table are used, and needed, by "hermite" only.
     """
     node, y, t = np.asarray(node_s, np.float64), np.asarray(value, np.float64), np.asarray(time_s, np.float64)
     dy = None if rate is None else np.asarray(rate, np.float64)
@@ -74,8 +62,6 @@ def sampling_error(
 
     Windows of one and two nodes fewer differ from the full one by d1, and among each other by d2; were the differences
     to go on falling so, the next would be d1^2 / d2. An estimate, not a bound: some times too large or too small.
-
-    Args are those of interpolate().
     """
     if method == "linear":
         method, rate, sizes = "lagrange", None, (2, 4, 3)

@@ -67,14 +67,7 @@ def _where_many(some: Sequence[Intervals], least: int) -> Intervals:
 
 
 def find_intervals(at: PairFunction, at_point: PointFunction, scan: Scan, within: Intervals) -> Intervals:
-    """Return the intervals in which the margin is >= 0, as far as `within` reaches.
-
-    Args:
-        at: The margin; objects come in any order.
-        at_point: The same at points of the scan, of which much may be known beforehand.
-        scan: Where to look.
-        within: Inside the scan: nothing else is evaluated, but for two grid steps around.
-    """
+    """Return the intervals in which the margin is >= 0; nothing but `within`, and two steps around, is evaluated."""
     point, first, last = scan.points_within(within.row, within.start_s, within.end_s)
     if len(point) == 0:
         return Intervals(point, np.empty(0), np.empty(0))

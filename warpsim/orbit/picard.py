@@ -68,22 +68,17 @@ def integrate(
     rate_rad_s: float,
     lowest_m: float,
 ) -> tuple[F64, F64]:
-    """Integrate paths from time 0 to each of the times.
+    """Integrate paths (3, n) [m], [m/s] from time 0 to each of the times (m,) of one sign, ascending; each (m, 3, n).
+
+    At any time the result is the same whatever others are asked for, but for rounding.
 
     Args:
         acceleration: The force per mass.
-        position_m: At time 0 [m], shape (3, n).
-        velocity_m_s: At time 0 [m/s], shape (3, n).
-        time_s: Times of one sign, ascending in magnitude [s], shape (m,).
-        rate_rad_s: Fastest angular rate at time 0, for the length of the first segment [rad/s].
-        lowest_m: Paths must stay this far from the centre [m].
-
-    Returns:
-        Positions [m] and velocities [m/s], each (m, 3, n); at any time the same whatever others are asked for, but for
-        rounding.
-
-    Raises:
-        NoPathError: A path comes closer to the centre, or so close that no segment is short enough, or is not finite.
+        position_m: At time 0.
+        velocity_m_s: At time 0.
+        time_s: Times [s].
+        rate_rad_s: Fastest angular rate at time 0, for the length of the first segment.
+        lowest_m: Paths must stay this far from the centre, or NoPathError is raised.
     """
     positions, velocities = np.empty((len(time_s), *position_m.shape)), np.empty((len(time_s), *position_m.shape))
     end_s = float(time_s[-1])

@@ -88,19 +88,16 @@ def sample_tracks(
 ) -> list[Track]:
     """Sample the objects of one propagator on a node grid and measure each one's interpolation error.
 
+    The propagator is called with nodes and interval midpoints together, once but for very many of them.
+
     Args:
         names: One name per object.
-        state: Propagator; called with nodes and interval midpoints together, once but for very many of them.
+        state: Propagator.
         start_s: Time of the first node [s].
         step_s: Node spacing [s].
         n_node: Number of nodes, at least 2.
-        counted_s: From when to when each object's track matters, a pair for all or one each [s], (n_object, 2); the
-            error of intervals that lie outside is not counted.
-        ends: Numbers of the nodes at which the scene begins and ends; the acceleration may jump there, as where a file
-            of states ends.
-
-    Raises:
-        InputError: A state is not finite, or there are more or fewer objects than names.
+        counted_s: From when to when each object's track matters, a pair for all or one each [s], (n_object, 2).
+        ends: Numbers of the nodes at which the scene begins and ends, where the acceleration may jump.
     """
     time_s: F64 = start_s + 0.5 * step_s * np.arange(2 * n_node - 1, dtype=np.float64)
     position_m, velocity_m_s = np.empty((len(time_s), len(names), 3)), np.empty((n_node, len(names), 3))
@@ -148,20 +145,12 @@ def _one_track(
 
 
 def _assessed(dense_m: F64, velocity_m_s: F64, step_s: float, ends: tuple[int, int] | None = None) -> tuple[F64, F64]:
-    """Velocities used by the interpolant, and its error in each interval.
+    """Velocities used by the interpolant (n, ..., 3), and its error in each interval [m], (n - 1, ...).
 
     A velocity that is not the derivative of the positions shifts the interpolant by up to 0.096 step times the
     difference, and not at the middles: it is counted apart, and where all velocities of an object are so, those of the
-    positions replace it. SGP4's are: by some cm/s on near-Earth orbits, by more than 1 m/s on Molniya's.
-
-    Args:
-        dense_m: Positions at nodes and middles [m], (2 n - 1, ..., 3).
-        velocity_m_s: Velocities at nodes [m/s], (n, ..., 3).
-        step_s: From node to node [s].
-        ends: As for sample_tracks; there, and outside, positions of both sides do not determine single velocities.
-
-    Returns:
-        Velocities [m/s], (n, ..., 3), and errors [m], (n - 1, ...).
+    positions replace it. SGP4's are: by some cm/s on near-Earth orbits, by more than 1 m/s on Molniya's. At `ends`, and
+    outside, positions of both sides do not determine single velocities.
     """
     differ_m_s = np.zeros(velocity_m_s.shape[:-1])
     if len(velocity_m_s) > 2:
@@ -210,21 +199,9 @@ def choose_step_s(
 
     The error of smooth motion scales with the fourth power of the step; trials at intervals spread over the scene, and
     never outside it, give the step. It divides the scene evenly, and aims at 80 % of the bound to leave room for what
-    is between the trials. Motion that is not smooth, as that of a table with few digits, may never come below
-    error_m: then the step is taken from where shorter ones stop to help. Meant for satellites and targets: the Sun's
-    distance in float64 is itself rounded to 0.03 mm, so its track takes the step of the others.
-
-    Args:
-        state: Propagator.
-        duration_s: Length of the scene [s].
-        error_m: Bound [m].
-        counted_s: As for sample_tracks.
-        longest_s: Longest step [s].
-        shortest_s: Shortest step [s].
-        names: Of the objects, for error texts.
-
-    Raises:
-        InputError: A state is not finite.
+    is between the trials. Motion that is not smooth, as that of a table with few digits, may never come below error_m:
+    then the step is taken from where shorter ones stop to help. Meant for satellites and targets: the Sun's distance in
+    float64 is itself rounded to 0.03 mm, so its track takes the step of the others.
     """
 
     def states(time_s: F64) -> tuple[F64, F64]:
@@ -306,17 +283,12 @@ def make_tracks(
 ) -> list[Track]:
     """Sample objects with one node step for all, chosen so that the measured error stays below error_m.
 
-    Args:
-        names: One name per object.
-        state: Propagator of all of them.
-        duration_s: Length of the scene [s].
-        error_m: Bound [m]; smooth motion keeps it, for other motion see `Track.error_m`.
-        counted_s: As for sample_tracks.
-        longest_s: Longest step [s].
+    Smooth motion keeps it, for other motion see `Track.error_m`.
 
     Raises:
         InputError: A state is not finite, or no step keeps the error below 1 m: the motion is too rough, or the scene
-            so long that the nodes would not fit into memory.
+        so
+            long that the nodes would not fit into memory.
     """
     shortest_s = max(SHORTEST_STEP_S, duration_s * len(names) / MOST_NODES)
     step_s = choose_step_s(state, duration_s, error_m, counted_s, longest_s, shortest_s, names)

@@ -24,11 +24,7 @@ MOST_SCAN_TIMES = 5_000_000
 
 
 def scan_times_s(duration_s: float, step_s: float) -> F64:
-    """Return uniform times from 0 to duration_s [s], at least three, no farther apart than step_s.
-
-    Raises:
-        InputError: A length is not a number > 0, or there are more than MOST_SCAN_TIMES steps.
-    """
+    """Return uniform times from 0 to duration_s [s], at least three, no farther apart than step_s."""
     for name, value in (("duration_s", duration_s), ("step_s", step_s)):
         if not (isinstance(value, Real) and math.isfinite(value) and value > 0):
             raise InputError("must be a number > 0", name, value)
@@ -68,13 +64,7 @@ class Scan:
         )
 
     def points_within(self, row: I64, start_s: F64, end_s: F64) -> tuple[I64, Mask, Mask]:
-        """Points within intervals, and of two grid steps around; which are the first and last of an unbroken run.
-
-        Args:
-            row: Objects of the intervals, those of each apart from each other; by object, then time.
-            start_s: Where they begin, inside the scan.
-            end_s: Where they end.
-        """
+        """Points within intervals, and of two grid steps around; which are the first and last of an unbroken run."""
         if len(row) == 0:
             return np.empty(0, np.int64), np.empty(0, bool), np.empty(0, bool)
         n_time = self.grid.shape[1]
@@ -96,11 +86,8 @@ class Scan:
 def break_times_s(scan: Scan, breaks_s: Sequence[Sequence[float]]) -> tuple[I64, F64]:
     """Return both sides of each object's breakpoints as further times of a uniform scan, with the points before them.
 
-    Between two breakpoints, and between them and the ends, there are three points at least: enough to show an extremum.
-
-    Args:
-        scan: A uniform scan.
-        breaks_s: For each object, times of a jump or kink; the new motion holds from a breakpoint on.
+    The new motion holds from a breakpoint on. Between two breakpoints, and between them and the ends, there are three
+    points at least: enough to show an extremum.
     """
     grid_s = scan.time_s[scan.grid[0]]
     after, times = [np.empty(0, np.int64)], [np.empty(0)]
@@ -136,11 +123,11 @@ _MOST_ROUNDS = 20
 def pass_times_s(row: I64, time_s: F64, sight_m: F64, sight_at_m: Callable[[I64, F64], F64]) -> tuple[I64, F64]:
     """Return further scan times about close passes, each with the point that it follows; by point, then time.
 
-    Args:
-        row: Objects of the scan points, (n_point,).
-        time_s: Times of the points, ascending for each object [s], (n_point,).
-        sight_m: Vectors from the object to what it passes [m], (n_point, 3).
-        sight_at_m: The same for pairs of object and time, (n,) and (n,) -> (n, 3).
+    Two bodies that pass each other at 7 km/s and 1 km see each other's direction turn by half a circle within a second:
+    between the points of a scan at 10 s a window opens and closes, and no margin shows it. Here steps are divided until
+    the way between the bodies is a fraction of their distance in each. Along a straight pass at a distance b that means
+    points even in asinh(s / b), s counted from the closest approach [m], no more than REACH apart: about the approach
+    the direction turns by REACH [rad] at most from one to the next, farther out the points spread geometrically.
     """
     point = _near(row, time_s, sight_m)
     ends_s = np.stack([time_s[point], time_s[point + 1]], axis=1)

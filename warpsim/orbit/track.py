@@ -115,20 +115,17 @@ class TrackStack:
 
     def position_m(self, track: NDArray[np.int64], time_s: F64) -> F64:
         """Return the positions of pairs of track and time, both (n,): those of Track.position_at_m [m], (n, 3)."""
-        interval, s = self._first._locate(time_s)
-        p0, p1 = self._position_m[track, interval], self._position_m[track, interval + 1]
-        m0, m1 = self._velocity_m_s[track, interval], self._velocity_m_s[track, interval + 1]
-        return _hermite_m(p0, p1, m0 * self._first.step_s, m1 * self._first.step_s, s[:, None])
+        return self._between_m(track, time_s)
 
     def positions_m(self, time_s: F64) -> F64:
         """Return the positions of all tracks at times (n,) [m], (n_track, n, 3)."""
+        return self._between_m(slice(None), time_s)
+
+    def _between_m(self, track: NDArray[np.int64] | slice, time_s: F64) -> F64:
         interval, s = self._first._locate(time_s)
-        p0, p1 = self._position_m[:, interval], self._position_m[:, interval + 1]
-        m0, m1 = self._velocity_m_s[:, interval], self._velocity_m_s[:, interval + 1]
-        return _hermite_m(p0, p1, m0 * self._first.step_s, m1 * self._first.step_s, s[:, None])
-
-
-def _hermite_m(p0: F64, p1: F64, m0: F64, m1: F64, s: F64) -> F64:
-    """Positions between nodes p0 and p1 with slopes m0 and m1, as Track.state has them."""
-    rise = p1 - p0
-    return p0 + s * (m0 + s * (3.0 * rise - 2.0 * m0 - m1 + s * (m0 + m1 - 2.0 * rise)))
+        p0, p1 = self._position_m[track, interval], self._position_m[track, interval + 1]
+        m0, m1 = self._velocity_m_s[track, interval], self._velocity_m_s[track, interval + 1]
+        m0, m1 = m0 * self._first.step_s, m1 * self._first.step_s
+        rise = p1 - p0  # as in Track.state
+        c2, c3 = 3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise
+        return np.asarray(p0 + s[:, None] * (m0 + s[:, None] * (c2 + s[:, None] * c3)))

@@ -44,17 +44,7 @@ def stumpff(z: ArrayLike) -> tuple[F64, F64]:
 
 
 def propagate_two_body(position_m: ArrayLike, velocity_m_s: ArrayLike, time_s: ArrayLike) -> tuple[F64, F64]:
-    """Move states along their conics from time 0 to each time.
-
-    Args:
-        position_m: Geocentric positions at time 0 [m], shape (n, 3).
-        velocity_m_s: Velocities at time 0 [m/s], shape (n, 3).
-        time_s: Times, of either sign [s], shape (m,).
-
-    Returns:
-        Positions [m] and velocities [m/s], each (m, n, 3). Closed orbits take whole periods off the time first, so
-        the error does not grow beyond the rounding of the period times the number of revolutions.
-    """
+    """Move states (n, 3) [m], [m/s] along their conics to times (m,) of either sign; each (m, n, 3)."""
     r0, v0 = np.asarray(position_m, np.float64), np.asarray(velocity_m_s, np.float64)
     times = np.asarray(time_s, np.float64)
     position, velocity = np.empty((len(times), *r0.shape)), np.empty((len(times), *r0.shape))
@@ -115,17 +105,16 @@ _SMALLEST_SINE = 1e-7
 
 
 def lambert(start_m: ArrayLike, end_m: ArrayLike, duration_s: float, direction: Direction = "short") -> tuple[F64, F64]:
-    """Return the velocities at both ends of the two-body arc [m/s], each of shape (3,).
+    """Return the velocities at both ends of the two-body arc of less than one revolution [m/s], each of shape (3,).
 
-    Args:
-        start_m: Geocentric start, inertial axes [m], shape (3,).
-        end_m: Geocentric end, same axes [m], shape (3,).
-        duration_s: Time of flight [s], > 0.
-        direction: "short" sweeps less than 180 degrees about the centre, "long" the rest of the circle.
+    With x^2 = z and k = sqrt(r1 r2 (1 + cos theta)), signed by the direction, the auxiliary y(z) = r1 + r2 - sqrt(2) k
+    cos(x / 2) has no cancellation, and the time of flight grows with z over all of (lowest z, 4 pi^2), so bisection
+    always converges. "short" sweeps less than 180 degrees about the centre, "long" the rest of the circle.
 
     Raises:
-        InputError: On NaN, a duration <= 0, positions at the centre, ends in line with the centre (within 1e-7 rad of
-            0 or 180 degrees apart, where the plane is undefined), or a time too short for any conic in float64.
+        InputError: On NaN, a duration <= 0, positions at the centre, ends in line with the centre (within 1e-7 rad of 0
+        or
+            180 degrees apart, where the plane is undefined), or a time too short for any conic in float64.
     """
     r1, r2 = np.asarray(start_m, np.float64), np.asarray(end_m, np.float64)
     if r1.shape != (3,) or r2.shape != (3,) or not (np.isfinite(r1).all() and np.isfinite(r2).all()):

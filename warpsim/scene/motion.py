@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numpy.typing import ArrayLike, NDArray
 
 from warpsim.errors import InputError
 from warpsim.instant import Instant, instant_after
@@ -37,11 +36,7 @@ class GroupMotion:
 
     @classmethod
     def of(cls, group: TargetGroup) -> GroupMotion:
-        """The motion of a group.
-
-        Raises:
-            InputError: A file of orbits cannot be read.
-        """
+        """The motion of a group."""
         return cls(group.path, group.path_field, tuple(group.releases), group.start_s, group.span_s)
 
 
@@ -110,11 +105,7 @@ class Motion:
 def motion_of(
     constellation: AnyConstellation, groups: Sequence[TargetGroup], epoch: Instant, duration_s: float, seed: int
 ) -> Motion:
-    """Return the motion of all bodies of a scene.
-
-    Raises:
-        InputError: A file of orbits cannot be read.
-    """
+    """Return the motion of all bodies of a scene."""
     return Motion(constellation, tuple(GroupMotion.of(group) for group in groups), epoch, duration_s, seed)
 
 
@@ -128,23 +119,14 @@ def _states_of(
         raise error.within(field) from None
 
 
-F64 = NDArray[np.float64]
-
-
 def release_velocities(
-    main_velocity_m_s: ArrayLike, n: int, speed_m_s: tuple[float, float], seed: int, group: int = 0
+    main_velocity_m_s: npt.ArrayLike, n: int, speed_m_s: tuple[float, float], seed: int, group: int = 0
 ) -> F64:
     """Return inertial velocities of released targets [m/s], shape (n, 3).
 
-    Directions relative to the main target are isotropic, speeds uniform. Target i uses numbers 3i to 3i + 2 of the
-    seed's stream for releases, so a larger group begins with the smaller one.
-
-    Args:
-        main_velocity_m_s: Velocity of the main target at release [m/s], shape (3,).
-        n: Number of released targets, >= 0.
-        speed_m_s: Lowest and highest relative speed [m/s], 0 <= low <= high (the paper's group: 2 to 5).
-        seed: Whole number, 0 <= seed < 2^64.
-        group: Number of the group; each has its random stream.
+    Directions relative to the main target are isotropic, speeds uniform from the lowest to the highest (the paper's
+    group: 2 to 5 m/s). Target i uses numbers 3i to 3i + 2 of the seed's stream for the group's releases, so a larger
+    group begins with the smaller one.
     """
     main = np.asarray(main_velocity_m_s, np.float64)
     if main.shape != (3,) or not np.isfinite(main).all():

@@ -138,15 +138,7 @@ def build_tracks(
 ) -> Tracks:
     """Sample all bodies of a scene on one node grid, with the Sun and the Earth's own motion.
 
-    Live tracks are returned again where all their inputs are the same.
-
-    Args:
-        constellation: The satellites.
-        groups: The groups of targets.
-        targets: Their single targets, as scene_targets gives them.
-        epoch: The scene's.
-        duration_s: Length of the scene [s].
-        seed: Of the releases.
+    Live tracks are returned again where all their inputs are the same. The seed is that of the releases.
 
     Raises:
         InputError: A path cannot be propagated, because it falls through half the Earth's radius or its file ends, say.
