@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -110,7 +111,7 @@ class BallisticArc:
         if self.epoch_utc is not None and apart_s > _SAME_EPOCH_S:
             rule = f"must be left out, or be when the flight starts ({start.isot})"
             raise InputError(rule, "epoch_utc", self.epoch_utc)
-        return _flight_of(self, start)
+        return _flight_of(replace(self, epoch_utc=None), start)
 
     @property
     def end_points_m(self) -> tuple[F64, F64]:

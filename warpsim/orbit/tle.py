@@ -203,6 +203,11 @@ class TleOrbit(_FromElementSets):
             raise InputError(f"must choose one of {len(chosen)} objects ({names})", "object", self.object)
         return chosen
 
+    @property
+    def satellite(self) -> Satellite:
+        """The object, as `satellites` has it."""
+        return self.satellites[0]
+
 
 def _satellites(file: str | None, lines: Sequence[str] | None) -> tuple[Satellite, ...]:
     """Objects of a source; errors say of which."""
