@@ -176,8 +176,8 @@ class _ScanPositions:
 
         def margin(positions_m: tuple[F64, F64, F64], time_s: F64, row: I64) -> F64:
             # Single pairs are rows of one time each.
-            bodies_m = (position_m[:, None] for position_m in positions_m)
-            geometry = AccessGeometry(*bodies_m, pole, time_s[:, None], first + row[:, None], fov)
+            sensor, target, sun = (position_m[:, None] for position_m in positions_m)
+            geometry = AccessGeometry(sensor, target, sun, pole, time_s[:, None], first + row[:, None], fov)
             return np.broadcast_to(constraint.margin(geometry), geometry.shape)[:, 0]
 
         def at(row: I64, time_s: F64) -> F64:

@@ -2,7 +2,7 @@
 
 Windows and gaps shorter than a step of the scan are found where the shape of the margin shows them: local extrema that
 could cross zero between scan points are searched out. What no scan point shows is for the scan to have points at:
-jumps (`scan.with_breaks`) and close passes (`scan.py`).
+jumps (`scan.break_times_s`) and close passes (`scan.pass_times_s`).
 """
 
 from __future__ import annotations
