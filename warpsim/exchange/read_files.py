@@ -35,7 +35,15 @@ def read_ephemeris(path: str | os.PathLike[str], object: str | None = None) -> l
 def ephemeris_of(source: SourceFile, object: str | None = None) -> list[EphemerisSegment]:
     """Like read_ephemeris(), of a file that has been read."""
     with np.errstate(over="ignore"):  # infinity is refused with its line
-        segments = _ephemeris_segments(source)
+        if is_ccsds(source):
+            segments = read_oem(source)
+        elif is_stk(source):
+            segments = read_stk_ephemeris(source)
+        else:
+            from warpsim.exchange.table_read import read_ephemeris_table
+
+            with _hint_at_elements(source, "states"):
+                segments = read_ephemeris_table(source)
     if object is None:
         return segments
     chosen = [s for s in segments if object in (s.object_name, s.object_id, plain_name(s.object_name))]
@@ -43,17 +51,6 @@ def ephemeris_of(source: SourceFile, object: str | None = None) -> list[Ephemeri
         known = ", ".join(dict.fromkeys(s.object_name for s in segments))
         raise InputError(f"must be one of {known}", "object", object).of(source.file)
     return chosen
-
-
-def _ephemeris_segments(source: SourceFile) -> list[EphemerisSegment]:
-    if is_ccsds(source):
-        return read_oem(source)
-    if is_stk(source):
-        return read_stk_ephemeris(source)
-    from warpsim.exchange.table_read import read_ephemeris_table
-
-    with _hint_at_elements(source, "states"):
-        return read_ephemeris_table(source)
 
 
 def read_attitude(path: str | os.PathLike[str]) -> list[AttitudeSegment]:
@@ -68,18 +65,14 @@ def read_attitude(path: str | os.PathLike[str]) -> list[AttitudeSegment]:
 def attitude_of(source: SourceFile) -> list[AttitudeSegment]:
     """Like read_attitude(), of a file that has been read."""
     with np.errstate(over="ignore"):
-        return _attitude_segments(source)
+        if is_ccsds(source):
+            return read_aem(source)
+        if is_stk(source):
+            return read_stk_attitude(source)
+        from warpsim.exchange.table_read import read_attitude_table
 
-
-def _attitude_segments(source: SourceFile) -> list[AttitudeSegment]:
-    if is_ccsds(source):
-        return read_aem(source)
-    if is_stk(source):
-        return read_stk_attitude(source)
-    from warpsim.exchange.table_read import read_attitude_table
-
-    with _hint_at_elements(source, "attitudes"):
-        return read_attitude_table(source)
+        with _hint_at_elements(source, "attitudes"):
+            return read_attitude_table(source)
 
 
 @contextlib.contextmanager

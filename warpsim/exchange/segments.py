@@ -150,7 +150,10 @@ class EphemerisSegment:
             degree: Degree to ask them for.
             time_system: Of the dates when written.
         """
-        start = _epoch_of(epoch) if isinstance(epoch, str) else instants_of_time(epoch)
+        try:
+            start = parse_dates([epoch], "UTC") if isinstance(epoch, str) else instants_of_time(epoch)
+        except InputError as error:
+            raise error.at_row("epoch") from None
         times = np.atleast_1d(np.asarray(time_s, np.float64))
         return cls(
             object_name=object_name,
@@ -213,13 +216,6 @@ Segment = EphemerisSegment | AttitudeSegment
 
 _SAME_TIME_S = 0.5e-9
 """Times this close are one: files are kept to 1e-9 s."""
-
-
-def _epoch_of(text: str) -> FileInstants:
-    try:
-        return parse_dates([text], "UTC")
-    except InputError as error:
-        raise error.at_row("epoch") from None
 
 
 def _located(error: InputError, segment: Segment, row: int | None = None) -> InputError:

@@ -56,6 +56,10 @@ class _Block:
 
     rows: Rows = field(default_factory=lambda: Rows([], []))
 
+    def value(self, keyword: str, fallback: str = "") -> tuple[str, int]:
+        """Value and line of a keyword; the fallback and line 0 where it is not given."""
+        return self.keywords.get(keyword.lower(), (fallback, 0))
+
 
 def is_stk(source: SourceFile) -> bool:
     """Return whether a file looks like one of STK's."""
@@ -63,18 +67,14 @@ def is_stk(source: SourceFile) -> bool:
 
 
 def read_stk_ephemeris(source: SourceFile) -> list[EphemerisSegment]:
-    """Segments of an ephemeris file, cut at its segment boundaries. The object is called as the file is.
-
-    Raises:
-        InputError: File, line, rule, value.
-    """
+    """Segments of an ephemeris file, cut at its segment boundaries. The object is called as the file is."""
     block = _read_block(source, "Ephemeris", _EPHEMERIS_KEYWORDS, _EPHEMERIS_DATA)
     frame, epoch = _frame_and_epoch(source, block, "CoordinateSystem", "CoordinateSystemEpoch")
-    unit_m = _unit_m(source, block)
-    count = _EPHEMERIS_DATA[block.data]
-    check_cells(source, block.rows, (count,), block.data)
-    _check_count(source, block, "NumberOfEphemerisPoints")
-    values = numbers_of(source, block.rows, 0, count)
+    text, line = block.value("DistanceUnit", "meters")
+    if text.lower() not in _UNITS:
+        raise source.error(line, "must be Meters or Kilometers", "DistanceUnit", text)
+    unit_m = _UNITS[text.lower()]
+    values = _checked_values(source, block, _EPHEMERIS_DATA[block.data], "NumberOfEphemerisPoints")
     method, degree = _interpolation(source, block)
     segments = []
     for rows in _pieces(values[:, 0], block.boundary_s):
@@ -85,7 +85,7 @@ def read_stk_ephemeris(source: SourceFile) -> list[EphemerisSegment]:
                 frame=frame,
                 instants=later(epoch, values[rows, 0]),
                 position_m=unit_m * values[rows, 1:4],
-                velocity_m_s=unit_m * values[rows, 4:7] if count >= 7 else None,
+                velocity_m_s=unit_m * values[rows, 4:7] if values.shape[1] >= 7 else None,
                 interpolation=method,
                 degree=degree,
                 file=source.file,
@@ -97,17 +97,10 @@ def read_stk_ephemeris(source: SourceFile) -> list[EphemerisSegment]:
 
 
 def read_stk_attitude(source: SourceFile) -> list[AttitudeSegment]:
-    """The segment of an attitude file. Rates are left out.
-
-    Raises:
-        InputError: File, line, rule, value.
-    """
+    """The segment of an attitude file. Rates are left out."""
     block = _read_block(source, "Attitude", _ATTITUDE_KEYWORDS, _ATTITUDE_DATA)
     frame, epoch = _frame_and_epoch(source, block, "CoordinateAxes", "CoordinateAxesEpoch")
-    count = _ATTITUDE_DATA[block.data]
-    check_cells(source, block.rows, (count,), block.data)
-    _check_count(source, block, "NumberOfAttitudePoints")
-    values = numbers_of(source, block.rows, 0, count)
+    values = _checked_values(source, block, _ATTITUDE_DATA[block.data], "NumberOfAttitudePoints")
     order = [2, 3, 4, 1] if block.data == "AttitudeTimeQuatScalarFirst" else [1, 2, 3, 4]
     return [
         AttitudeSegment(
@@ -152,8 +145,7 @@ def _read_block(source: SourceFile, name: str, keywords: tuple[str, ...], data: 
             inside = "covariance"
             closed = False
         elif block.data and _looks_like_number(words[0]):
-            block.rows.cells.append(words)
-            block.rows.lines.append(number)
+            block.rows.add(number, words)
         else:
             _read_keyword(source, block, known, data, number, line)
         if inside == "covariance" and _words(line) == ["end", name.lower()]:
@@ -209,51 +201,46 @@ def _looks_like_number(word: str) -> bool:
 def _frame_and_epoch(source: SourceFile, block: _Block, name: str, epoch_name: str) -> tuple[Frame, FileInstants]:
     """Frame and scenario epoch, after a look at the keywords that only one value is read of."""
     for keyword, allowed in (("CentralBody", "Earth"), ("TimeFormat", "EpSec")):
-        value, line = block.keywords.get(keyword.lower(), (allowed, 0))
+        value, line = block.value(keyword, allowed)
         if value.lower() != allowed.lower():
             raise source.error(line, f"must be {allowed}", keyword, value)
-    if epoch_name.lower() in block.keywords:
-        line = block.keywords[epoch_name.lower()][1]
+    _, line = block.value(epoch_name)
+    if line:
         raise source.error(line, "must not be given, axes of an epoch are not read", epoch_name)
     for keyword in (name, "ScenarioEpoch"):
-        if keyword.lower() not in block.keywords:
+        if not block.value(keyword)[1]:
             raise source.error(block.line, f"must have {keyword}")
-    text, line = block.keywords[name.lower()]
+    text, line = block.value(name)
     with source.at(line, name):
         frame = known_stk_frame(text)
-    text, line = block.keywords["scenarioepoch"]
+    text, line = block.value("ScenarioEpoch")
     return frame, dates_of(source, [text], [line], "UTC", "ScenarioEpoch")
 
 
-def _unit_m(source: SourceFile, block: _Block) -> float:
-    text, line = block.keywords.get("distanceunit", ("meters", 0))
-    if text.lower() not in _UNITS:
-        raise source.error(line, "must be Meters or Kilometers", "DistanceUnit", text)
-    return _UNITS[text.lower()]
-
-
-def _check_count(source: SourceFile, block: _Block, keyword: str) -> None:
-    if keyword.lower() not in block.keywords:
-        return
-    text, line = block.keywords[keyword.lower()]
-    stated, found = whole_number_of(source, line, text, keyword), len(block.rows.cells)
-    if stated != found:
-        raise source.error(line, f"must be the number of rows, {found}, got {stated}", keyword)
+def _checked_values(source: SourceFile, block: _Block, n_column: int, keyword: str) -> F64:
+    """Numbers of the rows, of which there must be as many as a keyword states."""
+    check_cells(source, block.rows, (n_column,), block.data)
+    text, line = block.value(keyword)
+    found = len(block.rows.cells)
+    if line and whole_number_of(source, line, text, keyword) != found:
+        raise source.error(line, f"must be the number of rows, {found}, got {int(text)}", keyword)
+    return numbers_of(source, block.rows, 0, n_column)
 
 
 def _interpolation(source: SourceFile, block: _Block) -> tuple[Interpolation, int]:
     """Method and degree; STK counts samples less one, under two names."""
-    text, line = block.keywords.get("interpolationmethod", ("Lagrange", 0))
+    text, line = block.value("InterpolationMethod", "Lagrange")
     if text.lower() not in _METHODS:
         raise source.error(line, "must be Lagrange or Hermite", "InterpolationMethod", text)
     method = _METHODS[text.lower()]
     samples_m1 = _DEFAULT_SAMPLES_M1
+    most = 13 if method == "hermite" else 27
     for keyword in ("InterpolationOrder", "InterpolationSamplesM1"):
-        if keyword.lower() in block.keywords:
-            value, line = block.keywords[keyword.lower()]
+        value, line = block.value(keyword)
+        if line:
             samples_m1 = whole_number_of(source, line, value, keyword)
-            if not 1 <= samples_m1 <= (13 if method == "hermite" else 27):
-                raise source.error(line, f"must be 1 to {13 if method == 'hermite' else 27}, got {value}", keyword)
+            if not 1 <= samples_m1 <= most:
+                raise source.error(line, f"must be 1 to {most}, got {value}", keyword)
     return method, 2 * samples_m1 + 1 if method == "hermite" else samples_m1
 
 

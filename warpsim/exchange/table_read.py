@@ -28,9 +28,6 @@ def read_ephemeris_table(source: SourceFile) -> list[EphemerisSegment]:
     Columns: `time_s` (since the scene's epoch) or `time_utc`; `x_m`, `y_m`, `z_m` or `x_km`, ...; if there are
     velocities `vx_m_s`, ... or `vx_km_s`, ...; if there are several objects `name`. The frame is GCRF, or that of a
     comment `# frame = ITRF`, or of `frame` in the metadata of an ECSV file.
-
-    Raises:
-        InputError: File, line, rule, value.
     """
     table = _read(source)
     with source.at(0):
@@ -64,11 +61,7 @@ def read_ephemeris_table(source: SourceFile) -> list[EphemerisSegment]:
 
 
 def read_attitude_table(source: SourceFile) -> list[AttitudeSegment]:
-    """The segment of a table with `time_s` or `time_utc` and `qx`, `qy`, `qz`, `qw` (body to the frame's axes).
-
-    Raises:
-        InputError: File, line, rule, value.
-    """
+    """The segment of a table with `time_s` or `time_utc` and `qx`, `qy`, `qz`, `qw` (body to the frame's axes)."""
     table = _read(source)
     with source.at(0):
         _check_columns(table, "attitude", "qx, qy, qz, qw", ("qx",))
@@ -91,11 +84,7 @@ def read_attitude_table(source: SourceFile) -> list[AttitudeSegment]:
 
 
 def read_temperature_table(source: SourceFile) -> tuple[FileInstants, F64, list[str]]:
-    """Times, temperatures [K] and locations ("line 3") of a table with `time_s` or `time_utc` and `temperature_k`.
-
-    Raises:
-        InputError: File, line, rule, value.
-    """
+    """Times, temperatures [K] and locations ("line 3") of a table with `time_s` or `time_utc` and `temperature_k`."""
     table = _read(source)
     with source.at(0):
         _check_columns(table, "temperature", "temperature_k", ("temperature_k",))
