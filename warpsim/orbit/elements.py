@@ -87,19 +87,8 @@ def elements_to_state(
     mean_anomaly_deg: ArrayLike,
 ) -> tuple[F64, F64]:
     """Return positions [m] and velocities [m/s] of closed orbits, each of the broadcast shape plus (3,)."""
-    a, e, *angles = np.broadcast_arrays(
-        *(
-            np.asarray(x, np.float64)
-            for x in (
-                semi_major_axis_m,
-                eccentricity,
-                inclination_deg,
-                raan_deg,
-                argument_of_perigee_deg,
-                mean_anomaly_deg,
-            )
-        )
-    )
+    given = semi_major_axis_m, eccentricity, inclination_deg, raan_deg, argument_of_perigee_deg, mean_anomaly_deg
+    a, e, *angles = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in given))
     tilt, node, perigee, mean = (np.radians(np.mod(x, 360.0)) for x in angles)
     for name, bad, rule in (
         ("semi_major_axis_m", ~(a > 0.0) | ~np.isfinite(a), "> 0"),
@@ -117,17 +106,17 @@ def elements_to_state(
     speed = np.sqrt(EARTH_GM_M3_S2 / a) / radius_ratio
     x, y = a * ((1.0 - e) - versine), a * narrow * sine
     vx, vy = -speed * sine, speed * narrow * cosine
-    to_perigee, to_side = _axes(tilt, node, perigee)
+    to_perigee, to_side = plane_axes(tilt, node, perigee)
     position = x[..., None] * to_perigee + y[..., None] * to_side
     velocity = vx[..., None] * to_perigee + vy[..., None] * to_side
     return position, velocity
 
 
-def _axes(tilt: F64, node: F64, along: F64) -> tuple[F64, F64]:
+def plane_axes(tilt: ArrayLike, node: F64, along: F64) -> tuple[F64, F64]:
     """Unit vectors in the orbit's plane: at the angle `along` from the node, and a quarter turn ahead."""
     zero = np.zeros_like(node)
     to_node = np.stack([np.cos(node), np.sin(node), zero], axis=-1)
-    to_top = np.stack([-np.sin(node) * np.cos(tilt), np.cos(node) * np.cos(tilt), np.sin(tilt)], axis=-1)
+    to_top = np.stack([-np.sin(node) * np.cos(tilt), np.cos(node) * np.cos(tilt), zero + np.sin(tilt)], axis=-1)
     cosine, sine = np.cos(along)[..., None], np.sin(along)[..., None]
     return cosine * to_node + sine * to_top, cosine * to_top - sine * to_node
 
@@ -154,7 +143,7 @@ def state_to_elements(position_m: ArrayLike, velocity_m_s: ArrayLike) -> Element
     equatorial = flat <= 1e-15 * size
     node = np.where(equatorial, 0.0, np.arctan2(momentum[..., 0], -momentum[..., 1]))
     tilt = np.where(equatorial, np.where(momentum[..., 2] >= 0.0, 0.0, np.pi), tilt)
-    to_node, to_top = _axes(tilt, node, np.zeros_like(node))
+    to_node, to_top = plane_axes(tilt, node, np.zeros_like(node))
     # From the node to the object; the anomaly is taken off, so perigee and anomaly add up exactly.
     along = np.arctan2(np.einsum("...i,...i->...", r, to_top), np.einsum("...i,...i->...", r, to_node))
     circular = e <= 1e-15

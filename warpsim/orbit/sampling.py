@@ -43,7 +43,6 @@ ALWAYS_S = (-math.inf, math.inf)
 """Span of a track that matters throughout [s]."""
 
 _N_TRIAL = 96
-_N_LOOK = 12
 _PAIRS_PER_PIECE = 8_000_000  # states asked for at once: J2's take 1.1 GB, SGP4's 1.8 GB
 _BEND = 3.0**0.5 / 18.0  # largest u (1 - u) (1 - 2 u)
 _INCONSISTENT_M_S = 1e-4
@@ -247,30 +246,14 @@ def _trial_error_m(state: StateFunction, duration_s: float, step_s: float, count
 
 def _missed_at(state: StateFunction, begin_s: F64, step_s: float) -> F64:
     """Errors at the middles of single intervals [m], (n_interval, n_object), with the velocities that a track has."""
-
-    def at(begin_s: F64, *steps: float) -> tuple[F64, F64]:
-        """States that many steps after the beginnings, each (n_steps, n_interval, n_object, 3)."""
-        time_s = np.concatenate([begin_s + step * step_s for step in steps])
-        p, v = (x.reshape(len(steps), len(begin_s), -1, 3) for x in state(time_s))
-        return p, v
-
-    def slopes(p: F64, outer: F64) -> F64:
-        """Slopes of the positions, at beginning and end, (2, n_interval, n_object, 3)."""
-        first = _central(outer[0], outer[1], p[1], p[2], 0.5 * step_s)
-        return np.stack([first, _central(p[0], p[1], outer[2], outer[3], 0.5 * step_s)])
-
-    beyond = -1.0, -0.5, 1.5, 2.0
-    p, v = at(begin_s, 0.0, 0.5, 1.0)
-    v = v[::2]
-    some = slice(0, _N_LOOK)  # intervals enough to see whether velocities are those of the positions
-    outer = at(begin_s[some], *beyond)[0]
-    differ_m_s = np.linalg.norm(slopes(p[:, some], outer) - v[:, some], axis=-1)
-    replaced = np.median(differ_m_s, axis=(0, 1)) > _INCONSISTENT_M_S
-    if replaced.any():
-        outer = np.concatenate([outer, at(begin_s[_N_LOOK:], *beyond)[0]], axis=1)
-        v = np.where(replaced[:, None], slopes(p, outer), v)
-    missed_m: F64 = np.linalg.norm(_middle_m(p[0], p[2], v[0], v[1], step_s) - p[1], axis=-1)
-    return missed_m
+    # States half a step apart, from one step before each interval to one behind it, (7, n_interval, n_object, 3).
+    time_s = begin_s + step_s * np.arange(-1.0, 2.5, 0.5)[:, None]
+    p, v = (x.reshape(*time_s.shape, -1, 3) for x in state(time_s.ravel()))
+    slope_m_s = np.stack([_central(*p[[0, 1, 3, 4]], 0.5 * step_s), _central(*p[[2, 3, 5, 6]], 0.5 * step_s)])
+    v = v[[2, 4]]
+    replaced = np.median(np.linalg.norm(slope_m_s - v, axis=-1), axis=(0, 1)) > _INCONSISTENT_M_S
+    v = np.where(replaced[:, None], slope_m_s, v)
+    return np.asarray(np.linalg.norm(_middle_m(p[2], p[4], v[0], v[1], step_s) - p[3], axis=-1))
 
 
 def make_tracks(

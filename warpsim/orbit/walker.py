@@ -18,6 +18,7 @@ from warpsim.config.fields import Group, Integer, Name, Number, Positive, closed
 from warpsim.config.model import config_model
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
 from warpsim.orbit.earth import pole_of_date
+from warpsim.orbit.elements import plane_axes
 from warpsim.orbit.gravity import Gravity, propagate
 
 if TYPE_CHECKING:
@@ -146,12 +147,8 @@ class Walker:
         radius_m = EARTH_EQUATORIAL_RADIUS_M + 1e3 * self.altitude_km
         speed_m_s = math.sqrt(EARTH_GM_M3_S2 / radius_m)
         node, along = np.radians(self.raan_deg), np.radians(self.mean_anomaly_deg)
-        tilt = math.radians(self.inclination_deg)
-        zero = np.zeros_like(node)
-        to_node = np.stack([np.cos(node), np.sin(node), zero], axis=1)
-        to_top = np.stack([-np.sin(node) * math.cos(tilt), np.cos(node) * math.cos(tilt), zero + math.sin(tilt)], 1)
-        cosine, sine = np.cos(along)[:, None], np.sin(along)[:, None]
-        return radius_m * (cosine * to_node + sine * to_top), speed_m_s * (cosine * to_top - sine * to_node)
+        outward, ahead = plane_axes(np.radians(self.inclination_deg), node, along)
+        return radius_m * outward, speed_m_s * ahead
 
     def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, n_satellite, 3).
