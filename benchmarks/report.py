@@ -24,7 +24,7 @@ from benchmarks.tables.markdown import Case, cases_of  # noqa: E402
 RESULTS = TOP / "benchmarks" / "results"
 ORDER = (
     "fps", "peers", "peer_sdasim", "stages", "machine_code", "savings", "scaling", "approximations", "first_frame",
-    "deposit", "read_out", "datasets", "signatures", "earth_areas", "star_query", "star_places", "orbits", "access",
+    "deposit", "read_out", "datasets", "signatures", "star_query", "star_places", "orbits", "access",
 )  # fmt: skip
 """Of the sections; others come behind."""
 

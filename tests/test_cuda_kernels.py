@@ -31,7 +31,6 @@ PTX_ARCH = 75  # Turing: the oldest that Warp's CUDA 13 supports; PTX runs on ev
 EVERYTHING = Features(
     attitude_tables=True, meshes=True, sun=True, earth=True, albedo=True, profile=True, distortion=True, spectral=True
 )
-SERIES = EVERYTHING._replace(albedo_degree=12, earth_degree=14)
 NEI_TERMS = ReadOutFeatures(bad_pixels=True, prnu=True, dsnu=True, column_noise=True, nonlinearity=True)
 ELECTRON_TERMS = NEI_TERMS._replace(electrons=True, shot_noise=True, small_means=True, read_noise=True)
 READ_OUTS = [ReadOutFeatures(), NEI_TERMS, ELECTRON_TERMS]
@@ -39,9 +38,7 @@ NODES = TableLayout(0, 6)
 LAYOUTS = [*(TableLayout(degree) for degree in CELL_DEGREES), *(TableLayout(0, n_point) for n_point in TABLE_POINTS)]
 FACTORY_ARGUMENTS = {
     "make_aim_kernel": [(AimFeatures(track=True),), (AimFeatures(*[True] * len(AimFeatures._fields)),)],
-    "make_observe_targets_kernel": [(Features(),), (EVERYTHING,), (SERIES,)],
-    "make_albedo_series_kernel": [(4,), (12,)],
-    "make_albedo_table_kernel": [(4,), (12,)],
+    "make_observe_targets_kernel": [(Features(),), (EVERYTHING,), (EVERYTHING._replace(albedo_degree=12),)],
     "make_split_kernel": [(EVERYTHING,)],
     "make_profile_kernel": [(Features(profile=True),), (EVERYTHING,)],
     "make_reach_kernel": [(False,), (True,)],

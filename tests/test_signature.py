@@ -19,6 +19,7 @@ from warpsim.render.buffers import new_area_series
 from warpsim.render.stages import aim, observe_targets
 from warpsim.render.target_field import earth_struct, motion_struct
 from warpsim.target.attitude import BodyMotion, attitude_frame
+from warpsim.target.earth_light import INFRARED_ERRORS
 
 SEED = 31415
 AXES_ATOL = 2e-14  # phases of both sides are rounded once
@@ -161,8 +162,8 @@ def test_reflected_heat_of_the_earth_is_that_of_a_mesh(day, device, target, reco
         kelvin = {"A": 275.0, "E": 260.0}[row["band"]]
         seen = np.sum(np.maximum(turned @ view / np.linalg.norm(view), 0) * factor * area)
         intensity = spec.surface.reflectance_in(row["band"]) * ws.band_radiance_w_m2_sr(kelvin, row["band"]) * seen
-        rule = day.lighting.quadrature_error * np.pi * 0.5**2 * spec.surface.reflectance_in(row["band"])
-        slack = rule * ws.band_radiance_w_m2_sr(kelvin, row["band"]) * 1e-4 / np.sum(view**2)
+        most = INFRARED_ERRORS[0] * np.pi * 0.5**2 * spec.surface.reflectance_in(row["band"])
+        slack = most * ws.band_radiance_w_m2_sr(kelvin, row["band"]) * 1e-4 / np.sum(view**2)
         expected = intensity / np.sum(view**2) * 1e-4
         assert row["earth_w_cm2"] == pytest.approx(expected, rel=FACET_RTOL, abs=slack)
         error = abs(row["earth_w_cm2"] - expected) / max(slack, FACET_RTOL * expected)
@@ -171,23 +172,9 @@ def test_reflected_heat_of_the_earth_is_that_of_a_mesh(day, device, target, reco
 
 
 @pytest.mark.ci
-def test_earth_term_to_its_quadrature(day, device):
-    """The finest rule against the default: within what was asked."""
-    day = day.replace(lighting__albedo_error=1e-3)
-    fine = day.replace(lighting__quadrature_error=1e-5, lighting__albedo_error=1e-5, lighting__leave_out_nei=0.0)
-    times = np.linspace(0, 1600, 41)
-    both = [ws.light_curves(s, times, ["sat11", "sat47", "sat27"], device=device) for s in (day, fine)]
-    for name in ("earth", "albedo"):
-        default, exact = (curves.terms_w_cm2[name] for curves in both)
-        missed = np.abs(default - exact).max(axis=(0, 1))
-        assert (missed <= day.lighting.quadrature_error * 4 * exact.max(axis=(0, 1))).all()
-        assert missed.max() > 0
-
-
-@pytest.mark.ci
 def test_sunlight_by_way_of_the_earth_is_that_of_patches(day, device, record_accuracy):
     """A sphere: the Earth's disc in 400 x 400 patches, each a small sun."""
-    fine = day.replace(lighting__albedo_error=1e-3)
+    fine = day.replace(lighting__albedo_error=2e-3)
     row, short = (ws.light_curves(s, [200.0], ["sat11"], ["sphere04"], ["A"], device=device) for s in (fine, day))
     emitted_s = 200.0 - row.range_km.item() * 1e3 / 299792458.0
     place = day.position_m("sphere04", [emitted_s])[0]
@@ -223,38 +210,17 @@ def test_sunlight_by_way_of_the_earth_is_that_of_patches(day, device, record_acc
     assert short.terms_w_cm2["albedo"].item() == pytest.approx(expected, rel=day.lighting.albedo_error, abs=0)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("error", "degree"), [(1e-2, 4), (5e-3, 8), (2e-3, 12), (1e-3, 0)])
-def test_albedo_by_its_fast_series(day, device, error, degree):
-    """Each target, with and without exposure, against the finest rule; shares of the most the term can be there."""
-    asked = day.replace(lighting__albedo_error=error, detector__exposure_s=0.05)
-    assert target_field(asked, ["A"]).features.albedo_degree == degree
-    fine = asked.replace(lighting__albedo_error=5e-5, lighting__leave_out_nei=0.0)
-    where = {"time_s": np.linspace(0, 1600, 17), "sensors": ["sat11", "sat47"], "bands": ["A"], "device": device}
-    found, right = (ws.light_curves(s, **where) for s in (asked, fine))
-    reflected = 0.3 / np.pi * day.lighting.sun_w_m2_in(ws.BANDS["A"]) * 1.04 * 1e-4 / (found.range_km * 1e3) ** 2
-    most = np.array(
-        [
-            spec.surface.reflectance_in("A") * spec.shape.surface_m2 / 2
-            for spec in (target.spec for target in day.scenario.targets)
-        ]
-    )
-    missed = np.abs(found.terms_w_cm2["albedo"] - right.terms_w_cm2["albedo"])[:, :, 0]
-    assert (missed <= error * reflected * most).all()
-    assert missed.max() > 0
-
-
 @pytest.mark.ci
-def test_albedo_may_be_rougher_where_it_is_faint_or_near(day):
-    """By the error asked for, by what may be left out, and by the distance from the Earth."""
+def test_albedo_may_be_rougher_where_it_is_faint(day):
+    """By the error asked for, and by what may be left out."""
 
     def degree(scene):
         return target_field(scene, ["A"]).features.albedo_degree
 
-    fine = day.replace(lighting__albedo_error=1e-4)
+    fine = day.replace(lighting__albedo_error=2e-3)
     bound_nei = day.scenario.instrument.light_terms["albedo"].bound_nei
     assert degree(day) == 4
-    assert degree(fine) == 0
+    assert degree(fine) == 12
     assert degree(fine.replace(lighting__leave_out_nei=bound_nei * 1.1e-2)) == 4
     assert degree(fine.replace(lighting__leave_out_nei=bound_nei * 0.9e-2)) == 8
 

@@ -10,7 +10,7 @@ from benchmarks.tables.markdown import Case, table
 from benchmarks.tables.orbits import access_table, orbits_table
 from benchmarks.tables.sky import places_table, star_tables
 from benchmarks.tables.speed import fps_table, peers_table, scaling_table, settings_table, stages_table
-from benchmarks.tables.targets import earthlight_table, signatures_table
+from benchmarks.tables.targets import signatures_table
 
 TABLES: dict[str, Callable[[list[Case]], list[str]]] = {
     "registers": machine_code_table,
@@ -25,7 +25,6 @@ TABLES: dict[str, Callable[[list[Case]], list[str]]] = {
     "switches": places_table,
     "rules": access_table,
     "propagation_s": orbits_table,
-    "error_bound": earthlight_table,
     "n_cone": star_tables,
 }
 """Columns of single benchmarks, and how they are shown."""

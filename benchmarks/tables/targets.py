@@ -5,28 +5,6 @@ from __future__ import annotations
 from benchmarks.tables.markdown import Case, table
 
 
-def earthlight_table(cases: list[Case]) -> list[str]:
-    """Light of the Earth: time of one evaluation against its error, for each method."""
-
-    def method(c: Case) -> str:
-        return f"series to l = {c['degree']}" if c["degree"] else f"{c['n_node']} nodes"
-
-    return table(
-        "light | shape | method | us | worst error here | bound",
-        (
-            (
-                c["light"],
-                c["shape"],
-                method(c),
-                f"{c['us_per_evaluation']:.2f}",
-                f"{c['error']:.1e}",
-                f"{c['error_bound']:.0e}",
-            )
-            for c in sorted(cases, key=lambda c: (c["light"], c["shape"], -c["error_bound"], c["us_per_evaluation"]))
-        ),
-    )
-
-
 def signatures_table(cases: list[Case]) -> list[str]:
     """Signatures: observations a second by terms and threads; then time against the error of quadratures."""
     terms = sorted((c for c in cases if c["kind"] == "terms"), key=lambda c: (-c["observations_per_s"], c["n_thread"]))

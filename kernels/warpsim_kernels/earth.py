@@ -1,4 +1,4 @@
-"""The Earth as an obstacle."""
+"""The Earth as an obstacle, and heights above it as tables of its light hold them."""
 
 import warp as wp
 
@@ -24,6 +24,18 @@ def geocentric_radius_m(position_m: wp.vec3d, earth: Earth) -> wp.float64:
     squash = earth.equatorial_radius_m / earth.polar_radius_m
     stretch = (squash - wp.float64(1.0)) * (squash + wp.float64(1.0))
     return earth.equatorial_radius_m / wp.sqrt(wp.float64(1.0) + stretch * sine * sine)
+
+
+@wp.func
+def limb_cosine(limb_sine: wp.float64) -> wp.float64:
+    """Cosine of the angular radius of the Earth's disc."""
+    return wp.sqrt((wp.float64(1.0) - limb_sine) * (wp.float64(1.0) + limb_sine))
+
+
+@wp.func
+def height_position(limb_sine: wp.float64, n_height: int) -> wp.float64:
+    """Position among the heights of a table, at even steps of limb_sine - limb_cosine from -1 to 1."""
+    return wp.float64(0.5) * (wp.float64(1.0) + limb_sine - limb_cosine(limb_sine)) * wp.float64(n_height - 1)
 
 
 @wp.func

@@ -10,16 +10,13 @@ from typing import NamedTuple
 
 import warp as wp
 
-from warpsim_kernels.albedo import body_albedo_area_m2
-from warpsim_kernels.albedo_series import albedo_series_of, is_dark
-from warpsim_kernels.albedo_table import table_harmonics_of
 from warpsim_kernels.angles import angle_from_x
 from warpsim_kernels.apparent import ASTRONOMICAL_UNIT_M
 from warpsim_kernels.attitude_table import AttitudeTables, table_quaternion, turned_axes
 from warpsim_kernels.earth import Earth, geocentric_radius_m
-from warpsim_kernels.earthlight import Rule, body_earth_area_m2
+from warpsim_kernels.earth_albedo import albedo_series_of, is_dark
+from warpsim_kernels.earth_infrared import earth_area_m2
 from warpsim_kernels.facets import Facets, body_projected_area_m2, body_reflected_area_m2
-from warpsim_kernels.heat_series import HeatTables, heat_series_of
 from warpsim_kernels.motion import Attitude, axes_before_spin, spun
 from warpsim_kernels.shadow import sunlit_fraction
 from warpsim_kernels.shapes import Body, projected_area_m2, reflected_area_m2
@@ -33,9 +30,8 @@ class Features(NamedTuple):
     meshes: bool = False  # a target is a mesh
     sun: bool = False  # reflected sunlight
     earth: bool = False  # reflected heat of the Earth
-    earth_degree: int = 0  # that by polynomials of this degree; 0: by quadrature
     albedo: bool = False  # reflected sunlight by way of the Earth
-    albedo_degree: int = 0  # that by harmonics up to this degree; 0: by quadrature
+    albedo_degree: int = 4  # that by harmonics up to this degree
     profile: bool = False  # how areas change during the exposure, not their means alone
     distortion: bool = False  # the camera's lens distorts
     spectral: bool = False  # a target's surface is given by wavelength
@@ -77,10 +73,8 @@ class Surroundings:
 
     sun_m: wp.array[wp.vec3d]  # (n_node,) geocentric
     earth: Earth
-    earth_rule: Rule  # quadrature of the Earth's heat
-    heat: HeatTables  # polynomials of it
-    albedo_rule: Rule  # that of its reflected sunlight
-    albedo_table: wp.array3d[wp.float64]  # (n_height, n_zenith, n_harmonic) harmonics of that
+    infrared_table: wp.array3d[wp.vec4d]  # (2, n_height - 1, n_cosine - 1) of the Earth's heat
+    albedo_table: wp.array3d[wp.float64]  # (n_height, n_zenith, n_harmonic) of the sunlight that it reflects
 
 
 @wp.struct
@@ -137,10 +131,7 @@ def scale_series(series: wp.array2d[wp.float64], term: int, factor: wp.float64):
 @functools.cache
 def signature_of(features: Features) -> wp.Function:
     """The function that finds a target's signature."""
-    Harmonics, _, series_area_m2_sr = albedo_series_of(features.albedo_degree or 2)
-    table_harmonics = table_harmonics_of(features.albedo_degree or 2)
-
-    heat_area_m2 = heat_series_of(features.earth_degree or 6).area_m2
+    Harmonics, table_harmonics, series_area_m2_sr = albedo_series_of(features.albedo_degree)
 
     @wp.func
     def body_axes(target: Target, tables: Tables, time_s: wp.float64) -> wp.mat33d:
@@ -165,34 +156,6 @@ def signature_of(features: Features) -> wp.Function:
         if wp.static(features.meshes):
             return body_reflected_area_m2(body, tables.facets, view, sun)
         return reflected_area_m2(body, view, sun)
-
-    @wp.func
-    def heat_m2(
-        body: Body,
-        tables: Tables,
-        surroundings: Surroundings,
-        view: wp.vec3d,
-        nadir: wp.vec3d,
-        limb_sine: wp.float64,
-    ) -> wp.float64:
-        if wp.static(features.earth_degree > 0):
-            return heat_area_m2(surroundings.heat, body, tables.facets, view, nadir, limb_sine)
-        return body_earth_area_m2(surroundings.earth_rule, body, tables.facets, view, nadir, limb_sine)
-
-    @wp.func
-    def earthshine_m2_sr(
-        body: Body,
-        tables: Tables,
-        rule: Rule,
-        light: Harmonics,
-        view: wp.vec3d,
-        nadir: wp.vec3d,
-        limb_sine: wp.float64,
-        sun: wp.vec3d,
-    ) -> wp.float64:
-        if wp.static(features.albedo_degree > 0):
-            return series_area_m2_sr(light, body, tables.facets, view, nadir, sun)
-        return body_albedo_area_m2(rule, body, tables.facets, view, nadir, limb_sine, sun)
 
     @wp.func
     def signature(
@@ -223,9 +186,8 @@ def signature_of(features: Features) -> wp.Function:
             sun_across = wp.length(wp.cross(nadir, towards_sun))
             dark = is_dark(limb_sine, sun_up, sun_across)
             light = Harmonics()
-            if wp.static(features.albedo_degree > 0):
-                if not dark:
-                    light = table_harmonics(surroundings.albedo_table, limb_sine, sun_up, sun_across)
+            if not dark:
+                light = table_harmonics(surroundings.albedo_table, limb_sine, sun_up, sun_across)
         n_exposure = exposure.offset_s.shape[0]
         if wp.static(features.profile):
             for term in range(wp.static(N_TERM)):
@@ -250,21 +212,16 @@ def signature_of(features: Features) -> wp.Function:
                     if wp.static(features.profile):
                         add_to_series(series, SUN, exposure, k, factor * sun_area_m2)
             if wp.static(features.earth):
-                earth_area_m2 = heat_m2(target.body, tables, surroundings, view, axes * nadir, limb_sine)
-                seen.earth_area_m2 += weight * earth_area_m2
+                infrared_area_m2 = earth_area_m2(
+                    surroundings.infrared_table, target.body, tables.facets, view, axes * nadir, limb_sine
+                )
+                seen.earth_area_m2 += weight * infrared_area_m2
                 if wp.static(features.profile):
-                    add_to_series(series, EARTH, exposure, k, factor * earth_area_m2)
+                    add_to_series(series, EARTH, exposure, k, factor * infrared_area_m2)
             if wp.static(features.albedo):
                 if not dark:
-                    albedo_area_m2_sr = earthshine_m2_sr(
-                        target.body,
-                        tables,
-                        surroundings.albedo_rule,
-                        light,
-                        view,
-                        axes * nadir,
-                        limb_sine,
-                        axes * towards_sun,
+                    albedo_area_m2_sr = series_area_m2_sr(
+                        light, target.body, tables.facets, view, axes * nadir, axes * towards_sun
                     )
                     seen.albedo_area_m2_sr += weight * albedo_area_m2_sr
                     if wp.static(features.profile):

@@ -29,13 +29,11 @@ from warpsim.scene.lighting import Lighting
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
-from warpsim.target.albedo_table import albedo_table
 from warpsim.target.areas import body_struct
 from warpsim.target.attitude import BodyMotion
 from warpsim.target.attitude_table import AttitudeRows
-from warpsim.target.earth_radiation import albedo_method, rule_struct
+from warpsim.target.earth_light import albedo_degree, albedo_table, infrared_table
 from warpsim.target.facets import facets_of
-from warpsim.target.heat_table import heat_method, heat_tables
 from warpsim.target.surface import Graybody, Light
 from warpsim.target.temperature import TemperatureRows
 
@@ -71,15 +69,13 @@ def make_target_field(
     farthest_m = [float(np.linalg.norm(track.position_m, axis=1).max()) for track in scenario.tracks.targets]
     limb_sine = EARTH_POLAR_RADIUS_M / max(farthest_m, default=EARTH_EQUATORIAL_RADIUS_M)
     lighting = scenario.scene.lighting
-    earth_degree, n_earth = earth_method(lighting, terms["earth"], limb_sine)
-    albedo_degree, n_albedo = albedo_series(lighting, terms["albedo"], limb_sine)
+    degree = _albedo_degree(lighting, terms["albedo"], limb_sine)
     spectral = list(dict.fromkeys(target.spec.surface for target in targets if target.spec.surface.is_spectral))
     streaks = instrument.sensor.streaks
     features = Features(
         attitude_tables=any(count for _, count in attitude_spans),
         meshes=any(facets.count),
-        earth_degree=earth_degree,
-        albedo_degree=albedo_degree,
+        albedo_degree=degree,
         profile=with_profiles and streaks,
         distortion=instrument.sensor.camera.lens is not None,
         spectral=bool(spectral),
@@ -92,7 +88,7 @@ def make_target_field(
     bodies: Any = Bodies()
     bodies.targets = wp.array(structs, dtype=Target, device=device)
     bodies.tables, bodies.exposure = tables, exposure
-    bodies.surroundings = _surroundings(scenario.tracks, (earth_degree, n_earth), (albedo_degree, n_albedo), device)
+    bodies.surroundings = _surroundings(scenario.tracks, features, device)
     bodies.surfaces = _surfaces(targets, spectral, lighting, own_bands, device)
     bodies.radiance = make_radiance(own_bands, span_k, device, spectral)
     return TargetField(
@@ -106,17 +102,10 @@ def make_target_field(
     )
 
 
-def albedo_series(lighting: Lighting, term: LightTerm, limb_sine: float) -> tuple[int, int]:
-    """Return the degree of the series, and nodes, for sunlight reflected by the Earth; the same for all bands."""
-    if not term.kept:
-        return 0, 1
-    error = max(lighting.albedo_error, lighting.leave_out_nei / term.bound_nei)  # bound > 0, as it is kept
-    return albedo_method(error, limb_sine)
-
-
-def earth_method(lighting: Lighting, term: LightTerm, limb_sine: float) -> tuple[int, int]:
-    """Return the degree of the polynomials, and nodes, for the Earth's infrared; the same for all bands."""
-    return heat_method(lighting.quadrature_error, limb_sine) if term.kept else (0, 1)
+def _albedo_degree(lighting: Lighting, term: LightTerm, limb_sine: float) -> int:
+    """Degree of albedo's series, the same for all bands: rougher where the term is faint."""
+    error = max(lighting.albedo_error, lighting.leave_out_nei / term.bound_nei) if term.kept else 1.0
+    return albedo_degree(error, limb_sine)
 
 
 def _doubles(values: Any, device: wp.Device) -> wp.array:
@@ -147,14 +136,14 @@ def _exposure(rule: ExposureRule, device: wp.Device) -> Any:
     return exposure
 
 
-def _surroundings(tracks: Tracks, heat: tuple[int, int], albedo: tuple[int, int], device: wp.Device) -> Any:
+def _surroundings(tracks: Tracks, features: Features, device: wp.Device) -> Any:
     surroundings: Any = Surroundings()
     surroundings.sun_m = wp.array(tracks.sun.position_m, dtype=wp.vec3d, device=device)
     surroundings.earth = earth_struct(tracks.pole_icrs)
-    surroundings.earth_rule = rule_struct(heat[1], device)
-    surroundings.heat = heat_tables(heat[0], device)
-    surroundings.albedo_rule = rule_struct(albedo[1], device)
-    surroundings.albedo_table = albedo_table(*albedo, device)
+    infrared = infrared_table() if features.earth else np.zeros((0, 0, 0, 4))
+    albedo = albedo_table(features.albedo_degree) if features.albedo else np.zeros((0, 0, 0))
+    surroundings.infrared_table = wp.array(infrared, dtype=wp.vec4d, device=device)
+    surroundings.albedo_table = _doubles(albedo, device)
     return surroundings
 
 

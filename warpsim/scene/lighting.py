@@ -43,10 +43,11 @@ class Lighting:
             by the Earth's mean spectrum in others.
         sun_w_cm2: Irradiance of the Sun in a band at 1 au by band [W/cm2]; that of the Sun's spectrum in bands that are
             not named.
-        quadrature_error: Largest error of quadratures, and of the polynomials that stand for them, as a fraction of
-            the largest value of what is integrated: over a body's side and the Earth's disc, and over the exposure.
-        albedo_error: Largest error of Earth albedo, as a fraction of the most that it can be at the
-            target's distance from the Earth; a larger one is taken where it surely stays within `leave_out_nei`.
+        quadrature_error: Largest error of the quadrature over the exposure, as a fraction of the largest value of what
+            is integrated.
+        albedo_error: Largest error of Earth albedo, as a fraction of the most that it can be at the target's distance
+            from the Earth; a larger one is taken where it surely stays within `leave_out_nei`. Targets that go more
+            than an Earth radius above the ground have 0.02 at best.
     """
 
     sun: Switch = True
@@ -57,7 +58,7 @@ class Lighting:
     earth_k: Annotated[Mapping[str, float], within(2.7, 1000.0), AS_DICT] = ByBand({})
     sun_w_cm2: Annotated[Mapping[str, float], within(0.0, 1.0), AS_DICT] = ByBand({})
     quadrature_error: Annotated[Number, closed_interval(1e-5, 0.1)] = 1e-3
-    albedo_error: Annotated[Number, closed_interval(1e-5, 0.1)] = 1e-2
+    albedo_error: Annotated[Number, closed_interval(2e-3, 0.1)] = 1e-2
 
     def earth_k_in(self, band: Band) -> float:
         """Brightness temperature of the Earth in a band [K]."""

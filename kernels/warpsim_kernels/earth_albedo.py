@@ -1,12 +1,16 @@
-"""Sunlight that the Earth reflects onto a body, float64, by a short series of spherical harmonics: fast, less exact.
+"""Sunlight that the Earth reflects onto a body, float64: a Lambertian sphere lit by the Sun, seen in part.
+
+A point of the ground under the solar zenith angle z has the radiance albedo / pi * E_sun * max(0, cos z). What a
+Lambertian body of reflectance rho sends on is rho / pi * albedo / pi * E_sun times the areas of this module, integrals
+over the seen disc of max(0, cos z) max(0, n.direction) max(0, n.view).
 
 What a plane element receives from all around is a smooth function of its normal, even where the light itself has edges:
 the cosine of incidence damps the light's harmonics of degree l by A_l (Ramamoorthi and Hanrahan 2001, J. Opt. Soc. Am.
 A 18, 2448), which falls like l^-2.5 and is 0 for odd l > 1. The harmonics are taken about the nadir, with azimuth
-counted from the Sun's: the Earth's light is even in it, so cosines will do. They depend neither on the body nor on its
-attitude, and are found once; each face then costs a polynomial in its normal.
+counted from the Sun's: the Earth's light is even in it, so cosines will do. They depend on height and solar zenith
+angle alone and come from a table (`warpsim.target.earth_light`); each face then costs a polynomial in its normal.
 
-The areas are those of albedo.py but for the harmonics left out.
+Directions are unit vectors in body axes, `limb_sine` is the Earth's radius over the distance from its centre.
 """
 
 import functools
@@ -15,13 +19,14 @@ from typing import NamedTuple
 
 import warp as wp
 
-from warpsim_kernels.earthlight import Rule, limb_cosine
+from warpsim_kernels.angles import angle_from_x
+from warpsim_kernels.earth import height_position
 from warpsim_kernels.facets import Facets
 from warpsim_kernels.shapes import Body, positive_moments_of
 
+_PI = wp.constant(wp.float64(3.141592653589793))
 _TWO_PI = wp.constant(wp.float64(6.283185307179586))
 _NO_AZIMUTH = wp.constant(wp.float64(1.0e-12))  # sine of the Sun's zenith angle below which its azimuth does not count
-_CROWDING = wp.constant(wp.float64(4.0))  # how near the limb rings crowd: found by trial, from the ground to the Moon
 
 
 class AlbedoSeries(NamedTuple):
@@ -29,8 +34,8 @@ class AlbedoSeries(NamedTuple):
 
     Harmonics: type
     harmonics: wp.Function
-    """(rule, limb_sine, sun_up, sun_across): of what a plane element receives; cosine and sine of the Sun's zenith
-    angle at the point below, the rule is that of the rings."""
+    """(table, limb_sine, sun_up, sun_across): of what a plane element receives; cosine and sine of the Sun's zenith
+    angle at the point below."""
     area_m2_sr: wp.Function
     """(harmonics, body, facets, view, nadir, sun): what a body sends towards view [m2 sr]."""
 
@@ -38,7 +43,7 @@ class AlbedoSeries(NamedTuple):
 @wp.func
 def is_dark(limb_sine: wp.float64, sun_up: wp.float64, sun_across: wp.float64) -> bool:
     """Whether all the ground in view is in the night; cosine and sine of the Sun's zenith angle at the point below."""
-    return sun_up <= wp.float64(0.0) and sun_across <= wp.min(limb_sine, wp.float64(1.0))
+    return sun_up <= wp.float64(0.0) and sun_across <= limb_sine
 
 
 def damping(degree: int) -> float:
@@ -51,6 +56,11 @@ def damping(degree: int) -> float:
     return sign * 2.0 * math.pi / ((degree + 2) * (degree - 1)) * math.comb(degree, degree // 2) / 2.0**degree
 
 
+def kept_harmonics(degree: int) -> list[tuple[int, int]]:
+    """Degree l and order m of the harmonics up to a degree that are not 0, as the table holds them."""
+    return [(l, m) for m in range(degree + 1) for l in range(m, degree + 1) if l < 2 or l % 2 == 0]
+
+
 def step(degree: int, order: int) -> float:
     """Return b of q_{l+1} = c q_l - b q_{l-1}.
 
@@ -59,13 +69,6 @@ def step(degree: int, order: int) -> float:
     if degree == order:
         return 0.0
     return (degree - order) * (degree + order) / ((2 * degree - 1) * (2 * degree + 1))
-
-
-def norm(degree: int, order: int) -> float:
-    """Factor of the integral of light times q_l sin^m cos(m azimuth), A_l included."""
-    highest = math.prod(range(1, 2 * degree, 2)) / math.factorial(degree - order)
-    share = math.factorial(degree - order) / math.factorial(degree + order) * (1 if order == 0 else 2)
-    return damping(degree) * (2 * degree + 1) / (4.0 * math.pi) * share * highest * highest
 
 
 def sample_weights(degree: int, sample: int) -> list[float]:
@@ -79,30 +82,13 @@ def sample_weights(degree: int, sample: int) -> list[float]:
 def albedo_series_of(degree: int) -> AlbedoSeries:
     """The series up to an even degree."""
     n_order = degree + 1
-    kept = [(l, m) for m in range(n_order) for l in range(m, n_order) if l < 2 or l % 2 == 0]
-    place = {key: k for k, key in enumerate(kept)}
-    Harmonics = wp.types.vector(length=len(kept), dtype=wp.float64)
-    norms = wp.constant(Harmonics(*(norm(l, m) for l, m in kept)))
+    kept = kept_harmonics(degree)
+    n_kept = len(kept)
+    number = {key: k for k, key in enumerate(kept)}
+    Harmonics = wp.types.vector(length=n_kept, dtype=wp.float64)
     spread = wp.constant(Harmonics(*(damping(l) for l, _ in kept)))  # what a sphere sends on, over what it receives
     Moments = wp.types.vector(length=n_order, dtype=wp.float64)
     weights = [Moments(*sample_weights(degree, j)) for j in range(n_order)]
-
-    def adder(m: int) -> wp.Function:
-        @wp.func
-        def add_order(light: Harmonics, cosine: wp.float64, moment: wp.float64) -> Harmonics:
-            """Add a ring's cos(m azimuth) to the harmonics of order m."""
-            more = light
-            q = wp.float64(1.0)
-            q_last = wp.float64(0.0)
-            for l in range(m, n_order):
-                if wp.static((l, m) in place):
-                    more[wp.static(place.get((l, m), 0))] += moment * q
-                q_next = cosine * q - wp.float64(wp.static(step(l, m))) * q_last
-                q_last = q
-                q = q_next
-            return more
-
-        return add_order
 
     def summer(m: int) -> wp.Function:
         @wp.func
@@ -112,8 +98,8 @@ def albedo_series_of(degree: int) -> AlbedoSeries:
             q = wp.float64(1.0)
             q_last = wp.float64(0.0)
             for l in range(m, n_order):
-                if wp.static((l, m) in place):
-                    total += light[wp.static(place.get((l, m), 0))] * q
+                if wp.static((l, m) in number):
+                    total += light[wp.static(number.get((l, m), 0))] * q
                 q_next = cosine * q - wp.float64(wp.static(step(l, m))) * q_last
                 q_last = q
                 q = q_next
@@ -122,78 +108,25 @@ def albedo_series_of(degree: int) -> AlbedoSeries:
         return sum_order
 
     positive_moments = positive_moments_of(n_order)
-    adders = [adder(m) for m in range(n_order)]
     summers = [summer(m) for m in range(n_order)]
 
     @wp.func
-    def add_ring(
-        light: Harmonics, cosine: wp.float64, sine: wp.float64, up: wp.float64, across: wp.float64, weight: wp.float64
+    def harmonics(
+        table: wp.array3d[wp.float64], limb_sine: wp.float64, sun_up: wp.float64, sun_across: wp.float64
     ) -> Harmonics:
-        """Add the light max(0, up + across cos(azimuth)) of a ring under an angle from the nadir."""
-        if up <= -across:
-            return light
-        moments = positive_moments(up, across)
-        more = wp.static(adders[0])(light, cosine, weight * moments[0])
-        more = wp.static(adders[1])(more, cosine, weight * sine * moments[1])
-        if up < across:
-            power = weight * sine
-            for m in range(2, n_order):
-                power *= sine
-                more = wp.static(adders[m])(more, cosine, power * moments[m])
-        return more
-
-    @wp.func
-    def add_rings(
-        rule: Rule,
-        light: Harmonics,
-        limb_sine: wp.float64,
-        sun_up: wp.float64,
-        sun_across: wp.float64,
-        start: wp.float64,
-        end: wp.float64,
-    ) -> Harmonics:
-        """Add the rings between two cosines of the zenith angle of the line of sight at the ground."""
-        s = limb_sine
-        k = limb_cosine(s)
-        one = wp.float64(1.0)
-        # The variable x crowds rings at the limb, low above the ground: cosine = x (x + near) / (1 + near).
-        near = _CROWDING * k / s
-        scale = one + near
-        low = wp.float64(0.0)
-        if start > low:
-            low = wp.float64(2.0) * scale * start / (near + wp.sqrt(near * near + wp.float64(4.0) * scale * start))
-        high = wp.float64(2.0) * scale * end / (near + wp.sqrt(near * near + wp.float64(4.0) * scale * end))
-        more = light
-        for i in range(rule.n_node):
-            x = low + (high - low) * rule.place[i]
-            zenith = x * (x + near) / scale
-            zenith_sine2 = wp.max((one - zenith) * (one + zenith), wp.float64(0.0))  # 1 may be rounded up
-            zenith_sine = wp.sqrt(zenith_sine2)
-            cosine = wp.sqrt(k * k + s * s * zenith * zenith)
-            up = zenith * cosine + s * zenith_sine2
-            across = zenith_sine * (cosine - s * zenith)
-            weight = rule.weight[i] * (high - low) * (wp.float64(2.0) * x + near) / scale * s * s * zenith / cosine
-            more = add_ring(more, cosine, s * zenith_sine, up * sun_up, across * sun_across, weight)
-        return more
-
-    @wp.func
-    def harmonics(rule: Rule, limb_sine: wp.float64, sun_up: wp.float64, sun_across: wp.float64) -> Harmonics:
-        """Of what a plane element receives, the Sun at a zenith angle above the point below [sr]."""
-        zero = wp.float64(0.0)
-        one = wp.float64(1.0)
-        s = wp.min(limb_sine, one)
+        """Linear between the table's heights and between its zenith angles."""
+        height = height_position(limb_sine, table.shape[0])
+        zenith = angle_from_x(sun_across, sun_up) / _PI * wp.float64(table.shape[1] - 1)
+        row = wp.clamp(int(height), 0, table.shape[0] - 2)
+        column = wp.clamp(int(zenith), 0, table.shape[1] - 2)
+        u = height - wp.float64(row)
+        v = zenith - wp.float64(column)
         light = Harmonics()
-        if sun_across <= s:
-            if sun_up > zero:  # no terminator in view
-                light = add_rings(rule, light, s, sun_up, sun_across, zero, one)
-        else:
-            # The first ring that the terminator meets, as in albedo.seen_cap.
-            high = sun_across - s
-            partly = high / wp.sqrt(sun_up * sun_up + high * high)
-            light = add_rings(rule, light, s, sun_up, sun_across, zero, partly)
-            if sun_up > zero:
-                light = add_rings(rule, light, s, sun_up, sun_across, partly, one)
-        return wp.cw_mul(light, norms)
+        for i in range(n_kept):
+            low = table[row, column, i] + (table[row, column + 1, i] - table[row, column, i]) * v
+            high = table[row + 1, column, i] + (table[row + 1, column + 1, i] - table[row + 1, column, i]) * v
+            light[i] = (low + (high - low) * u) * (limb_sine * limb_sine)
+        return light
 
     @wp.func
     def element_sr(light: Harmonics, cosine: wp.float64, along: wp.float64) -> wp.float64:
@@ -243,7 +176,7 @@ def albedo_series_of(degree: int) -> AlbedoSeries:
     def area_m2_sr(
         light: Harmonics, body: Body, facets: Facets, view: wp.vec3d, nadir: wp.vec3d, sun: wp.vec3d
     ) -> wp.float64:
-        """`albedo.body_albedo_area_m2` by the series, not below 0."""
+        """What a body of any kind sends towards view [m2 sr], not below 0."""
         zero = wp.float64(0.0)
         sun_up = -wp.dot(nadir, sun)
         level = sun + nadir * sun_up
@@ -269,29 +202,3 @@ def albedo_series_of(degree: int) -> AlbedoSeries:
         return wp.max(total, zero)
 
     return AlbedoSeries(Harmonics, harmonics, area_m2_sr)
-
-
-@functools.cache
-def make_albedo_series_kernel(degree: int) -> wp.Kernel:
-    """Kernel of `albedo.albedo_area_kernel` by the series up to an even degree; the rule is that of the rings."""
-    series = albedo_series_of(degree)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def albedo_series_kernel(
-        # in
-        rule: Rule,
-        body: Body,
-        facets: Facets,
-        view: wp.array[wp.vec3d],  # (n,) unit, body axes
-        nadir: wp.array[wp.vec3d],  # (n,) unit, body axes
-        limb_sine: wp.array[wp.float64],  # (n,)
-        sun: wp.array[wp.vec3d],  # (n,) unit, body axes
-        # out
-        area_m2_sr: wp.array[wp.float64],  # (n,)
-    ):
-        """Area that reflects the Earth's sunlight, for each geometry."""
-        i = wp.tid()
-        light = series.harmonics(rule, limb_sine[i], -wp.dot(nadir[i], sun[i]), wp.length(wp.cross(nadir[i], sun[i])))
-        area_m2_sr[i] = series.area_m2_sr(light, body, facets, view[i], nadir[i], sun[i])
-
-    return albedo_series_kernel
