@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[1]
 
 TESTS = (
     "access_scan", "apparent_camera", "apparent_stars", "attitude", "attitude_table", "bands", "catalog",
-    "catalog_surveys", "colours", "distortion", "heat_balance", "heat_table", "orbit_access", "orbit_arc",
+    "catalog_surveys", "colours", "distortion", "heat_balance", "orbit_access", "orbit_arc",
     "orbit_constellations", "orbit_earth_sun", "orbit_eclipse", "orbit_elements", "orbit_ephemeris", "orbit_frames",
     "orbit_interpolate", "orbit_propagation", "orbit_tle", "orbit_walker_group", "own_orbits", "paper", "pointing",
     "psf_table", "radiometry", "renderer", "scene_groups", "scene_tracks", "stellar_spectrum", "surface",
