@@ -118,11 +118,8 @@ def test_kernels_of_a_module_build(module, tmp_path):
 
 
 def _case(factory, arguments):
-    """By rules, light from the Earth takes ten seconds to compile."""
-    is_long = factory.__name__ == "make_observe_targets_kernel" and arguments == (EVERYTHING,)
-    marks = pytest.mark.slow if is_long else ()
     number = FACTORY_ARGUMENTS[factory.__name__].index(arguments)
-    return pytest.param(factory, arguments, id=f"{factory.__name__}-{number}", marks=marks)
+    return pytest.param(factory, arguments, id=f"{factory.__name__}-{number}")
 
 
 @pytest.mark.parametrize(("factory", "arguments"), [_case(*made) for made in MADE])
