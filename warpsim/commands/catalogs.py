@@ -1,0 +1,108 @@
+"""The command catalog: a report on a star catalog, and its conversion."""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from warpsim.commands.options import number, whole_number
+from warpsim.errors import InputError
+
+if TYPE_CHECKING:
+    from warpsim.sky.catalog import StarCatalog
+
+
+def add_commands(commands: Any) -> None:
+    """Add the parsers of these commands."""
+    catalog = commands.add_parser("catalog", help="report on a star catalog, and convert it")
+    catalog.add_argument("catalog", metavar="FILE", help="a catalog file, or default, union or synthetic")
+    catalog.add_argument("--format", metavar="NAME", help="survey or file format; guessed if left out")
+    catalog.add_argument("--readme", metavar="PATH", help="ReadMe that describes a CDS file")
+    catalog.add_argument("--columns", metavar="PAIRS", help="what is in which column: ra_deg=RAJ2000,flux_A_jy=F8")
+    catalog.add_argument("--no-fill", action="store_true", help="leave bands without a flux unknown")
+    catalog.add_argument("--n-star", metavar="N", help="number of stars of the synthetic catalog")
+    catalog.add_argument("--limit-jy", metavar="JY", help="instead: flux density of its faintest star in band A")
+    catalog.add_argument("--sky", metavar="NAME", help="its density: astrometric (the default) or infrared")
+    catalog.add_argument("--seed", metavar="N", help="seed of the synthetic catalog, 0 if left out")
+    catalog.add_argument("-o", "--output", metavar="OUT", help="also write the catalog: .fits, .ecsv, .vot or .csv")
+    catalog.add_argument("--plot", metavar="PNG", help="also draw the number of stars by band and magnitude")
+    catalog.add_argument("--overwrite", action="store_true", help="replace existing files")
+    catalog.set_defaults(command=_catalog)
+
+
+def _catalog(options: argparse.Namespace) -> int:
+    from warpsim.files import check_new_file
+    from warpsim.output.catalog_file import FORMAT_OF_SUFFIX, write_catalog
+    from warpsim.output.catalog_report import catalog_report
+    from warpsim.plot.figure import FIGURE_SUFFIXES, need_matplotlib
+
+    output, figure = (Path(name) if name else None for name in (options.output, options.plot))
+    if output:
+        check_new_file(output, tuple(FORMAT_OF_SUFFIX), options.overwrite)
+    if figure:
+        check_new_file(figure, FIGURE_SUFFIXES, options.overwrite)
+        need_matplotlib("--plot")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        catalog = _load_catalog(options)
+    # Files before words: a reader that closes the pipe early (head) must not cost a file.
+    written = write_catalog(catalog, output, options.overwrite) if output else None
+    if figure:
+        _draw_counts(catalog, figure)
+    print(catalog_report(catalog, [str(warning.message) for warning in caught]))
+    if written is not None:
+        print(f"\n{len(written):,} {'star' if len(written) == 1 else 'stars'} at J{written.epoch_jyear} in {output}")
+    if figure:
+        print(f"figure in {figure}")
+    return 0
+
+
+def _load_catalog(options: argparse.Namespace) -> StarCatalog:
+    """The catalog named on the command line."""
+    from warpsim.sky.catalog import StarCatalog
+
+    name = options.catalog
+    made_up = ("n_star", "limit_jy", "sky", "seed")
+    if name != "synthetic" and (given := [option for option in made_up if getattr(options, option)]):
+        raise InputError("is for synthetic only", f"--{given[0].replace('_', '-')}", name)
+    if name in ("default", "union", "synthetic"):
+        for option in ("format", "readme", "columns", "no_fill"):
+            if getattr(options, option):
+                raise InputError("is for files only", f"--{option.replace('_', '-')}", name)
+    if name == "default":
+        return StarCatalog.default()
+    if name == "union":
+        return StarCatalog.union()
+    if name == "synthetic":
+        if (options.n_star is None) == (options.limit_jy is None):
+            raise InputError("--n-star, --limit-jy: exactly one must be given with synthetic, such as --n-star 1000000")
+        return StarCatalog.synthetic(
+            None if options.n_star is None else whole_number("--n-star", options.n_star),
+            limit_jy=None if options.limit_jy is None else number("--limit-jy", options.limit_jy),
+            sky=options.sky or "astrometric",
+            seed=0 if options.seed is None else whole_number("--seed", options.seed),
+        )
+    columns = None if options.columns is None else _column_names(options.columns)
+    return StarCatalog.read(name, options.format, columns=columns, readme=options.readme, fill=not options.no_fill)
+
+
+def _draw_counts(catalog: StarCatalog, path: Path) -> None:
+    """Draw star counts to a file without pyplot, which would ask for a display."""
+    from matplotlib.figure import Figure
+
+    from warpsim.plot.figure import save_figure
+    from warpsim.plot.sky_figure import plot_star_counts
+
+    figure = Figure(figsize=(8.5, 4.8), layout="constrained")
+    plot_star_counts(catalog, ax=figure.add_subplot())
+    save_figure(figure, path)
+
+
+def _column_names(text: str) -> dict[str, str]:
+    """Names in a file by warpsim's names of columns, from ra_deg=RAJ2000,flux_A_jy=F8."""
+    pairs = [[part.strip() for part in item.split("=", 1)] for item in text.split(",") if item.strip()]
+    if not pairs or any(len(pair) != 2 or not all(pair) for pair in pairs):
+        raise InputError("must be NAME=COLUMN,NAME=COLUMN,...", "--columns", text)
+    return {pair[0]: pair[1] for pair in pairs}
