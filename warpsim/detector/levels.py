@@ -80,14 +80,18 @@ def electron_levels(detector: ElectronDetector, optics: Optics, camera: Camera, 
     transmission = _given(detector, "transmission", band)
     e_per_j = _given(detector, "quantum_efficiency", band) / photon_j
     e_per_w_cm2 = area_cm2 * transmission * e_per_j * detector.exposure_s
-    sky, own = _sky_w_cm2_sr(detector, band), _optics_w_cm2_sr(detector, band)
+    sky, own = _sky_w_cm2_sr(detector, band), 0.0  # radiances, of the optics themselves too
+    if detector.optics_temperature_k is not None:
+        radiance_w_m2_sr = float(band_radiance_w_m2_sr(detector.optics_temperature_k, band))
+        own = detector.optics_emissivity * radiance_w_m2_sr * _W_CM2_PER_W_M2
     # Lengths are in pixels: one of them is the solid angle 1 / (focal length in columns * focal length in rows).
     pixel_sr = 1 / (camera.focal_px * camera.focal_row_px)
     background_e = (sky + own / transmission) * pixel_sr * e_per_w_cm2
     dark_e = detector.dark_e_s * detector.exposure_s
 
     blank_e = background_e + dark_e
-    full_e = min(detector.full_well_e, _charge_e(detector, _converter_end_e(detector)))
+    converter_end_e = (float(2**detector.bits) - 1 - detector.offset_counts) * detector.gain_e_per_count
+    full_e = min(detector.full_well_e, _charge_e(detector, converter_end_e))
     if blank_e >= full_e:
         raise InputError(
             f"background and dark current must not saturate a pixel in band {band.name}, got {blank_e:.3g} electrons "
@@ -125,19 +129,6 @@ def _sky_w_cm2_sr(detector: ElectronDetector, band: Band) -> float:
     width_hz = float(np.sum(weight_um * SPEED_OF_LIGHT_M_S / node_um**2)) * 1e6  # of the response over frequency
     zodiacal_w_m2_sr = _given(detector, "zodiacal_mjy_sr", band) * 1e6 * _JY_W_M2_HZ * width_hz
     return _given(detector, "background_w_cm2_sr", band) + zodiacal_w_m2_sr * _W_CM2_PER_W_M2
-
-
-def _optics_w_cm2_sr(detector: ElectronDetector, band: Band) -> float:
-    """Radiance of the optics themselves [W/cm2/sr]."""
-    if detector.optics_temperature_k is None:
-        return 0.0
-    radiance_w_m2_sr = float(band_radiance_w_m2_sr(detector.optics_temperature_k, band))
-    return detector.optics_emissivity * radiance_w_m2_sr * _W_CM2_PER_W_M2
-
-
-def _converter_end_e(detector: ElectronDetector) -> float:
-    """Charge as it is read that is the converter's largest number [e]."""
-    return (float(2**detector.bits) - 1 - detector.offset_counts) * detector.gain_e_per_count
 
 
 def _charge_e(detector: ElectronDetector, read_e: float) -> float:

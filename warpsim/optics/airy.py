@@ -55,7 +55,7 @@ def airy_table(
         if worst <= error:
             return replace(table, error=worst)
         if stated_error(outside) > error:
-            reach_px = _longer(reach_px)
+            reach_px = 0.5 * math.ceil(2.08 * reach_px[0]), 0.5 * math.ceil(2.08 * reach_px[1])
         if stated_error(inside) > error:
             step_px *= 0.95 * min(1.0, (0.75 * error / inside) ** (1.0 / n_point))
     raise InputError(f"{error:g} is too small for float32, reached {worst:.2g}", "error").of("airy table")
@@ -78,7 +78,7 @@ def airy_table_shapes(
     _, reach_px = _flow_and_reach_px(pattern, pixel_aspect, error)
     shapes = {}
     for n_point in POINTS:
-        per_px = _nodes_per_px(_step_px(pattern, pixel_aspect, error, n_point), pixel_aspect)
+        per_px = nodes_per_px(_step_px(pattern, pixel_aspect, error, n_point), pixel_aspect)
         shapes[n_point] = (_n_node(reach_px[0], per_px[0]), _n_node(reach_px[1], per_px[1])), per_px
     return shapes
 
@@ -179,12 +179,9 @@ def _line_error(flow: FlowProfile, pixel_aspect: float, step_px: float, n_point:
     return worst
 
 
-def _nodes_per_px(step_px: float, pixel_aspect: float) -> tuple[int, int]:
+def nodes_per_px(step_px: float, pixel_aspect: float) -> tuple[int, int]:
+    """Return the even nodes per pixel, along rows and columns, that lie no farther apart than a step."""
     return 2 * math.ceil(0.5 * pixel_aspect / step_px), 2 * math.ceil(0.5 / step_px)
-
-
-def _longer(reach_px: tuple[float, float]) -> tuple[float, float]:
-    return 0.5 * math.ceil(2.08 * reach_px[0]), 0.5 * math.ceil(2.08 * reach_px[1])
 
 
 def _n_node(reach_px: float, per_px: int) -> int:
@@ -200,7 +197,7 @@ def _table(
     n_point: int,
 ) -> EpsfTable:
     """Fill a table; its error is yet to be measured."""
-    per_px = _nodes_per_px(step_px, pixel_aspect)
+    per_px = nodes_per_px(step_px, pixel_aspect)
     shape = _n_node(reach_px[0], per_px[0]), _n_node(reach_px[1], per_px[1])
     check_size(*shape, "airy table")
     stored = shape[0] - N_MARGIN, shape[1] - N_MARGIN

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.optics.airy import N_REFINE, goal_of_interpolation, stated_error
+from warpsim.optics.airy import N_REFINE, goal_of_interpolation, nodes_per_px, stated_error
 from warpsim.optics.epsf_table import N_MARGIN, EpsfTable, Wing, check_size, envelope, lagrange_weights, table_fraction
 
 F64 = NDArray[np.float64]
@@ -248,7 +248,7 @@ def _step_px(pattern: SplineImage, error: float, n_point: int) -> float:
 
 def _layout(pattern: SplineImage, step_px: float) -> tuple[tuple[int, int], tuple[float, float], tuple[int, int]]:
     """Return nodes per pixel, reach [px] and shape; rows, columns."""
-    per_px = 2 * math.ceil(0.5 * pattern.pixel_aspect / step_px), 2 * math.ceil(0.5 / step_px)
+    per_px = nodes_per_px(step_px, pattern.pixel_aspect)
     half_y, half_x = pattern.half_size_px
     reach_px = 0.5 * math.ceil(2.0 * half_y), 0.5 * math.ceil(2.0 * half_x)
     n_row, n_col = (2 * (round(reach * per) + N_MARGIN) + 1 for reach, per in zip(reach_px, per_px, strict=True))

@@ -89,7 +89,7 @@ def epsf_table(
 
 
 def _nodes(psf: TabulatedPsf, pixel_aspect: float, error: float, n_point: int, real: type) -> EpsfTable:
-    key = _nodes_key(psf, pixel_aspect, error, n_point, real)
+    key = psf, pixel_aspect, error, n_point, real
     table = _STORE.get(key)
     if table is None:
         if isinstance(psf, PsfAiry):
@@ -99,10 +99,6 @@ def _nodes(psf: TabulatedPsf, pixel_aspect: float, error: float, n_point: int, r
         _STORE.put(key, table)
     assert isinstance(table, EpsfTable)
     return table
-
-
-def _nodes_key(psf: TabulatedPsf, pixel_aspect: float, error: float, n_point: int, real: type) -> tuple[object, ...]:
-    return psf, pixel_aspect, error, n_point, real
 
 
 def fitted_nodes(psf: TabulatedPsf, pixel_aspect: float, error: float) -> EpsfTable | None:
@@ -124,7 +120,7 @@ def polynomials(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: in
         if table is None:
             raise InputError(f"an error of {error:g} needs too many cells; allow more").of("psf tables")
         _STORE.put(key, table)
-        _STORE.drop(_nodes_key(psf, pixel_aspect, NODE_PART * error, NODE_POINTS, np.float64))
+        _STORE.drop((psf, pixel_aspect, NODE_PART * error, NODE_POINTS, np.float64))
     assert isinstance(table, CellTable)
     return table
 
@@ -195,9 +191,9 @@ def cheapest_points(psfs: Sequence[TabulatedPsf], pixel_aspect: float = 1.0, err
     _check(pixel_aspect, error, POINTS[0])
     costs = {}
     for n_point in POINTS:
-        sizes = [_shapes(psf, pixel_aspect, error)[n_point] for psf in psfs]
-        if all(1.1 * n_row * n_col <= LARGEST_N_NODE for n_row, n_col, _ in sizes):
-            costs[n_point] = sum(_cost_ns(n_point, n_row * n_col, n_hot) for n_row, n_col, n_hot in sizes)
+        sizes = [_node_counts(psf, pixel_aspect, error, n_point) for psf in psfs]
+        if all(1.1 * n_node <= LARGEST_N_NODE for n_node, _ in sizes):
+            costs[n_point] = sum(_cost_ns(n_point, n_node, n_hot) for n_node, n_hot in sizes)
     if not costs:
         raise InputError(f"an error of {error:g} needs more than {LARGEST_N_NODE} nodes; allow more").of("psf tables")
     return min(costs, key=lambda n_point: costs[n_point])
@@ -230,17 +226,11 @@ def _node_shapes(
     return {n: image_table_shape(_spline(psf, pixel_aspect), error, n) for n in POINTS}
 
 
-def _shapes(psf: TabulatedPsf, pixel_aspect: float, error: float) -> dict[int, tuple[int, int, int]]:
-    """Return rows, columns and hot nodes of the tables of each order, by estimate."""
-    return {
-        n: (*shape, min(shape[0] * shape[1], per_px[0] * per_px[1] * _hot_px2(psf)))
-        for n, (shape, per_px) in _node_shapes(psf, pixel_aspect, error).items()
-    }
-
-
-def _hot_px2(psf: TabulatedPsf) -> int:
-    """Area of the table that most stamps read [px2]: a quadrant where the table is one."""
-    return int(HOT_PX**2) if isinstance(psf, PsfAiry) else int(4 * HOT_PX**2)
+def _node_counts(psf: TabulatedPsf, pixel_aspect: float, error: float, n_point: int) -> tuple[int, int]:
+    """Return the nodes of a table, and those that most stamps read, a quadrant where the table is one; by estimate."""
+    (n_row, n_column), per_px = _node_shapes(psf, pixel_aspect, error)[n_point]
+    hot_px2 = int((1 if isinstance(psf, PsfAiry) else 4) * HOT_PX**2)
+    return n_row * n_column, min(n_row * n_column, per_px[0] * per_px[1] * hot_px2)
 
 
 def _airy_pattern(psf: PsfAiry) -> AiryPattern:

@@ -125,7 +125,8 @@ def sip_polynomials(camera: Camera) -> SipPolynomials | None:
     half = np.array([camera.n_col, camera.n_row]) / 2
     # Chebyshev's nodes: least squares there is close to the smallest largest error.
     node = _BEYOND * np.cos(np.pi * (np.arange(_N_NODE) + 0.5) / _N_NODE)
-    fit_uv, check_uv = _grid(node) * half, _grid(np.linspace(-1.0, 1.0, _N_CHECK)) * half
+    axes = (node, np.linspace(-1.0, 1.0, _N_CHECK))
+    fit_uv, check_uv = (np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2) * half for axis in axes)
     fit_offset, check_offset = _to_pinhole_px(camera, fit_uv), _to_pinhole_px(camera, check_uv)
     moved_px = float(np.linalg.norm(check_offset, axis=1).max())
     best, error_px = np.zeros((2, 3, 3)), moved_px
@@ -140,24 +141,15 @@ def sip_polynomials(camera: Camera) -> SipPolynomials | None:
     return SipPolynomials(best[0], best[1], ap, bp, error_px, moved_px)
 
 
-def _grid(node: F64) -> F64:
-    return np.stack(np.meshgrid(node, node), axis=-1).reshape(-1, 2)
-
-
 def _to_pinhole_px(camera: Camera, uv: F64) -> F64:
     """Difference of the pinhole's positions from those of the image [px], shape (n, 2)."""
     seen = camera.direction(uv + camera.centre_px)
     return np.asarray(seen[:, :2] / seen[:, 2:] * [camera.focal_px, camera.focal_row_px] - uv)
 
 
-def _terms(order: int) -> list[tuple[int, int]]:
-    """Powers of u and v in SIP polynomials: of second order or more."""
-    return [(p, q) for p in range(order + 1) for q in range(order + 1 - p) if p + q >= 2]
-
-
 def _fitted(unit_uv: F64, offset: F64, order: int) -> F64:
     """Coefficients of both polynomials by least squares, shape (2, order + 1, order + 1)."""
-    terms = _terms(order)
+    terms = [(p, q) for p in range(order + 1) for q in range(order + 1 - p) if p + q >= 2]  # as SIP has them
     columns = np.stack([unit_uv[:, 0] ** p * unit_uv[:, 1] ** q for p, q in terms], axis=-1)
     solved = np.linalg.lstsq(columns, offset, rcond=None)[0]
     table = np.zeros((2, order + 1, order + 1))
