@@ -6,6 +6,7 @@ from typing import NamedTuple
 import warp as wp
 
 from warpsim_kernels.apparent import Tracks, observer_of
+from warpsim_kernels.attitude_table import row_before
 from warpsim_kernels.motion import hermite_position_m, hermite_velocity_m_s, linear_vector
 from warpsim_kernels.pointing import (
     SLEWING,
@@ -14,7 +15,6 @@ from warpsim_kernels.pointing import (
     axes_between,
     law_axes_of,
     local_frame,
-    row_before,
     slew_part,
 )
 from warpsim_kernels.pointing_errors import Jitter, PointingError, jitter_rad, steady_error_rad, turned_axes
@@ -65,7 +65,8 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
         if wp.static(features.slews):
             if pointing.slews[sensor] != 0:
                 step_s = time_s
-        return row_before(pointing.step_start_s, pointing.step_first[sensor], pointing.step_count[sensor], step_s)
+        # Steps are instants, not intervals: the last one, too, may be that which has come.
+        return row_before(pointing.step_start_s, pointing.step_first[sensor], pointing.step_count[sensor] + 1, step_s)
 
     @wp.kernel(module="unique", enable_backward=False)
     def aim_kernel(

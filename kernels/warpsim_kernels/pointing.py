@@ -6,6 +6,7 @@ import math
 import warp as wp
 
 from warpsim_kernels.apparent import Observer, Tracks, path_from_target
+from warpsim_kernels.attitude_table import row_before
 from warpsim_kernels.camera import camera_axes, up_is_lost
 
 UP_ZENITH = wp.constant(0)
@@ -117,25 +118,10 @@ def great_circle(start: wp.vec3d, end: wp.vec3d, part: wp.float64) -> wp.vec3d:
 
 
 @wp.func
-def row_before(time_s: wp.array[wp.float64], first: int, count: int, at_s: wp.float64) -> int:
-    """The last of some ascending times that has come; the first where none has."""
-    row = first
-    beyond = first + count  # the row wanted is the last before `beyond` whose time has come
-    while row + 1 < beyond:
-        middle = (row + beyond) // 2
-        if time_s[middle] <= at_s:
-            row = middle
-        else:
-            beyond = middle
-    return row
-
-
-@wp.func
 def scan_sight(rows: ScanRows, sensor: int, time_s: wp.float64) -> Sight:
     """Direction by the table for a sensor and a time; beyond its ends, that of the row at the end."""
     first = rows.first[sensor]
     row = row_before(rows.time_s, first, rows.count[sensor], time_s)
-    row = wp.min(row, first + rows.count[sensor] - 2)
     part = (time_s - rows.time_s[row]) / (rows.time_s[row + 1] - rows.time_s[row])
     part = wp.clamp(part, wp.float64(0.0), wp.float64(1.0))
     sight = Sight()
