@@ -37,7 +37,7 @@ from warpsim.sky.default_catalog import (
 )
 from warpsim.sky.hip_gaia import union_stars
 from warpsim.sky.stellar_templates import GIANT, colour
-from warpsim.sky.visible_stars import FAIR, magnitude_in
+from warpsim.sky.visible_stars import FAIR
 
 Columns = dict[str, NDArray[Any]]
 
@@ -55,11 +55,10 @@ def table(stars: HipGaiaStars) -> Columns:
     everything = pack(stars, np.arange(len(stars.hip)))
     seen = unpacked(everything)
     # Sorted as the table is, so that ties between equal stars are broken in the same way everywhere.
-    visible = (seen.g_mag, seen.hp_mag, seen.temperature_k, seen.luminosity)
-    brightest = np.argsort(np.round(magnitude_in("A", *visible), 9), kind="stable")[:N_INFRARED]
+    brightest = np.argsort(np.round(seen.magnitude_in("A"), 9), kind="stable")[:N_INFRARED]
     infrared = np.zeros(len(seen.hip), dtype=bool)
     infrared[brightest] = True
-    g_mag = magnitude_in("G", *visible)
+    g_mag = seen.magnitude_in("G")
     columns = chosen(everything, infrared | (g_mag < FAINTEST_G_MAG))
     flags = everything["flags"] | np.where(infrared, INFRARED_FLAG, 0).astype(np.uint8)
     columns["flags"] = flags[infrared | (g_mag < FAINTEST_G_MAG)]
@@ -126,7 +125,7 @@ def npz_bytes(columns: Columns) -> bytes:
 def describe(columns: Columns) -> str:
     """Return the figures that catalogs/README.md quotes."""
     stars = unpacked(columns)
-    mag_a = magnitude_in("A", stars.g_mag, stars.hp_mag, stars.temperature_k, stars.luminosity)[stars.infrared]
+    mag_a = stars.magnitude_in("A")[stars.infrared]
     has_hip, by_hp = stars.hip > 0, np.isnan(stars.g_mag)
     fair = stars.quality == FAIR
     return "\n".join(

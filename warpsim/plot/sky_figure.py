@@ -14,7 +14,7 @@ from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, as_band
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.space_motion import place_of
-from warpsim.sky.star_counts import has_zero_point, irradiance_counts, magnitude_counts
+from warpsim.sky.star_counts import irradiance_counts, magnitude_counts
 from warpsim.sky.synthetic import GALACTIC_OF_ICRS
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def plot_star_counts(
     from matplotlib import colormaps
 
     chosen = [as_band(band) for band in bands]
-    by_magnitude = all(has_zero_point(band) for band in chosen)
+    by_magnitude = all(band.zero_mag_w_cm2 > 0.0 for band in chosen)
     if by_magnitude:
         counts = [magnitude_counts(catalog, band) for band in chosen]
     else:
@@ -193,4 +193,4 @@ def _longitude_latitude_deg(catalog: StarCatalog, frame: str) -> tuple[Array, Ar
     """Longitudes and latitudes of the stars in a frame [deg], shape (n,) each."""
     if frame == "equatorial":
         return catalog.ra_deg, catalog.dec_deg
-    return place_of(catalog.direction_icrs @ GALACTIC_OF_ICRS.T)
+    return place_of(*(GALACTIC_OF_ICRS @ catalog.direction_icrs.T))

@@ -111,6 +111,8 @@ def checked_columns(
     epoch_jyear: float = J2000_JYEAR,
     name: str = "stars",
     provenance: str = "",
+    file: str | None = None,
+    line_of_row: NDArray[np.int64] | None = None,
 ) -> StarColumns:
     """Columns that break no rule, of stars that have finite coordinates.
 
@@ -122,8 +124,10 @@ def checked_columns(
         spectral_type: Spectral types, which tell temperature and luminosity class where unknown.
         limit_jy: Upper limits of predicted fluxes by band [Jy]; NaN for none.
         epoch_jyear: Julian year of the coordinates.
-        name: Name of the catalog, also for the warning about stars without finite coordinates.
+        name: Name of the catalog.
         provenance: Source of the stars.
+        file: For the warning about stars without finite coordinates; `name` if left out.
+        line_of_row: Lines of the stars in that file, for the same.
     """
     columns = _vectors(numbers, flux_jy, flux_flag or {})
     n_star = len(columns["ra_deg"])
@@ -138,7 +142,7 @@ def checked_columns(
     placed = np.isfinite(columns["ra_deg"]) & np.isfinite(columns["dec_deg"])
     rows = np.flatnonzero(placed)
     if len(rows) < n_star:
-        warn_left_out(name, n_star, "rows", np.flatnonzero(~placed).tolist())
+        _warn_left_out(file or name, placed, line_of_row)
         columns = {key: values[placed] for key, values in columns.items()}
         texts = {key: values[placed] for key, values in texts.items()}
         limits = {band: values[placed] for band, values in limits.items()}
@@ -254,11 +258,13 @@ def checked_limits(limit_jy: Mapping[str, ArrayLike], n_star: int) -> dict[str, 
     return limits
 
 
-def warn_left_out(name: str, n_star: int, unit: str, places: list[int]) -> None:
-    """Warn about stars without a finite place: how many, and where they stand (`unit` is rows or lines)."""
-    shown = ", ".join(str(place) for place in places[:5]) + (", ..." if len(places) > 5 else "")
-    text = f"{name}: left out {len(places)} of {n_star} stars without a finite place ({unit} {shown})"
-    warnings.warn(text, stacklevel=2)
+def _warn_left_out(where: str, placed: NDArray[np.bool_], line_of_row: NDArray[np.int64] | None) -> None:
+    """Warn about stars without a finite position: how many, and their rows or lines."""
+    lost = np.flatnonzero(~placed)
+    unit, numbers = ("rows", lost) if line_of_row is None else ("lines", line_of_row[lost])
+    shown = ", ".join(map(str, numbers[:5].tolist())) + (", ..." if len(lost) > 5 else "")
+    text = f"{where}: left out {len(lost)} of {len(placed)} stars without a finite place ({unit} {shown})"
+    warnings.warn(text, stacklevel=3)
 
 
 def _vector(values: Any, where: str) -> Array:

@@ -17,11 +17,12 @@ from warpsim_catalogs import path
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band
 from warpsim.sky.catalog_columns import StarColumns
+from warpsim.sky.photometric_bands import FLUX_MEASURED, FLUX_NONE, flux_of_magnitude_jy
 from warpsim.sky.space_motion import J2000_JYEAR
 from warpsim.sky.stars import Stars
 from warpsim.sky.stellar_spectrum import check_band
-from warpsim.sky.stellar_templates import DWARF, GIANT, colour_temperature_k
-from warpsim.sky.visible_stars import FAIR, UNCERTAIN, measured_flux_jy
+from warpsim.sky.stellar_templates import DWARF, GIANT, colour, colour_temperature_k
+from warpsim.sky.visible_stars import FAIR, UNCERTAIN
 
 Array = NDArray[np.float64]
 
@@ -93,7 +94,7 @@ class HipGaiaStars:
 
     def columns(self, name: str, id: NDArray[Any], spell_id: tuple[str, str] = ("", "")) -> StarColumns:
         """Return the columns of a catalog: G and Hp are its fluxes."""
-        flux_jy, flux_flag = measured_flux_jy(self.g_mag, self.hp_mag)
+        flux_jy = {"G": flux_of_magnitude_jy("G", self.g_mag), "Hp": flux_of_magnitude_jy("Hp", self.hp_mag)}
         return StarColumns(
             ra_deg=self.ra_deg,
             dec_deg=self.dec_deg,
@@ -107,11 +108,22 @@ class HipGaiaStars:
             name=name,
             provenance=f"{name}: {_PROVENANCE}",
             flux_jy=flux_jy,
-            flux_flag=flux_flag,
+            flux_flag={
+                band: np.where(np.isnan(values), FLUX_NONE, FLUX_MEASURED).astype(np.uint8)
+                for band, values in flux_jy.items()
+            },
             id=id,
             spell_id=spell_id,
             filled=True,
         )
+
+    def magnitude_in(self, band: Band | str) -> Array:
+        """Magnitude in a band with a zero point, shape (n,), predicted from G, or from Hp where G is NaN."""
+        by_g, by_hp = (
+            magnitude - colour(given, band, self.luminosity, self.temperature_k)
+            for given, magnitude in (("G", self.g_mag), ("Hp", self.hp_mag))
+        )
+        return np.where(np.isnan(self.g_mag), by_hp, by_g)
 
 
 def default_stars() -> HipGaiaStars:

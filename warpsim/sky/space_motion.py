@@ -21,12 +21,8 @@ LONGEST_MOTION_YR = 1e5
 _MAS_RAD = math.pi / 180.0 / 3.6e6
 
 
-def place_of(direction: Array) -> tuple[Array, Array]:
-    """Right ascension in [0, 360) and declination [deg] of vectors of any length, shape (n,) each."""
-    return _place_of(*direction.T)
-
-
-def _place_of(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+def place_of(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+    """Right ascension in [0, 360) and declination [deg] of vectors of any length by components, shape (n,) each."""
     return wrapped_deg(np.degrees(np.arctan2(y, x))), np.degrees(np.arctan2(z, np.hypot(x, y)))
 
 
@@ -54,7 +50,7 @@ def rigorous_motion(
     rate = [_MAS_RAD * (pm_ra_mas_yr * e + pm_dec_mas_yr * n) for e, n in zip(east, north, strict=True)]
     x, y, z = (p + years * r for p, r in zip(place, rate, strict=True))
     distance = np.sqrt(x * x + y * y + z * z)
-    ra_deg, dec_deg = _place_of(x, y, z)
+    ra_deg, dec_deg = place_of(x, y, z)
     _, east, north = _axes(ra_deg, dec_deg)
     pm_ra = (rate[0] * east[0] + rate[1] * east[1]) / distance / _MAS_RAD
     pm_dec = (rate[0] * north[0] + rate[1] * north[1] + rate[2] * north[2]) / distance / _MAS_RAD
@@ -74,7 +70,7 @@ def paper_motion(
     ra_deg = ra_deg + rate * years / 3.6e6
     dec_deg = dec_deg + pm_dec_mas_yr * years / 3.6e6
     over = np.abs(dec_deg) > 90.0
-    ra_over, dec_over = place_of(unit_vectors(ra_deg[over], dec_deg[over]))
+    ra_over, dec_over = place_of(*unit_vectors(ra_deg[over], dec_deg[over]).T)
     ra_deg = wrapped_deg(ra_deg)
     ra_deg[over], dec_deg[over] = ra_over, dec_over
     return ra_deg, dec_deg

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.radiometry.band import Band
-from warpsim.radiometry.bands import as_band
 from warpsim.sky.catalog import StarCatalog
 
 Array = NDArray[np.float64]
@@ -32,11 +31,6 @@ _EQUATORIAL_RAD = 0.616
 
 _SLACK_RAD = 1e-6
 """More than the rounding of directions and of cell borders."""
-
-
-def has_zero_point(band: Band | str) -> bool:
-    """Return whether stars have magnitudes in a band."""
-    return bool(as_band(band).zero_mag_w_cm2 > 0.0)
 
 
 def magnitude_counts(catalog: StarCatalog, band: Band | str) -> Counts:

@@ -172,7 +172,7 @@ def _places(model: SyntheticSky, u_latitude: Array, u_longitude: Array) -> tuple
     icrs = [
         sum(component * axis[k] for component, axis in zip(galactic, GALACTIC_OF_ICRS, strict=True)) for k in range(3)
     ]
-    ra_deg, dec_deg = place_of(np.stack(icrs, axis=-1))
+    ra_deg, dec_deg = place_of(*icrs)
     per_deg = 3.6e7  # 0.1 mas
     return np.rint(ra_deg * per_deg) % (360.0 * per_deg) / per_deg, np.rint(dec_deg * per_deg) / per_deg
 

@@ -11,9 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from warpsim.radiometry.band import Band
-from warpsim.radiometry.bands import as_band
-from warpsim.sky.photometric_bands import FLUX_MEASURED, FLUX_NONE
 from warpsim.sky.stellar_templates import (
     DWARF,
     GIANT,
@@ -111,26 +108,6 @@ def by_hipparcos(
     cool_giant = (luminosity == GIANT) & (by_v_i < 4000.0) & (by_v_i > reddest_k)
     fair = (fair | cool_giant) & (hp < FAIR_HP_MAG)
     return VisibleStars(temperature_k, luminosity.astype(np.int8), np.where(fair, FAIR, UNCERTAIN))
-
-
-def measured_flux_jy(g_mag: Array, hp_mag: Array) -> tuple[dict[str, Array], dict[str, NDArray[np.uint8]]]:
-    """Flux densities [Jy] of magnitudes G and Hp, and what they are, by band; (n,) each, NaN and unknown for NaN."""
-    flux_jy = {
-        name: as_band(name).zero_mag_jy * 10.0 ** (-0.4 * magnitude)
-        for name, magnitude in (("G", g_mag), ("Hp", hp_mag))
-    }
-    flags = {
-        name: np.where(np.isnan(values), FLUX_NONE, FLUX_MEASURED).astype(np.uint8) for name, values in flux_jy.items()
-    }
-    return flux_jy, flags
-
-
-def magnitude_in(
-    band: Band | str, g_mag: ArrayLike, hp_mag: ArrayLike, temperature_k: ArrayLike, luminosity: ArrayLike
-) -> Array:
-    """Magnitude in a band with a zero point, shape (n,), predicted from G, or from Hp where G is NaN."""
-    by_g = np.asarray(g_mag) - colour("G", band, luminosity, temperature_k)
-    return np.where(np.isnan(g_mag), np.asarray(hp_mag) - colour("Hp", band, luminosity, temperature_k), by_g)
 
 
 def gaia_bp_rp_mag(g_mag: Array, bp_rp_mag: Array) -> tuple[Array, Array]:

@@ -110,11 +110,9 @@ class ColumnTable:
         """Location of a row: "line 3", or "row 2" of a file without lines (counted from 0)."""
         return f"row {row}" if self.line_of_row is None else f"line {self.line_of_row[row]}"
 
-    def located(self, error: InputError, rows: NDArray[np.int64] | None = None) -> InputError:
-        """The error of a check of columns made of some `rows`, with the line of its row in the file if it has one."""
-        if error.row is None:
-            return error
-        return error.at_row(self.where(error.row if rows is None else int(rows[error.row])))
+    def located(self, error: InputError) -> InputError:
+        """The error of a check of columns, with the line of its row in the file if it has one."""
+        return error if error.row is None else error.at_row(self.where(error.row))
 
     def _numbers_of_text(self, name: str) -> Array:
         """Numbers of a column of text, NaN where a text stands for a missing value."""

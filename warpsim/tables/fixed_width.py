@@ -87,11 +87,6 @@ class Layout:
     name: str | None = None
     """What it is the layout of."""
 
-    def parts_cut_at(self, n_byte: int) -> ByteField | None:
-        """The number that a line of so many bytes cuts through."""
-        cut = (field for field in self.fields if field.first_byte <= n_byte < field.last_byte)
-        return next((field for field in cut if field.kind in ("number", "whole")), None)
-
 
 def recognised(lines: Lines, layouts: Sequence[Layout]) -> Layout | None:
     """The layout that most of the first lines follow, at least half of them; None if there is none."""
@@ -198,10 +193,10 @@ def _check_lengths(lines: Lines, layout: Layout) -> None:
         row = int(short[0])
         raise InputError(f"must have {layout.shortest} bytes", value=length[row]).of(f"line {lines.number[row]}")
     for n_byte in np.unique(length[length < layout.length]).tolist():
-        cut = layout.parts_cut_at(n_byte)
-        if cut is not None:
-            line = lines.number[int(np.flatnonzero(length == n_byte)[0])]
-            raise InputError(f"must be complete, got {n_byte} bytes").of(cut.label).of(f"line {line}")
+        for field in layout.fields:
+            if field.first_byte <= n_byte < field.last_byte and field.kind in ("number", "whole"):
+                line = lines.number[int(np.flatnonzero(length == n_byte)[0])]
+                raise InputError(f"must be complete, got {n_byte} bytes").of(field.label).of(f"line {line}")
     if len(lines) and not lines.ends_with_break:
         # Without a line break the file may have been cut anywhere; other lines may give the length of one.
         complete = min([layout.length, *length[:-1].tolist()])
@@ -240,7 +235,7 @@ def _values(chars: NDArray[np.uint8], field: ByteField, lines: Lines) -> NDArray
     try:
         values[given] = text[given].astype(np.float64)
     except ValueError:
-        check(~given | np.array([is_number(cell) for cell in text]), "a number")
+        check(np.array([is_number(cell) for cell in text.tolist()]) | ~given, "a number")
         raise
     if field.null is not None:
         values[values == field.null] = np.nan

@@ -156,11 +156,7 @@ FILE_NAMES = {
 """Surveys by their archive's file name: what a file is taken for whose lines follow no layout, to say what is wrong."""
 
 
-def layout_of(survey: str) -> Layout | None:
-    """The layout of a survey's own file."""
-    return next((layout for layout in LAYOUTS if layout.name == survey), None)
-
-
 def likely_layout(file_name: str, survey: str | None) -> Layout | None:
     """The layout that a text without columns should follow: that of the survey asked for, or of the file's name."""
-    return layout_of(survey or FILE_NAMES.get(file_name.lower().removesuffix(".gz"), ""))
+    name = survey or FILE_NAMES.get(file_name.lower().removesuffix(".gz"))
+    return next((layout for layout in LAYOUTS if layout.name == name), None)

@@ -9,10 +9,8 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-import numpy as np
-
 from warpsim.errors import InputError
-from warpsim.sky.catalog_columns import NUMBER_UNITS, StarColumns, checked_columns, warn_left_out
+from warpsim.sky.catalog_columns import NUMBER_UNITS, StarColumns, checked_columns
 from warpsim.sky.photometric_bands import check_flux_columns, flag_column
 from warpsim.sky.readers import infrared, near_infrared, visible
 from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
@@ -135,36 +133,15 @@ def _survey_stars(table: ColumnTable, survey: Survey, where: str) -> StarsOfFile
 
 
 def _checked(
-    table: ColumnTable, arrays: dict[str, Any], where: str, name: str, columns: Mapping[str, str] | None = None
+    table: ColumnTable, arrays: dict[str, Any], file: str, name: str, columns: Mapping[str, str] | None = None
 ) -> StarColumns:
-    """Columns of the rows that have finite coordinates; a warning names the others.
-
-    Errors name the file's own column, which `columns` tells by warpsim's name for it.
-    """
-    placed = np.isfinite(arrays["ra_deg"]) & np.isfinite(arrays["dec_deg"])
-    rows = np.flatnonzero(placed)
-    if len(rows) < len(placed):
-        lost = np.flatnonzero(~placed)
-        lines = table.line_of_row
-        unit, numbers = ("rows", lost) if lines is None else ("lines", lines[lost])
-        warn_left_out(where, len(placed), unit, numbers.tolist())
-
-    if arrays.get("id") is None:
-        arrays["id"] = np.arange(1, len(placed) + 1)  # of the file's rows, whichever of them stay
-
-    def kept(values: Any) -> Any:
-        if isinstance(values, dict):
-            return {band: kept(band_values) for band, band_values in values.items()}
-        return values[rows] if isinstance(values, np.ndarray) else values
-
-    arguments = {key: kept(values) for key, values in arrays.items()}
-    columns_of_numbers = {key: arguments.pop(key, None) for key in NUMBER_UNITS}
+    """Columns of the stars; errors name the file's own column, which `columns` tells by warpsim's name for it."""
+    numbers = {key: arrays.pop(key, None) for key in NUMBER_UNITS}
     try:
-        return checked_columns(columns_of_numbers, **arguments, name=name)
+        return checked_columns(numbers, **arrays, name=name, file=file, line_of_row=table.line_of_row)
     except InputError as error:
         own_name = (columns or {}).get(error.field, error.field)
-        named = error if own_name == error.field else error.of(f"column {own_name}")
-        raise table.located(named, rows) from None
+        raise table.located(error if own_name == error.field else error.of(f"column {own_name}")) from None
 
 
 def _rows_read(table: ColumnTable, read: Callable[[], T]) -> T:
