@@ -231,7 +231,7 @@ def _values(chars: NDArray[np.uint8], field: ByteField, lines: Lines) -> NDArray
         return np.char.strip(np.char.decode(text, "latin-1"))
     values = np.full(len(text), np.nan)
     given = ~(block == _BLANK).all(axis=1)
-    check(_NUMBER_BYTES[block].all(axis=1), "a number")
+    check(np.asarray(_NUMBER_BYTES[block].all(axis=1)), "a number")
     try:
         values[given] = text[given].astype(np.float64)
     except ValueError:
