@@ -9,7 +9,7 @@ from scipy.integrate import quad
 import warpsim as ws
 from warpsim.radiometry.earth_spectrum import earth_albedo, earth_brightness_temperature_k, earth_spectrum
 from warpsim.radiometry.sunlight import solar_spectrum
-from warpsim.scene.lighting import EARTH_K
+from warpsim.scene.environment import EARTH_K
 
 QUAD_RTOL = 1e-6
 TEMPERATURE_RTOL = 1e-12

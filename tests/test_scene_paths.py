@@ -8,8 +8,8 @@ import pytest
 import warpsim as ws
 from warpsim.files import absolute_path
 from warpsim.orbit.constellations import NamedOrbit
+from warpsim.scene.environment import Sky
 from warpsim.scene.scene_files import named_files
-from warpsim.scene.sky import Sky
 
 TLE = """\
 1 25544U 98067A   25152.00000000  .00001764  00000-0  38792-4 0  9996

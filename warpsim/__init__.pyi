@@ -17,8 +17,8 @@ from warpsim.scene.groups import TargetGroup as TargetGroup
 from warpsim.scene.groups import TargetSpec as TargetSpec
 from warpsim.scene.groups import Release as Release
 from warpsim.scene.band_descriptions import BandDescription as BandDescription
-from warpsim.scene.sky import Sky as Sky
-from warpsim.scene.lighting import Lighting as Lighting
+from warpsim.scene.environment import Sky as Sky
+from warpsim.scene.environment import Lighting as Lighting
 from warpsim.scene.scene_files import presets as presets
 
 # rendering

@@ -21,11 +21,11 @@ from warpsim.output.manifest import package_versions
 from warpsim.output.output_folder import MANIFEST
 from warpsim.render.frameset import FrameSet
 from warpsim.render.stars import catalog_checksums
+from warpsim.scene.environment import BUILT_IN_CATALOGS
 from warpsim.scene.inputs import input_checksums
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 from warpsim.scene.scene_files import named_files
-from warpsim.scene.sky import BUILT_IN_CATALOGS
 from warpsim.version import __version__
 
 SEQUENCES = "sequences.parquet"

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from warpsim.plot.figure import BLUE, DASHES, GREY, PALE, SERIES, new_axes
 from warpsim.scene.instrument import ANY
-from warpsim.scene.scenario import Scenario
-from warpsim.scene.scene import Scene, scenario_of
+from warpsim.scene.scenario import Scenario, scenario_of
+from warpsim.scene.scene import Scene
 
 if TYPE_CHECKING:
     from astropy.table import Table

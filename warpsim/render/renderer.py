@@ -25,10 +25,9 @@ from warpsim.render.pool import pool_of
 from warpsim.render.request import Request, checked_rate, checked_request
 from warpsim.render.stars import Skies
 from warpsim.render.stream import GROUP_BYTES, GROUP_BYTES_CUDA, Stream, StreamStats, stream_sizes
-from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
-from warpsim.scene.scenario import Scenario
-from warpsim.scene.scene import Scene, scenario_of
+from warpsim.scene.scenario import Scenario, scenario_of
+from warpsim.scene.scene import Scene
 from warpsim.sky.catalog import StarCatalog
 
 
@@ -85,7 +84,7 @@ class Renderer:
         self._stream: Stream | None = None
 
     @property
-    def scene(self) -> SceneDescription:
+    def scene(self) -> Scene:
         """The description."""
         return self.scenario.scene
 

@@ -18,10 +18,10 @@ from warpsim.instant import Instant
 from warpsim.launches import to_numpy
 from warpsim.optics.psf_bank import PsfBank
 from warpsim.radiometry.band import Band
+from warpsim.scene.environment import Sky
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.sensors import Sensor
-from warpsim.scene.sky import Sky
 from warpsim.scene.tracks import Tracks
 from warpsim.sky.band_index import BandIndex
 from warpsim.sky.catalog import StarCatalog

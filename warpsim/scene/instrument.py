@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +17,9 @@ from warpsim.optics.psf import Psf
 from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.orbit.intervals import Intervals
 from warpsim.radiometry.band import Band
-from warpsim.scene.attitudes import AnyAttitude
 from warpsim.scene.camera_axes import CommandedAxes
 from warpsim.scene.exposure import ExposureRule, exposure_rule
 from warpsim.scene.light_terms import LightTerm, light_terms
-from warpsim.scene.lighting import Lighting
-from warpsim.scene.observable import can_observe
 from warpsim.scene.pointing_program import (
     PointingProgram,
     check_frames,
@@ -34,11 +30,12 @@ from warpsim.scene.pointing_program import (
     slew_turns,
     tracked_targets,
 )
-from warpsim.scene.sensors import Frames, Sensor
+from warpsim.scene.sensors import Sensor
 from warpsim.scene.slews import SlewTurn
-from warpsim.scene.target_access import ACCESS_STEP_S, Custom, Observers, target_intervals
-from warpsim.scene.targets import SceneTarget
-from warpsim.scene.tracks import Tracks
+from warpsim.scene.target_access import ACCESS_STEP_S, Custom, Observers, can_observe, target_intervals
+
+if TYPE_CHECKING:
+    from warpsim.scene.scenario import Scenario
 
 F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -47,75 +44,23 @@ TRACKED, ANY = "tracked", "any"
 """Words for a scene's access_target: what a sensor tracks, any target at all."""
 
 
-class SceneBodies(Protocol):
-    """Parts of a scenario that an instrument observes."""
-
-    @property
-    def targets(self) -> Sequence[SceneTarget]:
-        """Return the single targets."""
-
-    @property
-    def tracks(self) -> Tracks:
-        """Return the tracks of satellites and targets."""
-
-    @property
-    def attitudes(self) -> Sequence[AnyAttitude]:
-        """Return the targets' attitudes."""
-
-    @property
-    def breakpoints_s(self) -> dict[str, list[float]]:
-        """Return times of sudden changes of motion, by satellite and target [s]."""
-
-    @property
-    def group_names(self) -> list[str]:
-        """Return the names of the groups."""
-
-    @property
-    def body_names(self) -> set[str]:
-        """Return the names of satellites and sensors."""
-
-
-@dataclass(frozen=True)
-class SceneWide:
-    """Fields of a scene that its instruments share."""
-
-    frames: Frames
-    access_rules: AccessConstraints
-    access_target: str
-    lighting: Lighting
-    duration_s: float
-    name: str
-    seed: int
-    noise_seed: int
-
-
 class Instrument:
     """A kind of sensor, the satellites that carry one, and its derived data.
 
     Args:
         sensor: Its description.
-        names: Names of the sensors of this kind.
-        satellites: Index and name of the satellite of each.
-        bands: Spectral bands by name, those of the sensor among them.
-        scene: Fields of the scene common to all its sensors.
-        bodies: The observed bodies.
+        instances: Name of each sensor of this kind, and index of its satellite.
+        scenario: Of the scene, with the observed bodies.
     """
 
-    def __init__(
-        self,
-        sensor: Sensor,
-        names: Sequence[str],
-        satellites: Sequence[tuple[int, str]],
-        bands: Mapping[str, Band],
-        scene: SceneWide,
-        bodies: SceneBodies,
-    ) -> None:
-        self.sensor, self.names, self._scene, self._bodies = sensor, list(names), scene, bodies
-        self.bands: dict[str, Band] = {name: bands[name] for name in sensor.bands}
-        self.satellites = [index for index, _ in satellites]
-        self.satellite_names = [name for _, name in satellites]
-        self.frames = sensor.frames or scene.frames
-        self.access_rules = sensor.access_rules or scene.access_rules
+    def __init__(self, sensor: Sensor, instances: Sequence[tuple[str, int]], scenario: Scenario) -> None:
+        self.sensor, self._bodies, self._scene = sensor, scenario, scenario.scene
+        self.names = [name for name, _ in instances]
+        self.satellites = [index for _, index in instances]
+        self.satellite_names = [scenario.satellite_names[index] for index in self.satellites]
+        self.bands: dict[str, Band] = {name: scenario.bands[name] for name in sensor.bands}
+        self.frames = sensor.frames or self._scene.frames
+        self.access_rules = sensor.access_rules or self._scene.access_rules
         self._turns: dict[int, tuple[SlewTurn, ...]] = {}
 
     def __repr__(self) -> str:
@@ -138,7 +83,8 @@ class Instrument:
     @property
     def noise_seed(self) -> int:
         """Seed of the detectors' noise."""
-        return self._scene.noise_seed
+        scene = self._scene
+        return scene.seed if scene.noise_seed is None else scene.noise_seed
 
     @property
     def slews(self) -> bool:
@@ -173,7 +119,7 @@ class Instrument:
 
     def noise_key(self, sensor: int) -> int:
         """Return the 64-bit key of a sensor's noise: no other sensor, and no scene of another name or seed, has it."""
-        return _key("noise", self._scene.noise_seed, self._scene.name, self.satellite_names[sensor], self.sensor.name)
+        return _key("noise", self.noise_seed, self._scene.name, self.satellite_names[sensor], self.sensor.name)
 
     def pointing_key(self, sensor: int) -> int:
         """Return the 64-bit key of the random errors of a sensor's pointing."""

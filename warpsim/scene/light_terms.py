@@ -13,7 +13,7 @@ from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M
 from warpsim.orbit.eclipse import sunlit_depth
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import band_radiance_w_m2_sr
-from warpsim.scene.lighting import Lighting
+from warpsim.scene.environment import Lighting
 from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
 from warpsim.target.surface import Light

@@ -17,22 +17,29 @@ from warpsim.orbit.eclipse import eclipses, sunlit_fraction
 from warpsim.orbit.sun import earth_states
 from warpsim.quaternion import rotated
 from warpsim.radiometry.band import Band
-from warpsim.scene.access_report import access_report, check_rules, chosen_sensors
-from warpsim.scene.access_tables import eclipse_table
+from warpsim.scene.access_report import access_report, check_rules, chosen_sensors, eclipse_table
 from warpsim.scene.attitudes import AnyAttitude, attitude_tables, target_attitudes
 from warpsim.scene.band_descriptions import find_band, needs_file
 from warpsim.scene.breakpoints import breakpoints_s
-from warpsim.scene.description import SceneDescription
-from warpsim.scene.instrument import Instrument, SceneWide
+from warpsim.scene.checks import (
+    check_access_target,
+    check_instances,
+    check_instrument,
+    check_paths,
+    check_psf_files,
+    check_satellites,
+    check_shapes,
+    check_surfaces,
+)
+from warpsim.scene.instrument import Instrument
 from warpsim.scene.roster import Roster, some_names
+from warpsim.scene.scene import Scene
 from warpsim.scene.sensors import sensor_instances
 from warpsim.scene.short_form import item_path
-from warpsim.scene.solved import check_paths, check_psf_files, check_shapes, check_surfaces
 from warpsim.scene.target_access import ACCESS_STEP_S, target_margins
 from warpsim.scene.targets import SceneTarget, scene_targets
 from warpsim.scene.temperatures import target_temperatures, temperature_tables
 from warpsim.scene.tracks import Tracks, build_tracks
-from warpsim.scene.validation import check_access_target, check_instances, check_instrument, check_satellites
 from warpsim.target.temperature import TemperatureRows
 from warpsim.target.timed_rows import END_SLACK_S
 
@@ -52,8 +59,8 @@ class Scenario:
         InputError: A file cannot be read or does not fit, or a path cannot be propagated.
     """
 
-    def __init__(self, scene: SceneDescription) -> None:
-        if not isinstance(scene, SceneDescription):
+    def __init__(self, scene: Scene) -> None:
+        if not isinstance(scene, Scene):
             rule = f"must be a Scene, got {type(scene).__name__}; Scene.load reads presets and files"
             raise InputError(rule, "scene")
         self.scene = scene
@@ -111,28 +118,10 @@ class Scenario:
     @cached_property
     def instruments(self) -> dict[str, Instrument]:
         """Instruments by name: each kind of sensor with its derived data."""
-        scene, satellites = self.scene, self.satellite_names
-        wide = SceneWide(
-            scene.frames,
-            scene.access_rules,
-            scene.access_target,
-            scene.lighting,
-            scene.duration_s,
-            scene.name,
-            scene.seed,
-            scene.seed if scene.noise_seed is None else scene.noise_seed,
-        )
-        instances = sensor_instances(scene.sensors, satellites)
+        instances = sensor_instances(self.scene.sensors, self.satellite_names)
         return {
-            sensor.name: Instrument(
-                sensor,
-                [name for name, _ in own],
-                [(index, satellites[index]) for _, index in own],
-                self.bands,
-                wide,
-                self,
-            )
-            for sensor, own in zip(scene.sensors, instances, strict=True)
+            sensor.name: Instrument(sensor, own, self)
+            for sensor, own in zip(self.scene.sensors, instances, strict=True)
         }
 
     @property
@@ -437,3 +426,17 @@ class Scenario:
             position_m = tracks.of(body).position_at_m
         found = eclipses(position_m, tracks.sun.position_at_m, tracks.pole_icrs, self.scene.duration_s, step_s)
         return eclipse_table(found, {"name": name, "epoch_utc": self.scene.epoch_utc})
+
+
+def scenario_of(scene: Scene | Scenario) -> Scenario:
+    """Return the scenario of a scene, or the scenario itself.
+
+    Raises:
+        InputError: It is neither, or the scene has no scenario.
+    """
+    if isinstance(scene, Scenario):
+        return scene
+    if not isinstance(scene, Scene):
+        rule = f"must be a Scene or a Scenario, got {type(scene).__name__}; Scene.load reads presets and files"
+        raise InputError(rule, "scene")
+    return scene.scenario

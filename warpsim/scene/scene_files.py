@@ -14,7 +14,7 @@ from typing import Any
 from warpsim.config.model import TOO_DEEP
 from warpsim.errors import InputError
 from warpsim.files import absolute_path, whole_file
-from warpsim.scene.sky import BUILT_IN_CATALOGS
+from warpsim.scene.environment import BUILT_IN_CATALOGS
 
 DEEPEST = 60
 """Levels of lists and tables within each other in a scene; mixtures of mixtures may go down 20 levels."""

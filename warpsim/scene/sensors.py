@@ -14,7 +14,7 @@ from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
 from warpsim.optics.telescope import Optics
 from warpsim.orbit.access_constraints import AccessConstraints
-from warpsim.scene.band_names import BandNames
+from warpsim.scene.band_descriptions import BandNames
 from warpsim.scene.pointing import ALL, Pointings, Satellites, TrackPointing, satellites_of
 from warpsim.scene.short_form import item_path
 

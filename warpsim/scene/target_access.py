@@ -1,4 +1,4 @@
-"""Access of sensors to targets: when all constraints hold, from tracks, constraints and cameras."""
+"""Access of sensors to targets: intervals, margins, and all pairs at the times of frames."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.optics.camera import Camera
-from warpsim.orbit.access import access_intervals, margins
-from warpsim.orbit.access_constraints import AccessConstraints, CameraGeometry, MarginFunction
+from warpsim.orbit.access import access_intervals, constraints_by_cost, margins
+from warpsim.orbit.access_constraints import AccessConstraints, AccessGeometry, CameraGeometry, MarginFunction
 from warpsim.orbit.intervals import Intervals
 from warpsim.scene.camera_axes import apparent_mean, satellite_state
 from warpsim.scene.tracks import Tracks
@@ -129,3 +129,84 @@ def target_margins(
         custom=custom,
         fov=field_of_view(tracks, observers, target),
     )
+
+
+I64 = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+_PAIRS_AT_ONCE = 100_000  # (time, sensor, target) held at once: some 50 MB of temporaries
+
+
+def can_observe(tracks: Tracks, observers: Observers, rules: AccessConstraints, time_s: F64) -> Mask:
+    """Return whether sensors can observe each target at given times, (n_time, n_sensor, n_target)."""
+    seen = np.empty((len(time_s), len(observers.satellites), len(tracks.targets)), dtype=bool)
+    for target in range(len(tracks.targets)):
+        seen[..., target] = tracks.exist(target, time_s)[:, None]
+    if not seen.size:
+        return seen
+    n_time = max(1, _PAIRS_AT_ONCE // seen[0].size)
+    for first in range(0, len(time_s), n_time):
+        part = slice(first, first + n_time)
+        seen[part] = _observable(_Pairs(tracks, observers, time_s[part]), rules, seen[part])
+    return seen
+
+
+class _Pairs:
+    """Geometry of (time, sensor, target) at some times."""
+
+    def __init__(self, tracks: Tracks, observers: Observers, time_s: F64) -> None:
+        self._tracks, self._observers, self._time_s = tracks, observers, time_s
+        self._sensor_m = np.stack([tracks.satellites[index].position_at_m(time_s) for index in observers.satellites])
+        self._target_m = np.stack([tracks.target_state(index, time_s)[0] for index in range(len(tracks.targets))])
+        self._sun_m = tracks.sun.position_at_m(time_s)
+        self._axes: dict[int, F64] = {}
+
+    def view(self, time: I64, sensor: I64, target: I64, fov: CameraGeometry | None = None) -> AccessGeometry:
+        """Geometry of pairs, as rows of one time each."""
+        return AccessGeometry(
+            self._sensor_m[sensor, time][:, None],
+            self._target_m[target, time][:, None],
+            self._sun_m[time][:, None],
+            self._tracks.pole_icrs,
+            self._time_s[time][:, None],
+            sensor[:, None],
+            fov,
+        )
+
+    def frame_margin_deg(self, time: I64, sensor: I64, target: I64) -> F64:
+        """Angle of targets from the edge of the frame [deg], each target with its own apparent direction."""
+        margin = np.empty(len(target))
+        for one in np.unique(target):
+            rows = np.flatnonzero(target == one)
+            fov = CameraGeometry(self._observers.camera, self._axes_at, self._field(int(one)).direction)
+            margin[rows] = self.view(time[rows], sensor[rows], target[rows], fov).frame_margin_deg[:, 0]
+        return margin
+
+    def _field(self, target: int) -> CameraGeometry:
+        return field_of_view(self._tracks, self._observers, target)
+
+    def _axes_at(self, sensor: int, time_s: F64) -> F64:
+        """Commanded axes at some of the times; found once for all of them."""
+        if sensor not in self._axes:
+            self._axes[sensor] = self._observers.axes(sensor, self._unique_s)
+        return self._axes[sensor][np.searchsorted(self._unique_s, time_s)]
+
+    @property
+    def _unique_s(self) -> F64:
+        return np.unique(self._time_s)
+
+
+def _observable(pairs: _Pairs, rules: AccessConstraints, exist: Mask) -> Mask:
+    """Return where every constraint holds, among the pairs in which the target exists."""
+    time, sensor, target = np.nonzero(exist)
+    for constraint in constraints_by_cost(rules):
+        if constraint.name == "fov_deg":
+            margin = pairs.frame_margin_deg(time, sensor, target)
+        else:
+            view = pairs.view(time, sensor, target)
+            margin = np.broadcast_to(constraint.margin(view), view.shape)[:, 0]
+        holds = margin >= 0.0
+        time, sensor, target = time[holds], sensor[holds], target[holds]
+    seen = np.zeros_like(exist)
+    seen[time, sensor, target] = True
+    return seen

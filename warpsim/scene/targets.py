@@ -10,9 +10,8 @@ from pydantic import ValidationError
 
 from warpsim.config.model import adapter, input_error
 from warpsim.errors import InputError
-from warpsim.scene.changes import changed
 from warpsim.scene.groups import TargetGroup, TargetSpec
-from warpsim.scene.short_form import item_path
+from warpsim.scene.short_form import changed, item_path
 from warpsim.streams import uniforms
 
 
