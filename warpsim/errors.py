@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numbers
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple, Self
 
 LONGEST_VALUE = 60
@@ -129,6 +130,15 @@ class InputError(ValueError):
         if len(rule) > LONGEST_RULE and not self.errors:
             rule = f"{rule[:LONGEST_RULE]} ..."
         return printable(f"{place}: {rule}" if place else rule)
+
+
+@contextmanager
+def errors_at(field: str, name: str = "") -> Iterator[None]:
+    """Put a field's path, and the name of a file or a body in it, before the place of errors that are raised within."""
+    try:
+        yield
+    except InputError as error:
+        raise error.of(name).within(field) from None
 
 
 def shown(value: Any, form: str = "") -> str:

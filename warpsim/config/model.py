@@ -56,6 +56,12 @@ def complete(cls: type[Any], **later: Any) -> None:
     _raise_input_errors(cls, list(cls.__dataclass_fields__))
 
 
+def exactly_one(part: object, *names: str) -> None:
+    """Check that a config model has exactly one of some fields; InputError otherwise."""
+    if sum(getattr(part, name) is not None for name in names) != 1:
+        raise InputError("exactly one must be given", ", ".join(names))
+
+
 def choice(tag: str) -> Tag:
     """Return the tag of a member of a union that has no kinds; field paths in messages leave it out."""
     _KINDS.add(tag)

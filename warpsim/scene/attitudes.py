@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from warpsim.errors import InputError
+from warpsim.errors import errors_at
 from warpsim.instant import Instant
 from warpsim.scene.groups import TargetGroup
-from warpsim.scene.short_form import item_path
+from warpsim.scene.short_form import with_paths
 from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
 from warpsim.target.attitude import BodyMotion, attitude_frame
@@ -22,17 +22,7 @@ def target_attitudes(
     tables: dict[tuple[int, int], AttitudeRows],
     seed: int,
 ) -> list[AnyAttitude]:
-    """Return the attitude motion of each single target; those of one entry share their table.
-
-    Args:
-        targets: The single targets.
-        tracks: Their motion.
-        tables: As attitude_tables gives them.
-        seed: Of axes and phases.
-
-    Raises:
-        InputError: A body at rest has no velocity to turn about.
-    """
+    """Return the attitude motion of each single target; those of one entry share their table (attitude_tables)."""
     found: list[AnyAttitude] = []
     for number, target in enumerate(targets):
         attitude = target.spec.attitude
@@ -42,39 +32,23 @@ def target_attitudes(
         first_s, last_s = target.exists_s
         begin_s = max(0.0, first_s, min(target.release_s, last_s))  # some are gone before their release
         velocity_m_s = tracks.targets[number].state(begin_s)[1]
-        try:
-            frame = attitude_frame(attitude, velocity_m_s, seed, number)
-        except InputError as error:
-            raise error.within("attitude").of(target.name) from None
-        found.append(BodyMotion(attitude, frame))
+        with errors_at("", target.name), errors_at("attitude"):
+            found.append(BodyMotion(attitude, attitude_frame(attitude, velocity_m_s, seed, number)))
     return found
 
 
 def attitude_tables(
     groups: Sequence[TargetGroup], epoch: Instant, duration_s: float, with_files: bool = True
 ) -> dict[tuple[int, int], AttitudeRows]:
-    """Return the checked tables of attitudes, by the indices of group and entry.
-
-    Args:
-        groups: The groups.
-        epoch: The scene's.
-        duration_s: Length of the scene [s]; tables must cover it as far as their targets are there.
-        with_files: Whether tables in files are read.
-
-    Raises:
-        InputError: A table cannot be read or does not cover the scene; the path begins with the group's.
-    """
+    """Return the tables of attitudes by the indices of group and entry, checked to cover what there is in a scene."""
     rows = {}
-    for number, group in enumerate(groups):
+    for number, (path, group) in enumerate(with_paths("groups", groups)):
         for entry, spec in enumerate(group.targets):
             table = spec.attitude
             if isinstance(table, AttitudeTable) and (with_files or table.file is None):
-                try:
+                with errors_at(path), errors_at(f"targets[{entry}].attitude"):
                     rows[number, entry] = table.rows(epoch)
                     rows[number, entry].check_span(*within_scene(group.span_s, duration_s))
-                except InputError as error:
-                    path = item_path("groups", number, len(groups))
-                    raise error.within(f"targets[{entry}].attitude").within(path) from None
     return rows
 
 

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from warpsim.detector.levels import levels
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.instant import Instant, instant, instant_after
-from warpsim.optics.telescope import Optics
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.constellations import ListedSatellites, MixedConstellation, SeedPattern
 from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
@@ -34,7 +33,7 @@ from warpsim.scene.pointing import satellites_of
 from warpsim.scene.pointing_program import check_frames as check_covered
 from warpsim.scene.pointing_program import entry_path, make_program, tracked_targets
 from warpsim.scene.sensors import Frames, Sensor, sensor_instances
-from warpsim.scene.short_form import item_path
+from warpsim.scene.short_form import item_path, with_paths
 from warpsim.scene.targets import SceneTarget, with_values
 from warpsim.scene.temperatures import temperature_tables
 from warpsim.target.mesh import Mesh
@@ -64,34 +63,27 @@ def check_sensors(constellation: AnyConstellation, sensors: Sequence[Sensor], fr
     if not sensors:
         raise InputError("must hold at least one", "sensors")
     satellites = known_names(constellation)
-    for number, sensor in enumerate(sensors):
-        path = item_path("sensors", number, len(sensors))
-        if any(other.name == sensor.name for other in sensors[:number]):
-            raise InputError("must be no other sensor's name", "name", sensor.name).within(path)
+    names: set[str] = set()
+    for path, sensor in with_paths("sensors", sensors):
         exposure_s, own = sensor.detector.exposure_s, sensor.frames or frames
-        if own.count > 1 and exposure_s > own.interval_s:
-            rule = f"must be at most frames.interval_s ({own.interval_s:g})"
-            raise InputError(rule, "detector.exposure_s", exposure_s, "g").within(path)
-        try:
+        with errors_at(path):
+            if sensor.name in names:
+                raise InputError("must be no other sensor's name", "name", sensor.name)
+            if own.count > 1 and exposure_s > own.interval_s:
+                rule = f"must be at most frames.interval_s ({own.interval_s:g})"
+                raise InputError(rule, "detector.exposure_s", exposure_s, "g")
             if satellites is not None:
                 check_satellites(sensor, satellites)
-        except InputError as error:
-            raise error.within(path) from None
+        names.add(sensor.name)
 
 
 def check_satellites(sensor: Sensor, satellites: Sequence[str]) -> None:
-    """Check that a sensor's satellites exist, and that each of them has a pointing.
-
-    Raises:
-        InputError: They are not; the path begins with a field of the sensor.
-    """
+    """Check that a sensor's satellites exist, and that each of them has a pointing."""
     carriers = [satellites[index] for index in satellites_of(sensor.on, satellites)]
     pointed: set[int] = set()
     for number, pointing in enumerate(sensor.pointing):
-        try:
+        with errors_at(entry_path(number, len(sensor.pointing))):
             pointed |= set(satellites_of(pointing.on, carriers))
-        except InputError as error:
-            raise error.within(entry_path(number, len(sensor.pointing))) from None
     left = [name for index, name in enumerate(carriers) if index not in pointed]
     if left:
         raise InputError(f"must say where every sensor looks, got nothing for that of {left[0]}", "pointing")
@@ -106,9 +98,8 @@ def check_names(constellation: AnyConstellation, sensors: Sequence[Sensor], grou
     if twice:
         raise InputError(f"names must be unique among satellites and targets, got {twice[0]} twice", "targets")
     taken = set(names)
-    for number, sensor in enumerate(sensors):
+    for path, sensor in with_paths("sensors", sensors):
         if len(sensors) > 1 and sensor.name in taken:
-            path = item_path("sensors", number, len(sensors))
             raise InputError("must be no name of a satellite or target", "name", sensor.name).within(path)
     if satellites:
         check_instances(sensors, satellites, names)
@@ -123,16 +114,7 @@ def check_names(constellation: AnyConstellation, sensors: Sequence[Sensor], grou
 
 
 def check_instances(sensors: Sequence[Sensor], satellites: Sequence[str], names: Sequence[str]) -> None:
-    """Check that no sensor of a satellite with several has the name of another body or sensor.
-
-    Args:
-        sensors: The kinds.
-        satellites: Names of the satellites.
-        names: Those of all satellites and targets, and the Sun's.
-
-    Raises:
-        InputError: One has; the path begins with the kind's.
-    """
+    """Check that no sensor of a satellite with several has one of the names of other bodies, or another sensor's."""
     taken = set(names)
     for number, own in enumerate(sensor_instances(sensors, satellites)):
         for name, index in own:
@@ -146,8 +128,7 @@ def check_instances(sensors: Sequence[Sensor], satellites: Sequence[str], names:
 def check_times(constellation: AnyConstellation, groups: Sequence[TargetGroup], duration_s: float) -> None:
     """Check that groups and releases are within the scene, and that the scene is not too long for its bodies."""
     n_body = len(known_names(constellation) or [])
-    for number, group in enumerate(groups):
-        path = item_path("groups", number, len(groups))
+    for path, group in with_paths("groups", groups):
         n_body += len(known_names(group.path) or []) if group.orbits else len(group.names)
         first_s, last_s = group.span_s
         if group.start_s >= duration_s:
@@ -170,8 +151,7 @@ def check_times(constellation: AnyConstellation, groups: Sequence[TargetGroup], 
 
 def check_frames(sensors: Sequence[Sensor], frames: Frames, duration_s: float) -> None:
     """Check that all frames are within the scene."""
-    own = {item_path("sensors", number, len(sensors)): sensor.frames for number, sensor in enumerate(sensors)}
-    for path, some in [("", frames), *own.items()]:
+    for path, some in [("", frames), *((path, sensor.frames) for path, sensor in with_paths("sensors", sensors))]:
         last_s = 0.0 if some is None else some.start_s + (some.count - 1) * some.interval_s
         if last_s > duration_s:
             rule = f"the last frame must be within duration_s ({duration_s:g}), got {last_s:g} s"
@@ -202,19 +182,16 @@ def check_bands(
 
 def check_instruments(sensors: Sequence[Sensor], own: Mapping[str, BandDescription]) -> None:
     """Check the instruments in the bands that no file must be read for."""
-    for number, sensor in enumerate(sensors):
-        bands = [find_band(name, own) for name in sensor.bands if not needs_file(name, own)]
-        check_instrument(sensor, bands, item_path("sensors", number, len(sensors)))
+    for path, sensor in with_paths("sensors", sensors):
+        check_instrument(sensor, [find_band(name, own) for name in sensor.bands if not needs_file(name, own)], path)
 
 
 def check_instrument(sensor: Sensor, bands: Sequence[Band], path: str) -> None:
     """Check that a sensor has a point spread function in bands, and that blank sky does not saturate."""
-    try:
+    with errors_at(path):
         for band in bands:
             _check_optics(sensor, band)
             levels(sensor.detector, sensor.optics, sensor.camera, band)
-    except InputError as error:
-        raise error.within(path) from None
 
 
 def _check_optics(sensor: Sensor, band: Band) -> None:
@@ -222,19 +199,15 @@ def _check_optics(sensor: Sensor, band: Band) -> None:
     optics = sensor.optics
     if isinstance(optics.psf_file, Mapping) and band.name not in optics.psf_file:
         raise InputError(f"must name a file for every band, got none for {band.name}", "optics.psf_file")
-    if optics.psf_file is not None:
-        return
-    try:
-        optics.psf_for(band, sensor.camera, sensor.detector.diffusion_px)
-    except InputError as error:
-        raise error.of(f"in band {band.name}").within("optics") from None
+    if optics.psf_file is None:
+        with errors_at("optics", f"in band {band.name}"):
+            optics.psf_for(band, sensor.camera, sensor.detector.diffusion_px)
 
 
 def check_targets(groups: Sequence[TargetGroup], sensors: Sequence[Sensor], epoch_utc: str, duration_s: float) -> None:
     """Check that targets are described in every band, drawn numbers are valid, and tables cover the scene."""
     bands = list(dict.fromkeys(band for sensor in sensors for band in sensor.bands))
-    for number, group in enumerate(groups):
-        path = item_path("groups", number, len(groups))
+    for path, group in with_paths("groups", groups):
         for entry, spec in enumerate(group.targets):
             missing = next((band for band in bands if not spec.surface.describes(band)), None)
             if missing is not None:
@@ -245,10 +218,8 @@ def check_targets(groups: Sequence[TargetGroup], sensors: Sequence[Sensor], epoc
                 raise InputError(rule, f"targets[{entry}].surface").within(path)
             for field, distribution in (spec.spread or {}).items():
                 for value in distribution.extremes:
-                    try:
+                    with errors_at(path), errors_at(f"targets[{entry}].spread"):
                         with_values(spec, {field: value})
-                    except InputError as error:
-                        raise error.within(f"targets[{entry}].spread").within(path) from None
     attitude_tables(groups, instant(epoch_utc), duration_s, with_files=False)
     temperature_tables(groups, instant(epoch_utc), duration_s, with_files=False)
 
@@ -276,25 +247,19 @@ def check_pointing(
     check_access_target(access_target, targets, names)
     instances = sensor_instances(sensors, satellites)
     known = {*satellites, *(name for some in instances for name, _ in some)}
-    for number, (sensor, own) in enumerate(zip(sensors, instances, strict=True)):
+    for (path, sensor), own in zip(with_paths("sensors", sensors), instances, strict=True):
         if any(reads_file(pointing) for pointing in sensor.pointing):
             continue
         named = [(name, satellites[index]) for name, index in own]
         when = sensor.frames or frames
-        try:
+        with errors_at(path):
             program = make_program(sensor.pointing, named, sensor.camera, targets, names, known)
             ends_s = when.start_s + np.array([0.0, (when.count - 1) * when.interval_s])
             check_covered(program, [name for name, _ in own], ends_s)
-        except InputError as error:
-            raise error.within(item_path("sensors", number, len(sensors))) from None
 
 
 def check_access_target(access_target: str, targets: Sequence[SceneTarget], groups: Sequence[str]) -> None:
-    """Check that the access target exists.
-
-    Raises:
-        InputError: It is not.
-    """
+    """Check that the access target exists."""
     if access_target in (TRACKED, ANY):
         return
     try:
@@ -306,19 +271,13 @@ def check_access_target(access_target: str, targets: Sequence[SceneTarget], grou
 def check_paths(
     constellation: AnyConstellation, groups: Sequence[TargetGroup], epoch: Instant, duration_s: float
 ) -> None:
-    """Check that tabulated motion covers the scene, and that ballistic arcs have a solution.
-
-    Raises:
-        InputError: It does not, or a file cannot be read; the path begins with the field.
-    """
+    """Check that tabulated motion covers the scene, and that ballistic arcs have a solution."""
     _check_path(constellation, "constellation", epoch, (0.0, duration_s))
-    for number, group in enumerate(groups):
+    for path, group in with_paths("groups", groups):
         first_s, last_s = within_scene(group.span_s, duration_s)
         start, span_s = instant_after(epoch, group.start_s), (first_s - group.start_s, last_s - group.start_s)
-        try:
+        with errors_at(path):
             _check_path(group.path, group.path_field, start, span_s)
-        except InputError as error:
-            raise error.within(item_path("groups", number, len(groups))) from None
 
 
 def _check_path(path: Any, field: str, epoch: Instant, span_s: tuple[float, float]) -> None:
@@ -329,65 +288,27 @@ def _check_path(path: Any, field: str, epoch: Instant, span_s: tuple[float, floa
     elif isinstance(path, ListedSatellites):
         for number, item in enumerate(path.satellites):
             _check_path(item.orbit, f"{field}.satellites[{number}].orbit", epoch, span_s)
-    try:
+    with errors_at(field):
         if isinstance(path, BallisticArc):
-            _check_arc(path, epoch, span_s[1])
+            if span_s[1] > path.duration_s:
+                rule = f"must be at least {span_s[1]:g}, until when it is asked for"
+                raise InputError(rule, "duration_s", path.duration_s, "g")
+            path.flight(epoch).start_velocity_m_s  # noqa: B018  # solved here
         elif isinstance(path, EphemerisOrbit | EphemerisSatellites):
             gaps_s = [time_s for time_s in path.gaps_s(epoch) if span_s[0] < time_s < span_s[1]]
             path.states(epoch, np.array([*span_s, *gaps_s]))
             path.notes(epoch, span_s[1])
         elif isinstance(path, SeedPattern):
             path.states(epoch, np.zeros(1))
-    except InputError as error:
-        raise error.within(field) from None
 
 
-def _check_arc(arc: BallisticArc, epoch: Instant, end_s: float) -> None:
-    """Check that an arc covers the scene, has the scene's epoch, and has a solution."""
-    if end_s > arc.duration_s:
-        raise InputError(f"must be at least {end_s:g}, until when it is asked for", "duration_s", arc.duration_s, "g")
-    arc.flight(epoch).start_velocity_m_s  # noqa: B018  # solved here
-
-
-def check_shapes(groups: Sequence[TargetGroup]) -> None:
-    """Check that meshes in files can be read.
-
-    Raises:
-        InputError: One cannot; the path begins with the field.
-    """
-    for number, group in enumerate(groups):
+def check_target_files(groups: Sequence[TargetGroup]) -> None:
+    """Check that meshes and surfaces in files can be read."""
+    for path, group in with_paths("groups", groups):
         for entry, spec in enumerate(group.targets):
             if isinstance(spec.shape, Mesh):
-                try:
+                with errors_at(path), errors_at(f"targets[{entry}].shape"):
                     spec.shape.surface_m2  # noqa: B018  # reads the file
-                except InputError as error:
-                    path = item_path("groups", number, len(groups))
-                    raise error.within(f"targets[{entry}].shape").within(path) from None
-
-
-def check_surfaces(groups: Sequence[TargetGroup]) -> None:
-    """Check that surfaces in files can be read.
-
-    Raises:
-        InputError: One cannot; the path begins with the field.
-    """
-    for number, group in enumerate(groups):
-        for entry, spec in enumerate(group.targets):
             if spec.surface.is_spectral:
-                try:
+                with errors_at(path), errors_at(f"targets[{entry}].surface"):
                     spec.surface.emissivity_curve  # noqa: B018  # reads the file
-                except InputError as error:
-                    path = item_path("groups", number, len(groups))
-                    raise error.within(f"targets[{entry}].surface").within(path) from None
-
-
-def check_psf_files(optics: Optics) -> None:
-    """Check that images of point spread functions can be read.
-
-    Raises:
-        InputError: One cannot; the path begins with the field.
-    """
-    try:
-        optics.file_checksums  # noqa: B018  # reads the files
-    except InputError as error:
-        raise error.within("optics.psf_file") from None

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, model_validator
 
 from warpsim.config.fields import Count, Integer, NonNegative, Number, Positive, Switch, closed_interval, whole_path
-from warpsim.config.model import config_model
+from warpsim.config.model import config_model, exactly_one
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, name_among
@@ -45,8 +45,7 @@ class SyntheticStars:
 
     @model_validator(mode="after")
     def _one_size(self) -> SyntheticStars:
-        if (self.n_star is None) == (self.limit_jy is None):
-            raise InputError("exactly one must be given", "n_star, limit_jy")
+        exactly_one(self, "n_star", "limit_jy")
         return self
 
 

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Plai
 
 from warpsim.config.distributions import Distribution
 from warpsim.config.fields import Group, Name, NonNegative, Number, as_tuple, closed_interval, rule_error
-from warpsim.config.model import config_model
+from warpsim.config.model import config_model, exactly_one
 from warpsim.errors import InputError
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.constellations import Constellation, Orbit
@@ -192,8 +192,7 @@ class TargetGroup:
 
     @model_validator(mode="after")
     def _complete(self) -> TargetGroup:
-        if (self.trajectory is None) == (self.orbits is None):
-            raise InputError("exactly one must be given", "trajectory, orbits")
+        exactly_one(self, "trajectory", "orbits")
         if not self.targets:
             raise InputError("must hold at least the main target, which the trajectory belongs to", "targets")
         main = self.targets[0]

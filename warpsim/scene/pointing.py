@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, Tag, model_validator
 
 from warpsim.config.fields import FileName, NonNegative, Number, Positive, as_tuple, closed_interval, rule_error
-from warpsim.config.model import config_model
+from warpsim.config.model import config_model, exactly_one
 from warpsim.errors import InputError
 from warpsim.scene.groups import kind_or
 
@@ -87,8 +87,7 @@ class Bias:
 
     @model_validator(mode="after")
     def _one(self) -> Bias:
-        if (self.rms_urad is None) == (self.urad is None):
-            raise InputError("exactly one must be given", "rms_urad, urad")
+        exactly_one(self, "rms_urad", "urad")
         return self
 
 
@@ -109,8 +108,7 @@ class Drift:
 
     @model_validator(mode="after")
     def _one(self) -> Drift:
-        if (self.rms_urad_s is None) == (self.urad_s is None):
-            raise InputError("exactly one must be given", "rms_urad_s, urad_s")
+        exactly_one(self, "rms_urad_s", "urad_s")
         return self
 
 
@@ -182,8 +180,7 @@ class FixedPointing(_AnyPointing):
 
     @model_validator(mode="after")
     def _one_direction(self) -> FixedPointing:
-        if (self.ra_dec_deg is None) == (self.azimuth_elevation_deg is None):
-            raise InputError("exactly one must be given", "ra_dec_deg, azimuth_elevation_deg")
+        exactly_one(self, "ra_dec_deg", "azimuth_elevation_deg")
         return self
 
 
@@ -209,9 +206,7 @@ class PointingStep:
 
     @model_validator(mode="after")
     def _one(self) -> PointingStep:
-        given = [self.track, self.ra_dec_deg, self.azimuth_elevation_deg]
-        if sum(value is not None for value in given) != 1:
-            raise InputError("exactly one must be given", "track, ra_dec_deg, azimuth_elevation_deg")
+        exactly_one(self, "track", "ra_dec_deg", "azimuth_elevation_deg")
         if self.track is None and self.offset_px != (0.0, 0.0):
             raise InputError("belongs to track", "offset_px", self.offset_px)
         return self
@@ -293,8 +288,7 @@ class TablePointing(_AnyPointing):
 
     @model_validator(mode="after")
     def _one_source(self) -> TablePointing:
-        if (self.rows is None) == (self.file is None):
-            raise InputError("exactly one must be given", "rows, file")
+        exactly_one(self, "rows", "file")
         if self.rows is not None and not self.rows:
             raise InputError("must hold at least one", "rows")
         return self

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.arguments import times_s
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.instant import Instant, instant
 from warpsim.orbit.access_constraints import AccessConstraints, MarginFunction
 from warpsim.orbit.eclipse import eclipses, sunlit_fraction
-from warpsim.orbit.sun import earth_states
+from warpsim.orbit.sun import sun_position_m
 from warpsim.quaternion import rotated
 from warpsim.radiometry.band import Band
 from warpsim.scene.access_report import access_report, check_rules, chosen_sensors, eclipse_table
@@ -26,16 +26,14 @@ from warpsim.scene.checks import (
     check_instances,
     check_instrument,
     check_paths,
-    check_psf_files,
     check_satellites,
-    check_shapes,
-    check_surfaces,
+    check_target_files,
 )
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.roster import Roster, some_names
 from warpsim.scene.scene import Scene
 from warpsim.scene.sensors import sensor_instances
-from warpsim.scene.short_form import item_path
+from warpsim.scene.short_form import with_paths
 from warpsim.scene.target_access import ACCESS_STEP_S, target_margins
 from warpsim.scene.targets import SceneTarget, scene_targets
 from warpsim.scene.temperatures import target_temperatures, temperature_tables
@@ -68,8 +66,7 @@ class Scenario:
         """What all times count from."""
         self._check_names()
         check_paths(scene.constellation, scene.groups, self.epoch, scene.duration_s)
-        check_shapes(scene.groups)
-        check_surfaces(scene.groups)
+        check_target_files(scene.groups)
         self._attitude_tables = attitude_tables(scene.groups, self.epoch, scene.duration_s)
         self._temperature_tables = temperature_tables(scene.groups, self.epoch, scene.duration_s)
         self._check_instruments()
@@ -77,11 +74,9 @@ class Scenario:
     def _check_names(self) -> None:
         """Check that names given by files are unique, and that sensors are on existing satellites."""
         satellites = self.satellite_names
-        for number, sensor in enumerate(self.scene.sensors):
-            try:
+        for path, sensor in with_paths("sensors", self.scene.sensors):
+            with errors_at(path):
                 check_satellites(sensor, satellites)
-            except InputError as error:
-                raise error.within(item_path("sensors", number, len(self.scene.sensors))) from None
         names = [*satellites, *self.target_names, "sun"]
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)
@@ -92,17 +87,15 @@ class Scenario:
         """Check that pointing is possible and covers the frames, and that PSF images can be read."""
         check_access_target(self.scene.access_target, self.targets, self.group_names)
         own = self.scene.band
-        for number, instrument in enumerate(self.instruments.values()):
-            frames = instrument.frames
+        for path, instrument in with_paths("sensors", list(self.instruments.values())):
             from_files = [band for name, band in instrument.bands.items() if needs_file(name, own)]
-            check_instrument(instrument.sensor, from_files, item_path("sensors", number, len(self.instruments)))
-            try:
-                instrument.check_frames(instrument.frame_time_s([0, frames.count - 1]))
+            check_instrument(instrument.sensor, from_files, path)
+            with errors_at(path):
+                instrument.check_frames(instrument.frame_time_s([0, instrument.frames.count - 1]))
                 if instrument.slews:
                     _ = [instrument.turns(index) for index in range(len(instrument.names))]
-                check_psf_files(instrument.sensor.optics)
-            except InputError as error:
-                raise error.within(item_path("sensors", number, len(self.instruments))) from None
+                with errors_at("optics.psf_file"):
+                    instrument.sensor.optics.file_checksums  # noqa: B018  # reads the files
 
     def __repr__(self) -> str:
         return f"Scenario({self.scene.name}: {len(self.sensor_names)} sensors, {len(self.target_names)} targets)"
@@ -110,10 +103,8 @@ class Scenario:
     @cached_property
     def satellite_names(self) -> list[str]:
         """Names of the satellites, in the order of the constellation."""
-        try:
+        with errors_at("constellation"):
             return list(self.scene.constellation.names)
-        except InputError as error:
-            raise error.within("constellation") from None
 
     @cached_property
     def instruments(self) -> dict[str, Instrument]:
@@ -226,7 +217,7 @@ class Scenario:
         """
         times = times_s(time_s)
         if name == "sun":
-            return earth_states(self.epoch, times).sun_m
+            return sun_position_m(self.epoch, times)
         return self.tracks.state(self._body(name), times)[0]
 
     def _body(self, name: str) -> str:
@@ -275,10 +266,8 @@ class Scenario:
             InputError: No such target, or a time lies more than a second outside its attitude table.
         """
         attitude = self.attitudes[self.roster.target(name)]
-        try:
+        with errors_at("", name):
             return attitude.at(times_s(time_s))
-        except InputError as error:
-            raise error.of(name) from None
 
     def body_axis(self, name: str, time_s: npt.ArrayLike) -> F64:
         """Return the direction of a target's body axis, base to apex, in GCRS axes, (n, 3); as attitude_quaternion."""
@@ -302,10 +291,8 @@ class Scenario:
         self._check_times(times, name)
         there = self.tracks.exist(target, times)
         kelvin = np.full(times.shape, np.nan)
-        try:
+        with errors_at("", name):
             kelvin[there] = self.temperatures[target].at(times[there])
-        except InputError as error:
-            raise error.of(name) from None
         return kelvin
 
     def _check_times(self, times: F64, name: str) -> None:

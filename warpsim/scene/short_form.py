@@ -7,11 +7,13 @@ paths of fields leave out the number of what is the only one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, TypeVar
 
 from warpsim.config.model import Location
 from warpsim.errors import InputError
+
+Item = TypeVar("Item")
 
 SHORT_FORMS = {
     "sensors": ("camera", "optics", "detector", "bands", "pointing"),
@@ -72,6 +74,11 @@ def _pointing_of(sensor: Any) -> Any:
 def _is_one(entries: Any) -> bool:
     """Return whether there is one entry, in a list or not."""
     return not isinstance(entries, list | tuple) or len(entries) == 1
+
+
+def with_paths(name: str, items: Sequence[Item]) -> Iterator[tuple[str, Item]]:
+    """Yield the items of a list of sensors or groups, each after its field path."""
+    return ((item_path(name, number, len(items)), item) for number, item in enumerate(items))
 
 
 def item_path(name: str, number: int, count: int) -> str:
