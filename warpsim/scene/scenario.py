@@ -14,7 +14,7 @@ from warpsim.errors import InputError, errors_at
 from warpsim.instant import Instant, instant
 from warpsim.orbit.access_constraints import AccessConstraints, MarginFunction
 from warpsim.orbit.eclipse import eclipses, sunlit_fraction
-from warpsim.orbit.sun import sun_position_m
+from warpsim.orbit.sun import earth_states
 from warpsim.quaternion import rotated
 from warpsim.radiometry.band import Band
 from warpsim.scene.access_report import access_report, check_rules, chosen_sensors, eclipse_table
@@ -217,7 +217,7 @@ class Scenario:
         """
         times = times_s(time_s)
         if name == "sun":
-            return sun_position_m(self.epoch, times)
+            return earth_states(self.epoch, times).sun_m
         return self.tracks.state(self._body(name), times)[0]
 
     def _body(self, name: str) -> str:
