@@ -18,8 +18,8 @@ from warpsim.files import plain_number, whole_file
 from warpsim.labels.boxes import CORNER_PX
 from warpsim.labels.rle import mask_to_rle, rle_area
 from warpsim.labels.table import BOX_COLUMNS
-from warpsim.scene.scenario import Scenario, scenario_of
-from warpsim.scene.scene import Scene
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene, scenario_of
 
 if TYPE_CHECKING:
     from astropy.table import Table

@@ -12,8 +12,8 @@ from warpsim.detector.detectors import ElectronDetector
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.by_band import in_band
 from warpsim.scene.band_descriptions import BandDescription
+from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
-from warpsim.scene.scene import Scene
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.star_counts import complete_to
 
@@ -24,7 +24,7 @@ SPHERE_DEG2 = 360.0**2 / math.pi
 """Area of the sky [deg2]."""
 
 
-def band_lines(instrument: Instrument, catalog: StarCatalog, scene: Scene) -> list[str]:
+def band_lines(instrument: Instrument, catalog: StarCatalog, scene: SceneDescription) -> list[str]:
     """Return some lines for each band: what it is, and how many stars are brighter than its noise.
 
     Args:

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from warpsim.detector.levels import Levels
 from warpsim.files import whole_file_by_memory
 from warpsim.output.grey import CEILING_NEI, grey
+from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
-from warpsim.scene.scene import Scene
 
 TILE_PX = 128
 GAP_PX = 6
@@ -49,7 +49,7 @@ class SheetRow:
         return self.instrument.frame_time_s(self.frames)
 
 
-def draw_contact_sheet(scene: Scene, rows: Sequence[SheetRow], planes: Planes, path: Path) -> None:
+def draw_contact_sheet(scene: SceneDescription, rows: Sequence[SheetRow], planes: Planes, path: Path) -> None:
     """Draw a PNG of some frames of every sensor.
 
     Args:

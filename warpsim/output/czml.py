@@ -22,8 +22,8 @@ from warpsim.output.czml_packets import MAIN, SATELLITE, TARGET, CzmlBody, body_
 from warpsim.output.czml_samples import DATE_S, Piece, sampled_track
 from warpsim.output.czml_views import fields_of_view, lines_of_sight
 from warpsim.output.dates import utc_dates
-from warpsim.scene.scenario import Scenario, scenario_of
-from warpsim.scene.scene import Scene
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene, scenario_of
 
 MOST_SAMPLES = 2_000_000
 """Of all bodies together: some 100 MB of text."""

@@ -21,7 +21,7 @@ from warpsim.files import naming
 from warpsim.optics.wcs import lens_keywords, tan_keywords, wcs_from_keywords
 from warpsim.output.dates import utc_dates
 from warpsim.output.fits_header import Card, Views
-from warpsim.scene.scene import Scene
+from warpsim.scene.description import SceneDescription
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -80,7 +80,7 @@ def append_planes(path: Path, planes: npt.NDArray[Any], n_frame: int, cards: Seq
         file.write(stored.astype(stored.dtype.newbyteorder(">")).data)
 
 
-def finish_cube(path: Path, scene: Scene, views: Views) -> None:
+def finish_cube(path: Path, scene: SceneDescription, views: Views) -> None:
     """Finish a cube with the table of its frames."""
     from astropy.io import fits
     from astropy.table import Table

@@ -17,8 +17,8 @@ from warpsim.detector.levels import ElectronLevels, Levels
 from warpsim.optics.wcs import lens_keywords, tan_keywords
 from warpsim.output.dates import utc_dates, utc_mjd
 from warpsim.render.frameset import FrameSet
+from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
-from warpsim.scene.scene import Scene
 from warpsim.version import __version__
 
 Card = tuple[str, Any, str]
@@ -31,7 +31,7 @@ _FLAG_WORDS = {
 }
 
 
-def scene_cards(scene: Scene, instrument: Instrument, sensor: str, band: str) -> list[Card]:
+def scene_cards(scene: SceneDescription, instrument: Instrument, sensor: str, band: str) -> list[Card]:
     """Return the keywords common to all images of a sensor and band, without the lens."""
     levels, response = instrument.levels[band], instrument.bands[band]
     low_um, high_um = response.half_power_um
@@ -102,7 +102,7 @@ class Views:
         return self.instrument.frame_time_s(self.frames)
 
 
-def image_cards(scene: Scene, band: str, views: Views) -> Iterator[list[Card]]:
+def image_cards(scene: SceneDescription, band: str, views: Views) -> Iterator[list[Card]]:
     """Yield all keywords of each image of a sensor in a band: the scene's, and its own time and sky."""
     camera, epoch = views.instrument.sensor.camera, scene.epoch_utc
     first = [

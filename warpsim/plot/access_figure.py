@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.plot.figure import BLUE, DASHES, GREY, PALE, SERIES, new_axes
-from warpsim.scene.instrument import ANY
-from warpsim.scene.scenario import Scenario, scenario_of
-from warpsim.scene.scene import Scene
+from warpsim.scene.pointing import ANY
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene, scenario_of
 
 if TYPE_CHECKING:
     from astropy.table import Table

@@ -12,8 +12,8 @@ from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import planck_w_m2_sr_um
 from warpsim.radiometry.earth_spectrum import earth_spectrum
 from warpsim.radiometry.sunlight import solar_spectrum
-from warpsim.scene.scenario import Scenario, scenario_of
-from warpsim.scene.scene import Scene
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene, scenario_of
 from warpsim.sky.stellar_templates import GIANT, template_temperature_k, template_wavelength_um, templates
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from warpsim.plot.figure import FIGURE_SUFFIXES, checked_time_s, need_matplotlib
 from warpsim.plot.group_figure import plot_attitudes, plot_group
 from warpsim.plot.image_figure import VIEW_INCH, plot_satellite_view
 from warpsim.plot.scene_figure import SCENE_INCH, plot_ground_tracks, plot_scene
-from warpsim.scene.scenario import Scenario, scenario_of
-from warpsim.scene.scene import Scene
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene, scenario_of
 
 if TYPE_CHECKING:
     from astropy.table import Table

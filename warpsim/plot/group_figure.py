@@ -24,8 +24,8 @@ from warpsim.plot.figure import (
     target_kinds,
 )
 from warpsim.quaternion import rotated
-from warpsim.scene.scenario import Scenario, scenario_of
-from warpsim.scene.scene import Scene
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene, scenario_of
 from warpsim.scene.tracks import Tracks
 from warpsim.target.areas import top_radius_m
 

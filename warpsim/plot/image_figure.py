@@ -44,8 +44,8 @@ from warpsim.plot.figure import (
 from warpsim.plot.globe import stretched
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.roster import some_names
-from warpsim.scene.scenario import Scenario, scenario_of
-from warpsim.scene.scene import Scene
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene, scenario_of
 from warpsim.scene.sensors import Frames
 from warpsim.sky.apparent import apparent_direction
 

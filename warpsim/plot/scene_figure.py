@@ -36,8 +36,8 @@ from warpsim.plot.figure import (
     plain,
 )
 from warpsim.plot.globe import Globe, draw_earth, globe_from
-from warpsim.scene.scenario import Scenario, scenario_of
-from warpsim.scene.scene import Scene
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene, scenario_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -19,9 +19,9 @@ from warpsim.render.contributions import CHUNK_BYTES, MOST_TARGETS, TargetLight,
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.truth import ImageAxes, star_table, truth_table
+from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
-from warpsim.scene.scene import Scene
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -71,7 +71,7 @@ class FrameSet:
         return list(self._numbers)
 
     @property
-    def scene(self) -> Scene:
+    def scene(self) -> SceneDescription:
         """The description that the frames are of."""
         return self.scenario.scene
 

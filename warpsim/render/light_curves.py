@@ -26,8 +26,8 @@ from warpsim.render.stages import aim, observe_targets, split_light
 from warpsim.render.truth import sunlit_fraction
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import TERMS
-from warpsim.scene.scenario import Scenario, scenario_of
-from warpsim.scene.scene import Scene
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene, scenario_of
 
 if TYPE_CHECKING:
     from astropy.table import Table

@@ -25,9 +25,10 @@ from warpsim.render.pool import pool_of
 from warpsim.render.request import Request, checked_rate, checked_request
 from warpsim.render.stars import Skies
 from warpsim.render.stream import GROUP_BYTES, GROUP_BYTES_CUDA, Stream, StreamStats, stream_sizes
+from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
-from warpsim.scene.scenario import Scenario, scenario_of
-from warpsim.scene.scene import Scene
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene, scenario_of
 from warpsim.sky.catalog import StarCatalog
 
 
@@ -84,7 +85,7 @@ class Renderer:
         self._stream: Stream | None = None
 
     @property
-    def scene(self) -> Scene:
+    def scene(self) -> SceneDescription:
         """The description."""
         return self.scenario.scene
 

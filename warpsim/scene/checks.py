@@ -28,8 +28,7 @@ from warpsim.scene.band_descriptions import (
 )
 from warpsim.scene.environment import Lighting, Sky
 from warpsim.scene.groups import AnyConstellation, TargetGroup
-from warpsim.scene.instrument import ANY, TRACKED
-from warpsim.scene.pointing import satellites_of
+from warpsim.scene.pointing import ANY, TRACKED, satellites_of
 from warpsim.scene.pointing_program import check_frames as check_covered
 from warpsim.scene.pointing_program import entry_path, make_program, tracked_targets
 from warpsim.scene.sensors import Frames, Sensor, sensor_instances

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -17,9 +17,12 @@ from warpsim.optics.psf import Psf
 from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.orbit.intervals import Intervals
 from warpsim.radiometry.band import Band
+from warpsim.scene.attitudes import AnyAttitude
 from warpsim.scene.camera_axes import CommandedAxes
+from warpsim.scene.description import SceneDescription
 from warpsim.scene.exposure import ExposureRule, exposure_rule
 from warpsim.scene.light_terms import LightTerm, light_terms
+from warpsim.scene.pointing import ANY, TRACKED
 from warpsim.scene.pointing_program import (
     PointingProgram,
     check_frames,
@@ -33,15 +36,47 @@ from warpsim.scene.pointing_program import (
 from warpsim.scene.sensors import Sensor
 from warpsim.scene.slews import SlewTurn
 from warpsim.scene.target_access import ACCESS_STEP_S, Custom, Observers, can_observe, target_intervals
-
-if TYPE_CHECKING:
-    from warpsim.scene.scenario import Scenario
+from warpsim.scene.targets import SceneTarget
+from warpsim.scene.tracks import Tracks
 
 F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-TRACKED, ANY = "tracked", "any"
-"""Words for a scene's access_target: what a sensor tracks, any target at all."""
+
+class SceneBodies(Protocol):
+    """Parts of a scenario that an instrument observes."""
+
+    @property
+    def targets(self) -> Sequence[SceneTarget]:
+        """Return the single targets."""
+
+    @property
+    def tracks(self) -> Tracks:
+        """Return the tracks of satellites and targets."""
+
+    @property
+    def attitudes(self) -> Sequence[AnyAttitude]:
+        """Return the targets' attitudes."""
+
+    @property
+    def breakpoints_s(self) -> dict[str, list[float]]:
+        """Return times of sudden changes of motion, by satellite and target [s]."""
+
+    @property
+    def satellite_names(self) -> list[str]:
+        """Return the names of the satellites."""
+
+    @property
+    def bands(self) -> dict[str, Band]:
+        """Return the spectral bands by name."""
+
+    @property
+    def group_names(self) -> list[str]:
+        """Return the names of the groups."""
+
+    @property
+    def body_names(self) -> set[str]:
+        """Return the names of satellites and sensors."""
 
 
 class Instrument:
@@ -50,17 +85,20 @@ class Instrument:
     Args:
         sensor: Its description.
         instances: Name of each sensor of this kind, and index of its satellite.
-        scenario: Of the scene, with the observed bodies.
+        scene: The scene.
+        bodies: The observed bodies.
     """
 
-    def __init__(self, sensor: Sensor, instances: Sequence[tuple[str, int]], scenario: Scenario) -> None:
-        self.sensor, self._bodies, self._scene = sensor, scenario, scenario.scene
+    def __init__(
+        self, sensor: Sensor, instances: Sequence[tuple[str, int]], scene: SceneDescription, bodies: SceneBodies
+    ) -> None:
+        self.sensor, self._scene, self._bodies = sensor, scene, bodies
         self.names = [name for name, _ in instances]
         self.satellites = [index for _, index in instances]
-        self.satellite_names = [scenario.satellite_names[index] for index in self.satellites]
-        self.bands: dict[str, Band] = {name: scenario.bands[name] for name in sensor.bands}
-        self.frames = sensor.frames or self._scene.frames
-        self.access_rules = sensor.access_rules or self._scene.access_rules
+        self.satellite_names = [bodies.satellite_names[index] for index in self.satellites]
+        self.bands: dict[str, Band] = {name: bodies.bands[name] for name in sensor.bands}
+        self.frames = sensor.frames or scene.frames
+        self.access_rules = sensor.access_rules or scene.access_rules
         self._turns: dict[int, tuple[SlewTurn, ...]] = {}
 
     def __repr__(self) -> str:

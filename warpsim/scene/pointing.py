@@ -28,6 +28,9 @@ def _pair(value: Any) -> Any:
 Direction = Annotated[tuple[Number, Declination], BeforeValidator(_pair)]
 Pixels = Annotated[tuple[Number, Number], BeforeValidator(_pair)]
 
+TRACKED, ANY = "tracked", "any"
+"""Words for a scene's access_target: what a sensor tracks, any target at all."""
+
 ALL = "all"
 """Word for every satellite, or every sensor."""
 

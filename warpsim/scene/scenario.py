@@ -29,9 +29,9 @@ from warpsim.scene.checks import (
     check_satellites,
     check_target_files,
 )
+from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.roster import Roster, some_names
-from warpsim.scene.scene import Scene
 from warpsim.scene.sensors import sensor_instances
 from warpsim.scene.short_form import with_paths
 from warpsim.scene.target_access import ACCESS_STEP_S, target_margins
@@ -57,8 +57,8 @@ class Scenario:
         InputError: A file cannot be read or does not fit, or a path cannot be propagated.
     """
 
-    def __init__(self, scene: Scene) -> None:
-        if not isinstance(scene, Scene):
+    def __init__(self, scene: SceneDescription) -> None:
+        if not isinstance(scene, SceneDescription):
             rule = f"must be a Scene, got {type(scene).__name__}; Scene.load reads presets and files"
             raise InputError(rule, "scene")
         self.scene = scene
@@ -111,7 +111,7 @@ class Scenario:
         """Instruments by name: each kind of sensor with its derived data."""
         instances = sensor_instances(self.scene.sensors, self.satellite_names)
         return {
-            sensor.name: Instrument(sensor, own, self)
+            sensor.name: Instrument(sensor, own, self.scene, self)
             for sensor, own in zip(self.scene.sensors, instances, strict=True)
         }
 
@@ -413,17 +413,3 @@ class Scenario:
             position_m = tracks.of(body).position_at_m
         found = eclipses(position_m, tracks.sun.position_at_m, tracks.pole_icrs, self.scene.duration_s, step_s)
         return eclipse_table(found, {"name": name, "epoch_utc": self.scene.epoch_utc})
-
-
-def scenario_of(scene: Scene | Scenario) -> Scenario:
-    """Return the scenario of a scene, or the scenario itself.
-
-    Raises:
-        InputError: It is neither, or the scene has no scenario.
-    """
-    if isinstance(scene, Scenario):
-        return scene
-    if not isinstance(scene, Scene):
-        rule = f"must be a Scene or a Scenario, got {type(scene).__name__}; Scene.load reads presets and files"
-        raise InputError(rule, "scene")
-    return scene.scenario

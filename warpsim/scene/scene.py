@@ -6,24 +6,17 @@ import os
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
-from pydantic_core import ArgsKwargs
+from pydantic import ValidationError
 
-from warpsim.config.fields import Integer, Positive, as_tuple, closed_interval
 from warpsim.config.model import adapter, config_model, input_error
 from warpsim.errors import InputError
 from warpsim.instant import utc_time
-from warpsim.orbit.access_constraints import AccessConstraints
-from warpsim.orbit.arc import UtcText
-from warpsim.radiometry.by_band import ByBand
-from warpsim.scene import checks
-from warpsim.scene.band_descriptions import BandDescriptions, with_names, without_superseded
-from warpsim.scene.environment import Lighting, Sky
-from warpsim.scene.groups import AnyConstellation, TargetGroup, Text
-from warpsim.scene.instrument import TRACKED
+from warpsim.scene.band_descriptions import without_superseded
+from warpsim.scene.description import SceneDescription
+from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene_files import (
     check_depth,
     read_scene_data,
@@ -31,23 +24,16 @@ from warpsim.scene.scene_files import (
     with_relative_paths,
     write_scene_data,
 )
-from warpsim.scene.sensors import Frames, Sensor
-from warpsim.scene.short_form import changed, list_of, shortened, with_lists
+from warpsim.scene.short_form import SHORT_FORMS, changed, list_of, shortened, with_lists
 
 if TYPE_CHECKING:
     import numpy as np
     from astropy.table import Table
     from astropy.time import Time
 
-    from warpsim.scene.scenario import Scenario
-
-
-Seed = Annotated[Integer, closed_interval(0, 2**63 - 1)]
-"""A seed: up to the largest integer of TOML."""
-
 
 @config_model
-class Scene:
+class Scene(SceneDescription):
     """Description of the simulated scene.
 
     A scene with one kind of sensor may give `camera`, `optics`, `detector`, `bands` and `pointing` instead of
@@ -77,42 +63,6 @@ class Scene:
         InputError: One line: field, rule, value.
     """
 
-    epoch_utc: UtcText
-    duration_s: Positive
-    frames: Frames
-    constellation: AnyConstellation
-    sensors: Annotated[tuple[Sensor, ...], BeforeValidator(as_tuple)]
-    groups: Annotated[tuple[TargetGroup, ...], BeforeValidator(as_tuple)]
-    access_rules: AccessConstraints = Field(default_factory=AccessConstraints)
-    access_target: str = TRACKED
-    band: BandDescriptions = ByBand({})
-    sky: Sky = Field(default_factory=Sky)
-    lighting: Lighting = Field(default_factory=Lighting)
-    seed: Seed = 0
-    noise_seed: Seed | None = None
-    name: Text = "scene"
-    description: str = ""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _with_lists(cls, data: Any) -> Any:
-        """Expand the short form of one sensor and one group, and collect the bands that sensors bring along."""
-        if isinstance(data, dict):
-            return with_names(with_lists(data))
-        return ArgsKwargs(data.args, with_names(with_lists(data.kwargs or {})))
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Scene:
-        checks.check_sensors(self.constellation, self.sensors, self.frames)
-        checks.check_names(self.constellation, self.sensors, self.groups)
-        checks.check_times(self.constellation, self.groups, self.duration_s)
-        checks.check_frames(self.sensors, self.frames, self.duration_s)
-        checks.check_bands(self.band, self.sensors, self.groups, self.lighting, self.sky)
-        checks.check_instruments(self.sensors, self.band)
-        checks.check_targets(self.groups, self.sensors, self.epoch_utc, self.duration_s)
-        checks.check_pointing(self.constellation, self.sensors, self.groups, self.access_target, self.frames)
-        return self
-
     @classmethod
     def load(cls, source: str | os.PathLike[str]) -> Scene:
         """Load a preset by name, or a scene file (.toml or .json).
@@ -135,14 +85,6 @@ class Scene:
             except InputError:
                 listed = data
             raise input_error(error, shorten=shortened(listed)).of(where) from None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return nested dicts and lists of plain values, without what is None; `from_dict` gives an equal scene."""
-        plain: dict[str, Any] = adapter(type(self)).dump_python(self, mode="json", by_alias=True)
-        left_out = ("band",) if not self.band else ()
-        return {
-            name: _without_none(value) for name, value in plain.items() if value is not None and name not in left_out
-        }
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a scene file (.toml or .json) that loads back equal.
@@ -193,8 +135,6 @@ class Scene:
         Raises:
             InputError: A file cannot be read or does not fit, or a path cannot be propagated.
         """
-        from warpsim.scene.scenario import Scenario
-
         return Scenario(self)
 
     @property
@@ -219,21 +159,14 @@ class Scene:
         """Return the signed margin of every access constraint, each (n_sensor, n_time); Scenario.access_margins."""
         return self.scenario.access_margins(time_s, **options)
 
-    @staticmethod
-    def shortened_path(values: dict[str, Any]) -> Any:
-        """Return the function that shortens field paths in errors."""
-        return shortened(values)
-
     def __getattr__(self, name: str) -> Any:
         """Fields of the only kind of sensor, or of the only group.
 
         Raises:
             InputError: There are several; an AttributeError too, as for `hasattr`.
         """
-        part = list_of(name)
+        part = next((part for part, fields in SHORT_FORMS.items() if name in fields), None)
         if part is None:
-            from warpsim.scene.scenario import Scenario
-
             hint = f"; scene.scenario.{name} is it" if not name.startswith("_") and hasattr(Scenario, name) else ""
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}{hint}")
         items = getattr(self, part)
@@ -247,9 +180,15 @@ class _NoOnlyPartError(InputError, AttributeError):
     """A field of the only sensor or group, where there are several."""
 
 
-def _without_none(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_none(item) for key, item in value.items() if item is not None}
-    if isinstance(value, list | tuple):
-        return [_without_none(item) for item in value]
-    return value
+def scenario_of(scene: Scene | Scenario) -> Scenario:
+    """Return the scenario of a scene, or the scenario itself.
+
+    Raises:
+        InputError: It is neither, or the scene has no scenario.
+    """
+    if isinstance(scene, Scenario):
+        return scene
+    if not isinstance(scene, Scene):
+        rule = f"must be a Scene or a Scenario, got {type(scene).__name__}; Scene.load reads presets and files"
+        raise InputError(rule, "scene")
+    return scene.scenario
