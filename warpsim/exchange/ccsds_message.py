@@ -53,16 +53,7 @@ def is_ccsds(source: SourceFile) -> bool:
 
 
 def read_message(source: SourceFile, kind: str, known: Mapping[str, bool]) -> Message:
-    """Read the metadata and rows of a message.
-
-    Args:
-        source: The file.
-        kind: "OEM" or "AEM"; another kind is refused.
-        known: Keywords of the metadata, and whether each must be there.
-
-    Raises:
-        InputError: It is no such message; file, line and rule.
-    """
+    """Read the metadata and rows of an "OEM" or "AEM"; `known` are keywords, and whether each must be there."""
     message = (_read_xml if source.is_xml else _read_kvn)(source, kind)
     if not message.segments:
         raise source.error(0, f"ends early: an {kind} must have a segment")

@@ -163,14 +163,9 @@ def looks_like_tle(text: str) -> bool:
 
 
 def parse_tle(text: str) -> list[ElementSet]:
-    """Read all element sets of a text.
+    """Read all element sets of a text, each pair of lines behind a name line or not.
 
-    Args:
-        text: Lines 1 and 2 of each satellite, each pair behind a name line or not; a name may begin with "0 ".
-            Blank lines and lines that begin with "#" are skipped.
-
-    Raises:
-        InputError: Line, object, column, rule and value.
+    A name may begin with "0 ". Blank lines and lines that begin with "#" are skipped.
     """
     sets = []
     lines = _numbered_lines(text)

@@ -77,11 +77,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 def read_element_sets(path: str | os.PathLike[str]) -> list[ElementSet]:
-    """Read all element sets of a file, in its order.
-
-    Args:
-        path: Two-line element sets with or without name lines, or Orbit Mean-Elements Messages as KVN, XML, JSON or
-            CSV (the layouts of CelesTrak and Space-Track). The content decides, not the file's name.
+    """Read all element sets of a file, in its order. The content decides on the format, not the file's name.
 
     Raises:
         InputError: The file cannot be read, or is not valid: file, line or record, object, rule and value.
@@ -97,11 +93,7 @@ def read_element_sets(path: str | os.PathLike[str]) -> list[ElementSet]:
 
 
 def parse_element_sets(text: str) -> list[ElementSet]:
-    """Read all element sets of a text.
-
-    Raises:
-        InputError: As `read_element_sets`, without a file.
-    """
+    """Read all element sets of a text, as `read_element_sets` does."""
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     start = text.lstrip()
     first = start.split("\n", 1)[0]

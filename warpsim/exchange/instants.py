@@ -110,14 +110,9 @@ def later(first: FileInstants, seconds: F64) -> FileInstants:
 
 
 def parse_dates(texts: Sequence[str], system: str) -> FileInstants:
-    """Instants of calendar (2025-03-20T12:00:00.5, 20 Mar 2025 12:00) or day-of-year (2025-079T12:00:00.5) dates.
+    """Instants of calendar (2025-03-20T12:00:00.5, 20 Mar 2025 12:00:00) or day-of-year (2025-079T12:00:00.5) dates.
 
-    Args:
-        texts: The dates; a closing Z is allowed.
-        system: One of TIME_SYSTEMS.
-
-    Raises:
-        InputError: A text is no such date; its row says which.
+    A closing Z is allowed. Errors know the row.
     """
     import erfa
 
@@ -138,11 +133,7 @@ def parse_dates(texts: Sequence[str], system: str) -> FileInstants:
 
 
 def mjd_and_second(text: str, row: int | None = None, first_year: int = FIRST_YEAR) -> tuple[int, float]:
-    """Modified Julian day and second of a date; whether there was a leap second on its day is not looked at.
-
-    Raises:
-        InputError: It is no date of the years that are read; with the row.
-    """
+    """Modified Julian day and second of a date; whether there was a leap second on its day is not looked at."""
     match = _DATE.fullmatch(text)
     if match is None:
         rule = "must be a date like 2025-03-20T12:00:00.0 or 2025-079T12:00:00.0"

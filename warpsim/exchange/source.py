@@ -74,11 +74,7 @@ class SourceFile:
 
 
 def read_source(path: str | os.PathLike[str]) -> SourceFile:
-    """Read a file.
-
-    Raises:
-        InputError: It cannot be read, or is empty.
-    """
+    """Read a file, which must not be empty."""
     file = os.fspath(path)
     try:
         data = Path(file).read_bytes()

@@ -33,11 +33,7 @@ class Element:
 
 
 def read_xml(data: bytes | str) -> Element:
-    """The root element of a document.
-
-    Raises:
-        InputError: It is not valid, brings a document type, or is nested deeper than 50 elements; with the line.
-    """
+    """The root element of a document; errors of what is not valid, or not plain, know the line."""
     parser = expat.ParserCreate()
     open_elements = [Element("", 1, {})]
 

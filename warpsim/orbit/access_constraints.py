@@ -217,11 +217,7 @@ MARGIN_NAMES = ("earth_km", *(name for name, _ in _BUILT_IN.values()))
 def active_constraints(
     constraints: AccessConstraints, custom: Mapping[str, MarginFunction] | None = None
 ) -> list[Constraint]:
-    """Return the active constraints, cheap ones first, custom ones last; the Earth's, "earth_km", is not in it.
-
-    Raises:
-        InputError: The custom constraints are not a mapping of new names to functions.
-    """
+    """Return the active constraints, cheap ones first, custom ones last; the Earth's, "earth_km", is not in it."""
     active = []
     for field, (name, margin) in _BUILT_IN.items():
         limit = getattr(constraints, field)

@@ -247,9 +247,10 @@ def _trial_error_m(state: StateFunction, duration_s: float, step_s: float, count
 def _missed_at(state: StateFunction, begin_s: F64, step_s: float) -> F64:
     """Errors at the middles of single intervals [m], (n_interval, n_object), with the velocities that a track has."""
     # States half a step apart, from one step before each interval to one behind it, (7, n_interval, n_object, 3).
-    time_s = begin_s + step_s * np.arange(-1.0, 2.5, 0.5)[:, None]
+    h_s = 0.5 * step_s
+    time_s = begin_s + h_s * np.arange(-2.0, 5.0)[:, None]
     p, v = (x.reshape(*time_s.shape, -1, 3) for x in state(time_s.ravel()))
-    slope_m_s = np.stack([_central(*p[[0, 1, 3, 4]], 0.5 * step_s), _central(*p[[2, 3, 5, 6]], 0.5 * step_s)])
+    slope_m_s = np.stack([_central(p[0], p[1], p[3], p[4], h_s), _central(p[2], p[3], p[5], p[6], h_s)])
     v = v[[2, 4]]
     replaced = np.median(np.linalg.norm(slope_m_s - v, axis=-1), axis=(0, 1)) > _INCONSISTENT_M_S
     v = np.where(replaced[:, None], slope_m_s, v)
