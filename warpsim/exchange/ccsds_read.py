@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,31 +73,17 @@ def _ephemeris(source: SourceFile, segment: MessageSegment) -> EphemerisSegment:
         line = meta["REF_FRAME_EPOCH"].line
         raise source.error(line, f"must not be given, {frame} is read as of date", "REF_FRAME_EPOCH")
     check_cells(source, rows, (7, 10), "a date, position, velocity, and acceleration or none")
-    system, instants, useable = _times(source, segment)
+    common = _common_fields(source, segment, "INTERPOLATION")
     values = 1e3 * numbers_of(source, rows, 1, len(rows.cells[0]) - 1)
-    return EphemerisSegment(
-        object_name=meta["OBJECT_NAME"].text,
-        object_id=meta["OBJECT_ID"].text,
-        frame=frame,
-        instants=instants,
-        position_m=values[:, :3],
-        velocity_m_s=values[:, 3:6],
-        interpolation=_method(source, meta, "INTERPOLATION"),
-        degree=_degree(source, meta),
-        useable=useable,
-        time_system=system,
-        file=source.file,
-        line=segment.line,
-        lines=np.array(rows.lines, np.int64),
-    )
+    return EphemerisSegment(frame=frame, position_m=values[:, :3], velocity_m_s=values[:, 3:6], **common)
 
 
 def _attitude(source: SourceFile, segment: MessageSegment, version: float) -> AttitudeSegment:
-    meta, rows = segment.meta, segment.rows
+    meta = segment.meta
     if "CENTER_NAME" in meta:
         _check_center(source, meta["CENTER_NAME"])
     frame, body_frame, a_is_body = _attitude_frames(source, meta)
-    system, instants, useable = _times(source, segment)
+    common = _common_fields(source, segment, "INTERPOLATION_METHOD")
     kind = meta["ATTITUDE_TYPE"].text.upper().replace(" ", "_").replace("EULER_ANGLES", "EULER_ANGLE")
     if kind in _N_QUATERNION_CELLS:
         quaternion = _quaternions(source, segment, kind, version)
@@ -108,21 +95,7 @@ def _attitude(source: SourceFile, segment: MessageSegment, version: float) -> At
     # A quaternion of A to B turns components in B into those in A (it is the turn that carries A's axes to B's).
     if a_is_body != _goes_backwards(source, meta, segment, version):
         quaternion = conjugate(quaternion)
-    return AttitudeSegment(
-        object_name=meta["OBJECT_NAME"].text,
-        object_id=meta["OBJECT_ID"].text,
-        frame=frame,
-        body_frame=body_frame,
-        instants=instants,
-        quaternion=quaternion,
-        interpolation=_method(source, meta, "INTERPOLATION_METHOD"),
-        degree=_degree(source, meta),
-        useable=useable,
-        time_system=system,
-        file=source.file,
-        line=segment.line,
-        lines=np.array(rows.lines, np.int64),
-    )
+    return AttitudeSegment(frame=frame, body_frame=body_frame, quaternion=quaternion, **common)
 
 
 def _check_center(source: SourceFile, center: KeywordValue) -> None:
@@ -130,46 +103,43 @@ def _check_center(source: SourceFile, center: KeywordValue) -> None:
         raise source.error(center.line, "must be EARTH", "CENTER_NAME", center.text)
 
 
-def _times(source: SourceFile, segment: MessageSegment) -> tuple[str, FileInstants, FileInstants | None]:
-    """Time system, times of the rows, and the useable span; the rows must fill START_TIME to STOP_TIME."""
+def _common_fields(source: SourceFile, segment: MessageSegment, method_keyword: str) -> dict[str, Any]:
+    """Fields that both kinds of segments have; the rows must fill START_TIME to STOP_TIME."""
     meta, rows = segment.meta, segment.rows
     with source.at(meta["TIME_SYSTEM"].line, "TIME_SYSTEM"):
         system = check_time_system(meta["TIME_SYSTEM"].text)
+
+    def date(keyword: str) -> FileInstants:
+        return dates_of(source, [meta[keyword].text], [meta[keyword].line], system, keyword)
+
     instants = dates_of(source, [row[0] if row else "" for row in rows.cells], rows.lines, system)
     for keyword, end in (("START_TIME", 0), ("STOP_TIME", -1)):
-        stated = _date(source, meta, keyword, system)
-        off_s = float(instants[end].since_instant(stated)[0])
+        off_s = float(instants[end].since_instant(date(keyword))[0])
         if abs(off_s) > _SPAN_SLACK_S:
             row, side = ("first" if end == 0 else "last"), ("after" if off_s > 0 else "before")
             rule = f"must be the time of the {row} row, which is {abs(off_s):g} s {side} it (a file cut off?)"
             raise source.error(meta[keyword].line, rule, keyword)
-    keywords = ("USEABLE_START_TIME", "USEABLE_STOP_TIME")
-    if not any(keyword in meta for keyword in keywords):
-        return system, instants, None
-    ends = [
-        _date(source, meta, keyword, system) if keyword in meta else instants[end]
-        for keyword, end in zip(keywords, (0, -1), strict=True)
-    ]
-    day, second = (np.concatenate([getattr(end, part) for end in ends]) for part in ("day", "second"))
-    return system, instants, FileInstants(day, second)
-
-
-def _date(source: SourceFile, meta: dict[str, KeywordValue], keyword: str, system: str) -> FileInstants:
-    return dates_of(source, [meta[keyword].text], [meta[keyword].line], system, keyword)
-
-
-def _method(source: SourceFile, meta: dict[str, KeywordValue], keyword: str) -> Interpolation | None:
-    value = meta.get(keyword)
-    if value is None:
-        return None
-    if value.text.upper() not in _METHODS:
-        raise source.error(value.line, f"must be one of {', '.join(_METHODS)}", keyword, value.text)
-    return _METHODS[value.text.upper()]
-
-
-def _degree(source: SourceFile, meta: dict[str, KeywordValue]) -> int | None:
-    value = meta.get("INTERPOLATION_DEGREE")
-    return None if value is None else whole_number_of(source, value.line, value.text, "INTERPOLATION_DEGREE")
+    useable, keywords = None, ("USEABLE_START_TIME", "USEABLE_STOP_TIME")
+    if any(keyword in meta for keyword in keywords):
+        pairs = zip(keywords, (0, -1), strict=True)
+        ends = [date(keyword) if keyword in meta else instants[end] for keyword, end in pairs]
+        day, second = (np.concatenate([getattr(end, part) for end in ends]) for part in ("day", "second"))
+        useable = FileInstants(day, second)
+    method, degree = meta.get(method_keyword), meta.get("INTERPOLATION_DEGREE")
+    if method is not None and method.text.upper() not in _METHODS:
+        raise source.error(method.line, f"must be one of {', '.join(_METHODS)}", method_keyword, method.text)
+    return {
+        "object_name": meta["OBJECT_NAME"].text,
+        "object_id": meta["OBJECT_ID"].text,
+        "instants": instants,
+        "interpolation": None if method is None else _METHODS[method.text.upper()],
+        "degree": degree and whole_number_of(source, degree.line, degree.text, "INTERPOLATION_DEGREE"),
+        "useable": useable,
+        "time_system": system,
+        "file": source.file,
+        "line": segment.line,
+        "lines": np.array(rows.lines, np.int64),
+    }
 
 
 def _attitude_frames(source: SourceFile, meta: dict[str, KeywordValue]) -> tuple[Frame, str, bool]:

@@ -8,6 +8,7 @@ import re
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from warpsim.files import check_new_file, whole_file
 F64 = NDArray[np.float64]
 
 _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
+_S = TypeVar("_S", EphemerisSegment, AttitudeSegment)
 _PRINTABLE = re.compile(r"[ -~]+")
 
 
@@ -42,8 +44,7 @@ def write_oem(
     Raises:
         InputError: A segment has no velocities, counts from a scene's epoch, or the file is there or cannot be written.
     """
-    runs = [segments] if isinstance(segments, EphemerisSegment) else list(segments)
-    _check_start(path, runs, overwrite)
+    runs = _checked_runs(path, segments, overwrite)
     lines = _header("OEM", originator, creation_date)
     for segment in runs:
         if segment.velocity_m_s is None:
@@ -69,8 +70,7 @@ def write_aem(
     Raises:
         InputError: See write_oem().
     """
-    runs = [segments] if isinstance(segments, AttitudeSegment) else list(segments)
-    _check_start(path, runs, overwrite)
+    runs = _checked_runs(path, segments, overwrite)
     lines = _header("AEM", originator, creation_date)
     for segment in runs:
         body = _plain(segment.body_frame) if segment.body_frame.isupper() else "SC_BODY_1"
@@ -98,8 +98,7 @@ def write_stk_ephemeris(
         InputError: They differ in object or frame, overlap, count from a scene's epoch, or the file is there or cannot
             be written.
     """
-    runs = [segments] if isinstance(segments, EphemerisSegment) else list(segments)
-    _check_start(path, runs, overwrite)
+    runs = _checked_runs(path, segments, overwrite)
     first = runs[0]
     for what, values in (
         ("object", {run.object_name for run in runs}),
@@ -133,7 +132,7 @@ def write_stk_attitude(path: str | os.PathLike[str], segment: AttitudeSegment, o
     Raises:
         InputError: It counts from a scene's epoch, or the file is there (and overwrite not set) or cannot be written.
     """
-    _check_start(path, [segment], overwrite)
+    _checked_runs(path, segment, overwrite)
     epoch_text, epoch = _stk_epoch(segment)
     lines = ["stk.v.11.0", "", "# WrittenBy    warpsim", "", "BEGIN Attitude", ""]
     lines += [f"NumberOfAttitudePoints  {len(segment.instants)}", f"ScenarioEpoch           {epoch_text}"]
@@ -196,11 +195,13 @@ def _plain(text: str) -> str:
     return text.strip()
 
 
-def _check_start(path: str | os.PathLike[str], runs: Sequence[Segment], overwrite: bool) -> None:
-    """Check that there are segments to write, and that the path is writable."""
+def _checked_runs(path: str | os.PathLike[str], segments: _S | Sequence[_S], overwrite: bool) -> list[_S]:
+    """The segments, one at least, for a path that is writable."""
     check_new_file(Path(path), None, overwrite)
+    runs = list(segments) if isinstance(segments, Sequence) else [segments]
     if not runs:
         raise InputError("must be one at least, got none", "segments").of(path)
+    return runs
 
 
 def _write(path: str | os.PathLike[str], lines: list[str]) -> None:

@@ -22,6 +22,7 @@ from warpsim.constants import DAY_S, EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
 from warpsim.errors import InputError
 from warpsim.instant import Instant, instant, instant_of, years_ahead
 from warpsim.orbit.earth import geodetic_altitude_m, geodetic_to_gcrs_m, geodetic_to_itrs_m, pole_of_date
+from warpsim.orbit.elements import entries
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.two_body import lambert
 
@@ -42,11 +43,6 @@ _SAMPLE_S = 10.0
 _GROUND_SLACK_KM = 5.0  # the effect of J2 on a long arc
 
 
-def _pair(value: Any) -> Any:
-    """Arrays and Quantity arrays become tuples, so that their entries are checked one by one."""
-    return tuple(value) if isinstance(value, np.ndarray) and value.ndim == 1 else value
-
-
 def _utc_text(value: Any) -> Any:
     if hasattr(value, "utc") and hasattr(value, "isot"):
         return str(value.utc.isot)
@@ -61,7 +57,7 @@ def _utc_text(value: Any) -> Any:
 
 Longitude = Annotated[Number, closed_interval(-360, 360)]
 Latitude = Annotated[Number, closed_interval(-90, 90)]
-LonLat = Annotated[tuple[Longitude, Latitude], BeforeValidator(_pair)]
+LonLat = Annotated[tuple[Longitude, Latitude], BeforeValidator(entries)]
 UtcText = Annotated[str, BeforeValidator(_utc_text)]
 
 

@@ -153,7 +153,7 @@ def state_to_elements(position_m: ArrayLike, velocity_m_s: ArrayLike) -> Element
     return Elements(a, e, *(np.degrees(x) for x in angles))
 
 
-def _vector(value: Any) -> Any:
+def entries(value: Any) -> Any:
     """Arrays and Quantity arrays become tuples, so that their entries are checked one by one."""
     return tuple(value) if isinstance(value, np.ndarray) and value.ndim == 1 else value
 
@@ -162,9 +162,9 @@ def _vector(value: Any) -> Any:
 class StateVector:
     """Free flight from a state, on any conic."""
 
-    position_m: Annotated[Vector, BeforeValidator(_vector)]
+    position_m: Annotated[Vector, BeforeValidator(entries)]
     """Geocentric position at time_s, GCRS axes."""
-    velocity_m_s: Annotated[Vector, BeforeValidator(_vector)]
+    velocity_m_s: Annotated[Vector, BeforeValidator(entries)]
     """Velocity at time_s, GCRS axes (inertial)."""
     time_s: Number = 0.0
     """Time of the state after the scene's epoch, of either sign."""
