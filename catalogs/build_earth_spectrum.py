@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from warpsim.constants import STEFAN_BOLTZMANN_W_M2_K4
 from warpsim.radiometry.bands import RADIATION_1_W_M2_SR, RADIATION_2_M_K
-from warpsim.radiometry.sunlight import solar_spectrum
+from warpsim.radiometry.sun_and_earth import solar_spectrum
 
 Array = NDArray[np.float64]
 

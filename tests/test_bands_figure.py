@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import warpsim as ws
-from warpsim.radiometry.earth_spectrum import earth_spectrum
-from warpsim.radiometry.sunlight import solar_spectrum
+from warpsim.radiometry.sun_and_earth import earth_spectrum, solar_spectrum
 
 pytest.importorskip("matplotlib").use("Agg")
 

@@ -7,8 +7,12 @@ import pytest
 from scipy.integrate import quad
 
 import warpsim as ws
-from warpsim.radiometry.earth_spectrum import earth_albedo, earth_brightness_temperature_k, earth_spectrum
-from warpsim.radiometry.sunlight import solar_spectrum
+from warpsim.radiometry.sun_and_earth import (
+    earth_albedo,
+    earth_brightness_temperature_k,
+    earth_spectrum,
+    solar_spectrum,
+)
 from warpsim.scene.environment import EARTH_K
 
 QUAD_RTOL = 1e-6

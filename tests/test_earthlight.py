@@ -20,7 +20,7 @@ import warpsim as ws
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, geocentric_radius_m
 from warpsim.target import earth_light
-from warpsim.target.areas import body_struct
+from warpsim.target.areas import body_struct, facets_of
 from warpsim.target.earth_light import (
     ALBEDO_ERRORS,
     INFRARED_ERRORS,
@@ -31,7 +31,6 @@ from warpsim.target.earth_light import (
     table_limb_sines,
     view_factor,
 )
-from warpsim.target.facets import facets_of
 
 SEED = 141421
 

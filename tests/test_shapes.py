@@ -12,8 +12,7 @@ from mpmath.calculus.quadrature import GaussLegendre
 from warpsim_kernels.facets import projected_area_along_kernel, reflected_area_kernel
 
 import warpsim as ws
-from warpsim.target.areas import body_struct
-from warpsim.target.facets import facets_of
+from warpsim.target.areas import body_struct, facets_of
 
 SEED = 299792
 

@@ -14,7 +14,7 @@ from warpsim_kernels.signature import Features
 
 import warpsim as ws
 from warpsim.orbit.eclipse import sunlit_fraction
-from warpsim.radiometry.sunlight import sun_irradiance_w_m2
+from warpsim.radiometry.sun_and_earth import sun_irradiance_w_m2
 from warpsim.render.buffers import new_area_series
 from warpsim.render.stages import aim, observe_targets
 from warpsim.render.target_field import earth_struct, motion_struct

@@ -8,7 +8,7 @@ from scipy.integrate import quad
 
 import warpsim as ws
 from warpsim.constants import ASTRONOMICAL_UNIT_M, SOLAR_CONSTANT_W_M2, SUN_RADIUS_M
-from warpsim.radiometry.sunlight import solar_spectrum, sun_irradiance_w_m2
+from warpsim.radiometry.sun_and_earth import solar_spectrum, sun_irradiance_w_m2
 
 EXACT_RTOL = 1e-12  # Gauss points against closed forms of polynomials
 QUAD_RTOL = 1e-6  # adaptive quadrature piece by piece

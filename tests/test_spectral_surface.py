@@ -12,8 +12,7 @@ from scipy.integrate import quad
 from warpsim_kernels.emission import RadianceTable, band_radiance_w_m2_sr
 
 import warpsim as ws
-from warpsim.radiometry.earth_spectrum import earth_spectrum
-from warpsim.radiometry.sunlight import solar_spectrum
+from warpsim.radiometry.sun_and_earth import earth_spectrum, solar_spectrum
 from warpsim.render.target_field import make_radiance
 from warpsim.scene.inputs import input_checksums
 from warpsim.target.heat_balance import surface_coefficients

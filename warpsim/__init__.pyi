@@ -63,7 +63,7 @@ from warpsim.target.shapes import Frustum as Frustum
 from warpsim.target.shapes import Plate as Plate
 from warpsim.target.mesh import Mesh as Mesh
 from warpsim.target.surface import Graybody as Graybody
-from warpsim.target.by_wavelength import ByWavelength as ByWavelength
+from warpsim.target.surface import ByWavelength as ByWavelength
 from warpsim.target.temperature import Temperature as Temperature
 from warpsim.target.temperature import TemperatureTable as TemperatureTable
 from warpsim.target.temperature import HeatBalance as HeatBalance

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from warpsim.plot.figure import BLUE, GREEN, GREY, ORANGE, PURPLE, SERIES, VERMILION, new_axes
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import planck_w_m2_sr_um
-from warpsim.radiometry.earth_spectrum import earth_spectrum
-from warpsim.radiometry.sunlight import solar_spectrum
+from warpsim.radiometry.sun_and_earth import earth_spectrum, solar_spectrum
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 from warpsim.sky.stellar_templates import GIANT, template_temperature_k, template_wavelength_um, templates

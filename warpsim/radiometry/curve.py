@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.radiometry.band import Band
-from warpsim.radiometry.quadrature import piecewise_rule
+from warpsim.radiometry.curve_nodes import piecewise_rule
 
 Array = NDArray[np.float64]
 

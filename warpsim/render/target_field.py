@@ -29,11 +29,10 @@ from warpsim.scene.light_terms import LightTerm
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
-from warpsim.target.areas import body_struct
+from warpsim.target.areas import body_struct, facets_of
 from warpsim.target.attitude import BodyMotion
 from warpsim.target.attitude_table import AttitudeRows
 from warpsim.target.earth_light import albedo_degree, albedo_table, infrared_table
-from warpsim.target.facets import facets_of
 from warpsim.target.surface import Graybody, Light
 from warpsim.target.temperature import TemperatureRows
 

@@ -17,11 +17,10 @@ from warpsim.config.fields import FileName, Number, Positive, Switch, as_tuple, 
 from warpsim.config.model import adapter, config_model, input_error
 from warpsim.errors import InputError
 from warpsim.exchange.curve_file import CurveFile, read_curve
-from warpsim.radiometry.band import Band
+from warpsim.radiometry.band import ZERO_POINT, Band
 from warpsim.radiometry.bands import SHIPPED
 from warpsim.radiometry.by_band import AS_DICT, BAND_NAME, ByBand
 from warpsim.radiometry.curve_nodes import product
-from warpsim.radiometry.zero_point import ZERO_POINT
 from warpsim.scene.short_form import item_path
 
 Array = NDArray[np.float64]

@@ -14,8 +14,7 @@ from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, name_among
 from warpsim.radiometry.by_band import AS_DICT, ByBand, in_band, within
-from warpsim.radiometry.earth_spectrum import earth_albedo, earth_brightness_temperature_k
-from warpsim.radiometry.sunlight import sun_irradiance_w_m2
+from warpsim.radiometry.sun_and_earth import earth_albedo, earth_brightness_temperature_k, sun_irradiance_w_m2
 from warpsim.target.surface import UnitFractionByBand
 
 BUILT_IN_CATALOGS = ("default", "union", "synthetic", "none")

@@ -1,9 +1,9 @@
-"""The Earth's light in a band: brightness temperature and albedo by wavelength, a mean over the globe and the year.
+"""Light of the Sun and the Earth in a band, from their spectra.
 
-The spectrum (made by `catalogs/build_earth_spectrum.py`; sources in catalogs/README.md) is that of the whole Earth,
-clouds included, as a Lambert sphere that looks alike from everywhere. Its exitance is 240 W/m2 and its mean albedo in
-sunlight 0.29, as CERES measures them. A single scene differs by far more: clear desert at noon has 320 K in the
-windows, a storm's top 200 K.
+The Earth's spectrum (made by `catalogs/build_earth_spectrum.py`; sources in catalogs/README.md) is a mean over the
+globe and the year, clouds included, as a Lambert sphere that looks alike from everywhere. Its exitance is 240 W/m2
+and its mean albedo in sunlight 0.29, as CERES measures them. A single scene differs by far more: clear desert at noon
+has 320 K in the windows, a storm's top 200 K.
 """
 
 from __future__ import annotations
@@ -19,13 +19,49 @@ from warpsim_catalogs import path
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import band_radiance_w_m2_sr, of_band, planck_w_m2_sr_um
 from warpsim.radiometry.curve import Curve, band_rule, read_curves
-from warpsim.radiometry.sunlight import sunlight_rule
 
 Array = NDArray[np.float64]
 
 _NODES_PER_PIECE = 10
 _MAX_PIECE_LOG_WIDTH = 0.02
 _TEMPERATURE_RTOL = 1e-13
+
+
+@functools.cache
+def solar_spectrum() -> Curve:
+    """Spectral irradiance of the Sun at 1 au [W/m2/um] from 0.2 to 100 um: ASTM E-490-00a.
+
+    It is scaled by 0.9963 to the solar constant of 1361 W/m2 (IAU 2015 resolution B3) from the standard's 1366.1, and
+    condensed: integrals over 2 % of a wavelength and more are within 1e-3 of those of the full table.
+    """
+    (spectrum,) = read_curves(path("solar_spectrum_v1.csv"))
+    return spectrum
+
+
+def sunlight_rule(band: Band, *splits_um: Array) -> tuple[Array, Array]:
+    """Quadrature of sunlight over a band: wavelengths [um] and irradiance at 1 au that each stands for [W/m2].
+
+    Args:
+        band: The band.
+        splits_um: Nodes of curves that are to be averaged [um].
+    """
+    spectrum = solar_spectrum()
+    node_um, weight_um = band_rule(band, spectrum.wavelength_um, *splits_um)
+    known = (node_um >= spectrum.wavelength_um[0]) & (node_um <= spectrum.wavelength_um[-1])
+    return node_um[known], weight_um[known] * spectrum.at(node_um[known])
+
+
+@of_band
+def sun_irradiance_w_m2(band: Band) -> float:
+    """In-band irradiance of the Sun at 1 au [W/m2]: the integral of energy response times solar_spectrum().
+
+    Args:
+        band: A Band, or the name of a shipped one.
+
+    Raises:
+        InputError: An unknown band.
+    """
+    return float(sunlight_rule(band)[1].sum())
 
 
 class EarthSpectrum(NamedTuple):
