@@ -41,9 +41,6 @@ LARGEST_PARALLAX_MAS = 1e5
 LUMINOSITY_UNKNOWN = -1
 """Where neither 0 (dwarf) nor 1 (giant) is known."""
 
-_UNKNOWN = {"parallax_mas": math.nan, "temperature_k": math.nan, "luminosity": LUMINOSITY_UNKNOWN}
-"""What stands for numbers that are not known; 0 for all others."""
-
 NUMBER_UNITS = {
     "ra_deg": "deg",
     "dec_deg": "deg",
@@ -56,7 +53,20 @@ NUMBER_UNITS = {
 }
 """Columns of numbers other than fluxes, with their units, as to_table() names them."""
 
-_TYPES: Mapping[str, type] = {"luminosity": np.int8, "quality": np.int64}
+_RULES = {
+    "dec_deg": (-90.0, 90.0, math.nan),
+    "ra_deg": (-180.0, 360.0, math.nan),
+    "pm_ra_mas_yr": (-1e9, 1e9, 0.0),
+    "pm_dec_mas_yr": (-1e9, 1e9, 0.0),
+    "parallax_mas": (-LARGEST_PARALLAX_MAS, LARGEST_PARALLAX_MAS, math.nan),
+    "temperature_k": (1.0, 1e9, math.nan),
+    "luminosity": (-1.0, 1.0, LUMINOSITY_UNKNOWN),
+    "quality": (-1e9, 1e9, 0.0),
+}
+"""Smallest and largest value of each, and what stands for one that is not known."""
+
+_WHOLE: Mapping[str, type] = {"luminosity": np.int8, "quality": np.int64}
+"""Columns of whole numbers, and their types."""
 
 COLOUR = "b_v_mag"
 """Column of B-V, which makes a flux in B of one in V."""
@@ -151,7 +161,7 @@ def checked_columns(
     given_jy, given_flag, filled = _given_fluxes(columns, flux_jy, rows)
     columns["ra_deg"] = wrapped_deg(columns["ra_deg"])
     of_type: dict[str, Any] = {
-        key: columns[key].astype(_TYPES.get(key, np.float64), copy=False) for key in NUMBER_UNITS
+        key: columns[key].astype(_WHOLE.get(key, np.float64), copy=False) for key in NUMBER_UNITS
     }
     return StarColumns(
         **of_type,
@@ -181,13 +191,13 @@ def _tell_by_type(columns: dict[str, Array], spectral_type: NDArray[np.str_], na
 def _vectors(
     numbers: Mapping[str, ArrayLike | None], flux_jy: Mapping[str, ArrayLike], flux_flag: Mapping[str, ArrayLike]
 ) -> dict[str, Array]:
-    """Columns as vectors, those of flags only where given; unknown numbers are 0, or NaN where 0 is a value."""
+    """Columns as vectors, those of flags only where given."""
     columns = {"ra_deg": _vector(numbers["ra_deg"], "ra_deg")}
     n_star = len(columns["ra_deg"])
     for key in NUMBER_UNITS:
         values = numbers.get(key)
         if key != "ra_deg":
-            columns[key] = np.full(n_star, _UNKNOWN.get(key, 0.0)) if values is None else _vector(values, key)
+            columns[key] = np.full(n_star, _RULES[key][2]) if values is None else _vector(values, key)
     for what, bands in (("flux_jy", flux_jy), ("flux_flag", flux_flag)):
         for band in bands:
             check_flux_band(band, what)
@@ -199,21 +209,13 @@ def _vectors(
 
 
 def _check_ranges(columns: dict[str, Array], rows: NDArray[np.int64]) -> None:
-    """Check the numbers of stars; unknown motions, classes and qualities become the value that stands for it."""
-    _check_range(columns["dec_deg"], -90.0, 90.0, "dec_deg", rows)
-    _check_range(columns["ra_deg"], -180.0, 360.0, "ra_deg", rows)
-    for key in ("pm_ra_mas_yr", "pm_dec_mas_yr", "luminosity", "quality"):
-        columns[key] = np.where(np.isnan(columns[key]), _UNKNOWN.get(key, 0.0), columns[key])
-    for key in ("pm_ra_mas_yr", "pm_dec_mas_yr", "quality"):
-        _check_range(columns[key], -1e9, 1e9, key, rows)
-    _check_range(columns["luminosity"], -1.0, 1.0, "luminosity", rows)
-    _check_whole(columns["luminosity"], "luminosity", rows)
-    _check_range(columns["parallax_mas"], -LARGEST_PARALLAX_MAS, LARGEST_PARALLAX_MAS, "parallax_mas", rows)
-    _check_range(columns["temperature_k"], 1.0, 1e9, "temperature_k", rows)
+    """Check the numbers of stars; those that are not known become the value that stands for it."""
+    for key, (low, high, unknown) in _RULES.items():
+        columns[key] = np.where(np.isnan(columns[key]), unknown, columns[key])
+        _check_range(columns[key], low, high, key, rows, whole=key in _WHOLE)
     for band in photometric_bands():
         if flux_column(band) in columns:
             _check_range(columns[flux_column(band)], 0.0, LARGEST_FLUX_JY, flux_column(band), rows)
-    _check_whole(columns["quality"], "quality", rows)
 
 
 def _given_fluxes(
@@ -227,8 +229,7 @@ def _given_fluxes(
     flags = {}
     for band, values in flux_jy.items():
         flag = columns.get(flag_column(band), np.full(len(rows), float(FLUX_MEASURED)))
-        _check_range(flag, FLUX_NONE, FLUX_FILLED, flag_column(band), rows)
-        _check_whole(flag, flag_column(band), rows)
+        _check_range(flag, FLUX_NONE, FLUX_FILLED, flag_column(band), rows, whole=True)
         kind = np.where((flag == FLUX_PREDICTED) | (flag == FLUX_FILLED), flag, FLUX_MEASURED)
         flags[band] = np.where(np.isfinite(values), kind, FLUX_NONE).astype(np.uint8)
     filled = {band: flag == FLUX_FILLED for band, flag in flags.items()}
@@ -281,16 +282,14 @@ def _vector(values: Any, where: str) -> Array:
     return vector
 
 
-def _check_whole(values: Array, where: str, rows: NDArray[np.int64]) -> None:
-    """Raise for the first value that is no whole number; NaN passes."""
-    bad = np.flatnonzero(np.isfinite(values) & (values != np.floor(values)))
-    if bad.size:
-        raise InputError("must be whole numbers", where, values[bad[0]], "g", row=int(rows[bad[0]]))
-
-
-def _check_range(values: Array, low: float, high: float, where: str, rows: NDArray[np.int64]) -> None:
-    """Raise for the first value outside [low, high]; NaN passes. `rows` are the user's row numbers."""
+def _check_range(
+    values: Array, low: float, high: float, where: str, rows: NDArray[np.int64], whole: bool = False
+) -> None:
+    """Raise for the first value outside [low, high], or no whole number; NaN passes. `rows` are the user's numbers."""
     bad = np.flatnonzero((values < low) | (values > high))
     if bad.size:
         rule, first = f"must be in [{low:g}, {high:g}]", bad[0]
         raise InputError(rule, where, values[first], "g", row=int(rows[first]), n_row=bad.size)
+    bad = np.flatnonzero(np.isfinite(values) & (values != np.floor(values))) if whole else bad
+    if bad.size:
+        raise InputError("must be whole numbers", where, values[bad[0]], "g", row=int(rows[bad[0]]))
