@@ -1,8 +1,5 @@
 """Tables of files, whatever they are of: what they must be and which layouts they may follow is the caller's."""
 
-import subprocess
-import sys
-
 import pytest
 
 from warpsim.errors import InputError
@@ -53,13 +50,3 @@ def test_rows_of_errors_become_lines(tmp_path):
     assert str(table.located(error)) == "line 5: b: must be < 4, got 4"
     whole = InputError("must have a column c")
     assert table.located(whole) is whole
-
-
-def test_tables_know_nothing_of_stars(checkout_environment):
-    code = "import sys, warpsim.tables.read_table; print([m for m in sys.modules if m.startswith('warpsim.')])"
-    run = subprocess.run(
-        [sys.executable, "-c", code], env=checkout_environment, capture_output=True, text=True, check=True
-    )
-    modules = run.stdout
-    assert "warpsim.tables.read_table" in modules
-    assert not any(room in modules for room in ("warpsim.sky", "warpsim.exchange", "warpsim.radiometry"))
