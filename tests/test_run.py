@@ -1,42 +1,73 @@
-"""The main job: what a run leaves in its folder, and what is left when it is killed."""
+"""The main job: what a run leaves in its folder, in every format, and what is left when it is killed or damaged."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 from astropy.io import fits
 from astropy.table import Table
 from astropy.time import Time
+from astropy.wcs import WCS
 
 import warpsim as ws
 from warpsim.files import sha256_of, whole_file
+from warpsim.output import preview, zarr_array
 from warpsim.output.fits_cube import read_cube
+from warpsim.output.growing import GrowingFiles
+from warpsim.output.image_files import read_image
 
+pytest.importorskip("zarr")
+
+PICKS = (range(60, 66), ["sat11", "sat47"], ["A", "E"])
+EVERY = ("fits", "png", "tiff", "exr", "zarr")
+SMALL_RUN = ([60], ["sat11"], ["A"])
 COMMAND = [sys.executable, "-m", "warpsim.cli", "render"]
+
+
+def run(scene, path, *picks, **options):
+    return ws.render_to_folder(scene, path, *(picks or PICKS), device="cpu", **options)
+
+
+def files_of(path):
+    """Content of every file below a folder, by name."""
+    return {str(item.relative_to(path)): item.read_bytes() for item in sorted(path.rglob("*")) if item.is_file()}
 
 
 @pytest.fixture(scope="module")
 def folder(scene, tmp_path_factory):
-    path = tmp_path_factory.mktemp("run") / "out"
-    report = ws.render_to_folder(scene, path, range(60, 66), ["sat11", "sat47"], ["A", "E"], device="cpu")
+    path = tmp_path_factory.mktemp("formats") / "out"
+    report = run(scene, path, formats=EVERY, preview="gif")
     assert report.n_image == report.n_image_rendered == 24
-    assert str(path) in report.text()
-    assert "images per second" in report.text()
+    assert str(path) in report.text() and "images per second" in report.text()
     return path
 
 
-def listing(path):
-    return sorted(str(item.relative_to(path)) for item in path.rglob("*"))
+@pytest.fixture(scope="module")
+def frames(scene):
+    return ws.Renderer(scene, device="cpu").render(*PICKS, keep_signal=True)
+
+
+def each_image(frames):
+    for i, sensor in enumerate(frames.sensors):
+        for j, band in enumerate(frames.bands):
+            yield f"{sensor}_{band}", (slice(None), i, j)
 
 
 @pytest.mark.ci
 def test_the_folder_holds_what_was_promised(folder):
-    cubes = [f"{sensor}_{band}.fits" for sensor in ("sat11", "sat47") for band in "AE"]
-    assert listing(folder) == sorted([*cubes, "contact_sheet.png", "manifest.json", "truth.fits"])
+    expected = {"contact_sheet.png", "manifest.json", "truth.fits"}
+    for stem in ("sat11_A", "sat11_E", "sat47_A", "sat47_E"):
+        expected |= {f"{stem}.fits", f"{stem}.gif", f"{stem}.zarr/zarr.json", f"{stem}.zarr/c/0/0/0"}
+        expected |= {f"{stem}/{k:06d}.{suffix}" for k in range(60, 66) for suffix in ("png", "tif", "exr")}
+    assert set(files_of(folder)) == expected
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert set(manifest["files"]) == expected - {"manifest.json"}
 
 
 def test_cubes_hold_the_renderers_counts(scene, folder):
@@ -84,7 +115,7 @@ def test_manifest(scene, folder):
     assert manifest["seed"] == scene.seed
     assert manifest["device"]["alias"] == "cpu"
     assert manifest["warpsim"] == ws.__version__
-    assert set(manifest["files"]) == set(listing(folder)) - {"manifest.json"}
+    assert set(manifest["files"]) == set(files_of(folder)) - {"manifest.json"}
     assert all(sha256_of(folder / name) == checksum for name, checksum in manifest["files"].items())
     assert manifest["orbit_interpolation"]["measured_error_m"] < 1e-3
 
@@ -105,75 +136,6 @@ def test_files_tell_the_response_of_a_custom_band(tmp_path):
     assert {name: ws.Band(name, **facts) for name, facts in found.items()} == {"notch": band, "A": ws.BANDS["A"]}
 
 
-def test_the_same_run_again_does_nothing(scene, folder):
-    before = {name: (folder / name).stat().st_mtime_ns for name in listing(folder)}
-    report = ws.render_to_folder(scene, folder, range(60, 66), ["sat11", "sat47"], ["A", "E"], device="cpu")
-    assert report.n_image_rendered == 0
-    assert "already" in report.text()
-    assert {name: (folder / name).stat().st_mtime_ns for name in listing(folder)} == before
-
-
-@pytest.mark.ci
-def test_a_damaged_file_is_made_again(scene, tmp_path):
-    arguments = ([60, 61], ["sat11"], ["A"])
-    ws.render_to_folder(scene, tmp_path, *arguments, device="cpu")
-    cube = tmp_path / "sat11_A.fits"
-    good = cube.read_bytes()
-    cube.write_bytes(good[:-1] + b"x")
-    ws.render_to_folder(scene, tmp_path, *arguments, device="cpu")
-    assert cube.read_bytes() == good
-
-
-@pytest.mark.ci
-def test_only_the_sensor_of_a_damaged_file_is_made_again(scene, folder, tmp_path):
-    arguments = (range(60, 66), ["sat11", "sat47"], ["A", "E"])
-    ws.render_to_folder(scene, tmp_path, *arguments, device="cpu")
-    (tmp_path / "sat47_E.fits").unlink()
-    untouched = (tmp_path / "sat11_A.fits").stat().st_mtime_ns
-    report = ws.render_to_folder(scene, tmp_path, *arguments, device="cpu")
-    assert report.n_image_rendered == 12
-    assert "12 images kept from before" in report.text()
-    assert (tmp_path / "sat11_A.fits").stat().st_mtime_ns == untouched
-    assert listing(tmp_path) == listing(folder)
-    for name in listing(folder):
-        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes(), name
-
-
-@pytest.mark.ci
-def test_a_different_run_is_refused_unless_told(scene, tmp_path):
-    ws.render_to_folder(scene, tmp_path, [60], ["sat11"], ["A"], device="cpu")
-    before = {name: (tmp_path / name).read_bytes() for name in listing(tmp_path)}
-    with pytest.raises(ws.InputError, match="holds a different run"):
-        ws.render_to_folder(scene, tmp_path, [60], ["sat47"], ["A"], device="cpu")
-    assert {name: (tmp_path / name).read_bytes() for name in listing(tmp_path)} == before
-    ws.render_to_folder(scene, tmp_path, [60], ["sat47"], ["A"], device="cpu", overwrite=True)
-    assert listing(tmp_path) == ["contact_sheet.png", "manifest.json", "sat47_A.fits", "truth.fits"]
-
-
-SMALL_RUN = ([60], ["sat11"], ["A"])
-
-
-@pytest.mark.parametrize("name", ["sat11_A.fits", "truth.fits", "contact_sheet.png", "manifest.json"])
-@pytest.mark.ci
-def test_files_of_others_are_never_touched(scene, tmp_path, name):
-    (tmp_path / name).write_text('{"key": "no", "files": {"precious.txt": 1, "../other.fits": 2}}')
-    (tmp_path / "precious.txt").write_text("mine")
-    (tmp_path / ".download.partial").write_text("mine")
-    before = {item: (tmp_path / item).read_bytes() for item in listing(tmp_path)}
-    for overwrite in (False, True):
-        with pytest.raises(ws.InputError, match=f"{name}: is there already, and warpsim did not write it"):
-            ws.render_to_folder(scene, tmp_path, *SMALL_RUN, device="cpu", overwrite=overwrite)
-    assert {item: (tmp_path / item).read_bytes() for item in listing(tmp_path)} == before
-
-
-@pytest.mark.ci
-def test_overwrite_removes_only_the_old_runs_files(scene, tmp_path):
-    ws.render_to_folder(scene, tmp_path, *SMALL_RUN, device="cpu")
-    (tmp_path / "notes.txt").write_text("mine")
-    ws.render_to_folder(scene.replace(seed=5), tmp_path, [60], ["sat47"], ["A"], device="cpu", overwrite=True)
-    assert listing(tmp_path) == ["contact_sheet.png", "manifest.json", "notes.txt", "sat47_A.fits", "truth.fits"]
-
-
 def test_a_changed_catalog_is_a_different_run(scene, tmp_path):
     stars = tmp_path / "stars.csv"
     own = scene.replace(sky__catalog=str(stars))
@@ -182,12 +144,6 @@ def test_a_changed_catalog_is_a_different_run(scene, tmp_path):
     stars.write_text("ra_deg,dec_deg,flux_A_jy\n10.0,20.0,50.0\n")
     with pytest.raises(ws.InputError, match="holds a different run"):
         ws.render_to_folder(own, tmp_path / "out", *SMALL_RUN, device="cpu")
-
-
-@pytest.mark.ci
-def test_names_given_twice_are_written_once(scene, tmp_path):
-    ws.render_to_folder(scene, tmp_path, [60, 60], ["sat11", "sat11"], ["A", "A"], device="cpu")
-    assert len(read_cube(tmp_path / "sat11_A.fits").frames) == 1
 
 
 @pytest.mark.ci
@@ -206,14 +162,6 @@ def test_two_runs_do_not_share_a_folder(scene, tmp_path):
 def test_frames_without_access_are_left_out(scene, tmp_path):
     ws.render_to_folder(scene, tmp_path, [0, 60, 161], ["sat11"], ["A"], device="cpu")
     assert list(read_cube(tmp_path / "sat11_A.fits").frames["FRAME"]) == [60]
-
-
-def test_files_do_not_depend_on_the_batch(scene, folder, tmp_path, monkeypatch):
-    monkeypatch.setattr("warpsim.output.run.COUNTS_BYTES_PER_CALL", 1)  # one frame a call
-    ws.render_to_folder(scene, tmp_path, range(60, 66), ["sat11", "sat47"], ["A", "E"], device="cpu")
-    assert listing(tmp_path) == listing(folder)
-    for name in listing(folder):
-        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes(), name
 
 
 @pytest.mark.ci
@@ -236,10 +184,10 @@ def test_killed_halfway_then_completed(tmp_path, checkout_environment, record_ac
         n_final = len(finals)
     assert n_final >= 2
     subprocess.run([*command, str(killed)], env=checkout_environment, check=True, capture_output=True)
-    assert listing(killed) == listing(whole)
-    for name in listing(whole):
+    assert sorted(files_of(killed)) == sorted(files_of(whole))
+    for name in files_of(whole):
         assert (killed / name).read_bytes() == (whole / name).read_bytes(), name
-    differ = sum((killed / name).read_bytes() != (whole / name).read_bytes() for name in listing(whole))
+    differ = sum((killed / name).read_bytes() != (whole / name).read_bytes() for name in files_of(whole))
     record_accuracy("Files of a run killed twice and resumed", differ, 0, "files differ", "an undisturbed run")
 
 
@@ -253,7 +201,7 @@ def test_whole_file_leaves_nothing_behind_on_an_error(tmp_path):
 
     with pytest.raises(RuntimeError, match="stop"):
         fail()
-    assert listing(tmp_path) == []
+    assert files_of(tmp_path) == {}
 
 
 def test_contact_sheet_is_a_picture_with_content(folder):
@@ -278,3 +226,362 @@ def test_every_frame_renders_without_access(tmp_path):
     assert not Table.read(tmp_path / "all" / "truth.fits")["access"].any()
     with pytest.raises(ws.InputError, match="no sensor has access"):
         ws.render_to_folder(scene, tmp_path / "all", **options)
+
+
+@pytest.mark.ci
+def test_counts_are_the_same_in_every_format(folder, frames):
+    import zarr
+
+    for stem, part in each_image(frames):
+        counts, signal = frames.counts.numpy()[part], frames.signal_w_cm2.numpy()[part]
+        np.testing.assert_array_equal(ws.read_cube(folder / f"{stem}.fits").counts, counts)
+        array = zarr.open_array(str(folder / f"{stem}.zarr"), mode="r")
+        assert array.dtype == np.uint16
+        np.testing.assert_array_equal(array[:], counts)
+        for place, number in enumerate(frames.frames):
+            for suffix in ("png", "tif"):
+                np.testing.assert_array_equal(read_image(folder / stem / f"{number:06d}.{suffix}")[0], counts[place])
+            read, _ = read_image(folder / stem / f"{number:06d}.exr")
+            np.testing.assert_array_equal(read.view(np.uint32), signal[place].view(np.uint32))
+
+
+@pytest.mark.ci
+def test_pillow_reads_the_same_counts(folder, frames):
+    image = pytest.importorskip("PIL.Image")
+    for stem, part in each_image(frames):
+        for suffix in ("png", "tif"):
+            with image.open(folder / stem / f"000063.{suffix}") as file:
+                np.testing.assert_array_equal(np.asarray(file), frames.counts.numpy()[part][3])
+
+
+def test_every_image_says_what_it_is(folder, frames):
+    """Its time, its levels and its sky, in the words of the cube's header."""
+    import zarr
+
+    for stem, _ in each_image(frames):
+        cube = ws.read_cube(folder / f"{stem}.fits")
+        sky = frames.wcs(63, stem.split("_")[0]).pixel_to_world_values(20.0, 100.0)
+        for suffix, unit in (("png", "adu"), ("tif", "adu"), ("exr", "W/cm2")):
+            meta = read_image(folder / stem / f"000063.{suffix}")[1]
+            assert {name: meta[name] for name in ("SENSOR", "FILTER", "NEI", "OFFSET", "CNTNEI", "SEED")} == {
+                name: cube.header[name] for name in ("SENSOR", "FILTER", "NEI", "OFFSET", "CNTNEI", "SEED")
+            }
+            assert (meta["BUNIT"], meta["FRAME"], meta["TIME_S"]) == (unit, 63, 630.0)
+            assert meta["DATE-OBS"] == cube.frames["DATE_OBS"][3]
+            place = WCS(fits.Header(meta)).world_to_pixel_values(*sky)
+            assert place == pytest.approx((20.0, 100.0), abs=1e-6)
+        attributes = zarr.open_array(str(folder / f"{stem}.zarr"), mode="r").attrs
+        assert attributes["FRAME"] == list(range(60, 66))
+        assert attributes["NEI"] == cube.header["NEI"]
+        lists = {name: value[3] if isinstance(value, list) else value for name, value in attributes.items()}
+        assert WCS(fits.Header(lists)).world_to_pixel_values(*sky) == pytest.approx((20.0, 100.0), abs=1e-6)
+
+
+@pytest.mark.ci
+def test_cubes_are_those_of_a_run_without_other_formats(scene, folder, tmp_path):
+    run(scene, tmp_path, formats=["fits"])
+    written = files_of(tmp_path)
+    plain = json.loads(written.pop("manifest.json"))
+    both = json.loads((folder / "manifest.json").read_text())
+    assert all((folder / name).read_bytes() == content for name, content in written.items())
+    assert {name: both["files"][name] for name in plain["files"]} == plain["files"]
+    run(scene, tmp_path)  # the same run, said otherwise
+    assert json.loads((tmp_path / "manifest.json").read_text()) == plain
+
+
+@pytest.mark.ci
+def test_files_do_not_depend_on_the_batch(scene, folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("warpsim.output.run.COUNTS_BYTES_PER_CALL", 1)  # one frame a call
+    run(scene, tmp_path, formats=EVERY, preview="gif")
+    assert files_of(tmp_path) == files_of(folder)
+
+
+def test_the_same_run_again_does_nothing(scene, folder):
+    before = {item: item.stat().st_mtime_ns for item in folder.rglob("*")}
+    assert run(scene, folder, formats=EVERY, preview="gif").n_image_rendered == 0
+    assert {item: item.stat().st_mtime_ns for item in folder.rglob("*")} == before
+
+
+@pytest.mark.parametrize("n_frame", [1, 4, 6, 100])
+@pytest.mark.ci
+def test_arrays_of_several_shards(scene, frames, tmp_path, monkeypatch, n_frame):
+    """A call may end amid a shard, and the last shard need not be full."""
+    import zarr
+
+    monkeypatch.setattr(zarr_array, "SHARD_BYTES", n_frame * 2 * 128 * 128)
+    monkeypatch.setattr("warpsim.output.run.COUNTS_BYTES_PER_CALL", 5 * 2 * 2 * 128 * 128)
+    run(scene, tmp_path, formats=["zarr"])
+    shards = [name for name in files_of(tmp_path) if name.startswith("sat11_A.zarr/c")]
+    assert len(shards) == -(-6 // n_frame)
+    for stem, part in each_image(frames):
+        array = zarr.open_array(str(tmp_path / f"{stem}.zarr"), mode="r")
+        np.testing.assert_array_equal(array[:], frames.counts.numpy()[part])
+        assert array.chunks == (1, 128, 128)
+    again = tmp_path / "again"
+    run(scene, again, formats=["zarr"])
+    assert {name: content for name, content in files_of(tmp_path).items() if "again" not in name} == files_of(again)
+
+
+@pytest.mark.parametrize("kinds", [["png"], ["zarr"], ["exr"]])
+@pytest.mark.ci
+def test_one_format_alone_has_a_contact_sheet(scene, folder, tmp_path, kinds):
+    """That of the noiseless images has no noise between the targets."""
+    import OpenImageIO as oiio
+
+    run(scene, tmp_path, formats=kinds)
+    assert [path.name for path in tmp_path.glob("*.fits")] == ["truth.fits"]
+    same = (tmp_path / "contact_sheet.png").read_bytes() == (folder / "contact_sheet.png").read_bytes()
+    assert same == (kinds != ["exr"])
+    pixels = oiio.ImageBuf(str(tmp_path / "contact_sheet.png")).get_pixels(oiio.UINT8)
+    assert pixels.max() == 255
+
+
+@pytest.mark.parametrize(
+    "name", ["sat47_E.fits", "sat47_E/000063.png", "sat47_E.zarr/c/0/0/0", "sat47_E.zarr/zarr.json", "sat47_E.gif"]
+)
+@pytest.mark.parametrize("damage", ["changed", "missing"])
+@pytest.mark.ci
+def test_only_the_sensor_of_a_damaged_file_is_made_again(scene, tmp_path, name, damage):
+    options = {"formats": ["fits", "png", "zarr"], "preview": "gif"}
+    run(scene, tmp_path, [60, 61, 63], *PICKS[1:], **options)
+    before = files_of(tmp_path)
+    untouched = (tmp_path / "sat11_E" / "000063.png").stat().st_mtime_ns
+    (tmp_path / name).write_bytes(b"x") if damage == "changed" else (tmp_path / name).unlink()
+    report = run(scene, tmp_path, [60, 61, 63], *PICKS[1:], **options)
+    assert report.n_image_rendered == 6 and "6 images kept from before" in report.text()
+    assert (tmp_path / "sat11_E" / "000063.png").stat().st_mtime_ns == untouched
+    assert files_of(tmp_path) == before
+
+
+@pytest.mark.ci
+def test_another_format_is_another_run(scene, tmp_path):
+    run(scene, tmp_path, [60], ["sat11"], ["A"], formats=["png"])
+    before = files_of(tmp_path)
+    for options in ({}, {"formats": ["tiff"]}, {"formats": ["png", "exr"]}, {"formats": ["png"], "preview": "gif"}):
+        with pytest.raises(ws.InputError, match="holds a different run"):
+            run(scene, tmp_path, [60], ["sat11"], ["A"], **options)
+    assert files_of(tmp_path) == before
+
+
+@pytest.mark.ci
+def test_overwrite_removes_the_old_runs_files_and_nothing_else(scene, tmp_path):
+    run(scene, tmp_path, [60, 61], ["sat11", "sat47"], ["A"], formats=["png", "zarr"], preview="gif")
+    (tmp_path / "sat11_A" / "notes.txt").write_text("mine")
+    (tmp_path / ".warpsim-parts" / "growing" / "sat47").mkdir(parents=True)  # of a run that was killed
+    (tmp_path / ".warpsim-parts" / "growing" / "sat47" / "sat47_A.fits").write_text("half")
+    (tmp_path / ".truth.fits.partial").write_text("half")
+    run(scene, tmp_path, [60], ["sat11"], ["A"], overwrite=True)
+    expected = {"contact_sheet.png", "manifest.json", "sat11_A", "sat11_A.fits", "sat11_A/notes.txt", "truth.fits"}
+    assert {str(item.relative_to(tmp_path)) for item in tmp_path.rglob("*")} == expected
+
+
+NAMES_OF_ONE_SENSOR = (
+    *("sat11_A.fits", "sat11_A/000060.png", "sat11_A", "sat11_A.gif"),
+    *("sat11_A.zarr/c/0/0/0", "sat11_A.zarr/notes.txt", "sat11_A.zarr"),
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "earlier"),
+    [
+        *((name, earlier) for name in NAMES_OF_ONE_SENSOR for earlier in (False, True)),
+        *(("truth.fits", False), ("contact_sheet.png", False)),
+    ],
+)
+@pytest.mark.ci
+def test_files_of_others_are_never_touched(scene, tmp_path, name, earlier):
+    if earlier:
+        run(scene, tmp_path, [60], ["sat47"], ["A"])
+    (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
+    (tmp_path / name).write_text("mine")
+    before = files_of(tmp_path)
+    named = "sat11_A.zarr" if name.endswith("notes.txt") else name
+    with pytest.raises(ws.InputError, match=f"{named}: is there already, and warpsim did not write it"):
+        run(scene, tmp_path, [60], ["sat11"], ["A"], formats=["fits", "png", "zarr"], preview="gif", overwrite=True)
+    assert files_of(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    "name", ["../precious.txt", "notes/precious.txt", "a.zarr/c/0/../precious.txt", "/etc/hostname"]
+)
+@pytest.mark.ci
+def test_manifests_of_others_do_not_make_their_files_ours(scene, tmp_path, name):
+    """A file that looks like a manifest, but names what no run writes."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (tmp_path / "precious.txt").write_text("mine")
+    (folder / "manifest.json").write_text(json.dumps({"key": "0" * 64, "files": {name: "x"}}))
+    with pytest.raises(ws.InputError, match=r"manifest\.json: is there already, and warpsim did not write it"):
+        run(scene, folder, [60], ["sat11"], ["A"], formats=["png"], overwrite=True)
+    assert (tmp_path / "precious.txt").read_text() == "mine"
+
+
+@pytest.mark.ci
+def test_a_run_that_fails_leaves_no_half_array(scene, tmp_path, monkeypatch):
+    real = zarr_array._new_array
+
+    def fail(path, shape):
+        if path.name == "sat11_E.zarr":
+            raise OSError(28, "No space left on device")
+        return real(path, shape)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(zarr_array, "_new_array", fail)
+        with pytest.raises(OSError, match=r"writing failed, .*No space left on device: '.*sat11_E\.zarr'"):
+            run(scene, tmp_path, formats=["zarr"])
+    assert not list(tmp_path.glob("*.zarr"))
+    run(scene, tmp_path, formats=["zarr"])
+    assert len(list(tmp_path.glob("*.zarr"))) == 4
+
+
+def broken_off_after(n_step, monkeypatch):
+    """End a run, as a kill would, when so many batches of frames are complete."""
+    real, done = GrowingFiles.end_step, []
+
+    def end_step(self, facts):
+        if len(done) == n_step:
+            raise KeyboardInterrupt
+        done.append(facts)
+        real(self, facts)
+
+    monkeypatch.setattr(GrowingFiles, "end_step", end_step)
+
+
+@pytest.mark.parametrize("n_step", [1, 4, 8])
+@pytest.mark.ci
+def test_a_run_goes_on_in_the_middle_of_a_sensor(scene, folder, tmp_path, monkeypatch, n_step):
+    """Of 2 sensors and 6 frames each, one a call: those that are complete are not rendered again."""
+    monkeypatch.setattr("warpsim.output.run.COUNTS_BYTES_PER_CALL", 1)
+    monkeypatch.setattr(zarr_array, "SHARD_BYTES", 1)
+    options = {"formats": ("fits", "png", "exr", "zarr"), "preview": "gif", "stars": True}
+    with monkeypatch.context() as patch:
+        broken_off_after(n_step, patch)
+        with pytest.raises(KeyboardInterrupt):
+            run(scene, tmp_path / "broken", **options)
+    left = files_of(tmp_path / "broken")
+    assert bool([name for name in left if name.endswith(".fits") and "sat11_A" in name and "parts" not in name]) == (
+        n_step > 6
+    )
+    report = run(scene, tmp_path / "broken", **options)
+    assert report.n_image_rendered == 24 - 2 * n_step
+    run(scene, tmp_path / "whole", **options)
+    assert files_of(tmp_path / "broken") == files_of(tmp_path / "whole")
+    assert (tmp_path / "broken" / "sat47_E.fits").read_bytes() == (folder / "sat47_E.fits").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("damage", "n_kept"), [("tail", 4), ("amid", 2), ("shorter", 3), ("missing", 1), ("journal", 3), ("other", 4)]
+)
+@pytest.mark.ci
+def test_only_whole_frames_are_kept(scene, tmp_path, monkeypatch, damage, n_kept):
+    """What was written beyond the last whole frame is cut off; from the first damaged one on all is rendered again."""
+    monkeypatch.setattr("warpsim.output.run.COUNTS_BYTES_PER_CALL", 1)
+    options = {"formats": ("fits", "png")}
+    with monkeypatch.context() as patch:
+        broken_off_after(4, patch)
+        with pytest.raises(KeyboardInterrupt):
+            run(scene, tmp_path / "broken", **options)
+    growing = tmp_path / "broken" / ".warpsim-parts" / "growing"
+    cube, image_bytes = growing / "sat11" / "sat11_A.fits", 2 * 128 * 128
+    data = bytearray(cube.read_bytes())
+    header_bytes = len(data) - 5 * image_bytes  # that of the fifth frame was not complete
+    if damage == "tail":
+        cube.write_bytes(data + b"half a frame")
+    elif damage == "amid":
+        data[header_bytes + 2 * image_bytes + 5] ^= 1
+        cube.write_bytes(data)
+    elif damage == "shorter":
+        cube.write_bytes(data[: header_bytes + 4 * image_bytes - 1])
+    elif damage == "missing":
+        (growing / "sat11" / "sat11_E" / "000061.png").unlink()
+    elif damage == "journal":
+        journal = growing / "sat11.jsonl"
+        journal.write_text(journal.read_text()[:-30])
+    else:
+        (growing / "sat11" / "sat11_A" / "000099.png").write_text("nobody asked for it")
+    assert run(scene, tmp_path / "broken", **options).n_image_rendered == 24 - 2 * n_kept
+    run(scene, tmp_path / "whole", **options)
+    assert files_of(tmp_path / "broken") == files_of(tmp_path / "whole")
+
+
+@pytest.mark.ci
+def test_another_run_does_not_replace_frames_that_are_complete_unless_told(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr("warpsim.output.run.COUNTS_BYTES_PER_CALL", 1)
+    with monkeypatch.context() as patch:
+        broken_off_after(2, patch)
+        with pytest.raises(KeyboardInterrupt):
+            run(scene, tmp_path)
+    with pytest.raises(ws.InputError, match=r"holds a different run \(scene.seed: 2024 there, 5 here\)"):
+        run(scene.replace(seed=5), tmp_path)
+    assert run(scene.replace(seed=5), tmp_path, overwrite=True).n_image_rendered == 24
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"formats": ["jpg"]}, r"formats: must be among fits, tiff, png, exr, zarr, got 'jpg'"),
+        ({"formats": []}, "formats: must name at least one"),
+        ({"formats": None}, "formats: must name at least one"),
+        ({"preview": "avi"}, "preview: must be gif or mp4, got 'avi'"),
+    ],
+)
+def test_formats_that_are_not_there_are_named(scene, tmp_path, options, text):
+    with pytest.raises(ws.InputError, match=text):
+        run(scene, tmp_path / "out", **options)
+    assert not (tmp_path / "out").exists()
+
+
+def test_missing_packages_are_named(scene, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    with pytest.raises(ws.InputError, match=r"the extra `zarr` brings: pip install 'warpsim\[zarr\]'"):
+        run(scene, tmp_path / "out", formats=["zarr"])
+    monkeypatch.setattr(preview.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ws.InputError, match=r"the extra `video` brings: pip install 'warpsim\[video\]'"):
+        run(scene, tmp_path / "out", preview="mp4")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.ci
+def test_names_given_twice_are_written_once(scene, tmp_path):
+    run(scene, tmp_path, [60], ["sat11"], ["A"], formats=["png", "png"])
+    run(scene, tmp_path, [60], ["sat11"], ["A"], formats="png")
+    assert [path.name for path in (tmp_path / "sat11_A").iterdir()] == ["000060.png"]
+    shutil.rmtree(tmp_path / "sat11_A")
+    assert run(scene, tmp_path, [60], ["sat11"], ["A"], formats="png").n_image_rendered == 1
+
+
+@pytest.mark.ci
+def test_films_of_a_run_have_every_frame(scene, tmp_path):
+    av = pytest.importorskip("av")
+    run(scene, tmp_path, *PICKS[:2], ["A"], preview="mp4")
+    with av.open(tmp_path / "sat47_A.mp4") as file:
+        assert sum(1 for _ in file.decode(video=0)) == 6
+
+
+@pytest.mark.slow
+def test_killed_amid_images_and_arrays_then_completed(tmp_path, checkout_environment):
+    """SIGKILL amid a sensor: what has its name is whole; the same command then gives the same bytes."""
+    command = [*COMMAND, "stss", "--bands", "A", "--sensors", "sat11,sat12,sat27", "--quiet", "--format", "png,zarr"]
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    subprocess.run([*command, "-o", str(whole)], env=checkout_environment, check=True, capture_output=True)
+    expected = files_of(whole)
+    for wanted in ("sat11_A/000070.png", "sat12_A/*.png", "sat12_A.zarr"):  # each time later
+        process = subprocess.Popen([*command, "-o", str(killed)], env=checkout_environment, stderr=subprocess.DEVNULL)
+        deadline = time.monotonic() + 120
+        while not list(killed.glob(wanted)) and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.002)
+        assert process.poll() is None
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        left = files_of(killed)
+        finals = {name for name in left if not any(part.startswith(".") for part in Path(name).parts)}
+        assert finals
+        assert all(left[name] == expected[name] for name in finals), "half a file"
+        # An array is there as a whole, or has no description.
+        arrays = {name.split("/")[0] for name in finals if name.endswith(".zarr/zarr.json")}
+        assert all(name in finals for name in expected if name.split("/")[0] in arrays)
+    result = subprocess.run([*command[:-3], "--format", "png,zarr", "-o", str(killed)], env=checkout_environment,
+                            check=True, capture_output=True, text=True)  # fmt: skip
+    assert "images kept from before" in result.stdout
+    assert files_of(killed) == expected
+    assert not list(killed.rglob(".*"))
