@@ -13,8 +13,7 @@ from scipy.special import eval_legendre, sph_harm_y
 from warpsim_kernels import earth as earth_kernels
 from warpsim_kernels.earth_albedo import albedo_series_of, damping, is_dark
 from warpsim_kernels.earth_infrared import earth_area_m2
-from warpsim_kernels.facets import Facets
-from warpsim_kernels.shapes import Body
+from warpsim_kernels.shapes import Body, Facets
 
 import warpsim as ws
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING

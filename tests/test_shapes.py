@@ -9,7 +9,7 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpmath.calculus.quadrature import GaussLegendre
-from warpsim_kernels.facets import projected_area_along_kernel, reflected_area_kernel
+from warpsim_kernels.shapes import projected_area_along_kernel, reflected_area_kernel
 
 import warpsim as ws
 from warpsim.target.areas import body_struct, facets_of

@@ -21,8 +21,7 @@ import warp as wp
 
 from warpsim_kernels.angles import angle_from_x
 from warpsim_kernels.earth import height_position
-from warpsim_kernels.facets import Facets
-from warpsim_kernels.shapes import Body, positive_moments_of
+from warpsim_kernels.shapes import Body, Facets, positive_moments_of
 
 _PI = wp.constant(wp.float64(3.141592653589793))
 _TWO_PI = wp.constant(wp.float64(6.283185307179586))

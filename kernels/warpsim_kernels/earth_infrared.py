@@ -13,8 +13,7 @@ import math
 import warp as wp
 
 from warpsim_kernels.earth import height_position
-from warpsim_kernels.facets import Facets
-from warpsim_kernels.shapes import Body, positive_moments_of
+from warpsim_kernels.shapes import Body, Facets, positive_moments_of
 
 _TWO_PI = wp.constant(wp.float64(6.283185307179586))
 

@@ -19,7 +19,7 @@ _TWO_PI = wp.constant(wp.float64(6.283185307179586))
 
 @wp.struct
 class Body:
-    """A sphere if radius_m > 0, a mesh if n_facet > 0 (see facets.py), else two ends and a side turned about z."""
+    """A sphere if radius_m > 0, a mesh if n_facet > 0, else two ends and a side turned about z."""
 
     radius_m: wp.float64
     top_m2: wp.float64  # flat face towards +z
@@ -29,6 +29,17 @@ class Body:
     side_along: wp.float64
     first_facet: int  # of a mesh, among the facets of all meshes
     n_facet: int
+
+
+@wp.struct
+class Facets:
+    """Flat facets of all meshes of a scene, one mesh behind the other.
+
+    Facets do not hide or shade each other, which is exact for convex bodies and too large for others.
+    """
+
+    normal: wp.array[wp.vec3d]  # (n_facet,) unit, outward, body axes
+    area_m2: wp.array[wp.float64]  # (n_facet,)
 
 
 @wp.func
@@ -184,3 +195,69 @@ def projected_area_kernel(
     """Projected area at each aspect."""
     i = wp.tid()
     area_m2[i] = projected_area_m2(body, wp.cos(aspect_rad[i]), wp.abs(wp.sin(aspect_rad[i])))
+
+
+@wp.func
+def facets_projected_area_m2(facets: Facets, first: int, count: int, view: wp.vec3d) -> wp.float64:
+    """Sum of area * max(0, n.view) over facets first to first + count - 1 [m2]; view: unit, body axes."""
+    zero = wp.float64(0.0)
+    total = wp.float64(0.0)
+    for i in range(first, first + count):
+        total += facets.area_m2[i] * wp.max(wp.dot(facets.normal[i], view), zero)
+    return total
+
+
+@wp.func
+def facets_reflected_area_m2(facets: Facets, first: int, count: int, view: wp.vec3d, sun: wp.vec3d) -> wp.float64:
+    """Sum of area * max(0, n.view) * max(0, n.sun) over facets [m2]; unit vectors in body axes."""
+    zero = wp.float64(0.0)
+    total = wp.float64(0.0)
+    for i in range(first, first + count):
+        normal = facets.normal[i]
+        total += facets.area_m2[i] * wp.max(wp.dot(normal, view), zero) * wp.max(wp.dot(normal, sun), zero)
+    return total
+
+
+@wp.func
+def body_projected_area_m2(body: Body, facets: Facets, view: wp.vec3d) -> wp.float64:
+    """Projected area of a body of any kind [m2]; view: unit, body axes."""
+    if body.n_facet > 0:
+        return facets_projected_area_m2(facets, body.first_facet, body.n_facet, view)
+    return projected_area_m2(body, view[2], wp.sqrt(view[0] * view[0] + view[1] * view[1]))
+
+
+@wp.func
+def body_reflected_area_m2(body: Body, facets: Facets, view: wp.vec3d, sun: wp.vec3d) -> wp.float64:
+    """Reflected area of a body of any kind [m2]; unit vectors in body axes."""
+    if body.n_facet > 0:
+        return facets_reflected_area_m2(facets, body.first_facet, body.n_facet, view, sun)
+    return reflected_area_m2(body, view, sun)
+
+
+@wp.kernel(enable_backward=False)
+def projected_area_along_kernel(
+    # in
+    body: Body,
+    facets: Facets,
+    view: wp.array[wp.vec3d],  # (n,) unit, body axes
+    # out
+    area_m2: wp.array[wp.float64],  # (n,)
+):
+    """Projected area along each direction."""
+    i = wp.tid()
+    area_m2[i] = body_projected_area_m2(body, facets, view[i])
+
+
+@wp.kernel(enable_backward=False)
+def reflected_area_kernel(
+    # in
+    body: Body,
+    facets: Facets,
+    view: wp.array[wp.vec3d],  # (n,) unit, body axes
+    sun: wp.array[wp.vec3d],  # (n,) unit, body axes
+    # out
+    area_m2: wp.array[wp.float64],  # (n,)
+):
+    """Reflected area of each pair of directions."""
+    i = wp.tid()
+    area_m2[i] = body_reflected_area_m2(body, facets, view[i], sun[i])

@@ -16,10 +16,16 @@ from warpsim_kernels.attitude_table import AttitudeTables, table_quaternion, tur
 from warpsim_kernels.earth import Earth, geocentric_radius_m
 from warpsim_kernels.earth_albedo import albedo_series_of, is_dark
 from warpsim_kernels.earth_infrared import earth_area_m2
-from warpsim_kernels.facets import Facets, body_projected_area_m2, body_reflected_area_m2
 from warpsim_kernels.motion import Attitude, axes_before_spin, spun
 from warpsim_kernels.shadow import sunlit_fraction
-from warpsim_kernels.shapes import Body, projected_area_m2, reflected_area_m2
+from warpsim_kernels.shapes import (
+    Body,
+    Facets,
+    body_projected_area_m2,
+    body_reflected_area_m2,
+    projected_area_m2,
+    reflected_area_m2,
+)
 from warpsim_kernels.temperature import TemperatureTables
 
 

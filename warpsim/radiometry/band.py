@@ -293,11 +293,9 @@ def _frozen(values: Array) -> Array:
 
 @functools.lru_cache(maxsize=64)
 def _intervals(band: Band, n: int) -> tuple[Array, Array]:
-    """Gauss rule of n nodes for a band's response, relative to its first wavelength while at work.
-
-    Differences of wavelengths keep their digits, however narrow the band. n + 1 nodes per linear piece are exact for
-    every polynomial that the rule has to integrate, one more where the response is per photon.
-    """
+    """Gauss rule of n nodes for a band's response."""
+    # Differences of wavelengths keep their digits, however narrow the band. n + 1 nodes per linear piece are exact for
+    # every polynomial that the rule has to integrate, one more where the response is per photon.
     first_um = band.wavelength_um[0]
     offset_um, weight_um = response_rule(band.wavelength_um - first_um, band.response, n + 1 + band.per_photon)
     node_um, weight_um = gauss_rule(offset_um, band._by_energy(first_um + offset_um, weight_um), n)
@@ -312,15 +310,7 @@ ZERO_POINT_RTOL = 0.01
 
 
 def complete_zero_point(given: Mapping[str, float], flat_w_cm2_per_jy: float) -> dict[str, float]:
-    """Return the numbers of a zero point, those that are left out from the others; NaN where none is known.
-
-    Args:
-        given: By name of ZERO_POINT; NaN for what is left out.
-        flat_w_cm2_per_jy: Their ratio for a spectrum flat in frequency, taken where it does not follow.
-
-    Raises:
-        InputError: A number is not above 0 and finite, or two of them contradict the third.
-    """
+    """Return the numbers of a zero point, those that are NaN from the others and the ratio of a flat spectrum."""
     for name in ZERO_POINT:
         if not (math.isnan(given[name]) or 0.0 < given[name] < math.inf):
             raise InputError("must be > 0 and finite, or NaN", name, given[name])

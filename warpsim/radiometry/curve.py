@@ -45,19 +45,10 @@ def read_curves(file: Traversable) -> tuple[Curve, ...]:
 def band_rule(
     band: Band, *splits_um: Array, n_node: int = N_EXACT, max_log_width: float = math.inf
 ) -> tuple[Array, Array]:
-    """Gauss-Legendre rule over a band: sum(weight_um * f(wavelength_um)) is the integral of energy response times f.
+    """Return the Gauss-Legendre rule over a band: sum(weight_um * f(wavelength_um)) integrates energy response times f.
 
     Exact where f is a polynomial of degree 2 n_node - 3 in each piece, between neighbours among the nodes of the band
-    and the wavelengths given.
-
-    Args:
-        band: The band.
-        splits_um: Wavelengths at which f is not smooth [um], in any number of vectors.
-        n_node: Quadrature nodes per piece.
-        max_log_width: Pieces wider than this in ln(wavelength) are cut into equal parts.
-
-    Returns:
-        Wavelengths [um] and weights [um], shape (m,) each; nodes without response are left out.
+    and the wavelengths given. Pieces wider than max_log_width in ln(wavelength) are cut into equal parts.
     """
     first_um, last_um = band.lit_um
     edge_um = np.unique(np.concatenate([band.wavelength_um, *splits_um]))

@@ -22,17 +22,7 @@ _SAMPLING_PART = 1e-3
 
 
 def checked_curve(wavelength: ArrayLike, values: ArrayLike, what: str) -> tuple[Array, Array]:
-    """Nodes of a curve over wavelength [um], and its values there, as given; copies.
-
-    Args:
-        wavelength: Nodes [um], shape (n,), n >= 2.
-        values: Values there, >= 0.
-        what: Name of the values in errors.
-
-    Raises:
-        InputError: Fewer than two nodes, shapes that differ, values that are not finite numbers, wavelengths not
-            positive and increasing, or negative values.
-    """
+    """Return copies of two or more nodes [um] and values >= 0 of a curve over wavelength; `what` names the values."""
     wavelength_um = _nodes(wavelength, "um", "wavelength_um")
     numbers = _nodes(values, "", what)
     if wavelength_um.shape != numbers.shape:
@@ -87,14 +77,7 @@ def photon_um(wavelength_um: Array, response: Array, per_photon: bool) -> float:
 
 
 def product_of_curves(curves: Sequence[tuple[ArrayLike, ArrayLike]]) -> tuple[Array, Array]:
-    """Return nodes [um] and values of a product of curves as a user gives them; see product().
-
-    Args:
-        curves: Pairs of wavelengths [um] and values.
-
-    Raises:
-        InputError: No curve, one that is none, or no product; the path begins with `curves`.
-    """
+    """Return nodes [um] and values of a product of curves as a user gives them; see product()."""
     checked = []
     for number, curve in enumerate(curves):
         try:
@@ -113,15 +96,7 @@ def product_of_curves(curves: Sequence[tuple[ArrayLike, ArrayLike]]) -> tuple[Ar
 
 
 def product(curves: Sequence[tuple[Array, Array]], names: Sequence[str]) -> tuple[Array, Array]:
-    """Return few nodes [um] and values of a product of curves, within PRODUCT_ERROR, where all of them have values.
-
-    Args:
-        curves: Wavelengths [um] and values of each, linear between them.
-        names: Of the curves, in errors.
-
-    Raises:
-        InputError: The curves do not overlap, or their product is 0 everywhere.
-    """
+    """Return few nodes [um] and values of a product of curves, within PRODUCT_ERROR, where all of them have values."""
     first = max(range(len(curves)), key=lambda k: curves[k][0][0])
     last = min(range(len(curves)), key=lambda k: curves[k][0][-1])
     low_um, high_um = curves[first][0][0], curves[last][0][-1]
@@ -149,8 +124,7 @@ def _middles(values: Array) -> Array:
 def _sampled(nodes: Array, values: Array, error: float) -> Array:
     """Nodes with further ones between, whose chords stay within an error of the product of linear curves.
 
-    Between nodes a product of linear factors is off its chord by at most an eighth of its second derivative: the sum
-    over pairs of their steps, times the other factors, over 4.
+    A chord is off by an eighth of the second derivative at most: over pairs of factors, their steps times the others.
     """
     largest = np.maximum(values[:, 1:], values[:, :-1])
     steps = np.abs(np.diff(values)) / np.where(largest > 0.0, largest, 1.0)
@@ -161,16 +135,7 @@ def _sampled(nodes: Array, values: Array, error: float) -> Array:
 
 
 def thinned(x: Array, y: Array, error: float) -> list[int]:
-    """Return rows of a polyline whose chords pass all its nodes within an error; each reaches as far as it can.
-
-    Args:
-        x: Of the nodes, increasing, shape (n,).
-        y: Of the nodes, shape (n,).
-        error: Largest distance in y.
-
-    Returns:
-        Rows that are kept, the first and the last among them.
-    """
+    """Return rows of a polyline, first and last included, whose chords pass all its nodes within an error in y."""
     abscissa, ordinate = x.tolist(), y.tolist()
     kept, low, high = [0], -math.inf, math.inf  # slopes of the chords that pass all nodes since the last row kept
     for row in range(1, len(abscissa)):
@@ -184,15 +149,9 @@ def thinned(x: Array, y: Array, error: float) -> list[int]:
 
 
 def piecewise_rule(edge: Array, n_node: int, max_log_width: float = math.inf) -> tuple[Array, Array]:
-    """Gauss-Legendre rule on each piece between neighbouring edges.
+    """Return nodes and weights of the Gauss-Legendre rule on each piece between neighbouring edges.
 
-    Args:
-        edge: Where the pieces meet, shape (n,), increasing.
-        n_node: Quadrature nodes per piece.
-        max_log_width: Pieces wider than this in ln(edge) are cut into equal parts; edges must then be > 0.
-
-    Returns:
-        Nodes and weights, shape (m,) each.
+    Pieces wider than max_log_width in ln(edge) are cut into equal parts.
     """
     if math.isfinite(max_log_width):
         n_part = np.maximum(np.ceil(np.diff(np.log(edge)) / max_log_width), 1).astype(int)
@@ -211,18 +170,9 @@ def _legendre(n: int) -> tuple[Array, Array]:
 def response_rule(
     wavelength_um: Array, response: Array, n_node: int, max_log_width: float = math.inf
 ) -> tuple[Array, Array]:
-    """Gauss-Legendre rule on every linear piece of a response.
+    """Return wavelengths [um] and weights times response [um] of a rule on every linear piece of a response.
 
-    Exact where the integrand is a polynomial of degree 2 n_node - 2 (the response takes one degree).
-
-    Args:
-        wavelength_um: Nodes of the response [um], shape (n,), increasing.
-        response: Its values, shape (n,), >= 0.
-        n_node: Quadrature nodes per piece.
-        max_log_width: As of piecewise_rule().
-
-    Returns:
-        Wavelengths [um] and weights times response [um], shape (m,) each; nodes without weight are left out.
+    Exact for polynomials of degree 2 n_node - 2 (the response takes one degree); nodes without weight are left out.
     """
     node_um, weight_um = piecewise_rule(wavelength_um, n_node, max_log_width)
     weight_um = weight_um * np.interp(node_um, wavelength_um, response)
@@ -231,20 +181,11 @@ def response_rule(
 
 
 def gauss_rule(node: Array, weight: Array, n: int) -> tuple[Array, Array]:
-    """Gauss rule of n nodes for the measure that puts positive weights on many nodes.
+    """Return the n nodes, ascending, and weights of the Gauss rule for positive weights on many nodes.
 
     It integrates polynomials of degree 2n - 1 as the given rule does. The recurrence of the measure's orthonormal
     polynomials comes from the Lanczos process (Gautschi, *Orthogonal Polynomials: Computation and Approximation*, 2004,
-    section 2.2.3), nodes and weights from the eigenvalues and eigenvectors of its Jacobi matrix (Golub and Welsch 1969,
-    Math. Comp. 23, 221).
-
-    Args:
-        node: Nodes of the measure, shape (m,), more than n of them distinct.
-        weight: Its weights, shape (m,), > 0.
-        n: Number of nodes.
-
-    Returns:
-        Nodes in increasing order and weights > 0, shape (n,) each.
+    section 2.2.3), nodes and weights from its Jacobi matrix (Golub and Welsch 1969, Math. Comp. 23, 221).
     """
     # On [-1, 1] the recurrence coefficients are of order 1, whatever the unit and width.
     centre, half_width = (node.max() + node.min()) / 2.0, (node.max() - node.min()) / 2.0

@@ -248,11 +248,7 @@ Both know the six bands of MSX only: A, B1, B2, C, D, E.
 
 
 def as_radiometry(physics: str) -> Radiometry:
-    """The preset of that name.
-
-    Raises:
-        InputError: There is none.
-    """
+    """Return the preset of that name, or raise an InputError."""
     if not isinstance(physics, str) or physics not in PHYSICS:
         raise InputError('must be "physical" or "paper"', "physics", physics)
     return PHYSICS[physics]

@@ -39,12 +39,7 @@ def solar_spectrum() -> Curve:
 
 
 def sunlight_rule(band: Band, *splits_um: Array) -> tuple[Array, Array]:
-    """Quadrature of sunlight over a band: wavelengths [um] and irradiance at 1 au that each stands for [W/m2].
-
-    Args:
-        band: The band.
-        splits_um: Nodes of curves that are to be averaged [um].
-    """
+    """Quadrature of sunlight over a band: wavelengths [um] and irradiance at 1 au that each stands for [W/m2]."""
     spectrum = solar_spectrum()
     node_um, weight_um = band_rule(band, spectrum.wavelength_um, *splits_um)
     known = (node_um >= spectrum.wavelength_um[0]) & (node_um <= spectrum.wavelength_um[-1])
@@ -83,12 +78,7 @@ def earth_spectrum() -> EarthSpectrum:
 
 
 def earth_rule(band: Band, *splits_um: Array) -> tuple[Array, Array]:
-    """Quadrature of the Earth's emission over a band: wavelengths [um] and radiance that each stands for [W/m2/sr].
-
-    Args:
-        band: The band.
-        splits_um: Nodes of curves that are to be averaged [um].
-    """
+    """Quadrature of the Earth's emission over a band: wavelengths [um] and the radiance of each [W/m2/sr]."""
     spectrum = earth_spectrum()
     own_um = spectrum.brightness_temperature_k.wavelength_um
     node_um, weight_um = band_rule(
@@ -98,12 +88,7 @@ def earth_rule(band: Band, *splits_um: Array) -> tuple[Array, Array]:
 
 
 def earthshine_rule(band: Band, *splits_um: Array) -> tuple[Array, Array]:
-    """Quadrature of sunlight that the Earth reflects: wavelengths [um] and sunlight times albedo [W/m2].
-
-    Args:
-        band: The band.
-        splits_um: Nodes of curves that are to be averaged [um].
-    """
+    """Quadrature of sunlight that the Earth reflects: wavelengths [um] and sunlight times albedo [W/m2]."""
     albedo = earth_spectrum().albedo
     node_um, irradiance_w_m2 = sunlight_rule(band, albedo.wavelength_um, *splits_um)
     return node_um, irradiance_w_m2 * albedo.at(node_um)

@@ -53,15 +53,7 @@ def light_terms(
     satellites: Sequence[int],
     nei_w_cm2: Mapping[Band, float],
 ) -> dict[str, LightTerm]:
-    """Decide which terms to include, the same for all frames and bands of a kind of sensor.
-
-    Args:
-        lighting: Requested terms, and the bound below which one may be left out.
-        tracks: Motion of satellites and targets.
-        targets: The single targets.
-        satellites: Indices of the satellites that carry the sensor.
-        nei_w_cm2: Its noise equivalent irradiance by band [W/cm2].
-    """
+    """Decide which terms to include, the same for all frames and bands of a kind of sensor."""
     near_m = _nearest_m(tracks, targets, satellites)
     bounds = {} if near_m <= 0.0 else _bounds_nei(lighting, tracks, targets, nei_w_cm2, near_m)
     terms: dict[str, LightTerm] = {}

@@ -64,19 +64,7 @@ def target_temperatures(
     """Return the temperature of each single target; equal ones share their rows.
 
     Targets with a heat balance have a temperature history each: a group flies together, but what a body shows to the
-    Sun depends on its own axis and phases.
-
-    Args:
-        targets: The single targets.
-        tracks: Their motion.
-        attitudes: Their attitudes.
-        tables: As temperature_tables gives them.
-        bands: Names of the scene's bands, over which surfaces are averaged for a heat balance that leaves it to them.
-        duration_s: Length of the scene [s].
-        n_group: Groups of the scene, for messages.
-
-    Raises:
-        InputError: A heat balance has no solution.
+    Sun depends on its own axis and phases. Surfaces are averaged over `bands` for a balance that leaves it to them.
     """
     linear: dict[Any, TemperatureRows] = {}
     found: list[TemperatureRows] = []
@@ -160,17 +148,7 @@ def _tabulated(area: RotatingArea, n_body: int, run: _Run) -> RotatingArea | Ste
 def temperature_tables(
     groups: Sequence[TargetGroup], epoch: Instant, duration_s: float, with_files: bool = True
 ) -> dict[tuple[int, int], TemperatureRows]:
-    """Return the checked tables of temperatures, by the indices of group and entry.
-
-    Args:
-        groups: The groups.
-        epoch: The scene's.
-        duration_s: Length of the scene [s]; tables must cover it as far as their targets are there.
-        with_files: Whether tables in files are read.
-
-    Raises:
-        InputError: A table cannot be read or does not cover the scene; the path begins with the group's.
-    """
+    """Return the checked tables of temperatures, by the indices of group and entry."""
     tables = {}
     for number, group in enumerate(groups):
         for entry, spec in enumerate(group.targets):

@@ -57,7 +57,7 @@ class Areas:
         Raises:
             InputError: A vector is not of length 1 within 1e-6, or the shape is another.
         """
-        from warpsim_kernels.facets import projected_area_along_kernel
+        from warpsim_kernels.shapes import projected_area_along_kernel
 
         return self._areas(projected_area_along_kernel, directions("view", view))
 
@@ -76,7 +76,7 @@ class Areas:
         Raises:
             InputError: A vector is not of length 1 within 1e-6, or the shapes are others.
         """
-        from warpsim_kernels.facets import reflected_area_kernel
+        from warpsim_kernels.shapes import reflected_area_kernel
 
         views, suns = directions("view", view), directions("sun", sun)
         try:
@@ -118,15 +118,7 @@ def top_radius_m(shape: Any) -> float:
 
 
 def body_struct(shape: Any, first_facet: int | None = None) -> Any:
-    """The shape as the kernels' struct.
-
-    Args:
-        shape: A shape.
-        first_facet: Where a mesh's facets begin among those of the scene (`facets_of`); other shapes need none.
-
-    Raises:
-        InputError: A mesh without first_facet.
-    """
+    """Return the shape as the kernels' struct; a mesh's facets begin at first_facet among those of the scene."""
     from warpsim_kernels.shapes import Body
 
     body: Any = Body()
@@ -163,14 +155,9 @@ class FacetTable:
 
 
 def facets_of(shapes: Sequence[Any], device: Any = None) -> FacetTable:
-    """Put the facets of shapes on a device, those of equal meshes once.
-
-    Args:
-        shapes: Shapes of any kind.
-        device: Where to; Warp's default if left out.
-    """
+    """Put the facets of shapes of any kind on a device, those of equal meshes once."""
     import warp as wp
-    from warpsim_kernels.facets import Facets
+    from warpsim_kernels.shapes import Facets
 
     # Something is there to point at even without a mesh.
     normals, areas = [np.zeros((1, 3))], [np.zeros(1)]

@@ -99,14 +99,7 @@ class AttitudeFrame:
 
 
 def attitude_frame(attitude: Attitude, velocity_m_s: F64, seed: int, target: int) -> AttitudeFrame:
-    """Fixed axes and phases of one target's motion.
-
-    Args:
-        attitude: The description.
-        velocity_m_s: Velocity at release, GCRS axes, shape (3,).
-        seed: The scene's seed.
-        target: Number of the target in the scene; each has random numbers of its own.
-    """
+    """Return fixed axes and phases of the motion of a scene's target; each has random numbers of its own."""
     u = uniforms(seed, "attitude", target, 6)
     reference = _reference(attitude, velocity_m_s, u)
     if attitude.precession_phase_rev is None:

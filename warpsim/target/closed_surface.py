@@ -44,15 +44,7 @@ class ClosedSurface:
 
 
 def closed_surface(vertices_m: F64, faces: I64) -> ClosedSurface:
-    """Check a triangle mesh and work out what areas need.
-
-    Args:
-        vertices_m: Positions [m], shape (n_vertex, 3).
-        faces: Numbers of vertices, counted from 0, shape (n_face, 3). Faces all wound inwards are turned.
-
-    Raises:
-        InputError: One line on what is wrong with the mesh.
-    """
+    """Check a triangle mesh [m] and work out what areas need; faces all wound inwards are turned."""
     _check_numbers(vertices_m, faces)
     # The same position may stand in a file several times: once for each face in STL, once for each texture in OBJ.
     vertices, number = np.unique(vertices_m + 0.0, axis=0, return_inverse=True)
@@ -93,11 +85,7 @@ def _check_numbers(vertices_m: F64, faces: I64) -> None:
 
 
 def _area_vectors(vertices: F64, faces: I64) -> F64:
-    """Area times normal of each face, shape (n_face, 3).
-
-    Raises:
-        InputError: A face has no area.
-    """
+    """Area times normal of each face, shape (n_face, 3)."""
     corner = vertices[faces]
     edge = np.roll(corner, -1, axis=1) - corner
     # From the two shorter edges: rounding of the third, the sum of both, is the largest.
@@ -112,11 +100,7 @@ def _area_vectors(vertices: F64, faces: I64) -> F64:
 
 
 def _neighbours(faces: I64, vector: F64) -> I64:
-    """The face behind each edge, shape (n_face, 3); edge k goes from corner k to the next.
-
-    Raises:
-        InputError: The surface is open, or two faces are wound in opposite senses, or fold onto each other.
-    """
+    """The face behind each edge, shape (n_face, 3); edge k goes from corner k to the next."""
     start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     size = faces.max() + 1
     key = np.minimum(start, end) * size + np.maximum(start, end)

@@ -124,12 +124,7 @@ def _stalls(errors_k: Sequence[float]) -> bool:
 class _Integrator:
     """Integrator that only halves and doubles its step: heating is evaluated for many steps of one length at once.
 
-    Args:
-        bodies: Their heating and cooling.
-        kelvin: Temperatures at the start [K], (n_body,).
-        start_s: Time of the start [s].
-        limits: Begin, end and longest step of times in which steps must be short [s], (n, 3).
-        most_steps: Steps after which to give up.
+    `limits` holds begin, end and longest step of times in which steps must be short [s], (n, 3).
     """
 
     def __init__(self, bodies: ThermalNodes, kelvin: F64, start_s: float, limits: F64, most_steps: int) -> None:
@@ -251,12 +246,7 @@ def _measured(bodies: ThermalNodes, begin_s: F64, h: F64, begin_k: F64, end_k: F
 def _halved(
     bodies: ThermalNodes, begin_s: F64, half_s: F64, begin_k: F64, row_s: F64, row_k: F64
 ) -> tuple[F64, F64, F64]:
-    """Take steps in two halves each, side by side.
-
-    Returns:
-        Errors of rows within each step [K], (n_step,), temperatures at its end [K] and the decay of small
-        differences over it, each (n_body, n_step).
-    """
+    """Take steps in two halves each: errors of rows within each [K], temperatures at its end and decay over it."""
     shape = begin_k.shape
     within_k, exponent, kelvin = np.zeros(shape[1]), np.zeros(shape), begin_k.ravel()
     for start_s in (begin_s, begin_s + half_s):
@@ -278,14 +268,7 @@ def _dyadic(value: float) -> float:
 
 
 def _stages(bodies: ThermalNodes, heating_k_s: F64, h: float | F64, kelvin: F64) -> F64 | None:
-    """Return temperatures at the three stages of a step, (n, 3); None where Newton's method does not settle.
-
-    Args:
-        bodies: Their cooling.
-        heating_k_s: Heating at the stages, (n, 3).
-        h: Length of the step, one for all or one each [s].
-        kelvin: Temperatures at its start, (n,).
-    """
+    """Return temperatures at the three stages of steps of h [s], (n, 3); None where Newton's method does not settle."""
     length_s = np.broadcast_to(np.asarray(h, np.float64), kelvin.shape)[:, None]
     stage = np.repeat(kelvin[:, None], 3, axis=1)
     for _ in range(12):

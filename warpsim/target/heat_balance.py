@@ -54,14 +54,7 @@ class LumpedNode:
         return self.infrared_emissivity * STEFAN_BOLTZMANN_W_M2_K4 * self.surface_m2
 
     def absorbed_w(self, position_m: F64, sun_m: F64, pole_icrs: F64, area_m2: F64) -> F64:
-        """Absorbed power [W].
-
-        Args:
-            position_m: Positions, geocentric, GCRS axes [m], (..., 3).
-            sun_m: Positions of the Sun, likewise, broadcastable.
-            pole_icrs: The Earth's axis, unit, (3,).
-            area_m2: Projected area towards the Sun [m2], (...).
-        """
+        """Absorbed power [W]: positions geocentric [m], (..., 3), projected area towards the Sun [m2], (...)."""
         to_sun = sun_m - position_m
         distance_m = np.linalg.norm(to_sun, axis=-1)
         radius_m = np.maximum(np.linalg.norm(position_m, axis=-1), 1.0)
@@ -74,11 +67,7 @@ class LumpedNode:
         return np.asarray(self.solar_absorptance * by_sun + by_earth)
 
     def equilibrium_k(self, absorbed_w: F64) -> F64:
-        """Equilibrium temperatures: emitted power equals absorbed power [K].
-
-        Raises:
-            InputError: There is none, as nothing is emitted or absorbed.
-        """
+        """Equilibrium temperatures [K]; an InputError where nothing is emitted or absorbed."""
         if self.emitted_w_k4 == 0:
             raise InputError("must be a temperature where infrared_emissivity is 0, got 'equilibrium'", "start_k")
         if not np.all(absorbed_w > 0):

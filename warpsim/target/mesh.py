@@ -148,11 +148,7 @@ _STL_HEAD, _STL_FACET = 84, 50  # bytes
 
 
 def read_mesh(source: SourceFile) -> tuple[F64, I64]:
-    """Vertices, in the file's units, shape (n_vertex, 3), and faces, shape (n_face, 3), numbers counted from 0.
-
-    Raises:
-        InputError: trimesh is not installed, does not know the format, or cannot read the content.
-    """
+    """Vertices in the file's units, (n_vertex, 3), and faces, (n_face, 3), numbers counted from 0."""
     try:
         import trimesh
     except ImportError:
@@ -175,11 +171,7 @@ def read_mesh(source: SourceFile) -> tuple[F64, I64]:
 
 
 def _check_obj(source: SourceFile) -> None:
-    """Check what trimesh accepts silently: short lines, and vertex numbers that count backwards.
-
-    Raises:
-        InputError: File and line are named.
-    """
+    """Refuse what trimesh accepts silently: short lines, and vertex numbers that count backwards."""
     n_vertex, corners = 0, []
     for number, line in enumerate(source.text.split("\n"), start=1):
         words = line.split("#")[0].split()
@@ -207,11 +199,7 @@ def _check_obj(source: SourceFile) -> None:
 
 
 def _check_stl(source: SourceFile) -> None:
-    """Make sure that the file is whole.
-
-    Raises:
-        InputError: It is cut off, or no STL.
-    """
+    """Refuse files that are cut off."""
     data = source.data
     if len(data) >= _STL_HEAD:
         n_facet = int.from_bytes(data[_STL_HEAD - 4 : _STL_HEAD], "little")

@@ -80,10 +80,6 @@ class RotatingArea:
         """Amplitude of the area's time integral about that of its mean, within the slowest fast turn [m2 s].
 
         Half the range of the area over 2 pi times the rate: that of a sine, which others hardly pass.
-
-        Args:
-            time_s: A time after the epoch [s].
-            direction: Unit vectors to the light then, GCRS axes, (n_body, 3).
         """
         if not self._fast or self.shape.kind == "sphere":
             return np.zeros(len(direction))
@@ -187,14 +183,7 @@ class SteadyArea:
 
 
 def steady_area(area: RotatingArea, n_body: int, node_s: F64, direction: F64) -> SteadyArea:
-    """Tabulate the means of a RotatingArea that is steady.
-
-    Args:
-        area: Shape and motion.
-        n_body: Number of bodies.
-        node_s: Times of nodes [s], (n_node,).
-        direction: Unit vectors from the Earth's centre to the light at the nodes, GCRS axes, (n_node, 3).
-    """
+    """Tabulate the means of a steady RotatingArea at unit vectors to the light, (n_node, 3), at times [s]."""
 
     def shown_m2(towards: F64) -> F64:
         unit = towards / np.linalg.norm(towards, axis=-1, keepdims=True)

@@ -174,17 +174,7 @@ class TemperatureTable:
 def checked_rows(
     time_s: F64, temperature_k: F64, max_gap_s: float | None = None, where: Callable[[int], str] = "row {}".format
 ) -> TemperatureRows:
-    """A table as given, checked.
-
-    Args:
-        time_s: Times after the epoch [s].
-        temperature_k: Temperatures [K].
-        max_gap_s: Longest time between neighbours [s]; any if None.
-        where: What errors call a row, by its number.
-
-    Raises:
-        InputError: Lengths differ, a value is missing or no temperature, times do not ascend, or there is a gap.
-    """
+    """Return a table as given, checked; `where` says what errors call a row."""
     if len(time_s) != len(temperature_k):
         raise InputError(f"must have one for each of {len(time_s)} times", "temperature_k", len(temperature_k))
     if len(time_s) == 0:
