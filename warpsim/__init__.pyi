@@ -102,7 +102,7 @@ from warpsim.output.image_files import write_signal as write_signal
 from warpsim.output.image_files import write_fits_image as write_fits_image
 from warpsim.output.preview import write_preview as write_preview
 from warpsim.output.czml import write_czml as write_czml
-from warpsim.output.catalog_file import write_catalog as write_catalog
+from warpsim.output.catalogs import write_catalog as write_catalog
 from warpsim.exchange.read_files import read_ephemeris as read_ephemeris
 from warpsim.exchange.read_files import read_attitude as read_attitude
 from warpsim.exchange.segments import EphemerisSegment as EphemerisSegment

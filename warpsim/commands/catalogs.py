@@ -34,8 +34,7 @@ def add_commands(commands: Any) -> None:
 
 def _catalog(options: argparse.Namespace) -> int:
     from warpsim.files import check_new_file
-    from warpsim.output.catalog_file import FORMAT_OF_SUFFIX, write_catalog
-    from warpsim.output.catalog_report import catalog_report
+    from warpsim.output.catalogs import FORMAT_OF_SUFFIX, catalog_report, write_catalog
     from warpsim.plot.figure import FIGURE_SUFFIXES, need_matplotlib
 
     output, figure = (Path(name) if name else None for name in (options.output, options.plot))

@@ -1,20 +1,35 @@
-"""Report of a star catalog: `warpsim catalog`."""
+"""Star catalogs on their way out: files in warpsim's own columns, and the report of `warpsim catalog`."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.files import check_new_file, whole_file, write_fits_table
 from warpsim.output.wording import counted
 from warpsim.radiometry.bands import as_band
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.catalog_columns import BAND_NAMES
 from warpsim.sky.photometric_bands import FLUX_FILLED, FLUX_MEASURED, FLUX_NONE, FLUX_PREDICTED
+from warpsim.sky.space_motion import J2000_JYEAR
 from warpsim.sky.star_counts import magnitude_counts
 from warpsim.sky.synthetic import GALACTIC_OF_ICRS
+
+FORMAT_OF_SUFFIX = {
+    ".fits": "fits",
+    ".fit": "fits",
+    ".ecsv": "ascii.ecsv",
+    ".vot": "votable",
+    ".xml": "votable",
+    ".csv": "ascii.csv",
+}
+"""astropy's names of the formats."""
+
+_WITHOUT_META = ("votable", "ascii.csv")
 
 WHOLE_SKY_DEG2 = 4 * np.pi * np.degrees(1) ** 2
 GALACTIC_ZONES_DEG = (0, 2, 6, 15, 30, 60, 90)
@@ -25,6 +40,38 @@ MOST_WARNINGS = 8
 _QUALITY_WORDS = ("unknown", "uncertain", "fair", "good", "excellent")
 _LABEL, _WIDTH = 13, 100
 _BANDS_PER_TABLE = 9
+
+
+def write_catalog(catalog: StarCatalog, path: str | Path, overwrite: bool = False) -> StarCatalog:
+    """Write a catalog as a table that StarCatalog.read() takes as it is; whole or not at all.
+
+    CSV and VOTable keep no epoch: there the stars are moved to J2000.0, which readers assume.
+
+    Args:
+        catalog: The stars.
+        path: File whose suffix (FORMAT_OF_SUFFIX) says the format.
+        overwrite: Whether an existing file is replaced.
+
+    Returns:
+        The catalog as written.
+
+    Raises:
+        InputError: The suffix is of no known format, or the file exists and is not to be replaced.
+    """
+    path = Path(path)
+    check_new_file(path, tuple(FORMAT_OF_SUFFIX), overwrite)
+    format = FORMAT_OF_SUFFIX[path.suffix.lower()]
+    if format in _WITHOUT_META:
+        catalog = catalog.at_epoch(J2000_JYEAR)
+    table = catalog.to_table()
+    with whole_file(path) as partial:
+        if format == "fits":
+            write_fits_table(table, partial)
+            return catalog
+        # Binary VOTables are a third of the size of those of text.
+        options = {"tabledata_format": "binary2"} if format == "votable" else {}
+        table.write(partial, format=format, overwrite=True, **options)
+    return catalog
 
 
 def catalog_report(catalog: StarCatalog, warnings: Sequence[str] = ()) -> str:
