@@ -173,6 +173,13 @@ def rule_of_band(rule: Any, band: int) -> Any:
     return one
 
 
+def paths_struct(offset_px: wp.array, brightness: wp.array, n_target: int) -> Any:
+    """Return the kernels' Paths."""
+    paths: Any = Paths()
+    paths.offset_px, paths.brightness, paths.n_target = offset_px, brightness, n_target
+    return paths
+
+
 def _movement(paths: Any, device: wp.Device) -> tuple[Any, Any]:
     """Paths and StreakRules of a kernel; empty where nothing moves, as the rules take 0.1 s to find."""
     return (Paths(), StreakRules()) if paths is None else (paths, streak_rules(device))

@@ -17,10 +17,10 @@ import warp as wp
 from warpsim_kernels.records import BEHIND
 
 from warpsim.launches import to_numpy
-from warpsim.optics.psf_bank import rule_of_band, stamp_rule
+from warpsim.optics.psf_bank import paths_struct, rule_of_band, stamp_rule
 from warpsim.render.batch import HostColumns
 from warpsim.render.device import rows_per_block
-from warpsim.render.device_scene import DeviceScene, paths_struct
+from warpsim.render.device_scene import DeviceScene
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]

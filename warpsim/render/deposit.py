@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.streaks import Paths
 
 from warpsim.errors import InputError
 from warpsim.launches import to_numpy
 from warpsim.optics.psf import Psf
-from warpsim.optics.psf_bank import PsfBank, stamp_rule
+from warpsim.optics.psf_bank import PsfBank, paths_struct, stamp_rule
 from warpsim.optics.tables import ERROR_RANGE, TableAccuracy
 from warpsim.render.device import default_device, rows_per_block
 
@@ -68,7 +67,10 @@ def deposit(
         wp.array((strength / scale).astype(np.float32)[None, None], dtype=wp.float32, device=where),
     ]
     rule = stamp_rule([0.0], flux_error, where, 0.5 * flux_error)
-    paths = None if movement_px is None and brightness is None else _paths(moves, changes, where)
+    paths = None
+    if movement_px is not None or brightness is not None:
+        offset_px = wp.array(moves[None], dtype=wp.vec2, device=where)
+        paths = paths_struct(offset_px, wp.array(changes[None, None], dtype=wp.float32, device=where), len(changes))
     accuracy = TableAccuracy(float(np.clip(0.5 * flux_error, *ERROR_RANGE)))
     bank, n_row = PsfBank([psf], where, accuracy=accuracy), rows_per_block(where, shape[0])
     bank.deposit(sources, rule, n_row, signal, paths).run()
@@ -130,11 +132,3 @@ def _coefficients(name: str, values: npt.ArrayLike | None, shape: tuple[int | No
         expected = ", ".join("n_coefficient" if n is None else str(n) for n in shape)
         raise InputError(f"must have shape ({expected})", name, array.shape)
     return array
-
-
-def _paths(movement_px: F64, brightness: F64, device: Any) -> Any:
-    paths: Any = Paths()
-    paths.offset_px = wp.array(movement_px[None], dtype=wp.vec2, device=device)
-    paths.brightness = wp.array(brightness[None, None], dtype=wp.float32, device=device)
-    paths.n_target = len(brightness)
-    return paths

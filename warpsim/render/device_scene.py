@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.streaks import Paths
 from warpsim_kernels.trace import Instants
 
 from warpsim.legendre import gauss_legendre, series_matrix
@@ -82,13 +81,6 @@ def streaks_at(n_path: int, exposure_s: float, device: wp.Device, error_px: floa
     instants.n_path = n_path
     instants.series = wp.array(series_matrix(n_path), dtype=wp.float64, device=device)
     return Streaks(n_path, error_px, 0.5 * exposure_s * gauss_legendre(n_path)[0], instants)
-
-
-def paths_struct(offset_px: wp.array, brightness: wp.array, n_target: int) -> Any:
-    """The kernels' Paths."""
-    paths: Any = Paths()
-    paths.offset_px, paths.brightness, paths.n_target = offset_px, brightness, n_target
-    return paths
 
 
 def moved(offset_px: npt.NDArray[Any]) -> npt.NDArray[np.float64]:

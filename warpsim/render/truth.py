@@ -12,8 +12,9 @@ from warpsim_kernels.records import ABSENT, BEHIND, IN_FOV, NOT_DEPLOYED, OCCULT
 from warpsim_kernels.signature import N_TERM
 
 from warpsim.launches import to_numpy
+from warpsim.optics.psf_bank import paths_struct
 from warpsim.render.batch import HostColumns
-from warpsim.render.device_scene import DeviceBodies, DeviceScene, moved, paths_struct
+from warpsim.render.device_scene import DeviceBodies, DeviceScene, moved
 from warpsim.render.stages import split_light
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import TERMS
