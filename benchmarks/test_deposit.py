@@ -24,10 +24,9 @@ from warpsim_kernels.canvas import n_flag
 import warpsim as ws
 from benchmarks.deposit_variants import VARIANTS, Variant, draw_by_error_functions
 from benchmarks.psf_oracle import pixel_fraction
-from warpsim.optics.psf_bank import PsfBank, stamp_rule
+from warpsim.optics.psf_bank import PsfBank, paths_struct, stamp_rule
 from warpsim.optics.tables import TableAccuracy
 from warpsim.render.device import rows_per_block
-from warpsim.render.device_scene import paths_struct
 
 N_SOURCE = 4000
 N_PIXEL = 256
