@@ -23,7 +23,7 @@ from warpsim_kernels.trace import (
 )
 
 from warpsim.launches import THREADS_PER_BLOCK_CUDA, Launch, Stage
-from warpsim.optics.psf_bank import paths_struct
+from warpsim.optics.psf_bank import PsfBank, paths_struct
 from warpsim.render.batch import Columns, Inputs
 from warpsim.render.buffers import ExposureViews, Signal
 from warpsim.render.device import rows_per_block
@@ -31,7 +31,6 @@ from warpsim.render.device_scene import Streaks
 from warpsim.render.stars import star_kernel, star_threads
 
 if TYPE_CHECKING:
-    from warpsim.optics.psf_bank import PsfBank
     from warpsim.render.device_scene import DeviceBodies, DeviceScene
     from warpsim.render.read_out import ReadOut
 
