@@ -8,19 +8,21 @@ import math
 from statistics import NormalDist
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Discriminator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, model_validator
 
 from warpsim.config.fields import Integer, NonNegative, Number, Positive, rule_error
 from warpsim.config.model import choice, config_model
 from warpsim.errors import InputError
 from warpsim.files import plain_number
 
-Range = tuple[Number, Number]
 
-
-def _check_order(name: str, pair: tuple[float, float]) -> None:
+def _in_order(pair: tuple[float, float]) -> tuple[float, float]:
     if pair[0] > pair[1]:
-        raise InputError("must be [lowest, highest]", name, list(pair))
+        raise InputError("must be [lowest, highest]", value=list(pair))
+    return pair
+
+
+IN_ORDER = AfterValidator(_in_order)
 
 
 @config_model
@@ -31,12 +33,7 @@ class Uniform:
         uniform: Lowest and highest value.
     """
 
-    uniform: Range
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Uniform:
-        _check_order("uniform", self.uniform)
-        return self
+    uniform: Annotated[tuple[Number, Number], IN_ORDER]
 
     def value(self, u: float) -> float:
         """The value at a uniform number in (0, 1)."""
@@ -57,12 +54,7 @@ class LogUniform:
         log_uniform: Lowest and highest value, above 0.
     """
 
-    log_uniform: tuple[Positive, Positive]
-
-    @model_validator(mode="after")
-    def _ordered(self) -> LogUniform:
-        _check_order("log_uniform", self.log_uniform)
-        return self
+    log_uniform: Annotated[tuple[Positive, Positive], IN_ORDER]
 
     def value(self, u: float) -> float:
         """The value at a uniform number in (0, 1)."""
@@ -108,12 +100,7 @@ class WholeNumbers:
         integer: Lowest and highest value.
     """
 
-    integer: tuple[Integer, Integer]
-
-    @model_validator(mode="after")
-    def _ordered(self) -> WholeNumbers:
-        _check_order("integer", self.integer)
-        return self
+    integer: Annotated[tuple[Integer, Integer], IN_ORDER]
 
     def value(self, u: float) -> int:
         """The value at a uniform number in (0, 1)."""

@@ -31,20 +31,7 @@ def access_report(
     step_s: float,
     epoch_utc: str,
 ) -> Table:
-    """Return the intervals of access of sensors to a target, or to the targets that their access counts by.
-
-    Args:
-        roster: Sensors and targets.
-        target: Name of a target or a group; what access counts by when left out.
-        sensors: Names of sensors or of kinds; all when left out.
-        rules: Constraints instead of the sensors'.
-        custom: Further constraints by name.
-        step_s: Step of the scan [s].
-        epoch_utc: What times count from.
-
-    Raises:
-        InputError: An unknown name, or bad constraints.
-    """
+    """Return the intervals of access of sensors to a target, or to the targets that their access counts by."""
     chosen = chosen_sensors(roster, sensors)
     check_rules(rules, custom)
     members = None if target is None else roster.members(target)
@@ -72,11 +59,7 @@ def access_report(
 
 
 def chosen_sensors(roster: Roster, sensors: str | Sequence[str] | None) -> list[str]:
-    """Return the sensors asked for.
-
-    Raises:
-        InputError: One is unknown, or named twice.
-    """
+    """Return the sensors asked for."""
     chosen = roster.select_sensors(sensors)
     if len(set(chosen)) < len(chosen):
         raise InputError(f"must be one or more without repeats, got {', '.join(chosen)}", "sensors")
@@ -108,12 +91,7 @@ def _parts(roster: Roster, instrument: Instrument, sensor: int, start_s: float, 
 
 
 def access_table(rows: Iterable[tuple[str, str, float, float]], meta: Mapping[str, Any]) -> Table:
-    """Return intervals of access as a table.
-
-    Args:
-        rows: Sensor, what its access counts by, first and last time after the epoch [s].
-        meta: What the table says of itself.
-    """
+    """Return intervals of access as a table."""
     whole = [(sensor, target, start_s, end_s, end_s - start_s) for sensor, target, start_s, end_s in rows]
     return _table_of_times(whole, ("sensor", "target", "start_s", "end_s", "duration_s"), meta)
 

@@ -15,13 +15,13 @@ from pydantic import AfterValidator, BeforeValidator, PlainValidator, Validation
 
 from warpsim.config.fields import FileName, Number, Positive, Switch, as_tuple, rows_in, rule_error
 from warpsim.config.model import adapter, config_model, input_error
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.exchange.curve_file import CurveFile, read_curve
 from warpsim.radiometry.band import ZERO_POINT, Band
 from warpsim.radiometry.bands import SHIPPED
 from warpsim.radiometry.by_band import AS_DICT, BAND_NAME, ByBand
 from warpsim.radiometry.curve_nodes import product
-from warpsim.scene.short_form import item_path
+from warpsim.scene.short_form import with_paths
 
 Array = NDArray[np.float64]
 
@@ -144,10 +144,8 @@ class BandDescription:
         """Nodes [um] and response."""
         if self.files is not None:
             curves = [(content.wavelength_um, content.value) for content in self._contents]
-            try:
+            with errors_at("files"):
                 return product(curves, self.files)
-            except InputError as error:
-                raise error.within("files") from None
         if self.file is not None:
             return self._contents[0].wavelength_um, self._contents[0].value
         if self.wavelength_um is not None:
@@ -196,11 +194,7 @@ def _check_range(band: Band, files: str) -> None:
 
 
 def description_of(name: str, given: Any) -> BandDescription:
-    """Return the description of a band, of a table of fields or of a Band object.
-
-    Raises:
-        InputError: It breaks a rule; the path begins with the name.
-    """
+    """Return the description of a band, of a table of fields or of a Band object."""
     if isinstance(given, Band):
         if given.name != name:
             raise InputError(f"must be the band's own name, {given.name}", name)
@@ -255,16 +249,10 @@ def _close(name: str, bands: Iterable[str]) -> list[str]:
 
 
 def find_band(name: str, descriptions: Mapping[str, BandDescription]) -> Band:
-    """Return a band by name, the scene's own or a shipped one.
-
-    Raises:
-        InputError: There is none, or its description breaks a rule; the path begins with `band`.
-    """
+    """Return a band by name, the scene's own or a shipped one."""
     if name in descriptions:
-        try:
+        with errors_at(f"band.{name}"):
             return descriptions[name].band(name)
-        except InputError as error:
-            raise error.within(f"band.{name}") from None
     if name not in SHIPPED:
         raise InputError(unknown_rule(name, descriptions), value=name)
     return SHIPPED[name]
@@ -277,9 +265,7 @@ def needs_file(name: str, descriptions: Mapping[str, BandDescription]) -> bool:
 
 def parts_with_bands(sensors: Sequence[Any], groups: Sequence[Any], lighting: Any) -> list[tuple[str, Any]]:
     """Return the parts of a scene that may hold tables by band, each with its field path."""
-    parts = [(item_path("sensors", number, len(sensors)), sensor) for number, sensor in enumerate(sensors)]
-    parts += [(item_path("groups", number, len(groups)), group) for number, group in enumerate(groups)]
-    return [*parts, ("lighting", lighting)]
+    return [*with_paths("sensors", sensors), *with_paths("groups", groups), ("lighting", lighting)]
 
 
 def tables_by_band(part: Any, path: str = "") -> Iterator[tuple[str, ByBand[Any]]]:
@@ -325,11 +311,7 @@ def _bands_of(sensor: Any) -> Sequence[Any]:
 
 
 def with_names(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields of a scene with names for the Band objects of its sensors, which join the scene's own bands.
-
-    Raises:
-        InputError: Two objects of one name differ, or an object from the description of its name.
-    """
+    """Return the fields of a scene with names for the Band objects of its sensors, which join the scene's own bands."""
     result, found = dict(values), dict[str, Band]()
     sensors = result.get("sensors")
     if not isinstance(sensors, list | tuple):
@@ -359,10 +341,8 @@ def with_names(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def _differs(name: str, given: Any, band: Band) -> bool:
     """Return whether a description is of another band, as far as that is known without its files."""
-    try:
+    with errors_at("band"):
         description = description_of(name, given)
-    except InputError as error:
-        raise error.within("band") from None
     return bool(description.paths) or description.band(name) != band
 
 

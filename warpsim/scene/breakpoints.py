@@ -42,13 +42,7 @@ def _group_breaks(group: TargetGroup, epoch: Instant) -> dict[str, list[float]]:
 
 
 def _path_breaks(path: object, names: Sequence[str], epoch: Instant) -> Iterator[tuple[str, list[float]]]:
-    """Breakpoints by name in a path or constellation; objects of one part have them in common.
-
-    Args:
-        path: A path or constellation; lists and mixtures of them are looked into.
-        names: What its objects are called in the scene.
-        epoch: Its time 0.
-    """
+    """Breakpoints by name in a path or constellation; objects of one part have them in common."""
     if isinstance(path, MixedConstellation):
         for item in path.parts:
             yield from _path_breaks(item, item.names, epoch)

@@ -99,14 +99,7 @@ def _shortest_turn(offset_px: tuple[float, float], camera: Camera) -> F64:
 
 
 def law_axes(law: PointingLaw, scan: DirectionRows | None, tracks: Tracks, at: SatelliteState) -> CommandedAxes:
-    """Return the axes that a law gives.
-
-    Args:
-        law: The law.
-        scan: The rows of the sensor's table, for a law that scans.
-        tracks: Of the scene.
-        at: Where the satellite is, and when.
-    """
+    """Return the axes that a law gives."""
     n = len(at.time_s)
     zenith, normal = normalised(at.position_m), normalised(np.cross(at.position_m, at.velocity_m_s))
     forward = np.cross(normal, zenith)
@@ -140,11 +133,6 @@ def apparent_mean(tracks: Tracks, targets: Sequence[int], at: SatelliteState) ->
     """Return the mean apparent direction of targets, light time and aberration included; 0 where there is none.
 
     Of several targets those count that exist.
-
-    Args:
-        tracks: Of the scene.
-        targets: Indices of the targets.
-        at: The observer.
     """
     earth_velocity = _earth_velocity(tracks, at.time_s)
     towards = np.zeros_like(at.position_m)

@@ -60,16 +60,6 @@ def exposure_rule(
     PROFILE_ERRORS times that. A rule is assessed by the next finer one. Brightness changes as bodies turn; what their
     motion along the orbit and their cooling change over a short exposure is linear in time, which any of the rules
     gets exactly. Temperature and shadow are those of the middle.
-
-    Args:
-        detector: Says how long it exposes, and whether light moves.
-        targets: The scene's targets.
-        attitudes: Their attitudes.
-        duration_s: Length of the scene [s].
-        largest_error: As a fraction of a body's largest area.
-
-    Raises:
-        InputError: Bodies turn so often within the exposure that 1025 nodes are too few.
     """
     exposure_s = detector.exposure_s
     if exposure_s == 0.0 or not targets:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from warpsim.arguments import frame_numbers
 from warpsim.detector.levels import Levels, levels
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.optics.psf import Psf
 from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.orbit.intervals import Intervals
@@ -188,11 +188,9 @@ class Instrument:
         """
         if sensor not in self._turns:
             satellite, scene = self.satellites[sensor], self._scene
-            try:
+            path = entry_path(self.program.sensors[sensor].entry, len(self.sensor.pointing))
+            with errors_at("", self.names[sensor]), errors_at(path):
                 self._turns[sensor] = slew_turns(self.program, sensor, satellite, self._bodies.tracks, scene.duration_s)
-            except InputError as error:
-                path = entry_path(self.program.sensors[sensor].entry, len(self.sensor.pointing))
-                raise error.within(path).of(self.names[sensor]) from None
         return self._turns[sensor]
 
     def commanded_axes(self, sensor: int, time_s: F64, since_middle_s: npt.ArrayLike = 0.0) -> CommandedAxes:
@@ -334,18 +332,17 @@ class Instrument:
 
     def _settled_intervals(self, sensors: Sequence[int]) -> Intervals:
         """Intervals in which each of some sensors is settled."""
-        rows: list[int] = []
-        starts: list[float] = []
-        ends: list[float] = []
+        found: list[tuple[int, float, float]] = []
         for row, sensor in enumerate(sensors):
             begin_s = 0.0
             for step, turn in zip(self.program.sensors[sensor].steps, self.turns(sensor), strict=True):
                 if turn.total_s > 0.0:
-                    rows, starts, ends = [*rows, row], [*starts, begin_s], [*ends, step.start_s]
+                    found.append((row, begin_s, step.start_s))
                     begin_s = step.start_s + turn.total_s
             if begin_s < self._scene.duration_s:
-                rows, starts, ends = [*rows, row], [*starts, begin_s], [*ends, self._scene.duration_s]
-        return Intervals(np.array(rows), np.array(starts), np.array(ends))
+                found.append((row, begin_s, self._scene.duration_s))
+        rows, starts, ends = zip(*found, strict=True) if found else ((), (), ())
+        return Intervals(np.array(rows, dtype=np.int64), np.array(starts, float), np.array(ends, float))
 
     def has_access(self, sensor: int, time_s: F64) -> Mask:
         """Return whether a sensor has access at given times, shape (n,)."""

@@ -47,11 +47,7 @@ Satellites = Annotated[tuple[str, ...], BeforeValidator(_patterns)]
 
 
 def satellites_of(patterns: Sequence[str], names: Sequence[str]) -> list[int]:
-    """Return the positions of the satellites that patterns choose, in the order of the names.
-
-    Raises:
-        InputError: A pattern chooses none.
-    """
+    """Return the positions of the satellites that patterns choose, in the order of the names."""
     for number, pattern in enumerate(patterns):
         if pattern != ALL and not any(fnmatchcase(name, pattern) for name in names):
             field = "on" if len(patterns) == 1 else f"on[{number}]"

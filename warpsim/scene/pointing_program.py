@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
 from warpsim.directions import unit_vectors
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.optics.camera import Camera
 from warpsim.scene.camera_axes import (
     CommandedAxes,
@@ -105,29 +106,14 @@ def make_program(
     groups: Sequence[str],
     known: set[str],
 ) -> PointingProgram:
-    """Return the pointing program of sensors.
-
-    Args:
-        pointings: The entries of the kind's `pointing`; a satellite takes the first that chooses it.
-        sensors: Names of the sensors of the kind, and of their satellites.
-        camera: Of the kind.
-        targets: The scene's targets.
-        groups: Names of the scene's groups.
-        known: Names of all sensors and satellites of the scene, that rows of tables may name.
-
-    Raises:
-        InputError: A satellite, a target or a sensor that is not there, a satellite without pointing, or a table that
-            cannot be read; the path begins with the entry's.
-    """
+    """Return the pointing program of sensors."""
     taken: dict[int, int] = {}
     for number, pointing in enumerate(pointings):
-        try:
+        with errors_at(entry_path(number, len(pointings))):
             chosen = satellites_of(pointing.on, [satellite for _, satellite in sensors])
             if ALL not in pointing.on and all(index in taken for index in chosen):
                 raise InputError("must choose a satellite that no entry before it does", "on", list(pointing.on))
             taken |= {index: number for index in chosen if index not in taken}
-        except InputError as error:
-            raise error.within(entry_path(number, len(pointings))) from None
     for index, (name, _) in enumerate(sensors):
         if index not in taken:
             raise InputError(f"must say where every sensor looks, got nothing for {name}", "pointing")
@@ -135,10 +121,8 @@ def make_program(
     made: dict[int, SensorProgram] = {}
     for number, pointing in enumerate(pointings):
         members = [index for index in range(len(sensors)) if taken[index] == number]
-        try:
+        with errors_at(entry_path(number, len(pointings))):
             programs = maker.programs(pointing, [sensors[i] for i in members], number)
-        except InputError as error:
-            raise error.within(entry_path(number, len(pointings))) from None
         made |= dict(zip(members, programs, strict=True))
     return PointingProgram(tuple(maker.laws), tuple(made[index] for index in range(len(sensors))))
 
@@ -197,10 +181,8 @@ class _Maker:
     def _schedule_steps(self, pointing: SchedulePointing) -> tuple[Step, ...]:
         steps = []
         for number, item in enumerate(pointing.steps):
-            try:
+            with errors_at(f"steps[{number}]"):
                 law = self._add(item, pointing.up, pointing.roll_deg + item.roll_deg)
-            except InputError as error:
-                raise error.within(f"steps[{number}]") from None
             steps.append(Step(item.start_s, law, f"steps[{number}].start_s"))
         return tuple(steps)
 
@@ -219,16 +201,7 @@ class _Maker:
 
 
 def tracked_targets(track: str, targets: Sequence[SceneTarget], groups: Sequence[str]) -> range:
-    """Return the indices of the targets that a name stands for.
-
-    Args:
-        track: "main", "group", the name of a group or of a target.
-        targets: The scene's targets.
-        groups: Names of its groups.
-
-    Raises:
-        InputError: There is no such target.
-    """
+    """Return the indices of the targets that a name stands for."""
     names = [target.name for target in targets]
     if track == "main" and names:
         return range(1)
@@ -245,11 +218,7 @@ def tracked_targets(track: str, targets: Sequence[SceneTarget], groups: Sequence
 def slew_turns(
     program: PointingProgram, sensor: int, satellite: int, tracks: Tracks, duration_s: float
 ) -> tuple[SlewTurn, ...]:
-    """Return the turns with which a sensor's steps begin; none where its entry has no slew.
-
-    Raises:
-        InputError: A turn cannot be made in time.
-    """
+    """Return the turns with which a sensor's steps begin; none where its entry has no slew."""
     own = program.sensors[sensor]
     turns = [NO_TURN] * len(own.steps)
     if own.slew is None:
@@ -266,19 +235,12 @@ def slew_turns(
         before, step = own.steps[number - 1], own.steps[number]
         if not 0.0 <= step.start_s <= duration_s:
             continue
-        end_s = own.steps[number + 1].start_s if number + 1 < len(own.steps) else math.inf
-        try:
+        is_last = number + 1 == len(own.steps)
+        end_s = math.inf if is_last else own.steps[number + 1].start_s
+        with errors_at(own.steps[number if is_last else number + 1].field):
             turns[number] = turn_between(
-                lambda time_s, law=before.law: axes_of(law, time_s),  # type: ignore[misc]
-                lambda time_s, law=step.law: axes_of(law, time_s),  # type: ignore[misc]
-                own.slew,
-                step.start_s,
-                end_s,
-                duration_s,
+                partial(axes_of, before.law), partial(axes_of, step.law), own.slew, step.start_s, end_s, duration_s
             )
-        except InputError as error:
-            late = number + 1 < len(own.steps)
-            raise error.within(own.steps[number + late].field) from None
     return tuple(turns)
 
 
@@ -349,11 +311,7 @@ def is_settled(program: PointingProgram, sensor: int, turns: Sequence[SlewTurn],
 
 
 def check_frames(program: PointingProgram, names: Sequence[str], time_s: F64) -> None:
-    """Check that the commanded pointing covers the times of frames.
-
-    Raises:
-        InputError: It does not: sensor, time and span.
-    """
+    """Check that the commanded pointing covers the times of frames."""
     if not time_s.size:
         return
     earliest_s = time_s.min()

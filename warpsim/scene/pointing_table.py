@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.directions import unit_vectors
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.scene.pointing import Slew, TablePointing
 from warpsim.tables.columns import ColumnTable
 
@@ -102,17 +102,7 @@ def angle_rad(start: F64, end: F64) -> F64:
 
 
 def direction_rows(pointing: TablePointing, sensors: Sequence[tuple[str, str]], known: set[str]) -> list[DirectionRows]:
-    """Return the rows of each sensor; those without individual rows share theirs.
-
-    Args:
-        pointing: The table.
-        sensors: Names of the sensors that take it, and of their satellites.
-        known: Names of all sensors and satellites of the scene.
-
-    Raises:
-        InputError: The file cannot be read, or a row breaks a rule: unknown or missing sensors, times that do not
-            grow, one row or opposite directions in a scan.
-    """
+    """Return the rows of each sensor; those without individual rows share theirs."""
     rows = _rows_of_file(pointing.file) if pointing.file is not None else _rows_of(pointing)
     scan = pointing.mode == "scan"
     for row, name in enumerate(rows.sensor):
@@ -133,11 +123,7 @@ def direction_rows(pointing: TablePointing, sensors: Sequence[tuple[str, str]], 
 
 
 def check_cover(rows: DirectionRows, scan: bool, sensor: str, time_s: F64) -> None:
-    """Check that the rows of a sensor cover times.
-
-    Raises:
-        InputError: They do not: sensor, time and span.
-    """
+    """Check that the rows of a sensor cover times."""
     if not time_s.size:
         return
     start, end = float(rows.time_s[0]), float(rows.time_s[-1])
@@ -149,11 +135,7 @@ def check_cover(rows: DirectionRows, scan: bool, sensor: str, time_s: F64) -> No
 
 
 def check_rate(rows: DirectionRows, slew: Slew) -> None:
-    """Check that a scan keeps the largest rate of the camera.
-
-    Raises:
-        InputError: It is.
-    """
+    """Check that a scan keeps the largest rate of the camera."""
     step_s = np.diff(rows.time_s)
     turn_rad = np.hypot(angle_rad(rows.direction[:-1], rows.direction[1:]), np.diff(rows.roll_rad))
     rate_deg_s = np.degrees(turn_rad / step_s)
@@ -197,10 +179,8 @@ def _rows_of_file(file: str) -> _Rows:
     suffix = Path(file).suffix.lower()
     if suffix not in (".csv", ".ecsv"):
         raise InputError("must end in .csv or .ecsv").of(file)
-    try:
+    with errors_at("", file):
         rows = _rows_of_table(read_table(Path(file), suffix[1:], what="a table of directions"))
-    except InputError as error:
-        raise error.of(file) from None
     return replace(rows, file=file)
 
 

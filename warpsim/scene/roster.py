@@ -33,11 +33,7 @@ class Roster:
         return [target.name for target in self.targets]
 
     def instrument_of(self, sensor: str) -> Instrument:
-        """Return the kind that a sensor, or a name of a kind, belongs to.
-
-        Raises:
-            InputError: There is no such sensor.
-        """
+        """Return the kind that a sensor, or a name of a kind, belongs to."""
         for name, instrument in self.instruments.items():
             if sensor == name or sensor in instrument.names:
                 return instrument
@@ -47,9 +43,6 @@ class Roster:
         """Return names of sensors for names of sensors and kinds, and patterns of either like "sat11.*"; all for None.
 
         A sensor that a kind or a pattern means besides comes once; plain names of sensors stay as they are.
-
-        Raises:
-            InputError: There is no such sensor, or none at all.
         """
         known = self.sensor_names
         if names is None:
@@ -76,22 +69,14 @@ class Roster:
         return found
 
     def target(self, name: str, field: str = "name") -> int:
-        """Return the index of a target.
-
-        Raises:
-            InputError: There is no such target.
-        """
+        """Return the index of a target."""
         names = self.target_names
         if name not in names:
             raise InputError(f"must be a target of the scene ({some_names(names)})", field, name)
         return names.index(name)
 
     def members(self, name: str, field: str = "target") -> tuple[int, ...]:
-        """Return the index of a target, or those of a group.
-
-        Raises:
-            InputError: There is no such target or group.
-        """
+        """Return the index of a target, or those of a group."""
         if name in self.groups and name not in self.target_names:
             group = self.groups.index(name)
             return tuple(index for index, target in enumerate(self.targets) if target.group == group)

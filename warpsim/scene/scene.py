@@ -12,7 +12,7 @@ import numpy.typing as npt
 from pydantic import ValidationError
 
 from warpsim.config.model import adapter, config_model, input_error
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.instant import utc_time
 from warpsim.scene.band_descriptions import without_superseded
 from warpsim.scene.description import SceneDescription
@@ -115,10 +115,8 @@ class Scene(SceneDescription):
                 field = name.replace("__", ".")
                 raise InputError(f"names no one of {len(data[part])} {part}; begin with {part}__0__", field).of("Scene")
             named[name if part is None else f"{part}__0__{name}"] = value
-        try:
+        with errors_at("", "Scene"):
             data = changed(data, named)
-        except InputError as error:
-            raise error.of("Scene") from None
         if not any(name.partition("__")[0] == "band" for name in changes):
             data = without_superseded(data)
         return Scene.from_dict(data)

@@ -30,11 +30,7 @@ def presets() -> list[str]:
 
 
 def read_scene_data(source: str | os.PathLike[str]) -> dict[str, Any]:
-    """The nested dicts of a preset or a scene file.
-
-    Raises:
-        InputError: No such preset or file, or its text is not TOML or JSON.
-    """
+    """The nested dicts of a preset or a scene file."""
     text = os.fspath(source)
     if text in presets():
         return tomllib.loads((resources.files("warpsim.scene") / "presets" / f"{text}.toml").read_text("utf-8"))
@@ -59,11 +55,7 @@ def read_scene_data(source: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def check_depth(data: Any, where: str) -> None:
-    """Check that lists and dicts are not nested deeper than any scene needs, level by level.
-
-    Raises:
-        InputError: They do; `where` begins the text.
-    """
+    """Check that lists and dicts are not nested deeper than any scene needs, level by level."""
     level = [data] if isinstance(data, dict | list | tuple) else []
     for _ in range(DEEPEST):
         values = (value.values() if isinstance(value, dict) else value for value in level)
@@ -74,11 +66,7 @@ def check_depth(data: Any, where: str) -> None:
 
 
 def write_scene_data(data: dict[str, Any], path: str | os.PathLike[str]) -> None:
-    """Write a scene's nested dicts; the file appears whole or not at all.
-
-    Raises:
-        InputError: The path cannot be written or has another ending.
-    """
+    """Write a scene's nested dicts; the file appears whole or not at all."""
     target = Path(path)
     if target.suffix not in (".toml", ".json"):
         raise InputError("must end in .toml or .json").of(target)
@@ -130,16 +118,12 @@ def _with_paths(data: dict[str, Any], change: Callable[[Any], Any]) -> dict[str,
         if not isinstance(value, dict):
             return value
         result = {name: walk(item) for name, item in value.items()}
-        if "file" in value:
-            result["file"] = change(value["file"])
-        if isinstance(value.get("psf_file"), dict):
-            result["psf_file"] = {band: change(path) for band, path in value["psf_file"].items()}
-        elif "psf_file" in value:
-            result["psf_file"] = change(value["psf_file"])
-        if isinstance(value.get("files"), list):
-            result["files"] = [change(path) for path in value["files"]]
-        elif "files" in value:
-            result["files"] = change(value["files"])
+        for name in result.keys() & {"file", "files", "psf_file"}:
+            given = value[name]
+            if isinstance(given, dict) and name == "psf_file":
+                result[name] = {band: change(path) for band, path in given.items()}
+            else:
+                result[name] = [change(path) for path in given] if isinstance(given, list) else change(given)
         return result
 
     data = walk(data)

@@ -10,13 +10,13 @@ from pydantic import Field, model_validator
 from warpsim.config.fields import Count, Name, NonNegative, Positive
 from warpsim.config.model import config_model
 from warpsim.detector.detectors import Detector
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.optics.camera import Camera
 from warpsim.optics.telescope import Optics
 from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.scene.band_descriptions import BandNames
 from warpsim.scene.pointing import ALL, Pointings, Satellites, TrackPointing, satellites_of
-from warpsim.scene.short_form import item_path
+from warpsim.scene.short_form import with_paths
 
 LARGEST_VIEW = 2**29
 """Pixels of one sensor's image in all bands: array strides are 32-bit numbers of bytes."""
@@ -88,21 +88,11 @@ class Sensor:
 
 
 def sensor_instances(sensors: Sequence[Sensor], satellites: Sequence[str]) -> list[list[tuple[str, int]]]:
-    """Return the name, and the index of the satellite, of each sensor of each kind.
-
-    Args:
-        sensors: The kinds.
-        satellites: Names of the constellation's satellites.
-
-    Raises:
-        InputError: A kind is on a satellite that is not there; the path begins with the kind's.
-    """
+    """Return the name, and the index of the satellite, of each sensor of each kind."""
     carriers = []
-    for number, sensor in enumerate(sensors):
-        try:
+    for path, sensor in with_paths("sensors", sensors):
+        with errors_at(path):
             carriers.append(satellites_of(sensor.on, satellites))
-        except InputError as error:
-            raise error.within(item_path("sensors", number, len(sensors))) from None
     n_carried = Counter(index for some in carriers for index in some)
     return [
         [(satellites[i] if n_carried[i] == 1 else f"{satellites[i]}.{sensor.name}", i) for i in some]

@@ -26,11 +26,7 @@ NAMES = {"sensors": "sensor", "groups": "main"}
 
 
 def with_lists(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields of a scene with lists of sensors and groups.
-
-    Raises:
-        InputError: A field of the short form stands beside the list.
-    """
+    """Return the fields of a scene with lists of sensors and groups."""
     result = dict(values)
     for name, fields in SHORT_FORMS.items():
         given = {field: result.pop(field) for field in fields if field in result}
@@ -87,16 +83,7 @@ def item_path(name: str, number: int, count: int) -> str:
 
 
 def changed(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return nested dicts and lists after changes, in place.
-
-    Args:
-        data: The description.
-        changes: New values by field; double underscores lead into parts, numbers into lists. The number of the only
-            item of a list may be left out.
-
-    Raises:
-        InputError: A name leads nowhere.
-    """
+    """Return nested dicts and lists after changes, in place."""
     for name, value in changes.items():
         *parents, leaf = name.split("__")
         path = name.replace("__", ".")

@@ -50,18 +50,7 @@ def target_intervals(
     custom: Custom | None = None,
     step_s: float = ACCESS_STEP_S,
 ) -> Intervals:
-    """Return the intervals in which sensors can observe a target; rows are indices of the sensors.
-
-    Args:
-        tracks: Of the scene.
-        observers: The sensors.
-        target: Index of the target.
-        rules: Constraints besides a free line of sight and the target's existence.
-        breaks_s: Times at which satellites and targets change their motion at once, by name.
-        duration_s: Length of the scene [s].
-        custom: Further constraints by name.
-        step_s: Step of the scan [s].
-    """
+    """Return the intervals in which sensors can observe a target; rows are indices of the sensors."""
     with_cameras = rules.in_fov or bool(custom)
     key = (observers.satellites, target, rules, duration_s, step_s)
     known = _KNOWN.setdefault(tracks, {})

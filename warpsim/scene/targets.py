@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pydantic import ValidationError
 
 from warpsim.config.model import adapter, input_error
-from warpsim.errors import InputError
+from warpsim.errors import errors_at
 from warpsim.scene.groups import TargetGroup, TargetSpec
 from warpsim.scene.short_form import changed, item_path
 from warpsim.streams import uniforms
@@ -38,15 +38,7 @@ class SceneTarget:
 
 
 def scene_targets(groups: Sequence[TargetGroup], seed: int) -> list[SceneTarget]:
-    """Return the single targets of groups, group by group, the main target of each first.
-
-    Args:
-        groups: The groups.
-        seed: Of the numbers that are spread.
-
-    Raises:
-        InputError: A file of orbits cannot be read, or a drawn number is not valid in its field.
-    """
+    """Return the single targets of groups, group by group, the main target of each first."""
     return [target for number, group in enumerate(groups) for target in _members(group, number, len(groups), seed)]
 
 
@@ -58,11 +50,8 @@ def _members(group: TargetGroup, number: int, n_group: int, seed: int) -> list[S
     for name, release, entry in zip(names, releases, entries, strict=True):
         spec = group.targets[entry]
         if spec.spread:
-            path = item_path("groups", number, n_group)
-            try:
+            with errors_at(item_path("groups", number, n_group)), errors_at(f"targets[{entry}].spread", name):
                 spec = drawn_spec(spec, f"{group.name}.{spec.name}", before[entry], seed)
-            except InputError as error:
-                raise error.of(name).within(f"targets[{entry}].spread").within(path) from None
         before[entry] += 1
         release_s = -math.inf if release is None else group.start_s + release.time_s
         found.append(SceneTarget(name, spec, number, entry, release_s, group.span_s))
@@ -70,17 +59,7 @@ def _members(group: TargetGroup, number: int, n_group: int, seed: int) -> list[S
 
 
 def drawn_spec(spec: TargetSpec, whose: str, member: int, seed: int) -> TargetSpec:
-    """Return the description of one member of an entry whose numbers are spread.
-
-    Args:
-        spec: The entry.
-        whose: Names its random numbers.
-        member: Index of the member; each has random numbers of its own.
-        seed: The scene's seed.
-
-    Raises:
-        InputError: A field does not exist, or a number is not valid.
-    """
+    """Return the description of one member of an entry whose numbers are spread."""
     values = {
         field: distribution.value(float(uniforms(seed, f"spread.{whose}.{field}", member, 1)[0]))
         for field, distribution in (spec.spread or {}).items()
@@ -89,11 +68,7 @@ def drawn_spec(spec: TargetSpec, whose: str, member: int, seed: int) -> TargetSp
 
 
 def with_values(spec: TargetSpec, values: dict[str, object]) -> TargetSpec:
-    """Return a description with some numbers replaced, by field, and nothing spread.
-
-    Raises:
-        InputError: A field does not exist, or a number is not valid.
-    """
+    """Return a description with some numbers replaced, by field, and nothing spread."""
     data = adapter(TargetSpec).dump_python(spec, mode="json", by_alias=True, exclude={"spread"})
     data = changed(data, {field.replace(".", "__"): value for field, value in values.items()})
     try:
