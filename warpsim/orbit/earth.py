@@ -27,6 +27,9 @@ F64 = NDArray[np.float64]
 EARTH_POLAR_RADIUS_M = EARTH_EQUATORIAL_RADIUS_M * (1.0 - EARTH_FLATTENING)
 _ECCENTRICITY_SQUARED = EARTH_FLATTENING * (2.0 - EARTH_FLATTENING)
 
+_STRETCH = 1.0 / (1.0 - EARTH_FLATTENING)
+"""Along the pole, it makes the ellipsoid a sphere of the equatorial radius."""
+
 # The nutation series holds 1,365 terms per time in memory.
 _TIMES_PER_CHUNK = 2048
 
@@ -142,10 +145,6 @@ def meridian_altitude_m(across_m: F64, along_m: F64) -> tuple[F64, F64, F64]:
     sine, cosine = up * scale, out * scale
     height = across_m * cosine + along_m * sine - a * np.sqrt(1.0 - _ECCENTRICITY_SQUARED * (sine * sine))
     return height, cosine, sine
-
-
-_STRETCH = 1.0 / (1.0 - EARTH_FLATTENING)
-"""Along the pole, it makes the ellipsoid a sphere of the equatorial radius."""
 
 
 def grazing_altitude_m(start_m: ArrayLike, end_m: ArrayLike, pole_icrs: ArrayLike, *, beyond: bool = False) -> F64:

@@ -271,8 +271,7 @@ def make_tracks(
 
     Raises:
         InputError: A state is not finite, or no step keeps the error below 1 m: the motion is too rough, or the scene
-        so
-            long that the nodes would not fit into memory.
+            so long that the nodes would not fit into memory.
     """
     shortest_s = max(SHORTEST_STEP_S, duration_s * len(names) / MOST_NODES)
     step_s = choose_step_s(state, duration_s, error_m, counted_s, longest_s, shortest_s, names)

@@ -22,6 +22,14 @@ RESOLUTION_S = 1e-3
 MOST_SCAN_TIMES = 5_000_000
 """Times of a scan."""
 
+REACH = 0.25
+"""Most that the way between two bodies changes from one scan time to the next, over their distance."""
+
+NEAREST_M = 0.01
+"""Bodies nearer than that count as this far apart: tracks are good to millimetres, nearer they have no direction."""
+
+_MOST_ROUNDS = 20
+
 
 def scan_times_s(duration_s: float, step_s: float) -> F64:
     """Return uniform times from 0 to duration_s [s], at least three, no farther apart than step_s."""
@@ -109,15 +117,6 @@ def _sides_and_middles(break_s: F64, grid_s: F64) -> F64:
     middle_s = 0.5 * (edge_s[1:] + edge_s[:-1])[bare]
     own_s = np.unique(np.concatenate([np.nextafter(break_s, -np.inf), break_s, middle_s]))
     return own_s[~np.isin(own_s, grid_s)]
-
-
-REACH = 0.25
-"""Most that the way between two bodies changes from one scan time to the next, over their distance."""
-
-NEAREST_M = 0.01
-"""Bodies nearer than that count as this far apart: tracks are good to millimetres, nearer they have no direction."""
-
-_MOST_ROUNDS = 20
 
 
 def pass_times_s(row: I64, time_s: F64, sight_m: F64, sight_at_m: Callable[[I64, F64], F64]) -> tuple[I64, F64]:

@@ -17,9 +17,13 @@ from warpsim.errors import InputError
 
 F64 = NDArray[np.float64]
 
+Direction = Literal["short", "long"]
+
 _SERIES_BELOW = 1.0
 _PAIRS_PER_CHUNK = 50_000  # (time, object) pairs solved at once: they stay in the processor's cache
 _N_SERIES = 12  # the first term left out is below 1e-25 for |z| < 1
+# 0.02 arcsec, 0.7 m on the ground: nearer to 0 or 180 degrees the plane hangs on details of the end points.
+_SMALLEST_SINE = 1e-7
 
 
 def stumpff(z: ArrayLike) -> tuple[F64, F64]:
@@ -98,12 +102,6 @@ def _universal_anomaly(t: F64, radius: F64, alpha: F64, sigma: F64) -> F64:
     raise InputError("the two-body equation did not converge; positions, velocities and times must be finite", "time_s")
 
 
-Direction = Literal["short", "long"]
-
-# 0.02 arcsec, 0.7 m on the ground: nearer to 0 or 180 degrees the plane hangs on details of the end points.
-_SMALLEST_SINE = 1e-7
-
-
 def lambert(start_m: ArrayLike, end_m: ArrayLike, duration_s: float, direction: Direction = "short") -> tuple[F64, F64]:
     """Return the velocities at both ends of the two-body arc of less than one revolution [m/s], each of shape (3,).
 
@@ -113,8 +111,7 @@ def lambert(start_m: ArrayLike, end_m: ArrayLike, duration_s: float, direction: 
 
     Raises:
         InputError: On NaN, a duration <= 0, positions at the centre, ends in line with the centre (within 1e-7 rad of 0
-        or
-            180 degrees apart, where the plane is undefined), or a time too short for any conic in float64.
+            or 180 degrees apart, where the plane is undefined), or a time too short for any conic in float64.
     """
     r1, r2 = np.asarray(start_m, np.float64), np.asarray(end_m, np.float64)
     if r1.shape != (3,) or r2.shape != (3,) or not (np.isfinite(r1).all() and np.isfinite(r2).all()):

@@ -34,11 +34,6 @@ class GroupMotion:
     start_s: float
     exists_s: tuple[float, float]
 
-    @classmethod
-    def of(cls, group: TargetGroup) -> GroupMotion:
-        """The motion of a group."""
-        return cls(group.path, group.path_field, tuple(group.releases), group.start_s, group.span_s)
-
 
 @dataclass(frozen=True)
 class Motion:
@@ -106,7 +101,11 @@ def motion_of(
     constellation: AnyConstellation, groups: Sequence[TargetGroup], epoch: Instant, duration_s: float, seed: int
 ) -> Motion:
     """Return the motion of all bodies of a scene."""
-    return Motion(constellation, tuple(GroupMotion.of(group) for group in groups), epoch, duration_s, seed)
+    parts = tuple(
+        GroupMotion(group.path, group.path_field, tuple(group.releases), group.start_s, group.span_s)
+        for group in groups
+    )
+    return Motion(constellation, parts, epoch, duration_s, seed)
 
 
 def _states_of(
