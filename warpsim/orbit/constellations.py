@@ -106,7 +106,7 @@ class ListedSatellites:
         return self._either(epoch, time_s, None)
 
     def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float]) -> tuple[F64, F64]:
-        """Return states as `states` does, of which only those within a span matter (`orbit.paths.states_of`)."""
+        """Return states as `states` does, of which only those within a span matter (`states_of`)."""
         return self._either(epoch, time_s, within_s)
 
     def _either(self, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float] | None) -> tuple[F64, F64]:
@@ -274,7 +274,7 @@ class MixedConstellation:
         return _side_by_side([("", item) for item in self.parts], epoch, time_s)
 
     def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float]) -> tuple[F64, F64]:
-        """Return states as `states` does, of which only those within a span matter (`orbit.paths.states_of`)."""
+        """Return states as `states` does, of which only those within a span matter (`states_of`)."""
         return _side_by_side([("", item) for item in self.parts], epoch, time_s, within_s)
 
     def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
