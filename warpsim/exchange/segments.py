@@ -105,14 +105,9 @@ class EphemerisSegment:
     """Line of each state, for messages."""
 
     def __post_init__(self) -> None:
-        n = len(self.instants)
-        _check_name("frame", self.frame, FRAMES, self)
-        _check_name("time_system", self.time_system, TIME_SYSTEMS, self)
-        _check_array("position_m", self.position_m, (n, 3), self)
+        _check_common(self, "position_m", self.position_m, 3)
         if self.velocity_m_s is not None:
-            _check_array("velocity_m_s", self.velocity_m_s, (n, 3), self)
-        _check_times(self)
-        _check_useable(self)
+            _check_array("velocity_m_s", self.velocity_m_s, (len(self.instants), 3), self)
         if self.interpolation == "hermite" and self.velocity_m_s is None:
             raise _located(InputError("must not be Hermite for states without velocities", "interpolation"), self)
         if self.degree is not None and not 1 <= self.degree <= LARGEST_DEGREE:
@@ -198,11 +193,7 @@ class AttitudeSegment:
     lines: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
-        _check_name("frame", self.frame, FRAMES, self)
-        _check_name("time_system", self.time_system, TIME_SYSTEMS, self)
-        _check_array("quaternion", self.quaternion, (len(self.instants), 4), self)
-        _check_times(self)
-        _check_useable(self)
+        _check_common(self, "quaternion", self.quaternion, 4)
         with np.errstate(over="ignore", under="ignore"):  # infinity and 0 are no norm of 1 either
             norm = np.linalg.norm(self.quaternion, axis=1)
         bad = np.abs(norm - 1.0) > _NORM_SLACK
@@ -225,9 +216,28 @@ def _located(error: InputError, segment: Segment, row: int | None = None) -> Inp
     return error.of(f"line {line}" if line else unknown).of(segment.file)
 
 
-def _check_name(what: str, name: str, known: tuple[str, ...], segment: Segment) -> None:
-    if name not in known:
-        raise _located(InputError(f"must be one of {', '.join(known)}", what, name), segment)
+def _check_common(segment: Segment, name: str, value: F64, n_column: int) -> None:
+    """Check what both kinds of segments have, and the shape of their values."""
+    for what, got, known in (("frame", segment.frame, FRAMES), ("time_system", segment.time_system, TIME_SYSTEMS)):
+        if got not in known:
+            raise _located(InputError(f"must be one of {', '.join(known)}", what, got), segment)
+    instants = segment.instants
+    _check_array(name, value, (len(instants), n_column), segment)
+    finite = np.isfinite(instants.second) & np.isfinite(instants.day)
+    if not finite.all():
+        raise _located(InputError("must be finite", "time"), segment, int(np.argmin(finite)))
+    step_s = instants.steps_s()
+    bad = ~(step_s > _SAME_TIME_S)
+    if bad.any():
+        row = int(np.argmax(bad))
+        got = "the same" if abs(step_s[row]) <= _SAME_TIME_S else f"{-step_s[row]:g} s earlier"
+        raise _located(InputError("must come after the time before it", "time", got, "s"), segment, row + 1)
+    if segment.useable is not None:
+        first_s, last_s = segment.useable.since_instant(instants[0])
+        if not (len(segment.useable) == 2 and first_s <= last_s):
+            raise _located(InputError("must not end before it begins", "useable span"), segment)
+        if first_s < -1e-6 or last_s > instants[-1:].since_instant(instants[0])[0] + 1e-6:
+            raise _located(InputError("must lie within the times of the data", "useable span"), segment)
 
 
 def _check_array(name: str, value: F64, shape: tuple[int, int], segment: Segment) -> None:
@@ -246,30 +256,6 @@ def _check_size(name: str, value: F64, largest: float, unit: str, segment: Segme
     row = int(np.argmax(size))
     if size[row] > largest:
         raise _located(InputError(f"must be below {largest:g} {unit}", name, size[row], "g"), segment, row)
-
-
-def _check_times(segment: Segment) -> None:
-    finite = np.isfinite(segment.instants.second) & np.isfinite(segment.instants.day)
-    if not finite.all():
-        raise _located(InputError("must be finite", "time"), segment, int(np.argmin(finite)))
-    step_s = segment.instants.steps_s()
-    bad = ~(step_s > _SAME_TIME_S)
-    if bad.any():
-        row = int(np.argmax(bad))
-        same = abs(step_s[row]) <= _SAME_TIME_S
-        got = "the same" if same else f"{-step_s[row]:g} s earlier"
-        raise _located(InputError("must come after the time before it", "time", got, "s"), segment, row + 1)
-
-
-def _check_useable(segment: Segment) -> None:
-    if segment.useable is None:
-        return
-    first_s, last_s = segment.useable.since_instant(segment.instants[0])
-    end_s = float(segment.instants[-1:].since_instant(segment.instants[0])[0])
-    if not (len(segment.useable) == 2 and first_s <= last_s):
-        raise _located(InputError("must not end before it begins", "useable span"), segment)
-    if first_s < -1e-6 or last_s > end_s + 1e-6:
-        raise _located(InputError("must lie within the times of the data", "useable span"), segment)
 
 
 def ccsds_frame(name: str) -> Frame | None:
