@@ -318,6 +318,7 @@ def test_frames_alone_and_in_a_batch_are_the_same(tabled, device):
     np.testing.assert_array_equal(alone.signal_w_cm2.numpy()[0, 0, 0], batch.signal_w_cm2.numpy()[7, 1, 1])
 
 
+@pytest.mark.ci
 def test_targets_without_a_table_are_as_before(tabled, scene, device):
     plain = scene.replace(frames=tabled.to_dict()["frames"], sky__catalog="none")
     both = [ws.Renderer(s, device=device).render(range(6), ["sat11"], ["A"]).truth for s in (plain, tabled)]

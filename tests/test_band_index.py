@@ -66,6 +66,7 @@ def random_cones(n, rng):
 
 
 @pytest.mark.parametrize("n_time", [5, pytest.param(20, marks=pytest.mark.slow)])
+@pytest.mark.ci
 def test_a_hundred_thousand_random_cones(device, n_time, record_accuracy):
     rng = np.random.default_rng((SEED, n_time))
     for _ in range(n_time):

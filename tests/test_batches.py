@@ -189,9 +189,9 @@ def test_label_and_light_are_one(small, device):
     assert_same({name: values[:N_VIEW] for name, values in own.items()}, reported)
 
 
-def test_images_at_a_time_fit_the_cache_of_the_device(small, monkeypatch):
+def test_images_at_a_time_fit_the_cache_of_the_device(scene, monkeypatch):
     """On CUDA 32 MiB, but at least so many that `deposit` has threads for the device: 20 for a view of two bands."""
-    scene = device_scene(small, ["A", "C"], "cpu")
+    scene = device_scene(scene.replace(camera=SMALL, bands=["A", "C"]), ["A", "C"], "cpu")
     gpu = dataclasses.replace(scene, device=SimpleNamespace(is_cuda=True))
     for where, room in ((scene, 2**20), (gpu, 2**25)):
         n_image = schedule.images_at_a_time(where, 10_000)

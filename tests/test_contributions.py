@@ -167,6 +167,7 @@ def test_of_equals_the_first_is_taken_in_whatever_order_patches_come():
     assert masks[1].tolist() == [[0] * 5, [0, 0, 1, 1, 0], [0, 0, 1, 2, 0], [0] * 5]
 
 
+@pytest.mark.ci
 def test_memory_may_be_small(frames):
     whole = frames.contributions_w_cm2(FRAME, SENSOR, "A")
     np.testing.assert_array_equal(whole, frames.contributions_w_cm2(FRAME, SENSOR, "A", chunk_bytes=1))

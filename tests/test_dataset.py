@@ -37,15 +37,24 @@ def recipe(**changes):
     return ws.Recipe(**({"scene": scene, "sample": SAMPLE, **GIVEN, **PLANES} | changes))
 
 
+class Folders:
+    """A data set in each format, `folders / name`, written when it is first asked for."""
+
+    def __init__(self, top):
+        self.top = top
+
+    def __truediv__(self, name):
+        folder = self.top / name
+        if not folder.exists():
+            if name == "zarr":
+                pytest.importorskip("zarr", minversion="3")
+            ws.write_dataset(recipe(format=name, sequences_per_shard=2), folder, n_worker=1, device="cpu")
+        return folder
+
+
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
-    """A data set in each format."""
-    top = tmp_path_factory.mktemp("sets")
-    for name in FORMATS:
-        if name == "zarr":
-            pytest.importorskip("zarr", minversion="3")
-        ws.write_dataset(recipe(format=name, sequences_per_shard=2), top / name, n_worker=1, device="cpu")
-    return top
+    return Folders(tmp_path_factory.mktemp("sets"))
 
 
 @pytest.fixture(scope="module")
@@ -218,6 +227,7 @@ def test_the_manifest_has_every_file_and_the_recipe(folders):
 
 
 @pytest.mark.parametrize("name", ["zarr", pytest.param("fits", marks=pytest.mark.slow)])
+@pytest.mark.ci
 def test_bytes_do_not_depend_on_workers_or_batches(folders, tmp_path, monkeypatch, name):
     monkeypatch.setattr("warpsim.dataset.shard.BYTES_PER_CALL", 1)  # one frame a call
     given = recipe(format=name, sequences_per_shard=2)

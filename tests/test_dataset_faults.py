@@ -85,6 +85,7 @@ def busy_workers(folder):
 
 
 @pytest.mark.parametrize("wait_s", [0.0, pytest.param(0.4, marks=pytest.mark.slow)])
+@pytest.mark.ci
 def test_a_killed_run_is_finished_by_the_same_command(recipe_path, whole, tmp_path, checkout_environment, wait_s):
     folder = tmp_path / "data"
     process = subprocess.Popen(command(recipe_path, folder, "--workers", "2"), env=checkout_environment)

@@ -373,8 +373,8 @@ REST, ROLLING = {"axis": [0.3, -0.5, 0.8]}, {"rolling_rev_s": 0.0015, "axis": "r
         pytest.param(SPHERE, {}, HEAVY, id="sphere-heavy"),
         pytest.param(SPHERE, {}, FOIL, id="sphere-foil", marks=pytest.mark.slow),
         pytest.param(CYLINDER, REST, HEAVY, id="rest-heavy"),
-        pytest.param(CYLINDER, REST, FOIL, id="rest-foil"),
-        pytest.param(CYLINDER, ROLLING, HEAVY, id="slow-rolling-heavy"),
+        pytest.param(CYLINDER, REST, FOIL, id="rest-foil", marks=pytest.mark.ci),
+        pytest.param(CYLINDER, ROLLING, HEAVY, id="slow-rolling-heavy", marks=pytest.mark.ci),
         pytest.param(CYLINDER, ROLLING, FOIL, id="slow-rolling-foil", marks=pytest.mark.slow),
     ],
 )

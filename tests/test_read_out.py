@@ -380,6 +380,7 @@ def test_an_image_does_not_depend_on_its_batch(device, terms):
     assert_alone_as_in_batch(detector, signal, device)
 
 
+@pytest.mark.ci
 def test_counts_follow_the_float64_model_with_every_term(device):
     detector = NeiDetector(
         NEI,

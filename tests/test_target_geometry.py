@@ -468,7 +468,7 @@ def exact_radiance(kelvin, band):
 
 @pytest.mark.parametrize(
     "band",
-    [NARROW, pytest.param(ws.BANDS["A"], marks=pytest.mark.slow), ws.BANDS["E"]],
+    [NARROW, pytest.param(ws.BANDS["A"], marks=pytest.mark.slow), pytest.param(ws.BANDS["E"], marks=pytest.mark.ci)],
     ids=["narrow", "A", "E"],
 )
 def test_radiance_table_from_3_to_10000_kelvin_is_planck(device, band):
