@@ -189,6 +189,7 @@ def test_label_and_light_are_one(small, device):
     assert_same({name: values[:N_VIEW] for name, values in own.items()}, reported)
 
 
+@pytest.mark.ci
 def test_images_at_a_time_fit_the_cache_of_the_device(scene, monkeypatch):
     """On CUDA 32 MiB, but at least so many that `deposit` has threads for the device: 20 for a view of two bands."""
     scene = device_scene(scene.replace(camera=SMALL, bands=["A", "C"]), ["A", "C"], "cpu")

@@ -11,7 +11,7 @@ from scipy import integrate
 import warpsim as ws
 from warpsim.constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from warpsim.output.check import scene_report
-from warpsim.output.check_bands import mean_photon_j
+from warpsim.output.check_sensor import mean_photon_j
 from warpsim.radiometry.band import AB_ZERO_JY
 from warpsim.sky.star_counts import complete_to
 

@@ -398,6 +398,7 @@ def test_a_recipe_that_fails_before_anything_is_written_leaves_the_folder_free(r
     assert content(tmp_path / "data") == {} and not (tmp_path / "data" / PARTS).exists()
 
 
+@pytest.mark.ci
 def test_a_complete_data_set_is_recognized_where_nothing_can_be_written(recipe, whole, monkeypatch):
     def refused(folder):
         raise ws.InputError(f"{folder}: cannot be written: Read-only file system")

@@ -76,7 +76,7 @@ def _bench_scene(options: argparse.Namespace) -> int:
     from dataclasses import asdict
 
     from warpsim.files import check_new_file, write_json
-    from warpsim.speed.scene_speed import scene_speed_table, scene_speeds
+    from warpsim.speed.report import scene_speed_table, scene_speeds
 
     for name in ("pixels", "sensors", "stars", "psf"):
         if getattr(options, name) is not None:

@@ -82,12 +82,7 @@ def pointing_warning(scenario: Scenario, frames_of: Mapping[str, Sequence[int]])
 
 
 def _sky_lines(scenario: Scenario, catalogs: Mapping[str, StarCatalog]) -> list[str]:
-    """Stars with light in each band; effects in their positions, and the size of disabled ones.
-
-    Args:
-        scenario: The scenario.
-        catalogs: Stars by kind of sensor.
-    """
+    """Stars by kind of sensor with light in each band; effects in their positions, and the size of disabled ones."""
     sky, bright = scenario.scene.sky, {}
     for kind, instrument in scenario.instruments.items():
         for name, band in instrument.bands.items():

@@ -48,13 +48,7 @@ class FieldContents:
 
 
 def field_contents(instrument: Instrument, tracks: Tracks, frames_of: Mapping[str, Sequence[int]]) -> FieldContents:
-    """Count the contents of the fields of view, over some views spread over all of them.
-
-    Args:
-        instrument: The kind of sensor.
-        tracks: Of the scene.
-        frames_of: Frame numbers by sensor; sensors of other kinds are passed over.
-    """
+    """Count the contents of the fields of view, over some views spread over all frames of the kind's sensors."""
     found = FieldContents()
     for sensor, time_s in _spread(instrument, frames_of, MOST_VIEWS_LOOKED_AT):
         at = satellite_state(tracks, instrument.satellites[sensor], time_s)

@@ -50,22 +50,11 @@ def sampled_track(
     largest_error_m: float = ERROR_M,
     may_jump: bool = False,
 ) -> tuple[list[Piece], float]:
-    """Return samples of motion, and the error of interpolating between them [m].
+    """Return samples of motion in a span of time [s after the epoch], and the error of interpolating between them [m].
 
-    Args:
-        position_m: The motion.
-        span_s: First and last time [s after the epoch].
-        breakpoints_s: Times at which the motion breaks; it is cut there.
-        step_s: Time between samples [s]; chosen by their error if left out.
-        largest_error_m: Error within which it is chosen [m].
-        may_jump: Whether jumps are left as they are, within SHORTEST_PIECE_S.
-
-    Returns:
-        Pieces that follow one another, evenly sampled, their ends included; one where the motion is smooth; and the
-        largest error.
-
-    Raises:
-        InputError: The motion jumps: not even a piece of SHORTEST_PIECE_S can be interpolated.
+    Samples come in pieces that follow one another, each evenly sampled, its ends included; one where the motion is
+    smooth. The motion is cut at its breakpoints. The time between samples is chosen by their error if step_s is left
+    out. A jump, where not even a piece of SHORTEST_PIECE_S can be interpolated, is an InputError unless it may be.
     """
     first_s, last_s = span_s
     inner = {round(time, 6) for time in breakpoints_s if first_s + 2 * DATE_S < time < last_s - 2 * DATE_S}
@@ -120,13 +109,8 @@ def _sampled_piece(position_m: PositionFunction, first_s: float, last_s: float, 
 def interpolated(sample_s: F64, values: F64, time_s: F64) -> F64:
     """Return values at times as Cesium's SampledProperty gives them, shape (m, k).
 
-    Lagrange's polynomial through six samples, three on either side of the time where there are as many, else the six
-    at the end.
-
-    Args:
-        sample_s: Times of the samples, ascending, shape (n,), n >= 6.
-        values: Samples, shape (n, k).
-        time_s: Times within them, shape (m,).
+    Lagrange's polynomial through six of the samples (n, k) at ascending times: three on either side of the time where
+    there are as many, else the six at the end.
     """
     after = np.searchsorted(sample_s, time_s, side="right")
     first = np.clip(after - DEGREE // 2 - 1, 0, len(sample_s) - DEGREE - 1)

@@ -69,16 +69,9 @@ def synchronised_s(call: Callable[[], Any], device: wp.Device) -> float:
 
 
 def render_call(work: SpeedWork, renderer: Renderer, call: int, resident: bool = False) -> Any:
-    """Make one call of the work and wait for it.
+    """Make a numbered call of the work and wait for its counts (frame, sensor, 1, n_pixel, n_pixel).
 
-    Args:
-        work: Whose frames are rendered.
-        renderer: Made for the work.
-        call: Number of the call.
-        resident: Whether counts stay on the device, and nothing of them is copied.
-
-    Returns:
-        Counts, (frame, sensor, 1, n_pixel, n_pixel): a NumPy array in host memory, or the images on the device.
+    They are a NumPy array in host memory, or images that stay on the device.
     """
     counts = renderer.render(work.frames(call), sensors=work.sensors, bands=[BAND]).counts
     if not resident:

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.directions import normalised
 from warpsim.errors import InputError
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 from warpsim.sky.catalog import StarCatalog
+from warpsim.sky.space_motion import place_of
 from warpsim.streams import uniforms
 
 F64 = npt.NDArray[np.float64]
@@ -73,17 +75,10 @@ class SpeedWork:
 def speed_work(
     n_pixel: int, n_star: int = 100, n_sensor: int = 1, psf: str = "airy", n_frame: int | None = None
 ) -> SpeedWork:
-    """Make the work.
+    """Make the work: about n_star stars in each image, and sensors that see the targets in every frame.
 
-    Args:
-        n_pixel: Rows and columns.
-        n_star: Stars in each image, about: a catalog as dense as that wherever sensors look.
-        n_sensor: Sensors, each of which sees the targets in every frame.
-        psf: "airy", the telescope's own pattern, or "gaussian", of 0.7 px.
-        n_frame: Frames of a call; 64 MB of counts, but no more than 2048 images, when left out.
-
-    Raises:
-        InputError: An unknown psf, or a number that is out of range.
+    A call has so many frames that they are 64 MB of counts, but no more than 2048 images, when n_frame is left out.
+    An unknown psf or a number that is out of range is an InputError.
     """
     scene = speed_scene(n_pixel, psf, n_sensor)
     if n_frame is None:
@@ -97,9 +92,6 @@ def speed_scene(n_pixel: int, psf: str = "airy", n_sensor: int = 1) -> Scene:
     """Stss with n_pixel x n_pixel arrays, frames 10 ms apart, and satellites for n_sensor sensors; its sky is empty.
 
     The field of view stays 1 degree, and with it the number of stars in view.
-
-    Raises:
-        InputError: An unknown psf, or a number that is out of range.
     """
     if psf not in PSFS:
         raise InputError(f"must be {' or '.join(PSFS)}", "psf", psf)
@@ -133,9 +125,6 @@ def speed_catalog(scenario: Scenario, sensors: list[str], n_frame: int, n_star: 
 
     Their light follows FLUX_SLOPE within FLUX_RANGE_NEI. Each sensor has a cap of the sky; stars of a cap that lie in
     the cap of an earlier sensor are left out, so that the density is the same where caps meet.
-
-    Raises:
-        InputError: n_star is negative.
     """
     if n_star < 0:
         raise InputError("must be >= 0", "n_star", n_star)
@@ -153,11 +142,10 @@ def speed_catalog(scenario: Scenario, sensors: list[str], n_frame: int, n_star: 
             star = star[star @ other < other_cosine]
         caps.append((axis, cosine))
         directions.append(star)
-    x, y, z = np.concatenate(directions).T
-    n = len(x)
+    ra_deg, dec_deg = place_of(np.concatenate(directions))
+    n = len(ra_deg)
     w_cm2_per_jy = StarCatalog.from_arrays([0.0], [0.0], {BAND: [1.0]}).irradiance_w_cm2(BAND)[0]
     flux_jy = power_law_nei(n) * instrument.nei_w_cm2(BAND) / w_cm2_per_jy
-    ra_deg, dec_deg = np.degrees(np.arctan2(y, x)) % 360.0, np.degrees(np.arcsin(np.clip(z, -1.0, 1.0)))
     return StarCatalog.from_arrays(ra_deg, dec_deg, {BAND: flux_jy}, id=np.full(n, ""), name="even stars")
 
 
@@ -171,8 +159,7 @@ def power_law_nei(n: int) -> F64:
 
 def _cap_around(directions: F64, margin_rad: float) -> tuple[F64, float]:
     """Axis of a cap that holds directions and a margin about them, and the cosine of its radius."""
-    axis = directions.mean(axis=0)
-    axis /= np.linalg.norm(axis)
+    axis = normalised(directions.mean(axis=0))
     radius_rad = float(np.arccos(np.clip(directions @ axis, -1.0, 1.0)).max()) + margin_rad
     return axis, float(np.cos(min(radius_rad, np.pi)))
 
@@ -183,7 +170,6 @@ def _even_stars(axis: F64, cosine: float, per_sr: float, item: int) -> F64:
     u = uniforms(_SEED, "places of stars", item, 2 * n).reshape(2, n)
     along = 1.0 - u[0] * (1.0 - cosine)
     across, turn = np.sqrt(1.0 - along**2), 2.0 * np.pi * u[1]
-    right = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    right /= np.linalg.norm(right)
+    right = normalised(np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))]))
     parts = (along, axis), (across * np.cos(turn), right), (across * np.sin(turn), np.cross(axis, right))
     return np.asarray(sum(np.outer(component, direction) for component, direction in parts))
