@@ -142,7 +142,7 @@ def speed_catalog(scenario: Scenario, sensors: list[str], n_frame: int, n_star: 
             star = star[star @ other < other_cosine]
         caps.append((axis, cosine))
         directions.append(star)
-    ra_deg, dec_deg = place_of(np.concatenate(directions))
+    ra_deg, dec_deg = place_of(*np.concatenate(directions).T)
     n = len(ra_deg)
     w_cm2_per_jy = StarCatalog.from_arrays([0.0], [0.0], {BAND: [1.0]}).irradiance_w_cm2(BAND)[0]
     flux_jy = power_law_nei(n) * instrument.nei_w_cm2(BAND) / w_cm2_per_jy
