@@ -171,25 +171,24 @@ Detector = Annotated[
 ]
 
 
+TERMS: dict[str, tuple[str, str, float]] = {
+    "prnu": ("PRNU", "{:g} rms of gains", 0.0),
+    "dead_fraction": ("DEADFRAC", "{:g} of the pixels dead", 0.0),
+    "hot_fraction": ("HOTFRAC", "{:g} of the pixels hot", 0.0),
+    "nonlinearity": ("NONLIN", "{:g} of the response lost at saturation", 0.0),
+    "dsnu": ("DSNU", "{:g} rms of dark currents", 0.0),
+    "dsnu_nei": ("DSNU", "{:g} NEI rms of offsets", 0.0),
+    "column_noise_e": ("COLNOISE", "{:g} e rms by column", 0.0),
+    "column_noise_nei": ("COLNOISE", "{:g} NEI rms by column", 0.0),
+    "shot_noise": ("SHOT", "no shot noise", True),
+}
+"""What may differ from the plain chain of a detector, by field: FITS keyword, words, value in the plain chain."""
+
+
 def detector_terms(detector: NeiDetector | ElectronDetector) -> dict[str, str]:
     """What a detector has beyond the plain chain of its kind, by field: a few words about each."""
-    shares = {
-        "prnu": f"{detector.prnu:g} rms of gains",
-        "dead_fraction": f"{detector.dead_fraction:g} of the pixels dead",
-        "hot_fraction": f"{detector.hot_fraction:g} of the pixels hot",
-        "nonlinearity": f"{detector.nonlinearity:g} of the response lost at saturation",
+    return {
+        name: words.format(getattr(detector, name))
+        for name, (_, words, plain) in TERMS.items()
+        if getattr(detector, name, plain) != plain
     }
-    if isinstance(detector, ElectronDetector):
-        shares |= {
-            "dsnu": f"{detector.dsnu:g} rms of dark currents",
-            "column_noise_e": f"{detector.column_noise_e:g} e rms by column",
-        }
-    else:
-        shares |= {
-            "dsnu_nei": f"{detector.dsnu_nei:g} NEI rms of offsets",
-            "column_noise_nei": f"{detector.column_noise_nei:g} NEI rms by column",
-        }
-    terms = {name: words for name, words in shares.items() if getattr(detector, name) > 0}
-    if isinstance(detector, ElectronDetector) and not detector.shot_noise:
-        terms["shot_noise"] = "no shot noise"
-    return terms

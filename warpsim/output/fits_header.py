@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.detector.detectors import Detector, ElectronDetector, detector_terms
+from warpsim.detector.detectors import TERMS, Detector, ElectronDetector, detector_terms
 from warpsim.detector.levels import ElectronLevels, Levels
 from warpsim.optics.wcs import lens_keywords, tan_keywords
 from warpsim.output.dates import utc_dates, utc_mjd
@@ -141,21 +141,5 @@ def _detector_cards(detector: Detector, levels: Levels) -> list[Card]:
         ]
     elif detector.exposure_s > 0:
         cards.append(("EXPTIME", detector.exposure_s, "[s] exposure"))
-    for name, words in detector_terms(detector).items():
-        value = getattr(detector, name)
-        cards.append((_TERM_KEYWORDS[name], value, words))
-    return cards
-
-
-_TERM_KEYWORDS = {
-    "prnu": "PRNU",
-    "dsnu": "DSNU",
-    "dsnu_nei": "DSNU",
-    "column_noise_e": "COLNOISE",
-    "column_noise_nei": "COLNOISE",
-    "dead_fraction": "DEADFRAC",
-    "hot_fraction": "HOTFRAC",
-    "nonlinearity": "NONLIN",
-    "shot_noise": "SHOT",
-}
-"""FITS keywords of detector terms; the unit stands in the comment."""
+    terms = detector_terms(detector).items()
+    return [*cards, *((TERMS[name][0], getattr(detector, name), words) for name, words in terms)]

@@ -59,7 +59,7 @@ def _key(bits: int) -> Any:
 
 
 def read_out_features(detector: NeiDetector | ElectronDetector, levels: Mapping[str, Levels]) -> ReadOutFeatures:
-    """The steps that a detector needs."""
+    """The steps that a detector needs: those of its fields of the same names, and those that follow from several."""
     electrons = isinstance(detector, ElectronDetector)
     if isinstance(detector, ElectronDetector):
         smallest_e = min(_smallest_mean_e(detector, level) for level in levels.values())
@@ -75,13 +75,9 @@ def read_out_features(detector: NeiDetector | ElectronDetector, levels: Mapping[
             "dsnu": detector.dsnu_nei > 0,
             "column_noise": detector.column_noise_nei > 0,
         }
-    return ReadOutFeatures(
-        electrons=electrons,
-        bad_pixels=detector.dead_fraction + detector.hot_fraction > 0,
-        prnu=detector.prnu > 0,
-        nonlinearity=detector.nonlinearity > 0,
-        **own,
-    )
+    alike = {name: getattr(detector, name) > 0 for name in ReadOutFeatures._fields if hasattr(detector, name)}
+    bad_pixels = detector.dead_fraction + detector.hot_fraction > 0
+    return ReadOutFeatures(**alike | {"electrons": electrons, "bad_pixels": bad_pixels} | own)
 
 
 def _smallest_mean_e(detector: ElectronDetector, levels: Levels) -> float:
@@ -93,22 +89,24 @@ def _smallest_mean_e(detector: ElectronDetector, levels: Levels) -> float:
 
 
 def _scalars(detector: NeiDetector | ElectronDetector, levels: Levels) -> Any:
-    """The kernels' numbers of one band."""
+    """The kernels' numbers of one band: the fields of the same names, and those that follow from several."""
     scalars: Any = PixelScalars()
+    for name in PixelScalars.vars:
+        if hasattr(detector, name):
+            setattr(scalars, name, getattr(detector, name))
     scalars.zero_counts = detector.offset_counts + 0.5
     scalars.most_counts = float(2**detector.bits - 1)
-    scalars.prnu = detector.prnu
     scalars.dead_below = _words(detector.dead_fraction)
     scalars.hot_below = _words(detector.hot_fraction)
     if isinstance(detector, ElectronDetector):
         assert isinstance(levels, ElectronLevels)
-        scalars.dsnu, scalars.column_noise = detector.dsnu, detector.column_noise_e
+        scalars.column_noise = detector.column_noise_e
         scalars.full_level = detector.full_well_e
         # Before gains, of which the smallest is about a third.
         scalars.most = 4 * detector.full_well_e + 1000
         scalars.loss_per_level = detector.nonlinearity / detector.full_well_e
         scalars.e_per_w_cm2, scalars.background_e = levels.e_per_w_cm2, levels.background_e
-        scalars.dark_e, scalars.read_noise_e = levels.dark_e, detector.read_noise_e
+        scalars.dark_e = levels.dark_e
         scalars.counts_per_e = 1 / detector.gain_e_per_count
     else:
         scalars.dsnu = detector.dsnu_nei * levels.nei_w_cm2
