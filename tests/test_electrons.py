@@ -22,7 +22,7 @@ from read_outs import (
 )
 from scipy import stats
 from warpsim_kernels.canvas import N_PAIR, STRIP_PIXELS
-from warpsim_kernels.random_numbers import STREAM_GAIN, STREAM_OFFSET
+from warpsim_kernels.pixel_pairs import STREAM_GAIN, STREAM_OFFSET
 
 import warpsim as ws
 from warpsim.output.check import scene_report

@@ -6,10 +6,9 @@ import warp as wp
 from read_outs import N_SIGMA, N_SIGMA_TAIL, philox, twin_hash, twin_normals
 from scipy import special, stats
 from warpsim_kernels.canvas import PAIRS_PER_BLOCK
+from warpsim_kernels.pixel_pairs import STREAM_FEW, STREAM_NOISE
 from warpsim_kernels.poisson import SMALLEST_EXPANDED_MEAN, exp_of_minus, poisson, poisson_of_normal, searched_poisson
 from warpsim_kernels.random_numbers import (
-    STREAM_FEW,
-    STREAM_NOISE,
     fma,
     hashed,
     normal_cosine,

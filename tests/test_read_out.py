@@ -25,7 +25,7 @@ from read_outs import (
 )
 from scipy import stats
 from warpsim_kernels import pixel_pairs
-from warpsim_kernels.random_numbers import STREAM_BAD, STREAM_GAIN, STREAM_OFFSET
+from warpsim_kernels.pixel_pairs import STREAM_BAD, STREAM_GAIN, STREAM_OFFSET
 
 from warpsim.detector.detectors import NeiDetector
 from warpsim.render.buffers import new_signal

@@ -29,13 +29,6 @@ from warpsim_kernels.detector import (
 )
 from warpsim_kernels.poisson import poisson, poisson_of_normal
 from warpsim_kernels.random_numbers import (
-    STREAM_BAD,
-    STREAM_COLUMN,
-    STREAM_FEW,
-    STREAM_GAIN,
-    STREAM_NOISE,
-    STREAM_OFFSET,
-    STREAM_READ_NOISE,
     column_of,
     hashed,
     normal_cosine,
@@ -44,6 +37,20 @@ from warpsim_kernels.random_numbers import (
     numbered,
     stream_key,
 )
+
+# Streams of random numbers, from 1 on; those of pointing errors (2, 10) are in pointing_errors.py.
+STREAM_NOISE = wp.constant(wp.uint32(1))
+"""Noise of each frame, in electrons the shot noise."""
+STREAM_READ_NOISE = wp.constant(wp.uint32(3))
+STREAM_FEW = wp.constant(wp.uint32(4))
+"""Uniforms of pixels with few electrons. They must not be those that the pixel's neighbour, which may have many
+electrons, makes a normal deviate of."""
+STREAM_COLUMN = wp.constant(wp.uint32(5))
+"""Noise that the pixels of a column share."""
+STREAM_GAIN = wp.constant(wp.uint32(6))
+STREAM_OFFSET = wp.constant(wp.uint32(7))
+STREAM_BAD = wp.constant(wp.uint32(8))
+"""Properties that stay with a pixel: its gain, its offset, and whether it is bad."""
 
 
 @wp.func

@@ -19,7 +19,7 @@ import warp as wp
 from warpsim_kernels.random_numbers import normal_cosine, normal_radius, normal_sine, philox4x32
 
 STREAM_DRIFT = wp.constant(wp.uint32(10))
-"""Last counter word; other numbers are those of the read-out (random_numbers.py), which has the same key."""
+"""Last counter word; other numbers are those of the read-out (pixel_pairs.py), which has the same key."""
 
 
 @wp.struct

@@ -47,19 +47,6 @@ def philox4x32(counter: wp.vec4ui, key_low: wp.uint32, key_high: wp.uint32) -> w
     return wp.vec4ui(x, y, z, w)
 
 
-STREAM_NOISE = wp.constant(wp.uint32(1))
-"""Noise of each frame, in electrons the shot noise; pointing errors have theirs in pointing_errors.py."""
-STREAM_READ_NOISE = wp.constant(wp.uint32(3))
-STREAM_FEW = wp.constant(wp.uint32(4))
-"""Uniforms of pixels with few electrons. They must not be those that the pixel's neighbour, which may have many
-electrons, makes a normal deviate of."""
-STREAM_COLUMN = wp.constant(wp.uint32(5))
-"""Noise that the pixels of a column share."""
-STREAM_GAIN = wp.constant(wp.uint32(6))
-STREAM_OFFSET = wp.constant(wp.uint32(7))
-STREAM_BAD = wp.constant(wp.uint32(8))
-"""Properties that stay with a pixel: its gain, its offset, and whether it is bad."""
-
 # The two-round hash with the least bias that Wellons (2018, "Prospecting for hash functions") lists.
 _FIRST_MULTIPLIER = wp.constant(wp.uint32(0x21F0AAAD))
 _SECOND_MULTIPLIER = wp.constant(wp.uint32(0xD35A2D97))
