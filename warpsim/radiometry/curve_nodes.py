@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 
@@ -11,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.arguments import plain_array
 from warpsim.errors import InputError
+from warpsim.legendre import gauss_legendre
 
 Array = NDArray[np.float64]
 
@@ -157,14 +157,9 @@ def piecewise_rule(edge: Array, n_node: int, max_log_width: float = math.inf) ->
         n_part = np.maximum(np.ceil(np.diff(np.log(edge)) / max_log_width), 1).astype(int)
         pieces = zip(edge[:-1], edge[1:], n_part, strict=True)
         edge = np.concatenate([*(np.linspace(left, right, n + 1)[:-1] for left, right, n in pieces), edge[-1:]])
-    abscissa, weight = _legendre(n_node)
-    half_width = np.diff(edge)[:, None] / 2.0
-    return (edge[:-1, None] + half_width * (1.0 + abscissa)).ravel(), (half_width * weight).ravel()
-
-
-@functools.cache
-def _legendre(n: int) -> tuple[Array, Array]:
-    return np.polynomial.legendre.leggauss(n)
+    abscissa, weight = gauss_legendre(n_node)
+    width = np.diff(edge)[:, None]
+    return (edge[:-1, None] + width * (1.0 + abscissa) / 2.0).ravel(), (width * weight).ravel()
 
 
 def response_rule(
