@@ -340,7 +340,7 @@ def test_empty_catalog_is_legal(tmp_path, rows):
 
 
 def test_rows_without_a_place_are_left_out_with_a_warning():
-    with pytest.warns(UserWarning, match=r"small: left out 2 of 3 stars without a finite place \(rows 0, 2\)"):
+    with pytest.warns(UserWarning, match=r"small: left out 2 of 3 stars without a finite position \(rows 0, 2\)"):
         catalog = small_catalog(ra_deg=[np.nan, 5.0, 6.0], dec_deg=[1.0, 2.0, np.inf])
     assert catalog.id.tolist() == ["bb"]
     assert catalog.flux_jy("E").tolist() == [0.0]
@@ -348,7 +348,7 @@ def test_rows_without_a_place_are_left_out_with_a_warning():
 
 def test_a_masked_place_is_no_place():
     ra_deg = np.ma.masked_array([10.0, 5.0, 6.0], mask=[False, True, False])
-    with pytest.warns(UserWarning, match=r"small: left out 1 of 3 stars without a finite place \(rows 1\)"):
+    with pytest.warns(UserWarning, match=r"small: left out 1 of 3 stars without a finite position \(rows 1\)"):
         catalog = small_catalog(ra_deg=ra_deg)
     assert catalog.id.tolist() == ["a", "ccc"]
     flux = np.ma.masked_array([1.0, 2.0, 3.0], mask=[False, False, True])

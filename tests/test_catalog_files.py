@@ -607,7 +607,7 @@ def test_parquet_of_other_programs(tmp_path):
     columns = {"ra_deg": [1.0, 2.0, None], "dec_deg": [1, 2, 3], "flux_A_jy": [None, 2.5, 1.0],
                "flux_C_jy": pyarrow.nulls(3, pyarrow.float64()), "id": ["a", None, "c"]}  # fmt: skip
     pyarrow.parquet.write_table(pyarrow.table(columns), tmp_path / "x.parquet")
-    with pytest.warns(UserWarning, match=r"left out 1 of 3 stars without a finite place \(rows 2\)"):
+    with pytest.warns(UserWarning, match=r"left out 1 of 3 stars without a finite position \(rows 2\)"):
         catalog = ws.StarCatalog.read(tmp_path / "x.parquet", fill=False)
     assert catalog.dec_deg.tolist() == [1.0, 2.0]
     np.testing.assert_array_equal(catalog.flux_jy("A"), [np.nan, 2.5])
@@ -669,11 +669,11 @@ def test_ipac_short_row_names_the_line(tmp_path):
 def test_stars_without_a_place_are_left_out_with_rows_or_lines(tmp_path):
     table = Table({"ra_deg": [1.0, np.nan, 3.0], "dec_deg": [1.0, 2.0, 3.0], "flux_A_jy": [1.0, 2.0, 3.0]})
     table.write(tmp_path / "x.fits")
-    with pytest.warns(UserWarning, match=r"x\.fits: left out 1 of 3 stars without a finite place \(rows 1\)"):
+    with pytest.warns(UserWarning, match=r"x\.fits: left out 1 of 3 stars without a finite position \(rows 1\)"):
         catalog = ws.StarCatalog.read(tmp_path / "x.fits")
     assert catalog.flux_jy("A").tolist() == [1.0, 3.0]
     text = "# stars\nra_deg,dec_deg,flux_A_jy\n,1,1\n\n2,2,2\n3,,3\n-,-,-\n"
-    with pytest.warns(UserWarning, match=r"x\.csv: left out 3 of 4 stars without a finite place \(lines 3, 6, 7\)"):
+    with pytest.warns(UserWarning, match=r"x\.csv: left out 3 of 4 stars without a finite position \(lines 3, 6, 7\)"):
         catalog = ws.StarCatalog.read(save(tmp_path / "x.csv", text))
     assert catalog.id.tolist() == ["2"]
 

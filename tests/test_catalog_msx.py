@@ -255,7 +255,7 @@ def test_v98_stars_without_a_place_are_left_out_with_their_lines(tmp_path):
     lines = v98_lines()
     lines.insert(1, broken(lines[0], 22, 31, ""))
     file = written(tmp_path / "msx.dat", ["", *lines])  # a blank line counts
-    with pytest.warns(UserWarning, match=r"msx\.dat: left out 1 of 4 stars without a finite place \(lines 3\)"):
+    with pytest.warns(UserWarning, match=r"msx\.dat: left out 1 of 4 stars without a finite position \(lines 3\)"):
         catalog = ws.StarCatalog.read(file)
     assert_v98(catalog)
     assert catalog.id.tolist() == ["1", "3", "4"]

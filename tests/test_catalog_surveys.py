@@ -19,7 +19,7 @@ from warpsim.errors import InputError
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.sky.readers import infrared
-from warpsim.sky.readers.angles import epoch_of_place, place_deg, sexagesimal_deg
+from warpsim.sky.readers.angles import epoch_of_position, position_deg, sexagesimal_deg
 from warpsim.sky.readers.read import SURVEYS
 from warpsim.sky.stellar_templates import GIANT, colour, colour_temperature_k
 from warpsim.tables.columns import ColumnTable
@@ -116,7 +116,7 @@ def test_parts_with_minus_zero_degrees():
         "RAh": [0, 14, 23], "RAm": [0, 13, 59], "RAs": [1.5, 22.8, 59.9],
         "DE-": ["-", "+", "-"], "DEd": [0, 19, 0], "DEm": [0, 26, 30], "DEs": [36, 31, 0],
     })  # fmt: skip
-    ra_deg, dec_deg, name = place_deg(ColumnTable(table))
+    ra_deg, dec_deg, name = position_deg(ColumnTable(table))
     np.testing.assert_allclose(ra_deg, [1.5 / 240, 15 * (14 + 13 / 60 + 22.8 / 3600), 360 - 0.1 / 240], rtol=1e-14)
     np.testing.assert_allclose(dec_deg, [-0.01, 19 + 26 / 60 + 31 / 3600, -0.5], rtol=1e-14)
     assert name == "parts"
@@ -124,10 +124,10 @@ def test_parts_with_minus_zero_degrees():
 
 def test_parts_without_a_sign_column_take_it_from_the_degrees():
     table = Table({"RAh": [1], "RAm": [2.5], "DEd": [-12], "DEm": [30.0]})
-    ra_deg, dec_deg, _ = place_deg(ColumnTable(table))
+    ra_deg, dec_deg, _ = position_deg(ColumnTable(table))
     assert (ra_deg[0], dec_deg[0]) == (pytest.approx(15.625), pytest.approx(-12.5))
     table = Table({"RAh": [1], "RAm": [2.5], "DEd": ["-00"], "DEm": [30.0]})
-    assert place_deg(ColumnTable(table))[1][0] == pytest.approx(-0.5)
+    assert position_deg(ColumnTable(table))[1][0] == pytest.approx(-0.5)
 
 
 @pytest.mark.parametrize(("part", "value"), [("RAh", 25), ("RAm", 75), ("DEd", 91), ("DEs", 61)])
@@ -135,31 +135,31 @@ def test_parts_out_of_range_are_an_error(part, value):
     table = Table({"RAh": [1], "RAm": [2], "RAs": [3], "DE-": ["+"], "DEd": [4], "DEm": [5], "DEs": [6]})
     table[part][0] = value
     with pytest.raises(InputError, match=rf"^{part}: must be in \[-?\d+, \d+\], got {value} in row 0$"):
-        place_deg(ColumnTable(table))
+        position_deg(ColumnTable(table))
 
 
 def test_places_honour_the_units_of_their_columns():
     table = columns(Table({"RAJ2000": [1.0], "DEJ2000": [-1800.0]}), RAJ2000="rad", DEJ2000="arcsec")
-    ra_deg, dec_deg, _ = place_deg(ColumnTable(table))
+    ra_deg, dec_deg, _ = position_deg(ColumnTable(table))
     assert ra_deg[0] == pytest.approx(math.degrees(1.0), rel=1e-15)
     assert dec_deg[0] == pytest.approx(-0.5, rel=1e-15)
 
 
 def test_a_table_without_places_is_an_error():
-    with pytest.raises(InputError, match=r"^must have the columns of a place \(RAJ2000 and DEJ2000.*got S09$"):
-        place_deg(ColumnTable(Table({"S09": [1.0]})))
+    with pytest.raises(InputError, match=r"^must have the columns of a position \(RAJ2000 and DEJ2000.*got S09$"):
+        position_deg(ColumnTable(Table({"S09": [1.0]})))
 
 
 def test_missing_parts_are_missing_places():
     table = Table({"RAh": [1], "RAm": [2], "RAs": MaskedColumn([3.0], mask=[True]), "DEd": [4], "DEm": [5]})
-    assert np.isnan(place_deg(ColumnTable(table))[0][0])
+    assert np.isnan(position_deg(ColumnTable(table))[0][0])
 
 
 def test_places_computed_by_vizier_are_at_2000():
     for name in ("_RAJ2000", "RAJ2000", "_RA.icrs", "_RA_icrs"):
-        assert epoch_of_place(name, 1991.25) == 2000.0
+        assert epoch_of_position(name, 1991.25) == 2000.0
     for name in ("RAICRS", "RAdeg", "RA_ICRS", "ra"):
-        assert epoch_of_place(name, 1991.25) == 1991.25
+        assert epoch_of_position(name, 1991.25) == 1991.25
 
 
 # --- IRAS ---
@@ -775,7 +775,7 @@ def test_masked_text_is_missing_text():
     """VOTable gives text as objects: a masked place is no place, and no error."""
     texts = MaskedColumn(["10 00 00", "10 00 00"], mask=[False, True], dtype=object)
     table = Table({"RAJ2000": texts, "DEJ2000": [1.0, 2.0]})
-    ra_deg, _, _ = place_deg(ColumnTable(table))
+    ra_deg, _, _ = position_deg(ColumnTable(table))
     assert ra_deg[0] == pytest.approx(150.0)
     assert np.isnan(ra_deg[1])
 
@@ -840,7 +840,7 @@ def test_limits_belong_to_their_rows_when_others_are_left_out(read):
     """The first star has no place; the limit that bounds the second's A is its own."""
     header = "MSX6C\tRAJ2000\tDEJ2000\tA\tq_A\tC\tq_C\n"
     rows = "a\t\t\t0.001\t1\t1.0\t4\nb\t10.0\t20.0\t0.5\t1\t1.0\t4\nc\t11.0\t21.0\t50.0\t1\t1.0\t4\n"
-    with pytest.warns(UserWarning, match=r"left out 1 of 3 stars without a finite place \(lines 2\)"):
+    with pytest.warns(UserWarning, match=r"left out 1 of 3 stars without a finite position \(lines 2\)"):
         catalog = read(header + rows, "x.tsv")
     free = 58.49 / 26.51 * 1.0  # by equal magnitude, nearly: a K giant
     assert catalog.flux_jy("A")[0] == 0.5

@@ -309,7 +309,7 @@ def test_catalog_of_a_file(capsys, stars_csv):
     code, out, err = run(capsys, "catalog", stars_csv, "--no-fill")
     assert (code, err) == (0, "")
     assert "3 stars, positions at J2000.0" in out
-    assert "left out 1 of 4 stars without a finite place (lines 5)" in " ".join(out.split())
+    assert "left out 1 of 4 stars without a finite position (lines 5)" in " ".join(out.split())
     assert "1 star with proper motion, the fastest Runner, 5.000 arcsec/yr; 1 with parallax" in " ".join(out.split())
     assert "0 (unknown) 1, 2 (fair) 1, 4 (excellent) 1" in out
     _, bands = rows_after(out, "band")

@@ -403,6 +403,6 @@ def test_a_row_without_a_position_in_a_catalog(scene, device):
     for column, values in (("ra_deg", [0, np.nan, 0]), ("dec_deg", [0, np.nan, 0]), ("ra_deg", masked)):
         holed = table.copy()
         holed[column] = values if values is masked else np.asarray(table[column]) + values
-        with pytest.warns(UserWarning, match="1 of 3 stars without a finite place"):
+        with pytest.warns(UserWarning, match="1 of 3 stars without a finite position"):
             catalog = ws.StarCatalog.from_table(holed)
         np.testing.assert_array_equal(rendered(clean, catalog, device).counts.numpy(), expected)

@@ -17,7 +17,7 @@ from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
 from warpsim.plot.figure import PALE
 from warpsim.sky.catalog import StarCatalog
-from warpsim.sky.space_motion import place_of
+from warpsim.sky.space_motion import position_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -274,7 +274,7 @@ def _square(ra_deg: float, dec_deg: float, side_deg: float) -> tuple[Array, Arra
     east, north = unit_vectors(ra_deg + 90, 0.0), unit_vectors(ra_deg, dec_deg + 90)
     half = np.radians(side_deg) / 2
     along, up = half * np.array([[-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1]])
-    return place_of(*(unit_vectors(ra_deg, dec_deg) + np.outer(along, east) + np.outer(up, north)).T)
+    return position_of(*(unit_vectors(ra_deg, dec_deg) + np.outer(along, east) + np.outer(up, north)).T)
 
 
 def _orthographic(ra_deg: Array, dec_deg: Array) -> tuple[Array, Array, NDArray[np.bool_]]:

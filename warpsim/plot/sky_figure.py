@@ -13,7 +13,7 @@ from warpsim.plot.figure import new_axes
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, as_band
 from warpsim.sky.catalog import StarCatalog
-from warpsim.sky.space_motion import place_of
+from warpsim.sky.space_motion import position_of
 from warpsim.sky.star_counts import irradiance_counts, magnitude_counts
 from warpsim.sky.synthetic import GALACTIC_OF_ICRS
 
@@ -193,4 +193,4 @@ def _longitude_latitude_deg(catalog: StarCatalog, frame: str) -> tuple[Array, Ar
     """Longitudes and latitudes of the stars in a frame [deg], shape (n,) each."""
     if frame == "equatorial":
         return catalog.ra_deg, catalog.dec_deg
-    return place_of(*(GALACTIC_OF_ICRS @ catalog.direction_icrs.T))
+    return position_of(*(GALACTIC_OF_ICRS @ catalog.direction_icrs.T))

@@ -1,1 +1,1 @@
-"""Stars, bands and apparent places."""
+"""Stars, bands and apparent positions."""

@@ -102,7 +102,7 @@ class BandIndex:
         n_found = wp.zeros(n, dtype=wp.int32, device=self.device)
         start = np.zeros(n + 1, dtype=np.int64)
         found = wp.empty(0, dtype=wp.int32, device=self.device)
-        # First pass counts, second pass writes each list to its place: the order never depends on the device.
+        # First pass counts, second pass writes each list where it belongs: the order never depends on the device.
         for _ in range(2):
             begin = wp.array(start[:-1], dtype=wp.int64, device=self.device)
             inputs = [self.cell_start_array, self.direction_array, cones, radii, begin]

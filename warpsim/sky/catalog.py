@@ -95,12 +95,12 @@ class StarCatalog(Stars):
                 Types that are not understood tell nothing, with a warning that counts them.
             flux_flag: By band, 1 for a measured flux, 2 for one that the catalog predicts, 3 for one filled in from the
                 spectrum, which is left out and predicted anew; measured if left out.
-            epoch_jyear: Julian year of the places.
+            epoch_jyear: Julian year of the positions.
             name: Name of the catalog.
             provenance: Where it is from.
 
         Raises:
-            InputError: Shapes that differ, values that are not numbers, places out of range, negative or infinite
+            InputError: Shapes that differ, values that are not numbers, positions out of range, negative or infinite
                 flux, or an unknown band.
         """
         numbers = {
@@ -200,7 +200,7 @@ class StarCatalog(Stars):
     def synthetic(
         n_star: int | None = None, *, limit_jy: float | None = None, sky: str = "astrometric", seed: int = 0
     ) -> StarCatalog:
-        """Return made-up stars with the true sky's density over galactic latitude and magnitude, the same for a seed.
+        """Return synthetic stars with the true sky's density over galactic latitude and magnitude, the same for a seed.
 
         Args:
             n_star: How many, over the whole sky; follows from limit_jy if left out.
@@ -234,7 +234,7 @@ class StarCatalog(Stars):
         return replace(self, _photometry=photometry, _origin=origin)
 
     def to_table(self) -> Table:
-        """Return an astropy Table that from_table() reads back: places at epoch_jyear, which is in its meta.
+        """Return an astropy Table that from_table() reads back: positions at epoch_jyear, which is in its meta.
 
         The MSX bands have columns always, filled in from the spectrum (flag 3) if the catalog is filled; others where
         fluxes were given.

@@ -264,7 +264,7 @@ def _warn_left_out(where: str, placed: NDArray[np.bool_], line_of_row: NDArray[n
     lost = np.flatnonzero(~placed)
     unit, numbers = ("rows", lost) if line_of_row is None else ("lines", line_of_row[lost])
     shown = ", ".join(map(str, numbers[:5].tolist())) + (", ..." if len(lost) > 5 else "")
-    text = f"{where}: left out {len(lost)} of {len(placed)} stars without a finite place ({unit} {shown})"
+    text = f"{where}: left out {len(lost)} of {len(placed)} stars without a finite position ({unit} {shown})"
     warnings.warn(text, stacklevel=3)
 
 

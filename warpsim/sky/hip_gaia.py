@@ -88,7 +88,7 @@ class Gaia:
     """Columns of the package's extract of Gaia DR3 (G < 10), epoch 2016.0, ICRS; shape (n,) each."""
 
     source_id: NDArray[np.int64]
-    """Negative: one of the 70 brightest stars, with place and magnitude from Hipparcos."""
+    """Negative: one of the 70 brightest stars, with position and magnitude from Hipparcos."""
 
     ra_deg: Array
     dec_deg: Array

@@ -21,7 +21,7 @@ LONGEST_MOTION_YR = 1e5
 _MAS_RAD = math.pi / 180.0 / 3.6e6
 
 
-def place_of(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+def position_of(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
     """Right ascension in [0, 360) and declination [deg] of vectors of any length by components, shape (n,) each."""
     return wrapped_deg(np.degrees(np.arctan2(y, x))), np.degrees(np.arctan2(z, np.hypot(x, y)))
 
@@ -46,11 +46,11 @@ def rigorous_motion(
         the distance there relative to the one before, shape (n,) each.
     """
     # By components, as NumPy is slow along short axes.
-    place, east, north = _axes(ra_deg, dec_deg)
+    position, east, north = _axes(ra_deg, dec_deg)
     rate = [_MAS_RAD * (pm_ra_mas_yr * e + pm_dec_mas_yr * n) for e, n in zip(east, north, strict=True)]
-    x, y, z = (p + years * r for p, r in zip(place, rate, strict=True))
+    x, y, z = (p + years * r for p, r in zip(position, rate, strict=True))
     distance = np.sqrt(x * x + y * y + z * z)
-    ra_deg, dec_deg = place_of(x, y, z)
+    ra_deg, dec_deg = position_of(x, y, z)
     _, east, north = _axes(ra_deg, dec_deg)
     pm_ra = (rate[0] * east[0] + rate[1] * east[1]) / distance / _MAS_RAD
     pm_dec = (rate[0] * north[0] + rate[1] * north[1] + rate[2] * north[2]) / distance / _MAS_RAD
@@ -70,7 +70,7 @@ def paper_motion(
     ra_deg = ra_deg + rate * years / 3.6e6
     dec_deg = dec_deg + pm_dec_mas_yr * years / 3.6e6
     over = np.abs(dec_deg) > 90.0
-    ra_over, dec_over = place_of(*unit_vectors(ra_deg[over], dec_deg[over]).T)
+    ra_over, dec_over = position_of(*unit_vectors(ra_deg[over], dec_deg[over]).T)
     ra_deg = wrapped_deg(ra_deg)
     ra_deg[over], dec_deg[over] = ra_over, dec_over
     return ra_deg, dec_deg
@@ -86,8 +86,8 @@ def _axes(ra_deg: Array, dec_deg: Array) -> tuple[_Components, _Components, _Com
     """
     ra_rad, dec_rad = np.radians(ra_deg), np.radians(dec_deg)
     sin_ra, cos_ra, sin_dec, cos_dec = np.sin(ra_rad), np.cos(ra_rad), np.sin(dec_rad), np.cos(dec_rad)
-    place = cos_dec * cos_ra, cos_dec * sin_ra, sin_dec
-    return place, (-sin_ra, cos_ra, np.zeros_like(ra_rad)), (-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec)
+    position = cos_dec * cos_ra, cos_dec * sin_ra, sin_dec
+    return position, (-sin_ra, cos_ra, np.zeros_like(ra_rad)), (-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec)
 
 
 def checked_jyear(jyear: Any, where: str = "jyear") -> float:

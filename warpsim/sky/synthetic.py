@@ -1,4 +1,4 @@
-"""Made-up stars by the density of the true sky over galactic latitude and its number counts at 8.3 um.
+"""Synthetic stars by the density of the true sky over galactic latitude and its number counts at 8.3 um.
 
 Star k is the (k+1)-th brightest of one endless sky per seed: a catalog of n stars holds its n brightest, and a larger
 one begins with the same stars. All four of its random numbers depend on seed, sky and k only.
@@ -26,7 +26,7 @@ from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.catalog_columns import StarColumns
 from warpsim.sky.photometric_bands import FLUX_PREDICTED
-from warpsim.sky.space_motion import J2000_JYEAR, place_of
+from warpsim.sky.space_motion import J2000_JYEAR, position_of
 from warpsim.sky.stellar_templates import GIANT
 from warpsim.streams import uniforms
 
@@ -152,7 +152,7 @@ def synthetic_columns(n_star: int | None, limit_jy: float | None, sky: str, seed
         quality=np.broadcast_to(np.int64(0), (n,)),
         epoch_jyear=J2000_JYEAR,
         name=f"synthetic {sky}",
-        provenance=f"made up by warpsim: {sky} sky, seed {seed}, {depth}",
+        provenance=f"synthetic, by warpsim: {sky} sky, seed {seed}, {depth}",
         flux_jy={"A": flux_jy},
         flux_flag={"A": np.broadcast_to(np.uint8(FLUX_PREDICTED), (n,))},
         id=np.broadcast_to(np.int64(0), (n,)),
@@ -172,7 +172,7 @@ def _places(model: SyntheticSky, u_latitude: Array, u_longitude: Array) -> tuple
     icrs = [
         sum(component * axis[k] for component, axis in zip(galactic, GALACTIC_OF_ICRS, strict=True)) for k in range(3)
     ]
-    ra_deg, dec_deg = place_of(*icrs)
+    ra_deg, dec_deg = position_of(*icrs)
     per_deg = 3.6e7  # 0.1 mas
     return np.rint(ra_deg * per_deg) % (360.0 * per_deg) / per_deg, np.rint(dec_deg * per_deg) / per_deg
 

@@ -14,7 +14,7 @@ from warpsim.tables.columns import MISSING, ColumnTable, is_number, plain_name
 Array = NDArray[np.float64]
 Pair = tuple[str, str]
 
-PLACES: tuple[Pair, ...] = (
+POSITIONS: tuple[Pair, ...] = (
     ("RAJ2000", "DEJ2000"),
     ("RA_ICRS", "DE_ICRS"),
     ("RAdeg", "DEdeg"),
@@ -24,18 +24,18 @@ PLACES: tuple[Pair, ...] = (
 """Usual names of right ascension and declination, J2000 or ICRS, in the order of preference."""
 
 PARTS = "parts"
-"""What place_deg() calls a position in columns RAh, RAm, RAs, DE-, DEd, DEm, DEs."""
+"""What position_deg() calls a position in columns RAh, RAm, RAs, DE-, DEd, DEm, DEs."""
 
 _NUMBER = re.compile(r"\d+(\.\d*)?|\.\d+")
 
 
-def place_deg(table: ColumnTable, *pairs: Pair, radians: bool = False) -> tuple[Array, Array, str]:
+def position_deg(table: ColumnTable, *pairs: Pair, radians: bool = False) -> tuple[Array, Array, str]:
     """Right ascension and declination [deg] of the first pair of columns that the table has; NaN where missing.
 
-    After the pairs (PLACES if left out) come the parts of the CDS: RAh, RAm, RAs (or RAds, tenths of a second), DE-,
+    After the pairs (POSITIONS if left out) come the parts of the CDS: RAh, RAm, RAs (or RAds, tenths of a second), DE-,
     DEd, DEm, DEs. With them comes the table's own name of the right ascension, or PARTS.
     """
-    pairs = pairs or PLACES
+    pairs = pairs or POSITIONS
     for right_ascension, declination in pairs:
         ra_name, dec_name = table.find(right_ascension), table.find(declination)
         if ra_name is not None and dec_name is not None:
@@ -44,7 +44,7 @@ def place_deg(table: ColumnTable, *pairs: Pair, radians: bool = False) -> tuple[
     if has_parts(table):
         return *_parts_deg(table), PARTS
     names = ", ".join(f"{ra} and {dec}" for ra, dec in pairs)
-    rule = f"must have the columns of a place ({names}, or RAh, RAm, RAs, DE-, DEd, DEm, DEs)"
+    rule = f"must have the columns of a position ({names}, or RAh, RAm, RAs, DE-, DEd, DEm, DEs)"
     raise InputError(rule, value=table.names, form="s")
 
 
@@ -53,7 +53,7 @@ def has_parts(table: ColumnTable) -> bool:
     return bool(table.find("RAh") and table.find("DEd", "decd"))
 
 
-def epoch_of_place(ra_name: str, survey_epoch_jyear: float) -> float:
+def epoch_of_position(ra_name: str, survey_epoch_jyear: float) -> float:
     """Julian year of a position: VizieR's own _RAJ2000, _RA.icrs and RAJ2000 are at 2000.0, proper motion applied."""
     computed = ra_name.startswith("_") or plain_name(ra_name) == "raj2000"
     return J2000_JYEAR if computed else survey_epoch_jyear

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import BAND_NAMES
 from warpsim.sky.photometric_bands import FLUX_PREDICTED, photometric_bands
-from warpsim.sky.readers.angles import Pair, place_deg
+from warpsim.sky.readers.angles import Pair, position_deg
 from warpsim.sky.readers.survey import (
     FAIR,
     GOOD,
     UNCERTAIN,
     UNKNOWN,
-    Place,
+    Position,
     Quality,
     Survey,
     band_flux_jy,
@@ -38,7 +38,7 @@ _PER_CENTURY = ("sha", "arcsecha", "s100yr", "arcsec100yr", "scy", "arcseccy", "
 _NONE, _PSC_LIMIT, _EXCELLENT = 0, 1, 4
 """Flux quality of the Point Source Catalog: none, upper limit, and from fair (2) to excellent."""
 
-_PSC_PLACES: tuple[Pair, ...] = (("RAJ2000", "DEJ2000"), ("RAdeg", "DEdeg"), ("ra", "dec"))
+_PSC_POSITIONS: tuple[Pair, ...] = (("RAJ2000", "DEJ2000"), ("RAdeg", "DEdeg"), ("ra", "dec"))
 
 
 def _msx_irac(table: ColumnTable) -> dict[str, Any]:
@@ -50,7 +50,7 @@ def _msx_irac(table: ColumnTable) -> dict[str, Any]:
     return {
         "flux_jy": flux_jy | {"V": visible_jy},
         "flux_flag": {band: np.full(len(table), FLUX_PREDICTED) for band in BAND_NAMES},
-        "pm_ra_mas_yr": pm_ra * np.cos(np.radians(place_deg(table)[1])),
+        "pm_ra_mas_yr": pm_ra * np.cos(np.radians(position_deg(table)[1])),
         "pm_dec_mas_yr": _rate(table, "pmDE", "0.01 arcsec / yr") / _CENTURY_YR * 1000.0,
         "quality": np.where(known, FAIR, np.where(np.isnan(visible_jy), UNKNOWN, UNCERTAIN)),
         "notes": (
@@ -109,7 +109,7 @@ def _psc_survey(name: str, version: str, reference: str, *needs: tuple[str, ...]
         needs=(("A",), ("q_A",), *needs),
         light=_msx_psc,
         epoch_jyear=1996.6,  # middle of the cryogenic observations, May 1996 to February 1997; no proper motions
-        place=lambda table: place_deg(table, *_PSC_PLACES),
+        position=lambda table: position_deg(table, *_PSC_POSITIONS),
         id_columns=("MSX6C", "MSX5C", "MSX6C_ID", "MSX5C_ID", "name"),
     )
 
@@ -123,8 +123,8 @@ _LIMIT_BANDS = {"IRAS12": "C", "IRAS25": "E"}
 
 _LIMIT, _MODERATE, _HIGH = 1.0, 2.0, 3.0  # q_Fnu
 
-_J2000_PLACES: tuple[Pair, ...] = (("RAJ2000", "DEJ2000"), ("RA_ICRS", "DE_ICRS"), ("ra", "dec"), ("RA", "DE"))
-_B1950_PLACES: tuple[Pair, ...] = (
+_J2000_POSITIONS: tuple[Pair, ...] = (("RAJ2000", "DEJ2000"), ("RA_ICRS", "DE_ICRS"), ("ra", "dec"), ("RA", "DE"))
+_B1950_POSITIONS: tuple[Pair, ...] = (
     ("RA1950", "DE1950"),
     ("ra1950", "dec1950"),
     ("RAB1950", "DEB1950"),
@@ -132,8 +132,8 @@ _B1950_PLACES: tuple[Pair, ...] = (
 )
 
 
-def _iras_place(table: ColumnTable) -> Place:
-    ra_deg, dec_deg, ra_name = place_deg(table, *_J2000_PLACES, *_B1950_PLACES)
+def _iras_position(table: ColumnTable) -> Position:
+    ra_deg, dec_deg, ra_name = position_deg(table, *_J2000_POSITIONS, *_B1950_POSITIONS)
     if _is_b1950(table):
         ra_deg, dec_deg = icrs_of_b1950_deg(ra_deg, dec_deg)
     return ra_deg, dec_deg, ra_name
@@ -141,7 +141,7 @@ def _iras_place(table: ColumnTable) -> Place:
 
 def _is_b1950(table: ColumnTable) -> bool:
     """Return whether the positions are of B1950, as those in parts are."""
-    return not any(table.find(ra) and table.find(dec) for ra, dec in _J2000_PLACES)
+    return not any(table.find(ra) and table.find(dec) for ra, dec in _J2000_POSITIONS)
 
 
 def _iras(table: ColumnTable) -> dict[str, Any]:
@@ -158,7 +158,7 @@ def _iras(table: ColumnTable) -> dict[str, Any]:
         error_percent = positive(table.number(f"e_Fnu_{um}", f"relunc_{um}", unit="%"))
         quality[band] = np.where(flag == _HIGH, measured_quality(error_percent / 100.0), GOOD)
     quality_25 = np.where(np.isnan(flux_jy["IRAS25"]), UNKNOWN, quality["IRAS25"])
-    carried = f"places carried from FK4 B1950, epoch {IRAS_EPOCH_JYEAR}, to ICRS"
+    carried = f"positions carried from FK4 B1950, epoch {IRAS_EPOCH_JYEAR}, to ICRS"
     return {
         "flux_jy": flux_jy,
         "limit_jy": limit_jy,
@@ -180,8 +180,8 @@ def icrs_of_b1950_deg(ra_deg: Array, dec_deg: Array, epoch_jyear: float = IRAS_E
     if bad.size:
         raise InputError("must be in [-90, 90]", "declination", dec_deg[bad[0]], "g", row=int(bad[0]))
     frame = FK4(equinox=Time("B1950"), obstime=Time(epoch_jyear, format="jyear"))
-    place = SkyCoord(ra_deg * u.deg, dec_deg * u.deg, frame=frame).icrs
-    return np.asarray(place.ra.deg), np.asarray(place.dec.deg)
+    position = SkyCoord(ra_deg * u.deg, dec_deg * u.deg, frame=frame).icrs
+    return np.asarray(position.ra.deg), np.asarray(position.dec.deg)
 
 
 # --- AKARI/IRC: 9 and 18 um ---
@@ -231,7 +231,7 @@ SURVEYS = (
         needs=(("Fnu_12",), ("q_Fnu_12", "fqual_12")),
         light=_iras,
         epoch_jyear=IRAS_EPOCH_JYEAR,
-        place=_iras_place,
+        position=_iras_position,
         id_columns=("IRAS", "pscname", "fscname"),
         id_prefix="IRAS ",
     ),

@@ -61,7 +61,7 @@ def _msx_psc_v1() -> Layout:
 
 
 def _iras_psc() -> Layout:
-    """II/125 `main.dat`, version 2.0; places of B1950."""
+    """II/125 `main.dat`, version 2.0; positions of B1950."""
     bands = ("12", "25", "60", "100")
     fields = (
         ByteField("IRAS", 1, 11, "text"),
@@ -98,7 +98,7 @@ def _hipparcos() -> Layout:
 
 
 def _hipparcos_2() -> Layout:
-    """I/311 `hip2.dat`; places in radians."""
+    """I/311 `hip2.dat`; positions in radians."""
     fields = (
         ByteField("HIP", 1, 6, "whole"),
         ByteField("RArad", 16, 28, unit="rad", largest=6.2832),

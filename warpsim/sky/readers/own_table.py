@@ -20,7 +20,7 @@ from warpsim.sky.photometric_bands import (
     magnitude_column,
     photometric_bands,
 )
-from warpsim.sky.readers.angles import angle_deg, has_parts, place_deg
+from warpsim.sky.readers.angles import angle_deg, has_parts, position_deg
 from warpsim.sky.readers.survey import real_colours, real_magnitudes
 from warpsim.sky.space_motion import J2000_JYEAR
 from warpsim.tables.columns import ColumnTable, plain_name
@@ -66,7 +66,7 @@ def check_columns(columns: Any, table: ColumnTable) -> dict[str, str]:
 
     Raises:
         InputError: It is no mapping, knows no such name, names a column that the file has not or another unit than the
-            file, or leaves out places or every brightness.
+            file, or leaves out positions or every brightness.
     """
     if not isinstance(columns, Mapping):
         raise InputError(f"must be a mapping such as {{'ra_deg': 'RAJ2000'}}, got {type(columns).__name__}", "columns")
@@ -81,8 +81,8 @@ def check_columns(columns: Any, table: ColumnTable) -> dict[str, str]:
             raise InputError(f"must be a column of the file ({table.names})", value=column).of(name).within("columns")
         if name in _ANGLES and plain_name(own_name) in ("rah", "ded", "decd") and has_parts(table):
             rule = (
-                f"{own_name} is one of RAh, RAm, RAs, DE-, DEd, DEm, DEs; leave ra_deg and dec_deg out, and places are "
-                "made of all of them"
+                f"{own_name} is one of RAh, RAm, RAs, DE-, DEd, DEm, DEs; leave ra_deg and dec_deg out, and positions "
+                "are made of all of them"
             )
             raise InputError(rule).of(name).within("columns")
         if own_name in checked.values():
@@ -140,7 +140,7 @@ def arrays_of_columns(table: ColumnTable, columns: Mapping[str, str]) -> dict[st
     meta = {str(key).lower(): value for key, value in table.table.meta.items()}  # FITS turns keys to capitals
     arrays: dict[str, Any] = {"flux_jy": {}, "flux_flag": {}, "limit_jy": {}}
     if not any(name in columns for name in _ANGLES):
-        arrays["ra_deg"], arrays["dec_deg"], _ = place_deg(table)
+        arrays["ra_deg"], arrays["dec_deg"], _ = position_deg(table)
     for name, column in columns.items():
         if name in _ANGLES:
             arrays[name] = angle_deg(table, column, hours=name == "ra_deg")

@@ -126,7 +126,7 @@ def _survey_stars(table: ColumnTable, survey: Survey, where: str) -> StarsOfFile
     if stars.epoch_jyear != J2000_JYEAR:
         moves = stars.pm_ra_mas_yr is not None and stars.pm_dec_mas_yr is not None
         moved = "carried to J2000" if moves else "taken for those of J2000: there are no proper motions"
-        notes.append(f"places of {stars.epoch_jyear:g} {moved}")
+        notes.append(f"positions of {stars.epoch_jyear:g} {moved}")
     arrays["provenance"] = "; ".join([f"{survey.title}, {survey.reference}", *notes])
     checked = _checked(table, arrays, where, f"{survey.name} ({Path(where).name})")
     return StarsOfFile(replace(checked, filled=True), J2000_JYEAR)

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.sky.photometric_bands import flux_of_magnitude_jy
-from warpsim.sky.readers.angles import epoch_of_place, place_deg
+from warpsim.sky.readers.angles import epoch_of_position, position_deg
 from warpsim.sky.space_motion import J2000_JYEAR
 from warpsim.tables.columns import ColumnTable
 
 Array = NDArray[np.float64]
 Quality = NDArray[np.int64]
 Flags = NDArray[np.bool_]
-Place = tuple[Array, Array, str]
+Position = tuple[Array, Array, str]
 
 UNKNOWN, UNCERTAIN, FAIR, GOOD, EXCELLENT = range(5)
 """Values of StarCatalog.quality."""
@@ -80,7 +80,7 @@ class Survey:
     """Fluxes, their quality, notes, and motions where there are any, by the names of SurveyStars."""
 
     epoch_jyear: float | Callable[[ColumnTable], float] = J2000_JYEAR
-    place: Callable[[ColumnTable], Place] = place_deg
+    position: Callable[[ColumnTable], Position] = position_deg
     """ICRS position [deg], and the name of the column of right ascension."""
 
     id_columns: tuple[str, ...] = ()
@@ -93,11 +93,11 @@ class Survey:
 
     def convert(self, table: ColumnTable) -> SurveyStars:
         """Return the stars of the survey's table."""
-        ra_deg, dec_deg, ra_name = self.place(table)
+        ra_deg, dec_deg, ra_name = self.position(table)
         light = self.light(table)
         epoch_jyear = self.epoch_jyear if isinstance(self.epoch_jyear, float) else self.epoch_jyear(table)
         if "pm_ra_mas_yr" in light:
-            epoch_jyear = epoch_of_place(ra_name, epoch_jyear)
+            epoch_jyear = epoch_of_position(ra_name, epoch_jyear)
         return SurveyStars(ra_deg, dec_deg, id=self._names(table), epoch_jyear=epoch_jyear, **light)
 
     def _names(self, table: ColumnTable) -> NDArray[np.str_] | None:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.sky.readers.angles import Pair, angle_deg, epoch_of_place, place_deg
+from warpsim.sky.readers.angles import Pair, angle_deg, epoch_of_position, position_deg
 from warpsim.sky.readers.survey import (
     FAIR,
-    Place,
+    Position,
     Survey,
     band_flux_jy,
     count_note,
@@ -31,7 +31,7 @@ COOL_GIANT_K = 4000.0
 REDDEST_B_MINUS_V_MAG = 1.45
 """Beyond, B-V says nothing of a star's temperature."""
 
-_HIPPARCOS_PLACES: tuple[Pair, ...] = (
+_HIPPARCOS_POSITIONS: tuple[Pair, ...] = (
     ("RA_ICRS", "DE_ICRS"),
     ("RAdeg", "DEdeg"),
     ("RArad", "DErad"),
@@ -41,22 +41,22 @@ _HIPPARCOS_PLACES: tuple[Pair, ...] = (
 )
 
 
-def _place_1997(table: ColumnTable) -> Place:
-    ra_deg, dec_deg, ra_name = place_deg(table, *_HIPPARCOS_PLACES)
-    if epoch_of_place(ra_name, HIPPARCOS_EPOCH_JYEAR) == HIPPARCOS_EPOCH_JYEAR:
-        # 263 stars without a solution have a rough place only, of the same epoch, in sexagesimal text.
+def _position_1997(table: ColumnTable) -> Position:
+    ra_deg, dec_deg, ra_name = position_deg(table, *_HIPPARCOS_POSITIONS)
+    if epoch_of_position(ra_name, HIPPARCOS_EPOCH_JYEAR) == HIPPARCOS_EPOCH_JYEAR:
+        # 263 stars without a solution have a rough position only, of the same epoch, in sexagesimal text.
         unsolved = np.isnan(ra_deg)
         ra_deg = np.where(unsolved, angle_deg(table, "RAhms", hours=True), ra_deg)
         dec_deg = np.where(unsolved, angle_deg(table, "DEdms"), dec_deg)
     return ra_deg, dec_deg, ra_name
 
 
-def _place_2007(table: ColumnTable) -> Place:
+def _position_2007(table: ColumnTable) -> Position:
     """Position by RArad and DErad: VizieR exports degrees under these names, and CSV loses the unit."""
     in_degrees = np.any(np.abs(table.number("DErad")) > math.pi / 2.0) or np.any(
         np.abs(table.number("RArad")) > 2.0 * math.pi
     )
-    return place_deg(table, *_HIPPARCOS_PLACES, radians=not in_degrees)
+    return position_deg(table, *_HIPPARCOS_POSITIONS, radians=not in_degrees)
 
 
 def _hipparcos_1997(table: ColumnTable) -> dict[str, Any]:
@@ -116,7 +116,7 @@ SATURATED_G_MAG = 3.5
 
 _G, _BP, _RP = ("phot_g_mean_mag", "Gmag"), ("phot_bp_mean_mag", "BPmag"), ("phot_rp_mean_mag", "RPmag")
 _BP_RP = ("bp_rp", "BP-RP")
-_GAIA_PLACES: tuple[Pair, ...] = (("ra", "dec"), ("RA_ICRS", "DE_ICRS"), ("RAJ2000", "DEJ2000"))
+_GAIA_POSITIONS: tuple[Pair, ...] = (("ra", "dec"), ("RA_ICRS", "DE_ICRS"), ("RAJ2000", "DEJ2000"))
 
 
 def _gaia(table: ColumnTable) -> dict[str, Any]:
@@ -179,7 +179,7 @@ SURVEYS = (
         needs=(("HIP",), ("Hpmag",), ("Vmag",)),
         light=_hipparcos_1997,
         epoch_jyear=HIPPARCOS_EPOCH_JYEAR,
-        place=_place_1997,
+        position=_position_1997,
         id_columns=("HIP",),
         id_prefix="HIP ",
     ),
@@ -190,7 +190,7 @@ SURVEYS = (
         needs=(("HIP",), ("Hpmag",), ("RArad", "e_RArad", "Sn")),
         light=_hipparcos_2007,
         epoch_jyear=HIPPARCOS_EPOCH_JYEAR,
-        place=_place_2007,
+        position=_position_2007,
         id_columns=("HIP",),
         id_prefix="HIP ",
     ),
@@ -201,7 +201,7 @@ SURVEYS = (
         needs=(_G, (*_BP_RP, *_BP)),
         light=_gaia,
         epoch_jyear=_gaia_epoch_jyear,
-        place=lambda table: place_deg(table, *_GAIA_PLACES),
+        position=lambda table: position_deg(table, *_GAIA_POSITIONS),
         id_columns=("designation", "DR3Name", "DR2Name", "source_id", "Source"),
         id_prefix="Gaia ",
     ),
