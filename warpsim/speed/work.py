@@ -14,7 +14,7 @@ from warpsim.errors import InputError
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 from warpsim.sky.catalog import StarCatalog
-from warpsim.sky.space_motion import place_of
+from warpsim.sky.space_motion import position_of
 from warpsim.streams import uniforms
 
 F64 = npt.NDArray[np.float64]
@@ -142,7 +142,7 @@ def speed_catalog(scenario: Scenario, sensors: list[str], n_frame: int, n_star: 
             star = star[star @ other < other_cosine]
         caps.append((axis, cosine))
         directions.append(star)
-    ra_deg, dec_deg = place_of(*np.concatenate(directions).T)
+    ra_deg, dec_deg = position_of(*np.concatenate(directions).T)
     n = len(ra_deg)
     w_cm2_per_jy = StarCatalog.from_arrays([0.0], [0.0], {BAND: [1.0]}).irradiance_w_cm2(BAND)[0]
     flux_jy = power_law_nei(n) * instrument.nei_w_cm2(BAND) / w_cm2_per_jy
