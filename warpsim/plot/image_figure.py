@@ -19,6 +19,7 @@ from warpsim.labels.boxes import CORNER_PX, paths_px
 from warpsim.labels.rle import rle_to_mask
 from warpsim.labels.table import BOX_COLUMNS, label_table
 from warpsim.optics.camera import Camera
+from warpsim.output.grey import CEILING_NEI, SOFTENING_NEI
 from warpsim.plot.figure import (
     BLUE,
     GREEN,
@@ -61,10 +62,6 @@ Mask = NDArray[np.bool_]
 
 VIEW_INCH = (7.4, 7.9)
 """Size of a figure for `plot_satellite_view`: room for a legend of three rows below a square."""
-
-WHITE_NEI = 60.0
-SOFTENING_NEI = 2.0
-"""Grey is linear below, logarithmic above, as in contact sheets."""
 
 _WORD_PT = 8.0  # letters of the compass
 _N_GRID = 129  # points across the field at which the Earth is looked for
@@ -341,7 +338,7 @@ def plot_labels(
     counts = frames.counts.numpy()[row, frames.sensors.index(sensor), frames.bands.index(band)]
     level_nei = (counts.astype(np.float32) - levels.blank_counts) / levels.counts_per_nei
     ax.imshow(
-        level_nei, cmap="gray", norm=AsinhNorm(SOFTENING_NEI, 0, WHITE_NEI), origin="upper", interpolation="nearest"
+        level_nei, cmap="gray", norm=AsinhNorm(SOFTENING_NEI, 0, CEILING_NEI), origin="upper", interpolation="nearest"
     )
     _set_frame(ax, camera)
     one = frames.one_frame(row)
@@ -357,7 +354,7 @@ def plot_labels(
             ax.plot([], [], "s", markerfacecolor="none", color=colour, label=f"{name} ({len(of_class)})")
     ax.set_title(
         f"{frames.scene.name}: {sensor}, band {band}, frame {frame} at {plain(float(one.time_s[0]))} s\n"
-        f"masks: at least {plain(least_nei, 3)} NEI of the target's own light; white: {WHITE_NEI:g} NEI",
+        f"masks: at least {plain(least_nei, 3)} NEI of the target's own light; white: {CEILING_NEI:g} NEI",
         fontsize=10,
     )
     if len(rows):
