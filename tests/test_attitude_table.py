@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import warp as wp
 from scipy.spatial.transform import Rotation, Slerp
-from warpsim_kernels import attitude_table
+from warpsim_kernels import timed_tables
 
 import warpsim as ws
 from warpsim import quaternion
@@ -28,7 +28,7 @@ IDENTITY = (0.0, 0.0, 0.0, 1.0)
 
 @wp.kernel(enable_backward=False)
 def table_kernel(
-    tables: attitude_table.AttitudeTables,
+    tables: timed_tables.AttitudeTables,
     first: int,
     count: int,
     time_s: wp.array[wp.float64],
@@ -36,8 +36,8 @@ def table_kernel(
     axis: wp.array[wp.vec3d],
 ):
     i = wp.tid()
-    turned[i] = attitude_table.table_quaternion(tables, first, count, time_s[i])
-    axis[i] = attitude_table.turned_axes(turned[i])[2]
+    turned[i] = timed_tables.table_quaternion(tables, first, count, time_s[i])
+    axis[i] = timed_tables.turned_axes(turned[i])[2]
 
 
 def on_device(all_rows, number, time_s, device):
@@ -146,7 +146,7 @@ def test_a_hundred_thousand_rows_and_several_tables(device):
 @wp.kernel(enable_backward=False)
 def slerp_kernel(a: wp.quatd, b: wp.quatd, part: wp.array[wp.float64], turned: wp.array[wp.quatd]):
     i = wp.tid()
-    turned[i] = attitude_table.slerp(a, b, part[i])
+    turned[i] = timed_tables.slerp(a, b, part[i])
 
 
 @pytest.mark.parametrize("step_rad", [0.0, 1e-15, 1e-9, 1.9e-4, 2.1e-4, 0.3, 2.96, np.pi], ids=str)

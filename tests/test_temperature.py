@@ -4,7 +4,7 @@ import astropy.units as u
 import numpy as np
 import pytest
 import warp as wp
-from warpsim_kernels import temperature
+from warpsim_kernels import timed_tables
 
 import warpsim as ws
 from warpsim.render.target_field import make_temperatures
@@ -20,14 +20,14 @@ TRUTH_ATOL_K = 1e-9  # emission times from ranges printed in km
 
 @wp.kernel(enable_backward=False)
 def temperature_kernel(
-    tables: temperature.TemperatureTables,
+    tables: timed_tables.TemperatureTables,
     first: int,
     count: int,
     time_s: wp.array[wp.float64],
     kelvin: wp.array[wp.float64],
 ):
     i = wp.tid()
-    kelvin[i] = temperature.temperature_k(tables, first, count, time_s[i])
+    kelvin[i] = timed_tables.temperature_k(tables, first, count, time_s[i])
 
 
 def on_device(all_rows, number, time_s, device):

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import warp as wp
 
 from warpsim_kernels.apparent import Tracks, observer_of
-from warpsim_kernels.attitude_table import row_before
 from warpsim_kernels.motion import hermite_position_m, hermite_velocity_m_s, linear_vector
 from warpsim_kernels.pointing import (
     SLEWING,
@@ -19,6 +18,7 @@ from warpsim_kernels.pointing import (
 )
 from warpsim_kernels.pointing_errors import Jitter, PointingError, jitter_rad, steady_error_rad, turned_axes
 from warpsim_kernels.records import View
+from warpsim_kernels.timed_tables import row_before
 
 
 class AimFeatures(NamedTuple):

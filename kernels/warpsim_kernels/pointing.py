@@ -6,8 +6,8 @@ import math
 import warp as wp
 
 from warpsim_kernels.apparent import Observer, Tracks, path_from_target
-from warpsim_kernels.attitude_table import row_before
 from warpsim_kernels.camera import camera_axes, up_is_lost
+from warpsim_kernels.timed_tables import row_before
 
 UP_ZENITH = wp.constant(0)
 UP_NORTH = wp.constant(1)

@@ -12,7 +12,6 @@ import warp as wp
 
 from warpsim_kernels.angles import angle_from_x
 from warpsim_kernels.apparent import ASTRONOMICAL_UNIT_M
-from warpsim_kernels.attitude_table import AttitudeTables, table_quaternion, turned_axes
 from warpsim_kernels.earth import Earth, geocentric_radius_m
 from warpsim_kernels.earth_albedo import albedo_series_of, is_dark
 from warpsim_kernels.earth_infrared import earth_area_m2
@@ -26,7 +25,7 @@ from warpsim_kernels.shapes import (
     projected_area_m2,
     reflected_area_m2,
 )
-from warpsim_kernels.temperature import TemperatureTables
+from warpsim_kernels.timed_tables import AttitudeTables, TemperatureTables, table_quaternion, turned_axes
 
 
 class Features(NamedTuple):

@@ -20,7 +20,7 @@ from warpsim_kernels.signature import (
     Target,
     signature_of,
 )
-from warpsim_kernels.temperature import temperature_k
+from warpsim_kernels.timed_tables import temperature_k
 
 
 @wp.struct

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.attitude_table import AttitudeTables
 from warpsim_kernels.earth import Earth
 from warpsim_kernels.emission import RadianceTable, Surfaces, make_profile_kernel
 from warpsim_kernels.motion import Attitude as AttitudeStruct
 from warpsim_kernels.signature import Exposure, Features, Surroundings, Tables, Target
 from warpsim_kernels.targets import Bodies, make_observe_targets_kernel
-from warpsim_kernels.temperature import TemperatureTables
+from warpsim_kernels.timed_tables import AttitudeTables, TemperatureTables
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.legendre import series_matrix

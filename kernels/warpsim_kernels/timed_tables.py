@@ -1,4 +1,4 @@
-"""Attitude of a target by a table of quaternions, in float64."""
+"""Attitudes (quaternions) and temperatures of targets by tables in time, in float64."""
 
 import warp as wp
 
@@ -61,3 +61,24 @@ def table_quaternion(tables: AttitudeTables, first: int, count: int, time: wp.fl
 def turned_axes(turned: wp.quatd) -> wp.mat33d:
     """The body's axes x, y, z as rows, in ICRS axes."""
     return wp.transpose(wp.quat_to_matrix(wp.normalize(turned)))
+
+
+@wp.struct
+class TemperatureTables:
+    """The rows of all targets, one table behind the other; a constant temperature is a table of one row."""
+
+    time_s: wp.array[wp.float64]  # (n_row,) ascending within a table
+    temperature_k: wp.array[wp.float64]  # (n_row,)
+
+
+@wp.func
+def temperature_k(tables: TemperatureTables, first: int, count: int, time_s: wp.float64) -> wp.float64:
+    """Temperature from rows first to first + count - 1; the end rows hold beyond the table."""
+    row = row_before(tables.time_s, first, count, time_s)
+    kelvin = tables.temperature_k[row]
+    if count > 1:
+        start_s = tables.time_s[row]
+        part = (time_s - start_s) / (tables.time_s[row + 1] - start_s)
+        rise = tables.temperature_k[row + 1] - kelvin
+        kelvin = kelvin + rise * wp.clamp(part, wp.float64(0.0), wp.float64(1.0))
+    return kelvin
