@@ -28,8 +28,6 @@ _ROOM = 1.02
 _MOST_ROUNDS = 40
 _LEAST_S = 1e-9
 """A turn is not shorter."""
-_SAME_AXES_RAD = 1e-12
-"""A rotation smaller than that has no axis."""
 
 
 @dataclass(frozen=True)
@@ -79,48 +77,21 @@ def between(before: F64, after: F64, part: F64, near: npt.ArrayLike = (0.0, 0.0,
         near: Axis times angle [rad], (3,) or (n, 3): of the two ways round, the nearer one is taken. The shorter one
             changes sides where the rotation passes half a turn.
     """
+    from scipy.spatial.transform import Rotation
+
     vector = rotation_vector(np.einsum("nij,nkj->nik", after, before))
     length = np.linalg.norm(vector, axis=-1, keepdims=True)
     other, wanted = vector * (1.0 - 2.0 * np.pi / np.where(length > 0.0, length, 1.0)), np.asarray(near, np.float64)
     nearer = np.linalg.norm(other - wanted, axis=-1) < np.linalg.norm(vector - wanted, axis=-1)
     vector = np.where(nearer[:, None] & (length > 0.0), other, vector) * part[:, None]
-    return np.asarray(np.einsum("nij,njk->nik", _matrix(vector), before))
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix() @ before)
 
 
 def rotation_vector(rotation: F64) -> F64:
     """Return axis times angle [rad] of rotation matrices, (n, 3, 3) to (n, 3); angles of 0 to pi."""
-    skew = 0.5 * np.stack(
-        [
-            rotation[:, 2, 1] - rotation[:, 1, 2],
-            rotation[:, 0, 2] - rotation[:, 2, 0],
-            rotation[:, 1, 0] - rotation[:, 0, 1],
-        ],
-        axis=-1,
-    )
-    sine = np.linalg.norm(skew, axis=-1)
-    cosine = 0.5 * (np.trace(rotation, axis1=1, axis2=2) - 1.0)
-    angle = np.arctan2(sine, cosine)
-    # Near half a turn the skew part vanishes: the axis is the column of the symmetric part with the largest diagonal.
-    symmetric = 0.5 * (rotation + np.swapaxes(rotation, 1, 2)) - cosine[:, None, None] * np.eye(3)
-    column = np.argmax(np.einsum("nii->ni", symmetric), axis=1)
-    axis = symmetric[np.arange(len(rotation)), :, column]
-    axis = axis * np.where(np.einsum("ni,ni->n", axis, skew) < 0.0, -1.0, 1.0)[:, None]
-    use_skew = cosine > 0.0
-    axis = np.where(use_skew[:, None], skew, axis)
-    length = np.linalg.norm(axis, axis=-1)
-    safe = np.where(length > _SAME_AXES_RAD, length, 1.0)
-    return np.asarray(axis / safe[:, None] * np.where(length > _SAME_AXES_RAD, angle, 0.0)[:, None])
+    from scipy.spatial.transform import Rotation
 
-
-def _matrix(vector: F64) -> F64:
-    """Rotation matrices of rotation vectors, (n, 3) to (n, 3, 3); Rodrigues' formula."""
-    angle = np.linalg.norm(vector, axis=-1)
-    safe = np.where(angle > 0.0, angle, 1.0)
-    x, y, z = (vector / safe[:, None]).T
-    zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
-    sine, versine = np.sin(angle)[:, None, None], 2.0 * np.sin(0.5 * angle)[:, None, None] ** 2
-    return np.asarray(np.eye(3) + sine * cross + versine * cross @ cross)
+    return np.asarray(Rotation.from_matrix(rotation).as_rotvec())
 
 
 def turn_between(
