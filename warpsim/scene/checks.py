@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -93,9 +94,7 @@ def check_names(constellation: AnyConstellation, sensors: Sequence[Sensor], grou
     satellites = known_names(constellation) or []
     targets = [known_names(group.orbits) or [] if group.orbits else group.names for group in groups]
     names = [*satellites, *(name for some in targets for name in some), "sun"]
-    twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
-    if twice:
-        raise InputError(f"names must be unique among satellites and targets, got {twice[0]} twice", "targets")
+    check_unique(names)
     taken = set(names)
     for path, sensor in with_paths("sensors", sensors):
         if len(sensors) > 1 and sensor.name in taken:
@@ -110,6 +109,13 @@ def check_names(constellation: AnyConstellation, sensors: Sequence[Sensor], grou
             rule = "must be no other name of the scene, 'main' (but for the first), 'group', 'tracked' or 'any'"
             raise InputError(rule, "name", group.name).within(path)
         taken.add(group.name)
+
+
+def check_unique(names: Sequence[str]) -> None:
+    """Check that names of satellites, targets and the Sun are unique."""
+    if len(set(names)) < len(names):
+        twice = min(name for name, count in Counter(names).items() if count > 1)
+        raise InputError(f"names must be unique among satellites and targets, got {twice} twice", "targets")
 
 
 def check_instances(sensors: Sequence[Sensor], satellites: Sequence[str], names: Sequence[str]) -> None:

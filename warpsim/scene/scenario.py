@@ -28,6 +28,7 @@ from warpsim.scene.checks import (
     check_paths,
     check_satellites,
     check_target_files,
+    check_unique,
 )
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
@@ -78,9 +79,7 @@ class Scenario:
             with errors_at(path):
                 check_satellites(sensor, satellites)
         names = [*satellites, *self.target_names, "sun"]
-        if len(set(names)) < len(names):
-            twice = next(name for name in names if names.count(name) > 1)
-            raise InputError(f"names must be unique among satellites and targets, got {twice} twice", "targets")
+        check_unique(names)
         check_instances(self.scene.sensors, satellites, names)
 
     def _check_instruments(self) -> None:
@@ -196,10 +195,9 @@ class Scenario:
     @cached_property
     def temperatures(self) -> list[TemperatureRows]:
         """Temperature of each single target; `.at(time_s)` gives it."""
-        scene = self.scene
         return target_temperatures(
-            self.targets, self.tracks, self.attitudes, self._temperature_tables, list(self.bands), scene.duration_s,
-            len(scene.groups),
+            self.targets, self.tracks, self.attitudes, self._temperature_tables, list(self.bands),
+            self.scene.duration_s, len(self.scene.groups),
         )  # fmt: skip
 
     def position_m(self, name: str, time_s: npt.ArrayLike) -> F64:
@@ -288,20 +286,16 @@ class Scenario:
                 balance cannot be integrated.
         """
         target, times = self.roster.target(name), times_s(time_s)
-        self._check_times(times, name)
-        there = self.tracks.exist(target, times)
-        kelvin = np.full(times.shape, np.nan)
-        with errors_at("", name):
-            kelvin[there] = self.temperatures[target].at(times[there])
-        return kelvin
-
-    def _check_times(self, times: F64, name: str) -> None:
-        """Check that times are within the scene, to a second."""
         duration_s = self.scene.duration_s
         outside = ~((times >= -END_SLACK_S) & (times <= duration_s + END_SLACK_S))
         if outside.any():
             rule = f"must be within the scene, 0 to {duration_s:g} s"
             raise InputError(rule, "time_s", times[outside][0], "g").of(name)
+        there = self.tracks.exist(target, times)
+        kelvin = np.full(times.shape, np.nan)
+        with errors_at("", name):
+            kelvin[there] = self.temperatures[target].at(times[there])
+        return kelvin
 
     def select_sensors(self, names: str | Sequence[str] | None) -> list[str]:
         """Return names of sensors for names of sensors and of kinds, and for patterns like "sat11.*"; all for None.
