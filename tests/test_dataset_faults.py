@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 import warpsim as ws
-from warpsim.dataset import execution
+from warpsim.dataset import execution, shard_tables
 from warpsim.dataset import shard as shard_module
 from warpsim.dataset.write_dataset import finish
 from warpsim.files import prepare_folder, read_json, write_fits_table
@@ -548,8 +548,8 @@ def test_files_that_change_during_a_run_are_found(tmp_path, monkeypatch):
 @pytest.mark.ci
 def test_kept_annotations_are_used_and_those_that_are_damaged_made_anew(recipe, whole, tmp_path, monkeypatch):
     folder, made = tmp_path / "data", []
-    texts = annotations._texts
-    monkeypatch.setattr(annotations, "_texts", lambda *given: made.append(given) or texts(*given))
+    texts = shard_tables._texts
+    monkeypatch.setattr(shard_tables, "_texts", lambda *given: made.append(given) or texts(*given))
     monkeypatch.setattr("warpsim.dataset.write_dataset.finish", _broken_off)
     with pytest.raises(KeyboardInterrupt):
         ws.write_dataset(recipe, folder, n_worker=1, device="cpu")

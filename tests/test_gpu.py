@@ -21,7 +21,7 @@ from benchmarks.gpu import agree, races
 from benchmarks.gpu.agree import agreement
 from benchmarks.gpu.plan import Plan, line_of, rows_of
 from benchmarks.gpu.races import RACES
-from warpsim.render import pipeline, stages
+from warpsim.render import pipeline, stages, stars
 from warpsim.speed.work import speed_work
 
 N_FRAME = 12
@@ -273,13 +273,13 @@ def test_stars_gathered_by_32_threads(changes, blocks, monkeypatch):
     work = speed_work(128, 300, 1, "gaussian")
     scene = work.scene.replace(**changes)
 
-    def stars(n_thread):
+    def gathered(n_thread):
         for module in (stages, stars):
             monkeypatch.setattr(module, "star_threads", lambda device: n_thread)
         renderer = ws.Renderer(scene, device="cpu", n_thread=1, catalog=work.catalog)
         return renderer.render([0, 80, 161], sensors=scene.scenario.instrument.names[:4], keep_stars=True).stars
 
-    one, many = stars(1), stars(32)
+    one, many = gathered(1), gathered(32)
     assert one.colnames == many.colnames and len(one) > 500
     for name in one.colnames:
         np.testing.assert_array_equal(many[name], one[name], err_msg=name)

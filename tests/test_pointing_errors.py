@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 from read_outs import philox, sensor_key
 from scipy import integrate, linalg, stats
-from warpsim_kernels import random_numbers
+from warpsim_kernels import pixel_pairs
 from warpsim_kernels.pointing_errors import (
     N_STEP,
     STEPS_PER_CORRELATION,
@@ -214,7 +214,7 @@ def test_angle_and_rate_are_continuous(device):
 
 def test_streams_differ():
     """The read-out's noise and jitter share the key; the last counter word keeps them apart."""
-    numbers = [int(value) for name, value in vars(random_numbers).items() if name.startswith("STREAM_")]
+    numbers = [int(value) for name, value in vars(pixel_pairs).items() if name.startswith("STREAM_")]
     numbers += [int(STREAM_JITTER), int(STREAM_DRIFT)]
     assert len(set(numbers)) == len(numbers) == 9
 

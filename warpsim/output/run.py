@@ -260,7 +260,7 @@ class Run:
             with whole_file(folder.path / f"{table}.fits") as partial:
                 write_fits_table(joined[table], partial)
         self._draw_sheet(folder.path, joined["truth"])
-        checksums = {name: sha for record in records.values() for name, sha in record["files"].items()}
+        checksums = {name: sha for sensor in plan.frames_of for name, sha in records[sensor]["files"].items()}
         checksums = {name: sha for name, sha in checksums.items() if not name.startswith(PARTS)}
         return self._manifest(folder.key, checksums | {name: sha256_of(folder.path / name) for name in names})
 
