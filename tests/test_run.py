@@ -469,8 +469,68 @@ def test_a_run_goes_on_in_the_middle_of_a_sensor(scene, folder, tmp_path, monkey
     assert (tmp_path / "broken" / "sat47_E.fits").read_bytes() == (folder / "sat47_E.fits").read_bytes()
 
 
+@pytest.mark.ci
+def test_rows_stand_in_the_order_of_frames_whatever_the_batch(scene, tmp_path, monkeypatch):
+    picks = ([65, 60, 64, 61], ["sat11"], ["A"])
+    run(scene, tmp_path / "one", *picks, stars=True)
+    monkeypatch.setattr("warpsim.output.run.COUNTS_BYTES_PER_CALL", 1)
+    run(scene, tmp_path / "many", *picks, stars=True)
+    assert files_of(tmp_path / "one") == files_of(tmp_path / "many")
+    assert list(dict.fromkeys(Table.read(tmp_path / "one" / "truth.fits")["frame"])) == picks[0]
+
+
+@pytest.mark.parametrize("name", ["truth.fits", "stars.fits", "contact_sheet.png"])
+@pytest.mark.parametrize("damage", ["changed", "missing"])
+@pytest.mark.ci
+def test_files_of_all_sensors_are_made_again(scene, tmp_path, name, damage):
+    picks, options = ([60, 61], ["sat11", "sat47"], ["A"]), {"formats": ["fits", "png"], "stars": True}
+    run(scene, tmp_path, *picks, **options)
+    before = files_of(tmp_path)
+    (tmp_path / name).write_bytes(b"x") if damage == "changed" else (tmp_path / name).unlink()
+    run(scene, tmp_path, *picks, **options)
+    assert files_of(tmp_path) == before
+
+
+@pytest.mark.ci
+def test_frames_of_another_run_are_never_taken_up(scene, tmp_path, monkeypatch):
+    """Even where the record of the run is lost."""
+    other = scene.replace(seed=5)
+    monkeypatch.setattr("warpsim.output.run.COUNTS_BYTES_PER_CALL", 1)
+    with monkeypatch.context() as patch:
+        broken_off_after(2, patch)
+        with pytest.raises(KeyboardInterrupt):
+            run(scene, tmp_path / "broken")
+    (tmp_path / "broken" / ".warpsim-parts" / "run.json").unlink()
+    with pytest.raises(ws.InputError, match="holds a different run"):
+        run(other, tmp_path / "broken")
+    assert run(other, tmp_path / "broken", overwrite=True).n_image_rendered == 24
+    run(other, tmp_path / "clean")
+    assert files_of(tmp_path / "broken") == files_of(tmp_path / "clean")
+
+
+@pytest.mark.ci
+def test_a_run_that_completed_nothing_is_in_nobodys_way(scene, tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        broken_off_after(0, patch)
+        with pytest.raises(KeyboardInterrupt):
+            run(scene, tmp_path)
+    assert files_of(tmp_path) == {}
+    assert run(scene.replace(seed=5), tmp_path, [60], ["sat11"], ["A"]).n_image_rendered == 1
+
+
+@pytest.mark.ci
+def test_folders_that_are_links_are_refused(scene, tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "sat11_A").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(ws.InputError, match="sat11_A: must not be a link"):
+        run(scene, tmp_path / "run", [60], ["sat11"], ["A"], formats="png")
+    assert not list((tmp_path / "elsewhere").iterdir())
+
+
 @pytest.mark.parametrize(
-    ("damage", "n_kept"), [("tail", 4), ("amid", 2), ("shorter", 3), ("missing", 1), ("journal", 3), ("other", 4)]
+    ("damage", "n_kept"),
+    [("tail", 4), ("amid", 2), ("shorter", 3), ("missing", 1), ("journal", 3), ("odd journal", 4), ("other", 4)],
 )
 @pytest.mark.ci
 def test_only_whole_frames_are_kept(scene, tmp_path, monkeypatch, damage, n_kept):
@@ -481,8 +541,8 @@ def test_only_whole_frames_are_kept(scene, tmp_path, monkeypatch, damage, n_kept
         broken_off_after(4, patch)
         with pytest.raises(KeyboardInterrupt):
             run(scene, tmp_path / "broken", **options)
-    growing = tmp_path / "broken" / ".warpsim-parts" / "growing"
-    cube, image_bytes = growing / "sat11" / "sat11_A.fits", 2 * 128 * 128
+    (growing,) = (tmp_path / "broken" / ".warpsim-parts" / "growing").glob("*/sat11")
+    cube, image_bytes = growing / "files" / "sat11_A.fits", 2 * 128 * 128
     data = bytearray(cube.read_bytes())
     header_bytes = len(data) - 5 * image_bytes  # that of the fifth frame was not complete
     if damage == "tail":
@@ -493,12 +553,15 @@ def test_only_whole_frames_are_kept(scene, tmp_path, monkeypatch, damage, n_kept
     elif damage == "shorter":
         cube.write_bytes(data[: header_bytes + 4 * image_bytes - 1])
     elif damage == "missing":
-        (growing / "sat11" / "sat11_E" / "000061.png").unlink()
+        (growing / "files" / "sat11_E" / "000061.png").unlink()
     elif damage == "journal":
-        journal = growing / "sat11.jsonl"
+        journal = growing / "journal"
         journal.write_text(journal.read_text()[:-30])
+    elif damage == "odd journal":
+        with (growing / "journal").open("ab") as file:
+            file.write(b"\xff\xfe []\n")
     else:
-        (growing / "sat11" / "sat11_A" / "000099.png").write_text("nobody asked for it")
+        (growing / "files" / "sat11_A" / "000099.png").write_text("nobody asked for it")
     assert run(scene, tmp_path / "broken", **options).n_image_rendered == 24 - 2 * n_kept
     run(scene, tmp_path / "whole", **options)
     assert files_of(tmp_path / "broken") == files_of(tmp_path / "whole")

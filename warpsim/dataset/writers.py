@@ -85,35 +85,41 @@ class SequenceFolders:
             self._format = ImageFiles({"counts": ending, "mask": f".mask{ending}", **others})
         step = -(-recipe.n_frame // PREVIEW_FRAMES)
         self._formats = [self._format, *([Animations(f".{recipe.preview}", step)] if recipe.preview else [])]
-        self._written: dict[tuple[int, str], tuple[list[Images], list[dict[str, Any]]]] = {}
-        """Of each sequence and sensor: its images by band, and the views so far."""
+        self._number = -1
+        """Of the sequence that is being written."""
+        self._written: dict[str, tuple[list[Images], list[dict[str, Any]]]] = {}
+        """Of each sensor of it: its images by band, and the views so far."""
 
     def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, truth: Table) -> None:
         """Append frames to the files of each sensor and band."""
+        if sequence.number != self._number:
+            self.finish()
+            self._number = sequence.number
         home = self._folder / folder_of(self._shard, sequence.number)
         home.mkdir(parents=True, exist_ok=True)
         for s, sensor in enumerate(frames.sensors):
             views = Views.of(frames, sensor)
-            if (sequence.number, sensor) not in self._written:
+            if sensor not in self._written:
                 frame_numbers = range(self._recipe.n_frame)
                 images = [Images(sequence.scenario, sensor, band, frame_numbers) for band in frames.bands]
-                self._written[sequence.number, sensor] = images, []
-            images, before = self._written[sequence.number, sensor]
+                self._written[sensor] = images, []
+            images, before = self._written[sensor]
             before.append(views.plain)
             for b, of_band in enumerate(images):
                 for form in self._formats:
                     form.append(home, of_band, views, {name: values[:, s, b] for name, values in planes.items()})
 
     def finish(self) -> None:
-        """Finish all files."""
-        for (number, sensor), (images, parts) in self._written.items():
-            home = self._folder / folder_of(self._shard, number)
+        """Finish the files of the sequence."""
+        home = self._folder / folder_of(self._shard, self._number)
+        for sensor, (images, parts) in self._written.items():
             views = Views.joined(images[0].instrument, sensor, parts)
             for of_band in images:
                 for form in self._formats:
                     form.finish(home, of_band, views)
-        for path in self._folder.rglob("*.grey"):
+        for path in home.glob("*.grey"):
             path.unlink()
+        self._written = {}
 
     def close(self) -> None:
         """Do nothing."""

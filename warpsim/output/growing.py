@@ -16,17 +16,19 @@ class GrowingFiles:
     """A folder of files that are appended to, step by step.
 
     The journal beside it has a line for each step: what the caller tells of it, and the SHA-256 of what each file grew
-    by. After a kill the steps that are whole are kept, and the files are cut to where these end.
+    by, after a checksum of the line itself. After a kill the steps that are whole are kept, and the files are cut to
+    where these end.
 
     Args:
-        path: The folder; made when missing.
+        folder: Folder of files and journal; made when missing.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._journal = path.with_name(f"{path.name}.jsonl")
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "files"
+        """Where the files are."""
+        self._folder, self._journal = folder, folder / "journal"
         self._sizes: dict[str, int] = {}
-        path.mkdir(parents=True, exist_ok=True)
+        self.path.mkdir(parents=True, exist_ok=True)
         self.steps: list[dict[str, Any]] = []
         """What the caller told of each whole step."""
         self._resume()
@@ -38,28 +40,28 @@ class GrowingFiles:
         for name, size in sizes.items():
             if size > (first := self._sizes.get(name, 0)):
                 grown[name] = [first, size, self._checksum(name, first, size)]
-        with self._journal.open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"grown": grown, "facts": facts}) + "\n")
+        text = json.dumps({"grown": grown, "facts": facts}).encode()
+        with self._journal.open("ab") as file:
+            file.write(b"%s %s\n" % (hashlib.sha256(text).hexdigest().encode(), text))
         self._sizes = sizes
         self.steps.append(facts)
 
     def remove(self) -> None:
         """Remove the folder and its journal."""
-        self._journal.unlink(missing_ok=True)
-        shutil.rmtree(self.path, ignore_errors=True)
+        shutil.rmtree(self._folder, ignore_errors=True)
 
     def _resume(self) -> None:
         """Keep the whole steps of an earlier process, and cut off what came after them."""
-        lines = self._journal.read_text("utf-8").splitlines(keepends=True) if self._journal.exists() else []
-        kept = ""
+        lines = self._journal.read_bytes().splitlines(keepends=True) if self._journal.exists() else []
+        n_kept = 0
         for line in lines:
-            try:
-                step = json.loads(line) if line.endswith("\n") else None
-            except ValueError:
+            checksum, _, text = line.partition(b" ")
+            if hashlib.sha256(text.removesuffix(b"\n")).hexdigest().encode() != checksum or not text.endswith(b"\n"):
                 break
-            if step is None or any(self._checksum(name, *ends) != sha for name, (*ends, sha) in step["grown"].items()):
+            step = json.loads(text)
+            if any(self._checksum(name, *ends) != sha for name, (*ends, sha) in step["grown"].items()):
                 break
-            kept += line
+            n_kept += len(line)
             self._sizes |= {name: end for name, (_, end, _) in step["grown"].items()}
             self.steps.append(step["facts"])
         for name in self._current_sizes():
@@ -67,7 +69,8 @@ class GrowingFiles:
                 os.truncate(self.path / name, self._sizes[name])
             else:
                 (self.path / name).unlink()
-        self._journal.write_text(kept, "utf-8")
+        if lines:
+            os.truncate(self._journal, n_kept)
 
     def _current_sizes(self) -> dict[str, int]:
         files = sorted(path for path in self.path.rglob("*") if path.is_file())

@@ -36,8 +36,8 @@ CHECKPOINTS, PLANNED, WORK, GROWING = "checkpoints", "planned", "work", "growing
 """Folders there: checkpoint records of shards, names of files to come, incomplete files, and those that grow."""
 
 MANIFEST = "manifest.json"
-FINISH = "finish"
-"""Name of the plan of the files that describe all shards."""
+FINISH = ""
+"""In place of a shard's name: the plan of the files that describe all shards."""
 
 LEAST_FREE_BYTES = 2**20
 """A disk with less room is full."""
@@ -96,7 +96,11 @@ class OutputFolder:
 
     def planned_path(self, shard: str) -> Path:
         """Path of the list of planned files, by which a later run knows them."""
-        return self.parts / PLANNED / f"{shard}.json"
+        return self.parts / (f"{PLANNED}/{shard}.json" if shard else "finish.json")
+
+    def growing_path(self, shard: str) -> Path:
+        """Folder of the files of a shard that grow; of this very run."""
+        return self.parts / GROWING / self.key[:16] / shard
 
     def write(self, job: Job, overwrite: bool) -> None:
         """Do a job, or what an earlier run has left of it.
@@ -172,7 +176,8 @@ class OutputFolder:
         checksums = {name: sha256_of(scratch / name) for name in names}
         n_byte = sum((scratch / name).stat().st_size for name in names)
         self.check_current()
-        records = [read_json(path) for path in (self.planned_path(shard), self.checkpoint_path(shard))]
+        paths = (self.planned_path(shard), self.checkpoint_path(shard), self.planned_path(FINISH))
+        records = [read_json(path) for path in paths]
         known = {name for record in records if is_record(record) for name in record["files"]}
         for name in names:
             if name not in known and (self.path / name).exists():
@@ -218,12 +223,13 @@ class OutputFolder:
 
     def _make_room(self, claimed: list[str], overwrite: bool) -> None:
         """Make room: remove a different run, if requested, never foreign files."""
-        paths = [self.manifest_path, self.parts / RUN]
+        paths = [self.manifest_path, self.parts / RUN, self.planned_path(FINISH)]
         paths += [path for folder in (CHECKPOINTS, PLANNED) for path in (self.parts / folder).glob("*.json")]
         runs = [record for record in map(read_json, paths) if is_record(record)]
         others = [run for run in runs if run["key"] != self.key]
         theirs = [name for run in others for name in _names(run)]
-        if (theirs or (others and any((self.parts / GROWING).glob("*.jsonl")))) and not overwrite:
+        growing = [path for path in self._journals() if self.key[:16] not in path.parts]
+        if (theirs or growing) and not overwrite:
             told = (run for run in others if self.identity.keys() & run.keys())
             pairs = ({name: run.get(name) for name in self.identity} for run in told)
             differs = next((difference(there, self.identity) for there in pairs), None)
@@ -233,7 +239,7 @@ class OutputFolder:
                 "pass --overwrite",
             ).of(self.path)
         self._check_foreign(claimed, {name for run in runs for name in _names(run)} | ({MANIFEST} if runs else set()))
-        if others:
+        if others or growing:
             (self.parts / RUN).unlink(missing_ok=True)  # first: its workers may still be there, and end without it
             remove_files(self.path, theirs)
             self.manifest_path.unlink(missing_ok=True)
@@ -251,13 +257,13 @@ class OutputFolder:
         known = ours | {folder.as_posix() for name in ours for folder in Path(name).parents}
         for name in claimed:
             path = self.path / name
-            if path.is_symlink():
-                raise InputError("must not be a link: the files behind it may be others'").of(path)
-            blocking = (folder for folder in path.parents if folder.is_relative_to(self.path) and folder.is_file())
+            folders = [self.path / folder for folder in Path(name).parents if folder != Path()]
+            for link in (link for link in (path, *folders) if link.is_symlink()):
+                raise InputError("must not be a link: the files behind it may be others'").of(link)
             if path.exists() and name not in known:
                 raise InputError("is there already, and warpsim did not write it").of(path)
-            if (blocked := next(blocking, None)) is not None:
-                raise InputError("is there already, and warpsim did not write it").of(blocked)
+            for file in (folder for folder in folders if folder.is_file()):
+                raise InputError("is there already, and warpsim did not write it").of(file)
 
     def _take_up_manifest(self, job: Job) -> None:
         """Turn the manifest of a run with a damaged or missing file back into checkpoint records."""
@@ -279,7 +285,12 @@ class OutputFolder:
 
     def _has_begun(self) -> bool:
         """Return whether anything is there that a later run can go on from."""
-        return any(any((self.parts / name).glob("*.json*")) for name in (CHECKPOINTS, PLANNED, GROWING))
+        recorded = any(any((self.parts / name).glob("*.json")) for name in (CHECKPOINTS, PLANNED))
+        return recorded or self.planned_path(FINISH).exists() or bool(self._journals())
+
+    def _journals(self) -> list[Path]:
+        """Return the journals of growing files, of any run, that hold something."""
+        return [path for path in (self.parts / GROWING).glob("*/*/journal") if path.stat().st_size > 0]
 
     def _tidy(self) -> None:
         """Remove what is left of a run that was killed at its very end; ignore failures."""

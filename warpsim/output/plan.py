@@ -90,9 +90,9 @@ class RunPlan:
         return any(form.plane == "signal_w_cm2" for form in self.formats.values())
 
 
-def part_name(sensor: str, table: str, first_frame: int) -> str:
-    """Name of a part of a table, until all are there: the rows of a sensor from a frame on."""
-    return f"{PARTS}/tables/{sensor}.{table}.{first_frame:09d}.fits"
+def part_name(sensor: str, table: str, first: int) -> str:
+    """Name of a part of a table, until all are there: the rows of a sensor from its first-th frame on."""
+    return f"{PARTS}/tables/{table}/{sensor}.{first:09d}.fits"
 
 
 def make_plan(

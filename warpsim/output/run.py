@@ -20,7 +20,7 @@ from warpsim.output.fits_header import Views
 from warpsim.output.formats import Images
 from warpsim.output.growing import GrowingFiles
 from warpsim.output.manifest import made_with, response_facts
-from warpsim.output.output_folder import FINISH, GROWING, PARTS, CheckpointRecord, OutputFolder
+from warpsim.output.output_folder import FINISH, PARTS, CheckpointRecord, OutputFolder
 from warpsim.output.plan import SHEET, USUAL_FORMATS, RunPlan, make_plan, part_name
 from warpsim.output.wording import progress_bar
 from warpsim.render.frameset import FrameSet
@@ -165,12 +165,12 @@ class Run:
         if not files_match(folder.path, {name: checksums.get(name, "") for name in self.plan.table_names}):
             return {}
         tables = {name: Table.read(folder.path / f"{name}.fits") for name in self.plan.tables}
-        (folder.parts / "tables").mkdir(exist_ok=True)
         records = {}
-        for sensor, numbers in self.plan.frames_of.items():
+        for sensor in self.plan.frames_of:
             files = {name: checksums.get(name, "") for name in self.plan.image_names(sensor)}
             for name, table in tables.items():
-                part = part_name(sensor, name, numbers[0])
+                part = part_name(sensor, name, 0)
+                (folder.path / part).parent.mkdir(parents=True, exist_ok=True)
                 own = table[np.asarray(table["sensor"]).astype(str) == sensor]
                 write_fits_table(own, folder.path / part)
                 files[part] = sha256_of(folder.path / part)
@@ -195,7 +195,7 @@ class Run:
         """Render a sensor from the frame on where an earlier run ended; write its images and tables."""
         plan, images = self.plan, self.plan.images_of(sensor)
         numbers = plan.frames_of[sensor]
-        growing = GrowingFiles(folder.parts / GROWING / sensor)
+        growing = GrowingFiles(folder.growing_path(sensor))
         n_done = sum(len(views["frames"]) for views in growing.steps)
         advance(n_done)
         batch = self._n_together(images)
@@ -209,7 +209,7 @@ class Run:
                 for form in plan.formats.values():
                     form.append(growing.path, of_band, views, {form.plane: planes[form.plane]})
             for table in plan.tables:
-                path = growing.path / part_name(sensor, table, frames.frames[0])
+                path = growing.path / part_name(sensor, table, first)
                 path.parent.mkdir(parents=True, exist_ok=True)
                 write_fits_table(getattr(frames, table), path)
             growing.end_step(views.plain)
@@ -249,13 +249,9 @@ class Run:
         folder.plan(FINISH, dict.fromkeys(names))
         joined = {}
         for table in plan.tables:
-            mark = f".{table}."
-            parts = [
-                name
-                for sensor in plan.frames_of
-                for name in sorted(records[sensor]["files"])
-                if name.startswith(PARTS) and mark in name
-            ]
+            home = part_name("", table, 0).rpartition("/")[0]
+            names_of = (sorted(records[sensor]["files"]) for sensor in plan.frames_of)
+            parts = [name for names_of_sensor in names_of for name in names_of_sensor if name.startswith(f"{home}/")]
             joined[table] = vstack([Table.read(folder.path / name) for name in parts], metadata_conflicts="silent")
             with whole_file(folder.path / f"{table}.fits") as partial:
                 write_fits_table(joined[table], partial)
