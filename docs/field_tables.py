@@ -151,9 +151,9 @@ def plain(line: str) -> str:
 
 def commands() -> dict[str, tuple[str, argparse.ArgumentParser]]:
     """Return the commands of the command line: what each does, and its parser."""
-    from warpsim.cli import _parser
+    from warpsim.cli import make_parser
 
-    (found,) = (action for action in _parser()._actions if isinstance(action, argparse._SubParsersAction))
+    (found,) = (action for action in make_parser()._actions if isinstance(action, argparse._SubParsersAction))
     return {action.dest: (action.help or "", found.choices[action.dest]) for action in found._choices_actions}
 
 

@@ -199,10 +199,22 @@ def test_match_follows_the_proper_motion():
     assert made_up_match([(0, 0, 6.0)], [(0.0, 0.0, 6.0)], pm_ra_mas_yr=1000.0) == ([-1], [False])
 
 
+def near_pairs(one, other, radius):
+    """Rows of unit vectors within a radius, and their distances: all pairs of about the same z are looked at."""
+    order = np.argsort(other[:, 2])
+    first = np.searchsorted(other[order, 2], one[:, 2] - radius)
+    n_near = np.searchsorted(other[order, 2], one[:, 2] + radius, side="right") - first
+    row = np.repeat(np.arange(len(one)), n_near)
+    within = np.arange(len(row)) - np.repeat(np.cumsum(n_near) - n_near, n_near)
+    partner = order[np.repeat(first, n_near) + within]
+    distance = np.linalg.norm(one[row] - other[partner], axis=1)
+    near = distance <= radius
+    return row[near], partner[near], distance[near]
+
+
 @pytest.mark.ci
-def test_match_agrees_with_a_tree_search(hipparcos, gaia):
+def test_match_agrees_with_a_sorted_search(hipparcos, gaia):
     """Every pair that leaves no choice (each the only one near the other) is matched, unless it is a companion."""
-    spatial = pytest.importorskip("scipy.spatial")
     partner, disputed = match(hipparcos, gaia)
     start = direction(hipparcos.ra_deg, hipparcos.dec_deg)
     ra, dec = np.radians(hipparcos.ra_deg), np.radians(hipparcos.dec_deg)
@@ -214,8 +226,7 @@ def test_match_agrees_with_a_tree_search(hipparcos, gaia):
     there = direction(gaia.ra_deg, gaia.dec_deg)
 
     radius = np.radians(5.0 / 3600)
-    near = spatial.cKDTree(moved).sparse_distance_matrix(spatial.cKDTree(there), radius, output_type="coo_matrix")
-    star_row, gaia_row, chord = near.row, near.col, near.data
+    star_row, gaia_row, chord = near_pairs(moved, there, radius)
     n_near_star = np.bincount(star_row, minlength=len(moved))
     n_near_gaia = np.bincount(gaia_row, minlength=len(there))
     no_choice = (n_near_star[star_row] == 1) & (n_near_gaia[gaia_row] == 1)

@@ -378,7 +378,7 @@ def patch_shares(far):
     """Hard geometries, and areas of every shape lit by patches of ground, as fractions of the largest value."""
     rng = np.random.default_rng(SEED)
     geometry = hard_geometries(rng, FAR if far else NEAR[:-1], 250)
-    shares = {name: np.zeros(len(geometry[0])) for name in (*SHAPES, "box")}
+    fractions = {name: np.zeros(len(geometry[0])) for name in (*SHAPES, "box")}
     for i, (view, nadir, limb_sine, sun) in enumerate(zip(*geometry, strict=True)):
         direction, light = ground_patches(nadir, limb_sine, sun, 100)
         for name, shape in {**SHAPES, "box": BOX}.items():
@@ -390,8 +390,8 @@ def patch_shares(far):
                 seen = area_m2 * np.maximum(normal @ view, 0)
                 rows = seen > 0
                 area = seen[rows] @ (np.maximum(normal[rows] @ direction.T, 0) @ light)
-            shares[name][i] = area / (np.pi * limb_sine**2 * largest_m2(shape))
-    return geometry, shares
+            fractions[name][i] = area / (np.pi * limb_sine**2 * largest_m2(shape))
+    return geometry, fractions
 
 
 @every_degree
@@ -399,13 +399,13 @@ def patch_shares(far):
 @pytest.mark.slow
 def test_errors_of_albedo(degree, far, device):
     """No body exceeds what is stated, near the Earth and out to the Moon, and some body comes near it."""
-    (view, nadir, limb_sine, sun), shares = patch_shares(far)
+    (view, nadir, limb_sine, sun), fractions = patch_shares(far)
     worst = 0.0
     for name, shape in {**SHAPES, "box": BOX}.items():
         area = albedo_area_m2_sr(shape, view, nadir, limb_sine, sun, degree, device)
         assert (area >= 0).all()
         found = area / (np.pi * limb_sine**2 * largest_m2(shape))
-        worst = max(worst, np.abs(found - shares[name]).max())
+        worst = max(worst, np.abs(found - fractions[name]).max())
     assert ALBEDO_ERRORS[degree][far] / 4 < worst <= ALBEDO_ERRORS[degree][far] + STRIPS_ATOL
 
 

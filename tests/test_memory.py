@@ -27,12 +27,12 @@ def pool(device):
 
 def test_memory_comes_back_with_the_array(pool):
     first = pool.new(SHAPE, wp.uint16)
-    place = first.ptr
+    pointer = first.ptr
     assert first.shape == SHAPE and first.is_contiguous
     assert pool.n_byte == 0
     del first
     assert pool.n_byte == 120
-    assert pool.new(SHAPE, wp.uint16).ptr == place
+    assert pool.new(SHAPE, wp.uint16).ptr == pointer
 
 
 @pytest.mark.parametrize(
@@ -161,14 +161,14 @@ def test_results_that_are_held_are_never_overwritten(scene):
     forms = [lambda c: c, lambda c: c.array, lambda c: c.numpy(), np.from_dlpack, lambda c: c[0, 0], np.asarray]
     held = [form(renderer.render([k], ["sat11"], ["A"]).counts) for k, form in enumerate(forms)]
     truths = [renderer.render([k], ["sat11"], ["A"]) for k in (3, 4)]
-    places = [frames.axes_icrs.copy() for frames in truths]
+    copies = [frames.axes_icrs.copy() for frames in truths]
     for k in range(20):
         renderer.render([40 + k], ["sat11", "sat27"], ["A"])
         renderer.render([40 + k], ["sat11"], ["A"])
     for values, kept in zip(fresh, held, strict=True):
         array = kept.numpy() if isinstance(kept, wp.array) else np.asarray(kept)
         np.testing.assert_array_equal(array.reshape(values.shape), values)
-    for frames, axes in zip(truths, places, strict=True):
+    for frames, axes in zip(truths, copies, strict=True):
         np.testing.assert_array_equal(frames.axes_icrs, axes)
         assert set(frames.truth["frame"]) == set(frames.frames)
     del held, truths, frames, kept, array

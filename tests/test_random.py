@@ -300,12 +300,12 @@ def check_moments(histogram, first, mean):
     n = histogram.sum()
     off = first + np.arange(len(histogram)) - mean
     m2, m3, m4, m6 = mean, mean, mean + 3 * mean**2, mean + 25 * mean**2 + 15 * mean**3
-    share = histogram / n
-    mean_off = share @ off
+    fraction = histogram / n
+    mean_off = fraction @ off
     pulls = [
         mean_off / np.sqrt(m2 / n),
-        (share @ (off - mean_off) ** 2 - m2) / np.sqrt((m4 - m2**2) / n),
-        (share @ (off - mean_off) ** 3 - m3) / np.sqrt((m6 - m3**2 - 6 * m4 * m2 + 9 * m2**3) / n),
+        (fraction @ (off - mean_off) ** 2 - m2) / np.sqrt((m4 - m2**2) / n),
+        (fraction @ (off - mean_off) ** 3 - m3) / np.sqrt((m6 - m3**2 - 6 * m4 * m2 + 9 * m2**3) / n),
     ]
     assert np.abs(pulls).max() < N_SIGMA, pulls
     return np.abs(pulls).max()
@@ -373,8 +373,8 @@ def total_variation(device, mean):
         below = poisson_counts(expanded_kernel, device, mean, middle, wp.float32) < count
         low, high = np.where(below, middle, low), np.where(below, high, middle)
     begin = np.where(count == 0, 0.0, special.ndtr((low + high) / 2))
-    share = np.diff(begin, append=1.0)
-    return 0.5 * np.abs(share - stats.poisson.pmf(count, mean)).sum()
+    fraction = np.diff(begin, append=1.0)
+    return 0.5 * np.abs(fraction - stats.poisson.pmf(count, mean)).sum()
 
 
 # At least twice what docs/physics.md says, and less than 1e7 draws could tell, 1 / sqrt(1e7) = 3e-4. Worst at the

@@ -18,7 +18,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; exit code 0, 1 when a file could not be written, 2 for bad input, 130 when interrupted."""
     # UTC has no leap seconds announced beyond the next half year; later epochs count without further ones.
     warnings.filterwarnings("ignore", message='.*"dubious year')
-    parser = _parser()
+    parser = make_parser()
     options = parser.parse_args(arguments)
     try:
         command: Callable[[argparse.Namespace], int] = options.command
@@ -42,7 +42,8 @@ def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     print(f"warpsim: warning: {' '.join(str(message).split())}", file=sys.stderr)
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line, with those of all commands."""
     parser = argparse.ArgumentParser(prog="warpsim", description="Render what space-based infrared sensors see.")
     parser.add_argument("--version", action="version", version=f"warpsim {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")

@@ -134,7 +134,7 @@ class InputError(ValueError):
 
 @contextmanager
 def errors_at(field: str, name: str = "") -> Iterator[None]:
-    """Put a field's path, and the name of a file or a body in it, before the place of errors that are raised within."""
+    """Put a field's path, and the name of a file or a body in it, before the location of errors raised within."""
     try:
         yield
     except InputError as error:

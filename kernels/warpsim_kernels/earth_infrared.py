@@ -35,11 +35,11 @@ _positive_moments = positive_moments_of(N_SAMPLE)
 @wp.func
 def received(table: wp.array3d[wp.vec4d], part: int, height: wp.float64, cosine: wp.float64) -> wp.float64:
     """Value of a part of the table over limb_sine^2, linear between its heights and between its cosines."""
-    place = wp.float64(0.5) * (wp.float64(1.0) + cosine) * wp.float64(table.shape[2])
+    position = wp.float64(0.5) * (wp.float64(1.0) + cosine) * wp.float64(table.shape[2])
     row = wp.clamp(int(height), 0, table.shape[1] - 1)
-    column = wp.clamp(int(place), 0, table.shape[2] - 1)
+    column = wp.clamp(int(position), 0, table.shape[2] - 1)
     cell = table[part, row, column]
-    v = place - wp.float64(column)
+    v = position - wp.float64(column)
     return cell[0] + cell[1] * v + (cell[2] + cell[3] * v) * (height - wp.float64(row))
 
 

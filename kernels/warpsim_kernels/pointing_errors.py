@@ -35,11 +35,17 @@ class PointingError:
 
 
 @wp.func
+def counter_words(number: wp.int64, stream: wp.uint32, seed_low: wp.uint32, seed_high: wp.uint32) -> wp.vec4ui:
+    """Random words of a period or step."""
+    low = wp.uint32(number & wp.int64(0xFFFFFFFF))
+    high = wp.uint32((number >> wp.int64(32)) & wp.int64(0xFFFFFFFF))
+    return philox4x32(wp.vec4ui(low, high, wp.uint32(0), stream), seed_low, seed_high)
+
+
+@wp.func
 def drawn_pair(error: PointingError, period: wp.int64) -> wp.vec2d:
     """Two unit normal deviates of a period."""
-    low = wp.uint32(period & wp.int64(0xFFFFFFFF))
-    high = wp.uint32((period >> wp.int64(32)) & wp.int64(0xFFFFFFFF))
-    words = philox4x32(wp.vec4ui(low, high, wp.uint32(0), STREAM_DRIFT), error.seed_low, error.seed_high)
+    words = counter_words(period, STREAM_DRIFT, error.seed_low, error.seed_high)
     radius = normal_radius(words[0])
     return wp.vec2d(wp.float64(normal_cosine(radius, words[1])), wp.float64(normal_sine(radius, words[1])))
 
@@ -83,9 +89,7 @@ class Jitter:
 @wp.func
 def jitter_shock(jitter: Jitter, step: wp.int64) -> wp.mat22d:
     """Noise of the state in one step; columns are the axes."""
-    low = wp.uint32(step & wp.int64(0xFFFFFFFF))
-    high = wp.uint32((step >> wp.int64(32)) & wp.int64(0xFFFFFFFF))
-    words = philox4x32(wp.vec4ui(low, high, wp.uint32(0), STREAM_JITTER), jitter.seed_low, jitter.seed_high)
+    words = counter_words(step, STREAM_JITTER, jitter.seed_low, jitter.seed_high)
     a = normal_radius(words[0])
     b = normal_radius(words[2])
     deviates = wp.mat22d(

@@ -15,10 +15,10 @@ Bits = Annotated[Integer, closed_interval(1, 16)]
 """Of an analogue-to-digital converter."""
 GainSpread = Annotated[NonNegative, closed_interval(0, 0.1)]
 """Standard deviation of gains about 1; at most a tenth, so that no gain is negative."""
-BadShare = Annotated[NonNegative, closed_interval(0, 0.5)]
-"""Share of pixels."""
+BadFraction = Annotated[NonNegative, closed_interval(0, 0.5)]
+"""Fraction of pixels."""
 Nonlinearity = Annotated[NonNegative, closed_interval(0, 0.5)]
-"""Share of the response lost at saturation; at most a half, so that more light is never fewer counts."""
+"""Fraction of the response lost at saturation; at most a half, so that more light is never fewer counts."""
 Exposure = Annotated[NonNegative, closed_interval(0, 10)]
 """Length of an exposure that may be an instant [s]."""
 PositiveExposure = Annotated[Positive, closed_interval(0, 10)]
@@ -41,15 +41,15 @@ class NeiDetector:
         exposure_s: Length of the exposure about the frame's time [s], over which targets' brightness is averaged as
             they turn; 0 is an instant. NEI and SEI are those of this exposure.
         streaks: Whether light moves over the image during the exposure, as cameras turn and targets pass; without,
-            places are those of its middle.
+            positions are those of its middle.
         diffusion_px: Standard deviation, along rows as along columns, by which charge spreads before it is collected
             [px, in widths of a pixel]; it widens the point spread function.
         prnu: Photo-response non-uniformity: standard deviation of the pixels' gains about 1, the same in every frame.
         dsnu_nei: Offset non-uniformity: standard deviation of the pixels' offsets [NEI], the same in every frame.
         column_noise_nei: Standard deviation of an offset that the pixels of a column share, new in every frame [NEI].
-        dead_fraction: Share of pixels that do not respond to light, the same in every frame.
-        hot_fraction: Share of pixels that are always saturated.
-        nonlinearity: Share of its response that a pixel has lost at SEI: a signal S, at most SEI, reads
+        dead_fraction: Fraction of pixels that do not respond to light, the same in every frame.
+        hot_fraction: Fraction of pixels that are always saturated.
+        nonlinearity: Fraction of its response that a pixel has lost at SEI: a signal S, at most SEI, reads
             S (1 - nonlinearity * S / SEI).
     """
 
@@ -64,8 +64,8 @@ class NeiDetector:
     prnu: GainSpread = 0.0
     dsnu_nei: NonNegative = 0.0
     column_noise_nei: NonNegative = 0.0
-    dead_fraction: BadShare = 0.0
-    hot_fraction: BadShare = 0.0
+    dead_fraction: BadFraction = 0.0
+    hot_fraction: BadFraction = 0.0
     nonlinearity: Nonlinearity = 0.0
     kind: Literal["nei"] = Field(default="nei", kw_only=True)
 
@@ -106,25 +106,25 @@ class ElectronDetector:
         bits: Bits of the analogue-to-digital converter.
         offset_counts: Counts of an empty pixel.
         streaks: Whether light moves over the image during the exposure, as cameras turn and targets pass; without,
-            places are those of its middle.
+            positions are those of its middle.
         diffusion_px: Standard deviation, along rows as along columns, by which charge spreads before it is collected
             [px, in widths of a pixel]; it widens the point spread function.
         transmission: Of the optics where the band's response has its peak, by band.
         quantum_efficiency: Electrons per photon where the band's response has its peak, by band.
         background_w_cm2_sr: Radiance of the sky in the band, by band [W/cm2/sr].
         zodiacal_mjy_sr: Spectral radiance of the sky, the same at all frequencies of a band, by band [MJy/sr].
-        optics_temperature_k: Temperature of the optics, whose own light does not pass the transmission [K].
+        optics_temperature_k: Temperature of the optics, whose thermal emission does not pass the transmission [K].
         optics_emissivity: Its emissivity.
         dark_e_s: Dark current of a pixel [e/s].
         read_noise_e: Standard deviation of the noise of reading a pixel [e].
         shot_noise: Whether numbers of electrons are Poisson deviates about their mean.
         prnu: Photo-response non-uniformity: standard deviation of the pixels' gains about 1, the same in every frame.
-        dsnu: Dark-signal non-uniformity: standard deviation of the pixels' dark currents as a share of dark_e_s, the
+        dsnu: Dark-signal non-uniformity: standard deviation of the pixels' dark currents as a fraction of dark_e_s, the
             same in every frame; no current is negative, so that above 0.3 their mean grows and their spread lags.
         column_noise_e: Standard deviation of an offset that the pixels of a column share, new in every frame [e].
-        dead_fraction: Share of pixels that do not respond to light, the same in every frame.
-        hot_fraction: Share of pixels whose well is always full.
-        nonlinearity: Share of the charge that is lost in reading a full well: N electrons read
+        dead_fraction: Fraction of pixels that do not respond to light, the same in every frame.
+        hot_fraction: Fraction of pixels whose well is always full.
+        nonlinearity: Fraction of the charge that is lost in reading a full well: N electrons read
             N (1 - nonlinearity * N / full_well_e).
     """
 
@@ -147,8 +147,8 @@ class ElectronDetector:
     prnu: GainSpread = 0.0
     dsnu: Annotated[NonNegative, closed_interval(0, 1)] = 0.0
     column_noise_e: Annotated[NonNegative, closed_interval(0, 1e9)] = 0.0
-    dead_fraction: BadShare = 0.0
-    hot_fraction: BadShare = 0.0
+    dead_fraction: BadFraction = 0.0
+    hot_fraction: BadFraction = 0.0
     nonlinearity: Nonlinearity = 0.0
     kind: Literal["electron"] = Field(default="electron", kw_only=True)
 

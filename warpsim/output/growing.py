@@ -15,7 +15,7 @@ BLOCK_BYTES = 2**22
 class GrowingFiles:
     """A folder of files that are appended to, step by step.
 
-    The journal beside it has a line for each step: what the caller tells of it, and the SHA-256 of what each file grew
+    The journal beside it has a line for each step: the caller's facts of it, and the SHA-256 of what each file grew
     by, after a checksum of the line itself. After a kill the steps that are whole are kept, and the files are cut to
     where these end.
 
@@ -30,7 +30,7 @@ class GrowingFiles:
         self._sizes: dict[str, int] = {}
         self.path.mkdir(parents=True, exist_ok=True)
         self.steps: list[dict[str, Any]] = []
-        """What the caller told of each whole step."""
+        """The caller's facts of each whole step."""
         self._resume()
 
     def end_step(self, facts: dict[str, Any]) -> None:

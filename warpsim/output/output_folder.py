@@ -230,8 +230,8 @@ class OutputFolder:
         theirs = [name for run in others for name in _names(run)]
         growing = [path for path in self._journals() if self.key[:16] not in path.parts]
         if (theirs or growing) and not overwrite:
-            told = (run for run in others if self.identity.keys() & run.keys())
-            pairs = ({name: run.get(name) for name in self.identity} for run in told)
+            described = (run for run in others if self.identity.keys() & run.keys())
+            pairs = ({name: run.get(name) for name in self.identity} for run in described)
             differs = next((difference(there, self.identity) for there in pairs), None)
             kind = "data set" if "recipe" in self.identity else "run"
             raise InputError(
@@ -258,12 +258,12 @@ class OutputFolder:
         for name in claimed:
             path = self.path / name
             folders = [self.path / folder for folder in Path(name).parents if folder != Path()]
-            for link in (link for link in (path, *folders) if link.is_symlink()):
+            link = next((one for one in (path, *folders) if one.is_symlink()), None)
+            if link is not None:
                 raise InputError("must not be a link: the files behind it may be others'").of(link)
-            if path.exists() and name not in known:
-                raise InputError("is there already, and warpsim did not write it").of(path)
-            for file in (folder for folder in folders if folder.is_file()):
-                raise InputError("is there already, and warpsim did not write it").of(file)
+            taken = path if path.exists() and name not in known else next(filter(Path.is_file, folders), None)
+            if taken is not None:
+                raise InputError("is there already, and warpsim did not write it").of(taken)
 
     def _take_up_manifest(self, job: Job) -> None:
         """Turn the manifest of a run with a damaged or missing file back into checkpoint records."""
