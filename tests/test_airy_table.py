@@ -236,6 +236,7 @@ def test_flux_of_a_stamp(radius_px, obscuration):
     assert table_fraction(table, dx_px, dy_px).sum() == pytest.approx(expected, abs=FRACTION_ATOL)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("radius_px", [0.03, 0.185, 0.272, 0.478])
 @pytest.mark.parametrize("obscuration", OBSCURATIONS)
 def test_flux_of_the_whole_plane(radius_px, obscuration):
@@ -253,6 +254,7 @@ def test_flux_of_the_whole_plane(radius_px, obscuration):
     assert table_fraction(table, dx_px, dy_px).sum() + outside == pytest.approx(1.0, abs=CLOSURE_ATOL)
 
 
+@pytest.mark.ci
 @every_pattern
 def test_what_lies_outside_a_disc(radius_px, obscuration):
     """No pixel that a disc leaves out holds more than the envelope says, and the envelope is not wasteful."""

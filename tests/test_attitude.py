@@ -285,6 +285,7 @@ def test_scene_says_which_targets_turn(scene):
         scene.scenario.body_axis("sat11", 0.0)
 
 
+@pytest.mark.ci
 def test_axis_along_no_velocity_is_refused(scene):
     still = {"kind": "state_vector", "position_m": [7e6, 0.0, 0.0], "velocity_m_s": [0.0, 0.0, 0.0]}
     rule = r"^center: attitude\.axis: must be 'random' or a vector for a target at rest"

@@ -186,6 +186,7 @@ def exact_moments(band, centre_um, half_width_um, n):
     return np.array([float(moment) for moment in moments])
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("n", N_INTERVALS)
 @pytest.mark.parametrize("band", SPECTRAL_BANDS.values(), ids=list(SPECTRAL_BANDS))
 def test_intervals_are_exact_for_polynomials_of_degree_2n_minus_1(band, n):

@@ -292,6 +292,7 @@ def test_union_above_the_limit_of_iras(union):
     assert int((union.flux_jy("A") > 0.4).sum()) == pytest.approx(73_004, rel=0.002)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("limit_mag", "per_deg2"),
     [
@@ -372,6 +373,7 @@ def test_union_places_and_motions(union, stars, hipparcos, gaia):
     assert union.id[row] == f"Gaia DR3 {gaia.source_id[g[0]]}"
 
 
+@pytest.mark.ci
 def test_stars_without_a_colour_are_taken_for_k_stars(union, stars):
     grey = np.isnan(union.temperature_k)
     assert int(grey.sum()) == 1_189

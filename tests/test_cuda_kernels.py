@@ -219,6 +219,7 @@ def test_stack_counts_as_spilled_where_registers_are_used_up(n_register, most, s
     assert spills(Function(n_register, most, 32, instructions, label)) == spilled
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("changes", [{}, {"detector__exposure_s": 0.1, "camera__n_row": 41}])
 def test_stages_are_those_of_a_pipeline(scene, changes):
     """In order, with the kernels that the pipeline would launch, but in blocks of CUDA's size, and what CUDA adds."""

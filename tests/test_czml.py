@@ -427,6 +427,7 @@ def test_lines_of_sight_are_those_of_each_sensor(two, packets_of_two):
         assert references == [f"{satellite}#position", f"{name.split('/')[2]}#position"]
 
 
+@pytest.mark.ci
 def test_fields_of_view_are_those_of_each_camera(two, packets_of_two):
     edges = [name for name in packets_of_two if name.startswith("field/") and name.count("/") == 1]
     seeing = {row["sensor"] for row in two.access(sensors="narrow")}

@@ -134,6 +134,7 @@ def test_wcs_of_the_table_of_images_is_that_of_the_frames(folders, rendered):
         np.testing.assert_allclose(wcs.all_pix2world(xy_px, 0), expected, rtol=0, atol=1e-12)
 
 
+@pytest.mark.ci
 def test_truth_is_that_of_the_renderer(folders, rendered):
     rows = tables(folders / "fits", "truth")
     for number, frames in rendered.items():
@@ -142,6 +143,7 @@ def test_truth_is_that_of_the_renderer(folders, rendered):
             np.testing.assert_array_equal([row[name] for row in mine], np.asarray(frames.truth[name]))
 
 
+@pytest.mark.ci
 def test_other_planes_are_the_same_in_all_formats(folders, rendered):
     import OpenImageIO as oiio
     import zarr
@@ -170,6 +172,7 @@ def test_other_planes_are_the_same_in_all_formats(folders, rendered):
     assert np.array_equal(np.load(stem.with_suffix(".contributions_w_cm2.npy")), expected["contributions_w_cm2"])
 
 
+@pytest.mark.ci
 @pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # of pycocotools
 def test_coco_is_read_by_its_own_tools_and_boxes_hold_the_light(folders, rendered, capsys):
     coco = pytest.importorskip("pycocotools.coco")

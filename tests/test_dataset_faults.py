@@ -407,6 +407,7 @@ def test_a_complete_data_set_is_recognized_where_nothing_can_be_written(recipe, 
     assert ws.write_dataset(recipe, whole, n_worker=1, device="cpu").n_shard_written == 0
 
 
+@pytest.mark.ci
 def test_workers_that_would_write_other_files_do_not(recipe, whole, tmp_path, monkeypatch):
     """On a cluster: another version of a package, or another file under the same path."""
     import warpsim.dataset.layout as identity

@@ -283,6 +283,7 @@ def catalogs(tmp_path):
     return path
 
 
+@pytest.mark.ci
 def test_files_among_choices_count_from_the_recipe(catalogs, tmp_path, monkeypatch):
     monkeypatch.chdir("/")
     made = ws.Recipe.load(catalogs)

@@ -59,6 +59,7 @@ def gaussian_image(xy_px, flux, sigma_px, shape):
     return rows.T @ axis_fractions(xy[:, 0], shape[1], sigma_px)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("sigma_px", SIGMAS_PX)
 def test_gaussian_at_random_phases(device, sigma_px, record_accuracy):
     shape = (14, 18)
@@ -184,6 +185,7 @@ def test_stamps_are_alike_left_and_right_and_round(device, psf, cut):
             assert np.count_nonzero(image) == pytest.approx(np.pi * reach_px**2 + 4 * reach_px, rel=0.1)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("psf", [ws.PsfAiry(0.478), ws.PsfAiry(4.0, 0.3)], ids=str)
 def test_a_very_bright_source_fills_a_wide_image(device, psf):
     """1e8 NEI and more: the wings go on to the corners of a frame of 1500 pixels; rings are averaged over 20."""
@@ -411,6 +413,7 @@ def test_wrong_kinds_of_values_are_told_in_one_line(name, value):
         ws.deposit(**given)
 
 
+@pytest.mark.ci
 def test_light_beyond_float32_is_refused():
     with pytest.raises(ws.InputError, match=r"^flux: must leave pixels below 3.4e38"):
         ws.deposit([[1.0, 1.0]], [1e300], ws.PsfGaussian(1.0), (4, 4))

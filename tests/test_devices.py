@@ -62,6 +62,7 @@ def test_images_of_gpus_land_in_host_memory(scene, devices):
         np.testing.assert_array_equal(frames.truth["x_px"], resident.truth["x_px"])
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("n_thread", [2, 5])
 def test_calls_of_all_sizes_and_from_several_threads(scene, expected, n_thread):
     """Pipelines are used again with fewer views, more views, and by calls that come at once."""

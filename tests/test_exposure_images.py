@@ -179,6 +179,7 @@ def test_tables_of_directions(scene, device, field, mode):
         np.testing.assert_allclose(one.axes_icrs[0, 0], axes[0], atol=1e-12)
 
 
+@pytest.mark.ci
 def test_no_star_is_lost_that_only_passes_the_frame(scene, device, field):
     """A scan of 20 px across a narrow frame: most of its stars are outside it in the middle of the exposure."""
     ra_deg, dec_deg = towards_main(scene)

@@ -191,6 +191,7 @@ def test_boxes_hold_the_light(which, request):
     assert min(shares) > BOX_FRACTION - 0.05
 
 
+@pytest.mark.ci
 def test_boxes_of_streaks_follow_the_path(streaked):
     """A bent path reaches farther than its ends."""
     table = ws.labels.label_table(streaked)
@@ -257,6 +258,7 @@ def test_hidden_targets_have_no_labels(scene):
     assert not table["keypoint_visibility"][hidden].any() and (table["mask_rle"][hidden] == "").all()
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("which", ["still", "streaked"])
 @pytest.mark.parametrize("least_nei", [0.05, 2.0])
 def test_masks_are_those_of_the_planes(which, least_nei, request):

@@ -215,6 +215,7 @@ def test_frames_against_astropy(date, frame, make, tolerance_m):
         assert np.linalg.norm(got[row] - expected) < tolerance_m
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("year", range(1974, 2026))
 def test_itrf_of_years_with_measured_ut1(year):
     """astropy has polar motion and UT1 of the IERS; later years are predicted."""

@@ -106,6 +106,7 @@ def test_files_reach_the_scene(folder, monkeypatch):
     assert ws.Scene.load(folder / "again.toml") == scene
 
 
+@pytest.mark.ci
 def test_the_image_shows_what_the_files_say(folder):
     scene = ws.Scene.load(folder / "own.json").replace(sky__catalog="none")
     frames = ws.Renderer(scene).render([0, 13, 30], sensors=["BIRD_1", "w11"], bands=["A"])

@@ -197,6 +197,7 @@ def matched_snr(flux_nei, xy_px, sigma_px):
     return flux_nei * np.sqrt((shares**2).sum() / PIXEL_VARIANCE)
 
 
+@pytest.mark.ci
 def test_bright_stars_are_found_where_they_are(scene):
     """By photutils' finder: all of them, none else."""
     finder = pytest.importorskip("photutils.detection").DAOStarFinder(threshold=8.0, fwhm=2.355)

@@ -274,6 +274,7 @@ def test_a_missing_file_is_found_before_any_work(tmp_path):
         ws.Renderer(ws.Scene.load(tmp_path / "scene.toml"))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("smear_px", [1e-6, 1e-3, 0.0137, 0.02])
 def test_a_blur_far_below_a_sample_loses_no_light(smear_px):
     profile = np.exp(-0.5 * ((np.arange(41) - 20) / 5.0) ** 2)

@@ -264,6 +264,7 @@ def test_patterns_are_normal_and_stay(device, term):
     np.testing.assert_allclose(later, z, rtol=0, atol=2.01 / COUNT_OF_DEVIATE[term])
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("term", ["prnu", "dsnu_nei"])
 @pytest.mark.parametrize(
     "other", [{"sensors": [1]}, {"bands": [1]}, {"seed": SEED + 1}, {"seed": SEED + 2**32}], ids=str

@@ -105,6 +105,7 @@ def test_identities_cover_the_stars_of_all_kinds(mixed_scene, monkeypatch, tmp_p
     assert [one != other for one, other in zip(before, after, strict=True)] == [True, False, True]
 
 
+@pytest.mark.ci
 def test_one_catalog_for_all_kinds_is_named_once():
     scene = ws.Scene.load("two_cameras")
     assert list(identity_of(ws.Recipe(scene=scene), "cpu")["inputs"]) == ["star catalog"]

@@ -36,6 +36,7 @@ def clumped(axis, rng, n=3000, width=0.05):
     return unit(np.concatenate([rng.normal(size=(n, 3)), np.array(axis) + width * rng.normal(size=(n, 3))]))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("radius_deg", [0.05, 0.7, 3.0, 20.0, 60.0])
 @pytest.mark.parametrize(
     "axis",

@@ -239,6 +239,7 @@ def test_row_blocks_do_not_change_a_bit(device, psf, n_row_per_block, cut_fracti
     np.testing.assert_array_equal(draw(xy, flux, psf, SHAPE, device, rule, paths, n_row_per_block), whole)
 
 
+@pytest.mark.ci
 @every_psf
 def test_reported_fractions_are_those_of_the_image(device, psf):
     rng, shape = np.random.default_rng(SEED), (241, 241)

@@ -113,6 +113,7 @@ def test_area_is_half_the_surface_integral(shape, record_accuracy):
     record_accuracy("Projected area", error, AREA_RTOL, "of it", "mpmath")
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", [name for name in SHAPES if name not in ("sphere", "plate")])
 def test_area_matches_the_outline_of_a_mesh(name, record_accuracy):
     shape = SHAPES[name]
