@@ -14,6 +14,7 @@ from warpsim.detector.levels import ElectronLevels, Levels
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf import PsfAiry, PsfGaussian
 from warpsim.optics.wcs import ERROR_PX, sip_polynomials
+from warpsim.output.check_background import background_lines
 from warpsim.output.check_views import FieldContents, count_replaced, field_contents, longest_streaks_px, replaced_text
 from warpsim.output.wording import counted
 from warpsim.radiometry.band import Band
@@ -63,6 +64,7 @@ def sensor_lines(instrument: Instrument, scenario: Scenario, catalog: StarCatalo
         *_optics_lines(instrument),
         *_detector_lines(instrument),
         *_light_lines(instrument, scenario, frames_of),
+        *background_lines(instrument, scenario, frames_of),
         *_access_lines(instrument, scenario, frames_of),
         *_pointing_lines(instrument, scenario, frames_of),
     ]
@@ -321,7 +323,7 @@ def _pointing_lines(instrument: Instrument, scenario: Scenario, frames_of: Mappi
         lines.append(f"  in field   {what} in {found.target:,} of {n_view}")
         if not found.target:
             lines.append(f"  warning    no view has {what} in the field")
-    bodies = {"Earth": found.earth, "Sun": found.sun}
+    bodies = {"Earth": 0 if instrument.background.earth else found.earth, "Sun": found.sun}
     lines += [
         f"  warning    the {name} is in the field of {n:,} of {n_view} ({n / found.n_view:.0%}), and is not drawn"
         for name, n in bodies.items()

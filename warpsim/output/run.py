@@ -14,6 +14,7 @@ import numpy.typing as npt
 from warpsim.detector.detectors import detector_terms
 from warpsim.files import sha256_of, whole_file, write_fits_table
 from warpsim.output.check import pointing_warning
+from warpsim.output.check_background import earth_warning
 from warpsim.output.checkpoints import files_match
 from warpsim.output.contact_sheet import SheetRow, draw_contact_sheet
 from warpsim.output.fits_header import Views
@@ -51,7 +52,7 @@ class RunReport:
     total_s: float
     bands: list[str]
     warning: str | None = None
-    """What had to be replaced in the cameras' axes."""
+    """What had to be replaced in the cameras' axes, and an Earth in the field that is not rendered."""
     without_access: tuple[str, ...] = ()
     """Sensors that were named, and have no access in these frames."""
 
@@ -123,6 +124,7 @@ def render_to_folder(
     output = OutputFolder(Path(folder), plan.identity)
     run = Run(plan, renderer, progress)
     output.write(run, overwrite)
+    warnings = [warn(renderer.scenario, plan.frames_of) for warn in (pointing_warning, earth_warning)]
     return RunReport(
         output.path,
         len(plan.frames_of),
@@ -131,7 +133,7 @@ def render_to_folder(
         run.render_s,
         time.perf_counter() - begin,
         plan.bands,
-        pointing_warning(renderer.scenario, plan.frames_of),
+        "; ".join(filter(None, warnings)) or None,
         plan.without_access,
     )
 

@@ -51,11 +51,13 @@ class Columns:
     """Movement of targets during the exposure: Legendre coefficients, (n_view, n_target, n_path); None where still."""
     brightness: wp.array | None = None
     """Change of their brightness: Legendre coefficients over the mean, (n_view, n_band, n_target, n_profile)."""
+    background_w_cm2: wp.array | None = None
+    """Background in a target's pixel, (n_view, n_band, n_target); None where there is none."""
 
     @property
     def arrays(self) -> tuple[wp.array, ...]:
         """All arrays that there are."""
-        given = (self.views, self.observations, self.irradiance_w_cm2, self.offset_px, self.brightness)
+        given = (getattr(self, field.name) for field in fields(self))
         return tuple(array for array in given if array is not None)
 
     def part(self, first: int, end: int) -> Columns:
@@ -112,6 +114,11 @@ class HostColumns:
             return np.zeros((*self.irradiance_w_cm2.shape, 0), dtype=np.float32)
         return to_numpy(self.columns.brightness)
 
+    @cached_property
+    def background_w_cm2(self) -> npt.NDArray[np.float32] | None:
+        """Background in a target's pixel, (n_view, n_band, n_target); None where there is none."""
+        return None if self.columns.background_w_cm2 is None else to_numpy(self.columns.background_w_cm2)
+
 
 @dataclass(frozen=True)
 class Batch:
@@ -156,7 +163,7 @@ def new_batch(
         np.repeat(instrument.frame_time_s(numbers), n_sensor),
         np.repeat(numbers.astype(np.uint32), n_sensor),
         np.tile(np.asarray(rows, dtype=np.uint32), len(frames)),
-        Columns(*(pool.new(shape, dtype) for shape, dtype in _column_kinds(scene, n_view))),
+        Columns(**{name: pool.new(shape, dtype) for name, (shape, dtype) in _column_kinds(scene, n_view).items()}),
         pool.new(shape, wp.uint16),
         pool.new(shape, wp.float32) if keep_signal else None,
         [()] * n_view if keep_stars else None,
@@ -174,27 +181,32 @@ def new_inputs(device: wp.Device, time_s: Any, frame: Any, sensor: Any) -> Input
 
 def new_columns(scene: DeviceBodies, n_view: int) -> Columns:
     """Return columns for stages to write into, 0 where none writes."""
-    kinds = _column_kinds(scene, n_view)
-    return Columns(*(wp.zeros(shape, dtype=dtype, device=scene.device) for shape, dtype in kinds))
+    kinds = _column_kinds(scene, n_view).items()
+    return Columns(**{name: wp.zeros(shape, dtype=dtype, device=scene.device) for name, (shape, dtype) in kinds})
 
 
-def _column_kinds(scene: DeviceBodies, n_view: int) -> list[tuple[tuple[int, ...], Any]]:
+def _column_kinds(scene: DeviceBodies, n_view: int) -> dict[str, tuple[tuple[int, ...], Any]]:
     """Shape and type of each of the columns that there are."""
     n_band, n_target = scene.n_band, scene.n_target
-    kinds: list[tuple[tuple[int, ...], Any]] = [
-        ((n_view,), View),
-        ((n_view, n_target), Observation),
-        ((n_view, n_band, n_target), wp.float32),
-    ]
+    light = ((n_view, n_band, n_target), wp.float32)
+    kinds: dict[str, tuple[tuple[int, ...], Any]] = {
+        "views": ((n_view,), View),
+        "observations": ((n_view, n_target), Observation),
+        "irradiance_w_cm2": light,
+    }
     if scene.streaks.enabled:
-        kinds.append(((n_view, n_target, scene.streaks.n_path), wp.vec2))
-        kinds.append(((n_view, n_band, n_target, scene.field.n_profile), wp.float32))
+        kinds["offset_px"] = (n_view, n_target, scene.streaks.n_path), wp.vec2
+        kinds["brightness"] = (n_view, n_band, n_target, scene.field.n_profile), wp.float32
+    if isinstance(scene, DeviceScene) and scene.background is not None:
+        kinds["background_w_cm2"] = light
     return kinds
 
 
 def column_bytes(scene: DeviceBodies) -> int:
     """Return the memory that the columns of a view take."""
-    return sum(math.prod(shape) * wp.types.type_size_in_bytes(dtype) for shape, dtype in _column_kinds(scene, 1))
+    return sum(
+        math.prod(shape) * wp.types.type_size_in_bytes(dtype) for shape, dtype in _column_kinds(scene, 1).values()
+    )
 
 
 def copy_views(

@@ -72,6 +72,24 @@ def new_signal(shape: tuple[int, int, int, int], device: wp.Device) -> Signal:
     return Signal(flat, flat[:size].reshape(shape), touched, untouched)
 
 
+@dataclass(frozen=True)
+class BackgroundNodes:
+    """Background of views on coarse grids of nodes."""
+
+    sky_w_cm2: wp.array
+    """Light of the sky in a pixel, (n_view, n_band, n_node)."""
+    earth_km: wp.array
+    """Height of the line of sight, and cosine of the Sun's zenith angle there, (n_view, 2, n_node)."""
+
+
+def new_background_nodes(scene: DeviceScene, n_view: int) -> BackgroundNodes:
+    """Return room for the background of views."""
+    assert scene.background is not None
+    n_node = scene.background.n_node
+    shapes = (n_view, scene.n_band, n_node), (n_view, 2, n_node if scene.background.earth else 1)
+    return BackgroundNodes(*(wp.zeros(shape, dtype=wp.float32, device=scene.device) for shape in shapes))
+
+
 def new_exposure(device: wp.Device, offset_s: npt.NDArray[np.float64], n_view: int) -> ExposureViews:
     """Return room for views at instants from the middle of the exposure [s], (n_path,)."""
     shape = (n_view, len(offset_s))

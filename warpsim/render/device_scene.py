@@ -12,6 +12,7 @@ from warpsim_kernels.trace import Instants
 
 from warpsim.legendre import gauss_legendre, series_matrix
 from warpsim.optics.psf_bank import PsfBank
+from warpsim.render.background import DeviceBackground
 from warpsim.render.read_out import ReadOut
 from warpsim.render.stars import SceneStars
 from warpsim.render.target_field import TargetField
@@ -38,6 +39,11 @@ class DeviceBodies:
     streaks: Streaks
     """Instants at which sources are followed through the exposure."""
 
+    @property
+    def has_background(self) -> bool:
+        """Whether every pixel has light of what lies behind sources."""
+        return self.instrument.background.is_on
+
 
 @dataclass(frozen=True)
 class DeviceScene(DeviceBodies):
@@ -49,6 +55,8 @@ class DeviceScene(DeviceBodies):
     band_id: wp.array
     """Index of each band among the instrument's, (n_band,)."""
     stamp_rule: Any
+    background: DeviceBackground | None
+    """None where a scene has none."""
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from warpsim.optics.camera import Camera
 from warpsim.optics.psf import PsfGaussian
 from warpsim.optics.psf_bank import PsfBank, stamp_rule
 from warpsim.optics.tables import TableAccuracy, cheapest_layout
+from warpsim.render.background import make_background
 from warpsim.render.batch import new_inputs
 from warpsim.render.buffers import new_exposure
 from warpsim.render.device import kernel_loading
@@ -94,7 +95,9 @@ def make_device_scene(
     loading.wait()
     stars = make_stars(scenario, instrument, bands, index, psf, cut, bodies.tracks.grid)
     of_bodies = {field.name: getattr(bodies, field.name) for field in dataclasses.fields(bodies)}
-    return DeviceScene(**of_bodies, psf=psf, read_out=read_out, stars=stars, band_id=band_id, stamp_rule=cut)
+    background = make_background(scenario, instrument, bands, device)
+    own = {"stars": stars, "band_id": band_id, "stamp_rule": cut, "background": background}
+    return DeviceScene(**of_bodies, psf=psf, read_out=read_out, **own)
 
 
 def tracks_struct(tracks: Tracks, satellites: Sequence[int], device: wp.Device) -> Any:

@@ -14,6 +14,7 @@ from warpsim.render.buffers import (
     SOURCE_ARRAYS,
     bytes_of,
     new_area_series,
+    new_background_nodes,
     new_exposure,
     new_signal,
     new_sources,
@@ -25,6 +26,7 @@ from warpsim.render.pool import release_later
 from warpsim.render.schedule import images_at_a_time
 from warpsim.render.stages import (
     aim,
+    background,
     counts_for,
     deposit,
     deposit_read_out,
@@ -46,12 +48,16 @@ class ImageStages:
         n_at_a_time = images_at_a_time(scene, n_view)
         self.signal = new_signal((n_at_a_time, *counts.shape[1:]), scene.device)
         self._is_zero = True
-        self._parts: list[tuple[int, int, Stage, Stage]] = []  # first view and end, deposit, read-out
+        self._nodes = None if scene.background is None else new_background_nodes(scene, n_at_a_time)
+        self._parts: list[tuple[int, int, list[Stage], Stage]] = []  # first view and end, drawing, read-out
         for first in range(0, n_view, n_at_a_time):
             end = min(first + n_at_a_time, n_view)
             signal, lists = self.signal.part(end - first), part_of_sources(sources, first, end)
             reads = Inputs(*(array[first:end] for array in vars(inputs).values()))
-            drawn = deposit(scene, lists, columns.part(first, end).brightness, signal)
+            part = columns.part(first, end)
+            drawn = [deposit(scene, lists, part.brightness, signal)]
+            if self._nodes is not None:
+                drawn.insert(0, background(scene, reads, part, lists, self._nodes, signal))
             self._parts.append((first, end, drawn, read_out(scene, reads, signal, counts, first)))
 
     def run(
@@ -70,7 +76,8 @@ class ImageStages:
             n = min(end, n_view) - first
             if n <= 0:
                 break
-            drawn.run(n, stream)
+            for stage in drawn:
+                stage.run(n, stream)
             if kept_w_cm2 is not None:
                 copy_views(kept_w_cm2, kept_first + first, signal.images, 0, n, stream)
             read_out_into(read, pieces)

@@ -25,7 +25,7 @@ from warpsim_kernels.trace import (
 from warpsim.launches import THREADS_PER_BLOCK_CUDA, Launch, Stage
 from warpsim.optics.psf_bank import PsfBank, paths_struct
 from warpsim.render.batch import Columns, Inputs
-from warpsim.render.buffers import ExposureViews, Signal
+from warpsim.render.buffers import BackgroundNodes, ExposureViews, Signal
 from warpsim.render.device import rows_per_block
 from warpsim.render.device_scene import Streaks
 from warpsim.render.stars import star_kernel, star_threads
@@ -139,6 +139,42 @@ def trace(
     return Stage("trace", n_view, launches)
 
 
+def background(
+    scene: DeviceScene, inputs: Inputs, columns: Columns, sources: Any, nodes: BackgroundNodes, signal: Signal
+) -> Stage:
+    """Signal: what lies behind all sources; and how bright it is behind each target."""
+    own, n_view = scene.background, len(columns.views)
+    assert own is not None
+    n_image, n_row, n_col = n_view * scene.n_band, *signal.images.shape[2:]
+    sky, earth = nodes.sky_w_cm2[:n_view], nodes.earth_km[:n_view]
+    block_dim = TILE_THREADS_CUDA if scene.device.is_cuda else 1
+    launches = [
+        Launch(
+            own.nodes_kernel,
+            (n_view, own.n_node),
+            [inputs.time_s, columns.views, own.struct],
+            [sky, earth],
+            scene.device,
+        ),
+        Launch(
+            own.add_kernel,
+            [n_image * n_row],
+            [own.struct, sky, earth, n_col, n_row],
+            [signal.flat, signal.touched.flatten()],
+            scene.device,
+            block_dim,
+        ),
+        Launch(
+            own.targets_kernel,
+            (n_view, scene.n_target),
+            [sources.xy_px, own.struct, sky, earth],
+            [columns.background_w_cm2],
+            scene.device,
+        ),
+    ]
+    return Stage("background", n_view, launches)
+
+
 def deposit(scene: DeviceScene, sources: Any, brightness: wp.array | None, signal: Signal) -> Stage:
     """Signal: the light of all sources, integrated over pixels."""
     lists = [sources.n_source, sources.xy_px, sources.irradiance_w_cm2]
@@ -173,9 +209,13 @@ def read_out(scene: DeviceScene, inputs: Inputs, signal: Signal, counts: wp.arra
 
 
 def is_read_out_at_once(scene: DeviceBodies) -> bool:
-    """Return whether deposit_read_out replaces deposit and read_out: on CUDA, for still sources and whole strips."""
+    """Return whether deposit_read_out replaces deposit and read_out: on CUDA, for still sources and whole strips.
+
+    Where every pixel has light of a background, its signal is in memory.
+    """
     camera = scene.instrument.sensor.camera
-    return scene.device.is_cuda and not scene.streaks.enabled and camera.n_row * camera.n_col % STRIP_PIXELS == 0
+    whole = camera.n_row * camera.n_col % STRIP_PIXELS == 0
+    return scene.device.is_cuda and not scene.streaks.enabled and not scene.has_background and whole
 
 
 def image_kernels(scene: DeviceBodies, psf: PsfBank, read_out: ReadOut) -> list[tuple[wp.Kernel, int]]:

@@ -11,8 +11,11 @@ import warp as wp
 from warpsim_kernels.records import ABSENT, BEHIND, IN_FOV, NOT_DEPLOYED, OCCULTED
 from warpsim_kernels.signature import N_TERM
 
+from warpsim.detector.detectors import ElectronDetector
+from warpsim.detector.levels import ElectronLevels
 from warpsim.launches import to_numpy
 from warpsim.optics.psf_bank import paths_struct
+from warpsim.orbit.earth import earth_clearance_m
 from warpsim.render.batch import HostColumns
 from warpsim.render.device_scene import DeviceBodies, DeviceScene, moved
 from warpsim.render.stages import split_light
@@ -55,7 +58,9 @@ def truth_table(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> Tab
     its end (0 where streaks are off), range_km, aspect_deg, projected_area_m2 (mean over the exposure), temperature_k,
     sunlit_fraction; irradiance_w_cm2 at the pupil (0 when occulted, not deployed or absent) and what it is the sum of,
     emitted_w_cm2, sun_w_cm2, earth_w_cm2 and albedo_w_cm2 (0 where the scene leaves a term out); snr = irradiance /
-    NEI, snr_peak (of the target's own pixel), left_out_w_cm2 (light beyond the stamp).
+    NEI, snr_peak (of the target's own pixel), left_out_w_cm2 (light beyond the stamp). With a background also
+    background_w_cm2, what it adds to the target's pixel, noise_nei, the noise of a pixel with it, and earth_behind,
+    whether the line of sight meets the Earth behind the target; NaN and false far outside the frame.
     """
     from astropy.table import Table
 
@@ -79,6 +84,9 @@ def truth_table(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> Tab
     columns |= {name: spread(values, 0, 1, 3) for name, values in _flags(frames, scene, seen).items()}
     columns |= {name: spread(values, 0, 1, 3) for name, values in _geometry(scene, seen).items()}
     columns |= {name: spread(values, 0, 1, 2, 3) for name, values in _light(frames, scene, seen).items()}
+    if seen.background_w_cm2 is not None:
+        columns |= {name: spread(values, 0, 1, 2, 3) for name, values in _background(frames, seen).items()}
+        columns["earth_behind"] = spread(_earth_behind(frames, seen), 0, 1, 3)
     table = Table(columns)
     for name in table.colnames:
         if name in _UNITS or name.endswith("_w_cm2"):
@@ -143,6 +151,34 @@ def _light(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> dict[str
         "snr_peak": snr * peak_part,
         "left_out_w_cm2": irradiance * np.maximum(1 - stamp_part, 0),
     }
+
+
+def _background(frames: ImageAxes, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
+    """Return the background behind each target, and the noise with it, each (view, band, target)."""
+    background = np.asarray(seen.background_w_cm2, dtype=np.float64)
+    noise_nei = np.ones_like(background)
+    detector = frames.instrument.sensor.detector
+    for index, name in enumerate(frames.bands):
+        levels = frames.instrument.levels[name]
+        if isinstance(levels, ElectronLevels) and isinstance(detector, ElectronDetector) and detector.shot_noise:
+            electrons = background[:, index] * levels.e_per_w_cm2
+            noise_nei[:, index] = np.sqrt(1.0 + electrons / levels.noise_e**2)
+    return {"background_w_cm2": background, "noise_nei": np.where(np.isnan(background), np.nan, noise_nei)}
+
+
+def _earth_behind(frames: ImageAxes, seen: HostColumns) -> npt.NDArray[np.bool_]:
+    """Return whether lines of sight to targets in front of the camera meet the Earth behind them, (view, target)."""
+    observed, camera = seen.observations, frames.instrument.sensor.camera
+    flags, xy_px = observed["flags"], observed["xy_px"]
+    there = (flags & int(ABSENT | BEHIND | OCCULTED)) == 0
+    behind = np.zeros(there.shape, dtype=bool)
+    axes, position_m = seen.views["axes"], seen.views["position_m"]
+    for view in np.flatnonzero(there.any(axis=1)):
+        lines = camera.direction(xy_px[view, there[view]], axes[view])
+        far_m = position_m[view] + 1e7 * lines
+        clearance_m = earth_clearance_m(position_m[view], far_m, frames.scenario.tracks.pole_icrs, beyond=True)
+        behind[view, there[view]] = clearance_m < 0.0
+    return behind
 
 
 def sunlit_fraction(scene: DeviceBodies, sunlit: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

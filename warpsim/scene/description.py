@@ -13,6 +13,7 @@ from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.orbit.arc import UtcText
 from warpsim.radiometry.by_band import ByBand
 from warpsim.scene import checks
+from warpsim.scene.background import Background
 from warpsim.scene.band_descriptions import BandDescriptions, with_names
 from warpsim.scene.environment import Lighting, Sky
 from warpsim.scene.groups import AnyConstellation, TargetGroup, Text
@@ -39,6 +40,7 @@ class SceneDescription:
     band: BandDescriptions = ByBand({})
     sky: Sky = Field(default_factory=Sky)
     lighting: Lighting = Field(default_factory=Lighting)
+    background: Background = Field(default_factory=Background)
     seed: Seed = 0
     noise_seed: Seed | None = None
     name: Text = "scene"
@@ -67,9 +69,9 @@ class SceneDescription:
     def to_dict(self) -> dict[str, Any]:
         """Return nested dicts and lists of plain values, without what is None; `from_dict` gives an equal scene."""
         plain: dict[str, Any] = adapter(type(self)).dump_python(self, mode="json", by_alias=True)
-        left_out = ("band",) if not self.band else ()
+        left_out = {"band": not self.band, "background": self.background == Background()}
         return {
-            name: _without_none(value) for name, value in plain.items() if value is not None and name not in left_out
+            name: _without_none(value) for name, value in plain.items() if value is not None and not left_out.get(name)
         }
 
     @staticmethod

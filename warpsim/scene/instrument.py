@@ -18,6 +18,7 @@ from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.orbit.intervals import Intervals
 from warpsim.radiometry.band import Band
 from warpsim.scene.attitudes import AnyAttitude
+from warpsim.scene.background import Background
 from warpsim.scene.camera_axes import CommandedAxes
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.exposure import ExposureRule, exposure_rule
@@ -117,6 +118,11 @@ class Instrument:
     def satellite_of(self, name: str) -> str:
         """Return the name of the satellite that carries a sensor; InputError if there is no such sensor."""
         return self.satellite_names[self.index(name)]
+
+    @property
+    def background(self) -> Background:
+        """What lies behind stars and targets."""
+        return self._scene.background
 
     @property
     def noise_seed(self) -> int:

@@ -53,6 +53,7 @@ class Scene(SceneDescription):
         band: Spectral bands that the scene describes itself, by name: BandDescription or Band.
         sky: The star background.
         lighting: Which light the targets reflect.
+        background: What lies behind stars and targets; nothing when left out.
         seed: Seed of the world: releases, attitudes, what is spread over members, errors of pointing; 0 to 2**63 - 1
             (the largest integer of TOML).
         noise_seed: Seed of the detectors' noise; `seed` when left out. Noise also depends on the scene's name.
@@ -108,7 +109,7 @@ class Scene(SceneDescription):
         Raises:
             InputError: A field is unknown or the new scene is not valid.
         """
-        data, named = self.to_dict(), {}
+        data, named = {"background": {}} | self.to_dict(), {}
         for name, value in changes.items():
             part = list_of(name.partition("__")[0])
             if part is not None and len(data[part]) != 1:

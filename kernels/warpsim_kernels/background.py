@@ -1,0 +1,344 @@
+"""What lies behind sources: smooth light on a coarse grid of nodes per view, and bilinear between them.
+
+Nodes hold what is smooth over the field: the light of the sky per pixel, how high above the ground a line of sight
+passes, and how high the Sun stands there. The limb is sharp, so its radiance is looked up per pixel by that height.
+"""
+
+import functools
+
+import warp as wp
+
+from warpsim_kernels.canvas import STRIP_SHIFT, flags_of_image
+from warpsim_kernels.records import View
+
+RUN = 32
+"""Pixels of a row that are added to at once."""
+
+HIGHEST_KM = wp.constant(400.0)
+"""Lines of sight that pass higher, or away from the Earth, have this height."""
+
+SPEED_OF_LIGHT_M_S = wp.constant(wp.float64(299792458.0))
+
+
+@wp.struct
+class SkyPlates:
+    """Radiance of the sky on square plates that touch the sphere: gnomonic grids. The first plate of a layer serves."""
+
+    axes: wp.array[wp.mat33d]  # (n_plate,) rows x, y, centre; ICRS
+    half_width: wp.array[wp.float64]  # (n_plate,) tangent of the angle from the centre to an edge
+    n_side: wp.array[wp.int32]  # (n_plate,) nodes along an edge
+    first: wp.array[wp.int32]  # (n_plate,) the first of its values
+    layer: wp.array[wp.int32]  # (n_plate,) 0 for the zodiacal light, which goes with the Sun
+    radiance_w_cm2_sr: wp.array2d[float]  # (n_band, n_value) row after row of each plate
+
+
+@wp.struct
+class SunPath:
+    """Direction of the Sun from the Earth against time, and the plate's: in the middle of the scene."""
+
+    start_s: wp.float64
+    step_s: wp.float64
+    direction: wp.array[wp.vec3d]  # (n_time,) ICRS
+    middle: wp.vec3d
+    ecliptic_pole: wp.vec3d
+
+
+@wp.struct
+class EarthShine:
+    """The Earth's limb and disc; profiles begin at the ground, in steps."""
+
+    pole: wp.vec3d
+    stretch: wp.float64  # equatorial over polar radius: along the pole, it makes the ellipsoid a sphere
+    radius_km: wp.float64
+    step_km: float
+    n_height: int
+    disc_w_cm2_sr: wp.array2d[float]  # (n_band, 2) emitted, and reflected under the Sun at the zenith
+    limb_w_cm2_sr: wp.array3d[float]  # (n_band, 2, n_height)
+    sum_km_w_cm2_sr: wp.array3d[float]  # (n_band, 2, n_height) the integral from the ground up
+
+
+@wp.struct
+class Background:
+    """What the stage reads of the scene."""
+
+    direction: wp.array[wp.vec3d]  # (n_node,) camera axes
+    pixel_sr: wp.array[float]  # (n_node,) solid angle of a pixel
+    n_across: int
+    n_down: int
+    step_px: int
+    plates: SkyPlates
+    sun: SunPath
+    earth: EarthShine
+
+
+@wp.func
+def sun_direction(sun: SunPath, time_s: wp.float64) -> wp.vec3d:
+    """Direction of the Sun at a time."""
+    place = wp.clamp((time_s - sun.start_s) / sun.step_s, wp.float64(0.0), wp.float64(sun.direction.shape[0] - 1))
+    node = wp.min(int(place), sun.direction.shape[0] - 2)
+    part = place - wp.float64(node)
+    return wp.normalize(sun.direction[node] * (wp.float64(1.0) - part) + sun.direction[node + 1] * part)
+
+
+@wp.func
+def turned_back(sun: SunPath, now: wp.vec3d, direction: wp.vec3d) -> wp.vec3d:
+    """A direction as it was, relative to the Sun, in the middle of the scene: turned about the ecliptic's pole."""
+    pole = sun.ecliptic_pole
+    sine = wp.dot(pole, wp.cross(now, sun.middle))
+    across = wp.dot(now, sun.middle) - wp.dot(now, pole) * wp.dot(sun.middle, pole)
+    size = wp.sqrt(sine * sine + across * across)
+    cosine, turn = across / size, sine / size
+    along = pole * wp.dot(pole, direction)
+    return along + (direction - along) * cosine + wp.cross(pole, direction) * turn
+
+
+@wp.func
+def plate_radiance(plates: SkyPlates, plate: int, band: int, seen: wp.vec3d) -> float:
+    """Radiance at a place on a plate, bilinear; `seen` is in its axes [W/cm2/sr]."""
+    n = plates.n_side[plate]
+    scale = wp.float64(n - 1) / (wp.float64(2.0) * plates.half_width[plate])
+    x = (seen[0] / seen[2] + plates.half_width[plate]) * scale
+    y = (seen[1] / seen[2] + plates.half_width[plate]) * scale
+    col, row = wp.clamp(int(x), 0, n - 2), wp.clamp(int(y), 0, n - 2)
+    u, v = float(x - wp.float64(col)), float(y - wp.float64(row))
+    at = plates.first[plate] + row * n + col
+    light = plates.radiance_w_cm2_sr[band]
+    return wp.lerp(wp.lerp(light[at], light[at + 1], u), wp.lerp(light[at + n], light[at + n + 1], u), v)
+
+
+@wp.func
+def sky_radiance(plates: SkyPlates, band: int, direction: wp.vec3d, sunward: wp.vec3d) -> float:
+    """Radiance of the sky in a direction [W/cm2/sr]; `sunward` is that direction relative to the Sun."""
+    total = float(0.0)
+    done = int(-1)
+    for plate in range(plates.layer.shape[0]):
+        if plates.layer[plate] != done:
+            looked = direction
+            if plates.layer[plate] == 0:
+                looked = sunward
+            seen = plates.axes[plate] * looked
+            edge = seen[2] * plates.half_width[plate]
+            if edge > wp.float64(0.0) and wp.abs(seen[0]) <= edge and wp.abs(seen[1]) <= edge:
+                total += plate_radiance(plates, plate, band, seen)
+                done = plates.layer[plate]
+    return total
+
+
+@wp.func
+def as_sphere(earth: EarthShine, vector: wp.vec3d) -> wp.vec3d:
+    """A vector stretched along the pole, so that the WGS84 ellipsoid is a sphere."""
+    return vector + earth.pole * (wp.dot(earth.pole, vector) * (earth.stretch - wp.float64(1.0)))
+
+
+@wp.func
+def earth_geometry(earth: EarthShine, position_m: wp.vec3d, direction: wp.vec3d, sun: wp.vec3d) -> wp.vec2d:
+    """How high a line of sight passes, below 0 on the disc [km], and the cosine of the Sun's zenith angle there."""
+    start = as_sphere(earth, position_m * wp.float64(1.0e-3))
+    line = wp.normalize(as_sphere(earth, direction))
+    along = -wp.dot(start, line)
+    nearest = start + line * along
+    height = wp.length(nearest) - earth.radius_km
+    if along <= wp.float64(0.0):
+        return wp.vec2d(wp.float64(HIGHEST_KM), wp.float64(0.0))
+    place = nearest
+    if height < wp.float64(0.0):
+        place = nearest - line * wp.sqrt(-height * (wp.length(nearest) + earth.radius_km))
+    return wp.vec2d(wp.min(height, wp.float64(HIGHEST_KM)), wp.dot(wp.normalize(place), sun))
+
+
+@wp.func
+def column_to(earth: EarthShine, band: int, term: int, height_km: float) -> float:
+    """Integral of the radiance over height from the ground up to a height; negative on the disc [km W/cm2/sr]."""
+    if height_km <= 0.0:
+        return earth.disc_w_cm2_sr[band, term] * height_km
+    place = wp.min(height_km / earth.step_km, float(earth.n_height - 1))
+    node = wp.min(int(place), earth.n_height - 2)
+    part = place - float(node)
+    low, high = earth.limb_w_cm2_sr[band, term, node], earth.limb_w_cm2_sr[band, term, node + 1]
+    return earth.sum_km_w_cm2_sr[band, term, node] + earth.step_km * part * (low + 0.5 * part * (high - low))
+
+
+@wp.func
+def earth_radiance(earth: EarthShine, band: int, height_km: float, width_km: float, sun_cosine: float) -> float:
+    """Mean radiance of the limb or the disc over a pixel that spans some heights [W/cm2/sr]."""
+    half = 0.5 * wp.max(width_km, 0.02)
+    low, high = height_km - half, height_km + half
+    emitted = column_to(earth, band, 0, high) - column_to(earth, band, 0, low)
+    reflected = column_to(earth, band, 1, high) - column_to(earth, band, 1, low)
+    return (emitted + reflected * wp.max(sun_cosine, 0.0)) / (2.0 * half)
+
+
+@functools.cache
+def make_background_nodes_kernel(earth: bool) -> wp.Kernel:
+    """Kernel over views and nodes: the light of the sky per pixel, and where lines of sight pass the Earth."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def background_nodes_kernel(
+        # in
+        time_s: wp.array[wp.float64],  # (n_view,)
+        views: wp.array[View],  # (n_view,)
+        background: Background,
+        # out
+        sky_w_cm2: wp.array3d[float],  # (n_view, n_band, n_node) in a pixel
+        earth_km: wp.array3d[float],  # (n_view, 2, n_node) height, and cosine of the Sun's zenith angle; where on
+    ):
+        view, node = wp.tid()
+        seen = views[view]
+        apparent = wp.transpose(seen.axes) * background.direction[node]
+        direction = wp.normalize(apparent - seen.velocity_m_s / SPEED_OF_LIGHT_M_S)
+        sun = sun_direction(background.sun, time_s[view])
+        sunward = turned_back(background.sun, sun, direction)
+        if wp.static(earth):
+            place = earth_geometry(background.earth, seen.position_m, apparent, sun)
+            earth_km[view, 0, node] = float(place[0])
+            earth_km[view, 1, node] = float(place[1])
+        for band in range(sky_w_cm2.shape[1]):
+            radiance = sky_radiance(background.plates, band, direction, sunward)
+            sky_w_cm2[view, band, node] = radiance * background.pixel_sr[node]
+
+    return background_nodes_kernel
+
+
+@wp.struct
+class Cell:
+    """Values at the corners of a cell of nodes, as they are along a row of pixels."""
+
+    start: float
+    slope: float  # per pixel
+
+
+@wp.func
+def along_row(values: wp.array[float], background: Background, node: int, v: float) -> Cell:
+    """Values between the four nodes of a cell, from its left edge on, `v` of the way down."""
+    left = wp.lerp(values[node], values[node + background.n_across], v)
+    right = wp.lerp(values[node + 1], values[node + 1 + background.n_across], v)
+    cell = Cell()
+    cell.start = left
+    cell.slope = (right - left) / float(background.step_px)
+    return cell
+
+
+@wp.func
+def earth_cell_is_dark(heights: wp.array[float], background: Background, node: int) -> bool:
+    """Whether all lines of sight of a cell pass above what glows."""
+    n = background.n_across
+    least = wp.min(wp.min(heights[node], heights[node + 1]), wp.min(heights[node + n], heights[node + n + 1]))
+    return least > background.earth.step_km * float(background.earth.n_height)
+
+
+@wp.func
+def earth_at(background: Background, earth_km: wp.array2d[float], band: int, node: int, u: float, v: float) -> wp.vec2:
+    """Radiance of the Earth at a place in a cell, u of the way across, v down [W/cm2/sr], and how much it covers."""
+    heights, cosines = earth_km[0], earth_km[1]
+    n, step = background.n_across, float(background.step_px)
+    left, right = wp.lerp(heights[node], heights[node + n], v), wp.lerp(heights[node + 1], heights[node + n + 1], v)
+    down = wp.lerp(heights[node + n] - heights[node], heights[node + n + 1] - heights[node + 1], u)
+    width_km = (wp.abs(right - left) + wp.abs(down)) / step
+    upper, lower = wp.lerp(cosines[node], cosines[node + 1], u), wp.lerp(cosines[node + n], cosines[node + n + 1], u)
+    height_km = wp.lerp(left, right, u)
+    covered = wp.clamp(0.5 - height_km / wp.max(width_km, 0.02), 0.0, 1.0)
+    return wp.vec2(earth_radiance(background.earth, band, height_km, width_km, wp.lerp(upper, lower, v)), covered)
+
+
+@functools.cache
+def make_add_background_kernel(earth: bool) -> wp.Kernel:
+    """Kernel over rows of images: add the background to each pixel, and flag all strips."""
+
+    @wp.func
+    def ramp(light: float, i: float, start: float, slope: float):
+        return light + (start + slope * i)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def add_background_kernel(
+        # in
+        background: Background,
+        sky_w_cm2: wp.array3d[float],  # (n_view, n_band, n_node)
+        earth_km: wp.array3d[float],  # (n_view, 2, n_node)
+        n_col: int,
+        n_row: int,
+        # in and out
+        signal_w_cm2: wp.array[float],  # flat images
+        touched: wp.array[wp.uint8],  # (n_image * n_flag,)
+    ):
+        if wp.static(False):
+            _a = ramp
+        item = wp.tid()
+        image = item // n_row
+        row = item - image * n_row
+        n_band = sky_w_cm2.shape[1]
+        view = image // n_band
+        band = image - view * n_band
+        begin = row * n_col
+        strip = image * flags_of_image(n_row * n_col)
+        for s in range(begin >> STRIP_SHIFT, ((begin + n_col - 1) >> STRIP_SHIFT) + 1):
+            touched[strip + s] = wp.uint8(1)
+        begin += image * n_row * n_col
+        down = row // background.step_px
+        v = float(row - down * background.step_px) / float(background.step_px)
+        for across in range(background.n_across - 1):
+            node = down * background.n_across + across
+            first = across * background.step_px
+            end = wp.min(first + background.step_px, n_col)
+            sky = along_row(sky_w_cm2[view, band], background, node, v)
+            n_whole = (end - first) // RUN
+            for run in range(n_whole):
+                at = begin + first + run * RUN
+                light = wp.tile_load(signal_w_cm2, shape=RUN, offset=at, bounds_check=False)
+                i = wp.tile_arange(RUN, dtype=float)
+                start = sky.start + sky.slope * float(run * RUN)
+                brighter = wp.tile_map(ramp, light, i, start, sky.slope)
+                wp.tile_store(signal_w_cm2, brighter, offset=at, bounds_check=False)
+            for col in range(first + n_whole * RUN, end):
+                signal_w_cm2[begin + col] = signal_w_cm2[begin + col] + sky.start + sky.slope * float(col - first)
+            if wp.static(earth):
+                if not earth_cell_is_dark(earth_km[view, 0], background, node):
+                    for col in range(first, end):
+                        u = float(col - first) / float(background.step_px)
+                        seen = earth_at(background, earth_km[view], band, node, u, v)
+                        hidden = seen[1] * (sky.start + sky.slope * float(col - first))
+                        pixel = begin + col
+                        signal_w_cm2[pixel] = signal_w_cm2[pixel] + seen[0] * background.pixel_sr[node] - hidden
+
+    return add_background_kernel
+
+
+@functools.cache
+def make_background_of_targets_kernel(earth: bool) -> wp.Kernel:
+    """Kernel over views and targets: the background in a target's pixel, for the truth."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def background_of_targets_kernel(
+        # in
+        xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot) targets first
+        background: Background,
+        sky_w_cm2: wp.array3d[float],  # (n_view, n_band, n_node)
+        earth_km: wp.array3d[float],  # (n_view, 2, n_node)
+        # out
+        background_w_cm2: wp.array3d[float],  # (n_view, n_band, n_target) NaN outside the grid
+    ):
+        view, target = wp.tid()
+        step = wp.float64(background.step_px)
+        x, y = xy_px[view, target][0] / step, xy_px[view, target][1] / step
+        n_band = sky_w_cm2.shape[1]
+        if (
+            x < wp.float64(-1.0)
+            or y < wp.float64(-1.0)
+            or x > wp.float64(background.n_across)
+            or y > wp.float64(background.n_down)
+        ):
+            for band in range(n_band):
+                background_w_cm2[view, band, target] = wp.nan
+            return
+        across = wp.clamp(int(wp.floor(x)), 0, background.n_across - 2)
+        down = wp.clamp(int(wp.floor(y)), 0, background.n_down - 2)
+        u, v = float(x - wp.float64(across)), float(y - wp.float64(down))
+        node = down * background.n_across + across
+        for band in range(n_band):
+            sky = along_row(sky_w_cm2[view, band], background, node, v)
+            level = sky.start + sky.slope * u * float(background.step_px)
+            if wp.static(earth):
+                seen = earth_at(background, earth_km[view], band, node, u, v)
+                level = level * (1.0 - seen[1]) + seen[0] * background.pixel_sr[node]
+            background_w_cm2[view, band, target] = level
+
+    return background_of_targets_kernel

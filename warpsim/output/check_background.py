@@ -1,0 +1,70 @@
+"""Report of what lies behind stars and targets: its size in NEI, band by band, and what is left out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.background.zodiacal import zodiacal_map
+from warpsim.constants import ASTRONOMICAL_UNIT_M
+from warpsim.output.check_views import field_contents
+from warpsim.output.wording import counted
+from warpsim.radiometry.bands import band_radiance_w_m2_sr
+from warpsim.scene.instrument import Instrument
+from warpsim.scene.scenario import Scenario
+
+_MOST_VIEWS = 50
+_W_CM2_PER_W_M2 = 1e-4
+
+
+def background_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> list[str]:
+    """Return a line for each band: the background in a pixel in the middle of the frame [NEI], on or left out."""
+    boresights = _boresights(instrument, frames_of)
+    if not len(boresights):
+        return []
+    wanted, camera = instrument.background, instrument.sensor.camera
+    pixel_sr = 1 / (camera.focal_px * camera.focal_row_px)
+    sun_m = scenario.tracks.sun.position_at_m(np.array([scenario.scene.duration_s / 2]))[0]
+    bands = list(instrument.bands.values())
+    dust = zodiacal_map(bands, -sun_m / ASTRONOMICAL_UNIT_M)(boresights)
+    lighting, lines = scenario.scene.lighting, []
+    for (name, band), zodiacal in zip(instrument.bands.items(), dust, strict=True):
+        nei_sr = instrument.nei_w_cm2(name) / pixel_sr
+        low, high = zodiacal.min() / nei_sr, zodiacal.max() / nei_sr
+        night = float(band_radiance_w_m2_sr(lighting.earth_k_in(band), band)) * _W_CM2_PER_W_M2
+        noon = night + lighting.earth_albedo_in(band) * lighting.sun_w_m2_in(band) * _W_CM2_PER_W_M2 / math.pi
+        off = "" if wanted.zodiacal else " (left out)"
+        earth = "" if wanted.earth else " (left out)"
+        text = f"zodiacal light {low:.2g} to {high:.2g} NEI{off}, Earth {night / nei_sr:.2g} by night and "
+        lines.append(f"  background {name}: {text}{noon / nei_sr:.2g} under the Sun{earth}")
+    if wanted.sky_map is not None:
+        lines.append(f"             map {wanted.sky_map}")
+    return lines
+
+
+def _boresights(instrument: Instrument, frames_of: Mapping[str, Sequence[int]]) -> npt.NDArray[np.float64]:
+    """Boresights of some views, (n, 3)."""
+    own = {name: frames for name, frames in frames_of.items() if len(frames)}
+    each = max(1, _MOST_VIEWS // max(1, len(own)))
+    found = []
+    for name, frames in list(own.items())[:_MOST_VIEWS]:
+        time_s = instrument.frame_time_s(list(frames)[:: max(1, len(frames) // each)])
+        found.append(instrument.commanded_axes(instrument.index(name), time_s).axes[:, 2])
+    return np.concatenate(found) if found else np.zeros((0, 3))
+
+
+def earth_warning(scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> str | None:
+    """Return a warning of an Earth in fields of view that is not rendered; None where there is none."""
+    if scenario.scene.background.earth:
+        return None
+    texts = []
+    for instrument in scenario.instruments.values():
+        own = {name: frames_of[name] for name in instrument.names if frames_of.get(name)}
+        found = field_contents(instrument, scenario.tracks, own)
+        if found.earth:
+            views = f"{found.earth:,} of {counted(found.n_view, 'view')}"
+            texts.append(f"the Earth is in the field of {views}, and is not rendered; background.earth = true does it")
+    return texts[0] if texts else None

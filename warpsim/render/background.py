@@ -1,0 +1,176 @@
+"""The background on a device: what its stage reads, and the stage."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+from warpsim_kernels.background import Background as BackgroundStruct
+from warpsim_kernels.background import (
+    EarthShine,
+    SkyPlates,
+    SunPath,
+    make_add_background_kernel,
+    make_background_nodes_kernel,
+    make_background_of_targets_kernel,
+)
+
+from warpsim.background.sky_map import sky_map_plates
+from warpsim.background.sky_plates import SkyPlate, sky_cube
+from warpsim.background.zodiacal import ECLIPTIC_AXES, zodiacal_map
+from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
+from warpsim.optics.camera import Camera
+from warpsim.radiometry.band import Band
+from warpsim.radiometry.bands import band_radiance_w_m2_sr
+from warpsim.scene.environment import Lighting
+from warpsim.scene.instrument import Instrument
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.tracks import Tracks
+
+ZODIACAL_NODES = 91
+"""Nodes along an edge of the cube of zodiacal light: 1.3 degrees apart, within 1.3 % beyond 20 degrees of the Sun."""
+
+HEIGHT_ERROR_KM = 0.1
+"""Largest error of the height of a line of sight by lines between nodes."""
+
+_NODES_PER_CELL = 2
+_W_CM2_PER_W_M2 = 1e-4
+
+
+@dataclass(frozen=True)
+class DeviceBackground:
+    """Kernels and arguments of the stage `background`."""
+
+    struct: Any
+    n_node: int
+    earth: bool
+    nodes_kernel: wp.Kernel
+    add_kernel: wp.Kernel
+    targets_kernel: wp.Kernel
+
+
+def make_background(
+    scenario: Scenario, instrument: Instrument, bands: Sequence[str], device: wp.Device
+) -> DeviceBackground | None:
+    """Make what the stage `background` reads; None where a scene has none.
+
+    Raises:
+        InputError: A map of the sky cannot be read.
+    """
+    wanted = scenario.scene.background
+    if not wanted.is_on:
+        return None
+    some = [instrument.bands[name] for name in bands]
+    plates = sky_plates(scenario, some)
+    camera, tracks = instrument.sensor.camera, scenario.tracks
+    step_px = node_step_px(camera, [plate for _, plate in plates], tracks if wanted.earth else None)
+    struct: Any = BackgroundStruct()
+    struct.step_px = step_px
+    struct.n_across, struct.n_down = (-(-(n - 1) // step_px) + 1 + (n == 1) for n in (camera.n_col, camera.n_row))
+    direction, pixel_sr = _node_geometry(camera, step_px, struct.n_across, struct.n_down)
+    struct.direction = wp.array(direction, dtype=wp.vec3d, device=device)
+    struct.pixel_sr = wp.array(pixel_sr, dtype=wp.float32, device=device)
+    struct.plates = _plates_struct(plates, len(some), device)
+    struct.sun = _sun_struct(tracks, scenario.scene.duration_s, device)
+    if wanted.earth:
+        struct.earth = _earth_struct(tracks, some, scenario.scene.lighting, device)
+    kernels = (
+        make(wanted.earth)
+        for make in (make_background_nodes_kernel, make_add_background_kernel, make_background_of_targets_kernel)
+    )
+    return DeviceBackground(struct, len(direction), wanted.earth, *kernels)
+
+
+def sky_plates(scenario: Scenario, bands: list[Band]) -> list[tuple[int, SkyPlate]]:
+    """Plates of the sky with the number of their layer: 0 is the zodiacal light, which goes with the Sun."""
+    plates: list[tuple[int, SkyPlate]] = []
+    background = scenario.scene.background
+    if background.zodiacal:
+        sun_m = scenario.tracks.sun.state(scenario.scene.duration_s / 2)[0]
+        light = zodiacal_map(bands, -sun_m / ASTRONOMICAL_UNIT_M)
+        plates += [(0, plate) for plate in sky_cube(light, ZODIACAL_NODES)]
+    if background.sky_map is not None:
+        plates += [(1, plate) for plate in sky_map_plates(background.sky_map, bands)]
+    return plates
+
+
+def node_step_px(camera: Camera, plates: list[SkyPlate], tracks: Tracks | None) -> int:
+    """Return the pixels between nodes: as many as plates of the sky, and the curvature of the limb, allow."""
+    step_rad = min((plate.step_rad for plate in plates), default=math.radians(2)) / _NODES_PER_CELL
+    if tracks is not None:
+        farthest_m = max(float(np.linalg.norm(track.position_m, axis=1).max()) for track in tracks.satellites)
+        sine = min(EARTH_EQUATORIAL_RADIUS_M / farthest_m, 0.999)
+        distance_m, cotangent = farthest_m * math.sqrt(1 - sine**2), math.sqrt(1 - sine**2) / sine
+        step_rad = min(step_rad, math.sqrt(8e3 * HEIGHT_ERROR_KM / (distance_m * cotangent)))
+    pixels = step_rad * min(camera.focal_px, camera.focal_row_px)
+    most = 1 << (max(camera.n_row, camera.n_col) - 1).bit_length()
+    return int(min(most, 1 << max(0, int(math.log2(max(pixels, 1.0))))))
+
+
+def _node_geometry(camera: Camera, step_px: int, n_across: int, n_down: int) -> tuple[npt.NDArray[np.float64], ...]:
+    """Directions of nodes in camera axes, (n_node, 3), and solid angles of pixels there [sr], (n_node,)."""
+    x, y = np.meshgrid(np.arange(n_across) * step_px, np.arange(n_down) * step_px)
+    xy = np.stack([x.ravel(), y.ravel()], axis=1).astype(np.float64)
+    sides = []
+    for half in (np.array([0.5, 0.0]), np.array([0.0, 0.5])):
+        sides.append(camera.direction(xy + half) - camera.direction(xy - half))
+    return camera.direction(xy), np.linalg.norm(np.cross(*sides), axis=1)
+
+
+def _plates_struct(plates: list[tuple[int, SkyPlate]], n_band: int, device: wp.Device) -> Any:
+    struct: Any = SkyPlates()
+    sizes = [plate.radiance_w_cm2_sr.shape[-1] for _, plate in plates]
+    first = np.concatenate([[0], np.cumsum(np.square(sizes))])[:-1] if plates else []
+    struct.axes = wp.array(
+        np.array([plate.axes for _, plate in plates]).reshape(-1, 3, 3), dtype=wp.mat33d, device=device
+    )
+    half_width = [plate.half_width for _, plate in plates]
+    struct.half_width = wp.array(half_width, dtype=wp.float64, device=device)
+    for name, numbers in (("n_side", sizes), ("first", first), ("layer", [layer for layer, _ in plates])):
+        setattr(struct, name, wp.array(np.asarray(numbers, dtype=np.int32), dtype=wp.int32, device=device))
+    flat = [plate.radiance_w_cm2_sr.reshape(n_band, -1) for _, plate in plates]
+    values = np.concatenate(flat, axis=1) if flat else np.zeros((n_band, 1))
+    struct.radiance_w_cm2_sr = wp.array(values.astype(np.float32), dtype=wp.float32, device=device)
+    return struct
+
+
+def _sun_struct(tracks: Tracks, duration_s: float, device: wp.Device) -> Any:
+    def towards(position_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return position_m / np.linalg.norm(position_m, axis=-1, keepdims=True)
+
+    sun: Any = SunPath()
+    sun.start_s, sun.step_s = tracks.start_s, tracks.step_s
+    sun.direction = wp.array(towards(tracks.sun.position_m), dtype=wp.vec3d, device=device)
+    sun.middle = wp.vec3d(*towards(tracks.sun.state(duration_s / 2)[0]))
+    sun.ecliptic_pole = wp.vec3d(*ECLIPTIC_AXES[2])
+    return sun
+
+
+def _earth_struct(tracks: Tracks, bands: list[Band], lighting: Lighting, device: wp.Device) -> Any:
+    from warpsim.background.earth_limb import limb_profile
+
+    profiles = [limb_profile(band) for band in bands]
+    height_km = profiles[0].height_km
+    step_km = float(height_km[1] - height_km[0])
+    limb = np.stack([[profile.emission_w_cm2_sr, profile.reflectance_w_cm2_sr] for profile in profiles])
+    between = step_km * 0.5 * (limb[..., 1:] + limb[..., :-1])
+    sums = np.concatenate([np.zeros((*limb.shape[:2], 1)), np.cumsum(between, axis=-1)], axis=-1)
+    disc = [
+        (
+            float(band_radiance_w_m2_sr(lighting.earth_k_in(band), band)) * _W_CM2_PER_W_M2,
+            lighting.earth_albedo_in(band) * lighting.sun_w_m2_in(band) * _W_CM2_PER_W_M2 / math.pi,
+        )
+        for band in bands
+    ]
+    earth: Any = EarthShine()
+    earth.pole, earth.stretch = wp.vec3d(*tracks.pole_icrs), 1 / (1 - EARTH_FLATTENING)
+    earth.radius_km, earth.step_km, earth.n_height = EARTH_EQUATORIAL_RADIUS_M / 1e3, step_km, len(height_km)
+    earth.disc_w_cm2_sr = wp.array(np.array(disc, dtype=np.float32), dtype=wp.float32, device=device)
+    earth.limb_w_cm2_sr = wp.array(limb.astype(np.float32), dtype=wp.float32, device=device)
+    earth.sum_km_w_cm2_sr = wp.array(sums.astype(np.float32), dtype=wp.float32, device=device)
+    return earth
