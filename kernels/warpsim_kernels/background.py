@@ -58,6 +58,17 @@ class EarthShine:
 
 
 @wp.struct
+class StrayLight:
+    """Light from outside the field, scattered over all of the image: radiance per irradiance by angle [1/sr]."""
+
+    log_ratio: wp.array[float]  # (n_angle,) natural logarithm, in equal steps from 0 to pi off the boresight
+    step_rad: wp.float64
+    moon_m: wp.array[wp.vec3d]  # (n_time,) geocentric, at the times of the Sun's path
+    irradiance_w_cm2: wp.array3d[float]  # (n_band, 2, n_time) of the Sun and the Moon
+    disc: wp.array[wp.vec3d]  # (n_point,) points of a unit disc, x and y, and how much of its area each stands for
+
+
+@wp.struct
 class Background:
     """What the stage reads of the scene."""
 
@@ -69,6 +80,7 @@ class Background:
     plates: SkyPlates
     sun: SunPath
     earth: EarthShine
+    stray: StrayLight
 
 
 @wp.func
@@ -168,8 +180,82 @@ def earth_radiance(earth: EarthShine, band: int, height_km: float, width_km: flo
     return (emitted + reflected * wp.max(sun_cosine, 0.0)) / (2.0 * half)
 
 
+@wp.func
+def stray_ratio(stray: StrayLight, boresight: wp.vec3d, direction: wp.vec3d) -> float:
+    """Radiance of the image per irradiance by a source in a direction [1/sr], log-linear in the angle."""
+    angle = wp.atan2(wp.length(wp.cross(boresight, direction)), wp.dot(boresight, direction))
+    place = angle / stray.step_rad
+    node = wp.min(int(place), stray.log_ratio.shape[0] - 2)
+    return wp.exp(wp.lerp(stray.log_ratio[node], stray.log_ratio[node + 1], float(place - wp.float64(node))))
+
+
+@wp.func
+def is_seen(earth: EarthShine, position_m: wp.vec3d, direction: wp.vec3d) -> bool:
+    """Whether the Earth hides nothing in a direction."""
+    return earth_geometry(earth, position_m, direction, direction)[0] >= wp.float64(0.0)
+
+
+@wp.func
+def earth_disc_point(position_m: wp.vec3d, radius_km: wp.float64, point: wp.vec3d) -> wp.vec3d:
+    """Direction of a point of the Earth's disc, as an orthographic picture of it."""
+    nadir = -wp.normalize(position_m)
+    side = wp.cross(nadir, wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(1.0)))
+    if wp.length(side) < wp.float64(1.0e-3):
+        side = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
+    side = wp.normalize(side)
+    sine = radius_km * wp.float64(1.0e3) / wp.length(position_m)
+    across = (side * point[0] + wp.cross(nadir, side) * point[1]) * sine
+    return across + nadir * wp.sqrt(wp.max(wp.float64(1.0) - wp.length_sq(across), wp.float64(0.0)))
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def stray_light_kernel(
+    # in
+    time_s: wp.array[wp.float64],  # (n_view,)
+    views: wp.array[View],  # (n_view,)
+    background: Background,
+    # out
+    stray_w_cm2_sr: wp.array2d[float],  # (n_view, n_band)
+):
+    """Add what the optics scatter of the Sun, the Moon and the Earth's disc."""
+    view = wp.tid()
+    seen = views[view]
+    stray, earth = background.stray, background.earth
+    position, boresight = seen.position_m, wp.vec3d(seen.axes[2, 0], seen.axes[2, 1], seen.axes[2, 2])
+    sun = sun_direction(background.sun, time_s[view])
+    place = wp.clamp(
+        (time_s[view] - background.sun.start_s) / background.sun.step_s,
+        wp.float64(0.0),
+        wp.float64(stray.moon_m.shape[0] - 1),
+    )
+    node = wp.min(int(place), stray.moon_m.shape[0] - 2)
+    part = place - wp.float64(node)
+    moon_m = stray.moon_m[node] * (wp.float64(1.0) - part) + stray.moon_m[node + 1] * part
+    moon = wp.normalize(moon_m - position)
+    ratio_sun, ratio_moon = float(0.0), float(0.0)
+    if is_seen(earth, position, sun):
+        ratio_sun = stray_ratio(stray, boresight, sun)
+    if is_seen(earth, position, moon):
+        ratio_moon = stray_ratio(stray, boresight, moon)
+    for band in range(stray_w_cm2_sr.shape[1]):
+        light = stray.irradiance_w_cm2[band]
+        of_sun = wp.lerp(light[0, node], light[0, node + 1], float(part))
+        of_moon = wp.lerp(light[1, node], light[1, node + 1], float(part))
+        stray_w_cm2_sr[view, band] = ratio_sun * of_sun + ratio_moon * of_moon
+    sine = earth.radius_km * wp.float64(1.0e3) / wp.length(position)
+    nadir = -wp.normalize(position)
+    for i in range(stray.disc.shape[0]):
+        point = earth_disc_point(position, earth.radius_km, stray.disc[i])
+        cosine = wp.max(float(earth_geometry(earth, position, point, sun)[1]), 0.0)
+        solid_angle = wp.float64(wp.PI) * sine * sine * stray.disc[i][2] / wp.dot(nadir, point)
+        ratio = stray_ratio(stray, boresight, point) * float(solid_angle)
+        for band in range(stray_w_cm2_sr.shape[1]):
+            radiance = earth.disc_w_cm2_sr[band, 0] + cosine * earth.disc_w_cm2_sr[band, 1]
+            stray_w_cm2_sr[view, band] = stray_w_cm2_sr[view, band] + ratio * radiance
+
+
 @functools.cache
-def make_background_nodes_kernel(earth: bool) -> wp.Kernel:
+def make_background_nodes_kernel(earth: bool, stray: bool) -> wp.Kernel:
     """Kernel over views and nodes: the light of the sky per pixel, and where lines of sight pass the Earth."""
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -178,6 +264,7 @@ def make_background_nodes_kernel(earth: bool) -> wp.Kernel:
         time_s: wp.array[wp.float64],  # (n_view,)
         views: wp.array[View],  # (n_view,)
         background: Background,
+        stray_w_cm2_sr: wp.array2d[float],  # (n_view, n_band); where on
         # out
         sky_w_cm2: wp.array3d[float],  # (n_view, n_band, n_node) in a pixel
         earth_km: wp.array3d[float],  # (n_view, 2, n_node) height, and cosine of the Sun's zenith angle; where on
@@ -194,6 +281,8 @@ def make_background_nodes_kernel(earth: bool) -> wp.Kernel:
             earth_km[view, 1, node] = float(place[1])
         for band in range(sky_w_cm2.shape[1]):
             radiance = sky_radiance(background.plates, band, direction, sunward)
+            if wp.static(stray):
+                radiance += stray_w_cm2_sr[view, band]
             sky_w_cm2[view, band, node] = radiance * background.pixel_sr[node]
 
     return background_nodes_kernel

@@ -14,12 +14,15 @@ from warpsim_kernels.background import Background as BackgroundStruct
 from warpsim_kernels.background import (
     EarthShine,
     SkyPlates,
+    StrayLight,
     SunPath,
     make_add_background_kernel,
     make_background_nodes_kernel,
     make_background_of_targets_kernel,
+    stray_light_kernel,
 )
 
+from warpsim.background.moon import moon_irradiance_w_cm2, moon_position_m
 from warpsim.background.sky_map import sky_map_plates
 from warpsim.background.sky_plates import SkyPlate, sky_cube
 from warpsim.background.zodiacal import ECLIPTIC_AXES, zodiacal_map
@@ -27,6 +30,7 @@ from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M, EA
 from warpsim.optics.camera import Camera
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import band_radiance_w_m2_sr
+from warpsim.scene.background import StrayLight as StrayLightModel
 from warpsim.scene.environment import Lighting
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
@@ -49,6 +53,8 @@ class DeviceBackground:
     struct: Any
     n_node: int
     earth: bool
+    stray: bool
+    stray_kernel: wp.Kernel
     nodes_kernel: wp.Kernel
     add_kernel: wp.Kernel
     targets_kernel: wp.Kernel
@@ -77,13 +83,21 @@ def make_background(
     struct.pixel_sr = wp.array(pixel_sr, dtype=wp.float32, device=device)
     struct.plates = _plates_struct(plates, len(some), device)
     struct.sun = _sun_struct(tracks, scenario.scene.duration_s, device)
-    if wanted.earth:
+    stray = wanted.stray_light
+    if wanted.earth or stray is not None:
         struct.earth = _earth_struct(tracks, some, scenario.scene.lighting, device)
-    kernels = (
-        make(wanted.earth)
-        for make in (make_background_nodes_kernel, make_add_background_kernel, make_background_of_targets_kernel)
+    if stray is not None:
+        struct.stray = _stray_struct(stray, scenario, some, device)
+    return DeviceBackground(
+        struct,
+        len(direction),
+        wanted.earth,
+        stray is not None,
+        stray_light_kernel,
+        make_background_nodes_kernel(wanted.earth, stray is not None),
+        make_add_background_kernel(wanted.earth),
+        make_background_of_targets_kernel(wanted.earth),
     )
-    return DeviceBackground(struct, len(direction), wanted.earth, *kernels)
 
 
 def sky_plates(scenario: Scenario, bands: list[Band]) -> list[tuple[int, SkyPlate]]:
@@ -174,3 +188,36 @@ def _earth_struct(tracks: Tracks, bands: list[Band], lighting: Lighting, device:
     earth.limb_w_cm2_sr = wp.array(limb.astype(np.float32), dtype=wp.float32, device=device)
     earth.sum_km_w_cm2_sr = wp.array(sums.astype(np.float32), dtype=wp.float32, device=device)
     return earth
+
+
+STRAY_STEPS = 1440
+"""Steps of the table of stray light by angle, over 180 degrees."""
+
+_DISC_RINGS, _DISC_SPOKES = 4, 8
+
+
+def _stray_struct(stray: StrayLightModel, scenario: Scenario, bands: list[Band], device: wp.Device) -> Any:
+    tracks, lighting = scenario.tracks, scenario.scene.lighting
+    angle_rad = np.linspace(0.0, math.pi, STRAY_STEPS + 1)
+    log_ratio = np.interp(np.degrees(angle_rad), stray.angle_deg, np.log(stray.ratio_sr))
+    time_s = tracks.start_s + tracks.step_s * np.arange(tracks.n_node)
+    moon_m = moon_position_m(scenario.epoch, time_s)
+    sun_w_cm2 = np.array([[lighting.sun_w_m2_in(band) * _W_CM2_PER_W_M2] for band in bands])
+    of_sun = sun_w_cm2 * (ASTRONOMICAL_UNIT_M / np.linalg.norm(tracks.sun.position_m, axis=1)) ** 2
+    of_moon = moon_irradiance_w_cm2(bands, sun_w_cm2[:, 0], moon_m, tracks.sun.position_m)
+    light = np.stack([of_sun * stray.sun, of_moon * stray.moon], axis=1)
+    radius = np.sqrt((np.arange(_DISC_RINGS) + 0.5) / _DISC_RINGS)  # rings of equal area
+    turn = 2 * np.pi * (np.arange(_DISC_SPOKES) + 0.5) / _DISC_SPOKES
+    x, y = (np.outer(radius, of(turn)).ravel() for of in (np.cos, np.sin))
+    disc = np.stack([x, y, np.full_like(x, stray.earth / len(x))], axis=1)
+    struct: Any = StrayLight()
+    struct.step_rad = math.pi / STRAY_STEPS
+    for name, values, dtype in (
+        ("log_ratio", log_ratio, wp.float32),
+        ("moon_m", moon_m, wp.vec3d),
+        ("irradiance_w_cm2", light, wp.float32),
+        ("disc", disc, wp.vec3d),
+    ):
+        kind = np.float32 if dtype is wp.float32 else np.float64
+        setattr(struct, name, wp.array(np.asarray(values, dtype=kind), dtype=dtype, device=device))
+    return struct

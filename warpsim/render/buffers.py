@@ -80,13 +80,19 @@ class BackgroundNodes:
     """Light of the sky in a pixel, (n_view, n_band, n_node)."""
     earth_km: wp.array
     """Height of the line of sight, and cosine of the Sun's zenith angle there, (n_view, 2, n_node)."""
+    stray_w_cm2_sr: wp.array
+    """Stray light, (n_view, n_band)."""
 
 
 def new_background_nodes(scene: DeviceScene, n_view: int) -> BackgroundNodes:
     """Return room for the background of views."""
     assert scene.background is not None
     n_node = scene.background.n_node
-    shapes = (n_view, scene.n_band, n_node), (n_view, 2, n_node if scene.background.earth else 1)
+    shapes = (
+        (n_view, scene.n_band, n_node),
+        (n_view, 2, n_node if scene.background.earth else 1),
+        (n_view, scene.n_band),
+    )
     return BackgroundNodes(*(wp.zeros(shape, dtype=wp.float32, device=scene.device) for shape in shapes))
 
 

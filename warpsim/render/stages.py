@@ -148,14 +148,10 @@ def background(
     n_image, n_row, n_col = n_view * scene.n_band, *signal.images.shape[2:]
     sky, earth = nodes.sky_w_cm2[:n_view], nodes.earth_km[:n_view]
     block_dim = TILE_THREADS_CUDA if scene.device.is_cuda else 1
-    launches = [
-        Launch(
-            own.nodes_kernel,
-            (n_view, own.n_node),
-            [inputs.time_s, columns.views, own.struct],
-            [sky, earth],
-            scene.device,
-        ),
+    stray, views = nodes.stray_w_cm2_sr[:n_view], [inputs.time_s, columns.views, own.struct]
+    launches = [Launch(own.stray_kernel, (n_view,), views, [stray], scene.device)] if own.stray else []
+    launches += [
+        Launch(own.nodes_kernel, (n_view, own.n_node), [*views, stray], [sky, earth], scene.device),
         Launch(
             own.add_kernel,
             [n_image * n_row],
