@@ -381,12 +381,14 @@ def make_add_background_kernel(earth: bool) -> wp.Kernel:
                 signal_w_cm2[begin + col] = signal_w_cm2[begin + col] + sky.start + sky.slope * float(col - first)
             if wp.static(earth):
                 if not earth_cell_is_dark(earth_km[view, 0], background, node):
+                    area = along_row(background.pixel_sr, background, node, v)
                     for col in range(first, end):
                         u = float(col - first) / float(background.step_px)
                         seen = earth_at(background, earth_km[view], band, node, u, v)
                         hidden = seen[1] * (sky.start + sky.slope * float(col - first))
                         pixel = begin + col
-                        signal_w_cm2[pixel] = signal_w_cm2[pixel] + seen[0] * background.pixel_sr[node] - hidden
+                        pixel_sr = area.start + area.slope * float(col - first)
+                        signal_w_cm2[pixel] = signal_w_cm2[pixel] + seen[0] * pixel_sr - hidden
 
     return add_background_kernel
 
@@ -427,7 +429,9 @@ def make_background_of_targets_kernel(earth: bool) -> wp.Kernel:
             level = sky.start + sky.slope * u * float(background.step_px)
             if wp.static(earth):
                 seen = earth_at(background, earth_km[view], band, node, u, v)
-                level = level * (1.0 - seen[1]) + seen[0] * background.pixel_sr[node]
+                area = along_row(background.pixel_sr, background, node, v)
+                pixel_sr = area.start + area.slope * u * float(background.step_px)
+                level = level * (1.0 - seen[1]) + seen[0] * pixel_sr
             background_w_cm2[view, band, target] = level
 
     return background_of_targets_kernel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from warpsim.background.sky_plates import RadianceOf, SkyPlate, sky_cube, sky_pl
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
+
+if TYPE_CHECKING:
+    from astropy.coordinates import SkyCoord
 
 Array = NDArray[np.float64]
 
@@ -50,10 +53,10 @@ def sky_map_plates(path: str, bands: list[Band]) -> list[SkyPlate]:
                     return _healpix_plates(hdu, bands)
                 if hdu.is_image and hdu.header.get("NAXIS", 0) >= 2 and hdu.data is not None:
                     return [_image_plate(hdu, bands)]
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise InputError(f"cannot be read: {str(error).splitlines()[0]}", "background.sky_map", path) from None
     except InputError as error:
         raise error.of(path) from None
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(f"cannot be read: {str(error).splitlines()[0]}", "background.sky_map", path) from None
     raise InputError("must hold an image, or a table of HEALPix pixels", "background.sky_map", path)
 
 
@@ -80,8 +83,6 @@ def response_width_hz(band: Band) -> float:
 
 def _image_plate(hdu: Any, bands: list[Band]) -> SkyPlate:
     """A plate about the middle of an image, with nodes as close as its pixels."""
-    from astropy import units
-    from astropy.coordinates import SkyCoord
     from astropy.wcs import WCS
     from scipy.ndimage import map_coordinates
 
@@ -103,14 +104,21 @@ def _image_plate(hdu: Any, bands: list[Band]) -> SkyPlate:
     n_side = int(np.clip(math.ceil(2 * half_width / pixel_rad) + 1, 2, MOST_NODES))
 
     def radiance_of(direction: Array) -> Array:
-        sky = SkyCoord(direction, representation_type="cartesian", frame="icrs", unit=units.one)
-        x, y = wcs.world_to_pixel(SkyCoord(sky.spherical.lon, sky.spherical.lat, frame="icrs"))
+        x, y = wcs.world_to_pixel(_sky_of(direction))
         near = (x > -0.5) & (x < n_col - 0.5) & (y > -0.5) & (y < n_row - 0.5)
         values = np.zeros(len(direction))
         values[near] = map_coordinates(image, [y[near], x[near]], order=1, mode="nearest")
         return np.asarray(scales[:, None] * values)
 
     return sky_plate(radiance_of, _axes_about(centre), half_width, n_side)
+
+
+def _sky_of(direction: Array) -> SkyCoord:
+    """Unit vectors as coordinates."""
+    from astropy.coordinates import SkyCoord
+
+    longitude = np.arctan2(direction[:, 1], direction[:, 0])
+    return SkyCoord(longitude, np.arcsin(np.clip(direction[:, 2], -1.0, 1.0)), unit="rad", frame="icrs")
 
 
 def _axes_about(centre: Array) -> Array:
@@ -127,8 +135,6 @@ def _healpix_plates(hdu: Any, bands: list[Band]) -> list[SkyPlate]:
         from astropy_healpix import HEALPix
     except ImportError:
         raise InputError("needs the package astropy-healpix: pip install 'warpsim[healpix]'", "sky_map") from None
-    from astropy import units
-
     header, column = hdu.header, hdu.columns[0].name
     values = np.asarray(hdu.data[column], dtype=np.float64).ravel()
     frame = {"G": "galactic", "C": "icrs", "E": "barycentricmeanecliptic"}.get(str(header.get("COORDSYS", "C"))[:1])
@@ -139,10 +145,7 @@ def _healpix_plates(hdu: Any, bands: list[Band]) -> list[SkyPlate]:
     scales = radiance_scales(hdu.columns[0].unit or header.get("BUNIT", ""), bands)
 
     def radiance_of(direction: Array) -> Array:
-        from astropy.coordinates import SkyCoord
-
-        sky = SkyCoord(direction, representation_type="cartesian", frame="icrs", unit=units.one)
-        own = SkyCoord(sky.spherical.lon, sky.spherical.lat, frame="icrs").transform_to(frame)
+        own = _sky_of(direction).transform_to(frame)
         found = healpix.interpolate_bilinear_lonlat(own.spherical.lon, own.spherical.lat, values)
         return np.asarray(scales[:, None] * found)
 

@@ -77,7 +77,7 @@ def make_background(
     step_px = node_step_px(camera, [plate for _, plate in plates], tracks if wanted.earth else None)
     struct: Any = BackgroundStruct()
     struct.step_px = step_px
-    struct.n_across, struct.n_down = (-(-(n - 1) // step_px) + 1 + (n == 1) for n in (camera.n_col, camera.n_row))
+    struct.n_across, struct.n_down = (-(-n // step_px) + 1 for n in (camera.n_col, camera.n_row))
     direction, pixel_sr = _node_geometry(camera, step_px, struct.n_across, struct.n_down)
     struct.direction = wp.array(direction, dtype=wp.vec3d, device=device)
     struct.pixel_sr = wp.array(pixel_sr, dtype=wp.float32, device=device)
@@ -166,12 +166,8 @@ def _sun_struct(tracks: Tracks, duration_s: float, device: wp.Device) -> Any:
 
 
 def _earth_struct(tracks: Tracks, bands: list[Band], lighting: Lighting, device: wp.Device) -> Any:
-    from warpsim.background.earth_limb import limb_profile
-
-    profiles = [limb_profile(band) for band in bands]
-    height_km = profiles[0].height_km
-    step_km = float(height_km[1] - height_km[0])
-    limb = np.stack([[profile.emission_w_cm2_sr, profile.reflectance_w_cm2_sr] for profile in profiles])
+    step_km, height_km = 1.0, np.arange(2.0)
+    limb = np.zeros((len(bands), 2, len(height_km)))
     between = step_km * 0.5 * (limb[..., 1:] + limb[..., :-1])
     sums = np.concatenate([np.zeros((*limb.shape[:2], 1)), np.cumsum(between, axis=-1)], axis=-1)
     disc = [

@@ -1,0 +1,337 @@
+"""Background: zodiacal light, the Earth, stray light and maps of the sky, against what shares no code with them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from astropy.io import fits
+from astropy.wcs import WCS
+from scipy.integrate import quad
+
+import warpsim as ws
+from warpsim.background.moon import SUBSOLAR_K, moon_irradiance_w_cm2, moon_position_m
+from warpsim.background.sky_map import radiance_scales, response_width_hz
+from warpsim.background.sky_plates import sky_cube
+from warpsim.background.zodiacal import (
+    ECLIPTIC_AXES,
+    band_light,
+    phase_functions,
+    zodiacal_map,
+    zodiacal_radiance_w_cm2_sr,
+)
+from warpsim.instant import instant
+from warpsim.orbit.earth import grazing_altitude_m
+from warpsim.orbit.sun import earth_states
+from warpsim.output.check import scene_report
+from warpsim.radiometry.bands import band_radiance_w_m2_sr
+
+REFERENCE = json.loads((Path(__file__).parent / "data" / "zodiacal_reference.json").read_text())["cases"]
+
+DIRBE_UM = (1.25, 2.2, 3.5, 4.9, 12.0, 25.0)
+DIRBE_RTOL, BETWEEN_RTOL = 0.02, 0.05
+MAP_RTOL = 0.015  # cubic splines between nodes, and plates of 1.3 degrees
+STAGE_RTOL = 2e-3  # light between nodes half a plate's step apart
+NEI_W_CM2 = 1e-18
+
+
+def narrow(wavelength_um):
+    return ws.Band("narrow", wavelength_um * np.array([0.99, 1.0, 1.01]), [0.0, 1.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return ws.Scene.load("stss").replace(sky__catalog="none", camera__fov_deg=4.0)
+
+
+def rendered(scene, frames=(60,), **background):
+    own = scene.replace(**{f"background__{name}": value for name, value in background.items()})
+    return ws.Renderer(own, "cpu").render(list(frames), keep_signal=True)
+
+
+def added_w_cm2(scene, frames=(60,), **background):
+    """What a background adds to the signal of frames, in float64, and the frames."""
+    plain = ws.Renderer(scene, "cpu").render(list(frames), keep_signal=True)
+    lit = rendered(scene, frames, **background)
+    return lit.signal_w_cm2.numpy().astype(np.float64) - plain.signal_w_cm2.numpy(), lit
+
+
+def sight_lines(frames, frame=0, sensor=0):
+    """Unit vectors of all pixels of a view, (n_row, n_col, 3)."""
+    camera = frames.instrument.sensor.camera
+    y, x = np.mgrid[: camera.n_row, : camera.n_col].astype(np.float64)
+    lines = camera.direction(np.stack([x.ravel(), y.ravel()], axis=1), frames.axes_icrs[frame, sensor])
+    return lines.reshape(camera.n_row, camera.n_col, 3)
+
+
+@pytest.mark.accuracy
+@pytest.mark.parametrize("case", REFERENCE, ids=lambda case: f"{case['date']}-{case['wavelength_um']}")
+def test_zodiacal_light_against_zodipy(case, record_accuracy):
+    wavelength_um = case["wavelength_um"]
+    band = narrow(wavelength_um)
+    light = zodiacal_radiance_w_cm2_sr(case["direction"], case["earth_au"], [band_light(band)])[0]
+    mjy_sr = light * 1e4 / response_width_hz(band) * 1e20
+    error = np.abs(mjy_sr / case["mjy_sr"] - 1).max()
+    of_dirbe = wavelength_um in DIRBE_UM
+    name = "zodiacal light in DIRBE's bands" if of_dirbe else "zodiacal light between DIRBE's bands"
+    record_accuracy(name, error, DIRBE_RTOL if of_dirbe else BETWEEN_RTOL, "", "zodipy 1.1.5")
+
+
+def test_phase_functions_share_out_all_light():
+    for number in range(3):
+        total = quad(lambda a, k=number: 2 * np.pi * np.sin(a) * phase_functions(np.array(a))[k], 0, np.pi)[0]
+        assert total == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.accuracy
+def test_map_and_plates_follow_the_model(record_accuracy):
+    earth_au = -earth_states(instant("2026-03-05T00:00:00"), 0.0).sun_m / 1.495978707e11
+    bands = [ws.bands()["B1"], ws.bands()["E"]]
+    radiance_of = zodiacal_map(bands, earth_au)
+    rng = np.random.default_rng(31)
+    lines = rng.normal(size=(3000, 3)) * [1, 1, 0.5]
+    lines /= np.linalg.norm(lines, axis=1, keepdims=True)
+    lines = lines @ ECLIPTIC_AXES  # most near the ecliptic
+    lines = lines[-lines @ earth_au / np.linalg.norm(earth_au) < np.cos(np.radians(20))]
+    lights = [band_light(band) for band in bands]
+    exact = zodiacal_radiance_w_cm2_sr(lines @ ECLIPTIC_AXES.T, ECLIPTIC_AXES @ earth_au, lights)
+    found, n_found = np.zeros_like(exact), np.zeros(len(lines), dtype=int)
+    for plate in sky_cube(radiance_of, 91):
+        seen = lines @ plate.axes.T
+        on = (seen[:, 2] > 0) & (np.abs(seen[:, :2]) <= seen[:, 2:]).all(axis=1)
+        place = (seen[on, :2] / seen[on, 2:] + 1) * 45
+        node = np.clip(place.astype(int), 0, 89)
+        (u, v), (col, row) = (place - node).T, node.T
+        light = plate.radiance_w_cm2_sr
+        upper = light[:, row, col] * (1 - u) + light[:, row, col + 1] * u
+        lower = light[:, row + 1, col] * (1 - u) + light[:, row + 1, col + 1] * u
+        found[:, on] = upper * (1 - v) + lower * v
+        n_found += on
+    assert (n_found == 1).all()
+    record_accuracy("zodiacal light by plates", np.abs(found / exact - 1).max(), MAP_RTOL, "", "the model itself")
+
+
+def test_images_hold_the_light_of_each_pixels_direction(scene):
+    added, frames = added_w_cm2(scene, zodiacal=True)
+    instrument = frames.instrument
+    pixel_sr = 1 / (instrument.sensor.camera.focal_px * instrument.sensor.camera.focal_row_px)
+    middle_s = scene.duration_s / 2
+    sun_m = frames.scenario.tracks.sun.position_at_m(np.array([middle_s]))[0]
+    radiance_of = zodiacal_map(list(instrument.bands.values()), -sun_m / 1.495978707e11)
+    for sensor in (0, 4, 9):
+        lines = sight_lines(frames, sensor=sensor)
+        slant = (lines @ frames.axes_icrs[0, sensor, 2]) ** 3
+        expected = radiance_of(lines.reshape(-1, 3)).reshape(-1, *slant.shape) * pixel_sr * slant
+        assert np.abs(added[0, sensor] / expected - 1).max() < MAP_RTOL + STAGE_RTOL
+
+
+def test_what_is_off_is_in_no_image_no_truth_and_no_file(scene):
+    plain = ws.Renderer(scene, "cpu").render([60])
+    assert "background" not in scene.to_dict()
+    assert plain._device_scene.background is None
+    assert not {"background_w_cm2", "noise_nei", "earth_behind"} & set(plain.truth.colnames)
+
+
+def test_frames_are_the_same_alone_and_in_any_batch(scene):
+    own = scene.replace(background__zodiacal=True, background__earth=True)
+    many = ws.Renderer(own, "cpu", n_thread=2).render(range(58, 66))
+    alone = ws.Renderer(own, "cpu", n_thread=1).render([61])
+    assert np.array_equal(alone.counts.numpy()[0], many.counts.numpy()[3])
+
+
+@pytest.mark.parametrize(("n_row", "n_col", "fov_deg"), [(128, 128, 4.0), (1, 1, 1.0), (65, 33, 3.0), (130, 257, 40.0)])
+def test_every_pixel_has_it_whatever_the_size(scene, n_row, n_col, fov_deg):
+    own = scene.replace(camera={"n_row": n_row, "n_col": n_col, "fov_deg": fov_deg})
+    table = {"angle_deg": [0.0, 180.0], "ratio_sr": [1.0, 1.0]}
+    for background in ({"zodiacal": True}, {"earth": True, "stray_light": table}):
+        added, _ = added_w_cm2(own, **background)
+        assert (added[:, :4] > 0).all()
+        assert np.isfinite(added).all()
+
+
+def test_truth_has_the_level_behind_each_target(scene):
+    added, frames = added_w_cm2(scene, zodiacal=True)
+    truth = frames.truth
+    row = truth[(truth["sensor"] == frames.sensors[2]) & (truth["band"] == "C")][0]
+    pixel = added[0, 2, 1, round(float(row["y_px"])), round(float(row["x_px"]))]
+    assert row["background_w_cm2"] == pytest.approx(pixel, rel=STAGE_RTOL)
+    assert row["noise_nei"] == 1.0
+    assert not row["earth_behind"]
+
+
+def electrons(scene):
+    detector = {"kind": "electron", "exposure_s": 0.1, "full_well_e": 1e6, "gain_e_per_count": 60.0}
+    return scene.replace(detector=detector | {"read_noise_e": 50.0, "dark_e_s": 1e4}, optics__aperture_m=0.3)
+
+
+def test_electron_detectors_have_its_shot_noise(scene):
+    own = electrons(scene)
+    _, frames = added_w_cm2(own, zodiacal=True)
+    levels = frames.instrument.levels["E"]
+    mean_e = frames.signal_w_cm2.numpy()[0, 0, 2].astype(np.float64) * levels.e_per_w_cm2
+    counts = frames.counts.numpy()[0, 0, 2].astype(np.float64)
+    truth = frames.truth
+    row = truth[(truth["sensor"] == frames.sensors[0]) & (truth["band"] == "E")][0]
+    background_e = row["background_w_cm2"] * levels.e_per_w_cm2
+    assert background_e > 1e3  # far above the read noise' square
+    counts_e = counts * 60.0
+    expected_e = levels.noise_e * row["noise_nei"]
+    pixels = (counts_e - mean_e)[:40, :40]  # away from the targets
+    assert pixels.std() == pytest.approx(expected_e, rel=0.1)
+    assert row["noise_nei"] == pytest.approx(np.sqrt(1 + background_e / levels.noise_e**2))
+
+
+def test_the_limb_lies_where_lines_of_sight_graze_the_ellipsoid(scene):
+    wide = scene.replace(camera__fov_deg=20.0)
+    added, frames = added_w_cm2(wide, frames=(60,), earth=True)
+    scenario, instrument = frames.scenario, frames.instrument
+    checked = 0
+    for number, name in enumerate(frames.sensors):
+        satellite = instrument.satellites[instrument.index(name)]
+        position_m = scenario.tracks.satellites[satellite].state(frames.time_s)[0][0]
+        lines = sight_lines(frames, sensor=number)
+        height_m = grazing_altitude_m(position_m, position_m + 1e7 * lines, scenario.tracks.pole_icrs, beyond=True)
+        step_m = np.abs(np.diff(height_m, axis=0)).max()
+        disc = added[0, number, 0] > 0.9 * added[0, number, 0].max()
+        if not (height_m < -step_m).any():
+            continue
+        assert disc[height_m < -step_m].all()
+        assert (added[0, number, 0][height_m > 130e3] < 1e-6 * added[0, number, 0].max()).all()
+        checked += 1
+    assert checked >= 3
+
+
+def test_the_disc_has_the_radiance_of_its_temperature(scene):
+    wide = scene.replace(camera__fov_deg=20.0, lighting__earth_albedo=0.0)
+    added, frames = added_w_cm2(wide, frames=(60,), earth=True)
+    instrument = frames.instrument
+    camera = instrument.sensor.camera
+    for number, (name, band) in enumerate(instrument.bands.items()):
+        kelvin = wide.lighting.earth_k_in(band)
+        expected = float(band_radiance_w_m2_sr(kelvin, band)) * 1e-4 / (camera.focal_px * camera.focal_row_px)
+        slant = (sight_lines(frames, sensor=3) @ frames.axes_icrs[0, 3, 2]) ** 3
+        light = added[0, 3, number] / slant
+        assert light[-1, camera.n_col // 2] == pytest.approx(expected, rel=1e-4), name
+
+
+def test_stray_light_of_the_sun_is_its_irradiance_times_the_ratio(scene):
+    table = {"angle_deg": [0.0, 90.0, 180.0], "ratio_sr": [1e-6, 1e-6, 1e-6], "moon": False, "earth": False}
+    added, frames = added_w_cm2(scene, stray_light=table)
+    instrument, scenario = frames.instrument, frames.scenario
+    pixel_sr = 1 / (instrument.sensor.camera.focal_px * instrument.sensor.camera.focal_row_px)
+    sun_m = scenario.tracks.sun.position_at_m(frames.time_s)[0]
+    seen = 0
+    for number, name in enumerate(frames.sensors):
+        satellite = instrument.satellites[instrument.index(name)]
+        position_m = scenario.tracks.satellites[satellite].state(frames.time_s)[0][0]
+        lit = grazing_altitude_m(position_m, sun_m, scenario.tracks.pole_icrs) > 0
+        sun_w_cm2 = scene.lighting.sun_w_m2_in(instrument.bands["A"]) * 1e-4
+        distance_au = np.linalg.norm(sun_m) / 1.495978707e11
+        expected = 1e-6 * sun_w_cm2 / distance_au**2 * pixel_sr * lit
+        middle = added[0, number, 0, 60:68, 10:20].mean()
+        assert middle == pytest.approx(expected, rel=2e-3, abs=1e-30)
+        seen += int(lit)
+    assert seen
+
+
+def test_stray_light_of_the_earth_is_that_of_its_disc(scene):
+    table = {"angle_deg": [0.0, 180.0], "ratio_sr": [1e-6, 1e-6], "moon": False, "sun": False}
+    own = scene.replace(lighting__earth_albedo=0.0)
+    added, frames = added_w_cm2(own, stray_light=table)
+    instrument, scenario = frames.instrument, frames.scenario
+    pixel_sr = 1 / (instrument.sensor.camera.focal_px * instrument.sensor.camera.focal_row_px)
+    satellite = instrument.satellites[instrument.index(frames.sensors[1])]
+    distance_m = np.linalg.norm(scenario.tracks.satellites[satellite].state(frames.time_s)[0][0])
+    sine = 6378137.0 / distance_m
+    radiance = float(band_radiance_w_m2_sr(own.lighting.earth_k_in(instrument.bands["E"]), "E")) * 1e-4
+    solid_angle = 2 * np.pi * (1 - np.sqrt(1 - sine**2))
+    expected = 1e-6 * radiance * solid_angle * pixel_sr
+    assert added[0, 1, 2, 60:68, 10:20].mean() == pytest.approx(expected, rel=0.02)  # 32 points of the disc
+
+
+def test_the_moon_is_as_bright_as_measured():
+    full, moon = np.array([[3.844e8, 0.0, 0.0]]), instant("2026-01-03T10:00:00")
+    sun_m = np.array([[-1.496e11, 0.0, 0.0]])
+    visible = narrow(0.55)
+    ratio = moon_irradiance_w_cm2([visible], np.array([1.0]), full, sun_m)[0, 0]
+    assert -2.5 * np.log10(ratio) == pytest.approx(-12.74 + 26.76, abs=0.15)  # magnitudes of Moon and Sun
+    thermal = moon_irradiance_w_cm2([narrow(10.0)], np.array([0.0]), full, sun_m)[0, 0]
+    disc = np.pi * (1.7374e6 / 3.844e8) ** 2
+    hottest = float(band_radiance_w_m2_sr(SUBSOLAR_K, narrow(10.0))) * 1e-4 * disc
+    assert 0.6 * hottest < thermal < 0.95 * hottest
+    # Full Moon of 3 January 2026, 10:03 UTC: opposite to the Sun but for its latitude.
+    moon_m, sun_then_m = moon_position_m(moon, 0.0), earth_states(moon, 0.0).sun_m
+    cosine = moon_m @ sun_then_m / np.linalg.norm(moon_m) / np.linalg.norm(sun_then_m)
+    assert cosine < np.cos(np.radians(174))
+
+
+def map_file(path, frames, unit="MJy/sr", sensor=0):
+    """A map of 64 x 64 pixels about the boresight of a sensor, with a slope in its values."""
+    wcs = WCS(naxis=2)
+    x, y, z = frames.axes_icrs[0, sensor, 2]
+    wcs.wcs.crval = [np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arcsin(z))]
+    wcs.wcs.crpix, wcs.wcs.cdelt, wcs.wcs.ctype = [32.5, 32.5], [-0.1, 0.1], ["RA---TAN", "DEC--TAN"]
+    rows, columns = np.mgrid[:64, :64]
+    header = wcs.to_header()
+    header["BUNIT"] = unit
+    fits.writeto(path, 10.0 + 0.1 * columns + 0.2 * rows, header)
+    return wcs
+
+
+def test_a_map_with_wcs_lies_where_its_header_says(scene, tmp_path):
+    plain = ws.Renderer(scene, "cpu").render([60], keep_signal=True)
+    wcs = map_file(tmp_path / "map.fits", plain)
+    added, frames = added_w_cm2(scene, sky_map=tmp_path / "map.fits")
+    lines = sight_lines(frames)
+    lines = lines - frames.velocity_m_s[0, 0] / 299792458.0
+    lines /= np.linalg.norm(lines, axis=-1, keepdims=True)
+    ra, dec = np.degrees(np.arctan2(lines[..., 1], lines[..., 0])), np.degrees(np.arcsin(lines[..., 2]))
+    x, y = wcs.wcs_world2pix(ra, dec, 0)
+    band = frames.instrument.bands["A"]
+    scale = radiance_scales("MJy/sr", [band])[0]
+    camera = frames.instrument.sensor.camera
+    slant = (sight_lines(frames) @ frames.axes_icrs[0, 0, 2]) ** 3
+    expected = (10 + 0.1 * x + 0.2 * y) * scale / (camera.focal_px * camera.focal_row_px) * slant
+    dark = plain.signal_w_cm2.numpy()[0, 0, 0] == 0  # of float32, beside the light of targets
+    inside = (x > 1) & (x < 62) & (y > 1) & (y < 62) & dark
+    assert inside.sum() > 1000
+    assert np.abs(added[0, 0, 0] / expected - 1)[inside].max() < STAGE_RTOL
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"background__sky_map": "no-such.fits"}, "must be a file that exists"),
+        ({"background__stray_light": {"angle_deg": [0, 1], "ratio_sr": [1.0]}}, "must hold 2 numbers"),
+        ({"background__stray_light": {"angle_deg": [5, 1], "ratio_sr": [1.0, 1.0]}}, "angles or more that increase"),
+        ({"background__zodi": True}, "zodi"),
+    ],
+)
+def test_what_is_wrong_is_one_line(scene, change, words):
+    with pytest.raises(ws.InputError) as caught:
+        ws.Renderer(scene.replace(**change), "cpu").render([60])
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_map_without_unit_is_refused(scene, tmp_path):
+    plain = ws.Renderer(scene, "cpu").render([60])
+    map_file(tmp_path / "map.fits", plain, unit="")
+    with pytest.raises(ws.InputError, match="surface brightness"):
+        rendered(scene, sky_map=tmp_path / "map.fits")
+
+
+def test_scenes_with_a_background_load_equal(scene, tmp_path):
+    own = scene.replace(background__zodiacal=True, background__stray_light={"angle_deg": [0, 9], "ratio_sr": [1, 0.1]})
+    own.save(tmp_path / "own.toml")
+    assert ws.Scene.load(tmp_path / "own.toml") == own
+
+
+def test_check_says_what_is_left_out_and_the_end_of_a_run_too(scene, tmp_path):
+    wide = scene.replace(camera__fov_deg=20.0)
+    report = scene_report(wide.scenario)
+    assert "the Earth is in the field of" in report
+    assert "(left out)" in report
+    assert "(left out)" not in scene_report(wide.replace(background={"zodiacal": True, "earth": True}).scenario)
+    run = ws.render_to_folder(wide, tmp_path / "out", frames=[60], bands=["A"])
+    assert "background.earth" in run.text()
