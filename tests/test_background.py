@@ -314,6 +314,26 @@ def test_what_is_wrong_is_one_line(scene, change, words):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("system", ["C", "G"])
+def test_a_map_of_healpix_pixels_lies_where_its_system_says(scene, tmp_path, system):
+    healpix = pytest.importorskip("astropy_healpix")
+    grid = healpix.HEALPix(64, "nested", frame={"C": "icrs", "G": "galactic"}[system])
+    where = grid.healpix_to_skycoord(np.arange(grid.npix)).icrs.cartesian.xyz.value
+    values = (2.0 + where[2]).astype(np.float32)  # of the sine of the declination
+    table = fits.BinTableHDU.from_columns([fits.Column("I", "E", unit="MJy/sr", array=values)])
+    table.header["PIXTYPE"], table.header["ORDERING"] = "HEALPIX", "NESTED"
+    table.header["NSIDE"], table.header["COORDSYS"] = 64, system
+    table.writeto(tmp_path / "map.fits")
+    added, frames = added_w_cm2(scene, sky_map=tmp_path / "map.fits")
+    scale = radiance_scales("MJy/sr", [frames.instrument.bands["C"]])[0]
+    camera = frames.instrument.sensor.camera
+    dark = frames.signal_w_cm2.numpy()[0, 5, 1] < 2 * np.median(frames.signal_w_cm2.numpy()[0, 5, 1])
+    lines = sight_lines(frames, sensor=5)
+    slant = (lines @ frames.axes_icrs[0, 5, 2]) ** 3
+    expected = (2.0 + lines[..., 2]) * scale / (camera.focal_px * camera.focal_row_px) * slant
+    assert np.abs(added[0, 5, 1] / expected - 1)[dark].max() < 2e-3  # pixels of 0.9 degrees
+
+
 def test_a_map_without_unit_is_refused(scene, tmp_path):
     plain = ws.Renderer(scene, "cpu").render([60])
     map_file(tmp_path / "map.fits", plain, unit="")

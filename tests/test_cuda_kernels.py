@@ -40,6 +40,9 @@ FACTORY_ARGUMENTS = {
     "make_aim_kernel": [(AimFeatures(track=True),), (AimFeatures(*[True] * len(AimFeatures._fields)),)],
     "make_observe_targets_kernel": [(Features(),), (EVERYTHING,), (EVERYTHING._replace(albedo_degree=12),)],
     "make_split_kernel": [(EVERYTHING,)],
+    "make_background_nodes_kernel": [(True, True)],
+    "make_add_background_kernel": [(False,), (True,)],
+    "make_background_of_targets_kernel": [(True,)],
     "make_profile_kernel": [(Features(profile=True),), (EVERYTHING,)],
     "make_reach_kernel": [(False,), (True,)],
     "make_trace_targets_kernel": [(False,), (True,)],
@@ -226,7 +229,7 @@ def test_stages_are_those_of_a_pipeline(scene, changes):
     on_cpu = device_scene(scene.replace(**changes), [BAND])
     pipeline, on_cuda = Pipeline(on_cpu, 2, 128), cuda_stages(on_cpu)
     bound = pipeline._inputs, pipeline.columns, pipeline.sources, pipeline._stand_in
-    ((_, _, deposit, read_out),) = ImageStages(on_cpu, *bound)._parts
+    ((_, _, (deposit,), read_out),) = ImageStages(on_cpu, *bound)._parts
     theirs = [*pipeline._view_stages, deposit, read_out]
     added = [] if changes else ["find_spots", "deposit_read_out"]
     assert [stage.name for stage in on_cuda] == [stage.name for stage in theirs] + added

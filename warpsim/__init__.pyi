@@ -20,6 +20,7 @@ from warpsim.scene.band_descriptions import BandDescription as BandDescription
 from warpsim.scene.environment import Sky as Sky
 from warpsim.scene.environment import Lighting as Lighting
 from warpsim.scene.background import Background as Background
+from warpsim.scene.background import StrayLight as StrayLight
 from warpsim.scene.scene_files import presets as presets
 
 # rendering

@@ -27,7 +27,7 @@ class SkyPlate:
     @property
     def step_rad(self) -> float:
         """Step between nodes at the centre, where it is largest."""
-        return 2 * self.half_width / (self.radiance_w_cm2_sr.shape[-1] - 1)
+        return float(2 * self.half_width / (self.radiance_w_cm2_sr.shape[-1] - 1))
 
 
 def plate_directions(axes: Array, half_width: float, n_side: int) -> Array:

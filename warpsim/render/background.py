@@ -130,16 +130,14 @@ def _node_geometry(camera: Camera, step_px: int, n_across: int, n_down: int) -> 
     """Directions of nodes in camera axes, (n_node, 3), and solid angles of pixels there [sr], (n_node,)."""
     x, y = np.meshgrid(np.arange(n_across) * step_px, np.arange(n_down) * step_px)
     xy = np.stack([x.ravel(), y.ravel()], axis=1).astype(np.float64)
-    sides = []
-    for half in (np.array([0.5, 0.0]), np.array([0.0, 0.5])):
-        sides.append(camera.direction(xy + half) - camera.direction(xy - half))
-    return camera.direction(xy), np.linalg.norm(np.cross(*sides), axis=1)
+    width, height = (camera.direction(xy + half) - camera.direction(xy - half) for half in 0.5 * np.eye(2))
+    return camera.direction(xy), np.linalg.norm(np.cross(width, height), axis=1)
 
 
 def _plates_struct(plates: list[tuple[int, SkyPlate]], n_band: int, device: wp.Device) -> Any:
     struct: Any = SkyPlates()
     sizes = [plate.radiance_w_cm2_sr.shape[-1] for _, plate in plates]
-    first = np.concatenate([[0], np.cumsum(np.square(sizes))])[:-1] if plates else []
+    first = np.cumsum([0, *np.square(sizes)])[:-1]
     struct.axes = wp.array(
         np.array([plate.axes for _, plate in plates]).reshape(-1, 3, 3), dtype=wp.mat33d, device=device
     )
@@ -155,7 +153,7 @@ def _plates_struct(plates: list[tuple[int, SkyPlate]], n_band: int, device: wp.D
 
 def _sun_struct(tracks: Tracks, duration_s: float, device: wp.Device) -> Any:
     def towards(position_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        return position_m / np.linalg.norm(position_m, axis=-1, keepdims=True)
+        return np.asarray(position_m / np.linalg.norm(position_m, axis=-1, keepdims=True))
 
     sun: Any = SunPath()
     sun.start_s, sun.step_s = tracks.start_s, tracks.step_s

@@ -145,7 +145,7 @@ def background(
     """Signal: what lies behind all sources; and how bright it is behind each target."""
     own, n_view = scene.background, len(columns.views)
     assert own is not None
-    n_image, n_row, n_col = n_view * scene.n_band, *signal.images.shape[2:]
+    n_image, (n_row, n_col) = n_view * scene.n_band, signal.images.shape[2:]
     sky, earth = nodes.sky_w_cm2[:n_view], nodes.earth_km[:n_view]
     block_dim = TILE_THREADS_CUDA if scene.device.is_cuda else 1
     stray, views = nodes.stray_w_cm2_sr[:n_view], [inputs.time_s, columns.views, own.struct]
