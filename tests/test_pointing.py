@@ -185,7 +185,7 @@ def test_up_along_the_boresight_is_replaced_and_said(scene, device, tmp_path, di
 
     report = ws.render_to_folder(described, tmp_path / "run", frames=[FRAME], sensors=["sat11"], device=device)
     said = report.text().splitlines()[-1]
-    assert said == "warning: 1 view of 1 with pointing.up along the line of sight, its fallback is up"
+    assert said.startswith("warning: 1 view of 1 with pointing.up along the line of sight, its fallback is up")
     table = ws.read_cube(tmp_path / "run" / "sat11_A.fits").frames
     assert list(table["UP_REPLACED"]) == [True]
     assert list(table["BORESIGHT_REPLACED"]) == [False]

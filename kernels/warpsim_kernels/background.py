@@ -54,7 +54,7 @@ class EarthShine:
     n_height: int
     disc_w_cm2_sr: wp.array2d[float]  # (n_band, 2) emitted, and reflected under the Sun at the zenith
     limb_w_cm2_sr: wp.array3d[float]  # (n_band, 2, n_height)
-    sum_km_w_cm2_sr: wp.array3d[float]  # (n_band, 2, n_height) the integral from the ground up
+    above_km_w_cm2_sr: wp.array3d[float]  # (n_band, 2, n_height) the integral from a height up
 
 
 @wp.struct
@@ -159,15 +159,21 @@ def earth_geometry(earth: EarthShine, position_m: wp.vec3d, direction: wp.vec3d,
 
 
 @wp.func
-def column_to(earth: EarthShine, band: int, term: int, height_km: float) -> float:
-    """Integral of the radiance over height from the ground up to a height; negative on the disc [km W/cm2/sr]."""
+def column_above(earth: EarthShine, band: int, term: int, height_km: float) -> float:
+    """Integral of the radiance over height from a height up, on the disc below 0 [km W/cm2/sr].
+
+    From above, so that the thin air's light is not the difference of large numbers.
+    """
     if height_km <= 0.0:
-        return earth.disc_w_cm2_sr[band, term] * height_km
-    place = wp.min(height_km / earth.step_km, float(earth.n_height - 1))
-    node = wp.min(int(place), earth.n_height - 2)
+        return earth.above_km_w_cm2_sr[band, term, 0] - earth.disc_w_cm2_sr[band, term] * height_km
+    place = height_km / earth.step_km
+    node = int(place)
+    if node >= earth.n_height - 1:
+        return 0.0
     part = place - float(node)
     low, high = earth.limb_w_cm2_sr[band, term, node], earth.limb_w_cm2_sr[band, term, node + 1]
-    return earth.sum_km_w_cm2_sr[band, term, node] + earth.step_km * part * (low + 0.5 * part * (high - low))
+    rest = 0.5 * (1.0 - part) * (wp.lerp(low, high, part) + high)
+    return earth.above_km_w_cm2_sr[band, term, node + 1] + earth.step_km * rest
 
 
 @wp.func
@@ -175,8 +181,8 @@ def earth_radiance(earth: EarthShine, band: int, height_km: float, width_km: flo
     """Mean radiance of the limb or the disc over a pixel that spans some heights [W/cm2/sr]."""
     half = 0.5 * wp.max(width_km, 0.02)
     low, high = height_km - half, height_km + half
-    emitted = column_to(earth, band, 0, high) - column_to(earth, band, 0, low)
-    reflected = column_to(earth, band, 1, high) - column_to(earth, band, 1, low)
+    emitted = column_above(earth, band, 0, low) - column_above(earth, band, 0, high)
+    reflected = column_above(earth, band, 1, low) - column_above(earth, band, 1, high)
     return (emitted + reflected * wp.max(sun_cosine, 0.0)) / (2.0 * half)
 
 

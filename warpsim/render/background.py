@@ -22,6 +22,7 @@ from warpsim_kernels.background import (
     stray_light_kernel,
 )
 
+from warpsim.background.earth_limb import limb_profile
 from warpsim.background.moon import moon_irradiance_w_cm2, moon_position_m
 from warpsim.background.sky_map import sky_map_plates
 from warpsim.background.sky_plates import SkyPlate, sky_cube
@@ -164,10 +165,12 @@ def _sun_struct(tracks: Tracks, duration_s: float, device: wp.Device) -> Any:
 
 
 def _earth_struct(tracks: Tracks, bands: list[Band], lighting: Lighting, device: wp.Device) -> Any:
-    step_km, height_km = 1.0, np.arange(2.0)
-    limb = np.zeros((len(bands), 2, len(height_km)))
+    profiles = [limb_profile(band) for band in bands]
+    height_km = profiles[0].height_km
+    step_km = float(height_km[1] - height_km[0])
+    limb = np.stack([[profile.emission_w_cm2_sr, profile.reflected_w_cm2_sr] for profile in profiles])
     between = step_km * 0.5 * (limb[..., 1:] + limb[..., :-1])
-    sums = np.concatenate([np.zeros((*limb.shape[:2], 1)), np.cumsum(between, axis=-1)], axis=-1)
+    above = np.concatenate([np.cumsum(between[..., ::-1], axis=-1)[..., ::-1], np.zeros((*limb.shape[:2], 1))], axis=-1)
     disc = [
         (
             float(band_radiance_w_m2_sr(lighting.earth_k_in(band), band)) * _W_CM2_PER_W_M2,
@@ -180,7 +183,7 @@ def _earth_struct(tracks: Tracks, bands: list[Band], lighting: Lighting, device:
     earth.radius_km, earth.step_km, earth.n_height = EARTH_EQUATORIAL_RADIUS_M / 1e3, step_km, len(height_km)
     earth.disc_w_cm2_sr = wp.array(np.array(disc, dtype=np.float32), dtype=wp.float32, device=device)
     earth.limb_w_cm2_sr = wp.array(limb.astype(np.float32), dtype=wp.float32, device=device)
-    earth.sum_km_w_cm2_sr = wp.array(sums.astype(np.float32), dtype=wp.float32, device=device)
+    earth.above_km_w_cm2_sr = wp.array(above.astype(np.float32), dtype=wp.float32, device=device)
     return earth
 
 

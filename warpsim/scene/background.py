@@ -56,7 +56,7 @@ class Background:
 
     Args:
         zodiacal: Whether interplanetary dust glows (Kelsall et al. 1998).
-        earth: Whether the Earth's disc glows and reflects sunlight; its limb above the ground is dark.
+        earth: Whether the Earth's disc and limb glow, and reflect sunlight.
         sky_map: FITS image with celestial WCS, or FITS table of HEALPix pixels, of surface brightness, for all bands.
         stray_light: How the optics scatter the Sun, the Moon and the Earth.
     """
