@@ -637,7 +637,6 @@ BAD_CSV = {
         HEADER + "1,2,3,4\n12 aa,2,3,4\n",
         "line 3: ra_deg: must be an angle such as 12 34 56.7 or 188.73, got '12 aa'",
     ),
-    "twice": ("ra_deg,ra_deg,flux_A_jy\n1,2,3\n", "must have columns of different names, got ra_deg twice"),
 }
 
 
@@ -696,17 +695,10 @@ def test_error_lines_count_rows_that_were_left_out(tmp_path):
         ({"ra_deg": "a", "flux_A_jy": "c"}, "columns: must name ra_deg, dec_deg and a flux or magnitude, got "),
         ({"ra_deg": "a", "dec_deg": "b", "flux_A_jy": "c", "mag_A": "c"},
          "columns: mag_A: must be a column of its own, got 'c' a second time"),
-        (["a", "b"], "columns: must be a mapping such as {'ra_deg': 'RAJ2000'}, got list"),
     ],
 )  # fmt: skip
 def test_bad_columns_are_named(tmp_path, columns, message):
     assert refused(save(tmp_path / "x.csv", "a,b,c\n1,2,3\n"), columns=columns).startswith(message)
-
-
-def test_columns_and_a_survey_exclude_each_other(tmp_path):
-    file = save(tmp_path / "x.csv", "a,b,c\n1,2,3\n")
-    text = refused(file, "gaia", columns={"ra_deg": "a", "dec_deg": "b", "flux_A_jy": "c"})
-    assert text == "columns: must be left out where format names a survey, got format 'gaia'"
 
 
 def test_unknown_formats_and_columns(tmp_path):

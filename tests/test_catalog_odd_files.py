@@ -1,11 +1,9 @@
 """Files that once misled the readers: names that collide, units and flags that got lost, tables in pieces."""
 
-import io
 import warnings
 
 import numpy as np
 import pytest
-from astropy.io import fits
 from astropy.table import MaskedColumn, Table
 
 import warpsim as ws
@@ -84,22 +82,6 @@ def test_v98_motions_in_another_unit(read):
     assert (seconds.pm_ra_mas_yr[0], seconds.pm_dec_mas_yr[0]) == pytest.approx((15_000.0, 500.0), rel=1e-12)
     for unit in ("mas/yr", "mas/year", "parsnip/yr"):  # with or without cos(dec)? nobody knows
         assert refused(read, text.format(unit, unit), "x.tsv").startswith("pmRA: must be ")
-
-
-@pytest.mark.parametrize("kind", ["fits", "votable"])
-def test_only_the_first_of_several_tables_is_read_and_said_to_be(read, kind):
-    table = Table({"ra_deg": [1.0, 2.0], "dec_deg": [3.0, 4.0], "flux_A_jy": [5.0, 6.0]})
-    buffer = io.BytesIO()
-    if kind == "fits":
-        fits.HDUList([fits.PrimaryHDU(), fits.BinTableHDU(table), fits.BinTableHDU(table[:1])]).writeto(buffer)
-        data = buffer.getvalue()
-    else:
-        table.write(buffer, format="votable")
-        one = buffer.getvalue().decode()
-        piece = one[one.index("<TABLE") : one.index("</TABLE>") + 8]
-        data = one.replace(piece, piece + "\n" + piece).encode()
-    with pytest.warns(UserWarning, match="holds 2 tables, and only the first is read"):
-        assert len(read(data, f"x.{kind}")) == 2
 
 
 GAIA = "ra,dec,pmra,pmdec,bp_rp,phot_g_mean_mag\n1,10,20,8.2,1.5,11.2\n2,10,20,8.2,1.5,1"

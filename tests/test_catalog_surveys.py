@@ -394,7 +394,7 @@ def test_allwise_uses_what_is_not_saturated():
         "Ks": [5.0, 3.0, 8.0, 6.0, 7.0, 4.5],
         "W1": [nan, 8.5, 9.0, nan, nan, nan],
         "W2": [nan, nan, nan, 7.5, nan, nan],
-        "W3": [5.0, nan, nan, 6.0, 7.0, nan],
+        "W3": [5.0, 3.0, nan, 6.0, 7.0, nan],
         "W4": [4.0, 2.0, nan, nan, nan, nan],
     }
     assert stars.flux_jy.keys() == expected.keys()
@@ -404,20 +404,19 @@ def test_allwise_uses_what_is_not_saturated():
     assert stars.limit_jy["C"] == close([nan, nan, msx_jy("C", 8.0), nan, nan, nan])
     assert stars.limit_jy["E"] == close([nan, nan, msx_jy("E", 7.0), nan, nan, nan])
     # Of W3; else of a prediction from shorter waves, which K alone would make uncertain where it is saturated.
-    assert stars.quality.tolist() == [4, 2, 2, 1, 2, 2]
+    assert stars.quality.tolist() == [4, 4, 2, 1, 2, 2]
     assert stars.pm_ra_mas_yr is None
     assert stars.epoch_jyear == 2010.5
     assert any("motions" in note for note in stars.notes)
-    assert "1 of 6 stars with W3 < 3.8 saturated, not used" in stars.notes
     assert "4 of 6 stars with W1 < 8 saturated, not used" in stars.notes
     catalog = catalog_of(stars)
-    assert catalog.flux_flag("W3").tolist() == [1, 0, 0, 1, 1, 0]
+    assert catalog.flux_flag("W3").tolist() == [1, 1, 0, 1, 1, 0]
     assert catalog.spectrum_temperature_k[0] == pytest.approx(float(colour_temperature_k(1.0, "J-K", GIANT)))
 
 
 def test_allwise_limits_in_j_or_k_have_no_error():
     gap = [False, True] + [False] * 4
-    no_w1 = {"W1mag": [6.0] * 6}
+    no_w1 = {"W1mag": [6.0] * 6, "qph": ["AAXA"] * 6}
     table = allwise_table(e_Jmag=MaskedColumn([0.1] * 6, mask=gap), **no_w1)
     stars = convert("allwise", table)
     assert np.isnan(stars.flux_jy["J"][1])
@@ -427,7 +426,7 @@ def test_allwise_limits_in_j_or_k_have_no_error():
 
 
 def test_allwise_saturated_k_is_uncertain_without_w1_and_w2():
-    stars = convert("allwise", allwise_table(W1mag=[6.0] * 6, W2mag=[6.0] * 6))
+    stars = convert("allwise", allwise_table(W1mag=[6.0] * 6, W2mag=[6.0] * 6, W3mag=[5.0, 0.9, 8.0, 6.0, 7.0, 4.0]))
     assert stars.quality.tolist() == [4, 1, 2, 1, 2, 2]
 
 
@@ -664,7 +663,8 @@ def test_gaia_epochs():
     assert stars.id.tolist()[3] == "Gaia DR2 7"
     table.remove_column("designation")
     table.meta["name"] = "I/345/gaia2"
-    assert convert("gaia", table).epoch_jyear == 2015.5
+    stars = convert("gaia", table)
+    assert (stars.epoch_jyear, stars.notes[-1]) == (2015.5, "of DR2 by its header")
     table.rename_columns(("ra", "dec"), ("RAJ2000", "DEJ2000"))  # moved there by the CDS
     assert convert("gaia", table).epoch_jyear == 2000.0
 
@@ -747,8 +747,52 @@ def test_limits_cannot_pass_for_measurements_where_the_flags_are_missing():
     for name, make, flag in (("2mass", twomass_table, "Qflg"), ("allwise", allwise_table, "qph")):
         table = make()
         table.remove_column(flag)
-        with pytest.raises(InputError, match=rf"^must have the column {flag} or ph_qual, got "):
+        with pytest.raises(InputError, match=rf"^must have the column {flag} or (Qfl or )?ph_qual, got "):
             convert(name, table)
+
+
+# --- every survey: epoch and bands ---
+
+
+def msx_table(*names):
+    columns = {name: [1.0] for name in ("RAJ2000", "DEJ2000", *names)}
+    return Table(columns | {name: [4] for name in names if name.startswith("q_")})
+
+
+def irac_table():
+    return msx_table("FSIIIA", "FSIIIB1", "FSIIIB2", "FSIIIC", "FSIIID", "FSIIIE", "Vmag", "pmRA", "pmDE")
+
+
+def psc_table():
+    return msx_table("B1", "q_B1", "B2", "q_B2", "A", "q_A", "C", "q_C", "D", "q_D", "E", "q_E")
+
+
+MSX = {"A", "B1", "B2", "C", "D", "E"}
+EPOCHS_AND_BANDS = {
+    "msx-irac": (irac_table, 2000.0, {*MSX, "V"}),
+    "msx-psc": (psc_table, 1996.6, MSX),
+    "msx-psc-v1": (psc_table, 1996.6, MSX),
+    "iras-psc": (iras_table, 1983.5, {"IRAS12", "IRAS25"}),
+    "akari-irc": (akari_table, 2007.0, {"S9W", "L18W"}),
+    "allwise": (allwise_table, 2010.5, {"J", "H", "Ks", "W1", "W2", "W3", "W4"}),
+    "2mass": (twomass_table, 2000.0, {"J", "H", "Ks"}),
+    "hipparcos": (hipparcos_table, 1991.25, {"Hp", "V", "B", "Ic"}),
+    "hipparcos-2": (hipparcos_2_table, 1991.25, {"Hp", "V", "B", "Ic"}),
+    "gaia": (gaia_table, 2016.0, {"G", "BP", "RP"}),
+}
+
+
+def test_no_survey_is_left_out():
+    assert EPOCHS_AND_BANDS.keys() == SURVEYS.keys()
+
+
+@pytest.mark.parametrize("name", EPOCHS_AND_BANDS)
+def test_the_epoch_and_the_bands_of_a_survey(name):
+    make, epoch_jyear, bands = EPOCHS_AND_BANDS[name]
+    stars = convert(name, make())
+    assert stars.epoch_jyear == epoch_jyear
+    assert stars.flux_jy.keys() == bands
+    assert all(band in photometric_bands() for band in bands)
 
 
 # --- recognition ---
@@ -807,7 +851,7 @@ def test_2mass_saturates_at_k_4_and_its_letters_count(read):
 
 
 def test_wise_saturates_at_its_limits(read):
-    rows = [(7.95, 7.05, 3.75, 2.0), (8.05, 6.95, 3.85, 2.0), (9.0, 9.0, 5.0, -0.45), (9.0, 9.0, 5.0, -0.35)]
+    rows = [(7.95, 7.05, 0.95, 2.0), (8.05, 6.95, 1.05, 2.0), (9.0, 9.0, 5.0, -0.45), (9.0, 9.0, 5.0, -0.35)]
     text = "designation,ra,dec,w1mpro,w2mpro,w3mpro,w4mpro,ph_qual\n"
     catalog = read(text + "".join(f"s,1,2,{w1},{w2},{w3},{w4},AAAA\n" for w1, w2, w3, w4 in rows), fill=False)
     assert catalog.flux_flag("W1").tolist() == [0, 1, 1, 1]

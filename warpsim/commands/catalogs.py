@@ -21,6 +21,8 @@ def add_commands(commands: Any) -> None:
     catalog.add_argument("--format", metavar="NAME", help="survey or file format; guessed if left out")
     catalog.add_argument("--readme", metavar="PATH", help="ReadMe that describes a CDS file")
     catalog.add_argument("--columns", metavar="PAIRS", help="what is in which column: ra_deg=RAJ2000,flux_A_jy=F8")
+    catalog.add_argument("--table", metavar="NAME", help="which of several tables in the file, by name or number")
+    catalog.add_argument("--epoch", metavar="YEAR", help="Julian year of the positions; told by the file if left out")
     catalog.add_argument("--no-fill", action="store_true", help="leave bands without a flux unknown")
     catalog.add_argument("--n-star", metavar="N", help="number of stars of the synthetic catalog")
     catalog.add_argument("--limit-jy", metavar="JY", help="instead: flux density of its faintest star in band A")
@@ -67,7 +69,7 @@ def _load_catalog(options: argparse.Namespace) -> StarCatalog:
     if name != "synthetic" and (given := [option for option in made_up if getattr(options, option)]):
         raise InputError("is for synthetic only", f"--{given[0].replace('_', '-')}", name)
     if name in ("default", "union", "synthetic"):
-        for option in ("format", "readme", "columns", "no_fill"):
+        for option in ("format", "readme", "columns", "table", "epoch", "no_fill"):
             if getattr(options, option):
                 raise InputError("is for files only", f"--{option.replace('_', '-')}", name)
     if name == "default":
@@ -84,7 +86,15 @@ def _load_catalog(options: argparse.Namespace) -> StarCatalog:
             seed=0 if options.seed is None else whole_number("--seed", options.seed),
         )
     columns = None if options.columns is None else _column_names(options.columns)
-    return StarCatalog.read(name, options.format, columns=columns, readme=options.readme, fill=not options.no_fill)
+    return StarCatalog.read(
+        name,
+        options.format,
+        columns=columns,
+        table=options.table,
+        epoch_jyear=None if options.epoch is None else number("--epoch", options.epoch),
+        readme=options.readme,
+        fill=not options.no_fill,
+    )
 
 
 def _draw_counts(catalog: StarCatalog, path: Path) -> None:

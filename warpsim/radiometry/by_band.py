@@ -19,14 +19,14 @@ BAND_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 """Names of bands; they are parts of file names too."""
 
 
-class ByBand(Mapping[str, V]):
-    """Numbers (or files) by the name of a band, in the order given; does not change."""
+class FixedMapping(Mapping[str, V]):
+    """A mapping that does not change, in the order given."""
 
     def __init__(self, values: Mapping[str, V]) -> None:
         self._values = dict(values)
 
-    def __getitem__(self, band: str) -> V:
-        return self._values[band]
+    def __getitem__(self, name: str) -> V:
+        return self._values[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._values)
@@ -39,6 +39,10 @@ class ByBand(Mapping[str, V]):
 
     def __repr__(self) -> str:
         return repr(self._values)
+
+
+class ByBand(FixedMapping[V]):
+    """Numbers (or files) by the name of a band."""
 
 
 def band_table(value: Any, info: ValidationInfo, low: float, high: float, open_low: bool = False) -> ByBand[float]:

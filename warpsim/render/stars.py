@@ -41,7 +41,9 @@ def load_catalog(sky: Sky, bands: Iterable[Band] = ()) -> StarCatalog:
             return StarCatalog.synthetic(
                 synthetic.n_star, limit_jy=synthetic.limit_jy, sky=synthetic.sky, seed=synthetic.seed
             )
-        return StarCatalog.read(sky.catalog)
+        return StarCatalog.read(
+            sky.catalog, sky.format, columns=sky.columns, table=sky.table, epoch_jyear=sky.epoch_jyear
+        )
     except InputError as error:
         raise error.within("sky.catalog") from None
 

@@ -6,14 +6,24 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, model_validator
+from pydantic import BeforeValidator, PlainValidator, model_validator
 
-from warpsim.config.fields import Count, Integer, NonNegative, Number, Positive, Switch, closed_interval, whole_path
+from warpsim.config.fields import (
+    Count,
+    Integer,
+    NonNegative,
+    Number,
+    Positive,
+    Switch,
+    closed_interval,
+    rule_error,
+    whole_path,
+)
 from warpsim.config.model import config_model, exactly_one
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, name_among
-from warpsim.radiometry.by_band import AS_DICT, ByBand, in_band, within
+from warpsim.radiometry.by_band import AS_DICT, ByBand, FixedMapping, in_band, within
 from warpsim.radiometry.sun_and_earth import earth_albedo, earth_brightness_temperature_k, sun_irradiance_w_m2
 from warpsim.target.surface import UnitFractionByBand
 
@@ -48,6 +58,12 @@ class SyntheticStars:
         return self
 
 
+def _column_names(value: Any) -> FixedMapping[str]:
+    if not isinstance(value, Mapping) or not all(isinstance(text, str) for pair in value.items() for text in pair):
+        raise rule_error('must be a table such as {ra_deg = "RAJ2000"}')
+    return FixedMapping(value)
+
+
 @config_model
 class Sky:
     """The star background.
@@ -55,6 +71,10 @@ class Sky:
     Args:
         catalog: "default" (embedded), "union" (all of its sources, needs the extra `catalogs`), "synthetic", "none", or
             the path of a catalog file.
+        format: Of a catalog file: a survey ("gaia") or a kind of file ("votable"); told by the file where left out.
+        table: Of a catalog file with several tables: name or number, counted from 1.
+        columns: Of a catalog file: which of its columns holds what, {ra_deg = "RAJ2000"}.
+        epoch_jyear: Of a catalog file: Julian year of its positions; told by the file where left out.
         synthetic: What to make, for catalog = "synthetic".
         physics: "physical", or "paper": motion by its Eq. 5 and irradiance by its zero points, which are known in the
             bands of MSX only.
@@ -64,6 +84,10 @@ class Sky:
     """
 
     catalog: Annotated[str, BeforeValidator(_word_or_path)] = "default"
+    format: str | None = None
+    table: Integer | str | None = None
+    columns: Annotated[FixedMapping[str], PlainValidator(_column_names), AS_DICT] | None = None
+    epoch_jyear: Number | None = None
     synthetic: SyntheticStars | None = None
     physics: Literal["physical", "paper"] = "physical"
     aberration: Switch = True
@@ -74,6 +98,10 @@ class Sky:
     def _synthetic_is_described(self) -> Sky:
         if (self.catalog == "synthetic") != (self.synthetic is not None):
             raise InputError('must be given with catalog = "synthetic", and only then', "synthetic")
+        if self.catalog in BUILT_IN_CATALOGS:
+            for name in ("format", "table", "columns", "epoch_jyear"):
+                if getattr(self, name) is not None:
+                    raise InputError("must be given with the path of a catalog file, and only then", name)
         return self
 
 

@@ -154,6 +154,8 @@ class StarCatalog(Stars):
         format: str | None = None,
         *,
         columns: Mapping[str, str] | None = None,
+        table: str | int | None = None,
+        epoch_jyear: float | None = None,
         readme: str | PathLike[str] | None = None,
         fill: bool = True,
     ) -> StarCatalog:
@@ -167,8 +169,12 @@ class StarCatalog(Stars):
             path: File name.
             format: Name of a survey ("msx-irac", "iras-psc", ...) or astropy's name of a file format ("fits",
                 "votable", "ascii.ecsv", "ascii.csv", ...); None guesses.
-            columns: For a table of one's own: which of its columns holds what, such as {"ra_deg": "RAJ2000",
-                "flux_A_jy": "F8"}, by the column names of from_table().
+            columns: Which column of the file holds what, such as {"ra_deg": "RAJ2000", "flux_A_jy": "F8"}, by the
+                column names of from_table(). With the format of a survey: by the survey's names for its own columns
+                ({"Gmag": "G_corrected"}), and by those of from_table() for what goes before the survey's.
+            table: Which of several tables in the file, by name or number, counted from 1; the first that holds stars
+                if left out, with a warning.
+            epoch_jyear: Julian year of the positions, where the file does not tell it, or tells it wrong.
             readme: ReadMe of a CDS file; a file ReadMe beside it is found by itself.
             fill: Whether flux_jy() of bands without a flux is predicted from the spectrum, with flux_flag 3.
                 A table that flags its fluxes (flux_A_flag ...) and none of them as filled in is taken as it is.
@@ -177,9 +183,9 @@ class StarCatalog(Stars):
             InputError: The file is missing, cannot be read, or its content breaks a rule; the text names file, line
                 and column.
         """
-        from warpsim.sky.readers.read import read_stars
+        from warpsim.sky.readers.read import ReadOptions, read_stars
 
-        stars = read_stars(path, format, columns=columns, readme=readme)
+        stars = read_stars(path, ReadOptions(format, columns, table, epoch_jyear, readme))
         catalog = cls._of_columns(stars.columns if fill else replace(stars.columns, filled=False))
         if stars.is_own and fill:
             warn_colours(str(path), catalog._photometry)

@@ -85,6 +85,24 @@ def brightness_columns(names: Iterable[str]) -> dict[str, str]:
     return found
 
 
+def sloan_g(names: Iterable[str]) -> list[str]:
+    """Return those of some columns that hold Sloan's or Pan-STARRS' g, and not Gaia's G.
+
+    The case tells them, and a neighbour of the same case: gmag beside rmag or imag is Sloan's, Gmag never is.
+    """
+    known = set(names)
+
+    def neighbour(name: str, letter: str) -> str:
+        return re.sub(r"(?<![A-Za-z])[gG]", letter.upper() if name.isupper() else letter, name, count=1)
+
+    return [
+        name
+        for name in known
+        if re.fullmatch(r"g|g_?mag|mag_g|flux_g(_jy)?|G_?MAG|MAG_G|FLUX_G(_JY)?", name)
+        and known & {neighbour(name, "r"), neighbour(name, "i")}
+    ]
+
+
 def check_flux_columns(names: Iterable[str]) -> None:
     """Raise InputError for a column of fluxes by its name that is of no photometric band: flux_Z_jy."""
     known = {band.lower() for band in photometric_bands()}

@@ -42,6 +42,11 @@ N_CORRECTION = 4
 """Rounds of the correction of the factor: each leaves about a third of the difference between the irradiances measured
 and those of the spectrum."""
 
+LEAST_CORRECTION = 0.6
+"""Least ratio of the factor at a knot to the mean wanted there. Next to a band that is brighter by magnitudes a linear
+factor takes all of an anchor's light from its edge on that side, and leaves none at the other; one linear in its
+logarithm, which very red stars have rather, stays above 0.7 at a ratio of 100."""
+
 _CHUNK_STARS = 1 << 14
 """Stars worked on at once: their numbers stay in the processor's cache, and memory is bounded."""
 
@@ -153,7 +158,8 @@ def _factor(wanted: list[Array], mixing: Mapping[tuple[int, int], Array]) -> lis
     """Factor at its knots whose means over the anchors are those wanted; never negative.
 
     Each round multiplies it by wanted over found mean, from the wanted means on (as Richardson and Lucy's deconvolution
-    does): what the anchors cannot tell apart, and noise would blow up, is left alone. `wanted` is the mean of
+    does): what the anchors cannot tell apart, and noise would blow up, is left alone. None falls below LEAST_CORRECTION
+    of the wanted mean. `wanted` is the mean of
     irradiance over template irradiance of the anchors of each knot; `mixing` the weight of the factor at knot k in the
     mean of knot j's anchors, by (j, k), of sum 1.
     """
@@ -163,7 +169,9 @@ def _factor(wanted: list[Array], mixing: Mapping[tuple[int, int], Array]) -> lis
         for (j, k), weight in mixing.items():
             found[j] += weight * factor[k]
         factor = [
-            one * np.divide(to_find, mean, out=np.ones_like(mean), where=mean > 0.0)
+            np.fmax(
+                one * np.divide(to_find, mean, out=np.ones_like(mean), where=mean > 0.0), LEAST_CORRECTION * to_find
+            )
             for one, to_find, mean in zip(factor, wanted, found, strict=True)
         ]
     return factor

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import functools
+import html
 import importlib
 import io
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from warpsim.errors import InputError, one_line
+from warpsim.tables.columns import ColumnTable
+from warpsim.tables.parts import Part
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -42,52 +46,97 @@ def read_by_name(path: Path, format: str) -> Table:
     return quietly(lambda: Table.read(path, format=format), f"format {format!r}")
 
 
-def read_fits(data: bytes) -> Table:
-    """The table of a FITS file; of several, the first, with a warning."""
+def fits_tables(data: bytes) -> list[Part]:
+    """The tables of a FITS file, by the names of their HDUs."""
+    from astropy.io import fits
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            hdus = fits.open(io.BytesIO(data))
+            tables = [(k, hdu) for k, hdu in enumerate(hdus) if isinstance(hdu, fits.BinTableHDU | fits.TableHDU)]
+            named = [(k, hdu.name, tuple(hdu.columns.names)) for k, hdu in tables]
+        except Exception as error:  # astropy raises many kinds for a broken file
+            raise InputError(f"cannot be read as a table: FITS: {one_line(error)}") from None
+    _check_whole(caught)
+    if not named:
+        raise InputError("must hold a table, got FITS without one (it may be cut off)")
+    return [Part(name, columns, functools.partial(_read_fits, data, k)) for k, name, columns in named]
+
+
+def _read_fits(data: bytes, hdu: int) -> ColumnTable:
+    """The table of an HDU."""
     from astropy.io import fits
     from astropy.table import Table
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            table = Table.read(io.BytesIO(data), format="fits")
+            table = Table.read(io.BytesIO(data), format="fits", hdu=hdu)
+            header = fits.getheader(io.BytesIO(data), hdu).tostring("\n")
             said = None
         except Exception as error:  # astropy raises many kinds for a broken file
             table, said = None, one_line(error)
-    texts = " ".join(str(warning.message) for warning in caught)
-    if "truncated" in texts or "Error validating header" in texts:  # where data are missing astropy may go on
-        raise InputError("ends early: the FITS data are cut off")
-    if "multiple tables" in texts:
-        with fits.open(io.BytesIO(data)) as hdus:
-            _warn_of_several(sum(isinstance(hdu, fits.BinTableHDU | fits.TableHDU) for hdu in hdus), "FITS file")
+    _check_whole(caught)
     if table is None:
-        if said == "No table found":
-            raise InputError("must hold a table, got FITS without one (it may be cut off)")
         raise InputError(f"cannot be read as a table: FITS: {said}")
-    return table
+    return ColumnTable(table, header=header)
 
 
-def read_votable(data: bytes, what: str = "a table") -> Table:
-    """First table of a VOTable; `what` says in messages what it must be a table of."""
-    from astropy.io.votable import parse_single_table
+def _check_whole(caught: Sequence[warnings.WarningMessage]) -> None:
+    """Raise where astropy warned of missing data: it may go on without."""
+    texts = " ".join(str(warning.message) for warning in caught)
+    if "truncated" in texts or "Error validating header" in texts:
+        raise InputError("ends early: the FITS data are cut off")
 
+
+_TABLE = re.compile(rb"<(?:\w+:)?TABLE\b([^>]*?)(?:/>|>(.*?)</(?:\w+:)?TABLE\s*>)", re.DOTALL)
+_FIELD = re.compile(rb"<(?:\w+:)?FIELD\b[^>]*>", re.DOTALL)
+_DATA = re.compile(rb"<(?:\w+:)?DATA\b.*?</(?:\w+:)?DATA\s*>", re.DOTALL)
+
+
+def votable_tables(data: bytes, what: str = "a table") -> list[Part]:
+    """The tables of a VOTable, found without parsing them; `what` says in messages what it must be a table of."""
     status, text = _query_status(data)
     if status == "ERROR":
         raise InputError(f"must be {what}, got an error from the archive: {text}")
     if not re.search(rb"</(\w+:)?VOTABLE", data[-200:], re.IGNORECASE):
         raise InputError("ends early: the VOTable is not closed")
-    n_table = len(re.findall(rb"<(?:\w+:)?TABLE[\s>]", data))
-    if not n_table:
+    found = list(_TABLE.finditer(data))
+    if not found:
         raise InputError("must hold a table, got a VOTable without one")
     if status == "OVERFLOW":
         warnings.warn("the VOTable holds a part only: the archive stopped at its row limit", stacklevel=2)
-    if n_table > 1:
-        _warn_of_several(n_table, "VOTable")
+    parts = []
+    for match in found:
+        fields = [_attribute(field[0], "name") for field in _FIELD.finditer(_DATA.sub(b"", match[2] or b""))]
+        name = _attribute(match[1], "name") or _attribute(match[1], "ID")
+        parts.append(Part(name, tuple(fields), functools.partial(_read_votable, data, found, match)))
+    return parts
+
+
+def _attribute(element: bytes, name: str) -> str:
+    """Value of an attribute in the text of an element's tag; "" without it."""
+    match = re.search(rb"(?<!\w)" + name.encode() + rb"\s*=\s*(\"[^\"]*\"|'[^']*')", element)
+    return html.unescape(match[1][1:-1].decode("utf-8", "replace")) if match else ""
+
+
+def _read_votable(data: bytes, tables: list[re.Match[bytes]], one: re.Match[bytes]) -> ColumnTable:
+    """One table of a VOTable: the others are cut out before astropy parses the rest."""
+    from astropy.io.votable import parse_single_table
+
+    pieces, start = [], 0
+    for table in tables:
+        if table is not one:
+            pieces.append(data[start : table.start()])
+            start = table.end()
+    alone = b"".join([*pieces, data[start:]])
 
     def parse() -> Table:
-        return parse_single_table(io.BytesIO(data), verify="ignore").to_table(use_names_over_ids=True)
+        return parse_single_table(io.BytesIO(alone), verify="ignore").to_table(use_names_over_ids=True)
 
-    return quietly(parse, "VOTable")
+    header = _DATA.sub(b"", alone).decode("utf-8", "replace")
+    return ColumnTable(quietly(parse, "VOTable"), header=header)
 
 
 def _query_status(data: bytes) -> tuple[str, str]:
@@ -98,11 +147,6 @@ def _query_status(data: bytes) -> tuple[str, str]:
         if value:
             found = value[1].decode().upper(), " ".join((match[3] or b"").decode("utf-8", "replace").split())[:200]
     return found
-
-
-def _warn_of_several(n_table: int, what: str) -> None:
-    """Warn that only one of several tables is read."""
-    warnings.warn(f"the {what} holds {n_table} tables, and only the first is read; save the others apart", stacklevel=2)
 
 
 def read_parquet(data: bytes) -> Table:

@@ -32,6 +32,7 @@ class ColumnTable:
         line_of_row: NDArray[np.int64] | None = None,
         layout: str | None = None,
         open_end: InputError | None = None,
+        header: str = "",
     ) -> None:
         from astropy.table import Table
 
@@ -50,6 +51,12 @@ class ColumnTable:
         self.open_end = open_end
         """The error of a last line that no line break closes; None where it is closed, or known to be whole."""
 
+        self.header = header or "\n".join(map(str, table.meta.values()))
+        """What the file says of the table besides its rows: comments, cards, elements of XML."""
+
+        self.asked: set[str] = set()
+        """Plain names of the columns looked for so far."""
+
     def __len__(self) -> int:
         return len(self.table)
 
@@ -60,12 +67,20 @@ class ColumnTable:
 
     def find(self, *names: str) -> str | None:
         """The table's own name of the first of these columns that it has; one spelled just so goes first."""
+        self.asked.update(map(plain_name, names))
         for name in names:
             if name in self.table.colnames:
                 return name
             if plain_name(name) in self._names:
                 return self._names[plain_name(name)]
         return None
+
+    def rename(self, old: str, new: str) -> None:
+        """Give a column another name, by which it is found from now on; one that bears it already gives it up."""
+        if new in self.table.colnames and new != old:
+            self.rename(new, f"{new} (the file's)")
+        self.table.rename_column(old, new)
+        self._names = {plain_name(name): name for name in reversed(self.table.colnames)}
 
     def need(self, *names: str) -> str:
         """Like find(), of a column that must be there."""

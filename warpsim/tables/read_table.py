@@ -6,7 +6,6 @@ caller, who knows what it is for, puts its name before them.
 
 from __future__ import annotations
 
-import functools
 import gzip
 import re
 import zlib
@@ -14,10 +13,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from warpsim.errors import InputError
-from warpsim.tables.by_astropy import read_by_name, read_fits, read_parquet, read_votable
+from warpsim.tables.by_astropy import fits_tables, read_by_name, read_parquet, votable_tables
 from warpsim.tables.columns import ColumnTable
 from warpsim.tables.fixed_width import Layout, layout_from_readme, n_description, read_fixed_width, recognised
-from warpsim.tables.text import decoded, lines_of, names_columns, read_delimited, read_ecsv, read_ipac
+from warpsim.tables.parts import read_part
+from warpsim.tables.text import decoded, delimited_tables, lines_of, names_columns, read_ecsv, read_ipac
 
 KINDS = {
     "fits": "fits",
@@ -53,12 +53,9 @@ _N_HEAD = 4096
 _README_NAMES = ("ReadMe", "ReadMe.txt", "README", "readme.txt")
 _DESCRIPTION, _N_DESCRIPTION = b" Description of file:", 200_000
 _READERS: dict[str, Callable[[bytes], ColumnTable]] = {
-    "fits": lambda data: ColumnTable(read_fits(data)),
     "parquet": lambda data: ColumnTable(read_parquet(data)),
     "ecsv": read_ecsv,
     "ipac": read_ipac,
-    "csv": read_delimited,
-    "tsv": functools.partial(read_delimited, delimiter="\t"),
 }
 
 
@@ -71,8 +68,10 @@ def read_table(
     layouts: Sequence[Layout] = (),
     likely: Layout | None = None,
     data: bytes | None = None,
+    table: str | int | None = None,
+    wanted: Callable[[ColumnTable], bool] | None = None,
 ) -> ColumnTable:
-    """Table of a file.
+    """Table of a file; of several that it holds, the one asked for, or the first that is wanted, with a warning.
 
     Args:
         path: File name; ".gz" is unpacked.
@@ -82,6 +81,8 @@ def read_table(
         layouts: Byte layouts that a text without names of columns is compared with.
         likely: The layout to blame such a text by, where it follows none of them.
         data: Bytes of the file, where they have been read.
+        table: Name or number, counted from 1, of the table to read.
+        wanted: Whether a table of such columns, given without rows, is one to read.
 
     Raises:
         InputError: The file cannot be read, or is no table.
@@ -91,19 +92,24 @@ def read_table(
         return ColumnTable(read_by_name(path, format))
     _check_foreign(data, what)
     kind = KINDS[format] if format is not None else _kind_of(data, what)
+    if kind == "fits":
+        return read_part(fits_tables(data), "FITS file", table, wanted)
     if kind == "votable":
-        return ColumnTable(read_votable(data, what))
-    if kind not in ("fits", "parquet") and b"\x00" in data[:_N_HEAD]:
+        return read_part(votable_tables(data, what), "VOTable", table, wanted)
+    if kind != "parquet" and b"\x00" in data[:_N_HEAD]:
         raise InputError("cannot be read as a table: it is binary, of no kind known")
     if kind in _READERS:
         return _READERS[kind](data)
-    return _read_text(data, path, readme, layouts, likely, is_cds=kind == "cds")
+    found = None if kind in ("csv", "tsv") else _by_bytes(data, path, readme, layouts, likely, is_cds=kind == "cds")
+    if found is not None:
+        return found
+    return read_part(delimited_tables(data, "\t" if kind == "tsv" else None), "text", table, wanted)
 
 
-def _read_text(
+def _by_bytes(
     data: bytes, path: Path, readme: Path | None, layouts: Sequence[Layout], likely: Layout | None, is_cds: bool
-) -> ColumnTable:
-    """Table of a text: one whose bytes are described, one of a known layout, or one with a line of names."""
+) -> ColumnTable | None:
+    """Table of a text whose bytes are described, or of a known layout; None of one with a line of names."""
     file_name = path.name.removesuffix(".gz")
     if readme is not None:
         return _read_by_readme(data, file_name, readme)
@@ -122,7 +128,7 @@ def _read_text(
         return _read_by_readme(data, file_name, beside)
     if layout is None and not names_columns(decoded(lines.text[0]) if len(lines) else ""):
         layout = likely  # which says what is wrong
-    return read_delimited(data) if layout is None else read_fixed_width(lines, layout)
+    return None if layout is None else read_fixed_width(lines, layout)
 
 
 def _describes(readme: Path) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import re
 import warnings
 from collections.abc import Callable, Sequence
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.tables.by_astropy import cds_unit, quietly
 from warpsim.tables.columns import ColumnTable, is_number
+from warpsim.tables.parts import Part
 
 _DELIMITERS = ("\t", ",", ";", "|")
 _BLANKS_AT_TAB = re.compile(r" *\t *")
@@ -45,6 +47,11 @@ class Lines:
         """Lines behind the first n_line of the file."""
         first = int((self.number <= n_line).sum())
         return Lines(self.text[first:], self.number[first:], self.ends_with_break)
+
+    def until(self, n_line: int) -> Lines:
+        """Lines among the first n_line of the file; if others follow, the last is closed."""
+        stop = int((self.number <= n_line).sum())
+        return Lines(self.text[:stop], self.number[:stop], self.ends_with_break or stop < len(self))
 
     def open_end(self) -> InputError | None:
         """The error of a last line that no line break closes: a number cut short would read as another number."""
@@ -81,32 +88,87 @@ def decoded(line: bytes) -> str:
         return line.decode("latin-1")
 
 
-def read_delimited(data: bytes, delimiter: str | None = None) -> ColumnTable:
-    """Table of delimited text: comments begin with #, a line of units and one of dashes may follow that of names."""
+_TABLE = re.compile(rb"^#Table[ \t]+([^\s:]+):?[ \t]*\r?$")
+"""The line with which VizieR begins each of several tables."""
+
+
+def delimited_tables(data: bytes, delimiter: str | None = None, *, equal_names: bool = True) -> list[Part]:
+    """The tables of a text: comments begin with #, a line of units and one of dashes may follow that of names.
+
+    There are several where VizieR gives them one below the other.
+    """
     lines = lines_of(data.removeprefix(b"\xef\xbb\xbf"), skip=(b"#",))
+    comments = [(n, line) for n, line in enumerate(data.split(b"\n"), start=1) if line.startswith(b"#")]
+    starts = [(n, match[1].decode("latin-1")) for n, line in comments if (match := _TABLE.match(line))]
+    ends = [n - 1 for n, _ in starts[1:]] + [max(len(data), 1)]
+    found: list[tuple[str, Lines, list[tuple[int, bytes]]]] = []
+    for (start, name), end in zip(starts, ends, strict=False):
+        rows = lines.after(start).until(end)
+        if len(rows):
+            found.append((name, rows, [(n, line) for n, line in comments if n < starts[0][0] or start <= n <= end]))
+    if len(found) < 2 or len(lines.until(starts[0][0])):
+        found = [("", lines, comments)]
+    parts = []
+    for name, rows, header in found:
+        # Of one table alone they are not asked for, and it may have no line of names.
+        names = _names_of(decoded(rows.text[0]), delimiter) if len(found) > 1 else []
+        read = functools.partial(_read_delimited, rows, header, delimiter, equal_names)
+        parts.append(Part(name, tuple(names), read))
+    return parts
+
+
+def read_delimited(data: bytes, delimiter: str | None = None) -> ColumnTable:
+    """Read the table of a text that holds one, or the first of several; columns of equal names are an error."""
+    return delimited_tables(data, delimiter, equal_names=False)[0].read()
+
+
+def _read_delimited(
+    lines: Lines, comments: list[tuple[int, bytes]], delimiter: str | None, equal_names: bool
+) -> ColumnTable:
     header = decoded(lines.text[0]) if len(lines) else ""
     delimiter = delimiter or _delimiter_of(header)
     if delimiter is None or not names_columns(header, delimiter):
         shown = header.strip()[:40]
         raise InputError(f"cannot be read as a table: no line names its columns, the first is {shown!r}")
-    names = [cell.strip() for cell in _cells_of(header, delimiter)]
-    doubled = {name for name in names if names.count(name) > 1}
-    if doubled:
-        raise InputError(f"must have columns of different names, got {', '.join(sorted(doubled))} twice")
+    given = [cell.strip() for cell in _cells_of(header, delimiter)]
+    names = _unlike(given)
+    if names != given:
+        if not equal_names:
+            doubled = sorted({name for name in given if given.count(name) > 1})
+            raise InputError(f"must have columns of different names, got {', '.join(doubled)} twice")
+        text = ", ".join(f"{name} is {new}" for name, new in zip(given, names, strict=True) if name != new)
+        warnings.warn(f"columns of equal names: the first keeps it, the next {text}", stacklevel=2)
+        header = delimiter.join(f'"{name}"' if delimiter in name else name for name in names)
     head = [decoded(line).replace(delimiter, " ") for line in lines.text[:3]]
     n_head = next((row + 1 for row in range(1, len(head)) if _DASHES.fullmatch(head[row])), 1)
     body = lines.after(int(lines.number[n_head - 1]))
     table = _read_rows(lambda rows: _by_astropy([header, *rows], delimiter), "text", body, delimiter)
-    comments = [decoded(line) for line in data.split(b"\n", 200)[:200] if line.startswith(b"#")]
     if comments:
-        table.table.meta["comments"] = comments
-    _warn_of_hidden_rows(data, lines, delimiter, len(names))
+        table.table.meta["comments"] = [decoded(line) for _, line in comments]
+        table.header = "\n".join(table.table.meta["comments"])
+    _warn_of_hidden_rows(comments, lines, delimiter, len(names))
     units = _cells_of(decoded(lines.text[1]), delimiter) if n_head == 3 else []
     for name, unit in zip(names, units, strict=False):
         if unit.strip():
             table.table[name].unit = cds_unit(unit)
     table.open_end = lines.open_end()
     return table
+
+
+def _names_of(header: str, delimiter: str | None) -> list[str]:
+    return _unlike([cell.strip() for cell in _cells_of(header, delimiter or _delimiter_of(header) or " ")])
+
+
+def _unlike(names: list[str]) -> list[str]:
+    """Names with a number behind all but the first of equal ones: ra, dec, ra_2."""
+    unlike: list[str] = []
+    for name in names:
+        number = 2
+        new = name
+        while name and new in unlike:
+            new, number = f"{name}_{number}", number + 1
+        unlike.append(new)
+    return unlike
 
 
 def read_ecsv(data: bytes) -> ColumnTable:
@@ -195,12 +257,12 @@ def _delimiter_of(header: str) -> str | None:
     return " " if len(header.split()) > 1 else None
 
 
-def _warn_of_hidden_rows(data: bytes, lines: Lines, delimiter: str, n_cell: int) -> None:
-    """Warn about lines behind the header that begin with # and have a row's cells: comments, or rows by mistake."""
+def _warn_of_hidden_rows(comments: list[tuple[int, bytes]], lines: Lines, delimiter: str, n_cell: int) -> None:
+    """Warn about comments behind the header that have a row's cells: rows by mistake, maybe."""
     found = [
         number
-        for number, line in enumerate(data.split(b"\n"), start=1)
-        if line.startswith(b"#") and number > lines.number[0] and len(_cells_of(decoded(line), delimiter)) == n_cell
+        for number, line in comments
+        if number > lines.number[0] and len(_cells_of(decoded(line), delimiter)) == n_cell
     ]
     if found:
         shown = ", ".join(map(str, found[:5])) + (", ..." if len(found) > 5 else "")

@@ -20,6 +20,7 @@ POSITIONS: tuple[Pair, ...] = (
     ("RAdeg", "DEdeg"),
     ("ra", "dec"),
     ("RA", "DE"),
+    ("clon", "clat"),  # sexagesimal text of IRSA
 )
 """Usual names of right ascension and declination, J2000 or ICRS, in the order of preference."""
 

@@ -111,6 +111,7 @@ def _psc_survey(name: str, version: str, reference: str, *needs: tuple[str, ...]
         epoch_jyear=1996.6,  # middle of the cryogenic observations, May 1996 to February 1997; no proper motions
         position=lambda table: position_deg(table, *_PSC_POSITIONS),
         id_columns=("MSX6C", "MSX5C", "MSX6C_ID", "MSX5C_ID", "name"),
+        telling=("MSX6C", "MSX5C", "MSX6C_ID", "MSX5C_ID", "q_A"),
     )
 
 
@@ -221,6 +222,7 @@ SURVEYS = (
         reference="V/98 (Egan and Price 1996, AJ 112, 2862)",
         needs=(("FSIIIA",),),
         light=_msx_irac,
+        telling=("FSIIIA",),
     ),
     _psc_survey("msx-psc", "2.3", "V/114 (Egan et al. 2003, AFRL-VS-TR-2003-1589)"),
     _psc_survey("msx-psc-v1", "1.2", "V/107 (Egan et al. 1999, AFRL-VS-TR-1999-1522)", ("MSX5C", "MSX5C_ID")),
@@ -234,6 +236,7 @@ SURVEYS = (
         position=_iras_position,
         id_columns=("IRAS", "pscname", "fscname"),
         id_prefix="IRAS ",
+        telling=("Fnu_12", "Fnu_25"),
     ),
     Survey(
         name="akari-irc",
@@ -244,5 +247,6 @@ SURVEYS = (
         epoch_jyear=2007.0,  # middle of the survey, May 2006 to August 2007
         id_columns=("objName",),
         id_prefix="AKARI-IRC-V1 J",
+        telling=("S09", "flux09"),
     ),
 )

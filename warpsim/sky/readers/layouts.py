@@ -80,6 +80,8 @@ def _hipparcos() -> Layout:
     """I/239 `hip_main.dat`; columns stand in fixed bytes between bars."""
     fields = (
         ByteField("HIP", 9, 14, "whole"),
+        ByteField("RAhms", 18, 28, "text"),  # all there is of 263 stars without an astrometric solution
+        ByteField("DEdms", 30, 40, "text"),
         ByteField("Vmag", 42, 46, unit="mag"),
         ByteField("RAdeg", 52, 63, unit="deg"),
         ByteField("DEdeg", 65, 76, unit="deg", largest=90),

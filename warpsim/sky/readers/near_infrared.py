@@ -28,8 +28,10 @@ from warpsim.tables.columns import ColumnTable
 
 Array = NDArray[np.float64]
 
-SATURATED_MAG = {1: 8.0, 2: 7.0, 3: 3.8, 4: -0.4}
-"""Stars brighter than this saturate in W1 to W4 (WISE All-Sky Explanatory Supplement, VI.3.d)."""
+SATURATED_MAG = {1: 8.0, 2: 7.0, 3: 1.0, 4: -0.4}
+"""Magnitudes from which W1 to W4 are used. Stars saturate from there in W1, W2 and W4, and from 3.8 in W3 (WISE All-Sky
+Explanatory Supplement, VI.3.d), whose wings are fitted well enough for 0.05 mag up to magnitude 1: three times better
+than what shorter waves tell."""
 
 _QUALITY = {"A": EXCELLENT, "B": GOOD, "C": FAIR}
 """By the letter of ph_qual: signal to noise of 10, 3 and 2. U is an upper limit; X and Z are no measurements."""
@@ -105,7 +107,7 @@ def _near_infrared(table: ColumnTable, vizier: str, irsa: str, vizier_error: str
 
 
 _J, _H, _K = ("Jmag", "j_m"), ("Hmag", "h_m"), ("Kmag", "k_m")
-_FLAGS, _ARTEFACTS = ("Qflg", "ph_qual"), ("Cflg", "cc_flg")
+_FLAGS, _ARTEFACTS = ("Qflg", "Qfl", "ph_qual"), ("Cflg", "cc_flg")
 _J_LETTER, _H_LETTER, _K_LETTER = 0, 1, 2  # positions in the flags
 _NO_MEASUREMENT = ("U", "X")  # an upper limit, a detection without a brightness
 _POOR = ("E", "F")
@@ -147,6 +149,7 @@ SURVEYS = (
         epoch_jyear=2010.5,
         id_columns=("AllWISE", "designation"),
         id_prefix="WISEA ",
+        telling=("W3mag", "w3mpro"),
     ),
     Survey(
         name="2mass",
@@ -157,5 +160,6 @@ SURVEYS = (
         epoch_jyear=2000.0,  # observed from June 1997 to February 2001; there are no proper motions
         id_columns=("2MASS", "designation"),
         id_prefix="2MASS J",
+        telling=("Qflg", "Qfl", "2MASS"),
     ),
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from warpsim.sky.photometric_bands import (
     limit_column,
     magnitude_column,
     photometric_bands,
+    sloan_g,
 )
 from warpsim.sky.readers.angles import angle_deg, has_parts, position_deg
 from warpsim.sky.readers.survey import real_colours, real_magnitudes
@@ -52,6 +53,12 @@ def own_columns(table: ColumnTable) -> dict[str, str]:
     return found if b_v is None else {**found, COLOUR: b_v}
 
 
+def set_sloan_apart(table: ColumnTable, spoken_of: Iterable[str]) -> None:
+    """Rename columns of Sloan's g, which would be found as Gaia's G, unless they are spoken of by name."""
+    for name in set(sloan_g(table.table.colnames)) - set(spoken_of):
+        table.rename(name, f"{name} (Sloan's, not Gaia's)")
+
+
 def is_own(columns: Mapping[str, str], table: ColumnTable) -> bool:
     """Return whether columns hold positions (in one column each, or in the CDS's parts) and a brightness."""
     in_parts = has_parts(table) and not columns.keys() & set(_ANGLES)
@@ -59,26 +66,22 @@ def is_own(columns: Mapping[str, str], table: ColumnTable) -> bool:
     return has_place and not columns.keys().isdisjoint(_brightnesses())
 
 
-def check_columns(columns: Any, table: ColumnTable) -> dict[str, str]:
+def check_columns(columns: Mapping[str, str], table: ColumnTable) -> dict[str, str]:
     """The argument `columns`, with the table's own spelling of its columns, and what goes by warpsim's names already.
 
     A column may be followed by its unit, "F8 [mJy]", where the file does not state one.
 
     Raises:
-        InputError: It is no mapping, knows no such name, names a column that the file has not or another unit than the
-            file, or leaves out positions or every brightness.
+        InputError: It knows no such name, names a column that the file has not or another unit than the file, or leaves
+            out positions or every brightness.
     """
-    if not isinstance(columns, Mapping):
-        raise InputError(f"must be a mapping such as {{'ra_deg': 'RAJ2000'}}, got {type(columns).__name__}", "columns")
     checked: dict[str, str] = {}
     for given, column in columns.items():
-        name = COLOUR if given == "B-V" else given
-        if name not in known_columns():
-            hint = "a colour but B-V is no column, give both magnitudes; " if "-" in str(name) else ""
-            raise InputError(f"{hint}must be of {_SHORT}", "columns", name)
-        own_name = _own_name(table, str(column))
-        if own_name is None:
-            raise InputError(f"must be a column of the file ({table.names})", value=column).of(name).within("columns")
+        name = known_name(given)
+        if name is None:
+            hint = "a colour but B-V is no column, give both magnitudes; " if "-" in str(given) else ""
+            raise InputError(f"{hint}must be of {_SHORT}", "columns", given)
+        own_name = column_named(table, name, str(column))
         if name in _ANGLES and plain_name(own_name) in ("rah", "ded", "decd") and has_parts(table):
             rule = (
                 f"{own_name} is one of RAh, RAm, RAs, DE-, DEd, DEm, DEs; leave ra_deg and dec_deg out, and positions "
@@ -104,6 +107,21 @@ def check_columns(columns: Any, table: ColumnTable) -> dict[str, str]:
     if not is_own(checked, table):
         raise InputError(f"must name ra_deg, dec_deg and a flux or magnitude, got {', '.join(checked)}", "columns")
     return checked
+
+
+def known_name(name: Any) -> str | None:
+    """The column that the argument `columns` means by a name; None if it knows no such name."""
+    other = {"B-V": COLOUR, magnitude_column("K"): magnitude_column("Ks"), flux_column("K"): flux_column("Ks")}
+    name = other.get(name, name)
+    return name if name in known_columns() else None
+
+
+def column_named(table: ColumnTable, name: str, column: str) -> str:
+    """The table's own spelling of the column that is to be `name`, given as "F8", or with a unit as "F8 [mJy]"."""
+    own_name = _own_name(table, column)
+    if own_name is None:
+        raise InputError(f"must be a column of the file ({table.names})", value=column).of(name).within("columns")
+    return own_name
 
 
 def _names_of(band: str) -> set[str]:
@@ -138,14 +156,36 @@ def arrays_of_columns(table: ColumnTable, columns: Mapping[str, str]) -> dict[st
     declination may be sexagesimal text.
     """
     meta = {str(key).lower(): value for key, value in table.table.meta.items()}  # FITS turns keys to capitals
-    arrays: dict[str, Any] = {"flux_jy": {}, "flux_flag": {}, "limit_jy": {}}
+    arrays = _arrays_named(table, columns)
     if not any(name in columns for name in _ANGLES):
         arrays["ra_deg"], arrays["dec_deg"], _ = position_deg(table)
+    epoch_jyear = meta.get("epoch_jyear", J2000_JYEAR)
+    return {"epoch_jyear": epoch_jyear, "provenance": str(meta.get("provenance", "")), **arrays}
+
+
+def merge_columns(arrays: dict[str, Any], table: ColumnTable, columns: Mapping[str, str]) -> None:
+    """Put a table's columns, by warpsim's names for them, in the place of what a survey's reader made of the table."""
+    named = _arrays_named(table, columns)
+    for band in named["flux_jy"]:
+        for of_band in (arrays.get("flux_flag"), arrays.get("limit_jy")):
+            if of_band:
+                of_band.pop(band, None)
+    for name, values in named.items():
+        arrays[name] = {**(arrays.get(name) or {}), **values} if isinstance(values, dict) else values
+
+
+def _arrays_named(table: ColumnTable, columns: Mapping[str, str]) -> dict[str, Any]:
+    """Arguments of StarCatalog.from_arrays that columns are named for."""
+    arrays: dict[str, Any] = {"flux_jy": {}, "flux_flag": {}, "limit_jy": {}}
     for name, column in columns.items():
         if name in _ANGLES:
             arrays[name] = angle_deg(table, column, hours=name == "ra_deg")
         elif name in NUMBER_UNITS:
             arrays[name] = table.number(column, unit=NUMBER_UNITS[name])
+        elif name in ("id", "spectral_type"):
+            arrays[name] = table.text(column)
+        elif name == "epoch_jyear":
+            arrays[name] = _epoch_jyear(table, column)
     for band, name in brightness_columns(columns).items():
         if name == flux_column(band):
             arrays["flux_jy"][band] = table.number(columns[name], unit="Jy")
@@ -160,14 +200,7 @@ def arrays_of_columns(table: ColumnTable, columns: Mapping[str, str]) -> dict[st
     for band in photometric_bands():
         if limit_column(band) in columns:
             arrays["limit_jy"][band] = table.number(columns[limit_column(band)], unit="Jy")
-    for name in ("id", "spectral_type"):
-        if name in columns:
-            arrays[name] = table.text(columns[name])
-    epoch = meta.get("epoch_jyear", J2000_JYEAR)
-    return arrays | {
-        "epoch_jyear": _epoch_jyear(table, columns["epoch_jyear"]) if "epoch_jyear" in columns else epoch,
-        "provenance": str(meta.get("provenance", "")),
-    }
+    return arrays
 
 
 def _epoch_jyear(table: ColumnTable, column: str) -> float:

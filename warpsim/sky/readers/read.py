@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -14,10 +14,19 @@ from warpsim.sky.catalog_columns import NUMBER_UNITS, StarColumns, checked_colum
 from warpsim.sky.photometric_bands import check_flux_columns, flag_column
 from warpsim.sky.readers import infrared, near_infrared, visible
 from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
-from warpsim.sky.readers.own_table import arrays_of_columns, check_columns, is_own, own_columns
+from warpsim.sky.readers.own_table import (
+    arrays_of_columns,
+    check_columns,
+    column_named,
+    is_own,
+    known_name,
+    merge_columns,
+    own_columns,
+    set_sloan_apart,
+)
 from warpsim.sky.readers.survey import Survey
-from warpsim.sky.space_motion import J2000_JYEAR
-from warpsim.tables.columns import ColumnTable
+from warpsim.sky.space_motion import J2000_JYEAR, checked_jyear
+from warpsim.tables.columns import ColumnTable, plain_name
 from warpsim.tables.read_table import read_table
 
 T = TypeVar("T")
@@ -41,13 +50,40 @@ class StarsOfFile(NamedTuple):
     """Whether they are from a custom table, in which columns may be other than their names say."""
 
 
-def read_stars(
-    path: str | PathLike[str],
-    format: str | None = None,
-    *,
-    columns: Mapping[str, str] | None = None,
-    readme: str | PathLike[str] | None = None,
-) -> StarsOfFile:
+@dataclass(frozen=True)
+class ReadOptions:
+    """How to read a catalog file, as StarCatalog.read() describes it; all of it may be left out."""
+
+    format: str | None = None
+    columns: Mapping[str, str] | None = None
+    table: str | int | None = None
+    epoch_jyear: float | None = None
+    readme: str | PathLike[str] | None = None
+
+    def checked(self) -> ReadOptions:
+        """Return the options, the epoch as a number.
+
+        Raises:
+            InputError: One is of another type.
+        """
+        if not isinstance(self.format, str | None):
+            raise InputError("must be a name", "format", self.format)
+        if not isinstance(self.readme, str | PathLike | None):
+            raise InputError("must be a file name", "readme", self.readme)
+        if not isinstance(self.columns, Mapping | None):
+            kind = type(self.columns).__name__
+            raise InputError(f"must be a mapping such as {{'ra_deg': 'RAJ2000'}}, got {kind}", "columns")
+        if not isinstance(self.table, str | int | None) or isinstance(self.table, bool):
+            raise InputError("must be a name or a number", "table", self.table)
+        if self.epoch_jyear is None:
+            return self
+        try:
+            return replace(self, epoch_jyear=checked_jyear(self.epoch_jyear))
+        except InputError as error:
+            raise InputError(error.rule, "epoch_jyear", self.epoch_jyear) from None
+
+
+def read_stars(path: str | PathLike[str], options: ReadOptions = ReadOptions()) -> StarsOfFile:
     """Read a catalog file as StarCatalog.read() describes it; errors are one line and begin with the file's name."""
     try:
         where = fspath(path)
@@ -55,28 +91,38 @@ def read_stars(
         where = None
     if not isinstance(where, str) or "\0" in where:
         raise InputError(f"must be a file name, got {type(path).__name__}", "path")
-    if not isinstance(format, str | None):
-        raise InputError("must be a name", "format", format)
-    if not isinstance(readme, str | PathLike | None):
-        raise InputError("must be a file name", "readme", readme)
-    survey = SURVEYS.get(format) if format is not None else None
+    options = options.checked()
+    survey = SURVEYS.get(options.format) if options.format is not None else None
     try:
-        if survey is not None and columns is not None:
-            raise InputError(f"must be left out where format names a survey, got format {format!r}", "columns")
         table = read_table(
             Path(where),
-            None if survey else format,
+            None if survey else options.format,
             what="a table of stars",
-            readme=None if readme is None else Path(readme),
+            readme=None if options.readme is None else Path(options.readme),
             layouts=LAYOUTS,
             likely=likely_layout(Path(where).name, survey.name if survey else None),
+            table=options.table,
+            wanted=lambda one: _holds_stars(one, survey, options.columns),
         )
-        own = own_columns(table) if columns is None else check_columns(columns, table)
-        if columns is not None or (survey is None and is_own(own, table)):
-            return _own_stars(table, own, where)
-        return _survey_stars(table, survey or _survey_of(table), where)
+        set_sloan_apart(table, () if options.columns is None else options.columns.values())
+        if survey is None and options.columns is not None:
+            return _own_stars(table, check_columns(options.columns, table), where, options.epoch_jyear)
+        own = own_columns(table)
+        if survey is None and is_own(own, table):
+            return _own_stars(table, own, where, options.epoch_jyear)
+        return _survey_stars(table, survey or _survey_of(table), where, options)
     except InputError as error:
         raise error.of(where) from None
+
+
+def _holds_stars(table: ColumnTable, survey: Survey | None, columns: Mapping[str, str] | None) -> bool:
+    """Return whether a table has the columns of what a file is read for."""
+    set_sloan_apart(table, () if columns is None else columns.values())
+    if survey is None and columns is not None:
+        return all(table.find(str(column)) for column in columns.values())
+    if survey is not None:
+        return survey.fits(table) or columns is not None
+    return is_own(own_columns(table), table) or any(one.fits(table) for one in SURVEYS.values())
 
 
 def _survey_of(table: ColumnTable) -> Survey:
@@ -88,9 +134,7 @@ def _survey_of(table: ColumnTable) -> Survey:
         return max(fitting, key=lambda survey: len(survey.needs))
     for survey in SURVEYS.values():
         missing = [names for names in survey.needs if table.find(*names) is None]
-        # One letter alone ("A" of the MSX catalogs) does not tell a survey.
-        telling = len(table.find(*survey.needs[0]) or "") > 2
-        if telling and 2 * len(missing) <= len(survey.needs):
+        if survey.telling and table.find(*survey.telling) and 2 * len(missing) <= len(survey.needs):
             needed = ", ".join(" or ".join(names) for names in missing)
             rule = f"looks like {survey.name}, which must have the column {needed}"
             raise InputError(rule, value=table.names, form="s")
@@ -99,30 +143,40 @@ def _survey_of(table: ColumnTable) -> Survey:
     raise InputError(rule, value=table.names, form="s")
 
 
-def _own_stars(table: ColumnTable, columns: Mapping[str, str], where: str) -> StarsOfFile:
+def _own_stars(table: ColumnTable, columns: Mapping[str, str], where: str, epoch_jyear: float | None) -> StarsOfFile:
     """Stars of a custom table, at the table's epoch."""
     if table.open_end is not None:  # people write such files, archives do not
         warnings.warn(str(table.open_end.of(where)), stacklevel=4)
+    if epoch_jyear is not None and "epoch_jyear" in columns:
+        raise InputError(f"must be left out where the column {columns['epoch_jyear']} has it", "epoch_jyear")
     meta = {str(key).lower(): value for key, value in table.table.meta.items()}
     check_flux_columns(name for name in table.table.colnames if name not in columns.values())
     arrays = _rows_read(table, lambda: arrays_of_columns(table, columns))
+    if epoch_jyear is not None:
+        arrays["epoch_jyear"] = epoch_jyear
     checked = _checked(table, arrays, where, str(meta.get("name", Path(where).name)), columns)
     flagged = any(name in columns for name in map(flag_column, arrays["flux_jy"]))
     filled = checked.filled or not flagged or meta.get("filled") is True
     return StarsOfFile(replace(checked, filled=filled), checked.epoch_jyear, is_own=True)
 
 
-def _survey_stars(table: ColumnTable, survey: Survey, where: str) -> StarsOfFile:
+def _survey_stars(table: ColumnTable, survey: Survey, where: str, options: ReadOptions) -> StarsOfFile:
     """Stars of a survey's table, to be moved to J2000."""
     if table.open_end is not None:
         raise table.open_end
+    own = _renamed(table, options)
     for names in survey.needs:
         if table.find(*names) is None:
             rule = f"must have the column {' or '.join(names)} of {survey.name}"
             raise InputError(rule, value=table.names, form="s")
-    stars = _rows_read(table, lambda: survey.convert(table))
+    stars = _rows_read(table, lambda: survey.convert(table, options.epoch_jyear))
     arrays = vars(stars)
     notes = list(arrays.pop("notes"))
+    if own:
+        _rows_read(table, lambda: merge_columns(arrays, table, own))
+    for name in options.columns or ():
+        if known_name(name) is None and plain_name(name) not in table.asked:
+            raise InputError(f"must be a column that the reader of {survey.name} looks for", "columns", name)
     if stars.epoch_jyear != J2000_JYEAR:
         moves = stars.pm_ra_mas_yr is not None and stars.pm_dec_mas_yr is not None
         moved = "carried to J2000" if moves else "taken for those of J2000: there are no proper motions"
@@ -130,6 +184,21 @@ def _survey_stars(table: ColumnTable, survey: Survey, where: str) -> StarsOfFile
     arrays["provenance"] = "; ".join([f"{survey.title}, {survey.reference}", *notes])
     checked = _checked(table, arrays, where, f"{survey.name} ({Path(where).name})")
     return StarsOfFile(replace(checked, filled=True), J2000_JYEAR)
+
+
+def _renamed(table: ColumnTable, options: ReadOptions) -> dict[str, str]:
+    """Give columns the names that a survey has for them; return those that go by warpsim's names instead."""
+    own: dict[str, str] = {}
+    for given, column in (options.columns or {}).items():
+        name = known_name(given)
+        own_name = column_named(table, given, str(column))
+        if name is not None:
+            own[name] = own_name
+        else:
+            table.rename(own_name, given)
+    if own.keys() & {"ra_deg", "dec_deg"} and options.epoch_jyear is None:
+        raise InputError("must be given with columns of a position beside a survey", "epoch_jyear")
+    return own
 
 
 def _checked(

@@ -79,7 +79,9 @@ class Survey:
     light: Callable[[ColumnTable], dict[str, Any]]
     """Fluxes, their quality, notes, and motions where there are any, by the names of SurveyStars."""
 
-    epoch_jyear: float | Callable[[ColumnTable], float] = J2000_JYEAR
+    epoch_jyear: float | Callable[[ColumnTable], tuple[float, str]] = J2000_JYEAR
+    """Julian year of the positions; a function of the table returns it and what tells it."""
+
     position: Callable[[ColumnTable], Position] = position_deg
     """ICRS position [deg], and the name of the column of right ascension."""
 
@@ -87,18 +89,28 @@ class Survey:
     id_prefix: str = ""
     """Put before names that do not begin with it."""
 
+    telling: tuple[str, ...] = ()
+    """Columns that hardly any other table has: one that has them, and lacks a needed one, looks like the survey."""
+
     def fits(self, table: ColumnTable) -> bool:
         """Return whether the table has all the columns needed."""
         return all(table.find(*names) for names in self.needs)
 
-    def convert(self, table: ColumnTable) -> SurveyStars:
-        """Return the stars of the survey's table."""
+    def convert(self, table: ColumnTable, epoch_jyear: float | None = None) -> SurveyStars:
+        """Return the stars of the survey's table, at an epoch that is stated, or else by the table."""
         ra_deg, dec_deg, ra_name = self.position(table)
         light = self.light(table)
-        epoch_jyear = self.epoch_jyear if isinstance(self.epoch_jyear, float) else self.epoch_jyear(table)
-        if "pm_ra_mas_yr" in light:
-            epoch_jyear = epoch_of_position(ra_name, epoch_jyear)
+        if epoch_jyear is None:
+            epoch_jyear, *notes = self.epoch(table)
+            if "pm_ra_mas_yr" in light and epoch_of_position(ra_name, epoch_jyear) != epoch_jyear:
+                epoch_jyear = J2000_JYEAR
+            else:
+                light["notes"] = (*light.get("notes", ()), *filter(None, notes))
         return SurveyStars(ra_deg, dec_deg, id=self._names(table), epoch_jyear=epoch_jyear, **light)
+
+    def epoch(self, table: ColumnTable) -> tuple[float] | tuple[float, str]:
+        """Return the Julian year of the table's positions, and a note of what tells it where it is not known before."""
+        return (self.epoch_jyear,) if isinstance(self.epoch_jyear, float) else self.epoch_jyear(table)
 
     def _names(self, table: ColumnTable) -> NDArray[np.str_] | None:
         """Names of the stars, "IRAS 06429-1639"; None without a column of them."""

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.errors import InputError
-from warpsim.sky.readers.angles import Pair, angle_deg, epoch_of_position, position_deg
+from warpsim.sky.readers.angles import Pair, angle_deg, position_deg
+from warpsim.sky.readers.gaia_release import gaia_epoch
 from warpsim.sky.readers.survey import (
     FAIR,
     Position,
@@ -43,11 +43,10 @@ _HIPPARCOS_POSITIONS: tuple[Pair, ...] = (
 
 def _position_1997(table: ColumnTable) -> Position:
     ra_deg, dec_deg, ra_name = position_deg(table, *_HIPPARCOS_POSITIONS)
-    if epoch_of_position(ra_name, HIPPARCOS_EPOCH_JYEAR) == HIPPARCOS_EPOCH_JYEAR:
-        # 263 stars without a solution have a rough position only, of the same epoch, in sexagesimal text.
-        unsolved = np.isnan(ra_deg)
-        ra_deg = np.where(unsolved, angle_deg(table, "RAhms", hours=True), ra_deg)
-        dec_deg = np.where(unsolved, angle_deg(table, "DEdms"), dec_deg)
+    # 263 stars without a solution have a rough position only, in sexagesimal text, and no motion that would move it.
+    unsolved = np.isnan(ra_deg)
+    ra_deg = np.where(unsolved, angle_deg(table, "RAhms", hours=True), ra_deg)
+    dec_deg = np.where(unsolved, angle_deg(table, "DEdms"), dec_deg)
     return ra_deg, dec_deg, ra_name
 
 
@@ -76,7 +75,9 @@ def _hipparcos(table: ColumnTable, v_mag: Array, b_minus_v: Array, v_minus_i: Ar
     hp_mag = real_magnitudes(table.number("Hpmag", unit="mag"))
     parallax_mas = table.number("Plx", unit="mas")
     motion = table.number("pmRA", unit="mas / yr"), table.number("pmDE", unit="mas / yr")
-    seen = by_hipparcos(hp_mag, v_minus_i, b_minus_v, parallax_mas, np.hypot(*motion))
+    # Hp and V differ by 0.14 mag at most: either tells whether a star is near.
+    known_mag = np.where(np.isnan(hp_mag), v_mag, hp_mag)
+    seen = by_hipparcos(known_mag, v_minus_i, b_minus_v, parallax_mas, np.hypot(*motion))
     by_v_i = colour_temperature_k(v_minus_i, "V-I", seen.luminosity)
     by_b_v = colour_temperature_k(b_minus_v, "B-V", seen.luminosity)
     guessed = (seen.temperature_k != by_v_i) & ~np.isnan(by_v_i)  # V-I of faint red dwarfs
@@ -107,10 +108,6 @@ def _hipparcos(table: ColumnTable, v_mag: Array, b_minus_v: Array, v_minus_i: Ar
     }
 
 
-GAIA_EPOCH_JYEAR = 2016.0
-"""Of DR3 and EDR3."""
-
-GAIA_DR2_EPOCH_JYEAR = 2015.5
 SATURATED_G_MAG = 3.5
 """Gaia's magnitudes of brighter stars are saturated."""
 
@@ -135,9 +132,6 @@ def _gaia(table: ColumnTable) -> dict[str, Any]:
     motion = table.number("pmra", unit="mas / yr"), table.number("pmdec", "pmDE", unit="mas / yr")
     seen = by_gaia(magnitudes["G"], bp_rp_mag, parallax_mas, np.hypot(*motion), np.nan)
     doubtful = (g_mag <= SATURATED_G_MAG) | (seen.quality != FAIR)
-    # Else nothing but the newest release's habit says the epoch.
-    stated = table.find("ref_epoch", "Epoch", "designation", "DR3Name", "DR2Name") or table.table.meta
-    assumed = () if stated else (f"reference epoch {GAIA_EPOCH_JYEAR:g} assumed, that of DR3",)
     return {
         "flux_jy": {band: band_flux_jy(band, values) for band, values in magnitudes.items()},
         "pm_ra_mas_yr": motion[0],
@@ -147,7 +141,6 @@ def _gaia(table: ColumnTable) -> dict[str, Any]:
         "luminosity": seen.luminosity,
         "quality": predicted_quality(has_flux, has_colour, doubtful),
         "notes": (
-            *assumed,
             *count_note(has_flux & from_colour & has_colour, "have no BP or RP: from G and BP-RP"),
             *count_note(has_flux & ~has_colour, "have no BP-RP, so no colour"),
             *count_note(~has_flux, "have no G, BP or RP, so no flux"),
@@ -155,33 +148,18 @@ def _gaia(table: ColumnTable) -> dict[str, Any]:
     }
 
 
-def _gaia_epoch_jyear(table: ColumnTable) -> float:
-    """Reference epoch: the table's own, else that of the release it says it is from, else that of DR3."""
-    name = table.find("ref_epoch", "Epoch")
-    if name is not None:
-        epochs = np.unique(table.number(name))
-        epochs = epochs[~np.isnan(epochs)]
-        if len(epochs) > 1:
-            raise InputError(f"must be the same in all rows, got {epochs[0]:g} and {epochs[-1]:g}", name)
-        if len(epochs) == 1:
-            return float(epochs[0])
-    names = table.text("designation", "DR2Name")
-    described = " ".join(str(value) for value in table.table.meta.values())
-    from_dr2 = (len(names) > 0 and names[0].startswith("Gaia DR2")) or "I/345" in described or "I_345" in described
-    return GAIA_DR2_EPOCH_JYEAR if from_dr2 else GAIA_EPOCH_JYEAR
-
-
 SURVEYS = (
     Survey(
         name="hipparcos",
         title="Hipparcos catalogue",
         reference="I/239 (ESA 1997, SP-1200)",
-        needs=(("HIP",), ("Hpmag",), ("Vmag",)),
+        needs=(("HIP",), ("Vmag",), ("Hpmag", "RAICRS", "RAhms")),  # VizieR leaves Hp out unless asked for it
         light=_hipparcos_1997,
         epoch_jyear=HIPPARCOS_EPOCH_JYEAR,
         position=_position_1997,
         id_columns=("HIP",),
         id_prefix="HIP ",
+        telling=("Hpmag",),
     ),
     Survey(
         name="hipparcos-2",
@@ -193,6 +171,7 @@ SURVEYS = (
         position=_position_2007,
         id_columns=("HIP",),
         id_prefix="HIP ",
+        telling=("RArad",),
     ),
     Survey(
         name="gaia",
@@ -200,9 +179,10 @@ SURVEYS = (
         reference="Gaia Collaboration: DR2 I/345, DR3 I/355 (2023, A&A 674, A1)",
         needs=(_G, (*_BP_RP, *_BP)),
         light=_gaia,
-        epoch_jyear=_gaia_epoch_jyear,
+        epoch_jyear=gaia_epoch,
         position=lambda table: position_deg(table, *_GAIA_POSITIONS),
         id_columns=("designation", "DR3Name", "DR2Name", "source_id", "Source"),
         id_prefix="Gaia ",
+        telling=("phot_g_mean_mag", "phot_bp_mean_mag", "BPmag"),
     ),
 )
