@@ -42,7 +42,13 @@ def load_catalog(sky: Sky, bands: Iterable[Band] = ()) -> StarCatalog:
                 synthetic.n_star, limit_jy=synthetic.limit_jy, sky=synthetic.sky, seed=synthetic.seed
             )
         return StarCatalog.read(
-            sky.catalog, sky.format, columns=sky.columns, table=sky.table, epoch_jyear=sky.epoch_jyear
+            sky.catalog,
+            sky.format,
+            columns=sky.columns,
+            table=sky.table,
+            epoch_jyear=sky.epoch_jyear,
+            region=sky.region,
+            limit=sky.limit,
         )
     except InputError as error:
         raise error.within("sky.catalog") from None

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, PlainValidator, model_validator
+from pydantic import BeforeValidator, PlainValidator, ValidationInfo, model_validator
 
 from warpsim.config.fields import (
     Count,
@@ -23,8 +23,10 @@ from warpsim.config.model import config_model, exactly_one
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, name_among
-from warpsim.radiometry.by_band import AS_DICT, ByBand, FixedMapping, in_band, within
+from warpsim.radiometry.by_band import AS_DICT, ByBand, FixedMapping, band_table, in_band, within
 from warpsim.radiometry.sun_and_earth import earth_albedo, earth_brightness_temperature_k, sun_irradiance_w_m2
+from warpsim.sky.photometric_bands import check_flux_band
+from warpsim.sky.region import Cone, checked_region
 from warpsim.target.surface import UnitFractionByBand
 
 BUILT_IN_CATALOGS = ("default", "union", "synthetic", "none")
@@ -64,6 +66,13 @@ def _column_names(value: Any) -> FixedMapping[str]:
     return FixedMapping(value)
 
 
+def _faintest(value: Any, info: ValidationInfo) -> FixedMapping[float]:
+    magnitudes = band_table(value, info, -30.0, 60.0)
+    for band in magnitudes:
+        check_flux_band(band, "limit")
+    return FixedMapping(magnitudes)  # of bands of the catalog, which the scene need not have
+
+
 @config_model
 class Sky:
     """The star background.
@@ -75,6 +84,8 @@ class Sky:
         table: Of a catalog file with several tables: name or number, counted from 1.
         columns: Of a catalog file: which of its columns holds what, {ra_deg = "RAJ2000"}.
         epoch_jyear: Of a catalog file: Julian year of its positions; told by the file where left out.
+        region: Of a catalog file: only its stars in a cone [ra_deg, dec_deg, radius_deg], or in any of several.
+        limit: Of a catalog file: only its stars not fainter than a magnitude, in any of some bands, {W3 = 8.0}.
         synthetic: What to make, for catalog = "synthetic".
         physics: "physical", or "paper": motion by its Eq. 5 and irradiance by its zero points, which are known in the
             bands of MSX only.
@@ -88,6 +99,8 @@ class Sky:
     table: Integer | str | None = None
     columns: Annotated[FixedMapping[str], PlainValidator(_column_names), AS_DICT] | None = None
     epoch_jyear: Number | None = None
+    region: Annotated[tuple[Cone, ...], BeforeValidator(checked_region)] = ()
+    limit: Annotated[FixedMapping[float], PlainValidator(_faintest), AS_DICT] | None = None
     synthetic: SyntheticStars | None = None
     physics: Literal["physical", "paper"] = "physical"
     aberration: Switch = True
@@ -99,8 +112,8 @@ class Sky:
         if (self.catalog == "synthetic") != (self.synthetic is not None):
             raise InputError('must be given with catalog = "synthetic", and only then', "synthetic")
         if self.catalog in BUILT_IN_CATALOGS:
-            for name in ("format", "table", "columns", "epoch_jyear"):
-                if getattr(self, name) is not None:
+            for name in ("format", "table", "columns", "epoch_jyear", "region", "limit"):
+                if getattr(self, name) not in (None, ()):
                     raise InputError("must be given with the path of a catalog file, and only then", name)
         return self
 

@@ -16,12 +16,15 @@ from warpsim.radiometry.band import Band
 from warpsim.radiometry.magnitudes import Physics
 from warpsim.sky.catalog_columns import checked_columns, checked_limits
 from warpsim.sky.catalog_table import columns_of_table, table_of
+from warpsim.sky.region import checked_region
 from warpsim.sky.space_motion import J2000_JYEAR, checked_jyear, paper_motion, rigorous_motion
 from warpsim.sky.star_photometry import warn_colours
 from warpsim.sky.stars import Array, Stars, frozen
 
 if TYPE_CHECKING:
     from astropy.table import Table
+
+    from warpsim.sky.readers.files import FileNames
 
 
 class StarCatalog(Stars):
@@ -150,12 +153,14 @@ class StarCatalog(Stars):
     @classmethod
     def read(
         cls,
-        path: str | PathLike[str],
+        path: FileNames,
         format: str | None = None,
         *,
         columns: Mapping[str, str] | None = None,
         table: str | int | None = None,
         epoch_jyear: float | None = None,
+        region: ArrayLike | None = None,
+        limit: Mapping[str, float] | None = None,
         readme: str | PathLike[str] | None = None,
         fill: bool = True,
     ) -> StarCatalog:
@@ -166,7 +171,8 @@ class StarCatalog(Stars):
         counts and names them; stars of a custom table without colour, type or temperature are counted if filled.
 
         Args:
-            path: File name.
+            path: File name, or a list of them; a folder, whose files are read in the order of their names, or a HATS
+                folder. Of Parquet files only columns that are used are read.
             format: Name of a survey ("msx-irac", "iras-psc", ...) or astropy's name of a file format ("fits",
                 "votable", "ascii.ecsv", "ascii.csv", ...); None guesses.
             columns: Which column of the file holds what, such as {"ra_deg": "RAJ2000", "flux_A_jy": "F8"}, by the
@@ -175,6 +181,9 @@ class StarCatalog(Stars):
             table: Which of several tables in the file, by name or number, counted from 1; the first that holds stars
                 if left out, with a warning.
             epoch_jyear: Julian year of the positions, where the file does not tell it, or tells it wrong.
+            region: Stars wanted: those in a cone (ra_deg, dec_deg, radius_deg), or in any of several, by positions as
+                they stand in the file. Of Parquet files row groups elsewhere are not read, nor partitions of HATS.
+            limit: Stars wanted: those not fainter than a magnitude, in any of some bands of the file, {"W3": 8.0}.
             readme: ReadMe of a CDS file; a file ReadMe beside it is found by itself.
             fill: Whether flux_jy() of bands without a flux is predicted from the spectrum, with flux_flag 3.
                 A table that flags its fluxes (flux_A_flag ...) and none of them as filled in is taken as it is.
@@ -183,9 +192,12 @@ class StarCatalog(Stars):
             InputError: The file is missing, cannot be read, or its content breaks a rule; the text names file, line
                 and column.
         """
-        from warpsim.sky.readers.read import ReadOptions, read_stars
+        from warpsim.sky.readers.options import ReadOptions
+        from warpsim.sky.readers.read import read_stars
 
-        stars = read_stars(path, ReadOptions(format, columns, table, epoch_jyear, readme))
+        stars = read_stars(
+            path, ReadOptions(format, columns, table, epoch_jyear, readme, checked_region(region), limit)
+        )
         catalog = cls._of_columns(stars.columns if fill else replace(stars.columns, filled=False))
         if stars.is_own and fill:
             warn_colours(str(path), catalog._photometry)

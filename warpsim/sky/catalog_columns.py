@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -123,6 +123,7 @@ def checked_columns(
     provenance: str = "",
     file: str | None = None,
     line_of_row: NDArray[np.int64] | None = None,
+    first_row: int = 0,
 ) -> StarColumns:
     """Columns that break no rule, of stars that have finite coordinates.
 
@@ -138,10 +139,12 @@ def checked_columns(
         provenance: Source of the stars.
         file: For the warning about stars without finite coordinates; `name` if left out.
         line_of_row: Lines of the stars in that file, for the same.
+        first_row: Row of the first of them in the file; where they have no names, that of row 0 is "1".
     """
     columns = _vectors(numbers, flux_jy, flux_flag or {})
     n_star = len(columns["ra_deg"])
-    texts = {"id": np.array(np.arange(1, n_star + 1) if id is None else id).astype(np.str_)}
+    rows_named = np.arange(first_row + 1, first_row + n_star + 1, dtype=np.int64)
+    texts: dict[str, NDArray[Any]] = {"id": rows_named if id is None else np.array(id).astype(np.str_)}
     if spectral_type is not None:
         texts["spectral_type"] = np.ma.filled(np.ma.asarray(spectral_type).astype(np.str_), "")
     for key, values in {**columns, **texts}.items():
@@ -175,6 +178,63 @@ def checked_columns(
         type_temperature_k=type_k,
         limit_jy=limits,
     )
+
+
+def selected(columns: StarColumns, rows: NDArray[Any]) -> StarColumns:
+    """Columns of some of the stars, by a mask or by row numbers."""
+
+    def of(values: Any) -> Any:
+        if isinstance(values, Mapping):
+            return {key: of(one) for key, one in values.items()}
+        return values[rows] if isinstance(values, np.ndarray) else values
+
+    return replace(columns, **{one.name: of(getattr(columns, one.name)) for one in fields(columns)})
+
+
+def joined(parts: Sequence[StarColumns]) -> StarColumns:
+    """Columns of all stars of several parts of a catalog, one behind the other; bands are those of any of them.
+
+    Raises:
+        InputError: Their epochs differ.
+    """
+    first = parts[0]
+    if len(parts) == 1:
+        return first
+    for part in parts:
+        if part.epoch_jyear != first.epoch_jyear:
+            rule = (
+                f"must be of one epoch, got {first.epoch_jyear:g} ({first.name}) and {part.epoch_jyear:g} ({part.name})"
+            )
+            raise InputError(rule, "epoch_jyear")
+
+    def by_band(name: str, unknown: Any) -> dict[str, NDArray[Any]]:
+        bands = dict.fromkeys(band for part in parts for band in getattr(part, name))
+        return {band: _behind([getattr(part, name).get(band) for part in parts], sizes, unknown) for band in bands}
+
+    sizes = [len(part.ra_deg) for part in parts]
+    types = [part.type_temperature_k for part in parts]
+    has_type = any(values is not None for values in types)
+    behind: dict[str, Any] = {
+        key: np.concatenate([getattr(part, key) for part in parts]) for key in (*NUMBER_UNITS, "id")
+    }
+    return replace(
+        first,
+        **behind,
+        flux_jy=by_band("flux_jy", np.nan),
+        flux_flag=by_band("flux_flag", np.uint8(0)),
+        limit_jy=by_band("limit_jy", np.nan),
+        type_temperature_k=_behind(types, sizes, np.array([np.nan, np.nan])) if has_type else None,
+        filled=all(part.filled for part in parts),
+    )
+
+
+def _behind(values: Sequence[NDArray[Any] | None], sizes: Sequence[int], unknown: Any) -> NDArray[Any]:
+    """Arrays one behind the other, `unknown` where there is none."""
+    pieces = [
+        np.broadcast_to(unknown, (size, *np.shape(unknown))) if one is None else one
+        for one, size in zip(values, sizes, strict=True)
+    ]
+    return np.concatenate(pieces)
 
 
 def _tell_by_type(columns: dict[str, Array], spectral_type: NDArray[np.str_], name: str) -> Array:

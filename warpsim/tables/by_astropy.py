@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import functools
 import html
-import importlib
 import io
 import re
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from warpsim.errors import InputError, one_line
 from warpsim.tables.columns import ColumnTable
@@ -147,36 +144,3 @@ def _query_status(data: bytes) -> tuple[str, str]:
         if value:
             found = value[1].decode().upper(), " ".join((match[3] or b"").decode("utf-8", "replace").split())[:200]
     return found
-
-
-def read_parquet(data: bytes) -> Table:
-    """A Parquet file, through pyarrow alone: astropy's own reader needs pandas too."""
-    try:
-        parquet = importlib.import_module("pyarrow.parquet")
-    except ImportError:
-        raise InputError("cannot be read: Parquet needs the package pyarrow (pip install pyarrow)") from None
-    if not data.endswith(b"PAR1"):
-        raise InputError("ends early: the Parquet data are cut off")
-    return quietly(lambda: _table_of_arrow(parquet.read_table(io.BytesIO(data))), "Parquet")
-
-
-def _table_of_arrow(source: Any) -> Table:
-    """Table of pyarrow's, with units and meta where astropy wrote the file; nulls are masked."""
-    from astropy.table import MaskedColumn, Table
-    from astropy.table.meta import get_header_from_yaml
-
-    yaml = (source.schema.metadata or {}).get(b"table_meta_yaml")
-    header = get_header_from_yaml(yaml.decode().split("\n")) if yaml else {"datatype": []}
-    units = {column["name"]: column.get("unit") for column in header["datatype"]}
-    table = Table(meta={key: value for key, value in header.get("meta", {}).items() if not key.startswith("__")})
-    masks = {f"{name}.mask" for name in source.column_names}  # astropy's masked columns keep their masks so
-    for name in (name for name in source.column_names if name not in masks):
-        missing = np.asarray(source[name].is_null())
-        given = np.asarray(source[name].drop_null())
-        values = np.zeros(len(missing), dtype=given.dtype)
-        values[~missing] = given
-        if f"{name}.mask" in source.column_names:
-            missing = missing | np.asarray(source[f"{name}.mask"])
-        table[name] = MaskedColumn(values, mask=missing) if missing.any() else values
-        table[name].unit = units.get(name)
-    return table

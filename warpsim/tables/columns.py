@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,6 +33,7 @@ class ColumnTable:
         layout: str | None = None,
         open_end: InputError | None = None,
         header: str = "",
+        all_names: Sequence[str] | None = None,
     ) -> None:
         from astropy.table import Table
 
@@ -54,8 +55,19 @@ class ColumnTable:
         self.header = header or "\n".join(map(str, table.meta.values()))
         """What the file says of the table besides its rows: comments, cards, elements of XML."""
 
+        self.all_names = tuple(table.colnames) if all_names is None else tuple(all_names)
+        """Columns of the file, also those that were not read."""
+
         self.asked: set[str] = set()
         """Plain names of the columns looked for so far."""
+
+        self.found: set[str] = set()
+        """The file's names of the columns found so far."""
+
+        self.position: tuple[str, str] | None = None
+        """The file's names of right ascension and declination, where these are plain degrees of ICRS or J2000."""
+
+        self._given_name: dict[str, str] = {}
 
     def __len__(self) -> int:
         return len(self.table)
@@ -69,10 +81,10 @@ class ColumnTable:
         """The table's own name of the first of these columns that it has; one spelled just so goes first."""
         self.asked.update(map(plain_name, names))
         for name in names:
-            if name in self.table.colnames:
-                return name
-            if plain_name(name) in self._names:
-                return self._names[plain_name(name)]
+            own_name = name if name in self.table.colnames else self._names.get(plain_name(name))
+            if own_name is not None:
+                self.found.add(self._given_name.get(own_name, own_name))
+                return own_name
         return None
 
     def rename(self, old: str, new: str) -> None:
@@ -80,6 +92,7 @@ class ColumnTable:
         if new in self.table.colnames and new != old:
             self.rename(new, f"{new} (the file's)")
         self.table.rename_column(old, new)
+        self._given_name[new] = self._given_name.pop(old, old)
         self._names = {plain_name(name): name for name in reversed(self.table.colnames)}
 
     def need(self, *names: str) -> str:

@@ -13,9 +13,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from warpsim.errors import InputError
-from warpsim.tables.by_astropy import fits_tables, read_by_name, read_parquet, votable_tables
+from warpsim.tables.by_astropy import fits_tables, read_by_name, votable_tables
 from warpsim.tables.columns import ColumnTable
 from warpsim.tables.fixed_width import Layout, layout_from_readme, n_description, read_fixed_width, recognised
+from warpsim.tables.parquet_file import ParquetFile
 from warpsim.tables.parts import read_part
 from warpsim.tables.text import decoded, delimited_tables, lines_of, names_columns, read_ecsv, read_ipac
 
@@ -53,7 +54,7 @@ _N_HEAD = 4096
 _README_NAMES = ("ReadMe", "ReadMe.txt", "README", "readme.txt")
 _DESCRIPTION, _N_DESCRIPTION = b" Description of file:", 200_000
 _READERS: dict[str, Callable[[bytes], ColumnTable]] = {
-    "parquet": lambda data: ColumnTable(read_parquet(data)),
+    "parquet": lambda data: ParquetFile(data).whole(),
     "ecsv": read_ecsv,
     "ipac": read_ipac,
 }

@@ -41,12 +41,21 @@ def position_deg(table: ColumnTable, *pairs: Pair, radians: bool = False) -> tup
         ra_name, dec_name = table.find(right_ascension), table.find(declination)
         if ra_name is not None and dec_name is not None:
             ra_deg = angle_deg(table, ra_name, hours=True, radians=radians)
+            if not radians:
+                note_position(table, ra_name, dec_name)
             return ra_deg, angle_deg(table, dec_name, radians=radians), ra_name
     if has_parts(table):
         return *_parts_deg(table), PARTS
     names = ", ".join(f"{ra} and {dec}" for ra, dec in pairs)
     rule = f"must have the columns of a position ({names}, or RAh, RAm, RAs, DE-, DEd, DEm, DEs)"
     raise InputError(rule, value=table.names, form="s")
+
+
+def note_position(table: ColumnTable, ra_name: str, dec_name: str) -> None:
+    """Keep the names of the columns of a position where these hold numbers in degrees."""
+    columns = [table.table[name] for name in (ra_name, dec_name)]
+    if all(column.dtype.kind == "f" and str(column.unit) in ("None", "deg") for column in columns):
+        table.position = ra_name, dec_name
 
 
 def has_parts(table: ColumnTable) -> bool:

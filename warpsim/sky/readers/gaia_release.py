@@ -95,6 +95,6 @@ def _releases_of_frames(text: str) -> set[str]:
 
 
 def _releases_of_columns(table: ColumnTable) -> set[str]:
-    names = {plain_name(name) for name in table.table.colnames}
+    names = {plain_name(name) for name in table.all_names}
     groups = {"DR2": _OF_DR2_ALONE, "DR3": _OF_DR3_ALONE}
     return {release for release, columns in groups.items() if not names.isdisjoint(map(plain_name, columns))}

@@ -136,6 +136,7 @@ _B1950_POSITIONS: tuple[Pair, ...] = (
 def _iras_position(table: ColumnTable) -> Position:
     ra_deg, dec_deg, ra_name = position_deg(table, *_J2000_POSITIONS, *_B1950_POSITIONS)
     if _is_b1950(table):
+        table.position = None
         ra_deg, dec_deg = icrs_of_b1950_deg(ra_deg, dec_deg)
     return ra_deg, dec_deg, ra_name
 

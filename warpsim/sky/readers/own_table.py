@@ -21,7 +21,7 @@ from warpsim.sky.photometric_bands import (
     photometric_bands,
     sloan_g,
 )
-from warpsim.sky.readers.angles import angle_deg, has_parts, position_deg
+from warpsim.sky.readers.angles import angle_deg, has_parts, note_position, position_deg
 from warpsim.sky.readers.survey import real_colours, real_magnitudes
 from warpsim.sky.space_motion import J2000_JYEAR
 from warpsim.tables.columns import ColumnTable, plain_name
@@ -180,6 +180,8 @@ def _arrays_named(table: ColumnTable, columns: Mapping[str, str]) -> dict[str, A
     for name, column in columns.items():
         if name in _ANGLES:
             arrays[name] = angle_deg(table, column, hours=name == "ra_deg")
+            if name == "dec_deg" and "ra_deg" in columns:
+                note_position(table, columns["ra_deg"], column)
         elif name in NUMBER_UNITS:
             arrays[name] = table.number(column, unit=NUMBER_UNITS[name])
         elif name in ("id", "spectral_type"):

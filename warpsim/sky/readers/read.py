@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from os import PathLike, fspath
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from warpsim.errors import InputError
-from warpsim.sky.catalog_columns import NUMBER_UNITS, StarColumns, checked_columns
+from warpsim.sky.catalog_columns import NUMBER_UNITS, StarColumns, checked_columns, joined
 from warpsim.sky.photometric_bands import check_flux_columns, flag_column
 from warpsim.sky.readers import infrared, near_infrared, visible
+from warpsim.sky.readers.files import FileNames, catalog_files, is_parquet
 from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
+from warpsim.sky.readers.options import ReadOptions, chosen
 from warpsim.sky.readers.own_table import (
     arrays_of_columns,
     check_columns,
@@ -25,8 +26,10 @@ from warpsim.sky.readers.own_table import (
     set_sloan_apart,
 )
 from warpsim.sky.readers.survey import Survey
-from warpsim.sky.space_motion import J2000_JYEAR, checked_jyear
+from warpsim.sky.region import dec_range_deg
+from warpsim.sky.space_motion import J2000_JYEAR
 from warpsim.tables.columns import ColumnTable, plain_name
+from warpsim.tables.parquet_file import ParquetFile
 from warpsim.tables.read_table import read_table
 
 T = TypeVar("T")
@@ -50,69 +53,80 @@ class StarsOfFile(NamedTuple):
     """Whether they are from a custom table, in which columns may be other than their names say."""
 
 
-@dataclass(frozen=True)
-class ReadOptions:
-    """How to read a catalog file, as StarCatalog.read() describes it; all of it may be left out."""
-
-    format: str | None = None
-    columns: Mapping[str, str] | None = None
-    table: str | int | None = None
-    epoch_jyear: float | None = None
-    readme: str | PathLike[str] | None = None
-
-    def checked(self) -> ReadOptions:
-        """Return the options, the epoch as a number.
-
-        Raises:
-            InputError: One is of another type.
-        """
-        if not isinstance(self.format, str | None):
-            raise InputError("must be a name", "format", self.format)
-        if not isinstance(self.readme, str | PathLike | None):
-            raise InputError("must be a file name", "readme", self.readme)
-        if not isinstance(self.columns, Mapping | None):
-            kind = type(self.columns).__name__
-            raise InputError(f"must be a mapping such as {{'ra_deg': 'RAJ2000'}}, got {kind}", "columns")
-        if not isinstance(self.table, str | int | None) or isinstance(self.table, bool):
-            raise InputError("must be a name or a number", "table", self.table)
-        if self.epoch_jyear is None:
-            return self
-        try:
-            return replace(self, epoch_jyear=checked_jyear(self.epoch_jyear))
-        except InputError as error:
-            raise InputError(error.rule, "epoch_jyear", self.epoch_jyear) from None
-
-
-def read_stars(path: str | PathLike[str], options: ReadOptions = ReadOptions()) -> StarsOfFile:
-    """Read a catalog file as StarCatalog.read() describes it; errors are one line and begin with the file's name."""
-    try:
-        where = fspath(path)
-    except TypeError:
-        where = None
-    if not isinstance(where, str) or "\0" in where:
-        raise InputError(f"must be a file name, got {type(path).__name__}", "path")
+def read_stars(path: FileNames, options: ReadOptions) -> StarsOfFile:
+    """Read catalog files as StarCatalog.read() describes it; errors are one line and begin with the file's name."""
     options = options.checked()
+    return read_files(catalog_files(path, options.region), options)
+
+
+def read_files(files: Sequence[Path], options: ReadOptions, first_row: int = 0) -> StarsOfFile:
+    """Read the stars of files of one kind, as if they were one.
+
+    Args:
+        files: One or more.
+        options: Checked.
+        first_row: Row of the first star, by which stars without a name are called.
+    """
+    found: list[StarsOfFile] = []
+    for file in files:
+        try:
+            for n_row, stars in _stars_of_file(file, options, first_row):
+                first_row += n_row
+                if stars is not None:
+                    found.append(stars)
+        except InputError as error:
+            raise error.of(file) from None
+    return found[0]._replace(columns=joined([one.columns for one in found]))
+
+
+def _stars_of_file(file: Path, options: ReadOptions, first_row: int) -> Iterator[tuple[int, StarsOfFile | None]]:
+    """Yield rows and stars of each part of a file; the first part has stars, if only none."""
     survey = SURVEYS.get(options.format) if options.format is not None else None
-    try:
-        table = read_table(
-            Path(where),
-            None if survey else options.format,
-            what="a table of stars",
-            readme=None if options.readme is None else Path(options.readme),
-            layouts=LAYOUTS,
-            likely=likely_layout(Path(where).name, survey.name if survey else None),
-            table=options.table,
-            wanted=lambda one: _holds_stars(one, survey, options.columns),
-        )
-        set_sloan_apart(table, () if options.columns is None else options.columns.values())
-        if survey is None and options.columns is not None:
-            return _own_stars(table, check_columns(options.columns, table), where, options.epoch_jyear)
-        own = own_columns(table)
-        if survey is None and is_own(own, table):
-            return _own_stars(table, own, where, options.epoch_jyear)
-        return _survey_stars(table, survey or _survey_of(table), where, options)
-    except InputError as error:
-        raise error.of(where) from None
+    if is_parquet(file) and (survey or options.format in (None, "parquet")):
+        yield from _stars_of_parquet(ParquetFile(file), options, str(file), first_row)
+        return
+    table = read_table(
+        file,
+        None if survey else options.format,
+        what="a table of stars",
+        readme=None if options.readme is None else Path(options.readme),
+        layouts=LAYOUTS,
+        likely=likely_layout(file.name, survey.name if survey else None),
+        table=options.table,
+        wanted=lambda one: _holds_stars(one, survey, options.columns),
+    )
+    yield len(table), _stars_of_table(table, options, str(file), first_row)
+
+
+def _stars_of_parquet(
+    file: ParquetFile, options: ReadOptions, where: str, first_row: int
+) -> Iterator[tuple[int, StarsOfFile | None]]:
+    """Yield rows and stars of each row group, of which only columns that are looked for are read."""
+    header = file.header()
+    none = _stars_of_table(header, options, where, first_row)
+    yield 0, none
+    within = {}
+    if options.region and header.position is not None:
+        within[header.position[1]] = dec_range_deg(options.region)
+    end = 0
+    for first, table in file.tables(header.found, within):
+        # Of groups that are passed over, rows count all the same.
+        yield first + len(table) - end, _stars_of_table(table, options, where, first_row + first)
+        end = first + len(table)
+    yield len(file) - end, None
+
+
+def _stars_of_table(table: ColumnTable, options: ReadOptions, where: str, first_row: int) -> StarsOfFile:
+    survey = SURVEYS.get(options.format) if options.format is not None else None
+    set_sloan_apart(table, () if options.columns is None else options.columns.values())
+    own = own_columns(table) if options.columns is None else None
+    if survey is None and options.columns is not None:
+        own = check_columns(options.columns, table)
+    elif survey is not None or own is None or not is_own(own, table):
+        stars = _survey_stars(table, survey or _survey_of(table), where, options, first_row)
+        return stars._replace(columns=chosen(stars.columns, options))
+    stars = _own_stars(table, own, where, options.epoch_jyear, first_row)
+    return stars._replace(columns=chosen(stars.columns, options))
 
 
 def _holds_stars(table: ColumnTable, survey: Survey | None, columns: Mapping[str, str] | None) -> bool:
@@ -143,7 +157,9 @@ def _survey_of(table: ColumnTable) -> Survey:
     raise InputError(rule, value=table.names, form="s")
 
 
-def _own_stars(table: ColumnTable, columns: Mapping[str, str], where: str, epoch_jyear: float | None) -> StarsOfFile:
+def _own_stars(
+    table: ColumnTable, columns: Mapping[str, str], where: str, epoch_jyear: float | None, first_row: int
+) -> StarsOfFile:
     """Stars of a custom table, at the table's epoch."""
     if table.open_end is not None:  # people write such files, archives do not
         warnings.warn(str(table.open_end.of(where)), stacklevel=4)
@@ -154,13 +170,13 @@ def _own_stars(table: ColumnTable, columns: Mapping[str, str], where: str, epoch
     arrays = _rows_read(table, lambda: arrays_of_columns(table, columns))
     if epoch_jyear is not None:
         arrays["epoch_jyear"] = epoch_jyear
-    checked = _checked(table, arrays, where, str(meta.get("name", Path(where).name)), columns)
+    checked = _checked(table, arrays, where, str(meta.get("name", Path(where).name)), first_row, columns)
     flagged = any(name in columns for name in map(flag_column, arrays["flux_jy"]))
     filled = checked.filled or not flagged or meta.get("filled") is True
     return StarsOfFile(replace(checked, filled=filled), checked.epoch_jyear, is_own=True)
 
 
-def _survey_stars(table: ColumnTable, survey: Survey, where: str, options: ReadOptions) -> StarsOfFile:
+def _survey_stars(table: ColumnTable, survey: Survey, where: str, options: ReadOptions, first_row: int) -> StarsOfFile:
     """Stars of a survey's table, to be moved to J2000."""
     if table.open_end is not None:
         raise table.open_end
@@ -182,7 +198,7 @@ def _survey_stars(table: ColumnTable, survey: Survey, where: str, options: ReadO
         moved = "carried to J2000" if moves else "taken for those of J2000: there are no proper motions"
         notes.append(f"positions of {stars.epoch_jyear:g} {moved}")
     arrays["provenance"] = "; ".join([f"{survey.title}, {survey.reference}", *notes])
-    checked = _checked(table, arrays, where, f"{survey.name} ({Path(where).name})")
+    checked = _checked(table, arrays, where, f"{survey.name} ({Path(where).name})", first_row)
     return StarsOfFile(replace(checked, filled=True), J2000_JYEAR)
 
 
@@ -202,12 +218,18 @@ def _renamed(table: ColumnTable, options: ReadOptions) -> dict[str, str]:
 
 
 def _checked(
-    table: ColumnTable, arrays: dict[str, Any], file: str, name: str, columns: Mapping[str, str] | None = None
+    table: ColumnTable,
+    arrays: dict[str, Any],
+    file: str,
+    name: str,
+    first_row: int,
+    columns: Mapping[str, str] | None = None,
 ) -> StarColumns:
     """Columns of the stars; errors name the file's own column, which `columns` tells by warpsim's name for it."""
     numbers = {key: arrays.pop(key, None) for key in NUMBER_UNITS}
     try:
-        return checked_columns(numbers, **arrays, name=name, file=file, line_of_row=table.line_of_row)
+        of_file: dict[str, Any] = {"file": file, "line_of_row": table.line_of_row, "first_row": first_row}
+        return checked_columns(numbers, **arrays, name=name, **of_file)
     except InputError as error:
         own_name = (columns or {}).get(error.field, error.field)
         raise table.located(error if own_name == error.field else error.of(f"column {own_name}")) from None

@@ -1,0 +1,137 @@
+"""Catalogs in HATS folders: Parquet files, one for each pixel of a HEALPix grid that is finer where stars are many.
+
+HATS: Hierarchical Adaptive Tiling Scheme, LSST Interdisciplinary Network for Collaboration and Computing; IVOA note 1.0
+(2025). A folder holds `hats.properties` and dataset/Norder=K/Dir=D/Npix=N.parquet, pixels in nested order, ICRS.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.directions import unit_vectors
+from warpsim.errors import InputError
+from warpsim.tables.parquet_file import ParquetFile
+
+_PROPERTIES = ("hats.properties", "properties", "catalog_info.json")
+_COLLECTION = "collection.properties"
+_PARTITION = re.compile(r"Norder=(\d+)/Dir=\d+/Npix=(\d+)(?:\.\w+)?$")
+
+
+@dataclass(frozen=True)
+class HatsTile:
+    """The stars in one pixel."""
+
+    order: int
+    pixel: int
+    """In nested order."""
+
+    path: Path
+
+
+def is_hats(folder: Path) -> bool:
+    """Return whether a folder is one of HATS, or a collection of such."""
+    if (folder / _COLLECTION).is_file():
+        return True
+    parts = (folder / "dataset", folder)
+    return any((folder / name).is_file() for name in _PROPERTIES) and any(any(part.glob("Norder=*")) for part in parts)
+
+
+class HatsFolder:
+    """The partitions of a HATS folder, none of which is read yet.
+
+    Args:
+        folder: The catalog, or a collection, whose primary table is taken.
+
+    Raises:
+        InputError: It has no partitions, or its pixels are not equatorial.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        properties = _read_properties(folder / _COLLECTION)
+        self.folder = folder / properties["hats_primary_table_url"] if properties else folder
+        self.properties = _read_properties(self.folder / "hats.properties") or _read_properties(
+            self.folder / "properties"
+        )
+        frame = self.properties.get("hats_frame", "equatorial")
+        if frame.lower() not in ("equatorial", "icrs"):
+            raise InputError("must be equatorial", "hats_frame", frame).of(self.folder)
+        base = self.folder / "dataset"
+        found = []
+        for path in (base if base.is_dir() else self.folder).glob("Norder=*/Dir=*/Npix=*"):
+            if match := _PARTITION.search(path.as_posix()):
+                files = sorted(path.glob("*.parquet")) if path.is_dir() else [path]
+                found += [HatsTile(int(match[1]), int(match[2]), file) for file in files]
+        if not found:
+            raise InputError("must hold partitions Norder=K/Dir=D/Npix=N.parquet").of(self.folder)
+        # In the order of the finest pixels, which is that of the sky whatever their sizes are.
+        finest = max(tile.order for tile in found)
+        self.tiles = sorted(found, key=lambda one: (one.pixel << 2 * (finest - one.order), str(one.path)))
+
+    @cached_property
+    def n_row(self) -> NDArray[np.int64]:
+        """Rows of each tile: of `partition_info.csv`, or else of the files' own footers, shape (n_tile,)."""
+        listed: dict[tuple[int, int], int] = {}
+        table = self.folder / "partition_info.csv"
+        if table.is_file():
+            with table.open(newline="") as stream:
+                for row in csv.DictReader(stream):
+                    if "num_rows" in row:
+                        listed[int(row["Norder"]), int(row["Npix"])] = int(row["num_rows"])
+        keys = [(tile.order, tile.pixel) for tile in self.tiles]
+        if len(set(keys)) == len(keys) and listed.keys() >= set(keys):
+            return np.array([listed[key] for key in keys], dtype=np.int64)
+        return np.array([len(ParquetFile(tile.path)) for tile in self.tiles], dtype=np.int64)
+
+    def near(self, region: Sequence[tuple[float, float, float]]) -> list[HatsTile]:
+        """Return the tiles that may hold stars in any of some cones, (ra_deg, dec_deg, radius_deg)."""
+        cones = np.array(region, dtype=np.float64)
+        rows = self.rows_near(unit_vectors(cones[:, 0], cones[:, 1]), np.radians(cones[:, 2]))
+        return [self.tiles[row] for row in rows.tolist()]
+
+    def rows_near(self, direction: NDArray[np.float64], radius_rad: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return which of the tiles may hold stars in any of some cones, in ascending order.
+
+        Args:
+            direction: Axes of the cones, unit vectors, shape (n, 3).
+            radius_rad: Their radii [rad], shape (n,).
+        """
+        centre, reach_rad = self._pixels
+        near = np.zeros(len(centre), dtype=np.bool_)
+        for axis, radius in zip(direction, radius_rad, strict=True):
+            near |= np.arccos(np.clip(centre @ axis, -1.0, 1.0)) <= radius + reach_rad
+        return np.flatnonzero(near)
+
+    @cached_property
+    def _pixels(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Centres of the tiles, (n_tile, 3), and radii of circles around them [rad], (n_tile,)."""
+        try:
+            from astropy_healpix import boundaries_lonlat, healpix_to_lonlat
+        except ImportError:
+            raise InputError("needs the package astropy-healpix: pip install 'warpsim[healpix]'") from None
+        order, pixel = np.array([(tile.order, tile.pixel) for tile in self.tiles]).T
+        centre, reach_rad = np.empty((len(order), 3)), np.empty(len(order))
+        for one in np.unique(order).tolist():
+            rows = np.flatnonzero(order == one)
+            lon, lat = healpix_to_lonlat(pixel[rows], 2**one, order="nested")
+            edge_lon, edge_lat = boundaries_lonlat(pixel[rows], 4, 2**one, order="nested")
+            centre[rows] = unit_vectors(lon.to_value("deg"), lat.to_value("deg"))
+            edge = unit_vectors(edge_lon.to_value("deg"), edge_lat.to_value("deg"))
+            chord = np.linalg.norm(edge - centre[rows, None, :], axis=-1).max(axis=1)
+            reach_rad[rows] = 2.02 * np.arcsin(0.5 * chord)  # corners are farthest; by 1 % more
+        return centre, reach_rad
+
+
+def _read_properties(path: Path) -> dict[str, str]:
+    """Keys and values of a file of lines "key = value"; none where there is no such file."""
+    if not path.is_file():
+        return {}
+    pairs = (line.split("=", 1) for line in path.read_text("utf-8").splitlines() if "=" in line and line[:1] != "#")
+    return {key.strip(): value.strip() for key, value in pairs}

@@ -1,0 +1,57 @@
+"""Files that make up a catalog: one, a list of them, a folder, or the partitions of a HATS folder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike, fspath
+from pathlib import Path
+
+from warpsim.errors import InputError
+from warpsim.sky.hats import HatsFolder, is_hats
+from warpsim.sky.region import Cone
+
+FileNames = str | PathLike[str] | Sequence[str | PathLike[str]]
+
+SUFFIXES = (".parquet", ".parq", ".fits", ".fit", ".vot", ".xml", ".ecsv", ".csv", ".tsv", ".txt", ".dat", ".tbl")
+"""Of the files of a folder that are read; they may be followed by ".gz"."""
+
+
+def catalog_files(path: FileNames, region: Sequence[Cone] = ()) -> list[Path]:
+    """The files that a path stands for, or several; of a HATS folder those that a region touches.
+
+    Raises:
+        InputError: No path, a list of none, or a folder without any such file.
+    """
+    if isinstance(path, list | tuple):
+        if not path:
+            raise InputError("must name at least one file", "path")
+        return [file for one in path for file in catalog_files(one, region)]
+    try:
+        where = fspath(path)  # type: ignore[arg-type]
+    except TypeError:
+        where = None
+    if not isinstance(where, str) or "\0" in where:
+        raise InputError(f"must be a file name, got {type(path).__name__}", "path")
+    folder = Path(where)
+    if not folder.is_dir():
+        return [folder]
+    if is_hats(folder):
+        hats = HatsFolder(folder)
+        return [tile.path for tile in (hats.near(region) if region else hats.tiles)]
+    files = sorted(file for file in folder.iterdir() if file.is_file() and _is_table(file))
+    if not files:
+        raise InputError(f"must hold files of stars ({', '.join(SUFFIXES)}), or be a HATS folder").of(where)
+    return files
+
+
+def _is_table(file: Path) -> bool:
+    return not file.name.startswith((".", "_")) and file.name.lower().removesuffix(".gz").endswith(SUFFIXES)
+
+
+def is_parquet(file: Path) -> bool:
+    """Return whether a file begins as Parquet does."""
+    try:
+        with file.open("rb") as stream:
+            return stream.read(4) == b"PAR1"
+    except OSError:
+        return False  # the reader says what is wrong

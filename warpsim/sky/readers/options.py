@@ -1,0 +1,84 @@
+"""What is said of catalog files beside their names: how to read them, and which of their stars."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from warpsim.errors import InputError
+from warpsim.sky.catalog_columns import StarColumns, selected
+from warpsim.sky.photometric_bands import check_flux_band, flux_of_magnitude_jy
+from warpsim.sky.region import Cone, checked_region, within_cones
+from warpsim.sky.space_motion import checked_jyear
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """How to read a catalog file, as StarCatalog.read() describes it; all of it may be left out."""
+
+    format: str | None = None
+    columns: Mapping[str, str] | None = None
+    table: str | int | None = None
+    epoch_jyear: float | None = None
+    readme: str | PathLike[str] | None = None
+    region: Sequence[Cone] = ()
+    limit: Mapping[str, float] | None = None
+
+    def checked(self) -> ReadOptions:
+        """Return the options, the epoch as a number and the region as a list of cones.
+
+        Raises:
+            InputError: One is of another type, or out of range.
+        """
+        if not isinstance(self.format, str | None):
+            raise InputError("must be a name", "format", self.format)
+        if not isinstance(self.readme, str | PathLike | None):
+            raise InputError("must be a file name", "readme", self.readme)
+        if not isinstance(self.columns, Mapping | None):
+            kind = type(self.columns).__name__
+            raise InputError(f"must be a mapping such as {{'ra_deg': 'RAJ2000'}}, got {kind}", "columns")
+        if not isinstance(self.table, str | int | None) or isinstance(self.table, bool):
+            raise InputError("must be a name or a number", "table", self.table)
+        options = replace(self, region=checked_region(self.region), limit=_checked_limit(self.limit))
+        if self.epoch_jyear is None:
+            return options
+        try:
+            return replace(options, epoch_jyear=checked_jyear(self.epoch_jyear))
+        except InputError as error:
+            raise InputError(error.rule, "epoch_jyear", self.epoch_jyear) from None
+
+
+def chosen(columns: StarColumns, options: ReadOptions) -> StarColumns:
+    """The stars within any cone of a region, and not fainter than the limits, in any of their bands."""
+    keep = np.ones(len(columns.ra_deg), dtype=np.bool_)
+    if options.region:
+        keep &= within_cones(columns.ra_deg, columns.dec_deg, options.region)
+    if options.limit:
+        if options.limit.keys().isdisjoint(columns.flux_jy):
+            rule = f"must name a band of the file, which has {', '.join(columns.flux_jy)}"
+            raise InputError(rule, "limit", ", ".join(options.limit), "s")
+        limits_jy = {band: flux_of_magnitude_jy(band, np.array(value)) for band, value in options.limit.items()}
+        known = [columns.flux_jy[band] >= limit for band, limit in limits_jy.items() if band in columns.flux_jy]
+        keep &= np.any(known, axis=0)  # a flux that is not known is no brighter
+    return columns if keep.all() else selected(columns, keep)
+
+
+def _checked_limit(limit: Any) -> dict[str, float] | None:
+    if limit is None:
+        return None
+    rule = "must be a mapping of bands to magnitudes such as {'W3': 8.0}"
+    if not isinstance(limit, Mapping) or not limit:
+        raise InputError(rule, "limit", limit)
+    for band, magnitude in limit.items():
+        check_flux_band(band, "limit")
+        if (
+            isinstance(magnitude, bool)
+            or not isinstance(magnitude, int | float | np.number)
+            or not np.isfinite(magnitude)
+        ):
+            raise InputError(rule, "limit", limit)
+    return {band: float(magnitude) for band, magnitude in limit.items()}
