@@ -19,6 +19,7 @@ from warpsim.scene.band_descriptions import parts_with_bands, tables_by_band
 from warpsim.scene.groups import TargetGroup
 from warpsim.scene.scenario import Scenario
 from warpsim.sky.catalog import StarCatalog
+from warpsim.sky.tiles import StarTiles
 from warpsim.target.mesh import Mesh
 from warpsim.target.temperature import HeatBalance, TemperatureRows
 
@@ -49,7 +50,7 @@ def scene_report(scenario: Scenario) -> str:
         f"{scene.name}: valid. {things}, bands {' '.join(scenario.bands)}",
         f"  epoch      {scenario.epoch.isot} UTC, {scene.duration_s:g} s",
         *_unused_lines(scenario),
-        *_sky_lines(scenario, catalogs),
+        *_sky_lines(scenario, catalogs, skies.tiles),
         *_orbit_lines(scenario),
     ]
     for group in scene.groups:
@@ -81,7 +82,7 @@ def pointing_warning(scenario: Scenario, frames_of: Mapping[str, Sequence[int]])
     return replaced_text(*(sum(column) for column in zip(*counts, strict=True)))
 
 
-def _sky_lines(scenario: Scenario, catalogs: Mapping[str, StarCatalog]) -> list[str]:
+def _sky_lines(scenario: Scenario, catalogs: Mapping[str, StarCatalog], tiles: StarTiles | None) -> list[str]:
     """Stars by kind of sensor with light in each band; effects in their positions, and the size of disabled ones."""
     sky, bright = scenario.scene.sky, {}
     for kind, instrument in scenario.instruments.items():
@@ -92,7 +93,12 @@ def _sky_lines(scenario: Scenario, catalogs: Mapping[str, StarCatalog]) -> list[
     catalog = next(iter(catalogs.values()))
     stars = counted(len(catalog), "star")
     lines = [f"  sky        catalog {sky.catalog}: {stars}, with light in band {numbers}{papers}"]
-    if sky.catalog != "none" and not any(bright.values()):
+    if tiles is not None:
+        stars = f"{counted(len(tiles), 'star')} in {counted(len(tiles.hats.tiles), 'tile')} of HATS"
+        lines = [
+            f"  sky        catalog {sky.catalog}: {stars}, read as views need them and not counted by band{papers}"
+        ]
+    elif sky.catalog != "none" and not any(bright.values()):
         lines.append("  warning    no star of the catalog gives light in these bands")
     parallax_arcsec = float(np.nan_to_num(catalog.parallax_mas).max(initial=0.0)) / 1e3
     exclusions = [
@@ -115,7 +121,7 @@ def _sky_lines(scenario: Scenario, catalogs: Mapping[str, StarCatalog]) -> list[
         for name, (on, arcsec, note) in effects.items()
         if not on and arcsec > 0
     ]
-    if len(catalog):
+    if len(catalog) or tiles is not None:
         lines.append(
             f"  positions  {', '.join(['proper motion', *included])}; left out: {', '.join(left_out) or 'nothing'}"
         )

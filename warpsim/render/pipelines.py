@@ -33,7 +33,7 @@ class Pipelines:
     def __init__(
         self, scenes: Sequence[DeviceScene], n_thread: int, to_host: bool, chunk_bytes: int | None = None
     ) -> None:
-        self.scene = scenes[0]
+        self.scene, self.scenes = scenes[0], scenes
         self._to_host = to_host
         n_device, is_cuda = len(scenes), scenes[0].device.is_cuda
         n_pipeline = n_device * (2 if to_host else 1) if is_cuda else max(n_thread, n_device)

@@ -9,12 +9,13 @@ from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
+import warp as wp
 from warpsim_kernels.stamp_sizes import size_table_stamps_kernel
 
 from warpsim.arguments import whole_number
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
-from warpsim.render.batch import new_batch
+from warpsim.render.batch import Batch, new_batch
 from warpsim.render.device import chosen_devices, kernel_loading, worker_count
 from warpsim.render.device_scene import Streaks
 from warpsim.render.device_upload import make_device_scene
@@ -25,6 +26,7 @@ from warpsim.render.pool import pool_of
 from warpsim.render.request import Request, checked_rate, checked_request
 from warpsim.render.stars import Skies
 from warpsim.render.stream import GROUP_BYTES, GROUP_BYTES_CUDA, Stream, StreamStats, stream_sizes
+from warpsim.render.tiled_stars import with_stars_of
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
@@ -225,6 +227,8 @@ class Renderer:
             pipelines = self._pipelines_of(request.instrument, tuple(bands))
             batch = new_batch(pipelines.scene, frames, sensors, self._pool, request.keep_signal, request.keep_stars)
             ready = pipelines.render(batch, self._threads)
+            if self._skies.tiles is not None:
+                pipelines, ready = self._with_stars_of(batch, pipelines, ready)
         shape = len(frames), len(sensors)
         counts = ImageStack(batch.counts, *shape, ready)
         signal = None if batch.signal_w_cm2 is None else ImageStack(batch.signal_w_cm2, *shape, ready)
@@ -242,6 +246,18 @@ class Renderer:
             scenes = [make_device_scene(self.scenario, instrument, bands, index.device, index) for index in indices]
             self._pipelines[key] = Pipelines(scenes, self.n_thread, self._to_host, self.chunk_bytes)
         return self._pipelines[key]
+
+    def _with_stars_of(
+        self, batch: Batch, pipelines: Pipelines, ready: wp.Event | None
+    ) -> tuple[Pipelines, wp.Event | None]:
+        """Render a batch once more if its views need stars that are not read; return what rendered it last."""
+        if ready is not None:
+            wp.synchronize_event(ready)
+        if not batch.n_view or (scenes := with_stars_of(batch, pipelines.scenes, self.scenario, self._skies)) is None:
+            return pipelines, ready
+        key = next(key for key, one in self._pipelines.items() if one is pipelines)
+        self._pipelines[key] = pipelines = Pipelines(scenes, self.n_thread, self._to_host, self.chunk_bytes)
+        return pipelines, pipelines.render(batch, self._threads)
 
     @cached_property
     def _threads(self) -> ThreadPoolExecutor:

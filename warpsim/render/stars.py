@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,13 +20,31 @@ from warpsim.instant import Instant
 from warpsim.launches import to_numpy
 from warpsim.optics.psf_bank import PsfBank
 from warpsim.radiometry.band import Band
-from warpsim.scene.environment import Sky
+from warpsim.scene.environment import BUILT_IN_CATALOGS, Sky
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.sensors import Sensor
 from warpsim.scene.tracks import Tracks
 from warpsim.sky.band_index import BandIndex
 from warpsim.sky.catalog import StarCatalog
+from warpsim.sky.hats import is_hats
+from warpsim.sky.readers.options import ReadOptions
+from warpsim.sky.tiles import StarTiles
+
+
+def read_options(sky: Sky) -> ReadOptions:
+    """Return how the catalog file of a sky is read."""
+    return ReadOptions(sky.format, sky.columns, sky.table, sky.epoch_jyear, None, sky.region, sky.limit).checked()
+
+
+def tiles_of(sky: Sky) -> StarTiles | None:
+    """Return the tiles of a sky whose catalog is a HATS folder, all of it; None of any other."""
+    if sky.catalog in BUILT_IN_CATALOGS or sky.region or sky.limit or not is_hats(Path(sky.catalog)):
+        return None
+    try:
+        return StarTiles(Path(sky.catalog), read_options(sky))
+    except InputError as error:
+        raise error.within("sky.catalog") from None
 
 
 def load_catalog(sky: Sky, bands: Iterable[Band] = ()) -> StarCatalog:
@@ -56,8 +76,12 @@ def load_catalog(sky: Sky, bands: Iterable[Band] = ()) -> StarCatalog:
 
 def star_index(sky: Sky, epoch: Instant, catalog: StarCatalog, device: Any) -> BandIndex:
     """Return the index of a catalog, its stars moved to an epoch by the sky's physics."""
-    jyear = 2000.0 + (epoch.tt.jd - 2451545.0) / JULIAN_YEAR_DAYS
-    return BandIndex(catalog.at_epoch(jyear, sky.physics), device)
+    return BandIndex(catalog.at_epoch(jyear_of(epoch), sky.physics), device)
+
+
+def jyear_of(epoch: Instant) -> float:
+    """Return the Julian year of an epoch."""
+    return 2000.0 + (epoch.tt.jd - 2451545.0) / JULIAN_YEAR_DAYS
 
 
 class Skies:
@@ -65,6 +89,9 @@ class Skies:
 
     def __init__(self, sky: Sky, epoch: Instant, devices: Sequence[Any], catalog: StarCatalog | None = None) -> None:
         self._sky, self._epoch, self._devices, self._given = sky, epoch, list(devices), catalog
+        self.tiles = tiles_of(sky) if catalog is None else None
+        """Where stars are read as views need them; then catalogs are empty, and so are indices."""
+
         self._read: StarCatalog | None = None
         self._indices: dict[int, list[BandIndex]] = {}
 
@@ -75,18 +102,27 @@ class Skies:
             self._indices[id(catalog)] = [star_index(self._sky, self._epoch, catalog, one) for one in self._devices]
         return self._indices[id(catalog)]
 
+    def indices_of(self, tiles: Sequence[int]) -> tuple[list[BandIndex], npt.NDArray[np.int64]]:
+        """Return the index on each device of the stars of some tiles, and the row of each star in the folder."""
+        assert self.tiles is not None
+        catalog, rows = self.tiles.catalog(tiles)
+        return [star_index(self._sky, self._epoch, catalog, device) for device in self._devices], rows
+
     def at(self, epoch: Instant) -> Skies:
         """Return the same stars at another epoch; a catalog from a file is not read again."""
         if epoch == self._epoch:
             return self
-        other = Skies(self._sky, epoch, self._devices, self._given)
-        other._read = self._read
+        other = copy.copy(self)
+        other._epoch, other._indices = epoch, {}
         return other
 
     def catalog(self, bands: Iterable[Band]) -> StarCatalog:
         """Return the catalog for a sensor of some bands as it was read, the same object for the same stars."""
         if self._given is not None:
             return self._given
+        if self.tiles is not None:
+            self._read = self._read or StarCatalog.from_arrays([], [], {})
+            return self._read
         if self._sky.catalog == "default":
             return load_catalog(self._sky, bands)
         if self._read is None:
@@ -97,6 +133,8 @@ class Skies:
 def catalog_checksums(scenario: Scenario) -> dict[str, str]:
     """Return the checksum of the stars of each kind of sensor, by its name; a file is read once."""
     skies = Skies(scenario.scene.sky, scenario.epoch, ())
+    if skies.tiles is not None:
+        return dict.fromkeys(scenario.instruments, skies.tiles.checksum)
     return {kind: skies.catalog(one.bands.values()).checksum for kind, one in scenario.instruments.items()}
 
 
@@ -115,6 +153,24 @@ class SceneStars:
     field: Any
     orbit: Any
     features: StarFeatures
+
+    tiles: tuple[int, ...] = ()
+    """Tiles that the stars are from, where they are read as views need them."""
+
+    folder_row: npt.NDArray[np.int64] | None = None
+    """Of such stars, row of each in the folder."""
+
+    tile_radius_rad: float = 0.0
+    """How far from the boresight of a view a star may lie in its tile whose stamp touches the frame [rad]."""
+
+    def rows(self, star: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """Return the rows of stars, by their numbers in cell order, in the catalog as a whole."""
+        rows = self.index.star_row[star]
+        return rows if self.folder_row is None else self.folder_row[rows]
+
+    def names(self, star: npt.NDArray[np.int64]) -> npt.NDArray[np.str_]:
+        """Return the names of stars, by their numbers in cell order."""
+        return self.index.catalog.id_of(self.index.star_row[star])
 
     @property
     def device_bytes(self) -> int:
@@ -179,6 +235,11 @@ def _earth_orbit(tracks: Tracks, grid: NodeGrid, device: wp.Device) -> Any:
     orbit.heliocentric_m = wp.array(tracks.earth_heliocentric_m, dtype=wp.vec3d, device=device)
     orbit.grid = grid
     return orbit
+
+
+def widest_stamp_px(irradiance: wp.array, psf: PsfBank, stamp_rule: Any) -> int:
+    """Return the half-width of the widest stamp of some stars, of irradiances (n_band, n_star)."""
+    return int(_half_width_px(irradiance, psf, stamp_rule).max(initial=0))
 
 
 def _half_width_px(irradiance: wp.array, psf: PsfBank, stamp_rule: Any) -> npt.NDArray[np.int32]:

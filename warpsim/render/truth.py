@@ -225,7 +225,6 @@ def star_table(frames: ImageAxes, scene: DeviceScene, star_lists: list[tuple[npt
     xy_px, moved_px, light, star = (np.concatenate(lists) for lists in zip(*star_lists, strict=True))
     light, star = light.astype(np.float64), star.astype(np.int64)
     camera = frames.instrument.sensor.camera
-    rows = scene.stars.index.star_row[star]
     in_fov = np.all((xy_px >= -0.5) & (xy_px < np.array([camera.n_col, camera.n_row]) - 0.5), axis=1)
     table = Table(
         {
@@ -236,8 +235,8 @@ def star_table(frames: ImageAxes, scene: DeviceScene, star_lists: list[tuple[npt
             "y_px": xy_px[:, 1],
             "dx_px": moved_px[:, 0],
             "dy_px": moved_px[:, 1],
-            "catalog_row": rows,
-            "id": scene.stars.index.catalog.id_of(rows),
+            "catalog_row": scene.stars.rows(star),
+            "id": scene.stars.names(star),
             "in_fov": in_fov,
             "irradiance_w_cm2": light,
             "snr": light / frames.nei_w_cm2,

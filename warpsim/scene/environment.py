@@ -79,7 +79,7 @@ class Sky:
 
     Args:
         catalog: "default" (embedded), "union" (all of its sources, needs the extra `catalogs`), "synthetic", "none", or
-            the path of a catalog file.
+            the path of a catalog file, or of a folder; tiles of a HATS folder are read as views need them.
         format: Of a catalog file: a survey ("gaia") or a kind of file ("votable"); told by the file where left out.
         table: Of a catalog file with several tables: name or number, counted from 1.
         columns: Of a catalog file: which of its columns holds what, {ra_deg = "RAJ2000"}.

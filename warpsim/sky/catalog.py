@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Self
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.magnitudes import Physics
-from warpsim.sky.catalog_columns import checked_columns, checked_limits
+from warpsim.sky.catalog_columns import checked_columns, checked_limits, joined
 from warpsim.sky.catalog_table import columns_of_table, table_of
 from warpsim.sky.region import checked_region
 from warpsim.sky.space_motion import J2000_JYEAR, checked_jyear, paper_motion, rigorous_motion
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from astropy.table import Table
 
     from warpsim.sky.readers.files import FileNames
+    from warpsim.sky.readers.read import StarsOfFile
 
 
 class StarCatalog(Stars):
@@ -198,10 +199,17 @@ class StarCatalog(Stars):
         stars = read_stars(
             path, ReadOptions(format, columns, table, epoch_jyear, readme, checked_region(region), limit)
         )
-        catalog = cls._of_columns(stars.columns if fill else replace(stars.columns, filled=False))
+        catalog = cls._of_files([stars if fill else stars.unfilled()])
         if stars.is_own and fill:
             warn_colours(str(path), catalog._photometry)
-        return catalog.at_epoch(stars.target_epoch_jyear)
+        return catalog
+
+    @classmethod
+    def _of_files(cls, parts: Sequence[StarsOfFile]) -> StarCatalog:
+        """The stars of some files, one behind the other, at the epoch that readers move them to."""
+        if not parts:
+            return cls.from_arrays([], [], {})
+        return cls._of_columns(joined([part.columns for part in parts])).at_epoch(parts[0].target_epoch_jyear)
 
     @staticmethod
     def union() -> StarCatalog:

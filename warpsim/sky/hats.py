@@ -22,6 +22,7 @@ from warpsim.tables.parquet_file import ParquetFile
 
 _PROPERTIES = ("hats.properties", "properties", "catalog_info.json")
 _COLLECTION = "collection.properties"
+_CONES_AT_A_TIME = 256
 _PARTITION = re.compile(r"Norder=(\d+)/Dir=\d+/Npix=(\d+)(?:\.\w+)?$")
 
 
@@ -71,6 +72,7 @@ class HatsFolder:
                 found += [HatsTile(int(match[1]), int(match[2]), file) for file in files]
         if not found:
             raise InputError("must hold partitions Norder=K/Dir=D/Npix=N.parquet").of(self.folder)
+        self._cosine: tuple[float, NDArray[np.float64]] = -1.0, np.zeros(0)
         # In the order of the finest pixels, which is that of the sky whatever their sizes are.
         finest = max(tile.order for tile in found)
         self.tiles = sorted(found, key=lambda one: (one.pixel << 2 * (finest - one.order), str(one.path)))
@@ -104,10 +106,26 @@ class HatsFolder:
             radius_rad: Their radii [rad], shape (n,).
         """
         centre, reach_rad = self._pixels
+        # By the widest cone first: most tiles are far from all of them.
+        widest_rad = float(radius_rad.max(initial=0.0))
+        if self._cosine[0] != widest_rad:  # calls alike follow each other
+            self._cosine = widest_rad, np.cos(np.minimum(reach_rad + widest_rad, np.pi))
+        maybe = np.flatnonzero((centre @ direction.T).max(axis=1, initial=-1.0) >= self._cosine[1])
+        return maybe[self._are_near(centre[maybe], reach_rad[maybe], direction, radius_rad)]
+
+    @staticmethod
+    def _are_near(
+        centre: NDArray[np.float64],
+        reach_rad: NDArray[np.float64],
+        direction: NDArray[np.float64],
+        radius_rad: NDArray[np.float64],
+    ) -> NDArray[np.bool_]:
         near = np.zeros(len(centre), dtype=np.bool_)
-        for axis, radius in zip(direction, radius_rad, strict=True):
-            near |= np.arccos(np.clip(centre @ axis, -1.0, 1.0)) <= radius + reach_rad
-        return np.flatnonzero(near)
+        for start in range(0, len(direction), _CONES_AT_A_TIME):
+            some = slice(start, start + _CONES_AT_A_TIME)
+            cosine = centre @ direction[some].T
+            near |= (np.arccos(np.clip(cosine, -1.0, 1.0)) - radius_rad[some]).min(axis=1) <= reach_rad
+        return near
 
     @cached_property
     def _pixels(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -52,6 +52,10 @@ class StarsOfFile(NamedTuple):
     is_own: bool = False
     """Whether they are from a custom table, in which columns may be other than their names say."""
 
+    def unfilled(self) -> StarsOfFile:
+        """Return the same without fluxes predicted from the spectrum."""
+        return self._replace(columns=replace(self.columns, filled=False))
+
 
 def read_stars(path: FileNames, options: ReadOptions) -> StarsOfFile:
     """Read catalog files as StarCatalog.read() describes it; errors are one line and begin with the file's name."""
