@@ -26,6 +26,7 @@ from warpsim.orbit.earth import grazing_altitude_m
 from warpsim.orbit.sun import earth_states
 from warpsim.output.check import scene_report
 from warpsim.radiometry.bands import band_radiance_w_m2_sr
+from warpsim.scene.inputs import input_checksums
 
 REFERENCE = json.loads((Path(__file__).parent / "data" / "zodiacal_reference.json").read_text())["cases"]
 
@@ -33,6 +34,7 @@ DIRBE_UM = (1.25, 2.2, 3.5, 4.9, 12.0, 25.0)
 DIRBE_RTOL, BETWEEN_RTOL = 0.02, 0.05
 MAP_RTOL = 0.015  # cubic splines between nodes, and plates of 1.3 degrees
 LIMB_RTOL = 0.05  # heights within 0.1 km, of light that falls by a third per km where it is steepest
+FUNCTION_RTOL = 4e-3  # lines between nodes 0.6 degrees apart, of light that bends within 17
 STAGE_RTOL = 2e-3  # light between nodes half a plate's step apart
 NEI_W_CM2 = 1e-18
 
@@ -382,3 +384,114 @@ def test_check_says_what_is_left_out_and_the_end_of_a_run_too(scene, tmp_path):
     assert "(left out)" not in scene_report(wide.replace(background={"zodiacal": True, "earth": True}).scenario)
     run = ws.render_to_folder(wide, tmp_path / "out", frames=[60], bands=["A"])
     assert "background.earth" in run.text()
+
+
+# --- the user's own: a function, and an image of every pixel ---
+
+
+def galactic_glow(direction, band):
+    """As a function of the user's: a band of light along the galactic plane, brighter at longer waves."""
+    pole = np.array([-0.867666, -0.198076, 0.455984])
+    return 1e-12 * band.isophotal_um * np.exp(-((direction @ pole / 0.3) ** 2))
+
+
+def test_a_function_is_looked_up_where_pixels_look(scene, tmp_path):
+    own = scene.replace(background__sky_map=galactic_glow)
+    assert own.background.sky_map == f"python:{__name__}:galactic_glow"
+    own.save(tmp_path / "own.toml")
+    assert ws.Scene.load(tmp_path / "own.toml") == own
+    light, frames = added_w_cm2(scene, sky_map=galactic_glow)
+    camera, axes = frames.instrument.sensor.camera, frames.axes_icrs[0, 0]
+    rows, cols = np.meshgrid(np.arange(0, 128, 9), np.arange(0, 128, 9), indexing="ij")
+    xy = np.stack([cols.ravel(), rows.ravel()], axis=1).astype(float)
+    wide, high = (camera.direction(xy + half) - camera.direction(xy - half) for half in 0.5 * np.eye(2))
+    pixel_sr = np.linalg.norm(np.cross(wide, high), axis=1)
+    for number, name in enumerate(frames.bands):
+        expected = galactic_glow(camera.direction(xy) @ axes, frames.instrument.bands[name]) * pixel_sr
+        np.testing.assert_allclose(light[0, 0, number][rows.ravel(), cols.ravel()], expected, rtol=FUNCTION_RTOL)
+
+
+def one_number(direction, band):
+    return 1e-12
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (lambda direction, band: 0.0, "must be a function of a module, that workers can import"),
+        ("python:nowhere", "must be a file, or a function such as"),
+    ],
+)
+def test_functions_that_workers_cannot_import_are_refused(scene, value, words):
+    with pytest.raises(ws.InputError, match=words):
+        scene.replace(background__sky_map=value)
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ("python:no_such_module:f", "background.sky_map: cannot be imported"),
+        ("python:math:no_such", "background.sky_map: cannot be imported"),
+        (one_number, r"background.sky_map: must return [0-9,]+ radiances of 0 or more for as many directions"),
+    ],
+)
+def test_functions_that_do_not_answer_are_named(scene, value, words):
+    with pytest.raises(ws.InputError, match=words):
+        rendered(scene, sky_map=value)
+
+
+@pytest.mark.parametrize("kind", ["npy", "fits"])
+@pytest.mark.parametrize("planes", [False, True], ids=["one plane", "a plane a band"])
+def test_an_image_is_added_to_every_pixel(scene, tmp_path, kind, planes):
+    names = list(scene.sensors[0].bands)
+    random = np.random.default_rng(2)
+    image = random.uniform(0.0, 50.0 * NEI_W_CM2, ((len(names), 128, 128) if planes else (128, 128)))
+    path = tmp_path / f"glow.{kind}"
+    np.save(path, image) if kind == "npy" else fits.writeto(path, image)
+    light, frames = added_w_cm2(scene, (60, 61), image=path)
+    expected = np.broadcast_to(image, (len(names), 128, 128))[[names.index(name) for name in frames.bands]]
+    np.testing.assert_allclose(light, np.broadcast_to(expected, light.shape), rtol=1e-4, atol=1e-3 * NEI_W_CM2)
+    some = ws.Renderer(scene.replace(background__image=path), "cpu").render([60], bands=frames.bands[-1])
+    np.testing.assert_array_equal(some.counts.numpy()[0, :, 0], frames.counts.numpy()[0, :, -1])
+    truth = frames.truth[frames.truth["in_fov"]]
+    x, y = (np.floor(truth[name] + 0.5).astype(int) for name in ("x_px", "y_px"))
+    assert len(truth)
+    band = [frames.bands.index(name) for name in truth["band"]]
+    np.testing.assert_allclose(truth["background_w_cm2"], expected[band, y, x], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("image", "words"),
+    [
+        (
+            np.zeros((4, 4)),
+            r"must have shape \(128, 128\), or \(\d, 128, 128\) with a plane for each band, got \(4, 4\)",
+        ),
+        (np.full((128, 128), -1.0), "must hold finite numbers of 0 or more"),
+        (np.full((128, 128), np.nan), "must hold finite numbers of 0 or more"),
+    ],
+    ids=["shape", "negative", "not finite"],
+)
+def test_images_that_do_not_fit_are_named(scene, tmp_path, image, words):
+    np.save(tmp_path / "x.npy", image)
+    with pytest.raises(ws.InputError, match=f"background.image: {words}"):
+        rendered(scene, image=tmp_path / "x.npy")
+    with pytest.raises(ws.InputError, match=r"background.image: must be a file that exists"):
+        rendered(scene, image=tmp_path / "none.npy")
+
+
+def test_scene_files_name_their_map_and_image_from_their_folder(scene, tmp_path):
+    np.save(tmp_path / "glow.npy", np.zeros((128, 128)))
+    own = scene.replace(background__image=tmp_path / "glow.npy")
+    own.save(tmp_path / "own.toml")
+    assert 'image = "glow.npy"' in (tmp_path / "own.toml").read_text()
+    loaded = ws.Scene.load(tmp_path / "own.toml")
+    assert loaded.background.image == str(tmp_path / "glow.npy")
+    assert str(tmp_path / "glow.npy") in input_checksums(loaded.scenario)
+    assert "image " in scene_report(loaded.scenario)
+
+
+def test_the_summary_names_what_is_on(scene):
+    assert scene.background.summary == "nothing, a black sky"
+    own = scene.replace(background__zodiacal=True, background__earth=True)
+    assert own.background.summary == "zodiacal light, Earth"

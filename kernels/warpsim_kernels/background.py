@@ -322,6 +322,37 @@ def earth_cell_is_dark(heights: wp.array[float], background: Background, node: i
 
 
 @wp.func
+def earth_cell_is_disc(heights: wp.array[float], background: Background, node: int) -> bool:
+    """Whether all pixels of a cell lie on the disc, their heights below the ground by more than they span."""
+    n = background.n_across
+    most = wp.max(wp.max(heights[node], heights[node + 1]), wp.max(heights[node + n], heights[node + n + 1]))
+    least = wp.min(wp.min(heights[node], heights[node + 1]), wp.min(heights[node + n], heights[node + n + 1]))
+    return most + 2.0 * (most - least) / float(background.step_px) < -0.02
+
+
+@wp.func
+def add_disc(
+    background: Background,
+    band: int,
+    cosine: Cell,
+    sky: Cell,
+    node: int,
+    v: float,
+    first: int,
+    n_pixel: int,
+    signal_w_cm2: wp.array[float],
+):
+    """Put the disc in the place of the sky in pixels of a row of a cell that all lie on it."""
+    area = along_row(background.pixel_sr, background, node, v)
+    emitted, reflected = background.earth.disc_w_cm2_sr[band, 0], background.earth.disc_w_cm2_sr[band, 1]
+    for pixel in range(n_pixel):
+        i = float(pixel)
+        radiance = emitted + reflected * wp.max(cosine.start + cosine.slope * i, 0.0)
+        light = radiance * (area.start + area.slope * i) - (sky.start + sky.slope * i)
+        signal_w_cm2[first + pixel] = signal_w_cm2[first + pixel] + light
+
+
+@wp.func
 def earth_at(background: Background, earth_km: wp.array2d[float], band: int, node: int, u: float, v: float) -> wp.vec2:
     """Radiance of the Earth at a place in a cell, u of the way across, v down [W/cm2/sr], and how much it covers."""
     heights, cosines = earth_km[0], earth_km[1]
@@ -386,7 +417,11 @@ def make_add_background_kernel(earth: bool) -> wp.Kernel:
             for col in range(first + n_whole * RUN, end):
                 signal_w_cm2[begin + col] = signal_w_cm2[begin + col] + sky.start + sky.slope * float(col - first)
             if wp.static(earth):
-                if not earth_cell_is_dark(earth_km[view, 0], background, node):
+                heights = earth_km[view, 0]
+                if earth_cell_is_disc(heights, background, node):
+                    cosine = along_row(earth_km[view, 1], background, node, v)
+                    add_disc(background, band, cosine, sky, node, v, begin + first, end - first, signal_w_cm2)
+                elif not earth_cell_is_dark(heights, background, node):
                     area = along_row(background.pixel_sr, background, node, v)
                     for col in range(first, end):
                         u = float(col - first) / float(background.step_px)
@@ -397,6 +432,38 @@ def make_add_background_kernel(earth: bool) -> wp.Kernel:
                         signal_w_cm2[pixel] = signal_w_cm2[pixel] + seen[0] * pixel_sr - hidden
 
     return add_background_kernel
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def add_image_kernel(
+    # in
+    image_w_cm2: wp.array[float],  # (n_band * n_pixel,)
+    n_pixel: int,
+    n_band: int,
+    # in and out
+    signal_w_cm2: wp.array[float],  # flat images, those of a view behind one another
+):
+    """Add the user's light of every pixel; strips are flagged already."""
+    item = wp.tid()
+    per_view = n_pixel * n_band
+    signal_w_cm2[item] = signal_w_cm2[item] + image_w_cm2[item % per_view]
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def image_of_targets_kernel(
+    # in
+    xy_px: wp.array2d[wp.vec2d],  # (n_view, n_slot) targets first
+    image_w_cm2: wp.array3d[float],  # (n_band, n_row, n_col)
+    # in and out
+    background_w_cm2: wp.array3d[float],  # (n_view, n_band, n_target)
+):
+    """Add the user's light of a target's pixel, for the truth; none outside the image."""
+    view, target = wp.tid()
+    col = int(wp.floor(xy_px[view, target][0] + wp.float64(0.5)))
+    row = int(wp.floor(xy_px[view, target][1] + wp.float64(0.5)))
+    if col >= 0 and row >= 0 and row < image_w_cm2.shape[1] and col < image_w_cm2.shape[2]:
+        for band in range(image_w_cm2.shape[0]):
+            background_w_cm2[view, band, target] = background_w_cm2[view, band, target] + image_w_cm2[band, row, col]
 
 
 @functools.cache

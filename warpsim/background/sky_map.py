@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import warnings
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.background.sky_plates import RadianceOf, SkyPlate, sky_cube, sky_plate
+from warpsim.config.fields import FUNCTION
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
@@ -36,7 +38,8 @@ def sky_map_plates(path: str, bands: list[Band]) -> list[SkyPlate]:
     that in every band. Pixels that are not finite are 0. Outside an image the map is 0.
 
     Args:
-        path: FITS file: an image with a celestial WCS, or a table of HEALPix pixels, with BUNIT or TUNIT.
+        path: FITS file: an image with a celestial WCS, or a table of HEALPix pixels, with BUNIT or TUNIT; or the name
+            of a function.
         bands: Bands to render.
 
     Raises:
@@ -44,6 +47,8 @@ def sky_map_plates(path: str, bands: list[Band]) -> list[SkyPlate]:
     """
     from astropy.io import fits
 
+    if path.startswith(FUNCTION):
+        return _function_plates(path, bands)
     if not Path(path).is_file():
         raise InputError("must be a file that exists", "background.sky_map", path)
     try:
@@ -58,6 +63,33 @@ def sky_map_plates(path: str, bands: list[Band]) -> list[SkyPlate]:
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise InputError(f"cannot be read: {str(error).splitlines()[0]}", "background.sky_map", path) from None
     raise InputError("must hold an image, or a table of HEALPix pixels", "background.sky_map", path)
+
+
+FUNCTION_NODES = 181
+"""Nodes along an edge of the cube that a function is looked up on: 0.6 degrees apart."""
+
+
+def _function_plates(name: str, bands: list[Band]) -> list[SkyPlate]:
+    """The faces of a cube, filled by a function of the user's."""
+    try:
+        module, attribute = name.removeprefix(FUNCTION).split(":")
+        function: Any = importlib.import_module(module)
+        for part in attribute.split("."):
+            function = getattr(function, part)
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"cannot be imported ({error})", "background.sky_map", name) from None
+
+    def radiance_of(direction: Array) -> Array:
+        found = []
+        for band in bands:
+            values = np.asarray(function(direction, band), dtype=np.float64)
+            if values.shape != (len(direction),) or not np.isfinite(values).all() or (values < 0.0).any():
+                rule = f"must return {len(direction):,} radiances of 0 or more for as many directions, got shape"
+                raise InputError(f"{rule} {values.shape}", "background.sky_map", name)
+            found.append(values)
+        return np.stack(found)
+
+    return sky_cube(radiance_of, FUNCTION_NODES)
 
 
 def radiance_scales(unit: str, bands: list[Band]) -> Array:

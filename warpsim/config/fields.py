@@ -188,6 +188,24 @@ FileName = Annotated[str, BeforeValidator(whole_path)]
 """Path of a file, as text or os.PathLike; becomes absolute, counted from the current directory."""
 
 
+FUNCTION = "python:"
+"""What a function's name begins with where a file's could stand."""
+
+
+def file_or_function(value: Any) -> str:
+    """The absolute path of a file, or "python:module:function" of a function or its name."""
+    if isinstance(value, str) and value.startswith(FUNCTION):
+        if len([part for part in value.split(":") if part]) != 3:
+            raise rule_error('must be a file, or a function such as "python:module:function"')
+        return value
+    if callable(value):
+        name = getattr(value, "__qualname__", "<")
+        if "<" in name:
+            raise rule_error("must be a function of a module, that workers can import: no lambda, and none in another")
+        return f"{FUNCTION}{value.__module__}:{name}"
+    return whole_path(value)
+
+
 def as_tuple(value: Any) -> Any:
     """Lists of scene files become tuples; a single name is a list of one."""
     if isinstance(value, str):

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.background.pixel_image import read_pixel_image
 from warpsim.background.zodiacal import zodiacal_map
 from warpsim.constants import ASTRONOMICAL_UNIT_M
 from warpsim.output.check_views import field_contents
@@ -42,6 +43,15 @@ def background_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapp
         lines.append(f"  background {name}: {text}{noon / nei_sr:.2g} under the Sun{earth}")
     if wanted.sky_map is not None:
         lines.append(f"             map {wanted.sky_map}")
+    if wanted.image is not None:
+        planes = read_pixel_image(wanted.image, len(bands), camera.n_row, camera.n_col)
+        sizes = [
+            f"{name} {plane.min() / nei:.2g} to {plane.max() / nei:.2g}"
+            for name, plane, nei in zip(
+                instrument.bands, planes, map(instrument.nei_w_cm2, instrument.bands), strict=True
+            )
+        ]
+        lines.append(f"             image {wanted.image}: {', '.join(sizes)} NEI")
     return lines
 
 

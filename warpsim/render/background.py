@@ -24,6 +24,7 @@ from warpsim_kernels.background import (
 
 from warpsim.background.earth_limb import limb_profile
 from warpsim.background.moon import moon_irradiance_w_cm2, moon_position_m
+from warpsim.background.pixel_image import read_pixel_image
 from warpsim.background.sky_map import sky_map_plates
 from warpsim.background.sky_plates import SkyPlate, sky_cube
 from warpsim.background.zodiacal import ECLIPTIC_AXES, zodiacal_map
@@ -59,6 +60,8 @@ class DeviceBackground:
     nodes_kernel: wp.Kernel
     add_kernel: wp.Kernel
     targets_kernel: wp.Kernel
+    image_w_cm2: wp.array | None
+    """The user's light of every pixel, (n_band, n_row, n_col)."""
 
 
 def make_background(
@@ -98,7 +101,14 @@ def make_background(
         make_background_nodes_kernel(wanted.earth, stray is not None),
         make_add_background_kernel(wanted.earth),
         make_background_of_targets_kernel(wanted.earth),
+        None if wanted.image is None else _image(wanted.image, instrument, bands, device),
     )
+
+
+def _image(path: str, instrument: Instrument, bands: Sequence[str], device: wp.Device) -> wp.array:
+    camera, names = instrument.sensor.camera, list(instrument.sensor.bands)
+    planes = read_pixel_image(path, len(names), camera.n_row, camera.n_col)
+    return wp.array(planes[[names.index(name) for name in bands]], dtype=wp.float32, device=device)
 
 
 def sky_plates(scenario: Scenario, bands: list[Band]) -> list[tuple[int, SkyPlate]]:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import warp as wp
+from warpsim_kernels.background import add_image_kernel, image_of_targets_kernel
 from warpsim_kernels.canvas import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK
 from warpsim_kernels.deposit_read_out import RUN_PIXELS, make_deposit_read_out_kernel
 from warpsim_kernels.emission import make_split_kernel
@@ -168,6 +169,20 @@ def background(
             scene.device,
         ),
     ]
+    if own.image_w_cm2 is not None:
+        image = own.image_w_cm2
+        reads = [image.flatten(), n_row * n_col, scene.n_band]
+        in_truth = [sources.xy_px, image]
+        launches += [
+            Launch(add_image_kernel, [n_image * n_row * n_col], reads, [signal.flat], scene.device),
+            Launch(
+                image_of_targets_kernel,
+                (n_view, scene.n_target),
+                in_truth,
+                [columns.background_w_cm2],
+                scene.device,
+            ),
+        ]
     return Stage("background", n_view, launches)
 
 

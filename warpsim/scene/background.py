@@ -6,7 +6,15 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, model_validator
 
-from warpsim.config.fields import FileName, Number, Positive, Switch, as_tuple, closed_interval
+from warpsim.config.fields import (
+    FileName,
+    Number,
+    Positive,
+    Switch,
+    as_tuple,
+    closed_interval,
+    file_or_function,
+)
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
 
@@ -58,13 +66,30 @@ class Background:
         zodiacal: Whether interplanetary dust glows (Kelsall et al. 1998).
         earth: Whether the Earth's disc and limb glow, and reflect sunlight.
         sky_map: FITS image with celestial WCS, or FITS table of HEALPix pixels, of surface brightness, for all bands.
+            Or a function of a Python module, also as "python:module:function", from directions (n, 3) in ICRS and a
+            `ws.Band` to radiances (n,) [W/cm2/sr].
+        image: FITS or NPY file of the irradiance that every pixel gets besides [W/cm2], (n_row, n_col), or a plane for
+            each band of the sensor, (n_band, n_row, n_col).
         stray_light: How the optics scatter the Sun, the Moon and the Earth.
     """
 
     zodiacal: Switch = False
     earth: Switch = False
-    sky_map: FileName | None = None
+    sky_map: Annotated[str, BeforeValidator(file_or_function)] | None = None
+    image: FileName | None = None
     stray_light: StrayLight | None = None
+
+    @property
+    def summary(self) -> str:
+        """What there is, in words: "zodiacal light, Earth"."""
+        words = {
+            "zodiacal light": self.zodiacal,
+            "Earth": self.earth,
+            "map of the sky": self.sky_map is not None,
+            "image of the user's": self.image is not None,
+            "stray light": self.stray_light is not None,
+        }
+        return ", ".join(word for word, on in words.items() if on) or "nothing, a black sky"
 
     @property
     def is_on(self) -> bool:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+from pathlib import Path
 from typing import Any
 
+from warpsim.config.fields import FUNCTION
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.pointing import TablePointing
 from warpsim.scene.scenario import Scenario
@@ -29,6 +31,9 @@ def input_checksums(scenario: Scenario) -> dict[str, str]:
             walk(getattr(part, field.name))
 
     walk((scene.constellation, scene.groups))
+    for path in (scene.background.sky_map, scene.background.image):
+        if path is not None and not path.startswith(FUNCTION) and Path(path).is_file():
+            found[path] = hashlib.sha256(Path(path).read_bytes()).hexdigest()
     for name in scenario.bands:
         found |= scene.band[name].checksums if name in scene.band else {}
     for instrument in scenario.instruments.values():

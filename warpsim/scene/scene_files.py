@@ -11,6 +11,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from warpsim.config.fields import FUNCTION
 from warpsim.config.model import TOO_DEEP
 from warpsim.errors import InputError
 from warpsim.files import absolute_path, whole_file
@@ -78,15 +79,20 @@ def write_scene_data(data: dict[str, Any], path: str | os.PathLike[str]) -> None
         raise InputError(f"cannot be written: {error.strerror}").of(target) from None
 
 
+PATH_KEYS = {"file", "files", "psf_file", "sky_map", "image"}
+"""Fields of scenes whose values are paths of files."""
+
+
 def with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Nested dicts in which paths relative to a folder become absolute.
 
-    Paths are the values of `file`, `files` and `psf_file` (one, or a table by band) anywhere, and `sky.catalog` where
-    it is none of the built-in ones.
+    Paths are the values of PATH_KEYS (one, or a table by band) anywhere, and `sky.catalog` where it is none of the
+    built-in ones.
     """
 
     def absolute(path: Any) -> Any:
-        return str(folder.absolute() / path) if isinstance(path, str) and path else path
+        is_path = isinstance(path, str) and path and not path.startswith(FUNCTION)
+        return str(folder.absolute() / path) if is_path else path
 
     return _with_paths(data, absolute)
 
@@ -118,7 +124,7 @@ def _with_paths(data: dict[str, Any], change: Callable[[Any], Any]) -> dict[str,
         if not isinstance(value, dict):
             return value
         result = {name: walk(item) for name, item in value.items()}
-        for name in result.keys() & {"file", "files", "psf_file"}:
+        for name in result.keys() & PATH_KEYS:
             given = value[name]
             if isinstance(given, dict) and name == "psf_file":
                 result[name] = {band: change(path) for band, path in given.items()}
@@ -134,11 +140,12 @@ def _with_paths(data: dict[str, Any], change: Callable[[Any], Any]) -> dict[str,
 
 
 def named_files(value: Any) -> list[str]:
-    """All paths under `file`, `files` and `psf_file` in nested dicts, once each, in order."""
+    """All paths under PATH_KEYS in nested dicts, once each, in order."""
     if isinstance(value, list):
         paths = [path for item in value for path in named_files(item)]
     elif isinstance(value, dict):
-        own = [value["file"]] if isinstance(value.get("file"), str) else []
+        single = (value.get(name) for name in ("file", "sky_map", "image"))
+        own = [path for path in single if isinstance(path, str) and not path.startswith(FUNCTION)]
         own += [path for path in value.get("files", ()) if isinstance(path, str)]
         psf = value.get("psf_file")
         own += [path for path in (psf.values() if isinstance(psf, dict) else [psf]) if isinstance(path, str)]
