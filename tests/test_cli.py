@@ -415,7 +415,7 @@ def test_catalog_makes_synthetic_stars(capsys):
     ("arguments", "message"),
     [
         (["none.fits"], "none.fits: cannot be read"),
-        (["."], "warpsim: .: "),
+        (["."], "bad.csv: line 3: flux_A_jy: "),  # a folder: all its files
         (["broken.fits"], "broken.fits: "),
         (["stars.csv", "--format", "frob"], "stars.csv: "),
         (["stars.csv", "--columns", "ra_deg"], "--columns: must be NAME=COLUMN,NAME=COLUMN,..., got 'ra_deg'"),

@@ -8,7 +8,16 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from warpsim.commands.options import SENSORS_HELP, add_scene, frame_numbers, names, number, scenario_of, start_warp
+from warpsim.commands.options import (
+    SENSORS_HELP,
+    add_scene,
+    frame_numbers,
+    names,
+    number,
+    scenario_of,
+    start_warp,
+    whole_number,
+)
 from warpsim.errors import InputError
 
 
@@ -43,6 +52,19 @@ def add_commands(commands: Any) -> None:
     check = commands.add_parser("check", help="validate a scene or a recipe and report on it")
     add_scene(check)
     check.set_defaults(command=_check)
+
+    calibrate = commands.add_parser("calibrate", help="write bias, dark and flat frames, and the maps of detectors")
+    add_scene(calibrate)
+    calibrate.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to write to")
+    calibrate.add_argument("--sensors", metavar="NAMES", help=SENSORS_HELP)
+    calibrate.add_argument("--bands", metavar="NAMES", help="comma-separated band names")
+    calibrate.add_argument("--frames", metavar="N", default="16", help="frames of each kind, 16 if left out")
+    calibrate.add_argument(
+        "--level", metavar="X", default="0.5", help="light of flats over saturation, 0.5 if left out"
+    )
+    calibrate.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
+    calibrate.add_argument("--overwrite", action="store_true", help="replace existing files")
+    calibrate.set_defaults(command=_calibrate)
 
     plot = commands.add_parser("plot", help="draw a scene: Earth and orbits, tracks, group, attitudes, access, views")
     add_scene(plot)
@@ -134,6 +156,27 @@ def _check(options: argparse.Namespace) -> int:
     print(
         f"{recipe_report(recipe)}\n\nThe scene that sequences are variations of:\n{scene_report(recipe.scene.scenario)}"
     )
+    return 0
+
+
+def _calibrate(options: argparse.Namespace) -> int:
+    from warpsim.output.calibration import calibrate
+
+    scenario = scenario_of(options.scene)
+    start_warp()
+    folder = Path(options.output)
+    folder.mkdir(parents=True, exist_ok=True)
+    written = calibrate(
+        scenario,
+        folder,
+        sensors=names(options.sensors),
+        bands=names(options.bands),
+        n_frame=whole_number("--frames", options.frames),
+        flat_level=number("--level", options.level),
+        device=options.device or "cpu",
+        overwrite=options.overwrite,
+    )
+    print(f"{len(written)} files in {folder}")
     return 0
 
 

@@ -1,0 +1,146 @@
+"""Calibration: maps against what frames show, and frames against the statistics of their detector."""
+
+import numpy as np
+import pytest
+from astropy.io import fits
+
+import warpsim as ws
+from warpsim.cli import main
+from warpsim.render.calibration import FIRST_FRAME, calibration_counts, detector_maps
+
+NEI = {
+    "kind": "nei", "nei_w_cm2": 1e-18, "sei_w_cm2": 2e-15, "prnu": 0.05, "dsnu_nei": 8.0, "dead_fraction": 0.01,
+    "hot_fraction": 0.02, "counts_per_nei": 5.0, "offset_counts": 200.0,
+}  # fmt: skip
+ELECTRONS = {
+    "kind": "electron", "exposure_s": 0.1, "full_well_e": 1e5, "gain_e_per_count": 10.0, "offset_counts": 300.0,
+    "dark_e_s": 5e4, "read_noise_e": 20.0, "prnu": 0.04, "dsnu": 0.1, "dead_fraction": 0.01, "hot_fraction": 0.01,
+    "background_w_cm2_sr": 1e-11,
+}  # fmt: skip
+
+
+def scene_of(detector, n_row=100, n_col=72):
+    camera = {"n_row": n_row, "n_col": n_col, "fov_deg": 1.0}  # strips that end within an image
+    return ws.Scene.load("stss").replace(detector=detector, camera=camera, bands=["A", "C"], sky__catalog="none")
+
+
+def means(scene, kind, n_frame=200, band="A", level=0.5):
+    counts = calibration_counts(scene.scenario, "sat21", [band], kind, n_frame, level)
+    return counts[:, 0].astype(np.float64).mean(axis=0)
+
+
+def map_of(scene, band="A"):
+    maps = detector_maps(scene.scenario, "sat21", [band])
+    return maps.gain[0].astype(np.float64), maps.offset[0].astype(np.float64), maps.bad[0]
+
+
+def test_maps_in_nei_terms_are_those_of_frames():
+    """Mean flats minus mean darks tell gains, mean darks offsets, within the noise of 200 frames."""
+    scene = scene_of(NEI)
+    gain, offset_w_cm2, bad = map_of(scene)
+    dark, flat = means(scene, "dark"), means(scene, "flat")
+    good, rms = bad == 0, 5.0 / np.sqrt(200)  # counts
+    np.testing.assert_allclose(dark[good], 200.0 + 5.0 * offset_w_cm2[good] / 1e-18, atol=6 * rms)
+    np.testing.assert_allclose((flat - dark)[good], 0.5 * 2e-15 / 1e-18 * 5.0 * gain[good], atol=9 * rms)
+    assert (flat[bad == 2] == flat[bad == 2].max()).all() and flat[bad == 2][0] > 10_000
+    np.testing.assert_allclose(flat[bad == 1], dark[bad == 1], atol=9 * rms)
+    assert gain.std() == pytest.approx(0.05, rel=0.05) and (offset_w_cm2 / 1e-18).std() == pytest.approx(8.0, rel=0.05)
+    assert ((bad == 1).mean(), (bad == 2).mean()) == (pytest.approx(0.01, abs=4e-3), pytest.approx(0.02, abs=6e-3))
+
+
+def test_maps_in_electrons_are_those_of_frames():
+    scene = scene_of(ELECTRONS)
+    gain, dark_e, bad = map_of(scene)
+    bias, dark, flat = (means(scene, kind) for kind in ("bias", "dark", "flat"))
+    good = bad == 0
+    rms = np.sqrt(5e3 + 20.0**2) / 10.0 / np.sqrt(200)
+    np.testing.assert_allclose(bias[good], 300.0, atol=6 * 20.0 / 10.0 / np.sqrt(200) + 0.02)
+    np.testing.assert_allclose(dark[good], 300.0 + dark_e[good] / 10.0, atol=6 * rms)
+    assert dark_e.mean() == pytest.approx(5e3, rel=0.01) and dark_e.std() == pytest.approx(500.0, rel=0.05)
+    light_e = 10.0 * (flat - dark)[good] / gain[good]
+    assert light_e.std() / light_e.mean() < 0.003  # gains have 0.04
+    np.testing.assert_allclose(flat[bad == 1], dark[bad == 1], atol=9 * rms)
+
+
+def test_photon_transfer():
+    """Variance over frames against mean, of flats: the slope is the gain, and what is left the read noise."""
+    scene = scene_of({**ELECTRONS, "dead_fraction": 0.0, "hot_fraction": 0.0, "dark_e_s": 0.0, "dsnu": 0.0})
+    points = []
+    for level in (0.1, 0.3, 0.5, 0.7):
+        counts = calibration_counts(scene.scenario, "sat21", ["A"], "flat", 60, level)[:, 0].astype(np.float64)
+        points.append((counts.mean() - 300.0, counts.var(axis=0, ddof=1).mean()))
+    slope, rest = np.polyfit(*np.array(points).T, 1)
+    assert 1.0 / slope == pytest.approx(10.0, rel=0.02)
+    assert np.sqrt(rest) * 10.0 == pytest.approx(20.0, rel=0.25)
+
+
+def test_maps_are_those_of_every_frame_band_and_sensor():
+    scene = scene_of({**NEI, "hot_fraction": 0.05})
+    frames = ws.Renderer(scene, "cpu").render([3], sensors="sat21")
+    for number, band in enumerate(frames.bands):
+        bad = map_of(scene, band)[2]
+        counts = frames.counts.numpy()[0, 0, number]
+        assert (counts[bad == 2] == counts.max()).all()
+        assert (counts[bad != 2] < counts.max()).mean() > 0.99
+    both = detector_maps(scene.scenario, "sat21", ["A", "C"])
+    assert not np.array_equal(both.bad[0], both.bad[1])
+    np.testing.assert_array_equal(both.bad[1], map_of(scene, "C")[2])
+    assert not np.array_equal(both.bad, detector_maps(scene.scenario, "sat22", ["A", "C"]).bad)
+
+
+def test_frames_have_noise_of_their_own():
+    scene = scene_of(NEI)
+    dark = calibration_counts(scene.scenario, "sat21", ["A"], "dark", 3)
+    again = calibration_counts(scene.scenario, "sat21", ["A", "C"], "dark", 2)
+    np.testing.assert_array_equal(again[:, 0], dark[:2, 0])
+    assert not np.array_equal(dark[0], dark[1])
+    assert len(set(FIRST_FRAME.values())) == 3 and min(FIRST_FRAME.values()) >= 2**31
+
+
+def test_files(tmp_path, capsys):
+    scene = scene_of(ELECTRONS)
+    scene.save(tmp_path / "s.toml")
+    arguments = [
+        "calibrate",
+        str(tmp_path / "s.toml"),
+        "-o",
+        str(tmp_path / "c"),
+        "--sensors",
+        "sat21",
+        "--frames",
+        "4",
+    ]
+    assert main(arguments) == 0
+    assert "7 files in " in capsys.readouterr().out
+    names = {f"sat21_{band}_{kind}.fits" for band in "AC" for kind in ("bias", "dark", "flat")}
+    assert {path.name for path in (tmp_path / "c").iterdir()} == names | {"sat21.maps.fits"}
+    with fits.open(tmp_path / "c" / "sat21_C_flat.fits") as hdus:
+        header = hdus[0].header
+        assert hdus[0].data.shape == (4, 100, 72)
+        assert (header["IMAGETYP"], header["BAND"], header["FLATFRAC"], header["BUNIT"]) == ("flat", "C", 0.5, "count")
+        expected = calibration_counts(scene.scenario, "sat21", ["C"], "flat", 4)[:, 0]
+        np.testing.assert_array_equal(hdus[0].data, expected)
+    with fits.open(tmp_path / "c" / "sat21.maps.fits") as hdus:
+        assert [hdu.name for hdu in hdus[1:]] == [
+            f"{name}_{band}" for band in "AC" for name in ("GAIN", "OFFSET", "BAD")
+        ]
+        np.testing.assert_array_equal(hdus["BAD_C"].data, map_of(scene, "C")[2])
+        assert hdus["OFFSET_A"].header["BUNIT"] == "electron"
+    assert main(arguments) == 2 and "is there already" in capsys.readouterr().err
+    assert len(ws.calibrate(scene_of(NEI), tmp_path, sensors="sat21", bands="A", n_frame=1)) == 3  # no bias
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "words"),
+    [
+        ("n_frame", 0, "n_frame: must be"),
+        ("flat_level", 0.0, "flat_level: must be above 0, and at most 1"),
+        ("flat_level", 2, "flat_level: must be above 0, and at most 1"),
+        ("bands", "Q", "bands: "),
+        ("sensors", "nobody", "sensors: "),
+    ],
+)
+def test_bad_arguments_write_nothing(tmp_path, option, value, words):
+    with pytest.raises(ws.InputError, match=words):
+        ws.calibrate(scene_of(NEI), tmp_path, **{option: value})
+    assert not list(tmp_path.iterdir())

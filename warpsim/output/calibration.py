@@ -1,0 +1,118 @@
+"""Calibration of a scene's sensors as files: bias, dark and flat frames, and the maps that they are taken to find."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warpsim.arguments import chosen_names, whole_number
+from warpsim.detector.detectors import ElectronDetector
+from warpsim.errors import InputError
+from warpsim.files import check_new_file, whole_file
+from warpsim.render.calibration import DetectorMaps, calibration_counts, detector_maps
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene, scenario_of
+
+KINDS = ("bias", "dark", "flat")
+
+
+def calibrate(
+    scene: Scene | Scenario,
+    folder: str | PathLike[str],
+    *,
+    sensors: str | Sequence[str] | None = None,
+    bands: str | Sequence[str] | None = None,
+    n_frame: int = 16,
+    flat_level: float = 0.5,
+    device: Any = "cpu",
+    overwrite: bool = False,
+) -> list[Path]:
+    """Write bias, dark and flat frames of sensors, and their maps as truth.
+
+    SENSOR_BAND_bias.fits, _dark and _flat hold counts, (n_frame, n_row, n_col); SENSOR.maps.fits the extensions
+    GAIN_BAND, OFFSET_BAND (with BUNIT) and BAD_BAND (1 dead, 2 hot). Their noise is that of no frame of the scene,
+    their maps are those of all. A detector in NEI terms has no bias frames: it knows no dark current apart.
+
+    Args:
+        scene: The scene.
+        folder: An existing folder.
+        sensors: Names of sensors; all when left out.
+        bands: Names of bands; all of each sensor when left out.
+        n_frame: Frames of each kind.
+        flat_level: Even light of flat frames, as a fraction of what saturates a pixel, above 0 to 1.
+        device: Where frames are made.
+        overwrite: Replace files that are there.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: Unknown names, a number out of range, or a file that is there already.
+    """
+    scenario = scenario_of(scene)
+    count = whole_number("n_frame", n_frame, 1)
+    if isinstance(flat_level, bool) or not isinstance(flat_level, int | float) or not 0.0 < flat_level <= 1.0:
+        raise InputError("must be above 0, and at most 1", "flat_level", flat_level)
+    names = scenario.sensor_names if sensors is None else scenario.select_sensors(sensors)
+    home, plan = Path(folder), []
+    for sensor in names:
+        instrument = scenario.instrument_of(sensor)
+        chosen = chosen_names("bands", bands, list(instrument.sensor.bands))
+        kinds = KINDS if isinstance(instrument.sensor.detector, ElectronDetector) else KINDS[1:]
+        plan.append(
+            (sensor, chosen, [(home / f"{sensor}_{band}_{kind}.fits", band, kind) for kind in kinds for band in chosen])
+        )
+    maps_of = {sensor: home / f"{sensor}.maps.fits" for sensor, *_ in plan}
+    for path in (*maps_of.values(), *(path for *_, files in plan for path, *_ in files)):
+        check_new_file(path, (".fits",), overwrite)
+    written = []
+    for sensor, chosen, files in plan:
+        _write_maps(maps_of[sensor], scenario, sensor, chosen, detector_maps(scenario, sensor, chosen, device))
+        written.append(maps_of[sensor])
+        for path, band, kind in files:
+            counts = calibration_counts(scenario, sensor, [band], kind, count, flat_level, device)
+            _write_frames(path, scenario, sensor, band, kind, counts[:, 0], flat_level)
+            written.append(path)
+    return written
+
+
+def _cards(scenario: Scenario, sensor: str) -> dict[str, Any]:
+    exposure_s = scenario.instrument_of(sensor).sensor.detector.exposure_s
+    return {"SCENE": scenario.scene.name, "SENSOR": sensor, "EXPTIME": (exposure_s, "[s]")}
+
+
+def _write_frames(
+    path: Path, scenario: Scenario, sensor: str, band: str, kind: str, counts: Any, flat_level: float
+) -> None:
+    from astropy.io import fits
+
+    hdu = fits.PrimaryHDU(counts)
+    hdu.header.update(_cards(scenario, sensor) | {"BAND": band, "IMAGETYP": kind, "BUNIT": "count"})
+    if kind == "flat":
+        hdu.header["FLATFRAC"] = flat_level, "even light over what saturates a pixel"
+    with whole_file(path) as partial:
+        hdu.writeto(partial, overwrite=True)
+
+
+def _write_maps(path: Path, scenario: Scenario, sensor: str, bands: Sequence[str], maps: DetectorMaps) -> None:
+    from astropy.io import fits
+
+    electrons = isinstance(scenario.instrument_of(sensor).sensor.detector, ElectronDetector)
+    hdus = fits.HDUList([fits.PrimaryHDU()])
+    hdus[0].header.update(_cards(scenario, sensor))
+    for number, band in enumerate(bands):
+        for name, values, unit in (
+            ("GAIN", maps.gain[number], ""),
+            ("OFFSET", maps.offset[number], "electron" if electrons else "W/cm2"),
+            ("BAD", maps.bad[number], ""),
+        ):
+            hdu = fits.ImageHDU(np.ascontiguousarray(values), name=f"{name}_{band}")
+            if unit:
+                hdu.header["BUNIT"] = unit
+            hdus.append(hdu)
+    with whole_file(path) as partial:
+        hdus.writeto(partial, overwrite=True)
