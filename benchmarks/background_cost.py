@@ -1,6 +1,6 @@
 """Cost of what lies behind stars and targets, and speed against error of its grids.
 
-    python -m benchmarks.background_cost --json benchmarks/results/background.json
+    python -m benchmarks.background_cost --json benchmarks/results/programs/background.json
 
 Images of 100 stars in band A with each term, by turns with a black sky, processor time of one thread; then the cube of
 zodiacal light and the nodes of a view, coarser and finer, against the model itself in the directions of pixels.

@@ -1,6 +1,6 @@
 """A hundred million stars in a HATS folder: memory, time to the first frame, frames per second.
 
-    python -m benchmarks.star_tiles FOLDER --json benchmarks/results/star_tiles.json
+    python -m benchmarks.star_tiles FOLDER --json benchmarks/results/programs/star_tiles.json
 
 Writes the folder if it is not there (2.2 GB, two minutes): synthetic stars, 2.5 million of a seed, in tiles of order 4.
 Then a process of its own, of one thread, renders frames of `stss` with it, and the same frames with the stars of its

@@ -6,7 +6,9 @@ from astropy.io import fits
 
 import warpsim as ws
 from warpsim.cli import main
+from warpsim.output.check import scene_report
 from warpsim.render.calibration import FIRST_FRAME, calibration_counts, detector_maps
+from warpsim.scene.inputs import input_checksums
 
 NEI = {
     "kind": "nei", "nei_w_cm2": 1e-18, "sei_w_cm2": 2e-15, "prnu": 0.05, "dsnu_nei": 8.0, "dead_fraction": 0.01,
@@ -144,3 +146,68 @@ def test_bad_arguments_write_nothing(tmp_path, option, value, words):
     with pytest.raises(ws.InputError, match=words):
         ws.calibrate(scene_of(NEI), tmp_path, **{option: value})
     assert not list(tmp_path.iterdir())
+
+
+# --- maps of the user's ---
+
+
+def without_patterns(detector, file):
+    own = {name: value for name, value in detector.items() if name not in ("prnu", "dsnu", "dsnu_nei")}
+    return own | {"dead_fraction": 0.0, "hot_fraction": 0.0, "maps_file": str(file)}
+
+
+@pytest.mark.parametrize("detector", [NEI, ELECTRONS], ids=["nei", "electrons"])
+@pytest.mark.parametrize("shape", [(100, 72), (64, 64)], ids=["ragged", "whole strips"])
+def test_frames_with_maps_are_those_of_the_patterns_they_are_of(tmp_path, detector, shape):
+    """Within a count, where float32 rounds: maps go by way of gains and offsets, patterns by deviates."""
+    seeded = scene_of(detector, *shape)
+    ws.calibrate(seeded, tmp_path, sensors=["sat21", "sat22"], n_frame=1)
+    mapped = scene_of(without_patterns(detector, tmp_path / "{sensor}.maps.fits"), *shape)
+    only = [name for name in mapped.scenario.sensor_names if name not in ("sat21", "sat22")]
+    for name in only:  # every sensor of the kind must have a file
+        ws.calibrate(seeded, tmp_path, sensors=name, n_frame=1)
+    one, other = (ws.Renderer(scene, "cpu").render([3, 4], sensors=["sat21", "sat22"]) for scene in (seeded, mapped))
+    difference = np.abs(one.counts.numpy().astype(int) - other.counts.numpy().astype(int))
+    assert difference.max() <= 1 and (difference > 0).mean() < 2e-3
+    alone = ws.Renderer(mapped, "cpu").render([4], sensors="sat22", bands="C").counts.numpy()
+    np.testing.assert_array_equal(alone[0, 0, 0], other.counts.numpy()[1, 1, 1])
+    mine, theirs = (detector_maps(scene.scenario, "sat22", ["C"]) for scene in (seeded, mapped))
+    np.testing.assert_array_equal(mine.gain, theirs.gain)
+    np.testing.assert_array_equal(mine.bad, theirs.bad)
+
+
+def test_a_map_for_all_sensors_and_bands(tmp_path):
+    bad = np.zeros((100, 72), dtype=np.uint8)
+    bad[10, 20], bad[99, 71] = 1, 2
+    gain = np.full((100, 72), 1.5, dtype=np.float32)
+    hdus = [fits.PrimaryHDU(), fits.ImageHDU(gain, name="GAIN"), fits.ImageHDU(bad, name="BAD")]
+    fits.HDUList(hdus).writeto(tmp_path / "m.fits")
+    scene = scene_of(without_patterns(NEI, tmp_path / "m.fits"))
+    scene.save(tmp_path / "s.toml")
+    assert ws.Scene.load(tmp_path / "s.toml") == scene
+    flat = means(scene, "flat", 50, "C", 0.2)
+    assert flat[0, 0] == pytest.approx(200.0 + 0.2 * 2000.0 * 5.0 * 1.5, rel=0.005)
+    assert flat[99, 71] == flat.max() > 9000.0 and flat[10, 20] == pytest.approx(200.0, abs=5.0)
+    assert f"maps of {tmp_path / 'm.fits'}" in scene_report(scene.scenario)
+    assert str(tmp_path / "m.fits") in input_checksums(scene.scenario)
+
+
+@pytest.mark.parametrize(
+    ("hdu", "words"),
+    [
+        (fits.ImageHDU(np.zeros((3, 3)), name="GAIN"), r"must hold images of shape \(100, 72\), got \(3, 3\) of GAIN"),
+        (fits.ImageHDU(np.full((100, 72), 9.0), name="GAIN"), "must be finite, and within 0 to 4, in GAIN of"),
+        (fits.ImageHDU(np.full((100, 72), 3), name="BAD"), "must be finite, and within 0 to 2, in BAD of"),
+        (fits.ImageHDU(np.full((100, 72), np.nan), name="OFFSET"), "must be finite"),
+        (fits.ImageHDU(np.zeros((100, 72)), name="FLAT"), "must have an image GAIN, OFFSET or BAD in"),
+    ],
+    ids=["shape", "gain", "bad", "not finite", "none"],
+)
+def test_bad_maps_are_named(tmp_path, hdu, words):
+    fits.HDUList([fits.PrimaryHDU(), hdu]).writeto(tmp_path / "m.fits")
+    with pytest.raises(ws.InputError, match=f"detector.maps_file: {words}"):
+        ws.Renderer(scene_of(without_patterns(NEI, tmp_path / "m.fits")), "cpu").render([0])
+    with pytest.raises(ws.InputError, match=r"detector.maps_file: must be a file that exists"):
+        ws.Renderer(scene_of(without_patterns(NEI, tmp_path / "no.fits")), "cpu").render([0])
+    with pytest.raises(ws.InputError, match=r"prnu: must be left out with maps_file"):
+        scene_of(without_patterns(NEI, tmp_path / "m.fits") | {"prnu": 0.1})

@@ -153,7 +153,8 @@ def make_deposit_read_out_kernel(drawing: SpotFunctions, features: ReadOutFeatur
                         wp.tile(light_at_pixel(light, at + wp.uint32(N_PAIR))),
                         d,
                         key,
-                        detector.n_col,
+                        detector,
+                        0,
                     )
                     store(counts, first_count + wp.uint64(at), wp.untile(counts_1))
                     store(counts, first_count + wp.uint64(at) + wp.uint64(N_PAIR), wp.untile(counts_2))

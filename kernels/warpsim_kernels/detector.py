@@ -24,6 +24,7 @@ class ReadOutFeatures(NamedTuple):
     shot_noise: bool = False  # electrons only, like those below
     small_means: bool = False  # a pixel's mean may be too small for the expansion of the Poisson distribution
     read_noise: bool = False
+    maps: bool = False  # of the user's, in the place of random gains, offsets and bad pixels
 
     @property
     def pattern(self) -> bool:
@@ -58,6 +59,17 @@ class PixelScalars:
 
 
 @wp.struct
+class PixelMaps:
+    """The user's maps in the place of random numbers, whole strips long; planes by sensor and band."""
+
+    gain: wp.array[float]  # (n_plane * stride,) deviates that scale 1 to a gain
+    offset: wp.array[float]  # alike, to an offset or a dark current
+    bad: wp.array[wp.uint32]  # random words of pixels that are dead, hot, or neither
+    stride: int  # of a plane
+    by_sensor: int  # 1 where sensors have planes of their own, else 0
+
+
+@wp.struct
 class Detector:
     """A detector's arrays."""
 
@@ -65,6 +77,13 @@ class Detector:
     keys: wp.array[wp.vec2ui]  # (n_sensor,) of all noise: each sensor has its own
     n_pixel: int  # of an image
     n_col: int
+    maps: PixelMaps
+
+
+@wp.func
+def map_plane(maps: PixelMaps, sensor: int, n_band: int, band: int) -> int:
+    """Where a sensor's maps of a band begin."""
+    return (maps.by_sensor * sensor * n_band + band) * maps.stride
 
 
 @wp.func

@@ -13,6 +13,7 @@ import warp as wp
 
 from warpsim_kernels.canvas import N_PAIR
 from warpsim_kernels.detector import (
+    Detector,
     PixelScalars,
     ReadOutFeatures,
     bent,
@@ -162,8 +163,9 @@ def make_noise_keys(features: ReadOutFeatures) -> wp.Function:
 def make_counts_of_pairs(features: ReadOutFeatures, n_pair: int) -> wp.Function:
     """Function that reads out tiles of n_pair pixel pairs: counts of their first pixels, and of their second ones.
 
-    (number, pixel, light, light, PixelScalars, NoiseKeys, n_col): the numbers of the pairs within their block of
-    strips, where their first pixels are in the image, N_PAIR before the second ones, and the light of both.
+    (number, pixel, light, light, PixelScalars, NoiseKeys, Detector, at): the numbers of the pairs within their
+    block of strips, where their first pixels are in the image, N_PAIR before the second ones, the light of both, and
+    where the first of the pixels is in the maps.
     """
     Floats = wp.tile(dtype=float, shape=(n_pair,))
     Words = wp.tile(dtype=wp.uint32, shape=(n_pair,))
@@ -189,8 +191,20 @@ def make_counts_of_pairs(features: ReadOutFeatures, n_pair: int) -> wp.Function:
         return wp.tile_map(normal_cosine, radius, wp.tile_map(hashed, column, key[2], key[3]))
 
     @wp.func
+    def mapped(values: wp.array[float], at: int):
+        """Values of a map at the first and at the second pixels of pairs."""
+        return wp.tile_load(values, shape=n_pair, offset=at), wp.tile_load(values, shape=n_pair, offset=at + N_PAIR)
+
+    @wp.func
     def counts_of_pairs(
-        number: Words, pixel: Words, light_1: Floats, light_2: Floats, d: PixelScalars, keys: NoiseKeys, n_col: int
+        number: Words,
+        pixel: Words,
+        light_1: Floats,
+        light_2: Floats,
+        d: PixelScalars,
+        keys: NoiseKeys,
+        detector: Detector,
+        at: int,
     ):
         noise_1, noise_2 = deviates_of(number, keys.noise)
         # Disabled terms get another argument, which is not read.
@@ -208,17 +222,22 @@ def make_counts_of_pairs(features: ReadOutFeatures, n_pair: int) -> wp.Function:
         few_2 = number
         if wp.static(features.read_noise):
             read_1, read_2 = deviates_of(number, keys.read_noise)
-        if wp.static(features.prnu):
+        if wp.static(features.prnu and not features.maps):
             gain_1, gain_2 = deviates_of(number, keys.gain)
-        if wp.static(features.dsnu):
+        if wp.static(features.dsnu and not features.maps):
             offset_1, offset_2 = deviates_of(number, keys.offset)
-        if wp.static(features.bad_pixels):
+        if wp.static(features.bad_pixels and not features.maps):
             bad_1, bad_2 = words_of(number, keys.bad)
+        if wp.static(features.maps):
+            gain_1, gain_2 = mapped(detector.maps.gain, at)
+            offset_1, offset_2 = mapped(detector.maps.offset, at)
+            bad_1 = wp.tile_load(detector.maps.bad, shape=n_pair, offset=at)
+            bad_2 = wp.tile_load(detector.maps.bad, shape=n_pair, offset=at + N_PAIR)
         if wp.static(features.small_means):
             few_1, few_2 = words_of(number, keys.few)
         if wp.static(features.column_noise):
-            column_1 = column_deviates(pixel, keys.column, n_col)
-            column_2 = column_deviates(wp.tile_map(numbered, pixel, wp.uint32(N_PAIR)), keys.column, n_col)
+            column_1 = column_deviates(pixel, keys.column, detector.n_col)
+            column_2 = column_deviates(wp.tile_map(numbered, pixel, wp.uint32(N_PAIR)), keys.column, detector.n_col)
         counts_1 = half_read_out(light_1, d, noise_1, gain_1, offset_1, read_1, column_1, bad_1, few_1)
         counts_2 = half_read_out(light_2, d, noise_2, gain_2, offset_2, read_2, column_2, bad_2, few_2)
         return counts_1, counts_2

@@ -12,7 +12,7 @@ import functools
 import warp as wp
 
 from warpsim_kernels.canvas import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK, flags_of_image
-from warpsim_kernels.detector import Detector, ReadOutFeatures
+from warpsim_kernels.detector import Detector, ReadOutFeatures, map_plane
 from warpsim_kernels.pixel_pairs import make_counts_of_pairs, make_noise_keys, mapped_functions
 from warpsim_kernels.random_numbers import numbered
 
@@ -57,9 +57,9 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
         band = image - view * band_id.shape[0]
         frame = view_frame[view]
         sensor_key = detector.keys[int(view_sensor[view])]
-        number = band_id[band]
         d = detector.pixels[band]
-        keys = noise_keys(frame, number, block, sensor_key)
+        keys = noise_keys(frame, band_id[band], block, sensor_key)
+        plane = map_plane(detector.maps, int(view_sensor[view]), band_id.shape[0], band)
         flag_offset = image * flags_of_image(detector.n_pixel)
         for strip in range(
             wp.max(block * STRIPS_PER_BLOCK, first_strip), wp.min((block + 1) * STRIPS_PER_BLOCK, end_strip)
@@ -79,7 +79,7 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
                 light_offset = wp.where(is_touched, pixel_offset, zero_offset)
                 light_1 = wp.tile_load(signal_w_cm2, shape=N_PAIR, offset=light_offset, bounds_check=False)
                 light_2 = wp.tile_load(signal_w_cm2, shape=N_PAIR, offset=light_offset + N_PAIR, bounds_check=False)
-            counts_1, counts_2 = counts_of_pairs(pairs, pixels, light_1, light_2, d, keys, detector.n_col)
+            counts_1, counts_2 = counts_of_pairs(pairs, pixels, light_1, light_2, d, keys, detector, plane + pixel)
             zeros = wp.tile_zeros(shape=STRIP_PIXELS, dtype=float)
             if wp.static(ragged):
                 read = counts[first_image + image]

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from warpsim.config.fields import Integer, NonNegative, Positive, Switch, closed_interval
+from warpsim.config.fields import FileName, Integer, NonNegative, Positive, Switch, closed_interval
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.radiometry.by_band import FractionByBand, NonNegativeByBand, PositiveByBand, in_band, named_bands
@@ -25,6 +25,13 @@ PositiveExposure = Annotated[Positive, closed_interval(0, 10)]
 """Length of an exposure [s]."""
 Diffusion = Annotated[NonNegative, closed_interval(0, 10)]
 """Standard deviation of how far charge spreads, along rows as along columns [pixel widths]."""
+
+
+def _check_maps(detector: Any, instead_of: tuple[str, ...]) -> None:
+    """Raise where a detector has maps and random patterns."""
+    for name in instead_of:
+        if detector.maps_file is not None and getattr(detector, name) > 0.0:
+            raise InputError("must be left out with maps_file, which has it for every pixel", name)
 
 
 @config_model
@@ -51,6 +58,8 @@ class NeiDetector:
         hot_fraction: Fraction of pixels that are always saturated.
         nonlinearity: Fraction of its response that a pixel has lost at SEI: a signal S, at most SEI, reads
             S (1 - nonlinearity * S / SEI).
+        maps_file: FITS file of the pixels' gains, offsets [W/cm2] and bad ones in the place of prnu, dsnu_nei,
+            dead_fraction and hot_fraction, as `ws.calibrate` writes it; "{sensor}" in it stands for each one's name.
     """
 
     nei_w_cm2: PositiveByBand
@@ -67,10 +76,12 @@ class NeiDetector:
     dead_fraction: BadFraction = 0.0
     hot_fraction: BadFraction = 0.0
     nonlinearity: Nonlinearity = 0.0
+    maps_file: FileName | None = None
     kind: Literal["nei"] = Field(default="nei", kw_only=True)
 
     @model_validator(mode="after")
     def _ordered(self) -> NeiDetector:
+        _check_maps(self, ("prnu", "dsnu_nei", "dead_fraction", "hot_fraction"))
         for band in named_bands(self.nei_w_cm2, self.sei_w_cm2) or [""]:
             nei, sei = in_band(self.nei_w_cm2, band), in_band(self.sei_w_cm2, band)
             if nei is not None and sei is not None and sei <= nei:
@@ -126,6 +137,9 @@ class ElectronDetector:
         hot_fraction: Fraction of pixels whose well is always full.
         nonlinearity: Fraction of the charge that is lost in reading a full well: N electrons read
             N (1 - nonlinearity * N / full_well_e).
+        maps_file: FITS file of the pixels' gains, electrons by dark current in an exposure and bad ones in the place of
+            prnu, dsnu, dead_fraction and hot_fraction, as `ws.calibrate` writes it; "{sensor}" in it stands for each
+            one's name. dark_e_s is that of the mean pixel.
     """
 
     exposure_s: PositiveExposure
@@ -150,10 +164,12 @@ class ElectronDetector:
     dead_fraction: BadFraction = 0.0
     hot_fraction: BadFraction = 0.0
     nonlinearity: Nonlinearity = 0.0
+    maps_file: FileName | None = None
     kind: Literal["electron"] = Field(default="electron", kw_only=True)
 
     @model_validator(mode="after")
     def _complete(self) -> ElectronDetector:
+        _check_maps(self, ("prnu", "dsnu", "dead_fraction", "hot_fraction"))
         if (self.optics_temperature_k is None) != (self.optics_emissivity == 0.0):
             raise InputError("must be given together", "optics_temperature_k, optics_emissivity")
         if self.offset_counts >= 2**self.bits:
@@ -171,7 +187,7 @@ Detector = Annotated[
 ]
 
 
-TERMS: dict[str, tuple[str, str, float]] = {
+TERMS: dict[str, tuple[str, str, float | None]] = {
     "prnu": ("PRNU", "{:g} rms of gains", 0.0),
     "dead_fraction": ("DEADFRAC", "{:g} of the pixels dead", 0.0),
     "hot_fraction": ("HOTFRAC", "{:g} of the pixels hot", 0.0),
@@ -181,6 +197,7 @@ TERMS: dict[str, tuple[str, str, float]] = {
     "column_noise_e": ("COLNOISE", "{:g} e rms by column", 0.0),
     "column_noise_nei": ("COLNOISE", "{:g} NEI rms by column", 0.0),
     "shot_noise": ("SHOT", "no shot noise", True),
+    "maps_file": ("MAPSFILE", "maps of {}", None),
 }
 """What may differ from the plain chain of a detector, by field: FITS keyword, words, value in the plain chain."""
 

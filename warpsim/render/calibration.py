@@ -13,6 +13,7 @@ import warp as wp
 from warpsim_kernels.detector_maps import detector_maps_kernel
 
 from warpsim.detector.detectors import ElectronDetector
+from warpsim.detector.pixel_maps import read_maps
 from warpsim.errors import InputError
 from warpsim.launches import to_numpy
 from warpsim.render.batch import new_inputs
@@ -54,6 +55,9 @@ def detector_maps(scenario: Scenario, sensor: str, bands: Sequence[str], device:
     """
     instrument = _instrument(scenario, sensor, bands)
     camera, on = instrument.sensor.camera, wp.get_device(device)
+    if (file := instrument.sensor.detector.maps_file) is not None:
+        read = read_maps(file, [sensor], bands, camera.n_row, camera.n_col)
+        return DetectorMaps(read.gain[0], read.offset[0], read.bad[0])
     own = make_read_out(instrument, bands, on)
     shape = (len(bands), camera.n_row * camera.n_col)
     outputs = [wp.empty(shape, dtype=dtype, device=on) for dtype in (wp.float32, wp.float32, wp.uint8)]

@@ -7,19 +7,26 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
 import warp as wp
-from warpsim_kernels.detector import Detector, PixelScalars, ReadOutFeatures
+from warpsim_kernels.canvas import STRIP_PIXELS
+from warpsim_kernels.detector import Detector, PixelMaps, PixelScalars, ReadOutFeatures
 from warpsim_kernels.poisson import SMALLEST_EXPANDED_MEAN
 from warpsim_kernels.read_out import make_read_out_kernel
 
 from warpsim.detector.detectors import ElectronDetector, NeiDetector
 from warpsim.detector.levels import ElectronLevels, Levels
+from warpsim.detector.pixel_maps import PLACE, read_maps
+from warpsim.errors import InputError
 from warpsim.scene.instrument import Instrument
 
 LARGEST_DEVIATE = 6.67
 """Largest value of a unit normal deviate."""
 
 _BEYOND_ANY_LEVEL_W_CM2 = 3e38
+
+_GOOD_WORD = 0x80000000
+"""Random word of a pixel that is neither dead nor hot; those are 0 and its complement."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +57,40 @@ def make_read_out(instrument: Instrument, bands: Sequence[str], device: wp.Devic
     keys = [_key(instrument.noise_key(sensor)) for sensor in range(len(instrument.names))]
     arrays.keys = wp.array(keys, dtype=wp.vec2ui, device=device)
     arrays.n_pixel, arrays.n_col = camera.n_row * camera.n_col, camera.n_col
+    if detector.maps_file is not None:
+        arrays.maps = _maps_struct(instrument, bands, device)
     return ReadOut(features, arrays, make_read_out_kernel(features))
+
+
+def _maps_struct(instrument: Instrument, bands: Sequence[str], device: wp.Device) -> Any:
+    """The user's maps as the numbers that random ones would be."""
+    detector, camera = instrument.sensor.detector, instrument.sensor.camera
+    assert detector.maps_file is not None
+    maps = read_maps(detector.maps_file, instrument.names, bands, camera.n_row, camera.n_col)
+    offset = maps.offset.astype(np.float64)
+    if isinstance(detector, ElectronDetector):
+        dark_e = np.array([getattr(instrument.levels[band], "dark_e") for band in bands])[:, None, None]  # noqa: B009
+        if not (dark_e > 0.0).all() and offset.any():
+            raise InputError("must be above 0 with offsets in maps_file", "detector.dark_e_s", detector.dark_e_s, "g")
+        # A map without offsets leaves the dark current as it is.
+        offset = (
+            np.where(dark_e > 0.0, offset / np.where(dark_e > 0.0, dark_e, 1.0) - 1.0, 0.0) if offset.any() else offset
+        )
+    words = np.array([_GOOD_WORD, 0, 0xFFFFFFFF], dtype=np.uint32)[maps.bad]
+    struct: Any = PixelMaps()
+    n_pixel = camera.n_row * camera.n_col
+    struct.stride = -(-n_pixel // STRIP_PIXELS) * STRIP_PIXELS
+    struct.by_sensor = int(len(maps.gain) > 1 or PLACE in detector.maps_file)
+
+    def planes(values: Any, dtype: Any) -> wp.array:
+        flat = values.reshape(-1, n_pixel)
+        padded = np.zeros((len(flat), struct.stride), dtype=flat.dtype)
+        padded[:, :n_pixel] = flat
+        return wp.array(padded.ravel(), dtype=dtype, device=device)
+
+    struct.gain = planes((maps.gain - 1.0).astype(np.float32), wp.float32)
+    struct.offset, struct.bad = planes(offset.astype(np.float32), wp.float32), planes(words, wp.uint32)
+    return struct
 
 
 def _key(bits: int) -> Any:
@@ -75,8 +115,12 @@ def read_out_features(detector: NeiDetector | ElectronDetector, levels: Mapping[
             "dsnu": detector.dsnu_nei > 0,
             "column_noise": detector.column_noise_nei > 0,
         }
+    maps = detector.maps_file is not None
     alike = {name: getattr(detector, name) > 0 for name in ReadOutFeatures._fields if hasattr(detector, name)}
     bad_pixels = detector.dead_fraction + detector.hot_fraction > 0
+    if maps:
+        own |= {"maps": True, "prnu": True, "bad_pixels": True, "small_means": own.get("shot_noise", False)}
+        own["dsnu"] = not electrons or getattr(detector, "dark_e_s", 0.0) > 0
     return ReadOutFeatures(**alike | {"electrons": electrons, "bad_pixels": bad_pixels} | own)
 
 
@@ -98,8 +142,12 @@ def _scalars(detector: NeiDetector | ElectronDetector, levels: Levels) -> Any:
     scalars.most_counts = float(2**detector.bits - 1)
     scalars.dead_below = _words(detector.dead_fraction)
     scalars.hot_below = _words(detector.hot_fraction)
+    if detector.maps_file is not None:
+        scalars.prnu, scalars.dead_below, scalars.hot_below = 1.0, 1, 1
     if isinstance(detector, ElectronDetector):
         assert isinstance(levels, ElectronLevels)
+        if detector.maps_file is not None:
+            scalars.dsnu = 1.0
         scalars.column_noise = detector.column_noise_e
         scalars.full_level = detector.full_well_e
         # Before gains, of which the smallest is about a third.
@@ -109,7 +157,7 @@ def _scalars(detector: NeiDetector | ElectronDetector, levels: Levels) -> Any:
         scalars.dark_e = levels.dark_e
         scalars.counts_per_e = 1 / detector.gain_e_per_count
     else:
-        scalars.dsnu = detector.dsnu_nei * levels.nei_w_cm2
+        scalars.dsnu = 1.0 if detector.maps_file is not None else detector.dsnu_nei * levels.nei_w_cm2
         scalars.column_noise = detector.column_noise_nei * levels.nei_w_cm2
         scalars.full_level, scalars.most = levels.sei_w_cm2, _BEYOND_ANY_LEVEL_W_CM2
         scalars.loss_per_level = detector.nonlinearity / levels.sei_w_cm2

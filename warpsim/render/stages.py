@@ -222,11 +222,12 @@ def read_out(scene: DeviceScene, inputs: Inputs, signal: Signal, counts: wp.arra
 def is_read_out_at_once(scene: DeviceBodies) -> bool:
     """Return whether deposit_read_out replaces deposit and read_out: on CUDA, for still sources and whole strips.
 
-    Where every pixel has light of a background, its signal is in memory.
+    Where every pixel has light of a background, its signal is in memory; the user's maps are read by strips.
     """
     camera = scene.instrument.sensor.camera
     whole = camera.n_row * camera.n_col % STRIP_PIXELS == 0
-    return scene.device.is_cuda and not scene.streaks.enabled and not scene.has_background and whole
+    has_maps = scene.instrument.sensor.detector.maps_file is not None
+    return scene.device.is_cuda and not (scene.streaks.enabled or scene.has_background or has_maps) and whole
 
 
 def image_kernels(scene: DeviceBodies, psf: PsfBank, read_out: ReadOut) -> list[tuple[wp.Kernel, int]]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from warpsim.config.fields import FUNCTION
+from warpsim.detector.pixel_maps import PLACE
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.pointing import TablePointing
 from warpsim.scene.scenario import Scenario
@@ -38,6 +39,11 @@ def input_checksums(scenario: Scenario) -> dict[str, str]:
         found |= scene.band[name].checksums if name in scene.band else {}
     for instrument in scenario.instruments.values():
         found |= instrument.sensor.optics.file_checksums | _table_checksums(instrument)
+        if (file := instrument.sensor.detector.maps_file) is not None:
+            paths = dict.fromkeys(file.replace(PLACE, name) for name in instrument.names)
+            found |= {
+                path: hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in paths if Path(path).is_file()
+            }
     return found
 
 

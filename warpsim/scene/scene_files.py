@@ -79,7 +79,7 @@ def write_scene_data(data: dict[str, Any], path: str | os.PathLike[str]) -> None
         raise InputError(f"cannot be written: {error.strerror}").of(target) from None
 
 
-PATH_KEYS = {"file", "files", "psf_file", "sky_map", "image"}
+PATH_KEYS = {"file", "files", "psf_file", "sky_map", "image", "maps_file"}
 """Fields of scenes whose values are paths of files."""
 
 
