@@ -211,3 +211,19 @@ def test_bad_maps_are_named(tmp_path, hdu, words):
         ws.Renderer(scene_of(without_patterns(NEI, tmp_path / "no.fits")), "cpu").render([0])
     with pytest.raises(ws.InputError, match=r"prnu: must be left out with maps_file"):
         scene_of(without_patterns(NEI, tmp_path / "m.fits") | {"prnu": 0.1})
+
+
+def test_runs_write_the_maps_of_their_detectors(tmp_path):
+    scene = scene_of({**NEI, "dsnu_nei": 0.0})
+    arguments = {"frames": [3, 4], "sensors": ["sat21"], "bands": ["C"], "every_frame": True, "device": "cpu"}
+    ws.render_to_folder(scene, tmp_path / "run", **arguments)
+    with fits.open(tmp_path / "run" / "sat21.maps.fits") as hdus:
+        np.testing.assert_array_equal(hdus["BAD_C"].data, map_of(scene, "C")[2])
+        np.testing.assert_array_equal(hdus["GAIN_C"].data, map_of(scene, "C")[0].astype(np.float32))
+    again = ws.render_to_folder(scene, tmp_path / "run", **arguments)
+    assert again.n_image_rendered == 0
+    (tmp_path / "run" / "sat21.maps.fits").unlink()
+    assert ws.render_to_folder(scene, tmp_path / "run", **arguments).n_image_rendered > 0
+    plain = scene_of({"kind": "nei", "nei_w_cm2": 1e-18, "sei_w_cm2": 2e-15})
+    ws.render_to_folder(plain, tmp_path / "plain", **arguments)
+    assert not list((tmp_path / "plain").glob("*.maps.fits"))

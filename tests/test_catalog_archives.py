@@ -76,6 +76,8 @@ def test_sloans_g_by_warpsims_names(read):
     assert "mag_g (Sloan's, not Gaia's)" in refused(read, text)
     mapped = read(text, columns={"mag_G": "mag_g", "mag_RP": "mag_r"})  # whoever says so has it so
     assert mapped.flux_jy("G")[0] == pytest.approx(flux_jy("G", 16.53), rel=FLUX_RTOL)
+    with_unit = read(text, columns={"mag_G": "mag_g [mag]"})
+    assert with_unit.flux_jy("G")[0] == pytest.approx(flux_jy("G", 16.53), rel=FLUX_RTOL)
 
 
 @pytest.mark.parametrize(
@@ -344,6 +346,13 @@ def test_a_table_that_is_not_there(read):
     rule = "table: must be a number from 1 to 2, or of I_350_gaiaedr3, I_350_tboasmas, got "
     for table, shown in ((3, "3"), (0, "0"), ("tboasmas", "'tboasmas'")):
         assert refused(read, text, "x.tsv", table=table) == rule + shown
+
+
+def test_a_kind_of_file_that_holds_one_table(read):
+    columns = "".join(f"# - {{name: {name}, datatype: float64}}\n" for name in ("ra_deg", "dec_deg", "mag_V"))
+    text = f"# %ECSV 1.0\n# ---\n# datatype:\n{columns}ra_deg dec_deg mag_V\n1.0 2.0 3.0\n"
+    assert len(read(text, "x.ecsv", table=1)) == 1
+    assert refused(read, text, "x.ecsv", table=2) == "table: must be left out, a file of this kind holds one, got 2"
 
 
 def fits_of(*tables):

@@ -187,6 +187,12 @@ Detector = Annotated[
 ]
 
 
+def has_maps(detector: NeiDetector | ElectronDetector) -> bool:
+    """Return whether gains, offsets or bad pixels stay with the pixels of a detector from frame to frame."""
+    random = ("prnu", "dsnu", "dsnu_nei", "dead_fraction", "hot_fraction")
+    return detector.maps_file is not None or any(getattr(detector, name, 0.0) > 0.0 for name in random)
+
+
 TERMS: dict[str, tuple[str, str, float | None]] = {
     "prnu": ("PRNU", "{:g} rms of gains", 0.0),
     "dead_fraction": ("DEADFRAC", "{:g} of the pixels dead", 0.0),

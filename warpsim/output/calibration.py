@@ -13,7 +13,8 @@ from warpsim.arguments import chosen_names, whole_number
 from warpsim.detector.detectors import ElectronDetector
 from warpsim.errors import InputError
 from warpsim.files import check_new_file, whole_file
-from warpsim.render.calibration import DetectorMaps, calibration_counts, detector_maps
+from warpsim.output.plan import maps_name
+from warpsim.render.calibration import calibration_counts, detector_maps
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 
@@ -66,12 +67,12 @@ def calibrate(
         plan.append(
             (sensor, chosen, [(home / f"{sensor}_{band}_{kind}.fits", band, kind) for kind in kinds for band in chosen])
         )
-    maps_of = {sensor: home / f"{sensor}.maps.fits" for sensor, *_ in plan}
+    maps_of = {sensor: home / maps_name(sensor) for sensor, *_ in plan}
     for path in (*maps_of.values(), *(path for *_, files in plan for path, *_ in files)):
         check_new_file(path, (".fits",), overwrite)
     written = []
     for sensor, chosen, files in plan:
-        _write_maps(maps_of[sensor], scenario, sensor, chosen, detector_maps(scenario, sensor, chosen, device))
+        write_maps(maps_of[sensor], scenario, sensor, chosen, device)
         written.append(maps_of[sensor])
         for path, band, kind in files:
             counts = calibration_counts(scenario, sensor, [band], kind, count, flat_level, device)
@@ -98,9 +99,11 @@ def _write_frames(
         hdu.writeto(partial, overwrite=True)
 
 
-def _write_maps(path: Path, scenario: Scenario, sensor: str, bands: Sequence[str], maps: DetectorMaps) -> None:
+def write_maps(path: Path, scenario: Scenario, sensor: str, bands: Sequence[str], device: Any = "cpu") -> None:
+    """Write what stays with the pixels of a sensor from frame to frame, an extension for each map and band."""
     from astropy.io import fits
 
+    maps = detector_maps(scenario, sensor, bands, device)
     electrons = isinstance(scenario.instrument_of(sensor).sensor.detector, ElectronDetector)
     hdus = fits.HDUList([fits.PrimaryHDU()])
     hdus[0].header.update(_cards(scenario, sensor))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from warpsim.arguments import chosen_names
+from warpsim.detector.detectors import has_maps
 from warpsim.errors import InputError
 from warpsim.output.formats import FORMATS, Format, Images, chosen_formats
 from warpsim.output.output_folder import MANIFEST, PARTS
@@ -79,15 +80,21 @@ class RunPlan:
         return [Images(self.scenario, sensor, band, self.frames_of[sensor]) for band in self.bands_of[sensor]]
 
     def image_names(self, sensor: str) -> list[str]:
-        """Names of all files of a sensor's images."""
-        return [
+        """Names of all files of a sensor's images, and of the maps of its detector if it has any."""
+        names = [
             name for form in self.formats.values() for images in self.images_of(sensor) for name in form.names(images)
         ]
+        return [*names, maps_name(sensor)] if has_maps(self.scenario.instrument_of(sensor).sensor.detector) else names
 
     @property
     def needs_signal(self) -> bool:
         """Return whether a format stores noiseless images."""
         return any(form.plane == "signal_w_cm2" for form in self.formats.values())
+
+
+def maps_name(sensor: str) -> str:
+    """Name of the file of a detector's maps."""
+    return f"{sensor}.maps.fits"
 
 
 def part_name(sensor: str, table: str, first: int) -> str:

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.detector.detectors import detector_terms
+from warpsim.detector.detectors import detector_terms, has_maps
 from warpsim.files import sha256_of, whole_file, write_fits_table
+from warpsim.output.calibration import write_maps
 from warpsim.output.check import pointing_warning
 from warpsim.output.check_background import earth_warning
 from warpsim.output.checkpoints import files_match
@@ -22,7 +23,7 @@ from warpsim.output.formats import Images
 from warpsim.output.growing import GrowingFiles
 from warpsim.output.manifest import made_with, response_facts
 from warpsim.output.output_folder import FINISH, PARTS, CheckpointRecord, OutputFolder
-from warpsim.output.plan import SHEET, USUAL_FORMATS, RunPlan, make_plan, part_name
+from warpsim.output.plan import SHEET, USUAL_FORMATS, RunPlan, make_plan, maps_name, part_name
 from warpsim.output.wording import progress_bar
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
@@ -220,6 +221,8 @@ class Run:
         for form in plan.formats.values():
             for of_band in images:
                 form.finish(growing.path, of_band, views)
+        if has_maps(images[0].instrument.sensor.detector):
+            write_maps(growing.path / maps_name(sensor), plan.scenario, sensor, plan.bands_of[sensor])
         parts = sorted(path.relative_to(growing.path).as_posix() for path in growing.path.rglob("*.fits"))
         names = [*plan.image_names(sensor), *(name for name in parts if name.startswith(PARTS))]
         record = folder.move_in(sensor, growing.path, names)

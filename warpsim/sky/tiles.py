@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import threading
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -42,6 +43,7 @@ class StarTiles:
         self.hats = HatsFolder(folder)
         self.first_row = np.concatenate([[0], np.cumsum(self.hats.n_row)])
         self._options = options
+        self._lock = threading.Lock()  # renderers of scenes alike share the tiles
         self._read: dict[int, StarsOfFile] = {}
         """By tile, those used last at the end."""
 
@@ -71,7 +73,9 @@ class StarTiles:
             raise InputError(rule, "frames", f"{n_star:,} in {len(wanted)} tiles", "s")
         room = STARS_KEPT
         kept = set()
-        for tile in reversed([tile for tile in self._read if tile not in wanted]):
+        with self._lock:
+            others = [tile for tile in self._read if tile not in wanted]
+        for tile in reversed(others):
             room -= int(self.hats.n_row[tile])
             if room < 0:
                 break
@@ -80,8 +84,10 @@ class StarTiles:
 
     def catalog(self, tiles: Sequence[int]) -> tuple[StarCatalog, NDArray[np.int64]]:
         """Return the stars of some tiles, and the row of each in the folder; other tiles are dropped."""
-        parts = [self._part(tile) for tile in tiles]
-        self._read = {tile: self._read[tile] for tile in self._read if tile in set(tiles)}
+        with self._lock:
+            parts = [self._part(tile) for tile in tiles]
+            wanted = set(tiles)
+            self._read = {tile: part for tile, part in self._read.items() if tile in wanted}
         catalog = StarCatalog._of_files(parts)
         rows = [np.arange(self.first_row[tile], self.first_row[tile + 1]) for tile in tiles]
         return catalog, np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)

@@ -100,11 +100,23 @@ def read_table(
     if kind != "parquet" and b"\x00" in data[:_N_HEAD]:
         raise InputError("cannot be read as a table: it is binary, of no kind known")
     if kind in _READERS:
-        return _READERS[kind](data)
+        return _only_table(_READERS[kind](data), table)
     found = None if kind in ("csv", "tsv") else _by_bytes(data, path, readme, layouts, likely, is_cds=kind == "cds")
     if found is not None:
-        return found
+        return _only_table(found, table)
     return read_part(delimited_tables(data, "\t" if kind == "tsv" else None), "text", table, wanted)
+
+
+def _only_table(one: ColumnTable, table: str | int | None) -> ColumnTable:
+    """The table of a file of a kind that holds one; raise where another is asked for."""
+    check_only_table(table)
+    return one
+
+
+def check_only_table(table: str | int | None) -> None:
+    """Raise where another table is asked for than the only one of a file."""
+    if table not in (None, 1, "1"):
+        raise InputError("must be left out, a file of this kind holds one", "table", table)
 
 
 def _by_bytes(

@@ -55,7 +55,8 @@ def own_columns(table: ColumnTable) -> dict[str, str]:
 
 def set_sloan_apart(table: ColumnTable, spoken_of: Iterable[str]) -> None:
     """Rename columns of Sloan's g, which would be found as Gaia's G, unless they are spoken of by name."""
-    for name in set(sloan_g(table.table.colnames)) - set(spoken_of):
+    named = {re.sub(r"\s*\[[^\]]*\]$", "", str(column)) for column in spoken_of}  # units apart
+    for name in set(sloan_g(table.table.colnames)) - named:
         table.rename(name, f"{name} (Sloan's, not Gaia's)")
 
 

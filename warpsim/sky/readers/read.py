@@ -30,7 +30,7 @@ from warpsim.sky.region import dec_range_deg
 from warpsim.sky.space_motion import J2000_JYEAR
 from warpsim.tables.columns import ColumnTable, plain_name
 from warpsim.tables.parquet_file import ParquetFile
-from warpsim.tables.read_table import read_table
+from warpsim.tables.read_table import check_only_table, read_table
 
 T = TypeVar("T")
 
@@ -87,6 +87,7 @@ def _stars_of_file(file: Path, options: ReadOptions, first_row: int) -> Iterator
     """Yield rows and stars of each part of a file; the first part has stars, if only none."""
     survey = SURVEYS.get(options.format) if options.format is not None else None
     if is_parquet(file) and (survey or options.format in (None, "parquet")):
+        check_only_table(options.table)
         yield from _stars_of_parquet(ParquetFile(file), options, str(file), first_row)
         return
     table = read_table(
