@@ -50,6 +50,7 @@ def test_maps_in_nei_terms_are_those_of_frames():
     assert ((bad == 1).mean(), (bad == 2).mean()) == (pytest.approx(0.01, abs=4e-3), pytest.approx(0.02, abs=6e-3))
 
 
+@pytest.mark.ci
 def test_maps_in_electrons_are_those_of_frames():
     scene = scene_of(ELECTRONS)
     gain, dark_e, bad = map_of(scene)
@@ -64,6 +65,7 @@ def test_maps_in_electrons_are_those_of_frames():
     np.testing.assert_allclose(flat[bad == 1], dark[bad == 1], atol=9 * rms)
 
 
+@pytest.mark.ci
 def test_photon_transfer():
     """Variance over frames against mean, of flats: the slope is the gain, and what is left the read noise."""
     scene = scene_of({**ELECTRONS, "dead_fraction": 0.0, "hot_fraction": 0.0, "dark_e_s": 0.0, "dsnu": 0.0})
@@ -76,6 +78,7 @@ def test_photon_transfer():
     assert np.sqrt(rest) * 10.0 == pytest.approx(20.0, rel=0.25)
 
 
+@pytest.mark.ci
 def test_maps_are_those_of_every_frame_band_and_sensor():
     scene = scene_of({**NEI, "hot_fraction": 0.05})
     frames = ws.Renderer(scene, "cpu").render([3], sensors="sat21")
@@ -158,6 +161,7 @@ def without_patterns(detector, file):
 
 @pytest.mark.parametrize("detector", [NEI, ELECTRONS], ids=["nei", "electrons"])
 @pytest.mark.parametrize("shape", [(100, 72), (64, 64)], ids=["ragged", "whole strips"])
+@pytest.mark.ci
 def test_frames_with_maps_are_those_of_the_patterns_they_are_of(tmp_path, detector, shape):
     """Within a count, where float32 rounds: maps go by way of gains and offsets, patterns by deviates."""
     seeded = scene_of(detector, *shape)

@@ -104,6 +104,7 @@ def test_stars_of_a_region(tmp_path, stars, kind, region):
     np.testing.assert_array_equal(np.sort(catalog.ra_deg), wanted)
 
 
+@pytest.mark.ci
 def test_parts_make_the_whole(tmp_path, stars):
     whole = ws.StarCatalog.read(write_parquet(stars, tmp_path / "x.parquet"))
     grouped = ws.StarCatalog.read(write_parquet(stars, tmp_path / "y.parquet", 300))
@@ -223,6 +224,7 @@ def test_tiles_near_a_cone_are_all_that_hold_its_stars(tmp_path, stars):
         assert len(near) < len(folder.tiles) / 2
 
 
+@pytest.mark.ci
 def test_layouts_of_hats(tmp_path, stars):
     whole = ws.StarCatalog.read(write_hats(stars, tmp_path / "a"))
     # As folders of files, without a count of rows, in a collection.

@@ -44,6 +44,7 @@ def loaded(renderer):
 @pytest.mark.parametrize(
     "sky", [{}, {"parallax": True, "light_deflection": True}], ids=["plain", "parallax and deflection"]
 )
+@pytest.mark.ci
 def test_frames_and_truth_are_those_of_an_index_in_memory(folder, sky):
     scene = scene_of(folder, **sky)
     tiled = ws.Renderer(scene)
@@ -77,6 +78,7 @@ def test_tiles_are_kept_while_there_is_room(folder):
     assert one < set(loaded(renderer))
 
 
+@pytest.mark.ci
 def test_a_moving_camera_reads_what_it_sweeps_over(folder):
     """An exposure of 10 s, in which the camera turns by many pixels."""
     detector = {"kind": "electron", "exposure_s": 10.0, "full_well_e": 1e8, "gain_e_per_count": 3000.0}
@@ -89,6 +91,7 @@ def test_a_moving_camera_reads_what_it_sweeps_over(folder):
     assert np.hypot(one.stars["dx_px"], one.stars["dy_px"]).max() > 10.0
 
 
+@pytest.mark.ci
 def test_another_epoch_has_its_tiles(folder):
     """Stars that move by 3 arcsec a year, 60 years on: some have left their tiles."""
     scene = scene_of(folder).replace(epoch_utc="2060-01-01T00:00:00")
