@@ -34,6 +34,7 @@ EVERYTHING = Features(
 NEI_TERMS = ReadOutFeatures(bad_pixels=True, prnu=True, dsnu=True, column_noise=True, nonlinearity=True)
 ELECTRON_TERMS = NEI_TERMS._replace(electrons=True, shot_noise=True, small_means=True, read_noise=True)
 READ_OUTS = [ReadOutFeatures(), NEI_TERMS, ELECTRON_TERMS]
+MAPPED = NEI_TERMS._replace(maps=True)
 NODES = TableLayout(0, 6)
 LAYOUTS = [*(TableLayout(degree) for degree in CELL_DEGREES), *(TableLayout(0, n_point) for n_point in TABLE_POINTS)]
 FACTORY_ARGUMENTS = {
@@ -59,8 +60,9 @@ FACTORY_ARGUMENTS = {
     ],
     "make_half_read_out": [],  # functions of the kernels below
     "make_noise_keys": [],
+    "make_map_plane": [],
     "make_counts_of_pairs": [],
-    "make_read_out_kernel": [(features, ragged) for features in READ_OUTS for ragged in (False, True)],
+    "make_read_out_kernel": [(features, ragged) for features in (*READ_OUTS, MAPPED) for ragged in (False, True)],
     "make_find_spots_kernel": [(gaussian_spots(),), (table_spots(TableLayout(5)),), (table_spots(TableLayout(0, 6)),)],
     "make_deposit_read_out_kernel": [
         *((gaussian_spots(), features, RUN_THREADS) for features in READ_OUTS),
@@ -114,9 +116,9 @@ def compiled_text(warp_module, folder):
 @pytest.mark.parametrize("module", PLAIN, ids=lambda module: module.__name__.rpartition(".")[2])
 @pytest.mark.ci
 def test_kernels_of_a_module_build(module, tmp_path):
-    text = compiled_text(plain_kernels(module)[0].module, tmp_path)
-    assert f".target sm_{PTX_ARCH}" in text
     for kernel in plain_kernels(module):
+        text = compiled_text(kernel.module, tmp_path / kernel.key)
+        assert f".target sm_{PTX_ARCH}" in text
         assert f".entry {kernel.key}_" in text
 
 

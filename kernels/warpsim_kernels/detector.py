@@ -77,13 +77,22 @@ class Detector:
     keys: wp.array[wp.vec2ui]  # (n_sensor,) of all noise: each sensor has its own
     n_pixel: int  # of an image
     n_col: int
+
+
+@wp.struct
+class MappedDetector:
+    """A detector's arrays and maps: a struct of its own, since a larger one costs kernels without maps a fourteenth."""
+
+    pixels: wp.array[PixelScalars]  # as of Detector
+    keys: wp.array[wp.vec2ui]
+    n_pixel: int
+    n_col: int
     maps: PixelMaps
 
 
-@wp.func
-def map_plane(maps: PixelMaps, sensor: int, n_band: int, band: int) -> int:
-    """Where a sensor's maps of a band begin."""
-    return (maps.by_sensor * sensor * n_band + band) * maps.stride
+def detector_struct(features: ReadOutFeatures) -> type:
+    """Return the struct that a read-out with some features takes."""
+    return MappedDetector if features.maps else Detector
 
 
 @wp.func

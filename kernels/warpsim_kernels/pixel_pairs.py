@@ -13,13 +13,13 @@ import warp as wp
 
 from warpsim_kernels.canvas import N_PAIR
 from warpsim_kernels.detector import (
-    Detector,
     PixelScalars,
     ReadOutFeatures,
     bent,
     clipped,
     counts_of,
     counts_of_charge,
+    detector_struct,
     photo_electrons,
     scaled,
     shifted,
@@ -160,16 +160,32 @@ def make_noise_keys(features: ReadOutFeatures) -> wp.Function:
 
 
 @functools.cache
+def make_map_plane(features: ReadOutFeatures) -> wp.Function:
+    """Function that finds where a sensor's maps of a band begin: (detector, sensor, n_band, band) -> int."""
+    Arrays = detector_struct(features)
+
+    @wp.func
+    def map_plane(detector: Arrays, sensor: int, n_band: int, band: int) -> int:
+        if wp.static(features.maps):
+            return (detector.maps.by_sensor * sensor * n_band + band) * detector.maps.stride
+        else:
+            return 0
+
+    return map_plane
+
+
+@functools.cache
 def make_counts_of_pairs(features: ReadOutFeatures, n_pair: int) -> wp.Function:
     """Function that reads out tiles of n_pair pixel pairs: counts of their first pixels, and of their second ones.
 
-    (number, pixel, light, light, PixelScalars, NoiseKeys, Detector, at): the numbers of the pairs within their
+    (number, pixel, light, light, PixelScalars, NoiseKeys, detector, at): the numbers of the pairs within their
     block of strips, where their first pixels are in the image, N_PAIR before the second ones, the light of both, and
     where the first of the pixels is in the maps.
     """
     Floats = wp.tile(dtype=float, shape=(n_pair,))
     Words = wp.tile(dtype=wp.uint32, shape=(n_pair,))
     half_read_out = make_half_read_out(features, n_pair)
+    Arrays = detector_struct(features)
 
     @wp.func
     def words_of(number: Words, key: wp.vec4ui):
@@ -203,7 +219,7 @@ def make_counts_of_pairs(features: ReadOutFeatures, n_pair: int) -> wp.Function:
         light_2: Floats,
         d: PixelScalars,
         keys: NoiseKeys,
-        detector: Detector,
+        detector: Arrays,
         at: int,
     ):
         noise_1, noise_2 = deviates_of(number, keys.noise)
@@ -229,10 +245,11 @@ def make_counts_of_pairs(features: ReadOutFeatures, n_pair: int) -> wp.Function:
         if wp.static(features.bad_pixels and not features.maps):
             bad_1, bad_2 = words_of(number, keys.bad)
         if wp.static(features.maps):
-            gain_1, gain_2 = mapped(detector.maps.gain, at)
-            offset_1, offset_2 = mapped(detector.maps.offset, at)
-            bad_1 = wp.tile_load(detector.maps.bad, shape=n_pair, offset=at)
-            bad_2 = wp.tile_load(detector.maps.bad, shape=n_pair, offset=at + N_PAIR)
+            own = detector.maps
+            gain_1, gain_2 = mapped(own.gain, at)
+            offset_1, offset_2 = mapped(own.offset, at)
+            bad_1 = wp.tile_load(own.bad, shape=n_pair, offset=at)
+            bad_2 = wp.tile_load(own.bad, shape=n_pair, offset=at + N_PAIR)
         if wp.static(features.small_means):
             few_1, few_2 = words_of(number, keys.few)
         if wp.static(features.column_noise):

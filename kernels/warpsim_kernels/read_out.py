@@ -12,8 +12,8 @@ import functools
 import warp as wp
 
 from warpsim_kernels.canvas import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK, flags_of_image
-from warpsim_kernels.detector import Detector, ReadOutFeatures, map_plane
-from warpsim_kernels.pixel_pairs import make_counts_of_pairs, make_noise_keys, mapped_functions
+from warpsim_kernels.detector import ReadOutFeatures, detector_struct
+from warpsim_kernels.pixel_pairs import make_counts_of_pairs, make_map_plane, make_noise_keys, mapped_functions
 from warpsim_kernels.random_numbers import numbered
 
 
@@ -24,8 +24,8 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
     Arrays of whole strips are flat: only then the CPU compiler turns loads, arithmetic and stores into vector
     instructions. The pixels behind the last whole strip of an image take the ragged kernel, by the same steps.
     """
-    noise_keys = make_noise_keys(features)
-    counts_of_pairs = make_counts_of_pairs(features, N_PAIR)
+    noise_keys, map_plane = make_noise_keys(features), make_map_plane(features)
+    counts_of_pairs, Arrays = make_counts_of_pairs(features, N_PAIR), detector_struct(features)
     Light = wp.array2d[float] if ragged else wp.array[float]
     Counts = wp.array2d[wp.uint16] if ragged else wp.array[wp.uint16]
 
@@ -35,7 +35,7 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
         view_frame: wp.array[wp.uint32],  # (n_view,)
         view_sensor: wp.array[wp.uint32],  # (n_view,) index among the detector's keys
         band_id: wp.array[wp.uint32],  # (n_band,)
-        detector: Detector,
+        detector: Arrays,
         first_strip: int,  # of each image
         end_strip: int,
         zero_offset: int,  # offset in signal_w_cm2 of a strip that is always 0; not read if ragged
@@ -59,7 +59,7 @@ def make_read_out_kernel(features: ReadOutFeatures, ragged: bool = False) -> wp.
         sensor_key = detector.keys[int(view_sensor[view])]
         d = detector.pixels[band]
         keys = noise_keys(frame, band_id[band], block, sensor_key)
-        plane = map_plane(detector.maps, int(view_sensor[view]), band_id.shape[0], band)
+        plane = map_plane(detector, int(view_sensor[view]), band_id.shape[0], band)
         flag_offset = image * flags_of_image(detector.n_pixel)
         for strip in range(
             wp.max(block * STRIPS_PER_BLOCK, first_strip), wp.min((block + 1) * STRIPS_PER_BLOCK, end_strip)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 from warpsim_kernels.canvas import STRIP_PIXELS
-from warpsim_kernels.detector import Detector, PixelMaps, PixelScalars, ReadOutFeatures
+from warpsim_kernels.detector import PixelMaps, PixelScalars, ReadOutFeatures, detector_struct
 from warpsim_kernels.poisson import SMALLEST_EXPANDED_MEAN
 from warpsim_kernels.read_out import make_read_out_kernel
 
@@ -51,7 +51,7 @@ def make_read_out(instrument: Instrument, bands: Sequence[str], device: wp.Devic
     """
     detector, levels, camera = instrument.sensor.detector, instrument.levels, instrument.sensor.camera
     features = read_out_features(detector, levels)
-    arrays: Any = Detector()
+    arrays: Any = detector_struct(features)()
     pixels = [_scalars(detector, levels[band]) for band in bands]
     arrays.pixels = wp.array(pixels, dtype=PixelScalars, device=device)
     keys = [_key(instrument.noise_key(sensor)) for sensor in range(len(instrument.names))]
