@@ -81,6 +81,8 @@ from warpsim.optics.psf import PsfAiry as PsfAiry
 from warpsim.optics.psf import PsfTable as PsfTable
 from warpsim.detector.detectors import NeiDetector as NeiDetector
 from warpsim.detector.detectors import ElectronDetector as ElectronDetector
+from warpsim.detector.artifacts import RadiationHits as RadiationHits
+from warpsim.detector.artifacts import Flicker as Flicker
 
 # stars
 from warpsim.sky.catalog import StarCatalog as StarCatalog

@@ -20,6 +20,8 @@ from warpsim.files import absolute_path
 
 # Longest suffix first, so that `_m_s` is not read as `_s`.
 _UNIT_OF_SUFFIX = {
+    "nei_per_um": "1 / um",
+    "e_per_um": "electron / um",
     "_w_cm2_sr": "W / (cm2 sr)",
     "_j_kg_k": "J / (kg K)",
     "_mjy_sr": "MJy / sr",
@@ -28,6 +30,7 @@ _UNIT_OF_SUFFIX = {
     "_rev_s": "1 / s",
     "_urad_s": "urad / s",
     "_deg_s2": "deg / s2",
+    "_cm2_s": "1 / (cm2 s)",
     "_deg_s": "deg / s",
     "_m_s": "m / s",
     "_e_s": "electron / s",

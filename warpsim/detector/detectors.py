@@ -8,6 +8,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from warpsim.config.fields import FileName, Integer, NonNegative, Positive, Switch, closed_interval
 from warpsim.config.model import config_model
+from warpsim.detector.artifacts import Flicker, RadiationHits, check_artifacts
 from warpsim.errors import InputError
 from warpsim.radiometry.by_band import FractionByBand, NonNegativeByBand, PositiveByBand, in_band, named_bands
 
@@ -60,6 +61,8 @@ class NeiDetector:
             S (1 - nonlinearity * S / SEI).
         maps_file: FITS file of the pixels' gains, offsets [W/cm2] and bad ones in the place of prnu, dsnu_nei,
             dead_fraction and hot_fraction, as `ws.calibrate` writes it; "{sensor}" in it stands for each one's name.
+        hits: Radiation hits; none when left out.
+        flicker: Flickering pixels; none when left out.
     """
 
     nei_w_cm2: PositiveByBand
@@ -77,11 +80,14 @@ class NeiDetector:
     hot_fraction: BadFraction = 0.0
     nonlinearity: Nonlinearity = 0.0
     maps_file: FileName | None = None
+    hits: RadiationHits | None = None
+    flicker: Flicker | None = None
     kind: Literal["nei"] = Field(default="nei", kw_only=True)
 
     @model_validator(mode="after")
     def _ordered(self) -> NeiDetector:
         _check_maps(self, ("prnu", "dsnu_nei", "dead_fraction", "hot_fraction"))
+        check_artifacts(self)
         for band in named_bands(self.nei_w_cm2, self.sei_w_cm2) or [""]:
             nei, sei = in_band(self.nei_w_cm2, band), in_band(self.sei_w_cm2, band)
             if nei is not None and sei is not None and sei <= nei:
@@ -140,6 +146,8 @@ class ElectronDetector:
         maps_file: FITS file of the pixels' gains, electrons by dark current in an exposure and bad ones in the place of
             prnu, dsnu, dead_fraction and hot_fraction, as `ws.calibrate` writes it; "{sensor}" in it stands for each
             one's name. dark_e_s is that of the mean pixel.
+        hits: Radiation hits; none when left out.
+        flicker: Flickering pixels; none when left out.
     """
 
     exposure_s: PositiveExposure
@@ -165,11 +173,14 @@ class ElectronDetector:
     hot_fraction: BadFraction = 0.0
     nonlinearity: Nonlinearity = 0.0
     maps_file: FileName | None = None
+    hits: RadiationHits | None = None
+    flicker: Flicker | None = None
     kind: Literal["electron"] = Field(default="electron", kw_only=True)
 
     @model_validator(mode="after")
     def _complete(self) -> ElectronDetector:
         _check_maps(self, ("prnu", "dsnu", "dead_fraction", "hot_fraction"))
+        check_artifacts(self)
         if (self.optics_temperature_k is None) != (self.optics_emissivity == 0.0):
             raise InputError("must be given together", "optics_temperature_k, optics_emissivity")
         if self.offset_counts >= 2**self.bits:
@@ -190,7 +201,8 @@ Detector = Annotated[
 def has_maps(detector: NeiDetector | ElectronDetector) -> bool:
     """Return whether gains, offsets or bad pixels stay with the pixels of a detector from frame to frame."""
     random = ("prnu", "dsnu", "dsnu_nei", "dead_fraction", "hot_fraction")
-    return detector.maps_file is not None or any(getattr(detector, name, 0.0) > 0.0 for name in random)
+    always = detector.maps_file is not None or detector.flicker is not None
+    return always or any(getattr(detector, name, 0.0) > 0.0 for name in random)
 
 
 TERMS: dict[str, tuple[str, str, float | None]] = {
@@ -204,6 +216,8 @@ TERMS: dict[str, tuple[str, str, float | None]] = {
     "column_noise_nei": ("COLNOISE", "{:g} NEI rms by column", 0.0),
     "shot_noise": ("SHOT", "no shot noise", True),
     "maps_file": ("MAPSFILE", "maps of {}", None),
+    "hits": ("HITS", "radiation hits, {}", None),
+    "flicker": ("FLICKER", "flickering pixels, {}", None),
 }
 """What may differ from the plain chain of a detector, by field: FITS keyword, words, value in the plain chain."""
 

@@ -35,8 +35,9 @@ def calibrate(
     """Write bias, dark and flat frames of sensors, and their maps as truth.
 
     SENSOR_BAND_bias.fits, _dark and _flat hold counts, (n_frame, n_row, n_col); SENSOR.maps.fits the extensions
-    GAIN_BAND, OFFSET_BAND (with BUNIT) and BAD_BAND (1 dead, 2 hot). Their noise is that of no frame of the scene,
-    their maps are those of all. A detector in NEI terms has no bias frames: it knows no dark current apart.
+    GAIN_BAND, OFFSET_BAND (with BUNIT) and BAD_BAND (1 dead, 2 hot), and FLICKER_BAND where pixels flicker. Their noise
+    is that of no frame of the scene, their maps are those of all. A detector in NEI terms has no bias frames: it knows
+    no dark current apart.
 
     Args:
         scene: The scene.
@@ -107,13 +108,12 @@ def write_maps(path: Path, scenario: Scenario, sensor: str, bands: Sequence[str]
     electrons = isinstance(scenario.instrument_of(sensor).sensor.detector, ElectronDetector)
     hdus = fits.HDUList([fits.PrimaryHDU()])
     hdus[0].header.update(_cards(scenario, sensor))
+    level = "electron" if electrons else "W/cm2"
+    images: list[tuple[str, Any, str]] = [("GAIN", maps.gain, ""), ("OFFSET", maps.offset, level)]
+    images += [("BAD", maps.bad, ""), *([] if maps.flicker is None else [("FLICKER", maps.flicker, level)])]
     for number, band in enumerate(bands):
-        for name, values, unit in (
-            ("GAIN", maps.gain[number], ""),
-            ("OFFSET", maps.offset[number], "electron" if electrons else "W/cm2"),
-            ("BAD", maps.bad[number], ""),
-        ):
-            hdu = fits.ImageHDU(np.ascontiguousarray(values), name=f"{name}_{band}")
+        for name, values, unit in images:
+            hdu = fits.ImageHDU(np.ascontiguousarray(values[number]), name=f"{name}_{band}")
             if unit:
                 hdu.header["BUNIT"] = unit
             hdus.append(hdu)

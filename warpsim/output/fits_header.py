@@ -141,5 +141,8 @@ def _detector_cards(detector: Detector, levels: Levels) -> list[Card]:
         ]
     elif detector.exposure_s > 0:
         cards.append(("EXPTIME", detector.exposure_s, "[s] exposure"))
-    terms = detector_terms(detector).items()
-    return [*cards, *((TERMS[name][0], getattr(detector, name), words) for name, words in terms)]
+    for name, words in detector_terms(detector).items():
+        value = getattr(detector, name)
+        plain = isinstance(value, bool | float | int | str)
+        cards.append((TERMS[name][0], value if plain else str(value), words if plain else words.partition(",")[0]))
+    return cards

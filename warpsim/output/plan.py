@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from warpsim.arguments import chosen_names
+from warpsim.detector.artifacts import has_artifacts
 from warpsim.detector.detectors import has_maps
 from warpsim.errors import InputError
 from warpsim.output.formats import FORMATS, Format, Images, chosen_formats
@@ -36,7 +37,7 @@ class RunPlan:
     identity: dict[str, Any]
     """All that the files depend on."""
     tables: tuple[str, ...] = ("truth",)
-    """Tables beside the images: "truth" (targets), and "stars" when requested."""
+    """Tables beside the images: "truth" (targets), "stars" when requested, "artifacts" where detectors have any."""
     formats: dict[str, Format] = field(default_factory=lambda: {name: FORMATS[name] for name in USUAL_FORMATS})
     """How images are stored, by name."""
     without_access: tuple[str, ...] = ()
@@ -134,7 +135,9 @@ def make_plan(
             "not, --every-frame renders all the same",
             "frames",
         )
-    tables = ("truth", "stars") if stars else ("truth",)
+    kinds = (scenario.instrument_of(sensor).sensor.detector for sensor in frames_of)
+    own = ("artifacts",) if any(map(has_artifacts, kinds)) else ()
+    tables = ("truth", *(("stars",) if stars else ()), *own)
     without = () if sensors is None else tuple(sensor for sensor in bands_of if sensor not in frames_of)
     bands_of = {sensor: bands_of[sensor] for sensor in frames_of}
     identity = _identity(renderer, bands_of, frames_of, tables, tuple(chosen))

@@ -18,8 +18,9 @@ from warpsim.errors import InputError
 from warpsim.launches import to_numpy
 from warpsim.render.batch import new_inputs
 from warpsim.render.buffers import new_signal
+from warpsim.render.device_artifacts import flickering_pixels, make_artifacts
 from warpsim.render.read_out import make_read_out
-from warpsim.render.stages import read_out
+from warpsim.render.stages import artifacts, read_out
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 
@@ -39,6 +40,8 @@ class DetectorMaps:
     """Added to a pixel: of a detector in NEI terms irradiance [W/cm2], else electrons of the dark current [e]."""
     bad: npt.NDArray[np.uint8]
     """1 dead, 2 hot, 0 neither."""
+    flicker: npt.NDArray[np.float32] | None = None
+    """What flickering pixels have more while they are on, in the unit of offsets; None without any."""
 
 
 def detector_maps(scenario: Scenario, sensor: str, bands: Sequence[str], device: Any = "cpu") -> DetectorMaps:
@@ -57,14 +60,26 @@ def detector_maps(scenario: Scenario, sensor: str, bands: Sequence[str], device:
     camera, on = instrument.sensor.camera, wp.get_device(device)
     if (file := instrument.sensor.detector.maps_file) is not None:
         read = read_maps(file, [sensor], bands, camera.n_row, camera.n_col)
-        return DetectorMaps(read.gain[0], read.offset[0], read.bad[0])
+        return DetectorMaps(read.gain[0], read.offset[0], read.bad[0], _flicker_map(instrument, sensor, bands))
     own = make_read_out(instrument, bands, on)
     shape = (len(bands), camera.n_row * camera.n_col)
     outputs = [wp.empty(shape, dtype=dtype, device=on) for dtype in (wp.float32, wp.float32, wp.uint8)]
     electrons = isinstance(instrument.sensor.detector, ElectronDetector)
     inputs = [own.detector, instrument.index(sensor), _band_id(instrument, bands, on), electrons]
     wp.launch(detector_maps_kernel, dim=shape, inputs=inputs, outputs=outputs, device=on)
-    return DetectorMaps(*(to_numpy(array).reshape(len(bands), camera.n_row, camera.n_col) for array in outputs))
+    gain, offset, bad = (to_numpy(array).reshape(len(bands), camera.n_row, camera.n_col) for array in outputs)
+    return DetectorMaps(gain, offset, bad, _flicker_map(instrument, sensor, bands))
+
+
+def _flicker_map(instrument: Instrument, sensor: str, bands: Sequence[str]) -> npt.NDArray[np.float32] | None:
+    camera = instrument.sensor.camera
+    if instrument.sensor.detector.flicker is None:
+        return None
+    maps = np.zeros((len(bands), camera.n_row * camera.n_col), dtype=np.float32)
+    for plane, band in zip(maps, bands, strict=True):
+        pixel, level, _ = flickering_pixels(instrument, instrument.index(sensor), band)
+        plane[pixel] = level * getattr(instrument.levels[band], "e_per_w_cm2", 1.0)
+    return maps.reshape(len(bands), camera.n_row, camera.n_col)
 
 
 def calibration_counts(
@@ -79,8 +94,9 @@ def calibration_counts(
     """Return frames of a sensor behind a shutter, or under even light: (n_frame, n_band, n_row, n_col).
 
     A bias frame has neither light nor dark current, a dark frame has no light, and a flat frame has even light beside
-    the dark current. What lies behind the stars, and the optics' own glow, are in none of them. A detector in NEI terms
-    knows no dark current: its bias frames are dark frames.
+    the dark current; radiation hits and flickering pixels are in dark and flat frames. What lies behind the stars, and
+    the optics' own glow, are in none of them. A detector in NEI terms knows no dark current: its bias frames are dark
+    frames.
 
     Args:
         scenario: What the scene gives.
@@ -94,7 +110,8 @@ def calibration_counts(
     Raises:
         InputError: There is no such sensor or band.
     """
-    instrument = _shuttered(_instrument(scenario, sensor, bands), dark=kind != "bias")
+    known = _instrument(scenario, sensor, bands)
+    instrument = _shuttered(known, dark=kind != "bias")
     on, camera = wp.get_device(device), instrument.sensor.camera
     signal = new_signal((1, len(bands), camera.n_row, camera.n_col), on)
     scene: Any = _Scene(on, len(bands), make_read_out(instrument, bands, on), _band_id(instrument, bands, on))
@@ -104,10 +121,13 @@ def calibration_counts(
     image = np.broadcast_to(light[:, None, None], signal.images.shape[1:])
     counts = np.empty((n_frame, *image.shape), dtype=np.uint16)
     read = wp.empty((1, *image.shape), dtype=wp.uint16, device=on)
+    own = None if kind == "bias" else make_artifacts(known, bands, scene.read_out.detector.keys, on)
     for number in range(n_frame):
         signal.images.assign(np.ascontiguousarray(image[None]))
         signal.touched.fill_(1)
         inputs = new_inputs(on, [0.0], [FIRST_FRAME[kind] + number], [instrument.index(sensor)])
+        if own is not None:
+            artifacts(own, inputs, signal).run()
         read_out(scene, inputs, signal, read, 0).run()
         counts[number] = to_numpy(read)[0]
     return counts

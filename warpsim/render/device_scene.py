@@ -13,6 +13,7 @@ from warpsim_kernels.trace import Instants
 from warpsim.legendre import gauss_legendre, series_matrix
 from warpsim.optics.psf_bank import PsfBank
 from warpsim.render.background import DeviceBackground
+from warpsim.render.device_artifacts import DeviceArtifacts
 from warpsim.render.read_out import ReadOut
 from warpsim.render.stars import SceneStars
 from warpsim.render.target_field import TargetField
@@ -57,6 +58,8 @@ class DeviceScene(DeviceBodies):
     stamp_rule: Any
     background: DeviceBackground | None
     """None where a scene has none."""
+    artifacts: DeviceArtifacts | None
+    """Radiation hits and flickering pixels; None where a detector has none."""
 
 
 @dataclass(frozen=True)

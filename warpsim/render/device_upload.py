@@ -27,6 +27,7 @@ from warpsim.render.background import make_background
 from warpsim.render.batch import new_inputs
 from warpsim.render.buffers import new_exposure
 from warpsim.render.device import kernel_loading
+from warpsim.render.device_artifacts import make_artifacts
 from warpsim.render.device_scene import DeviceBodies, DeviceScene, Streaks, no_streaks, streaks_at
 from warpsim.render.pointing_arrays import make_pointing
 from warpsim.render.read_out import make_read_out
@@ -97,6 +98,7 @@ def make_device_scene(
     of_bodies = {field.name: getattr(bodies, field.name) for field in dataclasses.fields(bodies)}
     background = make_background(scenario, instrument, bands, device)
     own = {"stars": stars, "band_id": band_id, "stamp_rule": cut, "background": background}
+    own["artifacts"] = make_artifacts(instrument, bands, read_out.detector.keys, device)
     return DeviceScene(**of_bodies, psf=psf, read_out=read_out, **own)
 
 

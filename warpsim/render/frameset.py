@@ -14,8 +14,10 @@ from warpsim_kernels.pointing import BORESIGHT_REPLACED, SLEWING, UP_REPLACED
 from warpsim.arguments import above_zero, whole_number
 from warpsim.errors import InputError
 from warpsim.orbit.sun import earth_states
+from warpsim.render.artifacts import artifact_images, artifact_table
 from warpsim.render.batch import Columns, HostColumns
 from warpsim.render.contributions import CHUNK_BYTES, MOST_TARGETS, TargetLight, brightest_targets
+from warpsim.render.device_artifacts import FLICKER, HIT
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.truth import ImageAxes, star_table, truth_table
@@ -163,6 +165,38 @@ class FrameSet:
         if self._star_lists is None:
             raise InputError("render with keep_stars=True to have them", "stars")
         return star_table(self._axes, self._device_scene, self._star_lists)
+
+    @cached_property
+    def artifacts(self) -> Table:
+        """One row per pixel of an image that a radiation hit or a flickering pixel changes (astropy Table).
+
+        Columns: frame, sensor, band, kind ("hit" or "flicker"), x_px and y_px (column and row), irradiance_w_cm2, that
+        which would give the same charge, and of a detector in electrons charge_e.
+        """
+        own = self._device_scene.artifacts
+        return artifact_table(own, self.instrument, self.frames, self.sensors, self.bands)
+
+    def artifact_mask(self, frame: int, sensor: str, band: str) -> npt.NDArray[np.uint8]:
+        """Pixels of one image that hold charge which is not light: 1 by radiation hits, 2 by flicker, 3 both, else 0.
+
+        Args:
+            frame: One of `frames`.
+            sensor: One of `sensors`.
+            band: One of `bands`.
+
+        Returns:
+            The mask, shape (row, column).
+
+        Raises:
+            InputError: The image was not rendered.
+        """
+        _, number = self.image_numbers("artifact_mask", frame, sensor, band)
+        mask = np.zeros(self.counts.shape[3:], dtype=np.uint8)
+        if (own := self._device_scene.artifacts) is not None:
+            for kind in (HIT, FLICKER):
+                charged = artifact_images(own, frame, self.instrument.index(sensor), kind)[number] > 0
+                mask |= np.where(charged, np.uint8(kind), np.uint8(0))
+        return mask
 
     def contributions_w_cm2(
         self, frame: int, sensor: str, band: str, chunk_bytes: int = CHUNK_BYTES

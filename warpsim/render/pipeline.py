@@ -26,6 +26,7 @@ from warpsim.render.pool import release_later
 from warpsim.render.schedule import images_at_a_time
 from warpsim.render.stages import (
     aim,
+    artifacts,
     background,
     counts_for,
     deposit,
@@ -49,7 +50,7 @@ class ImageStages:
         self.signal = new_signal((n_at_a_time, *counts.shape[1:]), scene.device)
         self._is_zero = True
         self._nodes = None if scene.background is None else new_background_nodes(scene, n_at_a_time)
-        self._parts: list[tuple[int, int, list[Stage], Stage]] = []  # first view and end, drawing, read-out
+        self._parts: list[tuple[int, int, list[Stage], list[Stage]]] = []  # first view and end, drawing, reading
         for first in range(0, n_view, n_at_a_time):
             end = min(first + n_at_a_time, n_view)
             signal, lists = self.signal.part(end - first), part_of_sources(sources, first, end)
@@ -58,7 +59,10 @@ class ImageStages:
             drawn = [deposit(scene, lists, part.brightness, signal)]
             if self._nodes is not None:
                 drawn.insert(0, background(scene, reads, part, lists, self._nodes, signal))
-            self._parts.append((first, end, drawn, read_out(scene, reads, signal, counts, first)))
+            reading = [read_out(scene, reads, signal, counts, first)]
+            if scene.artifacts is not None:
+                reading.insert(0, artifacts(scene.artifacts, reads, signal))
+            self._parts.append((first, end, drawn, reading))
 
     def run(
         self, counts: wp.array, kept_w_cm2: wp.array | None, kept_first: int, n_view: int, stream: wp.Stream | None
@@ -71,8 +75,8 @@ class ImageStages:
         if not self._is_zero:  # a pass was broken off
             self._clear(stream)
         self._is_zero = False
-        pieces = counts_for(self._parts[0][3], counts)
-        for first, end, drawn, read in self._parts:
+        pieces = counts_for(self._parts[0][-1][-1], counts)
+        for first, end, drawn, reading in self._parts:
             n = min(end, n_view) - first
             if n <= 0:
                 break
@@ -80,8 +84,9 @@ class ImageStages:
                 stage.run(n, stream)
             if kept_w_cm2 is not None:
                 copy_views(kept_w_cm2, kept_first + first, signal.images, 0, n, stream)
-            read_out_into(read, pieces)
-            read.run(n, stream)
+            read_out_into(reading[-1], pieces)
+            for stage in reading:
+                stage.run(n, stream)
             copy_views(signal.touched, 0, signal.untouched, 0, n, stream)
         self._is_zero = True
 

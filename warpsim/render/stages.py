@@ -1,8 +1,8 @@
 """The stages of a frame: each function returns the launches of one, over arrays that are there.
 
-aim -> observe_targets -> gather_stars -> trace -> deposit -> read_out. Where the threads of a block share memory, and
-nothing moves during the exposure, find_spots -> deposit_read_out stand for the last two. A stage launches, and does
-nothing else: it allocates nothing and never waits.
+aim -> observe_targets -> gather_stars -> trace -> deposit -> artifacts -> read_out. Where the threads of a block share
+memory, and nothing moves during the exposure nor adds charge, find_spots -> deposit_read_out stand for the last three.
+A stage launches, and does nothing else: it allocates nothing and never waits.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import warp as wp
+from warpsim_kernels.artifacts import add_flicker_kernel, add_hits_kernel
 from warpsim_kernels.background import add_image_kernel, image_of_targets_kernel
 from warpsim_kernels.canvas import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK
 from warpsim_kernels.deposit_read_out import RUN_PIXELS, make_deposit_read_out_kernel
@@ -23,11 +24,13 @@ from warpsim_kernels.trace import (
     spread_views_kernel,
 )
 
+from warpsim.detector.artifacts import has_artifacts
 from warpsim.launches import THREADS_PER_BLOCK_CUDA, Launch, Stage
 from warpsim.optics.psf_bank import PsfBank, paths_struct
 from warpsim.render.batch import Columns, Inputs
 from warpsim.render.buffers import BackgroundNodes, ExposureViews, Signal
 from warpsim.render.device import rows_per_block
+from warpsim.render.device_artifacts import FLICKER, HIT, DeviceArtifacts
 from warpsim.render.device_scene import Streaks
 from warpsim.render.stars import star_kernel, star_threads
 
@@ -198,6 +201,22 @@ def deposit(scene: DeviceScene, sources: Any, brightness: wp.array | None, signa
     return Stage("deposit", len(images), [launch])
 
 
+def artifacts(own: DeviceArtifacts, inputs: Inputs, signal: Signal, only: int = HIT | FLICKER) -> Stage:
+    """Signal: the charge of hits and of flickering pixels, as irradiance."""
+    n_view = len(signal.images)
+    n_image = n_view * len(own.band_id)
+    reads = [inputs.frame, inputs.sensor, own.band_id, own.key]
+    writes, device = [signal.flat, signal.touched.flatten()], own.key.device
+    launches = []
+    if own.flicker is not None and only & FLICKER:
+        dim = [n_image * own.flicker.n_most]
+        launches.append(Launch(add_flicker_kernel, dim, [*reads, own.flicker, own.n_row * own.n_col], writes, device))
+    if own.hits is not None and only & HIT:
+        reads = [*reads, own.hits, own.n_col, own.n_row]
+        launches.append(Launch(add_hits_kernel, [n_image], reads, writes, device))
+    return Stage("artifacts", n_view, launches)
+
+
 def read_out(scene: DeviceScene, inputs: Inputs, signal: Signal, counts: wp.array, first_view: int) -> Stage:
     """Counts, from first_view on: what the detector makes of the signal, which is 0 afterwards."""
     n_view, n_band, n_row, n_col = signal.images.shape
@@ -222,12 +241,13 @@ def read_out(scene: DeviceScene, inputs: Inputs, signal: Signal, counts: wp.arra
 def is_read_out_at_once(scene: DeviceBodies) -> bool:
     """Return whether deposit_read_out replaces deposit and read_out: on CUDA, for still sources and whole strips.
 
-    Where every pixel has light of a background, its signal is in memory; the user's maps are read by strips.
+    Where every pixel has light of a background, and where charge is added to it, signal is in memory; the user's maps
+    are read by strips.
     """
-    camera = scene.instrument.sensor.camera
+    camera, detector = scene.instrument.sensor.camera, scene.instrument.sensor.detector
     whole = camera.n_row * camera.n_col % STRIP_PIXELS == 0
-    has_maps = scene.instrument.sensor.detector.maps_file is not None
-    return scene.device.is_cuda and not (scene.streaks.enabled or scene.has_background or has_maps) and whole
+    in_memory = scene.streaks.enabled or scene.has_background or has_artifacts(detector)
+    return scene.device.is_cuda and not (in_memory or detector.maps_file is not None) and whole
 
 
 def image_kernels(scene: DeviceBodies, psf: PsfBank, read_out: ReadOut) -> list[tuple[wp.Kernel, int]]:

@@ -1,0 +1,64 @@
+"""Pixels that radiation hits and flickering change: images of their charge, and a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.detector.detectors import ElectronDetector
+from warpsim.launches import to_numpy
+from warpsim.render.batch import new_inputs
+from warpsim.render.buffers import new_signal
+from warpsim.render.device_artifacts import FLICKER, HIT, DeviceArtifacts
+from warpsim.render.stages import artifacts
+from warpsim.scene.instrument import Instrument
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+
+
+def artifact_images(own: DeviceArtifacts, frame: int, sensor: int, kind: int) -> npt.NDArray[np.float32]:
+    """Return the charge of one kind of artifact in the images of a view, as irradiance, (n_band, n_row, n_col)."""
+    device, n_band = own.key.device, len(own.band_id)
+    signal = new_signal((1, n_band, own.n_row, own.n_col), device)
+    artifacts(own, new_inputs(device, [0.0], [frame], [sensor]), signal, kind).run()
+    return np.asarray(to_numpy(signal.images)[0])
+
+
+def artifact_table(
+    own: DeviceArtifacts | None,
+    instrument: Instrument,
+    frames: Sequence[int],
+    sensors: Sequence[str],
+    bands: Sequence[str],
+) -> Table:
+    """Return one row per pixel of an image that a radiation hit or a flickering pixel changes.
+
+    Columns: frame, sensor, band, kind ("hit" or "flicker"), x_px and y_px (column and row), irradiance_w_cm2, that
+    which would give the same charge; of a detector in electrons charge_e.
+    """
+    from astropy.table import Table
+
+    found: list[tuple[Any, ...]] = []
+    for number in frames if own is not None else ():
+        for sensor in sensors:
+            assert own is not None
+            for kind, word in ((HIT, "hit"), (FLICKER, "flicker")):
+                levels = artifact_images(own, number, instrument.index(sensor), kind)
+                band, row, col = np.nonzero(levels)
+                count = len(band)
+                names = np.full(count, sensor), np.asarray(bands)[band], np.full(count, word)
+                found.append((np.full(count, number, dtype=np.int64), *names, col, row, levels[band, row, col]))
+    none = np.zeros(0, dtype=np.int64)
+    empty = (none, *(np.zeros(0, dtype="U7"),) * 3, none, none, np.zeros(0))
+    values = [np.concatenate(column) for column in zip(empty, *found, strict=True)]
+    columns = dict(zip(("frame", "sensor", "band", "kind", "x_px", "y_px", "irradiance_w_cm2"), values, strict=True))
+    if isinstance(instrument.sensor.detector, ElectronDetector):
+        e_per_w_cm2 = {band: getattr(instrument.levels[band], "e_per_w_cm2") for band in bands}  # noqa: B009
+        scale = np.array([e_per_w_cm2[band] for band in columns["band"]])
+        columns["charge_e"] = columns["irradiance_w_cm2"] * scale
+    units = {"x_px": "pix", "y_px": "pix", "irradiance_w_cm2": "W / cm2", "charge_e": "electron"}
+    return Table(columns, units={name: units[name] for name in columns if name in units})

@@ -1,0 +1,127 @@
+"""Radiation hits and flickering pixels of a detector, put on a device."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+from warpsim_kernels.artifacts import LONGEST_TANGENT, Flicker, Hits
+
+from warpsim.detector.artifacts import MOST_HITS, has_artifacts
+from warpsim.detector.levels import ElectronLevels
+from warpsim.errors import InputError
+from warpsim.scene.instrument import Instrument
+from warpsim.streams import uniforms
+
+HIT, FLICKER = 1, 2
+"""Bits of artifact masks."""
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DeviceArtifacts:
+    """Structs of the stage `artifacts`; None for what a detector does not have."""
+
+    hits: Any
+    flicker: Any
+    key: wp.array
+    """Of the sensors' noise, (n_sensor,)."""
+    band_id: wp.array
+    n_row: int
+    n_col: int
+
+
+def make_artifacts(
+    instrument: Instrument, bands: Sequence[str], key: wp.array, device: wp.Device
+) -> DeviceArtifacts | None:
+    """Put a detector's hits and flickering pixels on a device.
+
+    Returns:
+        None where it has neither.
+
+    Raises:
+        InputError: The width of pixels is not known, or there would be too many hits.
+    """
+    detector, camera = instrument.sensor.detector, instrument.sensor.camera
+    if not has_artifacts(detector):
+        return None
+    names = list(instrument.sensor.bands)
+    band_id = wp.array([names.index(band) for band in bands], dtype=wp.uint32, device=device)
+    hits = _hits_struct(instrument, bands, device) if detector.hits is not None else None
+    flicker = _flicker_struct(instrument, bands, device) if detector.flicker is not None else None
+    return DeviceArtifacts(hits, flicker, key, band_id, camera.n_row, camera.n_col)
+
+
+def _w_cm2(instrument: Instrument, band: str, electrons: float | None, nei: float | None) -> float:
+    """Irradiance that gives a pixel so many electrons, or so many NEI."""
+    levels = instrument.levels[band]
+    if isinstance(levels, ElectronLevels):
+        assert electrons is not None
+        return electrons / levels.e_per_w_cm2
+    assert nei is not None
+    return nei * levels.nei_w_cm2
+
+
+def _hits_struct(instrument: Instrument, bands: Sequence[str], device: wp.Device) -> Any:
+    detector, camera = instrument.sensor.detector, instrument.sensor.camera
+    own = detector.hits
+    assert own is not None
+    pitch_um = own.pixel_pitch_um
+    if pitch_um is None and camera.pixel_pitch_m is not None:
+        pitch_um = 1e6 * camera.pixel_pitch_m
+    if pitch_um is None:
+        raise InputError("must be given where the camera has no pixel_pitch_m", "detector.hits.pixel_pitch_um")
+    size_um = np.array([pitch_um, pitch_um * camera.pixel_aspect])
+    margin_px = LONGEST_TANGENT * own.thickness_um / size_um
+    area_cm2 = 1e-8 * np.prod((np.array([camera.n_col, camera.n_row]) + 2 * margin_px) * size_um)
+    integration_s = detector.exposure_s if own.integration_s is None else own.integration_s
+    struct: Any = Hits()
+    struct.mean = own.rate_cm2_s * float(area_cm2) * integration_s
+    if struct.mean > MOST_HITS:
+        rule = f"must give at most {MOST_HITS:g} hits in an image, gives {struct.mean:.3g}"
+        raise InputError(rule, "detector.hits.rate_cm2_s", own.rate_cm2_s, "g")
+    struct.margin_px, struct.thickness_px = wp.vec2d(*margin_px), wp.vec2d(*(own.thickness_um / size_um))
+    struct.landau_width = own.landau_width
+    charges = (None if mean is None else mean * own.thickness_um for mean in (own.e_per_um, own.nei_per_um))
+    electrons, nei = charges
+    level = [_w_cm2(instrument, band, electrons, nei) for band in bands]
+    struct.level_w_cm2 = wp.array(level, dtype=wp.float32, device=device)
+    return struct
+
+
+def flickering_pixels(instrument: Instrument, sensor: int, band: str) -> tuple[npt.NDArray[np.int32], F32, F64]:
+    """Return the flickering pixels of a sensor in a band: index in the image, level [W/cm2], phase as a part of 1."""
+    detector, camera = instrument.sensor.detector, instrument.sensor.camera
+    own, n_pixel = detector.flicker, camera.n_row * camera.n_col
+    assert own is not None
+    seed, item = instrument.noise_key(sensor), list(instrument.sensor.bands).index(band)
+    # Gaps between them are geometric: as many draws as there are pixels, and a margin of 9 sigma.
+    mean = own.fraction * n_pixel
+    gap = np.log(uniforms(seed, "flicker.pixel", item, int(mean + 9 * np.sqrt(mean) + 20))) / np.log1p(-own.fraction)
+    found = np.cumsum(np.floor(gap) + 1.0) - 1.0
+    pixel = found[found < n_pixel].astype(np.int32)
+    electrons_e = None if own.e_s is None else own.e_s * detector.exposure_s
+    level = _w_cm2(instrument, band, electrons_e, own.nei) * -np.log(uniforms(seed, "flicker.level", item, len(pixel)))
+    return pixel, level.astype(np.float32), uniforms(seed, "flicker.phase", item, len(pixel))
+
+
+def _flicker_struct(instrument: Instrument, bands: Sequence[str], device: wp.Device) -> Any:
+    own = instrument.sensor.detector.flicker
+    assert own is not None
+    planes = [flickering_pixels(instrument, row, band) for row in range(len(instrument.names)) for band in bands]
+    pixel, level, part = (np.concatenate(values) for values in zip(*planes, strict=True))
+    n_pixel = [len(one) for one, *_ in planes]
+    struct: Any = Flicker()
+    struct.first = wp.array(np.cumsum([0, *n_pixel]), dtype=wp.int32, device=device)
+    struct.pixel = wp.array(pixel, dtype=wp.int32, device=device)
+    struct.level_w_cm2 = wp.array(level, dtype=wp.float32, device=device)
+    struct.phase = wp.array((part * own.dwell_frames).astype(np.uint32), dtype=wp.uint32, device=device)
+    struct.dwell, struct.on_at_most = own.dwell_frames, round(own.duty * 2**32) - 1
+    struct.n_most = max(n_pixel)
+    return struct
