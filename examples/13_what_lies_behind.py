@@ -65,7 +65,7 @@ def main(output: Path, quick: bool = False) -> None:
         lower.plot(behind_nei)
         lower.set(xlabel="row", ylabel="median of a row [NEI]", ylim=(0.0, None))
         print(f"{title:15} {behind_nei.min():10.3g} to {behind_nei.max():.3g} NEI, {len(frames.artifacts)} pixels hit")
-    figure.savefig(output, dpi=60 if quick else 110)
+    figure.savefig(output, dpi=75 if quick else 110)
 
 
 if __name__ == "__main__":
