@@ -26,11 +26,14 @@ from warpsim.scene.scene_files import presets as presets
 # rendering
 from warpsim.render.renderer import Renderer as Renderer
 from warpsim.render.frameset import FrameSet as FrameSet
+from warpsim.render.line_of_sight import LineOfSight as LineOfSight
 from warpsim.render.stream import StreamStats as StreamStats
 from warpsim.render.light_curves import light_curves as light_curves
 from warpsim.render.light_curves import LightCurves as LightCurves
 from warpsim.render.deposit import deposit as deposit
 from warpsim.speed.clock import measure_fps as measure_fps
+from warpsim.measure.triangulation import triangulate as triangulate
+from warpsim.measure.triangulation import Triangulation as Triangulation
 
 # orbits
 from warpsim.orbit.walker import Walker as Walker

@@ -20,6 +20,7 @@ from warpsim.render.contributions import CHUNK_BYTES, MOST_TARGETS, TargetLight,
 from warpsim.render.device_artifacts import FLICKER, HIT
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.image_stack import ImageStack
+from warpsim.render.line_of_sight import LineOfSight, ViewGeometry
 from warpsim.render.truth import ImageAxes, star_table, truth_table
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
@@ -145,6 +146,64 @@ class FrameSet:
             raise InputError(f"frame {frame} of {sensor!r} was not rendered", "wcs")
         axes = self.axes_icrs[self.frames.index(frame), self.sensors.index(sensor)]
         return tan_wcs(axes, self.instrument.sensor.camera)
+
+    def line_of_sight(
+        self, frame: int, sensor: str, xy_px: npt.ArrayLike, range_m: npt.ArrayLike | None = None, axes: str = "gcrs"
+    ) -> LineOfSight:
+        """Lines in space along which the light at positions of an image came: the inverse of `project`.
+
+        The camera's axes are those of the image, errors of pointing included; aberration is taken out, by the sensor's
+        barycentric velocity and the Earth's, so that directions are geometric in the geocentric frame. Light took
+        range / c: what is seen was there at `emission_time_s`, and has moved on since.
+
+        Args:
+            frame: One of `frames`.
+            sensor: One of `sensors`.
+            xy_px: Positions in the image, zero-based, (n, 2) or (2,).
+            range_m: How far away the light came from, one number or (n,) [m]; positions are not known when left out.
+            axes: "gcrs", or "itrs" for Earth-fixed axes at the time of the image.
+
+        Returns:
+            Origin, unit directions, and with ranges where and when the light left.
+
+        Raises:
+            InputError: The image was not rendered, or a value is out of range.
+        """
+        return self._geometry("line_of_sight", frame, sensor).line_of_sight(xy_px, range_m, axes)
+
+    def project(
+        self, frame: int, sensor: str, position_m: npt.ArrayLike
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+        """Positions in an image of light that left from places in space: the inverse of `line_of_sight`.
+
+        Args:
+            frame: One of `frames`.
+            sensor: One of `sensors`.
+            position_m: Where the light left, geocentric, GCRS axes [m], (n, 3) or (3,). A moving body was there one
+                light time before the frame.
+
+        Returns:
+            xy_px, (n, 2), NaN behind the camera; in_front, (n,). What the Earth hides is not asked.
+
+        Raises:
+            InputError: The image was not rendered, or a position is not finite.
+        """
+        return self._geometry("project", frame, sensor).project(position_m)
+
+    def _geometry(self, what: str, frame: int, sensor: str) -> ViewGeometry:
+        view, _ = self.image_numbers(what, frame, sensor, self.bands[0])
+        state = self._host.views[view]
+        time_s = float(self.time_s[self.frames.index(frame)])
+        axes, camera = np.asarray(state["axes"]), self.instrument.sensor.camera
+        return ViewGeometry(
+            self.scenario,
+            camera,
+            sensor,
+            time_s,
+            axes,
+            np.asarray(state["position_m"]),
+            np.asarray(state["velocity_m_s"]),
+        )
 
     @cached_property
     def truth(self) -> Table:

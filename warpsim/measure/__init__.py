@@ -1,0 +1,1 @@
+"""From pixels to positions: what is measured in images."""

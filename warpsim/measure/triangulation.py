@@ -1,0 +1,179 @@
+"""Triangulation: position, and velocity, of a body from lines of sight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.constants import SPEED_OF_LIGHT_M_S
+from warpsim.directions import normalised
+from warpsim.errors import InputError
+from warpsim.orbit.gravity import propagate
+from warpsim.render.line_of_sight import LineOfSight
+
+F64 = npt.NDArray[np.float64]
+Motion = Literal["still", "linear", "free_flight"]
+
+_POLE = (0.0, 0.0, 1.0)  # two-body gravity has none
+_N_STEP = 30
+_SMALL_M, _SMALL_M_S = 1.0, 1e-3
+"""Steps of derivatives: straight lines are linear in both far beyond."""
+
+MOST_CONDITION = 1e12
+"""Of the normal equations, scaled to unit diagonal, above which the problem has no one answer."""
+
+
+@dataclass(frozen=True)
+class Triangulation:
+    """A body's state where lines of sight come nearest to each other, geocentric, GCRS axes."""
+
+    time_s: float
+    """When the state holds, after the scene's epoch: the mean time of emission [s]."""
+    position_m: F64
+    velocity_m_s: F64 | None
+    """None where the body was taken to be still."""
+    covariance: F64
+    """Of position, and velocity behind it [m, m/s]; (3, 3) or (6, 6). For the errors of lines that were stated."""
+    residual_rad: F64
+    """How far each line misses the body, in two directions across it, (n, 2)."""
+
+    n_freedom: int
+    """Numbers measured less numbers found."""
+    chi_square: float
+    """Sum of squared residuals over their stated errors; about n_freedom where these are right."""
+
+
+def triangulate(
+    lines: Sequence[LineOfSight],
+    sigma_rad: float | Sequence[float],
+    motion: Motion = "still",
+    time_s: float | None = None,
+) -> Triangulation:
+    """Find where a body was from lines of sight of several sensors, or times.
+
+    Least squares over the angles across each line, by Gauss and Newton. Light left the body at different times for
+    different sensors, one range / c before it came in: a body at 7 km/s moves 23 m in the light time of 1000 km. With
+    "linear" or "free_flight" its velocity is found too, and each line is held to where the body was then; lines of one
+    time know the velocity from these few milliseconds only, so lines of several times are needed. With "still" its
+    motion meanwhile is an error of so many metres.
+
+    Args:
+        lines: One line of sight each, of one direction, in GCRS axes; of at least two.
+        sigma_rad: Standard deviation of each line in both directions across it, one number or one each [rad].
+        motion: "still"; "linear" motion; "free_flight", under two-body gravity.
+        time_s: When the state is asked for, after the epoch [s]; the mean time of emission when left out.
+
+    Raises:
+        InputError: Too few lines, a line of several directions or in other axes, an error that is not above 0, or lines
+            that leave a direction undetermined (parallel ones, or of one time where velocity is asked for).
+    """
+    origin_m, direction, came_s = _checked(lines)
+    sigma = _sigmas(sigma_rad, len(lines))
+    if motion not in get_args(Motion):
+        raise InputError(f"must be one of {', '.join(get_args(Motion))}", "motion", motion)
+    n_state = 3 if motion == "still" else 6
+    if 2 * len(lines) < n_state:
+        raise InputError(f"must be at least {n_state // 2} for {motion!r}", "lines", len(lines))
+    start = _nearest_point(origin_m, direction)
+    left_s = came_s - np.linalg.norm(start - origin_m, axis=1) / SPEED_OF_LIGHT_M_S
+    when_s = float(left_s.mean()) if time_s is None else float(time_s)
+    across = _across(direction)
+    state = np.concatenate([start, np.zeros(n_state - 3)])
+    scale = np.array([_SMALL_M] * 3 + [_SMALL_M_S] * (n_state - 3))
+
+    def missed(values: F64) -> F64:
+        """Angles by which lines miss a body of a state, over their errors, (2 n,)."""
+        away = _seen_from(values, origin_m, came_s, when_s, motion) - origin_m
+        return np.asarray((np.einsum("nij,nj->ni", across, normalised(away)) / sigma[:, None]).ravel())
+
+    for _ in range(_N_STEP):
+        now = missed(state)
+        jacobian = _derivatives(missed, state, scale)
+        normal = _checked_normal(jacobian, lines)
+        step = -np.linalg.solve(normal, jacobian.T @ now)
+        state = state + step
+        if np.abs(step[:3]).max() < 1e-6:
+            break
+    jacobian, now = _derivatives(missed, state, scale), missed(state)
+    covariance = np.asarray(np.linalg.inv(_checked_normal(jacobian, lines)), dtype=np.float64)
+    residual = now.reshape(-1, 2) * sigma[:, None]
+    velocity = None if motion == "still" else state[3:]
+    freedom = 2 * len(lines) - n_state
+    return Triangulation(when_s, state[:3], velocity, covariance, residual, freedom, float(now @ now))
+
+
+def _seen_from(state: F64, origin_m: F64, came_s: F64, when_s: float, motion: str) -> F64:
+    """Where a body of a state was when its light left for each line, (n, 3)."""
+    position = np.broadcast_to(state[:3], origin_m.shape)
+    if motion == "still":
+        return position
+    for _ in range(3):  # each leaves v / c of the error
+        since_s = came_s - np.linalg.norm(position - origin_m, axis=1) / SPEED_OF_LIGHT_M_S - when_s
+        if motion == "linear":
+            position = state[:3] + since_s[:, None] * state[3:]
+        else:
+            position = propagate(state[None, :3], state[None, 3:], since_s, "two_body", _POLE)[0][:, 0]
+    return position
+
+
+def _derivatives(function: Any, state: F64, scale: F64) -> F64:
+    """Central differences of a function of a state, (n_value, n_state)."""
+    columns = []
+    for number, step in enumerate(scale):
+        ahead, back = state.copy(), state.copy()
+        ahead[number], back[number] = state[number] + step, state[number] - step
+        columns.append((function(ahead) - function(back)) / (2 * step))
+    return np.stack(columns, axis=1)
+
+
+def _checked_normal(jacobian: F64, lines: Sequence[LineOfSight]) -> F64:
+    """Normal equations that have one answer; InputError, which names the direction left open, otherwise."""
+    normal = jacobian.T @ jacobian
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    values, vectors = np.linalg.eigh(normal / np.outer(size, size))
+    if values[0] * MOST_CONDITION < values[-1]:
+        names = ("x", "y", "z", "vx", "vy", "vz")
+        open_one = names[int(np.argmax(np.abs(vectors[:, 0])))]
+        rule = f"leave a direction undetermined, mostly along {open_one}"
+        raise InputError(rule, "lines", ", ".join(dict.fromkeys(line.sensor for line in lines)))
+    return np.asarray(normal)
+
+
+def _nearest_point(origin_m: F64, direction: F64) -> F64:
+    """The point with the least sum of squared distances to lines."""
+    across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
+    matrix = across.sum(axis=0)
+    if np.linalg.cond(matrix) > MOST_CONDITION:
+        raise InputError("must not all be parallel", "lines")
+    return np.asarray(np.linalg.solve(matrix, np.einsum("nij,nj->i", across, origin_m)))
+
+
+def _across(direction: F64) -> F64:
+    """Two unit vectors across each direction, (n, 2, 3)."""
+    helper = np.eye(3)[np.argmin(np.abs(direction), axis=1)]
+    first = normalised(np.cross(direction, helper))
+    return np.stack([first, np.cross(direction, first)], axis=1)
+
+
+def _checked(lines: Sequence[LineOfSight]) -> tuple[F64, F64, F64]:
+    """Origins, directions and times of lines."""
+    if len(lines) < 2:
+        raise InputError("must be at least 2", "lines", len(lines))
+    for number, line in enumerate(lines):
+        if len(line.direction) != 1 or line.axes != "gcrs":
+            rule = f"must be of one direction, in GCRS axes, got {len(line.direction)} in {line.axes}"
+            raise InputError(rule, f"lines[{number}]")
+    origin, direction = (np.concatenate([getattr(line, name) for line in lines]) for name in ("origin_m", "direction"))
+    return origin, direction, np.array([line.time_s for line in lines])
+
+
+def _sigmas(sigma_rad: Any, count: int) -> F64:
+    """Errors of so many lines."""
+    values = np.asarray(sigma_rad, dtype=np.float64)
+    if values.shape not in ((), (count,)) or not (np.isfinite(values) & (values > 0.0)).all():
+        raise InputError(f"must be above 0, one number or {count} of them", "sigma_rad", sigma_rad)
+    return np.broadcast_to(values, (count,))
