@@ -8,12 +8,14 @@ import sys
 import time
 from pathlib import Path
 
+import erfa
 import numpy as np
 import pytest
 from astropy.io import fits
 from astropy.table import Table
-from astropy.time import Time
+from astropy.time import Time, TimeDelta
 from astropy.wcs import WCS
+from scipy.spatial.transform import Rotation
 
 import warpsim as ws
 from warpsim.files import sha256_of, whole_file
@@ -99,6 +101,33 @@ def test_wcs_of_each_plane_leads_from_sky_to_truth(scene, folder):
         assert (x, y) == pytest.approx((20.0, 100.0), abs=1e-9)
         seconds = (Time(cube.frames["DATE_OBS"][plane], scale="utc") - scene.epoch).to_value("s")
         assert seconds == pytest.approx(600 + 10 * plane, abs=2e-6)
+
+
+def test_states_of_each_plane_need_no_warpsim(scene, folder):
+    """Astropy, SciPy and ERFA alone put the main target into the pixel that truth has."""
+    with fits.open(folder / "sat11_E.fits") as file:
+        table, epoch = Table(file["FRAMES"].data), Time(file[0].header["DATEREF"], scale="utc")
+    truth = Table.read(folder / "truth.fits")
+    for plane in (0, 5):
+        row = table[plane]
+        position, velocity = (np.array([row[f"{name}_{axis}"] for axis in "XYZ"]) for name in ("POS", "VEL"))
+        attitude = Rotation.from_quat([row[f"QUAT_{axis}"] for axis in "XYZW"])
+        time_s = row["TIME_S"]
+        np.testing.assert_allclose(position, scene.position_m("sat11", [time_s])[0], rtol=1e-12)
+        step = scene.position_m("sat11", [time_s - 0.5, time_s + 0.5])
+        np.testing.assert_allclose(velocity, step[1] - step[0], atol=1e-2)
+        main = truth[(truth["frame"] == row["FRAME"]) & (truth["target"] == scene.target_names[0])][0]
+        emitted_s = time_s - 1e3 * main["range_km"] / 299792458.0
+        away = scene.position_m(scene.target_names[0], [emitted_s])[0] - position
+        now = epoch + TimeDelta(time_s, format="sec")
+        earth = np.asarray(erfa.epv00(now.tdb.jd1, now.tdb.jd2)[1]["v"]) * (erfa.DAU / erfa.DAYSEC)
+        seen = away / np.linalg.norm(away)
+        for boost_m_s in (-earth, earth + velocity):
+            beta = boost_m_s / 299792458.0
+            seen = erfa.ab(seen, beta, 1e12, np.sqrt(1 - beta @ beta))
+        x, y, z = attitude.apply(seen)
+        focal_px = 64 / np.tan(np.radians(0.5))
+        assert (63.5 + focal_px * x / z, 63.5 + focal_px * y / z) == pytest.approx((63.5, 63.5), abs=1e-5)
 
 
 def test_truth_table(folder):

@@ -2,8 +2,9 @@
 
 Primary HDU: counts, axes (frame, row, column) in NumPy order, row 0 the top row of the image. Extension FRAMES: one
 row per plane with FRAME (number), TIME_S (after the epoch), DATE_OBS (UTC), the TAN keywords CRVAL1 ... CD2_2 of
-the plane's apparent sky, UP_REPLACED, BORESIGHT_REPLACED, and SLEWING where cameras slew; its header has the axis types
-and the SIP polynomials of a distorted camera. `read_cube(path).wcs(plane)` makes an astropy WCS of them.
+the plane's apparent sky, UP_REPLACED, BORESIGHT_REPLACED, SLEWING where cameras slew, and the sensor's state, POS_X ...
+QUAT_W; its header has the axis types and the SIP polynomials of a distorted camera. `read_cube(path).wcs(plane)` makes
+an astropy WCS of them.
 """
 
 from __future__ import annotations
@@ -92,6 +93,9 @@ def finish_cube(path: Path, scene: SceneDescription, views: Views) -> None:
         for i, number in enumerate(views.frames)
     ]
     table = Table(rows=rows)
+    for name, values in views.states.items():
+        table[name] = values
+        table[name].unit = {"POS": "m", "VEL": "m / s"}.get(name[:3])
     table.add_column(utc_dates(scene.epoch_utc, table["TIME_S"]), index=2, name="DATE_OBS")
     table["TIME_S"].unit = "s"
     for name in _WCS_KEYS[:2]:

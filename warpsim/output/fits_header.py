@@ -31,6 +31,14 @@ _FLAG_WORDS = {
 }
 
 
+STATE_WORDS = {
+    **{f"POS_{axis}": "[m] of the sensor, geocentric, GCRS axes" for axis in "XYZ"},
+    **{f"VEL_{axis}": "[m/s] of the sensor, likewise" for axis in "XYZ"},
+    **{f"QUAT_{axis}": "of the rotation from GCRS to camera axes" for axis in "XYZW"},
+}
+"""Keywords of the state of a view's sensor."""
+
+
 def scene_cards(scene: SceneDescription, instrument: Instrument, sensor: str, band: str) -> list[Card]:
     """Return the keywords common to all images of a sensor and band, without the lens."""
     levels, response = instrument.levels[band], instrument.bands[band]
@@ -101,6 +109,16 @@ class Views:
         """Times after the epoch [s], middle of the exposure."""
         return self.instrument.frame_time_s(self.frames)
 
+    @property
+    def states(self) -> dict[str, npt.NDArray[np.float64]]:
+        """Position, velocity and attitude of the sensor by keyword, shape (frame,)."""
+        from scipy.spatial.transform import Rotation
+
+        position, velocity = self.instrument.state(self.sensor, self.time_s)
+        attitude = Rotation.from_matrix(self.axes_icrs).as_quat(canonical=True)
+        columns = np.concatenate([position, velocity, attitude], axis=-1).T
+        return dict(zip(STATE_WORDS, columns, strict=True))
+
 
 def image_cards(scene: SceneDescription, band: str, views: Views) -> Iterator[list[Card]]:
     """Yield all keywords of each image of a sensor in a band: the scene's, and its own time and sky."""
@@ -110,7 +128,7 @@ def image_cards(scene: SceneDescription, band: str, views: Views) -> Iterator[li
         ("MJDREF", float(utc_mjd(epoch, [0.0])[0]), "[d] of DATEREF"),
     ]
     last: list[Card] = [(name, value, "") for name, value in lens_keywords(camera).items()]
-    time_s = views.time_s
+    time_s, states = views.time_s, views.states
     dates, days = utc_dates(epoch, time_s), utc_mjd(epoch, time_s)
     for i, number in enumerate(views.frames):
         tan = tan_keywords(views.axes_icrs[i], camera)
@@ -122,6 +140,7 @@ def image_cards(scene: SceneDescription, band: str, views: Views) -> Iterator[li
             ("MJD-OBS", float(days[i]), "[d] the same"),
             *((name, value, "") for name, value in tan.items()),
             *last,
+            *((word, float(values[i]), STATE_WORDS[word]) for word, values in states.items()),
             *((word, bool(values[i]), _FLAG_WORDS[word]) for word, values in views.flags.items()),
         ]
 

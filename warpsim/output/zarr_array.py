@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.files import naming
+from warpsim.output.fits_header import STATE_WORDS
 
 SHARD_BYTES = 32 * 2**20
 """Largest size of images in a shard, but for a single one: held in memory before it is written."""
@@ -28,6 +29,7 @@ ARRAY: dict[str, Any] = {
 _OF_A_FRAME = {
     *("FRAME", "TIME_S", "DATE-OBS", "MJD-OBS", "CRVAL1", "CRVAL2", "CD1_1", "CD1_2", "CD2_1", "CD2_2"),
     *("UPREPL", "BOREPL", "SLEWING"),
+    *STATE_WORDS,
 }
 
 

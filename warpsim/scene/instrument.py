@@ -232,6 +232,14 @@ class Instrument:
         detector = self.sensor.detector
         return exposure_rule(detector, bodies.targets, bodies.attitudes, self._scene.duration_s, error)
 
+    def state(self, sensor: str, time_s: npt.ArrayLike) -> tuple[F64, F64]:
+        """Return geocentric position [m] and velocity [m/s] of a sensor, GCRS axes, each of the times' shape plus (3,).
+
+        Raises:
+            InputError: There is no such sensor, or a time is outside the tracks.
+        """
+        return self._bodies.tracks.state(self.satellite_of(sensor), time_s)
+
     def observers(self, sensors: Sequence[int] | None = None) -> Observers:
         """Return some of the sensors, all when left out, as observers for access."""
         chosen = range(len(self.names)) if sensors is None else list(sensors)
