@@ -495,3 +495,18 @@ def test_the_summary_names_what_is_on(scene):
     assert scene.background.summary == "nothing, a black sky"
     own = scene.replace(background__zodiacal=True, background__earth=True)
     assert own.background.summary == "zodiacal light, Earth"
+
+
+def test_zodiacal_light_is_not_counted_twice():
+    scene = ws.Scene.load("visible_to_lwir")  # one of its detectors has zodiacal light of its own
+    with pytest.raises(ws.InputError, match=r"detector.zodiacal_mjy_sr: must be 0 where background.zodiacal is on"):
+        scene.replace(background__zodiacal=True)
+
+
+def test_check_warns_of_a_background_that_saturates():
+    """A camera straight down, which never has access to a target, too."""
+    down = {"kind": "fixed", "azimuth_elevation_deg": [0.0, -90.0]}
+    scene = ws.Scene.load("stss").replace(sky__catalog="none", pointing=down, bands=["A"])
+    words = "warning: the Earth saturates pixels in A, whose SEI is 3e+03 NEI"
+    assert words in scene_report(scene.replace(background__earth=True).scenario)
+    assert words not in scene_report(scene.scenario) and "background A" in scene_report(scene.scenario)

@@ -167,9 +167,8 @@ def test_frames_with_maps_are_those_of_the_patterns_they_are_of(tmp_path, detect
     seeded = scene_of(detector, *shape)
     ws.calibrate(seeded, tmp_path, sensors=["sat21", "sat22"], n_frame=1)
     mapped = scene_of(without_patterns(detector, tmp_path / "{sensor}.maps.fits"), *shape)
-    only = [name for name in mapped.scenario.sensor_names if name not in ("sat21", "sat22")]
-    for name in only:  # every sensor of the kind must have a file
-        ws.calibrate(seeded, tmp_path, sensors=name, n_frame=1)
+    with pytest.raises(ws.InputError, match="must be a file that exists for sat23"):
+        ws.Renderer(mapped, "cpu").render([3], sensors=["sat21", "sat23"])  # but nobody else's is asked for
     one, other = (ws.Renderer(scene, "cpu").render([3, 4], sensors=["sat21", "sat22"]) for scene in (seeded, mapped))
     difference = np.abs(one.counts.numpy().astype(int) - other.counts.numpy().astype(int))
     assert difference.max() <= 1 and (difference > 0).mean() < 2e-3
@@ -196,21 +195,51 @@ def test_a_map_for_all_sensors_and_bands(tmp_path):
     assert str(tmp_path / "m.fits") in input_checksums(scene.scenario)
 
 
+def test_a_band_without_a_map_keeps_its_own(tmp_path):
+    """Offsets of one band leave the others' dark current, in any choice of bands; a map of zeros is one."""
+    hdus = [fits.PrimaryHDU(), fits.ImageHDU(np.full((100, 72), 2000.0), name="OFFSET_A")]
+    fits.HDUList(hdus).writeto(tmp_path / "m.fits")
+    scene = scene_of(without_patterns(ELECTRONS, tmp_path / "m.fits"))
+    a, c = (means(scene, "dark", 20, band).mean() for band in "AC")
+    assert (a, c) == (pytest.approx(300.0 + 200.0, abs=0.5), pytest.approx(300.0 + 500.0, abs=0.5))
+    renderer = ws.Renderer(scene, "cpu")
+    both, alone = (renderer.render([3], sensors=["sat21"], bands=bands).counts.numpy() for bands in (["A", "C"], ["C"]))
+    np.testing.assert_array_equal(both[0, 0, 1], alone[0, 0, 0])
+    maps = detector_maps(scene.scenario, "sat21", ["A", "C"])
+    assert (maps.offset[0] == 2000.0).all() and maps.offset[1] == pytest.approx(5000.0)
+    fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(np.zeros((100, 72)), name="OFFSET")]).writeto(tmp_path / "z.fits")
+    without = scene_of(without_patterns(ELECTRONS, tmp_path / "z.fits"))
+    assert means(without, "dark", 20).mean() == pytest.approx(300.0, abs=0.5)
+
+
+def test_bias_frames_of_sensors_with_maps(tmp_path):
+    """What `calibrate` has written can be calibrated again."""
+    ws.calibrate(scene_of(ELECTRONS), tmp_path, sensors="sat21", n_frame=1)
+    mapped = scene_of(without_patterns(ELECTRONS, tmp_path / "{sensor}.maps.fits"))
+    (tmp_path / "again").mkdir()
+    ws.calibrate(mapped, tmp_path / "again", sensors="sat21", bands="A", n_frame=20)
+    bias, dark = (np.median(fits.getdata(tmp_path / "again" / f"sat21_A_{kind}.fits")) for kind in ("bias", "dark"))
+    assert (bias, dark) == (pytest.approx(300.0, abs=2.0), pytest.approx(800.0, abs=15.0))
+
+
 @pytest.mark.parametrize(
     ("hdu", "words"),
     [
         (fits.ImageHDU(np.zeros((3, 3)), name="GAIN"), r"must hold images of shape \(100, 72\), got \(3, 3\) of GAIN"),
         (fits.ImageHDU(np.full((100, 72), 9.0), name="GAIN"), "must be finite, and within 0 to 4, in GAIN of"),
         (fits.ImageHDU(np.full((100, 72), 3), name="BAD"), "must be finite, and within 0 to 2, in BAD of"),
+        (fits.ImageHDU(np.full((100, 72), 1.5), name="BAD"), "must be 0, 1 or 2, in BAD of"),
         (fits.ImageHDU(np.full((100, 72), np.nan), name="OFFSET"), "must be finite"),
         (fits.ImageHDU(np.zeros((100, 72)), name="FLAT"), "must have an image GAIN, OFFSET or BAD in"),
     ],
-    ids=["shape", "gain", "bad", "not finite", "none"],
+    ids=["shape", "gain", "bad", "half", "not finite", "none"],
 )
 def test_bad_maps_are_named(tmp_path, hdu, words):
     fits.HDUList([fits.PrimaryHDU(), hdu]).writeto(tmp_path / "m.fits")
     with pytest.raises(ws.InputError, match=f"detector.maps_file: {words}"):
         ws.Renderer(scene_of(without_patterns(NEI, tmp_path / "m.fits")), "cpu").render([0])
+    with pytest.raises(ws.InputError, match=words):
+        scene_report(scene_of(without_patterns(NEI, tmp_path / "m.fits")).scenario)
     with pytest.raises(ws.InputError, match=r"detector.maps_file: must be a file that exists"):
         ws.Renderer(scene_of(without_patterns(NEI, tmp_path / "no.fits")), "cpu").render([0])
     with pytest.raises(ws.InputError, match=r"prnu: must be left out with maps_file"):

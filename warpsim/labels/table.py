@@ -63,9 +63,13 @@ def label_table(frames: FrameSet, least_nei: float = 1.0, with_masks: bool = Fal
 
 
 def keypoint_visibility(table: Table, least_nei: float) -> npt.NDArray[np.uint8]:
-    """Return COCO's visibility of the targets' centres, shape (n_row,)."""
+    """Return COCO's visibility of the targets' centres, shape (n_row,).
+
+    Where a background raises the noise of a pixel, light counts over that noise.
+    """
     visible, in_fov = np.asarray(table["visible"]), np.asarray(table["in_fov"])
-    bright = in_fov & (np.asarray(table["snr_peak"]) >= least_nei)
+    noise_nei = np.asarray(table["noise_nei"]) if "noise_nei" in table.colnames else 1.0
+    bright = in_fov & (np.asarray(table["snr_peak"]) >= least_nei * noise_nei)
     return np.where(visible, np.where(bright, 2, 1), 0).astype(np.uint8)
 
 

@@ -41,6 +41,11 @@ def background_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapp
         earth = "" if wanted.earth else " (left out)"
         text = f"zodiacal light {low:.2g} to {high:.2g} NEI{off}, Earth {night / nei_sr:.2g} by night and "
         lines.append(f"  background {name}: {text}{noon / nei_sr:.2g} under the Sun{earth}")
+        levels = {"zodiacal light": high * wanted.zodiacal, "the Earth": noon / nei_sr * wanted.earth}
+        sei = instrument.sei_w_cm2(name) / instrument.nei_w_cm2(name)
+        filled = [what for what, level in levels.items() if level >= sei]
+        if filled:
+            lines.append(f"  warning: {' and '.join(filled)} saturates pixels in {name}, whose SEI is {sei:.3g} NEI")
     if wanted.sky_map is not None:
         lines.append(f"             map {wanted.sky_map}")
     if wanted.image is not None:
@@ -56,8 +61,9 @@ def background_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapp
 
 
 def _boresights(instrument: Instrument, frames_of: Mapping[str, Sequence[int]]) -> npt.NDArray[np.float64]:
-    """Boresights of some views, (n, 3)."""
+    """Boresights of some views, (n, 3): of those with access, or of any where there are none."""
     own = {name: frames for name, frames in frames_of.items() if len(frames)}
+    own = own or dict.fromkeys(instrument.names, range(instrument.frames.count))
     each = max(1, _MOST_VIEWS // max(1, len(own)))
     found = []
     for name, frames in list(own.items())[:_MOST_VIEWS]:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from warpsim.constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from warpsim.detector.detectors import ElectronDetector, NeiDetector, detector_terms
 from warpsim.detector.levels import ElectronLevels, Levels
+from warpsim.detector.pixel_maps import read_maps
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf import PsfAiry, PsfGaussian
 from warpsim.optics.wcs import ERROR_PX, sip_polynomials
@@ -199,7 +200,10 @@ def _detector_lines(instrument: Instrument) -> list[str]:
                 f"  electrons  {band}: background {levels.background_e:.4g} e, dark {levels.dark_e:.4g} e, read noise "
                 f"{detector.read_noise_e:g} e; noise {levels.noise_e:.4g} e of {detector.full_well_e:g}"
             )
-    terms = detector_terms(detector)
+    terms, camera = detector_terms(detector), instrument.sensor.camera
+    if detector.maps_file is not None:  # one that cannot be read is an error here already
+        bands = list(instrument.sensor.bands)
+        read_maps(detector.maps_file, instrument.names, bands, bands, (camera.n_row, camera.n_col), every=False)
     if terms:
         lines.append(f"  pixels     {', '.join(terms.values())}")
     pattern = ", ".join(f"{band} {nei:.3g}" for band, nei in _fixed_pattern(instrument).items())

@@ -65,7 +65,7 @@ def draw_contact_sheet(scene: SceneDescription, rows: Sequence[SheetRow], planes
     labels: list[Label] = [
         (8, 20, f"{scene.name}   {_bands_text(rows)}   {scene.epoch_utc} UTC", 15, _INK),
         (8 + 440, 20, f"white: {CEILING_NEI:g} NEI, asinh scale, times after the epoch", 13, _FAINT),
-        (8 + 440, 38, f"behind: {scene.background.summary}", 13, _FAINT),
+        (8, 38, f"behind: {scene.background.summary}", 13, _FAINT),
         (8, TOP_PX - 6, "t [s]", 13, _INK),
     ]
     labels += [(_left(i), TOP_PX - 6, f"{time_s:.1f}", 13, _INK) for i, time_s in enumerate(columns)]

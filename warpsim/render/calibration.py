@@ -59,8 +59,10 @@ def detector_maps(scenario: Scenario, sensor: str, bands: Sequence[str], device:
     instrument = _instrument(scenario, sensor, bands)
     camera, on = instrument.sensor.camera, wp.get_device(device)
     if (file := instrument.sensor.detector.maps_file) is not None:
-        read = read_maps(file, [sensor], bands, camera.n_row, camera.n_col)
-        return DetectorMaps(read.gain[0], read.offset[0], read.bad[0], _flicker_map(instrument, sensor, bands))
+        read = read_maps(file, [sensor], bands, list(instrument.sensor.bands), (camera.n_row, camera.n_col))
+        mean = np.array([getattr(instrument.levels[band], "dark_e", 0.0) for band in bands], dtype=np.float32)
+        offset = np.where(np.isnan(read.offset[0]), mean[:, None, None], read.offset[0])
+        return DetectorMaps(read.gain[0], offset, read.bad[0], _flicker_map(instrument, sensor, bands))
     own = make_read_out(instrument, bands, on)
     shape = (len(bands), camera.n_row * camera.n_col)
     outputs = [wp.empty(shape, dtype=dtype, device=on) for dtype in (wp.float32, wp.float32, wp.uint8)]
@@ -114,7 +116,8 @@ def calibration_counts(
     instrument = _shuttered(known, dark=kind != "bias")
     on, camera = wp.get_device(device), instrument.sensor.camera
     signal = new_signal((1, len(bands), camera.n_row, camera.n_col), on)
-    scene: Any = _Scene(on, len(bands), make_read_out(instrument, bands, on), _band_id(instrument, bands, on))
+    reading = make_read_out(instrument, bands, on, dark=kind != "bias")
+    scene: Any = _Scene(on, len(bands), reading, _band_id(instrument, bands, on))
     light = np.array(
         [level * instrument.sei_w_cm2(band) if kind == "flat" else 0.0 for band in bands], dtype=np.float32
     )

@@ -44,10 +44,11 @@ class ReadOut:
         return make_read_out_kernel(self.features, ragged=True)
 
 
-def make_read_out(instrument: Instrument, bands: Sequence[str], device: wp.Device) -> ReadOut:
+def make_read_out(instrument: Instrument, bands: Sequence[str], device: wp.Device, dark: bool = True) -> ReadOut:
     """Choose the kernels of a detector and upload its numbers.
 
-    The kernels hold what any band needs: a frame must not depend on which of them are rendered.
+    The kernels hold what any band needs: a frame must not depend on which of them are rendered. Without `dark` maps of
+    dark currents are not read.
     """
     detector, levels, camera = instrument.sensor.detector, instrument.levels, instrument.sensor.camera
     features = read_out_features(detector, levels)
@@ -58,24 +59,23 @@ def make_read_out(instrument: Instrument, bands: Sequence[str], device: wp.Devic
     arrays.keys = wp.array(keys, dtype=wp.vec2ui, device=device)
     arrays.n_pixel, arrays.n_col = camera.n_row * camera.n_col, camera.n_col
     if detector.maps_file is not None:
-        arrays.maps = _maps_struct(instrument, bands, device)
+        arrays.maps = _maps_struct(instrument, bands, device, dark)
     return ReadOut(features, arrays, make_read_out_kernel(features))
 
 
-def _maps_struct(instrument: Instrument, bands: Sequence[str], device: wp.Device) -> Any:
+def _maps_struct(instrument: Instrument, bands: Sequence[str], device: wp.Device, dark: bool) -> Any:
     """The user's maps as the numbers that random ones would be."""
     detector, camera = instrument.sensor.detector, instrument.sensor.camera
     assert detector.maps_file is not None
-    maps = read_maps(detector.maps_file, instrument.names, bands, camera.n_row, camera.n_col)
-    offset = maps.offset.astype(np.float64)
+    known, shape = list(instrument.sensor.bands), (camera.n_row, camera.n_col)
+    maps = read_maps(detector.maps_file, instrument.names, bands, known, shape, every=False)
+    offset = maps.offset.astype(np.float64) if dark else np.zeros(maps.offset.shape)
     if isinstance(detector, ElectronDetector):
         dark_e = np.array([getattr(instrument.levels[band], "dark_e") for band in bands])[:, None, None]  # noqa: B009
-        if not (dark_e > 0.0).all() and offset.any():
+        if not (dark_e > 0.0).all() and np.nan_to_num(offset).any():
             raise InputError("must be above 0 with offsets in maps_file", "detector.dark_e_s", detector.dark_e_s, "g")
-        # A map without offsets leaves the dark current as it is.
-        offset = (
-            np.where(dark_e > 0.0, offset / np.where(dark_e > 0.0, dark_e, 1.0) - 1.0, 0.0) if offset.any() else offset
-        )
+        offset = np.where(dark_e > 0.0, offset / np.where(dark_e > 0.0, dark_e, 1.0) - 1.0, 0.0)
+    offset = np.nan_to_num(offset)  # without a map of them offsets are 0, and dark currents the detector's own
     words = np.array([_GOOD_WORD, 0, 0xFFFFFFFF], dtype=np.uint32)[maps.bad]
     struct: Any = PixelMaps()
     n_pixel = camera.n_row * camera.n_col

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.arguments import chosen_names
+from warpsim.detector.pixel_maps import check_maps_files
 from warpsim.errors import InputError
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
@@ -68,6 +69,7 @@ def checked_request(
         InputError: As in checked_names; a frame outside the scene.
     """
     instrument, sensor_list, band_list = checked_names(scenario, sensors, bands)
+    check_maps_files(instrument.sensor.detector.maps_file, sensor_list)
     numbers = range(instrument.frames.count) if frames is None else frames
     frame_list = checked_frames(numbers, instrument, scenario.scene.duration_s)
     return Request(instrument, frame_list, sensor_list, band_list, *keep)

@@ -19,6 +19,7 @@ from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, SHIPPED
 from warpsim.scene.attitudes import attitude_tables, within_scene
+from warpsim.scene.background import Background
 from warpsim.scene.band_descriptions import (
     BandDescription,
     find_band,
@@ -75,6 +76,15 @@ def check_sensors(constellation: AnyConstellation, sensors: Sequence[Sensor], fr
             if satellites is not None:
                 check_satellites(sensor, satellites)
         names.add(sensor.name)
+
+
+def check_zodiacal(sensors: Sequence[Sensor], background: Background) -> None:
+    """Check that no detector has zodiacal light of its own beside that of the background."""
+    for path, sensor in with_paths("sensors", sensors):
+        own = getattr(sensor.detector, "zodiacal_mjy_sr", 0.0)
+        with errors_at(path):
+            if background.zodiacal and any(np.ravel(list(own.values()) if isinstance(own, Mapping) else own)):
+                raise InputError("must be 0 where background.zodiacal is on", "detector.zodiacal_mjy_sr", own)
 
 
 def check_satellites(sensor: Sensor, satellites: Sequence[str]) -> None:

@@ -57,6 +57,7 @@ class SceneDescription:
     @model_validator(mode="after")
     def _consistent(self) -> SceneDescription:
         checks.check_sensors(self.constellation, self.sensors, self.frames)
+        checks.check_zodiacal(self.sensors, self.background)
         checks.check_names(self.constellation, self.sensors, self.groups)
         checks.check_times(self.constellation, self.groups, self.duration_s)
         checks.check_frames(self.sensors, self.frames, self.duration_s)
