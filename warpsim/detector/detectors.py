@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from warpsim.config.fields import FileName, Integer, NonNegative, Positive, Switch, closed_interval
+from warpsim.config.fields import FileName, Integer, NonNegative, Number, Positive, Switch, closed_interval
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.radiometry.by_band import FractionByBand, NonNegativeByBand, PositiveByBand, in_band, named_bands
@@ -25,6 +26,10 @@ PositiveExposure = Annotated[Positive, closed_interval(0, 10)]
 """Length of an exposure [s]."""
 Diffusion = Annotated[NonNegative, closed_interval(0, 10)]
 """Standard deviation of how far charge spreads, along rows as along columns [pixel widths]."""
+LineTime = Annotated[Number, closed_interval(-1, 1)]
+"""From the mid-exposure of a row to that of the next [s]; 0: all rows at once."""
+Stages = Annotated[Integer, closed_interval(0, 100_000)]
+"""Of time delay and integration; 0: none."""
 
 
 def _check_maps(detector: Any, instead_of: tuple[str, ...]) -> None:
@@ -32,6 +37,18 @@ def _check_maps(detector: Any, instead_of: tuple[str, ...]) -> None:
     for name in instead_of:
         if detector.maps_file is not None and getattr(detector, name) > 0.0:
             raise InputError("must be left out with maps_file, which has it for every pixel", name)
+
+
+def _check_rows(detector: Any) -> None:
+    """Raise where rows that are exposed one after the other do not fit the exposure."""
+    line_s, stages, exposure_s = abs(detector.line_time_s), detector.tdi_stages, detector.exposure_s
+    if line_s > 0.0 and not detector.streaks:
+        raise InputError("must be true with line_time_s, which moves light over the image", "streaks", False)
+    if stages and line_s == 0.0:
+        raise InputError("needs line_time_s, the time of a stage", "tdi_stages", stages)
+    if stages and not math.isclose(exposure_s, stages * line_s, rel_tol=1e-9):
+        rule = f"must be tdi_stages * |line_time_s| ({stages * line_s:g})"
+        raise InputError(rule, "exposure_s", exposure_s, ".12g")
 
 
 @config_model
@@ -60,6 +77,10 @@ class NeiDetector:
             S (1 - nonlinearity * S / SEI).
         maps_file: FITS file of the pixels' gains, offsets [W/cm2] and bad ones in the place of prnu, dsnu_nei,
             dead_fraction and hot_fraction, as `ws.calibrate` writes it; "{sensor}" in it stands for each one's name.
+        line_time_s: Time from the mid-exposure of a row to that of the next [s], negative where the bottom row is the
+            first; the frame's time is that of the array's middle. 0 exposes all rows at once.
+        tdi_stages: Stages of time delay and integration, each of |line_time_s|, whose sum is the exposure: the image is
+            a strip, along which charge moves in step with the scene. 0 is none.
     """
 
     nei_w_cm2: PositiveByBand
@@ -77,11 +98,14 @@ class NeiDetector:
     hot_fraction: BadFraction = 0.0
     nonlinearity: Nonlinearity = 0.0
     maps_file: FileName | None = None
+    line_time_s: LineTime = 0.0
+    tdi_stages: Stages = 0
     kind: Literal["nei"] = Field(default="nei", kw_only=True)
 
     @model_validator(mode="after")
     def _ordered(self) -> NeiDetector:
         _check_maps(self, ("prnu", "dsnu_nei", "dead_fraction", "hot_fraction"))
+        _check_rows(self)
         for band in named_bands(self.nei_w_cm2, self.sei_w_cm2) or [""]:
             nei, sei = in_band(self.nei_w_cm2, band), in_band(self.sei_w_cm2, band)
             if nei is not None and sei is not None and sei <= nei:
@@ -140,6 +164,10 @@ class ElectronDetector:
         maps_file: FITS file of the pixels' gains, electrons by dark current in an exposure and bad ones in the place of
             prnu, dsnu, dead_fraction and hot_fraction, as `ws.calibrate` writes it; "{sensor}" in it stands for each
             one's name. dark_e_s is that of the mean pixel.
+        line_time_s: Time from the mid-exposure of a row to that of the next [s], negative where the bottom row is the
+            first; the frame's time is that of the array's middle. 0 exposes all rows at once.
+        tdi_stages: Stages of time delay and integration, each of |line_time_s|, whose sum is the exposure: the image is
+            a strip, along which charge moves in step with the scene. 0 is none.
     """
 
     exposure_s: PositiveExposure
@@ -165,11 +193,14 @@ class ElectronDetector:
     hot_fraction: BadFraction = 0.0
     nonlinearity: Nonlinearity = 0.0
     maps_file: FileName | None = None
+    line_time_s: LineTime = 0.0
+    tdi_stages: Stages = 0
     kind: Literal["electron"] = Field(default="electron", kw_only=True)
 
     @model_validator(mode="after")
     def _complete(self) -> ElectronDetector:
         _check_maps(self, ("prnu", "dsnu", "dead_fraction", "hot_fraction"))
+        _check_rows(self)
         if (self.optics_temperature_k is None) != (self.optics_emissivity == 0.0):
             raise InputError("must be given together", "optics_temperature_k, optics_emissivity")
         if self.offset_counts >= 2**self.bits:
@@ -204,6 +235,8 @@ TERMS: dict[str, tuple[str, str, float | None]] = {
     "column_noise_nei": ("COLNOISE", "{:g} NEI rms by column", 0.0),
     "shot_noise": ("SHOT", "no shot noise", True),
     "maps_file": ("MAPSFILE", "maps of {}", None),
+    "line_time_s": ("LINETIME", "{:g} s from row to row", 0.0),
+    "tdi_stages": ("TDI", "{} stages of TDI", 0),
 }
 """What may differ from the plain chain of a detector, by field: FITS keyword, words, value in the plain chain."""
 

@@ -18,6 +18,7 @@ DESCRIPTIONS = {
     "y_px": "row of the middle of the exposure; pixel centres on whole numbers from 0",
     "dx_px": "columns from the start of the exposure to its end",
     "dy_px": "rows from the start of the exposure to its end",
+    "row_time_s": "mid-exposure of the target's row after the frame's time",
     "range_km": "distance from the sensor to where the light left",
     "aspect_deg": "angle between the body axis and the direction to the sensor",
     "projected_area_m2": "projected area, mean over the exposure",

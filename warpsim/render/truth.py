@@ -95,8 +95,8 @@ def truth_table(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> Tab
 
 
 _UNITS = {
-    "time_s": "s", "x_px": "pix", "y_px": "pix", "dx_px": "pix", "dy_px": "pix", "range_km": "km", "aspect_deg": "deg",
-    "projected_area_m2": "m2", "temperature_k": "K",
+    "time_s": "s", "row_time_s": "s", "x_px": "pix", "y_px": "pix", "dx_px": "pix", "dy_px": "pix", "range_km": "km",
+    "aspect_deg": "deg", "projected_area_m2": "m2", "temperature_k": "K",
 }  # fmt: skip
 
 
@@ -125,7 +125,9 @@ def _geometry(scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np
         return np.where(mask, np.asarray(values, dtype=np.float64), np.nan)
 
     xy_px, moved_px = observed["xy_px"], moved(seen.offset_px)
+    row_time = {} if seen.row_time_s is None else {"row_time_s": known(seen.row_time_s, in_front)}
     return {
+        **row_time,
         "x_px": known(xy_px[..., 0], in_front),
         "y_px": known(xy_px[..., 1], in_front),
         "dx_px": known(moved_px[..., 0], in_front),
