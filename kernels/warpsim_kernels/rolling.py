@@ -88,9 +88,7 @@ def roll_source(roll: Roll, window_px: wp.array3d[wp.vec2], view: int, slot: int
         for k in range(roll.instants.n_path):
             then_s = time_s + roll.half_exposure_s * roll.node[k]
             then = moved_of(window_px, view, slot, then_s / roll.half_window_s)
-            add_to_series(
-                sources.offset_px, view, slot, k, roll.instants, wp.vec2d(then[0] - at[0], then[1] - at[1])
-            )
+            add_to_series(sources.offset_px, view, slot, k, roll.instants, wp.vec2d(then[0] - at[0], then[1] - at[1]))
         sources.offset_px[view, slot, 1] += wp.vec2(0.0, float(roll.smear_px))
     return time_s
 

@@ -115,7 +115,7 @@ class RowViews:
     sources: Any
     """The kernels' Sources, whose series alone is of its own."""
     time_s: wp.array
-    """After the epoch, (n_view, n_target); the others are of the same shape."""
+    """After the epoch, (n_view, n_target), one where there is no target; the others are of the same shape."""
     middle_s: wp.array
     """The frame's time."""
     sensor: wp.array
@@ -130,7 +130,7 @@ class RowViews:
 
 def new_row_views(scene: DeviceBodies, sources: Any) -> RowViews:
     """Return room for what rows of their own times take, beside sources."""
-    device, shape = scene.device, (len(sources.n_source), scene.n_target)
+    device, shape = scene.device, (len(sources.n_source), max(scene.n_target, 1))
     window: Any = Sources()
     for name in SOURCE_ARRAYS:
         setattr(window, name, getattr(sources, name))

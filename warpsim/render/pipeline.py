@@ -26,20 +26,15 @@ from warpsim.render.device_scene import DeviceScene, moved
 from warpsim.render.pool import release_later
 from warpsim.render.schedule import images_at_a_time
 from warpsim.render.stages import (
-    aim,
     background,
     counts_for,
     deposit,
     deposit_read_out,
     find_spots,
-    gather_stars,
     is_read_out_at_once,
-    locate_targets,
-    observe_targets,
     read_out,
     read_out_into,
-    roll,
-    trace,
+    view_stages,
 )
 
 
@@ -145,24 +140,7 @@ class Pipeline:
 
     def _bound_to_views(self) -> list[Stage]:
         scene, inputs, columns, sources = self.scene, self._inputs, self.columns, self.sources
-        streaks, exposure, rows = scene.streaks, self._exposure, self._rows
-        if exposure is not None and rows is not None:
-            return [
-                aim(scene, inputs, columns.views, exposure),
-                gather_stars(scene, inputs, columns.views, sources),
-                locate_targets(scene, exposure, sources),
-                trace(scene, streaks, exposure, rows.sources, columns.offset_px),
-                roll(scene, inputs, columns, sources, rows),
-                observe_targets(scene, inputs, columns, sources, self._series, rows),
-            ]
-        stages = [
-            aim(scene, inputs, columns.views, exposure),
-            observe_targets(scene, inputs, columns, sources, self._series),
-            gather_stars(scene, inputs, columns.views, sources),
-        ]
-        if exposure is not None:
-            stages.append(trace(scene, streaks, exposure, sources, columns.offset_px))
-        return stages
+        return view_stages(scene, inputs, columns, sources, self._series, self._exposure, self._rows)
 
     @property
     def n_byte(self) -> int:

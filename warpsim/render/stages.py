@@ -1,8 +1,8 @@
 """The stages of a frame: each function returns the launches of one, over arrays that are there.
 
 aim -> observe_targets -> gather_stars -> trace -> deposit -> read_out. Of a detector that is read row by row, light is
-found at the rows' times: aim -> gather_stars -> locate_targets -> trace -> roll -> observe_targets. Where the threads of
-a block share memory, and nothing moves during the exposure, find_spots -> deposit_read_out stand for deposit and
+found at the rows' times: aim -> gather_stars -> locate_targets -> trace -> roll -> observe_targets. Where the threads
+of a block share memory, and nothing moves during the exposure, find_spots -> deposit_read_out stand for deposit and
 read_out. A stage launches, and does nothing else: it allocates nothing and never waits.
 """
 
@@ -41,6 +41,27 @@ TILE_THREADS_CUDA = N_PAIR
 
 RUN_THREADS = 256
 """Threads that draw and read out a run of pixels: two blocks of them fit the registers of a multiprocessor of sm_90."""
+
+
+def view_stages(
+    scene: DeviceScene,
+    inputs: Inputs,
+    columns: Columns,
+    sources: Any,
+    area_series: wp.array,
+    exposure: ExposureViews | None,
+    rows: RowViews | None,
+) -> list[Stage]:
+    """Return the stages that find the sources of views; `exposure` where light moves, `rows` where rows differ."""
+    first, stars = aim(scene, inputs, columns.views, exposure), gather_stars(scene, inputs, columns.views, sources)
+    targets = observe_targets(scene, inputs, columns, sources, area_series, rows)
+    if exposure is None:
+        return [first, targets, stars]
+    if rows is None:
+        return [first, targets, stars, trace(scene, scene.streaks, exposure, sources, columns.offset_px)]
+    paths = trace(scene, scene.streaks, exposure, rows.sources, columns.offset_px)
+    found = roll(scene, inputs, columns, sources, rows)
+    return [first, stars, locate_targets(scene, exposure, sources), paths, found, targets]
 
 
 def aim(scene: DeviceBodies, inputs: Inputs, views: wp.array, exposure: ExposureViews | None = None) -> Stage:
