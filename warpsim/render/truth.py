@@ -57,11 +57,11 @@ def truth_table(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> Tab
     y_px in the middle of the exposure (NaN behind the camera and for absent targets), dx_px and dy_px from its start to
     its end (0 where streaks are off), row_time_s (with line_time_s alone: mid-exposure of its row after the frame's
     time, when all but access is as the row says), range_km, aspect_deg, projected_area_m2 (mean over the exposure),
-    temperature_k, sunlit_fraction; irradiance_w_cm2 at the pupil (0 when occulted, not deployed or absent) and what it is the sum of,
-    emitted_w_cm2, sun_w_cm2, earth_w_cm2 and albedo_w_cm2 (0 where the scene leaves a term out); snr = irradiance /
-    NEI, snr_peak (of the target's own pixel), left_out_w_cm2 (light beyond the stamp). With a background also
-    background_w_cm2, what it adds to the target's pixel, noise_nei, the noise of a pixel with it, and earth_behind,
-    whether the line of sight meets the Earth behind the target; NaN and false far outside the frame.
+    temperature_k, sunlit_fraction; irradiance_w_cm2 at the pupil (0 when occulted, not deployed or absent) and what it
+    is the sum of, emitted_w_cm2, sun_w_cm2, earth_w_cm2 and albedo_w_cm2 (0 where the scene leaves a term out); snr =
+    irradiance / NEI, snr_peak (of the target's own pixel), left_out_w_cm2 (light beyond the stamp). With a background
+    also background_w_cm2, what it adds to the target's pixel, noise_nei, the noise of a pixel with it, and
+    earth_behind, whether the line of sight meets the Earth behind the target; NaN and false far outside the frame.
     """
     from astropy.table import Table
 
