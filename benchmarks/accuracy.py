@@ -28,6 +28,8 @@ LINES = {
         "Sum of a stamp",
         "Streak of a Gaussian",
         "Streak of an Airy pattern",
+        "Rows read in turn",
+        "Smear of TDI by a pixel",
         "Pixels of a scene",
         "Centroid of a target's light from its label",
         "Star and target of the same path and light",

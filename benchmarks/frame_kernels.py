@@ -22,7 +22,7 @@ import warpsim as ws
 from warpsim.launches import THREADS_PER_BLOCK_CUDA, Stage
 from warpsim.render import stages
 from warpsim.render.batch import new_columns, new_inputs
-from warpsim.render.buffers import new_area_series, new_exposure, new_signal, new_sources, new_spots
+from warpsim.render.buffers import new_area_series, new_exposure, new_row_views, new_signal, new_sources, new_spots
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.device_upload import make_device_scene
 from warpsim.render.stars import load_catalog, star_index
@@ -97,15 +97,11 @@ def cuda_stages(scene: DeviceScene) -> list[Stage]:
     signal, counts = new_signal(shape, scene.device), wp.empty(shape, dtype=wp.uint16, device=scene.device)
     exposure = new_exposure(scene.device, streaks.offset_s, N_VIEW) if streaks.enabled else None
     cuda: Any = dataclasses.replace(scene, device=STAND_IN)
-    spots = new_spots(scene, N_VIEW, N_SLOT)
+    spots, rows = new_spots(scene, N_VIEW, N_SLOT), new_row_views(scene, sources) if streaks.rolls else None
     with mock.patch.object(wp, "launch"), mock.patch.object(wp, "launch_tiled"):
-        moving = [] if exposure is None else [stages.trace(cuda, streaks, exposure, sources, columns.offset_px)]
         both = stages.find_spots(cuda, sources, spots), stages.deposit_read_out(cuda, inputs, sources, spots, counts)
         return [
-            stages.aim(cuda, inputs, columns.views, exposure),
-            stages.observe_targets(cuda, inputs, columns, sources, series),
-            stages.gather_stars(cuda, inputs, columns.views, sources),
-            *moving,
+            *stages.view_stages(cuda, inputs, columns, sources, series, exposure, rows),
             stages.deposit(cuda, sources, columns.brightness, signal),
             stages.read_out(cuda, inputs, signal, counts, 0),
             *(both if stages.is_read_out_at_once(cuda) else []),

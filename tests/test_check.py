@@ -182,6 +182,21 @@ def test_light_and_heat_are_reported(scene):
     assert re.search(r"heat       center: [\d.]+ to [\d.]+ K, error \S+ K", report)
 
 
+def test_rows_read_in_turn_are_reported(scene):
+    """The stars' shift is that of the streaks of an exposure over its rows; long times between rows are warned of."""
+    report = scene_report(scene.replace(detector__line_time_s=1e-3, detector__exposure_s=0.1).scenario)
+    assert "pixels     0.001 s from row to row" in report
+    streak_px, row_px = (
+        float(re.search(rf"{words} stars (?:move )?up to (\S+) px", report)[1])
+        for words in ("streaks   ", "0.128 s for all rows; from row to row")
+    )
+    assert row_px == pytest.approx(streak_px / 100, rel=0.1)
+    assert "images of sources are drawn as of one time" not in report
+    slow = scene_report(scene.replace(detector__line_time_s=-0.02).scenario)
+    assert "images of sources are drawn as of one time" in slow
+    assert "streaks" not in slow
+
+
 def test_reasons_without_access_are_of_what_a_sensor_tracks(scene):
     """The other group is too far from all sensors; the first, which no sensor tracks, breaks no rule."""
     far = {

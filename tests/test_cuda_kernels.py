@@ -39,7 +39,12 @@ NODES = TableLayout(0, 6)
 LAYOUTS = [*(TableLayout(degree) for degree in CELL_DEGREES), *(TableLayout(0, n_point) for n_point in TABLE_POINTS)]
 FACTORY_ARGUMENTS = {
     "make_aim_kernel": [(AimFeatures(track=True),), (AimFeatures(*[True] * len(AimFeatures._fields)),)],
-    "make_observe_targets_kernel": [(Features(),), (EVERYTHING,), (EVERYTHING._replace(albedo_degree=12),)],
+    "make_observe_targets_kernel": [
+        (Features(),),
+        (EVERYTHING,),
+        (EVERYTHING._replace(albedo_degree=12),),
+        (EVERYTHING._replace(rolling=True),),
+    ],
     "make_split_kernel": [(EVERYTHING,)],
     "make_background_nodes_kernel": [(True, True)],
     "make_add_background_kernel": [(False,), (True,)],
@@ -48,6 +53,7 @@ FACTORY_ARGUMENTS = {
     "make_reach_kernel": [(False,), (True,)],
     "make_trace_targets_kernel": [(False,), (True,)],
     "make_trace_stars_kernel": [(False,), (True,)],
+    "make_locate_targets_kernel": [(False,), (True,)],
     "make_star_functions": [],  # functions of the kernels below
     "make_gather_stars_kernel": [(StarFeatures(aberration=True), 1), (StarFeatures(*[True] * 5), 32)],
     "make_query_cone_kernel": [(wp.vec3d,), (wp.vec3f,)],
@@ -225,7 +231,9 @@ def test_stack_counts_as_spilled_where_registers_are_used_up(n_register, most, s
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("changes", [{}, {"detector__exposure_s": 0.1, "camera__n_row": 41}])
+@pytest.mark.parametrize(
+    "changes", [{}, {"detector__exposure_s": 0.1, "camera__n_row": 41}, {"detector__line_time_s": 1e-4}]
+)
 def test_stages_are_those_of_a_pipeline(scene, changes):
     """In order, with the kernels that the pipeline would launch, but in blocks of CUDA's size, and what CUDA adds."""
     on_cpu = device_scene(scene.replace(**changes), [BAND])

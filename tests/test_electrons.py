@@ -360,18 +360,22 @@ def test_reports_tell_the_chain(warm_scene):
 
 @pytest.mark.ci
 def test_header_and_manifest_tell_the_chain(warm_scene, tmp_path):
-    uneven = warm_scene.replace(detector__prnu=0.01)
+    uneven = warm_scene.replace(detector__prnu=0.01, detector__line_time_s=-1e-3, detector__tdi_stages=100)
     instrument = uneven.scenario.instrument_of("sat11")
     header = {card[0]: card[1] for card in scene_cards(uneven, instrument, "sat11", "C")}
     known = uneven.scenario.instrument.levels["C"]
     assert header["NEI"] == pytest.approx(known.nei_w_cm2, rel=1e-12)
     assert (header["DETECTOR"], header["EXPTIME"], header["GAIN"]) == ("electron", 0.1, 320.0)
     assert header["BACKGR"] == pytest.approx(known.background_e, rel=1e-12)
-    assert header["PRNU"] == 0.01
+    assert (header["PRNU"], header["LINETIME"], header["TDI"]) == (0.01, -1e-3, 100)
     assert "COLNOISE" not in header
     render_to_folder(uneven, tmp_path / "run", frames=[60], sensors=["sat11"], bands=["C"], device="cpu")
     manifest = __import__("json").loads((tmp_path / "run" / "manifest.json").read_text())
-    assert manifest["sensors"]["sensor"]["detector"]["terms"] == {"prnu": "0.01 rms of gains"}
+    assert manifest["sensors"]["sensor"]["detector"]["terms"] == {
+        "prnu": "0.01 rms of gains",
+        "line_time_s": "-0.001 s from row to row",
+        "tdi_stages": "100 stages of TDI",
+    }
     assert manifest["sensors"]["sensor"]["detector"]["bands"]["C"]["dark_e"] == pytest.approx(300.0, rel=1e-12)
 
 

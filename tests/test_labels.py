@@ -290,6 +290,13 @@ def test_the_page_lists_every_column(still):
     assert listed == table.colnames[len(still.truth.colnames) :]
 
 
+def test_every_column_of_a_table_has_a_meaning(scene):
+    full = scene.replace(background__zodiacal=True, detector__line_time_s=1e-5)
+    table = ws.labels.label_table(ws.Renderer(full, "cpu").render([60], ["sat11"], ["A"]))
+    assert {"row_time_s", "noise_nei"} < set(table.colnames)
+    assert all(table[name].info.description for name in table.colnames)
+
+
 def test_least_nei_is_checked(still):
     with pytest.raises(ws.InputError, match="least_nei: must be a number above 0, got 0"):
         ws.labels.label_table(still, 0)

@@ -76,6 +76,7 @@ def _terms() -> dict[str, Case]:
         "streaks": Case(moving, range(5, 45, 10), two),
         "streaks, Gaussian": Case(moving.replace(optics__psf="gaussian"), range(5, 45, 10), two),
         "jitter": Case(moving.replace(pointing=jitter), range(5, 45, 10), two),
+        "rows read in turn": Case(moving.replace(detector__line_time_s=2e-3), range(5, 45, 10), two),
         "distortion": Case(stss.replace(camera__distortion={"k1": -0.05, "k2": 0.01}), range(60, 64), two),
         "in sunlight": Case(stss.replace(epoch_utc="2025-03-20T00:00:00"), range(60, 64), two),
         "NEI, all terms": Case(stss.replace(**noisy, **ODD), range(60, 64), two),

@@ -40,6 +40,7 @@ class Features(NamedTuple):
     profile: bool = False  # how areas change during the exposure, not their means alone
     distortion: bool = False  # the camera's lens distorts
     spectral: bool = False  # a target's surface is given by wavelength
+    rolling: bool = False  # each target is seen at the time of its own row
 
 
 @wp.struct

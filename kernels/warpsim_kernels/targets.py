@@ -56,6 +56,18 @@ def with_areas(seen: Observation, areas: Signature) -> Observation:
     return result
 
 
+@wp.func
+def in_its_row(seen: Observation, camera: Camera, xy_px: wp.vec2d) -> Observation:
+    """An observation at the position where its row has the target; behind the camera, and absent, as it is."""
+    result = seen
+    if (seen.flags & (ABSENT | BEHIND)) == 0:
+        result.xy_px = xy_px
+        result.flags = seen.flags & ~IN_FOV
+        if within_frame(camera, xy_px, wp.float64(0.0)):
+            result.flags = seen.flags | IN_FOV
+    return result
+
+
 @functools.cache
 def projected_target_of(distortion: bool) -> wp.Function:
     """The function that begins a target's observation: where it is seen."""
@@ -95,8 +107,8 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
     @wp.kernel(module="unique", enable_backward=False)
     def observe_targets_kernel(
         # in
-        view_time_s: wp.array[wp.float64],  # (n_view,)
-        views: wp.array[View],  # (n_view,)
+        view_time_s: wp.array[wp.float64],  # (n_view,); of each target's row, (n_view * n_target,), where rows differ
+        views: wp.array[View],  # alike
         tracks: Tracks,
         bodies: Bodies,
         camera: Camera,
@@ -109,8 +121,11 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
     ):
         """Geometry and light of every (view, target); the threads of a view take its targets in turn."""
         view, thread = wp.tid()
-        time_s = view_time_s[view]
-        camera_at = views[view]
+        own = view
+        if wp.static(features.rolling):
+            own = view * threads_per_view + thread  # of the thread's only target
+        time_s = view_time_s[own]
+        camera_at = views[own]
         earth_m_s = linear_vector(tracks.earth_velocity_m_s, time_s, tracks.grid)
         observer = observer_of(time_s, tracks.grid, camera_at.position_m, earth_m_s, camera_at.velocity_m_s)
         sun_m = linear_vector(bodies.surroundings.sun_m, time_s, tracks.grid)
@@ -120,6 +135,8 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
             body = tracks.first_target + number
             path = path_from_target(tracks, body, observer)
             seen = projected_target(camera, camera_at.axes, observer, path, bodies)
+            if wp.static(features.rolling):
+                seen = in_its_row(seen, camera, sources.xy_px[view, number])
             motion = RelativeMotion()
             if wp.static(features.profile):
                 motion.vector_m = path.vector_m

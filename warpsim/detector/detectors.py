@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from warpsim.config.fields import FileName, Integer, NonNegative, Positive, Switch, closed_interval
+from warpsim.config.fields import FileName, Integer, NonNegative, Number, Positive, Switch, closed_interval
 from warpsim.config.model import config_model
 from warpsim.detector.artifacts import Flicker, RadiationHits, check_artifacts
 from warpsim.errors import InputError
@@ -26,6 +27,10 @@ PositiveExposure = Annotated[Positive, closed_interval(0, 10)]
 """Length of an exposure [s]."""
 Diffusion = Annotated[NonNegative, closed_interval(0, 10)]
 """Standard deviation of how far charge spreads, along rows as along columns [pixel widths]."""
+LineTime = Annotated[Number, closed_interval(-1, 1)]
+"""From the mid-exposure of a row to that of the next [s]; 0: all rows at once."""
+Stages = Annotated[Integer, closed_interval(0, 100_000)]
+"""Of time delay and integration; 0: none."""
 
 
 def _check_maps(detector: Any, instead_of: tuple[str, ...]) -> None:
@@ -33,6 +38,18 @@ def _check_maps(detector: Any, instead_of: tuple[str, ...]) -> None:
     for name in instead_of:
         if detector.maps_file is not None and getattr(detector, name) > 0.0:
             raise InputError("must be left out with maps_file, which has it for every pixel", name)
+
+
+def _check_rows(detector: Any) -> None:
+    """Raise where rows that are exposed one after the other do not fit the exposure."""
+    line_s, stages, exposure_s = abs(detector.line_time_s), detector.tdi_stages, detector.exposure_s
+    if line_s > 0.0 and not detector.streaks:
+        raise InputError("must be true with line_time_s, which moves light over the image", "streaks", False)
+    if stages and line_s == 0.0:
+        raise InputError("needs line_time_s, the time of a stage", "tdi_stages", stages)
+    if stages and not math.isclose(exposure_s, stages * line_s, rel_tol=1e-9):
+        rule = f"must be tdi_stages * |line_time_s| ({stages * line_s:g})"
+        raise InputError(rule, "exposure_s", exposure_s, ".12g")
 
 
 @config_model
@@ -63,6 +80,10 @@ class NeiDetector:
             dead_fraction and hot_fraction, as `ws.calibrate` writes it; "{sensor}" in it stands for each one's name.
         hits: Radiation hits; none when left out.
         flicker: Flickering pixels; none when left out.
+        line_time_s: Time from the mid-exposure of a row to that of the next [s], negative where the bottom row is the
+            first; the frame's time is that of the array's middle. 0 exposes all rows at once.
+        tdi_stages: Stages of time delay and integration, each of |line_time_s|, whose sum is the exposure: the image is
+            a strip, along which charge moves in step with the scene. 0 is none.
     """
 
     nei_w_cm2: PositiveByBand
@@ -82,12 +103,15 @@ class NeiDetector:
     maps_file: FileName | None = None
     hits: RadiationHits | None = None
     flicker: Flicker | None = None
+    line_time_s: LineTime = 0.0
+    tdi_stages: Stages = 0
     kind: Literal["nei"] = Field(default="nei", kw_only=True)
 
     @model_validator(mode="after")
     def _ordered(self) -> NeiDetector:
         _check_maps(self, ("prnu", "dsnu_nei", "dead_fraction", "hot_fraction"))
         check_artifacts(self)
+        _check_rows(self)
         for band in named_bands(self.nei_w_cm2, self.sei_w_cm2) or [""]:
             nei, sei = in_band(self.nei_w_cm2, band), in_band(self.sei_w_cm2, band)
             if nei is not None and sei is not None and sei <= nei:
@@ -148,6 +172,10 @@ class ElectronDetector:
             one's name. dark_e_s is that of the mean pixel.
         hits: Radiation hits; none when left out.
         flicker: Flickering pixels; none when left out.
+        line_time_s: Time from the mid-exposure of a row to that of the next [s], negative where the bottom row is the
+            first; the frame's time is that of the array's middle. 0 exposes all rows at once.
+        tdi_stages: Stages of time delay and integration, each of |line_time_s|, whose sum is the exposure: the image is
+            a strip, along which charge moves in step with the scene. 0 is none.
     """
 
     exposure_s: PositiveExposure
@@ -175,12 +203,15 @@ class ElectronDetector:
     maps_file: FileName | None = None
     hits: RadiationHits | None = None
     flicker: Flicker | None = None
+    line_time_s: LineTime = 0.0
+    tdi_stages: Stages = 0
     kind: Literal["electron"] = Field(default="electron", kw_only=True)
 
     @model_validator(mode="after")
     def _complete(self) -> ElectronDetector:
         _check_maps(self, ("prnu", "dsnu", "dead_fraction", "hot_fraction"))
         check_artifacts(self)
+        _check_rows(self)
         if (self.optics_temperature_k is None) != (self.optics_emissivity == 0.0):
             raise InputError("must be given together", "optics_temperature_k, optics_emissivity")
         if self.offset_counts >= 2**self.bits:
@@ -218,6 +249,8 @@ TERMS: dict[str, tuple[str, str, float | None]] = {
     "maps_file": ("MAPSFILE", "maps of {}", None),
     "hits": ("HITS", "radiation hits, {}", None),
     "flicker": ("FLICKER", "flickering pixels, {}", None),
+    "line_time_s": ("LINETIME", "{:g} s from row to row", 0.0),
+    "tdi_stages": ("TDI", "{} stages of TDI", 0),
 }
 """What may differ from the plain chain of a detector, by field: FITS keyword, words, value in the plain chain."""
 

@@ -66,7 +66,9 @@ def read_maps(
 
 def check_maps_files(file: str | None, sensors: Sequence[str]) -> None:
     """Check that each of some sensors has its file of maps; InputError otherwise."""
-    for sensor in [] if file is None or PLACE not in file else sensors:
+    if file is None or PLACE not in file:
+        return
+    for sensor in sensors:
         if not (path := maps_path(file, sensor)).is_file():
             raise InputError(f"must be a file that exists for {sensor}", "detector.maps_file", str(path))
 

@@ -29,6 +29,8 @@ from warpsim.scene.target_access import target_margins
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.star_counts import complete_to
 
+LARGEST_SHIFT_PX = 0.1
+"""From row to row of a source's image, beyond which a report warns."""
 MOST_TARGETS_LOOKED_AT = 50
 """Targets that are asked why a sensor has no access, spread over those that access counts by."""
 
@@ -244,16 +246,29 @@ def _converter_notes(detector: NeiDetector, all_levels: Mapping[str, Levels]) ->
 def _light_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> list[str]:
     """Terms of the targets' light, and the quadrature over an exposure."""
     lines = [f"  light      {name}: {term.reason}" for name, term in instrument.light_terms.items()]
-    exposure_s = instrument.sensor.detector.exposure_s
+    sensor, exposure_s = instrument.sensor, instrument.sensor.detector.exposure_s
+    views = frames_of if any(frames_of.values()) else _every_frame(instrument)
+
+    def moved(span_s: float) -> tuple[float, float]:
+        return longest_streaks_px(instrument, scenario.tracks, views, scenario.scene.duration_s, span_s)
+
     if exposure_s > 0:
         rule = instrument.exposure_rule
         instants = counted(len(rule.weight), "instant")
         lines.append(f"  exposure   {exposure_s:g} s at {instants}, error {rule.error:.0e}")
-    if instrument.sensor.streaks:
-        views = frames_of if any(frames_of.values()) else _every_frame(instrument)
-        stars_px, targets_px = longest_streaks_px(instrument, scenario.tracks, views, scenario.scene.duration_s)
+    if sensor.streaks and exposure_s > 0:
+        stars_px, targets_px = moved(exposure_s)
         targets = f"targets up to {targets_px:.2g} px" if targets_px else "no target"
         lines.append(f"  streaks    stars up to {stars_px:.2g} px, {targets}, in the field of view")
+    if sensor.rolls:
+        line_s = abs(sensor.detector.line_time_s)
+        stars_px, targets_px = (px * line_s / sensor.window_s for px in moved(sensor.window_s))
+        lines.append(
+            f"  read-out   {sensor.camera.n_row * line_s:g} s for all rows; from row to row stars move up to "
+            f"{stars_px:.2g} px, targets up to {targets_px:.2g} px"
+        )
+        if max(stars_px, targets_px) > LARGEST_SHIFT_PX:
+            lines.append("  warning    images of sources are drawn as of one time: their rows are off by such a shift")
     return lines
 
 

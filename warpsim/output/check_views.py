@@ -153,15 +153,15 @@ def sun_in_field(camera: Camera, tracks: Tracks, at: SatelliteState, axes: F64) 
 
 
 def longest_streaks_px(
-    instrument: Instrument, tracks: Tracks, frames_of: Mapping[str, Sequence[int]], duration_s: float
+    instrument: Instrument, tracks: Tracks, frames_of: Mapping[str, Sequence[int]], duration_s: float, span_s: float
 ) -> tuple[float, float]:
-    """Return the longest streaks of a star and of a target during an exposure [px]; 0 where there is none.
+    """Return the longest streaks of a star and of a target during a span about frames' times [px]; 0 for none.
 
-    Between the ends of the exposure, in straight lines, without errors of pointing. Stars are looked at in the middle,
+    Between the ends of the span, in straight lines, without errors of pointing. Stars are looked at in the middle,
     on the edges and in the corners of the frame, targets where they are in the frame.
     """
     longest = np.zeros(2)
-    half_s = 0.5 * instrument.sensor.detector.exposure_s
+    half_s = 0.5 * span_s
     for sensor, time_s in _spread(instrument, frames_of, MOST_VIEWS_OF_STREAKS):
         ends = []
         for offset_s in (-half_s, half_s):

@@ -53,6 +53,8 @@ class Columns:
     """Change of their brightness: Legendre coefficients over the mean, (n_view, n_band, n_target, n_profile)."""
     background_w_cm2: wp.array | None = None
     """Background in a target's pixel, (n_view, n_band, n_target); None where there is none."""
+    row_time_s: wp.array | None = None
+    """Mid-exposure of a target's row after the frame's time, (n_view, n_target); None where rows do not differ."""
 
     @property
     def arrays(self) -> tuple[wp.array, ...]:
@@ -118,6 +120,11 @@ class HostColumns:
     def background_w_cm2(self) -> npt.NDArray[np.float32] | None:
         """Background in a target's pixel, (n_view, n_band, n_target); None where there is none."""
         return None if self.columns.background_w_cm2 is None else to_numpy(self.columns.background_w_cm2)
+
+    @cached_property
+    def row_time_s(self) -> npt.NDArray[np.float64] | None:
+        """Mid-exposure of a target's row after the frame's time, (n_view, n_target); None where rows do not differ."""
+        return None if self.columns.row_time_s is None else to_numpy(self.columns.row_time_s)
 
 
 @dataclass(frozen=True)
@@ -199,6 +206,8 @@ def _column_kinds(scene: DeviceBodies, n_view: int) -> dict[str, tuple[tuple[int
         kinds["brightness"] = (n_view, n_band, n_target, scene.field.n_profile), wp.float32
     if isinstance(scene, DeviceScene) and scene.background is not None:
         kinds["background_w_cm2"] = light
+    if scene.streaks.rolls:
+        kinds["row_time_s"] = (n_view, n_target), wp.float64
     return kinds
 
 

@@ -108,6 +108,42 @@ def new_exposure(device: wp.Device, offset_s: npt.NDArray[np.float64], n_view: i
     )
 
 
+@dataclass(frozen=True)
+class RowViews:
+    """The targets' own views, each at the time of its row, and paths of sources over the times of all rows."""
+
+    sources: Any
+    """The kernels' Sources, whose series alone is of its own."""
+    time_s: wp.array
+    """After the epoch, (n_view, n_target), one where there is no target; the others are of the same shape."""
+    middle_s: wp.array
+    """The frame's time."""
+    sensor: wp.array
+    views: wp.array
+    """View records."""
+
+    @property
+    def arrays(self) -> list[wp.array]:
+        """Arrays that take memory."""
+        return [self.sources.offset_px, self.time_s, self.middle_s, self.sensor, self.views]
+
+
+def new_row_views(scene: DeviceBodies, sources: Any) -> RowViews:
+    """Return room for what rows of their own times take, beside sources."""
+    device, shape = scene.device, (len(sources.n_source), max(scene.n_target, 1))
+    window: Any = Sources()
+    for name in SOURCE_ARRAYS:
+        setattr(window, name, getattr(sources, name))
+    window.offset_px = wp.empty(sources.offset_px.shape, dtype=wp.vec2, device=device)
+    return RowViews(
+        window,
+        wp.zeros(shape, dtype=wp.float64, device=device),
+        wp.zeros(shape, dtype=wp.float64, device=device),
+        wp.zeros(shape, dtype=wp.uint32, device=device),
+        wp.zeros(shape, dtype=View, device=device),
+    )
+
+
 def new_sources(scene: DeviceBodies, n_view: int, n_slot: int) -> Any:
     """Return uninitialised source lists of n_view views, as the kernels' struct."""
     device, n_path = scene.device, scene.streaks.n_path

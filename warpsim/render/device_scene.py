@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
+from warpsim_kernels.rolling import Roll
 from warpsim_kernels.trace import Instants
 
 from warpsim.legendre import gauss_legendre, series_matrix
@@ -18,6 +19,7 @@ from warpsim.render.read_out import ReadOut
 from warpsim.render.stars import SceneStars
 from warpsim.render.target_field import TargetField
 from warpsim.scene.instrument import Instrument
+from warpsim.scene.sensors import Sensor
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,13 @@ class Streaks:
     """The instants, from the middle of the exposure [s], (n_path,)."""
     instants: Any
     """The same for the kernels."""
+    roll: Any | None = None
+    """The kernels' Roll, of a detector that is read row by row: the instants are then those of all rows."""
+
+    @property
+    def rolls(self) -> bool:
+        """Whether sources have the times of their rows."""
+        return self.roll is not None
 
     @property
     def enabled(self) -> bool:
@@ -86,12 +95,25 @@ def no_streaks() -> Streaks:
     return Streaks(0, 0.0, np.zeros(0), Instants())
 
 
-def streaks_at(n_path: int, exposure_s: float, device: wp.Device, error_px: float = 0.0) -> Streaks:
-    """Streaks with positions at the nodes of a Gauss-Legendre rule."""
+def streaks_at(n_path: int, span_s: float, device: wp.Device, error_px: float = 0.0) -> Streaks:
+    """Streaks with positions at the nodes of a Gauss-Legendre rule over a span about the frame's time [s]."""
     instants: Any = Instants()
     instants.n_path = n_path
     instants.series = wp.array(series_matrix(n_path), dtype=wp.float64, device=device)
-    return Streaks(n_path, error_px, 0.5 * exposure_s * gauss_legendre(n_path)[0], instants)
+    return Streaks(n_path, error_px, 0.5 * span_s * gauss_legendre(n_path)[0], instants)
+
+
+def make_roll(sensor: Sensor, instants: Any, device: wp.Device) -> Any:
+    """Return the rows' times of a sensor, paths through whose window are series at instants, as the kernels' Roll."""
+    detector, n_row = sensor.detector, sensor.camera.n_row
+    roll: Any = Roll()
+    roll.line_time_s, roll.middle_row = detector.line_time_s, 0.5 * (n_row - 1)
+    roll.half_rows_s = 0.5 * n_row * abs(detector.line_time_s)
+    roll.half_exposure_s, roll.half_window_s = 0.5 * detector.exposure_s, 0.5 * sensor.window_s
+    roll.smear_px = -0.5 * np.sign(detector.line_time_s) if detector.tdi_stages else 0.0
+    roll.node = wp.array(gauss_legendre(instants.n_path)[0], dtype=wp.float64, device=device)
+    roll.instants = instants
+    return roll
 
 
 def moved(offset_px: npt.NDArray[Any]) -> npt.NDArray[np.float64]:

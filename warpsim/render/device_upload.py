@@ -28,7 +28,7 @@ from warpsim.render.batch import new_inputs
 from warpsim.render.buffers import new_exposure
 from warpsim.render.device import kernel_loading
 from warpsim.render.device_artifacts import make_artifacts
-from warpsim.render.device_scene import DeviceBodies, DeviceScene, Streaks, no_streaks, streaks_at
+from warpsim.render.device_scene import DeviceBodies, DeviceScene, Streaks, make_roll, no_streaks, streaks_at
 from warpsim.render.pointing_arrays import make_pointing
 from warpsim.render.read_out import make_read_out
 from warpsim.render.stages import aim, image_kernels, trace
@@ -174,16 +174,18 @@ def choose_streaks(duration_s: float, scene: DeviceBodies) -> Streaks:
     A rule is judged by the next finer one, on frames and sensors spread over the scene: with their own axes, so that
     whatever turns the camera counts, its jitter too.
     """
-    instrument = scene.instrument
-    camera, exposure_s = instrument.sensor.camera, instrument.sensor.detector.exposure_s
+    instrument, sensor_kind = scene.instrument, scene.instrument.sensor
+    camera, span_s = sensor_kind.camera, sensor_kind.window_s
     time_s, sensor = _sample(instrument, duration_s)
-    rules = [streaks_at(count, exposure_s, scene.device) for count in NODE_COUNTS]
+    rules = [streaks_at(count, span_s, scene.device) for count in NODE_COUNTS]
     paths = (_paths_px(camera, scene, rule, time_s, sensor) for rule in rules)
     for count, (one, other) in zip(NODE_COUNTS, pairwise(paths), strict=False):
         error_px = _largest_shift_px(camera, one, other)
-        streaks = streaks_at(count, exposure_s, scene.device, error_px)
+        streaks = streaks_at(count, span_s, scene.device, error_px)
         if error_px <= PATH_ERROR_PX:
             break
+    if sensor_kind.rolls:
+        streaks = dataclasses.replace(streaks, roll=make_roll(sensor_kind, streaks.instants, scene.device))
     return streaks
 
 

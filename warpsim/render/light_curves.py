@@ -124,6 +124,8 @@ def light_curves(
 ) -> LightCurves:
     """Return brightness of targets as sensors of one kind see them, at any times, as in the truth of frames then.
 
+    Of a detector with line_time_s too, all targets are as at the time itself, not at those of their rows.
+
     Args:
         scene: The scene, or its scenario.
         time_s: Times after the epoch [s], within the scene; those of its frames when left out.

@@ -16,6 +16,7 @@ from warpsim.render.buffers import (
     new_area_series,
     new_background_nodes,
     new_exposure,
+    new_row_views,
     new_signal,
     new_sources,
     new_spots,
@@ -25,19 +26,16 @@ from warpsim.render.device_scene import DeviceScene, moved
 from warpsim.render.pool import release_later
 from warpsim.render.schedule import images_at_a_time
 from warpsim.render.stages import (
-    aim,
     artifacts,
     background,
     counts_for,
     deposit,
     deposit_read_out,
     find_spots,
-    gather_stars,
     is_read_out_at_once,
-    observe_targets,
     read_out,
     read_out_into,
-    trace,
+    view_stages,
 )
 
 
@@ -134,6 +132,7 @@ class Pipeline:
             wp.empty((n_view, *image), dtype=wp.uint16, device=device) if to_host and device.is_cuda else None
         )
         self._stand_in = wp.empty((1, *image), dtype=wp.uint16, device=device)  # until a batch brings its own
+        self._rows = new_row_views(scene, self.sources) if streaks.rolls else None
         self.stream = wp.Stream(device) if device.is_cuda else None
         self._view_stages = self._bound_to_views()
         self._at_once: Stage | None = None
@@ -146,15 +145,7 @@ class Pipeline:
 
     def _bound_to_views(self) -> list[Stage]:
         scene, inputs, columns, sources = self.scene, self._inputs, self.columns, self.sources
-        streaks, exposure = scene.streaks, self._exposure
-        stages = [
-            aim(scene, inputs, columns.views, exposure),
-            observe_targets(scene, inputs, columns, sources, self._series),
-            gather_stars(scene, inputs, columns.views, sources),
-        ]
-        if exposure is not None:
-            stages.append(trace(scene, streaks, exposure, sources, columns.offset_px))
-        return stages
+        return view_stages(scene, inputs, columns, sources, self._series, self._exposure, self._rows)
 
     @property
     def n_byte(self) -> int:
@@ -167,6 +158,8 @@ class Pipeline:
             arrays += self._images.signal.arrays
         if self._exposure is not None:
             arrays += vars(self._exposure).values()
+        if self._rows is not None:
+            arrays += self._rows.arrays
         if self._counts is not None:
             arrays.append(self._counts)
         return bytes_of(arrays)

@@ -85,7 +85,7 @@ def most_views(scene: DeviceScene, n_slot: int, chunk_bytes: int | None = None, 
     if is_read_out_at_once(scene):
         slot_bytes += scene.n_band * wp.types.type_size_in_bytes(scene.psf.spots.Spot)
     if scene.streaks.enabled:
-        slot_bytes += 24 + 8 * scene.streaks.n_path  # direction, movement
+        slot_bytes += 24 + 8 * scene.streaks.n_path * (1 + scene.streaks.rolls)  # direction, movement
     series_bytes = 8 * N_TERM * scene.field.n_profile * scene.n_target
     view_bytes = slot_bytes * n_slot + series_bytes + column_bytes(scene)
     n_pixel = n_pixel_of(scene)

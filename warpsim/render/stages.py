@@ -1,8 +1,10 @@
 """The stages of a frame: each function returns the launches of one, over arrays that are there.
 
-aim -> observe_targets -> gather_stars -> trace -> deposit -> artifacts -> read_out. Where the threads of a block share
-memory, and nothing moves during the exposure nor adds charge, find_spots -> deposit_read_out stand for the last three.
-A stage launches, and does nothing else: it allocates nothing and never waits.
+aim -> observe_targets -> gather_stars -> trace -> deposit -> artifacts -> read_out. Of a detector that is read row by
+row, light is found at the rows' times: aim -> gather_stars -> locate_targets -> trace -> roll -> observe_targets. Where
+the threads of a block share memory, and nothing moves during the exposure nor adds charge, find_spots ->
+deposit_read_out stand for the last three. A stage launches, and does nothing else: it allocates nothing and never
+waits.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from warpsim_kernels.background import add_image_kernel, image_of_targets_kernel
 from warpsim_kernels.canvas import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK
 from warpsim_kernels.deposit_read_out import RUN_PIXELS, make_deposit_read_out_kernel
 from warpsim_kernels.emission import make_split_kernel
+from warpsim_kernels.rolling import make_locate_targets_kernel, roll_stars_kernel, roll_targets_kernel
 from warpsim_kernels.spots import make_find_spots_kernel
 from warpsim_kernels.trace import (
     make_reach_kernel,
@@ -28,7 +31,7 @@ from warpsim.detector.artifacts import has_artifacts
 from warpsim.launches import THREADS_PER_BLOCK_CUDA, Launch, Stage
 from warpsim.optics.psf_bank import PsfBank, paths_struct
 from warpsim.render.batch import Columns, Inputs
-from warpsim.render.buffers import BackgroundNodes, ExposureViews, Signal
+from warpsim.render.buffers import BackgroundNodes, ExposureViews, RowViews, Signal
 from warpsim.render.device import rows_per_block
 from warpsim.render.device_artifacts import FLICKER, HIT, DeviceArtifacts
 from warpsim.render.device_scene import Streaks
@@ -42,6 +45,27 @@ TILE_THREADS_CUDA = N_PAIR
 
 RUN_THREADS = 256
 """Threads that draw and read out a run of pixels: two blocks of them fit the registers of a multiprocessor of sm_90."""
+
+
+def view_stages(
+    scene: DeviceScene,
+    inputs: Inputs,
+    columns: Columns,
+    sources: Any,
+    area_series: wp.array,
+    exposure: ExposureViews | None,
+    rows: RowViews | None,
+) -> list[Stage]:
+    """Return the stages that find the sources of views; `exposure` where light moves, `rows` where rows differ."""
+    first, stars = aim(scene, inputs, columns.views, exposure), gather_stars(scene, inputs, columns.views, sources)
+    targets = observe_targets(scene, inputs, columns, sources, area_series, rows)
+    if exposure is None:
+        return [first, targets, stars]
+    if rows is None:
+        return [first, targets, stars, trace(scene, scene.streaks, exposure, sources, columns.offset_px)]
+    paths = trace(scene, scene.streaks, exposure, rows.sources, columns.offset_px)
+    found = roll(scene, inputs, columns, sources, rows)
+    return [first, stars, locate_targets(scene, exposure, sources), paths, found, targets]
 
 
 def aim(scene: DeviceBodies, inputs: Inputs, views: wp.array, exposure: ExposureViews | None = None) -> Stage:
@@ -74,15 +98,23 @@ def _aim(scene: DeviceBodies, time_s: wp.array, middle_s: wp.array, sensor: wp.a
 
 
 def observe_targets(
-    scene: DeviceBodies, inputs: Inputs, columns: Columns, sources: Any, area_series: wp.array
+    scene: DeviceBodies,
+    inputs: Inputs,
+    columns: Columns,
+    sources: Any,
+    area_series: wp.array,
+    rows: RowViews | None = None,
 ) -> Stage:
-    """Observe each target, and fill the first source slots: its position and light."""
+    """Observe each target, at its row's time where that has one, and fill the first source slots."""
     field, n_view = scene.field, len(columns.views)
+    time_s, views = inputs.time_s, columns.views
+    if rows is not None:
+        time_s, views = rows.time_s.flatten(), rows.views.flatten()
     launches = [
         Launch(
             field.observe_kernel,
             (n_view, field.threads_per_view),
-            [inputs.time_s, columns.views, scene.tracks, field.bodies, scene.camera, field.threads_per_view],
+            [time_s, views, scene.tracks, field.bodies, scene.camera, field.threads_per_view],
             [sources, columns.observations, columns.irradiance_w_cm2, area_series],
             scene.device,
         )
@@ -141,6 +173,38 @@ def trace(
         ),
     ]
     return Stage("trace", n_view, launches)
+
+
+def locate_targets(scene: DeviceBodies, exposure: ExposureViews, sources: Any) -> Stage:
+    """Positions of the targets at the frame's time: of detectors read row by row, where light is found later."""
+    kernel, n_view = make_locate_targets_kernel(scene.field.features.distortion), len(sources.n_source)
+    reads = [exposure.time_s, exposure.views, scene.tracks, scene.camera]
+    launch = Launch(kernel, (n_view, scene.n_target), reads, [sources], scene.device)
+    return Stage("locate_targets", n_view, [launch])
+
+
+def roll(scene: DeviceBodies, inputs: Inputs, columns: Columns, sources: Any, rows: RowViews) -> Stage:
+    """Sources at the times of their rows, of paths over those of all rows; and the targets' own views then."""
+    n_view, n_slot = sources.xy_px.shape
+    row_roll, window_px = scene.streaks.roll, rows.sources.offset_px
+    launches = [
+        Launch(
+            roll_targets_kernel,
+            (n_view, scene.n_target),
+            [inputs.time_s, inputs.sensor, row_roll, window_px],
+            [sources, columns.offset_px, columns.row_time_s, rows.time_s, rows.middle_s, rows.sensor],
+            scene.device,
+        ),
+        Launch(
+            roll_stars_kernel,
+            (n_view, n_slot - scene.n_target),
+            [row_roll, window_px, scene.n_target],
+            [sources],
+            scene.device,
+        ),
+        _aim(scene, rows.time_s, rows.middle_s, rows.sensor, rows.views),
+    ]
+    return Stage("roll", n_view, launches)
 
 
 def background(

@@ -50,7 +50,7 @@ class TargetField:
     n_profile: int
     """Coefficients of each target's brightness over the exposure; 0 where nothing asks for them."""
     threads_per_view: int
-    """On the CPU one, which finds once what a view's targets have in common."""
+    """On the CPU one, which finds once what a view's targets have in common, unless each has a time of its own."""
     observe_kernel: wp.Kernel
     profile_kernel: wp.Kernel | None
 
@@ -69,7 +69,7 @@ def make_target_field(
     lighting = scenario.scene.lighting
     degree = _albedo_degree(lighting, terms["albedo"], limb_sine)
     spectral = list(dict.fromkeys(target.spec.surface for target in targets if target.spec.surface.is_spectral))
-    streaks = instrument.sensor.streaks
+    streaks, rolling = instrument.sensor.streaks, with_profiles and instrument.sensor.rolls
     features = Features(
         attitude_tables=any(count for _, count in attitude_spans),
         meshes=any(facets.count),
@@ -77,6 +77,7 @@ def make_target_field(
         profile=with_profiles and streaks,
         distortion=instrument.sensor.camera.lens is not None,
         spectral=bool(spectral),
+        rolling=rolling,
         **{name: term.kept for name, term in terms.items()},
     )
     exposure = _exposure(instrument.exposure_rule, device)
@@ -94,7 +95,7 @@ def make_target_field(
         lighting.sun and terms["sun"].bound_nei == 0.0,
         bodies,
         int(exposure.weight.shape[0]) if features.profile else 0,
-        max(len(targets), 1) if device.is_cuda else 1,
+        max(len(targets), 1) if device.is_cuda or rolling else 1,
         make_observe_targets_kernel(features),
         make_profile_kernel(features) if features.profile else None,
     )

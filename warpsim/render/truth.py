@@ -55,12 +55,13 @@ def truth_table(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> Tab
     Columns: frame, time_s, sensor, band, target, class; access (the sensor may observe this target), in_fov, occulted,
     not_deployed (still with its main target), absent (before or after it exists: the row knows nothing else); x_px and
     y_px in the middle of the exposure (NaN behind the camera and for absent targets), dx_px and dy_px from its start to
-    its end (0 where streaks are off), range_km, aspect_deg, projected_area_m2 (mean over the exposure), temperature_k,
-    sunlit_fraction; irradiance_w_cm2 at the pupil (0 when occulted, not deployed or absent) and what it is the sum of,
-    emitted_w_cm2, sun_w_cm2, earth_w_cm2 and albedo_w_cm2 (0 where the scene leaves a term out); snr = irradiance /
-    NEI, snr_peak (of the target's own pixel), left_out_w_cm2 (light beyond the stamp). With a background also
-    background_w_cm2, what it adds to the target's pixel, noise_nei, the noise of a pixel with it, and earth_behind,
-    whether the line of sight meets the Earth behind the target; NaN and false far outside the frame.
+    its end (0 where streaks are off), row_time_s (with line_time_s alone: mid-exposure of its row after the frame's
+    time, when all but access is as the row says), range_km, aspect_deg, projected_area_m2 (mean over the exposure),
+    temperature_k, sunlit_fraction; irradiance_w_cm2 at the pupil (0 when occulted, not deployed or absent) and what it
+    is the sum of, emitted_w_cm2, sun_w_cm2, earth_w_cm2 and albedo_w_cm2 (0 where the scene leaves a term out); snr =
+    irradiance / NEI, snr_peak (of the target's own pixel), left_out_w_cm2 (light beyond the stamp). With a background
+    also background_w_cm2, what it adds to the target's pixel, noise_nei, the noise of a pixel with it, and
+    earth_behind, whether the line of sight meets the Earth behind the target; NaN and false far outside the frame.
     """
     from astropy.table import Table
 
@@ -95,8 +96,8 @@ def truth_table(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> Tab
 
 
 _UNITS = {
-    "time_s": "s", "x_px": "pix", "y_px": "pix", "dx_px": "pix", "dy_px": "pix", "range_km": "km", "aspect_deg": "deg",
-    "projected_area_m2": "m2", "temperature_k": "K",
+    "time_s": "s", "row_time_s": "s", "x_px": "pix", "y_px": "pix", "dx_px": "pix", "dy_px": "pix", "range_km": "km",
+    "aspect_deg": "deg", "projected_area_m2": "m2", "temperature_k": "K",
 }  # fmt: skip
 
 
@@ -125,11 +126,13 @@ def _geometry(scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np
         return np.where(mask, np.asarray(values, dtype=np.float64), np.nan)
 
     xy_px, moved_px = observed["xy_px"], moved(seen.offset_px)
+    row_time = {} if seen.row_time_s is None else {"row_time_s": known(seen.row_time_s, in_front)}
     return {
         "x_px": known(xy_px[..., 0], in_front),
         "y_px": known(xy_px[..., 1], in_front),
         "dx_px": known(moved_px[..., 0], in_front),
         "dy_px": known(moved_px[..., 1], in_front),
+        **row_time,
         "range_km": known(observed["range_m"] / 1e3),
         "aspect_deg": known(np.degrees(observed["aspect_rad"])),
         "projected_area_m2": known(observed["area_m2"]),

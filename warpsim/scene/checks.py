@@ -73,6 +73,10 @@ def check_sensors(constellation: AnyConstellation, sensors: Sequence[Sensor], fr
             if own.count > 1 and exposure_s > own.interval_s:
                 rule = f"must be at most frames.interval_s ({own.interval_s:g})"
                 raise InputError(rule, "detector.exposure_s", exposure_s, "g")
+            line_s, n_row = sensor.detector.line_time_s, sensor.camera.n_row
+            if own.count > 1 and n_row * abs(line_s) > own.interval_s * (1.0 + 1e-9):
+                rule = f"must read all {n_row} rows within frames.interval_s ({own.interval_s:g})"
+                raise InputError(rule, "detector.line_time_s", line_s, "g")
             if satellites is not None:
                 check_satellites(sensor, satellites)
         names.add(sensor.name)

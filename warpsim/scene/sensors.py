@@ -20,6 +20,8 @@ from warpsim.scene.short_form import with_paths
 
 LARGEST_VIEW = 2**29
 """Pixels of one sensor's image in all bands: array strides are 32-bit numbers of bytes."""
+LONGEST_READ_OUT_S = 10.0
+"""As of an exposure: orbits are known somewhat beyond the scene's ends."""
 
 
 @config_model
@@ -77,6 +79,10 @@ class Sensor:
         n_value = self.camera.n_row * self.camera.n_col * len(self.bands)
         if n_value >= LARGEST_VIEW:
             raise InputError("n_row * n_col * number of bands must be below 2**29", "camera", n_value)
+        line_s = self.detector.line_time_s
+        if self.camera.n_row * abs(line_s) > LONGEST_READ_OUT_S:
+            rule = f"must read all {self.camera.n_row} rows within {LONGEST_READ_OUT_S:g} s"
+            raise InputError(rule, "detector.line_time_s", line_s, "g")
         if not self.pointing:
             raise InputError("must hold at least one", "pointing")
         return self
@@ -84,7 +90,17 @@ class Sensor:
     @property
     def streaks(self) -> bool:
         """Return whether light moves over the image during the exposure."""
-        return self.detector.streaks and self.detector.exposure_s > 0.0
+        return self.detector.streaks and self.window_s > 0.0
+
+    @property
+    def rolls(self) -> bool:
+        """Return whether rows are exposed one after the other."""
+        return self.detector.line_time_s != 0.0
+
+    @property
+    def window_s(self) -> float:
+        """Return how long light is collected for a frame [s]: from its first row's exposure to its last one's."""
+        return self.detector.exposure_s + self.camera.n_row * abs(self.detector.line_time_s)
 
 
 def sensor_instances(sensors: Sequence[Sensor], satellites: Sequence[str]) -> list[list[tuple[str, int]]]:
