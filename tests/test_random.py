@@ -1,5 +1,7 @@
 """Random words, normal deviates and Poisson deviates of kernels: published vectors, moments, tails, collisions."""
 
+import importlib
+
 import numpy as np
 import pytest
 import warp as wp
@@ -416,3 +418,14 @@ def test_expansion_never_goes_below_zero_and_is_finite(device):
     for mean in (THRESHOLD, 14.0, 1e3, 4e9):
         counts = poisson_counts(expanded_kernel, device, mean, w, wp.float32)
         assert np.isfinite(counts).all() and counts.min() >= 0
+
+
+def test_streams_of_random_numbers_are_different():
+    """Those that modules define or import, by name."""
+    modules = [
+        importlib.import_module(f"warpsim_kernels.{name}") for name in ("pixel_pairs", "pointing_errors", "artifacts")
+    ]
+    streams = {
+        name: int(value) for module in modules for name, value in vars(module).items() if name.startswith("STREAM_")
+    }
+    assert len(set(streams.values())) == len(streams) == 12

@@ -39,7 +39,7 @@ from warpsim_kernels.random_numbers import (
     stream_key,
 )
 
-# Streams of random numbers, from 1 on; those of pointing errors (2, 10) are in pointing_errors.py.
+# Streams of random numbers, from 1 on; those of pointing errors (2, 10) and of artifacts (11 to 13) are beside them.
 STREAM_NOISE = wp.constant(wp.uint32(1))
 """Noise of each frame, in electrons the shot noise."""
 STREAM_READ_NOISE = wp.constant(wp.uint32(3))
