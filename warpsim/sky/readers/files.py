@@ -37,7 +37,9 @@ def catalog_files(path: FileNames, region: Sequence[Cone] = ()) -> list[Path]:
         return [folder]
     if is_hats(folder):
         hats = HatsFolder(folder)
-        return [tile.path for tile in (hats.near(region) if region else hats.tiles)]
+        # Where no tile is near, the first one tells the columns of no stars.
+        tiles = (hats.near(region) or hats.tiles[:1]) if region else hats.tiles
+        return [tile.path for tile in tiles]
     files = sorted(file for file in folder.iterdir() if file.is_file() and _is_table(file))
     if not files:
         raise InputError(f"must hold files of stars ({', '.join(SUFFIXES)}), or be a HATS folder").of(where)
