@@ -1,14 +1,17 @@
 """HATS folders that lack something, or say something else than they hold: one line each, and no stars silently gone."""
 
 import shutil
+import warnings
 
+import numpy as np
 import pytest
 from astropy.table import Table
-from test_catalog_size import write_hats, write_parquet
+from test_catalog_size import parquet, write_hats, write_parquet
 from test_star_tiles import stars
 
 import warpsim as ws
 from warpsim.output.check import scene_report
+from warpsim.sky.hats import HatsFolder
 
 N_STAR = 600
 FAR = (200.0, -80.0, 1.0)
@@ -79,3 +82,139 @@ def test_a_list_with_a_catalog_that_the_region_misses(folder, tmp_path):
     other.write(tmp_path / "x.ecsv")
     for path in ([only_one_tile(folder), tmp_path / "x.ecsv"], [tmp_path / "x.ecsv", folder]):
         assert ws.StarCatalog.read(path, region=FAR).ra_deg.tolist() == [FAR[0]]
+
+
+# --- partitions that are missing, or too many ---
+
+
+@pytest.mark.parametrize("region", [None, (10.0, 80.0, 3.0)])
+def test_missing_partitions_are_named_and_counted(folder, region):
+    files = files_of(folder)
+    for file in files[5:20]:
+        file.unlink()
+    gone = sorted(tuple(int(part.split("=")[1].split(".")[0]) for part in (f.parts[-3], f.name)) for f in files[5:20])
+    order, pixel = gone[0]
+    options = {} if region is None else {"region": region}
+    rule = f"must hold Norder={order}, Npix={pixel}, which partition_info.csv lists (15 of {len(files)} are missing)"
+    assert refusal(folder, **options) == f"{folder}: {rule}"
+
+
+def test_a_partition_without_rows_needs_no_file(folder):
+    info = folder / "partition_info.csv"
+    info.write_text(info.read_text() + "5,0,0\n")
+    assert len(ws.StarCatalog.read(folder)) == N_STAR
+
+
+def test_a_partition_that_is_not_listed(folder):
+    info = folder / "partition_info.csv"
+    info.write_text("\n".join(line for line in info.read_text().splitlines() if not line.startswith("1,0,")))
+    assert refusal(folder) == f"{info}: must list Norder=1, Npix=0, which is there (1 such)"
+
+
+def test_missing_partitions_by_the_metadata_of_all(folder):
+    """Without a list in CSV, the row groups of _metadata tell."""
+    collected, files = [], files_of(folder)
+    for file in files:
+        one = parquet.read_metadata(file)
+        one.set_file_path(file.relative_to(folder / "dataset").as_posix())
+        collected.append(one)
+    merged = collected[0]
+    for one in collected[1:]:
+        merged.append_row_groups(one)
+    merged.write_metadata_file(folder / "dataset" / "_metadata")
+    (folder / "partition_info.csv").unlink()
+    assert len(ws.StarCatalog.read(folder)) == N_STAR
+    files[3].unlink()
+    gone, text = files[3].relative_to(folder / "dataset"), refusal(folder)
+    assert text == f"{folder / 'dataset'}: must hold {gone}, which _metadata lists (1 of {len(files)} are missing)"
+    (folder / "dataset" / "_metadata").write_bytes(b"x")
+    assert "_metadata: ends early" in refusal(folder)
+
+
+def test_partitions_of_several_orders_that_overlap(folder):
+    (folder / "partition_info.csv").unlink()
+    (folder / "dataset/Norder=9/Dir=0").mkdir(parents=True)
+    shutil.copy(folder / "dataset/Norder=1/Dir=0/Npix=0.parquet", folder / "dataset/Norder=9/Dir=0/Npix=1.parquet")
+    one, other = "dataset/Norder=1/Dir=0/Npix=0.parquet", "dataset/Norder=9/Dir=0/Npix=1.parquet"
+    assert refusal(folder) == f"{folder}: must hold no pixel twice, got {one} and {other}"
+
+
+def test_a_pixel_as_a_file_and_as_a_folder(folder):
+    (folder / "dataset/Norder=1/Dir=0/Npix=0").mkdir()
+    shutil.copy(folder / "dataset/Norder=1/Dir=0/Npix=0.parquet", folder / "dataset/Norder=1/Dir=0/Npix=0/a.parquet")
+    assert "must hold no pixel twice, got dataset/Norder=1/Dir=0/Npix=0 and dataset/Norder=1/Dir=0/Npix=0.p" in refusal(
+        folder
+    )
+
+
+@pytest.mark.parametrize("name", ["Norder=1/Dir=0/Npix=48.parquet", "Norder=30/Dir=0/Npix=0.parquet"])
+def test_a_pixel_that_is_none(folder, name):
+    (folder / "dataset" / name).parent.mkdir(parents=True, exist_ok=True)
+    shutil.copy(files_of(folder)[0], folder / "dataset" / name)
+    assert f"{name}: must be a pixel of HEALPix: Norder 0 to 29, Npix 0 to 12 x 4^Norder - 1" in refusal(folder)
+
+
+# --- files beside the partitions that are broken ---
+
+
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [
+        ("Norder,Npix,num_rows\nx,y,z\n", "line 2: Norder: must be a whole number >= 0, got 'x'"),
+        ("Norder,Npix,num_rows\n1\n", "line 2: Npix: must be a whole number >= 0, got ''"),
+        ("Norder,Npix,num_rows\n1,0,1.5\n", "line 2: num_rows: must be a whole number >= 0, got '1.5'"),
+        ("Norder,Npix\n1,0\n-1,0\n", "line 3: Norder: must be a whole number >= 0, got '-1'"),
+        ("a,num_rows\n1,2\n", "must have the columns Norder and Npix, got a, num_rows"),
+        ("", "must have the columns Norder and Npix, got none"),
+        ("Norder,Npix,num_rows\n", "must list partitions, got none"),
+        (b"\xff\xfe\x00", "must be text in UTF-8"),
+    ],
+)
+def test_broken_lists_of_partitions(folder, text, rule):
+    info = folder / "partition_info.csv"
+    info.write_bytes(text if isinstance(text, bytes) else text.encode())
+    assert refusal(folder) == f"{info}: {rule}"
+
+
+def test_lists_of_partitions_with_blanks_and_without_rows(folder):
+    info = folder / "partition_info.csv"
+    lines = [line.rpartition(",")[0].replace(",", ", ") for line in info.read_text().splitlines()]
+    info.write_text("\ufeff" + "\r\n".join(lines) + "\r\n\r\n", "utf-8")
+    assert HatsFolder(folder).n_row.sum() == N_STAR
+
+
+@pytest.mark.parametrize("name", ["hats.properties", "properties"])
+def test_properties_that_are_no_text(folder, name):
+    (folder / "hats.properties").unlink()
+    (folder / name).write_bytes(b"\xff\xfe=\x00")
+    assert refusal(folder) == f"{folder / name}: must be text in UTF-8"
+
+
+def test_a_collection_without_its_primary_table(folder):
+    file = folder.parent / "collection.properties"
+    file.write_text("obs_collection=x\n")
+    assert refusal(folder.parent) == f"{file}: must have the key hats_primary_table_url"
+    file.write_text("hats_primary_table_url=elsewhere\n")
+    assert "elsewhere: must hold partitions" in refusal(folder.parent)
+
+
+@pytest.mark.parametrize("index", [0, 7])
+def test_a_partition_that_is_cut_off(folder, index):
+    (folder / "partition_info.csv").unlink()
+    file = HatsFolder(folder).tiles[index].path
+    file.write_bytes(file.read_bytes()[:100])
+    assert refusal(folder) == f"{file}: ends early: the Parquet data are cut off"
+
+
+@pytest.mark.parametrize(
+    ("dec", "cone"), [(["5", "6"], (10.0, 5.0, 1.0)), (["+05:00:00", "06:00:00"], (150.0, 5.0, 1.0))]
+)
+def test_declinations_as_text(tmp_path, dec, cone):
+    """Their order is no order of numbers: no group is passed over by it."""
+    ra = ["10:00:00", "20:00:00"] if ":" in dec[0] else ["10", "20"]
+    table = Table({"ra_deg": ra, "dec_deg": dec, "mag_Ks": [5.0, 6.0]})
+    path = write_parquet(table, tmp_path / "x.parquet", 1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        catalog = ws.StarCatalog.read(path, region=cone)
+    np.testing.assert_allclose(catalog.dec_deg, [5.0], rtol=1e-14)
