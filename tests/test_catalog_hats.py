@@ -84,6 +84,34 @@ def test_a_list_with_a_catalog_that_the_region_misses(folder, tmp_path):
         assert ws.StarCatalog.read(path, region=FAR).ra_deg.tolist() == [FAR[0]]
 
 
+# --- the catalog's name ---
+
+
+def test_a_catalog_is_called_as_it_calls_itself(folder):
+    assert "obs_collection=test\n" in (folder / "hats.properties").read_text()
+    assert ws.StarCatalog.read(folder).name == ws.StarCatalog.read(folder, region=FAR).name == "test"
+    (folder.parent / "collection.properties").write_text("hats_primary_table_url=hats\n")
+    assert ws.StarCatalog.read(folder.parent).name == "test"
+    (folder / "hats.properties").write_text("hats_frame=equatorial\n")
+    assert ws.StarCatalog.read(folder).name == ws.StarCatalog.read(folder.parent).name == "hats"
+
+
+@pytest.mark.parametrize("options", [{}, {"region": (0.0, 0.0, 180.0)}, {"limit": {"Ks": 9.0}}])
+def test_star_tables_are_called_by_the_catalog(folder, options):
+    renderer = ws.Renderer(ws.Scene.load("stss").replace(sky={"catalog": str(folder), **options}), "cpu")
+    assert renderer.catalog.name == "test"
+    assert renderer.render([60], sensors="sat11", keep_stars=True).stars.meta["CATALOG"] == "test"
+
+
+def test_names_of_folders_surveys_and_tables(tmp_path):
+    table = Table({"ra": [10.0], "dec": [20.0], "phot_g_mean_mag": [9.0], "bp_rp": [1.0]})
+    (tmp_path / "parts").mkdir()
+    path = write_parquet(table, tmp_path / "parts" / "a.parquet")
+    assert ws.StarCatalog.read(path).name == "gaia (a.parquet)"
+    assert ws.StarCatalog.read([path]).name == "gaia (a.parquet)"
+    assert ws.StarCatalog.read(path.parent).name == "gaia (parts)"
+
+
 # --- partitions that are missing, or too many ---
 
 

@@ -121,7 +121,8 @@ class Skies:
         if self._given is not None:
             return self._given
         if self.tiles is not None:
-            self._read = self._read or StarCatalog.from_arrays([], [], {})
+            if self._read is None:
+                self._read = self.tiles.no_stars()
             return self._read
         if self._sky.catalog == "default":
             return load_catalog(self._sky, bands)

@@ -6,7 +6,7 @@ HATS: Hierarchical Adaptive Tiling Scheme, LSST Interdisciplinary Network for Co
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -53,6 +53,7 @@ class HatsFolder:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.properties = _primary_table(folder)
+        self.name = _name_of(self.folder, self.properties)
         frame = self.properties.get("hats_frame", "equatorial")
         if frame.lower() not in ("equatorial", "icrs"):
             raise InputError("must be equatorial", "hats_frame", frame).of(self.folder)
@@ -137,7 +138,10 @@ class HatsFolder:
 
 def hats_name(folder: Path) -> str:
     """Return the name of the catalog in a HATS folder: what it says of itself, or else the folder's."""
-    folder, properties = _primary_table(folder)
+    return _name_of(*_primary_table(folder))
+
+
+def _name_of(folder: Path, properties: Mapping[str, str]) -> str:
     return properties.get(_NAME_KEY) or folder.absolute().name
 
 

@@ -7,7 +7,7 @@ from os import PathLike, fspath
 from pathlib import Path
 
 from warpsim.errors import InputError
-from warpsim.sky.hats import HatsFolder, is_hats
+from warpsim.sky.hats import HatsFolder, hats_name, is_hats
 from warpsim.sky.region import Cone
 
 FileNames = str | PathLike[str] | Sequence[str | PathLike[str]]
@@ -44,6 +44,16 @@ def catalog_files(path: FileNames, region: Sequence[Cone] = ()) -> list[Path]:
     if not files:
         raise InputError(f"must hold files of stars ({', '.join(SUFFIXES)}), or be a HATS folder").of(where)
     return files
+
+
+def folder_name(path: FileNames) -> str | None:
+    """Return the name of the catalog in a folder, of HATS the one that it says; None of anything else."""
+    if isinstance(path, list | tuple):
+        return None
+    folder = Path(fspath(path))  # type: ignore[arg-type]
+    if not folder.is_dir():
+        return None
+    return hats_name(folder) if is_hats(folder) else folder.absolute().name
 
 
 def _is_table(file: Path) -> bool:

@@ -27,6 +27,8 @@ class ReadOptions:
     readme: str | PathLike[str] | None = None
     region: Sequence[Cone] = ()
     limit: Mapping[str, float] | None = None
+    name: str | None = None
+    """Of the catalog that a file is a part of; its own where left out."""
 
     def checked(self) -> ReadOptions:
         """Return the options, the epoch as a number and the region as a list of cones.
