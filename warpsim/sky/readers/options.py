@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.sky.catalog_columns import StarColumns, selected
 from warpsim.sky.photometric_bands import check_flux_band, flux_of_magnitude_jy
 from warpsim.sky.region import Cone, checked_region, within_cones
@@ -45,7 +45,9 @@ class ReadOptions:
             raise InputError(f"must be a mapping such as {{'ra_deg': 'RAJ2000'}}, got {kind}", "columns")
         if not isinstance(self.table, str | int | None) or isinstance(self.table, bool):
             raise InputError("must be a name or a number", "table", self.table)
-        options = replace(self, region=checked_region(self.region), limit=_checked_limit(self.limit))
+        with errors_at("region"):
+            region = checked_region(self.region)
+        options = replace(self, region=region, limit=_checked_limit(self.limit))
         if self.epoch_jyear is None:
             return options
         try:
