@@ -182,6 +182,29 @@ def test_a_pixel_that_is_none(folder, name):
     assert f"{name}: must be a pixel of HEALPix: Norder 0 to 29, Npix 0 to 12 x 4^Norder - 1" in refusal(folder)
 
 
+def test_a_partition_with_other_rows_than_are_listed(folder):
+    file = HatsFolder(folder).tiles[0].path
+    rows = parquet.read_table(file)
+    parquet.write_table(rows.slice(0, len(rows) - 1), file)
+    for options in ({}, {"region": (45.0, 20.0, 1.0)}):
+        rule = f"must hold {len(rows)} rows, as the folder says, got {len(rows) - 1}"
+        with pytest.raises(ws.InputError, match=f"^{file}: {rule}$"):
+            ws.StarCatalog.read(folder, **options)
+
+
+@pytest.mark.parametrize("listed", [True, False])
+def test_stars_keep_their_names_in_a_region(folder, tmp_path, listed):
+    """Rows of partitions that are passed over count, those behind the last one too."""
+    if not listed:
+        (folder / "partition_info.csv").unlink()
+    Table({"ra_deg": [10.0], "dec_deg": [-60.0], "mag_Ks": [5.0], "mag_J": [5.8]}).write(tmp_path / "x.ecsv")
+    for path in (folder, [folder, tmp_path / "x.ecsv"]):
+        whole, some = ws.StarCatalog.read(path), ws.StarCatalog.read(path, region=(10.0, -60.0, 12.0))
+        rows = np.flatnonzero(np.isin(whole.ra_deg, some.ra_deg))
+        assert len(rows) == len(some) > 1
+        assert some.id.tolist() == whole.id[rows].tolist()
+
+
 # --- files beside the partitions that are broken ---
 
 
@@ -246,3 +269,11 @@ def test_declinations_as_text(tmp_path, dec, cone):
         warnings.simplefilter("ignore")
         catalog = ws.StarCatalog.read(path, region=cone)
     np.testing.assert_allclose(catalog.dec_deg, [5.0], rtol=1e-14)
+
+
+def test_binary_columns_are_texts(tmp_path):
+    """Some programs write text without saying that it is."""
+    table = Table({"ra_deg": [b"1", b"2"], "dec_deg": [3.0, 4.0], "mag_Ks": [5.0, 6.0], "id": [b"a", b"b"]})
+    with pytest.warns(UserWarning, match="no colour"):
+        catalog = ws.StarCatalog.read(write_parquet(table, tmp_path / "x.parquet"), region=(1.0, 3.0, 0.1))
+    assert catalog.id.tolist() == ["a"]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.hats import HatsFolder
+from warpsim.sky.readers.files import CatalogFile
 from warpsim.sky.readers.options import ReadOptions
 from warpsim.sky.readers.read import StarsOfFile, read_files
 
@@ -101,7 +102,7 @@ class StarTiles:
         part = self._read.pop(tile, None)
         if part is None:
             path = self.hats.tiles[tile].path
-            part = read_files([path], self._options, int(self.first_row[tile]))
+            part = read_files([CatalogFile(path)], self._options, int(self.first_row[tile]))
             n_star, n_row = len(part.columns.ra_deg), int(self.hats.n_row[tile])
             if n_star != n_row:
                 rule = f"must hold {n_row:,} stars with a position, as the folder says, got {n_star:,}"

@@ -12,7 +12,7 @@ from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import NUMBER_UNITS, StarColumns, checked_columns, joined
 from warpsim.sky.photometric_bands import check_flux_columns, flag_column
 from warpsim.sky.readers import infrared, near_infrared, visible
-from warpsim.sky.readers.files import FileNames, catalog_files, folder_name, is_parquet
+from warpsim.sky.readers.files import CatalogFile, FileNames, catalog_files, folder_name, is_parquet
 from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
 from warpsim.sky.readers.options import ReadOptions, chosen
 from warpsim.sky.readers.own_table import (
@@ -63,7 +63,7 @@ def read_stars(path: FileNames, options: ReadOptions) -> StarsOfFile:
     return read_files(catalog_files(path, options.region), replace(options, name=folder_name(path)))
 
 
-def read_files(files: Sequence[Path], options: ReadOptions, first_row: int = 0) -> StarsOfFile:
+def read_files(files: Sequence[CatalogFile], options: ReadOptions, first_row: int = 0) -> StarsOfFile:
     """Read the stars of files of one kind, as if they were one.
 
     Args:
@@ -73,13 +73,18 @@ def read_files(files: Sequence[Path], options: ReadOptions, first_row: int = 0) 
     """
     found: list[StarsOfFile] = []
     for file in files:
+        first_row += file.n_before
+        start_row = first_row
         try:
-            for n_row, stars in _stars_of_file(file, options, first_row):
+            for n_row, stars in _stars_of_file(file.path, options, first_row):
                 first_row += n_row
                 if stars is not None:
                     found.append(stars)
+            if file.n_row not in (None, first_row - start_row):
+                raise InputError(f"must hold {file.n_row:,} rows, as the folder says, got {first_row - start_row:,}")
         except InputError as error:
-            raise error.of(file) from None
+            raise error.of(file.path) from None
+        first_row += file.n_behind
     return found[0]._replace(columns=joined([one.columns for one in found]))
 
 
