@@ -1,5 +1,7 @@
 """Calibration: maps against what frames show, and frames against the statistics of their detector."""
 
+import re
+
 import numpy as np
 import pytest
 from astropy.io import fits
@@ -149,6 +151,43 @@ def test_bad_arguments_write_nothing(tmp_path, option, value, words):
     with pytest.raises(ws.InputError, match=words):
         ws.calibrate(scene_of(NEI), tmp_path, **{option: value})
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--sensors", "nobody"], "sensors: must be sensors of the scene"),
+        (["--frames", "0"], "--frames: must be >= 1, got 0"),
+        (["--frames", "x"], "--frames: must be a whole number, got 'x'"),
+        (["--level", "0"], "--level: must be above 0, and at most 1, got '0'"),
+        (["--level", "nan"], "--level: must be above 0, and at most 1, got 'nan'"),
+        (["--bands", "Q"], "bands: must be among"),
+        (["--bands", ","], "bands: must name at least one"),
+        (["--device", "tpu"], "device: must be one of cpu"),
+    ],
+)
+def test_a_refused_call_leaves_no_folder(tmp_path, capsys, arguments, message):
+    scene_of(NEI).save(tmp_path / "s.toml")
+    assert main(["calibrate", str(tmp_path / "s.toml"), "-o", str(tmp_path / "a" / "b"), *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert not out and err.startswith(f"warpsim: {message}") and err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["s.toml"]
+
+
+def test_maps_that_cannot_be_read_leave_no_folder(tmp_path):
+    (tmp_path / "m.fits").write_text("no FITS")
+    scene = scene_of(without_patterns(NEI, tmp_path / "m.fits"))
+    with pytest.raises(ws.InputError, match="maps_file: cannot be read"):
+        ws.calibrate(scene, tmp_path / "c")
+    assert not (tmp_path / "c").exists()
+
+
+def test_a_file_is_no_folder(tmp_path, capsys):
+    scene_of(NEI).save(tmp_path / "s.toml")
+    (tmp_path / "f").touch()
+    for output in (tmp_path / "f", tmp_path / "f" / "c"):
+        assert main(["calibrate", str(tmp_path / "s.toml"), "-o", str(output), "--sensors", "sat21"]) == 2
+        assert re.fullmatch(rf"warpsim: {output}: cannot be written: .*\n", capsys.readouterr().err)
 
 
 # --- maps of the user's ---

@@ -208,6 +208,30 @@ def test_a_scene_reads_a_region(tmp_path, stars):
     assert 0 < len(wanted) < N_STAR / 20
 
 
+@pytest.mark.parametrize(
+    ("sky", "message"),
+    [
+        ({"table": True}, "Scene: sky.table: must be a name or a whole number, got True"),
+        ({"table": 1.5}, "Scene: sky.table: must be a name or a whole number, got 1.5"),
+        ({"region": "x"}, "Scene: sky.region: must be (ra_deg, dec_deg, radius_deg) with -90 <= dec_deg <= 90 and "),
+        ({"limit": {"Q": 1.0}}, "Scene: sky.limit: band must be one of "),
+        ({"epoch_jyear": 1e9}, "sky.epoch_jyear: must be within 100,000 years of 2000, got 1000000000.0"),
+    ],
+)
+def test_fields_of_a_sky_are_named_as_they_stand(tmp_path, stars, sky, message):
+    path = write_parquet(stars[:2], tmp_path / "x.parquet")
+    with pytest.raises(ws.InputError) as caught:
+        load_catalog(ws.Scene.load("stss").replace(sky={"catalog": str(path), **sky}).sky)
+    assert str(caught.value).startswith(message) and caught.value.field.rpartition(".")[2] in (*sky, "sky")
+
+
+def test_a_table_of_a_sky_is_a_number_or_a_name():
+    assert ws.Sky(catalog="x.fits", table=np.int64(2)).table == 2
+    assert ws.Sky(catalog="x.fits", table="b").table == "b"
+    with pytest.raises(ws.InputError, match="^Sky: table: must be a name or a whole number, got 1.5$"):
+        ws.Sky(catalog="x.fits", table=1.5)
+
+
 # --- HATS ---
 
 

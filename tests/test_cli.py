@@ -532,7 +532,7 @@ def test_plot_draws_named_sensors_and_every_group(capsys, tmp_path, scene):
     assert names >= {"group_main", "group_second", "view_sat13", "view_sat11"}
     assert len([name for name in names if name.startswith("view")]) == 2
     code, _, err = run(capsys, "plot", "stss", "-o", tmp_path / "p", "--sensors", "sat99")
-    assert code == 2
+    assert code == 2 and not (tmp_path / "p").exists()
     assert "sensors: must be sensors of the scene (sat11" in err
 
 

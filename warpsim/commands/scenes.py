@@ -162,21 +162,24 @@ def _check(options: argparse.Namespace) -> int:
 def _calibrate(options: argparse.Namespace) -> int:
     from warpsim.output.calibration import calibrate
 
+    n_frame, level = whole_number("--frames", options.frames), number("--level", options.level)
+    if n_frame < 1:
+        raise InputError("must be >= 1", "--frames", n_frame)
+    if not 0.0 < level <= 1.0:
+        raise InputError("must be above 0, and at most 1", "--level", options.level)
     scenario = scenario_of(options.scene)
     start_warp()
-    folder = Path(options.output)
-    folder.mkdir(parents=True, exist_ok=True)
     written = calibrate(
         scenario,
-        folder,
+        options.output,
         sensors=names(options.sensors),
         bands=names(options.bands),
-        n_frame=whole_number("--frames", options.frames),
-        flat_level=number("--level", options.level),
+        n_frame=n_frame,
+        flat_level=level,
         device=options.device or "cpu",
         overwrite=options.overwrite,
     )
-    print(f"{len(written)} files in {folder}")
+    print(f"{len(written)} files in {options.output}")
     return 0
 
 

@@ -11,10 +11,12 @@ import numpy as np
 
 from warpsim.arguments import chosen_names, whole_number
 from warpsim.detector.detectors import ElectronDetector
+from warpsim.detector.pixel_maps import read_maps
 from warpsim.errors import InputError
-from warpsim.files import check_new_file, whole_file
+from warpsim.files import check_new_file, prepare_folder, whole_file
 from warpsim.output.plan import maps_name
 from warpsim.render.calibration import calibration_counts, detector_maps
+from warpsim.render.device import default_device
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 
@@ -41,24 +43,26 @@ def calibrate(
 
     Args:
         scene: The scene.
-        folder: An existing folder.
+        folder: Folder to write to; made where it is missing, once all else is checked.
         sensors: Names of sensors; all when left out.
         bands: Names of bands; all of each sensor when left out.
         n_frame: Frames of each kind.
         flat_level: Even light of flat frames, as a fraction of what saturates a pixel, above 0 to 1.
-        device: Where frames are made.
+        device: Warp device on which frames are made.
         overwrite: Replace files that are there.
 
     Returns:
         The files written.
 
     Raises:
-        InputError: Unknown names, a number out of range, or a file that is there already.
+        InputError: Unknown names, no such device, a number out of range, a maps_file that cannot be read, a file that
+            is there already, or a folder that cannot be written.
     """
     scenario = scenario_of(scene)
     count = whole_number("n_frame", n_frame, 1)
     if isinstance(flat_level, bool) or not isinstance(flat_level, int | float) or not 0.0 < flat_level <= 1.0:
         raise InputError("must be above 0, and at most 1", "flat_level", flat_level)
+    device = default_device(device)
     names = scenario.sensor_names if sensors is None else scenario.select_sensors(sensors)
     home, plan = Path(folder), []
     for sensor in names:
@@ -69,8 +73,12 @@ def calibrate(
             (sensor, chosen, [(home / f"{sensor}_{band}_{kind}.fits", band, kind) for kind in kinds for band in chosen])
         )
     maps_of = {sensor: home / maps_name(sensor) for sensor, *_ in plan}
-    for path in (*maps_of.values(), *(path for *_, files in plan for path, *_ in files)):
-        check_new_file(path, (".fits",), overwrite)
+    if home.is_dir():
+        for path in (*maps_of.values(), *(path for *_, files in plan for path, *_ in files)):
+            check_new_file(path, (".fits",), overwrite)
+    for sensor, chosen, _ in plan:
+        _check_own_maps(scenario, sensor, chosen)
+    prepare_folder(home)
     written = []
     for sensor, chosen, files in plan:
         write_maps(maps_of[sensor], scenario, sensor, chosen, device)
@@ -80,6 +88,13 @@ def calibrate(
             _write_frames(path, scenario, sensor, band, kind, counts[:, 0], flat_level)
             written.append(path)
     return written
+
+
+def _check_own_maps(scenario: Scenario, sensor: str, bands: Sequence[str]) -> None:
+    """Raise where the user's maps of a sensor cannot be read."""
+    own = scenario.instrument_of(sensor).sensor
+    if own.detector.maps_file is not None:
+        read_maps(own.detector.maps_file, [sensor], bands, own.camera.n_row, own.camera.n_col)
 
 
 def _cards(scenario: Scenario, sensor: str) -> dict[str, Any]:

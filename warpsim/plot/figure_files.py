@@ -80,8 +80,8 @@ def draw_scenario(
     scenario = scenario_of(scene)
     duration_s = scenario.scene.duration_s
     time = checked_time_s(0.5 * duration_s if time_s is None else time_s, duration_s)
-    prepare_folder(folder)
     views = _observing(scenario, time) if sensors is None else list(dict.fromkeys(scenario.select_sensors(sensors)))
+    prepare_folder(folder)
     groups = {"group" if len(scenario.group_names) == 1 else f"group_{name}": name for name in scenario.group_names}
     names = ["scene", "ground_tracks", *groups, *(["attitudes"] if scenario.targets else []), "bands", "access"]
     paths = {name: folder / f"{name}.png" for name in [*names, *(f"view_{name}" for name in views)]}

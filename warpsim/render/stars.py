@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +44,7 @@ def tiles_of(sky: Sky) -> StarTiles | None:
     try:
         return StarTiles(Path(sky.catalog), read_options(sky))
     except InputError as error:
-        raise error.within("sky.catalog") from None
+        raise _of_sky(error) from None
 
 
 def load_catalog(sky: Sky, bands: Iterable[Band] = ()) -> StarCatalog:
@@ -71,7 +71,13 @@ def load_catalog(sky: Sky, bands: Iterable[Band] = ()) -> StarCatalog:
             limit=sky.limit,
         )
     except InputError as error:
-        raise error.within("sky.catalog") from None
+        raise _of_sky(error) from None
+
+
+def _of_sky(error: InputError) -> InputError:
+    """The error of reading a catalog; one of how to read it is not of the file."""
+    own = {f.name for f in fields(Sky)} - {"catalog", "synthetic"}
+    return error.within("sky" if error.place in own else "sky.catalog")
 
 
 def star_index(sky: Sky, epoch: Instant, catalog: StarCatalog, device: Any) -> BandIndex:
@@ -121,7 +127,8 @@ class Skies:
         if self._given is not None:
             return self._given
         if self.tiles is not None:
-            self._read = self._read or StarCatalog.from_arrays([], [], {})
+            if self._read is None:
+                self._read = self.tiles.no_stars()
             return self._read
         if self._sky.catalog == "default":
             return load_catalog(self._sky, bands)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, PlainValidator, ValidationInfo, model_validator
 
 from warpsim.config.fields import (
@@ -69,8 +70,12 @@ def _column_names(value: Any) -> FixedMapping[str]:
 def _faintest(value: Any, info: ValidationInfo) -> FixedMapping[float]:
     magnitudes = band_table(value, info, -30.0, 60.0)
     for band in magnitudes:
-        check_flux_band(band, "limit")
+        check_flux_band(band)
     return FixedMapping(magnitudes)  # of bands of the catalog, which the scene need not have
+
+
+def _name_or_number(value: Any) -> Any:
+    return int(value) if isinstance(value, np.integer) else value
 
 
 @config_model
@@ -96,7 +101,7 @@ class Sky:
 
     catalog: Annotated[str, BeforeValidator(_word_or_path)] = "default"
     format: str | None = None
-    table: Integer | str | None = None
+    table: Annotated[int | str | None, PlainValidator(_name_or_number)] = None
     columns: Annotated[FixedMapping[str], PlainValidator(_column_names), AS_DICT] | None = None
     epoch_jyear: Number | None = None
     region: Annotated[tuple[Cone, ...], BeforeValidator(checked_region)] = ()
@@ -106,6 +111,13 @@ class Sky:
     aberration: Switch = True
     parallax: Switch = False
     light_deflection: Switch = False
+
+    @model_validator(mode="after")
+    def _table_is_named(self) -> Sky:
+        # Not by the field's type: a union has an error for each of its types, and "table" is a tag of others.
+        if isinstance(self.table, bool) or not isinstance(self.table, int | str | None):
+            raise InputError("must be a name or a whole number", "table", self.table)
+        return self
 
     @model_validator(mode="after")
     def _synthetic_is_described(self) -> Sky:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.magnitudes import Physics
 from warpsim.sky.catalog_columns import checked_columns, checked_limits, joined
@@ -196,9 +196,9 @@ class StarCatalog(Stars):
         from warpsim.sky.readers.options import ReadOptions
         from warpsim.sky.readers.read import read_stars
 
-        stars = read_stars(
-            path, ReadOptions(format, columns, table, epoch_jyear, readme, checked_region(region), limit)
-        )
+        with errors_at("region"):
+            cones = checked_region(region)
+        stars = read_stars(path, ReadOptions(format, columns, table, epoch_jyear, readme, cones, limit))
         catalog = cls._of_files([stars if fill else stars.unfilled()])
         if stars.is_own and fill:
             warn_colours(str(path), catalog._photometry)

@@ -6,10 +6,7 @@ HATS: Hierarchical Adaptive Tiling Scheme, LSST Interdisciplinary Network for Co
 
 from __future__ import annotations
 
-import csv
-import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -18,23 +15,22 @@ from numpy.typing import NDArray
 
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
+from warpsim.sky.hats_partitions import (
+    PARTITION_INFO,
+    HatsTile,
+    check_apart,
+    check_listed,
+    check_metadata,
+    read_partition_info,
+    text_of,
+    tiles_in,
+)
 from warpsim.tables.parquet_file import ParquetFile
 
 _PROPERTIES = ("hats.properties", "properties", "catalog_info.json")
 _COLLECTION = "collection.properties"
 _CONES_AT_A_TIME = 256
-_PARTITION = re.compile(r"Norder=(\d+)/Dir=\d+/Npix=(\d+)(?:\.\w+)?$")
-
-
-@dataclass(frozen=True)
-class HatsTile:
-    """The stars in one pixel."""
-
-    order: int
-    pixel: int
-    """In nested order."""
-
-    path: Path
+_NAME_KEY, _PRIMARY_KEY = "obs_collection", "hats_primary_table_url"
 
 
 def is_hats(folder: Path) -> bool:
@@ -52,26 +48,25 @@ class HatsFolder:
         folder: The catalog, or a collection, whose primary table is taken.
 
     Raises:
-        InputError: It has no partitions, or its pixels are not equatorial.
+        InputError: It has no partitions, or others than it lists; two overlap, or its pixels are not equatorial.
     """
 
     def __init__(self, folder: Path) -> None:
-        properties = _read_properties(folder / _COLLECTION)
-        self.folder = folder / properties["hats_primary_table_url"] if properties else folder
-        self.properties = _read_properties(self.folder / "hats.properties") or _read_properties(
-            self.folder / "properties"
-        )
+        self.folder, self.properties = _primary_table(folder)
+        self.name = _name_of(self.folder, self.properties)
         frame = self.properties.get("hats_frame", "equatorial")
         if frame.lower() not in ("equatorial", "icrs"):
             raise InputError("must be equatorial", "hats_frame", frame).of(self.folder)
-        base = self.folder / "dataset"
-        found = []
-        for path in (base if base.is_dir() else self.folder).glob("Norder=*/Dir=*/Npix=*"):
-            if match := _PARTITION.search(path.as_posix()):
-                files = sorted(path.glob("*.parquet")) if path.is_dir() else [path]
-                found += [HatsTile(int(match[1]), int(match[2]), file) for file in files]
+        base = self.folder / "dataset" if (self.folder / "dataset").is_dir() else self.folder
+        found = tiles_in(base)
         if not found:
             raise InputError("must hold partitions Norder=K/Dir=D/Npix=N.parquet").of(self.folder)
+        check_apart(found, self.folder)
+        self._listed = read_partition_info(self.folder / PARTITION_INFO)
+        if self._listed:
+            check_listed(found, self._listed, self.folder)
+        else:
+            check_metadata(base)
         self._cosine: tuple[float, NDArray[np.float64]] = -1.0, np.zeros(0)
         # In the order of the finest pixels, which is that of the sky whatever their sizes are.
         finest = max(tile.order for tile in found)
@@ -80,17 +75,11 @@ class HatsFolder:
     @cached_property
     def n_row(self) -> NDArray[np.int64]:
         """Rows of each tile: of `partition_info.csv`, or else of the files' own footers, shape (n_tile,)."""
-        listed: dict[tuple[int, int], int] = {}
-        table = self.folder / "partition_info.csv"
-        if table.is_file():
-            with table.open(newline="") as stream:
-                for row in csv.DictReader(stream):
-                    if "num_rows" in row:
-                        listed[int(row["Norder"]), int(row["Npix"])] = int(row["num_rows"])
         keys = [(tile.order, tile.pixel) for tile in self.tiles]
-        if len(set(keys)) == len(keys) and listed.keys() >= set(keys):
-            return np.array([listed[key] for key in keys], dtype=np.int64)
-        return np.array([len(ParquetFile(tile.path)) for tile in self.tiles], dtype=np.int64)
+        listed = [self._listed.get(key) for key in keys]
+        if len(set(keys)) == len(keys) and None not in listed:
+            return np.array(listed, dtype=np.int64)
+        return np.array([_n_row_of(tile.path) for tile in self.tiles], dtype=np.int64)
 
     def near(self, region: Sequence[tuple[float, float, float]]) -> list[HatsTile]:
         """Return the tiles that may hold stars in any of some cones, (ra_deg, dec_deg, radius_deg)."""
@@ -147,9 +136,37 @@ class HatsFolder:
         return centre, reach_rad
 
 
+def hats_name(folder: Path) -> str:
+    """Return the name of the catalog in a HATS folder: what it says of itself, or else the folder's."""
+    return _name_of(*_primary_table(folder))
+
+
+def _name_of(folder: Path, properties: Mapping[str, str]) -> str:
+    return properties.get(_NAME_KEY) or folder.absolute().name
+
+
+def _primary_table(folder: Path) -> tuple[Path, dict[str, str]]:
+    """A catalog's folder, of a collection that of its primary table, and its properties."""
+    if (folder / _COLLECTION).is_file():
+        url = _read_properties(folder / _COLLECTION).get(_PRIMARY_KEY)
+        if not url:
+            raise InputError(f"must have the key {_PRIMARY_KEY}").of(folder / _COLLECTION)
+        folder = folder / url
+    return folder, _read_properties(folder / "hats.properties") or _read_properties(folder / "properties")
+
+
 def _read_properties(path: Path) -> dict[str, str]:
     """Keys and values of a file of lines "key = value"; none where there is no such file."""
     if not path.is_file():
         return {}
-    pairs = (line.split("=", 1) for line in path.read_text("utf-8").splitlines() if "=" in line and line[:1] != "#")
+    pairs = (line.split("=", 1) for line in text_of(path).splitlines() if "=" in line and line[:1] != "#")
     return {key.strip(): value.strip() for key, value in pairs}
+
+
+def _n_row_of(path: Path) -> int:
+    try:
+        return len(ParquetFile(path))
+    except InputError as error:
+        raise error.of(path) from None
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror or error})").of(path) from None

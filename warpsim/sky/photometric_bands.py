@@ -46,7 +46,7 @@ def flux_band(band: Band | str) -> Band:
     return known[name]
 
 
-def check_flux_band(band: str, where: str) -> None:
+def check_flux_band(band: str, where: str = "") -> None:
     """Raise InputError unless a catalog may have fluxes in a band of that name."""
     if band not in photometric_bands():
         raise InputError(f"band must be one of {', '.join(photometric_bands())}", where, band)

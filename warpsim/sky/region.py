@@ -21,12 +21,12 @@ def checked_region(region: Any) -> tuple[Cone, ...]:
     try:
         cones = np.array(() if region is None else region, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(rule, "region", region) from None
+        raise InputError(rule, value=region) from None
     cones = cones.reshape(-1, 3) if cones.size in (0, 3) else cones
     if cones.ndim != 2 or cones.shape[1] != 3 or not np.isfinite(cones).all():
-        raise InputError(rule, "region", region)
+        raise InputError(rule, value=region)
     if (np.abs(cones[:, 1]) > 90.0).any() or (cones[:, 2] <= 0.0).any() or (cones[:, 2] > 180.0).any():
-        raise InputError(rule, "region", region)
+        raise InputError(rule, value=region)
     return tuple((float(ra), float(dec), float(radius)) for ra, dec, radius in cones.tolist())
 
 

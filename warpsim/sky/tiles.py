@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import threading
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.hats import HatsFolder
+from warpsim.sky.readers.files import CatalogFile
 from warpsim.sky.readers.options import ReadOptions
 from warpsim.sky.readers.read import StarsOfFile, read_files
 
@@ -42,7 +44,7 @@ class StarTiles:
     def __init__(self, folder: Path, options: ReadOptions) -> None:
         self.hats = HatsFolder(folder)
         self.first_row = np.concatenate([[0], np.cumsum(self.hats.n_row)])
-        self._options = options
+        self._options = replace(options, name=self.hats.name)
         self._lock = threading.Lock()  # renderers of scenes alike share the tiles
         self._read: dict[int, StarsOfFile] = {}
         """By tile, those used last at the end."""
@@ -88,15 +90,19 @@ class StarTiles:
             parts = [self._part(tile) for tile in tiles]
             wanted = set(tiles)
             self._read = {tile: part for tile, part in self._read.items() if tile in wanted}
-        catalog = StarCatalog._of_files(parts)
+        catalog = StarCatalog._of_files(parts) if parts else self.no_stars()
         rows = [np.arange(self.first_row[tile], self.first_row[tile + 1]) for tile in tiles]
         return catalog, np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
+
+    def no_stars(self) -> StarCatalog:
+        """Return the catalog of no tile."""
+        return StarCatalog.from_arrays([], [], {}, name=self.hats.name)
 
     def _part(self, tile: int) -> StarsOfFile:
         part = self._read.pop(tile, None)
         if part is None:
             path = self.hats.tiles[tile].path
-            part = read_files([path], self._options, int(self.first_row[tile]))
+            part = read_files([CatalogFile(path)], self._options, int(self.first_row[tile]))
             n_star, n_row = len(part.columns.ra_deg), int(self.hats.n_row[tile])
             if n_star != n_row:
                 rule = f"must hold {n_row:,} stars with a position, as the folder says, got {n_star:,}"

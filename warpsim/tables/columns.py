@@ -197,7 +197,8 @@ def _plain_texts(column: Any) -> NDArray[np.str_]:
     """Texts of a column, "" where masked: formats give bytes, objects or masked texts."""
     values = np.asarray(getattr(column, "unmasked", column))
     if values.dtype.kind == "O":
-        texts = np.array(["" if value is None else str(value) for value in values.tolist()], dtype=np.str_)
+        plain = [value.decode("latin-1") if isinstance(value, bytes) else value for value in values.tolist()]
+        texts = np.array(["" if value is None else str(value) for value in plain], dtype=np.str_)
     else:
         texts = np.char.decode(values, "latin-1") if values.dtype.kind == "S" else values.astype(np.str_)
     mask = getattr(column, "mask", None)

@@ -41,6 +41,11 @@ class ParquetFile:
         return int(self._file.metadata.num_rows)
 
     @property
+    def described(self) -> Any:
+        """What pyarrow knows of the row groups."""
+        return self._file.metadata
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Columns."""
         return tuple(self._file.schema_arrow.names)
@@ -77,6 +82,22 @@ class ParquetFile:
         return ColumnTable(quietly(lambda: _table_of_arrow(source), "Parquet"), all_names=self.names)
 
 
+def rows_of_files(path: Path) -> dict[str, int]:
+    """Rows by name of file that a `_metadata` lists; those of its own, without a name, are left out.
+
+    Raises:
+        InputError: It cannot be read.
+    """
+    described = ParquetFile(path).described
+    rows: dict[str, int] = {}
+    for number in range(described.num_row_groups):
+        group = described.row_group(number)
+        name = group.column(0).file_path if group.num_columns else ""
+        if name:
+            rows[name] = rows.get(name, 0) + int(group.num_rows)
+    return rows
+
+
 def _lies_outside(group: Any, within: Mapping[str, tuple[float, float]]) -> bool:
     """Return whether no row of a row group has a number in the range of its column, by the group's statistics."""
     for number in range(group.num_columns):
@@ -85,7 +106,8 @@ def _lies_outside(group: Any, within: Mapping[str, tuple[float, float]]) -> bool
             low, high = within[column.path_in_schema]
             statistics = column.statistics
             known = statistics is not None and statistics.has_min_max
-            if known and (statistics.max < low or statistics.min > high):
+            # Text has its own order.
+            if known and isinstance(statistics.max, int | float) and (statistics.max < low or statistics.min > high):
                 return True
     return False
 

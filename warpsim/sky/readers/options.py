@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.sky.catalog_columns import StarColumns, selected
 from warpsim.sky.photometric_bands import check_flux_band, flux_of_magnitude_jy
 from warpsim.sky.region import Cone, checked_region, within_cones
@@ -27,6 +27,8 @@ class ReadOptions:
     readme: str | PathLike[str] | None = None
     region: Sequence[Cone] = ()
     limit: Mapping[str, float] | None = None
+    name: str | None = None
+    """Of the catalog that a file is a part of; its own where left out."""
 
     def checked(self) -> ReadOptions:
         """Return the options, the epoch as a number and the region as a list of cones.
@@ -43,7 +45,9 @@ class ReadOptions:
             raise InputError(f"must be a mapping such as {{'ra_deg': 'RAJ2000'}}, got {kind}", "columns")
         if not isinstance(self.table, str | int | None) or isinstance(self.table, bool):
             raise InputError("must be a name or a number", "table", self.table)
-        options = replace(self, region=checked_region(self.region), limit=_checked_limit(self.limit))
+        with errors_at("region"):
+            region = checked_region(self.region)
+        options = replace(self, region=region, limit=_checked_limit(self.limit))
         if self.epoch_jyear is None:
             return options
         try:

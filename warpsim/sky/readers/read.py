@@ -12,7 +12,7 @@ from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import NUMBER_UNITS, StarColumns, checked_columns, joined
 from warpsim.sky.photometric_bands import check_flux_columns, flag_column
 from warpsim.sky.readers import infrared, near_infrared, visible
-from warpsim.sky.readers.files import FileNames, catalog_files, is_parquet
+from warpsim.sky.readers.files import CatalogFile, FileNames, catalog_files, folder_name, is_parquet
 from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
 from warpsim.sky.readers.options import ReadOptions, chosen
 from warpsim.sky.readers.own_table import (
@@ -60,10 +60,10 @@ class StarsOfFile(NamedTuple):
 def read_stars(path: FileNames, options: ReadOptions) -> StarsOfFile:
     """Read catalog files as StarCatalog.read() describes it; errors are one line and begin with the file's name."""
     options = options.checked()
-    return read_files(catalog_files(path, options.region), options)
+    return read_files(catalog_files(path, options.region), replace(options, name=folder_name(path)))
 
 
-def read_files(files: Sequence[Path], options: ReadOptions, first_row: int = 0) -> StarsOfFile:
+def read_files(files: Sequence[CatalogFile], options: ReadOptions, first_row: int = 0) -> StarsOfFile:
     """Read the stars of files of one kind, as if they were one.
 
     Args:
@@ -73,13 +73,18 @@ def read_files(files: Sequence[Path], options: ReadOptions, first_row: int = 0) 
     """
     found: list[StarsOfFile] = []
     for file in files:
+        first_row += file.n_before
+        start_row = first_row
         try:
-            for n_row, stars in _stars_of_file(file, options, first_row):
+            for n_row, stars in _stars_of_file(file.path, options, first_row):
                 first_row += n_row
                 if stars is not None:
                     found.append(stars)
+            if file.n_row not in (None, first_row - start_row):
+                raise InputError(f"must hold {file.n_row:,} rows, as the folder says, got {first_row - start_row:,}")
         except InputError as error:
-            raise error.of(file) from None
+            raise error.of(file.path) from None
+        first_row += file.n_behind
     return found[0]._replace(columns=joined([one.columns for one in found]))
 
 
@@ -130,7 +135,7 @@ def _stars_of_table(table: ColumnTable, options: ReadOptions, where: str, first_
     elif survey is not None or own is None or not is_own(own, table):
         stars = _survey_stars(table, survey or _survey_of(table), where, options, first_row)
         return stars._replace(columns=chosen(stars.columns, options))
-    stars = _own_stars(table, own, where, options.epoch_jyear, first_row)
+    stars = _own_stars(table, own, where, options, first_row)
     return stars._replace(columns=chosen(stars.columns, options))
 
 
@@ -163,11 +168,12 @@ def _survey_of(table: ColumnTable) -> Survey:
 
 
 def _own_stars(
-    table: ColumnTable, columns: Mapping[str, str], where: str, epoch_jyear: float | None, first_row: int
+    table: ColumnTable, columns: Mapping[str, str], where: str, options: ReadOptions, first_row: int
 ) -> StarsOfFile:
     """Stars of a custom table, at the table's epoch."""
     if table.open_end is not None:  # people write such files, archives do not
         warnings.warn(str(table.open_end.of(where)), stacklevel=4)
+    epoch_jyear = options.epoch_jyear
     if epoch_jyear is not None and "epoch_jyear" in columns:
         raise InputError(f"must be left out where the column {columns['epoch_jyear']} has it", "epoch_jyear")
     meta = {str(key).lower(): value for key, value in table.table.meta.items()}
@@ -175,7 +181,8 @@ def _own_stars(
     arrays = _rows_read(table, lambda: arrays_of_columns(table, columns))
     if epoch_jyear is not None:
         arrays["epoch_jyear"] = epoch_jyear
-    checked = _checked(table, arrays, where, str(meta.get("name", Path(where).name)), first_row, columns)
+    name = str(meta.get("name", options.name or Path(where).name))
+    checked = _checked(table, arrays, where, name, first_row, columns)
     flagged = any(name in columns for name in map(flag_column, arrays["flux_jy"]))
     filled = checked.filled or not flagged or meta.get("filled") is True
     return StarsOfFile(replace(checked, filled=filled), checked.epoch_jyear, is_own=True)
@@ -203,7 +210,7 @@ def _survey_stars(table: ColumnTable, survey: Survey, where: str, options: ReadO
         moved = "carried to J2000" if moves else "taken for those of J2000: there are no proper motions"
         notes.append(f"positions of {stars.epoch_jyear:g} {moved}")
     arrays["provenance"] = "; ".join([f"{survey.title}, {survey.reference}", *notes])
-    checked = _checked(table, arrays, where, f"{survey.name} ({Path(where).name})", first_row)
+    checked = _checked(table, arrays, where, f"{survey.name} ({options.name or Path(where).name})", first_row)
     return StarsOfFile(replace(checked, filled=True), J2000_JYEAR)
 
 
